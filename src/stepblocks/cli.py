@@ -1,0 +1,47 @@
+"""Arguments to pipeline: no physics, no geometry, and nothing heavy imported before a command runs."""
+
+from __future__ import annotations
+
+import argparse
+import sys
+from collections.abc import Sequence
+
+from stepblocks import __version__
+from stepblocks.errors import StepblocksError
+
+__all__ = ["main"]
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    """Run one command.
+
+    Parameters
+    ----------
+    argv : sequence of str, optional
+        Arguments without the program's name; those of the process where omitted.
+
+    Returns
+    -------
+    int
+        0 done, 1 something is out of tolerance, 2 the input is wrong.
+    """
+    parser = _parser()
+    arguments = parser.parse_args(argv)
+    try:
+        return int(arguments.run(arguments))
+    except StepblocksError as error:
+        print(f"stepblocks: error: {error}", file=sys.stderr)
+        return error.exit_code
+    except KeyboardInterrupt:
+        print("stepblocks: interrupted", file=sys.stderr)
+        return 130
+
+
+def _parser() -> argparse.ArgumentParser:
+    parser = argparse.ArgumentParser(
+        prog="stepblocks",
+        description="Haptic step stimuli: from a declaration to proven artefacts, predictions and the closed loop.",
+    )
+    parser.add_argument("--version", action="version", version=f"stepblocks {__version__}")
+    parser.add_subparsers(title="commands", metavar="COMMAND", required=True)
+    return parser

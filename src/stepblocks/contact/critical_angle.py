@@ -1,0 +1,149 @@
+"""Critical angle of a ball on a step, a groove and a margin, in closed form.
+
+The critical angle is the steepest slope of the path of the ball's centre in the direction of the drag. These closed forms are
+equation (2) of the paper and what follows from it; a general profile has no closed form.
+"""
+
+from __future__ import annotations
+
+import math
+
+from stepblocks.contact import kernels
+from stepblocks.errors import ContactError
+
+__all__ = ["groove_angle", "margin_angles", "step_angle"]
+
+
+def _require(condition: bool, message: str) -> None:
+    if not condition:
+        raise ContactError(message)
+
+
+def _require_radius(ball_radius: float) -> None:
+    _require(
+        math.isfinite(ball_radius) and ball_radius > 0.0,
+        f"ball_radius must be positive and finite, got {ball_radius:g} m",
+    )
+
+
+def step_angle(height: float, ball_radius: float, edge_radius: float = 0.0) -> float:
+    """Critical angle where a ball on the lower face meets the edge of a step.
+
+    Parameters
+    ----------
+    height : float
+        Height of the step H [m], not negative.
+    ball_radius : float
+        Radius of the probe tip R [m].
+    edge_radius : float
+        Radius of the rounded edge r [m]; 0 is the sharp edge.
+
+    Returns
+    -------
+    float
+        ``arccos(1 - H / (R + r))`` [rad]; a right angle where ``H >= R + r``, since the ball then meets the riser.
+
+    Raises
+    ------
+    ContactError
+        If a length is negative or not finite, or if `ball_radius` is zero.
+
+    References
+    ----------
+    Equation (2) of the paper, ``a = arccos((R - H) / R)``, and its extension to a rounded edge.
+
+    Examples
+    --------
+    >>> round(math.degrees(step_angle(25e-6, 125e-6)), 4)
+    36.8699
+    """
+    _require_radius(ball_radius)
+    for name, value in (("height", height), ("edge_radius", edge_radius)):
+        _require(math.isfinite(value) and value >= 0.0, f"{name} must be finite and not negative, got {value:g} m")
+    radius_sum = ball_radius + edge_radius
+    if height >= radius_sum:
+        return 0.5 * math.pi
+    return float(kernels.angle_on_step(height, radius_sum))
+
+
+def groove_angle(width: float, ball_radius: float) -> float:
+    """Critical angle where a ball leaves a groove between shoulders of equal height.
+
+    Parameters
+    ----------
+    width : float
+        Width of the groove g [m], not negative.
+    ball_radius : float
+        Radius of the probe tip R [m].
+
+    Returns
+    -------
+    float
+        ``asin(g / 2R)`` [rad]; a right angle where the ball falls between the shoulders, ``g >= 2R``.
+
+    Raises
+    ------
+    ContactError
+        If `width` is negative or not finite, or `ball_radius` is not positive.
+
+    Examples
+    --------
+    >>> round(math.degrees(groove_angle(125e-6, 125e-6)), 9)
+    30.0
+    """
+    return margin_angles(width, 0.0, ball_radius)[0]
+
+
+def margin_angles(opening: float, rise: float, ball_radius: float) -> tuple[float, float]:
+    """Critical angles over a margin: two shoulders `opening` apart, the second higher by `rise`.
+
+    Parameters
+    ----------
+    opening : float
+        Distance g between the two edges along the drag [m]; 0 where they touch or overlap.
+    rise : float
+        Height of the second shoulder over the first [m]; negative where it lies lower.
+    ball_radius : float
+        Radius of the probe tip R [m].
+
+    Returns
+    -------
+    forward, backward : float
+        Critical angle [rad] dragging from the first shoulder to the second, and back. 0 where nothing catches.
+
+    Raises
+    ------
+    ContactError
+        If `opening` is negative, a length is not finite, or `ball_radius` is not positive.
+
+    Notes
+    -----
+    Where the ball rests on both edges, the slope at the far edge is the inclination of the chord plus half the angle that it
+    subtends. Where the higher edge is met while the ball still rides on the lower shoulder, the step alone counts.
+
+    Examples
+    --------
+    A gap without a discrepancy is the same in both directions; a step without a gap is felt in one.
+
+    >>> forward, backward = margin_angles(50e-6, 0.0, 125e-6)
+    >>> forward == backward
+    True
+    >>> margin_angles(0.0, 25e-6, 125e-6) == (step_angle(25e-6, 125e-6), 0.0)
+    True
+    """
+    _require_radius(ball_radius)
+    _require(math.isfinite(opening) and opening >= 0.0, f"opening must be finite and not negative, got {opening:g} m")
+    _require(math.isfinite(rise), f"rise must be finite, got {rise:g} m")
+    if rise < 0.0:
+        backward, forward = margin_angles(opening, -rise, ball_radius)
+        return forward, backward
+    reach = math.sqrt(max(rise * (2.0 * ball_radius - rise), 0.0)) if rise < ball_radius else ball_radius
+    if opening <= reach:
+        # the ball still rides on the lower shoulder when it meets the higher edge
+        return step_angle(rise, ball_radius), 0.0
+    if math.hypot(opening, rise) >= 2.0 * ball_radius:
+        right = 0.5 * math.pi
+        return right, right
+    forward = float(kernels.angle_out_of_groove(opening, rise, ball_radius))
+    backward = float(kernels.angle_out_of_groove(opening, -rise, ball_radius))
+    return min(forward, 0.5 * math.pi), max(backward, 0.0)

@@ -1,0 +1,70 @@
+"""One root for every error a user can cause, one subclass per stage.
+
+The message of each is a single line that says name, rule, value and place, for example
+``edge_radius must not exceed height (10 um), got 12.5 um [stimuli/x.toml, block step-010]``.
+"""
+
+__all__ = [
+    "BenchError",
+    "ClosureError",
+    "ContactError",
+    "HapticsError",
+    "MachiningError",
+    "MetrologyError",
+    "PipelineError",
+    "QuantityError",
+    "SolidError",
+    "StepblocksError",
+    "StimulusError",
+    "StudyError",
+]
+
+
+class StepblocksError(Exception):
+    """Anything that the user can mend; the command line prints it in one line and exits with 2."""
+
+    exit_code = 2
+
+
+class QuantityError(StepblocksError):
+    """A quantity that cannot be read: no number, no unit, or a unit of the wrong dimension."""
+
+
+class StimulusError(StepblocksError):
+    """A stimulus file that asks for something malformed or impossible."""
+
+
+class SolidError(StepblocksError):
+    """A shape that the CAD kernel could not make or that came out invalid."""
+
+
+class MachiningError(StepblocksError):
+    """A file for the workshop that could not be written."""
+
+
+class HapticsError(StepblocksError):
+    """A file for the simulator that could not be written."""
+
+
+class MetrologyError(StepblocksError):
+    """An artefact or a scan that cannot be read or evaluated."""
+
+
+class ContactError(StepblocksError):
+    """A prediction asked for outside the domain of its equation."""
+
+
+class BenchError(StepblocksError):
+    """A measured session that cannot be read."""
+
+
+class ClosureError(StepblocksError):
+    """A residual analysis that its data cannot carry."""
+
+
+class StudyError(StepblocksError):
+    """A design or a table of judgements that cannot be analysed."""
+
+
+class PipelineError(StepblocksError):
+    """A run that cannot start or go on: output folder, selection, options."""

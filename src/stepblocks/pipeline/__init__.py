@@ -1,0 +1,1 @@
+"""The one room that sees every stage; each module is one job a user asks for."""

@@ -1,0 +1,222 @@
+"""Units at the border, SI floats inside.
+
+A stimulus file says ``"25 um"``; everything behind this module holds ``2.5e-05``. Pint knows the units; this
+module knows which dimension each field must have and says so when it does not fit.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from functools import cache
+from typing import TYPE_CHECKING, Any
+
+from stepblocks.errors import QuantityError
+
+if TYPE_CHECKING:
+    import pint
+
+__all__ = ["DIMENSIONS", "format_quantity", "parse_quantity", "quantity_parser"]
+
+DIMENSIONS: dict[str, str] = {
+    "length": "m",
+    "force": "N",
+    "angle": "rad",
+    "stiffness": "N/m",
+    "energy": "J",
+    "power": "W",
+    "time": "s",
+    "frequency": "Hz",
+    "speed": "m/s",
+    "mass": "kg",
+    "density": "kg/m**3",
+    "pressure": "Pa",
+    "temperature": "K",
+    "ratio": "",
+}
+"""Name of each dimension a field can have, and the SI unit that its floats are in."""
+
+_MAX_TEXT = 64  # longer text is no quantity and must not reach the expression parser
+
+
+@cache
+def _registry() -> pint.UnitRegistry[Any]:
+    import pint
+
+    registry: pint.UnitRegistry[Any] = pint.UnitRegistry(autoconvert_offset_to_baseunit=True, cache_folder=None)
+    return registry
+
+
+def parse_quantity(text: object, dimension: str) -> float:
+    """Read a quantity with its unit and return it in SI.
+
+    Parameters
+    ----------
+    text : str
+        A number and a unit, such as ``"25 um"`` or ``"0.5 N"``. A ratio may be a bare number or a percentage.
+    dimension : str
+        One of `DIMENSIONS`.
+
+    Returns
+    -------
+    float
+        The value in the SI unit of `dimension`.
+
+    Raises
+    ------
+    QuantityError
+        If the text has no number or no unit, if the unit has another dimension, or if the value is not finite.
+
+    Examples
+    --------
+    >>> parse_quantity("25 um", "length")
+    2.5e-05
+    >>> parse_quantity("9.81 N/mm", "stiffness")
+    9810.0
+    >>> parse_quantity("25 N", "length")
+    Traceback (most recent call last):
+    ...
+    stepblocks.errors.QuantityError: must be a length such as '25 um', got '25 N'
+    """
+    unit = DIMENSIONS[dimension]
+    wanted = f"must be a {dimension} such as {_EXAMPLE[dimension]!r}"
+    if dimension == "ratio" and isinstance(text, int | float) and not isinstance(text, bool):
+        value = float(text)
+    elif not isinstance(text, str):
+        hint = " (a number needs its unit, in quotes)" if isinstance(text, int | float) else ""
+        raise QuantityError(f"{wanted}, got {text!r}{hint}")
+    else:
+        value = _magnitude(text, unit, wanted)
+    if not math.isfinite(value):
+        raise QuantityError(f"{wanted} and finite, got {text!r}")
+    return value
+
+
+_EXAMPLE = {
+    "length": "25 um",
+    "force": "0.5 N",
+    "angle": "6 deg",
+    "stiffness": "9.81 N/mm",
+    "energy": "10 uJ",
+    "power": "0.08 uW",
+    "time": "16 ms",
+    "frequency": "300 Hz",
+    "speed": "5 mm/s",
+    "mass": "3 g",
+    "density": "7850 kg/m^3",
+    "pressure": "210 GPa",
+    "temperature": "293 K",
+    "ratio": "0.15",
+}
+
+
+def _magnitude(text: str, unit: str, wanted: str) -> float:
+    if len(text) > _MAX_TEXT or not _looks_like_quantity(text):
+        raise QuantityError(f"{wanted}, got {_shorten(text)!r}")
+    import pint
+
+    number, symbol = _split_number(text)
+    try:
+        quantity = _registry().Quantity(float(number), symbol or "dimensionless")
+        factor = float(_registry().Quantity(1.0, quantity.units).to(unit or "dimensionless").magnitude)
+        offset_free = quantity.units.is_compatible_with(unit or "dimensionless")
+    except (pint.PintError, ValueError, AttributeError, TypeError, KeyError, SyntaxError, OverflowError) as error:
+        raise QuantityError(f"{wanted}, got {_shorten(text)!r}") from error
+    if not offset_free or (unit and not symbol):
+        raise QuantityError(f"{wanted}, got {_shorten(text)!r}")
+    # 25 / 1e6 is the double nearest to 25e-6; 25 * 1e-6 is not.
+    inverse = round(1.0 / factor) if factor < 1.0 else 0
+    if inverse and abs(factor * inverse - 1.0) < 1e-12:
+        return float(number) / inverse
+    return float(number) * factor
+
+
+def _split_number(text: str) -> tuple[str, str]:
+    stripped = text.strip()
+    end = 0
+    while end < len(stripped) and (stripped[end] in "+-.0123456789" or _is_exponent(stripped, end)):
+        end += 1
+    return stripped[:end], stripped[end:].strip()
+
+
+def _is_exponent(text: str, index: int) -> bool:
+    return text[index] in "eE" and index > 0 and index + 1 < len(text) and text[index + 1] in "+-0123456789"
+
+
+def _looks_like_quantity(text: str) -> bool:
+    allowed = set("0123456789+-.*/^%eE ") | set("abcdefghijklmnopqrstuvwxyzABCDEFGHIJKLMNOPQRSTUVWXYZµμΩ°")
+    return bool(text.strip()) and set(text.strip()) <= allowed
+
+
+def _shorten(text: str) -> str:
+    return text if len(text) <= _MAX_TEXT else text[: _MAX_TEXT - 3] + "..."
+
+
+def quantity_parser(dimension: str) -> Callable[[object], float]:
+    """Return a function of one argument that reads quantities of one dimension, for use as a validator.
+
+    Parameters
+    ----------
+    dimension : str
+        One of `DIMENSIONS`.
+
+    Returns
+    -------
+    callable
+        ``parse_quantity`` with its dimension fixed.
+
+    Examples
+    --------
+    >>> quantity_parser("force")("500 mN")
+    0.5
+    """
+
+    def parse(text: object) -> float:
+        return parse_quantity(text, dimension)
+
+    return parse
+
+
+_SCALES: dict[str, tuple[tuple[float, str], ...]] = {
+    "length": ((1e-9, "nm"), (1e-6, "um"), (1e-3, "mm"), (1.0, "m")),
+    "energy": ((1e-9, "nJ"), (1e-6, "uJ"), (1e-3, "mJ"), (1.0, "J")),
+    "power": ((1e-9, "nW"), (1e-6, "uW"), (1e-3, "mW"), (1.0, "W")),
+    "time": ((1e-6, "us"), (1e-3, "ms"), (1.0, "s")),
+    "force": ((1e-3, "mN"), (1.0, "N")),
+    "angle": ((math.pi / 180.0, "deg"),),
+    "ratio": ((1.0, ""),),
+}
+
+
+def format_quantity(value: float, dimension: str, digits: int = 4) -> str:
+    """Write an SI float in the unit that people use for it.
+
+    Parameters
+    ----------
+    value : float
+        In the SI unit of `dimension`.
+    dimension : str
+        One of `DIMENSIONS`.
+    digits : int
+        Significant digits.
+
+    Returns
+    -------
+    str
+        Number and unit.
+
+    Examples
+    --------
+    >>> format_quantity(2.5e-05, "length")
+    '25 um'
+    >>> format_quantity(3.86e-6, "energy", 3)
+    '3.86 uJ'
+    """
+    scales = _SCALES.get(dimension, ((1.0, DIMENSIONS[dimension]),))
+    factor, symbol = scales[0]
+    for candidate, name in scales:
+        if abs(value) >= candidate * 0.9999995:
+            factor, symbol = candidate, name
+    if value == 0.0:
+        factor, symbol = scales[min(1, len(scales) - 1)]
+    return f"{value / factor:.{digits}g} {symbol}".strip()

@@ -1,0 +1,1 @@
+"""What is asked for: blocks, margins and tips, their tolerances, and the files that declare them."""
