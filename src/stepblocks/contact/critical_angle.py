@@ -1,7 +1,7 @@
 """Critical angle of a ball on a step, a groove and a margin, in closed form.
 
-The critical angle is the steepest slope of the path of the ball's centre in the direction of the drag. These closed forms are
-equation (2) of the paper and what follows from it; a general profile has no closed form.
+The critical angle is the steepest slope of the path of the ball's centre in the direction of the drag. These closed
+forms are equation (2) of the paper and what follows from it; a general profile has no closed form.
 """
 
 from __future__ import annotations
@@ -118,8 +118,8 @@ def margin_angles(opening: float, rise: float, ball_radius: float) -> tuple[floa
 
     Notes
     -----
-    Where the ball rests on both edges, the slope at the far edge is the inclination of the chord plus half the angle that it
-    subtends. Where the higher edge is met while the ball still rides on the lower shoulder, the step alone counts.
+    Where the ball rests on both edges, the slope at the far edge is the inclination of the chord plus half the angle
+    that it subtends. Where the higher edge is met while the ball still rides on the lower shoulder, the step alone counts.
 
     Examples
     --------

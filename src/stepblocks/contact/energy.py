@@ -1,7 +1,7 @@
 """Forces and vibration energy of a probe that slips over an edge: equations (1) and (2) of the paper.
 
-A probe that is self-locked never slips; the fraction of equation (1), squared, gives it an energy all the same. Here locking is
-a status and its numbers are not-a-number.
+A probe that is self-locked never slips; the fraction of equation (1), squared, gives it an energy all the same. Here
+locking is a status and its numbers are not-a-number.
 """
 
 from __future__ import annotations

@@ -1,15 +1,14 @@
 """The formulas alone: SI floats or arrays in, SI floats or arrays out, nothing checked.
 
-`stepblocks.contact.critical_angle` and `stepblocks.contact.energy` are the functions to call; they check the domain and say
-where a formula stops to hold.
+`stepblocks.contact.critical_angle` and `stepblocks.contact.energy` are the functions to call; they check the domain
+and say where a formula stops to hold.
 """
 
 from __future__ import annotations
 
-from typing import TypeVar
+from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 __all__ = [
     "angle_on_step",
@@ -19,7 +18,7 @@ __all__ = [
     "stored_energy",
 ]
 
-Real = TypeVar("Real", float, NDArray[np.float64])
+Real = Any  # a float or an array of them; numpy's functions take and return either
 
 
 def angle_on_step(height: Real, radius_sum: Real) -> Real:
@@ -27,7 +26,7 @@ def angle_on_step(height: Real, radius_sum: Real) -> Real:
 
     Written with the half angle, ``sin^2(a/2) = H / 2(R + r)``, which keeps its digits for a small step.
     """
-    return 2.0 * np.arcsin(np.sqrt(0.5 * height / radius_sum))  # type: ignore[no-any-return]
+    return 2.0 * np.arcsin(np.sqrt(0.5 * height / radius_sum))
 
 
 def angle_out_of_groove(width: Real, rise: Real, ball_radius: Real) -> Real:
@@ -36,7 +35,7 @@ def angle_out_of_groove(width: Real, rise: Real, ball_radius: Real) -> Real:
     The chord between the corners is inclined by ``atan2(rise, width)`` and subtends ``2 asin(chord / 2R)``.
     """
     chord = np.hypot(width, rise)
-    return np.arctan2(rise, width) + np.arcsin(0.5 * chord / ball_radius)  # type: ignore[no-any-return]
+    return np.arctan2(rise, width) + np.arcsin(0.5 * chord / ball_radius)
 
 
 def pull_force(normal_load: Real, angle: Real, friction: Real) -> Real:
