@@ -119,7 +119,8 @@ def margin_angles(opening: float, rise: float, ball_radius: float) -> tuple[floa
     Notes
     -----
     Where the ball rests on both edges, the slope at the far edge is the inclination of the chord plus half the angle
-    that it subtends. Where the higher edge is met while the ball still rides on the lower shoulder, the step alone counts.
+    that it subtends. Where the higher edge is met while the ball still rides on the lower shoulder, the step
+    alone counts.
 
     Examples
     --------

@@ -5,11 +5,15 @@ from __future__ import annotations
 import argparse
 import sys
 from collections.abc import Sequence
+from importlib import import_module
 
 from stepblocks import __version__
 from stepblocks.errors import StepblocksError
 
 __all__ = ["main"]
+
+_COMMANDS: tuple[str, ...] = ()
+"""Modules of this package, one per command or family of commands, in the order of the help text."""
 
 
 def main(argv: Sequence[str] | None = None) -> int:
@@ -43,5 +47,7 @@ def _parser() -> argparse.ArgumentParser:
         description="Haptic step stimuli: from a declaration to proven artefacts, predictions and the closed loop.",
     )
     parser.add_argument("--version", action="version", version=f"stepblocks {__version__}")
-    parser.add_subparsers(title="commands", metavar="COMMAND", required=True)
+    commands = parser.add_subparsers(title="commands", metavar="COMMAND", required=True)
+    for name in _COMMANDS:
+        import_module(f"stepblocks.cli.{name}").add_to(commands)
     return parser
