@@ -26,8 +26,11 @@ class StepblocksError(Exception):
     exit_code = 2
 
 
-class QuantityError(StepblocksError):
-    """A quantity that cannot be read: no number, no unit, or a unit of the wrong dimension."""
+class QuantityError(StepblocksError, ValueError):
+    """A quantity that cannot be read: no number, no unit, or a unit of the wrong dimension.
+
+    Also a ValueError, so that a validation library reports it with the place of the field.
+    """
 
 
 class StimulusError(StepblocksError):

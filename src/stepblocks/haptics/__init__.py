@@ -1,0 +1,1 @@
+"""For the simulator: meshes, convex pieces and height fields, each with its unit said beside it."""

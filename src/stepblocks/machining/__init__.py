@@ -1,0 +1,1 @@
+"""For the workshop: the files that a part is made from."""

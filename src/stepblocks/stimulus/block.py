@@ -1,0 +1,101 @@
+"""The step block: one working edge, and beside it a groove or ridge of the same height to measure it by."""
+
+from __future__ import annotations
+
+from typing import Literal
+
+from pydantic import model_validator
+
+from stepblocks.stimulus.body import Body, Identity, MaterialField, Part, require, require_engravable
+from stepblocks.stimulus.tolerance import Length, PositiveLength
+
+__all__ = ["MetrologyFeature", "StepBlock"]
+
+
+class MetrologyFeature(Part):
+    """A groove or ridge that ISO 5436-1 type A1 can evaluate; a single edge cannot be.
+
+    Attributes
+    ----------
+    kind : str
+        ``"groove"`` in the upper face, its floor level with the lower face; or ``"ridge"`` on the lower face, level with the upper.
+    width : Dimension
+        Distance W between its two edges along x [m]; a plane face of at least W lies on either side.
+    lane : Dimension
+        Extent along y, from the back side of the block [m].
+    distance : Dimension
+        From the working edge to its nearer edge [m].
+    """
+
+    kind: Literal["groove", "ridge"]
+    width: PositiveLength
+    lane: PositiveLength
+    distance: PositiveLength
+
+
+class StepBlock(Part):
+    """A block with one working edge.
+
+    Attributes
+    ----------
+    id : str
+        Identity; engraved in capitals.
+    height : Dimension
+        Height H of the step [m].
+    edge_radius : Dimension
+        Radius r of the working edge [m]; 0 is sharp.
+    body : Body
+        The block.
+    metrology : MetrologyFeature
+        Groove or ridge beside the working edge.
+    material : Material
+        What it is made of.
+
+    Notes
+    -----
+    x points across the edge, from the lower to the upper working face; y along the edge; z up. The edge lies at x = 0.
+    """
+
+    id: Identity
+    height: PositiveLength
+    edge_radius: Length
+    body: Body
+    metrology: MetrologyFeature
+    material: MaterialField
+
+    @model_validator(mode="after")
+    def _is_possible(self) -> StepBlock:
+        height, radius, body, feature = self.height.nominal, self.edge_radius.nominal, self.body, self.metrology
+        require(radius <= height, "edge_radius", "not exceed height", height, radius)
+        require(
+            height < body.edge_break.nominal or body.edge_break.nominal == 0.0,
+            "height", "be smaller than edge_break, or the chamfers of the two faces part", body.edge_break.nominal, height,
+        )  # fmt: skip
+        require(
+            height < 0.5 * body.thickness.nominal,
+            "height",
+            "be below half the thickness",
+            0.5 * body.thickness.nominal,
+            height,
+        )
+        room = 0.5 * body.length.nominal - body.edge_break.nominal
+        reach = feature.distance.nominal + 2.0 * feature.width.nominal
+        require(reach <= room, "metrology.width", "leave a plane face of its own width on either side", room, reach)
+        require(
+            feature.distance.nominal >= feature.width.nominal + radius,
+            "metrology.distance", "be at least its width plus edge_radius", feature.width.nominal + radius, feature.distance.nominal,
+        )  # fmt: skip
+        half = 0.5 * body.width.nominal
+        if body.mounting.kind == "clearance":
+            bore = 0.5 * body.mounting.entry_diameter
+            require(half - feature.lane.nominal > bore, "metrology.lane", "keep clear of the counterbores", half - bore,
+                    feature.lane.nominal)  # fmt: skip
+        require_engravable(self.id, body)
+        require(
+            feature.lane.nominal < half,
+            "metrology.lane",
+            "leave half the width to the drag",
+            half,
+            feature.lane.nominal,
+        )
+        return self

@@ -1,0 +1,124 @@
+"""A stimulus set: everything one file declares, and the grid over which it shall be predicted."""
+
+from __future__ import annotations
+
+from typing import Annotated
+
+from pydantic import BeforeValidator, Field, model_validator
+
+from stepblocks.quantities import parse_quantity, quantity_parser
+from stepblocks.stimulus.block import StepBlock
+from stepblocks.stimulus.body import Identity, Part
+from stepblocks.stimulus.margin import CrownOnTooth, MarginBlock
+from stepblocks.stimulus.tip import HookTip, StraightTip
+
+__all__ = ["KINDS", "PredictionGrid", "Stimulus", "StimulusSet", "ToolSpec"]
+
+Stimulus = StepBlock | MarginBlock | CrownOnTooth | StraightTip | HookTip
+"""Any declared part."""
+KINDS = ("step_block", "margin_block", "crown_on_tooth", "straight_tip", "hook_tip")
+"""Names of the stanzas of a stimulus file."""
+
+
+def _positive(dimension: str) -> BeforeValidator:
+    def parse(raw: object) -> float:
+        value = parse_quantity(raw, dimension)
+        if value <= 0.0:
+            raise ValueError(f"must be positive, got {raw!r}")
+        return value
+
+    return BeforeValidator(parse)
+
+
+def _ratio(raw: object) -> float:
+    value = quantity_parser("ratio")(raw)
+    if value < 0.0:
+        raise ValueError(f"must not be negative, got {raw!r}")
+    return value
+
+
+class ToolSpec(Part):
+    """The explorer as a spring that rings; what is left out is the paper's.
+
+    Attributes
+    ----------
+    stiffness : float
+        Tangential stiffness k [N/m].
+    conversion : float
+        Share C_v of the stored energy that becomes vibration [1].
+    ring_duration : float
+        Duration of the ring [s].
+    detection_threshold : float
+        Detection threshold of vibration power at the fingertip [W].
+    """
+
+    stiffness: Annotated[float, _positive("stiffness")] = 9.81e3
+    conversion: Annotated[float, _positive("ratio")] = 0.20
+    ring_duration: Annotated[float, _positive("time")] = 16e-3
+    detection_threshold: Annotated[float, _positive("power")] = 0.08e-6
+
+
+class PredictionGrid(Part):
+    """Conditions under which each stimulus is predicted: every combination of tip, load and friction.
+
+    Attributes
+    ----------
+    tip_radii : tuple of float
+        Radii R of the probe tips [m].
+    normal_loads : tuple of float
+        Normal loads F_py [N].
+    frictions : tuple of float
+        Coefficients of friction mu [1].
+    tool : ToolSpec
+        Spring and ring of the explorer.
+    """
+
+    tip_radii: Annotated[tuple[Annotated[float, _positive("length")], ...], Field(min_length=1, max_length=100)]
+    normal_loads: Annotated[tuple[Annotated[float, _positive("force")], ...], Field(min_length=1, max_length=100)]
+    frictions: Annotated[tuple[Annotated[float, BeforeValidator(_ratio)], ...], Field(min_length=1, max_length=100)]
+    tool: ToolSpec = ToolSpec()
+
+
+class StimulusSet(Part):
+    """Everything one stimulus file declares.
+
+    Attributes
+    ----------
+    name : str
+        Name of the set and of its file.
+    title, source : str
+        For the page: what it is and where it comes from.
+    prediction : PredictionGrid
+        Conditions of the predictions.
+    step_block : tuple of StepBlock
+    margin_block : tuple of MarginBlock
+    crown_on_tooth : tuple of CrownOnTooth
+    straight_tip : tuple of StraightTip
+    hook_tip : tuple of HookTip
+    """
+
+    name: Identity
+    title: Annotated[str, Field(min_length=1, max_length=200)]
+    source: Annotated[str, Field(max_length=500)] = ""
+    prediction: PredictionGrid
+    step_block: tuple[StepBlock, ...] = ()
+    margin_block: tuple[MarginBlock, ...] = ()
+    crown_on_tooth: tuple[CrownOnTooth, ...] = ()
+    straight_tip: tuple[StraightTip, ...] = ()
+    hook_tip: tuple[HookTip, ...] = ()
+
+    @property
+    def stimuli(self) -> tuple[Stimulus, ...]:
+        """All parts in the order of the file's kinds."""
+        return (*self.step_block, *self.margin_block, *self.crown_on_tooth, *self.straight_tip, *self.hook_tip)
+
+    @model_validator(mode="after")
+    def _names_are_unique(self) -> StimulusSet:
+        seen: set[str] = set()
+        for stimulus in self.stimuli:
+            if stimulus.id in seen:
+                raise ValueError(f"id must be unique in its set, got {stimulus.id!r} twice")
+            seen.add(stimulus.id)
+        if not seen:
+            raise ValueError("a set must declare at least one stimulus, got none")
+        return self

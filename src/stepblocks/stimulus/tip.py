@@ -1,0 +1,106 @@
+"""The probe tip: a ball of radius R on a cone and a shank, straight or bent to a shepherd's hook."""
+
+from __future__ import annotations
+
+import math
+
+from pydantic import model_validator
+
+from stepblocks.quantities import format_quantity
+from stepblocks.stimulus.body import Identity, MaterialField, Part, require
+from stepblocks.stimulus.tolerance import Angle, PositiveLength
+
+__all__ = ["HookTip", "StraightTip"]
+
+
+class _Tip(Part):
+    """What both forms share. The ball touches the origin from above: its centre lies at z = R, the cone widens upwards.
+
+    Attributes
+    ----------
+    id : str
+        Identity.
+    ball_radius : Dimension
+        Radius R of the contact sphere [m].
+    cone_angle : Dimension
+        Half angle of the cone, tangent to the ball [rad].
+    shank_radius : Dimension
+        Radius of the shank at the end of the cone [m].
+    material : Material
+        What it is made of.
+    """
+
+    id: Identity
+    ball_radius: PositiveLength
+    cone_angle: Angle
+    shank_radius: PositiveLength
+    material: MaterialField
+
+    @property
+    def cone_start(self) -> tuple[float, float]:
+        """Radius and height at which the cone leaves the ball, tangent to it [m]."""
+        R, half = self.ball_radius.nominal, self.cone_angle.nominal
+        return R * math.cos(half), R * (1.0 - math.sin(half))
+
+    @property
+    def cone_end(self) -> float:
+        """Height at which the cone has the radius of the shank [m]."""
+        radius, height = self.cone_start
+        return height + (self.shank_radius.nominal - radius) / math.tan(self.cone_angle.nominal)
+
+    @model_validator(mode="after")
+    def _is_possible(self) -> _Tip:
+        R, shank, half = self.ball_radius.nominal, self.shank_radius.nominal, self.cone_angle.nominal
+        if not 0.0 < half < 0.25 * math.pi:
+            raise ValueError(f"cone_angle must lie between 0 and 45 deg, got {format_quantity(half, 'angle')}")
+        require(shank > R, "ball_radius", "be smaller than shank_radius", shank, R)
+        return self
+
+
+class StraightTip(_Tip):
+    """Ball, cone and cylindrical shank on one axis.
+
+    Attributes
+    ----------
+    length : Dimension
+        From the contact point to the end of the shank [m].
+    """
+
+    length: PositiveLength
+
+    @model_validator(mode="after")
+    def _has_a_shank(self) -> StraightTip:
+        require(
+            self.length.nominal > self.cone_end,
+            "length",
+            "exceed the end of the cone",
+            self.cone_end,
+            self.length.nominal,
+        )
+        return self
+
+
+class HookTip(_Tip):
+    """The shepherd's hook: ball and cone, then a wire bent in one arc, then the straight shank.
+
+    Attributes
+    ----------
+    bend_radius : Dimension
+        Radius of the bend at the wire's axis [m].
+    bend_angle : Dimension
+        Angle through which the wire is bent [rad], in degrees up to below 180.
+    straight_length : Dimension
+        Length of the shank beyond the bend [m].
+    """
+
+    bend_radius: PositiveLength
+    bend_angle: Angle
+    straight_length: PositiveLength
+
+    @model_validator(mode="after")
+    def _can_be_bent(self) -> HookTip:
+        if self.bend_angle.nominal <= 0.0:
+            raise ValueError("bend_angle must be above 0 deg, got 0 deg")
+        shank, bend = self.shank_radius.nominal, self.bend_radius.nominal
+        require(bend > shank, "bend_radius", "exceed shank_radius", shank, bend)
+        return self
