@@ -12,9 +12,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from stepblocks.errors import HapticsError
 from stepblocks.stimulus.block import StepBlock
 from stepblocks.stimulus.margin import MarginBlock
-from stepblocks.stimulus.profile import surface_height
+from stepblocks.stimulus.profile import breakpoints, surface_height
 
 __all__ = ["SPACING", "height_field", "write_height_field"]
 
@@ -37,12 +38,23 @@ def height_field(stimulus: StepBlock | MarginBlock) -> NDArray[np.float64]:
     ndarray, shape (rows, columns)
         Heights [m]; rows ascend in y, columns in x, the samples lie between the edges rather than on them.
     """
-    return np.tile(surface_height(stimulus, _positions(_HALF_X)), (len(_positions(_HALF_Y)), 1))
+    profile: NDArray[np.float64] = surface_height(stimulus, _across(stimulus))
+    return np.tile(profile, (len(_positions(_HALF_Y)), 1))
+
+
+def _across(stimulus: StepBlock | MarginBlock) -> NDArray[np.float64]:
+    """Positions across the edge, shifted within their cell until none lies on a corner of the profile."""
+    corners = np.array(breakpoints(stimulus))
+    for shift in (0.0, 0.25, -0.25, 0.125, -0.125):
+        x = _positions(_HALF_X) + shift * SPACING
+        if np.abs(x[:, None] - corners).min() > 0.05 * SPACING:
+            return x
+    raise HapticsError(f"a height field of {SPACING:g} m spacing cannot keep clear of the corners of {stimulus.id}")
 
 
 def _positions(half: float) -> NDArray[np.float64]:
     count = round(half / SPACING)
-    return (np.arange(-count, count) + 0.5) * SPACING
+    return np.asarray((np.arange(-count, count) + 0.5) * SPACING, dtype=np.float64)
 
 
 def write_height_field(stem: Path, stimulus: StepBlock | MarginBlock) -> list[Path]:
@@ -68,11 +80,10 @@ def write_height_field(stem: Path, stimulus: StepBlock | MarginBlock) -> list[Pa
         tiff,
         (heights * 1e6).astype(np.float32),
         compression="zlib",
-        predictor=3,
         description="heights in um",
         software="stepblocks",
     )
-    np.savez_compressed(npz, height_m=heights, x_m=_positions(_HALF_X), y_m=_positions(_HALF_Y))
+    np.savez_compressed(npz, height_m=heights, x_m=_across(stimulus), y_m=_positions(_HALF_Y))
     sidecar.write_text(json.dumps(_sidecar(stimulus, heights, tiff.name, npz.name), indent=2) + "\n", encoding="utf-8")
     return [tiff, npz, sidecar]
 
@@ -87,12 +98,12 @@ def _sidecar(stimulus: StepBlock | MarginBlock, heights: NDArray[np.float64], ti
         "shape_rows_columns": list(heights.shape),
         "spacing_x_m": SPACING,
         "spacing_y_m": SPACING,
-        "origin_x_m": float(_positions(_HALF_X)[0]),
+        "origin_x_m": float(_across(stimulus)[0]),
         "origin_y_m": float(_positions(_HALF_Y)[0]),
         "origin": "position of row 0, column 0 in the frame of the part; its z = 0 is the lower working face",
         "row_order": "row 0 lies at the smallest y, rows ascend in y",
         "column_order": "column 0 lies at the smallest x, columns ascend in x",
         "axes": "x across the edge, y along it, z up",
         "handedness": "right-handed",
-        "sampling": "values at the centres of the cells; no sample lies on a sharp edge",
+        "sampling": "point values; no sample lies on an edge",
     }

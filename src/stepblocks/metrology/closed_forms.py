@@ -19,7 +19,7 @@ from stepblocks.stimulus.section import Outline, crown_outline, tip_outline, too
 from stepblocks.stimulus.set import Stimulus
 from stepblocks.stimulus.tip import HookTip, StraightTip
 
-__all__ = ["solid_volumes"]
+__all__ = ["solid_volumes", "unpierced_volume"]
 
 
 def solid_volumes(stimulus: Stimulus) -> tuple[float, ...]:
@@ -48,6 +48,29 @@ def solid_volumes(stimulus: Stimulus) -> tuple[float, ...]:
             wire = math.pi * stimulus.shank_radius.nominal**2
             bend = wire * stimulus.bend_radius.nominal * stimulus.bend_angle.nominal
             return (_of_revolution(tip_outline(stimulus)) + bend + wire * stimulus.straight_length.nominal,)
+
+
+def unpierced_volume(stimulus: Stimulus) -> float:
+    """Volume of a stimulus with its fixing holes and engraving filled, as its convex pieces describe it.
+
+    Parameters
+    ----------
+    stimulus : Stimulus
+        What is asked for.
+
+    Returns
+    -------
+    float
+        Volume of all solids together [m^3].
+    """
+    total = math.fsum(solid_volumes(stimulus))
+    match stimulus:
+        case StepBlock():
+            return total + _common_cuts(stimulus.body, stimulus.id, (0.0, stimulus.height.nominal))
+        case MarginBlock():
+            return total + _common_cuts(stimulus.body, stimulus.id, (0.0, stimulus.horizontal_discrepancy.nominal))
+        case _:
+            return total
 
 
 def _of_revolution(outline: Outline) -> float:

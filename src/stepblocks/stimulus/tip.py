@@ -103,4 +103,12 @@ class HookTip(_Tip):
             raise ValueError("bend_angle must be above 0 deg, got 0 deg")
         shank, bend = self.shank_radius.nominal, self.bend_radius.nominal
         require(bend > shank, "bend_radius", "exceed shank_radius", shank, bend)
+        angle, straight = self.bend_angle.nominal, self.straight_length.nominal
+        end = self.cone_end + bend * math.sin(angle) + straight * math.cos(angle)
+        lowest = end - shank * math.sin(angle)
+        if lowest <= 0.0:
+            raise ValueError(
+                f"bend_angle must keep the shank above the contact point, got {format_quantity(angle, 'angle')}, "
+                f"which brings it to {format_quantity(lowest, 'length')}"
+            )
         return self
