@@ -69,13 +69,16 @@ class PredictionGrid(Part):
         Normal loads F_py [N].
     frictions : tuple of float
         Coefficients of friction mu [1].
+    step_heights : tuple of float
+        Heights H of sharp steps on which declared tips are predicted [m].
     tool : ToolSpec
         Spring and ring of the explorer.
     """
 
-    tip_radii: Annotated[tuple[Annotated[float, _positive("length")], ...], Field(min_length=1, max_length=100)]
+    tip_radii: Annotated[tuple[Annotated[float, _positive("length")], ...], Field(max_length=100)] = ()
     normal_loads: Annotated[tuple[Annotated[float, _positive("force")], ...], Field(min_length=1, max_length=100)]
     frictions: Annotated[tuple[Annotated[float, BeforeValidator(_ratio)], ...], Field(min_length=1, max_length=100)]
+    step_heights: Annotated[tuple[Annotated[float, _positive("length")], ...], Field(max_length=100)] = ()
     tool: ToolSpec = ToolSpec()
 
 
@@ -119,6 +122,11 @@ class StimulusSet(Part):
             if stimulus.id in seen:
                 raise ValueError(f"id must be unique in its set, got {stimulus.id!r} twice")
             seen.add(stimulus.id)
+        tips = bool(self.straight_tip or self.hook_tip)
+        if tips and not self.prediction.step_heights:
+            raise ValueError("prediction.step_heights must be given for a set with tips, got none")
+        if len(self.stimuli) > len(self.straight_tip) + len(self.hook_tip) and not self.prediction.tip_radii:
+            raise ValueError("prediction.tip_radii must be given for a set with blocks or crowns, got none")
         if not seen:
             raise ValueError("a set must declare at least one stimulus, got none")
         return self

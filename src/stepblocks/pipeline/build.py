@@ -1,0 +1,268 @@
+"""From stimulus files to an output folder: what changed is built, in parallel; what did not is left alone.
+
+Nothing heavy is imported before something has to be built.
+"""
+
+from __future__ import annotations
+
+import fnmatch
+import json
+import os
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from stepblocks import __version__
+from stepblocks.errors import PipelineError
+from stepblocks.pipeline.manifest import (
+    MANIFEST,
+    RECORD,
+    code_fingerprint,
+    hash_file,
+    intact,
+    load_json,
+    replace_text,
+)
+
+if TYPE_CHECKING:
+    from stepblocks.pipeline.make import Made
+    from stepblocks.stimulus.set import Stimulus, StimulusSet
+
+__all__ = ["BuildReport", "build", "stimulus_files"]
+
+_TASKS_PER_WORKER = 64  # the kernel's memory creeps; a worker is replaced before it shows
+
+
+@dataclass
+class BuildReport:
+    """What a build did.
+
+    Attributes
+    ----------
+    built : list of str
+        Stimuli that were built, ``"set/id"``.
+    current : int
+        Stimuli that were up to date.
+    failures : list of str
+        Failed verdicts of all stimuli of the output folder, one line each.
+    output : str
+        The output folder.
+    """
+
+    output: str
+    built: list[str] = field(default_factory=list)
+    current: int = 0
+    failures: list[str] = field(default_factory=list)
+
+
+def stimulus_files(arguments: Sequence[Path]) -> list[Path]:
+    """Find the stimulus files that a user means.
+
+    Parameters
+    ----------
+    arguments : sequence of Path
+        Files, or folders of them; the folder ``stimuli`` where there are none.
+
+    Returns
+    -------
+    list of Path
+        TOML files in the order given, those of a folder by name.
+
+    Raises
+    ------
+    PipelineError
+        If there is nothing to read.
+    """
+    files: list[Path] = []
+    for argument in arguments or (Path("stimuli"),):
+        found = sorted(argument.glob("*.toml")) if argument.is_dir() else [argument]
+        if not found or not found[0].is_file():
+            what = (
+                "a folder with stimulus files (*.toml)" if argument.is_dir() else "a stimulus file or a folder of them"
+            )
+            raise PipelineError(f"expected {what} [{argument}]")
+        files += found
+    stems = [path.stem for path in files]
+    if len(set(stems)) < len(stems):
+        raise PipelineError(f"sets must have different names, got {', '.join(sorted(stems))}")
+    return files
+
+
+def build(
+    files: Sequence[Path],
+    output: Path,
+    only: str | None = None,
+    jobs: int | None = None,
+    announce: Callable[[Made, int, int], None] | None = None,
+) -> BuildReport:
+    """Build every stimulus that is not up to date, then the tables and the page.
+
+    Parameters
+    ----------
+    files : sequence of Path
+        Stimulus files.
+    output : Path
+        The output folder.
+    only : str, optional
+        Pattern such as ``"paper-ten/*"`` or ``"step-0?0"``; what it does not match is left as it is.
+    jobs : int, optional
+        Number of processes; all cores where omitted.
+    announce : callable, optional
+        Called with each stimulus made, its number and how many there are.
+
+    Returns
+    -------
+    BuildReport
+        What was done, and what failed its check.
+
+    Raises
+    ------
+    StepblocksError
+        If a file is malformed or the output folder cannot be used; nothing is written before all files are valid.
+    """
+    inputs = {path.name: hash_file(path) for path in files}
+    code = code_fingerprint()
+    manifest = load_json(output / MANIFEST)
+    if only is None and _is_current(manifest, inputs, code, output):
+        return BuildReport(str(output), [], manifest["stimuli"], list(manifest["failures"]))
+    return _build(files, output, only, jobs, announce, inputs, code)
+
+
+def _is_current(manifest: Mapping[str, Any], inputs: Mapping[str, str], code: str, output: Path) -> bool:
+    if manifest.get("inputs") != inputs or manifest.get("code") != code or not all(inputs.values()):
+        return False
+    return intact(output, manifest["outputs"])
+
+
+def _build(
+    files: Sequence[Path],
+    output: Path,
+    only: str | None,
+    jobs: int | None,
+    announce: Callable[[Made, int, int], None] | None,
+    inputs: Mapping[str, str],
+    code: str,
+) -> BuildReport:
+    from stepblocks.pipeline.make import build_key
+    from stepblocks.stimulus.loader import load_set
+
+    sets = [load_set(path) for path in files]
+    _require_folder(output)
+    report = BuildReport(str(output))
+    wanted: list[tuple[str, Stimulus, str]] = []
+    for stimuli in sets:
+        for stimulus in stimuli.stimuli:
+            key = build_key(stimulus, code)
+            if only is not None and not _matches(only, stimuli.name, stimulus.id):
+                continue
+            folder = output / stimuli.name / stimulus.id
+            record = load_json(folder / RECORD)
+            if record.get("key") == key and intact(folder, record["outputs"]):
+                report.current += 1
+            else:
+                wanted.append((stimuli.name, stimulus, key))
+    if only is not None and not wanted and not report.current:
+        raise PipelineError(f"--only must match at least one stimulus, got {only!r}")
+    for number, made in enumerate(_make_all(wanted, output, jobs), start=1):
+        report.built.append(made.name)
+        if announce:
+            announce(made, number, len(wanted))
+    _finish(sets, output, inputs if only is None else {}, code, report)
+    return report
+
+
+def _matches(only: str, set_name: str, identity: str) -> bool:
+    return fnmatch.fnmatchcase(identity, only) or fnmatch.fnmatchcase(f"{set_name}/{identity}", only)
+
+
+def _require_folder(output: Path) -> None:
+    try:
+        output.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise PipelineError(f"the output folder cannot be made: {error.strerror} [{output}]") from error
+    if not os.access(output, os.W_OK):
+        raise PipelineError(f"the output folder must be writable [{output}]")
+
+
+def _make_all(wanted: Sequence[tuple[str, Stimulus, str]], output: Path, jobs: int | None) -> Iterable[Made]:
+    """Make stimuli in this process, or in as many as there are cores; results come as they are ready."""
+    from stepblocks.pipeline.make import make
+
+    workers = min(jobs or os.cpu_count() or 1, len(wanted))
+    if workers <= 1:
+        for set_name, stimulus, key in wanted:
+            yield make(set_name, stimulus, output, key)
+        return
+    import multiprocessing
+    from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor, wait
+
+    context = multiprocessing.get_context("forkserver")
+    context.set_forkserver_preload(["stepblocks.solids.kernel", "stepblocks.pipeline.make"])
+    tasks = -(-len(wanted) // workers) if len(wanted) <= _TASKS_PER_WORKER * workers else _TASKS_PER_WORKER
+    with ProcessPoolExecutor(workers, context, max_tasks_per_child=tasks) as pool:
+        waiting: set[Future[Made]] = set()
+        try:
+            for set_name, stimulus, key in wanted:
+                waiting.add(pool.submit(make, set_name, stimulus, output, key))
+                if len(waiting) >= 4 * workers:
+                    done, waiting = wait(waiting, return_when=FIRST_COMPLETED)
+                    yield from (future.result() for future in done)
+            while waiting:
+                done, waiting = wait(waiting, return_when=FIRST_COMPLETED)
+                yield from (future.result() for future in done)
+        except BaseException:
+            pool.shutdown(wait=False, cancel_futures=True)
+            raise
+
+
+def _finish(
+    sets: Sequence[StimulusSet], output: Path, inputs: Mapping[str, str], code: str, report: BuildReport
+) -> None:
+    """Write tables, page and manifest from the records; remove what an earlier build left and nobody changed."""
+    from stepblocks.pipeline.page import write_page
+    from stepblocks.pipeline.predict import as_csv, predict_set
+
+    outputs: dict[str, str] = {}
+    total = 0
+    for stimuli in sets:
+        folder = output / stimuli.name
+        folder.mkdir(exist_ok=True)
+        replace_text(folder / "predictions.csv", as_csv(predict_set(stimuli)))
+        outputs[f"{stimuli.name}/predictions.csv"] = hash_file(folder / "predictions.csv")
+        for stimulus in stimuli.stimuli:
+            record = load_json(folder / stimulus.id / RECORD)
+            if not record:
+                continue
+            total += 1
+            prefix = f"{stimuli.name}/{stimulus.id}/"
+            outputs |= {prefix + name: value for name, value in record["outputs"].items()}
+            outputs[prefix + RECORD] = hash_file(folder / stimulus.id / RECORD)
+            report.failures += [f"{prefix}{v['text']}" for v in record["verdicts"] if not v["passed"]]
+    for path in write_page(sets, output):
+        outputs[path.relative_to(output).as_posix()] = hash_file(path)
+    before = load_json(output / MANIFEST).get("outputs", {})
+    manifest = {
+        "schema": 1,
+        "stepblocks": __version__,
+        "code": code,
+        "inputs": dict(inputs),
+        "stimuli": total,
+        "failures": report.failures,
+        "outputs": dict(sorted(outputs.items())),
+    }
+    replace_text(output / MANIFEST, json.dumps(manifest, indent=1) + "\n")
+    _remove_stale(output, before, outputs)
+
+
+def _remove_stale(output: Path, before: Mapping[str, str], now: Mapping[str, str]) -> None:
+    """Remove files that the last build wrote, this one does not know, and that are unchanged; then empty folders."""
+    for name in sorted(set(before) - set(now), reverse=True):
+        path = output / name
+        if ".." in Path(name).parts or path.is_symlink() or hash_file(path) != before[name]:
+            continue
+        path.unlink()
+        for parent in path.parents:
+            if parent == output or any(parent.iterdir()):
+                break
+            parent.rmdir()

@@ -1,0 +1,190 @@
+"""What will be felt: every stimulus of a set under every tip, load and friction asked for."""
+
+from __future__ import annotations
+
+import csv
+import io
+import math
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+from stepblocks.contact.critical_angle import margin_angles, step_angle
+from stepblocks.contact.energy import Release, Status, Tool, release_at
+from stepblocks.contact.kernels import locking_height
+from stepblocks.stimulus.block import StepBlock
+from stepblocks.stimulus.margin import CrownOnTooth, MarginBlock
+from stepblocks.stimulus.set import PredictionGrid, Stimulus, StimulusSet
+from stepblocks.stimulus.tip import HookTip, StraightTip
+
+__all__ = ["COLUMNS", "Prediction", "as_csv", "as_row", "predict_set", "tool_of"]
+
+COLUMNS = (
+    "set",
+    "stimulus",
+    "drag",
+    "tip_radius_um",
+    "step_height_um",
+    "normal_load_n",
+    "friction",
+    "critical_angle_deg",
+    "status",
+    "pull_force_n",
+    "vibration_energy_uj",
+    "mean_power_uw",
+    "threshold_ratio",
+    "locking_height_um",
+)
+"""Columns of predictions.csv, units in their names."""
+
+
+@dataclass(frozen=True)
+class Prediction:
+    """One stimulus under one condition.
+
+    Attributes
+    ----------
+    set_name, stimulus : str
+        What is felt.
+    drag : str
+        Direction: ``"up"`` a step, ``"tooth-to-crown"`` or ``"crown-to-tooth"``.
+    tip_radius : float
+        Radius of the ball R [m].
+    step_height : float
+        Height of the step, or of the crown over the tooth [m].
+    normal_load : float
+        F_py [N].
+    friction : float
+        mu [1].
+    release : Release
+        Status and figures.
+    """
+
+    set_name: str
+    stimulus: str
+    drag: str
+    tip_radius: float
+    step_height: float
+    normal_load: float
+    friction: float
+    release: Release
+
+
+def tool_of(grid: PredictionGrid) -> Tool:
+    """Return the tool that a grid declares.
+
+    Parameters
+    ----------
+    grid : PredictionGrid
+        As read from the file.
+
+    Returns
+    -------
+    Tool
+        For the equations.
+    """
+    spec = grid.tool
+    return Tool(spec.stiffness, spec.conversion, spec.ring_duration, spec.detection_threshold)
+
+
+def predict_set(stimuli: StimulusSet) -> Iterator[Prediction]:
+    """Predict a set over its grid.
+
+    Parameters
+    ----------
+    stimuli : StimulusSet
+        The set.
+
+    Yields
+    ------
+    Prediction
+        In the order stimulus, tip, direction, friction, load.
+    """
+    grid, tool = stimuli.prediction, tool_of(stimuli.prediction)
+    for stimulus in stimuli.stimuli:
+        for drag, radius, height, angle in _contacts(stimulus, grid):
+            for friction in grid.frictions:
+                for load in grid.normal_loads:
+                    release = release_at(angle, load, friction, tool)
+                    yield Prediction(stimuli.name, stimulus.id, drag, radius, height, load, friction, release)
+
+
+def _contacts(stimulus: Stimulus, grid: PredictionGrid) -> Iterator[tuple[str, float, float, float]]:
+    """Direction, tip radius, height and critical angle of every contact of a stimulus."""
+    match stimulus:
+        case StepBlock():
+            height, radius = stimulus.height.nominal, stimulus.edge_radius.nominal
+            for tip in grid.tip_radii:
+                yield "up", tip, height, step_angle(height, tip, radius)
+        case MarginBlock() | CrownOnTooth():
+            rise = stimulus.horizontal_discrepancy.nominal
+            for tip in grid.tip_radii:
+                for drag, angle in zip(("tooth-to-crown", "crown-to-tooth"), _margin(stimulus, tip), strict=True):
+                    yield drag, tip, rise, angle
+        case StraightTip() | HookTip():
+            for height in grid.step_heights:
+                tip = stimulus.ball_radius.nominal
+                yield "up", tip, height, step_angle(height, tip)
+
+
+def _margin(margin: MarginBlock | CrownOnTooth, tip: float) -> tuple[float, float]:
+    """Angles over a margin; a bevel of 45 degrees is met before its corner wherever the corner would be steeper."""
+    opening, gap = margin.opening.nominal, margin.marginal_gap.nominal
+    forward, backward = margin_angles(max(opening, 0.0), margin.horizontal_discrepancy.nominal, tip)
+    return (min(forward, 0.25 * math.pi) if opening > gap else forward), backward
+
+
+def as_row(prediction: Prediction) -> dict[str, str]:
+    """Format a prediction for a table.
+
+    Parameters
+    ----------
+    prediction : Prediction
+        One prediction.
+
+    Returns
+    -------
+    dict of str
+        One text per column; empty where there is no number.
+    """
+    release = prediction.release
+    locking = float(locking_height(prediction.tip_radius, prediction.friction))
+
+    def number(value: float) -> str:
+        return "" if math.isnan(value) else f"{value:.6g}"
+
+    return {
+        "set": prediction.set_name,
+        "stimulus": prediction.stimulus,
+        "drag": prediction.drag,
+        "tip_radius_um": number(prediction.tip_radius * 1e6),
+        "step_height_um": number(prediction.step_height * 1e6),
+        "normal_load_n": number(prediction.normal_load),
+        "friction": number(prediction.friction),
+        "critical_angle_deg": number(math.degrees(release.angle)),
+        "status": release.status.value,
+        "pull_force_n": number(release.pull_force),
+        "vibration_energy_uj": number(release.vibration_energy * 1e6),
+        "mean_power_uw": number(release.mean_power * 1e6),
+        "threshold_ratio": number(release.threshold_ratio),
+        "locking_height_um": number(locking * 1e6) if release.status is not Status.NO_CATCH else "",
+    }
+
+
+def as_csv(predictions: Iterator[Prediction]) -> str:
+    """Write predictions as CSV.
+
+    Parameters
+    ----------
+    predictions : iterator of Prediction
+        What to write.
+
+    Returns
+    -------
+    str
+        The table with a header.
+    """
+    text = io.StringIO()
+    writer = csv.DictWriter(text, COLUMNS, lineterminator="\n")
+    writer.writeheader()
+    writer.writerows(as_row(prediction) for prediction in predictions)
+    return text.getvalue()

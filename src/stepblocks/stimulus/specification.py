@@ -1,0 +1,93 @@
+"""The resolved specification: what was asked for after defaults and series, with the unit in the name of every field."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from pydantic import BaseModel
+
+from stepblocks.stimulus.material import Material
+from stepblocks.stimulus.set import Stimulus
+from stepblocks.stimulus.tolerance import Dimension
+
+__all__ = ["KIND_NAMES", "dimensions", "resolved"]
+
+KIND_NAMES = {
+    "StepBlock": "step block",
+    "MarginBlock": "margin block",
+    "CrownOnTooth": "crown on tooth",
+    "StraightTip": "straight probe tip",
+    "HookTip": "shepherd's hook",
+}
+"""What people call each kind."""
+
+
+def resolved(stimulus: Stimulus) -> dict[str, Any]:
+    """Write a stimulus out in full.
+
+    Parameters
+    ----------
+    stimulus : Stimulus
+        The stimulus.
+
+    Returns
+    -------
+    dict
+        Plain values for JSON, lengths in metres and angles in radians.
+    """
+    return {"kind": KIND_NAMES[type(stimulus).__name__], **_table(stimulus)}
+
+
+def _table(model: BaseModel) -> dict[str, Any]:
+    return {name: _plain(getattr(model, name)) for name in type(model).model_fields if getattr(model, name) is not None}
+
+
+def _plain(value: Any) -> Any:
+    match value:
+        case Dimension():
+            unit = "rad" if value.quantity == "angle" else "m"
+            record: dict[str, Any] = {
+                f"nominal_{unit}": value.nominal,
+                f"upper_deviation_{unit}": value.upper,
+                f"lower_deviation_{unit}": value.lower,
+                "tolerance": "ISO 2768-m" if value.general else "stated",
+            }
+            return {**record, "source": value.source} if value.source else record
+        case Material():
+            return {
+                "name": value.name,
+                "designation": value.designation,
+                "density_kg_m3": value.density,
+                "source": value.source,
+            }
+        case BaseModel():
+            return _table(value)
+        case _:
+            return value
+
+
+def dimensions(stimulus: Stimulus) -> list[tuple[str, Dimension]]:
+    """List every dimension of a stimulus with the name of its field.
+
+    Parameters
+    ----------
+    stimulus : Stimulus
+        The stimulus.
+
+    Returns
+    -------
+    list of (str, Dimension)
+        In the order of the model, dotted names for nested tables.
+    """
+    return list(_walk(stimulus, ""))
+
+
+def _walk(model: BaseModel, prefix: str) -> list[tuple[str, Dimension]]:
+    found: list[tuple[str, Dimension]] = []
+    for name in type(model).model_fields:
+        value = getattr(model, name)
+        if isinstance(value, Dimension):
+            found.append((prefix + name, value))
+        elif isinstance(value, BaseModel):
+            found += _walk(value, f"{prefix}{name}.")
+    return found
