@@ -63,7 +63,7 @@ def check_artefact(stimulus: Stimulus, path: Path) -> list[Verdict]:
     try:
         return list(checker(stimulus, path))
     except MetrologyError as error:
-        return [Verdict(path.name, f"cannot be read ({error});", 1.0, 0.0, 0.0, "count")]
+        return [Verdict(path.name, str(error), 1.0, 0.0, 0.0, "file")]
 
 
 def _mesh(stimulus: Stimulus, path: Path) -> Iterator[Verdict]:

@@ -26,7 +26,7 @@ class Verdict:
     limit : float
         Largest permitted difference, in SI; relative to the nominal where `relative`.
     dimension : str
-        ``"length"``, ``"ratio"``, ``"volume"`` or ``"count"``.
+        ``"length"``, ``"volume"``, ``"count"``, or ``"file"`` for a file that could not be read.
     relative : bool
         Whether the limit is relative.
     """
@@ -55,11 +55,13 @@ class Verdict:
         if self.dimension == "length":
             text = f"{self.deviation * 1e9:+.3f} nm off {format_quantity(self.nominal, 'length', 6)}"
             text += f" (limit {format_quantity(self.limit, 'length')})"
+        elif self.dimension == "file":
+            text = ""
         elif self.dimension == "count":
             text = f"{self.measured:g}, {self.nominal:g} expected"
         else:
             text = f"{self.deviation:+.1e} relative (limit {self.limit:g})"
-        return f"{'ok  ' if self.passed else 'FAIL'} {self.artefact}: {self.quantity} {text}"
+        return f"{'ok  ' if self.passed else 'FAIL'} {self.artefact}: {self.quantity} {text}".rstrip()
 
     def as_record(self) -> dict[str, Any]:
         """Return the verdict as plain values for JSON, with units in the names.

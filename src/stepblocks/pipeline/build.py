@@ -29,7 +29,7 @@ if TYPE_CHECKING:
     from stepblocks.pipeline.make import Made
     from stepblocks.stimulus.set import Stimulus, StimulusSet
 
-__all__ = ["BuildReport", "build", "stimulus_files"]
+__all__ = ["BuildReport", "build", "matches", "stimulus_files"]
 
 _TASKS_PER_WORKER = 64  # the kernel's memory creeps; a worker is replaced before it shows
 
@@ -154,7 +154,7 @@ def _build(
     for stimuli in sets:
         for stimulus in stimuli.stimuli:
             key = build_key(stimulus, code)
-            if only is not None and not _matches(only, stimuli.name, stimulus.id):
+            if only is not None and not matches(only, stimuli.name, stimulus.id):
                 continue
             folder = output / stimuli.name / stimulus.id
             record = load_json(folder / RECORD)
@@ -172,7 +172,26 @@ def _build(
     return report
 
 
-def _matches(only: str, set_name: str, identity: str) -> bool:
+def matches(only: str, set_name: str, identity: str) -> bool:
+    """Tell whether a pattern means a stimulus.
+
+    Parameters
+    ----------
+    only : str
+        Pattern with ``*``, ``?`` and ``[...]``.
+    set_name, identity : str
+        The stimulus.
+
+    Returns
+    -------
+    bool
+        True if the pattern matches its identity, or set and identity joined by a slash.
+
+    Examples
+    --------
+    >>> matches("paper-ten/*", "paper-ten", "step-010"), matches("step-02?", "paper-ten", "step-010")
+    (True, False)
+    """
     return fnmatch.fnmatchcase(identity, only) or fnmatch.fnmatchcase(f"{set_name}/{identity}", only)
 
 

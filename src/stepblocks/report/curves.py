@@ -80,11 +80,13 @@ def set_figure(
                 }
             )
     layout = {
-        "height": 380,
-        "margin": {"l": 70, "r": 20, "t": 40, "b": 50},
+        "height": 400,
+        "margin": {"l": 70, "r": 20, "t": 40, "b": 80},
         "title": {
             "text": f"Tip {ball_radius * 1e6:g} um, load {load:g} N; dotted: locking height",
             "font": {"size": 14},
+            "x": 0.01,
+            "xanchor": "left",
         },
         "xaxis": {"title": {"text": "step height, um"}, "domain": [0.0, 0.44], "range": [0, top * 1e6]},
         "yaxis": {"title": {"text": "critical angle, deg"}},
@@ -96,7 +98,7 @@ def set_figure(
         },
         "yaxis2": {"title": {"text": "vibration energy, uJ"}, "type": "log", "anchor": "x2", "exponentformat": "none"},
         "shapes": [shape | {"xref": axis} for shape in shapes for axis in ("x", "x2")],
-        "legend": {"orientation": "h", "y": 1.18, "x": 0.56},
+        "legend": {"orientation": "h", "y": -0.22, "x": 0.56},
         "hovermode": "closest",
         "template": "none",
     }

@@ -40,6 +40,7 @@ __all__ = [
     "Line",
     "Tessellation",
     "cut",
+    "distance",
     "extruded",
     "face_kinds",
     "fused",
@@ -273,6 +274,22 @@ def volume(body: Body) -> float:
         Volume [m^3].
     """
     return float(body.Volume()) / _MM**3
+
+
+def distance(one: Body, other: Body) -> float:
+    """Shortest distance between two bodies.
+
+    Parameters
+    ----------
+    one, other : Body
+        Solids.
+
+    Returns
+    -------
+    float
+        0 where they touch or overlap [m].
+    """
+    return float(one.distance(other)) / _MM
 
 
 def _describe(face: cq.Face) -> Face:

@@ -59,7 +59,7 @@ class Dimension:
         """Nominal with deviations, as a person reads it."""
         text = format_quantity(self.nominal, self.quantity)
         if self.upper == -self.lower:
-            return f"{text} +-{format_quantity(self.upper, self.quantity)}"
+            return f"{text} ±{format_quantity(self.upper, self.quantity)}"
         return f"{text} {_signed(self.upper, self.quantity)}/{_signed(self.lower, self.quantity)}"
 
 

@@ -1,0 +1,5 @@
+"""``python -m stepblocks`` is the command line."""
+
+from stepblocks.cli import main
+
+raise SystemExit(main())

@@ -1,0 +1,65 @@
+"""``stepblocks check``: read what was written back from disk and say whether it is right."""
+
+from __future__ import annotations
+
+import argparse
+import json
+from pathlib import Path
+from typing import Any
+
+__all__ = ["add_to"]
+
+
+def add_to(commands: Any) -> None:
+    """Register the command.
+
+    Parameters
+    ----------
+    commands : argparse subparsers
+        Where to register.
+    """
+    parser = commands.add_parser(
+        "check",
+        help="read every artefact back from disk and measure it",
+        description="A verdict per artefact. Exit code 1 if one is out of tolerance, and its name.",
+    )
+    parser.add_argument(
+        "files", nargs="*", type=Path, metavar="FILE", help="stimulus files or folders (default: stimuli)"
+    )
+    parser.add_argument(
+        "-o", "--output", type=Path, default=Path("out"), metavar="DIR", help="output folder (default: out)"
+    )
+    parser.add_argument("--only", metavar="PATTERN", help="only these stimuli, such as 'step-0?0' or 'paper-ten/*'")
+    parser.add_argument("--verbose", action="store_true", help="print every measurement, not only the verdicts")
+    parser.add_argument("--quiet", action="store_true", help="print failures only")
+    parser.add_argument("--json", action="store_true", help="print every measurement as JSON")
+    parser.set_defaults(run=_run)
+
+
+def _run(arguments: argparse.Namespace) -> int:
+    from stepblocks.pipeline.build import stimulus_files
+    from stepblocks.pipeline.check import check_output
+
+    failed = []
+    records = []
+    count = 0
+    for name, verdicts in check_output(stimulus_files(arguments.files), arguments.output, arguments.only):
+        count += 1
+        bad = [verdict for verdict in verdicts if not verdict.passed]
+        if bad:
+            failed.append(name)
+        if arguments.json:
+            records += [verdict.as_record() | {"path": name} for verdict in verdicts]
+        elif bad or not arguments.quiet:
+            print(
+                f"{'FAIL' if bad else 'ok  '} {name}: {len(verdicts) - len(bad)} of {len(verdicts)} measurements within tolerance"
+            )
+            for verdict in verdicts if arguments.verbose else bad:
+                print(f"       {verdict}")
+    if arguments.json:
+        print(json.dumps({"artefacts": count, "failed": failed, "measurements": records}, indent=1, allow_nan=False))
+    elif failed:
+        print(f"{len(failed)} of {count} artefacts out of tolerance: {', '.join(failed)}")
+    elif not arguments.quiet:
+        print(f"{count} artefacts, all within tolerance")
+    return 1 if failed else 0

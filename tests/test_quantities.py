@@ -1,0 +1,46 @@
+"""Units at the border: what is read is the nearest float, what does not fit is refused with what would."""
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from stepblocks.errors import QuantityError
+from stepblocks.quantities import format_quantity, parse_quantity
+
+
+@pytest.mark.parametrize(
+    ("text", "dimension", "value"),
+    [
+        ("25 um", "length", 25e-6),
+        ("25 µm", "length", 25e-6),
+        ("0.025mm", "length", 25e-6),
+        ("9.81 N/mm", "stiffness", 9810.0),
+        ("20 %", "ratio", 0.2),
+        (0.15, "ratio", 0.15),
+        ("7700 kg/m^3", "density", 7700.0),
+        ("180 deg", "angle", 3.141592653589793),
+        ("10 kHz", "frequency", 1e4),
+    ],
+)
+def test_quantities_are_read_to_the_nearest_float(text, dimension, value):
+    assert parse_quantity(text, dimension) == pytest.approx(value, rel=2e-16)
+
+
+@given(st.integers(min_value=1, max_value=10**6))
+def test_whole_micrometres_are_exact(number):
+    assert parse_quantity(f"{number} um", "length") == float(f"{number}e-6")
+
+
+@pytest.mark.parametrize(
+    "text", ["", "um", "25", "25 N", "25 um um", "1,5 mm", "25 um; 3", "x" * 100, "0x10 um", None, True, 3, [1]]
+)
+def test_what_is_no_length_is_refused_with_an_example(text):
+    with pytest.raises(QuantityError, match="such as '25 um'"):
+        parse_quantity(text, "length")
+
+
+@pytest.mark.parametrize(
+    ("value", "text"), [(0.0, "0 um"), (1e-9, "1 nm"), (2.5e-5, "25 um"), (1e-3, "1 mm"), (-2e-5, "-20 um")]
+)
+def test_lengths_are_written_in_the_unit_people_use(value, text):
+    assert format_quantity(value, "length") == text
