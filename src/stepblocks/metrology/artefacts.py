@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import json
 import math
+import zipfile
+import zlib
 from collections.abc import Callable, Iterator
 from pathlib import Path
 
@@ -169,7 +171,7 @@ def _npz(stimulus: Stimulus, path: Path) -> Iterator[Verdict]:
     try:
         with np.load(path, allow_pickle=False) as archive:
             heights = archive["height_m"]
-    except (OSError, ValueError, KeyError) as error:
+    except (OSError, ValueError, KeyError, EOFError, zipfile.BadZipFile, zlib.error) as error:
         raise MetrologyError(f"must be an npz with height_m: {error} [{path}]") from error
     yield from _field(stimulus, path, np.asarray(heights, dtype=np.float64))
 
@@ -178,10 +180,16 @@ def _field(stimulus: Stimulus, path: Path, heights: NDArray[np.float64]) -> Iter
     """Compare with the profile at the positions that the sidecar gives, and measure the step between the far thirds."""
     if not isinstance(stimulus, StepBlock | MarginBlock):
         raise MetrologyError(f"a height field belongs to a block, got {stimulus.id} [{path}]")
-    side = json.loads(path.with_suffix(".json").read_text(encoding="utf-8"))
-    yield Verdict(path.name, "rows", side["shape_rows_columns"][0], heights.shape[0], 0.0, "count")
-    yield Verdict(path.name, "columns", side["shape_rows_columns"][1], heights.shape[1], 0.0, "count")
-    x = side["origin_x_m"] + side["spacing_x_m"] * np.arange(heights.shape[1])
+    try:
+        side = json.loads(path.with_suffix(".json").read_text(encoding="utf-8"))
+        shape, origin, spacing = side["shape_rows_columns"], float(side["origin_x_m"]), float(side["spacing_x_m"])
+    except (OSError, ValueError, KeyError, TypeError) as error:
+        raise MetrologyError(f"needs its sidecar {path.stem}.json with shape, origin and spacing [{path}]") from error
+    if heights.ndim != 2 or list(heights.shape) != shape:
+        raise MetrologyError(
+            f"must have the rows and columns of its sidecar, {shape}, got {list(heights.shape)} [{path}]"
+        )
+    x = origin + spacing * np.arange(heights.shape[1])
     worst = np.abs(heights - surface_height(stimulus, x)).max()
     yield Verdict(path.name, "largest error of a height", 0.0, float(worst), LENGTH_LIMIT)
     third = heights.shape[1] // 3

@@ -108,9 +108,15 @@ def read_mesh(path: Path) -> Arrays:
         if isinstance(error, KeyboardInterrupt):
             raise
         raise MetrologyError(f"must be a readable {path.suffix} mesh: {_first_line(error)} [{path}]") from error
-    if not len(triangles) or not np.isfinite(vertices).all() or triangles.min() < 0 or triangles.max() >= len(vertices):
+    if not _whole(vertices, triangles):
         raise MetrologyError(f"must hold triangles between finite vertices [{path}]")
     return vertices, triangles
+
+
+def _whole(vertices: NDArray[np.float64], triangles: NDArray[np.int64]) -> bool:
+    return bool(
+        len(triangles) and np.isfinite(vertices).all() and triangles.min() >= 0 and triangles.max() < len(vertices)
+    )
 
 
 def _first_line(error: BaseException) -> str:
@@ -143,6 +149,8 @@ def read_pieces(path: Path) -> list[Arrays]:
             lines = [line.split() for line in block.splitlines()[1:]]
             vertices = np.array([line[1:4] for line in lines if line and line[0] == "v"], dtype=np.float64)
             triangles = np.array([line[1:4] for line in lines if line and line[0] == "f"], dtype=np.int64) - first
+            if vertices.shape[1:] != (3,) or triangles.shape[1:] != (3,) or not _whole(vertices, triangles):
+                raise ValueError("a piece needs vertices and the triangles between them")
             first += len(vertices)
             pieces.append((vertices * _MM, triangles))
     except (OSError, ValueError, IndexError) as error:
