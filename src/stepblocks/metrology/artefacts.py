@@ -189,7 +189,7 @@ def _field(stimulus: Stimulus, path: Path, heights: NDArray[np.float64]) -> Iter
         raise MetrologyError(
             f"must have the rows and columns of its sidecar, {shape}, got {list(heights.shape)} [{path}]"
         )
-    x = origin + spacing * np.arange(heights.shape[1])
+    x: NDArray[np.float64] = np.asarray(origin + spacing * np.arange(heights.shape[1]), dtype=np.float64)
     worst = np.abs(heights - surface_height(stimulus, x)).max()
     yield Verdict(path.name, "largest error of a height", 0.0, float(worst), LENGTH_LIMIT)
     third = heights.shape[1] // 3
