@@ -169,7 +169,7 @@ def _tiff(stimulus: Stimulus, path: Path) -> Iterator[Verdict]:
 
 def _npz(stimulus: Stimulus, path: Path) -> Iterator[Verdict]:
     try:
-        with np.load(path, allow_pickle=False) as archive:
+        with path.open("rb") as stream, np.load(stream, allow_pickle=False) as archive:
             heights = archive["height_m"]
     except (OSError, ValueError, KeyError, EOFError, zipfile.BadZipFile, zlib.error) as error:
         raise MetrologyError(f"must be an npz with height_m: {error} [{path}]") from error

@@ -18,7 +18,7 @@ from stepblocks.stimulus.set import Stimulus
 from stepblocks.stimulus.specification import dimensions, resolved
 from stepblocks.stimulus.tip import HookTip, StraightTip
 
-__all__ = ["Made", "build_key", "checked_files", "make"]
+__all__ = ["Made", "build_key", "checked_files", "make", "staging"]
 
 
 @dataclass(frozen=True)
@@ -156,14 +156,25 @@ def _write_artefacts(stimulus: Stimulus, folder: Path) -> None:
     if isinstance(stimulus, StepBlock | MarginBlock):
         write_height_field(folder / f"{stimulus.id}.heightfield", stimulus)
     arrays = [(mesh.vertices, mesh.triangles) for mesh in meshes]
-    draw(folder / f"{stimulus.id}.png", arrays, *_staging(stimulus))
-    write_view(folder / "view.js", stimulus.id, arrays, *_staging(stimulus))
+    draw(folder / f"{stimulus.id}.png", arrays, *staging(stimulus))
+    write_view(folder / "view.js", stimulus.id, arrays, *staging(stimulus))
     specification = json.dumps(resolved(stimulus), indent=2, allow_nan=False)
     (folder / "specification.json").write_text(specification + "\n", encoding="utf-8")
 
 
-def _staging(stimulus: Stimulus) -> tuple[float, float, tuple[float, float, float]]:
-    """How to show a stimulus: exaggeration of heights over z = 0, half width of the close-up and its centre [m]."""
+def staging(stimulus: Stimulus) -> tuple[float, float, tuple[float, float, float]]:
+    """Choose how to show a stimulus.
+
+    Parameters
+    ----------
+    stimulus : Stimulus
+        The stimulus.
+
+    Returns
+    -------
+    exaggeration, half_width, centre
+        Stretch of heights over z = 0 [1], half the width of the close-up and its centre [m].
+    """
     match stimulus:
         case StepBlock():
             return _exaggeration(stimulus.height.nominal), 2.5 * stimulus.height.nominal, (0.0, 0.0, 0.0)
