@@ -36,6 +36,11 @@ def main(argv: Sequence[str] | None = None) -> int:
     except StepblocksError as error:
         print(f"stepblocks: error: {error}", file=sys.stderr)
         return error.exit_code
+    except ImportError as error:
+        if "cannot open shared object file" not in str(error):
+            raise
+        print(f"stepblocks: error: a system library is missing: {error}", file=sys.stderr)
+        return 2
     except KeyboardInterrupt:
         print("stepblocks: interrupted", file=sys.stderr)
         return 130

@@ -215,6 +215,7 @@ def _make_all(wanted: Sequence[tuple[str, Stimulus, str]], output: Path, jobs: i
         return
     import multiprocessing
     from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor, wait
+    from concurrent.futures.process import BrokenProcessPool
 
     context = multiprocessing.get_context("forkserver")
     context.set_forkserver_preload(["stepblocks.solids.kernel", "stepblocks.pipeline.make"])
@@ -230,6 +231,10 @@ def _make_all(wanted: Sequence[tuple[str, Stimulus, str]], output: Path, jobs: i
             while waiting:
                 done, waiting = wait(waiting, return_when=FIRST_COMPLETED)
                 yield from (future.result() for future in done)
+        except BrokenProcessPool as error:
+            raise PipelineError(
+                "a worker process died: it ran out of memory, or the renderer found no OpenGL (libGL, libEGL)"
+            ) from error
         except BaseException:
             pool.shutdown(wait=False, cancel_futures=True)
             raise
