@@ -1,0 +1,250 @@
+"""The dilation of profiles equals closed forms, brute force and its own symmetries."""
+
+import math
+
+import numpy as np
+import pytest
+
+from stepblocks.contact import reference
+from stepblocks.contact.catches import catches, release_over, steepest
+from stepblocks.contact.critical_angle import margin_angles, step_angle
+from stepblocks.contact.energy import Status
+from stepblocks.contact.tip import Ball, TipProfile, flattened_ball
+from stepblocks.contact.tip_path import profile_path
+from stepblocks.errors import ContactError
+
+R = 137e-6
+RUN = 1.3e-3
+
+
+def sharp_step(height):
+    return np.array([-RUN, 0.0, 0.0, RUN]), np.array([0.0, 0.0, height, height])
+
+
+def groove(width, rise, depth):
+    return np.array([-RUN, 0, 0, width, width, RUN]), np.array([0, 0, -depth, -depth, rise, rise])
+
+
+def brute(x, z, positions, tip):
+    return np.max(z[None, :] - tip.height(x[None, :] - positions[:, None]), axis=1)
+
+
+# Origin of every expected value here: equation (2) and the closed forms of `reference`.
+@pytest.mark.parametrize("height", [0.9e-6, 25e-6, 61e-6, 100e-6, 136e-6])
+def test_a_sharp_step_has_the_path_and_the_angle_of_equation_two(height):
+    path = profile_path(*sharp_step(height), Ball(R))
+    assert path.height == pytest.approx(reference.step_path(path.position, height, R), rel=1e-11, abs=1e-12 * height)
+    assert steepest(path).angle == pytest.approx(step_angle(height, R), rel=1e-9)
+    assert steepest(path).contact == 0.0
+    assert steepest(path, "backward").angle == 0.0
+
+
+@pytest.mark.parametrize("height", [1.001 * R, 2.4 * R])
+def test_a_step_as_high_as_the_ball_is_met_at_a_right_angle(height):
+    catch = steepest(profile_path(*sharp_step(height), Ball(R)))
+    assert catch.angle == 0.5 * math.pi
+    assert catch.release(1.0, 0.15).status is Status.TOO_HIGH
+
+
+@pytest.mark.parametrize(("height", "radius"), [(40e-6, 11e-6), (40e-6, 40e-6), (25e-6, 90e-6), (13e-6, 300e-6)])
+def test_a_rounded_step_follows_its_closed_form_also_where_the_face_cuts_the_arc(height, radius):
+    x, z = reference.rounded_step_profile(height, radius, RUN)
+    path = profile_path(x, z, Ball(R))
+    expected = reference.step_path(path.position, height, R, radius)
+    assert np.abs(path.height - expected).max() < 1e-6 * height
+    # the polyline's chords turn by pi/2/4000 per point
+    assert steepest(path).angle == pytest.approx(step_angle(height, R, radius), abs=4e-4)
+
+
+@pytest.mark.parametrize(
+    ("width", "rise", "depth"),
+    [(60e-6, 0.0, 1e-3), (60e-6, 5e-6, 1e-3), (60e-6, -5e-6, 1e-3), (70e-6, 30e-6, 1e-3), (400e-6, 9e-6, 31e-6)],
+)
+def test_a_groove_with_or_without_discrepancy_and_floor_equals_its_closed_form(width, rise, depth):
+    path = profile_path(*groove(width, rise, depth), Ball(R), edges="flat")
+    expected = reference.groove_path(path.position, width, R, rise, depth)
+    assert np.abs(path.height - expected).max() < 1e-11 * R
+    forward, backward = reference.groove_angles(width, R, rise, depth)
+    assert steepest(path).angle == pytest.approx(forward, rel=1e-8)
+    assert steepest(path, "backward").angle == pytest.approx(backward, rel=1e-8)
+
+
+def test_a_groove_without_a_near_floor_is_the_papers_junction():
+    assert reference.groove_angles(60e-6, R, 5e-6) == margin_angles(60e-6, 5e-6, R)
+
+
+def test_a_ridge_is_felt_alike_both_ways():
+    height, width = 21e-6, 0.5e-3
+    x, z = np.array([-RUN, 0, 0, width, width, 2 * RUN]), np.array([0, 0, height, height, 0, 0])
+    path = profile_path(x, z, Ball(R))
+    assert path.height == pytest.approx(reference.ridge_path(path.position, height, width, R), abs=1e-11 * height)
+    up, down = steepest(path), steepest(path, "backward")
+    assert up.angle == pytest.approx(down.angle, rel=1e-9)
+    assert up.angle == pytest.approx(step_angle(height, R), rel=1e-9)
+    assert (up.contact, down.contact) == (0.0, width)
+
+
+def test_the_angle_does_not_depend_on_where_the_path_is_asked_for():
+    x, z = sharp_step(33e-6)
+    for positions in (np.linspace(-1e-3, 1e-3, 7), np.linspace(-1e-3, 1e-3, 4001)):
+        angle = steepest(profile_path(x, z, Ball(R), positions=positions)).angle
+        assert angle == pytest.approx(step_angle(33e-6, R), rel=1e-9)
+
+
+def test_samples_equal_brute_force_bit_for_bit():
+    rng = np.random.default_rng(7)
+    x = np.cumsum(rng.uniform(0.3e-6, 2e-6, 900))
+    for scale in (3e-8, 8e-6, 3e-4):
+        z = rng.normal(size=x.size) * scale
+        path = profile_path(x, z, Ball(R), surface="samples", edges="flat", positions=x[300:600])
+        assert path.height == pytest.approx(brute(x, z, x[300:600], Ball(R)), rel=1e-12, abs=1e-12 * scale)
+
+
+def test_a_polyline_is_never_below_its_samples_and_equals_a_dense_resampling():
+    rng = np.random.default_rng(8)
+    x = np.linspace(0, 1.7e-3, 80)
+    z = rng.normal(size=x.size) * 6e-6
+    path = profile_path(x, z, Ball(R), positions=np.linspace(0.4e-3, 1.3e-3, 91), edges="flat")
+    dense = np.linspace(0, 1.7e-3, 79 * 1000 + 1)
+    expected = brute(dense, np.interp(dense, x, z), path.position, Ball(R))
+    assert (path.height >= expected - 1e-15).all()
+    assert np.abs(path.height - expected).max() < 1e-12  # spacing^2 / 8R is 0.4 pm
+
+
+def test_the_slope_of_a_path_is_its_derivative():
+    x = np.linspace(-1e-3, 1e-3, 40_001)
+    where = np.linspace(-0.9e-3, 0.9e-3, 1201)
+    path = profile_path(x, 20e-6 * np.sin(x / 90e-6), Ball(60e-6), positions=where)
+    smooth = np.abs(np.diff(path.slope)) < 0.02
+    mean = 0.5 * (path.slope[1:] + path.slope[:-1])
+    rise = np.diff(path.height) / np.diff(path.position)
+    assert rise[smooth] == pytest.approx(mean[smooth], abs=2e-3)
+
+
+def test_mirroring_the_surface_exchanges_the_directions():
+    rng = np.random.default_rng(9)
+    x = np.linspace(0, 2e-3, 700)
+    z = np.cumsum(rng.normal(size=x.size)) * 2e-7
+    there, back = profile_path(x, z, Ball(R)), profile_path(-x[::-1], z[::-1], Ball(R))
+    assert steepest(there, "backward").angle == pytest.approx(steepest(back).angle, rel=1e-9)
+    assert len(catches(there)) == len(catches(back, "backward"))
+
+
+def test_every_step_of_a_staircase_is_a_catch_with_its_own_angle():
+    heights = [12e-6, 30e-6, 55e-6]
+    x, z, level = [-RUN], [0.0], 0.0
+    for k, h in enumerate(heights):
+        x += [k * 1e-3, k * 1e-3]
+        z += [level, level + h]
+        level += h
+    path = profile_path([*x, 4e-3], [*z, level], Ball(R))
+    found = catches(path)
+    assert [c.angle for c in found] == pytest.approx([step_angle(h, R) for h in heights], rel=1e-8)
+    assert [c.contact for c in found] == pytest.approx([0.0, 1e-3, 2e-3])
+    assert catches(path, "backward") == []
+
+
+def test_a_worn_ball_climbs_as_the_ball_would_climb_a_higher_step():
+    # Origin: cutting a cap of height d off the ball raises the edge by d in the frame of the whole ball.
+    flat, height = 44e-6, 23e-6
+    cap = R - math.sqrt(R * R - 0.25 * flat * flat)
+    worn = steepest(profile_path(*sharp_step(height), flattened_ball(R, flat, points=20_001)))
+    assert worn.angle == pytest.approx(step_angle(height + cap, R), abs=2e-4)
+
+
+def test_a_tip_that_is_not_convex_is_dilated_by_all_its_corners():
+    v = np.array([-50e-6, -20e-6, 0.0, 25e-6, 60e-6])
+    tip = TipProfile(v, np.array([40e-6, 0.0, 9e-6, 1e-6, 50e-6]))
+    assert not tip.convex
+    rng = np.random.default_rng(10)
+    x = np.linspace(0, 1e-3, 101)
+    z = rng.normal(size=x.size) * 5e-6
+    path = profile_path(x, z, tip, positions=np.linspace(0.2e-3, 0.8e-3, 31), edges="flat")
+    dense = np.linspace(0, 1e-3, 100_001)
+    expected = brute(dense, np.interp(dense, x, z), path.position, tip)
+    # the dense samples miss a corner by at most 10 nm times the steepest slope
+    assert np.abs(path.height - expected).max() < 10e-9 * 3
+    assert (path.height >= expected - 1e-12).all()
+
+
+def test_missing_samples_are_bridged_by_the_tip_and_marked():
+    x = np.linspace(-RUN, RUN, 2601)
+    z = np.where(x < 0, 0.0, 25e-6)
+    z[1290:1296] = np.nan
+    path = profile_path(x, z, Ball(R))
+    assert np.isfinite(path.height).all()
+    assert not path.supported[np.abs(path.position) < 10e-6].any()
+    assert path.supported[np.abs(path.position) > 0.2e-3].all()
+    assert steepest(path).supported is False
+    wide = z.copy()
+    wide[400:1000] = np.nan
+    assert np.isnan(profile_path(x, wide, Ball(R)).height).any()
+
+
+def test_scaling_surface_and_tip_alike_scales_the_path():
+    x, z = sharp_step(25e-6)
+    small, large = profile_path(x, z, Ball(R)), profile_path(37 * x, 37 * z, Ball(37 * R))
+    assert large.height == pytest.approx(37 * small.height, rel=1e-9, abs=1e-15)
+    assert steepest(large).angle == pytest.approx(steepest(small).angle, rel=1e-9)
+
+
+def test_a_surface_far_from_the_origin_keeps_its_angle():
+    x, z = sharp_step(25e-6)
+    assert steepest(profile_path(x + 0.04, z + 0.02, Ball(R))).angle == pytest.approx(step_angle(25e-6, R), rel=1e-7)
+
+
+def test_a_flat_surface_has_no_catch():
+    path = profile_path(np.linspace(0, 1e-3, 50), np.full(50, 3e-6), Ball(R))
+    assert steepest(path).angle == 0.0
+    assert release_over(path, 1.0, 0.2).status is Status.NO_CATCH
+
+
+def test_force_and_energy_over_a_profile_are_those_of_equation_one():
+    release = release_over(profile_path(*sharp_step(25e-6), Ball(125e-6)), 1.0, 0.15)
+    # Origin: project facts, H 25 um, mu 0.15, 1 N.
+    assert release.pull_force == pytest.approx(1.014, rel=1e-3)
+    assert release.vibration_energy == pytest.approx(10.5e-6, rel=4e-3)
+
+
+@pytest.mark.parametrize(
+    ("x", "z", "kwargs", "message"),
+    [
+        ([], [], {}, "at least 2 points"),
+        ([0.0], [0.0], {}, "at least 2 points"),
+        ([0, 1], [0, 1, 2], {}, "one equal length"),
+        ([0, np.nan, 1], [0, 0, 0], {}, "positions must be finite"),
+        ([0, 1, 2], [0, np.inf, 0], {}, "NaN for missing, got an infinity"),
+        ([0, 1, 2], [0, np.nan, np.nan], {}, "at least 2 heights"),
+        ([0, 2, 1], [0, 0, 0], {}, "must not decrease"),
+        ([0, 0], [0, 1], {}, "extend along x"),
+        ([0, 1e-4], [0, 1e-4], {}, "larger than the profile"),
+        ([0, 1e-2], [0, 0], {"positions": [1e-3, 1e-3]}, "increase strictly"),
+        ([0, 1e-2], [0, 0], {"positions": [-1.0]}, "must lie between"),
+    ],
+)
+def test_a_malformed_profile_is_one_clear_error(x, z, kwargs, message):
+    with pytest.raises(ContactError, match=message):
+        profile_path(np.array(x, float), np.array(z, float), Ball(R), **kwargs)
+
+
+@pytest.mark.parametrize(
+    ("call", "message"),
+    [
+        (lambda: Ball(-1e-6), "ball radius must be positive"),
+        (lambda: Ball(math.nan), "ball radius"),
+        (lambda: TipProfile([0, 1e-6], [0, 0]), "both sides"),
+        (lambda: TipProfile([-1, 1], [0, math.inf]), "finite"),
+        (lambda: TipProfile([1, -1], [0, 0]), "increase"),
+        (lambda: flattened_ball(R, 3 * R), "flat_width"),
+    ],
+)
+def test_a_malformed_tip_is_one_clear_error(call, message):
+    with pytest.raises(ContactError, match=message):
+        call()
+
+
+def test_a_negative_load_is_refused_where_the_force_is_asked_for():
+    catch = steepest(profile_path(*sharp_step(25e-6), Ball(R)))
+    with pytest.raises(ContactError, match="normal_load"):
+        catch.release(-1.0, 0.15)
+    assert catch.release(1.0, 0.0).pull_force == pytest.approx(math.tan(catch.angle), rel=1e-12)
