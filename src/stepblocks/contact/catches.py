@@ -15,7 +15,7 @@ from stepblocks.contact.tip import TipProfile
 from stepblocks.contact.tip_path import TipPath, tip_arrays
 from stepblocks.errors import ContactError
 
-__all__ = ["Catch", "Direction", "catches", "release_over", "steepest"]
+__all__ = ["Catch", "Direction", "catches", "interval_slopes", "release_over", "steepest"]
 
 Direction = Literal["forward", "backward"]
 
@@ -67,7 +67,7 @@ def steepest(path: TipPath, direction: Direction = "forward") -> Catch:
     ContactError
         If the path nowhere has a surface under the tip.
     """
-    slopes = _interval_slopes(path, direction, _grid_maximum(path, direction))
+    slopes = interval_slopes(path, direction, _grid_maximum(path, direction))
     if not np.isfinite(slopes[:, 0]).any() and not np.isposinf(slopes[:, 0]).any():
         raise ContactError("path has no two neighbouring positions with a surface under the tip")
     return _catch(path, slopes, int(np.nanargmax(slopes[:, 0])))
@@ -94,7 +94,7 @@ def catches(path: TipPath, direction: Direction = "forward", *, smallest: float 
 
     if not smallest > 0.0:
         raise ContactError(f"smallest must be positive, got {smallest:g} rad")
-    slopes = _interval_slopes(path, direction, math.tan(smallest))
+    slopes = interval_slopes(path, direction, math.tan(smallest))
     angles = np.arctan(np.nan_to_num(np.maximum(slopes[:, 0], 0.0), nan=0.0, posinf=1e300))
     padded = np.concatenate([[0.0], angles, [0.0]])
     found = find_peaks(padded, prominence=smallest)[0] - 1
@@ -125,10 +125,10 @@ def _grid_maximum(path: TipPath, direction: Direction) -> float:
     return float(finite.max()) * (1.0 - 1e-9) - 1e-9 if finite.size else 0.0
 
 
-def _interval_slopes(path: TipPath, direction: Direction, floor: float) -> NDArray[np.float64]:
+def interval_slopes(path: TipPath, direction: Direction, floor: float) -> NDArray[np.float64]:
     """Steepest rise between neighbouring positions, where, and the contact there; shape (n - 1, 3)."""
     if direction == "backward":
-        slopes = _interval_slopes(_mirrored(path), "forward", floor)[::-1].copy()
+        slopes = interval_slopes(_mirrored(path), "forward", floor)[::-1].copy()
         slopes[:, 1:] *= -1.0
         return slopes
     if path.position.size < 2:

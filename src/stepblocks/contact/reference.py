@@ -62,7 +62,7 @@ def ridge_path(position: ArrayLike, height: float, width: float, ball_radius: fl
 def groove_path(
     position: ArrayLike, width: float, ball_radius: float, rise: float = 0.0, depth: float = math.inf
 ) -> Floats:
-    """Path over a groove from x = 0 to `width` [m], its far shoulder higher by `rise`, its floor `depth` below the near."""
+    """Path over a groove from x = 0 to `width` [m], its far shoulder higher by `rise`, its floor at `-depth`."""
     x = np.asarray(position, dtype=np.float64)
     floor = np.full_like(x, -depth)
     near = np.where(x <= 0.0, 0.0, _corner(x, 0.0, 0.0, ball_radius))

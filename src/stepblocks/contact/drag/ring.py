@@ -1,0 +1,153 @@
+"""What a trace of a drag says: the ring after the release, its energy, and where in the spectrum both phases lie."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from stepblocks.contact.drag.simulate import DragTrace
+from stepblocks.contact.energy import Status
+from stepblocks.errors import ContactError
+
+__all__ = ["LOADING_BAND", "RING_BAND", "Ring", "band_share", "phase_spectrum", "ring_of"]
+
+LOADING_BAND = (0.0, 100.0)
+RING_BAND = (250.0, 350.0)
+_PAPER_RING = 16e-3  # s, the duration over which the paper spends E_v
+_QUIET = 0.05  # of the first swing: below it the ring has ended
+
+
+@dataclass(frozen=True)
+class Ring:
+    """The vibration after a release.
+
+    Attributes
+    ----------
+    amplitude : float
+        First swing of the tangential force below the level at which it settles [N].
+    level : float
+        That level, the force of steady sliding [N].
+    energy : float
+        E_v = amplitude^2 / 2k [J].
+    share : float
+        E_v over the energy stored at the release [1]; the paper's C_v.
+    duration : float
+        Time from the release until the force stays within 5 % of the first swing [s].
+    frequency : float
+        Peak of the spectrum over 16 ms after the release [Hz].
+    loading_share : float
+        Share of the loading phase's spectral energy in 0-100 Hz [1].
+    ring_band_share : float
+        Share of the vibration phase's spectral energy in 250-350 Hz [1].
+    """
+
+    amplitude: float
+    level: float
+    energy: float
+    share: float
+    duration: float
+    frequency: float
+    loading_share: float
+    ring_band_share: float
+
+
+def ring_of(trace: DragTrace) -> Ring:
+    """Measure the ring of a trace that released.
+
+    Parameters
+    ----------
+    trace : DragTrace
+        From `stepblocks.contact.drag.simulate.drag`.
+
+    Returns
+    -------
+    Ring
+        Amplitude, energy, duration and spectra.
+
+    Raises
+    ------
+    ContactError
+        If the trace has no release, or fewer than 16 ms after it.
+    """
+    if trace.status is not Status.RELEASES:
+        raise ContactError(f"a trace that is {trace.status} has no ring")
+    time, force = trace.column("time_s"), trace.column("fx_n")
+    if time[-1] - trace.release_time < _PAPER_RING:
+        raise ContactError(f"a ring needs {_PAPER_RING:g} s after the release, got {time[-1] - trace.release_time:g} s")
+    after = time >= trace.release_time
+    swing = force[after]
+    level = float(np.median(swing[-max(swing.size // 4, 8) :]))
+    # the lowest point of the first swing lies within one period of the release, after the fall itself
+    first = swing[: max(np.searchsorted(time[after], trace.release_time + 2.0 / trace.probe.frequency), 3)]
+    amplitude = max(level - float(first.min()), 0.0)
+    loud = np.flatnonzero(np.abs(swing - level) > _QUIET * amplitude)
+    duration = float(time[after][loud[-1]] - trace.release_time) if loud.size else 0.0
+    energy = 0.5 * amplitude * amplitude / trace.probe.stiffness
+    frequencies, power = phase_spectrum(trace, "vibration")
+    loading = phase_spectrum(trace, "loading")
+    return Ring(
+        amplitude, level, energy, energy / trace.stored_energy, duration, float(frequencies[np.argmax(power)]),
+        band_share(*loading, LOADING_BAND), band_share(frequencies, power, RING_BAND),
+    )  # fmt: skip
+
+
+def phase_spectrum(
+    trace: DragTrace, phase: str, channel: str = "fx_n"
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Energy spectrum of one phase of a trace, as in figures 4 and 5 of the paper.
+
+    Parameters
+    ----------
+    trace : DragTrace
+        A trace with a release.
+    phase : {"loading", "vibration"}
+        Up to the release, or the 16 ms after the force has fallen to the level at which it settles.
+    channel : str
+        ``"fx_n"`` (figure 4) or ``"fy_n"`` (figure 5).
+
+    Returns
+    -------
+    frequency : ndarray
+        [Hz], up to half the sample rate.
+    energy : ndarray
+        Energy spectral density [N^2 s/Hz] of the force less its mean: scipy's periodogram, no window, zero-padded.
+
+    Raises
+    ------
+    ContactError
+        If the phase is unknown or too short.
+    """
+    from scipy.signal import periodogram
+
+    time, values = trace.column("time_s"), trace.column(channel)
+    rate = trace.settings.sample_rate
+    if phase == "loading":
+        part = values[time < trace.release_time]
+    elif phase == "vibration":
+        begin = _fallen(trace)
+        part = values[(time >= begin) & (time < begin + _PAPER_RING)]
+    else:
+        raise ContactError(f"phase must be loading or vibration, got {phase!r}")
+    if part.size < 16:
+        raise ContactError(f"the {phase} phase has {part.size} samples, at least 16 are needed")
+    padded = 1 << math.ceil(math.log2(max(part.size, rate)))
+    frequency, density = periodogram(part, rate, nfft=padded, detrend="constant")
+    return np.asarray(frequency), np.asarray(density * part.size / rate)
+
+
+def _fallen(trace: DragTrace) -> float:
+    """First time after the release at which the force is down at the level where it settles [s]."""
+    time, force = trace.column("time_s"), trace.column("fx_n")
+    after = np.flatnonzero(time >= trace.release_time)
+    level = float(np.median(force[after[-max(after.size // 4, 8) :]]))
+    below = after[force[after] <= level]
+    return float(time[below[0]]) if below.size else trace.release_time
+
+
+def band_share(frequency: NDArray[np.float64], energy: NDArray[np.float64], band: tuple[float, float]) -> float:
+    """Share of a spectrum's energy between two frequencies [1]."""
+    inside = (frequency >= band[0]) & (frequency <= band[1])
+    return float(energy[inside].sum() / energy.sum())

@@ -1,0 +1,150 @@
+"""The path of a tip as the integrator needs it: cubic pieces between nodes, and the kinks where two contacts share.
+
+Where the contact jumps from one point of the surface to another, the path has a kink, and a tip that presses into the
+surface touches both. Such kinks are nodes with a slope to either side; smaller turns, of roughness, are smoothed over.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from stepblocks.contact.catches import interval_slopes
+from stepblocks.contact.tip import Ball
+from stepblocks.contact.tip_path import Surface, profile_path
+from stepblocks.errors import ContactError
+
+__all__ = ["Track", "step_track", "track_of"]
+
+Floats = NDArray[np.float64]
+_KINK = math.radians(2.0)
+
+
+@dataclass(frozen=True)
+class Track:
+    """Path of a ball's lowest point as a piecewise cubic.
+
+    Attributes
+    ----------
+    x, height : ndarray, shape (n,)
+        Nodes [m].
+    slope_left, slope_right : ndarray, shape (n,)
+        Slopes to either side of each node [1]; they differ at a kink.
+    kinks : ndarray of int
+        Nodes at which two contacts share the load.
+    ball_radius : float
+        R [m].
+    """
+
+    x: Floats
+    height: Floats
+    slope_left: Floats
+    slope_right: Floats
+    kinks: NDArray[np.int64]
+    ball_radius: float
+
+    @property
+    def steepest_angle(self) -> float:
+        """Critical angle towards growing x [rad]."""
+        return math.atan(max(float(self.slope_right.max()), 0.0))
+
+
+def track_of(x: ArrayLike, z: ArrayLike, ball: Ball, *, backward: bool = False, surface: Surface = "polyline") -> Track:
+    """Track of a ball over any profile.
+
+    Parameters
+    ----------
+    x, z : array_like, shape (n,)
+        Profile [m] as for `stepblocks.contact.tip_path.profile_path`; it goes on level beyond its ends.
+    ball : Ball
+        Tip.
+    backward : bool
+        Mirror the profile, so that the drag runs towards falling x.
+    surface : {"polyline", "samples"}
+        What lies between the points.
+
+    Returns
+    -------
+    Track
+        Nodes every hundredth of the radius and at each kink.
+
+    Raises
+    ------
+    ContactError
+        If the profile is malformed, has a gap under the tip, or a riser as high as the ball.
+    """
+    xs, zs = np.asarray(x, dtype=np.float64), np.asarray(z, dtype=np.float64)
+    if backward:
+        xs, zs = -xs[::-1], zs[::-1]
+    span = float(np.nanmax(xs) - np.nanmin(xs)) if xs.size else 0.0
+    count = max(math.ceil(span / (0.01 * ball.radius)), 8)
+    if count > 2_000_000:
+        raise ContactError(f"profile of {span:g} m is too long to drag over with a ball of {ball.radius:g} m")
+    grid = np.linspace(float(xs.min()), float(xs.max()), count + 1) if xs.size else xs
+    path = profile_path(xs, zs, ball, positions=grid, surface=surface, edges="flat")
+    if np.isnan(path.height).any():
+        raise ContactError("profile has a gap that is wider than the tip; it cannot be dragged over")
+    steep = interval_slopes(path, "forward", -math.inf)
+    if np.isposinf(steep[:, 0]).any():
+        raise ContactError("profile has a riser as high as the ball (too-high); the tip would never climb it")
+    turns = np.arctan(steep[:, 0]) - np.arctan(path.slope[:-1])
+    breaks = steep[turns > _KINK, 1]
+    nodes = np.unique(np.concatenate([grid, breaks]))
+    # two nodes closer than a millionth of the radius would make a cubic of rounding errors
+    keep = np.concatenate([[True], np.diff(nodes) > 1e-6 * ball.radius]) | np.isin(nodes, breaks)
+    nodes = nodes[keep]
+    crowded = np.flatnonzero(np.diff(nodes) <= 1e-6 * ball.radius)
+    nodes = np.delete(nodes, crowded[~np.isin(nodes[crowded], breaks)])
+    right = profile_path(xs, zs, ball, positions=nodes, surface=surface, edges="flat")
+    before = np.maximum(nodes[1:] - 1e-9 * ball.radius, nodes[:-1] + 1e-12 * ball.radius)
+    left = profile_path(xs, zs, ball, positions=before, surface=surface, edges="flat")
+    kinks = np.flatnonzero(np.isin(nodes, breaks))
+    slope_left = right.slope.copy()
+    slope_left[kinks] = left.slope[np.maximum(kinks - 1, 0)]
+    return Track(nodes, right.height, slope_left, right.slope, kinks.astype(np.int64), ball.radius)
+
+
+def step_track(height: float, ball_radius: float, edge_radius: float = 0.0, run: float | None = None) -> Track:
+    """Track over one step up at x = 0, in closed form.
+
+    Parameters
+    ----------
+    height, ball_radius, edge_radius : float
+        H, R and r [m].
+    run : float, optional
+        Length of either face [m]; 12 radii by default.
+
+    Returns
+    -------
+    Track
+        One kink, where the ball on the lower face meets the edge.
+
+    Raises
+    ------
+    ContactError
+        If a length is not positive, or the step as high as R + r (too-high).
+    """
+    radius = Ball(ball_radius).radius + edge_radius
+    if not (math.isfinite(height) and height > 0.0):
+        raise ContactError(f"height must be positive and finite, got {height:g} m")
+    if not (math.isfinite(edge_radius) and edge_radius >= 0.0):
+        raise ContactError(f"edge_radius must be finite and not negative, got {edge_radius:g} m")
+    if height >= radius:
+        raise ContactError(
+            f"height must be less than R + r ({radius:g} m), got {height:g} m: too-high, the tip is held"
+        )
+    length = 12.0 * ball_radius if run is None else run
+    angle = 2.0 * math.asin(math.sqrt(0.5 * height / radius))
+    angles = np.linspace(angle, 0.0, 400)
+    x = np.concatenate([np.linspace(-length, -radius * math.sin(angle), 50)[:-1], -radius * np.sin(angles)])
+    x = np.concatenate([x, np.linspace(0.0, length, 50)[1:]])
+    arc = slice(49, 449)
+    z, slope = np.where(x < 0.0, 0.0, height), np.zeros_like(x)
+    z[arc] = height - 2.0 * radius * np.square(np.sin(0.5 * angles))
+    z[49], slope[arc] = 0.0, np.tan(angles)
+    left = slope.copy()
+    left[49] = 0.0
+    return Track(x, z, left, slope, np.array([49]), ball_radius)
