@@ -1,0 +1,155 @@
+"""Perceptual tolerancing: which tolerances of height, edge and tip keep the vibration energy within a given share."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, replace
+from itertools import product
+
+from stepblocks.contact.energy import Status
+from stepblocks.contact.uncertainty import Inputs, release_of, sensitivities
+from stepblocks.errors import ContactError
+
+__all__ = ["TolerancePlan", "tolerances_for_energy"]
+
+_DIMENSIONS = ("height", "edge_radius", "ball_radius")
+
+
+@dataclass(frozen=True)
+class TolerancePlan:
+    """Tolerances that keep the energy of a block within a band, at every corner of the tolerance zone.
+
+    Attributes
+    ----------
+    achievable : bool
+        Whether the workshop and the setting of the trial leave room for it.
+    reason : str
+        One sentence: what limits it.
+    height, ball_radius : float
+        Half-widths t of the tolerances +-t [m]; 0 where nothing will do.
+    edge_radius : float
+        Half-width [m]; for a nominally sharp edge the largest radius allowed.
+    worst_low, worst_high : float
+        Relative change of the energy at the worst corners [1].
+    """
+
+    achievable: bool
+    reason: str
+    height: float
+    edge_radius: float
+    ball_radius: float
+    worst_low: float
+    worst_high: float
+
+
+def tolerances_for_energy(
+    inputs: Inputs,
+    energy_tolerance: float,
+    *,
+    finest: dict[str, float] | None = None,
+    fixed: dict[str, float] | None = None,
+    weights: dict[str, float] | None = None,
+) -> TolerancePlan:
+    """Find tolerances of height, edge radius and tip radius for a tolerance of the energy.
+
+    Parameters
+    ----------
+    inputs : Inputs
+        Nominal block, tip and trial; it must release.
+    energy_tolerance : float
+        Allowed relative change of E_v [1], such as 0.10 for +-10 %.
+    finest : dict, optional
+        Smallest half-width that the workshop holds, by dimension [m].
+    fixed : dict, optional
+        Half-widths that are given, of any input: those of friction and load spend the budget before the block does;
+        a dimension given here is not toleranced.
+    weights : dict, optional
+        Shares in which `height`, `edge_radius` and `ball_radius` split the budget; equal by default.
+
+    Returns
+    -------
+    TolerancePlan
+        The widest tolerances in those shares whose worst corner still keeps the band, or why none will do.
+
+    Raises
+    ------
+    ContactError
+        If the nominal step does not release, the tolerance is not between 0 and 1, or a name is unknown.
+
+    Examples
+    --------
+    >>> nominal = Inputs(25e-6, 0.0, 125e-6, 0.15, 1.0, 9.81e3, 0.2)
+    >>> plan = tolerances_for_energy(nominal, 0.10)
+    >>> plan.achievable, 0.3e-6 < plan.height < 0.7e-6
+    (True, True)
+    >>> tolerances_for_energy(nominal, 0.10, finest={"height": 1e-6}).achievable
+    False
+    """
+    from scipy.optimize import brentq
+
+    finest, fixed = dict(finest or {}), dict(fixed or {})
+    weights = dict.fromkeys(_DIMENSIONS, 1.0) | dict(weights or {})
+    _check(inputs, energy_tolerance, finest, fixed, weights)
+    free = [name for name in _DIMENSIONS if name not in fixed and weights[name] > 0.0]
+    slopes = sensitivities(inputs)
+    total = sum(weights[name] for name in free)
+    unit = {name: weights[name] / total / abs(slopes[name][1]) for name in free}
+    low, high = _worst(inputs, fixed)
+    if high >= energy_tolerance or low <= -energy_tolerance:
+        names = " and ".join(sorted(fixed))
+        reason = f"the given uncertainty of {names} alone changes the energy by {low:+.1%} to {high:+.1%}"
+        return TolerancePlan(False, reason, 0.0, 0.0, 0.0, low, high)
+
+    def excess(scale: float) -> float:
+        low, high = _worst(inputs, fixed | {name: scale * width for name, width in unit.items()})
+        return min(max(high, -low), 1e6) - energy_tolerance
+
+    # half the tolerance is inside by linearity; four times is outside, since the energy grows faster than linearly
+    scale = float(brentq(excess, 0.0, 4.0 * energy_tolerance, xtol=1e-9 * energy_tolerance))
+    found = {name: scale * width for name, width in unit.items()}
+    low, high = _worst(inputs, fixed | found)
+    tight = [name for name in free if found[name] < finest.get(name, 0.0)]
+    reason = "the worst corner of all tolerances just keeps the band"
+    if tight:
+        parts = [f"{n} needs {found[n] * 1e6:.3g} um, the workshop holds {finest[n] * 1e6:.3g} um" for n in tight]
+        reason = "; ".join(parts)
+    height, edge, ball = (found.get(name, fixed.get(name, 0.0)) for name in _DIMENSIONS)
+    return TolerancePlan(not tight, reason, height, edge, ball, low, high)
+
+
+def _check(
+    inputs: Inputs, tolerance: float, finest: dict[str, float], fixed: dict[str, float], weights: dict[str, float]
+) -> None:
+    if not 0.0 < tolerance < 1.0:
+        raise ContactError(f"energy_tolerance must lie between 0 and 1, got {tolerance:g}")
+    for name, table in (("finest", finest), ("fixed", fixed), ("weights", weights)):
+        known = _DIMENSIONS if name != "fixed" else tuple(Inputs.__dataclass_fields__)
+        for key, value in table.items():
+            if key not in known:
+                raise ContactError(f"{name} must name one of {', '.join(known)}, got {key!r}")
+            if not (math.isfinite(value) and value >= 0.0):
+                raise ContactError(f"{name} of {key} must be finite and not negative, got {value:g}")
+    if not any(weights[name] > 0.0 for name in _DIMENSIONS if name not in fixed):
+        raise ContactError("weights must leave at least one of height, edge_radius and ball_radius to be toleranced")
+    status, _, _ = release_of(inputs)
+    if status is not Status.RELEASES:
+        raise ContactError(f"a step of {inputs.height:g} m that is {status} has no energy to keep")
+
+
+def _worst(inputs: Inputs, widths: dict[str, float]) -> tuple[float, float]:
+    """Relative change of the energy at the worst corners; plus infinity where one is held."""
+    nominal = release_of(inputs)[2]
+    low, high = 0.0, 0.0
+    names = [name for name, width in widths.items() if width > 0.0]
+    for signs in product((-1.0, 1.0), repeat=len(names)):
+        moved = {n: max(getattr(inputs, n) + s * widths[n], 0.0) for n, s in zip(names, signs, strict=True)}
+        if min(moved.get("ball_radius", 1.0), moved.get("stiffness", 1.0), moved.get("normal_load", 1.0)) <= 0.0:
+            return -1.0, math.inf
+        status, _, energy = release_of(replace(inputs, **moved))
+        if status in (Status.LOCKED, Status.TOO_HIGH):
+            high = math.inf
+        elif status is Status.NO_CATCH:
+            low = -1.0
+        else:
+            low, high = min(low, energy / nominal - 1.0), max(high, energy / nominal - 1.0)
+    return low, high
