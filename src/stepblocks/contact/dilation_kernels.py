@@ -196,7 +196,7 @@ def _steepest_between(
         h, u, e = best_contact(middle, e0, e1, elements, radius, tip_v, tip_t, True)
         if e >= 0:
             s = _slope(middle, u, e, elements, radius, tip_v, tip_t)
-            if s > best:
+            if s >= best:  # right brackets come first, so that among equals the leftmost stays: the break itself
                 best, where, touch = s, middle, u
         ends[depth], marks[depth] = (x0, h0, middle, h), (e0, e)
         ends[depth + 1], marks[depth + 1] = (middle, h, x1, h1), (e, e1)
@@ -235,8 +235,6 @@ def steepest_in_each(
         bound = _slope(positions[k], contact[k + 1], b, elements, radius, tip_v, tip_t) if radius > 0.0 else np.inf
         if bound <= floor:
             continue
-        if right_slope[k + 1] > found[k, 0]:
-            found[k, 0], found[k, 1], found[k, 2] = right_slope[k + 1], positions[k + 1], contact[k + 1]
         best, where, touch = _steepest_between(
             positions[k],
             height[k],
@@ -253,4 +251,6 @@ def steepest_in_each(
         )
         if best > found[k, 0]:
             found[k, 0], found[k, 1], found[k, 2] = best, where, touch
+        if right_slope[k + 1] > found[k, 0]:
+            found[k, 0], found[k, 1], found[k, 2] = right_slope[k + 1], positions[k + 1], contact[k + 1]
     return found

@@ -144,8 +144,6 @@ def integrate(
             i += 1
         while i > 0 and x < nodes[i]:
             i -= 1
-        if x < nodes[0] or x > nodes[-1]:
-            break
         cx, sx, bx = _cubic(x, i, nodes, height, left, right)
         fx1, fy1, n1, d1, u1 = _press(cx, sx, bx, y, vx, vy, kn, power, loss)
         fx2 = fy2 = n2 = d2 = u2 = s2 = 0.0
@@ -223,7 +221,8 @@ def integrate(
             released = True
         if gauge > limit:
             peak[3] = 1.0
-        ended = gauge > limit or n == steps - 1 or (released and t - peak[1] > after)
+        leaves = x + dt * vx >= nodes[-1] or x + dt * vx <= nodes[0]
+        ended = leaves or gauge > limit or n == steps - 1 or (released and t - peak[1] > after)
         # ---- the ledger; the last kick counts to its middle only
         w = 0.5 * h if ended else h
         if driven:

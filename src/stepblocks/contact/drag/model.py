@@ -92,7 +92,7 @@ class DragSettings:
     viscous_friction : float
         Rise of the coefficient of friction per speed [s/m].
     lead : float
-        Distance of sliding before the first kink [m].
+        Distance of sliding before the path first bends or slopes by more than a degree [m].
     ring_time : float
         Time recorded after the release [s].
     sample_rate : float

@@ -107,8 +107,7 @@ def drag(track: Track, probe: Probe, settings: DragSettings) -> DragTrace:
     ('releases', True)
     """
     mu_s = settings.static_friction or settings.friction
-    first_kink = float(track.x[track.kinks[0]]) if track.kinks.size else float(track.x[0]) + settings.lead
-    x = max(first_kink - settings.lead, float(track.x[0]))
+    x = max(_first_feature(track) - settings.lead, float(track.x[0]))
     dent = (settings.normal_load / probe.contact_stiffness) ** (1.0 / probe.contact_power)
     limit, reachable = _force_limit(track, settings, mu_s)
     dt, bristle = _time_step(probe, settings, _hardest(probe, settings, limit))
@@ -135,7 +134,7 @@ def drag(track: Track, probe: Probe, settings: DragSettings) -> DragTrace:
     status = Status.RELEASES
     if peak[3] or (not driven and not reachable):
         status = Status.LOCKED
-    elif peak[0] <= 1.02 * mu_s * settings.normal_load:
+    elif track.steepest_angle < math.radians(0.5) or peak[0] <= 1.02 * mu_s * settings.normal_load:
         status = Status.NO_CATCH
     elif not driven and rows[count - 1, 3] < peak[2] + 1e-3 * track.ball_radius:
         status = Status.LOCKED  # the weights do not pull hard enough
@@ -143,6 +142,13 @@ def drag(track: Track, probe: Probe, settings: DragSettings) -> DragTrace:
     return DragTrace(
         rows[:count].copy(), status, float(peak[0]), float(peak[1]), float(peak[2]), named, dt, probe, settings
     )
+
+
+def _first_feature(track: Track) -> float:
+    """Find where the path first bends or slopes by more than a degree [m]."""
+    slope = np.maximum(np.abs(track.slope_left), np.abs(track.slope_right))
+    found = np.flatnonzero(slope > math.tan(math.radians(1.0)))
+    return float(track.x[found[0]]) if found.size else float(track.x[0])
 
 
 def _force_limit(track: Track, settings: DragSettings, mu: float) -> tuple[float, bool]:

@@ -1,0 +1,126 @@
+"""Tables predicted row by row, and the drag command's files."""
+
+import json
+
+import numpy as np
+import pandas as pd
+import pytest
+
+from stepblocks.cli import main
+from stepblocks.contact.critical_angle import step_angle
+from stepblocks.contact.energy import release_at
+from stepblocks.errors import ContactError, PipelineError
+from stepblocks.pipeline.predict_table import predict_table
+
+
+def write(path, text):
+    path.write_text(text, encoding="utf-8")
+    return path
+
+
+def test_each_row_of_a_table_gets_its_prediction_with_an_interval(tmp_path):
+    source = write(
+        tmp_path / "t.csv",
+        "block,height_um,u_height_um,load_n,friction,tip_radius_um\n"
+        "a,25,0.5,1.0,0.15,125\nb,100,0.5,1.0,0.3,125\nc,-3,0.5,1.0,0.15,125\n",
+    )
+    frame = predict_table(source, tmp_path / "p.csv")
+    expected = release_at(step_angle(25e-6, 125e-6), 1.0, 0.15)
+    assert frame.peak_force_n[0] == pytest.approx(expected.pull_force, rel=1e-12)
+    assert frame.vibration_energy_low_j[0] < expected.vibration_energy < frame.vibration_energy_high_j[0]
+    assert list(frame.status) == ["releases", "locked", "invalid"]
+    assert np.isnan(frame.peak_force_n[1])
+    assert "height must be finite and not negative" in frame.problem[2]
+    again = pd.read_csv(tmp_path / "p.csv", float_precision="round_trip")
+    assert again.peak_force_n[0] == frame.peak_force_n[0]
+    assert list(again.block) == ["a", "b", "c"]
+
+
+def test_units_of_columns_are_read_from_their_names(tmp_path):
+    um = write(tmp_path / "um.csv", "height_um,normal_load_n,friction\n25,0.5,0.15\n")
+    mm = write(tmp_path / "mm.csv", "step_height_mm,load_mn,friction_pct\n0.025,500,15\n")
+    a, b = predict_table(um, tmp_path / "a.csv"), predict_table(mm, tmp_path / "b.csv")
+    assert a.peak_force_n[0] == pytest.approx(b.peak_force_n[0], rel=1e-12)
+
+
+def test_the_interval_of_a_row_does_not_depend_on_the_rows_after_it(tmp_path):
+    head = "height_um,u_height_um,load_n,friction\n25,0.5,1,0.15\n"
+    a = predict_table(write(tmp_path / "1.csv", head), tmp_path / "a.csv")
+    b = predict_table(write(tmp_path / "2.csv", head + "30,0.5,1,0.15\n"), tmp_path / "b.csv")
+    assert a.vibration_energy_high_j[0] == b.vibration_energy_high_j[0]
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ("", "not a CSV"),
+        ("height_um,load_n,friction\n", "no rows"),
+        ("load_n,friction\n1,0.1\n", "must have a column height_nm or height_um"),
+        ("height_um,height_mm,load_n,friction\n1,1,1,0.1\n", "not both"),
+        ("height_um,height_um,load_n,friction\n1,1,1,0.1\n", "twice"),
+        ("height_um,load_n,friction\nten,1,0.1\n", "height_um must be a finite number, got 'ten'"),
+        ("height_um,load_n,friction\n10,1,\n", "friction must be a finite number"),
+    ],
+)
+def test_a_malformed_table_is_one_clear_error(tmp_path, text, message):
+    with pytest.raises(PipelineError, match=message):
+        predict_table(write(tmp_path / "bad.csv", text), tmp_path / "out.csv")
+    assert not (tmp_path / "out.csv").exists()
+
+
+def test_a_wrong_confidence_is_an_error_of_the_whole_table(tmp_path):
+    source = write(tmp_path / "t.csv", "height_um,load_n,friction\n25,1,0.15\n")
+    with pytest.raises(ContactError, match="confidence"):
+        predict_table(source, tmp_path / "o.csv", confidence=2.0)
+
+
+def test_the_drag_command_leaves_traces_figures_and_a_summary(tmp_path, capsys):
+    out = tmp_path / "with space"
+    assert main(["drag", "75 um", "--load", "0.2 N", "--speed", "2 mm/s", "-o", str(out)]) == 0
+    assert "releases" in capsys.readouterr().out
+    summary = json.loads((out / "drag.json").read_text())
+    assert summary["ledger_error"] < 1e-3
+    assert summary["peak_force_n"] == pytest.approx(summary["equation_1"]["peak_force_n"], rel=0.05)
+    trace = pd.read_csv(out / "trace.csv")
+    assert {"time_s", "fx_n", "fy_n"} <= set(trace.columns)
+    assert trace.fx_n.max() == pytest.approx(summary["peak_force_n"], rel=5e-3)
+    for name in ("force.png", "spectra.png"):
+        assert (out / name).read_bytes().startswith(b"\x89PNG")
+
+
+def test_a_scanned_profile_can_be_dragged_both_ways(tmp_path, capsys):
+    x = np.linspace(-800, 800, 1601)
+    z = np.where(x < 0, 0.0, 30.0)
+    profile = tmp_path / "scan.csv"
+    pd.DataFrame({"x_um": x, "z_um": z}).to_csv(profile, index=False)
+    base = ["drag", str(profile), "--load", "0.5 N", "--speed", "20 mm/s", "-o"]
+    assert main([*base, str(tmp_path / "up")]) == 0
+    assert json.loads((tmp_path / "up" / "drag.json").read_text())["status"] == "releases"
+    assert main([*base, str(tmp_path / "down"), "--backward"]) == 0
+    assert json.loads((tmp_path / "down" / "drag.json").read_text())["status"] == "no-catch"
+    assert not (tmp_path / "down" / "spectra.png").exists()
+
+
+def test_the_same_drag_leaves_the_same_bytes(tmp_path):
+    for name in ("a", "b"):
+        assert main(["drag", "25 um", "--speed", "40 mm/s", "-o", str(tmp_path / name)]) == 0
+    for path in (tmp_path / "a").iterdir():
+        assert path.read_bytes() == (tmp_path / "b" / path.name).read_bytes()
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        (["25"], "stimulus must be a step height"),
+        (["nowhere.csv"], "cannot be read"),
+        (["25 um", "--load", "1 m"], "--load must be a force"),
+        (["25 um", "--load", "-1 N"], "normal_load must be positive"),
+        (["200 um"], "too-high"),
+        (["25 um", "--speed", "1e-9 m/s"], "drag faster"),
+    ],
+)
+def test_a_wrong_drag_is_one_line_and_exit_code_two(tmp_path, capsys, arguments, message):
+    assert main(["drag", *arguments, "-o", str(tmp_path / "out")]) == 2
+    error = capsys.readouterr().err
+    assert message in error
+    assert error.count("\n") == 1
