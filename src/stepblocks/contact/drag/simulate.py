@@ -107,7 +107,7 @@ def drag(track: Track, probe: Probe, settings: DragSettings) -> DragTrace:
     ('releases', True)
     """
     mu_s = settings.static_friction or settings.friction
-    x = max(_first_feature(track) - settings.lead, float(track.x[0]))
+    x = max(_features(track)[0] - settings.lead, float(track.x[0]))
     dent = (settings.normal_load / probe.contact_stiffness) ** (1.0 / probe.contact_power)
     limit, reachable = _force_limit(track, settings, mu_s)
     dt, bristle = _time_step(probe, settings, _hardest(probe, settings, limit))
@@ -144,11 +144,14 @@ def drag(track: Track, probe: Probe, settings: DragSettings) -> DragTrace:
     )
 
 
-def _first_feature(track: Track) -> float:
-    """Find where the path first bends or slopes by more than a degree [m]."""
+def _features(track: Track) -> tuple[float, float]:
+    """Find where the path first and last bends or slopes by more than a degree [m]; the middle if it is flat."""
     slope = np.maximum(np.abs(track.slope_left), np.abs(track.slope_right))
     found = np.flatnonzero(slope > math.tan(math.radians(1.0)))
-    return float(track.x[found[0]]) if found.size else float(track.x[0])
+    if found.size == 0:
+        middle = 0.5 * float(track.x[0] + track.x[-1])
+        return middle, middle
+    return float(track.x[found[0]]), float(track.x[found[-1]])
 
 
 def _force_limit(track: Track, settings: DragSettings, mu: float) -> tuple[float, bool]:
@@ -183,7 +186,7 @@ def _time_step(probe: Probe, settings: DragSettings, force: float) -> tuple[floa
 def _duration(track: Track, probe: Probe, settings: DragSettings, x: float, limit: float) -> float:
     if settings.speed <= 0.0:
         return 20.0 * settings.ring_time
-    travel = float(track.x[-1]) - x + limit / probe.stiffness
+    travel = _features(track)[1] - x + limit / probe.stiffness
     return travel / settings.speed + settings.ring_time
 
 

@@ -21,6 +21,7 @@ __all__ = ["Track", "step_track", "track_of"]
 
 Floats = NDArray[np.float64]
 _KINK = math.radians(2.0)
+_LEVEL = 400.0  # radii by which a surface goes on level: a released spring may throw the tip far
 
 
 @dataclass(frozen=True)
@@ -104,7 +105,13 @@ def track_of(x: ArrayLike, z: ArrayLike, ball: Ball, *, backward: bool = False, 
     kinks = np.flatnonzero(np.isin(nodes, breaks))
     slope_left = right.slope.copy()
     slope_left[kinks] = left.slope[np.maximum(kinks - 1, 0)]
-    return Track(nodes, right.height, slope_left, right.slope, kinks.astype(np.int64), ball.radius)
+    far = _LEVEL * ball.radius
+    ends = [np.concatenate([[a[0] + first], a, [a[-1] + final]]) for a, first, final in (
+        (nodes, -far, far), (right.height, 0.0, 0.0), (slope_left, -slope_left[0], -slope_left[-1]),
+        (right.slope, -right.slope[0], -right.slope[-1]),
+    )]  # fmt: skip
+    ends[2][1] = ends[3][-2] = 0.0  # level from the ends on
+    return Track(ends[0], ends[1], ends[2], ends[3], (kinks + 1).astype(np.int64), ball.radius)
 
 
 def step_track(height: float, ball_radius: float, edge_radius: float = 0.0, run: float | None = None) -> Track:
@@ -115,7 +122,7 @@ def step_track(height: float, ball_radius: float, edge_radius: float = 0.0, run:
     height, ball_radius, edge_radius : float
         H, R and r [m].
     run : float, optional
-        Length of either face [m]; 12 radii by default.
+        Length of either face [m]; 400 radii by default.
 
     Returns
     -------
@@ -136,7 +143,7 @@ def step_track(height: float, ball_radius: float, edge_radius: float = 0.0, run:
         raise ContactError(
             f"height must be less than R + r ({radius:g} m), got {height:g} m: too-high, the tip is held"
         )
-    length = 12.0 * ball_radius if run is None else run
+    length = _LEVEL * ball_radius if run is None else run
     angle = 2.0 * math.asin(math.sqrt(0.5 * height / radius))
     angles = np.linspace(angle, 0.0, 400)
     x = np.concatenate([np.linspace(-length, -radius * math.sin(angle), 50)[:-1], -radius * np.sin(angles)])

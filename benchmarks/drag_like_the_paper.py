@@ -1,0 +1,113 @@
+"""The paper's figures 3 to 5 and its constant C_v = 20 %, from the drag in time: tables, and pictures with -o DIR.
+
+Run: python benchmarks/drag_like_the_paper.py [-o out/contact]
+"""
+
+from __future__ import annotations
+
+import argparse
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+
+from stepblocks.contact.critical_angle import step_angle
+from stepblocks.contact.drag.conversion import conversion_map
+from stepblocks.contact.drag.model import PAPER_DRAG, DragSettings, Probe, probe_of_frequency
+from stepblocks.contact.drag.ring import RING_BAND, band_share, phase_spectrum, ring_of
+from stepblocks.contact.drag.simulate import DragTrace, drag
+from stepblocks.contact.drag.track import step_track
+from stepblocks.contact.energy import Status, release_at
+from stepblocks.contact.margin_map import margin_map
+from stepblocks.contact.uncertainty import Inputs, Spread
+
+R = 125e-6
+LIGHT = probe_of_frequency(300.0, R, damping_ratio=0.01)
+CASES = [(25e-6, 1.0, 0.15), (50e-6, 0.5, 0.15), (75e-6, 0.2, 0.15), (75e-6, 0.25, 0.10), (100e-6, 0.08, 0.10)]
+
+
+def row(name: str, probe: Probe, height: float, load: float, mu: float, speed: float = 5e-3) -> DragTrace:
+    trace = drag(step_track(height, R), probe, DragSettings(load, mu, speed=speed))
+    formula = release_at(step_angle(height, R), load, mu)
+    if trace.status is not Status.RELEASES:
+        print(f"| {name} | {height * 1e6:.0f} | {load:g} | {mu:g} | {trace.status} | | | | | | | |")
+        return trace
+    ring = ring_of(trace)
+    normal = band_share(*phase_spectrum(trace, "vibration", "fy_n"), RING_BAND)
+    print(
+        f"| {name} | {height * 1e6:.0f} | {load:g} | {mu:g} | {trace.peak_force:.3f} | {formula.pull_force:.3f} "
+        f"| {ring.energy * 1e6:.1f} | {ring.share:.0%} | {ring.duration * 1e3:.1f} | {ring.loading_share:.0%} "
+        f"| {ring.ring_band_share:.0%} | {normal:.0%} |"
+    )
+    return trace
+
+
+def like_the_figures() -> DragTrace:
+    print("\n## Figures 3 to 5: 300 Hz, damping ratio 0.01, Hertz contact of steel, 5 mm/s")
+    print("| load acts on | H um | N | mu | peak N | eq. (1) N | E_v uJ | share | ring ms | 0-100 | 250-350 | F_y |")
+    print("|---|---|---|---|---|---|---|---|---|---|---|---|")
+    for case in CASES:
+        shown = row("tip", LIGHT, *case)
+    for case in CASES:
+        row("carrier", replace(LIGHT, normal_stiffness=9.81e3, carrier_mass=case[1] / 9.81), *case)
+    return shown
+
+
+def where_it_goes() -> None:
+    print("\n## Where the stored energy goes between release and rest, uJ (paper's probe, 5 mm/s, 1 N, mu 0.15)")
+    print("| H um | stored | lift | rings (E_v) | other: friction, contact and damping in the slip | share |")
+    print("|---|---|---|---|---|---|")
+    for height in (10e-6, 25e-6, 50e-6, 75e-6):
+        trace = drag(step_track(height, R), PAPER_DRAG, DragSettings(1.0, 0.15, speed=5e-3))
+        ring = ring_of(trace)
+        time, y = trace.column("time_s"), trace.column("y_m")
+        climbed = height - float(np.interp(trace.release_time, time, y))
+        rest = trace.stored_energy - climbed - ring.energy
+        print(
+            f"| {height * 1e6:.0f} | {trace.stored_energy * 1e6:.1f} | {climbed * 1e6:.1f} "
+            f"| {ring.energy * 1e6:.1f} | {rest * 1e6:.1f} | {ring.share:.0%} |"
+        )
+
+
+def share_map():
+    table = conversion_map(
+        PAPER_DRAG, R, np.arange(10, 101, 10) * 1e-6, [0.25, 0.5, 1.0], [0.10, 0.15, 0.20], [1e-3, 5e-3, 20e-3]
+    )
+    print("\n## Share of the stored energy that rings (paper: 20 % everywhere); - locks")
+    for j, mu in enumerate(table.frictions):
+        labels = " | ".join(f"{load:g} N, {v * 1e3:g} mm/s" for load in table.loads for v in table.speeds)
+        print(f"\nmu = {mu:g}\n\n| H um | {labels} |\n|---|{'---|' * (table.loads.size * table.speeds.size)}")
+        for h, height in enumerate(table.heights):
+            cells = table.share[h, :, j, :].ravel()
+            print(f"| {height * 1e6:.0f} | " + " | ".join("-" if np.isnan(c) else f"{c:.0%}" for c in cells) + " |")
+    released = table.share[np.isfinite(table.share)]
+    print(f"\nmedian {np.median(released):.0%}, 5 % to 95 %: {np.quantile(released, 0.05):.0%} to "
+          f"{np.quantile(released, 0.95):.0%}, of {released.size} drags")  # fmt: skip
+    return table
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("-o", "--output", type=Path, help="folder for the pictures")
+    folder = parser.parse_args().output
+    shown = like_the_figures()
+    where_it_goes()
+    table = share_map()
+    if folder is None:
+        return
+    from stepblocks.report.contact_figures import draw_energy_of_height, draw_margin_map, draw_ring_share
+    from stepblocks.report.drag_figures import draw_force, draw_spectra
+
+    draw_force(shown, folder / "drag-force.png", "100 um, 0.08 N, mu 0.1, 5 mm/s")
+    draw_spectra(shown, folder / "drag-spectra.png", "100 um, 0.08 N, mu 0.1, 5 mm/s")
+    draw_ring_share(table, folder / "ring-share.png")
+    inputs = Inputs(25e-6, 0.0, R, 0.15, 1.0, 9.81e3, 0.20)
+    spread = Spread(height=0.5e-6, ball_radius=1e-6, friction=0.01, normal_load=0.01)
+    draw_energy_of_height(inputs, spread, np.linspace(2e-6, 120e-6, 60), folder / "energy-of-height.png")
+    axis = np.linspace(0, 150e-6, 76), np.linspace(-100e-6, 100e-6, 81)
+    draw_margin_map(margin_map(*axis, R, 1.0, 0.15), folder / "margin-map.png")
+    print(f"\npictures in {folder}")
+
+
+if __name__ == "__main__":
+    main()
