@@ -23,7 +23,7 @@ from stepblocks.contact.uncertainty import Inputs, Spread
 
 R = 125e-6
 LIGHT = probe_of_frequency(300.0, R, damping_ratio=0.01)
-CASES = [(25e-6, 1.0, 0.15), (50e-6, 0.5, 0.15), (75e-6, 0.2, 0.15), (75e-6, 0.25, 0.10), (100e-6, 0.08, 0.10)]
+CASES = [(25e-6, 1.0, 0.15), (50e-6, 0.5, 0.15), (75e-6, 0.2, 0.15), (75e-6, 0.4, 0.15), (100e-6, 0.075, 0.10)]
 
 
 def row(name: str, probe: Probe, height: float, load: float, mu: float, speed: float = 5e-3) -> DragTrace:
@@ -98,8 +98,8 @@ def main() -> None:
     from stepblocks.report.contact_figures import draw_energy_of_height, draw_margin_map, draw_ring_share
     from stepblocks.report.drag_figures import draw_force, draw_spectra
 
-    draw_force(shown, folder / "drag-force.png", "100 um, 0.08 N, mu 0.1, 5 mm/s")
-    draw_spectra(shown, folder / "drag-spectra.png", "100 um, 0.08 N, mu 0.1, 5 mm/s")
+    draw_force(shown, folder / "drag-force.png", "100 um, 0.075 N, mu 0.1, 5 mm/s")
+    draw_spectra(shown, folder / "drag-spectra.png", "100 um, 0.075 N, mu 0.1, 5 mm/s")
     draw_ring_share(table, folder / "ring-share.png")
     inputs = Inputs(25e-6, 0.0, R, 0.15, 1.0, 9.81e3, 0.20)
     spread = Spread(height=0.5e-6, ball_radius=1e-6, friction=0.01, normal_load=0.01)

@@ -7,6 +7,7 @@ offers it in place of the constant. The constant stays the default everywhere el
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from itertools import product
 
@@ -20,7 +21,7 @@ from stepblocks.contact.drag.track import step_track
 from stepblocks.contact.energy import Status
 from stepblocks.errors import ContactError
 
-__all__ = ["RingConversion", "conversion_map"]
+__all__ = ["RingConversion", "conversion_map", "snap_load"]
 
 Floats = NDArray[np.float64]
 _MOST_DRAGS = 100_000
@@ -64,6 +65,38 @@ class RingConversion:
             return float(self.share.ravel()[0])
         table = self.share.reshape([axes[k].size for k in used])
         return float(interpn([axes[k] for k in used], table, point[used])[0])
+
+
+def snap_load(angle: float, friction: float, stiffness: float, radius_sum: float) -> float:
+    """Find the load above which the tip snaps over an edge at all; below it, it climbs over without a release.
+
+    Parameters
+    ----------
+    angle : float
+        Critical angle a [rad].
+    friction : float
+        mu [1].
+    stiffness : float
+        k [N/m].
+    radius_sum : float
+        R + r [m].
+
+    Returns
+    -------
+    float
+        ``k (R + r) cos a cos^2(a + atan mu)`` [N]: from there on the force that holds the tip on the arc falls faster
+        than the spring relaxes.
+
+    Examples
+    --------
+    >>> from stepblocks.contact.critical_angle import step_angle
+    >>> f"{snap_load(step_angle(25e-6, 125e-6), 0.15, 9.81e3, 125e-6):.2f} N"
+    '0.48 N'
+    """
+    total = angle + math.atan(friction)
+    if not 0.0 <= total < 0.5 * math.pi:
+        raise ContactError(f"a tip that is held has no snap load (a + atan mu = {math.degrees(total):g} deg)")
+    return stiffness * radius_sum * math.cos(angle) * math.cos(total) ** 2
 
 
 def conversion_map(

@@ -27,15 +27,15 @@ class Ring:
     Attributes
     ----------
     amplitude : float
-        First swing of the tangential force below the level at which it settles [N].
+        First swing of the tangential force below `level` [N]: the tip runs forward all through it.
     level : float
-        That level, the force of steady sliding [N].
+        mu F_py, the force of sliding forward on a level face, about which that swing goes [N].
     energy : float
         E_v = amplitude^2 / 2k [J].
     share : float
         E_v over the energy stored at the release [1]; the paper's C_v.
     duration : float
-        Time from the release until the force stays within 5 % of the first swing [s].
+        Time from the release until the force stays within 5 % of the first swing around where it settles [s].
     frequency : float
         Peak of the spectrum over 16 ms after the release [Hz].
     loading_share : float
@@ -79,11 +79,11 @@ def ring_of(trace: DragTrace) -> Ring:
         raise ContactError(f"a ring needs {_PAPER_RING:g} s after the release, got {time[-1] - trace.release_time:g} s")
     after = time >= trace.release_time
     swing = force[after]
-    level = float(np.median(swing[-max(swing.size // 4, 8) :]))
+    level = trace.settings.friction * trace.settings.normal_load
     # the lowest point of the first swing lies within one period of the release, after the fall itself
     first = swing[: max(np.searchsorted(time[after], trace.release_time + 2.0 / trace.probe.frequency), 3)]
     amplitude = max(level - float(first.min()), 0.0)
-    loud = np.flatnonzero(np.abs(swing - level) > _QUIET * amplitude)
+    loud = np.flatnonzero(np.abs(swing - _settled(trace)) > _QUIET * amplitude)
     duration = float(time[after][loud[-1]] - trace.release_time) if loud.size else 0.0
     energy = 0.5 * amplitude * amplitude / trace.probe.stiffness
     frequencies, power = phase_spectrum(trace, "vibration")
@@ -104,7 +104,7 @@ def phase_spectrum(
     trace : DragTrace
         A trace with a release.
     phase : {"loading", "vibration"}
-        Up to the release, or the 16 ms after the force has fallen to the level at which it settles.
+        Up to the release, or the 16 ms after the force has fallen to that of sliding forward.
     channel : str
         ``"fx_n"`` (figure 4) or ``"fy_n"`` (figure 5).
 
@@ -138,12 +138,20 @@ def phase_spectrum(
     return np.asarray(frequency), np.asarray(density * part.size / rate)
 
 
+def _settled(trace: DragTrace) -> float:
+    """Mean force over the last whole periods of the trace, so that a ring that still goes on averages out [N]."""
+    time, force = trace.column("time_s"), trace.column("fx_n")
+    span = 0.25 * (time[-1] - trace.release_time)
+    periods = max(np.floor(span * trace.probe.frequency), 1.0)
+    count = max(round(periods / trace.probe.frequency * trace.settings.sample_rate), 2)
+    return float(force[-count - 1 : -1].mean())
+
+
 def _fallen(trace: DragTrace) -> float:
-    """First time after the release at which the force is down at the level where it settles [s]."""
+    """First time after the release at which the force is down at that of sliding forward [s]."""
     time, force = trace.column("time_s"), trace.column("fx_n")
     after = np.flatnonzero(time >= trace.release_time)
-    level = float(np.median(force[after[-max(after.size // 4, 8) :]]))
-    below = after[force[after] <= level]
+    below = after[force[after] <= trace.settings.friction * trace.settings.normal_load]
     return float(time[below[0]]) if below.size else trace.release_time
 
 
