@@ -138,7 +138,7 @@ def _dragged(inputs: dict[str, float], status: Status) -> dict[str, Any]:
     trace = drag(track, probe, DragSettings(inputs["normal_load"], inputs["friction"], speed=inputs["speed"]))
     result: dict[str, Any] = {"drag_status": str(trace.status), "drag_ledger_error": trace.ledger_error}
     if trace.status is Status.RELEASES:
-        ring = ring_of(trace)
+        ring = ring_of(trace, spectra=False)
         result |= {
             "drag_peak_force_n": trace.peak_force,
             "drag_vibration_energy_j": ring.energy,

@@ -145,7 +145,7 @@ def conversion_map(
             settings = DragSettings(float(axes[1][i]), float(axes[2][j]), speed=float(axes[3][k]))
             trace = drag(track, probe, settings)
             if trace.status is Status.RELEASES:
-                ring = ring_of(trace)
+                ring = ring_of(trace, spectra=False)
                 share[h, i, j, k], force[h, i, j, k] = ring.share, trace.peak_force
                 time[h, i, j, k] = ring.duration
     return RingConversion(axes[0], axes[1], axes[2], axes[3], share, force, time)

@@ -54,13 +54,15 @@ class Ring:
     ring_band_share: float
 
 
-def ring_of(trace: DragTrace) -> Ring:
+def ring_of(trace: DragTrace, *, spectra: bool = True) -> Ring:
     """Measure the ring of a trace that released.
 
     Parameters
     ----------
     trace : DragTrace
         From `stepblocks.contact.drag.simulate.drag`.
+    spectra : bool
+        Whether to compute the three spectral figures, which take longer than the drag itself; NaN otherwise.
 
     Returns
     -------
@@ -86,6 +88,8 @@ def ring_of(trace: DragTrace) -> Ring:
     loud = np.flatnonzero(np.abs(swing - _settled(trace)) > _QUIET * amplitude)
     duration = float(time[after][loud[-1]] - trace.release_time) if loud.size else 0.0
     energy = 0.5 * amplitude * amplitude / trace.probe.stiffness
+    if not spectra:
+        return Ring(amplitude, level, energy, energy / trace.stored_energy, duration, np.nan, np.nan, np.nan)
     frequencies, power = phase_spectrum(trace, "vibration")
     loading = phase_spectrum(trace, "loading")
     return Ring(
