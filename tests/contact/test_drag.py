@@ -48,7 +48,7 @@ def test_contact_compliance_lowers_the_peak_in_proportion_to_the_indentation():
     assert loss[1] / loss[2] == pytest.approx(2.0, rel=0.25)
 
 
-@pytest.mark.parametrize(("height", "load", "mu"), [(10e-6, 1.3, 0.0), (40e-6, 0.6, 0.17), (75e-6, 0.2, 0.15)])
+@pytest.mark.parametrize(("height", "load", "mu"), [(10e-6, 1.3, 0.0), (40e-6, 0.6, 0.17), (100e-6, 0.075, 0.1)])
 def test_the_energy_ledger_closes_to_a_thousandth(height, load, mu):
     for speed in (2e-3, 20e-3):
         trace = drag(step_track(height, R), PAPER_DRAG, DragSettings(load, mu, speed=speed))
@@ -159,10 +159,11 @@ def test_a_pulled_handle_needs_more_than_the_peak_force_to_pass():
 
 def test_a_load_on_a_sprung_carrier_rings_along_the_normal_and_keeps_the_ledger():
     probe = replace(PAPER_DRAG, normal_stiffness=9.81e3, carrier_mass=0.05)
-    trace = drag(step_track(50e-6, R), probe, DragSettings(0.5, 0.15, speed=5e-3))
-    assert trace.ledger_error < 1e-3
+    for height, load in ((50e-6, 0.5), (75e-6, 0.2)):
+        trace = drag(step_track(height, R), probe, DragSettings(load, 0.15, speed=5e-3))
+        assert trace.ledger_error < 1e-3
     after = trace.column("time_s") > trace.release_time
-    assert np.ptp(trace.column("fy_n")[after]) > 0.05
+    assert np.ptp(trace.column("fy_n")[after]) > 0.05  # N
 
 
 def test_scaling_lengths_by_s_and_the_spring_by_one_over_s_keeps_every_force():

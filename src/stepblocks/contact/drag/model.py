@@ -113,7 +113,7 @@ class DragSettings:
     lead: float = 20e-6
     ring_time: float = 40e-3
     sample_rate: float = 10e3
-    resolution: float = 10.0
+    resolution: float = 20.0
 
     def __post_init__(self) -> None:
         for name in ("normal_load", "stribeck_speed", "ring_time", "sample_rate"):
