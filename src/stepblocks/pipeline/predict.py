@@ -127,10 +127,21 @@ def _contacts(stimulus: Stimulus, grid: PredictionGrid) -> Iterator[tuple[str, f
 
 
 def _margin(margin: MarginBlock | CrownOnTooth, tip: float) -> tuple[float, float]:
-    """Angles over a margin; a bevel of 45 degrees is met before its corner wherever the corner would be steeper."""
-    opening, gap = margin.opening.nominal, margin.marginal_gap.nominal
-    forward, backward = margin_angles(max(opening, 0.0), margin.horizontal_discrepancy.nominal, tip)
-    return (min(forward, 0.25 * math.pi) if opening > gap else forward), backward
+    """Angles over a margin: in closed form, or by the path of the tip where a bevel may be met before its corner."""
+    opening, gap, rise = margin.opening.nominal, margin.marginal_gap.nominal, margin.horizontal_discrepancy.nominal
+    if opening <= gap:
+        return margin_angles(max(opening, 0.0), rise, tip)
+    import numpy as np
+
+    from stepblocks.contact.catches import steepest
+    from stepblocks.contact.tip import Ball
+    from stepblocks.contact.tip_path import profile_path
+
+    floor = -4.0 * tip  # deep enough that the ball never touches it
+    section = [(-4.0 * tip, 0.0), (0.0, 0.0), (0.0, floor), (gap, floor), *margin.corner, (opening + 4.0 * tip, rise)]
+    x, z = np.array(section).T
+    path = profile_path(x, z, Ball(tip), edges="flat")
+    return steepest(path, "forward").angle, steepest(path, "backward").angle
 
 
 def as_row(prediction: Prediction) -> dict[str, str]:
