@@ -7,12 +7,13 @@ import io
 import math
 from collections.abc import Iterator
 from dataclasses import dataclass
+from itertools import product
 
 from stepblocks.contact.critical_angle import margin_angles, step_angle
 from stepblocks.contact.energy import Release, Status, Tool, release_at
 from stepblocks.contact.kernels import locking_height
 from stepblocks.stimulus.block import StepBlock
-from stepblocks.stimulus.margin import CrownOnTooth, MarginBlock
+from stepblocks.stimulus.margin import CrownOnTooth, MarginBlock, crown_corner
 from stepblocks.stimulus.set import PredictionGrid, Stimulus, StimulusSet
 from stepblocks.stimulus.tip import HookTip, StraightTip
 
@@ -28,8 +29,13 @@ COLUMNS = (
     "friction",
     "critical_angle_deg",
     "status",
+    "status_at_limits",
     "pull_force_n",
+    "pull_force_low_n",
+    "pull_force_high_n",
     "vibration_energy_uj",
+    "vibration_energy_low_uj",
+    "vibration_energy_high_uj",
     "mean_power_uw",
     "threshold_ratio",
     "locking_height_um",
@@ -56,7 +62,9 @@ class Prediction:
     friction : float
         mu [1].
     release : Release
-        Status and figures.
+        Status and figures at the nominal dimensions.
+    limits : (Release, Release)
+        The same at the least and the greatest angle within the tolerances of the stimulus.
     """
 
     set_name: str
@@ -67,6 +75,7 @@ class Prediction:
     normal_load: float
     friction: float
     release: Release
+    limits: tuple[Release, Release]
 
 
 def tool_of(grid: PredictionGrid) -> Tool:
@@ -101,34 +110,60 @@ def predict_set(stimuli: StimulusSet) -> Iterator[Prediction]:
     """
     grid, tool = stimuli.prediction, tool_of(stimuli.prediction)
     for stimulus in stimuli.stimuli:
-        for drag, radius, height, angle in _contacts(stimulus, grid):
+        for contact in _contacts(stimulus, grid):
             for friction in grid.frictions:
                 for load in grid.normal_loads:
-                    release = release_at(angle, load, friction, tool)
-                    yield Prediction(stimuli.name, stimulus.id, drag, radius, height, load, friction, release)
+                    nominal, *limits = (release_at(angle, load, friction, tool) for angle in contact.angles)
+                    yield Prediction(
+                        stimuli.name, stimulus.id, contact.drag, contact.ball, contact.rise, load, friction, nominal,
+                        (limits[0], limits[1]),
+                    )  # fmt: skip
 
 
-def _contacts(stimulus: Stimulus, grid: PredictionGrid) -> Iterator[tuple[str, float, float, float]]:
-    """Direction, tip radius, height and critical angle of every contact of a stimulus."""
+@dataclass(frozen=True)
+class _Contact:
+    """One edge met by one tip: critical angle at the nominal, and the least and greatest within the tolerances [rad]."""
+
+    drag: str
+    ball: float
+    rise: float
+    angles: tuple[float, float, float]
+
+
+def _contacts(stimulus: Stimulus, grid: PredictionGrid) -> Iterator[_Contact]:
     match stimulus:
         case StepBlock():
-            height, radius = stimulus.height.nominal, stimulus.edge_radius.nominal
+            height, radius = stimulus.height, stimulus.edge_radius
             for tip in grid.tip_radii:
-                yield "up", tip, height, step_angle(height, tip, radius)
+                corners = [step_angle(h, tip, max(r, 0.0)) for h, r in product(height.limits, radius.limits)]
+                angle = step_angle(height.nominal, tip, radius.nominal)
+                yield _Contact("up", tip, height.nominal, (angle, min(corners), max(corners)))
         case MarginBlock() | CrownOnTooth():
-            rise = stimulus.horizontal_discrepancy.nominal
             for tip in grid.tip_radii:
-                for drag, angle in zip(("tooth-to-crown", "crown-to-tooth"), _margin(stimulus, tip), strict=True):
-                    yield drag, tip, rise, angle
+                nominal, *corners = [_margin_angles(*sizes, tip) for sizes in _margin_sizes(stimulus)]
+                rise = stimulus.horizontal_discrepancy.nominal
+                for drag, way in (("tooth-to-crown", 0), ("crown-to-tooth", 1)):
+                    spread = [both[way] for both in (nominal, *corners)]
+                    yield _Contact(drag, tip, rise, (nominal[way], min(spread), max(spread)))
         case StraightTip() | HookTip():
-            for height in grid.step_heights:
-                tip = stimulus.ball_radius.nominal
-                yield "up", tip, height, step_angle(height, tip)
+            for height_of_step in grid.step_heights:
+                ball = stimulus.ball_radius
+                low, high = sorted(step_angle(height_of_step, R) for R in ball.limits)
+                angle = step_angle(height_of_step, ball.nominal)
+                yield _Contact("up", ball.nominal, height_of_step, (angle, low, high))
 
 
-def _margin(margin: MarginBlock | CrownOnTooth, tip: float) -> tuple[float, float]:
+def _margin_sizes(margin: MarginBlock | CrownOnTooth) -> Iterator[tuple[float, float, float]]:
+    """Gap, opening and rise: the nominal, then every corner of the tolerances [m]."""
+    gap, rise, opening = margin.marginal_gap, margin.horizontal_discrepancy, margin.vertical_discrepancy
+    yield gap.nominal, margin.opening.nominal, rise.nominal
+    for g, h in product(gap.limits, rise.limits):
+        for v in (g,) if opening is None else opening.limits:
+            yield max(g, 0.0), v, h
+
+
+def _margin_angles(gap: float, opening: float, rise: float, tip: float) -> tuple[float, float]:
     """Angles over a margin: in closed form, or by the path of the tip where a bevel may be met before its corner."""
-    opening, gap, rise = margin.opening.nominal, margin.marginal_gap.nominal, margin.horizontal_discrepancy.nominal
     if opening <= gap:
         return margin_angles(max(opening, 0.0), rise, tip)
     import numpy as np
@@ -138,7 +173,8 @@ def _margin(margin: MarginBlock | CrownOnTooth, tip: float) -> tuple[float, floa
     from stepblocks.contact.tip_path import profile_path
 
     floor = -4.0 * tip  # deep enough that the ball never touches it
-    section = [(-4.0 * tip, 0.0), (0.0, 0.0), (0.0, floor), (gap, floor), *margin.corner, (opening + 4.0 * tip, rise)]
+    corner = crown_corner(gap, opening, rise)
+    section = [(-4.0 * tip, 0.0), (0.0, 0.0), (0.0, floor), (gap, floor), *corner, (opening + 4.0 * tip, rise)]
     x, z = np.array(section).T
     path = profile_path(x, z, Ball(tip), edges="flat")
     return steepest(path, "forward").angle, steepest(path, "backward").angle
@@ -157,7 +193,7 @@ def as_row(prediction: Prediction) -> dict[str, str]:
     dict of str
         One text per column; empty where there is no number.
     """
-    release = prediction.release
+    release, (low, high) = prediction.release, prediction.limits
     locking = float(locking_height(prediction.tip_radius, prediction.friction))
 
     def number(value: float) -> str:
@@ -173,8 +209,13 @@ def as_row(prediction: Prediction) -> dict[str, str]:
         "friction": number(prediction.friction),
         "critical_angle_deg": number(math.degrees(release.angle)),
         "status": release.status.value,
+        "status_at_limits": "/".join(dict.fromkeys((low.status.value, high.status.value))),
         "pull_force_n": number(release.pull_force),
+        "pull_force_low_n": number(low.pull_force),
+        "pull_force_high_n": number(high.pull_force),
         "vibration_energy_uj": number(release.vibration_energy * 1e6),
+        "vibration_energy_low_uj": number(low.vibration_energy * 1e6),
+        "vibration_energy_high_uj": number(high.vibration_energy * 1e6),
         "mean_power_uw": number(release.mean_power * 1e6),
         "threshold_ratio": number(release.threshold_ratio),
         "locking_height_um": number(locking * 1e6) if release.status is not Status.NO_CATCH else "",
