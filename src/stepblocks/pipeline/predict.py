@@ -140,11 +140,11 @@ def _contacts(stimulus: Stimulus, grid: PredictionGrid) -> Iterator[_Contact]:
                 yield _Contact("up", tip, height.nominal, (angle, min(corners), max(corners)))
         case MarginBlock() | CrownOnTooth():
             for tip in grid.tip_radii:
-                nominal, *corners = [_margin_angles(*sizes, tip) for sizes in _margin_sizes(stimulus)]
+                both_ways = [_margin_angles(*sizes, tip) for sizes in _margin_sizes(stimulus)]
                 rise = stimulus.horizontal_discrepancy.nominal
                 for drag, way in (("tooth-to-crown", 0), ("crown-to-tooth", 1)):
-                    spread = [both[way] for both in (nominal, *corners)]
-                    yield _Contact(drag, tip, rise, (nominal[way], min(spread), max(spread)))
+                    spread = [both[way] for both in both_ways]
+                    yield _Contact(drag, tip, rise, (spread[0], min(spread), max(spread)))
         case StraightTip() | HookTip():
             for height_of_step in grid.step_heights:
                 ball = stimulus.ball_radius
