@@ -20,17 +20,53 @@ def add_to(commands: Any) -> None:
     """
     parser = commands.add_parser(
         "predict",
-        help="critical angle, forces and vibration energy of stimulus sets",
-        description="Predict every stimulus under every tip, load and friction that its file asks for.",
+        help="critical angle, forces and vibration energy of stimulus sets, tables or unseen trials",
+        description="Predict every stimulus under every tip, load and friction that its file asks for; or each row of a "
+        "table (CSV with units in its header); or unseen trials by a model that a measured session has taught.",
     )
     parser.add_argument(
-        "files", nargs="*", type=Path, metavar="FILE", help="stimulus files or folders (default: stimuli)"
+        "files",
+        nargs="*",
+        type=Path,
+        metavar="FILE",
+        help="stimulus files or folders (default: stimuli), or one CSV table",
     )
     parser.add_argument("-o", "--output", type=Path, metavar="CSV", help="write a table with units in its header")
+    parser.add_argument(
+        "--model", type=Path, metavar="JSON", help="model.json of stepblocks loop; FILE is a trials.csv"
+    )
     parser.set_defaults(run=_run)
 
 
 def _run(arguments: argparse.Namespace) -> int:
+    tables = [path for path in arguments.files if path.suffix.lower() == ".csv"]
+    if tables or arguments.model:
+        return _predict_table(arguments.files, arguments.output, arguments.model)
+    return _predict_sets(arguments)
+
+
+def _predict_table(files: list[Path], output: Path | None, model: Path | None) -> int:
+    from stepblocks.errors import PipelineError
+
+    if len(files) != 1 or files[0].suffix.lower() != ".csv":
+        raise PipelineError(f"expected one CSV table, got {', '.join(map(str, files)) or 'none'}")
+    if output is None:
+        raise PipelineError(f"-o must name the CSV to write [{files[0]}]")
+    if model is None:
+        from stepblocks.pipeline.predict_table import predict_table
+
+        count = len(predict_table(files[0], output))
+    else:
+        from stepblocks.pipeline.predict_model import predict_trials
+
+        flagged = predict_trials(files[0], model, output)
+        print(f"{output}: {flagged} trials flagged, see the column status")
+        return 0
+    print(f"{output}: {count} predictions")
+    return 0
+
+
+def _predict_sets(arguments: argparse.Namespace) -> int:
     from stepblocks.pipeline.build import stimulus_files
     from stepblocks.pipeline.manifest import replace_text
     from stepblocks.pipeline.predict import COLUMNS, as_csv, as_row, predict_set
