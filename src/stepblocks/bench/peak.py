@@ -1,0 +1,102 @@
+"""Peak force and release instant: where the ramp ends in a corner, or where a rounded peak is highest."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from stepblocks.bench.aftermath import Aftermath
+from stepblocks.bench.approach import Approach
+from stepblocks.bench.landmarks import Landmarks
+from stepblocks.bench.ring import Ring
+from stepblocks.bench.separable import covariance_of
+
+__all__ = ["Peak", "peak_of"]
+
+Array = NDArray[np.float64]
+
+_CORNER_REACH = 3.5  # samples about the highest one in which a corner may lie
+_TOP_SHARE = 0.06  # of the rise: a rounded peak is fitted where the force is within this of the highest
+_TOP_REACH = 6e-3  # [s] at most this far from the highest sample
+
+
+@dataclass(frozen=True)
+class Peak:
+    """Peak of the tangential force.
+
+    Attributes
+    ----------
+    time, force, force_std : float
+        Release instant [s], peak force and its standard uncertainty [N].
+    corner : bool
+        Whether the ramp ran into the release in a corner; otherwise the peak is rounded.
+    """
+
+    time: float
+    force: float
+    force_std: float
+    corner: bool
+
+
+def peak_of(time: Array, force: Array, marks: Landmarks, approach: Approach, after: Aftermath) -> Peak:
+    """Find the peak.
+
+    The highest sample is no measure of it: noise lifts it, and the release falls between two samples. A corner is the
+    intersection of ramp and release, both fitted; a rounded peak is the top of a cubic through its neighbourhood.
+    """
+    if isinstance(after.ring, Ring) and approach.end >= marks.peak - 1:
+        corner = _corner(time, marks, approach, after.ring)
+        if corner is not None:
+            return corner
+    return _rounded(time, force, marks, approach)
+
+
+def _corner(time: Array, marks: Landmarks, approach: Approach, ring: Ring) -> Peak | None:
+    from scipy.optimize import brentq
+
+    top = float(time[marks.peak])
+    step = float(np.median(np.diff(time)))
+
+    def excess(instant: float) -> float:
+        at = np.array([instant])
+        return float(ring.curve(at)[0] - approach.line(at)[0])
+
+    low, high = top - _CORNER_REACH * step, top + _CORNER_REACH * step
+    if not excess(low) > 0.0 > excess(high):
+        return None
+    instant = float(brentq(excess, low, high, xtol=1e-9))
+    fall = (excess(instant + 0.1 * step) - excess(instant - 0.1 * step)) / (0.2 * step)
+    if fall >= 0.0:
+        return None
+    line_std, curve_std = approach.line_std(instant), ring.curve_std(instant)
+    # the force at the corner moves along the ramp by slope * dt, dt = (errors of both) / (difference of slopes)
+    share = approach.slope / -fall
+    spread = float(np.hypot((1.0 - share) * line_std, share * curve_std))
+    at = np.array([instant])
+    return Peak(instant, float(approach.line(at)[0] - approach.hum(at)[0]), spread, corner=True)
+
+
+def _rounded(time: Array, force: Array, marks: Landmarks, approach: Approach) -> Peak:
+    clean = force - approach.hum(time)
+    near = np.convolve(clean, np.full(5, 0.2), mode="same")
+    close = near > near[marks.peak] - max(_TOP_SHARE * marks.rise, 3.0 * marks.noise)
+    first = last = marks.peak
+    while first > 0 and close[first - 1] and time[marks.peak] - time[first - 1] < _TOP_REACH:
+        first -= 1
+    while last < time.size - 1 and close[last + 1] and time[last + 1] - time[marks.peak] < _TOP_REACH:
+        last += 1
+    first, last = min(first, marks.peak - 3), max(last, marks.peak + 3)
+    t = time[first : last + 1] - time[marks.peak]
+    y = clean[first : last + 1]
+    reach = float(np.abs(t).max())
+    columns = np.vander(t / reach, 4, increasing=True)
+    weights = np.linalg.lstsq(columns, y, rcond=None)[0]
+    covariance, _ = covariance_of(columns, y - columns @ weights)
+    grid = np.linspace(t[0], t[-1], 801) / reach
+    heights = np.vander(grid, 4, increasing=True) @ weights
+    best = int(np.argmax(heights))
+    gradient = grid[best] ** np.arange(4)
+    spread = float(np.sqrt(max(gradient @ covariance @ gradient, 0.0)))
+    return Peak(float(time[marks.peak] + grid[best] * reach), float(heights[best]), spread, corner=False)
