@@ -115,9 +115,7 @@ def _of_rubbing(fit: RubbingRing, start: float) -> Aftermath:
     )
 
 
-def _best_rubbing(
-    time: Array, force: Array, marks: Landmarks, approach: Approach
-) -> tuple[RubbingRing, float] | None:
+def _best_rubbing(time: Array, force: Array, marks: Landmarks, approach: Approach) -> tuple[RubbingRing, float] | None:
     """Fit from one trough after the other, until the tip no longer climbs; with the begin of that ring."""
     clean = force - approach.hum(time)
     after = clean[marks.peak :]
@@ -144,9 +142,7 @@ def _tool_guess(time: Array, clean: Array, marks: Landmarks) -> tuple[float, flo
     return guess_ring(time[after:], clean[after:])
 
 
-def _troughs(
-    time: Array, clean: Array, marks: Landmarks, level: float, frequency: float
-) -> list[tuple[int, float]]:
+def _troughs(time: Array, clean: Array, marks: Landmarks, level: float, frequency: float) -> list[tuple[int, float]]:
     """Troughs after the slip, each with the instant at which the force fell through the level before it."""
     rate = (time.size - 1) / (time[-1] - time[0])
     half = max(int(0.5 * rate / frequency), 2)

@@ -90,9 +90,7 @@ def _wave(time: Array, frequency: float) -> Array:
 
 
 def _columns(time: Array, onset: float, center: float, mains: float) -> Array:
-    return np.column_stack(
-        [np.ones_like(time), time - center, np.maximum(time - onset, 0.0), _wave(time, mains)]
-    )
+    return np.column_stack([np.ones_like(time), time - center, np.maximum(time - onset, 0.0), _wave(time, mains)])
 
 
 def fit_approach(time: Array, force: Array, marks: Landmarks, start_up: tuple[float, float] | None) -> Approach:

@@ -87,7 +87,9 @@ def find_landmarks(time: Array, force: Array) -> Landmarks:
     # a start-up ring is as old as the record; a slip stands out over it
     floor = max(_RISE_OVER_NOISE * noise, _RISE_OVER_LEAD * float(np.abs(lead - level).max()))
     if rise < floor:
-        raise NoLandmark(f"no slip: the tangential force never rises over sliding (by {rise:.3g} N in noise {noise:.2g} N)")
+        raise NoLandmark(
+            f"no slip: the tangential force never rises over sliding (by {rise:.3g} N in noise {noise:.2g} N)"
+        )
     below = smooth[: peak + 1] - level < 0.5 * rise
     if not below.any():
         raise NoLandmark("no sliding before the edge: the record begins under load")

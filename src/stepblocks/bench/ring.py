@@ -68,7 +68,9 @@ class Ring:
 
         def model(shape: Array) -> Array:
             at = np.array([instant - self.origin])
-            return np.asarray(_columns(at, self.center - self.origin, self.mains, self.origin, shape) @ self.fit.weights)
+            return np.asarray(
+                _columns(at, self.center - self.origin, self.mains, self.origin, shape) @ self.fit.weights
+            )
 
         slopes = numeric_jacobian(model, self.fit.shape, np.array([1e-3, 1e-6, 1e-6]), -bound, bound)[0]
         at = np.array([instant - self.origin])

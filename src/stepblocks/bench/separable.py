@@ -99,9 +99,7 @@ def fit_separable(
     return SeparableFit(shape, weights, covariance, residuals, noise)
 
 
-def numeric_jacobian(
-    model: Callable[[Array], Array], point: Array, step: Array, lower: Array, upper: Array
-) -> Array:
+def numeric_jacobian(model: Callable[[Array], Array], point: Array, step: Array, lower: Array, upper: Array) -> Array:
     """Differentiate `model` by differences that stay inside the bounds; shape (n, q)."""
     columns = []
     for index in range(point.size):

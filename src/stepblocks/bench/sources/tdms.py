@@ -1,0 +1,84 @@
+"""Traces in TDMS (LabVIEW), a group per trial or a file per trial."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from stepblocks.bench.layout import inside
+from stepblocks.bench.session import Session
+from stepblocks.bench.sources.base import MOST_SAMPLES, TraceFault, as_samples, group_names
+from stepblocks.bench.sources.csv_files import trial_file
+from stepblocks.errors import BenchError
+
+__all__ = ["TdmsSource"]
+
+
+class TdmsSource:
+    """Reads channel by channel; only the index of the file is held."""
+
+    def __init__(self, session: Session) -> None:
+        self._session = session
+        self._file: Any = None
+        if not session.acquisition.per_trial:
+            path = inside(session.folder, session.acquisition.traces, "acquisition.traces")
+            if not path.is_file():
+                raise BenchError(f"traces are missing, expected {session.acquisition.traces} [{session.folder}]")
+            try:
+                self._file = _open(path)
+            except TraceFault as error:
+                raise BenchError(f"traces cannot be read: {error} [{path}]") from error
+
+    def columns(self, trial: str, names: tuple[str | int, ...]) -> dict[str | int, NDArray[np.float64]]:
+        """Read columns of one trial."""
+        if self._file is not None:
+            return self._read(self._file, trial, names)
+        with _open(trial_file(self._session, trial)) as file:
+            return self._read(file, trial, names)
+
+    def _read(self, file: Any, trial: str, names: tuple[str | int, ...]) -> dict[str | int, NDArray[np.float64]]:
+        wanted = group_names(self._session.acquisition.group, trial)
+        present = {group.name for group in file.groups()} if len(wanted) == 1 or self._file is None else None
+        group = _group(file, wanted, alone=self._file is None and present is not None and len(present) == 1)
+        found = {}
+        for name in names:
+            try:
+                channel = group.channels()[name] if isinstance(name, int) else group[name]
+            except (KeyError, IndexError):
+                listed = ", ".join(channel.name for channel in group.channels()[:8])
+                raise TraceFault(f"unknown channel: no {name!r} in group {group.name!r}, it has {listed}") from None
+            if len(channel) > MOST_SAMPLES:
+                raise TraceFault(f"channel {name!r} has {len(channel)} samples, more than {MOST_SAMPLES}")
+            try:
+                found[name] = as_samples(channel[:], name)
+            except (OSError, ValueError, EOFError) as error:
+                raise TraceFault(f"unreadable: channel {name!r}: {str(error)[:120]}") from error
+        return found
+
+    def close(self) -> None:
+        """Close the file."""
+        if self._file is not None:
+            self._file.close()
+
+
+def _open(path: Path) -> Any:
+    from nptdms import TdmsFile
+
+    try:
+        return TdmsFile.open(path)
+    except Exception as error:  # npTDMS lets struct, key and value errors of a damaged index through
+        raise TraceFault(f"{path.name} is no readable TDMS file: {str(error)[:120]}") from error
+
+
+def _group(file: Any, names: list[str], alone: bool) -> Any:
+    if alone:
+        return file.groups()[0]
+    for name in names:
+        try:
+            return file[name]
+        except KeyError:
+            continue
+    raise TraceFault(f"missing: no group {names[0]!r} among the traces")
