@@ -16,10 +16,17 @@ __all__ = ["Aftermath", "settle"]
 
 Array = NDArray[np.float64]
 
-_RELEASE_TIME = 0.3e-3  # [s] first samples after the peak, in which the sensor itself still follows
-_GOOD = 1.6  # squared noise over white noise up to which a fit is taken at once
+_RELEASE_TIME = 0.4e-3  # [s] first samples after the peak, in which the sensor itself still follows
+_GOOD = 5.0  # misfit up to which a fit is taken at once
+_BETTER = 0.85  # a second kind of fit must leave this share of the squared residuals at most
 _TAIL_SHARE = 0.35  # last share of the record after the slip, in which only the tool's own ring is left
+_SETTLED = 7.0  # misfit up to which a trough is taken for the begin of the free ring
+_MUCH_BETTER = 0.5  # a later trough must leave this share at most: some of the ring is lost with each
+_MOST_COLOUR = 3.0  # the noise while sliding counts up to this many times the white noise
 _MOST_TROUGHS = 8
+_FIRST_SWINGS = 25e-3  # [s]
+_HEARD = 1.3
+_USUAL_DECAY = 25e-3  # [s] first guess where nothing says better
 
 
 @dataclass(frozen=True)
@@ -59,7 +66,9 @@ class Aftermath:
         return self.ring.origin
 
 
-def settle(time: Array, force: Array, marks: Landmarks, approach: Approach) -> Aftermath:
+def settle(
+    time: Array, force: Array, marks: Landmarks, approach: Approach, tool: tuple[float, float] | None = None
+) -> Aftermath:
     """Fit the ring after a slip as that of a bell and, where that fails, as that of a tool whose tip rubs.
 
     Parameters
@@ -70,21 +79,34 @@ def settle(time: Array, force: Array, marks: Landmarks, approach: Approach) -> A
         Coarse instants.
     approach : Approach
         Fit of sliding and ramp: hum and slope.
+    tool : tuple of float, optional
+        Frequency [Hz] and decay time [s] of the tool, where other trials have told them.
 
     Returns
     -------
     Aftermath
         Figures at the release instant.
     """
+    marks = replace(marks, noise=_whole_noise(time, approach, marks))
     top = float(time[marks.peak])
     first = int(np.searchsorted(time, top + _RELEASE_TIME))
     bell = fit_ring(time[first:], force[first:], top, approach.mains, marks.noise)
-    if bell.chi_square < _GOOD:
+    if bell.misfit < _GOOD:
         return _of_bell(bell, top)
-    rubbing = _best_rubbing(time, force, marks, approach)
-    if rubbing is None or rubbing[0].chi_square >= bell.chi_square:
+    rubbing = _best_rubbing(time, force, marks, approach, tool)
+    if rubbing is None:
+        return _of_bell(bell, top)
+    common = time[first:] >= rubbing[0].origin
+    left = float(np.sum(bell.fit.residuals[common] ** 2))
+    if float(np.sum(rubbing[0].residuals ** 2)) > _BETTER * left:
         return _of_bell(bell, top)
     return _of_rubbing(*rubbing)
+
+
+def _whole_noise(time: Array, approach: Approach, marks: Landmarks) -> float:
+    """Noise while sliding, be it white or coloured [N]."""
+    before = approach.fit.residuals[: int(np.searchsorted(time, approach.onset))]
+    return min(max(float(np.std(before)), marks.noise), _MOST_COLOUR * marks.noise)
 
 
 def _of_bell(bell: Ring, top: float) -> Aftermath:
@@ -115,31 +137,60 @@ def _of_rubbing(fit: RubbingRing, start: float) -> Aftermath:
     )
 
 
-def _best_rubbing(time: Array, force: Array, marks: Landmarks, approach: Approach) -> tuple[RubbingRing, float] | None:
+def _best_rubbing(
+    time: Array, force: Array, marks: Landmarks, approach: Approach, tool: tuple[float, float] | None
+) -> tuple[RubbingRing, float] | None:
     """Fit from one trough after the other, until the tip no longer climbs; with the begin of that ring."""
     clean = force - approach.hum(time)
     after = clean[marks.peak :]
     tail = after[int(after.size * (1.0 - _TAIL_SHARE)) :]
     level = float(np.median(tail))
-    frequency, decay = _tool_guess(time, clean, marks)
     best: tuple[RubbingRing, float] | None = None
-    for trough, crossing in _troughs(time, clean, marks, level, frequency)[:_MOST_TROUGHS]:
-        origin = float(time[trough])
-        fit = fit_rubbing_ring(
-            time[trough:], clean[trough:], origin, (level, frequency, decay), approach.slope, marks.noise
-        )
-        start = max(float(time[marks.peak]), crossing - 0.25 / fit.values[2])
-        if best is None or fit.chi_square < 0.7 * best[0].chi_square:
-            best = (fit, start)
-        if best[0].chi_square < _GOOD:
+    for guess in _tool_guesses(time, clean, marks, approach, tool):
+        best = _from_troughs(time, clean, marks, approach.slope, level, guess, best)
+        if best is not None and best[0].misfit < _SETTLED:
             break
     return best
 
 
-def _tool_guess(time: Array, clean: Array, marks: Landmarks) -> tuple[float, float]:
-    """Frequency and decay time of the tool from where nothing but its own ring is left."""
-    after = marks.peak + int((time.size - marks.peak) * 0.25)
-    return guess_ring(time[after:], clean[after:])
+def _from_troughs(
+    time: Array,
+    clean: Array,
+    marks: Landmarks,
+    slope: float,
+    level: float,
+    guess: tuple[float, float],
+    best: tuple[RubbingRing, float] | None,
+) -> tuple[RubbingRing, float] | None:
+    frequency, decay = guess
+    for trough, crossing in _troughs(time, clean, marks, level, frequency)[:_MOST_TROUGHS]:
+        origin = float(time[trough])
+        fit = fit_rubbing_ring(
+            time[trough:], clean[trough:], origin, (level, frequency, decay), slope, marks.noise
+        )
+        start = max(float(time[marks.peak]), crossing - 0.25 / fit.values[2])
+        if best is None or fit.misfit < _MUCH_BETTER * best[0].misfit:
+            best = (fit, start)
+        if best[0].misfit < _SETTLED:
+            break
+    return best
+
+
+def _tool_guesses(
+    time: Array, clean: Array, marks: Landmarks, approach: Approach, tool: tuple[float, float] | None
+) -> list[tuple[float, float]]:
+    """Frequency and decay time of the tool: told, from its start-up, from its late ring, from its first swings."""
+    if tool is not None:
+        return [tool]
+    if approach.start_up is not None:
+        return [approach.start_up]
+    late = marks.peak + int((time.size - marks.peak) * 0.25)
+    frequency, decay = guess_ring(time[late:], clean[late:])
+    early = slice(marks.peak, int(np.searchsorted(time, time[marks.peak] + _FIRST_SWINGS)))
+    swings = guess_ring(time[early], np.gradient(clean[early]))[0]
+    # where the tip came to rest there is nothing to hear late, and what is heard of decay then is noise
+    heard = float(np.std(clean[late:])) > _HEARD * marks.noise
+    return [(frequency, decay), (swings, decay)] if heard else [(swings, _USUAL_DECAY), (frequency, _USUAL_DECAY)]
 
 
 def _troughs(time: Array, clean: Array, marks: Landmarks, level: float, frequency: float) -> list[tuple[int, float]]:
@@ -147,7 +198,7 @@ def _troughs(time: Array, clean: Array, marks: Landmarks, level: float, frequenc
     rate = (time.size - 1) / (time[-1] - time[0])
     half = max(int(0.5 * rate / frequency), 2)
     smooth = np.convolve(clean, np.full(5, 0.2), mode="same")
-    found = []
+    found: list[tuple[int, float]] = []
     index = marks.peak
     while len(found) < _MOST_TROUGHS:
         below = np.flatnonzero(smooth[index : smooth.size - 2] < level)

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from stepblocks.bench.landmarks import Landmarks
-from stepblocks.bench.separable import SeparableFit, fit_separable
+from stepblocks.bench.separable import SeparableFit, fit_separable, propagated
 
 __all__ = ["Approach", "fit_approach", "mains_of"]
 
@@ -52,6 +52,11 @@ class Approach:
     fit: SeparableFit
     center: float
 
+    @property
+    def start_up(self) -> tuple[float, float] | None:
+        """Frequency [Hz] and decay time [s] of the ring when the handle started, where there is one."""
+        return (float(self.fit.shape[1]), float(self.fit.shape[2])) if self.fit.shape.size == 3 else None
+
     def line(self, time: Array) -> Array:
         """Line of the ramp with drift and hum [N], continued past its end."""
         columns = _columns(time, self.onset, self.center, self.mains)
@@ -59,19 +64,21 @@ class Approach:
         return np.asarray(columns @ self.fit.weights[:5], dtype=float)
 
     def line_std(self, time: float) -> float:
-        """Standard uncertainty of `line` at one instant [N]."""
-        columns = _columns(np.array([time]), self.onset, self.center, self.mains)[0]
-        columns[2] = time - self.onset
+        """Return the standard uncertainty of `ramp` at one instant [N]."""
+        columns = np.array([1.0, 0.0, time - self.onset, 0.0, 0.0])
         size = self.fit.shape.size
         gradient = np.zeros(self.fit.covariance.shape[0])
         gradient[0] = -self.slope
         gradient[size : size + 5] = columns
-        return float(np.sqrt(max(gradient @ self.fit.covariance @ gradient, 0.0)))
+        return propagated(gradient, self.fit.covariance)
 
     def hum(self, time: Array) -> Array:
         """Hum alone [N], continued over the whole record."""
-        columns = _columns(time, self.onset, self.center, self.mains)
-        return np.asarray(columns[:, 3:] @ self.fit.weights[3:5], dtype=float)
+        return np.asarray(_wave(time, self.mains) @ self.fit.weights[3:5], dtype=float)
+
+    def ramp(self, time: float) -> float:
+        """Force on the line of the ramp without hum and drift [N]."""
+        return self.level + self.slope * (time - self.onset)
 
 
 def mains_of(time: Array, values: Array) -> float:
@@ -127,7 +134,7 @@ def fit_approach(time: Array, force: Array, marks: Landmarks, start_up: tuple[fl
         level=float(fit.weights[0]),
         level_std=float(spread[size]),
         onset=float(fit.shape[0]),
-        slope=float(fit.weights[2] + fit.weights[1]),
+        slope=float(fit.weights[2]),
         slope_std=float(spread[size + 2]),
         end=end,
         mains=mains,
@@ -156,31 +163,41 @@ def _fit_until(
         return np.column_stack([plain(shape), decay[:, None] * _wave(t - t[0], float(shape[1]))])
 
     frequency, decay_time = start_up
+    if not _rings(t, fit, frequency, decay_time):
+        return fit
     guess = np.array([fit.shape[0], frequency, decay_time])
     lower = np.array([guess[0] - reach, 0.8 * frequency, 0.2 * decay_time])
     upper = np.array([guess[0] + reach, 1.25 * frequency, 5.0 * decay_time])
     richer = fit_separable(ringing, y, guess, lower, upper, np.array([reach, 0.02 * frequency, 0.3 * decay_time]))
-    before, after = float(fit.residuals @ fit.residuals), float(richer.residuals @ richer.residuals)
-    # four parameters more explain 4/n of white noise by chance
-    if before - after > max(_START_UP_GAIN, 25.0 / y.size) * before:
-        return richer
-    return fit
+    return richer
+
+
+def _rings(time: Array, fit: SeparableFit, frequency: float, decay_time: float) -> bool:
+    """Whether what sliding and ramp leave over holds a ring that begins with the record."""
+    before = time < fit.shape[0]
+    t, left = time[before] - time[0], fit.residuals[before]
+    columns = np.exp(-t / decay_time)[:, None] * _wave(t, frequency)
+    rest = left - columns @ np.linalg.lstsq(columns, left, rcond=None)[0]
+    had, has = float(left @ left), float(rest @ rest)
+    # two parameters more explain 2/n of white noise by chance
+    return had - has > max(_START_UP_GAIN, 20.0 / max(t.size, 1)) * had
 
 
 def _end_of_line(
     time: Array, force: Array, end: int, marks: Landmarks, fit: SeparableFit, center: float, mains: float
 ) -> int:
     """First sample past `end` where the force leaves the line of the ramp for good."""
-    stop = marks.peak
+    # the filter of a converter rings a sample or two ahead of a corner
+    stop = marks.peak - 2
     if stop <= end:
-        return end
+        return marks.peak if end >= marks.peak - 1 else end
     columns = _columns(time[end:stop], float(fit.shape[0]), center, mains)
     miss = force[end:stop] - columns @ fit.weights[:5]
     window = min(4, miss.size)
     mean = np.convolve(miss, np.full(window, 1.0 / window), mode="valid")
     off = np.abs(mean) > _LINE_SIGMAS * marks.noise / np.sqrt(window)
     if not off[-1]:
-        return stop
+        return marks.peak
     # noise may cross the limit for a moment; only what stays off to the peak is the peak's own rounding
     on = np.flatnonzero(~off)
     return end + (max(int(on[-1]) - 3, 0) if on.size else 0)

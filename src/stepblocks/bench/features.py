@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from dataclasses import dataclass
 
 import numpy as np
@@ -16,7 +17,7 @@ from stepblocks.bench.ring import guess_ring
 from stepblocks.bench.spectrum import LOADING_BAND, VIBRATION_BAND, band_share
 from stepblocks.bench.trace import Trace
 
-__all__ = ["FEATURE_COLUMNS", "Measurement", "measure_trace"]
+__all__ = ["FEATURE_COLUMNS", "Measurement", "measure_trace", "tool_of"]
 
 FEATURE_COLUMNS = (
     "sliding_friction",
@@ -51,6 +52,7 @@ FEATURE_COLUMNS = (
 )
 """Columns of a table of features, after trial, status, reason and the covariates."""
 
+_FEWEST_CLEAR = 3
 _RING_TIMES = 5.0  # decay times after which the ring counts as over
 
 
@@ -73,7 +75,12 @@ class Measurement:
     aftermath: Aftermath
 
 
-def measure_trace(trace: Trace, spring_constant: float, speed: float = float("nan")) -> Measurement:
+def measure_trace(
+    trace: Trace,
+    spring_constant: float,
+    speed: float = float("nan"),
+    tool: tuple[float, float] | None = None,
+) -> Measurement:
     """Measure one trace.
 
     Parameters
@@ -84,6 +91,8 @@ def measure_trace(trace: Trace, spring_constant: float, speed: float = float("na
         Declared stiffness of the probe k [N/m], for ``E_v = A^2 / 2k``.
     speed : float
         Speed of the handle [m/s]; without it the spring constant in place is not-a-number.
+    tool : tuple of float, optional
+        Frequency [Hz] and decay time [s] of the tool, where other trials have told them; see `tool_of`.
 
     Returns
     -------
@@ -92,14 +101,14 @@ def measure_trace(trace: Trace, spring_constant: float, speed: float = float("na
 
     Raises
     ------
-    NoLandmark
+    LandmarkError
         If the trace does not show the course of a trial; its message is the reason.
     """
     time, force = trace.time - trace.time[0], trace.tangential
     marks = find_landmarks(time, force)
     late = marks.peak + (time.size - marks.peak) // 4
-    approach = fit_approach(time, force, marks, guess_ring(time[late:], force[late:]))
-    after = settle(time, force, marks, approach)
+    approach = fit_approach(time, force, marks, tool or guess_ring(time[late:], force[late:]))
+    after = settle(time, force, marks, approach, tool)
     peak = peak_of(time, force, marks, approach, after)
     if peak.corner:
         after = after.carried_to(peak.time)
@@ -164,3 +173,20 @@ def _bands(
         "loading_share_0_100hz": band_share(clean[onset:release] - approach.level, rate, LOADING_BAND),
         "vibration_share_250_350hz": band_share(clean[begin:end] - after.level[0], rate, VIBRATION_BAND),
     }
+
+
+def tool_of(features: Iterable[dict[str, float]]) -> tuple[float, float] | None:
+    """Frequency [Hz] and decay time [s] of the tool from some trials that show them well, or None.
+
+    A trial whose ring is faint is fitted the better for knowing them; a clear ring overrules them.
+    """
+    clear = [
+        (row["ring_frequency_hz"], row["decay_time_s"])
+        for row in features
+        if row["ring_frequency_std_hz"] < 0.01 * row["ring_frequency_hz"]
+        and row["decay_time_std_s"] < 0.1 * row["decay_time_s"]
+    ]
+    if len(clear) < _FEWEST_CLEAR:
+        return None
+    frequency, decay = np.median(np.array(clear), axis=0)
+    return float(frequency), float(decay)

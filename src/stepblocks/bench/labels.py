@@ -1,8 +1,9 @@
 """Does a trace belong to its row? Found out from the whole session, after every trace was measured.
 
-A trace carries its conditions in itself: the normal force is the load, the slope of the ramp is stiffness times speed,
-and peak, sliding and normal force together give the angle of the edge and so the height of the block, whatever the
-friction was. A trace that contradicts its row in one of these, where the session as a whole does not, belongs elsewhere.
+A trace carries its conditions in itself: the normal force is the load, the slope of the ramp is stiffness times
+speed, and peak, sliding and normal force together give the angle of the edge and so the height of the block,
+whatever the friction was. A trace that contradicts its row in one of these, where the session as a whole does not,
+belongs elsewhere.
 """
 
 from __future__ import annotations
@@ -137,9 +138,9 @@ class LabelCheck:
             nearest = min(medians, key=lambda name: abs(medians[name] - size[index]))
             fits = abs(size[index] - medians[nearest]) < 0.25 * miss
             if nearest != block[index] and fits and miss > max(_ANGLE_SIGMAS * spread, _ANGLE_SHARE * home):
+                there, here = labels[nearest], labels[int(block[index])]
                 found.setdefault(
-                    self.rows[index],
-                    f"mislabelled: the forces are those of block {labels[nearest]}, the row says {labels[int(block[index])]}",
+                    self.rows[index], f"mislabelled: the forces are those of block {there}, the row says {here}"
                 )
 
 

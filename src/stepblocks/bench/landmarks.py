@@ -10,7 +10,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-__all__ = ["Landmarks", "NoLandmark", "find_landmarks", "white_noise"]
+__all__ = ["LandmarkError", "Landmarks", "find_landmarks", "white_noise"]
 
 Array = NDArray[np.float64]
 
@@ -20,7 +20,7 @@ _FALL_SHARE = 0.5  # a tip that slipped has given back at least this share of th
 _SLIDE_SAMPLES = 40  # fewer samples before the edge say nothing of the sliding force
 
 
-class NoLandmark(Exception):
+class LandmarkError(Exception):
     """The trace lacks a part of the course of a trial; the message is the reason for its exclusion."""
 
 
@@ -50,11 +50,11 @@ class Landmarks:
 
 
 def white_noise(values: Array) -> float:
-    """Standard deviation of white noise, from second differences, blind to anything slow and to spikes."""
-    second = np.abs(np.diff(values, n=2))
+    """Return the standard deviation of white noise, from fourth differences: blind to what is slow and to spikes."""
+    fourth = np.abs(np.diff(values, n=4))
     # the median alone comes in steps where the record is quantised; it only says what is a spike
-    quiet = second[second <= 4.0 * np.median(second) / 0.6745]
-    return float(np.sqrt(np.mean(quiet**2) / 6.0)) if quiet.size else 0.0
+    quiet = fourth[fourth <= 4.0 * np.median(fourth) / 0.6745]
+    return float(np.sqrt(np.mean(quiet**2) / 70.0)) if quiet.size else 0.0
 
 
 def find_landmarks(time: Array, force: Array) -> Landmarks:
@@ -74,7 +74,7 @@ def find_landmarks(time: Array, force: Array) -> Landmarks:
 
     Raises
     ------
-    NoLandmark
+    LandmarkError
         If the force never rises, never falls again, or rises before any sliding was recorded.
     """
     noise = white_noise(force)
@@ -87,18 +87,18 @@ def find_landmarks(time: Array, force: Array) -> Landmarks:
     # a start-up ring is as old as the record; a slip stands out over it
     floor = max(_RISE_OVER_NOISE * noise, _RISE_OVER_LEAD * float(np.abs(lead - level).max()))
     if rise < floor:
-        raise NoLandmark(
+        raise LandmarkError(
             f"no slip: the tangential force never rises over sliding (by {rise:.3g} N in noise {noise:.2g} N)"
         )
     below = smooth[: peak + 1] - level < 0.5 * rise
     if not below.any():
-        raise NoLandmark("no sliding before the edge: the record begins under load")
+        raise LandmarkError("no sliding before the edge: the record begins under load")
     after = smooth[peak:]
     if float(after.min()) > level + (1.0 - _FALL_SHARE) * rise:
-        raise NoLandmark("no release: the tangential force does not fall after its peak")
+        raise LandmarkError("no release: the tangential force does not fall after its peak")
     onset = _line_onset(time, smooth, peak, level, rise)
     if np.searchsorted(time, onset) < _SLIDE_SAMPLES:
-        raise NoLandmark(f"no sliding before the edge: loading begins {onset - time[0]:.3g} s into the record")
+        raise LandmarkError(f"no sliding before the edge: loading begins {onset - time[0]:.3g} s into the record")
     return Landmarks(onset=onset, peak=peak, level=level, rise=rise, noise=noise)
 
 
@@ -116,5 +116,5 @@ def _line_onset(time: Array, smooth: Array, peak: int, level: float, rise: float
     high = max(high, low + 2)
     slope = (smooth[high] - smooth[low]) / (time[high] - time[low])
     if slope <= 0.0:
-        raise NoLandmark("no loading: the tangential force does not climb steadily to its peak")
+        raise LandmarkError("no loading: the tangential force does not climb steadily to its peak")
     return float(time[low] - climb[low] / slope)

@@ -75,7 +75,7 @@ def inside(folder: Path, relative: str, place: str) -> Path:
 
 
 def unit_of_name(name: str, dimension: str) -> str | None:
-    """Unit at the end of a column name, or None.
+    """Return the unit at the end of a column name, or None.
 
     Examples
     --------

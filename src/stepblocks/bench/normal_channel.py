@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 
 from stepblocks.bench.aftermath import Aftermath
 from stepblocks.bench.approach import Approach
-from stepblocks.bench.separable import covariance_of
+from stepblocks.bench.separable import covariance_of, propagated
 
 __all__ = ["normal_level", "sympathetic_force"]
 
@@ -23,7 +23,7 @@ def _hum(time: Array, mains: float) -> Array:
 
 
 def normal_level(time: Array, normal: Array, approach: Approach) -> tuple[float, float]:
-    """Normal force while sliding before the edge, hum and drift apart, and its standard uncertainty [N]."""
+    """Return the normal force while sliding, hum and drift apart, and its standard uncertainty [N]."""
     end = int(np.searchsorted(time, approach.onset - _ONSET_GUARD))
     t, y = time[:end], normal[:end]
     columns = np.column_stack([np.ones_like(t), t - t.mean(), _hum(t, approach.mains)])
@@ -52,4 +52,4 @@ def sympathetic_force(time: Array, normal: Array, approach: Approach, after: Aft
         return 0.0, float(np.sqrt(covariance[0, 0]))
     gradient = np.zeros(6)
     gradient[:2] = weights[:2] / amplitude
-    return amplitude, float(np.sqrt(max(gradient @ covariance @ gradient, 0.0)))
+    return amplitude, propagated(gradient, covariance)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 import numpy as np
@@ -11,13 +12,15 @@ from stepblocks.bench.aftermath import Aftermath
 from stepblocks.bench.approach import Approach
 from stepblocks.bench.landmarks import Landmarks
 from stepblocks.bench.ring import Ring
-from stepblocks.bench.separable import covariance_of
+from stepblocks.bench.separable import covariance_of, propagated
 
 __all__ = ["Peak", "peak_of"]
 
 Array = NDArray[np.float64]
 
 _CORNER_REACH = 3.5  # samples about the highest one in which a corner may lie
+_FALL_SAMPLES = 6
+_CLEAR_FALL = 0.02  # of the rise: the first sample after a corner has fallen by this at least
 _TOP_SHARE = 0.06  # of the rise: a rounded peak is fitted where the force is within this of the highest
 _TOP_REACH = 6e-3  # [s] at most this far from the highest sample
 
@@ -46,8 +49,11 @@ def peak_of(time: Array, force: Array, marks: Landmarks, approach: Approach, aft
     The highest sample is no measure of it: noise lifts it, and the release falls between two samples. A corner is the
     intersection of ramp and release, both fitted; a rounded peak is the top of a cubic through its neighbourhood.
     """
-    if isinstance(after.ring, Ring) and approach.end >= marks.peak - 1:
-        corner = _corner(time, marks, approach, after.ring)
+    if approach.end >= marks.peak - 1:
+        if isinstance(after.ring, Ring):
+            corner = _corner(time, marks, approach, after.ring)
+        else:
+            corner = _corner_of_fall(time, force, marks, approach)
         if corner is not None:
             return corner
     return _rounded(time, force, marks, approach)
@@ -74,8 +80,42 @@ def _corner(time: Array, marks: Landmarks, approach: Approach, ring: Ring) -> Pe
     # the force at the corner moves along the ramp by slope * dt, dt = (errors of both) / (difference of slopes)
     share = approach.slope / -fall
     spread = float(np.hypot((1.0 - share) * line_std, share * curve_std))
-    at = np.array([instant])
-    return Peak(instant, float(approach.line(at)[0] - approach.hum(at)[0]), spread, corner=True)
+    return Peak(instant, approach.ramp(instant), spread, corner=True)
+
+
+def _corner_of_fall(time: Array, force: Array, marks: Landmarks, approach: Approach) -> Peak | None:
+    """Corner of the ramp and a parabola through the first samples after it."""
+    # noise decides which of the samples about a corner is the highest; the fall begins where the line is left
+    below = approach.line(time) - force
+    deep = max(_CLEAR_FALL * marks.rise, 5.0 * marks.noise)
+    first = marks.peak - 1
+    while first < marks.peak + 4 and not (below[first] > deep and below[first + 1] > below[first]):
+        first += 1
+    last = first + _FALL_SAMPLES
+    if last > time.size or first == marks.peak + 4 or abs(below[first - 1]) > deep:
+        return None
+    step = float(np.median(np.diff(time)))
+    t = (time[first:last] - time[first]) / step
+    y = force[first:last] - approach.line(time[first:last])
+    columns = np.vander(t, 3, increasing=True)
+    weights = np.linalg.lstsq(columns, y, rcond=None)[0]
+    grid = np.linspace(-_CORNER_REACH, 0.0, 701)
+    excess = np.vander(grid, 3, increasing=True) @ weights
+    above = np.flatnonzero(excess > 0.0)
+    if not above.size or excess[-1] >= 0.0:
+        return None
+    at = float(grid[above[-1]])
+    fall = (weights[1] + 2.0 * weights[2] * at) / step
+    if fall >= 0.0:
+        return None
+    gradient = at ** np.arange(3)
+    covariance, _ = covariance_of(columns, y - columns @ weights)
+    noise = max(propagated(gradient, covariance), propagated(gradient, np.linalg.inv(columns.T @ columns)) * marks.noise)
+    instant = float(time[first]) + at * step
+    # how a fall begins between two samples is not seen
+    unseen = approach.slope * step / math.sqrt(12.0)
+    spread = math.hypot(approach.line_std(instant), approach.slope / -fall * noise, unseen)
+    return Peak(instant, approach.ramp(instant), spread, corner=True)
 
 
 def _rounded(time: Array, force: Array, marks: Landmarks, approach: Approach) -> Peak:
@@ -98,5 +138,5 @@ def _rounded(time: Array, force: Array, marks: Landmarks, approach: Approach) ->
     heights = np.vander(grid, 4, increasing=True) @ weights
     best = int(np.argmax(heights))
     gradient = grid[best] ** np.arange(4)
-    spread = float(np.sqrt(max(gradient @ covariance @ gradient, 0.0)))
+    spread = propagated(gradient, covariance)
     return Peak(float(time[marks.peak] + grid[best] * reach), float(heights[best]), spread, corner=False)

@@ -11,11 +11,14 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from stepblocks.bench.separable import SeparableFit, covariance_of, fit_separable, numeric_jacobian
+from stepblocks.bench.separable import SeparableFit, covariance_of, fit_separable, misfit, numeric_jacobian, propagated
 
-__all__ = ["Ring", "fit_ring", "guess_ring", "linear_decay", "ring_amplitude"]
+__all__ = ["BEGIN", "Ring", "fit_ring", "guess_ring", "linear_decay", "ring_amplitude"]
 
 Array = NDArray[np.float64]
+
+BEGIN = 8e-3
+"""Time after the slip [s] in which a wrong fit of a ring shows."""
 
 _LOWEST = 80.0  # [Hz] below lie hum and its first harmonic
 _RELEASE_DECAY = (0.05e-3, 0.4e-3, 1.5e-3)  # [s] least, first guess, most
@@ -40,8 +43,8 @@ class Ring:
         Mains frequency fitted along [Hz].
     fit : SeparableFit
         Shape: frequency, decay time, decay time of the release; weights: level, drift, hum (2), release, ring (2).
-    chi_square : float
-        Squared noise of the fit over the white noise of the trace.
+    misfit : float
+        By how many standard errors the residuals miss the noise; see `stepblocks.bench.separable.misfit`.
     """
 
     frequency: float
@@ -55,15 +58,15 @@ class Ring:
     center: float
     time: Array
     fit: SeparableFit
-    chi_square: float
+    misfit: float
 
     def curve(self, time: Array) -> Array:
-        """The whole fit [N] at the instants `time`."""
+        """Return the whole fit [N] at the instants `time`."""
         columns = _columns(time - self.origin, self.center - self.origin, self.mains, self.origin, self.fit.shape)
         return np.asarray(columns @ self.fit.weights, dtype=float)
 
     def curve_std(self, instant: float) -> float:
-        """Standard uncertainty of `curve` at one instant [N]."""
+        """Return the standard uncertainty of `curve` at one instant [N]."""
         bound = np.full(3, np.inf)
 
         def model(shape: Array) -> Array:
@@ -76,7 +79,7 @@ class Ring:
         at = np.array([instant - self.origin])
         columns = _columns(at, self.center - self.origin, self.mains, self.origin, self.fit.shape)[0]
         gradient = np.concatenate([slopes, columns])
-        return float(np.sqrt(max(gradient @ self.fit.covariance @ gradient, 0.0)))
+        return propagated(gradient, self.fit.covariance)
 
 
 def guess_ring(time: Array, values: Array) -> tuple[float, float]:
@@ -138,7 +141,7 @@ def fit_ring(time: Array, force: Array, origin: float, mains: float, noise: floa
     """
     guess = guess_ring(time, force)
     t = time - origin
-    center = float(t.mean())
+    center = 0.0  # the level is that at the slip, whatever drifts afterwards
     start = np.array([guess[0], guess[1], _RELEASE_DECAY[1]])
     lower = np.array([0.85 * guess[0], 1e-3, _RELEASE_DECAY[0]])
     upper = np.array([1.15 * guess[0], 1.0, _RELEASE_DECAY[2]])
@@ -158,7 +161,7 @@ def fit_ring(time: Array, force: Array, origin: float, mains: float, noise: floa
         center=center + origin,
         time=time,
         fit=fit,
-        chi_square=(fit.noise / noise) ** 2 if noise > 0.0 else np.inf,
+        misfit=misfit(fit.residuals, 10, int(np.searchsorted(time, origin + BEGIN)), noise),
     )
 
 
@@ -176,7 +179,7 @@ def ring_amplitude(ring: Ring, instant: float) -> tuple[float, float]:
     gradient[1] = amplitude * reach / ring.decay_time**2
     if size > 0.0:
         gradient[8], gradient[9] = growth * cosine / size, growth * sine / size
-    return amplitude, float(np.sqrt(max(gradient @ ring.fit.covariance @ gradient, 0.0)))
+    return amplitude, propagated(gradient, ring.fit.covariance)
 
 
 def linear_decay(ring: Ring) -> tuple[float, float]:

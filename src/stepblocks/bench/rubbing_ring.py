@@ -10,21 +10,23 @@ between the levels, it sticks, and the force climbs along the ramp ``k v`` until
 
 from __future__ import annotations
 
-import math
+from collections.abc import Callable
 from dataclasses import dataclass
+from functools import cache
 
 import numpy as np
 from numpy.typing import NDArray
 
-from stepblocks.bench.separable import covariance_of, numeric_jacobian
+from stepblocks.bench.ring import BEGIN
+from stepblocks.bench.rubbing_kernel import rubbing_kernel
+from stepblocks.bench.separable import covariance_of, misfit, numeric_jacobian, propagated
 
 __all__ = ["RubbingRing", "fit_rubbing_ring", "rubbing_force"]
 
 Array = NDArray[np.float64]
 
-_MOST_PHASES = 400
-_MOST_STEPS = 2000
-_GOOD = 1.3  # squared noise over white noise at which no other start is tried
+_TOOL_SPREAD = (0.05, 0.4)  # relative, of frequency and decay time from trial to trial
+_GOOD = 4.0  # misfit at which no other start is tried
 
 
 @dataclass(frozen=True)
@@ -42,28 +44,28 @@ class RubbingRing:
         Slope of the force while the tip sticks [N/s].
     origin : float
         Instant that the fit counts from [s].
-    chi_square : float
-        Squared noise of the fit over the white noise of the trace.
+    misfit : float
+        By how many standard errors the residuals miss the noise; see `stepblocks.bench.separable.misfit`.
+    residuals : ndarray, shape (n,)
+        Data minus fit [N].
+    knows_gap : bool
+        Whether the tip ever slipped back, so that the gap shows.
     """
 
     values: Array
     covariance: Array
     slope: float
     origin: float
-    chi_square: float
+    misfit: float
     residuals: Array
+    knows_gap: bool
 
     def curve(self, time: Array) -> Array:
-        """The fit without hum [N] at the instants `time`, all after `origin`."""
+        """Return the fit without hum [N] at the instants `time`, all after `origin`."""
         return _model(self.values, time - self.origin, self.slope)
 
-    @property
-    def knows_gap(self) -> bool:
-        """Whether the ring ever turned back, so that its gap shows."""
-        return bool(0.0 < self.covariance[1, 1] < np.inf) and self.std(1) < 10.0 * max(float(self.values[1]), 1e-9)
-
     def std(self, index: int) -> float:
-        """Standard uncertainty of one of `values`."""
+        """Return the standard uncertainty of one of `values`."""
         return float(np.sqrt(max(self.covariance[index, index], 0.0)))
 
     def amplitude(self, instant: float) -> tuple[float, float]:
@@ -82,7 +84,7 @@ class RubbingRing:
         step = 1e-4 * _SCALE
         unbounded = np.full(7, np.inf)
         gradient = numeric_jacobian(size, self.values, step, -unbounded, unbounded)[0]
-        return float(size(self.values)[0]), float(np.sqrt(max(gradient @ self.covariance @ gradient, 0.0)))
+        return float(size(self.values)[0]), propagated(gradient, self.covariance)
 
 
 _SCALE = np.array([0.01, 0.05, 2.0, 5e-3, 0.05, 10.0, 0.1])
@@ -121,75 +123,23 @@ def rubbing_force(
     >>> bool(np.allclose(f, 0.1 + np.exp(-t / 0.02) * np.cos(w * t)))
     True
     """
-    omega = 2.0 * math.pi * frequency
-    result = np.empty_like(time)
-    begin, force, rate, done = 0.0, start[0], start[1], 0
-    forward = rate < slope
-    for _ in range(_MOST_PHASES):
-        rest = level if forward else level - gap
-        a = force - rest
-        b = (rate + a / decay_time) / omega
-        turn = _turn(a, b, omega, decay_time, slope, forward) if gap > 0.0 else math.inf
-        upto = done + int(np.searchsorted(time[done:], begin + turn))
-        t = time[done:upto] - begin
-        result[done:upto] = rest + np.exp(-t / decay_time) * (a * np.cos(omega * t) + b * np.sin(omega * t))
-        done = upto
-        if done >= time.size:
-            return result
-        shrink, c, s = math.exp(-turn / decay_time), math.cos(omega * turn), math.sin(omega * turn)
-        force = rest + shrink * (a * c + b * s)
-        rate = shrink * ((b * omega - a / decay_time) * c - (a * omega + b / decay_time) * s)
-        begin += turn
-        if forward and force >= level - gap and slope > 0.0:
-            wait = max(level - force, 0.0) / slope
-            upto = done + int(np.searchsorted(time[done:], begin + wait))
-            result[done:upto] = force + slope * (time[done:upto] - begin)
-            done = upto
-            force, rate, begin = max(level, force), slope * (1.0 - 1e-9), begin + wait
-            if done >= time.size:
-                return result
-        else:
-            forward = not forward
-    result[done:] = level
-    return result
+    kernel = _compiled()
+    return np.asarray(kernel(time, level, gap, frequency, decay_time, start[0], start[1], slope), dtype=float)
 
 
-def _turn(a: float, b: float, omega: float, decay: float, slope: float, forward: bool) -> float:
-    """First instant at which the force climbs faster (slower, where not `forward`) than the ramp; inf for never."""
-    p, q = b * omega - a / decay, a * omega + b / decay
-    size = math.hypot(p, q)
-    if forward and size <= slope:
-        return math.inf
-    sign = 1.0 if forward else -1.0
+@cache
+def _compiled() -> Callable[..., Array]:
+    """Compile the kernel when it is first wanted: a fit calls it some hundred times."""
+    from numba import njit
 
-    def excess(t: float) -> float:
-        return sign * (math.exp(-t / decay) * (p * math.cos(omega * t) - q * math.sin(omega * t)) - slope)
-
-    # the rate is size exp(-t/decay) cos(omega t + phase): within each period it passes `slope` near a known phase
-    step = 2.0 * math.pi / omega / 20.0
-    last = decay * math.log(size / slope) if forward and slope > 0.0 else math.inf
-    low, high = 0.0, step
-    for _ in range(_MOST_STEPS):
-        if excess(high) > 0.0:
-            break
-        low, high = high, high + step
-        if low > last:
-            return math.inf
-    else:
-        return math.inf
-    for _ in range(26):
-        middle = 0.5 * (low + high)
-        if excess(middle) > 0.0:
-            high = middle
-        else:
-            low = middle
-    return high
+    compiled: Callable[..., Array] = njit(cache=True)(rubbing_kernel)
+    return compiled
 
 
 def _model(values: Array, time: Array, slope: float) -> Array:
     level, gap, frequency, decay, offset, rate, drift = values
     force = rubbing_force(time, level, gap, frequency, decay, (level + offset, rate), slope)
-    return np.asarray(force + drift * (time - time.mean()), dtype=float)
+    return np.asarray(force + drift * time, dtype=float)
 
 
 def fit_rubbing_ring(
@@ -223,6 +173,9 @@ def fit_rubbing_ring(
     from scipy.optimize import least_squares
 
     level, frequency, decay = guess
+    # what is known of the tool holds a ring that is too faint to tell; a clear ring outweighs it
+    known = noise / np.array([_TOOL_SPREAD[0] * frequency, _TOOL_SPREAD[1] * decay])
+    begin = int(np.searchsorted(time, origin + BEGIN))
     t = time - origin
     offset = float(force[:3].mean()) - level
     lower = np.array([-np.inf, 0.0, 0.7 * frequency, 2e-3, -np.inf, -np.inf, -np.inf])
@@ -232,7 +185,7 @@ def fit_rubbing_ring(
     for gap in (2.0 * abs(level), 0.3 * abs(offset), 0.0):
         start = np.array([level, gap + 1e-6, frequency, decay, offset, 0.0, 0.0])
         found = least_squares(
-            lambda p: _model(p, t, slope) - force,
+            lambda p: np.append(_model(p, t, slope) - force, (p[2:4] - (frequency, decay)) * known),
             np.clip(start, lower, upper),
             bounds=(lower, upper),
             x_scale=_SCALE,
@@ -241,12 +194,15 @@ def fit_rubbing_ring(
         )
         if best is None or found.cost < best.cost:
             best = found
-        if 2.0 * best.cost < _GOOD * noise**2 * t.size:
+        if misfit(best.fun[:-2], 7, begin, noise) < _GOOD:
             break
     assert best is not None
     values = np.asarray(best.x, dtype=float)
     jacobian = numeric_jacobian(lambda p: _model(p, t, slope), values, 1e-3 * _SCALE, lower, upper)
-    residuals = -np.asarray(best.fun, dtype=float)
-    covariance, spread = covariance_of(jacobian, residuals)
-    chi_square = (spread / noise) ** 2 if noise > 0.0 else np.inf
-    return RubbingRing(values, covariance, slope, origin, chi_square, residuals)
+    residuals = -np.asarray(best.fun[:-2], dtype=float)
+    covariance, _ = covariance_of(jacobian, residuals)
+    missed = misfit(residuals, 7, begin, noise)
+    # a sample between two turns changes by the gap itself; a gap that moves less than one sample was not seen
+    knows_gap = bool(np.abs(jacobian[:, 1]).sum() > 1.0 and values[1] > 1e-5)
+    return RubbingRing(values, covariance, slope, origin, missed, residuals, knows_gap)
+

@@ -7,13 +7,17 @@ doi:10.1137/0710036), so only two or three numbers are searched.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
-__all__ = ["SeparableFit", "correlation_inflation", "covariance_of", "fit_separable", "numeric_jacobian"]
+__all__ = ["SeparableFit", "correlation_inflation", "covariance_of", "fit_separable", "misfit",
+    "numeric_jacobian",
+    "propagated",
+]
 
 Array = NDArray[np.float64]
 
@@ -83,7 +87,7 @@ def fit_separable(
     def solve(shape: Array) -> tuple[Array, Array]:
         columns = basis(shape)
         weights = np.linalg.lstsq(columns, values, rcond=1e-12)[0]
-        return weights, values - columns @ weights
+        return weights, np.asarray(values - columns @ weights, dtype=float)
 
     shape = np.clip(start, lower, upper)
     if shape.size:
@@ -144,3 +148,24 @@ def correlation_inflation(residuals: Array) -> float:
             break
         total += rho
     return 1.0 + 2.0 * total
+
+
+def propagated(gradient: Array, covariance: Array) -> float:
+    """Return the standard uncertainty of a quantity with this gradient in the parameters of a covariance."""
+    variance = float(gradient @ covariance @ gradient)
+    return math.sqrt(variance) if variance > 0.0 else 0.0
+
+
+def misfit(residuals: Array, parameters: int, begin: int, noise: float) -> float:
+    """Return by how many standard errors a fit misses its noise: of the whole or of its begin, whichever is worse.
+
+    The squared residuals of n samples of white noise scatter by ``sqrt(2 / n)`` about its variance. A fit of a ring
+    that is wrong is wrong where the ring is largest; over the whole record that goes under.
+    """
+    if noise <= 0.0:
+        return math.inf
+    found = []
+    for part, used in ((residuals, parameters), (residuals[:begin], 0)):
+        freedom = max(part.size - used, 1)
+        found.append((float(part @ part) / freedom / noise**2 - 1.0) / math.sqrt(2.0 / freedom))
+    return max(found)

@@ -13,7 +13,7 @@ from pathlib import Path
 
 from stepblocks.bench.feature_table import EXCLUDED, OK, RESERVED_COLUMNS, header_of, write_rows
 from stepblocks.bench.labels import LabelCheck
-from stepblocks.bench.measuring import TrialResult, measure_trial
+from stepblocks.bench.measuring import TrialResult, measure_trial, pilot
 from stepblocks.bench.session import Session, open_session
 from stepblocks.bench.sources import TraceSource, open_source
 from stepblocks.bench.trace import Trial
@@ -118,15 +118,15 @@ def _noted(
 def _results(table: TrialTable, jobs: int) -> Iterator[TrialResult]:
     """Results in the order of the table; no more than a few chunks per worker are under way at any time."""
     session = table.session
-    if jobs == 1 or table.count <= _CHUNK:
-        source = open_source(session)
-        try:
+    source = open_source(session)  # what is wrong with the whole is said here, once
+    try:
+        tool = pilot(session, source, table)
+        if jobs == 1 or table.count <= _CHUNK:
             for trial in table:
-                yield measure_trial(session, source, trial)
-        finally:
-            source.close()
-        return
-    open_source(session).close()  # what is wrong with the whole is said here, once
+                yield measure_trial(session, source, trial, tool)
+            return
+    finally:
+        source.close()
     from collections import deque
     from concurrent.futures import Future, ProcessPoolExecutor
     from multiprocessing import get_context
@@ -134,7 +134,7 @@ def _results(table: TrialTable, jobs: int) -> Iterator[TrialResult]:
     trials = iter(table)
     waiting: deque[Future[list[TrialResult]]] = deque()
     # spawned workers share no open file with this process
-    with ProcessPoolExecutor(jobs, mp_context=get_context("spawn"), initializer=_start, initargs=(session,)) as pool:
+    with ProcessPoolExecutor(jobs, mp_context=get_context("spawn"), initializer=_start, initargs=(session, tool)) as pool:
         while True:
             while len(waiting) < jobs * _AHEAD and (chunk := list(islice(trials, _CHUNK))):
                 waiting.append(pool.submit(_measure_chunk, chunk))
@@ -143,18 +143,18 @@ def _results(table: TrialTable, jobs: int) -> Iterator[TrialResult]:
             yield from waiting.popleft().result()
 
 
-_open: dict[str, tuple[Session, TraceSource]] = {}
-"""The session and its traces, in a worker."""
+_open: dict[str, tuple[Session, TraceSource, tuple[float, float] | None]] = {}
+"""The session, its traces and what the pilot told of the tool, in a worker."""
 
 
-def _start(session: Session) -> None:
+def _start(session: Session, tool: tuple[float, float] | None) -> None:
     os.environ.setdefault("OMP_NUM_THREADS", "1")
-    _open["session"] = (session, open_source(session))
+    _open["session"] = (session, open_source(session), tool)
 
 
 def _measure_chunk(trials: list[Trial]) -> list[TrialResult]:
-    session, source = _open["session"]
-    return [measure_trial(session, source, trial) for trial in trials]
+    session, source, tool = _open["session"]
+    return [measure_trial(session, source, trial, tool) for trial in trials]
 
 
 def _finish(draft: Path, output: Path, table: TrialTable, faults: dict[int, str]) -> MeasureSummary:

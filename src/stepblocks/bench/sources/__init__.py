@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from stepblocks.bench.sources.base import TraceFault, TraceSource
+from stepblocks.bench.sources.base import TraceError, TraceSource
 from stepblocks.bench.sources.opening import open_source, read_trace
 
-__all__ = ["TraceFault", "TraceSource", "open_source", "read_trace"]
+__all__ = ["TraceError", "TraceSource", "open_source", "read_trace"]

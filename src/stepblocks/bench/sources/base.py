@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from stepblocks.bench.layout import fill_pattern
 
-__all__ = ["MOST_SAMPLES", "TraceFault", "TraceSource", "as_samples", "group_names"]
+__all__ = ["MOST_SAMPLES", "TraceError", "TraceSource", "as_samples", "group_names"]
 
 MOST_SAMPLES = 20_000_000
 """A longer trace is refused; at 10 kHz it lasts half an hour."""
@@ -26,7 +26,7 @@ _USUAL_GROUPS = (
 )
 
 
-class TraceFault(Exception):
+class TraceError(Exception):
     """A trace that cannot be used; the message is the reason for its exclusion."""
 
 
@@ -34,7 +34,7 @@ class TraceSource(Protocol):
     """A place that traces are read from."""
 
     def columns(self, trial: str, names: tuple[str | int, ...]) -> dict[str | int, NDArray[np.float64]]:
-        """Read columns of one trial, each of shape (n,), in the units of the file; `TraceFault` where it has none."""
+        """Read columns of one trial, each of shape (n,), in the units of the file; `TraceError` where it has none."""
         ...
 
     def close(self) -> None:
@@ -50,7 +50,7 @@ def group_names(pattern: str | None, trial: str) -> list[str]:
             name = fill_pattern(candidate, trial=trial)
         except ValueError as error:
             if pattern is not None:
-                raise TraceFault(str(error)) from error
+                raise TraceError(str(error)) from error
             continue
         if name not in found:
             found.append(name)
@@ -61,9 +61,9 @@ def as_samples(values: object, name: str | int) -> NDArray[np.float64]:
     """Return one column as floats of shape (n,)."""
     array = np.asarray(values)
     if array.dtype.kind not in "fiub":
-        raise TraceFault(f"channel {name!r} holds no numbers but {array.dtype}")
+        raise TraceError(f"channel {name!r} holds no numbers but {array.dtype}")
     if array.size > MOST_SAMPLES:
-        raise TraceFault(f"channel {name!r} has {array.size} samples, more than {MOST_SAMPLES}")
+        raise TraceError(f"channel {name!r} has {array.size} samples, more than {MOST_SAMPLES}")
     if array.ndim > 1 and max(array.shape) != array.size:
-        raise TraceFault(f"channel {name!r} is a table of shape {array.shape}, no column")
+        raise TraceError(f"channel {name!r} is a table of shape {array.shape}, no column")
     return np.asarray(array, dtype=float).ravel()

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from stepblocks.bench.layout import fill_pattern, inside
 from stepblocks.bench.session import Session
-from stepblocks.bench.sources.base import TraceFault, as_samples
+from stepblocks.bench.sources.base import TraceError, as_samples
 
 __all__ = ["CsvSource", "trial_file"]
 
@@ -21,20 +21,20 @@ def trial_file(session: Session, trial: str) -> Path:
 
     Raises
     ------
-    TraceFault
+    TraceError
         If the trial's name does not fit the pattern, leaves the session, or has no file.
     """
     try:
         relative = fill_pattern(session.acquisition.traces, trial=trial)
     except ValueError as error:
-        raise TraceFault(str(error)) from error
+        raise TraceError(str(error)) from error
     if "/" in trial or "\\" in trial or ".." in trial:
-        raise TraceFault(f"trial {trial!r} is no part of a file name")
+        raise TraceError(f"trial {trial!r} is no part of a file name")
     path = inside(session.folder, relative, "acquisition.traces")
     if not path.is_file():
-        raise TraceFault(f"missing: there is no {relative}")
+        raise TraceError(f"missing: there is no {relative}")
     if path.stat().st_size > _MOST_BYTES:
-        raise TraceFault(f"{relative} has more than {_MOST_BYTES} bytes")
+        raise TraceError(f"{relative} has more than {_MOST_BYTES} bytes")
     return path
 
 
@@ -63,13 +63,13 @@ class CsvSource:
             )
         except (ValueError, UnicodeDecodeError, OSError) as error:
             reason = str(error).strip().splitlines()[0] if str(error).strip() else type(error).__name__
-            raise TraceFault(f"unreadable: {path.name}: {reason[:120]}") from error
+            raise TraceError(f"unreadable: {path.name}: {reason[:120]}") from error
         table.columns = [c.strip() if isinstance(c, str) else c for c in table.columns]
         found = {}
         for name in names:
             if name not in table.columns:
                 listed = ", ".join(str(column) for column in list(table.columns)[:8])
-                raise TraceFault(f"unknown channel: {path.name} has no {name!r}, it has {listed}")
+                raise TraceError(f"unknown channel: {path.name} has no {name!r}, it has {listed}")
             found[name] = as_samples(table[name].to_numpy(), name)
         return found
 

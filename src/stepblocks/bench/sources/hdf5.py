@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from stepblocks.bench.layout import inside
 from stepblocks.bench.session import Session
-from stepblocks.bench.sources.base import MOST_SAMPLES, TraceFault, as_samples, group_names
+from stepblocks.bench.sources.base import MOST_SAMPLES, TraceError, as_samples, group_names
 from stepblocks.bench.sources.csv_files import trial_file
 from stepblocks.errors import BenchError
 
@@ -29,7 +29,7 @@ class Hdf5Source:
                 raise BenchError(f"traces are missing, expected {session.acquisition.traces} [{session.folder}]")
             try:
                 self._file = _open(path)
-            except TraceFault as error:
+            except TraceError as error:
                 raise BenchError(f"traces cannot be read: {error} [{path}]") from error
 
     def columns(self, trial: str, names: tuple[str | int, ...]) -> dict[str | int, NDArray[np.float64]]:
@@ -46,7 +46,7 @@ class Hdf5Source:
             group = file if whole else _group(file, group_names(self._session.acquisition.group, trial))
             return {name: as_samples(_column(group, name), name) for name in names}
         except (OSError, RuntimeError, ValueError) as error:
-            raise TraceFault(f"unreadable: trial {trial}: {str(error)[:120]}") from error
+            raise TraceError(f"unreadable: trial {trial}: {str(error)[:120]}") from error
 
     def close(self) -> None:
         """Close the file."""
@@ -60,14 +60,14 @@ def _open(path: Path) -> Any:
     try:
         return h5py.File(path, "r", locking=False)
     except OSError as error:
-        raise TraceFault(f"{path.name} is no readable HDF5 file") from error
+        raise TraceError(f"{path.name} is no readable HDF5 file") from error
 
 
 def _group(file: Any, names: list[str]) -> Any:
     for name in names:
         if name in file:
             return file[name]
-    raise TraceFault(f"missing: no group {names[0]!r} among the traces")
+    raise TraceError(f"missing: no group {names[0]!r} among the traces")
 
 
 def _column(group: Any, name: str | int) -> Any:
@@ -76,20 +76,20 @@ def _column(group: Any, name: str | int) -> Any:
 
     if isinstance(group, h5py.Dataset):
         if group.size > 64 * MOST_SAMPLES:
-            raise TraceFault(f"table of shape {group.shape} is too large")
+            raise TraceError(f"table of shape {group.shape} is too large")
         if isinstance(name, int):
             if group.ndim != 2 or not 0 <= name < min(group.shape):
-                raise TraceFault(f"unknown channel: no column {name} in a table of shape {group.shape}")
+                raise TraceError(f"unknown channel: no column {name} in a table of shape {group.shape}")
             # MATLAB's columns are HDF5's rows
             return group[:, name] if group.shape[1] <= group.shape[0] else group[name, :]
         if group.dtype.names is None or name not in group.dtype.names:
-            raise TraceFault(f"unknown channel: the table has no {name!r}, it has {group.dtype.names}")
+            raise TraceError(f"unknown channel: the table has no {name!r}, it has {group.dtype.names}")
         return group[name]
     if isinstance(name, int) or name not in group:
-        raise TraceFault(f"unknown channel: no {name!r} in the group, it has {', '.join(list(group)[:8])}")
+        raise TraceError(f"unknown channel: no {name!r} in the group, it has {', '.join(list(group)[:8])}")
     dataset = group[name]
     if not isinstance(dataset, h5py.Dataset):
-        raise TraceFault(f"channel {name!r} is a group, no dataset")
+        raise TraceError(f"channel {name!r} is a group, no dataset")
     if dataset.size > MOST_SAMPLES:
-        raise TraceFault(f"channel {name!r} has {dataset.size} samples, more than {MOST_SAMPLES}")
+        raise TraceError(f"channel {name!r} has {dataset.size} samples, more than {MOST_SAMPLES}")
     return dataset[()]

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from stepblocks.bench.layout import inside
 from stepblocks.bench.session import Session
-from stepblocks.bench.sources.base import TraceFault, TraceSource, as_samples, group_names
+from stepblocks.bench.sources.base import TraceError, TraceSource, as_samples, group_names
 from stepblocks.bench.sources.csv_files import trial_file
 from stepblocks.bench.sources.hdf5 import Hdf5Source
 from stepblocks.errors import BenchError
@@ -64,7 +64,7 @@ class MatSource:
             self._path = inside(session.folder, session.acquisition.traces, "acquisition.traces")
             try:
                 self._places = variables_of(self._path)
-            except TraceFault as error:
+            except TraceError as error:
                 raise BenchError(f"traces cannot be read: {error} [{self._path}]") from error
 
     def columns(self, trial: str, names: tuple[str | int, ...]) -> dict[str | int, NDArray[np.float64]]:
@@ -85,7 +85,7 @@ class MatSource:
         for name in names:
             if name in places:
                 return _load(path, name, *places[name])
-        raise TraceFault(f"missing: no variable {names[0]!r} among the traces")
+        raise TraceError(f"missing: no variable {names[0]!r} among the traces")
 
     def close(self) -> None:
         """Nothing stays open between trials."""
@@ -96,7 +96,7 @@ def variables_of(path: Path) -> dict[str, tuple[int, int]]:
 
     Raises
     ------
-    TraceFault
+    TraceError
         If it is no such file or ends in the middle of a variable.
     """
     places: dict[str, tuple[int, int]] = {}
@@ -108,7 +108,7 @@ def variables_of(path: Path) -> dict[str, tuple[int, int]]:
             file.seek(place)
             kind, length = struct.unpack(order + "II", file.read(8))
             if kind not in (_COMPRESSED, _MATRIX) or place + 8 + length > size:
-                raise TraceFault(f"{path.name} is damaged or truncated at byte {place}")
+                raise TraceError(f"{path.name} is damaged or truncated at byte {place}")
             places[_name(file.read(min(length, 4096)), kind, order, path)] = (place, 8 + length)
             place += 8 + length
     return places
@@ -117,7 +117,7 @@ def variables_of(path: Path) -> dict[str, tuple[int, int]]:
 def _byte_order(header: bytes, path: Path) -> str:
     mark = header[126:128]
     if len(header) < _HEADER or mark not in (b"IM", b"MI"):
-        raise TraceFault(f"{path.name} is no MATLAB file of version 5 to 7.3")
+        raise TraceError(f"{path.name} is no MATLAB file of version 5 to 7.3")
     return "<" if mark == b"IM" else ">"
 
 
@@ -135,14 +135,14 @@ def _name(head: bytes, kind: int, order: str, path: Path) -> str:
             return head[place + 4 : place + 4 + length].decode("ascii")
         return head[place + 8 : place + 8 + length].decode("ascii")
     except (zlib.error, struct.error, UnicodeDecodeError) as error:
-        raise TraceFault(f"{path.name} is damaged: {str(error)[:80]}") from error
+        raise TraceError(f"{path.name} is damaged: {str(error)[:80]}") from error
 
 
 def _load(path: Path, name: str, place: int, length: int) -> Any:
     from scipy.io import loadmat
 
     if length > _MOST_BYTES:
-        raise TraceFault(f"variable {name!r} has more than {_MOST_BYTES} bytes")
+        raise TraceError(f"variable {name!r} has more than {_MOST_BYTES} bytes")
     with path.open("rb") as file:
         header = file.read(_HEADER)
         file.seek(place)
@@ -150,17 +150,17 @@ def _load(path: Path, name: str, place: int, length: int) -> Any:
     try:
         return loadmat(data, simplify_cells=True)[name]
     except Exception as error:  # SciPy lets zlib, type and key errors of a damaged variable through
-        raise TraceFault(f"unreadable: variable {name!r}: {str(error)[:120]}") from error
+        raise TraceError(f"unreadable: variable {name!r}: {str(error)[:120]}") from error
 
 
 def _column(value: Any, name: str | int, bare: bool = False) -> NDArray[np.float64]:
     if isinstance(value, dict):
         if name not in value:
-            raise TraceFault(f"unknown channel: no {name!r} in the struct, it has {', '.join(list(value)[:8])}")
+            raise TraceError(f"unknown channel: no {name!r} in the struct, it has {', '.join(list(value)[:8])}")
         return as_samples(value[name], name)
     if bare:
         return as_samples(value, name)
     table = np.asarray(value)
     if not isinstance(name, int) or table.ndim != 2 or not 0 <= name < table.shape[1]:
-        raise TraceFault(f"unknown channel: no column {name!r} in a matrix of shape {table.shape}")
+        raise TraceError(f"unknown channel: no column {name!r} in a matrix of shape {table.shape}")
     return as_samples(table[:, name], name)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from stepblocks.bench.session import Channel, Session
-from stepblocks.bench.sources.base import TraceFault, TraceSource
+from stepblocks.bench.sources.base import TraceError, TraceSource
 from stepblocks.bench.trace import Trace
 
 __all__ = ["open_source", "read_trace"]
@@ -42,7 +42,7 @@ def read_trace(source: TraceSource, session: Session, trial: str) -> Trace:
 
     Raises
     ------
-    TraceFault
+    TraceError
         If it is missing, has no such channel, or its channels have different lengths.
     """
     channels = session.acquisition.channels
@@ -59,7 +59,7 @@ def read_trace(source: TraceSource, session: Session, trial: str) -> Trace:
     sizes = {part: values.size for part, values in found.items()}
     if len(set(sizes.values())) > 1:
         listed = ", ".join(f"{part} {size}" for part, size in sizes.items())
-        raise TraceFault(f"truncated: the channels have different lengths ({listed} samples)")
+        raise TraceError(f"truncated: the channels have different lengths ({listed} samples)")
     if "time" not in found:
         found["time"] = np.arange(sizes["tangential"]) / session.acquisition.sample_rate
     return Trace(found["time"], found["tangential"], found["normal"])

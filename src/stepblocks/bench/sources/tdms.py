@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from stepblocks.bench.layout import inside
 from stepblocks.bench.session import Session
-from stepblocks.bench.sources.base import MOST_SAMPLES, TraceFault, as_samples, group_names
+from stepblocks.bench.sources.base import MOST_SAMPLES, TraceError, as_samples, group_names
 from stepblocks.bench.sources.csv_files import trial_file
 from stepblocks.errors import BenchError
 
@@ -29,7 +29,7 @@ class TdmsSource:
                 raise BenchError(f"traces are missing, expected {session.acquisition.traces} [{session.folder}]")
             try:
                 self._file = _open(path)
-            except TraceFault as error:
+            except TraceError as error:
                 raise BenchError(f"traces cannot be read: {error} [{path}]") from error
 
     def columns(self, trial: str, names: tuple[str | int, ...]) -> dict[str | int, NDArray[np.float64]]:
@@ -49,13 +49,13 @@ class TdmsSource:
                 channel = group.channels()[name] if isinstance(name, int) else group[name]
             except (KeyError, IndexError):
                 listed = ", ".join(channel.name for channel in group.channels()[:8])
-                raise TraceFault(f"unknown channel: no {name!r} in group {group.name!r}, it has {listed}") from None
+                raise TraceError(f"unknown channel: no {name!r} in group {group.name!r}, it has {listed}") from None
             if len(channel) > MOST_SAMPLES:
-                raise TraceFault(f"channel {name!r} has {len(channel)} samples, more than {MOST_SAMPLES}")
+                raise TraceError(f"channel {name!r} has {len(channel)} samples, more than {MOST_SAMPLES}")
             try:
                 found[name] = as_samples(channel[:], name)
             except (OSError, ValueError, EOFError) as error:
-                raise TraceFault(f"unreadable: channel {name!r}: {str(error)[:120]}") from error
+                raise TraceError(f"unreadable: channel {name!r}: {str(error)[:120]}") from error
         return found
 
     def close(self) -> None:
@@ -70,7 +70,7 @@ def _open(path: Path) -> Any:
     try:
         return TdmsFile.open(path)
     except Exception as error:  # npTDMS lets struct, key and value errors of a damaged index through
-        raise TraceFault(f"{path.name} is no readable TDMS file: {str(error)[:120]}") from error
+        raise TraceError(f"{path.name} is no readable TDMS file: {str(error)[:120]}") from error
 
 
 def _group(file: Any, names: list[str], alone: bool) -> Any:
@@ -81,4 +81,4 @@ def _group(file: Any, names: list[str], alone: bool) -> Any:
             return file[name]
         except KeyError:
             continue
-    raise TraceFault(f"missing: no group {names[0]!r} among the traces")
+    raise TraceError(f"missing: no group {names[0]!r} among the traces")
