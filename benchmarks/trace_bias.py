@@ -64,7 +64,7 @@ def draw(random: np.random.Generator, rubbing: bool) -> Truth:
 
 
 def expected(truth: Truth, drift: float, onset: float, release: float) -> dict[str, float]:
-    """True values of the features; a drift moves the zero, and forces count from the zero in the middle of sliding."""
+    """True values; a drift moves the zero, and forces count from the zero in the middle of sliding."""
     zero = drift * onset / 2.0
     return {
         "sliding_friction": (truth.sliding_force + zero) / (truth.load + zero),
@@ -113,11 +113,16 @@ def main(count: int) -> None:
     for rubbing in (False, True):
         for case, rig in CASES.items():
             print(f"\n{'rubbing' if rubbing else 'damped'} ring, {case}, {count} records")
-            print(f"{'feature':26s} {'bias':>10s} {'spread':>10s} {'pull mean':>10s} {'pull std':>10s} {'|pull|>3':>9s}")
+            print(
+                f"{'feature':26s} {'bias':>10s} {'spread':>10s} {'pull mean':>10s} {'pull std':>10s} {'|pull|>3':>9s}"
+            )
             for name, (bias, spread, mean, width, tail) in study(rig, count, rubbing).items():
                 unit = "N/s" if name == "friction_decay_n_per_s" and not rubbing else "%"
                 scale = 100.0 if unit == "%" else 1.0
-                print(f"{name:26s} {bias * scale:9.4f}{unit[0]} {spread * scale:9.4f} {mean:10.2f} {width:10.2f} {tail:9.3f}")
+                print(
+                    f"{name:26s} {bias * scale:9.4f}{unit[0]} {spread * scale:9.4f} {mean:10.2f} {width:10.2f} "
+                    f"{tail:9.3f}"
+                )
 
 
 if __name__ == "__main__":

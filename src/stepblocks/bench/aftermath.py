@@ -16,7 +16,7 @@ __all__ = ["Aftermath", "settle"]
 
 Array = NDArray[np.float64]
 
-_RELEASE_TIME = 0.4e-3  # [s] first samples after the peak, in which the sensor itself still follows
+_RELEASE_TIME = 0.3e-3  # [s] first samples after the peak, in which the sensor itself still follows
 _GOOD = 5.0  # misfit up to which a fit is taken at once
 _BETTER = 0.85  # a second kind of fit must leave this share of the squared residuals at most
 _TAIL_SHARE = 0.35  # last share of the record after the slip, in which only the tool's own ring is left
@@ -165,9 +165,7 @@ def _from_troughs(
     frequency, decay = guess
     for trough, crossing in _troughs(time, clean, marks, level, frequency)[:_MOST_TROUGHS]:
         origin = float(time[trough])
-        fit = fit_rubbing_ring(
-            time[trough:], clean[trough:], origin, (level, frequency, decay), slope, marks.noise
-        )
+        fit = fit_rubbing_ring(time[trough:], clean[trough:], origin, (level, frequency, decay), slope, marks.noise)
         start = max(float(time[marks.peak]), crossing - 0.25 / fit.values[2])
         if best is None or fit.misfit < _MUCH_BETTER * best[0].misfit:
             best = (fit, start)

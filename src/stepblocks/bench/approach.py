@@ -180,7 +180,7 @@ def _rings(time: Array, fit: SeparableFit, frequency: float, decay_time: float) 
     rest = left - columns @ np.linalg.lstsq(columns, left, rcond=None)[0]
     had, has = float(left @ left), float(rest @ rest)
     # two parameters more explain 2/n of white noise by chance
-    return had - has > max(_START_UP_GAIN, 20.0 / max(t.size, 1)) * had
+    return bool(had - has > max(_START_UP_GAIN, 20.0 / max(t.size, 1)) * had)
 
 
 def _end_of_line(
@@ -190,7 +190,7 @@ def _end_of_line(
     # the filter of a converter rings a sample or two ahead of a corner
     stop = marks.peak - 2
     if stop <= end:
-        return marks.peak if end >= marks.peak - 1 else end
+        return marks.peak
     columns = _columns(time[end:stop], float(fit.shape[0]), center, mains)
     miss = force[end:stop] - columns @ fit.weights[:5]
     window = min(4, miss.size)

@@ -15,6 +15,7 @@ __all__ = ["LandmarkError", "Landmarks", "find_landmarks", "white_noise"]
 Array = NDArray[np.float64]
 
 _RISE_OVER_NOISE = 12.0  # a peak must stand out by this many standard deviations of the noise
+_TOP_SAMPLES, _TOP_NOISE = 12, 4.0  # samples after the highest that noise alone can put below it
 _RISE_OVER_LEAD = 1.5  # and be this many times what happens in the first part of the record
 _FALL_SHARE = 0.5  # a tip that slipped has given back at least this share of the rise
 _SLIDE_SAMPLES = 40  # fewer samples before the edge say nothing of the sliding force
@@ -80,7 +81,7 @@ def find_landmarks(time: Array, force: Array) -> Landmarks:
     noise = white_noise(force)
     smooth = np.convolve(force, np.full(5, 0.2), mode="same")
     smooth[:2], smooth[-2:] = force[:2], force[-2:]
-    peak = _peak_sample(force, smooth)
+    peak = _peak_sample(force, smooth, noise)
     lead = smooth[: max(peak // 4, 1)]
     level = float(np.median(lead))
     rise = float(force[peak]) - level
@@ -102,10 +103,13 @@ def find_landmarks(time: Array, force: Array) -> Landmarks:
     return Landmarks(onset=onset, peak=peak, level=level, rise=rise, noise=noise)
 
 
-def _peak_sample(force: Array, smooth: Array) -> int:
+def _peak_sample(force: Array, smooth: Array, noise: float) -> int:
+    """Last sample before the fall: on a gentle ramp noise lifts an earlier one over it."""
     coarse = int(np.argmax(smooth))
     first = max(coarse - 4, 0)
-    return first + int(np.argmax(force[first : coarse + 5]))
+    peak = first + int(np.argmax(force[first : coarse + 5]))
+    high = force[peak : peak + _TOP_SAMPLES] > force[peak] - _TOP_NOISE * noise
+    return peak + (int(np.argmin(high)) if not high.all() else high.size) - 1
 
 
 def _line_onset(time: Array, smooth: Array, peak: int, level: float, rise: float) -> float:

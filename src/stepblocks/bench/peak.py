@@ -110,7 +110,10 @@ def _corner_of_fall(time: Array, force: Array, marks: Landmarks, approach: Appro
         return None
     gradient = at ** np.arange(3)
     covariance, _ = covariance_of(columns, y - columns @ weights)
-    noise = max(propagated(gradient, covariance), propagated(gradient, np.linalg.inv(columns.T @ columns)) * marks.noise)
+    noise = max(
+        propagated(gradient, covariance),
+        propagated(gradient, np.asarray(np.linalg.inv(columns.T @ columns), dtype=float)) * marks.noise,
+    )
     instant = float(time[first]) + at * step
     # how a fall begins between two samples is not seen
     unseen = approach.slope * step / math.sqrt(12.0)

@@ -205,4 +205,3 @@ def fit_rubbing_ring(
     # a sample between two turns changes by the gap itself; a gap that moves less than one sample was not seen
     knows_gap = bool(np.abs(jacobian[:, 1]).sum() > 1.0 and values[1] > 1e-5)
     return RubbingRing(values, covariance, slope, origin, missed, residuals, knows_gap)
-

@@ -14,7 +14,12 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-__all__ = ["SeparableFit", "correlation_inflation", "covariance_of", "fit_separable", "misfit",
+__all__ = [
+    "SeparableFit",
+    "correlation_inflation",
+    "covariance_of",
+    "fit_separable",
+    "misfit",
     "numeric_jacobian",
     "propagated",
 ]
@@ -87,7 +92,7 @@ def fit_separable(
     def solve(shape: Array) -> tuple[Array, Array]:
         columns = basis(shape)
         weights = np.linalg.lstsq(columns, values, rcond=1e-12)[0]
-        return weights, np.asarray(values - columns @ weights, dtype=float)
+        return np.asarray(weights, dtype=float), np.asarray(values - columns @ weights, dtype=float)
 
     shape = np.clip(start, lower, upper)
     if shape.size:

@@ -98,7 +98,7 @@ class Rig:
     tail: float = 5.0
 
 
-def record(truth: Truth, rig: Rig, random: np.random.Generator) -> tuple[Trace, float, float]:
+def record(truth: Truth, rig: Rig, random: np.random.Generator, gain: float = 1.0) -> tuple[Trace, float, float]:
     """Make one record.
 
     Parameters
@@ -109,6 +109,8 @@ def record(truth: Truth, rig: Rig, random: np.random.Generator) -> tuple[Trace, 
         The rig.
     random : numpy.random.Generator
         Source of the instants of the events, the phases and the noise.
+    gain : float
+        Of the tangential channel.
 
     Returns
     -------
@@ -123,7 +125,7 @@ def record(truth: Truth, rig: Rig, random: np.random.Generator) -> tuple[Trace, 
     count = math.ceil((release + rig.tail * truth.decay_time) * rig.sample_rate)
     factor = 1 if math.isinf(rig.bandwidth) else _OVERSAMPLING
     fine = np.arange(count * factor) / (rig.sample_rate * factor)
-    tangential = _tangential(fine, truth, rig, onset, release, random)
+    tangential = gain * _tangential(fine, truth, rig, onset, release, random)
     normal = truth.load + _sympathetic(fine, truth, release)
     if factor > 1:
         tangential, normal = _sensor(tangential, rig, factor), _sensor(normal, rig, factor)

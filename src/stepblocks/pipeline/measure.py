@@ -134,7 +134,9 @@ def _results(table: TrialTable, jobs: int) -> Iterator[TrialResult]:
     trials = iter(table)
     waiting: deque[Future[list[TrialResult]]] = deque()
     # spawned workers share no open file with this process
-    with ProcessPoolExecutor(jobs, mp_context=get_context("spawn"), initializer=_start, initargs=(session, tool)) as pool:
+    with ProcessPoolExecutor(
+        jobs, mp_context=get_context("spawn"), initializer=_start, initargs=(session, tool)
+    ) as pool:
         while True:
             while len(waiting) < jobs * _AHEAD and (chunk := list(islice(trials, _CHUNK))):
                 waiting.append(pool.submit(_measure_chunk, chunk))
