@@ -64,7 +64,7 @@ def draw(random: np.random.Generator, rubbing: bool) -> Truth:
 
 
 def expected(truth: Truth, drift: float, onset: float, release: float) -> dict[str, float]:
-    """True values; a drift moves the zero, and forces count from the zero in the middle of sliding."""
+    """Say what is true; a drift moves the zero, and forces count from the zero in the middle of sliding."""
     zero = drift * onset / 2.0
     return {
         "sliding_friction": (truth.sliding_force + zero) / (truth.load + zero),

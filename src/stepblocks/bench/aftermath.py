@@ -12,7 +12,7 @@ from stepblocks.bench.landmarks import Landmarks
 from stepblocks.bench.ring import Ring, fit_ring, guess_ring, linear_decay, ring_amplitude
 from stepblocks.bench.rubbing_ring import RubbingRing, fit_rubbing_ring
 
-__all__ = ["Aftermath", "settle"]
+__all__ = ["Aftermath", "settle", "settle_from"]
 
 Array = NDArray[np.float64]
 
@@ -101,6 +101,20 @@ def settle(
     if float(np.sum(rubbing[0].residuals ** 2)) > _BETTER * left:
         return _of_bell(bell, top)
     return _of_rubbing(*rubbing)
+
+
+def settle_from(
+    time: Array, force: Array, marks: Landmarks, approach: Approach, release: float, before: Aftermath
+) -> Aftermath:
+    """Fit a damped ring again, counted from the release instant itself and not from the highest sample.
+
+    Which of two samples is the highest is a matter of noise; the corner between ramp and release is not.
+    """
+    if before.kind != "damped":
+        return before
+    first = int(np.searchsorted(time, release + _RELEASE_TIME))
+    noise = _whole_noise(time, approach, marks)
+    return _of_bell(fit_ring(time[first:], force[first:], release, approach.mains, noise), release)
 
 
 def _whole_noise(time: Array, approach: Approach, marks: Landmarks) -> float:

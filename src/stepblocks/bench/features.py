@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from stepblocks.bench.aftermath import Aftermath, settle
+from stepblocks.bench.aftermath import Aftermath, settle, settle_from
 from stepblocks.bench.approach import Approach, fit_approach
 from stepblocks.bench.landmarks import Landmarks, find_landmarks
 from stepblocks.bench.normal_channel import normal_level, sympathetic_force
@@ -110,6 +110,9 @@ def measure_trace(
     approach = fit_approach(time, force, marks, tool or guess_ring(time[late:], force[late:]))
     after = settle(time, force, marks, approach, tool)
     peak = peak_of(time, force, marks, approach, after)
+    if peak.corner and after.kind == "damped":
+        after = settle_from(time, force, marks, approach, peak.time, after)
+        peak = peak_of(time, force, marks, approach, after)
     if peak.corner:
         after = after.carried_to(peak.time)
     load, load_std = normal_level(time, trace.normal, approach)

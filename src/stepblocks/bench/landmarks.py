@@ -18,6 +18,7 @@ _RISE_OVER_NOISE = 12.0  # a peak must stand out by this many standard deviation
 _TOP_SAMPLES, _TOP_NOISE = 12, 4.0  # samples after the highest that noise alone can put below it
 _RISE_OVER_LEAD = 1.5  # and be this many times what happens in the first part of the record
 _FALL_SHARE = 0.5  # a tip that slipped has given back at least this share of the rise
+_LEAST_RING = 15e-3  # [s] some four periods of a ring
 _SLIDE_SAMPLES = 40  # fewer samples before the edge say nothing of the sliding force
 
 
@@ -97,6 +98,8 @@ def find_landmarks(time: Array, force: Array) -> Landmarks:
     after = smooth[peak:]
     if float(after.min()) > level + (1.0 - _FALL_SHARE) * rise:
         raise LandmarkError("no release: the tangential force does not fall after its peak")
+    if time[-1] - time[peak] < _LEAST_RING:
+        raise LandmarkError(f"truncated: the record ends {(time[-1] - time[peak]) * 1e3:.3g} ms after the slip")
     onset = _line_onset(time, smooth, peak, level, rise)
     if np.searchsorted(time, onset) < _SLIDE_SAMPLES:
         raise LandmarkError(f"no sliding before the edge: loading begins {onset - time[0]:.3g} s into the record")

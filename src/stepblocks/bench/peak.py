@@ -108,7 +108,7 @@ def _corner_of_fall(time: Array, force: Array, marks: Landmarks, approach: Appro
     fall = (weights[1] + 2.0 * weights[2] * at) / step
     if fall >= 0.0:
         return None
-    gradient = at ** np.arange(3)
+    gradient = np.asarray(at ** np.arange(3), dtype=float)
     covariance, _ = covariance_of(columns, y - columns @ weights)
     noise = max(
         propagated(gradient, covariance),
@@ -140,6 +140,6 @@ def _rounded(time: Array, force: Array, marks: Landmarks, approach: Approach) ->
     grid = np.linspace(t[0], t[-1], 801) / reach
     heights = np.vander(grid, 4, increasing=True) @ weights
     best = int(np.argmax(heights))
-    gradient = grid[best] ** np.arange(4)
+    gradient = np.asarray(grid[best] ** np.arange(4), dtype=float)
     spread = propagated(gradient, covariance)
     return Peak(float(time[marks.peak] + grid[best] * reach), float(heights[best]), spread, corner=False)

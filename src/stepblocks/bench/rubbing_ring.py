@@ -200,7 +200,9 @@ def fit_rubbing_ring(
     values = np.asarray(best.x, dtype=float)
     jacobian = numeric_jacobian(lambda p: _model(p, t, slope), values, 1e-3 * _SCALE, lower, upper)
     residuals = -np.asarray(best.fun[:-2], dtype=float)
-    covariance, _ = covariance_of(jacobian, residuals)
+    prior = np.zeros((2, 7))
+    prior[0, 2], prior[1, 3] = known
+    covariance, _ = covariance_of(jacobian, residuals, prior)
     missed = misfit(residuals, 7, begin, noise)
     # a sample between two turns changes by the gap itself; a gap that moves less than one sample was not seen
     knows_gap = bool(np.abs(jacobian[:, 1]).sum() > 1.0 and values[1] > 1e-5)

@@ -119,15 +119,18 @@ def numeric_jacobian(model: Callable[[Array], Array], point: Array, step: Array,
     return np.column_stack(columns) if columns else np.empty((model(point).size, 0))
 
 
-def covariance_of(jacobian: Array, residuals: Array) -> tuple[Array, float]:
+def covariance_of(jacobian: Array, residuals: Array, known: Array | None = None) -> tuple[Array, float]:
     """Covariance of the parameters and standard deviation of the residuals.
 
     Residuals that are correlated from sample to sample (hum harmonics, a model a little wrong) carry less
     information than their number; the covariance is widened by their integrated autocorrelation.
+    Rows of `known`, in the unit of the data per parameter, count as further exact measurements.
     """
     count, parameters = jacobian.shape
     freedom = max(count - parameters, 1)
     noise = float(np.sqrt(residuals @ residuals / freedom))
+    if known is not None:
+        jacobian = np.vstack([jacobian, known])
     size = np.sqrt(np.einsum("ij,ij->j", jacobian, jacobian))
     size[size == 0.0] = 1.0
     scaled = jacobian / size

@@ -91,7 +91,7 @@ def _tangential(axes: Any, picture: TrialPicture) -> None:
     for index, (name, instants, force) in enumerate(picture.curves):
         style = "-" if index % 2 == 0 else "-."
         axes.plot(1e3 * instants, force, color=_FIT, linewidth=1.1, linestyle=style, label=name)
-    for name, (instant, force) in picture.marks.items():
-        axes.plot([1e3 * instant], [force], marker="o", color=_FIT, markersize=4, fillstyle="none")
-        axes.annotate(name, (1e3 * instant, force), textcoords="offset points", xytext=(5, 4), fontsize=8)
+    for name, (at, height) in picture.marks.items():
+        axes.plot([1e3 * at], [height], marker="o", color=_FIT, markersize=4, fillstyle="none")
+        axes.annotate(name, (1e3 * at, height), textcoords="offset points", xytext=(5, 4), fontsize=8)
     axes.set_ylabel("tangential force / N")

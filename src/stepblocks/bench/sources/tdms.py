@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+from contextlib import ExitStack, contextmanager
 from pathlib import Path
 from typing import Any
 
@@ -23,12 +25,13 @@ class TdmsSource:
     def __init__(self, session: Session) -> None:
         self._session = session
         self._file: Any = None
+        self._open_files = ExitStack()
         if not session.acquisition.per_trial:
             path = inside(session.folder, session.acquisition.traces, "acquisition.traces")
             if not path.is_file():
                 raise BenchError(f"traces are missing, expected {session.acquisition.traces} [{session.folder}]")
             try:
-                self._file = _open(path)
+                self._file = self._open_files.enter_context(_opened(path))
             except TraceError as error:
                 raise BenchError(f"traces cannot be read: {error} [{path}]") from error
 
@@ -36,7 +39,7 @@ class TdmsSource:
         """Read columns of one trial."""
         if self._file is not None:
             return self._read(self._file, trial, names)
-        with _open(trial_file(self._session, trial)) as file:
+        with _opened(trial_file(self._session, trial)) as file:
             return self._read(file, trial, names)
 
     def _read(self, file: Any, trial: str, names: tuple[str | int, ...]) -> dict[str | int, NDArray[np.float64]]:
@@ -60,17 +63,20 @@ class TdmsSource:
 
     def close(self) -> None:
         """Close the file."""
-        if self._file is not None:
-            self._file.close()
+        self._open_files.close()
 
 
-def _open(path: Path) -> Any:
+@contextmanager
+def _opened(path: Path) -> Iterator[Any]:
+    """Open a TDMS file; npTDMS leaves a file open whose index it could not read, so it is given an open one."""
     from nptdms import TdmsFile
 
-    try:
-        return TdmsFile.open(path)
-    except Exception as error:  # npTDMS lets struct, key and value errors of a damaged index through
-        raise TraceError(f"{path.name} is no readable TDMS file: {str(error)[:120]}") from error
+    with path.open("rb") as handle:
+        try:
+            file = TdmsFile.open(handle)
+        except Exception as error:  # npTDMS lets struct, key and value errors of a damaged index through
+            raise TraceError(f"{path.name} is no readable TDMS file: {str(error)[:120]}") from error
+        yield file
 
 
 def _group(file: Any, names: list[str], alone: bool) -> Any:
