@@ -16,7 +16,7 @@ __all__ = ["Aftermath", "settle", "settle_from"]
 
 Array = NDArray[np.float64]
 
-_RELEASE_TIME = 0.3e-3  # [s] first samples after the peak, in which the sensor itself still follows
+_RELEASE_TIME = 0.25e-3  # [s] first samples after the peak, in which the sensor itself follows; no tie with a sample
 _GOOD = 5.0  # misfit up to which a fit is taken at once
 _BETTER = 0.85  # a second kind of fit must leave this share of the squared residuals at most
 _TAIL_SHARE = 0.35  # last share of the record after the slip, in which only the tool's own ring is left

@@ -76,6 +76,15 @@ class Approach:
         """Hum alone [N], continued over the whole record."""
         return np.asarray(_wave(time, self.mains) @ self.fit.weights[3:5], dtype=float)
 
+    def sliding(self, time: Array) -> Array:
+        """Level with hum and, where there is one, the start-up ring [N], on the clock of the fit."""
+        force = self.level + self.hum(time)
+        if self.start_up is None:
+            return force
+        frequency, decay = self.start_up
+        ring = np.exp(-time / decay)[:, None] * _wave(time, frequency)
+        return np.asarray(force + ring @ self.fit.weights[5:7], dtype=float)
+
     def ramp(self, time: float) -> float:
         """Force on the line of the ramp without hum and drift [N]."""
         return self.level + self.slope * (time - self.onset)

@@ -97,7 +97,7 @@ def _measured_picture(title: str, trace: Trace, measured: Measurement) -> TrialP
     time = trace.time - zero
     approach, after, peak, found = measured.approach, measured.aftermath, measured.peak, measured.features
     slide, ramp = time < approach.onset, (time >= approach.onset) & (time <= peak.time)
-    sliding = approach.level + approach.hum(time)
+    sliding = approach.sliding(time)
     ring = after.ring
     ringing = time >= after.origin
     fitted = ring.curve(time[ringing])
@@ -105,8 +105,6 @@ def _measured_picture(title: str, trace: Trace, measured: Measurement) -> TrialP
         fitted = fitted + approach.hum(time[ringing])
     since = time[time >= after.start] - after.start
     size = after.amplitude[0] * np.exp(-since / after.decay_time[0])
-    if not isinstance(ring, Ring) and np.isfinite(after.friction_decay[0]):
-        size = np.maximum(size - after.friction_decay[0] * since, 0.0)
     return TrialPicture(
         title,
         trace.time,
@@ -118,7 +116,8 @@ def _measured_picture(title: str, trace: Trace, measured: Measurement) -> TrialP
             (f"{after.kind} ring", trace.time[ringing], fitted),
         ],
         marks={"onset": (approach.onset + zero, approach.level), "release": (peak.time + zero, peak.force)},
-        envelope=(after.start + since + zero, after.level[0], size),
+        # the levels of a rubbing ring change with every half cycle; it has no one envelope
+        envelope=(after.start + since + zero, after.level[0], size) if isinstance(ring, Ring) else None,
         notes=_notes(found),
     )
 
