@@ -125,6 +125,16 @@ def test_the_pieces_of_a_rubbing_ring_solve_its_equation_of_motion(slope):
     assert np.abs(exact.y[0] - ours).max() < 4e-3
 
 
+@pytest.mark.parametrize(("amplitude", "slope"), [(0.168, 196.2), (0.45, 196.2), (0.7, 20.0)])
+def test_a_tip_that_comes_to_rest_never_chatters(amplitude, slope):
+    # these starts end close to the lower level, where damping at the speed of the ramp decides whether it sticks
+    time = np.linspace(0.0, 0.15, 1501)
+    for gap in np.linspace(0.05, 0.15, 41):
+        force = rubbing_force(time, 0.048, gap, 270.0, 0.0284, (0.048 + amplitude, -amplitude / 0.0284), slope)
+        assert np.abs(force).max() < 1.0 + amplitude
+        assert force[-200:].mean() == pytest.approx(0.048, abs=0.01)
+
+
 def test_band_shares_follow_parseval():
     rate, time = 10e3, np.arange(4000) / 10e3
     ring = np.exp(-time / 0.02) * np.cos(2 * np.pi * 300.0 * time)

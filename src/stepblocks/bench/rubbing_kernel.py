@@ -30,6 +30,8 @@ def rubbing_kernel(
     result = np.empty_like(time)
     count = time.size
     step = 2.0 * math.pi / omega / 20.0
+    # at the speed of the ramp the damping alone pulls as much as this deflection; it shifts where the tip sticks
+    shift = 2.0 / decay * slope / (omega * omega + 1.0 / (decay * decay))
     begin, done = 0.0, 0
     forward = rate < slope
     for _ in range(_MOST_PHASES):
@@ -68,13 +70,13 @@ def rubbing_kernel(
         force = rest + shrink * (a * c + b * s)
         rate = shrink * ((b * omega - a / decay) * c - (a * omega + b / decay) * s)
         begin += turn
-        if forward and force >= level - gap and slope > 0.0:
+        if forward and force >= level - gap - shift and slope > 0.0:
             # it sticks, and is loaded along the ramp until it slips forward again
-            wait = max(level - force, 0.0) / slope
+            wait = max(level - shift - force, 0.0) / slope
             while done < count and time[done] - begin < wait:
                 result[done] = force + slope * (time[done] - begin)
                 done += 1
-            force, rate, begin = max(level, force), slope * (1.0 - 1e-9), begin + wait
+            force, rate, begin = max(level - shift, force), slope * (1.0 - 1e-9), begin + wait
         else:
             forward = not forward
     # not-a-number, or a tip that chatters without end: no model, and a fit must see that by its size
