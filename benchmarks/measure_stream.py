@@ -1,0 +1,75 @@
+"""Memory and speed of `stepblocks measure` against the number of trials.
+
+    python benchmarks/measure_stream.py [trials ...]
+
+Writes sessions of one HDF5 file each, whose groups are links to sixteen records, so that 100000 trials need no
+gigabytes of disk, and measures them in a process of its own. (Links make copies, so the rows come out as duplicates in
+the end; the work per trial is the same.)
+"""
+
+import resource
+import subprocess
+import sys
+import tempfile
+import time
+from pathlib import Path
+
+import h5py
+import numpy as np
+
+from stepblocks.bench.waveform import Rig, Truth, record
+
+HEAD = """schema = 1
+[probe]
+spring_constant = "9810 N/m"
+[acquisition]
+sample_rate = "10 kHz"
+traces = "traces.h5"
+channels = { time = "time_s", tangential = "fx_n", normal = "fy_n" }
+"""
+RUN = """
+import sys
+from pathlib import Path
+from stepblocks.pipeline.measure import measure_session
+measure_session(Path(sys.argv[1]), Path(sys.argv[2]), int(sys.argv[3]))
+"""
+
+
+def write(folder: Path, count: int) -> None:
+    random = np.random.default_rng(1)
+    with h5py.File(folder / "traces.h5", "w", libver="latest") as file:
+        for kind in range(16):
+            peak = 0.6 + 0.1 * kind
+            truth = Truth(0.8, 0.12, 98.1, peak, 0.45 * peak, 300.0, 21.2e-3)
+            trace = record(truth, Rig(), random)[0]
+            for name, values in (("time_s", trace.time), ("fx_n", trace.tangential), ("fy_n", trace.normal)):
+                file[f"kinds/{kind}/{name}"] = values.astype("f4")
+        for trial in range(1, count + 1):
+            file[f"{trial:04d}"] = h5py.SoftLink(f"/kinds/{trial % 16}")
+    (folder / "session.toml").write_text(HEAD)
+    rows = (f"{t},step-{t % 16:03d},0.8,10,{t}\n" for t in range(1, count + 1))
+    with (folder / "trials.csv").open("w") as table:
+        table.write("trial,block,load_n,speed_mm_s,run_order\n")
+        table.writelines(rows)
+
+
+def main(counts: list[int], jobs: int = 2) -> None:
+    print(f"{'trials':>8s} {'seconds':>8s} {'trials/s':>9s} {'largest process / MiB':>22s}")
+    for count in counts:
+        with tempfile.TemporaryDirectory() as scratch:
+            folder = Path(scratch) / "session"
+            folder.mkdir()
+            write(folder, count)
+            begin = time.perf_counter()
+            code = [sys.executable, "-c", "if __name__ == '__main__':\n" + RUN.replace("\n", "\n    ")]
+            # all rows are copies of sixteen, so the run ends with the error that says so
+            subprocess.run(
+                [*code, str(folder), f"{scratch}/out.csv", str(jobs)], check=False, stderr=subprocess.DEVNULL
+            )
+            spent = time.perf_counter() - begin
+        peak = resource.getrusage(resource.RUSAGE_CHILDREN).ru_maxrss / 1024.0
+        print(f"{count:8d} {spent:8.1f} {count / spent:9.1f} {peak:22.0f}", flush=True)
+
+
+if __name__ == "__main__":
+    main([int(text) for text in sys.argv[1:]] or [100, 1000, 10_000])

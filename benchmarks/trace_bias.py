@@ -1,0 +1,129 @@
+"""Bias, spread and calibration of every feature on records of known truth.
+
+    python benchmarks/trace_bias.py [records per case]
+
+Prints, for each disturbance and feature, the mean error, its spread and the pull: (measured - true) / stated standard
+uncertainty, whose mean should be 0 and whose standard deviation should be 1.
+"""
+
+import math
+import sys
+
+import numpy as np
+
+from stepblocks.bench.features import measure_trace
+from stepblocks.bench.waveform import Rig, Truth, record
+
+K = 9810.0
+CASES = {
+    "white noise only": Rig(hum=0.0, quantum=0.0),
+    "50 Hz hum 10 mN": Rig(hum=10e-3),
+    "60 Hz hum 10 mN": Rig(hum=10e-3, mains=60.0),
+    "drift 50 mN/s": Rig(drift=50e-3),
+    "quantum 5 mN": Rig(quantum=5e-3, noise=2e-3),
+    "start-up ring 60 mN": Rig(start_up=60e-3),
+    "sensor 3 kHz": Rig(bandwidth=3e3),
+    "as the shared sessions": Rig(),
+}
+FEATURES = {
+    "sliding_friction": "sliding_friction_std",
+    "normal_load_n": "normal_load_std_n",
+    "loading_slope_n_per_s": "loading_slope_std_n_per_s",
+    "peak_force_n": "peak_force_std_n",
+    "release_level_n": "release_level_std_n",
+    "ring_frequency_hz": "ring_frequency_std_hz",
+    "decay_time_s": "decay_time_std_s",
+    "friction_decay_n_per_s": "friction_decay_std_n_per_s",
+    "ring_amplitude_n": "ring_amplitude_std_n",
+    "vibration_energy_j": "vibration_energy_std_j",
+    "sympathetic_force_n": "sympathetic_force_std_n",
+}
+
+
+def draw(random: np.random.Generator, rubbing: bool) -> Truth:
+    """One trial of the range of the shared sessions."""
+    load = float(random.choice([0.3, 0.5, 0.8, 1.1]))
+    speed = float(random.choice([2e-3, 5e-3, 10e-3, 20e-3]))
+    height = float(random.uniform(10e-6, 80e-6))
+    angle = 2.0 * math.asin(math.sqrt(0.5 * height / 125e-6))
+    mu = 0.16
+    peak = load * math.tan(angle + math.atan(mu))
+    share = math.sqrt(0.2)
+    return Truth(
+        load=load,
+        sliding_force=mu * load,
+        slope=K * speed,
+        peak_force=peak,
+        amplitude=(0.7 if rubbing else share) * peak,
+        frequency=270.0 if rubbing else 300.0,
+        decay_time=28.4e-3 if rubbing else 21.2e-3,
+        gap=2.0 * mu * load if rubbing else 0.0,
+        # a tip that rubs leaves the edge in a slip of its own; here its rest is gone before the first trough
+        release_decay=0.15e-3 if rubbing else 0.4e-3,
+    )
+
+
+def expected(truth: Truth, drift: float, onset: float, release: float) -> dict[str, float]:
+    """Say what is true; a drift moves the zero, and forces count from the zero in the middle of sliding."""
+    zero = drift * onset / 2.0
+    return {
+        "sliding_friction": (truth.sliding_force + zero) / (truth.load + zero),
+        "normal_load_n": truth.load + zero,
+        "loading_slope_n_per_s": truth.slope,
+        "peak_force_n": truth.peak_force + zero,
+        "release_level_n": truth.sliding_force + drift * release,
+        "ring_frequency_hz": truth.frequency,
+        "decay_time_s": truth.decay_time,
+        "friction_decay_n_per_s": 2.0 * truth.gap * truth.frequency,
+        "ring_amplitude_n": truth.amplitude,
+        "vibration_energy_j": truth.amplitude**2 / (2.0 * K),
+        "sympathetic_force_n": truth.sympathetic * truth.amplitude,
+    }
+
+
+def study(rig: Rig, count: int, rubbing: bool, seed: int = 7) -> dict[str, tuple[float, float, float, float, float]]:
+    """Relative bias and spread, mean, width and tail of the pull, for each feature."""
+    random = np.random.default_rng(seed)
+    errors: dict[str, list[float]] = {name: [] for name in FEATURES}
+    pulls: dict[str, list[float]] = {name: [] for name in FEATURES}
+    for _ in range(count):
+        truth = draw(random, rubbing)
+        trace, onset, release = record(truth, rig, random)
+        features = measure_trace(trace, K, truth.slope / K).features
+        for name, value in expected(truth, rig.drift, onset, release).items():
+            error = features[name] - value
+            errors[name].append(error / value if value else error)
+            pulls[name].append(error / features[FEATURES[name]])
+    result = {}
+    for name in FEATURES:
+        error, pull = np.array(errors[name]), np.array(pulls[name])
+        known = np.isfinite(pull)
+        error, pull = error[known], pull[known]
+        result[name] = (
+            float(np.mean(error)),
+            float(np.std(error)),
+            float(np.mean(pull)),
+            float(np.std(pull)),
+            float(np.mean(np.abs(pull) > 3.0)),
+        )
+    return result
+
+
+def main(count: int) -> None:
+    for rubbing in (False, True):
+        for case, rig in CASES.items():
+            print(f"\n{'rubbing' if rubbing else 'damped'} ring, {case}, {count} records")
+            print(
+                f"{'feature':26s} {'bias':>10s} {'spread':>10s} {'pull mean':>10s} {'pull std':>10s} {'|pull|>3':>9s}"
+            )
+            for name, (bias, spread, mean, width, tail) in study(rig, count, rubbing).items():
+                unit = "N/s" if name == "friction_decay_n_per_s" and not rubbing else "%"
+                scale = 100.0 if unit == "%" else 1.0
+                print(
+                    f"{name:26s} {bias * scale:9.4f}{unit[0]} {spread * scale:9.4f} {mean:10.2f} {width:10.2f} "
+                    f"{tail:9.3f}"
+                )
+
+
+if __name__ == "__main__":
+    main(int(sys.argv[1]) if len(sys.argv) > 1 else 400)

@@ -1,0 +1,232 @@
+"""After the slip: which kind of ring it is, and its figures carried back to the instant of release."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from stepblocks.bench.approach import Approach
+from stepblocks.bench.landmarks import Landmarks
+from stepblocks.bench.ring import Ring, fit_ring, guess_ring, linear_decay, ring_amplitude
+from stepblocks.bench.rubbing_ring import RubbingRing, fit_rubbing_ring
+
+__all__ = ["Aftermath", "settle", "settle_from"]
+
+Array = NDArray[np.float64]
+
+_RELEASE_TIME = 0.25e-3  # [s] first samples after the peak, in which the sensor itself follows; no tie with a sample
+_GOOD = 5.0  # misfit up to which a fit is taken at once
+_BETTER = 0.85  # a second kind of fit must leave this share of the squared residuals at most
+_TAIL_SHARE = 0.35  # last share of the record after the slip, in which only the tool's own ring is left
+_SETTLED = 7.0  # misfit up to which a trough is taken for the begin of the free ring
+_MUCH_BETTER = 0.5  # a later trough must leave this share at most: some of the ring is lost with each
+_MOST_COLOUR = 3.0  # the noise while sliding counts up to this many times the white noise
+_MOST_TROUGHS = 8
+_FIRST_SWINGS = 25e-3  # [s]
+_HEARD = 1.3
+_USUAL_DECAY = 25e-3  # [s] first guess where nothing says better
+
+
+@dataclass(frozen=True)
+class Aftermath:
+    """Figures of the ring at the release instant, each with its standard uncertainty.
+
+    Attributes
+    ----------
+    kind : str
+        ``"damped"`` or ``"rubbing"``.
+    start : float
+        Instant to which the amplitude is carried back [s].
+    amplitude, frequency, decay_time, level, friction_decay : tuple of float
+        Value and standard uncertainty [N, Hz, s, N, N/s].
+    ring : Ring or RubbingRing
+        The fit.
+    """
+
+    kind: str
+    start: float
+    amplitude: tuple[float, float]
+    frequency: tuple[float, float]
+    decay_time: tuple[float, float]
+    level: tuple[float, float]
+    friction_decay: tuple[float, float]
+    ring: Ring | RubbingRing
+
+    def carried_to(self, instant: float) -> Aftermath:
+        """Return the same with the amplitude at another instant [s]."""
+        ring = self.ring
+        amplitude = ring_amplitude(ring, instant) if isinstance(ring, Ring) else ring.amplitude(instant)
+        return replace(self, start=instant, amplitude=amplitude)
+
+    @property
+    def origin(self) -> float:
+        """First instant [s] that the fit saw."""
+        return self.ring.origin
+
+
+def settle(
+    time: Array, force: Array, marks: Landmarks, approach: Approach, tool: tuple[float, float] | None = None
+) -> Aftermath:
+    """Fit the ring after a slip as that of a bell and, where that fails, as that of a tool whose tip rubs.
+
+    Parameters
+    ----------
+    time, force : ndarray, shape (n,)
+        The whole record [s, N].
+    marks : Landmarks
+        Coarse instants.
+    approach : Approach
+        Fit of sliding and ramp: hum and slope.
+    tool : tuple of float, optional
+        Frequency [Hz] and decay time [s] of the tool, where other trials have told them.
+
+    Returns
+    -------
+    Aftermath
+        Figures at the release instant.
+    """
+    marks = replace(marks, noise=_whole_noise(time, approach, marks))
+    top = float(time[marks.peak])
+    first = int(np.searchsorted(time, top + _RELEASE_TIME))
+    bell = fit_ring(time[first:], force[first:], top, approach.mains, marks.noise)
+    if bell.misfit < _GOOD:
+        return _of_bell(bell, top)
+    rubbing = _best_rubbing(time, force, marks, approach, tool)
+    if rubbing is None:
+        return _of_bell(bell, top)
+    common = time[first:] >= rubbing[0].origin
+    left = float(np.sum(bell.fit.residuals[common] ** 2))
+    if float(np.sum(rubbing[0].residuals ** 2)) > _BETTER * left:
+        return _of_bell(bell, top)
+    return _of_rubbing(*rubbing)
+
+
+def settle_from(
+    time: Array, force: Array, marks: Landmarks, approach: Approach, release: float, before: Aftermath
+) -> Aftermath:
+    """Fit a damped ring again, counted from the release instant itself and not from the highest sample.
+
+    Which of two samples is the highest is a matter of noise; the corner between ramp and release is not.
+    """
+    if before.kind != "damped":
+        return before
+    first = int(np.searchsorted(time, release + _RELEASE_TIME))
+    noise = _whole_noise(time, approach, marks)
+    return _of_bell(fit_ring(time[first:], force[first:], release, approach.mains, noise), release)
+
+
+def _whole_noise(time: Array, approach: Approach, marks: Landmarks) -> float:
+    """Noise while sliding, be it white or coloured [N]."""
+    before = approach.fit.residuals[: int(np.searchsorted(time, approach.onset))]
+    return min(max(float(np.std(before)), marks.noise), _MOST_COLOUR * marks.noise)
+
+
+def _of_bell(bell: Ring, top: float) -> Aftermath:
+    return Aftermath(
+        kind="damped",
+        start=top,
+        amplitude=ring_amplitude(bell, top),
+        frequency=(bell.frequency, bell.frequency_std),
+        decay_time=(bell.decay_time, bell.decay_time_std),
+        level=(bell.level, bell.level_std),
+        friction_decay=linear_decay(bell),
+        ring=bell,
+    )
+
+
+def _of_rubbing(fit: RubbingRing, start: float) -> Aftermath:
+    level, gap, frequency, decay = (float(v) for v in fit.values[:4])
+    known = fit.knows_gap
+    return Aftermath(
+        kind="rubbing",
+        start=start,
+        amplitude=fit.amplitude(start),
+        frequency=(frequency, fit.std(2)),
+        decay_time=(decay, fit.std(3)),
+        level=(level, fit.std(0)),
+        friction_decay=(2.0 * gap * frequency, 2.0 * frequency * fit.std(1)) if known else (np.nan, np.nan),
+        ring=fit,
+    )
+
+
+def _best_rubbing(
+    time: Array, force: Array, marks: Landmarks, approach: Approach, tool: tuple[float, float] | None
+) -> tuple[RubbingRing, float] | None:
+    """Fit from one trough after the other, until the tip no longer climbs; with the begin of that ring."""
+    clean = force - approach.hum(time)
+    after = clean[marks.peak :]
+    tail = after[int(after.size * (1.0 - _TAIL_SHARE)) :]
+    level = float(np.median(tail))
+    best: tuple[RubbingRing, float] | None = None
+    for guess in _tool_guesses(time, clean, marks, approach, tool):
+        best = _from_troughs(time, clean, marks, approach.slope, level, guess, best)
+        if best is not None and best[0].misfit < _SETTLED:
+            break
+    return best
+
+
+def _from_troughs(
+    time: Array,
+    clean: Array,
+    marks: Landmarks,
+    slope: float,
+    level: float,
+    guess: tuple[float, float],
+    best: tuple[RubbingRing, float] | None,
+) -> tuple[RubbingRing, float] | None:
+    frequency, decay = guess
+    for trough, crossing in _troughs(time, clean, marks, level, frequency)[:_MOST_TROUGHS]:
+        origin = float(time[trough])
+        fit = fit_rubbing_ring(time[trough:], clean[trough:], origin, (level, frequency, decay), slope, marks.noise)
+        start = max(float(time[marks.peak]), crossing - 0.25 / fit.values[2])
+        if best is None or fit.misfit < _MUCH_BETTER * best[0].misfit:
+            best = (fit, start)
+        if best[0].misfit < _SETTLED:
+            break
+    return best
+
+
+def _tool_guesses(
+    time: Array, clean: Array, marks: Landmarks, approach: Approach, tool: tuple[float, float] | None
+) -> list[tuple[float, float]]:
+    """Frequency and decay time of the tool: told, from its start-up, from its late ring, from its first swings."""
+    if tool is not None:
+        return [tool]
+    if approach.start_up is not None:
+        return [approach.start_up]
+    late = marks.peak + int((time.size - marks.peak) * 0.25)
+    frequency, decay = guess_ring(time[late:], clean[late:])
+    early = slice(marks.peak, int(np.searchsorted(time, time[marks.peak] + _FIRST_SWINGS)))
+    swings = guess_ring(time[early], np.gradient(clean[early]))[0]
+    # where the tip came to rest there is nothing to hear late, and what is heard of decay then is noise
+    heard = float(np.std(clean[late:])) > _HEARD * marks.noise
+    return [(frequency, decay), (swings, decay)] if heard else [(swings, _USUAL_DECAY), (frequency, _USUAL_DECAY)]
+
+
+def _troughs(time: Array, clean: Array, marks: Landmarks, level: float, frequency: float) -> list[tuple[int, float]]:
+    """Troughs after the slip, each with the instant at which the force fell through the level before it."""
+    rate = (time.size - 1) / (time[-1] - time[0])
+    half = max(int(0.5 * rate / frequency), 2)
+    smooth = np.convolve(clean, np.full(5, 0.2), mode="same")
+    found: list[tuple[int, float]] = []
+    index = marks.peak
+    while len(found) < _MOST_TROUGHS:
+        below = np.flatnonzero(smooth[index : smooth.size - 2] < level)
+        if not below.size:
+            break
+        crossing = index + int(below[0])
+        trough = crossing + int(np.argmin(smooth[crossing : crossing + half]))
+        found.append((trough, _crossing_time(time, smooth, crossing, level)))
+        above = np.flatnonzero(smooth[trough : smooth.size - 2] > level)
+        if not above.size or trough + int(above[0]) + 4 * half >= time.size:
+            break
+        index = trough + int(above[0])
+    return found
+
+
+def _crossing_time(time: Array, smooth: Array, index: int, level: float) -> float:
+    high, low = smooth[index - 1] - level, smooth[index] - level
+    share = high / (high - low) if high > low else 1.0
+    return float(time[index - 1] + np.clip(share, 0.0, 1.0) * (time[index] - time[index - 1]))

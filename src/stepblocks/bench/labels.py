@@ -1,0 +1,154 @@
+"""Does a trace belong to its row? Found out from the whole session, after every trace was measured.
+
+A trace carries its conditions in itself: the normal force is the load, the slope of the ramp is stiffness times
+speed, and peak, sliding and normal force together give the angle of the edge and so the height of the block,
+whatever the friction was. A trace that contradicts its row in one of these, where the session as a whole does not,
+belongs elsewhere.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
+
+from stepblocks.bench.trace import Trial
+
+__all__ = ["LabelCheck"]
+
+_LOAD_FACTOR = 1.25  # measured over declared load, against the median of the session
+_SLOPE_FACTOR = 1.5  # ramp over speed, against the median of the session
+_WILD_FACTOR = 3.0  # the session as a whole: more than this is a matter of units
+_ANGLE_SIGMAS = 8.0
+_ANGLE_SHARE = 0.12  # least relative deviation of the sine of half the angle
+_FEWEST = 5  # trials of a block, to know its angle
+
+
+@dataclass
+class LabelCheck:
+    """Collects a few numbers per trial and names the trials whose trace belongs elsewhere.
+
+    Examples
+    --------
+    >>> check = LabelCheck()
+    >>> for row in range(1, 21):
+    ...     load = 1.0 if row % 2 else 0.5
+    ...     check.add(Trial(str(row), row, load=load), {"normal_load_n": 0.5 if row == 7 else load}, row)
+    >>> check.faults()
+    {7: 'mislabelled: the normal force is 0.5 N, the load of this row is 1 N'}
+    """
+
+    rows: list[int] = field(default_factory=list)
+    blocks: list[int] = field(default_factory=list)
+    digests: list[int] = field(default_factory=list)
+    numbers: list[tuple[float, ...]] = field(default_factory=list)
+    names: dict[str, int] = field(default_factory=dict)
+
+    def add(self, trial: Trial, features: dict[str, float], digest: int) -> None:
+        """Take note of one measured trial; `digest` identifies the samples of its trace."""
+        self.rows.append(trial.row)
+        self.blocks.append(self.names.setdefault(trial.block, len(self.names)))
+        self.digests.append(digest)
+        nan = float("nan")
+        self.numbers.append(
+            (
+                trial.load,
+                features.get("normal_load_n", nan),
+                trial.speed,
+                features.get("loading_slope_n_per_s", nan),
+                features.get("peak_force_n", nan),
+                features.get("sliding_friction", nan),
+            )
+        )
+
+    def faults(self) -> dict[int, str]:
+        """Reasons by row, for every trial whose trace belongs elsewhere."""
+        if not self.rows:
+            return {}
+        load, normal, speed, slope, peak, friction = np.array(self.numbers, dtype=float).T
+        found: dict[int, str] = {}
+        self._loads(load, normal, found)
+        self._speeds(speed, slope, found)
+        self._copies(found)
+        self._angles(normal, peak, friction, found)
+        return found
+
+    def _loads(self, load: NDArray[np.float64], normal: NDArray[np.float64], found: dict[int, str]) -> None:
+        ratio = normal / load
+        usual = _median(ratio)
+        for index in np.flatnonzero(_off(ratio, usual, _LOAD_FACTOR)):
+            wrong = "units changed or mislabelled" if _off(ratio, usual, 100.0)[index] else "mislabelled"
+            found.setdefault(
+                self.rows[index],
+                f"{wrong}: the normal force is {normal[index]:.3g} N, the load of this row is {load[index]:.3g} N",
+            )
+        if _off(np.array([usual]), 1.0, _WILD_FACTOR)[0]:
+            for index in np.flatnonzero(np.isfinite(ratio)):
+                found[self.rows[index]] = (
+                    f"units: the normal force is {normal[index]:.3g} N, the load of this row is {load[index]:.3g} N"
+                )
+
+    def _speeds(self, speed: NDArray[np.float64], slope: NDArray[np.float64], found: dict[int, str]) -> None:
+        ratio = slope / speed
+        usual = _median(ratio)
+        for index in np.flatnonzero(_off(ratio, usual, _SLOPE_FACTOR)):
+            wrong = "units changed or mislabelled" if _off(ratio, usual, 100.0)[index] else "mislabelled"
+            found.setdefault(
+                self.rows[index],
+                f"{wrong}: the ramp of {slope[index]:.3g} N/s means {slope[index] / usual * 1e3:.3g} mm/s, "
+                f"the speed of this row is {speed[index] * 1e3:.3g} mm/s",
+            )
+
+    def _copies(self, found: dict[int, str]) -> None:
+        seen: dict[int, int] = {}
+        clean = [i for i in np.argsort(self.rows, kind="stable") if self.rows[i] not in found]
+        for index in clean:
+            first = seen.setdefault(self.digests[index], int(index))
+            if first != index:
+                for one, other in ((index, first), (first, index)):
+                    found[self.rows[one]] = f"duplicate: the same samples stand for row {self.rows[other]}"
+
+    def _angles(
+        self,
+        normal: NDArray[np.float64],
+        peak: NDArray[np.float64],
+        friction: NDArray[np.float64],
+        found: dict[int, str],
+    ) -> None:
+        """Compare sin(a/2) = sqrt(H / 2R) of each trial with the blocks; only a trace that fits another block goes."""
+        size = np.sin(0.5 * (np.arctan(peak / normal) - np.arctan(friction)))
+        block = np.array(self.blocks)
+        known = np.isfinite(size) & ~np.isin(self.rows, list(found))
+        medians, spreads = {}, []
+        for name in np.unique(block):
+            mine = size[known & (block == name)]
+            if mine.size >= _FEWEST:
+                medians[int(name)] = float(np.median(mine))
+                spreads.append(np.abs(mine - np.median(mine)) / 0.6745)
+        if len(medians) < 2:
+            return
+        spread = float(np.median(np.concatenate(spreads)))
+        labels = {number: name for name, number in self.names.items()}
+        for index in np.flatnonzero(known):
+            home = medians.get(int(block[index]))
+            if home is None:
+                continue
+            miss = abs(size[index] - home)
+            nearest = min(medians, key=lambda name: abs(medians[name] - size[index]))
+            fits = abs(size[index] - medians[nearest]) < 0.25 * miss
+            if nearest != block[index] and fits and miss > max(_ANGLE_SIGMAS * spread, _ANGLE_SHARE * home):
+                there, here = labels[nearest], labels[int(block[index])]
+                found.setdefault(
+                    self.rows[index], f"mislabelled: the forces are those of block {there}, the row says {here}"
+                )
+
+
+def _median(ratio: NDArray[np.float64]) -> float:
+    finite = ratio[np.isfinite(ratio)]
+    return float(np.median(finite)) if finite.size else float("nan")
+
+
+def _off(ratio: NDArray[np.float64], usual: float, factor: float) -> NDArray[np.bool_]:
+    with np.errstate(invalid="ignore", divide="ignore"):
+        return np.isfinite(ratio) & ((ratio > usual * factor) | (ratio < usual / factor))

@@ -1,0 +1,103 @@
+"""Names inside a session: patterns for files and groups, and units read off column names."""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path, PurePosixPath
+
+from stepblocks.errors import BenchError, QuantityError
+from stepblocks.quantities import parse_quantity
+
+__all__ = ["check_pattern", "fill_pattern", "inside", "scale_of", "unit_of_name"]
+
+_FIELD = re.compile(r"\{([a-z_]+)(?::(0?)(\d{1,2})d)?\}")
+_SUFFIX_UNITS = {
+    "force": {"n": "N", "mn": "mN", "un": "uN", "kn": "kN", "gf": "gram_force"},
+    "time": {"s": "s", "ms": "ms", "us": "us"},
+    "speed": {"mm_s": "mm/s", "m_s": "m/s", "um_s": "um/s", "mm_per_s": "mm/s", "m_per_s": "m/s", "um_per_s": "um/s"},
+    "length": {"um": "um", "mm": "mm", "m": "m", "nm": "nm"},
+}
+"""Unit that a column has by the end of its name; `gf` is a gram-force."""
+
+
+def check_pattern(pattern: str, fields: tuple[str, ...], place: str) -> str:
+    """Return `pattern` if it holds no braces but those of `fields`, each like ``{trial}`` or ``{trial:04d}``.
+
+    Raises
+    ------
+    BenchError
+        If there is another brace or another field in it; nothing of it is ever evaluated.
+    """
+    rest = _FIELD.sub(lambda m: "" if m.group(1) in fields else m.group(0), pattern)
+    if "{" in rest or "}" in rest or not pattern.strip():
+        wanted = " or ".join(f"{{{name}}}, {{{name}:04d}}" for name in fields)
+        raise BenchError(f"`{place}` may hold {wanted} and no other braces, got {pattern!r}")
+    return pattern
+
+
+def fill_pattern(pattern: str, **values: str) -> str:
+    """Fill a checked pattern.
+
+    Raises
+    ------
+    ValueError
+        If a field asks for a whole number and the value is none.
+
+    Examples
+    --------
+    >>> fill_pattern("traces/{trial:04d}.csv", trial="7")
+    'traces/0007.csv'
+    """
+
+    def fill(match: re.Match[str]) -> str:
+        value = values[match.group(1)]
+        if match.group(3) is None:
+            return value
+        if not re.fullmatch(r"[+-]?\d{1,18}", value):
+            raise ValueError(f"{match.group(1)} {value!r} is no whole number, as {match.group(0)} needs")
+        return format(int(value), f"{match.group(2)}{match.group(3)}d")
+
+    return _FIELD.sub(fill, pattern)
+
+
+def inside(folder: Path, relative: str, place: str) -> Path:
+    """Return a path below `folder`.
+
+    Raises
+    ------
+    BenchError
+        If `relative` is absolute or climbs out of the folder.
+    """
+    parts = PurePosixPath(relative.replace("\\", "/"))
+    if parts.is_absolute() or ".." in parts.parts or "\0" in relative or ":" in parts.parts[0]:
+        raise BenchError(f"`{place}` must lie inside the session, got {relative!r}")
+    return folder.joinpath(*parts.parts)
+
+
+def unit_of_name(name: str, dimension: str) -> str | None:
+    """Return the unit at the end of a column name, or None.
+
+    Examples
+    --------
+    >>> unit_of_name("speed_mm_s", "speed"), unit_of_name("fx_mN", "force"), unit_of_name("fx", "force")
+    ('mm/s', 'mN', None)
+    """
+    lowered = name.lower().rsplit("/", 1)[-1]
+    for suffix, unit in sorted(_SUFFIX_UNITS[dimension].items(), key=lambda item: -len(item[0])):
+        if lowered.endswith(f"_{suffix}") or lowered == suffix:
+            return unit
+    return None
+
+
+def scale_of(unit: str, dimension: str, place: str) -> float:
+    """Factor that turns a number in `unit` into SI.
+
+    Raises
+    ------
+    BenchError
+        If the unit has another dimension.
+    """
+    try:
+        return parse_quantity(f"1 {unit}", dimension)
+    except QuantityError as error:
+        raise BenchError(f"`{place}` must have a unit of {dimension}, got {unit!r}") from error

@@ -1,0 +1,181 @@
+"""The table of trials, row by row: conditions of each trial, and what is wrong with a row."""
+
+from __future__ import annotations
+
+import csv
+import math
+from collections.abc import Iterator
+from dataclasses import dataclass
+from hashlib import blake2b
+
+from stepblocks.bench.session import Session
+from stepblocks.bench.trace import Trial
+from stepblocks.errors import BenchError
+
+__all__ = ["TrialTable", "open_trials"]
+
+_MOST_COLUMNS = 1000
+
+
+@dataclass(frozen=True)
+class TrialTable:
+    """A table of trials that was looked through once.
+
+    Attributes
+    ----------
+    session : Session
+        Where it belongs.
+    header : tuple of str
+        Names of its columns.
+    count : int
+        Number of rows.
+    repeated : frozenset of int
+        Rows, from 1, whose trial an earlier row has with the same conditions.
+    contradicted : frozenset of int
+        Rows whose trial another row has with other conditions.
+    """
+
+    session: Session
+    header: tuple[str, ...]
+    count: int
+    repeated: frozenset[int]
+    contradicted: frozenset[int]
+
+    @property
+    def covariates(self) -> tuple[str, ...]:
+        """Columns but that of the trial, as the table names them."""
+        name = _column_name(self.session.columns.trial.column, self.header, "trial")
+        return tuple(column for column in self.header if column != name)
+
+    def __iter__(self) -> Iterator[Trial]:
+        columns = self.session.columns
+        index = _column_name(columns.trial.column, self.header, "trial")
+        for number, cells in _rows(self.session):
+            yield self._trial(number, cells, index)
+
+    def _trial(self, number: int, cells: list[str], key: str) -> Trial:
+        if len(cells) != len(self.header):
+            padded = dict(zip(self.header, cells + [""] * len(self.header), strict=False))
+            fault = f"row {number} of the table has {len(cells)} cells, the header has {len(self.header)}"
+            return Trial(padded[key].strip(), number, padded, fault=fault)
+        named = dict(zip(self.header, cells, strict=True))
+        name = named[key].strip()
+        fault = "" if name else f"row {number} of the table names no trial"
+        if number in self.repeated:
+            fault = "duplicate: an earlier row has this trial with the same conditions"
+        if number in self.contradicted:
+            fault = "duplicate: another row has this trial with other conditions"
+        try:
+            speed = self._number(named, "speed", "speed")
+            load = self._number(named, "load", "force")
+        except ValueError as error:
+            return Trial(name, number, named, fault=fault or str(error))
+        block = named.get(str(self.session.columns.block.column), "").strip()
+        return Trial(name, number, named, speed, load, block, fault)
+
+    def _number(self, named: dict[str, str], part: str, dimension: str) -> float:
+        channel = getattr(self.session.columns, part)
+        if channel.column not in named:
+            return math.nan
+        text = named[channel.column].strip().replace(self.session.decimal, ".")
+        try:
+            value = float(text)
+        except ValueError:
+            raise ValueError(f"{channel.column} must be a number, got {text[:40]!r}") from None
+        if not math.isfinite(value) or value <= 0.0:
+            raise ValueError(f"{channel.column} must be positive and finite, got {text[:40]}")
+        return value * float(channel.scale(dimension, f"trials.columns.{part}"))
+
+
+def open_trials(session: Session, reserved: frozenset[str] = frozenset()) -> TrialTable:
+    """Look through the table of trials once: header, number of rows, duplicates.
+
+    Parameters
+    ----------
+    session : Session
+        Whose table.
+    reserved : frozenset of str
+        Names that no column of the table may have.
+
+    Returns
+    -------
+    TrialTable
+        Iterates over the trials, and reads the file anew each time.
+
+    Raises
+    ------
+    BenchError
+        If the table is empty, has no column for the trial, names a column twice or a reserved one, or is no CSV.
+    """
+    header = _header(session)
+    key = header.index(_column_name(session.columns.trial.column, header, "trial"))
+    for part in ("speed", "load", "block"):
+        if part in session.columns.model_fields_set:
+            _column_name(getattr(session.columns, part).column, header, part)
+    taken = sorted(set(header) & reserved - {header[key]})
+    if taken:
+        raise BenchError(f"column `{taken[0]}` of the table of trials has a name that features use [{session.table}]")
+    first: dict[bytes, tuple[int, bytes]] = {}
+    repeated, contradicted = set(), set()
+    count = 0
+    for number, cells in _rows(session):
+        count += 1
+        name = cells[key].strip() if key < len(cells) else ""
+        if not name:
+            continue
+        # digests keep a table of 1e5 rows to some megabytes
+        mark, digest = _digest(name), _digest("\x1f".join(cells))
+        if mark not in first:
+            first[mark] = (number, digest)
+        elif first[mark][1] == digest:
+            repeated.add(number)
+        else:
+            contradicted |= {first[mark][0], number}
+    if count == 0:
+        raise BenchError(f"table of trials has no rows [{session.table}]")
+    return TrialTable(session, header, count, frozenset(repeated), frozenset(contradicted))
+
+
+def _digest(text: str) -> bytes:
+    return blake2b(text.encode(), digest_size=8).digest()
+
+
+def _column_name(column: str | int, header: tuple[str, ...], part: str) -> str:
+    if isinstance(column, int):
+        if 0 <= column < len(header):
+            return header[column]
+    elif column in header:
+        return column
+    listed = ", ".join(header[:12])
+    raise BenchError(f"table of trials must have a column {column!r} for the {part}, it has {listed}")
+
+
+def _header(session: Session) -> tuple[str, ...]:
+    with session.table.open(newline="", encoding="utf-8-sig") as file:
+        try:
+            cells = next(csv.reader(file, delimiter=session.delimiter), [])
+        except (csv.Error, UnicodeDecodeError) as error:
+            raise BenchError(f"table of trials must be CSV in UTF-8: {error} [{session.table}]") from error
+    header = tuple(cell.strip() for cell in cells)
+    if not any(header):
+        raise BenchError(f"table of trials is empty [{session.table}]")
+    if len(header) > _MOST_COLUMNS:
+        raise BenchError(f"table of trials must have at most {_MOST_COLUMNS} columns, got {len(header)}")
+    twice = sorted({name for name in header if header.count(name) > 1})
+    if twice:
+        raise BenchError(f"table of trials names the column {twice[0]!r} twice [{session.table}]")
+    return header
+
+
+def _rows(session: Session) -> Iterator[tuple[int, list[str]]]:
+    """Rows below the header, from 1; empty lines are none."""
+    with session.table.open(newline="", encoding="utf-8-sig") as file:
+        number = 0
+        try:
+            for index, cells in enumerate(csv.reader(file, delimiter=session.delimiter)):
+                if index == 0 or not any(cell.strip() for cell in cells):
+                    continue
+                number += 1
+                yield number, cells
+        except (csv.Error, UnicodeDecodeError) as error:
+            raise BenchError(f"table of trials must be CSV in UTF-8: {error} [{session.table}]") from error

@@ -1,0 +1,97 @@
+"""A figure of one trial with what was fitted drawn in: given curves and marks, it knows no fit."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+__all__ = ["TrialPicture", "draw_trial"]
+
+Array = NDArray[np.float64]
+
+_LINE, _FIT, _SECOND, _FAINT = "#1f4e79", "#c0392b", "#7f8c8d", "#b0b7bd"
+
+
+@dataclass(frozen=True)
+class TrialPicture:
+    """What there is to draw of a trial.
+
+    Attributes
+    ----------
+    title : str
+        Over the figure.
+    time, tangential, normal : ndarray, shape (n,)
+        The record [s, N].
+    curves : list of tuple
+        Name, instants [s] and force [N] of each fitted piece.
+    marks : dict of str to tuple
+        Named points: instant [s] and force [N].
+    envelope : tuple, optional
+        Instants [s], middle and amplitude [N] of the ring.
+    notes : list of str
+        Figures in words, with their uncertainties.
+    """
+
+    title: str
+    time: Array
+    tangential: Array
+    normal: Array
+    curves: list[tuple[str, Array, Array]] = field(default_factory=list)
+    marks: dict[str, tuple[float, float]] = field(default_factory=dict)
+    envelope: tuple[Array, float, Array] | None = None
+    notes: list[str] = field(default_factory=list)
+
+
+def draw_trial(picture: TrialPicture, path: Path) -> None:
+    """Draw a trial to a file; the suffix of `path` says the format.
+
+    Parameters
+    ----------
+    picture : TrialPicture
+        Record, fits and marks.
+    path : Path
+        File to write; the same picture gives the same bytes.
+    """
+    from matplotlib.backends.backend_agg import FigureCanvasAgg
+    from matplotlib.figure import Figure
+
+    figure = Figure(figsize=(11.0, 7.5), layout="constrained")
+    FigureCanvasAgg(figure)
+    whole, near, normal = figure.subplots(3, 1, height_ratios=[2.0, 2.6, 1.0])
+    figure.suptitle(picture.title, fontsize=11)
+    _tangential(whole, picture)
+    _tangential(near, picture)
+    release = picture.marks.get("release", (float(picture.time[0]), 0.0))[0]
+    near.set_xlim(1e3 * (release - 12e-3), 1e3 * (release + 40e-3))
+    if picture.notes:
+        near.text(
+            0.99, 0.97, "\n".join(picture.notes), transform=near.transAxes, ha="right", va="top", fontsize=8,
+            bbox={"facecolor": "white", "edgecolor": _FAINT, "alpha": 0.9},
+        )  # fmt: skip
+    whole.legend(loc="upper right", fontsize=8, frameon=False)
+    normal.plot(1e3 * picture.time, picture.normal, color=_LINE, linewidth=0.6)
+    normal.set_ylabel("normal force / N")
+    normal.set_xlabel("time / ms")
+    beside = path.with_name(path.name + ".part")
+    metadata = {"Software": None} if path.suffix == ".png" else None
+    figure.savefig(beside, format=path.suffix.lstrip(".") or "png", dpi=130, metadata=metadata)
+    beside.replace(path)
+
+
+def _tangential(axes: Any, picture: TrialPicture) -> None:
+    axes.plot(1e3 * picture.time, picture.tangential, ".", color=_LINE, markersize=1.8, label="measured")
+    if picture.envelope is not None:
+        instants, middle, size = picture.envelope
+        for sign in (1.0, -1.0):
+            axes.plot(1e3 * instants, middle + sign * size, color=_SECOND, linewidth=0.9, linestyle="--")
+    for index, (name, instants, force) in enumerate(picture.curves):
+        style = "-" if index % 2 == 0 else "-."
+        axes.plot(1e3 * instants, force, color=_FIT, linewidth=1.1, linestyle=style, label=name)
+    for name, (at, height) in picture.marks.items():
+        axes.plot([1e3 * at], [height], marker="o", color=_FIT, markersize=4, fillstyle="none")
+        axes.annotate(name, (1e3 * at, height), textcoords="offset points", xytext=(5, 4), fontsize=8)
+    axes.set_ylabel("tangential force / N")
