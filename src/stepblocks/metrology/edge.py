@@ -14,6 +14,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from stepblocks.errors import MetrologyError
 from stepblocks.metrology.edge_arc import arc_radius
+from stepblocks.metrology.levelling import despiked, roughly_levelled
 from stepblocks.metrology.roughness_noise import autocovariance, estimator_covariance, outlier_mask
 
 __all__ = ["Edge", "fit_edge"]
@@ -175,9 +176,8 @@ def _checked(position: ArrayLike, height: ArrayLike) -> tuple[Array, Array]:
 def _locate(x: Array, z: Array) -> tuple[float, bool]:
     """Find the split that explains most variance about one line per side: where the riser is, and its direction."""
     known = np.isfinite(z)
-    u, v = x[known], _despiked(z[known])
-    tilt = float(np.median(np.diff(v))) / float(np.mean(np.diff(u)))
-    w = v - tilt * u
+    u = x[known]
+    w = despiked(roughly_levelled(u, z[known]))
     n = len(w)
     left = np.cumsum(w)[:-1]
     count = np.arange(1, n)
@@ -186,12 +186,6 @@ def _locate(x: Array, z: Array) -> tuple[float, bool]:
     guard = max(n // 20, 1)
     best = guard + int(np.argmax(gain[guard : n - guard]))
     return float(0.5 * (u[best] + u[best + 1])), bool(gap[best] > 0.0)
-
-
-def _despiked(z: Array) -> Array:
-    from scipy.ndimage import median_filter
-
-    return np.asarray(median_filter(z, size=5, mode="nearest"))
 
 
 def _fit_faces(x: Array, z: Array, middle: float, exclusion: float) -> _Faces:
@@ -236,7 +230,7 @@ def _fit_faces(x: Array, z: Array, middle: float, exclusion: float) -> _Faces:
 def _rounding_width(x: Array, z: Array, middle: float, faces: _Faces) -> float:
     """Distance from the riser to the last point that lies clearly off its own face."""
     ideal = faces.offset + faces.tilt * x + np.where(x > middle, faces.height, 0.0)
-    deviation = np.abs(_despiked(np.where(np.isfinite(z), z, ideal)) - ideal)
+    deviation = np.abs(despiked(np.where(np.isfinite(z), z, ideal)) - ideal)
     off = deviation > max(6.0 * faces.roughness, 1e-3 * faces.height)
     distance = np.abs(x - middle)
     near = np.argsort(distance)

@@ -69,7 +69,11 @@ def autocovariance(pieces: Sequence[Array], parameters: int = 3) -> Array:
     width = int(np.clip(4 * first, 4, max(longest // 2, 4)))
     lag = np.arange(min(width, longest)) / width
     taper = np.where(lag <= 0.5, 1.0 - 6.0 * lag**2 * (1.0 - lag), 2.0 * (1.0 - lag) ** 3)
-    return np.asarray(gamma[: len(taper)] * taper)
+    gamma = gamma[: len(taper)] * taper
+    # each fitted parameter swallows not one point but one correlation length of them
+    together = max(1.0, float(2.0 * gamma.sum() / gamma[0] - 1.0))
+    lost = min(parameters * together, 0.5 * count)
+    return np.asarray(gamma * (max(count - parameters, 1) / (count - lost)))
 
 
 def estimator_covariance(weights: Array, gamma: Array) -> Array:
