@@ -145,7 +145,7 @@ def _deviations(
     if nominal is not None and limits:
         lower = limits["lower"].si - nominal.si if "lower" in limits else math.nan
         upper = limits["upper"].si - nominal.si if "upper" in limits else math.nan
-        return lower, upper, "limits are not in order" if lower > upper else ""
+        return lower, upper, "limits are not in order" if lower >= upper else ""
     for user in file.users(ref):
         pair = file.parameters(user, "PLUS_MINUS_TOLERANCE")
         if len(pair) != 2 or pair[1] != ref:
@@ -157,7 +157,7 @@ def _deviations(
                 return math.nan, math.nan, "limits without a value"
             if nominal is not None and {low.unit.dimension, high.unit.dimension} != {nominal.unit.dimension}:
                 return math.nan, math.nan, "limits in another kind of unit than the value"
-            return low.si, high.si, "limits are not in order" if low.si > high.si else ""
+            return low.si, high.si, "limits are not in order" if low.si >= high.si else ""
         if file.parameters(pair[0], "LIMITS_AND_FITS"):
             return math.nan, math.nan, ""
     return math.nan, math.nan, ""
