@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from stepblocks.errors import MetrologyError
-from stepblocks.metrology.conformity import GUARD_FACTOR, Verdict, decide, risks
+from stepblocks.metrology.conformity import GUARD_FACTOR, Outcome, decide, risks
 
 LOWER, UPPER, U = 9.0e-6, 11.0e-6, 0.1e-6
 G = GUARD_FACTOR * U
@@ -15,16 +15,16 @@ G = GUARD_FACTOR * U
 @pytest.mark.parametrize(
     ("value", "verdict"),
     [
-        (10.0e-6, Verdict.CONFORMS),
-        (UPPER - G - 1e-12, Verdict.CONFORMS),
-        (UPPER - G + 1e-12, Verdict.NOT_PROVEN),
-        (UPPER, Verdict.NOT_PROVEN),
-        (UPPER + G - 1e-12, Verdict.NOT_PROVEN),
-        (UPPER + G + 1e-12, Verdict.DOES_NOT_CONFORM),
-        (LOWER + G + 1e-12, Verdict.CONFORMS),
-        (LOWER + G - 1e-12, Verdict.NOT_PROVEN),
-        (LOWER - G + 1e-12, Verdict.NOT_PROVEN),
-        (LOWER - G - 1e-12, Verdict.DOES_NOT_CONFORM),
+        (10.0e-6, Outcome.CONFORMS),
+        (UPPER - G - 1e-12, Outcome.CONFORMS),
+        (UPPER - G + 1e-12, Outcome.NOT_PROVEN),
+        (UPPER, Outcome.NOT_PROVEN),
+        (UPPER + G - 1e-12, Outcome.NOT_PROVEN),
+        (UPPER + G + 1e-12, Outcome.DOES_NOT_CONFORM),
+        (LOWER + G + 1e-12, Outcome.CONFORMS),
+        (LOWER + G - 1e-12, Outcome.NOT_PROVEN),
+        (LOWER - G + 1e-12, Outcome.NOT_PROVEN),
+        (LOWER - G - 1e-12, Outcome.DOES_NOT_CONFORM),
     ],
 )
 def test_the_three_outcomes_change_exactly_at_the_guard_bands(value, verdict):
@@ -32,20 +32,20 @@ def test_the_three_outcomes_change_exactly_at_the_guard_bands(value, verdict):
 
 
 def test_exit_codes_are_0_1_3():
-    assert [verdict.exit_code for verdict in Verdict] == [0, 1, 3]
+    assert [verdict.exit_code for verdict in Outcome] == [0, 1, 3]
 
 
 def test_a_tolerance_narrower_than_two_guard_bands_can_never_be_proven():
     values = np.linspace(9.5e-6, 10.5e-6, 201)
     verdicts = {decide(value, U, 9.9e-6, 10.1e-6).verdict for value in values}
-    assert Verdict.CONFORMS not in verdicts
-    assert Verdict.DOES_NOT_CONFORM in verdicts
+    assert Outcome.CONFORMS not in verdicts
+    assert Outcome.DOES_NOT_CONFORM in verdicts
 
 
 def test_one_sided_limits_leave_the_other_side_open():
-    assert decide(0.2e-6, 0.1e-6, upper=1e-6).verdict is Verdict.CONFORMS
-    assert decide(-5.0, 0.1e-6, upper=1e-6).verdict is Verdict.CONFORMS
-    assert decide(1.3e-6, 0.1e-6, upper=1e-6).verdict is Verdict.DOES_NOT_CONFORM
+    assert decide(0.2e-6, 0.1e-6, upper=1e-6).verdict is Outcome.CONFORMS
+    assert decide(-5.0, 0.1e-6, upper=1e-6).verdict is Outcome.CONFORMS
+    assert decide(1.3e-6, 0.1e-6, upper=1e-6).verdict is Outcome.DOES_NOT_CONFORM
 
 
 def test_at_the_guard_band_the_probability_of_conformity_is_95_percent():
@@ -79,5 +79,5 @@ def test_no_accepted_part_lies_outside_with_more_than_5_percent():
     # the specific risk at the worst true value, right at the limit: Phi(-1.65) = 4.95 %
     random = np.random.default_rng(5)
     measured = UPPER + random.normal(0.0, U, 200_000)
-    accepted = np.mean([decide(value, U, LOWER, UPPER).verdict is Verdict.CONFORMS for value in measured[:20_000]])
+    accepted = np.mean([decide(value, U, LOWER, UPPER).verdict is Outcome.CONFORMS for value in measured[:20_000]])
     assert accepted == pytest.approx(0.0495, abs=0.005)

@@ -186,7 +186,10 @@ def _step_block(block: StepBlock) -> Iterator[Characteristic]:
     else:
         yield _of("edge_radius", "edge radius", "note", block.edge_radius, method="profilometer, arc fit")
     band = block.height.upper - block.height.lower
-    for key, label, face in (("flatness_lower", "flatness, lower face", lower), ("flatness_upper", "flatness, upper face", upper)):
+    for key, label, face in (
+        ("flatness_lower", "flatness, lower face", lower),
+        ("flatness_upper", "flatness, upper face", upper),
+    ):
         yield Characteristic(key, label, "flatness", 0.0, 0.0, 0.25 * band, 0, (face,), "interferometer, minimum zone")
     yield Characteristic("parallelism", "parallelism, upper face to A", "parallelism", 0.0, 0.0, 0.5 * band, 0,
                          (upper, lower), "interferometer, minimum zone")  # fmt: skip
@@ -194,14 +197,20 @@ def _step_block(block: StepBlock) -> Iterator[Characteristic]:
     if feature.kind == "groove":
         near = feature.distance.nominal
         floor = _plane(2, 0.0, x=near + 0.5 * feature.width.nominal, y=lane)
-        yield _of("groove_depth", "groove depth", "distance", block.height, floor, upper, method="profilometer, ISO 5436-1 A1")
+        yield _of(
+            "groove_depth", "groove depth", "distance", block.height, floor, upper, method="profilometer, ISO 5436-1 A1"
+        )
         walls = _plane(0, near, y=lane), _plane(0, near + feature.width.nominal, y=lane)
     else:
         near = -feature.distance.nominal
         top = _plane(2, H, x=near - 0.5 * feature.width.nominal, y=lane)
-        yield _of("ridge_height", "ridge height", "distance", block.height, lower, top, method="profilometer, ISO 5436-1 A1")
+        yield _of(
+            "ridge_height", "ridge height", "distance", block.height, lower, top, method="profilometer, ISO 5436-1 A1"
+        )
         walls = _plane(0, near, y=lane), _plane(0, near - feature.width.nominal, y=lane)
-    yield _of(f"{feature.kind}_width", f"{feature.kind} width", "distance", feature.width, *walls, method="profilometer")
+    yield _of(
+        f"{feature.kind}_width", f"{feature.kind} width", "distance", feature.width, *walls, method="profilometer"
+    )
     if r < H:
         riser = _plane(0, 0.0, y=-0.5 * back)
         yield _of(f"{feature.kind}_distance", f"{feature.kind} from edge", "distance", feature.distance, riser, walls[0],
@@ -244,7 +253,9 @@ def _margin_block(margin: MarginBlock) -> Iterator[Characteristic]:
 def _crown(margin: CrownOnTooth) -> Iterator[Characteristic]:
     R, h = margin.margin_radius, margin.horizontal_discrepancy
     root, height = margin.root_length, margin.preparation_height
-    yield _of("margin_diameter", "diameter at the margin", "diameter", R, FaceRule("CYLINDER", radius=R.nominal), factor=2.0)
+    yield _of(
+        "margin_diameter", "diameter at the margin", "diameter", R, FaceRule("CYLINDER", radius=R.nominal), factor=2.0
+    )
     top, base = _plane(2, height.nominal), _plane(2, -root.nominal)
     if margin.finish_line.kind == "shoulder":
         shoulder = _plane(2, 0.0)

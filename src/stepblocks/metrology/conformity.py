@@ -12,13 +12,13 @@ from enum import StrEnum
 
 from stepblocks.errors import MetrologyError
 
-__all__ = ["GUARD_FACTOR", "Decision", "Verdict", "decide", "risks"]
+__all__ = ["GUARD_FACTOR", "Decision", "Outcome", "decide", "risks"]
 
 GUARD_FACTOR = 1.65
 """Guard band over standard uncertainty at 95 % conformance probability (ISO 14253-1:2017, 5.3) [1]."""
 
 
-class Verdict(StrEnum):
+class Outcome(StrEnum):
     """The three outcomes of ISO 14253-1, and the exit code of each."""
 
     CONFORMS = "conforms"
@@ -28,7 +28,7 @@ class Verdict(StrEnum):
     @property
     def exit_code(self) -> int:
         """0, 1 or 3."""
-        return {Verdict.CONFORMS: 0, Verdict.DOES_NOT_CONFORM: 1, Verdict.NOT_PROVEN: 3}[self]
+        return {Outcome.CONFORMS: 0, Outcome.DOES_NOT_CONFORM: 1, Outcome.NOT_PROVEN: 3}[self]
 
 
 @dataclass(frozen=True)
@@ -37,7 +37,7 @@ class Decision:
 
     Attributes
     ----------
-    verdict : Verdict
+    verdict : Outcome
         The outcome.
     value, std : float
         Measured value and its standard uncertainty [m].
@@ -49,7 +49,7 @@ class Decision:
         Probability that the true value lies within the limits, from the measurement alone [1].
     """
 
-    verdict: Verdict
+    verdict: Outcome
     value: float
     std: float
     lower: float
@@ -89,9 +89,9 @@ def decide(value: float, std: float, lower: float = -math.inf, upper: float = ma
     Examples
     --------
     >>> decide(10.2e-6, 0.1e-6, 9e-6, 11e-6).verdict
-    <Verdict.CONFORMS: 'conforms'>
+    <Outcome.CONFORMS: 'conforms'>
     >>> decide(10.9e-6, 0.1e-6, 9e-6, 11e-6).verdict
-    <Verdict.NOT_PROVEN: 'not proven'>
+    <Outcome.NOT_PROVEN: 'not proven'>
     """
     if not (math.isfinite(value) and math.isfinite(std) and std >= 0.0):
         raise MetrologyError(f"value and std must be finite and std not negative, got {value:g} and {std:g}")
@@ -99,11 +99,11 @@ def decide(value: float, std: float, lower: float = -math.inf, upper: float = ma
         raise MetrologyError(f"limits must be in order, got {lower:g} to {upper:g}")
     guard = GUARD_FACTOR * std
     if lower + guard <= value <= upper - guard:
-        verdict = Verdict.CONFORMS
+        verdict = Outcome.CONFORMS
     elif value < lower - guard or value > upper + guard:
-        verdict = Verdict.DOES_NOT_CONFORM
+        verdict = Outcome.DOES_NOT_CONFORM
     else:
-        verdict = Verdict.NOT_PROVEN
+        verdict = Outcome.NOT_PROVEN
     return Decision(verdict, value, std, lower, upper, guard, _between(value, std, lower, upper))
 
 

@@ -13,7 +13,12 @@ from stepblocks.metrology.part21.units import Measure, measure_of
 __all__ = ["Characteristic", "dimensions_of", "tolerances_of"]
 
 _SIZES = ("DIMENSIONAL_SIZE", "DIMENSIONAL_SIZE_WITH_PATH", "DIMENSIONAL_SIZE_WITH_DATUM_FEATURE", "ANGULAR_SIZE")
-_LOCATIONS = ("DIMENSIONAL_LOCATION", "DIRECTED_DIMENSIONAL_LOCATION", "DIMENSIONAL_LOCATION_WITH_PATH", "ANGULAR_LOCATION")
+_LOCATIONS = (
+    "DIMENSIONAL_LOCATION",
+    "DIRECTED_DIMENSIONAL_LOCATION",
+    "DIMENSIONAL_LOCATION_WITH_PATH",
+    "ANGULAR_LOCATION",
+)
 
 
 @dataclass(frozen=True)
@@ -214,5 +219,7 @@ def _datums(file: Exchange, reference: Any) -> tuple[str, ...]:
         for name in ("DATUM_SYSTEM", "DATUM_REFERENCE_COMPARTMENT", "DATUM_REFERENCE_ELEMENT", "DATUM_REFERENCE"):
             for value in file.parameters(ref, name)[1:]:
                 inner = value if isinstance(value, tuple | list) else (value,)
-                stack += [one for one in inner if is_reference(one) and not file.parameters(one, "PRODUCT_DEFINITION_SHAPE")]
+                stack += [
+                    one for one in inner if is_reference(one) and not file.parameters(one, "PRODUCT_DEFINITION_SHAPE")
+                ]
     return tuple(dict.fromkeys(letters))

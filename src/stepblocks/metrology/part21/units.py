@@ -102,9 +102,9 @@ def unit_of(file: Exchange, ref: object) -> Unit:
         return Unit(symbol, _DIMENSION.get(base, "unknown"), factor * (1e-3 if base == "GRAM" else 1.0))
     converted = parts.get("CONVERSION_BASED_UNIT")
     if converted:
-        base = measure_of(file, converted[-1])
-        if base is not None:
-            return Unit(str(converted[-2]).strip("'").lower(), base.unit.dimension, base.value * base.unit.factor)
+        one = measure_of(file, converted[-1])
+        if one is not None:
+            return Unit(str(converted[-2]).strip("'").lower(), one.unit.dimension, one.value * one.unit.factor)
     return _UNKNOWN
 
 
@@ -209,7 +209,8 @@ def density_findings(file: Exchange) -> tuple[list[tuple[str, float]], list[str]
 
 
 def _derived(file: Exchange, ref: object) -> tuple[float, dict[str, float]]:
-    factor, powers = 1.0, {}
+    factor = 1.0
+    powers: dict[str, float] = {}
     for element in (file.parameters(ref, "DERIVED_UNIT") or ((),))[0]:
         values = file.parameters(element, "DERIVED_UNIT_ELEMENT")
         if len(values) != 2 or not is_reference(values[0]):
