@@ -44,7 +44,8 @@ def check_part_step(path: Path, stimulus: Stimulus) -> tuple[StepReport, list[st
         if one.kind == "note":
             continue
         wanted = (one.upper,) if one.kind in ("flatness", "parallelism") else (one.nominal, one.lower, one.upper)
-        found = next((item for item in left if _agrees(item, one.kind, wanted)), None)
+        label = one.label if one.kind == "distance" else ""
+        found = next((item for item in left if item.name == label and _agrees(item, one.kind, wanted)), None)
         if found is None:
             findings.append(
                 f"{one.label}: must stand in the file as {one.kind} of {', '.join(f'{v * 1e3:.9g}' for v in wanted)} mm"

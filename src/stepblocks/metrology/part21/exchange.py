@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
@@ -122,20 +123,81 @@ def read_exchange(path: Path) -> Exchange:
         text = path.read_text(encoding="latin-1")
     if not text.lstrip().startswith("ISO-10303-21;"):
         raise MetrologyError(f"STEP file must begin with ISO-10303-21; [{path.name}]")
+    head, raw = _raw_instances(text, path)
+    wanted = _with_references(raw, [ref for ref, body in raw.items() if _entity(body) not in _SHAPE])
     from steputils import p21
 
+    part = head + "DATA;\n" + "".join(f"{ref}={raw[ref]};\n" for ref in wanted) + "ENDSEC;\nEND-ISO-10303-21;\n"
     try:
-        file = p21.loads(text)
+        file = p21.loads(part)
     except Exception as error:  # a parser of hostile text may fail in any way; each is one line
         reason = " ".join(str(error).split())[:120] or type(error).__name__
         raise MetrologyError(f"STEP file must be sound Part 21 text, got: {reason} [{path.name}]") from error
-    schema = tuple(str(item) for item in _flat(file.header.get("FILE_SCHEMA").params)) if file.header else ()
+    schema = tuple(str(item) for item in _flat(file.header["FILE_SCHEMA"].params)) if "FILE_SCHEMA" in file.header else ()
     instances: dict[str, dict[str, tuple[Any, ...]]] = {}
     for section in file.data:
         for instance in section.instances.values():
             entities = getattr(instance, "entities", None) or [instance.entity]
             instances[str(instance.ref)] = {str(one.name).upper(): _plain(one.params) for one in entities}
     return Exchange(path.name, schema, instances)
+
+
+_INSTANCE = re.compile(r"\s*(#\d+)\s*=((?:'(?:[^']|'')*'|[^';])*);")
+_STRING = re.compile(r"'(?:[^']|'')*'")
+_COMMENT = re.compile(r"/\*.*?\*/", re.DOTALL)
+_SHAPE = frozenset((
+    "CARTESIAN_POINT", "DIRECTION", "VECTOR", "LINE", "CIRCLE", "ELLIPSE", "VERTEX_POINT", "EDGE_CURVE", "ORIENTED_EDGE",
+    "EDGE_LOOP", "FACE_BOUND", "FACE_OUTER_BOUND", "ADVANCED_FACE", "PLANE", "CYLINDRICAL_SURFACE", "CONICAL_SURFACE",
+    "SPHERICAL_SURFACE", "TOROIDAL_SURFACE", "PCURVE", "SURFACE_CURVE", "SEAM_CURVE", "DEFINITIONAL_REPRESENTATION",
+    "AXIS2_PLACEMENT_3D", "AXIS2_PLACEMENT_2D", "AXIS1_PLACEMENT", "CLOSED_SHELL", "OPEN_SHELL", "MANIFOLD_SOLID_BREP",
+    "B_SPLINE_CURVE_WITH_KNOTS", "B_SPLINE_SURFACE_WITH_KNOTS", "COORDINATES_LIST", "POLYLINE", "POLY_LOOP",
+))  # fmt: skip
+"""Entities that are parsed only where something else refers to them: nine tenths of most files."""
+_LEAVES = frozenset(("EDGE_LOOP", "FACE_BOUND", "FACE_OUTER_BOUND", "CLOSED_SHELL", "OPEN_SHELL", "VERTEX_LOOP"))
+"""Boundaries, which no dimension needs: references are not followed through them."""
+
+
+def _entity(body: str) -> str:
+    return body.lstrip().partition("(")[0].strip().upper()
+
+
+def _raw_instances(text: str, path: Path) -> tuple[str, dict[str, str]]:
+    """Split the data section into instances, each checked to be whole; the header stays text."""
+    def broken(reason: str) -> MetrologyError:
+        return MetrologyError(f"STEP file must be sound Part 21 text, got: {reason} [{path.name}]")
+
+    text = _COMMENT.sub("", text) if "/*" in text else text
+    head, mark, data = text.partition("DATA;")
+    if not mark or not re.search(r"ENDSEC;\s*END-ISO-10303-21;\s*$", data):
+        raise broken("no whole DATA section")
+    raw: dict[str, str] = {}
+    at = 0
+    for match in _INSTANCE.finditer(data):
+        if match.start() != at:
+            break
+        at = match.end()
+        plain = _STRING.sub("", match[2])
+        if plain.count("(") != plain.count(")") or not plain.rstrip().endswith(")") or match[1] in raw:
+            raise broken(f"instance {match[1]} is not whole or not unique")
+        raw[match[1]] = match[2].strip()
+    rest = data[at:].strip()
+    if re.fullmatch(r"ENDSEC;\s*END-ISO-10303-21;", rest) is None:
+        raise broken(f"what is no instance after {next(reversed(raw), 'DATA')}")
+    return head, raw
+
+
+def _with_references(raw: dict[str, str], start: list[str]) -> list[str]:
+    wanted = dict.fromkeys(start)
+    stack = list(start)
+    while stack:
+        body = raw[stack.pop()]
+        if _entity(body) in _LEAVES or _entity(body) == "MANIFOLD_SOLID_BREP":
+            continue
+        for target in re.findall(r"#\d+", _STRING.sub("", body)):
+            if target in raw and target not in wanted:
+                wanted[target] = None
+                stack.append(target)
+    return list(wanted)
 
 
 def _plain(values: Any) -> tuple[Any, ...]:
