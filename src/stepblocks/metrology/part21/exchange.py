@@ -133,7 +133,9 @@ def read_exchange(path: Path) -> Exchange:
     except Exception as error:  # a parser of hostile text may fail in any way; each is one line
         reason = " ".join(str(error).split())[:120] or type(error).__name__
         raise MetrologyError(f"STEP file must be sound Part 21 text, got: {reason} [{path.name}]") from error
-    schema = tuple(str(item) for item in _flat(file.header["FILE_SCHEMA"].params)) if "FILE_SCHEMA" in file.header else ()
+    schema = (
+        tuple(str(item) for item in _flat(file.header["FILE_SCHEMA"].params)) if "FILE_SCHEMA" in file.header else ()
+    )
     instances: dict[str, dict[str, tuple[Any, ...]]] = {}
     for section in file.data:
         for instance in section.instances.values():
@@ -163,6 +165,7 @@ def _entity(body: str) -> str:
 
 def _raw_instances(text: str, path: Path) -> tuple[str, dict[str, str]]:
     """Split the data section into instances, each checked to be whole; the header stays text."""
+
     def broken(reason: str) -> MetrologyError:
         return MetrologyError(f"STEP file must be sound Part 21 text, got: {reason} [{path.name}]")
 
