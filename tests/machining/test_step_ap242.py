@@ -14,7 +14,7 @@ from stepblocks.machining.characteristics import FaceRule, characteristics_of, f
 from stepblocks.machining.step_ap242 import conforming, write_step_ap242
 from stepblocks.metrology.part21.check_step import check_step_text
 from stepblocks.metrology.part21.exchange import read_exchange
-from stepblocks.pipeline.check_step import check_part_step, step_table
+from stepblocks.metrology.part21.part_file import check_part_step, step_table
 from stepblocks.solids.build import build_solids
 from stepblocks.stimulus.loader import load_set
 

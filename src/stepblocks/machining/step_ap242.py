@@ -13,13 +13,15 @@ from pathlib import Path
 
 from stepblocks.errors import MachiningError
 from stepblocks.machining.characteristics import Characteristic, characteristics_of, find_face
-from stepblocks.machining.step import PINNED_TIME
 from stepblocks.quantities import format_quantity
 from stepblocks.solids import kernel
 from stepblocks.solids.kernel_pmi import PmiDimension, PmiTolerance, write_step_with_tolerances
 from stepblocks.stimulus.set import Stimulus
 
-__all__ = ["conforming", "write_step_ap242"]
+__all__ = ["PINNED_TIME", "conforming", "write_step_ap242"]
+
+PINNED_TIME = "2000-01-01T00:00:00"
+"""Time stamp in every header: equal stimuli give equal bytes."""
 
 _LIMIT = re.compile(r"^(#\d+)\s*=\s*MEASURE_WITH_UNIT\(\s*([-+0-9.Ee]+)\s*,\s*(#\d+)\s*\)$")
 _LOCATION = re.compile(r"^(#\d+\s*=\s*DIMENSIONAL_LOCATION\('[^']*',)\$(,.*)$", re.DOTALL)

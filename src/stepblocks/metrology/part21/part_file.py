@@ -1,4 +1,4 @@
-"""Check anybody's STEP file as text, and a part's own file against what was asked for."""
+"""A part's STEP file against what was asked for, and anybody's as a table."""
 
 from __future__ import annotations
 
