@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -9,12 +10,13 @@ from typing import Any
 from stepblocks.errors import MachiningError
 from stepblocks.machining.characteristics import Characteristic, characteristics_of
 from stepblocks.machining.drawing.numbers import limits_text
+from stepblocks.machining.gauge_route import GaugePair
 from stepblocks.stimulus.block import StepBlock
 from stepblocks.stimulus.margin import CrownOnTooth, MarginBlock
 from stepblocks.stimulus.set import Stimulus
 from stepblocks.stimulus.tip import HookTip, StraightTip
 
-__all__ = ["DrawnDimension", "drawn_dimensions", "write_drawing"]
+__all__ = ["DrawnDimension", "drawn_dimensions", "write_drawing", "write_gauge_drawing"]
 
 
 @dataclass(frozen=True)
@@ -67,17 +69,43 @@ def write_drawing(folder: Path, stimulus: Stimulus, formats: tuple[str, ...] = (
     """
     if set(formats) - {"dxf", "svg", "pdf"}:
         raise MachiningError(f"formats must be of dxf, svg, pdf, got {', '.join(formats)}")
-    import ezdxf
-
     listed = characteristics_of(stimulus)
     numbered = {one.key: (index, one) for index, one in enumerate(listed, start=1)}
+    return _write_all(folder, f"{stimulus.id}.drawing", formats, lambda: _drawn(stimulus, listed, numbered))
+
+
+def write_gauge_drawing(folder: Path, block: StepBlock, pair: GaugePair) -> list[Path]:
+    """Draw the two-piece block of a pair of gauge blocks.
+
+    Parameters
+    ----------
+    folder : Path
+        Where the files go: ``<id>.gauge.dxf``, ``.svg``, ``.pdf``.
+    block : StepBlock
+        What is asked for.
+    pair : GaugePair
+        The gauge blocks.
+
+    Returns
+    -------
+    list of Path
+        The files.
+    """
+    from stepblocks.machining.drawing.gauge_views import gauge_sheet
+
+    return _write_all(folder, f"{block.id}.gauge", ("dxf", "svg", "pdf"), lambda: gauge_sheet(block, pair))
+
+
+def _write_all(folder: Path, name: str, formats: tuple[str, ...], draw: Callable[[], Any]) -> list[Path]:
+    import ezdxf
+
     paths = []
     before = ezdxf.options.write_fixed_meta_data_for_testing
     ezdxf.options.write_fixed_meta_data_for_testing = True  # no time of day, no random identifiers
     try:
-        sheet = _drawn(stimulus, listed, numbered)
+        sheet = draw()
         for form in formats:
-            path = folder / f"{stimulus.id}.drawing.{form}"
+            path = folder / f"{name}.{form}"
             draft = folder / f".draft-{path.name}"
             if form == "dxf":
                 sheet.document.saveas(draft)
