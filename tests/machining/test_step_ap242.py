@@ -89,6 +89,16 @@ def test_steel_stays_steel_and_its_density_is_one(block):
     assert report.materials == ("X90CrMoV18 (1.4112), hardened",)
 
 
+def test_every_dimension_and_tolerance_has_a_visible_callout_linked_to_it(block):
+    text = re.sub(r"\s*\n\s*", "", block.read_text())
+    links = re.findall(r"DRAUGHTING_MODEL_ITEM_ASSOCIATION\([^;]*?,(#\d+),#\d+,(#\d+)\);", text)
+    report = check_step_text(block)
+    assert {target for target, _ in links} == {one.ref for one in (*report.dimensions, *report.tolerances)}
+    names = [re.search(rf"{seen} = DRAUGHTING_CALLOUT\('([^']*)'", text)[1] for _, seen in links]
+    assert "1  step height 0.010 +-0.001" in names
+    assert all(re.search(r"COORDINATES_LIST\('',(\d+)", text) for _ in names)
+
+
 def falsified(block, folder, change):
     text = block.read_text()
     changed = change(text)

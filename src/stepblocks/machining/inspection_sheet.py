@@ -121,12 +121,13 @@ def write_sheet_pdf(path: Path, stimulus: Stimulus, measured: Values | None = No
     )
     cells = [[row[i] for i in (0, 1, 3, 4, 5, 6, 7, 8, 9, 10)] for row in rows]
     table = axes.table(cellText=cells, colLabels=shown, loc="upper center", cellLoc="left",
-                       colWidths=[0.035, 0.19, 0.075, 0.08, 0.08, 0.04, 0.265, 0.085, 0.075, 0.075])  # fmt: skip
+                       colWidths=[0.035, 0.185, 0.07, 0.075, 0.075, 0.035, 0.265, 0.08, 0.07, 0.11])  # fmt: skip
     table.auto_set_font_size(False)
     table.set_fontsize(8)
     table.scale(1.0, 1.5)
     for (row, _), cell in table.get_celld().items():
         cell.set_linewidth(0.5)
+        cell.PAD = 0.03
         if row == 0:
             cell.set_facecolor("#e6edf2")
     draft = path.with_name(f".draft-{path.name}")

@@ -12,10 +12,11 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from stepblocks.errors import MachiningError
+from stepblocks.machining.callouts import callout_lines, callout_text
 from stepblocks.machining.characteristics import Characteristic, characteristics_of, find_face
 from stepblocks.quantities import format_quantity
 from stepblocks.solids import kernel
-from stepblocks.solids.kernel_pmi import PmiDimension, PmiTolerance, write_step_with_tolerances
+from stepblocks.solids.kernel_pmi import Callout, PmiDimension, PmiTolerance, write_step_with_tolerances
 from stepblocks.stimulus.set import Stimulus
 
 __all__ = ["PINNED_TIME", "conforming", "write_step_ap242"]
@@ -55,16 +56,23 @@ def write_step_ap242(
     """
     listed = characteristics_of(stimulus)
     described = [kernel.face_kinds(body) for _, body in bodies]
-    dimensions, tolerances, names = [], [], []
-    for one in listed:
-        faces = tuple(find_face(described[one.body], rule, stimulus.id) for rule in one.faces)
+    dimensions: list[PmiDimension] = []
+    tolerances: list[PmiTolerance] = []
+    names = []
+    for number, one in enumerate(listed, start=1):
+        if one.kind == "note":
+            continue
+        part = described[one.body]
+        faces = tuple(find_face(part, rule, stimulus.id) for rule in one.faces)
+        text = callout_text(one, number)
+        seen = Callout(_ascii(text), callout_lines(text, len(dimensions) + len(tolerances), part, part[faces[-1]]))
         if one.kind in ("distance", "diameter", "radius"):
-            dimensions.append(PmiDimension(one.kind, one.body, faces, one.nominal, one.lower, one.upper))
+            dimensions.append(PmiDimension(one.kind, one.body, faces, one.nominal, one.lower, one.upper, seen))
             if one.kind == "distance":
                 names.append(one.label)
         elif one.kind in ("flatness", "parallelism"):
             datum = ("A", faces[1]) if one.kind == "parallelism" else None
-            tolerances.append(PmiTolerance(one.kind, one.body, faces[0], one.upper, datum))
+            tolerances.append(PmiTolerance(one.kind, one.body, faces[0], one.upper, datum, seen))
     material = stimulus.material
     draft = path.with_name(f".{path.name}.draft")
     try:
@@ -75,6 +83,11 @@ def write_step_ap242(
         draft.replace(path)
     finally:
         draft.unlink(missing_ok=True)
+
+
+def _ascii(text: str) -> str:
+    """Return text as Part 21 may hold it without escapes."""
+    return text.replace("±", "+-")
 
 
 def _limits(one: Characteristic) -> str:
@@ -118,6 +131,9 @@ def conforming(
     if waiting:
         raise MachiningError(f"every named distance must be written, missing {', '.join(waiting)} [{identity}]")
     instances = _with_density_unit(instances)
+    # callouts in the kernel's white cannot be seen on paper
+    instances = [one.replace("DRAUGHTING_PRE_DEFINED_COLOUR('white')", "DRAUGHTING_PRE_DEFINED_COLOUR('black')")
+                 for one in instances]  # fmt: skip
     instances += _noted(instances, notes, identity)
     return head + "DATA;\n" + "".join(f"{instance};\n" for instance in instances if instance) + "ENDSEC;" + tail
 

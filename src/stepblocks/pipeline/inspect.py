@@ -13,6 +13,7 @@ from stepblocks.contact.critical_angle import step_angle
 from stepblocks.contact.energy import Status, Tool, release_at
 from stepblocks.errors import PipelineError
 from stepblocks.machining.characteristics import Characteristic, characteristics_of
+from stepblocks.machining.inspection_sheet import write_sheet_csv
 from stepblocks.metrology.as_built import AsBuilt, AsBuiltValue, write_as_built
 from stepblocks.metrology.conformity import Decision, Outcome
 from stepblocks.metrology.inspection import (
@@ -202,7 +203,8 @@ def write_inspection(result: InspectionResult, folder: Path) -> list[Path]:
     Returns
     -------
     list of Path
-        The files: ``<id>.as-built.toml``, ``.inspection.json``, ``.inspection.txt``, ``.inspection.svg``.
+        The files: ``<id>.as-built.toml``, ``.inspection.json``, ``.inspection.txt``, ``.inspection.svg``, and
+        the inspection sheet with the values filled in.
     """
     folder.mkdir(parents=True, exist_ok=True)
     base = folder / result.stimulus.id
@@ -216,6 +218,9 @@ def write_inspection(result: InspectionResult, folder: Path) -> list[Path]:
     write_as_built(paths[0], record)
     _replace(paths[1], json.dumps(as_json(result), indent=2, allow_nan=False) + "\n")
     _replace(paths[2], table_of(result) + "\n")
+    filled = {key: (one.value, one.std, one.verdict) for key, one in values.items()}
+    paths.append(base.with_name(f"{base.name}.inspection-sheet.csv"))
+    write_sheet_csv(paths[-1], result.stimulus, filled)
     draw_inspection(paths[3], result.stimulus.id, result.inspected, list(result.judged), result.verdict)
     return paths
 

@@ -11,6 +11,9 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Literal
 
+from OCP.BRep import BRep_Builder
+from OCP.BRepBuilderAPI import BRepBuilderAPI_MakeEdge
+from OCP.gp import gp_Ax2, gp_Dir, gp_Pnt
 from OCP.IFSelect import IFSelect_ReturnStatus
 from OCP.Interface import Interface_Static
 from OCP.Message import Message, Message_Gravity
@@ -20,6 +23,7 @@ from OCP.TCollection import TCollection_ExtendedString, TCollection_HAsciiString
 from OCP.TDataStd import TDataStd_Name
 from OCP.TDF import TDF_AttributeIterator, TDF_Label, TDF_LabelSequence
 from OCP.TDocStd import TDocStd_Document
+from OCP.TopoDS import TopoDS_Compound
 from OCP.XCAFDimTolObjects import (
     XCAFDimTolObjects_DatumObject,
     XCAFDimTolObjects_DimensionObject,
@@ -32,7 +36,7 @@ from OCP.XCAFDoc import XCAFDoc_Datum, XCAFDoc_Dimension, XCAFDoc_DocumentTool, 
 from stepblocks.errors import SolidError
 from stepblocks.solids.kernel import Body
 
-__all__ = ["PmiDimension", "PmiTolerance", "write_step_with_tolerances"]
+__all__ = ["Callout", "PmiDimension", "PmiTolerance", "write_step_with_tolerances"]
 
 _MM = 1e3
 _DIMENSIONS = {
@@ -44,6 +48,22 @@ _TOLERANCES = {
     "flatness": XCAFDimTolObjects_GeomToleranceType.XCAFDimTolObjects_GeomToleranceType_Flatness,
     "parallelism": XCAFDimTolObjects_GeomToleranceType.XCAFDimTolObjects_GeomToleranceType_Parallelism,
 }
+
+
+@dataclass(frozen=True)
+class Callout:
+    """Lines that a viewer shows for a dimension or tolerance.
+
+    Attributes
+    ----------
+    text : str
+        Its name.
+    lines : sequence of pairs of points
+        Straight lines in one plane square to y, and a leader [m].
+    """
+
+    text: str
+    lines: Sequence[tuple[tuple[float, float, float], tuple[float, float, float]]]
 
 
 @dataclass(frozen=True)
@@ -60,6 +80,8 @@ class PmiDimension:
         Indices of its faces.
     nominal, lower, upper : float
         Nominal and signed deviations [m].
+    callout : Callout or None
+        What is seen of it.
     """
 
     kind: Literal["distance", "diameter", "radius"]
@@ -68,6 +90,7 @@ class PmiDimension:
     nominal: float
     lower: float
     upper: float
+    callout: Callout | None = None
 
 
 @dataclass(frozen=True)
@@ -86,6 +109,8 @@ class PmiTolerance:
         Width of the zone [m].
     datum : tuple of (str, int) or None
         Letter and face of the datum.
+    callout : Callout or None
+        What is seen of it.
     """
 
     kind: Literal["flatness", "parallelism"]
@@ -93,6 +118,7 @@ class PmiTolerance:
     face: int
     zone: float
     datum: tuple[str, int] | None = None
+    callout: Callout | None = None
 
 
 def write_step_with_tolerances(
@@ -181,6 +207,7 @@ class _Document:
         content.SetValue(dimension.nominal * _MM)
         content.SetUpperTolValue(dimension.upper * _MM)
         content.SetLowerTolValue(-dimension.lower * _MM)  # the kernel keeps it without its sign
+        _present(content, dimension.callout)
         _attribute(label, XCAFDoc_Dimension).SetObject(content)
         sequences = [TDF_LabelSequence(), TDF_LabelSequence()]
         for sequence, face in zip(sequences, dimension.faces, strict=False):
@@ -192,6 +219,7 @@ class _Document:
         content = XCAFDimTolObjects_GeomToleranceObject()
         content.SetType(_TOLERANCES[tolerance.kind])
         content.SetValue(tolerance.zone * _MM)
+        _present(content, tolerance.callout)
         _attribute(label, XCAFDoc_GeomTolerance).SetObject(content)
         self._tolerances.SetGeomTolerance(self._face(tolerance.body, tolerance.face), label)
         if tolerance.datum is not None:
@@ -209,6 +237,21 @@ class _Document:
             self._tolerances.SetDatum(faces, label)
             self._datums[body, face] = label
         return self._datums[body, face]
+
+
+def _present(content: Any, callout: Callout | None) -> None:
+    if callout is None:
+        return
+    compound, builder = TopoDS_Compound(), BRep_Builder()
+    builder.MakeCompound(compound)
+    for begin, end in callout.lines:
+        a, b = (gp_Pnt(*(value * _MM for value in point)) for point in (begin, end))
+        if a.Distance(b) > 1e-6:  # shorter ones are no edges to the kernel
+            builder.Add(compound, BRepBuilderAPI_MakeEdge(a, b).Edge())
+    origin = gp_Pnt(*(value * _MM for value in callout.lines[-1][0]))
+    content.SetPresentation(compound, TCollection_HAsciiString(callout.text))
+    content.SetPlane(gp_Ax2(origin, gp_Dir(0.0, -1.0, 0.0)))
+    content.SetPointTextAttach(origin)
 
 
 def _attribute(label: TDF_Label, kind: type) -> Any:
