@@ -144,6 +144,8 @@ def _split(data: str) -> list[str]:
 
 
 def _mended(instance: str, waiting: list[str]) -> str:
+    if "MEASURE_WITH_UNIT" not in instance and "DIMENSIONAL_LOCATION" not in instance:
+        return instance  # thousands are shape, which nothing here touches
     flat = re.sub(r"\s*\n\s*", "", instance)
     limit = _LIMIT.match(flat)
     if limit:
@@ -157,7 +159,7 @@ def _mended(instance: str, waiting: list[str]) -> str:
 def _with_density_unit(instances: list[str]) -> list[str]:
     """Rewrite the unit of the density, mass^3 length^2, as kilogram per cubic metre."""
     text = {one.split("=", 1)[0].strip(): index for index, one in enumerate(instances)}
-    for one in list(instances):
+    for one in [instance for instance in instances if "DERIVED_UNIT" in instance]:
         unit = re.match(r"^#\d+\s*=\s*DERIVED_UNIT\(\((#\d+),(#\d+)\)\)$", re.sub(r"\s+", "", one))
         if not unit:
             continue
@@ -176,7 +178,14 @@ def _noted(instances: list[str], notes: Sequence[tuple[str, str]], identity: str
     if not notes:
         return []
     definition = next((match[1] for one in instances if (match := _DEFINITION.match(one))), None)
-    context = next((match[1] for one in instances if (match := _CONTEXT.match(re.sub(r"\s*\n\s*", "", one)))), None)
+    context = next(
+        (
+            match[1]
+            for one in instances
+            if "REPRESENTATION_CONTEXT(3)" in one and (match := _CONTEXT.match(re.sub(r"\s*\n\s*", "", one)))
+        ),
+        None,
+    )
     if definition is None or context is None:
         raise MachiningError(f"notes must have a product to belong to [{identity}]")
     number = max(int(one.split("=", 1)[0].strip()[1:]) for one in instances) + 1
