@@ -223,7 +223,24 @@ def truncated(path):
     path.write_bytes(path.read_bytes()[:-200])
 
 
+def nan_map(path):
+    x3pio.write(str(path), np.full((3, 4), np.nan), x_scale=1e-6, y_scale=1e-6)
+
+
+def one_row(path):
+    x3pio.write(str(path), np.zeros((1, 4)), x_scale=1e-6, y_scale=1e-6)
+
+
+def factor_of_eight(path):
+    write_nid(path)
+    raw = path.read_bytes().replace(b"SaveBits=16", b"SaveBits=19")
+    path.write_bytes(raw)
+
+
 HOSTILE = {
+    "nan.x3p": (nan_map, "at least one measured height"),
+    "row.x3p": (one_row, "at least 2 x 3 points"),
+    "eight.nid": (factor_of_eight, "must"),
     "bomb.x3p": (bomb, "unpack to at most"),
     "entities.x3p": (entities, "sound X3P"),
     "truncated.x3p": (truncated, "sound"),

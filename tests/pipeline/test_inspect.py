@@ -149,3 +149,23 @@ def test_records_survive_odd_names_and_refuse_what_they_do_not_know(tmp_path):
         path.write_text(text)
         with pytest.raises(MetrologyError, match=rule):
             read_as_built(path)
+
+
+def test_prediction_takes_the_record_and_says_how_far_the_energy_moved(tmp_path, capsys):
+    path = scan(tmp_path / "a.csv", 50.0e-6, 14e-6)
+    inspect(path, "--stimulus", "step-050", "-o", str(tmp_path / "out"))
+    capsys.readouterr()
+    table = tmp_path / "predictions.csv"
+    source = f"{STIMULI}/paper-ten.toml"
+    assert main(["predict", source, "--as-built", str(tmp_path / "out"), "-o", str(table)]) == 0
+    said = capsys.readouterr().err
+    # equations (1) and (2) by hand at mu = 0.15: tan^2(acos(1 - 50/139) + atan 0.15) / tan^2(acos(1 - 50/125) + ...) - 1
+    ratio = (np.tan(np.arccos(1 - 50 / 139) + np.arctan(0.15)) / np.tan(np.arccos(1 - 50 / 125) + np.arctan(0.15))) ** 2
+    largest = float(said.split(" % to ")[1].split(" %")[0])
+    assert largest == pytest.approx((ratio - 1.0) * 100.0, abs=0.5)
+    assert "edge_radius does not conform" in said
+    rows = [line.split(",") for line in table.read_text().splitlines()]
+    assert {row[4] for row in rows if row[1] == "step-050"} != {"50"}
+    assert {row[4] for row in rows if row[1] == "step-060"} == {"60"}
+    assert main(["predict", source, "--as-built", str(tmp_path / "a.csv")]) == 2
+    assert main(["predict", source, "--as-built", str(tmp_path)]) == 2

@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Any
 
 from stepblocks.contact.critical_angle import step_angle
-from stepblocks.contact.energy import Status, Tool, release_at
+from stepblocks.contact.energy import Status, release_at
 from stepblocks.errors import PipelineError
 from stepblocks.machining.characteristics import Characteristic, characteristics_of
 from stepblocks.machining.inspection_sheet import write_sheet_csv
@@ -28,6 +28,7 @@ from stepblocks.metrology.inspection import (
 from stepblocks.metrology.read_scan import read_scan
 from stepblocks.metrology.scan import HeightMap, Profile
 from stepblocks.metrology.uncertainty import Instrument
+from stepblocks.pipeline.predict import tool_of
 from stepblocks.report.inspection import draw_inspection, inspection_table
 from stepblocks.stimulus.block import StepBlock
 from stepblocks.stimulus.loader import load_set
@@ -174,7 +175,7 @@ def _measured(
 def _felt(stimulus: StepBlock, inspected: Inspected, grid: PredictionGrid) -> str:
     """Compare the energy that the as-built edge releases with the nominal one."""
     ball, load, friction = grid.tip_radii[0], grid.normal_loads[0], grid.frictions[0]
-    tool = Tool(**grid.tool.model_dump())
+    tool = tool_of(grid)
     asked = step_angle(stimulus.height.nominal, ball, stimulus.edge_radius.nominal)
     height, radius = inspected.values["step_height"].value, max(inspected.values["edge_radius"].value, 0.0)
     made = step_angle(height, ball, radius)
