@@ -56,12 +56,12 @@ import sys
 from pathlib import Path
 from stepblocks.haptics.formats import write_stl
 from stepblocks.haptics.mesh import mesh_solid
-from stepblocks.machining.step import write_step
+from stepblocks.machining.step_ap242 import write_step_ap242
 from stepblocks.solids.build import build_solids
 from stepblocks.stimulus.loader import load_set
 for stimulus in load_set(Path(sys.argv[2])).stimuli:
     bodies = build_solids(stimulus)
-    write_step(Path(sys.argv[1]) / f"{stimulus.id}.step", bodies, stimulus.id)
+    write_step_ap242(Path(sys.argv[1]) / f"{stimulus.id}.step", stimulus, bodies)
     write_stl(Path(sys.argv[1]) / f"{stimulus.id}.stl", mesh_solid(stimulus, *bodies[0]))
 """
 
@@ -125,7 +125,7 @@ def extra_costs(stimuli: Path) -> None:
     from stepblocks.haptics.heightfield import write_height_field
     from stepblocks.haptics.mesh import mesh_solid
     from stepblocks.haptics.pieces import convex_pieces
-    from stepblocks.machining.step import write_step
+    from stepblocks.machining.step_ap242 import write_step_ap242
     from stepblocks.metrology.artefacts import check_artefact
     from stepblocks.pipeline.make import checked_files, staging
     from stepblocks.report.picture import draw
@@ -147,7 +147,7 @@ def extra_costs(stimuli: Path) -> None:
         folder = Path(out)
         for number, block in enumerate([blocks[0], *blocks]):
             bodies = timed("solid", partial(build_solids, block))
-            timed("STEP", partial(write_step, folder / f"{block.id}.step", bodies, block.id))
+            timed("STEP", partial(write_step_ap242, folder / f"{block.id}.step", block, bodies))
             mesh = timed("tessellation", partial(mesh_solid, block, *bodies[0]))
             for form in MESH_FORMATS:
                 timed(form.suffix, partial(form.write, folder / f"{block.id}{form.suffix}", mesh))

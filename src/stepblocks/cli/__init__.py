@@ -12,7 +12,17 @@ from stepblocks.errors import StepblocksError
 
 __all__ = ["main"]
 
-_COMMANDS: tuple[str, ...] = ("build", "check", "predict", "drag", "sweep", "measure", "simulate_session")
+_COMMANDS: tuple[str, ...] = (
+    "build",
+    "check",
+    "predict",
+    "drag",
+    "sweep",
+    "inspect",
+    "measure",
+    "simulate_session",
+    "workshop",
+)
 """Modules of this package, one per command or family of commands, in the order of the help text."""
 
 

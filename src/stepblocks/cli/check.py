@@ -20,11 +20,12 @@ def add_to(commands: Any) -> None:
     """
     parser = commands.add_parser(
         "check",
-        help="read every artefact back from disk and measure it",
-        description="A verdict per artefact. Exit code 1 if one is out of tolerance, and its name.",
+        help="read every artefact back from disk and measure it, or check anybody's STEP file",
+        description="A verdict per artefact; of STEP files named on the command line, dimensions and tolerances against "
+        "their geometry, read as text. Exit code 1 if one is out of tolerance, and its name.",
     )
     parser.add_argument(
-        "files", nargs="*", type=Path, metavar="FILE", help="stimulus files or folders (default: stimuli)"
+        "files", nargs="*", type=Path, metavar="FILE", help="stimulus files, folders (default: stimuli) or STEP files"
     )
     parser.add_argument(
         "-o", "--output", type=Path, default=Path("out"), metavar="DIR", help="output folder (default: out)"
@@ -37,6 +38,8 @@ def add_to(commands: Any) -> None:
 
 
 def _run(arguments: argparse.Namespace) -> int:
+    if arguments.files and all(path.suffix.lower() in (".step", ".stp", ".p21") for path in arguments.files):
+        return _check_step_files(arguments.files)
     from stepblocks.pipeline.build import stimulus_files
     from stepblocks.pipeline.check import check_output
 
@@ -63,3 +66,12 @@ def _run(arguments: argparse.Namespace) -> int:
     elif not arguments.quiet:
         print(f"{count} artefacts, all within tolerance")
     return 1 if failed else 0
+
+
+def _check_step_files(paths: list[Path]) -> int:
+    from stepblocks.metrology.part21.check_step import check_step_text
+    from stepblocks.metrology.part21.part_file import step_table
+
+    reports = [check_step_text(path) for path in paths]
+    print("\n\n".join(step_table(report) for report in reports))
+    return 0 if all(report.passes for report in reports) else 1

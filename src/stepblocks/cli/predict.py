@@ -31,6 +31,10 @@ def add_to(commands: Any) -> None:
         metavar="FILE",
         help="stimulus files or folders (default: stimuli), or one CSV table",
     )
+    parser.add_argument(
+        "--as-built", nargs="+", type=Path, default=[], metavar="RECORD",
+        help="as-built records of inspect, or folders of them, to predict with instead of the nominal",
+    )  # fmt: skip
     parser.add_argument("-o", "--output", type=Path, metavar="CSV", help="write a table with units in its header")
     parser.add_argument(
         "--model", type=Path, metavar="JSON", help="model.json of stepblocks loop; FILE is a trials.csv"
@@ -73,6 +77,13 @@ def _predict_sets(arguments: argparse.Namespace) -> int:
     from stepblocks.stimulus.loader import load_set
 
     sets = [load_set(path) for path in stimulus_files(arguments.files)]
+    if arguments.as_built:
+        from stepblocks.pipeline.as_built import moved_energies, read_records, with_as_built
+
+        records = read_records(arguments.as_built)
+        for sentence in (sentence for stimuli in sets for sentence in moved_energies(stimuli, records)):
+            print(sentence, file=sys.stderr)
+        sets = [with_as_built(stimuli, records) for stimuli in sets]
     predictions = [prediction for stimuli in sets for prediction in predict_set(stimuli)]
     if arguments.output:
         replace_text(arguments.output, as_csv(iter(predictions)))

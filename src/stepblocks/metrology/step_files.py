@@ -8,6 +8,7 @@ from pathlib import Path
 
 from stepblocks.errors import MetrologyError
 from stepblocks.metrology.closed_forms import solid_volumes
+from stepblocks.metrology.part21.part_file import check_part_step
 from stepblocks.metrology.verdict import Verdict
 from stepblocks.solids import kernel
 from stepblocks.stimulus.block import StepBlock
@@ -57,6 +58,17 @@ def check_step(stimulus: Stimulus, path: Path) -> Iterator[Verdict]:
         yield Verdict(name, f"volume of solid {index}", volume, kernel.volume(body), 1e-6, "volume", relative=True)
     entities = {int(number): (kind, body) for number, kind, body in _ENTITY.findall(text)}
     yield from _dimensions(stimulus, name, entities)
+    yield from _tolerances(stimulus, path)
+
+
+def _tolerances(stimulus: Stimulus, path: Path) -> Iterator[Verdict]:
+    """Every dimension against the faces it names, and every characteristic of the part with its limits."""
+    report, findings = check_part_step(path, stimulus)
+    for one in report.dimensions:
+        measured = float("nan") if one.geometry is None else one.geometry
+        yield Verdict(path.name, f"faces of {one.name or one.kind} {one.ref}", one.value, measured, 1e-9)
+    first = f" ({findings[0]})" if findings else ""
+    yield Verdict(path.name, f"tolerances, material and types as asked for{first}", 0.0, len(findings), 0.0, "count")
 
 
 Entities = dict[int, tuple[str, str]]

@@ -141,13 +141,13 @@ def _write_artefacts(stimulus: Stimulus, folder: Path) -> None:
     from stepblocks.haptics.heightfield import write_height_field
     from stepblocks.haptics.mesh import mesh_solid
     from stepblocks.haptics.pieces import convex_pieces
-    from stepblocks.machining.step import write_step
+    from stepblocks.machining.step_ap242 import write_step_ap242
     from stepblocks.report.picture import draw
     from stepblocks.report.viewer import write_view
     from stepblocks.solids.build import build_solids
 
     bodies = build_solids(stimulus)
-    write_step(folder / f"{stimulus.id}.step", bodies, stimulus.id)
+    write_step_ap242(folder / f"{stimulus.id}.step", stimulus, bodies)
     meshes = [mesh_solid(stimulus, name, body) for name, body in bodies]
     for mesh in meshes:
         for form in MESH_FORMATS:

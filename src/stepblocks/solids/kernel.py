@@ -6,7 +6,6 @@ tessellated with an absolute chordal error per face.
 
 from __future__ import annotations
 
-import re
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -20,16 +19,9 @@ from OCP.BRepMesh import BRepMesh_IncrementalMesh
 from OCP.BRepTools import BRepTools
 from OCP.IFSelect import IFSelect_ReturnStatus
 from OCP.IMeshTools import IMeshTools_Parameters
-from OCP.Interface import Interface_Static
-from OCP.Message import Message, Message_Gravity
-from OCP.STEPCAFControl import STEPCAFControl_Writer
-from OCP.STEPControl import STEPControl_Controller, STEPControl_Reader, STEPControl_StepModelType
-from OCP.TCollection import TCollection_ExtendedString
-from OCP.TDataStd import TDataStd_Name
-from OCP.TDocStd import TDocStd_Document
+from OCP.STEPControl import STEPControl_Reader
 from OCP.TopAbs import TopAbs_Orientation
 from OCP.TopLoc import TopLoc_Location
-from OCP.XCAFDoc import XCAFDoc_DocumentTool
 
 from stepblocks.errors import MetrologyError, SolidError
 
@@ -49,7 +41,6 @@ __all__ = [
     "tessellate",
     "turned",
     "volume",
-    "write_step",
 ]
 
 _MM = 1e3  # metres to the kernel's millimetres
@@ -403,51 +394,6 @@ def _joined(
         & (triangles[:, 2] != triangles[:, 0])
     )
     return Tessellation(points[first], triangles[whole], owner[whole], faces)
-
-
-_HEADER_TIME = re.compile(rb"(FILE_NAME\('[^']*',)'[^']*'")
-
-
-def write_step(path: Path, bodies: Sequence[tuple[str, Body]], name: str, timestamp: str) -> None:
-    """Write bodies as AP242 with names and a pinned header.
-
-    Parameters
-    ----------
-    path : Path
-        File to write.
-    bodies : sequence of (str, Body)
-        Each with the name of its product.
-    name : str
-        Name in the header.
-    timestamp : str
-        Time stamp of the header, ISO 8601; pinned, so that equal bodies give equal bytes.
-
-    Raises
-    ------
-    SolidError
-        If the kernel cannot write it.
-    """
-    printers = Message.DefaultMessenger_s().Printers()
-    for printer in printers:
-        printer.SetTraceLevel(Message_Gravity.Message_Fail)
-    STEPControl_Controller.Init_s()  # a schema that is set before a controller exists is silently ignored
-    Interface_Static.SetCVal_s("write.step.schema", "AP242DIS")
-    Interface_Static.SetCVal_s("write.step.unit", "MM")
-    Interface_Static.SetIVal_s("write.precision.mode", 0)
-    document = TDocStd_Document(TCollection_ExtendedString("stepblocks"))
-    shapes = XCAFDoc_DocumentTool.ShapeTool_s(document.Main())
-    for label, body in bodies:
-        TDataStd_Name.Set_s(shapes.AddShape(body.wrapped, False), TCollection_ExtendedString(label))
-    writer = STEPCAFControl_Writer()
-    writer.SetNameMode(True)
-    writer.Transfer(document, STEPControl_StepModelType.STEPControl_AsIs)
-    if writer.Write(str(path)) != IFSelect_ReturnStatus.IFSelect_RetDone:
-        raise SolidError(f"the kernel could not write {path.name}")
-    text = path.read_bytes()
-    pinned, replaced = _HEADER_TIME.subn(b"FILE_NAME('%s','%s'" % (name.encode(), timestamp.encode()), text, count=1)
-    if replaced != 1:
-        raise SolidError(f"the header of {path.name} has no time stamp to pin")
-    path.write_bytes(pinned)
 
 
 def read_step(path: Path) -> list[Body]:

@@ -47,9 +47,11 @@ def _glyph(character: str) -> tuple[float, tuple[Letter, ...]]:
 
     font = FontProperties(fname=Path(mpl.get_data_path()) / "fonts" / "ttf" / "DejaVuSans.ttf")
     size = 1.0 / 0.729  # DejaVu's capitals are 0.729 em high
-    rings = [np.asarray(ring)[:-1] for ring in TextPath((0.0, 0.0), character, size=size, prop=font).to_polygons()]
     advance = float(TextPath((0.0, 0.0), character + "|", size=size, prop=font).vertices[:, 0].max())
     advance -= float(TextPath((0.0, 0.0), "|", size=size, prop=font).vertices[:, 0].max())
+    if character.isspace():
+        return advance, ()  # matplotlib makes no path of nothing
+    rings = [np.asarray(ring)[:-1] for ring in TextPath((0.0, 0.0), character, size=size, prop=font).to_polygons()]
     shape = shapely.Polygon()
     for ring in rings:  # even-odd: a ring inside another is its hole
         shape = shape.symmetric_difference(shapely.Polygon(ring))

@@ -1,0 +1,42 @@
+"""AP242 files of all shipped parts: size, time to write and to check, and the worst dimension against its faces.
+
+Run from the root of the repository: ``python benchmarks/ap242.py``.
+"""
+
+import sys
+import tempfile
+import time
+from pathlib import Path
+
+from stepblocks.machining.step_ap242 import write_step_ap242
+from stepblocks.metrology.part21.part_file import check_part_step
+from stepblocks.solids.build import build_solids
+from stepblocks.stimulus.loader import load_set
+
+
+def main() -> int:
+    """Print one line per part; 1 if a file does not pass."""
+    wrong = 0
+    print(f"{'part':24} {'KiB':>6} {'write s':>8} {'check s':>8} {'dims':>5} {'tols':>5} {'worst nm':>10}  findings")
+    with tempfile.TemporaryDirectory() as folder:
+        for source in sorted(Path("stimuli").glob("*.toml")):
+            for stimulus in load_set(source).stimuli:
+                bodies = build_solids(stimulus)
+                path = Path(folder) / f"{stimulus.id}.step"
+                start = time.perf_counter()
+                write_step_ap242(path, stimulus, bodies)
+                middle = time.perf_counter()
+                report, findings = check_part_step(path, stimulus)
+                end = time.perf_counter()
+                deviations = [abs(one.deviation) for one in report.dimensions if one.deviation is not None]
+                wrong += bool(findings) or len(deviations) != len(report.dimensions)
+                print(
+                    f"{stimulus.id:24} {path.stat().st_size >> 10:6} {middle - start:8.2f} {end - middle:8.2f} "
+                    f"{len(report.dimensions):5} {len(report.tolerances):5} {max(deviations) * 1e9:10.2e}  "
+                    f"{'; '.join(findings) or 'none'}"
+                )
+    return 1 if wrong else 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,87 @@
+"""``stepblocks inspect``: say whether what came back from the workshop conforms."""
+
+from __future__ import annotations
+
+import argparse
+from pathlib import Path
+from typing import Any
+
+__all__ = ["add_to"]
+
+
+def add_to(commands: Any) -> None:
+    """Register the command.
+
+    Parameters
+    ----------
+    commands : argparse subparsers
+        Where to register.
+    """
+    parser = commands.add_parser(
+        "inspect",
+        help="evaluate a scan of a machined stimulus and judge it",
+        description="Evaluate a profile or height map and judge it by ISO 14253-1. Exit code 0 conforms, 1 does not "
+        "conform, 3 not proven, 2 the scan cannot be read or evaluated.",
+    )
+    parser.add_argument("scan", type=Path, metavar="SCAN", help="CSV, XYZ, X3P, SDF, SUR, PLUX, GWY, OPDX, NID, ...")
+    parser.add_argument("--stimulus", required=True, metavar="ID", help="identity of the part, such as step-050")
+    parser.add_argument(
+        "--set",
+        dest="where",
+        type=Path,
+        default=Path("stimuli"),
+        metavar="PATH",
+        help="stimulus file or folder (stimuli)",
+    )
+    parser.add_argument(
+        "--feature", choices=("edge", "groove"), default="edge", help="what of a step block was scanned"
+    )
+    parser.add_argument("--unit", help="unit of a text table that does not say its own, such as um")
+    parser.add_argument(
+        "--exclusion", metavar="LENGTH", help="edge exclusion, such as '50 um' (default: a twelfth of the face)"
+    )
+    parser.add_argument(
+        "--calibration",
+        metavar="RATIO",
+        help="relative standard uncertainty of the vertical calibration, such as '0.1 %%'",
+    )
+    parser.add_argument(
+        "--resolution", metavar="LENGTH", default="0 m", help="least difference of height, such as '1 nm'"
+    )
+    parser.add_argument(
+        "-o", "--output", type=Path, metavar="DIR", help="write table, plot, JSON and as-built record here"
+    )
+    parser.add_argument("--json", action="store_true", help="print the result as JSON")
+    parser.set_defaults(run=_run)
+
+
+def _run(arguments: argparse.Namespace) -> int:
+    import json
+
+    from stepblocks.metrology.uncertainty import Instrument
+    from stepblocks.pipeline.inspect import as_json, find_stimulus, inspect_scan, table_of, write_inspection
+    from stepblocks.quantities import parse_quantity
+
+    def length(text: str | None) -> float | None:
+        return None if text is None else parse_quantity(text, "length")
+
+    calibration = None if arguments.calibration is None else parse_quantity(_ratio(arguments.calibration), "ratio")
+    instrument = Instrument(calibration, length(arguments.resolution) or 0.0)
+    stimulus, grid = find_stimulus(arguments.stimulus, arguments.where)
+    result = inspect_scan(
+        arguments.scan, stimulus, grid, instrument,
+        feature=arguments.feature, exclusion=length(arguments.exclusion), unit=arguments.unit,
+    )  # fmt: skip
+    print(json.dumps(as_json(result), indent=1) if arguments.json else table_of(result))
+    if arguments.output is not None:
+        written = write_inspection(result, arguments.output)
+        if not arguments.json:
+            print("\nwritten: " + " ".join(str(path) for path in written))
+    return result.verdict.exit_code
+
+
+def _ratio(text: str) -> object:
+    try:
+        return float(text)
+    except ValueError:
+        return text

@@ -1,0 +1,52 @@
+"""``stepblocks workshop``: write what a workshop is sent besides the STEP file."""
+
+from __future__ import annotations
+
+import argparse
+from pathlib import Path
+from typing import Any
+
+__all__ = ["add_to"]
+
+
+def add_to(commands: Any) -> None:
+    """Register the command.
+
+    Parameters
+    ----------
+    commands : argparse subparsers
+        Where to register.
+    """
+    parser = commands.add_parser(
+        "workshop",
+        help="write drawings, inspection sheets and gauge-block variants, and say which route reaches each tolerance",
+        description="Drawings (DXF, SVG, PDF) and inspection sheets (CSV, PDF) of every part, the two-piece variant of "
+        "step blocks, and a table of the ways to make them.",
+    )
+    parser.add_argument(
+        "files", nargs="*", type=Path, metavar="FILE", help="stimulus files or folders (default: stimuli)"
+    )
+    parser.add_argument(
+        "-o", "--output", type=Path, default=Path("out"), metavar="DIR", help="output folder (default: out)"
+    )
+    parser.add_argument("--only", metavar="PATTERN", help="only these stimuli, such as 'step-0?0' or 'paper-ten/*'")
+    parser.add_argument(
+        "--capability", default="2 um", metavar="LENGTH",
+        help="deviation of a height that the workshop holds in one piece; ask it (default: 2 um, ground, not lapped)",
+    )  # fmt: skip
+    parser.set_defaults(run=_run)
+
+
+def _run(arguments: argparse.Namespace) -> int:
+    from stepblocks.pipeline.build import stimulus_files
+    from stepblocks.pipeline.workshop import route_table, write_orders
+    from stepblocks.quantities import parse_quantity
+
+    capability = parse_quantity(arguments.capability, "length")
+    orders = write_orders(
+        stimulus_files(arguments.files), arguments.output, arguments.only, capability,
+        lambda order: print(f"{order.name}: {len(order.files)} files", flush=True),
+    )  # fmt: skip
+    if any(order.routes for order in orders):
+        print("\n" + route_table(orders))
+    return 0

@@ -1,0 +1,207 @@
+"""Radius of a rounded edge from the few points that lie on its arc.
+
+The radius is not a least-squares optimum but the posterior of a grid: an edge sharper than the sampling has no
+optimum worth a name, yet a clear upper limit. Residuals count across the surface, not along z, so that the
+steep foot of the arc does not outweigh its crown, and they are whitened by the roughness of the faces.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.linalg import cholesky, solve_triangular, toeplitz
+
+from stepblocks.errors import MetrologyError
+
+__all__ = ["Arc", "arc_radius", "edge_profile"]
+
+Array = NDArray[np.float64]
+
+_MOST_POINTS = 800
+"""Points of the window that are whitened together; more are thinned, since the cost grows with their square."""
+
+
+@dataclass(frozen=True)
+class Arc:
+    """Radius of an edge.
+
+    Attributes
+    ----------
+    radius, radius_std : float
+        Mean of the posterior, and its standard deviation together with that of the sampling interval [m].
+    radius_limit : float
+        Upper limit at 95 % [m].
+    riser : float
+        Position of the riser at the most probable radius [m].
+    form : float
+        Root mean square of the residuals on the arc, across the surface [m].
+    """
+
+    radius: float
+    radius_std: float
+    radius_limit: float
+    riser: float
+    form: float
+
+
+def edge_profile(position: Array, riser: float | Array, height: float, radius: float) -> Array:
+    """Ideal edge: lower face at 0, riser, arc tangent to the upper face at `height`.
+
+    Parameters
+    ----------
+    position : ndarray
+        Positions [m].
+    riser : float or ndarray
+        Where the arc's circle has its vertical tangent [m]; the riser stands there unless ``radius > height``.
+    height, radius : float
+        Height of the step and radius of the edge [m]. Where the radius exceeds the height, the arc ends on the lower
+        face before its tangent is vertical.
+
+    Returns
+    -------
+    ndarray
+        Heights over the lower face [m].
+    """
+    beyond = np.clip(radius - (position - riser), 0.0, radius)
+    arc = height - radius + np.sqrt(radius * radius - beyond * beyond)
+    return np.where(position < riser, 0.0, np.maximum(arc, 0.0))
+
+
+def arc_radius(position: Array, levelled: Array, height: float, spacing: float, gamma: Array) -> Arc:
+    """Radius of the edge in a levelled window.
+
+    Parameters
+    ----------
+    position : ndarray, shape (n,)
+        Positions inside the window [m], increasing; missing points left out.
+    levelled : ndarray, shape (n,)
+        Heights over the lower face, tilt removed [m].
+    height : float
+        Height of the step [m].
+    spacing : float
+        Sampling interval of the profile [m].
+    gamma : ndarray
+        Autocovariance of the noise [m^2] at lags of `spacing`.
+
+    Returns
+    -------
+    Arc
+        Posterior of the radius under a flat prior for radius >= 0 and for the riser's position.
+
+    Raises
+    ------
+    MetrologyError
+        If the window has fewer than eight points.
+    """
+    if len(position) < 8:
+        raise MetrologyError(f"window at the edge must hold at least 8 points, got {len(position)}")
+    window = _Window(position, levelled, height, spacing, gamma)
+    span = float(position[-1] - position[0])
+    start = float(position[np.flatnonzero(levelled > 0.5 * height)[0]]) if (levelled > 0.5 * height).any() else 0.0
+    radii = np.concatenate([[0.0], np.geomspace(0.2 * spacing, 0.5 * span, 48)])
+    best, offset = _scan_coarsely(window, radii, start)
+    table = _refine(window, best, offset)
+    return _summary(window, *table)
+
+
+class _Window:
+    """Misfit of the ideal edge to the points of one window."""
+
+    def __init__(self, position: Array, levelled: Array, height: float, spacing: float, gamma: Array) -> None:
+        thin = -(-len(position) // _MOST_POINTS)
+        self.x, self.z, self.height, self.spacing = position[::thin], levelled[::thin], height, spacing
+        lags = np.rint((self.x - self.x[0]) / spacing).astype(int)
+        column = np.zeros(lags[-1] + 1)
+        used = min(len(gamma), len(column))
+        column[:used] = gamma[:used]
+        floor = max(gamma[0], (1e-6 * height) ** 2)
+        column[0] = column[0] + 1e-3 * floor
+        full = toeplitz(column)[np.ix_(lags, lags)]
+        self.whitening = solve_triangular(cholesky(full, lower=True), np.eye(len(full)), lower=True)
+
+    def across(self, risers: Array, radius: float) -> Array:
+        """Residuals across the ideal surface [m], one row per position of the riser."""
+        at = risers[:, np.newaxis]
+        vertical = self.z - edge_profile(self.x, at, self.height, radius)
+        from_riser = self.x - at
+        if radius > 0.0:
+            # on the arc the distance is radial, which stays finite where the slope does not
+            on_arc = (from_riser >= 0.0) & (from_riser < radius) & (vertical < self.z)
+            radial = np.hypot(from_riser - radius, self.z - self.height + radius) - radius
+            vertical = np.where(on_arc, radial, vertical)
+        # a point beside the riser may belong to it: nearer to the vertical wall than to either face
+        wall = np.abs(from_riser)
+        beside = (self.z > 0.0) & (self.z < self.height - radius) & (wall < 0.5 * self.spacing)
+        return np.where(beside, np.sign(vertical) * np.minimum(np.abs(vertical), wall), vertical)
+
+    def costs(self, risers: Array, radius: float) -> Array:
+        """Robust half sums of squares of the whitened residuals (Cauchy's loss far out, as form is not noise)."""
+        white = self.whitening @ self.across(risers, radius).T
+        return np.asarray(0.5 * np.sum(_LOSS**2 * np.log1p((white / _LOSS) ** 2), axis=0))
+
+
+_LOSS = 3.0
+"""Whitened residual beyond which a point is form or spike rather than noise [1]."""
+
+
+def _scan_coarsely(window: _Window, radii: Array, start: float) -> tuple[float, float]:
+    best = (np.inf, 0.0, start)
+    for radius in radii:
+        # the riser lies left of the half-height crossing, at most by the width of the arc below it
+        reach = radius + 2.0 * window.spacing
+        risers = np.linspace(start - reach, start + window.spacing, max(12, min(60, int(reach / window.spacing))))
+        costs = window.costs(risers, float(radius))
+        at = int(np.argmin(costs))
+        if costs[at] < best[0]:
+            best = (float(costs[at]), float(radius), float(risers[at]))
+    return best[1], best[2]
+
+
+def _refine(window: _Window, radius: float, riser: float) -> tuple[Array, Array, Array]:
+    """Costs on a grid that is narrowed until it resolves the posterior and still holds all of it."""
+    half_r, half_x = max(0.3 * radius, 3.0 * window.spacing), max(0.3 * radius, 2.0 * window.spacing)
+    for _ in range(6):
+        radii = np.linspace(max(radius - half_r, 0.0), radius + half_r, 33)
+        risers = np.linspace(riser - half_x, riser + half_x, 33)
+        costs = np.stack([window.costs(risers, float(r)) for r in radii])
+        at = np.unravel_index(int(np.argmin(costs)), costs.shape)
+        radius, riser = float(radii[at[0]]), float(risers[at[1]])
+        weight = np.exp(costs.min() - costs)
+        marginal_r, marginal_x = weight.sum(axis=1) / weight.sum(), weight.sum(axis=0) / weight.sum()
+        std_r = _spread(radii, marginal_r)
+        std_x = _spread(risers, marginal_x)
+        settled = half_r <= 8.0 * std_r + window.spacing * 0.02 and half_x <= 10.0 * std_x + window.spacing * 0.02
+        if settled:
+            break
+        half_r = min(half_r, max(6.0 * std_r, 3.0 * float(radii[1] - radii[0])))
+        half_x = min(half_x, max(6.0 * std_x, 3.0 * float(risers[1] - risers[0])))
+    return radii, risers, costs
+
+
+def _spread(values: Array, weight: Array) -> float:
+    mean = float(np.sum(weight * values))
+    return float(np.sqrt(np.sum(weight * (values - mean) ** 2)))
+
+
+def _summary(window: _Window, radii: Array, risers: Array, costs: Array) -> Arc:
+    at = np.unravel_index(int(np.argmin(costs)), costs.shape)
+    riser, radius = float(risers[at[1]]), float(radii[at[0]])
+    across = window.across(risers[at[1] : at[1] + 1], radius)[0]
+    white = window.whitening @ across
+    zone = (window.x > riser - 2.0 * window.spacing) & (window.x < riser + max(radius, 4.0 * window.spacing))
+    # where the edge is no circle, the posterior of a circle is too narrow: widen it by the excess of its residuals
+    excess = max(1.0, float(np.mean(white[zone] ** 2)))
+    weight = np.exp((costs.min() - costs) / excess).sum(axis=1)
+    weight /= weight.sum()
+    mean = float(np.sum(weight * radii))
+    # between two samples nothing is known: a rectangle of one interval, on the radius as on any length along x
+    std = float(np.hypot(_spread(radii, weight), window.spacing / np.sqrt(12.0)))
+    limit = max(float(np.interp(0.95, np.cumsum(weight), radii)), mean + _NORMAL_95 * std)
+    form = float(np.sqrt(np.mean(across[zone] ** 2)))
+    return Arc(mean, std, limit, riser, form)
+
+
+_NORMAL_95 = 1.6448536269514722
+"""95th percentile of the standard normal law [1]."""

@@ -1,0 +1,221 @@
+"""Surfaces under the faces that a dimension names, and the distances and angles between them."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from stepblocks.metrology.part21.exchange import Exchange, Typed, is_reference, number
+from stepblocks.metrology.part21.units import unit_of
+
+__all__ = ["Surface", "faces_of", "measured_angle", "measured_distance", "measured_size"]
+
+Array = NDArray[np.float64]
+
+_PARALLEL = 1e-9
+_DEEPEST = 12
+
+
+@dataclass(frozen=True)
+class Surface:
+    """Surface of one face, in metres.
+
+    Attributes
+    ----------
+    ref : str
+        The face.
+    kind : str
+        ``PLANE``, ``CYLINDRICAL_SURFACE``, ``SPHERICAL_SURFACE``, ``CONICAL_SURFACE``, ``TOROIDAL_SURFACE`` or another.
+    point, axis : ndarray
+        Location [m] and direction of its placement.
+    sizes : tuple of float
+        Radius [m]; radius [m] and half angle [rad] of a cone; radii [m] of a torus.
+    """
+
+    ref: str
+    kind: str
+    point: Array
+    axis: Array
+    sizes: tuple[float, ...]
+
+
+def faces_of(file: Exchange, aspect: object, depth: int = 0) -> list[Surface]:
+    """Surfaces of all faces that a shape aspect stands for, through composites.
+
+    Parameters
+    ----------
+    file : Exchange
+        The file.
+    aspect : object
+        Reference to a SHAPE_ASPECT or a subtype.
+    depth : int
+        Levels already passed; a chain deeper than twelve ends.
+
+    Returns
+    -------
+    list of Surface
+        In metres; empty where the aspect names no faces.
+    """
+    if depth > _DEEPEST or not is_reference(aspect):
+        return []
+    found: list[Surface] = []
+    for user in file.users(str(aspect)):
+        parts = file.parts(user)
+        for name in ("GEOMETRIC_ITEM_SPECIFIC_USAGE", "ITEM_IDENTIFIED_REPRESENTATION_USAGE"):
+            values = parts.get(name, ())
+            if len(values) == 5 and values[2] == aspect:
+                factor, angle = _factors(file, values[3])
+                found += [_surface(file, item, factor, angle) for item in _items(values[4])]
+        related = parts.get("SHAPE_ASPECT_RELATIONSHIP", ())
+        if len(related) == 4 and related[2] == aspect and "DATUM" not in file.parts(related[3]):
+            found += faces_of(file, related[3], depth + 1)
+    unique = {surface.ref: surface for surface in found if surface.kind}
+    return list(unique.values())
+
+
+def _items(value: Any) -> list[str]:
+    if is_reference(value):
+        return [value]
+    if isinstance(value, Typed):
+        value = value.value
+    return [item for item in value if is_reference(item)] if isinstance(value, tuple | list) else []
+
+
+def _factors(file: Exchange, representation: object) -> tuple[float, float]:
+    """Metres per unit of length and radians per unit of angle of a representation."""
+    for values in file.parts(representation).values():
+        for value in values:
+            units = file.parameters(value, "GLOBAL_UNIT_ASSIGNED_CONTEXT")
+            if units:
+                resolved = {one.dimension: one.factor for one in (unit_of(file, ref) for ref in units[0])}
+                return resolved.get("length", math.nan), resolved.get("angle", 1.0)
+    return math.nan, math.nan
+
+
+def _surface(file: Exchange, face: str, factor: float, angle: float) -> Surface:
+    values = file.parameters(face, "ADVANCED_FACE") or file.parameters(face, "FACE_SURFACE")
+    nowhere = np.full(3, math.nan)
+    if len(values) != 4:
+        return Surface(face, next(iter(file.parts(face)), ""), nowhere, nowhere, ())
+    parts = file.parts(values[2])
+    kind = next(iter(parts), "")
+    parameters = parts.get(kind, ())
+    if len(parameters) < 2 or not is_reference(parameters[1]):
+        return Surface(face, kind, nowhere, nowhere, ())
+    point, axis = _placement(file, parameters[1])
+    sizes = [number(value) for value in parameters[2:]]
+    scaled = [(math.nan if size is None else size / _inverse(factor)) for size in sizes]
+    if kind == "CONICAL_SURFACE" and len(scaled) == 2 and sizes[1] is not None:
+        scaled[1] = sizes[1] * angle
+    return Surface(face, kind, point / _inverse(factor), axis, tuple(scaled))
+
+
+def _inverse(factor: float) -> float:
+    """Units per metre, whole where it is nearly whole, so that millimetres divide by 1000 exactly."""
+    inverse = 1.0 / factor
+    return float(round(inverse)) if abs(inverse - round(inverse)) < 1e-9 * inverse else inverse
+
+
+def _placement(file: Exchange, ref: object) -> tuple[Array, Array]:
+    values = file.parameters(ref, "AXIS2_PLACEMENT_3D")
+    if len(values) != 4:
+        return np.full(3, math.nan), np.full(3, math.nan)
+    point = file.parameters(values[1], "CARTESIAN_POINT")
+    axis = file.parameters(values[2], "DIRECTION")
+    origin = np.array(point[1], dtype=np.float64) if len(point) == 2 else np.full(3, math.nan)
+    direction = np.array(axis[1], dtype=np.float64) if len(axis) == 2 else np.array([0.0, 0.0, 1.0])
+    return origin, direction / np.linalg.norm(direction)
+
+
+def measured_size(surfaces: list[Surface], name: str) -> float | None:
+    """Size of a feature from its own faces.
+
+    Parameters
+    ----------
+    surfaces : list of Surface
+        Faces of the feature.
+    name : str
+        Name of the DIMENSIONAL_SIZE.
+
+    Returns
+    -------
+    float or None
+        Diameter, radius or distance of two parallel planes [m]; None where the faces do not determine it.
+    """
+    round_ones = [one for one in surfaces if one.kind in ("CYLINDRICAL_SURFACE", "SPHERICAL_SURFACE") and one.sizes]
+    if surfaces and len(round_ones) == len(surfaces):
+        radii = {one.sizes[0] for one in round_ones}
+        if max(radii) - min(radii) > 1e-12:
+            return None
+        return 2.0 * max(radii) if "diameter" in name else max(radii) if "radius" in name else None
+    if len(surfaces) == 2 and all(one.kind == "PLANE" for one in surfaces):
+        return measured_distance([surfaces[0]], [surfaces[1]])
+    if "angle" in name and len(surfaces) == 1 and surfaces[0].kind == "CONICAL_SURFACE":
+        return 2.0 * surfaces[0].sizes[1]
+    return None
+
+
+def measured_distance(first: list[Surface], second: list[Surface]) -> float | None:
+    """Distance between two features: planes, axes of cylinders, centres of spheres.
+
+    Parameters
+    ----------
+    first, second : list of Surface
+        Faces of either feature.
+
+    Returns
+    -------
+    float or None
+        Distance [m]; None where the features are not parallel or not of these kinds.
+    """
+    values = [_distance(a, b) for a in first for b in second]
+    known = [value for value in values if value is not None]
+    if not known or len(known) != len(values) or max(known) - min(known) > 1e-12:
+        return None
+    return known[0]
+
+
+def _distance(a: Surface, b: Surface) -> float | None:
+    if a.kind != "PLANE" and b.kind == "PLANE":
+        a, b = b, a
+    between = b.point - a.point
+    sphere = b.kind == "SPHERICAL_SURFACE"
+    cylinder = b.kind in ("CYLINDRICAL_SURFACE", "CONICAL_SURFACE")
+    if a.kind == "PLANE":
+        if b.kind == "PLANE" and np.linalg.norm(np.cross(a.axis, b.axis)) > _PARALLEL:
+            return None
+        if cylinder and abs(a.axis @ b.axis) > _PARALLEL:
+            return None
+        return abs(float(between @ a.axis)) if b.kind == "PLANE" or sphere or cylinder else None
+    if a.kind in ("CYLINDRICAL_SURFACE", "CONICAL_SURFACE") and (cylinder or sphere):
+        if cylinder and np.linalg.norm(np.cross(a.axis, b.axis)) > _PARALLEL:
+            return None
+        return float(np.linalg.norm(between - (between @ a.axis) * a.axis))
+    if a.kind == "SPHERICAL_SURFACE" and sphere:
+        return float(np.linalg.norm(between))
+    return None
+
+
+def measured_angle(first: list[Surface], second: list[Surface], nominal: float) -> float | None:
+    """Angle between two planes or axes, the one of the two supplementary angles that lies nearer to `nominal` [rad].
+
+    Parameters
+    ----------
+    first, second : list of Surface
+        One face of either feature.
+    nominal : float
+        What the dimension says [rad].
+
+    Returns
+    -------
+    float or None
+        Angle [rad]; None where the faces do not determine it.
+    """
+    if len(first) != 1 or len(second) != 1 or {first[0].kind, second[0].kind} != {"PLANE"}:
+        return None
+    angle = float(np.arctan2(np.linalg.norm(np.cross(first[0].axis, second[0].axis)), first[0].axis @ second[0].axis))
+    return min((angle, math.pi - angle), key=lambda one: abs(one - nominal))

@@ -1,0 +1,57 @@
+"""One door for every scan: text, X3P and the files of instruments."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+from stepblocks.errors import MetrologyError
+from stepblocks.metrology.height_scale import check_height_scale, stated_height_scale
+from stepblocks.metrology.scan import HeightMap, Profile
+from stepblocks.metrology.scan_foreign import FORMATS, read_foreign
+from stepblocks.metrology.scan_text import read_text_scan
+
+__all__ = ["TEXT_ENDINGS", "read_scan"]
+
+TEXT_ENDINGS = (".csv", ".txt", ".tsv", ".xyz", ".asc", ".dat")
+"""Endings that are read as text tables."""
+
+
+def read_scan(path: str | Path, unit: str | None = None) -> Profile | HeightMap:
+    """Read what an instrument measured.
+
+    Parameters
+    ----------
+    path : str or Path
+        Text table, or an instrument's file with an ending of `stepblocks.metrology.scan_foreign.FORMATS`.
+    unit : str, optional
+        Unit of a text table that does not say its own; not allowed for files that do.
+
+    Returns
+    -------
+    Profile or HeightMap
+        In metres, with what the file says of its scale.
+
+    Raises
+    ------
+    MetrologyError
+        If the file is missing, of an unknown kind, damaged, hostile or ambiguous in its unit.
+    """
+    path = Path(path)
+    if not path.is_file():
+        raise MetrologyError(f"scan must be a file, got {str(path)!r}")
+    if path.stat().st_size == 0:
+        raise MetrologyError(f"scan must not be empty [{path.name}]")
+    ending = path.suffix.lower()
+    if ending in TEXT_ENDINGS:
+        return read_text_scan(path, unit)
+    if ending not in FORMATS:
+        known = ", ".join([*TEXT_ENDINGS, *FORMATS])
+        raise MetrologyError(f"ending of a scan must be one of {known}, got {ending!r} [{path.name}]")
+    if unit is not None:
+        raise MetrologyError(f"unit must not be given for a {ending} file, which says its own [{path.name}]")
+    scan = read_foreign(path)
+    stated = stated_height_scale(path)
+    if stated is None:
+        return scan
+    return replace(scan, scale=f"{scan.scale}; {check_height_scale(scan.height, stated, path.name, scan.count)}")

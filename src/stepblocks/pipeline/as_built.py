@@ -1,0 +1,120 @@
+"""As-built records into prediction: the measured height and edge radius instead of the nominal, and how far that moves E_v."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import replace
+from pathlib import Path
+
+from stepblocks.contact.energy import Status
+from stepblocks.errors import PipelineError
+from stepblocks.metrology.as_built import AsBuilt, read_as_built
+from stepblocks.pipeline.predict import predict_set
+from stepblocks.stimulus.block import StepBlock
+from stepblocks.stimulus.set import StimulusSet
+
+__all__ = ["moved_energies", "read_records", "with_as_built"]
+
+
+def read_records(paths: Sequence[Path]) -> dict[str, AsBuilt]:
+    """Read as-built records.
+
+    Parameters
+    ----------
+    paths : sequence of Path
+        Files of `stepblocks inspect -o`, or folders of them.
+
+    Returns
+    -------
+    dict of str to AsBuilt
+        By identity of the stimulus.
+
+    Raises
+    ------
+    PipelineError
+        If there are none, or two of one stimulus.
+    MetrologyError
+        If a file is malformed.
+    """
+    files = [file for path in paths for file in (sorted(path.glob("*.as-built.toml")) if path.is_dir() else [path])]
+    records: dict[str, AsBuilt] = {}
+    for file in files:
+        record = read_as_built(file)
+        if record.stimulus in records:
+            raise PipelineError(f"records must name each stimulus once, got {record.stimulus} twice [{file}]")
+        records[record.stimulus] = record
+    if not records:
+        raise PipelineError("expected at least one record (*.as-built.toml), got none")
+    return records
+
+
+def with_as_built(stimuli: StimulusSet, records: dict[str, AsBuilt]) -> StimulusSet:
+    """Replace the nominal of every step block that has a record by what was measured.
+
+    Parameters
+    ----------
+    stimuli : StimulusSet
+        As asked for.
+    records : dict of str to AsBuilt
+        By identity.
+
+    Returns
+    -------
+    StimulusSet
+        As built. Tolerances are kept; an edge radius below zero is none.
+    """
+    return stimuli.model_copy(update={"step_block": tuple(_as_built(block, records) for block in stimuli.step_block)})
+
+
+def _as_built(block: StepBlock, records: dict[str, AsBuilt]) -> StepBlock:
+    record = records.get(block.id)
+    if record is None:
+        return block
+    update = {}
+    height = record.values.get("step_height") or record.values.get("groove_depth") or record.values.get("ridge_height")
+    if height is not None:
+        update["height"] = replace(block.height, nominal=height.value, source=f"as built, {record.scan}")
+    if "edge_radius" in record.values:
+        radius = max(record.values["edge_radius"].value, 0.0)
+        update["edge_radius"] = replace(block.edge_radius, nominal=radius, source=f"as built, {record.scan}")
+    return block.model_copy(update=update)
+
+
+def moved_energies(stimuli: StimulusSet, records: dict[str, AsBuilt]) -> Iterator[str]:
+    """Say for each recorded step block how far the felt energy moved over the conditions of its set.
+
+    Parameters
+    ----------
+    stimuli : StimulusSet
+        As asked for.
+    records : dict of str to AsBuilt
+        By identity.
+
+    Yields
+    ------
+    str
+        One sentence per block, such as ``step-050 (step_height conforms, edge_radius does not conform): as built, 50.39 um
+        and an edge radius of 14 um, E_v -26.3 % to -19.9 % over 12 conditions``.
+    """
+    built = with_as_built(stimuli, records)
+    asked, made = list(predict_set(stimuli)), list(predict_set(built))
+    for before, after in zip(stimuli.step_block, built.step_block, strict=True):
+        if before.id not in records:
+            continue
+        pairs = [(a.release, b.release) for a, b in zip(asked, made, strict=True) if a.stimulus == before.id]
+        changes = [
+            b.vibration_energy / a.vibration_energy - 1.0
+            for a, b in pairs
+            if a.status is Status.RELEASES and b.status is Status.RELEASES
+        ]
+        verdicts = ", ".join(f"{key} {one.verdict}" for key, one in records[before.id].values.items())
+        sentence = (
+            f"{before.id} ({verdicts}): as built, {after.height.nominal * 1e6:.2f} um and an edge radius of "
+            f"{after.edge_radius.nominal * 1e6:.2g} um, "
+        )
+        if changes:
+            sentence += f"E_v {min(changes) * 100:+.1f} % to {max(changes) * 100:+.1f} % over {len(changes)} conditions"
+        else:
+            sentence += "nothing to compare: the probe does not release"
+        other = sum(a.status is not b.status for a, b in pairs)
+        yield sentence + (f"; {other} conditions change between releasing and locking" if other else "")

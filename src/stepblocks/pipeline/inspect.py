@@ -1,0 +1,266 @@
+"""Inspect a machined stimulus: scan in; measured characteristics, verdicts, plot and as-built record out."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import math
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Any
+
+from stepblocks.contact.critical_angle import step_angle
+from stepblocks.contact.energy import Status, release_at
+from stepblocks.errors import PipelineError
+from stepblocks.machining.characteristics import Characteristic, characteristics_of
+from stepblocks.machining.inspection_sheet import write_sheet_csv
+from stepblocks.metrology.as_built import AsBuilt, AsBuiltValue, write_as_built
+from stepblocks.metrology.conformity import Decision, Outcome
+from stepblocks.metrology.inspection import (
+    Inspected,
+    judge,
+    measure_edge,
+    measure_groove,
+    measure_margin,
+    measure_tip,
+    verdict_of,
+)
+from stepblocks.metrology.read_scan import read_scan
+from stepblocks.metrology.scan import HeightMap, Profile
+from stepblocks.metrology.uncertainty import Instrument
+from stepblocks.pipeline.predict import tool_of
+from stepblocks.report.inspection import draw_inspection, inspection_table
+from stepblocks.stimulus.block import StepBlock
+from stepblocks.stimulus.loader import load_set
+from stepblocks.stimulus.margin import MarginBlock
+from stepblocks.stimulus.set import PredictionGrid, Stimulus
+from stepblocks.stimulus.tip import HookTip, StraightTip
+
+__all__ = ["InspectionResult", "find_stimulus", "inspect_scan", "write_inspection"]
+
+
+@dataclass(frozen=True)
+class InspectionResult:
+    """A judged scan.
+
+    Attributes
+    ----------
+    stimulus : Stimulus
+        What was asked for.
+    inspected : Inspected
+        What was measured.
+    judged : tuple of (Characteristic, Decision)
+        Each value that has limits.
+    verdict : Outcome
+        Over all of them.
+    felt : str
+        How far the felt energy moved; empty where it does not follow from the values.
+    source : Path
+        The scan.
+    """
+
+    stimulus: Stimulus
+    inspected: Inspected
+    judged: tuple[tuple[Characteristic, Decision], ...]
+    verdict: Outcome
+    felt: str
+    source: Path
+
+
+def find_stimulus(identity: str, where: Path) -> tuple[Stimulus, PredictionGrid]:
+    """Find a stimulus by its identity in a file or in all files of a folder.
+
+    Parameters
+    ----------
+    identity : str
+        For example ``step-050``.
+    where : Path
+        A stimulus file, or a folder of them.
+
+    Returns
+    -------
+    stimulus : Stimulus
+        The first of that name.
+    grid : PredictionGrid
+        Conditions of its set.
+
+    Raises
+    ------
+    PipelineError
+        If there is none.
+    StimulusError
+        If a file cannot be read.
+    """
+    files = sorted(where.glob("*.toml")) if where.is_dir() else [where]
+    for path in files:
+        declared = load_set(path)
+        for stimulus in declared.stimuli:
+            if stimulus.id == identity:
+                return stimulus, declared.prediction
+    raise PipelineError(f"stimulus must be declared in {where}, got {identity!r}")
+
+
+def inspect_scan(
+    path: Path,
+    stimulus: Stimulus,
+    grid: PredictionGrid,
+    instrument: Instrument,
+    *,
+    feature: str = "edge",
+    exclusion: float | None = None,
+    unit: str | None = None,
+) -> InspectionResult:
+    """Evaluate and judge one scan.
+
+    Parameters
+    ----------
+    path : Path
+        The scan.
+    stimulus : Stimulus
+        What was asked for.
+    grid : PredictionGrid
+        Conditions under which the felt energy is compared: the first tip, load and friction.
+    instrument : Instrument
+        Calibration and resolution.
+    feature : str
+        ``"edge"`` or ``"groove"`` (also for a ridge) of a step block.
+    exclusion : float, optional
+        Edge exclusion of the two-plane convention [m].
+    unit : str, optional
+        Unit of a text table that does not say it.
+
+    Returns
+    -------
+    InspectionResult
+        Values, verdicts, and what is felt.
+
+    Raises
+    ------
+    MetrologyError
+        If the scan cannot be read or evaluated.
+    PipelineError
+        If there is no evaluation for this part.
+    """
+    scan = read_scan(path, unit)
+    resolution = max(instrument.resolution, scan.count or 0.0)
+    known = Instrument(instrument.calibration_std, resolution)
+    inspected = _measured(scan, stimulus, known, feature, exclusion)
+    judged = []
+    for one in characteristics_of(stimulus):
+        if one.key in inspected.values:
+            judged.append((one, judge(inspected.values[one.key], one.nominal, one.lower, one.upper)))
+    if not judged:
+        raise PipelineError(f"scan of {stimulus.id} must measure at least one characteristic with limits, got none")
+    verdict = verdict_of([decision for _, decision in judged])
+    felt = _felt(stimulus, inspected, grid) if isinstance(stimulus, StepBlock) and feature == "edge" else ""
+    return InspectionResult(stimulus, inspected, tuple(judged), verdict, felt, path)
+
+
+def _measured(
+    scan: Profile | HeightMap, stimulus: Stimulus, instrument: Instrument, feature: str, exclusion: float | None
+) -> Inspected:
+    match stimulus:
+        case StepBlock() if feature == "edge":
+            return measure_edge(scan, instrument, exclusion)
+        case StepBlock():
+            key = "groove_depth" if stimulus.metrology.kind == "groove" else "ridge_height"
+            return measure_groove(scan, instrument, key)
+        case MarginBlock():
+            return measure_margin(scan, instrument)
+        case StraightTip() | HookTip():
+            return measure_tip(scan, instrument, stimulus.ball_radius.nominal)
+    raise PipelineError(f"a scan of {stimulus.id} cannot be inspected: only blocks, margins and tips can")
+
+
+def _felt(stimulus: StepBlock, inspected: Inspected, grid: PredictionGrid) -> str:
+    """Compare the energy that the as-built edge releases with the nominal one."""
+    ball, load, friction = grid.tip_radii[0], grid.normal_loads[0], grid.frictions[0]
+    tool = tool_of(grid)
+    asked = step_angle(stimulus.height.nominal, ball, stimulus.edge_radius.nominal)
+    height, radius = inspected.values["step_height"].value, max(inspected.values["edge_radius"].value, 0.0)
+    made = step_angle(height, ball, radius)
+    before, after = (release_at(angle, load, friction, tool) for angle in (asked, made))
+    where = f"tip {ball * 1e6:g} um, {load:g} N, friction {friction:g}"
+    if before.status is not Status.RELEASES or after.status is not Status.RELEASES:
+        return f"nominal {before.status.value}, as built {after.status.value} ({where})"
+    change = after.vibration_energy / before.vibration_energy - 1.0
+    direction = "raises" if change > 0 else "lowers"
+    return (
+        f"as built, {height * 1e6:.2f} um and an edge radius of {radius * 1e6:.2g} um, {direction} E_v by "
+        f"{abs(change) * 100:.1f} % to {after.vibration_energy * 1e6:.3g} uJ ({where})"
+    )
+
+
+def write_inspection(result: InspectionResult, folder: Path) -> list[Path]:
+    """Write table, plot, JSON and as-built record of an inspection.
+
+    Parameters
+    ----------
+    result : InspectionResult
+        What was judged.
+    folder : Path
+        Where the files go; made if missing.
+
+    Returns
+    -------
+    list of Path
+        The files: ``<id>.as-built.toml``, ``.inspection.json``, ``.inspection.txt``, ``.inspection.svg``, and
+        the inspection sheet with the values filled in.
+    """
+    folder.mkdir(parents=True, exist_ok=True)
+    base = folder / result.stimulus.id
+    values = {}
+    for one, decision in result.judged:
+        values[one.key] = AsBuiltValue(decision.value, decision.std, decision.verdict.value)
+    digest = hashlib.sha256(result.source.read_bytes()).hexdigest()
+    record = AsBuilt(result.stimulus.id, result.source.name, digest, result.inspected.convention, values)
+    paths = [base.with_name(f"{base.name}.{ending}") for ending in ("as-built.toml", "inspection.json", "inspection.txt",
+                                                                     "inspection.svg")]  # fmt: skip
+    write_as_built(paths[0], record)
+    _replace(paths[1], json.dumps(as_json(result), indent=2, allow_nan=False) + "\n")
+    _replace(paths[2], table_of(result) + "\n")
+    filled = {key: (one.value, one.std, one.verdict) for key, one in values.items()}
+    paths.append(base.with_name(f"{base.name}.inspection-sheet.csv"))
+    write_sheet_csv(paths[-1], result.stimulus, filled)
+    draw_inspection(paths[3], result.stimulus.id, result.inspected, list(result.judged), result.verdict)
+    return paths
+
+
+def table_of(result: InspectionResult) -> str:
+    """Return the table that a person reads."""
+    return inspection_table(result.stimulus.id, result.inspected, list(result.judged), result.verdict, result.felt)
+
+
+def as_json(result: InspectionResult) -> dict[str, Any]:
+    """Return the result as plain data; every number has its unit in its name, infinities are null."""
+
+    def plain(value: float) -> float | None:
+        return value if math.isfinite(value) else None
+
+    characteristics = []
+    for one, decision in result.judged:
+        budget = [{"name": part.name, "std_m": plain(part.std), "how": part.how}
+                  for part in result.inspected.values[one.key].components]  # fmt: skip
+        characteristics.append({
+            "key": one.key, "label": one.label, "nominal_m": one.nominal, "lower_limit_m": plain(decision.lower),
+            "upper_limit_m": plain(decision.upper), "value_m": decision.value, "std_m": decision.std,
+            "guard_band_m": decision.guard, "conformance_probability": decision.probability,
+            "verdict": decision.verdict.value, "budget": budget,
+        })  # fmt: skip
+    return {
+        "stimulus": result.stimulus.id,
+        "scan": result.source.name,
+        "verdict": result.verdict.value,
+        "convention": result.inspected.convention,
+        "notes": list(result.inspected.notes),
+        "felt": result.felt,
+        "others_m": {key: asdict(one)["value"] for key, one in result.inspected.values.items()
+                     if key not in {c.key for c, _ in result.judged}},
+        "characteristics": characteristics,
+    }  # fmt: skip
+
+
+def _replace(path: Path, text: str) -> None:
+    draft = path.with_name(f".{path.name}.draft")
+    draft.write_text(text, encoding="utf-8")
+    draft.replace(path)

@@ -1,0 +1,264 @@
+"""The kernel's door for tolerances: semantic product and manufacturing information in a STEP file.
+
+It belongs to `stepblocks.solids.kernel`, which holds the solids; apart from it only because it is long. What OpenCASCADE
+writes here does not conform yet (untyped limits, a density that is none): `stepblocks.machining.step_ap242` mends it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Literal
+
+from OCP.BRep import BRep_Builder
+from OCP.BRepBuilderAPI import BRepBuilderAPI_MakeEdge
+from OCP.gp import gp_Ax2, gp_Dir, gp_Pnt
+from OCP.IFSelect import IFSelect_ReturnStatus
+from OCP.Interface import Interface_Static
+from OCP.Message import Message, Message_Gravity
+from OCP.STEPCAFControl import STEPCAFControl_Writer
+from OCP.STEPControl import STEPControl_Controller, STEPControl_StepModelType
+from OCP.TCollection import TCollection_ExtendedString, TCollection_HAsciiString
+from OCP.TDataStd import TDataStd_Name
+from OCP.TDF import TDF_AttributeIterator, TDF_Label, TDF_LabelSequence
+from OCP.TDocStd import TDocStd_Document
+from OCP.TopoDS import TopoDS_Compound
+from OCP.XCAFDimTolObjects import (
+    XCAFDimTolObjects_DatumObject,
+    XCAFDimTolObjects_DimensionObject,
+    XCAFDimTolObjects_DimensionType,
+    XCAFDimTolObjects_GeomToleranceObject,
+    XCAFDimTolObjects_GeomToleranceType,
+)
+from OCP.XCAFDoc import XCAFDoc_Datum, XCAFDoc_Dimension, XCAFDoc_DocumentTool, XCAFDoc_GeomTolerance
+
+from stepblocks.errors import SolidError
+from stepblocks.solids.kernel import Body
+
+__all__ = ["Callout", "PmiDimension", "PmiTolerance", "write_step_with_tolerances"]
+
+_MM = 1e3
+_DIMENSIONS = {
+    "distance": XCAFDimTolObjects_DimensionType.XCAFDimTolObjects_DimensionType_Location_LinearDistance,
+    "diameter": XCAFDimTolObjects_DimensionType.XCAFDimTolObjects_DimensionType_Size_Diameter,
+    "radius": XCAFDimTolObjects_DimensionType.XCAFDimTolObjects_DimensionType_Size_Radius,
+}
+_TOLERANCES = {
+    "flatness": XCAFDimTolObjects_GeomToleranceType.XCAFDimTolObjects_GeomToleranceType_Flatness,
+    "parallelism": XCAFDimTolObjects_GeomToleranceType.XCAFDimTolObjects_GeomToleranceType_Parallelism,
+}
+
+
+@dataclass(frozen=True)
+class Callout:
+    """Lines that a viewer shows for a dimension or tolerance.
+
+    Attributes
+    ----------
+    text : str
+        Its name.
+    lines : sequence of pairs of points
+        Straight lines in one plane square to y, and a leader [m].
+    """
+
+    text: str
+    lines: Sequence[tuple[tuple[float, float, float], tuple[float, float, float]]]
+
+
+@dataclass(frozen=True)
+class PmiDimension:
+    """A dimension with its limits.
+
+    Attributes
+    ----------
+    kind : str
+        ``"distance"`` between two faces, ``"diameter"`` or ``"radius"`` of one.
+    body : int
+        Index of the solid.
+    faces : tuple of int
+        Indices of its faces.
+    nominal, lower, upper : float
+        Nominal and signed deviations [m].
+    callout : Callout or None
+        What is seen of it.
+    """
+
+    kind: Literal["distance", "diameter", "radius"]
+    body: int
+    faces: tuple[int, ...]
+    nominal: float
+    lower: float
+    upper: float
+    callout: Callout | None = None
+
+
+@dataclass(frozen=True)
+class PmiTolerance:
+    """A geometric tolerance.
+
+    Attributes
+    ----------
+    kind : str
+        ``"flatness"``, or ``"parallelism"`` to a datum face.
+    body : int
+        Index of the solid.
+    face : int
+        Index of the toleranced face.
+    zone : float
+        Width of the zone [m].
+    datum : tuple of (str, int) or None
+        Letter and face of the datum.
+    callout : Callout or None
+        What is seen of it.
+    """
+
+    kind: Literal["flatness", "parallelism"]
+    body: int
+    face: int
+    zone: float
+    datum: tuple[str, int] | None = None
+    callout: Callout | None = None
+
+
+def write_step_with_tolerances(
+    path: Path,
+    bodies: Sequence[tuple[str, Body]],
+    dimensions: Sequence[PmiDimension],
+    tolerances: Sequence[PmiTolerance],
+    material: tuple[str, float],
+) -> None:
+    """Write solids, dimensions, tolerances and material as AP242, as the kernel does it.
+
+    Parameters
+    ----------
+    path : Path
+        File to write.
+    bodies : sequence of (str, Body)
+        Each with the name of its product.
+    dimensions : sequence of PmiDimension
+        In the order in which they shall stand in the file.
+    tolerances : sequence of PmiTolerance
+        In the order in which they shall stand in the file.
+    material : tuple of (str, float)
+        Designation and density [kg/m^3] of every body.
+
+    Raises
+    ------
+    SolidError
+        If the kernel cannot write it.
+    """
+    for printer in Message.DefaultMessenger_s().Printers():
+        printer.SetTraceLevel(Message_Gravity.Message_Fail)
+    STEPControl_Controller.Init_s()  # a schema that is set before a controller exists is silently ignored
+    Interface_Static.SetCVal_s("write.step.schema", "AP242DIS")
+    Interface_Static.SetCVal_s("write.step.unit", "MM")
+    Interface_Static.SetIVal_s("write.precision.mode", 0)
+    document = _Document()
+    for name, body in bodies:
+        document.add_body(name, body, *material)
+    for dimension in dimensions:
+        document.add_dimension(dimension)
+    for tolerance in tolerances:
+        document.add_tolerance(tolerance)
+    writer = STEPCAFControl_Writer()
+    writer.SetNameMode(True)
+    writer.SetDimTolMode(True)
+    writer.SetMaterialMode(True)
+    writer.Transfer(document.document, STEPControl_StepModelType.STEPControl_AsIs)
+    if writer.Write(str(path)) != IFSelect_ReturnStatus.IFSelect_RetDone:
+        raise SolidError(f"the kernel could not write {path.name}")
+
+
+class _Document:
+    """An XCAF document that is filled step by step."""
+
+    def __init__(self) -> None:
+        self.document = TDocStd_Document(TCollection_ExtendedString("stepblocks"))
+        self._shapes = XCAFDoc_DocumentTool.ShapeTool_s(self.document.Main())
+        self._tolerances = XCAFDoc_DocumentTool.DimTolTool_s(self.document.Main())
+        self._materials = XCAFDoc_DocumentTool.MaterialTool_s(self.document.Main())
+        self._bodies: list[tuple[TDF_Label, list[Any]]] = []
+        self._datums: dict[tuple[int, int], TDF_Label] = {}
+
+    def add_body(self, name: str, body: Body, designation: str, density: float) -> None:
+        label = self._shapes.AddShape(body.wrapped, False)
+        TDataStd_Name.Set_s(label, TCollection_ExtendedString(name))
+        self._bodies.append((label, body.Faces()))
+        text = TCollection_HAsciiString
+        # another type than POSITIVE_RATIO_MEASURE is dropped without a word
+        self._materials.SetMaterial(label, text(designation), text(""), density, text("density measure"),
+                                    text("POSITIVE_RATIO_MEASURE"))  # fmt: skip
+
+    def _face(self, body: int, face: int) -> TDF_Label:
+        label, faces = self._bodies[body]
+        found = self._shapes.AddSubShape(label, faces[face].wrapped)
+        if found.IsNull():  # it has been added before
+            found = TDF_Label()
+            self._shapes.FindSubShape(label, faces[face].wrapped, found)
+        if found.IsNull():
+            raise SolidError(f"face {face} must belong to body {body}")
+        return found
+
+    def add_dimension(self, dimension: PmiDimension) -> None:
+        label = self._tolerances.AddDimension()
+        content = XCAFDimTolObjects_DimensionObject()
+        content.SetType(_DIMENSIONS[dimension.kind])
+        content.SetValue(dimension.nominal * _MM)
+        content.SetUpperTolValue(dimension.upper * _MM)
+        content.SetLowerTolValue(-dimension.lower * _MM)  # the kernel keeps it without its sign
+        _present(content, dimension.callout)
+        _attribute(label, XCAFDoc_Dimension).SetObject(content)
+        sequences = [TDF_LabelSequence(), TDF_LabelSequence()]
+        for sequence, face in zip(sequences, dimension.faces, strict=False):
+            sequence.Append(self._face(dimension.body, face))
+        self._tolerances.SetDimension(sequences[0], sequences[1], label)
+
+    def add_tolerance(self, tolerance: PmiTolerance) -> None:
+        label = self._tolerances.AddGeomTolerance()
+        content = XCAFDimTolObjects_GeomToleranceObject()
+        content.SetType(_TOLERANCES[tolerance.kind])
+        content.SetValue(tolerance.zone * _MM)
+        _present(content, tolerance.callout)
+        _attribute(label, XCAFDoc_GeomTolerance).SetObject(content)
+        self._tolerances.SetGeomTolerance(self._face(tolerance.body, tolerance.face), label)
+        if tolerance.datum is not None:
+            self._tolerances.SetDatumToGeomTol(self._datum(tolerance.body, *tolerance.datum), label)
+
+    def _datum(self, body: int, letter: str, face: int) -> TDF_Label:
+        if (body, face) not in self._datums:
+            label = self._tolerances.AddDatum()
+            content = XCAFDimTolObjects_DatumObject()
+            content.SetName(TCollection_HAsciiString(letter))
+            content.SetPosition(1)
+            _attribute(label, XCAFDoc_Datum).SetObject(content)
+            faces = TDF_LabelSequence()
+            faces.Append(self._face(body, face))
+            self._tolerances.SetDatum(faces, label)
+            self._datums[body, face] = label
+        return self._datums[body, face]
+
+
+def _present(content: Any, callout: Callout | None) -> None:
+    if callout is None:
+        return
+    compound, builder = TopoDS_Compound(), BRep_Builder()
+    builder.MakeCompound(compound)
+    for begin, end in callout.lines:
+        a, b = (gp_Pnt(*(value * _MM for value in point)) for point in (begin, end))
+        if a.Distance(b) > 1e-6:  # shorter ones are no edges to the kernel
+            builder.Add(compound, BRepBuilderAPI_MakeEdge(a, b).Edge())
+    origin = gp_Pnt(*(value * _MM for value in callout.lines[-1][0]))
+    content.SetPresentation(compound, TCollection_HAsciiString(callout.text))
+    content.SetPlane(gp_Ax2(origin, gp_Dir(0.0, -1.0, 0.0)))
+    content.SetPointTextAttach(origin)
+
+
+def _attribute(label: TDF_Label, kind: type) -> Any:
+    """Return the attribute itself: FindAttribute of these bindings would fill a detached copy."""
+    iterator = TDF_AttributeIterator(label)
+    while iterator.More():
+        if iterator.Value().DynamicType().Name() == kind.__name__:
+            return iterator.Value()
+        iterator.Next()
+    raise SolidError(f"the kernel must give a label its {kind.__name__}")

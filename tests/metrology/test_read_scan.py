@@ -1,0 +1,328 @@
+"""Scans of every format give the heights that were put into them; hostile and ambiguous files give one line."""
+
+import os
+import resource
+import struct
+import zipfile
+from pathlib import Path
+
+import numpy as np
+import pytest
+import x3pio
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
+
+from stepblocks.errors import MetrologyError
+from stepblocks.metrology.height_scale import check_height_scale, stated_height_scale
+from stepblocks.metrology.read_scan import read_scan
+from stepblocks.metrology.scan import HeightMap, Profile, rows_of
+from stepblocks.metrology.scan_foreign import FORMATS, _load, read_foreign
+
+SHARED = Path(os.environ.get("STEPBLOCKS_SHARED", Path(__file__).parents[2] / ".." / "shared"))
+
+COUNTS = np.arange(12, dtype=np.int32).reshape(3, 4) * 7 - 30
+COUNT = 2e-10  # [m]
+
+
+def write_sdf(path, scale=COUNT, points=4, profiles=3):
+    rows = "\n".join(" ".join(map(str, row)) for row in COUNTS)
+    path.write_text(
+        "aISO-1.0\nManufacID = stepblocks\nCreateDate = 010120260000\nModDate = 010120260000\n"
+        f"NumPoints = {points}\nNumProfiles = {profiles}\nXscale = 1E-6\nYscale = 2E-6\nZscale = {scale}\n"
+        f"Zresolution = -1\nCompression = 0\nDataType = 6\nCheckType = 0\n*\n{rows}\n*\n"
+    )
+
+
+def write_binary_sdf(path):
+    head = struct.pack("<8s10s12s12sHHddddBBB", b"bISO-1.0", b"stepblocks", b"0" * 12, b"0" * 12, 4, 3,
+                       1e-6, 2e-6, COUNT, -1.0, 0, 6, 0)  # fmt: skip
+    path.write_bytes(head + COUNTS.astype("<i4").tobytes())
+
+
+def write_sur(path, spacing=0.2, unit=b"nm"):
+    names = b"".join(name.ljust(16, b"\0") for name in (b"X", b"Y", b"Z", b"um", b"um", unit, b"um", b"um", unit))
+    head = struct.pack(
+        "<12sHHHH30s30sHHHHHIIHiiiiIfff", b"DIGITAL SURF", 0, 1, 1, 2, b"block", b"gauge", 0, 0, 1, 0, 1, 0, 0, 32,
+        int(COUNTS.min()), int(COUNTS.max()), 4, 3, 12, 1.0, 2.0, spacing,
+    )  # fmt: skip
+    rest = struct.pack("<fffHHHIIIHHHHHHHfIIHHH128sfff34s", 1, 1, 1, 0, 0, 0, 0, 0, 0, 0, 0, 0, 1, 1, 2026, 0, 0.0,
+                       0, 0, 0, 0, 0, b"", 0, 0, 0, b"")  # fmt: skip
+    full = head + names + rest
+    assert len(full) == 512
+    path.write_bytes(full + COUNTS.astype("<i4").tobytes())
+
+
+def write_x3p(path):
+    x3pio.write(str(path), COUNTS * COUNT, x_scale=1e-6, y_scale=2e-6)
+
+
+def write_plux(path):
+    index = (
+        "<xml><GENERAL><DATE>2026-01-01 00:00:00</DATE><IMAGE_SIZE_X>4</IMAGE_SIZE_X><IMAGE_SIZE_Y>3</IMAGE_SIZE_Y>"
+        "<FOV_X>1</FOV_X><FOV_Y>2</FOV_Y></GENERAL><INFO><ITEM_0><NAME>Device</NAME><VALUE>gauge</VALUE></ITEM_0></INFO><LAYER_0><FILENAME_Z>LAYER_0.raw</FILENAME_Z></LAYER_0></xml>"
+    )
+    with zipfile.ZipFile(path, "w") as archive:
+        archive.writestr("index.xml", index)
+        archive.writestr("LAYER_0.raw", (COUNTS * COUNT * 1e6).astype("<f4").tobytes())
+
+
+def write_gwy(path):
+    def item(name, kind, payload):
+        return name.encode() + b"\0" + kind + payload
+
+    def thing(name, body):
+        return name.encode() + b"\0" + struct.pack("<I", len(body)) + body
+
+    def unit(text):
+        return thing("GwySIUnit", item("unitstr", b"s", text.encode() + b"\0"))
+
+    data = (COUNTS * COUNT).astype("<f8").tobytes()
+    field = (
+        item("xres", b"i", struct.pack("<i", 4)) + item("yres", b"i", struct.pack("<i", 3))
+        + item("xreal", b"d", struct.pack("<d", 4e-6)) + item("yreal", b"d", struct.pack("<d", 6e-6))
+        + item("si_unit_xy", b"o", unit("m")) + item("si_unit_z", b"o", unit("m"))
+        + item("data", b"D", struct.pack("<I", 12) + data)
+    )  # fmt: skip
+    body = item("/0/data", b"o", thing("GwyDataField", field)) + item("/0/data/title", b"s", b"Height\0")
+    path.write_bytes(b"GWYP" + thing("GwyContainer", body))
+
+
+def write_nid(path, dim2_range=None):
+    span = COUNT * 65536 if dim2_range is None else dim2_range
+    channel = (
+        "Version=2\r\nPoints=4\r\nLines=3\r\nFrame=Scan forward\r\nDim0Name=X*\r\nDim0Unit=m\r\nDim0Range=4e-06\r\n"
+        "Dim0Min=0\r\nDim1Name=Y*\r\nDim1Unit=m\r\nDim1Range=6e-06\r\nDim1Min=0\r\nDim2Name=Topography\r\nDim2Unit=m\r\n"
+        f"Dim2Range={span!r}\r\nDim2Min={-span / 2!r}\r\nSaveMode=Binary\r\nSaveBits=16\r\nSaveSign=Signed\r\n"
+        "SaveOrder=Intel\r\n"
+    )
+    text = (
+        "[DataSet]\r\nVersion=2\r\nGroupCount=1\r\nGr0-Name=Scan forward\r\nGr0-ID=0\r\nGr0-Count=1\r\n"
+        "Gr0-Ch0=DataSet-0:0\r\nSetInfos=DataSet-Info\r\nInfoSetCount=1\r\nInfoSet0=DataSetInfos\r\n\r\n"
+        "[DataSet-Info]\r\n-- Scan --=--------\r\nImage size=4um\r\nDate=01-01-2026\r\nTime=00:00:00\r\n\r\n"
+        f"[DataSet-0:0]\r\n{channel}"
+    )
+    path.write_bytes(text.encode("latin-1") + b"#!" + COUNTS.astype("<i2").tobytes())
+
+
+WRITERS = {
+    "a.sdf": write_sdf, "b.sdf": write_binary_sdf, "c.sur": write_sur, "d.x3p": write_x3p, "e.plux": write_plux,
+    "f.gwy": write_gwy, "g.nid": write_nid,
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("name", WRITERS)
+def test_every_format_gives_back_the_heights_and_steps_that_were_written(name, tmp_path):
+    path = tmp_path / name
+    WRITERS[name](path)
+    content = _load(path)  # the confined process itself is exercised below; here only what it runs
+    height = np.asarray(content["height"])
+    assert height.dtype == np.float64
+    np.testing.assert_allclose(np.abs(np.diff(height, axis=1)), 7 * COUNT, rtol=2e-6)
+    assert np.sort(height.ravel()) - height.min() == pytest.approx(np.arange(12) * 7 * COUNT, rel=2e-6, abs=1e-15)
+    assert content["dx"] == pytest.approx(1e-6, rel=1e-6)
+    assert content["dy"] == pytest.approx(2e-6, rel=1e-6)
+
+
+def test_the_confined_process_gives_the_same_map_and_says_what_was_checked(tmp_path):
+    write_sdf(tmp_path / "a.sdf")
+    scan = read_scan(tmp_path / "a.sdf")
+    assert isinstance(scan, HeightMap)
+    np.testing.assert_allclose(scan.height - scan.height[0, 0], (COUNTS - COUNTS[0, 0]) * COUNT, rtol=1e-9)
+    assert "Zscale of the header: 2e-10 m per count, checked" in scan.scale
+
+
+@pytest.mark.parametrize("name", ["a.sdf", "b.sdf", "c.sur", "g.nid"])
+def test_a_reader_that_is_wrong_by_a_factor_of_eight_is_caught_by_the_header(name, tmp_path):
+    path = tmp_path / name
+    WRITERS[name](path)
+    scale = stated_height_scale(path)
+    assert scale.count == pytest.approx(COUNT, rel=1e-6)
+    check_height_scale(COUNTS * COUNT, scale, name, COUNT)
+    with pytest.raises(MetrologyError, match="per count"):
+        check_height_scale(COUNTS * COUNT, scale, name, 8.0 * COUNT)
+    with pytest.raises(MetrologyError, match="must be multiples"):
+        check_height_scale(COUNTS * COUNT / 8.0, scale, name)
+
+
+@pytest.mark.parametrize(
+    ("text", "rule"),
+    [
+        ("0,1\n1,2\n2,3\n", "must name their unit"),
+        ("x,z\n0,1\n1,2\n2,3\n", "must name its unit"),
+        ("x_um,z_furlong\n0,1\n1,2\n2,3\n", "must name its unit"),
+        ("x_um,z_um\n", "table of numbers"),
+        ("nothing here\n", "table of numbers"),
+        ("x_um,z_um\n0,1\n1,two\n", "line must hold 2 numbers"),
+        ("x_um,z_um\n0,1\n1,2,3\n", "line must hold 2 numbers"),
+        ("x_um,z_um\n0,1\n", "at least 3 points"),
+        ("x_um,z_um\n0,1\n0,2\n0,3\n", "increase along"),
+        ("x_um,z_um\n0,nan\n1,nan\n2,nan\n", "at least one measured height"),
+        ("x_um,z_um\n0,nan\n1,inf\n2,nan\n", "at least one measured height"),
+        ("x_um,y_um,z_um\n0,0,1\n1,1,2\n2,2,3\n9,7,1\n3,8,8\n", "on a grid"),
+        ("a_um,b_um,c_um,d_um\n1,2,3,4\n", "2 columns"),
+    ],
+)
+def test_text_that_is_ambiguous_or_broken_is_refused_with_the_rule(text, rule, tmp_path):
+    path = tmp_path / "scan.csv"
+    path.write_text(text)
+    with pytest.raises(MetrologyError, match=rule) as caught:
+        read_scan(path)
+    assert "\n" not in str(caught.value)
+
+
+def test_units_may_differ_by_column_and_separators_by_laboratory(tmp_path):
+    for name, text in {
+        "a.csv": "x_mm,z_nm\n0,1000\n0.001,2000\n0.002,3000\n",
+        "b.txt": "# made by hand\nX [um]; Z [um]\n0;1\n1;2\n2;3\n",
+        "c.xyz": "0 1\n1 2\n2 3\n",
+        "d.csv": "Stylus,Radius: 2.5 \xb5m\nLateral um,Raw Micrometer,\n0.0,1,,\n1.0,2,,\n2.0,3,,\n",
+    }.items():
+        (tmp_path / name).write_bytes(text.encode("latin-1"))
+        scan = read_scan(tmp_path / name, "um" if name == "c.xyz" else None)
+        assert isinstance(scan, Profile)
+        assert scan.position == pytest.approx([0.0, 1e-6, 2e-6])
+        assert scan.height == pytest.approx([1e-6, 2e-6, 3e-6])
+
+
+def test_a_grid_of_points_becomes_a_map_and_missing_points_stay_missing(tmp_path):
+    points = [(x, y, 10 * y + x) for y in range(3) for x in range(4) if (x, y) != (2, 1)]
+    path = tmp_path / "grid.xyz"
+    path.write_text("x_um y_um z_um\n" + "\n".join(" ".join(map(str, point)) for point in points))
+    scan = read_scan(path)
+    assert scan.height.shape == (3, 4)
+    assert np.isnan(scan.height[1, 2])
+    assert scan.height[2, 3] == pytest.approx(23e-6)
+    assert len(rows_of(scan)) == 3
+
+
+def test_a_unit_is_refused_where_the_file_says_its_own(tmp_path):
+    path = tmp_path / "scan.csv"
+    path.write_text("x_um,z_um\n0,1\n1,2\n2,3\n")
+    with pytest.raises(MetrologyError, match="says another"):
+        read_scan(path, "mm")
+    write_sdf(tmp_path / "a.sdf")
+    with pytest.raises(MetrologyError, match="must not be given"):
+        read_scan(tmp_path / "a.sdf", "um")
+
+
+def bomb(path):
+    with zipfile.ZipFile(path, "w", zipfile.ZIP_DEFLATED) as archive, archive.open("main.xml", "w") as member:
+        for _ in range(1100):
+            member.write(b"\0" * 2**20)
+
+
+def entities(path):
+    levels = "".join(f'<!ENTITY a{i + 1} "{f"&a{i};" * 10}">' for i in range(9))
+    xml = f'<?xml version="1.0"?><!DOCTYPE b [<!ENTITY a0 "ha">{levels}]><p:ISO5436_2 xmlns:p="x">&a9;</p:ISO5436_2>'
+    with zipfile.ZipFile(path, "w") as archive:
+        archive.writestr("main.xml", xml)
+
+
+def truncated(path):
+    write_x3p(path)
+    path.write_bytes(path.read_bytes()[:-200])
+
+
+def nan_map(path):
+    x3pio.write(str(path), np.full((3, 4), np.nan), x_scale=1e-6, y_scale=1e-6)
+
+
+def one_row(path):
+    x3pio.write(str(path), np.zeros((1, 4)), x_scale=1e-6, y_scale=1e-6)
+
+
+def factor_of_eight(path):
+    write_nid(path)
+    raw = path.read_bytes().replace(b"SaveBits=16", b"SaveBits=19")
+    path.write_bytes(raw)
+
+
+HOSTILE = {
+    "nan.x3p": (nan_map, "at least one measured height"),
+    "row.x3p": (one_row, "at least 2 x 3 points"),
+    "eight.nid": (factor_of_eight, "must"),
+    "bomb.x3p": (bomb, "unpack to at most"),
+    "entities.x3p": (entities, "sound X3P"),
+    "truncated.x3p": (truncated, "sound"),
+    "magic.gwy": (lambda path: path.write_bytes(b"MZ" * 300), "sound GWY"),
+    "huge.sdf": (lambda path: write_sdf(path, points=3_000_000, profiles=3_000_000), "sound SDF"),
+    "empty.nid": (lambda path: path.write_bytes(b""), "must not be empty"),
+    "unknown.docx": (lambda path: path.write_bytes(b"PK"), "ending of a scan"),
+}
+
+
+@pytest.mark.parametrize("name", HOSTILE)
+def test_hostile_files_end_in_one_line_and_bounded_memory(name, tmp_path):
+    write, rule = HOSTILE[name]
+    path = tmp_path / name
+    write(path)
+    before = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
+    with pytest.raises(MetrologyError, match=rule) as caught:
+        read_scan(path)
+    assert "\n" not in str(caught.value)
+    assert len(str(caught.value)) < 400
+    assert resource.getrusage(resource.RUSAGE_SELF).ru_maxrss - before < 200 * 1024  # [KiB]
+
+
+def test_missing_files_are_named(tmp_path):
+    with pytest.raises(MetrologyError, match=r"nowhere\.csv"):
+        read_scan(tmp_path / "nowhere.csv")
+
+
+@settings(max_examples=300, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@given(raw=st.one_of(
+    st.binary(max_size=300),
+    st.text(alphabet="x_umznab0123456789.,;-+eE \t\n\r\"'#[]", max_size=300).map(str.encode),
+    st.lists(st.tuples(st.floats(), st.floats()), max_size=20).map(
+        lambda rows: ("x_um,z_um\n" + "\n".join(f"{a!r},{b!r}" for a, b in rows)).encode()
+    ),
+))  # fmt: skip
+def test_fuzz_any_text_is_a_scan_or_one_line(raw, tmp_path):
+    path = tmp_path / "fuzz.csv"
+    path.write_bytes(raw)
+    try:
+        scan = read_scan(path)
+    except MetrologyError as error:
+        assert "\n" not in str(error)  # noqa: PT017
+    else:
+        assert scan.height.dtype == np.float64
+
+
+@settings(max_examples=300, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@given(name=st.sampled_from(["a.sdf", "b.sdf", "c.sur", "g.nid"]), seed=st.integers(0, 2**32 - 1))
+def test_fuzz_any_header_states_a_scale_or_is_refused_in_one_line(name, seed, tmp_path):
+    path = tmp_path / name
+    WRITERS[name](path)
+    raw = bytearray(path.read_bytes())
+    random = np.random.default_rng(seed)
+    for _ in range(int(random.integers(1, 20))):
+        raw[random.integers(0, len(raw))] = random.integers(0, 256)
+    path.write_bytes(bytes(raw[: random.integers(1, len(raw))]))
+    try:
+        scale = stated_height_scale(path)
+    except MetrologyError as error:
+        assert "\n" not in str(error)  # noqa: PT017
+    else:
+        assert scale is None or scale.count > 0.0
+
+
+def real(name):
+    path = SHARED / "real" / name
+    if not path.is_file():
+        pytest.skip("shared real data is not here")
+    return path
+
+
+def test_the_dektak_file_reads_with_its_own_unit_and_equal_steps():
+    scan = read_scan(real("surfacetopography/dektak-1.csv"))
+    assert scan.height.shape == (9600,)
+    assert scan.spacing == pytest.approx(0.156e-6, rel=0.01)  # "Resolution,0.156 um/sample" of the file
+    assert np.ptp(np.diff(scan.position)) < 1e-15
+
+
+def test_the_nanosurf_file_reads_with_the_scale_of_its_header():
+    scan = read_foreign(real("nsfopen/squares_holes.nid"))
+    scale = stated_height_scale(real("nsfopen/squares_holes.nid"))
+    assert scale.count == pytest.approx(2.032e-05 / 2**16)  # Dim2Range, SaveBits of the file
+    assert scan.dx == pytest.approx(5e-05 / 256)
+    assert set(FORMATS) >= {".x3p", ".sdf", ".sur", ".plux", ".gwy", ".opdx", ".nid"}

@@ -1,0 +1,171 @@
+"""An inspection from file to verdict, exit code and as-built record."""
+
+import json
+
+import numpy as np
+import pytest
+
+from stepblocks.cli import main
+from stepblocks.errors import MetrologyError
+from stepblocks.metrology.as_built import AsBuilt, AsBuiltValue, read_as_built, write_as_built
+from stepblocks.metrology.softgauge import correlated_noise, edge_gauge, groove_gauge
+
+STIMULI = str(__import__("pathlib").Path(__file__).parents[2] / "stimuli")
+
+
+def scan(path, height, radius=0.0, seed=1):
+    x = np.arange(-800, 800) * 0.5e-6
+    z = edge_gauge(x, height, radius, tilt=5e-4)
+    z = z + correlated_noise(len(x), 0.5e-6, 10e-9, 40e-9, 2e-6, np.random.default_rng(seed))
+    np.savetxt(path, np.stack([x, z], axis=1) * 1e6, delimiter=",", header="x_um,z_um", comments="", fmt="%.4f")
+    return str(path)
+
+
+def inspect(*arguments):
+    return main(["inspect", *arguments, "--set", STIMULI])
+
+
+@pytest.mark.parametrize(
+    ("height", "radius", "calibration", "code", "words"),
+    [
+        (50.2e-6, 0.0, "0.1 %", 0, "step-050: conforms"),
+        (51.5e-6, 0.0, "0.1 %", 1, "step-050: does not conform"),
+        (50.2e-6, 14e-6, "0.1 %", 1, "lowers E_v by"),
+        (50.9e-6, 0.0, "0.5 %", 3, "step-050: not proven"),
+    ],
+)
+def test_exit_codes_say_the_verdict(height, radius, calibration, code, words, tmp_path, capsys):
+    path = scan(tmp_path / "a.csv", height, radius)
+    assert inspect(path, "--stimulus", "step-050", "--calibration", calibration) == code
+    assert words in capsys.readouterr().out
+
+
+def test_the_output_holds_table_plot_json_and_a_record_that_reads_back(tmp_path, capsys):
+    path = scan(tmp_path / "a.csv", 50.2e-6, 1e-6)
+    out = tmp_path / "out"
+    inspect(path, "--stimulus", "step-050", "-o", str(out), "--json")
+    data = json.loads(capsys.readouterr().out)
+    record = read_as_built(out / "step-050.as-built.toml")
+    assert record.stimulus == "step-050"
+    assert record.values["step_height"].value == pytest.approx(50.2e-6, abs=0.1e-6)
+    assert record.values["step_height"].value == pytest.approx(data["characteristics"][0]["value_m"], rel=1e-8)
+    assert json.loads((out / "step-050.inspection.json").read_text()) == data
+    assert (out / "step-050.inspection.svg").read_text().startswith("<?xml")
+    before = {one.name: one.read_bytes() for one in out.iterdir()}
+    inspect(path, "--stimulus", "step-050", "-o", str(out))
+    assert {one.name: one.read_bytes() for one in out.iterdir()} == before
+
+
+def test_a_groove_is_judged_by_type_a1(tmp_path, capsys):
+    x = np.arange(0, 2000) * 1e-6
+    z = groove_gauge(x, 30.4e-6, 700e-6, 1300e-6, 10e-6, tilt=1e-3)
+    z = z + correlated_noise(len(x), 1e-6, 10e-9, 30e-9, 3e-6, np.random.default_rng(4))
+    path = tmp_path / "groove.csv"
+    np.savetxt(path, np.stack([x, z], axis=1) * 1e6, delimiter=",", header="x_um,z_um", comments="")
+    assert inspect(str(path), "--stimulus", "step-030", "--feature", "groove", "--calibration", "0.1 %") == 0
+    text = capsys.readouterr().out
+    assert "groove depth" in text
+    assert "ISO 5436-1 type A1" in text
+
+
+def test_a_map_adds_repeatability_flatness_and_parallelism(tmp_path, capsys):
+    random = np.random.default_rng(2)
+    x = np.arange(-200, 200) * 2e-6
+    rows = []
+    for y in np.arange(6) * 50e-6:
+        z = (
+            edge_gauge(x, 40e-6, 0.0, tilt=1e-4)
+            + random.normal(0.0, 20e-9) * (x > 0)
+            + random.normal(0.0, 5e-9, len(x))
+        )
+        rows.append(np.stack([x, np.full_like(x, y), z], axis=1))
+    path = tmp_path / "map.csv"
+    np.savetxt(path, np.concatenate(rows) * 1e6, delimiter=",", header="x_um,y_um,z_um", comments="", fmt="%.4f")
+    assert inspect(str(path), "--stimulus", "step-040", "--calibration", "0.1 %", "--json") in (0, 3)
+    data = json.loads(capsys.readouterr().out)
+    by_key = {one["key"]: one for one in data["characteristics"]}
+    assert {"step_height", "edge_radius", "flatness_lower", "flatness_upper", "parallelism"} <= set(by_key)
+    budget = {part["name"]: part["std_m"] for part in by_key["step_height"]["budget"]}
+    assert 1e-9 < budget["repeatability"] < 30e-9
+    assert by_key["flatness_lower"]["value_m"] < 0.1e-6
+
+
+def test_a_margin_and_a_tip_are_measured(tmp_path, capsys):
+    random = np.random.default_rng(8)
+    x = np.arange(-800, 800) * 0.25e-6
+    z = np.where((x > 0.0) & (x < 50.1e-6), -80e-6, 0.0) + random.normal(0.0, 20e-9, len(x))
+    path = tmp_path / "margin.csv"
+    np.savetxt(path, np.stack([x, z], axis=1) * 1e6, delimiter=",", header="x_um,z_um", comments="", fmt="%.4f")
+    assert inspect(str(path), "--stimulus", "gap-050-over-020") == 1  # the crown is not overextended by 20 um
+    assert "horizontal discrepancy" in capsys.readouterr().out
+    grid = np.arange(-50, 51) * 2e-6
+    gx, gy = np.meshgrid(grid, grid)
+    cap = np.sqrt(np.maximum((125.4e-6) ** 2 - gx**2 - gy**2, 0.0)) + random.normal(0.0, 20e-9, gx.shape)
+    path = tmp_path / "tip.xyz"
+    np.savetxt(
+        path, np.stack([gx.ravel(), gy.ravel(), cap.ravel()], axis=1) * 1e6, header="x_um y_um z_um", comments=""
+    )
+    assert inspect(str(path), "--stimulus", "tip-125") == 0
+    assert "ball radius" in capsys.readouterr().out
+
+
+@pytest.mark.parametrize(
+    ("arguments", "words"),
+    [
+        (["nowhere.csv", "--stimulus", "step-050"], "scan must be a file"),
+        (["{scan}", "--stimulus", "step-999"], "stimulus must be declared"),
+        (["{scan}", "--stimulus", "step-050", "--feature", "groove"], "ridge or groove"),
+        (["{scan}", "--stimulus", "step-050", "--unit", "mm"], "says another"),
+        (["{scan}", "--stimulus", "step-050", "--exclusion", "5"], "must be a length"),
+        (["{scan}", "--stimulus", "step-050", "--calibration", "much"], "must be a ratio"),
+        (["{scan}", "--stimulus", "tip-125"], "a tip needs a height map"),
+        (["{scan}", "--stimulus", "crown-shoulder"], "cannot be inspected"),
+    ],
+)
+def test_what_cannot_be_inspected_gives_one_line_and_exit_code_2(arguments, words, tmp_path, capsys):
+    path = scan(tmp_path / "a.csv", 50e-6)
+    assert inspect(*[one.format(scan=path) for one in arguments]) == 2
+    captured = capsys.readouterr()
+    assert words in captured.err
+    assert captured.err.count("\n") == 1
+
+
+def test_records_survive_odd_names_and_refuse_what_they_do_not_know(tmp_path):
+    path = tmp_path / "a.toml"
+    record = AsBuilt(
+        "step-010", 'my "scan"\\1\n.csv', "0" * 64, "µm", {"step_height": AsBuiltValue(1.00000001e-5, 2e-9, "conforms")}
+    )
+    write_as_built(path, record)
+    back = read_as_built(path)
+    assert back.scan == record.scan
+    assert back.values["step_height"].value == pytest.approx(1.00000001e-5, rel=1e-9)
+    for text, rule in {
+        "schema = 2": "schema must be 1",
+        "not toml": "TOML",
+        path.read_text().replace('"10.0000001 um"', '"10"'): "must be a length",
+        path.read_text().replace("std = ", "spread = "): "value, std and verdict",
+        'schema = 1\nstimulus = "a"\nscan = "b"\nscan_sha256 = ""\nconvention = ""\n': "at least one characteristic",
+    }.items():
+        path.write_text(text)
+        with pytest.raises(MetrologyError, match=rule):
+            read_as_built(path)
+
+
+def test_prediction_takes_the_record_and_says_how_far_the_energy_moved(tmp_path, capsys):
+    path = scan(tmp_path / "a.csv", 50.0e-6, 14e-6)
+    inspect(path, "--stimulus", "step-050", "-o", str(tmp_path / "out"))
+    capsys.readouterr()
+    table = tmp_path / "predictions.csv"
+    source = f"{STIMULI}/paper-ten.toml"
+    assert main(["predict", source, "--as-built", str(tmp_path / "out"), "-o", str(table)]) == 0
+    said = capsys.readouterr().err
+    # equations (1) and (2) by hand at mu = 0.15: tan^2(acos(1 - 50/139) + atan 0.15) / tan^2(acos(1 - 50/125) + ...) - 1
+    ratio = (np.tan(np.arccos(1 - 50 / 139) + np.arctan(0.15)) / np.tan(np.arccos(1 - 50 / 125) + np.arctan(0.15))) ** 2
+    largest = float(said.split(" % to ")[1].split(" %")[0])
+    assert largest == pytest.approx((ratio - 1.0) * 100.0, abs=0.5)
+    assert "edge_radius does not conform" in said
+    rows = [line.split(",") for line in table.read_text().splitlines()]
+    assert {row[4] for row in rows if row[1] == "step-050"} != {"50"}
+    assert {row[4] for row in rows if row[1] == "step-060"} == {"60"}
+    assert main(["predict", source, "--as-built", str(tmp_path / "a.csv")]) == 2
+    assert main(["predict", source, "--as-built", str(tmp_path)]) == 2
