@@ -1,0 +1,155 @@
+"""A bench that yields features instead of traces: designs, scatter, height errors, any effect planted."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from stepblocks.closure.effect import Active
+from stepblocks.closure.trials import Trials
+from stepblocks.contact.forward import height_name
+from stepblocks.contact.state import CHANNELS, observe
+from stepblocks.pipeline.bench_model import SessionModel
+
+__all__ = ["BenchScatter", "bench_trials", "design_columns"]
+
+Floats = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class BenchScatter:
+    """Scatter of a bench.
+
+    Attributes
+    ----------
+    energy : float
+        Standard deviation of ln E_v between trials [1].
+    friction : float
+        Standard deviation of the coefficient of friction between trials [1].
+    height : float
+        Standard deviation of the height of a block [m].
+    force : float
+        Noise of a force sample [N].
+    """
+
+    energy: float = 0.07
+    friction: float = 0.005
+    height: float = 1e-6
+    force: float = 4e-3
+
+
+def design_columns(trials: int, seed: int) -> dict[str, NDArray[Any]]:
+    """Lay out a session like the shared ones: eight blocks, four loads, four speeds, random order, drifting climate.
+
+    Parameters
+    ----------
+    trials : int
+        Number of drags.
+    seed : int
+        Seed of order and climate.
+
+    Returns
+    -------
+    dict
+        Columns as in trials.csv, with ``block`` and ``tip_radius_um``.
+    """
+    generator = np.random.default_rng(seed)
+    cells = [(h, n, v) for h in range(10, 90, 10) for n in (0.3, 0.5, 0.8, 1.1) for v in (2.0, 5.0, 10.0, 20.0)]
+    rounds = -(-trials // len(cells))
+    order = np.concatenate([generator.permutation(len(cells)) for _ in range(rounds)])[:trials]
+    chosen = np.array([cells[i] for i in generator.permutation(order)])
+    time = np.arange(trials) / max(trials - 1, 1)
+    phase, depth = generator.uniform(0.0, 2.0 * np.pi), generator.uniform(1.0, 3.0)
+    temperature = 22.0 + depth * np.sin(2.0 * np.pi * generator.uniform(0.5, 1.5) * time + phase)
+    humidity = 47.0 + np.cumsum(generator.normal(0.0, 12.0 / np.sqrt(trials), trials))
+    return {
+        "block": np.array([f"step-{int(h):03d}" for h in chosen[:, 0]]),
+        "height_um": chosen[:, 0],
+        "load_n": chosen[:, 1],
+        "speed_mm_s": chosen[:, 2],
+        "run_order": np.arange(1.0, trials + 1.0),
+        "temperature_c": np.round(temperature + generator.normal(0.0, 0.4, trials), 2),
+        "humidity_pct": np.round(humidity + generator.normal(0.0, 1.0, trials), 1),
+        "operator": generator.choice(["A", "B"], trials),
+        "tip_radius_um": np.full(trials, 125.0),
+    }
+
+
+def bench_trials(
+    columns: Mapping[str, NDArray[Any]],
+    seed: int,
+    effects: tuple[Active, ...] = (),
+    scatter: BenchScatter | None = None,
+    truth: Mapping[str, float] | None = None,
+) -> Trials:
+    """Measure a design on the bench.
+
+    Parameters
+    ----------
+    columns : mapping
+        Columns of `design_columns`.
+    seed : int
+        Seed of specimens and scatter.
+    effects : tuple of (Effect, values)
+        What the nominal model lacks.
+    scatter : BenchScatter, optional
+        Scatter of the bench.
+    truth : mapping, optional
+        Constants other than friction 0.16, conversion 0.22, 300 Hz, 20 ms.
+
+    Returns
+    -------
+    Trials
+        Features with their uncertainties; a trial beyond the gauge's 5 N or locked has none.
+    """
+    scatter = scatter or BenchScatter()
+    generator = np.random.default_rng(seed)
+    n = len(columns["block"])
+    covariates = {name: column for name, column in columns.items() if name != "block"}
+    empty = Trials(covariates, CHANNELS, np.zeros((n, 7)), np.zeros((n, 7)), columns["block"])
+    model = SessionModel(9810.0, 300.0, 0.02)
+    values = {
+        "friction": 0.16,
+        "ln_conversion": float(np.log(0.22)),
+        "stiffness_ratio": 1.0,
+        "ln_ring_frequency": float(np.log(300.0)),
+        "ln_decay_time": float(np.log(0.02)),
+    } | dict(truth or {})
+    for block in np.unique(columns["block"]):
+        values[height_name(str(block))] = float(np.clip(generator.normal(0.0, scatter.height), -4e-6, 4e-6))
+    state = model.state(empty, values, effects)
+    # friction and conversion scatter from trial to trial: the first moves three channels at once
+    state = state.changed(
+        friction=np.maximum(state.friction + generator.normal(0.0, scatter.friction, n), 0.01),
+        conversion=state.conversion * np.exp(generator.normal(0.0, scatter.energy, n)),
+    )
+    exact = observe(state)
+    amplitude = np.sqrt(2.0 * 9810.0 * np.exp(exact[:, 0]))
+    force = np.exp(exact[:, 1])
+    load = columns["load_n"]
+    std = np.stack(
+        [
+            2.0 * np.hypot(scatter.force / amplitude / 4.0, 0.005),
+            scatter.force / force,
+            np.hypot(scatter.force / 15.0 / load, 0.001),
+            np.hypot(scatter.force / force, 0.004),
+            1e-4 + 2e-3 * scatter.force / amplitude,
+            0.01 + 0.3 * scatter.force / amplitude,
+            scatter.force / 5.0 / load + 0.003,
+        ],
+        axis=1,
+    )
+    values_seen = exact + std * generator.standard_normal((n, 7))
+    values_seen[(force > 5.0) | state.locked()] = np.nan
+    rows = np.isfinite(values_seen).any(axis=1)
+    return empty.take(rows).__class__(
+        {name: column[rows] for name, column in covariates.items()},
+        CHANNELS,
+        values_seen[rows],
+        std[rows],
+        columns["block"][rows],
+    )
