@@ -111,3 +111,6 @@ class ForwardModel(Protocol):
 
     def predict(self, trials: Trials, values: Mapping[str, float], effects: Sequence[Active] = ()) -> Floats:
         """Predict all channels, shape (n, c)."""
+
+    def responses(self, trials: Trials, values: Mapping[str, float], effects: Sequence[Active] = ()) -> Floats:
+        """Change of the channels per unit of each quantity that scatters from trial to trial, shape (n, c, k)."""

@@ -52,6 +52,8 @@ class Fit:
         Sum of squared whitened residuals and prior terms.
     residual : ndarray, shape (n c,)
         Whitened residual without the prior terms.
+    departure : ndarray, shape (q,)
+        Distance of the parameters with a prior from it, in standard deviations.
     jacobian : ndarray, shape (n c + q, p)
         Whitened derivative of the prediction, prior rows below.
     predicted : ndarray, shape (n, c)
@@ -64,6 +66,7 @@ class Fit:
     std: dict[str, float]
     cost: float
     residual: Floats
+    departure: Floats
     jacobian: Floats
     predicted: Floats
     covariance: Floats
@@ -195,6 +198,7 @@ def _finish(objective: _Objective, x: Floats) -> Fit:
         std=dict(zip(names, np.sqrt(np.diag(covariance)).tolist(), strict=True)),
         cost=float(residual @ residual),
         residual=residual[:count],
+        departure=residual[count:],
         jacobian=jacobian,
         predicted=objective.predicted(x),
         covariance=covariance,

@@ -169,10 +169,10 @@ def gate(problem: Problem, base: Fit, effects: Sequence[Effect], draws: int = 40
     directions = _directions(problem, base, effects, known)
     if not directions:
         return Gate(1.0, ())
-    rows, total = base.residual.size, base.jacobian.shape[0]
-    observed = np.concatenate([base.residual, np.zeros(total - rows)])
+    total = base.jacobian.shape[0]
+    observed = np.concatenate([base.residual, base.departure])
     observed -= known @ (known.T @ observed)
-    dof = float(max(problem.noise.dof, 4))
+    dof = float(max(problem.noise.scatter.dof, 4))
     # scores are relative to the scatter found, never to less than the scatter expected
     spread = max(1.0, _robust_variance(base.residual))
     gains, projected = _evaluate(directions, observed[:, None])

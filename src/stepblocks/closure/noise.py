@@ -1,7 +1,8 @@
-"""Scatter of trials: a covariance across channels, estimated without trusting the model, and the whitening by it.
+"""Scatter of trials: how much, of what, and the whitening by it.
 
-Channels of a trial scatter together (friction moves the sliding force, the peak and the energy at once), so residuals
-are whitened by the full covariance of a trial. Errors common to many trials enter as a low-rank covariance.
+A quantity of the model that scatters from trial to trial moves several channels at once, each trial by its own
+responses; beside it each channel scatters on its own. Both are estimated about a regression that trusts no model.
+Errors common to many trials enter as a low-rank covariance.
 """
 
 from __future__ import annotations
@@ -10,12 +11,32 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from scipy.optimize import minimize
 
 from stepblocks.closure.trials import Floats, Systematic, Trials
 
-__all__ = ["Noise", "flexible_columns", "intrinsic_covariance", "outliers", "whitener"]
+__all__ = ["Noise", "Scatter", "estimate_scatter", "flexible_columns", "flexible_residual", "outliers", "whitener"]
 
 _INTERACTING = 3  # numeric covariates that get products with one another
+
+
+@dataclass(frozen=True)
+class Scatter:
+    """Variances of what scatters from trial to trial beside the measurement's own uncertainty.
+
+    Attributes
+    ----------
+    quantities : ndarray, shape (k,)
+        Of quantities of the model, each of which moves several channels at once.
+    channels : ndarray, shape (c,)
+        Of each channel on its own.
+    dof : int
+        Degrees of freedom they were estimated with.
+    """
+
+    quantities: Floats
+    channels: Floats
+    dof: int
 
 
 @dataclass(frozen=True)
@@ -28,17 +49,17 @@ class Noise:
         Inverse Cholesky factor of each trial; rows of missing channels are zero.
     basis, shrink : ndarray, shapes (n c, q) and (q,)
         Directions of the common errors after whitening and what remains along them.
-    intrinsic : ndarray, shape (c, c)
-        Covariance of the scatter between trials beside the measurement's own uncertainty.
-    dof : int
-        Degrees of freedom it was estimated with.
+    scatter : Scatter
+        What it was built from.
+    precision : float
+        Logarithm of the determinant of the inverse covariance: the larger, the less scatter.
     """
 
     factors: Floats
     basis: Floats
     shrink: Floats
-    intrinsic: Floats
-    dof: int
+    scatter: Scatter
+    precision: float
 
     def whiten(self, residual: Floats) -> Floats:
         """Whiten residuals of shape (n, c) or (n, c, p) to (n c,) or (n c, p)."""
@@ -107,7 +128,8 @@ def _orthonormal(columns: Sequence[Floats], most: int) -> Floats:
     return np.stack(kept, axis=1)
 
 
-def _flexible_residual(trials: Trials) -> tuple[Floats, int]:
+def flexible_residual(trials: Trials) -> tuple[Floats, int]:
+    """Return the residual about a flexible regression, shape (n, c), and its degrees of freedom."""
     basis = flexible_columns(trials)
     residual = np.full(trials.values.shape, np.nan)
     for j in range(trials.values.shape[1]):
@@ -135,7 +157,7 @@ def outliers(trials: Trials, threshold: float = 6.0) -> np.ndarray[tuple[int, in
     ndarray of bool, shape (n, c)
         True where a value stands alone.
     """
-    residual, _ = _flexible_residual(trials)
+    residual, _ = flexible_residual(trials)
     alone = np.zeros(residual.shape, dtype=bool)
     for j in range(residual.shape[1]):
         seen = np.isfinite(residual[:, j])
@@ -148,41 +170,59 @@ def outliers(trials: Trials, threshold: float = 6.0) -> np.ndarray[tuple[int, in
     return alone
 
 
-def intrinsic_covariance(residual: Floats, std: Floats, dof: int) -> Floats:
-    """Covariance of the scatter between trials, the measurement's own variance taken off.
+def estimate_scatter(residual: Floats, std: Floats, responses: Floats, dof: int) -> Scatter:
+    """Estimate from residuals which quantity scatters by how much from trial to trial, by maximum likelihood.
 
     Parameters
     ----------
     residual, std : ndarray, shape (n, c)
         Residuals and their measurement uncertainty; not-a-number where missing.
+    responses : ndarray, shape (n, c, k)
+        Change of the channels per unit of each quantity that may scatter.
     dof : int
         Degrees of freedom of the residuals.
 
     Returns
     -------
-    ndarray, shape (c, c)
-        Positive semi-definite covariance.
+    Scatter
+        Variances of the quantities and of each channel on its own.
     """
-    seen = np.isfinite(residual)
-    filled = np.where(seen, residual, 0.0)
-    pairs = seen.astype(float).T @ seen.astype(float)
-    share = dof / len(residual)
-    total = filled.T @ filled / np.maximum(pairs * share, 1.0)
-    own = np.nansum(np.where(seen, std**2, 0.0), axis=0) / np.maximum(np.diag(pairs), 1.0)
-    spread = np.sqrt(np.maximum(np.diag(total), 1e-30))
-    # no channel is trusted below a tenth of its scatter, else one optimistic uncertainty outweighs all the others
-    variance = np.maximum(np.diag(total) - own, 0.01 * spread**2)
-    correlation = total / np.outer(spread, spread)
-    # a pair that is rarely seen together says nothing of its correlation
-    correlation[pairs < 10] = 0.0
-    np.fill_diagonal(correlation, 1.0)
-    values, vectors = np.linalg.eigh(correlation)
-    correlation = (vectors * np.maximum(values, 0.02)) @ vectors.T
-    scale = np.sqrt(variance / np.diag(correlation))
-    return np.asarray(correlation * np.outer(scale, scale))
+    seen = np.isfinite(residual) & np.isfinite(std)
+    n, c = residual.shape
+    count = responses.shape[2]
+    filled = np.where(seen, residual, 0.0) * np.sqrt(n / dof)
+    total = np.sum(filled**2, axis=0) / np.maximum(seen.sum(axis=0), 1)
+    unit = np.sqrt(np.maximum(total, 1e-24))
+    shown = np.where(seen[:, :, None], responses / unit[:, None], 0.0)
+    scaled, own = filled / unit, np.where(seen, (std / unit) ** 2, 1.0)
+    size = np.maximum(np.sqrt(np.mean(shown**2, axis=(0, 1)) * c), 1e-12) if count else np.zeros(0)
+    shown = shown / size
+    # the few misfits of a flexible regression must not set the scatter of all
+    scaled = np.clip(scaled, -5.0, 5.0)
+
+    def objective(x: Floats) -> tuple[float, Floats]:
+        variance = np.exp(x)
+        covariance = np.einsum("nik,k,njk->nij", shown, variance[:count], shown)
+        covariance[:, range(c), range(c)] += own + np.where(seen, variance[count:], 0.0)
+        inverse = np.linalg.inv(covariance)
+        solved = np.einsum("nij,nj->ni", inverse, scaled)
+        value = np.sum(np.linalg.slogdet(covariance)[1]) + np.sum(solved * scaled)
+        toward = np.einsum("nij,njk->nik", inverse, shown)
+        slope = np.empty(count + c)
+        slope[:count] = np.sum(shown * toward, axis=(0, 1)) - np.sum(np.einsum("nik,ni->nk", shown, solved) ** 2, axis=0)
+        diagonal = np.where(seen, inverse[:, range(c), range(c)] - solved**2, 0.0)
+        slope[count:] = diagonal.sum(axis=0)
+        return float(value), slope * variance
+
+    start = np.log(np.concatenate([np.full(count, 0.3), np.full(c, 0.1)]))
+    # no channel is trusted beyond a thousandth of its variance: a rounding error would outweigh the rest
+    bounds = [(np.log(1e-8), np.log(1e2))] * count + [(np.log(1e-4), np.log(4.0))] * c
+    solution = minimize(objective, start, jac=True, method="L-BFGS-B", bounds=bounds, options={"maxiter": 60})
+    variance = np.exp(solution.x)
+    return Scatter(variance[:count] / size**2, variance[count:] * unit**2, dof)
 
 
-def whitener(trials: Trials, systematics: Sequence[Systematic], intrinsic: Floats | None = None, dof: int = 0) -> Noise:
+def whitener(trials: Trials, systematics: Sequence[Systematic], responses: Floats, scatter: Scatter) -> Noise:
     """Build the whitening for a table of trials.
 
     Parameters
@@ -191,32 +231,30 @@ def whitener(trials: Trials, systematics: Sequence[Systematic], intrinsic: Float
         Measurements.
     systematics : sequence of Systematic
         Errors common to many trials.
-    intrinsic : ndarray, shape (c, c), optional
-        Scatter between trials; estimated from the residual of a flexible regression where omitted.
-    dof : int
-        Its degrees of freedom, where it is given.
+    responses : ndarray, shape (n, c, k)
+        Change of the channels per unit of each quantity that scatters.
+    scatter : Scatter
+        Variances of those quantities and of the channels.
 
     Returns
     -------
     Noise
         The whitening.
     """
-    if intrinsic is None:
-        residual, dof = _flexible_residual(trials)
-        intrinsic = intrinsic_covariance(residual, trials.std, dof)
     n, c = trials.values.shape
     seen = trials.seen
     both = seen[:, :, None] & seen[:, None, :]
-    covariance = np.where(both, intrinsic[None], 0.0)
-    covariance[:, range(c), range(c)] += np.where(seen, trials.std**2, 1.0)
+    covariance = np.where(both, np.einsum("nik,k,njk->nij", responses, scatter.quantities, responses), 0.0)
+    covariance[:, range(c), range(c)] += np.where(seen, trials.std**2 + scatter.channels, 1.0)
     scale = np.sqrt(covariance[:, range(c), range(c)])
     factors = np.linalg.inv(np.linalg.cholesky(covariance / (scale[:, :, None] * scale[:, None, :])))
     factors = np.where(both, factors / scale[:, None, :], 0.0)
-    bare = Noise(factors, np.zeros((n * c, 0)), np.zeros(0), intrinsic, dof)
+    level = float(2.0 * np.sum(np.log(factors[:, range(c), range(c)][seen])))
+    bare = Noise(factors, np.zeros((n * c, 0)), np.zeros(0), scatter, level)
     if not systematics:
         return bare
     stack = np.zeros((n, c, len(systematics)))
     for i, term in enumerate(systematics):
         stack[:, trials.channels.index(term.channel), i] = term.column * term.std
     left, singular, _ = np.linalg.svd(bare.whiten(stack), full_matrices=False)
-    return Noise(factors, left, 1.0 / np.sqrt(1.0 + singular**2), intrinsic, dof)
+    return Noise(factors, left, 1.0 / np.sqrt(1.0 + singular**2), scatter, level)

@@ -108,6 +108,18 @@ class SessionModel:
             state = effect.apply(state, trials, own)
         return state
 
+    def responses(self, trials: Trials, values: Mapping[str, float], effects: Sequence[Active] = ()) -> Floats:
+        """Change of the channels with friction, load and conversion, which scatter from trial to trial."""
+        state = self.state(trials, values, effects)
+        base, step = observe(state), 1e-4
+        weight = state.set_load + state.sensed_offset
+        moved = (
+            state.changed(friction=state.friction + step),
+            state.changed(load=state.load * (1.0 + step), sensed_offset=state.sensed_offset + step * weight),
+            state.changed(conversion=state.conversion * (1.0 + step)),
+        )
+        return np.stack([(observe(other) - base) / step for other in moved], axis=2)
+
 
 def _standard(column: Floats) -> Floats:
     spread = float(np.std(column))

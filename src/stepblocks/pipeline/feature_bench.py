@@ -32,6 +32,8 @@ class BenchScatter:
         Standard deviation of the coefficient of friction between trials [1].
     height : float
         Standard deviation of the height of a block [m].
+    load : float
+        Relative standard deviation of the normal load between trials, seen by the gauge [1].
     force : float
         Noise of a force sample [N].
     """
@@ -39,7 +41,8 @@ class BenchScatter:
     energy: float = 0.07
     friction: float = 0.005
     height: float = 1e-6
-    force: float = 4e-3
+    load: float = 0.004
+    force: float = 4.5e-3
 
 
 def design_columns(trials: int, seed: int) -> dict[str, NDArray[Any]]:
@@ -122,9 +125,12 @@ def bench_trials(
     for block in np.unique(columns["block"]):
         values[height_name(str(block))] = float(np.clip(generator.normal(0.0, scatter.height), -4e-6, 4e-6))
     state = model.state(empty, values, effects)
+    stray = np.exp(generator.normal(0.0, scatter.load, n))
     # friction and conversion scatter from trial to trial: the first moves three channels at once
     state = state.changed(
         friction=np.maximum(state.friction + generator.normal(0.0, scatter.friction, n), 0.01),
+        load=state.load * stray,
+        sensed_offset=state.sensed_offset + (stray - 1.0) * state.set_load,
         conversion=state.conversion * np.exp(generator.normal(0.0, scatter.energy, n)),
     )
     exact = observe(state)
@@ -133,13 +139,13 @@ def bench_trials(
     load = columns["load_n"]
     std = np.stack(
         [
-            2.0 * np.hypot(scatter.force / amplitude / 4.0, 0.005),
-            scatter.force / force,
-            np.hypot(scatter.force / 15.0 / load, 0.001),
-            np.hypot(scatter.force / force, 0.004),
-            1e-4 + 2e-3 * scatter.force / amplitude,
-            0.01 + 0.3 * scatter.force / amplitude,
-            scatter.force / 5.0 / load + 0.003,
+            0.2 * scatter.force / amplitude + 1e-3,
+            0.3 * scatter.force / force + 1e-4,
+            0.05 * scatter.force / load + 1e-5,
+            1.5e-2 * scatter.force / force * columns["speed_mm_s"] / 5.0 + 2e-4,
+            6e-3 * scatter.force / amplitude / 10.0 + 2e-5,
+            0.05 * scatter.force / amplitude + 1e-3,
+            0.05 * scatter.force / load + 1e-5,
         ],
         axis=1,
     )
