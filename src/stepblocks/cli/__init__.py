@@ -12,7 +12,7 @@ from stepblocks.errors import StepblocksError
 
 __all__ = ["main"]
 
-_COMMANDS: tuple[str, ...] = ()
+_COMMANDS: tuple[str, ...] = ("loop",)
 """Modules of this package, one per command or family of commands, in the order of the help text."""
 
 

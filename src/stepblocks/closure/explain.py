@@ -11,13 +11,13 @@ from stepblocks.closure.adequacy import independence
 from stepblocks.closure.effect import Effect, ForwardModel
 from stepblocks.closure.explanation import Explanation, Finding, Verdict
 from stepblocks.closure.fit import Fit, Problem, fit
-from stepblocks.closure.gate import gate, scores
+from stepblocks.closure.gate import gate
 from stepblocks.closure.noise import estimate_scatter, flexible_residual, whitener
 from stepblocks.closure.selection import Choice, choose
 from stepblocks.closure.trials import Trials
 from stepblocks.errors import ClosureError
 
-__all__ = ["Rules", "explain", "problem_of"]
+__all__ = ["Rules", "explain", "problem_of", "select"]
 
 
 @dataclass(frozen=True)
@@ -36,13 +36,16 @@ class Rules:
         Bootstrap draws of a gate.
     seed : int
         Seed of the bootstrap.
+    fits : int
+        Laws, and smooths, that are fitted in full at each step.
     """
 
-    alpha: float = 0.01
+    alpha: float = 0.02
     margin: float = 8.0
     most: int = 4
     draws: int = 500
     seed: int = 0
+    fits: int = 14
 
 
 def problem_of(model: ForwardModel, trials: Trials) -> Problem:
@@ -88,26 +91,42 @@ def explain(
         If there are fewer than 12 trials.
     """
     rules = rules or Rules()
+    grown = _search(model, trials, candidates, rules)
+    return _conclude(grown, candidates, rules)
+
+
+def select(
+    model: ForwardModel, trials: Trials, candidates: Sequence[Effect], rules: Rules | None = None
+) -> tuple[Effect, ...]:
+    """Return the effects that trials would choose, without verdicts and rivals; see `explain`."""
+    return _search(model, trials, candidates, rules or Rules()).current.effects
+
+
+@dataclass(frozen=True)
+class _Grown:
+    problem: Problem
+    current: Fit
+    gates: dict[str, float]
+    p_value: float
+
+
+def _search(model: ForwardModel, trials: Trials, candidates: Sequence[Effect], rules: Rules) -> _Grown:
     problem = problem_of(model, trials)
-    nominal = fit(problem)
-    current, gates, p_value = nominal, {}, 1.0
+    current, gates, p_value = fit(problem), {}, 1.0
     for step in range(rules.most + 1):
         opened = gate(problem, current, _left(candidates, current), rules.draws, rules.seed + step)
         p_value = opened.p_value
         if p_value > rules.alpha or step == rules.most:
             break
-        choice = choose(problem, current, opened)
-        if choice is None:
-            break
-        grown = _grow(problem, current, choice, candidates)
+        choice = choose(problem, current, opened, rules.fits)
+        grown = _grow(problem, current, choice, candidates) if choice else None
         if grown is None:
             break
         current = _exchange(problem, grown, candidates)
         problem = _tighten(problem, current)
         current = fit(problem, current.effects, current.values)
         gates = {e.id: gates.get(e.id, p_value) for e in current.effects}
-    nominal = fit(problem, (), nominal.values)
-    return _conclude(problem, nominal, current, gates, p_value, candidates, rules)
+    return _Grown(problem, current, gates, p_value)
 
 
 def _left(candidates: Sequence[Effect], current: Fit) -> list[Effect]:
@@ -161,7 +180,7 @@ def _exchange(problem: Problem, current: Fit, candidates: Sequence[Effect]) -> F
             if base.cost + weight * base.free <= current.cost + weight * current.free + 4.0:
                 current, changed = base, True
                 break
-            choice = choose(problem, base, _scored(problem, base, _left(candidates, base)), most=6)
+            choice = choose(problem, base, gate(problem, base, _left(candidates, base), draws=0), most=6)
             if choice is None or choice.best.effect.id == effect.id:
                 continue
             if choice.best.criterion < current.cost + weight * current.free - 4.0:
@@ -172,20 +191,9 @@ def _exchange(problem: Problem, current: Fit, candidates: Sequence[Effect]) -> F
     return current
 
 
-def _scored(problem: Problem, base: Fit, candidates: Sequence[Effect]):  # type: ignore[no-untyped-def]
-    return gate(problem, base, candidates, draws=0)
-
-
-def _conclude(
-    problem: Problem,
-    nominal: Fit,
-    current: Fit,
-    gates: dict[str, float],
-    p_value: float,
-    candidates: Sequence[Effect],
-    rules: Rules,
-) -> Explanation:
-    findings = tuple(_finding(problem, current, e, gates.get(e.id, p_value), candidates, rules) for e in current.effects)
+def _conclude(grown: _Grown, candidates: Sequence[Effect], rules: Rules) -> Explanation:
+    problem, current = grown.problem, grown.current
+    findings = tuple(_finding(grown, e, candidates, rules) for e in current.effects)
     checks, adequate = independence(problem, current)
     verdict = Verdict.NONE
     kinds = {f.verdict for f in findings}
@@ -193,19 +201,21 @@ def _conclude(
         if kind in kinds:
             verdict = kind
             break
-    if verdict is Verdict.EFFECT and not (adequate and p_value > rules.alpha):
+    if verdict is Verdict.EFFECT and not (adequate and grown.p_value > rules.alpha):
+        # it improves the fit, not the explanation
         verdict = Verdict.UNEXPLAINED
-    return Explanation(problem, nominal, current, findings, verdict, p_value, checks, adequate)
+    return Explanation(problem, fit(problem), current, findings, verdict, grown.p_value, checks, adequate)
 
 
-def _finding(
-    problem: Problem, current: Fit, effect: Effect, p_value: float, candidates: Sequence[Effect], rules: Rules
-) -> Finding:
+def _finding(grown: _Grown, effect: Effect, candidates: Sequence[Effect], rules: Rules) -> Finding:
+    problem, current = grown.problem, grown.current
+    p_value = grown.gates.get(effect.id, grown.p_value)
     others = tuple(e for e in current.effects if e is not effect)
     base = fit(problem, others, current.values)
     weight = float(np.log(len(problem.trials)))
     own = current.cost + weight * current.free
-    choice = choose(problem, base, gate(problem, base, _left(candidates, base), draws=0), keep=(effect.id,))
+    opened = gate(problem, base, _left(candidates, base), draws=0)
+    choice = choose(problem, base, opened, rules.fits, keep=(effect.id,))
     rivals = []
     seen = {effect.id.split("~")[0]} if effect.covariate != "block" else {effect.id}
     for trial in choice.tried if choice else ():

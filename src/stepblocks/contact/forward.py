@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -42,8 +43,21 @@ class BenchDesign:
             column = getattr(self, name)
             if not (np.all(np.isfinite(column)) and np.all(column > 0.0)):
                 raise ContactError(f"{name} of every trial must be positive and finite")
+        if len(self.block) == 0:
+            raise ContactError("block must name at least one trial")
         if not (np.isfinite(self.spring_constant) and self.spring_constant > 0.0):
             raise ContactError(f"spring_constant must be positive and finite, got {self.spring_constant:g} N/m")
+
+    @cached_property
+    def members(self) -> tuple[tuple[str, ...], NDArray[np.intp]]:
+        """Names of the blocks' height errors, and which of them each trial has."""
+        blocks, inverse = np.unique(self.block, return_inverse=True)
+        return tuple(height_name(str(b)) for b in blocks), inverse
+
+    @cached_property
+    def ones(self) -> Floats:
+        """One for each trial."""
+        return np.ones(len(self.block))
 
 
 @dataclass(frozen=True)
@@ -126,13 +140,11 @@ def nominal_state(design: BenchDesign, values: Mapping[str, float]) -> DragState
     DragState
         Slots of every trial.
     """
-    n = len(design.block)
-    height = design.height.copy()
-    for block in np.unique(design.block):
-        name = height_name(str(block))
-        if name in values:
-            height[design.block == block] += values[name]
-    one, zero = np.ones(n), np.zeros(n)
+    names, inverse = design.members
+    errors = np.array([values.get(name, 0.0) for name in names])
+    height = design.height + errors[inverse]
+    one = design.ones
+    zero = 0.0 * one
     stiffness = design.spring_constant * values["stiffness_ratio"] * one
     return DragState(
         height=height,

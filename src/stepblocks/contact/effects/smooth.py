@@ -112,9 +112,14 @@ _FORMS = {
 def _law(move: str, where: CovariateRange, kind: str, names: tuple[str, ...], basis: Any, start: float = 0.0) -> Law:
     slot, change = SLOT_MOVES[move]
 
+    last: list[Any] = [None, None]
+
     def apply(state: DragState, column: NDArray[Any], values: Mapping[str, float]) -> DragState:
+        # a fit asks for the same column hundreds of times; the reference kept makes its identity safe
+        if last[0] is not column:
+            last[:] = [column, basis(column)]
         weights = np.array([values[name] for name in names])
-        return change(state, basis(column) @ weights)
+        return change(state, last[1] @ weights)
 
     return Law(
         id=f"{kind}_{move}_{where.name}",
