@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -17,7 +17,11 @@ from stepblocks.closure.selection import Choice, choose
 from stepblocks.closure.trials import Trials
 from stepblocks.errors import ClosureError
 
-__all__ = ["Rules", "explain", "problem_of", "select"]
+__all__ = ["Deployed", "Rules", "explain", "problem_of", "select"]
+
+
+Deployed = Callable[[Fit], float]
+"""Error of a fit where it will be used."""
 
 
 @dataclass(frozen=True)
@@ -65,7 +69,11 @@ def problem_of(model: ForwardModel, trials: Trials) -> Problem:
 
 
 def explain(
-    model: ForwardModel, trials: Trials, candidates: Sequence[Effect], rules: Rules | None = None
+    model: ForwardModel,
+    trials: Trials,
+    candidates: Sequence[Effect],
+    rules: Rules | None = None,
+    deployed: Deployed | None = None,
 ) -> Explanation:
     """Find what a model lacks.
 
@@ -79,6 +87,9 @@ def explain(
         Effects that may be asked for.
     rules : Rules, optional
         When to claim what.
+    deployed : callable, optional
+        ``deployed(fit)`` returns the error of a fit where it will be used, on data kept from the selection (a free
+        run, say); an effect that does not lower it is not added, and the search stops.
 
     Returns
     -------
@@ -91,7 +102,7 @@ def explain(
         If there are fewer than 12 trials.
     """
     rules = rules or Rules()
-    grown = _search(model, trials, candidates, rules)
+    grown = _search(model, trials, candidates, rules, deployed)
     return _conclude(grown, candidates, rules)
 
 
@@ -110,9 +121,16 @@ class _Grown:
     p_value: float
 
 
-def _search(model: ForwardModel, trials: Trials, candidates: Sequence[Effect], rules: Rules) -> _Grown:
+def _search(
+    model: ForwardModel,
+    trials: Trials,
+    candidates: Sequence[Effect],
+    rules: Rules,
+    deployed: Deployed | None = None,
+) -> _Grown:
     problem = problem_of(model, trials)
     current, gates, p_value = fit(problem), {}, 1.0
+    error = deployed(current) if deployed else 0.0
     for step in range(rules.most + 1):
         opened = gate(problem, current, _left(candidates, current), rules.draws, rules.seed + step)
         p_value = opened.p_value
@@ -122,7 +140,13 @@ def _search(model: ForwardModel, trials: Trials, candidates: Sequence[Effect], r
         grown = _grow(problem, current, choice, candidates) if choice else None
         if grown is None:
             break
-        current = _exchange(problem, grown, candidates)
+        grown = _exchange(problem, grown, candidates)
+        if deployed:
+            new_error = deployed(grown)
+            if not new_error < error:
+                break
+            error = new_error
+        current = grown
         problem = _tighten(problem, current)
         current = fit(problem, current.effects, current.values)
         gates = {e.id: gates.get(e.id, p_value) for e in current.effects}

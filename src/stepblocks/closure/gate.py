@@ -18,7 +18,7 @@ from stepblocks.closure.trials import Floats
 
 __all__ = ["Gate", "Score", "gate", "scores", "tangent"]
 
-_UNSEEN = 0.03  # a direction of which less than this share is left beside the nominal model cannot be told from it
+_UNSEEN = 2e-3  # a direction of which less is left beside the nominal model is its derivative, up to rounding
 
 
 @dataclass(frozen=True)

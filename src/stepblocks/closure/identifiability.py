@@ -16,7 +16,7 @@ from stepblocks.closure.trials import Floats
 __all__ = ["Identifiability", "identifiability"]
 
 _SAME = 0.995
-_ABSORBED = 0.05
+_ABSORBED = 2e-3
 
 
 @dataclass(frozen=True)

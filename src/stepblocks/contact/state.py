@@ -139,7 +139,8 @@ def observe(state: DragState) -> Floats:
     Notes
     -----
     The energy is what an amplitude of force A shows, ``A^2 / 2k``: the square of the gauge's gain enters. A gauge of
-    first order shows a ramp late by its time constant, so the peak falls short by ``k v tau (1 - exp(-t / tau))``.
+    first order shows a ramp late by its time constant, so the peak falls short by ``k v tau (1 - exp(-t / tau))``, and
+    the ring with its amplitude over ``sqrt(1 + (2 pi f tau)^2)``.
     """
     force = state.peak_force()
     linear = state.spring_force(force)
@@ -157,6 +158,8 @@ def observe(state: DragState) -> Floats:
     left = ringing - state.lost_energy
     floor = 0.1 * ringing
     energy = np.where(left > floor, left, floor * np.exp(np.minimum(left / floor - 1.0, 0.0)))
+    # the same gauge shows the ring smaller
+    energy = energy / (1.0 + (2.0 * np.pi * state.frequency * lag) ** 2)
     sensed = np.maximum(state.set_load + state.sensed_offset, 1e-3)
     return np.stack(
         [

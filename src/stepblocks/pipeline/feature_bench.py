@@ -15,7 +15,7 @@ from stepblocks.contact.forward import height_name
 from stepblocks.contact.state import CHANNELS, observe
 from stepblocks.pipeline.bench_model import SessionModel
 
-__all__ = ["BenchScatter", "bench_trials", "design_columns"]
+__all__ = ["BenchScatter", "bench_trials", "block_errors", "block_scans", "design_columns", "noise_free"]
 
 Floats = NDArray[np.float64]
 
@@ -82,6 +82,22 @@ def design_columns(trials: int, seed: int) -> dict[str, NDArray[Any]]:
     }
 
 
+def block_errors(columns: Mapping[str, NDArray[Any]], seed: int, std: float = 1e-6) -> dict[str, float]:
+    """Height errors of the blocks of a bench [m], normal, held within four deviations."""
+    generator = np.random.default_rng([seed, 2])
+    blocks = [str(b) for b in np.unique(columns["block"])]
+    drawn = np.clip(generator.standard_normal(len(blocks)), -4.0, 4.0) * std
+    return dict(zip(blocks, drawn.tolist(), strict=True))
+
+
+def block_scans(columns: Mapping[str, NDArray[Any]], seed: int, std: float = 1e-6) -> dict[str, tuple[float, float]]:
+    """Scan those blocks: height and standard uncertainty of 15 nm [m]."""
+    generator = np.random.default_rng([seed, 3])
+    nominal = {str(b): float(h) * 1e-6 for b, h in zip(columns["block"], columns["height_um"], strict=True)}
+    errors = block_errors(columns, seed, std)
+    return {b: (nominal[b] + e + float(generator.normal(0.0, 15e-9)), 15e-9) for b, e in errors.items()}
+
+
 def bench_trials(
     columns: Mapping[str, NDArray[Any]],
     seed: int,
@@ -110,20 +126,9 @@ def bench_trials(
         Features with their uncertainties; a trial beyond the gauge's 5 N or locked has none.
     """
     scatter = scatter or BenchScatter()
-    generator = np.random.default_rng(seed)
+    generator = np.random.default_rng([seed, 1])
     n = len(columns["block"])
-    covariates = {name: column for name, column in columns.items() if name != "block"}
-    empty = Trials(covariates, CHANNELS, np.zeros((n, 7)), np.zeros((n, 7)), columns["block"])
-    model = SessionModel(9810.0, 300.0, 0.02)
-    values = {
-        "friction": 0.16,
-        "ln_conversion": float(np.log(0.22)),
-        "stiffness_ratio": 1.0,
-        "ln_ring_frequency": float(np.log(300.0)),
-        "ln_decay_time": float(np.log(0.02)),
-    } | dict(truth or {})
-    for block in np.unique(columns["block"]):
-        values[height_name(str(block))] = float(np.clip(generator.normal(0.0, scatter.height), -4e-6, 4e-6))
+    empty, model, values = _bench(columns, seed, scatter.height, truth)
     state = model.state(empty, values, effects)
     stray = np.exp(generator.normal(0.0, scatter.load, n))
     # friction and conversion scatter from trial to trial: the first moves three channels at once
@@ -152,10 +157,33 @@ def bench_trials(
     values_seen = exact + std * generator.standard_normal((n, 7))
     values_seen[(force > 5.0) | state.locked()] = np.nan
     rows = np.isfinite(values_seen).any(axis=1)
-    return empty.take(rows).__class__(
-        {name: column[rows] for name, column in covariates.items()},
-        CHANNELS,
-        values_seen[rows],
-        std[rows],
-        columns["block"][rows],
-    )
+    return Trials(empty.covariates, CHANNELS, values_seen, std, columns["block"]).take(rows)
+
+
+def noise_free(
+    columns: Mapping[str, NDArray[Any]],
+    seed: int,
+    effects: tuple[Active, ...] = (),
+    truth: Mapping[str, float] | None = None,
+    height_std: float = 1e-6,
+) -> Floats:
+    """Channels of a design on the same blocks without scatter or noise, shape (n, 7)."""
+    empty, model, values = _bench(columns, seed, height_std, truth)
+    return model.predict(empty, values, effects)
+
+
+def _bench(
+    columns: Mapping[str, NDArray[Any]], seed: int, height_std: float, truth: Mapping[str, float] | None
+) -> tuple[Trials, SessionModel, dict[str, float]]:
+    covariates = {name: column for name, column in columns.items() if name != "block"}
+    n = len(columns["block"])
+    empty = Trials(covariates, CHANNELS, np.zeros((n, 7)), np.zeros((n, 7)), columns["block"])
+    values = {
+        "friction": 0.16,
+        "ln_conversion": float(np.log(0.22)),
+        "stiffness_ratio": 1.0,
+        "ln_ring_frequency": float(np.log(300.0)),
+        "ln_decay_time": float(np.log(0.02)),
+    } | dict(truth or {})
+    values |= {height_name(b): e for b, e in block_errors(columns, seed, height_std).items()}
+    return empty, SessionModel(9810.0, 300.0, 0.02), values

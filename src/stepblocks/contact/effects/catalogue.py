@@ -12,7 +12,7 @@ from stepblocks.contact.effects import (
     hardening_spring,
     load_errors,
     load_friction,
-    release_loss,
+    real_release,
     running_in,
     sensor_laws,
     stribeck,
@@ -42,7 +42,7 @@ def named_laws(blocks: Sequence[str] = ()) -> tuple[Law, ...]:
         *load_errors.LAWS,
         viscous_drag.LAW,
         *conversion_laws.LAWS,
-        release_loss.LAW,
+        *real_release.LAWS,
         *sensor_laws.LAWS,
         *(law_for(block) for block in blocks),
     )
