@@ -175,7 +175,9 @@ def removed(found: Explanation, columns: dict[str, Any], seed: int, truth: tuple
     return 1.0 - errors[1] / errors[0]
 
 
-def tasks_of(kind: str, sessions: int, sizes: list[int], scans: bool) -> list[tuple[tuple[str, ...], float, int, int, bool]]:
+def tasks_of(
+    kind: str, sessions: int, sizes: list[int], scans: bool
+) -> list[tuple[tuple[str, ...], float, int, int, bool]]:
     """List the sessions of a part of the matrix."""
     if kind == "null":
         return [((), 0.0, sizes[i % len(sizes)], 10_000 + i, scans) for i in range(sessions)]
@@ -207,14 +209,16 @@ def main() -> None:
             names, size, trials, seed, _ = done["task"]
             rows[" + ".join(names) or f"nothing, {trials} trials", size].append(done)
             if options.verbose or (options.kind == "null" and done["verdict"] != "none"):
-                print("   ", names, size, trials, seed, done["outcome"], done["verdict"], done["found"], done["rivals"], flush=True)
+                shown = (done[key] for key in ("outcome", "verdict", "found", "rivals"))
+                print("   ", names, size, trials, seed, *shown, flush=True)
     print(f"{'planted':52s} {'size':>5s} {'n':>4s}  outcomes, removed error, seconds")
     for (name, size), results in rows.items():
         counts = Counter(r["outcome"] for r in results)
         text = ", ".join(f"{k} {100.0 * v / len(results):.0f} %" for k, v in counts.most_common())
         gone = [r["removed"] for r in results if r["outcome"] in ("right", "ambiguous")]
         share = f"{100.0 * float(np.median(gone)):.0f} %" if gone and np.isfinite(gone).all() else "-"
-        print(f"{name:52s} {size:5.2f} {len(results):4d}  {text}; {share}; {np.mean([r['seconds'] for r in results]):.1f} s")
+        seconds = np.mean([r["seconds"] for r in results])
+        print(f"{name:52s} {size:5.2f} {len(results):4d}  {text}; {share}; {seconds:.1f} s")
     total = Counter(r["outcome"] for results in rows.values() for r in results)
     verdicts = Counter(r["verdict"] for results in rows.values() for r in results)
     print("all:", dict(total), "verdicts:", dict(verdicts))

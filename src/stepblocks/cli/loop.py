@@ -28,9 +28,7 @@ def add_to(subparsers: Any) -> None:
 def _run(arguments: argparse.Namespace) -> int:
     from stepblocks.pipeline.loop import loop_session
 
-    verdict = loop_session(
-        arguments.session, arguments.output, arguments.jobs, not arguments.forces_only, _progress()
-    )
+    verdict = loop_session(arguments.session, arguments.output, arguments.jobs, not arguments.forces_only, _progress())
     print(f"{verdict}: see {arguments.output / 'report.html'}")
     return 0
 

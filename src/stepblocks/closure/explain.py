@@ -42,6 +42,8 @@ class Rules:
         Seed of the bootstrap.
     fits : int
         Laws, and smooths, that are fitted in full at each step.
+    exchange : bool
+        Whether each of several effects is sought again in the presence of the others.
     """
 
     alpha: float = 0.02
@@ -50,6 +52,7 @@ class Rules:
     draws: int = 500
     seed: int = 0
     fits: int = 14
+    exchange: bool = True
 
 
 def problem_of(model: ForwardModel, trials: Trials) -> Problem:
@@ -129,7 +132,8 @@ def _search(
     deployed: Deployed | None = None,
 ) -> _Grown:
     problem = problem_of(model, trials)
-    current, gates, p_value = fit(problem), {}, 1.0
+    current, p_value = fit(problem), 1.0
+    gates: dict[str, float] = {}
     error = deployed(current) if deployed else 0.0
     for step in range(rules.most + 1):
         opened = gate(problem, current, _left(candidates, current), rules.draws, rules.seed + step)
@@ -140,7 +144,8 @@ def _search(
         grown = _grow(problem, current, choice, candidates) if choice else None
         if grown is None:
             break
-        grown = _exchange(problem, grown, candidates)
+        if rules.exchange:
+            grown = _exchange(problem, grown, candidates)
         if deployed:
             new_error = deployed(grown)
             if not new_error < error:
@@ -251,8 +256,5 @@ def _finding(grown: _Grown, effect: Effect, candidates: Sequence[Effect], rules:
         seen.add(name)
         rivals.append((trial.effect, trial.fit, trial.criterion - own))
     elsewhere = [r for r in rivals if r[0].place != effect.place or (r[0].named and effect.named)]
-    if elsewhere:
-        verdict = Verdict.AMBIGUOUS
-    else:
-        verdict = Verdict.EFFECT if effect.named else Verdict.UNEXPLAINED
+    verdict = Verdict.AMBIGUOUS if elsewhere else Verdict.EFFECT if effect.named else Verdict.UNEXPLAINED
     return Finding(effect, verdict, p_value, base.cost - current.cost, tuple(rivals))

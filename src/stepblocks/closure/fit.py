@@ -97,7 +97,7 @@ class _Objective:
         )
         blocks = np.asarray([p.block for p in self.parameters])
         self.rows = {b: np.flatnonzero(problem.trials.block == b) for b in set(blocks[blocks != ""])}
-        self.groups = [[i] for i in np.flatnonzero(blocks == "")]
+        self.groups: list[list[int]] = [[int(i)] for i in np.flatnonzero(blocks == "")]
         # parameters that each move one specimen only share a difference; equal counts per specimen are layered
         local: dict[str, list[int]] = {}
         for i in np.flatnonzero(blocks != ""):

@@ -96,6 +96,4 @@ def _groups(directions: dict[str, Floats]) -> tuple[tuple[str, ...], ...]:
 
 
 def _weak(base: Fit) -> tuple[str, ...]:
-    return tuple(
-        p.name for p in base.parameters if np.isfinite(p.prior_std) and base.std[p.name] > 0.9 * p.prior_std
-    )
+    return tuple(p.name for p in base.parameters if np.isfinite(p.prior_std) and base.std[p.name] > 0.9 * p.prior_std)

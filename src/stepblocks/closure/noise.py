@@ -11,6 +11,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy.optimize import minimize
 
 from stepblocks.closure.trials import Floats, Systematic, Trials
@@ -142,7 +143,7 @@ def flexible_residual(trials: Trials) -> tuple[Floats, int]:
     return residual, max(1, len(trials) - basis.shape[1])
 
 
-def outliers(trials: Trials, threshold: float = 6.0) -> np.ndarray[tuple[int, int], np.dtype[np.bool_]]:
+def outliers(trials: Trials, threshold: float = 6.0) -> NDArray[np.bool_]:
     """Mark single values that no smooth function of the conditions comes near.
 
     Parameters
@@ -209,7 +210,9 @@ def estimate_scatter(residual: Floats, std: Floats, responses: Floats, dof: int)
         value = np.sum(np.linalg.slogdet(covariance)[1]) + np.sum(solved * scaled)
         toward = np.einsum("nij,njk->nik", inverse, shown)
         slope = np.empty(count + c)
-        slope[:count] = np.sum(shown * toward, axis=(0, 1)) - np.sum(np.einsum("nik,ni->nk", shown, solved) ** 2, axis=0)
+        slope[:count] = np.sum(shown * toward, axis=(0, 1)) - np.sum(
+            np.einsum("nik,ni->nk", shown, solved) ** 2, axis=0
+        )
         diagonal = np.where(seen, inverse[:, range(c), range(c)] - solved**2, 0.0)
         slope[count:] = diagonal.sum(axis=0)
         return float(value), slope * variance

@@ -30,14 +30,6 @@ class Choice:
     best: Trial
     tried: tuple[Trial, ...]
 
-    def rivals(self, margin: float) -> tuple[Trial, ...]:
-        """Those at another place that come within `margin` of the best."""
-        found: dict[tuple[str, str], Trial] = {}
-        for trial in self.tried:
-            if trial.effect.id != self.best.effect.id and trial.criterion <= self.best.criterion + margin:
-                found.setdefault(trial.effect.place + (trial.effect.id.split("~")[0],), trial)  # type: ignore[arg-type]
-        return tuple(found.values())
-
 
 def choose(
     problem: Problem, base: Fit, opened: Gate, most: int = 14, tie: float = 6.0, keep: Sequence[str] = ()
@@ -90,7 +82,7 @@ def _shortlist(scores: Sequence[Score], most: int, keep: Sequence[str]) -> list[
     # the first smooth of each place among the leaders stands for that place
     places = {s.effect.place for s in smooth}
     extra = [s for s in scores if s.effect.id in keep and s not in named and s not in smooth]
-    more = []
+    more: list[Score] = []
     for s in scores:
         if not s.effect.named and s.effect.place not in places and len(more) < most // 2:
             places.add(s.effect.place)

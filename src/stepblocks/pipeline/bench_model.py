@@ -171,7 +171,9 @@ def covariate_ranges(trials: Trials) -> tuple[CovariateRange, ...]:
         distinct = len(np.unique(numbers))
         if distinct > 1:
             low, high = float(numbers.min()), float(numbers.max())
-            found.append(CovariateRange(name, low, high, low > 0.0 and high > 5.0 * low and distinct < 20, (), distinct))
+            found.append(
+                CovariateRange(name, low, high, low > 0.0 and high > 5.0 * low and distinct < 20, (), distinct)
+            )
     if "ln_peak_force" in trials.channels:
         force = trials.values[:, trials.channels.index("ln_peak_force")]
         force = np.exp(force[np.isfinite(force)])
@@ -180,9 +182,25 @@ def covariate_ranges(trials: Trials) -> tuple[CovariateRange, ...]:
     return tuple(found)
 
 
-def candidates(trials: Trials, ranges: Sequence[CovariateRange]) -> tuple[Effect, ...]:
-    """Return every effect that may be asked of a table: laws whose covariate varies, and all smooths."""
+_BY_DEFINITION_SAME = frozenset({"block_tilt"})
+# friction imitates a tilt exactly; a search would only find the rounding between the two
+
+
+def candidates(trials: Trials, ranges: Sequence[CovariateRange], with_imitated: bool = False) -> tuple[Effect, ...]:
+    """Return every effect that may be asked of a table: laws whose covariate varies, and all smooths.
+
+    Parameters
+    ----------
+    trials : Trials
+        The table.
+    ranges : sequence of CovariateRange
+        Covariates that vary.
+    with_imitated : bool
+        Whether to add laws that a constant of the nominal model imitates exactly, for a report on identifiability.
+    """
     names = {r.name for r in ranges} | {"none", "block"}
     blocks = [str(b) for b in np.unique(trials.block)]
     laws = [law for law in named_laws(blocks) if law.covariate in names]
+    if not with_imitated:
+        laws = [law for law in laws if law.id not in _BY_DEFINITION_SAME]
     return tuple(effect_of(law) for law in (*laws, *smooth_laws(ranges)))

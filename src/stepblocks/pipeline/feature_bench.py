@@ -156,7 +156,7 @@ def bench_trials(
     )
     values_seen = exact + std * generator.standard_normal((n, 7))
     values_seen[(force > 5.0) | state.locked()] = np.nan
-    rows = np.isfinite(values_seen).any(axis=1)
+    rows = np.asarray(np.isfinite(values_seen).any(axis=1))
     return Trials(empty.covariates, CHANNELS, values_seen, std, columns["block"]).take(rows)
 
 

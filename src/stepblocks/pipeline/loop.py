@@ -7,7 +7,7 @@ import math
 import os
 from collections.abc import Callable, Mapping
 from concurrent.futures import ProcessPoolExecutor
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from multiprocessing import get_context
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -129,7 +129,7 @@ def _errors(table: SessionTable, rules: Rules, jobs: int) -> tuple[Holdout, Hold
     model = SessionModel(
         table.model.spring_constant, table.model.frequency, table.model.decay_time, scanned=table.model.scanned
     )
-    quick = Rules(rules.alpha, rules.margin, rules.most, min(rules.draws, 200), rules.seed, fits=6)
+    quick = replace(rules, most=min(rules.most, 3), draws=min(rules.draws, 200), fits=4, exchange=False)
     order = {block: i for i, block in enumerate(sorted(set(trials.block.tolist())))}
     group = np.array([order[block] % _BETWEEN for block in trials.block.tolist()])
     inside = folds_within_blocks(trials, _WITHIN, rules.seed)
@@ -187,8 +187,8 @@ def loop_session(
     """
     import pandas as pd
 
-    from stepblocks.bench.session import open_session
-    from stepblocks.pipeline.measure import measure_session
+    from stepblocks.bench.session import open_session  # type: ignore[import-not-found,unused-ignore]
+    from stepblocks.pipeline.measure import measure_session  # type: ignore[import-not-found,unused-ignore]
 
     declared = open_session(session)
     radius = declared.probe.tip_radius

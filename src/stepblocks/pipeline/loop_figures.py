@@ -98,7 +98,7 @@ def _averaged(along: Floats, values: Floats, std: Floats) -> tuple[Floats, Float
     if edges is not None:
         groups = [np.flatnonzero(along == e) for e in edges]
     else:
-        groups = [part for part in np.array_split(order, min(24, max(2, len(order) // 5)))]
+        groups = list(np.array_split(order, min(24, max(2, len(order) // 5))))
     x = np.array([along[g].mean() for g in groups])
     return x, np.array([values[g].mean() for g in groups]), np.array([std[g].mean() for g in groups])
 

@@ -35,9 +35,14 @@ def _entry(value: float, unit: str, std: float) -> dict[str, Any]:
     return {"value": value, "unit": unit, "low": value - _WIDE * std, "high": value + _WIDE * std}
 
 
-def _log_entry(value: float, unit: str, std: float, factor: float = 1.0) -> dict[str, Any]:
+def _log_entry(value: float, unit: str, std: float) -> dict[str, Any]:
     low, high = np.exp(value - _WIDE * std), np.exp(value + _WIDE * std)
-    return {"value": factor * float(np.exp(value)), "unit": unit, "low": factor * float(low), "high": factor * float(high)}
+    return {
+        "value": float(np.exp(value)),
+        "unit": unit,
+        "low": float(low),
+        "high": float(high),
+    }
 
 
 def public_parameters(fitted: Fit, spring_constant: float) -> dict[str, Any]:
@@ -153,7 +158,7 @@ def _adequacy(table: SessionTable, found: Explanation, rules: Rules) -> dict[str
 
 def _identifiability(found: Explanation) -> dict[str, Any]:
     trials = found.problem.trials
-    effects = [e for e in candidates(trials, covariate_ranges(trials)) if e.named and e.covariate != "block"]
+    effects = [e for e in candidates(trials, covariate_ranges(trials), True) if e.named and e.covariate != "block"]
     outcome = identifiability(found.problem, found.nominal, effects)
     return {
         "imitated_by_constants": {name: list(by) for name, by in outcome.absorbed.items()},

@@ -147,12 +147,7 @@ def _from_document(document: Mapping[str, Any]) -> LearnedModel:
         float(document["block_height_std_m"]),
         scanned or None,
     )
-    ranges = tuple(
-        CovariateRange(
-            str(r["name"]), float(r["low"]), float(r["high"]), bool(r["log"]), tuple(map(str, r["labels"])), int(r["distinct"])
-        )
-        for r in document["covariates"]
-    )
+    ranges = tuple(_range(r) for r in document["covariates"])
     blocks = tuple(str(b) for b in document["blocks"])
     laws = {law.id: law for law in (*named_laws(blocks), *smooth_laws(ranges))}
     fits = []
@@ -172,3 +167,9 @@ def _from_document(document: Mapping[str, Any]) -> LearnedModel:
         "channel_std": [float(v) for v in document["scatter"]["channel_std"]],
     }
     return LearnedModel(model, fits[0], fits[1], ranges, float(probe["tip_radius_um"]), blocks, scatter)
+
+
+def _range(entry: Mapping[str, Any]) -> CovariateRange:
+    labels = tuple(str(label) for label in entry["labels"])
+    low, high = float(entry["low"]), float(entry["high"])
+    return CovariateRange(str(entry["name"]), low, high, bool(entry["log"]), labels, int(entry["distinct"]))

@@ -79,7 +79,7 @@ def _grid(trials: Trials, extra: list[str]) -> Trials:
         numbers = trials.numeric(name)
         if numbers is None:
             return sorted(set(trials.covariates[name].tolist()))
-        return np.linspace(numbers.min(), numbers.max(), 5).tolist()
+        return list(np.linspace(numbers.min(), numbers.max(), 5).tolist())
 
     loads = sorted({*np.unique(trials.covariates["load_n"]).tolist(), 1.5})
     speeds = sorted({*np.unique(trials.covariates["speed_mm_s"]).tolist(), 1.0, 40.0})

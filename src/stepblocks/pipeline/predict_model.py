@@ -119,7 +119,14 @@ def predictions(table: pd.DataFrame, learned: LearnedModel) -> pd.DataFrame:
     frame = pd.DataFrame(result)
     numbers = [name for name in frame.columns if name not in ("trial", "status")]
     frame.loc[[bool(i) for i in invalid], numbers] = np.nan
-    order = ["trial", "status", "peak_force_n", "vibration_energy_j", "nominal_peak_force_n", "nominal_vibration_energy_j"]
+    order = [
+        "trial",
+        "status",
+        "peak_force_n",
+        "vibration_energy_j",
+        "nominal_peak_force_n",
+        "nominal_vibration_energy_j",
+    ]
     return frame[order + [name for name in frame.columns if name not in order]]
 
 

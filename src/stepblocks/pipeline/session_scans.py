@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from pathlib import Path
-from typing import Any
 
 from stepblocks.errors import StepblocksError
 
@@ -55,9 +54,9 @@ def edge_of_scan(path: Path) -> dict[str, float]:
     """Height and edge radius of the scan of a block; the mean over the lines of a map [m]."""
     import numpy as np
 
-    from stepblocks.metrology.edge import fit_edge
-    from stepblocks.metrology.read_scan import read_scan
-    from stepblocks.metrology.scan import rows_of
+    from stepblocks.metrology.edge import fit_edge  # type: ignore[import-not-found,unused-ignore]
+    from stepblocks.metrology.read_scan import read_scan  # type: ignore[import-not-found,unused-ignore]
+    from stepblocks.metrology.scan import rows_of  # type: ignore[import-not-found,unused-ignore]
 
     edges = [fit_edge(line.position, line.height) for line in rows_of(read_scan(path))]
     count = len(edges)

@@ -124,9 +124,9 @@ def _good(features: pd.DataFrame, identifiers: NDArray[Any]) -> tuple[NDArray[np
             good[i] = False
     for name in ("height_um", "load_n", "speed_mm_s"):
         numbers = _numbers(features, name)
-        for i in np.flatnonzero(good & ~(np.isfinite(numbers) & (numbers > 0.0))):
-            excluded.append((str(identifiers[i]), f"{name} must be a positive number"))
-            good[i] = False
+        for row in np.flatnonzero(good & ~(np.isfinite(numbers) & (numbers > 0.0))):
+            excluded.append((str(identifiers[row]), f"{name} must be a positive number"))
+            good[row] = False
     return good, excluded
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from typing import Any
 
 from numpy.typing import NDArray
 
@@ -16,7 +17,7 @@ __all__ = ["law_for"]
 def law_for(block: str) -> Law:
     """Return the effect of a height error of one block."""
 
-    def apply(state: DragState, blocks: NDArray[object], values: Mapping[str, float]) -> DragState:
+    def apply(state: DragState, blocks: NDArray[Any], values: Mapping[str, float]) -> DragState:
         return state.changed(height=state.height + values["height_error_m"] * (blocks == block))
 
     return Law(

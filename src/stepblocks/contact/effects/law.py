@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from stepblocks.contact.forward import Constant
 from stepblocks.contact.state import DragState
 
-__all__ = ["Apply", "Law", "SLOTS"]
+__all__ = ["SLOTS", "Apply", "Law"]
 
 SLOTS = ("contact_geometry", "friction", "normal_load", "stiffness", "conversion", "drag", "sensor")
 """Parts of the model that an effect may change."""

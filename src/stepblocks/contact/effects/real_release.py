@@ -50,7 +50,7 @@ LAWS = (
         id="real_release",
         slot="conversion",
         covariate="none",
-        form="C_v -> share and excess of (1 + T tan a) x'' = F - T (1 + y'' x'^2), T = tan(a + atan mu), to the power w",
+        form="C_v and peak from (1 + T tan a) x'' = F - T (1 + y'' x'^2), T = tan(a + atan mu), to the power w",
         parameters=(Constant("weight", "1", 0.0, 0.0, 1.5, 0.05),),
         amplitudes=("weight",),
         apply=_motion,

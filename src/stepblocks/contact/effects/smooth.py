@@ -14,7 +14,7 @@ from stepblocks.contact.effects.law import Law
 from stepblocks.contact.forward import Constant
 from stepblocks.contact.state import DragState, Floats
 
-__all__ = ["CovariateRange", "SLOT_MOVES", "smooth_law", "trend_law"]
+__all__ = ["SLOT_MOVES", "CovariateRange", "smooth_law", "trend_law"]
 
 _PIECES = 4
 
