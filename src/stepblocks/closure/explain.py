@@ -51,7 +51,7 @@ class Rules:
     most: int = 4
     draws: int = 500
     seed: int = 0
-    fits: int = 14
+    fits: int = 10
     exchange: bool = True
 
 
@@ -244,7 +244,7 @@ def _finding(grown: _Grown, effect: Effect, candidates: Sequence[Effect], rules:
     weight = float(np.log(len(problem.trials)))
     own = current.cost + weight * current.free
     opened = gate(problem, base, _left(candidates, base), draws=0)
-    choice = choose(problem, base, opened, rules.fits, keep=(effect.id,))
+    choice = choose(problem, base, opened, min(rules.fits, 8), keep=(effect.id,))
     rivals = []
     seen = {effect.id.split("~")[0]} if effect.covariate != "block" else {effect.id}
     for trial in choice.tried if choice else ():

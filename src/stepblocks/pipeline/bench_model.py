@@ -51,6 +51,8 @@ class SessionModel:
         Standard deviation of block heights [m].
     scanned : mapping
         Heights from scans: block to (height, standard uncertainty) [m].
+    scanned_radius : float, optional
+        Mean radius of the edges from their scans [m].
     """
 
     spring_constant: float
@@ -58,6 +60,7 @@ class SessionModel:
     decay_time: float
     height_std: float = 1e-6
     scanned: Mapping[str, tuple[float, float]] | None = None
+    scanned_radius: float | None = None
     channels: tuple[str, ...] = CHANNELS
     _designs: dict[int, tuple[Trials, BenchDesign]] = field(default_factory=dict, repr=False, compare=False)
 
@@ -182,11 +185,17 @@ def covariate_ranges(trials: Trials) -> tuple[CovariateRange, ...]:
     return tuple(found)
 
 
+_SHARP = 1.5e-6
 _BY_DEFINITION_SAME = frozenset({"block_tilt"})
 # friction imitates a tilt exactly; a search would only find the rounding between the two
 
 
-def candidates(trials: Trials, ranges: Sequence[CovariateRange], with_imitated: bool = False) -> tuple[Effect, ...]:
+def candidates(
+    trials: Trials,
+    ranges: Sequence[CovariateRange],
+    with_imitated: bool = False,
+    scanned_radius: float | None = None,
+) -> tuple[Effect, ...]:
     """Return every effect that may be asked of a table: laws whose covariate varies, and all smooths.
 
     Parameters
@@ -197,10 +206,16 @@ def candidates(trials: Trials, ranges: Sequence[CovariateRange], with_imitated: 
         Covariates that vary.
     with_imitated : bool
         Whether to add laws that a constant of the nominal model imitates exactly, for a report on identifiability.
+    scanned_radius : float, optional
+        Mean radius of the edges from their scans [m]. Forces see the sum R + r alone: where the scans show sharp
+        edges, a rounded one is no candidate and a worn tip is; else the tip is taken for what the session states.
     """
     names = {r.name for r in ranges} | {"none", "block"}
     blocks = [str(b) for b in np.unique(trials.block)]
     laws = [law for law in named_laws(blocks) if law.covariate in names]
+    sharp = scanned_radius is not None and scanned_radius < _SHARP
+    ruled_out = "edge_rounding" if sharp else "tip_radius_error"
+    laws = [law for law in laws if with_imitated or law.id != ruled_out]
     if not with_imitated:
         laws = [law for law in laws if law.id not in _BY_DEFINITION_SAME]
     return tuple(effect_of(law) for law in (*laws, *smooth_laws(ranges)))

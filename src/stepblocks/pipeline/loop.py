@@ -104,7 +104,11 @@ def analyse_features(
     heights = {b: (float(s["height_m"]), float(s["height_std_m"])) for b, s in (scans or {}).items()}
     table = trials_of(features, spring_constant, tip_radius, heights or None)
     ranges = covariate_ranges(table.trials)
-    found = explain(table.model, table.trials, candidates(table.trials, ranges), rules)
+    radii = [float(s["edge_radius_m"]) for s in (scans or {}).values() if "edge_radius_m" in s]
+    model_of_session = replace(table.model, scanned_radius=float(np.mean(radii)) if radii else None)
+    table = replace(table, model=model_of_session)
+    effects = candidates(table.trials, ranges, scanned_radius=model_of_session.scanned_radius)
+    found = explain(table.model, table.trials, effects, rules)
     within, between = _errors(table, rules, jobs)
     residual, dof = flexible_residual(table.trials)
     floor = np.sqrt(np.nansum(residual**2, axis=0) / max(dof, 1))
@@ -114,7 +118,8 @@ def analyse_features(
 
 
 def _choose(model: SessionModel, trials: Trials, rules: Rules) -> Any:
-    return select(model, trials, candidates(trials, covariate_ranges(trials)), rules)
+    effects = candidates(trials, covariate_ranges(trials), scanned_radius=model.scanned_radius)
+    return select(model, trials, effects, rules)
 
 
 def _one_fold(task: tuple[SessionModel, Trials, NDArray[np.intp], Rules]) -> Holdout:
@@ -126,9 +131,7 @@ def _errors(table: SessionTable, rules: Rules, jobs: int) -> tuple[Holdout, Hold
     """Hold out trials within blocks and whole blocks; every fold chooses its own effects."""
     trials = table.trials
     # a model carries a cache of designs that workers need not get
-    model = SessionModel(
-        table.model.spring_constant, table.model.frequency, table.model.decay_time, scanned=table.model.scanned
-    )
+    model = replace(table.model, _designs={})
     quick = replace(rules, most=min(rules.most, 3), draws=min(rules.draws, 200), fits=4, exchange=False)
     order = {block: i for i, block in enumerate(sorted(set(trials.block.tolist())))}
     group = np.array([order[block] % _BETWEEN for block in trials.block.tolist()])

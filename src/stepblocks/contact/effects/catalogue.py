@@ -32,6 +32,7 @@ def named_laws(blocks: Sequence[str] = ()) -> tuple[Law, ...]:
     return (
         edge_rounding.LAW,
         tip_wear.LAW,
+        tip_wear.WORN,
         tip_flat.LAW,
         block_tilt.LAW,
         elastic_indentation.LAW,
