@@ -150,7 +150,7 @@ def observe(state: DragState) -> Floats:
     load = np.maximum(state.load, 1e-3)
     sliding_force = load * np.tan(np.arctan(state.friction) + state.tilt) + state.drag
     slope = state.stiffness * state.speed
-    lag = np.maximum(state.lag, 1e-9)
+    lag = np.maximum(state.lag, 1e-18)
     ramp = np.maximum(force - sliding_force, 0.0) / slope
     shown = np.maximum(force - slope * lag * (1.0 - np.exp(-np.minimum(ramp / lag, 50.0))), 1e-4)
     ringing = state.conversion * stored
