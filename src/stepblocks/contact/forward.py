@@ -162,6 +162,7 @@ def nominal_state(design: BenchDesign, values: Mapping[str, float]) -> DragState
         conversion=np.exp(values["ln_conversion"]) * one,
         lost_energy=zero,
         drag=zero,
+        climb_drag=zero,
         damping=one,
         gain=one,
         lag=zero,

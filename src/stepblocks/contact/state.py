@@ -56,8 +56,8 @@ class DragState:
         Share C_v of the stored energy that rings [1].
     lost_energy : ndarray
         Energy spent before the ring [J].
-    drag : ndarray
-        Tangential force beside friction [N].
+    drag, climb_drag : ndarray
+        Tangential force beside friction [N]: at any time, and while the tip climbs alone.
     damping : ndarray
         Factor on the rate of decay [1].
     gain : ndarray
@@ -85,6 +85,7 @@ class DragState:
     conversion: Floats
     lost_energy: Floats
     drag: Floats
+    climb_drag: Floats
     damping: Floats
     gain: Floats
     lag: Floats
@@ -107,7 +108,7 @@ class DragState:
     def peak_force(self) -> Floats:
         """Tangential force on the tool at release [N]; equation (1)."""
         load = np.maximum(self.load + self.climb_load, 1e-3)
-        return np.asarray(np.maximum(load * np.tan(self.angle()) + self.drag, 1e-4))
+        return np.asarray(np.maximum(load * np.tan(self.angle()) + self.drag + self.climb_drag, 1e-4))
 
     def spring_force(self, force: Floats) -> Floats:
         """Linear part u of a force ``F = u + g u^3`` [N]."""

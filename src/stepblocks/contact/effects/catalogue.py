@@ -41,7 +41,7 @@ def named_laws(blocks: Sequence[str] = ()) -> tuple[Law, ...]:
         running_in.LAW,
         hardening_spring.LAW,
         *load_errors.LAWS,
-        viscous_drag.LAW,
+        *viscous_drag.LAWS,
         *conversion_laws.LAWS,
         *real_release.LAWS,
         *sensor_laws.LAWS,

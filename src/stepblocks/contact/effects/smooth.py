@@ -88,6 +88,7 @@ SLOT_MOVES: dict[str, tuple[str, Move]] = {
     "ramp_stiffness": ("stiffness", lambda s, g: s.changed(stiffness=s.stiffness * np.exp(g))),
     "conversion": ("conversion", lambda s, g: s.changed(conversion=s.conversion * np.exp(g))),
     "drag": ("drag", lambda s, g: s.changed(drag=s.drag + 0.1 * g)),
+    "climb_drag": ("drag", lambda s, g: s.changed(climb_drag=s.climb_drag + 0.1 * g)),
     "gain": ("sensor", lambda s, g: s.changed(gain=s.gain * np.exp(g))),
 }
 """How a smooth g enters each slot; several ways where the bench may show a slot in several ways."""
@@ -103,6 +104,7 @@ _FORMS = {
     "ramp_stiffness": "k exp g, ring unchanged",
     "conversion": "C_v exp g",
     "drag": "F_x + 0.1 N g",
+    "climb_drag": "F_px + 0.1 N g",
     "gain": "gauge gain exp g",
 }
 

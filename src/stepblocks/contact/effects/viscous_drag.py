@@ -9,19 +9,37 @@ from stepblocks.contact.effects.law import Law
 from stepblocks.contact.forward import Constant
 from stepblocks.contact.state import DragState
 
-__all__ = ["LAW"]
+__all__ = ["LAWS"]
 
 
-def _apply(state: DragState, _: Any, values: Mapping[str, float]) -> DragState:
+def _always(state: DragState, _: Any, values: Mapping[str, float]) -> DragState:
     return state.changed(drag=state.drag + values["coefficient_n_s_per_m"] * state.speed)
 
 
-LAW = Law(
-    id="viscous_drag",
-    slot="drag",
-    covariate="speed_mm_s",
-    form="F_x + c v",
-    parameters=(Constant("coefficient_n_s_per_m", "N s/m", 0.0, -20.0, 100.0, 0.5),),
-    amplitudes=("coefficient_n_s_per_m",),
-    apply=_apply,
+def _climbing(state: DragState, _: Any, values: Mapping[str, float]) -> DragState:
+    return state.changed(climb_drag=state.climb_drag + values["coefficient_n_s_per_m"] * state.speed)
+
+
+_COEFFICIENT = (Constant("coefficient_n_s_per_m", "N s/m", 0.0, -20.0, 100.0, 0.5),)
+
+LAWS = (
+    Law(
+        id="viscous_drag",
+        slot="drag",
+        covariate="speed_mm_s",
+        form="F_x + c v",
+        parameters=_COEFFICIENT,
+        amplitudes=("coefficient_n_s_per_m",),
+        apply=_always,
+    ),
+    Law(
+        id="viscous_drag~climbing",
+        slot="drag",
+        covariate="speed_mm_s",
+        form="F_px + c v, while the tip climbs",
+        parameters=_COEFFICIENT,
+        amplitudes=("coefficient_n_s_per_m",),
+        apply=_climbing,
+        rank=1,
+    ),
 )
