@@ -204,7 +204,7 @@ def test_smooths_are_zero_in_the_middle_and_flat_beyond_the_range() -> None:
 def test_scanned_heights_become_tight_priors() -> None:
     found = {c.name: c for c in constants(_design(), 290.0, 0.02, scanned={"step-050": (50.6e-6, 15e-9)})}
     assert found[height_name("step-050")].start == pytest.approx(0.6e-6)
-    assert found[height_name("step-050")].prior_std == pytest.approx(50e-9)
+    assert found[height_name("step-050")].prior_std == pytest.approx(100e-9)
     assert found[height_name("step-020")].prior_std == pytest.approx(1e-6)
 
 

@@ -116,7 +116,7 @@ def constants(
         start, spread = 0.0, height_std
         if scanned and str(block) in scanned:
             value, own = scanned[str(block)]
-            start, spread = value - nominal, max(own, 0.05e-6)
+            start, spread = value - nominal, max(own, 0.1e-6)
         # the bounds keep a step a step
         reach = min(12.0 * height_std, 0.8 * nominal)
         found.append(
