@@ -213,3 +213,42 @@ def test_the_shared_sessions_end_as_told(session: str, verdict: str, effect: str
         radius = result["effects"][0]["parameters"]["edge_radius_m"]["value"]
         assert math.isclose(radius, 14e-6, abs_tol=2e-6)
         assert math.isclose(result["scans"]["mean_edge_radius_m"], 14e-6, abs_tol=2e-6)
+
+
+def _spoiled(kind: str) -> pd.DataFrame:
+    features = _features(bench_trials(design_columns(60, 1), 1))
+    return {
+        "one speed": lambda f: f[f["speed_mm_s"] == 5.0],
+        "no ring": lambda f: f.assign(vibration_energy_j=np.nan, ring_frequency_hz=np.nan, decay_time_s=np.nan),
+        "a text column": lambda f: f.assign(temperature_c=[f"about {i}" for i in range(len(f))]),
+        "infinite climate": lambda f: f.assign(temperature_c=np.inf),
+    }[kind](features)
+
+
+@pytest.mark.parametrize("kind", ["one speed", "no ring", "a text column", "infinite climate"])
+def test_a_poor_session_ends_in_a_verdict_and_claims_no_law(kind: str) -> None:
+    features = _spoiled(kind)
+    trials = trials_of(features, 9810.0, 125e-6).trials
+    found = explain(
+        SessionModel(9810.0, 300.0, 0.02), trials, candidates(trials, covariate_ranges(trials)), Rules(draws=100)
+    )
+    assert found.verdict is Verdict.NONE
+
+
+def test_a_trial_that_is_a_copy_counts_once() -> None:
+    features = _features(bench_trials(design_columns(45, 1), 1))
+    twice = trials_of(pd.concat([features, features], ignore_index=True), 9810.0, 125e-6)
+    once = trials_of(features, 9810.0, 125e-6)
+    assert len(twice.trials) == len(once.trials)
+    assert sum("the same forces as trial" in reason for _, reason in twice.excluded) == len(once.trials)
+    with pytest.raises(PipelineError, match="at least 12"):
+        trials_of(pd.concat([features.head(1)] * 20, ignore_index=True), 9810.0, 125e-6)
+
+
+def test_features_that_hold_nothing_are_refused_trial_by_trial() -> None:
+    features = _features(bench_trials(design_columns(45, 1), 1))
+    with pytest.raises(PipelineError, match="at least 12 good trials"):
+        trials_of(features.assign(peak_force_n=np.nan, vibration_energy_j=np.nan), 9810.0, 125e-6)
+    table = trials_of(features.assign(height_um=[200.0, *features["height_um"][1:]]), 9810.0, 125e-6)
+    assert table.excluded[0][0] == "1"
+    assert "as high as the ball" in table.excluded[0][1]

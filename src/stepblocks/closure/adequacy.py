@@ -117,5 +117,8 @@ def pure_error(residual: Floats, cells: Sequence[object], free: int) -> PureErro
     inside = float(np.sum((values - means[inverse]) ** 2))
     between = len(counts) - free
     misfit = float(np.sum(counts * means**2))
+    if inside <= 0.0:
+        # copies of one trial are no replicates
+        return PureError(float("nan"), dof, float("nan"))
     ratio = (misfit / max(between, 1)) / (inside / dof)
     return PureError(float(np.sqrt(inside / dof)), dof, float(stats.f.sf(ratio, max(between, 1), dof)))

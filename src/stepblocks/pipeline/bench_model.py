@@ -180,7 +180,7 @@ def covariate_ranges(trials: Trials) -> tuple[CovariateRange, ...]:
     if "ln_peak_force" in trials.channels:
         force = trials.values[:, trials.channels.index("ln_peak_force")]
         force = np.exp(force[np.isfinite(force)])
-        if force.size > 10:
+        if force.size > 10 and force.max() > 1.001 * force.min():
             found.append(CovariateRange(PEAK_FORCE, float(force.min()), float(force.max()), True))
     return tuple(found)
 

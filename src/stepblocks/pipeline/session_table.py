@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -96,7 +97,7 @@ def trials_of(
     if missing:
         raise PipelineError(f"features must have the columns {', '.join(_REQUIRED)}, missing {', '.join(missing)}")
     identifiers = features["trial"].astype(str).to_numpy()
-    good, excluded = _good(features, identifiers)
+    good, excluded = _good(features, identifiers, tip_radius)
     if good.sum() < _FEWEST:
         raise PipelineError(f"at least {_FEWEST} good trials are needed, got {int(good.sum())} of {len(features)}")
     table = features.loc[good]
@@ -108,12 +109,14 @@ def trials_of(
     for i, j in np.argwhere(alone):
         excluded.append((str(names[i]), f"{CHANNELS[j]} lies far from all other trials"))
     trials = trials.with_values(np.where(alone, np.nan, values))
-    frequency = float(np.exp(np.nanmedian(values[:, 4])))
-    decay = float(np.exp(np.nanmedian(values[:, 5])))
+    # where no trial rang, these two constants stay where they begin
+    frequency, decay = (float(np.exp(_middle(values[:, j], start))) for j, start in ((4, 300.0), (5, 0.02)))
     return SessionTable(trials, names, excluded, SessionModel(spring_constant, frequency, decay, scanned=scanned))
 
 
-def _good(features: pd.DataFrame, identifiers: NDArray[Any]) -> tuple[NDArray[np.bool_], list[tuple[str, str]]]:
+def _good(
+    features: pd.DataFrame, identifiers: NDArray[Any], tip_radius: float
+) -> tuple[NDArray[np.bool_], list[tuple[str, str]]]:
     good = np.ones(len(features), dtype=bool)
     excluded: list[tuple[str, str]] = []
     status = features["status"].astype(str).to_numpy() if "status" in features else np.full(len(features), "ok")
@@ -127,7 +130,31 @@ def _good(features: pd.DataFrame, identifiers: NDArray[Any]) -> tuple[NDArray[np
         for row in np.flatnonzero(good & ~(np.isfinite(numbers) & (numbers > 0.0))):
             excluded.append((str(identifiers[row]), f"{name} must be a positive number"))
             good[row] = False
+    tips = features["tip"].astype(str) if "tip" in features else [""] * len(features)
+    radius = np.array([tip_radius_um(tip, tip_radius * 1e6) for tip in tips])
+    for row in np.flatnonzero(good & (_numbers(features, "height_um") >= radius)):
+        excluded.append((str(identifiers[row]), "the step is as high as the ball: equation (2) has no angle for it"))
+        good[row] = False
+    measured = np.isfinite(_numbers(features, "peak_force_n")) | np.isfinite(_numbers(features, "vibration_energy_j"))
+    for row in np.flatnonzero(good & ~measured):
+        excluded.append((str(identifiers[row]), "neither a peak force nor a vibration energy was measured"))
+        good[row] = False
+    _drop_copies(features, identifiers, good, excluded)
     return good, excluded
+
+
+def _drop_copies(
+    features: pd.DataFrame, identifiers: NDArray[Any], good: NDArray[np.bool_], excluded: list[tuple[str, str]]
+) -> None:
+    """Exclude trials whose forces are those of another to the last digit: a copy would count twice."""
+    shown = ("peak_force_n", "vibration_energy_j", "sliding_friction", "spring_constant_n_per_m")
+    marks = [tuple(row) for row in np.stack([_numbers(features, name) for name in shown], axis=1).tolist()]
+    first: dict[tuple[float, ...], int] = {}
+    for row in np.flatnonzero(good):
+        own = marks[row]
+        if sum(math.isfinite(v) for v in own) >= 2 and first.setdefault(own, int(row)) != int(row):
+            excluded.append((str(identifiers[row]), f"the same forces as trial {identifiers[first[own]]}"))
+            good[row] = False
 
 
 def _numbers(table: pd.DataFrame, name: str) -> Floats:
@@ -136,6 +163,11 @@ def _numbers(table: pd.DataFrame, name: str) -> Floats:
     if name not in table:
         return np.full(len(table), np.nan)
     return np.asarray(pd.to_numeric(table[name], errors="coerce"), dtype=np.float64)
+
+
+def _middle(column: Floats, otherwise: float) -> float:
+    seen = column[np.isfinite(column)]
+    return float(np.median(seen)) if seen.size else float(np.log(otherwise))
 
 
 def _covariates(table: pd.DataFrame, tip_radius: float) -> dict[str, NDArray[Any]]:
