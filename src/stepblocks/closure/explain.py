@@ -20,6 +20,8 @@ from stepblocks.errors import ClosureError
 __all__ = ["Deployed", "Rules", "explain", "problem_of", "select"]
 
 
+_LEAST_SHARE = 0.3
+
 Deployed = Callable[[Fit], float]
 """Error of a fit where it will be used."""
 
@@ -233,7 +235,12 @@ def _conclude(grown: _Grown, candidates: Sequence[Effect], rules: Rules) -> Expl
     if verdict is Verdict.EFFECT and not (adequate and grown.p_value > rules.alpha):
         # it improves the fit, not the explanation
         verdict = Verdict.UNEXPLAINED
-    return Explanation(problem, fit(problem), current, findings, verdict, grown.p_value, checks, adequate)
+    nominal = fit(problem)
+    if grown.p_value <= rules.alpha:
+        # something is left: what explains little may only stand in for it, and gets no name
+        least = _LEAST_SHARE * (nominal.cost - current.cost)
+        findings = tuple(f if f.gain >= least else replace(f, verdict=Verdict.UNEXPLAINED) for f in findings)
+    return Explanation(problem, nominal, current, findings, verdict, grown.p_value, checks, adequate)
 
 
 def _finding(grown: _Grown, effect: Effect, candidates: Sequence[Effect], rules: Rules) -> Finding:

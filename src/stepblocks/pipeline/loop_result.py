@@ -79,16 +79,20 @@ def _effect(effect: Effect, fitted: Fit, evidence: Mapping[str, Any]) -> dict[st
 
 
 def _finding(finding: Finding, fitted: Fit) -> dict[str, Any]:
-    return _effect(
+    entry = _effect(
         finding.effect,
         fitted,
         {
             "claim": str(finding.verdict),
             "gate_p_value": finding.gate_p,
             "twice_log_likelihood_gain": finding.gain,
-            "law_named": finding.effect.named,
+            "law_named": finding.effect.named and finding.verdict is not Verdict.UNEXPLAINED,
         },
     )
+    if finding.effect.named and finding.verdict is Verdict.UNEXPLAINED:
+        # it improves the fit, not the explanation: the curve stays, the name goes
+        entry["id"] = f"unexplained_{finding.effect.slot}_{finding.effect.covariate}"
+    return entry
 
 
 def result_document(
