@@ -206,7 +206,7 @@ def test_the_shared_sessions_end_as_told(session: str, verdict: str, effect: str
     pytest.importorskip("stepblocks.pipeline.measure")
     from stepblocks.pipeline.loop import loop_session
 
-    assert str(loop_session(_SHARED / "bench" / session, tmp_path, jobs=1)) == verdict
+    assert str(loop_session(_SHARED / "bench" / session, tmp_path, jobs=2)) == verdict
     result = json.loads((tmp_path / "result.json").read_text())
     assert [e["id"] for e in result["effects"]] == ([effect] if effect else [])
     if session == "blunt":
@@ -252,3 +252,13 @@ def test_features_that_hold_nothing_are_refused_trial_by_trial() -> None:
     table = trials_of(features.assign(height_um=[200.0, *features["height_um"][1:]]), 9810.0, 125e-6)
     assert table.excluded[0][0] == "1"
     assert "as high as the ball" in table.excluded[0][1]
+
+
+def test_a_steady_drift_of_friction_is_not_called_running_in() -> None:
+    columns = design_columns(160, 8)
+    drift = _named(columns, "trend_friction_run_order")
+    trials = bench_trials(columns, 8, ((drift, {"slope": 0.15}),))
+    model = SessionModel(9810.0, 300.0, 0.02, scanned=block_scans(columns, 8))
+    found = explain(model, trials, candidates(trials, covariate_ranges(trials)), _RULES)
+    assert [f.effect.place for f in found.findings] == [("friction", "run_order")]
+    assert found.verdict is Verdict.UNEXPLAINED

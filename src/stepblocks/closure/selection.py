@@ -60,7 +60,7 @@ def choose(
     tried = []
     for score in _shortlist(opened.scores, most, keep):
         fitted = _refine(problem, base, score)
-        if fitted is not None:
+        if fitted is not None and not _driven_out(score.effect, fitted):
             tried.append(Trial(score.effect, fitted, fitted.cost + weight * fitted.free))
     if not tried:
         return None
@@ -88,6 +88,16 @@ def _shortlist(scores: Sequence[Score], most: int, keep: Sequence[str]) -> list[
             places.add(s.effect.place)
             more.append(s)
     return [*named, *smooth, *more, *extra]
+
+
+def _driven_out(effect: Effect, fitted: Fit) -> bool:
+    """Whether a law was driven to the end of its form: a settling that never settles is a drift, not a running-in."""
+    for parameter in effect.parameters:
+        if effect.named and parameter.name not in effect.amplitudes:
+            value, slack = fitted.values[f"{effect.id}.{parameter.name}"], 0.01 * (parameter.high - parameter.low)
+            if not parameter.low + 0.1 * slack < value < parameter.high - slack:
+                return True
+    return False
 
 
 def _refine(problem: Problem, base: Fit, score: Score) -> Fit | None:
