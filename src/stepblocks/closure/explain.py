@@ -240,6 +240,9 @@ def _conclude(grown: _Grown, candidates: Sequence[Effect], rules: Rules) -> Expl
         # something is left: what explains little may only stand in for it, and gets no name
         least = _LEAST_SHARE * (nominal.cost - current.cost)
         findings = tuple(f if f.gain >= least else replace(f, verdict=Verdict.UNEXPLAINED) for f in findings)
+        if findings and verdict is not Verdict.NONE:
+            leading = max(findings, key=lambda f: f.gain)
+            verdict = Verdict.AMBIGUOUS if leading.verdict is Verdict.AMBIGUOUS else Verdict.UNEXPLAINED
     return Explanation(problem, nominal, current, findings, verdict, grown.p_value, checks, adequate)
 
 
