@@ -20,6 +20,7 @@ _COMMANDS: tuple[str, ...] = (
     "sweep",
     "inspect",
     "measure",
+    "loop",
     "simulate_session",
     "workshop",
 )

@@ -1,0 +1,228 @@
+"""Confusion matrix of the closed loop on simulated sessions: false alarms, named effects, foreign effects, pairs.
+
+Run ``python benchmarks/closure_confusion.py null|named|foreign|pairs [--sessions N] [--trials 45 120 240] [--jobs 2]``.
+Sessions have the designs, scatter and height errors (1 um) of the shared ones; heights come from scans unless
+``--forces-only``. A size is the root mean square change of ln E_v over the trials of the design.
+"""
+
+from __future__ import annotations
+
+import argparse
+import time
+from collections import Counter, defaultdict
+from concurrent.futures import ProcessPoolExecutor
+from typing import Any
+
+import numpy as np
+
+from stepblocks.closure.effect import Active, Effect
+from stepblocks.closure.explain import Rules, explain
+from stepblocks.closure.explanation import Explanation, Verdict
+from stepblocks.contact.effects.law import Law
+from stepblocks.contact.effects.smooth import SLOT_MOVES
+from stepblocks.contact.forward import Constant
+from stepblocks.pipeline.bench_model import SessionModel, candidates, covariate_ranges, effect_of
+from stepblocks.pipeline.feature_bench import BenchScatter, bench_trials, block_scans, design_columns, noise_free
+
+# amplitude, a first size, and the other parameters of each named law
+NAMED: dict[str, tuple[str, float, dict[str, float]]] = {
+    "edge_rounding": ("edge_radius_m", 1e-6, {}),
+    "tip_wear": ("growth_m_per_trial", 1e-8, {}),
+    "tip_flat": ("flat_depth_m", 2e-7, {}),
+    "block_height_error~step-040": ("height_error_m", 3e-6, {}),
+    "elastic_indentation": ("depth_at_1n_m", 2e-7, {}),
+    "load_dependent_friction": ("exponent", 0.05, {}),
+    "stribeck_friction": ("excess", 0.1, {"stribeck_speed_m_per_s": 5e-3}),
+    "running_in": ("excess", 0.1, {"settling_trials": 0.2}),
+    "hardening_spring": ("cubic_per_n2", 0.01, {}),
+    "load_bias": ("load_bias_n", 0.01, {}),
+    "load_bias~unseen": ("load_bias_n", 0.01, {}),
+    "pivot_friction": ("pivot_share", 0.02, {}),
+    "viscous_drag": ("coefficient_n_s_per_m", 0.5, {}),
+    "speed_dependent_conversion": ("exponent", 0.05, {}),
+    "temperature_dependent_conversion": ("rate_per_k", 0.01, {}),
+    "real_release": ("weight", 0.02, {}),
+    "real_release~work": ("share", 0.02, {}),
+    "sensor_gain": ("ln_gain", 0.02, {}),
+    "sensor_bandwidth": ("time_constant_s", 1e-4, {}),
+}
+
+# effects that the catalogue has no law for: slot move, covariate, shape over the covariate laid out from -1 to 1
+FOREIGN = {
+    "friction over humidity, bent": ("friction", "humidity_pct", lambda x: x + 0.6 * x**2),
+    "friction over temperature, step": ("friction", "temperature_c", lambda x: np.tanh(4.0 * x)),
+    "friction by operator": ("friction", "operator", lambda x: x),
+    "conversion over load, bent": ("conversion", "load_n", lambda x: x - 0.5 * x**2),
+    "conversion over humidity": ("conversion", "humidity_pct", lambda x: x),
+    "conversion over run order, sine": ("conversion", "run_order", lambda x: np.sin(3.0 * x)),
+    "conversion by operator": ("conversion", "operator", lambda x: x),
+    "stiffness over temperature": ("stiffness", "temperature_c", lambda x: x),
+    "gauge gain over run order": ("gain", "run_order", lambda x: x + 0.3 * x**3),
+    "radius over temperature": ("radius", "temperature_c", lambda x: x + 0.5 * x**2),
+    "load over humidity, unseen": ("climb_load", "humidity_pct", lambda x: x),
+}
+
+PAIRS = (
+    ("edge_rounding", "running_in"),
+    ("load_dependent_friction", "temperature_dependent_conversion"),
+    ("stribeck_friction", "tip_wear"),
+    ("hardening_spring", "running_in"),
+    ("load_bias", "speed_dependent_conversion"),
+)
+
+
+def foreign_effect(name: str, columns: dict[str, Any]) -> Effect:
+    """Effect outside the catalogue with one amplitude called ``size``."""
+    move, covariate, shape = FOREIGN[name]
+    slot, change = SLOT_MOVES[move]
+    column = columns[covariate]
+    labels = None if np.issubdtype(column.dtype, np.number) else sorted(set(column.tolist()))
+    low, high = (0.0, 1.0) if labels else (float(column.min()), float(column.max()))
+
+    def apply(state: Any, values: Any, own: Any) -> Any:
+        x = np.where(values == labels[0], -1.0, 1.0) if labels else 2.0 * (values - low) / (high - low) - 1.0
+        return change(state, own["size"] * shape(x))
+
+    size = Constant("size", "1", 0.0, -3.0, 3.0, 0.1)
+    return effect_of(Law(f"foreign {name}", slot, covariate, name, (size,), ("size",), apply))
+
+
+def sized(effect: Effect, amplitude: str, first: float, rest: dict[str, float], columns: Any, target: float) -> Active:
+    """Effect with the amplitude at which ln E_v moves by `target` (root mean square)."""
+    base = noise_free(columns, 0, height_std=0.0)[:, 0]
+
+    def moved(size: float) -> float:
+        change = noise_free(columns, 0, ((effect, rest | {amplitude: size}),), height_std=0.0)[:, 0] - base
+        return float(np.sqrt(np.mean(change**2)))
+
+    low, high = 0.0, first
+    while moved(high) < target:
+        low, high = high, 2.0 * high
+    for _ in range(30):
+        middle = 0.5 * (low + high)
+        low, high = (middle, high) if moved(middle) < target else (low, middle)
+    return effect, rest | {amplitude: high}
+
+
+def planted(name: str, columns: dict[str, Any], target: float) -> Active:
+    """Return a named or foreign effect at a size."""
+    if name in FOREIGN:
+        return sized(foreign_effect(name, columns), "size", 0.01, {}, columns, target)
+    empty = bench_trials(columns, 0)
+    effect = {e.id: e for e in candidates(empty, covariate_ranges(empty))}[name]
+    amplitude, first, rest = NAMED[name]
+    if "settling_trials" in rest:
+        rest = {"settling_trials": rest["settling_trials"] * len(columns["block"])}
+    return sized(effect, amplitude, first, rest, columns, target)
+
+
+def run_one(task: tuple[tuple[str, ...], float, int, int, bool]) -> dict[str, Any]:
+    """One session: what was planted, what was found."""
+    names, size, trials, seed, scans = task
+    columns = design_columns(trials, seed + 5000)
+    truth = tuple(planted(name, columns, size) for name in names)
+    generator = np.random.default_rng([seed, 9])
+    scatter = BenchScatter(energy=float(generator.uniform(0.05, 0.15)))
+    table = bench_trials(columns, seed, truth, scatter)
+    model = SessionModel(9810.0, 300.0, 0.02, scanned=block_scans(columns, seed) if scans else None)
+    began = time.perf_counter()
+    found = explain(model, table, candidates(table, covariate_ranges(table)), Rules(draws=300))
+    seconds = time.perf_counter() - began
+    outcome = judge(found, [e for e, _ in truth])
+    return {
+        "task": task,
+        "outcome": outcome,
+        "verdict": str(found.verdict),
+        "found": [f.effect.id for f in found.findings],
+        "rivals": [[r[0].id for r in f.rivals] for f in found.findings],
+        "removed": removed(found, columns, seed, truth) if names else float("nan"),
+        "seconds": seconds,
+    }
+
+
+def judge(found: Explanation, truth: list[Effect]) -> str:
+    """Right, ambiguous with the truth in the set, partly, wrong, or none."""
+    places = {e.place for e in truth}
+    hits, false = set(), False
+    for finding in found.findings:
+        claimed = {finding.effect.place}
+        listed = claimed | {r[0].place for r in finding.rivals}
+        named = finding.effect.named and finding.verdict is Verdict.EFFECT
+        if claimed & places and not (named and finding.effect.place not in places):
+            hits |= claimed & places
+        elif finding.verdict is Verdict.AMBIGUOUS and listed & places:
+            return "ambiguous"
+        else:
+            false = True
+    if false:
+        return "wrong"
+    if not found.findings:
+        return "none"
+    if hits != places:
+        return "partly"
+    foreign_named = any(
+        f.effect.named and f.verdict is Verdict.EFFECT and all(t.id.startswith("foreign") for t in truth)
+        for f in found.findings
+    )
+    return "wrong name" if foreign_named else ("ambiguous" if found.verdict is Verdict.AMBIGUOUS else "right")
+
+
+def removed(found: Explanation, columns: dict[str, Any], seed: int, truth: tuple[Active, ...]) -> float:
+    """Share of the removable error of ln E_v that the extended model removes on trials without scatter."""
+    exact = noise_free(columns, seed, truth)[:, 0]
+    kept = np.isin(columns["run_order"], found.problem.trials.covariates["run_order"])
+    errors = [float(np.sqrt(np.mean((exact[kept] - f.predicted[:, 0]) ** 2))) for f in (found.nominal, found.extended)]
+    return 1.0 - errors[1] / errors[0]
+
+
+def tasks_of(
+    kind: str, sessions: int, sizes: list[int], scans: bool
+) -> list[tuple[tuple[str, ...], float, int, int, bool]]:
+    """List the sessions of a part of the matrix."""
+    if kind == "null":
+        return [((), 0.0, sizes[i % len(sizes)], 10_000 + i, scans) for i in range(sessions)]
+    names = {"named": [(n,) for n in NAMED], "foreign": [(n,) for n in FOREIGN], "pairs": list(PAIRS)}[kind]
+    return [
+        (tuple(name), size, max(sizes), 20_000 + 97 * i + j, scans)
+        for i, name in enumerate(names)
+        for size in (0.20, 0.07)
+        for j in range(sessions)
+    ]
+
+
+def main() -> None:
+    """Run a part of the matrix and print it."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("kind", choices=["null", "named", "foreign", "pairs"])
+    parser.add_argument("--sessions", type=int, default=5, help="sessions per row, or in all for null")
+    parser.add_argument("--trials", type=int, nargs="+", default=[45, 120, 240])
+    parser.add_argument("--jobs", type=int, default=1)
+    parser.add_argument("--forces-only", action="store_true")
+    parser.add_argument("--only", default="", help="rows whose name holds this")
+    parser.add_argument("-v", "--verbose", action="store_true")
+    options = parser.parse_args()
+    tasks = tasks_of(options.kind, options.sessions, options.trials, not options.forces_only)
+    tasks = [t for t in tasks if options.only in " ".join(t[0])]
+    rows: dict[tuple[str, float], list[dict[str, Any]]] = defaultdict(list)
+    with ProcessPoolExecutor(options.jobs) as pool:
+        for done in pool.map(run_one, tasks, chunksize=2):
+            names, size, trials, seed, _ = done["task"]
+            rows[" + ".join(names) or f"nothing, {trials} trials", size].append(done)
+            if options.verbose or (options.kind == "null" and done["verdict"] != "none"):
+                shown = (done[key] for key in ("outcome", "verdict", "found", "rivals"))
+                print("   ", names, size, trials, seed, *shown, flush=True)
+    print(f"{'planted':52s} {'size':>5s} {'n':>4s}  outcomes, removed error, seconds")
+    for (name, size), results in rows.items():
+        counts = Counter(r["outcome"] for r in results)
+        text = ", ".join(f"{k} {100.0 * v / len(results):.0f} %" for k, v in counts.most_common())
+        gone = [r["removed"] for r in results if r["outcome"] in ("right", "ambiguous")]
+        share = f"{100.0 * float(np.median(gone)):.0f} %" if gone and np.isfinite(gone).all() else "-"
+        seconds = np.mean([r["seconds"] for r in results])
+        print(f"{name:52s} {size:5.2f} {len(results):4d}  {text}; {share}; {seconds:.1f} s")
+    total = Counter(r["outcome"] for results in rows.values() for r in results)
+    verdicts = Counter(r["verdict"] for results in rows.values() for r in results)
+    print("all:", dict(total), "verdicts:", dict(verdicts))
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,47 @@
+"""``stepblocks loop``: measured session in; verdict, model, error before and after, and a report out."""
+
+from __future__ import annotations
+
+import argparse
+import sys
+from pathlib import Path
+from typing import Any
+
+__all__ = ["add_to"]
+
+
+def add_to(subparsers: Any) -> None:
+    """Register the command."""
+    parser = subparsers.add_parser(
+        "loop",
+        help="find what the model lacks for a measured session",
+        description="Measure a session, trace the residual to an effect, add it, and report the error before and "
+        "after: features.csv, result.json, model.json and report.html in the output folder.",
+    )
+    parser.add_argument("session", type=Path, help="folder with session.toml, trials.csv and traces")
+    parser.add_argument("-o", "--output", type=Path, required=True, metavar="DIR", help="folder to write to")
+    parser.add_argument("-j", "--jobs", type=int, default=None, help="processes; all cores where omitted")
+    parser.add_argument("--forces-only", action="store_true", help="leave the scans of the blocks out")
+    parser.set_defaults(run=_run)
+
+
+def _run(arguments: argparse.Namespace) -> int:
+    from stepblocks.pipeline.loop import loop_session
+
+    verdict = loop_session(arguments.session, arguments.output, arguments.jobs, not arguments.forces_only, _progress())
+    print(f"{verdict}: see {arguments.output / 'report.html'}")
+    return 0
+
+
+def _progress() -> Any:
+    if not sys.stderr.isatty():
+        return None
+    from tqdm import tqdm
+
+    bar = tqdm(desc="measured", unit=" trials")
+
+    def told(done: int, total: int) -> None:
+        bar.total = total
+        bar.update(done - bar.n)
+
+    return told

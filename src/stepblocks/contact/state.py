@@ -1,0 +1,176 @@
+"""The slots of the model of one drag, filled for every trial: what an effect may change."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from stepblocks.contact import kernels
+
+__all__ = ["CHANNELS", "DragState", "observe"]
+
+Floats = NDArray[np.float64]
+
+CHANNELS = (
+    "ln_energy",
+    "ln_peak_force",
+    "sliding_friction",
+    "spring_constant",
+    "ln_ring_frequency",
+    "ln_decay_time",
+    "normal_load_ratio",
+)
+"""What a trial shows: logarithms of J, N, Hz and s; spring constant over its nominal value; measured over set load."""
+
+_STEEPEST = np.deg2rad(89.0)  # beyond it the tip locks; the fit needs a finite slope back into the domain
+
+
+@dataclass(frozen=True)
+class DragState:
+    """Every quantity of equations (1) and (2) per trial, and where the bench shows something else than the contact.
+
+    Attributes
+    ----------
+    height, radius : ndarray, shape (n,)
+        Step height H and radius sum R + r [m].
+    tilt : ndarray
+        Slope added to the path of the tip [rad].
+    friction : ndarray
+        Coefficient of friction [1].
+    load, set_load : ndarray
+        Normal load at the contact and as set by the weights [N].
+    climb_load : ndarray
+        Load that appears only while the tip is lifted [N].
+    sensed_offset : ndarray
+        What the normal gauge sees beyond the set load [N].
+    speed : ndarray
+        Speed of the handle [m/s].
+    stiffness, ring_stiffness : ndarray
+        Spring constant of the ramp and of the ring [N/m].
+    hardening : ndarray
+        Cubic coefficient g of ``F = u + g u^3`` with u = k x [1/N^2].
+    conversion : ndarray
+        Share C_v of the stored energy that rings [1].
+    lost_energy : ndarray
+        Energy spent before the ring [J].
+    drag, climb_drag : ndarray
+        Tangential force beside friction [N]: at any time, and while the tip climbs alone.
+    damping : ndarray
+        Factor on the rate of decay [1].
+    gain : ndarray
+        Gain of the tangential gauge [1].
+    lag : ndarray
+        Time constant of the gauge [s].
+    frequency, decay_time : ndarray
+        Nominal ring frequency [Hz] and decay time [s].
+    nominal_stiffness : float
+        Stiffness to which frequency and channel refer [N/m].
+    """
+
+    height: Floats
+    radius: Floats
+    tilt: Floats
+    friction: Floats
+    load: Floats
+    set_load: Floats
+    climb_load: Floats
+    sensed_offset: Floats
+    speed: Floats
+    stiffness: Floats
+    ring_stiffness: Floats
+    hardening: Floats
+    conversion: Floats
+    lost_energy: Floats
+    drag: Floats
+    climb_drag: Floats
+    damping: Floats
+    gain: Floats
+    lag: Floats
+    frequency: Floats
+    decay_time: Floats
+    nominal_stiffness: float
+
+    def angle(self) -> Floats:
+        """Slope of the path at release plus angle of friction [rad], held below locking."""
+        share = np.clip(self.height / self.radius, 1e-9, 1.0)
+        critical = kernels.angle_on_step(share, 1.0)
+        return np.asarray(np.clip(critical + self.tilt + np.arctan(self.friction), -1.0, _STEEPEST))
+
+    def locked(self) -> NDArray[np.bool_]:
+        """Where the tip never climbs."""
+        share = np.clip(self.height / self.radius, 1e-9, 1.0)
+        critical = kernels.angle_on_step(share, 1.0) + self.tilt + np.arctan(self.friction)
+        return np.asarray((critical >= 0.5 * np.pi) | (self.height >= self.radius))
+
+    def peak_force(self) -> Floats:
+        """Tangential force on the tool at release [N]; equation (1)."""
+        load = np.maximum(self.load + self.climb_load, 1e-3)
+        return np.asarray(np.maximum(load * np.tan(self.angle()) + self.drag + self.climb_drag, 1e-4))
+
+    def spring_force(self, force: Floats) -> Floats:
+        """Linear part u of a force ``F = u + g u^3`` [N]."""
+        cubic = np.maximum(self.hardening, 1e-9)
+        root = np.sqrt(3.0 * cubic)
+        return np.asarray(2.0 / root * np.sinh(np.arcsinh(1.5 * force * root) / 3.0))
+
+    def changed(self, **slots: Any) -> DragState:
+        """Return a copy with some slots changed; cheaper than ``dataclasses.replace`` in inner loops."""
+        copy = object.__new__(DragState)
+        copy.__dict__.update(self.__dict__)
+        copy.__dict__.update(slots)
+        return copy
+
+
+def observe(state: DragState) -> Floats:
+    """Return all channels of a state.
+
+    Parameters
+    ----------
+    state : DragState
+        Slots of n trials.
+
+    Returns
+    -------
+    ndarray, shape (n, 7)
+        The channels of `CHANNELS`.
+
+    Notes
+    -----
+    The energy is what an amplitude of force A shows, ``A^2 / 2k``: the square of the gauge's gain enters. A gauge of
+    first order shows a ramp late by its time constant, so the peak falls short by ``k v tau (1 - exp(-t / tau))``, and
+    the ring with its amplitude over ``sqrt(1 + (2 pi f tau)^2)``.
+    """
+    force = state.peak_force()
+    linear = state.spring_force(force)
+    # u and F agree to rounding where the spring is linear
+    linear = np.where(state.hardening > 1e-8, linear, force)
+    stored = (0.5 * linear**2 + 0.25 * state.hardening * linear**4) / state.stiffness
+    load = np.maximum(state.load, 1e-3)
+    sliding_force = load * np.tan(np.arctan(state.friction) + state.tilt) + state.drag
+    slope = state.stiffness * state.speed
+    lag = np.maximum(state.lag, 1e-18)
+    ramp = np.maximum(force - sliding_force, 0.0) / slope
+    shown = np.maximum(force - slope * lag * (1.0 - np.exp(-np.minimum(ramp / lag, 50.0))), 1e-4)
+    ringing = state.conversion * stored
+    # energy never turns negative: below a tenth of what would ring it fades out smoothly
+    left = ringing - state.lost_energy
+    floor = 0.1 * ringing
+    energy = np.where(left > floor, left, floor * np.exp(np.minimum(left / floor - 1.0, 0.0)))
+    # the same gauge shows the ring smaller
+    energy = energy / (1.0 + (2.0 * np.pi * state.frequency * lag) ** 2)
+    sensed = np.maximum(state.set_load + state.sensed_offset, 1e-3)
+    return np.stack(
+        [
+            np.log(state.gain**2 * energy),
+            np.log(state.gain * shown),
+            state.gain * sliding_force / sensed,
+            state.gain * state.stiffness * (force / linear) / state.nominal_stiffness,
+            np.log(state.frequency * np.sqrt(state.ring_stiffness / state.nominal_stiffness)),
+            np.log(state.decay_time / state.damping),
+            sensed / state.set_load,
+        ],
+        axis=1,
+    )

@@ -1,0 +1,243 @@
+"""Job: a session in; residual, effect, error before and after, out."""
+
+from __future__ import annotations
+
+import json
+import math
+import os
+from collections.abc import Callable, Mapping
+from concurrent.futures import ProcessPoolExecutor
+from dataclasses import dataclass, replace
+from multiprocessing import get_context
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from stepblocks.closure.explain import Rules, explain, select
+from stepblocks.closure.explanation import Explanation, Verdict
+from stepblocks.closure.holdout import Holdout, folds_within_blocks, held_out
+from stepblocks.closure.noise import flexible_residual
+from stepblocks.closure.trials import Trials
+from stepblocks.errors import PipelineError
+from stepblocks.pipeline.bench_model import SessionModel, candidates, covariate_ranges
+from stepblocks.pipeline.loop_result import result_document
+from stepblocks.pipeline.model_file import model_document
+from stepblocks.pipeline.session_scans import edge_of_scan, scan_blocks
+from stepblocks.pipeline.session_table import SessionTable, trials_of
+
+if TYPE_CHECKING:
+    import pandas as pd
+
+__all__ = ["LoopResult", "analyse_features", "loop_session", "write_loop"]
+
+Scans = Mapping[str, Mapping[str, float]]
+"""Per block: height_m, height_std_m, and where known edge_radius_m, edge_radius_std_m."""
+
+_WITHIN, _BETWEEN = 3, 4
+
+
+@dataclass(frozen=True)
+class LoopResult:
+    """All that a session came to.
+
+    Attributes
+    ----------
+    table : SessionTable
+        Trials analysed and excluded.
+    found : Explanation
+        Verdict, findings, fits.
+    within, between : Holdout
+        Errors on trials held out within blocks, and on blocks held out.
+    noise_floor : ndarray, shape (c,)
+        Scatter about a regression that trusts no model.
+    result, model : dict
+        Contents of result.json and model.json.
+    """
+
+    table: SessionTable
+    found: Explanation
+    within: Holdout
+    between: Holdout
+    noise_floor: NDArray[np.float64]
+    result: dict[str, Any]
+    model: dict[str, Any]
+
+
+def analyse_features(
+    features: pd.DataFrame,
+    spring_constant: float,
+    tip_radius: float,
+    scans: Scans | None = None,
+    jobs: int = 1,
+    rules: Rules | None = None,
+) -> LoopResult:
+    """Find what the nominal model lacks for a table of features.
+
+    Parameters
+    ----------
+    features : DataFrame
+        One row per trial, as `stepblocks measure` writes.
+    spring_constant : float
+        Nominal spring constant [N/m].
+    tip_radius : float
+        Nominal tip radius [m].
+    scans : mapping, optional
+        Heights and edge radii of blocks from their scans; where omitted the forces alone speak.
+    jobs : int
+        Processes for the held-out folds.
+    rules : Rules, optional
+        When to claim what.
+
+    Returns
+    -------
+    LoopResult
+        Everything, ready to be written.
+
+    Raises
+    ------
+    PipelineError
+        If the table lacks columns or good trials.
+    """
+    rules = rules or Rules()
+    heights = {b: (float(s["height_m"]), float(s["height_std_m"])) for b, s in (scans or {}).items()}
+    table = trials_of(features, spring_constant, tip_radius, heights or None)
+    ranges = covariate_ranges(table.trials)
+    radii = [float(s["edge_radius_m"]) for s in (scans or {}).values() if "edge_radius_m" in s]
+    model_of_session = replace(table.model, scanned_radius=float(np.mean(radii)) if radii else None)
+    table = replace(table, model=model_of_session)
+    effects = candidates(table.trials, ranges, scanned_radius=model_of_session.scanned_radius)
+    found = explain(table.model, table.trials, effects, rules)
+    within, between = _errors(table, rules, jobs)
+    residual, dof = flexible_residual(table.trials)
+    floor = np.sqrt(np.nansum(residual**2, axis=0) / max(dof, 1))
+    result = result_document(table, found, within, between, floor, scans or {}, rules)
+    model = model_document(found, ranges, tip_radius * 1e6)
+    return LoopResult(table, found, within, between, floor, result, model)
+
+
+def _choose(model: SessionModel, trials: Trials, rules: Rules) -> Any:
+    effects = candidates(trials, covariate_ranges(trials), scanned_radius=model.scanned_radius)
+    return select(model, trials, effects, rules)
+
+
+def _one_fold(task: tuple[SessionModel, Trials, NDArray[np.intp], Rules]) -> Holdout:
+    model, trials, rows, rules = task
+    return held_out(model, trials, [rows], lambda train: _choose(model, train, rules))
+
+
+def _errors(table: SessionTable, rules: Rules, jobs: int) -> tuple[Holdout, Holdout]:
+    """Hold out trials within blocks and whole blocks; every fold chooses its own effects."""
+    trials = table.trials
+    # a model carries a cache of designs that workers need not get
+    model = replace(table.model, _designs={})
+    quick = replace(rules, most=min(rules.most, 3), draws=min(rules.draws, 200), fits=4, exchange=False)
+    order = {block: i for i, block in enumerate(sorted(set(trials.block.tolist())))}
+    group = np.array([order[block] % _BETWEEN for block in trials.block.tolist()])
+    inside = folds_within_blocks(trials, _WITHIN, rules.seed)
+    outside = [np.flatnonzero(group == i) for i in range(min(_BETWEEN, len(order)))] if len(order) > 2 else []
+    tasks = [(model, trials, rows, quick) for rows in (*inside, *outside) if len(trials) - len(rows) >= 12]
+    kept_inside = sum(len(trials) - len(rows) >= 12 for rows in inside)
+    if jobs > 1 and len(tasks) > 1:
+        with ProcessPoolExecutor(jobs, mp_context=get_context("spawn")) as pool:
+            done = list(pool.map(_one_fold, tasks))
+    else:
+        done = [_one_fold(task) for task in tasks]
+    shape = trials.values.shape
+    return _merged(done[:kept_inside], shape), _merged(done[kept_inside:], shape)
+
+
+def _merged(parts: list[Holdout], shape: tuple[int, ...]) -> Holdout:
+    nominal, extended = np.full(shape, np.nan), np.full(shape, np.nan)
+    for part in parts:
+        nominal = np.where(np.isfinite(part.nominal), part.nominal, nominal)
+        extended = np.where(np.isfinite(part.extended), part.extended, extended)
+    return Holdout(nominal, extended, tuple(s for part in parts for s in part.selected))
+
+
+def loop_session(
+    session: Path,
+    output: Path,
+    jobs: int | None = None,
+    use_scans: bool = True,
+    progress: Callable[[int, int], None] | None = None,
+) -> Verdict:
+    """Measure a session, find what the model lacks, and write the four files.
+
+    Parameters
+    ----------
+    session : Path
+        Folder of the session; it is only read.
+    output : Path
+        Folder for features.csv, result.json, model.json, report.html.
+    jobs : int, optional
+        Processes; as many as cores where omitted.
+    use_scans : bool
+        Whether the scans of the blocks are used; False lets the forces speak alone.
+    progress : callable, optional
+        Told how many of how many trials are measured.
+
+    Returns
+    -------
+    Verdict
+        How it ended.
+
+    Raises
+    ------
+    StepblocksError
+        If the session cannot be read, holds too few good trials, or the output cannot be written.
+    """
+    import pandas as pd
+
+    from stepblocks.bench.session import open_session
+    from stepblocks.pipeline.measure import measure_session
+
+    declared = open_session(session)
+    radius = declared.probe.tip_radius
+    if radius is None:
+        raise PipelineError(f"`probe.tip_radius` must be given to explain a session [{session / 'session.toml'}]")
+    try:
+        output.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise PipelineError(f"output must be a folder that can be written: {error.strerror} [{output}]") from error
+    cores = jobs or len(os.sched_getaffinity(0))
+    measure_session(session, output / "features.csv", cores, progress)
+    features = pd.read_csv(output / "features.csv", dtype={"trial": str, "block": str, "tip": str})
+    scans: Scans = {}
+    if use_scans:
+        blocks = sorted(set(features["block"].dropna()))
+        scans, _ = scan_blocks(session, declared.scans, blocks, edge_of_scan)
+    result = analyse_features(features, declared.probe.spring_constant, radius, scans, cores)
+    write_loop(result, output, declared.title or session.name)
+    return result.found.verdict
+
+
+def write_loop(result: LoopResult, output: Path, title: str) -> None:
+    """Write result.json, model.json and report.html into a folder, each at once."""
+    from stepblocks.pipeline.loop_figures import report_of
+    from stepblocks.report.loop import write_report
+
+    output.mkdir(parents=True, exist_ok=True)
+    for name, document in (("result.json", result.result), ("model.json", result.model)):
+        _replace(output / name, json.dumps(_finite(document), indent=2, allow_nan=False) + "\n")
+    write_report(report_of(result, title), output / "report.html")
+
+
+def _replace(path: Path, text: str) -> None:
+    draft = path.with_name(path.name + ".part")
+    draft.write_text(text, encoding="utf-8")
+    draft.replace(path)
+
+
+def _finite(value: Any) -> Any:
+    """Numbers that JSON cannot hold become null."""
+    if isinstance(value, Mapping):
+        return {str(k): _finite(v) for k, v in value.items()}
+    if isinstance(value, list | tuple):
+        return [_finite(v) for v in value]
+    if isinstance(value, float | np.floating):
+        return float(value) if math.isfinite(value) else None
+    if isinstance(value, np.integer):
+        return int(value)
+    return value

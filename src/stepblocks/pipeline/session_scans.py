@@ -1,0 +1,68 @@
+"""Scans of a session's blocks: heights and edge radii beside what the forces say."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from pathlib import Path
+
+from stepblocks.errors import StepblocksError
+
+__all__ = ["Evaluate", "edge_of_scan", "scan_blocks"]
+
+Evaluate = Callable[[Path], dict[str, float]]
+"""A scan in; ``height_m``, ``height_std_m``, ``edge_radius_m``, ``edge_radius_std_m`` out."""
+
+
+def scan_blocks(
+    folder: Path, pattern: str | None, blocks: Sequence[str], evaluate: Evaluate
+) -> tuple[dict[str, dict[str, float]], dict[str, str]]:
+    """Evaluate the scan of every block that has one.
+
+    Parameters
+    ----------
+    folder : Path
+        The session.
+    pattern : str or None
+        Where scans lie, with ``{block}``; None where the session has none.
+    blocks : sequence of str
+        Blocks of its trials.
+    evaluate : callable
+        Evaluation of one scan.
+
+    Returns
+    -------
+    found : dict
+        Heights and edge radii per block [m].
+    failed : dict
+        Why the scan of a block could not be used.
+    """
+    found: dict[str, dict[str, float]] = {}
+    failed: dict[str, str] = {}
+    for block in blocks if pattern else ():
+        path = folder / str(pattern).replace("{block}", block)
+        if folder.resolve() not in path.resolve().parents or not path.is_file():
+            failed[block] = "no scan"
+            continue
+        try:
+            found[block] = evaluate(path)
+        except StepblocksError as error:
+            failed[block] = str(error)
+    return found, failed
+
+
+def edge_of_scan(path: Path) -> dict[str, float]:
+    """Height and edge radius of the scan of a block; the mean over the lines of a map [m]."""
+    import numpy as np
+
+    from stepblocks.metrology.edge import fit_edge
+    from stepblocks.metrology.read_scan import read_scan
+    from stepblocks.metrology.scan import rows_of
+
+    edges = [fit_edge(line.position, line.height) for line in rows_of(read_scan(path))]
+    count = len(edges)
+    return {
+        "height_m": float(np.mean([e.height for e in edges])),
+        "height_std_m": float(np.sqrt(np.sum([e.height_std**2 for e in edges])) / count),
+        "edge_radius_m": float(np.mean([e.radius for e in edges])),
+        "edge_radius_std_m": float(np.sqrt(np.sum([e.radius_std**2 for e in edges])) / count),
+    }

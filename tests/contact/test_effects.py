@@ -1,0 +1,213 @@
+"""Effects: each vanishes at its start, changes its slot alone, and keeps the limits of its law."""
+
+import math
+
+import numpy as np
+import pytest
+
+from stepblocks.contact.critical_angle import step_angle
+from stepblocks.contact.effects.catalogue import named_laws, smooth_laws
+from stepblocks.contact.effects.law import SLOTS, Law
+from stepblocks.contact.effects.release_motion import released
+from stepblocks.contact.effects.smooth import CovariateRange
+from stepblocks.contact.energy import release_at
+from stepblocks.contact.forward import BenchDesign, constants, height_name, nominal_state
+from stepblocks.contact.state import CHANNELS, DragState, observe
+from stepblocks.errors import ContactError
+
+_ENERGY, _FORCE, _FRICTION, _SPRING, _RING, _DECAY, _LOAD = range(7)
+_VALUES = {
+    "friction": 0.17,
+    "ln_conversion": math.log(0.23),
+    "stiffness_ratio": 1.05,
+    "ln_ring_frequency": math.log(290.0),
+    "ln_decay_time": math.log(0.021),
+}
+_RANGES = (
+    CovariateRange("temperature_c", 18.0, 26.0),
+    CovariateRange("speed_mm_s", 2.0, 20.0, True, (), 4),
+    CovariateRange("operator", labels=("A", "B"), distinct=2),
+)
+
+
+def _design() -> BenchDesign:
+    n = 24
+    return BenchDesign(
+        block=np.array(["step-020", "step-050", "step-070"] * 8),
+        height=np.array([20e-6, 50e-6, 70e-6] * 8),
+        load=np.repeat([0.3, 0.8, 1.1, 0.5], 6),
+        speed=np.tile([2e-3, 5e-3, 10e-3, 20e-3], 6),
+        tip_radius=np.full(n, 120e-6),
+        spring_constant=9500.0,
+    )
+
+
+def _state() -> DragState:
+    return nominal_state(_design(), _VALUES)
+
+
+def _covariate(law: Law, state: DragState) -> object:
+    n = len(state.height)
+    columns = {
+        "run_order": np.arange(1.0, n + 1.0),
+        "temperature_c": np.linspace(19.0, 25.0, n),
+        "speed_mm_s": state.speed * 1e3,
+        "load_n": state.set_load,
+        "operator": np.array(["A", "B"] * (n // 2)),
+        "block": _design().block,
+        "peak_force_n": state.peak_force(),
+    }
+    return columns.get(law.covariate)
+
+
+def _all_laws() -> tuple[Law, ...]:
+    return (*named_laws(["step-050"]), *smooth_laws(_RANGES))
+
+
+def _changed(law: Law, **values: float) -> np.ndarray:
+    state = _state()
+    neutral = {p.name: p.start for p in law.parameters} | dict(law.shapes[0])
+    return observe(law.apply(state, _covariate(law, state), neutral | values)) - observe(state)
+
+
+@pytest.mark.parametrize("law", _all_laws(), ids=lambda law: law.id)
+def test_every_law_vanishes_at_its_start_and_moves_something_beside_it(law: Law) -> None:
+    assert law.slot in SLOTS
+    assert np.allclose(_changed(law), 0.0, atol=1e-12)
+    for name in law.amplitudes:
+        parameter = next(p for p in law.parameters if p.name == name)
+        moved = _changed(law, **{name: parameter.start + parameter.scale})
+        assert np.all(np.isfinite(moved))
+        assert np.max(np.abs(moved)) > 1e-6
+
+
+@pytest.mark.parametrize("law", _all_laws(), ids=lambda law: law.id)
+def test_a_slot_shows_only_in_its_channels(law: Law) -> None:
+    parameter = next(p for p in law.parameters if p.name == law.amplitudes[-1])
+    moved = np.max(np.abs(_changed(law, **{parameter.name: parameter.start + parameter.scale})), axis=0) > 1e-9
+    seen = {
+        "contact_geometry": {_ENERGY, _FORCE, _FRICTION},  # a tilt shows in the sliding force as well
+        "friction": {_ENERGY, _FORCE, _FRICTION},
+        "normal_load": {_ENERGY, _FORCE, _FRICTION, _LOAD},
+        "stiffness": {_ENERGY, _SPRING, _RING},
+        "conversion": {_ENERGY, _FORCE} if law.id == "real_release" else {_ENERGY},
+        "drag": {_ENERGY, _FORCE, _FRICTION},
+        "sensor": {_ENERGY, _FORCE, _FRICTION, _SPRING},
+    }[law.slot]
+    assert set(np.flatnonzero(moved).tolist()) <= seen
+
+
+def test_identifiers_are_unique() -> None:
+    names = [law.id for law in _all_laws()]
+    assert len(set(names)) == len(names)
+
+
+def test_the_nominal_channels_are_equations_one_and_two() -> None:
+    shown = observe(_state())
+    design = _design()
+    for i in range(len(design.block)):
+        angle = step_angle(float(design.height[i]), 120e-6)
+        one = release_at(angle, float(design.load[i]), 0.17)
+        assert shown[i, _FORCE] == pytest.approx(math.log(one.pull_force), abs=1e-12)
+        energy = 0.23 * one.pull_force**2 / 2.0 / (1.05 * 9500.0)
+        assert shown[i, _ENERGY] == pytest.approx(math.log(energy), abs=1e-12)
+    assert shown[:, _FRICTION] == pytest.approx(np.full(24, 0.17))
+    assert len(CHANNELS) == shown.shape[1]
+
+
+def _law(name: str) -> Law:
+    return next(law for law in named_laws() if law.id == name)
+
+
+def test_tilt_is_friction_tan_of_atan_mu_plus_tilt() -> None:
+    tilted = observe(_law("block_tilt").apply(_state(), None, {"tilt_rad": 0.03}))
+    other = nominal_state(_design(), _VALUES | {"friction": math.tan(math.atan(0.17) + 0.03)})
+    assert np.allclose(tilted, observe(other), atol=1e-12)
+
+
+def test_edge_and_tip_add_to_one_radius() -> None:
+    edge = _law("edge_rounding").apply(_state(), None, {"edge_radius_m": 14e-6})
+    tip = _law("tip_radius_error").apply(_state(), None, {"radius_error_m": 14e-6})
+    assert np.array_equal(observe(edge), observe(tip))
+    angle = step_angle(50e-6, 120e-6, 14e-6)
+    one = release_at(angle, float(edge.set_load[1]), 0.17)
+    assert observe(edge)[1, _FORCE] == pytest.approx(math.log(one.pull_force), abs=1e-12)
+
+
+def test_gain_squared_conversion_and_stiffness_act_on_energy_as_one_product() -> None:
+    gain = observe(_law("sensor_gain").apply(_state(), None, {"ln_gain": 0.1}))[:, _ENERGY]
+    conversion = observe(nominal_state(_design(), _VALUES | {"ln_conversion": math.log(0.23) + 0.2}))[:, _ENERGY]
+    stiffness = observe(nominal_state(_design(), _VALUES | {"stiffness_ratio": 1.05 * math.exp(-0.2)}))[:, _ENERGY]
+    assert gain == pytest.approx(conversion, abs=1e-12)
+    assert gain == pytest.approx(stiffness, abs=1e-12)
+
+
+def test_hardening_stores_the_integral_of_its_own_force() -> None:
+    state = _law("hardening_spring").apply(_state(), None, {"cubic_per_n2": 0.2})
+    force = state.peak_force()
+    linear = state.spring_force(force)
+    assert linear + 0.2 * linear**3 == pytest.approx(force, rel=1e-9)
+    k = 1.05 * 9500.0
+    x = np.linspace(0.0, 1.0, 20001)[:, None] * linear / k
+    integral = np.trapezoid(k * x + 0.2 * (k * x) ** 3, x, axis=0)
+    assert np.exp(observe(state)[:, _ENERGY]) == pytest.approx(0.23 * integral, rel=1e-6)
+
+
+def test_running_in_is_forgotten_in_the_end() -> None:
+    law = _law("running_in")
+    late = law.apply(_state(), np.full(24, 1e4), {"excess": 0.9, "settling_trials": 45.0})
+    first = law.apply(_state(), np.zeros(24), {"excess": 0.9, "settling_trials": 45.0})
+    assert late.friction == pytest.approx(np.full(24, 0.17))
+    assert first.friction == pytest.approx(np.full(24, 0.17 * 1.9))
+
+
+def test_a_slow_gauge_loses_what_the_ramp_makes_in_its_time_constant() -> None:
+    law = _law("sensor_bandwidth")
+    state = law.apply(_state(), None, {"time_constant_s": 1e-5})
+    lost = np.exp(observe(_state())[:, _FORCE]) - np.exp(observe(state)[:, _FORCE])
+    # a ramp long against the time constant lags by slope times constant
+    assert lost == pytest.approx(1.05 * 9500.0 * state.speed * 1e-5, rel=1e-3)
+
+
+def test_a_fast_release_rings_with_more_than_a_slow_one_and_peaks_higher() -> None:
+    speeds = np.array([0.01, 0.05, 0.3])
+    same = np.ones(3)
+    excess, share = released(0.3 * same, 0.16 * same, 2.0 * same, speeds)
+    assert np.all(np.diff(excess) > 0.0)
+    assert np.all(np.diff(share) > 0.0)
+
+
+def test_a_stiff_release_of_a_slow_handle_keeps_energy() -> None:
+    # stored energy less the work of lifting and rubbing, quasi-static limit, soft spring (F R k / N small):
+    # with k R / N = 0.4 and H / R = 0.4 the drop of the force over the climb is small against the force itself
+    height, friction, stiffness = 0.4, 0.1, 0.4
+    angle = math.acos(1.0 - height)
+    force = math.tan(angle + math.atan(friction))
+    reach = math.sin(angle)
+    x = np.linspace(0.0, reach, 200001)
+    resist = np.tan(np.arcsin(reach - x) + math.atan(friction))
+    pull = force - stiffness * x
+    # on the upper face the spring rings about the sliding friction
+    kinetic = float(np.trapezoid(pull - resist, x))
+    potential = (pull[-1] - friction) ** 2 / (2.0 * stiffness)
+    expected = 2.0 * stiffness * (kinetic + potential) / force**2
+    _, share = released(*(np.array([v]) for v in (height, friction, stiffness, 0.006)))
+    assert math.exp(float(share[0])) == pytest.approx(expected, rel=0.1)
+
+
+def test_smooths_are_zero_in_the_middle_and_flat_beyond_the_range() -> None:
+    place = CovariateRange("temperature_c", 18.0, 26.0)
+    assert np.allclose(place.basis(np.array([22.0])), 0.0)
+    assert np.array_equal(place.basis(np.array([26.0])), place.basis(np.array([40.0])))
+
+
+def test_scanned_heights_become_tight_priors() -> None:
+    found = {c.name: c for c in constants(_design(), 290.0, 0.02, scanned={"step-050": (50.6e-6, 15e-9)})}
+    assert found[height_name("step-050")].start == pytest.approx(0.6e-6)
+    assert found[height_name("step-050")].prior_std == pytest.approx(100e-9)
+    assert found[height_name("step-020")].prior_std == pytest.approx(1e-6)
+
+
+def test_a_design_without_positive_loads_is_refused() -> None:
+    with pytest.raises(ContactError, match="load"):
+        BenchDesign(np.array(["a"]), np.array([1e-5]), np.array([0.0]), np.array([1e-3]), np.array([1e-4]), 9810.0)
