@@ -1,0 +1,70 @@
+"""Blinding codes: what the experimenter reads and writes in place of a block's engraved identity."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from stepblocks.errors import StudyError
+
+__all__ = ["MAX_CODES", "blinding_codes", "is_code"]
+
+_ALPHABET = "ABCDEFHKLMNPRTUVWXY"  # no I, O, Q, S, Z, G, J: a hand writes them like others; 19 is prime
+MAX_CODES = len(_ALPHABET) ** 2
+"""Most blocks that one study can tell apart."""
+
+
+def is_code(text: str) -> bool:
+    """Tell whether a text can be a blinding code.
+
+    Parameters
+    ----------
+    text : str
+        Three letters.
+
+    Returns
+    -------
+    bool
+        True if its check letter is right; one wrong letter, or two neighbours swapped, makes it wrong.
+
+    Examples
+    --------
+    >>> code = blinding_codes(["step-010"], np.random.default_rng(1))["step-010"]
+    >>> is_code(code), is_code(code[:2] + "?")
+    (True, False)
+    """
+    if len(text) != 3 or any(letter not in _ALPHABET for letter in text):
+        return False
+    first, second, check = (_ALPHABET.index(letter) for letter in text)
+    return (2 * first + 3 * second + check) % len(_ALPHABET) == 0
+
+
+def blinding_codes(identities: Sequence[str], generator: np.random.Generator) -> dict[str, str]:
+    """Give every block a code that says nothing about it.
+
+    Parameters
+    ----------
+    identities : sequence of str
+        Identities of the blocks, all different.
+    generator : numpy.random.Generator
+        Decides.
+
+    Returns
+    -------
+    dict of str
+        Code by identity: two random letters and a check letter, so that a slip of the pen is never another block.
+
+    Raises
+    ------
+    StudyError
+        If there are more than `MAX_CODES` blocks.
+    """
+    if len(identities) > MAX_CODES:
+        raise StudyError(f"a study must have at most {MAX_CODES} blocks, got {len(identities)}")
+    size = len(_ALPHABET)
+    codes = {}
+    for identity, number in zip(identities, generator.permutation(MAX_CODES), strict=False):
+        first, second = divmod(int(number), size)
+        codes[identity] = _ALPHABET[first] + _ALPHABET[second] + _ALPHABET[-(2 * first + 3 * second) % size]
+    return codes
