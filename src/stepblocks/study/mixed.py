@@ -1,0 +1,200 @@
+"""The model that repeated measures call for: participants, and how each takes to each condition, are random."""
+
+from __future__ import annotations
+
+import itertools
+import math
+import warnings
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from stepblocks.errors import StudyError
+from stepblocks.study.anova import Interval, Term, effect_of
+
+__all__ = ["MixedFit", "mixed_model"]
+
+
+@dataclass(frozen=True)
+class MixedFit:
+    """A mixed model fitted by restricted maximum likelihood.
+
+    Attributes
+    ----------
+    means : tuple of tuple
+        Condition, mean and its standard error, in the unit of the response; averaged over the blocks with equal weight.
+    condition : Term or None
+        F-test of the conditions; None if there is one condition only.
+    intervals : tuple of Interval
+        Differences of conditions, a Tukey family on the same denominator.
+    sd_participant, sd_condition, sd_residual : float
+        Standard deviations between participants, of participants' response to conditions, and of single judgements.
+    log_likelihood : float
+        Restricted, at the optimum, in the unit of the response.
+    converged : bool
+        Whether the optimiser ended at a flat point.
+    warnings : tuple of str
+        What statsmodels said about the fit, such as a variance at its boundary of zero.
+    fitted, residuals : ndarray of float, shape (n,)
+        For the checks; conditional on the participants.
+    participant_effects : ndarray of float, shape (participants,)
+        Predicted deviation of each participant.
+    """
+
+    means: tuple[tuple[str, float, float], ...]
+    condition: Term | None
+    intervals: tuple[Interval, ...]
+    sd_participant: float
+    sd_condition: float
+    sd_residual: float
+    log_likelihood: float
+    converged: bool
+    warnings: tuple[str, ...]
+    fitted: Any
+    residuals: Any
+    participant_effects: Any
+
+
+def mixed_model(
+    frame: Any,
+    response: str,
+    condition: str,
+    participant: str,
+    block: str = "",
+    level: float = 0.95,
+    intervals: bool = True,
+) -> MixedFit:
+    """Fit conditions, and blocks where given, as fixed and participants as random.
+
+    Parameters
+    ----------
+    frame : pandas.DataFrame
+        One row per judgement; rows may be missing.
+    response, condition, participant : str
+        Columns.
+    block : str
+        Column of a second fixed factor that interacts with the first; none where empty.
+    level : float
+        Probability with which all intervals hold together.
+    intervals : bool
+        Whether they are wanted; a simulation of power goes without.
+
+    Returns
+    -------
+    MixedFit
+        The test has ``(participants - 1)(conditions - 1)`` degrees of freedom in its denominator: for complete data it is that of
+        the repeated-measures analysis of variance whenever the variance components come out positive.
+
+    Raises
+    ------
+    StudyError
+        If there are fewer than two participants, or the model cannot be fitted.
+
+    References
+    ----------
+    Laird, N. M., Ware, J. H. (1982), Biometrics 38, 963-974, doi:10.2307/2529876.
+    """
+    data, scale, shift = _scaled(frame, response, condition, participant, block)
+    people, conditions = data["g"].nunique(), sorted(data["a"].unique())
+    fit, said = _fit(data, bool(block), len(conditions) > 1)
+    rows, count = _cell_rows(fit, data, conditions), len(fit.fe_params)
+    covariance = np.asarray(fit.cov_params())[:count, :count]
+    beta = np.asarray(fit.fe_params)
+    means = tuple(
+        (name, float(row @ beta) * scale + shift, math.sqrt(float(row @ covariance @ row)) * scale)
+        for name, row in zip(conditions, rows, strict=True)
+    )
+    df_error = float((people - 1) * (len(conditions) - 1))
+    spread = math.sqrt(float(fit.scale))
+    return MixedFit(
+        means,
+        _wald(condition, rows, beta, covariance, df_error) if len(conditions) > 1 else None,
+        tuple(_pairs(conditions, rows, beta, covariance, df_error, level, scale, spread)) if intervals else (),
+        math.sqrt(max(float(np.asarray(fit.cov_re).ravel()[0]), 0.0)) * scale,
+        math.sqrt(max(float(fit.vcomp[0]), 0.0)) * scale if len(fit.vcomp) else 0.0,
+        spread * scale,
+        float(fit.llf) - (len(data) - count) * math.log(scale),
+        bool(fit.converged),
+        said,
+        np.asarray(fit.fittedvalues) * scale + shift,
+        np.asarray(fit.resid) * scale,
+        np.array([float(np.asarray(effects)[0]) for effects in fit.random_effects.values()]) * scale,
+    )
+
+
+def _scaled(frame: Any, response: str, condition: str, participant: str, block: str) -> tuple[Any, float, float]:
+    """Plain names, and a response without unit: the optimiser's tolerances are absolute."""
+    import pandas as pd
+
+    data = pd.DataFrame({"a": frame[condition].astype(str).to_numpy(), "g": frame[participant].astype(str).to_numpy()})
+    if block:
+        data["b"] = frame[block].astype(str).to_numpy()
+    values = frame[response].to_numpy(dtype=np.float64)
+    if not np.isfinite(values).all():
+        raise StudyError(f"{response} must be finite in every row")
+    if data["g"].nunique() < 2:
+        raise StudyError(f"{participant}: a mixed model needs at least two participants, got {data['g'].nunique()}")
+    scale, shift = float(values.std(ddof=1)), float(values.mean())
+    if not scale > 0.0:
+        raise StudyError(f"{response} must not be the same in all {len(values)} rows")
+    data["y"] = (values - shift) / scale
+    return data, scale, shift
+
+
+def _fit(data: Any, blocks: bool, compared: bool) -> tuple[Any, tuple[str, ...]]:
+    import statsmodels.formula.api as smf
+
+    fixed = (
+        "C(a, Sum) * C(b, Sum)" if blocks and compared else "C(b, Sum)" if blocks else "C(a, Sum)" if compared else "1"
+    )
+    # A participant's response to a condition is only apart from single judgements where there are several of them.
+    repeated = compared and data.groupby(["g", "a"]).size().max() > 1
+    options = {"re_formula": "1", "vc_formula": {"a": "0 + C(a)"}} if repeated else {}
+    with warnings.catch_warnings(record=True) as caught:
+        warnings.simplefilter("always")
+        try:
+            fit = smf.mixedlm(f"y ~ {fixed}", data, groups="g", **options).fit(reml=True, method="bfgs", gtol=1e-10)
+        except (np.linalg.LinAlgError, ValueError) as error:
+            raise StudyError(f"the mixed model cannot be fitted to these {len(data)} judgements: {error}") from error
+    return fit, tuple(dict.fromkeys(str(one.message).splitlines()[0] for one in caught))
+
+
+def _cell_rows(fit: Any, data: Any, conditions: Sequence[str]) -> list[Any]:
+    letters = [letter for letter in "ab" if letter in data]
+    first = data.drop_duplicates(letters)
+    exog = np.asarray(fit.model.exog)
+    return [exog[first.index[first["a"] == one]].mean(axis=0) for one in conditions]
+
+
+def _wald(name: str, rows: Sequence[Any], beta: Any, covariance: Any, df_error: float) -> Term:
+    contrasts = np.array([row - rows[0] for row in rows[1:]])
+    difference = contrasts @ beta
+    f = float(difference @ np.linalg.solve(contrasts @ covariance @ contrasts.T, difference)) / len(contrasts)
+    return effect_of(name, float(len(contrasts)), df_error, math.nan, f)
+
+
+def _pairs(
+    conditions: Sequence[str],
+    rows: Sequence[Any],
+    beta: Any,
+    covariance: Any,
+    df_error: float,
+    level: float,
+    scale: float,
+    spread: float,
+) -> list[Interval]:
+    from scipy.stats import studentized_range
+
+    found = []
+    for one, two in itertools.combinations(range(len(conditions)), 2):
+        contrast = rows[one] - rows[two]
+        difference, error = float(contrast @ beta), math.sqrt(0.5 * float(contrast @ covariance @ contrast))
+        reach = float(studentized_range.ppf(level, len(conditions), df_error)) * error
+        p = float(studentized_range.sf(abs(difference) / error, len(conditions), df_error))
+        found.append(
+            Interval(conditions[one], conditions[two], difference * scale, (difference - reach) * scale,
+                     (difference + reach) * scale, p, difference / spread)
+        )  # fmt: skip
+    return found
