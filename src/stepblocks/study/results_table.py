@@ -10,7 +10,7 @@ from collections.abc import Iterator
 from stepblocks.study.analysis import StudyResult
 from stepblocks.study.anova import Interval
 
-__all__ = ["COLUMNS", "results_csv", "results_rows"]
+__all__ = ["COLUMNS", "judgements_csv", "results_csv", "results_rows"]
 
 COLUMNS = ("analysis", "quantity", "unit", "estimate", "low_95", "high_95", "statistic", "df", "df_error", "p")
 """Columns of results.csv; the unit of estimate, low and high stands in each row."""
@@ -151,3 +151,32 @@ def _magnitudes(result: StudyResult) -> Iterator[Row]:
     for person, exponent, correlation in law.by_participant:
         yield _row("power law", f"participant {person}, exponent", "1", estimate=exponent)
         yield _row("power law", f"participant {person}, correlation of the logarithms", "1", estimate=correlation)
+
+
+_UNITS = {
+    "height": ("height_um", 1e6),
+    "estimate": ("estimate_um", 1e6),
+    "error": ("error_um", 1e6),
+    "standard": ("standard_um", 1e6),
+}
+
+
+def judgements_csv(result: StudyResult) -> str:
+    """Write the judgements as they were analysed.
+
+    Parameters
+    ----------
+    result : StudyResult
+        What was found.
+
+    Returns
+    -------
+    str
+        Tidy CSV, one row per judgement; lengths in um.
+    """
+    frame = result.frame.copy()
+    for name, (_, factor) in _UNITS.items():
+        if name in frame:
+            frame[name] = [f"{value * factor:.9g}" for value in frame[name]]
+    named = frame.rename(columns={name: shown for name, (shown, _) in _UNITS.items()})
+    return str(named.to_csv(index=False, lineterminator="\n"))

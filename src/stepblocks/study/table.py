@@ -94,11 +94,11 @@ def read_design(path: Path) -> list[dict[str, str]]:
         raise StudyError(
             f"experiment must be one of {', '.join(ANSWERS)}, the same in all rows, got {experiments} [{path}]"
         )
-    _refuse_twice(rows, path)
-    for line, row in enumerate(rows, start=2):
+    _refuse_twice(rows)
+    for row in rows:
         for name in ("height_um", "standard_height_um") if row["standard"] else ("height_um",):
             if not _number(row[name]) > 0.0:
-                raise StudyError(f"{name} must be a positive number, got {row[name]!r} [{path}, line {line}]")
+                raise StudyError(f"{name} must be a positive number, got {row[name]!r} [{row['line']}]")
     return rows
 
 
@@ -115,21 +115,17 @@ def read_answers(path: Path, experiment: str) -> list[dict[str, str]]:
     Returns
     -------
     list of dict of str
-        Its rows, each with its ``line`` in the file.
+        Its rows, each with its ``line``: where it stands, for messages.
 
     Raises
     ------
     StudyError
-        If it cannot be read, lacks a column, or has a trial twice.
+        If it cannot be read or lacks a column.
     """
-    rows = _read(path, answer_columns(experiment))
-    _refuse_twice(rows, path)
-    return rows
+    return _read(path, answer_columns(experiment))
 
 
-def join_answers(
-    design: Sequence[Row], answers: Sequence[Row], place: str, limits: Mapping[str, float] = LIMITS
-) -> Judgements:
+def join_answers(design: Sequence[Row], answers: Sequence[Row], limits: Mapping[str, float] = LIMITS) -> Judgements:
     """Put the answers to the trials that they belong to.
 
     Parameters
@@ -137,9 +133,7 @@ def join_answers(
     design : sequence of mapping
         Rows of design.csv.
     answers : sequence of mapping
-        Rows of the run sheets.
-    place : str
-        Name of the file of answers, for messages.
+        Rows of the run sheets, of one file or of several.
     limits : mapping of float
         See `LIMITS`.
 
@@ -151,7 +145,8 @@ def join_answers(
     Raises
     ------
     StudyError
-        If an answer has no trial, a code that was not planned there, or an impossible value; or if too little is left.
+        If a trial is answered twice, an answer has no trial, a code that was not planned there, or an impossible value; or if
+        too little is left.
     """
     import pandas as pd
 
@@ -159,9 +154,10 @@ def join_answers(
     limits = {**LIMITS, **limits}
     planned = {(row["participant"], row["trial"]): row for row in design}
     highest = max(_number(row["height_um"]) for row in design)
+    _refuse_twice(answers)
     answered: dict[tuple[str, str], dict[str, Any]] = {}
     for answer in answers:
-        where = f"[{place}, line {answer['line']}]"
+        where = f"[{answer['line']}]"
         key = (answer["participant"], answer["trial"])
         if key not in planned:
             raise StudyError(f"participant and trial must be in the design, got {key[0]!r} and {key[1]!r} {where}")
@@ -173,7 +169,7 @@ def join_answers(
     kept = [_tidy(row) | answered[key] for key, row in planned.items() if key in answered and key[0] not in left]
     missing = tuple(key for key in planned if key not in answered and key[0] not in left)
     frame = pd.DataFrame(kept)
-    _require_enough(frame, planned, place)
+    _require_enough(frame, planned)
     return Judgements(experiment, frame, missing, left)
 
 
@@ -197,7 +193,7 @@ def _read(path: Path, columns: Sequence[str]) -> list[dict[str, str]]:
                     raise StudyError(
                         f"a row must have {len(names)} cells, as the header [{path}, line {reader.line_num}]"
                     )
-                rows.append({name: row[name].strip() for name in names} | {"line": str(reader.line_num)})
+                rows.append({name: row[name].strip() for name in names} | {"line": f"{path}, line {reader.line_num}"})
                 if len(rows) > _MAX_ROWS:
                     raise StudyError(f"a table must have at most {_MAX_ROWS} rows [{path}]")
     except (OSError, UnicodeDecodeError, csv.Error) as error:
@@ -208,14 +204,14 @@ def _read(path: Path, columns: Sequence[str]) -> list[dict[str, str]]:
     return rows
 
 
-def _refuse_twice(rows: Sequence[Row], path: Path) -> None:
+def _refuse_twice(rows: Sequence[Row]) -> None:
     first: dict[tuple[str, str], str] = {}
     for row in rows:
         key = (row["participant"], row["trial"])
         if key in first:
             raise StudyError(
-                f"participant and trial must occur once, got {key[0]!r} and {key[1]!r} in line {first[key]} too "
-                f"[{path}, line {row['line']}]"
+                f"participant and trial must occur once, got {key[0]!r} and {key[1]!r} twice "
+                f"[{row['line']}; first {first[key]}]"
             )
         first[key] = row["line"]
 
@@ -294,13 +290,13 @@ def _who_left(planned: Mapping[tuple[str, str], Row], answered: Mapping[tuple[st
     return tuple(person for person in people if person in gone)
 
 
-def _require_enough(frame: Any, planned: Mapping[tuple[str, str], Row], place: str) -> None:
+def _require_enough(frame: Any, planned: Mapping[tuple[str, str], Row]) -> None:
     if frame.empty:
-        raise StudyError(f"at least one participant must have answered in every condition, got none [{place}]")
+        raise StudyError("at least one participant must have answered in every condition, got none")
     cells = {(row["condition"], row["stimulus"]) for row in planned.values()}
     empty = sorted(cells - set(zip(frame["condition"], frame["stimulus"], strict=True)))
     if empty:
         condition, stimulus = empty[0]
         raise StudyError(
-            f"every block must be judged in every condition, got no answer for {stimulus} with {condition} [{place}]"
+            f"every block must be judged in every condition, got no answer for {stimulus} with {condition}"
         )
