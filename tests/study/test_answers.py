@@ -1,0 +1,178 @@
+"""What is wrong with a table of answers is said in one line; what is missing is stated, never filled in silently."""
+
+import csv
+import io
+
+import pytest
+
+from stepblocks.errors import StudyError
+from stepblocks.study.analysis import analyse
+from stepblocks.study.design import Item, constant_stimuli, experiment_one, experiment_two
+from stepblocks.study.results_table import COLUMNS, judgements_csv, results_csv
+from stepblocks.study.sheet import design_csv, design_rows, key_csv, sheet_csv
+from stepblocks.study.simulate import Observer, simulate_answers
+from stepblocks.study.table import join_answers, read_answers, read_design
+
+BLOCKS = [Item(f"step-{h:03}", f"STEP-{h:03}", h * 1e-6) for h in (25, 50, 75)]
+ENERGIES = {"step-025": 10e-6, "step-050": 35e-6, "step-075": 141e-6}
+
+
+def lined(rows):
+    return [row | {"line": f"answers.csv, line {number}"} for number, row in enumerate(rows, start=2)]
+
+
+@pytest.fixture
+def study():
+    design = design_rows(experiment_one(4, ("bare", "soft"), BLOCKS, 2, seed=1))
+    return design, lined(simulate_answers(design, ENERGIES, {"soft": 0.5}, Observer(), seed=2))
+
+
+def refused(design, answers, message):
+    with pytest.raises(StudyError, match=message):
+        join_answers(design, answers)
+
+
+def test_a_complete_table_is_joined_in_si(study):
+    table = join_answers(*study)
+    assert table.missing == table.left == ()
+    assert len(table.frame) == 4 * 2 * 3 * 2
+    row = table.frame.iloc[0]
+    assert row["error"] == pytest.approx(row["estimate"] - row["height"], abs=1e-12)
+    assert 1e-6 < row["estimate"] < 5e-4
+
+
+def test_missing_cells_are_counted_and_named(study):
+    design, answers = study
+    answers[3]["estimate_um"] = ""
+    table = join_answers(design, answers[:10] + answers[11:])
+    assert list(table.missing) == [
+        (answers[3]["participant"], answers[3]["trial"]), (answers[10]["participant"], answers[10]["trial"])
+    ]  # fmt: skip
+    assert "2 missing judgements" in " ".join(table.notes())
+    result = analyse(table)
+    assert result.f_test.df_error == 46 - 6
+    assert "2 missing judgements" in " ".join(result.notes)
+
+
+def test_a_participant_who_left_is_left_out_and_named(study):
+    design, answers = study
+    half = [row for row in answers if row["participant"] != "3" or int(row["trial"]) <= 6]
+    table = join_answers(design, half)
+    assert table.left == ("3",)
+    assert "3" not in set(table.frame["participant"])
+    assert "participant 3" in " ".join(table.notes())
+    gone = join_answers(design, [row for row in answers if row["participant"] != "2"])
+    assert gone.left == ("2",)
+
+
+def test_a_trial_answered_twice_is_refused_with_both_places(study):
+    design, answers = study
+    refused(
+        design,
+        [*answers, answers[5] | {"line": "other.csv, line 9"}],
+        r"twice \[other.csv, line 9; first answers.csv, line 7\]",
+    )
+
+
+@pytest.mark.parametrize("value", ["-1", "nan", "inf", "fifty", "1e6", "5_0", "0x10"])
+def test_an_impossible_estimate_is_refused_with_its_line(study, value):
+    design, answers = study
+    answers[7]["estimate_um"] = value
+    refused(design, answers, rf"estimate_um must be a number from 0 to 1500, got '{value}' \[answers.csv, line 9\]")
+
+
+def test_a_wrong_code_is_refused_and_the_right_one_named(study):
+    design, answers = study
+    answers[0]["code"] = next(row["code"] for row in answers if row["code"] != answers[0]["code"])
+    refused(design, answers, "code must be .* in this trial, as planned")
+
+
+def test_another_probe_than_planned_is_refused(study):
+    design, answers = study
+    answers[0]["condition"] = "hard"
+    refused(design, answers, "condition must be")
+
+
+def test_a_trial_outside_the_design_is_refused(study):
+    design, answers = study
+    refused(design, [*answers, answers[0] | {"participant": "99"}], "must be in the design, got '99'")
+
+
+def test_a_block_that_nobody_judged_is_refused(study):
+    design, answers = study
+    code = next(row["code"] for row in design if row["stimulus"] == "step-050")
+    kept = [row for row in answers if not (row["code"] == code and row["condition"] == "soft")]
+    refused(design, kept, "no answer for step-050 with soft")
+    refused(design, [row | {"estimate_um": ""} for row in answers], "at least one participant")
+
+
+@pytest.mark.parametrize("value", ["0", "8", "2.5", "good"])
+def test_a_rating_off_its_scale_is_refused(value):
+    design = design_rows(experiment_two(2, BLOCKS, 1, seed=1))
+    answers = lined(simulate_answers(design, ENERGIES, {}, Observer(), seed=2))
+    answers[0]["realism_rating"] = value
+    refused(design, answers, "realism_rating must be a whole number from 1 to 7")
+
+
+@pytest.mark.parametrize(
+    ("damage", "message"),
+    [
+        (lambda text: text.replace("estimate_um", "estimate"), "got no estimate_um"),
+        (lambda text: text.splitlines()[0] + "\n", "must have rows"),
+        (lambda text: text + "1,2\n", "must have 5 cells"),
+        (lambda text: text + "1,2,3,4,5,6\n", "must have 5 cells"),
+        (lambda text: text.replace("code", "trial"), "got no code"),
+        (lambda text: text + '"', "must be readable CSV"),
+        (lambda text: text.encode("utf-16"), "must be readable CSV"),
+    ],
+)
+def test_a_damaged_file_is_refused_by_name(study, tmp_path, damage, message):
+    design, _ = study
+    path = tmp_path / "answers.csv"
+    damaged = damage(sheet_csv(design))
+    path.write_bytes(damaged if isinstance(damaged, bytes) else damaged.encode())
+    with pytest.raises(StudyError, match=message) as caught:
+        read_answers(path, "estimates")
+    assert "answers.csv" in str(caught.value)
+    assert "\n" not in str(caught.value)
+
+
+def test_files_come_back_as_they_were_written(tmp_path):
+    design = constant_stimuli(2, "step-050", BLOCKS, 2, seed=3)
+    path = tmp_path / "design.csv"
+    path.write_text(design_csv(design))
+    rows = read_design(path)
+    assert [{name: row[name] for name in row if name != "line"} for row in rows] == design_rows(design)
+    sheet = tmp_path / "sheet.csv"
+    sheet.write_text(sheet_csv(rows))
+    assert len(read_answers(sheet, "constant")) == len(rows)
+
+
+def test_run_sheets_are_blind_and_the_key_opens_them():
+    design = constant_stimuli(3, "step-050", BLOCKS, 2, seed=3)
+    rows = design_rows(design)
+    sheet, key = sheet_csv(rows), list(csv.DictReader(io.StringIO(key_csv(rows))))
+    for item in BLOCKS:
+        assert item.identity not in sheet
+        assert item.engraved not in sheet
+    assert {(row["engraved"], row["stimulus"]) for row in key} == {(item.engraved, item.identity) for item in BLOCKS}
+    by_code = {row["code"]: row["stimulus"] for row in key}
+    for plan, shown in zip(rows, csv.DictReader(io.StringIO(sheet)), strict=True):
+        pair = [by_code[shown["first_code"]], by_code[shown["second_code"]]]
+        assert pair == (
+            [plan["standard"], plan["stimulus"]]
+            if plan["condition"] == "standard-first"
+            else [plan["stimulus"], plan["standard"]]
+        )
+
+
+def test_every_figure_of_the_results_has_a_unit(study):
+    result = analyse(join_answers(*study))
+    rows = list(csv.DictReader(io.StringIO(results_csv(result))))
+    assert tuple(rows[0]) == COLUMNS
+    assert {row["unit"] for row in rows} == {"1", "um"}
+    assert (
+        judgements_csv(result)
+        .splitlines()[0]
+        .startswith("participant,trial,condition,repetition,stimulus,height_um,estimate_um,error_um")
+    )

@@ -1,0 +1,189 @@
+"""What is put into simulated participants comes out of the analysis; no effect is found 5 times in 100."""
+
+import math
+
+import numpy as np
+import pytest
+
+from stepblocks.errors import StudyError
+from stepblocks.study.analysis import analyse
+from stepblocks.study.checks import residual_checks
+from stepblocks.study.design import Item, constant_stimuli, experiment_two
+from stepblocks.study.ordinal import ordinal_model
+from stepblocks.study.power import Plan, closed_form_power, estimate_power, p_values
+from stepblocks.study.psychometric import MAX_LAPSE, fit_psychometric
+from stepblocks.study.sheet import design_rows
+from stepblocks.study.simulate import Observer, height_of_energy, simulate_answers
+from stepblocks.study.table import join_answers
+
+HEIGHTS = np.arange(30, 75, 5)
+BLOCKS = [Item(f"step-{h:03}", f"STEP-{h:03}", h * 1e-6) for h in HEIGHTS]
+FLAT = {"heights": (20e-6, 40e-6), "energies": (1e-5, 2e-5)}
+
+
+def lined(rows):
+    return [row | {"line": f"line {number}"} for number, row in enumerate(rows, start=2)]
+
+
+def test_a_known_weber_fraction_is_recovered_without_bias():
+    # Energy in proportion to height, so that the Weber fraction of the energy is that of the height; 150 fits of 360 pairs
+    from scipy.special import ndtr
+
+    generator = np.random.default_rng(11)
+    sigma = math.log1p(0.2) / 0.6744897501960817
+    totals = np.full(9, 40)
+    found = []
+    for _ in range(150):
+        hits = generator.binomial(totals, ndtr(np.log(HEIGHTS / 50.0) / sigma))
+        fit = fit_psychometric(HEIGHTS * 1e-6, hits, totals)
+        found.append((math.log(fit.threshold / 50e-6), fit.weber, fit.weber_low < 0.2 < fit.weber_high))
+    middle, weber, covered = np.mean(found, axis=0)
+    error = np.std(found, axis=0) / math.sqrt(len(found))
+    assert abs(middle) < 3 * error[0]
+    assert abs(weber - 0.2) < max(3 * error[1], 0.004)
+    assert 0.90 < covered < 0.99
+
+
+def test_simulated_pairs_carry_the_weber_fraction_through_sheets_and_table():
+    design = design_rows(constant_stimuli(8, "step-050", BLOCKS, 6, seed=1))
+    energies = {item.identity: item.height for item in BLOCKS}
+    table = join_answers(design, lined(simulate_answers(design, energies, {}, Observer(weber=0.15), seed=5)))
+    curve = analyse(table).curves[-1]
+    assert curve.who == "all"
+    assert sum(curve.totals) == 8 * 8 * 12
+    assert curve.fit.weber_low < 0.15 < curve.fit.weber_high
+    assert curve.fit.threshold == pytest.approx(50e-6, rel=0.04)
+
+
+def test_a_lapse_rate_is_told_from_a_shallow_slope():
+    from scipy.special import ndtr
+
+    levels, total = np.geomspace(10e-6, 200e-6, 15), 4000
+    p = 0.04 + 0.92 * ndtr(np.log(levels / 45e-6) / 0.3)
+    hits, totals = np.round(total * p).astype(int), [total] * 15
+    fit = fit_psychometric(levels, hits, totals, guess=None, lapse=None)
+    assert (fit.lapse, fit.spread) == (pytest.approx(0.04, abs=2e-3), pytest.approx(0.3, rel=0.02))
+    assert fit.threshold == pytest.approx(45e-6, rel=0.01)
+    assert fit_psychometric(levels, hits, totals).spread > 1.3 * fit.spread
+    assert fit.lapse <= MAX_LAPSE
+
+
+@pytest.mark.parametrize(
+    ("hits", "message"),
+    [
+        ([10, 5, 0], "must rise"),
+        ([5, 5, 5], "must rise"),
+        ([0, 0, 10], "jump from none to all"),
+        ([0, 11, 10], "from 0 to the number"),
+    ],
+)
+def test_answers_that_tell_no_threshold_are_refused(hits, message):
+    with pytest.raises(StudyError, match=message):
+        fit_psychometric([1.0, 2.0, 3.0], hits, [10, 10, 10])
+
+
+def test_height_of_energy_inverts_the_prediction():
+    from stepblocks.contact.critical_angle import step_angle
+    from stepblocks.contact.energy import release_at
+
+    heights = np.array([25e-6, 50e-6, 75e-6])
+    energies = np.array([release_at(step_angle(h, 125e-6), 1.0, 0.15).vibration_energy for h in heights])
+    assert height_of_energy(energies, heights, energies) == pytest.approx(heights, rel=1e-12)
+    assert height_of_energy([energies[0] / 2], heights, energies)[0] < heights[0]
+    with pytest.raises(StudyError, match="rise with the height"):
+        height_of_energy([1.0], heights, energies[::-1])
+
+
+def binomial_band(runs, rate=0.05):
+    """Share that 99.9 % of simulations stay within when the true rate is `rate`."""
+    from scipy.stats import binom
+
+    low, high = binom.interval(0.999, runs, rate)
+    return low / runs, high / runs
+
+
+@pytest.mark.parametrize(("analysis", "runs", "participants"), [("f-test", 200, 3), ("mixed", 100, 8)])
+def test_no_effect_is_found_in_five_of_a_hundred_studies(analysis, runs, participants):
+    # participants differ in nothing for the F-test, which assumes so; in level and in their response to a condition for the mixed model
+    spread = 0.0 if analysis == "f-test" else 6e-6
+    observer = Observer(weber=0.1, response_noise=6e-6, participant_spread=spread, condition_spread=spread)
+    plan = Plan(participants, 2, (60e-6, 80e-6), (3e-5, 4e-5), (("a", 1.0), ("b", 1.0)), observer)
+    low, high = binomial_band(runs)
+    p = np.array(p_values(plan, analysis, range(runs)))
+    assert low <= np.mean(p < 0.05) <= high
+
+
+def test_power_of_the_f_test_is_that_of_the_noncentral_f():
+    # Energy in proportion to height without sensory noise: condition "b" lowers every estimate by a tenth
+    noise = 8e-6
+    observer = Observer(weber=0.0, response_noise=noise, participant_spread=0.0)
+    plan = Plan(4, 2, (80e-6,), (1e-5,), (("a", 1.0), ("b", 0.9)), observer)
+    plan = Plan(4, 2, (70e-6, 90e-6), (0.7e-5, 0.9e-5), plan.factors, observer)
+    exact = closed_form_power({"a": 0.0, "b": 8e-6}, 4 * 2 * 2, noise, 32 - 4)
+    assert 0.5 < exact < 0.95
+    found = np.mean(np.array(p_values(plan, "f-test", range(150))) < 0.05)
+    low, high = binomial_band(150, exact)
+    assert low <= found <= high
+
+
+def test_power_of_the_mixed_model_is_that_of_the_noncentral_f():
+    # Differences within participants have the variance 2 (condition_spread^2 + noise^2 / judgements per cell),
+    # on participants - 1 degrees of freedom
+    observer = Observer(weber=0.0, response_noise=6e-6, participant_spread=5e-6, condition_spread=6e-6)
+    plan = Plan(8, 2, (70e-6, 90e-6), (0.7e-5, 0.9e-5), (("a", 1.0), ("b", 0.9)), observer)
+    exact = closed_form_power({"a": 0.0, "b": 8e-6}, 8, math.hypot(6e-6, 6e-6 / 2), 7)
+    assert 0.4 < exact < 0.9
+    found = np.mean(np.array(p_values(plan, "mixed", range(80))) < 0.05)
+    low, high = binomial_band(80, exact)
+    assert low <= found <= high
+
+
+def test_power_is_the_same_in_one_process_and_in_two():
+    plan = Plan(3, 1, *FLAT.values(), (("a", 1.0), ("b", 0.5)), Observer())
+    one, two = (estimate_power(plan, "f-test", runs=12, seed=4, jobs=jobs) for jobs in (1, 2))
+    assert (one.power, one.low, one.high) == (two.power, two.low, two.high)
+    assert one.low <= one.power <= one.high
+
+
+@pytest.mark.parametrize(
+    ("make", "message"),
+    [
+        (lambda: Observer(weber=-0.1), "weber must be finite"),
+        (lambda: Observer(lapse=1.0), "lapse must be a rate"),
+        (lambda: Plan(1, 1, *FLAT.values(), (("a", 1.0), ("b", 1.0)), Observer()), "at least 2 participants"),
+        (lambda: Plan(2, 1, *FLAT.values(), (("a", 1.0),), Observer()), "at least two conditions"),
+        (lambda: Plan(2, 1, *FLAT.values(), (("a", 1.0), ("b", 0.0)), Observer()), "must be positive and finite"),
+        (
+            lambda: estimate_power(Plan(2, 1, *FLAT.values(), (("a", 1.0), ("b", 1.0)), Observer()), runs=3),
+            "runs must lie",
+        ),
+    ],
+)
+def test_impossible_plans_are_refused(make, message):
+    with pytest.raises(StudyError, match=message):
+        make()
+
+
+def test_realism_gain_is_recovered_by_the_ordinal_model():
+    design = design_rows(experiment_two(16, BLOCKS, 3, seed=2))
+    energies = {item.identity: item.height for item in BLOCKS}
+    observer = Observer(realism_gain=1.0)
+    table = join_answers(design, lined(simulate_answers(design, energies, {}, observer, seed=8)))
+    effect = ordinal_model(table.frame, "rating", ["condition"], "participant").effects[0]
+    assert effect.name == "vibration-on"
+    assert effect.low < math.e < effect.high
+    assert effect.ratio > 1.5
+
+
+def test_checks_doubt_what_is_wrong_and_let_pass_what_is_not():
+    generator = np.random.default_rng(1)
+    groups = ["a"] * 200 + ["b"] * 200
+    good = {
+        check.assumption: check.verdict
+        for check in residual_checks(generator.standard_normal(400) * 1e-6, groups, generator.standard_normal(10))
+    }
+    assert set(good.values()) == {"no objection"}
+    wide = generator.standard_normal(400) * np.repeat([1.0, 2.0], 200)
+    bad = {check.assumption: check.verdict for check in residual_checks(wide**3, groups, [0.0] * 9 + [9.0])}
+    assert set(bad.values()) == {"in doubt"}
+    assert [check.verdict for check in residual_checks([0.0, 0.0], ["a", "b"])] == ["not tested"] * 2
