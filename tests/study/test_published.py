@@ -101,22 +101,25 @@ def test_mixed_model_gives_lme4_s_estimates_of_the_dyestuff():
     assert fit.converged
 
 
-def test_mixed_model_gives_the_repeated_measures_f_of_statsmodels():
+@pytest.mark.parametrize(("response", "seed", "remarked"), [(0.8, 3, False), (0.0, 1, True), (0.0, 2, True)])
+def test_mixed_model_gives_the_repeated_measures_f_of_statsmodels(response, seed, remarked):
     from statsmodels.stats.anova import AnovaRM
 
-    # For complete data with positive variance components the two tests are one; the oracle is another routine of statsmodels.
-    generator = np.random.default_rng(3)
+    # For complete data the two tests are one, also where a variance comes out as zero; the oracle is another routine.
+    generator = np.random.default_rng(seed)
     person, probe, block, _ = (i.ravel() for i in np.indices((8, 3, 2, 2)))
     y = (
         generator.standard_normal(8)[person]
-        + 0.8 * generator.standard_normal((8, 3))[person, probe]
+        + response * generator.standard_normal((8, 3))[person, probe]
         + generator.standard_normal(96)
         + 0.4 * probe
     )
     frame = pd.DataFrame(
         {"y": y * 1e-6, "person": person.astype(str), "probe": probe.astype(str), "block": block.astype(str)}
     )
-    term = mixed_model(frame, "y", "probe", "person", "block").condition
+    fit = mixed_model(frame, "y", "probe", "person", "block")
+    term = fit.condition
+    assert bool(fit.remarks) == remarked
     table = AnovaRM(frame.assign(y=y), "y", "person", within=["probe"], aggregate_func="mean").fit().anova_table
     assert term.f == pytest.approx(table["F Value"].iloc[0], rel=1e-5)
     assert term.p == pytest.approx(table["Pr > F"].iloc[0], rel=1e-5)

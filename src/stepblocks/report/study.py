@@ -47,8 +47,7 @@ def render_study(result: Any, rows: Sequence[Mapping[str, str]]) -> str:
     tables: dict[str, list[Mapping[str, str]]] = {}
     for row in rows:
         tables.setdefault(row["analysis"], []).append(row)
-    fitted = result.mixed
-    said = [f"The mixed model did not settle: {one}" for one in fitted.warnings] if fitted is not None else []
+    said = result.mixed.remarks if result.mixed is not None else ()
     return _render(
         "study.html", title=_TITLES[result.experiment], notes=[*result.notes, *said], figures=study_figures(result),
         tables=[(name, _WHAT[name], [_shown(row) for row in own]) for name, own in tables.items()], checks=result.checks,

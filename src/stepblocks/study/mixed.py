@@ -16,6 +16,9 @@ from stepblocks.study.anova import Interval, Term, effect_of
 
 __all__ = ["MixedFit", "mixed_model"]
 
+_ZERO = 1e-6  # a variance below this share of the residual one is at its boundary
+_ALIKE = 1e-4  # log likelihoods closer than this are one
+
 
 @dataclass(frozen=True)
 class MixedFit:
@@ -35,8 +38,8 @@ class MixedFit:
         Restricted, at the optimum, in the unit of the response.
     converged : bool
         Whether the optimiser ended at a flat point.
-    warnings : tuple of str
-        What statsmodels said about the fit, such as a variance at its boundary of zero.
+    remarks : tuple of str
+        Sentences on a variance at its boundary of zero, or an optimiser that did not settle.
     fitted, residuals : ndarray of float, shape (n,)
         For the checks; conditional on the participants.
     participant_effects : ndarray of float, shape (participants,)
@@ -51,7 +54,7 @@ class MixedFit:
     sd_residual: float
     log_likelihood: float
     converged: bool
-    warnings: tuple[str, ...]
+    remarks: tuple[str, ...]
     fitted: Any
     residuals: Any
     participant_effects: Any
@@ -85,7 +88,8 @@ def mixed_model(
     -------
     MixedFit
         The test has ``(participants - 1)(conditions - 1)`` degrees of freedom in its denominator: for complete data it is that of
-        the repeated-measures analysis of variance whenever the variance components come out positive.
+        the repeated-measures analysis of variance. Where a variance component comes out as zero, the test keeps the mean square of
+        participants by condition as its denominator, which holds its level; a zero would not.
 
     Raises
     ------
@@ -98,7 +102,7 @@ def mixed_model(
     """
     data, scale, shift = _scaled(frame, response, condition, participant, block)
     people, conditions = data["g"].nunique(), sorted(data["a"].unique())
-    fit, said = _fit(data, bool(block), len(conditions) > 1)
+    fit, said, factor = _fit(data, bool(block), len(conditions) > 1)
     rows, count = _cell_rows(fit, data, conditions), len(fit.fe_params)
     covariance = np.asarray(fit.cov_params())[:count, :count]
     beta = np.asarray(fit.fe_params)
@@ -110,8 +114,8 @@ def mixed_model(
     spread = math.sqrt(float(fit.scale))
     return MixedFit(
         means,
-        _wald(condition, rows, beta, covariance, df_error) if len(conditions) > 1 else None,
-        tuple(_pairs(conditions, rows, beta, covariance, df_error, level, scale, spread)) if intervals else (),
+        _wald(condition, rows, beta, factor * covariance, df_error) if len(conditions) > 1 else None,
+        tuple(_pairs(conditions, rows, beta, factor * covariance, df_error, level, scale, spread)) if intervals else (),
         math.sqrt(max(float(np.asarray(fit.cov_re).ravel()[0]), 0.0)) * scale,
         math.sqrt(max(float(fit.vcomp[0]), 0.0)) * scale if len(fit.vcomp) else 0.0,
         spread * scale,
@@ -143,22 +147,73 @@ def _scaled(frame: Any, response: str, condition: str, participant: str, block: 
     return data, scale, shift
 
 
-def _fit(data: Any, blocks: bool, compared: bool) -> tuple[Any, tuple[str, ...]]:
+def _fit(data: Any, blocks: bool, compared: bool) -> tuple[Any, tuple[str, ...], float]:
+    """Fit the largest model inside the bounds of its variances; say what was left out, and the factor on the variance of means."""
+    both = "C(a, Sum) * C(b, Sum)" if compared else "C(b, Sum)"
+    fixed = both if blocks else "C(a, Sum)" if compared else "1"
+    # A participant's response to a condition is only apart from single judgements where there are several of them.
+    counts = data.groupby(["g", "a"]).size()
+    repeated = compared and counts.max() > 1
+    between, within, number = _mean_squares(data) if repeated else (math.nan, math.nan, 1.0)
+    at_zero = between <= within and counts.min() == counts.max()  # the closed form of a balanced design
+    fit = (
+        _optimise(data, fixed, {"re_formula": "1", "vc_formula": {"a": "0 + C(a)"}})
+        if repeated and not at_zero
+        else None
+    )
+    if fit is None or float(fit.vcomp[0]) <= _ZERO * float(fit.scale) or not fit.converged:
+        plain = _optimise(data, fixed, {})
+        # At a boundary of zero the optimiser stalls; the model without that variance is then as likely, and smooth.
+        fit = plain if fit is None or float(fit.llf) <= float(plain.llf) + _ALIKE else fit
+    response = float(fit.vcomp[0]) if len(fit.vcomp) else 0.0
+    said = []
+    if repeated and response == 0.0:
+        said.append("The variance of participants' response to the condition is estimated as zero.")
+    if float(np.asarray(fit.cov_re).ravel()[0]) <= _ZERO * float(fit.scale):
+        said.append("The variance between participants is estimated as zero.")
+    factor = between / (float(fit.scale) + number * response) if repeated and said else 1.0
+    if repeated and said:
+        said.append(
+            "The condition is therefore tested against the mean square of participants by condition, as in repeated measures."
+        )
+    if not fit.converged:
+        said.append("The optimiser of the mixed model did not end at a flat point; its figures are its best found.")
+    return fit, tuple(said), factor
+
+
+def _mean_squares(data: Any) -> tuple[float, float, float]:
+    """Mean squares of participants by condition and of judgements within, and judgements per cell (harmonic mean)."""
+    keys = ["a", "b"] if "b" in data else ["a"]
+    centred = data.assign(y=data["y"] - data.groupby(keys)["y"].transform("mean"))
+    cells = centred.groupby(["g", "a"])["y"]
+    means, number = cells.mean().unstack(), float(len(cells) / (1.0 / cells.size()).sum())
+    if means.isna().to_numpy().any():
+        raise StudyError("every participant must have a judgement in every condition")
+    doubly = means.sub(means.mean(axis=1), axis=0) - means.mean(axis=0) + means.to_numpy().mean()
+    df = (means.shape[0] - 1) * (means.shape[1] - 1)
+    left = float(((centred["y"] - cells.transform("mean")) ** 2).sum())
+    spent = means.size + (data.groupby(keys).ngroups - means.shape[1])
+    return number * float((doubly**2).to_numpy().sum()) / df, left / max(len(data) - spent, 1), number
+
+
+def _optimise(data: Any, fixed: str, options: dict[str, Any]) -> Any:
     import statsmodels.formula.api as smf
 
-    fixed = (
-        "C(a, Sum) * C(b, Sum)" if blocks and compared else "C(b, Sum)" if blocks else "C(a, Sum)" if compared else "1"
-    )
-    # A participant's response to a condition is only apart from single judgements where there are several of them.
-    repeated = compared and data.groupby(["g", "a"]).size().max() > 1
-    options = {"re_formula": "1", "vc_formula": {"a": "0 + C(a)"}} if repeated else {}
-    with warnings.catch_warnings(record=True) as caught:
-        warnings.simplefilter("always")
-        try:
-            fit = smf.mixedlm(f"y ~ {fixed}", data, groups="g", **options).fit(reml=True, method="bfgs", gtol=1e-10)
-        except (np.linalg.LinAlgError, ValueError) as error:
-            raise StudyError(f"the mixed model cannot be fitted to these {len(data)} judgements: {error}") from error
-    return fit, tuple(dict.fromkeys(str(one.message).splitlines()[0] for one in caught))
+    found = []
+    for method, settings in (("bfgs", {"gtol": 1e-10}), ("bfgs", {"gtol": 1e-5}), ("powell", {})):
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")  # what went wrong is read from the result
+            try:
+                fit = smf.mixedlm(f"y ~ {fixed}", data, groups="g", **options).fit(reml=True, method=method, **settings)
+            except (np.linalg.LinAlgError, ValueError):
+                continue
+        if math.isfinite(fit.llf) and np.isfinite(np.asarray(fit.bse_fe)).all():
+            found.append(fit)
+            if fit.converged:
+                break
+    if not found:
+        raise StudyError(f"the mixed model cannot be fitted to these {len(data)} judgements: no optimum was found")
+    return max(found, key=lambda fit: (round(float(fit.llf), 6), bool(fit.converged)))
 
 
 def _cell_rows(fit: Any, data: Any, conditions: Sequence[str]) -> list[Any]:
