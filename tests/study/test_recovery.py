@@ -113,6 +113,13 @@ def test_no_effect_is_found_in_five_of_a_hundred_studies(analysis, runs, partici
     assert low <= np.mean(p < 0.05) <= high
 
 
+def test_closed_form_power_is_the_textbook_s_and_begins_at_the_level():
+    # Cohen (1988), table 2.3.5: two groups of 64, d = 0.5, two-sided 5 %: power 0.80 (0.8015 by G*Power and R's power.t.test)
+    assert closed_form_power({"a": 0.0, "b": 0.5}, 64, 1.0, 126) == pytest.approx(0.8015, abs=5e-5)
+    assert closed_form_power({"a": 0.0, "b": 0.0}, 64, 1.0, 126) == 0.05
+    assert closed_form_power({"a": 0.0, "b": 1e-4}, 64, 1.0, 126) == pytest.approx(0.05, abs=1e-5)
+
+
 def test_power_of_the_f_test_is_that_of_the_noncentral_f():
     # Energy in proportion to height without sensory noise: condition "b" lowers every estimate by a tenth
     noise = 8e-6

@@ -231,4 +231,6 @@ def closed_form_power(
     means = np.array(list(differences.values()))
     noncentrality = judgements * float(((means - means.mean()) ** 2).sum()) / sd**2
     df = len(means) - 1
+    if noncentrality < 1e-12:  # scipy's noncentral F is wrong at zero, where it is the central one
+        return level
     return float(ncf.sf(f.isf(level, df, df_error), df, df_error, noncentrality))
