@@ -200,7 +200,7 @@ def _optimise(data: Any, fixed: str, options: dict[str, Any]) -> Any:
     import statsmodels.formula.api as smf
 
     found = []
-    for method, settings in (("bfgs", {"gtol": 1e-10}), ("bfgs", {"gtol": 1e-5}), ("powell", {})):
+    for method, settings in (("bfgs", {"gtol": 1e-10}), ("powell", {})):
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")  # what went wrong is read from the result
             try:
