@@ -82,6 +82,14 @@ def test_answers_that_tell_no_threshold_are_refused(hits, message):
         fit_psychometric([1.0, 2.0, 3.0], hits, [10, 10, 10])
 
 
+def test_a_spread_that_a_lapse_explains_away_is_not_reported():
+    # one slip at 30 um and a jump between 50 and 70 um: with a lapse rate any steep function fits
+    levels = [10e-6, 20e-6, 30e-6, 40e-6, 60e-6, 70e-6, 80e-6, 90e-6, 100e-6]
+    with pytest.raises(StudyError, match="no spread can be told from 72 trials"):
+        fit_psychometric(levels, [0, 0, 1, 0, 6, 8, 8, 8, 8], [8] * 9, guess=None, lapse=None)
+    assert fit_psychometric(levels, [0, 0, 1, 0, 6, 8, 8, 8, 8], [8] * 9).weber < 0.5
+
+
 def test_height_of_energy_inverts_the_prediction():
     from stepblocks.contact.critical_angle import step_angle
     from stepblocks.contact.energy import release_at

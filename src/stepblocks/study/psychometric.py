@@ -18,6 +18,7 @@ __all__ = ["MAX_LAPSE", "Psychometric", "crossing", "fit_psychometric"]
 MAX_LAPSE = 0.1
 """Largest lapse rate that a fit may take; Wichmann and Hill (2001) bound it so that it cannot stand in for the slope."""
 _Z75 = 0.6744897501960817  # standard normal quantile of 0.75
+_VAGUE = 1.0  # standard error of the logarithm of a spread beyond which its interval spans a factor of fifty
 _Z975 = 1.959963984540054
 Array = NDArray[np.float64]
 
@@ -237,6 +238,11 @@ def _summary(
     df: int,
     trials: int,
 ) -> Psychometric:
+    if not spread_error < _VAGUE:
+        raise StudyError(
+            f"answers jump between two of the levels: no spread can be told from {trials} trials; add levels between them"
+        )
+
     def weber(log_sigma: float) -> float:
         return math.expm1(min(_Z75 * math.exp(min(log_sigma, 20.0)), 700.0))
 
