@@ -23,6 +23,7 @@ _COMMANDS: tuple[str, ...] = (
     "loop",
     "simulate_session",
     "workshop",
+    "export",
 )
 """Modules of this package, one per command or family of commands, in the order of the help text."""
 
