@@ -218,3 +218,37 @@ def test_a_malformed_profile_is_refused(points):
 
 def test_the_renderer_uses_the_constants_of_the_paper():
     assert (PAPER_TOOL.stiffness, PAPER_TOOL.conversion) == (9.81e3, 0.2)
+
+
+def test_a_tick_allocates_nothing():
+    """Counted by numba's own allocator: a thousand ticks take no more than ten; what is left is the call from Python."""
+    from numba.core.runtime import _nrt_python as allocator
+
+    renderer = Renderer(centre_path(TEN[4], R), CONDITION)
+    start, counts = np.array([-2e-4, 0.0, R]), []
+    for ticks in (10, 10, 1000):
+        renderer.reset(np.array([-2e-4, 0.0, 3e-4]))
+        allocator.memsys_enable_stats()
+        before = allocator.memsys_get_stats_alloc()
+        renderer.drag(start, 5e-7, 1.0, 0.0, ticks)
+        counts.append(allocator.memsys_get_stats_alloc() - before)
+        allocator.memsys_disable_stats()
+    assert renderer.events == 1
+    assert counts[2] == counts[1]
+
+
+def test_a_tick_takes_less_than_five_microseconds():
+    """The median bears other work on this machine; benchmarks/renderer_ticks.py has the tail."""
+    import time
+
+    renderer = Renderer(centre_path(TEN[4], R), CONDITION)
+    position, velocity, times = np.array([-2e-4, 0.0, R - 1e-4]), np.zeros(3), []
+    renderer.reset(np.array([-2e-4, 0.0, 3e-4]))
+    renderer.tick(position, velocity)
+    for x in np.linspace(-2e-4, 3e-4, 4000):
+        position[0] = x
+        start = time.perf_counter_ns()
+        renderer.tick(position, velocity)
+        times.append(time.perf_counter_ns() - start)
+    assert renderer.events == 1
+    assert np.median(times) < 5_000
