@@ -25,7 +25,7 @@ FREQUENCY = 300.0
 """Middle of the 250 to 350 Hz in which the explorer of the paper rings [Hz]."""
 _BAND_SHARE, _HALF_BAND = 0.86, 50.0
 DECAY = math.tan(0.5 * math.pi * _BAND_SHARE) / (math.tau * _HALF_BAND)
-"""Time constant of the amplitude [s], 14.3 ms: the one whose spectrum has the 86 % of its energy in 250 to 350 Hz that
+"""Time constant of the amplitude [s], 14.2 ms: the one whose spectrum has the 86 % of its energy in 250 to 350 Hz that
 the paper reports (a decaying sine has a Lorentzian line); 89 % of the energy is then spent in the paper's 16 ms."""
 _LENGTH = 7.0  # of a rendered ring in time constants: all but 1e-6 of the energy
 
