@@ -120,6 +120,15 @@ def test_a_mirrored_height_field_is_caught(suffix, folder, block):
     assert "largest error of a height" in failures(block, path)
 
 
+def test_swapped_rows_of_a_height_field_are_caught(folder, block):
+    path = folder / f"{block.id}.heightfield.npz"
+    with np.load(path) as archive:
+        content = {name: archive[name] for name in archive.files}
+    content["height_m"], content["y_m"] = content["height_m"][::-1], content["y_m"][::-1]
+    np.savez_compressed(path, **content)
+    assert "positions along y" in failures(block, path)
+
+
 def test_an_eight_bit_height_field_is_caught(folder, block):
     import tifffile
 

@@ -24,6 +24,7 @@ _COMMANDS: tuple[str, ...] = (
     "simulate_session",
     "workshop",
     "export",
+    "feel",
     "study",
 )
 """Modules of this package, one per command or family of commands, in the order of the help text."""

@@ -170,10 +170,18 @@ def _tiff(stimulus: Stimulus, path: Path) -> Iterator[Verdict]:
 def _npz(stimulus: Stimulus, path: Path) -> Iterator[Verdict]:
     try:
         with path.open("rb") as stream, np.load(stream, allow_pickle=False) as archive:
-            heights = archive["height_m"]
+            heights, columns, rows = (
+                np.asarray(archive[name], dtype=np.float64) for name in ("height_m", "x_m", "y_m")
+            )
     except (OSError, ValueError, KeyError, EOFError, zipfile.BadZipFile, zlib.error) as error:
-        raise MetrologyError(f"must be an npz with height_m: {error} [{path}]") from error
-    yield from _field(stimulus, path, np.asarray(heights, dtype=np.float64))
+        raise MetrologyError(f"must be an npz with height_m, x_m and y_m: {error} [{path}]") from error
+    yield from _field(stimulus, path, heights)
+    # heights that are equal along y cannot tell swapped rows; the positions that the archive gives them can
+    side = json.loads(path.with_suffix(".json").read_text(encoding="utf-8"))
+    for name, found in (("x", columns), ("y", rows)):
+        expected = side[f"origin_{name}_m"] + side[f"spacing_{name}_m"] * np.arange(found.size)
+        worst = np.abs(found - expected).max() if found.ndim == 1 and found.size else math.inf
+        yield Verdict(path.name, f"positions along {name}", 0.0, float(worst), LENGTH_LIMIT)
 
 
 def _field(stimulus: Stimulus, path: Path, heights: NDArray[np.float64]) -> Iterator[Verdict]:

@@ -1,0 +1,71 @@
+"""Tick times of the reference renderer, and the energy of the ring it renders against E_v: python benchmarks/renderer_ticks.py.
+
+Every tick is timed on its own, called from Python as a servo loop would, over drags of the ten blocks there and back.
+"""
+
+from __future__ import annotations
+
+import time
+from pathlib import Path
+
+import numpy as np
+
+from stepblocks.haptics.condition import Condition
+from stepblocks.haptics.event import ring_energy, vibration_events
+from stepblocks.haptics.renderer.path import centre_path
+from stepblocks.haptics.renderer.servo import Renderer
+from stepblocks.stimulus.loader import load_set
+
+RATE = 10e3
+CONDITION = Condition(125e-6, 1.0, 0.15)
+ROOT = Path(__file__).resolve().parents[1]
+
+
+def main() -> None:
+    print("| block | ticks | median us | 99.9 % us | worst us | ring uJ | E_v uJ | deviation |")
+    print("|---|---|---|---|---|---|---|---|")
+    everything = []
+    for block in load_set(ROOT / "stimuli" / "paper-ten.toml").stimuli:
+        event = vibration_events(block, CONDITION)[0]
+        renderer = Renderer(centre_path(block, CONDITION.ball_radius), CONDITION, rate=RATE)
+        nanoseconds, energy = drag(renderer, event)
+        everything.append(nanoseconds)
+        row(block.id, nanoseconds, energy, event.energy)
+    row("all", np.concatenate(everything))
+
+
+def drag(renderer: Renderer, event: object) -> tuple[np.ndarray, float]:
+    """Pull over the edge at 2 mm/s, stop for the ring, and return; the load is held."""
+    pull = 1.1 * event.critical_force / renderer.stiffness
+    x = event.trigger_position - 20e-6
+    there = np.arange(x, event.trigger_position + pull + 1e-4, 2e-3 / RATE)
+    xs = np.concatenate([there, np.full(1500, there[-1]), there[::-1]])
+    position, velocity = np.array([x, 0.0, event.trigger_height - 1e-6]), np.zeros(3)
+    renderer.reset(np.array([x, 0.0, 1e-3]))
+    renderer.tick(position, velocity)  # compiled before it is timed
+    renderer.reset(np.array([x, 0.0, 1e-3]))
+    times, ring = np.empty(len(xs), dtype=np.int64), []
+    clock = time.perf_counter_ns
+    for index, x in enumerate(xs):
+        position[0] = x
+        start = clock()
+        force = renderer.tick(position, velocity)
+        times[index] = clock() - start
+        if renderer.events == 1 and index < len(there) + 1500:
+            ring.append(force[0] + renderer.pull)
+        position[2] += (force[2] - CONDITION.normal_load) / renderer.wall
+    return times, ring_energy(np.array(ring), RATE, event)
+
+
+def row(name: str, nanoseconds: np.ndarray, energy: float | None = None, expected: float | None = None) -> None:
+    median, most, worst = (float(np.quantile(nanoseconds, q)) * 1e-3 for q in (0.5, 0.999, 1.0))
+    tail = (
+        "| | |"
+        if energy is None
+        else f"{energy * 1e6:.3f} | {expected * 1e6:.3f} | {100 * (energy / expected - 1):+.2f} % |"
+    )
+    print(f"| {name} | {len(nanoseconds)} | {median:.2f} | {most:.2f} | {worst:.1f} | {tail}", flush=True)
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,68 @@
+"""``stepblocks export``: folders that a simulator loads."""
+
+from __future__ import annotations
+
+import argparse
+from pathlib import Path
+from typing import Any
+
+__all__ = ["add_to"]
+
+_SIMULATORS = ("mujoco", "chai3d", "sofa", "usd", "gltf", "x3d", "urdf", "forcelaw")
+
+
+def add_to(commands: Any) -> None:
+    """Register the command.
+
+    Parameters
+    ----------
+    commands : argparse subparsers
+        Where to register.
+    """
+    parser = commands.add_parser(
+        "export",
+        help="scenes for haptic simulators, with contact settings and the vibration as an event",
+        description="Write one self-contained folder per block: scene, event, rings and a README that says how to run it.",
+    )
+    parser.add_argument(
+        "files", nargs="*", type=Path, metavar="SET", help="stimulus files or folders (default: stimuli)"
+    )
+    parser.add_argument("--for", dest="simulator", required=True, choices=_SIMULATORS, help="simulator")
+    parser.add_argument(
+        "-o", "--output", type=Path, default=Path("out/scenes"), metavar="DIR", help="default: out/scenes"
+    )
+    parser.add_argument("--device", metavar="NAME", help="force-feedback device; its rendering plan sets the scale")
+    parser.add_argument("--devices", type=Path, metavar="FILE", help="device profiles of your own")
+    parser.add_argument("--only", metavar="PATTERN", help="stimuli such as 'step-0?0'")
+    parser.add_argument("--scale", type=float, metavar="S", help="magnification (default: the plan's, or 1)")
+    for name, example in (("load", "1 N"), ("friction", "0.15"), ("tip-radius", "125 um")):
+        parser.add_argument(
+            f"--{name}", metavar="Q", help=f"such as '{example}' (default: the first of the set's prediction)"
+        )
+    parser.set_defaults(run=_run)
+
+
+def _run(arguments: argparse.Namespace) -> int:
+    from stepblocks.errors import PipelineError, QuantityError
+    from stepblocks.pipeline.build import stimulus_files
+    from stepblocks.pipeline.export import export_sets
+    from stepblocks.quantities import parse_quantity
+
+    def quantity(name: str, text: str | None, dimension: str) -> float | None:
+        if text is None:
+            return None
+        try:
+            return parse_quantity(float(text) if dimension == "ratio" else text, dimension)
+        except (QuantityError, ValueError) as error:
+            raise PipelineError(f"--{name}: {error}") from error
+
+    written = 0
+    for done in export_sets(
+        stimulus_files(arguments.files), arguments.simulator, arguments.output, arguments.device, arguments.devices,
+        arguments.only, quantity("load", arguments.load, "force"), quantity("friction", arguments.friction, "ratio"),
+        quantity("tip-radius", arguments.tip_radius, "length"), arguments.scale,
+    ):  # fmt: skip
+        print(f"{done.name}: {done.folder or done.remark}" + (f"\n  {done.plan}" if done.plan else ""), flush=True)
+        written += done.folder is not None
+    print(f"{written} folder{'s' if written != 1 else ''} for {arguments.simulator}")
+    return 0

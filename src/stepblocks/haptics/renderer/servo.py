@@ -1,0 +1,173 @@
+"""The reference renderer: what experiment 2 of the paper needs, for any device that reports a position and takes a force."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+
+from stepblocks.errors import HapticsError
+from stepblocks.haptics.condition import Condition
+from stepblocks.haptics.event import DECAY, FREQUENCY
+from stepblocks.haptics.renderer import kernel
+from stepblocks.haptics.renderer.path import CentrePath
+
+__all__ = ["Renderer"]
+
+Array = NDArray[np.float64]
+
+
+class Renderer:
+    """A proxy on the path of the ball's centre, pulled by the hand through the spring of the tool.
+
+    Magnifying the path by S and dividing the spring by S leaves every force as it was; the ring is computed from the
+    force at release and therefore carries the energy of the unscaled tool at any S.
+
+    Parameters
+    ----------
+    path : CentrePath
+        Unscaled path of the ball's centre.
+    condition : Condition
+        Friction and tool; the hand brings the load.
+    scale : float
+        Magnification S [1].
+    rate : float
+        Servo rate [Hz].
+    event : bool
+        Whether the ring is added at a release; the two conditions of experiment 2.
+    wall : float, optional
+        Spring along the normal load [N/m]; k/S where omitted.
+    damping : float
+        Viscous damping of the hand in contact [N s/m].
+
+    Attributes
+    ----------
+    force : ndarray, shape (3,)
+        Force on the hand after the last tick [N]; written in place.
+    path : CentrePath
+        The magnified path.
+    scale, stiffness, wall, period : float
+        S [1], tangential and normal spring [N/m], time of a tick [s].
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from stepblocks.haptics.renderer.path import profile_path
+    >>> flat = profile_path([(-1e-3, 0.0), (1e-3, 0.0)], 125e-6)
+    >>> renderer = Renderer(flat, Condition(125e-6, 1.0, 0.15))
+    >>> renderer.reset(np.array([0.0, 0.0, 2e-4]))
+    >>> float(np.round(renderer.tick(np.array([0.0, 0.0, 115e-6]), np.zeros(3))[2], 4))
+    0.0981
+    """
+
+    def __init__(
+        self,
+        path: CentrePath,
+        condition: Condition,
+        scale: float = 1.0,
+        rate: float = 10e3,
+        event: bool = True,
+        wall: float | None = None,
+        damping: float = 0.0,
+    ) -> None:
+        for name, value in (("scale", scale), ("rate", rate)):
+            if not (math.isfinite(value) and value > 0.0):
+                raise HapticsError(f"{name} must be positive and finite, got {value:g}")
+        if not (math.isfinite(damping) and damping >= 0.0):
+            raise HapticsError(f"damping must be finite and not negative, got {damping:g} N s/m")
+        self.path, self.scale = path.scaled(scale), scale
+        self.stiffness = condition.tool.stiffness / scale
+        self.wall = self.stiffness if wall is None else wall
+        self.period = 1.0 / rate
+        ring = math.sqrt(condition.tool.conversion) if event else 0.0
+        self.force: Array = np.zeros(3)
+        self._state: Array = np.zeros(len(kernel.STATE))
+        self._parameters: Array = np.array(
+            [self.stiffness, self.wall, condition.friction, damping, self.period, ring, math.tau * FREQUENCY, DECAY]
+        )
+        before = np.concatenate([self.path.slope_start[:1], self.path.slope_end])
+        after = np.concatenate([self.path.slope_start, self.path.slope_end[-1:]])
+        notch = after - before > 1e-3  # a kink of the path, not the chords of a circle
+        self._up: NDArray[np.bool_] = notch & (after > 1e-3)
+        self._down: NDArray[np.bool_] = notch & (before < -1e-3)
+        self.reset(np.array([self.path.x[0], 0.0, float(self.path.z.max()) + 1.0]))
+
+    def reset(self, position: Array) -> None:
+        """Put the proxy where the hand is, free.
+
+        Parameters
+        ----------
+        position : ndarray, shape (3,)
+            The hand [m], above the path.
+        """
+        x = float(np.clip(position[0], self.path.x[0], self.path.x[-1]))
+        piece = int(np.clip(np.searchsorted(self.path.x, x, side="right") - 1, 0, len(self.path.x) - 2))
+        self._state[:] = 0.0
+        self._state[0], self._state[1], self._state[2] = x, position[1], piece
+        self._state[5], self._state[9] = -1.0, position[2]
+        self.force[:] = 0.0
+
+    def tick(self, position: Array, velocity: Array) -> Array:
+        """Render one servo tick.
+
+        Parameters
+        ----------
+        position, velocity : ndarray, shape (3,)
+            Of the hand, in the frame of the part magnified by S [m, m/s].
+
+        Returns
+        -------
+        ndarray, shape (3,)
+            Force on the hand [N]: the attribute `force`, no copy.
+        """
+        path = self.path
+        kernel.tick(position, velocity, self.force, self._state, self._parameters,
+                    path.x, path.z, path.slope_start, path.slope_end, self._up, self._down)  # fmt: skip
+        return self.force
+
+    def drag(self, start: Array, step: float, load: float, resolution: float, count: int) -> Array:
+        """Render many ticks under a virtual hand, see `stepblocks.haptics.renderer.hand.drag`.
+
+        Parameters
+        ----------
+        start : ndarray, shape (3,)
+            First position of the hand [m].
+        step : float
+            Its advance along x per tick [m].
+        load : float
+            Normal load that it keeps [N].
+        resolution : float
+            Step to which positions are rounded [m]; 0 rounds nothing.
+        count : int
+            Ticks.
+
+        Returns
+        -------
+        ndarray, shape (3, count)
+            Position of the hand along x [m], spring force and force on the hand along x [N].
+        """
+        path, record = self.path, np.zeros((3, count))
+        kernel.drag(record, start, step, load, resolution, self.force, self._state, self._parameters,
+                    path.x, path.z, path.slope_start, path.slope_end, self._up, self._down)  # fmt: skip
+        return record
+
+    @property
+    def proxy(self) -> tuple[float, float]:
+        """Where the proxy is across and along the edge [m]."""
+        return float(self._state[0]), float(self._state[1])
+
+    @property
+    def pull(self) -> float:
+        """Force in the tool's spring, without the ring [N]; positive where the hand pulls towards +x."""
+        return float(self._state[4])
+
+    @property
+    def events(self) -> int:
+        """How many releases there were since the last reset."""
+        return int(self._state[7])
+
+    @property
+    def release_force(self) -> float:
+        """Spring force at the last release [N]; 0 before the first."""
+        return float(self._state[8])

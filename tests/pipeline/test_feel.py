@@ -1,0 +1,88 @@
+"""The page on which a step is felt, in a real browser without a network."""
+
+import math
+import os
+import shutil
+from pathlib import Path
+
+import pytest
+
+from stepblocks.cli import main
+
+ROOT = Path(__file__).resolve().parents[2]
+R = 125e-6
+
+
+@pytest.fixture(scope="module")
+def page(tmp_path_factory):
+    path = tmp_path_factory.mktemp("feel") / "my page.html"
+    assert main(["feel", str(ROOT / "stimuli" / "paper-ten.toml"), "-o", str(path), "--no-open"]) == 0
+    return path
+
+
+def test_the_page_is_one_file_that_loads_nothing(page):
+    text = page.read_text()
+    assert "http" not in text
+    assert "src=" not in text
+    assert len(text) < 300_000
+
+
+def test_a_set_without_blocks_is_refused_in_one_line(tmp_path, capsys):
+    tips = str(ROOT / "stimuli" / "probe-tips.toml")
+    assert main(["feel", tips, "-o", str(tmp_path / "x.html"), "--no-open"]) == 2
+    assert capsys.readouterr().err.count("\n") == 1
+
+
+@pytest.fixture(scope="module")
+def browser(page, tmp_path_factory):
+    chromium, driver = shutil.which("chromium") or shutil.which("google-chrome"), shutil.which("chromedriver")
+    if not (chromium and driver):
+        if os.environ.get("STEPBLOCKS_REQUIRE_BROWSER"):
+            pytest.fail("a browser is required here and there is none")
+        pytest.skip("no chromium with chromedriver")
+    from selenium import webdriver
+    from selenium.webdriver.chrome.service import Service
+
+    options = webdriver.ChromeOptions()
+    options.binary_location = chromium
+    profile = tmp_path_factory.mktemp("profile")
+    for argument in (
+        "headless",
+        "no-sandbox",
+        "disable-background-networking",
+        "window-size=1200,1100",
+        f"user-data-dir={profile}",
+    ):
+        options.add_argument(f"--{argument}")
+    options.set_capability("goog:loggingPrefs", {"browser": "ALL"})
+    window = webdriver.Chrome(options=options, service=Service(driver))
+    window.set_network_conditions(offline=True, latency=0, throughput=1)
+    window.get(page.as_uri())
+    yield window
+    window.quit()
+
+
+@pytest.mark.browser
+def test_the_pages_own_renderer_follows_the_formula_and_locks(browser):
+    for index in range(10):
+        height = (index + 1) * 10e-6
+        force = math.tan(math.acos(1 - height / R) + math.atan(0.15))
+        found = browser.execute_script(f"return dragAcross({index}, 1.0, 0.15)")
+        assert found["peak"] == pytest.approx(force, rel=5e-3)
+        assert found["events"] == 1
+    locked = browser.execute_script("return dragAcross(9, 1.0, 0.3)")
+    assert (locked["events"], locked["formula"]) == (0, None)
+
+
+@pytest.mark.browser
+def test_a_mouse_drags_the_probe_over_the_edge(browser):
+    from selenium.webdriver.common.action_chains import ActionChains
+    from selenium.webdriver.support.ui import WebDriverWait
+
+    scene = browser.find_element("id", "scene")
+    ActionChains(browser).move_to_element_with_offset(scene, -200, 0).click_and_hold().perform()
+    for _ in range(15):
+        ActionChains(browser).move_by_offset(30, 0).perform()
+    ActionChains(browser).release().perform()
+    WebDriverWait(browser, 30).until(lambda window: "last release at 0.6" in window.find_element("id", "state").text)
+    assert [entry for entry in browser.get_log("browser") if entry["level"] == "SEVERE"] == []
