@@ -92,7 +92,7 @@ def code_fingerprint() -> str:
     root = Path(stepblocks.__file__).parent
     total = hashlib.sha256()
     for path in sorted(root.rglob("*")):
-        if path.suffix in {".py", ".html", ".js", ".css", ".toml"}:
+        if path.suffix in {".py", ".html", ".j2", ".toml"}:
             total.update(path.relative_to(root).as_posix().encode() + b"\0" + path.read_bytes())
     for name in _SHAPING:
         try:
