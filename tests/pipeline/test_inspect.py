@@ -169,3 +169,34 @@ def test_prediction_takes_the_record_and_says_how_far_the_energy_moved(tmp_path,
     assert {row[4] for row in rows if row[1] == "step-060"} == {"60"}
     assert main(["predict", source, "--as-built", str(tmp_path / "a.csv")]) == 2
     assert main(["predict", source, "--as-built", str(tmp_path)]) == 2
+
+
+def test_an_inspected_block_speaks_in_the_closed_loop_with_its_own_height_and_edge(tmp_path):
+    from stepblocks.pipeline.as_built import measured_edges, read_records
+
+    values = {
+        "groove_depth": AsBuiltValue(50.4e-6, 20e-9, "conforms"),
+        "edge_radius": AsBuiltValue(14e-6, 0.3e-6, "does-not-conform"),
+    }
+    write_as_built(tmp_path / "step-050.as-built.toml", AsBuilt("step-050", "scan.x3p", "0" * 64, "type A1", values))
+    edges = measured_edges(read_records([tmp_path]))
+    assert edges["step-050"] == pytest.approx(
+        {"height_m": 50.4e-6, "height_std_m": 20e-9, "edge_radius_m": 14e-6, "edge_radius_std_m": 0.3e-6}
+    )
+
+
+def test_the_loop_takes_the_records_of_the_blunt_blocks_instead_of_their_scans(shared, tmp_path):
+    from stepblocks.pipeline.loop import loop_session
+
+    for height in range(10, 90, 10):
+        values = {
+            "step_height": AsBuiltValue(height * 1e-6, 1e-6, "not-proven"),
+            "edge_radius": AsBuiltValue(14e-6, 0.3e-6, "does-not-conform"),
+        }
+        record = AsBuilt(f"step-{height:03}", "scan.csv", "0" * 64, "two planes", values)
+        write_as_built(tmp_path / f"step-{height:03}.as-built.toml", record)
+    loop_session(shared / "bench" / "quiet", tmp_path / "out", 1, as_built=[tmp_path])
+    result = json.loads((tmp_path / "out" / "result.json").read_text())
+    # the records say 14 um where the blocks of this session are sharp; the forces contradict them
+    assert result["scans"]["mean_edge_radius_m"] == pytest.approx(14e-6)
+    assert result["nominal"]["error"]["ln_energy_rms"] < 0.1

@@ -8,12 +8,12 @@ from pathlib import Path
 
 from stepblocks.contact.energy import Status
 from stepblocks.errors import PipelineError
-from stepblocks.metrology.as_built import AsBuilt, read_as_built
+from stepblocks.metrology.as_built import AsBuilt, AsBuiltValue, read_as_built
 from stepblocks.pipeline.predict import predict_set
 from stepblocks.stimulus.block import StepBlock
 from stepblocks.stimulus.set import StimulusSet
 
-__all__ = ["moved_energies", "read_records", "with_as_built"]
+__all__ = ["measured_edges", "moved_energies", "read_records", "with_as_built"]
 
 
 def read_records(paths: Sequence[Path]) -> dict[str, AsBuilt]:
@@ -71,13 +71,43 @@ def _as_built(block: StepBlock, records: dict[str, AsBuilt]) -> StepBlock:
     if record is None:
         return block
     update = {}
-    height = record.values.get("step_height") or record.values.get("groove_depth") or record.values.get("ridge_height")
+    height = _height_of(record)
     if height is not None:
         update["height"] = replace(block.height, nominal=height.value, source=f"as built, {record.scan}")
     if "edge_radius" in record.values:
         radius = max(record.values["edge_radius"].value, 0.0)
         update["edge_radius"] = replace(block.edge_radius, nominal=radius, source=f"as built, {record.scan}")
     return block.model_copy(update=update)
+
+
+def _height_of(record: AsBuilt) -> AsBuiltValue | None:
+    """Height of the step: measured at the edge itself, or at the feature beside it that is as high."""
+    found = (record.values.get(key) for key in ("step_height", "groove_depth", "ridge_height"))
+    return next((value for value in found if value is not None), None)
+
+
+def measured_edges(records: dict[str, AsBuilt]) -> dict[str, dict[str, float]]:
+    """List heights and edge radii of inspected blocks for the closed loop.
+
+    Parameters
+    ----------
+    records : dict of str to AsBuilt
+        By identity.
+
+    Returns
+    -------
+    dict of dict
+        ``height_m``, ``height_std_m`` and, where it was measured, ``edge_radius_m``, ``edge_radius_std_m`` per block [m].
+    """
+    edges: dict[str, dict[str, float]] = {}
+    for block, record in records.items():
+        height, radius = _height_of(record), record.values.get("edge_radius")
+        if height is None:
+            continue
+        edges[block] = {"height_m": height.value, "height_std_m": height.std}
+        if radius is not None:
+            edges[block] |= {"edge_radius_m": radius.value, "edge_radius_std_m": radius.std}
+    return edges
 
 
 def moved_energies(stimuli: StimulusSet, records: dict[str, AsBuilt]) -> Iterator[str]:

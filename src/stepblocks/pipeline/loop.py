@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 import math
 import os
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass, replace
 from multiprocessing import get_context
@@ -21,6 +21,7 @@ from stepblocks.closure.holdout import Holdout, folds_within_blocks, held_out
 from stepblocks.closure.noise import flexible_residual
 from stepblocks.closure.trials import Trials
 from stepblocks.errors import PipelineError
+from stepblocks.pipeline.as_built import measured_edges, read_records
 from stepblocks.pipeline.bench_model import SessionModel, candidates, covariate_ranges
 from stepblocks.pipeline.loop_result import result_document
 from stepblocks.pipeline.model_file import model_document
@@ -162,6 +163,7 @@ def loop_session(
     jobs: int | None = None,
     use_scans: bool = True,
     progress: Callable[[int, int], None] | None = None,
+    as_built: Sequence[Path] = (),
 ) -> Verdict:
     """Measure a session, find what the model lacks, and write the four files.
 
@@ -177,6 +179,8 @@ def loop_session(
         Whether the scans of the blocks are used; False lets the forces speak alone.
     progress : callable, optional
         Told how many of how many trials are measured.
+    as_built : sequence of Path
+        As-built records of inspected blocks, or folders of them; they count instead of the session's own scans.
 
     Returns
     -------
@@ -193,6 +197,7 @@ def loop_session(
     from stepblocks.bench.session import open_session
     from stepblocks.pipeline.measure import measure_session
 
+    inspected = measured_edges(read_records(as_built)) if as_built else {}
     declared = open_session(session)
     radius = declared.probe.tip_radius
     if radius is None:
@@ -207,7 +212,8 @@ def loop_session(
     scans: Scans = {}
     if use_scans:
         blocks = sorted(set(features["block"].dropna()))
-        scans, _ = scan_blocks(session, declared.scans, blocks, edge_of_scan)
+        scans, _ = scan_blocks(session, declared.scans, [b for b in blocks if b not in inspected], edge_of_scan)
+        scans = {**scans, **{block: inspected[block] for block in blocks if block in inspected}}
     result = analyse_features(features, declared.probe.spring_constant, radius, scans, cores)
     write_loop(result, output, declared.title or session.name)
     return result.found.verdict
