@@ -1,6 +1,7 @@
 """Promises of a build system: only what changed, the same bytes anywhere, nothing of the user's lost, safe to interrupt."""
 
 import json
+import os
 import subprocess
 import sys
 from pathlib import Path
@@ -190,3 +191,20 @@ def test_predictions_have_units_in_their_columns_and_no_number_where_the_tip_loc
     assert all(
         float(row["step_height_um"]) < float(row["locking_height_um"]) for row in rows if row["status"] == "releases"
     )
+
+
+def test_tips_crowns_and_rounded_edges_are_the_same_bytes_from_process_to_process(tmp_path):
+    """The kernel's own three-point arcs and the hull's own order varied by the run; a second process shows it."""
+    rounded = tmp_path / "small.toml"
+    rounded.write_text(SMALL.replace('to = "20 um"', 'to = "10 um"').replace('nominal = "0 um"', 'nominal = "4 um"'))
+    trees = []
+    for seed in ("1", "2"):
+        output = tmp_path / seed
+        files = [str(rounded), *(str(ROOT / "stimuli" / f"{name}.toml") for name in ("probe-tips", "crown-margins"))]
+        for only in ("hook-125", "tip-*", "step-010", "crown-shoulder", "gap-020-lip"):
+            subprocess.run(
+                [sys.executable, "-m", "stepblocks", "build", *files, "-o", str(output), "--only", only, "--jobs", "1", "--quiet"],
+                check=True, env={**os.environ, "PYTHONHASHSEED": seed},
+            )  # fmt: skip
+        trees.append(tree(output))
+    assert trees[0] == trees[1]

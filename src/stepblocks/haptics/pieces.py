@@ -65,9 +65,13 @@ def _hull(points: Iterable[Sequence[float]]) -> Any:
 
 
 def _mesh(name: str, hull: Any) -> Mesh:
+    """Put vertices and triangles in ascending order: the hull's own order varies with its threads."""
     mesh = hull.to_mesh64()
-    vertices = np.asarray(mesh.vert_properties)[:, :3] * 1e-3
-    return Mesh(name, vertices, np.asarray(mesh.tri_verts).astype(np.int64))
+    vertices, index = np.unique(np.asarray(mesh.vert_properties)[:, :3], axis=0, return_inverse=True)
+    triangles = index.reshape(-1)[np.asarray(mesh.tri_verts).astype(np.int64)]
+    first = triangles.argmin(axis=1)[:, None]
+    triangles = np.take_along_axis(triangles, (first + np.arange(3)) % 3, axis=1)
+    return Mesh(name, vertices * 1e-3, triangles[np.lexsort(triangles.T[::-1])])
 
 
 def _half_points(

@@ -15,8 +15,10 @@ import cadquery as cq
 import numpy as np
 from numpy.typing import NDArray
 from OCP.BRep import BRep_Tool
+from OCP.BRepBuilderAPI import BRepBuilderAPI_MakeEdge
 from OCP.BRepMesh import BRepMesh_IncrementalMesh
 from OCP.BRepTools import BRepTools
+from OCP.gp import gp_Ax2, gp_Circ, gp_Dir, gp_Pnt
 from OCP.IFSelect import IFSelect_ReturnStatus
 from OCP.IMeshTools import IMeshTools_Parameters
 from OCP.STEPControl import STEPControl_Reader
@@ -117,9 +119,21 @@ def _wire(start: Point, edges: Iterable[Line | Arc]) -> cq.Wire:
         if isinstance(edge, Line):
             made.append(cq.Edge.makeLine(here, end))
         else:
-            made.append(cq.Edge.makeThreePointArc(here, _vector(edge.middle), end))
+            made.append(_arc(here, _vector(edge.middle), end))
         here = end
     return cq.Wire.assembleEdges(made)
+
+
+def _arc(start: cq.Vector, middle: cq.Vector, end: cq.Vector) -> cq.Edge:
+    """Arc through three points about a centre of our own: the kernel's answer varies by 1e-18 from run to run."""
+    a, b = np.subtract(middle.toTuple(), start.toTuple()), np.subtract(end.toTuple(), start.toTuple())
+    normal = np.cross(a, b)
+    # circumcentre relative to the start, by products alone
+    offset = np.cross((a @ a) * b - (b @ b) * a, normal) / (2.0 * (normal @ normal))
+    centre = np.add(start.toTuple(), offset)
+    frame = gp_Ax2(gp_Pnt(*centre.tolist()), gp_Dir(*normal.tolist()), gp_Dir(*(-offset).tolist()))
+    circle = gp_Circ(frame, float(np.sqrt(offset @ offset)))
+    return cq.Edge(BRepBuilderAPI_MakeEdge(circle, start.toPnt(), end.toPnt()).Edge())
 
 
 def extruded(
