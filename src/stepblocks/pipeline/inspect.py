@@ -28,6 +28,7 @@ from stepblocks.metrology.inspection import (
 from stepblocks.metrology.read_scan import read_scan
 from stepblocks.metrology.scan import HeightMap, Profile
 from stepblocks.metrology.uncertainty import Instrument
+from stepblocks.pipeline.manifest import replace_text
 from stepblocks.pipeline.predict import tool_of
 from stepblocks.report.inspection import draw_inspection, inspection_table
 from stepblocks.stimulus.block import StepBlock
@@ -217,8 +218,8 @@ def write_inspection(result: InspectionResult, folder: Path) -> list[Path]:
     paths = [base.with_name(f"{base.name}.{ending}") for ending in ("as-built.toml", "inspection.json", "inspection.txt",
                                                                      "inspection.svg")]  # fmt: skip
     write_as_built(paths[0], record)
-    _replace(paths[1], json.dumps(as_json(result), indent=2, allow_nan=False) + "\n")
-    _replace(paths[2], table_of(result) + "\n")
+    replace_text(paths[1], json.dumps(as_json(result), indent=2, allow_nan=False) + "\n")
+    replace_text(paths[2], table_of(result) + "\n")
     filled = {key: (one.value, one.std, one.verdict) for key, one in values.items()}
     paths.append(base.with_name(f"{base.name}.inspection-sheet.csv"))
     write_sheet_csv(paths[-1], result.stimulus, filled)
@@ -258,9 +259,3 @@ def as_json(result: InspectionResult) -> dict[str, Any]:
                      if key not in {c.key for c, _ in result.judged}},
         "characteristics": characteristics,
     }  # fmt: skip
-
-
-def _replace(path: Path, text: str) -> None:
-    draft = path.with_name(f".{path.name}.draft")
-    draft.write_text(text, encoding="utf-8")
-    draft.replace(path)

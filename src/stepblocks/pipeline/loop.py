@@ -24,6 +24,7 @@ from stepblocks.errors import PipelineError
 from stepblocks.pipeline.as_built import measured_edges, read_records
 from stepblocks.pipeline.bench_model import SessionModel, candidates, covariate_ranges
 from stepblocks.pipeline.loop_result import result_document
+from stepblocks.pipeline.manifest import replace_text
 from stepblocks.pipeline.model_file import model_document
 from stepblocks.pipeline.session_scans import edge_of_scan, scan_blocks
 from stepblocks.pipeline.session_table import SessionTable, trials_of
@@ -226,14 +227,8 @@ def write_loop(result: LoopResult, output: Path, title: str) -> None:
 
     output.mkdir(parents=True, exist_ok=True)
     for name, document in (("result.json", result.result), ("model.json", result.model)):
-        _replace(output / name, json.dumps(_finite(document), indent=2, allow_nan=False) + "\n")
+        replace_text(output / name, json.dumps(_finite(document), indent=2, allow_nan=False) + "\n")
     write_report(report_of(result, title), output / "report.html")
-
-
-def _replace(path: Path, text: str) -> None:
-    draft = path.with_name(path.name + ".part")
-    draft.write_text(text, encoding="utf-8")
-    draft.replace(path)
 
 
 def _finite(value: Any) -> Any:
