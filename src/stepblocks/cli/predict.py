@@ -71,8 +71,8 @@ def _predict_table(files: list[Path], output: Path | None, model: Path | None) -
 
 
 def _predict_sets(arguments: argparse.Namespace) -> int:
+    from stepblocks.beside import replace_text
     from stepblocks.pipeline.build import stimulus_files
-    from stepblocks.pipeline.manifest import replace_text
     from stepblocks.pipeline.predict import COLUMNS, as_csv, as_row, predict_set
     from stepblocks.stimulus.loader import load_set
 

@@ -171,7 +171,7 @@ def _analyse(arguments: argparse.Namespace) -> int:
 
 
 def _power(arguments: argparse.Namespace) -> int:
-    from stepblocks.pipeline.manifest import replace_text
+    from stepblocks.beside import replace_text
     from stepblocks.pipeline.study import power_rows
     from stepblocks.report.study import render_power
 

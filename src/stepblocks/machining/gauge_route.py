@@ -10,6 +10,7 @@ import math
 from dataclasses import dataclass
 from pathlib import Path
 
+from stepblocks.beside import beside
 from stepblocks.errors import MachiningError
 from stepblocks.stimulus.block import StepBlock
 
@@ -222,16 +223,12 @@ def write_gauge_assembly(path: Path, block: StepBlock, grade: str = "0") -> Gaug
     for index, length in ((1, pair.lower), (2, pair.upper)):
         faces = [i for i, face in enumerate(kernel.face_kinds(bodies[index][1])) if face.high[2] - face.low[2] < 1e-6]
         dimensions.append(PmiDimension("distance", index, (faces[0], faces[1]), length, -deviation, deviation))
-    draft = path.with_name(f".{path.name}.draft")
-    try:
+    with beside(path) as draft:
         write_step_with_tolerances(draft, bodies, dimensions, [], (block.material.designation, block.material.density))
         names = [f"length of gauge block {_piece(length)}" for length in (pair.lower, pair.upper)]
         draft.write_text(
             conforming(draft.read_text(encoding="utf-8"), f"{block.id}-gauge", PINNED_TIME, names), encoding="utf-8"
         )
-        draft.replace(path)
-    finally:
-        draft.unlink(missing_ok=True)
     return pair
 
 

@@ -12,6 +12,7 @@ import math
 from collections.abc import Mapping
 from pathlib import Path
 
+from stepblocks.beside import beside, replace_text
 from stepblocks.machining.characteristics import Characteristic, characteristics_of
 from stepblocks.machining.drawing.numbers import decimals_for, millimetres
 from stepblocks.stimulus.set import Stimulus
@@ -77,9 +78,7 @@ def write_sheet_csv(path: Path, stimulus: Stimulus, measured: Values | None = No
     writer = csv.writer(text, lineterminator="\n")
     writer.writerow(COLUMNS)
     writer.writerows(sheet_rows(stimulus, measured))
-    draft = path.with_name(f".draft-{path.name}")
-    draft.write_text(text.getvalue(), encoding="utf-8")
-    draft.replace(path)
+    replace_text(path, text.getvalue())
 
 
 def write_sheet_pdf(path: Path, stimulus: Stimulus, measured: Values | None = None) -> None:
@@ -130,6 +129,5 @@ def write_sheet_pdf(path: Path, stimulus: Stimulus, measured: Values | None = No
         cell.PAD = 0.03
         if row == 0:
             cell.set_facecolor("#e6edf2")
-    draft = path.with_name(f".draft-{path.name}")
-    figure.savefig(draft, format="pdf", metadata={"CreationDate": None, "ModDate": None})
-    draft.replace(path)
+    with beside(path) as draft:
+        figure.savefig(draft, format="pdf", metadata={"CreationDate": None, "ModDate": None})

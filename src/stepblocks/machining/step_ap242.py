@@ -11,6 +11,7 @@ import re
 from collections.abc import Sequence
 from pathlib import Path
 
+from stepblocks.beside import beside
 from stepblocks.errors import MachiningError
 from stepblocks.machining.callouts import callout_lines, callout_text
 from stepblocks.machining.characteristics import Characteristic, characteristics_of, find_face
@@ -74,15 +75,11 @@ def write_step_ap242(
             datum = ("A", faces[1]) if one.kind == "parallelism" else None
             tolerances.append(PmiTolerance(one.kind, one.body, faces[0], one.upper, datum, seen))
     material = stimulus.material
-    draft = path.with_name(f".{path.name}.draft")
-    try:
+    with beside(path) as draft:
         write_step_with_tolerances(draft, bodies, dimensions, tolerances, (material.designation, material.density))
         notes = [(one.label, _limits(one)) for one in listed if one.kind == "note"]
         text = conforming(draft.read_text(encoding="utf-8"), stimulus.id, timestamp, names, notes)
         draft.write_text(text, encoding="utf-8")
-        draft.replace(path)
-    finally:
-        draft.unlink(missing_ok=True)
 
 
 def _ascii(text: str) -> str:

@@ -6,6 +6,7 @@ import tomllib
 from dataclasses import dataclass
 from pathlib import Path
 
+from stepblocks.beside import replace_text
 from stepblocks.errors import MetrologyError, QuantityError
 from stepblocks.quantities import format_quantity, parse_quantity
 
@@ -83,9 +84,7 @@ def write_as_built(path: Path, record: AsBuilt) -> None:
             f'std = "{format_quantity(one.std, "length", 4)}"',
             f"verdict = {_quoted(one.verdict)}",
         ]
-    draft = path.with_name(f".{path.name}.draft")
-    draft.write_text("\n".join(lines) + "\n", encoding="utf-8")
-    draft.replace(path)
+    replace_text(path, "\n".join(lines) + "\n")
 
 
 def _quoted(text: str) -> str:

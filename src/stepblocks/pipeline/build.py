@@ -14,6 +14,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from stepblocks import __version__
+from stepblocks.beside import replace_text
 from stepblocks.errors import PipelineError
 from stepblocks.pipeline.manifest import (
     MANIFEST,
@@ -22,7 +23,6 @@ from stepblocks.pipeline.manifest import (
     hash_file,
     intact,
     load_json,
-    replace_text,
 )
 
 if TYPE_CHECKING:

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
+from stepblocks.beside import beside
 from stepblocks.errors import PipelineError
 from stepblocks.quantities import parse_quantity
 
@@ -128,10 +129,9 @@ def si_column(
 
 def write_table(frame: pd.DataFrame, path: Path) -> None:
     """Write a CSV beside its place and rename it; 17 digits, so that reading it back gives the same doubles."""
-    beside = path.with_name(f".{path.name}.part")
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
-        frame.to_csv(beside, index=False, lineterminator="\n")
-        beside.replace(path)
+        with beside(path) as draft:
+            frame.to_csv(draft, index=False, lineterminator="\n")
     except OSError as error:
         raise PipelineError(f"table cannot be written: {error.strerror} [{path}]") from error

@@ -7,6 +7,7 @@ from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
+from stepblocks.beside import replace_text
 from stepblocks.contact.catches import Direction, steepest
 from stepblocks.contact.drag.kernels import COLUMNS
 from stepblocks.contact.drag.model import DragSettings, Probe, probe_of_frequency
@@ -147,9 +148,7 @@ def drag_to_folder(
     draw_force(trace, folder / "force.png", title)
     if trace.status is Status.RELEASES:
         draw_spectra(trace, folder / "spectra.png", title)
-    beside = folder / ".drag.json.part"
-    beside.write_text(json.dumps(summary, indent=1, sort_keys=True) + "\n", encoding="utf-8")
-    beside.replace(folder / "drag.json")
+    replace_text(folder / "drag.json", json.dumps(summary, indent=1, sort_keys=True) + "\n")
     return summary
 
 

@@ -9,10 +9,10 @@ from typing import Any
 
 import numpy as np
 
+from stepblocks.beside import replace_text
 from stepblocks.errors import PipelineError
 from stepblocks.haptics.event import DECAY, FREQUENCY
 from stepblocks.haptics.renderer.path import CentrePath, centre_path
-from stepblocks.pipeline.manifest import replace_text
 from stepblocks.pipeline.predict import tool_of
 from stepblocks.report.feel import render_feel
 from stepblocks.stimulus.block import StepBlock

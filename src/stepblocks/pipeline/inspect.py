@@ -9,6 +9,7 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
+from stepblocks.beside import replace_text
 from stepblocks.contact.critical_angle import step_angle
 from stepblocks.contact.energy import Status, release_at
 from stepblocks.errors import PipelineError
@@ -28,7 +29,6 @@ from stepblocks.metrology.inspection import (
 from stepblocks.metrology.read_scan import read_scan
 from stepblocks.metrology.scan import HeightMap, Profile
 from stepblocks.metrology.uncertainty import Instrument
-from stepblocks.pipeline.manifest import replace_text
 from stepblocks.pipeline.predict import tool_of
 from stepblocks.report.inspection import draw_inspection, inspection_table
 from stepblocks.stimulus.block import StepBlock

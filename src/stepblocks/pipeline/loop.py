@@ -15,6 +15,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
+from stepblocks.beside import replace_text
 from stepblocks.closure.explain import Rules, explain, select
 from stepblocks.closure.explanation import Explanation, Verdict
 from stepblocks.closure.holdout import Holdout, folds_within_blocks, held_out
@@ -24,7 +25,6 @@ from stepblocks.errors import PipelineError
 from stepblocks.pipeline.as_built import measured_edges, read_records
 from stepblocks.pipeline.bench_model import SessionModel, candidates, covariate_ranges
 from stepblocks.pipeline.loop_result import result_document
-from stepblocks.pipeline.manifest import replace_text
 from stepblocks.pipeline.model_file import model_document
 from stepblocks.pipeline.session_scans import edge_of_scan, scan_blocks
 from stepblocks.pipeline.session_table import SessionTable, trials_of

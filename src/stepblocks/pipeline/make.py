@@ -11,7 +11,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from stepblocks.pipeline.manifest import RECORD, digest, hash_file, load_json, replace_text
+from stepblocks.beside import replace_text
+from stepblocks.pipeline.manifest import RECORD, digest, hash_file, load_json
 from stepblocks.stimulus.block import StepBlock
 from stepblocks.stimulus.margin import CrownOnTooth, MarginBlock
 from stepblocks.stimulus.set import Stimulus

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import hashlib
 import json
-import os
 from collections.abc import Iterable, Mapping
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
@@ -20,7 +19,6 @@ __all__ = [
     "hash_file",
     "intact",
     "load_json",
-    "replace_text",
 ]
 
 MANIFEST = "manifest.json"
@@ -120,24 +118,6 @@ def load_json(path: Path) -> dict[str, Any]:
     except (OSError, ValueError):
         return {}
     return content if isinstance(content, dict) else {}
-
-
-def replace_text(path: Path, text: str) -> None:
-    """Write a text beside its place and rename it there.
-
-    Parameters
-    ----------
-    path : Path
-        Where it shall stand.
-    text : str
-        What it shall say.
-    """
-    beside = path.with_name(f".{path.name}.{os.getpid()}.partial")
-    try:
-        beside.write_text(text, encoding="utf-8")
-        beside.replace(path)
-    finally:
-        beside.unlink(missing_ok=True)
 
 
 def intact(folder: Path, outputs: Mapping[str, str], names: Iterable[str] | None = None) -> bool:

@@ -18,6 +18,7 @@ from stepblocks.bench.session import Session, open_session
 from stepblocks.bench.sources import TraceSource, open_source
 from stepblocks.bench.trace import Trial
 from stepblocks.bench.trial_table import TrialTable, open_trials
+from stepblocks.beside import beside
 from stepblocks.errors import PipelineError
 
 __all__ = ["MeasureSummary", "measure_session"]
@@ -163,32 +164,34 @@ def _finish(draft: Path, output: Path, table: TrialTable, faults: dict[int, str]
     """Put the faults of labels into the draft, and the draft into its place."""
     reasons: Counter[str] = Counter()
     excluded = 0
-    beside = output.with_name(output.name + ".part")
     blank = len(header_of(table)) - 3 - len(table.covariates)
     try:
-        with draft.open(newline="", encoding="utf-8") as source, beside.open("w", newline="", encoding="utf-8") as sink:
-            writer = csv.writer(sink, lineterminator="\n")
-            for row, cells in enumerate(csv.reader(source)):
-                if row in faults and cells[1] == OK:
-                    cells[1:3] = [EXCLUDED, faults[row]]
-                    cells[-blank:] = [""] * blank
-                if row and cells[1] == EXCLUDED:
-                    excluded += 1
-                    reasons[cells[2].split(":")[0][:60]] += 1
-                writer.writerow(cells)
-        if excluded == table.count:
-            commonest, times = reasons.most_common(1)[0]
-            first = next(iter(faults.values()), commonest)
-            example = first if first.startswith(commonest) else commonest
-            raise PipelineError(
-                f"no trial of {table.count} could be measured; {times} times {example} [{table.session.folder}]"
-            )
-        beside.replace(output)
+        with beside(output) as whole:
+            with (
+                draft.open(newline="", encoding="utf-8") as source,
+                whole.open("w", newline="", encoding="utf-8") as sink,
+            ):
+                writer = csv.writer(sink, lineterminator="\n")
+                for row, cells in enumerate(csv.reader(source)):
+                    if row in faults and cells[1] == OK:
+                        cells[1:3] = [EXCLUDED, faults[row]]
+                        cells[-blank:] = [""] * blank
+                    if row and cells[1] == EXCLUDED:
+                        excluded += 1
+                        reasons[cells[2].split(":")[0][:60]] += 1
+                    writer.writerow(cells)
+            if excluded == table.count:
+                raise PipelineError(_nothing_left(table, reasons, faults))
     except OSError as error:
         raise PipelineError(f"output cannot be written: {error.strerror} [{output}]") from error
-    finally:
-        beside.unlink(missing_ok=True)
     return MeasureSummary(table.count, excluded, dict(reasons), _design_notes(table))
+
+
+def _nothing_left(table: TrialTable, reasons: Counter[str], faults: dict[int, str]) -> str:
+    commonest, times = reasons.most_common(1)[0]
+    first = next(iter(faults.values()), commonest)
+    example = first if first.startswith(commonest) else commonest
+    return f"no trial of {table.count} could be measured; {times} times {example} [{table.session.folder}]"
 
 
 def _design_notes(table: TrialTable) -> tuple[str, ...]:

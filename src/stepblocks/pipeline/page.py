@@ -6,8 +6,9 @@ from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Any
 
+from stepblocks.beside import replace_text
 from stepblocks.contact.energy import Status
-from stepblocks.pipeline.manifest import RECORD, load_json, replace_text
+from stepblocks.pipeline.manifest import RECORD, load_json
 from stepblocks.pipeline.predict import Prediction, as_row, predict_set, tool_of
 from stepblocks.report.curves import set_figure
 from stepblocks.report.page import plotly_script, render_page

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
+from stepblocks.beside import beside
 from stepblocks.closure.trials import Trials
 from stepblocks.contact.forward import height_name
 from stepblocks.contact.state import CHANNELS, observe
@@ -57,11 +58,10 @@ def predict_trials(trials_file: Path, model_file: Path, output: Path) -> int:
     except (OSError, ValueError) as error:
         raise PipelineError(f"trials must be a readable CSV table: {error!s:.80} [{trials_file}]") from error
     result = predictions(table, learned)
-    draft = output.with_name(output.name + ".part")
     try:
         output.parent.mkdir(parents=True, exist_ok=True)
-        result.to_csv(draft, index=False, float_format="%.9g")
-        draft.replace(output)
+        with beside(output) as draft:
+            result.to_csv(draft, index=False, float_format="%.9g")
     except OSError as error:
         raise PipelineError(f"output cannot be written: {error.strerror} [{output}]") from error
     return int((result["status"] != "ok").sum())

@@ -7,11 +7,11 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
+from stepblocks.beside import replace_text
 from stepblocks.contact.critical_angle import step_angle
 from stepblocks.contact.energy import Status, release_at
 from stepblocks.errors import PipelineError
 from stepblocks.pipeline.build import matches
-from stepblocks.pipeline.manifest import replace_text
 from stepblocks.pipeline.predict import tool_of
 from stepblocks.report.run_sheet import render_key, render_sheets
 from stepblocks.report.study import render_study

@@ -8,13 +8,13 @@ from __future__ import annotations
 
 import json
 import math
-import os
 from collections.abc import Callable, Iterator
 from dataclasses import asdict
 from itertools import islice
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from stepblocks.beside import beside, replace_text
 from stepblocks.contact.critical_angle import step_angle
 from stepblocks.contact.energy import Status, Tool, release_at
 from stepblocks.errors import ContactError, PipelineError
@@ -160,10 +160,8 @@ def write_partition(plan: SweepPlan, number: int, folder: Path) -> int:
     kinds["problem"] = pa.string()
     schema = pa.schema([(name, kinds.get(name, pa.float64())) for name in columns])
     table = pa.table({name: [row[name] for row in rows] for name in columns}, schema=schema)
-    target = _path(folder, number)
-    beside = target.with_name(f".{target.name}.{os.getpid()}.part")
-    pq.write_table(table, beside, compression="zstd")
-    beside.replace(target)
+    with beside(_path(folder, number)) as draft:
+        pq.write_table(table, draft, compression="zstd")
     return len(rows)
 
 
@@ -216,9 +214,7 @@ def _claim(plan: SweepPlan, folder: Path) -> None:
         return
     if any(folder.glob("part-*.parquet")):
         raise PipelineError(f"folder holds partitions without {_PLAN_FILE}; choose another folder [{folder}]")
-    beside = path.with_name(f".{_PLAN_FILE}.{os.getpid()}.part")
-    beside.write_text(text + "\n", encoding="utf-8")
-    beside.replace(path)
+    replace_text(path, text + "\n")
 
 
 def _path(folder: Path, number: int) -> Path:

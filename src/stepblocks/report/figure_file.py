@@ -5,6 +5,8 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any
 
+from stepblocks.beside import beside
+
 __all__ = ["new_figure", "save_figure"]
 
 
@@ -30,8 +32,6 @@ def save_figure(figure: Any, path: Path) -> None:
 
     kind = path.suffix.lstrip(".")
     path.parent.mkdir(parents=True, exist_ok=True)
-    beside = path.with_name(f".{path.name}.part")
     metadata = {"Software": None} if kind == "png" else {"Date": None, "Creator": None}
-    with mpl.rc_context({"svg.hashsalt": "stepblocks"}):
-        figure.savefig(beside, format=kind, metadata=metadata)
-    beside.replace(path)
+    with mpl.rc_context({"svg.hashsalt": "stepblocks"}), beside(path) as draft:
+        figure.savefig(draft, format=kind, metadata=metadata)

@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 
+from stepblocks.beside import beside
 from stepblocks.machining.characteristics import Characteristic
 from stepblocks.metrology.conformity import Decision, Outcome
 from stepblocks.metrology.inspection import Inspected
@@ -104,10 +105,9 @@ def draw_inspection(path: Path, identity: str, inspected: Inspected, judged: Jud
         axes[0].set_title(f"{identity}: {verdict.value}", color=_COLOUR[verdict], fontweight="bold", loc="left")
         for axis, (one, decision) in zip(axes[1:], judged, strict=True):
             _draw_limits(axis, one, decision)
-        draft = path.with_name(f".draft-{path.name}")
         metadata = {"Date": None} if path.suffix == ".svg" else {}
-        figure.savefig(draft, metadata=metadata, dpi=120)
-        draft.replace(path)
+        with beside(path) as draft:
+            figure.savefig(draft, metadata=metadata, dpi=120)
 
 
 def _draw_scan(axis: Any, inspected: Inspected, judged: Judged) -> None:

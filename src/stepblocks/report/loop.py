@@ -12,6 +12,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from stepblocks.beside import replace_text
+
 __all__ = ["LoopReport", "Panel", "Traced", "write_report"]
 
 Floats = NDArray[np.float64]
@@ -89,9 +91,7 @@ def write_report(report: LoopReport, path: Path) -> None:
         curves=[_curve(traced) for traced in report.traced],
         worst=report.worst,
     )
-    draft = path.with_name(path.name + ".part")
-    draft.write_text(text, encoding="utf-8")
-    draft.replace(path)
+    replace_text(path, text)
 
 
 def _figure(value: Any) -> str:

@@ -9,6 +9,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from stepblocks.beside import beside
+
 __all__ = ["TrialPicture", "draw_trial"]
 
 Array = NDArray[np.float64]
@@ -76,10 +78,9 @@ def draw_trial(picture: TrialPicture, path: Path) -> None:
     normal.plot(1e3 * picture.time, picture.normal, color=_LINE, linewidth=0.6)
     normal.set_ylabel("normal force / N")
     normal.set_xlabel("time / ms")
-    beside = path.with_name(path.name + ".part")
     metadata = {"Software": None} if path.suffix == ".png" else None
-    figure.savefig(beside, format=path.suffix.lstrip(".") or "png", dpi=130, metadata=metadata)
-    beside.replace(path)
+    with beside(path) as draft:
+        figure.savefig(draft, format=path.suffix.lstrip(".") or "png", dpi=130, metadata=metadata)
 
 
 def _tangential(axes: Any, picture: TrialPicture) -> None:

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from stepblocks.beside import beside
 from stepblocks.errors import MachiningError
 from stepblocks.machining.characteristics import Characteristic, characteristics_of
 from stepblocks.machining.drawing.numbers import limits_text
@@ -106,12 +107,11 @@ def _write_all(folder: Path, name: str, formats: tuple[str, ...], draw: Callable
         sheet = draw()
         for form in formats:
             path = folder / f"{name}.{form}"
-            draft = folder / f".draft-{path.name}"
-            if form == "dxf":
-                sheet.document.saveas(draft)
-            else:
-                _render(sheet, draft)
-            draft.replace(path)
+            with beside(path) as draft:
+                if form == "dxf":
+                    sheet.document.saveas(draft)
+                else:
+                    _render(sheet, draft)
             paths.append(path)
     finally:
         ezdxf.options.write_fixed_meta_data_for_testing = before

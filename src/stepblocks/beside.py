@@ -1,0 +1,62 @@
+"""Nothing half-written: a file is made beside its place and renamed into it when it is whole."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+__all__ = ["beside", "replace_text"]
+
+
+@contextmanager
+def beside(path: Path) -> Iterator[Path]:
+    """Give a draft to write to; it takes its place when the block ends well and is removed when it does not.
+
+    Parameters
+    ----------
+    path : Path
+        Where the file shall stand. What stands there stays whole until then.
+
+    Yields
+    ------
+    Path
+        A hidden name in the same folder with the same suffix.
+
+    Raises
+    ------
+    OSError
+        If the folder cannot be written.
+
+    Examples
+    --------
+    >>> import tempfile
+    >>> with tempfile.TemporaryDirectory() as folder:
+    ...     target = Path(folder) / "table.csv"
+    ...     with beside(target) as draft:
+    ...         _ = draft.write_text("height_m")
+    ...         before = target.exists()
+    ...     before, target.read_text()
+    (False, 'height_m')
+    """
+    draft = path.with_name(f".partial-{os.getpid()}-{path.name}")
+    try:
+        yield draft
+        draft.replace(path)
+    finally:
+        draft.unlink(missing_ok=True)
+
+
+def replace_text(path: Path, text: str) -> None:
+    """Write a text beside its place and rename it there.
+
+    Parameters
+    ----------
+    path : Path
+        Where it shall stand.
+    text : str
+        What it shall say; written as UTF-8 with its own line ends.
+    """
+    with beside(path) as draft:
+        draft.write_text(text, encoding="utf-8", newline="")
