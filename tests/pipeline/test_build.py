@@ -2,8 +2,10 @@
 
 import json
 import os
+import signal
 import subprocess
 import sys
+import time
 from pathlib import Path
 
 import pytest
@@ -136,6 +138,28 @@ def test_an_interrupted_build_goes_on_where_it_stopped(source, tmp_path, monkeyp
     report = build([source], tmp_path / "out", jobs=1)
     assert (report.built, report.current) == (["small/step-020"], 1)
     assert tree(tmp_path / "out") == tree(first)
+
+
+def test_a_build_that_is_asked_to_end_takes_its_workers_along_and_leaves_no_draft(tmp_path):
+    output = tmp_path / "out"
+    paper = str(ROOT / "stimuli" / "paper-ten.toml")
+    process = subprocess.Popen(
+        [sys.executable, "-m", "stepblocks", "build", paper, "-o", str(output), "--jobs", "2"],
+        stderr=subprocess.PIPE, text=True, start_new_session=True,
+    )  # fmt: skip
+    assert process.stderr.readline().startswith("[1/10]")
+    process.terminate()
+    process.communicate(timeout=120)
+    assert process.returncode == 128 + signal.SIGTERM
+    for _ in range(100):  # the fork server sees the end of its pipe a moment later
+        try:
+            os.killpg(process.pid, 0)
+        except ProcessLookupError:
+            break
+        time.sleep(0.1)
+    else:
+        pytest.fail("processes of the build live on")
+    assert not list(output.glob(".partial*"))
 
 
 def test_a_stimulus_that_fails_half_way_leaves_nothing_half_written(source, tmp_path, monkeypatch):

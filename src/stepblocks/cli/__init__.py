@@ -3,9 +3,12 @@
 from __future__ import annotations
 
 import argparse
+import signal
 import sys
+import threading
 from collections.abc import Sequence
 from importlib import import_module
+from typing import NoReturn
 
 from stepblocks import __version__
 from stepblocks.errors import StepblocksError
@@ -45,6 +48,9 @@ def main(argv: Sequence[str] | None = None) -> int:
     """
     parser = _parser()
     arguments = parser.parse_args(argv)
+    if threading.current_thread() is threading.main_thread():
+        # asked to end, a command takes its workers with it and leaves no draft behind
+        signal.signal(signal.SIGTERM, _end)
     try:
         return int(arguments.run(arguments))
     except StepblocksError as error:
@@ -58,6 +64,10 @@ def main(argv: Sequence[str] | None = None) -> int:
     except KeyboardInterrupt:
         print("stepblocks: interrupted", file=sys.stderr)
         return 130
+
+
+def _end(number: int, _: object) -> NoReturn:
+    raise SystemExit(128 + number)
 
 
 def _parser() -> argparse.ArgumentParser:
