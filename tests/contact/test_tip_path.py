@@ -7,7 +7,7 @@ import pytest
 
 from stepblocks.contact import reference
 from stepblocks.contact.catches import catches, release_over, steepest
-from stepblocks.contact.critical_angle import margin_angles, step_angle
+from stepblocks.contact.critical_angle import bevelled_margin_angles, margin_angles, step_angle
 from stepblocks.contact.energy import Status
 from stepblocks.contact.tip import Ball, TipProfile, flattened_ball
 from stepblocks.contact.tip_path import profile_path
@@ -248,3 +248,36 @@ def test_a_negative_load_is_refused_where_the_force_is_asked_for():
     with pytest.raises(ContactError, match="normal_load"):
         catch.release(-1.0, 0.15)
     assert catch.release(1.0, 0.0).pull_force == pytest.approx(math.tan(catch.angle), rel=1e-12)
+
+
+def _section(gap, opening, rise, radius):
+    """A margin with a gap that the ball never finds the floor of, its far side bevelled at 45 degrees."""
+    floor = -4 * radius - abs(rise) - opening
+    foot = rise - (opening - gap)
+    points = [
+        (-4 * radius, 0),
+        (0, 0),
+        (0, floor),
+        (gap, floor),
+        (gap, foot),
+        (opening, rise),
+        (opening + 4 * radius, rise),
+    ]
+    return np.array(points).T
+
+
+def test_margins_square_or_bevelled_are_their_closed_forms_wherever_the_ball_touches():
+    # Origin: the dilation of the section against the geometry of a ball between two corners, a bevel and a wall.
+    rng = np.random.default_rng(8)
+    kinds = set()
+    for _ in range(300):
+        radius, gap = rng.uniform(40e-6, 200e-6), rng.uniform(5e-6, 250e-6)
+        opening, rise = gap + max(rng.uniform(-80e-6, 150e-6), 0.0), rng.uniform(-150e-6, 150e-6)
+        path = profile_path(*_section(gap, opening, rise, radius), Ball(radius), edges="flat")
+        expected = [steepest(path, way).angle for way in ("forward", "backward")]
+        found = bevelled_margin_angles(gap, opening, rise, radius)
+        assert found == pytest.approx(expected, abs=1e-6)
+        kinds.add(
+            (opening > gap, *(round(math.degrees(a)) if round(math.degrees(a)) in (0, 45, 90) else -1 for a in found))
+        )
+    assert len(kinds) >= 8  # riding, hung, leaning on a wall, on the bevel, in either direction

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from stepblocks.contact.energy import Status
+from stepblocks.contact.margin_uncertainty import MarginInputs, MarginSpread, margin_interval_of
 from stepblocks.contact.perception import (
     PAPER_OBSERVER,
     Observer,
@@ -60,6 +61,41 @@ def test_a_95_percent_interval_holds_95_percent_of_the_truths():
         truth = release_of(replace(NOMINAL, **moved))[2]
         inside += interval.energy_low < truth < interval.energy_high
     assert 0.92 < inside / 400 < 0.98
+
+
+MARGIN = MarginInputs(62e-6, 62e-6, 9e-6, 117e-6, 0.17, 0.8, 8.7e3, 0.23)
+BEVEL = replace(MARGIN, gap=40e-6, opening=90e-6)
+
+
+@pytest.mark.parametrize("margin", [MARGIN, BEVEL])
+@pytest.mark.parametrize("way", ["tooth-to-crown", "crown-to-tooth"])
+def test_drawn_and_analytic_intervals_of_a_margin_agree_where_all_is_small(margin, way):
+    opening = None if margin is MARGIN else 0.3e-6
+    spread = MarginSpread(0.3e-6, opening, 0.2e-6, 0.5e-6, 0.002, 0.004, 40.0, 0.001)
+    interval = margin_interval_of(margin, spread, way, draws=100_000, seed=1)
+    assert interval.agrees
+    assert interval.energy_low == pytest.approx(interval.analytic_energy_low, rel=0.01)
+    assert interval.energy_high == pytest.approx(interval.analytic_energy_high, rel=0.01)
+
+
+def test_a_margin_without_a_gap_has_the_interval_of_a_step():
+    spread = MarginSpread(0.0, None, 0.1e-6, 0.7e-6, 0.002, 0.004, 40.0, 0.001)
+    margin = replace(MARGIN, gap=0.0, opening=0.0, rise=27e-6)
+    step = Inputs(27e-6, 0.0, 117e-6, 0.17, 0.8, 8.7e3, 0.23)
+    over = margin_interval_of(margin, spread, "tooth-to-crown", draws=100_000)
+    plain = interval_of(step, Spread(0.1e-6, 0.0, 0.7e-6, 0.002, 0.004, 40.0, 0.001), draws=100_000)
+    assert over.energy == pytest.approx(plain.energy, rel=1e-12)
+    assert over.analytic_energy_high == pytest.approx(plain.analytic_energy_high, rel=1e-6)
+    assert over.energy_high == pytest.approx(plain.energy_high, rel=5e-3)
+    back = margin_interval_of(margin, spread, "crown-to-tooth")
+    assert (back.status, back.energy_low, back.energy_high) == (Status.NO_CATCH, 0.0, 0.0)
+
+
+def test_where_the_kind_of_contact_changes_within_the_tolerance_the_analytic_interval_does_not_agree():
+    # a gap as wide as the ball's reach over the step: narrower, the ball rides on the shoulder; wider, it sinks
+    reach = math.sqrt(9e-6 * (2 * 117e-6 - 9e-6))
+    edge = replace(MARGIN, gap=reach, opening=reach)
+    assert not margin_interval_of(edge, MarginSpread(gap=4e-6), "crown-to-tooth").agrees
 
 
 def test_near_locking_the_draws_say_held_and_the_analytic_interval_does_not_agree():
@@ -118,7 +154,16 @@ def test_when_no_tolerance_will_do_it_says_why():
     assert "friction alone" in friction.reason
     workshop = tolerances_for_energy(NOMINAL, 0.02, finest={"height": 1e-6})
     assert not workshop.achievable
-    assert "workshop holds 1 um" in workshop.reason
+    assert "workshop holds height to 1 um" in workshop.reason
+
+
+def test_a_share_finer_than_the_workshop_holds_is_not_the_end_if_the_others_can_give_way():
+    equal = tolerances_for_energy(NOMINAL, 0.05)
+    moved = tolerances_for_energy(NOMINAL, 0.05, finest={"ball_radius": 1.3 * equal.ball_radius})
+    assert moved.achievable
+    assert moved.ball_radius == 1.3 * equal.ball_radius
+    assert moved.height < equal.height
+    assert max(moved.worst_high, -moved.worst_low) == pytest.approx(0.05, rel=1e-6)
 
 
 def test_ten_microjoule_are_39_decibel_over_the_papers_threshold():
@@ -155,6 +200,9 @@ def test_height_and_energy_are_inverse():
     ("call", "message"),
     [
         (lambda: Spread(height=-1.0), "uncertainty of height"),
+        (lambda: MarginSpread(rise=-1.0), "uncertainty of rise"),
+        (lambda: margin_interval_of(MARGIN, MarginSpread(), "up"), "direction must be"),
+        (lambda: margin_interval_of(replace(MARGIN, gap=-1e-6), MarginSpread(), "crown-to-tooth"), "gap must be"),
         (lambda: interval_of(NOMINAL, SMALL, confidence=1.0), "confidence"),
         (lambda: interval_of(NOMINAL, SMALL, draws=3), "draws"),
         (lambda: sensitivities(replace(NOMINAL, friction=5.0)), "locked"),

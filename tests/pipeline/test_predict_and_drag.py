@@ -1,6 +1,8 @@
 """Tables predicted row by row, and the drag command's files."""
 
 import json
+import math
+from pathlib import Path
 
 import numpy as np
 import pandas as pd
@@ -8,9 +10,14 @@ import pytest
 
 from stepblocks.cli import main
 from stepblocks.contact.critical_angle import step_angle
-from stepblocks.contact.energy import release_at
+from stepblocks.contact.drag.model import PAPER_DRAG, DragSettings
+from stepblocks.contact.drag.simulate import drag
+from stepblocks.contact.energy import Status, release_at
 from stepblocks.errors import ContactError, PipelineError
+from stepblocks.pipeline.drag_subject import subject_of
+from stepblocks.pipeline.predict import predict_set
 from stepblocks.pipeline.predict_table import predict_table
+from stepblocks.stimulus.loader import load_set
 
 
 def write(path, text):
@@ -101,6 +108,55 @@ def test_a_scanned_profile_can_be_dragged_both_ways(tmp_path, capsys):
     assert not (tmp_path / "down" / "spectra.png").exists()
 
 
+STIMULI = Path(__file__).resolve().parents[2] / "stimuli"
+
+
+def drag_summary(tmp_path, *arguments):
+    out = tmp_path / "declared"
+    common = ["--stimuli", str(STIMULI), "--speed", "2 mm/s", "--ring-time", "20 ms", "-o", str(out)]
+    assert main(["drag", *arguments, *common]) == 0
+    return json.loads((out / "drag.json").read_text())
+
+
+def test_a_declared_block_is_dragged_over_under_the_conditions_of_its_set(tmp_path):
+    # Origin: paper-ten declares 125 um, 0.3 N and mu 0.15 first; equation (1) by hand.
+    found = drag_summary(tmp_path, "paper-ten/step-050")
+    formula = 0.3 * math.tan(math.acos(1 - 50 / 125) + math.atan(0.15))
+    assert found["settings"]["normal_load"] == 0.3
+    assert found["equation_1"]["peak_force_n"] == pytest.approx(formula, rel=1e-12)
+    assert found["peak_force_n"] == pytest.approx(formula, rel=0.05)
+    heavier = drag_summary(tmp_path, "step-050", "--load", "0.5 N", "--friction", "0.2")
+    assert heavier["settings"]["normal_load"] == 0.5
+    assert heavier["settings"]["friction"] == 0.2
+
+
+@pytest.mark.parametrize("name", ["gap-100", "gap-050-over-020", "gap-050-under-020", "gap-050-bevelled"])
+def test_a_crown_margin_is_dragged_over_in_either_direction(name):
+    angles = {p.drag: p.release for p in predict_set(load_set(STIMULI / "crown-margins.toml"))
+              if (p.stimulus, p.tip_radius, p.normal_load, p.friction) == (name, 60e-6, 1.0, 0.15)}  # fmt: skip
+    for way, backward in (("tooth-to-crown", False), ("crown-to-tooth", True)):
+        subject = subject_of(f"{STIMULI}/crown-margins.toml/{name}", {"load": 1.0}, backward, None)
+        release = angles[way]
+        assert way in subject.name
+        assert subject.angle == pytest.approx(release.angle, rel=1e-12)
+        trace = drag(subject.track, PAPER_DRAG, DragSettings(1.0, 0.15, speed=2e-3, ring_time=1e-3))
+        assert trace.status == release.status
+        if release.status is Status.RELEASES:
+            # steel gives 0.7 um under 1 N, and the blow of the edge adds v sqrt(k m) = 10 mN
+            assert trace.peak_force == pytest.approx(release.pull_force, rel=0.10)
+
+
+def test_a_declared_tip_is_dragged_over_the_steps_of_its_set(tmp_path):
+    found = drag_summary(tmp_path, "tip-200", "--step-height", "50 um")
+    formula = 0.5 * math.tan(math.acos(1 - 50 / 200) + math.atan(0.15))
+    assert found["equation_1"]["peak_force_n"] == pytest.approx(formula, rel=1e-12)
+
+
+def test_down_a_step_nothing_catches(tmp_path):
+    assert drag_summary(tmp_path, "step-050", "--backward")["status"] == "no-catch"
+    assert drag_summary(tmp_path, "50 um", "--backward")["status"] == "no-catch"
+
+
 def test_the_same_drag_leaves_the_same_bytes(tmp_path):
     for name in ("a", "b"):
         assert main(["drag", "25 um", "--speed", "40 mm/s", "-o", str(tmp_path / name)]) == 0
@@ -116,6 +172,14 @@ def test_the_same_drag_leaves_the_same_bytes(tmp_path):
         (["25 um", "--load", "1 m"], "--load must be a force"),
         (["25 um", "--load", "-1 N"], "normal_load must be positive"),
         (["200 um"], "too-high"),
+        (["step-999", "--stimuli", str(STIMULI)], "declared in"),
+        (["other/step-050", "--stimuli", str(STIMULI)], "declared in"),
+        (["step-050", "--stimuli", str(STIMULI), "--edge-radius", "1 um"], "--edge-radius is for a plain step"),
+        (["tip-060", "--stimuli", str(STIMULI), "--tip-radius", "1 um"], "--tip-radius must not be given"),
+        (["step-050", "--stimuli", str(STIMULI), "--step-height", "1 um"], "--step-height is for a declared tip"),
+        (["step-050", "--stimuli", "nowhere"], "a stimulus file or a folder of them"),
+        (["25 um", "--friction", "-0.1"], "friction must be finite and not negative"),
+        (["25 um", "--tip-radius", "0 um"], "radius must be positive"),
         (["25 um", "--speed", "1e-9 m/s"], "drag faster"),
     ],
 )

@@ -10,10 +10,15 @@ import pytest
 from stepblocks.cli import main
 from stepblocks.contact.critical_angle import step_angle
 from stepblocks.contact.energy import release_at
+from stepblocks.contact.margin_map import margin_map
 from stepblocks.errors import PipelineError
+from stepblocks.pipeline.predict import predict_set
 from stepblocks.pipeline.sweep import run_sweep
-from stepblocks.pipeline.sweep_plan import design_row, load_sweep
+from stepblocks.pipeline.sweep_plan import load_sweep
+from stepblocks.pipeline.sweep_rows import design_row
+from stepblocks.stimulus.loader import load_set
 
+STIMULI = Path(__file__).resolve().parents[2] / "stimuli"
 pq = pytest.importorskip("pyarrow.parquet")
 
 RANDOM = """
@@ -159,6 +164,83 @@ def test_rows_outside_the_equations_say_why(tmp_path):
     assert frame.problem.str.contains("friction must be finite and not negative").sum() == 2
 
 
+MARGINS = """
+[sweep]
+surface = "margin"
+mode = "{mode}"
+[parameters]
+marginal_gap = ["30 um", "70 um"]
+horizontal_discrepancy = ["-15 um", "0 um", "15 um"]
+direction = ["tooth-to-crown", "crown-to-tooth"]
+tip_radius = "90 um"
+normal_load = "0.7 N"
+friction = 0.12
+speed = "30 mm/s"
+"""
+
+
+def test_a_sweep_over_crown_margins_is_the_margin_map(tmp_path):
+    run_sweep(plan_of(tmp_path, MARGINS.format(mode="static")), tmp_path / "out")
+    frame = table(tmp_path / "out")
+    assert len(frame) == 12
+    expected = margin_map([30e-6, 70e-6], [15e-6, 0.0, -15e-6], 90e-6, 0.7, 0.12)  # its discrepancy: tooth over crown
+    for _, row in frame.iterrows():
+        forces = expected.crown_to_tooth if row.direction == "crown-to-tooth" else expected.tooth_to_crown
+        i, j = [30e-6, 70e-6].index(row.marginal_gap_m), [-15e-6, 0.0, 15e-6].index(row.horizontal_discrepancy_m)
+        assert (row.peak_force_n if row.status == "releases" else 0.0) == pytest.approx(forces[i, j], rel=1e-12)
+    assert frame.vertical_discrepancy_m.isna().all()  # the end of the crown is square
+
+
+def test_crown_margins_are_swept_in_time(tmp_path):
+    run_sweep(plan_of(tmp_path, MARGINS.format(mode="drag").replace("30 mm/s", "3 mm/s")), tmp_path / "out")
+    frame = table(tmp_path / "out")
+    released = frame[frame.drag_status == "releases"]
+    assert set(released.direction) == {"tooth-to-crown", "crown-to-tooth"}
+    assert (released.drag_peak_force_n / released.peak_force_n - 1).abs().max() < 0.25
+    assert released.drag_ledger_error.max() < 1e-3
+    assert (frame[frame.status == "no-catch"].drag_status == "no-catch").all()
+
+
+def test_a_sweep_over_a_set_draws_its_stimuli_from_their_tolerances(tmp_path):
+    source = (STIMULI / "paper-ten.toml").read_text()
+    (tmp_path / "paper-ten.toml").write_text(source)
+    text = (
+        '[sweep]\nset = "paper-ten.toml"\n[parameters]\nstimulus = ["step-030", "step-060"]\nfriction = 0.2\n'
+        "[draws]\ncount = 500\ntolerances = true\n"
+    )
+    plan = plan_of(tmp_path, text)
+    assert plan.rows == 2 * 4 * 500  # the set declares four loads
+    run_sweep(plan, tmp_path / "out")
+    frame = table(tmp_path / "out")
+    for name, height in (("step-030", 30e-6), ("step-060", 60e-6)):
+        drawn = frame[frame.stimulus == name]
+        # +-1 um of height and +-1 % of load as rectangular distributions, by their variance
+        assert drawn.height_m.mean() == pytest.approx(height, abs=4 * 0.577e-6 / 2000**0.5)
+        assert drawn.height_m.std() == pytest.approx(1e-6 / 3**0.5, rel=0.1)
+        light = drawn[drawn.normal_load_n < 0.4]
+        assert light.normal_load_n.std() == pytest.approx(0.003 / 3**0.5, rel=0.15)
+    assert (frame.edge_radius_m >= 0.0).all()
+
+
+def test_a_sweep_over_crowns_takes_their_discrepancies(tmp_path):
+    (tmp_path / "crown-margins.toml").write_text((STIMULI / "crown-margins.toml").read_text())
+    text = (
+        '[sweep]\nset = "crown-margins.toml"\nkind = "random"\nrows = 400\n[parameters]\ndirection = "crown-to-tooth"\n'
+    )
+    run_sweep(plan_of(tmp_path, text), tmp_path / "out")
+    frame = table(tmp_path / "out")
+    predicted = {
+        (p.stimulus, p.tip_radius, p.normal_load, p.friction): p.release
+        for p in predict_set(load_set(STIMULI / "crown-margins.toml"))
+        if p.drag == "crown-to-tooth"
+    }
+    assert len(set(frame.stimulus)) == 12
+    for _, row in frame.iterrows():
+        release = predicted[row.stimulus, row.tip_radius_m, row.normal_load_n, row.friction]
+        assert row.status == release.status.value
+        assert row.peak_force_n == pytest.approx(release.pull_force, rel=1e-12, nan_ok=True)
+
+
 @pytest.mark.parametrize(
     ("text", "message"),
     [
@@ -174,6 +256,12 @@ def test_rows_outside_the_equations_say_why(tmp_path):
         ("[sweep]\nkind = 'random'\n[parameters]\nheight='1 um'\nfriction=0.1", "rows must be a whole number"),
         ("[sweep]\nseed = -1\n[parameters]\nheight='1 um'\nfriction=0.1", "seed must be"),
         ("[parameters]\nheight='1 um'\nfriction=0.1\n[draws]\ncount=0", "count must be a whole number"),
+        ("[sweep]\nsurface='margin'\n[parameters]\nheight='1 um'\nfriction=0.1", "'height' is not known"),
+        ("[sweep]\nsurface='margin'\n[parameters]\nfriction=0.1", "marginal_gap must be given"),
+        (MARGINS.format(mode="static").replace('"tooth-to-crown"', '"up"'), "direction must be tooth-to-crown or"),
+        (MARGINS.format(mode="static") + "[draws]\nvertical_discrepancy = '1 um'", "value that is not given"),
+        ("[sweep]\nset='no.toml'\n", "cannot be read"),
+        ("[parameters]\nheight='1 um'\nfriction=0.1\n[draws]\ntolerances=true", "name it with set"),
         ("sweep = 3\n[parameters]\nheight='1 um'\nfriction=0.1", "must be a table"),
     ],
 )

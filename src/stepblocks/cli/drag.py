@@ -7,13 +7,16 @@ from pathlib import Path
 
 __all__ = ["add_to"]
 
+_DECLARED: tuple[tuple[str, str, str], ...] = (
+    ("--tip-radius", "length", "radius of the ball R (default: the set's first, or 125 um)"),
+    ("--edge-radius", "length", "radius of a plain step's edge r (default 0 um)"),
+    ("--step-height", "length", "step under a declared tip (default: the set's first)"),
+    ("--load", "force", "normal load F_py (default: the set's first, or 1 N)"),
+    ("--friction", "ratio", "coefficient of friction mu (default: the set's first, or 0.15)"),
+    ("--stiffness", "stiffness", "tangential stiffness k (default: the set's, or 9.81 N/mm)"),
+)
 _QUANTITIES: tuple[tuple[str, str, str, str], ...] = (
-    ("--tip-radius", "length", "125 um", "radius of the ball R"),
-    ("--edge-radius", "length", "0 um", "radius of the step's edge r"),
-    ("--load", "force", "1 N", "normal load F_py"),
-    ("--friction", "ratio", "0.15", "coefficient of friction mu"),
     ("--static-friction", "ratio", "0", "coefficient at rest; 0: as while sliding"),
-    ("--stiffness", "stiffness", "9.81 N/mm", "tangential stiffness k"),
     ("--frequency", "frequency", "300 Hz", "natural frequency, from which the tip's mass follows"),
     ("--damping-ratio", "ratio", "0.02", "share of critical damping"),
     ("--handle-mass", "mass", "100 g", "inertia of a pulled handle"),
@@ -29,16 +32,24 @@ def add_to(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) -> N
     parser = subparsers.add_parser(
         "drag",
         help="drag a tip over a step or a profile in time: force traces, release, ring and energy ledger",
-        description="STIMULUS is a step height such as '25 um', or a CSV with the columns x_um and z_um.",
+        description="STIMULUS is a step height such as '25 um', a CSV with the columns x_um and z_um, or a declared block, "
+        "crown margin or tip: ID, SET/ID or FILE.toml/ID.",
     )
     parser.add_argument("stimulus", metavar="STIMULUS")
     parser.add_argument("-o", "--output", type=Path, required=True, metavar="DIR")
     for flag, _, default, text in _QUANTITIES:
         parser.add_argument(flag, default=default, metavar="Q", help=f"{text} (default {default})".replace("%", "%%"))
+    for flag, _, text in _DECLARED:
+        parser.add_argument(flag, metavar="Q", help=text)
+    parser.add_argument(
+        "--stimuli", type=Path, metavar="PATH", help="stimulus file or folder of them (default: stimuli)"
+    )
     ways = parser.add_mutually_exclusive_group()
     ways.add_argument("--speed", metavar="Q", help="constant speed of the handle (default 5 mm/s)")
     ways.add_argument("--pull", metavar="Q", help="constant pulling force on the handle instead")
-    parser.add_argument("--backward", action="store_true", help="drag over a profile towards falling x")
+    parser.add_argument(
+        "--backward", action="store_true", help="drag towards falling x: from the crown to the tooth, or down a step"
+    )
     parser.set_defaults(run=run)
 
 
@@ -48,10 +59,15 @@ def run(arguments: argparse.Namespace) -> int:
     from stepblocks.quantities import format_quantity
 
     options = {}
-    for flag, dimension in [*((flag, dimension) for flag, dimension, _, _ in _QUANTITIES), *_WAYS]:
+    for flag, dimension, *_ in (*_DECLARED, *_QUANTITIES, *_WAYS):
         name = flag.removeprefix("--").replace("-", "_")
         options[name] = (getattr(arguments, name), dimension)
-    summary = drag_from_options(arguments.stimulus, options, arguments.backward, arguments.output)
+    summary = drag_from_options(arguments.stimulus, options, arguments.backward, arguments.output, arguments.stimuli)
+    settings, probe = summary["settings"], summary["probe"]
+    print(
+        f"{summary['subject']}: {format_quantity(settings['normal_load'], 'force')}, mu {settings['friction']:g}, "
+        f"k {probe['stiffness'] * 1e-3:g} N/mm"
+    )
     print(f"{summary['status']}; ledger closes to {summary['ledger_error']:.1e} [{arguments.output}]")
     if "peak_force_n" in summary:
         formula = summary.get("equation_1", {}).get("peak_force_n")

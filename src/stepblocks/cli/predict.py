@@ -73,10 +73,10 @@ def _predict_table(files: list[Path], output: Path | None, model: Path | None) -
 def _predict_sets(arguments: argparse.Namespace) -> int:
     from stepblocks.beside import replace_text
     from stepblocks.pipeline.build import stimulus_files
-    from stepblocks.pipeline.predict import COLUMNS, as_csv, as_row, predict_set
-    from stepblocks.stimulus.loader import load_set
+    from stepblocks.pipeline.declared import load_declared
+    from stepblocks.pipeline.predict import SHOWN, as_csv, as_row, predict_set
 
-    sets = [load_set(path) for path in stimulus_files(arguments.files)]
+    sets = [load_declared(path) for path in stimulus_files(arguments.files)]
     if arguments.as_built:
         from stepblocks.pipeline.as_built import moved_energies, read_records, with_as_built
 
@@ -90,7 +90,7 @@ def _predict_sets(arguments: argparse.Namespace) -> int:
         print(f"{arguments.output}: {len(predictions)} predictions")
         return 0
     rows = [as_row(prediction) for prediction in predictions]
-    widths = {name: max(len(name), *(len(row[name]) for row in rows)) for name in COLUMNS}
-    for row in ({name: name for name in COLUMNS}, *rows):
-        sys.stdout.write("  ".join(row[name].ljust(widths[name]) for name in COLUMNS).rstrip() + "\n")
+    widths = {name: max(len(name), *(len(row[name]) for row in rows)) for name in SHOWN}
+    for row in ({name: name for name in SHOWN}, *rows):
+        sys.stdout.write("  ".join(row[name].ljust(widths[name]) for name in SHOWN).rstrip() + "\n")
     return 0

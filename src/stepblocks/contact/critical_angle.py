@@ -11,7 +11,7 @@ import math
 from stepblocks.contact import kernels
 from stepblocks.errors import ContactError
 
-__all__ = ["groove_angle", "margin_angles", "step_angle"]
+__all__ = ["bevelled_margin_angles", "groove_angle", "margin_angles", "step_angle"]
 
 
 def _require(condition: bool, message: str) -> None:
@@ -135,16 +135,50 @@ def margin_angles(opening: float, rise: float, ball_radius: float) -> tuple[floa
     _require_radius(ball_radius)
     _require(math.isfinite(opening) and opening >= 0.0, f"opening must be finite and not negative, got {opening:g} m")
     _require(math.isfinite(rise), f"rise must be finite, got {rise:g} m")
-    if rise < 0.0:
-        backward, forward = margin_angles(opening, -rise, ball_radius)
-        return forward, backward
-    reach = math.sqrt(max(rise * (2.0 * ball_radius - rise), 0.0)) if rise < ball_radius else ball_radius
-    if opening <= reach:
-        # the ball still rides on the lower shoulder when it meets the higher edge
-        return step_angle(rise, ball_radius), 0.0
-    if math.hypot(opening, rise) >= 2.0 * ball_radius:
-        right = 0.5 * math.pi
-        return right, right
-    forward = float(kernels.angle_out_of_groove(opening, rise, ball_radius))
-    backward = float(kernels.angle_out_of_groove(opening, -rise, ball_radius))
-    return min(forward, 0.5 * math.pi), max(backward, 0.0)
+    forward, backward = kernels.margin_angles(opening, rise, ball_radius)
+    return float(forward), float(backward)
+
+
+def bevelled_margin_angles(gap: float, opening: float, rise: float, ball_radius: float) -> tuple[float, float]:
+    """Critical angles over a margin, bevelled back at 45 degrees where it opens wider than its gap.
+
+    Parameters
+    ----------
+    gap : float
+        Distance g between the walls of the gap [m]; 0 or more.
+    opening : float
+        Distance v along the drag from the near corner to the far one [m]. Up to g the far side ends square, or in a lip;
+        below 0 it overlaps the near side and a step alone is left.
+    rise : float
+        Height of the far corner over the near one [m], of either sign.
+    ball_radius : float
+        Radius of the probe tip R [m].
+
+    Returns
+    -------
+    forward, backward : float
+        Critical angle [rad] dragging towards the bevelled side, and back. 0 where nothing catches.
+
+    Raises
+    ------
+    ContactError
+        As `margin_angles`, or if `gap` is negative or not finite.
+
+    Notes
+    -----
+    The gap is taken to be deeper than the tip sinks.
+
+    Examples
+    --------
+    A bevel does not matter to a ball that is too large to reach it.
+
+    >>> bevelled_margin_angles(20e-6, 50e-6, 20e-6, 125e-6) == margin_angles(50e-6, 20e-6, 125e-6)
+    True
+    """
+    _require(math.isfinite(gap) and gap >= 0.0, f"gap must be finite and not negative, got {gap:g} m")
+    _require(math.isfinite(opening), f"opening must be finite, got {opening:g} m")
+    square = margin_angles(max(opening, 0.0), rise, ball_radius)
+    if opening <= gap:
+        return square
+    forward, backward = kernels.bevelled_margin_angles(gap, opening, rise, ball_radius)
+    return float(forward), float(backward)

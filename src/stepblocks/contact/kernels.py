@@ -13,8 +13,11 @@ import numpy as np
 __all__ = [
     "angle_on_step",
     "angle_out_of_groove",
+    "bevelled_margin_angles",
     "locking_height",
+    "margin_angles",
     "pull_force",
+    "release",
     "stored_energy",
 ]
 
@@ -38,6 +41,50 @@ def angle_out_of_groove(width: Real, rise: Real, ball_radius: Real) -> Real:
     return np.arctan2(rise, width) + np.arcsin(0.5 * chord / ball_radius)
 
 
+def margin_angles(opening: Real, rise: Real, ball_radius: Real) -> tuple[Real, Real]:
+    """Critical angles over two corners `opening` apart, the far one higher by `rise` of either sign: forward, backward.
+
+    Where the ball still rides on the lower shoulder when it meets the higher corner, the step alone counts. Where it sinks
+    so deep that its centre lies below the higher corner, it leans on that corner's wall, which it never climbs, and the
+    lower corner is met from a radius away; a gap as wide as the ball swallows it.
+    """
+    high = np.abs(rise)
+    low_step = high < ball_radius
+    reach = np.where(low_step, np.sqrt(np.maximum(high * (2.0 * ball_radius - high), 0.0)), ball_radius)
+    riding = opening <= reach
+    step = np.where(low_step, angle_on_step(np.where(low_step, high, 0.0), ball_radius), 0.5 * np.pi)
+    near = np.hypot(opening, high) < 2.0 * ball_radius
+    wide, up = np.where(near, opening, ball_radius), np.where(near, high, 0.0)
+    climb = angle_out_of_groove(wide, up, ball_radius)
+    leaning = ~near | (climb >= 0.5 * np.pi)
+    lean = np.arcsin(np.clip((opening - ball_radius) / ball_radius, 0.0, 1.0))
+    hung = np.maximum(angle_out_of_groove(wide, -up, ball_radius), 0.0)
+    towards_high = np.where(riding, step, np.where(leaning, 0.5 * np.pi, climb))
+    towards_low = np.where(riding, 0.0, np.where(leaning, lean, hung))
+    upwards = rise >= 0.0
+    return np.where(upwards, towards_high, towards_low), np.where(upwards, towards_low, towards_high)
+
+
+def bevelled_margin_angles(gap: Real, opening: Real, rise: Real, ball_radius: Real) -> tuple[Real, Real]:
+    """Critical angles over a margin whose far side is bevelled at 45 degrees from above `gap` up to (`opening`, `rise`).
+
+    The ball first touches the outer corner, the bevel, or the corner where the bevel meets the wall of the gap; touching
+    the bevel it climbs at 45 degrees. On its way back it climbs the near corner from the same place.
+    """
+    diagonal = np.sqrt(0.5) * ball_radius
+    # centre (x, z) of a ball that touches the bevel, z = x + d, and the near corner, x^2 + z^2 = R^2
+    d = rise - opening + 2.0 * diagonal
+    x = 0.5 * (np.sqrt(np.maximum(2.0 * ball_radius * ball_radius - d * d, 0.0)) - d)
+    leaning = x + d <= 0.0  # its centre lies below the near corner: it leans on the wall
+    x = np.where(leaning, ball_radius, np.where(x < 0.0, ball_radius - d, x))  # or rides on the near shoulder
+    back = np.where(leaning, 0.5 * np.pi, np.arcsin(np.clip(x / ball_radius, 0.0, 1.0)))
+    outer = margin_angles(opening, rise, ball_radius)
+    inner = margin_angles(gap, rise - (opening - gap), ball_radius)
+    on_outer, on_inner = x + diagonal >= opening, x + diagonal <= gap
+    forward = np.where(on_outer, outer[0], np.where(on_inner, inner[0], 0.25 * np.pi))
+    return forward, np.where(on_outer, outer[1], np.where(on_inner, inner[1], back))
+
+
 def pull_force(normal_load: Real, angle: Real, friction: Real) -> Real:
     """Tangential force at release, ``F_px = F_py tan(a + atan mu)``; equation (1), its fraction summed."""
     return normal_load * np.tan(angle + np.arctan(friction))
@@ -51,3 +98,16 @@ def locking_height(ball_radius: Real, friction: Real) -> Real:
 def stored_energy(force: Real, stiffness: Real) -> Real:
     """Energy of the tool as a spring, ``F^2 / 2k``."""
     return 0.5 * force * force / stiffness
+
+
+def release(angle: Real, friction: Real, normal_load: Real, stiffness: Real, conversion: Real) -> tuple[Real, Real]:
+    """Force and vibration energy over arrays: both infinite where the tip is held, both 0 where nothing catches."""
+    held = angle + np.arctan(friction) >= 0.5 * np.pi
+    force = pull_force(normal_load, np.where(held, 0.0, angle), friction)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        energy = conversion * stored_energy(force, stiffness)
+    none = angle == 0.0
+    return (
+        np.where(held, np.inf, np.where(none, 0.0, force)),
+        np.where(held, np.inf, np.where(none, 0.0, energy)),
+    )

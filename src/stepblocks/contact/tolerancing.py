@@ -10,7 +10,7 @@ from stepblocks.contact.energy import Status
 from stepblocks.contact.uncertainty import Inputs, release_of, sensitivities
 from stepblocks.errors import ContactError
 
-__all__ = ["TolerancePlan", "tolerances_for_energy"]
+__all__ = ["TolerancePlan", "energy_at_corners", "tolerances_for_energy"]
 
 _DIMENSIONS = ("height", "edge_radius", "ball_radius")
 
@@ -69,7 +69,8 @@ def tolerances_for_energy(
     Returns
     -------
     TolerancePlan
-        The widest tolerances in those shares whose worst corner still keeps the band, or why none will do.
+        The widest tolerances in those shares whose worst corner still keeps the band, or why none will do. Where a share
+        is finer than the workshop holds, that dimension keeps to what it holds and the others give way.
 
     Raises
     ------
@@ -82,39 +83,55 @@ def tolerances_for_energy(
     >>> plan = tolerances_for_energy(nominal, 0.10)
     >>> plan.achievable, 0.3e-6 < plan.height < 0.7e-6
     (True, True)
-    >>> tolerances_for_energy(nominal, 0.10, finest={"height": 1e-6}).achievable
+    >>> tolerances_for_energy(nominal, 0.10, finest={"height": 3e-6}).achievable
     False
     """
-    from scipy.optimize import brentq
-
     finest, fixed = dict(finest or {}), dict(fixed or {})
     weights = dict.fromkeys(_DIMENSIONS, 1.0) | dict(weights or {})
     _check(inputs, energy_tolerance, finest, fixed, weights)
-    free = [name for name in _DIMENSIONS if name not in fixed and weights[name] > 0.0]
-    slopes = sensitivities(inputs)
-    total = sum(weights[name] for name in free)
-    unit = {name: weights[name] / total / abs(slopes[name][1]) for name in free}
-    low, high = _worst(inputs, fixed)
+    low, high = energy_at_corners(inputs, fixed)
     if high >= energy_tolerance or low <= -energy_tolerance:
-        names = " and ".join(sorted(fixed))
+        names = " and ".join(sorted(name for name, width in fixed.items() if width > 0.0))
         reason = f"the given uncertainty of {names} alone changes the energy by {low:+.1%} to {high:+.1%}"
         return TolerancePlan(False, reason, 0.0, 0.0, 0.0, low, high)
+    free = [name for name in _DIMENSIONS if name not in fixed and weights[name] > 0.0]
+    at_finest: dict[str, float] = {}  # what cannot be made as fine as its share keeps to what can, the others give way
+    while True:
+        low, high = energy_at_corners(inputs, fixed | at_finest)
+        if not free or high >= energy_tolerance or low <= -energy_tolerance:
+            parts = " and ".join(f"{name} to {width * 1e6:.3g} um" for name, width in at_finest.items())
+            reason = f"the workshop holds {parts}, which alone changes the energy by {low:+.1%} to {high:+.1%}"
+            return TolerancePlan(False, reason, 0.0, 0.0, 0.0, low, high)
+        found = _in_shares(inputs, energy_tolerance, fixed | at_finest, {name: weights[name] for name in free})
+        tight = [name for name in free if found[name] < finest.get(name, 0.0)]
+        if not tight:
+            break
+        at_finest |= {name: finest[name] for name in tight}
+        free = [name for name in free if name not in tight]
+    found |= at_finest
+    low, high = energy_at_corners(inputs, fixed | found)
+    height, edge, ball = (found.get(name, fixed.get(name, 0.0)) for name in _DIMENSIONS)
+    reason = "the worst corner of all tolerances just keeps the band"
+    return TolerancePlan(True, reason, height, edge, ball, low, high)
+
+
+def _in_shares(
+    inputs: Inputs, energy_tolerance: float, fixed: dict[str, float], weights: dict[str, float]
+) -> dict[str, float]:
+    """Find the widest half-widths in the shares of `weights` whose worst corner keeps the energy."""
+    from scipy.optimize import brentq
+
+    slopes = sensitivities(inputs)
+    total = sum(weights.values())
+    unit = {name: weight / total / abs(slopes[name][1]) for name, weight in weights.items()}
 
     def excess(scale: float) -> float:
-        low, high = _worst(inputs, fixed | {name: scale * width for name, width in unit.items()})
+        low, high = energy_at_corners(inputs, fixed | {name: scale * width for name, width in unit.items()})
         return min(max(high, -low), 1e6) - energy_tolerance
 
     # half the tolerance is inside by linearity; four times is outside, since the energy grows faster than linearly
     scale = float(brentq(excess, 0.0, 4.0 * energy_tolerance, xtol=1e-9 * energy_tolerance))
-    found = {name: scale * width for name, width in unit.items()}
-    low, high = _worst(inputs, fixed | found)
-    tight = [name for name in free if found[name] < finest.get(name, 0.0)]
-    reason = "the worst corner of all tolerances just keeps the band"
-    if tight:
-        parts = [f"{n} needs {found[n] * 1e6:.3g} um, the workshop holds {finest[n] * 1e6:.3g} um" for n in tight]
-        reason = "; ".join(parts)
-    height, edge, ball = (found.get(name, fixed.get(name, 0.0)) for name in _DIMENSIONS)
-    return TolerancePlan(not tight, reason, height, edge, ball, low, high)
+    return {name: scale * width for name, width in unit.items()}
 
 
 def _check(
@@ -136,8 +153,21 @@ def _check(
         raise ContactError(f"a step of {inputs.height:g} m that is {status} has no energy to keep")
 
 
-def _worst(inputs: Inputs, widths: dict[str, float]) -> tuple[float, float]:
-    """Relative change of the energy at the worst corners; plus infinity where one is held."""
+def energy_at_corners(inputs: Inputs, widths: dict[str, float]) -> tuple[float, float]:
+    """Relative change of the energy at the worst corners of a tolerance zone.
+
+    Parameters
+    ----------
+    inputs : Inputs
+        Nominal block, tip and trial; it must release.
+    widths : dict
+        Half-widths of the zone by input, in its unit; an input below 0 counts as 0.
+
+    Returns
+    -------
+    low, high : float
+        Least and greatest change [1]; `high` is infinite where a corner is held, `low` is -1 where one does not catch.
+    """
     nominal = release_of(inputs)[2]
     low, high = 0.0, 0.0
     names = [name for name, width in widths.items() if width > 0.0]

@@ -8,6 +8,8 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, fields
+from functools import lru_cache
+from statistics import NormalDist
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,7 +19,16 @@ from stepblocks.contact.critical_angle import step_angle
 from stepblocks.contact.energy import Status, Tool, release_at
 from stepblocks.errors import ContactError
 
-__all__ = ["Inputs", "Interval", "Spread", "interval_of", "release_of", "sensitivities"]
+__all__ = [
+    "Inputs",
+    "Interval",
+    "Spread",
+    "assemble_interval",
+    "interval_of",
+    "release_of",
+    "sensitivities",
+    "standard_draws",
+]
 
 Floats = NDArray[np.float64]
 
@@ -218,51 +229,101 @@ def interval_of(
     >>> interval.energy_low < interval.energy < interval.energy_high
     True
     """
-    from scipy.stats import norm
+    status, force, energy = release_of(inputs)
+    forces, energies = _draw(inputs, spread, draws, seed)
+    spreads = (0.0, 0.0)
+    if status is Status.RELEASES:
+        slopes = sensitivities(inputs)
+        squares = [sum((slopes[f.name][k] * getattr(spread, f.name)) ** 2 for f in fields(spread)) for k in (0, 1)]
+        spreads = (math.sqrt(squares[0]), math.sqrt(squares[1]))
+    return assemble_interval(status, force, energy, forces, energies, spreads, confidence)
 
+
+def assemble_interval(
+    status: Status,
+    force: float,
+    energy: float,
+    forces: Floats,
+    energies: Floats,
+    spreads: tuple[float, float],
+    confidence: float,
+) -> Interval:
+    """Put an interval together from draws and from first-order uncertainties.
+
+    Parameters
+    ----------
+    status : Status
+        Of the nominal inputs.
+    force, energy : float
+        Nominal F_px [N] and E_v [J].
+    forces, energies : ndarray, shape (draws,)
+        Infinite where the tip is held, 0 where nothing catches.
+    spreads : (float, float)
+        Standard uncertainties of ln F_px and of ln E_v by sensitivities [1].
+    confidence : float
+        Probability of the interval.
+
+    Returns
+    -------
+    Interval
+        Both intervals, and whether they agree.
+
+    Raises
+    ------
+    ContactError
+        If the confidence does not lie between 0 and 1.
+    """
     if not 0.0 < confidence < 1.0:
         raise ContactError(f"confidence must lie between 0 and 1, got {confidence:g}")
-    if not 100 <= draws <= 10_000_000:
-        raise ContactError(f"draws must lie between 100 and 10 million, got {draws}")
-    status, force, energy = release_of(inputs)
-    forces, energies, held = _draw(inputs, spread, draws, seed)
     tails = [0.5 * (1.0 - confidence), 0.5 * (1.0 + confidence)]
-    force_low, force_high = (float(v) for v in np.quantile(forces, tails, method="inverted_cdf"))
-    energy_low, energy_high = (float(v) for v in np.quantile(energies, tails, method="inverted_cdf"))
+    # the inverse of the empirical distribution, as numpy's "inverted_cdf" has it, for both ends at once
+    ends = [max(math.ceil(tail * forces.size) - 1, 0) for tail in tails]
+    force_low, force_high = (float(v) for v in np.partition(forces, ends)[ends])
+    energy_low, energy_high = (float(v) for v in np.partition(energies, ends)[ends])
     analytic = (math.nan, math.nan, math.nan, math.nan)
     agrees = False
     if status is Status.RELEASES:
-        factor = float(norm.ppf(tails[1]))
-        slopes = sensitivities(inputs)
-        u_force, u_energy = (
-            math.sqrt(sum((slopes[f.name][k] * getattr(spread, f.name)) ** 2 for f in fields(spread))) for k in (0, 1)
-        )
+        factor = NormalDist().inv_cdf(tails[1])
         analytic = (
-            force * math.exp(-factor * u_force), force * math.exp(factor * u_force),
-            energy * math.exp(-factor * u_energy), energy * math.exp(factor * u_energy),
+            force * math.exp(-factor * spreads[0]), force * math.exp(factor * spreads[0]),
+            energy * math.exp(-factor * spreads[1]), energy * math.exp(factor * spreads[1]),
         )  # fmt: skip
         width = max(analytic[3] - analytic[2], 1e-12 * energy)
         agrees = max(abs(energy_low - analytic[2]), abs(energy_high - analytic[3])) < 0.1 * width
+    held = float(np.isinf(forces).mean())
     return Interval(
         status, force, energy, force_low, force_high, energy_low, energy_high,
         analytic[0], analytic[1], analytic[2], analytic[3], held, agrees,
     )  # fmt: skip
 
 
-def _draw(inputs: Inputs, spread: Spread, draws: int, seed: int) -> tuple[Floats, Floats, float]:
-    """Draw forces and energies of random inputs, infinite where the tip is held, and the share of those."""
-    random = np.random.default_rng(seed)
-    drawn = {f.name: np.maximum(
-        getattr(inputs, f.name) + getattr(spread, f.name) * random.standard_normal(draws), 0.0
-    ) for f in fields(spread)}  # fmt: skip
+@lru_cache(maxsize=4)
+def standard_draws(inputs: int, draws: int, seed: int) -> Floats:
+    """Draw standard normal numbers, shape (inputs, draws); equal arguments give the same numbers.
+
+    Raises
+    ------
+    ContactError
+        If the number of draws is out of range.
+    """
+    if not 100 <= draws <= 10_000_000:
+        raise ContactError(f"draws must lie between 100 and 10 million, got {draws}")
+    numbers = np.random.default_rng(seed).standard_normal((inputs, draws))
+    numbers.setflags(write=False)
+    return numbers
+
+
+def _draw(inputs: Inputs, spread: Spread, draws: int, seed: int) -> tuple[Floats, Floats]:
+    """Draw forces and energies of random inputs: infinite where the tip is held, 0 where nothing catches."""
+    normal = standard_draws(len(fields(spread)), draws, seed)
+    drawn = {
+        f.name: np.maximum(getattr(inputs, f.name) + getattr(spread, f.name) * normal[k], 0.0)
+        for k, f in enumerate(fields(spread))
+    }
     radius = drawn["ball_radius"] + drawn["edge_radius"]
     riser = drawn["height"] >= radius
     angle = kernels.angle_on_step(np.where(riser, 0.0, drawn["height"]), np.where(riser, 1.0, radius))
-    held = riser | (angle + np.arctan(drawn["friction"]) >= 0.5 * math.pi)
-    force = kernels.pull_force(drawn["normal_load"], np.where(held, 0.0, angle), drawn["friction"])
-    with np.errstate(divide="ignore"):
-        energy = drawn["conversion"] * kernels.stored_energy(force, drawn["stiffness"])
-    none = (drawn["height"] == 0.0) & ~held
-    force = np.where(held, np.inf, np.where(none, 0.0, force))
-    energy = np.where(held, np.inf, np.where(none, 0.0, energy))
-    return force, energy, float(held.mean())
+    return kernels.release(
+        np.where(riser, 0.5 * math.pi, angle), drawn["friction"], drawn["normal_load"], drawn["stiffness"],
+        drawn["conversion"],
+    )  # fmt: skip

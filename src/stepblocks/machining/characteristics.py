@@ -162,6 +162,10 @@ def _of(
     key: str, label: str, kind: Kind, dimension: Dimension, *faces: FaceRule, body: int = 0, method: str = "",
     nominal: float | None = None, factor: float = 1.0,
 ) -> Characteristic:  # fmt: skip
+    if dimension.unresolved:
+        raise MachiningError(
+            f"{key} must have its tolerance worked out (load_declared) before it is made, got {dimension}"
+        )
     return Characteristic(
         key, label, kind, factor * (dimension.nominal if nominal is None else nominal), factor * dimension.lower,
         factor * dimension.upper, body, faces, method or "caliper or micrometer", dimension.quantity,

@@ -144,10 +144,10 @@ def _build(
     inputs: Mapping[str, str],
     code: str,
 ) -> BuildReport:
+    from stepblocks.pipeline.declared import load_declared
     from stepblocks.pipeline.make import build_key
-    from stepblocks.stimulus.loader import load_set
 
-    sets = [load_set(path) for path in files]
+    sets = [load_declared(path) for path in files]
     _require_folder(output)
     report = BuildReport(str(output))
     wanted: list[tuple[str, Stimulus, str]] = []

@@ -8,8 +8,8 @@ from pathlib import Path
 from stepblocks.errors import PipelineError
 from stepblocks.metrology.verdict import Verdict
 from stepblocks.pipeline.build import matches
+from stepblocks.pipeline.declared import load_declared
 from stepblocks.pipeline.make import checked_files
-from stepblocks.stimulus.loader import load_set
 
 __all__ = ["check_output"]
 
@@ -38,7 +38,7 @@ def check_output(files: Sequence[Path], output: Path, only: str | None = None) -
     """
     from stepblocks.metrology.artefacts import check_artefact
 
-    sets = [load_set(path) for path in files]
+    sets = [load_declared(path) for path in files]
     if not output.is_dir():
         raise PipelineError(f"the output folder must exist; run stepblocks build first [{output}]")
     found = False

@@ -8,37 +8,43 @@ from pathlib import Path
 from typing import Any
 
 from stepblocks.beside import replace_text
-from stepblocks.contact.catches import Direction, steepest
 from stepblocks.contact.drag.kernels import COLUMNS
 from stepblocks.contact.drag.model import DragSettings, Probe, probe_of_frequency
 from stepblocks.contact.drag.ring import ring_of
 from stepblocks.contact.drag.simulate import DragTrace, drag
-from stepblocks.contact.drag.track import Track, step_track, track_of
+from stepblocks.contact.drag.track import Track
 from stepblocks.contact.energy import PAPER_TOOL, Status, Tool, release_at
-from stepblocks.contact.tip import Ball
-from stepblocks.contact.tip_path import profile_path
 from stepblocks.errors import PipelineError, QuantityError
-from stepblocks.pipeline.columns import read_table, si_column, write_table
+from stepblocks.pipeline.columns import write_table
+from stepblocks.pipeline.drag_subject import subject_of
 from stepblocks.quantities import parse_quantity
 
-__all__ = ["drag_from_options", "drag_to_folder", "track_from"]
+__all__ = ["drag_from_options", "drag_to_folder"]
+
+_OF_THE_SUBJECT = ("tip_radius", "edge_radius", "step_height", "load", "friction", "stiffness")
 
 
 def drag_from_options(
-    stimulus: str, options: dict[str, tuple[str | None, str]], backward: bool, folder: Path
+    stimulus: str,
+    options: dict[str, tuple[str | None, str]],
+    backward: bool,
+    folder: Path,
+    where: Path | None = None,
 ) -> dict[str, Any]:
     """Run a drag whose parameters are texts.
 
     Parameters
     ----------
     stimulus : str
-        As for `track_from`.
+        As for `stepblocks.pipeline.drag_subject.subject_of`.
     options : dict
         Name of each parameter to its text (None: not given) and dimension; the names are those of the command's flags.
     backward : bool
-        Drag over a profile towards falling x.
+        Drag towards falling x.
     folder : Path
         Where the files go.
+    where : Path, optional
+        Stimulus file or folder of them.
 
     Returns
     -------
@@ -51,17 +57,18 @@ def drag_from_options(
         If a text is no quantity of its dimension; the message names the flag.
     """
     given = {name: _quantity(name, text, dimension) for name, (text, dimension) in options.items() if text is not None}
-    pull = given.get("pull", 0.0)
-    track, angle = track_from(stimulus, given["tip_radius"], given["edge_radius"], backward)
+    chosen = {name: given[name] for name in _OF_THE_SUBJECT if name in given}
+    subject = subject_of(stimulus, chosen, backward, where)
+    values, pull = subject.values, given.get("pull", 0.0)
     probe = probe_of_frequency(
-        given["frequency"], given["tip_radius"], given["stiffness"], damping_ratio=given["damping_ratio"]
+        given["frequency"], values["tip_radius"], values["stiffness"], damping_ratio=given["damping_ratio"]
     )
     settings = DragSettings(
-        given["load"], given["friction"], speed=0.0 if pull else given.get("speed", 5e-3), pulling_force=pull,
+        values["load"], values["friction"], speed=0.0 if pull else given.get("speed", 5e-3), pulling_force=pull,
         handle_mass=given["handle_mass"] if pull else 0.0, handle_damping=20.0 if pull else 0.0,
         static_friction=given["static_friction"], ring_time=given["ring_time"], sample_rate=given["sample_rate"],
     )  # fmt: skip
-    return drag_to_folder(track, angle, probe, settings, folder, f"Drag over {Path(stimulus).name}")
+    return drag_to_folder(subject.track, subject.angle, probe, settings, folder, f"Drag over {subject.name}")
 
 
 def _quantity(name: str, text: str, dimension: str) -> float:
@@ -69,49 +76,6 @@ def _quantity(name: str, text: str, dimension: str) -> float:
         return parse_quantity(text, dimension)
     except QuantityError as error:
         raise PipelineError(f"--{name.replace('_', '-')} {error}") from error
-
-
-def track_from(
-    text: str, tip_radius: float, edge_radius: float = 0.0, backward: bool = False
-) -> tuple[Track, float | None]:
-    """Understand what is to be dragged over.
-
-    Parameters
-    ----------
-    text : str
-        The height of a step with its unit, such as ``"25 um"``, or the path of a CSV with ``x_um`` and ``z_um``.
-    tip_radius, edge_radius : float
-        R and, of a step, r [m].
-    backward : bool
-        Drag over a profile towards falling x.
-
-    Returns
-    -------
-    track : Track
-        Path of the tip.
-    angle : float or None
-        Critical angle in closed form or by dilation [rad].
-
-    Raises
-    ------
-    PipelineError
-        If the text is neither a length nor a readable profile.
-    """
-    path = Path(text)
-    if path.suffix.lower() != ".csv":
-        try:
-            height = parse_quantity(text, "length")
-        except QuantityError as error:
-            raise PipelineError(f"stimulus must be a step height such as '25 um' or a CSV, got {text!r}") from error
-        track = step_track(height, tip_radius, edge_radius)
-        return track, track.steepest_angle
-    frame = read_table(path)
-    x = si_column(frame, ("x",), "length", None, path)
-    z = si_column(frame, ("z",), "length", None, path)
-    ball = Ball(tip_radius)
-    track = track_of(x, z, ball, backward=backward)
-    direction: Direction = "backward" if backward else "forward"
-    return track, steepest(profile_path(x, z, ball, edges="flat"), direction).angle
 
 
 def drag_to_folder(
@@ -142,7 +106,7 @@ def drag_to_folder(
     from stepblocks.report.drag_figures import draw_force, draw_spectra
 
     trace = drag(track, probe, settings)
-    summary = _summary(trace, angle)
+    summary = _summary(trace, angle, title)
     folder.mkdir(parents=True, exist_ok=True)
     write_table(pd.DataFrame(trace.rows, columns=list(COLUMNS)), folder / "trace.csv")
     draw_force(trace, folder / "force.png", title)
@@ -152,8 +116,9 @@ def drag_to_folder(
     return summary
 
 
-def _summary(trace: DragTrace, angle: float | None) -> dict[str, Any]:
+def _summary(trace: DragTrace, angle: float | None, name: str) -> dict[str, Any]:
     summary: dict[str, Any] = {
+        "subject": name,
         "status": str(trace.status),
         "ledger_j": trace.ledger,
         "ledger_error": trace.ledger_error,

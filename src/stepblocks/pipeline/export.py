@@ -12,9 +12,9 @@ from typing import TYPE_CHECKING
 
 from stepblocks.errors import PipelineError
 from stepblocks.pipeline.build import matches
+from stepblocks.pipeline.declared import load_declared
 from stepblocks.pipeline.predict import tool_of
 from stepblocks.stimulus.block import StepBlock
-from stepblocks.stimulus.loader import load_set
 from stepblocks.stimulus.margin import MarginBlock
 
 if TYPE_CHECKING:
@@ -102,7 +102,7 @@ def export_sets(
     if scale is not None and not (math.isfinite(scale) and scale > 0.0):
         raise PipelineError(f"scale must be positive and finite, got {scale:g}")
     found = False
-    for stimuli in [load_set(path) for path in files]:
+    for stimuli in [load_declared(path) for path in files]:
         condition = _condition(stimuli.prediction, load, friction, ball_radius)
         for stimulus in stimuli.stimuli:
             if only is not None and not matches(only, stimuli.name, stimulus.id):

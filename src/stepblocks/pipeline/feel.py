@@ -13,10 +13,10 @@ from stepblocks.beside import replace_text
 from stepblocks.errors import PipelineError
 from stepblocks.haptics.event import DECAY, FREQUENCY
 from stepblocks.haptics.renderer.path import CentrePath, centre_path
+from stepblocks.pipeline.declared import load_declared
 from stepblocks.pipeline.predict import tool_of
 from stepblocks.report.feel import render_feel
 from stepblocks.stimulus.block import StepBlock
-from stepblocks.stimulus.loader import load_set
 from stepblocks.stimulus.margin import MarginBlock
 from stepblocks.stimulus.profile import breakpoints, surface_height
 
@@ -46,7 +46,7 @@ def write_feel(files: Sequence[Path], page: Path) -> int:
     StepblocksError
         If a file is wrong, or none has a block.
     """
-    sets = [load_set(path) for path in files]
+    sets = [load_declared(path) for path in files]
     found = [(stimuli, s) for stimuli in sets for s in stimuli.stimuli if isinstance(s, StepBlock | MarginBlock)]
     if not found:
         raise PipelineError("stepblocks feel needs at least one step_block or margin_block, got none")

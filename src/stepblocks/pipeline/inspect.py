@@ -29,10 +29,10 @@ from stepblocks.metrology.inspection import (
 from stepblocks.metrology.read_scan import read_scan
 from stepblocks.metrology.scan import HeightMap, Profile
 from stepblocks.metrology.uncertainty import Instrument
+from stepblocks.pipeline.declared import load_declared
 from stepblocks.pipeline.predict import tool_of
 from stepblocks.report.inspection import draw_inspection, inspection_table
 from stepblocks.stimulus.block import StepBlock
-from stepblocks.stimulus.loader import load_set
 from stepblocks.stimulus.margin import MarginBlock
 from stepblocks.stimulus.set import PredictionGrid, Stimulus
 from stepblocks.stimulus.tip import HookTip, StraightTip
@@ -94,7 +94,7 @@ def find_stimulus(identity: str, where: Path) -> tuple[Stimulus, PredictionGrid]
     """
     files = sorted(where.glob("*.toml")) if where.is_dir() else [where]
     for path in files:
-        declared = load_set(path)
+        declared = load_declared(path)
         for stimulus in declared.stimuli:
             if stimulus.id == identity:
                 return stimulus, declared.prediction

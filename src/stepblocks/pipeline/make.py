@@ -14,6 +14,7 @@ from typing import Any
 from stepblocks.beside import replace_text
 from stepblocks.pipeline.manifest import RECORD, digest, hash_file, load_json
 from stepblocks.stimulus.block import StepBlock
+from stepblocks.stimulus.energy_tolerance import EnergyBudget
 from stepblocks.stimulus.margin import CrownOnTooth, MarginBlock
 from stepblocks.stimulus.set import Stimulus
 from stepblocks.stimulus.specification import dimensions, resolved
@@ -203,6 +204,10 @@ def _derived(stimulus: Stimulus) -> list[list[str]]:
     if isinstance(stimulus, MarginBlock | CrownOnTooth):
         grade = "clinically acceptable" if stimulus.clinically_acceptable else "above the clinical limit of 100 um"
         return [["absolute marginal discrepancy", f"{stimulus.absolute_discrepancy * 1e6:.4g} um, {grade}"]]
+    if isinstance(stimulus.energy_tolerance, EnergyBudget):
+        budget = stimulus.energy_tolerance
+        tips = ", ".join(str(tip) for tip in budget.tips)
+        return [["vibration energy", f"kept within {budget.within:.3g} of the nominal with a tip of {tips}"]]
     return []
 
 

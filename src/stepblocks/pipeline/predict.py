@@ -5,19 +5,22 @@ from __future__ import annotations
 import csv
 import io
 import math
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from itertools import product
 
-from stepblocks.contact.critical_angle import margin_angles, step_angle
+from stepblocks.contact.critical_angle import bevelled_margin_angles, step_angle
 from stepblocks.contact.energy import Release, Status, Tool, release_at
 from stepblocks.contact.kernels import locking_height
+from stepblocks.contact.uncertainty import Interval
+from stepblocks.pipeline.declared import with_energy_tolerances
+from stepblocks.pipeline.predict_interval import WAYS, ball_of, known, margin_interval, step_interval
 from stepblocks.stimulus.block import StepBlock
-from stepblocks.stimulus.margin import CrownOnTooth, MarginBlock, crown_corner
+from stepblocks.stimulus.margin import CrownOnTooth, MarginBlock
 from stepblocks.stimulus.set import PredictionGrid, Stimulus, StimulusSet
 from stepblocks.stimulus.tip import HookTip, StraightTip
 
-__all__ = ["COLUMNS", "Prediction", "as_csv", "as_row", "predict_set", "tool_of"]
+__all__ = ["COLUMNS", "SHOWN", "Prediction", "as_csv", "as_row", "predict_set", "tool_of"]
 
 COLUMNS = (
     "set",
@@ -39,8 +42,22 @@ COLUMNS = (
     "mean_power_uw",
     "threshold_ratio",
     "locking_height_um",
+    "pull_force_95_low_n",
+    "pull_force_95_high_n",
+    "vibration_energy_95_low_uj",
+    "vibration_energy_95_high_uj",
+    "vibration_energy_analytic_95_low_uj",
+    "vibration_energy_analytic_95_high_uj",
+    "held_probability",
+    "intervals_agree",
 )
-"""Columns of predictions.csv, units in their names."""
+"""Columns of predictions.csv, units in their names: ``low`` and ``high`` are the worst cases within the tolerances, ``95_low``
+and ``95_high`` the ends of the drawn 95 % interval, ``analytic_95`` the same by first-order sensitivities."""
+
+SHOWN = tuple(
+    name for name in COLUMNS if not name.endswith(("_low_n", "_high_n", "_low_uj", "_high_uj")) or "energy_95" in name
+)
+"""Columns that fit a terminal: of the intervals only the drawn one of the energy."""
 
 
 @dataclass(frozen=True)
@@ -65,6 +82,8 @@ class Prediction:
         Status and figures at the nominal dimensions.
     limits : (Release, Release)
         The same at the least and the greatest angle within the tolerances of the stimulus.
+    interval : Interval
+        95 % interval from the tolerances of the stimulus and of the setting, drawn and by sensitivities.
     """
 
     set_name: str
@@ -76,6 +95,7 @@ class Prediction:
     friction: float
     release: Release
     limits: tuple[Release, Release]
+    interval: Interval
 
 
 def tool_of(grid: PredictionGrid) -> Tool:
@@ -108,6 +128,7 @@ def predict_set(stimuli: StimulusSet) -> Iterator[Prediction]:
     Prediction
         In the order stimulus, tip, direction, friction, load.
     """
+    stimuli = with_energy_tolerances(stimuli)
     grid, tool = stimuli.prediction, tool_of(stimuli.prediction)
     for stimulus in stimuli.stimuli:
         for contact in _contacts(stimulus, grid):
@@ -116,18 +137,22 @@ def predict_set(stimuli: StimulusSet) -> Iterator[Prediction]:
                     nominal, *limits = (release_at(angle, load, friction, tool) for angle in contact.angles)
                     yield Prediction(
                         stimuli.name, stimulus.id, contact.drag, contact.ball, contact.rise, load, friction, nominal,
-                        (limits[0], limits[1]),
+                        (limits[0], limits[1]), contact.interval(friction, load),
                     )  # fmt: skip
 
 
 @dataclass(frozen=True)
 class _Contact:
-    """One edge met by one tip: critical angle at the nominal, and the least and greatest within the tolerances [rad]."""
+    """One edge met by one tip: critical angle at the nominal, and the least and greatest within the tolerances [rad].
+
+    `interval` gives the 95 % interval for a coefficient of friction and a load.
+    """
 
     drag: str
     ball: float
     rise: float
     angles: tuple[float, float, float]
+    interval: Callable[[float, float], Interval]
 
 
 def _contacts(stimulus: Stimulus, grid: PredictionGrid) -> Iterator[_Contact]:
@@ -137,20 +162,23 @@ def _contacts(stimulus: Stimulus, grid: PredictionGrid) -> Iterator[_Contact]:
             for tip in grid.tip_radii:
                 corners = [step_angle(h, tip, max(r, 0.0)) for h, r in product(height.limits, radius.limits)]
                 angle = step_angle(height.nominal, tip, radius.nominal)
-                yield _Contact("up", tip, height.nominal, (angle, min(corners), max(corners)))
+                felt = step_interval(grid, height, radius, ball_of(grid, tip))
+                yield _Contact("up", tip, height.nominal, (angle, min(corners), max(corners)), felt)
         case MarginBlock() | CrownOnTooth():
             for tip in grid.tip_radii:
-                both_ways = [_margin_angles(*sizes, tip) for sizes in _margin_sizes(stimulus)]
+                both_ways = [bevelled_margin_angles(*sizes, tip) for sizes in _margin_sizes(stimulus)]
                 rise = stimulus.horizontal_discrepancy.nominal
-                for drag, way in (("tooth-to-crown", 0), ("crown-to-tooth", 1)):
+                for way, drag in enumerate(WAYS):
                     spread = [both[way] for both in both_ways]
-                    yield _Contact(drag, tip, rise, (spread[0], min(spread), max(spread)))
+                    felt = margin_interval(grid, stimulus, ball_of(grid, tip), drag)
+                    yield _Contact(drag, tip, rise, (spread[0], min(spread), max(spread)), felt)
         case StraightTip() | HookTip():
             for height_of_step in grid.step_heights:
                 ball = stimulus.ball_radius
                 low, high = sorted(step_angle(height_of_step, R) for R in ball.limits)
                 angle = step_angle(height_of_step, ball.nominal)
-                yield _Contact("up", ball.nominal, height_of_step, (angle, low, high))
+                felt = step_interval(grid, known(height_of_step), known(0.0), ball)
+                yield _Contact("up", ball.nominal, height_of_step, (angle, low, high), felt)
 
 
 def _margin_sizes(margin: MarginBlock | CrownOnTooth) -> Iterator[tuple[float, float, float]]:
@@ -160,24 +188,6 @@ def _margin_sizes(margin: MarginBlock | CrownOnTooth) -> Iterator[tuple[float, f
     for g, h in product(gap.limits, rise.limits):
         for v in (g,) if opening is None else opening.limits:
             yield max(g, 0.0), v, h
-
-
-def _margin_angles(gap: float, opening: float, rise: float, tip: float) -> tuple[float, float]:
-    """Angles over a margin: in closed form, or by the path of the tip where a bevel may be met before its corner."""
-    if opening <= gap:
-        return margin_angles(max(opening, 0.0), rise, tip)
-    import numpy as np
-
-    from stepblocks.contact.catches import steepest
-    from stepblocks.contact.tip import Ball
-    from stepblocks.contact.tip_path import profile_path
-
-    floor = -4.0 * tip  # deep enough that the ball never touches it
-    corner = crown_corner(gap, opening, rise)
-    section = [(-4.0 * tip, 0.0), (0.0, 0.0), (0.0, floor), (gap, floor), *corner, (opening + 4.0 * tip, rise)]
-    x, z = np.array(section).T
-    path = profile_path(x, z, Ball(tip), edges="flat")
-    return steepest(path, "forward").angle, steepest(path, "backward").angle
 
 
 def as_row(prediction: Prediction) -> dict[str, str]:
@@ -193,7 +203,7 @@ def as_row(prediction: Prediction) -> dict[str, str]:
     dict of str
         One text per column; empty where there is no number.
     """
-    release, (low, high) = prediction.release, prediction.limits
+    release, (low, high), interval = prediction.release, prediction.limits, prediction.interval
     locking = float(locking_height(prediction.tip_radius, prediction.friction))
 
     def number(value: float) -> str:
@@ -219,6 +229,14 @@ def as_row(prediction: Prediction) -> dict[str, str]:
         "mean_power_uw": number(release.mean_power * 1e6),
         "threshold_ratio": number(release.threshold_ratio),
         "locking_height_um": number(locking * 1e6) if release.status is not Status.NO_CATCH else "",
+        "pull_force_95_low_n": number(interval.force_low),
+        "pull_force_95_high_n": number(interval.force_high),
+        "vibration_energy_95_low_uj": number(interval.energy_low * 1e6),
+        "vibration_energy_95_high_uj": number(interval.energy_high * 1e6),
+        "vibration_energy_analytic_95_low_uj": number(interval.analytic_energy_low * 1e6),
+        "vibration_energy_analytic_95_high_uj": number(interval.analytic_energy_high * 1e6),
+        "held_probability": number(interval.held_probability),
+        "intervals_agree": "yes" if interval.agrees else "no",
     }
 
 

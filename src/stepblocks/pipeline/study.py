@@ -12,12 +12,12 @@ from stepblocks.contact.critical_angle import step_angle
 from stepblocks.contact.energy import Status, release_at
 from stepblocks.errors import PipelineError
 from stepblocks.pipeline.build import matches
+from stepblocks.pipeline.declared import load_declared
 from stepblocks.pipeline.predict import tool_of
 from stepblocks.report.run_sheet import render_key, render_sheets
 from stepblocks.report.study import render_study
 from stepblocks.stimulus.block import StepBlock
 from stepblocks.stimulus.lettering import engraved_text
-from stepblocks.stimulus.loader import load_set
 from stepblocks.stimulus.set import StimulusSet
 from stepblocks.study.design import (
     Design,
@@ -99,7 +99,7 @@ def design_study(source: Path, request: Request, folder: Path) -> Design:
     StepblocksError
         If the set has no step blocks, the design is impossible, or another design stands there already.
     """
-    items = [Item(b.id, engraved_text(b.id), b.height.nominal) for b in _blocks(load_set(source), request.only)]
+    items = [Item(b.id, engraved_text(b.id), b.height.nominal) for b in _blocks(load_declared(source), request.only)]
     size = (request.repetitions, request.seed)
     match request.experiment:
         case "estimates":
@@ -190,7 +190,7 @@ def simulate_study(
     known = {row["condition"] for row in design}
     _require_known(factors, known)
     wanted = {row["stimulus"] for row in design} | {row["standard"] for row in design if row["standard"]}
-    stimuli = load_set(source)
+    stimuli = load_declared(source)
     energies = _energies(stimuli, [b for b in _blocks(stimuli, None) if b.id in wanted], contact)
     answers = simulate_answers(design, energies, factors, observer, seed)
     text = ",".join(answers[0]) + "\n" + "".join(",".join(row.values()) + "\n" for row in answers)
@@ -271,7 +271,7 @@ def power_rows(
     StepblocksError
         If an option is out of range.
     """
-    stimuli = load_set(source)
+    stimuli = load_declared(source)
     blocks = _blocks(stimuli, only)
     energies = _energies(stimuli, blocks, contact)
     heights = tuple(block.height.nominal for block in blocks)

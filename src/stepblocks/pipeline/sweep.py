@@ -7,7 +7,6 @@ may be interrupted, and what is finished stays. The rows do not depend on how th
 from __future__ import annotations
 
 import json
-import math
 from collections.abc import Callable, Iterator
 from dataclasses import asdict
 from itertools import islice
@@ -15,32 +14,15 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from stepblocks.beside import beside, replace_text
-from stepblocks.contact.critical_angle import step_angle
-from stepblocks.contact.energy import Status, Tool, release_at
-from stepblocks.errors import ContactError, PipelineError
-from stepblocks.pipeline.sweep_plan import SweepPlan, design_row
+from stepblocks.errors import PipelineError
+from stepblocks.pipeline.sweep_plan import SweepPlan
+from stepblocks.pipeline.sweep_rows import columns_of, sweep_row
 
 if TYPE_CHECKING:
     from distributed import Client
 
-__all__ = ["DRAG_COLUMNS", "INPUT_COLUMNS", "STATIC_COLUMNS", "run_sweep", "sweep_row", "write_partition"]
+__all__ = ["run_sweep", "write_partition"]
 
-INPUT_COLUMNS = {
-    "height": "height_m",
-    "edge_radius": "edge_radius_m",
-    "tip_radius": "tip_radius_m",
-    "normal_load": "normal_load_n",
-    "friction": "friction",
-    "stiffness": "stiffness_n_m",
-    "conversion": "conversion",
-    "speed": "speed_m_s",
-    "frequency": "frequency_hz",
-    "damping_ratio": "damping_ratio",
-}
-STATIC_COLUMNS = ("status", "critical_angle_rad", "peak_force_n", "vibration_energy_j", "problem")
-DRAG_COLUMNS = (
-    "drag_status", "drag_peak_force_n", "drag_vibration_energy_j", "drag_share", "drag_ring_s", "drag_ledger_error",
-)  # fmt: skip
 _PLAN_FILE = "sweep.json"
 
 
@@ -98,56 +80,6 @@ def run_sweep(
     return len(missing), found
 
 
-def sweep_row(plan: SweepPlan, row: int) -> dict[str, Any]:
-    """Compute inputs and results of one row; one outside the equations has its reason in ``problem``, no figures."""
-    inputs = design_row(plan, row)
-    result: dict[str, Any] = {"row": row, "draw": row % plan.draws}
-    result |= {column: inputs[name] for name, column in INPUT_COLUMNS.items()}
-    result |= dict.fromkeys(STATIC_COLUMNS, math.nan) | {"status": "invalid", "problem": ""}
-    if plan.mode == "drag":
-        result |= dict.fromkeys(DRAG_COLUMNS, math.nan) | {"drag_status": "invalid"}
-    try:
-        tool = Tool(inputs["stiffness"], inputs["conversion"], 16e-3, 0.08e-6)
-        angle = step_angle(inputs["height"], inputs["tip_radius"], inputs["edge_radius"])
-        release = release_at(angle, inputs["normal_load"], inputs["friction"], tool)
-        result |= {
-            "status": str(release.status),
-            "critical_angle_rad": angle,
-            "peak_force_n": release.pull_force,
-            "vibration_energy_j": release.vibration_energy,
-        }
-        if plan.mode == "drag":
-            result |= _dragged(inputs, release.status)
-    except ContactError as error:
-        result["problem"] = str(error)
-    return result
-
-
-def _dragged(inputs: dict[str, float], status: Status) -> dict[str, Any]:
-    from stepblocks.contact.drag.model import DragSettings, probe_of_frequency
-    from stepblocks.contact.drag.ring import ring_of
-    from stepblocks.contact.drag.simulate import drag
-    from stepblocks.contact.drag.track import step_track
-
-    if status in (Status.TOO_HIGH, Status.NO_CATCH):
-        return {"drag_status": str(status)}
-    probe = probe_of_frequency(
-        inputs["frequency"], inputs["tip_radius"], inputs["stiffness"], damping_ratio=inputs["damping_ratio"]
-    )
-    track = step_track(inputs["height"], inputs["tip_radius"], inputs["edge_radius"])
-    trace = drag(track, probe, DragSettings(inputs["normal_load"], inputs["friction"], speed=inputs["speed"]))
-    result: dict[str, Any] = {"drag_status": str(trace.status), "drag_ledger_error": trace.ledger_error}
-    if trace.status is Status.RELEASES:
-        ring = ring_of(trace, spectra=False)
-        result |= {
-            "drag_peak_force_n": trace.peak_force,
-            "drag_vibration_energy_j": ring.energy,
-            "drag_share": ring.share,
-            "drag_ring_s": ring.duration,
-        }
-    return result
-
-
 def write_partition(plan: SweepPlan, number: int, folder: Path) -> int:
     """Compute one partition and put its file in place; returns the number of its rows."""
     import pyarrow as pa
@@ -155,9 +87,9 @@ def write_partition(plan: SweepPlan, number: int, folder: Path) -> int:
 
     start = number * plan.rows_per_partition
     rows = [sweep_row(plan, row) for row in range(start, min(start + plan.rows_per_partition, plan.rows))]
-    columns = ["row", "draw", *INPUT_COLUMNS.values(), *STATIC_COLUMNS, *(DRAG_COLUMNS if plan.mode == "drag" else ())]
-    kinds = {"row": pa.int64(), "draw": pa.int64(), "status": pa.string(), "drag_status": pa.string()}
-    kinds["problem"] = pa.string()
+    columns = columns_of(plan)
+    texts = ("stimulus", "direction", "status", "drag_status", "problem")
+    kinds = {"row": pa.int64(), "draw": pa.int64(), **dict.fromkeys(texts, pa.string())}
     schema = pa.schema([(name, kinds.get(name, pa.float64())) for name in columns])
     table = pa.table({name: [row[name] for row in rows] for name in columns}, schema=schema)
     with beside(_path(folder, number)) as draft:

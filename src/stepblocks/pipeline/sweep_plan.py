@@ -12,10 +12,10 @@ from typing import Any
 
 import numpy as np
 
-from stepblocks.errors import PipelineError, QuantityError
+from stepblocks.errors import PipelineError, QuantityError, StepblocksError
 from stepblocks.quantities import parse_quantity
 
-__all__ = ["PARAMETERS", "SweepPlan", "design_row", "load_sweep"]
+__all__ = ["DIRECTIONS", "MARGIN_PARAMETERS", "PARAMETERS", "SweepPlan", "load_sweep", "parameters_of"]
 
 PARAMETERS: dict[str, tuple[str, float | None]] = {
     "height": ("length", None),
@@ -30,6 +30,25 @@ PARAMETERS: dict[str, tuple[str, float | None]] = {
     "damping_ratio": ("ratio", 0.02),
 }
 """Each parameter's dimension and the value where a sweep does not name it (None: it must)."""
+
+DIRECTIONS = ("tooth-to-crown", "crown-to-tooth")
+"""Ways of a drag over a margin; a plan holds their places."""
+
+_SQUARE = math.inf  # stands for "as the gap": the end of the crown is square
+MARGIN_PARAMETERS: dict[str, tuple[str, float | None]] = {
+    "marginal_gap": ("length", None),
+    "vertical_discrepancy": ("length", _SQUARE),
+    "horizontal_discrepancy": ("length", 0.0),
+    **{name: how for name, how in PARAMETERS.items() if name not in ("height", "edge_radius")},
+    "direction": ("direction", 0.0),
+}
+"""The same of a sweep over crown margins; without a vertical discrepancy the end of the crown is square."""
+
+
+def parameters_of(surface: str) -> dict[str, tuple[str, float | None]]:
+    """Parameters of sweeps over a ``"step"`` or a ``"margin"``."""
+    return MARGIN_PARAMETERS if surface == "margin" else PARAMETERS
+
 
 _MOST_ROWS = 10**10
 _MOST_VALUES = 10_000
@@ -46,6 +65,8 @@ class SweepPlan:
         ``"grid"`` or ``"random"``.
     mode : str
         ``"static"`` (equations 1 and 2) or ``"drag"`` (in time as well).
+    surface : str
+        ``"step"`` or ``"margin"``.
     points : int
         Points of the design.
     draws : int
@@ -60,10 +81,15 @@ class SweepPlan:
         Name to (low, high) [SI] of a random design.
     spreads : dict
         Name to the standard uncertainty [SI] of a draw.
+    shares : dict
+        Name to the standard uncertainty of a draw as a share of the value [1].
+    stimuli : list of dict
+        Stimuli of a set that the sweep goes over, see `stepblocks.pipeline.sweep_set.stimuli_of`; empty without a set.
     """
 
     kind: str
     mode: str
+    surface: str
     points: int
     draws: int
     seed: int
@@ -71,6 +97,8 @@ class SweepPlan:
     values: dict[str, list[float]]
     ranges: dict[str, list[float]]
     spreads: dict[str, float]
+    shares: dict[str, float]
+    stimuli: list[dict[str, Any]]
 
     @property
     def rows(self) -> int:
@@ -88,45 +116,14 @@ class SweepPlan:
         return hashlib.sha256(json.dumps(asdict(self), sort_keys=True).encode()).hexdigest()
 
 
-def design_row(plan: SweepPlan, row: int) -> dict[str, float]:
-    """Draw the inputs [SI] of one row; they depend on the plan and the row's number alone.
-
-    Examples
-    --------
-    >>> plan = SweepPlan("grid", "static", 2, 1, 0, 10, {"height": [1e-5, 2e-5]}, {}, {})
-    >>> design_row(plan, 1)["height"]
-    2e-05
-    """
-    point = row // plan.draws
-    inputs: dict[str, float] = {}
-    random = np.random.default_rng([plan.seed, point])
-    left = point
-    for name in PARAMETERS:
-        if name in plan.ranges:
-            inputs[name] = float(random.uniform(plan.ranges[name][0], plan.ranges[name][1]))
-        elif name in plan.values:
-            choices = plan.values[name]
-            if plan.kind == "grid":
-                left, index = divmod(left, len(choices))
-            else:
-                index = int(random.integers(len(choices)))
-            inputs[name] = choices[index]
-    if plan.spreads:
-        noise = np.random.default_rng([plan.seed, row, 1])
-        for name in PARAMETERS:
-            if name in plan.spreads:
-                inputs[name] = max(inputs[name] + plan.spreads[name] * float(noise.standard_normal()), 0.0)
-    return inputs
-
-
 def load_sweep(path: Path) -> SweepPlan:
     """Read a sweep from a TOML file.
 
     Parameters
     ----------
     path : Path
-        File with the tables ``[sweep]`` (kind, mode, rows, seed, rows_per_partition), ``[parameters]`` and, for
-        tolerance draws, ``[draws]`` (count, and standard uncertainties).
+        File with the tables ``[sweep]`` (kind, mode, surface or set, rows, seed, rows_per_partition), ``[parameters]`` and,
+        for tolerance draws, ``[draws]`` (count, standard uncertainties, and whether those of the set are drawn).
 
     Returns
     -------
@@ -147,48 +144,82 @@ def load_sweep(path: Path) -> SweepPlan:
     except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
         raise PipelineError(f"sweep is not TOML: {error} [{path}]") from error
     try:
-        return _resolved(data)
-    except (PipelineError, QuantityError) as error:
+        return _resolved(data, path.parent)
+    except StepblocksError as error:
         raise PipelineError(f"{error} [{path}]") from error
 
 
-def _resolved(data: dict[str, Any]) -> SweepPlan:
+def _resolved(data: dict[str, Any], folder: Path) -> SweepPlan:
     _known("the file", data, ("sweep", "parameters", "draws"))
-    head, parameters = _table(data, "sweep"), _table(data, "parameters")
-    draws = _table(data, "draws")
-    _known("[sweep]", head, ("kind", "mode", "rows", "seed", "rows_per_partition"))
-    _known("[parameters]", parameters, tuple(PARAMETERS))
-    _known("[draws]", draws, ("count", *PARAMETERS))
-    kind, mode = head.get("kind", "grid"), head.get("mode", "static")
-    if kind not in ("grid", "random"):
-        raise PipelineError(f"kind must be grid or random, got {kind!r} [sweep]")
-    if mode not in ("static", "drag"):
-        raise PipelineError(f"mode must be static or drag, got {mode!r} [sweep]")
+    head, parameters, draws = (_table(data, name) for name in ("sweep", "parameters", "draws"))
+    _known("[sweep]", head, ("kind", "mode", "surface", "set", "rows", "seed", "rows_per_partition"))
+    kind, mode = _one_of(head, "kind", ("grid", "random")), _one_of(head, "mode", ("static", "drag"))
+    surface, stimuli, declared = _one_of(head, "surface", ("step", "margin")), [], {}
+    drawn: tuple[dict[str, float], dict[str, float]] = {}, {}
+    if "set" in head:
+        surface, stimuli, declared, drawn = _of_set(head, parameters, draws, folder)
+    elif "tolerances" in draws:
+        raise PipelineError("tolerances are those of a set: name it with set [draws]")
+    names = parameters_of(surface)
+    taken = set(stimuli[0]["values"]) | {"height", "edge_radius", "vertical_discrepancy"} if stimuli else set()
+    open_names = [name for name in names if name not in taken]
+    _known("[parameters]", parameters, (*(["stimulus"] if stimuli else []), *open_names))
+    _known("[draws]", draws, ("count", *(["tolerances"] if stimuli else []), *names))
     values: dict[str, list[float]] = {}
     ranges: dict[str, list[float]] = {}
-    for name, (dimension, default) in PARAMETERS.items():
-        if name not in parameters:
-            if default is None:
-                raise PipelineError(f"{name} must be given [parameters]")
-            values[name] = [default]
-        else:
+    for name in open_names:
+        dimension, default = names[name]
+        if name in parameters:
             _read(name, parameters[name], dimension, kind, values, ranges)
-    points = math.prod(len(v) for v in values.values())
+        elif name in declared:
+            values[name] = declared[name]
+        elif default is None:
+            raise PipelineError(f"{name} must be given [parameters]")
+        elif default != _SQUARE:
+            values[name] = [default]
+    points = math.prod(len(v) for v in values.values()) * max(len(stimuli), 1)
     if kind == "random":
         points = _count("rows", head.get("rows"), "sweep")
     elif "rows" in head:
         raise PipelineError("rows must not be given for a grid, its axes say how many there are [sweep]")
     count = _count("count", draws.get("count", 1), "draws")
-    spreads = {n: _quantity(n, draws[n], PARAMETERS[n][0], "draws") for n in PARAMETERS if n in draws}
+    spreads = drawn[0] | {n: _quantity(n, draws[n], names[n][0], "draws") for n in names if n in draws}
     if any(value < 0.0 for value in spreads.values()):
         raise PipelineError("standard uncertainties must not be negative [draws]")
+    for name in spreads:
+        if name == "direction" or (not stimuli and name not in values and name not in ranges):
+            raise PipelineError(f"{name} cannot be drawn about a value that is not given [draws]")
+    shares = {name: share for name, share in drawn[1].items() if name not in spreads}
     seed = head.get("seed", 0)
     if not isinstance(seed, int) or isinstance(seed, bool) or not 0 <= seed < 2**63:
         raise PipelineError(f"seed must be a whole number of 0 or more, got {seed!r} [sweep]")
     if points * count > _MOST_ROWS:
         raise PipelineError(f"sweep has {points * count} rows and must not have more than {_MOST_ROWS}")
     size = _count("rows_per_partition", head.get("rows_per_partition", 1000), "sweep")
-    return SweepPlan(kind, mode, points, count, seed, size, values, ranges, spreads)
+    return SweepPlan(kind, mode, surface, points, count, seed, size, values, ranges, spreads, shares, stimuli)
+
+
+def _of_set(
+    head: dict[str, Any], parameters: dict[str, Any], draws: dict[str, Any], folder: Path
+) -> tuple[str, list[dict[str, Any]], dict[str, list[float]], tuple[dict[str, float], dict[str, float]]]:
+    """Surface, stimuli, declared conditions, and uncertainties of the setting of a sweep over a set."""
+    from stepblocks.pipeline.sweep_set import setting_of, stimuli_of
+
+    if "surface" in head:
+        raise PipelineError("surface must not be given beside set, which says what its stimuli are [sweep]")
+    tolerances = draws.get("tolerances", False)
+    if not isinstance(head["set"], str) or not isinstance(tolerances, bool):
+        raise PipelineError("set must be the path of a stimulus file and tolerances true or false [sweep], [draws]")
+    surface, stimuli, grid = stimuli_of(folder / head["set"], parameters.get("stimulus"), tolerances)
+    declared, plain, shares = setting_of(grid)
+    return surface, stimuli, declared, (plain, shares) if tolerances else ({}, {})
+
+
+def _one_of(table: dict[str, Any], name: str, known: tuple[str, str]) -> str:
+    value = table.get(name, known[0])
+    if value not in known:
+        raise PipelineError(f"{name} must be {known[0]} or {known[1]}, got {value!r} [sweep]")
+    return str(value)
 
 
 def _read(
@@ -203,6 +234,8 @@ def _read(
         _known(f"{name} [parameters]", given, ("from", "to", "count"))
         if not {"from", "to"} <= set(given):
             raise PipelineError(f"{name} must have from and to [parameters]")
+        if dimension == "direction":
+            raise PipelineError(f"direction must be {' or '.join(DIRECTIONS)}, or a list of both [parameters]")
         low, high = (_quantity(name, given[end], dimension, "parameters") for end in ("from", "to"))
         if not low < high:
             raise PipelineError(f"{name} must rise from its from to its to [parameters]")
@@ -216,6 +249,10 @@ def _read(
 
 
 def _quantity(name: str, given: Any, dimension: str, place: str) -> float:
+    if dimension == "direction":
+        if given not in DIRECTIONS:
+            raise PipelineError(f"direction must be {' or '.join(DIRECTIONS)}, got {given!r} [{place}]")
+        return float(DIRECTIONS.index(given))
     try:
         return parse_quantity(given, dimension)
     except QuantityError as error:

@@ -11,8 +11,8 @@ from stepblocks.errors import MachiningError, PipelineError
 from stepblocks.machining.drawing.write import write_drawing, write_gauge_drawing
 from stepblocks.machining.gauge_route import Route, choose_pair, routes_for, write_gauge_assembly
 from stepblocks.machining.inspection_sheet import write_sheet_csv, write_sheet_pdf
+from stepblocks.pipeline.declared import load_declared
 from stepblocks.stimulus.block import StepBlock
-from stepblocks.stimulus.loader import load_set
 
 __all__ = ["Order", "route_table", "write_orders"]
 
@@ -72,7 +72,7 @@ def write_orders(
     """
     orders = []
     for path in files:
-        declared = load_set(path)
+        declared = load_declared(path)
         for stimulus in declared.stimuli:
             name = f"{declared.name}/{stimulus.id}"
             if only is not None and not (fnmatchcase(stimulus.id, only) or fnmatchcase(name, only)):

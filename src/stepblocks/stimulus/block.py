@@ -7,7 +7,8 @@ from typing import Literal
 from pydantic import model_validator
 
 from stepblocks.stimulus.body import Body, Identity, MaterialField, Part, require, require_engravable
-from stepblocks.stimulus.tolerance import Length, PositiveLength
+from stepblocks.stimulus.energy_tolerance import EnergyToleranceField, require_energy_tolerance
+from stepblocks.stimulus.tolerance import FeltLength, FeltPositiveLength, PositiveLength
 
 __all__ = ["MetrologyFeature", "StepBlock"]
 
@@ -50,6 +51,8 @@ class StepBlock(Part):
         Groove or ridge beside the working edge.
     material : Material
         What it is made of.
+    energy_tolerance : EnergyTolerance or None
+        How much the vibration energy may vary, where tolerances of height, edge radius or tip shall follow from it.
 
     Notes
     -----
@@ -57,15 +60,20 @@ class StepBlock(Part):
     """
 
     id: Identity
-    height: PositiveLength
-    edge_radius: Length
+    height: FeltPositiveLength
+    edge_radius: FeltLength
     body: Body
     metrology: MetrologyFeature
     material: MaterialField
+    energy_tolerance: EnergyToleranceField | None = None
 
     @model_validator(mode="after")
     def _is_possible(self) -> StepBlock:
         height, radius, body, feature = self.height.nominal, self.edge_radius.nominal, self.body, self.metrology
+        tip_is_free = self.energy_tolerance is not None and self.energy_tolerance.ball_radius is None
+        require_energy_tolerance(
+            self.energy_tolerance, {"height": self.height, "edge_radius": self.edge_radius}, tip_is_free
+        )
         require(radius <= height, "edge_radius", "not exceed height", height, radius)
         require(
             height < body.edge_break.nominal or body.edge_break.nominal == 0.0,

@@ -12,7 +12,7 @@ from stepblocks.stimulus.body import Identity, Part
 from stepblocks.stimulus.margin import CrownOnTooth, MarginBlock
 from stepblocks.stimulus.tip import HookTip, StraightTip
 
-__all__ = ["KINDS", "PredictionGrid", "Stimulus", "StimulusSet", "ToolSpec"]
+__all__ = ["KINDS", "PredictionGrid", "SettingTolerances", "Stimulus", "StimulusSet", "ToolSpec"]
 
 Stimulus = StepBlock | MarginBlock | CrownOnTooth | StraightTip | HookTip
 """Any declared part."""
@@ -58,6 +58,36 @@ class ToolSpec(Part):
     detection_threshold: Annotated[float, _positive("power")] = 0.08e-6
 
 
+def _width(dimension: str) -> BeforeValidator:
+    def parse(raw: object) -> float:
+        value = parse_quantity(raw, dimension)
+        if value < 0.0:
+            raise ValueError(f"must not be negative, got {raw!r}")
+        return value
+
+    return BeforeValidator(parse)
+
+
+class SettingTolerances(Part):
+    """How far what is not on a drawing may be off, to either side; what is left out is taken as known.
+
+    Attributes
+    ----------
+    tip_radius : float
+        Radius of the tips of `PredictionGrid.tip_radii` [m].
+    friction : float
+        Coefficient of friction [1].
+    normal_load, stiffness, conversion : float
+        As a share of the load, of the spring's stiffness and of C_v [1].
+    """
+
+    tip_radius: Annotated[float, _width("length")] = 0.0
+    friction: Annotated[float, _width("ratio")] = 0.0
+    normal_load: Annotated[float, _width("ratio")] = 0.0
+    stiffness: Annotated[float, _width("ratio")] = 0.0
+    conversion: Annotated[float, _width("ratio")] = 0.0
+
+
 class PredictionGrid(Part):
     """Conditions under which each stimulus is predicted: every combination of tip, load and friction.
 
@@ -73,6 +103,8 @@ class PredictionGrid(Part):
         Heights H of sharp steps on which declared tips are predicted [m].
     tool : ToolSpec
         Spring and ring of the explorer.
+    tolerances : SettingTolerances
+        How far tips, frictions, loads and spring may be off, for the intervals of the predictions.
     """
 
     tip_radii: Annotated[tuple[Annotated[float, _positive("length")], ...], Field(max_length=100)] = ()
@@ -80,6 +112,7 @@ class PredictionGrid(Part):
     frictions: Annotated[tuple[Annotated[float, BeforeValidator(_ratio)], ...], Field(min_length=1, max_length=100)]
     step_heights: Annotated[tuple[Annotated[float, _positive("length")], ...], Field(max_length=100)] = ()
     tool: ToolSpec = ToolSpec()
+    tolerances: SettingTolerances = SettingTolerances()
 
 
 class StimulusSet(Part):

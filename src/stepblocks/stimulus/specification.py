@@ -6,6 +6,7 @@ from typing import Any
 
 from pydantic import BaseModel
 
+from stepblocks.stimulus.energy_tolerance import EnergyTolerance, plain_budget
 from stepblocks.stimulus.material import Material
 from stepblocks.stimulus.set import Stimulus
 from stepblocks.stimulus.tolerance import Dimension
@@ -50,9 +51,11 @@ def _plain(value: Any) -> Any:
                 f"nominal_{unit}": value.nominal,
                 f"upper_deviation_{unit}": value.upper,
                 f"lower_deviation_{unit}": value.lower,
-                "tolerance": "ISO 2768-m" if value.general else "stated",
+                "tolerance": "by energy" if value.by_energy else "ISO 2768-m" if value.general else "stated",
             }
             return {**record, "source": value.source} if value.source else record
+        case EnergyTolerance():
+            return plain_budget(value)
         case Material():
             return {
                 "name": value.name,
@@ -88,6 +91,6 @@ def _walk(model: BaseModel, prefix: str) -> list[tuple[str, Dimension]]:
         value = getattr(model, name)
         if isinstance(value, Dimension):
             found.append((prefix + name, value))
-        elif isinstance(value, BaseModel):
+        elif isinstance(value, BaseModel) and not isinstance(value, EnergyTolerance):
             found += _walk(value, f"{prefix}{name}.")
     return found

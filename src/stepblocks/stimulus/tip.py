@@ -8,7 +8,8 @@ from pydantic import model_validator
 
 from stepblocks.quantities import format_quantity
 from stepblocks.stimulus.body import Identity, MaterialField, Part, require
-from stepblocks.stimulus.tolerance import Angle, PositiveLength
+from stepblocks.stimulus.energy_tolerance import EnergyToleranceField, require_energy_tolerance
+from stepblocks.stimulus.tolerance import Angle, FeltPositiveLength, PositiveLength
 
 __all__ = ["HookTip", "StraightTip"]
 
@@ -28,13 +29,16 @@ class _Tip(Part):
         Radius of the shank at the end of the cone [m].
     material : Material
         What it is made of.
+    energy_tolerance : EnergyTolerance or None
+        How much the vibration energy may vary on the steps of the set, where the ball's tolerance shall follow from it.
     """
 
     id: Identity
-    ball_radius: PositiveLength
+    ball_radius: FeltPositiveLength
     cone_angle: Angle
     shank_radius: PositiveLength
     material: MaterialField
+    energy_tolerance: EnergyToleranceField | None = None
 
     @property
     def cone_start(self) -> tuple[float, float]:
@@ -51,6 +55,9 @@ class _Tip(Part):
     @model_validator(mode="after")
     def _is_possible(self) -> _Tip:
         R, shank, half = self.ball_radius.nominal, self.shank_radius.nominal, self.cone_angle.nominal
+        require_energy_tolerance(self.energy_tolerance, {"ball_radius": self.ball_radius}, False)
+        if self.energy_tolerance is not None and self.energy_tolerance.ball_radius is not None:
+            raise ValueError("energy_tolerance.ball_radius is for blocks; a tip states it in ball_radius itself")
         if not 0.0 < half < 0.25 * math.pi:
             raise ValueError(f"cone_angle must lie between 0 and 45 deg, got {format_quantity(half, 'angle')}")
         require(shank > R, "ball_radius", "be smaller than shank_radius", shank, R)

@@ -5,13 +5,26 @@ from __future__ import annotations
 import math
 import re
 from dataclasses import dataclass
+from functools import partial
 from typing import Annotated, Any
 
 from pydantic import BeforeValidator
 
 from stepblocks.quantities import format_quantity, parse_quantity
 
-__all__ = ["Angle", "Dimension", "Length", "PositiveLength", "SignedLength", "general_deviation"]
+__all__ = [
+    "Angle",
+    "Dimension",
+    "FeltLength",
+    "FeltPositiveLength",
+    "Length",
+    "PositiveLength",
+    "SignedLength",
+    "general_deviation",
+]
+
+BY_ENERGY = "by energy"
+"""What stands in place of a tolerance that follows from the energy that shall be felt."""
 
 # ISO 2768-1:1989, table 1 (linear dimensions), permissible deviations by tolerance class, in metres.
 _LINEAR: tuple[tuple[float, float, dict[str, float]], ...] = (
@@ -41,6 +54,8 @@ class Dimension:
         Where the nominal comes from; empty where the file does not say.
     general : bool
         Whether the deviations are the general ones of ISO 2768-1 rather than stated.
+    by_energy : bool
+        Whether they follow from the energy tolerance of the stimulus; both are 0 until that is resolved.
     """
 
     nominal: float
@@ -49,6 +64,12 @@ class Dimension:
     quantity: str = "length"
     source: str = ""
     general: bool = False
+    by_energy: bool = False
+
+    @property
+    def unresolved(self) -> bool:
+        """Whether the tolerance follows from an energy and is not yet known."""
+        return self.by_energy and self.upper == self.lower
 
     @property
     def limits(self) -> tuple[float, float]:
@@ -58,6 +79,8 @@ class Dimension:
     def __str__(self) -> str:
         """Nominal with deviations, as a person reads it."""
         text = format_quantity(self.nominal, self.quantity)
+        if self.unresolved:
+            return f"{text}, tolerance {BY_ENERGY}"
         if self.upper == -self.lower:
             return f"{text} ±{format_quantity(self.upper, self.quantity)}"
         return f"{text} {_signed(self.upper, self.quantity)}/{_signed(self.lower, self.quantity)}"
@@ -118,7 +141,7 @@ def _deviations(raw: object, quantity: str) -> tuple[float, float]:
     return upper, lower
 
 
-def _dimension(raw: object, quantity: str) -> Dimension:
+def _dimension(raw: object, quantity: str, felt: bool = False) -> Dimension:
     if isinstance(raw, Dimension):
         return raw
     table: dict[str, Any] = raw if isinstance(raw, dict) else {"nominal": raw}
@@ -130,6 +153,10 @@ def _dimension(raw: object, quantity: str) -> Dimension:
     source = table.get("source", "")
     if not isinstance(source, str):
         raise ValueError(f"source must be text, got {source!r}")
+    if table.get("tolerance") == BY_ENERGY:
+        if not felt:
+            raise ValueError(f"tolerance {BY_ENERGY!r} is for height, edge_radius and ball_radius, give a length")
+        return Dimension(nominal, 0.0, 0.0, quantity, source, by_energy=True)
     if "tolerance" in table:
         upper, lower = _deviations(table["tolerance"], quantity)
         return Dimension(nominal, upper, lower, quantity, source)
@@ -141,15 +168,15 @@ def _dimension(raw: object, quantity: str) -> Dimension:
     return Dimension(nominal, general, -general, quantity, source, general=True)
 
 
-def _length(raw: object) -> Dimension:
-    dimension = _dimension(raw, "length")
+def _length(raw: object, felt: bool = False) -> Dimension:
+    dimension = _dimension(raw, "length", felt)
     if dimension.nominal < 0.0:
         raise ValueError(f"must not be negative, got {format_quantity(dimension.nominal, 'length')}")
     return dimension
 
 
-def _positive_length(raw: object) -> Dimension:
-    dimension = _dimension(raw, "length")
+def _positive_length(raw: object, felt: bool = False) -> Dimension:
+    dimension = _dimension(raw, "length", felt)
     if dimension.nominal <= 0.0:
         raise ValueError(f"must be positive, got {format_quantity(dimension.nominal, 'length')}")
     return dimension
@@ -170,6 +197,10 @@ Length = Annotated[Dimension, BeforeValidator(_length)]
 """A length that may be zero [m]."""
 PositiveLength = Annotated[Dimension, BeforeValidator(_positive_length)]
 """A length above zero [m]."""
+FeltLength = Annotated[Dimension, BeforeValidator(partial(_length, felt=True))]
+"""A length that may be zero [m], and whose tolerance may follow from the energy that is felt."""
+FeltPositiveLength = Annotated[Dimension, BeforeValidator(partial(_positive_length, felt=True))]
+"""A length above zero [m], and whose tolerance may follow from the energy that is felt."""
 SignedLength = Annotated[Dimension, BeforeValidator(_signed_length)]
 """A length of either sign [m]."""
 Angle = Annotated[Dimension, BeforeValidator(_angle)]

@@ -17,7 +17,7 @@ from stepblocks.contact.tip import Ball
 from stepblocks.contact.tip_path import Surface, profile_path
 from stepblocks.errors import ContactError
 
-__all__ = ["Track", "step_track", "track_of"]
+__all__ = ["Track", "margin_track", "step_track", "track_of"]
 
 Floats = NDArray[np.float64]
 _KINK = math.radians(2.0)
@@ -155,3 +155,45 @@ def step_track(height: float, ball_radius: float, edge_radius: float = 0.0, run:
     left = slope.copy()
     left[49] = 0.0
     return Track(x, z, left, slope, np.array([49]), ball_radius)
+
+
+def margin_track(gap: float, opening: float, rise: float, ball_radius: float, *, backward: bool = False) -> Track:
+    """Track over a crown margin, from the tooth to the crown or back.
+
+    Parameters
+    ----------
+    gap, opening, rise : float
+        Marginal gap, vertical and horizontal discrepancy [m], as for
+        `stepblocks.contact.critical_angle.bevelled_margin_angles`.
+    ball_radius : float
+        R [m].
+    backward : bool
+        From the crown to the tooth.
+
+    Returns
+    -------
+    Track
+        The gap is deeper than the ball sinks; one kink for each change of contact.
+
+    Raises
+    ------
+    ContactError
+        If a length is not finite, the gap negative, or the ball would have to climb a wall (too-high).
+    """
+    ball = Ball(ball_radius)
+    for name, value in (("gap", gap), ("opening", opening), ("rise", rise)):
+        if not math.isfinite(value):
+            raise ContactError(f"{name} must be finite, got {value:g} m")
+    if gap < 0.0:
+        raise ContactError(f"gap must not be negative, got {gap:g} m")
+    run = 4.0 * ball_radius
+    wide = max(opening, 0.0)
+    if wide == 0.0:  # a lip that has slid over the tooth leaves a step alone
+        section = [(-run, 0.0), (0.0, 0.0), (0.0, rise), (run, rise)]
+    else:
+        wall = min(gap, wide)
+        floor = -run - abs(rise) - wide
+        section = [(-run, 0.0), (0.0, 0.0), (0.0, floor), (wall, floor), (wall, rise - (wide - wall)), (wide, rise)]
+        section.append((wide + run, rise))
+    x, z = np.array(section).T
+    return track_of(x, z, ball, backward=backward)
