@@ -15,6 +15,7 @@ from stepblocks.pipeline.manifest import RECORD, digest, hash_file, load_json, r
 from stepblocks.stimulus.block import StepBlock
 from stepblocks.stimulus.margin import CrownOnTooth, MarginBlock
 from stepblocks.stimulus.set import Stimulus
+from stepblocks.stimulus.sheath import Sheath, format_mass
 from stepblocks.stimulus.specification import dimensions, resolved
 from stepblocks.stimulus.tip import HookTip, StraightTip
 
@@ -188,6 +189,9 @@ def staging(stimulus: Stimulus) -> tuple[float, float, tuple[float, float, float
         case StraightTip() | HookTip():
             radius = stimulus.ball_radius.nominal
             return 1.0, 2.0 * radius, (0.0, 0.0, 1.5 * radius)
+        case Sheath():
+            outer = stimulus.outer_diameter.nominal
+            return 1.0, min(0.6 * outer, 4.9e-3), (0.0, 0.0, 0.4 * outer)
 
 
 def _exaggeration(height: float) -> float:
@@ -202,6 +206,10 @@ def _derived(stimulus: Stimulus) -> list[list[str]]:
     if isinstance(stimulus, MarginBlock | CrownOnTooth):
         grade = "clinically acceptable" if stimulus.clinically_acceptable else "above the clinical limit of 100 um"
         return [["absolute marginal discrepancy", f"{stimulus.absolute_discrepancy * 1e6:.4g} um, {grade}"]]
+    if isinstance(stimulus, Sheath):
+        low, high = stimulus.mass_limits
+        text = f"{format_mass(stimulus.mass)} ({format_mass(low)} to {format_mass(high)} within tolerances)"
+        return [["mass", text], ["material", stimulus.material.designation]]
     return []
 
 

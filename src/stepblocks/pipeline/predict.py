@@ -6,15 +6,17 @@ import csv
 import io
 import math
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import product
 
 from stepblocks.contact.critical_angle import margin_angles, step_angle
 from stepblocks.contact.energy import Release, Status, Tool, release_at
 from stepblocks.contact.kernels import locking_height
+from stepblocks.pipeline.sheaths import ring_with
 from stepblocks.stimulus.block import StepBlock
 from stepblocks.stimulus.margin import CrownOnTooth, MarginBlock, crown_corner
 from stepblocks.stimulus.set import PredictionGrid, Stimulus, StimulusSet
+from stepblocks.stimulus.sheath import Sheath
 from stepblocks.stimulus.tip import HookTip, StraightTip
 
 __all__ = ["COLUMNS", "Prediction", "as_csv", "as_row", "predict_set", "tool_of"]
@@ -108,8 +110,11 @@ def predict_set(stimuli: StimulusSet) -> Iterator[Prediction]:
     Prediction
         In the order stimulus, tip, direction, friction, load.
     """
-    grid, tool = stimuli.prediction, tool_of(stimuli.prediction)
+    grid = stimuli.prediction
     for stimulus in stimuli.stimuli:
+        tool = tool_of(grid)
+        if isinstance(stimulus, Sheath) and stimuli.probe is not None:
+            tool = replace(tool, stiffness=ring_with(stimuli.probe, stimulus).stiffness)
         for contact in _contacts(stimulus, grid):
             for friction in grid.frictions:
                 for load in grid.normal_loads:
@@ -151,6 +156,10 @@ def _contacts(stimulus: Stimulus, grid: PredictionGrid) -> Iterator[_Contact]:
                 low, high = sorted(step_angle(height_of_step, R) for R in ball.limits)
                 angle = step_angle(height_of_step, ball.nominal)
                 yield _Contact("up", ball.nominal, height_of_step, (angle, low, high))
+        case Sheath():  # what is felt at sharp steps with this sheath on the shank
+            for tip, height_of_step in product(grid.tip_radii, grid.step_heights):
+                angle = step_angle(height_of_step, tip)
+                yield _Contact("up", tip, height_of_step, (angle, angle, angle))
 
 
 def _margin_sizes(margin: MarginBlock | CrownOnTooth) -> Iterator[tuple[float, float, float]]:
