@@ -148,7 +148,7 @@ def _sheet(arguments: argparse.Namespace) -> int:
     from stepblocks.pipeline.study import write_sheets
 
     count = write_sheets(arguments.folder)
-    print(f"{arguments.folder / 'sheets'}: {count} run sheets; print {arguments.folder / 'run-sheets.html'}")
+    print(f"{arguments.folder / 'sheets'}: {count} run sheets; print {arguments.folder / 'run-sheets.pdf'}")
     return 0
 
 

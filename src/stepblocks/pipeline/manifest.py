@@ -20,6 +20,7 @@ __all__ = [
     "hash_file",
     "intact",
     "load_json",
+    "replace_bytes",
     "replace_text",
 ]
 
@@ -132,9 +133,22 @@ def replace_text(path: Path, text: str) -> None:
     text : str
         What it shall say.
     """
+    replace_bytes(path, text.encode())
+
+
+def replace_bytes(path: Path, content: bytes) -> None:
+    """Write bytes beside their place and rename them there.
+
+    Parameters
+    ----------
+    path : Path
+        Where they shall stand.
+    content : bytes
+        What they are.
+    """
     beside = path.with_name(f".{path.name}.{os.getpid()}.partial")
     try:
-        beside.write_text(text, encoding="utf-8")
+        beside.write_bytes(content)
         beside.replace(path)
     finally:
         beside.unlink(missing_ok=True)

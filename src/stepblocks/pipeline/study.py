@@ -11,9 +11,9 @@ from stepblocks.contact.critical_angle import step_angle
 from stepblocks.contact.energy import Status, release_at
 from stepblocks.errors import PipelineError
 from stepblocks.pipeline.build import matches
-from stepblocks.pipeline.manifest import replace_text
+from stepblocks.pipeline.manifest import replace_bytes, replace_text
 from stepblocks.pipeline.predict import tool_of
-from stepblocks.report.run_sheet import render_key, render_sheets
+from stepblocks.report.run_sheet import render_key, render_sheets, render_sheets_pdf
 from stepblocks.report.study import render_study
 from stepblocks.stimulus.block import StepBlock
 from stepblocks.stimulus.lettering import engraved_text
@@ -127,7 +127,7 @@ def write_sheets(folder: Path) -> int:
     Parameters
     ----------
     folder : Path
-        Holds design.csv; gets run-sheets.html to print and sheets/participant-N.csv to fill in.
+        Holds design.csv; gets run-sheets.pdf and run-sheets.html to print and sheets/participant-N.csv to fill in.
 
     Returns
     -------
@@ -143,11 +143,16 @@ def write_sheets(folder: Path) -> int:
     design = read_design(folder / "design.csv")
     for row in design:
         by_person.setdefault(row["participant"], []).append(row)
-    page = render_sheets(design[0]["experiment"], {person: sheet_rows(rows) for person, rows in by_person.items()})
+    blinded = {person: sheet_rows(rows) for person, rows in by_person.items()}
+    experiment = design[0]["experiment"]
+    pages: dict[str, str | bytes] = {
+        "run-sheets.html": render_sheets(experiment, blinded),
+        "run-sheets.pdf": render_sheets_pdf(experiment, blinded),
+    }
     digits = len(str(len(by_person)))
     sheets = {f"participant-{person:0>{digits}}.csv": sheet_csv(rows) for person, rows in by_person.items()}
     write_new(folder / "sheets", sheets)
-    write_new(folder, {"run-sheets.html": page})
+    write_new(folder, pages)
     return len(by_person)
 
 
@@ -376,25 +381,26 @@ def _require_known(factors: Mapping[str, float], known: set[str]) -> None:
         )
 
 
-def write_new(folder: Path, texts: Mapping[str, str]) -> None:
+def write_new(folder: Path, texts: Mapping[str, str] | Mapping[str, str | bytes]) -> None:
     """Write files that people work on: one that stands there with another content is theirs and stays.
 
     Parameters
     ----------
     folder : Path
         Where.
-    texts : mapping of str
-        Text by file name.
+    texts : mapping of str or bytes
+        Content by file name.
 
     Raises
     ------
     PipelineError
         If one stands there with another content; nothing is written then.
     """
-    for name, text in texts.items():
+    contents = {name: text.encode() if isinstance(text, str) else text for name, text in texts.items()}
+    for name, content in contents.items():
         path = folder / name
-        if path.exists() and path.read_bytes() != text.encode():
+        if path.exists() and path.read_bytes() != content:
             raise PipelineError(f"{path} has another content already; move it away or choose another folder")
     folder.mkdir(parents=True, exist_ok=True)
-    for name, text in texts.items():
-        replace_text(folder / name, text)
+    for name, content in contents.items():
+        replace_bytes(folder / name, content)
