@@ -2,7 +2,8 @@
 
 The names below are the public face, in the order in which data walks through them:
 
-- asked for: `load_set`, `StimulusSet`, `StepBlock`, `MarginBlock`, `CrownOnTooth`, `StraightTip`, `HookTip`, `Dimension`;
+- asked for: `load_set`, `StimulusSet`, `StepBlock`, `MarginBlock`, `CrownOnTooth`, `StraightTip`, `HookTip`,
+  `Sheath`, `Dimension`;
 - shaped: `build_solids`, `mesh_solid`, `convex_pieces`, `height_field`, `surface_height`;
 - made: `build`, `BuildReport`;
 - checked: `check_artefact`, `check_output`, `Verdict`, `solid_volumes`;
@@ -37,6 +38,7 @@ if TYPE_CHECKING:
     from stepblocks.stimulus.margin import CrownOnTooth, MarginBlock
     from stepblocks.stimulus.profile import surface_height
     from stepblocks.stimulus.set import StimulusSet
+    from stepblocks.stimulus.sheath import Sheath
     from stepblocks.stimulus.tip import HookTip, StraightTip
     from stepblocks.stimulus.tolerance import Dimension
 
@@ -50,6 +52,7 @@ __all__ = [
     "HookTip",
     "MarginBlock",
     "Release",
+    "Sheath",
     "Status",
     "StepBlock",
     "StepblocksError",
@@ -96,6 +99,7 @@ _HOMES = {
     "stimulus.margin": ("CrownOnTooth", "MarginBlock"),
     "stimulus.profile": ("surface_height",),
     "stimulus.set": ("StimulusSet",),
+    "stimulus.sheath": ("Sheath",),
     "stimulus.tip": ("HookTip", "StraightTip"),
     "stimulus.tolerance": ("Dimension",),
 }

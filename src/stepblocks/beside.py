@@ -7,7 +7,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
-__all__ = ["beside", "replace_text"]
+__all__ = ["beside", "replace_bytes", "replace_text"]
 
 
 @contextmanager
@@ -58,5 +58,18 @@ def replace_text(path: Path, text: str) -> None:
     text : str
         What it shall say; written as UTF-8 with its own line ends.
     """
+    replace_bytes(path, text.encode())
+
+
+def replace_bytes(path: Path, content: bytes) -> None:
+    """Write bytes beside their place and rename them there.
+
+    Parameters
+    ----------
+    path : Path
+        Where they shall stand.
+    content : bytes
+        What they are.
+    """
     with beside(path) as draft:
-        draft.write_text(text, encoding="utf-8", newline="")
+        draft.write_bytes(content)

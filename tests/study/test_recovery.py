@@ -202,3 +202,9 @@ def test_checks_doubt_what_is_wrong_and_let_pass_what_is_not():
     bad = {check.assumption: check.verdict for check in residual_checks(wide**3, groups, [0.0] * 9 + [9.0])}
     assert set(bad.values()) == {"in doubt"}
     assert [check.verdict for check in residual_checks([0.0, 0.0], ["a", "b"])] == ["not tested"] * 2
+
+
+def test_answers_that_leave_the_threshold_open_are_said_to_and_give_no_infinite_interval():
+    heights = [10.0, 20.0, 30.0, 40.0, 60.0, 70.0, 80.0, 90.0, 100.0]
+    with pytest.raises(StudyError, match="leave the threshold open: it cannot be told from 18 trials"):
+        fit_psychometric(heights, [1, 0, 0, 0, 2, 1, 2, 2, 2], [2] * 9, guess=None, lapse=None)

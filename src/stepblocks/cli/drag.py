@@ -14,11 +14,15 @@ _DECLARED: tuple[tuple[str, str, str], ...] = (
     ("--load", "force", "normal load F_py (default: the set's first, or 1 N)"),
     ("--friction", "ratio", "coefficient of friction mu (default: the set's first, or 0.15)"),
     ("--stiffness", "stiffness", "tangential stiffness k (default: the set's, or 9.81 N/mm)"),
+    (
+        "--frequency",
+        "frequency",
+        "natural frequency, from which the tip's mass follows (default: 300 Hz, or of the sheath)",
+    ),
+    ("--damping-ratio", "ratio", "share of critical damping (default: 0.02, or of the probe in the sheath)"),
 )
 _QUANTITIES: tuple[tuple[str, str, str, str], ...] = (
     ("--static-friction", "ratio", "0", "coefficient at rest; 0: as while sliding"),
-    ("--frequency", "frequency", "300 Hz", "natural frequency, from which the tip's mass follows"),
-    ("--damping-ratio", "ratio", "0.02", "share of critical damping"),
     ("--handle-mass", "mass", "100 g", "inertia of a pulled handle"),
     ("--ring-time", "time", "40 ms", "time recorded after the release"),
     ("--sample-rate", "frequency", "10 kHz", "rows of the trace per second"),

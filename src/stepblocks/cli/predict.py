@@ -75,6 +75,7 @@ def _predict_sets(arguments: argparse.Namespace) -> int:
     from stepblocks.pipeline.build import stimulus_files
     from stepblocks.pipeline.declared import load_declared
     from stepblocks.pipeline.predict import SHOWN, as_csv, as_row, predict_set
+    from stepblocks.pipeline.sheaths import ring_rows
 
     sets = [load_declared(path) for path in stimulus_files(arguments.files)]
     if arguments.as_built:
@@ -85,12 +86,19 @@ def _predict_sets(arguments: argparse.Namespace) -> int:
             print(sentence, file=sys.stderr)
         sets = [with_as_built(stimuli, records) for stimuli in sets]
     predictions = [prediction for stimuli in sets for prediction in predict_set(stimuli)]
+    rings = [(stimuli.name, rows) for stimuli in sets if (rows := ring_rows(stimuli))]
     if arguments.output:
         replace_text(arguments.output, as_csv(iter(predictions)))
         print(f"{arguments.output}: {len(predictions)} predictions")
-        return 0
-    rows = [as_row(prediction) for prediction in predictions]
-    widths = {name: max(len(name), *(len(row[name]) for row in rows)) for name in SHOWN}
-    for row in ({name: name for name in SHOWN}, *rows):
-        sys.stdout.write("  ".join(row[name].ljust(widths[name]) for name in SHOWN).rstrip() + "\n")
+    else:
+        _print_table([as_row(prediction) for prediction in predictions], SHOWN)
+    for name, rows in rings:
+        print(f"\nring of the probe of {name}")
+        _print_table(rows, tuple(rows[0]))
     return 0
+
+
+def _print_table(rows: list[dict[str, str]], columns: tuple[str, ...]) -> None:
+    widths = {name: max(len(name), *(len(row[name]) for row in rows)) for name in columns}
+    for row in ({name: name for name in columns}, *rows):
+        sys.stdout.write("  ".join(row[name].ljust(widths[name]) for name in columns).rstrip() + "\n")

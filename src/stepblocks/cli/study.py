@@ -8,6 +8,8 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
+from stepblocks.cli import adaptive
+
 __all__ = ["add_to"]
 
 
@@ -30,6 +32,7 @@ def add_to(commands: Any) -> None:
     _add_simulate(jobs)
     _add_analyse(jobs)
     _add_power(jobs)
+    adaptive.add_to(jobs, _whole, _count, _add_observer, _contact, _observer)
 
 
 def _add_design(jobs: Any) -> None:
@@ -145,7 +148,7 @@ def _sheet(arguments: argparse.Namespace) -> int:
     from stepblocks.pipeline.study import write_sheets
 
     count = write_sheets(arguments.folder)
-    print(f"{arguments.folder / 'sheets'}: {count} run sheets; print {arguments.folder / 'run-sheets.html'}")
+    print(f"{arguments.folder / 'sheets'}: {count} run sheets; print {arguments.folder / 'run-sheets.pdf'}")
     return 0
 
 
@@ -173,7 +176,7 @@ def _analyse(arguments: argparse.Namespace) -> int:
 def _power(arguments: argparse.Namespace) -> int:
     from stepblocks.beside import replace_text
     from stepblocks.pipeline.study import power_rows
-    from stepblocks.report.study import render_power
+    from stepblocks.report.study import render_table
 
     rows = power_rows(
         arguments.file, arguments.only, _contact(arguments), arguments.damping, _observer(arguments), arguments.participants,
@@ -184,7 +187,7 @@ def _power(arguments: argparse.Namespace) -> int:
             arguments.output,
             "".join(",".join(line) + "\n" for line in [list(rows[0]), *(row.values() for row in rows)]),
         )
-    sys.stdout.write(render_power(rows))
+    sys.stdout.write(render_table(rows))
     return 0
 
 

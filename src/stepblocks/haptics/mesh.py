@@ -17,6 +17,7 @@ from stepblocks.solids import kernel
 from stepblocks.stimulus.block import StepBlock
 from stepblocks.stimulus.margin import CrownOnTooth
 from stepblocks.stimulus.set import Stimulus
+from stepblocks.stimulus.sheath import Sheath
 from stepblocks.stimulus.tip import HookTip, StraightTip
 
 __all__ = ["COARSE_DEFLECTION", "CONTACT_DEFLECTION", "Mesh", "enclosed_volume", "mesh_solid", "require_manifold"]
@@ -25,7 +26,7 @@ CONTACT_DEFLECTION = 0.1e-6
 """Chordal error of faces that the probe can touch near the working edge, and of the ball [m]."""
 COARSE_DEFLECTION = 10e-6
 """Chordal error of all other faces [m]."""
-_FITTING_DEFLECTION = 3e-6  # crown and tooth away from the margin, whose gaps are tens of micrometres
+_FITTING_DEFLECTION = 3e-6  # crown and tooth away from the margin, whose gaps are tens of micrometres, and sheaths
 
 
 @dataclass(frozen=True)
@@ -112,6 +113,8 @@ def _deflection(stimulus: Stimulus, face: kernel.Face) -> float:
             reach = 2.0 * (stimulus.marginal_gap.nominal + abs(stimulus.opening.nominal))
             at_margin = face.kind in ("PLANE", "CYLINDER") and face.low[2] <= reach and face.high[2] >= -reach
             return CONTACT_DEFLECTION if at_margin else _FITTING_DEFLECTION
+        case Sheath():
+            return _FITTING_DEFLECTION
         case _:
             return COARSE_DEFLECTION
 

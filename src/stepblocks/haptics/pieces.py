@@ -18,8 +18,9 @@ from stepblocks.haptics.mesh import CONTACT_DEFLECTION, Mesh
 from stepblocks.stimulus.block import StepBlock
 from stepblocks.stimulus.body import Body
 from stepblocks.stimulus.margin import CrownOnTooth, MarginBlock
-from stepblocks.stimulus.section import Outline, crown_outline, tip_outline, tooth_outline
+from stepblocks.stimulus.section import Outline, crown_outline, sheath_outline, tip_outline, tooth_outline
 from stepblocks.stimulus.set import Stimulus
+from stepblocks.stimulus.sheath import Sheath
 from stepblocks.stimulus.tip import HookTip, StraightTip
 
 __all__ = ["SECTORS", "convex_pieces"]
@@ -55,6 +56,8 @@ def convex_pieces(stimulus: Stimulus) -> list[Mesh]:
             hulls = [_hull(_ring_points(tip_outline(stimulus)))]
         case HookTip():
             hulls = _hook(stimulus)
+        case Sheath():
+            hulls = _sectors(np.array(sheath_outline(stimulus)))
     return [_mesh(f"{stimulus.id}-piece-{number:03}", hull) for number, hull in enumerate(hulls, start=1)]
 
 
@@ -211,9 +214,16 @@ def _shell(margin: CrownOnTooth) -> list[Any]:
         cells.append(np.array([(min(r for r, _ in lip), low), (outer, low), (outer, margin.marginal_gap.nominal),
                                (min(r for r, _ in lip), margin.marginal_gap.nominal)]))  # fmt: skip
     for cell in cells:
-        for sector in range(SECTORS):
-            angles = (2.0 * math.pi * sector / SECTORS, 2.0 * math.pi * (sector + 1) / SECTORS)
-            pieces.append(_hull((r * math.cos(a), r * math.sin(a), z) for r, z in cell for a in angles))
+        pieces += _sectors(cell)
+    return pieces
+
+
+def _sectors(cell: NDArray[np.float64]) -> list[Any]:
+    """Turn a convex cell of the half section into sectors."""
+    pieces = []
+    for sector in range(SECTORS):
+        angles = (2.0 * math.pi * sector / SECTORS, 2.0 * math.pi * (sector + 1) / SECTORS)
+        pieces.append(_hull((r * math.cos(a), r * math.sin(a), z) for r, z in cell for a in angles))
     return pieces
 
 

@@ -16,6 +16,7 @@ from stepblocks.stimulus.block import StepBlock
 from stepblocks.stimulus.body import Body
 from stepblocks.stimulus.margin import CrownOnTooth, MarginBlock
 from stepblocks.stimulus.set import Stimulus
+from stepblocks.stimulus.sheath import Sheath
 from stepblocks.stimulus.tip import HookTip, StraightTip
 from stepblocks.stimulus.tolerance import Dimension
 
@@ -156,6 +157,8 @@ def characteristics_of(stimulus: Stimulus) -> list[Characteristic]:
             return list(_crown(stimulus))
         case StraightTip() | HookTip():
             return list(_tip(stimulus))
+        case Sheath():
+            return list(_sheath(stimulus))
 
 
 def _of(
@@ -291,3 +294,12 @@ def _tip(tip: StraightTip | HookTip) -> Iterator[Characteristic]:
         yield _of("bend_radius", "bend radius", "note", tip.bend_radius)
         yield _of("bend_angle", "bend angle", "note", tip.bend_angle)
         yield _of("straight_length", "straight length", "note", tip.straight_length)
+
+
+def _sheath(sheath: Sheath) -> Iterator[Characteristic]:
+    bore, outer = sheath.bore, sheath.outer_diameter
+    yield _of("bore", "bore", "diameter", bore, FaceRule("CYLINDER", radius=0.5 * bore.nominal), method="pin gauges")
+    yield _of("outer_diameter", "outer diameter", "diameter", outer, FaceRule("CYLINDER", radius=0.5 * outer.nominal))
+    yield _of("length", "length", "distance", sheath.length, _plane(2, 0.0), _plane(2, sheath.length.nominal))
+    yield _of("edge_break", "edge break, 45 deg", "note", sheath.edge_break)
+    yield _of("position", "position, from the clamp", "note", sheath.position, method="caliper, assembled")

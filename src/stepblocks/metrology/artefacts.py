@@ -22,6 +22,7 @@ from stepblocks.stimulus.block import StepBlock
 from stepblocks.stimulus.margin import CrownOnTooth, MarginBlock
 from stepblocks.stimulus.profile import surface_height
 from stepblocks.stimulus.set import Stimulus
+from stepblocks.stimulus.sheath import Sheath
 from stepblocks.stimulus.tip import HookTip, StraightTip
 
 __all__ = ["LENGTH_LIMIT", "SPHERE_LIMIT", "VOLUME_LIMIT", "check_artefact"]
@@ -32,6 +33,8 @@ SPHERE_LIMIT = 0.1e-6
 """Radius and chordal error of the contact sphere: 0.1 um."""
 VOLUME_LIMIT = 1e-6
 """Volume against its closed form, relative."""
+_FLOAT32_LIMIT = 10e-9  # of lengths up to 100 mm, which GLB keeps as float32 in metres
+_TUBE_LIMIT = 3e-6  # chordal error of a sheath, which fits a shank with tens of micrometres
 _PIECES_LIMIT = 2e-3  # pieces of a body of revolution are polygons of 96 sides: 1 - sin(t)/t
 
 Arrays = tuple[NDArray[np.float64], NDArray[np.int64]]
@@ -85,6 +88,8 @@ def _mesh(stimulus: Stimulus, path: Path) -> Iterator[Verdict]:
             yield from _revolved(stimulus, name, vertices, crown=body == 1)
         case StraightTip() | HookTip():
             yield from _ball(stimulus, name, vertices, triangles)
+        case Sheath():
+            yield from _tube(stimulus, name, vertices, measured)
 
 
 def _step(
@@ -140,6 +145,15 @@ def _ball(
     yield Verdict(name, "chordal error on the contact sphere", 0.0, float(sag), SPHERE_LIMIT)
 
 
+def _tube(sheath: Sheath, name: str, vertices: NDArray[np.float64], volume: float) -> Iterator[Verdict]:
+    length, radii = float(np.ptp(vertices[:, 2])), np.hypot(vertices[:, 0], vertices[:, 1])
+    yield Verdict(name, "length", sheath.length.nominal, length, _FLOAT32_LIMIT)
+    bore, outer = 0.5 * sheath.bore.nominal, 0.5 * sheath.outer_diameter.nominal
+    yield Verdict(name, "radius of the bore", bore, float(radii.min()), _TUBE_LIMIT)
+    yield Verdict(name, "outer radius", outer, float(radii.max()), _TUBE_LIMIT)
+    yield Verdict(name, "mass", sheath.mass, sheath.material.density * volume, VOLUME_LIMIT, "mass", relative=True)
+
+
 def _pieces(stimulus: Stimulus, path: Path) -> Iterator[Verdict]:
     pieces = read_pieces(path)
     name = path.name
@@ -148,7 +162,7 @@ def _pieces(stimulus: Stimulus, path: Path) -> Iterator[Verdict]:
     yield Verdict(
         name, "concavity of the pieces", 0.0, max(measure.concavity(*piece) for piece in pieces), LENGTH_LIMIT
     )
-    turned = isinstance(stimulus, CrownOnTooth | StraightTip | HookTip)
+    turned = isinstance(stimulus, CrownOnTooth | StraightTip | HookTip | Sheath)
     total = math.fsum(measure.mesh_volume(*piece) for piece in pieces)
     limit = _PIECES_LIMIT if turned else VOLUME_LIMIT
     yield Verdict(name, "volume of the pieces", unpierced_volume(stimulus), total, limit, "volume", relative=True)

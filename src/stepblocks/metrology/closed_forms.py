@@ -15,8 +15,9 @@ from stepblocks.stimulus.block import StepBlock
 from stepblocks.stimulus.body import DRILL_POINT, Body
 from stepblocks.stimulus.lettering import engraved_text, letters
 from stepblocks.stimulus.margin import CrownOnTooth, MarginBlock
-from stepblocks.stimulus.section import Outline, crown_outline, tip_outline, tooth_outline
+from stepblocks.stimulus.section import Outline, crown_outline, sheath_outline, tip_outline, tooth_outline
 from stepblocks.stimulus.set import Stimulus
+from stepblocks.stimulus.sheath import Sheath
 from stepblocks.stimulus.tip import HookTip, StraightTip
 
 __all__ = ["solid_volumes", "unpierced_volume"]
@@ -48,6 +49,8 @@ def solid_volumes(stimulus: Stimulus) -> tuple[float, ...]:
             wire = math.pi * stimulus.shank_radius.nominal**2
             bend = wire * stimulus.bend_radius.nominal * stimulus.bend_angle.nominal
             return (_of_revolution(tip_outline(stimulus)) + bend + wire * stimulus.straight_length.nominal,)
+        case Sheath():
+            return (_of_revolution(sheath_outline(stimulus)),)
 
 
 def unpierced_volume(stimulus: Stimulus) -> float:

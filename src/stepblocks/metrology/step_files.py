@@ -14,6 +14,7 @@ from stepblocks.solids import kernel
 from stepblocks.stimulus.block import StepBlock
 from stepblocks.stimulus.margin import CrownOnTooth, MarginBlock
 from stepblocks.stimulus.set import Stimulus
+from stepblocks.stimulus.sheath import Sheath
 from stepblocks.stimulus.tip import HookTip, StraightTip
 
 __all__ = ["check_step"]
@@ -91,7 +92,20 @@ def _dimensions(stimulus: Stimulus, name: str, entities: Entities) -> Iterator[V
             yield Verdict(name, "marginal gap", gap, _nearest(_planes(entities, 2), gap), limit)
         case StraightTip() | HookTip():
             radius = stimulus.ball_radius.nominal
-            yield Verdict(name, "radius of the contact sphere", radius, _nearest(_spheres(entities), radius), 1e-7)
+            yield Verdict(
+                name,
+                "radius of the contact sphere",
+                radius,
+                _nearest(_radii(entities, "SPHERICAL_SURFACE"), radius),
+                1e-7,
+            )
+        case Sheath():
+            yield Verdict(
+                name, "length", stimulus.length.nominal, _nearest(_planes(entities, 2), stimulus.length.nominal), limit
+            )
+            for label, one in (("bore", stimulus.bore), ("outer diameter", stimulus.outer_diameter)):
+                diameters = [2.0 * radius for radius in _radii(entities, "CYLINDRICAL_SURFACE")]
+                yield Verdict(name, label, one.nominal, _nearest(diameters, one.nominal), limit)
 
 
 def _nearest(values: list[float], nominal: float) -> float:
@@ -115,8 +129,8 @@ def _planes(entities: Entities, axis: int) -> list[float]:
     return found
 
 
-def _spheres(entities: Entities) -> list[float]:
-    return [_numbers(body)[-1] * 1e-3 for kind, body in entities.values() if kind == "SPHERICAL_SURFACE"]
+def _radii(entities: Entities, surface: str) -> list[float]:
+    return [_numbers(body)[-1] * 1e-3 for kind, body in entities.values() if kind == surface]
 
 
 def _numbers(body: str) -> list[float]:

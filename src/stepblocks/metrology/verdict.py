@@ -26,7 +26,7 @@ class Verdict:
     limit : float
         Largest permitted difference, in SI; relative to the nominal where `relative`.
     dimension : str
-        ``"length"``, ``"volume"``, ``"count"``, or ``"file"`` for a file that could not be read.
+        ``"length"``, ``"volume"``, ``"mass"``, ``"count"``, or ``"file"`` for a file that could not be read.
     relative : bool
         Whether the limit is relative.
     """
@@ -69,9 +69,9 @@ class Verdict:
         Returns
         -------
         dict
-            Lengths in metres, volumes in cubic metres.
+            Lengths in metres, volumes in cubic metres, masses in kilograms.
         """
-        suffix = {"length": "_m", "volume": "_m3"}.get(self.dimension, "")
+        suffix = {"length": "_m", "volume": "_m3", "mass": "_kg"}.get(self.dimension, "")
         measured = self.measured if math.isfinite(self.measured) else None
         return {
             "artefact": self.artefact,

@@ -246,6 +246,7 @@ def _finish(
     """Write tables, page and manifest from the records; remove what an earlier build left and nobody changed."""
     from stepblocks.pipeline.page import write_page
     from stepblocks.pipeline.predict import as_csv, predict_set
+    from stepblocks.pipeline.sheaths import write_sheath_files
 
     outputs: dict[str, str] = {}
     total = 0
@@ -253,7 +254,8 @@ def _finish(
         folder = output / stimuli.name
         folder.mkdir(exist_ok=True)
         replace_text(folder / "predictions.csv", as_csv(predict_set(stimuli)))
-        outputs[f"{stimuli.name}/predictions.csv"] = hash_file(folder / "predictions.csv")
+        for path in (folder / "predictions.csv", *write_sheath_files(stimuli, folder)):
+            outputs[f"{stimuli.name}/{path.name}"] = hash_file(path)
         for stimulus in stimuli.stimuli:
             record = load_json(folder / stimulus.id / RECORD)
             if not record:

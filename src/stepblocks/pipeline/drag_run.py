@@ -21,7 +21,16 @@ from stepblocks.quantities import parse_quantity
 
 __all__ = ["drag_from_options", "drag_to_folder"]
 
-_OF_THE_SUBJECT = ("tip_radius", "edge_radius", "step_height", "load", "friction", "stiffness")
+_OF_THE_SUBJECT = (
+    "tip_radius",
+    "edge_radius",
+    "step_height",
+    "load",
+    "friction",
+    "stiffness",
+    "frequency",
+    "damping_ratio",
+)
 
 
 def drag_from_options(
@@ -61,7 +70,7 @@ def drag_from_options(
     subject = subject_of(stimulus, chosen, backward, where)
     values, pull = subject.values, given.get("pull", 0.0)
     probe = probe_of_frequency(
-        given["frequency"], values["tip_radius"], values["stiffness"], damping_ratio=given["damping_ratio"]
+        values["frequency"], values["tip_radius"], values["stiffness"], damping_ratio=values["damping_ratio"]
     )
     settings = DragSettings(
         values["load"], values["friction"], speed=0.0 if pull else given.get("speed", 5e-3), pulling_force=pull,

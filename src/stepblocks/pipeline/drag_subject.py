@@ -15,14 +15,19 @@ from stepblocks.errors import PipelineError, QuantityError
 from stepblocks.pipeline.build import stimulus_files
 from stepblocks.pipeline.columns import read_table, si_column
 from stepblocks.pipeline.declared import load_declared
+from stepblocks.pipeline.sheaths import ring_with
 from stepblocks.quantities import format_quantity, parse_quantity
 from stepblocks.stimulus.block import StepBlock
 from stepblocks.stimulus.set import Stimulus, StimulusSet
+from stepblocks.stimulus.sheath import Sheath
 from stepblocks.stimulus.tip import HookTip, StraightTip
 
 __all__ = ["DragSubject", "declared_subject", "plain_subject", "subject_of"]
 
-_PAPER = {"tip_radius": 125e-6, "edge_radius": 0.0, "load": 1.0, "friction": 0.15, "stiffness": 9.81e3}
+_PAPER = {
+    "tip_radius": 125e-6, "edge_radius": 0.0, "load": 1.0, "friction": 0.15, "stiffness": 9.81e3, "frequency": 300.0,
+    "damping_ratio": 0.02,
+}  # fmt: skip
 
 
 @dataclass(frozen=True)
@@ -38,8 +43,8 @@ class DragSubject:
     angle : float
         Critical angle in closed form or by dilation [rad].
     values : dict of float
-        ``tip_radius`` [m], ``load`` [N], ``friction`` [1] and ``stiffness`` [N/m]: as given, else as the set declares, else the
-        paper's.
+        ``tip_radius`` [m], ``load`` [N], ``friction`` [1], ``stiffness`` [N/m], ``frequency`` [Hz] and ``damping_ratio`` [1]: as
+        given, else as the set declares, else the paper's.
     """
 
     name: str
@@ -130,6 +135,12 @@ def declared_subject(
         track, angle = _step(values["step_height"], 0.0, values["tip_radius"], backward)
         over = f"{stimulus.id} over a step of {format_quantity(values['step_height'], 'length')}"
         return DragSubject(over, track, angle, values)
+    if isinstance(stimulus, Sheath):
+        values |= {"tip_radius": grid.tip_radii[0], "step_height": grid.step_heights[0]}
+        values |= _ring_in(stimuli, stimulus) | given
+        track, angle = _step(values["step_height"], 0.0, values["tip_radius"], backward)
+        over = f"probe in {stimulus.id} over a step of {format_quantity(values['step_height'], 'length')}"
+        return DragSubject(over, track, angle, values)
     if "step_height" in given:
         raise PipelineError(f"--step-height is for a declared tip; a block declares its own {place}")
     values |= {"tip_radius": grid.tip_radii[0]} | given
@@ -141,6 +152,14 @@ def declared_subject(
     angle = bevelled_margin_angles(*sizes, ball)[backward]
     way = "crown-to-tooth" if backward else "tooth-to-crown"
     return DragSubject(f"{stimulus.id}, {way}", margin_track(*sizes, ball, backward=backward), angle, values)
+
+
+def _ring_in(stimuli: StimulusSet, sheath: Sheath) -> dict[str, float]:
+    """Return stiffness, frequency and damping ratio of the probe with a sheath on its shank."""
+    if stimuli.probe is None:
+        return {}
+    ring = ring_with(stimuli.probe, sheath)
+    return {"stiffness": ring.stiffness, "frequency": ring.frequency, "damping_ratio": 0.5 * ring.loss_factor}
 
 
 def _step(height: float, edge_radius: float, ball: float, backward: bool) -> tuple[Track, float]:

@@ -17,6 +17,7 @@ from stepblocks.stimulus.block import StepBlock
 from stepblocks.stimulus.energy_tolerance import EnergyBudget
 from stepblocks.stimulus.margin import CrownOnTooth, MarginBlock
 from stepblocks.stimulus.set import Stimulus
+from stepblocks.stimulus.sheath import Sheath, format_mass
 from stepblocks.stimulus.specification import dimensions, resolved
 from stepblocks.stimulus.tip import HookTip, StraightTip
 
@@ -190,6 +191,9 @@ def staging(stimulus: Stimulus) -> tuple[float, float, tuple[float, float, float
         case StraightTip() | HookTip():
             radius = stimulus.ball_radius.nominal
             return 1.0, 2.0 * radius, (0.0, 0.0, 1.5 * radius)
+        case Sheath():
+            outer = stimulus.outer_diameter.nominal
+            return 1.0, min(0.6 * outer, 4.9e-3), (0.0, 0.0, 0.4 * outer)
 
 
 def _exaggeration(height: float) -> float:
@@ -204,10 +208,14 @@ def _derived(stimulus: Stimulus) -> list[list[str]]:
     if isinstance(stimulus, MarginBlock | CrownOnTooth):
         grade = "clinically acceptable" if stimulus.clinically_acceptable else "above the clinical limit of 100 um"
         return [["absolute marginal discrepancy", f"{stimulus.absolute_discrepancy * 1e6:.4g} um, {grade}"]]
-    if isinstance(stimulus.energy_tolerance, EnergyBudget):
+    if isinstance(stimulus, StepBlock | StraightTip | HookTip) and isinstance(stimulus.energy_tolerance, EnergyBudget):
         budget = stimulus.energy_tolerance
         tips = ", ".join(str(tip) for tip in budget.tips)
         return [["vibration energy", f"kept within {budget.within:.3g} of the nominal with a tip of {tips}"]]
+    if isinstance(stimulus, Sheath):
+        low, high = stimulus.mass_limits
+        text = f"{format_mass(stimulus.mass)} ({format_mass(low)} to {format_mass(high)} within tolerances)"
+        return [["mass", text], ["material", stimulus.material.designation]]
     return []
 
 

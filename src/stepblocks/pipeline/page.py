@@ -10,6 +10,7 @@ from stepblocks.beside import replace_text
 from stepblocks.contact.energy import Status
 from stepblocks.pipeline.manifest import RECORD, load_json
 from stepblocks.pipeline.predict import Prediction, as_row, predict_set, tool_of
+from stepblocks.pipeline.sheaths import conditions_of, decay_test_rows, ring_rows
 from stepblocks.report.curves import set_figure
 from stepblocks.report.page import plotly_script, render_page
 from stepblocks.stimulus.block import StepBlock
@@ -49,11 +50,13 @@ def _section(stimuli: StimulusSet, output: Path) -> dict[str, Any]:
     for prediction in predict_set(stimuli):
         by_stimulus.setdefault(prediction.stimulus, []).append(prediction)
     rows = []
+    rings = _ring_lines(stimuli)
     for stimulus in stimuli.stimuli:
         folder = f"{stimuli.name}/{stimulus.id}"
         record = load_json(output / folder / RECORD)
         if record:
             rows.append(_row(folder, record, by_stimulus[stimulus.id]))
+            rows[-1]["summary"] += rings.get(stimulus.id, [])
     blocks = [stimulus for stimulus in stimuli.stimuli if isinstance(stimulus, StepBlock)]
     grid = stimuli.prediction
     figure = (
@@ -68,7 +71,29 @@ def _section(stimuli: StimulusSet, output: Path) -> dict[str, Any]:
         if blocks
         else None
     )
-    return {"name": stimuli.name, "title": stimuli.title, "source": stimuli.source, "rows": rows, "figure": figure}
+    tables = [
+        {"title": title, "file": f"{stimuli.name}/{name}", "rows": found}
+        for title, name, found in (
+            ("How the probe rings", "rings.csv", ring_rows(stimuli)),
+            ("What the damping test will measure", "damping-test.csv", decay_test_rows(stimuli)),
+        )
+        if found
+    ]
+    head = {"name": stimuli.name, "title": stimuli.title, "source": stimuli.source}
+    return head | {"rows": rows, "figure": figure, "tables": tables}
+
+
+def _ring_lines(stimuli: StimulusSet) -> dict[str, list[str]]:
+    """Frequency and decay with each sheath, beside those of the bare probe."""
+    lines: dict[str, list[str]] = {}
+    conditions = conditions_of(stimuli)
+    for one in conditions[1:]:
+        bare, ring = conditions[0].ring, one.ring
+        lines.setdefault(one.sheath, []).append(
+            f"{one.use}: rings at {ring.frequency:.1f} Hz, decays in {ring.decay_time * 1e3:.2f} ms; "
+            f"bare {bare.frequency:.1f} Hz, {bare.decay_time * 1e3:.2f} ms"
+        )
+    return lines
 
 
 def _row(folder: str, record: dict[str, Any], predictions: Sequence[Prediction]) -> dict[str, Any]:

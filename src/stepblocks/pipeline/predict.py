@@ -15,9 +15,11 @@ from stepblocks.contact.kernels import locking_height
 from stepblocks.contact.uncertainty import Interval
 from stepblocks.pipeline.declared import with_energy_tolerances
 from stepblocks.pipeline.predict_interval import WAYS, ball_of, known, margin_interval, step_interval
+from stepblocks.pipeline.sheaths import ring_with
 from stepblocks.stimulus.block import StepBlock
 from stepblocks.stimulus.margin import CrownOnTooth, MarginBlock
 from stepblocks.stimulus.set import PredictionGrid, Stimulus, StimulusSet
+from stepblocks.stimulus.sheath import Sheath
 from stepblocks.stimulus.tip import HookTip, StraightTip
 
 __all__ = ["COLUMNS", "SHOWN", "Prediction", "as_csv", "as_row", "predict_set", "tool_of"]
@@ -129,8 +131,12 @@ def predict_set(stimuli: StimulusSet) -> Iterator[Prediction]:
         In the order stimulus, tip, direction, friction, load.
     """
     stimuli = with_energy_tolerances(stimuli)
-    grid, tool = stimuli.prediction, tool_of(stimuli.prediction)
     for stimulus in stimuli.stimuli:
+        grid = stimuli.prediction
+        if isinstance(stimulus, Sheath) and stimuli.probe is not None:
+            stiffened = {"stiffness": ring_with(stimuli.probe, stimulus).stiffness}
+            grid = grid.model_copy(update={"tool": grid.tool.model_copy(update=stiffened)})
+        tool = tool_of(grid)
         for contact in _contacts(stimulus, grid):
             for friction in grid.frictions:
                 for load in grid.normal_loads:
@@ -179,6 +185,11 @@ def _contacts(stimulus: Stimulus, grid: PredictionGrid) -> Iterator[_Contact]:
                 angle = step_angle(height_of_step, ball.nominal)
                 felt = step_interval(grid, known(height_of_step), known(0.0), ball)
                 yield _Contact("up", ball.nominal, height_of_step, (angle, low, high), felt)
+        case Sheath():  # what is felt at sharp steps with this sheath on the shank
+            for tip, height_of_step in product(grid.tip_radii, grid.step_heights):
+                angle = step_angle(height_of_step, tip)
+                felt = step_interval(grid, known(height_of_step), known(0.0), ball_of(grid, tip))
+                yield _Contact("up", tip, height_of_step, (angle, angle, angle), felt)
 
 
 def _margin_sizes(margin: MarginBlock | CrownOnTooth) -> Iterator[tuple[float, float, float]]:

@@ -7,14 +7,14 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-from stepblocks.beside import replace_text
+from stepblocks.beside import replace_bytes, replace_text
 from stepblocks.contact.critical_angle import step_angle
 from stepblocks.contact.energy import Status, release_at
 from stepblocks.errors import PipelineError
 from stepblocks.pipeline.build import matches
 from stepblocks.pipeline.declared import load_declared
 from stepblocks.pipeline.predict import tool_of
-from stepblocks.report.run_sheet import render_key, render_sheets
+from stepblocks.report.run_sheet import render_key, render_sheets, render_sheets_pdf
 from stepblocks.report.study import render_study
 from stepblocks.stimulus.block import StepBlock
 from stepblocks.stimulus.lettering import engraved_text
@@ -32,7 +32,10 @@ from stepblocks.study.sheet import design_csv, design_rows, key_csv, sheet_csv, 
 from stepblocks.study.simulate import Observer, simulate_answers
 from stepblocks.study.table import join_answers, read_answers, read_design
 
-__all__ = ["Contact", "Request", "analyse_study", "design_study", "power_rows", "simulate_study", "write_sheets"]
+__all__ = [
+    "Contact", "Request", "analyse_study", "block_energies", "design_study", "power_rows", "simulate_study", "step_blocks",
+    "write_new", "write_sheets",
+]  # fmt: skip
 
 
 @dataclass(frozen=True)
@@ -99,7 +102,9 @@ def design_study(source: Path, request: Request, folder: Path) -> Design:
     StepblocksError
         If the set has no step blocks, the design is impossible, or another design stands there already.
     """
-    items = [Item(b.id, engraved_text(b.id), b.height.nominal) for b in _blocks(load_declared(source), request.only)]
+    items = [
+        Item(b.id, engraved_text(b.id), b.height.nominal) for b in step_blocks(load_declared(source), request.only)
+    ]
     size = (request.repetitions, request.seed)
     match request.experiment:
         case "estimates":
@@ -114,7 +119,7 @@ def design_study(source: Path, request: Request, folder: Path) -> Design:
     keys = key_csv(rows)
     columns, *lines = (line.split(",") for line in keys.splitlines())
     page = render_key([dict(zip(columns, line, strict=True)) for line in lines], str(design.balance))
-    _write_new(folder, {"design.csv": design_csv(design), "key.csv": keys, "key.html": page})
+    write_new(folder, {"design.csv": design_csv(design), "key.csv": keys, "key.html": page})
     return design
 
 
@@ -124,7 +129,7 @@ def write_sheets(folder: Path) -> int:
     Parameters
     ----------
     folder : Path
-        Holds design.csv; gets run-sheets.html to print and sheets/participant-N.csv to fill in.
+        Holds design.csv; gets run-sheets.pdf and run-sheets.html to print and sheets/participant-N.csv to fill in.
 
     Returns
     -------
@@ -140,11 +145,16 @@ def write_sheets(folder: Path) -> int:
     design = read_design(folder / "design.csv")
     for row in design:
         by_person.setdefault(row["participant"], []).append(row)
-    page = render_sheets(design[0]["experiment"], {person: sheet_rows(rows) for person, rows in by_person.items()})
+    blinded = {person: sheet_rows(rows) for person, rows in by_person.items()}
+    experiment = design[0]["experiment"]
+    pages: dict[str, str | bytes] = {
+        "run-sheets.html": render_sheets(experiment, blinded),
+        "run-sheets.pdf": render_sheets_pdf(experiment, blinded),
+    }
     digits = len(str(len(by_person)))
     sheets = {f"participant-{person:0>{digits}}.csv": sheet_csv(rows) for person, rows in by_person.items()}
-    _write_new(folder / "sheets", sheets)
-    _write_new(folder, {"run-sheets.html": page})
+    write_new(folder / "sheets", sheets)
+    write_new(folder, pages)
     return len(by_person)
 
 
@@ -191,10 +201,10 @@ def simulate_study(
     _require_known(factors, known)
     wanted = {row["stimulus"] for row in design} | {row["standard"] for row in design if row["standard"]}
     stimuli = load_declared(source)
-    energies = _energies(stimuli, [b for b in _blocks(stimuli, None) if b.id in wanted], contact)
+    energies = block_energies(stimuli, [b for b in step_blocks(stimuli, None) if b.id in wanted], contact)
     answers = simulate_answers(design, energies, factors, observer, seed)
     text = ",".join(answers[0]) + "\n" + "".join(",".join(row.values()) + "\n" for row in answers)
-    _write_new(target.parent, {target.name: text})
+    write_new(target.parent, {target.name: text})
     return len(answers)
 
 
@@ -272,8 +282,8 @@ def power_rows(
         If an option is out of range.
     """
     stimuli = load_declared(source)
-    blocks = _blocks(stimuli, only)
-    energies = _energies(stimuli, blocks, contact)
+    blocks = step_blocks(stimuli, only)
+    energies = block_energies(stimuli, blocks, contact)
     heights = tuple(block.height.nominal for block in blocks)
     felt = tuple(energies[block.id] for block in blocks)
     found = []
@@ -298,7 +308,26 @@ def _power_row(estimate: PowerEstimate) -> dict[str, str]:
     }
 
 
-def _blocks(stimuli: StimulusSet, only: str | None) -> list[StepBlock]:
+def step_blocks(stimuli: StimulusSet, only: str | None) -> list[StepBlock]:
+    """Choose the blocks of a study.
+
+    Parameters
+    ----------
+    stimuli : StimulusSet
+        The set.
+    only : str or None
+        Pattern; all step blocks where None.
+
+    Returns
+    -------
+    list of StepBlock
+        At least one.
+
+    Raises
+    ------
+    PipelineError
+        If there is none.
+    """
     blocks = [block for block in stimuli.step_block if only is None or matches(only, stimuli.name, block.id)]
     if not blocks:
         chosen = f" that match {only!r}" if only else ""
@@ -306,7 +335,28 @@ def _blocks(stimuli: StimulusSet, only: str | None) -> list[StepBlock]:
     return blocks
 
 
-def _energies(stimuli: StimulusSet, blocks: Sequence[StepBlock], contact: Contact) -> dict[str, float]:
+def block_energies(stimuli: StimulusSet, blocks: Sequence[StepBlock], contact: Contact) -> dict[str, float]:
+    """Predict the vibration energy of blocks.
+
+    Parameters
+    ----------
+    stimuli : StimulusSet
+        Their set.
+    blocks : sequence of StepBlock
+        The blocks.
+    contact : Contact
+        Where the energies are taken.
+
+    Returns
+    -------
+    dict of float
+        Energy by identity [J].
+
+    Raises
+    ------
+    PipelineError
+        If a block does not release the probe there.
+    """
     grid = stimuli.prediction
     tip = grid.tip_radii[0] if contact.tip_radius is None else contact.tip_radius
     load = grid.normal_loads[0] if contact.normal_load is None else contact.normal_load
@@ -333,12 +383,26 @@ def _require_known(factors: Mapping[str, float], known: set[str]) -> None:
         )
 
 
-def _write_new(folder: Path, texts: Mapping[str, str]) -> None:
-    """Write files that people work on: one that stands there with another content is theirs and stays."""
-    for name, text in texts.items():
+def write_new(folder: Path, texts: Mapping[str, str] | Mapping[str, str | bytes]) -> None:
+    """Write files that people work on: one that stands there with another content is theirs and stays.
+
+    Parameters
+    ----------
+    folder : Path
+        Where.
+    texts : mapping of str or bytes
+        Content by file name.
+
+    Raises
+    ------
+    PipelineError
+        If one stands there with another content; nothing is written then.
+    """
+    contents = {name: text.encode() if isinstance(text, str) else text for name, text in texts.items()}
+    for name, content in contents.items():
         path = folder / name
-        if path.exists() and path.read_bytes() != text.encode():
+        if path.exists() and path.read_bytes() != content:
             raise PipelineError(f"{path} has another content already; move it away or choose another folder")
     folder.mkdir(parents=True, exist_ok=True)
-    for name, text in texts.items():
-        replace_text(folder / name, text)
+    for name, content in contents.items():
+        replace_bytes(folder / name, content)

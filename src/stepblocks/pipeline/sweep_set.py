@@ -11,6 +11,7 @@ from stepblocks.pipeline.declared import load_declared
 from stepblocks.stimulus.block import StepBlock
 from stepblocks.stimulus.margin import CrownOnTooth, MarginBlock
 from stepblocks.stimulus.set import PredictionGrid, Stimulus
+from stepblocks.stimulus.sheath import Sheath
 from stepblocks.stimulus.tolerance import Dimension
 
 __all__ = ["setting_of", "stimuli_of"]
@@ -45,7 +46,7 @@ def stimuli_of(path: Path, wanted: Any, tolerances: bool) -> tuple[str, list[dic
     declared = load_declared(path)
     known = {stimulus.id: stimulus for stimulus in declared.stimuli}
     if wanted is None:
-        chosen = [
+        chosen: list[Stimulus] = [
             stimulus for stimulus in known.values() if isinstance(stimulus, StepBlock | MarginBlock | CrownOnTooth)
         ]
     else:
@@ -61,8 +62,9 @@ def stimuli_of(path: Path, wanted: Any, tolerances: bool) -> tuple[str, list[dic
             f"stimulus must be of one kind: step blocks, or crown margins; got {', '.join(sorted(kinds)) or 'none'} in {path}"
         )
     (surface,) = kinds
-    if surface == "tip":
-        raise PipelineError("a sweep goes over blocks or crowns; give tips as tip_radius [parameters]")
+    if surface in ("tip", "sheath"):
+        other = "tips as tip_radius" if surface == "tip" else "what a sheath makes of the probe as stiffness"
+        raise PipelineError(f"a sweep goes over blocks or crowns; give {other} [parameters]")
     return surface, [_axis_point(stimulus, tolerances) for stimulus in chosen], declared.prediction
 
 
@@ -84,6 +86,8 @@ def _surface(stimulus: Stimulus) -> str:
             return "step"
         case MarginBlock() | CrownOnTooth():
             return "margin"
+        case Sheath():
+            return "sheath"
         case _:
             return "tip"
 

@@ -7,7 +7,7 @@ from typing import Any
 
 from stepblocks.report.study_figures import study_figures
 
-__all__ = ["render_power", "render_study"]
+__all__ = ["render_study", "render_table"]
 
 _TITLES = {
     "estimates": "Errors of height estimates",
@@ -54,8 +54,8 @@ def render_study(result: Any, rows: Sequence[Mapping[str, str]]) -> str:
     )  # fmt: skip
 
 
-def render_power(rows: Sequence[Mapping[str, str]]) -> str:
-    """Write a table of powers for a terminal.
+def render_table(rows: Sequence[Mapping[str, str]]) -> str:
+    """Write a table for a terminal.
 
     Parameters
     ----------

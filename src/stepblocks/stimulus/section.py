@@ -8,9 +8,10 @@ from __future__ import annotations
 import math
 
 from stepblocks.stimulus.margin import CrownOnTooth
+from stepblocks.stimulus.sheath import Sheath
 from stepblocks.stimulus.tip import HookTip, StraightTip
 
-__all__ = ["Outline", "crown_outline", "tip_outline", "tooth_outline"]
+__all__ = ["Outline", "crown_outline", "sheath_outline", "tip_outline", "tooth_outline"]
 
 Point = tuple[float, float]
 Outline = list[Point | tuple[Point, Point]]
@@ -117,3 +118,23 @@ def tip_outline(tip: StraightTip | HookTip) -> Outline:
         outline.append((shank, end))
     outline.append((0.0, end))
     return outline
+
+
+def sheath_outline(sheath: Sheath) -> Outline:
+    """Half section of a sheath; its near end lies at height 0.
+
+    Parameters
+    ----------
+    sheath : Sheath
+        What is asked for.
+
+    Returns
+    -------
+    Outline
+        From the bore at the near end, out over the broken edges and back along the bore.
+    """
+    bore, outer = 0.5 * sheath.bore.nominal, 0.5 * sheath.outer_diameter.nominal
+    length, c = sheath.length.nominal, sheath.edge_break.nominal
+    if c == 0.0:
+        return [(bore, 0.0), (outer, 0.0), (outer, length), (bore, length)]
+    return [(bore, 0.0), (outer - c, 0.0), (outer, c), (outer, length - c), (outer - c, length), (bore, length)]

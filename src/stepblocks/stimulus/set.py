@@ -6,17 +6,19 @@ from typing import Annotated
 
 from pydantic import BeforeValidator, Field, model_validator
 
-from stepblocks.quantities import parse_quantity, quantity_parser
+from stepblocks.quantities import format_quantity, parse_quantity, quantity_parser
 from stepblocks.stimulus.block import StepBlock
 from stepblocks.stimulus.body import Identity, Part
 from stepblocks.stimulus.margin import CrownOnTooth, MarginBlock
+from stepblocks.stimulus.probe import DampingRig, ProbeSpec
+from stepblocks.stimulus.sheath import Sheath, balanced
 from stepblocks.stimulus.tip import HookTip, StraightTip
 
 __all__ = ["KINDS", "PredictionGrid", "SettingTolerances", "Stimulus", "StimulusSet", "ToolSpec"]
 
-Stimulus = StepBlock | MarginBlock | CrownOnTooth | StraightTip | HookTip
+Stimulus = StepBlock | MarginBlock | CrownOnTooth | StraightTip | HookTip | Sheath
 """Any declared part."""
-KINDS = ("step_block", "margin_block", "crown_on_tooth", "straight_tip", "hook_tip")
+KINDS = ("step_block", "margin_block", "crown_on_tooth", "straight_tip", "hook_tip", "sheath")
 """Names of the stanzas of a stimulus file."""
 
 
@@ -131,6 +133,11 @@ class StimulusSet(Part):
     crown_on_tooth : tuple of CrownOnTooth
     straight_tip : tuple of StraightTip
     hook_tip : tuple of HookTip
+    sheath : tuple of Sheath
+    probe : ProbeSpec, optional
+        The probe that the sheaths are made for.
+    damping_rig : DampingRig, optional
+        The rig on which its ring is measured.
     """
 
     name: Identity
@@ -142,11 +149,16 @@ class StimulusSet(Part):
     crown_on_tooth: tuple[CrownOnTooth, ...] = ()
     straight_tip: tuple[StraightTip, ...] = ()
     hook_tip: tuple[HookTip, ...] = ()
+    sheath: Annotated[tuple[Sheath, ...], BeforeValidator(balanced)] = ()
+    probe: ProbeSpec | None = None
+    damping_rig: DampingRig | None = None
 
     @property
     def stimuli(self) -> tuple[Stimulus, ...]:
         """All parts in the order of the file's kinds."""
-        return (*self.step_block, *self.margin_block, *self.crown_on_tooth, *self.straight_tip, *self.hook_tip)
+        return (
+            *self.step_block, *self.margin_block, *self.crown_on_tooth, *self.straight_tip, *self.hook_tip, *self.sheath
+        )  # fmt: skip
 
     @model_validator(mode="after")
     def _names_are_unique(self) -> StimulusSet:
@@ -155,11 +167,27 @@ class StimulusSet(Part):
             if stimulus.id in seen:
                 raise ValueError(f"id must be unique in its set, got {stimulus.id!r} twice")
             seen.add(stimulus.id)
-        tips = bool(self.straight_tip or self.hook_tip)
-        if tips and not self.prediction.step_heights:
-            raise ValueError("prediction.step_heights must be given for a set with tips, got none")
+        if (self.straight_tip or self.hook_tip or self.sheath) and not self.prediction.step_heights:
+            raise ValueError("prediction.step_heights must be given for a set with tips or sheaths, got none")
         if len(self.stimuli) > len(self.straight_tip) + len(self.hook_tip) and not self.prediction.tip_radii:
-            raise ValueError("prediction.tip_radii must be given for a set with blocks or crowns, got none")
+            raise ValueError("prediction.tip_radii must be given for a set with blocks, crowns or sheaths, got none")
+        self._require_probe()
         if not seen:
             raise ValueError("a set must declare at least one stimulus, got none")
         return self
+
+    def _require_probe(self) -> None:
+        """Refuse sheaths without a probe and a rig, and one whose bore does not go over the shank."""
+        if not self.sheath:
+            return
+        for name in ("probe", "damping_rig"):
+            if getattr(self, name) is None:
+                raise ValueError(f"{name} must be declared for a set with sheaths, got none")
+        assert self.probe is not None
+        shank = self.probe.shank_diameter.value
+        for sheath in self.sheath:
+            if sheath.bore.limits[0] < shank:
+                raise ValueError(
+                    f"bore must not be less than the shank ({format_quantity(shank, 'length')}) within its tolerance, "
+                    f"got {sheath.bore} [sheath {sheath.id!r}]"
+                )

@@ -8,10 +8,13 @@ from pydantic import BaseModel
 
 from stepblocks.stimulus.energy_tolerance import EnergyTolerance, plain_budget
 from stepblocks.stimulus.material import Material
+from stepblocks.stimulus.probe import DampingRig, ProbeSpec
 from stepblocks.stimulus.set import Stimulus
+from stepblocks.stimulus.sheath import SheathMaterial
+from stepblocks.stimulus.sourced import Sourced
 from stepblocks.stimulus.tolerance import Dimension
 
-__all__ = ["KIND_NAMES", "dimensions", "resolved"]
+__all__ = ["KIND_NAMES", "dimensions", "resolved", "resolved_probe"]
 
 KIND_NAMES = {
     "StepBlock": "step block",
@@ -19,6 +22,7 @@ KIND_NAMES = {
     "CrownOnTooth": "crown on tooth",
     "StraightTip": "straight probe tip",
     "HookTip": "shepherd's hook",
+    "Sheath": "sheath of the probe",
 }
 """What people call each kind."""
 
@@ -39,6 +43,22 @@ def resolved(stimulus: Stimulus) -> dict[str, Any]:
     return {"kind": KIND_NAMES[type(stimulus).__name__], **_table(stimulus)}
 
 
+def resolved_probe(part: ProbeSpec | DampingRig) -> dict[str, Any]:
+    """Write the probe or the rig of a set out in full.
+
+    Parameters
+    ----------
+    part : ProbeSpec or DampingRig
+        As declared.
+
+    Returns
+    -------
+    dict
+        Plain values for JSON in SI, each with its source.
+    """
+    return _table(part)
+
+
 def _table(model: BaseModel) -> dict[str, Any]:
     return {name: _plain(getattr(model, name)) for name in type(model).model_fields if getattr(model, name) is not None}
 
@@ -56,13 +76,25 @@ def _plain(value: Any) -> Any:
             return {**record, "source": value.source} if value.source else record
         case EnergyTolerance():
             return plain_budget(value)
+        case Sourced():
+            return value.record()
         case Material():
-            return {
+            told = {
                 "name": value.name,
                 "designation": value.designation,
                 "density_kg_m3": value.density,
                 "source": value.source,
             }
+            if isinstance(value, SheathMaterial):
+                told |= {
+                    "modulus_pa": value.modulus,
+                    "modulus_source": value.modulus_source,
+                    "poisson": value.poisson,
+                    "poisson_source": value.poisson_source,
+                    "loss_factor": value.loss_factor,
+                    "loss_factor_source": value.loss_source,
+                }
+            return told
         case BaseModel():
             return _table(value)
         case _:

@@ -125,8 +125,9 @@ class QuestPlus:
         Intensities of the stimuli that exist.
     thresholds, slopes, lapses : sequence of float
         Grid of the parameters: median and standard deviation of a cumulative normal in the unit of the levels, and lapse rate [1].
-    guess : float
-        Rate of hits without a stimulus [1], 0.5 for two intervals.
+    guess : float or None
+        Rate of hits without a stimulus [1], 0.5 for two intervals; None ties it to the lapse rate, as in a comparison, where who
+        lapses errs to either side.
 
     Raises
     ------
@@ -150,7 +151,7 @@ class QuestPlus:
         thresholds: Sequence[float],
         slopes: Sequence[float],
         lapses: Sequence[float] = (0.02,),
-        guess: float = 0.0,
+        guess: float | None = 0.0,
     ) -> None:
         from scipy.special import ndtr
 
@@ -159,14 +160,16 @@ class QuestPlus:
                 raise StudyError(f"{name} must be at least one finite number, got {list(values)}")
         if min(slopes) <= 0.0:
             raise StudyError(f"slopes must be positive, got {min(slopes):g}")
-        if not (0.0 <= guess < 1.0 and min(lapses) >= 0.0 and max(lapses) + guess < 1.0):
-            raise StudyError(f"guess and lapses must be rates whose sum is below 1, got {guess:g} and {list(lapses)}")
+        most = max(lapses) if guess is None else guess
+        if not (0.0 <= most < 1.0 and min(lapses) >= 0.0 and max(lapses) + most < 1.0):
+            raise StudyError(f"guess and lapses must be rates whose sum is below 1, got {most:g} and {list(lapses)}")
         self._levels = np.asarray(levels, dtype=np.float64)
         grids = np.meshgrid(*(np.asarray(v, dtype=np.float64) for v in (thresholds, slopes, lapses)), indexing="ij")
         self._grid = tuple(grid.ravel() for grid in grids)
         threshold, slope, lapse = self._grid
         rising = ndtr((self._levels[:, np.newaxis] - threshold) / slope)
-        self._hit: Array = guess + (1.0 - guess - lapse) * rising
+        base = lapse if guess is None else guess
+        self._hit: Array = base + (1.0 - base - lapse) * rising
         self._posterior: Array = np.full(threshold.size, 1.0 / threshold.size)
 
     def next_level(self) -> float:
@@ -177,12 +180,13 @@ class QuestPlus:
         float
             One of the levels; the lowest of equally good ones.
         """
+        from scipy.special import xlogy
+
         expected = np.zeros(len(self._levels))
         for likelihood in (self._hit, 1.0 - self._hit):
             joint = likelihood * self._posterior
-            total = joint.sum(axis=1, keepdims=True)
-            after = np.divide(joint, total, out=np.zeros_like(joint), where=total > 0.0)
-            expected -= (total * after * np.log(np.where(after > 0.0, after, 1.0))).sum(axis=1)
+            total = joint.sum(axis=1)
+            expected -= xlogy(joint, joint).sum(axis=1) - xlogy(total, total)
         return float(self._levels[int(np.argmin(np.round(expected, 12)))])
 
     def record(self, level: float, hit: bool) -> None:
@@ -219,6 +223,25 @@ class QuestPlus:
         """
         threshold, slope, lapse = (float(self._posterior @ values) for values in self._grid)
         return threshold, slope, lapse
+
+    def quantile(self, which: int, share: float) -> float:
+        """Return a quantile of one parameter's posterior.
+
+        Parameters
+        ----------
+        which : int
+            0 threshold, 1 slope, 2 lapse rate.
+        share : float
+            Share of the posterior below it, 0 to 1.
+
+        Returns
+        -------
+        float
+            Linear between the middles of the grid's steps.
+        """
+        values, index = np.unique(self._grid[which], return_inverse=True)
+        weights = np.bincount(index, self._posterior)
+        return float(np.interp(share, np.cumsum(weights) - 0.5 * weights, values))
 
     def entropy(self) -> float:
         """Return the entropy of the posterior.

@@ -18,7 +18,9 @@ __all__ = ["MAX_LAPSE", "Psychometric", "crossing", "fit_psychometric"]
 MAX_LAPSE = 0.1
 """Largest lapse rate that a fit may take; Wichmann and Hill (2001) bound it so that it cannot stand in for the slope."""
 _Z75 = 0.6744897501960817  # standard normal quantile of 0.75
-_VAGUE = 1.0  # standard error of the logarithm of a spread beyond which its interval spans a factor of fifty
+_VAGUE = (
+    1.0  # standard error of the logarithm of a spread or a threshold beyond which its interval spans a factor of fifty
+)
 _Z975 = 1.959963984540054
 Array = NDArray[np.float64]
 
@@ -241,6 +243,11 @@ def _summary(
     if not spread_error < _VAGUE:
         raise StudyError(
             f"answers jump between two of the levels: no spread can be told from {trials} trials; add levels between them"
+        )
+
+    if not error < _VAGUE:
+        raise StudyError(
+            f"answers leave the threshold open: it cannot be told from {trials} trials; add trials, or levels around it"
         )
 
     def weber(log_sigma: float) -> float:

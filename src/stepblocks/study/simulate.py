@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from stepblocks.errors import StudyError
 from stepblocks.study.sheet import sheet_rows
 
-__all__ = ["Observer", "height_of_energy", "simulate_answers", "simulate_estimates"]
+__all__ = ["Observer", "feels_higher", "height_of_energy", "simulate_answers", "simulate_estimates"]
 
 Array = NDArray[np.float64]
 _RATINGS = (1, 7)
@@ -138,6 +138,30 @@ def simulate_estimates(
     return np.maximum(estimates, 0.0)
 
 
+def feels_higher(energy: float, standard: float, observer: Observer, generator: np.random.Generator) -> bool:
+    """Let a participant compare two blocks by what they feel.
+
+    Parameters
+    ----------
+    energy, standard : float
+        Energies of the compared block and of the standard [J].
+    observer : Observer
+        What the participant is like.
+    generator : numpy.random.Generator
+        Source of chance.
+
+    Returns
+    -------
+    bool
+        Whether the compared block feels higher than the standard.
+    """
+    noise = observer.sensation_noise * float(generator.standard_normal() - generator.standard_normal())
+    higher = math.log(energy / standard) + noise > 0.0
+    if generator.random() < observer.lapse:
+        return bool(generator.random() < 0.5)
+    return higher
+
+
 def simulate_answers(
     design: Sequence[Mapping[str, str]],
     energies: Mapping[str, float],
@@ -208,10 +232,7 @@ def _compare(
     observer: Observer, generator: np.random.Generator,
 ) -> None:  # fmt: skip
     for row, plan, energy in zip(sheets, design, reach, strict=True):
-        noise = observer.sensation_noise * float(generator.standard_normal() - generator.standard_normal())
-        higher = math.log(energy / energies[plan["standard"]]) + noise > 0.0
-        if generator.random() < observer.lapse:
-            higher = bool(generator.random() < 0.5)
+        higher = feels_higher(energy, energies[plan["standard"]], observer, generator)
         row["second_is_higher"] = "y" if higher == (plan["condition"] == "standard-first") else "n"
 
 

@@ -15,6 +15,7 @@ from stepblocks.machining.gauge_route import GaugePair
 from stepblocks.stimulus.block import StepBlock
 from stepblocks.stimulus.margin import CrownOnTooth, MarginBlock
 from stepblocks.stimulus.set import Stimulus
+from stepblocks.stimulus.sheath import Sheath
 from stepblocks.stimulus.tip import HookTip, StraightTip
 
 __all__ = ["DrawnDimension", "drawn_dimensions", "write_drawing", "write_gauge_drawing"]
@@ -121,6 +122,7 @@ def _write_all(folder: Path, name: str, formats: tuple[str, ...], draw: Callable
 def _drawn(stimulus: Stimulus, listed: list[Characteristic], numbered: dict[str, tuple[int, Characteristic]]) -> Any:
     from stepblocks.machining.drawing.block_views import margin_block_views, step_block_views
     from stepblocks.machining.drawing.round_views import crown_views, tip_views
+    from stepblocks.machining.drawing.sheath_views import sheath_views
     from stepblocks.machining.drawing.sheet import Sheet
 
     sheet = Sheet()
@@ -137,6 +139,9 @@ def _drawn(stimulus: Stimulus, listed: list[Characteristic], numbered: dict[str,
         case StraightTip() | HookTip():
             notes = tip_views(sheet, stimulus, numbered)
             title, band = "Probe tip", stimulus.ball_radius.upper - stimulus.ball_radius.lower
+        case Sheath():
+            notes = sheath_views(sheet, stimulus, numbered)
+            title, band = "Sheath", stimulus.bore.upper - stimulus.bore.lower
     roughness = max(round(band * 1e6 / 20.0, 2), 0.05)
     drawn = ("edge_radius",) if isinstance(stimulus, StepBlock) else ()
     lines = [f"{number}  {one.label}: {_note(one)}" for number, one in numbered.values()

@@ -1,0 +1,255 @@
+"""Sheaths for the shank of a probe: tubes of different materials, one made as heavy as another."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Annotated, Any
+
+from pydantic import BeforeValidator, Field, ValidationError, model_validator
+
+from stepblocks.errors import QuantityError
+from stepblocks.quantities import parse_quantity
+from stepblocks.stimulus.body import Identity, Part, require
+from stepblocks.stimulus.material import Material
+from stepblocks.stimulus.sourced import SourcedDensity, SourcedModulus, SourcedRatio
+from stepblocks.stimulus.tolerance import Length, PositiveLength
+
+__all__ = ["MASS_MATCH", "Sheath", "SheathMaterial", "balanced", "format_mass"]
+
+MASS_MATCH = 0.01
+"""Largest relative difference in mass of two sheaths that are to weigh the same (the paper's sheaths: equal weight)."""
+_SOLVABLE = ("bore", "outer_diameter", "length")
+_STEP = 10e-6
+"""A solved dimension is rounded to this, so that a drawing can state it [m]."""
+
+
+@dataclass(frozen=True)
+class SheathMaterial(Material):
+    """A material that bends and damps.
+
+    Attributes
+    ----------
+    modulus, poisson, loss_factor : float
+        Young's modulus [Pa], Poisson's ratio [1] and loss factor at the ring's frequency [1].
+    modulus_source, poisson_source, loss_source : str
+        Where they come from.
+    """
+
+    modulus: float
+    poisson: float
+    loss_factor: float
+    modulus_source: str
+    poisson_source: str
+    loss_source: str
+
+
+class _MaterialTable(Part):
+    name: Identity
+    designation: Annotated[str, Field(min_length=1, max_length=60, pattern=r"^[ -&(-~]+$")]
+    density: SourcedDensity
+    modulus: SourcedModulus
+    poisson: SourcedRatio
+    loss_factor: SourcedRatio
+
+
+def _material(raw: object) -> SheathMaterial:
+    if isinstance(raw, SheathMaterial):
+        return raw
+    if not isinstance(raw, dict):
+        raise ValueError(
+            f"must be a table with name, designation, density, modulus, poisson and loss_factor, got {raw!r:.60}"
+        )
+    try:
+        table = _MaterialTable.model_validate(raw)
+    except ValidationError as error:
+        first = error.errors(include_url=False)[0]
+        where = ".".join(str(part) for part in first["loc"])
+        raise ValueError(f"{where}: {first['msg'].removeprefix('Value error, ')}") from error
+    if table.poisson.value > 0.5:
+        raise ValueError(f"poisson must not exceed 0.5, got {table.poisson.value:g}")
+    return SheathMaterial(
+        table.name, table.designation, table.density.value, table.density.source, table.modulus.value, table.poisson.value,
+        table.loss_factor.value, table.modulus.source, table.poisson.source, table.loss_factor.source,
+    )  # fmt: skip
+
+
+class Sheath(Part):
+    """A tube over the shank; its end near the clamp lies at z = 0, its axis is z.
+
+    Attributes
+    ----------
+    id : str
+        Identity.
+    bore : Dimension
+        Inner diameter [m].
+    outer_diameter : Dimension
+        Outer diameter [m].
+    length : Dimension
+        From end to end [m].
+    edge_break : Dimension
+        Leg of the 45 degree chamfer on the two outer edges [m].
+    position : Dimension
+        From the clamp to the near end, on the shank [m].
+    material : SheathMaterial
+        What it is made of.
+    """
+
+    id: Identity
+    bore: PositiveLength
+    outer_diameter: PositiveLength
+    length: PositiveLength
+    edge_break: Length
+    position: Length
+    material: Annotated[SheathMaterial, BeforeValidator(_material)]
+
+    @property
+    def wall(self) -> float:
+        """Thickness of the wall [m]."""
+        return 0.5 * (self.outer_diameter.nominal - self.bore.nominal)
+
+    @property
+    def mass(self) -> float:
+        """Nominal mass [kg]."""
+        return self.material.density * _volume(
+            self.bore.nominal, self.outer_diameter.nominal, self.length.nominal, self.edge_break.nominal
+        )
+
+    @property
+    def mass_limits(self) -> tuple[float, float]:
+        """Least and greatest mass within the tolerances [kg]."""
+        (thin, wide), (small, large) = self.bore.limits, self.outer_diameter.limits
+        (short, long), (sharp, blunt) = self.length.limits, self.edge_break.limits
+        density = self.material.density
+        return density * _volume(wide, small, short, blunt), density * _volume(thin, large, long, max(sharp, 0.0))
+
+    @model_validator(mode="after")
+    def _is_possible(self) -> Sheath:
+        bore, outer, broken = self.bore.nominal, self.outer_diameter.nominal, self.edge_break.nominal
+        require(outer > bore, "outer_diameter", "exceed bore", bore, outer)
+        room = min(self.wall, 0.5 * self.length.nominal)
+        require(broken < room, "edge_break", "be smaller than the wall and half the length", room, broken)
+        return self
+
+
+def _volume(bore: float, outer: float, length: float, broken: float) -> float:
+    """Tube less two rings of triangular section, by Pappus."""
+    tube = 0.25 * math.pi * (outer**2 - bore**2) * length
+    return tube - 2.0 * math.pi * broken**2 * (0.5 * outer - broken / 3.0)
+
+
+def balanced(raw: object) -> object:
+    """Solve the sheaths that are to weigh as much as another one.
+
+    Parameters
+    ----------
+    raw : sequence of dict
+        Stanzas as read from the file. One dimension of a sheath may be ``{ mass_of = ID, least = L, most = L, tolerance = T }``:
+        it is chosen so that the sheath weighs as much as sheath ID.
+
+    Returns
+    -------
+    object
+        The stanzas with nominal dimensions; what is no list of tables goes through for the model to refuse.
+
+    Raises
+    ------
+    ValueError
+        If the other sheath is unknown or itself to be solved, more than one dimension is to be solved, or none within the limits
+        gives the mass within `MASS_MATCH`.
+    """
+    if not isinstance(raw, list | tuple) or not all(isinstance(one, dict) for one in raw):
+        return raw
+    solved = []
+    for stanza in raw:
+        wanted = [name for name, value in stanza.items() if isinstance(value, dict) and "mass_of" in value]
+        if not wanted:
+            solved.append(stanza)
+            continue
+        place = f"sheath {stanza.get('id')!r}"
+        if len(wanted) > 1 or wanted[0] not in _SOLVABLE:
+            raise ValueError(
+                f"mass_of must stand at one of {', '.join(_SOLVABLE)}, got it at {', '.join(wanted)} [{place}]"
+            )
+        solved.append(_solved(stanza, wanted[0], _target(stanza[wanted[0]]["mass_of"], raw, place), place))
+    return solved
+
+
+def _target(name: object, stanzas: Sequence[Mapping[str, Any]], place: str) -> float:
+    for other in stanzas:
+        if other.get("id") == name:
+            if any(isinstance(value, dict) and "mass_of" in value for value in other.values()):
+                raise ValueError(f"mass_of must name a sheath with given dimensions, got {name!r} [{place}]")
+            return Sheath.model_validate(dict(other)).mass
+    raise ValueError(f"mass_of must name a sheath of the set, got {name!r} [{place}]")
+
+
+def _solved(stanza: Mapping[str, Any], field: str, mass: float, place: str) -> dict[str, Any]:
+    table = stanza[field]
+    if not {"mass_of", "least", "most"} <= set(table) <= {"mass_of", "least", "most", "tolerance"}:
+        raise ValueError(
+            f"{field} must have mass_of, least, most and tolerance, got {', '.join(sorted(table))} [{place}]"
+        )
+    try:
+        low, high = (parse_quantity(table[name], "length") for name in ("least", "most"))
+    except QuantityError as error:
+        raise ValueError(f"{field}: {error} [{place}]") from error
+    if not 0.0 < low < high:
+        raise ValueError(
+            f"{field}: least must be positive and below most, got {table['least']} and {table['most']} [{place}]"
+        )
+
+    def tried(value: float) -> Sheath:
+        kept = {"tolerance": table["tolerance"]} if "tolerance" in table else {}
+        return Sheath.model_validate(dict(stanza) | {field: _nominal(value, mass, kept, table["mass_of"])})
+
+    def excess(value: float) -> float:
+        return tried(value).mass - mass
+
+    value = _root(excess, low, high)
+    best = min(max(round(value / _STEP) * _STEP, low), high) if value is not None else _nearer(excess, low, high)
+    found = tried(best)
+    if abs(found.mass / mass - 1.0) > MASS_MATCH:
+        masses = sorted(format_mass(tried(limit).mass) for limit in (low, high))
+        raise ValueError(
+            f"{field} must give the mass of {table['mass_of']!r} ({format_mass(mass)}) within {MASS_MATCH:.0%} between "
+            f"{table['least']} and {table['most']}, got {' to '.join(masses)} [{place}]"
+        )
+    return dict(stanza) | {field: getattr(found, field)}
+
+
+def _nominal(value: float, mass: float, kept: Mapping[str, Any], other: object) -> dict[str, Any]:
+    return {
+        "nominal": f"{value * 1e3:.9g} mm",
+        "source": f"solved for the mass of {other}, {format_mass(mass)}",
+        **kept,
+    }
+
+
+def _root(excess: Callable[[float], float], low: float, high: float) -> float | None:
+    from scipy.optimize import brentq
+
+    if excess(low) * excess(high) > 0.0:
+        return None
+    return float(brentq(excess, low, high, xtol=1e-9, rtol=1e-12))
+
+
+def _nearer(excess: Callable[[float], float], low: float, high: float) -> float:
+    return min((low, high), key=lambda value: abs(excess(value)))
+
+
+def format_mass(mass: float) -> str:
+    """Write a mass as people read it.
+
+    Parameters
+    ----------
+    mass : float
+        Mass [kg].
+
+    Returns
+    -------
+    str
+        In grams.
+    """
+    return f"{mass * 1e3:.4g} g"

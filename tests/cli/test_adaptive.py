@@ -1,0 +1,92 @@
+"""Adaptive studies from the command line: stepwise, interrupted, simulated, and on into the report."""
+
+import csv
+import io
+import json
+import re
+from pathlib import Path
+
+import pytest
+
+from stepblocks.cli import main
+
+TEN = str(Path(__file__).resolve().parents[2] / "stimuli" / "paper-ten.toml")
+
+
+def run(capsys, *arguments):
+    code = main(["study", "adaptive", *map(str, arguments)])
+    printed = capsys.readouterr()
+    return code, printed.out, printed.err
+
+
+def table(path):
+    with path.open(newline="") as stream:
+        return list(csv.DictReader(stream))
+
+
+@pytest.fixture
+def folder(tmp_path, capsys):
+    options = ["--standard", "step-050", "--participants", 2, "--trials", 30, "--seed", 5]
+    assert run(capsys, "start", TEN, *options, "-o", tmp_path / "s")[0] == 0
+    return tmp_path / "s"
+
+
+def test_answers_given_one_by_one_or_at_the_keyboard_make_the_same_record(folder, capsys, tmp_path, monkeypatch):
+    given = "ynyyn"
+    for trial, letter in enumerate(given, start=1):
+        code, out, _ = run(capsys, "answer", folder, "--participant", 1, "--trial", trial, letter)
+        assert code == 0
+    record = (folder / "answers" / "participant-1.csv").read_bytes()
+    options = ["--standard", "step-050", "--participants", 2, "--trials", 30, "--seed", 5]
+    run(capsys, "start", TEN, *options, "-o", tmp_path / "t")
+    monkeypatch.setattr("sys.stdin", io.StringIO("y\nwhat\nn\nq\n"))
+    assert "stopped after 2 trials" in run(capsys, "run", tmp_path / "t", "--participant", 1)[1]
+    monkeypatch.setattr("sys.stdin", io.StringIO("y\ny\nn\n"))  # the keyboard is gone after the third
+    assert "stopped after 5 trials" in run(capsys, "run", tmp_path / "t", "--participant", 1)[1]
+    assert (tmp_path / "t" / "answers" / "participant-1.csv").read_bytes() == record
+    assert run(capsys, "next", folder, "--participant", 1)[1] == out  # asking changes nothing
+
+
+def test_who_writes_the_answers_sees_neither_identity_nor_height(folder, capsys):
+    run(capsys, "simulate", folder, TEN, "--weber", 0.8, "--seed", 2)
+    text = (folder / "answers" / "participant-2.csv").read_text()
+    assert not re.search(r"step|STEP|\d{3}", text)
+    key = {row["code"] for row in table(folder / "key.csv")}
+    assert {row["first_code"] for row in table(folder / "answers" / "participant-2.csv")} <= key
+
+
+def test_simulated_answers_go_on_into_results_and_report(folder, capsys):
+    assert "60 simulated answers" in run(capsys, "simulate", folder, TEN, "--weber", 0.8, "--seed", 2)[1]
+    code, _out, _ = run(capsys, "result", folder)
+    assert code == 0
+    rows = table(folder / "adaptive-results.csv")
+    assert [row["state"] for row in rows] == ["done", "done"]
+    assert all(
+        float(row["weber_low_95_ratio"]) < float(row["weber_ratio"]) < float(row["weber_high_95_ratio"]) for row in rows
+    )
+    assert main(["study", "analyse", str(folder), str(folder / "answers.csv"), "-o", str(folder / "report")]) == 0
+    assert "point of subjective equality" in (folder / "report" / "results.csv").read_text()
+    capsys.readouterr()
+    code, _, err = run(capsys, "simulate", folder, TEN, "--seed", 3)
+    assert (code, "holds answers already" in err) == (2, True)
+
+
+def test_damage_is_named_with_its_line(folder, capsys):
+    for trial in (1, 2):
+        run(capsys, "answer", folder, "--participant", 1, "--trial", trial, "y")
+    assert "trial must be 3" in run(capsys, "answer", folder, "--participant", 1, "--trial", 2, "n")[2]
+    assert "participant must be one of 1 to 2, got 3" in run(capsys, "next", folder, "--participant", 3)[2]
+    path = folder / "answers" / "participant-1.csv"
+    lines = path.read_text().splitlines()
+    path.write_text("\n".join([*lines[:2], lines[2].replace("1,2,", "1,2,X")]) + "\n")
+    code, _, err = run(capsys, "next", folder, "--participant", 1)
+    assert (code, "the procedure asks for participant, trial and codes 1 2" in err, "line 3" in err) == (2, True, True)
+    path.write_text("\n".join([*lines[:2], lines[2][:-1] + "?"]) + "\n")
+    assert "second_is_higher must be y or n, got '?'" in run(capsys, "result", folder)[2]
+    setup = json.loads((folder / "setup.json").read_text())
+    for broken in ("", "[]", json.dumps(setup | {"schema": 9}), json.dumps(setup | {"trials": "many"})):
+        (folder / "setup.json").write_text(broken)
+        code, _, err = run(capsys, "next", folder, "--participant", 1)
+        assert code == 2
+        assert "setup.json" in err
+        assert "Traceback" not in err
