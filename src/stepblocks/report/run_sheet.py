@@ -116,7 +116,7 @@ def _page(title: str, foot: str, rows: Sequence[Mapping[str, str]]) -> Any:
     axes.add_collection(LineCollection(lines, colors="#777777", linewidths=0.6))
     for place, name in zip(edges, columns, strict=False):
         axes.text(place + 2.0, _TOP - 0.5 * _ROW, name.replace("_", " "), fontsize=9, weight="bold", va="center")
-        font = {"family": "DejaVu Sans Mono", "weight": "bold"} if name.endswith("code") else {}
+        font: dict[str, Any] = {"family": "DejaVu Sans Mono", "weight": "bold"} if name.endswith("code") else {}
         for number, row in enumerate(rows, start=1):
             if row[name]:
                 axes.text(place + 2.0, _TOP - _ROW * (number + 0.5), row[name], fontsize=10, va="center", **font)
