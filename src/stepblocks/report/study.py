@@ -22,7 +22,8 @@ _WHAT = {
     "mixed model": "Participants and their response to each condition are random; restricted maximum likelihood; the F-test of the "
     "condition has (participants - 1)(conditions - 1) degrees of freedom, its intervals hold together with 95 %.",
     "check": "No objection is no proof. A doubt says what to look at, not that the analysis is void.",
-    "ordinal model": "Proportional odds, each participant with an own level.",
+    "ordinal model": "Proportional odds, each participant with an own level; intervals and the F-test take the participants as "
+    "clusters. Read the F-test: the likelihood ratio keeps its level only where all participants take to the vibration alike.",
     "psychometric function": "Cumulative normal in the logarithm of the height, maximum likelihood, one lapse rate for both ends. The "
     "Weber fraction is the step from the middle to three quarters of the rise.",
     "power law": "Straight lines through logarithms, each participant with an own modulus.",

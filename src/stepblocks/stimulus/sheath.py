@@ -64,9 +64,7 @@ def _material(raw: object) -> SheathMaterial:
     try:
         table = _MaterialTable.model_validate(raw)
     except ValidationError as error:
-        first = error.errors(include_url=False)[0]
-        where = ".".join(str(part) for part in first["loc"])
-        raise ValueError(f"{where}: {first['msg'].removeprefix('Value error, ')}") from error
+        raise ValueError(_first(error)) from error
     if table.poisson.value > 0.5:
         raise ValueError(f"poisson must not exceed 0.5, got {table.poisson.value:g}")
     return SheathMaterial(
@@ -176,12 +174,26 @@ def balanced(raw: object) -> object:
     return solved
 
 
+def _validated(stanza: Mapping[str, Any], place: str) -> Sheath:
+    """Validate a stanza on its own, with one line and its place where it is wrong."""
+    try:
+        return Sheath.model_validate(dict(stanza))
+    except ValidationError as error:
+        raise ValueError(f"{_first(error)} [{place}]") from error
+
+
+def _first(error: ValidationError) -> str:
+    first = error.errors(include_url=False)[0]
+    where, said = ".".join(str(part) for part in first["loc"]), first["msg"].removeprefix("Value error, ")
+    return f"{where}: {said}" if where and not said.startswith(where) else said
+
+
 def _target(name: object, stanzas: Sequence[Mapping[str, Any]], place: str) -> float:
     for other in stanzas:
         if other.get("id") == name:
             if any(isinstance(value, dict) and "mass_of" in value for value in other.values()):
                 raise ValueError(f"mass_of must name a sheath with given dimensions, got {name!r} [{place}]")
-            return Sheath.model_validate(dict(other)).mass
+            return _validated(other, f"sheath {name!r}").mass
     raise ValueError(f"mass_of must name a sheath of the set, got {name!r} [{place}]")
 
 
@@ -202,7 +214,7 @@ def _solved(stanza: Mapping[str, Any], field: str, mass: float, place: str) -> d
 
     def tried(value: float) -> Sheath:
         kept = {"tolerance": table["tolerance"]} if "tolerance" in table else {}
-        return Sheath.model_validate(dict(stanza) | {field: _nominal(value, mass, kept, table["mass_of"])})
+        return _validated(dict(stanza) | {field: _nominal(value, mass, kept, table["mass_of"])}, place)
 
     def excess(value: float) -> float:
         return tried(value).mass - mass

@@ -11,8 +11,9 @@ from typing import Any
 import numpy as np
 
 from stepblocks.errors import StudyError
+from stepblocks.study.proportional_odds import cluster_covariance, fit_proportional_odds
 
-__all__ = ["OddsRatio", "OrdinalFit", "ordinal_model"]
+__all__ = ["OddsRatio", "OrdinalFit", "Wald", "ordinal_model"]
 
 _Z975 = 1.959963984540054
 
@@ -26,7 +27,7 @@ class OddsRatio:
     name : str
         Predictor, or condition against the first one.
     log_odds, error : float
-        Coefficient and its standard error [1].
+        Coefficient and its standard error, over participants where they are given [1].
     ratio, low, high : float
         Odds of a higher rating, and 95 % interval [1].
     by_cut : tuple of float
@@ -43,6 +44,26 @@ class OddsRatio:
 
 
 @dataclass(frozen=True)
+class Wald:
+    """A test of all predictors with the participants as the units that are independent.
+
+    Attributes
+    ----------
+    statistic : float
+        F [1].
+    df, df_error : float
+        Predictors, and participants less predictors.
+    p : float
+        Probability of it or more under no effect [1].
+    """
+
+    statistic: float
+    df: float
+    df_error: float
+    p: float
+
+
+@dataclass(frozen=True)
 class OrdinalFit:
     """A proportional-odds model.
 
@@ -51,7 +72,9 @@ class OrdinalFit:
     effects : tuple of OddsRatio
         One per predictor.
     statistic, df, p : float
-        Likelihood ratio test of the predictors.
+        Likelihood ratio test of the predictors; it keeps its level only where participants take to them alike.
+    participants : Wald or None
+        The test that lets participants differ in how they take to the predictors; None without participants.
     log_likelihood : float
         At the optimum.
     converged : bool
@@ -62,6 +85,7 @@ class OrdinalFit:
     statistic: float
     df: int
     p: float
+    participants: Wald | None
     log_likelihood: float
     converged: bool
 
@@ -78,8 +102,9 @@ def ordinal_model(frame: Any, rating: str, predictors: Sequence[str], participan
     predictors : sequence of str
         Columns; names are compared with their first in order of the alphabet, numbers enter as they are.
     participant : str
-        Column; each participant gets a level of their own, so that a habit of high ratings is no effect. Fixed levels pull the odds
-        away from 1 a little where ratings per participant are few; none where empty.
+        Column; each participant gets a level of their own, so that a habit of high ratings is no effect, and errors and test are
+        those of participants as clusters, who may differ in how they take to the predictors. Fixed levels pull the odds away from 1
+        a little where ratings per participant are few; none where empty.
 
     Returns
     -------
@@ -96,29 +121,42 @@ def ordinal_model(frame: Any, rating: str, predictors: Sequence[str], participan
     McCullagh, P. (1980), J. R. Statist. Soc. B 42, 109-142.
     """
     ordered, exog, names, people = _matrices(frame, rating, predictors, participant)
-    full = _fit(ordered, exog.join(people))
-    base_likelihood = float(_fit(ordered, people).llf) if people.shape[1] else _alone(ordered)
+    full = fit_proportional_odds(ordered, exog.join(people))
+    base_likelihood = float(fit_proportional_odds(ordered, people).llf) if people.shape[1] else _alone(ordered)
     if not np.isfinite(full.bse[names]).all() or (np.abs(full.params[names]) > 15.0 * _per_unit(exog)).any():
         raise StudyError(f"{rating} must overlap between the levels of {', '.join(predictors)}: no finite odds fit")
     from scipy.stats import chi2
 
     statistic = 2.0 * (float(full.llf) - base_likelihood)
+    errors, reach, wald = _errors(full, len(names), frame[participant].to_numpy() if people.shape[1] else None)
     cuts = _by_cut(ordered, exog.join(people), names)
     effects = tuple(
         OddsRatio(
-            name,
-            value,
-            error,
-            math.exp(value),
-            math.exp(value - _Z975 * error),
-            math.exp(value + _Z975 * error),
+            name, value, error, math.exp(value), math.exp(value - reach * error), math.exp(min(value + reach * error, 700.0)),
             cuts[name],
         )
-        for name in names
-        for value, error in [(float(full.params[name]), float(full.bse[name]))]
-    )
-    converged = bool(full.mle_retvals["converged"])
-    return OrdinalFit(effects, statistic, len(names), float(chi2.sf(statistic, len(names))), float(full.llf), converged)
+        for name, value, error in zip(names, full.params[names].tolist(), errors, strict=True)
+    )  # fmt: skip
+    p = float(chi2.sf(statistic, len(names)))
+    return OrdinalFit(effects, statistic, len(names), p, wald, float(full.llf), bool(full.mle_retvals["converged"]))
+
+
+def _errors(fit: Any, number: int, participants: Any) -> tuple[list[float], float, Wald | None]:
+    """Return standard errors of the predictors, how many of them make a 95 % interval, and the test over participants."""
+    from scipy.stats import f, t
+
+    if participants is None:
+        return [float(error) for error in fit.bse.iloc[:number]], _Z975, None
+    codes = np.unique(participants.astype(str), return_inverse=True)[1]
+    people = int(codes.max()) + 1
+    if people <= number:
+        raise StudyError(f"more participants than compared conditions must have rated, got {people} for {number}")
+    covariance = cluster_covariance(fit, codes)[:number, :number]
+    values = fit.params.iloc[:number].to_numpy()
+    # Hotelling: as many independent values as participants estimate the covariance
+    statistic = float(values @ np.linalg.solve(covariance, values)) * (people - number) / (number * (people - 1))
+    wald = Wald(statistic, float(number), float(people - number), float(f.sf(statistic, number, people - number)))
+    return np.sqrt(np.diag(covariance)).tolist(), float(t.ppf(0.975, people - 1)), wald
 
 
 def _matrices(frame: Any, rating: str, predictors: Sequence[str], participant: str) -> tuple[Any, Any, list[str], Any]:
@@ -150,17 +188,6 @@ def _matrices(frame: Any, rating: str, predictors: Sequence[str], participant: s
 
 def _per_unit(exog: Any) -> Any:
     return 1.0 / np.maximum(exog.std(), 1e-300)
-
-
-def _fit(ordered: Any, exog: Any) -> Any:
-    from statsmodels.miscmodels.ordinal_model import OrderedModel
-
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore")  # what went wrong is read from the result
-        try:
-            return OrderedModel(ordered, exog, distr="logit").fit(method="bfgs", disp=0, gtol=1e-8, maxiter=2000)
-        except (np.linalg.LinAlgError, ValueError) as error:
-            raise StudyError(f"the ordinal model cannot be fitted to these {len(ordered)} ratings: {error}") from error
 
 
 def _alone(ordered: Any) -> float:

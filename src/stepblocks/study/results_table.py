@@ -102,6 +102,10 @@ def _ratings(result: StudyResult) -> Iterator[Row]:
         return
     yield _row("ordinal model", "all predictors, likelihood ratio", "1", statistic=result.ordinal.statistic, df=result.ordinal.df,
                p=result.ordinal.p)  # fmt: skip
+    wald = result.ordinal.participants
+    if wald is not None:
+        yield _row("ordinal model", "all predictors, F over participants", "1", statistic=wald.statistic, df=wald.df,
+                   df_error=wald.df_error, p=wald.p)  # fmt: skip
     for effect in result.ordinal.effects:
         yield _row(
             "ordinal model",
