@@ -154,7 +154,9 @@ def _resolved(data: dict[str, Any], folder: Path) -> SweepPlan:
     head, parameters, draws = (_table(data, name) for name in ("sweep", "parameters", "draws"))
     _known("[sweep]", head, ("kind", "mode", "surface", "set", "rows", "seed", "rows_per_partition"))
     kind, mode = _one_of(head, "kind", ("grid", "random")), _one_of(head, "mode", ("static", "drag"))
-    surface, stimuli, declared = _one_of(head, "surface", ("step", "margin")), [], {}
+    surface = _one_of(head, "surface", ("step", "margin"))
+    stimuli: list[dict[str, Any]] = []
+    declared: dict[str, list[float]] = {}
     drawn: tuple[dict[str, float], dict[str, float]] = {}, {}
     if "set" in head:
         surface, stimuli, declared, drawn = _of_set(head, parameters, draws, folder)
