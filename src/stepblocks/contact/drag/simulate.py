@@ -107,7 +107,7 @@ def drag(track: Track, probe: Probe, settings: DragSettings) -> DragTrace:
     ('releases', True)
     """
     mu_s = settings.static_friction or settings.friction
-    x = max(_features(track)[0] - settings.lead, float(track.x[0]))
+    x = max(track.features[0] - settings.lead, float(track.x[0]))
     dent = (settings.normal_load / probe.contact_stiffness) ** (1.0 / probe.contact_power)
     limit, reachable = _force_limit(track, settings, mu_s)
     dt, bristle = _time_step(probe, settings, _hardest(probe, settings, limit))
@@ -144,16 +144,6 @@ def drag(track: Track, probe: Probe, settings: DragSettings) -> DragTrace:
     )
 
 
-def _features(track: Track) -> tuple[float, float]:
-    """Find where the path first and last bends or slopes by more than a degree [m]; the middle if it is flat."""
-    slope = np.maximum(np.abs(track.slope_left), np.abs(track.slope_right))
-    found = np.flatnonzero(slope > math.tan(math.radians(1.0)))
-    if found.size == 0:
-        middle = 0.5 * float(track.x[0] + track.x[-1])
-        return middle, middle
-    return float(track.x[found[0]]), float(track.x[found[-1]])
-
-
 def _force_limit(track: Track, settings: DragSettings, mu: float) -> tuple[float, bool]:
     """Force past which the tip counts as locked, and whether any climb is possible at all."""
     total = track.steepest_angle + math.atan(mu)
@@ -186,7 +176,7 @@ def _time_step(probe: Probe, settings: DragSettings, force: float) -> tuple[floa
 def _duration(track: Track, probe: Probe, settings: DragSettings, x: float, limit: float) -> float:
     if settings.speed <= 0.0:
         return 20.0 * settings.ring_time
-    travel = _features(track)[1] - x + limit / probe.stiffness
+    travel = track.features[1] - x + limit / probe.stiffness
     return travel / settings.speed + settings.ring_time
 
 
