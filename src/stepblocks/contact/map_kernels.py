@@ -63,7 +63,8 @@ def _cut(
             lo = low[k - stride]
             hi = high[k + stride] if k + stride <= count else right
             x = first + k - 1
-            best, where = -np.inf, -1
+            best: Any = -np.inf
+            where: Any = -1
             # unsigned indices: a signed one costs a test for counting from the end, half as much again as the whole loop
             u, end, shift = np.uint64(max(lo, x - half)), np.uint64(max(min(hi, x + half) + 1, 0)), np.uint64(half - x)
             while u < end:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import math
 from dataclasses import asdict
 from pathlib import Path
 from typing import Any
@@ -136,6 +137,7 @@ def _summary(trace: DragTrace, angle: float | None, name: str) -> dict[str, Any]
             "vibration_energy_j": ring.energy,
             "ring_share": ring.share,
             "ring_duration_s": ring.duration,
+            "ring_decay_time_s": None if math.isnan(ring.decay_time) else ring.decay_time,
             "ring_frequency_hz": ring.frequency,
             "loading_share_0_100_hz": ring.loading_share,
             "vibration_share_250_350_hz": ring.ring_band_share,
