@@ -57,6 +57,9 @@ def drag_from_options(
         If a text is no quantity of its dimension; the message names the flag.
     """
     given = {name: _quantity(name, text, dimension) for name, (text, dimension) in options.items() if text is not None}
+    for name in ("pull", "speed"):
+        if given.get(name, 1.0) <= 0.0:
+            raise PipelineError(f"--{name} must be positive, got {options[name][0]}")
     chosen = {name: given[name] for name in _OF_THE_SUBJECT if name in given}
     subject = subject_of(stimulus, chosen, backward, where)
     values, pull = subject.values, given.get("pull", 0.0)

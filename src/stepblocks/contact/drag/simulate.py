@@ -17,6 +17,7 @@ from stepblocks.errors import ContactError
 __all__ = ["DragTrace", "drag"]
 
 _MOST_STEPS = 200_000_000
+_MOST_ROWS = 5_000_000
 
 
 @dataclass(frozen=True)
@@ -118,6 +119,10 @@ def drag(track: Track, probe: Probe, settings: DragSettings) -> DragTrace:
     every = max(round(1.0 / (settings.sample_rate * dt)), 1)
     dt = 1.0 / (settings.sample_rate * every)  # rows at exactly the sample rate
     steps = math.ceil(end / dt)
+    if steps // every > _MOST_ROWS:
+        raise ContactError(
+            f"sample_rate of {settings.sample_rate:g} Hz gives more than {_MOST_ROWS} rows; record fewer"
+        )
     y = float(np.interp(x, track.x, track.height)) - dent
     sliding = settings.friction * settings.normal_load
     driven = settings.speed > 0.0
