@@ -59,6 +59,16 @@ def test_a_map_that_does_not_change_across_is_its_profile():
     assert over_map[inner] == pytest.approx(over_profile[inner], rel=1e-11, abs=1e-17)
 
 
+def test_the_contact_named_is_the_sample_that_carries_the_tip():
+    z = np.random.default_rng(9).normal(size=(70, 66)) * 2e-6
+    z[20:24, 30:35] = np.nan
+    result = map_path(z, (2.1e-6, STEP), Ball(25e-6))
+    row, column = np.indices(z.shape)
+    distance = np.hypot((result.contact // 66 - row) * 2.1e-6, (result.contact % 66 - column) * STEP)
+    rest = z.ravel()[result.contact] - Ball(25e-6).height(np.minimum(distance, 25e-6))
+    assert np.abs(rest - result.height).max() <= 1e-12 * np.nanmax(np.abs(z))
+
+
 def test_turning_the_map_turns_the_result():
     z = np.random.default_rng(6).normal(size=(64, 64)) * 1e-6
     a, b = map_path(z, STEP, Ball(20e-6)), map_path(z.T.copy(), STEP, Ball(20e-6))

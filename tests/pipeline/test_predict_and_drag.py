@@ -165,6 +165,42 @@ def test_the_same_drag_leaves_the_same_bytes(tmp_path):
 
 
 @pytest.mark.parametrize(
+    ("rows", "message"),
+    [
+        (["0,0", "100,nan", "200,5"], "z_um must be a finite number, got nan"),
+        (["0,0", "100,inf", "200,5"], "z_um must be a finite number, got inf"),
+        (["nan,0", "100,1", "200,5"], "x_um must be a finite number, got nan"),
+        ([], "no rows"),
+        (["0,0"], "at least 2 points, got 1"),
+        (["200,0", "100,1", "0,5"], "must not decrease"),
+        (["1,0", "1,1", "1,2"], "must extend along x"),
+        (["-900,0", "0,0", "0,130", "900,130"], "too-high"),
+    ],
+)
+def test_a_profile_that_is_none_is_one_line_with_its_file(tmp_path, capsys, rows, message):
+    path = tmp_path / "profile.csv"
+    path.write_text("\n".join(["x_um,z_um", *rows]) + "\n")
+    assert main(["drag", str(path), "-o", str(tmp_path / "out")]) == 2
+    error = capsys.readouterr().err
+    assert message in error
+    assert "profile.csv" in error
+    assert error.count("\n") == 1
+    assert not (tmp_path / "out").exists()
+
+
+def test_points_at_any_distance_are_the_same_profile(tmp_path):
+    # a ramp and a sharp step, drawn with few points and with many at random places
+    summaries = []
+    corners = [(-800.0, 0.0), (0.0, 0.0), (0.0, 30.0), (800.0, 30.0)]
+    extra = [(x, 0.0 if x < 0 else 30.0) for x in np.random.default_rng(1).uniform(-800, 800, 90)]
+    for name, points in (("few", corners), ("many", sorted(corners + extra, key=lambda p: p[0]))):
+        pd.DataFrame(points, columns=["x_um", "z_um"]).to_csv(tmp_path / f"{name}.csv", index=False)
+        subject = subject_of(str(tmp_path / f"{name}.csv"), {}, False, None)
+        summaries.append((subject.angle, drag(subject.track, PAPER_DRAG, DragSettings(0.5, 0.15)).peak_force))
+    assert summaries[0] == pytest.approx(summaries[1], rel=1e-6)
+
+
+@pytest.mark.parametrize(
     ("arguments", "message"),
     [
         (["25"], "stimulus must be a step height"),
@@ -172,6 +208,9 @@ def test_the_same_drag_leaves_the_same_bytes(tmp_path):
         (["25 um", "--load", "1 m"], "--load must be a force"),
         (["25 um", "--load", "-1 N"], "normal_load must be positive"),
         (["200 um"], "too-high"),
+        (["25 um", "--pull", "0 N"], "--pull must be positive"),
+        (["25 um", "--speed", "0 mm/s"], "--speed must be positive"),
+        (["25 um", "--sample-rate", "1 GHz", "--speed", "50 mm/s"], "record fewer"),
         (["step-999", "--stimuli", str(STIMULI)], "declared in"),
         (["other/step-050", "--stimuli", str(STIMULI)], "declared in"),
         (["step-050", "--stimuli", str(STIMULI), "--edge-radius", "1 um"], "--edge-radius is for a plain step"),

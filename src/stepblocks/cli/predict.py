@@ -39,6 +39,14 @@ def add_to(commands: Any) -> None:
     parser.add_argument(
         "--model", type=Path, metavar="JSON", help="model.json of stepblocks loop; FILE is a trials.csv"
     )
+    parser.add_argument(
+        "--plots", type=Path, metavar="DIR", help="draw energy against height, and maps of margins, there"
+    )
+    parser.add_argument(
+        "--conversion", choices=("constant", "simulated"), default="constant",
+        help="share of the stored energy that rings: C_v of the set (default), or that of a drag in time at --speed",
+    )  # fmt: skip
+    parser.add_argument("--speed", default="5 mm/s", metavar="Q", help="handle speed of those drags (default 5 mm/s)")
     parser.set_defaults(run=_run)
 
 
@@ -85,7 +93,19 @@ def _predict_sets(arguments: argparse.Namespace) -> int:
         for sentence in (sentence for stimuli in sets for sentence in moved_energies(stimuli, records)):
             print(sentence, file=sys.stderr)
         sets = [with_as_built(stimuli, records) for stimuli in sets]
-    predictions = [prediction for stimuli in sets for prediction in predict_set(stimuli)]
+    if arguments.conversion == "simulated":
+        from stepblocks.pipeline.predict_rings import predict_set_in_time
+        from stepblocks.quantities import parse_quantity
+
+        speed = parse_quantity(arguments.speed, "speed")
+        predictions = [prediction for stimuli in sets for prediction in predict_set_in_time(stimuli, speed)]
+    else:
+        predictions = [prediction for stimuli in sets for prediction in predict_set(stimuli)]
+    if arguments.plots:
+        from stepblocks.pipeline.predict_plots import write_plots
+
+        for path in (path for stimuli in sets for path in write_plots(stimuli, arguments.plots)):
+            print(path)
     rings = [(stimuli.name, rows) for stimuli in sets if (rows := ring_rows(stimuli))]
     if arguments.output:
         replace_text(arguments.output, as_csv(iter(predictions)))

@@ -2,8 +2,9 @@
 
 The dilation is the greatest, over the rows under the tip, of one-dimensional dilations by the tip's cut in that row.
 In each cut the contact moves with the tip, so one row costs W log W instead of W R, and the map N R log R instead of
-N R^2. Blocks of a row that lie too low to matter for a block of the result are left out, which is most of them on a
-surface that is flat over the tip's radius but for its step.
+N R^2. The tip's cuts before and behind its axis are alike: of two such rows the higher one is dilated. Blocks of a row that
+lie too low to matter for a block of the result are left out, which is most of them on a surface that is flat over the
+tip's radius but for its step.
 """
 
 from __future__ import annotations
@@ -35,38 +36,48 @@ def block_maxima(heights: Array) -> Array:
 def _cut(
     out: Array,
     touched: Array,
-    row: Array,
     offset: int,
+    row: Array,
     drop: Array,
     half: int,
     first: int,
     final: int,
     left: int,
     right: int,
-    stack: Array,
+    marks: Array,
 ) -> None:
-    """Raise columns `first` to `final` of a row of the result by the 1-D dilation of columns `left` to `right`."""
-    stack[0, 0], stack[0, 1], stack[0, 2], stack[0, 3] = first, final, left, right
-    depth = 1
-    while depth > 0:
-        depth -= 1
-        a, b, lo, hi = stack[depth, 0], stack[depth, 1], stack[depth, 2], stack[depth, 3]
-        x = (a + b) // 2
-        best, where = -np.inf, -1
-        for u in range(max(lo, x - half), min(hi, x + half) + 1):
-            rest = row[u] - drop[u - x + half]
-            if rest > best:
-                best, where = rest, u
-        if where >= 0 and best > out[x]:
-            out[x], touched[x] = best, offset + where
-        if a < x:
-            stack[depth, 0], stack[depth, 1], stack[depth, 2] = a, x - 1, lo
-            stack[depth, 3] = where if where >= 0 else hi
-            depth += 1
-        if x < b:
-            stack[depth, 0], stack[depth, 1], stack[depth, 3] = x + 1, b, hi
-            stack[depth, 2] = where if where >= 0 else lo
-            depth += 1
+    """Raise columns `first` to `final` of a row of the result by the 1-D dilation of columns `left` to `right`.
+
+    Every other column of a stride is judged between the contacts of its neighbours, then the stride is halved.
+    `marks` holds the contact of each column judged; without one, the bounds that it was judged between.
+    """
+    count = final - first + 1
+    low, high = marks[0], marks[1]
+    low[0] = left
+    stride = 1
+    while 2 * stride <= count:
+        stride *= 2
+    one = np.uint64(1)
+    while stride > 0:
+        for k in range(stride, count + 1, 2 * stride):
+            lo = low[k - stride]
+            hi = high[k + stride] if k + stride <= count else right
+            x = first + k - 1
+            best: Any = -np.inf
+            where: Any = -1
+            # unsigned indices: a signed one costs a test for counting from the end, half as much again as the whole loop
+            u, end, shift = np.uint64(max(lo, x - half)), np.uint64(max(min(hi, x + half) + 1, 0)), np.uint64(half - x)
+            while u < end:
+                rest = row[u] - drop[u + shift]
+                if rest > best:
+                    best, where = rest, np.int64(u)
+                u += one
+            if where >= 0:
+                lo = hi = where
+                if best > out[x]:
+                    out[x], touched[x] = best, offset + where
+            low[k], high[k] = lo, hi
+        stride //= 2
 
 
 @njit(cache=True)
@@ -82,6 +93,21 @@ def _candidates(top: Array, low: float, block: int, drop: Array, half: int, colu
                 begin = max(near, a - half)
             end = min(far, b + half, columns - 1)
     return begin, end
+
+
+@njit(cache=True, fastmath={"nnan", "nsz"})  # no NaN comes here; promising it lets both loops use vector registers
+def _higher(out: Array, above: Array, below: Array) -> None:
+    """Take the higher of two rows, sample by sample."""
+    for x in range(out.size):
+        out[x] = above[x] if above[x] > below[x] else below[x]
+
+
+@njit(cache=True, fastmath={"nnan", "nsz"})
+def _least(values: Array) -> float:
+    least = np.inf
+    for value in values:
+        least = value if value < least else least
+    return least
 
 
 @njit(cache=True)
@@ -101,45 +127,48 @@ def dilate_rows(heights: Array, top: Array, start: int, stop: int, drops: Array,
     depth, width = (drops.shape[0] - 1) // 2, (drops.shape[1] - 1) // 2
     out = np.full((stop - start, columns), -np.inf)
     touched = np.full((stop - start, columns), -1, np.int64)
-    stack = np.empty((128, 4), np.int64)
+    marks = np.empty((2, columns + 1), np.int64)
     blocks = top.shape[1]
+    lowest = np.empty(blocks)  # of the result in each block, so far
+    bound, higher = np.empty(blocks), np.empty(columns)
     for y in range(start, stop):
         result, where = out[y - start], touched[y - start]
-        for step in range(2 * depth + 1):  # 0, -1, +1, -2, ...: the nearest rows give the best bound first
-            shift = (step + 1) // 2 if step % 2 == 0 else -((step + 1) // 2)
-            if not 0 <= y + shift < rows or halves[depth + shift] < 0:
-                continue
+        lowest[:] = -np.inf
+        for shift in range(depth + 1):  # the nearest rows give the best bound first
             half = halves[depth + shift]
+            above, below = y - shift, y + shift
+            if half < 0 or (above < 0 and below >= rows):
+                continue
+            # the rows as far above as below meet the same cut of the tip: the higher of both is dilated, once
+            above, below = above if above >= 0 else below, below if below < rows else above
+            for k in range(blocks):
+                bound[k] = max(top[above, k], top[below, k])
             drop = drops[depth + shift, width - half : width + half + 1]
             begin = final = left = right = -1
+            joined = False
             for block in range(blocks + 1):
                 lo, hi = -1, -1
                 if block < blocks:
-                    low = np.inf
-                    for x in range(block * BLOCK, min(block * BLOCK + BLOCK, columns)):
-                        low = min(low, result[x])
-                    lo, hi = _candidates(top[y + shift], low, block, drop, half, columns)
-                if lo >= 0:  # neighbouring blocks that need this row are done together
+                    lo, hi = _candidates(bound, lowest[block], block, drop, half, columns)
+                if lo >= 0:  # neighbouring blocks that need these rows are done together
                     if begin < 0:
                         begin, left, right = block * BLOCK, lo, hi
                     left, right = min(left, lo), max(right, hi)
                     final = min(block * BLOCK + BLOCK, columns) - 1
                 elif begin >= 0:
-                    _cut(
-                        result,
-                        where,
-                        heights[y + shift],
-                        (y + shift) * columns,
-                        drop,
-                        half,
-                        begin,
-                        final,
-                        left,
-                        right,
-                        stack,
-                    )
+                    if not joined:
+                        _higher(higher, heights[above], heights[below])
+                        joined = True
+                    _cut(result, where, shift * columns, higher, drop, half, begin, final, left, right, marks)
+                    for done in range(begin // BLOCK, block):
+                        lowest[done] = _least(result[done * BLOCK : min(done * BLOCK + BLOCK, columns)])
                     begin = -1
         for x in range(columns):
             if where[x] < 0:
                 result[x] = math.nan
+                continue
+            shift, u = divmod(where[x], columns)
+            above, below = y - shift, y + shift
+            higher_above = above >= 0 and (below >= rows or heights[above, u] >= heights[below, u])
+            where[x] = (above if higher_above else below) * columns + u
     return out, touched

@@ -119,7 +119,8 @@ def si_column(
     if bad.size:
         row = int(bad[0])
         given = frame[column].iloc[row]
-        raise PipelineError(f"{column} must be a finite number, got {given!r} [{place}, row {row + 1}]")
+        text = repr(given) if isinstance(given, str) else str(given)
+        raise PipelineError(f"{column} must be a finite number, got {text} [{place}, row {row + 1}]")
     factor = parse_quantity(f"1 {unit}", dimension) if unit else 1.0
     # 25 / 1e6 is the double nearest to 25e-6; 25 * 1e-6 is not
     inverse = round(1.0 / factor)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import math
 from dataclasses import asdict
 from pathlib import Path
 from typing import Any
@@ -66,6 +67,9 @@ def drag_from_options(
         If a text is no quantity of its dimension; the message names the flag.
     """
     given = {name: _quantity(name, text, dimension) for name, (text, dimension) in options.items() if text is not None}
+    for name in ("pull", "speed"):
+        if given.get(name, 1.0) <= 0.0:
+            raise PipelineError(f"--{name} must be positive, got {options[name][0]}")
     chosen = {name: given[name] for name in _OF_THE_SUBJECT if name in given}
     subject = subject_of(stimulus, chosen, backward, where)
     values, pull = subject.values, given.get("pull", 0.0)
@@ -144,6 +148,7 @@ def _summary(trace: DragTrace, angle: float | None, name: str) -> dict[str, Any]
             "vibration_energy_j": ring.energy,
             "ring_share": ring.share,
             "ring_duration_s": ring.duration,
+            "ring_decay_time_s": None if math.isnan(ring.decay_time) else ring.decay_time,
             "ring_frequency_hz": ring.frequency,
             "loading_share_0_100_hz": ring.loading_share,
             "vibration_share_250_350_hz": ring.ring_band_share,

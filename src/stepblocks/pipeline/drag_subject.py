@@ -11,7 +11,7 @@ from stepblocks.contact.drag.track import Track, margin_track, step_track, track
 from stepblocks.contact.reference import rounded_step_profile
 from stepblocks.contact.tip import Ball
 from stepblocks.contact.tip_path import profile_path
-from stepblocks.errors import PipelineError, QuantityError
+from stepblocks.errors import ContactError, PipelineError, QuantityError
 from stepblocks.pipeline.build import stimulus_files
 from stepblocks.pipeline.columns import read_table, si_column
 from stepblocks.pipeline.declared import load_declared
@@ -176,9 +176,13 @@ def _profile(path: Path, given: dict[str, float], backward: bool) -> DragSubject
     x, z = (si_column(frame, (name,), "length", None, path) for name in ("x", "z"))
     values = _PAPER | given
     ball = Ball(values["tip_radius"])
-    track = track_of(x, z, ball, backward=backward)
     direction: Direction = "backward" if backward else "forward"
-    return DragSubject(path.name, track, steepest(profile_path(x, z, ball, edges="flat"), direction).angle, values)
+    try:
+        track = track_of(x, z, ball, backward=backward)
+        angle = steepest(profile_path(x, z, ball, edges="flat"), direction).angle
+    except ContactError as error:
+        raise PipelineError(f"{error} [{path}]") from error
+    return DragSubject(path.name, track, angle, values)
 
 
 def _find(text: str, where: Path | None) -> tuple[StimulusSet, Stimulus]:

@@ -41,6 +41,7 @@ COLUMNS = (
     "vibration_energy_uj",
     "vibration_energy_low_uj",
     "vibration_energy_high_uj",
+    "conversion",
     "mean_power_uw",
     "threshold_ratio",
     "locking_height_um",
@@ -86,6 +87,8 @@ class Prediction:
         The same at the least and the greatest angle within the tolerances of the stimulus.
     interval : Interval
         95 % interval from the tolerances of the stimulus and of the setting, drawn and by sensitivities.
+    conversion : float
+        Share of the stored energy that rings: C_v of the set, or the simulated one [1].
     """
 
     set_name: str
@@ -98,6 +101,7 @@ class Prediction:
     release: Release
     limits: tuple[Release, Release]
     interval: Interval
+    conversion: float
 
 
 def tool_of(grid: PredictionGrid) -> Tool:
@@ -143,7 +147,7 @@ def predict_set(stimuli: StimulusSet) -> Iterator[Prediction]:
                     nominal, *limits = (release_at(angle, load, friction, tool) for angle in contact.angles)
                     yield Prediction(
                         stimuli.name, stimulus.id, contact.drag, contact.ball, contact.rise, load, friction, nominal,
-                        (limits[0], limits[1]), contact.interval(friction, load),
+                        (limits[0], limits[1]), contact.interval(friction, load), tool.conversion,
                     )  # fmt: skip
 
 
@@ -237,6 +241,7 @@ def as_row(prediction: Prediction) -> dict[str, str]:
         "vibration_energy_uj": number(release.vibration_energy * 1e6),
         "vibration_energy_low_uj": number(low.vibration_energy * 1e6),
         "vibration_energy_high_uj": number(high.vibration_energy * 1e6),
+        "conversion": number(prediction.conversion),
         "mean_power_uw": number(release.mean_power * 1e6),
         "threshold_ratio": number(release.threshold_ratio),
         "locking_height_um": number(locking * 1e6) if release.status is not Status.NO_CATCH else "",

@@ -156,7 +156,7 @@ def _resolved(data: dict[str, Any], folder: Path) -> SweepPlan:
     kind, mode = _one_of(head, "kind", ("grid", "random")), _one_of(head, "mode", ("static", "drag"))
     surface = _one_of(head, "surface", ("step", "margin"))
     stimuli: list[dict[str, Any]] = []
-    declared: dict[str, Any] = {}
+    declared: dict[str, list[float]] = {}
     drawn: tuple[dict[str, float], dict[str, float]] = {}, {}
     if "set" in head:
         surface, stimuli, declared, drawn = _of_set(head, parameters, draws, folder)

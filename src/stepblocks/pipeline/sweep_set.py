@@ -45,8 +45,9 @@ def stimuli_of(path: Path, wanted: Any, tolerances: bool) -> tuple[str, list[dic
     """
     declared = load_declared(path)
     known = {stimulus.id: stimulus for stimulus in declared.stimuli}
+    chosen: list[Stimulus]
     if wanted is None:
-        chosen: list[Stimulus] = [
+        chosen = [
             stimulus for stimulus in known.values() if isinstance(stimulus, StepBlock | MarginBlock | CrownOnTooth)
         ]
     else:

@@ -14,12 +14,15 @@ from stepblocks.contact.energy import Status
 from stepblocks.contact.kernels import locking_height
 from stepblocks.contact.margin_map import MarginMap
 from stepblocks.contact.uncertainty import Inputs, Spread, interval_of
+from stepblocks.errors import ContactError
 from stepblocks.report.figure_file import new_figure, save_figure
 
 __all__ = ["draw_energy_of_height", "draw_margin_map", "draw_ring_share"]
 
 
-def draw_energy_of_height(inputs: Inputs, spread: Spread, heights: ArrayLike, path: Path) -> None:
+def draw_energy_of_height(
+    inputs: Inputs, spread: Spread, heights: ArrayLike, path: Path, marks: dict[str, float] | None = None
+) -> None:
     """Draw E_v against H with its 95 % interval and the height at which the tip locks.
 
     Parameters
@@ -30,6 +33,8 @@ def draw_energy_of_height(inputs: Inputs, spread: Spread, heights: ArrayLike, pa
         Heights [m].
     path : Path
         PNG or SVG to write.
+    marks : dict of float, optional
+        Heights [m] to mark, by name.
     """
     hs = np.asarray(heights, dtype=np.float64)
     intervals = [interval_of(replace(inputs, height=float(h)), spread, draws=4000) for h in hs]
@@ -37,6 +42,8 @@ def draw_energy_of_height(inputs: Inputs, spread: Spread, heights: ArrayLike, pa
     released = np.array([i.status is Status.RELEASES for i in intervals])
     low = np.array([i.energy_low for i in intervals])
     high = np.array([i.energy_high for i in intervals])
+    if not any(i.status is Status.RELEASES for i in intervals):
+        raise ContactError("a figure of energy against height needs a height that releases, got none")
     top = 10.0 * max(i.energy for i in intervals if i.status is Status.RELEASES)
     shown = np.isfinite(low)
     axis.fill_between(hs[shown] * 1e6, low[shown] * 1e6, np.minimum(high[shown], top) * 1e6, alpha=0.3, lw=0,
@@ -47,11 +54,17 @@ def draw_energy_of_height(inputs: Inputs, spread: Spread, heights: ArrayLike, pa
     axis.axvline(limit * 1e6, color="#b03030", ls="--", lw=1, label=f"locks from {limit * 1e6:.1f} um")
     axis.set(xlabel="step height H [um]", ylabel="vibration energy $E_v$ [uJ]", yscale="log")
     axis.set_ylim(top=top * 1e6)
+    axis.set_title(
+        f"R {inputs.ball_radius * 1e6:g} um, {inputs.normal_load:g} N, mu {inputs.friction:g}, C_v {inputs.conversion:g}",
+        fontsize=9,
+    )
+    for height in (marks or {}).values():
+        axis.plot(height * 1e6, 0.0, "|", ms=9, color="k", transform=axis.get_xaxis_transform(), clip_on=False)
     axis.legend(fontsize=8)
     save_figure(figure, path)
 
 
-def draw_margin_map(table: MarginMap, path: Path) -> None:
+def draw_margin_map(table: MarginMap, path: Path, marks: dict[str, tuple[float, float]] | None = None) -> None:
     """Draw the peak force of both directions over gap and discrepancy; held margins are hatched.
 
     Parameters
@@ -60,6 +73,8 @@ def draw_margin_map(table: MarginMap, path: Path) -> None:
         From `stepblocks.contact.margin_map.margin_map`.
     path : Path
         PNG or SVG to write.
+    marks : dict of (float, float), optional
+        Gap and discrepancy of margins to mark [m], by name.
     """
     from matplotlib.colors import LogNorm
 
@@ -73,6 +88,8 @@ def draw_margin_map(table: MarginMap, path: Path) -> None:
         held = np.where(np.isinf(force), 1.0, np.nan)
         axis.contourf(table.discrepancy * 1e6, table.gap * 1e6, held, levels=[0.5, 1.5], colors="none", hatches=["//"])
         axis.axhline(100.0, color="#b03030", lw=0.8, ls="--")
+        for gap, discrepancy in (marks or {}).values():
+            axis.plot(discrepancy * 1e6, gap * 1e6, "o", ms=4, mfc="none", color="k")
         axis.set(xlabel="discrepancy, tooth over crown [um]", ylabel="gap [um]")
         axis.set_title(f"{name} (white: no catch, hatched: held)", fontsize=9)
     figure.colorbar(mesh, ax=list(axes), label="peak force $F_{px}$ [N]")

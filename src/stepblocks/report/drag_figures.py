@@ -38,8 +38,8 @@ def draw_force(trace: DragTrace, path: Path, title: str = "") -> None:
     if trace.status is Status.RELEASES:
         axes[0].annotate(
             f"release, $F_{{px}}$ = {trace.peak_force:.3g} N",
-            (trace.release_time * 1e3, trace.peak_force), xytext=(-6, -2), textcoords="offset points",
-            ha="right", va="top", fontsize=8, color="#b03030",
+            (trace.release_time * 1e3, trace.peak_force), xytext=(8, 2), textcoords="offset points",
+            ha="left", va="top", fontsize=8, color="#b03030",
         )  # fmt: skip
     axes[1].set_xlabel("time [ms]")
     axes[0].set_title(title or f"Drag: {trace.status}", fontsize=10)

@@ -36,6 +36,8 @@ class Ring:
         E_v over the energy stored at the release [1]; the paper's C_v.
     duration : float
         Time from the release until the force stays within 5 % of the first swing around where it settles [s].
+    decay_time : float
+        Time in which the swings fall to 1/e of the first [s]; NaN where the trace ends before.
     frequency : float
         Peak of the spectrum over 16 ms after the release [Hz].
     loading_share : float
@@ -49,6 +51,7 @@ class Ring:
     energy: float
     share: float
     duration: float
+    decay_time: float
     frequency: float
     loading_share: float
     ring_band_share: float
@@ -88,12 +91,13 @@ def ring_of(trace: DragTrace, *, spectra: bool = True) -> Ring:
     loud = np.flatnonzero(np.abs(swing - _settled(trace)) > _QUIET * amplitude)
     duration = float(time[after][loud[-1]] - trace.release_time) if loud.size else 0.0
     energy = 0.5 * amplitude * amplitude / trace.probe.stiffness
+    decay = _decay_time(trace)
     if not spectra:
-        return Ring(amplitude, level, energy, energy / trace.stored_energy, duration, np.nan, np.nan, np.nan)
+        return Ring(amplitude, level, energy, energy / trace.stored_energy, duration, decay, np.nan, np.nan, np.nan)
     frequencies, power = phase_spectrum(trace, "vibration")
     loading = phase_spectrum(trace, "loading")
     return Ring(
-        amplitude, level, energy, energy / trace.stored_energy, duration, float(frequencies[np.argmax(power)]),
+        amplitude, level, energy, energy / trace.stored_energy, duration, decay, float(frequencies[np.argmax(power)]),
         band_share(*loading, LOADING_BAND), band_share(frequencies, power, RING_BAND),
     )  # fmt: skip
 
@@ -140,6 +144,25 @@ def phase_spectrum(
     padded = 1 << math.ceil(math.log2(max(part.size, rate)))
     frequency, density = periodogram(part, rate, nfft=padded, detrend="constant")
     return np.asarray(frequency), np.asarray(density * part.size / rate)
+
+
+def _decay_time(trace: DragTrace) -> float:
+    """Time after the fall in which the greatest deviation of each half period sinks to 1/e of the first [s]."""
+    force = trace.column("fx_n")[trace.column("time_s") >= _fallen(trace)]
+    rate = trace.settings.sample_rate
+    half = max(round(0.5 * rate / trace.probe.frequency), 2)
+    swings = np.abs(force[: force.size // half * half] - _settled(trace)).reshape(-1, half).max(axis=1)
+    if swings.size == 0:
+        return math.nan
+    below = np.flatnonzero(swings <= swings[0] / math.e)
+    if below.size == 0:
+        return math.nan
+    last = int(below[0])
+    # between two half periods the swings fall exponentially
+    part = math.log(swings[last - 1] * math.e / swings[0]) / max(
+        math.log(swings[last - 1] / max(swings[last], 1e-300)), 1e-300
+    )
+    return (last - 1 + min(part, 1.0)) * half / rate
 
 
 def _settled(trace: DragTrace) -> float:

@@ -17,6 +17,7 @@ from stepblocks.errors import ContactError
 __all__ = ["DragTrace", "drag"]
 
 _MOST_STEPS = 200_000_000
+_MOST_ROWS = 5_000_000
 
 
 @dataclass(frozen=True)
@@ -107,7 +108,7 @@ def drag(track: Track, probe: Probe, settings: DragSettings) -> DragTrace:
     ('releases', True)
     """
     mu_s = settings.static_friction or settings.friction
-    x = max(_features(track)[0] - settings.lead, float(track.x[0]))
+    x = max(track.features[0] - settings.lead, float(track.x[0]))
     dent = (settings.normal_load / probe.contact_stiffness) ** (1.0 / probe.contact_power)
     limit, reachable = _force_limit(track, settings, mu_s)
     dt, bristle = _time_step(probe, settings, _hardest(probe, settings, limit))
@@ -118,6 +119,10 @@ def drag(track: Track, probe: Probe, settings: DragSettings) -> DragTrace:
     every = max(round(1.0 / (settings.sample_rate * dt)), 1)
     dt = 1.0 / (settings.sample_rate * every)  # rows at exactly the sample rate
     steps = math.ceil(end / dt)
+    if steps // every > _MOST_ROWS:
+        raise ContactError(
+            f"sample_rate of {settings.sample_rate:g} Hz gives more than {_MOST_ROWS} rows; record fewer"
+        )
     y = float(np.interp(x, track.x, track.height)) - dent
     sliding = settings.friction * settings.normal_load
     driven = settings.speed > 0.0
@@ -142,16 +147,6 @@ def drag(track: Track, probe: Probe, settings: DragSettings) -> DragTrace:
     return DragTrace(
         rows[:count].copy(), status, float(peak[0]), float(peak[1]), float(peak[2]), named, dt, probe, settings
     )
-
-
-def _features(track: Track) -> tuple[float, float]:
-    """Find where the path first and last bends or slopes by more than a degree [m]; the middle if it is flat."""
-    slope = np.maximum(np.abs(track.slope_left), np.abs(track.slope_right))
-    found = np.flatnonzero(slope > math.tan(math.radians(1.0)))
-    if found.size == 0:
-        middle = 0.5 * float(track.x[0] + track.x[-1])
-        return middle, middle
-    return float(track.x[found[0]]), float(track.x[found[-1]])
 
 
 def _force_limit(track: Track, settings: DragSettings, mu: float) -> tuple[float, bool]:
@@ -186,7 +181,7 @@ def _time_step(probe: Probe, settings: DragSettings, force: float) -> tuple[floa
 def _duration(track: Track, probe: Probe, settings: DragSettings, x: float, limit: float) -> float:
     if settings.speed <= 0.0:
         return 20.0 * settings.ring_time
-    travel = _features(track)[1] - x + limit / probe.stiffness
+    travel = track.features[1] - x + limit / probe.stiffness
     return travel / settings.speed + settings.ring_time
 
 

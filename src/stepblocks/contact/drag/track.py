@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -47,10 +48,20 @@ class Track:
     kinks: NDArray[np.int64]
     ball_radius: float
 
-    @property
+    @cached_property
     def steepest_angle(self) -> float:
         """Critical angle towards growing x [rad]."""
         return math.atan(max(float(self.slope_right.max()), 0.0))
+
+    @cached_property
+    def features(self) -> tuple[float, float]:
+        """Where the path first and last bends or slopes by more than a degree [m]; the middle if it is flat."""
+        slope = np.maximum(np.abs(self.slope_left), np.abs(self.slope_right))
+        found = np.flatnonzero(slope > math.tan(math.radians(1.0)))
+        if found.size == 0:
+            middle = 0.5 * float(self.x[0] + self.x[-1])
+            return middle, middle
+        return float(self.x[found[0]]), float(self.x[found[-1]])
 
 
 def track_of(x: ArrayLike, z: ArrayLike, ball: Ball, *, backward: bool = False, surface: Surface = "polyline") -> Track:

@@ -1,0 +1,85 @@
+"""Predictions with the share of the stored energy that rings by simulation, in place of the paper's constant C_v."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from dataclasses import replace
+
+from stepblocks.contact.drag.model import DragSettings, probe_of_frequency
+from stepblocks.contact.drag.ring import ring_of
+from stepblocks.contact.drag.simulate import drag
+from stepblocks.contact.energy import Release, Status
+from stepblocks.contact.uncertainty import Interval
+from stepblocks.errors import PipelineError
+from stepblocks.pipeline.declared import with_energy_tolerances
+from stepblocks.pipeline.drag_subject import declared_subject
+from stepblocks.pipeline.predict import Prediction, predict_set
+from stepblocks.stimulus.set import StimulusSet
+from stepblocks.stimulus.sheath import Sheath
+from stepblocks.stimulus.tip import HookTip, StraightTip
+
+__all__ = ["predict_set_in_time"]
+
+
+def predict_set_in_time(stimuli: StimulusSet, speed: float) -> Iterator[Prediction]:
+    """Predict a set over its grid, each condition dragged in time once to see what share of the stored energy rings.
+
+    Parameters
+    ----------
+    stimuli : StimulusSet
+        The set.
+    speed : float
+        Of the handle [m/s].
+
+    Yields
+    ------
+    Prediction
+        As `stepblocks.pipeline.predict.predict_set`: forces are those of equation (1), energies those of its stored energy
+        times the simulated share. Limits and intervals are scaled alike, so the share counts as known. Where the drag in
+        time does not release, or where nothing of what is stored rings, the energy is 0.
+
+    Raises
+    ------
+    PipelineError
+        If the speed is not positive and finite.
+    """
+    if not (math.isfinite(speed) and speed > 0.0):
+        raise PipelineError(f"speed must be positive and finite, got {speed:g} m/s")
+    stimuli = with_energy_tolerances(stimuli)
+    known = {stimulus.id: stimulus for stimulus in stimuli.stimuli}
+    for one in predict_set(stimuli):
+        if one.release.status is not Status.RELEASES:
+            yield one
+            continue
+        stimulus = known[one.stimulus]
+        given = {"load": one.normal_load, "friction": one.friction}
+        if isinstance(stimulus, StraightTip | HookTip | Sheath):
+            given["step_height"] = one.step_height
+        if not isinstance(stimulus, StraightTip | HookTip):
+            given["tip_radius"] = one.tip_radius
+        subject = declared_subject(stimuli, stimulus, given, one.drag == "crown-to-tooth")
+        values = subject.values
+        probe = probe_of_frequency(
+            values["frequency"], one.tip_radius, values["stiffness"], damping_ratio=values["damping_ratio"]
+        )
+        trace = drag(subject.track, probe, DragSettings(one.normal_load, one.friction, speed=speed))
+        share = ring_of(trace, spectra=False).share if trace.status is Status.RELEASES else 0.0
+        factor = share / stimuli.prediction.tool.conversion
+        yield replace(
+            one, release=_scaled(one.release, factor), limits=(_scaled(one.limits[0], factor), _scaled(one.limits[1], factor)),
+            interval=_scaled_interval(one.interval, factor), conversion=share,
+        )  # fmt: skip
+
+
+def _scaled(release: Release, factor: float) -> Release:
+    names = ("vibration_energy", "mean_power", "threshold_ratio")
+    return replace(release, **{name: factor * getattr(release, name) for name in names})
+
+
+def _scaled_interval(interval: Interval, factor: float) -> Interval:
+    names = ("energy", "energy_low", "energy_high", "analytic_energy_low", "analytic_energy_high")
+    # an end that is infinite, because draws are held, stays so
+    return replace(interval, **{
+        name: value if math.isinf(value := getattr(interval, name)) else factor * value for name in names
+    })  # fmt: skip
