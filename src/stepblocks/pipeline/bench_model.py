@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict, dataclass, field
+from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
@@ -86,7 +86,7 @@ class SessionModel:
     def parameters(self, trials: Trials) -> tuple[Parameter, ...]:
         """Constants of the nominal model and the height errors of the blocks of a table."""
         found = constants(self.design(trials), self.frequency, self.decay_time, self.height_std, self.scanned)
-        return tuple(Parameter(**asdict(c)) for c in found)
+        return tuple(Parameter(**vars(c)) for c in found)
 
     def systematics(self, trials: Trials) -> list[Systematic]:
         """Errors that the evaluation of traces may share among trials: along height, load, speed and their squares."""
@@ -150,7 +150,7 @@ def effect_of(law: Law) -> Effect:
         slot=law.slot,
         covariate=law.covariate,
         form=law.form,
-        parameters=tuple(Parameter(**asdict(c)) for c in law.parameters),
+        parameters=tuple(Parameter(**vars(c)) for c in law.parameters),
         amplitudes=law.amplitudes,
         apply=apply,
         shapes=law.shapes,
