@@ -93,21 +93,25 @@ def _interpolation() -> Any:
         """Both tables at once, linear along each axis; points beyond an axis take its end."""
         count = points[0].size
         found = np.zeros((2, count))
-        cell, weight = np.empty(4, np.int64), np.empty(4)
+        at, weight, stride = np.empty(4, np.int64), np.empty(4), np.ones(4, np.int64)
+        for d in range(2, -1, -1):
+            stride[d] = stride[d + 1] * axes[d + 1].size
         for i in range(count):
             for d in range(4):
                 axis = axes[d]
                 x = min(max(points[d][i], axis[0]), axis[-1])
-                at = min(np.searchsorted(axis, x, side="right") - 1, axis.size - 2)
-                cell[d], weight[d] = at, (x - axis[at]) / (axis[at + 1] - axis[at])
+                cell = 0
+                while cell < axis.size - 2 and axis[cell + 1] <= x:
+                    cell += 1
+                at[d], weight[d] = cell, (x - axis[cell]) / (axis[cell + 1] - axis[cell])
             for corner in range(16):
-                share_of_corner, j = 1.0, cell.copy()
+                part, place = 1.0, 0
                 for d in range(4):
                     up = (corner >> d) & 1
-                    share_of_corner *= weight[d] if up else 1.0 - weight[d]
-                    j[d] += up
-                found[0, i] += share_of_corner * excess[j[0], j[1], j[2], j[3]]
-                found[1, i] += share_of_corner * share[j[0], j[1], j[2], j[3]]
+                    part *= weight[d] if up else 1.0 - weight[d]
+                    place += (at[d] + up) * stride[d]
+                found[0, i] += part * excess[place]
+                found[1, i] += part * share[place]
         return found[0], found[1]
 
     return interpolate
@@ -144,5 +148,5 @@ def released(height: Floats, friction: Floats, stiffness: Floats, speed: Floats)
     """
     points = tuple(np.ascontiguousarray(x) for x in (height, friction, np.log(stiffness), np.log(speed)))
     axes = (_HEIGHT, _FRICTION, _LN_STIFFNESS, _LN_SPEED)
-    excess, share = _interpolation()(points, axes, *release_table())
+    excess, share = _interpolation()(points, axes, *(table.ravel() for table in release_table()))
     return np.asarray(excess), np.asarray(share)
