@@ -89,7 +89,8 @@ def study(rig: Rig, count: int, rubbing: bool, seed: int = 7) -> dict[str, tuple
     for _ in range(count):
         truth = draw(random, rubbing)
         trace, onset, release = record(truth, rig, random)
-        features = measure_trace(trace, K, truth.slope / K).features
+        # a session tells frequency and decay of its tool from a few clear trials
+        features = measure_trace(trace, K, truth.slope / K, (truth.frequency, truth.decay_time)).features
         for name, value in expected(truth, rig.drift, onset, release).items():
             error = features[name] - value
             errors[name].append(error / value if value else error)
