@@ -67,6 +67,8 @@ def channels_of(
         energy, floor = ringing - lost_energy[i], 0.1 * ringing
         if not energy > floor:
             energy = floor * math.exp(min(energy / floor - 1.0, 0.0))
+        # an amplitude of force counts as A^2 / 2k with the nominal k, whatever k it rings with
+        energy *= ring_stiffness[i] / nominal_stiffness
         # the same gauge shows the ring smaller
         energy /= 1.0 + (2.0 * math.pi * frequency[i] * late) ** 2
         sensed = max(set_load[i] + sensed_offset[i], 1e-3)

@@ -142,7 +142,8 @@ def observe(state: DragState) -> Floats:
 
     Notes
     -----
-    The energy is what an amplitude of force A shows, ``A^2 / 2k``: the square of the gauge's gain enters. A gauge of
+    The energy is what an amplitude of force A shows, ``A^2 / 2k`` with the nominal k: the square of the gauge's gain
+    enters, and a spring that is stiffer in load and ring stores less but shows the same amplitude. A gauge of
     first order shows a ramp late by its time constant, so the peak falls short by ``k v tau (1 - exp(-t / tau))``, and
     the ring with its amplitude over ``sqrt(1 + (2 pi f tau)^2)``.
     """

@@ -99,6 +99,14 @@ SLOT_MOVES: dict[str, tuple[str, Move]] = {
         "stiffness",
         lambda s, g: s.changed(stiffness=s.stiffness * np.exp(g), ring_stiffness=s.ring_stiffness * np.exp(g)),
     ),
+    "weighed_stiffness": (
+        "stiffness",
+        lambda s, g: s.changed(
+            stiffness=s.stiffness * np.exp(g),
+            ring_stiffness=s.ring_stiffness * np.exp(g),
+            conversion=s.conversion * np.exp(-g),
+        ),
+    ),
     "ramp_stiffness": ("stiffness", lambda s, g: s.changed(stiffness=s.stiffness * np.exp(g))),
     "conversion": ("conversion", lambda s, g: s.changed(conversion=s.conversion * np.exp(g))),
     "drag": ("drag", lambda s, g: s.changed(drag=s.drag + 0.1 * g)),
@@ -115,6 +123,7 @@ _FORMS = {
     "seen_load": "F_py exp g, seen by the gauge",
     "climb_load": "F_py exp g while climbing",
     "stiffness": "k exp g",
+    "weighed_stiffness": "k exp g, energies weighed with it",
     "ramp_stiffness": "k exp g, ring unchanged",
     "conversion": "C_v exp g",
     "drag": "F_x + 0.1 N g",
