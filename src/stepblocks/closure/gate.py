@@ -148,7 +148,9 @@ def _evaluate(directions: Sequence[_Direction], vectors: Floats) -> tuple[Floats
 def _log_p(gains: Floats, freedom: Floats, noise_dof: float) -> Floats:
     if not np.isfinite(noise_dof):
         return np.asarray(stats.chi2.logsf(gains, freedom[:, None]))
-    return np.asarray(stats.f.logsf(gains / freedom[:, None], freedom[:, None], noise_dof))
+    found = np.asarray(stats.f.logsf(gains / freedom[:, None], freedom[:, None], noise_dof))
+    # beyond the smallest number the leading term of the tail keeps the order
+    return np.where(np.isneginf(found), -745.0 - 0.5 * noise_dof * np.log1p(gains / noise_dof), found)
 
 
 def _least_log_p(gains: Floats, freedom: Floats, noise_dof: float) -> Floats:

@@ -111,6 +111,12 @@ class DragState:
         load = np.maximum(self.load + self.climb_load, 1e-3)
         return np.asarray(np.maximum(load * np.tan(self.angle()) + self.drag + self.climb_drag, 1e-4))
 
+    def loading_time(self) -> Floats:
+        """Time from the first load on the edge to release [s]: the ramp from sliding to the peak."""
+        sliding = np.maximum(self.load, 1e-3) * np.tan(np.arctan(self.friction) + self.tilt) + self.drag
+        rise = np.maximum(self.peak_force() - sliding, 0.0)
+        return np.asarray(rise / (self.stiffness * self.speed))
+
     def changed(self, **slots: Any) -> DragState:
         """Return a copy with some slots changed; cheaper than ``dataclasses.replace`` in inner loops."""
         copy = object.__new__(DragState)

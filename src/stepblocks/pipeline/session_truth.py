@@ -111,6 +111,8 @@ def _column(law: Law, state: DragState, row: Mapping[str, str]) -> Any:
         return None
     if law.covariate == "peak_force_n":
         return state.peak_force()
+    if law.covariate == "loading_time_s":
+        return state.loading_time()
     cell = row[law.covariate]
     return np.array([cell]) if law.covariate == "block" else np.array([float(cell)])
 
