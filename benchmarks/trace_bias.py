@@ -13,6 +13,7 @@ import numpy as np
 
 from stepblocks.bench.features import measure_trace
 from stepblocks.bench.waveform import Rig, Truth, record
+from stepblocks.pipeline.drag_session import TrueDrag, drag_trial
 
 K = 9810.0
 CASES = {
@@ -89,7 +90,8 @@ def study(rig: Rig, count: int, rubbing: bool, seed: int = 7) -> dict[str, tuple
     for _ in range(count):
         truth = draw(random, rubbing)
         trace, onset, release = record(truth, rig, random)
-        features = measure_trace(trace, K, truth.slope / K).features
+        # a session tells frequency and decay of its tool from a few clear trials
+        features = measure_trace(trace, K, truth.slope / K, (truth.frequency, truth.decay_time)).features
         for name, value in expected(truth, rig.drift, onset, release).items():
             error = features[name] - value
             errors[name].append(error / value if value else error)
@@ -109,7 +111,42 @@ def study(rig: Rig, count: int, rubbing: bool, seed: int = 7) -> dict[str, tuple
     return result
 
 
+def dragged(count: int, seed: int = 7) -> dict[str, tuple[float, float, float, float, float]]:
+    """Do the same for peak and energy of drags in time, whose peaks are round and whose tips may fly."""
+    random = np.random.default_rng(seed)
+    names = ("peak_force_n", "vibration_energy_j")
+    errors: dict[str, list[float]] = {name: [] for name in names}
+    pulls: dict[str, list[float]] = {name: [] for name in names}
+    while len(errors["peak_force_n"]) < count:
+        load, height = float(random.choice([0.3, 0.5, 0.8, 1.1])), float(random.uniform(10e-6, 80e-6))
+        speed = float(random.choice([2e-3, 5e-3, 10e-3, 20e-3]))
+        trial = drag_trial(TrueDrag(height, 125e-6, 0.0, 0.16, load, speed, K, 270.0, 28.4e-3), Rig(), random)
+        if trial is None or trial.amplitude < 0.05:
+            continue  # locked, or climbed down without a ring
+        features = measure_trace(trial.trace, K, speed, (270.0, 28.4e-3)).features
+        true = {
+            "peak_force_n": trial.peak_force,
+            "vibration_energy_j": trial.amplitude**2 / (2.0 * K),
+        }
+        for name, value in true.items():
+            errors[name].append(features[name] / value - 1.0)
+            pulls[name].append((features[name] - value) / features[FEATURES[name]])
+    return {
+        name: (
+            float(np.mean(errors[name])),
+            float(np.std(errors[name])),
+            float(np.mean(pulls[name])),
+            float(np.std(pulls[name])),
+            float(np.mean(np.abs(pulls[name]) > 3.0)),
+        )
+        for name in names
+    }
+
+
 def main(count: int) -> None:
+    print(f"\ndrag in time, as the shared sessions, {count} records")
+    for name, (bias, spread, mean, width, tail) in dragged(count).items():
+        print(f"{name:26s} {bias * 100:9.4f}% {spread * 100:9.4f} {mean:10.2f} {width:10.2f} {tail:9.3f}")
     for rubbing in (False, True):
         for case, rig in CASES.items():
             print(f"\n{'rubbing' if rubbing else 'damped'} ring, {case}, {count} records")

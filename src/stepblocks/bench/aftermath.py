@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from stepblocks.bench.approach import Approach
 from stepblocks.bench.landmarks import Landmarks
 from stepblocks.bench.ring import Ring, fit_ring, guess_ring, linear_decay, ring_amplitude
-from stepblocks.bench.rubbing_ring import RubbingRing, fit_rubbing_ring
+from stepblocks.bench.rubbing_ring import GUESSED, TOLD, RubbingRing, fit_rubbing_ring
 
 __all__ = ["Aftermath", "settle", "settle_from"]
 
@@ -24,9 +24,39 @@ _SETTLED = 7.0  # misfit up to which a trough is taken for the begin of the free
 _MUCH_BETTER = 0.5  # a later trough must leave this share at most: some of the ring is lost with each
 _MOST_COLOUR = 3.0  # the noise while sliding counts up to this many times the white noise
 _MOST_TROUGHS = 8
+_FAR = 2.5  # spreads of the tool's figures within which a fit is still of that tool
+_TROUGH_SHARE = 0.18  # of a period about the bottom of a swing, in which it is a piece of a cosine
 _FIRST_SWINGS = 25e-3  # [s]
 _HEARD = 1.3
 _USUAL_DECAY = 25e-3  # [s] first guess where nothing says better
+
+
+@dataclass(frozen=True)
+class Swing:
+    """First swing after a slip: how far below the sliding level it went, and when.
+
+    Attributes
+    ----------
+    depth, depth_std : float
+        Level less the force in the trough, and its standard uncertainty [N].
+    instant : float
+        When the trough was reached [s].
+    decay_time : tuple of float
+        Decay time of the tool and its standard uncertainty [s].
+    """
+
+    depth: float
+    depth_std: float
+    instant: float
+    decay_time: tuple[float, float]
+
+    def amplitude(self, instant: float) -> tuple[float, float]:
+        """Amplitude carried back to `instant`, and its standard uncertainty [N]; viscous decay alone takes from it."""
+        decay, decay_std = self.decay_time
+        reach = self.instant - instant
+        growth = float(np.exp(reach / decay))
+        carried = self.depth * growth
+        return carried, float(np.hypot(self.depth_std * growth, carried * reach / decay**2 * decay_std))
 
 
 @dataclass(frozen=True)
@@ -43,6 +73,11 @@ class Aftermath:
         Value and standard uncertainty [N, Hz, s, N, N/s].
     ring : Ring or RubbingRing
         The fit.
+    swing : Swing, optional
+        First swing after the slip, where it tells the amplitude better than the fit: the ring could only be fitted from
+        a later one on, or the fit is not that of the tool.
+    sample : float
+        Time between two samples [s].
     """
 
     kind: str
@@ -53,12 +88,18 @@ class Aftermath:
     level: tuple[float, float]
     friction_decay: tuple[float, float]
     ring: Ring | RubbingRing
+    swing: Swing | None = None
+    sample: float = 0.0
 
     def carried_to(self, instant: float) -> Aftermath:
         """Return the same with the amplitude at another instant [s]."""
         ring = self.ring
-        amplitude = ring_amplitude(ring, instant) if isinstance(ring, Ring) else ring.amplitude(instant)
-        return replace(self, start=instant, amplitude=amplitude)
+        if isinstance(ring, Ring):
+            return replace(self, start=instant, amplitude=ring_amplitude(ring, instant))
+        amplitude, std = self.swing.amplitude(instant) if self.swing else ring.amplitude(instant)
+        # when the tip lets go is seen to a sample, and friction costs amplitude from then on
+        unseen = amplitude * self.sample / self.decay_time[0] if self.decay_time[0] > 0.0 else 0.0
+        return replace(self, start=instant, amplitude=(amplitude, float(np.hypot(std, unseen))))
 
     @property
     def origin(self) -> float:
@@ -96,11 +137,13 @@ def settle(
     rubbing = _best_rubbing(time, force, marks, approach, tool)
     if rubbing is None:
         return _of_bell(bell, top)
-    common = time[first:] >= rubbing[0].origin
+    fitted = rubbing[0]
+    common = time[first:] >= fitted.origin
     left = float(np.sum(bell.fit.residuals[common] ** 2))
-    if float(np.sum(rubbing[0].residuals ** 2)) > _BETTER * left:
+    # what misses a bell in its first swing alone hardly weighs in the sum
+    if fitted.misfit > _GOOD and float(np.sum(fitted.residuals**2)) > _BETTER * left:
         return _of_bell(bell, top)
-    return _of_rubbing(*rubbing)
+    return _of_rubbing(*rubbing, float(np.median(np.diff(time))), tool)
 
 
 def settle_from(
@@ -136,32 +179,44 @@ def _of_bell(bell: Ring, top: float) -> Aftermath:
     )
 
 
-def _of_rubbing(fit: RubbingRing, start: float) -> Aftermath:
+def _of_rubbing(
+    fit: RubbingRing, start: float, swing: Swing | None, sample: float, tool: tuple[float, float] | None
+) -> Aftermath:
     level, gap, frequency, decay = (float(v) for v in fit.values[:4])
-    known = fit.knows_gap
+    far = (0.0, 0.0)
+    if tool is not None and not _is_of(tool, fit):
+        # a fit of few swings may find another tool: then it knows no better than that
+        far = (abs(frequency - tool[0]), abs(decay - tool[1]))
+    known = fit.knows_gap and not any(far)
     return Aftermath(
         kind="rubbing",
         start=start,
-        amplitude=fit.amplitude(start),
-        frequency=(frequency, fit.std(2)),
-        decay_time=(decay, fit.std(3)),
+        amplitude=(np.nan, np.nan),
+        frequency=(frequency, float(np.hypot(fit.std(2), far[0]))),
+        decay_time=(decay, float(np.hypot(fit.std(3), far[1]))),
         level=(level, fit.std(0)),
         friction_decay=(2.0 * gap * frequency, 2.0 * frequency * fit.std(1)) if known else (np.nan, np.nan),
         ring=fit,
-    )
+        swing=swing,
+        sample=sample,
+    ).carried_to(start)
+
+
+def _is_of(tool: tuple[float, float], fit: RubbingRing) -> bool:
+    return all(abs(fit.values[2 + i] - tool[i]) <= _FAR * TOLD[i] * tool[i] for i in (0, 1))
 
 
 def _best_rubbing(
     time: Array, force: Array, marks: Landmarks, approach: Approach, tool: tuple[float, float] | None
-) -> tuple[RubbingRing, float] | None:
-    """Fit from one trough after the other, until the tip no longer climbs; with the begin of that ring."""
+) -> tuple[RubbingRing, float, Swing | None] | None:
+    """Fit from one trough after the other, until the tip no longer climbs; with the begin of the ring."""
     clean = force - approach.hum(time)
     after = clean[marks.peak :]
     tail = after[int(after.size * (1.0 - _TAIL_SHARE)) :]
     level = float(np.median(tail))
-    best: tuple[RubbingRing, float] | None = None
+    best: tuple[RubbingRing, float, Swing | None] | None = None
     for guess in _tool_guesses(time, clean, marks, approach, tool):
-        best = _from_troughs(time, clean, marks, approach.slope, level, guess, best)
+        best = _from_troughs(time, clean, marks, approach.slope, level, (*guess, TOLD if tool else GUESSED), best)
         if best is not None and best[0].misfit < _SETTLED:
             break
     return best
@@ -173,19 +228,44 @@ def _from_troughs(
     marks: Landmarks,
     slope: float,
     level: float,
-    guess: tuple[float, float],
-    best: tuple[RubbingRing, float] | None,
-) -> tuple[RubbingRing, float] | None:
-    frequency, decay = guess
-    for trough, crossing in _troughs(time, clean, marks, level, frequency)[:_MOST_TROUGHS]:
+    guess: tuple[float, float, tuple[float, float]],
+    best: tuple[RubbingRing, float, Swing | None] | None,
+) -> tuple[RubbingRing, float, Swing | None] | None:
+    frequency, decay, spread = guess
+    troughs = _troughs(time, clean, marks, level, frequency)[:_MOST_TROUGHS]
+    for number, (trough, _) in enumerate(troughs):
         origin = float(time[trough])
-        fit = fit_rubbing_ring(time[trough:], clean[trough:], origin, (level, frequency, decay), slope, marks.noise)
-        start = max(float(time[marks.peak]), crossing - 0.25 / fit.values[2])
+        fit = fit_rubbing_ring(
+            time[trough:], clean[trough:], origin, (level, frequency, decay), slope, marks.noise, spread
+        )
         if best is None or fit.misfit < _MUCH_BETTER * best[0].misfit:
-            best = (fit, start)
+            start = max(float(time[marks.peak]), troughs[0][1] - 0.25 / fit.values[2])
+            # the release is that of the first swing, whichever swing the free ring begins with
+            clear = number == 0 and fit.misfit < _GOOD and _is_of((frequency, decay), fit)
+            told = (frequency, decay) if spread is TOLD else None
+            best = (fit, start, None if clear else _first_swing(time, clean, troughs[0][0], fit, told))
         if best[0].misfit < _SETTLED:
             break
     return best
+
+
+def _first_swing(time: Array, clean: Array, trough: int, fit: RubbingRing, tool: tuple[float, float] | None) -> Swing:
+    """Bottom of the first swing, by a piece of a cosine about it."""
+    level, gap = (float(v) for v in fit.values[:2])
+    frequency, decay = tool or (float(fit.values[2]), float(fit.values[3]))
+    near = np.abs(time - time[trough]) < _TROUGH_SHARE / frequency
+    t, y = time[near] - time[trough], clean[near]
+    phase = 2.0 * np.pi * frequency * t
+    columns = np.column_stack([np.ones_like(t), np.cos(phase), np.sin(phase)])
+    weights = np.linalg.lstsq(columns, y, rcond=None)[0]
+    curve = columns @ weights
+    lowest = int(np.argmin(curve))
+    own = float(np.sqrt(np.mean((y - curve) ** 2) * 3.0 / max(t.size - 3, 1)))
+    # a tip that has left the surface swings about no force, one that slides about the level: which, is not seen
+    unseen = 0.25 * gap if fit.knows_gap else 0.5 * abs(level)
+    spread = TOLD[1] * decay if tool else fit.std(3)
+    depth = level - float(curve[lowest])
+    return Swing(depth, float(np.hypot(own, unseen)), float(time[trough] + t[lowest]), (decay, spread))
 
 
 def _tool_guesses(

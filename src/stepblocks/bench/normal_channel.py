@@ -39,17 +39,25 @@ def sympathetic_force(time: Array, normal: Array, approach: Approach, after: Aft
     """
     begin = int(np.searchsorted(time, max(after.start + _SETTLE, after.origin)))
     t, y = time[begin:], normal[begin:]
-    since = t - after.start
-    phase = 2.0 * np.pi * after.frequency[0] * since
-    decay = np.exp(-since / after.decay_time[0])
-    columns = np.column_stack(
-        [decay * np.cos(phase), decay * np.sin(phase), np.ones_like(t), t - t.mean(), _hum(t, approach.mains)]
-    )
-    weights = np.linalg.lstsq(columns, y, rcond=None)[0]
-    covariance, _ = covariance_of(columns, y - columns @ weights)
-    amplitude = float(np.hypot(weights[0], weights[1]))
-    if amplitude == 0.0:
-        return 0.0, float(np.sqrt(covariance[0, 0]))
-    gradient = np.zeros(6)
-    gradient[:2] = weights[:2] / amplitude
-    return amplitude, propagated(gradient, covariance)
+    still = np.column_stack([np.ones_like(t), t - t.mean(), _hum(t, approach.mains)])
+
+    def ringing(frequency: float, decay_time: float) -> tuple[float, float]:
+        since = t - after.start
+        phase = 2.0 * np.pi * frequency * since
+        decay = np.exp(-since / decay_time)
+        columns = np.column_stack([decay * np.cos(phase), decay * np.sin(phase), still])
+        weights = np.linalg.lstsq(columns, y, rcond=None)[0]
+        covariance, _ = covariance_of(columns, y - columns @ weights)
+        size = float(np.hypot(weights[0], weights[1]))
+        if size == 0.0:
+            return 0.0, float(np.sqrt(covariance[0, 0]))
+        gradient = np.zeros(6)
+        gradient[:2] = weights[:2] / size
+        return size, propagated(gradient, covariance)
+
+    (frequency, frequency_std), (decay, decay_std) = after.frequency, after.decay_time
+    amplitude, own = ringing(frequency, decay)
+    # what is uncertain of the tangential ring, whose course this one is taken to follow
+    moved = ringing(frequency + frequency_std, decay)[0], ringing(frequency, decay + decay_std)[0]
+    late = amplitude * after.sample / decay if decay > 0.0 else 0.0
+    return amplitude, float(np.linalg.norm([own, moved[0] - amplitude, moved[1] - amplitude, late]))

@@ -25,6 +25,9 @@ _TOP_SHARE = 0.06  # of the rise: a rounded peak is fitted where the force is wi
 _TOP_REACH = 6e-3  # [s] at most this far from the highest sample
 
 
+_ROUND_SPREAD = 1.3  # a cubic is not the law of a rounded peak: pulls on drags in time are wider by this
+
+
 @dataclass(frozen=True)
 class Peak:
     """Peak of the tangential force.
@@ -141,5 +144,5 @@ def _rounded(time: Array, force: Array, marks: Landmarks, approach: Approach) ->
     heights = np.vander(grid, 4, increasing=True) @ weights
     best = int(np.argmax(heights))
     gradient = np.asarray(grid[best] ** np.arange(4), dtype=float)
-    spread = propagated(gradient, covariance)
+    spread = _ROUND_SPREAD * propagated(gradient, covariance)
     return Peak(float(time[marks.peak] + grid[best] * reach), float(heights[best]), spread, corner=False)

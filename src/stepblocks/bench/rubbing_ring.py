@@ -21,11 +21,13 @@ from stepblocks.bench.ring import BEGIN
 from stepblocks.bench.rubbing_kernel import rubbing_kernel
 from stepblocks.bench.separable import covariance_of, misfit, numeric_jacobian, propagated
 
-__all__ = ["RubbingRing", "fit_rubbing_ring", "rubbing_force"]
+__all__ = ["GUESSED", "TOLD", "RubbingRing", "fit_rubbing_ring", "rubbing_force"]
 
 Array = NDArray[np.float64]
 
-_TOOL_SPREAD = (0.05, 0.4)  # relative, of frequency and decay time from trial to trial
+GUESSED, TOLD = (0.05, 0.4), (0.02, 0.12)
+"""Relative spread of frequency and decay time about a guess from the trial itself, and about what others told."""
+
 _GOOD = 4.0  # misfit at which no other start is tried
 
 
@@ -142,6 +144,13 @@ def _model(values: Array, time: Array, slope: float) -> Array:
     return np.asarray(force + drift * time, dtype=float)
 
 
+def _turns(values: Array, time: Array, slope: float) -> bool:
+    """Whether the tip ever slips back in this course, so that the gap matters to it."""
+    other = values.copy()
+    other[1] *= 0.98
+    return bool(np.any(_model(values, time, slope) != _model(other, time, slope)))
+
+
 def fit_rubbing_ring(
     time: Array,
     force: Array,
@@ -149,6 +158,7 @@ def fit_rubbing_ring(
     guess: tuple[float, float, float],
     slope: float,
     noise: float,
+    spread: tuple[float, float] = GUESSED,
 ) -> RubbingRing:
     """Fit a ring limited by friction to the samples from `origin` on, hum taken off before.
 
@@ -164,6 +174,8 @@ def fit_rubbing_ring(
         Slope of the loading ramp [N/s].
     noise : float
         White noise of the trace [N].
+    spread : tuple of float
+        Relative spread of frequency and decay time about their guesses.
 
     Returns
     -------
@@ -174,7 +186,7 @@ def fit_rubbing_ring(
 
     level, frequency, decay = guess
     # what is known of the tool holds a ring that is too faint to tell; a clear ring outweighs it
-    known = noise / np.array([_TOOL_SPREAD[0] * frequency, _TOOL_SPREAD[1] * decay])
+    known = noise / np.array([spread[0] * frequency, spread[1] * decay])
     begin = int(np.searchsorted(time, origin + BEGIN))
     t = time - origin
     offset = float(force[:3].mean()) - level
@@ -194,7 +206,7 @@ def fit_rubbing_ring(
         )
         if best is None or found.cost < best.cost:
             best = found
-        if misfit(best.fun[:-2], 7, begin, noise) < _GOOD:
+        if misfit(best.fun[:-2], 7, begin, noise) < _GOOD and _turns(np.asarray(best.x), t, slope):
             break
     assert best is not None
     values = np.asarray(best.x, dtype=float)

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from stepblocks.bench.rubbing_ring import rubbing_force
 from stepblocks.bench.trace import Trace
 
-__all__ = ["Rig", "Truth", "record"]
+__all__ = ["Rig", "Truth", "disturbed", "oversampling", "record"]
 
 Array = NDArray[np.float64]
 
@@ -123,12 +123,34 @@ def record(truth: Truth, rig: Rig, random: np.random.Generator, gain: float = 1.
     release = onset + (truth.peak_force - truth.sliding_force) / truth.slope
     # the clock does not know of the events: their phase against it is any
     count = math.ceil((release + rig.tail * truth.decay_time) * rig.sample_rate)
-    factor = 1 if math.isinf(rig.bandwidth) else _OVERSAMPLING
+    factor = oversampling(rig)
     fine = np.arange(count * factor) / (rig.sample_rate * factor)
     tangential = gain * _tangential(fine, truth, rig, onset, release, random)
     normal = truth.load + _sympathetic(fine, truth, release)
+    return disturbed(tangential, normal, rig, random), onset, release
+
+
+def disturbed(tangential: Array, normal: Array, rig: Rig, random: np.random.Generator) -> Trace:
+    """Put on true forces what a rig adds: the sensor's lag, hum, drift, noise, the steps of the converter.
+
+    Parameters
+    ----------
+    tangential, normal : ndarray, shape (n * oversampling(rig),)
+        True forces [N] on the clock of the rig, made finer by `oversampling`.
+    rig : Rig
+        The rig.
+    random : numpy.random.Generator
+        Source of phases and noise.
+
+    Returns
+    -------
+    Trace
+        Record of n samples.
+    """
+    factor = oversampling(rig)
     if factor > 1:
         tangential, normal = _sensor(tangential, rig, factor), _sensor(normal, rig, factor)
+    count = tangential.size
     time = np.round(np.arange(count) / rig.sample_rate, 9)
     channels = []
     for values in (tangential, normal):
@@ -136,7 +158,12 @@ def record(truth: Truth, rig: Rig, random: np.random.Generator, gain: float = 1.
         hum = rig.hum * np.sin(2.0 * np.pi * rig.mains * time + phase)
         noisy = values + hum + rig.drift * time + rig.noise * random.standard_normal(count)
         channels.append(np.round(noisy / rig.quantum) * rig.quantum if rig.quantum > 0.0 else noisy)
-    return Trace(time, channels[0], channels[1]), onset, release
+    return Trace(time, channels[0], channels[1])
+
+
+def oversampling(rig: Rig) -> int:
+    """How many true values `disturbed` wants per sample: more than one where the sensor lags."""
+    return 1 if math.isinf(rig.bandwidth) else _OVERSAMPLING
 
 
 def _tangential(

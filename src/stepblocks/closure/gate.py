@@ -72,42 +72,54 @@ class _Direction:
 
 def tangent(problem: Problem, base: Fit, effect: Effect, shape: Mapping[str, float]) -> Floats:
     """Whitened change of the prediction per unit of each amplitude, in units of its scale, shape (n c, p)."""
+    return problem.noise.whiten(np.stack(_changes(problem, base, effect, shape), axis=2))
+
+
+def _changes(problem: Problem, base: Fit, effect: Effect, shape: Mapping[str, float]) -> list[Floats]:
+    """Change of the prediction per unit of each amplitude, in units of its scale, each of shape (n, c)."""
     neutral = {p.name: p.start for p in effect.parameters} | dict(shape)
+    active = [(e, base.of(e)) for e in base.effects]
     columns = []
     for parameter in effect.parameters:
         if parameter.name not in effect.amplitudes:
             continue
         step = 0.02 * parameter.scale
         moved = neutral | {parameter.name: neutral[parameter.name] + step}
-        active = [(e, base.of(e)) for e in base.effects]
         change = problem.model.predict(problem.trials, base.values, [*active, (effect, moved)]) - base.predicted
         columns.append(change * (parameter.scale / step))
-    return problem.noise.whiten(np.stack(columns, axis=2))
+    return columns
 
 
 def _directions(problem: Problem, base: Fit, effects: Sequence[Effect], known: Floats) -> list[_Direction]:
-    rows = base.residual.size
+    asked = [(effect, shape) for effect in effects for shape in effect.shapes]
+    changes = [_changes(problem, base, effect, shape) for effect, shape in asked]
+    widths = [len(c) for c in changes]
+    if not sum(widths):
+        return []
+    # all candidates go through the linear algebra at once
+    raw = problem.noise.whiten(np.stack([c for columns in changes for c in columns], axis=2))
+    size = np.linalg.norm(raw, axis=0)
+    alive = np.all(np.isfinite(raw), axis=0) & (size >= 1e-12)
+    scaled = np.where(alive, raw / np.where(alive, size, 1.0), 0.0)
+    full = np.vstack([scaled, np.zeros((known.shape[0] - len(raw), raw.shape[1]))])
+    full -= known @ (known.T @ full)
     directions = []
-    for effect in effects:
+    for (effect, shape), last, width in zip(asked, np.cumsum(widths), widths, strict=True):
+        columns = slice(last - width, last)
+        if not width or not np.all(alive[columns]):
+            continue
+        own = full[:, columns]
+        squared, turn = np.linalg.eigh(own.T @ own)
+        squared, turn = squared[::-1], turn[:, ::-1]
+        kept = squared > _UNSEEN**2
+        if not np.any(kept):
+            continue
+        part = turn[:, kept] / np.sqrt(squared[kept])
         bounded = len(effect.amplitudes) == 1 and any(
             p.name in effect.amplitudes and p.low >= p.start for p in effect.parameters
         )
-        for shape in effect.shapes:
-            raw = tangent(problem, base, effect, shape)
-            size = np.linalg.norm(raw, axis=0)
-            if not np.all(np.isfinite(raw)) or np.any(size < 1e-12):
-                continue
-            scaled = raw / size
-            lower = known[:rows].T @ scaled
-            rest = scaled - known[:rows] @ lower
-            tail = -known[rows:] @ lower
-            full = np.vstack([rest, tail])
-            left, singular, right = np.linalg.svd(full, full_matrices=False)
-            kept = singular > _UNSEEN
-            if not np.any(kept):
-                continue
-            root = (right[kept].T / singular[kept]) / size[:, None]
-            directions.append(_Direction(effect, shape, left[:, kept], root, float(singular[0]), bounded))
+        seen = float(np.sqrt(squared[0]))
+        directions.append(_Direction(effect, shape, own @ part, part / size[columns, None], seen, bounded))
     return directions
 
 
@@ -136,7 +148,16 @@ def _evaluate(directions: Sequence[_Direction], vectors: Floats) -> tuple[Floats
 def _log_p(gains: Floats, freedom: Floats, noise_dof: float) -> Floats:
     if not np.isfinite(noise_dof):
         return np.asarray(stats.chi2.logsf(gains, freedom[:, None]))
-    return np.asarray(stats.f.logsf(gains / freedom[:, None], freedom[:, None], noise_dof))
+    found = np.asarray(stats.f.logsf(gains / freedom[:, None], freedom[:, None], noise_dof))
+    # beyond the smallest number the leading term of the tail keeps the order
+    return np.where(np.isneginf(found), -745.0 - 0.5 * noise_dof * np.log1p(gains / noise_dof), found)
+
+
+def _least_log_p(gains: Floats, freedom: Floats, noise_dof: float) -> Floats:
+    """Least p of each draw; among directions of equal freedom it is that of the largest gain."""
+    kinds = np.unique(freedom)
+    largest = np.stack([gains[freedom == kind].max(axis=0) for kind in kinds])
+    return np.asarray(_log_p(largest, kinds, noise_dof).min(axis=0))
 
 
 def scores(problem: Problem, base: Fit, effects: Sequence[Effect]) -> tuple[Score, ...]:
@@ -190,7 +211,7 @@ def gate(problem: Problem, base: Fit, effects: Sequence[Effect], draws: int = 40
     if draws:
         noise = _draw(problem, base, total, draws, seed)
         null, _ = _evaluate(directions, noise)
-        least = _log_p(null, freedom, dof).min(axis=0)
+        least = _least_log_p(null, freedom, dof)
         p_value = float((1 + np.sum(least <= own.min())) / (draws + 1))
     return Gate(p_value, tuple(sorted(best.values(), key=lambda s: s.log_p)))
 

@@ -66,7 +66,8 @@ class Noise:
         """Whiten residuals of shape (n, c) or (n, c, p) to (n c,) or (n c, p)."""
         filled = np.where(np.isfinite(residual), residual, 0.0)
         tail = filled.shape[2:]
-        white = np.einsum("nij,nj...->ni...", self.factors, filled).reshape(-1, *tail)
+        columns = filled.reshape(*filled.shape[:2], -1)
+        white = np.matmul(self.factors, columns).reshape(-1, *tail)
         if not self.shrink.size:
             return np.asarray(white)
         along = self.basis.T @ white

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from stepblocks.contact import kernels
+from stepblocks.errors import ContactError
 
 __all__ = ["CHANNELS", "DragState", "observe"]
 
@@ -110,11 +111,11 @@ class DragState:
         load = np.maximum(self.load + self.climb_load, 1e-3)
         return np.asarray(np.maximum(load * np.tan(self.angle()) + self.drag + self.climb_drag, 1e-4))
 
-    def spring_force(self, force: Floats) -> Floats:
-        """Linear part u of a force ``F = u + g u^3`` [N]."""
-        cubic = np.maximum(self.hardening, 1e-9)
-        root = np.sqrt(3.0 * cubic)
-        return np.asarray(2.0 / root * np.sinh(np.arcsinh(1.5 * force * root) / 3.0))
+    def loading_time(self) -> Floats:
+        """Time from the first load on the edge to release [s]: the ramp from sliding to the peak."""
+        sliding = np.maximum(self.load, 1e-3) * np.tan(np.arctan(self.friction) + self.tilt) + self.drag
+        rise = np.maximum(self.peak_force() - sliding, 0.0)
+        return np.asarray(rise / (self.stiffness * self.speed))
 
     def changed(self, **slots: Any) -> DragState:
         """Return a copy with some slots changed; cheaper than ``dataclasses.replace`` in inner loops."""
@@ -122,6 +123,9 @@ class DragState:
         copy.__dict__.update(self.__dict__)
         copy.__dict__.update(slots)
         return copy
+
+
+_SLOTS = tuple(f.name for f in fields(DragState) if f.name != "nominal_stiffness")
 
 
 def observe(state: DragState) -> Floats:
@@ -137,40 +141,23 @@ def observe(state: DragState) -> Floats:
     ndarray, shape (n, 7)
         The channels of `CHANNELS`.
 
+    Raises
+    ------
+    ContactError
+        If a slot holds another number of trials than the rest.
+
     Notes
     -----
-    The energy is what an amplitude of force A shows, ``A^2 / 2k``: the square of the gauge's gain enters. A gauge of
+    The energy is what an amplitude of force A shows, ``A^2 / 2k`` with the nominal k: the square of the gauge's gain
+    enters, and a spring that is stiffer in load and ring stores less but shows the same amplitude. A gauge of
     first order shows a ramp late by its time constant, so the peak falls short by ``k v tau (1 - exp(-t / tau))``, and
     the ring with its amplitude over ``sqrt(1 + (2 pi f tau)^2)``.
     """
-    force = state.peak_force()
-    linear = state.spring_force(force)
-    # u and F agree to rounding where the spring is linear
-    linear = np.where(state.hardening > 1e-8, linear, force)
-    stored = (0.5 * linear**2 + 0.25 * state.hardening * linear**4) / state.stiffness
-    load = np.maximum(state.load, 1e-3)
-    sliding_force = load * np.tan(np.arctan(state.friction) + state.tilt) + state.drag
-    slope = state.stiffness * state.speed
-    lag = np.maximum(state.lag, 1e-18)
-    ramp = np.maximum(force - sliding_force, 0.0) / slope
-    shown = np.maximum(force - slope * lag * (1.0 - np.exp(-np.minimum(ramp / lag, 50.0))), 1e-4)
-    ringing = state.conversion * stored
-    # energy never turns negative: below a tenth of what would ring it fades out smoothly
-    left = ringing - state.lost_energy
-    floor = 0.1 * ringing
-    energy = np.where(left > floor, left, floor * np.exp(np.minimum(left / floor - 1.0, 0.0)))
-    # the same gauge shows the ring smaller
-    energy = energy / (1.0 + (2.0 * np.pi * state.frequency * lag) ** 2)
-    sensed = np.maximum(state.set_load + state.sensed_offset, 1e-3)
-    return np.stack(
-        [
-            np.log(state.gain**2 * energy),
-            np.log(state.gain * shown),
-            state.gain * sliding_force / sensed,
-            state.gain * state.stiffness * (force / linear) / state.nominal_stiffness,
-            np.log(state.frequency * np.sqrt(state.ring_stiffness / state.nominal_stiffness)),
-            np.log(state.decay_time / state.damping),
-            sensed / state.set_load,
-        ],
-        axis=1,
-    )
+    from stepblocks.contact.channel_kernel import channels_of
+
+    slots = state.__dict__
+    columns = [np.ascontiguousarray(slots[name], dtype=np.float64) for name in _SLOTS]
+    count = columns[0].size
+    if any(column.size != count for column in columns):
+        raise ContactError(f"every slot must hold {count} trials, got {sorted({c.size for c in columns})}")
+    return np.asarray(channels_of(*columns, float(state.nominal_stiffness)))

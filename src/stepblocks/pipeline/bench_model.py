@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict, dataclass, field
+from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
@@ -17,12 +17,14 @@ from stepblocks.contact.effects.smooth import CovariateRange
 from stepblocks.contact.forward import BenchDesign, constants, nominal_state
 from stepblocks.contact.state import CHANNELS, DragState, observe
 
-__all__ = ["PEAK_FORCE", "SessionModel", "candidates", "covariate_ranges"]
+__all__ = ["LOADING_TIME", "PEAK_FORCE", "SessionModel", "candidates", "covariate_ranges"]
 
 Floats = NDArray[np.float64]
 
-PEAK_FORCE = "peak_force_n"
-"""The model quantity that an effect may follow like a column."""
+PEAK_FORCE, LOADING_TIME = "peak_force_n", "loading_time_s"
+"""The model quantities that an effect may follow like a column."""
+
+_ORDER = {LOADING_TIME: 0, PEAK_FORCE: 2}  # what gives way under load does so before the peak is known
 
 # what the evaluation of traces may leave as an error common to many trials, one deviation per unit of covariate;
 # benchmarks of the features on synthetic traces show less
@@ -86,7 +88,7 @@ class SessionModel:
     def parameters(self, trials: Trials) -> tuple[Parameter, ...]:
         """Constants of the nominal model and the height errors of the blocks of a table."""
         found = constants(self.design(trials), self.frequency, self.decay_time, self.height_std, self.scanned)
-        return tuple(Parameter(**asdict(c)) for c in found)
+        return tuple(Parameter(**vars(c)) for c in found)
 
     def systematics(self, trials: Trials) -> list[Systematic]:
         """Errors that the evaluation of traces may share among trials: along height, load, speed and their squares."""
@@ -105,9 +107,9 @@ class SessionModel:
         return observe(self.state(trials, values, effects))
 
     def state(self, trials: Trials, values: Mapping[str, float], effects: Sequence[Active] = ()) -> DragState:
-        """Fill all slots, effects applied; those that follow the peak force come last."""
+        """Fill all slots, effects applied; in the order in which they act."""
         state = nominal_state(self.design(trials), values)
-        for effect, own in sorted(effects, key=lambda pair: pair[0].covariate == PEAK_FORCE):
+        for effect, own in sorted(effects, key=lambda pair: _ORDER.get(pair[0].covariate, 1)):
             state = effect.apply(state, trials, own)
         return state
 
@@ -136,6 +138,8 @@ def _column(trials: Trials, state: DragState, covariate: str) -> Any:
         return trials.block
     if covariate == PEAK_FORCE:
         return state.peak_force()
+    if covariate == LOADING_TIME:
+        return state.loading_time()
     return trials.covariates[covariate]
 
 
@@ -150,7 +154,7 @@ def effect_of(law: Law) -> Effect:
         slot=law.slot,
         covariate=law.covariate,
         form=law.form,
-        parameters=tuple(Parameter(**asdict(c)) for c in law.parameters),
+        parameters=tuple(Parameter(**vars(c)) for c in law.parameters),
         amplitudes=law.amplitudes,
         apply=apply,
         shapes=law.shapes,
@@ -210,7 +214,7 @@ def candidates(
         Mean radius of the edges from their scans [m]. Forces see the sum R + r alone: where the scans show sharp
         edges, a rounded one is no candidate and a worn tip is; else the tip is taken for what the session states.
     """
-    names = {r.name for r in ranges} | {"none", "block"}
+    names = {r.name for r in ranges} | {"none", "block", LOADING_TIME}
     blocks = [str(b) for b in np.unique(trials.block)]
     laws = [law for law in named_laws(blocks) if law.covariate in names]
     sharp = scanned_radius is not None and scanned_radius < _SHARP

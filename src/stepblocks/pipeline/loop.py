@@ -16,6 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from stepblocks.beside import replace_text
+from stepblocks.closure.effect import Effect
 from stepblocks.closure.explain import Rules, explain, select
 from stepblocks.closure.explanation import Explanation, Verdict
 from stepblocks.closure.holdout import Holdout, folds_within_blocks, held_out
@@ -110,8 +111,7 @@ def analyse_features(
     model_of_session = replace(table.model, scanned_radius=float(np.mean(radii)) if radii else None)
     table = replace(table, model=model_of_session)
     effects = candidates(table.trials, ranges, scanned_radius=model_of_session.scanned_radius)
-    found = explain(table.model, table.trials, effects, rules)
-    within, between = _errors(table, rules, jobs)
+    found, (within, between) = _explained(table, effects, rules, jobs)
     residual, dof = flexible_residual(table.trials)
     floor = np.sqrt(np.nansum(residual**2, axis=0) / max(dof, 1))
     result = result_document(table, found, within, between, floor, scans or {}, rules)
@@ -129,8 +129,10 @@ def _one_fold(task: tuple[SessionModel, Trials, NDArray[np.intp], Rules]) -> Hol
     return held_out(model, trials, [rows], lambda train: _choose(model, train, rules))
 
 
-def _errors(table: SessionTable, rules: Rules, jobs: int) -> tuple[Holdout, Holdout]:
-    """Hold out trials within blocks and whole blocks; every fold chooses its own effects."""
+def _explained(
+    table: SessionTable, effects: Sequence[Effect], rules: Rules, jobs: int
+) -> tuple[Explanation, tuple[Holdout, Holdout]]:
+    """Explain all trials, and hold out trials within blocks and whole blocks; every fold chooses its own effects."""
     trials = table.trials
     # a model carries a cache of designs that workers need not get
     model = replace(table.model, _designs={})
@@ -142,12 +144,16 @@ def _errors(table: SessionTable, rules: Rules, jobs: int) -> tuple[Holdout, Hold
     tasks = [(model, trials, rows, quick) for rows in (*inside, *outside) if len(trials) - len(rows) >= 12]
     kept_inside = sum(len(trials) - len(rows) >= 12 for rows in inside)
     if jobs > 1 and len(tasks) > 1:
-        with ProcessPoolExecutor(jobs, mp_context=get_context("spawn")) as pool:
-            done = list(pool.map(_one_fold, tasks))
+        with ProcessPoolExecutor(jobs - 1, mp_context=get_context("spawn")) as pool:
+            # the folds do not wait for what all trials say
+            waiting = [pool.submit(_one_fold, task) for task in tasks]
+            found = explain(model, trials, effects, rules)
+            done = [one.result() for one in waiting]
     else:
+        found = explain(model, trials, effects, rules)
         done = [_one_fold(task) for task in tasks]
     shape = trials.values.shape
-    return _merged(done[:kept_inside], shape), _merged(done[kept_inside:], shape)
+    return found, (_merged(done[:kept_inside], shape), _merged(done[kept_inside:], shape))
 
 
 def _merged(parts: list[Holdout], shape: tuple[int, ...]) -> Holdout:

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from stepblocks.closure.effect import Effect
 from stepblocks.closure.explanation import Explanation
-from stepblocks.pipeline.bench_model import PEAK_FORCE
+from stepblocks.pipeline.bench_model import LOADING_TIME, PEAK_FORCE
 from stepblocks.report.loop import LoopReport, Panel, Traced
 
 if TYPE_CHECKING:
@@ -75,6 +75,9 @@ def _traced(found: Explanation, effect: Effect) -> Traced:
     name = effect.covariate if effect.covariate in trials.covariates else "height_um"
     if effect.covariate == PEAK_FORCE:
         along, name = np.exp(fitted.predicted[:, 1]), PEAK_FORCE
+    elif effect.covariate == LOADING_TIME:
+        active = [(e, fitted.of(e)) for e in fitted.effects]
+        along, name = found.problem.model.state(trials, fitted.values, active).loading_time(), LOADING_TIME
     else:
         numbers = trials.numeric(name)
         along = numbers if numbers is not None else np.unique(trials.covariates[name], return_inverse=True)[1] * 1.0

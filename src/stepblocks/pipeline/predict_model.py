@@ -13,7 +13,7 @@ from stepblocks.closure.trials import Trials
 from stepblocks.contact.forward import height_name
 from stepblocks.contact.state import CHANNELS, observe
 from stepblocks.errors import PipelineError
-from stepblocks.pipeline.bench_model import PEAK_FORCE
+from stepblocks.pipeline.bench_model import LOADING_TIME, PEAK_FORCE
 from stepblocks.pipeline.model_file import LearnedFit, LearnedModel, read_model
 from stepblocks.pipeline.session_table import tip_radius_um
 
@@ -92,7 +92,7 @@ def predictions(table: pd.DataFrame, learned: LearnedModel) -> pd.DataFrame:
     import pandas as pd
 
     effects = learned.extended.effects
-    used = {e.covariate for e in effects} - {"none", "block", PEAK_FORCE}
+    used = {e.covariate for e in effects} - {"none", "block", LOADING_TIME, PEAK_FORCE}
     missing = [name for name in (*_NEEDED, *sorted(used)) if name not in table.columns]
     if missing:
         raise PipelineError(f"trials must have the columns {', '.join(missing)}, which the model needs")

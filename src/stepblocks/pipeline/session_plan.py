@@ -11,6 +11,7 @@ from typing import Annotated, Literal
 import numpy as np
 from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, ValidationError
 
+from stepblocks.contact.effects.catalogue import named_laws
 from stepblocks.errors import PipelineError, QuantityError
 from stepblocks.quantities import quantity_parser
 
@@ -91,10 +92,14 @@ class RigPart(_Part):
 
 
 class PlantedEffect(_Part):
-    """A change of one slot of the model, in a named form of one covariate.
+    """A change of one slot of the model: a law of the catalogue, or a named form of one covariate.
 
     Attributes
     ----------
+    law : str
+        A law of the catalogue, such as ``running_in``; slot and form are its own then.
+    parameters : dict of str to float
+        Its parameters in SI units; those not given keep the value at which a search begins.
     slot : str
         Which part of the model: ``contact_geometry`` (radius of the ball plus that of the edge [m]), ``friction`` [1],
         ``normal_load`` [N], ``stiffness`` [N/m], ``conversion`` [1], ``drag`` (a force on the pull [N]), ``sensor``
@@ -103,24 +108,31 @@ class PlantedEffect(_Part):
         ``add`` to the slot or ``multiply`` it.
     form : str
         ``constant`` g = size; ``linear`` g = size (c - reference) / span; ``power`` g = size (c / reference)^exponent;
-        ``exponential`` g = size exp(-(c - reference) / span).
+        ``exponential`` g = size exp(-(c - reference) / span); ``levels`` g = levels[c], 0 for a label not named.
     covariate : str
         A column of the table, ``peak_force_n`` of the nominal model, or ``none``.
     size, reference, span, exponent : float
         Numbers of the form, in the units of slot and covariate. Added as it is, multiplied as 1 + g; a power that
         multiplies is the factor itself.
+    levels : dict of str to float
+        Change at each label of a covariate.
     """
 
-    slot: Literal["contact_geometry", "friction", "normal_load", "stiffness", "conversion", "drag", "sensor"]
+    law: str = ""
+    parameters: dict[str, float] = {}
+    slot: Literal["contact_geometry", "friction", "normal_load", "stiffness", "conversion", "drag", "sensor"] | None = (
+        None
+    )
     change: Literal["add", "multiply"] = "add"
-    form: Literal["constant", "linear", "power", "exponential"] = "constant"
+    form: Literal["constant", "linear", "power", "exponential", "levels"] = "constant"
     covariate: str = "none"
     size: float = Field(default=1.0, allow_inf_nan=False)
     reference: float = Field(default=0.0, allow_inf_nan=False)
     span: float = Field(default=1.0, allow_inf_nan=False)
     exponent: float = Field(default=1.0, allow_inf_nan=False)
+    levels: dict[str, float] = {}
 
-    def apply(self, value: float, conditions: Mapping[str, float]) -> float:
+    def apply(self, value: float, conditions: Mapping[str, float | str]) -> float:
         """Return the slot's value after the effect.
 
         Examples
@@ -129,15 +141,18 @@ class PlantedEffect(_Part):
         >>> round(effect.apply(0.2, {"t": 4.0}), 9)
         0.24
         """
-        c = 0.0 if self.form == "constant" else conditions[self.covariate]
         if self.form == "constant":
             change = self.size
-        elif self.form == "linear":
-            change = self.size * (c - self.reference) / self.span
-        elif self.form == "power":
-            change = self.size * (c / self.reference) ** self.exponent
+        elif self.form == "levels":
+            change = self.levels.get(str(conditions[self.covariate]), 0.0)
         else:
-            change = self.size * math.exp(-(c - self.reference) / self.span)
+            c = float(conditions[self.covariate])
+            if self.form == "linear":
+                change = self.size * (c - self.reference) / self.span
+            elif self.form == "power":
+                change = self.size * (c / self.reference) ** self.exponent
+            else:
+                change = self.size * math.exp(-(c - self.reference) / self.span)
         if self.change == "add":
             return value + change
         return value * (change if self.form == "power" else 1.0 + change)
@@ -148,6 +163,7 @@ class SessionPlan(_Part):
 
     schema_: Literal[1] = Field(alias="schema")
     title: str = "Simulated session"
+    source: Literal["equations", "drag"] = "equations"
     seed: int = Field(ge=0)
     format: Literal["csv", "hdf5", "tdms", "mat"] = "hdf5"
     model: Model = Model()
@@ -155,6 +171,10 @@ class SessionPlan(_Part):
     scatter: Scatter = Scatter()
     rig: RigPart = RigPart()
     effects: list[PlantedEffect] = []
+
+    def blocks(self) -> list[str]:
+        """Names of the blocks."""
+        return [block_name(height) for height in sorted(set(self.design.heights))]
 
     def rows(self) -> list[dict[str, str]]:
         """Conditions of every trial in the order of the run, as the table writes them."""
@@ -218,15 +238,42 @@ def read_plan(path: Path) -> SessionPlan:
         first = error.errors()[0]
         place = ".".join(str(part) for part in first["loc"])
         raise PipelineError(f"`{place}`: {first['msg'].removeprefix('Value error, ')} [{path}]") from error
-    known = {"none", "peak_force_n", "height_um", "load_n", "speed_mm_s", "run_order", "temperature_c", "humidity_pct"}
     for number, effect in enumerate(plan.effects, start=1):
-        if effect.covariate not in known:
-            wanted = ", ".join(sorted(known))
-            raise PipelineError(
-                f"covariate of effect {number} must be one of {wanted}, got {effect.covariate!r} [{path}]"
-            )
-        if (effect.covariate == "none") != (effect.form == "constant"):
-            raise PipelineError(f"effect {number} must have a covariate unless its form is constant [{path}]")
-        if effect.span == 0.0 or (effect.form == "power" and effect.reference == 0.0):
-            raise PipelineError(f"span and, of a power, reference of effect {number} must not be 0 [{path}]")
+        fault = _fault(effect, plan)
+        if fault:
+            raise PipelineError(f"{fault[0]} of effect {number} {fault[1]} [{path}]")
     return plan
+
+
+_NUMBERS = ("height_um", "load_n", "speed_mm_s", "run_order", "temperature_c", "humidity_pct", "peak_force_n")
+_LABELS = ("block", "operator", "tip")
+
+
+def _fault(effect: PlantedEffect, plan: SessionPlan) -> tuple[str, str] | None:
+    """Return what is wrong with an effect: the field, and the rule that it breaks."""
+    if effect.law:
+        laws = {law.id: law for law in named_laws(plan.blocks())}
+        if effect.law not in laws:
+            return "law", f"must be one of {', '.join(laws)}, got {effect.law!r}"
+        names = [p.name for p in laws[effect.law].parameters]
+        unknown = sorted(set(effect.parameters) - set(names))
+        if unknown or not effect.parameters:
+            return "parameters", f"must be among {', '.join(names)}, got {', '.join(unknown) or 'none'}"
+        if effect.slot:
+            return "slot", "must be left out where a law is named"
+        return None
+    if effect.slot is None:
+        return "slot", "or law must be given"
+    if plan.source == "drag" and effect.slot == "conversion":
+        return "slot", "must not be conversion where the drag in time decides what rings"
+    known = {"constant": ("none",), "levels": _LABELS}.get(effect.form, _NUMBERS)
+    if effect.covariate not in known:
+        if effect.covariate == "none":
+            return "covariate", "must have a covariate unless its form is constant"
+        return (
+            "covariate",
+            f"must be one of {', '.join(known)} where its form is {effect.form}, got {effect.covariate!r}",
+        )
+    if effect.span == 0.0 or (effect.form == "power" and effect.reference == 0.0):
+        return "span and, of a power, reference", "must not be 0"
+    return None

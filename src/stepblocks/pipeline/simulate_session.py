@@ -1,25 +1,25 @@
-"""Job: a session as a laboratory would bring it, from equations (1) and (2), with any effect planted."""
+"""Job: a session as a laboratory would bring it, from equations (1) and (2) or the drag in time, any effect planted."""
 
 from __future__ import annotations
 
 import csv
-import math
 import shutil
 from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 
+from stepblocks.bench.trace import Trace
 from stepblocks.bench.trace_writers import TRACE_FILES, open_writer
-from stepblocks.bench.waveform import Rig, Truth, record
-from stepblocks.contact import kernels
+from stepblocks.bench.waveform import record
 from stepblocks.errors import PipelineError
+from stepblocks.pipeline.drag_session import drag_trial
 from stepblocks.pipeline.session_plan import SessionPlan, block_name, read_plan
+from stepblocks.pipeline.session_truth import planted_state, rig_of, true_drag, truth_of
 
 __all__ = ["SimulationSummary", "simulate_session"]
 
 _SCAN_REACH, _SCAN_STEP, _SCAN_NOISE = 600.0, 0.25, 0.05  # [um]
-_LEAST_RISE = 0.02  # [N] a lower peak is no catch
 _TRUTH = (
     "trial",
     "status",
@@ -100,16 +100,14 @@ def _fill(plan: SessionPlan, folder: Path) -> SimulationSummary:
             told.writerow(_TRUTH)
             for number, row in enumerate(rows, start=1):
                 chance = np.random.default_rng([plan.seed, 4, number])
-                truth, gain = _truth(plan, row, heights, chance)
-                if truth is None:
+                trial = _trial(plan, row, heights, chance)
+                if trial is None:
                     locked += 1
                     told.writerow([row["trial"], "locked", *[""] * (len(_TRUTH) - 2)])
                     continue
-                trace, _, release = record(truth, _rig(plan), chance, gain)
+                trace, figures = trial
                 writer.write(number, trace)
                 table.writerow(row)
-                energy = truth.amplitude**2 / (2.0 * plan.model.spring_constant)
-                figures = (truth.sliding_force / truth.load, truth.load, truth.peak_force, energy, release)
                 told.writerow([row["trial"], "ok", *(f"{value:.9g}" for value in figures)])
     finally:
         writer.close()
@@ -118,73 +116,35 @@ def _fill(plan: SessionPlan, folder: Path) -> SimulationSummary:
     return SimulationSummary(len(rows), locked)
 
 
-def _rig(plan: SessionPlan) -> Rig:
-    rig = plan.rig
-    return Rig(
-        rig.sample_rate, rig.noise, rig.quantum, rig.hum, rig.mains, rig.drift_n_per_s, rig.start_up,
-        rig.bandwidth or math.inf,
-    )  # fmt: skip
+def _trial(
+    plan: SessionPlan, row: dict[str, str], heights: dict[float, float], chance: np.random.Generator
+) -> tuple[Trace, tuple[float, ...]] | None:
+    """Record of one trial and what is true of it, or None where the probe locks."""
+    state = planted_state(plan, row, heights, chance)
+    if state is None:
+        return None
+    rig, gain = rig_of(plan, state), float(state.gain[0])
+    spring = plan.model.spring_constant
+    if plan.source == "drag":
+        dragged = drag_trial(true_drag(plan, state), rig, chance, gain)
+        if dragged is None:
+            return None
+        load, sliding = float(state.load[0]), float(state.friction[0] * state.load[0] + state.drag[0])
+        energy = dragged.amplitude**2 / (2.0 * spring)
+        return dragged.trace, (sliding / load, load, dragged.peak_force, energy, dragged.release)
+    truth = truth_of(plan, state)
+    if truth is None:
+        return None
+    trace, _, release = record(truth, rig, chance, gain)
+    energy = truth.amplitude**2 / (2.0 * spring)
+    return trace, (truth.sliding_force / truth.load, truth.load, truth.peak_force, energy, release)
 
 
 def _edge_radius(plan: SessionPlan) -> float:
     """Return the rounding that a scan would show: what is added to the contact geometry as a constant [m]."""
     added = [e.size for e in plan.effects if e.slot == "contact_geometry" and (e.change, e.form) == ("add", "constant")]
+    added += [e.parameters.get("edge_radius_m", 0.0) for e in plan.effects if e.law == "edge_rounding"]
     return max(sum(added), 0.0)
-
-
-def _truth(
-    plan: SessionPlan, row: dict[str, str], heights: dict[float, float], chance: np.random.Generator
-) -> tuple[Truth | None, float]:
-    """Figures of one trial, or None where the probe locks, and the gain of the tangential channel."""
-    model, scatter = plan.model, plan.scatter
-    load, speed = float(row["load_n"]), float(row["speed_mm_s"]) / 1e3
-    nominal = min(heights, key=lambda height: abs(height * 1e6 - float(row["height_um"])))
-    conditions = {name: float(cell) for name, cell in row.items() if name.rsplit("_", 1)[-1] in _NUMERIC}
-    angle = float(kernels.angle_on_step(nominal, model.tip_radius)) if nominal < model.tip_radius else math.inf
-    if angle + math.atan(model.friction) >= 0.5 * math.pi:
-        return None, 1.0
-    conditions["peak_force_n"] = float(kernels.pull_force(load, angle, model.friction))
-    slots = {
-        "contact_geometry": model.tip_radius,
-        "friction": model.friction,
-        "normal_load": load,
-        "stiffness": model.spring_constant,
-        "conversion": model.conversion,
-        "drag": 0.0,
-        "sensor": 1.0,
-    }
-    for effect in plan.effects:
-        slots[effect.slot] = effect.apply(slots[effect.slot], conditions)
-    friction = slots["friction"] + scatter.friction * chance.standard_normal()
-    normal = slots["normal_load"] * (1.0 + scatter.load * chance.standard_normal())
-    height = heights[nominal]
-    if height >= slots["contact_geometry"] or normal <= 0.0 or friction < 0.0 or slots["stiffness"] <= 0.0:
-        return None, 1.0
-    angle = float(kernels.angle_on_step(height, slots["contact_geometry"]))
-    if angle + math.atan(friction) >= 0.5 * math.pi:
-        return None, 1.0
-    sliding = friction * normal + slots["drag"]
-    peak = float(kernels.pull_force(normal, angle, friction)) + slots["drag"]
-    energy = slots["conversion"] * float(kernels.stored_energy(peak, slots["stiffness"]))
-    energy *= math.exp(scatter.energy * chance.standard_normal())
-    if peak - sliding < _LEAST_RISE or energy <= 0.0:
-        return None, 1.0
-    stiffer = math.sqrt(slots["stiffness"] / model.spring_constant)
-    truth = Truth(
-        load=normal,
-        sliding_force=sliding,
-        slope=slots["stiffness"] * speed,
-        peak_force=peak,
-        amplitude=math.sqrt(2.0 * slots["stiffness"] * energy),
-        frequency=model.ring_frequency * stiffer,
-        decay_time=model.decay_time,
-        sympathetic=model.sympathetic,
-        gap=2.0 * friction * normal if model.ring == "rubbing" else 0.0,
-    )
-    return truth, slots["sensor"]
-
-
-_NUMERIC = ("um", "n", "s", "order", "c", "pct")
 
 
 def _write_scan(path: Path, height: float, edge_radius: float, seed: list[int]) -> None:

@@ -6,6 +6,7 @@ from collections.abc import Sequence
 
 from stepblocks.contact.effects import (
     block_tilt,
+    contact_creep,
     conversion_laws,
     edge_rounding,
     elastic_indentation,
@@ -36,6 +37,7 @@ def named_laws(blocks: Sequence[str] = ()) -> tuple[Law, ...]:
         tip_flat.LAW,
         block_tilt.LAW,
         elastic_indentation.LAW,
+        contact_creep.LAW,
         load_friction.LAW,
         *stribeck.LAWS,
         running_in.LAW,

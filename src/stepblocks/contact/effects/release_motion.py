@@ -85,12 +85,36 @@ def release_table() -> tuple[Floats, Floats]:
 
 
 @lru_cache(maxsize=1)
-def _interpolators() -> tuple[Any, Any]:
-    from scipy.interpolate import RegularGridInterpolator
+def _interpolation() -> Any:
+    from numba import njit
 
-    axes = (_HEIGHT, _FRICTION, _LN_STIFFNESS, _LN_SPEED)
-    excess, share = release_table()
-    return RegularGridInterpolator(axes, excess), RegularGridInterpolator(axes, share)
+    @njit(cache=True)  # type: ignore[untyped-decorator]
+    def interpolate(points: Any, axes: Any, excess: Any, share: Any) -> tuple[Any, Any]:
+        """Both tables at once, linear along each axis; points beyond an axis take its end."""
+        count = points[0].size
+        found = np.zeros((2, count))
+        at, weight, stride = np.empty(4, np.int64), np.empty(4), np.ones(4, np.int64)
+        for d in range(2, -1, -1):
+            stride[d] = stride[d + 1] * axes[d + 1].size
+        for i in range(count):
+            for d in range(4):
+                axis = axes[d]
+                x = min(max(points[d][i], axis[0]), axis[-1])
+                cell = 0
+                while cell < axis.size - 2 and axis[cell + 1] <= x:
+                    cell += 1
+                at[d], weight[d] = cell, (x - axis[cell]) / (axis[cell + 1] - axis[cell])
+            for corner in range(16):
+                part, place = 1.0, 0
+                for d in range(4):
+                    up = (corner >> d) & 1
+                    part *= weight[d] if up else 1.0 - weight[d]
+                    place += (at[d] + up) * stride[d]
+                found[0, i] += part * excess[place]
+                found[1, i] += part * share[place]
+        return found[0], found[1]
+
+    return interpolate
 
 
 def released(height: Floats, friction: Floats, stiffness: Floats, speed: Floats) -> tuple[Floats, Floats]:
@@ -122,14 +146,7 @@ def released(height: Floats, friction: Floats, stiffness: Floats, speed: Floats)
     >>> bool(high[0] > low[0])
     True
     """
-    points = np.stack(
-        [
-            np.clip(height, _HEIGHT[0], _HEIGHT[-1]),
-            np.clip(friction, _FRICTION[0], _FRICTION[-1]),
-            np.clip(np.log(stiffness), _LN_STIFFNESS[0], _LN_STIFFNESS[-1]),
-            np.clip(np.log(speed), _LN_SPEED[0], _LN_SPEED[-1]),
-        ],
-        axis=-1,
-    )
-    excess, share = _interpolators()
-    return np.asarray(excess(points)), np.asarray(share(points))
+    points = tuple(np.ascontiguousarray(x) for x in (height, friction, np.log(stiffness), np.log(speed)))
+    axes = (_HEIGHT, _FRICTION, _LN_STIFFNESS, _LN_SPEED)
+    excess, share = _interpolation()(points, axes, *(table.ravel() for table in release_table()))
+    return np.asarray(excess), np.asarray(share)

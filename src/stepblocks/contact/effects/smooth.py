@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
+from functools import lru_cache
 from typing import Any
 
 import numpy as np
@@ -60,11 +61,24 @@ class CovariateRange:
         if size < _PIECES:
             x = 2.0 * self.unit(column) - 1.0
             return np.stack([x ** (i + 1) for i in range(size)], axis=1)
-        knots = np.concatenate([np.zeros(3), np.linspace(0.0, 1.0, _PIECES - 1), np.ones(3)])
-        design = BSpline.design_matrix(self.unit(column), knots, 3).toarray()
-        middle = BSpline.design_matrix(np.array([0.5]), knots, 3).toarray()
+        unit = self.unit(column)
+        powers = np.stack([np.ones_like(unit), unit, unit**2, unit**3], axis=1)
+        lower, upper = _spline_pieces()
+        return np.where((unit < 0.5)[:, None], powers @ lower, powers @ upper)
+
+
+@lru_cache(maxsize=1)
+def _spline_pieces() -> tuple[Floats, Floats]:
+    """Polynomials of the cubic B-splines on both halves of 0 to 1; a basis is wanted thousands of times."""
+    knots = np.concatenate([np.zeros(3), np.linspace(0.0, 1.0, _PIECES - 1), np.ones(3)])
+    middle = BSpline.design_matrix(np.array([0.5]), knots, 3).toarray()
+    pieces = []
+    for start in (0.0, 0.5):
+        x = start + np.linspace(0.0, 0.49, 4)
+        design = BSpline.design_matrix(x, knots, 3).toarray()
         # a constant belongs to the nominal model: one spline goes, the rest vanish in the middle
-        return np.asarray((design - middle)[:, [0, 1, 3, 4]])
+        pieces.append(np.linalg.solve(np.vander(x, 4, increasing=True), (design - middle)[:, [0, 1, 3, 4]]))
+    return pieces[0], pieces[1]
 
 
 Move = Callable[[DragState, Floats], DragState]
@@ -85,6 +99,14 @@ SLOT_MOVES: dict[str, tuple[str, Move]] = {
         "stiffness",
         lambda s, g: s.changed(stiffness=s.stiffness * np.exp(g), ring_stiffness=s.ring_stiffness * np.exp(g)),
     ),
+    "weighed_stiffness": (
+        "stiffness",
+        lambda s, g: s.changed(
+            stiffness=s.stiffness * np.exp(g),
+            ring_stiffness=s.ring_stiffness * np.exp(g),
+            conversion=s.conversion * np.exp(-g),
+        ),
+    ),
     "ramp_stiffness": ("stiffness", lambda s, g: s.changed(stiffness=s.stiffness * np.exp(g))),
     "conversion": ("conversion", lambda s, g: s.changed(conversion=s.conversion * np.exp(g))),
     "drag": ("drag", lambda s, g: s.changed(drag=s.drag + 0.1 * g)),
@@ -101,6 +123,7 @@ _FORMS = {
     "seen_load": "F_py exp g, seen by the gauge",
     "climb_load": "F_py exp g while climbing",
     "stiffness": "k exp g",
+    "weighed_stiffness": "k exp g, energies weighed with it",
     "ramp_stiffness": "k exp g, ring unchanged",
     "conversion": "C_v exp g",
     "drag": "F_x + 0.1 N g",
