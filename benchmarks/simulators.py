@@ -16,9 +16,9 @@ from stepblocks.haptics.condition import Condition
 from stepblocks.haptics.renderer.hand import drag
 from stepblocks.haptics.renderer.path import centre_path
 from stepblocks.haptics.renderer.servo import Renderer
+from stepblocks.haptics.scenes.assemble import assemble_scene
 from stepblocks.haptics.scenes.registry import SCENE_FORMATS
 from stepblocks.haptics.scenes.scene import write_common
-from stepblocks.pipeline.export import assemble_scene
 from stepblocks.quantities import parse_quantity
 from stepblocks.stimulus.loader import load_set
 
