@@ -44,7 +44,9 @@ class Relief:
     y: NDArray[np.float64]
 
 
-def relief(stimulus: StepBlock | MarginBlock | CrownOnTooth, ball_radius: float) -> Relief:
+def relief(
+    stimulus: StepBlock | MarginBlock | CrownOnTooth, ball_radius: float, half_width: float | None = None
+) -> Relief:
     """Sample the surface as far as a ball that is dragged over its edge can touch it.
 
     Parameters
@@ -53,6 +55,8 @@ def relief(stimulus: StepBlock | MarginBlock | CrownOnTooth, ball_radius: float)
         The surface; a crown is sampled in the round.
     ball_radius : float
         R [m].
+    half_width : float, optional
+        Of a crown, how far the rows reach around it to either side [m]; 20 um where omitted.
 
     Returns
     -------
@@ -70,7 +74,8 @@ def relief(stimulus: StepBlock | MarginBlock | CrownOnTooth, ball_radius: float)
     if not isinstance(stimulus, CrownOnTooth):
         y = np.array([-1.0, 0.0, 1.0]) * 2.0 * ball_radius
         return Relief(np.tile(profile, (3, 1)), x, y)
-    y = np.arange(-4, 5) * 5e-6
+    rows = math.ceil((20e-6 if half_width is None else half_width) / 5e-6)
+    y = np.arange(-rows, rows + 1) * 5e-6
     radius = stimulus.margin_radius.nominal
     return Relief(np.sqrt((radius + profile) ** 2 - y[:, None] ** 2) - radius, x, y)
 
