@@ -33,7 +33,9 @@ def main() -> None:
             everything.append(one(stimulus, make(stimulus)))
         row("ten blocks", np.concatenate(everything))
         if make is on_map:
-            crown = next(s for s in load_set(ROOT / "stimuli" / "crown-margins.toml").stimuli if s.id == "crown-shoulder")
+            crown = next(
+                s for s in load_set(ROOT / "stimuli" / "crown-margins.toml").stimuli if s.id == "crown-shoulder"
+            )
             one(crown, make(crown))
 
 
