@@ -12,6 +12,8 @@ import numpy as np
 
 from stepblocks.haptics.condition import Condition
 from stepblocks.haptics.event import ring_energy, vibration_events
+from stepblocks.haptics.renderer.height_map import map_of
+from stepblocks.haptics.renderer.map_servo import MapRenderer
 from stepblocks.haptics.renderer.path import centre_path
 from stepblocks.haptics.renderer.servo import Renderer
 from stepblocks.stimulus.loader import load_set
@@ -22,28 +24,47 @@ ROOT = Path(__file__).resolve().parents[1]
 
 
 def main() -> None:
-    print("| block | ticks | median us | 99.9 % us | worst us | ring uJ | E_v uJ | deviation |")
-    print("|---|---|---|---|---|---|---|---|")
-    everything = []
-    for block in load_set(ROOT / "stimuli" / "paper-ten.toml").stimuli:
-        event = vibration_events(block, CONDITION)[0]
-        renderer = Renderer(centre_path(block, CONDITION.ball_radius), CONDITION, rate=RATE)
-        nanoseconds, energy = drag(renderer, event)
-        everything.append(nanoseconds)
-        row(block.id, nanoseconds, energy, event.energy)
-    row("all", np.concatenate(everything))
+    for title, make in (("profile", on_profile), ("height map", on_map)):
+        print(f"\n{title}\n")
+        print("| surface | ticks | median us | 99.9 % us | worst us | ring uJ | E_v uJ | deviation |")
+        print("|---|---|---|---|---|---|---|---|")
+        everything = []
+        for stimulus in load_set(ROOT / "stimuli" / "paper-ten.toml").stimuli:
+            everything.append(one(stimulus, make(stimulus)))
+        row("ten blocks", np.concatenate(everything))
+        if make is on_map:
+            crown = next(
+                s for s in load_set(ROOT / "stimuli" / "crown-margins.toml").stimuli if s.id == "crown-shoulder"
+            )
+            one(crown, make(crown))
 
 
-def drag(renderer: Renderer, event: object) -> tuple[np.ndarray, float]:
+def on_profile(stimulus: object) -> Renderer:
+    return Renderer(centre_path(stimulus, CONDITION.ball_radius), CONDITION, rate=RATE)
+
+
+def on_map(stimulus: object) -> MapRenderer:
+    return MapRenderer(map_of(stimulus, CONDITION.ball_radius), CONDITION, rate=RATE)
+
+
+def one(stimulus: object, renderer: Renderer | MapRenderer) -> np.ndarray:
+    event = vibration_events(stimulus, CONDITION)[0]
+    nanoseconds, energy = drag(renderer, event)
+    row(stimulus.id, nanoseconds, energy, event.energy)
+    return nanoseconds
+
+
+def drag(renderer: Renderer | MapRenderer, event: object) -> tuple[np.ndarray, float]:
     """Pull over the edge at 2 mm/s, stop for the ring, and return; the load is held."""
     pull = 1.1 * event.critical_force / renderer.stiffness
     x = event.trigger_position - 20e-6
     there = np.arange(x, event.trigger_position + pull + 1e-4, 2e-3 / RATE)
     xs = np.concatenate([there, np.full(1500, there[-1]), there[::-1]])
     position, velocity = np.array([x, 0.0, event.trigger_height - 1e-6]), np.zeros(3)
-    renderer.reset(np.array([x, 0.0, 1e-3]))
+    above = np.array([x, 0.0, 1e-3])
+    renderer.reset(above)
     renderer.tick(position, velocity)  # compiled before it is timed
-    renderer.reset(np.array([x, 0.0, 1e-3]))
+    renderer.reset(above)
     times, ring = np.empty(len(xs), dtype=np.int64), []
     clock = time.perf_counter_ns
     for index, x in enumerate(xs):
@@ -52,7 +73,7 @@ def drag(renderer: Renderer, event: object) -> tuple[np.ndarray, float]:
         force = renderer.tick(position, velocity)
         times[index] = clock() - start
         if renderer.events == 1 and index < len(there) + 1500:
-            ring.append(force[0] + renderer.pull)
+            ring.append(force[0] + np.atleast_1d(renderer.pull)[0])
         position[2] += (force[2] - CONDITION.normal_load) / renderer.wall
     return times, ring_energy(np.array(ring), RATE, event)
 

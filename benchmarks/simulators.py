@@ -1,75 +1,169 @@
 """Peak force of every block in every simulator beside the formula: python benchmarks/simulators.py [--load '1 N'] [--friction 0.15].
 
-A cell is what that program printed when its exported folder was run here; what cannot be run here says so.
+A cell is what that program printed when its exported folder was run here; what cannot be run here says so. Programs that do
+not come with the extra `[sim]` are named on the command line: an interpreter that has newton or drake, the compile and link
+flags of an installed CHAI3D.
 """
 
 from __future__ import annotations
 
 import argparse
 import json
+import shlex
+import shutil
 import subprocess
 import sys
 import tempfile
+from collections.abc import Callable
 from pathlib import Path
 
 from stepblocks.haptics.condition import Condition
 from stepblocks.haptics.renderer.hand import drag
+from stepblocks.haptics.renderer.height_map import map_of
+from stepblocks.haptics.renderer.map_servo import MapRenderer, drag_over_map
 from stepblocks.haptics.renderer.path import centre_path
 from stepblocks.haptics.renderer.servo import Renderer
+from stepblocks.haptics.scenes.assemble import assemble_scene
 from stepblocks.haptics.scenes.registry import SCENE_FORMATS
-from stepblocks.haptics.scenes.scene import write_common
-from stepblocks.pipeline.export import assemble_scene
+from stepblocks.haptics.scenes.scene import Scene, write_common
 from stepblocks.quantities import parse_quantity
 from stepblocks.stimulus.loader import load_set
 
 ROOT = Path(__file__).resolve().parents[1]
 RADIUS = 125e-6
-NOT_RUN = ("chai3d", "sofa", "usd", "gltf", "x3d", "urdf")
+Result = tuple[float, bool] | None  # peak force [N] and whether the ball crossed; None: not run here
 
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--load", default="1 N")
     parser.add_argument("--friction", type=float, default=0.15)
+    parser.add_argument("--only", default="", help="start of the blocks' names")
+    parser.add_argument("--newton", metavar="PYTHON", help="interpreter that has newton[importers,sim]")
+    parser.add_argument("--drake", metavar="PYTHON", help="interpreter that has drake")
+    parser.add_argument("--chai3d", metavar="FLAGS", help="compile and link flags of an installed CHAI3D")
     arguments = parser.parse_args()
     condition = Condition(RADIUS, parse_quantity(arguments.load, "force"), arguments.friction)
     print(f"R 125 um, F_py {arguments.load}, mu {arguments.friction:g}; peak force in N (deviation from the formula)\n")
-    print("| block | formula | reference renderer | force law | MuJoCo | CHAI3D, SOFA, USD, glTF, X3D, URDF engines |")
-    print("|---|---|---|---|---|---|")
+    print("| surface | formula | " + " | ".join(COLUMNS) + " | SOFA, H3D, Unity, Unreal, Isaac |")
+    print("|---|---|" + "---|" * len(COLUMNS) + "---|")
+    crowns = load_set(ROOT / "stimuli" / "crown-margins.toml").crown_on_tooth
     with tempfile.TemporaryDirectory(prefix="step blocks ") as folder:
-        for block in load_set(ROOT / "stimuli" / "paper-ten.toml").stimuli:
-            row(Path(folder), block, condition)
+        for surface in (*load_set(ROOT / "stimuli" / "paper-ten.toml").stimuli, *crowns):
+            if surface.id.startswith(arguments.only):
+                row(Path(folder) / surface.id, surface, condition, arguments)
 
 
-def row(folder: Path, block: object, condition: Condition) -> None:
-    scene = assemble_scene(block, condition)
+def row(folder: Path, surface: object, condition: Condition, arguments: argparse.Namespace) -> None:
+    scene = assemble_scene(surface, condition)
     event = scene.events[0]
     formula = event.critical_force if event.status == "releases" else None
-    renderer = Renderer(centre_path(block, RADIUS), condition)
-    travel = 1.2 * (formula or 10.0 * condition.normal_load) / renderer.stiffness
-    record = drag(renderer, condition.normal_load, travel)
-    law = run(folder, scene, "forcelaw", "force_law.py").split()
-    mujoco = json.loads(run(folder, scene, "mujoco", "drag.py", "--json"))
-    cells = [
-        f"{formula:.4f}" if formula else event.status.value,
-        cell(record.peak, record.crossed, formula),
-        cell(float(law[1]), law[-1] == "1", formula),
-        cell(mujoco["peak_force_n"], mujoco["crossed"], formula),
-        "not run here",
-    ]
-    print(f"| {block.id} | " + " | ".join(cells) + " |", flush=True)
+    cells = [f"{formula:.4f}" if formula else event.status.value]
+    for run in COLUMNS.values():
+        cells.append(cell(run(folder, scene, arguments), formula))
+    print(f"| {surface.id} | " + " | ".join(cells) + " | not run here |", flush=True)
 
 
-def run(folder: Path, scene: object, name: str, script: str, *arguments: str) -> str:
-    place = folder / scene.stimulus.id / name
-    place.mkdir(parents=True)
-    SCENE_FORMATS[name].write(place, scene)
-    write_common(place, scene, SCENE_FORMATS[name])
-    command = [sys.executable, "-I", str(place / script), *arguments]
+def on_profile(_: Path, scene: Scene, __: argparse.Namespace) -> Result:
+    renderer = Renderer(centre_path(scene.surface, RADIUS), scene.condition)
+    record = drag(renderer, scene.condition.normal_load, travel(scene))
+    return record.peak, record.crossed
+
+
+def on_map(_: Path, scene: Scene, __: argparse.Namespace) -> Result:
+    renderer = MapRenderer(map_of(scene.surface, RADIUS), scene.condition)
+    start = (scene.events[0].trigger_position - 30e-6, 0.0)
+    record = drag_over_map(renderer, scene.condition.normal_load, start, travel(scene) + 30e-6)
+    return record.peak, record.crossed
+
+
+def travel(scene: Scene) -> float:
+    event = scene.events[0]
+    force = event.critical_force if event.status == "releases" else 10.0 * scene.condition.normal_load
+    return 1.2 * force / scene.stiffness + 20e-6
+
+
+def in_python(folder: Path, scene: Scene, _: argparse.Namespace) -> Result:
+    words = output([sys.executable, "-I", str(written(folder, scene, "forcelaw") / "force_law.py")]).split()
+    return float(words[1]), words[-1] == "1"
+
+
+def in_c(folder: Path, scene: Scene, _: argparse.Namespace) -> Result:
+    compiler = shutil.which("cc")
+    if compiler is None:
+        return None
+    place = written(folder, scene, "forcelaw")
+    output([compiler, "-std=c99", "-O2", str(place / "force_law_demo.c"), "-lm", "-o", str(place / "demo")])
+    words = output([str(place / "demo")]).split()
+    return float(words[1]), words[-1] == "1"
+
+
+def in_mujoco(folder: Path, scene: Scene, _: argparse.Namespace) -> Result:
+    return result([sys.executable, "-I", str(written(folder, scene, "mujoco") / "drag.py"), "--json"])
+
+
+def in_mujoco_over_heights(folder: Path, scene: Scene, _: argparse.Namespace) -> Result:
+    return result([sys.executable, "-I", str(written(folder, scene, "mujoco") / "drag.py"), "--json", "--heightfield"])
+
+
+def in_chai3d(folder: Path, scene: Scene, arguments: argparse.Namespace) -> Result:
+    if not arguments.chai3d:
+        return None
+    place = written(folder, scene, "chai3d")
+    flags = shlex.split(arguments.chai3d)
+    output(["c++", "-std=c++11", "-O2", "-w", str(place / "drag.cpp"), *flags, "-o", str(place / "drag")])
+    return result([str(place / "drag"), "--json"])
+
+
+def in_newton(folder: Path, scene: Scene, arguments: argparse.Namespace) -> Result:
+    if not arguments.newton:
+        return None
+    script = ROOT / "benchmarks" / "engines" / "newton_drag.py"
+    return result([arguments.newton, "-I", str(script), str(written(folder, scene, "usd"))])
+
+
+def in_drake(folder: Path, scene: Scene, arguments: argparse.Namespace) -> Result:
+    if not arguments.drake:
+        return None
+    script = ROOT / "benchmarks" / "engines" / "drake_drag.py"
+    return result([arguments.drake, "-I", str(script), str(written(folder, scene, "urdf"))])
+
+
+COLUMNS: dict[str, Callable[[Path, Scene, argparse.Namespace], Result]] = {
+    "renderer, profile": on_profile,
+    "renderer, height map": on_map,
+    "force law, Python": in_python,
+    "force law, C": in_c,
+    "MuJoCo, pieces": in_mujoco,
+    "MuJoCo, height field": in_mujoco_over_heights,
+    "CHAI3D": in_chai3d,
+    "Newton": in_newton,
+    "Drake": in_drake,
+}
+
+
+def written(folder: Path, scene: Scene, name: str) -> Path:
+    place = folder / name
+    if not place.exists():
+        place.mkdir(parents=True)
+        SCENE_FORMATS[name].write(place, scene)
+        write_common(place, scene, SCENE_FORMATS[name])
+    return place
+
+
+def output(command: list[str]) -> str:
     return subprocess.run(command, capture_output=True, text=True, check=True, cwd="/").stdout
 
 
-def cell(peak: float, crossed: bool, formula: float | None) -> str:
+def result(command: list[str]) -> Result:
+    found = json.loads(output(command).strip().splitlines()[-1])
+    return found["peak_force_n"], found["crossed"]
+
+
+def cell(found: Result, formula: float | None) -> str:
+    if found is None:
+        return "not run here"
+    peak, crossed = found
     if formula is None:
         return f"slips at {peak:.3f}" if crossed else f"holds {peak:.3f}"
     return f"{peak:.4f} ({100 * (peak / formula - 1):+.2f} %)" + ("" if crossed else ", did not cross")

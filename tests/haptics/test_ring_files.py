@@ -10,15 +10,8 @@ import pytest
 from stepblocks.errors import HapticsError
 from stepblocks.haptics.condition import Condition
 from stepblocks.haptics.event import DECAY, as_record, ring, ring_energy, vibration_events
-from stepblocks.haptics.ring_files import (
-    WAV_RATES,
-    check_hjif,
-    decode_hjif,
-    read_hjif,
-    write_ahap,
-    write_hjif,
-    write_wav,
-)
+from stepblocks.haptics.hjif_rules import check_hjif
+from stepblocks.haptics.ring_files import WAV_RATES, decode_hjif, read_hjif, write_ahap, write_hjif, write_wav
 from stepblocks.stimulus.loader import load_set
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -99,6 +92,17 @@ def test_a_simulated_waveform_replaces_the_exponential(tmp_path):
     ("keys", "value"),
     [
         (("timescale",), 0),
+        (("timescale",), 96_000),
+        (("version",), "2022"),
+        (("profile",), "Baseline"),
+        (("level",), 3),
+        (("date",), "1980-01-01T00:00:00"),  # a time without its offset
+        (("avatars", 0, "id"), 0),  # reserved for none
+        (("avatars", 0, "type"), "Mesh"),
+        (("perceptions", 0, "perception_modality"), "Touch"),
+        (("perceptions", 0, "channels", 0, "direction"), {"X": 1, "Y": 0, "Z": 0}),
+        (("perceptions", 0, "channels", 0, "bands", 0, "curve_type"), "Linear"),
+        (("perceptions", 0, "channels", 0, "bands", 0, "effects", 0, "effect_type"), "Composite"),
         (("perceptions", 0, "avatar_id"), 7),
         (("perceptions", 0, "channels", 0, "gain"), "loud"),
         (("perceptions", 0, "channels", 0, "bands", 0, "band_type"), "Transient"),

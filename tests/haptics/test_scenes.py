@@ -2,6 +2,7 @@
 
 import json
 import math
+import shutil
 import subprocess
 import sys
 from pathlib import Path
@@ -11,14 +12,16 @@ import pytest
 
 from stepblocks.haptics.condition import Condition
 from stepblocks.haptics.devices import device_named, load_devices
+from stepblocks.haptics.scenes.assemble import assemble_scene, plain_step
 from stepblocks.haptics.scenes.registry import SCENE_FORMATS
 from stepblocks.haptics.scenes.scene import write_common
-from stepblocks.pipeline.export import assemble_scene
 from stepblocks.stimulus.loader import load_set
 
 ROOT = Path(__file__).resolve().parents[2]
 TEN = load_set(ROOT / "stimuli" / "paper-ten.toml").stimuli
-GAP = next(s for s in load_set(ROOT / "stimuli" / "crown-margins.toml").stimuli if s.id == "gap-100")
+MARGINS = load_set(ROOT / "stimuli" / "crown-margins.toml").stimuli
+GAP = next(s for s in MARGINS if s.id == "gap-100")
+TIPS = load_set(ROOT / "stimuli" / "probe-tips.toml").stimuli
 R, LOAD, MU = 125e-6, 0.3, 0.15
 CONDITION = Condition(R, LOAD, MU)
 
@@ -75,6 +78,78 @@ def test_a_probe_that_the_formula_locks_stays_locked_in_mujoco(tmp_path, block):
     assert result["status"] == "locked"
     assert not result["crossed"]
     assert result["peak_force_n"] > 9.0 * LOAD
+
+
+@pytest.mark.parametrize("block", TEN[4::5], ids=lambda block: block.id)
+def test_mujoco_follows_the_formula_on_the_height_field(scenes, tmp_path, block):
+    pytest.importorskip("mujoco")
+    folder = write("mujoco", tmp_path / "a b" / block.id, scenes[block.id])
+    result = json.loads(run(folder / "drag.py", "--json", "--heightfield"))
+    assert result["peak_force_n"] == pytest.approx(paper_force(block.height.nominal), rel=0.01)
+    assert result["crossed"]
+
+
+def test_the_height_field_of_mujoco_has_its_row_0_at_the_smallest_y(folders):
+    raw = (folders["mujoco"] / "heightfield.bin").read_bytes()
+    rows, columns = np.frombuffer(raw, "<i4", count=2)
+    values = np.frombuffer(raw, "<f4", offset=8).reshape(rows, columns)
+    assert (values.min(), values.max()) == (0.0, 1.0)
+    assert (values[:, : columns // 2] == 0.0).all()  # the lower face lies at the smaller x
+    size = (folders["mujoco"] / "scene-heightfield.xml").read_text().split('size="')[1].split('"')[0].split()
+    assert float(size[2]) == pytest.approx(50e-6)
+
+
+@pytest.mark.parametrize(
+    ("name", "arguments"),
+    [("crown-shoulder", ()), ("crown-shoulder", ("--down",)), ("crown-chamfer-over", ()), ("crown-chamfer-over", ("--heightfield",))],
+)  # fmt: skip
+def test_mujoco_feels_a_crown_as_the_section_through_its_axis(tmp_path, name, arguments):
+    """Gap of 50 um between equal shoulders: sin a = g / 2R; crown overextended by 40 um: cos a = 1 - h / R."""
+    pytest.importorskip("mujoco")
+    crown = next(s for s in MARGINS if s.id == name)
+    folder = write("mujoco", tmp_path / "scene", assemble_scene(crown, CONDITION))
+    angle = math.asin(50e-6 / (2 * R)) if name == "crown-shoulder" else math.acos(1 - 40e-6 / R)
+    result = json.loads(run(folder / "drag.py", "--json", *arguments))
+    assert result["peak_force_n"] == pytest.approx(LOAD * math.tan(angle + math.atan(MU)), rel=0.01)
+    assert result["crossed"]
+
+
+@pytest.mark.parametrize("name", ["hook-125"])
+def test_a_declared_tip_drags_its_own_ball_in_mujoco(tmp_path, name):
+    mujoco = pytest.importorskip("mujoco")
+    tip = next(s for s in TIPS if s.id == name)
+    ball = tip.ball_radius.nominal
+    scene = assemble_scene(tip, Condition(ball, LOAD, MU), surface=plain_step(50e-6))
+    folder = write("mujoco", tmp_path / "scene", scene)
+    result = json.loads(run(folder / "drag.py", "--json"))
+    expected = LOAD * math.tan(math.acos(1 - 50e-6 / ball) + math.atan(MU))
+    assert result["peak_force_n"] == pytest.approx(expected, rel=0.01)
+    model = mujoco.MjModel.from_xml_path(str(folder / "scene.xml"))
+    assert model.nmesh == len(scene.pieces) + len(scene.probe.pieces)
+    assert scene.probe.whole.vertices[:, 2].min() == pytest.approx(-ball, rel=1e-3)
+
+
+def test_the_force_law_in_c_is_the_one_in_python(folders, tmp_path):
+    compiler = shutil.which("cc") or shutil.which("gcc") or shutil.which("clang")
+    if compiler is None:
+        pytest.skip("no C compiler")
+    source = folders["forcelaw"] / "force_law_demo.c"
+    strict = ["-std=c99", "-Wall", "-Wextra", "-Werror", "-pedantic", "-O1"]
+    subprocess.run([compiler, *strict, str(source), "-lm", "-o", str(tmp_path / "demo")], check=True, cwd="/")
+    printed = subprocess.run([str(tmp_path / "demo")], check=True, capture_output=True, text=True).stdout
+    assert printed == run(folders["forcelaw"] / "force_law.py")
+    assert float(printed.split()[1]) == pytest.approx(paper_force(50e-6), rel=5e-3)
+
+
+def test_sdformat_holds_the_pieces_and_the_friction(folders, scenes):
+    from lxml import etree
+
+    root = etree.parse(str(folders["urdf"] / "block.sdf")).getroot()
+    collisions = root.findall(".//collision")
+    assert len(collisions) == len(scenes["step-050"].pieces)
+    for collision in collisions:
+        assert (folders["urdf"] / collision.find(".//uri").text).is_file()
+        assert float(collision.find(".//mu").text) == MU
 
 
 def test_mujoco_feels_a_gap_in_both_directions(scenes, tmp_path):

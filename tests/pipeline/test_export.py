@@ -1,11 +1,13 @@
 """``stepblocks export`` writes folders that stand alone, and refuses in one line."""
 
 import json
+import math
 import os
 import subprocess
 import sys
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 from stepblocks.cli import main
@@ -58,12 +60,58 @@ def test_files_of_the_user_survive_a_second_export(tmp_path):
     assert not list(folder.parent.glob(".partial*"))
 
 
-def test_parts_without_a_profile_are_named_not_written(tmp_path, capsys):
-    crowns = str(ROOT / "stimuli" / "crown-margins.toml")
-    assert main(["export", crowns, "--for", "x3d", "-o", str(tmp_path), "--only", "crown-feather"]) == 0
-    out = capsys.readouterr().out
-    assert "not a block" in out
-    assert "0 folders" in out
+@pytest.mark.parametrize("simulator", SCENE_FORMATS)
+@pytest.mark.parametrize(("name", "only"), [("crown-margins", "crown-shoulder"), ("probe-tips", "hook-125")])
+def test_crowns_and_tips_are_written_for_every_simulator(simulator, name, only, tmp_path):
+    arguments = [
+        "export",
+        str(ROOT / "stimuli" / f"{name}.toml"),
+        "--for",
+        simulator,
+        "-o",
+        str(tmp_path / "o ut"),
+        "--only",
+        only,
+    ]
+    assert main(arguments) == 0
+    folder = tmp_path / "o ut" / name / only / simulator
+    scene = json.loads((folder / "event.json").read_text())
+    assert [event["drag"] for event in scene["events"]] == ["+x", "-x"]
+    assert (folder / "ring-up.hjif").is_file()
+    shapes = list(folder.rglob("probe.*"))
+    assert bool(shapes) == (name == "probe-tips" and simulator not in ("forcelaw", "mujoco", "usd"))
+
+
+def test_the_step_under_a_tip_is_asked_for(tmp_path, capsys):
+    tips = str(ROOT / "stimuli" / "probe-tips.toml")
+    options = ["--for", "forcelaw", "-o", str(tmp_path), "--only", "tip-200"]
+    assert main(["export", tips, *options, "--step-height", "60 um", "--load", "1 N", "--friction", "0.15"]) == 0
+    event = json.loads((tmp_path / "probe-tips" / "tip-200" / "forcelaw" / "event.json").read_text())["events"][0]
+    # equations (1) and (2) with the tip's own ball of 200 um
+    assert event["critical_force_n"] == pytest.approx(math.tan(math.acos(1 - 60 / 200) + math.atan(0.15)), rel=1e-9)
+    assert main(["export", tips, *options, "--step-height", "5 mm"]) == 2
+    assert "the step under a tip is impossible" in capsys.readouterr().err
+
+
+def test_the_simulated_ring_stands_in_the_files_with_the_energy_of_the_formula(tmp_path):
+    soundfile = pytest.importorskip("soundfile")
+    arguments = ["export", SET, "--for", "forcelaw", "-o", str(tmp_path), "--only", "step-090", "--load", "1 N"]
+    assert main([*arguments, "--ring", "drag"]) == 0
+    folder = tmp_path / "paper-ten" / "step-090" / "forcelaw"
+    event = json.loads((folder / "event.json").read_text())["events"][0]
+    energy = 0.2 * 0.5 * event["critical_force_n"] ** 2 / 9.81e3
+    assert event["energy_j"] == pytest.approx(energy, rel=1e-9)
+    stated = json.loads((folder / "ring-up.json").read_text())
+    phase = 2 * math.pi * event["frequency_hz"] * event["decay_s"]
+    rule = 2 / (event["stiffness_n_per_m"] * event["decay_s"]) * (1 + 1 / phase**2)
+    for name, full_scale in stated["full_scale_n"].items():
+        samples, rate = soundfile.read(folder / name, dtype="float64")
+        force = samples * full_scale
+        assert rule * np.sum(force**2) / rate == pytest.approx(energy, rel=0.01)
+        assert stated["energy_in_file_j"][name] == pytest.approx(energy, rel=0.01)
+        # friction ends it: a straight envelope, gone where the exponential still has a fifth of its amplitude
+        assert np.abs(force[round(0.025 * rate) :]).max() < 0.02 * np.abs(force).max()
+    assert event["simulated_energy_j"] > 2.0 * energy  # the drag's own share is higher than the paper's 20 %
 
 
 @pytest.mark.parametrize(

@@ -22,7 +22,7 @@ def add_to(commands: Any) -> None:
     parser = commands.add_parser(
         "export",
         help="scenes for haptic simulators, with contact settings and the vibration as an event",
-        description="Write one self-contained folder per block: scene, event, rings and a README that says how to run it.",
+        description="Write one self-contained folder per block, crown or tip: scene, event, rings, and a README on how to run it.",
     )
     parser.add_argument(
         "files", nargs="*", type=Path, metavar="SET", help="stimulus files or folders (default: stimuli)"
@@ -35,7 +35,21 @@ def add_to(commands: Any) -> None:
     parser.add_argument("--devices", type=Path, metavar="FILE", help="device profiles of your own")
     parser.add_argument("--only", metavar="PATTERN", help="stimuli such as 'step-0?0'")
     parser.add_argument("--scale", type=float, metavar="S", help="magnification (default: the plan's, or 1)")
-    for name, example in (("load", "1 N"), ("friction", "0.15"), ("tip-radius", "125 um")):
+    parser.add_argument(
+        "--ring", choices=("exponential", "drag"), default="exponential",
+        help="waveform of the WAV files: a decaying sine, or the ring of the time-domain drag with the same energy",
+    )  # fmt: skip
+    parser.add_argument(
+        "--model",
+        type=Path,
+        metavar="JSON",
+        help="model.json of stepblocks loop: friction, spring, edge and ring as a session taught",
+    )
+    parser.add_argument(
+        "--speed", metavar="Q", default="5 mm/s", help="of the handle, for --ring drag and --model (default 5 mm/s)"
+    )
+    examples = (("load", "1 N"), ("friction", "0.15"), ("tip-radius", "125 um"), ("step-height", "50 um"))
+    for name, example in examples:
         parser.add_argument(
             f"--{name}", metavar="Q", help=f"such as '{example}' (default: the first of the set's prediction)"
         )
@@ -45,7 +59,7 @@ def add_to(commands: Any) -> None:
 def _run(arguments: argparse.Namespace) -> int:
     from stepblocks.errors import PipelineError, QuantityError
     from stepblocks.pipeline.build import stimulus_files
-    from stepblocks.pipeline.export import export_sets
+    from stepblocks.pipeline.export import Wishes, export_sets
     from stepblocks.quantities import parse_quantity
 
     def quantity(name: str, text: str | None, dimension: str) -> float | None:
@@ -56,13 +70,17 @@ def _run(arguments: argparse.Namespace) -> int:
         except (QuantityError, ValueError) as error:
             raise PipelineError(f"--{name}: {error}") from error
 
+    wishes = Wishes(
+        quantity("load", arguments.load, "force"), quantity("friction", arguments.friction, "ratio"),
+        quantity("tip-radius", arguments.tip_radius, "length"), quantity("step-height", arguments.step_height, "length"),
+        arguments.scale, arguments.ring, quantity("speed", arguments.speed, "speed") or 0.0,
+    )  # fmt: skip
     written = 0
     for done in export_sets(
         stimulus_files(arguments.files), arguments.simulator, arguments.output, arguments.device, arguments.devices,
-        arguments.only, quantity("load", arguments.load, "force"), quantity("friction", arguments.friction, "ratio"),
-        quantity("tip-radius", arguments.tip_radius, "length"), arguments.scale,
+        arguments.only, wishes, arguments.model,
     ):  # fmt: skip
-        print(f"{done.name}: {done.folder or done.remark}" + (f"\n  {done.plan}" if done.plan else ""), flush=True)
-        written += done.folder is not None
+        print(f"{done.name}: {done.folder}" + (f"\n  {done.plan}" if done.plan else ""), flush=True)
+        written += 1
     print(f"{written} folder{'s' if written != 1 else ''} for {arguments.simulator}")
     return 0

@@ -8,7 +8,7 @@ recorded ring can be measured: ``E_v = 2 / (k T) (1 + 1/(w T)^2)`` times the int
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -18,7 +18,19 @@ from stepblocks.contact.energy import Status, release_at
 from stepblocks.haptics.condition import Condition
 from stepblocks.haptics.renderer.path import Surface, centre_path
 
-__all__ = ["DECAY", "FREQUENCY", "VibrationEvent", "as_record", "ring", "ring_energy", "vibration_events"]
+__all__ = [
+    "DECAY",
+    "FREQUENCY",
+    "Learned",
+    "RingLaw",
+    "VibrationEvent",
+    "Waveform",
+    "as_record",
+    "ring",
+    "ring_energy",
+    "vibration_events",
+    "with_energy",
+]
 
 Array = NDArray[np.float64]
 FREQUENCY = 300.0
@@ -28,6 +40,63 @@ DECAY = math.tan(0.5 * math.pi * _BAND_SHARE) / (math.tau * _HALF_BAND)
 """Time constant of the amplitude [s], 14.2 ms: the one whose spectrum has the 86 % of its energy in 250 to 350 Hz that
 the paper reports (a decaying sine has a Lorentzian line); 89 % of the energy is then spent in the paper's 16 ms."""
 _LENGTH = 7.0  # of a rendered ring in time constants: all but 1e-6 of the energy
+
+
+@dataclass(frozen=True)
+class RingLaw:
+    """How the tool rings.
+
+    Attributes
+    ----------
+    frequency, decay : float
+        Frequency [Hz], and time constant of the amplitude [s].
+    """
+
+    frequency: float = FREQUENCY
+    decay: float = DECAY
+
+
+@dataclass(frozen=True, eq=False)
+class Waveform:
+    """A ring that was simulated in time, instead of the exponential.
+
+    Attributes
+    ----------
+    force : ndarray, shape (n,)
+        Force on the hand in the direction of the drag [N], scaled so that `ring_energy` is E_v.
+    rate : float
+        Its sampling rate [Hz].
+    delay : float
+        From the release to its first sample [s]: the fall of the spring force, which the spring itself renders.
+    simulated_peak, simulated_energy : float
+        Pulling force at the release [N] and energy of the ring [J] that the simulation found by itself.
+    factor : float
+        What its force was multiplied by [1].
+    """
+
+    force: Array
+    rate: float
+    delay: float
+    simulated_peak: float
+    simulated_energy: float
+    factor: float
+
+
+@dataclass(frozen=True)
+class Learned:
+    """What a model that a measured session has taught says of one drag.
+
+    Attributes
+    ----------
+    status : str
+        ``"ok"``, or why the prediction must not be trusted.
+    peak_force, energy : tuple of float
+        Release force [N] and vibration energy [J], each with the bounds of its 95 % interval for a single trial.
+    """
+
+    status: str
+    peak_force: tuple[float, float, float]
+    energy: tuple[float, float, float]
 
 
 @dataclass(frozen=True)
@@ -62,6 +131,10 @@ class VibrationEvent:
         Of the force [N] at time 0, before decay.
     acceleration : float
         Amplitude of the acceleration of the effective mass [m/s^2].
+    waveform : Waveform or None
+        A simulated ring of the same energy; None where it is the exponential.
+    learned : Learned or None
+        What a measured session has taught; energy, amplitude, frequency and decay are then its.
     """
 
     stimulus: str
@@ -79,10 +152,12 @@ class VibrationEvent:
     effective_mass: float
     amplitude: float
     acceleration: float
+    waveform: Waveform | None = None
+    learned: Learned | None = None
 
 
 def vibration_events(
-    stimulus: Surface, condition: Condition, frequency: float = FREQUENCY, decay: float = DECAY
+    stimulus: Surface, condition: Condition, law: RingLaw | None = None
 ) -> tuple[VibrationEvent, VibrationEvent]:
     """Predict the rings of both drags over a stimulus.
 
@@ -92,14 +167,15 @@ def vibration_events(
         The stimulus.
     condition : Condition
         Ball, load, friction, tool.
-    frequency, decay : float
-        Of the ring [Hz, s].
+    law : RingLaw, optional
+        Frequency and decay of the ring; the paper's where omitted.
 
     Returns
     -------
     up, down : VibrationEvent
         Towards +x, and towards -x.
     """
+    frequency, decay = (law or RingLaw()).frequency, (law or RingLaw()).decay
     path = centre_path(stimulus, condition.ball_radius)
     stiffness = condition.tool.stiffness
     mass = stiffness / (math.tau * frequency) ** 2
@@ -116,6 +192,25 @@ def vibration_events(
     return found[0], found[1]
 
 
+def with_energy(event: VibrationEvent, energy: float) -> VibrationEvent:
+    """Return an event that carries another energy.
+
+    Parameters
+    ----------
+    event : VibrationEvent
+        One that releases.
+    energy : float
+        E_v [J].
+
+    Returns
+    -------
+    VibrationEvent
+        Amplitudes follow the energy.
+    """
+    amplitude = math.sqrt(2.0 * event.stiffness * energy)
+    return replace(event, energy=energy, amplitude=amplitude, acceleration=amplitude / event.effective_mass)
+
+
 def ring(event: VibrationEvent, rate: float) -> Array:
     """Render the ring as force samples.
 
@@ -129,8 +224,13 @@ def ring(event: VibrationEvent, rate: float) -> Array:
     Returns
     -------
     ndarray, shape (n,)
-        Force along the drag [N], from the release until all but a millionth of the energy is spent.
+        Force along the drag [N], from the release until all but a millionth of the energy is spent; of a simulated ring
+        from its first swing.
     """
+    if event.waveform is not None:
+        known = np.arange(len(event.waveform.force)) / event.waveform.rate
+        wanted = np.arange(math.floor(known[-1] * rate) + 1) / rate
+        return np.asarray(np.interp(wanted, known, event.waveform.force))
     time = np.arange(math.ceil(_LENGTH * event.decay * rate)) / rate
     return np.asarray(event.amplitude * np.exp(-time / event.decay) * np.sin(math.tau * event.frequency * time))
 
@@ -176,7 +276,7 @@ def as_record(event: VibrationEvent, scale: float = 1.0) -> dict[str, Any]:
     def known(value: float) -> float | None:
         return value if math.isfinite(value) else None
 
-    return {
+    record = {
         "stimulus": event.stimulus,
         "drag": event.drag,
         "status": event.status.value,
@@ -196,3 +296,22 @@ def as_record(event: VibrationEvent, scale: float = 1.0) -> dict[str, Any]:
         "waveform": "force on the hand along direction_xyz: amplitude_n exp(-t/decay_s) sin(2 pi frequency_hz t), t from the release",
         "energy_rule": "2/(stiffness_n_per_m decay_s) (1 + 1/(2 pi frequency_hz decay_s)^2) times the integral of force^2",
     }
+    if event.waveform is not None:
+        wave = event.waveform
+        record |= {
+            "waveform": "force on the hand along direction_xyz as in the WAV files, from the time-domain drag, scaled until its "
+            "energy by energy_rule is energy_j; its first sample is simulated_delay_s after the release; amplitude, frequency and "
+            "decay are those of the exponential of the same energy, which .hjif and .ahap hold",
+            "simulated_delay_s": wave.delay,
+            "simulated_peak_force_n": wave.simulated_peak,
+            "simulated_energy_j": wave.simulated_energy,
+            "simulated_factor": wave.factor,
+        }
+    if event.learned is not None:
+        names = ("", "_low", "_high")
+        record["learned"] = {
+            "status": event.learned.status,
+            **{f"peak_force{n}_n": known(v) for n, v in zip(names, event.learned.peak_force, strict=True)},
+            **{f"energy{n}_j": known(v) for n, v in zip(names, event.learned.energy, strict=True)},
+        }
+    return record

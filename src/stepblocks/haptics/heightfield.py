@@ -6,6 +6,8 @@ Integer forms do not exist here: 16 bits over 200 um quantise to 3 nm, 8 bits to
 from __future__ import annotations
 
 import json
+import math
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -14,15 +16,68 @@ from numpy.typing import NDArray
 
 from stepblocks.errors import HapticsError
 from stepblocks.stimulus.block import StepBlock
-from stepblocks.stimulus.margin import MarginBlock
+from stepblocks.stimulus.margin import CrownOnTooth, MarginBlock
 from stepblocks.stimulus.profile import breakpoints, surface_height
 
-__all__ = ["SPACING", "height_field", "write_height_field"]
+__all__ = ["SPACING", "Relief", "height_field", "relief", "write_height_field"]
 
 SPACING = 2e-6
 """Distance of neighbouring samples in x and y [m]."""
 _HALF_X = 1e-3
 _HALF_Y = 0.1e-3
+
+
+@dataclass(frozen=True, eq=False)
+class Relief:
+    """Heights of a surface over a rectangular patch around its working edge.
+
+    Attributes
+    ----------
+    heights : ndarray, shape (rows, columns)
+        z [m]; rows ascend in y, columns in x.
+    x, y : ndarray
+        Positions of columns and rows [m], evenly spaced.
+    """
+
+    heights: NDArray[np.float64]
+    x: NDArray[np.float64]
+    y: NDArray[np.float64]
+
+
+def relief(
+    stimulus: StepBlock | MarginBlock | CrownOnTooth, ball_radius: float, half_width: float | None = None
+) -> Relief:
+    """Sample the surface as far as a ball that is dragged over its edge can touch it.
+
+    Parameters
+    ----------
+    stimulus : StepBlock, MarginBlock or CrownOnTooth
+        The surface; a crown is sampled in the round.
+    ball_radius : float
+        R [m].
+    half_width : float, optional
+        Of a crown, how far the rows reach around it to either side [m]; 20 um where omitted.
+
+    Returns
+    -------
+    Relief
+        Columns at most 2 um apart, one on either edge, which count as high there: a gap is as wide as it is. Of an
+        extruded block three rows, of a crown one every 5 um.
+    """
+    opening = max(breakpoints(stimulus)) if not isinstance(stimulus, StepBlock) else 0.0
+    spacing = opening / math.ceil(opening / SPACING) if opening > 0.0 else SPACING
+    count = math.ceil(max(0.4e-3, 4.0 * ball_radius) / spacing)
+    x = np.arange(-count, count + 1) * spacing
+    for corner in breakpoints(stimulus):  # on an edge in every bit, or rounding makes a gap wider
+        x = np.where(np.abs(x - corner) < 1e-6 * spacing, corner, x)
+    profile: NDArray[np.float64] = surface_height(stimulus, x)
+    if not isinstance(stimulus, CrownOnTooth):
+        y = np.array([-1.0, 0.0, 1.0]) * 2.0 * ball_radius
+        return Relief(np.tile(profile, (3, 1)), x, y)
+    rows = math.ceil((20e-6 if half_width is None else half_width) / 5e-6)
+    y = np.arange(-rows, rows + 1) * 5e-6
+    radius = stimulus.margin_radius.nominal
+    return Relief(np.sqrt((radius + profile) ** 2 - y[:, None] ** 2) - radius, x, y)
 
 
 def height_field(stimulus: StepBlock | MarginBlock) -> NDArray[np.float64]:

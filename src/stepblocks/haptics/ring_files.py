@@ -12,14 +12,14 @@ from numpy.typing import NDArray
 
 from stepblocks.errors import HapticsError
 from stepblocks.haptics.event import VibrationEvent, ring
+from stepblocks.haptics.hjif_rules import check_hjif
 
-__all__ = ["WAV_RATES", "check_hjif", "decode_hjif", "read_hjif", "write_ahap", "write_hjif", "write_wav"]
+__all__ = ["WAV_RATES", "decode_hjif", "read_hjif", "write_ahap", "write_hjif", "write_wav"]
 
 Array = NDArray[np.float64]
 WAV_RATES = (10_000, 48_000)
 """Sampling rates of the WAV files [Hz]."""
 _TIMESCALE = 1000  # ticks per second that the reference software assumes for a VectorialWave
-_BASE_SIGNALS = ("Sine", "Square", "Triangle", "SawToothUp", "SawToothDown")
 _MAX_BYTES = 5_000_000
 
 
@@ -70,12 +70,14 @@ def write_hjif(path: Path, event: VibrationEvent) -> None:
     Raises
     ------
     HapticsError
-        If the event does not ring, or its frequency is not a whole number of hertz, which the format cannot hold.
+        If the event does not ring.
+
+    Notes
+    -----
+    The format holds whole hertz: another frequency is rounded.
     """
     if not math.isfinite(event.amplitude):
         raise HapticsError(f"{event.stimulus} {event.drag} does not ring ({event.status.value}) [{path}]")
-    if event.frequency != round(event.frequency):
-        raise HapticsError(f"frequency must be whole hertz in .hjif, got {event.frequency:g} Hz [{path}]")
     ticks = np.arange(math.ceil(7.0 * event.decay * _TIMESCALE) + 1)
     # Straight lines between samples of an exponential lie above it; this factor restores the energy of each stretch.
     x = 1.0 / (event.decay * _TIMESCALE)
@@ -98,12 +100,12 @@ def write_hjif(path: Path, event: VibrationEvent) -> None:
     channel = {"id": 0, "description": f"force on the hand in newton, {event.drag}", "gain": event.amplitude,
                "mixing_coefficient": 1.0, "body_part_mask": 0, "direction": {"X": 127 * event.direction, "Y": 0, "Z": 0},
                "bands": [band]}  # fmt: skip
-    perception = {"id": 0, "avatar_id": 0, "description": f"release of the probe, {event.stimulus}",
+    perception = {"id": 0, "avatar_id": 1, "description": f"release of the probe, {event.stimulus}",
                   "perception_modality": "Force", "unit_exponent": 0, "reference_devices": [], "effect_library": [],
                   "channels": [channel]}  # fmt: skip
-    document = {"version": "2023", "profile": "Main", "level": 1, "date": "1980-01-01T00:00:00",
+    document = {"version": "2023", "profile": "Main", "level": 1, "date": "1980-01-01",
                 "description": f"ring of {event.stimulus}, drag {event.drag}", "timescale": _TIMESCALE,
-                "avatars": [{"id": 0, "lod": 0, "type": "Vibration"}], "perceptions": [perception], "syncs": []}  # fmt: skip
+                "avatars": [{"id": 1, "lod": 0, "type": "Vibration"}], "perceptions": [perception], "syncs": []}  # fmt: skip
     check_hjif(document, str(path))
     path.write_text(json.dumps(document, indent=1) + "\n", encoding="utf-8")
 
@@ -134,100 +136,6 @@ def read_hjif(path: Path) -> dict[str, Any]:
         raise HapticsError(f"cannot be read as JSON: {error} [{path}]") from error
     check_hjif(document, str(path))
     return document  # type: ignore[no-any-return]
-
-
-_RULES: dict[str, dict[str, type | tuple[type, ...]]] = {
-    "document": {"version": str, "profile": str, "level": int, "date": str, "description": str, "timescale": int,
-                 "avatars": list, "perceptions": list, "syncs": list},
-    "avatar": {"id": int, "lod": int, "type": str},
-    "perception": {"id": int, "avatar_id": int, "description": str, "perception_modality": str,
-                   "effect_library": list, "channels": list},
-    "channel": {"id": int, "description": str, "gain": (int, float), "mixing_coefficient": (int, float),
-                "body_part_mask": int, "bands": list},
-    "band": {"band_type": str, "lower_frequency_limit": int, "upper_frequency_limit": int, "effects": list},
-    "effect": {"effect_type": str, "position": int, "phase": (int, float), "base_signal": str, "keyframes": list},
-}  # fmt: skip
-"""Fields without which the standard's reference software rejects or skips an element, and their types."""
-
-
-def check_hjif(document: Any, place: str) -> None:
-    """Hold a document against the rules of the standard that concern a VectorialWave, in our own reading.
-
-    Parameters
-    ----------
-    document : dict
-        Parsed JSON.
-    place : str
-        For the message.
-
-    Raises
-    ------
-    HapticsError
-        Naming the first element and field that break a rule.
-
-    References
-    ----------
-    ISO/IEC 23090-31; the required fields follow the loader of MPEG's public reference software (IOJson.cpp).
-    """
-    _require_fields("document", document, place)
-    _require(document["timescale"] > 0, "timescale must be positive", document["timescale"], place)
-    avatars = {avatar["id"] for avatar in _each("avatar", document["avatars"], place)}
-    for perception in _each("perception", document["perceptions"], place):
-        _require(perception["avatar_id"] in avatars, "avatar_id must name an avatar", perception["avatar_id"], place)
-        for channel in _each("channel", perception["channels"], place):
-            for band in _each("band", channel["bands"], place):
-                low, high = band["lower_frequency_limit"], band["upper_frequency_limit"]
-                _require(0 <= low < high, "frequency limits must ascend from 0", (low, high), place)
-                _require(
-                    band["band_type"] == "VectorialWave", "band_type must be VectorialWave", band["band_type"], place
-                )
-                for effect in _each("effect", band["effects"], place):
-                    _check_effect(effect, low, high, place)
-
-
-def _check_effect(effect: dict[str, Any], low: int, high: int, place: str) -> None:
-    _require(effect["base_signal"] in _BASE_SIGNALS, "base_signal must be known", effect["base_signal"], place)
-    _require(effect["position"] >= 0, "position must not be negative", effect["position"], place)
-    before = -1
-    for frame in effect["keyframes"]:
-        _require(isinstance(frame, dict), "a keyframe must be an object", frame, place)
-        at = frame.get("relative_position")
-        _require(type(at) is int and at > before, "relative_position must be whole and ascend", at, place)
-        before = at
-        level = frame.get("amplitude_modulation", 0.0)
-        _require(
-            isinstance(level, int | float) and -1.0 <= level <= 1.0,
-            "amplitude_modulation must lie in -1..1",
-            level,
-            place,
-        )
-        tone = frame.get("frequency_modulation", low)
-        _require(
-            type(tone) is int and low <= tone <= high,
-            "frequency_modulation must be whole hertz within the band",
-            tone,
-            place,
-        )
-    _require(before > 0, "an effect must have at least two keyframes", len(effect["keyframes"]), place)
-
-
-def _each(kind: str, items: list[Any], place: str) -> list[dict[str, Any]]:
-    for item in items:
-        _require_fields(kind, item, place)
-    return items
-
-
-def _require_fields(kind: str, item: Any, place: str) -> None:
-    _require(isinstance(item, dict), f"{kind} must be an object", item, place)
-    for name, wanted in _RULES[kind].items():
-        value = item.get(name)
-        good = isinstance(value, wanted) and not isinstance(value, bool)
-        _require(good, f"{kind}.{name} is required with its type", value, place)
-
-
-def _require(holds: bool, rule: str, value: object, place: str) -> None:
-    if not holds:
-        raise HapticsError(f"{rule}, got {str(value)[:60]!r} [{place}]")
 
 
 def decode_hjif(document: dict[str, Any], rate: float) -> Array:

@@ -14,16 +14,45 @@ from stepblocks.errors import PipelineError
 from stepblocks.pipeline.build import matches
 from stepblocks.pipeline.declared import load_declared
 from stepblocks.pipeline.predict import tool_of
-from stepblocks.stimulus.block import StepBlock
-from stepblocks.stimulus.margin import MarginBlock
+from stepblocks.pipeline.sheaths import grid_with, ring_with
+from stepblocks.stimulus.sheath import Sheath
+from stepblocks.stimulus.tip import HookTip, StraightTip
 
 if TYPE_CHECKING:
     from stepblocks.haptics.condition import Condition
+    from stepblocks.haptics.devices import Device
+    from stepblocks.haptics.event import RingLaw
     from stepblocks.haptics.plan import RenderingPlan
-    from stepblocks.haptics.scenes.scene import Scene
-    from stepblocks.stimulus.set import PredictionGrid
+    from stepblocks.haptics.scenes.scene import Scene, SceneFormat
+    from stepblocks.pipeline.model_file import LearnedModel
+    from stepblocks.stimulus.set import PredictionGrid, Stimulus, StimulusSet
 
-__all__ = ["Exported", "assemble_scene", "export_sets"]
+__all__ = ["Exported", "Wishes", "export_sets", "scene_of"]
+
+
+@dataclass(frozen=True)
+class Wishes:
+    """Under what the scenes are felt; what is None comes from the set's prediction grid, its first value.
+
+    Attributes
+    ----------
+    load, friction, ball_radius, step_height : float or None
+        Normal load [N], coefficient [1], R [m], and the step under a declared tip [m]; a tip brings its own ball.
+    scale : float or None
+        Magnification [1]; that of the device's plan, or 1.
+    ring : str
+        ``"exponential"`` or ``"drag"``, the simulated waveform.
+    speed : float
+        Of the handle in the simulated drag, and for what was learnt [m/s].
+    """
+
+    load: float | None = None
+    friction: float | None = None
+    ball_radius: float | None = None
+    step_height: float | None = None
+    scale: float | None = None
+    ring: str = "exponential"
+    speed: float = 5e-3
 
 
 @dataclass(frozen=True)
@@ -34,18 +63,15 @@ class Exported:
     ----------
     name : str
         Set and stimulus, ``"set/id"``.
-    folder : Path or None
-        Where it is; None where the simulator has no use for the part.
+    folder : Path
+        Where it is.
     plan : RenderingPlan or None
         How the device renders it.
-    remark : str
-        Why it was left out; empty where it was not.
     """
 
     name: str
-    folder: Path | None
+    folder: Path
     plan: RenderingPlan | None
-    remark: str = ""
 
 
 def export_sets(
@@ -55,12 +81,10 @@ def export_sets(
     device: str | None = None,
     devices: Path | None = None,
     only: str | None = None,
-    load: float | None = None,
-    friction: float | None = None,
-    ball_radius: float | None = None,
-    scale: float | None = None,
+    wishes: Wishes | None = None,
+    model: Path | None = None,
 ) -> Iterator[Exported]:
-    """Write scenes of every block of the sets.
+    """Write scenes of every stimulus of the sets.
 
     Parameters
     ----------
@@ -76,15 +100,15 @@ def export_sets(
         File with devices of the user's.
     only : str, optional
         Pattern of stimuli.
-    load, friction, ball_radius : float, optional
-        Condition [N, 1, m]; the first of the set's prediction grid where omitted.
-    scale : float, optional
-        Magnification; that of the plan, or 1, where omitted.
+    wishes : Wishes, optional
+        Condition, scale and ring.
+    model : Path, optional
+        model.json of a measured session: friction, spring, edge and ring are then what it taught.
 
     Yields
     ------
     Exported
-        As each is done; a part without a working profile is reported, not written.
+        As each is done.
 
     Raises
     ------
@@ -93,40 +117,107 @@ def export_sets(
     """
     from stepblocks.haptics.devices import device_named, load_devices
     from stepblocks.haptics.scenes.registry import SCENE_FORMATS
-    from stepblocks.haptics.scenes.scene import write_common
+    from stepblocks.pipeline.model_file import read_model
 
+    wishes = wishes or Wishes()
     if simulator not in SCENE_FORMATS:
         raise PipelineError(f"--for must be one of {', '.join(SCENE_FORMATS)}, got {simulator!r}")
-    form, known = SCENE_FORMATS[simulator], load_devices(devices)
+    known = load_devices(devices)
     chosen = None if device is None else device_named(device, known)
-    if scale is not None and not (math.isfinite(scale) and scale > 0.0):
-        raise PipelineError(f"scale must be positive and finite, got {scale:g}")
+    if wishes.scale is not None and not (math.isfinite(wishes.scale) and wishes.scale > 0.0):
+        raise PipelineError(f"scale must be positive and finite, got {wishes.scale:g}")
+    learned = None if model is None else read_model(model)
     found = False
     for stimuli in [load_declared(path) for path in files]:
-        condition = _condition(stimuli.prediction, load, friction, ball_radius)
         for stimulus in stimuli.stimuli:
             if only is not None and not matches(only, stimuli.name, stimulus.id):
                 continue
-            found, name = True, f"{stimuli.name}/{stimulus.id}"
-            if not isinstance(stimulus, StepBlock | MarginBlock):
-                yield Exported(name, None, None, "not a block: a simulator drags over blocks")
-                continue
-            scene = assemble_scene(stimulus, condition, chosen, scale)
+            found = True
+            scene = scene_of(
+                stimulus, grid_with(stimuli, stimulus), wishes, chosen, learned, _ring_law(stimuli, stimulus)
+            )
             folder = output / stimuli.name / stimulus.id / simulator
-            workshop = folder.with_name(f".partial-{simulator}-{os.getpid()}")
-            shutil.rmtree(workshop, ignore_errors=True)
-            try:
-                workshop.mkdir(parents=True)
-                form.write(workshop, scene)
-                write_common(workshop, scene, form)
-                _move_in(workshop, folder)
-            except OSError as error:
-                raise PipelineError(f"the folder cannot be written: {error.strerror} [{folder}]") from error
-            finally:
-                shutil.rmtree(workshop, ignore_errors=True)
-            yield Exported(name, folder, scene.plan)
+            _write(folder, scene, SCENE_FORMATS[simulator])
+            yield Exported(f"{stimuli.name}/{stimulus.id}", folder, scene.plan)
     if not found:
         raise PipelineError(f"--only must match at least one stimulus, got {only!r}")
+
+
+def scene_of(
+    stimulus: Stimulus,
+    grid: PredictionGrid,
+    wishes: Wishes,
+    device: Device | None = None,
+    learned: LearnedModel | None = None,
+    law: RingLaw | None = None,
+) -> Scene:
+    """Gather one scene.
+
+    Parameters
+    ----------
+    stimulus : Stimulus
+        Block, crown, tip or sheath; the last is felt at a step under the probe that wears it.
+    grid : PredictionGrid
+        Of its set: what is not wished for.
+    wishes : Wishes
+        Condition, scale, ring.
+    device : Device, optional
+        Its plan sets the scale.
+    learned : LearnedModel, optional
+        What a measured session taught.
+    law : RingLaw, optional
+        How the probe rings; as the paper's where omitted.
+
+    Returns
+    -------
+    Scene
+        Ready to be written.
+    """
+    from stepblocks.haptics.drag_ring import with_drag_ring
+    from stepblocks.haptics.event import vibration_events
+    from stepblocks.haptics.renderer.path import centre_path
+    from stepblocks.haptics.scenes.assemble import assemble_scene, surface_of
+    from stepblocks.pipeline.learned import teach
+
+    condition = _condition(stimulus, grid, wishes)
+    surface = surface_of(stimulus, wishes.step_height or next(iter(grid.step_heights), None))
+    events = vibration_events(surface, condition, law)
+    if learned is not None:
+        surface, condition, events = teach(
+            learned, surface, condition, wishes.speed, keep_friction=wishes.friction is not None
+        )
+    if not isinstance(stimulus, StraightTip | HookTip):
+        stimulus = surface
+    if wishes.ring == "drag":
+        path = centre_path(surface, condition.ball_radius)
+        up, down = (with_drag_ring(event, path, condition, wishes.speed) for event in events)
+        events = (up, down)
+    return assemble_scene(stimulus, condition, device, wishes.scale, surface, events)
+
+
+def _ring_law(stimuli: StimulusSet, stimulus: Stimulus) -> RingLaw | None:
+    from stepblocks.haptics.event import RingLaw
+
+    if not isinstance(stimulus, Sheath) or stimuli.probe is None:
+        return None
+    ring = ring_with(stimuli.probe, stimulus)
+    return RingLaw(ring.frequency, ring.decay_time)
+
+
+def _write(folder: Path, scene: Scene, form: SceneFormat) -> None:
+    from stepblocks.haptics.scenes.scene import write_common
+
+    workshop = folder.with_name(f".partial-{form.name}-{os.getpid()}")
+    shutil.rmtree(workshop, ignore_errors=True)
+    try:
+        workshop.mkdir(parents=True)
+        form.write(workshop, scene)
+        write_common(workshop, scene, form)
+        _move_in(workshop, folder)
+    except OSError as error:
+        raise PipelineError(f"the folder cannot be written: {error.strerror} [{folder}]") from error
+    finally:
+        shutil.rmtree(workshop, ignore_errors=True)
 
 
 def _move_in(workshop: Path, folder: Path) -> None:
@@ -138,63 +229,15 @@ def _move_in(workshop: Path, folder: Path) -> None:
             path.replace(target)
 
 
-def _condition(
-    grid: PredictionGrid, load: float | None, friction: float | None, ball_radius: float | None
-) -> Condition:
+def _condition(stimulus: Stimulus, grid: PredictionGrid, wishes: Wishes) -> Condition:
     from stepblocks.haptics.condition import Condition
 
-    if ball_radius is None and not grid.tip_radii:
+    ball = stimulus.ball_radius.nominal if isinstance(stimulus, StraightTip | HookTip) else wishes.ball_radius
+    if ball is None and not grid.tip_radii:
         raise PipelineError("--tip-radius must be given for a set whose prediction names no tip_radii, got none")
     return Condition(
-        grid.tip_radii[0] if ball_radius is None else ball_radius,
-        grid.normal_loads[0] if load is None else load,
-        grid.frictions[0] if friction is None else friction,
+        grid.tip_radii[0] if ball is None else ball,
+        grid.normal_loads[0] if wishes.load is None else wishes.load,
+        grid.frictions[0] if wishes.friction is None else wishes.friction,
         tool_of(grid),
     )
-
-
-def assemble_scene(
-    stimulus: StepBlock | MarginBlock,
-    condition: Condition,
-    device: object = None,
-    scale: float | None = None,
-) -> Scene:
-    """Gather what a scene needs.
-
-    Parameters
-    ----------
-    stimulus : StepBlock or MarginBlock
-        The block.
-    condition : Condition
-        Under what it is felt.
-    device : Device, optional
-        Its plan sets the scale.
-    scale : float, optional
-        Magnification; that of the plan, or 1, where omitted.
-
-    Returns
-    -------
-    Scene
-        Magnified.
-    """
-    from stepblocks.haptics.devices import Device
-    from stepblocks.haptics.event import vibration_events
-    from stepblocks.haptics.mesh import Mesh, mesh_solid
-    from stepblocks.haptics.pieces import convex_pieces
-    from stepblocks.haptics.plan import plan_rendering
-    from stepblocks.haptics.renderer.path import centre_path
-    from stepblocks.haptics.scenes.scene import Scene
-    from stepblocks.solids.build import build_solids
-
-    events = vibration_events(stimulus, condition)
-    plan = plan_rendering(device, events[0], condition, scale) if isinstance(device, Device) else None
-    size = plan.scale if plan else 1.0 if scale is None else scale
-    name, body = build_solids(stimulus)[0]
-    whole = mesh_solid(stimulus, name, body)
-
-    def magnified(mesh: Mesh) -> Mesh:
-        return Mesh(mesh.name, mesh.vertices * size, mesh.triangles)
-
-    pieces = tuple(magnified(piece) for piece in convex_pieces(stimulus))
-    path = centre_path(stimulus, condition.ball_radius).scaled(size)
-    return Scene(stimulus, condition, size, magnified(whole), pieces, path, events, plan)

@@ -15,7 +15,7 @@ from stepblocks.contact.kernels import locking_height
 from stepblocks.contact.uncertainty import Interval
 from stepblocks.pipeline.declared import with_energy_tolerances
 from stepblocks.pipeline.predict_interval import WAYS, ball_of, known, margin_interval, step_interval
-from stepblocks.pipeline.sheaths import ring_with
+from stepblocks.pipeline.sheaths import grid_with
 from stepblocks.stimulus.block import StepBlock
 from stepblocks.stimulus.margin import CrownOnTooth, MarginBlock
 from stepblocks.stimulus.set import PredictionGrid, Stimulus, StimulusSet
@@ -136,10 +136,7 @@ def predict_set(stimuli: StimulusSet) -> Iterator[Prediction]:
     """
     stimuli = with_energy_tolerances(stimuli)
     for stimulus in stimuli.stimuli:
-        grid = stimuli.prediction
-        if isinstance(stimulus, Sheath) and stimuli.probe is not None:
-            stiffened = {"stiffness": ring_with(stimuli.probe, stimulus).stiffness}
-            grid = grid.model_copy(update={"tool": grid.tool.model_copy(update=stiffened)})
+        grid = grid_with(stimuli, stimulus)
         tool = tool_of(grid)
         for contact in _contacts(stimulus, grid):
             for friction in grid.frictions:

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from stepblocks.beside import beside
 from stepblocks.closure.trials import Trials
 from stepblocks.contact.forward import height_name
-from stepblocks.contact.state import CHANNELS, observe
+from stepblocks.contact.state import CHANNELS, DragState, observe
 from stepblocks.errors import PipelineError
 from stepblocks.pipeline.bench_model import LOADING_TIME, PEAK_FORCE
 from stepblocks.pipeline.model_file import LearnedFit, LearnedModel, read_model
@@ -20,7 +20,7 @@ from stepblocks.pipeline.session_table import tip_radius_um
 if TYPE_CHECKING:
     import pandas as pd
 
-__all__ = ["predict_trials", "predictions"]
+__all__ = ["predict_trials", "predictions", "state_of"]
 
 Floats = NDArray[np.float64]
 
@@ -128,6 +128,27 @@ def predictions(table: pd.DataFrame, learned: LearnedModel) -> pd.DataFrame:
         "nominal_vibration_energy_j",
     ]
     return frame[order + [name for name in frame.columns if name not in order]]
+
+
+def state_of(table: pd.DataFrame, learned: LearnedModel) -> DragState:
+    """Fill the slots of the extended model for a table of trials.
+
+    Parameters
+    ----------
+    table : DataFrame
+        Columns as in trials.csv.
+    learned : LearnedModel
+        What a session taught.
+
+    Returns
+    -------
+    DragState
+        Friction, spring, conversion, geometry of every trial.
+    """
+    fitted = learned.extended
+    columns, _, _ = _conditions(table, learned, {e.covariate for e in fitted.effects} - {"none", "block", PEAK_FORCE})
+    active = [(e, {p.name: fitted.values[f"{e.id}.{p.name}"] for p in e.parameters}) for e in fitted.effects]
+    return learned.model.state(_design(table, columns, learned), fitted.values, active)
 
 
 def _conditions(

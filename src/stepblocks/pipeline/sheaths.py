@@ -14,7 +14,7 @@ from stepblocks.beside import replace_text
 from stepblocks.contact.cantilever import Hold, Rod, RodRing, Sleeve, bush_stiffness, ring_of, rod_for
 from stepblocks.contact.free_decay import DecayTest, plan_decay_test
 from stepblocks.stimulus.probe import DampingRig, ProbeSpec
-from stepblocks.stimulus.set import StimulusSet
+from stepblocks.stimulus.set import PredictionGrid, Stimulus, StimulusSet
 from stepblocks.stimulus.sheath import Sheath
 from stepblocks.stimulus.specification import resolved_probe
 
@@ -23,6 +23,7 @@ __all__ = [
     "as_table",
     "conditions_of",
     "decay_test_rows",
+    "grid_with",
     "ring_rows",
     "ring_with",
     "rod_of",
@@ -103,6 +104,28 @@ def ring_with(probe: ProbeSpec, sheath: Sheath) -> RodRing:
     bending = sheath.material.modulus * math.pi * (outer**4 - bore**4) / 64.0
     sleeve = Sleeve(sheath.position.nominal, length, bending, sheath.mass / length, sheath.material.loss_factor)
     return ring_of(rod_of(probe), [sleeve])
+
+
+def grid_with(stimuli: StimulusSet, stimulus: Stimulus) -> PredictionGrid:
+    """Return the grid of a set; under a sheath with the stiffness of the probe that wears it.
+
+    Parameters
+    ----------
+    stimuli : StimulusSet
+        The set.
+    stimulus : Stimulus
+        One of its parts.
+
+    Returns
+    -------
+    PredictionGrid
+        For this part.
+    """
+    grid = stimuli.prediction
+    if not isinstance(stimulus, Sheath) or stimuli.probe is None:
+        return grid
+    tool = grid.tool.model_copy(update={"stiffness": ring_with(stimuli.probe, stimulus).stiffness})
+    return grid.model_copy(update={"tool": tool})
 
 
 def _held_ring(probe: ProbeSpec, sheath: Sheath) -> RodRing:

@@ -104,9 +104,9 @@ def centre_path(stimulus: Surface, ball_radius: float) -> CentrePath:
                 return _envelope([(radius, height - radius, radius)], lines, ball_radius)
             return profile_path([(-_REACH, 0.0), (0.0, 0.0), (0.0, height), (_REACH, height)], ball_radius)
         case MarginBlock():
-            depth = stimulus.gap_depth.nominal
+            depth, fall = stimulus.gap_depth.nominal, 0.0
         case CrownOnTooth():
-            depth = stimulus.finish_line.width.nominal
+            depth, fall = stimulus.finish_line.width.nominal, math.tan(stimulus.taper.nominal)
     opening, gap = stimulus.opening.nominal, stimulus.marginal_gap.nominal
     rise = stimulus.horizontal_discrepancy.nominal
     points = [(-_REACH, 0.0)]
@@ -114,7 +114,11 @@ def centre_path(stimulus: Surface, ball_radius: float) -> CentrePath:
         points += [(opening, 0.0), (opening, rise)]
     else:
         points += [(0.0, 0.0), (0.0, -depth)]
-        points += [(gap, -depth), (gap, rise + gap - opening)] if opening > gap else [(opening, -depth)]
+        points += (
+            [(gap, -depth - fall * gap), (gap, rise + gap - opening)]
+            if opening > gap
+            else [(opening, -depth - fall * opening)]
+        )
         points += [(opening, rise)]
     return profile_path([*points, (_REACH, rise)], ball_radius)
 

@@ -16,6 +16,9 @@ def _write(folder: Path, scene: Scene) -> None:
     write_obj(folder / "block.obj", scene.whole)
     write_stl(folder / "block.stl", scene.whole)
     write_pieces(folder / "pieces.obj", scene.pieces)
+    if scene.probe:
+        write_obj(folder / "probe.obj", scene.probe.whole)
+        write_stl(folder / "probe.stl", scene.probe.whole)
     parameters = {
         "length_unit": "mm",
         "collision_epsilon_mm": 1e-6,
@@ -28,18 +31,23 @@ def _write(folder: Path, scene: Scene) -> None:
     text = render_template("chai3d_block.h", scene=scene, Status=Status)
     (folder / "StepBlock.h").write_text(text, encoding="utf-8")
     (folder / "ReleaseRing.h").write_text(render_template("chai3d_ring.h"), encoding="utf-8")
+    top = float(scene.path.z.max()) * 1e3
+    nothing = scene.events[0].status is Status.NO_CATCH
+    text = render_template("chai3d_drag.cpp", scene=scene, top=top, nothing=nothing)
+    (folder / "drag.cpp").write_text(text, encoding="utf-8")
 
 
 CHAI3D = SceneFormat(
     "chai3d", "CHAI3D 3.3", "millimetres", _write,
-    "Load `block.obj` into a `cMultiMesh`, then `#include \"StepBlock.h\"` and call "
-    "`stepblock::prepare(object, tool)` once: it sets the contact and attaches the ring.",
+    "Compile `drag.cpp` against your CHAI3D (its first line says how) and run it: a virtual hand drags the proxy over the edge and the "
+    "peak is printed beside the formula. In a program of your own load `block.obj` into a `cMultiMesh`, `#include \"StepBlock.h\"` and "
+    "call `stepblock::prepare(object, tool)` once: it sets the contact and attaches the ring.",
     (
         "millimetres, and a proxy epsilon of 1e-6: in metres with its default the proxy is wrong by up to 75 %",
         "one workspace unit must be one millimetre: set the tool's workspace scale factor accordingly",
         "every face is wound outwards and every index positive: other faces load and give no force",
         "its own vibration effect is a steady sine; `ReleaseRing.h` is a decaying one, fired when the proxy leaves the notch",
     ),
-    "OBJ and STL are read back and measured by the test suite; the headers compile against the public headers of CHAI3D 3.3 "
-    "where the docs say so; not run here on a device.",
+    "OBJ and STL are read back and measured by the test suite; `drag.cpp` was compiled against CHAI3D 3.3 and run without device "
+    "or display for the table of docs/simulators.md; not run on a device.",
 )  # fmt: skip

@@ -34,8 +34,18 @@ def _write(folder: Path, scene: Scene) -> None:
         *zip(scene.path.x, scene.path.z, [*scene.path.slope_start, 0.0], [*scene.path.slope_end, 0.0], strict=True)
     ]
     _table(folder / "path.csv", ("x_m", "z_m", "slope_start", "slope_end"), knots)
-    text = render_template("force_law.py", scene=scene, ring=scene.condition.tool.conversion**0.5)
-    (folder / "force_law.py").write_text(text, encoding="utf-8")
+    path = scene.path
+    columns = {"x": path.x, "z": path.z, "first": path.slope_start, "last": path.slope_end}
+    arrays = [(name, [f"{value:.17g}" for value in column]) for name, column in columns.items()]
+    for name in ("force_law.py", "force_law.h", "force_law_path.h", "force_law_demo.c"):
+        text = render_template(name, scene=scene, ring=_ring_ratio(scene), arrays=arrays)
+        (folder / name).write_text(text, encoding="utf-8")
+
+
+def _ring_ratio(scene: Scene) -> float:
+    """Amplitude of the ring over the force at release: sqrt(C_v), or what a session has taught."""
+    event = next((event for event in scene.events if event.status is Status.RELEASES), None)
+    return event.amplitude / event.critical_force if event else float(scene.condition.tool.conversion) ** 0.5
 
 
 def _table(path: Path, header: tuple[str, ...], rows: Sequence[tuple[float, ...]]) -> None:
@@ -50,10 +60,12 @@ FORCELAW = SceneFormat(
     "forcelaw", "OpenHaptics, pyOpenHaptics, Haply: the force law", "metres", _write,
     "`python force_law.py` drags a virtual hand and prints the peak; in your servo loop call `ForceLaw().tick(position, time_step)`.",
     (
-        "`force_law.py` needs Python's standard library alone; it is short enough to be carried over to C",
+        "`force_law.py` needs Python's standard library alone; `force_law.h` is the same in C99 with `math.h` alone and no allocation: "
+        "for OpenHaptics' servo callback or Haply's loop",
+        "`cc -O2 force_law_demo.c -lm -o force_law_demo && ./force_law_demo` is the same demonstration in C",
         "`path.csv` is the path of the ball's centre: the only geometry that the force depends on",
         "`force-up.csv` and `force-down.csv`: pulling force over the hand's position along the drag (descending x for the "
         "second) at the stated load, without the ring",
     ),
-    "run by the test suite in an isolated interpreter, its peak beside the formula.",
+    "run by the test suite in an isolated interpreter and compiled by a C compiler without warnings, both peaks beside the formula.",
 )  # fmt: skip

@@ -33,6 +33,11 @@ def _write(folder: Path, scene: Scene) -> None:
     for piece in scene.pieces:
         names.append(f"{piece.name}.glb")
         write_glb(folder / names[-1], piece)
+    probe = []
+    if scene.probe:
+        probe = ["probe.glb", *(f"{piece.name}.glb" for piece in scene.probe.pieces)]
+        for name, mesh in zip(probe, (scene.probe.whole, *scene.probe.pieces), strict=True):
+            write_glb(folder / name, mesh)
     engines = {}
     for name, (axes, unit, matrix) in ENGINE_FROM_PART.items():
         engines[name] = {
@@ -51,6 +56,8 @@ def _write(folder: Path, scene: Scene) -> None:
     content = scene.parameters() | {
         "whole": "block.glb",
         "convex_pieces": names,
+        "probe": probe[0] if probe else None,
+        "probe_convex_pieces": probe[1:],
         "contact_gap_m": 1e-6 * scene.scale,
         "engines": engines,
     }

@@ -9,17 +9,58 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+from numpy.typing import NDArray
+
 from stepblocks.contact.energy import Status
 from stepblocks.haptics.condition import Condition
-from stepblocks.haptics.event import VibrationEvent, as_record
+from stepblocks.haptics.event import VibrationEvent, as_record, ring, ring_energy
 from stepblocks.haptics.mesh import Mesh
 from stepblocks.haptics.plan import RenderingPlan
-from stepblocks.haptics.renderer.path import CentrePath
+from stepblocks.haptics.renderer.path import CentrePath, Surface
 from stepblocks.haptics.ring_files import WAV_RATES, write_ahap, write_hjif, write_wav
-from stepblocks.stimulus.block import StepBlock
-from stepblocks.stimulus.margin import MarginBlock
+from stepblocks.stimulus.set import Stimulus
 
-__all__ = ["Scene", "SceneFormat", "render_template", "write_common"]
+__all__ = ["Frame", "ProbeShape", "Scene", "SceneFormat", "render_template", "write_common"]
+
+
+@dataclass(frozen=True, eq=False)
+class Frame:
+    """How a part lies in its scene.
+
+    Attributes
+    ----------
+    turn : ndarray, shape (3, 3)
+        Rotation from the part's axes to the scene's.
+    shift : ndarray, shape (3,)
+        What is added then [m], unscaled.
+    words : str
+        The axes of the scene, as a README says it.
+    """
+
+    turn: NDArray[np.float64]
+    shift: NDArray[np.float64]
+    words: str
+
+    def of(self, mesh: Mesh, scale: float) -> Mesh:
+        """Turn, shift and magnify a mesh."""
+        return Mesh(mesh.name, (mesh.vertices @ self.turn.T + self.shift) * scale, mesh.triangles)
+
+
+@dataclass(frozen=True)
+class ProbeShape:
+    """The shape of a declared tip, magnified, the centre of its ball at the origin, the shank upwards.
+
+    Attributes
+    ----------
+    whole : Mesh
+        The tip [m].
+    pieces : tuple of Mesh
+        Its convex pieces [m].
+    """
+
+    whole: Mesh
+    pieces: tuple[Mesh, ...]
 
 
 @dataclass(frozen=True)
@@ -28,14 +69,18 @@ class Scene:
 
     Attributes
     ----------
-    stimulus : StepBlock or MarginBlock
-        What is felt.
+    stimulus : Stimulus
+        What was asked for: a block, a crown, or the tip that drags.
+    surface : StepBlock, MarginBlock or CrownOnTooth
+        What is dragged over; a plain step for a tip.
     condition : Condition
         Unscaled ball, load, friction and tool.
     scale : float
         Magnification S of every length below [1].
+    frame : Frame
+        How the part lies in the scene.
     whole : Mesh
-        The part [m], magnified.
+        The surface's part [m], magnified; tooth and crown are two closed shells of it.
     pieces : tuple of Mesh
         Its convex pieces [m], magnified.
     path : CentrePath
@@ -44,16 +89,21 @@ class Scene:
         Drags towards +x and -x, unscaled.
     plan : RenderingPlan or None
         How the device renders it, where one was named.
+    probe : ProbeShape or None
+        Shape of the tip where one was declared; else the probe is a ball.
     """
 
-    stimulus: StepBlock | MarginBlock
+    stimulus: Stimulus
+    surface: Surface
     condition: Condition
     scale: float
+    frame: Frame
     whole: Mesh
     pieces: tuple[Mesh, ...]
     path: CentrePath
     events: tuple[VibrationEvent, VibrationEvent]
     plan: RenderingPlan | None = None
+    probe: ProbeShape | None = None
 
     @property
     def ball_radius(self) -> float:
@@ -80,12 +130,16 @@ class Scene:
         """
         return {
             "stimulus": self.stimulus.id,
+            "surface": self.surface.id,
             "scale": self.scale,
             "ball_radius_m": self.ball_radius,
             "normal_load_n": self.condition.normal_load,
             "friction": self.condition.friction,
             "stiffness_n_per_m": self.stiffness,
             "tip_mass_kg": self.tip_mass,
+            "frame": self.frame.words,
+            "from_part_rows": self.frame.turn.tolist(),
+            "from_part_shift_m": self.frame.shift.tolist(),
             "events": [as_record(event, self.scale) for event in self.events],
         }
 
@@ -172,7 +226,13 @@ def write_common(folder: Path, scene: Scene, form: SceneFormat) -> None:
                       for rate in WAV_RATES}  # fmt: skip
             write_hjif(folder / f"{stem}.hjif", event)
             write_ahap(folder / f"{stem}.ahap", event)
-            _json(folder / f"{stem}.json", {"full_scale_n": scales, "energy_j": event.energy})
+            measured = {
+                f"{stem}-{rate // 1000}khz.wav": ring_energy(ring(event, rate), rate, event) for rate in WAV_RATES
+            }
+            _json(
+                folder / f"{stem}.json",
+                {"full_scale_n": scales, "energy_j": event.energy, "energy_in_file_j": measured},
+            )
     names = sorted(path.relative_to(folder).as_posix() for path in folder.rglob("*") if path.is_file())
     text = render_template("README.md", scene=scene, form=form, names=names, math=math, Status=Status)
     (folder / "README.md").write_text(text, encoding="utf-8")

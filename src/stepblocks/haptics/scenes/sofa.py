@@ -46,6 +46,9 @@ def _write(folder: Path, scene: Scene) -> None:
         ElementTree.SubElement(node, "MechanicalObject", src="@loader")
         for model in ("TriangleCollisionModel", "LineCollisionModel", "PointCollisionModel"):
             ElementTree.SubElement(node, model, simulated="0", moving="0", contactStiffness="1000")
+    if scene.probe:
+        tip = Mesh("probe", scene.probe.whole.vertices * (_CM / _OBJ_UNITS), scene.probe.whole.triangles)
+        write_obj(folder / "probe.obj", tip)
     _probe(root, scene)
     ElementTree.indent(root)
     ElementTree.ElementTree(root).write(folder / "scene.scn", encoding="utf-8", xml_declaration=True)
@@ -82,6 +85,7 @@ SOFA = SceneFormat(
         "alarm distance a tenth of the step, contact distance a hundredth: the usual 0.15 and 0.05 are larger than the step",
         "forces come out in kg cm/s^2: divide by 100 for newton; a stiffness in N/m is the same number in kg/s^2",
         "one collision model per convex piece; friction through FrictionContactConstraint",
+        "the scene's probe is a ball on a particle; a declared tip's shape is in `probe.obj`, for a picture bound to your driver",
     ),
     "parsed by lxml, and its meshes read and measured by trimesh, in the test suite; not run here in SOFA.",
 )  # fmt: skip

@@ -17,9 +17,11 @@ def _write(folder: Path, scene: Scene) -> None:
     pieces = [
         (piece.name.replace("-", "_"), _points(piece), _indices(piece), len(piece.triangles)) for piece in scene.pieces
     ]
+    shape = scene.probe.whole if scene.probe else None
+    probe = None if shape is None else (_points(shape), _indices(shape), len(shape.triangles))
     R = scene.ball_radius
     text = render_template(
-        "scene.usda", scene=scene, pieces=pieces, gap=1e-6 * scene.scale, inertia=0.4 * scene.tip_mass * R * R,
+        "scene.usda", scene=scene, pieces=pieces, probe=probe, gap=1e-6 * scene.scale, inertia=0.4 * scene.tip_mass * R * R,
         start=scene.path.x[0] * 0.1, height=float(scene.path.z[0]),
         events=json.dumps(scene.parameters()["events"], allow_nan=False).replace("\\", "\\\\").replace("'", "\\'"),
     )  # fmt: skip

@@ -5,19 +5,28 @@ from __future__ import annotations
 from pathlib import Path
 from xml.etree import ElementTree
 
+from stepblocks.haptics.mesh import Mesh
 from stepblocks.haptics.scenes.scene import Scene, SceneFormat
 
 __all__ = ["X3D"]
 
 
 def _write(folder: Path, scene: Scene) -> None:
+    _document(folder / "scene.x3d", scene, scene.whole, f"{scene.surface.id}, magnified {scene.scale:g} times")
+    if scene.probe:
+        _document(
+            folder / "probe.x3d", scene, scene.probe.whole, f"{scene.stimulus.id}, magnified {scene.scale:g} times"
+        )
+
+
+def _document(path: Path, scene: Scene, mesh: Mesh, title: str) -> None:
     root = ElementTree.Element("X3D", profile="Immersive", version="3.3")
     head = ElementTree.SubElement(root, "head")
-    ElementTree.SubElement(head, "meta", name="title", content=f"{scene.stimulus.id}, magnified {scene.scale:g} times")
+    ElementTree.SubElement(head, "meta", name="title", content=title)
     ElementTree.SubElement(head, "meta", name="unit", content="metre")
     body = ElementTree.SubElement(root, "Scene")
     ElementTree.SubElement(body, "NavigationInfo", type='"EXAMINE"')
-    extent = float(abs(scene.whole.vertices).max())
+    extent = float(abs(mesh.vertices).max())
     ElementTree.SubElement(
         body, "Viewpoint", position=f"0 {-4.0 * extent:.6g} {2.0 * extent:.6g}", orientation="1 0 0 1.1"
     )
@@ -29,16 +38,17 @@ def _write(folder: Path, scene: Scene) -> None:
     ElementTree.SubElement(appearance, "FrictionalSurface", stiffness=f"{scene.stiffness:.9g}", useRelativeValues="false",
                            staticFriction=friction, dynamicFriction=friction)  # fmt: skip
     faces = ElementTree.SubElement(shape, "IndexedTriangleSet", solid="true", ccw="true", normalPerVertex="false",
-                                   index=" ".join(str(index) for index in scene.whole.triangles.ravel()))  # fmt: skip
-    points = " ".join(f"{value:.12g}" for value in scene.whole.vertices.ravel())
+                                   index=" ".join(str(index) for index in mesh.triangles.ravel()))  # fmt: skip
+    points = " ".join(f"{value:.12g}" for value in mesh.vertices.ravel())
     ElementTree.SubElement(faces, "Coordinate", point=points)
     ElementTree.indent(root)
-    ElementTree.ElementTree(root).write(folder / "scene.x3d", encoding="utf-8", xml_declaration=True)
+    ElementTree.ElementTree(root).write(path, encoding="utf-8", xml_declaration=True)
 
 
 X3D = SceneFormat(
     "x3d", "X3D (H3D)", "metres", _write,
-    "`H3DLoad scene.x3d`; other X3D viewers show the block and ignore the haptic surface.",
+    "`H3DLoad scene.x3d`; a declared tip is `probe.x3d`, for the stylus of `DeviceInfo`; other X3D viewers show the block and "
+    "ignore the haptic surface.",
     (
         "FrictionalSurface with absolute stiffness k/S and the static and dynamic friction of the condition",
         "coordinates are decimal text with 12 digits, counter-clockwise seen from outside",
