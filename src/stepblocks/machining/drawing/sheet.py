@@ -15,6 +15,7 @@ from ezdxf.enums import TextEntityAlignment
 from ezdxf.math import Vec2
 
 from stepblocks.machining.characteristics import Characteristic
+from stepblocks.machining.drawing.lettering_font import FONT
 from stepblocks.machining.drawing.numbers import decimals_for, limits_text, millimetres
 
 __all__ = ["HEIGHT", "WIDTH", "Point", "Sheet"]
@@ -48,7 +49,7 @@ class Sheet:
         self.document.header["$LTSCALE"] = 5.0
         self.document.header["$LWDISPLAY"] = 1
         self.document.appids.add("STEPBLOCKS")
-        self.document.styles.add("LETTERS", font="DejaVuSans.ttf")
+        self.document.styles.add("LETTERS", font=FONT)
         style = self.document.dimstyles.add("PART")
         style.dxf.dimtxsty = "LETTERS"
         for name, value in {"dimtxt": _TEXT, "dimasz": 2.5, "dimexe": 1.2, "dimexo": 0.8, "dimgap": 0.8, "dimtad": 1,

@@ -9,6 +9,7 @@ from typing import Any
 
 from stepblocks.errors import MachiningError
 from stepblocks.machining.characteristics import Characteristic, characteristics_of
+from stepblocks.machining.drawing.lettering_font import shipped_fonts
 from stepblocks.machining.drawing.numbers import limits_text
 from stepblocks.machining.gauge_route import GaugePair
 from stepblocks.stimulus.block import StepBlock
@@ -103,19 +104,27 @@ def _write_all(folder: Path, name: str, formats: tuple[str, ...], draw: Callable
     before = ezdxf.options.write_fixed_meta_data_for_testing
     ezdxf.options.write_fixed_meta_data_for_testing = True  # no time of day, no random identifiers
     try:
-        sheet = draw()
-        for form in formats:
-            path = folder / f"{name}.{form}"
-            draft = folder / f".draft-{path.name}"
-            if form == "dxf":
-                sheet.document.saveas(draft)
-            else:
-                _render(sheet, draft)
-            draft.replace(path)
-            paths.append(path)
+        with shipped_fonts():
+            sheet = draw()
+            for form in formats:
+                path = folder / f"{name}.{form}"
+                draft = folder / f".draft-{path.name}"
+                if form == "dxf":
+                    _register_classes(sheet.document)
+                    sheet.document.saveas(draft)
+                else:
+                    _render(sheet, draft)
+                draft.replace(path)
+                paths.append(path)
     finally:
         ezdxf.options.write_fixed_meta_data_for_testing = before
     return paths
+
+
+def _register_classes(document: Any) -> None:
+    """Register the classes in use in alphabetical order; ezdxf takes them from a set, whose order differs by process."""
+    for name in sorted(document.entitydb.dxf_types_in_use()):
+        document.classes.add_class(name)
 
 
 def _drawn(stimulus: Stimulus, listed: list[Characteristic], numbered: dict[str, tuple[int, Characteristic]]) -> Any:
