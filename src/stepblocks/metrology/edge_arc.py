@@ -165,16 +165,35 @@ _UNRESOLVED = 3.0
 
 
 def _scan_coarsely(window: _Window, radii: Array, start: float) -> tuple[float, float]:
-    best = (np.inf, 0.0, start)
+    """Best radius and riser: a coarse grid, then the few best of it followed downhill, since the valley is narrow and bent."""
+    from scipy.optimize import minimize
+
+    found = []
     for radius in radii:
         # the riser lies left of the half-height crossing, at most by the width of the arc below it
         reach = radius + 2.0 * window.spacing
         risers = np.linspace(start - reach, start + window.spacing, max(12, min(60, int(reach / window.spacing))))
         costs = window.costs(risers, float(radius))
         at = int(np.argmin(costs))
-        if costs[at] < best[0]:
-            best = (float(costs[at]), float(radius), float(risers[at]))
+        found.append((float(costs[at]), float(radius), float(risers[at])))
+    found.sort()
+
+    def cost(scaled: Array) -> float:
+        radius, riser = scaled * window.spacing
+        return float(window.costs(np.array([riser]), radius)[0]) if radius >= 0.0 else np.inf
+
+    best = found[0]
+    for _, radius, riser in found[:_STARTS]:
+        simplex = np.array([[radius, riser], [radius + window.spacing, riser], [radius, riser + 0.3 * window.spacing]])
+        options = {"initial_simplex": simplex / window.spacing, "xatol": 1e-3, "fatol": 1e-3, "maxfev": 200}
+        ended = minimize(cost, simplex[0] / window.spacing, method="Nelder-Mead", options=options)
+        if ended.fun < best[0]:
+            best = (float(ended.fun), float(ended.x[0]) * window.spacing, float(ended.x[1]) * window.spacing)
     return best[1], best[2]
+
+
+_STARTS = 4
+"""Points of the coarse grid that are followed."""
 
 
 def _refine(window: _Window, radius: float, riser: float) -> tuple[Array, Array, Array]:

@@ -133,7 +133,8 @@ def fit_face(x: Array, y: Array, height: Array, face: Mask) -> FaceForm:
     measured = face & np.isfinite(height)
     mx, my = np.meshgrid(x, y)
     points = np.stack([mx[measured], my[measured], height[measured]], axis=1)
-    return FaceForm(points, grid, terms, solution, root, max(i + j for i, j in powers))
+    coefficients = np.asarray(solution, dtype=np.float64)
+    return FaceForm(points, grid, terms, coefficients, root, max(i + j for i, j in powers))
 
 
 def _legendre(at: Array, degree: int) -> Array:
