@@ -41,7 +41,8 @@ def inspection_table(identity: str, inspected: Inspected, judged: Judged, verdic
     str
         Lines without a trailing newline; lengths in micrometres.
     """
-    head = f"{'characteristic':30} {'value um':>10} {'u um':>8} {'U95 um':>8} {'lower um':>10} {'upper um':>10} {'guard um':>9}  verdict"
+    names = f"{'value um':>10} {'u um':>8} {'U95 um':>8} {'lower um':>10} {'upper um':>10} {'guard um':>9}"
+    head = f"{'characteristic':30} {names}  verdict"
     lines = [f"{identity}: {verdict.value}", "", head, "-" * len(head)]
     for one, decision in judged:
         lines.append(

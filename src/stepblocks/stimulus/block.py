@@ -8,6 +8,7 @@ from pydantic import model_validator
 
 from stepblocks.stimulus.body import Body, Identity, MaterialField, Part, require, require_engravable
 from stepblocks.stimulus.tolerance import Length, PositiveLength
+from stepblocks.stimulus.working_faces import FaceDemands, WorkingFaces, face_demands
 
 __all__ = ["MetrologyFeature", "StepBlock"]
 
@@ -50,6 +51,8 @@ class StepBlock(Part):
         Groove or ridge beside the working edge.
     material : Material
         What it is made of.
+    working_faces : WorkingFaces or None
+        Flatness, parallelism and roughness of the faces beside the edge, where the file states them.
 
     Notes
     -----
@@ -62,6 +65,12 @@ class StepBlock(Part):
     body: Body
     metrology: MetrologyFeature
     material: MaterialField
+    working_faces: WorkingFaces | None = None
+
+    @property
+    def face_demands(self) -> FaceDemands:
+        """Flatness, parallelism and roughness in force."""
+        return face_demands(self.working_faces, self.height.upper - self.height.lower)
 
     @model_validator(mode="after")
     def _is_possible(self) -> StepBlock:

@@ -37,9 +37,10 @@ _LAYERS = {
 
 
 class Sheet:
-    """One sheet; `document` is the ezdxf drawing."""
+    """One sheet; `document` is the ezdxf drawing, `numbers` are those of the characteristics that stand on it in balloons."""
 
     def __init__(self) -> None:
+        self.numbers: set[int] = set()
         self.document: Any = ezdxf.new("R2010", setup=["linetypes"], units=4)
         self.space: Any = self.document.modelspace()
         for name, (colour, weight) in _LAYERS.items():
@@ -139,6 +140,7 @@ class Sheet:
 
     def balloon(self, number: int, at: Point) -> None:
         """Draw the number of a characteristic in a circle."""
+        self.numbers.add(number)
         self.circle(at, 2.6, "DIMENSION")
         self.text(at, str(number), 2.2, "MIDDLE_CENTER")
 

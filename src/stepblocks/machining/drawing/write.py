@@ -16,6 +16,7 @@ from stepblocks.stimulus.block import StepBlock
 from stepblocks.stimulus.margin import CrownOnTooth, MarginBlock
 from stepblocks.stimulus.set import Stimulus
 from stepblocks.stimulus.tip import HookTip, StraightTip
+from stepblocks.stimulus.working_faces import face_demands
 
 __all__ = ["DrawnDimension", "drawn_dimensions", "write_drawing", "write_gauge_drawing"]
 
@@ -146,11 +147,15 @@ def _drawn(stimulus: Stimulus, listed: list[Characteristic], numbered: dict[str,
         case StraightTip() | HookTip():
             notes = tip_views(sheet, stimulus, numbered)
             title, band = "Probe tip", stimulus.ball_radius.upper - stimulus.ball_radius.lower
-    roughness = max(round(band * 1e6 / 20.0, 2), 0.05)
-    drawn = ("edge_radius",) if isinstance(stimulus, StepBlock) else ()
-    lines = [f"{number}  {one.label}: {_note(one)}" for number, one in numbered.values()
-             if one.kind == "note" and one.key not in drawn]  # fmt: skip
-    lines += [f"Working faces Ra {roughness:g} um or better.", *notes]
+    # what no view shows is said in words, with its number
+    lines = [f"{number}  {one.label}: {_note(one)}" for number, one in numbered.values() if number not in sheet.numbers]
+    if isinstance(stimulus, StepBlock | MarginBlock):
+        demands = stimulus.face_demands
+        said = f" (by default: {', '.join(demands.defaults)})" if demands.defaults else ""
+        lines += [f"Working faces Ra {demands.roughness * 1e6:.2f} um or better{said}.", *notes]
+    else:
+        usual = face_demands(None, band)
+        lines += [f"Working faces Ra {usual.roughness * 1e6:.2f} um or better (by default).", *notes]
     sheet.notes((232.0, 66.0 + 5.0 * len(lines)), lines)
     sheet.border(
         [("identity", stimulus.id.upper()), ("material", stimulus.material.designation), ("unit", "mm"),
