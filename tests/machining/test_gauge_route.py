@@ -63,7 +63,11 @@ def test_the_assembly_file_conforms_and_its_step_is_the_height(tmp_path):
     pair = write_gauge_assembly(path, BLOCK)
     report = check_step_text(path, require_ap242=True)
     assert report.passes
-    assert [one.value for one in report.dimensions] == pytest.approx([pair.lower, pair.upper], abs=1e-12)
+    assert [one.value for one in report.dimensions] == pytest.approx(
+        [pair.lower, pair.upper, BLOCK.height.nominal], abs=1e-12
+    )
+    assert all(abs(one.deviation) < 1e-9 for one in report.dimensions)  # the step between faces of two bodies too
+    assert path.read_text().count("NEXT_ASSEMBLY_USAGE_OCCURRENCE") == 3
     tops = [max(face.high[2] for face in kernel.face_kinds(body)) for body in kernel.read_step(path)]
     assert tops[2] - tops[1] == pytest.approx(BLOCK.height.nominal, abs=1e-9)
 

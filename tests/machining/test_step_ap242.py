@@ -3,6 +3,7 @@
 The checker parses the text with steputils; it shares no code with OpenCASCADE, which wrote the file.
 """
 
+import math
 import os
 import re
 from pathlib import Path
@@ -10,10 +11,11 @@ from pathlib import Path
 import pytest
 
 from stepblocks.errors import MachiningError, MetrologyError
-from stepblocks.machining.characteristics import FaceRule, characteristics_of, find_face
+from stepblocks.machining.characteristics import EdgeRule, FaceRule, characteristics_of, find_face
 from stepblocks.machining.step_ap242 import conforming, write_step_ap242
 from stepblocks.metrology.part21.check_step import check_step_text
 from stepblocks.metrology.part21.exchange import read_exchange
+from stepblocks.metrology.part21.faces import faces_of
 from stepblocks.metrology.part21.part_file import check_part_step, step_table
 from stepblocks.solids.build import build_solids
 from stepblocks.stimulus.loader import load_set
@@ -46,7 +48,12 @@ def test_every_stimulus_names_only_faces_that_its_solid_has():
         seen.add(key)
         faces = [kernel.face_kinds(body) for _, body in build_solids(stimulus)]
         for one in characteristics_of(stimulus):
-            assert len({find_face(faces[one.body], rule, stimulus.id) for rule in one.faces}) == len(one.faces)
+            found = set()
+            for rule in one.faces:
+                owner = one.body if rule.body is None else rule.body
+                sides = (rule.first, rule.second) if isinstance(rule, EdgeRule) else (rule,)
+                found.add((owner, *(find_face(faces[owner], side, stimulus.id) for side in sides)))
+            assert len(found) == len(one.faces)
 
 
 # the checks of one part of every kind and of every way a margin can be made; benchmarks/ap242.py runs all
@@ -97,6 +104,58 @@ def test_every_dimension_and_tolerance_has_a_visible_callout_linked_to_it(block)
     names = [re.search(rf"{seen} = DRAUGHTING_CALLOUT\('([^']*)'", text)[1] for _, seen in links]
     assert "1  step height 0.010 +-0.001" in names
     assert all(re.search(r"COORDINATES_LIST\('',(\d+)", text) for _ in names)
+
+
+def test_the_gaps_of_a_crown_are_measured_between_the_faces_of_two_bodies(tmp_path):
+    path = written("crown-shoulder", tmp_path)
+    report = check_step_text(path)
+    gaps = {one.name: one for one in report.dimensions if "gap" in one.name}
+    assert {name: round(one.geometry * 1e6, 6) for name, one in gaps.items()} == {
+        "marginal gap": 50.0, "internal gap": 60.0, "internal gap, roof": 60.0,
+    }  # fmt: skip
+    file = read_exchange(path)
+    for one in gaps.values():
+        assert len({face.representation for side in file.parameters(one.ref, "DIMENSIONAL_LOCATION")[2:4]
+                    for face in faces_of(file, side)}) == 2  # fmt: skip
+    # a crown that the file lifts off its tooth cannot be compared where its coordinates put it
+    text = path.read_text()
+    ref = re.search(r"ITEM_DEFINED_TRANSFORMATION\('','',#\d+,(#\d+)\)", text)[1]
+    point = re.search(rf"{ref} = AXIS2_PLACEMENT_3D\('',(#\d+)", text)[1]
+    lifted = re.sub(rf"({point} = CARTESIAN_POINT\('',\(0\.,0\.,)0\.", r"\g<1>1.", text)
+    assert lifted != text
+    path.write_text(lifted)
+    assert all(one.geometry is None for one in check_step_text(path).dimensions if "gap" in one.name)
+
+
+def test_angles_are_measured_on_cones_and_between_planes(tmp_path):
+    (cone,) = [one for one in check_step_text(written("tip-125", tmp_path)).dimensions if one.angular]
+    assert (cone.name, cone.kind) == ("cone angle, included", "angular size")
+    assert math.degrees(cone.geometry) == pytest.approx(16.0, abs=1e-9)
+    assert math.degrees(cone.upper) == pytest.approx(1.0)
+    report = check_step_text(written("gap-050-bevelled", tmp_path))
+    (bevel,) = [one for one in report.dimensions if one.angular]
+    assert math.degrees(bevel.geometry) == pytest.approx(45.0, abs=1e-9)
+    (opening,) = [one for one in report.dimensions if one.name == "vertical discrepancy"]
+    assert opening.geometry == pytest.approx(80e-6, abs=1e-12)  # from a wall to the edge of the bevel
+
+
+def test_a_sharp_edge_is_a_radius_of_zero_on_the_edge_itself(block):
+    report = check_step_text(block)
+    (edge,) = [one for one in report.dimensions if one.kind == "radius"]
+    assert (edge.value, edge.lower, edge.upper) == pytest.approx((0.0, 0.0, 2e-6), abs=1e-15)
+    assert edge.geometry == 0.0
+    assert "EDGE_CURVE" in read_exchange(block).parts(edge.faces[0])
+
+
+def test_texture_stands_typed_at_every_working_face_and_what_is_by_default_is_said(block, tmp_path):
+    report = check_step_text(block)
+    flat = {face for one in report.tolerances if one.kind == "flatness" for face in one.faces}
+    assert dict(report.textures) == dict.fromkeys(flat, pytest.approx(0.1e-6))
+    assert "by default" not in block.read_text()
+    open_block = STIMULI["step-010"].model_copy(update={"working_faces": None})
+    path = tmp_path / "open.step"
+    write_step_ap242(path, open_block, build_solids(open_block))
+    assert "by default: flatness, parallelism, roughness" in re.sub(r"\s*\n\s*", "", path.read_text())
 
 
 def falsified(block, folder, change):
@@ -174,7 +233,7 @@ def test_a_missing_tolerance_is_caught(block, tmp_path):
 def test_what_the_kernel_alone_writes_does_not_pass(tmp_path):
     # the reason for `conforming`: without it the checker must object, or it proves nothing
     from stepblocks.machining import step_ap242
-    from stepblocks.solids.kernel_pmi import PmiDimension, write_step_with_tolerances
+    from stepblocks.solids.kernel_pmi import PmiDimension, PmiItem, write_step_with_tolerances
 
     stimulus = STIMULI["tip-125"]
     bodies = build_solids(stimulus)
@@ -183,7 +242,7 @@ def test_what_the_kernel_alone_writes_does_not_pass(tmp_path):
 
     sphere = [face.kind for face in kernel.face_kinds(bodies[0][1])].index("SPHERE")
     write_step_with_tolerances(
-        raw, bodies, [PmiDimension("radius", 0, (sphere,), 125e-6, -2e-6, 2e-6)], [], ("steel", 7900.0)
+        raw, bodies, [PmiDimension("radius", (PmiItem(0, sphere),), 125e-6, -2e-6, 2e-6)], [], ("steel", 7900.0)
     )
     findings = check_step_text(raw, require_ap242=True).findings
     assert sum("value must be typed" in line for line in findings) == 2

@@ -81,3 +81,16 @@ def test_no_accepted_part_lies_outside_with_more_than_5_percent():
     measured = UPPER + random.normal(0.0, U, 200_000)
     accepted = np.mean([decide(value, U, LOWER, UPPER).verdict is Outcome.CONFORMS for value in measured[:20_000]])
     assert accepted == pytest.approx(0.0495, abs=0.005)
+
+
+def test_few_degrees_of_freedom_widen_the_guard_band_so_that_the_risk_stays_5_percent():
+    random = np.random.default_rng(6)
+    means, stds = [], []
+    for _ in range(4_000):
+        sample = UPPER + random.normal(0.0, U, 4)
+        means.append(sample.mean())
+        stds.append(sample.std(ddof=1) / 2.0)
+    accepted = [decide(m, s, LOWER, UPPER, dof=3).verdict is Outcome.CONFORMS for m, s in zip(means, stds, strict=True)]
+    assert np.mean(accepted) == pytest.approx(0.05, abs=0.0104)  # 1.65 alone would accept 9.9 %
+    assert decide(10e-6, U, LOWER, UPPER, dof=3).guard == pytest.approx(2.353 * U, rel=1e-3)  # Student's table
+    assert decide(10e-6, U, LOWER, UPPER, dof=1e9).guard == pytest.approx(G)

@@ -4,12 +4,18 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from scipy import stats
 
 from stepblocks.errors import MetrologyError
+from stepblocks.metrology.face_form import fit_face, zone_of_flatness, zone_of_parallelism
 from stepblocks.metrology.flatness import flatness, parallelism
+from stepblocks.metrology.inspect_shapes import measure_margin
 from stepblocks.metrology.margin_gap import fit_margin
-from stepblocks.metrology.softgauge import correlated_noise
+from stepblocks.metrology.scan import HeightMap, Profile
+from stepblocks.metrology.softgauge import ball_gauge, correlated_map, correlated_noise, groove_gauge, margin_gauge
+from stepblocks.metrology.tip_cap import fit_cap
 from stepblocks.metrology.tip_sphere import fit_sphere
+from stepblocks.metrology.uncertainty import Instrument
 
 
 def face(shape, slope=(0.0, 0.0)):
@@ -105,9 +111,77 @@ def test_a_margin_gives_opening_rise_and_their_hypotenuse(rise, missing):
     results = [fit_margin(*margin(seed, 80.25e-6, rise, missing)) for seed in range(30)]
     for result in results:
         assert result.opening == pytest.approx(80.25e-6, abs=0.6e-6)
-        assert result.rise == pytest.approx(rise, abs=5.0 * result.rise_std)
+        assert result.rise == pytest.approx(rise, abs=5.0 * result.rise_noise.std)
         assert result.absolute == pytest.approx(np.hypot(80.25e-6, rise), abs=0.6e-6)
     assert abs(np.mean([result.rise - rise for result in results])) < 20e-9
+
+
+def test_a_gap_and_its_discrepancies_are_unbiased_and_covered_at_their_rate():
+    random = np.random.default_rng(3)
+    x = np.arange(-600, 600) * 0.5e-6
+    truths = {"horizontal_discrepancy": 20e-6}
+    found = {key: [] for key in ("vertical_discrepancy", "horizontal_discrepancy", "absolute_discrepancy")}
+    for _ in range(300):
+        opening = random.uniform(80.0e-6, 80.5e-6)
+        truths |= {"vertical_discrepancy": opening, "absolute_discrepancy": np.hypot(opening, 20e-6)}
+        z = margin_gauge(x, opening, 20e-6, 60e-6, random.uniform(-1e-6, 1e-6), random.uniform(-1e-3, 1e-3))
+        z += correlated_noise(len(x), 0.5e-6, 10e-9, 40e-9, 2e-6, random)
+        for key, got in measure_margin(Profile(x, z), Instrument(0.0, 0.0, 0.0)).values.items():
+            found[key].append((got.value - truths[key], got.std, got.expanded()))
+    for key, rows in found.items():
+        errors, stds, halves = np.array(rows).T
+        assert abs(errors.mean()) < 0.1 * stds.mean() + 2.0 * errors.std() / 300**0.5, key
+        assert np.mean(np.abs(errors) < halves) == pytest.approx(0.95, abs=0.038), key
+
+
+def test_a_flank_of_several_samples_is_interpolated_and_leaves_no_interval_open():
+    x = np.arange(-600, 600) * 0.5e-6
+    z = groove_gauge(x, 60e-6, 0.1e-6, 80.35e-6, 20e-6)
+    result = fit_margin(x, z + np.random.default_rng(1).normal(0.0, 10e-9, len(x)))
+    assert result.opening == pytest.approx(80.25e-6, abs=20e-9)
+    assert result.opening_sampling == 0.0
+    assert 1e-9 < result.opening_noise.std < 20e-9
+
+
+def test_the_radius_of_a_tip_under_correlated_noise_is_unbiased_and_covered_at_its_rate():
+    grid = np.arange(-60, 61) * 125e-6 / 80.0
+    errors, halves, stds = [], [], []
+    for seed in range(120):
+        random = np.random.default_rng(seed)
+        z = ball_gauge(grid, grid, 125e-6, tuple(random.uniform(-5e-6, 5e-6, 2)))
+        z += correlated_map(z.shape, 125e-6 / 80.0, 20e-9, 50e-9, 4e-6, random)
+        cap = fit_cap(HeightMap(z, 125e-6 / 80.0, 125e-6 / 80.0), 125e-6)
+        errors.append(cap.radius - 125e-6)
+        stds.append(cap.noise.std)
+        halves.append(cap.noise.std * stats.t.ppf(0.975, cap.noise.dof))
+    assert abs(np.mean(errors)) < 0.1 * np.mean(stds) + 2.0 * np.std(errors) / 120**0.5
+    assert np.mean(np.abs(errors) < halves) == pytest.approx(0.95, abs=0.06)
+
+
+def test_flatness_of_the_form_does_not_grow_with_noise_where_the_zone_of_all_points_does():
+    x, y = np.arange(60) * 10e-6, np.arange(40) * 10e-6
+    bow = 200e-9 * ((2.0 * x[np.newaxis, :] / x[-1] - 1.0) ** 2) * np.ones((40, 1)) + 1e-3 * x[np.newaxis, :]
+    whole = np.ones(bow.shape, dtype=bool)
+    exact = zone_of_flatness(fit_face(x, y, bow, whole))
+    assert exact.zone == pytest.approx(200e-9, rel=1e-5)  # a parabola over the whole face: its sagitta
+    zones = []
+    for seed in range(40):
+        noise = correlated_map(bow.shape, 10e-6, 10e-9, 30e-9, 20e-6, np.random.default_rng(seed))
+        zones.append(zone_of_flatness(fit_face(x, y, bow + noise, whole)))
+    errors, stds = np.array([one.zone for one in zones]) - 200e-9, np.array([one.std for one in zones])
+    assert abs(errors.mean()) < 0.5 * stds.mean()
+    assert np.mean(np.abs(errors) < 1.96 * stds) >= 0.85  # three standard deviations of a binomial of 40 below 95 %
+    assert min(one.all_points for one in zones) > 260e-9
+
+
+def test_parallelism_of_the_form_is_the_wedge_between_the_faces():
+    x, y = np.arange(60) * 10e-6, np.arange(40) * 10e-6
+    rise = np.linspace(0.0, 300e-9, 60)[np.newaxis, :] * np.ones((40, 1))
+    noise = [correlated_map(rise.shape, 10e-6, 5e-9, 0.0, 1e-6, np.random.default_rng(seed)) for seed in (1, 2)]
+    tilt = 2e-3 * x[np.newaxis, :]
+    whole = np.ones(rise.shape, dtype=bool)
+    faces = [fit_face(x, y, shape + tilt, whole) for shape in (noise[0], rise + noise[1])]
+    assert zone_of_parallelism(faces[1], faces[0]).zone == pytest.approx(300e-9, abs=10e-9)
 
 
 def test_a_profile_without_a_gap_is_refused():

@@ -5,9 +5,12 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from scipy import stats
 
 from stepblocks.errors import MetrologyError
+from stepblocks.metrology.inspect_step import measure_groove
 from stepblocks.metrology.masked_step import masked_step
+from stepblocks.metrology.noise_uncertainty import NoiseUncertainty
 from stepblocks.metrology.read_scan import read_scan
 from stepblocks.metrology.scan import HeightMap
 from stepblocks.metrology.softgauge import correlated_noise, groove_gauge, with_faults
@@ -40,12 +43,41 @@ def test_the_windows_are_those_of_the_standard():
         assert window == pytest.approx(wanted, abs=1e-9)
 
 
-def test_depth_is_unbiased_and_covers_at_its_rate_over_500_draws():
-    results = [evaluate_a1(X, draw(seed), (300e-6, 600e-6)) for seed in range(500)]
+def noisy(seed, length, missing=0, spikes=0):
+    random = np.random.default_rng(seed)
+    clean = groove_gauge(X, 10e-6, 300e-6, 600e-6, 20e-6, tilt=random.uniform(-2e-3, 2e-3))
+    z = clean + correlated_noise(len(X), 1e-6, 10e-9, 40e-9 if length else 0.0, length, random)
+    return with_faults(z, random, spikes=spikes, spike_height=20e-6, missing=missing)
+
+
+@pytest.mark.parametrize(
+    ("length", "missing", "spikes"), [(0.0, 0, 0), (1.5e-6, 0, 0), (3e-6, 200, 20), (8e-6, 0, 0)],
+    ids=["white", "rough 1.5 um", "rough 3 um, faults", "rough 8 um"],
+)  # fmt: skip
+def test_depth_is_unbiased_and_its_stated_interval_covers_at_its_stated_rate(length, missing, spikes):
+    results = [evaluate_a1(X, noisy(seed, length, missing, spikes), (300e-6, 600e-6)) for seed in range(500)]
     errors = np.array([result.depth - 10e-6 for result in results])
     stds = np.array([result.depth_std for result in results])
-    assert abs(errors.mean()) < 0.1 * stds.mean()
-    assert 0.92 <= np.mean(np.abs(errors) < 1.96 * stds) <= 0.98
+    student = stats.t.ppf(0.975, [result.depth_dof for result in results])
+    # three standard deviations of a binomial of 500, and a mean error that 500 draws can tell from 0.1 u
+    assert abs(errors.mean()) < 0.1 * stds.mean() + errors.std() / np.sqrt(500)
+    assert np.mean(np.abs(errors) < student * stds) == pytest.approx(0.95, abs=0.0292)
+
+
+def test_longer_correlation_leaves_fewer_degrees_of_freedom_and_missing_points_take_some():
+    dof = [evaluate_a1(X, noisy(1, length), (300e-6, 600e-6)).depth_dof for length in (0.0, 3e-6, 20e-6)]
+    assert dof[0] > 2.0 * dof[1] > 4.0 * dof[2] > 4.0
+    assert evaluate_a1(X, noisy(1, 3e-6, 400), (300e-6, 600e-6)).depth_dof < dof[1]
+
+
+def test_spikes_are_left_out_and_counted_and_too_many_are_refused():
+    clean, spiked = noisy(5, 3e-6), noisy(5, 3e-6, spikes=25)
+    whole, result = evaluate_a1(X, clean, (300e-6, 600e-6)), evaluate_a1(X, spiked, (300e-6, 600e-6))
+    windows = np.concatenate([(a - 1e-12 <= X) & (b + 1e-12 >= X) for a, b in whole.windows]).reshape(3, -1).any(axis=0)
+    assert result.outliers == np.sum(windows & (np.abs(spiked - clean) > 0.4e-6))
+    assert result.depth == pytest.approx(whole.depth, abs=whole.depth_std)
+    with pytest.raises(MetrologyError, match=r"at most 10% spikes|a flank or a defect reaches into"):
+        evaluate_a1(X, noisy(5, 3e-6, spikes=200), (300e-6, 600e-6))
 
 
 def test_edges_are_found_at_half_depth_whatever_the_tilt():
@@ -112,14 +144,24 @@ def test_a_map_of_holes_gives_their_depth_and_levelling_does_not_see_them():
 
 @pytest.mark.parametrize(("name", "depth"), [("squares_holes", 500.0e-9), ("circles_holes", 499.5e-9)])
 def test_the_nsfopen_gratings_give_their_independently_known_depths_within_1_nm(name, depth):
-    # shared/real/README.md: "two independent evaluations gave 500.0 and 499.5 nm"
+    # shared/real/README.md: "two independent evaluations gave 500.0 and 499.5 nm"; the way `stepblocks inspect` takes
     path = SHARED / "real" / "nsfopen" / f"{name}.nid"
     if not path.is_file():
         pytest.skip("shared real data is not here")
-    result = masked_step(read_scan(path))
-    assert result.depth == pytest.approx(depth, abs=1e-9)
-    assert result.depth_std < 2e-9
-    assert result.features >= 25
+    inspected = measure_groove(read_scan(path), Instrument())
+    got = inspected.values["groove_depth"]
+    assert got.value == pytest.approx(depth, abs=1e-9)
+    assert got.std < 2e-9
+    assert abs(got.value - depth) < got.expanded()
+    assert inspected.convention.startswith("masked step over")
+    assert "type A1 not used: the profiles cross several features" in inspected.notes[0]
+
+
+def test_type_a1_answers_where_each_profile_crosses_one_groove_and_says_so():
+    rows = np.stack([noisy(seed, 1.5e-6) for seed in range(4)])
+    inspected = measure_groove(HeightMap(rows, 1e-6, 50e-6), Instrument())
+    assert inspected.convention == "ISO 5436-1 type A1, profile by profile, unfiltered"
+    assert inspected.values["groove_depth"].value == pytest.approx(10e-6, abs=30e-9)
 
 
 def test_a_budget_adds_in_squares_and_counts_degrees_of_freedom_by_welch_and_satterthwaite():
@@ -131,9 +173,10 @@ def test_a_budget_adds_in_squares_and_counts_degrees_of_freedom_by_welch_and_sat
 
 
 def test_what_is_not_stated_is_named_and_not_silently_zero():
-    one = measured_from_profiles("height", [10e-6], [20e-9], Instrument())
+    quiet = NoiseUncertainty(20e-9, 60.0)
+    one = measured_from_profiles("height", [10e-6], [quiet], Instrument())
     assert set(one.unstated) == {"repeatability", "calibration"}
-    several = measured_from_profiles("height", [10e-6, 10.1e-6, 9.9e-6], [20e-9] * 3, Instrument(1e-3, 1e-9))
+    several = measured_from_profiles("height", [10e-6, 10.1e-6, 9.9e-6], [quiet] * 3, Instrument(1e-3, 1e-9))
     assert several.unstated == ()
     by_name = {part.name: part.std for part in several.components}
     assert by_name["calibration"] == pytest.approx(10e-9)
@@ -141,12 +184,28 @@ def test_what_is_not_stated_is_named_and_not_silently_zero():
     assert by_name["repeatability"] == pytest.approx(np.sqrt((0.1e-6**2 - 20e-9**2) / 3))
 
 
-def test_budgets_over_profiles_cover_at_their_rate():
+def test_a_width_answers_to_the_lateral_scale_and_a_radius_to_both():
+    quiet, known = NoiseUncertainty(20e-9, 60.0), Instrument(1e-3, 0.0, 2e-3)
+    width = measured_from_profiles("width", [50e-6], [quiet], known, axes=(0.0, 1.0))
+    radius = measured_from_profiles("radius", [50e-6], [quiet], known, axes=(1.0, 2.0))
+    parts = {one.name: one.std for one in width.components}
+    assert parts["lateral calibration"] == pytest.approx(100e-9)
+    assert "calibration" not in parts
+    assert {one.name: one.std for one in radius.components}["lateral calibration"] == pytest.approx(200e-9)
+    assert "lateral calibration" in measured_from_profiles("w", [5e-5], [quiet], Instrument(1e-3), axes=(0, 1)).unstated
+
+
+@pytest.mark.parametrize("count", [2, 3, 6])
+@pytest.mark.parametrize("wander", [0.0, 20e-9, 60e-9])
+def test_budgets_over_profiles_cover_at_their_rate_however_few_profiles_and_however_much_they_scatter(count, wander):
+    # s / sqrt(n) with n - 1 degrees of freedom covers exactly for normal values (W. S. Gosset 1908)
     random = np.random.default_rng(11)
+    noise = NoiseUncertainty(20e-9, 60.0)
     hits = 0
     for _ in range(600):
-        calibration = random.normal(1.0, 2e-3)
-        values = calibration * (10e-6 + random.normal(0.0, 40e-9, 6) + random.normal(0.0, 20e-9, 6))
-        budget = measured_from_profiles("height", values, [20e-9] * 6, Instrument(2e-3, 0.0))
+        values = 10e-6 + random.normal(0.0, wander, count) + random.normal(0.0, 20e-9, count)
+        budget = measured_from_profiles("height", values, [noise] * count, Instrument(0.0, 0.0))
+        assert budget.std == pytest.approx(np.std(values, ddof=1) / np.sqrt(count))
+        assert budget.dof == pytest.approx(count - 1)
         hits += abs(budget.value - 10e-6) < budget.expanded(0.95)
-    assert 0.93 <= hits / 600 <= 0.985
+    assert hits / 600 == pytest.approx(0.95, abs=0.0267)

@@ -4,7 +4,10 @@ from __future__ import annotations
 
 import argparse
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from stepblocks.pipeline.inspect import InspectionResult
 
 __all__ = ["add_to"]
 
@@ -24,7 +27,17 @@ def add_to(commands: Any) -> None:
         "conform, 3 not proven, 2 the scan cannot be read or evaluated.",
     )
     parser.add_argument("scan", type=Path, metavar="SCAN", help="CSV, XYZ, X3P, SDF, SUR, PLUX, GWY, OPDX, NID, ...")
-    parser.add_argument("--stimulus", required=True, metavar="ID", help="identity of the part, such as step-050")
+    wanted = parser.add_mutually_exclusive_group(required=True)
+    wanted.add_argument("--stimulus", metavar="ID", help="identity of the part, such as step-050")
+    wanted.add_argument(
+        "--standard", metavar="DEPTH", help="a depth standard or grating of this certified depth, such as '500 nm'"
+    )
+    parser.add_argument(
+        "--tolerance",
+        default="0 m",
+        metavar="LENGTH",
+        help="with --standard: uncertainty or tolerance of its certificate",
+    )
     parser.add_argument(
         "--set",
         dest="where",
@@ -45,6 +58,7 @@ def add_to(commands: Any) -> None:
         metavar="RATIO",
         help="relative standard uncertainty of the vertical calibration, such as '0.1 %%'",
     )
+    parser.add_argument("--lateral-calibration", metavar="RATIO", help="the same of its lateral calibration")
     parser.add_argument(
         "--resolution", metavar="LENGTH", default="0 m", help="least difference of height, such as '1 nm'"
     )
@@ -56,22 +70,36 @@ def add_to(commands: Any) -> None:
 
 
 def _run(arguments: argparse.Namespace) -> int:
-    import json
-
     from stepblocks.metrology.uncertainty import Instrument
-    from stepblocks.pipeline.inspect import as_json, find_stimulus, inspect_scan, table_of, write_inspection
+    from stepblocks.pipeline.inspect import find_stimulus, inspect_scan, inspect_standard
     from stepblocks.quantities import parse_quantity
 
     def length(text: str | None) -> float | None:
         return None if text is None else parse_quantity(text, "length")
 
-    calibration = None if arguments.calibration is None else parse_quantity(_ratio(arguments.calibration), "ratio")
-    instrument = Instrument(calibration, length(arguments.resolution) or 0.0)
+    def ratio(text: str | None) -> float | None:
+        return None if text is None else parse_quantity(_ratio(text), "ratio")
+
+    instrument = Instrument(
+        ratio(arguments.calibration), length(arguments.resolution) or 0.0, ratio(arguments.lateral_calibration)
+    )
+    if arguments.standard is not None:
+        depth, tolerance = length(arguments.standard) or 0.0, length(arguments.tolerance) or 0.0
+        result = inspect_standard(arguments.scan, depth, tolerance, instrument, unit=arguments.unit)
+        return _say(result, arguments)
     stimulus, grid = find_stimulus(arguments.stimulus, arguments.where)
     result = inspect_scan(
         arguments.scan, stimulus, grid, instrument,
         feature=arguments.feature, exclusion=length(arguments.exclusion), unit=arguments.unit,
     )  # fmt: skip
+    return _say(result, arguments)
+
+
+def _say(result: InspectionResult, arguments: argparse.Namespace) -> int:
+    import json
+
+    from stepblocks.pipeline.inspect import as_json, table_of, write_inspection
+
     print(json.dumps(as_json(result), indent=1) if arguments.json else table_of(result))
     if arguments.output is not None:
         written = write_inspection(result, arguments.output)

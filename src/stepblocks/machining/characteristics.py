@@ -1,13 +1,14 @@
 """What a workshop must hold: every characteristic of a part, numbered once for STEP, drawing and inspection sheet.
 
-Form tolerances are not asked for in a stimulus file; they follow from the height: a face may deviate by a quarter of the
-height's tolerance band, and the two faces from parallelism by half of it, or the height has no meaning to its tolerance.
+Each names the faces, or the edges between two faces, that carry it; the faces of a gap may belong to two bodies. What no
+face carries (a depth of engraving that has no one floor, a gap that is defined at one point of a curve) is a note.
 """
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Literal
 
 from stepblocks.errors import MachiningError
@@ -19,10 +20,13 @@ from stepblocks.stimulus.set import Stimulus
 from stepblocks.stimulus.sheath import Sheath
 from stepblocks.stimulus.tip import HookTip, StraightTip
 from stepblocks.stimulus.tolerance import Dimension
+from stepblocks.stimulus.working_faces import FaceDemands
 
-__all__ = ["Characteristic", "FaceRule", "characteristics_of", "find_face"]
+__all__ = ["Characteristic", "EdgeRule", "FaceRule", "characteristics_of", "find_face"]
 
-Kind = Literal["distance", "diameter", "radius", "flatness", "parallelism", "note"]
+Kind = Literal["distance", "diameter", "radius", "angle", "flatness", "parallelism", "note"]
+_BEVEL = math.radians(1.0)
+"""Permissible deviation of an angle without one of its own, shorter side up to 10 mm (ISO 2768-m) [rad]."""
 _REACH = 1e-7
 """How far a bounding box may be off its face [m]: the kernel enlarges boxes by its tolerance."""
 
@@ -34,7 +38,7 @@ class FaceRule:
     Attributes
     ----------
     kind : str
-        ``PLANE``, ``CYLINDER`` or ``SPHERE``.
+        ``PLANE`` (square to an axis), ``SLOPE`` (a plane that is not), ``CYLINDER``, ``CONE``, ``TORUS`` or ``SPHERE``.
     axis : int
         Axis that a plane is perpendicular to: 0, 1, 2.
     at : float
@@ -42,7 +46,9 @@ class FaceRule:
     radius : float
         Radius of a cylinder or sphere [m].
     holds : dict
-        Coordinates [m] by axis that the face's box must contain.
+        Coordinates [m] by axis that the face's box must contain; of a slope, those of its middle.
+    body : int or None
+        Solid it belongs to; that of its characteristic where omitted.
     """
 
     kind: str
@@ -50,6 +56,29 @@ class FaceRule:
     at: float = 0.0
     radius: float = 0.0
     holds: dict[int, float] = field(default_factory=dict)
+    body: int | None = None
+
+
+@dataclass(frozen=True)
+class EdgeRule:
+    """An edge, by the two faces that meet in it; the longest where they meet in several.
+
+    Attributes
+    ----------
+    first, second : FaceRule
+        The faces, of one solid.
+    """
+
+    first: FaceRule
+    second: FaceRule
+
+    @property
+    def body(self) -> int | None:
+        """Solid it belongs to."""
+        return self.first.body
+
+
+Rule = FaceRule | EdgeRule
 
 
 @dataclass(frozen=True)
@@ -70,8 +99,8 @@ class Characteristic:
         Deviations, signed [m or rad].
     body : int
         Index of the solid it belongs to.
-    faces : tuple of FaceRule
-        Faces it names: two of a distance, one of the others.
+    faces : tuple of FaceRule or EdgeRule
+        What it names: two of a distance or of an angle between planes, one of the others.
     method : str
         How it is measured.
     quantity : str
@@ -85,7 +114,7 @@ class Characteristic:
     lower: float
     upper: float
     body: int = 0
-    faces: tuple[FaceRule, ...] = ()
+    faces: tuple[Rule, ...] = ()
     method: str = "caliper or micrometer"
     quantity: str = "length"
 
@@ -114,13 +143,18 @@ def find_face(faces: tuple[Face, ...], rule: FaceRule, place: str) -> int:
     """
 
     def fits(face: Face) -> bool:
-        if face.kind != rule.kind:
+        if face.kind != ("PLANE" if rule.kind == "SLOPE" else rule.kind):
             return False
+        if rule.kind == "SLOPE":
+            flat = sum(high - low < 10.0 * _REACH for low, high in zip(face.low, face.high, strict=True))
+            return flat == 0 and all(
+                abs(0.5 * (face.low[k] + face.high[k]) - v) < 2.0 * _REACH for k, v in rule.holds.items()
+            )
         if rule.kind == "PLANE":
             low, high = face.low[rule.axis], face.high[rule.axis]
             if abs(low - rule.at) > _REACH + 1e-9 or abs(high - rule.at) > _REACH + 1e-9:
                 return False
-        elif abs(face.radius - rule.radius) > 1e-12:
+        elif rule.kind in ("CYLINDER", "SPHERE") and abs(face.radius - rule.radius) > 1e-12:
             return False
         return all(face.low[k] - _REACH <= v <= face.high[k] + _REACH for k, v in rule.holds.items())
 
@@ -162,7 +196,7 @@ def characteristics_of(stimulus: Stimulus) -> list[Characteristic]:
 
 
 def _of(
-    key: str, label: str, kind: Kind, dimension: Dimension, *faces: FaceRule, body: int = 0, method: str = "",
+    key: str, label: str, kind: Kind, dimension: Dimension, *faces: Rule, body: int = 0, method: str = "",
     nominal: float | None = None, factor: float = 1.0,
 ) -> Characteristic:  # fmt: skip
     if dimension.unresolved:
@@ -191,15 +225,9 @@ def _step_block(block: StepBlock) -> Iterator[Characteristic]:
         arc = FaceRule("CYLINDER", radius=r, holds={0: 0.5 * r})
         yield _of("edge_radius", "edge radius", "radius", block.edge_radius, arc, method="profilometer, arc fit")
     else:
-        yield _of("edge_radius", "edge radius", "note", block.edge_radius, method="profilometer, arc fit")
-    band = block.height.upper - block.height.lower
-    for key, label, face in (
-        ("flatness_lower", "flatness, lower face", lower),
-        ("flatness_upper", "flatness, upper face", upper),
-    ):
-        yield Characteristic(key, label, "flatness", 0.0, 0.0, 0.25 * band, 0, (face,), "interferometer, minimum zone")
-    yield Characteristic("parallelism", "parallelism, upper face to A", "parallelism", 0.0, 0.0, 0.5 * band, 0,
-                         (upper, lower), "interferometer, minimum zone")  # fmt: skip
+        sharp = EdgeRule(_plane(0, 0.0, z=0.5 * H), upper)
+        yield _of("edge_radius", "edge radius", "radius", block.edge_radius, sharp, method="profilometer, arc fit")
+    yield from _faces(block.face_demands, lower, upper, "lower face", "upper face")
     lane = back - 0.5 * feature.lane.nominal
     if feature.kind == "groove":
         near = feature.distance.nominal
@@ -225,6 +253,16 @@ def _step_block(block: StepBlock) -> Iterator[Characteristic]:
     yield from _body(block.body, lower)
 
 
+def _faces(demands: FaceDemands, low: FaceRule, high: FaceRule, lower: str, upper: str) -> Iterator[Characteristic]:
+    how = "interferometer, form of the face, minimum zone"
+    yield Characteristic("flatness_lower", f"flatness, {lower}", "flatness", 0.0, 0.0, demands.flatness, 0, (low,), how)
+    yield Characteristic(
+        "flatness_upper", f"flatness, {upper}", "flatness", 0.0, 0.0, demands.flatness, 0, (high,), how
+    )
+    yield Characteristic("parallelism", f"parallelism, {upper} to A", "parallelism", 0.0, 0.0, demands.parallelism, 0,
+                         (high, low), how)  # fmt: skip
+
+
 def _body(body: Body, upper: FaceRule) -> Iterator[Characteristic]:
     half, side, base = 0.5 * body.length.nominal, 0.5 * body.width.nominal, -body.thickness.nominal
     yield _of("length", "length", "distance", body.length, _plane(0, -half), _plane(0, half))
@@ -234,7 +272,10 @@ def _body(body: Body, upper: FaceRule) -> Iterator[Characteristic]:
     holes = [FaceRule("CYLINDER", radius=radius, holds={0: x * spacing.nominal}) for x in (-0.5, 0.5)]
     yield _of("hole_spacing", "hole spacing", "distance", spacing, *holes, method="coordinate measuring machine")
     yield _of("edge_break", "edge break, 45 deg", "note", body.edge_break)
-    yield _of("engraving_depth", "engraving depth", "note", body.engraving.depth)
+    depth = body.engraving.depth
+    yield _of(
+        "engraving_depth", "engraving depth", "distance", depth, _plane(1, -side), _plane(1, -side + depth.nominal)
+    )
 
 
 def _margin_block(margin: MarginBlock) -> Iterator[Characteristic]:
@@ -244,14 +285,26 @@ def _margin_block(margin: MarginBlock) -> Iterator[Characteristic]:
     low = -0.5 * depth.nominal
     yield _of("marginal_gap", "marginal gap", "distance", g, _plane(0, 0.0, z=low), _plane(0, g.nominal, z=low),
               method="profilometer or microscope")  # fmt: skip
-    if h.nominal != 0.0:
-        lower, upper = (h.lower, h.upper) if h.nominal > 0.0 else (-h.upper, -h.lower)
-        yield Characteristic("horizontal_discrepancy", "horizontal discrepancy", "distance", abs(h.nominal), lower, upper,
-                             0, (tooth, crown), _PROFILE)  # fmt: skip
-    else:
-        yield _of("horizontal_discrepancy", "horizontal discrepancy", "note", h, method=_PROFILE)
-    if v.nominal != g.nominal:
+    # a distance has no sign: of an underextended crown the limits change places
+    lower, upper = (h.lower, h.upper) if h.nominal >= 0.0 else (-h.upper, -h.lower)
+    yield Characteristic("horizontal_discrepancy", "horizontal discrepancy", "distance", abs(h.nominal), lower, upper, 0,
+                         (tooth, crown), _PROFILE)  # fmt: skip
+    wall = _plane(0, 0.0, z=low)
+    if v.nominal > g.nominal:
+        bevel = FaceRule(
+            "SLOPE", holds={0: 0.5 * (g.nominal + v.nominal), 2: h.nominal - 0.5 * (v.nominal - g.nominal)}
+        )
+        yield _of("vertical_discrepancy", "vertical discrepancy", "distance", v, wall, EdgeRule(bevel, crown),
+                  method="profilometer or microscope")  # fmt: skip
+        yield Characteristic("bevel_angle", "bevel of the margin", "angle", math.radians(45.0), -_BEVEL, _BEVEL, 0,
+                             (bevel, crown), "profilometer or microscope", "angle")  # fmt: skip
+    elif v.nominal < 0.0:
+        end = _plane(0, v.nominal, z=0.5 * (g.nominal + h.nominal))
+        yield Characteristic("vertical_discrepancy", "vertical discrepancy, lip over the tooth", "distance", -v.nominal, -v.upper,
+                             -v.lower, 0, (wall, end), "profilometer or microscope")  # fmt: skip
+    elif v.nominal != g.nominal:
         yield _of("vertical_discrepancy", "vertical discrepancy", "note", v, method="profilometer or microscope")
+    yield from _faces(margin.face_demands, tooth, crown, "tooth", "crown")
     floor = _plane(2, -depth.nominal, x=0.5 * g.nominal)
     yield _of("gap_depth", "depth of the gap", "distance", depth, floor, tooth, method="microscope")
     yield from _body(margin.body, tooth)
@@ -277,9 +330,52 @@ def _crown(margin: CrownOnTooth) -> Iterator[Characteristic]:
     ceiling = height.nominal + margin.internal_gap.nominal
     yield _of("shell_thickness", "shell thickness", "distance", margin.shell_thickness, _plane(2, ceiling),
               _plane(2, ceiling + margin.shell_thickness.nominal), body=1)  # fmt: skip
-    for key, dimension in (("marginal_gap", margin.marginal_gap), ("vertical_discrepancy", margin.opening),
-                           ("internal_gap", margin.internal_gap), ("taper", margin.taper)):  # fmt: skip
-        yield _of(key, key.replace("_", " "), "note", dimension, method="section or micro-CT, seated")
+    yield from _seated(margin, ceiling)
+
+
+def _seated(margin: CrownOnTooth, ceiling: float) -> Iterator[Characteristic]:
+    """Gaps between the two bodies, the crown seated on its tooth."""
+    R, g, v = margin.margin_radius.nominal, margin.marginal_gap, margin.opening
+    how = "section or micro-CT, seated"
+    finish = margin.finish_line.kind
+    below = FaceRule("CYLINDER", radius=R, body=0)
+    ledge = {"shoulder": _plane(2, 0.0), "chamfer": FaceRule("TORUS", body=0), "feather-edge": FaceRule("CONE", body=0)}
+    cavosurface = EdgeRule(below, replace(ledge[finish], body=0))
+    end = _on(1, _plane(2, v.nominal))
+    if finish == "shoulder":
+        yield _of(
+            "marginal_gap",
+            "marginal gap",
+            "distance",
+            g,
+            _on(0, _plane(2, 0.0)),
+            _on(1, _plane(2, g.nominal)),
+            method=how,
+        )
+    elif finish == "chamfer":
+        yield _of("marginal_gap", "marginal gap", "distance", g, cavosurface, _on(1, _plane(2, g.nominal)), method=how)
+    else:  # between two cones that are not parallel it holds at the margin only
+        yield _of("marginal_gap", "marginal gap", "note", g, method=how)
+    # a margin that is bevelled or lipped ends in a corner without a face of its own at that height
+    square = v.nominal == g.nominal
+    yield _of("vertical_discrepancy", "vertical discrepancy", "distance" if square else "note", v,
+              *((cavosurface, end) if square else ()), method=how)  # fmt: skip
+    walls = FaceRule("CONE", body=0), FaceRule("CONE", body=1)
+    kind: Kind = "note" if finish == "feather-edge" else "distance"
+    yield _of(
+        "internal_gap", "internal gap", kind, margin.internal_gap, *(walls if kind == "distance" else ()), method=how
+    )
+    roof = Characteristic("internal_gap_roof", "internal gap, roof", "distance", margin.internal_gap.nominal,
+                          margin.internal_gap.lower, margin.internal_gap.upper, 0,
+                          (_on(0, _plane(2, margin.preparation_height.nominal)), _on(1, _plane(2, ceiling))), how)  # fmt: skip
+    if margin.internal_gap.nominal > 0.0:
+        yield roof
+    if margin.taper.nominal > 0.0:
+        yield _of("taper", "total taper", "angle", margin.taper, walls[0], method=how, factor=2.0)
+
+
+def _on(body: int, rule: FaceRule) -> FaceRule:
+    return replace(rule, body=body)
 
 
 def _tip(tip: StraightTip | HookTip) -> Iterator[Characteristic]:
@@ -287,7 +383,9 @@ def _tip(tip: StraightTip | HookTip) -> Iterator[Characteristic]:
               method="microscope or interferometer, sphere fit")  # fmt: skip
     yield _of("shank_diameter", "shank diameter", "diameter", tip.shank_radius,
               FaceRule("CYLINDER", radius=tip.shank_radius.nominal), factor=2.0)  # fmt: skip
-    yield _of("cone_angle", "half angle of the cone", "note", tip.cone_angle, method="microscope")
+    yield _of(
+        "cone_angle", "cone angle, included", "angle", tip.cone_angle, FaceRule("CONE"), method="microscope", factor=2.0
+    )
     if isinstance(tip, StraightTip):
         yield _of("length", "length from the contact point", "note", tip.length)
     else:

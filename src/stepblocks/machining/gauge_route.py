@@ -200,7 +200,7 @@ def write_gauge_assembly(path: Path, block: StepBlock, grade: str = "0") -> Gaug
     """
     from stepblocks.machining.step_ap242 import PINNED_TIME, conforming
     from stepblocks.solids import kernel
-    from stepblocks.solids.kernel_pmi import PmiDimension, write_step_with_tolerances
+    from stepblocks.solids.kernel_pmi import PmiDimension, PmiItem, write_step_with_tolerances
 
     pair = choose_pair(block.height.nominal, grade)
     long, wide = _SECTION
@@ -219,13 +219,20 @@ def write_gauge_assembly(path: Path, block: StepBlock, grade: str = "0") -> Gaug
         (f"gauge-block-{_piece(pair.upper)}", box(0.0, wide, 0.5 * long, floor, pair.upper - pair.lower)),
     ]
     deviation, _ = GRADES[grade]
-    dimensions = []
+    dimensions, tops = [], []
     for index, length in ((1, pair.lower), (2, pair.upper)):
-        faces = [i for i, face in enumerate(kernel.face_kinds(bodies[index][1])) if face.high[2] - face.low[2] < 1e-6]
-        dimensions.append(PmiDimension("distance", index, (faces[0], faces[1]), length, -deviation, deviation))
+        described = kernel.face_kinds(bodies[index][1])
+        level = sorted((face.low[2], i) for i, face in enumerate(described) if face.high[2] - face.low[2] < 1e-6)
+        bottom, top = (PmiItem(index, i) for _, i in (level[0], level[-1]))
+        dimensions.append(PmiDimension("distance", (bottom, top), length, -deviation, deviation))
+        tops.append(top)
+    height = block.height
+    dimensions.append(PmiDimension("distance", (tops[0], tops[1]), height.nominal, height.lower, height.upper))
     with beside(path) as draft:
-        write_step_with_tolerances(draft, bodies, dimensions, [], (block.material.designation, block.material.density))
-        names = [f"length of gauge block {_piece(length)}" for length in (pair.lower, pair.upper)]
+        material = block.material.designation, block.material.density
+        write_step_with_tolerances(draft, bodies, dimensions, [], material, f"{block.id}-gauge")
+        names = [("distance", f"length of gauge block {_piece(length)}") for length in (pair.lower, pair.upper)]
+        names.append(("distance", "step height"))
         draft.write_text(
             conforming(draft.read_text(encoding="utf-8"), f"{block.id}-gauge", PINNED_TIME, names), encoding="utf-8"
         )

@@ -14,10 +14,19 @@ from pathlib import Path
 from stepblocks.beside import beside
 from stepblocks.errors import MachiningError
 from stepblocks.machining.callouts import callout_lines, callout_text
-from stepblocks.machining.characteristics import Characteristic, characteristics_of, find_face
+from stepblocks.machining.characteristics import Characteristic, EdgeRule, Rule, characteristics_of, find_face
 from stepblocks.quantities import format_quantity
 from stepblocks.solids import kernel
-from stepblocks.solids.kernel_pmi import Callout, PmiDimension, PmiTolerance, write_step_with_tolerances
+from stepblocks.solids.kernel_pmi import (
+    Callout,
+    PmiDimension,
+    PmiItem,
+    PmiKind,
+    PmiTolerance,
+    write_step_with_tolerances,
+)
+from stepblocks.stimulus.block import StepBlock
+from stepblocks.stimulus.margin import MarginBlock
 from stepblocks.stimulus.set import Stimulus
 
 __all__ = ["PINNED_TIME", "conforming", "write_step_ap242"]
@@ -26,7 +35,14 @@ PINNED_TIME = "2000-01-01T00:00:00"
 """Time stamp in every header: equal stimuli give equal bytes."""
 
 _LIMIT = re.compile(r"^(#\d+)\s*=\s*MEASURE_WITH_UNIT\(\s*([-+0-9.Ee]+)\s*,\s*(#\d+)\s*\)$")
-_LOCATION = re.compile(r"^(#\d+\s*=\s*DIMENSIONAL_LOCATION\('[^']*',)\$(,.*)$", re.DOTALL)
+_PATTERNS = {
+    "DIMENSIONAL_LOCATION": re.compile(r"^(#\d+\s*=\s*DIMENSIONAL_LOCATION\('[^']*',)\$(,.*)$"),
+    "ANGULAR_LOCATION": re.compile(r"^(#\d+\s*=\s*ANGULAR_LOCATION\('[^']*',)\$(,.*)$"),
+    "ANGULAR_SIZE": re.compile(r"^(#\d+\s*=\s*ANGULAR_SIZE\(#\d+,)'[^']*'(,.*)$"),
+}
+_NAMED = {"DIMENSIONAL_LOCATION": ("distance",), "ANGULAR_LOCATION": ("angle",), "ANGULAR_SIZE": ("cone",)}
+"""Where the description of a dimension stands, and which kinds have one."""
+_ZERO = re.compile(r"POSITIVE_LENGTH_MEASURE\(0\.(?:E[-+]?\d+)?\)")
 _HEADER = re.compile(r"FILE_NAME\('[^']*',\s*'[^']*'")
 _DEFINITION = re.compile(r"^(#\d+)\s*=\s*PRODUCT_DEFINITION\(")
 _CONTEXT = re.compile(r"^(#\d+)\s*=\s*\(\s*GEOMETRIC_REPRESENTATION_CONTEXT\(3\)")
@@ -59,27 +75,53 @@ def write_step_ap242(
     described = [kernel.face_kinds(body) for _, body in bodies]
     dimensions: list[PmiDimension] = []
     tolerances: list[PmiTolerance] = []
-    names = []
+    names: list[tuple[str, str]] = []
+    everything = [face for part in described for face in part]
     for number, one in enumerate(listed, start=1):
         if one.kind == "note":
             continue
-        part = described[one.body]
-        faces = tuple(find_face(part, rule, stimulus.id) for rule in one.faces)
+        items = tuple(_item(described, rule, one.body, stimulus.id) for rule in one.faces)
         text = callout_text(one, number)
-        seen = Callout(_ascii(text), callout_lines(text, len(dimensions) + len(tolerances), part, part[faces[-1]]))
-        if one.kind in ("distance", "diameter", "radius"):
-            dimensions.append(PmiDimension(one.kind, one.body, faces, one.nominal, one.lower, one.upper, seen))
-            if one.kind == "distance":
-                names.append(one.label)
-        elif one.kind in ("flatness", "parallelism"):
-            datum = ("A", faces[1]) if one.kind == "parallelism" else None
-            tolerances.append(PmiTolerance(one.kind, one.body, faces[0], one.upper, datum, seen))
+        leads_to = described[items[-1].body][items[-1].face]
+        seen = Callout(_ascii(text), callout_lines(text, len(dimensions) + len(tolerances), everything, leads_to))
+        if one.kind in ("flatness", "parallelism"):
+            datum = ("A", items[1].face) if one.kind == "parallelism" else None
+            tolerances.append(PmiTolerance(one.kind, one.body, items[0].face, one.upper, datum, seen))
+        else:
+            kind = _pmi_kind(one)
+            dimensions.append(PmiDimension(kind, items, one.nominal, one.lower, one.upper, seen))
+            names.append((kind, one.label))
     material = stimulus.material
     with beside(path) as draft:
-        write_step_with_tolerances(draft, bodies, dimensions, tolerances, (material.designation, material.density))
+        write_step_with_tolerances(
+            draft, bodies, dimensions, tolerances, (material.designation, material.density), stimulus.id
+        )
         notes = [(one.label, _limits(one)) for one in listed if one.kind == "note"]
-        text = conforming(draft.read_text(encoding="utf-8"), stimulus.id, timestamp, names, notes)
+        texture = None
+        if isinstance(stimulus, StepBlock | MarginBlock):
+            demands = stimulus.face_demands
+            texture = demands.roughness
+            if demands.defaults:
+                notes.append(("defaults", f"not stated in the order, so by default: {', '.join(demands.defaults)}"))
+        text = conforming(draft.read_text(encoding="utf-8"), stimulus.id, timestamp, names, notes, texture)
         draft.write_text(text, encoding="utf-8")
+
+
+def _pmi_kind(one: Characteristic) -> PmiKind:
+    match one.kind:
+        case "angle":
+            return "cone" if len(one.faces) == 1 else "angle"
+        case "distance" | "diameter" | "radius":
+            return one.kind
+    raise MachiningError(f"{one.label} must be a dimension, got {one.kind}")
+
+
+def _item(described: Sequence[Sequence[kernel.Face]], rule: Rule, body: int, place: str) -> PmiItem:
+    owner = body if rule.body is None else rule.body
+    part = tuple(described[owner])
+    if isinstance(rule, EdgeRule):
+        return PmiItem(owner, find_face(part, rule.first, place), find_face(part, rule.second, place))
+    return PmiItem(owner, find_face(part, rule, place))
 
 
 def _ascii(text: str) -> str:
@@ -93,8 +135,9 @@ def _limits(one: Characteristic) -> str:
 
 
 def conforming(
-    text: str, identity: str, timestamp: str, names: Sequence[str] = (), notes: Sequence[tuple[str, str]] = ()
-) -> str:
+    text: str, identity: str, timestamp: str, names: Sequence[tuple[str, str]] = (), notes: Sequence[tuple[str, str]] = (),
+    texture: float | None = None,
+) -> str:  # fmt: skip
     """Mend what OpenCASCADE writes against the schema, and add names and notes.
 
     Parameters
@@ -103,10 +146,12 @@ def conforming(
         The file as the kernel wrote it.
     identity, timestamp : str
         Name and time for the header.
-    names : sequence of str
-        Descriptions of the linear distances, in their order.
+    names : sequence of (str, str)
+        Kind and description of every dimension, in their order; those of diameters and radii have no place in the file.
     notes : sequence of (str, str)
         Requirements that no face carries: name and text.
+    texture : float, optional
+        Largest Ra of the faces that have a flatness tolerance [m].
 
     Returns
     -------
@@ -123,15 +168,20 @@ def conforming(
         raise MachiningError(f"header must have a FILE_NAME to pin [{identity}]")
     head, _, rest = pinned.partition("DATA;")
     data, _, tail = rest.rpartition("ENDSEC;")
-    waiting = list(names)
-    instances = [_mended(instance.strip(), waiting) for instance in _split(data)]
-    if waiting:
-        raise MachiningError(f"every named distance must be written, missing {', '.join(waiting)} [{identity}]")
+    waiting = {entity: [label for kind, label in names if kind in kinds] for entity, kinds in _NAMED.items()}
+    whole = [instance.strip() for instance in _split(data)]
+    angular = {one.split("=", 1)[0].strip() for one in whole if "PLANE_ANGLE_UNIT" in one}
+    instances = [_mended(instance, waiting, angular) for instance in whole]
+    missing = [label for labels in waiting.values() for label in labels]
+    if missing:
+        raise MachiningError(f"every named dimension must be written, missing {', '.join(missing)} [{identity}]")
     instances = _with_density_unit(instances)
     # callouts in the kernel's white cannot be seen on paper
     instances = [one.replace("DRAUGHTING_PRE_DEFINED_COLOUR('white')", "DRAUGHTING_PRE_DEFINED_COLOUR('black')")
                  for one in instances]  # fmt: skip
     instances += _noted(instances, notes, identity)
+    if texture is not None:
+        instances += _textured(instances, texture, identity)
     return head + "DATA;\n" + "".join(f"{instance};\n" for instance in instances if instance) + "ENDSEC;" + tail
 
 
@@ -140,17 +190,21 @@ def _split(data: str) -> list[str]:
     return [part for part in re.findall(r"(?:'(?:[^']|'')*'|[^';])+", data) if part.strip()]
 
 
-def _mended(instance: str, waiting: list[str]) -> str:
-    if "MEASURE_WITH_UNIT" not in instance and "DIMENSIONAL_LOCATION" not in instance:
+def _mended(instance: str, waiting: dict[str, list[str]], angular: set[str]) -> str:
+    if not any(word in instance for word in ("MEASURE_WITH_UNIT", "AL_LOCATION(", "ANGULAR_")):
         return instance  # thousands are shape, which nothing here touches
     flat = re.sub(r"\s*\n\s*", "", instance)
     limit = _LIMIT.match(flat)
     if limit:
-        return f"{limit[1]} = MEASURE_WITH_UNIT(LENGTH_MEASURE({limit[2]}),{limit[3]})"
-    located = _LOCATION.match(flat)
-    if located and waiting:
-        return f"{located[1]}'{waiting.pop(0)}'{located[2]}"
-    return instance
+        kind = "PLANE_ANGLE_MEASURE" if limit[3] in angular else "LENGTH_MEASURE"
+        value = "0." if float(limit[2]) == 0.0 else limit[2]  # the kernel writes -0.
+        return f"{limit[1]} = MEASURE_WITH_UNIT({kind}({value}),{limit[3]})"
+    for entity, pattern in _PATTERNS.items():
+        found = pattern.match(flat)
+        if found and waiting[entity]:
+            return f"{found[1]}'{waiting[entity].pop(0)}'{found[2]}"
+    # a nominal of zero (a sharp edge, flush faces) is a length, but no positive one
+    return _ZERO.sub("LENGTH_MEASURE(0.)", flat) if "POSITIVE_LENGTH_MEASURE(" in flat else instance
 
 
 def _with_density_unit(instances: list[str]) -> list[str]:
@@ -196,3 +250,40 @@ def _noted(instances: list[str], notes: Sequence[tuple[str, str]], identity: str
         ]
         number += 4
     return added
+
+
+_FLATNESS = re.compile(r"^#\d+=FLATNESS_TOLERANCE\('[^']*',(?:'[^']*'|\$),#\d+,(#\d+)\)$")
+
+
+def _textured(instances: list[str], roughness: float, identity: str) -> list[str]:
+    """Write Ra as a typed property of every face that has a flatness tolerance."""
+    flat = [re.sub(r"\s+", "", one) for one in instances if "FLATNESS_TOLERANCE" in one]
+    aspects = [match[1] for one in flat if (match := _FLATNESS.match(one))]
+    whole = {
+        one.split("=", 1)[0].strip(): re.sub(r"\s*\n\s*", "", one)
+        for one in instances
+        if "UNIT" in one or "_CONTEXT" in one
+    }
+    context = next((ref for ref, one in whole.items() if _CONTEXT.match(one)), None)
+    millimetre = next((ref for ref, one in whole.items() if "LENGTH_UNIT" in one and ".MILLI." in one), None)
+    if not aspects or context is None or millimetre is None:
+        raise MachiningError(f"surface texture must have faces with a flatness tolerance, got none [{identity}]")
+    number = max(int(one.split("=", 1)[0].strip()[1:]) for one in instances) + 1
+    added = [
+        f"#{number} = MEASURE_REPRESENTATION_ITEM('Ra',LENGTH_MEASURE({_real(roughness * 1e3)}),{millimetre})",
+        f"#{number + 1} = REPRESENTATION('surface texture',(#{number}),{context})",
+    ]
+    for index, aspect in enumerate(aspects):
+        place = number + 2 + 2 * index
+        added += [
+            f"#{place} = PROPERTY_DEFINITION('surface texture','Ra, largest',{aspect})",
+            f"#{place + 1} = PROPERTY_DEFINITION_REPRESENTATION(#{place},#{number + 1})",
+        ]
+    return added
+
+
+def _real(value: float) -> str:
+    """Return a number as Part 21 wants it, with a point."""
+    text = f"{value:.12G}"
+    mantissa, mark, exponent = text.partition("E")
+    return (mantissa if "." in mantissa else f"{mantissa}.") + (f"E{int(exponent):+03d}" if mark else "")

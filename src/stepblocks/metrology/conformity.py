@@ -58,7 +58,9 @@ class Decision:
     probability: float
 
 
-def decide(value: float, std: float, lower: float = -math.inf, upper: float = math.inf) -> Decision:
+def decide(
+    value: float, std: float, lower: float = -math.inf, upper: float = math.inf, dof: float = math.inf
+) -> Decision:
     """Judge one measured value.
 
     Parameters
@@ -67,6 +69,8 @@ def decide(value: float, std: float, lower: float = -math.inf, upper: float = ma
         Measured value and its combined standard uncertainty [m].
     lower, upper : float
         Limits of the specification [m].
+    dof : float
+        Degrees of freedom of the uncertainty; where they are few, Student's 95 % point takes the place of 1.65.
 
     Returns
     -------
@@ -97,23 +101,35 @@ def decide(value: float, std: float, lower: float = -math.inf, upper: float = ma
         raise MetrologyError(f"value and std must be finite and std not negative, got {value:g} and {std:g}")
     if math.isnan(lower) or math.isnan(upper) or not lower <= upper:
         raise MetrologyError(f"limits must be in order, got {lower:g} to {upper:g}")
-    guard = GUARD_FACTOR * std
+    guard = _guard_factor(dof) * std
     if lower + guard <= value <= upper - guard:
         verdict = Outcome.CONFORMS
     elif value < lower - guard or value > upper + guard:
         verdict = Outcome.DOES_NOT_CONFORM
     else:
         verdict = Outcome.NOT_PROVEN
-    return Decision(verdict, value, std, lower, upper, guard, _between(value, std, lower, upper))
+    return Decision(verdict, value, std, lower, upper, guard, _between(value, std, lower, upper, dof))
+
+
+def _guard_factor(dof: float) -> float:
+    if math.isinf(dof):
+        return GUARD_FACTOR
+    from scipy import stats
+
+    return max(GUARD_FACTOR, float(stats.t.ppf(0.95, dof)))
 
 
 def _normal_cdf(x: float) -> float:
     return 0.5 * math.erfc(-x / math.sqrt(2.0))
 
 
-def _between(value: float, std: float, lower: float, upper: float) -> float:
+def _between(value: float, std: float, lower: float, upper: float, dof: float = math.inf) -> float:
     if std == 0.0:
         return 1.0 if lower <= value <= upper else 0.0
+    if math.isfinite(dof):
+        from scipy import stats
+
+        return float(stats.t.cdf((upper - value) / std, dof) - stats.t.cdf((lower - value) / std, dof))
     return _normal_cdf((upper - value) / std) - _normal_cdf((lower - value) / std)
 
 

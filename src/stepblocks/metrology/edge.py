@@ -14,7 +14,8 @@ from numpy.typing import ArrayLike, NDArray
 
 from stepblocks.errors import MetrologyError
 from stepblocks.metrology.edge_arc import arc_radius
-from stepblocks.metrology.levelling import despiked, roughly_levelled
+from stepblocks.metrology.levelling import despiked, roughly_levelled, without_spikes
+from stepblocks.metrology.noise_uncertainty import NoiseUncertainty, noise_uncertainty
 from stepblocks.metrology.roughness_noise import autocovariance, estimator_covariance, outlier_mask
 
 __all__ = ["Edge", "fit_edge"]
@@ -33,6 +34,8 @@ class Edge:
     ----------
     height, height_std : float
         Height of the step by the two-plane convention and its standard uncertainty from noise and roughness [m].
+    height_dof : float
+        Effective degrees of freedom of that uncertainty [1].
     radius, radius_std : float
         Radius of the rounded edge and its standard uncertainty [m]; for a sharp edge both are a part of the sampling
         interval.
@@ -56,6 +59,7 @@ class Edge:
 
     height: float
     height_std: float
+    height_dof: float
     radius: float
     radius_std: float
     radius_limit: float
@@ -121,18 +125,22 @@ def fit_edge(position: ArrayLike, height: ArrayLike, exclusion: float | None = N
         if 1.5 * reach > half_width:
             half_width = 1.5 * reach
             faces = _fit_faces(x, z, middle, half_width)
-    if not faces.height > 5.0 * max(faces.height_std, faces.roughness / np.sqrt(len(x))):
+    if not faces.height > 5.0 * max(faces.noise.std, faces.roughness / np.sqrt(len(x))):
         raise MetrologyError(
             f"profile must show a step above its noise, got {faces.height * 1e6:.4g} um with roughness "
             f"{faces.roughness * 1e6:.3g} um"
         )
     inside = (np.abs(x - middle) < half_width) & np.isfinite(z)
+    spikes = _beyond_neighbours(z[inside] - faces.tilt * x[inside], 6.0 * faces.roughness)
+    inside[np.flatnonzero(inside)[spikes]] = False
     levelled = z[inside] - faces.offset - faces.tilt * x[inside]
-    arc = arc_radius(x[inside], levelled, faces.height, spacing, faces.gamma)
+    columns = np.stack([x[inside] - middle, np.ones(int(inside.sum())), (x[inside] > middle).astype(float)])
+    arc = arc_radius(x[inside], levelled, faces.height, spacing, faces.gamma, faces.errors @ columns)
     sign = 1.0 if rising else -1.0
     return Edge(
         height=faces.height,
-        height_std=faces.height_std,
+        height_std=faces.noise.std,
+        height_dof=faces.noise.dof,
         radius=arc.radius,
         radius_std=arc.radius_std,
         radius_limit=arc.radius_limit,
@@ -141,7 +149,7 @@ def fit_edge(position: ArrayLike, height: ArrayLike, exclusion: float | None = N
         exclusion=half_width,
         roughness=faces.roughness,
         form=arc.form,
-        rejected=faces.rejected + int(np.isnan(z).sum()),
+        rejected=faces.rejected + int(spikes.sum()) + int(np.isnan(z).sum()),
         rising=rising,
     )
 
@@ -151,9 +159,10 @@ class _Faces:
     tilt: float
     offset: float
     height: float
-    height_std: float
+    noise: NoiseUncertainty
     roughness: float
     gamma: Array
+    errors: Array
     rejected: int
 
 
@@ -201,30 +210,49 @@ def _fit_faces(x: Array, z: Array, middle: float, exclusion: float) -> _Faces:
     design = np.stack([(x - middle) / scale, np.ones_like(x), (x > middle).astype(float)])
     used = (lower | upper) & finite
     rejected = 0
-    for _ in range(4):
+    calm = without_spikes(z)
+    for turn in range(6):
         inverse = np.linalg.inv(design[:, used] @ design[:, used].T)
         weights = np.where(used, inverse @ design, 0.0)
-        solution = weights[:, used] @ z[used]
+        solution = weights[:, used] @ (calm if turn == 0 else z)[used]
         residuals = z - solution @ design
         spikes = np.zeros_like(used)
         spikes[used] = outlier_mask(residuals[used])
-        if not spikes.any():
+        if turn > 0 and not spikes.any():
             break
         used &= ~spikes
         rejected += int(spikes.sum())
     kept = np.where(used, residuals, np.nan)
     gamma = autocovariance([kept[lower], kept[upper]])
-    covariance = estimator_covariance(weights, gamma)
+    covariance = estimator_covariance(weights / np.array([[scale], [1.0], [1.0]]), gamma)
     tilt = float(solution[0] / scale)
     return _Faces(
         tilt=tilt,
         offset=float(solution[1] - tilt * middle),
         height=float(solution[2]),
-        height_std=float(np.sqrt(covariance[2, 2])),
+        noise=noise_uncertainty(weights[2], residuals, used, list(design)),
         roughness=float(np.sqrt(gamma[0])),
         gamma=gamma,
+        errors=_root(covariance),
         rejected=rejected,
     )
+
+
+def _root(covariance: Array) -> Array:
+    """Return rows whose products add up to a covariance, by its eigenvectors, since it may be singular."""
+    values, vectors = np.linalg.eigh(covariance)
+    return np.asarray((vectors * np.sqrt(np.maximum(values, 0.0))).T)
+
+
+def _beyond_neighbours(heights: Array, limit: float) -> Mask:
+    """Return spikes in a window at the edge: an edge rises or falls, so a point stays within the range of its neighbours."""
+    padded = np.pad(heights, 2, mode="reflect")
+    others = np.stack([padded[shift : shift + len(heights)] for shift in (0, 1, 3, 4)])
+    # the second of the four from either side, so that one spike does not excuse another
+    ordered = np.sort(others, axis=0)
+    beyond = (heights > ordered[2] + limit) & (heights > ordered[3] + limit)
+    below = (heights < ordered[1] - limit) & (heights < ordered[0] - limit)
+    return np.asarray(beyond | below)
 
 
 def _rounding_width(x: Array, z: Array, middle: float, faces: _Faces) -> float:

@@ -1,8 +1,9 @@
 """Radius of a rounded edge from the few points that lie on its arc.
 
 The radius is not a least-squares optimum but the posterior of a grid: an edge sharper than the sampling has no
-optimum worth a name, yet a clear upper limit. Residuals count across the surface, not along z, so that the
-steep foot of the arc does not outweigh its crown, and they are whitened by the roughness of the faces.
+optimum worth a name, yet a clear upper limit. Residuals are taken across the surface and divided by the cosine of its
+slope, since noise is along z; the cosine is bounded, so that the foot of the arc does not outweigh its crown. They are
+whitened by the roughness of the faces.
 """
 
 from __future__ import annotations
@@ -30,7 +31,8 @@ class Arc:
     Attributes
     ----------
     radius, radius_std : float
-        Mean of the posterior, and its standard deviation together with that of the sampling interval [m].
+        Mean and standard deviation of the posterior [m]; below three sampling intervals, where form between two samples decides,
+        together with a rectangle of one interval.
     radius_limit : float
         Upper limit at 95 % [m].
     riser : float
@@ -69,7 +71,9 @@ def edge_profile(position: Array, riser: float | Array, height: float, radius: f
     return np.where(position < riser, 0.0, np.maximum(arc, 0.0))
 
 
-def arc_radius(position: Array, levelled: Array, height: float, spacing: float, gamma: Array) -> Arc:
+def arc_radius(
+    position: Array, levelled: Array, height: float, spacing: float, gamma: Array, level_errors: Array | None = None
+) -> Arc:
     """Radius of the edge in a levelled window.
 
     Parameters
@@ -84,6 +88,9 @@ def arc_radius(position: Array, levelled: Array, height: float, spacing: float, 
         Sampling interval of the profile [m].
     gamma : ndarray
         Autocovariance of the noise [m^2] at lags of `spacing`.
+    level_errors : ndarray, shape (k, n), optional
+        Errors of one standard deviation [m] that the levelling has left in all points together: of the lower face, of the
+        height, of the tilt. Near the top of the arc 10 nm of height are many of radius.
 
     Returns
     -------
@@ -97,7 +104,8 @@ def arc_radius(position: Array, levelled: Array, height: float, spacing: float, 
     """
     if len(position) < 8:
         raise MetrologyError(f"window at the edge must hold at least 8 points, got {len(position)}")
-    window = _Window(position, levelled, height, spacing, gamma)
+    shared = np.zeros((1, len(position))) if level_errors is None else level_errors
+    window = _Window(position, levelled, height, spacing, gamma, shared)
     span = float(position[-1] - position[0])
     start = float(position[np.flatnonzero(levelled > 0.5 * height)[0]]) if (levelled > 0.5 * height).any() else 0.0
     radii = np.concatenate([[0.0], np.geomspace(0.2 * spacing, 0.5 * span, 48)])
@@ -109,7 +117,9 @@ def arc_radius(position: Array, levelled: Array, height: float, spacing: float, 
 class _Window:
     """Misfit of the ideal edge to the points of one window."""
 
-    def __init__(self, position: Array, levelled: Array, height: float, spacing: float, gamma: Array) -> None:
+    def __init__(
+        self, position: Array, levelled: Array, height: float, spacing: float, gamma: Array, shared: Array
+    ) -> None:
         thin = -(-len(position) // _MOST_POINTS)
         self.x, self.z, self.height, self.spacing = position[::thin], levelled[::thin], height, spacing
         lags = np.rint((self.x - self.x[0]) / spacing).astype(int)
@@ -118,11 +128,11 @@ class _Window:
         column[:used] = gamma[:used]
         floor = max(gamma[0], (1e-6 * height) ** 2)
         column[0] = column[0] + 1e-3 * floor
-        full = toeplitz(column)[np.ix_(lags, lags)]
+        full = toeplitz(column)[np.ix_(lags, lags)] + shared[:, ::thin].T @ shared[:, ::thin]
         self.whitening = solve_triangular(cholesky(full, lower=True), np.eye(len(full)), lower=True)
 
     def across(self, risers: Array, radius: float) -> Array:
-        """Residuals across the ideal surface [m], one row per position of the riser."""
+        """Residuals from the ideal surface [m], one row per position of the riser."""
         at = risers[:, np.newaxis]
         vertical = self.z - edge_profile(self.x, at, self.height, radius)
         from_riser = self.x - at
@@ -130,7 +140,9 @@ class _Window:
             # on the arc the distance is radial, which stays finite where the slope does not
             on_arc = (from_riser >= 0.0) & (from_riser < radius) & (vertical < self.z)
             radial = np.hypot(from_riser - radius, self.z - self.height + radius) - radius
-            vertical = np.where(on_arc, radial, vertical)
+            inward = np.clip(1.0 - from_riser / radius, 0.0, 1.0)
+            cosine = np.maximum(np.sqrt(1.0 - inward * inward), _LEAST_COSINE)
+            vertical = np.where(on_arc, radial / cosine, vertical)
         # a point beside the riser may belong to it: nearer to the vertical wall than to either face
         wall = np.abs(from_riser)
         beside = (self.z > 0.0) & (self.z < self.height - radius) & (wall < 0.5 * self.spacing)
@@ -139,24 +151,49 @@ class _Window:
     def costs(self, risers: Array, radius: float) -> Array:
         """Robust half sums of squares of the whitened residuals (Cauchy's loss far out, as form is not noise)."""
         white = self.whitening @ self.across(risers, radius).T
-        return np.asarray(0.5 * np.sum(_LOSS**2 * np.log1p((white / _LOSS) ** 2), axis=0))
+        return np.asarray(0.5 * _TEMPER * np.sum(_LOSS**2 * np.log1p((white / _LOSS) ** 2), axis=0))
 
 
 _LOSS = 3.0
 """Whitened residual beyond which a point is form or spike rather than noise [1]."""
+_TEMPER = 1.2523383
+"""E[psi'] / E[psi^2] of this loss under a normal law [1]: with it the posterior is as wide as the estimate scatters."""
+_LEAST_COSINE = 0.2
+"""Least cosine of the slope by which a residual is divided [1]: steeper than 78 degrees the lateral error decides."""
+_UNRESOLVED = 3.0
+"""Sampling intervals below which a radius is not resolved [1]."""
 
 
 def _scan_coarsely(window: _Window, radii: Array, start: float) -> tuple[float, float]:
-    best = (np.inf, 0.0, start)
+    """Best radius and riser: a coarse grid, then the few best of it followed downhill, since the valley is narrow and bent."""
+    from scipy.optimize import minimize
+
+    found = []
     for radius in radii:
         # the riser lies left of the half-height crossing, at most by the width of the arc below it
         reach = radius + 2.0 * window.spacing
         risers = np.linspace(start - reach, start + window.spacing, max(12, min(60, int(reach / window.spacing))))
         costs = window.costs(risers, float(radius))
         at = int(np.argmin(costs))
-        if costs[at] < best[0]:
-            best = (float(costs[at]), float(radius), float(risers[at]))
+        found.append((float(costs[at]), float(radius), float(risers[at])))
+    found.sort()
+
+    def cost(scaled: Array) -> float:
+        radius, riser = scaled * window.spacing
+        return float(window.costs(np.array([riser]), radius)[0]) if radius >= 0.0 else np.inf
+
+    best = found[0]
+    for _, radius, riser in found[:_STARTS]:
+        simplex = np.array([[radius, riser], [radius + window.spacing, riser], [radius, riser + 0.3 * window.spacing]])
+        options = {"initial_simplex": simplex / window.spacing, "xatol": 1e-3, "fatol": 1e-3, "maxfev": 200}
+        ended = minimize(cost, simplex[0] / window.spacing, method="Nelder-Mead", options=options)
+        if ended.fun < best[0]:
+            best = (float(ended.fun), float(ended.x[0]) * window.spacing, float(ended.x[1]) * window.spacing)
     return best[1], best[2]
+
+
+_STARTS = 4
+"""Points of the coarse grid that are followed."""
 
 
 def _refine(window: _Window, radius: float, riser: float) -> tuple[Array, Array, Array]:
@@ -195,10 +232,12 @@ def _summary(window: _Window, radii: Array, risers: Array, costs: Array) -> Arc:
     excess = max(1.0, float(np.mean(white[zone] ** 2)))
     weight = np.exp((costs.min() - costs) / excess).sum(axis=1)
     weight /= weight.sum()
-    mean = float(np.sum(weight * radii))
-    # between two samples nothing is known: a rectangle of one interval, on the radius as on any length along x
-    std = float(np.hypot(_spread(radii, weight), window.spacing / np.sqrt(12.0)))
-    limit = max(float(np.interp(0.95, np.cumsum(weight), radii)), mean + _NORMAL_95 * std)
+    mean, std = float(np.sum(weight * radii)), _spread(radii, weight)
+    limit = float(np.interp(0.95, np.cumsum(weight) - 0.5 * weight, radii))
+    if mean < _UNRESOLVED * window.spacing:
+        # between two samples nothing is known: a rectangle of one interval, as on any length along x
+        std = float(np.hypot(std, window.spacing / np.sqrt(12.0)))
+        limit = max(limit, mean + _NORMAL_95 * std)
     form = float(np.sqrt(np.mean(across[zone] ** 2)))
     return Arc(mean, std, limit, riser, form)
 

@@ -9,7 +9,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-__all__ = ["despiked", "roughly_levelled", "two_levels"]
+__all__ = ["despiked", "roughly_levelled", "two_levels", "without_spikes"]
 
 Array = NDArray[np.float64]
 
@@ -19,6 +19,25 @@ def despiked(heights: Array) -> Array:
     from scipy.ndimage import median_filter
 
     return np.asarray(median_filter(heights, size=5, mode="nearest"))
+
+
+def without_spikes(heights: Array) -> Array:
+    """Return heights with the known ones replaced by their running median, to start a fit that spikes must not pull.
+
+    Parameters
+    ----------
+    heights : ndarray, shape (n,)
+        Heights [m]; nan where a point is missing, and left so.
+
+    Returns
+    -------
+    ndarray, shape (n,)
+        Heights [m].
+    """
+    calm = np.array(heights, dtype=np.float64)
+    known = np.isfinite(calm)
+    calm[known] = despiked(calm[known])
+    return calm
 
 
 def roughly_levelled(position: Array, heights: Array) -> Array:

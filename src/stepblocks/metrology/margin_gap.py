@@ -13,8 +13,9 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from stepblocks.errors import MetrologyError
-from stepblocks.metrology.levelling import despiked, roughly_levelled, two_levels
-from stepblocks.metrology.roughness_noise import autocovariance, estimator_covariance, outlier_mask
+from stepblocks.metrology.levelling import despiked, roughly_levelled, two_levels, without_spikes
+from stepblocks.metrology.noise_uncertainty import NoiseUncertainty, noise_uncertainty
+from stepblocks.metrology.roughness_noise import outlier_mask
 
 __all__ = ["Margin", "fit_margin"]
 
@@ -29,25 +30,43 @@ class Margin:
 
     Attributes
     ----------
-    opening, opening_std : float
-        Distance between the two edges along the profile, and its standard uncertainty [m].
-    rise, rise_std : float
+    opening : float
+        Distance between the two edges along the profile [m].
+    opening_noise : NoiseUncertainty
+        Its uncertainty from the noise where its edges are sampled [m].
+    opening_sampling : float
+        Its standard uncertainty since nothing is known between two samples of a wall [m].
+    rise : float
         Height of the right shoulder over the left, the vertical discrepancy [m].
-    absolute : float
-        Hypotenuse of both, the absolute marginal discrepancy [m].
-    absolute_std : float
-        Its standard uncertainty [m].
+    rise_noise : NoiseUncertainty
+        Its uncertainty from noise and roughness [m].
     depth : float
         How deep the profile reached into the gap, below the lower shoulder [m].
     """
 
     opening: float
-    opening_std: float
+    opening_noise: NoiseUncertainty
+    opening_sampling: float
     rise: float
-    rise_std: float
-    absolute: float
-    absolute_std: float
+    rise_noise: NoiseUncertainty
     depth: float
+
+    @property
+    def absolute(self) -> float:
+        """Absolute marginal discrepancy, the hypotenuse of opening and rise [m]."""
+        return float(np.hypot(self.opening, self.rise))
+
+    @property
+    def absolute_noise(self) -> NoiseUncertainty:
+        """Its uncertainty from noise [m]; the degrees of freedom are those of the rise, which carries them."""
+        share, slope = self.opening / self.absolute, self.rise / self.absolute
+        std = float(np.hypot(share * self.opening_noise.std, slope * self.rise_noise.std))
+        return NoiseUncertainty(std, self.rise_noise.dof)
+
+    @property
+    def absolute_sampling(self) -> float:
+        """Its standard uncertainty from sampling [m]."""
+        return self.opening_sampling * self.opening / self.absolute
 
 
 def fit_margin(position: ArrayLike, height: ArrayLike) -> Margin:
@@ -71,7 +90,8 @@ def fit_margin(position: ArrayLike, height: ArrayLike) -> Margin:
     Notes
     -----
     An edge is where the profile has fallen below its own shoulder by half the depth of the gap under the lower
-    shoulder; missing points count as gap. The opening is known to one sampling interval at each edge, as a rectangle.
+    shoulder; missing points count as gap. Where two samples jump over a wall, the edge is known to that interval, as a
+    rectangle; where samples lie on a flank, the crossing is interpolated and the noise of the two counts.
     """
     x, z = np.asarray(position, dtype=np.float64), np.asarray(height, dtype=np.float64)
     if x.ndim != 1 or x.shape != z.shape or len(x) < 3 * _LEAST_POINTS:
@@ -83,17 +103,20 @@ def fit_margin(position: ArrayLike, height: ArrayLike) -> Margin:
     level = np.full_like(z, np.nan)
     level[known] = despiked(roughly_levelled(x[known], z[known]))
     begin, end = _gap(level)
-    tilt, rise, rise_std, offset, middle = _shoulders(x, z, begin, end)
+    tilt, rise, noise, offset, middle, roughness = _shoulders(x, z, begin, end)
     flat = z - tilt * (x - middle) - offset
     left, right, depth = _edges(x, flat, rise, begin, end)
-    opening = right - left
-    opening_std = float(steps.mean()) / np.sqrt(6.0)  # two rectangles of one interval
-    absolute = float(np.hypot(opening, rise))
-    if absolute > 0.0:
-        absolute_std = float(np.hypot(opening * opening_std, rise * rise_std) / absolute)
-    else:
-        absolute_std = float(np.hypot(opening_std, rise_std))
-    return Margin(opening, opening_std, rise, rise_std, absolute, absolute_std, depth)
+    spacing = float(steps.mean())
+    sampling = spacing * float(np.hypot(left.unresolved, right.unresolved)) / np.sqrt(12.0)
+    crossing = [0.0 if np.isnan(one.jump) else roughness * spacing / one.jump for one in (left, right)]
+    return Margin(
+        opening=right.position - left.position,
+        opening_noise=NoiseUncertainty(float(np.hypot(crossing[0], crossing[1])), noise.dof),
+        opening_sampling=sampling,
+        rise=rise,
+        rise_noise=noise,
+        depth=depth,
+    )
 
 
 def _gap(level: Array) -> tuple[int, int]:
@@ -114,7 +137,7 @@ def _gap(level: Array) -> tuple[int, int]:
     return int(begin), int(end)
 
 
-def _shoulders(x: Array, z: Array, begin: int, end: int) -> tuple[float, float, float, float, float]:
+def _shoulders(x: Array, z: Array, begin: int, end: int) -> tuple[float, float, NoiseUncertainty, float, float, float]:
     margin = max((end - begin) // 2, 3)
     index = np.arange(len(x))
     left, right = index < begin - margin, index >= end + margin
@@ -124,38 +147,51 @@ def _shoulders(x: Array, z: Array, begin: int, end: int) -> tuple[float, float, 
     middle = 0.5 * float(x[begin] + x[end - 1])
     scale = float(np.ptp(x))
     design = np.stack([(x - middle) / scale, np.ones_like(x), (x > middle).astype(float)])
-    for _ in range(4):
+    calm = without_spikes(z)
+    for turn in range(6):
         inverse = np.linalg.inv(design[:, used] @ design[:, used].T)
         weights = np.where(used, inverse @ design, 0.0)
-        solution = weights[:, used] @ z[used]
+        solution = weights[:, used] @ (calm if turn == 0 else z)[used]
         residuals = z - solution @ design
         spikes = np.zeros_like(used)
         spikes[used] = outlier_mask(residuals[used])
-        if not spikes.any():
+        if turn > 0 and not spikes.any():
             break
         used &= ~spikes
-    kept = np.where(used, residuals, np.nan)
-    covariance = estimator_covariance(weights, autocovariance([kept[left], kept[right]]))
-    return (
-        float(solution[0]) / scale, float(solution[2]), float(np.sqrt(covariance[2, 2])), float(solution[1]), middle,
-    )  # fmt: skip
+    noise = noise_uncertainty(weights[2], residuals, used, list(design))
+    roughness = float(np.std(residuals[used]))
+    return float(solution[0]) / scale, float(solution[2]), noise, float(solution[1]), middle, roughness
 
 
-def _edges(x: Array, flat: Array, rise: float, begin: int, end: int) -> tuple[float, float, float]:
+@dataclass(frozen=True)
+class _Wall:
+    """Where a wall stands [m], how much of a sampling interval that leaves open [1], and the jump over it [m]."""
+
+    position: float
+    unresolved: float
+    jump: float
+
+
+def _edges(x: Array, flat: Array, rise: float, begin: int, end: int) -> tuple[_Wall, _Wall, float]:
     lower = min(0.0, rise)
     inner = flat[begin:end]
-    depth = float(lower - np.nanmin(inner)) if np.isfinite(inner).any() else np.nan
-    drop = 0.5 * depth if np.isfinite(depth) else 0.0
-    level = lower - drop
+    # the median of the deepest tenth, since the deepest point is mostly noise
+    known = np.sort(inner[np.isfinite(inner)])
+    depth = float(lower - np.median(known[: max(len(known) // 10, 1)])) if known.size else np.nan
+    level = lower - (0.5 * depth if np.isfinite(depth) else 0.0)
     solid = np.isfinite(flat) & (flat > level)
     middle = (begin + end) // 2
     left = int(np.flatnonzero(solid[:middle])[-1])
     right = middle + int(np.flatnonzero(solid[middle:])[0])
-    return _crossing(x, flat, level, left, left + 1), _crossing(x, flat, level, right - 1, right), depth
+    return _wall(x, flat, level, depth, left, left + 1), _wall(x, flat, level, depth, right - 1, right), depth
 
 
-def _crossing(x: Array, flat: Array, level: float, low: int, high: int) -> float:
+def _wall(x: Array, flat: Array, level: float, depth: float, low: int, high: int) -> _Wall:
+    """Locate a wall between two samples: a jump of the whole depth leaves the interval open, a flank is interpolated."""
     a, b = flat[low], flat[high]
-    if not (np.isfinite(a) and np.isfinite(b)) or a == b:
-        return float(0.5 * (x[low] + x[high]))
-    return float(x[low] + (level - a) / (b - a) * (x[high] - x[low]))
+    middle, jump = float(0.5 * (x[low] + x[high])), float(abs(b - a))
+    if not np.isfinite(jump / depth) or jump == 0.0:
+        return _Wall(middle, 1.0, float("nan"))
+    unresolved = float(np.clip(2.0 * jump / depth - 1.0, 0.0, 1.0))
+    crossing = float(x[low] + (level - a) / (b - a) * (x[high] - x[low]))
+    return _Wall(unresolved * middle + (1.0 - unresolved) * crossing, unresolved, jump)

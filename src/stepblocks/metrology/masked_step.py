@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from stepblocks.errors import MetrologyError
 from stepblocks.metrology.levelling import two_levels
-from stepblocks.metrology.roughness_noise import autocovariance, estimator_covariance
+from stepblocks.metrology.noise_uncertainty import NoiseUncertainty, noise_uncertainty
 from stepblocks.metrology.scan import HeightMap
 
 __all__ = ["MaskedStep", "masked_step"]
@@ -24,6 +24,7 @@ Mask = NDArray[np.bool_]
 _LEAST_FLOOR = 5
 _LEAST_REFERENCE = 20
 _SETTLED = 0.005
+_LEAST_BANDS = 4
 
 
 @dataclass(frozen=True)
@@ -34,19 +35,25 @@ class MaskedStep:
     ----------
     depth, depth_std : float
         Weighted mean over rows, and its standard uncertainty from their scatter [m]; negative for ridges.
+    depth_dof : float
+        Effective degrees of freedom of that uncertainty [1].
     exclusion : float
         Distance that was kept to every edge [m].
     rows : int
         Rows that took part.
     features : int
         Separate features in the map.
+    profile : tuple of ndarray
+        Positions and levelled heights of the row with most floor [m], to be shown.
     """
 
     depth: float
     depth_std: float
+    depth_dof: float
     exclusion: float
     rows: int
     features: int
+    profile: tuple[Array, Array]
 
 
 def masked_step(scan: HeightMap, exclusion: float | None = None) -> MaskedStep:
@@ -93,10 +100,22 @@ def masked_step(scan: HeightMap, exclusion: float | None = None) -> MaskedStep:
     share = np.where(known, weights, 0.0)
     share /= share.sum()
     depth = float(np.sum(share[known] * depths[known]))
-    # neighbouring rows cross the same features, so their scatter is not independent
-    gamma = autocovariance([depths - depth], parameters=1)
-    variance = float(estimator_covariance(share[np.newaxis, :], gamma)[0, 0])
-    return MaskedStep(depth, variance**0.5, exclusion, int(known.sum()), int(ndimage.label(inside)[1]))
+    noise = _by_bands(depths, share, depth, known)
+    shown = int(np.argmax(np.where(known, weights, -1.0)))
+    line = np.polynomial.Polynomial.fit(scan.x[reference[shown]], z[shown, reference[shown]], 1)
+    return MaskedStep(
+        depth, noise.std, noise.dof, exclusion, int(known.sum()), int(ndimage.label(inside)[1]),
+        (scan.x, z[shown] - line(scan.x)),
+    )  # fmt: skip
+
+
+def _by_bands(depths: Array, share: Array, depth: float, known: Mask) -> NoiseUncertainty:
+    """Scatter over bands of rows that cross the same features; rows within a band are not independent of one another."""
+    bands = np.split(np.flatnonzero(known), np.flatnonzero(np.diff(np.flatnonzero(known)) > 1) + 1)
+    if len(bands) < _LEAST_BANDS:
+        return noise_uncertainty(share, depths - depth, known, [np.ones(len(depths))])
+    parts = np.array([np.sum(share[band] * (depths[band] - depth)) for band in bands])
+    return NoiseUncertainty(float(np.sqrt(np.sum(parts**2) * len(bands) / (len(bands) - 1))), len(bands) - 1.0)
 
 
 def _plane_levelled(z: Array, reference: Mask) -> Array:

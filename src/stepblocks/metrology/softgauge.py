@@ -12,7 +12,15 @@ from numpy.typing import NDArray
 from stepblocks.errors import MetrologyError
 from stepblocks.metrology.edge_arc import edge_profile
 
-__all__ = ["correlated_noise", "edge_gauge", "groove_gauge", "with_faults"]
+__all__ = [
+    "ball_gauge",
+    "correlated_map",
+    "correlated_noise",
+    "edge_gauge",
+    "groove_gauge",
+    "margin_gauge",
+    "with_faults",
+]
 
 Array = NDArray[np.float64]
 
@@ -75,6 +83,90 @@ def groove_gauge(
     else:
         shape = np.interp(position, [left - half, left + half, right - half, right + half], [0.0, 1.0, 1.0, 0.0])
     return -depth * shape + tilt * position
+
+
+def margin_gauge(
+    position: Array, opening: float, rise: float, depth: float, left: float = 0.0, tilt: float = 0.0
+) -> Array:
+    """Profile across a gap with vertical walls, without noise.
+
+    Parameters
+    ----------
+    position : ndarray
+        Positions [m].
+    opening, rise : float
+        Distance between the walls, and height of the right shoulder over the left [m].
+    depth : float
+        Depth of the gap below the left shoulder [m].
+    left : float
+        Position of the left wall [m].
+    tilt : float
+        Slope that is added [1].
+
+    Returns
+    -------
+    ndarray
+        Heights [m].
+    """
+    inside = (position > left) & (position < left + opening)
+    return np.where(inside, -depth, np.where(position >= left + opening, rise, 0.0)) + tilt * position
+
+
+def ball_gauge(x: Array, y: Array, radius: float, centre: tuple[float, float] = (0.0, 0.0)) -> Array:
+    """Map of a ball seen along z, without noise.
+
+    Parameters
+    ----------
+    x, y : ndarray, shape (nx,), (ny,)
+        Positions of columns and rows [m].
+    radius : float
+        Radius [m].
+    centre : tuple of float
+        Position of the apex [m].
+
+    Returns
+    -------
+    ndarray, shape (ny, nx)
+        Heights over the equator [m]; 0 beyond it.
+    """
+    across = (x[np.newaxis, :] - centre[0]) ** 2 + (y[:, np.newaxis] - centre[1]) ** 2
+    return np.sqrt(np.maximum(radius * radius - across, 0.0))
+
+
+def correlated_map(
+    shape: tuple[int, int], spacing: float, white: float, rough: float, length: float, random: np.random.Generator
+) -> Array:
+    """White noise of the instrument and isotropic Gaussian-correlated roughness, over a map.
+
+    Parameters
+    ----------
+    shape : tuple of int
+        Rows and columns.
+    spacing : float
+        Sampling interval along both [m].
+    white, rough : float
+        Standard deviations of noise and roughness [m].
+    length : float
+        Distance at which the correlation of the roughness has fallen to 1/e [m].
+    random : numpy.random.Generator
+        Source of randomness.
+
+    Returns
+    -------
+    ndarray, shape `shape`
+        Noise [m].
+    """
+    noise = random.normal(0.0, white, shape)
+    if rough > 0.0:
+        from scipy.signal import fftconvolve
+
+        reach = int(np.ceil(3.0 * length / spacing))
+        lag = np.arange(-reach, reach + 1) * spacing
+        kernel = np.exp(-2.0 * (lag / length) ** 2)
+        kernel /= np.sqrt(np.sum(kernel**2))
+        seed = random.normal(size=(shape[0] + 2 * reach, shape[1] + 2 * reach))
+        noise += rough * fftconvolve(seed, np.outer(kernel, kernel), mode="valid")
+    return noise
 
 
 def correlated_noise(

@@ -14,8 +14,9 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from stepblocks.errors import MetrologyError
-from stepblocks.metrology.levelling import despiked, roughly_levelled, two_levels
-from stepblocks.metrology.roughness_noise import autocovariance, estimator_covariance, robust_scale
+from stepblocks.metrology.levelling import despiked, roughly_levelled, two_levels, without_spikes
+from stepblocks.metrology.noise_uncertainty import noise_uncertainty
+from stepblocks.metrology.roughness_noise import outlier_mask, robust_scale
 
 __all__ = ["TypeA1", "evaluate_a1", "find_features"]
 
@@ -27,6 +28,7 @@ _LEAST_POINTS = 5
 _TOLERATED = 0.01
 """Deviation of a window's points that is no flank, as a part of the depth [1]."""
 _SIGMAS = 5.0
+_MOST_OUTLIERS = 0.1
 
 
 @dataclass(frozen=True)
@@ -37,6 +39,8 @@ class TypeA1:
     ----------
     depth, depth_std : float
         Depth 2h and its standard uncertainty from noise and roughness [m]; negative depth for a ridge.
+    depth_dof : float
+        Effective degrees of freedom of that uncertainty [1].
     edges : tuple of float
         L and R, where the profile crosses half the depth [m].
     windows : tuple of tuple of float
@@ -45,16 +49,20 @@ class TypeA1:
         Slope a [1].
     excluded : int
         Points cut from the windows because a flank reached into them.
+    outliers : int
+        Points left out as spikes: further than five robust standard deviations from the fit.
     form : float
         Root mean square of the residuals in the windows [m].
     """
 
     depth: float
     depth_std: float
+    depth_dof: float
     edges: Span
     windows: tuple[Span, Span, Span]
     tilt: float
     excluded: int
+    outliers: int
     form: float
 
 
@@ -120,8 +128,8 @@ def evaluate_a1(
     Raises
     ------
     MetrologyError
-        If there is not exactly one feature, if the profile does not hold the windows, or if a window is contaminated
-        (or less than half of it is left after the cut).
+        If there is not exactly one feature, if the profile does not hold the windows, if a window is contaminated
+        (or less than half of it is left after the cut), or if more than a tenth of the points are spikes.
 
     References
     ----------
@@ -178,7 +186,7 @@ def _only_feature(x: Array, z: Array) -> Span:
     return found[0]
 
 
-def _fit(x: Array, z: Array, masks: list[Mask]) -> tuple[Array, Array, Array, Mask]:
+def _fit(x: Array, z: Array, masks: list[Mask]) -> tuple[Array, Array, Array, Mask, Array]:
     used = masks[0] | masks[1] | masks[2]
     origin, scale = float(x[used].mean()), float(np.ptp(x[used]))
     design = np.stack([(x - origin) / scale, np.ones_like(x), np.where(masks[1], -1.0, 1.0)])
@@ -187,7 +195,7 @@ def _fit(x: Array, z: Array, masks: list[Mask]) -> tuple[Array, Array, Array, Ma
     solution = weights[:, used] @ z[used]
     solution[0] /= scale
     weights[0] /= scale
-    return solution, weights, z - (solution[0] * (x - origin) + solution[1:] @ design[1:]), used
+    return solution, weights, z - (solution[0] * (x - origin) + solution[1:] @ design[1:]), used, design
 
 
 def _flank_mask(x: Array, z: Array, mask: Mask, masks: list[Mask]) -> Mask:
@@ -198,7 +206,7 @@ def _flank_mask(x: Array, z: Array, mask: Mask, masks: list[Mask]) -> Mask:
     cores = [_core(one) for one in masks]
     if any(core.sum() < 2 for core in cores):
         return np.zeros_like(mask)
-    solution, _, residuals, used = _fit(x, z, cores)
+    solution, _, residuals, used, _ = _fit(x, z, cores)
     depth = abs(2.0 * float(solution[2]))
     own = float(np.median(residuals[_core(mask)]))
     # `residuals` takes d = +1 outside C, so a point of another window is judged against its own side
@@ -237,17 +245,33 @@ def _core(mask: Mask) -> Mask:
 
 
 def _solve(x: Array, z: Array, masks: list[Mask], edges: Span, excluded: int) -> TypeA1:
-    solution, weights, residuals, used = _fit(x, z, masks)
-    pieces = [residuals[mask] for mask in masks]
-    gamma = autocovariance(pieces)
-    covariance = estimator_covariance(weights, gamma)
+    whole = int(sum(mask.sum() for mask in masks))
+    solution, weights, residuals, used, design = _fit(x, without_spikes(z), masks)
+    residuals = z - without_spikes(z) + residuals
+    for _ in range(6):
+        spikes = np.zeros_like(used)
+        spikes[used] = outlier_mask(residuals[used], _SIGMAS)
+        outliers = whole - int(used.sum()) + int(spikes.sum())
+        if outliers > _MOST_OUTLIERS * whole or any((mask & ~spikes).sum() < _LEAST_POINTS for mask in masks):
+            raise MetrologyError(
+                f"windows of type A1 must hold at most {_MOST_OUTLIERS:.0%} spikes, got {outliers} of {whole} points for the "
+                f"feature from {edges[0] * 1e6:.4g} to {edges[1] * 1e6:.4g} um"
+            )
+        masks = [mask & ~spikes for mask in masks]
+        solution, weights, residuals, used, design = _fit(x, z, masks)
+        if not spikes.any():
+            break
+    outliers = whole - int(used.sum())
+    noise = noise_uncertainty(2.0 * weights[2], residuals, used, list(design))
     windows = [(float(x[mask][0]), float(x[mask][-1])) for mask in masks]
     return TypeA1(
         depth=2.0 * float(solution[2]),
-        depth_std=2.0 * float(np.sqrt(max(covariance[2, 2], 0.0))),
+        depth_std=noise.std,
+        depth_dof=noise.dof,
         edges=edges,
         windows=(windows[0], windows[1], windows[2]),
         tilt=float(solution[0]),
         excluded=excluded,
+        outliers=outliers,
         form=float(np.sqrt(np.mean(residuals[used] ** 2))),
     )

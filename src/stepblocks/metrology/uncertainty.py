@@ -11,10 +11,12 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 
 from stepblocks.errors import MetrologyError
+from stepblocks.metrology.noise_uncertainty import NoiseUncertainty, noise_uncertainty
 
-__all__ = ["Component", "Instrument", "Measured", "measured_from_profiles"]
+__all__ = ["Component", "Instrument", "Measured", "calibration_of", "measured_from_profiles"]
 
 
 @dataclass(frozen=True)
@@ -49,10 +51,13 @@ class Instrument:
         Relative standard uncertainty of its vertical calibration [1]; None where it is not stated.
     resolution : float
         Least difference of height that it shows [m].
+    lateral_std : float or None
+        Relative standard uncertainty of its lateral calibration [1]; None where it is not stated.
     """
 
     calibration_std: float | None = None
     resolution: float = 0.0
+    lateral_std: float | None = None
 
 
 @dataclass(frozen=True)
@@ -101,7 +106,12 @@ class Measured:
 
 
 def measured_from_profiles(
-    name: str, values: Sequence[float], stds: Sequence[float], instrument: Instrument, form: float = 0.0
+    name: str,
+    values: Sequence[float],
+    noise: Sequence[NoiseUncertainty],
+    instrument: Instrument,
+    others: Sequence[Component] = (),
+    axes: tuple[float, float] = (1.0, 0.0),
 ) -> Measured:
     """Mean over profiles with its budget.
 
@@ -109,17 +119,22 @@ def measured_from_profiles(
     ----------
     name : str
         Characteristic.
-    values, stds : sequence of float
-        Value and standard uncertainty from noise of each profile [m].
+    values : sequence of float
+        Value of each profile [m], in the order of the profiles over the map.
+    noise : sequence of NoiseUncertainty
+        What the residuals of each profile say of its value [m].
     instrument : Instrument
         Calibration and resolution.
-    form : float
-        Standard uncertainty since the faces are not planes [m].
+    others : sequence of Component
+        What else the evaluation knows of: form, sampling.
+    axes : tuple of float
+        Relative sensitivity of the value to the vertical and to the lateral scale [1]: (1, 0) for a height, (0, 1) for a
+        width, both for a radius.
 
     Returns
     -------
     Measured
-        Mean and components noise, repeatability, calibration, form, resolution.
+        Mean and components noise, repeatability, calibration, `others`, resolution.
 
     Raises
     ------
@@ -128,33 +143,88 @@ def measured_from_profiles(
 
     Notes
     -----
-    The scatter over profiles holds their noise already, so repeatability is what the scatter has beyond it. One profile
-    shows no repeatability; the component is then not stated.
+    The scatter of the profiles holds their noise already, so the two together are the scatter over the root of the number
+    of profiles, with its degrees of freedom; repeatability is what it has beyond the noise, and as a difference of two
+    variances it has few degrees of freedom itself. From ten profiles on, the scatter is taken with the correlation of
+    neighbours. One profile shows no repeatability; the component is then not stated.
 
     Examples
     --------
-    >>> result = measured_from_profiles("depth", [10.0e-6, 10.2e-6], [0.05e-6, 0.05e-6], Instrument(1e-3, 1e-9))
-    >>> round(result.value * 1e6, 3), round(result.std * 1e6, 3)
-    (10.1, 0.101)
+    >>> quiet = [NoiseUncertainty(0.05e-6, 50.0)] * 2
+    >>> result = measured_from_profiles("depth", [10.0e-6, 10.2e-6], quiet, Instrument(1e-3, 1e-9))
+    >>> round(result.value * 1e6, 3), round(result.std * 1e6, 3), round(result.dof, 1)
+    (10.1, 0.1, 1.0)
     """
-    heights, noise = np.asarray(values, dtype=np.float64), np.asarray(stds, dtype=np.float64)
+    heights = np.asarray(values, dtype=np.float64)
+    within = np.array([one.std**2 for one in noise], dtype=np.float64)
     count = len(heights)
-    if count == 0 or not (np.isfinite(heights).all() and np.isfinite(noise).all()):
+    if count == 0 or not (np.isfinite(heights).all() and np.isfinite(within).all()):
         raise MetrologyError(f"{name} must come from at least one profile with a finite value, got {count}")
     mean = float(heights.mean())
-    within = float(np.mean(noise**2))
-    parts = [Component("noise", math.sqrt(within / count), how="autocovariance of the residuals")]
-    if count > 1:
-        beyond = max(float(heights.var(ddof=1)) - within, 0.0)
-        parts.append(Component("repeatability", math.sqrt(beyond / count), count - 1, f"scatter of {count} profiles"))
-    else:
-        parts.append(Component("repeatability", math.nan, how="one profile: not observed"))
-    calibration = instrument.calibration_std
-    parts.append(
-        Component("calibration", math.nan, how="not stated")
-        if calibration is None
-        else Component("calibration", calibration * abs(mean), how=f"{calibration:g} of the value")
-    )
-    parts.append(Component("form", form, how="change with the exclusion, rectangular"))
+    parts = [*_scatter(heights - mean, within, noise), *calibration_of(mean, instrument, axes), *others]
     parts.append(Component("resolution", instrument.resolution / math.sqrt(12.0), how="one count, rectangular"))
     return Measured(name, mean, tuple(parts))
+
+
+_CORRELATED_FROM = 10
+"""Profiles from which the correlation of neighbours can be told."""
+
+
+def _scatter(
+    deviations: NDArray[np.float64], within: NDArray[np.float64], noise: Sequence[NoiseUncertainty]
+) -> list[Component]:
+    count = len(deviations)
+    average = float(within.mean()) / count
+    if count == 1:
+        return [
+            Component("noise", math.sqrt(average), noise[0].dof, "autocovariance of the residuals"),
+            Component("repeatability", math.nan, how="one profile: not observed"),
+        ]
+    if count < _CORRELATED_FROM:
+        variance, dof = float(np.sum(deviations**2)) / (count - 1) / count, float(count - 1)
+    else:
+        ones = np.ones(count)
+        whole = noise_uncertainty(ones / count, deviations, np.ones(count, dtype=bool), [ones])
+        variance, dof = whole.std**2, min(whole.dof, float(count - 1))
+    how = f"scatter of {count} profiles"
+    if variance <= average:
+        return [
+            Component("noise", math.sqrt(variance), dof, how),
+            Component("repeatability", 0.0, how="none beyond noise"),
+        ]
+    beyond = variance - average
+    return [
+        Component("noise", math.sqrt(average), how="autocovariance of the residuals"),
+        Component("repeatability", math.sqrt(beyond), dof * (beyond / variance) ** 2, f"{how}, beyond their noise"),
+    ]
+
+
+def calibration_of(value: float, instrument: Instrument, axes: tuple[float, float]) -> list[Component]:
+    """List the components of calibration of a value.
+
+    Parameters
+    ----------
+    value : float
+        The value [m].
+    instrument : Instrument
+        What is known of either scale.
+    axes : tuple of float
+        Relative sensitivity to the vertical and the lateral scale [1].
+
+    Returns
+    -------
+    list of Component
+        One for each scale that the value depends on.
+    """
+    parts = []
+    for name, relative, share in (
+        ("calibration", instrument.calibration_std, axes[0]),
+        ("lateral calibration", instrument.lateral_std, axes[1]),
+    ):
+        if share == 0.0:
+            continue
+        if relative is None:
+            parts.append(Component(name, math.nan, how="not stated"))
+        else:
+            parts.append(Component(name, share * relative * abs(value), how=f"{share * relative:g} of the value"))
+    return parts

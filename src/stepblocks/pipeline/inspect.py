@@ -5,39 +5,39 @@ from __future__ import annotations
 import hashlib
 import json
 import math
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Any
 
 from stepblocks.beside import replace_text
-from stepblocks.contact.critical_angle import step_angle
-from stepblocks.contact.energy import Status, release_at
 from stepblocks.errors import PipelineError
 from stepblocks.machining.characteristics import Characteristic, characteristics_of
 from stepblocks.machining.inspection_sheet import write_sheet_csv
 from stepblocks.metrology.as_built import AsBuilt, AsBuiltValue, write_as_built
 from stepblocks.metrology.conformity import Decision, Outcome
-from stepblocks.metrology.inspection import (
-    Inspected,
-    judge,
-    measure_edge,
-    measure_groove,
-    measure_margin,
-    measure_tip,
-    verdict_of,
-)
+from stepblocks.metrology.inspect_shapes import measure_margin, measure_tip
+from stepblocks.metrology.inspect_step import measure_edge, measure_groove
+from stepblocks.metrology.inspection import Inspected, judge, verdict_of
 from stepblocks.metrology.read_scan import read_scan
 from stepblocks.metrology.scan import HeightMap, Profile
 from stepblocks.metrology.uncertainty import Instrument
 from stepblocks.pipeline.declared import load_declared
-from stepblocks.pipeline.predict import tool_of
+from stepblocks.pipeline.felt import felt_sentence
 from stepblocks.report.inspection import draw_inspection, inspection_table
 from stepblocks.stimulus.block import StepBlock
 from stepblocks.stimulus.margin import MarginBlock
 from stepblocks.stimulus.set import PredictionGrid, Stimulus
 from stepblocks.stimulus.tip import HookTip, StraightTip
 
-__all__ = ["InspectionResult", "find_stimulus", "inspect_scan", "write_inspection"]
+__all__ = [
+    "InspectionResult",
+    "as_json",
+    "find_stimulus",
+    "inspect_scan",
+    "inspect_standard",
+    "table_of",
+    "write_inspection",
+]
 
 
 @dataclass(frozen=True)
@@ -46,8 +46,10 @@ class InspectionResult:
 
     Attributes
     ----------
-    stimulus : Stimulus
-        What was asked for.
+    identity : str
+        Identity of the part.
+    stimulus : Stimulus or None
+        What was asked for; None for a depth standard.
     inspected : Inspected
         What was measured.
     judged : tuple of (Characteristic, Decision)
@@ -60,7 +62,8 @@ class InspectionResult:
         The scan.
     """
 
-    stimulus: Stimulus
+    identity: str
+    stimulus: Stimulus | None
     inspected: Inspected
     judged: tuple[tuple[Characteristic, Decision], ...]
     verdict: Outcome
@@ -144,7 +147,7 @@ def inspect_scan(
     """
     scan = read_scan(path, unit)
     resolution = max(instrument.resolution, scan.count or 0.0)
-    known = Instrument(instrument.calibration_std, resolution)
+    known = replace(instrument, resolution=resolution)
     inspected = _measured(scan, stimulus, known, feature, exclusion)
     judged = []
     for one in characteristics_of(stimulus):
@@ -153,8 +156,44 @@ def inspect_scan(
     if not judged:
         raise PipelineError(f"scan of {stimulus.id} must measure at least one characteristic with limits, got none")
     verdict = verdict_of([decision for _, decision in judged])
-    felt = _felt(stimulus, inspected, grid) if isinstance(stimulus, StepBlock) and feature == "edge" else ""
-    return InspectionResult(stimulus, inspected, tuple(judged), verdict, felt, path)
+    felt = ""
+    if isinstance(stimulus, StepBlock) and feature == "edge":
+        felt = felt_sentence(stimulus, verdict, inspected, grid)
+    return InspectionResult(stimulus.id, stimulus, inspected, tuple(judged), verdict, felt, path)
+
+
+def inspect_standard(
+    path: Path, depth: float, tolerance: float, instrument: Instrument, *, unit: str | None = None
+) -> InspectionResult:
+    """Evaluate a depth standard or grating, to prove an instrument before blocks are measured with it.
+
+    Parameters
+    ----------
+    path : Path
+        The scan.
+    depth, tolerance : float
+        Certified depth and its tolerance [m]; with a tolerance of 0 nothing can be proven but a deviation.
+    instrument : Instrument
+        Calibration and resolution.
+    unit : str, optional
+        Unit of a text table that does not say it.
+
+    Returns
+    -------
+    InspectionResult
+        Depth by type A1, or by a masked step where profiles cross several features.
+
+    Raises
+    ------
+    MetrologyError
+        If the scan cannot be read or evaluated.
+    """
+    scan = read_scan(path, unit)
+    known = replace(instrument, resolution=max(instrument.resolution, scan.count or 0.0))
+    inspected = measure_groove(scan, known, "depth")
+    one = Characteristic("depth", "depth", "distance", depth, -tolerance, tolerance)
+    decision = judge(inspected.values["depth"], depth, -tolerance, tolerance)
+    return InspectionResult(path.stem, None, inspected, ((one, decision),), decision.verdict, "", path)
 
 
 def _measured(
@@ -173,25 +212,6 @@ def _measured(
     raise PipelineError(f"a scan of {stimulus.id} cannot be inspected: only blocks, margins and tips can")
 
 
-def _felt(stimulus: StepBlock, inspected: Inspected, grid: PredictionGrid) -> str:
-    """Compare the energy that the as-built edge releases with the nominal one."""
-    ball, load, friction = grid.tip_radii[0], grid.normal_loads[0], grid.frictions[0]
-    tool = tool_of(grid)
-    asked = step_angle(stimulus.height.nominal, ball, stimulus.edge_radius.nominal)
-    height, radius = inspected.values["step_height"].value, max(inspected.values["edge_radius"].value, 0.0)
-    made = step_angle(height, ball, radius)
-    before, after = (release_at(angle, load, friction, tool) for angle in (asked, made))
-    where = f"tip {ball * 1e6:g} um, {load:g} N, friction {friction:g}"
-    if before.status is not Status.RELEASES or after.status is not Status.RELEASES:
-        return f"nominal {before.status.value}, as built {after.status.value} ({where})"
-    change = after.vibration_energy / before.vibration_energy - 1.0
-    direction = "raises" if change > 0 else "lowers"
-    return (
-        f"as built, {height * 1e6:.2f} um and an edge radius of {radius * 1e6:.2g} um, {direction} E_v by "
-        f"{abs(change) * 100:.1f} % to {after.vibration_energy * 1e6:.3g} uJ ({where})"
-    )
-
-
 def write_inspection(result: InspectionResult, folder: Path) -> list[Path]:
     """Write table, plot, JSON and as-built record of an inspection.
 
@@ -206,30 +226,36 @@ def write_inspection(result: InspectionResult, folder: Path) -> list[Path]:
     -------
     list of Path
         The files: ``<id>.as-built.toml``, ``.inspection.json``, ``.inspection.txt``, ``.inspection.svg``, and
-        the inspection sheet with the values filled in.
+        the inspection sheet of a stimulus with the values filled in.
     """
     folder.mkdir(parents=True, exist_ok=True)
-    base = folder / result.stimulus.id
+    base = folder / result.identity
     values = {}
     for one, decision in result.judged:
         values[one.key] = AsBuiltValue(decision.value, decision.std, decision.verdict.value)
     digest = hashlib.sha256(result.source.read_bytes()).hexdigest()
-    record = AsBuilt(result.stimulus.id, result.source.name, digest, result.inspected.convention, values)
+    record = AsBuilt(result.identity, result.source.name, digest, result.inspected.convention, values)
     paths = [base.with_name(f"{base.name}.{ending}") for ending in ("as-built.toml", "inspection.json", "inspection.txt",
                                                                      "inspection.svg")]  # fmt: skip
     write_as_built(paths[0], record)
     replace_text(paths[1], json.dumps(as_json(result), indent=2, allow_nan=False) + "\n")
     replace_text(paths[2], table_of(result) + "\n")
-    filled = {key: (one.value, one.std, one.verdict) for key, one in values.items()}
-    paths.append(base.with_name(f"{base.name}.inspection-sheet.csv"))
-    write_sheet_csv(paths[-1], result.stimulus, filled)
-    draw_inspection(paths[3], result.stimulus.id, result.inspected, list(result.judged), result.verdict)
+    if result.stimulus is not None:
+        paths.append(_filled_sheet(base, result.stimulus, values))
+    draw_inspection(paths[3], result.identity, result.inspected, list(result.judged), result.verdict)
     return paths
+
+
+def _filled_sheet(base: Path, stimulus: Stimulus, values: dict[str, AsBuiltValue]) -> Path:
+    filled = {key: (one.value, one.std, one.verdict) for key, one in values.items()}
+    path = base.with_name(f"{base.name}.inspection-sheet.csv")
+    write_sheet_csv(path, stimulus, filled)
+    return path
 
 
 def table_of(result: InspectionResult) -> str:
     """Return the table that a person reads."""
-    return inspection_table(result.stimulus.id, result.inspected, list(result.judged), result.verdict, result.felt)
+    return inspection_table(result.identity, result.inspected, list(result.judged), result.verdict, result.felt)
 
 
 def as_json(result: InspectionResult) -> dict[str, Any]:
@@ -240,16 +266,19 @@ def as_json(result: InspectionResult) -> dict[str, Any]:
 
     characteristics = []
     for one, decision in result.judged:
-        budget = [{"name": part.name, "std_m": plain(part.std), "how": part.how}
-                  for part in result.inspected.values[one.key].components]  # fmt: skip
+        measured = result.inspected.values[one.key]
+        half = measured.expanded(0.95)
+        budget = [{"name": part.name, "std_m": plain(part.std), "dof": plain(part.dof), "how": part.how}
+                  for part in measured.components]  # fmt: skip
         characteristics.append({
             "key": one.key, "label": one.label, "nominal_m": one.nominal, "lower_limit_m": plain(decision.lower),
             "upper_limit_m": plain(decision.upper), "value_m": decision.value, "std_m": decision.std,
+            "dof": plain(measured.dof), "interval_95_m": [decision.value - half, decision.value + half],
             "guard_band_m": decision.guard, "conformance_probability": decision.probability,
             "verdict": decision.verdict.value, "budget": budget,
         })  # fmt: skip
     return {
-        "stimulus": result.stimulus.id,
+        "stimulus": result.identity,
         "scan": result.source.name,
         "verdict": result.verdict.value,
         "convention": result.inspected.convention,

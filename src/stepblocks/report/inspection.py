@@ -42,19 +42,22 @@ def inspection_table(identity: str, inspected: Inspected, judged: Judged, verdic
     str
         Lines without a trailing newline; lengths in micrometres.
     """
-    head = (
-        f"{'characteristic':30} {'value um':>10} {'u um':>8} {'lower um':>10} {'upper um':>10} {'guard um':>9}  verdict"
-    )
+    names = f"{'value um':>10} {'u um':>8} {'U95 um':>8} {'lower um':>10} {'upper um':>10} {'guard um':>9}"
+    head = f"{'characteristic':30} {names}  verdict"
     lines = [f"{identity}: {verdict.value}", "", head, "-" * len(head)]
     for one, decision in judged:
         lines.append(
-            f"{one.label:30} {decision.value * 1e6:10.4f} {decision.std * 1e6:8.4f} {_limit(decision.lower):>10} "
+            f"{one.label:30} {decision.value * 1e6:10.4f} {decision.std * 1e6:8.4f} "
+            f"{inspected.values[one.key].expanded() * 1e6:8.4f} {_limit(decision.lower):>10} "
             f"{_limit(decision.upper):>10} {decision.guard * 1e6:9.4f}  {decision.verdict.value}"
         )
     known = {one.key for one, _ in judged}
     for key, measured in inspected.values.items():
         if key not in known:
-            lines.append(f"{measured.name:30} {measured.value * 1e6:10.4f} {measured.std * 1e6:8.4f}  (no limits)")
+            lines.append(
+                f"{measured.name:30} {measured.value * 1e6:10.4f} {measured.std * 1e6:8.4f} "
+                f"{measured.expanded() * 1e6:8.4f}  (no limits)"
+            )
     lines += ["", "uncertainty budget, standard uncertainties in um"]
     for measured in inspected.values.values():
         parts = ", ".join(
@@ -65,7 +68,11 @@ def inspection_table(identity: str, inspected: Inspected, judged: Judged, verdic
     unstated = sorted({name for measured in inspected.values.values() for name in measured.unstated})
     if unstated:
         lines.append(f"  not stated counts as zero: {', '.join(unstated)}")
-    lines += ["", f"convention: {inspected.convention}", "decision: ISO 14253-1, guard band 1.65 u"]
+    lines += [
+        "",
+        f"convention: {inspected.convention}",
+        "decision: ISO 14253-1, guard band 1.65 u, or Student's 95 % point where u has few degrees of freedom",
+    ]
     lines += [f"note: {note}" for note in inspected.notes]
     if felt:
         lines.append(f"felt: {felt}")

@@ -23,6 +23,7 @@ from OCP.TCollection import TCollection_ExtendedString, TCollection_HAsciiString
 from OCP.TDataStd import TDataStd_Name
 from OCP.TDF import TDF_AttributeIterator, TDF_Label, TDF_LabelSequence
 from OCP.TDocStd import TDocStd_Document
+from OCP.TopLoc import TopLoc_Location
 from OCP.TopoDS import TopoDS_Compound
 from OCP.XCAFDimTolObjects import (
     XCAFDimTolObjects_DatumObject,
@@ -36,14 +37,19 @@ from OCP.XCAFDoc import XCAFDoc_Datum, XCAFDoc_Dimension, XCAFDoc_DocumentTool, 
 from stepblocks.errors import SolidError
 from stepblocks.solids.kernel import Body
 
-__all__ = ["Callout", "PmiDimension", "PmiTolerance", "write_step_with_tolerances"]
+__all__ = ["Callout", "PmiDimension", "PmiItem", "PmiKind", "PmiTolerance", "write_step_with_tolerances"]
 
 _MM = 1e3
 _DIMENSIONS = {
     "distance": XCAFDimTolObjects_DimensionType.XCAFDimTolObjects_DimensionType_Location_LinearDistance,
     "diameter": XCAFDimTolObjects_DimensionType.XCAFDimTolObjects_DimensionType_Size_Diameter,
     "radius": XCAFDimTolObjects_DimensionType.XCAFDimTolObjects_DimensionType_Size_Radius,
+    "cone": XCAFDimTolObjects_DimensionType.XCAFDimTolObjects_DimensionType_Size_Angular,
+    "angle": XCAFDimTolObjects_DimensionType.XCAFDimTolObjects_DimensionType_Location_Angular,
 }
+_ANGULAR = ("cone", "angle")
+PmiKind = Literal["distance", "diameter", "radius", "cone", "angle"]
+"""What a dimension may be."""
 _TOLERANCES = {
     "flatness": XCAFDimTolObjects_GeomToleranceType.XCAFDimTolObjects_GeomToleranceType_Flatness,
     "parallelism": XCAFDimTolObjects_GeomToleranceType.XCAFDimTolObjects_GeomToleranceType_Parallelism,
@@ -67,26 +73,43 @@ class Callout:
 
 
 @dataclass(frozen=True)
+class PmiItem:
+    """A face, or the edge in which two faces meet.
+
+    Attributes
+    ----------
+    body : int
+        Index of the solid.
+    face : int
+        Index of the face.
+    other : int or None
+        Index of the second face of an edge; the longest edge where they meet in several.
+    """
+
+    body: int
+    face: int
+    other: int | None = None
+
+
+@dataclass(frozen=True)
 class PmiDimension:
     """A dimension with its limits.
 
     Attributes
     ----------
     kind : str
-        ``"distance"`` between two faces, ``"diameter"`` or ``"radius"`` of one.
-    body : int
-        Index of the solid.
-    faces : tuple of int
-        Indices of its faces.
+        ``"distance"`` between two items, ``"diameter"`` or ``"radius"`` of one, included angle of a ``"cone"``, ``"angle"``
+        between two faces.
+    items : tuple of PmiItem
+        Faces or edges, one or two, of one solid or of two.
     nominal, lower, upper : float
-        Nominal and signed deviations [m].
+        Nominal and signed deviations [m or rad].
     callout : Callout or None
         What is seen of it.
     """
 
-    kind: Literal["distance", "diameter", "radius"]
-    body: int
-    faces: tuple[int, ...]
+    kind: PmiKind
+    items: tuple[PmiItem, ...]
     nominal: float
     lower: float
     upper: float
@@ -127,6 +150,7 @@ def write_step_with_tolerances(
     dimensions: Sequence[PmiDimension],
     tolerances: Sequence[PmiTolerance],
     material: tuple[str, float],
+    assembly: str = "",
 ) -> None:
     """Write solids, dimensions, tolerances and material as AP242, as the kernel does it.
 
@@ -142,6 +166,8 @@ def write_step_with_tolerances(
         In the order in which they shall stand in the file.
     material : tuple of (str, float)
         Designation and density [kg/m^3] of every body.
+    assembly : str
+        Name of the product that holds several bodies, each at its place.
 
     Raises
     ------
@@ -157,6 +183,8 @@ def write_step_with_tolerances(
     document = _Document()
     for name, body in bodies:
         document.add_body(name, body, *material)
+    if len(bodies) > 1:
+        document.add_assembly(assembly, [name for name, _ in bodies])
     for dimension in dimensions:
         document.add_dimension(dimension)
     for tolerance in tolerances:
@@ -190,28 +218,42 @@ class _Document:
         self._materials.SetMaterial(label, text(designation), text(""), density, text("density measure"),
                                     text("POSITIVE_RATIO_MEASURE"))  # fmt: skip
 
-    def _face(self, body: int, face: int) -> TDF_Label:
-        label, faces = self._bodies[body]
-        found = self._shapes.AddSubShape(label, faces[face].wrapped)
+    def add_assembly(self, name: str, parts: Sequence[str]) -> None:
+        """Put all bodies where they are into one product; they stay products of their own, and so keep their material."""
+        root = self._shapes.NewShape()
+        TDataStd_Name.Set_s(root, TCollection_ExtendedString(name))
+        for part, (label, _) in zip(parts, self._bodies, strict=True):
+            component = self._shapes.AddComponent(root, label, TopLoc_Location())
+            TDataStd_Name.Set_s(component, TCollection_ExtendedString(part))
+        self._shapes.UpdateAssemblies()
+
+    def _item(self, item: PmiItem) -> TDF_Label:
+        label, faces = self._bodies[item.body]
+        shape = faces[item.face] if item.other is None else _shared_edge(faces[item.face], faces[item.other])
+        found = self._shapes.AddSubShape(label, shape.wrapped)
         if found.IsNull():  # it has been added before
             found = TDF_Label()
-            self._shapes.FindSubShape(label, faces[face].wrapped, found)
+            self._shapes.FindSubShape(label, shape.wrapped, found)
         if found.IsNull():
-            raise SolidError(f"face {face} must belong to body {body}")
+            raise SolidError(f"face {item.face} must belong to body {item.body}")
         return found
+
+    def _face(self, body: int, face: int) -> TDF_Label:
+        return self._item(PmiItem(body, face))
 
     def add_dimension(self, dimension: PmiDimension) -> None:
         label = self._tolerances.AddDimension()
         content = XCAFDimTolObjects_DimensionObject()
         content.SetType(_DIMENSIONS[dimension.kind])
-        content.SetValue(dimension.nominal * _MM)
-        content.SetUpperTolValue(dimension.upper * _MM)
-        content.SetLowerTolValue(-dimension.lower * _MM)  # the kernel keeps it without its sign
+        unit = 1.0 if dimension.kind in _ANGULAR else _MM  # angles stand in radians, the unit that the kernel writes
+        content.SetValue(dimension.nominal * unit)
+        content.SetUpperTolValue(dimension.upper * unit)
+        content.SetLowerTolValue(-dimension.lower * unit)  # the kernel keeps it without its sign
         _present(content, dimension.callout)
         _attribute(label, XCAFDoc_Dimension).SetObject(content)
         sequences = [TDF_LabelSequence(), TDF_LabelSequence()]
-        for sequence, face in zip(sequences, dimension.faces, strict=False):
-            sequence.Append(self._face(dimension.body, face))
+        for sequence, item in zip(sequences, dimension.items, strict=False):
+            sequence.Append(self._item(item))
         self._tolerances.SetDimension(sequences[0], sequences[1], label)
 
     def add_tolerance(self, tolerance: PmiTolerance) -> None:
@@ -237,6 +279,13 @@ class _Document:
             self._tolerances.SetDatum(faces, label)
             self._datums[body, face] = label
         return self._datums[body, face]
+
+
+def _shared_edge(first: Any, second: Any) -> Any:
+    shared = [edge for edge in first.Edges() if any(edge.wrapped.IsSame(other.wrapped) for other in second.Edges())]
+    if not shared:
+        raise SolidError("two faces that carry an edge must meet in one")
+    return max(shared, key=lambda edge: float(edge.Length()))
 
 
 def _present(content: Any, callout: Callout | None) -> None:

@@ -9,6 +9,7 @@ from pydantic import model_validator
 from stepblocks.stimulus.body import Body, Identity, MaterialField, Part, require, require_engravable
 from stepblocks.stimulus.energy_tolerance import EnergyToleranceField, require_energy_tolerance
 from stepblocks.stimulus.tolerance import FeltLength, FeltPositiveLength, PositiveLength
+from stepblocks.stimulus.working_faces import FaceDemands, WorkingFaces, face_demands
 
 __all__ = ["MetrologyFeature", "StepBlock"]
 
@@ -53,6 +54,8 @@ class StepBlock(Part):
         What it is made of.
     energy_tolerance : EnergyTolerance or None
         How much the vibration energy may vary, where tolerances of height, edge radius or tip shall follow from it.
+    working_faces : WorkingFaces or None
+        Flatness, parallelism and roughness of the faces beside the edge, where the file states them.
 
     Notes
     -----
@@ -66,6 +69,12 @@ class StepBlock(Part):
     metrology: MetrologyFeature
     material: MaterialField
     energy_tolerance: EnergyToleranceField | None = None
+    working_faces: WorkingFaces | None = None
+
+    @property
+    def face_demands(self) -> FaceDemands:
+        """Flatness, parallelism and roughness in force."""
+        return face_demands(self.working_faces, self.height.upper - self.height.lower)
 
     @model_validator(mode="after")
     def _is_possible(self) -> StepBlock:

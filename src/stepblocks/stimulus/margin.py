@@ -21,6 +21,7 @@ from pydantic import model_validator
 from stepblocks.quantities import format_quantity
 from stepblocks.stimulus.body import Body, Identity, MaterialField, Part, require, require_engravable
 from stepblocks.stimulus.tolerance import Angle, Dimension, Length, PositiveLength, SignedLength
+from stepblocks.stimulus.working_faces import FaceDemands, WorkingFaces, face_demands
 
 __all__ = ["CLINICAL_LIMIT", "CrownOnTooth", "FinishLine", "MarginBlock", "crown_corner"]
 
@@ -111,10 +112,18 @@ class MarginBlock(_Margin):
         Depth of the gap below the tooth's surface [m].
     body : Body
         The block.
+    working_faces : WorkingFaces or None
+        Flatness, parallelism and roughness of tooth and crown face, where the file states them.
     """
 
     gap_depth: PositiveLength
     body: Body
+    working_faces: WorkingFaces | None = None
+
+    @property
+    def face_demands(self) -> FaceDemands:
+        """Flatness, parallelism and roughness in force."""
+        return face_demands(self.working_faces, self.horizontal_discrepancy.upper - self.horizontal_discrepancy.lower)
 
     @model_validator(mode="after")
     def _fits_the_body(self) -> MarginBlock:

@@ -198,8 +198,23 @@ def _margin_detail(sheet: Sheet, margin: MarginBlock, numbered: Numbered) -> Non
     low = cz + floor + 8.0
     sheet.dimension(number, one, (cx, low), (at(g, 0.0)[0], low), (cx, cz + floor - 12.0), s)
     number, one = numbered["horizontal_discrepancy"]
-    if one.kind == "distance":
+    if one.nominal > 0.0:
         sheet.dimension(number, one, (cx - 30.0, cz), (cx + 62.0, at(0.0, h)[1]), (cx - 40.0, cz), s, 90.0)
+    top = max(cz, at(0.0, h)[1])
+    sheet.datum((cx - 54.0, cz), "A")
+    for key, kind, place, face, datum in (
+        ("flatness_lower", "flatness", (cx - 58.0, cz - 28.0), (cx - 44.0, cz), ""),
+        ("flatness_upper", "flatness", (cx + 22.0, top + 16.0), (cx + 18.0, at(0.0, h)[1]), ""),
+        ("parallelism", "parallelism", (cx + 22.0, top + 22.0), (cx + 18.0, at(0.0, h)[1]), "A"),
+    ):
+        number, one = numbered[key]
+        start = sheet.frame(place, kind, one.upper, number, datum)
+        if key == "flatness_lower":
+            sheet.polyline([(face[0], place[1] + 6.0), face], "DIMENSION")
+            sheet.arrow(face, (face[0], place[1]))
+        elif key == "flatness_upper":
+            sheet.polyline([start, (face[0], start[1]), face], "DIMENSION")
+            sheet.arrow(face, (face[0], start[1]))
     number, one = numbered["gap_depth"]
     sheet.text((cx + 4.0 + g * 1e3 * s, cz + floor - 4.0), "", 2.5)
     sheet.text((cx - 58.0, cz + 3.0), "tooth", 2.5)

@@ -15,6 +15,7 @@ from ezdxf.enums import TextEntityAlignment
 from ezdxf.math import Vec2
 
 from stepblocks.machining.characteristics import Characteristic
+from stepblocks.machining.drawing.lettering_font import FONT
 from stepblocks.machining.drawing.numbers import decimals_for, limits_text, millimetres
 
 __all__ = ["HEIGHT", "WIDTH", "Point", "Sheet"]
@@ -36,9 +37,10 @@ _LAYERS = {
 
 
 class Sheet:
-    """One sheet; `document` is the ezdxf drawing."""
+    """One sheet; `document` is the ezdxf drawing, `numbers` are those of the characteristics that stand on it in balloons."""
 
     def __init__(self) -> None:
+        self.numbers: set[int] = set()
         self.document: Any = ezdxf.new("R2010", setup=["linetypes"], units=4)
         self.space: Any = self.document.modelspace()
         for name, (colour, weight) in _LAYERS.items():
@@ -48,7 +50,7 @@ class Sheet:
         self.document.header["$LTSCALE"] = 5.0
         self.document.header["$LWDISPLAY"] = 1
         self.document.appids.add("STEPBLOCKS")
-        self.document.styles.add("LETTERS", font="DejaVuSans.ttf")
+        self.document.styles.add("LETTERS", font=FONT)
         style = self.document.dimstyles.add("PART")
         style.dxf.dimtxsty = "LETTERS"
         for name, value in {"dimtxt": _TEXT, "dimasz": 2.5, "dimexe": 1.2, "dimexo": 0.8, "dimgap": 0.8, "dimtad": 1,
@@ -138,6 +140,7 @@ class Sheet:
 
     def balloon(self, number: int, at: Point) -> None:
         """Draw the number of a characteristic in a circle."""
+        self.numbers.add(number)
         self.circle(at, 2.6, "DIMENSION")
         self.text(at, str(number), 2.2, "MIDDLE_CENTER")
 

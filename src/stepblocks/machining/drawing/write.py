@@ -10,6 +10,7 @@ from typing import Any
 from stepblocks.beside import beside
 from stepblocks.errors import MachiningError
 from stepblocks.machining.characteristics import Characteristic, characteristics_of
+from stepblocks.machining.drawing.lettering_font import shipped_fonts
 from stepblocks.machining.drawing.numbers import limits_text
 from stepblocks.machining.gauge_route import GaugePair
 from stepblocks.stimulus.block import StepBlock
@@ -17,6 +18,7 @@ from stepblocks.stimulus.margin import CrownOnTooth, MarginBlock
 from stepblocks.stimulus.set import Stimulus
 from stepblocks.stimulus.sheath import Sheath
 from stepblocks.stimulus.tip import HookTip, StraightTip
+from stepblocks.stimulus.working_faces import face_demands
 
 __all__ = ["DrawnDimension", "drawn_dimensions", "write_drawing", "write_gauge_drawing"]
 
@@ -105,18 +107,26 @@ def _write_all(folder: Path, name: str, formats: tuple[str, ...], draw: Callable
     before = ezdxf.options.write_fixed_meta_data_for_testing
     ezdxf.options.write_fixed_meta_data_for_testing = True  # no time of day, no random identifiers
     try:
-        sheet = draw()
-        for form in formats:
-            path = folder / f"{name}.{form}"
-            with beside(path) as draft:
-                if form == "dxf":
-                    sheet.document.saveas(draft)
-                else:
-                    _render(sheet, draft)
-            paths.append(path)
+        with shipped_fonts():
+            sheet = draw()
+            for form in formats:
+                path = folder / f"{name}.{form}"
+                with beside(path) as draft:
+                    if form == "dxf":
+                        _register_classes(sheet.document)
+                        sheet.document.saveas(draft)
+                    else:
+                        _render(sheet, draft)
+                paths.append(path)
     finally:
         ezdxf.options.write_fixed_meta_data_for_testing = before
     return paths
+
+
+def _register_classes(document: Any) -> None:
+    """Register the classes in use in alphabetical order; ezdxf takes them from a set, whose order differs by process."""
+    for name in sorted(document.entitydb.dxf_types_in_use()):
+        document.classes.add_class(name)
 
 
 def _drawn(stimulus: Stimulus, listed: list[Characteristic], numbered: dict[str, tuple[int, Characteristic]]) -> Any:
@@ -142,11 +152,15 @@ def _drawn(stimulus: Stimulus, listed: list[Characteristic], numbered: dict[str,
         case Sheath():
             notes = sheath_views(sheet, stimulus, numbered)
             title, band = "Sheath", stimulus.bore.upper - stimulus.bore.lower
-    roughness = max(round(band * 1e6 / 20.0, 2), 0.05)
-    drawn = ("edge_radius",) if isinstance(stimulus, StepBlock) else ()
-    lines = [f"{number}  {one.label}: {_note(one)}" for number, one in numbered.values()
-             if one.kind == "note" and one.key not in drawn]  # fmt: skip
-    lines += [f"Working faces Ra {roughness:g} um or better.", *notes]
+    # what no view shows is said in words, with its number
+    lines = [f"{number}  {one.label}: {_note(one)}" for number, one in numbered.values() if number not in sheet.numbers]
+    if isinstance(stimulus, StepBlock | MarginBlock):
+        demands = stimulus.face_demands
+        said = f" (by default: {', '.join(demands.defaults)})" if demands.defaults else ""
+        lines += [f"Working faces Ra {demands.roughness * 1e6:.2f} um or better{said}.", *notes]
+    else:
+        usual = face_demands(None, band)
+        lines += [f"Working faces Ra {usual.roughness * 1e6:.2f} um or better (by default).", *notes]
     sheet.notes((232.0, 66.0 + 5.0 * len(lines)), lines)
     sheet.border(
         [("identity", stimulus.id.upper()), ("material", stimulus.material.designation), ("unit", "mm"),

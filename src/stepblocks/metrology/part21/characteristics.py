@@ -7,7 +7,14 @@ from dataclasses import dataclass
 from typing import Any
 
 from stepblocks.metrology.part21.exchange import Exchange, is_reference
-from stepblocks.metrology.part21.faces import Surface, faces_of, measured_angle, measured_distance, measured_size
+from stepblocks.metrology.part21.faces import (
+    Surface,
+    faces_of,
+    measured_angle,
+    measured_distance,
+    measured_size,
+    placed_where_drawn,
+)
 from stepblocks.metrology.part21.units import Measure, measure_of
 
 __all__ = ["Characteristic", "dimensions_of", "tolerances_of"]
@@ -85,14 +92,16 @@ def dimensions_of(file: Exchange) -> list[Characteristic]:
     """
     found = []
     for ref, values in file.named(*_SIZES):
-        kind = str(values[1]) if len(values) > 1 else "size"
+        kind, name = (str(values[1]) if len(values) > 1 else "size"), ""
+        if file.parameters(ref, "ANGULAR_SIZE"):
+            kind, name = "angular size", _text(values[1])
         surfaces = faces_of(file, values[0])
-        found.append(_dimension(file, ref, kind, "", surfaces, None))
+        found.append(_dimension(file, ref, kind, name, surfaces, None))
     for ref, values in file.named(*_LOCATIONS):
         if len(values) < 4:
             continue
         named = "" if values[1] in (None, "$") else _text(values[1])
-        kind = _text(values[0]) or "location"
+        kind = _text(values[0]) or ("angular location" if file.parameters(ref, "ANGULAR_LOCATION") else "location")
         found.append(_dimension(file, ref, kind, named, faces_of(file, values[2]), faces_of(file, values[3])))
     return sorted(found, key=lambda one: int(one.ref[1:]))
 
@@ -110,8 +119,11 @@ def _dimension(
     value = nominal.si if nominal is not None else math.nan
     if nominal is None:
         problem = problem or "no value"
-    if second is None:
-        geometry = measured_size(first, kind)
+    bodies = {one.representation for one in [*first, *(second or [])]}
+    if len(bodies) > 1 and not placed_where_drawn(file):
+        geometry = None
+    elif second is None:
+        geometry = measured_size(first, "angle" if angular else kind)
     elif angular:
         geometry = measured_angle(first, second, value)
     else:

@@ -8,7 +8,8 @@ from pathlib import Path
 
 from stepblocks.metrology.part21.characteristics import Characteristic, dimensions_of, tolerances_of
 from stepblocks.metrology.part21.exchange import Exchange, read_exchange
-from stepblocks.metrology.part21.units import density_findings, untyped_measures
+from stepblocks.metrology.part21.faces import faces_of
+from stepblocks.metrology.part21.units import density_findings, measure_of, untyped_measures
 
 __all__ = ["StepReport", "check_step_text"]
 
@@ -32,6 +33,8 @@ class StepReport:
         Names of materials.
     densities : tuple of float
         Densities [kg/m^3].
+    textures : tuple of (str, float)
+        Face and largest Ra of every stated surface texture [m].
     findings : tuple of str
         One line for everything wrong; none means that the file passes.
     """
@@ -42,6 +45,7 @@ class StepReport:
     tolerances: tuple[Characteristic, ...]
     materials: tuple[str, ...]
     densities: tuple[float, ...]
+    textures: tuple[tuple[str, float], ...]
     findings: tuple[str, ...]
 
     @property
@@ -85,7 +89,7 @@ def check_step_text(path: Path, require_ap242: bool = False) -> StepReport:
             findings.append(f"{one.ref} {one.kind}: names no face")
     return StepReport(
         file.name, file.schema, tuple(dimensions), tuple(tolerances), _materials(file),
-        tuple(value for _, value in densities), tuple(findings),
+        tuple(value for _, value in densities), _textures(file), tuple(findings),
     )  # fmt: skip
 
 
@@ -108,6 +112,20 @@ def _dimension_findings(one: Characteristic) -> list[str]:
                 f"{(one.value + one.deviation) * 1e3:.9g} mm ({one.deviation * 1e9:+.3f} nm)"
             )
     return findings
+
+
+def _textures(file: Exchange) -> tuple[tuple[str, float], ...]:
+    found = []
+    for _, values in file.named("PROPERTY_DEFINITION_REPRESENTATION"):
+        definition, shown = (
+            file.parameters(values[0], "PROPERTY_DEFINITION"),
+            file.parameters(values[1], "REPRESENTATION"),
+        )
+        if len(definition) != 3 or len(shown) != 3 or str(definition[0]) != "surface texture":
+            continue
+        for measure in filter(None, (measure_of(file, item) for item in shown[1])):
+            found += [(face.ref, measure.si) for face in faces_of(file, definition[2])]
+    return tuple(found)
 
 
 def _materials(file: Exchange) -> tuple[str, ...]:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -12,12 +12,13 @@ from numpy.typing import NDArray
 from stepblocks.metrology.part21.exchange import Exchange, Typed, is_reference, number
 from stepblocks.metrology.part21.units import unit_of
 
-__all__ = ["Surface", "faces_of", "measured_angle", "measured_distance", "measured_size"]
+__all__ = ["Surface", "faces_of", "measured_angle", "measured_distance", "measured_size", "placed_where_drawn"]
 
 Array = NDArray[np.float64]
 
 _PARALLEL = 1e-9
 _DEEPEST = 12
+_CURVES = ("LINE", "CIRCLE")
 
 
 @dataclass(frozen=True)
@@ -29,11 +30,14 @@ class Surface:
     ref : str
         The face.
     kind : str
-        ``PLANE``, ``CYLINDRICAL_SURFACE``, ``SPHERICAL_SURFACE``, ``CONICAL_SURFACE``, ``TOROIDAL_SURFACE`` or another.
+        ``PLANE``, ``CYLINDRICAL_SURFACE``, ``SPHERICAL_SURFACE``, ``CONICAL_SURFACE``, ``TOROIDAL_SURFACE`` or another; of an
+        edge, the kind of its curve, ``LINE`` or ``CIRCLE``.
     point, axis : ndarray
         Location [m] and direction of its placement.
     sizes : tuple of float
         Radius [m]; radius [m] and half angle [rad] of a cone; radii [m] of a torus.
+    representation : str
+        The representation that holds it: faces of two bodies lie in two.
     """
 
     ref: str
@@ -41,6 +45,7 @@ class Surface:
     point: Array
     axis: Array
     sizes: tuple[float, ...]
+    representation: str = ""
 
 
 def faces_of(file: Exchange, aspect: object, depth: int = 0) -> list[Surface]:
@@ -69,7 +74,10 @@ def faces_of(file: Exchange, aspect: object, depth: int = 0) -> list[Surface]:
             values = parts.get(name, ())
             if len(values) == 5 and values[2] == aspect:
                 factor, angle = _factors(file, values[3])
-                found += [_surface(file, item, factor, angle) for item in _items(values[4])]
+                found += [
+                    replace(_surface(file, item, factor, angle), representation=str(values[3]))
+                    for item in _items(values[4])
+                ]
         related = parts.get("SHAPE_ASPECT_RELATIONSHIP", ())
         if len(related) == 4 and related[2] == aspect and "DATUM" not in file.parts(related[3]):
             found += faces_of(file, related[3], depth + 1)
@@ -97,6 +105,9 @@ def _factors(file: Exchange, representation: object) -> tuple[float, float]:
 
 
 def _surface(file: Exchange, face: str, factor: float, angle: float) -> Surface:
+    edge = file.parameters(face, "EDGE_CURVE")
+    if len(edge) == 5:
+        return _curve(file, face, edge[3], factor)
     values = file.parameters(face, "ADVANCED_FACE") or file.parameters(face, "FACE_SURFACE")
     nowhere = np.full(3, math.nan)
     if len(values) != 4:
@@ -112,6 +123,31 @@ def _surface(file: Exchange, face: str, factor: float, angle: float) -> Surface:
     if kind == "CONICAL_SURFACE" and len(scaled) == 2 and sizes[1] is not None:
         scaled[1] = sizes[1] * angle
     return Surface(face, kind, point / _inverse(factor), axis, tuple(scaled))
+
+
+def _curve(file: Exchange, edge: str, curve: object, factor: float) -> Surface:
+    """Curve under an edge; one that is given with its traces on the two faces is its own first parameter."""
+    for name in ("SURFACE_CURVE", "SEAM_CURVE"):
+        inner = file.parameters(curve, name)
+        if len(inner) > 1:
+            curve = inner[1]
+    kind = next(iter(file.parts(curve)), "")
+    parameters = file.parameters(curve, kind)
+    nowhere = np.full(3, math.nan)
+    if kind == "LINE" and len(parameters) == 3:
+        point = file.parameters(parameters[1], "CARTESIAN_POINT")
+        vector = file.parameters(parameters[2], "VECTOR")
+        along = file.parameters(vector[1], "DIRECTION") if len(vector) == 3 else ()
+        if len(point) == 2 and len(along) == 2:
+            direction = np.array(along[1], dtype=np.float64)
+            origin = np.array(point[1], dtype=np.float64) / _inverse(factor)
+            return Surface(edge, kind, origin, direction / np.linalg.norm(direction), ())
+    if kind == "CIRCLE" and len(parameters) == 3:
+        middle, axis = _placement(file, parameters[1])
+        radius = number(parameters[2])
+        sizes = () if radius is None else (radius / _inverse(factor),)
+        return Surface(edge, kind, middle / _inverse(factor), axis, sizes)
+    return Surface(edge, kind, nowhere, nowhere, ())
 
 
 def _inverse(factor: float) -> float:
@@ -139,13 +175,15 @@ def measured_size(surfaces: list[Surface], name: str) -> float | None:
     surfaces : list of Surface
         Faces of the feature.
     name : str
-        Name of the DIMENSIONAL_SIZE.
+        Name of the DIMENSIONAL_SIZE, or ``angle``.
 
     Returns
     -------
     float or None
         Diameter, radius or distance of two parallel planes [m]; None where the faces do not determine it.
     """
+    if surfaces and all(one.kind in _CURVES for one in surfaces):
+        return 0.0 if "radius" in name else None  # an edge that is a curve of two faces is sharp
     round_ones = [one for one in surfaces if one.kind in ("CYLINDRICAL_SURFACE", "SPHERICAL_SURFACE") and one.sizes]
     if surfaces and len(round_ones) == len(surfaces):
         radii = {one.sizes[0] for one in round_ones}
@@ -183,6 +221,12 @@ def _distance(a: Surface, b: Surface) -> float | None:
     if a.kind != "PLANE" and b.kind == "PLANE":
         a, b = b, a
     between = b.point - a.point
+    if b.kind in _CURVES:
+        return _distance_to_curve(a, b)
+    if a.kind == b.kind == "CONICAL_SURFACE":
+        coaxial = _between_cones(a, b)
+        if coaxial is not None:
+            return coaxial
     sphere = b.kind == "SPHERICAL_SURFACE"
     cylinder = b.kind in ("CYLINDRICAL_SURFACE", "CONICAL_SURFACE")
     if a.kind == "PLANE":
@@ -198,6 +242,44 @@ def _distance(a: Surface, b: Surface) -> float | None:
     if a.kind == "SPHERICAL_SURFACE" and sphere:
         return float(np.linalg.norm(between))
     return None
+
+
+def _distance_to_curve(a: Surface, b: Surface) -> float | None:
+    """Distance of a plane from a straight edge along it, or from a round edge that lies level over it."""
+    if a.kind != "PLANE":
+        return None
+    level = abs(a.axis @ b.axis) if b.kind == "LINE" else float(np.linalg.norm(np.cross(a.axis, b.axis)))
+    return abs(float((b.point - a.point) @ a.axis)) if level <= _PARALLEL else None
+
+
+def _between_cones(a: Surface, b: Surface) -> float | None:
+    """Gap across two cones on one axis with one angle; None for any other two."""
+    between = b.point - a.point
+    along = float(between @ a.axis)
+    same_way = 1.0 if a.axis @ b.axis > 0.0 else -1.0
+    aside = float(np.linalg.norm(between - along * a.axis))
+    if np.linalg.norm(np.cross(a.axis, b.axis)) > _PARALLEL or aside > 1e-12:
+        return None
+    if abs(a.sizes[1] - same_way * b.sizes[1]) > 1e-12:
+        return None
+    return abs(b.sizes[0] - a.sizes[0] - along * math.tan(a.sizes[1])) * math.cos(a.sizes[1])
+
+
+def placed_where_drawn(file: Exchange) -> bool:
+    """Whether every component of an assembly lies where its own coordinates put it, so that two bodies can be compared."""
+    for _, values in file.named("ITEM_DEFINED_TRANSFORMATION"):
+        places = [_placement(file, item) for item in values[2:4]]
+        axes = [_second_axis(file, item) for item in values[2:4]]
+        pairs = [(places[0][0], places[1][0]), (places[0][1], places[1][1]), (axes[0], axes[1])]
+        if any(not np.allclose(one, other, rtol=0.0, atol=1e-12) for one, other in pairs):
+            return False
+    return True
+
+
+def _second_axis(file: Exchange, ref: object) -> Array:
+    values = file.parameters(ref, "AXIS2_PLACEMENT_3D")
+    direction = file.parameters(values[3], "DIRECTION") if len(values) == 4 else ()
+    return np.array(direction[1], dtype=np.float64) if len(direction) == 2 else np.zeros(3)
 
 
 def measured_angle(first: list[Surface], second: list[Surface], nominal: float) -> float | None:

@@ -5,12 +5,15 @@ from __future__ import annotations
 import math
 from pathlib import Path
 
+from stepblocks.machining.characteristics import Characteristic as Wanted
 from stepblocks.machining.characteristics import characteristics_of
 from stepblocks.metrology.part21.characteristics import Characteristic
 from stepblocks.metrology.part21.check_step import StepReport, check_step_text
+from stepblocks.stimulus.block import StepBlock
+from stepblocks.stimulus.margin import MarginBlock
 from stepblocks.stimulus.set import Stimulus
 
-__all__ = ["check_part_step", "step_table"]
+__all__ = ["check_part_step", "matched", "step_table"]
 
 _ALLOWED = 1e-9
 
@@ -40,19 +43,19 @@ def check_part_step(path: Path, stimulus: Stimulus) -> tuple[StepReport, list[st
     report = check_step_text(path, require_ap242=True)
     findings = list(report.findings)
     left = list(report.dimensions) + list(report.tolerances)
-    for one in characteristics_of(stimulus):
-        if one.kind == "note":
-            continue
-        wanted = (one.upper,) if one.kind in ("flatness", "parallelism") else (one.nominal, one.lower, one.upper)
-        label = one.label if one.kind == "distance" else ""
-        found = next((item for item in left if item.name == label and _agrees(item, one.kind, wanted)), None)
+    for one, found in matched(report, stimulus):
         if found is None:
-            findings.append(
-                f"{one.label}: must stand in the file as {one.kind} of {', '.join(f'{v * 1e3:.9g}' for v in wanted)} mm"
-            )
+            scale, unit = (180.0 / math.pi, "deg") if one.quantity == "angle" else (1e3, "mm")
+            said = ", ".join(f"{value * scale:.9g}" for value in _wanted(one))
+            findings.append(f"{one.label}: must stand in the file as {one.kind} of {said} {unit}")
         else:
             left.remove(found)
     findings += [f"{item.ref} {item.kind} {item.value * 1e3:.9g} mm: was not asked for" for item in left]
+    if isinstance(stimulus, StepBlock | MarginBlock):
+        flat = {face for item in report.tolerances if item.kind == "flatness" for face in item.faces}
+        rough = stimulus.face_demands.roughness
+        if dict(report.textures).keys() != flat or any(abs(value - rough) > _ALLOWED for _, value in report.textures):
+            findings.append(f"surface texture: every working face must have Ra {rough * 1e6:g} um")
     density = stimulus.material.density
     if not report.densities or any(abs(value / density - 1.0) > 1e-9 for value in report.densities):
         findings.append(f"density must be {density:g} kg/m^3, got {', '.join(map(str, report.densities)) or 'none'}")
@@ -63,10 +66,42 @@ def check_part_step(path: Path, stimulus: Stimulus) -> tuple[StepReport, list[st
     return report, findings
 
 
+def matched(report: StepReport, stimulus: Stimulus) -> list[tuple[Wanted, Characteristic | None]]:
+    """Find every characteristic of a part in its file.
+
+    Parameters
+    ----------
+    report : StepReport
+        What stands in the file.
+    stimulus : Stimulus
+        What was asked for.
+
+    Returns
+    -------
+    list of (Characteristic asked for, Characteristic found or None)
+        In the order of the inspection sheet, without notes; each found one once.
+    """
+    left = list(report.dimensions) + list(report.tolerances)
+    pairs: list[tuple[Wanted, Characteristic | None]] = []
+    for one in characteristics_of(stimulus):
+        if one.kind == "note":
+            continue
+        label = one.label if one.kind in ("distance", "angle") else ""
+        found = next((item for item in left if item.name == label and _agrees(item, one.kind, _wanted(one))), None)
+        if found is not None:
+            left.remove(found)
+        pairs.append((one, found))
+    return pairs
+
+
+def _wanted(one: Wanted) -> tuple[float, ...]:
+    return (one.upper,) if one.kind in ("flatness", "parallelism") else (one.nominal, one.lower, one.upper)
+
+
 def _agrees(item: Characteristic, kind: str, wanted: tuple[float, ...]) -> bool:
-    name = {"distance": "linear distance"}.get(kind, kind)
+    names = {"distance": ("linear distance",), "angle": ("angular size", "angular location")}.get(kind, (kind,))
     got = (item.value,) if len(wanted) == 1 else (item.value, item.lower, item.upper)
-    return item.kind == name and all(abs(a - b) <= _ALLOWED for a, b in zip(got, wanted, strict=True))
+    return item.kind in names and all(abs(a - b) <= _ALLOWED for a, b in zip(got, wanted, strict=True))
 
 
 def step_table(report: StepReport) -> str:

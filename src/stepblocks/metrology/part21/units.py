@@ -167,6 +167,9 @@ def untyped_measures(file: Exchange) -> list[str]:
             if not isinstance(raw, Typed):
                 findings.append(f"{ref} {name}: value must be typed, such as LENGTH_MEASURE(...), got {raw!r}")
                 continue
+            size = number(raw.value)
+            if raw.type.startswith("POSITIVE_") and size is not None and not size > 0.0:
+                findings.append(f"{ref} {name}: {raw.type} must be positive, got {size:g}")
             resolved = unit_of(file, unit)
             allowed = _TYPES.get(resolved.dimension)
             if allowed and raw.type not in allowed:

@@ -1,0 +1,199 @@
+"""Mean error and coverage of every evaluation of scans, over software gauges whose truth is known in closed form.
+
+Run from the root of the repository: ``python benchmarks/softgauge_coverage.py [DRAWS]``. One line per value and kind of noise:
+mean error over the stated standard uncertainty u, and the share of stated 95 % intervals that hold the truth. The share
+itself scatters by sqrt(0.95 0.05 / draws); exit code 1 if a mean error exceeds 0.1 u or a share is off by more than three of that.
+"""
+
+import math
+import sys
+from collections.abc import Callable, Iterator
+
+import numpy as np
+
+from stepblocks.metrology.edge import fit_edge
+from stepblocks.metrology.face_form import fit_face, zone_of_flatness
+from stepblocks.metrology.inspect_shapes import measure_margin, measure_tip
+from stepblocks.metrology.inspect_step import measure_edge
+from stepblocks.metrology.masked_step import masked_step
+from stepblocks.metrology.scan import HeightMap, Profile
+from stepblocks.metrology.softgauge import (
+    ball_gauge,
+    correlated_map,
+    correlated_noise,
+    edge_gauge,
+    groove_gauge,
+    margin_gauge,
+    with_faults,
+)  # fmt: skip
+from stepblocks.metrology.type_a1 import evaluate_a1
+from stepblocks.metrology.uncertainty import Component, Instrument, Measured
+
+Draw = Callable[[np.random.Generator], Iterator[tuple[str, float, Measured]]]
+UM, NM = 1e-6, 1e-9
+EXACT = Instrument(0.0, 0.0, 0.0)
+ONE_SIDED = ("unresolved",)
+"""Values at the end of their range: an interval there holds the truth more often than stated, never less."""
+
+
+def value(name: str, got: float, std: float, dof: float) -> Measured:
+    return Measured(name, got, (Component("noise", std, dof),))
+
+
+def a1(rough: float, length: float, depth: float = 10 * UM, missing: int = 0, spikes: int = 0) -> Draw:
+    x = np.arange(-50, 951) * UM
+
+    def draw(random: np.random.Generator) -> Iterator[tuple[str, float, Measured]]:
+        z = groove_gauge(x, depth, 300 * UM, 600 * UM, 20 * UM, tilt=random.uniform(-2e-3, 2e-3))
+        z = z + correlated_noise(len(x), UM, 10 * NM, rough, length, random)
+        z = with_faults(z, random, spikes=spikes, spike_height=20 * UM, missing=missing)
+        got = evaluate_a1(x, z, (300 * UM, 600 * UM))
+        yield "depth, type A1", depth, value("depth", got.depth, got.depth_std, got.depth_dof)
+
+    return draw
+
+
+def edge(height: float, radius: float, rough: float, length: float, faults: bool = False) -> Draw:
+    x = np.arange(-400, 400) * UM
+
+    def draw(random: np.random.Generator) -> Iterator[tuple[str, float, Measured]]:
+        z = edge_gauge(x, height, radius, random.uniform(-1e-3, 1e-3), random.uniform(-3, 3) * UM)
+        z = z + correlated_noise(len(x), UM, 10 * NM, rough, length, random)
+        if faults:
+            z = with_faults(z, random, spikes=8, spike_height=20 * UM, missing=40)
+        got = fit_edge(x, z)
+        yield "height, two planes", height, value("height", got.height, got.height_std, got.height_dof)
+        if radius > 3.0 * UM:
+            yield "edge radius", radius, value("radius", got.radius, got.radius_std, got.height_dof)
+        else:  # below three sampling intervals only the upper limit is a statement
+            half = 0.5 * got.radius_limit
+            yield "edge radius, unresolved", radius, value("radius", half, half / 1.9, math.inf)
+
+    return draw
+
+
+def margin(about: float, rise: float, missing: bool = False) -> Draw:
+    x = np.arange(-600, 600) * 0.5 * UM
+
+    def draw(random: np.random.Generator) -> Iterator[tuple[str, float, Measured]]:
+        left, opening = random.uniform(-1, 1) * UM, about + random.uniform(-0.25, 0.25) * UM
+        z = margin_gauge(x, opening, rise, 60 * UM, left, random.uniform(-1e-3, 1e-3))
+        z = z + correlated_noise(len(x), 0.5 * UM, 10 * NM, 40 * NM, 2 * UM, random)
+        if missing:
+            z[(x > left + 0.1 * opening) & (x < left + 0.9 * opening)] = np.nan
+        got = measure_margin(Profile(x, z), EXACT).values
+        yield "gap", opening, got["vertical_discrepancy"]
+        yield "rise of the crown", rise, got["horizontal_discrepancy"]
+        yield "absolute discrepancy", math.hypot(opening, rise), got["absolute_discrepancy"]
+
+    return draw
+
+
+def tip(radius: float, rough: float, length: float) -> Draw:
+    grid = np.arange(-60, 61) * radius / 80.0
+    spacing = radius / 80.0
+
+    def draw(random: np.random.Generator) -> Iterator[tuple[str, float, Measured]]:
+        z = ball_gauge(grid, grid, radius, (random.uniform(-5, 5) * UM, random.uniform(-5, 5) * UM))
+        z = z + correlated_map(z.shape, spacing, 20 * NM, rough, length, random)
+        yield (
+            "tip radius, map",
+            radius,
+            measure_tip(HeightMap(z, spacing, spacing), EXACT, radius).values["ball_radius"],
+        )
+
+    return draw
+
+
+def step_map(rows: int, wander: float) -> Draw:
+    x = np.arange(-150, 150) * 2 * UM
+
+    def draw(random: np.random.Generator) -> Iterator[tuple[str, float, Measured]]:
+        z = [edge_gauge(x, 40 * UM + random.normal(0.0, wander), 0.0, 1e-4)
+             + correlated_noise(len(x), 2 * UM, 10 * NM, 30 * NM, 5 * UM, random) for _ in range(rows)]  # fmt: skip
+        got = measure_edge(HeightMap(np.stack(z), 2 * UM, 50 * UM), EXACT).values["step_height"]
+        yield f"height, map of {rows} rows", 40 * UM, got
+
+    return draw
+
+
+def grating() -> Draw:
+    y, x = np.mgrid[:160, :160]
+    holes = ((x - 6) % 40 < 18) & ((y + 3) % 40 < 18)
+
+    def draw(random: np.random.Generator) -> Iterator[tuple[str, float, Measured]]:
+        z = np.where(holes, -500 * NM, 0.0) + 2e-3 * x * UM - 1e-3 * y * UM
+        z = z + random.normal(0.0, 2 * NM, z.shape) + random.normal(0.0, 5 * NM, (160, 1))
+        got = masked_step(HeightMap(z, 0.2 * UM, 0.2 * UM))
+        yield "depth, masked step", 500 * NM, value("depth", got.depth, got.depth_std, got.depth_dof)
+
+    return draw
+
+
+def bow(zone: float, rough: float) -> Draw:
+    x, y = np.arange(60) * 10 * UM, np.arange(40) * 10 * UM
+    shape = zone * ((2.0 * x[np.newaxis, :] / x[-1] - 1.0) ** 2) * np.ones((40, 1))
+
+    def draw(random: np.random.Generator) -> Iterator[tuple[str, float, Measured]]:
+        z = shape + correlated_map(shape.shape, 10 * UM, 10 * NM, rough, 20 * UM, random)
+        got = zone_of_flatness(fit_face(x, y, z, np.ones(z.shape, dtype=bool)))
+        yield "flatness of the form", zone, value("flatness", got.zone, got.std, math.inf)
+
+    return draw
+
+
+CASES: list[tuple[str, Draw, float]] = [
+    ("white 10 nm", a1(0.0, UM), 1.0),
+    ("+ rough 40 nm, 1.5 um", a1(40 * NM, 1.5 * UM), 1.0),
+    ("+ rough 40 nm, 3 um", a1(40 * NM, 3 * UM), 1.0),
+    ("+ rough 40 nm, 8 um", a1(40 * NM, 8 * UM), 1.0),
+    ("ridge, 300 missing", a1(40 * NM, 3 * UM, -10 * UM, missing=300), 1.0),
+    ("20 outliers to 20 um", a1(40 * NM, 3 * UM, spikes=20), 1.0),
+    ("rough 50 nm, 2.4 um", edge(50 * UM, 14 * UM, 50 * NM, 2.4 * UM), 1.0),
+    ("rough 50 nm, 8 um", edge(50 * UM, 14 * UM, 50 * NM, 8 * UM), 1.0),
+    ("white 10 nm", edge(50 * UM, 14 * UM, 0.0, UM), 1.0),
+    ("spikes and missing", edge(30 * UM, 8 * UM, 50 * NM, 2.4 * UM, faults=True), 1.0),
+    ("radius 0.5 um, limit", edge(40 * UM, 0.5 * UM, 50 * NM, 2.4 * UM), 0.5),
+    ("80.25 um, rise 20 um", margin(80.25 * UM, 20 * UM), 1.0),
+    ("80.25 um, inside missing", margin(80.25 * UM, -30 * UM, missing=True), 1.0),
+    ("rough 50 nm, 4 um", tip(125 * UM, 50 * NM, 4 * UM), 0.5),
+    ("white 20 nm", tip(60 * UM, 0.0, UM), 0.5),
+    ("3 rows, wander 30 nm", step_map(3, 30 * NM), 0.25),
+    ("12 rows, no wander", step_map(12, 0.0), 0.15),
+    ("12 rows, wander 30 nm", step_map(12, 30 * NM), 0.15),
+    ("4 x 4 holes", grating(), 0.5),
+    ("bow 200 nm, rough 30 nm", bow(200 * NM, 30 * NM), 0.25),
+]
+
+
+def main() -> int:
+    """Print the table; 1 if a statement does not hold."""
+    wanted = int(sys.argv[1]) if len(sys.argv) > 1 else 400
+    only = sys.argv[2] if len(sys.argv) > 2 else ""
+    print(f"{'value':24} {'noise':28} {'draws':>5} {'error/u':>14} {'95 % holds':>18}")
+    failed = 0
+    for label, draw, share in CASES:
+        found: dict[str, list[tuple[float, float, bool]]] = {}
+        for seed in range(int(wanted * share)):
+            for name, truth, got in draw(np.random.default_rng(seed)):
+                if only in name:
+                    off = got.value - truth
+                    found.setdefault(name, []).append((off, got.std, abs(off) <= got.expanded(0.95)))
+        for name, rows in found.items():
+            error, std, hit = (np.array(column, dtype=float) for column in zip(*rows, strict=True))
+            bias, rate, count = error.mean() / std.mean(), hit.mean(), len(rows)
+            slack = error.std() / std.mean() / math.sqrt(count)
+            scatter = math.sqrt(0.95 * 0.05 / count)
+            one_sided = any(word in name for word in ONE_SIDED)
+            bad = rate < 0.95 - 3.0 * scatter or (
+                not one_sided and (abs(bias) > 0.1 + 2.0 * slack or rate > 0.95 + 3.0 * scatter)
+            )
+            failed += bad
+            shown = "one-sided" if one_sided else f"{bias:+.3f} +- {slack:.3f}"
+            print(f"{name:24} {label:28} {count:5} {shown:>14} {rate * 100:9.1f} +- {scatter * 100:.1f} %"
+                  f"{'  FAILS' if bad else ''}", flush=True)  # fmt: skip
+    return 1 if failed else 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,180 @@
+"""Flatness and parallelism of the form of a face, apart from the noise of the scan.
+
+The zone that holds all measured points grows with noise and with the number of points, and says little of a face. Stated
+here is the zone of the form: of the polynomial of total degree three or less, fitted by least squares, over the face that was
+scanned. That polynomial is the filter. What its coefficients owe to noise is drawn from their covariance: the mean by which the
+zone grows with it is taken off, its scatter is the uncertainty. The zone of all points stands beside it as a note.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from stepblocks.errors import MetrologyError
+from stepblocks.metrology.flatness import Plane, flatness, parallelism
+from stepblocks.metrology.noise_uncertainty import noise_uncertainty
+from stepblocks.metrology.roughness_noise import outlier_mask
+
+__all__ = ["FaceForm", "FormZone", "fit_face", "zone_of_flatness", "zone_of_parallelism"]
+
+Array = NDArray[np.float64]
+Mask = NDArray[np.bool_]
+
+MOST_DEGREE = 3
+"""Largest total degree of the form [1]; along a side with fewer than four points per degree it is lower."""
+_DRAWS = 40
+_GRID = 9
+
+
+@dataclass(frozen=True)
+class FormZone:
+    """Width of a zone.
+
+    Attributes
+    ----------
+    zone, std : float
+        Zone of the form and its standard uncertainty from noise [m].
+    all_points : float
+        Zone of every measured point, spikes and noise included [m].
+    """
+
+    zone: float
+    std: float
+    all_points: float
+
+
+@dataclass(frozen=True)
+class FaceForm:
+    """Form of one face: a polynomial, the covariance of its coefficients, and where it was measured.
+
+    Attributes
+    ----------
+    points : ndarray, shape (n, 3)
+        Measured points [m].
+    grid : ndarray, shape (m, 2)
+        Positions over the face at which the form is judged [m].
+    columns : ndarray, shape (k, m)
+        Terms of the polynomial there [1].
+    solution : ndarray, shape (k,)
+        Coefficients [m].
+    root : ndarray, shape (k, k)
+        Rows whose products add up to their covariance [m].
+    degree : int
+        Total degree.
+    """
+
+    points: Array
+    grid: Array
+    columns: Array
+    solution: Array
+    root: Array
+    degree: int
+
+    def drawn(self, random: np.random.Generator | None = None) -> Array:
+        """Return the form as points [m], with a draw of what noise may have added where `random` is given."""
+        coefficients = self.solution
+        if random is not None:
+            coefficients = coefficients + random.normal(size=len(self.root)) @ self.root
+        return np.column_stack([self.grid, coefficients @ self.columns])
+
+
+def fit_face(x: Array, y: Array, height: Array, face: Mask) -> FaceForm:
+    """Fit the form of a face of a map.
+
+    Parameters
+    ----------
+    x, y : ndarray, shape (nx,), (ny,)
+        Positions of columns and rows [m].
+    height : ndarray, shape (ny, nx)
+        Heights [m]; nan where a point is missing.
+    face : ndarray of bool, shape (ny, nx)
+        Points of the face.
+
+    Returns
+    -------
+    FaceForm
+        Polynomial and its uncertainty.
+
+    Raises
+    ------
+    MetrologyError
+        If the face has fewer than 20 points or they lie on one line.
+    """
+    used = face & np.isfinite(height)
+    rows, columns = np.flatnonzero(used.any(axis=1)), np.flatnonzero(used.any(axis=0))
+    if used.sum() < 20 or len(rows) < 2 or len(columns) < 2:
+        raise MetrologyError(f"face must have at least 20 points on two rows and columns, got {int(used.sum())}")
+    spans = (x[columns[0]], x[columns[-1]]), (y[rows[0]], y[rows[-1]])
+    degrees = [min(MOST_DEGREE, max(len(index) // 4, 1)) for index in (columns, rows)]
+    powers = [(i, j) for i in range(degrees[0] + 1) for j in range(degrees[1] + 1) if i + j <= max(degrees)]
+    at_x, at_y = (_scaled(axis, *span) for axis, span in zip((x, y), spans, strict=True))
+    design = np.stack([_legendre(at_x, i)[np.newaxis, :] * _legendre(at_y, j)[:, np.newaxis] for i, j in powers])
+    for _ in range(4):
+        solution = np.linalg.lstsq(design[:, used].T, height[used], rcond=None)[0]
+        residuals = height - np.tensordot(solution, design, 1)
+        spikes = np.zeros_like(used)
+        spikes[used] = outlier_mask(residuals[used])
+        if not spikes.any():
+            break
+        used &= ~spikes
+    count = float(used.sum())
+    # for terms that vary little over the correlation length, the covariance is that of white noise times one factor
+    mean = noise_uncertainty(used / count, residuals, used, list(design))
+    inverse = np.linalg.inv(design[:, used] @ design[:, used].T)
+    values, vectors = np.linalg.eigh(inverse * mean.std**2 * count)
+    root = np.asarray((vectors * np.sqrt(np.maximum(values, 0.0))).T, dtype=np.float64)
+    steps = np.linspace(-1.0, 1.0, _GRID)
+    gx, gy = (one.ravel() for one in np.meshgrid(steps, steps))
+    grid = np.column_stack([_placed(gx, *spans[0]), _placed(gy, *spans[1])])
+    terms = np.stack([_legendre(gx, i) * _legendre(gy, j) for i, j in powers])
+    measured = face & np.isfinite(height)
+    mx, my = np.meshgrid(x, y)
+    points = np.stack([mx[measured], my[measured], height[measured]], axis=1)
+    coefficients = np.asarray(solution, dtype=np.float64)
+    return FaceForm(points, grid, terms, coefficients, root, max(i + j for i, j in powers))
+
+
+def _legendre(at: Array, degree: int) -> Array:
+    """Return Legendre's polynomial of a degree."""
+    return np.asarray(np.polynomial.Legendre.basis(degree)(at))
+
+
+def _scaled(axis: Array, low: float, high: float) -> Array:
+    return (axis - 0.5 * (low + high)) / (0.5 * (high - low))
+
+
+def _placed(at: Array, low: float, high: float) -> Array:
+    return 0.5 * (low + high) + 0.5 * (high - low) * at
+
+
+def zone_of_flatness(face: FaceForm) -> FormZone:
+    """Flatness of the form of a face (ISO 1101, minimum zone)."""
+    random = np.random.default_rng(1101)
+    zone = flatness(face.drawn()).zone
+    draws = np.array([flatness(face.drawn(random)).zone for _ in range(_DRAWS)])
+    return _without_growth(zone, draws, flatness(face.points).zone)
+
+
+def zone_of_parallelism(face: FaceForm, datum: FaceForm) -> FormZone:
+    """Parallelism of the form of a face to the minimum-zone plane of the form of another (ISO 1101)."""
+    random = np.random.default_rng(1101)
+    zone = parallelism(face.drawn(), flatness(datum.drawn()))
+    draws = np.array([
+        parallelism(face.drawn(random), flatness(datum.drawn(random))) for _ in range(_DRAWS)
+    ])  # fmt: skip
+    plane: Plane = flatness(datum.points)
+    return _without_growth(zone, draws, parallelism(face.points, plane))
+
+
+def _without_growth(zone: float, draws: Array, all_points: float) -> FormZone:
+    """Take off what noise has added; as much again, as a rectangle, counts beside the scatter.
+
+    A zone grows with the standard deviation of the noise. The fit holds it once, a draw holds it twice, as the root of two:
+    the line through both, followed back to no noise.
+    """
+    growth = min(max((float(draws.mean()) - zone) / (np.sqrt(2.0) - 1.0), 0.0), zone)
+    std = float(np.hypot(draws.std(ddof=1), growth / np.sqrt(3.0)))
+    return FormZone(zone - growth, std, all_points)
