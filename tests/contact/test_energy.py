@@ -125,5 +125,5 @@ def test_what_lies_outside_the_equations_is_refused_with_its_name(call, message)
 
 
 def test_no_comparison_of_these_tests_is_met_by_an_absolute_tolerance():
-    assert 1e-13 != pytest.approx(2e-13)
-    assert [1e-13] != pytest.approx([2e-13])
+    assert pytest.approx(2e-13) != 1e-13
+    assert pytest.approx([2e-13]) != [1e-13]
