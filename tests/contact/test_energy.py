@@ -122,3 +122,8 @@ def test_a_margin_passes_continuously_from_gap_to_step():
 def test_what_lies_outside_the_equations_is_refused_with_its_name(call, message):
     with pytest.raises(ContactError, match=message):
         call()
+
+
+def test_no_comparison_of_these_tests_is_met_by_an_absolute_tolerance():
+    assert pytest.approx(2e-13) != 1e-13
+    assert pytest.approx([2e-13]) != [1e-13]

@@ -1,5 +1,6 @@
 """Simulated conversion and pictures of predictions, from the command line."""
 
+import math
 from pathlib import Path
 
 import pandas as pd
@@ -10,6 +11,7 @@ from stepblocks.contact.drag.model import PAPER_DRAG, DragSettings
 from stepblocks.contact.drag.ring import ring_of
 from stepblocks.contact.drag.simulate import drag
 from stepblocks.contact.drag.track import step_track
+from stepblocks.stimulus.loader import load_set
 
 STIMULI = Path(__file__).resolve().parents[2] / "stimuli"
 
@@ -69,3 +71,47 @@ def test_a_wrong_speed_is_one_line(capsys, speed):
     error = capsys.readouterr().err
     assert "speed" in error
     assert error.count("\n") == 1
+
+
+def test_a_set_is_written_whose_blocks_are_equally_far_apart_in_sensation(tmp_path, capsys):
+    # Origin: Fechner with a just noticeable difference of 1.5 dB of power: equal ratios of energy.
+    target = tmp_path / "fair.toml"
+    assert main(["predict", str(STIMULI / "paper-ten.toml"), "--equally-felt", "6", "-o", str(target)]) == 0
+    assert "just noticeable differences apart" in capsys.readouterr().out
+    assert [path.name for path in tmp_path.iterdir()] == ["fair.toml"]
+    stimuli = load_set(target)
+    heights = [block.height.nominal for block in stimuli.step_block]
+    assert heights[0] == pytest.approx(10e-6)
+    assert heights[-1] == pytest.approx(100e-6)
+    assert len(heights) == 6
+    assert stimuli.step_block[0].height.limits == pytest.approx((9e-6, 11e-6))
+    assert main(["predict", str(target), "--perception", str(tmp_path / "n.csv"), "-o", str(tmp_path / "p.csv")]) == 0
+    table = pd.read_csv(tmp_path / "n.csv")
+    first = table[(table.friction == 0.15) & (table.normal_load_n == 0.3)]
+    energies = 10 ** (0.1 * first[["lower_level_db", "higher_level_db"]].to_numpy()) * 0.08e-6 * 16e-3
+    ratios = energies[:, 1] / energies[:, 0]
+    # heights are written to 0.01 um, d ln E / dH is up to 0.6 per um at 100 um
+    assert ratios == pytest.approx([ratios.mean()] * 5, rel=0.02)
+    assert first.just_noticeable_differences.to_numpy() == pytest.approx(
+        [10 * math.log10(ratios.mean()) / 1.5] * 5, rel=0.01
+    )
+    assert (first.correct > 0.99).all()
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        (["paper-ten.toml", "--equally-felt", "1"], "between 2 and 100"),
+        (["crown-margins.toml", "--equally-felt", "5"], "needs step blocks"),
+        (["paper-ten.toml", "--equally-felt", "5", "-o", "new.csv"], "-o must name a new file"),
+    ],
+)
+def test_a_set_that_cannot_be_spaced_is_one_line(tmp_path, capsys, arguments, message):
+    file, *rest = arguments
+    rest = [str(tmp_path / name) if name == "new.csv" else name for name in rest]
+    output = [] if "-o" in rest else ["-o", str(tmp_path / "new.toml")]
+    assert main(["predict", str(STIMULI / file), *rest, *output]) == 2
+    error = capsys.readouterr().err
+    assert message in error
+    assert error.count("\n") == 1
+    assert not list(tmp_path.iterdir())

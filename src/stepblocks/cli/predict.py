@@ -47,14 +47,35 @@ def add_to(commands: Any) -> None:
         help="share of the stored energy that rings: C_v of the set (default), or that of a drag in time at --speed",
     )  # fmt: skip
     parser.add_argument("--speed", default="5 mm/s", metavar="Q", help="handle speed of those drags (default 5 mm/s)")
+    parser.add_argument(
+        "--perception", type=Path, metavar="CSV", help="write how well neighbouring blocks are told apart"
+    )
+    parser.add_argument(
+        "--equally-felt", type=int, metavar="N",
+        help="write to -o NEW.toml a set of N blocks that are equally spaced in predicted sensation instead of predicting",
+    )  # fmt: skip
     parser.set_defaults(run=_run)
 
 
 def _run(arguments: argparse.Namespace) -> int:
+    if arguments.equally_felt is not None:
+        return _write_equally_felt(arguments.files, arguments.equally_felt, arguments.output)
     tables = [path for path in arguments.files if path.suffix.lower() == ".csv"]
     if tables or arguments.model:
         return _predict_table(arguments.files, arguments.output, arguments.model)
     return _predict_sets(arguments)
+
+
+def _write_equally_felt(files: list[Path], count: int, output: Path | None) -> int:
+    from stepblocks.errors import PipelineError
+    from stepblocks.pipeline.perceive import write_equally_felt
+
+    if len(files) != 1 or output is None:
+        raise PipelineError("--equally-felt needs one stimulus file and -o NEW.toml")
+    heights, spacing = write_equally_felt(files[0], count, output)
+    print(f"{output}: {', '.join(f'{height * 1e6:.2f}' for height in heights)} um")
+    print(f"neighbours are {spacing:.1f} just noticeable differences apart")
+    return 0
 
 
 def _predict_table(files: list[Path], output: Path | None, model: Path | None) -> int:
@@ -101,6 +122,15 @@ def _predict_sets(arguments: argparse.Namespace) -> int:
         predictions = [prediction for stimuli in sets for prediction in predict_set_in_time(stimuli, speed)]
     else:
         predictions = [prediction for stimuli in sets for prediction in predict_set(stimuli)]
+    if arguments.perception:
+        import pandas as pd
+
+        from stepblocks.pipeline.columns import write_table
+        from stepblocks.pipeline.perceive import neighbours
+
+        tables = [neighbours(s, [p for p in predictions if p.set_name == s.name]) for s in sets]
+        write_table(pd.concat(tables, ignore_index=True), arguments.perception)
+        print(f"{arguments.perception}: {sum(map(len, tables))} pairs of neighbours")
     if arguments.plots:
         from stepblocks.pipeline.predict_plots import write_plots
 

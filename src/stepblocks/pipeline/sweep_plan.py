@@ -51,6 +51,7 @@ def parameters_of(surface: str) -> dict[str, tuple[str, float | None]]:
 
 
 _MOST_ROWS = 10**10
+_MOST_ROWS_OF_PARTITION = 1_000_000  # a worker holds one partition in memory
 _MOST_VALUES = 10_000
 _LARGEST_FILE = 1_000_000  # bytes
 
@@ -197,7 +198,7 @@ def _resolved(data: dict[str, Any], folder: Path) -> SweepPlan:
         raise PipelineError(f"seed must be a whole number of 0 or more, got {seed!r} [sweep]")
     if points * count > _MOST_ROWS:
         raise PipelineError(f"sweep has {points * count} rows and must not have more than {_MOST_ROWS}")
-    size = _count("rows_per_partition", head.get("rows_per_partition", 1000), "sweep")
+    size = _count("rows_per_partition", head.get("rows_per_partition", 1000), "sweep", _MOST_ROWS_OF_PARTITION)
     return SweepPlan(kind, mode, surface, points, count, seed, size, values, ranges, spreads, shares, stimuli)
 
 
