@@ -104,9 +104,52 @@ def write_nid(path, dim2_range=None):
     path.write_bytes(text.encode("latin-1") + b"#!" + COUNTS.astype("<i2").tobytes())
 
 
+def write_opdx(path, scale=0.2, unit="nm", map_=False):
+    # as SurfaceTopography and Gwyddion's dektakvca.c read it: items of name, type, length, content; containers end in 0x7F
+    def text(string):
+        return struct.pack("<I", len(string.encode())) + string.encode()
+
+    def sized(raw):
+        return b"\x04" + struct.pack("<I", len(raw)) + raw
+
+    def item(name, kind, raw):
+        return text(name) + bytes([kind]) + raw
+
+    def quantity(value, symbol):
+        return sized(struct.pack("<d", value) + text("unit") + text(symbol))
+
+    def container(name, *items):
+        return item(name, 0x7D, sized(b"".join(items) + text("") + b"\x7f\xff\xff"))
+
+    def string(name, value):
+        return item(name, 0x12, sized(value.encode()))
+
+    names = sized(text("Raw"))
+    if map_:
+        matrix = COUNTS.astype("<f4").tobytes()
+        body = container("2D_Data", container(
+            "Raw", string("DataKind", "Height"), item("Dimension1Points", 0x07, struct.pack("<I", 3)),
+            item("Dimension2Points", 0x07, struct.pack("<I", 4)), item("Dimension1Extent", 0x13, quantity(4.0, "µm")),
+            item("Dimension2Extent", 0x13, quantity(3.0, "µm")), item("DataScale", 0x13, quantity(scale, unit)),
+            item("Matrix", 0x00, text("") + struct.pack("<I", 0) + text("") + sized(struct.pack("<II", 3, 4) + matrix)),
+        ))  # fmt: skip
+    else:
+        row = COUNTS.ravel().astype("<f8").tobytes()
+        body = container("1D_Data", container(
+            "Raw", string("DataKind", "Height"), item("NumPoints", 0x07, struct.pack("<I", 12)),
+            item("Extent", 0x13, quantity(11.0, "µm")), item("DataScale", 0x13, quantity(scale, unit)),
+            item("Array", 0x40, text("") + sized(b"\0" * 5 + row)),
+        ))  # fmt: skip
+    kind, channels = ("Surface Height", "2D_Channels") if map_ else ("Surface Profile", "1D_Channels")
+    listed = container(channels, item("Height", 0x42, text("") + names))
+    meta = container("MetaData", string("DataKind", kind), listed)
+    path.write_bytes(b"VCA DATA\x01\x00\x00\x55" + meta + body + text("") + b"\x7f\xff\xff")
+
+
 WRITERS = {
     "a.sdf": write_sdf, "b.sdf": write_binary_sdf, "c.sur": write_sur, "d.x3p": write_x3p, "e.plux": write_plux,
     "f.gwy": write_gwy, "g.nid": write_nid,
+    "h.opdx": lambda path: write_opdx(path, map_=True),
 }  # fmt: skip
 
 
@@ -129,6 +172,36 @@ def test_the_confined_process_gives_the_same_map_and_says_what_was_checked(tmp_p
     assert isinstance(scan, HeightMap)
     np.testing.assert_allclose(scan.height - scan.height[0, 0], (COUNTS - COUNTS[0, 0]) * COUNT, rtol=1e-9)
     assert "Zscale of the header: 2e-10 m per count, checked" in scan.scale
+
+
+def test_an_opdx_profile_reads_with_the_scale_that_its_own_header_states(tmp_path):
+    path = tmp_path / "dektak.opdx"
+    write_opdx(path)
+    scan = read_scan(path)
+    assert isinstance(scan, Profile)
+    np.testing.assert_allclose(scan.height, COUNTS.ravel() * COUNT, rtol=1e-12)
+    assert scan.spacing == pytest.approx(1e-6, rel=1e-9)
+    assert "DataScale of the channel: 2e-10 m, checked" in scan.scale
+    assert scan.count is None  # floating numbers have no steps
+    write_opdx(path, unit="furlong")
+    with pytest.raises(MetrologyError):
+        read_scan(path)
+
+
+def test_the_unit_of_floating_formats_is_read_a_second_time_from_the_file_itself(tmp_path):
+    write_opdx(tmp_path / "a.opdx")
+    write_gwy(tmp_path / "b.gwy")
+    for name, one in (("a.opdx", 2e-10), ("b.gwy", 1.0)):
+        scale = stated_height_scale(tmp_path / name)
+        assert (scale.count, scale.integral) == (pytest.approx(one), False)
+        assert "checked" in check_height_scale(COUNTS * COUNT, scale, name, one)
+        with pytest.raises(MetrologyError, match="per count"):
+            check_height_scale(COUNTS * COUNT, scale, name, 8.0 * one)
+    assert "si_unit_z 'm'" in read_scan(tmp_path / "b.gwy").scale
+    raw = (tmp_path / "b.gwy").read_bytes()
+    (tmp_path / "c.gwy").write_bytes(raw.replace(b"unitstr\0sm\0", b"unitstr\0sV\0"))
+    with pytest.raises(MetrologyError):
+        read_scan(tmp_path / "c.gwy")
 
 
 @pytest.mark.parametrize("name", ["a.sdf", "b.sdf", "c.sur", "g.nid"])
@@ -289,7 +362,7 @@ def test_fuzz_any_text_is_a_scan_or_one_line(raw, tmp_path):
 
 
 @settings(max_examples=300, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
-@given(name=st.sampled_from(["a.sdf", "b.sdf", "c.sur", "g.nid"]), seed=st.integers(0, 2**32 - 1))
+@given(name=st.sampled_from(["a.sdf", "b.sdf", "c.sur", "g.nid", "f.gwy", "h.opdx"]), seed=st.integers(0, 2**32 - 1))
 def test_fuzz_any_header_states_a_scale_or_is_refused_in_one_line(name, seed, tmp_path):
     path = tmp_path / name
     WRITERS[name](path)

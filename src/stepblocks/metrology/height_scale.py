@@ -1,7 +1,8 @@
 """The height scale of a scan, checked against what the file's own header says, read by us and not by its reader.
 
 Readers of instrument files disagree by factors. Formats that store counts state how long a count is and how far the
-range goes; heights that are no multiples of it, or lie outside the range, are refused.
+range goes; heights that are no multiples of it, or lie outside the range, are refused. Formats that store floating numbers
+state the unit of one; a reader that took another is refused.
 """
 
 from __future__ import annotations
@@ -26,21 +27,24 @@ class HeightScale:
     Attributes
     ----------
     count : float
-        Height of one count [m].
+        Height of one count, or of the stored number 1 [m].
     lowest, highest : float
         Range of heights that can occur [m].
     field : str
         Where the header says so.
+    integral : bool
+        Whether counts are stored, so that heights come in steps of one.
     """
 
     count: float
     lowest: float
     highest: float
     field: str
+    integral: bool = True
 
 
 def stated_height_scale(path: Path) -> HeightScale | None:
-    """Read the height scale from the header of a NID, SUR or SDF file; None for a format without counts.
+    """Read the height scale from the header of a NID, SUR, SDF, OPDX or GWY file; None for another format.
 
     Parameters
     ----------
@@ -57,11 +61,14 @@ def stated_height_scale(path: Path) -> HeightScale | None:
     MetrologyError
         If the header states a scale that cannot be: zero, not finite, not a length.
     """
-    reader = {".nid": _nid, ".sur": _sur, ".sdf": _sdf}.get(path.suffix.lower())
+    reader = {".nid": _nid, ".sur": _sur, ".sdf": _sdf, ".opdx": _opdx, ".gwy": _gwy}.get(path.suffix.lower())
     if reader is None:
         return None
     with path.open("rb") as file:
         head = file.read(65536)
+        if path.suffix.lower() == ".gwy":  # units may stand behind the data
+            file.seek(max(path.stat().st_size - 65536, 65536))
+            head += file.read(65536)
     try:
         scale = reader(head)
     except (struct.error, KeyError, ValueError, IndexError) as error:
@@ -97,6 +104,10 @@ def check_height_scale(height: NDArray[np.float64], scale: HeightScale, place: s
     """
     if used is not None and abs(abs(used) / scale.count - 1.0) > 1e-6:
         raise MetrologyError(f"reader must use {scale.count:g} m per count ({scale.field}), got {used:g} m [{place}]")
+    if not scale.integral:
+        if used is None:
+            raise MetrologyError(f"reader must say what it took for {scale.field}, got nothing [{place}]")
+        return f"{scale.field}: {scale.count:.6g} m, checked"
     finite = height[np.isfinite(height)]
     slack = 2.0 * scale.count
     if finite.min() < scale.lowest - slack or finite.max() > scale.highest + slack:
@@ -150,3 +161,32 @@ def _sdf(head: bytes) -> HeightScale | None:
     if kind in (3, 7):
         return None
     return HeightScale(float(count), -(2**32) * count, 2**32 * count, "Zscale of the header")
+
+
+def _opdx(head: bytes) -> HeightScale | None:
+    """Dektak: the quantity DataScale of a channel, value as float64, then name and symbol of its unit, each with its length."""
+    mark = struct.pack("<I", 9) + b"DataScale\x13"
+    at = head.find(mark)
+    if at < 0:
+        raise ValueError("no DataScale")
+    at += len(mark)
+    at += 1 + head[at]  # length of the item, in as many bytes as its first says
+    (value,) = struct.unpack_from("<d", head, at)
+    at += 8
+    texts = []
+    for _ in range(2):
+        (size,) = struct.unpack_from("<I", head, at)
+        texts.append(head[at + 4 : at + 4 + min(size, 64)].decode("utf-8"))
+        at += 4 + size
+    per_metre = LENGTH_UNITS[texts[1].strip()]
+    return HeightScale(float(value) / per_metre, -np.inf, np.inf, "DataScale of the channel", integral=False)
+
+
+def _gwy(head: bytes) -> HeightScale | None:
+    """Gwyddion: heights are float64 in the unit that the object si_unit_z spells out; an empty one is none."""
+    at = head.find(b"si_unit_z\0o")
+    text = head.find(b"unitstr\0s", at)
+    if at < 0 or text < 0:
+        raise ValueError("no si_unit_z")
+    unit = head[text + 9 : text + 41].split(b"\0")[0].decode("utf-8").strip()
+    return HeightScale(1.0 / LENGTH_UNITS[unit], -np.inf, np.inf, f"si_unit_z {unit!r}", integral=False)

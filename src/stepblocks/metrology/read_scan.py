@@ -53,5 +53,7 @@ def read_scan(path: str | Path, unit: str | None = None) -> Profile | HeightMap:
     scan = read_foreign(path)
     stated = stated_height_scale(path)
     if stated is None:
-        return scan
-    return replace(scan, scale=f"{scan.scale}; {check_height_scale(scan.height, stated, path.name, scan.count)}")
+        return replace(scan, count=None)
+    checked = check_height_scale(scan.height, stated, path.name, scan.count)
+    # a stored floating number has no steps, so its unit is no resolution
+    return replace(scan, scale=f"{scan.scale}; {checked}", count=scan.count if stated.integral else None)

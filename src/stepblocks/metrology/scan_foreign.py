@@ -139,8 +139,8 @@ def _load_by_surfacetopography(path: Path) -> dict[str, Any]:
     per_metre = LENGTH_UNITS[unit]
     raw = np.ma.filled(np.ma.masked_invalid(surface.heights()).astype(np.float64), np.nan) / per_metre
     content: dict[str, Any] = {"height": raw, "scale": f"channel {channel.name!r} in {unit}"}
-    if channel.height_scale_factor is not None:
-        content["count"] = abs(float(channel.height_scale_factor)) / per_metre
+    factor = 1.0 if channel.height_scale_factor is None else abs(float(channel.height_scale_factor))
+    content["count"] = factor / per_metre  # metres per stored number
     if surface.dim == 1:
         return content | {"position": np.asarray(surface.positions(), dtype=np.float64) / per_metre}
     size_x, size_y = (float(size) / per_metre for size in surface.physical_sizes)

@@ -201,11 +201,19 @@ def _margin_detail(sheet: Sheet, margin: MarginBlock, numbered: Numbered) -> Non
     if one.nominal > 0.0:
         sheet.dimension(number, one, (cx - 30.0, cz), (cx + 62.0, at(0.0, h)[1]), (cx - 40.0, cz), s, 90.0)
     top = max(cz, at(0.0, h)[1])
+    v = margin.opening.nominal
+    if "vertical_discrepancy" in numbered and numbered["vertical_discrepancy"][1].kind == "distance":
+        number, one = numbered["vertical_discrepancy"]
+        ends = sorted([(cx, cz), at(v, h)])
+        sheet.dimension(number, one, ends[0], ends[1], (cx, top + 8.0), s)
+        beyond = ends[1][0] + 42.0  # clear of the text, which stands beside a narrow dimension
+    else:
+        beyond = max(cx + 18.0, at(g, h)[0] + 8.0)
     sheet.datum((cx - 54.0, cz), "A")
     for key, kind, place, face, datum in (
         ("flatness_lower", "flatness", (cx - 58.0, cz - 28.0), (cx - 44.0, cz), ""),
-        ("flatness_upper", "flatness", (cx + 22.0, top + 16.0), (cx + 18.0, at(0.0, h)[1]), ""),
-        ("parallelism", "parallelism", (cx + 22.0, top + 22.0), (cx + 18.0, at(0.0, h)[1]), "A"),
+        ("flatness_upper", "flatness", (beyond + 4.0, top + 18.0), (beyond, at(0.0, h)[1]), ""),
+        ("parallelism", "parallelism", (beyond + 4.0, top + 24.0), (beyond, at(0.0, h)[1]), "A"),
     ):
         number, one = numbered[key]
         start = sheet.frame(place, kind, one.upper, number, datum)

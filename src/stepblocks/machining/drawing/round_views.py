@@ -143,14 +143,16 @@ def crown_views(sheet: Sheet, margin: CrownOnTooth, numbered: Numbered) -> list[
         sheet.dimension(number, one, at(-R, -root), at(0.0, top), (left - 6.0, cy), s, 90.0)
     number, one = numbered["shell_thickness"]
     ceiling = top + margin.internal_gap.nominal
-    right = at(1.05 * outer, 0.0)[0] + 44.0  # beyond the text of the diameter above
+    right = at(1.05 * outer, 0.0)[0] + 54.0  # beyond the text of the diameter above
     sheet.dimension(number, one, at(0.3 * R, ceiling), at(0.3 * R, roof), (right, cy), s, 90.0)
     sheet.text((cx, base - 22.0), f"section {s:g}:1, seated", 2.5, "BOTTOM_CENTER")
-    _crown_margin(sheet, margin, tooth, crown)
+    _crown_margin(sheet, margin, numbered, tooth, crown)
     return ["Marginal gap, internal gap and discrepancies hold with the crown seated on its tooth."]
 
 
-def _crown_margin(sheet: Sheet, margin: CrownOnTooth, tooth: list[Point], crown: list[Point]) -> None:
+def _crown_margin(
+    sheet: Sheet, margin: CrownOnTooth, numbered: Numbered, tooth: list[Point], crown: list[Point]
+) -> None:
     cx, cy = 300.0, 205.0
     R = margin.margin_radius.nominal
     reach = 4.0 * max(margin.marginal_gap.nominal, abs(margin.horizontal_discrepancy.nominal), 50e-6)
@@ -164,5 +166,13 @@ def _crown_margin(sheet: Sheet, margin: CrownOnTooth, tooth: list[Point], crown:
         for part in getattr(piece, "geoms", [piece]):
             if part.geom_type == "LineString":
                 sheet.polyline([(cx + (r - R) * 1e3 * s, cy + z * 1e3 * s) for r, z in part.coords])
+    number, one = numbered["vertical_discrepancy" if "vertical_discrepancy" in numbered else "marginal_gap"]
+    outer = margin.horizontal_discrepancy.nominal * 1e3 * s
+    if one.kind == "distance":
+        # from the cavosurface angle of the tooth to the margin of the crown
+        margin_of_crown = (cx + outer, cy + one.nominal * 1e3 * s)
+        sheet.dimension(number, one, (cx, cy), margin_of_crown, (cx + max(outer, 0.0) + 14.0, cy), s, 90.0)
+    sheet.text((cx - half + 3.0, cy - half + 4.0), "tooth", 2.5)
+    sheet.text((cx - half + 3.0, cy + half - 7.0), "crown", 2.5)
     sheet.rectangle((cx - half, cy - half), (cx + half, cy + half), "DIMENSION")
     sheet.text((cx, cy - half - 7.0), f"A   margin {s:g}:1", 2.5, "BOTTOM_CENTER")
