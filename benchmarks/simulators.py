@@ -59,8 +59,7 @@ def row(folder: Path, surface: object, condition: Condition, arguments: argparse
     event = scene.events[0]
     formula = event.critical_force if event.status == "releases" else None
     cells = [f"{formula:.4f}" if formula else event.status.value]
-    for run in COLUMNS.values():
-        cells.append(cell(run(folder, scene, arguments), formula))
+    cells += [cell(run(folder, scene, arguments), formula) for run in COLUMNS.values()]
     print(f"| {surface.id} | " + " | ".join(cells) + " | not run here |", flush=True)
 
 

@@ -1,4 +1,4 @@
-"""Drag the tip of an exported USD scene in Newton and print the peak force: python newton_drag.py FOLDER [--warp] (needs newton[importers,sim])."""
+"""Peak force of an exported USD scene in Newton: python newton_drag.py FOLDER [--warp] (needs newton[importers,sim])."""
 
 from __future__ import annotations
 

@@ -1,5 +1,6 @@
 """``stepblocks export`` writes folders that stand alone, and refuses in one line."""
 
+import csv
 import json
 import math
 import os
@@ -12,6 +13,7 @@ import pytest
 
 from stepblocks.cli import main
 from stepblocks.cli.export import _SIMULATORS
+from stepblocks.contact.state import CHANNELS
 from stepblocks.haptics.scenes.registry import SCENE_FORMATS
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -132,3 +134,80 @@ def test_wrong_input_is_one_line(extra, message, tmp_path, capsys):
     assert message in error
     assert error.count("\n") == 1
     assert not list(tmp_path.iterdir())
+
+
+@pytest.fixture(scope="module")
+def taught(tmp_path_factory):
+    """A model as `stepblocks loop` writes it: friction 0.2, an edge of 14 um, a spring 2 % stiffer, C_v 0.25, 280.4 Hz, 20 ms."""
+
+    def part(names, values, effects):
+        return {"names": names, "units": [""] * len(names), "values": values, "effects": effects,
+                "covariance": np.diag([1e-6] * len(names)).tolist()}  # fmt: skip
+
+    names = ["friction", "ln_conversion", "stiffness_ratio", "ln_ring_frequency", "ln_decay_time"]
+    values = [0.2, math.log(0.25), 1.02, math.log(280.4), math.log(0.02)]
+    edge = [
+        {"id": "edge_rounding", "slot": "contact_geometry", "covariate": "none", "form": "a = arccos(1 - H / (R + r))"}
+    ]
+    ranges = [("height_um", 10.0, 100.0), ("load_n", 0.2, 1.2), ("speed_mm_s", 1.0, 10.0)]
+    document = {
+        "format": "stepblocks-model-1", "verdict": "effect",
+        "probe": {"spring_constant_n_per_m": 9.81e3, "tip_radius_um": 125.0},
+        "start": {"ring_frequency_hz": 300.0, "decay_time_s": 0.02},
+        "block_height_std_m": 1e-6, "scanned_height_m": {}, "blocks": ["step-025"],
+        "covariates": [{"name": n, "low": low, "high": high, "log": False, "labels": [], "distinct": 5} for n, low, high in ranges],
+        "scatter": {"quantities": ["friction", "ln_load", "ln_conversion"], "quantity_std": [0.0, 0.0, 0.0],
+                    "channels": list(CHANNELS), "channel_std": [0.02] * len(CHANNELS)},
+        "nominal": part(names, values, []),
+        "extended": part([*names, "edge_rounding.edge_radius_m"], [*values, 14e-6], edge),
+    }  # fmt: skip
+    path = tmp_path_factory.mktemp("model") / "model.json"
+    path.write_text(json.dumps(document))
+    return path
+
+
+def learnt(height=50e-6, load=1.0):
+    """Equation (1) with what the model above holds, and equation (2) with R + r."""
+    force = load * math.tan(math.acos(1 - height / 139e-6) + math.atan(0.2))
+    return force, 0.25 * 0.5 * force**2 / (1.02 * 9.81e3)
+
+
+def test_an_export_uses_what_a_session_taught(taught, tmp_path):
+    arguments = ["export", SET, "--for", "forcelaw", "-o", str(tmp_path), "--only", "step-050", "--load", "1 N"]
+    assert main([*arguments, "--model", str(taught)]) == 0
+    folder = tmp_path / "paper-ten" / "step-050" / "forcelaw"
+    scene = json.loads((folder / "event.json").read_text())
+    event, (force, energy) = scene["events"][0], learnt()
+    assert scene["friction"] == pytest.approx(0.2)
+    assert event["critical_force_n"] == pytest.approx(force, rel=1e-6)  # the edge of 14 um is in the geometry
+    assert event["energy_j"] == pytest.approx(energy, rel=1e-6)
+    assert (event["frequency_hz"], event["decay_s"]) == pytest.approx((280.4, 0.02))
+    learned = event["learned"]
+    assert learned["status"] == "ok"
+    assert learned["peak_force_low_n"] < learned["peak_force_n"] < learned["peak_force_high_n"]
+    words = subprocess.run(
+        [sys.executable, "-I", str(folder / "force_law.py")], capture_output=True, text=True, check=True
+    )
+    assert float(words.stdout.split()[1]) == pytest.approx(force, rel=5e-3)
+
+
+def test_a_build_predicts_with_what_a_session_taught(taught, tmp_path):
+    tips = str(ROOT / "stimuli" / "probe-tips.toml")
+    arguments = ["build", tips, "-o", str(tmp_path), "--only", "tip-125", "--quiet", "--jobs", "1"]
+    assert main([*arguments, "--model", str(taught)]) == 0
+    with (tmp_path / "probe-tips" / "predictions.csv").open() as stream:
+        rows = [row for row in csv.DictReader(stream) if row["stimulus"] == "tip-125" and row["step_height_um"] == "50"]
+    assert {row["friction"] for row in rows} == {"0.2"}
+    for row in rows:
+        force, energy = learnt(load=float(row["normal_load_n"]))
+        assert float(row["learned_pull_force_n"]) == pytest.approx(force, rel=1e-4)
+        assert float(row["learned_vibration_energy_uj"]) == pytest.approx(energy * 1e6, rel=1e-4)
+        assert float(row["pull_force_n"]) > force  # equation (1) alone knows no rounded edge
+        assert row["learned_status"] == "ok"
+
+
+def test_a_model_that_is_none_is_refused(tmp_path, capsys):
+    (tmp_path / "model.json").write_text("{}")
+    arguments = ["export", SET, "--for", "x3d", "-o", str(tmp_path / "out"), "--model", str(tmp_path / "model.json")]
+    assert main(arguments) == 2
+    assert "model must have the format" in capsys.readouterr().err

@@ -35,6 +35,9 @@ def add_to(commands: Any) -> None:
     )
     parser.add_argument("--only", metavar="PATTERN", help="only these stimuli, such as 'step-0?0' or 'paper-ten/*'")
     parser.add_argument("--jobs", type=_jobs, metavar="N", help="number of processes (default: all cores)")
+    parser.add_argument(
+        "--model", type=Path, metavar="JSON", help="model.json of stepblocks loop: predict with what a session taught"
+    )
     parser.add_argument("--quiet", action="store_true", help="say nothing but failures")
     parser.add_argument("--json", action="store_true", help="print the report as JSON")
     parser.set_defaults(run=_run)
@@ -54,8 +57,9 @@ def _run(arguments: argparse.Namespace) -> int:
     progress = _Progress(silent)
     try:
         report = build(
-            stimulus_files(arguments.files), arguments.output, arguments.only, arguments.jobs, progress.announce
-        )
+            stimulus_files(arguments.files), arguments.output, arguments.only, arguments.jobs, progress.announce,
+            arguments.model,
+        )  # fmt: skip
     finally:
         progress.close()
     if arguments.json:

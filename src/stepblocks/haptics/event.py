@@ -276,7 +276,7 @@ def as_record(event: VibrationEvent, scale: float = 1.0) -> dict[str, Any]:
     def known(value: float) -> float | None:
         return value if math.isfinite(value) else None
 
-    record = {
+    record: dict[str, Any] = {
         "stimulus": event.stimulus,
         "drag": event.drag,
         "status": event.status.value,

@@ -67,15 +67,14 @@ def relief(
     opening = max(breakpoints(stimulus)) if not isinstance(stimulus, StepBlock) else 0.0
     spacing = opening / math.ceil(opening / SPACING) if opening > 0.0 else SPACING
     count = math.ceil(max(0.4e-3, 4.0 * ball_radius) / spacing)
-    x = np.arange(-count, count + 1) * spacing
+    x = np.asarray(np.arange(-count, count + 1) * spacing, dtype=np.float64)
     for corner in breakpoints(stimulus):  # on an edge in every bit, or rounding makes a gap wider
-        x = np.where(np.abs(x - corner) < 1e-6 * spacing, corner, x)
+        x[np.abs(x - corner) < 1e-6 * spacing] = corner
     profile: NDArray[np.float64] = surface_height(stimulus, x)
     if not isinstance(stimulus, CrownOnTooth):
-        y = np.array([-1.0, 0.0, 1.0]) * 2.0 * ball_radius
-        return Relief(np.tile(profile, (3, 1)), x, y)
+        return Relief(np.tile(profile, (3, 1)), x, np.array([-2.0 * ball_radius, 0.0, 2.0 * ball_radius]))
     rows = math.ceil((20e-6 if half_width is None else half_width) / 5e-6)
-    y = np.arange(-rows, rows + 1) * 5e-6
+    y = np.asarray(np.arange(-rows, rows + 1) * 5e-6, dtype=np.float64)
     radius = stimulus.margin_radius.nominal
     return Relief(np.sqrt((radius + profile) ** 2 - y[:, None] ** 2) - radius, x, y)
 

@@ -93,9 +93,9 @@ def check_hjif(document: Any, place: str) -> None:
 
 def _check_channel(channel: dict[str, Any], place: str) -> None:
     if "direction" in channel:
-        parts = [channel["direction"].get(axis) for axis in "XYZ"] if isinstance(channel["direction"], dict) else []
-        whole = len(parts) == 3 and all(type(part) is int for part in parts)
-        good = whole and abs(math.hypot(*parts) / _UNIT - 1.0) <= 0.01
+        direction = channel["direction"] if isinstance(channel["direction"], dict) else {}
+        parts = [part for axis in "XYZ" if type(part := direction.get(axis)) is int]
+        good = len(parts) == 3 and abs(math.hypot(*parts) / _UNIT - 1.0) <= 0.01
         _require(good, f"direction must be a unit vector in whole {_UNIT}ths", channel["direction"], place)
     bands = channel["bands"]
     _require(len(bands) <= _MOST_BANDS, f"bands must be at most {_MOST_BANDS} at level 1", len(bands), place)

@@ -10,6 +10,7 @@ import json
 import os
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -27,6 +28,7 @@ from stepblocks.pipeline.manifest import (
 
 if TYPE_CHECKING:
     from stepblocks.pipeline.make import Made
+    from stepblocks.pipeline.model_file import LearnedModel
     from stepblocks.stimulus.set import Stimulus, StimulusSet
 
 __all__ = ["BuildReport", "build", "matches", "stimulus_files"]
@@ -95,6 +97,7 @@ def build(
     only: str | None = None,
     jobs: int | None = None,
     announce: Callable[[Made, int, int], None] | None = None,
+    model: Path | None = None,
 ) -> BuildReport:
     """Build every stimulus that is not up to date, then the tables and the page.
 
@@ -110,6 +113,8 @@ def build(
         Number of processes; all cores where omitted.
     announce : callable, optional
         Called with each stimulus made, its number and how many there are.
+    model : Path, optional
+        model.json of a measured session; the predictions are then made with what it taught.
 
     Returns
     -------
@@ -121,12 +126,12 @@ def build(
     StepblocksError
         If a file is malformed or the output folder cannot be used; nothing is written before all files are valid.
     """
-    inputs = {path.name: hash_file(path) for path in files}
+    inputs = {path.name: hash_file(path) for path in files} | ({"--model": hash_file(model)} if model else {})
     code = code_fingerprint()
     manifest = load_json(output / MANIFEST)
     if only is None and _is_current(manifest, inputs, code, output):
         return BuildReport(str(output), [], manifest["stimuli"], list(manifest["failures"]))
-    return _build(files, output, only, jobs, announce, inputs, code)
+    return _build(files, output, only, jobs, announce, inputs, code, model)
 
 
 def _is_current(manifest: Mapping[str, Any], inputs: Mapping[str, str], code: str, output: Path) -> bool:
@@ -143,11 +148,13 @@ def _build(
     announce: Callable[[Made, int, int], None] | None,
     inputs: Mapping[str, str],
     code: str,
+    model: Path | None,
 ) -> BuildReport:
     from stepblocks.pipeline.declared import load_declared
     from stepblocks.pipeline.make import build_key
 
     sets = [load_declared(path) for path in files]
+    learned = _read(model)
     _require_folder(output)
     report = BuildReport(str(output))
     wanted: list[tuple[str, Stimulus, str]] = []
@@ -168,8 +175,16 @@ def _build(
         report.built.append(made.name)
         if announce:
             announce(made, number, len(wanted))
-    _finish(sets, output, inputs if only is None else {}, code, report)
+    _finish(sets, output, inputs if only is None else {}, code, report, learned)
     return report
+
+
+def _read(model: Path | None) -> LearnedModel | None:
+    if model is None:
+        return None
+    from stepblocks.pipeline.model_file import read_model
+
+    return read_model(model)
 
 
 def matches(only: str, set_name: str, identity: str) -> bool:
@@ -241,7 +256,12 @@ def _make_all(wanted: Sequence[tuple[str, Stimulus, str]], output: Path, jobs: i
 
 
 def _finish(
-    sets: Sequence[StimulusSet], output: Path, inputs: Mapping[str, str], code: str, report: BuildReport
+    sets: Sequence[StimulusSet],
+    output: Path,
+    inputs: Mapping[str, str],
+    code: str,
+    report: BuildReport,
+    learned: LearnedModel | None,
 ) -> None:
     """Write tables, page and manifest from the records; remove what an earlier build left and nobody changed."""
     from stepblocks.pipeline.page import write_page
@@ -249,11 +269,15 @@ def _finish(
     from stepblocks.pipeline.sheaths import write_sheath_files
 
     outputs: dict[str, str] = {}
-    total = 0
+    total, more = 0, None
+    if learned is not None:
+        from stepblocks.pipeline.learned import learned_columns, taught_set
+
+        sets, more = [taught_set(stimuli, learned) for stimuli in sets], partial(learned_columns, learned=learned)
     for stimuli in sets:
         folder = output / stimuli.name
         folder.mkdir(exist_ok=True)
-        replace_text(folder / "predictions.csv", as_csv(predict_set(stimuli)))
+        replace_text(folder / "predictions.csv", as_csv(predict_set(stimuli), more))
         for path in (folder / "predictions.csv", *write_sheath_files(stimuli, folder)):
             outputs[f"{stimuli.name}/{path.name}"] = hash_file(path)
         for stimulus in stimuli.stimuli:

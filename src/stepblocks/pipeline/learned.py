@@ -19,8 +19,10 @@ if TYPE_CHECKING:
     from stepblocks.haptics.condition import Condition
     from stepblocks.haptics.event import VibrationEvent
     from stepblocks.haptics.renderer.path import Surface
+    from stepblocks.pipeline.predict import Prediction
+    from stepblocks.stimulus.set import StimulusSet
 
-__all__ = ["LearnedDrag", "learned_drag", "teach"]
+__all__ = ["LearnedDrag", "learned_columns", "learned_drag", "taught_set", "teach"]
 
 Interval = tuple[float, float, float]
 
@@ -93,6 +95,60 @@ def learned_drag(
         float(state.conversion[0]), float(state.stiffness[0]), math.exp(shown["ln_ring_frequency"]),
         math.exp(shown["ln_decay_time"]), max(float(state.radius[0]) - ball_radius, 0.0),
     )  # fmt: skip
+
+
+def taught_set(stimuli: StimulusSet, learned: LearnedModel) -> StimulusSet:
+    """Predict a set with the constants of a session: its friction, spring and conversion instead of the file's.
+
+    Parameters
+    ----------
+    stimuli : StimulusSet
+        As read from its file.
+    learned : LearnedModel
+        From model.json.
+
+    Returns
+    -------
+    StimulusSet
+        With one coefficient of friction.
+    """
+    values, grid = learned.extended.values, stimuli.prediction
+    tool = grid.tool.model_copy(update={
+        "stiffness": learned.model.spring_constant * values["stiffness_ratio"], "conversion": math.exp(values["ln_conversion"]),
+    })  # fmt: skip
+    return stimuli.model_copy(
+        update={"prediction": grid.model_copy(update={"frictions": (values["friction"],), "tool": tool})}
+    )
+
+
+def learned_columns(prediction: Prediction, learned: LearnedModel, speed: float = 5e-3) -> dict[str, str]:
+    """Say beside a prediction what the extended model, effects and all, predicts.
+
+    Parameters
+    ----------
+    prediction : Prediction
+        Equation (1) with the learned constants.
+    learned : LearnedModel
+        From model.json.
+    speed : float
+        Speed of the handle [m/s].
+
+    Returns
+    -------
+    dict of str
+        Columns for predictions.csv; empty where the probe does not release.
+    """
+    names = [f"learned_{what}{end}_{unit}" for what, unit in (("pull_force", "n"), ("vibration_energy", "uj"))
+             for end in ("", "_low", "_high")]  # fmt: skip
+    if prediction.release.status is not Status.RELEASES:
+        return {"learned_status": "", **dict.fromkeys(names, "")}
+    # an edge that is no plain step counts as the step of the same critical angle
+    plain = prediction.drag == "up"
+    height = prediction.step_height if plain else prediction.tip_radius * (1.0 - math.cos(prediction.release.angle))
+    found = learned_drag(learned, prediction.stimulus, height, prediction.normal_load, prediction.tip_radius, speed)
+    values = [*found.peak_force, *(1e6 * energy for energy in found.energy)]
+    texts = ["" if math.isnan(value) else f"{value:.6g}" for value in values]
+    return {"learned_status": found.status, **dict(zip(names, texts, strict=True))}
 
 
 def teach(

@@ -253,21 +253,24 @@ def as_row(prediction: Prediction) -> dict[str, str]:
     }
 
 
-def as_csv(predictions: Iterator[Prediction]) -> str:
+def as_csv(predictions: Iterator[Prediction], more: Callable[[Prediction], dict[str, str]] | None = None) -> str:
     """Write predictions as CSV.
 
     Parameters
     ----------
     predictions : iterator of Prediction
         What to write.
+    more : callable, optional
+        Further columns of each row, the same for all.
 
     Returns
     -------
     str
         The table with a header.
     """
+    rows = [as_row(prediction) | (more(prediction) if more else {}) for prediction in predictions]
     text = io.StringIO()
-    writer = csv.DictWriter(text, COLUMNS, lineterminator="\n")
+    writer = csv.DictWriter(text, rows[0] if rows else COLUMNS, lineterminator="\n")
     writer.writeheader()
-    writer.writerows(as_row(prediction) for prediction in predictions)
+    writer.writerows(rows)
     return text.getvalue()
