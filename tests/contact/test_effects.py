@@ -56,6 +56,7 @@ def _covariate(law: Law, state: DragState) -> object:
         "operator": np.array(["A", "B"] * (n // 2)),
         "block": _design().block,
         "peak_force_n": state.peak_force(),
+        "loading_time_s": state.loading_time(),
     }
     return columns.get(law.covariate)
 

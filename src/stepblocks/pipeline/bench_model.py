@@ -29,7 +29,7 @@ _ORDER = {LOADING_TIME: 0, PEAK_FORCE: 2}  # what gives way under load does so b
 # what the evaluation of traces may leave as an error common to many trials, one deviation per unit of covariate;
 # benchmarks of the features on synthetic traces show less
 _COMMON = {
-    "ln_energy": 0.015,
+    "ln_energy": 0.008,
     "ln_peak_force": 0.003,
     "sliding_friction": 0.001,
     "spring_constant": 0.006,
