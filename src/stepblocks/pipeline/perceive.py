@@ -20,7 +20,7 @@ from stepblocks.contact.perception import (
 from stepblocks.contact.uncertainty import Inputs
 from stepblocks.errors import PipelineError, StepblocksError
 from stepblocks.pipeline.declared import load_declared
-from stepblocks.pipeline.manifest import replace_text
+from stepblocks.beside import replace_text
 from stepblocks.pipeline.predict import Prediction
 from stepblocks.stimulus.set import StimulusSet
 from stepblocks.stimulus.tolerance import Dimension
