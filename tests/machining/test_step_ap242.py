@@ -184,6 +184,17 @@ def test_a_dimension_off_by_2_nm_is_caught(block, tmp_path):
     assert any("-2.000 nm" in line for line in findings)
 
 
+def test_a_face_swapped_for_one_that_is_not_parallel_is_caught(block, tmp_path):
+    def to_an_end(text):
+        step = re.search(r"DIMENSIONAL_LOCATION\('linear distance','step height',\s*(#\d+),\s*(#\d+)\)", text)
+        end = re.search(r"DIMENSIONAL_LOCATION\('linear distance','length',\s*(#\d+),\s*(#\d+)\)", text)
+        return text.replace(step[0], step[0].replace(step[2], end[2]), 1)
+
+    findings = falsified(block, tmp_path, to_an_end)
+    assert any("(step height): names planes" in line and "not parallel" in line for line in findings)
+    assert not check_step_text(tmp_path / "false.step").passes  # as anybody's file, too
+
+
 def test_a_falsified_sign_is_caught(block, tmp_path):
     findings = falsified(
         block, tmp_path, lambda text: text.replace("LENGTH_MEASURE(-1.E-03)", "LENGTH_MEASURE(1.E-03)", 1)

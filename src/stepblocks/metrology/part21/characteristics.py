@@ -128,6 +128,9 @@ def _dimension(
         geometry = measured_angle(first, second, value)
     else:
         geometry = measured_distance(first, second)
+    planes = bool(first and second) and all(one.kind == "PLANE" for one in [*first, *(second or [])])
+    if planes and second and geometry is None and not (problem or angular) and len(bodies) == 1:
+        problem = f"names planes {first[0].ref} and {second[0].ref} that are not parallel"
     faces = tuple(one.ref for one in [*first, *(second or [])])
     unit = nominal.unit.name if nominal is not None else "?"
     return Characteristic(ref, kind, name, value, lower, upper, unit, faces, geometry, (), angular, problem)

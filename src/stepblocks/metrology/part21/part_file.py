@@ -50,6 +50,8 @@ def check_part_step(path: Path, stimulus: Stimulus) -> tuple[StepReport, list[st
             findings.append(f"{one.label}: must stand in the file as {one.kind} of {said} {unit}")
         else:
             left.remove(found)
+            if found in report.dimensions and found.geometry is None and not found.problem:
+                findings.append(f"{found.ref} {one.label}: the faces that it names do not determine it")
     findings += [f"{item.ref} {item.kind} {item.value * 1e3:.9g} mm: was not asked for" for item in left]
     if isinstance(stimulus, StepBlock | MarginBlock):
         flat = {face for item in report.tolerances if item.kind == "flatness" for face in item.faces}
