@@ -9,6 +9,7 @@ from pathlib import Path
 
 import pandas as pd
 
+from stepblocks.beside import replace_text
 from stepblocks.contact.energy import Status
 from stepblocks.contact.perception import (
     PAPER_OBSERVER,
@@ -20,7 +21,6 @@ from stepblocks.contact.perception import (
 from stepblocks.contact.uncertainty import Inputs
 from stepblocks.errors import PipelineError, StepblocksError
 from stepblocks.pipeline.declared import load_declared
-from stepblocks.beside import replace_text
 from stepblocks.pipeline.predict import Prediction
 from stepblocks.stimulus.set import StimulusSet
 from stepblocks.stimulus.tolerance import Dimension
