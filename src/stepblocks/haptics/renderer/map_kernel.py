@@ -149,14 +149,12 @@ def _slide(
 def _room(x: Any, y: Any, clear: Any, grid: Any) -> Any:
     """How far the path is plane around a place, for certain."""
     rows, columns = clear.shape
-    column = min(max(int((x - grid[0]) / grid[2]), 0), columns - 1)
-    row = min(max(int((y - grid[1]) / grid[3]), 0), rows - 1)
-    # from the node at hand to the place, and from the last plane node to the bend
-    return (
-        clear[row, column] * grid[4]
-        - math.sqrt((x - grid[0] - column * grid[2]) ** 2 + (y - grid[1] - row * grid[3]) ** 2)
-        - grid[2]
-    )
+    inner_x = min(max(x, grid[0]), grid[0] + (columns - 1) * grid[2])
+    inner_y = min(max(y, grid[1]), grid[1] + (rows - 1) * grid[3])
+    beyond = math.sqrt((x - inner_x) ** 2 + (y - inner_y) ** 2)  # past its border a map goes on as it ends
+    column, row = int((inner_x - grid[0]) / grid[2]), int((inner_y - grid[1]) / grid[3])
+    off = math.sqrt((inner_x - grid[0] - column * grid[2]) ** 2 + (inner_y - grid[1] - row * grid[3]) ** 2)
+    return clear[row, column] * grid[4] + beyond - off - grid[2]  # from the last plane node to the bend
 
 
 @numba.njit(cache=True)  # type: ignore[untyped-decorator, unused-ignore]
