@@ -11,6 +11,7 @@ import pytest
 
 from stepblocks.closure.explain import Rules, explain
 from stepblocks.closure.explanation import Verdict
+from stepblocks.closure.identifiability import identifiability
 from stepblocks.closure.trials import Trials
 from stepblocks.errors import PipelineError
 from stepblocks.pipeline.bench_model import SessionModel, candidates, covariate_ranges
@@ -19,6 +20,7 @@ from stepblocks.pipeline.loop import analyse_features, write_loop
 from stepblocks.pipeline.model_file import read_model
 from stepblocks.pipeline.predict_model import predict_trials
 from stepblocks.pipeline.session_table import tip_radius_um, trials_of
+from stepblocks.stimulus.loader import load_set
 
 _SHARED = Path(os.environ.get("STEPBLOCKS_SHARED", Path(__file__).parents[2] / ".." / "shared"))
 _RULES = Rules(draws=200)
@@ -101,6 +103,27 @@ def test_the_effect_is_named_with_parameters_and_intervals(worn) -> None:  # typ
         width = entry["high"] - entry["low"]
         assert entry["low"] - width / 2 < truth < entry["high"] + width / 2
     assert {"trial": "6", "reason": "truncated"} in result["excluded"]
+
+
+def test_the_block_that_is_asked_for_can_be_built(worn) -> None:  # type: ignore[no-untyped-def]
+    _, _, result, folder = worn
+    asked = result.result["next_experiment"]["block"]
+    (block,) = load_set(folder / "next-block.toml").stimuli
+    assert block.height.nominal == pytest.approx(float(asked["height"].removesuffix(" um")) * 1e-6)
+
+
+def test_a_constant_tilt_is_not_claimed_and_its_group_is_named() -> None:
+    columns = design_columns(120, 8)
+    tilt = next(e for e in candidates(bench_trials(columns, 0), (), with_imitated=True) if e.id == "block_tilt")
+    trials = bench_trials(columns, 8, ((tilt, {"tilt_rad": 0.08}),))
+    model = SessionModel(9810.0, 300.0, 0.02, scanned=block_scans(columns, 8))
+    found = explain(model, trials, candidates(trials, covariate_ranges(trials)), _RULES)
+    assert found.verdict is Verdict.NONE
+    # origin: tan(atan mu + t) takes the place of mu in every force and energy
+    expected = math.tan(math.atan(0.16) + 0.08)
+    assert found.nominal.values["friction"] == pytest.approx(expected, abs=4.0 * found.nominal.std["friction"] + 2e-3)
+    named = identifiability(found.problem, found.nominal, [tilt])
+    assert "friction" in named.absorbed["block_tilt"]
 
 
 def test_held_out_errors_fall_to_the_noise_floor(worn) -> None:  # type: ignore[no-untyped-def]

@@ -8,6 +8,7 @@ belongs elsewhere.
 
 from __future__ import annotations
 
+from array import array
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -27,7 +28,7 @@ _FEWEST = 5  # trials of a block, to know its angle
 
 @dataclass
 class LabelCheck:
-    """Collects a few numbers per trial and names the trials whose trace belongs elsewhere.
+    """Collects 72 bytes per trial and names the trials whose trace belongs elsewhere.
 
     Examples
     --------
@@ -39,10 +40,10 @@ class LabelCheck:
     {7: 'mislabelled: the normal force is 0.5 N, the load of this row is 1 N'}
     """
 
-    rows: list[int] = field(default_factory=list)
-    blocks: list[int] = field(default_factory=list)
-    digests: list[int] = field(default_factory=list)
-    numbers: list[tuple[float, ...]] = field(default_factory=list)
+    rows: array[int] = field(default_factory=lambda: array("q"))
+    blocks: array[int] = field(default_factory=lambda: array("q"))
+    digests: array[int] = field(default_factory=lambda: array("Q"))
+    numbers: array[float] = field(default_factory=lambda: array("d"))
     names: dict[str, int] = field(default_factory=dict)
 
     def add(self, trial: Trial, features: dict[str, float], digest: int) -> None:
@@ -51,7 +52,7 @@ class LabelCheck:
         self.blocks.append(self.names.setdefault(trial.block, len(self.names)))
         self.digests.append(digest)
         nan = float("nan")
-        self.numbers.append(
+        self.numbers.extend(
             (
                 trial.load,
                 features.get("normal_load_n", nan),
@@ -66,7 +67,7 @@ class LabelCheck:
         """Reasons by row, for every trial whose trace belongs elsewhere."""
         if not self.rows:
             return {}
-        load, normal, speed, slope, peak, friction = np.array(self.numbers, dtype=float).T
+        load, normal, speed, slope, peak, friction = np.array(self.numbers, dtype=float).reshape(-1, 6).T
         found: dict[int, str] = {}
         self._loads(load, normal, found)
         self._speeds(speed, slope, found)

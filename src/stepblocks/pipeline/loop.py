@@ -27,6 +27,7 @@ from stepblocks.pipeline.as_built import measured_edges, read_records
 from stepblocks.pipeline.bench_model import SessionModel, candidates, covariate_ranges
 from stepblocks.pipeline.loop_result import result_document
 from stepblocks.pipeline.model_file import model_document
+from stepblocks.pipeline.next_experiment import block_stimulus
 from stepblocks.pipeline.session_scans import edge_of_scan, scan_blocks
 from stepblocks.pipeline.session_table import SessionTable, trials_of
 
@@ -227,13 +228,19 @@ def loop_session(
 
 
 def write_loop(result: LoopResult, output: Path, title: str) -> None:
-    """Write result.json, model.json and report.html into a folder, each at once."""
+    """Write result.json, model.json, report.html and, where a block is asked for, next-block.toml, each at once."""
     from stepblocks.pipeline.loop_figures import report_of
     from stepblocks.report.loop import write_report
 
     output.mkdir(parents=True, exist_ok=True)
     for name, document in (("result.json", result.result), ("model.json", result.model)):
         replace_text(output / name, json.dumps(_finite(document), indent=2, allow_nan=False) + "\n")
+    block, asked = output / "next-block.toml", block_stimulus(result.result["next_experiment"])
+    if asked:
+        replace_text(block, asked)
+    else:
+        # a block that an earlier run asked for is not asked for any more
+        block.unlink(missing_ok=True)
     write_report(report_of(result, title), output / "report.html")
 
 

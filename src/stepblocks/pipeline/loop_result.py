@@ -24,6 +24,7 @@ __all__ = ["public_name", "public_parameters", "result_document"]
 Floats = NDArray[np.float64]
 
 _WIDE = 1.959964
+_REPLICATES = 20  # degrees of freedom from which a scatter among replicates is known to a sixth
 
 
 def public_name(effect: Effect) -> str:
@@ -106,6 +107,12 @@ def result_document(
 ) -> dict[str, Any]:
     """Return the contents of result.json; units stand in keys or beside the values."""
     spring = table.model.spring_constant
+    adequacy = _adequacy(table, found, rules)
+    # replicates may scatter less than a regression that trusts no model can follow
+    replicates = [
+        t["replicate_std"] if t["replicate_dof"] >= _REPLICATES else np.inf for t in adequacy["pure_error"].values()
+    ]
+    floor = np.fmin(floor[:2], replicates)
     return {
         "verdict": str(found.verdict),
         "nominal": _model_part(found.nominal, within, between, floor, 0, spring),
@@ -118,7 +125,7 @@ def result_document(
         ],
         "excluded": [{"trial": trial, "reason": reason} for trial, reason in table.excluded],
         "next_experiment": next_experiment(found),
-        "adequacy": _adequacy(table, found, rules),
+        "adequacy": adequacy,
         "identifiability": _identifiability(found),
         "scans": _scans(found, scans),
         "selected_in_folds": [list(names) for names in (*within.selected, *between.selected)],
@@ -170,6 +177,7 @@ def _identifiability(found: Explanation) -> dict[str, Any]:
         "left_to_their_prior": list(outcome.weak),
         "by_the_equations": [
             ["block_tilt", "friction"],
+            ["edge_rounding", "tip_radius_error"],
             ["conversion", "1 / spring_constant of the ring", "load gain squared, in energies alone"],
         ],
     }

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import itertools
+from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
@@ -14,7 +15,7 @@ from stepblocks.closure.fit import Fit, fit
 from stepblocks.closure.next_trials import propose
 from stepblocks.closure.trials import Trials
 
-__all__ = ["next_experiment"]
+__all__ = ["block_stimulus", "next_experiment"]
 
 _SHOWN = ("height_um", "load_n", "speed_mm_s")
 _HEIGHTS_UM = (5.0, 10.0, 15.0, 20.0, 30.0, 40.0, 50.0, 60.0, 70.0, 80.0, 90.0)
@@ -53,8 +54,60 @@ def next_experiment(found: Explanation) -> dict[str, Any] | None:
     }
     best = float(proposal.settings[0]["height_um"])
     if best not in set(np.asarray(trials.covariates["height_um"], dtype=float).tolist()):
-        document["block"] = {"name": f"step-{best:03.0f}", "height": f"{best:g} um", "edge_radius": "0 um"}
+        document["block"] = {
+            "name": f"step-{best:03.0f}",
+            "height": f"{best:g} um",
+            "edge_radius": "0 um",
+            "tip": f"{float(np.median(np.asarray(trials.covariates['tip_radius_um'], dtype=float))):g} um",
+            "friction": f"{float(np.clip(found.extended.values['friction'], 0.01, 0.9)):.3f}",
+        }
     return document
+
+
+def block_stimulus(experiment: Mapping[str, Any] | None) -> str | None:
+    """Stimulus file of the block that an experiment asks for, as `stepblocks build` reads it; None where it asks none."""
+    if not experiment or "block" not in experiment:
+        return None
+    block = experiment["block"]
+    loads = sorted({float(trial["load_n"]) for trial in experiment["trials"]})
+    return _BLOCK.format(
+        rivals=" from ".join(experiment["separates"]),
+        loads=", ".join(f'"{load:g} N"' for load in loads),
+        **block,
+    )
+
+
+# the body of the shipped blocks
+_BLOCK = """schema = 1
+set = "next-block"
+title = "The block that would separate {rivals} best"
+source = "next experiment of stepblocks loop"
+
+[prediction]
+tip_radii = ["{tip}"]
+normal_loads = [{loads}]
+frictions = [{friction}]
+
+[[step_block]]
+id = "{name}"
+material = "steel"
+height = {{ nominal = "{height}", tolerance = "1 um" }}
+edge_radius = {{ nominal = "{edge_radius}", tolerance = "+2 um / -0 um" }}
+
+[step_block.body]
+length = "40 mm"
+width = "24 mm"
+thickness = "10 mm"
+edge_break = {{ nominal = "0.3 mm", tolerance = "0.1 mm" }}
+mounting = {{ kind = "clearance", thread = "M3", spacing = "30 mm", depth = "3.5 mm" }}
+engraving = {{ height = "2.5 mm", depth = {{ nominal = "0.15 mm", tolerance = "0.05 mm" }} }}
+
+[step_block.metrology]
+kind = "ridge"
+width = {{ nominal = "0.8 mm", tolerance = "0.05 mm" }}
+lane = "6 mm"
+distance = {{ nominal = "2 mm", tolerance = "0.1 mm" }}
+"""
 
 
 def _pair(found: Explanation) -> tuple[list[str], tuple[list[Effect], Fit], tuple[list[Effect], Fit]] | None:
