@@ -10,7 +10,7 @@ run: $(VENV)/ready graphics
 	@$(BIN)/stepblocks build
 
 test: $(VENV)/ready-dev graphics
-	$(BIN)/python -m pytest
+	$(BIN)/python -m pytest -n auto --dist loadfile
 	$(BIN)/python -m pytest --doctest-modules src/stepblocks
 
 lint: $(VENV)/ready-dev

@@ -1,5 +1,6 @@
 """Shared by all tests: the shipped stimuli, built once."""
 
+import fcntl
 import os
 from pathlib import Path
 
@@ -19,10 +20,13 @@ def shared():
 
 @pytest.fixture(scope="session")
 def shipped_output(tmp_path_factory):
-    """Output folder with every shipped stimulus built."""
+    """Output folder with every shipped stimulus built; processes that share the tests share it, the first one builds."""
     from stepblocks.pipeline.build import build, stimulus_files
 
-    output = tmp_path_factory.mktemp("shipped")
-    report = build(stimulus_files([ROOT / "stimuli"]), output)
+    several = "PYTEST_XDIST_WORKER" in os.environ
+    base = tmp_path_factory.getbasetemp().parent if several else tmp_path_factory.getbasetemp()
+    with (base / "shipped.lock").open("w") as lock:
+        fcntl.flock(lock, fcntl.LOCK_EX)
+        report = build(stimulus_files([ROOT / "stimuli"]), base / "shipped")
     assert report.failures == []
-    return output
+    return base / "shipped"
