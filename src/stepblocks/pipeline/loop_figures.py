@@ -30,7 +30,11 @@ def report_of(result: LoopResult, title: str) -> LoopReport:
         title=title,
         result=result.result,
         panels=_panels(result.found),
-        traced=[_traced(result.found, e, result.table.model) for e in result.found.extended.effects],
+        # the names are those of the result: one that was withdrawn there is not claimed here
+        traced=[
+            _traced(result.found, finding.effect, result.table.model, str(entry["id"]))
+            for finding, entry in zip(result.found.findings, result.result["effects"], strict=True)
+        ],
         worst=_worst(result),
     )
 
@@ -51,7 +55,7 @@ def _panels(found: Explanation) -> list[Panel]:
     return panels
 
 
-def _traced(found: Explanation, effect: Effect, model: SessionModel) -> Traced:
+def _traced(found: Explanation, effect: Effect, model: SessionModel, name_shown: str) -> Traced:
     """Change that an effect makes in the channel it moves most, over its covariate, with a band."""
     trials, fitted = found.problem.trials, found.extended
     names = [f"{effect.id}.{p.name}" for p in effect.parameters]
@@ -85,7 +89,7 @@ def _traced(found: Explanation, effect: Effect, model: SessionModel) -> Traced:
     channel = trials.channels[j]
     unit = "vibration energy" if channel == "ln_energy" else "peak force"
     return Traced(
-        f"{effect.id} ({effect.slot}): change of {unit} that it makes, average over the other settings",
+        f"{name_shown} ({effect.slot}): change of {unit} that it makes, average over the other settings",
         name,
         f"change of {unit} [%]",
         x,
