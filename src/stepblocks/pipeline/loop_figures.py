@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from stepblocks.closure.effect import Effect
 from stepblocks.closure.explanation import Explanation
-from stepblocks.pipeline.bench_model import LOADING_TIME, PEAK_FORCE
+from stepblocks.pipeline.bench_model import LOADING_TIME, PEAK_FORCE, SessionModel
 from stepblocks.report.loop import LoopReport, Panel, Traced
 
 if TYPE_CHECKING:
@@ -30,7 +30,11 @@ def report_of(result: LoopResult, title: str) -> LoopReport:
         title=title,
         result=result.result,
         panels=_panels(result.found),
-        traced=[_traced(result.found, e) for e in result.found.extended.effects],
+        # the names are those of the result: one that was withdrawn there is not claimed here
+        traced=[
+            _traced(result.found, finding.effect, result.table.model, str(entry["id"]))
+            for finding, entry in zip(result.found.findings, result.result["effects"], strict=True)
+        ],
         worst=_worst(result),
     )
 
@@ -51,7 +55,7 @@ def _panels(found: Explanation) -> list[Panel]:
     return panels
 
 
-def _traced(found: Explanation, effect: Effect) -> Traced:
+def _traced(found: Explanation, effect: Effect, model: SessionModel, name_shown: str) -> Traced:
     """Change that an effect makes in the channel it moves most, over its covariate, with a band."""
     trials, fitted = found.problem.trials, found.extended
     names = [f"{effect.id}.{p.name}" for p in effect.parameters]
@@ -77,7 +81,7 @@ def _traced(found: Explanation, effect: Effect) -> Traced:
         along, name = np.exp(fitted.predicted[:, 1]), PEAK_FORCE
     elif effect.covariate == LOADING_TIME:
         active = [(e, fitted.of(e)) for e in fitted.effects]
-        along, name = found.problem.model.state(trials, fitted.values, active).loading_time(), LOADING_TIME
+        along, name = model.state(trials, fitted.values, active).loading_time(), LOADING_TIME
     else:
         numbers = trials.numeric(name)
         along = numbers if numbers is not None else np.unique(trials.covariates[name], return_inverse=True)[1] * 1.0
@@ -85,7 +89,7 @@ def _traced(found: Explanation, effect: Effect) -> Traced:
     channel = trials.channels[j]
     unit = "vibration energy" if channel == "ln_energy" else "peak force"
     return Traced(
-        f"{effect.id} ({effect.slot}): change of {unit} that it makes, average over the other settings",
+        f"{name_shown} ({effect.slot}): change of {unit} that it makes, average over the other settings",
         name,
         f"change of {unit} [%]",
         x,
