@@ -41,16 +41,28 @@ def holds(errors, stds, dof):
 
 @pytest.mark.parametrize(("height", "radius"), [(25e-6, 5e-6), (50e-6, 14e-6), (10e-6, 14e-6)])
 def test_height_and_radius_are_unbiased_and_their_stated_intervals_cover_at_their_rate(height, radius):
-    edges = [fit_edge(*draw(1000 + seed, height, radius)) for seed in range(200)]
+    edges = [fit_edge(*draw(1000 + seed, height, radius)) for seed in range(60)]
     dof = np.array([edge.height_dof for edge in edges])
     for truth, errors, stds in (
         (height, np.array([e.height for e in edges]) - height, np.array([e.height_std for e in edges])),
         (radius, np.array([e.radius for e in edges]) - radius, np.array([e.radius_std for e in edges])),
     ):
-        assert abs(errors.mean()) < 0.1 * stds.mean() + 2.0 * errors.std() / np.sqrt(200), truth
-        # three standard deviations of a binomial of 200
-        assert holds(errors, stds, dof) == pytest.approx(0.95, abs=0.0463), truth
-    assert np.mean([edge.radius_limit > radius for edge in edges]) == pytest.approx(0.95, abs=0.0463)
+        assert abs(errors.mean()) < 0.1 * stds.mean() + 2.0 * errors.std() / np.sqrt(60), truth
+        # three standard deviations of a binomial of 60; benchmarks/softgauge_coverage.py takes hundreds
+        assert holds(errors, stds, dof) == pytest.approx(0.95, abs=0.0845), truth
+    assert np.mean([edge.radius_limit > radius for edge in edges]) == pytest.approx(0.95, abs=0.0845)
+
+
+@pytest.mark.parametrize("place", [1.5e-6, 3.5e-6, 5.5e-6])
+def test_a_spike_on_the_arc_does_not_make_the_edge_sharper(place):
+    x = np.arange(-400, 400) * 1e-6
+    z = edge_gauge(x, 30e-6, 8e-6, 5e-4, 0.4e-6) + np.random.default_rng(7).normal(0.0, 30e-9, x.size)
+    clean = fit_edge(x, z)
+    z[np.searchsorted(x, place)] -= 4e-6
+    edge = fit_edge(x, z)
+    assert edge.rejected == clean.rejected + 1
+    assert edge.radius == pytest.approx(8e-6, abs=4.0 * edge.radius_std)
+    assert edge.radius_std < 0.4e-6
 
 
 def test_the_weight_of_the_robust_loss_is_that_of_its_expectations():

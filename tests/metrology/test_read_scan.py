@@ -1,6 +1,8 @@
 """Scans of every format give the heights that were put into them; hostile and ambiguous files give one line."""
 
+import hashlib
 import os
+import re
 import resource
 import struct
 import zipfile
@@ -14,6 +16,7 @@ from hypothesis import strategies as st
 
 from stepblocks.errors import MetrologyError
 from stepblocks.metrology.height_scale import check_height_scale, stated_height_scale
+from stepblocks.metrology.height_scale_packed import packed_height_scale
 from stepblocks.metrology.read_scan import read_scan
 from stepblocks.metrology.scan import HeightMap, Profile, rows_of
 from stepblocks.metrology.scan_foreign import FORMATS, _load, read_foreign
@@ -202,6 +205,71 @@ def test_the_unit_of_floating_formats_is_read_a_second_time_from_the_file_itself
     (tmp_path / "c.gwy").write_bytes(raw.replace(b"unitstr\0sm\0", b"unitstr\0sV\0"))
     with pytest.raises(MetrologyError):
         read_scan(tmp_path / "c.gwy")
+
+
+@pytest.mark.parametrize(("name", "one"), [("d.x3p", 1.0), ("e.plux", 1e-6), ("counts.x3p", None)])
+def test_the_scale_of_packed_formats_is_read_a_second_time_from_index_and_stored_numbers(name, one, tmp_path):
+    path = tmp_path / name
+    if name == "counts.x3p":  # int32 counts whose length the axis states
+        x3pio.write(str(path), COUNTS * COUNT, x_scale=1e-6, y_scale=2e-6, z_type=x3pio.DataType.INT32)
+        one = x3pio.read(str(path)).layers[0].header.z.increment
+        assert 0.0 < one < COUNT
+    else:
+        WRITERS[name](path)
+    scale = packed_height_scale(path)
+    assert (scale.count, scale.integral) == (pytest.approx(one), name == "counts.x3p")
+    scan = read_scan(path)
+    np.testing.assert_allclose(scan.height, COUNTS * COUNT, rtol=2e-6)
+    assert f"{one:.6g} m" in scan.scale
+    assert scan.scale.endswith("checked")
+    for wrong in (1e3, 8.0):  # the reader errs in the heights alone, and in what it says too
+        with pytest.raises(MetrologyError, match="must lie within"):
+            check_height_scale(scan.height * wrong, scale, name, one)
+        with pytest.raises(MetrologyError, match="per count"):
+            check_height_scale(scan.height * wrong, scale, name, one * wrong)
+
+
+def repacked(path, member, change):
+    """Write an archive anew with one member changed, without checksums, which X3P readers then do not ask for."""
+    with zipfile.ZipFile(path) as archive:
+        parts = {entry: archive.read(entry) for entry in archive.namelist()}
+    parts[member] = change(parts[member])
+    if "md5checksum.hex" in parts:
+        parts["md5checksum.hex"] = f"{hashlib.md5(parts[member]).hexdigest()} *{member}".encode()
+    with zipfile.ZipFile(path, "w") as archive:
+        for entry, content in parts.items():
+            archive.writestr(entry, content)
+
+
+CZ_INCREMENT = rb"(<CZ>.*?<Increment>)[^<]*<"
+
+
+@pytest.mark.parametrize(
+    ("name", "member", "change", "words"),
+    [
+        (
+            "a.x3p",
+            "main.xml",
+            lambda text: re.sub(CZ_INCREMENT, rb"\g<1>nan<", text, flags=re.S),
+            "positive and finite",
+        ),
+        (
+            "b.x3p",
+            "main.xml",
+            lambda text: text.replace(b"?>", b"?><!DOCTYPE a [<!ENTITY b 'c'>]>", 1),
+            "document type",
+        ),
+        ("c.x3p", "bindata/data.bin", lambda _: b"", "no number"),
+        ("d.plux", "index.xml", lambda text: text.replace(b"_X>4<", b"_X>5<"), "for 15 points"),
+        ("e.plux", "index.xml", lambda text: text[:-9], "height scale"),
+    ],
+)
+def test_an_index_that_states_no_sound_scale_is_refused(name, member, change, words, tmp_path):
+    path = tmp_path / name
+    (write_x3p if name.endswith("x3p") else write_plux)(path)
+    repacked(path, member, change)
+    with pytest.raises(MetrologyError, match=words):
+        packed_height_scale(path)
 
 
 @pytest.mark.parametrize("name", ["a.sdf", "b.sdf", "c.sur", "g.nid"])

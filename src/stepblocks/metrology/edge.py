@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from stepblocks.errors import MetrologyError
-from stepblocks.metrology.edge_arc import arc_radius
+from stepblocks.metrology.edge_arc import Arc, arc_radius
 from stepblocks.metrology.levelling import despiked, roughly_levelled, without_spikes
 from stepblocks.metrology.noise_uncertainty import NoiseUncertainty, noise_uncertainty
 from stepblocks.metrology.roughness_noise import autocovariance, estimator_covariance, outlier_mask
@@ -24,6 +24,12 @@ Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
 
 _LEAST_POINTS = 20
+_SUSPECT = 4.0
+"""Mean square of whitened residuals on the arc beyond which one of its points may be a spike [1]."""
+_BY_FAR = 3.0
+"""Factor by which that falls when the spike is left out [1]; form of the edge is in all points and falls by less."""
+_MOST_ON_ARC = 3
+"""Spikes that are sought on an arc."""
 
 
 @dataclass(frozen=True)
@@ -133,9 +139,7 @@ def fit_edge(position: ArrayLike, height: ArrayLike, exclusion: float | None = N
     inside = (np.abs(x - middle) < half_width) & np.isfinite(z)
     spikes = _beyond_neighbours(z[inside] - faces.tilt * x[inside], 6.0 * faces.roughness)
     inside[np.flatnonzero(inside)[spikes]] = False
-    levelled = z[inside] - faces.offset - faces.tilt * x[inside]
-    columns = np.stack([x[inside] - middle, np.ones(int(inside.sum())), (x[inside] > middle).astype(float)])
-    arc = arc_radius(x[inside], levelled, faces.height, spacing, faces.gamma, faces.errors @ columns)
+    arc, on_arc = _arc_without_spikes(x, z, middle, spacing, faces, inside)
     sign = 1.0 if rising else -1.0
     return Edge(
         height=faces.height,
@@ -149,7 +153,7 @@ def fit_edge(position: ArrayLike, height: ArrayLike, exclusion: float | None = N
         exclusion=half_width,
         roughness=faces.roughness,
         form=arc.form,
-        rejected=faces.rejected + int(spikes.sum()) + int(np.isnan(z).sum()),
+        rejected=faces.rejected + int(spikes.sum()) + on_arc + int(np.isnan(z).sum()),
         rising=rising,
     )
 
@@ -253,6 +257,29 @@ def _beyond_neighbours(heights: Array, limit: float) -> Mask:
     beyond = (heights > ordered[2] + limit) & (heights > ordered[3] + limit)
     below = (heights < ordered[1] - limit) & (heights < ordered[0] - limit)
     return np.asarray(beyond | below)
+
+
+def _arc_without_spikes(
+    x: Array, z: Array, middle: float, spacing: float, faces: _Faces, inside: Mask
+) -> tuple[Arc, int]:
+    """Fit the arc; drop a point where the circle fits the others by far better, as it does for a spike and not for form."""
+    kept = np.flatnonzero(inside)
+
+    def fitted(points: NDArray[np.intp]) -> Arc:
+        u = x[points]
+        columns = np.stack([u - middle, np.ones(len(u)), (u > middle).astype(float)])
+        levelled = z[points] - faces.offset - faces.tilt * u
+        return arc_radius(u, levelled, faces.height, spacing, faces.gamma, faces.errors @ columns)
+
+    arc, dropped = fitted(kept), 0
+    while arc.excess > _SUSPECT and dropped < _MOST_ON_ARC and len(kept) > 8:
+        trials = [np.delete(kept, index) for index in arc.suspects]
+        others = [fitted(points) for points in trials]
+        best = min(range(len(others)), key=lambda index: others[index].excess)
+        if others[best].excess > arc.excess / _BY_FAR:
+            break
+        arc, kept, dropped = others[best], trials[best], dropped + 1
+    return arc, dropped
 
 
 def _rounding_width(x: Array, z: Array, middle: float, faces: _Faces) -> float:

@@ -39,6 +39,10 @@ class Arc:
         Position of the riser at the most probable radius [m].
     form : float
         Root mean square of the residuals on the arc, across the surface [m].
+    excess : float
+        Mean square of the whitened residuals on the arc [1]; about one or less where the edge is a circle.
+    suspects : tuple of int
+        Points of the window with the largest residuals, and the first on the arc: a spike would be among them.
     """
 
     radius: float
@@ -46,6 +50,8 @@ class Arc:
     radius_limit: float
     riser: float
     form: float
+    excess: float
+    suspects: tuple[int, ...]
 
 
 def edge_profile(position: Array, riser: float | Array, height: float, radius: float) -> Array:
@@ -239,8 +245,14 @@ def _summary(window: _Window, radii: Array, risers: Array, costs: Array) -> Arc:
         std = float(np.hypot(std, window.spacing / np.sqrt(12.0)))
         limit = max(limit, mean + _NORMAL_95 * std)
     form = float(np.sqrt(np.mean(across[zone] ** 2)))
-    return Arc(mean, std, limit, riser, form)
+    first = int(np.searchsorted(window.x, riser))
+    # a spike low on the arc draws the circle to itself and leaves its residual to others
+    leading = range(max(first - 1, 0), min(first + _SUSPECTS, len(across)))
+    suspects = tuple(sorted({*leading, *(int(index) for index in np.argsort(-np.abs(across))[:_SUSPECTS])}))
+    return Arc(mean, std, limit, riser, form, excess, suspects)
 
 
+_SUSPECTS = 4
+"""Points of either kind that are named as suspects."""
 _NORMAL_95 = 1.6448536269514722
 """95th percentile of the standard normal law [1]."""

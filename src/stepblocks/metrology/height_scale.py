@@ -104,17 +104,18 @@ def check_height_scale(height: NDArray[np.float64], scale: HeightScale, place: s
     """
     if used is not None and abs(abs(used) / scale.count - 1.0) > 1e-6:
         raise MetrologyError(f"reader must use {scale.count:g} m per count ({scale.field}), got {used:g} m [{place}]")
-    if not scale.integral:
-        if used is None:
-            raise MetrologyError(f"reader must say what it took for {scale.field}, got nothing [{place}]")
-        return f"{scale.field}: {scale.count:.6g} m, checked"
+    if not scale.integral and used is None:
+        raise MetrologyError(f"reader must say what it took for {scale.field}, got nothing [{place}]")
     finite = height[np.isfinite(height)]
-    slack = 2.0 * scale.count
-    if finite.min() < scale.lowest - slack or finite.max() > scale.highest + slack:
+    ends = [abs(end) for end in (scale.lowest, scale.highest) if np.isfinite(end)]
+    slack = 2.0 * scale.count if scale.integral else 1e-6 * max(ends, default=0.0)
+    if finite.size and (finite.min() < scale.lowest - slack or finite.max() > scale.highest + slack):
         raise MetrologyError(
             f"heights must lie within {scale.lowest:g} to {scale.highest:g} m ({scale.field}), got {finite.min():g} to "
             f"{finite.max():g} m [{place}]"
         )
+    if not scale.integral:
+        return f"{scale.field}: {scale.count:.6g} m, checked"
     counts = (finite[:20000] - finite[0]) / scale.count
     # float32 counts above 2^24 and offsets cost digits; a wrong factor misses by far more
     if np.max(np.abs(counts - np.rint(counts))) > 0.02 + 1e-6 * float(np.max(np.abs(counts))):

@@ -20,6 +20,7 @@ __all__ = ["MaskedStep", "masked_step"]
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
+Rows = NDArray[np.intp]
 
 _LEAST_FLOOR = 5
 _LEAST_REFERENCE = 20
@@ -110,12 +111,27 @@ def masked_step(scan: HeightMap, exclusion: float | None = None) -> MaskedStep:
 
 
 def _by_bands(depths: Array, share: Array, depth: float, known: Mask) -> NoiseUncertainty:
-    """Scatter over bands of rows that cross the same features; rows within a band are not independent of one another."""
-    bands = np.split(np.flatnonzero(known), np.flatnonzero(np.diff(np.flatnonzero(known)) > 1) + 1)
+    """Scatter over bands of rows that cross the same features; rows within a band are not independent of one another.
+
+    Bands whose variance goes as one over their share give ``sum(share deviation^2) / (bands - 1)`` without bias and with
+    exactly one degree of freedom less than bands; a band that the map cuts to a sliver counts with its neighbour.
+    """
+    rows = np.flatnonzero(known)
+    bands = _without_slivers(np.split(rows, np.flatnonzero(np.diff(rows) > 1) + 1), share)
     if len(bands) < _LEAST_BANDS:
         return noise_uncertainty(share, depths - depth, known, [np.ones(len(depths))])
-    parts = np.array([np.sum(share[band] * (depths[band] - depth)) for band in bands])
-    return NoiseUncertainty(float(np.sqrt(np.sum(parts**2) * len(bands) / (len(bands) - 1))), len(bands) - 1.0)
+    parts = [np.sum(share[band] * (depths[band] - depth)) ** 2 / np.sum(share[band]) for band in bands]
+    return NoiseUncertainty(float(np.sqrt(np.sum(parts) / (len(bands) - 1))), len(bands) - 1.0)
+
+
+def _without_slivers(bands: list[Rows], share: Array) -> list[Rows]:
+    """Join bands at either end that hold less than half of the usual share to their neighbours."""
+    least = 0.5 * float(np.median([share[band].sum() for band in bands]))
+    if len(bands) > 1 and share[bands[0]].sum() < least:
+        bands = [np.concatenate(bands[:2]), *bands[2:]]
+    if len(bands) > 1 and share[bands[-1]].sum() < least:
+        bands = [*bands[:-2], np.concatenate(bands[-2:])]
+    return bands
 
 
 def _plane_levelled(z: Array, reference: Mask) -> Array:

@@ -7,6 +7,7 @@ from pathlib import Path
 
 from stepblocks.errors import MetrologyError
 from stepblocks.metrology.height_scale import check_height_scale, stated_height_scale
+from stepblocks.metrology.height_scale_packed import packed_height_scale
 from stepblocks.metrology.scan import HeightMap, Profile
 from stepblocks.metrology.scan_foreign import FORMATS, read_foreign
 from stepblocks.metrology.scan_text import read_text_scan
@@ -51,7 +52,7 @@ def read_scan(path: str | Path, unit: str | None = None) -> Profile | HeightMap:
     if unit is not None:
         raise MetrologyError(f"unit must not be given for a {ending} file, which says its own [{path.name}]")
     scan = read_foreign(path)
-    stated = stated_height_scale(path)
+    stated = stated_height_scale(path) or packed_height_scale(path)
     if stated is None:
         return replace(scan, count=None)
     checked = check_height_scale(scan.height, stated, path.name, scan.count)

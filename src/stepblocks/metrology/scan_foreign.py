@@ -109,13 +109,13 @@ def _load_x3p(path: Path) -> dict[str, Any]:
     header = layer.header
     if not isinstance(layer, x3pio.ProfileLayer | x3pio.SurfaceLayer):
         raise MetrologyError("file must hold a profile or a surface, got a point cloud")
-    scale = "ISO 25178-72: heights in metres, checksums verified"
+    scale, count = "ISO 25178-72: heights in metres, checksums verified", abs(header.z.increment or 1.0)
     if layer.z.ndim == 1:
         position = layer.x if layer.x is not None else np.arange(len(layer.z)) * header.x.increment
-        return {"height": layer.z, "position": position, "scale": scale}
+        return {"height": layer.z, "position": position, "scale": scale, "count": count}
     if header.x.increment is None or header.y.increment is None:
         raise MetrologyError("surface must lie on a regular grid")
-    return {"height": layer.z, "dx": header.x.increment, "dy": header.y.increment, "scale": scale}
+    return {"height": layer.z, "dx": header.x.increment, "dy": header.y.increment, "scale": scale, "count": count}
 
 
 def _load_by_surfacetopography(path: Path) -> dict[str, Any]:
