@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import os
 import signal
 import sys
 import threading
@@ -48,6 +49,9 @@ def main(argv: Sequence[str] | None = None) -> int:
     """
     parser = _parser()
     arguments = parser.parse_args(argv)
+    for library in ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS"):
+        # our matrices are small: threads of the linear algebra only wait for each other, and we divide the work ourselves
+        os.environ.setdefault(library, "1")
     if threading.current_thread() is threading.main_thread():
         # asked to end, a command takes its workers with it and leaves no draft behind
         signal.signal(signal.SIGTERM, _end)
