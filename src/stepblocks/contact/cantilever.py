@@ -184,7 +184,7 @@ def rod_for(
     --------
     >>> rod = rod_for(9.81e3, 300.0, 14.2e-3, 4e-3, 200e9, 7900.0)
     >>> f"{rod.length * 1e3:.1f} mm, {rod.end_mass * 1e3:.2f} g"
-    '91.6 mm, 0.55 g'
+    '91.6 mm, 0.57 g'
     """
     for name, value in (("stiffness", stiffness), ("frequency", frequency), ("decay_time", decay_time)):
         if not (math.isfinite(value) and value > 0.0):

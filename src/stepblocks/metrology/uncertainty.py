@@ -153,7 +153,7 @@ def measured_from_profiles(
     >>> quiet = [NoiseUncertainty(0.05e-6, 50.0)] * 2
     >>> result = measured_from_profiles("depth", [10.0e-6, 10.2e-6], quiet, Instrument(1e-3, 1e-9))
     >>> round(result.value * 1e6, 3), round(result.std * 1e6, 3), round(result.dof, 1)
-    (10.1, 0.1, 1.0)
+    (10.1, 0.101, 1.0)
     """
     heights = np.asarray(values, dtype=np.float64)
     within = np.array([one.std**2 for one in noise], dtype=np.float64)
