@@ -14,6 +14,7 @@ from stepblocks.haptics.event import RingLaw
 from stepblocks.haptics.renderer import map_kernel
 from stepblocks.haptics.renderer.height_map import HeightMap
 from stepblocks.haptics.renderer.map_contact import CONTACT, locate
+from stepblocks.haptics.renderer.servo import require_settings
 
 __all__ = ["MapDrag", "MapRenderer", "drag_over_map"]
 
@@ -72,11 +73,7 @@ class MapRenderer:
         wall: float | None = None,
         damping: float = 0.0,
     ) -> None:
-        for name, value in (("scale", scale), ("rate", rate)):
-            if not (math.isfinite(value) and value > 0.0):
-                raise HapticsError(f"{name} must be positive and finite, got {value:g}")
-        if not (math.isfinite(damping) and damping >= 0.0):
-            raise HapticsError(f"damping must be finite and not negative, got {damping:g} N s/m")
+        require_settings(scale, rate, damping)
         if abs(surface.ball_radius / condition.ball_radius - 1.0) > 1e-9:
             raise HapticsError(
                 f"ball_radius of the map must be the condition's ({condition.ball_radius:g} m), got {surface.ball_radius:g} m"

@@ -13,9 +13,29 @@ from stepblocks.haptics.event import DECAY, FREQUENCY
 from stepblocks.haptics.renderer import kernel
 from stepblocks.haptics.renderer.path import CentrePath
 
-__all__ = ["Renderer"]
+__all__ = ["Renderer", "require_settings"]
 
 Array = NDArray[np.float64]
+
+
+def require_settings(scale: float, rate: float, damping: float) -> None:
+    """Refuse a magnification [1] or rate [Hz] that is not positive, or a damping [N s/m] below 0.
+
+    Parameters
+    ----------
+    scale, rate, damping : float
+        As for `Renderer`.
+
+    Raises
+    ------
+    HapticsError
+        For the first that is wrong.
+    """
+    for name, value in (("scale", scale), ("rate", rate)):
+        if not (math.isfinite(value) and value > 0.0):
+            raise HapticsError(f"{name} must be positive and finite, got {value:g}")
+    if not (math.isfinite(damping) and damping >= 0.0):
+        raise HapticsError(f"damping must be finite and not negative, got {damping:g} N s/m")
 
 
 class Renderer:
@@ -71,11 +91,7 @@ class Renderer:
         wall: float | None = None,
         damping: float = 0.0,
     ) -> None:
-        for name, value in (("scale", scale), ("rate", rate)):
-            if not (math.isfinite(value) and value > 0.0):
-                raise HapticsError(f"{name} must be positive and finite, got {value:g}")
-        if not (math.isfinite(damping) and damping >= 0.0):
-            raise HapticsError(f"damping must be finite and not negative, got {damping:g} N s/m")
+        require_settings(scale, rate, damping)
         self.path, self.scale = path.scaled(scale), scale
         self.stiffness = condition.tool.stiffness / scale
         self.wall = self.stiffness if wall is None else wall
