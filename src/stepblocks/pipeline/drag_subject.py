@@ -15,7 +15,7 @@ from stepblocks.errors import ContactError, PipelineError, QuantityError
 from stepblocks.pipeline.build import stimulus_files
 from stepblocks.pipeline.columns import read_table, si_column
 from stepblocks.pipeline.declared import load_declared
-from stepblocks.pipeline.sheaths import ring_with
+from stepblocks.pipeline.sheaths import sheathed_ring
 from stepblocks.quantities import format_quantity, parse_quantity
 from stepblocks.stimulus.block import StepBlock
 from stepblocks.stimulus.set import Stimulus, StimulusSet
@@ -156,9 +156,9 @@ def declared_subject(
 
 def _ring_in(stimuli: StimulusSet, sheath: Sheath) -> dict[str, float]:
     """Return stiffness, frequency and damping ratio of the probe with a sheath on its shank."""
-    if stimuli.probe is None:
+    ring = sheathed_ring(stimuli, sheath)
+    if ring is None:
         return {}
-    ring = ring_with(stimuli.probe, sheath)
     return {"stiffness": ring.stiffness, "frequency": ring.frequency, "damping_ratio": 0.5 * ring.loss_factor}
 
 

@@ -14,8 +14,7 @@ from stepblocks.errors import PipelineError
 from stepblocks.pipeline.build import matches
 from stepblocks.pipeline.declared import load_declared
 from stepblocks.pipeline.predict import tool_of
-from stepblocks.pipeline.sheaths import grid_with, ring_with
-from stepblocks.stimulus.sheath import Sheath
+from stepblocks.pipeline.sheaths import grid_with, sheathed_ring
 from stepblocks.stimulus.tip import HookTip, StraightTip
 
 if TYPE_CHECKING:
@@ -198,10 +197,8 @@ def scene_of(
 def _ring_law(stimuli: StimulusSet, stimulus: Stimulus) -> RingLaw | None:
     from stepblocks.haptics.event import RingLaw
 
-    if not isinstance(stimulus, Sheath) or stimuli.probe is None:
-        return None
-    ring = ring_with(stimuli.probe, stimulus)
-    return RingLaw(ring.frequency, ring.decay_time)
+    ring = sheathed_ring(stimuli, stimulus)
+    return None if ring is None else RingLaw(ring.frequency, ring.decay_time)
 
 
 def _write(folder: Path, scene: Scene, form: SceneFormat) -> None:

@@ -27,6 +27,7 @@ __all__ = [
     "ring_rows",
     "ring_with",
     "rod_of",
+    "sheathed_ring",
     "write_sheath_files",
 ]
 
@@ -106,6 +107,26 @@ def ring_with(probe: ProbeSpec, sheath: Sheath) -> RodRing:
     return ring_of(rod_of(probe), [sleeve])
 
 
+def sheathed_ring(stimuli: StimulusSet, stimulus: Stimulus) -> RodRing | None:
+    """Return how the probe of a set rings with this part on its shank; None where the part is no sheath or there is no probe.
+
+    Parameters
+    ----------
+    stimuli : StimulusSet
+        The set.
+    stimulus : Stimulus
+        One of its parts.
+
+    Returns
+    -------
+    RodRing or None
+        As `ring_with`.
+    """
+    if not isinstance(stimulus, Sheath) or stimuli.probe is None:
+        return None
+    return ring_with(stimuli.probe, stimulus)
+
+
 def grid_with(stimuli: StimulusSet, stimulus: Stimulus) -> PredictionGrid:
     """Return the grid of a set; under a sheath with the stiffness of the probe that wears it.
 
@@ -121,10 +142,10 @@ def grid_with(stimuli: StimulusSet, stimulus: Stimulus) -> PredictionGrid:
     PredictionGrid
         For this part.
     """
-    grid = stimuli.prediction
-    if not isinstance(stimulus, Sheath) or stimuli.probe is None:
+    grid, ring = stimuli.prediction, sheathed_ring(stimuli, stimulus)
+    if ring is None:
         return grid
-    tool = grid.tool.model_copy(update={"stiffness": ring_with(stimuli.probe, stimulus).stiffness})
+    tool = grid.tool.model_copy(update={"stiffness": ring.stiffness})
     return grid.model_copy(update={"tool": tool})
 
 
