@@ -1,6 +1,7 @@
 """Mean error and coverage of every evaluation of scans, over software gauges whose truth is known in closed form.
 
-Run from the root of the repository: ``python benchmarks/softgauge_coverage.py [DRAWS]``. One line per value and kind of noise:
+Run from the root of the repository: ``python benchmarks/softgauge_coverage.py [DRAWS [NOISE]]``, NOISE a part of the label of
+the cases to run. One line per value and kind of noise:
 mean error over the stated standard uncertainty u, and the share of stated 95 % intervals that hold the truth. The share
 itself scatters by sqrt(0.95 0.05 / draws); exit code 1 if a mean error exceeds 0.1 u or a share is off by more than three of that.
 """
@@ -8,9 +9,11 @@ itself scatters by sqrt(0.95 0.05 / draws); exit code 1 if a mean error exceeds 
 import math
 import sys
 from collections.abc import Callable, Iterator
+from concurrent.futures import ProcessPoolExecutor
 
 import numpy as np
 
+from stepblocks.errors import MetrologyError
 from stepblocks.metrology.edge import fit_edge
 from stepblocks.metrology.face_form import fit_face, zone_of_flatness
 from stepblocks.metrology.inspect_shapes import measure_margin, measure_tip
@@ -34,6 +37,9 @@ UM, NM = 1e-6, 1e-9
 EXACT = Instrument(0.0, 0.0, 0.0)
 ONE_SIDED = ("unresolved",)
 """Values at the end of their range: an interval there holds the truth more often than stated, never less."""
+
+MOST_REFUSED = 0.01
+"""Part of the draws that an evaluation may refuse: type A1 takes several spikes side by side for a defect [1]."""
 
 
 def value(name: str, got: float, std: float, dof: float) -> Measured:
@@ -137,7 +143,7 @@ def bow(zone: float, rough: float) -> Draw:
     def draw(random: np.random.Generator) -> Iterator[tuple[str, float, Measured]]:
         z = shape + correlated_map(shape.shape, 10 * UM, 10 * NM, rough, 20 * UM, random)
         got = zone_of_flatness(fit_face(x, y, z, np.ones(z.shape, dtype=bool)))
-        yield "flatness of the form", zone, value("flatness", got.zone, got.std, math.inf)
+        yield "flatness of the form", zone, value("flatness", got.zone, got.std, got.dof)
 
     return draw
 
@@ -166,32 +172,47 @@ CASES: list[tuple[str, Draw, float]] = [
 ]
 
 
+def judged(case: int, draws: int) -> tuple[list[str], int]:
+    """Lines of one case and how many of its statements do not hold."""
+    label, draw, share = CASES[case]
+    found: dict[str, list[tuple[float, float, bool]]] = {}
+    wanted = max(int(draws * share), 2)
+    refused = 0
+    for seed in range(wanted):
+        try:
+            for name, truth, got in draw(np.random.default_rng(seed)):
+                off = got.value - truth
+                found.setdefault(name, []).append((off, got.std, abs(off) <= got.expanded(0.95)))
+        except MetrologyError:
+            refused += 1
+    lines, failed = [], int(refused > MOST_REFUSED * wanted)
+    for name, rows in found.items():
+        error, std, hit = (np.array(column, dtype=float) for column in zip(*rows, strict=True))
+        bias, rate, count = error.mean() / std.mean(), hit.mean(), len(rows)
+        slack = error.std() / std.mean() / math.sqrt(count)
+        scatter = math.sqrt(0.95 * 0.05 / count)
+        one_sided = any(word in name for word in ONE_SIDED)
+        bad = rate < 0.95 - 3.0 * scatter or (
+            not one_sided and (abs(bias) > 0.1 + 2.0 * slack or rate > 0.95 + 3.0 * scatter)
+        )
+        failed += bad
+        shown = "one-sided" if one_sided else f"{bias:+.3f} +- {slack:.3f}"
+        lines.append(f"{name:24} {label:28} {count:5} {shown:>14} {rate * 100:9.1f} +- {scatter * 100:.1f} %"
+                     f"{f'  {refused} refused' if refused else ''}{'  FAILS' if bad else ''}")  # fmt: skip
+    return lines, failed
+
+
 def main() -> int:
     """Print the table; 1 if a statement does not hold."""
-    wanted = int(sys.argv[1]) if len(sys.argv) > 1 else 400
+    draws = int(sys.argv[1]) if len(sys.argv) > 1 else 400
     only = sys.argv[2] if len(sys.argv) > 2 else ""
+    chosen = [index for index, case in enumerate(CASES) if only in case[0]]
     print(f"{'value':24} {'noise':28} {'draws':>5} {'error/u':>14} {'95 % holds':>18}")
     failed = 0
-    for label, draw, share in CASES:
-        found: dict[str, list[tuple[float, float, bool]]] = {}
-        for seed in range(int(wanted * share)):
-            for name, truth, got in draw(np.random.default_rng(seed)):
-                if only in name:
-                    off = got.value - truth
-                    found.setdefault(name, []).append((off, got.std, abs(off) <= got.expanded(0.95)))
-        for name, rows in found.items():
-            error, std, hit = (np.array(column, dtype=float) for column in zip(*rows, strict=True))
-            bias, rate, count = error.mean() / std.mean(), hit.mean(), len(rows)
-            slack = error.std() / std.mean() / math.sqrt(count)
-            scatter = math.sqrt(0.95 * 0.05 / count)
-            one_sided = any(word in name for word in ONE_SIDED)
-            bad = rate < 0.95 - 3.0 * scatter or (
-                not one_sided and (abs(bias) > 0.1 + 2.0 * slack or rate > 0.95 + 3.0 * scatter)
-            )
+    with ProcessPoolExecutor() as pool:
+        for lines, bad in pool.map(judged, chosen, [draws] * len(chosen)):
+            print("\n".join(lines), flush=True)
             failed += bad
-            shown = "one-sided" if one_sided else f"{bias:+.3f} +- {slack:.3f}"
-            print(f"{name:24} {label:28} {count:5} {shown:>14} {rate * 100:9.1f} +- {scatter * 100:.1f} %"
-                  f"{'  FAILS' if bad else ''}", flush=True)  # fmt: skip
     return 1 if failed else 0
 
 

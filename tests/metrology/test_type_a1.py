@@ -195,17 +195,37 @@ def test_a_width_answers_to_the_lateral_scale_and_a_radius_to_both():
     assert "lateral calibration" in measured_from_profiles("w", [5e-5], [quiet], Instrument(1e-3), axes=(0, 1)).unstated
 
 
-@pytest.mark.parametrize("count", [2, 3, 6])
+@pytest.mark.parametrize("count", [2, 3, 6, 12, 60])
 @pytest.mark.parametrize("wander", [0.0, 20e-9, 60e-9])
 def test_budgets_over_profiles_cover_at_their_rate_however_few_profiles_and_however_much_they_scatter(count, wander):
-    # s / sqrt(n) with n - 1 degrees of freedom covers exactly for normal values (W. S. Gosset 1908)
+    # s / sqrt(n) with n - 1 degrees of freedom covers exactly for normal values (W. S. Gosset 1908), and so do the squares
+    # of orthonormal cosines, which are independent normal values of the same variance
     random = np.random.default_rng(11)
     noise = NoiseUncertainty(20e-9, 60.0)
     hits = 0
     for _ in range(600):
         values = 10e-6 + random.normal(0.0, wander, count) + random.normal(0.0, 20e-9, count)
         budget = measured_from_profiles("height", values, [noise] * count, Instrument(0.0, 0.0))
-        assert budget.std == pytest.approx(np.std(values, ddof=1) / np.sqrt(count))
-        assert budget.dof == pytest.approx(count - 1)
+        if count <= 5:
+            assert budget.std == pytest.approx(np.std(values, ddof=1) / np.sqrt(count))
+        assert budget.dof == pytest.approx({2: 1, 3: 2, 6: 4, 12: 4, 60: 6}[count])
         hits += abs(budget.value - 10e-6) < budget.expanded(0.95)
     assert hits / 600 == pytest.approx(0.95, abs=0.0267)
+
+
+@pytest.mark.parametrize(("count", "least"), [(12, 0.90), (60, 0.92)])
+def test_a_budget_over_profiles_whose_neighbours_err_together_is_not_taken_for_that_of_independent_ones(count, least):
+    # correlation 0.4 from row to row: the mean has 2.3 times the variance of independent rows, by the geometric series
+    random = np.random.default_rng(12)
+    hits, plain = 0, 0
+    for _ in range(600):
+        steps = random.normal(0.0, 50e-9, count)
+        values = np.empty(count)
+        values[0] = steps[0]
+        for row in range(1, count):
+            values[row] = 0.4 * values[row - 1] + np.sqrt(1.0 - 0.4**2) * steps[row]
+        budget = measured_from_profiles("height", values, [NoiseUncertainty(20e-9, 60.0)] * count, Instrument(0.0, 0.0))
+        hits += abs(budget.value) < budget.expanded(0.95)
+        plain += abs(values.mean()) < 2.0 * np.std(values, ddof=1) / np.sqrt(count)
+    assert least < hits / 600 < 0.97
+    assert plain / 600 < 0.86

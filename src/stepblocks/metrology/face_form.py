@@ -37,12 +37,15 @@ class FormZone:
     ----------
     zone, std : float
         Zone of the form and its standard uncertainty from noise [m].
+    dof : float
+        Degrees of freedom of that uncertainty, which are those of the noise.
     all_points : float
         Zone of every measured point, spikes and noise included [m].
     """
 
     zone: float
     std: float
+    dof: float
     all_points: float
 
 
@@ -62,6 +65,8 @@ class FaceForm:
         Coefficients [m].
     root : ndarray, shape (k, k)
         Rows whose products add up to their covariance [m].
+    dof : float
+        Degrees of freedom of that covariance.
     degree : int
         Total degree.
     """
@@ -71,14 +76,20 @@ class FaceForm:
     columns: Array
     solution: Array
     root: Array
+    dof: float
     degree: int
 
-    def drawn(self, random: np.random.Generator | None = None) -> Array:
-        """Return the form as points [m], with a draw of what noise may have added where `random` is given."""
-        coefficients = self.solution
-        if random is not None:
-            coefficients = coefficients + random.normal(size=len(self.root)) @ self.root
-        return np.column_stack([self.grid, coefficients @ self.columns])
+    def shape(self, added: Array | float = 0.0) -> Array:
+        """Return the form as points [m], with `added` [m] on its coefficients."""
+        return np.column_stack([self.grid, (self.solution + added) @ self.columns])
+
+    def draws(self, random: np.random.Generator) -> list[Array]:
+        """Return what noise may have added to the coefficients [m]: every draw and its mirror image.
+
+        With mirror images the mean over the draws keeps only what curves, and that is the growth.
+        """
+        half = random.normal(size=(_DRAWS // 2, len(self.root))) @ self.root
+        return [*half, *-half]
 
 
 def fit_face(x: Array, y: Array, height: Array, face: Mask) -> FaceForm:
@@ -134,7 +145,7 @@ def fit_face(x: Array, y: Array, height: Array, face: Mask) -> FaceForm:
     mx, my = np.meshgrid(x, y)
     points = np.stack([mx[measured], my[measured], height[measured]], axis=1)
     coefficients = np.asarray(solution, dtype=np.float64)
-    return FaceForm(points, grid, terms, coefficients, root, max(i + j for i, j in powers))
+    return FaceForm(points, grid, terms, coefficients, root, mean.dof, max(i + j for i, j in powers))
 
 
 def _legendre(at: Array, degree: int) -> Array:
@@ -152,24 +163,22 @@ def _placed(at: Array, low: float, high: float) -> Array:
 
 def zone_of_flatness(face: FaceForm) -> FormZone:
     """Flatness of the form of a face (ISO 1101, minimum zone)."""
-    random = np.random.default_rng(1101)
-    zone = flatness(face.drawn()).zone
-    draws = np.array([flatness(face.drawn(random)).zone for _ in range(_DRAWS)])
-    return _without_growth(zone, draws, flatness(face.points).zone)
+    zone = flatness(face.shape()).zone
+    draws = np.array([flatness(face.shape(one)).zone for one in face.draws(np.random.default_rng(1101))])
+    return _without_growth(zone, draws, face.dof, flatness(face.points).zone)
 
 
 def zone_of_parallelism(face: FaceForm, datum: FaceForm) -> FormZone:
     """Parallelism of the form of a face to the minimum-zone plane of the form of another (ISO 1101)."""
     random = np.random.default_rng(1101)
-    zone = parallelism(face.drawn(), flatness(datum.drawn()))
-    draws = np.array([
-        parallelism(face.drawn(random), flatness(datum.drawn(random))) for _ in range(_DRAWS)
-    ])  # fmt: skip
+    zone = parallelism(face.shape(), flatness(datum.shape()))
+    pairs = zip(face.draws(random), datum.draws(random), strict=True)
+    draws = np.array([parallelism(face.shape(one), flatness(datum.shape(other))) for one, other in pairs])
     plane: Plane = flatness(datum.points)
-    return _without_growth(zone, draws, parallelism(face.points, plane))
+    return _without_growth(zone, draws, min(face.dof, datum.dof), parallelism(face.points, plane))
 
 
-def _without_growth(zone: float, draws: Array, all_points: float) -> FormZone:
+def _without_growth(zone: float, draws: Array, dof: float, all_points: float) -> FormZone:
     """Take off what noise has added; as much again, as a rectangle, counts beside the scatter.
 
     A zone grows with the standard deviation of the noise. The fit holds it once, a draw holds it twice, as the root of two:
@@ -177,4 +186,4 @@ def _without_growth(zone: float, draws: Array, all_points: float) -> FormZone:
     """
     growth = min(max((float(draws.mean()) - zone) / (np.sqrt(2.0) - 1.0), 0.0), zone)
     std = float(np.hypot(draws.std(ddof=1), growth / np.sqrt(3.0)))
-    return FormZone(zone - growth, std, all_points)
+    return FormZone(zone - growth, std, dof, all_points)

@@ -116,7 +116,7 @@ def _faces(scan: HeightMap, edge: Edge, instrument: Instrument, notes: list[str]
 
 def _zone(label: str, zone: FormZone, instrument: Instrument) -> Measured:
     parts = (
-        Component("noise", zone.std, how="draws from the covariance of the form"),
+        Component("noise", zone.std, zone.dof, "draws from the covariance of the form"),
         *calibration_of(zone.zone, instrument, (1.0, 0.0)),
         Component("resolution", instrument.resolution / np.sqrt(12.0), how="one count, rectangular"),
     )

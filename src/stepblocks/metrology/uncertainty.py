@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from stepblocks.errors import MetrologyError
-from stepblocks.metrology.noise_uncertainty import NoiseUncertainty, noise_uncertainty
+from stepblocks.metrology.noise_uncertainty import NoiseUncertainty
 
 __all__ = ["Component", "Instrument", "Measured", "calibration_of", "measured_from_profiles"]
 
@@ -145,8 +145,10 @@ def measured_from_profiles(
     -----
     The scatter of the profiles holds their noise already, so the two together are the scatter over the root of the number
     of profiles, with its degrees of freedom; repeatability is what it has beyond the noise, and as a difference of two
-    variances it has few degrees of freedom itself. From ten profiles on, the scatter is taken with the correlation of
-    neighbours. One profile shows no repeatability; the component is then not stated.
+    variances it has few degrees of freedom itself. Neighbouring profiles may err together, so of the scatter only its slow part
+    counts: the lowest cosines over the map (four of up to 37 profiles), whose squares average the variance of the mean with as
+    many degrees of freedom; exact for independent profiles, and little too small for correlated ones (Lazarus, Lewis, Stock
+    and Watson 2018, doi:10.1080/07350015.2018.1506926). One profile shows no repeatability; the component is then not stated.
 
     Examples
     --------
@@ -166,8 +168,8 @@ def measured_from_profiles(
     return Measured(name, mean, tuple(parts))
 
 
-_CORRELATED_FROM = 10
-"""Profiles from which the correlation of neighbours can be told."""
+_LEAST_COSINES = 4
+"""Slow cosines that are always taken, where there are as many profiles: Student's factor is then 2.8 at 95 %."""
 
 
 def _scatter(
@@ -180,13 +182,11 @@ def _scatter(
             Component("noise", math.sqrt(average), noise[0].dof, "autocovariance of the residuals"),
             Component("repeatability", math.nan, how="one profile: not observed"),
         ]
-    if count < _CORRELATED_FROM:
-        variance, dof = float(np.sum(deviations**2)) / (count - 1) / count, float(count - 1)
-    else:
-        ones = np.ones(count)
-        whole = noise_uncertainty(ones / count, deviations, np.ones(count, dtype=bool), [ones])
-        variance, dof = whole.std**2, min(whole.dof, float(count - 1))
-    how = f"scatter of {count} profiles"
+    from scipy.fft import dct
+
+    cosines = min(max(_LEAST_COSINES, round(0.4 * count ** (2.0 / 3.0))), count - 1)
+    variance, dof = float(np.mean(dct(deviations, norm="ortho")[1 : cosines + 1] ** 2)) / count, float(cosines)
+    how = f"slow part of the scatter of {count} profiles" if cosines < count - 1 else f"scatter of {count} profiles"
     if variance <= average:
         return [
             Component("noise", math.sqrt(variance), dof, how),
