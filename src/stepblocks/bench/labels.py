@@ -102,13 +102,14 @@ class LabelCheck:
             )
 
     def _copies(self, found: dict[int, str]) -> None:
-        seen: dict[int, int] = {}
-        clean = [i for i in np.argsort(self.rows, kind="stable") if self.rows[i] not in found]
-        for index in clean:
-            first = seen.setdefault(self.digests[index], int(index))
-            if first != index:
-                for one, other in ((index, first), (first, index)):
-                    found[self.rows[one]] = f"duplicate: the same samples stand for row {self.rows[other]}"
+        clean = np.array([i for i in np.argsort(self.rows, kind="stable") if self.rows[i] not in found], dtype=np.intp)
+        _, first, which = np.unique(
+            np.array(self.digests, dtype=np.uint64)[clean], return_index=True, return_inverse=True
+        )
+        for copy in np.flatnonzero(first[which] != np.arange(len(clean))):
+            index, earlier = clean[copy], clean[first[which[copy]]]
+            for one, other in ((index, earlier), (earlier, index)):
+                found[self.rows[one]] = f"duplicate: the same samples stand for row {self.rows[other]}"
 
     def _angles(
         self,

@@ -4,9 +4,12 @@ from __future__ import annotations
 
 import csv
 import math
+from array import array
 from collections.abc import Iterator
 from dataclasses import dataclass
 from hashlib import blake2b
+
+import numpy as np
 
 from stepblocks.bench.session import Session
 from stepblocks.bench.trace import Trial
@@ -115,29 +118,33 @@ def open_trials(session: Session, reserved: frozenset[str] = frozenset()) -> Tri
     taken = sorted(set(header) & reserved - {header[key]})
     if taken:
         raise BenchError(f"column `{taken[0]}` of the table of trials has a name that features use [{session.table}]")
-    first: dict[bytes, tuple[int, bytes]] = {}
-    repeated, contradicted = set(), set()
-    count = 0
+    count, marks, digests, numbers = 0, array("Q"), array("Q"), array("q")
     for number, cells in _rows(session):
         count += 1
         name = cells[key].strip() if key < len(cells) else ""
-        if not name:
-            continue
-        # digests keep a table of 1e5 rows to some megabytes
-        mark, digest = _digest(name), _digest("\x1f".join(cells))
-        if mark not in first:
-            first[mark] = (number, digest)
-        elif first[mark][1] == digest:
-            repeated.add(number)
-        else:
-            contradicted |= {first[mark][0], number}
+        if name:
+            marks.append(_digest(name))
+            digests.append(_digest("\x1f".join(cells)))
+            numbers.append(number)
     if count == 0:
         raise BenchError(f"table of trials has no rows [{session.table}]")
-    return TrialTable(session, header, count, frozenset(repeated), frozenset(contradicted))
+    return TrialTable(session, header, count, *_duplicates(marks, digests, numbers))
 
 
-def _digest(text: str) -> bytes:
-    return blake2b(text.encode(), digest_size=8).digest()
+def _digest(text: str) -> int:
+    return int.from_bytes(blake2b(text.encode(), digest_size=8).digest(), "little")
+
+
+def _duplicates(marks: array[int], digests: array[int], numbers: array[int]) -> tuple[frozenset[int], frozenset[int]]:
+    """Rows that repeat an earlier row of their trial, and rows of one trial that contradict one another."""
+    _, first, which = np.unique(np.array(marks, dtype=np.uint64), return_index=True, return_inverse=True)
+    row, whole, home = np.array(numbers), np.array(digests, dtype=np.uint64), first[which]
+    again = home != np.arange(len(row))
+    same = whole == whole[home]
+    contradicted = again & ~same
+    return frozenset(row[again & same].tolist()), frozenset(
+        [*row[contradicted].tolist(), *row[home[contradicted]].tolist()]
+    )
 
 
 def _column_name(column: str | int, header: tuple[str, ...], part: str) -> str:

@@ -16,6 +16,9 @@ from stepblocks.errors import BenchError
 
 __all__ = ["Hdf5Source"]
 
+_CACHE = 256 * 2**10
+"""As much of the descriptions of groups as is kept, in their size on disk [bytes]."""
+
 
 class Hdf5Source:
     """A group per trial with a dataset per channel, a table per trial, or one file per trial."""
@@ -58,9 +61,14 @@ def _open(path: Path) -> Any:
     import h5py
 
     try:
-        return h5py.File(path, "r", locking=False)
+        file = h5py.File(path, "r", locking=False)
     except OSError as error:
         raise TraceError(f"{path.name} is no readable HDF5 file") from error
+    # the library would hold 30 MiB of descriptions of groups, each of which is read once
+    cache = file.id.get_mdc_config()
+    cache.set_initial_size, cache.initial_size, cache.min_size, cache.max_size = True, _CACHE, _CACHE, _CACHE
+    file.id.set_mdc_config(cache)
+    return file
 
 
 def _group(file: Any, names: list[str]) -> Any:
