@@ -10,9 +10,12 @@ from pathlib import Path
 
 import pytest
 
-from stepblocks.errors import MachiningError, MetrologyError
+from stepblocks.errors import MachiningError, MetrologyError, StimulusError
+from stepblocks.haptics.formats import write_stl
+from stepblocks.haptics.mesh import mesh_solid
 from stepblocks.machining.characteristics import EdgeRule, FaceRule, characteristics_of, find_face
 from stepblocks.machining.step_ap242 import conforming, write_step_ap242
+from stepblocks.metrology.artefacts import check_artefact
 from stepblocks.metrology.part21.check_step import check_step_text
 from stepblocks.metrology.part21.exchange import read_exchange
 from stepblocks.metrology.part21.faces import faces_of
@@ -137,6 +140,87 @@ def test_angles_are_measured_on_cones_and_between_planes(tmp_path):
     assert math.degrees(bevel.geometry) == pytest.approx(45.0, abs=1e-9)
     (opening,) = [one for one in report.dimensions if one.name == "vertical discrepancy"]
     assert opening.geometry == pytest.approx(80e-6, abs=1e-12)  # from a wall to the edge of the bevel
+
+
+def test_only_where_a_part_sits_on_another_is_a_requirement_left_without_a_face():
+    notes = {(one.id, line.key) for one in STIMULI.values() for line in characteristics_of(one) if line.kind == "note"}
+    assert notes == {("sheath-hard", "position"), ("sheath-soft", "position")}
+
+
+def test_a_tip_reaches_to_the_far_side_of_its_ball_and_a_hook_is_bent_about_a_ring(tmp_path):
+    report = check_step_text(written("tip-125", tmp_path))
+    (length,) = [one for one in report.dimensions if "contact point" in one.name]
+    assert (length.kind, length.geometry) == ("linear distance centre outer", pytest.approx(40e-3, abs=1e-12))
+    report = check_step_text(written("hook-125", tmp_path))
+    kinds = {one.kind: one.geometry for one in report.dimensions}
+    assert kinds["spherical radius"] == pytest.approx(125e-6, abs=1e-12)
+    assert kinds["toroidal major radius"] == pytest.approx(4e-3, abs=1e-12)
+    (bend,) = [one for one in report.dimensions if one.name == "bend angle"]
+    assert (bend.kind, math.degrees(bend.geometry)) == ("angular location", pytest.approx(75.0, abs=1e-9))
+    # another ring, another ball: each is named by what it misses
+    wrong = tmp_path / "wrong.step"
+    text = (tmp_path / "hook-125.step").read_text()
+    wrong.write_text(re.sub(r"(TOROIDAL_SURFACE\('',#\d+,)4\.,", r"\g<1>4.001,", text))
+    assert [line for line in check_step_text(wrong).findings if "toroidal major radius: says 4 mm" in line]
+    text = (tmp_path / "tip-125.step").read_text()
+    wrong.write_text(re.sub(r"(SPHERICAL_SURFACE\('',#\d+,)0\.125\)", r"\g<1>0.1251)", text))
+    assert [line for line in check_step_text(wrong).findings if "have 40.0001 mm (+100.000 nm)" in line]
+
+
+CROWN = """
+[[crown_on_tooth]]
+id = "crown"
+material = "zirconia"
+marginal_gap = {{ nominal = "50 um", tolerance = "10 um" }}
+vertical_discrepancy = {{ nominal = "{vertical}", tolerance = "+3 um / -2 um" }}
+horizontal_discrepancy = {{ nominal = "90 um", tolerance = "10 um" }}
+margin_radius = "4 mm"
+finish_line = {{ kind = "{finish}", width = {{ nominal = "{width}", tolerance = "0.05 mm" }} }}
+taper = {{ nominal = "{taper}", tolerance = "0.5 deg" }}
+preparation_height = "5 mm"
+root_length = "8 mm"
+internal_gap = {{ nominal = "60 um", tolerance = "15 um" }}
+shell_thickness = "1.5 mm"
+"""
+
+
+def crown(tmp_path, finish, vertical, taper):
+    path = tmp_path / "crowns.toml"
+    width = "0 mm" if finish == "feather-edge" else "0.8 mm"
+    head = 'schema = 1\nset = "crowns"\ntitle = "crowns"\nsource = "made up"\n[prediction]\n'
+    loads = 'tip_radii = ["60 um"]\nnormal_loads = ["0.3 N"]\nfrictions = [0.15]\n'
+    path.write_text(head + loads + CROWN.format(finish=finish, width=width, vertical=vertical, taper=taper))
+    (stimulus,) = load_set(path).stimuli
+    return stimulus
+
+
+def test_a_feather_edge_without_taper_has_no_finish_line_and_is_refused(tmp_path):
+    with pytest.raises(StimulusError, match="taper must exceed 0 deg for a feather-edge"):
+        crown(tmp_path, "feather-edge", "10 um", "0 deg")
+
+
+@pytest.mark.parametrize(
+    ("finish", "vertical", "taper"),
+    [("shoulder", "80 um", "6 deg"), ("chamfer", "-60 um", "6 deg"), ("shoulder", "50 um", "0 deg")],
+    ids=["bevelled", "lipped", "without taper"],
+)
+def test_every_form_of_a_crown_is_dimensioned_checked_and_meshed_true_to_its_margin(finish, vertical, taper, tmp_path):
+    stimulus = crown(tmp_path, finish, vertical, taper)
+    bodies = build_solids(stimulus)
+    write_step_ap242(tmp_path / "crown.step", stimulus, bodies)
+    report, findings = check_part_step(tmp_path / "crown.step", stimulus)
+    assert findings == []
+    assert all(one.deviation is not None and abs(one.deviation) < 1e-9 for one in report.dimensions)
+    by_name = {one.name: one for one in report.dimensions}
+    assert by_name["internal gap"].geometry == pytest.approx(60e-6, abs=1e-12)
+    opening = next(one for name, one in by_name.items() if name.startswith("vertical discrepancy"))
+    assert opening.geometry == pytest.approx(abs(float(vertical.removesuffix(" um"))) * 1e-6, abs=1e-12)
+    lipped = vertical.startswith("-")  # a distance has no sign, so the limits change places
+    assert (opening.lower, opening.upper) == pytest.approx((-3e-6, 2e-6) if lipped else (-2e-6, 3e-6))
+    for name, body in bodies:  # volume by Guldin's rule, margin by the outermost points
+        write_stl(tmp_path / f"{name}.stl", mesh_solid(stimulus, name, body))
+        verdicts = check_artefact(stimulus, tmp_path / f"{name}.stl")
+        assert [str(one) for one in verdicts if not one.passed] == []
 
 
 def test_a_sharp_edge_is_a_radius_of_zero_on_the_edge_itself(block):

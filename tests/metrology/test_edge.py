@@ -65,6 +65,22 @@ def test_a_spike_on_the_arc_does_not_make_the_edge_sharper(place):
     assert edge.radius_std < 0.4e-6
 
 
+@pytest.mark.parametrize("missing", [[-3], [0], [1], [0, 1]], ids=str)
+@pytest.mark.parametrize("spike", [None, -28, -31], ids=str)
+def test_the_radius_stays_where_points_at_its_steep_start_are_missing_or_a_spike_stands_at_the_windows_end(
+    missing, spike
+):
+    z = edge_gauge(X, 30e-6, 8e-6, 4e-4, 0.4e-6)
+    z += correlated_noise(len(X), SPACING, 10e-9, 50e-9, 2.4e-6, np.random.default_rng(2))
+    z[[400 + index for index in missing]] = np.nan
+    if spike is not None:
+        z[400 + spike] += 19e-6
+    edge = fit_edge(X, z)
+    assert abs(edge.radius - 8e-6) < 4.0 * edge.radius_std
+    assert edge.radius_std < 0.5e-6
+    assert edge.position == pytest.approx(0.4e-6, abs=0.4e-6)
+
+
 def test_the_weight_of_the_robust_loss_is_that_of_its_expectations():
     # E[psi'] / E[psi^2] for Cauchy's loss under a standard normal law, by quadrature
     c = edge_arc._LOSS

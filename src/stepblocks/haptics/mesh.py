@@ -111,7 +111,10 @@ def _deflection(stimulus: Stimulus, face: kernel.Face) -> float:
             return CONTACT_DEFLECTION if at_edge else COARSE_DEFLECTION
         case CrownOnTooth():
             reach = 2.0 * (stimulus.marginal_gap.nominal + abs(stimulus.opening.nominal))
-            at_margin = face.kind in ("PLANE", "CYLINDER") and face.low[2] <= reach and face.high[2] >= -reach
+            # an axial wall without taper is a cylinder too, but behind the finish line, where no probe comes
+            outside = face.radius >= stimulus.margin_radius.nominal - 0.5 * stimulus.finish_line.width.nominal - 1e-9
+            at_margin = face.kind == "PLANE" or (face.kind == "CYLINDER" and outside)
+            at_margin = at_margin and face.low[2] <= reach and face.high[2] >= -reach
             return CONTACT_DEFLECTION if at_margin else _FITTING_DEFLECTION
         case Sheath():
             return _FITTING_DEFLECTION

@@ -27,6 +27,7 @@ __all__ = ["Characteristic", "EdgeRule", "FaceRule", "characteristics_of", "find
 Kind = Literal["distance", "diameter", "radius", "angle", "flatness", "parallelism", "note"]
 _BEVEL = math.radians(1.0)
 """Permissible deviation of an angle without one of its own, shorter side up to 10 mm (ISO 2768-m) [rad]."""
+_BREAK = "edge break, 45 deg, all edges"
 _REACH = 1e-7
 """How far a bounding box may be off its face [m]: the kernel enlarges boxes by its tolerance."""
 
@@ -271,7 +272,12 @@ def _body(body: Body, upper: FaceRule) -> Iterator[Characteristic]:
     spacing, radius = body.mounting.spacing, 0.5 * body.mounting.hole_diameter
     holes = [FaceRule("CYLINDER", radius=radius, holds={0: x * spacing.nominal}) for x in (-0.5, 0.5)]
     yield _of("hole_spacing", "hole spacing", "distance", spacing, *holes, method="coordinate measuring machine")
-    yield _of("edge_break", "edge break, 45 deg", "note", body.edge_break)
+    c = body.edge_break.nominal
+    if c > 0.0:  # of all edges alike, measured at the one along the base on the right
+        broken = FaceRule("SLOPE", holds={0: half - 0.5 * c, 1: 0.0, 2: base + 0.5 * c})
+        yield _of("edge_break", _BREAK, "distance", body.edge_break, _plane(0, half), EdgeRule(broken, _plane(2, base)))
+    else:
+        yield _of("edge_break", _BREAK, "note", body.edge_break)
     depth = body.engraving.depth
     yield _of(
         "engraving_depth", "engraving depth", "distance", depth, _plane(1, -side), _plane(1, -side + depth.nominal)
@@ -342,6 +348,7 @@ def _seated(margin: CrownOnTooth, ceiling: float) -> Iterator[Characteristic]:
     ledge = {"shoulder": _plane(2, 0.0), "chamfer": FaceRule("TORUS", body=0), "feather-edge": FaceRule("CONE", body=0)}
     cavosurface = EdgeRule(below, replace(ledge[finish], body=0))
     end = _on(1, _plane(2, v.nominal))
+    walls = _walls(margin)
     if finish == "shoulder":
         yield _of(
             "marginal_gap",
@@ -354,17 +361,12 @@ def _seated(margin: CrownOnTooth, ceiling: float) -> Iterator[Characteristic]:
         )
     elif finish == "chamfer":
         yield _of("marginal_gap", "marginal gap", "distance", g, cavosurface, _on(1, _plane(2, g.nominal)), method=how)
-    else:  # between two cones that are not parallel it holds at the margin only
-        yield _of("marginal_gap", "marginal gap", "note", g, method=how)
-    # a margin that is bevelled or lipped ends in a corner without a face of its own at that height
-    square = v.nominal == g.nominal
-    yield _of("vertical_discrepancy", "vertical discrepancy", "distance" if square else "note", v,
-              *((cavosurface, end) if square else ()), method=how)  # fmt: skip
-    walls = FaceRule("CONE", body=0), FaceRule("CONE", body=1)
-    kind: Kind = "note" if finish == "feather-edge" else "distance"
-    yield _of(
-        "internal_gap", "internal gap", kind, margin.internal_gap, *(walls if kind == "distance" else ()), method=how
-    )
+    else:  # between two cones that are not parallel each gap holds at one end of the crown's
+        yield _of("marginal_gap", "marginal gap", "distance", g, walls[0], EdgeRule(walls[1], end), method=how)
+    yield _opening(margin, cavosurface, end)
+    top = EdgeRule(walls[1], _on(1, _plane(2, ceiling)))
+    across = (walls[0], top) if finish == "feather-edge" else walls
+    yield _of("internal_gap", "internal gap", "distance", margin.internal_gap, *across, method=how)
     roof = Characteristic("internal_gap_roof", "internal gap, roof", "distance", margin.internal_gap.nominal,
                           margin.internal_gap.lower, margin.internal_gap.upper, 0,
                           (_on(0, _plane(2, margin.preparation_height.nominal)), _on(1, _plane(2, ceiling))), how)  # fmt: skip
@@ -372,6 +374,36 @@ def _seated(margin: CrownOnTooth, ceiling: float) -> Iterator[Characteristic]:
         yield roof
     if margin.taper.nominal > 0.0:
         yield _of("taper", "total taper", "angle", margin.taper, walls[0], method=how, factor=2.0)
+
+
+def _walls(margin: CrownOnTooth) -> tuple[FaceRule, FaceRule]:
+    """Axial walls of tooth and crown: cones, or cylinders where there is no taper."""
+    if margin.taper.nominal > 0.0:  # halfway up, where no bevel is
+        middle = {2: 0.5 * margin.preparation_height.nominal}
+        return FaceRule("CONE", holds=middle, body=0), FaceRule("CONE", holds=middle, body=1)
+    inside = margin.margin_radius.nominal - margin.finish_line.width.nominal
+    return (
+        FaceRule("CYLINDER", radius=inside, body=0),
+        FaceRule("CYLINDER", radius=inside + margin.internal_gap.nominal, body=1),
+    )
+
+
+def _opening(margin: CrownOnTooth, cavosurface: EdgeRule, end: FaceRule) -> Characteristic:
+    """From the cavosurface angle along the path of draw to the margin of the crown."""
+    v, g, how = margin.opening, margin.marginal_gap.nominal, "section or micro-CT, seated"
+    key, label = "vertical_discrepancy", "vertical discrepancy"
+    if v.nominal < 0.0:  # a distance has no sign: of a lip over the tooth the limits change places
+        return Characteristic(key, f"{label}, lip over the tooth", "distance", -v.nominal, -v.upper, -v.lower, 0,
+                              (cavosurface, end), how)  # fmt: skip
+    if v.nominal == g or margin.finish_line.kind == "feather-edge":
+        return _of(key, label, "distance", v, cavosurface, end, method=how)
+    if margin.finish_line.kind == "shoulder" and v.nominal > g:  # the margin is where the bevel meets the outside
+        outside = FaceRule(
+            "CYLINDER", radius=margin.margin_radius.nominal + margin.horizontal_discrepancy.nominal, body=1
+        )
+        bevel = FaceRule("CONE", holds={2: 0.5 * (g + v.nominal)}, body=1)
+        return _of(key, label, "distance", v, _on(0, _plane(2, 0.0)), EdgeRule(bevel, outside), method=how)
+    return _of(key, label, "note", v, method=how)
 
 
 def _on(body: int, rule: FaceRule) -> FaceRule:
@@ -386,12 +418,24 @@ def _tip(tip: StraightTip | HookTip) -> Iterator[Characteristic]:
     yield _of(
         "cone_angle", "cone angle, included", "angle", tip.cone_angle, FaceRule("CONE"), method="microscope", factor=2.0
     )
+    ball = FaceRule("SPHERE", radius=tip.ball_radius.nominal)
     if isinstance(tip, StraightTip):
-        yield _of("length", "length from the contact point", "note", tip.length)
+        end = _plane(2, tip.length.nominal)
+        yield _of("length", "length from the contact point", "distance", tip.length, end, ball)
     else:
-        yield _of("bend_radius", "bend radius", "note", tip.bend_radius)
-        yield _of("bend_angle", "bend angle", "note", tip.bend_angle)
-        yield _of("straight_length", "straight length", "note", tip.straight_length)
+        yield from _hook(tip)
+
+
+def _hook(tip: HookTip) -> Iterator[Characteristic]:
+    angle, bend, straight = tip.bend_angle.nominal, tip.bend_radius.nominal, tip.straight_length.nominal
+    wire, cone, ring = FaceRule("CYLINDER", radius=tip.shank_radius.nominal), FaceRule("CONE"), FaceRule("TORUS")
+    yield _of("bend_radius", "bend radius", "radius", tip.bend_radius, ring, method="microscope")
+    yield _of("bend_angle", "bend angle", "angle", tip.bend_angle, cone, wire, method="microscope")
+    x = bend * (1.0 - math.cos(angle)) + straight * math.sin(angle)
+    z = tip.cone_end + bend * math.sin(angle) + straight * math.cos(angle)
+    square = math.isclose(angle, 0.5 * math.pi)
+    end = _plane(0, x, z=z) if square else FaceRule("SLOPE", holds={0: x, 1: 0.0, 2: z})
+    yield _of("straight_length", "straight length", "distance", tip.straight_length, end, EdgeRule(ring, wire))
 
 
 def _sheath(sheath: Sheath) -> Iterator[Characteristic]:
@@ -399,5 +443,10 @@ def _sheath(sheath: Sheath) -> Iterator[Characteristic]:
     yield _of("bore", "bore", "diameter", bore, FaceRule("CYLINDER", radius=0.5 * bore.nominal), method="pin gauges")
     yield _of("outer_diameter", "outer diameter", "diameter", outer, FaceRule("CYLINDER", radius=0.5 * outer.nominal))
     yield _of("length", "length", "distance", sheath.length, _plane(2, 0.0), _plane(2, sheath.length.nominal))
-    yield _of("edge_break", "edge break, 45 deg", "note", sheath.edge_break)
+    if sheath.edge_break.nominal > 0.0:
+        side = FaceRule("CYLINDER", radius=0.5 * outer.nominal)
+        broken = EdgeRule(FaceRule("CONE", holds={2: 0.5 * sheath.edge_break.nominal}), side)
+        yield _of("edge_break", _BREAK, "distance", sheath.edge_break, _plane(2, 0.0), broken)
+    else:
+        yield _of("edge_break", _BREAK, "note", sheath.edge_break)
     yield _of("position", "position, from the clamp", "note", sheath.position, method="caliper, assembled")

@@ -14,7 +14,7 @@ from pathlib import Path
 from stepblocks.beside import beside
 from stepblocks.errors import MachiningError
 from stepblocks.machining.callouts import callout_lines, callout_text
-from stepblocks.machining.characteristics import Characteristic, EdgeRule, Rule, characteristics_of, find_face
+from stepblocks.machining.characteristics import Characteristic, EdgeRule, FaceRule, Rule, characteristics_of, find_face
 from stepblocks.quantities import format_quantity
 from stepblocks.solids import kernel
 from stepblocks.solids.kernel_pmi import (
@@ -40,7 +40,7 @@ _PATTERNS = {
     "ANGULAR_LOCATION": re.compile(r"^(#\d+\s*=\s*ANGULAR_LOCATION\('[^']*',)\$(,.*)$"),
     "ANGULAR_SIZE": re.compile(r"^(#\d+\s*=\s*ANGULAR_SIZE\(#\d+,)'[^']*'(,.*)$"),
 }
-_NAMED = {"DIMENSIONAL_LOCATION": ("distance",), "ANGULAR_LOCATION": ("angle",), "ANGULAR_SIZE": ("cone",)}
+_NAMED = {"DIMENSIONAL_LOCATION": ("distance", "to_outer"), "ANGULAR_LOCATION": ("angle",), "ANGULAR_SIZE": ("cone",)}
 """Where the description of a dimension stands, and which kinds have one."""
 _ZERO = re.compile(r"POSITIVE_LENGTH_MEASURE\(0\.(?:E[-+]?\d+)?\)")
 _HEADER = re.compile(r"FILE_NAME\('[^']*',\s*'[^']*'")
@@ -108,11 +108,19 @@ def write_step_ap242(
 
 
 def _pmi_kind(one: Characteristic) -> PmiKind:
+    """Kind that the standard names after the surface: of a ball, of a ring, up to the far side of a ball."""
+    surfaces = [rule.kind for rule in one.faces if isinstance(rule, FaceRule)]
     match one.kind:
         case "angle":
             return "cone" if len(one.faces) == 1 else "angle"
-        case "distance" | "diameter" | "radius":
-            return one.kind
+        case "distance":
+            return "to_outer" if "SPHERE" in surfaces else "distance"
+        case "radius":
+            return (
+                "spherical_radius" if "SPHERE" in surfaces else "toroidal_radius" if "TORUS" in surfaces else "radius"
+            )
+        case "diameter":
+            return "diameter"
     raise MachiningError(f"{one.label} must be a dimension, got {one.kind}")
 
 

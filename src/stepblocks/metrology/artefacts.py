@@ -119,9 +119,11 @@ def _margin(
 def _revolved(margin: CrownOnTooth, name: str, vertices: NDArray[np.float64], *, crown: bool) -> Iterator[Verdict]:
     radii = np.hypot(vertices[:, 0], vertices[:, 1])
     if crown:
-        lowest = vertices[:, 2].min()
-        yield Verdict(name, "vertical discrepancy of the margin", margin.opening.nominal, float(lowest), LENGTH_LIMIT)
-        at_margin = radii[vertices[:, 2] < lowest + 1e-9].max()
+        # the margin is the foot of the outer surface; a bevel goes on below it, inwards
+        outside = radii > radii.max() - 10.0 * LENGTH_LIMIT
+        foot = vertices[outside, 2].min()
+        yield Verdict(name, "vertical discrepancy of the margin", margin.opening.nominal, float(foot), LENGTH_LIMIT)
+        at_margin = radii[outside & (vertices[:, 2] < foot + 1e-9)].max()
         nominal = margin.margin_radius.nominal + margin.horizontal_discrepancy.nominal
         yield Verdict(name, "outer radius of the crown's margin", nominal, float(at_margin), 2.0 * LENGTH_LIMIT)
         return

@@ -26,7 +26,7 @@ Mask = NDArray[np.bool_]
 _LEAST_POINTS = 20
 _SUSPECT = 4.0
 """Mean square of whitened residuals on the arc beyond which one of its points may be a spike [1]."""
-_BY_FAR = 3.0
+_BY_FAR = 2.5
 """Factor by which that falls when the spike is left out [1]; form of the edge is in all points and falls by less."""
 _MOST_ON_ARC = 3
 """Spikes that are sought on an arc."""
@@ -136,9 +136,13 @@ def fit_edge(position: ArrayLike, height: ArrayLike, exclusion: float | None = N
             f"profile must show a step above its noise, got {faces.height * 1e6:.4g} um with roughness "
             f"{faces.roughness * 1e6:.3g} um"
         )
-    inside = (np.abs(x - middle) < half_width) & np.isfinite(z)
-    spikes = _beyond_neighbours(z[inside] - faces.tilt * x[inside], 6.0 * faces.roughness)
-    inside[np.flatnonzero(inside)[spikes]] = False
+    known = np.flatnonzero(np.isfinite(z))
+    near = np.abs(x - middle) < half_width
+    # over the whole profile, so that the points at the ends of the window have their neighbours too
+    spikes = known[_beyond_neighbours(z[known] - faces.tilt * x[known], 6.0 * faces.roughness)]
+    spikes = spikes[near[spikes]]
+    inside = near & np.isfinite(z)
+    inside[spikes] = False
     arc, on_arc = _arc_without_spikes(x, z, middle, spacing, faces, inside)
     sign = 1.0 if rising else -1.0
     return Edge(
@@ -153,7 +157,7 @@ def fit_edge(position: ArrayLike, height: ArrayLike, exclusion: float | None = N
         exclusion=half_width,
         roughness=faces.roughness,
         form=arc.form,
-        rejected=faces.rejected + int(spikes.sum()) + on_arc + int(np.isnan(z).sum()),
+        rejected=faces.rejected + len(spikes) + on_arc + int(np.isnan(z).sum()),
         rising=rising,
     )
 
@@ -275,7 +279,7 @@ def _arc_without_spikes(
     while arc.excess > _SUSPECT and dropped < _MOST_ON_ARC and len(kept) > 8:
         trials = [np.delete(kept, index) for index in arc.suspects]
         others = [fitted(points) for points in trials]
-        best = min(range(len(others)), key=lambda index: others[index].excess)
+        best = min(range(len(others)), key=lambda index: others[index].misfit)
         if others[best].excess > arc.excess / _BY_FAR:
             break
         arc, kept, dropped = others[best], trials[best], dropped + 1

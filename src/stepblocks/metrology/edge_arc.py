@@ -41,6 +41,8 @@ class Arc:
         Root mean square of the residuals on the arc, across the surface [m].
     excess : float
         Mean square of the whitened residuals on the arc [1]; about one or less where the edge is a circle.
+    misfit : float
+        Half sum of the robust squares of all whitened residuals [1].
     suspects : tuple of int
         Points of the window with the largest residuals, and the first on the arc: a spike would be among them.
     """
@@ -51,6 +53,7 @@ class Arc:
     riser: float
     form: float
     excess: float
+    misfit: float
     suspects: tuple[int, ...]
 
 
@@ -113,11 +116,17 @@ def arc_radius(
     shared = np.zeros((1, len(position))) if level_errors is None else level_errors
     window = _Window(position, levelled, height, spacing, gamma, shared)
     span = float(position[-1] - position[0])
-    start = float(position[np.flatnonzero(levelled > 0.5 * height)[0]]) if (levelled > 0.5 * height).any() else 0.0
     radii = np.concatenate([[0.0], np.geomspace(0.2 * spacing, 0.5 * span, 48)])
-    best, offset = _scan_coarsely(window, radii, start)
+    best, offset = _scan_coarsely(window, radii, *_crossing(position, levelled > 0.5 * height))
     table = _refine(window, best, offset)
     return _summary(window, *table)
+
+
+def _crossing(position: Array, upper: NDArray[np.bool_]) -> tuple[float, float]:
+    """Last point below half the height and first above, where the fewest points lie on the wrong side: spikes may."""
+    wrong = np.concatenate([[0], np.cumsum(upper)]) + np.concatenate([np.cumsum(~upper[::-1])[::-1], [0]])
+    first = min(max(int(np.argmin(wrong)), 1), len(position) - 1)
+    return float(position[first - 1]), float(position[first])
 
 
 class _Window:
@@ -170,15 +179,18 @@ _UNRESOLVED = 3.0
 """Sampling intervals below which a radius is not resolved [1]."""
 
 
-def _scan_coarsely(window: _Window, radii: Array, start: float) -> tuple[float, float]:
+def _scan_coarsely(window: _Window, radii: Array, below: float, start: float) -> tuple[float, float]:
     """Best radius and riser: a coarse grid, then the few best of it followed downhill, since the valley is narrow and bent."""
     from scipy.optimize import minimize
 
+    # of an arc lower than the step the riser lies between two points, and the arc is steepest there
+    between = np.linspace(below - 0.5 * window.spacing, start + 0.5 * window.spacing, _BETWEEN)
     found = []
     for radius in radii:
         # the riser lies left of the half-height crossing, at most by the width of the arc below it
         reach = radius + 2.0 * window.spacing
-        risers = np.linspace(start - reach, start + window.spacing, max(12, min(60, int(reach / window.spacing))))
+        spread = np.linspace(start - reach, start + window.spacing, max(12, min(60, int(reach / window.spacing))))
+        risers = np.concatenate([spread, between])
         costs = window.costs(risers, float(radius))
         at = int(np.argmin(costs))
         found.append((float(costs[at]), float(radius), float(risers[at])))
@@ -198,6 +210,8 @@ def _scan_coarsely(window: _Window, radii: Array, start: float) -> tuple[float, 
     return best[1], best[2]
 
 
+_BETWEEN = 25
+"""Positions of the riser that are tried between the two points beside it."""
 _STARTS = 4
 """Points of the coarse grid that are followed."""
 
@@ -249,7 +263,7 @@ def _summary(window: _Window, radii: Array, risers: Array, costs: Array) -> Arc:
     # a spike low on the arc draws the circle to itself and leaves its residual to others
     leading = range(max(first - 1, 0), min(first + _SUSPECTS, len(across)))
     suspects = tuple(sorted({*leading, *(int(index) for index in np.argsort(-np.abs(across))[:_SUSPECTS])}))
-    return Arc(mean, std, limit, riser, form, excess, suspects)
+    return Arc(mean, std, limit, riser, form, excess, float(costs.min()), suspects)
 
 
 _SUSPECTS = 4

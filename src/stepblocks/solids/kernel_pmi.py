@@ -42,13 +42,16 @@ __all__ = ["Callout", "PmiDimension", "PmiItem", "PmiKind", "PmiTolerance", "wri
 _MM = 1e3
 _DIMENSIONS = {
     "distance": XCAFDimTolObjects_DimensionType.XCAFDimTolObjects_DimensionType_Location_LinearDistance,
+    "to_outer": XCAFDimTolObjects_DimensionType.XCAFDimTolObjects_DimensionType_Location_LinearDistance_FromCenterToOuter,
     "diameter": XCAFDimTolObjects_DimensionType.XCAFDimTolObjects_DimensionType_Size_Diameter,
+    "spherical_radius": XCAFDimTolObjects_DimensionType.XCAFDimTolObjects_DimensionType_Size_SphericalRadius,
+    "toroidal_radius": XCAFDimTolObjects_DimensionType.XCAFDimTolObjects_DimensionType_Size_ToroidalMajorRadius,
     "radius": XCAFDimTolObjects_DimensionType.XCAFDimTolObjects_DimensionType_Size_Radius,
     "cone": XCAFDimTolObjects_DimensionType.XCAFDimTolObjects_DimensionType_Size_Angular,
     "angle": XCAFDimTolObjects_DimensionType.XCAFDimTolObjects_DimensionType_Location_Angular,
 }
 _ANGULAR = ("cone", "angle")
-PmiKind = Literal["distance", "diameter", "radius", "cone", "angle"]
+PmiKind = Literal["distance", "to_outer", "diameter", "radius", "spherical_radius", "toroidal_radius", "cone", "angle"]
 """What a dimension may be."""
 _TOLERANCES = {
     "flatness": XCAFDimTolObjects_GeomToleranceType.XCAFDimTolObjects_GeomToleranceType_Flatness,
@@ -98,8 +101,9 @@ class PmiDimension:
     Attributes
     ----------
     kind : str
-        ``"distance"`` between two items, ``"diameter"`` or ``"radius"`` of one, included angle of a ``"cone"``, ``"angle"``
-        between two faces.
+        ``"distance"`` between two items, ``"to_outer"`` from the first to the far side of the second, ``"diameter"`` or
+        ``"radius"`` of one, ``"spherical_radius"``, ``"toroidal_radius"`` at the middle of the ring, included angle of a
+        ``"cone"``, ``"angle"`` between two faces.
     items : tuple of PmiItem
         Faces or edges, one or two, of one solid or of two.
     nominal, lower, upper : float

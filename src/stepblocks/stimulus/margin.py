@@ -225,6 +225,10 @@ class CrownOnTooth(_Margin):
         require(wall > 0.0, "horizontal_discrepancy", "leave the crown a wall at its margin", h - wall, h)
         require(h <= self.shell_thickness.nominal, "horizontal_discrepancy",
                 "not exceed the shell (overextension beyond shell_thickness)", self.shell_thickness.nominal, h)  # fmt: skip
+        if finish.kind == "feather-edge" and self.taper.nominal == 0.0:
+            raise ValueError(
+                "taper must exceed 0 deg for a feather-edge, whose finish line is where the taper begins, got 0 deg"
+            )
         bevel = abs(v - g) if v >= 0.0 and finish.kind != "feather-edge" else 0.0
         require(bevel < wall, "vertical_discrepancy", "leave a wall behind the bevel of the margin", g + wall, v)
         if v < 0.0 and finish.kind == "feather-edge":

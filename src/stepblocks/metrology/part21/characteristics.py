@@ -127,7 +127,7 @@ def _dimension(
     elif angular:
         geometry = measured_angle(first, second, value)
     else:
-        geometry = measured_distance(first, second)
+        geometry = measured_distance(first, second, kind)
     planes = bool(first and second) and all(one.kind == "PLANE" for one in [*first, *(second or [])])
     if planes and second and geometry is None and not (problem or angular) and len(bodies) == 1:
         problem = f"names planes {first[0].ref} and {second[0].ref} that are not parallel"

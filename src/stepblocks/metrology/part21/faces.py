@@ -190,6 +190,8 @@ def measured_size(surfaces: list[Surface], name: str) -> float | None:
         if max(radii) - min(radii) > 1e-12:
             return None
         return 2.0 * max(radii) if "diameter" in name else max(radii) if "radius" in name else None
+    if len(surfaces) == 1 and surfaces[0].kind == "TOROIDAL_SURFACE" and len(surfaces[0].sizes) == 2:
+        return _size_of_torus(*surfaces[0].sizes, name)
     if len(surfaces) == 2 and all(one.kind == "PLANE" for one in surfaces):
         return measured_distance([surfaces[0]], [surfaces[1]])
     if "angle" in name and len(surfaces) == 1 and surfaces[0].kind == "CONICAL_SURFACE":
@@ -197,13 +199,23 @@ def measured_size(surfaces: list[Surface], name: str) -> float | None:
     return None
 
 
-def measured_distance(first: list[Surface], second: list[Surface]) -> float | None:
+def _size_of_torus(major: float, minor: float, name: str) -> float | None:
+    """Size of a ring as its dimension is named: of its middle, of its wire, or of its inner or outer edge."""
+    radii = {"high major": major + minor, "low major": major - minor, "major": major, "minor": minor}
+    radius = next((value for words, value in radii.items() if f"toroidal {words}" in name), None)
+    return None if radius is None else 2.0 * radius if "diameter" in name else radius if "radius" in name else None
+
+
+def measured_distance(first: list[Surface], second: list[Surface], kind: str = "") -> float | None:
     """Distance between two features: planes, axes of cylinders, centres of spheres.
 
     Parameters
     ----------
     first, second : list of Surface
         Faces of either feature.
+    kind : str
+        Name of the DIMENSIONAL_LOCATION; ``linear distance centre outer`` reaches to the far side of a round second
+        feature, ``inner`` to its near side, and so for the first.
 
     Returns
     -------
@@ -211,14 +223,27 @@ def measured_distance(first: list[Surface], second: list[Surface]) -> float | No
         Distance [m]; None where the features are not parallel or not of these kinds.
     """
     values = [_distance(a, b) for a in first for b in second]
+    sides = kind.removeprefix("linear distance").split()
+    if len(sides) == 2:
+        values = [
+            None if value is None else value + _beyond_centre(a, sides[0]) + _beyond_centre(b, sides[1])
+            for value, (a, b) in zip(values, [(a, b) for a in first for b in second], strict=True)
+        ]
     known = [value for value in values if value is not None]
     if not known or len(known) != len(values) or max(known) - min(known) > 1e-12:
         return None
     return known[0]
 
 
+def _beyond_centre(surface: Surface, side: str) -> float:
+    """How far the side of a round feature that a dimension names lies beyond its centre [m]."""
+    if surface.kind not in ("CYLINDRICAL_SURFACE", "SPHERICAL_SURFACE") or not surface.sizes:
+        return 0.0
+    return {"outer": surface.sizes[0], "inner": -surface.sizes[0]}.get(side, 0.0)
+
+
 def _distance(a: Surface, b: Surface) -> float | None:
-    if a.kind != "PLANE" and b.kind == "PLANE":
+    if b.kind == "PLANE" or (a.kind in _CURVES and b.kind not in _CURVES):
         a, b = b, a
     between = b.point - a.point
     if b.kind in _CURVES:
@@ -230,26 +255,39 @@ def _distance(a: Surface, b: Surface) -> float | None:
     sphere = b.kind == "SPHERICAL_SURFACE"
     cylinder = b.kind in ("CYLINDRICAL_SURFACE", "CONICAL_SURFACE")
     if a.kind == "PLANE":
-        if b.kind == "PLANE" and np.linalg.norm(np.cross(a.axis, b.axis)) > _PARALLEL:
+        if b.kind == "PLANE" and not _parallel(a, b):
             return None
         if cylinder and abs(a.axis @ b.axis) > _PARALLEL:
             return None
         return abs(float(between @ a.axis)) if b.kind == "PLANE" or sphere or cylinder else None
     if a.kind in ("CYLINDRICAL_SURFACE", "CONICAL_SURFACE") and (cylinder or sphere):
-        if cylinder and np.linalg.norm(np.cross(a.axis, b.axis)) > _PARALLEL:
+        if cylinder and not _parallel(a, b):
             return None
-        return float(np.linalg.norm(between - (between @ a.axis) * a.axis))
+        apart = float(np.linalg.norm(between - (between @ a.axis) * a.axis))
+        if a.kind == b.kind and apart <= 1e-12 and a.representation != b.representation:
+            return abs(a.sizes[0] - b.sizes[0])  # one body in the bore of another: the gap, their axes being one
+        return apart
     if a.kind == "SPHERICAL_SURFACE" and sphere:
         return float(np.linalg.norm(between))
     return None
 
 
 def _distance_to_curve(a: Surface, b: Surface) -> float | None:
-    """Distance of a plane from a straight edge along it, or from a round edge that lies level over it."""
+    """Distance of a plane from a straight edge along it or a round edge level over it; of a cone from a round edge about it."""
+    if a.kind == "CONICAL_SURFACE" and b.kind == "CIRCLE":
+        between = b.point - a.point
+        along = float(between @ a.axis)
+        if not (_parallel(a, b) and float(np.linalg.norm(between - along * a.axis)) <= 1e-12):
+            return None
+        return abs(b.sizes[0] - a.sizes[0] - along * math.tan(a.sizes[1])) * math.cos(a.sizes[1])
     if a.kind != "PLANE":
         return None
-    level = abs(a.axis @ b.axis) if b.kind == "LINE" else float(np.linalg.norm(np.cross(a.axis, b.axis)))
-    return abs(float((b.point - a.point) @ a.axis)) if level <= _PARALLEL else None
+    level = abs(float(a.axis @ b.axis)) <= _PARALLEL if b.kind == "LINE" else _parallel(a, b)
+    return abs(float((b.point - a.point) @ a.axis)) if level else None
+
+
+def _parallel(a: Surface, b: Surface) -> bool:
+    return float(np.linalg.norm(np.cross(a.axis, b.axis))) <= _PARALLEL
 
 
 def _between_cones(a: Surface, b: Surface) -> float | None:
@@ -258,7 +296,7 @@ def _between_cones(a: Surface, b: Surface) -> float | None:
     along = float(between @ a.axis)
     same_way = 1.0 if a.axis @ b.axis > 0.0 else -1.0
     aside = float(np.linalg.norm(between - along * a.axis))
-    if np.linalg.norm(np.cross(a.axis, b.axis)) > _PARALLEL or aside > 1e-12:
+    if not _parallel(a, b) or aside > 1e-12:
         return None
     if abs(a.sizes[1] - same_way * b.sizes[1]) > 1e-12:
         return None
@@ -297,7 +335,9 @@ def measured_angle(first: list[Surface], second: list[Surface], nominal: float) 
     float or None
         Angle [rad]; None where the faces do not determine it.
     """
-    if len(first) != 1 or len(second) != 1 or {first[0].kind, second[0].kind} != {"PLANE"}:
+    turned = {"CYLINDRICAL_SURFACE", "CONICAL_SURFACE"}
+    kinds = {one.kind for one in (*first, *second)}
+    if len(first) != 1 or len(second) != 1 or not (kinds == {"PLANE"} or kinds <= turned):
         return None
     angle = float(np.arctan2(np.linalg.norm(np.cross(first[0].axis, second[0].axis)), first[0].axis @ second[0].axis))
     return min((angle, math.pi - angle), key=lambda one: abs(one - nominal))

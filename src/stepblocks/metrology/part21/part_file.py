@@ -100,8 +100,16 @@ def _wanted(one: Wanted) -> tuple[float, ...]:
     return (one.upper,) if one.kind in ("flatness", "parallelism") else (one.nominal, one.lower, one.upper)
 
 
+_NAMES = {
+    "distance": ("linear distance", "linear distance centre outer"),
+    "angle": ("angular size", "angular location"),
+    "radius": ("radius", "spherical radius", "toroidal major radius"),
+}
+"""What a kind of ours is called in the file, after the surface that carries it."""
+
+
 def _agrees(item: Characteristic, kind: str, wanted: tuple[float, ...]) -> bool:
-    names = {"distance": ("linear distance",), "angle": ("angular size", "angular location")}.get(kind, (kind,))
+    names = _NAMES.get(kind, (kind,))
     got = (item.value,) if len(wanted) == 1 else (item.value, item.lower, item.upper)
     return item.kind in names and all(abs(a - b) <= _ALLOWED for a, b in zip(got, wanted, strict=True))
 
