@@ -67,12 +67,20 @@ def tip_views(sheet: Sheet, tip: StraightTip | HookTip, numbered: Numbered) -> l
     number, one = numbered["shank_diameter"]
     if isinstance(tip, StraightTip):
         sheet.dimension(number, one, at(end, -shank), at(end, shank), (at(end, 0.0)[0] + 14.0, cy), s, 90.0)
+        number, one = numbered["length"]
+        sheet.dimension(number, one, at(0.0, 0.0), at(end, -shank), (cx, at(0.0, -shank)[1] - 12.0), s, 0.0)
     else:
         outer, inner = lines[-2][-2], lines[-2][-1]
         middle = at(0.5 * (outer[0] + inner[0]), 0.5 * (outer[1] + inner[1]))
         text = f"dia. {limits_text(one.nominal, one.lower, one.upper)}"
         sheet.leader(middle, (middle[0] + 14.0, middle[1] - 6.0), text, number)
-    sheet.text((cx, at(0.0, low[1])[1] - 14.0), f"side {s:g}:1", 2.5)
+        number, one = numbered["bend_radius"]
+        half = 0.5 * tip.bend_angle.nominal
+        wire = tip.bend_radius.nominal
+        bent = at(tip.cone_end + wire * math.sin(half), wire * (1.0 - math.cos(half)))
+        text = f"R {limits_text(one.nominal, one.lower, one.upper)}, axis of the wire"
+        sheet.leader(bent, (bent[0] + 18.0, bent[1] - 10.0), text, number)
+    sheet.text((cx, at(0.0, low[1])[1] - 26.0), f"side {s:g}:1", 2.5)
     _ball(sheet, tip, numbered)
     return []
 
