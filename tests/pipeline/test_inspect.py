@@ -9,6 +9,7 @@ from stepblocks.cli import main
 from stepblocks.errors import MetrologyError
 from stepblocks.metrology.as_built import AsBuilt, AsBuiltValue, read_as_built, write_as_built
 from stepblocks.metrology.softgauge import correlated_noise, edge_gauge, groove_gauge
+from stepblocks.pipeline.felt import scanned_angle
 
 STIMULI = str(__import__("pathlib").Path(__file__).parents[2] / "stimuli")
 
@@ -167,8 +168,46 @@ def test_prediction_takes_the_record_and_says_how_far_the_energy_moved(tmp_path,
     rows = [line.split(",") for line in table.read_text().splitlines()]
     assert {row[4] for row in rows if row[1] == "step-050"} != {"50"}
     assert {row[4] for row in rows if row[1] == "step-060"} == {"60"}
+    # over an arc the path of the tip's centre is an arc too, so the surface says what height and radius say
+    column = rows[0].index("surface_critical_angle_deg")
+    for row in rows[1:]:
+        if row[1] == "step-050":
+            assert float(row[column]) == pytest.approx(np.degrees(np.arccos(1 - 50 / (float(row[3]) + 14))), abs=0.3)
+        else:
+            assert row[column] == ""
+    assert "by the scanned surface itself E_v" in said
     assert main(["predict", source, "--as-built", str(tmp_path / "a.csv")]) == 2
     assert main(["predict", source, "--as-built", str(tmp_path)]) == 2
+
+
+def test_the_scanned_surface_says_what_height_and_radius_cannot_of_a_chamfered_edge():
+    # a riser of 30 um below a chamfer of 45 deg up to 50 um: a ball of 125 um on the lower face touches the chamfer first,
+    # at R (1 - cos 45 deg) = 36.6 um, so the critical angle is that of the chamfer
+    x = np.arange(-400, 400) * 1e-6
+    z = np.where(x < 0.0, 0.0, np.minimum(30e-6 + x, 50e-6))
+    assert np.degrees(scanned_angle(x, z, 125e-6)) == pytest.approx(45.0, abs=1e-6)
+    assert np.degrees(scanned_angle(-x[::-1], z[::-1], 125e-6)) == pytest.approx(45.0, abs=1e-6)
+    # a ball of 80 um meets the riser's corner first, at acos(1 - 30/80) = 51.3 deg, and that is steeper than the chamfer
+    assert np.degrees(scanned_angle(x, z, 80e-6)) == pytest.approx(np.degrees(np.arccos(1 - 30 / 80)), abs=0.5)
+    assert scanned_angle(x, np.full_like(x, np.nan), 125e-6) is None
+
+
+def test_a_record_whose_surface_was_changed_or_lost_is_refused(tmp_path, capsys):
+    inspect(scan(tmp_path / "a.csv", 50.0e-6, 14e-6), "--stimulus", "step-050", "-o", str(tmp_path / "out"))
+    record, surface = (tmp_path / "out" / f"step-050.as-built.{end}" for end in ("toml", "profile.csv"))
+    text = record.read_text()
+    assert len(read_as_built(record).surface.height) == 1600
+    for damage, rule in (
+        (
+            lambda: surface.write_text(surface.read_text().replace("x_um,z_um\n", "x_um,z_um\n-401.0,0.0\n")),
+            "the one that was inspected",
+        ),
+        (lambda: surface.unlink(), "must lie beside the record"),
+        (lambda: record.write_text(text.replace('profile = "', 'profile = "../')), "name of a file beside the record"),
+    ):
+        damage()
+        with pytest.raises(MetrologyError, match=rule):
+            read_as_built(record)
 
 
 def test_an_inspected_block_speaks_in_the_closed_loop_with_its_own_height_and_edge(tmp_path):

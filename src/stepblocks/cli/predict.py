@@ -4,8 +4,12 @@ from __future__ import annotations
 
 import argparse
 import sys
+from collections.abc import Callable
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from stepblocks.pipeline.predict import Prediction
 
 __all__ = ["add_to"]
 
@@ -107,10 +111,23 @@ def _predict_sets(arguments: argparse.Namespace) -> int:
     from stepblocks.pipeline.sheaths import ring_rows
 
     sets = [load_declared(path) for path in stimulus_files(arguments.files)]
+    more: Callable[[Prediction], dict[str, str]] | None = None
     if arguments.as_built:
-        from stepblocks.pipeline.as_built import moved_energies, read_records, with_as_built
+        from stepblocks.pipeline.as_built import (
+            moved_energies,
+            read_records,
+            surface_columns,
+            surface_releases,
+            with_as_built,
+        )
 
         records = read_records(arguments.as_built)
+        if any(record.surface is not None for record in records.values()):
+            by_set = {stimuli.name: surface_releases(stimuli, records) for stimuli in sets}
+
+            def more(prediction: Prediction) -> dict[str, str]:
+                return surface_columns(by_set[prediction.set_name](prediction))
+
         for sentence in (sentence for stimuli in sets for sentence in moved_energies(stimuli, records)):
             print(sentence, file=sys.stderr)
         sets = [with_as_built(stimuli, records) for stimuli in sets]
@@ -138,10 +155,11 @@ def _predict_sets(arguments: argparse.Namespace) -> int:
             print(path)
     rings = [(stimuli.name, rows) for stimuli in sets if (rows := ring_rows(stimuli))]
     if arguments.output:
-        replace_text(arguments.output, as_csv(iter(predictions)))
+        replace_text(arguments.output, as_csv(iter(predictions), more))
         print(f"{arguments.output}: {len(predictions)} predictions")
     else:
-        _print_table([as_row(prediction) for prediction in predictions], SHOWN)
+        rows = [as_row(prediction) | (more(prediction) if more else {}) for prediction in predictions]
+        _print_table(rows, (*SHOWN, *(name for name in rows[0] if name.startswith("surface_"))) if rows else SHOWN)
     for name, rows in rings:
         print(f"\nring of the probe of {name}")
         _print_table(rows, tuple(rows[0]))

@@ -2,15 +2,18 @@
 
 from __future__ import annotations
 
+import hashlib
 import tomllib
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 
 from stepblocks.beside import replace_text
 from stepblocks.errors import MetrologyError, QuantityError
+from stepblocks.metrology.scan import Profile
+from stepblocks.metrology.scan_text import read_text_scan
 from stepblocks.quantities import format_quantity, parse_quantity
 
-__all__ = ["SCHEMA", "AsBuilt", "AsBuiltValue", "read_as_built", "write_as_built"]
+__all__ = ["SCHEMA", "AsBuilt", "AsBuiltValue", "read_as_built", "surface_path", "write_as_built"]
 
 SCHEMA = 1
 """Version of the record's format."""
@@ -50,6 +53,8 @@ class AsBuilt:
         How the values are defined.
     values : dict of str to AsBuiltValue
         By key of the characteristic, for example ``step_height``.
+    surface : Profile or None
+        Levelled profile across the edge, for what the values do not say of its form.
     """
 
     stimulus: str
@@ -57,15 +62,21 @@ class AsBuilt:
     scan_sha256: str
     convention: str
     values: dict[str, AsBuiltValue]
+    surface: Profile | None = field(default=None, compare=False)
+
+
+def surface_path(record: Path) -> Path:
+    """Return where the surface of a record lies: ``<id>.as-built.profile.csv`` beside ``<id>.as-built.toml``."""
+    return record.with_name(f"{record.stem}.profile.csv")
 
 
 def write_as_built(path: Path, record: AsBuilt) -> None:
-    """Write a record as TOML with units; the file is replaced only when it is whole.
+    """Write a record as TOML with units, and its surface beside it as CSV; each is replaced only when it is whole.
 
     Parameters
     ----------
     path : Path
-        File to write.
+        File to write, ``<id>.as-built.toml``; the surface goes to ``<id>.as-built.profile.csv``.
     record : AsBuilt
         What was measured.
     """
@@ -76,6 +87,13 @@ def write_as_built(path: Path, record: AsBuilt) -> None:
         f"scan_sha256 = {_quoted(record.scan_sha256)}",
         f"convention = {_quoted(record.convention)}",
     ]
+    if record.surface is not None:
+        rows = zip(record.surface.position * 1e6, record.surface.height * 1e6, strict=True)
+        text = "x_um,z_um\n" + "".join(f"{x:.6f},{z:.6f}\n" for x, z in rows)
+        beside = surface_path(path)
+        replace_text(beside, text)
+        digest = hashlib.sha256(text.encode()).hexdigest()
+        lines += [f"profile = {_quoted(beside.name)}", f'profile_sha256 = "{digest}"']
     for key, one in record.values.items():
         lines += [
             "",
@@ -103,12 +121,12 @@ def read_as_built(path: Path) -> AsBuilt:
     Returns
     -------
     AsBuilt
-        Values in SI.
+        Values in SI, with the surface where the record has one.
 
     Raises
     ------
     MetrologyError
-        If the file cannot be read or is malformed.
+        If the file cannot be read or is malformed, or if the surface beside it is missing or not the one it was.
     """
     try:
         if path.stat().st_size > _MOST_BYTES:
@@ -126,9 +144,26 @@ def read_as_built(path: Path) -> AsBuilt:
     if not isinstance(tables, dict) or not tables:
         raise MetrologyError(f"values must hold at least one characteristic [{path}]")
     values = {key: _value(path, key, table) for key, table in tables.items()}
-    return AsBuilt(
-        str(texts["stimulus"]), str(texts["scan"]), str(texts["scan_sha256"]), str(texts["convention"]), values
-    )
+    known = {key: str(value) for key, value in texts.items()}
+    return AsBuilt(**known, values=values, surface=_surface(path, raw.get("profile"), raw.get("profile_sha256")))
+
+
+def _surface(record: Path, name: object, digest: object) -> Profile | None:
+    if name is None:
+        return None
+    if not isinstance(name, str) or not isinstance(digest, str) or Path(name).name != name:
+        raise MetrologyError(
+            f"profile must be the name of a file beside the record, with profile_sha256, got {name!r} [{record}]"
+        )
+    path = record.with_name(name)
+    if not path.is_file():
+        raise MetrologyError(f"profile must lie beside the record, missing {name!r} [{record}]")
+    surface = read_text_scan(path)
+    if hashlib.sha256(path.read_bytes()).hexdigest() != digest or not isinstance(surface, Profile):
+        raise MetrologyError(
+            f"profile must be the one that was inspected, got another under the name {name!r} [{record}]"
+        )
+    return surface
 
 
 def _value(path: Path, key: str, table: object) -> AsBuiltValue:

@@ -1,19 +1,22 @@
-"""As-built records into prediction: the measured height and edge radius instead of the nominal, and how far that moves E_v."""
+"""As-built records into prediction: the measured height, edge radius and surface instead of the nominal, and how far E_v moves."""
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+import math
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
+from functools import cache
 from pathlib import Path
 
-from stepblocks.contact.energy import Status
+from stepblocks.contact.energy import Release, Status, release_at
 from stepblocks.errors import PipelineError
 from stepblocks.metrology.as_built import AsBuilt, AsBuiltValue, read_as_built
-from stepblocks.pipeline.predict import predict_set
+from stepblocks.pipeline.felt import scanned_angle
+from stepblocks.pipeline.predict import Prediction, predict_set, tool_of
 from stepblocks.stimulus.block import StepBlock
 from stepblocks.stimulus.set import StimulusSet
 
-__all__ = ["measured_edges", "moved_energies", "read_records", "with_as_built"]
+__all__ = ["measured_edges", "moved_energies", "read_records", "surface_columns", "surface_releases", "with_as_built"]
 
 
 def read_records(paths: Sequence[Path]) -> dict[str, AsBuilt]:
@@ -110,6 +113,47 @@ def measured_edges(records: dict[str, AsBuilt]) -> dict[str, dict[str, float]]:
     return edges
 
 
+def surface_releases(stimuli: StimulusSet, records: dict[str, AsBuilt]) -> Callable[[Prediction], Release | None]:
+    """Prepare to predict from the scanned surfaces themselves, through the path of the tip over each.
+
+    Parameters
+    ----------
+    stimuli : StimulusSet
+        Whose tool is used.
+    records : dict of str to AsBuilt
+        By identity.
+
+    Returns
+    -------
+    callable
+        Gives the release of a prediction's condition at the scanned edge; None where its record holds no surface or no
+        path can be followed over it.
+    """
+    tool = tool_of(stimuli.prediction)
+
+    @cache
+    def angle(stimulus: str, ball: float) -> float | None:
+        record = records.get(stimulus)
+        surface = None if record is None else record.surface
+        return None if surface is None else scanned_angle(surface.position, surface.height, ball)
+
+    def release(prediction: Prediction) -> Release | None:
+        steepest = angle(prediction.stimulus, prediction.tip_radius)
+        return None if steepest is None else release_at(steepest, prediction.normal_load, prediction.friction, tool)
+
+    return release
+
+
+def surface_columns(release: Release | None) -> dict[str, str]:
+    """Return the further columns of a table of predictions, empty where there is no scanned surface."""
+    names = ("surface_critical_angle_deg", "surface_status", "surface_pull_force_n", "surface_vibration_energy_uj")
+    if release is None:
+        return dict.fromkeys(names, "")
+    numbers = math.degrees(release.angle), release.pull_force, release.vibration_energy * 1e6
+    angle, force, energy = ("" if math.isnan(value) else f"{value:.6g}" for value in numbers)
+    return dict(zip(names, (angle, release.status.value, force, energy), strict=True))
+
+
 def moved_energies(stimuli: StimulusSet, records: dict[str, AsBuilt]) -> Iterator[str]:
     """Say for each recorded step block how far the felt energy moved over the conditions of its set.
 
@@ -128,23 +172,30 @@ def moved_energies(stimuli: StimulusSet, records: dict[str, AsBuilt]) -> Iterato
     """
     built = with_as_built(stimuli, records)
     asked, made = list(predict_set(stimuli)), list(predict_set(built))
+    scanned = surface_releases(stimuli, records)
     for before, after in zip(stimuli.step_block, built.step_block, strict=True):
         if before.id not in records:
             continue
-        pairs = [(a.release, b.release) for a, b in zip(asked, made, strict=True) if a.stimulus == before.id]
-        changes = [
-            b.vibration_energy / a.vibration_energy - 1.0
-            for a, b in pairs
-            if a.status is Status.RELEASES and b.status is Status.RELEASES
-        ]
+        mine = [(a, b) for a, b in zip(asked, made, strict=True) if a.stimulus == before.id]
+        pairs = [(a.release, b.release) for a, b in mine]
         verdicts = ", ".join(f"{key} {one.verdict}" for key, one in records[before.id].values.items())
         sentence = (
             f"{before.id} ({verdicts}): as built, {after.height.nominal * 1e6:.2f} um and an edge radius of "
-            f"{after.edge_radius.nominal * 1e6:.2g} um, "
+            f"{after.edge_radius.nominal * 1e6:.2g} um, {_moved(pairs) or 'nothing to compare: the probe does not release'}"
         )
-        if changes:
-            sentence += f"E_v {min(changes) * 100:+.1f} % to {max(changes) * 100:+.1f} % over {len(changes)} conditions"
-        else:
-            sentence += "nothing to compare: the probe does not release"
+        by_surface = _moved([(a.release, release) for a, _ in mine if (release := scanned(a)) is not None])
+        if by_surface:
+            sentence += f"; by the scanned surface itself {by_surface}"
         other = sum(a.status is not b.status for a, b in pairs)
         yield sentence + (f"; {other} conditions change between releasing and locking" if other else "")
+
+
+def _moved(pairs: Sequence[tuple[Release, Release]]) -> str:
+    changes = [
+        b.vibration_energy / a.vibration_energy - 1.0
+        for a, b in pairs
+        if a.status is Status.RELEASES and b.status is Status.RELEASES
+    ]
+    if not changes:
+        return ""
+    return f"E_v {min(changes) * 100:+.1f} % to {max(changes) * 100:+.1f} % over {len(changes)} conditions"

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 
 import numpy as np
+from numpy.typing import NDArray
 
 from stepblocks.contact.catches import steepest
 from stepblocks.contact.critical_angle import step_angle
@@ -18,7 +19,7 @@ from stepblocks.pipeline.predict import tool_of
 from stepblocks.stimulus.block import StepBlock
 from stepblocks.stimulus.set import PredictionGrid
 
-__all__ = ["felt_sentence"]
+__all__ = ["felt_sentence", "scanned_angle"]
 
 _WORTH_SAYING = 0.01
 """Relative change of the energy from which a cause is named [1]."""
@@ -69,7 +70,7 @@ def felt_sentence(block: StepBlock, verdict: Outcome, inspected: Inspected, grid
         joint = ", but " if verdict is Outcome.CONFORMS else ": "
         sentence = f"{block.id} {verdict.value}{joint}{named}"
     sentence += f"; together {total * 100:+.1f} %, to {made.vibration_energy * 1e6:.3g} uJ"
-    scanned = _by_surface(inspected, ball)
+    scanned = scanned_angle(inspected.shown.position, inspected.shown.height, ball)
     if scanned is not None:
         itself = released(scanned)
         if itself.status is Status.RELEASES:
@@ -85,13 +86,29 @@ def _moves(change: float) -> str:
     return f"{'raises' if change > 0.0 else 'lowers'} E_v by {abs(change) * 100:.1f} %"
 
 
-def _by_surface(inspected: Inspected, ball: float) -> float | None:
-    """Steepest angle of the path of the tip's centre over the levelled scan, up the step [rad]; None where it has none."""
-    x, z = inspected.shown.position, inspected.shown.height
-    rising = float(np.nanmedian(z[-len(z) // 10 :])) > float(np.nanmedian(z[: len(z) // 10]))
+def scanned_angle(position: NDArray[np.float64], height: NDArray[np.float64], ball: float) -> float | None:
+    """Critical angle of a scanned edge: the steepest rise of the path of the tip's centre over it, up the step.
+
+    Parameters
+    ----------
+    position, height : ndarray, shape (n,)
+        Levelled profile across the edge, rising or falling [m].
+    ball : float
+        Radius of the tip [m].
+
+    Returns
+    -------
+    float or None
+        Angle [rad]; None where no path can be followed, or where it is none that equations (1) and (2) know.
+    """
+    known = height[np.isfinite(height)]
+    tenth = len(known) // 10
+    if tenth == 0:
+        return None
+    rising = float(np.median(known[-tenth:])) > float(np.median(known[:tenth]))
+    x, z = (position, height) if rising else (-position[::-1], height[::-1])
     try:
-        path = profile_path(x, z, Ball(ball)) if rising else profile_path(-x[::-1], z[::-1], Ball(ball))
-        angle = steepest(path).angle
+        angle = steepest(profile_path(x, z, Ball(ball))).angle
     except ContactError:
         return None
     return angle if 0.0 < angle < 0.5 * math.pi else None

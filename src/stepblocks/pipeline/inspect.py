@@ -13,7 +13,7 @@ from stepblocks.beside import replace_text
 from stepblocks.errors import PipelineError
 from stepblocks.machining.characteristics import Characteristic, characteristics_of
 from stepblocks.machining.inspection_sheet import write_sheet_csv
-from stepblocks.metrology.as_built import AsBuilt, AsBuiltValue, write_as_built
+from stepblocks.metrology.as_built import AsBuilt, AsBuiltValue, surface_path, write_as_built
 from stepblocks.metrology.conformity import Decision, Outcome
 from stepblocks.metrology.inspect_shapes import measure_margin, measure_tip
 from stepblocks.metrology.inspect_step import measure_edge, measure_groove
@@ -225,8 +225,8 @@ def write_inspection(result: InspectionResult, folder: Path) -> list[Path]:
     Returns
     -------
     list of Path
-        The files: ``<id>.as-built.toml``, ``.inspection.json``, ``.inspection.txt``, ``.inspection.svg``, and
-        the inspection sheet of a stimulus with the values filled in.
+        The files: ``<id>.as-built.toml`` (with the levelled profile of a step beside it), ``.inspection.json``,
+        ``.inspection.txt``, ``.inspection.svg``, and the inspection sheet of a stimulus with the values filled in.
     """
     folder.mkdir(parents=True, exist_ok=True)
     base = folder / result.identity
@@ -234,15 +234,19 @@ def write_inspection(result: InspectionResult, folder: Path) -> list[Path]:
     for one, decision in result.judged:
         values[one.key] = AsBuiltValue(decision.value, decision.std, decision.verdict.value)
     digest = hashlib.sha256(result.source.read_bytes()).hexdigest()
-    record = AsBuilt(result.identity, result.source.name, digest, result.inspected.convention, values)
+    shown = result.inspected.shown
+    surface = Profile(shown.position, shown.height) if result.felt else None
+    record = AsBuilt(result.identity, result.source.name, digest, result.inspected.convention, values, surface)
     paths = [base.with_name(f"{base.name}.{ending}") for ending in ("as-built.toml", "inspection.json", "inspection.txt",
                                                                      "inspection.svg")]  # fmt: skip
     write_as_built(paths[0], record)
-    replace_text(paths[1], json.dumps(as_json(result), indent=2, allow_nan=False) + "\n")
-    replace_text(paths[2], table_of(result) + "\n")
+    if surface is not None:
+        paths.insert(1, surface_path(paths[0]))
+    replace_text(paths[-3], json.dumps(as_json(result), indent=2, allow_nan=False) + "\n")
+    replace_text(paths[-2], table_of(result) + "\n")
+    draw_inspection(paths[-1], result.identity, result.inspected, list(result.judged), result.verdict)
     if result.stimulus is not None:
         paths.append(_filled_sheet(base, result.stimulus, values))
-    draw_inspection(paths[3], result.identity, result.inspected, list(result.judged), result.verdict)
     return paths
 
 
