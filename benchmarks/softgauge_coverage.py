@@ -2,8 +2,9 @@
 
 Run from the root of the repository: ``python benchmarks/softgauge_coverage.py [DRAWS [NOISE]]``, NOISE a part of the label of
 the cases to run. One line per value and kind of noise:
-mean error over the stated standard uncertainty u, and the share of stated 95 % intervals that hold the truth. The share
-itself scatters by sqrt(0.95 0.05 / draws); exit code 1 if a mean error exceeds 0.1 u or a share is off by more than three of that.
+mean error over the stated standard uncertainty u, and the share of stated 95 % intervals that hold the truth. The share itself
+scatters by sqrt(0.95 0.05 / draws); exit code 1 if a mean error exceeds 0.1 u (of one form of a face 0.33 u) or a share is off by more
+than three of that.
 """
 
 import math
@@ -16,6 +17,7 @@ import numpy as np
 from stepblocks.errors import MetrologyError
 from stepblocks.metrology.edge import fit_edge
 from stepblocks.metrology.face_form import fit_face, zone_of_flatness
+from stepblocks.metrology.flatness import flatness
 from stepblocks.metrology.inspect_shapes import measure_margin, measure_tip
 from stepblocks.metrology.inspect_step import measure_edge
 from stepblocks.metrology.masked_step import masked_step
@@ -38,6 +40,8 @@ EXACT = Instrument(0.0, 0.0, 0.0)
 ONE_SIDED = ("unresolved",)
 """Values at the end of their range: an interval there holds the truth more often than stated, never less."""
 
+SEVERAL_TERMS = "bow, saddle, twist, cubic"
+"""A form for which flatness is stated too small, by a third of u, as docs/workshop.md says."""
 MOST_REFUSED = 0.01
 """Part of the draws that an evaluation may refuse: type A1 takes several spikes side by side for a defect [1]."""
 
@@ -136,9 +140,12 @@ def grating() -> Draw:
     return draw
 
 
-def bow(zone: float, rough: float) -> Draw:
+def form(bow: float, rough: float, saddle: float = 0.0, twist: float = 0.0, cubic: float = 0.0) -> Draw:
+    x, y = np.meshgrid(np.linspace(-1.0, 1.0, 60), np.linspace(-1.0, 1.0, 40))
+    shape = bow * x**2 + saddle * y**2 + twist * x * y + cubic * x**3
+    # minimum zone of the form itself; heights in units that its linear programme resolves
+    zone = flatness(np.stack([x.ravel(), y.ravel(), shape.ravel() * 1e6], axis=1)).zone * 1e-6
     x, y = np.arange(60) * 10 * UM, np.arange(40) * 10 * UM
-    shape = zone * ((2.0 * x[np.newaxis, :] / x[-1] - 1.0) ** 2) * np.ones((40, 1))
 
     def draw(random: np.random.Generator) -> Iterator[tuple[str, float, Measured]]:
         z = shape + correlated_map(shape.shape, 10 * UM, 10 * NM, rough, 20 * UM, random)
@@ -168,7 +175,8 @@ CASES: list[tuple[str, Draw, float]] = [
     ("12 rows, no wander", step_map(12, 0.0), 0.15),
     ("12 rows, wander 30 nm", step_map(12, 30 * NM), 0.15),
     ("4 x 4 holes", grating(), 0.5),
-    ("bow 200 nm, rough 30 nm", bow(200 * NM, 30 * NM), 0.25),
+    ("bow 200 nm, rough 30 nm", form(200 * NM, 30 * NM), 0.25),
+    (SEVERAL_TERMS, form(60 * NM, 30 * NM, 20 * NM, -15 * NM, 25 * NM), 0.25),
 ]
 
 
@@ -192,8 +200,9 @@ def judged(case: int, draws: int) -> tuple[list[str], int]:
         slack = error.std() / std.mean() / math.sqrt(count)
         scatter = math.sqrt(0.95 * 0.05 / count)
         one_sided = any(word in name for word in ONE_SIDED)
+        allowed = 0.33 if label == SEVERAL_TERMS else 0.1
         bad = rate < 0.95 - 3.0 * scatter or (
-            not one_sided and (abs(bias) > 0.1 + 2.0 * slack or rate > 0.95 + 3.0 * scatter)
+            not one_sided and (abs(bias) > allowed + 2.0 * slack or rate > 0.95 + 3.0 * scatter)
         )
         failed += bad
         shown = "one-sided" if one_sided else f"{bias:+.3f} +- {slack:.3f}"

@@ -170,7 +170,8 @@ def test_flatness_of_the_form_does_not_grow_with_noise_where_the_zone_of_all_poi
         zones.append(zone_of_flatness(fit_face(x, y, bow + noise, whole)))
     errors, stds = np.array([one.zone for one in zones]) - 200e-9, np.array([one.std for one in zones])
     assert abs(errors.mean()) < 0.5 * stds.mean()
-    assert np.mean(np.abs(errors) < 1.96 * stds) >= 0.85  # three standard deviations of a binomial of 40 below 95 %
+    halves = stds * stats.t.ppf(0.975, [one.dof for one in zones])
+    assert np.mean(np.abs(errors) < halves) >= 0.85  # three standard deviations of a binomial of 40 below 95 %
     assert min(one.all_points for one in zones) > 260e-9
 
 

@@ -26,6 +26,9 @@ Mask = NDArray[np.bool_]
 MOST_DEGREE = 3
 """Largest total degree of the form [1]; along a side with fewer than four points per degree it is lower."""
 _DRAWS = 40
+_SCALES = (1.0, np.sqrt(3.0))
+_SEVERAL = 2.0
+"""Ratio of the two growths from which it is told from the root of two [1]; forty draws scatter it by a third."""
 _GRID = 9
 
 
@@ -163,27 +166,34 @@ def _placed(at: Array, low: float, high: float) -> Array:
 
 def zone_of_flatness(face: FaceForm) -> FormZone:
     """Flatness of the form of a face (ISO 1101, minimum zone)."""
-    zone = flatness(face.shape()).zone
-    draws = np.array([flatness(face.shape(one)).zone for one in face.draws(np.random.default_rng(1101))])
-    return _without_growth(zone, draws, face.dof, flatness(face.points).zone)
+    added = face.draws(np.random.default_rng(1101))
+    drawn = [np.array([flatness(face.shape(scale * one)).zone for one in added]) for scale in _SCALES]
+    return _without_growth(flatness(face.shape()).zone, drawn, face.dof, flatness(face.points).zone)
 
 
 def zone_of_parallelism(face: FaceForm, datum: FaceForm) -> FormZone:
     """Parallelism of the form of a face to the minimum-zone plane of the form of another (ISO 1101)."""
     random = np.random.default_rng(1101)
+    pairs = list(zip(face.draws(random), datum.draws(random), strict=True))
+
+    def zones(scale: float) -> Array:
+        return np.array([parallelism(face.shape(scale * a), flatness(datum.shape(scale * b))) for a, b in pairs])
+
     zone = parallelism(face.shape(), flatness(datum.shape()))
-    pairs = zip(face.draws(random), datum.draws(random), strict=True)
-    draws = np.array([parallelism(face.shape(one), flatness(datum.shape(other))) for one, other in pairs])
     plane: Plane = flatness(datum.points)
-    return _without_growth(zone, draws, min(face.dof, datum.dof), parallelism(face.points, plane))
+    drawn = [zones(scale) for scale in _SCALES]
+    return _without_growth(zone, drawn, min(face.dof, datum.dof), parallelism(face.points, plane))
 
 
-def _without_growth(zone: float, draws: Array, dof: float, all_points: float) -> FormZone:
+def _without_growth(zone: float, drawn: list[Array], dof: float, all_points: float) -> FormZone:
     """Take off what noise has added; as much again, as a rectangle, counts beside the scatter.
 
-    A zone grows with the standard deviation of the noise. The fit holds it once, a draw holds it twice, as the root of two:
-    the line through both, followed back to no noise.
+    The fit holds the noise once, draws at the two scales hold it as its root of two and twice. Where one term sets the zone, the
+    zone grows with the standard deviation of the noise and the second growth is the first times the root of two; where several
+    do, it grows with a higher power, and the power follows from the two. Either way it is followed back to no noise.
     """
-    growth = min(max((float(draws.mean()) - zone) / (np.sqrt(2.0) - 1.0), 0.0), zone)
-    std = float(np.hypot(draws.std(ddof=1), growth / np.sqrt(3.0)))
+    first, second = float(drawn[0].mean()) - zone, float(drawn[1].mean() - drawn[0].mean())
+    ratio = second / first if second > _SEVERAL * first > 0.0 else np.sqrt(2.0)
+    growth = min(max(first / (ratio - 1.0), 0.0), zone)
+    std = float(np.hypot(drawn[0].std(ddof=1), growth / np.sqrt(3.0)))
     return FormZone(zone - growth, std, dof, all_points)
