@@ -1,6 +1,7 @@
 """The command line answers at once and speaks in one line."""
 
 import json
+import signal
 import subprocess
 import sys
 from pathlib import Path
@@ -79,3 +80,11 @@ def test_what_is_not_there_is_said_in_one_line(arguments, message, capsys, tmp_p
     error = capsys.readouterr().err
     assert message in error
     assert error.count("\n") == 1
+
+
+def test_a_reader_that_has_seen_enough_gets_no_traceback():
+    command = [sys.executable, "-m", "stepblocks", "predict", str(ROOT / "stimuli" / "paper-ten.toml")]
+    with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE) as process:
+        process.stdout.close()
+        assert process.stderr.read() == b""
+    assert process.returncode == 128 + signal.SIGPIPE

@@ -56,7 +56,13 @@ def main(argv: Sequence[str] | None = None) -> int:
         # asked to end, a command takes its workers with it and leaves no draft behind
         signal.signal(signal.SIGTERM, _end)
     try:
-        return int(arguments.run(arguments))
+        code = int(arguments.run(arguments))
+        sys.stdout.flush()
+        return code
+    except BrokenPipeError:
+        # who reads our output has seen enough; what is left is flushed into nothing
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        return 128 + signal.SIGPIPE
     except StepblocksError as error:
         print(f"stepblocks: error: {error}", file=sys.stderr)
         return error.exit_code
