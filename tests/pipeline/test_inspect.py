@@ -224,18 +224,35 @@ def test_an_inspected_block_speaks_in_the_closed_loop_with_its_own_height_and_ed
     )
 
 
-def test_the_loop_takes_the_records_of_the_blunt_blocks_instead_of_their_scans(shared, tmp_path):
+def test_the_loop_takes_records_instead_of_scans_and_names_every_scan_that_it_cannot_use(shared, tmp_path):
     from stepblocks.pipeline.loop import loop_session
 
-    for height in range(10, 90, 10):
+    session = tmp_path / "quiet"
+    for path in sorted((shared / "bench" / "quiet").rglob("*")):
+        if path.is_file():
+            copy = session / path.relative_to(shared / "bench" / "quiet")
+            copy.parent.mkdir(parents=True, exist_ok=True)
+            copy.write_bytes(path.read_bytes())
+    (session / "scans" / "step-060.csv").write_text("x_um,z_um\n0,0\n")
+    (session / "scans" / "step-070.csv").unlink()
+    (session / "scans" / "step-080.csv").rename(tmp_path / "elsewhere.csv")
+    (session / "scans" / "step-080.csv").symlink_to(tmp_path / "elsewhere.csv")
+    for height in range(10, 60, 10):
         values = {
             "step_height": AsBuiltValue(height * 1e-6, 1e-6, "not-proven"),
             "edge_radius": AsBuiltValue(14e-6, 0.3e-6, "does-not-conform"),
         }
         record = AsBuilt(f"step-{height:03}", "scan.csv", "0" * 64, "two planes", values)
         write_as_built(tmp_path / f"step-{height:03}.as-built.toml", record)
-    loop_session(shared / "bench" / "quiet", tmp_path / "out", 1, as_built=[tmp_path])
+    told: list[str] = []
+    loop_session(session, tmp_path / "out", 1, as_built=[tmp_path], announce=told.append)
     result = json.loads((tmp_path / "out" / "result.json").read_text())
     # the records say 14 um where the blocks of this session are sharp; the forces contradict them
     assert result["scans"]["mean_edge_radius_m"] == pytest.approx(14e-6)
     assert result["nominal"]["error"]["ln_energy_rms"] < 0.1
+    assert [line.split(":")[0] for line in told] == [f"scan of step-{height:03} left out" for height in (60, 70, 80)]
+    reasons = {one["block"]: one["reason"] for one in result["scans"]["left_out"]}
+    assert "must" in reasons["step-060"]
+    assert reasons["step-070"] == "no file scans/step-070.csv"
+    assert reasons["step-080"] == "scans/step-080.csv leads out of the session"
+    assert "leads out of the session" in (tmp_path / "out" / "report.html").read_text()

@@ -31,8 +31,9 @@ def _run(arguments: argparse.Namespace) -> int:
     from stepblocks.pipeline.loop import loop_session
 
     verdict = loop_session(
-        arguments.session, arguments.output, arguments.jobs, not arguments.forces_only, _progress(), arguments.as_built
-    )
+        arguments.session, arguments.output, arguments.jobs, not arguments.forces_only, _progress(), arguments.as_built,
+        lambda line: print(line, file=sys.stderr),
+    )  # fmt: skip
     print(f"{verdict}: see {arguments.output / 'report.html'}")
     return 0
 

@@ -172,6 +172,7 @@ def loop_session(
     use_scans: bool = True,
     progress: Callable[[int, int], None] | None = None,
     as_built: Sequence[Path] = (),
+    announce: Callable[[str], None] | None = None,
 ) -> Verdict:
     """Measure a session, find what the model lacks, and write the four files.
 
@@ -189,6 +190,8 @@ def loop_session(
         Told how many of how many trials are measured.
     as_built : sequence of Path
         As-built records of inspected blocks, or folders of them; they count instead of the session's own scans.
+    announce : callable, optional
+        Told a line for every scan that could not be used.
 
     Returns
     -------
@@ -218,11 +221,16 @@ def loop_session(
     measure_session(session, output / "features.csv", cores, progress)
     features = pd.read_csv(output / "features.csv", dtype={"trial": str, "block": str, "tip": str})
     scans: Scans = {}
+    failed: dict[str, str] = {}
     if use_scans:
         blocks = sorted(set(features["block"].dropna()))
-        scans, _ = scan_blocks(session, declared.scans, [b for b in blocks if b not in inspected], edge_of_scan)
+        scans, failed = scan_blocks(session, declared.scans, [b for b in blocks if b not in inspected], edge_of_scan)
         scans = {**scans, **{block: inspected[block] for block in blocks if block in inspected}}
+    if announce:
+        for block, reason in failed.items():
+            announce(f"scan of {block} left out: {reason}")
     result = analyse_features(features, declared.probe.spring_constant, radius, scans, cores)
+    result.result["scans"]["left_out"] = [{"block": block, "reason": reason} for block, reason in failed.items()]
     write_loop(result, output, declared.title or session.name)
     return result.found.verdict
 

@@ -40,8 +40,11 @@ def scan_blocks(
     failed: dict[str, str] = {}
     for block in blocks if pattern else ():
         path = folder / str(pattern).replace("{block}", block)
-        if folder.resolve() not in path.resolve().parents or not path.is_file():
-            failed[block] = "no scan"
+        if not path.is_file():
+            failed[block] = f"no file {path.relative_to(folder)}"
+            continue
+        if folder.resolve() not in path.resolve().parents:
+            failed[block] = f"{path.relative_to(folder)} leads out of the session"
             continue
         try:
             found[block] = evaluate(path)
