@@ -1,7 +1,7 @@
 """What a workshop must hold: every characteristic of a part, numbered once for STEP, drawing and inspection sheet.
 
 Each names the faces, or the edges between two faces, that carry it; the faces of a gap may belong to two bodies. What no
-face carries (a depth of engraving that has no one floor, a gap that is defined at one point of a curve) is a note.
+face carries (where a sheath sits on the shank, the opening of a bevelled margin over a chamfer) is a note.
 """
 
 from __future__ import annotations

@@ -275,11 +275,7 @@ def _distance(a: Surface, b: Surface) -> float | None:
 def _distance_to_curve(a: Surface, b: Surface) -> float | None:
     """Distance of a plane from a straight edge along it or a round edge level over it; of a cone from a round edge about it."""
     if a.kind == "CONICAL_SURFACE" and b.kind == "CIRCLE":
-        between = b.point - a.point
-        along = float(between @ a.axis)
-        if not (_parallel(a, b) and float(np.linalg.norm(between - along * a.axis)) <= 1e-12):
-            return None
-        return abs(b.sizes[0] - a.sizes[0] - along * math.tan(a.sizes[1])) * math.cos(a.sizes[1])
+        return _across_cone(a, b)
     if a.kind != "PLANE":
         return None
     level = abs(float(a.axis @ b.axis)) <= _PARALLEL if b.kind == "LINE" else _parallel(a, b)
@@ -292,15 +288,17 @@ def _parallel(a: Surface, b: Surface) -> bool:
 
 def _between_cones(a: Surface, b: Surface) -> float | None:
     """Gap across two cones on one axis with one angle; None for any other two."""
-    between = b.point - a.point
-    along = float(between @ a.axis)
     same_way = 1.0 if a.axis @ b.axis > 0.0 else -1.0
-    aside = float(np.linalg.norm(between - along * a.axis))
-    if not _parallel(a, b) or aside > 1e-12:
+    return _across_cone(a, b) if abs(a.sizes[1] - same_way * b.sizes[1]) <= 1e-12 else None
+
+
+def _across_cone(cone: Surface, other: Surface) -> float | None:
+    """Distance from a cone, square to it, to the circle at which a surface or edge on the same axis is placed."""
+    between = other.point - cone.point
+    along = float(between @ cone.axis)
+    if not _parallel(cone, other) or float(np.linalg.norm(between - along * cone.axis)) > 1e-12:
         return None
-    if abs(a.sizes[1] - same_way * b.sizes[1]) > 1e-12:
-        return None
-    return abs(b.sizes[0] - a.sizes[0] - along * math.tan(a.sizes[1])) * math.cos(a.sizes[1])
+    return abs(other.sizes[0] - cone.sizes[0] - along * math.tan(cone.sizes[1])) * math.cos(cone.sizes[1])
 
 
 def placed_where_drawn(file: Exchange) -> bool:
