@@ -8,10 +8,10 @@ import tempfile
 import time
 from pathlib import Path
 
-from stepblocks.machining.step_ap242 import write_step_ap242
-from stepblocks.metrology.part21.part_file import check_part_step
-from stepblocks.solids.build import build_solids
-from stepblocks.stimulus.loader import load_set
+from stepblocks.artefacts.step.part_file import check_part_step
+from stepblocks.artefacts.step.write import write_step_ap242
+from stepblocks.declare import load_set
+from stepblocks.parts.shapes import build_solids
 
 
 def main() -> int:

@@ -54,11 +54,11 @@ for h in range(10, 101, 10):
 TWO_FORMATS = """
 import sys
 from pathlib import Path
-from stepblocks.haptics.formats import write_stl
-from stepblocks.haptics.mesh import mesh_solid
-from stepblocks.machining.step_ap242 import write_step_ap242
-from stepblocks.solids.build import build_solids
-from stepblocks.stimulus.loader import load_set
+from stepblocks.artefacts.meshes.write import write_stl
+from stepblocks.parts.mesh import mesh_solid
+from stepblocks.artefacts.step.write import write_step_ap242
+from stepblocks.parts.shapes import build_solids
+from stepblocks.declare import load_set
 for stimulus in load_set(Path(sys.argv[2])).stimuli:
     bodies = build_solids(stimulus)
     write_step_ap242(Path(sys.argv[1]) / f"{stimulus.id}.step", stimulus, bodies)
@@ -121,17 +121,17 @@ def main() -> None:
 
 def extra_costs(stimuli: Path) -> None:
     """Print what each artefact costs per block, in one process after imports."""
-    from stepblocks.haptics.formats import MESH_FORMATS, write_pieces
-    from stepblocks.haptics.heightfield import write_height_field
-    from stepblocks.haptics.mesh import mesh_solid
-    from stepblocks.haptics.pieces import convex_pieces
-    from stepblocks.machining.step_ap242 import write_step_ap242
-    from stepblocks.metrology.artefacts import check_artefact
-    from stepblocks.pipeline.make import checked_files, staging
-    from stepblocks.report.picture import draw
-    from stepblocks.solids.build import build_solids
-    from stepblocks.stimulus.block import StepBlock
-    from stepblocks.stimulus.loader import load_set
+    from stepblocks.artefacts.check import check_artefact
+    from stepblocks.artefacts.heightfield import write_height_field
+    from stepblocks.artefacts.meshes.write import MESH_FORMATS, write_pieces
+    from stepblocks.artefacts.step.write import write_step_ap242
+    from stepblocks.build.make import checked_files, staging
+    from stepblocks.build.picture import draw
+    from stepblocks.declare import load_set
+    from stepblocks.parts.mesh import mesh_solid
+    from stepblocks.parts.pieces import convex_pieces
+    from stepblocks.parts.shapes import build_solids
+    from stepblocks.parts.step_block.declaration import StepBlock
 
     spent: dict[str, float] = {}
 

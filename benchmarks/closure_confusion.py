@@ -20,18 +20,18 @@ from typing import Any
 
 import numpy as np
 
-from stepblocks.closure.effect import Active, Effect
-from stepblocks.closure.explain import Rules, explain
-from stepblocks.closure.explanation import Explanation, Verdict
-from stepblocks.closure.fit import fit
-from stepblocks.closure.identifiability import identifiability
-from stepblocks.closure.trials import Trials
+from oracles.feature_bench import BenchScatter, bench_trials, block_scans, design_columns, noise_free
 from stepblocks.contact.effects.law import Law
 from stepblocks.contact.effects.smooth import SLOT_MOVES
 from stepblocks.contact.forward import Constant
 from stepblocks.contact.state import CHANNELS
-from stepblocks.pipeline.bench_model import SessionModel, candidates, covariate_ranges, effect_of
-from stepblocks.pipeline.feature_bench import BenchScatter, bench_trials, block_scans, design_columns, noise_free
+from stepblocks.loop.bench_model import SessionModel, candidates, covariate_ranges, effect_of
+from stepblocks.loop.search.effect import Active, Effect
+from stepblocks.loop.search.explain import Rules, explain
+from stepblocks.loop.search.explanation import Explanation, Verdict
+from stepblocks.loop.search.fit import fit
+from stepblocks.loop.search.identifiability import identifiability
+from stepblocks.loop.search.trials import Trials
 
 Task = tuple[tuple[str, ...], float, int, int, bool]
 """Effects, size, trials, seed, whether the blocks are scanned."""

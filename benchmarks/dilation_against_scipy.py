@@ -13,9 +13,9 @@ import time
 import numpy as np
 from scipy import ndimage
 
-from stepblocks.contact.tip import Ball
-from stepblocks.contact.tip_map import map_path
-from stepblocks.contact.tip_path import profile_path
+from stepblocks.contact.path.map import map_path
+from stepblocks.contact.path.profile import profile_path
+from stepblocks.contact.path.tip import Ball
 
 SPACING = 1e-6
 
@@ -74,8 +74,10 @@ def main() -> None:
     rough = maps["random walk"][:256, :256]
     cost, reference = theirs(rough, 40)
     difference = np.abs(ours(rough, 40)[1] - reference).max() / np.ptp(rough)
-    print(f"scipy, 256 x 256, R = 40: {cost * 1e9:.1f} ns per sample and sample under the ball; "
-          f"ours differs by {difference:.1e} of the height range")  # fmt: skip
+    print(
+        f"scipy, 256 x 256, R = 40: {cost * 1e9:.1f} ns per sample and sample under the ball; "
+        f"ours differs by {difference:.1e} of the height range"
+    )
     scaled = cost * 1024 * 1024 * ball_of(125)[0].sum()
     print("1024 x 1024, R = 125 samples; CPU seconds of one core")
     print(f"{'surface':28s} {'ours':>6s} {'scipy, scaled':>14s} {'ratio':>7s} {'against the definition':>23s}")

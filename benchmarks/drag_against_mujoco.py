@@ -18,10 +18,10 @@ import mujoco
 import numpy as np
 
 from stepblocks.contact.critical_angle import step_angle
-from stepblocks.contact.drag.model import PAPER_DRAG, DragSettings
-from stepblocks.contact.drag.simulate import drag
-from stepblocks.contact.drag.track import step_track
 from stepblocks.contact.energy import release_at
+from stepblocks.drag.model import PAPER_DRAG, DragSettings
+from stepblocks.drag.simulate import drag
+from stepblocks.drag.track import step_track
 
 R = 125e-6
 LEAD, RING = 20e-6, 16e-3

@@ -12,14 +12,14 @@ from pathlib import Path
 import numpy as np
 
 from stepblocks.contact.critical_angle import step_angle
-from stepblocks.contact.drag.conversion import conversion_map
-from stepblocks.contact.drag.model import PAPER_DRAG, DragSettings, Probe, probe_of_frequency
-from stepblocks.contact.drag.ring import RING_BAND, band_share, phase_spectrum, ring_of
-from stepblocks.contact.drag.simulate import DragTrace, drag
-from stepblocks.contact.drag.track import step_track
 from stepblocks.contact.energy import Status, release_at
-from stepblocks.contact.margin_map import margin_map
 from stepblocks.contact.uncertainty import Inputs, Spread
+from stepblocks.drag.conversion import conversion_map
+from stepblocks.drag.model import PAPER_DRAG, DragSettings, Probe, probe_of_frequency
+from stepblocks.drag.ring import RING_BAND, band_share, phase_spectrum, ring_of
+from stepblocks.drag.simulate import DragTrace, drag
+from stepblocks.drag.track import step_track
+from stepblocks.predict.margin_map import margin_map
 
 R = 125e-6
 LIGHT = probe_of_frequency(300.0, R, damping_ratio=0.01)
@@ -92,8 +92,10 @@ def share_map():
             cells = table.share[h, :, j, :].ravel()
             print(f"| {height * 1e6:.0f} | " + " | ".join("-" if np.isnan(c) else f"{c:.0%}" for c in cells) + " |")
     released = table.share[np.isfinite(table.share)]
-    print(f"\nmedian {np.median(released):.0%}, 5 % to 95 %: {np.quantile(released, 0.05):.0%} to "
-          f"{np.quantile(released, 0.95):.0%}, of {released.size} drags")  # fmt: skip
+    print(
+        f"\nmedian {np.median(released):.0%}, 5 % to 95 %: {np.quantile(released, 0.05):.0%} to "
+        f"{np.quantile(released, 0.95):.0%}, of {released.size} drags"
+    )
     return table
 
 
@@ -106,8 +108,8 @@ def main() -> None:
     table = share_map()
     if folder is None:
         return
-    from stepblocks.report.contact_figures import draw_energy_of_height, draw_margin_map, draw_ring_share
-    from stepblocks.report.drag_figures import draw_force, draw_spectra
+    from stepblocks.drag.figures import draw_force, draw_spectra
+    from stepblocks.predict.figures import draw_energy_of_height, draw_margin_map, draw_ring_share
 
     draw_force(shown, folder / "drag-force.png", "Rod, 100 um, 0.1 N, mu 0.1, 5 mm/s")
     draw_spectra(shown, folder / "drag-spectra.png", "Rod, 100 um, 0.1 N, mu 0.1, 5 mm/s")

@@ -12,8 +12,8 @@ from pathlib import Path
 
 import numpy as np
 
-from stepblocks.contact.tip import Ball
-from stepblocks.contact.tip_map import map_path
+from stepblocks.contact.path.map import map_path
+from stepblocks.contact.path.tip import Ball
 
 
 def peak_mib() -> float:

@@ -17,7 +17,7 @@ from pathlib import Path
 import h5py
 import numpy as np
 
-from stepblocks.bench.waveform import Rig, Truth, record
+from stepblocks.bench.rehearse.waveform import Rig, Truth, record
 
 HEAD = """schema = 1
 [probe]
@@ -30,7 +30,7 @@ channels = { time = "time_s", tangential = "fx_n", normal = "fy_n" }
 RUN = """
 import sys
 from pathlib import Path
-from stepblocks.pipeline.measure import measure_session
+from stepblocks.bench.measure import measure_session
 measure_session(Path(sys.argv[1]), Path(sys.argv[2]), int(sys.argv[3]))
 """
 

@@ -12,17 +12,16 @@ from pathlib import Path
 
 import numpy as np
 
-from stepblocks.haptics.condition import Condition
-from stepblocks.haptics.event import ring_energy, vibration_events
-from stepblocks.haptics.renderer.height_map import map_of
-from stepblocks.haptics.renderer.map_servo import MapRenderer
-from stepblocks.haptics.renderer.path import centre_path
-from stepblocks.haptics.renderer.servo import Renderer
-from stepblocks.stimulus.loader import load_set
+from stepblocks.contact.event import ring_energy, vibration_events
+from stepblocks.contact.operating_point import OperatingPoint
+from stepblocks.declare import load_set
+from stepblocks.simulators.renderer.height_map import map_of
+from stepblocks.simulators.renderer.map_servo import MapRenderer
+from stepblocks.simulators.renderer.servo import Renderer
 
 RATE = 10e3
 REPEATS = 5
-CONDITION = Condition(125e-6, 1.0, 0.15)
+CONDITION = OperatingPoint(125e-6, 1.0, 0.15)
 ROOT = Path(__file__).resolve().parents[1]
 
 
@@ -45,7 +44,7 @@ def main() -> None:
 
 
 def on_profile(stimulus: object) -> Renderer:
-    return Renderer(centre_path(stimulus, CONDITION.ball_radius), CONDITION, rate=RATE)
+    return Renderer(stimulus.counterface().centre_path(CONDITION.ball_radius), CONDITION, rate=RATE)
 
 
 def on_map(stimulus: object) -> MapRenderer:
@@ -53,7 +52,7 @@ def on_map(stimulus: object) -> MapRenderer:
 
 
 def one(stimulus: object, renderer: Renderer | MapRenderer) -> np.ndarray:
-    event = vibration_events(stimulus, CONDITION)[0]
+    event = vibration_events(stimulus.id, stimulus.counterface(), CONDITION)[0]
     runs = [drag(renderer, event) for _ in range(REPEATS)]
     nanoseconds, energy = np.array([times for times, _ in runs]), runs[0][1]
     row(stimulus.id, nanoseconds, energy, event.energy)

@@ -17,17 +17,16 @@ import tempfile
 from collections.abc import Callable
 from pathlib import Path
 
-from stepblocks.haptics.condition import Condition
-from stepblocks.haptics.renderer.hand import drag
-from stepblocks.haptics.renderer.height_map import map_of
-from stepblocks.haptics.renderer.map_servo import MapRenderer, drag_over_map
-from stepblocks.haptics.renderer.path import centre_path
-from stepblocks.haptics.renderer.servo import Renderer
-from stepblocks.haptics.scenes.assemble import assemble_scene
-from stepblocks.haptics.scenes.registry import SCENE_FORMATS
-from stepblocks.haptics.scenes.scene import Scene, write_common
+from stepblocks.contact.operating_point import OperatingPoint
+from stepblocks.declare import load_set
 from stepblocks.quantities import parse_quantity
-from stepblocks.stimulus.loader import load_set
+from stepblocks.simulators.renderer.hand import drag
+from stepblocks.simulators.renderer.height_map import map_of
+from stepblocks.simulators.renderer.map_servo import MapRenderer, drag_over_map
+from stepblocks.simulators.renderer.servo import Renderer
+from stepblocks.simulators.scenes.assemble import assemble_scene
+from stepblocks.simulators.scenes.registry import SCENE_FORMATS
+from stepblocks.simulators.scenes.scene import Scene, write_common
 
 ROOT = Path(__file__).resolve().parents[1]
 RADIUS = 125e-6
@@ -43,7 +42,7 @@ def main() -> None:
     parser.add_argument("--drake", metavar="PYTHON", help="interpreter that has drake")
     parser.add_argument("--chai3d", metavar="FLAGS", help="compile and link flags of an installed CHAI3D")
     arguments = parser.parse_args()
-    condition = Condition(RADIUS, parse_quantity(arguments.load, "force"), arguments.friction)
+    condition = OperatingPoint(RADIUS, parse_quantity(arguments.load, "force"), arguments.friction)
     print(f"R 125 um, F_py {arguments.load}, mu {arguments.friction:g}; peak force in N (deviation from the formula)\n")
     print("| surface | formula | " + " | ".join(COLUMNS) + " | SOFA, H3D, Unity, Unreal, Isaac |")
     print("|---|---|" + "---|" * len(COLUMNS) + "---|")
@@ -54,7 +53,7 @@ def main() -> None:
                 row(Path(folder) / surface.id, surface, condition, arguments)
 
 
-def row(folder: Path, surface: object, condition: Condition, arguments: argparse.Namespace) -> None:
+def row(folder: Path, surface: object, condition: OperatingPoint, arguments: argparse.Namespace) -> None:
     scene = assemble_scene(surface, condition)
     event = scene.events[0]
     formula = event.critical_force if event.status == "releases" else None
@@ -64,7 +63,7 @@ def row(folder: Path, surface: object, condition: Condition, arguments: argparse
 
 
 def on_profile(_: Path, scene: Scene, __: argparse.Namespace) -> Result:
-    renderer = Renderer(centre_path(scene.surface, RADIUS), scene.condition)
+    renderer = Renderer(scene.surface.counterface().centre_path(RADIUS), scene.condition)
     record = drag(renderer, scene.condition.normal_load, travel(scene))
     return record.peak, record.crossed
 

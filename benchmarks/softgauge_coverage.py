@@ -14,15 +14,7 @@ from concurrent.futures import ProcessPoolExecutor
 
 import numpy as np
 
-from stepblocks.errors import MetrologyError
-from stepblocks.metrology.edge import fit_edge
-from stepblocks.metrology.face_form import fit_face, zone_of_flatness
-from stepblocks.metrology.flatness import flatness
-from stepblocks.metrology.inspect_shapes import measure_margin, measure_tip
-from stepblocks.metrology.inspect_step import measure_edge
-from stepblocks.metrology.masked_step import masked_step
-from stepblocks.metrology.scan import HeightMap, Profile
-from stepblocks.metrology.softgauge import (
+from oracles.softgauge import (
     ball_gauge,
     correlated_map,
     correlated_noise,
@@ -30,9 +22,17 @@ from stepblocks.metrology.softgauge import (
     groove_gauge,
     margin_gauge,
     with_faults,
-)  # fmt: skip
-from stepblocks.metrology.type_a1 import evaluate_a1
-from stepblocks.metrology.uncertainty import Component, Instrument, Measured
+)
+from stepblocks.artefacts.scans.scan import HeightMap, Profile
+from stepblocks.errors import MetrologyError
+from stepblocks.inspect.budget import Component, Instrument, Measured
+from stepblocks.inspect.evaluate.edge import fit_edge
+from stepblocks.inspect.evaluate.face_form import fit_face, zone_of_flatness
+from stepblocks.inspect.evaluate.flatness import flatness
+from stepblocks.inspect.evaluate.masked_step import masked_step
+from stepblocks.inspect.evaluate.type_a1 import evaluate_a1
+from stepblocks.inspect.shapes import measure_margin, measure_tip
+from stepblocks.inspect.step import measure_edge
 
 Draw = Callable[[np.random.Generator], Iterator[tuple[str, float, Measured]]]
 UM, NM = 1e-6, 1e-9
@@ -119,8 +119,11 @@ def step_map(rows: int, wander: float) -> Draw:
     x = np.arange(-150, 150) * 2 * UM
 
     def draw(random: np.random.Generator) -> Iterator[tuple[str, float, Measured]]:
-        z = [edge_gauge(x, 40 * UM + random.normal(0.0, wander), 0.0, 1e-4)
-             + correlated_noise(len(x), 2 * UM, 10 * NM, 30 * NM, 5 * UM, random) for _ in range(rows)]  # fmt: skip
+        z = [
+            edge_gauge(x, 40 * UM + random.normal(0.0, wander), 0.0, 1e-4)
+            + correlated_noise(len(x), 2 * UM, 10 * NM, 30 * NM, 5 * UM, random)
+            for _ in range(rows)
+        ]
         got = measure_edge(HeightMap(np.stack(z), 2 * UM, 50 * UM), EXACT).values["step_height"]
         yield f"height, map of {rows} rows", 40 * UM, got
 
@@ -206,8 +209,10 @@ def judged(case: int, draws: int) -> tuple[list[str], int]:
         )
         failed += bad
         shown = "one-sided" if one_sided else f"{bias:+.3f} +- {slack:.3f}"
-        lines.append(f"{name:24} {label:28} {count:5} {shown:>14} {rate * 100:9.1f} +- {scatter * 100:.1f} %"
-                     f"{f'  {refused} refused' if refused else ''}{'  FAILS' if bad else ''}")  # fmt: skip
+        lines.append(
+            f"{name:24} {label:28} {count:5} {shown:>14} {rate * 100:9.1f} +- {scatter * 100:.1f} %"
+            f"{f'  {refused} refused' if refused else ''}{'  FAILS' if bad else ''}"
+        )
     return lines, failed
 
 

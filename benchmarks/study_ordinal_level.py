@@ -13,7 +13,7 @@ import numpy as np
 import pandas as pd
 from statsmodels.stats.proportion import proportion_confint
 
-from stepblocks.study.ordinal import ordinal_model
+from stepblocks.study.analysis.ordinal import ordinal_model
 
 
 def ratings(response: float, generator: np.random.Generator, people: int = 10, each: int = 10) -> pd.DataFrame:

@@ -11,8 +11,8 @@ from pathlib import Path
 
 from distributed import Client, LocalCluster
 
-from stepblocks.pipeline.sweep import run_sweep
-from stepblocks.pipeline.sweep_plan import load_sweep
+from stepblocks.predict.sweep.plan import load_sweep
+from stepblocks.predict.sweep.run import run_sweep
 
 TEXT = """
 [sweep]
@@ -44,7 +44,7 @@ def main() -> None:
         for workers in (1, 2):
             cluster = LocalCluster(n_workers=workers, threads_per_worker=1, dashboard_address=None)
             with cluster, Client(cluster, set_as_default=False) as client:
-                client.run(__import__, "stepblocks.contact.drag.ring")
+                client.run(__import__, "stepblocks.drag.ring")
                 for mode, plan in plans.items():
                     begin = time.perf_counter()
                     run_sweep(plan, folder / f"{mode}-{workers}", client=client)

@@ -11,9 +11,9 @@ import sys
 
 import numpy as np
 
-from stepblocks.bench.features import measure_trace
-from stepblocks.bench.waveform import Rig, Truth, record
-from stepblocks.pipeline.drag_session import TrueDrag, drag_trial
+from stepblocks.bench.rehearse.drags import TrueDrag, drag_trial
+from stepblocks.bench.rehearse.waveform import Rig, Truth, record
+from stepblocks.bench.signal.features import measure_trace
 
 K = 9810.0
 CASES = {
@@ -124,10 +124,7 @@ def dragged(count: int, seed: int = 7) -> dict[str, tuple[float, float, float, f
         if trial is None or trial.amplitude < 0.05:
             continue  # locked, or climbed down without a ring
         features = measure_trace(trial.trace, K, speed, (270.0, 28.4e-3)).features
-        true = {
-            "peak_force_n": trial.peak_force,
-            "vibration_energy_j": trial.amplitude**2 / (2.0 * K),
-        }
+        true = {"peak_force_n": trial.peak_force, "vibration_energy_j": trial.amplitude**2 / (2.0 * K)}
         for name, value in true.items():
             errors[name].append(features[name] / value - 1.0)
             pulls[name].append((features[name] - value) / features[FEATURES[name]])

@@ -25,7 +25,8 @@ def shared():
 @pytest.fixture(scope="session")
 def shipped_output(tmp_path_factory):
     """Output folder with every shipped stimulus built; processes that share the tests share it, the first one builds."""
-    from stepblocks.pipeline.build import build, stimulus_files
+    from stepblocks.build.run import build
+    from stepblocks.select import stimulus_files
 
     several = "PYTEST_XDIST_WORKER" in os.environ
     base = tmp_path_factory.getbasetemp().parent if several else tmp_path_factory.getbasetemp()

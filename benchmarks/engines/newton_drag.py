@@ -30,8 +30,15 @@ def main() -> None:
 
 def drag(model: newton.Model, scene: dict, event: dict) -> dict:
     """Pull the far end of the joint's drive steadily; the load is a constant force along z."""
-    solver = newton.solvers.SolverMuJoCo(model, cone="elliptic", impratio=1000.0, iterations=100, ls_iterations=50,
-                                         tolerance=1e-12, use_mujoco_cpu="--warp" not in sys.argv)  # fmt: skip
+    solver = newton.solvers.SolverMuJoCo(
+        model,
+        cone="elliptic",
+        impratio=1000.0,
+        iterations=100,
+        ls_iterations=50,
+        tolerance=1e-12,
+        use_mujoco_cpu="--warp" not in sys.argv,
+    )
     first, second, control = model.state(), model.state(), model.control()
     stiffness, scale, load = scene["stiffness_n_per_m"], scene["scale"], scene["normal_load_n"]
     formula = event["critical_force_n"]

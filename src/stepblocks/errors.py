@@ -4,21 +4,6 @@ The message of each is a single line that says name, rule, value and place, for 
 ``edge_radius must not exceed height (10 um), got 12.5 um [stimuli/x.toml, block step-010]``.
 """
 
-__all__ = [
-    "BenchError",
-    "ClosureError",
-    "ContactError",
-    "HapticsError",
-    "MachiningError",
-    "MetrologyError",
-    "PipelineError",
-    "QuantityError",
-    "SolidError",
-    "StepblocksError",
-    "StimulusError",
-    "StudyError",
-]
-
 
 class StepblocksError(Exception):
     """Anything that the user can mend; the command line prints it in one line and exits with 2."""

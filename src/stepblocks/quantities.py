@@ -16,8 +16,7 @@ from stepblocks.errors import QuantityError
 if TYPE_CHECKING:
     import pint
 
-__all__ = ["DIMENSIONS", "format_quantity", "parse_quantity", "quantity_parser"]
-
+# Name of each dimension a field can have, and the SI unit that its floats are in
 DIMENSIONS: dict[str, str] = {
     "length": "m",
     "force": "N",
@@ -34,7 +33,6 @@ DIMENSIONS: dict[str, str] = {
     "temperature": "K",
     "ratio": "",
 }
-"""Name of each dimension a field can have, and the SI unit that its floats are in."""
 
 _MAX_TEXT = 64  # longer text is no quantity and must not reach the expression parser
 

@@ -6,8 +6,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from stepblocks.bench.trace_writers import TRACE_FILES, open_writer
-from stepblocks.bench.waveform import Rig, Truth, record
+from stepblocks.bench.rehearse.trace_writers import TRACE_FILES, open_writer
+from stepblocks.bench.rehearse.waveform import Rig, Truth, record
 
 K = 9810.0
 HEIGHTS = (20, 40, 60)
@@ -32,9 +32,14 @@ def truth_of(height_um: float, load: float, speed_mm_s: float, mu: float = 0.15)
     angle = np.arccos(1.0 - height_um / 125.0)
     peak = load * float(np.tan(angle + np.arctan(mu)))
     return Truth(
-        load=load, sliding_force=mu * load, slope=K * speed_mm_s * 1e-3, peak_force=peak,
-        amplitude=np.sqrt(0.2) * peak, frequency=300.0, decay_time=21.2e-3,
-    )  # fmt: skip
+        load=load,
+        sliding_force=mu * load,
+        slope=K * speed_mm_s * 1e-3,
+        peak_force=peak,
+        amplitude=np.sqrt(0.2) * peak,
+        frequency=300.0,
+        decay_time=21.2e-3,
+    )
 
 
 def conditions(count: int) -> list[tuple[int, float, float]]:

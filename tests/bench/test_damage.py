@@ -7,9 +7,9 @@ import numpy as np
 import pandas as pd
 import pytest
 
+from stepblocks.bench.measure import measure_session
 from stepblocks.cli import main
 from stepblocks.errors import StepblocksError
-from stepblocks.pipeline.measure import measure_session
 
 
 def run(folder, tmp_path):

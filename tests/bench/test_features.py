@@ -6,12 +6,12 @@ import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
 
-from stepblocks.bench.features import FEATURE_COLUMNS, measure_trace
-from stepblocks.bench.landmarks import LandmarkError
-from stepblocks.bench.rubbing_ring import rubbing_force
-from stepblocks.bench.spectrum import band_share
+from stepblocks.bench.rehearse.waveform import Rig, Truth, record
+from stepblocks.bench.signal.features import FEATURE_COLUMNS, measure_trace
+from stepblocks.bench.signal.landmarks import LandmarkError
+from stepblocks.bench.signal.rubbing_ring import rubbing_force
+from stepblocks.bench.signal.spectrum import band_share
 from stepblocks.bench.trace import Trace
-from stepblocks.bench.waveform import Rig, Truth, record
 
 K = 9810.0
 PLAIN = Truth(
@@ -91,9 +91,16 @@ def test_energy_goes_with_the_square_of_the_forces_and_one_over_the_stiffness():
 
 def test_a_rubbing_ring_gives_its_friction_and_its_amplitude():
     truth = Truth(
-        load=0.8, sliding_force=0.12, slope=98.1, peak_force=1.9, amplitude=1.5, frequency=270.0, decay_time=28e-3,
-        gap=0.24, release_decay=0.1e-3,
-    )  # fmt: skip
+        load=0.8,
+        sliding_force=0.12,
+        slope=98.1,
+        peak_force=1.9,
+        amplitude=1.5,
+        frequency=270.0,
+        decay_time=28e-3,
+        gap=0.24,
+        release_decay=0.1e-3,
+    )
     random = np.random.default_rng(8)
     for _ in range(3):
         found = measure_trace(record(truth, Rig(), random)[0], K, truth.slope / K)

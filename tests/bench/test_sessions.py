@@ -8,12 +8,12 @@ import pandas as pd
 import pytest
 from scipy.io import savemat
 
-from stepblocks.bench.features import FEATURE_COLUMNS
+from stepblocks.bench.measure import measure_session
+from stepblocks.bench.rehearse.run import simulate_session
 from stepblocks.bench.session import open_session
+from stepblocks.bench.signal.features import FEATURE_COLUMNS
 from stepblocks.bench.sources import open_source, read_trace
 from stepblocks.cli import main
-from stepblocks.pipeline.measure import measure_session
-from stepblocks.pipeline.simulate_session import simulate_session
 
 PLAN = """schema = 1
 seed = 11

@@ -5,9 +5,9 @@ import math
 import numpy as np
 import pytest
 
-from stepblocks.contact.catches import catches, steepest
-from stepblocks.contact.tip import Ball
-from stepblocks.contact.tip_path import profile_path
+from stepblocks.contact.path.catches import catches, steepest
+from stepblocks.contact.path.profile import profile_path
+from stepblocks.contact.path.tip import Ball
 
 R = 125e-6
 

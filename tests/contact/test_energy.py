@@ -5,8 +5,9 @@ import math
 import pytest
 
 from stepblocks.contact.critical_angle import groove_angle, margin_angles, step_angle
-from stepblocks.contact.energy import PAPER_TOOL, Status, Tool, release_at
+from stepblocks.contact.energy import Status, release_at
 from stepblocks.contact.kernels import locking_height
+from stepblocks.contact.operating_point import PAPER, Tool
 from stepblocks.errors import ContactError
 
 R = 125e-6
@@ -33,8 +34,8 @@ def test_equation_one_as_printed_equals_the_tangent_of_a_sum():
 def test_ten_to_twenty_microjoule_over_sixteen_milliseconds_is_the_papers_power():
     # The paper: E_v 10-20 uJ over 16 ms = 625-1250 uW, detected from 0.08 uW.
     for energy, power in ((10e-6, 625e-6), (20e-6, 1250e-6)):
-        assert energy / PAPER_TOOL.ring_duration == pytest.approx(power, rel=1e-12)
-    assert 625e-6 / PAPER_TOOL.detection_threshold == pytest.approx(7812.5)
+        assert energy / PAPER.tool.ring_duration == pytest.approx(power, rel=1e-12)
+    assert 625e-6 / PAPER.tool.detection_threshold == pytest.approx(7812.5)
 
 
 def test_each_of_the_papers_four_blocks_rings_with_ten_to_twenty_microjoule_at_some_load():

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy.optimize import curve_fit
 
-from stepblocks.contact.free_decay import plan_decay_test
+from stepblocks.contact.rod.free_decay import plan_decay_test
 from stepblocks.errors import ContactError
 
 RING = {"stiffness": 9.1e3, "frequency": 283.0, "decay_time": 11.7e-3}
@@ -45,9 +45,13 @@ def test_least_squares_fits_of_simulated_releases_scatter_by_the_bound_and_not_m
 
 @pytest.mark.parametrize(
     ("name", "value", "rule"),
-    [("rate", 900.0, "at least four samples"), ("noise", 0.1e-3, "three times the noise"), ("wanted", 0.0, "positive"),
-     ("wanted", 1e-9, "more than 10000")],
-)  # fmt: skip
+    [
+        ("rate", 900.0, "at least four samples"),
+        ("noise", 0.1e-3, "three times the noise"),
+        ("wanted", 0.0, "positive"),
+        ("wanted", 1e-9, "more than 10000"),
+    ],
+)
 def test_an_impossible_test_is_refused(name, value, rule):
     with pytest.raises(ContactError, match=rule):
         plan_decay_test(**RING, **(RIG | {name: value}))

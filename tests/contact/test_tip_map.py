@@ -7,13 +7,13 @@ import numpy as np
 import pytest
 from scipy import ndimage
 
-from stepblocks.contact.catches import release_over
 from stepblocks.contact.critical_angle import step_angle
-from stepblocks.contact.margin_map import margin_map
-from stepblocks.contact.tip import Ball, TipProfile, flattened_ball
-from stepblocks.contact.tip_map import map_path
-from stepblocks.contact.tip_path import profile_path
+from stepblocks.contact.path.catches import release_over
+from stepblocks.contact.path.map import map_path
+from stepblocks.contact.path.profile import profile_path
+from stepblocks.contact.path.tip import Ball, TipProfile, flattened_ball
 from stepblocks.errors import ContactError
+from stepblocks.predict.margin_map import margin_map
 
 STEP = 1.7e-6
 

@@ -5,12 +5,12 @@ import math
 import numpy as np
 import pytest
 
-from stepblocks.contact import reference
-from stepblocks.contact.catches import catches, release_over, steepest
 from stepblocks.contact.critical_angle import bevelled_margin_angles, margin_angles, step_angle
 from stepblocks.contact.energy import Status
-from stepblocks.contact.tip import Ball, TipProfile, flattened_ball
-from stepblocks.contact.tip_path import profile_path
+from stepblocks.contact.path import reference
+from stepblocks.contact.path.catches import catches, release_over, steepest
+from stepblocks.contact.path.profile import profile_path
+from stepblocks.contact.path.tip import Ball, TipProfile, flattened_ball
 from stepblocks.errors import ContactError
 
 R = 137e-6

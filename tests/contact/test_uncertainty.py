@@ -9,7 +9,10 @@ import pytest
 
 from stepblocks.contact.energy import Status
 from stepblocks.contact.margin_uncertainty import MarginInputs, MarginSpread, margin_interval_of
-from stepblocks.contact.perception import (
+from stepblocks.contact.tolerancing import tolerances_for_energy
+from stepblocks.contact.uncertainty import Inputs, Spread, interval_of, release_of, sensitivities
+from stepblocks.errors import ContactError
+from stepblocks.predict.perception import (
     PAPER_OBSERVER,
     Observer,
     detectable,
@@ -18,9 +21,6 @@ from stepblocks.contact.perception import (
     height_of_energy,
     sensation_level,
 )
-from stepblocks.contact.tolerancing import tolerances_for_energy
-from stepblocks.contact.uncertainty import Inputs, Spread, interval_of, release_of, sensitivities
-from stepblocks.errors import ContactError
 
 NOMINAL = Inputs(27e-6, 9e-6, 131e-6, 0.17, 0.8, 8.7e3, 0.23)
 SMALL = Spread(0.1e-6, 0.3e-6, 0.7e-6, 0.002, 0.004, 40.0, 0.001)

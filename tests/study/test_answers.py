@@ -6,12 +6,12 @@ import io
 import pytest
 
 from stepblocks.errors import StudyError
-from stepblocks.study.analysis import analyse
-from stepblocks.study.design import Item, constant_stimuli, experiment_one, experiment_two
-from stepblocks.study.results_table import COLUMNS, judgements_csv, results_csv
-from stepblocks.study.sheet import design_csv, design_rows, key_csv, sheet_csv
+from stepblocks.study.analysis.analysis import analyse
+from stepblocks.study.analysis.results_table import COLUMNS, judgements_csv, results_csv
+from stepblocks.study.analysis.table import join_answers, read_answers, read_design
+from stepblocks.study.design.design import Item, constant_stimuli, experiment_one, experiment_two
+from stepblocks.study.design.sheet import design_csv, design_rows, key_csv, sheet_csv
 from stepblocks.study.simulate import Observer, simulate_answers
-from stepblocks.study.table import join_answers, read_answers, read_design
 
 BLOCKS = [Item(f"step-{h:03}", f"STEP-{h:03}", h * 1e-6) for h in (25, 50, 75)]
 ENERGIES = {"step-025": 10e-6, "step-050": 35e-6, "step-075": 141e-6}
@@ -46,8 +46,9 @@ def test_missing_cells_are_counted_and_named(study):
     answers[3]["estimate_um"] = ""
     table = join_answers(design, answers[:10] + answers[11:])
     assert list(table.missing) == [
-        (answers[3]["participant"], answers[3]["trial"]), (answers[10]["participant"], answers[10]["trial"])
-    ]  # fmt: skip
+        (answers[3]["participant"], answers[3]["trial"]),
+        (answers[10]["participant"], answers[10]["trial"]),
+    ]
     assert "2 missing judgements" in " ".join(table.notes())
     result = analyse(table)
     assert result.f_test.df_error == 46 - 6

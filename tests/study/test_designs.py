@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 
 from stepblocks.errors import StudyError
-from stepblocks.study.adaptive import QuestPlus, Staircase
-from stepblocks.study.codes import MAX_CODES, blinding_codes, is_code
-from stepblocks.study.design import Item, constant_stimuli, experiment_one, experiment_two, magnitude_estimation
-from stepblocks.study.orders import MAX_CONDITIONS, allocate_orders, balance_of, exact_period, williams_square
+from stepblocks.study.adaptive.procedures import QuestPlus, Staircase
+from stepblocks.study.design.codes import MAX_CODES, blinding_codes, is_code
+from stepblocks.study.design.design import Item, constant_stimuli, experiment_one, experiment_two, magnitude_estimation
+from stepblocks.study.design.orders import MAX_CONDITIONS, allocate_orders, balance_of, exact_period, williams_square
 
 FOUR = [Item(f"apparatus-{h:03}", f"APPARATUS-{h:03}", h * 1e-6) for h in (25, 50, 75, 100)]
 TEN = [Item(f"step-{h:03}", f"STEP-{h:03}", h * 1e-6) for h in range(10, 101, 10)]

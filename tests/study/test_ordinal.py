@@ -5,8 +5,8 @@ import pandas as pd
 import pytest
 
 from stepblocks.errors import StudyError
-from stepblocks.study.ordinal import ordinal_model
-from stepblocks.study.proportional_odds import cluster_covariance, fit_proportional_odds
+from stepblocks.study.analysis.ordinal import ordinal_model
+from stepblocks.study.analysis.proportional_odds import cluster_covariance, fit_proportional_odds
 
 
 def ratings(seed, people, each, response, cuts=(-0.7, 0.8)):
@@ -70,5 +70,9 @@ def test_intervals_are_those_of_student_over_participants_and_the_test_is_the_sa
 
 def test_too_few_participants_are_refused():
     with pytest.raises(StudyError, match="more participants than compared conditions must have rated"):
-        ordinal_model(ratings(5, 2, 12, 0.0).assign(condition=lambda f: [f"c{i % 3}" for i in range(len(f))]),
-                      "rating", ["condition"], "participant")  # fmt: skip
+        ordinal_model(
+            ratings(5, 2, 12, 0.0).assign(condition=lambda f: [f"c{i % 3}" for i in range(len(f))]),
+            "rating",
+            ["condition"],
+            "participant",
+        )

@@ -6,11 +6,11 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from stepblocks.study.anova import f_test
-from stepblocks.study.magnitude import power_law
-from stepblocks.study.mixed import mixed_model
-from stepblocks.study.ordinal import ordinal_model
-from stepblocks.study.psychometric import crossing, fit_psychometric
+from stepblocks.study.analysis.anova import f_test
+from stepblocks.study.analysis.magnitude import power_law
+from stepblocks.study.analysis.mixed import mixed_model
+from stepblocks.study.analysis.ordinal import ordinal_model
+from stepblocks.study.analysis.psychometric import crossing, fit_psychometric
 
 
 def nist(name):
@@ -44,8 +44,13 @@ WARPBREAKS = (
 
 def test_tukey_s_intervals_are_those_of_r_s_documentation():
     # R, ?TukeyHSD: TukeyHSD(aov(breaks ~ wool + tension, data = warpbreaks), "tension"), all digits that R prints
-    frame = pd.DataFrame({"breaks": np.array(WARPBREAKS.split(), float), "wool": ["A"] * 27 + ["B"] * 27,
-                          "tension": (["L"] * 9 + ["M"] * 9 + ["H"] * 9) * 2})  # fmt: skip
+    frame = pd.DataFrame(
+        {
+            "breaks": np.array(WARPBREAKS.split(), float),
+            "wool": ["A"] * 27 + ["B"] * 27,
+            "tension": (["L"] * 9 + ["M"] * 9 + ["H"] * 9) * 2,
+        }
+    )
     found = f_test(frame, "breaks", ["tension", "wool"], interaction=False)
     printed = {
         ("H", "L"): (-14.722222, -24.07564, -5.3688015, 0.0011218),
@@ -126,8 +131,11 @@ def test_mixed_model_gives_the_repeated_measures_f_of_statsmodels(response, seed
     assert (term.df, term.df_error) == (2, 14)
 
 
-BEETLES = ([1.6907, 1.7242, 1.7552, 1.7842, 1.8113, 1.8369, 1.8610, 1.8839],
-           [6, 13, 18, 28, 52, 53, 61, 60], [59, 60, 62, 56, 63, 59, 62, 60])  # fmt: skip
+BEETLES = (
+    [1.6907, 1.7242, 1.7552, 1.7842, 1.8113, 1.8369, 1.8610, 1.8839],
+    [6, 13, 18, 28, 52, 53, 61, 60],
+    [59, 60, 62, 56, 63, 59, 62, 60],
+)
 
 
 @pytest.mark.parametrize(("guess", "lapse"), [(0.0, 0.0), (1e-13, 0.0), (None, None)])

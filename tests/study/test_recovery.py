@@ -6,15 +6,15 @@ import numpy as np
 import pytest
 
 from stepblocks.errors import StudyError
-from stepblocks.study.analysis import analyse
-from stepblocks.study.checks import residual_checks
-from stepblocks.study.design import Item, constant_stimuli, experiment_two
-from stepblocks.study.ordinal import ordinal_model
+from stepblocks.study.analysis.analysis import analyse
+from stepblocks.study.analysis.checks import residual_checks
+from stepblocks.study.analysis.ordinal import ordinal_model
+from stepblocks.study.analysis.psychometric import MAX_LAPSE, fit_psychometric
+from stepblocks.study.analysis.table import join_answers
+from stepblocks.study.design.design import Item, constant_stimuli, experiment_two
+from stepblocks.study.design.sheet import design_rows
 from stepblocks.study.power import Plan, closed_form_power, estimate_power, p_values
-from stepblocks.study.psychometric import MAX_LAPSE, fit_psychometric
-from stepblocks.study.sheet import design_rows
 from stepblocks.study.simulate import Observer, height_of_energy, simulate_answers
-from stepblocks.study.table import join_answers
 
 HEIGHTS = np.arange(30, 75, 5)
 BLOCKS = [Item(f"step-{h:03}", f"STEP-{h:03}", h * 1e-6) for h in HEIGHTS]

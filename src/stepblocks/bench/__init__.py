@@ -1,1 +1,1 @@
-"""What was felt: a measured session read in, each trace screened and measured, with uncertainties."""
+"""A measured session in, features out: each trace screened and measured, with uncertainties."""

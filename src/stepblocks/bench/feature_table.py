@@ -7,20 +7,15 @@ import math
 from collections.abc import Iterable
 from typing import TextIO
 
-from stepblocks.bench.features import FEATURE_COLUMNS
 from stepblocks.bench.measuring import TrialResult
+from stepblocks.bench.signal.features import FEATURE_COLUMNS
 from stepblocks.bench.trial_table import TrialTable
 
-__all__ = ["EXCLUDED", "LEADING_COLUMNS", "OK", "RESERVED_COLUMNS", "header_of", "write_rows"]
+LEADING_COLUMNS = ("trial", "status", "reason")  # First columns of a table of features
 
-LEADING_COLUMNS = ("trial", "status", "reason")
-"""First columns of a table of features."""
+OK, EXCLUDED = "ok", "excluded"  # Values of the column ``status``
 
-OK, EXCLUDED = "ok", "excluded"
-"""Values of the column ``status``."""
-
-RESERVED_COLUMNS = frozenset(LEADING_COLUMNS) | frozenset(FEATURE_COLUMNS)
-"""Names that a covariate may not have."""
+RESERVED_COLUMNS = frozenset(LEADING_COLUMNS) | frozenset(FEATURE_COLUMNS)  # Names that a covariate may not have
 
 
 def header_of(table: TrialTable) -> list[str]:

@@ -16,8 +16,6 @@ from numpy.typing import NDArray
 
 from stepblocks.bench.trace import Trial
 
-__all__ = ["LabelCheck"]
-
 _LOAD_FACTOR = 1.25  # measured over declared load, against the median of the session
 _SLOPE_FACTOR = 1.5  # ramp over speed, against the median of the session
 _WILD_FACTOR = 3.0  # the session as a whole: more than this is a matter of units

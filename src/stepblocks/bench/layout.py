@@ -8,26 +8,18 @@ from pathlib import Path, PurePosixPath
 from stepblocks.errors import BenchError, QuantityError
 from stepblocks.quantities import parse_quantity
 
-__all__ = ["check_pattern", "fill_pattern", "inside", "scale_of", "unit_of_name"]
-
 _FIELD = re.compile(r"\{([a-z_]+)(?::(0?)(\d{1,2})d)?\}")
+# Unit that a column has by the end of its name; `gf` is a gram-force
 _SUFFIX_UNITS = {
     "force": {"n": "N", "mn": "mN", "un": "uN", "kn": "kN", "gf": "gram_force"},
     "time": {"s": "s", "ms": "ms", "us": "us"},
     "speed": {"mm_s": "mm/s", "m_s": "m/s", "um_s": "um/s", "mm_per_s": "mm/s", "m_per_s": "m/s", "um_per_s": "um/s"},
     "length": {"um": "um", "mm": "mm", "m": "m", "nm": "nm"},
 }
-"""Unit that a column has by the end of its name; `gf` is a gram-force."""
 
 
 def check_pattern(pattern: str, fields: tuple[str, ...], place: str) -> str:
-    """Return `pattern` if it holds no braces but those of `fields`, each like ``{trial}`` or ``{trial:04d}``.
-
-    Raises
-    ------
-    BenchError
-        If there is another brace or another field in it; nothing of it is ever evaluated.
-    """
+    """Return `pattern` if it holds no braces but those of `fields`, each like ``{trial}`` or ``{trial:04d}``."""
     rest = _FIELD.sub(lambda m: "" if m.group(1) in fields else m.group(0), pattern)
     if "{" in rest or "}" in rest or not pattern.strip():
         wanted = " or ".join(f"{{{name}}}, {{{name}:04d}}" for name in fields)
@@ -37,11 +29,6 @@ def check_pattern(pattern: str, fields: tuple[str, ...], place: str) -> str:
 
 def fill_pattern(pattern: str, **values: str) -> str:
     """Fill a checked pattern.
-
-    Raises
-    ------
-    ValueError
-        If a field asks for a whole number and the value is none.
 
     Examples
     --------
@@ -61,13 +48,7 @@ def fill_pattern(pattern: str, **values: str) -> str:
 
 
 def inside(folder: Path, relative: str, place: str) -> Path:
-    """Return a path below `folder`.
-
-    Raises
-    ------
-    BenchError
-        If `relative` is absolute or climbs out of the folder.
-    """
+    """Return a path below `folder`."""
     parts = PurePosixPath(relative.replace("\\", "/"))
     if parts.is_absolute() or ".." in parts.parts or "\0" in relative or ":" in parts.parts[0]:
         raise BenchError(f"`{place}` must lie inside the session, got {relative!r}")
@@ -90,13 +71,7 @@ def unit_of_name(name: str, dimension: str) -> str | None:
 
 
 def scale_of(unit: str, dimension: str, place: str) -> float:
-    """Factor that turns a number in `unit` into SI.
-
-    Raises
-    ------
-    BenchError
-        If the unit has another dimension.
-    """
+    """Factor that turns a number in `unit` into SI."""
     try:
         return parse_quantity(f"1 {unit}", dimension)
     except QuantityError as error:

@@ -6,40 +6,25 @@ from dataclasses import dataclass, field
 from hashlib import blake2b
 from itertools import islice
 
-from stepblocks.bench.features import Measurement, measure_trace, tool_of
-from stepblocks.bench.landmarks import LandmarkError
-from stepblocks.bench.screening import screen_trace
 from stepblocks.bench.session import Session
+from stepblocks.bench.signal.features import Measurement, measure_trace, tool_of
+from stepblocks.bench.signal.landmarks import LandmarkError
+from stepblocks.bench.signal.screening import screen_trace
 from stepblocks.bench.sources import TraceError, TraceSource, read_trace
 from stepblocks.bench.trace import Trace, Trial
 from stepblocks.bench.trial_table import TrialTable
-
-__all__ = ["TrialResult", "measure_trial", "pilot", "trace_digest"]
-
 
 _PILOTS = 16
 
 
 @dataclass(frozen=True)
 class TrialResult:
-    """What became of one trial.
+    """What became of one trial."""
 
-    Attributes
-    ----------
-    trial : Trial
-        Its row.
-    reason : str
-        Why it is excluded; empty where it was measured.
-    features : dict of str to float
-        Its features; empty where it is excluded.
-    digest : int
-        Identifies the samples of its trace; 0 where there is none.
-    """
-
-    trial: Trial
-    reason: str = ""
-    features: dict[str, float] = field(default_factory=dict)
-    digest: int = 0
+    trial: Trial  # Its row
+    reason: str = ""  # Why it is excluded; empty where it was measured
+    features: dict[str, float] = field(default_factory=dict)  # Its features; empty where it is excluded
+    digest: int = 0  # Identifies the samples of its trace; 0 where there is none
 
 
 def trace_digest(trace: Trace) -> int:
@@ -52,13 +37,7 @@ def trace_digest(trace: Trace) -> int:
 def measure_trial(
     session: Session, source: TraceSource, trial: Trial, tool: tuple[float, float] | None = None
 ) -> TrialResult:
-    """Read, screen and measure one trial.
-
-    Returns
-    -------
-    TrialResult
-        Features or reason; no fault of a trace raises.
-    """
+    """Read, screen and measure one trial."""
     if trial.fault:
         return TrialResult(trial, trial.fault)
     try:

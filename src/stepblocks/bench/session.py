@@ -12,8 +12,6 @@ from stepblocks.bench.layout import check_pattern, inside, scale_of, unit_of_nam
 from stepblocks.errors import BenchError, QuantityError
 from stepblocks.quantities import quantity_parser
 
-__all__ = ["Acquisition", "Channel", "Channels", "Probe", "Session", "TrialColumns", "open_session"]
-
 _MOST_BYTES = 1 << 20  # a longer session.toml is none
 _FORMATS = {
     ".csv": "csv",
@@ -54,21 +52,11 @@ class _Open(BaseModel):
 
 
 class Channel(_Strict):
-    """One column of a trace or of the table of trials.
+    """One column of a trace or of the table of trials."""
 
-    Attributes
-    ----------
-    column : str or int
-        Name, or index from 0 where the columns have no names.
-    unit : str
-        Unit of its numbers; by default what the end of the name says (``fx_mn``), else SI.
-    factor : float
-        Gain or sign that the numbers are multiplied with.
-    """
-
-    column: str | int
-    unit: str | None = None
-    factor: float = Field(default=1.0, allow_inf_nan=False)
+    column: str | int  # Name, or index from 0 where the columns have no names
+    unit: str | None = None  # Unit of its numbers; by default what the end of the name says (``fx_mn``), else SI
+    factor: float = Field(default=1.0, allow_inf_nan=False)  # Gain or sign that the numbers are multiplied with
 
     @model_validator(mode="before")
     @classmethod
@@ -98,37 +86,18 @@ class Probe(_Open):
 
 
 class Acquisition(_Open):
-    """How the forces were recorded.
+    """How the forces were recorded."""
 
-    Attributes
-    ----------
-    sample_rate : float
-        Samples per second [Hz].
-    traces : str
-        One file for all trials, or a pattern with ``{trial}``.
-    format : str
-        ``csv``, ``hdf5``, ``tdms`` or ``mat``; by default from the suffix.
-    group : str
-        Pattern of the group of a trial in a container; by default the usual ones are tried.
-    channels : Channels
-        Columns.
-    delimiter, decimal : str
-        Of CSV traces.
-    skip_lines : int
-        Lines before the header of CSV traces.
-    range : float
-        Force at which the sensor saturates [N].
-    """
-
-    sample_rate: _Frequency
-    traces: str
+    sample_rate: _Frequency  # Samples per second [Hz]
+    traces: str  # One file for all trials, or a pattern with ``{trial}``
+    # ``csv``, ``hdf5``, ``tdms`` or ``mat``; by default from the suffix
     format: Literal["csv", "hdf5", "tdms", "mat"] | None = None
-    group: str | None = None
-    channels: Channels
-    delimiter: str = Field(default=",", min_length=1, max_length=1)
+    group: str | None = None  # Pattern of the group of a trial in a container; by default the usual ones are tried
+    channels: Channels  # Columns
+    delimiter: str = Field(default=",", min_length=1, max_length=1)  # Of CSV traces
     decimal: Literal[".", ","] = "."
-    skip_lines: int = Field(default=0, ge=0, le=10_000)
-    range: _Force | None = None
+    skip_lines: int = Field(default=0, ge=0, le=10_000)  # Lines before the header of CSV traces
+    range: _Force | None = None  # Force at which the sensor saturates [N]
 
     @property
     def kind(self) -> str:
@@ -175,58 +144,24 @@ class _Document(_Open):
 
 
 class Session(BaseModel):
-    """A session folder that was read and found whole.
-
-    Attributes
-    ----------
-    folder : Path
-        The folder.
-    title : str
-        What the laboratory calls it.
-    probe, acquisition, columns
-        As declared.
-    table : Path
-        The table of trials.
-    delimiter, decimal : str
-        Of the table.
-    stimulus_set : str, optional
-        Name of the stimulus set.
-    scans : str, optional
-        Pattern of the scans, with ``{block}``.
-    """
+    """A session folder that was read and found whole."""
 
     model_config = ConfigDict(frozen=True)
 
-    folder: Path
-    title: str
-    probe: Probe
+    folder: Path  # The folder
+    title: str  # What the laboratory calls it
+    probe: Probe  # As declared
     acquisition: Acquisition
     columns: TrialColumns
-    table: Path
-    delimiter: str
+    table: Path  # The table of trials
+    delimiter: str  # Of the table
     decimal: str
-    stimulus_set: str | None
-    scans: str | None
+    stimulus_set: str | None  # Name of the stimulus set
+    scans: str | None  # Pattern of the scans, with ``{block}``
 
 
 def open_session(folder: Path) -> Session:
-    """Read ``session.toml`` of a folder.
-
-    Parameters
-    ----------
-    folder : Path
-        The session.
-
-    Returns
-    -------
-    Session
-        What it declares; no trace has been read.
-
-    Raises
-    ------
-    BenchError
-        If the folder, its session.toml or its table of trials is missing, or the declaration is malformed.
-    """
+    """Read ``session.toml`` of a folder."""
     path = folder / "session.toml"
     if not folder.is_dir():
         raise BenchError(f"session must be a folder with a session.toml, got {str(folder)!r}")

@@ -15,34 +15,18 @@ from stepblocks.bench.session import Session
 from stepblocks.bench.trace import Trial
 from stepblocks.errors import BenchError
 
-__all__ = ["TrialTable", "open_trials"]
-
 _MOST_COLUMNS = 1000
 
 
 @dataclass(frozen=True)
 class TrialTable:
-    """A table of trials that was looked through once.
+    """A table of trials that was looked through once."""
 
-    Attributes
-    ----------
-    session : Session
-        Where it belongs.
-    header : tuple of str
-        Names of its columns.
-    count : int
-        Number of rows.
-    repeated : frozenset of int
-        Rows, from 1, whose trial an earlier row has with the same conditions.
-    contradicted : frozenset of int
-        Rows whose trial another row has with other conditions.
-    """
-
-    session: Session
-    header: tuple[str, ...]
-    count: int
-    repeated: frozenset[int]
-    contradicted: frozenset[int]
+    session: Session  # Where it belongs
+    header: tuple[str, ...]  # Names of its columns
+    count: int  # Number of rows
+    repeated: frozenset[int]  # Rows, from 1, whose trial an earlier row has with the same conditions
+    contradicted: frozenset[int]  # Rows whose trial another row has with other conditions
 
     @property
     def covariates(self) -> tuple[str, ...]:
@@ -91,25 +75,7 @@ class TrialTable:
 
 
 def open_trials(session: Session, reserved: frozenset[str] = frozenset()) -> TrialTable:
-    """Look through the table of trials once: header, number of rows, duplicates.
-
-    Parameters
-    ----------
-    session : Session
-        Whose table.
-    reserved : frozenset of str
-        Names that no column of the table may have.
-
-    Returns
-    -------
-    TrialTable
-        Iterates over the trials, and reads the file anew each time.
-
-    Raises
-    ------
-    BenchError
-        If the table is empty, has no column for the trial, names a column twice or a reserved one, or is no CSV.
-    """
+    """Look through the table of trials once: header, number of rows, duplicates."""
     header = _header(session)
     key = header.index(_column_name(session.columns.trial.column, header, "trial"))
     for part in ("speed", "load", "block"):

@@ -16,6 +16,7 @@ from stepblocks.errors import StepblocksError
 
 __all__ = ["main"]
 
+# Modules of this package, one per command or family of commands, in the order of the help text
 _COMMANDS: tuple[str, ...] = (
     "build",
     "check",
@@ -31,22 +32,10 @@ _COMMANDS: tuple[str, ...] = (
     "feel",
     "study",
 )
-"""Modules of this package, one per command or family of commands, in the order of the help text."""
 
 
 def main(argv: Sequence[str] | None = None) -> int:
-    """Run one command.
-
-    Parameters
-    ----------
-    argv : sequence of str, optional
-        Arguments without the program's name; those of the process where omitted.
-
-    Returns
-    -------
-    int
-        0 done, 1 something is out of tolerance, 2 the input is wrong.
-    """
+    """Run one command."""
     parser = _parser()
     arguments = parser.parse_args(argv)
     for library in ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS"):

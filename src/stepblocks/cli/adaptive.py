@@ -8,26 +8,16 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
-__all__ = ["add_to"]
-
 
 def add_to(
-    jobs: Any, whole: Callable[[str], int], count: Callable[[str], int], add_observer: Callable[..., None],
-    contact: Callable[[argparse.Namespace], Any], observer: Callable[[argparse.Namespace], Any],
-) -> None:  # fmt: skip
-    """Register the commands.
-
-    Parameters
-    ----------
-    jobs : argparse subparsers
-        Where to register.
-    whole, count : callable
-        Read a whole number, and one from 1.
-    add_observer : callable
-        Adds the options of a simulated participant.
-    contact, observer : callable
-        Make the two from the options.
-    """
+    jobs: Any,
+    whole: Callable[[str], int],
+    count: Callable[[str], int],
+    add_observer: Callable[..., None],
+    contact: Callable[[argparse.Namespace], Any],
+    observer: Callable[[argparse.Namespace], Any],
+) -> None:
+    """Register the commands."""
     parser = jobs.add_parser("adaptive", help="QUEST+ or a staircase, trial by trial, resumable and blinded")
     steps = parser.add_subparsers(title="commands", metavar="COMMAND", required=True)
 
@@ -68,12 +58,18 @@ def add_to(
 
 
 def _start(arguments: argparse.Namespace) -> int:
-    from stepblocks.pipeline.adaptive import start_study
+    from stepblocks.study.adaptive.run import start_study
 
     study = start_study(
-        arguments.file, arguments.method, arguments.standard, arguments.participants, arguments.trials, arguments.reversals,
-        arguments.seed, arguments.output,
-    )  # fmt: skip
+        arguments.file,
+        arguments.method,
+        arguments.standard,
+        arguments.participants,
+        arguments.trials,
+        arguments.reversals,
+        arguments.seed,
+        arguments.output,
+    )
     print(
         f"{arguments.output / 'setup.json'}: {study.plan.method} with {len(study.plan.compared)} blocks against the standard, "
         f"{study.participants} participants, at most {study.plan.trials} trials each"
@@ -90,21 +86,21 @@ def _say(session: Any) -> None:
 
 
 def _next(arguments: argparse.Namespace) -> int:
-    from stepblocks.pipeline.adaptive import open_study, resume
+    from stepblocks.study.adaptive.run import open_study, resume
 
     _say(resume(open_study(arguments.folder), arguments.participant))
     return 0
 
 
 def _answer(arguments: argparse.Namespace) -> int:
-    from stepblocks.pipeline.adaptive import answer, open_study
+    from stepblocks.study.adaptive.run import answer, open_study
 
     _say(answer(open_study(arguments.folder), arguments.participant, arguments.trial, arguments.answer))
     return 0
 
 
 def _run(arguments: argparse.Namespace) -> int:
-    from stepblocks.pipeline.adaptive import answer, open_study, resume
+    from stepblocks.study.adaptive.run import answer, open_study, resume
 
     study = open_study(arguments.folder)
     session = resume(study, arguments.participant)
@@ -126,10 +122,11 @@ def _run(arguments: argparse.Namespace) -> int:
 
 
 def _simulate(
-    arguments: argparse.Namespace, contact: Callable[[argparse.Namespace], Any],
+    arguments: argparse.Namespace,
+    contact: Callable[[argparse.Namespace], Any],
     observer: Callable[[argparse.Namespace], Any],
-) -> int:  # fmt: skip
-    from stepblocks.pipeline.adaptive import open_study, simulate_adaptive
+) -> int:
+    from stepblocks.study.adaptive.run import open_study, simulate_adaptive
 
     count = simulate_adaptive(
         open_study(arguments.folder), arguments.file, contact(arguments), observer(arguments), arguments.seed
@@ -139,8 +136,8 @@ def _simulate(
 
 
 def _result(arguments: argparse.Namespace) -> int:
-    from stepblocks.pipeline.adaptive import open_study, write_results
-    from stepblocks.report.study import render_table
+    from stepblocks.study.adaptive.run import open_study, write_results
+    from stepblocks.study.page import render_table
 
     sys.stdout.write(render_table(write_results(open_study(arguments.folder))))
     print(f"then: stepblocks study analyse {arguments.folder} {arguments.folder / 'answers.csv'} -o REPORT")

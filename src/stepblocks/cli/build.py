@@ -9,19 +9,11 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from stepblocks.pipeline.make import Made
-
-__all__ = ["add_to"]
+    from stepblocks.build.make import Made
 
 
 def add_to(commands: Any) -> None:
-    """Register the command.
-
-    Parameters
-    ----------
-    commands : argparse subparsers
-        Where to register.
-    """
+    """Register the command."""
     parser = commands.add_parser(
         "build",
         help="build, write, read back, measure and predict the stimuli of one or more files",
@@ -51,15 +43,20 @@ def _jobs(text: str) -> int:
 
 
 def _run(arguments: argparse.Namespace) -> int:
-    from stepblocks.pipeline.build import build, stimulus_files
+    from stepblocks.build.run import build
+    from stepblocks.select import stimulus_files
 
     silent = arguments.quiet or arguments.json
     progress = _Progress(silent)
     try:
         report = build(
-            stimulus_files(arguments.files), arguments.output, arguments.only, arguments.jobs, progress.announce,
+            stimulus_files(arguments.files),
+            arguments.output,
+            arguments.only,
+            arguments.jobs,
+            progress.announce,
             arguments.model,
-        )  # fmt: skip
+        )
     finally:
         progress.close()
     if arguments.json:

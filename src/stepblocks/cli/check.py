@@ -7,17 +7,9 @@ import json
 from pathlib import Path
 from typing import Any
 
-__all__ = ["add_to"]
-
 
 def add_to(commands: Any) -> None:
-    """Register the command.
-
-    Parameters
-    ----------
-    commands : argparse subparsers
-        Where to register.
-    """
+    """Register the command."""
     parser = commands.add_parser(
         "check",
         help="read every artefact back from disk and measure it, or check anybody's STEP file",
@@ -40,8 +32,8 @@ def add_to(commands: Any) -> None:
 def _run(arguments: argparse.Namespace) -> int:
     if arguments.files and all(path.suffix.lower() in (".step", ".stp", ".p21") for path in arguments.files):
         return _check_step_files(arguments.files)
-    from stepblocks.pipeline.build import stimulus_files
-    from stepblocks.pipeline.check import check_output
+    from stepblocks.build.check import check_output
+    from stepblocks.select import stimulus_files
 
     failed = []
     records = []
@@ -69,8 +61,8 @@ def _run(arguments: argparse.Namespace) -> int:
 
 
 def _check_step_files(paths: list[Path]) -> int:
-    from stepblocks.metrology.part21.check_step import check_step_text
-    from stepblocks.metrology.part21.part_file import step_table
+    from stepblocks.artefacts.step.part21.check_step import check_step_text
+    from stepblocks.artefacts.step.part_file import step_table
 
     reports = [check_step_text(path) for path in paths]
     print("\n\n".join(step_table(report) for report in reports))

@@ -5,8 +5,6 @@ from __future__ import annotations
 import argparse
 from pathlib import Path
 
-__all__ = ["add_to"]
-
 _DECLARED: tuple[tuple[str, str, str], ...] = (
     ("--tip-radius", "length", "radius of the ball R (default: the set's first, or 125 um)"),
     ("--edge-radius", "length", "radius of a plain step's edge r (default 0 um)"),
@@ -59,7 +57,7 @@ def add_to(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) -> N
 
 def run(arguments: argparse.Namespace) -> int:
     """Run the command."""
-    from stepblocks.pipeline.drag_run import drag_from_options
+    from stepblocks.drag.run import drag_from_options
     from stepblocks.quantities import format_quantity
 
     options = {}

@@ -6,19 +6,11 @@ import argparse
 from pathlib import Path
 from typing import Any
 
-__all__ = ["add_to"]
-
 _SIMULATORS = ("mujoco", "chai3d", "sofa", "usd", "gltf", "x3d", "urdf", "forcelaw")
 
 
 def add_to(commands: Any) -> None:
-    """Register the command.
-
-    Parameters
-    ----------
-    commands : argparse subparsers
-        Where to register.
-    """
+    """Register the command."""
     parser = commands.add_parser(
         "export",
         help="scenes for haptic simulators, with contact settings and the vibration as an event",
@@ -36,9 +28,11 @@ def add_to(commands: Any) -> None:
     parser.add_argument("--only", metavar="PATTERN", help="stimuli such as 'step-0?0'")
     parser.add_argument("--scale", type=float, metavar="S", help="magnification (default: the plan's, or 1)")
     parser.add_argument(
-        "--ring", choices=("exponential", "drag"), default="exponential",
+        "--ring",
+        choices=("exponential", "drag"),
+        default="exponential",
         help="waveform of the WAV files: a decaying sine, or the ring of the time-domain drag with the same energy",
-    )  # fmt: skip
+    )
     parser.add_argument(
         "--model",
         type=Path,
@@ -58,9 +52,9 @@ def add_to(commands: Any) -> None:
 
 def _run(arguments: argparse.Namespace) -> int:
     from stepblocks.errors import PipelineError, QuantityError
-    from stepblocks.pipeline.build import stimulus_files
-    from stepblocks.pipeline.export import Wishes, export_sets
     from stepblocks.quantities import parse_quantity
+    from stepblocks.select import stimulus_files
+    from stepblocks.simulators.export import Wishes, export_sets
 
     def quantity(name: str, text: str | None, dimension: str) -> float | None:
         if text is None:
@@ -71,15 +65,25 @@ def _run(arguments: argparse.Namespace) -> int:
             raise PipelineError(f"--{name}: {error}") from error
 
     wishes = Wishes(
-        quantity("load", arguments.load, "force"), quantity("friction", arguments.friction, "ratio"),
-        quantity("tip-radius", arguments.tip_radius, "length"), quantity("step-height", arguments.step_height, "length"),
-        arguments.scale, arguments.ring, quantity("speed", arguments.speed, "speed") or 0.0,
-    )  # fmt: skip
+        quantity("load", arguments.load, "force"),
+        quantity("friction", arguments.friction, "ratio"),
+        quantity("tip-radius", arguments.tip_radius, "length"),
+        quantity("step-height", arguments.step_height, "length"),
+        arguments.scale,
+        arguments.ring,
+        quantity("speed", arguments.speed, "speed") or 0.0,
+    )
     written = 0
     for done in export_sets(
-        stimulus_files(arguments.files), arguments.simulator, arguments.output, arguments.device, arguments.devices,
-        arguments.only, wishes, arguments.model,
-    ):  # fmt: skip
+        stimulus_files(arguments.files),
+        arguments.simulator,
+        arguments.output,
+        arguments.device,
+        arguments.devices,
+        arguments.only,
+        wishes,
+        arguments.model,
+    ):
         print(f"{done.name}: {done.folder}" + (f"\n  {done.plan}" if done.plan else ""), flush=True)
         written += 1
     print(f"{written} folder{'s' if written != 1 else ''} for {arguments.simulator}")

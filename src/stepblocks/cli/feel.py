@@ -6,17 +6,9 @@ import argparse
 from pathlib import Path
 from typing import Any
 
-__all__ = ["add_to"]
-
 
 def add_to(commands: Any) -> None:
-    """Register the command.
-
-    Parameters
-    ----------
-    commands : argparse subparsers
-        Where to register.
-    """
+    """Register the command."""
     parser = commands.add_parser(
         "feel",
         help="a page on which the mouse drags the probe over a block",
@@ -33,8 +25,8 @@ def add_to(commands: Any) -> None:
 
 
 def _run(arguments: argparse.Namespace) -> int:
-    from stepblocks.pipeline.build import stimulus_files
-    from stepblocks.pipeline.feel import write_feel
+    from stepblocks.select import stimulus_files
+    from stepblocks.simulators.feel import write_feel
 
     count = write_feel(stimulus_files(arguments.files), arguments.output)
     print(f"{arguments.output}: {count} blocks")

@@ -7,19 +7,11 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from stepblocks.pipeline.inspect import InspectionResult
-
-__all__ = ["add_to"]
+    from stepblocks.inspect.run import InspectionResult
 
 
 def add_to(commands: Any) -> None:
-    """Register the command.
-
-    Parameters
-    ----------
-    commands : argparse subparsers
-        Where to register.
-    """
+    """Register the command."""
     parser = commands.add_parser(
         "inspect",
         help="evaluate a scan of a machined stimulus and judge it",
@@ -70,8 +62,8 @@ def add_to(commands: Any) -> None:
 
 
 def _run(arguments: argparse.Namespace) -> int:
-    from stepblocks.metrology.uncertainty import Instrument
-    from stepblocks.pipeline.inspect import find_stimulus, inspect_scan, inspect_standard
+    from stepblocks.inspect.budget import Instrument
+    from stepblocks.inspect.run import find_stimulus, inspect_scan, inspect_standard
     from stepblocks.quantities import parse_quantity
 
     def length(text: str | None) -> float | None:
@@ -89,16 +81,21 @@ def _run(arguments: argparse.Namespace) -> int:
         return _say(result, arguments)
     stimulus, grid = find_stimulus(arguments.stimulus, arguments.where)
     result = inspect_scan(
-        arguments.scan, stimulus, grid, instrument,
-        feature=arguments.feature, exclusion=length(arguments.exclusion), unit=arguments.unit,
-    )  # fmt: skip
+        arguments.scan,
+        stimulus,
+        grid,
+        instrument,
+        feature=arguments.feature,
+        exclusion=length(arguments.exclusion),
+        unit=arguments.unit,
+    )
     return _say(result, arguments)
 
 
 def _say(result: InspectionResult, arguments: argparse.Namespace) -> int:
     import json
 
-    from stepblocks.pipeline.inspect import as_json, table_of, write_inspection
+    from stepblocks.inspect.run import as_json, table_of, write_inspection
 
     print(json.dumps(as_json(result), indent=1) if arguments.json else table_of(result))
     if arguments.output is not None:

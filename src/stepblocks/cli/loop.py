@@ -7,8 +7,6 @@ import sys
 from pathlib import Path
 from typing import Any
 
-__all__ = ["add_to"]
-
 
 def add_to(subparsers: Any) -> None:
     """Register the command."""
@@ -22,18 +20,29 @@ def add_to(subparsers: Any) -> None:
     parser.add_argument("-o", "--output", type=Path, required=True, metavar="DIR", help="folder to write to")
     parser.add_argument("-j", "--jobs", type=int, default=None, help="processes; all cores where omitted")
     parser.add_argument("--forces-only", action="store_true", help="leave the scans of the blocks out")
-    parser.add_argument("--as-built", nargs="+", type=Path, default=[], metavar="RECORD",
-                        help="as-built records of inspected blocks, or folders of them, instead of the session's scans")  # fmt: skip
+    parser.add_argument(
+        "--as-built",
+        nargs="+",
+        type=Path,
+        default=[],
+        metavar="RECORD",
+        help="as-built records of inspected blocks, or folders of them, instead of the session's scans",
+    )
     parser.set_defaults(run=_run)
 
 
 def _run(arguments: argparse.Namespace) -> int:
-    from stepblocks.pipeline.loop import loop_session
+    from stepblocks.loop.run import loop_session
 
     verdict = loop_session(
-        arguments.session, arguments.output, arguments.jobs, not arguments.forces_only, _progress(), arguments.as_built,
+        arguments.session,
+        arguments.output,
+        arguments.jobs,
+        not arguments.forces_only,
+        _progress(),
+        arguments.as_built,
         lambda line: print(line, file=sys.stderr),
-    )  # fmt: skip
+    )
     print(f"{verdict}: see {arguments.output / 'report.html'}")
     return 0
 

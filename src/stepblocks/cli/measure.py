@@ -8,8 +8,6 @@ from collections.abc import Callable
 from contextlib import ExitStack
 from pathlib import Path
 
-__all__ = ["add_to"]
-
 _PLAIN_LINES = 10  # lines of progress where there is no terminal
 
 
@@ -33,13 +31,13 @@ def add_to(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) -> N
 
 
 def _run(arguments: argparse.Namespace) -> int:
-    from stepblocks.pipeline.measure import measure_session
+    from stepblocks.bench.measure import measure_session
 
     with ExitStack() as stack:
         progress = None if arguments.quiet else _progress(stack)
         summary = measure_session(arguments.session, arguments.output, arguments.jobs, progress)
     if arguments.plots is not None:
-        from stepblocks.pipeline.trial_figures import draw_trials
+        from stepblocks.bench.trial_figures import draw_trials
 
         chosen = [name.strip() for name in arguments.trials.split(",")] if arguments.trials else None
         draw_trials(arguments.session, arguments.plots, chosen)

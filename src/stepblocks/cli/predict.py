@@ -9,19 +9,11 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from stepblocks.pipeline.predict import Prediction
-
-__all__ = ["add_to"]
+    from stepblocks.predict.predictions import Prediction
 
 
 def add_to(commands: Any) -> None:
-    """Register the command.
-
-    Parameters
-    ----------
-    commands : argparse subparsers
-        Where to register.
-    """
+    """Register the command."""
     parser = commands.add_parser(
         "predict",
         help="critical angle, forces and vibration energy of stimulus sets, tables or unseen trials",
@@ -36,9 +28,13 @@ def add_to(commands: Any) -> None:
         help="stimulus files or folders (default: stimuli), or one CSV table",
     )
     parser.add_argument(
-        "--as-built", nargs="+", type=Path, default=[], metavar="RECORD",
+        "--as-built",
+        nargs="+",
+        type=Path,
+        default=[],
+        metavar="RECORD",
         help="as-built records of inspect, or folders of them, to predict with instead of the nominal",
-    )  # fmt: skip
+    )
     parser.add_argument("-o", "--output", type=Path, metavar="CSV", help="write a table with units in its header")
     parser.add_argument(
         "--model", type=Path, metavar="JSON", help="model.json of stepblocks loop; FILE is a trials.csv"
@@ -47,17 +43,21 @@ def add_to(commands: Any) -> None:
         "--plots", type=Path, metavar="DIR", help="draw energy against height, and maps of margins, there"
     )
     parser.add_argument(
-        "--conversion", choices=("constant", "simulated"), default="constant",
+        "--conversion",
+        choices=("constant", "simulated"),
+        default="constant",
         help="share of the stored energy that rings: C_v of the set (default), or that of a drag in time at --speed",
-    )  # fmt: skip
+    )
     parser.add_argument("--speed", default="5 mm/s", metavar="Q", help="handle speed of those drags (default 5 mm/s)")
     parser.add_argument(
         "--perception", type=Path, metavar="CSV", help="write how well neighbouring blocks are told apart"
     )
     parser.add_argument(
-        "--equally-felt", type=int, metavar="N",
+        "--equally-felt",
+        type=int,
+        metavar="N",
         help="write to -o NEW.toml a set of N blocks that are equally spaced in predicted sensation instead of predicting",
-    )  # fmt: skip
+    )
     parser.set_defaults(run=_run)
 
 
@@ -72,7 +72,7 @@ def _run(arguments: argparse.Namespace) -> int:
 
 def _write_equally_felt(files: list[Path], count: int, output: Path | None) -> int:
     from stepblocks.errors import PipelineError
-    from stepblocks.pipeline.perceive import write_equally_felt
+    from stepblocks.predict.perceive import write_equally_felt
 
     if len(files) != 1 or output is None:
         raise PipelineError("--equally-felt needs one stimulus file and -o NEW.toml")
@@ -90,11 +90,11 @@ def _predict_table(files: list[Path], output: Path | None, model: Path | None) -
     if output is None:
         raise PipelineError(f"-o must name the CSV to write [{files[0]}]")
     if model is None:
-        from stepblocks.pipeline.predict_table import predict_table
+        from stepblocks.predict.table import predict_table
 
         count = len(predict_table(files[0], output))
     else:
-        from stepblocks.pipeline.predict_model import predict_trials
+        from stepblocks.predict.trials import predict_trials
 
         flagged = predict_trials(files[0], model, output)
         print(f"{output}: {flagged} trials flagged, see the column status")
@@ -104,16 +104,16 @@ def _predict_table(files: list[Path], output: Path | None, model: Path | None) -
 
 
 def _predict_sets(arguments: argparse.Namespace) -> int:
-    from stepblocks.beside import replace_text
-    from stepblocks.pipeline.build import stimulus_files
-    from stepblocks.pipeline.declared import load_declared
-    from stepblocks.pipeline.predict import SHOWN, as_csv, as_row, predict_set
-    from stepblocks.pipeline.sheaths import ring_rows
+    from stepblocks.atomic import replace_text
+    from stepblocks.declare import load_declared
+    from stepblocks.predict.predictions import SHOWN, as_csv, as_row, predict_set
+    from stepblocks.predict.sheaths import ring_rows
+    from stepblocks.select import stimulus_files
 
     sets = [load_declared(path) for path in stimulus_files(arguments.files)]
     more: Callable[[Prediction], dict[str, str]] | None = None
     if arguments.as_built:
-        from stepblocks.pipeline.as_built import (
+        from stepblocks.predict.as_built import (
             moved_energies,
             read_records,
             surface_columns,
@@ -132,7 +132,7 @@ def _predict_sets(arguments: argparse.Namespace) -> int:
             print(sentence, file=sys.stderr)
         sets = [with_as_built(stimuli, records) for stimuli in sets]
     if arguments.conversion == "simulated":
-        from stepblocks.pipeline.predict_rings import predict_set_in_time
+        from stepblocks.predict.rings import predict_set_in_time
         from stepblocks.quantities import parse_quantity
 
         speed = parse_quantity(arguments.speed, "speed")
@@ -142,14 +142,14 @@ def _predict_sets(arguments: argparse.Namespace) -> int:
     if arguments.perception:
         import pandas as pd
 
-        from stepblocks.pipeline.columns import write_table
-        from stepblocks.pipeline.perceive import neighbours
+        from stepblocks.predict.perceive import neighbours
+        from stepblocks.tables import write_table
 
         tables = [neighbours(s, [p for p in predictions if p.set_name == s.name]) for s in sets]
         write_table(pd.concat(tables, ignore_index=True), arguments.perception)
         print(f"{arguments.perception}: {sum(map(len, tables))} pairs of neighbours")
     if arguments.plots:
-        from stepblocks.pipeline.predict_plots import write_plots
+        from stepblocks.predict.plots import write_plots
 
         for path in (path for stimuli in sets for path in write_plots(stimuli, arguments.plots)):
             print(path)

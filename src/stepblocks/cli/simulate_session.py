@@ -5,8 +5,6 @@ from __future__ import annotations
 import argparse
 from pathlib import Path
 
-__all__ = ["add_to"]
-
 
 def add_to(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
     """Register the command."""
@@ -22,7 +20,7 @@ def add_to(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) -> N
 
 
 def _run(arguments: argparse.Namespace) -> int:
-    from stepblocks.pipeline.simulate_session import simulate_session
+    from stepblocks.bench.rehearse.run import simulate_session
 
     summary = simulate_session(arguments.plan, arguments.output)
     left = f", {summary.locked} locked" if summary.locked else ""

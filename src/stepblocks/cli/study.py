@@ -10,17 +10,9 @@ from typing import Any
 
 from stepblocks.cli import adaptive
 
-__all__ = ["add_to"]
-
 
 def add_to(commands: Any) -> None:
-    """Register the commands.
-
-    Parameters
-    ----------
-    commands : argparse subparsers
-        Where to register.
-    """
+    """Register the commands."""
     parser = commands.add_parser(
         "study",
         help="design, run, simulate and analyse the experiments on people; how many participants",
@@ -39,9 +31,11 @@ def _add_design(jobs: Any) -> None:
     parser = jobs.add_parser("design", help="design.csv with every trial, and the key of the blinding codes")
     parser.add_argument("file", type=Path, metavar="FILE", help="stimulus file with the blocks")
     parser.add_argument(
-        "--experiment", choices=("estimates", "virtual", "constant", "magnitude"), default="estimates",
+        "--experiment",
+        choices=("estimates", "virtual", "constant", "magnitude"),
+        default="estimates",
         help="experiment 1 (default), experiment 2, constant stimuli, or magnitude estimation",
-    )  # fmt: skip
+    )
     parser.add_argument("--participants", type=_count, default=10, metavar="N", help="default: 10")
     parser.add_argument(
         "--probes", type=_names, default=("bare", "hard", "soft"), metavar="A,B,...", help="default: bare,hard,soft"
@@ -78,9 +72,12 @@ def _add_analyse(jobs: Any) -> None:
     parser.add_argument("answers", type=Path, nargs="+", metavar="CSV", help="filled-in run sheets")
     parser.add_argument("-o", "--output", type=Path, required=True, metavar="DIR", help="folder of the report")
     parser.add_argument(
-        "--largest-estimate", type=float, default=20.0, metavar="X",
+        "--largest-estimate",
+        type=float,
+        default=20.0,
+        metavar="X",
         help="an estimate above X times the highest block is an error (default: 20)",
-    )  # fmt: skip
+    )
     parser.add_argument(
         "--ratings", type=_scale, default=(1, 7), metavar="LOW-HIGH", help="scale of the ratings (default: 1-7)"
     )
@@ -106,9 +103,12 @@ def _add_power(jobs: Any) -> None:
 
 def _add_observer(parser: Any) -> None:
     parser.add_argument(
-        "--damping", type=_shares, default={}, metavar="A=X,B=Y",
+        "--damping",
+        type=_shares,
+        default={},
+        metavar="A=X,B=Y",
         help="share of the vibration energy that each condition lets through, such as bare=1,hard=0.9,soft=0.5",
-    )  # fmt: skip
+    )
     parser.add_argument(
         "--weber", type=_quantity("ratio"), default=0.2, metavar="X", help="Weber fraction of the energy (default: 0.2)"
     )
@@ -119,9 +119,12 @@ def _add_observer(parser: Any) -> None:
         "--spread", type=_quantity("length"), default=3e-6, metavar="L", help="between participants (default: '3 um')"
     )
     parser.add_argument(
-        "--condition-spread", type=_quantity("length"), default=0.0, metavar="L",
+        "--condition-spread",
+        type=_quantity("length"),
+        default=0.0,
+        metavar="L",
         help="between participants in their response to a condition (default: 0)",
-    )  # fmt: skip
+    )
     parser.add_argument(
         "--lapse", type=_quantity("ratio"), default=0.0, metavar="X", help="rate of lapses (default: 0)"
     )
@@ -131,12 +134,17 @@ def _add_observer(parser: Any) -> None:
 
 
 def _design(arguments: argparse.Namespace) -> int:
-    from stepblocks.pipeline.study import Request, design_study
+    from stepblocks.study.run import Request, design_study
 
     request = Request(
-        arguments.experiment, arguments.participants, arguments.repetitions, arguments.seed, arguments.probes,
-        arguments.standard, arguments.only,
-    )  # fmt: skip
+        arguments.experiment,
+        arguments.participants,
+        arguments.repetitions,
+        arguments.seed,
+        arguments.probes,
+        arguments.standard,
+        arguments.only,
+    )
     design = design_study(arguments.file, request, arguments.output)
     print(
         f"{arguments.output / 'design.csv'}: {len(design.trials)} trials of {arguments.participants} participants; {design.balance}"
@@ -145,7 +153,7 @@ def _design(arguments: argparse.Namespace) -> int:
 
 
 def _sheet(arguments: argparse.Namespace) -> int:
-    from stepblocks.pipeline.study import write_sheets
+    from stepblocks.study.run import write_sheets
 
     count = write_sheets(arguments.folder)
     print(f"{arguments.folder / 'sheets'}: {count} run sheets; print {arguments.folder / 'run-sheets.pdf'}")
@@ -153,17 +161,23 @@ def _sheet(arguments: argparse.Namespace) -> int:
 
 
 def _simulate(arguments: argparse.Namespace) -> int:
-    from stepblocks.pipeline.study import simulate_study
+    from stepblocks.study.run import simulate_study
 
     count = simulate_study(
-        arguments.folder, arguments.file, _contact(arguments), arguments.damping, _observer(arguments), arguments.seed, arguments.output
-    )  # fmt: skip
+        arguments.folder,
+        arguments.file,
+        _contact(arguments),
+        arguments.damping,
+        _observer(arguments),
+        arguments.seed,
+        arguments.output,
+    )
     print(f"{arguments.output}: {count} simulated answers")
     return 0
 
 
 def _analyse(arguments: argparse.Namespace) -> int:
-    from stepblocks.pipeline.study import analyse_study
+    from stepblocks.study.run import analyse_study
 
     low, high = arguments.ratings
     limits = {"largest_estimate_ratio": arguments.largest_estimate, "lowest_rating": low, "highest_rating": high}
@@ -174,14 +188,23 @@ def _analyse(arguments: argparse.Namespace) -> int:
 
 
 def _power(arguments: argparse.Namespace) -> int:
-    from stepblocks.beside import replace_text
-    from stepblocks.pipeline.study import power_rows
-    from stepblocks.report.study import render_table
+    from stepblocks.atomic import replace_text
+    from stepblocks.study.page import render_table
+    from stepblocks.study.run import power_rows
 
     rows = power_rows(
-        arguments.file, arguments.only, _contact(arguments), arguments.damping, _observer(arguments), arguments.participants,
-        arguments.repetitions, arguments.analysis, arguments.runs, arguments.seed, arguments.jobs,
-    )  # fmt: skip
+        arguments.file,
+        arguments.only,
+        _contact(arguments),
+        arguments.damping,
+        _observer(arguments),
+        arguments.participants,
+        arguments.repetitions,
+        arguments.analysis,
+        arguments.runs,
+        arguments.seed,
+        arguments.jobs,
+    )
     if arguments.output:
         replace_text(
             arguments.output,
@@ -192,7 +215,7 @@ def _power(arguments: argparse.Namespace) -> int:
 
 
 def _contact(arguments: argparse.Namespace) -> Any:
-    from stepblocks.pipeline.study import Contact
+    from stepblocks.study.run import Contact
 
     return Contact(arguments.tip, arguments.load, arguments.friction)
 

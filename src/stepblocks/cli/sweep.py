@@ -6,8 +6,6 @@ import argparse
 import sys
 from pathlib import Path
 
-__all__ = ["add_to"]
-
 
 def add_to(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
     """Register the command."""
@@ -27,8 +25,8 @@ def add_to(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) -> N
 def run(arguments: argparse.Namespace) -> int:
     """Run the command."""
     from stepblocks.errors import PipelineError
-    from stepblocks.pipeline.sweep import run_sweep
-    from stepblocks.pipeline.sweep_plan import load_sweep
+    from stepblocks.predict.sweep.plan import load_sweep
+    from stepblocks.predict.sweep.run import run_sweep
 
     if not 1 <= arguments.jobs <= 1024:
         raise PipelineError(f"--jobs must lie between 1 and 1024, got {arguments.jobs}")

@@ -6,17 +6,9 @@ import argparse
 from pathlib import Path
 from typing import Any
 
-__all__ = ["add_to"]
-
 
 def add_to(commands: Any) -> None:
-    """Register the command.
-
-    Parameters
-    ----------
-    commands : argparse subparsers
-        Where to register.
-    """
+    """Register the command."""
     parser = commands.add_parser(
         "workshop",
         help="write drawings, inspection sheets and gauge-block variants, and say which route reaches each tolerance",
@@ -31,22 +23,27 @@ def add_to(commands: Any) -> None:
     )
     parser.add_argument("--only", metavar="PATTERN", help="only these stimuli, such as 'step-0?0' or 'paper-ten/*'")
     parser.add_argument(
-        "--capability", default="2 um", metavar="LENGTH",
+        "--capability",
+        default="2 um",
+        metavar="LENGTH",
         help="deviation of a height that the workshop holds in one piece; ask it (default: 2 um, ground, not lapped)",
-    )  # fmt: skip
+    )
     parser.set_defaults(run=_run)
 
 
 def _run(arguments: argparse.Namespace) -> int:
-    from stepblocks.pipeline.build import stimulus_files
-    from stepblocks.pipeline.workshop import route_table, write_orders
     from stepblocks.quantities import parse_quantity
+    from stepblocks.select import stimulus_files
+    from stepblocks.workshop.run import route_table, write_orders
 
     capability = parse_quantity(arguments.capability, "length")
     orders = write_orders(
-        stimulus_files(arguments.files), arguments.output, arguments.only, capability,
+        stimulus_files(arguments.files),
+        arguments.output,
+        arguments.only,
+        capability,
         lambda order: print(f"{order.name}: {len(order.files)} files", flush=True),
-    )  # fmt: skip
+    )
     if any(order.routes for order in orders):
         print("\n" + route_table(orders))
     return 0

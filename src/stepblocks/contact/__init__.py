@@ -1,1 +1,1 @@
-"""What will be felt: critical angle, forces and vibration energy of a ball dragged over a surface."""
+"""What is felt: critical angle, forces and vibration energy of a ball dragged over a surface."""

@@ -12,8 +12,6 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-__all__ = ["channels_of"]
-
 Floats = NDArray[np.float64]
 
 _STEEPEST = math.radians(89.0)

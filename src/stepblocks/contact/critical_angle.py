@@ -11,8 +11,6 @@ import math
 from stepblocks.contact import kernels
 from stepblocks.errors import ContactError
 
-__all__ = ["bevelled_margin_angles", "groove_angle", "margin_angles", "step_angle"]
-
 
 def _require(condition: bool, message: str) -> None:
     if not condition:

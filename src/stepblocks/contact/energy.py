@@ -11,85 +11,32 @@ from dataclasses import dataclass
 from enum import StrEnum
 
 from stepblocks.contact import kernels
+from stepblocks.contact.operating_point import PAPER, Tool
 from stepblocks.errors import ContactError
-
-__all__ = ["PAPER_TOOL", "Release", "Status", "Tool", "release_at"]
 
 
 class Status(StrEnum):
     """What becomes of a probe at an edge."""
 
-    RELEASES = "releases"
-    """It climbs, slips and rings."""
-    LOCKED = "locked"
-    """``a + atan mu`` is a right angle or more: no pulling force lifts it."""
-    TOO_HIGH = "too-high"
-    """The step is as high as the ball or higher: the ball meets the riser, not the edge."""
-    NO_CATCH = "no-catch"
-    """The path of the ball's centre never rises in this direction."""
-
-
-@dataclass(frozen=True)
-class Tool:
-    """The explorer as a spring that rings.
-
-    Attributes
-    ----------
-    stiffness : float
-        Tangential stiffness k [N/m].
-    conversion : float
-        Share C_v of the stored energy that becomes vibration [1].
-    ring_duration : float
-        Time over which the vibration energy is spent [s].
-    detection_threshold : float
-        Vibration power that a fingertip just detects [W].
-    """
-
-    stiffness: float
-    conversion: float
-    ring_duration: float
-    detection_threshold: float
-
-    def __post_init__(self) -> None:
-        for name in ("stiffness", "conversion", "ring_duration", "detection_threshold"):
-            value = getattr(self, name)
-            if not (math.isfinite(value) and value > 0.0):
-                raise ContactError(f"{name} must be positive and finite, got {value:g}")
-
-
-PAPER_TOOL = Tool(stiffness=9.81e3, conversion=0.20, ring_duration=16e-3, detection_threshold=0.08e-6)
-"""The constants of the paper: k = 9.81e3 N/m, C_v = 20 %, 16 ms, 0.08 uW."""
+    RELEASES = "releases"  # It climbs, slips and rings
+    LOCKED = "locked"  # ``a + atan mu`` is a right angle or more: no pulling force lifts it
+    TOO_HIGH = "too-high"  # The step is as high as the ball or higher: the ball meets the riser, not the edge
+    NO_CATCH = "no-catch"  # The path of the ball's centre never rises in this direction
 
 
 @dataclass(frozen=True)
 class Release:
-    """What is felt when the probe slips over an edge.
+    """What is felt when the probe slips over an edge."""
 
-    Attributes
-    ----------
-    status : Status
-        Whether it slips at all; the figures below are not-a-number unless it does.
-    angle : float
-        Critical angle a [rad].
-    pull_force : float
-        Tangential force at release F_px [N].
-    vibration_energy : float
-        Energy of the ring E_v [J].
-    mean_power : float
-        E_v over the duration of the ring [W].
-    threshold_ratio : float
-        Mean power over the detection threshold [1].
-    """
-
-    status: Status
-    angle: float
-    pull_force: float = math.nan
-    vibration_energy: float = math.nan
-    mean_power: float = math.nan
-    threshold_ratio: float = math.nan
+    status: Status  # Whether it slips at all; the figures below are not-a-number unless it does
+    angle: float  # Critical angle a [rad]
+    pull_force: float = math.nan  # Tangential force at release F_px [N]
+    vibration_energy: float = math.nan  # Energy of the ring E_v [J]
+    mean_power: float = math.nan  # E_v over the duration of the ring [W]
+    threshold_ratio: float = math.nan  # Mean power over the detection threshold [1]
 
 
-def release_at(angle: float, normal_load: float, friction: float, tool: Tool = PAPER_TOOL) -> Release:
+def release_at(angle: float, normal_load: float, friction: float, tool: Tool = PAPER.tool) -> Release:
     """Force and energy at release for a critical angle.
 
     Parameters

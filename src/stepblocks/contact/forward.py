@@ -12,31 +12,19 @@ from numpy.typing import NDArray
 from stepblocks.contact.state import DragState
 from stepblocks.errors import ContactError
 
-__all__ = ["BenchDesign", "Constant", "constants", "height_name", "nominal_state"]
-
 Floats = NDArray[np.float64]
 
 
 @dataclass(frozen=True)
 class BenchDesign:
-    """What was set on the bench, in SI units.
+    """What was set on the bench, in SI units."""
 
-    Attributes
-    ----------
-    block : ndarray of str, shape (n,)
-        Block of each trial.
-    height, load, speed, tip_radius : ndarray, shape (n,)
-        Nominal height [m], normal load [N], speed of the handle [m/s], radius of the tip [m].
-    spring_constant : float
-        Nominal spring constant of the probe [N/m].
-    """
-
-    block: NDArray[np.str_]
-    height: Floats
+    block: NDArray[np.str_]  # shape (n,); Block of each trial
+    height: Floats  # shape (n,); Nominal height [m], normal load [N], speed of the handle [m/s], radius of the tip [m]
     load: Floats
     speed: Floats
     tip_radius: Floats
-    spring_constant: float
+    spring_constant: float  # Nominal spring constant of the probe [N/m]
 
     def __post_init__(self) -> None:
         for name in ("height", "load", "speed", "tip_radius"):
@@ -86,24 +74,7 @@ def constants(
     height_std: float = 1e-6,
     scanned: Mapping[str, tuple[float, float]] | None = None,
 ) -> tuple[Constant, ...]:
-    """List the constants fitted to a session, as the paper did, and the height error of each block.
-
-    Parameters
-    ----------
-    design : BenchDesign
-        What was set.
-    frequency, decay_time : float
-        Where to begin for the ring [Hz] and [s].
-    height_std : float
-        Standard deviation of the height of a block about its nominal value [m].
-    scanned : mapping of str to (float, float), optional
-        Height and standard uncertainty of a block from its scan [m].
-
-    Returns
-    -------
-    tuple of Constant
-        friction, conversion, spring constant, ring frequency, decay time, height errors.
-    """
+    """List the constants fitted to a session, as the paper did, and the height error of each block."""
     found = [
         Constant("friction", "1", 0.15, 0.005, 0.9, 0.02),
         Constant("ln_conversion", "1", float(np.log(0.2)), -9.0, 4.0, 0.1),
@@ -126,20 +97,7 @@ def constants(
 
 
 def nominal_state(design: BenchDesign, values: Mapping[str, float]) -> DragState:
-    """Fill the slots from the design and the constants.
-
-    Parameters
-    ----------
-    design : BenchDesign
-        What was set.
-    values : mapping
-        Constants by name; a block without a height error takes its nominal height.
-
-    Returns
-    -------
-    DragState
-        Slots of every trial.
-    """
+    """Fill the slots from the design and the constants."""
     names, inverse = design.members
     errors = np.array([values.get(name, 0.0) for name in names])
     height = design.height + errors[inverse]

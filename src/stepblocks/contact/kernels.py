@@ -10,17 +10,6 @@ from typing import Any
 
 import numpy as np
 
-__all__ = [
-    "angle_on_step",
-    "angle_out_of_groove",
-    "bevelled_margin_angles",
-    "locking_height",
-    "margin_angles",
-    "pull_force",
-    "release",
-    "stored_energy",
-]
-
 Real = Any  # a float or an array of them; numpy's functions take and return either
 
 
@@ -107,7 +96,4 @@ def release(angle: Real, friction: Real, normal_load: Real, stiffness: Real, con
     with np.errstate(divide="ignore", invalid="ignore"):
         energy = conversion * stored_energy(force, stiffness)
     none = angle == 0.0
-    return (
-        np.where(held, np.inf, np.where(none, 0.0, force)),
-        np.where(held, np.inf, np.where(none, 0.0, energy)),
-    )
+    return (np.where(held, np.inf, np.where(none, 0.0, force)), np.where(held, np.inf, np.where(none, 0.0, energy)))

@@ -10,35 +10,24 @@ import numpy as np
 
 from stepblocks.contact import kernels
 from stepblocks.contact.critical_angle import bevelled_margin_angles
-from stepblocks.contact.energy import Status, Tool, release_at
+from stepblocks.contact.energy import Status, release_at
+from stepblocks.contact.operating_point import Tool
 from stepblocks.contact.uncertainty import Interval, assemble_interval, standard_draws
 from stepblocks.errors import ContactError
-
-__all__ = ["Direction", "MarginInputs", "MarginSpread", "margin_interval_of", "margin_release_of"]
 
 Direction = Literal["tooth-to-crown", "crown-to-tooth"]
 
 
 @dataclass(frozen=True)
 class MarginInputs:
-    """What a prediction for one crown margin needs.
+    """What a prediction for one crown margin needs."""
 
-    Attributes
-    ----------
-    gap : float
-        Marginal gap g [m].
-    opening : float
-        Vertical marginal discrepancy v, the distance of the corners along the drag [m]; equal to g where the end is square.
-    rise : float
-        Horizontal marginal discrepancy h, the height of the crown over the tooth [m], of either sign.
-    ball_radius, friction, normal_load, stiffness, conversion : float
-        R [m], mu [1], F_py [N], k [N/m], C_v [1].
-    """
-
-    gap: float
+    gap: float  # Marginal gap g [m]
+    # Vertical marginal discrepancy v, the distance of the corners along the drag [m]; equal to g where the end is
+    # square
     opening: float
-    rise: float
-    ball_radius: float
+    rise: float  # Horizontal marginal discrepancy h, the height of the crown over the tooth [m], of either sign
+    ball_radius: float  # R [m], mu [1], F_py [N], k [N/m], C_v [1]
     friction: float
     normal_load: float
     stiffness: float
@@ -47,29 +36,15 @@ class MarginInputs:
 
 @dataclass(frozen=True)
 class MarginSpread:
-    """Standard uncertainties of the same inputs, in their units.
+    """Standard uncertainties of the same inputs, in their units."""
 
-    Attributes
-    ----------
-    gap, rise, ball_radius : float
-        [m].
-    opening : float or None
-        [m]; None where the end is square, and the opening varies with the gap.
-    friction, conversion : float
-        [1].
-    normal_load : float
-        [N].
-    stiffness : float
-        [N/m].
-    """
-
-    gap: float = 0.0
-    opening: float | None = None
+    gap: float = 0.0  # [m]
+    opening: float | None = None  # [m]; None where the end is square, and the opening varies with the gap
     rise: float = 0.0
     ball_radius: float = 0.0
-    friction: float = 0.0
-    normal_load: float = 0.0
-    stiffness: float = 0.0
+    friction: float = 0.0  # [1]
+    normal_load: float = 0.0  # [N]
+    stiffness: float = 0.0  # [N/m]
     conversion: float = 0.0
 
     def __post_init__(self) -> None:
@@ -100,29 +75,6 @@ def margin_interval_of(
 ) -> Interval:
     """Predict force and energy at a margin with intervals.
 
-    Parameters
-    ----------
-    inputs, spread : MarginInputs, MarginSpread
-        Nominal values and standard uncertainties; inputs are drawn from normal distributions, independently.
-    direction : {"tooth-to-crown", "crown-to-tooth"}
-        Way of the drag.
-    confidence : float
-        Probability of the interval.
-    draws, seed : int
-        As for `stepblocks.contact.uncertainty.interval_of`.
-
-    Returns
-    -------
-    Interval
-        Nominal, drawn and analytic figures.
-
-    Raises
-    ------
-    ContactError
-        As `margin_release_of`, or if confidence or draws are out of range.
-
-    Notes
-    -----
     The sensitivities are central differences over a thousandth of each uncertainty. Where a margin stands on a border
     between two kinds of contact they hold to one side only, and the draws say so: the two intervals do not agree.
 

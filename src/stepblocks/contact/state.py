@@ -11,10 +11,9 @@ from numpy.typing import NDArray
 from stepblocks.contact import kernels
 from stepblocks.errors import ContactError
 
-__all__ = ["CHANNELS", "DragState", "observe"]
-
 Floats = NDArray[np.float64]
 
+# What a trial shows: logarithms of J, N, Hz and s; spring constant over its nominal value; measured over set load
 CHANNELS = (
     "ln_energy",
     "ln_peak_force",
@@ -24,75 +23,36 @@ CHANNELS = (
     "ln_decay_time",
     "normal_load_ratio",
 )
-"""What a trial shows: logarithms of J, N, Hz and s; spring constant over its nominal value; measured over set load."""
 
 _STEEPEST = np.deg2rad(89.0)  # beyond it the tip locks; the fit needs a finite slope back into the domain
 
 
 @dataclass(frozen=True)
 class DragState:
-    """Every quantity of equations (1) and (2) per trial, and where the bench shows something else than the contact.
+    """Every quantity of equations (1) and (2) per trial, and where the bench shows something else than the contact."""
 
-    Attributes
-    ----------
-    height, radius : ndarray, shape (n,)
-        Step height H and radius sum R + r [m].
-    tilt : ndarray
-        Slope added to the path of the tip [rad].
-    friction : ndarray
-        Coefficient of friction [1].
-    load, set_load : ndarray
-        Normal load at the contact and as set by the weights [N].
-    climb_load : ndarray
-        Load that appears only while the tip is lifted [N].
-    sensed_offset : ndarray
-        What the normal gauge sees beyond the set load [N].
-    speed : ndarray
-        Speed of the handle [m/s].
-    stiffness, ring_stiffness : ndarray
-        Spring constant of the ramp and of the ring [N/m].
-    hardening : ndarray
-        Cubic coefficient g of ``F = u + g u^3`` with u = k x [1/N^2].
-    conversion : ndarray
-        Share C_v of the stored energy that rings [1].
-    lost_energy : ndarray
-        Energy spent before the ring [J].
-    drag, climb_drag : ndarray
-        Tangential force beside friction [N]: at any time, and while the tip climbs alone.
-    damping : ndarray
-        Factor on the rate of decay [1].
-    gain : ndarray
-        Gain of the tangential gauge [1].
-    lag : ndarray
-        Time constant of the gauge [s].
-    frequency, decay_time : ndarray
-        Nominal ring frequency [Hz] and decay time [s].
-    nominal_stiffness : float
-        Stiffness to which frequency and channel refer [N/m].
-    """
-
-    height: Floats
+    height: Floats  # shape (n,); Step height H and radius sum R + r [m]
     radius: Floats
-    tilt: Floats
-    friction: Floats
-    load: Floats
+    tilt: Floats  # Slope added to the path of the tip [rad]
+    friction: Floats  # Coefficient of friction [1]
+    load: Floats  # Normal load at the contact and as set by the weights [N]
     set_load: Floats
-    climb_load: Floats
-    sensed_offset: Floats
-    speed: Floats
-    stiffness: Floats
+    climb_load: Floats  # Load that appears only while the tip is lifted [N]
+    sensed_offset: Floats  # What the normal gauge sees beyond the set load [N]
+    speed: Floats  # Speed of the handle [m/s]
+    stiffness: Floats  # Spring constant of the ramp and of the ring [N/m]
     ring_stiffness: Floats
-    hardening: Floats
-    conversion: Floats
-    lost_energy: Floats
-    drag: Floats
+    hardening: Floats  # Cubic coefficient g of ``F = u + g u^3`` with u = k x [1/N^2]
+    conversion: Floats  # Share C_v of the stored energy that rings [1]
+    lost_energy: Floats  # Energy spent before the ring [J]
+    drag: Floats  # Tangential force beside friction [N]: at any time, and while the tip climbs alone
     climb_drag: Floats
-    damping: Floats
-    gain: Floats
-    lag: Floats
-    frequency: Floats
+    damping: Floats  # Factor on the rate of decay [1]
+    gain: Floats  # Gain of the tangential gauge [1]
+    lag: Floats  # Time constant of the gauge [s]
+    frequency: Floats  # Nominal ring frequency [Hz] and decay time [s]
     decay_time: Floats
-    nominal_stiffness: float
+    nominal_stiffness: float  # Stiffness to which frequency and channel refer [N/m]
 
     def angle(self) -> Floats:
         """Slope of the path at release plus angle of friction [rad], held below locking."""
@@ -131,23 +91,6 @@ _SLOTS = tuple(f.name for f in fields(DragState) if f.name != "nominal_stiffness
 def observe(state: DragState) -> Floats:
     """Return all channels of a state.
 
-    Parameters
-    ----------
-    state : DragState
-        Slots of n trials.
-
-    Returns
-    -------
-    ndarray, shape (n, 7)
-        The channels of `CHANNELS`.
-
-    Raises
-    ------
-    ContactError
-        If a slot holds another number of trials than the rest.
-
-    Notes
-    -----
     The energy is what an amplitude of force A shows, ``A^2 / 2k`` with the nominal k: the square of the gauge's gain
     enters, and a spring that is stiffer in load and ring stores less but shows the same amplitude. A gauge of
     first order shows a ramp late by its time constant, so the peak falls short by ``k v tau (1 - exp(-t / tau))``, and

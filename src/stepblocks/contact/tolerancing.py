@@ -10,35 +10,19 @@ from stepblocks.contact.energy import Status
 from stepblocks.contact.uncertainty import Inputs, release_of, sensitivities
 from stepblocks.errors import ContactError
 
-__all__ = ["TolerancePlan", "energy_at_corners", "tolerances_for_energy"]
-
 _DIMENSIONS = ("height", "edge_radius", "ball_radius")
 
 
 @dataclass(frozen=True)
 class TolerancePlan:
-    """Tolerances that keep the energy of a block within a band, at every corner of the tolerance zone.
+    """Tolerances that keep the energy of a block within a band, at every corner of the tolerance zone."""
 
-    Attributes
-    ----------
-    achievable : bool
-        Whether the workshop and the setting of the trial leave room for it.
-    reason : str
-        One sentence: what limits it.
-    height, ball_radius : float
-        Half-widths t of the tolerances +-t [m]; 0 where nothing will do.
-    edge_radius : float
-        Half-width [m]; for a nominally sharp edge the largest radius allowed.
-    worst_low, worst_high : float
-        Relative change of the energy at the worst corners [1].
-    """
-
-    achievable: bool
-    reason: str
-    height: float
-    edge_radius: float
+    achievable: bool  # Whether the workshop and the setting of the trial leave room for it
+    reason: str  # One sentence: what limits it
+    height: float  # Half-widths t of the tolerances +-t [m]; 0 where nothing will do
+    edge_radius: float  # Half-width [m]; for a nominally sharp edge the largest radius allowed
     ball_radius: float
-    worst_low: float
+    worst_low: float  # Relative change of the energy at the worst corners [1]
     worst_high: float
 
 
@@ -154,20 +138,7 @@ def _check(
 
 
 def energy_at_corners(inputs: Inputs, widths: dict[str, float]) -> tuple[float, float]:
-    """Relative change of the energy at the worst corners of a tolerance zone.
-
-    Parameters
-    ----------
-    inputs : Inputs
-        Nominal block, tip and trial; it must release.
-    widths : dict
-        Half-widths of the zone by input, in its unit; an input below 0 counts as 0.
-
-    Returns
-    -------
-    low, high : float
-        Least and greatest change [1]; `high` is infinite where a corner is held, `low` is -1 where one does not catch.
-    """
+    """Relative change of the energy at the worst corners of a tolerance zone."""
     nominal = release_of(inputs)[2]
     low, high = 0.0, 0.0
     names = [name for name, width in widths.items() if width > 0.0]

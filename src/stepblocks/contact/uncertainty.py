@@ -16,75 +16,37 @@ from numpy.typing import NDArray
 
 from stepblocks.contact import kernels
 from stepblocks.contact.critical_angle import step_angle
-from stepblocks.contact.energy import Status, Tool, release_at
+from stepblocks.contact.energy import Status, release_at
+from stepblocks.contact.operating_point import Tool
 from stepblocks.errors import ContactError
-
-__all__ = [
-    "Inputs",
-    "Interval",
-    "Spread",
-    "assemble_interval",
-    "interval_of",
-    "release_of",
-    "sensitivities",
-    "standard_draws",
-]
 
 Floats = NDArray[np.float64]
 
 
 @dataclass(frozen=True)
 class Inputs:
-    """What a prediction for one step needs.
+    """What a prediction for one step needs."""
 
-    Attributes
-    ----------
-    height, edge_radius, ball_radius : float
-        H, r and R [m].
-    friction : float
-        mu [1].
-    normal_load : float
-        F_py [N].
-    stiffness : float
-        k [N/m].
-    conversion : float
-        C_v [1].
-    """
-
-    height: float
+    height: float  # H, r and R [m]
     edge_radius: float
     ball_radius: float
-    friction: float
-    normal_load: float
-    stiffness: float
-    conversion: float
+    friction: float  # mu [1]
+    normal_load: float  # F_py [N]
+    stiffness: float  # k [N/m]
+    conversion: float  # C_v [1]
 
 
 @dataclass(frozen=True)
 class Spread:
-    """Standard uncertainties of the inputs, each in the unit of its input; 0 where it is known.
+    """Standard uncertainties of the inputs, each in the unit of its input; 0 where it is known."""
 
-    Attributes
-    ----------
-    height, edge_radius, ball_radius : float
-        [m].
-    friction : float
-        [1].
-    normal_load : float
-        [N].
-    stiffness : float
-        [N/m].
-    conversion : float
-        [1].
-    """
-
-    height: float = 0.0
+    height: float = 0.0  # [m]
     edge_radius: float = 0.0
     ball_radius: float = 0.0
-    friction: float = 0.0
-    normal_load: float = 0.0
-    stiffness: float = 0.0
-    conversion: float = 0.0
+    friction: float = 0.0  # [1]
+    normal_load: float = 0.0  # [N]
+    stiffness: float = 0.0  # [N/m]
+    conversion: float = 0.0  # [1]
 
     def __post_init__(self) -> None:
         for field in fields(self):
@@ -100,37 +62,22 @@ class Spread:
 
 @dataclass(frozen=True)
 class Interval:
-    """A prediction with its intervals.
+    """A prediction with its intervals."""
 
-    Attributes
-    ----------
-    status : Status
-        Of the nominal inputs.
-    force, energy : float
-        Nominal F_px [N] and E_v [J]; NaN unless it releases.
-    force_low, force_high, energy_low, energy_high : float
-        Quantiles of the draws; infinite where that share of them is held, 0 where it does not catch.
-    analytic_force_low, analytic_force_high, analytic_energy_low, analytic_energy_high : float
-        The same from first-order sensitivities of the logarithms; NaN unless the nominal releases.
-    held_probability : float
-        Share of the draws that lock or meet a riser [1].
-    agrees : bool
-        Whether drawn and analytic ends of the energy interval differ by less than a tenth of its width.
-    """
-
-    status: Status
-    force: float
+    status: Status  # Of the nominal inputs
+    force: float  # Nominal F_px [N] and E_v [J]; NaN unless it releases
     energy: float
-    force_low: float
+    force_low: float  # Quantiles of the draws; infinite where that share of them is held, 0 where it does not catch
     force_high: float
     energy_low: float
     energy_high: float
+    # The same from first-order sensitivities of the logarithms; NaN unless the nominal releases
     analytic_force_low: float
     analytic_force_high: float
     analytic_energy_low: float
     analytic_energy_high: float
-    held_probability: float
-    agrees: bool
+    held_probability: float  # Share of the draws that lock or meet a riser [1]
+    agrees: bool  # Whether drawn and analytic ends of the energy interval differ by less than a tenth of its width
 
 
 def release_of(inputs: Inputs) -> tuple[Status, float, float]:
@@ -144,23 +91,6 @@ def release_of(inputs: Inputs) -> tuple[Status, float, float]:
 def sensitivities(inputs: Inputs) -> dict[str, tuple[float, float]]:
     """Compute the derivatives of ln F_px and of ln E_v with respect to each input, per unit of the input.
 
-    Parameters
-    ----------
-    inputs : Inputs
-        A step that releases.
-
-    Returns
-    -------
-    dict
-        Name of the input to (d ln F, d ln E).
-
-    Raises
-    ------
-    ContactError
-        If the step does not release: the logarithm has no derivative there.
-
-    Notes
-    -----
     With ``t = a + atan mu`` and ``p = R + r``: ``d ln F/da = 2 / sin 2t``, ``da/dH = 1 / (p sin a)``,
     ``da/dp = -H / (p^2 sin a)``, ``d atan mu / dmu = 1 / (1 + mu^2)``; ``ln E = 2 ln F - ln k + ln C_v``.
 
@@ -248,31 +178,7 @@ def assemble_interval(
     spreads: tuple[float, float],
     confidence: float,
 ) -> Interval:
-    """Put an interval together from draws and from first-order uncertainties.
-
-    Parameters
-    ----------
-    status : Status
-        Of the nominal inputs.
-    force, energy : float
-        Nominal F_px [N] and E_v [J].
-    forces, energies : ndarray, shape (draws,)
-        Infinite where the tip is held, 0 where nothing catches.
-    spreads : (float, float)
-        Standard uncertainties of ln F_px and of ln E_v by sensitivities [1].
-    confidence : float
-        Probability of the interval.
-
-    Returns
-    -------
-    Interval
-        Both intervals, and whether they agree.
-
-    Raises
-    ------
-    ContactError
-        If the confidence does not lie between 0 and 1.
-    """
+    """Put an interval together from draws and from first-order uncertainties."""
     if not 0.0 < confidence < 1.0:
         raise ContactError(f"confidence must lie between 0 and 1, got {confidence:g}")
     tails = [0.5 * (1.0 - confidence), 0.5 * (1.0 + confidence)]
@@ -285,27 +191,34 @@ def assemble_interval(
     if status is Status.RELEASES:
         factor = NormalDist().inv_cdf(tails[1])
         analytic = (
-            force * math.exp(-factor * spreads[0]), force * math.exp(factor * spreads[0]),
-            energy * math.exp(-factor * spreads[1]), energy * math.exp(factor * spreads[1]),
-        )  # fmt: skip
+            force * math.exp(-factor * spreads[0]),
+            force * math.exp(factor * spreads[0]),
+            energy * math.exp(-factor * spreads[1]),
+            energy * math.exp(factor * spreads[1]),
+        )
         width = max(analytic[3] - analytic[2], 1e-12 * energy)
         agrees = max(abs(energy_low - analytic[2]), abs(energy_high - analytic[3])) < 0.1 * width
     held = float(np.isinf(forces).mean())
     return Interval(
-        status, force, energy, force_low, force_high, energy_low, energy_high,
-        analytic[0], analytic[1], analytic[2], analytic[3], held, agrees,
-    )  # fmt: skip
+        status,
+        force,
+        energy,
+        force_low,
+        force_high,
+        energy_low,
+        energy_high,
+        analytic[0],
+        analytic[1],
+        analytic[2],
+        analytic[3],
+        held,
+        agrees,
+    )
 
 
 @lru_cache(maxsize=4)
 def standard_draws(inputs: int, draws: int, seed: int) -> Floats:
-    """Draw standard normal numbers, shape (inputs, draws); equal arguments give the same numbers.
-
-    Raises
-    ------
-    ContactError
-        If the number of draws is out of range.
-    """
+    """Draw standard normal numbers, shape (inputs, draws); equal arguments give the same numbers."""
     if not 100 <= draws <= 10_000_000:
         raise ContactError(f"draws must lie between 100 and 10 million, got {draws}")
     numbers = np.random.default_rng(seed).standard_normal((inputs, draws))
@@ -324,6 +237,9 @@ def _draw(inputs: Inputs, spread: Spread, draws: int, seed: int) -> tuple[Floats
     riser = drawn["height"] >= radius
     angle = kernels.angle_on_step(np.where(riser, 0.0, drawn["height"]), np.where(riser, 1.0, radius))
     return kernels.release(
-        np.where(riser, 0.5 * math.pi, angle), drawn["friction"], drawn["normal_load"], drawn["stiffness"],
+        np.where(riser, 0.5 * math.pi, angle),
+        drawn["friction"],
+        drawn["normal_load"],
+        drawn["stiffness"],
         drawn["conversion"],
-    )  # fmt: skip
+    )

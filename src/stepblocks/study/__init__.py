@@ -1,1 +1,1 @@
-"""Who feels it: designs and analyses of the experiments on people; sees identities, heights and energies, nothing else."""
+"""Who feels it: the experiments on people, from the design to the report."""

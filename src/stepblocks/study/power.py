@@ -12,36 +12,19 @@ import numpy as np
 from stepblocks.errors import StudyError
 from stepblocks.study.simulate import Observer, simulate_estimates
 
-__all__ = ["ANALYSES", "Plan", "PowerEstimate", "closed_form_power", "estimate_power", "p_values", "simulated_frame"]
-
-ANALYSES = ("f-test", "mixed")
-"""The paper's F-test, and the mixed model."""
+ANALYSES = ("f-test", "mixed")  # The paper's F-test, and the mixed model
 
 
 @dataclass(frozen=True)
 class Plan:
-    """A study of which the power is asked.
+    """A study of which the power is asked."""
 
-    Attributes
-    ----------
-    participants, repetitions : int
-        How many, and how often each judges each block in each condition.
-    heights : tuple of float
-        Heights of the blocks [m].
-    energies : tuple of float
-        Energy of each undamped [J].
-    factors : tuple of tuple
-        Condition, and the share of the energy that it lets through [1].
-    observer : Observer
-        What participants are like.
-    """
-
-    participants: int
+    participants: int  # How many, and how often each judges each block in each condition
     repetitions: int
-    heights: tuple[float, ...]
-    energies: tuple[float, ...]
-    factors: tuple[tuple[str, float], ...]
-    observer: Observer
+    heights: tuple[float, ...]  # Heights of the blocks [m]
+    energies: tuple[float, ...]  # Energy of each undamped [J]
+    factors: tuple[tuple[str, float], ...]  # Condition, and the share of the energy that it lets through [1]
+    observer: Observer  # What participants are like
 
     def __post_init__(self) -> None:
         if self.participants < 2 or self.repetitions < 1:
@@ -61,51 +44,24 @@ class Plan:
 
 @dataclass(frozen=True)
 class PowerEstimate:
-    """Share of simulated studies that find a difference between conditions.
+    """Share of simulated studies that find a difference between conditions."""
 
-    Attributes
-    ----------
-    plan : Plan
-        What was simulated.
-    analysis : str
-        One of `ANALYSES`.
-    power, low, high : float
-        Share of studies with p below the level, and its 95 % interval by Wilson [1].
-    runs : int
-        Studies simulated.
-    """
-
-    plan: Plan
-    analysis: str
-    power: float
+    plan: Plan  # What was simulated
+    analysis: str  # One of `ANALYSES`
+    power: float  # Share of studies with p below the level, and its 95 % interval by Wilson [1]
     low: float
     high: float
-    runs: int
+    runs: int  # Studies simulated
 
 
 def p_values(plan: Plan, analysis: str, seeds: Sequence[int]) -> list[float]:
-    """Simulate studies and analyse each.
-
-    Parameters
-    ----------
-    plan : Plan
-        The study.
-    analysis : str
-        One of `ANALYSES`.
-    seeds : sequence of int
-        One per simulated study.
-
-    Returns
-    -------
-    list of float
-        Probability of each outcome under no effect of the condition.
-    """
+    """Simulate studies and analyse each."""
     return [_one(plan, analysis, seed) for seed in seeds]
 
 
 def _one(plan: Plan, analysis: str, seed: int) -> float:
-    from stepblocks.study.anova import f_test
-    from stepblocks.study.mixed import mixed_model
+    from stepblocks.study.analysis.anova import f_test
+    from stepblocks.study.analysis.mixed import mixed_model
 
     frame = simulated_frame(plan, seed)
     if analysis == "f-test":
@@ -120,20 +76,7 @@ def _one(plan: Plan, analysis: str, seed: int) -> float:
 
 
 def simulated_frame(plan: Plan, seed: int) -> Any:
-    """Simulate one study.
-
-    Parameters
-    ----------
-    plan : Plan
-        The study.
-    seed : int
-        Seed of all chance.
-
-    Returns
-    -------
-    pandas.DataFrame
-        Columns participant, condition, stimulus, height, estimate and error [m].
-    """
+    """Simulate one study."""
     import pandas as pd
 
     shape = (plan.participants, len(plan.factors), len(plan.heights), plan.repetitions)
@@ -151,33 +94,7 @@ def simulated_frame(plan: Plan, seed: int) -> Any:
 def estimate_power(
     plan: Plan, analysis: str = "mixed", runs: int = 200, seed: int = 1, jobs: int = 1, level: float = 0.05
 ) -> PowerEstimate:
-    """Estimate the power of a study by simulation.
-
-    Parameters
-    ----------
-    plan : Plan
-        The study.
-    analysis : str
-        One of `ANALYSES`.
-    runs : int
-        Studies to simulate, 10 to 100 000.
-    seed : int
-        Seed; run i has the i-th child of it, so that the outcome does not depend on the number of processes.
-    jobs : int
-        Processes.
-    level : float
-        Probability below which a difference counts as found.
-
-    Returns
-    -------
-    PowerEstimate
-        The share and its interval.
-
-    Raises
-    ------
-    StudyError
-        If an option is out of range.
-    """
+    """Estimate the power of a study by simulation."""
     from joblib import Parallel, delayed
     from statsmodels.stats.proportion import proportion_confint
 
@@ -202,24 +119,6 @@ def closed_form_power(
     differences: Mapping[str, float], judgements: int, sd: float, df_error: float, level: float = 0.05
 ) -> float:
     """Power of an F-test of means by the noncentral F distribution.
-
-    Parameters
-    ----------
-    differences : mapping of float
-        Mean of each condition, in any unit.
-    judgements : int
-        Judgements per condition.
-    sd : float
-        Standard deviation of one judgement about its mean, in that unit.
-    df_error : float
-        Degrees of freedom of the denominator.
-    level : float
-        Probability below which a difference counts as found.
-
-    Returns
-    -------
-    float
-        Probability that the test finds a difference.
 
     Examples
     --------

@@ -11,9 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from stepblocks.errors import StudyError
-from stepblocks.study.sheet import sheet_rows
-
-__all__ = ["Observer", "feels_higher", "height_of_energy", "simulate_answers", "simulate_estimates"]
+from stepblocks.study.design.sheet import sheet_rows
 
 Array = NDArray[np.float64]
 _RATINGS = (1, 7)
@@ -23,33 +21,18 @@ _RATINGS = (1, 7)
 class Observer:
     """What a population of participants is like.
 
-    Attributes
-    ----------
-    weber : float
-        Weber fraction of the energy [1]: the least difference that three of four judgements get right, as `fit_psychometric` has it.
-    response_noise : float
-        Standard deviation of what is added when a height is written down [m].
-    participant_spread : float
-        Standard deviation of the participants' own constant error [m].
-    condition_spread : float
-        Standard deviation of how each participant's error differs by condition [m].
-    lapse : float
-        Rate of answers that have nothing to do with the block [1].
-    realism_gain : float
-        By how much vibration moves the rating on its latent scale, in logistic units [1].
-
-    Notes
-    -----
     Weber noise is normal in the logarithm of the energy, with sigma = ln(1 + weber) / 0.6745 for a difference of two sensations, each
     of which has sigma / sqrt(2).
     """
 
+    # Weber fraction of the energy [1]: the least difference that three of four judgements get right, as
+    # `fit_psychometric` has it
     weber: float = 0.2
-    response_noise: float = 5e-6
-    participant_spread: float = 3e-6
-    condition_spread: float = 0.0
-    lapse: float = 0.0
-    realism_gain: float = 1.5
+    response_noise: float = 5e-6  # Standard deviation of what is added when a height is written down [m]
+    participant_spread: float = 3e-6  # Standard deviation of the participants' own constant error [m]
+    condition_spread: float = 0.0  # Standard deviation of how each participant's error differs by condition [m]
+    lapse: float = 0.0  # Rate of answers that have nothing to do with the block [1]
+    realism_gain: float = 1.5  # By how much vibration moves the rating on its latent scale, in logistic units [1]
 
     def __post_init__(self) -> None:
         for name in ("weber", "response_noise", "participant_spread", "condition_spread"):
@@ -69,23 +52,6 @@ class Observer:
 def height_of_energy(energy: Any, heights: Sequence[float] | Array, energies: Sequence[float] | Array) -> Array:
     """Read the height that usually gives an energy.
 
-    Parameters
-    ----------
-    energy : array_like
-        Felt energies [J].
-    heights, energies : sequence of float
-        Heights [m] and the energies [J] that the participant knows them by.
-
-    Returns
-    -------
-    ndarray of float
-        Heights [m]: linear between logarithms, and on along the first and last stretch outside.
-
-    Raises
-    ------
-    StudyError
-        If there are fewer than two, or the energies do not rise with the heights.
-
     Examples
     --------
     >>> height_of_energy([2.0, 8.0], [1.0, 2.0], [1.0, 4.0]).round(12)
@@ -102,31 +68,15 @@ def height_of_energy(energy: Any, heights: Sequence[float] | Array, energies: Se
 
 
 def simulate_estimates(
-    people: NDArray[np.int64], conditions: NDArray[np.int64], energies: Array, heights: Array, known: tuple[Array, Array],
-    observer: Observer, generator: np.random.Generator,
-) -> Array:  # fmt: skip
-    """Let participants estimate heights.
-
-    Parameters
-    ----------
-    people, conditions : ndarray of int, shape (n,)
-        Index of participant and condition of each trial.
-    energies : ndarray of float, shape (n,)
-        Energy that reaches the finger in each [J].
-    heights : ndarray of float, shape (n,)
-        Height of the block in each [m]; what a lapse is drawn from.
-    known : tuple of ndarray
-        Heights [m] and energies [J] that participants know.
-    observer : Observer
-        What they are like.
-    generator : numpy.random.Generator
-        Source of chance.
-
-    Returns
-    -------
-    ndarray of float, shape (n,)
-        Estimates [m], not below zero.
-    """
+    people: NDArray[np.int64],
+    conditions: NDArray[np.int64],
+    energies: Array,
+    heights: Array,
+    known: tuple[Array, Array],
+    observer: Observer,
+    generator: np.random.Generator,
+) -> Array:
+    """Let participants estimate heights."""
     felt = energies * np.exp(observer.sensation_noise * generator.standard_normal(len(energies)))
     estimates = height_of_energy(felt, *known)
     estimates += observer.participant_spread * generator.standard_normal(people.max() + 1)[people]
@@ -139,22 +89,7 @@ def simulate_estimates(
 
 
 def feels_higher(energy: float, standard: float, observer: Observer, generator: np.random.Generator) -> bool:
-    """Let a participant compare two blocks by what they feel.
-
-    Parameters
-    ----------
-    energy, standard : float
-        Energies of the compared block and of the standard [J].
-    observer : Observer
-        What the participant is like.
-    generator : numpy.random.Generator
-        Source of chance.
-
-    Returns
-    -------
-    bool
-        Whether the compared block feels higher than the standard.
-    """
+    """Let a participant compare two blocks by what they feel."""
     noise = observer.sensation_noise * float(generator.standard_normal() - generator.standard_normal())
     higher = math.log(energy / standard) + noise > 0.0
     if generator.random() < observer.lapse:
@@ -169,31 +104,7 @@ def simulate_answers(
     observer: Observer,
     seed: int,
 ) -> list[dict[str, str]]:
-    """Fill in the run sheets of a design.
-
-    Parameters
-    ----------
-    design : sequence of mapping
-        Rows of design.csv.
-    energies : mapping of float
-        Predicted energy of each stimulus [J].
-    factors : mapping of float
-        Share of the energy that each condition lets through [1]; 1 where not named.
-    observer : Observer
-        What the participants are like.
-    seed : int
-        Seed of all chance.
-
-    Returns
-    -------
-    list of dict of str
-        Rows of the run sheets with their answers.
-
-    Raises
-    ------
-    StudyError
-        If a stimulus has no energy.
-    """
+    """Fill in the run sheets of a design."""
     lacking = [row["stimulus"] for row in design if not energies.get(row["stimulus"], 0.0) > 0.0]
     if lacking:
         raise StudyError(f"every block must have a predicted energy, got none for {lacking[0]}")
@@ -228,18 +139,25 @@ def _indices(names: Sequence[str]) -> NDArray[np.int64]:
 
 
 def _compare(
-    sheets: list[dict[str, str]], design: Sequence[Mapping[str, str]], reach: Array, energies: Mapping[str, float],
-    observer: Observer, generator: np.random.Generator,
-) -> None:  # fmt: skip
+    sheets: list[dict[str, str]],
+    design: Sequence[Mapping[str, str]],
+    reach: Array,
+    energies: Mapping[str, float],
+    observer: Observer,
+    generator: np.random.Generator,
+) -> None:
     for row, plan, energy in zip(sheets, design, reach, strict=True):
         higher = feels_higher(energy, energies[plan["standard"]], observer, generator)
         row["second_is_higher"] = "y" if higher == (plan["condition"] == "standard-first") else "n"
 
 
 def _rate(
-    sheets: list[dict[str, str]], design: Sequence[Mapping[str, str]], people: NDArray[np.int64], observer: Observer,
+    sheets: list[dict[str, str]],
+    design: Sequence[Mapping[str, str]],
+    people: NDArray[np.int64],
+    observer: Observer,
     generator: np.random.Generator,
-) -> None:  # fmt: skip
+) -> None:
     own = generator.standard_normal(people.max() + 1)
     for row, plan, person in zip(sheets, design, people, strict=True):
         latent = own[person] + observer.realism_gain * (plan["condition"] == "vibration-on") + generator.logistic()

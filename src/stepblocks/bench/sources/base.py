@@ -9,10 +9,7 @@ from numpy.typing import NDArray
 
 from stepblocks.bench.layout import fill_pattern
 
-__all__ = ["MOST_SAMPLES", "TraceError", "TraceSource", "as_samples", "group_names"]
-
-MOST_SAMPLES = 20_000_000
-"""A longer trace is refused; at 10 kHz it lasts half an hour."""
+MOST_SAMPLES = 20_000_000  # A longer trace is refused; at 10 kHz it lasts half an hour
 
 _USUAL_GROUPS = (
     "{trial:04d}",

@@ -11,19 +11,11 @@ from stepblocks.bench.layout import fill_pattern, inside
 from stepblocks.bench.session import Session
 from stepblocks.bench.sources.base import TraceError, as_samples
 
-__all__ = ["CsvSource", "trial_file"]
-
 _MOST_BYTES = 1 << 30
 
 
 def trial_file(session: Session, trial: str) -> Path:
-    """File of one trial.
-
-    Raises
-    ------
-    TraceError
-        If the trial's name does not fit the pattern, leaves the session, or has no file.
-    """
+    """File of one trial."""
     try:
         relative = fill_pattern(session.acquisition.traces, trial=trial)
     except ValueError as error:

@@ -14,10 +14,7 @@ from stepblocks.bench.sources.base import MOST_SAMPLES, TraceError, as_samples, 
 from stepblocks.bench.sources.csv_files import trial_file
 from stepblocks.errors import BenchError
 
-__all__ = ["Hdf5Source"]
-
-_CACHE = 256 * 2**10
-"""As much of the descriptions of groups as is kept, in their size on disk [bytes]."""
+_CACHE = 256 * 2**10  # As much of the descriptions of groups as is kept, in their size on disk [bytes]
 
 
 class Hdf5Source:

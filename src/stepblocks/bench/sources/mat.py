@@ -22,8 +22,6 @@ from stepblocks.bench.sources.csv_files import trial_file
 from stepblocks.bench.sources.hdf5 import Hdf5Source
 from stepblocks.errors import BenchError
 
-__all__ = ["MatSource", "open_mat", "variables_of"]
-
 _HEADER = 128
 _COMPRESSED, _MATRIX = 15, 14
 _HDF5_MARK = b"\x89HDF\r\n\x1a\n"
@@ -31,13 +29,7 @@ _MOST_BYTES = 1 << 30  # of one variable
 
 
 def open_mat(session: Session) -> TraceSource:
-    """Open MATLAB traces of either kind.
-
-    Raises
-    ------
-    BenchError
-        If the one file of all trials is missing or is no MATLAB file.
-    """
+    """Open MATLAB traces of either kind."""
     if session.acquisition.per_trial:
         return MatSource(session)
     path = inside(session.folder, session.acquisition.traces, "acquisition.traces")
@@ -92,13 +84,7 @@ class MatSource:
 
 
 def variables_of(path: Path) -> dict[str, tuple[int, int]]:
-    """Place and length in bytes of every variable of a version 5 file.
-
-    Raises
-    ------
-    TraceError
-        If it is no such file or ends in the middle of a variable.
-    """
+    """Place and length in bytes of every variable of a version 5 file."""
     places: dict[str, tuple[int, int]] = {}
     size = path.stat().st_size
     with path.open("rb") as file:

@@ -8,17 +8,9 @@ from stepblocks.bench.session import Channel, Session
 from stepblocks.bench.sources.base import TraceError, TraceSource
 from stepblocks.bench.trace import Trace
 
-__all__ = ["open_source", "read_trace"]
-
 
 def open_source(session: Session) -> TraceSource:
-    """Open the traces of a session for reading.
-
-    Raises
-    ------
-    BenchError
-        If the container is missing or is no file of its format.
-    """
+    """Open the traces of a session for reading."""
     kind = session.acquisition.kind
     if kind == "csv":
         from stepblocks.bench.sources.csv_files import CsvSource
@@ -38,13 +30,7 @@ def open_source(session: Session) -> TraceSource:
 
 
 def read_trace(source: TraceSource, session: Session, trial: str) -> Trace:
-    """Read one trace in SI.
-
-    Raises
-    ------
-    TraceError
-        If it is missing, has no such channel, or its channels have different lengths.
-    """
+    """Read one trace in SI."""
     channels = session.acquisition.channels
     wanted: dict[str, tuple[Channel, str]] = {
         "tangential": (channels.tangential, "force"),

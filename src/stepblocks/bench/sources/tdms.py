@@ -16,8 +16,6 @@ from stepblocks.bench.sources.base import MOST_SAMPLES, TraceError, as_samples, 
 from stepblocks.bench.sources.csv_files import trial_file
 from stepblocks.errors import BenchError
 
-__all__ = ["TdmsSource"]
-
 
 class TdmsSource:
     """Reads channel by channel; only the index of the file is held."""

@@ -11,8 +11,6 @@ from stepblocks.contact.effects.law import Law
 from stepblocks.contact.forward import Constant
 from stepblocks.contact.state import DragState
 
-__all__ = ["law_for"]
-
 
 def law_for(block: str) -> Law:
     """Return the effect of a height error of one block."""

@@ -9,8 +9,6 @@ from stepblocks.contact.effects.law import Law
 from stepblocks.contact.forward import Constant
 from stepblocks.contact.state import DragState
 
-__all__ = ["LAW"]
-
 
 def _apply(state: DragState, _: Any, values: Mapping[str, float]) -> DragState:
     return state.changed(tilt=state.tilt + values["tilt_rad"])

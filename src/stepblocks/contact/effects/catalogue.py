@@ -25,8 +25,6 @@ from stepblocks.contact.effects.block_height import law_for
 from stepblocks.contact.effects.law import Law
 from stepblocks.contact.effects.smooth import SLOT_MOVES, CovariateRange, smooth_law, trend_law
 
-__all__ = ["named_laws", "smooth_laws"]
-
 
 def named_laws(blocks: Sequence[str] = ()) -> tuple[Law, ...]:
     """Return the laws with names; the height error of each of `blocks` among them."""

@@ -10,8 +10,6 @@ from stepblocks.contact.effects.law import Law
 from stepblocks.contact.forward import Constant
 from stepblocks.contact.state import DragState, Floats
 
-__all__ = ["LAW"]
-
 
 def _apply(state: DragState, time: Floats, values: Mapping[str, float]) -> DragState:
     given = values["creep_depth_m"] * np.log1p(time / values["creep_time_s"])

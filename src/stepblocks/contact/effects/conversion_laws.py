@@ -11,8 +11,6 @@ from stepblocks.contact.effects.law import Law
 from stepblocks.contact.forward import Constant
 from stepblocks.contact.state import DragState, Floats
 
-__all__ = ["LAWS"]
-
 
 def _speed(state: DragState, _: Any, values: Mapping[str, float]) -> DragState:
     return state.changed(conversion=state.conversion * (state.speed / 6e-3) ** values["exponent"])

@@ -11,50 +11,24 @@ from numpy.typing import NDArray
 from stepblocks.contact.forward import Constant
 from stepblocks.contact.state import DragState
 
-__all__ = ["SLOTS", "Apply", "Law"]
-
+# Parts of the model that an effect may change
 SLOTS = ("contact_geometry", "friction", "normal_load", "stiffness", "conversion", "drag", "sensor")
-"""Parts of the model that an effect may change."""
 
+# ``apply(state, covariate, values)``: the covariate's column as in trials.csv, values by name
 Apply = Callable[[DragState, NDArray[Any], Mapping[str, float]], DragState]
-"""``apply(state, covariate, values)``: the covariate's column as in trials.csv, values by name."""
 
 
 @dataclass(frozen=True)
 class Law:
-    """An effect: one slot changed as a function of nothing or of one covariate.
+    """An effect: one slot changed as a function of nothing or of one covariate."""
 
-    Attributes
-    ----------
-    id : str
-        Its name; what follows a ``~`` tells variants of one effect apart.
-    slot : str
-        One of `SLOTS`.
-    covariate : str
-        A column of trials.csv, a model quantity (``peak_force_n``), ``block``, or ``none``.
-    form : str
-        The law written out.
-    parameters : tuple of Constant
-        Its parameters; an amplitude starts where the effect vanishes.
-    amplitudes : tuple of str
-        Names of the amplitudes.
-    apply : callable
-        Changes a state.
-    shapes : tuple of mappings
-        Values of the other parameters at which a search looks.
-    named : bool
-        False for a smooth, which claims no law.
-    rank : int
-        Order of preference among laws that predict the same.
-    """
-
-    id: str
-    slot: str
-    covariate: str
-    form: str
-    parameters: tuple[Constant, ...]
-    amplitudes: tuple[str, ...]
-    apply: Apply
-    shapes: tuple[Mapping[str, float], ...] = ({},)
-    named: bool = True
-    rank: int = 0
+    id: str  # Its name; what follows a ``~`` tells variants of one effect apart
+    slot: str  # One of `SLOTS`
+    covariate: str  # A column of trials.csv, a model quantity (``peak_force_n``), ``block``, or ``none``
+    form: str  # The law written out
+    parameters: tuple[Constant, ...]  # Its parameters; an amplitude starts where the effect vanishes
+    amplitudes: tuple[str, ...]  # Names of the amplitudes
+    apply: Apply  # Changes a state
+    shapes: tuple[Mapping[str, float], ...] = ({},)  # Values of the other parameters at which a search looks
+    named: bool = True  # False for a smooth, which claims no law
+    rank: int = 0  # Order of preference among laws that predict the same

@@ -9,8 +9,6 @@ from stepblocks.contact.effects.law import Law
 from stepblocks.contact.forward import Constant
 from stepblocks.contact.state import DragState
 
-__all__ = ["LAWS"]
-
 _BIAS = (Constant("load_bias_n", "N", 0.0, -0.25, 0.6, 0.01),)
 
 

@@ -16,8 +16,6 @@ from stepblocks.contact.effects.release_motion import released
 from stepblocks.contact.forward import Constant
 from stepblocks.contact.state import DragState
 
-__all__ = ["LAWS"]
-
 
 def _motion(state: DragState, _: Any, values: Mapping[str, float]) -> DragState:
     weight = values["weight"]

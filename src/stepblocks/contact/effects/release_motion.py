@@ -13,8 +13,6 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-__all__ = ["release_table", "released"]
-
 Floats = NDArray[np.float64]
 
 _HEIGHT = np.array([0.02, 0.05, 0.1, 0.16, 0.24, 0.32, 0.4, 0.48, 0.56, 0.64, 0.72])
@@ -119,22 +117,6 @@ def _interpolation() -> Any:
 
 def released(height: Floats, friction: Floats, stiffness: Floats, speed: Floats) -> tuple[Floats, Floats]:
     """Logarithms of the peak's excess over its quasi-static value and of the ringing share of the stored energy.
-
-    Parameters
-    ----------
-    height : ndarray
-        H over R + r [1].
-    friction : ndarray
-        Coefficient of friction [1].
-    stiffness : ndarray
-        k (R + r) / N [1].
-    speed : ndarray
-        v sqrt(k m) / N, the force that the handle's speed stands for over the load [1].
-
-    Returns
-    -------
-    excess, share : ndarray
-        Logarithms; arguments beyond the table take its edge.
 
     Examples
     --------

@@ -10,8 +10,6 @@ from stepblocks.contact.effects.law import Law
 from stepblocks.contact.forward import Constant
 from stepblocks.contact.state import DragState, Floats
 
-__all__ = ["LAW"]
-
 
 def _apply(state: DragState, order: Floats, values: Mapping[str, float]) -> DragState:
     excess = values["excess"] * np.exp(-order / values["settling_trials"])

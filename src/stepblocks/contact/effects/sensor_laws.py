@@ -11,8 +11,6 @@ from stepblocks.contact.effects.law import Law
 from stepblocks.contact.forward import Constant
 from stepblocks.contact.state import DragState
 
-__all__ = ["LAWS"]
-
 
 def _gain(state: DragState, _: Any, values: Mapping[str, float]) -> DragState:
     return state.changed(gain=state.gain * np.exp(values["ln_gain"]))

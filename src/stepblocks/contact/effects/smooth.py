@@ -15,35 +15,19 @@ from stepblocks.contact.effects.law import Law
 from stepblocks.contact.forward import Constant
 from stepblocks.contact.state import DragState, Floats
 
-__all__ = ["SLOT_MOVES", "CovariateRange", "smooth_law", "trend_law"]
-
 _PIECES = 4
 
 
 @dataclass(frozen=True)
 class CovariateRange:
-    """Where a covariate lay in the data: numbers from `low` to `high`, or labels; `log` where it spans a decade.
+    """Where a covariate lay in the data: numbers from `low` to `high`, or labels; `log` where it spans a decade."""
 
-    Attributes
-    ----------
-    name : str
-        Column, or a model quantity.
-    low, high : float
-        Range of its numbers; unused for labels.
-    log : bool
-        Whether it is laid out by its logarithm.
-    labels : tuple of str
-        Its labels; empty for numbers.
-    distinct : int
-        How many different numbers it takes.
-    """
-
-    name: str
-    low: float = 0.0
+    name: str  # Column, or a model quantity
+    low: float = 0.0  # Range of its numbers; unused for labels
     high: float = 1.0
-    log: bool = False
-    labels: tuple[str, ...] = ()
-    distinct: int = 100
+    log: bool = False  # Whether it is laid out by its logarithm
+    labels: tuple[str, ...] = ()  # Its labels; empty for numbers
+    distinct: int = 100  # How many different numbers it takes
 
     def unit(self, column: NDArray[Any]) -> Floats:
         """Lay numbers out from 0 to 1; beyond the range they stay at its end."""
@@ -83,6 +67,7 @@ def _spline_pieces() -> tuple[Floats, Floats]:
 
 Move = Callable[[DragState, Floats], DragState]
 
+# How a smooth g enters each slot; several ways where the bench may show a slot in several ways
 SLOT_MOVES: dict[str, tuple[str, Move]] = {
     "radius": ("contact_geometry", lambda s, g: s.changed(radius=s.radius * np.exp(np.clip(g, -1.0, 1.5)))),
     "height": ("contact_geometry", lambda s, g: s.changed(height=s.height + 1e-5 * g)),
@@ -113,7 +98,6 @@ SLOT_MOVES: dict[str, tuple[str, Move]] = {
     "climb_drag": ("drag", lambda s, g: s.changed(climb_drag=s.climb_drag + 0.1 * g)),
     "gain": ("sensor", lambda s, g: s.changed(gain=s.gain * np.exp(g))),
 }
-"""How a smooth g enters each slot; several ways where the bench may show a slot in several ways."""
 
 _FORMS = {
     "radius": "(R + r) exp g",
@@ -158,20 +142,7 @@ def _law(move: str, where: CovariateRange, kind: str, names: tuple[str, ...], ba
 
 
 def smooth_law(move: str, where: CovariateRange) -> Law:
-    """Return a smooth of a slot over a covariate.
-
-    Parameters
-    ----------
-    move : str
-        A key of `SLOT_MOVES`.
-    where : CovariateRange
-        The covariate and its range.
-
-    Returns
-    -------
-    Law
-        A cubic spline of four coefficients (one per further label), zero in the middle of the range.
-    """
+    """Return a smooth of a slot over a covariate."""
     count = len(where.labels) - 1 if where.labels else min(_PIECES, where.distinct - 1)
     return _law(move, where, "smooth", tuple(f"g{i + 1}" for i in range(count)), where.basis)
 

@@ -11,8 +11,6 @@ from stepblocks.contact.effects.law import Law
 from stepblocks.contact.forward import Constant
 from stepblocks.contact.state import DragState
 
-__all__ = ["LAWS"]
-
 
 def _stribeck(state: DragState, _: Any, values: Mapping[str, float]) -> DragState:
     excess = values["excess"] * np.exp(-state.speed / values["stribeck_speed_m_per_s"])

@@ -8,8 +8,6 @@ from stepblocks.contact.effects.law import Law
 from stepblocks.contact.forward import Constant
 from stepblocks.contact.state import DragState, Floats
 
-__all__ = ["LAW", "WORN"]
-
 
 def _apply(state: DragState, order: Floats, values: Mapping[str, float]) -> DragState:
     return state.changed(radius=state.radius + values["growth_m_per_trial"] * order)

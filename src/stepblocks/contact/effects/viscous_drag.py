@@ -9,8 +9,6 @@ from stepblocks.contact.effects.law import Law
 from stepblocks.contact.forward import Constant
 from stepblocks.contact.state import DragState
 
-__all__ = ["LAWS"]
-
 
 def _always(state: DragState, _: Any, values: Mapping[str, float]) -> DragState:
     return state.changed(drag=state.drag + values["coefficient_n_s_per_m"] * state.speed)

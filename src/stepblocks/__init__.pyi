@@ -1,0 +1,34 @@
+from .artefacts.check import check_artefact as check_artefact
+from .artefacts.heightfield import height_field as height_field
+from .artefacts.verdict import Verdict as Verdict
+from .build.check import check_output as check_output
+from .build.run import BuildReport as BuildReport
+from .build.run import build as build
+from .contact.critical_angle import groove_angle as groove_angle
+from .contact.critical_angle import margin_angles as margin_angles
+from .contact.critical_angle import step_angle as step_angle
+from .contact.energy import Release as Release
+from .contact.energy import Status as Status
+from .contact.energy import release_at as release_at
+from .contact.operating_point import PAPER as PAPER
+from .contact.operating_point import OperatingPoint as OperatingPoint
+from .contact.operating_point import Tool as Tool
+from .declare import load_set as load_set
+from .errors import StepblocksError as StepblocksError
+from .parts.margins.declaration import CrownOnTooth as CrownOnTooth
+from .parts.margins.declaration import MarginBlock as MarginBlock
+from .parts.mesh import mesh_solid as mesh_solid
+from .parts.pieces import convex_pieces as convex_pieces
+from .parts.set import StimulusSet as StimulusSet
+from .parts.shapes import build_solids as build_solids
+from .parts.sheath.declaration import Sheath as Sheath
+from .parts.step_block.declaration import StepBlock as StepBlock
+from .parts.tips.declaration import HookTip as HookTip
+from .parts.tips.declaration import StraightTip as StraightTip
+from .parts.tolerance import Dimension as Dimension
+from .parts.volumes import solid_volumes as solid_volumes
+from .predict.predictions import predict_set as predict_set
+from .quantities import format_quantity as format_quantity
+from .quantities import parse_quantity as parse_quantity
+
+__version__: str

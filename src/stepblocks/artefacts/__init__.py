@@ -1,0 +1,1 @@
+"""Files: each writer beside its independent reader."""

@@ -1,0 +1,1 @@
+"""Meshes, written by small writers and read back through other libraries."""

@@ -1,0 +1,124 @@
+"""Meshes read back from disk, each through a reader that did not write it: meshio, lib3mf, pygltflib instead of trimesh."""
+
+from __future__ import annotations
+
+import contextlib
+import io
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from stepblocks.errors import MetrologyError
+
+Arrays = tuple[NDArray[np.float64], NDArray[np.int64]]
+_MM = 1e-3
+_MAX_BYTES = 500_000_000
+
+
+def _with_meshio(path: Path) -> Arrays:
+    import meshio
+
+    with contextlib.redirect_stdout(io.StringIO()):
+        mesh = meshio.read(path)
+    triangles = np.asarray(mesh.cells_dict["triangle"], dtype=np.int64)
+    return np.asarray(mesh.points, dtype=np.float64) * _MM, triangles
+
+
+def _with_lib3mf(path: Path) -> Arrays:
+    from lib3mf import Lib3MF, get_wrapper
+
+    model = get_wrapper().CreateModel()
+    model.QueryReader("3mf").ReadFromFile(str(path))
+    if model.GetUnit() != Lib3MF.ModelUnit.MilliMeter:
+        raise MetrologyError(f"unit must be the millimetre [{path}]")
+    objects = model.GetMeshObjects()
+    objects.MoveNext()
+    mesh = objects.GetCurrentMeshObject()
+    vertices = np.array([tuple(vertex.Coordinates) for vertex in mesh.GetVertices()], dtype=np.float64)
+    triangles = np.array([tuple(t.Indices) for t in mesh.GetTriangleIndices()], dtype=np.int64)
+    return vertices * _MM, triangles
+
+
+def _with_pygltflib(path: Path) -> Arrays:
+    import pygltflib
+
+    document = pygltflib.GLTF2().load(str(path))
+    blob = document.binary_blob()
+    nodes = [node for node in document.nodes if node.mesh is not None]
+    if len(nodes) != 1 or any(getattr(nodes[0], name) for name in ("matrix", "translation", "rotation", "scale")):
+        raise MetrologyError(f"must hold one mesh without a transformation [{path}]")
+    primitive = document.meshes[nodes[0].mesh].primitives[0]
+
+    def array(index: int) -> NDArray[np.generic]:
+        accessor = document.accessors[index]
+        view = document.bufferViews[accessor.bufferView]
+        kind = {5126: "<f4", 5125: "<u4", 5123: "<u2", 5121: "<u1"}[accessor.componentType]
+        width = {"SCALAR": 1, "VEC3": 3}[accessor.type]
+        start = (view.byteOffset or 0) + (accessor.byteOffset or 0)
+        return np.frombuffer(blob, kind, accessor.count * width, start).reshape(-1, width)
+
+    points = array(primitive.attributes.POSITION).astype(np.float64)
+    upright = np.column_stack([points[:, 0], -points[:, 2], points[:, 1]])  # glTF is y up
+    return upright, array(primitive.indices).astype(np.int64).reshape(-1, 3)
+
+
+# Reader of each mesh format
+MESH_READERS: dict[str, Callable[[Path], Arrays]] = {
+    ".stl": _with_meshio,
+    ".obj": _with_meshio,
+    ".ply": _with_meshio,
+    ".3mf": _with_lib3mf,
+    ".glb": _with_pygltflib,
+}
+
+
+def read_mesh(path: Path) -> Arrays:
+    """Read a mesh file."""
+    try:
+        if path.stat().st_size > _MAX_BYTES:
+            raise MetrologyError(f"a mesh file must be at most {_MAX_BYTES} bytes, got {path.stat().st_size} [{path}]")
+        vertices, triangles = MESH_READERS[path.suffix](path)
+    except MetrologyError:
+        raise
+    except OSError as error:
+        raise MetrologyError(f"cannot be read: {error.strerror} [{path}]") from error
+    except BaseException as error:  # readers fail in many ways, one of them by leaving the interpreter
+        if isinstance(error, KeyboardInterrupt):
+            raise
+        raise MetrologyError(f"must be a readable {path.suffix} mesh: {_first_line(error)} [{path}]") from error
+    if not _whole(vertices, triangles):
+        raise MetrologyError(f"must hold triangles between finite vertices [{path}]")
+    return vertices, triangles
+
+
+def _whole(vertices: NDArray[np.float64], triangles: NDArray[np.int64]) -> bool:
+    return bool(
+        len(triangles) and np.isfinite(vertices).all() and triangles.min() >= 0 and triangles.max() < len(vertices)
+    )
+
+
+def _first_line(error: BaseException) -> str:
+    return (str(error).splitlines() or [type(error).__name__])[0][:120]
+
+
+def read_pieces(path: Path) -> list[Arrays]:
+    """Read an OBJ of several objects."""
+    try:
+        text = path.read_text(encoding="ascii")
+        pieces: list[Arrays] = []
+        first = 1
+        for block in text.split("\no ")[1:]:
+            lines = [line.split() for line in block.splitlines()[1:]]
+            vertices = np.array([line[1:4] for line in lines if line and line[0] == "v"], dtype=np.float64)
+            triangles = np.array([line[1:4] for line in lines if line and line[0] == "f"], dtype=np.int64) - first
+            if vertices.shape[1:] != (3,) or triangles.shape[1:] != (3,) or not _whole(vertices, triangles):
+                raise ValueError("a piece needs vertices and the triangles between them")
+            first += len(vertices)
+            pieces.append((vertices * _MM, triangles))
+    except (OSError, ValueError, IndexError) as error:
+        raise MetrologyError(f"must be an OBJ of convex pieces: {_first_line(error)} [{path}]") from error
+    if not pieces:
+        raise MetrologyError(f"must hold at least one piece, got none [{path}]")
+    return pieces

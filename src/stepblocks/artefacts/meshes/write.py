@@ -1,0 +1,103 @@
+"""Mesh files: one small writer per format, all with the same signature, listed in `MESH_FORMATS`.
+
+STL, OBJ, PLY and 3MF are in millimetres with z up; GLB is in metres with y up, as glTF 2.0 demands. Every byte depends on the mesh
+alone: no dates, no random identifiers.
+"""
+
+from __future__ import annotations
+
+import io
+import re
+import zipfile
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from stepblocks.parts.mesh import Mesh
+
+_MM = 1e3
+_PINNED_DATE = (1980, 1, 1, 0, 0, 0)  # the earliest that a zip archive can hold
+# Rotation from the part's axes (z up) to glTF's (y up): x stays, y becomes -z, z becomes y
+GLB_FROM_PART = np.array([[1.0, 0.0, 0.0], [0.0, 0.0, 1.0], [0.0, -1.0, 0.0]])
+
+
+@dataclass(frozen=True)
+class MeshFormat:
+    """A mesh format."""
+
+    suffix: str  # File name extension with its dot
+    write: Callable[[Path, Mesh], None]  # Takes a path and a mesh [m]
+    unit: str  # Unit of the coordinates in the file
+    number: str  # How the file stores a coordinate
+
+
+def _trimesh(mesh: Mesh, scale: float) -> Any:
+    import trimesh
+
+    return trimesh.Trimesh(mesh.vertices * scale, mesh.triangles, process=False, validate=False)
+
+
+def write_stl(path: Path, mesh: Mesh) -> None:
+    """Write binary STL in millimetres, float32."""
+    path.write_bytes(_trimesh(mesh, _MM).export(file_type="stl"))
+
+
+def write_obj(path: Path, mesh: Mesh) -> None:
+    """Write OBJ in millimetres with 12 decimals, which is a femtometre."""
+    text = _trimesh(mesh, _MM).export(file_type="obj", digits=12, include_normals=False, header=f"{mesh.name}, mm")
+    path.write_text(text + "\n", encoding="ascii")
+
+
+def write_ply(path: Path, mesh: Mesh) -> None:
+    """Write binary PLY in millimetres, float32."""
+    path.write_bytes(_trimesh(mesh, _MM).export(file_type="ply", vertex_normal=False))
+
+
+def write_3mf(path: Path, mesh: Mesh) -> None:
+    """Write 3MF in millimetres, decimal text, its random identifiers replaced by counted ones."""
+    raw = zipfile.ZipFile(io.BytesIO(_trimesh(mesh, _MM).export(file_type="3mf")))
+    buffer = io.BytesIO()
+    with zipfile.ZipFile(buffer, "w", zipfile.ZIP_DEFLATED, compresslevel=6) as archive:
+        for name in raw.namelist():
+            archive.writestr(zipfile.ZipInfo(name, _PINNED_DATE), _counted(raw.read(name)), zipfile.ZIP_DEFLATED)
+    path.write_bytes(buffer.getvalue())
+
+
+def _counted(text: bytes) -> bytes:
+    seen: dict[bytes, bytes] = {}
+
+    def replace(match: re.Match[bytes]) -> bytes:
+        return seen.setdefault(match[0], b"00000000-0000-4000-8000-%012d" % (len(seen) + 1))
+
+    return re.sub(rb"[0-9a-f]{8}-[0-9a-f]{4}-[0-9a-f]{4}-[0-9a-f]{4}-[0-9a-f]{12}", replace, text)
+
+
+def write_glb(path: Path, mesh: Mesh) -> None:
+    """Write GLB in metres, y up, float32."""
+    turned = Mesh(mesh.name, mesh.vertices @ GLB_FROM_PART.T, mesh.triangles)
+    path.write_bytes(_trimesh(turned, 1.0).export(file_type="glb", include_normals=False))
+
+
+# Every mesh format that is written; a new one is tested by standing here
+MESH_FORMATS = (
+    MeshFormat(".stl", write_stl, "mm", "float32"),
+    MeshFormat(".obj", write_obj, "mm", "decimal, 12 places"),
+    MeshFormat(".ply", write_ply, "mm", "float32"),
+    MeshFormat(".3mf", write_3mf, "mm", "decimal"),
+    MeshFormat(".glb", write_glb, "m", "float32"),
+)
+
+
+def write_pieces(path: Path, pieces: Sequence[Mesh]) -> None:
+    """Write convex pieces as one OBJ in millimetres, an object per piece."""
+    lines = ["# convex pieces, mm"]
+    offset = 1
+    for piece in pieces:
+        lines.append(f"o {piece.name}")
+        lines += [f"v {x:.12f} {y:.12f} {z:.12f}" for x, y, z in piece.vertices * _MM]
+        lines += [f"f {a} {b} {c}" for a, b, c in piece.triangles + offset]
+        offset += len(piece.vertices)
+    path.write_text("\n".join(lines) + "\n", encoding="ascii")

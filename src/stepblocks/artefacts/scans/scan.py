@@ -1,0 +1,95 @@
+"""What an instrument measured: a profile or a height map, in metres and float64, with what is known of its scale."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from stepblocks.errors import MetrologyError
+
+Array = NDArray[np.float64]
+
+_LEAST_POINTS = 3
+
+
+@dataclass(frozen=True)
+class Profile:
+    """Heights along one line."""
+
+    position: Array  # shape (n,); Positions along the line, increasing [m]
+    height: Array  # shape (n,); Heights [m]; nan where nothing was measured
+    source: str = ""  # File it came from
+    scale: str = ""  # What the file itself says of its units and height scale
+    count: float | None = None  # Height of one count, where the instrument stored counts [m]
+
+    def __post_init__(self) -> None:
+        place = f" [{self.source}]" if self.source else ""
+        if self.position.ndim != 1 or self.position.shape != self.height.shape:
+            raise MetrologyError(
+                f"profile must be two equally long rows, got {self.position.shape} and {self.height.shape}{place}"
+            )
+        if len(self.position) < _LEAST_POINTS:
+            raise MetrologyError(f"profile must have at least 3 points, got {len(self.position)}{place}")
+        if not (np.isfinite(self.position).all() and (np.diff(self.position) > 0.0).all()):
+            raise MetrologyError(f"positions must be finite and increase along the profile{place}")
+        if not np.isfinite(self.height).any():
+            raise MetrologyError(f"profile must hold at least one measured height, got none{place}")
+
+    @property
+    def spacing(self) -> float:
+        """Mean sampling interval [m]."""
+        return float((self.position[-1] - self.position[0]) / (len(self.position) - 1))
+
+
+@dataclass(frozen=True)
+class HeightMap:
+    """Heights over a grid: row i at y = i dy, column j at x = j dx."""
+
+    height: Array  # shape (ny, nx); Heights [m]; nan where nothing was measured
+    dx: float  # Sampling intervals [m]
+    dy: float
+    source: str = ""  # File it came from
+    scale: str = ""  # What the file itself says of its units and height scale
+    count: float | None = None  # Height of one count, where the instrument stored counts [m]
+
+    def __post_init__(self) -> None:
+        place = f" [{self.source}]" if self.source else ""
+        if self.height.ndim != 2 or min(self.height.shape) < 2 or max(self.height.shape) < _LEAST_POINTS:
+            raise MetrologyError(
+                f"height map must have at least 2 x 3 points, got {' x '.join(map(str, self.height.shape))}{place}"
+            )
+        for name, value in (("dx", self.dx), ("dy", self.dy)):
+            if not (np.isfinite(value) and value > 0.0):
+                raise MetrologyError(f"{name} must be positive and finite, got {value:g} m{place}")
+        if not np.isfinite(self.height).any():
+            raise MetrologyError(f"height map must hold at least one measured height, got none{place}")
+
+    @property
+    def x(self) -> Array:
+        """Positions of the columns [m]."""
+        return np.arange(self.height.shape[1], dtype=np.float64) * self.dx
+
+    @property
+    def y(self) -> Array:
+        """Positions of the rows [m]."""
+        return np.arange(self.height.shape[0], dtype=np.float64) * self.dy
+
+
+def rows_of(scan: Profile | HeightMap) -> list[Profile]:
+    """Return the profiles of a scan along x: one of a profile, one per row of a map; rows without a point are left out.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> len(rows_of(HeightMap(np.zeros((4, 8)), dx=1e-6, dy=2e-6)))
+    4
+    """
+    if isinstance(scan, Profile):
+        return [scan]
+    return [
+        Profile(scan.x, row, source=f"{scan.source} row {index}", scale=scan.scale)
+        for index, row in enumerate(scan.height)
+        if np.isfinite(row).any()
+    ]

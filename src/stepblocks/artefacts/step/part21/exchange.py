@@ -1,0 +1,242 @@
+"""The instances of a Part 21 file, parsed by steputils and looked up by name."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from stepblocks.errors import MetrologyError
+
+_MOST_BYTES = 128 * 2**20
+
+
+@dataclass(frozen=True)
+class Typed:
+    """A value with the name of its type, such as ``LENGTH_MEASURE(0.01)``."""
+
+    type: str
+    value: Any
+
+
+def is_reference(value: object) -> bool:
+    """Return whether a parameter is a reference such as ``#12``."""
+    return isinstance(value, str) and value.startswith("#")
+
+
+def number(value: object) -> float | None:
+    """Return a numeric parameter as float, or None for anything else."""
+    if isinstance(value, bool) or not isinstance(value, int | float):
+        return None
+    return float(value)
+
+
+class Exchange:
+    """All instances of a file."""
+
+    def __init__(self, name: str, schema: tuple[str, ...], instances: dict[str, dict[str, tuple[Any, ...]]]) -> None:
+        self.name = name
+        self.schema = schema
+        self._instances = instances
+        self._by_type: dict[str, list[str]] = {}
+        self._users: dict[str, list[str]] | None = None
+        for ref, parts in instances.items():
+            for part in parts:
+                self._by_type.setdefault(part, []).append(ref)
+
+    def __len__(self) -> int:
+        return len(self._instances)
+
+    def parts(self, ref: object) -> dict[str, tuple[Any, ...]]:
+        """Return entity names and parameters of an instance; empty for what is no instance."""
+        return self._instances.get(ref, {}) if isinstance(ref, str) else {}
+
+    def parameters(self, ref: object, entity: str) -> tuple[Any, ...]:
+        """Return the parameters of one entity of an instance; empty where it has none."""
+        return self.parts(ref).get(entity, ())
+
+    def named(self, *entities: str) -> Iterator[tuple[str, tuple[Any, ...]]]:
+        """Yield reference and parameters of every instance of the given entities, in the order of the file."""
+        for entity in entities:
+            for ref in self._by_type.get(entity, ()):
+                yield ref, self._instances[ref][entity]
+
+    def users(self, ref: str) -> list[str]:
+        """Return the instances that refer to an instance directly."""
+        if self._users is None:
+            self._users = {}
+            for user, parts in self._instances.items():
+                for target in {target for values in parts.values() for target in _references(values)}:
+                    self._users.setdefault(target, []).append(user)
+        return self._users.get(ref, [])
+
+
+def _references(values: object) -> Iterator[str]:
+    stack = [values]
+    while stack:
+        value = stack.pop()
+        if is_reference(value):
+            yield str(value)
+        elif isinstance(value, tuple | list):
+            stack.extend(value)
+        elif isinstance(value, Typed):
+            stack.append(value.value)
+
+
+def read_exchange(path: Path) -> Exchange:
+    """Parse a STEP file."""
+    if not path.is_file():
+        raise MetrologyError(f"STEP file must be a file, got {str(path)!r}")
+    if path.stat().st_size > _MOST_BYTES:
+        raise MetrologyError(f"STEP file must not exceed {_MOST_BYTES >> 20} MiB [{path.name}]")
+    try:
+        text = path.read_text(encoding="utf-8")
+    except UnicodeDecodeError:
+        text = path.read_text(encoding="latin-1")
+    if not text.lstrip().startswith("ISO-10303-21;"):
+        raise MetrologyError(f"STEP file must begin with ISO-10303-21; [{path.name}]")
+    head, raw = _raw_instances(text, path)
+    wanted = _with_references(raw, [ref for ref, body in raw.items() if _entity(body) not in _SHAPE])
+    from steputils import p21
+
+    part = head + "DATA;\n" + "".join(f"{ref}={raw[ref]};\n" for ref in wanted) + "ENDSEC;\nEND-ISO-10303-21;\n"
+    try:
+        file = p21.loads(part)
+    except Exception as error:  # a parser of hostile text may fail in any way; each is one line
+        reason = " ".join(str(error).split())[:120] or type(error).__name__
+        raise MetrologyError(f"STEP file must be sound Part 21 text, got: {reason} [{path.name}]") from error
+    schema = (
+        tuple(str(item) for item in _flat(file.header["FILE_SCHEMA"].params)) if "FILE_SCHEMA" in file.header else ()
+    )
+    instances: dict[str, dict[str, tuple[Any, ...]]] = {}
+    for section in file.data:
+        for instance in section.instances.values():
+            entities = getattr(instance, "entities", None) or [instance.entity]
+            instances[str(instance.ref)] = {str(one.name).upper(): _plain(one.params) for one in entities}
+    return Exchange(path.name, schema, instances)
+
+
+_INSTANCE = re.compile(r"\s*(#\d+)\s*=((?:'(?:[^']|'')*'|[^';])*);")
+_STRING = re.compile(r"'(?:[^']|'')*'")
+_COMMENT = re.compile(r"/\*.*?\*/", re.DOTALL)
+_SHAPE = frozenset(
+    (
+        "CARTESIAN_POINT",
+        "DIRECTION",
+        "VECTOR",
+        "LINE",
+        "CIRCLE",
+        "ELLIPSE",
+        "VERTEX_POINT",
+        "EDGE_CURVE",
+        "ORIENTED_EDGE",
+        "EDGE_LOOP",
+        "FACE_BOUND",
+        "FACE_OUTER_BOUND",
+        "ADVANCED_FACE",
+        "PLANE",
+        "CYLINDRICAL_SURFACE",
+        "CONICAL_SURFACE",
+        "SPHERICAL_SURFACE",
+        "TOROIDAL_SURFACE",
+        "PCURVE",
+        "SURFACE_CURVE",
+        "SEAM_CURVE",
+        "DEFINITIONAL_REPRESENTATION",
+        "AXIS2_PLACEMENT_3D",
+        "AXIS2_PLACEMENT_2D",
+        "AXIS1_PLACEMENT",
+        "CLOSED_SHELL",
+        "OPEN_SHELL",
+        "MANIFOLD_SOLID_BREP",
+        "B_SPLINE_CURVE_WITH_KNOTS",
+        "B_SPLINE_SURFACE_WITH_KNOTS",
+        "COORDINATES_LIST",
+        "POLYLINE",
+        "POLY_LOOP",
+        "TESSELLATED_CURVE_SET",
+        "TESSELLATED_GEOMETRIC_SET",
+        "TESSELLATED_ANNOTATION_OCCURRENCE",
+        "DRAUGHTING_CALLOUT",
+        "DRAUGHTING_MODEL",
+        "ANNOTATION_PLANE",
+    )
+)
+_LEAVES = frozenset(
+    (
+        "EDGE_LOOP",
+        "FACE_BOUND",
+        "FACE_OUTER_BOUND",
+        "CLOSED_SHELL",
+        "OPEN_SHELL",
+        "VERTEX_LOOP",
+        "DRAUGHTING_CALLOUT",
+        "DRAUGHTING_MODEL",
+    )
+)
+
+
+def _entity(body: str) -> str:
+    return body.lstrip().partition("(")[0].strip().upper()
+
+
+def _raw_instances(text: str, path: Path) -> tuple[str, dict[str, str]]:
+    """Split the data section into instances, each checked to be whole; the header stays text."""
+
+    def broken(reason: str) -> MetrologyError:
+        return MetrologyError(f"STEP file must be sound Part 21 text, got: {reason} [{path.name}]")
+
+    text = _COMMENT.sub("", text) if "/*" in text else text
+    head, mark, data = text.partition("DATA;")
+    if not mark or not re.search(r"ENDSEC;\s*END-ISO-10303-21;\s*$", data):
+        raise broken("no whole DATA section")
+    raw: dict[str, str] = {}
+    at = 0
+    for match in _INSTANCE.finditer(data):
+        if match.start() != at:
+            break
+        at = match.end()
+        plain = _STRING.sub("", match[2])
+        if plain.count("(") != plain.count(")") or not plain.rstrip().endswith(")") or match[1] in raw:
+            raise broken(f"instance {match[1]} is not whole or not unique")
+        raw[match[1]] = match[2].strip()
+    rest = data[at:].strip()
+    if re.fullmatch(r"ENDSEC;\s*END-ISO-10303-21;", rest) is None:
+        raise broken(f"what is no instance after {next(reversed(raw), 'DATA')}")
+    return head, raw
+
+
+def _with_references(raw: dict[str, str], start: list[str]) -> list[str]:
+    wanted = dict.fromkeys(start)
+    stack = list(start)
+    while stack:
+        body = raw[stack.pop()]
+        if _entity(body) in _LEAVES or _entity(body) == "MANIFOLD_SOLID_BREP":
+            continue
+        for target in re.findall(r"#\d+", _STRING.sub("", body)):
+            if target in raw and target not in wanted:
+                wanted[target] = None
+                stack.append(target)
+    return list(wanted)
+
+
+def _plain(values: Any) -> tuple[Any, ...]:
+    return tuple(_value(value) for value in values)
+
+
+def _value(value: Any) -> Any:
+    if hasattr(value, "type_name"):
+        return Typed(str(value.type_name).upper(), _value(value.param))
+    if isinstance(value, tuple | list):
+        return _plain(value)
+    return str(value) if isinstance(value, str) else value
+
+
+def _flat(values: Any) -> Iterator[Any]:
+    for value in values:
+        if isinstance(value, tuple | list):
+            yield from _flat(value)
+        else:
+            yield value

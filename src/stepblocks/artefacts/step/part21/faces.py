@@ -1,0 +1,271 @@
+"""Surfaces under the faces that a dimension names, and the distances and angles between them."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from stepblocks.artefacts.step.part21.exchange import Exchange, Typed, is_reference, number
+from stepblocks.artefacts.step.part21.units import unit_of
+
+Array = NDArray[np.float64]
+
+_PARALLEL = 1e-9
+_DEEPEST = 12
+_CURVES = ("LINE", "CIRCLE")
+
+
+@dataclass(frozen=True)
+class Surface:
+    """Surface of one face, in metres."""
+
+    ref: str  # The face
+    # ``PLANE``, ``CYLINDRICAL_SURFACE``, ``SPHERICAL_SURFACE``, ``CONICAL_SURFACE``, ``TOROIDAL_SURFACE`` or another;
+    # of an edge, the kind of its curve, ``LINE`` or ``CIRCLE``
+    kind: str
+    point: Array  # Location [m] and direction of its placement
+    axis: Array
+    sizes: tuple[float, ...]  # Radius [m]; radius [m] and half angle [rad] of a cone; radii [m] of a torus
+    representation: str = ""  # The representation that holds it: faces of two bodies lie in two
+
+
+def faces_of(file: Exchange, aspect: object, depth: int = 0) -> list[Surface]:
+    """Surfaces of all faces that a shape aspect stands for, through composites."""
+    if depth > _DEEPEST or not is_reference(aspect):
+        return []
+    found: list[Surface] = []
+    for user in file.users(str(aspect)):
+        parts = file.parts(user)
+        for name in ("GEOMETRIC_ITEM_SPECIFIC_USAGE", "ITEM_IDENTIFIED_REPRESENTATION_USAGE"):
+            values = parts.get(name, ())
+            if len(values) == 5 and values[2] == aspect:
+                factor, angle = _factors(file, values[3])
+                found += [
+                    replace(_surface(file, item, factor, angle), representation=str(values[3]))
+                    for item in _items(values[4])
+                ]
+        related = parts.get("SHAPE_ASPECT_RELATIONSHIP", ())
+        if len(related) == 4 and related[2] == aspect and "DATUM" not in file.parts(related[3]):
+            found += faces_of(file, related[3], depth + 1)
+    unique = {surface.ref: surface for surface in found if surface.kind}
+    return list(unique.values())
+
+
+def _items(value: Any) -> list[str]:
+    if is_reference(value):
+        return [value]
+    if isinstance(value, Typed):
+        value = value.value
+    return [item for item in value if is_reference(item)] if isinstance(value, tuple | list) else []
+
+
+def _factors(file: Exchange, representation: object) -> tuple[float, float]:
+    """Metres per unit of length and radians per unit of angle of a representation."""
+    for values in file.parts(representation).values():
+        for value in values:
+            units = file.parameters(value, "GLOBAL_UNIT_ASSIGNED_CONTEXT")
+            if units:
+                resolved = {one.dimension: one.factor for one in (unit_of(file, ref) for ref in units[0])}
+                return resolved.get("length", math.nan), resolved.get("angle", 1.0)
+    return math.nan, math.nan
+
+
+def _surface(file: Exchange, face: str, factor: float, angle: float) -> Surface:
+    edge = file.parameters(face, "EDGE_CURVE")
+    if len(edge) == 5:
+        return _curve(file, face, edge[3], factor)
+    values = file.parameters(face, "ADVANCED_FACE") or file.parameters(face, "FACE_SURFACE")
+    nowhere = np.full(3, math.nan)
+    if len(values) != 4:
+        return Surface(face, next(iter(file.parts(face)), ""), nowhere, nowhere, ())
+    parts = file.parts(values[2])
+    kind = next(iter(parts), "")
+    parameters = parts.get(kind, ())
+    if len(parameters) < 2 or not is_reference(parameters[1]):
+        return Surface(face, kind, nowhere, nowhere, ())
+    point, axis = _placement(file, parameters[1])
+    sizes = [number(value) for value in parameters[2:]]
+    scaled = [(math.nan if size is None else size / _inverse(factor)) for size in sizes]
+    if kind == "CONICAL_SURFACE" and len(scaled) == 2 and sizes[1] is not None:
+        scaled[1] = sizes[1] * angle
+    return Surface(face, kind, point / _inverse(factor), axis, tuple(scaled))
+
+
+def _curve(file: Exchange, edge: str, curve: object, factor: float) -> Surface:
+    """Curve under an edge; one that is given with its traces on the two faces is its own first parameter."""
+    for name in ("SURFACE_CURVE", "SEAM_CURVE"):
+        inner = file.parameters(curve, name)
+        if len(inner) > 1:
+            curve = inner[1]
+    kind = next(iter(file.parts(curve)), "")
+    parameters = file.parameters(curve, kind)
+    nowhere = np.full(3, math.nan)
+    if kind == "LINE" and len(parameters) == 3:
+        point = file.parameters(parameters[1], "CARTESIAN_POINT")
+        vector = file.parameters(parameters[2], "VECTOR")
+        along = file.parameters(vector[1], "DIRECTION") if len(vector) == 3 else ()
+        if len(point) == 2 and len(along) == 2:
+            direction = np.array(along[1], dtype=np.float64)
+            origin = np.array(point[1], dtype=np.float64) / _inverse(factor)
+            return Surface(edge, kind, origin, direction / np.linalg.norm(direction), ())
+    if kind == "CIRCLE" and len(parameters) == 3:
+        middle, axis = _placement(file, parameters[1])
+        radius = number(parameters[2])
+        sizes = () if radius is None else (radius / _inverse(factor),)
+        return Surface(edge, kind, middle / _inverse(factor), axis, sizes)
+    return Surface(edge, kind, nowhere, nowhere, ())
+
+
+def _inverse(factor: float) -> float:
+    """Units per metre, whole where it is nearly whole, so that millimetres divide by 1000 exactly."""
+    inverse = 1.0 / factor
+    return float(round(inverse)) if abs(inverse - round(inverse)) < 1e-9 * inverse else inverse
+
+
+def _placement(file: Exchange, ref: object) -> tuple[Array, Array]:
+    values = file.parameters(ref, "AXIS2_PLACEMENT_3D")
+    if len(values) != 4:
+        return np.full(3, math.nan), np.full(3, math.nan)
+    point = file.parameters(values[1], "CARTESIAN_POINT")
+    axis = file.parameters(values[2], "DIRECTION")
+    origin = np.array(point[1], dtype=np.float64) if len(point) == 2 else np.full(3, math.nan)
+    direction = np.array(axis[1], dtype=np.float64) if len(axis) == 2 else np.array([0.0, 0.0, 1.0])
+    return origin, direction / np.linalg.norm(direction)
+
+
+def measured_size(surfaces: list[Surface], name: str) -> float | None:
+    """Size of a feature from its own faces."""
+    if surfaces and all(one.kind in _CURVES for one in surfaces):
+        return 0.0 if "radius" in name else None  # an edge that is a curve of two faces is sharp
+    round_ones = [one for one in surfaces if one.kind in ("CYLINDRICAL_SURFACE", "SPHERICAL_SURFACE") and one.sizes]
+    if surfaces and len(round_ones) == len(surfaces):
+        radii = {one.sizes[0] for one in round_ones}
+        if max(radii) - min(radii) > 1e-12:
+            return None
+        return 2.0 * max(radii) if "diameter" in name else max(radii) if "radius" in name else None
+    if len(surfaces) == 1 and surfaces[0].kind == "TOROIDAL_SURFACE" and len(surfaces[0].sizes) == 2:
+        return _size_of_torus(*surfaces[0].sizes, name)
+    if len(surfaces) == 2 and all(one.kind == "PLANE" for one in surfaces):
+        return measured_distance([surfaces[0]], [surfaces[1]])
+    if "angle" in name and len(surfaces) == 1 and surfaces[0].kind == "CONICAL_SURFACE":
+        return 2.0 * surfaces[0].sizes[1]
+    return None
+
+
+def _size_of_torus(major: float, minor: float, name: str) -> float | None:
+    """Size of a ring as its dimension is named: of its middle, of its wire, or of its inner or outer edge."""
+    radii = {"high major": major + minor, "low major": major - minor, "major": major, "minor": minor}
+    radius = next((value for words, value in radii.items() if f"toroidal {words}" in name), None)
+    return None if radius is None else 2.0 * radius if "diameter" in name else radius if "radius" in name else None
+
+
+def measured_distance(first: list[Surface], second: list[Surface], kind: str = "") -> float | None:
+    """Distance between two features: planes, axes of cylinders, centres of spheres."""
+    values = [_distance(a, b) for a in first for b in second]
+    sides = kind.removeprefix("linear distance").split()
+    if len(sides) == 2:
+        values = [
+            None if value is None else value + _beyond_centre(a, sides[0]) + _beyond_centre(b, sides[1])
+            for value, (a, b) in zip(values, [(a, b) for a in first for b in second], strict=True)
+        ]
+    known = [value for value in values if value is not None]
+    if not known or len(known) != len(values) or max(known) - min(known) > 1e-12:
+        return None
+    return known[0]
+
+
+def _beyond_centre(surface: Surface, side: str) -> float:
+    """How far the side of a round feature that a dimension names lies beyond its centre [m]."""
+    if surface.kind not in ("CYLINDRICAL_SURFACE", "SPHERICAL_SURFACE") or not surface.sizes:
+        return 0.0
+    return {"outer": surface.sizes[0], "inner": -surface.sizes[0]}.get(side, 0.0)
+
+
+def _distance(a: Surface, b: Surface) -> float | None:
+    if b.kind == "PLANE" or (a.kind in _CURVES and b.kind not in _CURVES):
+        a, b = b, a
+    between = b.point - a.point
+    if b.kind in _CURVES:
+        return _distance_to_curve(a, b)
+    if a.kind == b.kind == "CONICAL_SURFACE":
+        coaxial = _between_cones(a, b)
+        if coaxial is not None:
+            return coaxial
+    sphere = b.kind == "SPHERICAL_SURFACE"
+    cylinder = b.kind in ("CYLINDRICAL_SURFACE", "CONICAL_SURFACE")
+    if a.kind == "PLANE":
+        if b.kind == "PLANE" and not _parallel(a, b):
+            return None
+        if cylinder and abs(a.axis @ b.axis) > _PARALLEL:
+            return None
+        return abs(float(between @ a.axis)) if b.kind == "PLANE" or sphere or cylinder else None
+    if a.kind in ("CYLINDRICAL_SURFACE", "CONICAL_SURFACE") and (cylinder or sphere):
+        if cylinder and not _parallel(a, b):
+            return None
+        apart = float(np.linalg.norm(between - (between @ a.axis) * a.axis))
+        if a.kind == b.kind and apart <= 1e-12 and a.representation != b.representation:
+            return abs(a.sizes[0] - b.sizes[0])  # one body in the bore of another: the gap, their axes being one
+        return apart
+    if a.kind == "SPHERICAL_SURFACE" and sphere:
+        return float(np.linalg.norm(between))
+    return None
+
+
+def _distance_to_curve(a: Surface, b: Surface) -> float | None:
+    """Distance of a plane from a straight edge along it or a round edge level over it; of a cone from a round edge about it."""
+    if a.kind == "CONICAL_SURFACE" and b.kind == "CIRCLE":
+        return _across_cone(a, b)
+    if a.kind != "PLANE":
+        return None
+    level = abs(float(a.axis @ b.axis)) <= _PARALLEL if b.kind == "LINE" else _parallel(a, b)
+    return abs(float((b.point - a.point) @ a.axis)) if level else None
+
+
+def _parallel(a: Surface, b: Surface) -> bool:
+    return float(np.linalg.norm(np.cross(a.axis, b.axis))) <= _PARALLEL
+
+
+def _between_cones(a: Surface, b: Surface) -> float | None:
+    """Gap across two cones on one axis with one angle; None for any other two."""
+    same_way = 1.0 if a.axis @ b.axis > 0.0 else -1.0
+    return _across_cone(a, b) if abs(a.sizes[1] - same_way * b.sizes[1]) <= 1e-12 else None
+
+
+def _across_cone(cone: Surface, other: Surface) -> float | None:
+    """Distance from a cone, square to it, to the circle at which a surface or edge on the same axis is placed."""
+    between = other.point - cone.point
+    along = float(between @ cone.axis)
+    if not _parallel(cone, other) or float(np.linalg.norm(between - along * cone.axis)) > 1e-12:
+        return None
+    return abs(other.sizes[0] - cone.sizes[0] - along * math.tan(cone.sizes[1])) * math.cos(cone.sizes[1])
+
+
+def placed_where_drawn(file: Exchange) -> bool:
+    """Whether every component of an assembly lies where its own coordinates put it, so that two bodies can be compared."""
+    for _, values in file.named("ITEM_DEFINED_TRANSFORMATION"):
+        places = [_placement(file, item) for item in values[2:4]]
+        axes = [_second_axis(file, item) for item in values[2:4]]
+        pairs = [(places[0][0], places[1][0]), (places[0][1], places[1][1]), (axes[0], axes[1])]
+        if any(not np.allclose(one, other, rtol=0.0, atol=1e-12) for one, other in pairs):
+            return False
+    return True
+
+
+def _second_axis(file: Exchange, ref: object) -> Array:
+    values = file.parameters(ref, "AXIS2_PLACEMENT_3D")
+    direction = file.parameters(values[3], "DIRECTION") if len(values) == 4 else ()
+    return np.array(direction[1], dtype=np.float64) if len(direction) == 2 else np.zeros(3)
+
+
+def measured_angle(first: list[Surface], second: list[Surface], nominal: float) -> float | None:
+    """Angle between two planes or axes, the one of the two supplementary angles that lies nearer to `nominal` [rad]."""
+    turned = {"CYLINDRICAL_SURFACE", "CONICAL_SURFACE"}
+    kinds = {one.kind for one in (*first, *second)}
+    if len(first) != 1 or len(second) != 1 or not (kinds == {"PLANE"} or kinds <= turned):
+        return None
+    angle = float(np.arctan2(np.linalg.norm(np.cross(first[0].axis, second[0].axis)), first[0].axis @ second[0].axis))
+    return min((angle, math.pi - angle), key=lambda one: abs(one - nominal))

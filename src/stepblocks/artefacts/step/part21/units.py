@@ -1,0 +1,168 @@
+"""Units and measures of a Part 21 file, resolved to SI, with what is wrong about them."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import Any
+
+from stepblocks.artefacts.step.part21.exchange import Exchange, Typed, is_reference, number
+
+_PREFIX = {
+    "EXA": 1e18,
+    "PETA": 1e15,
+    "TERA": 1e12,
+    "GIGA": 1e9,
+    "MEGA": 1e6,
+    "KILO": 1e3,
+    "HECTO": 1e2,
+    "DECA": 1e1,
+    "DECI": 1e-1,
+    "CENTI": 1e-2,
+    "MILLI": 1e-3,
+    "MICRO": 1e-6,
+    "NANO": 1e-9,
+    "PICO": 1e-12,
+}
+_SYMBOL = {"METRE": "m", "RADIAN": "rad", "STERADIAN": "sr", "GRAM": "g", "SECOND": "s"}
+_SHORT = {"MILLI": "m", "MICRO": "u", "NANO": "n", "CENTI": "c", "KILO": "k", "DECI": "d"}
+_DIMENSION = {"METRE": "length", "RADIAN": "angle", "GRAM": "mass", "STERADIAN": "solid angle", "SECOND": "time"}
+_MEASURES = (
+    "MEASURE_WITH_UNIT",
+    "LENGTH_MEASURE_WITH_UNIT",
+    "PLANE_ANGLE_MEASURE_WITH_UNIT",
+    "MASS_MEASURE_WITH_UNIT",
+    "RATIO_MEASURE_WITH_UNIT",
+    "UNCERTAINTY_MEASURE_WITH_UNIT",
+)
+_TYPES = {
+    "length": ("LENGTH_MEASURE", "POSITIVE_LENGTH_MEASURE", "NON_NEGATIVE_LENGTH_MEASURE"),
+    "angle": ("PLANE_ANGLE_MEASURE", "POSITIVE_PLANE_ANGLE_MEASURE"),
+    "mass": ("MASS_MEASURE",),
+}
+
+
+@dataclass(frozen=True)
+class Unit:
+    """A unit."""
+
+    name: str  # As a person writes it
+    dimension: str  # ``length``, ``angle``, ``mass``, ... or ``unknown``
+    factor: float  # SI units per unit
+
+
+@dataclass(frozen=True)
+class Measure:
+    """A value with its unit."""
+
+    value: float  # As it stands in the file
+    unit: Unit  # Its unit
+    type: str  # Name of the measure type; empty where the SELECT is untyped
+
+    @property
+    def si(self) -> float:
+        """The value in SI; millimetres are divided by 1000, which gives the nearest double."""
+        inverse = round(1.0 / self.unit.factor) if 0.0 < self.unit.factor < 1.0 else 0
+        if inverse and abs(self.unit.factor * inverse - 1.0) < 1e-12:
+            return self.value / inverse
+        return self.value * self.unit.factor
+
+
+_UNKNOWN = Unit("?", "unknown", math.nan)
+
+
+def unit_of(file: Exchange, ref: object) -> Unit:
+    """Resolve a unit, SI or converted."""
+    parts = file.parts(ref)
+    if "SI_UNIT" in parts:
+        values = parts["SI_UNIT"]
+        prefix, base = (_enumeration(value) for value in values[-2:])
+        factor = _PREFIX.get(prefix, 1.0)
+        symbol = _SHORT.get(prefix, prefix.lower()) + _SYMBOL.get(base, base.lower())
+        # the SI unit of mass is the kilogram
+        return Unit(symbol, _DIMENSION.get(base, "unknown"), factor * (1e-3 if base == "GRAM" else 1.0))
+    converted = parts.get("CONVERSION_BASED_UNIT")
+    if converted:
+        one = measure_of(file, converted[-1])
+        if one is not None:
+            return Unit(str(converted[-2]).strip("'").lower(), one.unit.dimension, one.value * one.unit.factor)
+    return _UNKNOWN
+
+
+def _enumeration(value: object) -> str:
+    text = str(value).strip(".")
+    return "" if text in ("$", "*", "None") else text
+
+
+def measure_of(file: Exchange, ref: object) -> Measure | None:
+    """Read a measure with unit, whether simple, complex or a representation item."""
+    parts = file.parts(ref)
+    for name in _MEASURES:
+        values = parts.get(name, ())
+        if len(values) >= 2:
+            return _measure(file, values[0], values[1])
+    item = parts.get("MEASURE_REPRESENTATION_ITEM", ())
+    if len(item) == 3:
+        return _measure(file, item[1], item[2])
+    return None
+
+
+def _measure(file: Exchange, raw: Any, unit: Any) -> Measure | None:
+    typed = raw.type if isinstance(raw, Typed) else ""
+    value = number(raw.value if isinstance(raw, Typed) else raw)
+    return None if value is None else Measure(value, unit_of(file, unit), typed)
+
+
+def untyped_measures(file: Exchange) -> list[str]:
+    """List every measure whose value is no typed SELECT, or whose type does not fit its unit."""
+    findings = []
+    for name in (*_MEASURES, "MEASURE_REPRESENTATION_ITEM"):
+        for ref, values in file.named(name):
+            if len(values) < 2:
+                continue
+            raw, unit = (values[1], values[2]) if name == "MEASURE_REPRESENTATION_ITEM" else (values[0], values[1])
+            if not isinstance(raw, Typed):
+                findings.append(f"{ref} {name}: value must be typed, such as LENGTH_MEASURE(...), got {raw!r}")
+                continue
+            size = number(raw.value)
+            if raw.type.startswith("POSITIVE_") and size is not None and not size > 0.0:
+                findings.append(f"{ref} {name}: {raw.type} must be positive, got {size:g}")
+            resolved = unit_of(file, unit)
+            allowed = _TYPES.get(resolved.dimension)
+            if allowed and raw.type not in allowed:
+                findings.append(f"{ref} {name}: {raw.type} must not carry a unit of {resolved.dimension}")
+    return findings
+
+
+def density_findings(file: Exchange) -> tuple[list[tuple[str, float]], list[str]]:
+    """Find densities, in kg/m^3, and those whose unit is no density."""
+    densities, findings = [], []
+    for ref, values in file.named("MEASURE_REPRESENTATION_ITEM"):
+        label = str(values[0]).lower() if len(values) == 3 else str(file.parameters(ref, "REPRESENTATION_ITEM")).lower()
+        if "density" not in label:
+            continue
+        raw, unit = (values[1], values[2]) if len(values) == 3 else file.parameters(ref, "MEASURE_WITH_UNIT")[:2]
+        value = number(raw.value if isinstance(raw, Typed) else raw)
+        factor, powers = _derived(file, unit)
+        if powers != {"mass": 1.0, "length": -3.0}:
+            said = " ".join(f"{name}^{power:g}" for name, power in sorted(powers.items())) or "nothing"
+            findings.append(f"{ref} density: unit must be mass^1 length^-3, got {said}")
+        elif value is None or not 10.0 <= value * factor <= 25_000.0:
+            got = "no number" if value is None else f"{value * factor:g}"
+            findings.append(f"{ref} density: must lie between 10 and 25000 kg/m^3, got {got}")
+        else:
+            densities.append((ref, value * factor))
+    return densities, findings
+
+
+def _derived(file: Exchange, ref: object) -> tuple[float, dict[str, float]]:
+    factor = 1.0
+    powers: dict[str, float] = {}
+    for element in (file.parameters(ref, "DERIVED_UNIT") or ((),))[0]:
+        values = file.parameters(element, "DERIVED_UNIT_ELEMENT")
+        if len(values) != 2 or not is_reference(values[0]):
+            continue
+        unit, power = unit_of(file, values[0]), number(values[1]) or 0.0
+        powers[unit.dimension] = powers.get(unit.dimension, 0.0) + power
+        factor *= unit.factor**power
+    return factor, powers

@@ -1,0 +1,60 @@
+"""One measured quantity of one artefact against its nominal and limit."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import Any
+
+from stepblocks.quantities import format_quantity
+
+
+@dataclass(frozen=True)
+class Verdict:
+    """What a check found."""
+
+    artefact: str  # Name of the file
+    quantity: str  # What was measured
+    nominal: float  # In SI, or a count
+    measured: float
+    limit: float  # Largest permitted difference, in SI; relative to the nominal where `relative`
+    # ``"length"``, ``"volume"``, ``"mass"``, ``"count"``, or ``"file"`` for a file that could not be read
+    dimension: str = "length"
+    relative: bool = False  # Whether the limit is relative
+
+    @property
+    def deviation(self) -> float:
+        """Measured less nominal, relative where the limit is."""
+        difference = self.measured - self.nominal
+        return difference / self.nominal if self.relative else difference
+
+    @property
+    def passed(self) -> bool:
+        """Whether the deviation is finite and within the limit."""
+        return math.isfinite(self.deviation) and abs(self.deviation) <= self.limit
+
+    def __str__(self) -> str:
+        """One line: verdict, artefact, quantity, deviation and limit."""
+        if self.dimension == "length":
+            text = f"{self.deviation * 1e9:+.3f} nm off {format_quantity(self.nominal, 'length', 6)}"
+            text += f" (limit {format_quantity(self.limit, 'length')})"
+        elif self.dimension == "file":
+            text = ""
+        elif self.dimension == "count":
+            text = f"{self.measured:g}, {self.nominal:g} expected"
+        else:
+            text = f"{self.deviation:+.1e} relative (limit {self.limit:g})"
+        return f"{'ok  ' if self.passed else 'FAIL'} {self.artefact}: {self.quantity} {text}".rstrip()
+
+    def as_record(self) -> dict[str, Any]:
+        """Return the verdict as plain values for JSON, with units in the names."""
+        suffix = {"length": "_m", "volume": "_m3", "mass": "_kg"}.get(self.dimension, "")
+        measured = self.measured if math.isfinite(self.measured) else None
+        return {
+            "artefact": self.artefact,
+            "quantity": self.quantity,
+            f"nominal{suffix}": self.nominal,
+            f"measured{suffix}": measured,
+            "limit_relative" if self.relative else f"limit{suffix}": self.limit,
+            "passed": self.passed,
+        }

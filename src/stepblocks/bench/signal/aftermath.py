@@ -1,0 +1,268 @@
+"""After the slip: which kind of ring it is, and its figures carried back to the instant of release."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from stepblocks.bench.signal.approach import Approach
+from stepblocks.bench.signal.landmarks import Landmarks
+from stepblocks.bench.signal.ring import Ring, fit_ring, guess_ring, linear_decay, ring_amplitude
+from stepblocks.bench.signal.rubbing_ring import GUESSED, TOLD, RubbingRing, fit_rubbing_ring
+
+Array = NDArray[np.float64]
+
+_RELEASE_TIME = 0.25e-3  # [s] first samples after the peak, in which the sensor itself follows; no tie with a sample
+_GOOD = 5.0  # misfit up to which a fit is taken at once
+_BETTER = 0.85  # a second kind of fit must leave this share of the squared residuals at most
+_TAIL_SHARE = 0.35  # last share of the record after the slip, in which only the tool's own ring is left
+_SETTLED = 7.0  # misfit up to which a trough is taken for the begin of the free ring
+_MUCH_BETTER = 0.5  # a later trough must leave this share at most: some of the ring is lost with each
+_MOST_COLOUR = 3.0  # the noise while sliding counts up to this many times the white noise
+_MOST_TROUGHS = 8
+_FAR = 2.5  # spreads of the tool's figures within which a fit is still of that tool
+_TROUGH_SHARE = 0.18  # of a period about the bottom of a swing, in which it is a piece of a cosine
+_FIRST_SWINGS = 25e-3  # [s]
+_HEARD = 1.3
+_USUAL_DECAY = 25e-3  # [s] first guess where nothing says better
+
+
+@dataclass(frozen=True)
+class Swing:
+    """First swing after a slip: how far below the sliding level it went, and when."""
+
+    depth: float  # Level less the force in the trough, and its standard uncertainty [N]
+    depth_std: float
+    instant: float  # When the trough was reached [s]
+    decay_time: tuple[float, float]  # Decay time of the tool and its standard uncertainty [s]
+
+    def amplitude(self, instant: float) -> tuple[float, float]:
+        """Amplitude carried back to `instant`, and its standard uncertainty [N]; viscous decay alone takes from it."""
+        decay, decay_std = self.decay_time
+        reach = self.instant - instant
+        growth = float(np.exp(reach / decay))
+        carried = self.depth * growth
+        return carried, float(np.hypot(self.depth_std * growth, carried * reach / decay**2 * decay_std))
+
+
+@dataclass(frozen=True)
+class Aftermath:
+    """Figures of the ring at the release instant, each with its standard uncertainty."""
+
+    kind: str  # ``"damped"`` or ``"rubbing"``
+    start: float  # Instant to which the amplitude is carried back [s]
+    amplitude: tuple[float, float]  # Value and standard uncertainty [N, Hz, s, N, N/s]
+    frequency: tuple[float, float]
+    decay_time: tuple[float, float]
+    level: tuple[float, float]
+    friction_decay: tuple[float, float]
+    ring: Ring | RubbingRing  # The fit
+    # First swing after the slip, where it tells the amplitude better than the fit: the ring could only be fitted from
+    # a later one on, or the fit is not that of the tool
+    swing: Swing | None = None
+    sample: float = 0.0  # Time between two samples [s]
+
+    def carried_to(self, instant: float) -> Aftermath:
+        """Return the same with the amplitude at another instant [s]."""
+        ring = self.ring
+        if isinstance(ring, Ring):
+            return replace(self, start=instant, amplitude=ring_amplitude(ring, instant))
+        amplitude, std = self.swing.amplitude(instant) if self.swing else ring.amplitude(instant)
+        # when the tip lets go is seen to a sample, and friction costs amplitude from then on
+        unseen = amplitude * self.sample / self.decay_time[0] if self.decay_time[0] > 0.0 else 0.0
+        return replace(self, start=instant, amplitude=(amplitude, float(np.hypot(std, unseen))))
+
+    @property
+    def origin(self) -> float:
+        """First instant [s] that the fit saw."""
+        return self.ring.origin
+
+
+def settle(
+    time: Array, force: Array, marks: Landmarks, approach: Approach, tool: tuple[float, float] | None = None
+) -> Aftermath:
+    """Fit the ring after a slip as that of a bell and, where that fails, as that of a tool whose tip rubs."""
+    marks = replace(marks, noise=_whole_noise(time, approach, marks))
+    top = float(time[marks.peak])
+    first = int(np.searchsorted(time, top + _RELEASE_TIME))
+    bell = fit_ring(time[first:], force[first:], top, approach.mains, marks.noise)
+    if bell.misfit < _GOOD:
+        return _of_bell(bell, top)
+    rubbing = _best_rubbing(time, force, marks, approach, tool)
+    if rubbing is None:
+        return _of_bell(bell, top)
+    fitted = rubbing[0]
+    common = time[first:] >= fitted.origin
+    left = float(np.sum(bell.fit.residuals[common] ** 2))
+    # what misses a bell in its first swing alone hardly weighs in the sum
+    if fitted.misfit > _GOOD and float(np.sum(fitted.residuals**2)) > _BETTER * left:
+        return _of_bell(bell, top)
+    return _of_rubbing(*rubbing, float(np.median(np.diff(time))), tool)
+
+
+def settle_from(
+    time: Array, force: Array, marks: Landmarks, approach: Approach, release: float, before: Aftermath
+) -> Aftermath:
+    """Fit a damped ring again, counted from the release instant itself and not from the highest sample.
+
+    Which of two samples is the highest is a matter of noise; the corner between ramp and release is not.
+    """
+    if before.kind != "damped":
+        return before
+    first = int(np.searchsorted(time, release + _RELEASE_TIME))
+    noise = _whole_noise(time, approach, marks)
+    return _of_bell(fit_ring(time[first:], force[first:], release, approach.mains, noise), release)
+
+
+def _whole_noise(time: Array, approach: Approach, marks: Landmarks) -> float:
+    """Noise while sliding, be it white or coloured [N]."""
+    before = approach.fit.residuals[: int(np.searchsorted(time, approach.onset))]
+    return min(max(float(np.std(before)), marks.noise), _MOST_COLOUR * marks.noise)
+
+
+def _of_bell(bell: Ring, top: float) -> Aftermath:
+    return Aftermath(
+        kind="damped",
+        start=top,
+        amplitude=ring_amplitude(bell, top),
+        frequency=(bell.frequency, bell.frequency_std),
+        decay_time=(bell.decay_time, bell.decay_time_std),
+        level=(bell.level, bell.level_std),
+        friction_decay=linear_decay(bell),
+        ring=bell,
+    )
+
+
+def _of_rubbing(
+    fit: RubbingRing, start: float, swing: Swing | None, sample: float, tool: tuple[float, float] | None
+) -> Aftermath:
+    level, gap, frequency, decay = (float(v) for v in fit.values[:4])
+    far = (0.0, 0.0)
+    if tool is not None and not _is_of(tool, fit):
+        # a fit of few swings may find another tool: then it knows no better than that
+        far = (abs(frequency - tool[0]), abs(decay - tool[1]))
+    known = fit.knows_gap and not any(far)
+    return Aftermath(
+        kind="rubbing",
+        start=start,
+        amplitude=(np.nan, np.nan),
+        frequency=(frequency, float(np.hypot(fit.std(2), far[0]))),
+        decay_time=(decay, float(np.hypot(fit.std(3), far[1]))),
+        level=(level, fit.std(0)),
+        friction_decay=(2.0 * gap * frequency, 2.0 * frequency * fit.std(1)) if known else (np.nan, np.nan),
+        ring=fit,
+        swing=swing,
+        sample=sample,
+    ).carried_to(start)
+
+
+def _is_of(tool: tuple[float, float], fit: RubbingRing) -> bool:
+    return all(abs(fit.values[2 + i] - tool[i]) <= _FAR * TOLD[i] * tool[i] for i in (0, 1))
+
+
+def _best_rubbing(
+    time: Array, force: Array, marks: Landmarks, approach: Approach, tool: tuple[float, float] | None
+) -> tuple[RubbingRing, float, Swing | None] | None:
+    """Fit from one trough after the other, until the tip no longer climbs; with the begin of the ring."""
+    clean = force - approach.hum(time)
+    after = clean[marks.peak :]
+    tail = after[int(after.size * (1.0 - _TAIL_SHARE)) :]
+    level = float(np.median(tail))
+    best: tuple[RubbingRing, float, Swing | None] | None = None
+    for guess in _tool_guesses(time, clean, marks, approach, tool):
+        best = _from_troughs(time, clean, marks, approach.slope, level, (*guess, TOLD if tool else GUESSED), best)
+        if best is not None and best[0].misfit < _SETTLED:
+            break
+    return best
+
+
+def _from_troughs(
+    time: Array,
+    clean: Array,
+    marks: Landmarks,
+    slope: float,
+    level: float,
+    guess: tuple[float, float, tuple[float, float]],
+    best: tuple[RubbingRing, float, Swing | None] | None,
+) -> tuple[RubbingRing, float, Swing | None] | None:
+    frequency, decay, spread = guess
+    troughs = _troughs(time, clean, marks, level, frequency)[:_MOST_TROUGHS]
+    for number, (trough, _) in enumerate(troughs):
+        origin = float(time[trough])
+        fit = fit_rubbing_ring(
+            time[trough:], clean[trough:], origin, (level, frequency, decay), slope, marks.noise, spread
+        )
+        if best is None or fit.misfit < _MUCH_BETTER * best[0].misfit:
+            start = max(float(time[marks.peak]), troughs[0][1] - 0.25 / fit.values[2])
+            # the release is that of the first swing, whichever swing the free ring begins with
+            clear = number == 0 and fit.misfit < _GOOD and _is_of((frequency, decay), fit)
+            told = (frequency, decay) if spread is TOLD else None
+            best = (fit, start, None if clear else _first_swing(time, clean, troughs[0][0], fit, told))
+        if best[0].misfit < _SETTLED:
+            break
+    return best
+
+
+def _first_swing(time: Array, clean: Array, trough: int, fit: RubbingRing, tool: tuple[float, float] | None) -> Swing:
+    """Bottom of the first swing, by a piece of a cosine about it."""
+    level, gap = (float(v) for v in fit.values[:2])
+    frequency, decay = tool or (float(fit.values[2]), float(fit.values[3]))
+    near = np.abs(time - time[trough]) < _TROUGH_SHARE / frequency
+    t, y = time[near] - time[trough], clean[near]
+    phase = 2.0 * np.pi * frequency * t
+    columns = np.column_stack([np.ones_like(t), np.cos(phase), np.sin(phase)])
+    weights = np.linalg.lstsq(columns, y, rcond=None)[0]
+    curve = columns @ weights
+    lowest = int(np.argmin(curve))
+    own = float(np.sqrt(np.mean((y - curve) ** 2) * 3.0 / max(t.size - 3, 1)))
+    # a tip that has left the surface swings about no force, one that slides about the level: which, is not seen
+    unseen = 0.25 * gap if fit.knows_gap else 0.5 * abs(level)
+    spread = TOLD[1] * decay if tool else fit.std(3)
+    depth = level - float(curve[lowest])
+    return Swing(depth, float(np.hypot(own, unseen)), float(time[trough] + t[lowest]), (decay, spread))
+
+
+def _tool_guesses(
+    time: Array, clean: Array, marks: Landmarks, approach: Approach, tool: tuple[float, float] | None
+) -> list[tuple[float, float]]:
+    """Frequency and decay time of the tool: told, from its start-up, from its late ring, from its first swings."""
+    if tool is not None:
+        return [tool]
+    if approach.start_up is not None:
+        return [approach.start_up]
+    late = marks.peak + int((time.size - marks.peak) * 0.25)
+    frequency, decay = guess_ring(time[late:], clean[late:])
+    early = slice(marks.peak, int(np.searchsorted(time, time[marks.peak] + _FIRST_SWINGS)))
+    swings = guess_ring(time[early], np.gradient(clean[early]))[0]
+    # where the tip came to rest there is nothing to hear late, and what is heard of decay then is noise
+    heard = float(np.std(clean[late:])) > _HEARD * marks.noise
+    return [(frequency, decay), (swings, decay)] if heard else [(swings, _USUAL_DECAY), (frequency, _USUAL_DECAY)]
+
+
+def _troughs(time: Array, clean: Array, marks: Landmarks, level: float, frequency: float) -> list[tuple[int, float]]:
+    """Troughs after the slip, each with the instant at which the force fell through the level before it."""
+    rate = (time.size - 1) / (time[-1] - time[0])
+    half = max(int(0.5 * rate / frequency), 2)
+    smooth = np.convolve(clean, np.full(5, 0.2), mode="same")
+    found: list[tuple[int, float]] = []
+    index = marks.peak
+    while len(found) < _MOST_TROUGHS:
+        below = np.flatnonzero(smooth[index : smooth.size - 2] < level)
+        if not below.size:
+            break
+        crossing = index + int(below[0])
+        trough = crossing + int(np.argmin(smooth[crossing : crossing + half]))
+        found.append((trough, _crossing_time(time, smooth, crossing, level)))
+        above = np.flatnonzero(smooth[trough : smooth.size - 2] > level)
+        if not above.size or trough + int(above[0]) + 4 * half >= time.size:
+            break
+        index = trough + int(above[0])
+    return found
+
+
+def _crossing_time(time: Array, smooth: Array, index: int, level: float) -> float:
+    high, low = smooth[index - 1] - level, smooth[index] - level
+    share = high / (high - low) if high > low else 1.0
+    return float(time[index - 1] + np.clip(share, 0.0, 1.0) * (time[index] - time[index - 1]))

@@ -1,0 +1,164 @@
+"""The ring of a tool whose tip rubs: friction pulls at it one way or the other, and the ring dies on a straight line.
+
+With ``f = k (v t - x)`` the force of the tool, ``m x'' = f - F sgn(x') - c x'`` becomes
+
+    f'' = -w^2 (f - L) - (2 / tau) f',    L = L+ while the tip slips forward (f' < k v), L+ - D while it slips back,
+
+with ``D = 2 F``. Each half cycle is a damped cosine about its level and costs the amplitude D; where the tip stops
+between the levels, it sticks, and the force climbs along the ramp ``k v`` until it slips forward again.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import cache
+
+import numpy as np
+from numpy.typing import NDArray
+
+from stepblocks.bench.signal.ring import BEGIN
+from stepblocks.bench.signal.rubbing_kernel import rubbing_kernel
+from stepblocks.bench.signal.separable import covariance_of, misfit, numeric_jacobian, propagated
+
+Array = NDArray[np.float64]
+
+# Relative spread of frequency and decay time about a guess from the trial itself, and about what others told
+GUESSED, TOLD = (0.05, 0.4), (0.02, 0.12)
+
+_GOOD = 4.0  # misfit at which no other start is tried
+
+
+@dataclass(frozen=True)
+class RubbingRing:
+    """A ring limited by friction and its uncertainties."""
+
+    # shape (7,); Level L+ [N], gap D [N], frequency [Hz], decay time [s], force at `origin` over L+ [N], slope there
+    # [N/s], drift [N/s]
+    values: Array
+    covariance: Array  # shape (7, 7); Of `values`
+    slope: float  # Slope of the force while the tip sticks [N/s]
+    origin: float  # Instant that the fit counts from [s]
+    # By how many standard errors the residuals miss the noise; see `stepblocks.bench.signal.separable.misfit`
+    misfit: float
+    residuals: Array  # shape (n,); Data minus fit [N]
+    knows_gap: bool  # Whether the tip ever slipped back, so that the gap shows
+
+    def curve(self, time: Array) -> Array:
+        """Return the fit without hum [N] at the instants `time`, all after `origin`."""
+        return _model(self.values, time - self.origin, self.slope)
+
+    def std(self, index: int) -> float:
+        """Return the standard uncertainty of one of `values`."""
+        return float(np.sqrt(max(self.covariance[index, index], 0.0)))
+
+    def amplitude(self, instant: float) -> tuple[float, float]:
+        """Amplitude about L+ carried back to `instant`, and its standard uncertainty [N].
+
+        Between the slip and `origin` the tip only slips forward, so the friction is part of L+ and costs nothing;
+        viscous decay is carried back.
+        """
+        reach = instant - self.origin
+
+        def size(values: Array) -> Array:
+            omega = 2.0 * np.pi * values[2]
+            swing = np.hypot(values[4], (values[5] + values[4] / values[3]) / omega)
+            return np.array([swing * np.exp(-reach / values[3])])
+
+        step = 1e-4 * _SCALE
+        unbounded = np.full(7, np.inf)
+        gradient = numeric_jacobian(size, self.values, step, -unbounded, unbounded)[0]
+        return float(size(self.values)[0]), propagated(gradient, self.covariance)
+
+
+_SCALE = np.array([0.01, 0.05, 2.0, 5e-3, 0.05, 10.0, 0.1])
+
+
+def rubbing_force(
+    time: Array, level: float, gap: float, frequency: float, decay_time: float, start: tuple[float, float], slope: float
+) -> Array:
+    """Force of the tool after the slip, piece by piece in closed form.
+
+    Examples
+    --------
+    Without a gap it is the damped cosine.
+
+    >>> t = np.linspace(0.0, 0.02, 50)
+    >>> w = 2 * np.pi * 300.0
+    >>> f = rubbing_force(t, 0.1, 0.0, 300.0, 0.02, (1.1, -1.0 / 0.02), 50.0)
+    >>> bool(np.allclose(f, 0.1 + np.exp(-t / 0.02) * np.cos(w * t)))
+    True
+    """
+    kernel = _compiled()
+    return np.asarray(kernel(time, level, gap, frequency, decay_time, start[0], start[1], slope), dtype=float)
+
+
+@cache
+def _compiled() -> Callable[..., Array]:
+    """Compile the kernel when it is first wanted: a fit calls it some hundred times."""
+    from numba import njit
+
+    compiled: Callable[..., Array] = njit(cache=True)(rubbing_kernel)
+    return compiled
+
+
+def _model(values: Array, time: Array, slope: float) -> Array:
+    level, gap, frequency, decay, offset, rate, drift = values
+    force = rubbing_force(time, level, gap, frequency, decay, (level + offset, rate), slope)
+    return np.asarray(force + drift * time, dtype=float)
+
+
+def _turns(values: Array, time: Array, slope: float) -> bool:
+    """Whether the tip ever slips back in this course, so that the gap matters to it."""
+    other = values.copy()
+    other[1] *= 0.98
+    return bool(np.any(_model(values, time, slope) != _model(other, time, slope)))
+
+
+def fit_rubbing_ring(
+    time: Array,
+    force: Array,
+    origin: float,
+    guess: tuple[float, float, float],
+    slope: float,
+    noise: float,
+    spread: tuple[float, float] = GUESSED,
+) -> RubbingRing:
+    """Fit a ring limited by friction to the samples from `origin` on, hum taken off before."""
+    from scipy.optimize import least_squares
+
+    level, frequency, decay = guess
+    # what is known of the tool holds a ring that is too faint to tell; a clear ring outweighs it
+    known = noise / np.array([spread[0] * frequency, spread[1] * decay])
+    begin = int(np.searchsorted(time, origin + BEGIN))
+    t = time - origin
+    offset = float(force[:3].mean()) - level
+    lower = np.array([-np.inf, 0.0, 0.7 * frequency, 2e-3, -np.inf, -np.inf, -np.inf])
+    upper = np.array([np.inf, max(4.0 * abs(offset), 0.2), 1.3 * frequency, 0.5, np.inf, np.inf, np.inf])
+    best = None
+    # dry friction is the sliding force itself and turns with the tip: the likely gap is twice the level
+    for gap in (2.0 * abs(level), 0.3 * abs(offset), 0.0):
+        start = np.array([level, gap + 1e-6, frequency, decay, offset, 0.0, 0.0])
+        found = least_squares(
+            lambda p: np.append(_model(p, t, slope) - force, (p[2:4] - (frequency, decay)) * known),
+            np.clip(start, lower, upper),
+            bounds=(lower, upper),
+            x_scale=_SCALE,
+            max_nfev=40,
+            diff_step=1e-6,
+        )
+        if best is None or found.cost < best.cost:
+            best = found
+        if misfit(best.fun[:-2], 7, begin, noise) < _GOOD and _turns(np.asarray(best.x), t, slope):
+            break
+    assert best is not None
+    values = np.asarray(best.x, dtype=float)
+    jacobian = numeric_jacobian(lambda p: _model(p, t, slope), values, 1e-3 * _SCALE, lower, upper)
+    residuals = -np.asarray(best.fun[:-2], dtype=float)
+    prior = np.zeros((2, 7))
+    prior[0, 2], prior[1, 3] = known
+    covariance, _ = covariance_of(jacobian, residuals, prior)
+    missed = misfit(residuals, 7, begin, noise)
+    # a sample between two turns changes by the gap itself; a gap that moves less than one sample was not seen
+    knows_gap = bool(np.abs(jacobian[:, 1]).sum() > 1.0 and values[1] > 1e-5)
+    return RubbingRing(values, covariance, slope, origin, missed, residuals, knows_gap)

@@ -1,0 +1,137 @@
+"""Least squares for models that are linear in most of their parameters, with the covariance of all of them.
+
+A trace is a sum of known shapes (a level, a ramp, a ring, hum) whose weights enter linearly and whose times and
+frequencies do not. The weights are solved for exactly at every step (variable projection, Golub and Pereyra 1973,
+doi:10.1137/0710036), so only two or three numbers are searched.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+Array = NDArray[np.float64]
+
+_RIDGE = 1e-14  # of the largest squared column; keeps a column that is all zero from stopping the inversion
+
+
+@dataclass(frozen=True)
+class SeparableFit:
+    """What a separable fit found."""
+
+    shape: Array  # shape (q,); Parameters that enter nonlinearly
+    weights: Array  # shape (p,); Weights of the columns of the basis
+    # shape (q + p, q + p); Of `shape` and `weights`, in this order, scaled by the scatter of the residuals
+    covariance: Array
+    residuals: Array  # shape (n,); Data minus model
+    noise: float  # Standard deviation of the residuals, in the unit of the data
+
+
+def fit_separable(
+    basis: Callable[[Array], Array], values: Array, start: Array, lower: Array, upper: Array, scale: Array
+) -> SeparableFit:
+    """Fit ``values = basis(shape) @ weights``.
+
+    Examples
+    --------
+    >>> t = np.linspace(0.0, 1.0, 200)
+    >>> fit = fit_separable(
+    ...     lambda p: np.column_stack([np.ones_like(t), np.exp(-t / p[0])]),
+    ...     2.0 + 3.0 * np.exp(-t / 0.25), np.array([0.1]), np.array([0.01]), np.array([1.0]), np.array([0.1]))
+    >>> [round(float(v), 6) for v in (*fit.shape, *fit.weights)]
+    [0.25, 2.0, 3.0]
+    """
+    from scipy.optimize import least_squares
+
+    def solve(shape: Array) -> tuple[Array, Array]:
+        columns = basis(shape)
+        weights = np.linalg.lstsq(columns, values, rcond=1e-12)[0]
+        return np.asarray(weights, dtype=float), np.asarray(values - columns @ weights, dtype=float)
+
+    shape = np.clip(start, lower, upper)
+    if shape.size:
+        found = least_squares(
+            lambda p: solve(p)[1], shape, bounds=(lower, upper), x_scale=scale, xtol=1e-9, ftol=1e-9, max_nfev=60
+        )
+        shape = np.asarray(found.x, dtype=float)
+    weights, residuals = solve(shape)
+    step = scale * 1e-4
+    slopes = numeric_jacobian(lambda p: basis(p) @ weights, shape, step, lower, upper)
+    jacobian = np.column_stack([slopes, basis(shape)])
+    covariance, noise = covariance_of(jacobian, residuals)
+    return SeparableFit(shape, weights, covariance, residuals, noise)
+
+
+def numeric_jacobian(model: Callable[[Array], Array], point: Array, step: Array, lower: Array, upper: Array) -> Array:
+    """Differentiate `model` by differences that stay inside the bounds; shape (n, q)."""
+    columns = []
+    for index in range(point.size):
+        high, low = point.copy(), point.copy()
+        high[index] = min(point[index] + step[index], upper[index])
+        low[index] = max(point[index] - step[index], lower[index])
+        columns.append((model(high) - model(low)) / (high[index] - low[index]))
+    return np.column_stack(columns) if columns else np.empty((model(point).size, 0))
+
+
+def covariance_of(jacobian: Array, residuals: Array, known: Array | None = None) -> tuple[Array, float]:
+    """Covariance of the parameters and standard deviation of the residuals.
+
+    Residuals that are correlated from sample to sample (hum harmonics, a model a little wrong) carry less
+    information than their number; the covariance is widened by their integrated autocorrelation.
+    Rows of `known`, in the unit of the data per parameter, count as further exact measurements.
+    """
+    count, parameters = jacobian.shape
+    freedom = max(count - parameters, 1)
+    noise = float(np.sqrt(residuals @ residuals / freedom))
+    if known is not None:
+        jacobian = np.vstack([jacobian, known])
+    size = np.sqrt(np.einsum("ij,ij->j", jacobian, jacobian))
+    size[size == 0.0] = 1.0
+    scaled = jacobian / size
+    inverse = np.linalg.pinv(scaled.T @ scaled, rcond=_RIDGE, hermitian=True)
+    covariance = inverse / np.outer(size, size) * noise**2 * correlation_inflation(residuals)
+    return covariance, noise
+
+
+def correlation_inflation(residuals: Array) -> float:
+    """Factor, at least 1, by which correlation between neighbours widens a variance: ``1 + 2 sum rho_k``.
+
+    The sum stops at the first correlation that white noise could have given (two standard errors).
+    """
+    count = residuals.size
+    power = float(residuals @ residuals)
+    if count < 16 or power == 0.0:
+        return 1.0
+    limit = 2.5 / np.sqrt(count)
+    total = 0.0
+    for lag in range(1, count // 4):
+        rho = float(residuals[:-lag] @ residuals[lag:]) / power
+        if rho < limit:
+            break
+        total += rho
+    return 1.0 + 2.0 * total
+
+
+def propagated(gradient: Array, covariance: Array) -> float:
+    """Return the standard uncertainty of a quantity with this gradient in the parameters of a covariance."""
+    variance = float(gradient @ covariance @ gradient)
+    return math.sqrt(variance) if variance > 0.0 else 0.0
+
+
+def misfit(residuals: Array, parameters: int, begin: int, noise: float) -> float:
+    """Return by how many standard errors a fit misses its noise: of the whole or of its begin, whichever is worse.
+
+    The squared residuals of n samples of white noise scatter by ``sqrt(2 / n)`` about its variance. A fit of a ring
+    that is wrong is wrong where the ring is largest; over the whole record that goes under.
+    """
+    if noise <= 0.0:
+        return math.inf
+    found = []
+    for part, used in ((residuals, parameters), (residuals[:begin], 0)):
+        freedom = max(part.size - used, 1)
+        found.append((float(part @ part) / freedom / noise**2 - 1.0) / math.sqrt(2.0 / freedom))
+    return max(found)

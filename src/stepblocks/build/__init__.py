@@ -1,0 +1,1 @@
+"""What changed is made, checked and shown."""

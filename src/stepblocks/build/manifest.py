@@ -1,0 +1,74 @@
+"""What was built from what: hashes of inputs, code and outputs. Standard library only, so that doing nothing costs nothing."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+from collections.abc import Iterable, Mapping
+from importlib.metadata import PackageNotFoundError, version
+from pathlib import Path
+from typing import Any
+
+import stepblocks
+
+MANIFEST = "manifest.json"  # Name of the manifest in the output folder
+RECORD = "record.json"  # Name of the record in the folder of each stimulus
+
+# Libraries whose version can change a byte that is written
+_SHAPING = (
+    "cadquery",
+    "cadquery-ocp",
+    "jinja2",
+    "manifold3d",
+    "matplotlib",
+    "numpy",
+    "plotly",
+    "pyvista",
+    "shapely",
+    "tifffile",
+    "trimesh",
+    "vtk",
+)
+
+
+def digest(content: bytes) -> str:
+    """Hash bytes."""
+    return hashlib.sha256(content).hexdigest()
+
+
+def hash_file(path: Path) -> str:
+    """Hash a file."""
+    try:
+        with path.open("rb") as stream:
+            return hashlib.file_digest(stream, "sha256").hexdigest()
+    except OSError:
+        return ""
+
+
+def code_fingerprint() -> str:
+    """Hash this package and the versions of the libraries that shape its output."""
+    root = Path(stepblocks.__file__).parent
+    total = hashlib.sha256()
+    for path in sorted(root.rglob("*")):
+        if path.suffix in {".py", ".html", ".j2", ".toml"}:
+            total.update(path.relative_to(root).as_posix().encode() + b"\0" + path.read_bytes())
+    for name in _SHAPING:
+        try:
+            total.update(f"{name}=={version(name)}\n".encode())
+        except PackageNotFoundError:
+            total.update(f"{name} missing\n".encode())
+    return total.hexdigest()
+
+
+def load_json(path: Path) -> dict[str, Any]:
+    """Read a JSON object that this program wrote."""
+    try:
+        content = json.loads(path.read_text(encoding="utf-8"))
+    except (OSError, ValueError):
+        return {}
+    return content if isinstance(content, dict) else {}
+
+
+def intact(folder: Path, outputs: Mapping[str, str], names: Iterable[str] | None = None) -> bool:
+    """Tell whether files are as they were written."""
+    return all(hash_file(folder / name) == outputs[name] for name in (outputs if names is None else names))

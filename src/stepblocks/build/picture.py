@@ -1,0 +1,98 @@
+"""A picture of each stimulus, rendered without a screen: the whole part and a close-up of what is felt."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+Arrays = tuple[NDArray[np.float64], NDArray[np.int64]]
+_COLOURS = ("#d3dbe3", "#efdcae")
+_INK = "#1d2a36"
+
+
+def exaggerated(vertices: NDArray[np.float64], factor: float) -> NDArray[np.float64]:
+    """Stretch heights over z = 0 and leave what lies below."""
+    result = vertices.copy()
+    result[:, 2] = np.where(result[:, 2] > 0.0, result[:, 2] * factor, result[:, 2])
+    return result
+
+
+def draw(
+    path: Path, meshes: Sequence[Arrays], exaggeration: float, half_width: float, centre: tuple[float, float, float]
+) -> None:
+    """Render a part."""
+    if "DISPLAY" not in os.environ:  # without a screen VTK first tries X11 and complains
+        os.environ.setdefault("VTK_DEFAULT_OPENGL_WINDOW", "vtkEGLRenderWindow")
+    import pyvista as pv
+
+    plotter = pv.Plotter(off_screen=True, shape=(1, 2), window_size=(960, 400), border=False)
+    try:
+        plotter.subplot(0, 0)
+        whole = _opened([(exaggerated(vertices, exaggeration), triangles) for vertices, triangles in meshes])
+        caption = "whole part" if exaggeration == 1.0 else f"heights over the lower face x {exaggeration:g}"
+        _show(plotter, whole, caption)
+        plotter.subplot(0, 1)
+        close = [_boxed(mesh, half_width, centre) for mesh in meshes]
+        _show(plotter, close, f"true scale, {2e6 * half_width:.4g} um wide")
+        plotter.screenshot(str(path), return_img=False)
+    finally:
+        plotter.close()
+
+
+def _poly(vertices: NDArray[np.float64], triangles: NDArray[np.int64]) -> Any:
+    import pyvista as pv
+
+    return pv.PolyData.from_regular_faces(vertices * 1e3, triangles)
+
+
+def _solid(mesh: Arrays) -> Any:
+    import manifold3d
+
+    return manifold3d.Manifold(manifold3d.Mesh64(mesh[0] * 1e3, mesh[1].astype(np.uint64)))
+
+
+def _drawn(solid: Any) -> Any:
+    mesh = solid.to_mesh64()
+    return _poly(np.asarray(mesh.vert_properties)[:, :3] * 1e-3, np.asarray(mesh.tri_verts).astype(np.int64))
+
+
+def _boxed(mesh: Arrays, half_width: float, centre: tuple[float, float, float]) -> Any:
+    """Cut out what of a body lies in a box, closed where the box cuts it."""
+    import manifold3d
+
+    size = 2e3 * half_width
+    cube = manifold3d.Manifold.cube((size, size, size), True).translate([1e3 * c for c in centre])
+    return _drawn(_solid(mesh) ^ cube)
+
+
+def _opened(meshes: Sequence[Arrays]) -> list[Any]:
+    """Cut parts of several bodies open, so that what is inside can be seen."""
+    if len(meshes) == 1:
+        return [_poly(*meshes[0])]
+    return [_drawn(_solid(mesh).trim_by_plane((0.0, 1.0, 0.0), 0.0)) for mesh in meshes]
+
+
+def _show(plotter: Any, bodies: list[Any], caption: str) -> None:
+    plotter.set_background("white")
+    for index, body in enumerate(bodies):
+        if body.n_cells == 0:
+            continue
+        plotter.add_mesh(
+            body, color=_COLOURS[index % 2], smooth_shading=False, ambient=0.35, diffuse=0.65, specular=0.1
+        )
+        edges = body.extract_feature_edges(25.0, boundary_edges=False, manifold_edges=False)
+        if edges.n_cells:
+            plotter.add_mesh(edges, color=_INK, line_width=1.5)
+    plotter.add_text(caption, position=(10, 8), font_size=10, color=_INK)
+    plotter.camera_position = "iso"
+    plotter.camera.azimuth = -115.0
+    plotter.camera.elevation = -12.0
+    plotter.enable_parallel_projection()
+    plotter.reset_camera()
+    extents = sorted(np.ptp(np.reshape(plotter.bounds, (3, 2)), axis=1))
+    plotter.camera.zoom(1.2 if extents[-1] < 1.5 * extents[-2] else 1.0)

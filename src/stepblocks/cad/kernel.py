@@ -1,0 +1,254 @@
+"""The CAD kernel behind a narrow door: this module alone imports cadquery, and it alone thinks in millimetres.
+
+Everything that goes in or comes out is in metres. Shapes are built from closed outlines, cut in one boolean operation, and
+tessellated with an absolute chordal error per face.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, TypeAlias
+
+import cadquery as cq
+import numpy as np
+from numpy.typing import NDArray
+from OCP.BRep import BRep_Tool
+from OCP.BRepBuilderAPI import BRepBuilderAPI_MakeEdge
+from OCP.BRepMesh import BRepMesh_IncrementalMesh
+from OCP.BRepTools import BRepTools
+from OCP.gp import gp_Ax2, gp_Circ, gp_Dir, gp_Pnt
+from OCP.IFSelect import IFSelect_ReturnStatus
+from OCP.IMeshTools import IMeshTools_Parameters
+from OCP.STEPControl import STEPControl_Reader
+from OCP.TopAbs import TopAbs_Orientation
+from OCP.TopLoc import TopLoc_Location
+
+from stepblocks.errors import MetrologyError, SolidError
+
+_MM = 1e3  # metres to the kernel's millimetres
+Point = Sequence[float]
+Body: TypeAlias = Any  # A solid as the kernel holds it [mm]; opaque to every other module
+
+
+@dataclass(frozen=True)
+class Line:
+    """A straight edge of an outline, from where the last one ended."""
+
+    end: Point
+
+
+@dataclass(frozen=True)
+class Arc:
+    """A circular edge of an outline through a middle point."""
+
+    middle: Point
+    end: Point
+
+
+@dataclass(frozen=True)
+class Face:
+    """What a tessellation rule may know of a face."""
+
+    # ``"PLANE"``, ``"CYLINDER"``, ``"CONE"``, ``"SPHERE"``, ``"TORUS"`` or another of the kernel's surface types
+    kind: str
+    radius: float  # Radius of a cylinder or sphere [m]; not-a-number for others
+    low: tuple[float, float, float]  # Corners of the bounding box [m]
+    high: tuple[float, float, float]
+
+
+@dataclass(frozen=True)
+class Tessellation:
+    """Triangles of a solid."""
+
+    vertices: NDArray[np.float64]  # shape (n, 3); Points [m], each once
+    triangles: NDArray[np.int64]  # shape (m, 3); Outward-wound
+    face: NDArray[np.int64]  # shape (m,); Face that each triangle lies on
+    faces: tuple[Face, ...]  # The faces themselves
+
+
+def _vector(point: Point) -> cq.Vector:
+    return cq.Vector(*(coordinate * _MM for coordinate in point))
+
+
+def _wire(start: Point, edges: Iterable[Line | Arc]) -> cq.Wire:
+    made, here = [], _vector(start)
+    for edge in edges:
+        end = _vector(edge.end)
+        if isinstance(edge, Line):
+            made.append(cq.Edge.makeLine(here, end))
+        else:
+            made.append(_arc(here, _vector(edge.middle), end))
+        here = end
+    return cq.Wire.assembleEdges(made)
+
+
+def _arc(start: cq.Vector, middle: cq.Vector, end: cq.Vector) -> cq.Edge:
+    """Arc through three points about a centre of our own: the kernel's answer varies by 1e-18 from run to run."""
+    a, b = np.subtract(middle.toTuple(), start.toTuple()), np.subtract(end.toTuple(), start.toTuple())
+    normal = np.cross(a, b)
+    # circumcentre relative to the start, by products alone
+    offset = np.cross((a @ a) * b - (b @ b) * a, normal) / (2.0 * (normal @ normal))
+    centre = np.add(start.toTuple(), offset)
+    frame = gp_Ax2(gp_Pnt(*centre.tolist()), gp_Dir(*normal.tolist()), gp_Dir(*(-offset).tolist()))
+    circle = gp_Circ(frame, float(np.sqrt(offset @ offset)))
+    return cq.Edge(BRepBuilderAPI_MakeEdge(circle, start.toPnt(), end.toPnt()).Edge())
+
+
+def extruded(
+    start: Point, edges: Sequence[Line | Arc], direction: Point, holes: Sequence[Sequence[Point]] = ()
+) -> Body:
+    """Extrude a closed plane outline."""
+    inner = [_wire(hole[0], [*(Line(p) for p in hole[1:]), Line(hole[0])]) for hole in holes]
+    return cq.Solid.extrudeLinear(_wire(start, edges), inner, _vector(direction))
+
+
+def revolved(start: Point, edges: Sequence[Line | Arc], foot: Point, axis: Point, angle: float = 360.0) -> Body:
+    """Revolve a closed plane outline about an axis in its plane."""
+    end = tuple(f + a for f, a in zip(foot, axis, strict=True))
+    return cq.Solid.revolve(_wire(start, edges), [], angle, _vector(foot), _vector(end))
+
+
+def turned(outline: Sequence[Any], origin: Point) -> Body:
+    """Turn an outline given in radius and height about a vertical axis."""
+
+    def lifted(point: Point) -> Point:
+        return origin[0] + point[0], origin[1], origin[2] + point[1]
+
+    start = lifted(outline[0])
+    edges: list[Line | Arc] = []
+    for item in outline[1:]:
+        if isinstance(item[0], tuple):
+            edges.append(Arc(lifted(item[0]), lifted(item[1])))
+        else:
+            edges.append(Line(lifted(item)))
+    edges.append(Line(start))
+    return revolved(start, edges, origin, (0.0, 0.0, 1e-3))
+
+
+def _single(shape: Any, what: str) -> Body:
+    solids = shape.Solids()
+    if len(solids) != 1 or not solids[0].isValid():
+        raise SolidError(f"{what} must give one valid solid, got {len(solids)}")
+    return solids[0]
+
+
+def cut(body: Body, tools: Sequence[Body]) -> Body:
+    """Subtract all tools from a body in one operation."""
+    return _single(body.cut(*tools), "a cut")
+
+
+def fused(bodies: Sequence[Body]) -> Body:
+    """Unite bodies that touch or overlap."""
+    return _single(bodies[0].fuse(*bodies[1:]).clean(), "a union")
+
+
+def volume(body: Body) -> float:
+    """Volume by the kernel's own integration."""
+    return float(body.Volume()) / _MM**3
+
+
+def distance(one: Body, other: Body) -> float:
+    """Shortest distance between two bodies."""
+    return float(one.distance(other)) / _MM
+
+
+def _describe(face: cq.Face) -> Face:
+    kind = str(face.geomType())
+    adaptor = face._geomAdaptor()
+    radius = np.nan
+    if kind == "SPHERE":
+        radius = adaptor.Sphere().Radius() / _MM
+    elif kind == "CYLINDER":
+        radius = adaptor.Cylinder().Radius() / _MM
+    box = face.BoundingBox()
+    low = (box.xmin / _MM, box.ymin / _MM, box.zmin / _MM)
+    return Face(kind, float(radius), low, (box.xmax / _MM, box.ymax / _MM, box.zmax / _MM))
+
+
+def face_kinds(body: Body) -> tuple[Face, ...]:
+    """Describe the faces of a body."""
+    return tuple(_describe(face) for face in body.Faces())
+
+
+def tessellate(body: Body, deflection: Callable[[Face], float]) -> Tessellation:
+    """Tessellate with an absolute chordal error per face.
+
+    cadquery's own ``tessellate`` is relative to the size of each edge: a 3 mm ball at 1e-3 sags 5 um. Here ``Relative`` is off.
+    """
+    BRepTools.Clean_s(body.wrapped)
+    faces = body.Faces()
+    described = [_describe(face) for face in faces]
+    along_edges = min(deflection(face) for face in described)
+    for face, description in zip(faces, described, strict=True):
+        _mesh(face.wrapped, along_edges, deflection(description))
+    points, triangles, owner = [], [], []
+    count = 0
+    for index, face in enumerate(faces):
+        nodes, corners = _triangulation(face)
+        points.append(nodes)
+        triangles.append(corners + count)
+        owner.append(np.full(len(corners), index))
+        count += len(nodes)
+    return _joined(np.concatenate(points), np.concatenate(triangles), np.concatenate(owner), tuple(described))
+
+
+def _mesh(shape: Any, along_edges: float, inside: float) -> None:
+    parameters = IMeshTools_Parameters()
+    parameters.Deflection = along_edges * _MM
+    parameters.DeflectionInterior = inside * _MM
+    parameters.Angle = 1.0  # rad; wide, so that the chordal error alone decides
+    parameters.AngleInterior = 1.0
+    parameters.Relative = False
+    parameters.InParallel = False
+    parameters.MinSize = 1e-7
+    parameters.AllowQualityDecrease = False
+    BRepMesh_IncrementalMesh(shape, parameters)
+
+
+def _triangulation(face: cq.Face) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
+    location = TopLoc_Location()
+    triangulation = BRep_Tool.Triangulation_s(face.wrapped, location)
+    if triangulation is None:
+        raise SolidError("a face could not be tessellated")
+    transform = location.Transformation()
+    nodes = np.array(
+        [
+            (p.X(), p.Y(), p.Z())
+            for p in (triangulation.Node(i).Transformed(transform) for i in range(1, triangulation.NbNodes() + 1))
+        ]
+    )
+    corners = np.array(
+        [triangulation.Triangle(i).Get() for i in range(1, triangulation.NbTriangles() + 1)], dtype=np.int64
+    )
+    if face.wrapped.Orientation() == TopAbs_Orientation.TopAbs_REVERSED:
+        corners = corners[:, [0, 2, 1]]
+    return nodes / _MM, corners - 1
+
+
+def _joined(
+    points: NDArray[np.float64], triangles: NDArray[np.int64], owner: NDArray[np.int64], faces: tuple[Face, ...]
+) -> Tessellation:
+    """Give every point one index: neighbours share their edge points to far below a nanometre."""
+    keys = np.round(points * 1e12).astype(np.int64)  # picometres
+    _, first, index = np.unique(keys, axis=0, return_index=True, return_inverse=True)
+    triangles = index.reshape(-1)[triangles]
+    whole = (
+        (triangles[:, 0] != triangles[:, 1])
+        & (triangles[:, 1] != triangles[:, 2])
+        & (triangles[:, 2] != triangles[:, 0])
+    )
+    return Tessellation(points[first], triangles[whole], owner[whole], faces)
+
+
+def read_step(path: Path) -> list[Body]:
+    """Read the solids of a STEP file."""
+    reader = STEPControl_Reader()
+    if reader.ReadFile(str(path)) != IFSelect_ReturnStatus.IFSelect_RetDone:
+        raise MetrologyError(f"must be a STEP file that the kernel can read [{path}]")
+    reader.TransferRoots()
+    found: list[Body] = cq.Shape.cast(reader.OneShape()).Solids() if reader.NbShapes() else []
+    if not found:
+        raise MetrologyError(f"must hold at least one solid, got none [{path}]")
+    return found

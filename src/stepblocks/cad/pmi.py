@@ -1,0 +1,251 @@
+"""The kernel's door for tolerances: semantic product and manufacturing information in a STEP file.
+
+It belongs to `stepblocks.cad.kernel`, which holds the solids; apart from it only because it is long. What OpenCASCADE
+writes here does not conform yet (untyped limits, a density that is none): `stepblocks.artefacts.step.write` mends it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Literal
+
+from OCP.BRep import BRep_Builder
+from OCP.BRepBuilderAPI import BRepBuilderAPI_MakeEdge
+from OCP.gp import gp_Ax2, gp_Dir, gp_Pnt
+from OCP.IFSelect import IFSelect_ReturnStatus
+from OCP.Interface import Interface_Static
+from OCP.Message import Message, Message_Gravity
+from OCP.STEPCAFControl import STEPCAFControl_Writer
+from OCP.STEPControl import STEPControl_Controller, STEPControl_StepModelType
+from OCP.TCollection import TCollection_ExtendedString, TCollection_HAsciiString
+from OCP.TDataStd import TDataStd_Name
+from OCP.TDF import TDF_AttributeIterator, TDF_Label, TDF_LabelSequence
+from OCP.TDocStd import TDocStd_Document
+from OCP.TopLoc import TopLoc_Location
+from OCP.TopoDS import TopoDS_Compound
+from OCP.XCAFDimTolObjects import (
+    XCAFDimTolObjects_DatumObject,
+    XCAFDimTolObjects_DimensionObject,
+    XCAFDimTolObjects_DimensionType,
+    XCAFDimTolObjects_GeomToleranceObject,
+    XCAFDimTolObjects_GeomToleranceType,
+)
+from OCP.XCAFDoc import XCAFDoc_Datum, XCAFDoc_Dimension, XCAFDoc_DocumentTool, XCAFDoc_GeomTolerance
+
+from stepblocks.cad.kernel import Body
+from stepblocks.errors import SolidError
+
+_MM = 1e3
+_DIMENSIONS = {
+    "distance": XCAFDimTolObjects_DimensionType.XCAFDimTolObjects_DimensionType_Location_LinearDistance,
+    "to_outer": XCAFDimTolObjects_DimensionType.XCAFDimTolObjects_DimensionType_Location_LinearDistance_FromCenterToOuter,
+    "diameter": XCAFDimTolObjects_DimensionType.XCAFDimTolObjects_DimensionType_Size_Diameter,
+    "spherical_radius": XCAFDimTolObjects_DimensionType.XCAFDimTolObjects_DimensionType_Size_SphericalRadius,
+    "toroidal_radius": XCAFDimTolObjects_DimensionType.XCAFDimTolObjects_DimensionType_Size_ToroidalMajorRadius,
+    "radius": XCAFDimTolObjects_DimensionType.XCAFDimTolObjects_DimensionType_Size_Radius,
+    "cone": XCAFDimTolObjects_DimensionType.XCAFDimTolObjects_DimensionType_Size_Angular,
+    "angle": XCAFDimTolObjects_DimensionType.XCAFDimTolObjects_DimensionType_Location_Angular,
+}
+_ANGULAR = ("cone", "angle")
+# What a dimension may be
+PmiKind = Literal["distance", "to_outer", "diameter", "radius", "spherical_radius", "toroidal_radius", "cone", "angle"]
+_TOLERANCES = {
+    "flatness": XCAFDimTolObjects_GeomToleranceType.XCAFDimTolObjects_GeomToleranceType_Flatness,
+    "parallelism": XCAFDimTolObjects_GeomToleranceType.XCAFDimTolObjects_GeomToleranceType_Parallelism,
+}
+
+
+@dataclass(frozen=True)
+class Callout:
+    """Lines that a viewer shows for a dimension or tolerance."""
+
+    text: str  # Its name
+    # Straight lines in one plane square to y, and a leader [m]
+    lines: Sequence[tuple[tuple[float, float, float], tuple[float, float, float]]]
+
+
+@dataclass(frozen=True)
+class PmiItem:
+    """A face, or the edge in which two faces meet."""
+
+    body: int  # Index of the solid
+    face: int  # Index of the face
+    other: int | None = None  # Index of the second face of an edge; the longest edge where they meet in several
+
+
+@dataclass(frozen=True)
+class PmiDimension:
+    """A dimension with its limits."""
+
+    # ``"distance"`` between two items, ``"to_outer"`` from the first to the far side of the second, ``"diameter"`` or
+    # ``"radius"`` of one, ``"spherical_radius"``, ``"toroidal_radius"`` at the middle of the ring, included angle of
+    # a ``"cone"``, ``"angle"`` between two faces
+    kind: PmiKind
+    items: tuple[PmiItem, ...]  # Faces or edges, one or two, of one solid or of two
+    nominal: float  # Nominal and signed deviations [m or rad]
+    lower: float
+    upper: float
+    callout: Callout | None = None  # What is seen of it
+
+
+@dataclass(frozen=True)
+class PmiTolerance:
+    """A geometric tolerance."""
+
+    kind: Literal["flatness", "parallelism"]  # ``"flatness"``, or ``"parallelism"`` to a datum face
+    body: int  # Index of the solid
+    face: int  # Index of the toleranced face
+    zone: float  # Width of the zone [m]
+    datum: tuple[str, int] | None = None  # Letter and face of the datum
+    callout: Callout | None = None  # What is seen of it
+
+
+def write_step_with_tolerances(
+    path: Path,
+    bodies: Sequence[tuple[str, Body]],
+    dimensions: Sequence[PmiDimension],
+    tolerances: Sequence[PmiTolerance],
+    material: tuple[str, float],
+    assembly: str = "",
+) -> None:
+    """Write solids, dimensions, tolerances and material as AP242, as the kernel does it."""
+    for printer in Message.DefaultMessenger_s().Printers():
+        printer.SetTraceLevel(Message_Gravity.Message_Fail)
+    STEPControl_Controller.Init_s()  # a schema that is set before a controller exists is silently ignored
+    Interface_Static.SetCVal_s("write.step.schema", "AP242DIS")
+    Interface_Static.SetCVal_s("write.step.unit", "MM")
+    Interface_Static.SetIVal_s("write.precision.mode", 0)
+    document = _Document()
+    for name, body in bodies:
+        document.add_body(name, body, *material)
+    if len(bodies) > 1:
+        document.add_assembly(assembly, [name for name, _ in bodies])
+    for dimension in dimensions:
+        document.add_dimension(dimension)
+    for tolerance in tolerances:
+        document.add_tolerance(tolerance)
+    writer = STEPCAFControl_Writer()
+    writer.SetNameMode(True)
+    writer.SetDimTolMode(True)
+    writer.SetMaterialMode(True)
+    writer.Transfer(document.document, STEPControl_StepModelType.STEPControl_AsIs)
+    if writer.Write(str(path)) != IFSelect_ReturnStatus.IFSelect_RetDone:
+        raise SolidError(f"the kernel could not write {path.name}")
+
+
+class _Document:
+    """An XCAF document that is filled step by step."""
+
+    def __init__(self) -> None:
+        self.document = TDocStd_Document(TCollection_ExtendedString("stepblocks"))
+        self._shapes = XCAFDoc_DocumentTool.ShapeTool_s(self.document.Main())
+        self._tolerances = XCAFDoc_DocumentTool.DimTolTool_s(self.document.Main())
+        self._materials = XCAFDoc_DocumentTool.MaterialTool_s(self.document.Main())
+        self._bodies: list[tuple[TDF_Label, list[Any]]] = []
+        self._datums: dict[tuple[int, int], TDF_Label] = {}
+
+    def add_body(self, name: str, body: Body, designation: str, density: float) -> None:
+        label = self._shapes.AddShape(body.wrapped, False)
+        TDataStd_Name.Set_s(label, TCollection_ExtendedString(name))
+        self._bodies.append((label, body.Faces()))
+        text = TCollection_HAsciiString
+        # another type than POSITIVE_RATIO_MEASURE is dropped without a word
+        self._materials.SetMaterial(
+            label, text(designation), text(""), density, text("density measure"), text("POSITIVE_RATIO_MEASURE")
+        )
+
+    def add_assembly(self, name: str, parts: Sequence[str]) -> None:
+        """Put all bodies where they are into one product; they stay products of their own, and so keep their material."""
+        root = self._shapes.NewShape()
+        TDataStd_Name.Set_s(root, TCollection_ExtendedString(name))
+        for part, (label, _) in zip(parts, self._bodies, strict=True):
+            component = self._shapes.AddComponent(root, label, TopLoc_Location())
+            TDataStd_Name.Set_s(component, TCollection_ExtendedString(part))
+        self._shapes.UpdateAssemblies()
+
+    def _item(self, item: PmiItem) -> TDF_Label:
+        label, faces = self._bodies[item.body]
+        shape = faces[item.face] if item.other is None else _shared_edge(faces[item.face], faces[item.other])
+        found = self._shapes.AddSubShape(label, shape.wrapped)
+        if found.IsNull():  # it has been added before
+            found = TDF_Label()
+            self._shapes.FindSubShape(label, shape.wrapped, found)
+        if found.IsNull():
+            raise SolidError(f"face {item.face} must belong to body {item.body}")
+        return found
+
+    def _face(self, body: int, face: int) -> TDF_Label:
+        return self._item(PmiItem(body, face))
+
+    def add_dimension(self, dimension: PmiDimension) -> None:
+        label = self._tolerances.AddDimension()
+        content = XCAFDimTolObjects_DimensionObject()
+        content.SetType(_DIMENSIONS[dimension.kind])
+        unit = 1.0 if dimension.kind in _ANGULAR else _MM  # angles stand in radians, the unit that the kernel writes
+        content.SetValue(dimension.nominal * unit)
+        content.SetUpperTolValue(dimension.upper * unit)
+        content.SetLowerTolValue(-dimension.lower * unit)  # the kernel keeps it without its sign
+        _present(content, dimension.callout)
+        _attribute(label, XCAFDoc_Dimension).SetObject(content)
+        sequences = [TDF_LabelSequence(), TDF_LabelSequence()]
+        for sequence, item in zip(sequences, dimension.items, strict=False):
+            sequence.Append(self._item(item))
+        self._tolerances.SetDimension(sequences[0], sequences[1], label)
+
+    def add_tolerance(self, tolerance: PmiTolerance) -> None:
+        label = self._tolerances.AddGeomTolerance()
+        content = XCAFDimTolObjects_GeomToleranceObject()
+        content.SetType(_TOLERANCES[tolerance.kind])
+        content.SetValue(tolerance.zone * _MM)
+        _present(content, tolerance.callout)
+        _attribute(label, XCAFDoc_GeomTolerance).SetObject(content)
+        self._tolerances.SetGeomTolerance(self._face(tolerance.body, tolerance.face), label)
+        if tolerance.datum is not None:
+            self._tolerances.SetDatumToGeomTol(self._datum(tolerance.body, *tolerance.datum), label)
+
+    def _datum(self, body: int, letter: str, face: int) -> TDF_Label:
+        if (body, face) not in self._datums:
+            label = self._tolerances.AddDatum()
+            content = XCAFDimTolObjects_DatumObject()
+            content.SetName(TCollection_HAsciiString(letter))
+            content.SetPosition(1)
+            _attribute(label, XCAFDoc_Datum).SetObject(content)
+            faces = TDF_LabelSequence()
+            faces.Append(self._face(body, face))
+            self._tolerances.SetDatum(faces, label)
+            self._datums[body, face] = label
+        return self._datums[body, face]
+
+
+def _shared_edge(first: Any, second: Any) -> Any:
+    shared = [edge for edge in first.Edges() if any(edge.wrapped.IsSame(other.wrapped) for other in second.Edges())]
+    if not shared:
+        raise SolidError("two faces that carry an edge must meet in one")
+    return max(shared, key=lambda edge: float(edge.Length()))
+
+
+def _present(content: Any, callout: Callout | None) -> None:
+    if callout is None:
+        return
+    compound, builder = TopoDS_Compound(), BRep_Builder()
+    builder.MakeCompound(compound)
+    for begin, end in callout.lines:
+        a, b = (gp_Pnt(*(value * _MM for value in point)) for point in (begin, end))
+        if a.Distance(b) > 1e-6:  # shorter ones are no edges to the kernel
+            builder.Add(compound, BRepBuilderAPI_MakeEdge(a, b).Edge())
+    origin = gp_Pnt(*(value * _MM for value in callout.lines[-1][0]))
+    content.SetPresentation(compound, TCollection_HAsciiString(callout.text))
+    content.SetPlane(gp_Ax2(origin, gp_Dir(0.0, -1.0, 0.0)))
+    content.SetPointTextAttach(origin)
+
+
+def _attribute(label: TDF_Label, kind: type) -> Any:
+    """Return the attribute itself: FindAttribute of these bindings would fill a detached copy."""
+    iterator = TDF_AttributeIterator(label)
+    while iterator.More():
+        if iterator.Value().DynamicType().Name() == kind.__name__:
+            return iterator.Value()
+        iterator.Next()
+    raise SolidError(f"the kernel must give a label its {kind.__name__}")

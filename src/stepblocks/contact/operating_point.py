@@ -1,0 +1,105 @@
+"""Under what a counterface is felt: the ball, the load, the friction, the speed, and the tool as a spring that rings."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+from stepblocks.errors import ContactError
+
+_BAND_SHARE, _HALF_BAND = 0.86, 50.0  # figure 5: 86 % of the energy of the ring lies in 250 to 350 Hz [1], [Hz]
+
+
+def _require(name: str, value: float, unit: str, *, zero: bool = False) -> None:
+    if not (math.isfinite(value) and (value > 0.0 or (zero and value == 0.0))):
+        rule = "finite and not negative" if zero else "positive and finite"
+        raise ContactError(f"{name} must be {rule}, got {value:g}{unit and ' ' + unit}")
+
+
+@dataclass(frozen=True)
+class Tool:
+    """The explorer as a spring that rings, and what is felt of it; every default is the paper's.
+
+    Attributes
+    ----------
+    stiffness : float
+        Tangential stiffness k [N/m]; 9.81e3 N/m in equation (1).
+    conversion : float
+        Share C_v of the stored energy that becomes vibration [1]; 20 %, the paper's regression.
+    ring_duration : float
+        Time over which the vibration energy is spent [s]; 16 ms in the paper.
+    detection_threshold : float
+        Vibration power that a fingertip just detects [W]; 0.08 uW in the paper.
+    frequency : float
+        Of the ring [Hz]; 300 Hz, the middle of the band of 250 to 350 Hz that figure 5 shows.
+    decay_time : float
+        Time constant of the ring's amplitude [s]; 14.2 ms, whose spectrum, a Lorentzian line, has the paper's 86 % of its
+        energy in that band. 89 % of the energy is then spent in the paper's 16 ms.
+
+    Raises
+    ------
+    ContactError
+        If a value is not positive and finite.
+    """
+
+    stiffness: float = 9.81e3
+    conversion: float = 0.20
+    ring_duration: float = 16e-3
+    detection_threshold: float = 0.08e-6
+    frequency: float = 300.0
+    decay_time: float = math.tan(0.5 * math.pi * _BAND_SHARE) / (math.tau * _HALF_BAND)
+
+    def __post_init__(self) -> None:
+        for name, value in vars(self).items():
+            _require(name, value, "")
+
+    @property
+    def effective_mass(self) -> float:
+        """The mass that rings at this frequency on this spring [kg]."""
+        return self.stiffness / (math.tau * self.frequency) ** 2
+
+    @property
+    def damping_ratio(self) -> float:
+        """Share of critical damping that gives this decay at this frequency [1]."""
+        return 1.0 / math.hypot(1.0, math.tau * self.frequency * self.decay_time)
+
+
+@dataclass(frozen=True)
+class OperatingPoint:
+    """Ball, load, friction, speed and tool.
+
+    Attributes
+    ----------
+    ball_radius : float
+        Radius R of the probe tip [m]; 125 um in the paper.
+    normal_load : float
+        Normal load F_py [N].
+    friction : float
+        Coefficient of friction mu [1].
+    tool : Tool
+        Spring and ring of the explorer.
+    speed : float
+        Speed of the handle along the drag [m/s]; equations (1) and (2) do not depend on it.
+
+    Raises
+    ------
+    ContactError
+        If the friction is negative, another value not positive, or one of them not finite.
+    """
+
+    ball_radius: float
+    normal_load: float
+    friction: float
+    tool: Tool = Tool()
+    speed: float = 5e-3
+
+    def __post_init__(self) -> None:
+        _require("ball_radius", self.ball_radius, "m")
+        _require("normal_load", self.normal_load, "N")
+        _require("friction", self.friction, "", zero=True)
+        _require("speed", self.speed, "m/s")
+
+
+# The blunt tip and the spring of the paper. It states a band of loads and no friction: 1 N and 0.15, steel on steel with a
+# trace of grease, stand for them; 5 mm/s is a speed of the hand.
+PAPER = OperatingPoint(ball_radius=125e-6, normal_load=1.0, friction=0.15)

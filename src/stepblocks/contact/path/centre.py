@@ -1,0 +1,167 @@
+"""The path of the ball's centre over a stimulus: what a point-like proxy slides on.
+
+The path is the upper envelope of the surface dilated by the ball. Every corner of the surface becomes a circle of
+radius R, every plane piece a line; where two of them cross, the path has a notch, and a notch is where a probe
+catches. The notch's slopes are kept exactly, since the force at release depends on them alone.
+"""
+
+from __future__ import annotations
+
+import itertools
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from stepblocks.errors import ContactError
+
+Array = NDArray[np.float64]
+STEEPEST = 1e9  # Slope that stands for a vertical wall
+_ANGLE_STEP = 2e-3  # chord of a circle [rad]; the slope between knots is interpolated, so the notch itself is exact
+_MOST_KNOTS = 20_000  # of all circles together; a scan has hundreds of them
+_CATCH = 1e-6  # a change of slope that counts as a notch
+
+
+@dataclass(frozen=True)
+class CentrePath:
+    """A path of straight pieces whose slopes are known at both ends."""
+
+    x: Array  # shape (n,); Knots of the centre's path [m], ascending in x
+    z: Array
+    slope_start: Array  # shape (n - 1,); Slope dz/dx at the two ends of each piece [1]
+    slope_end: Array
+
+    def notch(self, direction: float) -> tuple[float, float, float]:
+        """Find where the probe catches.
+
+        Examples
+        --------
+        >>> path = corner_path([(-1e-3, 0.0), (0.0, 0.0), (0.0, 25e-6), (1e-3, 25e-6)], 125e-6)
+        >>> round(math.degrees(path.notch(+1.0)[2]), 6)
+        36.869898
+        """
+        if direction > 0.0:
+            index = int(np.argmax(self.slope_start))
+            rise, knot = self.slope_start[index], index
+        else:
+            index = int(np.argmin(self.slope_end))
+            rise, knot = -self.slope_end[index], index + 1
+        angle = 0.5 * math.pi if rise >= STEEPEST else math.atan(max(float(rise), 0.0))
+        return float(self.x[knot]), float(self.z[knot]), angle if angle > _CATCH else 0.0
+
+    def scaled(self, scale: float) -> CentrePath:
+        """Return the path magnified; slopes, and with them all forces, stay."""
+        return CentrePath(self.x * scale, self.z * scale, self.slope_start, self.slope_end)
+
+
+def corner_path(points: list[tuple[float, float]], ball_radius: float) -> CentrePath:
+    """Path of the ball's centre over any profile, nominal or measured.
+
+    Parameters
+    ----------
+    points : list of (float, float)
+        Corners (x, z) of the profile [m], x not descending; equal x make a vertical wall. At most 2000.
+    ball_radius : float
+        Radius R of the ball [m].
+
+    Returns
+    -------
+    CentrePath
+        Over the range of the points.
+
+    Raises
+    ------
+    ContactError
+        If the points descend in x, are fewer than 2 or more than 2000, or are not finite.
+    """
+    flat = np.asarray(points, dtype=np.float64)
+    if not (2 <= len(flat) <= 2000 and np.isfinite(flat).all() and (np.diff(flat[:, 0]) >= 0.0).all()):
+        raise ContactError(f"a profile must have 2 to 2000 finite points that do not descend in x, got {len(flat)}")
+    lines = [(a, b) for a, b in itertools.pairwise(points) if b[0] > a[0]]
+    return envelope_path([(x, z, 0.0) for x, z in points[1:-1]], lines, ball_radius)
+
+
+def envelope_path(
+    discs: list[tuple[float, float, float]],
+    lines: list[tuple[tuple[float, float], tuple[float, float]]],
+    ball_radius: float,
+) -> CentrePath:
+    """Upper envelope of circles (centre, radius grown by the ball) and of lines lifted by the ball."""
+    start, end = lines[0][0][0], lines[-1][1][0]
+    shapes = _Shapes(discs, lines, ball_radius)
+    knots = np.unique(np.clip(np.concatenate([[start, end], shapes.knots()]), start, end))
+    for _ in range(3):  # each pass adds the crossings that it finds between neighbouring pieces
+        middle = 0.5 * (knots[1:] + knots[:-1])
+        top = shapes.top(middle)
+        changes = np.flatnonzero(top[1:] != top[:-1])
+        found = [shapes.crossing(top[i], top[i + 1], middle[i], middle[i + 1]) for i in changes]
+        merged = np.unique(np.concatenate([knots, found])) if found else knots
+        merged = merged[np.concatenate([[True], np.diff(merged) > 1e-15])]
+        if len(merged) == len(knots):
+            break
+        knots = merged
+    top = shapes.top(0.5 * (knots[1:] + knots[:-1]))
+    z = np.maximum.reduce([shapes.heights(knots).max(axis=0)])
+    return CentrePath(knots, z, shapes.slopes(top, knots[:-1]), shapes.slopes(top, knots[1:]))
+
+
+class _Shapes:
+    """Circles and lines as arrays; one row per shape."""
+
+    def __init__(
+        self,
+        discs: list[tuple[float, float, float]],
+        lines: list[tuple[tuple[float, float], tuple[float, float]]],
+        ball_radius: float,
+    ) -> None:
+        grown = np.array([(x, z, r + ball_radius) for x, z, r in discs]).reshape(-1, 3)
+        self.cx, self.cz, self.r = grown.T
+        rows = []
+        for (x0, z0), (x1, z1) in lines:
+            slope = (z1 - z0) / (x1 - x0)
+            length = math.hypot(1.0, slope)
+            shift = -ball_radius * slope / length
+            rows.append((x0 + shift, x1 + shift, z0 + ball_radius / length, slope))
+        self.x0, self.x1, self.z0, self.slope = np.array(rows).T
+
+    def knots(self) -> Array:
+        count = max(16, min(math.ceil(math.pi / _ANGLE_STEP), _MOST_KNOTS // max(len(self.r), 1)))
+        angles = np.linspace(-0.5 * math.pi, 0.5 * math.pi, count)
+        circles: Array = (self.cx[:, None] + self.r[:, None] * np.sin(angles)).ravel()
+        return np.concatenate([circles, self.x0, self.x1])
+
+    def heights(self, x: Array) -> Array:
+        across = self.r[:, None] ** 2 - (x - self.cx[:, None]) ** 2
+        circles = np.where(across >= 0.0, self.cz[:, None] + np.sqrt(np.maximum(across, 0.0)), -np.inf)
+        inside = (x >= self.x0[:, None] - 1e-15) & (x <= self.x1[:, None] + 1e-15)
+        straight = np.where(inside, self.z0[:, None] + self.slope[:, None] * (x - self.x0[:, None]), -np.inf)
+        return np.concatenate([circles, straight])
+
+    def top(self, x: Array) -> NDArray[np.int64]:
+        blocks = np.array_split(x, max(1, len(x) * (len(self.r) + len(self.slope)) // 5_000_000))
+        return np.concatenate([self.heights(block).argmax(axis=0) for block in blocks])
+
+    def crossing(self, first: int, second: int, low: float, high: float) -> float:
+        from scipy.optimize import brentq
+
+        def difference(x: float) -> float:
+            height = self.heights(np.array([x]))[:, 0]
+            a, b = float(height[first]), float(height[second])
+            return math.copysign(1.0, a) if math.isinf(a) or math.isinf(b) else a - b
+
+        if difference(low) * difference(high) >= 0.0:
+            return low
+        return float(brentq(difference, low, high, xtol=1e-16, rtol=8.9e-16))
+
+    def slopes(self, top: NDArray[np.int64], x: Array) -> Array:
+        discs = len(self.r)
+        slope = np.empty(len(x))
+        circle = top < discs
+        index = top[circle]
+        across = np.sqrt(np.maximum(self.r[index] ** 2 - (x[circle] - self.cx[index]) ** 2, 0.0))
+        run = -(x[circle] - self.cx[index])
+        with np.errstate(divide="ignore", invalid="ignore"):
+            slope[circle] = np.clip(np.where(across > 0.0, run / across, np.sign(run) * STEEPEST), -STEEPEST, STEEPEST)
+        slope[~circle] = self.slope[top[~circle] - discs]
+        return slope

@@ -1,0 +1,219 @@
+"""The path of a probe tip over a profile: exact dilation, contact points and the slope that a drag meets."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from stepblocks.contact.path import profile_kernels as dilation_kernels
+from stepblocks.contact.path.tip import Ball, Tip, TipProfile
+from stepblocks.errors import ContactError
+
+Floats = NDArray[np.float64]
+Surface = Literal["polyline", "samples"]
+Edges = Literal["strict", "flat"]
+
+
+@dataclass(frozen=True)
+class TipPath:
+    """Where the tip's lowest point runs while the tip is dragged over a profile."""
+
+    position: Floats  # shape (n,); Position of the tip's axis along the drag [m], increasing
+    # shape (n,); Height of the tip's lowest point [m]; a ball's centre lies R above. NaN where the tip has no surface
+    # under it
+    height: Floats
+    contact: Floats  # shape (n,); Position of the point that is touched [m]
+    # shape (n,); Slope of the path just ahead of the tip [1], exact: it follows from the contact, not from
+    # differences
+    slope: Floats
+    # shape (n,); False where missing samples, or an end under ``edges="flat"``, lie within the tip's reach
+    supported: NDArray[np.bool_]
+    element: NDArray[np.int64]  # shape (n,); Which row of `elements` is touched; -1 for none
+    elements: Floats  # shape (m, 5); The surface as segments (x0, z0, x1, z1, contact offset) [m]
+    tip: Tip  # The tip
+
+
+def profile_path(
+    x: ArrayLike,
+    z: ArrayLike,
+    tip: Tip,
+    *,
+    positions: ArrayLike | None = None,
+    surface: Surface = "polyline",
+    edges: Edges = "strict",
+) -> TipPath:
+    """Path of a tip over a profile.
+
+    Parameters
+    ----------
+    x : array_like, shape (n,)
+        Positions of the profile's points [m], in order; two equal ones are a vertical riser. Spacing is free.
+    z : array_like, shape (n,)
+        Heights [m]; NaN where nothing was measured.
+    tip : Ball or TipProfile
+        Tip.
+    positions : array_like, optional
+        Increasing positions of the tip [m]; by default those of the profile, and points between them where they lie
+        farther apart than a 25th of the tip's reach.
+    surface : {"polyline", "samples"}
+        Whether the points are joined by straight lines, or are all there is of the surface. The path is exact for
+        either; one over samples sinks up to ``dx^2 / 8R`` between them, as a dilation by a structuring element does.
+    edges : {"strict", "flat"}
+        ``strict`` keeps only positions at which nothing beyond the ends could be touched, if it is no higher than
+        the profile's highest point. ``flat`` lets the surface go on level at both ends.
+
+    Returns
+    -------
+    TipPath
+        Heights, contacts and slopes.
+
+    Raises
+    ------
+    ContactError
+        If the profile is empty, infinite, out of order or without two finite points, if positions do not increase,
+        or if the tip's reach is larger than the profile.
+
+    Notes
+    -----
+    Source: the dilation of mathematical morphology, ``h(x) = max_u z(u) - t(u - x)``; ISO 16610-41 calls the same
+    operation, followed by its dual, the morphological closing profile.
+
+    Examples
+    --------
+    A ball meets a sharp step of 25 um at the critical angle of equation (2).
+
+    >>> path = profile_path([-1e-3, 0, 0, 1e-3], [0, 0, 25e-6, 25e-6], Ball(125e-6))
+    >>> from stepblocks.contact.path.catches import steepest
+    >>> round(float(np.degrees(steepest(path).angle)), 6)
+    36.869898
+    """
+    xs, zs = _checked(x, z)
+    low, high = tip.reach
+    elements = profile_elements(xs, zs, tip, surface)
+    finite = np.isfinite(zs)
+    used = _effective_reach(tip, float(np.ptp(zs[finite])))
+    if edges == "flat":
+        elements = _extended(elements, xs[finite], zs[finite], high - low)
+    elif xs[-1] - xs[0] < used[1] - used[0]:
+        raise ContactError(
+            f"tip reaches over {used[1] - used[0]:.3g} m and must not be larger than the profile "
+            f"({xs[-1] - xs[0]:.3g} m); shorten it or use edges='flat'"
+        )
+    where = _positions(xs, positions, high - low, used, edges)
+    radius, tip_v, tip_t, convex = tip_arrays(tip)
+    height, contact, which = dilation_kernels.dilate_profile(where, elements, radius, tip_v, tip_t, convex)
+    slope = dilation_kernels.path_slopes(where, contact, which, elements, radius, tip_v, tip_t)
+    return TipPath(where, height, contact, slope, _supported(xs, finite, where, used), which, elements, tip)
+
+
+def profile_elements(x: Floats, z: Floats, tip: Tip, surface: Surface) -> Floats:
+    """Segments of a profile with the offset at which the tip is as steep as each, shape (m, 5) [m]."""
+    finite = np.isfinite(z)
+    if surface == "samples":
+        xs, zs = x[finite], z[finite]
+        pieces = [xs, zs, xs, zs]
+    else:
+        joined = finite[:-1] & finite[1:]
+        lone = finite & ~np.concatenate([[False], joined]) & ~np.concatenate([joined, [False]])
+        pieces = [
+            np.concatenate([x[:-1][joined], x[lone]]),
+            np.concatenate([z[:-1][joined], z[lone]]),
+            np.concatenate([x[1:][joined], x[lone]]),
+            np.concatenate([z[1:][joined], z[lone]]),
+        ]
+    order = np.argsort(pieces[0], kind="stable")
+    x0, z0, x1, z1 = (piece[order] for piece in pieces)
+    return np.ascontiguousarray(np.column_stack([x0, z0, x1, z1, _offset_of_slope(x1 - x0, z1 - z0, tip)]))
+
+
+def _offset_of_slope(run: Floats, rise: Floats, tip: Tip) -> Floats:
+    if isinstance(tip, Ball):
+        length = np.hypot(run, rise)
+        return np.divide(tip.radius * rise, length, out=np.zeros_like(run), where=length > 0.0)
+    slopes = np.diff(tip.elevation) / np.diff(tip.distance)
+    slope = np.divide(rise, run, out=np.zeros_like(run), where=run > 0.0)
+    return tip.distance[np.searchsorted(slopes, slope)]
+
+
+def tip_arrays(tip: Tip) -> tuple[float, Floats, Floats, bool]:
+    """Radius (0 for a polyline), distances, heights and convexity, as the kernels take them."""
+    if isinstance(tip, TipProfile):
+        return 0.0, tip.distance, tip.elevation, tip.convex
+    return tip.radius, np.zeros(2), np.zeros(2), True
+
+
+def _checked(x: ArrayLike, z: ArrayLike) -> tuple[Floats, Floats]:
+    xs, zs = np.asarray(x, dtype=np.float64), np.asarray(z, dtype=np.float64)
+    if xs.ndim != 1 or xs.shape != zs.shape:
+        raise ContactError(f"profile needs x and z of one equal length, got shapes {xs.shape} and {zs.shape}")
+    if xs.size < 2:
+        raise ContactError(f"profile needs at least 2 points, got {xs.size}")
+    if not np.isfinite(xs).all():
+        raise ContactError("profile positions must be finite, got a NaN or an infinity")
+    if np.isinf(zs).any():
+        raise ContactError("profile heights must be finite or NaN for missing, got an infinity")
+    if np.isfinite(zs).sum() < 2:
+        raise ContactError("profile needs at least 2 heights that are not NaN")
+    if (np.diff(xs) < 0.0).any():
+        raise ContactError(f"profile positions must not decrease, they do at point {int(np.argmin(np.diff(xs))) + 1}")
+    if xs[-1] == xs[0]:
+        raise ContactError("profile must extend along x, got a single position")
+    return xs, zs
+
+
+def _effective_reach(tip: Tip, span: float) -> tuple[float, float]:
+    """Find the part of the tip that can touch a surface of this height range."""
+    low, high = tip.reach
+    if isinstance(tip, Ball):
+        if span >= tip.radius:
+            return low, high
+        half = float(np.sqrt(span * (2.0 * tip.radius - span)))
+        return -half, half
+    near = tip.distance[tip.elevation <= span]
+    step = float(np.diff(tip.distance).max())
+    return max(low, float(near.min()) - step), min(high, float(near.max()) + step)
+
+
+def _extended(elements: Floats, x: Floats, z: Floats, reach: float) -> Floats:
+    before = [x[0] - 2.0 * reach, z[0], x[0], z[0], 0.0]
+    after = [x[-1], z[-1], x[-1] + 2.0 * reach, z[-1], 0.0]
+    return np.ascontiguousarray(np.vstack([before, elements, after]))
+
+
+def _positions(x: Floats, wanted: ArrayLike | None, reach: float, used: tuple[float, float], edges: Edges) -> Floats:
+    if wanted is None:
+        pieces = np.maximum(np.ceil(np.diff(x) / (0.04 * reach)), 1).astype(int)
+        if pieces.max() == 1:
+            where = np.unique(x)
+        else:
+            parts = [np.linspace(a, b, n, endpoint=False) for a, b, n in zip(x[:-1], x[1:], pieces, strict=True)]
+            where = np.unique(np.concatenate([*parts, x[-1:]]))
+        if edges == "strict":
+            # the first and last tip positions that the profile fully decides are always among them
+            ends = [x[0] - used[0], x[-1] - used[1]]
+            inner = (where > ends[0]) & (where < ends[1])
+            where = np.unique(np.concatenate([ends[:1], where[inner], ends[1:]]))
+        return np.ascontiguousarray(where)
+    given = np.asarray(wanted, dtype=np.float64)
+    if given.ndim != 1 or given.size == 0 or not np.isfinite(given).all() or (np.diff(given) <= 0.0).any():
+        raise ContactError("positions must be finite and increase strictly, and there must be at least one")
+    first, last = (x[0] - used[0], x[-1] - used[1]) if edges == "strict" else (x[0], x[-1])
+    if given[0] < first or given[-1] > last:
+        raise ContactError(
+            f"positions must lie between {first:.6g} m and {last:.6g} m with edges={edges!r}, "
+            f"got {given[0]:.6g} m to {given[-1]:.6g} m"
+        )
+    return np.ascontiguousarray(given)
+
+
+def _supported(x: Floats, finite: NDArray[np.bool_], where: Floats, used: tuple[float, float]) -> NDArray[np.bool_]:
+    inside = (where + used[0] >= x[0] * (1 - 1e-12 * np.sign(x[0]))) & (where + used[1] <= x[-1] + 1e-12 * abs(x[-1]))
+    if finite.all():
+        return np.asarray(inside)
+    holes = x[~finite]
+    first = np.searchsorted(holes, where + used[0], side="left")
+    last = np.searchsorted(holes, where + used[1], side="right")
+    return np.asarray(inside & (first == last))

@@ -1,0 +1,254 @@
+"""Compiled kernels of the exact dilation of a profile; nothing is checked here, see `stepblocks.contact.path.profile`.
+
+The surface is a row of elements, segments from (x0, z0) to (x1, z1) in order of x; a lone sample is a segment of no
+length. The tip rests where ``z(u) - t(u - x)`` is greatest. For a convex tip the contact moves to the right with the
+tip (the difference of two shifted concave functions is monotone), so halving the positions and narrowing the
+candidates by the contacts already found costs N log N. Any other tip looks at every element under it.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import numpy as np
+from numba import njit
+
+Array = Any
+_CHUNK = 512
+_JUMP = 1e6  # slope of 89.99994 deg
+
+
+@njit(cache=True)
+def _tip_height(v: float, radius: float, tip_v: Array, tip_t: Array) -> float:
+    """t(v); `v` lies within the reach but for rounding."""
+    if radius > 0.0:
+        squared = min(v * v, radius * radius)
+        return squared / (radius + math.sqrt(radius * radius - squared))
+    if v <= tip_v[0]:
+        return tip_t[0]
+    if v >= tip_v[-1]:
+        return tip_t[-1]
+    k = np.searchsorted(tip_v, v, side="right") - 1
+    return tip_t[k] + (tip_t[k + 1] - tip_t[k]) * (v - tip_v[k]) / (tip_v[k + 1] - tip_v[k])
+
+
+@njit(cache=True)
+def _rest_at(
+    u: float, x: float, x0: float, z0: float, x1: float, z1: float, radius: float, tip_v: Array, tip_t: Array
+) -> float:
+    z = z0 + (z1 - z0) * ((u - x0) / (x1 - x0)) if x1 > x0 else max(z0, z1)
+    return z - _tip_height(u - x, radius, tip_v, tip_t)
+
+
+@njit(cache=True)
+def _rest_on_any(
+    x: float, x0: float, z0: float, x1: float, z1: float, tip_v: Array, tip_t: Array
+) -> tuple[float, float]:
+    """Rest of a tip that need not be convex on one segment: a corner of one of the two touches."""
+    left, right = max(x0, x + tip_v[0]), min(x1, x + tip_v[-1])
+    best, where = _rest_at(left, x, x0, z0, x1, z1, 0.0, tip_v, tip_t), left
+    top = _rest_at(right, x, x0, z0, x1, z1, 0.0, tip_v, tip_t)
+    if top > best:
+        best, where = top, right
+    for k in range(np.searchsorted(tip_v, left - x), np.searchsorted(tip_v, right - x, side="right")):
+        u = min(max(x + tip_v[k], left), right)
+        rest = _rest_at(u, x, x0, z0, x1, z1, 0.0, tip_v, tip_t)
+        if rest > best:
+            best, where = rest, u
+    return best, where
+
+
+@njit(cache=True)
+def best_contact(
+    x: float, first: int, last: int, elements: Array, radius: float, tip_v: Array, tip_t: Array, convex: bool
+) -> tuple[float, float, int]:
+    """Height of the tip at `x`, contact position and element (-1 for none) among elements `first` to `last`."""
+    low, high = (x - radius, x + radius) if radius > 0.0 else (x + tip_v[0], x + tip_v[-1])
+    best, where, which = -np.inf, math.nan, -1
+    for e in range(first, last + 1):
+        x0, z0, x1, z1 = elements[e, 0], elements[e, 1], elements[e, 2], elements[e, 3]
+        # t is never negative: an element below the best rest cannot carry the tip
+        if (z0 <= best and z1 <= best) or x1 < low or x0 > high:
+            continue
+        if convex:  # elements[e, 4] is where the tip is as steep as the element
+            u = min(max(x + elements[e, 4], max(x0, low)), min(x1, high))
+            rest = _rest_at(u, x, x0, z0, x1, z1, radius, tip_v, tip_t)
+        else:
+            rest, u = _rest_on_any(x, x0, z0, x1, z1, tip_v, tip_t)
+        if rest > best:
+            best, where, which = rest, u, e
+    return best, where, which
+
+
+@njit(cache=True)
+def _under_tip(positions: Array, elements: Array, low: float, high: float) -> Array:
+    """First and last element within the tip's reach at each position, by one sweep; shape (n, 2)."""
+    spans = np.empty((positions.size, 2), np.int64)
+    m = elements.shape[0]
+    first = last = 0
+    for k in range(positions.size):
+        while first < m and elements[first, 2] < positions[k] + low:
+            first += 1
+        last = max(last, first)
+        while last < m and elements[last, 0] <= positions[k] + high:
+            last += 1
+        spans[k, 0], spans[k, 1] = first, last - 1
+    return spans
+
+
+@njit(cache=True)
+def dilate_profile(
+    positions: Array, elements: Array, radius: float, tip_v: Array, tip_t: Array, convex: bool
+) -> tuple[Array, Array, Array]:
+    """Height of the tip, contact position and contact element at each of the increasing `positions`."""
+    n = positions.size
+    height, contact, which = np.empty(n), np.empty(n), np.empty(n, np.int64)
+    low, high = (-radius, radius) if radius > 0.0 else (tip_v[0], tip_v[-1])
+    spans = _under_tip(positions, elements, low, high)
+    stack = np.empty((128, 4), np.int64)
+    for start in range(0, n, _CHUNK):  # chunks keep the candidates in the cache
+        stop = min(start + _CHUNK, n) - 1
+        stack[0] = (start, stop, spans[start, 0], spans[stop, 1])
+        depth = 1
+        while depth > 0:
+            depth -= 1
+            a, b, first, last = stack[depth]
+            middle = (a + b) // 2
+            begin, end = max(first, spans[middle, 0]), min(last, spans[middle, 1])
+            rest, u, e = best_contact(positions[middle], begin, end, elements, radius, tip_v, tip_t, convex)
+            height[middle] = rest if e >= 0 else math.nan
+            contact[middle], which[middle] = u, e
+            split = convex and e >= 0
+            if a < middle:
+                stack[depth] = (a, middle - 1, first, e if split else last)
+                depth += 1
+            if middle < b:
+                stack[depth] = (middle + 1, b, e if split else first, last)
+                depth += 1
+    return height, contact, which
+
+
+@njit(cache=True)
+def _slope(x: float, u: float, e: int, elements: Array, radius: float, tip_v: Array, tip_t: Array) -> float:
+    """Slope of the path just ahead of the tip that touches element `e` at `u`."""
+    v = u - x
+    if radius > 0.0:
+        if abs(v) >= radius:
+            return math.copysign(np.inf, v)
+        return v / math.sqrt((radius - v) * (radius + v))
+    x0, z0, x1, z1, inner = elements[e]
+    if x1 > x0 and u < x1 and abs(v - inner) <= 1e-12 * (tip_v[-1] - tip_v[0]):
+        return (z1 - z0) / (x1 - x0)  # a corner of the tip slides along the segment
+    k = min(max(np.searchsorted(tip_v, v, side="left") - 1, 0), tip_v.size - 2)
+    return (tip_t[k + 1] - tip_t[k]) / (tip_v[k + 1] - tip_v[k])
+
+
+@njit(cache=True)
+def path_slopes(
+    positions: Array, contact: Array, which: Array, elements: Array, radius: float, tip_v: Array, tip_t: Array
+) -> Array:
+    """Slope of the path at each position, from the contact found there; NaN where nothing is touched."""
+    slopes = np.full(positions.size, np.nan)
+    for k in range(positions.size):
+        if which[k] >= 0:
+            slopes[k] = _slope(positions[k], contact[k], which[k], elements, radius, tip_v, tip_t)
+    return slopes
+
+
+@njit(cache=True)
+def _steepest_between(
+    x0: float,
+    h0: float,
+    e0: int,
+    x1: float,
+    h1: float,
+    e1: int,
+    best: float,
+    elements: Array,
+    radius: float,
+    tip_v: Array,
+    tip_t: Array,
+    tolerance: float,
+) -> tuple[float, float, float]:
+    """Greatest slope over `best` of a convex tip's path between two positions, where, and the contact there.
+
+    While one element is touched the path is concave and steepest at its left end, so only brackets whose ends touch
+    different elements are halved. A bracket of the width `tolerance` that still climbs is a jump of infinite slope.
+    """
+    where = touch = math.nan
+    ends, marks = np.empty((256, 4)), np.empty((256, 2), np.int64)
+    ends[0], marks[0] = (x0, h0, x1, h1), (e0, e1)
+    depth = 1
+    while depth > 0:
+        depth -= 1
+        x0, h0, x1, h1 = ends[depth]
+        e0, e1 = marks[depth]
+        if e0 == e1 or e0 < 0 or e1 < 0:
+            continue
+        middle = x0 + 0.5 * (x1 - x0)
+        if x1 - x0 <= tolerance or middle <= x0 or middle >= x1:
+            if h1 - h0 > _JUMP * (x1 - x0):
+                best, where, touch = np.inf, x1, elements[e1, 0]
+            continue
+        h, u, e = best_contact(middle, e0, e1, elements, radius, tip_v, tip_t, True)
+        if e >= 0:
+            s = _slope(middle, u, e, elements, radius, tip_v, tip_t)
+            if s >= best:  # right brackets come first, so that among equals the leftmost stays: the break itself
+                best, where, touch = s, middle, u
+        ends[depth], marks[depth] = (x0, h0, middle, h), (e0, e)
+        ends[depth + 1], marks[depth + 1] = (middle, h, x1, h1), (e, e1)
+        depth += 2
+    return best, where, touch
+
+
+@njit(cache=True)
+def steepest_in_each(
+    positions: Array,
+    height: Array,
+    contact: Array,
+    which: Array,
+    floor: float,
+    elements: Array,
+    radius: float,
+    tip_v: Array,
+    tip_t: Array,
+    tolerance: float,
+) -> Array:
+    """Steepest rise between neighbouring positions, where, and the contact there; shape (n - 1, 3).
+
+    An interval that cannot exceed the slope `floor` is answered by its left end alone.
+    """
+    n = positions.size
+    found = np.full((n - 1, 3), np.nan)
+    right_slope = path_slopes(positions, contact, which, elements, radius, tip_v, tip_t)
+    for k in range(n - 1):
+        a, b = which[k], which[k + 1]
+        if a < 0 or b < 0:
+            continue
+        found[k, 0], found[k, 1], found[k, 2] = right_slope[k], positions[k], contact[k]
+        if a == b:
+            continue
+        # the contact of the right end, seen from the left end, is steeper than all between
+        bound = _slope(positions[k], contact[k + 1], b, elements, radius, tip_v, tip_t) if radius > 0.0 else np.inf
+        if bound <= floor:
+            continue
+        best, where, touch = _steepest_between(
+            positions[k],
+            height[k],
+            a,
+            positions[k + 1],
+            height[k + 1],
+            b,
+            found[k, 0],
+            elements,
+            radius,
+            tip_v,
+            tip_t,
+            tolerance,
+        )
+        if best > found[k, 0]:
+            found[k, 0], found[k, 1], found[k, 2] = best, where, touch
+        if right_slope[k + 1] > found[k, 0]:
+            found[k, 0], found[k, 1], found[k, 2] = right_slope[k + 1], positions[k + 1], contact[k + 1]
+    return found

@@ -1,0 +1,227 @@
+"""A probe as a clamped rod with a mass at its tip, and what a sheath does to its ring.
+
+Euler-Bernoulli beam, cubic elements, in units of the rod: lengths in its free length, stiffness and mass in its own. The
+loss is taken from the undamped shape, each part's loss factor weighted by its share of the strain energy.
+"""
+
+from __future__ import annotations
+
+import itertools
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from stepblocks.errors import ContactError
+
+Array = NDArray[np.float64]
+_PER_LENGTH, _HELD = 32, 48  # cubic elements of the free length, and of a bedding: frequency to 1e-7 of the closed form
+_BENDING = np.array([[12.0, 6.0, -12.0, 6.0], [6.0, 4.0, -6.0, 2.0], [-12.0, -6.0, 12.0, -6.0], [6.0, 2.0, -6.0, 4.0]])
+_INERTIA = (
+    np.array(
+        [[156.0, 22.0, 54.0, -13.0], [22.0, 4.0, 13.0, -3.0], [54.0, 13.0, 156.0, -22.0], [-13.0, -3.0, -22.0, 4.0]]
+    )
+    / 420.0
+)
+
+
+@dataclass(frozen=True)
+class Rod:
+    """A straight rod, clamped at 0 and free at its length, with a mass at the free end."""
+
+    bending_stiffness: float  # E I [N m^2]
+    line_mass: float  # Mass per length [kg/m]
+    length: float  # Free length [m]
+    end_mass: float  # Mass of tip and collet at the free end [kg]
+    loss_factor: float  # Loss factor of all that damps the bare rod [1]
+
+    def __post_init__(self) -> None:
+        for name in ("bending_stiffness", "line_mass", "length"):
+            value = getattr(self, name)
+            if not (math.isfinite(value) and value > 0.0):
+                raise ContactError(f"{name} must be positive and finite, got {value:g}")
+        for name in ("end_mass", "loss_factor"):
+            value = getattr(self, name)
+            if not (math.isfinite(value) and value >= 0.0):
+                raise ContactError(f"{name} must be finite and not negative, got {value:g}")
+
+
+@dataclass(frozen=True)
+class Sleeve:
+    """A sheath on the free part of the rod, bending with it."""
+
+    start: float  # Where it begins, from the clamp, and how long it is [m]
+    length: float
+    bending_stiffness: float  # E I of the sheath alone about the rod's axis [N m^2]
+    line_mass: float  # Mass per length [kg/m]
+    loss_factor: float  # Of its material [1]
+
+
+@dataclass(frozen=True)
+class Hold:
+    """The rod held through a sheath: beyond the clamp's edge it goes on for `length` on an elastic bedding."""
+
+    length: float  # Length of the bedding [m]
+    line_stiffness: float  # Force per length and displacement [N/m^2]
+    loss_factor: float  # Of the bedding [1]
+
+
+@dataclass(frozen=True)
+class RodRing:
+    """How a rod rings after its tip is let go."""
+
+    stiffness: float  # Force per displacement of the tip at rest [N/m]
+    frequency: float  # Of the first mode [Hz]
+    loss_factor: float  # Share of the energy lost per radian [1]
+    sheath_share: float  # Share of the strain energy that the sheath holds [1]
+
+    @property
+    def decay_time(self) -> float:
+        """Time in which the amplitude falls to 1/e [s]."""
+        return 1.0 / (math.pi * self.frequency * self.loss_factor) if self.loss_factor else math.inf
+
+    @property
+    def log_decrement(self) -> float:
+        """Logarithm of the ratio of two amplitudes one period apart [1]."""
+        return math.pi * self.loss_factor
+
+    def mean_energy(self, duration: float) -> float:
+        """Return the mean over a time of the ring's energy, that at the start taken as 1."""
+        spent = 2.0 * duration / self.decay_time
+        return -math.expm1(-spent) / spent if spent else 1.0
+
+
+def rod_for(
+    stiffness: float, frequency: float, decay_time: float, diameter: float, modulus: float, density: float
+) -> Rod:
+    """Find the rod of a diameter that has a stiffness, and the mass at its tip with which it rings at a frequency.
+
+    Examples
+    --------
+    >>> rod = rod_for(9.81e3, 300.0, 14.2e-3, 4e-3, 200e9, 7900.0)
+    >>> f"{rod.length * 1e3:.1f} mm, {rod.end_mass * 1e3:.2f} g"
+    '91.6 mm, 0.57 g'
+    """
+    for name, value in (("stiffness", stiffness), ("frequency", frequency), ("decay_time", decay_time)):
+        if not (math.isfinite(value) and value > 0.0):
+            raise ContactError(f"{name} must be positive and finite, got {value:g}")
+    section = 0.25 * math.pi * diameter**2
+    bending = modulus * math.pi * diameter**4 / 64.0
+    length = (3.0 * bending / stiffness) ** (1.0 / 3.0)
+    rod = Rod(bending, density * section, length, 0.0, 1.0 / (math.pi * frequency * decay_time))
+    # wave number times length, and what mass at the end makes it an eigenvalue: 1 + cos cosh = r b (sin cosh - cos sinh)
+    beta = length * (rod.line_mass * (math.tau * frequency) ** 2 / bending) ** 0.25
+    over = beta * (math.sin(beta) * math.cosh(beta) - math.cos(beta) * math.sinh(beta))
+    ratio = (1.0 + math.cos(beta) * math.cosh(beta)) / over if over else math.inf
+    if ratio < 0.0:
+        bare = ring_of(rod).frequency
+        raise ContactError(
+            f"frequency must not exceed that of the bare shank of this diameter and stiffness ({bare:.4g} Hz), got {frequency:g} Hz"
+        )
+    return Rod(bending, rod.line_mass, length, ratio * rod.line_mass * length, rod.loss_factor)
+
+
+def bush_stiffness(bore: float, outer: float, modulus: float, poisson: float) -> float:
+    """Stiffness per length of a bonded bush whose core moves sideways in a rigid shell.
+
+    Source: Adkins, J. E., Gent, A. N. (1954), Br. J. Appl. Phys. 5, 354-358, for Poisson's ratio 0.5; the general one is
+    Muskhelishvili's plane problem of a ring between rigid circles.
+
+    Examples
+    --------
+    >>> f"{bush_stiffness(4e-3, 8e-3, 1.7e6, 0.5) * 1e-6:.1f} N/mm^2"
+    '76.4 N/mm^2'
+    """
+    shear, kappa = modulus / (2.0 * (1.0 + poisson)), 3.0 - 4.0 * poisson
+    grown = (outer**2 - bore**2) / (outer**2 + bore**2)
+    return 8.0 * math.pi * shear * (1.0 - poisson) * kappa / (kappa**2 * math.log(outer / bore) - grown)
+
+
+def ring_of(rod: Rod, sleeves: Sequence[Sleeve] = (), hold: Hold | None = None) -> RodRing:
+    """Predict the ring of a rod with sheaths on its free part, or held through one.
+
+    Parameters
+    ----------
+    rod : Rod
+        The bare rod.
+    sleeves : sequence of Sleeve
+        Sheaths on the free part; they may not reach over its ends.
+    hold : Hold, optional
+        The bedding that stands for the clamp; a rigid clamp where omitted.
+
+    Returns
+    -------
+    RodRing
+        Stiffness, frequency and loss of the first mode.
+
+    Raises
+    ------
+    ContactError
+        If a sheath does not lie on the free part.
+    """
+    for sleeve in sleeves:
+        if not (sleeve.length > 0.0 <= sleeve.start and sleeve.start + sleeve.length <= rod.length * (1.0 + 1e-12)):
+            raise ContactError(
+                f"a sheath must lie on the free length of the shank, 0 to {rod.length * 1e3:.4g} mm from the clamp, "
+                f"got {sleeve.start * 1e3:.4g} to {(sleeve.start + sleeve.length) * 1e3:.4g} mm"
+            )
+    nodes = _nodes(rod, sleeves, hold)
+    parts, mass = _assembled(nodes, rod, sleeves, hold)
+    losses = [rod.loss_factor, *(sleeve.loss_factor for sleeve in sleeves), hold.loss_factor if hold else 0.0]
+    free = slice(0 if hold else 2, 2 * nodes.size)
+    return _solved(rod, [part[free, free] for part in parts], losses, mass[free, free])
+
+
+def _assembled(nodes: Array, rod: Rod, sleeves: Sequence[Sleeve], hold: Hold | None) -> tuple[list[Array], Array]:
+    """Stiffness of the rod, of each sheath and of the bedding, and the mass of all, in units of the rod."""
+    shape = (2 * nodes.size, 2 * nodes.size)
+    own, mass = np.zeros(shape), np.zeros(shape)
+    theirs = [np.zeros(shape) for _ in (*sleeves, hold)]
+    for index, (a, b) in enumerate(itertools.pairwise(nodes)):
+        span, at = b - a, slice(2 * index, 2 * index + 4)
+        turn = np.array([1.0, span, 1.0, span])
+        scale = np.outer(turn, turn)
+        bending, inertia = scale * _BENDING / span**3, scale * _INERTIA * span
+        own[at, at] += bending
+        mass[at, at] += inertia
+        middle = 0.5 * (a + b) * rod.length
+        for number, sleeve in enumerate(sleeves):
+            if sleeve.start < middle < sleeve.start + sleeve.length:
+                theirs[number][at, at] += sleeve.bending_stiffness / rod.bending_stiffness * bending
+                mass[at, at] += sleeve.line_mass / rod.line_mass * inertia
+        if hold is not None and middle < 0.0:
+            theirs[-1][at, at] += hold.line_stiffness * rod.length**4 / rod.bending_stiffness * inertia
+    mass[-2, -2] += rod.end_mass / (rod.line_mass * rod.length)
+    return [own, *theirs], mass
+
+
+def _solved(rod: Rod, parts: Sequence[Array], losses: Sequence[float], mass: Array) -> RodRing:
+    from scipy.linalg import eigh, solve
+
+    total = np.sum(parts, axis=0)
+    # asked for as the largest flexibility, the lowest mode keeps its digits beside short elements
+    last = total.shape[0] - 1
+    values, shapes = eigh(mass, total, subset_by_index=[last, last])
+    shape = shapes[:, 0]
+    energies = np.array([shape @ part @ shape for part in parts])
+    shares = energies / energies.sum()
+    push = np.zeros(total.shape[0])
+    push[-2] = 1.0
+    unit = rod.bending_stiffness / rod.length**3
+    frequency = math.sqrt(unit / float(values[0]) / (rod.line_mass * rod.length)) / math.tau
+    stiffness = unit / float(solve(total, push, assume_a="pos")[-2])
+    return RodRing(stiffness, frequency, float(shares @ np.asarray(losses)), float(shares[1:].sum()))
+
+
+def _nodes(rod: Rod, sleeves: Sequence[Sleeve], hold: Hold | None) -> Array:
+    """Places of the nodes in units of the free length; every end of a sheath is one."""
+    ends = {0.0, 1.0, *(min(place / rod.length, 1.0) for s in sleeves for place in (s.start, s.start + s.length))}
+    if hold is not None:
+        ends.add(-hold.length / rod.length)
+    pieces = sorted(ends)
+    kept = [pieces[0], *(b for a, b in itertools.pairwise(pieces) if b - a > 1e-9)]
+    counts = [_HELD if b <= 0.0 else max(1, math.ceil(_PER_LENGTH * (b - a))) for a, b in itertools.pairwise(kept)]
+    spans = [np.linspace(a, b, n, endpoint=False) for (a, b), n in zip(itertools.pairwise(kept), counts, strict=True)]
+    return np.concatenate([*spans, [kept[-1]]])

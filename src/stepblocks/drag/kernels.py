@@ -1,0 +1,258 @@
+"""The compiled integrator of a drag; nothing is checked here, see `stepblocks.drag.simulate`.
+
+Leapfrog with a fixed step: symplectic for the springs and the contact, whose potentials are smooth but for the
+contact's onset. Friction is a stiff tangential spring that yields at mu N: it sticks truly and needs no smoothed sign.
+Damping is taken at the middle of the step. The work of every force is summed with the very velocities that the step
+uses, so the ledger closes but for the potentials' own second-order error, which halving the step shows.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import numpy as np
+from numba import njit
+
+Array = Any
+# What each row of a trace holds
+COLUMNS = ("time_s", "fx_n", "fy_n", "x_m", "y_m", "vx_m_s", "vy_m_s", "handle_m", "normal_n", "friction_n")
+# Energies [J]: work put in by the handle or the pulling force, changes of what is stored, and what is lost
+LEDGER = (
+    "handle_work",
+    "kinetic",
+    "spring",
+    "lift",
+    "contact",
+    "bristle",
+    "friction_loss",
+    "damping_loss",
+    "impact_loss",
+)
+
+
+@njit(cache=True)
+def _cubics(nodes: Array, height: Array, left: Array, right: Array) -> Array:
+    """Coefficients of the cubic of each cell in powers of the distance from its left node; shape (n - 1, 4)."""
+    table = np.empty((nodes.size - 1, 4))
+    for i in range(nodes.size - 1):
+        h = nodes[i + 1] - nodes[i]
+        d, a, b = (height[i + 1] - height[i]) / h, right[i], left[i + 1]
+        table[i] = (height[i], a, (3.0 * d - 2.0 * a - b) / h, (a + b - 2.0 * d) / (h * h))
+    return table
+
+
+@njit(cache=True)
+def _branches(nodes: Array, kinks: Array, table: Array) -> Array:
+    """Height, slope and half the curvature at each kink of the branch that ends and of the one that begins there."""
+    ends = np.empty((kinks.size, 2, 3))
+    for j in range(kinks.size):
+        i = kinks[j]
+        k0, k1, k2, k3 = table[i - 1]
+        h = nodes[i] - nodes[i - 1]
+        ends[j, 0] = (k0 + h * (k1 + h * (k2 + h * k3)), k1 + h * (2.0 * k2 + 3.0 * h * k3), k2 + 3.0 * h * k3)
+        ends[j, 1] = (table[i, 0], table[i, 1], table[i, 2])
+    return ends
+
+
+@njit(cache=True, inline="always")
+def _press(
+    gap: float, s: float, bend: float, q: float, vx: float, vy: float, stiffness: float, power: float, loss: float
+) -> tuple[float, float, float, float, float]:
+    """Force of one contact pressed in by `gap` > 0: x and y of its elastic part, all of it, its loss, stored energy.
+
+    The force is the gradient of a potential of the indentation along the normal, so it conserves energy on a curved
+    path too; the loss is Hunt and Crossley's. `q` is ``1 / sqrt(1 + s^2)``.
+    """
+    dent = gap * q
+    force = stiffness * dent if power == 1.0 else stiffness * dent * math.sqrt(dent)
+    stored = force * dent * (0.5 if power == 1.0 else 0.4)
+    lossy = max(force * loss * q * (s * vx - vy), -force)
+    return -force * (s * q - gap * s * bend * q * q * q), force * q, force + lossy, lossy, stored
+
+
+@njit(cache=True, inline="always")
+def _grip(
+    bristle: float, travel: float, rate: float, limit: float, stiffness: float, give: float, damping: float
+) -> tuple[float, float]:
+    """Friction force and new stretch of the tangential spring after it was carried along by `travel`.
+
+    `limit` is mu N and `give` is 1 / stiffness.
+    """
+    stretch = bristle + travel
+    force = stiffness * stretch + damping * rate
+    if force > limit:
+        return limit, limit * give
+    if force < -limit:
+        return -limit, -limit * give
+    return force, stretch
+
+
+@njit(cache=True)
+def integrate(
+    nodes: Array,
+    height: Array,
+    left: Array,
+    right: Array,
+    kinks: Array,
+    p: Array,
+    start: Array,
+    dt: float,
+    steps: int,
+    every: int,
+) -> tuple[Array, int, Array, Array]:
+    """Integrate a drag."""
+    mass, k, c, load, kn, power, loss, kt, ct = p[0], p[1], p[2], p[3], p[4], p[5], p[6], p[7], p[8]
+    mu_s, mu_k, v_s, viscous = p[9], p[10], p[11], p[12]
+    speed, pull, hand_mass, hand_damping = p[13], p[14], p[15], p[16]
+    carrier_mass, ky, cy, limit, after = p[17], p[18], p[19], p[20], p[21]
+    x, y, vx, vy, hand, vh, carrier = start[0], start[1], start[2], start[3], start[4], start[5], start[6]
+    driven, carried = hand_mass <= 0.0, carrier_mass > 0.0
+    vc = 0.0
+    rows = np.empty((steps // every + 2, 10))
+    ledger, peak = np.zeros(9), np.array([-np.inf, 0.0, x, 0.0])
+    table = _cubics(nodes, height, left, right)
+    ends = _branches(nodes, kinks, table)
+    kinked, varied, give = kinks.size > 0, mu_s != mu_k or viscous > 0.0, 1.0 / kt
+    kicks = np.empty((2, 5))  # of the first half step and of a whole one: h / m, and the damper at the step's middle
+    for k_step in range(2):
+        h = 0.5 * dt if k_step == 0 else dt
+        ax, ay = 0.5 * c * h / mass, 0.5 * cy * h / mass
+        kicks[k_step] = (h / mass, (1.0 - ax) / (1.0 + ax), 1.0 / (1.0 + ax), (1.0 - ay) / (1.0 + ay), 1.0 / (1.0 + ay))
+    if driven:
+        vh = speed
+    countdown = 0
+    i = np.searchsorted(nodes, x, side="right") - 1
+    last = nodes.size - 2
+    j = 0  # nearest kink
+    here = there = 0.0  # bristles of the branch under the tip and of the one beyond the kink
+    near = start[8]  # beyond this distance from a kink the tip cannot touch both sides of it
+    on_right = False
+    first = True
+    count = 0
+    released = False
+    for n in range(steps):
+        # ---- where on the track, and which kink is near
+        while i < last and x >= nodes[i + 1]:
+            i += 1
+        while i > 0 and x < nodes[i]:
+            i -= 1
+        d = x - nodes[i]
+        k1, k2, k3 = table[i, 1], table[i, 2], table[i, 3]
+        gap = table[i, 0] + d * (k1 + d * (k2 + d * k3)) - y
+        sx = k1 + d * (2.0 * k2 + 3.0 * d * k3)
+        fx1 = fy1 = n1 = d1 = u1 = fx2 = fy2 = n2 = d2 = u2 = s2 = 0.0
+        q1 = q2 = 1.0
+        stored_before = 0.5 * kt * (here * here + there * there)
+        if kinked:
+            while j + 1 < kinks.size and abs(nodes[kinks[j + 1]] - x) < abs(nodes[kinks[j]] - x):
+                j += 1
+            while j > 0 and abs(nodes[kinks[j - 1]] - x) < abs(nodes[kinks[j]] - x):
+                j -= 1
+            step = x - nodes[kinks[j]]
+            if (step >= 0.0) != on_right and not first:
+                here, there = there, here  # the tip has passed the kink: the branches change their parts
+            on_right = step >= 0.0
+            if abs(step) < near:
+                c0, s0, b0 = ends[j, 0 if on_right else 1]
+                gap2 = c0 + step * (s0 + step * b0) - y
+                if gap2 > 0.0:
+                    s2 = s0 + 2.0 * step * b0
+                    q2 = 1.0 / math.sqrt(1.0 + s2 * s2)
+                    fx2, fy2, n2, d2, u2 = _press(gap2, s2, 2.0 * b0, q2, vx, vy, kn, power, loss)
+        if gap > 0.0:
+            q1 = 1.0 / math.sqrt(1.0 + sx * sx)
+            fx1, fy1, n1, d1, u1 = _press(gap, sx, 2.0 * k2 + 6.0 * d * k3, q1, vx, vy, kn, power, loss)
+        # ---- friction of both contacts; a contact that has parted lets go of its bristle
+        t1 = t2 = 0.0
+        rate1, rate2 = q1 * (vx + sx * vy), q2 * (vx + s2 * vy)
+        mu1 = mu2 = mu_k
+        if varied:
+            mu1 = mu_k + (mu_s - mu_k) * math.exp(-abs(rate1) / v_s) + viscous * abs(rate1)
+            mu2 = mu_k + (mu_s - mu_k) * math.exp(-abs(rate2) / v_s) + viscous * abs(rate2)
+        travel = 0.0 if first else dt
+        if first:
+            here = min(mu1 * n1 * give, start[7])
+            stored_before = 0.5 * kt * here * here
+        if n1 > 0.0:
+            t1, here = _grip(here, rate1 * travel, rate1, mu1 * n1, kt, give, ct)
+        else:
+            here = 0.0
+        if n2 > 0.0:
+            t2, there = _grip(there, rate2 * travel, rate2, mu2 * n2, kt, give, ct)
+        else:
+            there = 0.0
+        # ---- forces on the tip (elastic and lossy contact, friction, springs)
+        loss_x, loss_y = -d1 * sx * q1 - d2 * s2 * q2, d1 * q1 + d2 * q2
+        grip_x, grip_y = -t1 * q1 - t2 * q2, -t1 * sx * q1 - t2 * s2 * q2
+        spring = k * (hand - x)
+        hold = ky * (carrier - y) if carried else -load
+        force_x, force_y = fx1 + fx2 + loss_x + grip_x + spring, fy1 + fy2 + loss_y + grip_y + hold
+        # ---- kick, with half a step at the start so that velocities live between the positions
+        h = 0.5 * dt if first else dt
+        hm, keep_x, gain_x, keep_y, gain_y = kicks[0 if first else 1]
+        old_x, old_y, old_h, old_c = vx, vy, vh, vc
+        if driven:
+            vx = keep_x * vx + gain_x * (hm * force_x) + (1.0 - keep_x) * speed
+        else:
+            stretch_rate = old_h - old_x
+            vx = vx + hm * (force_x + c * stretch_rate)
+            vh = vh + h * (pull - spring - c * stretch_rate - hand_damping * old_h) / hand_mass
+        if carried:
+            rate = old_c - old_y
+            vy = vy + hm * (force_y + cy * rate)
+            vc = vc + h * (-load - hold - cy * rate) / carrier_mass
+        else:
+            vy = keep_y * vy + gain_y * (hm * force_y)
+        mx, my, mh, mc = 0.5 * (vx + old_x), 0.5 * (vy + old_y), 0.5 * (vh + old_h), 0.5 * (vc + old_c)
+        tug = c * (mh - mx) if driven else c * (old_h - old_x)
+        # ---- what a strain gauge reads, and whether the run is over
+        gauge, t = spring + tug, n * dt
+        if not released and gauge > peak[0]:
+            peak[0], peak[1], peak[2] = gauge, t, x
+        if (
+            not released
+            and peak[0] > mu_s * load + 0.02 * load
+            and gauge - mu_k * load < 0.75 * (peak[0] - mu_k * load)
+        ):
+            released = True
+        if gauge > limit:
+            peak[3] = 1.0
+        leaves = x + dt * vx >= nodes[-1] or x + dt * vx <= nodes[0]
+        ended = leaves or gauge > limit or n == steps - 1 or (released and t - peak[1] > after)
+        # ---- the ledger; the last kick counts to its middle only
+        w = 0.5 * h if ended else h
+        if driven:
+            ledger[0] += (spring + tug) * mh * w
+            ledger[7] += tug * (mh - mx) * w
+        else:
+            ledger[0] += pull * mh * w
+            ledger[7] += (tug * (mh - mx) + hand_damping * old_h * mh) * w
+        ledger[7] += cy * (old_c - old_y) * (mc - my) * w if carried else cy * my * my * w
+        grip = 0.5 * kt * (here * here + there * there)
+        ledger[6] -= (grip_x * mx + grip_y * my) * w + grip - stored_before
+        ledger[8] -= (loss_x * mx + loss_y * my) * w
+        if first or ended:
+            sign = -1.0 if first else 1.0
+            kinetic = 0.5 * mass * (mx * mx + my * my) + 0.5 * carrier_mass * mc * mc
+            ledger[1] += sign * (kinetic if driven else kinetic + 0.5 * hand_mass * mh * mh)
+            ledger[2] += sign * 0.5 * k * (hand - x) ** 2
+            ledger[3] += sign * (load * carrier + 0.5 * ky * (carrier - y) ** 2 if carried else load * y)
+            ledger[4] += sign * (u1 + u2)
+            ledger[5] += sign * grip
+        if countdown == 0 or ended:
+            countdown = every
+            r = rows[count]
+            r[0], r[1], r[2] = t, gauge, (-hold if carried else fy1 + fy2 + loss_y + grip_y)
+            r[3], r[4], r[5], r[6], r[7], r[8], r[9] = x, y, mx, my, hand, n1 + n2, t1 + t2
+            count += 1
+        if ended:
+            break
+        countdown -= 1
+        # ---- drift
+        x += dt * vx
+        y += dt * vy
+        hand += dt * vh
+        carrier += dt * vc
+        first = False
+    return rows, count, peak, ledger

@@ -1,0 +1,150 @@
+"""What a trace of a drag says: the ring after the release, its energy, and where in the spectrum both phases lie."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from stepblocks.contact.energy import Status
+from stepblocks.drag.simulate import DragTrace
+from stepblocks.errors import ContactError
+
+LOADING_BAND = (0.0, 100.0)
+RING_BAND = (250.0, 350.0)
+_PAPER_RING = 16e-3  # s, the duration over which the paper spends E_v
+_QUIET = 0.05  # of the first swing: below it the ring has ended
+
+
+@dataclass(frozen=True)
+class Ring:
+    """The vibration after a release."""
+
+    amplitude: float  # First swing of the tangential force below `level` [N]: the tip runs forward all through it
+    level: float  # mu F_py, the force of sliding forward on a level face, about which that swing goes [N]
+    energy: float  # E_v = amplitude^2 / 2k [J]
+    share: float  # E_v over the energy stored at the release [1]; the paper's C_v
+    # Time from the release until the force stays within 5 % of the first swing around where it settles [s]
+    duration: float
+    decay_time: float  # Time in which the swings fall to 1/e of the first [s]; NaN where the trace ends before
+    frequency: float  # Peak of the spectrum over 16 ms after the release [Hz]
+    loading_share: float  # Share of the loading phase's spectral energy in 0-100 Hz [1]
+    ring_band_share: float  # Share of the vibration phase's spectral energy in 250-350 Hz [1]
+
+
+def ring_of(trace: DragTrace, *, spectra: bool = True) -> Ring:
+    """Measure the ring of a trace that released.
+
+    Parameters
+    ----------
+    trace : DragTrace
+        From `stepblocks.drag.simulate.drag`.
+    spectra : bool
+        Whether to compute the three spectral figures, which take longer than the drag itself; NaN otherwise.
+
+    Returns
+    -------
+    Ring
+        Amplitude, energy, duration and spectra.
+
+    Raises
+    ------
+    ContactError
+        If the trace has no release, or fewer than 16 ms after it.
+    """
+    if trace.status is not Status.RELEASES:
+        raise ContactError(f"a trace that is {trace.status} has no ring")
+    time, force = trace.column("time_s"), trace.column("fx_n")
+    if time[-1] - trace.release_time < _PAPER_RING:
+        raise ContactError(f"a ring needs {_PAPER_RING:g} s after the release, got {time[-1] - trace.release_time:g} s")
+    after = time >= trace.release_time
+    swing = force[after]
+    level = trace.settings.friction * trace.settings.normal_load
+    # the lowest point of the first swing lies within one period of the release, after the fall itself
+    first = swing[: max(np.searchsorted(time[after], trace.release_time + 2.0 / trace.probe.frequency), 3)]
+    amplitude = max(level - float(first.min()), 0.0)
+    loud = np.flatnonzero(np.abs(swing - _settled(trace)) > _QUIET * amplitude)
+    duration = float(time[after][loud[-1]] - trace.release_time) if loud.size else 0.0
+    energy = 0.5 * amplitude * amplitude / trace.probe.stiffness
+    decay = _decay_time(trace)
+    if not spectra:
+        return Ring(amplitude, level, energy, energy / trace.stored_energy, duration, decay, np.nan, np.nan, np.nan)
+    frequencies, power = phase_spectrum(trace, "vibration")
+    loading = phase_spectrum(trace, "loading")
+    return Ring(
+        amplitude,
+        level,
+        energy,
+        energy / trace.stored_energy,
+        duration,
+        decay,
+        float(frequencies[np.argmax(power)]),
+        band_share(*loading, LOADING_BAND),
+        band_share(frequencies, power, RING_BAND),
+    )
+
+
+def phase_spectrum(
+    trace: DragTrace, phase: str, channel: str = "fx_n"
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Energy spectrum of one phase of a trace, as in figures 4 and 5 of the paper."""
+    from scipy.signal import periodogram
+
+    time, values = trace.column("time_s"), trace.column(channel)
+    rate = trace.settings.sample_rate
+    if phase == "loading":
+        part = values[time < trace.release_time]
+    elif phase == "vibration":
+        begin = _fallen(trace)
+        part = values[(time >= begin) & (time < begin + _PAPER_RING)]
+    else:
+        raise ContactError(f"phase must be loading or vibration, got {phase!r}")
+    if part.size < 16:
+        raise ContactError(f"the {phase} phase has {part.size} samples, at least 16 are needed")
+    padded = 1 << math.ceil(math.log2(max(part.size, rate)))
+    frequency, density = periodogram(part, rate, nfft=padded, detrend="constant")
+    return np.asarray(frequency), np.asarray(density * part.size / rate)
+
+
+def _decay_time(trace: DragTrace) -> float:
+    """Time after the fall in which the greatest deviation of each half period sinks to 1/e of the first [s]."""
+    force = trace.column("fx_n")[trace.column("time_s") >= _fallen(trace)]
+    rate = trace.settings.sample_rate
+    half = max(round(0.5 * rate / trace.probe.frequency), 2)
+    swings = np.abs(force[: force.size // half * half] - _settled(trace)).reshape(-1, half).max(axis=1)
+    if swings.size == 0:
+        return math.nan
+    below = np.flatnonzero(swings <= swings[0] / math.e)
+    if below.size == 0:
+        return math.nan
+    last = int(below[0])
+    # between two half periods the swings fall exponentially
+    part = math.log(swings[last - 1] * math.e / swings[0]) / max(
+        math.log(swings[last - 1] / max(swings[last], 1e-300)), 1e-300
+    )
+    return (last - 1 + min(part, 1.0)) * half / rate
+
+
+def _settled(trace: DragTrace) -> float:
+    """Mean force over the last whole periods of the trace, so that a ring that still goes on averages out [N]."""
+    time, force = trace.column("time_s"), trace.column("fx_n")
+    span = 0.25 * (time[-1] - trace.release_time)
+    periods = max(np.floor(span * trace.probe.frequency), 1.0)
+    count = max(round(periods / trace.probe.frequency * trace.settings.sample_rate), 2)
+    return float(force[-count - 1 : -1].mean())
+
+
+def _fallen(trace: DragTrace) -> float:
+    """First time after the release at which the force is down at that of sliding forward [s]."""
+    time, force = trace.column("time_s"), trace.column("fx_n")
+    after = np.flatnonzero(time >= trace.release_time)
+    below = after[force[after] <= trace.settings.friction * trace.settings.normal_load]
+    return float(time[below[0]]) if below.size else trace.release_time
+
+
+def band_share(frequency: NDArray[np.float64], energy: NDArray[np.float64], band: tuple[float, float]) -> float:
+    """Share of a spectrum's energy between two frequencies [1]."""
+    inside = (frequency >= band[0]) & (frequency <= band[1])
+    return float(energy[inside].sum() / energy.sum())

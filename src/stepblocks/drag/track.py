@@ -1,0 +1,140 @@
+"""The path of a tip as the integrator needs it: cubic pieces between nodes, and the kinks where two contacts share.
+
+Where the contact jumps from one point of the surface to another, the path has a kink, and a tip that presses into the
+surface touches both. Such kinks are nodes with a slope to either side; smaller turns, of roughness, are smoothed over.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from stepblocks.contact.path.catches import interval_slopes
+from stepblocks.contact.path.profile import Surface, profile_path
+from stepblocks.contact.path.tip import Ball
+from stepblocks.errors import ContactError
+
+Floats = NDArray[np.float64]
+_KINK = math.radians(2.0)
+_LEVEL = 400.0  # radii by which a surface goes on level: a released spring may throw the tip far
+
+
+@dataclass(frozen=True)
+class Track:
+    """Path of a ball's lowest point as a piecewise cubic."""
+
+    x: Floats  # shape (n,); Nodes [m]
+    height: Floats
+    slope_left: Floats  # shape (n,); Slopes to either side of each node [1]; they differ at a kink
+    slope_right: Floats
+    kinks: NDArray[np.int64]  # Nodes at which two contacts share the load
+    ball_radius: float  # R [m]
+
+    @cached_property
+    def steepest_angle(self) -> float:
+        """Critical angle towards growing x [rad]."""
+        return math.atan(max(float(self.slope_right.max()), 0.0))
+
+    @cached_property
+    def features(self) -> tuple[float, float]:
+        """Where the path first and last bends or slopes by more than a degree [m]; the middle if it is flat."""
+        slope = np.maximum(np.abs(self.slope_left), np.abs(self.slope_right))
+        found = np.flatnonzero(slope > math.tan(math.radians(1.0)))
+        if found.size == 0:
+            middle = 0.5 * float(self.x[0] + self.x[-1])
+            return middle, middle
+        return float(self.x[found[0]]), float(self.x[found[-1]])
+
+
+def track_of(x: ArrayLike, z: ArrayLike, ball: Ball, *, backward: bool = False, surface: Surface = "polyline") -> Track:
+    """Track of a ball over any profile."""
+    xs, zs = np.asarray(x, dtype=np.float64), np.asarray(z, dtype=np.float64)
+    if backward:
+        xs, zs = -xs[::-1], zs[::-1]
+    span = float(np.nanmax(xs) - np.nanmin(xs)) if xs.size else 0.0
+    count = max(math.ceil(span / (0.01 * ball.radius)), 8)
+    if count > 2_000_000:
+        raise ContactError(f"profile of {span:g} m is too long to drag over with a ball of {ball.radius:g} m")
+    grid = np.linspace(float(xs.min()), float(xs.max()), count + 1) if xs.size else xs
+    path = profile_path(xs, zs, ball, positions=grid, surface=surface, edges="flat")
+    if np.isnan(path.height).any():
+        raise ContactError("profile has a gap that is wider than the tip; it cannot be dragged over")
+    steep = interval_slopes(path, "forward", -math.inf)
+    if np.isposinf(steep[:, 0]).any():
+        raise ContactError("profile has a riser as high as the ball (too-high); the tip would never climb it")
+    turns = np.arctan(steep[:, 0]) - np.arctan(path.slope[:-1])
+    breaks = steep[turns > _KINK, 1]
+    nodes = np.unique(np.concatenate([grid, breaks]))
+    # two nodes closer than a millionth of the radius would make a cubic of rounding errors
+    keep = np.concatenate([[True], np.diff(nodes) > 1e-6 * ball.radius]) | np.isin(nodes, breaks)
+    nodes = nodes[keep]
+    crowded = np.flatnonzero(np.diff(nodes) <= 1e-6 * ball.radius)
+    nodes = np.delete(nodes, crowded[~np.isin(nodes[crowded], breaks)])
+    right = profile_path(xs, zs, ball, positions=nodes, surface=surface, edges="flat")
+    before = np.maximum(nodes[1:] - 1e-9 * ball.radius, nodes[:-1] + 1e-12 * ball.radius)
+    left = profile_path(xs, zs, ball, positions=before, surface=surface, edges="flat")
+    kinks = np.flatnonzero(np.isin(nodes, breaks))
+    slope_left = right.slope.copy()
+    slope_left[kinks] = left.slope[np.maximum(kinks - 1, 0)]
+    far = _LEVEL * ball.radius
+    ends = [
+        np.concatenate([[a[0] + first], a, [a[-1] + final]])
+        for a, first, final in (
+            (nodes, -far, far),
+            (right.height, 0.0, 0.0),
+            (slope_left, -slope_left[0], -slope_left[-1]),
+            (right.slope, -right.slope[0], -right.slope[-1]),
+        )
+    ]
+    ends[2][1] = ends[3][-2] = 0.0  # level from the ends on
+    return Track(ends[0], ends[1], ends[2], ends[3], (kinks + 1).astype(np.int64), ball.radius)
+
+
+def step_track(height: float, ball_radius: float, edge_radius: float = 0.0, run: float | None = None) -> Track:
+    """Track over one step up at x = 0, in closed form."""
+    radius = Ball(ball_radius).radius + edge_radius
+    if not (math.isfinite(height) and height > 0.0):
+        raise ContactError(f"height must be positive and finite, got {height:g} m")
+    if not (math.isfinite(edge_radius) and edge_radius >= 0.0):
+        raise ContactError(f"edge_radius must be finite and not negative, got {edge_radius:g} m")
+    if height >= radius:
+        raise ContactError(
+            f"height must be less than R + r ({radius:g} m), got {height:g} m: too-high, the tip is held"
+        )
+    length = _LEVEL * ball_radius if run is None else run
+    angle = 2.0 * math.asin(math.sqrt(0.5 * height / radius))
+    angles = np.linspace(angle, 0.0, 400)
+    x = np.concatenate([np.linspace(-length, -radius * math.sin(angle), 50)[:-1], -radius * np.sin(angles)])
+    x = np.concatenate([x, np.linspace(0.0, length, 50)[1:]])
+    arc = slice(49, 449)
+    z, slope = np.where(x < 0.0, 0.0, height), np.zeros_like(x)
+    z[arc] = height - 2.0 * radius * np.square(np.sin(0.5 * angles))
+    z[49], slope[arc] = 0.0, np.tan(angles)
+    left = slope.copy()
+    left[49] = 0.0
+    return Track(x, z, left, slope, np.array([49]), ball_radius)
+
+
+def margin_track(gap: float, opening: float, rise: float, ball_radius: float, *, backward: bool = False) -> Track:
+    """Track over a crown margin, from the tooth to the crown or back."""
+    ball = Ball(ball_radius)
+    for name, value in (("gap", gap), ("opening", opening), ("rise", rise)):
+        if not math.isfinite(value):
+            raise ContactError(f"{name} must be finite, got {value:g} m")
+    if gap < 0.0:
+        raise ContactError(f"gap must not be negative, got {gap:g} m")
+    run = 4.0 * ball_radius
+    wide = max(opening, 0.0)
+    if wide == 0.0:  # a lip that has slid over the tooth leaves a step alone
+        section = [(-run, 0.0), (0.0, 0.0), (0.0, rise), (run, rise)]
+    else:
+        wall = min(gap, wide)
+        floor = -run - abs(rise) - wide
+        section = [(-run, 0.0), (0.0, 0.0), (0.0, floor), (wall, floor), (wall, rise - (wide - wall)), (wide, rise)]
+        section.append((wide + run, rise))
+    x, z = np.array(section).T
+    return track_of(x, z, ball, backward=backward)

@@ -1,0 +1,35 @@
+"""How every figure of ours begins and ends: no display, no time stamp, written beside its place and renamed."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+from stepblocks.atomic import beside
+
+
+def new_figure(
+    rows: int = 1, columns: int = 1, *, sharex: bool = False, width: float = 7.0, height: float = 4.0
+) -> Any:
+    """Make a figure and its axes without touching matplotlib's global state; sizes in inches."""
+    from matplotlib.backends.backend_agg import FigureCanvasAgg
+    from matplotlib.figure import Figure
+
+    figure = Figure(figsize=(width, height), dpi=130, layout="constrained")
+    FigureCanvasAgg(figure)
+    axes = figure.subplots(rows, columns, sharex=sharex)
+    for axis in figure.axes:
+        axis.grid(alpha=0.3, lw=0.5)
+        axis.tick_params(labelsize=8)
+    return figure, axes
+
+
+def save_figure(figure: Any, path: Path) -> None:
+    """Write a figure as PNG or SVG, the same bytes for the same figure."""
+    import matplotlib as mpl
+
+    kind = path.suffix.lstrip(".")
+    path.parent.mkdir(parents=True, exist_ok=True)
+    metadata = {"Software": None} if kind == "png" else {"Date": None, "Creator": None}
+    with mpl.rc_context({"svg.hashsalt": "stepblocks"}), beside(path) as draft:
+        figure.savefig(draft, format=kind, metadata=metadata)

@@ -1,0 +1,252 @@
+"""A single edge in a profile: height of the step by two planes, radius of the edge by its arc.
+
+A single edge is not type A1 of ISO 5436-1. The convention here is stated: one common slope and two offsets are fitted
+by least squares to the faces left and right of the edge, without the points nearer to it than the exclusion; the
+height is the difference of the offsets. The radius then comes from the points inside the exclusion.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from stepblocks.errors import MetrologyError
+from stepblocks.inspect.evaluate.edge_arc import Arc, arc_radius
+from stepblocks.inspect.evaluate.levelling import despiked, roughly_levelled, without_spikes
+from stepblocks.inspect.evaluate.noise_uncertainty import NoiseUncertainty, noise_uncertainty
+from stepblocks.inspect.evaluate.roughness_noise import autocovariance, estimator_covariance, outlier_mask
+
+Array = NDArray[np.float64]
+Mask = NDArray[np.bool_]
+
+_LEAST_POINTS = 20
+_SUSPECT = 4.0  # Mean square of whitened residuals on the arc beyond which one of its points may be a spike [1]
+# Factor by which that falls when the spike is left out [1]; form of the edge is in all points and falls by less
+_BY_FAR = 2.5
+_MOST_ON_ARC = 3  # Spikes that are sought on an arc
+
+
+@dataclass(frozen=True)
+class Edge:
+    """What one profile across one edge says."""
+
+    # Height of the step by the two-plane convention and its standard uncertainty from noise and roughness [m]
+    height: float
+    height_std: float
+    height_dof: float  # Effective degrees of freedom of that uncertainty [1]
+    # Radius of the rounded edge and its standard uncertainty [m]; for a sharp edge both are a part of the sampling
+    # interval
+    radius: float
+    radius_std: float
+    radius_limit: float  # Upper limit of the radius at 95 % [m]: what a sharp edge of this sampling may still have
+    position: float  # Where the riser stands along the profile [m]
+    tilt: float  # Common slope of the faces [1]
+    exclusion: float  # Half width that was kept out of the faces [m]
+    roughness: float  # Standard deviation of the levelled faces [m]
+    form: float  # Root mean square of what the arc leaves inside the exclusion, across the surface [m]
+    rejected: int  # Points taken for spikes or missing
+    rising: bool  # True where the higher face lies at larger positions
+
+
+def fit_edge(position: ArrayLike, height: ArrayLike, exclusion: float | None = None) -> Edge:
+    """Height of a step and radius of its edge from one profile across it.
+
+    Height: least squares of ``z = a x + b + h s(x)``, s = 0 below and 1 above the edge; its uncertainty goes through
+    the autocovariance of the residuals, since roughness is correlated. Radius: see
+    `stepblocks.inspect.evaluate.edge_arc.arc_radius`.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> x = np.arange(-2000, 2000) * 0.25e-6
+    >>> u = np.clip(14e-6 - x, 0.0, 14e-6)
+    >>> z = np.where(x < 0, 0.0, 50e-6 - 14e-6 + np.sqrt(14e-6**2 - u**2)) + 3e-4 * x
+    >>> noise = np.random.default_rng(1).normal(0.0, 20e-9, x.size)
+    >>> edge = fit_edge(x, z + noise)
+    >>> round(edge.height * 1e6, 1), round(edge.radius * 1e6, 1)
+    (50.0, 14.0)
+    """
+    x, z = _checked(position, height)
+    middle, rising = _locate(x, z)
+    if not rising:
+        x, z, middle = -x[::-1], z[::-1], -middle
+    spacing = (x[-1] - x[0]) / (len(x) - 1)
+    shorter = min(middle - x[0], x[-1] - middle)
+    half_width = exclusion if exclusion is not None else shorter / 12.0
+    faces = _fit_faces(x, z, middle, half_width)
+    if exclusion is None:
+        reach = _rounding_width(x, z, middle, faces)
+        if 1.5 * reach > half_width:
+            half_width = 1.5 * reach
+            faces = _fit_faces(x, z, middle, half_width)
+    if not faces.height > 5.0 * max(faces.noise.std, faces.roughness / np.sqrt(len(x))):
+        raise MetrologyError(
+            f"profile must show a step above its noise, got {faces.height * 1e6:.4g} um with roughness "
+            f"{faces.roughness * 1e6:.3g} um"
+        )
+    known = np.flatnonzero(np.isfinite(z))
+    near = np.abs(x - middle) < half_width
+    # over the whole profile, so that the points at the ends of the window have their neighbours too
+    spikes = known[_beyond_neighbours(z[known] - faces.tilt * x[known], 6.0 * faces.roughness)]
+    spikes = spikes[near[spikes]]
+    inside = near & np.isfinite(z)
+    inside[spikes] = False
+    arc, on_arc = _arc_without_spikes(x, z, middle, spacing, faces, inside)
+    sign = 1.0 if rising else -1.0
+    return Edge(
+        height=faces.height,
+        height_std=faces.noise.std,
+        height_dof=faces.noise.dof,
+        radius=arc.radius,
+        radius_std=arc.radius_std,
+        radius_limit=arc.radius_limit,
+        position=sign * arc.riser,
+        tilt=sign * faces.tilt,
+        exclusion=half_width,
+        roughness=faces.roughness,
+        form=arc.form,
+        rejected=faces.rejected + len(spikes) + on_arc + int(np.isnan(z).sum()),
+        rising=rising,
+    )
+
+
+@dataclass(frozen=True)
+class _Faces:
+    tilt: float
+    offset: float
+    height: float
+    noise: NoiseUncertainty
+    roughness: float
+    gamma: Array
+    errors: Array
+    rejected: int
+
+
+def _checked(position: ArrayLike, height: ArrayLike) -> tuple[Array, Array]:
+    x = np.asarray(position, dtype=np.float64)
+    z = np.asarray(height, dtype=np.float64).copy()
+    if x.ndim != 1 or x.shape != z.shape:
+        raise MetrologyError(f"profile must be two equally long rows, got {x.shape} and {z.shape}")
+    if len(x) < 2 * _LEAST_POINTS:
+        raise MetrologyError(f"profile must have at least {2 * _LEAST_POINTS} points, got {len(x)}")
+    steps = np.diff(x)
+    if not (np.isfinite(x).all() and (steps > 0.0).all() and np.ptp(steps) < 0.01 * np.mean(steps)):
+        raise MetrologyError("positions of the profile must increase in equal steps within 1 %")
+    z[~np.isfinite(z)] = np.nan
+    if np.isfinite(z).sum() < 2 * _LEAST_POINTS:
+        raise MetrologyError(f"profile must have at least {2 * _LEAST_POINTS} measured points")
+    return x, z
+
+
+def _locate(x: Array, z: Array) -> tuple[float, bool]:
+    """Find the split that explains most variance about one line per side: where the riser is, and its direction."""
+    known = np.isfinite(z)
+    u = x[known]
+    w = despiked(roughly_levelled(u, z[known]))
+    n = len(w)
+    left = np.cumsum(w)[:-1]
+    count = np.arange(1, n)
+    gap = (left[-1] + w[-1] - left) / (n - count) - left / count
+    gain = gap**2 * count * (n - count)
+    guard = max(n // 20, 1)
+    best = guard + int(np.argmax(gain[guard : n - guard]))
+    return float(0.5 * (u[best] + u[best + 1])), bool(gap[best] > 0.0)
+
+
+def _fit_faces(x: Array, z: Array, middle: float, exclusion: float) -> _Faces:
+    lower, upper = x < middle - exclusion, x > middle + exclusion
+    finite = np.isfinite(z)
+    for name, side in (("left", lower), ("right", upper)):
+        if (side & finite).sum() < _LEAST_POINTS:
+            raise MetrologyError(
+                f"face {name} of the edge must keep {_LEAST_POINTS} points outside the exclusion of "
+                f"{exclusion * 1e6:.4g} um, got {int((side & finite).sum())}"
+            )
+    scale = max(abs(x[0] - middle), abs(x[-1] - middle))
+    design = np.stack([(x - middle) / scale, np.ones_like(x), (x > middle).astype(float)])
+    used = (lower | upper) & finite
+    rejected = 0
+    calm = without_spikes(z)
+    for turn in range(6):
+        inverse = np.linalg.inv(design[:, used] @ design[:, used].T)
+        weights = np.where(used, inverse @ design, 0.0)
+        solution = weights[:, used] @ (calm if turn == 0 else z)[used]
+        residuals = z - solution @ design
+        spikes = np.zeros_like(used)
+        spikes[used] = outlier_mask(residuals[used])
+        if turn > 0 and not spikes.any():
+            break
+        used &= ~spikes
+        rejected += int(spikes.sum())
+    kept = np.where(used, residuals, np.nan)
+    gamma = autocovariance([kept[lower], kept[upper]])
+    covariance = estimator_covariance(weights / np.array([[scale], [1.0], [1.0]]), gamma)
+    tilt = float(solution[0] / scale)
+    return _Faces(
+        tilt=tilt,
+        offset=float(solution[1] - tilt * middle),
+        height=float(solution[2]),
+        noise=noise_uncertainty(weights[2], residuals, used, list(design)),
+        roughness=float(np.sqrt(gamma[0])),
+        gamma=gamma,
+        errors=_root(covariance),
+        rejected=rejected,
+    )
+
+
+def _root(covariance: Array) -> Array:
+    """Return rows whose products add up to a covariance, by its eigenvectors, since it may be singular."""
+    values, vectors = np.linalg.eigh(covariance)
+    return np.asarray((vectors * np.sqrt(np.maximum(values, 0.0))).T)
+
+
+def _beyond_neighbours(heights: Array, limit: float) -> Mask:
+    """Return spikes in a window at the edge: an edge rises or falls, so a point stays within the range of its neighbours."""
+    padded = np.pad(heights, 2, mode="reflect")
+    others = np.stack([padded[shift : shift + len(heights)] for shift in (0, 1, 3, 4)])
+    # the second of the four from either side, so that one spike does not excuse another
+    ordered = np.sort(others, axis=0)
+    beyond = (heights > ordered[2] + limit) & (heights > ordered[3] + limit)
+    below = (heights < ordered[1] - limit) & (heights < ordered[0] - limit)
+    return np.asarray(beyond | below)
+
+
+def _arc_without_spikes(
+    x: Array, z: Array, middle: float, spacing: float, faces: _Faces, inside: Mask
+) -> tuple[Arc, int]:
+    """Fit the arc; drop a point where the circle fits the others by far better, as it does for a spike and not for form."""
+    kept = np.flatnonzero(inside)
+
+    def fitted(points: NDArray[np.intp]) -> Arc:
+        u = x[points]
+        columns = np.stack([u - middle, np.ones(len(u)), (u > middle).astype(float)])
+        levelled = z[points] - faces.offset - faces.tilt * u
+        return arc_radius(u, levelled, faces.height, spacing, faces.gamma, faces.errors @ columns)
+
+    arc, dropped = fitted(kept), 0
+    while arc.excess > _SUSPECT and dropped < _MOST_ON_ARC and len(kept) > 8:
+        trials = [np.delete(kept, index) for index in arc.suspects]
+        others = [fitted(points) for points in trials]
+        best = min(range(len(others)), key=lambda index: others[index].misfit)
+        if others[best].excess > arc.excess / _BY_FAR:
+            break
+        arc, kept, dropped = others[best], trials[best], dropped + 1
+    return arc, dropped
+
+
+def _rounding_width(x: Array, z: Array, middle: float, faces: _Faces) -> float:
+    """Distance from the riser to the last point that lies clearly off its own face."""
+    ideal = faces.offset + faces.tilt * x + np.where(x > middle, faces.height, 0.0)
+    deviation = np.abs(despiked(np.where(np.isfinite(z), z, ideal)) - ideal)
+    off = deviation > max(6.0 * faces.roughness, 1e-3 * faces.height)
+    distance = np.abs(x - middle)
+    near = np.argsort(distance)
+    run = np.flatnonzero(~off[near])
+    quiet = run[np.searchsorted(run, 0) :]
+    # the rounding ends where ten points in a row, on both sides together, lie on their faces again
+    for index in quiet:
+        if not off[near[index : index + 10]].any():
+            return float(distance[near[index]])
+    return float(distance.max())

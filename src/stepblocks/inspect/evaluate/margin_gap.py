@@ -1,0 +1,162 @@
+"""Gap and discrepancies of a crown margin, from a profile across it.
+
+Terms of Holmes et al. 1989 (J. Prosthet. Dent. 62:405, doi:10.1016/0022-3913(89)90170-4) for a planar junction: the two
+shoulders are fitted as in the two-plane convention of a single edge; the opening lies between the points
+where the profile leaves them. Horizontal opening and vertical discrepancy together give the absolute discrepancy.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from stepblocks.errors import MetrologyError
+from stepblocks.inspect.evaluate.levelling import despiked, roughly_levelled, two_levels, without_spikes
+from stepblocks.inspect.evaluate.noise_uncertainty import NoiseUncertainty, noise_uncertainty
+from stepblocks.inspect.evaluate.roughness_noise import outlier_mask
+
+Array = NDArray[np.float64]
+
+_LEAST_POINTS = 20
+
+
+@dataclass(frozen=True)
+class Margin:
+    """What a profile across a margin says."""
+
+    opening: float  # Distance between the two edges along the profile [m]
+    opening_noise: NoiseUncertainty  # Its uncertainty from the noise where its edges are sampled [m]
+    opening_sampling: float  # Its standard uncertainty since nothing is known between two samples of a wall [m]
+    rise: float  # Height of the right shoulder over the left, the vertical discrepancy [m]
+    rise_noise: NoiseUncertainty  # Its uncertainty from noise and roughness [m]
+    depth: float  # How deep the profile reached into the gap, below the lower shoulder [m]
+
+    @property
+    def absolute(self) -> float:
+        """Absolute marginal discrepancy, the hypotenuse of opening and rise [m]."""
+        return float(np.hypot(self.opening, self.rise))
+
+    @property
+    def absolute_noise(self) -> NoiseUncertainty:
+        """Its uncertainty from noise [m]; the degrees of freedom are those of the rise, which carries them."""
+        share, slope = self.opening / self.absolute, self.rise / self.absolute
+        std = float(np.hypot(share * self.opening_noise.std, slope * self.rise_noise.std))
+        return NoiseUncertainty(std, self.rise_noise.dof)
+
+    @property
+    def absolute_sampling(self) -> float:
+        """Its standard uncertainty from sampling [m]."""
+        return self.opening_sampling * self.opening / self.absolute
+
+
+def fit_margin(position: ArrayLike, height: ArrayLike) -> Margin:
+    """Measure opening and vertical discrepancy of a margin.
+
+    An edge is where the profile has fallen below its own shoulder by half the depth of the gap under the lower
+    shoulder; missing points count as gap. Where two samples jump over a wall, the edge is known to that interval, as a
+    rectangle; where samples lie on a flank, the crossing is interpolated and the noise of the two counts.
+    """
+    x, z = np.asarray(position, dtype=np.float64), np.asarray(height, dtype=np.float64)
+    if x.ndim != 1 or x.shape != z.shape or len(x) < 3 * _LEAST_POINTS:
+        raise MetrologyError(f"profile must be two rows of at least {3 * _LEAST_POINTS} points, got {x.shape}")
+    steps = np.diff(x)
+    if not ((steps > 0.0).all() and np.ptp(steps) < 0.01 * steps.mean()):
+        raise MetrologyError("positions of the profile must increase in equal steps within 1 %")
+    known = np.isfinite(z)
+    level = np.full_like(z, np.nan)
+    level[known] = despiked(roughly_levelled(x[known], z[known]))
+    begin, end = _gap(level)
+    tilt, rise, noise, offset, middle, roughness = _shoulders(x, z, begin, end)
+    flat = z - tilt * (x - middle) - offset
+    left, right, depth = _edges(x, flat, rise, begin, end)
+    spacing = float(steps.mean())
+    sampling = spacing * float(np.hypot(left.unresolved, right.unresolved)) / np.sqrt(12.0)
+    crossing = [0.0 if np.isnan(one.jump) else roughness * spacing / one.jump for one in (left, right)]
+    return Margin(
+        opening=right.position - left.position,
+        opening_noise=NoiseUncertainty(float(np.hypot(crossing[0], crossing[1])), noise.dof),
+        opening_sampling=sampling,
+        rise=rise,
+        rise_noise=noise,
+        depth=depth,
+    )
+
+
+def _gap(level: Array) -> tuple[int, int]:
+    """Return the indices of the longest stretch that is missing or far below both shoulders."""
+    lower, upper = two_levels(level[np.isfinite(level)])
+    quarter = len(level) // 4
+    shoulders = min(np.nanmedian(level[:quarter]), np.nanmedian(level[-quarter:]))
+    bottom = float(np.nanmin(level))
+    limit = shoulders - 0.5 * (shoulders - bottom)
+    if not shoulders - bottom > max(abs(upper - lower) * 0.2, 1e-12):
+        raise MetrologyError("profile must show a gap below both shoulders, got none")
+    inside = ~np.isfinite(level) | (level < limit)
+    change = np.flatnonzero(np.diff(np.concatenate([[0], inside.astype(np.int8), [0]])))
+    stretches = list(zip(change[::2], change[1::2], strict=True))
+    begin, end = max(stretches, key=lambda pair: pair[1] - pair[0])
+    if begin < _LEAST_POINTS or len(level) - end < _LEAST_POINTS:
+        raise MetrologyError(f"gap must leave {_LEAST_POINTS} points of a shoulder on either side")
+    return int(begin), int(end)
+
+
+def _shoulders(x: Array, z: Array, begin: int, end: int) -> tuple[float, float, NoiseUncertainty, float, float, float]:
+    margin = max((end - begin) // 2, 3)
+    index = np.arange(len(x))
+    left, right = index < begin - margin, index >= end + margin
+    used = (left | right) & np.isfinite(z)
+    if (left & used).sum() < _LEAST_POINTS or (right & used).sum() < _LEAST_POINTS:
+        raise MetrologyError(f"shoulders must keep {_LEAST_POINTS} points each beside the gap")
+    middle = 0.5 * float(x[begin] + x[end - 1])
+    scale = float(np.ptp(x))
+    design = np.stack([(x - middle) / scale, np.ones_like(x), (x > middle).astype(float)])
+    calm = without_spikes(z)
+    for turn in range(6):
+        inverse = np.linalg.inv(design[:, used] @ design[:, used].T)
+        weights = np.where(used, inverse @ design, 0.0)
+        solution = weights[:, used] @ (calm if turn == 0 else z)[used]
+        residuals = z - solution @ design
+        spikes = np.zeros_like(used)
+        spikes[used] = outlier_mask(residuals[used])
+        if turn > 0 and not spikes.any():
+            break
+        used &= ~spikes
+    noise = noise_uncertainty(weights[2], residuals, used, list(design))
+    roughness = float(np.std(residuals[used]))
+    return float(solution[0]) / scale, float(solution[2]), noise, float(solution[1]), middle, roughness
+
+
+@dataclass(frozen=True)
+class _Wall:
+    """Where a wall stands [m], how much of a sampling interval that leaves open [1], and the jump over it [m]."""
+
+    position: float
+    unresolved: float
+    jump: float
+
+
+def _edges(x: Array, flat: Array, rise: float, begin: int, end: int) -> tuple[_Wall, _Wall, float]:
+    lower = min(0.0, rise)
+    inner = flat[begin:end]
+    # the median of the deepest tenth, since the deepest point is mostly noise
+    known = np.sort(inner[np.isfinite(inner)])
+    depth = float(lower - np.median(known[: max(len(known) // 10, 1)])) if known.size else np.nan
+    level = lower - (0.5 * depth if np.isfinite(depth) else 0.0)
+    solid = np.isfinite(flat) & (flat > level)
+    middle = (begin + end) // 2
+    left = int(np.flatnonzero(solid[:middle])[-1])
+    right = middle + int(np.flatnonzero(solid[middle:])[0])
+    return _wall(x, flat, level, depth, left, left + 1), _wall(x, flat, level, depth, right - 1, right), depth
+
+
+def _wall(x: Array, flat: Array, level: float, depth: float, low: int, high: int) -> _Wall:
+    """Locate a wall between two samples: a jump of the whole depth leaves the interval open, a flank is interpolated."""
+    a, b = flat[low], flat[high]
+    middle, jump = float(0.5 * (x[low] + x[high])), float(abs(b - a))
+    if not np.isfinite(jump / depth) or jump == 0.0:
+        return _Wall(middle, 1.0, float("nan"))
+    unresolved = float(np.clip(2.0 * jump / depth - 1.0, 0.0, 1.0))
+    crossing = float(x[low] + (level - a) / (b - a) * (x[high] - x[low]))
+    return _Wall(unresolved * middle + (1.0 - unresolved) * crossing, unresolved, jump)

@@ -1,0 +1,144 @@
+"""Standard uncertainty of a linear estimate from the residuals that it leaves, and how well that uncertainty is known.
+
+A height is a weighted sum ``w . z``. With stationary noise its variance is the sum over lags of ``c(k) gamma(k)``, c the
+autocorrelation of the weights and gamma the autocovariance of the noise. Gamma is estimated from a few hundred
+residuals, so the variance is itself uncertain: it carries degrees of freedom, and an interval needs Student's factor.
+Two biases are taken out: the taper over lags is flat where the noise is correlated (a falling one loses the tail), and
+what the fit has swallowed of the noise is put back by its expectation. Profiles and maps go the same way.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+Array = NDArray[np.float64]
+Mask = NDArray[np.bool_]
+
+# Largest factor by which a variance is raised for what the fit swallowed; beyond it, nothing is known
+_MOST_RESTORED = 4.0
+# Least part of the low frequencies that a fit may leave; with less, the correlation cannot be told from the form [1]
+_LEAST_LEFT = 0.25
+# Smallest variance as a part of that of white noise of the same scatter: a truncated sum over lags may fall below
+# zero
+_LEAST_OF_WHITE = 0.25
+
+
+@dataclass(frozen=True)
+class NoiseUncertainty:
+    """Uncertainty of one estimate."""
+
+    std: float  # Standard uncertainty, in the unit of the estimate
+    dof: float  # Its effective degrees of freedom; infinite where the residuals are zero
+
+
+def noise_uncertainty(weights: Array, residuals: Array, used: Mask, design: Sequence[Array]) -> NoiseUncertainty:
+    """Uncertainty of ``sum(weights * z)`` from the residuals of its fit.
+
+    With residuals ``r = M z``, M the projection of the fit, the estimate of the variance is a quadratic form ``r Q r``;
+    Q holds ``c(k) taper(k) / pairs(k)``. Its mean is ``tr(M Q M Gamma)``, which gives the correction, and twice the
+    square of its mean over its variance the degrees of freedom (Satterthwaite 1946, Biometrics Bulletin 2:110,
+    doi:10.2307/3002019), here ``tr(Q Gamma)^2 / tr(Q Gamma Q Gamma)`` evaluated over frequencies. The taper is the flat
+    top of Politis and Romano (1995), its width by Politis (2003), J. Nonparametr. Stat. 15:375,
+    doi:10.1080/1048525031000157990.
+    """
+    lags = _Lags(residuals.shape)
+    inside = used.astype(np.float64)
+    r, w = np.where(used, residuals, 0.0), np.where(used, weights, 0.0)
+    pairs = np.rint(lags.autocorrelation(inside))
+    known = pairs > 0.0
+    gamma = np.where(known, lags.autocorrelation(r) / np.maximum(pairs, 1.0), 0.0)
+    if gamma.flat[0] <= 0.0:
+        return NoiseUncertainty(0.0, float("inf"))
+    taper = _taper(gamma, residuals.shape, float(inside.sum()))
+    c = lags.autocorrelation(w)
+    white = float(c.flat[0] * gamma.flat[0])
+    variance = max(float(np.sum(c * gamma * taper)), _LEAST_OF_WHITE * white)
+    # each column of the fit takes the mean power of one frequency: every lag lies too low by the same amount
+    area, count = float(taper.sum()), float(inside.sum())
+    share = len(design) / count
+    lifted = gamma + share * float(np.sum(gamma * taper)) / max(1.0 - share * area, _LEAST_LEFT)
+    spectrum = np.maximum(lags.transform(lifted * taper).real, 0.0)
+    form = lags.transform(np.where(known, c * taper / np.maximum(pairs, 1.0), 0.0)).real
+    trace, seen = _expectations(lags, spectrum, form, pairs, inside, design)
+    true = float(np.sum(c * lags.back(spectrum)))
+    restored = min(max(true / seen, 1.0), _MOST_RESTORED) if seen > 0.0 else _MOST_RESTORED
+    both = form * spectrum
+    squares = lags.mean(both**2)
+    dof = count * lags.mean(both) ** 2 / squares if squares > 0.0 else float("inf")
+    lost = max(seen / trace, 0.1) if trace > 0.0 else 0.1
+    return NoiseUncertainty(float(np.sqrt(variance * restored)), max(dof * lost, 1.0))
+
+
+class _Lags:
+    """Fourier transforms over a grid that is padded so that lags do not wrap."""
+
+    def __init__(self, shape: tuple[int, ...]) -> None:
+        from scipy import fft
+
+        self._fft = fft
+        self._cut = tuple(slice(0, size) for size in shape)
+        self.shape = tuple(fft.next_fast_len(2 * size, real=True) for size in shape)
+        # a real transform keeps half of the last axis; the other half counts in means over frequencies
+        self._share = np.full(self.shape[-1] // 2 + 1, 2.0)
+        self._share[0] = 1.0
+        if self.shape[-1] % 2 == 0:
+            self._share[-1] = 1.0
+
+    def transform(self, values: Array) -> NDArray[np.complex128]:
+        return np.asarray(self._fft.rfftn(values, self.shape))
+
+    def back(self, spectrum: Array) -> Array:
+        return np.asarray(self._fft.irfftn(spectrum, self.shape))
+
+    def autocorrelation(self, values: Array) -> Array:
+        return self.back(np.abs(self.transform(values)) ** 2)
+
+    def convolved(self, spectrum: Array, values: Array) -> Array:
+        return np.asarray(self._fft.irfftn(spectrum * self.transform(values), self.shape)[self._cut])
+
+    def mean(self, spectrum: Array) -> float:
+        return float(np.sum(spectrum * self._share) / np.prod(self.shape))
+
+
+def _expectations(
+    lags: _Lags, spectrum: Array, form: Array, pairs: Array, inside: Array, design: Sequence[Array]
+) -> tuple[float, float]:
+    """Traces of Q Gamma and of M Q M Gamma; the projection has few columns, so no large matrix is ever formed."""
+    trace = float(np.sum(lags.back(form) * pairs * lags.back(spectrum)))
+    columns = [column * inside for column in design]
+    inverse = np.linalg.inv(_products(columns, columns))
+    by_noise = [lags.convolved(spectrum, column) * inside for column in columns]
+    by_form = [lags.convolved(form, column) * inside for column in columns]
+    swallowed = 2.0 * np.trace(inverse @ _products(by_form, by_noise))
+    twice = np.trace(inverse @ _products(by_form, columns) @ inverse @ _products(columns, by_noise))
+    return trace, trace - float(swallowed) + float(twice)
+
+
+def _products(first: Sequence[Array], second: Sequence[Array]) -> Array:
+    return np.array([[float(np.sum(a * b)) for b in second] for a in first])
+
+
+def _taper(gamma: Array, shape: tuple[int, ...], count: float) -> Array:
+    """Flat top over the correlated lags of each axis, then linear to zero at twice as far."""
+    taper = np.ones(gamma.shape)
+    limit = 2.0 * np.sqrt(np.log10(max(count, 10.0)) / count)
+    for axis, size in enumerate(shape):
+        line: list[int | slice] = [0] * gamma.ndim
+        line[axis] = slice(1, max(size // 3, 2))
+        flat = max(_last_correlated(np.abs(gamma[tuple(line)]) / gamma.flat[0], limit), 1)
+        lag = np.abs(np.fft.fftfreq(gamma.shape[axis]) * gamma.shape[axis])
+        along = [1] * gamma.ndim
+        along[axis] = -1
+        taper = taper * np.clip(2.0 - lag / flat, 0.0, 1.0).reshape(along)
+    return taper
+
+
+def _last_correlated(correlation: Array, limit: float) -> int:
+    """Return the last lag before five in a row that are indistinguishable from none."""
+    small = np.convolve(correlation < limit, np.ones(5), mode="full")[4:]
+    quiet = np.flatnonzero(small >= min(5, len(correlation)))
+    return int(quiet[0]) if quiet.size else len(correlation)

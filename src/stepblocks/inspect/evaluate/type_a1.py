@@ -1,0 +1,216 @@
+"""Step height of a ridge or a groove by ISO 5436-1, type A1.
+
+For a groove of width W between the edges L and R, one least-squares fit ``Z = a X + b + h d`` runs over
+A = [L - W, L - W/3], C = the middle third, B = [R + W/3, R + W], with d = +1 on A and B and -1 on C; the depth is 2 h.
+The profile is not filtered. A window that holds a part of a flank bends the result, and is refused or cut.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from stepblocks.errors import MetrologyError
+from stepblocks.inspect.evaluate.levelling import despiked, roughly_levelled, two_levels, without_spikes
+from stepblocks.inspect.evaluate.noise_uncertainty import noise_uncertainty
+from stepblocks.inspect.evaluate.roughness_noise import outlier_mask, robust_scale
+
+Array = NDArray[np.float64]
+Mask = NDArray[np.bool_]
+Span = tuple[float, float]
+
+_LEAST_POINTS = 5
+_TOLERATED = 0.01  # Deviation of a window's points that is no flank, as a part of the depth [1]
+_SIGMAS = 5.0
+_MOST_OUTLIERS = 0.1
+
+
+@dataclass(frozen=True)
+class TypeA1:
+    """Result of one evaluation."""
+
+    depth: float  # Depth 2h and its standard uncertainty from noise and roughness [m]; negative depth for a ridge
+    depth_std: float
+    depth_dof: float  # Effective degrees of freedom of that uncertainty [1]
+    edges: Span  # L and R, where the profile crosses half the depth [m]
+    windows: tuple[Span, Span, Span]  # Begin and end of A, C and B as evaluated, after cuts [m]
+    tilt: float  # Slope a [1]
+    excluded: int  # Points cut from the windows because a flank reached into them
+    outliers: int  # Points left out as spikes: further than five robust standard deviations from the fit
+    form: float  # Root mean square of the residuals in the windows [m]
+
+
+def find_features(position: ArrayLike, height: ArrayLike) -> list[Span]:
+    """Edges L and R of every groove or ridge that lies wholly inside a profile."""
+    x, z = np.asarray(position, dtype=np.float64), np.asarray(height, dtype=np.float64)
+    known = np.isfinite(z)
+    x, z = x[known], z[known]
+    if len(x) < 4 * _LEAST_POINTS:
+        raise MetrologyError(f"profile must have at least {4 * _LEAST_POINTS} measured points, got {len(x)}")
+    level = despiked(roughly_levelled(x, z))
+    lower, upper = two_levels(level)
+    middle = 0.5 * (lower + upper)
+    inside = level < middle if (level < middle).sum() <= 0.5 * len(level) else level > middle
+    change = np.flatnonzero(np.diff(inside.astype(np.int8)))
+    crossings = [float(np.interp(middle, *_ordered(level[i : i + 2], x[i : i + 2]))) for i in change]
+    begin = 1 if inside[0] else 0
+    return list(zip(crossings[begin::2], crossings[begin + 1 :: 2], strict=False))
+
+
+def _ordered(levels: Array, positions: Array) -> tuple[Array, Array]:
+    return (levels, positions) if levels[0] <= levels[1] else (levels[::-1], positions[::-1])
+
+
+def evaluate_a1(
+    position: ArrayLike,
+    height: ArrayLike,
+    edges: Span | None = None,
+    contaminated: Literal["refuse", "exclude"] = "refuse",
+) -> TypeA1:
+    """Depth of one groove or ridge in one profile.
+
+    Source: ISO 5436-1:2000, 5.2 and figure 7.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> x = np.arange(900) * 1e-6
+    >>> z = np.where((x > 300e-6) & (x < 600e-6), -10e-6, 0.0) + 1e-3 * x
+    >>> result = evaluate_a1(x, z)
+    >>> round(result.depth * 1e6, 6)
+    10.0
+    """
+    x, z = np.asarray(position, dtype=np.float64), np.asarray(height, dtype=np.float64)
+    left, right = edges if edges is not None else _only_feature(x, z)
+    width = right - left
+    if not width > 0.0:
+        raise MetrologyError(f"edges must be in order, got {left:g} and {right:g} m")
+    spans = (
+        (left - width, left - width / 3),
+        (left + width / 3, right - width / 3),
+        (right + width / 3, right + width),
+    )
+    slack = 0.5 * (x[-1] - x[0]) / (len(x) - 1)
+    if spans[0][0] < x[0] - slack or spans[2][1] > x[-1] + slack:
+        raise MetrologyError(
+            f"profile must reach one width ({width * 1e6:.4g} um) beyond the edges, from {spans[0][0] * 1e6:.4g} to "
+            f"{spans[2][1] * 1e6:.4g} um, got {x[0] * 1e6:.4g} to {x[-1] * 1e6:.4g} um"
+        )
+    masks = [(x >= begin) & (x <= end) & np.isfinite(z) for begin, end in spans]
+    cuts = [_flank_mask(x, z, mask, masks) for mask in masks]
+    excluded = int(sum(cut.sum() for cut in cuts))
+    if excluded and contaminated == "refuse":
+        names = [name for name, cut in zip("ACB", cuts, strict=True) if cut.any()]
+        raise MetrologyError(
+            f"windows of type A1 must lie on the faces, but a flank or a defect reaches into {', '.join(names)} "
+            f"({excluded} points) of the feature from {left * 1e6:.4g} to {right * 1e6:.4g} um"
+        )
+    kept = [mask & ~cut for mask, cut in zip(masks, cuts, strict=True)]
+    for name, mask, before in zip("ACB", kept, masks, strict=True):
+        if mask.sum() < max(_LEAST_POINTS, before.sum() // 2):
+            raise MetrologyError(
+                f"window {name} must keep at least half of its points and {_LEAST_POINTS}, got {mask.sum()} of "
+                f"{before.sum()} for the feature from {left * 1e6:.4g} to {right * 1e6:.4g} um"
+            )
+    return _solve(x, z, kept, (left, right), excluded)
+
+
+def _only_feature(x: Array, z: Array) -> Span:
+    found = find_features(x, z)
+    if len(found) != 1:
+        raise MetrologyError(f"profile must hold exactly one ridge or groove with both flanks, got {len(found)}")
+    return found[0]
+
+
+def _fit(x: Array, z: Array, masks: list[Mask]) -> tuple[Array, Array, Array, Mask, Array]:
+    used = masks[0] | masks[1] | masks[2]
+    origin, scale = float(x[used].mean()), float(np.ptp(x[used]))
+    design = np.stack([(x - origin) / scale, np.ones_like(x), np.where(masks[1], -1.0, 1.0)])
+    inverse = np.linalg.inv(design[:, used] @ design[:, used].T)
+    weights = np.where(used, inverse @ design, 0.0)
+    solution = weights[:, used] @ z[used]
+    solution[0] /= scale
+    weights[0] /= scale
+    return solution, weights, z - (solution[0] * (x - origin) + solution[1:] @ design[1:]), used, design
+
+
+def _flank_mask(x: Array, z: Array, mask: Mask, masks: list[Mask]) -> Mask:
+    """Return the points at the ends of a window that lie on a flank."""
+    if mask.sum() < _LEAST_POINTS:
+        return np.zeros_like(mask)
+    # the inner half of each window is judged clean; the fit through these halves is the reference
+    cores = [_core(one) for one in masks]
+    if any(core.sum() < 2 for core in cores):
+        return np.zeros_like(mask)
+    solution, _, residuals, used, _ = _fit(x, z, cores)
+    depth = abs(2.0 * float(solution[2]))
+    own = float(np.median(residuals[_core(mask)]))
+    # `residuals` takes d = +1 outside C, so a point of another window is judged against its own side
+    side = -1.0 if mask is masks[1] else 1.0
+    design = np.ones_like(x) * side
+    origin = float(x[used].mean())
+    deviation = z - (solution[0] * (x - origin) + solution[1] + solution[2] * design) - own
+    noise = robust_scale(residuals[used])
+    limit = max(_SIGMAS * noise, _TOLERATED * depth)
+    index = np.flatnonzero(mask)
+    size = np.abs(deviation[index])
+    cut = np.zeros_like(mask)
+    for inward in (index, index[::-1]):
+        count = _flank_length(size if inward is index else size[::-1], limit, 2.0 * noise)
+        cut[inward[:count]] = True
+    return cut
+
+
+def _flank_length(size: Array, limit: float, floor: float) -> int:
+    """Count the points from the end of a window that belong to a flank: off the face at the end, until they are on it.
+
+    A flank is recognised by `limit` and followed down to `floor`, or its foot would stay in the window.
+    """
+    if not (size[:3] > limit).all():
+        return 0
+    back = np.flatnonzero(size <= floor)
+    return int(back[0]) if back.size else len(size)
+
+
+def _core(mask: Mask) -> Mask:
+    index = np.flatnonzero(mask)
+    quarter = len(index) // 4
+    core = np.zeros_like(mask)
+    core[index[quarter : len(index) - quarter]] = True
+    return core
+
+
+def _solve(x: Array, z: Array, masks: list[Mask], edges: Span, excluded: int) -> TypeA1:
+    whole = int(sum(mask.sum() for mask in masks))
+    solution, weights, residuals, used, design = _fit(x, without_spikes(z), masks)
+    residuals = z - without_spikes(z) + residuals
+    for _ in range(6):
+        spikes = np.zeros_like(used)
+        spikes[used] = outlier_mask(residuals[used], _SIGMAS)
+        outliers = whole - int(used.sum()) + int(spikes.sum())
+        if outliers > _MOST_OUTLIERS * whole or any((mask & ~spikes).sum() < _LEAST_POINTS for mask in masks):
+            raise MetrologyError(
+                f"windows of type A1 must hold at most {_MOST_OUTLIERS:.0%} spikes, got {outliers} of {whole} points for the "
+                f"feature from {edges[0] * 1e6:.4g} to {edges[1] * 1e6:.4g} um"
+            )
+        masks = [mask & ~spikes for mask in masks]
+        solution, weights, residuals, used, design = _fit(x, z, masks)
+        if not spikes.any():
+            break
+    outliers = whole - int(used.sum())
+    noise = noise_uncertainty(2.0 * weights[2], residuals, used, list(design))
+    windows = [(float(x[mask][0]), float(x[mask][-1])) for mask in masks]
+    return TypeA1(
+        depth=2.0 * float(solution[2]),
+        depth_std=noise.std,
+        depth_dof=noise.dof,
+        edges=edges,
+        windows=(windows[0], windows[1], windows[2]),
+        tilt=float(solution[0]),
+        excluded=excluded,
+        outliers=outliers,
+        form=float(np.sqrt(np.mean(residuals[used] ** 2))),
+    )

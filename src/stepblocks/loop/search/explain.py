@@ -1,0 +1,219 @@
+"""The loop: gate, choice, addition, exchange, until nothing is left that noise would not do."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from stepblocks.errors import ClosureError
+from stepblocks.loop.search.adequacy import independence
+from stepblocks.loop.search.effect import Effect, ForwardModel
+from stepblocks.loop.search.explanation import Explanation, Finding, Verdict
+from stepblocks.loop.search.fit import Fit, Problem, fit
+from stepblocks.loop.search.gate import gate
+from stepblocks.loop.search.noise import estimate_scatter, flexible_residual, whitener
+from stepblocks.loop.search.selection import Choice, choose
+from stepblocks.loop.search.trials import Trials
+
+_LEAST_SHARE = 0.3
+
+Deployed = Callable[[Fit], float]  # Error of a fit where it will be used
+
+
+@dataclass(frozen=True)
+class Rules:
+    """When to claim what."""
+
+    alpha: float = 0.02  # Chance of a false alarm of one gate, over all candidates
+    margin: float = 8.0  # Difference of the criterion (cost + p ln n) within which two effects count as rivals
+    most: int = 4  # Most effects to add
+    draws: int = 500  # Bootstrap draws of a gate
+    seed: int = 0  # Seed of the bootstrap
+    fits: int = 10  # Laws, and smooths, that are fitted in full at each step
+    exchange: bool = True  # Whether each of several effects is sought again in the presence of the others
+
+
+def problem_of(model: ForwardModel, trials: Trials) -> Problem:
+    """Pair a model with trials and the noise estimated from them."""
+    if len(trials) < 12:
+        raise ClosureError(f"trials must be at least 12 to be explained, got {len(trials)}")
+    systematics = model.systematics(trials)
+    residual, dof = flexible_residual(trials)
+    start = {p.name: p.start for p in model.parameters(trials)}
+    for _ in range(2):
+        # the responses depend on the constants, the constants a little on the weights
+        responses = model.responses(trials, start)
+        scatter = estimate_scatter(residual, trials.std, responses, dof)
+        problem = Problem(model, trials, whitener(trials, systematics, responses, scatter))
+        start = fit(problem).values
+    return problem
+
+
+def explain(
+    model: ForwardModel,
+    trials: Trials,
+    candidates: Sequence[Effect],
+    rules: Rules | None = None,
+    deployed: Deployed | None = None,
+) -> Explanation:
+    """Find what a model lacks."""
+    rules = rules or Rules()
+    grown = _search(model, trials, candidates, rules, deployed)
+    return _conclude(grown, candidates, rules)
+
+
+def select(
+    model: ForwardModel, trials: Trials, candidates: Sequence[Effect], rules: Rules | None = None
+) -> tuple[Effect, ...]:
+    """Return the effects that trials would choose, without verdicts and rivals; see `explain`."""
+    return _search(model, trials, candidates, rules or Rules()).current.effects
+
+
+@dataclass(frozen=True)
+class _Grown:
+    problem: Problem
+    current: Fit
+    gates: dict[str, float]
+    p_value: float
+
+
+def _search(
+    model: ForwardModel, trials: Trials, candidates: Sequence[Effect], rules: Rules, deployed: Deployed | None = None
+) -> _Grown:
+    problem = problem_of(model, trials)
+    current, p_value = fit(problem), 1.0
+    gates: dict[str, float] = {}
+    error = deployed(current) if deployed else 0.0
+    for step in range(rules.most + 1):
+        opened = gate(problem, current, _left(candidates, current), rules.draws, rules.seed + step)
+        p_value = opened.p_value
+        if p_value > rules.alpha or step == rules.most:
+            break
+        choice = choose(problem, current, opened, rules.fits)
+        grown = _grow(problem, current, choice, candidates) if choice else None
+        if grown is None:
+            break
+        if rules.exchange:
+            grown = _exchange(problem, grown, candidates)
+        if deployed:
+            new_error = deployed(grown)
+            if not new_error < error:
+                break
+            error = new_error
+        current = grown
+        problem = _tighten(problem, current)
+        current = fit(problem, current.effects, current.values)
+        gates = {e.id: gates.get(e.id, p_value) for e in current.effects}
+    return _Grown(problem, current, gates, p_value)
+
+
+def _left(candidates: Sequence[Effect], current: Fit) -> list[Effect]:
+    taken = {e.id for e in current.effects}
+    return [e for e in candidates if e.id not in taken]
+
+
+def _tighten(problem: Problem, current: Fit) -> Problem:
+    """Take the scatter about the current model where that is less than about the flexible regression."""
+    trials = problem.trials
+    dof = max(len(trials) - len(current.parameters), len(trials) // 2)
+    residual = np.where(trials.seen, trials.values - current.predicted, np.nan)
+    active = [(e, current.of(e)) for e in current.effects]
+    responses = problem.model.responses(trials, current.values, active)
+    own = estimate_scatter(residual, trials.std, responses, dof)
+    noise = whitener(trials, problem.model.systematics(trials), responses, own)
+    return replace(problem, noise=noise) if noise.precision > problem.noise.precision else problem
+
+
+def _grow(problem: Problem, current: Fit, choice: Choice, candidates: Sequence[Effect]) -> Fit | None:
+    """Add the chosen effect; where a law already stands at its place, the law is too stiff and a smooth replaces it."""
+    added = choice.best.effect
+    same = [e for e in current.effects if e.place == added.place and e.covariate != "none" and e.covariate != "block"]
+    if not same:
+        return choice.best.fit
+    others = tuple(e for e in current.effects if e not in same)
+    smooth = [e for e in candidates if e.place == added.place and not e.named and e.id not in {s.id for s in same}]
+    base = fit(problem, others, current.values)
+    tried = [fit(problem, (*others, e), _start(base, e)) for e in smooth]
+    weight = float(np.log(len(problem.trials)))
+    tried = [t for t in tried if t.cost + weight * t.free < current.cost + weight * current.free - 10.0]
+    if tried:
+        return min(tried, key=lambda t: t.cost + weight * t.free)
+    return choice.best.fit if not added.named and all(not s.named for s in same) else None
+
+
+def _start(base: Fit, effect: Effect) -> dict[str, float]:
+    return base.values | {f"{effect.id}.{p.name}": p.start for p in effect.parameters}
+
+
+def _exchange(problem: Problem, current: Fit, candidates: Sequence[Effect]) -> Fit:
+    """With several effects, look again for each in the presence of the others; drop one that is no longer needed."""
+    weight = float(np.log(len(problem.trials)))
+    if len(current.effects) < 2:
+        return current
+    for _ in range(2):
+        changed = False
+        for effect in current.effects:
+            others = tuple(e for e in current.effects if e is not effect)
+            base = fit(problem, others, current.values)
+            if base.cost + weight * base.free <= current.cost + weight * current.free + 4.0:
+                current, changed = base, True
+                break
+            choice = choose(problem, base, gate(problem, base, _left(candidates, base), draws=0), most=6)
+            if choice is None or choice.best.effect.id == effect.id:
+                continue
+            if choice.best.criterion < current.cost + weight * current.free - 4.0:
+                current, changed = choice.best.fit, True
+                break
+        if not changed or len(current.effects) < 2:
+            break
+    return current
+
+
+def _conclude(grown: _Grown, candidates: Sequence[Effect], rules: Rules) -> Explanation:
+    problem, current = grown.problem, grown.current
+    findings = tuple(_finding(grown, e, candidates, rules) for e in current.effects)
+    checks, adequate = independence(problem, current)
+    verdict = Verdict.NONE
+    kinds = {f.verdict for f in findings}
+    for kind in (Verdict.AMBIGUOUS, Verdict.UNEXPLAINED, Verdict.EFFECT):
+        if kind in kinds:
+            verdict = kind
+            break
+    if verdict is Verdict.EFFECT and not (adequate and grown.p_value > rules.alpha):
+        # it improves the fit, not the explanation
+        verdict = Verdict.UNEXPLAINED
+    nominal = fit(problem)
+    if grown.p_value <= rules.alpha:
+        # something is left: what explains little may only stand in for it, and gets no name
+        least = _LEAST_SHARE * (nominal.cost - current.cost)
+        findings = tuple(f if f.gain >= least else replace(f, verdict=Verdict.UNEXPLAINED) for f in findings)
+        if findings and verdict is not Verdict.NONE:
+            leading = max(findings, key=lambda f: f.gain)
+            verdict = Verdict.AMBIGUOUS if leading.verdict is Verdict.AMBIGUOUS else Verdict.UNEXPLAINED
+    return Explanation(problem, nominal, current, findings, verdict, grown.p_value, checks, adequate)
+
+
+def _finding(grown: _Grown, effect: Effect, candidates: Sequence[Effect], rules: Rules) -> Finding:
+    problem, current = grown.problem, grown.current
+    p_value = grown.gates.get(effect.id, grown.p_value)
+    others = tuple(e for e in current.effects if e is not effect)
+    base = fit(problem, others, current.values)
+    weight = float(np.log(len(problem.trials)))
+    own = current.cost + weight * current.free
+    opened = gate(problem, base, _left(candidates, base), draws=0)
+    choice = choose(problem, base, opened, min(rules.fits, 8), keep=(effect.id,))
+    rivals = []
+    seen = {effect.id.split("~")[0]} if effect.covariate != "block" else {effect.id}
+    for trial in choice.tried if choice else ():
+        name = trial.effect.id.split("~")[0] if trial.effect.covariate != "block" else trial.effect.id
+        if trial.effect.id == effect.id or name in seen or trial.criterion > own + rules.margin:
+            continue
+        if not trial.effect.named and trial.effect.place == effect.place:
+            continue
+        seen.add(name)
+        rivals.append((trial.effect, trial.fit, trial.criterion - own))
+    elsewhere = [r for r in rivals if r[0].place != effect.place or (r[0].named and effect.named)]
+    verdict = Verdict.AMBIGUOUS if elsewhere else Verdict.EFFECT if effect.named else Verdict.UNEXPLAINED
+    return Finding(effect, verdict, p_value, base.cost - current.cost, tuple(rivals))

@@ -1,0 +1,167 @@
+"""Fit of a forward model with effects: whitened least squares with priors, on all channels at once."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from scipy.optimize import least_squares
+
+from stepblocks.loop.search.effect import Effect, ForwardModel, Parameter
+from stepblocks.loop.search.noise import Noise
+from stepblocks.loop.search.trials import Floats, Trials
+
+
+@dataclass(frozen=True)
+class Problem:
+    """What is fitted: a model on trials, with their noise."""
+
+    model: ForwardModel
+    trials: Trials
+    noise: Noise
+
+    def layout(self, effects: Sequence[Effect]) -> tuple[Parameter, ...]:
+        """Parameters of model and effects in one row; those of an effect are called ``effect.parameter``."""
+        own = self.model.parameters(self.trials)
+        return own + tuple(replace(p, name=f"{e.id}.{p.name}") for e in effects for p in e.parameters)
+
+    def predict(self, effects: Sequence[Effect], values: Mapping[str, float]) -> Floats:
+        """Predict all channels with effects, shape (n, c)."""
+        active = [(e, {p.name: values[f"{e.id}.{p.name}"] for p in e.parameters}) for e in effects]
+        return self.model.predict(self.trials, values, active)
+
+
+@dataclass(frozen=True)
+class Fit:
+    """A fitted model."""
+
+    effects: tuple[Effect, ...]  # Effects in it
+    parameters: tuple[Parameter, ...]  # What was fitted
+    values: dict[str, float]  # Values by name
+    std: dict[str, float]  # Their standard errors from the curvature
+    cost: float  # Sum of squared whitened residuals and prior terms
+    residual: Floats  # shape (n c,); Whitened residual without the prior terms
+    departure: Floats  # shape (q,); Distance of the parameters with a prior from it, in standard deviations
+    jacobian: Floats  # shape (n c + q, p); Whitened derivative of the prediction, prior rows below
+    predicted: Floats  # shape (n, c); Prediction
+    covariance: Floats
+
+    @property
+    def free(self) -> int:
+        """Parameters of the effects."""
+        return sum(len(e.parameters) for e in self.effects)
+
+    def of(self, effect: Effect) -> dict[str, float]:
+        """Return the values of the parameters of one effect."""
+        return {p.name: self.values[f"{effect.id}.{p.name}"] for p in effect.parameters}
+
+
+class _Objective:
+    """Residuals and Jacobian in units of each parameter's scale."""
+
+    def __init__(self, problem: Problem, effects: Sequence[Effect]) -> None:
+        self.problem, self.effects = problem, tuple(effects)
+        self.parameters = problem.layout(effects)
+        self.scale = np.array([p.scale for p in self.parameters])
+        self.start = np.array([p.start for p in self.parameters]) / self.scale
+        self.prior = np.array([p.scale / p.prior_std for p in self.parameters])
+        self.kept = np.flatnonzero(self.prior > 0.0)
+        self.bounds = (
+            np.array([p.low for p in self.parameters]) / self.scale,
+            np.array([p.high for p in self.parameters]) / self.scale,
+        )
+        blocks = np.asarray([p.block for p in self.parameters])
+        self.rows = {b: np.flatnonzero(problem.trials.block == b) for b in set(blocks[blocks != ""])}
+        self.groups: list[list[int]] = [[int(i)] for i in np.flatnonzero(blocks == "")]
+        # parameters that each move one specimen only share a difference; equal counts per specimen are layered
+        local: dict[str, list[int]] = {}
+        for i in np.flatnonzero(blocks != ""):
+            local.setdefault(str(blocks[i]), []).append(int(i))
+        for layer in range(max((len(v) for v in local.values()), default=0)):
+            self.groups.append([v[layer] for v in local.values() if len(v) > layer])
+
+        self.last: tuple[Floats, Floats] | None = None
+
+    def predicted(self, x: Floats) -> Floats:
+        # a Jacobian is asked for where the residual was asked for last
+        if self.last is None or not np.array_equal(self.last[0], x):
+            self.last = x.copy(), self._predict(x)
+        return self.last[1]
+
+    def _predict(self, x: Floats) -> Floats:
+        values = {p.name: float(v) for p, v in zip(self.parameters, x * self.scale, strict=True)}
+        return self.problem.predict(self.effects, values)
+
+    def residual(self, x: Floats) -> Floats:
+        misfit = self.problem.trials.values - self.predicted(x)
+        white = self.problem.noise.whiten(misfit)
+        return np.concatenate([white, ((self.start - x) * self.prior)[self.kept]])
+
+    def jacobian(self, x: Floats) -> Floats:
+        return -self.forward(x)
+
+    def forward(self, x: Floats) -> Floats:
+        base = self.predicted(x)
+        n, c = base.shape
+        stack = np.zeros((n, c, len(x)))
+        for group in self.groups:
+            step = np.where(x[group] + 1e-4 > self.bounds[1][group], -1e-4, 1e-4)
+            moved = x.copy()
+            moved[group] += step
+            change = self._predict(moved) - base
+            for i, h in zip(group, step, strict=True):
+                block = self.parameters[i].block
+                if block:
+                    stack[self.rows[block], :, i] = change[self.rows[block]] / h
+                else:
+                    stack[:, :, i] = change / h
+        prior = np.diag(self.prior)[self.kept]
+        return np.vstack([self.problem.noise.whiten(stack), prior])
+
+
+def fit(
+    problem: Problem, effects: Sequence[Effect] = (), start: Mapping[str, float] | None = None, evaluations: int = 40
+) -> Fit:
+    """Fit the model with some effects."""
+    objective = _Objective(problem, effects)
+    x0 = objective.start.copy()
+    for i, parameter in enumerate(objective.parameters):
+        if start is not None and parameter.name in start:
+            x0[i] = start[parameter.name] / parameter.scale
+    low, high = objective.bounds
+    margin = 1e-6 * (np.minimum(high - low, 1.0))
+    x0 = np.clip(x0, low + margin, high - margin)
+    solution = least_squares(
+        objective.residual,
+        x0,
+        objective.jacobian,
+        bounds=objective.bounds,
+        ftol=1e-6,
+        xtol=1e-6,
+        gtol=1e-8,
+        max_nfev=evaluations,
+    )
+    return _finish(objective, solution.x, -solution.jac, solution.fun)
+
+
+def _finish(objective: _Objective, x: Floats, jacobian: Floats, residual: Floats) -> Fit:
+    # the triangle of a QR has the singular values of the whole, at a fraction of the work
+    _, singular, right = np.linalg.svd(np.linalg.qr(jacobian, mode="r"))
+    inverse = np.where(singular > 1e-9 * singular[0], 1.0 / np.maximum(singular, 1e-300), 0.0)
+    root = right.T * inverse
+    covariance = (root @ root.T) * np.outer(objective.scale, objective.scale)
+    names = [p.name for p in objective.parameters]
+    count = residual.size - objective.kept.size
+    return Fit(
+        effects=objective.effects,
+        parameters=objective.parameters,
+        values=dict(zip(names, (x * objective.scale).tolist(), strict=True)),
+        std=dict(zip(names, np.sqrt(np.diag(covariance)).tolist(), strict=True)),
+        cost=float(residual @ residual),
+        residual=residual[:count],
+        departure=residual[count:],
+        jacobian=jacobian,
+        predicted=objective.predicted(x),
+        covariance=covariance,
+    )

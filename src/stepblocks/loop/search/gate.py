@@ -1,0 +1,201 @@
+"""Is there anything at all? Score statistics of every candidate, judged together by a bootstrap of their maximum.
+
+Picking the best of many candidates finds something in pure noise. The gate compares the best score with the best
+scores that the same candidates reach on noise of the same design, so the chance of a false alarm holds for the family.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from scipy import stats
+
+from stepblocks.loop.search.effect import Effect
+from stepblocks.loop.search.fit import Fit, Problem
+from stepblocks.loop.search.trials import Floats
+
+_UNSEEN = 2e-3  # a direction of which less is left beside the nominal model is its derivative, up to rounding
+
+
+@dataclass(frozen=True)
+class Score:
+    """How a candidate would improve the fit, to first order."""
+
+    effect: Effect  # The candidate
+    shape: Mapping[str, float]  # Values of its other parameters that did best
+    gain: float  # Fall of the cost to first order
+    freedom: int  # Directions of it that the design can see
+    log_p: float  # Logarithm of its own p value
+    seen: float  # Share of its direction that the nominal model cannot imitate, 0 to 1
+    step: Floats  # Amplitudes of the step to first order
+
+
+@dataclass(frozen=True)
+class Gate:
+    """Outcome of the gate: its p value for the whole family, and the scores in order."""
+
+    p_value: float
+    scores: tuple[Score, ...]
+
+
+@dataclass(frozen=True)
+class _Direction:
+    effect: Effect
+    shape: Mapping[str, float]
+    basis: Floats
+    root: Floats
+    seen: float
+    one_sided: bool
+
+
+def tangent(problem: Problem, base: Fit, effect: Effect, shape: Mapping[str, float]) -> Floats:
+    """Whitened change of the prediction per unit of each amplitude, in units of its scale, shape (n c, p)."""
+    return problem.noise.whiten(np.stack(_changes(problem, base, effect, shape), axis=2))
+
+
+def _changes(problem: Problem, base: Fit, effect: Effect, shape: Mapping[str, float]) -> list[Floats]:
+    """Change of the prediction per unit of each amplitude, in units of its scale, each of shape (n, c)."""
+    neutral = {p.name: p.start for p in effect.parameters} | dict(shape)
+    active = [(e, base.of(e)) for e in base.effects]
+    columns = []
+    for parameter in effect.parameters:
+        if parameter.name not in effect.amplitudes:
+            continue
+        step = 0.02 * parameter.scale
+        moved = neutral | {parameter.name: neutral[parameter.name] + step}
+        change = problem.model.predict(problem.trials, base.values, [*active, (effect, moved)]) - base.predicted
+        columns.append(change * (parameter.scale / step))
+    return columns
+
+
+def _directions(problem: Problem, base: Fit, effects: Sequence[Effect], known: Floats) -> list[_Direction]:
+    asked = [(effect, shape) for effect in effects for shape in effect.shapes]
+    changes = [_changes(problem, base, effect, shape) for effect, shape in asked]
+    widths = [len(c) for c in changes]
+    if not sum(widths):
+        return []
+    # all candidates go through the linear algebra at once
+    raw = problem.noise.whiten(np.stack([c for columns in changes for c in columns], axis=2))
+    size = np.linalg.norm(raw, axis=0)
+    alive = np.all(np.isfinite(raw), axis=0) & (size >= 1e-12)
+    scaled = np.where(alive, raw / np.where(alive, size, 1.0), 0.0)
+    full = np.vstack([scaled, np.zeros((known.shape[0] - len(raw), raw.shape[1]))])
+    full -= known @ (known.T @ full)
+    directions = []
+    for (effect, shape), last, width in zip(asked, np.cumsum(widths), widths, strict=True):
+        columns = slice(last - width, last)
+        if not width or not np.all(alive[columns]):
+            continue
+        own = full[:, columns]
+        squared, turn = np.linalg.eigh(own.T @ own)
+        squared, turn = squared[::-1], turn[:, ::-1]
+        kept = squared > _UNSEEN**2
+        if not np.any(kept):
+            continue
+        part = turn[:, kept] / np.sqrt(squared[kept])
+        bounded = len(effect.amplitudes) == 1 and any(
+            p.name in effect.amplitudes and p.low >= p.start for p in effect.parameters
+        )
+        seen = float(np.sqrt(squared[0]))
+        directions.append(_Direction(effect, shape, own @ part, part / size[columns, None], seen, bounded))
+    return directions
+
+
+def _null_basis(base: Fit) -> Floats:
+    length = np.linalg.norm(base.jacobian, axis=0)
+    left, singular, _ = np.linalg.svd(base.jacobian / np.maximum(length, 1e-300), full_matrices=False)
+    return np.asarray(left[:, singular > 1e-8 * singular[0]])
+
+
+def _evaluate(directions: Sequence[_Direction], vectors: Floats) -> tuple[Floats, Floats]:
+    """Gains of all directions on all vectors, shape (d, m), and projections of the first vector."""
+    stacked = np.concatenate([d.basis for d in directions], axis=1)
+    projected = stacked.T @ vectors
+    gains = np.empty((len(directions), vectors.shape[1]))
+    at = 0
+    for i, direction in enumerate(directions):
+        width = direction.basis.shape[1]
+        part = projected[at : at + width]
+        at += width
+        gains[i] = np.sum(part**2, axis=0)
+        if direction.one_sided:
+            gains[i] *= (direction.root[0] @ part) > 0.0
+    return gains, projected[:, 0]
+
+
+def _log_p(gains: Floats, freedom: Floats, noise_dof: float) -> Floats:
+    if not np.isfinite(noise_dof):
+        return np.asarray(stats.chi2.logsf(gains, freedom[:, None]))
+    found = np.asarray(stats.f.logsf(gains / freedom[:, None], freedom[:, None], noise_dof))
+    # beyond the smallest number the leading term of the tail keeps the order
+    return np.where(np.isneginf(found), -745.0 - 0.5 * noise_dof * np.log1p(gains / noise_dof), found)
+
+
+def _least_log_p(gains: Floats, freedom: Floats, noise_dof: float) -> Floats:
+    """Least p of each draw; among directions of equal freedom it is that of the largest gain."""
+    kinds = np.unique(freedom)
+    largest = np.stack([gains[freedom == kind].max(axis=0) for kind in kinds])
+    return np.asarray(_log_p(largest, kinds, noise_dof).min(axis=0))
+
+
+def scores(problem: Problem, base: Fit, effects: Sequence[Effect]) -> tuple[Score, ...]:
+    """Score candidates without a gate, best first."""
+    return gate(problem, base, effects, draws=0).scores
+
+
+def gate(problem: Problem, base: Fit, effects: Sequence[Effect], draws: int = 400, seed: int = 0) -> Gate:
+    """Score every candidate and judge the best against what noise would do."""
+    known = _null_basis(base)
+    directions = _directions(problem, base, effects, known)
+    if not directions:
+        return Gate(1.0, ())
+    total = base.jacobian.shape[0]
+    observed = np.concatenate([base.residual, base.departure])
+    observed -= known @ (known.T @ observed)
+    dof = float(max(problem.noise.scatter.dof, 4))
+    # scores are relative to the scatter found, never to less than the scatter expected
+    spread = max(1.0, _robust_variance(base.residual))
+    gains, projected = _evaluate(directions, observed[:, None])
+    freedom = np.array([d.basis.shape[1] for d in directions], dtype=float)
+    own = _log_p(gains / spread, freedom, dof)[:, 0]
+    best: dict[str, Score] = {}
+    at = 0
+    for i, d in enumerate(directions):
+        width = d.basis.shape[1]
+        step = d.root @ projected[at : at + width]
+        at += width
+        if d.effect.id not in best or own[i] < best[d.effect.id].log_p:
+            best[d.effect.id] = Score(d.effect, d.shape, float(gains[i, 0]), width, float(own[i]), d.seen, step)
+    p_value = 1.0
+    if draws:
+        noise = _draw(problem, base, total, draws, seed)
+        null, _ = _evaluate(directions, noise)
+        least = _least_log_p(null, freedom, dof)
+        p_value = float((1 + np.sum(least <= own.min())) / (draws + 1))
+    return Gate(p_value, tuple(sorted(best.values(), key=lambda s: s.log_p)))
+
+
+def _robust_variance(residual: Floats) -> float:
+    alive = residual[residual != 0.0]
+    return float((1.4826 * np.median(np.abs(alive))) ** 2) if alive.size else 1.0
+
+
+def _draw(problem: Problem, base: Fit, total: int, draws: int, seed: int) -> Floats:
+    """Noise of the design: residual vectors of whole trials, shuffled and signed, at unit variance."""
+    generator = np.random.default_rng(seed)
+    n, c = problem.trials.values.shape
+    by_trial = base.residual.reshape(n, c)
+    seen = problem.trials.seen
+    spread = np.sqrt(np.sum(by_trial**2, axis=0) / np.maximum(seen.sum(axis=0), 1))
+    # tails are those of the residuals; one that is a sheer misfit counts no more than four deviations
+    pool = np.clip(by_trial / np.maximum(spread, 1e-12), -4.0, 4.0)
+    noise = np.empty((total, draws))
+    for i in range(draws):
+        rows = generator.integers(0, n, n)
+        signs = generator.choice([-1.0, 1.0], (n, 1))
+        drawn = np.where(seen, pool[rows] * signs, 0.0)
+        noise[: n * c, i] = drawn.ravel()
+    noise[n * c :] = generator.standard_normal((total - n * c, draws))
+    return noise

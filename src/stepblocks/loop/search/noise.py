@@ -1,0 +1,182 @@
+"""Scatter of trials: how much, of what, and the whitening by it.
+
+A quantity of the model that scatters from trial to trial moves several channels at once, each trial by its own
+responses; beside it each channel scatters on its own. Both are estimated about a regression that trusts no model.
+Errors common to many trials enter as a low-rank covariance.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.optimize import minimize
+
+from stepblocks.loop.search.trials import Floats, Systematic, Trials
+
+_INTERACTING = 3  # numeric covariates that get products with one another
+
+
+@dataclass(frozen=True)
+class Scatter:
+    """Variances of what scatters from trial to trial beside the measurement's own uncertainty."""
+
+    quantities: Floats  # shape (k,); Of quantities of the model, each of which moves several channels at once
+    channels: Floats  # shape (c,); Of each channel on its own
+    dof: int  # Degrees of freedom they were estimated with
+
+
+@dataclass(frozen=True)
+class Noise:
+    """Whitening of residuals."""
+
+    factors: Floats  # shape (n, c, c); Inverse Cholesky factor of each trial; rows of missing channels are zero
+    basis: Floats  # Directions of the common errors after whitening and what remains along them
+    shrink: Floats
+    scatter: Scatter  # What it was built from
+    precision: float  # Logarithm of the determinant of the inverse covariance: the larger, the less scatter
+
+    def whiten(self, residual: Floats) -> Floats:
+        """Whiten residuals of shape (n, c) or (n, c, p) to (n c,) or (n c, p)."""
+        filled = np.where(np.isfinite(residual), residual, 0.0)
+        tail = filled.shape[2:]
+        columns = filled.reshape(*filled.shape[:2], -1)
+        white = np.matmul(self.factors, columns).reshape(-1, *tail)
+        if not self.shrink.size:
+            return np.asarray(white)
+        along = self.basis.T @ white
+        weight = 1.0 - self.shrink
+        return np.asarray(white - self.basis @ (weight * along if white.ndim == 1 else weight[:, None] * along))
+
+
+def flexible_columns(trials: Trials, limit: float = 1.0 / 3.0) -> Floats:
+    """Regressors flexible enough to follow any smooth effect, so that their residual is scatter alone."""
+    n = len(trials)
+    labels, inverse = np.unique(trials.block, return_inverse=True)
+    first: list[Floats] = [np.ones(n)]
+    if 1 < len(labels) <= n / 4:
+        first += [np.asarray(inverse == i, dtype=np.float64) for i in range(1, len(labels))]
+    unit: list[Floats] = []
+    for name in trials.covariates:
+        numbers = trials.numeric(name)
+        if numbers is None:
+            kinds = np.unique(trials.covariates[name])
+            if 1 < len(kinds) <= 6:
+                first += [np.asarray(trials.covariates[name] == kind, dtype=np.float64) for kind in kinds[1:]]
+            continue
+        spread = float(np.std(numbers))
+        if spread > 0.0 and np.all(np.isfinite(numbers)):
+            ranked = np.log(numbers) if numbers.min() > 0.0 and numbers.max() > 3.0 * numbers.min() else numbers
+            unit.append((ranked - ranked.mean()) / np.std(ranked))
+    columns = first + unit + [u**2 for u in unit]
+    columns += [a * b for i, a in enumerate(unit) for b in unit[i + 1 :]]
+    columns += [u**3 for u in unit] + [u**4 for u in unit]
+    columns += [a**2 * b for a in unit[:_INTERACTING] for b in unit if a is not b]
+    return _orthonormal(columns, max(2, int(limit * n)))
+
+
+def _orthonormal(columns: Sequence[Floats], most: int) -> Floats:
+    kept: list[Floats] = []
+    for column in columns:
+        rest = column / max(float(np.linalg.norm(column)), 1e-300)
+        for _ in range(2):
+            if kept:
+                basis = np.stack(kept, axis=1)
+                rest = rest - basis @ (basis.T @ rest)
+        length = float(np.linalg.norm(rest))
+        if length > 1e-4:
+            kept.append(rest / length)
+        if len(kept) >= most:
+            break
+    return np.stack(kept, axis=1)
+
+
+def flexible_residual(trials: Trials) -> tuple[Floats, int]:
+    """Return the residual about a flexible regression, shape (n, c), and its degrees of freedom."""
+    basis = flexible_columns(trials)
+    residual = np.full(trials.values.shape, np.nan)
+    for j in range(trials.values.shape[1]):
+        rows = trials.seen[:, j]
+        if rows.sum() <= basis.shape[1] + 3:
+            continue
+        local = basis[rows]
+        solution, *_ = np.linalg.lstsq(local, trials.values[rows, j], rcond=None)
+        residual[rows, j] = trials.values[rows, j] - local @ solution
+    return residual, max(1, len(trials) - basis.shape[1])
+
+
+def outliers(trials: Trials, threshold: float = 6.0) -> NDArray[np.bool_]:
+    """Mark single values that no smooth function of the conditions comes near."""
+    residual, _ = flexible_residual(trials)
+    alone = np.zeros(residual.shape, dtype=bool)
+    for j in range(residual.shape[1]):
+        seen = np.isfinite(residual[:, j])
+        if seen.sum() < 10:
+            continue
+        column = residual[seen, j]
+        spread = 1.4826 * float(np.median(np.abs(column - np.median(column))))
+        noise = np.hypot(spread, trials.std[seen, j])
+        alone[seen, j] = np.abs(column - np.median(column)) > threshold * np.maximum(noise, 1e-300)
+    return alone
+
+
+def estimate_scatter(residual: Floats, std: Floats, responses: Floats, dof: int) -> Scatter:
+    """Estimate from residuals which quantity scatters by how much from trial to trial, by maximum likelihood."""
+    seen = np.isfinite(residual) & np.isfinite(std)
+    n, c = residual.shape
+    count = responses.shape[2]
+    filled = np.where(seen, residual, 0.0) * np.sqrt(n / dof)
+    total = np.sum(filled**2, axis=0) / np.maximum(seen.sum(axis=0), 1)
+    unit = np.sqrt(np.maximum(total, 1e-24))
+    shown = np.where(seen[:, :, None], responses / unit[:, None], 0.0)
+    scaled, own = filled / unit, np.where(seen, (std / unit) ** 2, 1.0)
+    size = np.maximum(np.sqrt(np.mean(shown**2, axis=(0, 1)) * c), 1e-12) if count else np.zeros(0)
+    shown = shown / size
+    # the few misfits of a flexible regression must not set the scatter of all
+    scaled = np.clip(scaled, -5.0, 5.0)
+
+    def objective(x: Floats) -> tuple[float, Floats]:
+        variance = np.exp(x)
+        covariance = np.einsum("nik,k,njk->nij", shown, variance[:count], shown)
+        covariance[:, range(c), range(c)] += own + np.where(seen, variance[count:], 0.0)
+        inverse = np.linalg.inv(covariance)
+        solved = np.einsum("nij,nj->ni", inverse, scaled)
+        value = np.sum(np.linalg.slogdet(covariance)[1]) + np.sum(solved * scaled)
+        toward = np.einsum("nij,njk->nik", inverse, shown)
+        slope = np.empty(count + c)
+        slope[:count] = np.sum(shown * toward, axis=(0, 1)) - np.sum(
+            np.einsum("nik,ni->nk", shown, solved) ** 2, axis=0
+        )
+        diagonal = np.where(seen, inverse[:, range(c), range(c)] - solved**2, 0.0)
+        slope[count:] = diagonal.sum(axis=0)
+        return float(value), slope * variance
+
+    start = np.log(np.concatenate([np.full(count, 0.3), np.full(c, 0.1)]))
+    # no channel is trusted beyond a thousandth of its variance: a rounding error would outweigh the rest
+    bounds = [(np.log(1e-8), np.log(1e2))] * count + [(np.log(1e-4), np.log(4.0))] * c
+    solution = minimize(objective, start, jac=True, method="L-BFGS-B", bounds=bounds, options={"maxiter": 60})
+    variance = np.exp(solution.x)
+    return Scatter(variance[:count] / size**2, variance[count:] * unit**2, dof)
+
+
+def whitener(trials: Trials, systematics: Sequence[Systematic], responses: Floats, scatter: Scatter) -> Noise:
+    """Build the whitening for a table of trials."""
+    n, c = trials.values.shape
+    seen = trials.seen
+    both = seen[:, :, None] & seen[:, None, :]
+    covariance = np.where(both, np.einsum("nik,k,njk->nij", responses, scatter.quantities, responses), 0.0)
+    covariance[:, range(c), range(c)] += np.where(seen, trials.std**2 + scatter.channels, 1.0)
+    scale = np.sqrt(covariance[:, range(c), range(c)])
+    factors = np.linalg.inv(np.linalg.cholesky(covariance / (scale[:, :, None] * scale[:, None, :])))
+    factors = np.where(both, factors / scale[:, None, :], 0.0)
+    level = float(2.0 * np.sum(np.log(factors[:, range(c), range(c)][seen])))
+    bare = Noise(factors, np.zeros((n * c, 0)), np.zeros(0), scatter, level)
+    if not systematics:
+        return bare
+    stack = np.zeros((n, c, len(systematics)))
+    for i, term in enumerate(systematics):
+        stack[:, trials.channels.index(term.channel), i] = term.column * term.std
+    left, singular, _ = np.linalg.svd(bare.whiten(stack), full_matrices=False)
+    return Noise(factors, left, 1.0 / np.sqrt(1.0 + singular**2), scatter, level)

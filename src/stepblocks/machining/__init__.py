@@ -1,1 +1,0 @@
-"""For the workshop: the files that a part is made from."""

@@ -1,0 +1,72 @@
+"""Outlines of the engraved identity, from the typeface that matplotlib ships, so that every machine cuts the same letters."""
+
+from __future__ import annotations
+
+from functools import lru_cache
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+# Outer outline and holes, each an open polygon of points (u, v) [m]
+Letter = tuple[NDArray[np.float64], tuple[NDArray[np.float64], ...]]
+
+_FLATNESS = 0.01  # of the letter height: curves become chords no further from them than this
+
+
+def engraved_text(identity: str) -> str:
+    """Return the identity as it is engraved.
+
+    Examples
+    --------
+    >>> engraved_text("step-010")
+    'STEP-010'
+    """
+    return identity.upper()
+
+
+@lru_cache(maxsize=4096)
+def _glyph(character: str) -> tuple[float, tuple[Letter, ...]]:
+    """Advance and polygons of one character for a capital height of 1."""
+    import matplotlib as mpl
+    import shapely
+    from matplotlib.font_manager import FontProperties
+    from matplotlib.textpath import TextPath
+
+    font = FontProperties(fname=Path(mpl.get_data_path()) / "fonts" / "ttf" / "DejaVuSans.ttf")
+    size = 1.0 / 0.729  # DejaVu's capitals are 0.729 em high
+    advance = float(TextPath((0.0, 0.0), character + "|", size=size, prop=font).vertices[:, 0].max())
+    advance -= float(TextPath((0.0, 0.0), "|", size=size, prop=font).vertices[:, 0].max())
+    if character.isspace():
+        return advance, ()  # matplotlib makes no path of nothing
+    rings = [np.asarray(ring)[:-1] for ring in TextPath((0.0, 0.0), character, size=size, prop=font).to_polygons()]
+    shape = shapely.Polygon()
+    for ring in rings:  # even-odd: a ring inside another is its hole
+        shape = shape.symmetric_difference(shapely.Polygon(ring))
+    shape = shapely.simplify(shape, _FLATNESS, preserve_topology=True)
+    parts = getattr(shape, "geoms", [shape])
+    polygons = []
+    for part in parts:
+        oriented = shapely.orient_polygons(part)
+        outer = np.asarray(oriented.exterior.coords)[:-1]
+        polygons.append((outer, tuple(np.asarray(hole.coords)[:-1] for hole in oriented.interiors)))
+    return advance, tuple(polygons)
+
+
+def text_width(text: str, height: float) -> float:
+    """Length of a line of text."""
+    return height * sum(_glyph(character)[0] for character in text)
+
+
+def letters(text: str, height: float) -> list[Letter]:
+    """Outline a line of text, centred on the origin."""
+    placed: list[Letter] = []
+    pen = 0.0
+    for character in text:
+        advance, polygons = _glyph(character)
+        for outer, holes in polygons:
+            shift = np.array([pen, 0.0])
+            placed.append((outer + shift, tuple(hole + shift for hole in holes)))
+        pen += advance
+    middle = np.array([0.5 * pen, 0.5])  # capitals are 1 high
+    return [((outer - middle) * height, tuple((hole - middle) * height for hole in holes)) for outer, holes in placed]

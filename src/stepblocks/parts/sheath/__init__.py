@@ -1,0 +1,1 @@
+"""Sheaths for the shank of a probe."""

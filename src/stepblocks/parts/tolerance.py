@@ -1,0 +1,162 @@
+"""Nominal values with their permitted deviations, and the general tolerances of ISO 2768-1."""
+
+from __future__ import annotations
+
+import math
+import re
+from dataclasses import dataclass
+from functools import partial
+from typing import Annotated, Any
+
+from pydantic import BeforeValidator
+
+from stepblocks.quantities import format_quantity, parse_quantity
+
+BY_ENERGY = "by energy"  # What stands in place of a tolerance that follows from the energy that shall be felt
+
+# ISO 2768-1:1989, table 1 (linear dimensions), permissible deviations by tolerance class, in metres.
+_LINEAR: tuple[tuple[float, float, dict[str, float]], ...] = (
+    (0.5e-3, 3e-3, {"f": 0.05e-3, "m": 0.1e-3, "c": 0.2e-3}),
+    (3e-3, 6e-3, {"f": 0.05e-3, "m": 0.1e-3, "c": 0.3e-3}),
+    (6e-3, 30e-3, {"f": 0.1e-3, "m": 0.2e-3, "c": 0.5e-3}),
+    (30e-3, 120e-3, {"f": 0.15e-3, "m": 0.3e-3, "c": 0.8e-3}),
+    (120e-3, 400e-3, {"f": 0.2e-3, "m": 0.5e-3, "c": 1.2e-3}),
+)
+# ISO 2768-1:1989, table 3 (angles), shorter side up to 10 mm, classes f and m.
+_ANGULAR = math.radians(1.0)
+
+
+@dataclass(frozen=True)
+class Dimension:
+    """A nominal value with its limits."""
+
+    nominal: float  # Nominal value [m or rad]
+    upper: float  # Permitted deviations from the nominal [m or rad], ``lower <= upper``, each signed
+    lower: float
+    quantity: str = "length"  # ``"length"`` or ``"angle"``
+    source: str = ""  # Where the nominal comes from; empty where the file does not say
+    general: bool = False  # Whether the deviations are the general ones of ISO 2768-1 rather than stated
+    # Whether they follow from the energy tolerance of the stimulus; both are 0 until that is resolved
+    by_energy: bool = False
+
+    @property
+    def unresolved(self) -> bool:
+        """Whether the tolerance follows from an energy and is not yet known."""
+        return self.by_energy and self.upper == self.lower
+
+    @property
+    def limits(self) -> tuple[float, float]:
+        """Lower and upper limit of the dimension itself [m or rad]."""
+        return self.nominal + self.lower, self.nominal + self.upper
+
+    def __str__(self) -> str:
+        """Nominal with deviations, as a person reads it."""
+        text = format_quantity(self.nominal, self.quantity)
+        if self.unresolved:
+            return f"{text}, tolerance {BY_ENERGY}"
+        if self.upper == -self.lower:
+            return f"{text} ±{format_quantity(self.upper, self.quantity)}"
+        return f"{text} {_signed(self.upper, self.quantity)}/{_signed(self.lower, self.quantity)}"
+
+
+def _signed(value: float, quantity: str) -> str:
+    return ("+" if value > 0 else "-" if value < 0 else "") + format_quantity(abs(value), quantity)
+
+
+def general_deviation(nominal: float, tolerance_class: str = "m") -> float | None:
+    """Permissible deviation of an untoleranced linear dimension.
+
+    Source: ISO 2768-1:1989, table 1.
+
+    Examples
+    --------
+    >>> general_deviation(20e-3)
+    0.0002
+    """
+    for low, high, deviations in _LINEAR:
+        if (low <= nominal <= high) if low == 0.5e-3 else (low < nominal <= high):
+            return deviations[tolerance_class]
+    return None
+
+
+_DEVIATIONS = re.compile(r"^\s*(?P<upper>[+-]?[^/]+)/(?P<lower>[+-]?[^/]+)$")
+
+
+def _deviations(raw: object, quantity: str) -> tuple[float, float]:
+    """Read ``"1 um"`` (to either side), ``"+2 um / -0 um"`` or a table with upper and lower."""
+    if isinstance(raw, dict):
+        if set(raw) != {"upper", "lower"}:
+            raise ValueError(f"tolerance must have upper and lower, got {', '.join(sorted(raw)) or 'nothing'}")
+        upper, lower = parse_quantity(raw["upper"], quantity), parse_quantity(raw["lower"], quantity)
+    elif isinstance(raw, str) and (match := _DEVIATIONS.match(raw)):
+        upper, lower = parse_quantity(match["upper"], quantity), parse_quantity(match["lower"], quantity)
+    else:
+        upper = parse_quantity(raw, quantity)
+        if upper <= 0.0:
+            raise ValueError(f"tolerance must be positive, got {raw!r}")
+        lower = -upper
+    if upper <= lower:
+        raise ValueError(f"tolerance must have its upper deviation above the lower one, got {raw!r}")
+    return upper, lower
+
+
+def _dimension(raw: object, quantity: str, felt: bool = False) -> Dimension:
+    if isinstance(raw, Dimension):
+        return raw
+    table: dict[str, Any] = raw if isinstance(raw, dict) else {"nominal": raw}
+    unknown = set(table) - {"nominal", "tolerance", "source"}
+    if unknown or "nominal" not in table:
+        what = f"unknown {', '.join(sorted(unknown))}" if unknown else "nominal is missing"
+        raise ValueError(f"a dimension has nominal, tolerance and source: {what}")
+    nominal = parse_quantity(table["nominal"], quantity)
+    source = table.get("source", "")
+    if not isinstance(source, str):
+        raise ValueError(f"source must be text, got {source!r}")
+    if table.get("tolerance") == BY_ENERGY:
+        if not felt:
+            raise ValueError(f"tolerance {BY_ENERGY!r} is for height, edge_radius and ball_radius, give a length")
+        return Dimension(nominal, 0.0, 0.0, quantity, source, by_energy=True)
+    if "tolerance" in table:
+        upper, lower = _deviations(table["tolerance"], quantity)
+        return Dimension(nominal, upper, lower, quantity, source)
+    general = _ANGULAR if quantity == "angle" else general_deviation(abs(nominal))
+    if general is None:
+        raise ValueError(
+            f"a tolerance must be stated: general tolerances (ISO 2768-m) do not cover {format_quantity(nominal, quantity)}"
+        )
+    return Dimension(nominal, general, -general, quantity, source, general=True)
+
+
+def _length(raw: object, felt: bool = False) -> Dimension:
+    dimension = _dimension(raw, "length", felt)
+    if dimension.nominal < 0.0:
+        raise ValueError(f"must not be negative, got {format_quantity(dimension.nominal, 'length')}")
+    return dimension
+
+
+def _positive_length(raw: object, felt: bool = False) -> Dimension:
+    dimension = _dimension(raw, "length", felt)
+    if dimension.nominal <= 0.0:
+        raise ValueError(f"must be positive, got {format_quantity(dimension.nominal, 'length')}")
+    return dimension
+
+
+def _signed_length(raw: object) -> Dimension:
+    return _dimension(raw, "length")
+
+
+def _angle(raw: object) -> Dimension:
+    dimension = _dimension(raw, "angle")
+    if not 0.0 <= dimension.nominal < math.pi:
+        raise ValueError(f"must be at least 0 and less than 180 deg, got {format_quantity(dimension.nominal, 'angle')}")
+    return dimension
+
+
+Length = Annotated[Dimension, BeforeValidator(_length)]  # A length that may be zero [m]
+PositiveLength = Annotated[Dimension, BeforeValidator(_positive_length)]  # A length above zero [m]
+# A length that may be zero [m], and whose tolerance may follow from the energy that is felt
+FeltLength = Annotated[Dimension, BeforeValidator(partial(_length, felt=True))]
+# A length above zero [m], and whose tolerance may follow from the energy that is felt
+FeltPositiveLength = Annotated[Dimension, BeforeValidator(partial(_positive_length, felt=True))]
+SignedLength = Annotated[Dimension, BeforeValidator(_signed_length)]  # A length of either sign [m]
+Angle = Annotated[Dimension, BeforeValidator(_angle)]  # An angle from 0 to below 180 degrees [rad]

@@ -1,1 +1,0 @@
-"""The one room that sees every stage; each module is one job a user asks for."""

@@ -1,0 +1,1 @@
+"""What will be felt: sets, tables, sweeps; as declared, as built, as perceived."""

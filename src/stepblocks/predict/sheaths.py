@@ -1,0 +1,158 @@
+"""What the sheaths of a set do to the ring of its probe, and what a test of it will measure."""
+
+from __future__ import annotations
+
+import csv
+import io
+import json
+import math
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+from stepblocks.atomic import replace_text
+from stepblocks.contact.rod.cantilever import Hold, RodRing, bush_stiffness, ring_of
+from stepblocks.contact.rod.free_decay import DecayTest, plan_decay_test
+from stepblocks.parts.probe import DampingRig, ProbeSpec
+from stepblocks.parts.set import StimulusSet
+from stepblocks.parts.sheath.declaration import Sheath
+from stepblocks.parts.sheath.ring import ring_with, rod_of
+from stepblocks.parts.specification import resolved_probe
+
+# How a probe is used: without a sheath, with one beyond the clamp, clamped by the outside of one
+BARE, ON_SHANK, HELD = "bare", "on the shank", "held through it"
+
+
+@dataclass(frozen=True)
+class Condition:
+    """One way of using the probe, and how it then rings."""
+
+    sheath: str  # Identity of the sheath; empty for the bare probe
+    use: str  # How the probe is used
+    mass: float  # Of the sheath [kg]
+    ring: RodRing  # Prediction
+
+
+def _held_ring(probe: ProbeSpec, sheath: Sheath) -> RodRing:
+    material = sheath.material
+    bedding = bush_stiffness(sheath.bore.nominal, sheath.outer_diameter.nominal, material.modulus, material.poisson)
+    return ring_of(rod_of(probe), hold=Hold(sheath.length.nominal, bedding, material.loss_factor))
+
+
+def conditions_of(stimuli: StimulusSet) -> list[Condition]:
+    """Predict the ring of a set's probe, bare and with each sheath, on the shank and as what the probe is held by."""
+    probe = stimuli.probe
+    if probe is None or not stimuli.sheath:
+        return []
+    found = [Condition("", BARE, 0.0, ring_of(rod_of(probe)))]
+    found += [Condition(one.id, ON_SHANK, one.mass, ring_with(probe, one)) for one in stimuli.sheath]
+    return [*found, *(Condition(one.id, HELD, one.mass, _held_ring(probe, one)) for one in stimuli.sheath)]
+
+
+def ring_rows(stimuli: StimulusSet) -> list[dict[str, str]]:
+    """Tabulate the rings of a set's probe."""
+    conditions = conditions_of(stimuli)
+    if not conditions:
+        return []
+    bare, duration = conditions[0].ring, stimuli.prediction.tool.ring_duration
+
+    def row(one: Condition) -> dict[str, str]:
+        ring = one.ring
+        energy = bare.stiffness / ring.stiffness * ring.mean_energy(duration) / bare.mean_energy(duration)
+        return {
+            "sheath": one.sheath or "none",
+            "use": one.use,
+            "mass_g": f"{one.mass * 1e3:.4g}",
+            "stiffness_n_mm": f"{ring.stiffness * 1e-3:.4g}",
+            "frequency_hz": f"{ring.frequency:.1f}",
+            "frequency_shift_hz": f"{ring.frequency - bare.frequency:+.1f}",
+            "decay_time_ms": f"{ring.decay_time * 1e3:.2f}",
+            "decay_shift_ms": f"{(ring.decay_time - bare.decay_time) * 1e3:+.2f}",
+            "log_decrement": f"{ring.log_decrement:.4f}",
+            "sheath_share_of_strain_energy": f"{ring.sheath_share:.2g}",
+            "ring_energy_ratio": f"{energy:.3f}",
+        }
+
+    return [row(one) for one in conditions]
+
+
+def _tests(stimuli: StimulusSet) -> Iterator[tuple[Condition, DecayTest]]:
+    rig: DampingRig | None = stimuli.damping_rig
+    if rig is None:
+        return
+    for one in conditions_of(stimuli):
+        ring = one.ring
+        yield (
+            one,
+            plan_decay_test(
+                ring.stiffness,
+                ring.frequency,
+                ring.decay_time,
+                rig.displacement.value,
+                rig.noise.value,
+                rig.sample_rate.value,
+                rig.uncertainty.value,
+            ),
+        )
+
+
+def decay_test_rows(stimuli: StimulusSet) -> list[dict[str, str]]:
+    """Tabulate what the damping rig will measure of a set's probe."""
+    tests = list(_tests(stimuli))
+    return [
+        {
+            "sheath": one.sheath or "none",
+            "use": one.use,
+            "displacement_um": f"{test.displacement * 1e6:g}",
+            "holding_force_n": f"{test.force:.3g}",
+            "peak_acceleration_m_s2": f"{test.peak_acceleration:.3g}",
+            "frequency_hz": f"{test.frequency:.1f}",
+            "frequency_std_hz": f"{test.frequency_std:.2g}",
+            "log_decrement": f"{test.log_decrement:.4f}",
+            "log_decrement_std": f"{test.log_decrement_std:.2g}",
+            "decay_time_ms": f"{test.decay_time * 1e3:.2f}",
+            "periods_above_noise": f"{test.periods_above_noise}",
+            "record_ms": f"{test.record_time * 1e3:.4g}",
+            "samples": f"{test.samples}",
+            "releases": f"{test.releases}",
+            "releases_to_tell_from_bare": _releases_to_tell(tests[0][1], test),
+        }
+        for one, test in tests
+    ]
+
+
+def _releases_to_tell(bare: DecayTest, test: DecayTest) -> str:
+    difference = abs(test.log_decrement - bare.log_decrement)
+    if test is bare or difference == 0.0:
+        return ""
+    return f"{math.ceil((3.0 * math.hypot(bare.log_decrement_std, test.log_decrement_std) / difference) ** 2)}"
+
+
+def write_sheath_files(stimuli: StimulusSet, folder: Path) -> list[Path]:
+    """Write rings, damping test and resolved probe of a set with sheaths."""
+    rings = ring_rows(stimuli)
+    if not rings or stimuli.probe is None or stimuli.damping_rig is None:
+        return []
+    rod = rod_of(stimuli.probe)
+    told = {
+        "probe": resolved_probe(stimuli.probe),
+        "follows": {"free_length_m": rod.length, "tip_mass_kg": rod.end_mass, "loss_factor": rod.loss_factor},
+        "damping_rig": resolved_probe(stimuli.damping_rig),
+    }
+    texts = {
+        "rings.csv": as_table(rings),
+        "damping-test.csv": as_table(decay_test_rows(stimuli)),
+        "probe.json": json.dumps(told, indent=2, allow_nan=False) + "\n",
+    }
+    for name, text in texts.items():
+        replace_text(folder / name, text)
+    return [folder / name for name in texts]
+
+
+def as_table(rows: Sequence[Mapping[str, str]]) -> str:
+    """Write rows as CSV."""
+    text = io.StringIO()
+    writer = csv.DictWriter(text, list(rows[0]), lineterminator="\n")
+    writer.writeheader()
+    writer.writerows(rows)
+    return text.getvalue()

@@ -1,0 +1,1 @@
+"""Tables of predictions as large as one likes: a plan in, partitioned Parquet out."""

@@ -1,0 +1,234 @@
+"""A sweep as it is asked for: a TOML file to a table of which every row follows from its number alone."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import math
+import tomllib
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from stepblocks.errors import PipelineError, QuantityError, StepblocksError
+from stepblocks.quantities import parse_quantity
+
+# Each parameter's dimension and the value where a sweep does not name it (None: it must)
+PARAMETERS: dict[str, tuple[str, float | None]] = {
+    "height": ("length", None),
+    "edge_radius": ("length", 0.0),
+    "tip_radius": ("length", 125e-6),
+    "normal_load": ("force", 1.0),
+    "friction": ("ratio", None),
+    "stiffness": ("stiffness", 9.81e3),
+    "conversion": ("ratio", 0.20),
+    "speed": ("speed", 5e-3),
+    "frequency": ("frequency", 300.0),
+    "damping_ratio": ("ratio", 0.02),
+}
+
+DIRECTIONS = ("tooth-to-crown", "crown-to-tooth")  # Ways of a drag over a margin; a plan holds their places
+
+_SQUARE = math.inf  # stands for "as the gap": the end of the crown is square
+# The same of a sweep over crown margins; without a vertical discrepancy the end of the crown is square
+MARGIN_PARAMETERS: dict[str, tuple[str, float | None]] = {
+    "marginal_gap": ("length", None),
+    "vertical_discrepancy": ("length", _SQUARE),
+    "horizontal_discrepancy": ("length", 0.0),
+    **{name: how for name, how in PARAMETERS.items() if name not in ("height", "edge_radius")},
+    "direction": ("direction", 0.0),
+}
+
+
+def parameters_of(surface: str) -> dict[str, tuple[str, float | None]]:
+    """Parameters of sweeps over a ``"step"`` or a ``"margin"``."""
+    return MARGIN_PARAMETERS if surface == "margin" else PARAMETERS
+
+
+_MOST_ROWS = 10**10
+_MOST_ROWS_OF_PARTITION = 1_000_000  # a worker holds one partition in memory
+_MOST_VALUES = 10_000
+_LARGEST_FILE = 1_000_000  # bytes
+
+
+@dataclass(frozen=True)
+class SweepPlan:
+    """A sweep, resolved."""
+
+    kind: str  # ``"grid"`` or ``"random"``
+    mode: str  # ``"static"`` (equations 1 and 2) or ``"drag"`` (in time as well)
+    surface: str  # ``"step"`` or ``"margin"``
+    points: int  # Points of the design
+    draws: int  # Tolerance draws of each point
+    seed: int  # Every row draws from its own stream, seeded by this and the row's number
+    rows_per_partition: int  # Rows of one file of the result
+    values: dict[str, list[float]]  # Name to the list of values [SI] of a grid, or of the choices of a random design
+    ranges: dict[str, list[float]]  # Name to (low, high) [SI] of a random design
+    spreads: dict[str, float]  # Name to the standard uncertainty [SI] of a draw
+    shares: dict[str, float]  # Name to the standard uncertainty of a draw as a share of the value [1]
+    # Stimuli of a set that the sweep goes over, see `stepblocks.predict.sweep.axes.stimuli_of`; empty without a set
+    stimuli: list[dict[str, Any]]
+
+    @property
+    def rows(self) -> int:
+        """Number of rows of the result."""
+        return self.points * self.draws
+
+    @property
+    def partitions(self) -> int:
+        """Number of files of the result."""
+        return math.ceil(self.rows / self.rows_per_partition)
+
+    @property
+    def digest(self) -> str:
+        """Hash of everything that the rows and their files depend on."""
+        return hashlib.sha256(json.dumps(asdict(self), sort_keys=True).encode()).hexdigest()
+
+
+def load_sweep(path: Path) -> SweepPlan:
+    """Read a sweep from a TOML file."""
+    try:
+        if path.stat().st_size > _LARGEST_FILE:
+            raise PipelineError(f"sweep must be smaller than {_LARGEST_FILE} bytes [{path}]")
+        data = tomllib.loads(path.read_text(encoding="utf-8"))
+    except OSError as error:
+        raise PipelineError(f"sweep cannot be read: {error.strerror} [{path}]") from error
+    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
+        raise PipelineError(f"sweep is not TOML: {error} [{path}]") from error
+    try:
+        return _resolved(data, path.parent)
+    except StepblocksError as error:
+        raise PipelineError(f"{error} [{path}]") from error
+
+
+def _resolved(data: dict[str, Any], folder: Path) -> SweepPlan:
+    _known("the file", data, ("sweep", "parameters", "draws"))
+    head, parameters, draws = (_table(data, name) for name in ("sweep", "parameters", "draws"))
+    _known("[sweep]", head, ("kind", "mode", "surface", "set", "rows", "seed", "rows_per_partition"))
+    kind, mode = _one_of(head, "kind", ("grid", "random")), _one_of(head, "mode", ("static", "drag"))
+    surface = _one_of(head, "surface", ("step", "margin"))
+    stimuli: list[dict[str, Any]] = []
+    declared: dict[str, list[float]] = {}
+    drawn: tuple[dict[str, float], dict[str, float]] = {}, {}
+    if "set" in head:
+        surface, stimuli, declared, drawn = _of_set(head, parameters, draws, folder)
+    elif "tolerances" in draws:
+        raise PipelineError("tolerances are those of a set: name it with set [draws]")
+    names = parameters_of(surface)
+    taken = set(stimuli[0]["values"]) | {"height", "edge_radius", "vertical_discrepancy"} if stimuli else set()
+    open_names = [name for name in names if name not in taken]
+    _known("[parameters]", parameters, (*(["stimulus"] if stimuli else []), *open_names))
+    _known("[draws]", draws, ("count", *(["tolerances"] if stimuli else []), *names))
+    values: dict[str, list[float]] = {}
+    ranges: dict[str, list[float]] = {}
+    for name in open_names:
+        dimension, default = names[name]
+        if name in parameters:
+            _read(name, parameters[name], dimension, kind, values, ranges)
+        elif name in declared:
+            values[name] = declared[name]
+        elif default is None:
+            raise PipelineError(f"{name} must be given [parameters]")
+        elif default != _SQUARE:
+            values[name] = [default]
+    points = math.prod(len(v) for v in values.values()) * max(len(stimuli), 1)
+    if kind == "random":
+        points = _count("rows", head.get("rows"), "sweep")
+    elif "rows" in head:
+        raise PipelineError("rows must not be given for a grid, its axes say how many there are [sweep]")
+    count = _count("count", draws.get("count", 1), "draws")
+    spreads = drawn[0] | {n: _quantity(n, draws[n], names[n][0], "draws") for n in names if n in draws}
+    if any(value < 0.0 for value in spreads.values()):
+        raise PipelineError("standard uncertainties must not be negative [draws]")
+    for name in spreads:
+        if name == "direction" or (not stimuli and name not in values and name not in ranges):
+            raise PipelineError(f"{name} cannot be drawn about a value that is not given [draws]")
+    shares = {name: share for name, share in drawn[1].items() if name not in spreads}
+    seed = head.get("seed", 0)
+    if not isinstance(seed, int) or isinstance(seed, bool) or not 0 <= seed < 2**63:
+        raise PipelineError(f"seed must be a whole number of 0 or more, got {seed!r} [sweep]")
+    if points * count > _MOST_ROWS:
+        raise PipelineError(f"sweep has {points * count} rows and must not have more than {_MOST_ROWS}")
+    size = _count("rows_per_partition", head.get("rows_per_partition", 1000), "sweep", _MOST_ROWS_OF_PARTITION)
+    return SweepPlan(kind, mode, surface, points, count, seed, size, values, ranges, spreads, shares, stimuli)
+
+
+def _of_set(
+    head: dict[str, Any], parameters: dict[str, Any], draws: dict[str, Any], folder: Path
+) -> tuple[str, list[dict[str, Any]], dict[str, list[float]], tuple[dict[str, float], dict[str, float]]]:
+    """Surface, stimuli, declared conditions, and uncertainties of the setting of a sweep over a set."""
+    from stepblocks.predict.sweep.axes import setting_of, stimuli_of
+
+    if "surface" in head:
+        raise PipelineError("surface must not be given beside set, which says what its stimuli are [sweep]")
+    tolerances = draws.get("tolerances", False)
+    if not isinstance(head["set"], str) or not isinstance(tolerances, bool):
+        raise PipelineError("set must be the path of a stimulus file and tolerances true or false [sweep], [draws]")
+    surface, stimuli, grid = stimuli_of(folder / head["set"], parameters.get("stimulus"), tolerances)
+    declared, plain, shares = setting_of(grid)
+    return surface, stimuli, declared, (plain, shares) if tolerances else ({}, {})
+
+
+def _one_of(table: dict[str, Any], name: str, known: tuple[str, str]) -> str:
+    value = table.get(name, known[0])
+    if value not in known:
+        raise PipelineError(f"{name} must be {known[0]} or {known[1]}, got {value!r} [sweep]")
+    return str(value)
+
+
+def _read(
+    name: str, given: Any, dimension: str, kind: str, values: dict[str, list[float]], ranges: dict[str, list[float]]
+) -> None:
+    """Read a constant, a list, or a range into `values` or `ranges`."""
+    if isinstance(given, list):
+        if not 0 < len(given) <= _MOST_VALUES:
+            raise PipelineError(f"{name} must list 1 to {_MOST_VALUES} values, got {len(given)} [parameters]")
+        values[name] = [_quantity(name, item, dimension, "parameters") for item in given]
+    elif isinstance(given, dict):
+        _known(f"{name} [parameters]", given, ("from", "to", "count"))
+        if not {"from", "to"} <= set(given):
+            raise PipelineError(f"{name} must have from and to [parameters]")
+        if dimension == "direction":
+            raise PipelineError(f"direction must be {' or '.join(DIRECTIONS)}, or a list of both [parameters]")
+        low, high = (_quantity(name, given[end], dimension, "parameters") for end in ("from", "to"))
+        if not low < high:
+            raise PipelineError(f"{name} must rise from its from to its to [parameters]")
+        if kind == "random":
+            ranges[name] = [low, high]
+        else:
+            count = _count(f"count of {name}", given.get("count"), "parameters", _MOST_VALUES)
+            values[name] = [float(v) for v in np.linspace(low, high, count)]
+    else:
+        values[name] = [_quantity(name, given, dimension, "parameters")]
+
+
+def _quantity(name: str, given: Any, dimension: str, place: str) -> float:
+    if dimension == "direction":
+        if given not in DIRECTIONS:
+            raise PipelineError(f"direction must be {' or '.join(DIRECTIONS)}, got {given!r} [{place}]")
+        return float(DIRECTIONS.index(given))
+    try:
+        return parse_quantity(given, dimension)
+    except QuantityError as error:
+        raise PipelineError(f"{name} {error} [{place}]") from error
+
+
+def _count(name: str, given: Any, place: str, most: int = _MOST_ROWS) -> int:
+    if not isinstance(given, int) or isinstance(given, bool) or not 1 <= given <= most:
+        raise PipelineError(f"{name} must be a whole number from 1 to {most}, got {given!r} [{place}]")
+    return given
+
+
+def _table(data: dict[str, Any], name: str) -> dict[str, Any]:
+    table = data.get(name, {})
+    if not isinstance(table, dict):
+        raise PipelineError(f"{name} must be a table, got {table!r}")
+    return table
+
+
+def _known(place: str, table: dict[str, Any], names: tuple[str, ...]) -> None:
+    for key in table:
+        if key not in names:
+            raise PipelineError(f"{key!r} is not known in {place}; known are {', '.join(names)}")

@@ -1,0 +1,148 @@
+"""One row of a sweep: its inputs, drawn from the plan and its number alone, and what equations and integrator say to them."""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import numpy as np
+
+from stepblocks.contact.critical_angle import bevelled_margin_angles, step_angle
+from stepblocks.contact.energy import Status, release_at
+from stepblocks.contact.operating_point import Tool
+from stepblocks.errors import ContactError
+from stepblocks.predict.sweep.plan import DIRECTIONS, SweepPlan, parameters_of
+
+_UNITS = {
+    "length": "_m",
+    "force": "_n",
+    "stiffness": "_n_m",
+    "speed": "_m_s",
+    "frequency": "_hz",
+    "ratio": "",
+    "direction": "",
+}
+STATIC_COLUMNS = ("status", "critical_angle_rad", "peak_force_n", "vibration_energy_j", "problem")
+DRAG_COLUMNS = (
+    "drag_status",
+    "drag_peak_force_n",
+    "drag_vibration_energy_j",
+    "drag_share",
+    "drag_ring_s",
+    "drag_ledger_error",
+)
+
+
+def columns_of(plan: SweepPlan) -> list[str]:
+    """Names of the columns of a sweep's table, units in them."""
+    inputs = [name + _UNITS[dimension] for name, (dimension, _) in parameters_of(plan.surface).items()]
+    named = ["stimulus"] if plan.stimuli else []
+    return ["row", "draw", *named, *inputs, *STATIC_COLUMNS, *(DRAG_COLUMNS if plan.mode == "drag" else ())]
+
+
+def design_row(plan: SweepPlan, row: int) -> dict[str, float]:
+    """Draw the inputs [SI] of one row; they depend on the plan and the row's number alone.
+
+    Examples
+    --------
+    >>> plan = SweepPlan("grid", "static", "step", 2, 1, 0, 10, {"height": [1e-5, 2e-5]}, {}, {}, {}, [])
+    >>> design_row(plan, 1)["height"]
+    2e-05
+    """
+    left = point = row // plan.draws
+    inputs: dict[str, float] = {}
+    random = np.random.default_rng([plan.seed, point])
+    for name in parameters_of(plan.surface):
+        if name in plan.ranges:
+            inputs[name] = float(random.uniform(plan.ranges[name][0], plan.ranges[name][1]))
+        elif name in plan.values:
+            choices = plan.values[name]
+            if plan.kind == "grid":
+                left, index = divmod(left, len(choices))
+            else:
+                index = int(random.integers(len(choices)))
+            inputs[name] = choices[index]
+    spreads = dict(plan.spreads)
+    if plan.stimuli:
+        index = left if plan.kind == "grid" else int(random.integers(len(plan.stimuli)))
+        chosen = plan.stimuli[index]
+        inputs |= {"stimulus": index} | chosen["values"]
+        spreads = chosen["spreads"] | spreads
+    spreads |= {name: share * inputs[name] for name, share in plan.shares.items()}
+    if spreads:
+        noise = np.random.default_rng([plan.seed, row, 1])
+        signed = ("horizontal_discrepancy", "vertical_discrepancy")
+        for name in parameters_of(plan.surface):
+            if name in spreads:
+                moved = inputs[name] + spreads[name] * float(noise.standard_normal())
+                inputs[name] = moved if name in signed else max(moved, 0.0)
+    return inputs
+
+
+def sweep_row(plan: SweepPlan, row: int) -> dict[str, Any]:
+    """Compute inputs and results of one row; one outside the equations has its reason in ``problem``, no figures."""
+    inputs = design_row(plan, row)
+    result: dict[str, Any] = {"row": row, "draw": row % plan.draws}
+    if plan.stimuli:
+        result["stimulus"] = plan.stimuli[int(inputs["stimulus"])]["id"]
+    for name, (dimension, _) in parameters_of(plan.surface).items():
+        result[name + _UNITS[dimension]] = inputs.get(name, math.nan)
+    if plan.surface == "margin":
+        result["direction"] = DIRECTIONS[int(inputs["direction"])]
+    result |= dict.fromkeys(STATIC_COLUMNS, math.nan) | {"status": "invalid", "problem": ""}
+    if plan.mode == "drag":
+        result |= dict.fromkeys(DRAG_COLUMNS, math.nan) | {"drag_status": "invalid"}
+    try:
+        tool = Tool(inputs["stiffness"], inputs["conversion"], 16e-3, 0.08e-6)
+        angle = _angle(inputs)
+        release = release_at(angle, inputs["normal_load"], inputs["friction"], tool)
+        result |= {
+            "status": str(release.status),
+            "critical_angle_rad": angle,
+            "peak_force_n": release.pull_force,
+            "vibration_energy_j": release.vibration_energy,
+        }
+        if plan.mode == "drag":
+            result |= _dragged(inputs, release.status)
+    except ContactError as error:
+        result["problem"] = str(error)
+    return result
+
+
+def _margin(inputs: dict[str, float]) -> tuple[float, float, float]:
+    """Gap, opening and rise [m]; the end is square where no vertical discrepancy is given."""
+    gap = inputs["marginal_gap"]
+    return gap, inputs.get("vertical_discrepancy", gap), inputs["horizontal_discrepancy"]
+
+
+def _angle(inputs: dict[str, float]) -> float:
+    if "height" in inputs:
+        return step_angle(inputs["height"], inputs["tip_radius"], inputs["edge_radius"])
+    return bevelled_margin_angles(*_margin(inputs), inputs["tip_radius"])[int(inputs["direction"])]
+
+
+def _dragged(inputs: dict[str, float], status: Status) -> dict[str, Any]:
+    from stepblocks.drag.model import DragSettings, probe_of_frequency
+    from stepblocks.drag.ring import ring_of
+    from stepblocks.drag.simulate import drag
+    from stepblocks.drag.track import margin_track, step_track
+
+    if status in (Status.TOO_HIGH, Status.NO_CATCH):
+        return {"drag_status": str(status)}
+    ball = inputs["tip_radius"]
+    probe = probe_of_frequency(inputs["frequency"], ball, inputs["stiffness"], damping_ratio=inputs["damping_ratio"])
+    if "height" in inputs:
+        track = step_track(inputs["height"], ball, inputs["edge_radius"])
+    else:
+        track = margin_track(*_margin(inputs), ball, backward=bool(inputs["direction"]))
+    trace = drag(track, probe, DragSettings(inputs["normal_load"], inputs["friction"], speed=inputs["speed"]))
+    result: dict[str, Any] = {"drag_status": str(trace.status), "drag_ledger_error": trace.ledger_error}
+    if trace.status is Status.RELEASES:
+        ring = ring_of(trace, spectra=False)
+        result |= {
+            "drag_peak_force_n": trace.peak_force,
+            "drag_vibration_energy_j": ring.energy,
+            "drag_share": ring.share,
+            "drag_ring_s": ring.duration,
+        }
+    return result

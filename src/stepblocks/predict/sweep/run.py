@@ -1,0 +1,159 @@
+"""Run a sweep: a plan in, partitioned Parquet out, on this machine or on a cluster that exists.
+
+A partition is a pure function of the plan and its number, written beside its place and renamed: workers may die, runs
+may be interrupted, and what is finished stays. The rows do not depend on how they are partitioned.
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable, Iterator
+from dataclasses import asdict
+from itertools import islice
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from stepblocks.atomic import beside, replace_text
+from stepblocks.errors import PipelineError
+from stepblocks.predict.sweep.plan import SweepPlan
+from stepblocks.predict.sweep.rows import columns_of, sweep_row
+
+if TYPE_CHECKING:
+    from distributed import Client
+
+_PLAN_FILE = "sweep.json"
+
+
+def run_sweep(
+    plan: SweepPlan,
+    folder: Path,
+    *,
+    jobs: int = 1,
+    scheduler: str | None = None,
+    client: Client | None = None,
+    on_partition: Callable[[int], None] | None = None,
+) -> tuple[int, int]:
+    """Compute every partition that is not yet there.
+
+    Parameters
+    ----------
+    plan : SweepPlan
+        What to compute.
+    folder : Path
+        Where the partitions go, ``part-00000000.parquet`` and on. A folder of another plan is refused.
+    jobs : int
+        Local processes; 1 computes in this one, without Dask.
+    scheduler : str, optional
+        Address of a Dask scheduler whose workers see `folder` under the same path.
+    client : distributed.Client, optional
+        A client to use instead.
+    on_partition : callable, optional
+        Called with the number of each partition when it is finished.
+
+    Returns
+    -------
+    computed, found : int
+        Partitions written by this run, and those that were there.
+
+    Raises
+    ------
+    PipelineError
+        If the folder belongs to another plan, an extra is not installed, or the scheduler does not answer.
+    """
+    _require_extra(dask=client is not None or scheduler is not None or jobs > 1)
+    folder.mkdir(parents=True, exist_ok=True)
+    _claim(plan, folder)
+    missing = [k for k in range(plan.partitions) if not _path(folder, k).is_file()]
+    found = plan.partitions - len(missing)
+    report = on_partition or (lambda _: None)
+    if client is not None:
+        _submit(client, plan, folder, missing, report)
+    elif scheduler is None and jobs <= 1:
+        for k in missing:
+            write_partition(plan, k, folder)
+            report(k)
+    elif missing:
+        with _client(jobs, scheduler) as own:
+            _submit(own, plan, folder, missing, report)
+    return len(missing), found
+
+
+def write_partition(plan: SweepPlan, number: int, folder: Path) -> int:
+    """Compute one partition and put its file in place; returns the number of its rows."""
+    import pyarrow as pa
+    import pyarrow.parquet as pq
+
+    start = number * plan.rows_per_partition
+    rows = [sweep_row(plan, row) for row in range(start, min(start + plan.rows_per_partition, plan.rows))]
+    columns = columns_of(plan)
+    texts = ("stimulus", "direction", "status", "drag_status", "problem")
+    kinds = {"row": pa.int64(), "draw": pa.int64(), **dict.fromkeys(texts, pa.string())}
+    schema = pa.schema([(name, kinds.get(name, pa.float64())) for name in columns])
+    table = pa.table({name: [row[name] for row in rows] for name in columns}, schema=schema)
+    with beside(_path(folder, number)) as draft:
+        pq.write_table(table, draft, compression="zstd")
+    return len(rows)
+
+
+def _submit(client: Any, plan: SweepPlan, folder: Path, missing: list[int], report: Callable[[int], None]) -> None:
+    """Keep a few partitions per worker in flight, so that neither scheduler nor workers hold more than that."""
+    from distributed import as_completed
+
+    waiting: Iterator[int] = iter(missing)
+    ahead = 4 * max(len(client.scheduler_info()["workers"]), 1)
+
+    def submit(number: int) -> Any:
+        key = f"stepblocks-{plan.digest[:16]}-{number}"
+        return client.submit(write_partition, plan, number, folder.absolute(), key=key, pure=False, retries=5)
+
+    flying = as_completed([submit(k) for k in islice(waiting, ahead)], loop=client.loop)
+    for future in flying:
+        future.result()
+        report(int(future.key.rsplit("-", 1)[1]))
+        following = next(waiting, None)
+        if following is not None:
+            flying.add(submit(following))
+
+
+def _client(jobs: int, scheduler: str | None) -> Client:
+    import dask
+    from distributed import Client, LocalCluster
+
+    if scheduler is not None:
+        try:
+            return Client(scheduler, timeout="10s")
+        except (OSError, ValueError) as error:
+            raise PipelineError(f"scheduler {scheduler!r} does not answer: {error}") from error
+    # a worker that dies is no fault of its partition: let it be tried again elsewhere
+    dask.config.set({"distributed.scheduler.allowed-failures": 20})
+    cluster = LocalCluster(n_workers=jobs, threads_per_worker=1, processes=True, dashboard_address=None)
+    return Client(cluster, set_as_default=False)
+
+
+def _claim(plan: SweepPlan, folder: Path) -> None:
+    """Write the resolved plan into the folder, or make sure that the one that lies there is the same."""
+    path = folder / _PLAN_FILE
+    text = json.dumps({"digest": plan.digest, "rows": plan.rows, "plan": asdict(plan)}, indent=1, sort_keys=True)
+    if path.exists():
+        try:
+            known = json.loads(path.read_text(encoding="utf-8")).get("digest")
+        except (OSError, ValueError, AttributeError) as error:
+            raise PipelineError(f"{_PLAN_FILE} cannot be read; choose another folder [{folder}]") from error
+        if known != plan.digest:
+            raise PipelineError(f"folder holds the result of another sweep; choose another folder [{folder}]")
+        return
+    if any(folder.glob("part-*.parquet")):
+        raise PipelineError(f"folder holds partitions without {_PLAN_FILE}; choose another folder [{folder}]")
+    replace_text(path, text + "\n")
+
+
+def _path(folder: Path, number: int) -> Path:
+    return folder / f"part-{number:08d}.parquet"
+
+
+def _require_extra(dask: bool) -> None:
+    from importlib.util import find_spec
+
+    for name in ("pyarrow", *(("distributed",) if dask else ())):
+        if find_spec(name) is None:
+            raise PipelineError(f"a sweep needs {name}: install the extra with pip install 'stepblocks[sweep]'")

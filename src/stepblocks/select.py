@@ -1,0 +1,37 @@
+"""Which stimuli are meant: files and folders of them, and patterns of names."""
+
+from __future__ import annotations
+
+import fnmatch
+from collections.abc import Sequence
+from pathlib import Path
+
+from stepblocks.errors import PipelineError
+
+
+def stimulus_files(arguments: Sequence[Path]) -> list[Path]:
+    """Find the stimulus files that a user means."""
+    files: list[Path] = []
+    for argument in arguments or (Path("stimuli"),):
+        found = sorted(argument.glob("*.toml")) if argument.is_dir() else [argument]
+        if not found or not found[0].is_file():
+            what = (
+                "a folder with stimulus files (*.toml)" if argument.is_dir() else "a stimulus file or a folder of them"
+            )
+            raise PipelineError(f"expected {what} [{argument}]")
+        files += found
+    stems = [path.stem for path in files]
+    if len(set(stems)) < len(stems):
+        raise PipelineError(f"sets must have different names, got {', '.join(sorted(stems))}")
+    return files
+
+
+def matches(only: str, set_name: str, identity: str) -> bool:
+    """Tell whether a pattern means a stimulus.
+
+    Examples
+    --------
+    >>> matches("paper-ten/*", "paper-ten", "step-010"), matches("step-02?", "paper-ten", "step-010")
+    (True, False)
+    """
+    return fnmatch.fnmatchcase(identity, only) or fnmatch.fnmatchcase(f"{set_name}/{identity}", only)

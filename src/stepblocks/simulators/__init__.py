@@ -1,0 +1,1 @@
+"""For the simulator: scenes, devices, rings, the renderer, and the page to feel."""

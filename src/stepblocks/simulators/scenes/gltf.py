@@ -1,0 +1,82 @@
+"""glTF: the block as GLB in metres with y up, and a JSON that says what Unity, Unreal and the web make of its axes."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from stepblocks.artefacts.meshes.write import GLB_FROM_PART, write_glb
+from stepblocks.simulators.scenes.scene import Scene, SceneFormat
+
+# Handedness, units per metre and rotation from the part's axes, as the usual importers make it
+ENGINE_FROM_PART: dict[str, tuple[str, float, Any]] = {
+    "gltf": ("right-handed, y up", 1.0, GLB_FROM_PART),
+    # glTFast and UnityGLTF mirror x when they import
+    "unity": ("left-handed, y up", 1.0, np.diag([-1.0, 1.0, 1.0]) @ GLB_FROM_PART),
+    # Unreal's importer maps glTF (x, y, z) to (x, z, y) and metres to centimetres
+    "unreal": (
+        "left-handed, z up",
+        100.0,
+        np.array([[1.0, 0.0, 0.0], [0.0, 0.0, 1.0], [0.0, 1.0, 0.0]]) @ GLB_FROM_PART,
+    ),
+}
+
+
+def _write(folder: Path, scene: Scene) -> None:
+    write_glb(folder / "block.glb", scene.whole)
+    names = []
+    for piece in scene.pieces:
+        names.append(f"{piece.name}.glb")
+        write_glb(folder / names[-1], piece)
+    probe = []
+    if scene.probe:
+        probe = ["probe.glb", *(f"{piece.name}.glb" for piece in scene.probe.pieces)]
+        for name, mesh in zip(probe, (scene.probe.whole, *scene.probe.pieces), strict=True):
+            write_glb(folder / name, mesh)
+    engines = {}
+    for name, (axes, unit, matrix) in ENGINE_FROM_PART.items():
+        engines[name] = {
+            "axes": axes,
+            "units_per_metre": unit,
+            "from_part_rows": (unit * matrix).tolist(),
+            "triggers": [
+                {
+                    "drag": event.drag,
+                    "position": _turned(unit * matrix, event.trigger_position, event.trigger_height, scene.scale),
+                    "direction": _turned(matrix, float(event.direction), 0.0, 1.0),
+                }
+                for event in scene.events
+            ],
+        }
+    content = scene.parameters() | {
+        "whole": "block.glb",
+        "convex_pieces": names,
+        "probe": probe[0] if probe else None,
+        "probe_convex_pieces": probe[1:],
+        "contact_gap_m": 1e-6 * scene.scale,
+        "engines": engines,
+    }
+    (folder / "scene.json").write_text(json.dumps(content, indent=2, allow_nan=False) + "\n", encoding="utf-8")
+
+
+def _turned(matrix: Any, x: float, z: float, scale: float) -> list[float]:
+    return [float(value) + 0.0 for value in matrix @ np.array([x, 0.0, z]) * scale]
+
+
+GLTF = SceneFormat(
+    "gltf",
+    "glTF (Unity, Unreal, web)",
+    "metres",
+    _write,
+    "Import `block.glb` for the picture and the convex pieces as colliders; read contact, spring and events from `scene.json`.",
+    (
+        "glTF is right-handed with y up and metres: x stays, the part's z becomes y, its y becomes -z",
+        "`scene.json` gives the matrix from the part's axes for glTF, Unity (left-handed, x mirrored) and Unreal (centimetres, z up), "
+        "with the trigger positions already turned",
+        "engine physics runs at 50 to 1000 Hz with gaps of millimetres: drive the haptics from `forcelaw`, the engine for the picture",
+    ),
+    "read by pygltflib and trimesh in the test suite; not run here in Unity or Unreal.",
+)

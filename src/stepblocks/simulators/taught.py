@@ -1,0 +1,67 @@
+"""What a measured session has taught, applied to a surface, its operating point and its rings."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+
+import numpy as np
+
+from stepblocks.artefacts.model_file import LearnedModel
+from stepblocks.contact.energy import Status
+from stepblocks.contact.event import Learned, VibrationEvent, vibration_events, with_energy
+from stepblocks.contact.operating_point import OperatingPoint
+from stepblocks.parts.set import Surface
+from stepblocks.parts.step_block.declaration import StepBlock
+from stepblocks.predict.learned import learned_drag
+
+
+def teach(
+    learned: LearnedModel, surface: Surface, condition: OperatingPoint, speed: float, keep_friction: bool = False
+) -> tuple[Surface, OperatingPoint, tuple[VibrationEvent, VibrationEvent]]:
+    """Apply what was learnt to a surface, its condition and its events."""
+    known = learned_drag(
+        learned,
+        surface.id,
+        _height(surface, condition.ball_radius, 1),
+        condition.normal_load,
+        condition.ball_radius,
+        speed,
+    )
+    tool = replace(
+        condition.tool,
+        stiffness=known.stiffness,
+        conversion=known.conversion,
+        frequency=known.frequency,
+        decay_time=known.decay,
+    )
+    friction = condition.friction if keep_friction else known.friction
+    taught = replace(condition, friction=friction, tool=tool)
+    if isinstance(surface, StepBlock) and known.edge_radius > 0.0:
+        radius = min(known.edge_radius, surface.height.nominal)
+        surface = surface.model_copy(update={"edge_radius": replace(surface.edge_radius, nominal=radius)})
+    up, down = vibration_events(surface.id, surface.counterface(), taught)
+    return (
+        surface,
+        taught,
+        (_taught(learned, up, surface, taught, speed), _taught(learned, down, surface, taught, speed)),
+    )
+
+
+def _height(surface: Surface, ball_radius: float, direction: int) -> float:
+    """Height of the step that this edge is for the ball [m]: its own, or that of the same critical angle."""
+    if isinstance(surface, StepBlock) and direction > 0:
+        return surface.height.nominal
+    angle = surface.counterface().centre_path(ball_radius).notch(float(direction))[2]
+    return ball_radius * (1.0 - math.cos(angle))
+
+
+def _taught(
+    learned: LearnedModel, event: VibrationEvent, surface: Surface, condition: OperatingPoint, speed: float
+) -> VibrationEvent:
+    if event.status is not Status.RELEASES:
+        return event
+    height = _height(surface, condition.ball_radius, event.direction)
+    known = learned_drag(learned, surface.id, height, condition.normal_load, condition.ball_radius, speed)
+    told = replace(event, learned=Learned(known.status, known.peak_force, known.energy))
+    return with_energy(told, known.energy[0]) if np.isfinite(known.energy[0]) else told

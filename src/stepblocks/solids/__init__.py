@@ -1,1 +1,0 @@
-"""The shape of each stimulus. Millimetres live here and in the writers; everything else is in metres."""

@@ -1,0 +1,1 @@
+"""Adaptive comparisons: the next block follows from the answers so far."""

@@ -1,0 +1,1 @@
+"""From the answers that were written down to what they say."""

@@ -1,0 +1,213 @@
+"""The model that repeated measures call for: participants, and how each takes to each condition, are random."""
+
+from __future__ import annotations
+
+import itertools
+import math
+import warnings
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from stepblocks.errors import StudyError
+from stepblocks.study.analysis.anova import Interval, Term, effect_of
+
+_ZERO = 1e-6  # a variance below this share of the residual one is at its boundary
+_ALIKE = 1e-4  # log likelihoods closer than this are one
+
+
+@dataclass(frozen=True)
+class MixedFit:
+    """A mixed model fitted by restricted maximum likelihood."""
+
+    # Condition, mean and its standard error, in the unit of the response; averaged over the blocks with equal weight
+    means: tuple[tuple[str, float, float], ...]
+    condition: Term | None  # F-test of the conditions; None if there is one condition only
+    intervals: tuple[Interval, ...]  # Differences of conditions, a Tukey family on the same denominator
+    # Standard deviations between participants, of participants' response to conditions, and of single judgements
+    sd_participant: float
+    sd_condition: float
+    sd_residual: float
+    log_likelihood: float  # Restricted, at the optimum, in the unit of the response
+    converged: bool  # Whether the optimiser ended at a flat point
+    remarks: tuple[str, ...]  # Sentences on a variance at its boundary of zero, or an optimiser that did not settle
+    fitted: Any  # shape (n,); For the checks; conditional on the participants
+    residuals: Any
+    participant_effects: Any  # shape (participants,); Predicted deviation of each participant
+
+
+def mixed_model(
+    frame: Any,
+    response: str,
+    condition: str,
+    participant: str,
+    block: str = "",
+    level: float = 0.95,
+    intervals: bool = True,
+) -> MixedFit:
+    """Fit conditions, and blocks where given, as fixed and participants as random.
+
+    Source: Laird, N. M., Ware, J. H. (1982), Biometrics 38, 963-974, doi:10.2307/2529876.
+    """
+    data, scale, shift = _scaled(frame, response, condition, participant, block)
+    people, conditions = data["g"].nunique(), sorted(data["a"].unique())
+    fit, said, factor = _fit(data, bool(block), len(conditions) > 1)
+    rows, count = _cell_rows(fit, data, conditions), len(fit.fe_params)
+    covariance = np.asarray(fit.cov_params())[:count, :count]
+    beta = np.asarray(fit.fe_params)
+    means = tuple(
+        (name, float(row @ beta) * scale + shift, math.sqrt(float(row @ covariance @ row)) * scale)
+        for name, row in zip(conditions, rows, strict=True)
+    )
+    df_error = float((people - 1) * (len(conditions) - 1))
+    spread = math.sqrt(float(fit.scale))
+    return MixedFit(
+        means,
+        _wald(condition, rows, beta, factor * covariance, df_error) if len(conditions) > 1 else None,
+        tuple(_pairs(conditions, rows, beta, factor * covariance, df_error, level, scale, spread)) if intervals else (),
+        math.sqrt(max(float(np.asarray(fit.cov_re).ravel()[0]), 0.0)) * scale,
+        math.sqrt(max(float(fit.vcomp[0]), 0.0)) * scale if len(fit.vcomp) else 0.0,
+        spread * scale,
+        float(fit.llf) - (len(data) - count) * math.log(scale),
+        bool(fit.converged),
+        said,
+        np.asarray(fit.fittedvalues) * scale + shift,
+        np.asarray(fit.resid) * scale,
+        np.array([float(np.asarray(effects)[0]) for effects in fit.random_effects.values()]) * scale,
+    )
+
+
+def _scaled(frame: Any, response: str, condition: str, participant: str, block: str) -> tuple[Any, float, float]:
+    """Plain names, and a response without unit: the optimiser's tolerances are absolute."""
+    import pandas as pd
+
+    data = pd.DataFrame({"a": frame[condition].astype(str).to_numpy(), "g": frame[participant].astype(str).to_numpy()})
+    if block:
+        data["b"] = frame[block].astype(str).to_numpy()
+    values = frame[response].to_numpy(dtype=np.float64)
+    if not np.isfinite(values).all():
+        raise StudyError(f"{response} must be finite in every row")
+    if data["g"].nunique() < 2:
+        raise StudyError(f"{participant}: a mixed model needs at least two participants, got {data['g'].nunique()}")
+    scale, shift = float(values.std(ddof=1)), float(values.mean())
+    if not scale > 0.0:
+        raise StudyError(f"{response} must not be the same in all {len(values)} rows")
+    data["y"] = (values - shift) / scale
+    return data, scale, shift
+
+
+def _fit(data: Any, blocks: bool, compared: bool) -> tuple[Any, tuple[str, ...], float]:
+    """Fit the largest model inside the bounds of its variances; say what was left out, and the factor on the variance of means."""
+    both = "C(a, Sum) * C(b, Sum)" if compared else "C(b, Sum)"
+    fixed = both if blocks else "C(a, Sum)" if compared else "1"
+    # A participant's response to a condition is only apart from single judgements where there are several of them.
+    counts = data.groupby(["g", "a"]).size()
+    repeated = compared and counts.max() > 1
+    between, within, number = _mean_squares(data) if repeated else (math.nan, math.nan, 1.0)
+    at_zero = between <= within and counts.min() == counts.max()  # the closed form of a balanced design
+    fit = (
+        _optimise(data, fixed, {"re_formula": "1", "vc_formula": {"a": "0 + C(a)"}})
+        if repeated and not at_zero
+        else None
+    )
+    if fit is None or float(fit.vcomp[0]) <= _ZERO * float(fit.scale) or not fit.converged:
+        plain = _optimise(data, fixed, {})
+        # At a boundary of zero the optimiser stalls; the model without that variance is then as likely, and smooth.
+        fit = plain if fit is None or float(fit.llf) <= float(plain.llf) + _ALIKE else fit
+    response = float(fit.vcomp[0]) if len(fit.vcomp) else 0.0
+    said = []
+    if repeated and response == 0.0:
+        said.append("The variance of participants' response to the condition is estimated as zero.")
+    if float(np.asarray(fit.cov_re).ravel()[0]) <= _ZERO * float(fit.scale):
+        said.append("The variance between participants is estimated as zero.")
+    factor = between / (float(fit.scale) + number * response) if repeated and said else 1.0
+    if repeated and said:
+        said.append(
+            "The condition is therefore tested against the mean square of participants by condition, as in repeated measures."
+        )
+    if not fit.converged:
+        said.append("The optimiser of the mixed model did not end at a flat point; its figures are its best found.")
+    return fit, tuple(said), factor
+
+
+def _mean_squares(data: Any) -> tuple[float, float, float]:
+    """Mean squares of participants by condition and of judgements within, and judgements per cell (harmonic mean)."""
+    keys = ["a", "b"] if "b" in data else ["a"]
+    centred = data.assign(y=data["y"] - data.groupby(keys)["y"].transform("mean"))
+    cells = centred.groupby(["g", "a"])["y"]
+    means, number = cells.mean().unstack(), float(len(cells) / (1.0 / cells.size()).sum())
+    if means.isna().to_numpy().any():
+        raise StudyError("every participant must have a judgement in every condition")
+    doubly = means.sub(means.mean(axis=1), axis=0) - means.mean(axis=0) + means.to_numpy().mean()
+    df = (means.shape[0] - 1) * (means.shape[1] - 1)
+    left = float(((centred["y"] - cells.transform("mean")) ** 2).sum())
+    spent = means.size + (data.groupby(keys).ngroups - means.shape[1])
+    return number * float((doubly**2).to_numpy().sum()) / df, left / max(len(data) - spent, 1), number
+
+
+def _optimise(data: Any, fixed: str, options: dict[str, Any]) -> Any:
+    import statsmodels.formula.api as smf
+
+    found = []
+    for method, settings in (("bfgs", {"gtol": 1e-10}), ("powell", {})):
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")  # what went wrong is read from the result
+            try:
+                fit = smf.mixedlm(f"y ~ {fixed}", data, groups="g", **options).fit(reml=True, method=method, **settings)
+            except (np.linalg.LinAlgError, ValueError):
+                continue
+        if math.isfinite(fit.llf) and np.isfinite(np.asarray(fit.bse_fe)).all():
+            found.append(fit)
+            if fit.converged:
+                break
+    if not found:
+        raise StudyError(f"the mixed model cannot be fitted to these {len(data)} judgements: no optimum was found")
+    return max(found, key=lambda fit: (round(float(fit.llf), 6), bool(fit.converged)))
+
+
+def _cell_rows(fit: Any, data: Any, conditions: Sequence[str]) -> list[Any]:
+    letters = [letter for letter in "ab" if letter in data]
+    first = data.drop_duplicates(letters)
+    exog = np.asarray(fit.model.exog)
+    return [exog[first.index[first["a"] == one]].mean(axis=0) for one in conditions]
+
+
+def _wald(name: str, rows: Sequence[Any], beta: Any, covariance: Any, df_error: float) -> Term:
+    contrasts = np.array([row - rows[0] for row in rows[1:]])
+    difference = contrasts @ beta
+    f = float(difference @ np.linalg.solve(contrasts @ covariance @ contrasts.T, difference)) / len(contrasts)
+    return effect_of(name, float(len(contrasts)), df_error, math.nan, f)
+
+
+def _pairs(
+    conditions: Sequence[str],
+    rows: Sequence[Any],
+    beta: Any,
+    covariance: Any,
+    df_error: float,
+    level: float,
+    scale: float,
+    spread: float,
+) -> list[Interval]:
+    from scipy.stats import studentized_range
+
+    found = []
+    for one, two in itertools.combinations(range(len(conditions)), 2):
+        contrast = rows[one] - rows[two]
+        difference, error = float(contrast @ beta), math.sqrt(0.5 * float(contrast @ covariance @ contrast))
+        reach = float(studentized_range.ppf(level, len(conditions), df_error)) * error
+        p = float(studentized_range.sf(abs(difference) / error, len(conditions), df_error))
+        found.append(
+            Interval(
+                conditions[one],
+                conditions[two],
+                difference * scale,
+                (difference - reach) * scale,
+                (difference + reach) * scale,
+                p,
+                difference / spread,
+            )
+        )
+    return found

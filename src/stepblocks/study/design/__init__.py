@@ -1,0 +1,1 @@
+"""The experiments as lists of trials, their orders, codes and sheets."""

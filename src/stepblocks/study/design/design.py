@@ -1,0 +1,145 @@
+"""The experiments as lists of trials: experiments 1 and 2 of the paper, constant stimuli, magnitude estimation."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from stepblocks.errors import StudyError
+from stepblocks.study.design.codes import blinding_codes
+from stepblocks.study.design.orders import Balance, allocate_orders, balance_of
+
+MAX_TRIALS = 200_000  # Most trials in a design
+
+
+@dataclass(frozen=True)
+class Item:
+    """A block that is judged."""
+
+    identity: str  # Identity of the stimulus
+    engraved: str  # The identity as it stands on the block
+    height: float  # Height of its step [m]
+
+    def __post_init__(self) -> None:
+        if not (math.isfinite(self.height) and self.height > 0.0):
+            raise StudyError(f"height must be positive and finite, got {self.height:g} m [block {self.identity}]")
+
+
+@dataclass(frozen=True)
+class Trial:
+    """One judgement to be made."""
+
+    participant: int  # Counted from 1; trials run through a participant's session
+    trial: int
+    condition: str  # Probe, or vibration, or which of a pair comes first
+    repetition: int  # Set of blocks within the condition, from 1
+    item: Item  # The block that is judged
+    code: str  # Its blinding code
+    standard: Item | None = None  # The block it is compared with, and its code
+    standard_code: str = ""  # Empty where there is no standard
+
+
+@dataclass(frozen=True)
+class Design:
+    """A whole experiment."""
+
+    experiment: str  # ``"estimates"``, ``"virtual"``, ``"constant"`` or ``"magnitude"``
+    seed: int  # What every random choice follows from
+    trials: tuple[Trial, ...]  # By participant, in the order in which they are run
+    balance: Balance  # Of the order of conditions over participants
+
+
+def experiment_one(
+    participants: int, probes: Sequence[str], items: Sequence[Item], repetitions: int, seed: int
+) -> Design:
+    """Design experiment 1: every participant estimates every block with every probe.
+
+    Examples
+    --------
+    >>> blocks = [Item(f"step-{h:03}", f"STEP-{h:03}", h * 1e-6) for h in (25, 50, 75, 100)]
+    >>> len(experiment_one(10, ("bare", "hard", "soft"), blocks, 3, seed=1).trials)
+    360
+    """
+    return _crossover("estimates", participants, probes, items, repetitions, seed)
+
+
+def experiment_two(participants: int, items: Sequence[Item], repetitions: int, seed: int) -> Design:
+    """Design experiment 2: virtual blocks without and with the vibration of the edge; height and realism are rated."""
+    return _crossover("virtual", participants, ("vibration-off", "vibration-on"), items, repetitions, seed)
+
+
+def magnitude_estimation(participants: int, items: Sequence[Item], repetitions: int, seed: int) -> Design:
+    """Design a magnitude estimation: every block gets a number, without a prescribed modulus.
+
+    Source: Stevens, S. S. (1957), Psychological Review 64, 153-181, doi:10.1037/h0046162.
+    """
+    return _crossover("magnitude", participants, ("free-modulus",), items, repetitions, seed)
+
+
+def constant_stimuli(participants: int, standard: str, items: Sequence[Item], repetitions: int, seed: int) -> Design:
+    """Design a comparison with a standard by constant stimuli, in two intervals."""
+    generator, codes = _prepare(participants, ("standard-first", "standard-second"), items, repetitions, seed)
+    found = [item for item in items if item.identity == standard]
+    if not found:
+        raise StudyError(f"standard must be one of the blocks {', '.join(i.identity for i in items)}, got {standard!r}")
+    others = [item for item in items if item.identity != standard]
+    if len(others) < 2:
+        raise StudyError(f"constant stimuli need at least two blocks besides the standard, got {len(others)}")
+    pairs = [(item, order) for item in others for order in ("standard-first", "standard-second")]
+    trials = []
+    for participant in range(1, participants + 1):
+        number = 0
+        for repetition in range(1, repetitions + 1):
+            for index in generator.permutation(len(pairs)):
+                item, order = pairs[index]
+                number += 1
+                trials.append(
+                    Trial(participant, number, order, repetition, item, codes[item.identity], found[0], codes[standard])
+                )
+    return Design("constant", seed, tuple(trials), balance_of(np.zeros((participants, 1), dtype=np.int64)))
+
+
+def _crossover(
+    experiment: str, participants: int, conditions: Sequence[str], items: Sequence[Item], repetitions: int, seed: int
+) -> Design:
+    generator, codes = _prepare(participants, conditions, items, repetitions, seed)
+    orders = allocate_orders(participants, len(conditions), generator)
+
+    def session(participant: int, order: Sequence[int]) -> Iterator[Trial]:
+        number = 0
+        for condition in order:
+            for repetition in range(1, repetitions + 1):
+                for index in generator.permutation(len(items)):
+                    number += 1
+                    item = items[index]
+                    yield Trial(participant, number, conditions[condition], repetition, item, codes[item.identity])
+
+    trials = tuple(trial for row, order in enumerate(orders, start=1) for trial in session(row, list(order)))
+    return Design(experiment, seed, trials, balance_of(orders))
+
+
+def _prepare(
+    participants: int, conditions: Sequence[str], items: Sequence[Item], repetitions: int, seed: int
+) -> tuple[np.random.Generator, dict[str, str]]:
+    for name, values in (("conditions", list(conditions)), ("blocks", [item.identity for item in items])):
+        if not values:
+            raise StudyError(f"{name} must be at least one, got none")
+        twice = sorted({value for value in values if values.count(value) > 1})
+        if twice:
+            raise StudyError(f"{name} must differ from each other, got {twice[0]!r} twice")
+        if not all(value.strip() == value and value for value in values):
+            raise StudyError(f"{name} must have names without spaces around them, got {values}")
+    if repetitions < 1:
+        raise StudyError(f"repetitions must be at least 1, got {repetitions}")
+    if seed < 0:
+        raise StudyError(f"seed must not be negative, got {seed}")
+    total = participants * len(conditions) * len(items) * repetitions
+    if total > MAX_TRIALS:
+        raise StudyError(f"a design must have at most {MAX_TRIALS} trials, got {total}")
+    if participants < 1:
+        raise StudyError(f"participants must be at least 1, got {participants}")
+    generator = np.random.default_rng(seed)
+    return generator, blinding_codes([item.identity for item in items], generator)

@@ -1,0 +1,96 @@
+"""Tables at the border: a column's unit stands in its name, ``height_um`` or ``speed_mm_s``."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from stepblocks.atomic import beside
+from stepblocks.errors import PipelineError
+from stepblocks.quantities import parse_quantity
+
+if TYPE_CHECKING:
+    import pandas as pd
+
+# For each dimension, the ending of a column's name and its unit
+SUFFIXES: dict[str, dict[str, str]] = {
+    "length": {"nm": "nm", "um": "um", "mm": "mm", "m": "m"},
+    "force": {"n": "N", "mn": "mN"},
+    "stiffness": {"n_m": "N/m", "n_mm": "N/mm"},
+    "speed": {"mm_s": "mm/s", "m_s": "m/s"},
+    "ratio": {"": "", "pct": "%"},
+    "time": {"s": "s", "ms": "ms"},
+}
+
+_LARGEST_FILE = 2_000_000_000  # bytes
+
+
+def read_table(path: Path) -> pd.DataFrame:
+    """Read a CSV with a header."""
+    import pandas as pd
+
+    try:
+        if path.stat().st_size > _LARGEST_FILE:
+            raise PipelineError(f"table must be smaller than {_LARGEST_FILE} bytes [{path}]")
+        with path.open(encoding="utf-8-sig") as file:
+            names = [name.strip() for name in file.readline().split(",")]
+        frame = pd.read_csv(path, encoding="utf-8-sig", skipinitialspace=True)
+    except OSError as error:
+        raise PipelineError(f"table cannot be read: {error.strerror} [{path}]") from error
+    except (ValueError, UnicodeDecodeError) as error:  # pandas' parser errors are ValueErrors
+        raise PipelineError(f"table is not a CSV: {str(error).splitlines()[0]} [{path}]") from error
+    if len(set(names)) != len(names):
+        raise PipelineError(f"table must not name a column twice [{path}]")
+    if frame.empty:
+        raise PipelineError(f"table has no rows [{path}]")
+    frame.columns = [str(name).strip() for name in frame.columns]
+    return frame
+
+
+def si_column(
+    frame: pd.DataFrame, names: tuple[str, ...], dimension: str, default: float | None, place: Any
+) -> NDArray[np.float64]:
+    """Find a column by one of its names and any unit of its dimension, and return it in SI."""
+    found = []
+    for name in names:
+        for suffix, unit in SUFFIXES[dimension].items():
+            column = f"{name}_{suffix}" if suffix else name
+            if column in frame.columns:
+                found.append((column, unit))
+    wanted = " or ".join(f"{names[0]}_{s}" if s else names[0] for s in SUFFIXES[dimension])
+    if not found:
+        if default is None:
+            raise PipelineError(f"table must have a column {wanted} [{place}]")
+        return np.full(len(frame), default)
+    if len(found) > 1:
+        raise PipelineError(
+            f"table must have one of the columns {' and '.join(c for c, _ in found)}, not both [{place}]"
+        )
+    import pandas as pd
+
+    column, unit = found[0]
+    numbers = pd.to_numeric(frame[column], errors="coerce").to_numpy(dtype=np.float64)
+    bad = np.flatnonzero(~np.isfinite(numbers))
+    if bad.size:
+        row = int(bad[0])
+        given = frame[column].iloc[row]
+        text = repr(given) if isinstance(given, str) else str(given)
+        raise PipelineError(f"{column} must be a finite number, got {text} [{place}, row {row + 1}]")
+    factor = parse_quantity(f"1 {unit}", dimension) if unit else 1.0
+    # 25 / 1e6 is the double nearest to 25e-6; 25 * 1e-6 is not
+    inverse = round(1.0 / factor)
+    exact = factor < 1.0 and abs(factor * inverse - 1.0) < 1e-12
+    return np.asarray(numbers / inverse if exact else numbers * factor)
+
+
+def write_table(frame: pd.DataFrame, path: Path) -> None:
+    """Write a CSV beside its place and rename it; 17 digits, so that reading it back gives the same doubles."""
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        with beside(path) as draft:
+            frame.to_csv(draft, index=False, lineterminator="\n")
+    except OSError as error:
+        raise PipelineError(f"table cannot be written: {error.strerror} [{path}]") from error

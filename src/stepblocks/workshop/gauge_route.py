@@ -1,0 +1,153 @@
+"""A step from two gauge blocks: the route for workshops that cannot hold a micrometre over a face in one piece.
+
+Two blocks of a standard set are wrung side by side onto a lapped base; the step is the difference of their lengths. Nothing
+is machined to a micrometre: the tolerance was bought with the set.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from pathlib import Path
+
+from stepblocks.atomic import beside
+from stepblocks.errors import MachiningError
+from stepblocks.parts.step_block.declaration import StepBlock
+
+# ISO 3650:1998, table 5, up to 10 mm: limit deviation of length anywhere, and tolerance of its variation, in metres.
+GRADES: dict[str, tuple[float, float]] = {
+    "K": (0.20e-6, 0.05e-6),
+    "0": (0.12e-6, 0.10e-6),
+    "1": (0.20e-6, 0.16e-6),
+    "2": (0.45e-6, 0.30e-6),
+}
+
+STANDARD_SET: tuple[float, ...] = tuple(
+    count / 1e7 for count in (10005, *range(10010, 10100, 10), *range(10100, 15000, 100), *range(5000, 100001, 5000))
+)
+
+_WRINGING = 0.02e-6  # Thickness that a wrung joint may add, either block [m]; gauge makers state 0.005 to 0.02 um
+_SECTION = (30e-3, 9e-3)  # Section of a gauge block up to 10 mm (ISO 3650) [m]
+
+
+@dataclass(frozen=True)
+class GaugePair:
+    """Two gauge blocks whose difference is a step."""
+
+    lower: float  # Their lengths [m]
+    upper: float
+    grade: str  # Grade of the set
+    worst: float  # Largest deviation of the step that the grade, its variation and the wringing allow [m]
+    expected: float  # Root sum of squares of the same as rectangular laws, times 2: 95 % of the pairs lie within [m]
+
+    @property
+    def step(self) -> float:
+        """Nominal step [m]."""
+        return self.upper - self.lower
+
+
+@dataclass(frozen=True)
+class Route:
+    """One way to make a block."""
+
+    name: str  # ``"one piece"`` or ``"gauge blocks, grade 0"``
+    deviation: float  # Largest deviation of the height to be expected [m]
+    tolerance: float  # Deviation that the stimulus permits [m]
+    note: str  # What it takes
+
+    @property
+    def reaches(self) -> bool:
+        """Whether the height stays within its tolerance."""
+        return self.deviation <= self.tolerance
+
+
+def choose_pair(height: float, grade: str = "0") -> GaugePair:
+    """Choose the pair of a standard set whose difference is a height.
+
+    Stack-up, worst case: both limit deviations, half of both variations (length is stated at the middle, the edge lies
+    beside it), both wringing films.
+
+    Examples
+    --------
+    >>> pair = choose_pair(10e-6)
+    >>> f"{pair.upper * 1e3:.3f} - {pair.lower * 1e3:.3f} mm"
+    '1.010 - 1.000 mm'
+    """
+    if grade not in GRADES:
+        raise MachiningError(f"grade must be one of {', '.join(GRADES)}, got {grade!r}")
+    deviation, variation = GRADES[grade]
+    for lower in sorted(STANDARD_SET):
+        for upper in STANDARD_SET if lower >= 1e-3 else ():
+            if abs(upper - lower - height) < 1e-9:
+                parts = [deviation] * 2 + [0.5 * variation] * 2 + [_WRINGING] * 2
+                expected = 2.0 * math.sqrt(sum(part * part / 3.0 for part in parts))
+                return GaugePair(lower, upper, grade, sum(parts), min(expected, sum(parts)))
+    raise MachiningError(f"height must be a difference of two gauge blocks of the set, got {height * 1e3:.6g} mm")
+
+
+def routes_for(block: StepBlock, capability: float) -> list[Route]:
+    """Say which route reaches the height's tolerance."""
+    if not capability > 0.0:
+        raise MachiningError(f"capability must be positive, got {capability:g} m")
+    tolerance = min(block.height.upper, -block.height.lower)
+    routes = [Route("one piece", capability, tolerance, "grind, then lap both faces; measure the groove")]
+    for grade in ("2", "1", "0", "K"):
+        try:
+            pair = choose_pair(block.height.nominal, grade)
+        except MachiningError:
+            continue
+        digits = 4 if round(pair.upper * 1e7) % 10 else 3
+        note = f"wring {pair.lower * 1e3:.{digits}f} mm and {pair.upper * 1e3:.{digits}f} mm side by side onto a lapped base"
+        routes.append(Route(f"gauge blocks, grade {grade}", pair.worst, tolerance, note))
+    return routes
+
+
+def write_gauge_assembly(path: Path, block: StepBlock, grade: str = "0") -> GaugePair:
+    """Write base and gauge blocks as a STEP file of three parts, with the dimensions that matter.
+
+    The step lies at x = 0 and the top of the lower gauge block at z = 0, as the working faces of the one-piece block do.
+    The gauge blocks lie with their long sides against each other, so the edge is 30 mm long.
+    """
+    from stepblocks.artefacts.step.write import PINNED_TIME, conforming
+    from stepblocks.cad import kernel
+    from stepblocks.cad.pmi import PmiDimension, PmiItem, write_step_with_tolerances
+
+    pair = choose_pair(block.height.nominal, grade)
+    long, wide = _SECTION
+    thick, rim = block.body.thickness.nominal, 5e-3
+    floor = -pair.lower
+
+    def box(x0: float, x1: float, half: float, z0: float, z1: float) -> kernel.Body:
+        corners = [(x0, -half, z0), (x1, -half, z0), (x1, half, z0), (x0, half, z0)]
+        return kernel.extruded(
+            corners[0], [kernel.Line(point) for point in (*corners[1:], corners[0])], (0.0, 0.0, z1 - z0)
+        )
+
+    bodies = [
+        (f"{block.id}-base", box(-wide - rim, wide + rim, 0.5 * long + rim, floor - thick, floor)),
+        (f"gauge-block-{_piece(pair.lower)}", box(-wide, 0.0, 0.5 * long, floor, 0.0)),
+        (f"gauge-block-{_piece(pair.upper)}", box(0.0, wide, 0.5 * long, floor, pair.upper - pair.lower)),
+    ]
+    deviation, _ = GRADES[grade]
+    dimensions, tops = [], []
+    for index, length in ((1, pair.lower), (2, pair.upper)):
+        described = kernel.face_kinds(bodies[index][1])
+        level = sorted((face.low[2], i) for i, face in enumerate(described) if face.high[2] - face.low[2] < 1e-6)
+        bottom, top = (PmiItem(index, i) for _, i in (level[0], level[-1]))
+        dimensions.append(PmiDimension("distance", (bottom, top), length, -deviation, deviation))
+        tops.append(top)
+    height = block.height
+    dimensions.append(PmiDimension("distance", (tops[0], tops[1]), height.nominal, height.lower, height.upper))
+    with beside(path) as draft:
+        material = block.material.designation, block.material.density
+        write_step_with_tolerances(draft, bodies, dimensions, [], material, f"{block.id}-gauge")
+        names = [("distance", f"length of gauge block {_piece(length)}") for length in (pair.lower, pair.upper)]
+        names.append(("distance", "step height"))
+        draft.write_text(
+            conforming(draft.read_text(encoding="utf-8"), f"{block.id}-gauge", PINNED_TIME, names), encoding="utf-8"
+        )
+    return pair
+
+
+def _piece(length: float) -> str:
+    return f"{length * 1e3:.4f}".replace(".", "p") + "mm"

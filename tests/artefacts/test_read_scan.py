@@ -1,0 +1,560 @@
+"""Scans of every format give the heights that were put into them; hostile and ambiguous files give one line."""
+
+import hashlib
+import os
+import re
+import resource
+import struct
+import zipfile
+from pathlib import Path
+
+import numpy as np
+import pytest
+import x3pio
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
+
+from stepblocks.artefacts.scans.foreign import FORMATS, _load, read_foreign
+from stepblocks.artefacts.scans.height_scale import check_height_scale, stated_height_scale
+from stepblocks.artefacts.scans.height_scale_packed import packed_height_scale
+from stepblocks.artefacts.scans.read import read_scan
+from stepblocks.artefacts.scans.scan import HeightMap, Profile, rows_of
+from stepblocks.errors import MetrologyError
+
+SHARED = Path(os.environ.get("STEPBLOCKS_SHARED", Path(__file__).parents[2] / ".." / "shared"))
+
+COUNTS = np.arange(12, dtype=np.int32).reshape(3, 4) * 7 - 30
+COUNT = 2e-10  # [m]
+
+
+def write_sdf(path, scale=COUNT, points=4, profiles=3):
+    rows = "\n".join(" ".join(map(str, row)) for row in COUNTS)
+    path.write_text(
+        "aISO-1.0\nManufacID = stepblocks\nCreateDate = 010120260000\nModDate = 010120260000\n"
+        f"NumPoints = {points}\nNumProfiles = {profiles}\nXscale = 1E-6\nYscale = 2E-6\nZscale = {scale}\n"
+        f"Zresolution = -1\nCompression = 0\nDataType = 6\nCheckType = 0\n*\n{rows}\n*\n"
+    )
+
+
+def write_binary_sdf(path):
+    head = struct.pack(
+        "<8s10s12s12sHHddddBBB",
+        b"bISO-1.0",
+        b"stepblocks",
+        b"0" * 12,
+        b"0" * 12,
+        4,
+        3,
+        1e-6,
+        2e-6,
+        COUNT,
+        -1.0,
+        0,
+        6,
+        0,
+    )
+    path.write_bytes(head + COUNTS.astype("<i4").tobytes())
+
+
+def write_sur(path, spacing=0.2, unit=b"nm"):
+    names = b"".join(name.ljust(16, b"\0") for name in (b"X", b"Y", b"Z", b"um", b"um", unit, b"um", b"um", unit))
+    head = struct.pack(
+        "<12sHHHH30s30sHHHHHIIHiiiiIfff",
+        b"DIGITAL SURF",
+        0,
+        1,
+        1,
+        2,
+        b"block",
+        b"gauge",
+        0,
+        0,
+        1,
+        0,
+        1,
+        0,
+        0,
+        32,
+        int(COUNTS.min()),
+        int(COUNTS.max()),
+        4,
+        3,
+        12,
+        1.0,
+        2.0,
+        spacing,
+    )
+    rest = struct.pack(
+        "<fffHHHIIIHHHHHHHfIIHHH128sfff34s",
+        1,
+        1,
+        1,
+        0,
+        0,
+        0,
+        0,
+        0,
+        0,
+        0,
+        0,
+        0,
+        1,
+        1,
+        2026,
+        0,
+        0.0,
+        0,
+        0,
+        0,
+        0,
+        0,
+        b"",
+        0,
+        0,
+        0,
+        b"",
+    )
+    full = head + names + rest
+    assert len(full) == 512
+    path.write_bytes(full + COUNTS.astype("<i4").tobytes())
+
+
+def write_x3p(path):
+    x3pio.write(str(path), COUNTS * COUNT, x_scale=1e-6, y_scale=2e-6)
+
+
+def write_plux(path):
+    index = (
+        "<xml><GENERAL><DATE>2026-01-01 00:00:00</DATE><IMAGE_SIZE_X>4</IMAGE_SIZE_X><IMAGE_SIZE_Y>3</IMAGE_SIZE_Y>"
+        "<FOV_X>1</FOV_X><FOV_Y>2</FOV_Y></GENERAL><INFO><ITEM_0><NAME>Device</NAME><VALUE>gauge</VALUE></ITEM_0></INFO><LAYER_0><FILENAME_Z>LAYER_0.raw</FILENAME_Z></LAYER_0></xml>"
+    )
+    with zipfile.ZipFile(path, "w") as archive:
+        archive.writestr("index.xml", index)
+        archive.writestr("LAYER_0.raw", (COUNTS * COUNT * 1e6).astype("<f4").tobytes())
+
+
+def write_gwy(path):
+    def item(name, kind, payload):
+        return name.encode() + b"\0" + kind + payload
+
+    def thing(name, body):
+        return name.encode() + b"\0" + struct.pack("<I", len(body)) + body
+
+    def unit(text):
+        return thing("GwySIUnit", item("unitstr", b"s", text.encode() + b"\0"))
+
+    data = (COUNTS * COUNT).astype("<f8").tobytes()
+    field = (
+        item("xres", b"i", struct.pack("<i", 4))
+        + item("yres", b"i", struct.pack("<i", 3))
+        + item("xreal", b"d", struct.pack("<d", 4e-6))
+        + item("yreal", b"d", struct.pack("<d", 6e-6))
+        + item("si_unit_xy", b"o", unit("m"))
+        + item("si_unit_z", b"o", unit("m"))
+        + item("data", b"D", struct.pack("<I", 12) + data)
+    )
+    body = item("/0/data", b"o", thing("GwyDataField", field)) + item("/0/data/title", b"s", b"Height\0")
+    path.write_bytes(b"GWYP" + thing("GwyContainer", body))
+
+
+def write_nid(path, dim2_range=None):
+    span = COUNT * 65536 if dim2_range is None else dim2_range
+    channel = (
+        "Version=2\r\nPoints=4\r\nLines=3\r\nFrame=Scan forward\r\nDim0Name=X*\r\nDim0Unit=m\r\nDim0Range=4e-06\r\n"
+        "Dim0Min=0\r\nDim1Name=Y*\r\nDim1Unit=m\r\nDim1Range=6e-06\r\nDim1Min=0\r\nDim2Name=Topography\r\nDim2Unit=m\r\n"
+        f"Dim2Range={span!r}\r\nDim2Min={-span / 2!r}\r\nSaveMode=Binary\r\nSaveBits=16\r\nSaveSign=Signed\r\n"
+        "SaveOrder=Intel\r\n"
+    )
+    text = (
+        "[DataSet]\r\nVersion=2\r\nGroupCount=1\r\nGr0-Name=Scan forward\r\nGr0-ID=0\r\nGr0-Count=1\r\n"
+        "Gr0-Ch0=DataSet-0:0\r\nSetInfos=DataSet-Info\r\nInfoSetCount=1\r\nInfoSet0=DataSetInfos\r\n\r\n"
+        "[DataSet-Info]\r\n-- Scan --=--------\r\nImage size=4um\r\nDate=01-01-2026\r\nTime=00:00:00\r\n\r\n"
+        f"[DataSet-0:0]\r\n{channel}"
+    )
+    path.write_bytes(text.encode("latin-1") + b"#!" + COUNTS.astype("<i2").tobytes())
+
+
+def write_opdx(path, scale=0.2, unit="nm", map_=False):
+    # as SurfaceTopography and Gwyddion's dektakvca.c read it: items of name, type, length, content; containers end in 0x7F
+    def text(string):
+        return struct.pack("<I", len(string.encode())) + string.encode()
+
+    def sized(raw):
+        return b"\x04" + struct.pack("<I", len(raw)) + raw
+
+    def item(name, kind, raw):
+        return text(name) + bytes([kind]) + raw
+
+    def quantity(value, symbol):
+        return sized(struct.pack("<d", value) + text("unit") + text(symbol))
+
+    def container(name, *items):
+        return item(name, 0x7D, sized(b"".join(items) + text("") + b"\x7f\xff\xff"))
+
+    def string(name, value):
+        return item(name, 0x12, sized(value.encode()))
+
+    names = sized(text("Raw"))
+    if map_:
+        matrix = COUNTS.astype("<f4").tobytes()
+        body = container(
+            "2D_Data",
+            container(
+                "Raw",
+                string("DataKind", "Height"),
+                item("Dimension1Points", 0x07, struct.pack("<I", 3)),
+                item("Dimension2Points", 0x07, struct.pack("<I", 4)),
+                item("Dimension1Extent", 0x13, quantity(4.0, "µm")),
+                item("Dimension2Extent", 0x13, quantity(3.0, "µm")),
+                item("DataScale", 0x13, quantity(scale, unit)),
+                item(
+                    "Matrix",
+                    0x00,
+                    text("") + struct.pack("<I", 0) + text("") + sized(struct.pack("<II", 3, 4) + matrix),
+                ),
+            ),
+        )
+    else:
+        row = COUNTS.ravel().astype("<f8").tobytes()
+        body = container(
+            "1D_Data",
+            container(
+                "Raw",
+                string("DataKind", "Height"),
+                item("NumPoints", 0x07, struct.pack("<I", 12)),
+                item("Extent", 0x13, quantity(11.0, "µm")),
+                item("DataScale", 0x13, quantity(scale, unit)),
+                item("Array", 0x40, text("") + sized(b"\0" * 5 + row)),
+            ),
+        )
+    kind, channels = ("Surface Height", "2D_Channels") if map_ else ("Surface Profile", "1D_Channels")
+    listed = container(channels, item("Height", 0x42, text("") + names))
+    meta = container("MetaData", string("DataKind", kind), listed)
+    path.write_bytes(b"VCA DATA\x01\x00\x00\x55" + meta + body + text("") + b"\x7f\xff\xff")
+
+
+WRITERS = {
+    "a.sdf": write_sdf,
+    "b.sdf": write_binary_sdf,
+    "c.sur": write_sur,
+    "d.x3p": write_x3p,
+    "e.plux": write_plux,
+    "f.gwy": write_gwy,
+    "g.nid": write_nid,
+    "h.opdx": lambda path: write_opdx(path, map_=True),
+}
+
+
+@pytest.mark.parametrize("name", WRITERS)
+def test_every_format_gives_back_the_heights_and_steps_that_were_written(name, tmp_path):
+    path = tmp_path / name
+    WRITERS[name](path)
+    content = _load(path)  # the confined process itself is exercised below; here only what it runs
+    height = np.asarray(content["height"])
+    assert height.dtype == np.float64
+    np.testing.assert_allclose(np.abs(np.diff(height, axis=1)), 7 * COUNT, rtol=2e-6)
+    assert np.sort(height.ravel()) - height.min() == pytest.approx(np.arange(12) * 7 * COUNT, rel=2e-6, abs=1e-15)
+    assert content["dx"] == pytest.approx(1e-6, rel=1e-6)
+    assert content["dy"] == pytest.approx(2e-6, rel=1e-6)
+
+
+def test_the_confined_process_gives_the_same_map_and_says_what_was_checked(tmp_path):
+    write_sdf(tmp_path / "a.sdf")
+    scan = read_scan(tmp_path / "a.sdf")
+    assert isinstance(scan, HeightMap)
+    np.testing.assert_allclose(scan.height - scan.height[0, 0], (COUNTS - COUNTS[0, 0]) * COUNT, rtol=1e-9)
+    assert "Zscale of the header: 2e-10 m per count, checked" in scan.scale
+
+
+def test_an_opdx_profile_reads_with_the_scale_that_its_own_header_states(tmp_path):
+    path = tmp_path / "dektak.opdx"
+    write_opdx(path)
+    scan = read_scan(path)
+    assert isinstance(scan, Profile)
+    np.testing.assert_allclose(scan.height, COUNTS.ravel() * COUNT, rtol=1e-12)
+    assert scan.spacing == pytest.approx(1e-6, rel=1e-9)
+    assert "DataScale of the channel: 2e-10 m, checked" in scan.scale
+    assert scan.count is None  # floating numbers have no steps
+    write_opdx(path, unit="furlong")
+    with pytest.raises(MetrologyError):
+        read_scan(path)
+
+
+def test_the_unit_of_floating_formats_is_read_a_second_time_from_the_file_itself(tmp_path):
+    write_opdx(tmp_path / "a.opdx")
+    write_gwy(tmp_path / "b.gwy")
+    for name, one in (("a.opdx", 2e-10), ("b.gwy", 1.0)):
+        scale = stated_height_scale(tmp_path / name)
+        assert (scale.count, scale.integral) == (pytest.approx(one), False)
+        assert "checked" in check_height_scale(COUNTS * COUNT, scale, name, one)
+        with pytest.raises(MetrologyError, match="per count"):
+            check_height_scale(COUNTS * COUNT, scale, name, 8.0 * one)
+    assert "si_unit_z 'm'" in read_scan(tmp_path / "b.gwy").scale
+    raw = (tmp_path / "b.gwy").read_bytes()
+    (tmp_path / "c.gwy").write_bytes(raw.replace(b"unitstr\0sm\0", b"unitstr\0sV\0"))
+    with pytest.raises(MetrologyError):
+        read_scan(tmp_path / "c.gwy")
+
+
+@pytest.mark.parametrize(("name", "one"), [("d.x3p", 1.0), ("e.plux", 1e-6), ("counts.x3p", None)])
+def test_the_scale_of_packed_formats_is_read_a_second_time_from_index_and_stored_numbers(name, one, tmp_path):
+    path = tmp_path / name
+    if name == "counts.x3p":  # int32 counts whose length the axis states
+        x3pio.write(str(path), COUNTS * COUNT, x_scale=1e-6, y_scale=2e-6, z_type=x3pio.DataType.INT32)
+        one = x3pio.read(str(path)).layers[0].header.z.increment
+        assert 0.0 < one < COUNT
+    else:
+        WRITERS[name](path)
+    scale = packed_height_scale(path)
+    assert (scale.count, scale.integral) == (pytest.approx(one), name == "counts.x3p")
+    scan = read_scan(path)
+    np.testing.assert_allclose(scan.height, COUNTS * COUNT, rtol=2e-6)
+    assert f"{one:.6g} m" in scan.scale
+    assert scan.scale.endswith("checked")
+    for wrong in (1e3, 8.0):  # the reader errs in the heights alone, and in what it says too
+        with pytest.raises(MetrologyError, match="must lie within"):
+            check_height_scale(scan.height * wrong, scale, name, one)
+        with pytest.raises(MetrologyError, match="per count"):
+            check_height_scale(scan.height * wrong, scale, name, one * wrong)
+
+
+def repacked(path, member, change):
+    """Write an archive anew with one member changed, without checksums, which X3P readers then do not ask for."""
+    with zipfile.ZipFile(path) as archive:
+        parts = {entry: archive.read(entry) for entry in archive.namelist()}
+    parts[member] = change(parts[member])
+    if "md5checksum.hex" in parts:
+        parts["md5checksum.hex"] = f"{hashlib.md5(parts[member]).hexdigest()} *{member}".encode()
+    with zipfile.ZipFile(path, "w") as archive:
+        for entry, content in parts.items():
+            archive.writestr(entry, content)
+
+
+CZ_INCREMENT = rb"(<CZ>.*?<Increment>)[^<]*<"
+
+
+@pytest.mark.parametrize(
+    ("name", "member", "change", "words"),
+    [
+        (
+            "a.x3p",
+            "main.xml",
+            lambda text: re.sub(CZ_INCREMENT, rb"\g<1>nan<", text, flags=re.S),
+            "positive and finite",
+        ),
+        (
+            "b.x3p",
+            "main.xml",
+            lambda text: text.replace(b"?>", b"?><!DOCTYPE a [<!ENTITY b 'c'>]>", 1),
+            "document type",
+        ),
+        ("c.x3p", "bindata/data.bin", lambda _: b"", "no number"),
+        ("d.plux", "index.xml", lambda text: text.replace(b"_X>4<", b"_X>5<"), "for 15 points"),
+        ("e.plux", "index.xml", lambda text: text[:-9], "height scale"),
+    ],
+)
+def test_an_index_that_states_no_sound_scale_is_refused(name, member, change, words, tmp_path):
+    path = tmp_path / name
+    (write_x3p if name.endswith("x3p") else write_plux)(path)
+    repacked(path, member, change)
+    with pytest.raises(MetrologyError, match=words):
+        packed_height_scale(path)
+
+
+@pytest.mark.parametrize("name", ["a.sdf", "b.sdf", "c.sur", "g.nid"])
+def test_a_reader_that_is_wrong_by_a_factor_of_eight_is_caught_by_the_header(name, tmp_path):
+    path = tmp_path / name
+    WRITERS[name](path)
+    scale = stated_height_scale(path)
+    assert scale.count == pytest.approx(COUNT, rel=1e-6)
+    check_height_scale(COUNTS * COUNT, scale, name, COUNT)
+    with pytest.raises(MetrologyError, match="per count"):
+        check_height_scale(COUNTS * COUNT, scale, name, 8.0 * COUNT)
+    with pytest.raises(MetrologyError, match="must be multiples"):
+        check_height_scale(COUNTS * COUNT / 8.0, scale, name)
+
+
+@pytest.mark.parametrize(
+    ("text", "rule"),
+    [
+        ("0,1\n1,2\n2,3\n", "must name their unit"),
+        ("x,z\n0,1\n1,2\n2,3\n", "must name its unit"),
+        ("x_um,z_furlong\n0,1\n1,2\n2,3\n", "must name its unit"),
+        ("x_um,z_um\n", "table of numbers"),
+        ("nothing here\n", "table of numbers"),
+        ("x_um,z_um\n0,1\n1,two\n", "line must hold 2 numbers"),
+        ("x_um,z_um\n0,1\n1,2,3\n", "line must hold 2 numbers"),
+        ("x_um,z_um\n0,1\n", "at least 3 points"),
+        ("x_um,z_um\n0,1\n0,2\n0,3\n", "increase along"),
+        ("x_um,z_um\n0,nan\n1,nan\n2,nan\n", "at least one measured height"),
+        ("x_um,z_um\n0,nan\n1,inf\n2,nan\n", "at least one measured height"),
+        ("x_um,y_um,z_um\n0,0,1\n1,1,2\n2,2,3\n9,7,1\n3,8,8\n", "on a grid"),
+        ("a_um,b_um,c_um,d_um\n1,2,3,4\n", "2 columns"),
+    ],
+)
+def test_text_that_is_ambiguous_or_broken_is_refused_with_the_rule(text, rule, tmp_path):
+    path = tmp_path / "scan.csv"
+    path.write_text(text)
+    with pytest.raises(MetrologyError, match=rule) as caught:
+        read_scan(path)
+    assert "\n" not in str(caught.value)
+
+
+def test_units_may_differ_by_column_and_separators_by_laboratory(tmp_path):
+    for name, text in {
+        "a.csv": "x_mm,z_nm\n0,1000\n0.001,2000\n0.002,3000\n",
+        "b.txt": "# made by hand\nX [um]; Z [um]\n0;1\n1;2\n2;3\n",
+        "c.xyz": "0 1\n1 2\n2 3\n",
+        "d.csv": "Stylus,Radius: 2.5 \xb5m\nLateral um,Raw Micrometer,\n0.0,1,,\n1.0,2,,\n2.0,3,,\n",
+    }.items():
+        (tmp_path / name).write_bytes(text.encode("latin-1"))
+        scan = read_scan(tmp_path / name, "um" if name == "c.xyz" else None)
+        assert isinstance(scan, Profile)
+        assert scan.position == pytest.approx([0.0, 1e-6, 2e-6])
+        assert scan.height == pytest.approx([1e-6, 2e-6, 3e-6])
+
+
+def test_a_grid_of_points_becomes_a_map_and_missing_points_stay_missing(tmp_path):
+    points = [(x, y, 10 * y + x) for y in range(3) for x in range(4) if (x, y) != (2, 1)]
+    path = tmp_path / "grid.xyz"
+    path.write_text("x_um y_um z_um\n" + "\n".join(" ".join(map(str, point)) for point in points))
+    scan = read_scan(path)
+    assert scan.height.shape == (3, 4)
+    assert np.isnan(scan.height[1, 2])
+    assert scan.height[2, 3] == pytest.approx(23e-6)
+    assert len(rows_of(scan)) == 3
+
+
+def test_a_unit_is_refused_where_the_file_says_its_own(tmp_path):
+    path = tmp_path / "scan.csv"
+    path.write_text("x_um,z_um\n0,1\n1,2\n2,3\n")
+    with pytest.raises(MetrologyError, match="says another"):
+        read_scan(path, "mm")
+    write_sdf(tmp_path / "a.sdf")
+    with pytest.raises(MetrologyError, match="must not be given"):
+        read_scan(tmp_path / "a.sdf", "um")
+
+
+def bomb(path):
+    with zipfile.ZipFile(path, "w", zipfile.ZIP_DEFLATED) as archive, archive.open("main.xml", "w") as member:
+        for _ in range(1100):
+            member.write(b"\0" * 2**20)
+
+
+def entities(path):
+    levels = "".join(f'<!ENTITY a{i + 1} "{f"&a{i};" * 10}">' for i in range(9))
+    xml = f'<?xml version="1.0"?><!DOCTYPE b [<!ENTITY a0 "ha">{levels}]><p:ISO5436_2 xmlns:p="x">&a9;</p:ISO5436_2>'
+    with zipfile.ZipFile(path, "w") as archive:
+        archive.writestr("main.xml", xml)
+
+
+def truncated(path):
+    write_x3p(path)
+    path.write_bytes(path.read_bytes()[:-200])
+
+
+def nan_map(path):
+    x3pio.write(str(path), np.full((3, 4), np.nan), x_scale=1e-6, y_scale=1e-6)
+
+
+def one_row(path):
+    x3pio.write(str(path), np.zeros((1, 4)), x_scale=1e-6, y_scale=1e-6)
+
+
+def factor_of_eight(path):
+    write_nid(path)
+    raw = path.read_bytes().replace(b"SaveBits=16", b"SaveBits=19")
+    path.write_bytes(raw)
+
+
+HOSTILE = {
+    "nan.x3p": (nan_map, "at least one measured height"),
+    "row.x3p": (one_row, "at least 2 x 3 points"),
+    "eight.nid": (factor_of_eight, "must"),
+    "bomb.x3p": (bomb, "unpack to at most"),
+    "entities.x3p": (entities, "sound X3P"),
+    "truncated.x3p": (truncated, "sound"),
+    "magic.gwy": (lambda path: path.write_bytes(b"MZ" * 300), "sound GWY"),
+    "huge.sdf": (lambda path: write_sdf(path, points=3_000_000, profiles=3_000_000), "sound SDF"),
+    "empty.nid": (lambda path: path.write_bytes(b""), "must not be empty"),
+    "unknown.docx": (lambda path: path.write_bytes(b"PK"), "ending of a scan"),
+}
+
+
+@pytest.mark.parametrize("name", HOSTILE)
+def test_hostile_files_end_in_one_line_and_bounded_memory(name, tmp_path):
+    write, rule = HOSTILE[name]
+    path = tmp_path / name
+    write(path)
+    before = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
+    with pytest.raises(MetrologyError, match=rule) as caught:
+        read_scan(path)
+    assert "\n" not in str(caught.value)
+    assert len(str(caught.value)) < 400
+    assert resource.getrusage(resource.RUSAGE_SELF).ru_maxrss - before < 200 * 1024  # [KiB]
+
+
+def test_missing_files_are_named(tmp_path):
+    with pytest.raises(MetrologyError, match=r"nowhere\.csv"):
+        read_scan(tmp_path / "nowhere.csv")
+
+
+@settings(max_examples=300, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@given(
+    raw=st.one_of(
+        st.binary(max_size=300),
+        st.text(alphabet="x_umznab0123456789.,;-+eE \t\n\r\"'#[]", max_size=300).map(str.encode),
+        st.lists(st.tuples(st.floats(), st.floats()), max_size=20).map(
+            lambda rows: ("x_um,z_um\n" + "\n".join(f"{a!r},{b!r}" for a, b in rows)).encode()
+        ),
+    )
+)
+def test_fuzz_any_text_is_a_scan_or_one_line(raw, tmp_path):
+    path = tmp_path / "fuzz.csv"
+    path.write_bytes(raw)
+    try:
+        scan = read_scan(path)
+    except MetrologyError as error:
+        assert "\n" not in str(error)  # noqa: PT017
+    else:
+        assert scan.height.dtype == np.float64
+
+
+@settings(max_examples=300, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@given(name=st.sampled_from(["a.sdf", "b.sdf", "c.sur", "g.nid", "f.gwy", "h.opdx"]), seed=st.integers(0, 2**32 - 1))
+def test_fuzz_any_header_states_a_scale_or_is_refused_in_one_line(name, seed, tmp_path):
+    path = tmp_path / name
+    WRITERS[name](path)
+    raw = bytearray(path.read_bytes())
+    random = np.random.default_rng(seed)
+    for _ in range(int(random.integers(1, 20))):
+        raw[random.integers(0, len(raw))] = random.integers(0, 256)
+    path.write_bytes(bytes(raw[: random.integers(1, len(raw))]))
+    try:
+        scale = stated_height_scale(path)
+    except MetrologyError as error:
+        assert "\n" not in str(error)  # noqa: PT017
+    else:
+        assert scale is None or scale.count > 0.0
+
+
+def real(name):
+    path = SHARED / "real" / name
+    if not path.is_file():
+        pytest.skip("shared real data is not here")
+    return path
+
+
+def test_the_dektak_file_reads_with_its_own_unit_and_equal_steps():
+    scan = read_scan(real("surfacetopography/dektak-1.csv"))
+    assert scan.height.shape == (9600,)
+    assert scan.spacing == pytest.approx(0.156e-6, rel=0.01)  # "Resolution,0.156 um/sample" of the file
+    assert np.ptp(np.diff(scan.position)) < 1e-15
+
+
+def test_the_nanosurf_file_reads_with_the_scale_of_its_header():
+    scan = read_foreign(real("nsfopen/squares_holes.nid"))
+    scale = stated_height_scale(real("nsfopen/squares_holes.nid"))
+    assert scale.count == pytest.approx(2.032e-05 / 2**16)  # Dim2Range, SaveBits of the file
+    assert scan.dx == pytest.approx(5e-05 / 256)
+    assert set(FORMATS) >= {".x3p", ".sdf", ".sur", ".plux", ".gwy", ".opdx", ".nid"}

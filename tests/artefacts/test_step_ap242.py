@@ -1,0 +1,455 @@
+"""AP242 files conform, hold what was asked for, and a falsified one is caught with the right line.
+
+The checker parses the text with steputils; it shares no code with OpenCASCADE, which wrote the file.
+"""
+
+import math
+import os
+import re
+from pathlib import Path
+
+import pytest
+
+from stepblocks.artefacts.check import check_artefact
+from stepblocks.artefacts.meshes.write import write_stl
+from stepblocks.artefacts.step.part21.check_step import check_step_text
+from stepblocks.artefacts.step.part21.exchange import read_exchange
+from stepblocks.artefacts.step.part21.faces import faces_of
+from stepblocks.artefacts.step.part_file import check_part_step, step_table
+from stepblocks.artefacts.step.write import conforming, write_step_ap242
+from stepblocks.declare import load_set
+from stepblocks.errors import MachiningError, MetrologyError, StimulusError
+from stepblocks.parts.characteristics import EdgeRule, FaceRule, characteristics_of, find_face
+from stepblocks.parts.mesh import mesh_solid
+from stepblocks.parts.shapes import build_solids
+
+ROOT = Path(__file__).parents[2]
+SHARED = Path(os.environ.get("STEPBLOCKS_SHARED", ROOT / ".." / "shared"))
+STIMULI = {one.id: one for path in sorted((ROOT / "stimuli").glob("*.toml")) for one in load_set(path).stimuli}
+
+
+def written(identity, folder):
+    stimulus = STIMULI[identity]
+    path = folder / f"{identity}.step"
+    write_step_ap242(path, stimulus, build_solids(stimulus))
+    return path
+
+
+@pytest.fixture(scope="module")
+def block(tmp_path_factory):
+    return written("step-010", tmp_path_factory.mktemp("ap242"))
+
+
+def test_every_stimulus_names_only_faces_that_its_solid_has():
+    from stepblocks.cad import kernel
+
+    seen = set()
+    for stimulus in STIMULI.values():
+        key = re.sub(r"\d+", "", stimulus.id)
+        if key in seen:  # heights of one block differ in nothing here
+            continue
+        seen.add(key)
+        faces = [kernel.face_kinds(body) for _, body in build_solids(stimulus)]
+        for one in characteristics_of(stimulus):
+            found = set()
+            for rule in one.faces:
+                owner = one.body if rule.body is None else rule.body
+                sides = (rule.first, rule.second) if isinstance(rule, EdgeRule) else (rule,)
+                found.add((owner, *(find_face(faces[owner], side, stimulus.id) for side in sides)))
+            assert len(found) == len(one.faces)
+
+
+# the checks of one part of every kind and of every way a margin can be made; benchmarks/ap242.py runs all
+@pytest.mark.parametrize(
+    "identity",
+    [
+        "step-010",
+        "apparatus-100",
+        "gap-050-under-020",
+        "gap-020-lip",
+        "crown-shoulder",
+        "crown-feather",
+        "tip-125",
+        "hook-125",
+    ],
+)
+def test_the_file_conforms_and_holds_every_characteristic_within_1_nm(identity, tmp_path):
+    report, findings = check_part_step(written(identity, tmp_path), STIMULI[identity])
+    assert findings == []
+    assert all(one.deviation is not None and abs(one.deviation) < 1e-9 for one in report.dimensions)
+    assert report.schema[0].startswith("AP242_MANAGED_MODEL_BASED_3D_ENGINEERING_MIM_LF")
+
+
+def test_a_one_sided_tolerance_keeps_its_signs(tmp_path):
+    # ISO 1797 shank: 2.35 mm +0 / -0.032 mm on the diameter
+    report = check_step_text(written("tip-125", tmp_path))
+    (shank,) = [one for one in report.dimensions if one.kind == "diameter"]
+    assert (shank.lower, shank.upper) == pytest.approx((-0.032e-3, 0.0), abs=1e-12)
+
+
+def test_equal_parts_give_equal_bytes_and_the_header_time_is_pinned(block, tmp_path):
+    again = written("step-010", tmp_path)
+    assert again.read_bytes() == block.read_bytes()
+    assert "'2000-01-01T00:00:00'" in block.read_text()
+
+
+def test_steel_stays_steel_and_its_density_is_one(block):
+    report = check_step_text(block)
+    assert report.densities == (7700.0,)
+    assert report.materials == ("X90CrMoV18 (1.4112), hardened",)
+
+
+def test_every_dimension_and_tolerance_has_a_visible_callout_linked_to_it(block):
+    text = re.sub(r"\s*\n\s*", "", block.read_text())
+    links = re.findall(r"DRAUGHTING_MODEL_ITEM_ASSOCIATION\([^;]*?,(#\d+),#\d+,(#\d+)\);", text)
+    report = check_step_text(block)
+    assert {target for target, _ in links} == {one.ref for one in (*report.dimensions, *report.tolerances)}
+    names = [re.search(rf"{seen} = DRAUGHTING_CALLOUT\('([^']*)'", text)[1] for _, seen in links]
+    assert "1  step height 0.010 +-0.001" in names
+    assert all(re.search(r"COORDINATES_LIST\('',(\d+)", text) for _ in names)
+
+
+def test_the_gaps_of_a_crown_are_measured_between_the_faces_of_two_bodies(tmp_path):
+    path = written("crown-shoulder", tmp_path)
+    report = check_step_text(path)
+    gaps = {one.name: one for one in report.dimensions if "gap" in one.name}
+    assert {name: round(one.geometry * 1e6, 6) for name, one in gaps.items()} == {
+        "marginal gap": 50.0,
+        "internal gap": 60.0,
+        "internal gap, roof": 60.0,
+    }
+    file = read_exchange(path)
+    for one in gaps.values():
+        assert (
+            len(
+                {
+                    face.representation
+                    for side in file.parameters(one.ref, "DIMENSIONAL_LOCATION")[2:4]
+                    for face in faces_of(file, side)
+                }
+            )
+            == 2
+        )
+    # a crown that the file lifts off its tooth cannot be compared where its coordinates put it
+    text = path.read_text()
+    ref = re.search(r"ITEM_DEFINED_TRANSFORMATION\('','',#\d+,(#\d+)\)", text)[1]
+    point = re.search(rf"{ref} = AXIS2_PLACEMENT_3D\('',(#\d+)", text)[1]
+    lifted = re.sub(rf"({point} = CARTESIAN_POINT\('',\(0\.,0\.,)0\.", r"\g<1>1.", text)
+    assert lifted != text
+    path.write_text(lifted)
+    assert all(one.geometry is None for one in check_step_text(path).dimensions if "gap" in one.name)
+
+
+def test_angles_are_measured_on_cones_and_between_planes(tmp_path):
+    (cone,) = [one for one in check_step_text(written("tip-125", tmp_path)).dimensions if one.angular]
+    assert (cone.name, cone.kind) == ("cone angle, included", "angular size")
+    assert math.degrees(cone.geometry) == pytest.approx(16.0, abs=1e-9)
+    assert math.degrees(cone.upper) == pytest.approx(1.0)
+    report = check_step_text(written("gap-050-bevelled", tmp_path))
+    (bevel,) = [one for one in report.dimensions if one.angular]
+    assert math.degrees(bevel.geometry) == pytest.approx(45.0, abs=1e-9)
+    (opening,) = [one for one in report.dimensions if one.name == "vertical discrepancy"]
+    assert opening.geometry == pytest.approx(80e-6, abs=1e-12)  # from a wall to the edge of the bevel
+
+
+def test_only_where_a_part_sits_on_another_is_a_requirement_left_without_a_face():
+    notes = {(one.id, line.key) for one in STIMULI.values() for line in characteristics_of(one) if line.kind == "note"}
+    assert notes == {("sheath-hard", "position"), ("sheath-soft", "position")}
+
+
+def test_a_tip_reaches_to_the_far_side_of_its_ball_and_a_hook_is_bent_about_a_ring(tmp_path):
+    report = check_step_text(written("tip-125", tmp_path))
+    (length,) = [one for one in report.dimensions if "contact point" in one.name]
+    assert (length.kind, length.geometry) == ("linear distance centre outer", pytest.approx(40e-3, abs=1e-12))
+    report = check_step_text(written("hook-125", tmp_path))
+    kinds = {one.kind: one.geometry for one in report.dimensions}
+    assert kinds["spherical radius"] == pytest.approx(125e-6, abs=1e-12)
+    assert kinds["toroidal major radius"] == pytest.approx(4e-3, abs=1e-12)
+    (bend,) = [one for one in report.dimensions if one.name == "bend angle"]
+    assert (bend.kind, math.degrees(bend.geometry)) == ("angular location", pytest.approx(75.0, abs=1e-9))
+    # another ring, another ball: each is named by what it misses
+    wrong = tmp_path / "wrong.step"
+    text = (tmp_path / "hook-125.step").read_text()
+    wrong.write_text(re.sub(r"(TOROIDAL_SURFACE\('',#\d+,)4\.,", r"\g<1>4.001,", text))
+    assert [line for line in check_step_text(wrong).findings if "toroidal major radius: says 4 mm" in line]
+    text = (tmp_path / "tip-125.step").read_text()
+    wrong.write_text(re.sub(r"(SPHERICAL_SURFACE\('',#\d+,)0\.125\)", r"\g<1>0.1251)", text))
+    assert [line for line in check_step_text(wrong).findings if "have 40.0001 mm (+100.000 nm)" in line]
+
+
+CROWN = """
+[[crown_on_tooth]]
+id = "crown"
+material = "zirconia"
+marginal_gap = {{ nominal = "50 um", tolerance = "10 um" }}
+vertical_discrepancy = {{ nominal = "{vertical}", tolerance = "+3 um / -2 um" }}
+horizontal_discrepancy = {{ nominal = "90 um", tolerance = "10 um" }}
+margin_radius = "4 mm"
+finish_line = {{ kind = "{finish}", width = {{ nominal = "{width}", tolerance = "0.05 mm" }} }}
+taper = {{ nominal = "{taper}", tolerance = "0.5 deg" }}
+preparation_height = "5 mm"
+root_length = "8 mm"
+internal_gap = {{ nominal = "60 um", tolerance = "15 um" }}
+shell_thickness = "1.5 mm"
+"""
+
+
+def crown(tmp_path, finish, vertical, taper):
+    path = tmp_path / "crowns.toml"
+    width = "0 mm" if finish == "feather-edge" else "0.8 mm"
+    head = 'schema = 1\nset = "crowns"\ntitle = "crowns"\nsource = "made up"\n[prediction]\n'
+    loads = 'tip_radii = ["60 um"]\nnormal_loads = ["0.3 N"]\nfrictions = [0.15]\n'
+    path.write_text(head + loads + CROWN.format(finish=finish, width=width, vertical=vertical, taper=taper))
+    (stimulus,) = load_set(path).stimuli
+    return stimulus
+
+
+def test_a_feather_edge_without_taper_has_no_finish_line_and_is_refused(tmp_path):
+    with pytest.raises(StimulusError, match="taper must exceed 0 deg for a feather-edge"):
+        crown(tmp_path, "feather-edge", "10 um", "0 deg")
+
+
+@pytest.mark.parametrize(
+    ("finish", "vertical", "taper"),
+    [("shoulder", "80 um", "6 deg"), ("chamfer", "-60 um", "6 deg"), ("shoulder", "50 um", "0 deg")],
+    ids=["bevelled", "lipped", "without taper"],
+)
+def test_every_form_of_a_crown_is_dimensioned_checked_and_meshed_true_to_its_margin(finish, vertical, taper, tmp_path):
+    stimulus = crown(tmp_path, finish, vertical, taper)
+    bodies = build_solids(stimulus)
+    write_step_ap242(tmp_path / "crown.step", stimulus, bodies)
+    report, findings = check_part_step(tmp_path / "crown.step", stimulus)
+    assert findings == []
+    assert all(one.deviation is not None and abs(one.deviation) < 1e-9 for one in report.dimensions)
+    by_name = {one.name: one for one in report.dimensions}
+    assert by_name["internal gap"].geometry == pytest.approx(60e-6, abs=1e-12)
+    opening = next(one for name, one in by_name.items() if name.startswith("vertical discrepancy"))
+    assert opening.geometry == pytest.approx(abs(float(vertical.removesuffix(" um"))) * 1e-6, abs=1e-12)
+    lipped = vertical.startswith("-")  # a distance has no sign, so the limits change places
+    assert (opening.lower, opening.upper) == pytest.approx((-3e-6, 2e-6) if lipped else (-2e-6, 3e-6))
+    for name, body in bodies:  # volume by Guldin's rule, margin by the outermost points
+        write_stl(tmp_path / f"{name}.stl", mesh_solid(stimulus, name, body))
+        verdicts = check_artefact(stimulus, tmp_path / f"{name}.stl")
+        assert [str(one) for one in verdicts if not one.passed] == []
+
+
+def test_a_sharp_edge_is_a_radius_of_zero_on_the_edge_itself(block):
+    report = check_step_text(block)
+    (edge,) = [one for one in report.dimensions if one.kind == "radius"]
+    assert (edge.value, edge.lower, edge.upper) == pytest.approx((0.0, 0.0, 2e-6), abs=1e-15)
+    assert edge.geometry == 0.0
+    assert "EDGE_CURVE" in read_exchange(block).parts(edge.faces[0])
+
+
+def test_texture_stands_typed_at_every_working_face_and_what_is_by_default_is_said(block, tmp_path):
+    report = check_step_text(block)
+    flat = {face for one in report.tolerances if one.kind == "flatness" for face in one.faces}
+    assert dict(report.textures) == dict.fromkeys(flat, pytest.approx(0.1e-6))
+    assert "by default" not in block.read_text()
+    open_block = STIMULI["step-010"].model_copy(update={"working_faces": None})
+    path = tmp_path / "open.step"
+    write_step_ap242(path, open_block, build_solids(open_block))
+    assert "by default: flatness, parallelism, roughness" in re.sub(r"\s*\n\s*", "", path.read_text())
+
+
+def falsified(block, folder, change):
+    text = block.read_text()
+    changed = change(text)
+    assert changed != text
+    path = folder / "false.step"
+    path.write_text(changed)
+    return check_part_step(path, STIMULI["step-010"])[1]
+
+
+def test_a_falsified_dimension_is_caught(block, tmp_path):
+    findings = falsified(
+        block,
+        tmp_path,
+        lambda text: text.replace("POSITIVE_LENGTH_MEASURE(1.E-02)", "POSITIVE_LENGTH_MEASURE(1.1E-02)", 1),
+    )
+    assert any("(step height): says 0.011 mm, but its faces" in line and "(-1000.000 nm)" in line for line in findings)
+
+
+def test_a_dimension_off_by_2_nm_is_caught(block, tmp_path):
+    findings = falsified(
+        block,
+        tmp_path,
+        lambda text: text.replace("POSITIVE_LENGTH_MEASURE(1.E-02)", "POSITIVE_LENGTH_MEASURE(1.0002E-02)", 1),
+    )
+    assert any("-2.000 nm" in line for line in findings)
+
+
+def test_a_face_swapped_for_one_that_is_not_parallel_is_caught(block, tmp_path):
+    def to_an_end(text):
+        step = re.search(r"DIMENSIONAL_LOCATION\('linear distance','step height',\s*(#\d+),\s*(#\d+)\)", text)
+        end = re.search(r"DIMENSIONAL_LOCATION\('linear distance','length',\s*(#\d+),\s*(#\d+)\)", text)
+        return text.replace(step[0], step[0].replace(step[2], end[2]), 1)
+
+    findings = falsified(block, tmp_path, to_an_end)
+    assert any("(step height): names planes" in line and "not parallel" in line for line in findings)
+    assert not check_step_text(tmp_path / "false.step").passes  # as anybody's file, too
+
+
+def test_a_falsified_sign_is_caught(block, tmp_path):
+    findings = falsified(
+        block, tmp_path, lambda text: text.replace("LENGTH_MEASURE(-1.E-03)", "LENGTH_MEASURE(1.E-03)", 1)
+    )
+    assert any("limits are not in order" in line for line in findings)
+    assert any(line.startswith("step height: must stand in the file") for line in findings)
+
+
+def test_a_falsified_unit_is_caught(block, tmp_path):
+    def to_metres(text):
+        nominal = re.search(r"POSITIVE_LENGTH_MEASURE\(1\.E-02\),(#\d+)", text)
+        extra = "#999999=(LENGTH_UNIT()NAMED_UNIT(*)SI_UNIT($,.METRE.));\n"
+        text = text.replace(nominal[0], nominal[0].replace(nominal[1], "#999999"), 1)
+        head, mark, tail = text.rpartition("ENDSEC;")
+        return head + extra + mark + tail
+
+    findings = falsified(block, tmp_path, to_metres)
+    assert any("says 10 mm, but its faces" in line for line in findings)
+
+
+def test_a_swapped_face_is_caught(block, tmp_path):
+    report = check_step_text(block)
+    (step,) = [one for one in report.dimensions if one.name == "step height"]
+    other = next(one for one in report.dimensions if one.name == "thickness").faces[0]
+
+    def swap(text):
+        return re.sub(rf"(GEOMETRIC_ITEM_SPECIFIC_USAGE\([^;]*),{step.faces[1]}\)", rf"\1,{other})", text)
+
+    findings = falsified(block, tmp_path, swap)
+    assert any("(step height): says 0.01 mm, but its faces" in line for line in findings)
+
+
+def test_untyped_limits_and_a_density_that_is_none_are_caught(block, tmp_path):
+    findings = falsified(block, tmp_path, lambda text: text.replace("LENGTH_MEASURE(-1.E-03)", "-1.E-03", 1))
+    assert any("value must be typed" in line for line in findings)
+    findings = falsified(block, tmp_path, lambda text: re.sub(r"(DERIVED_UNIT_ELEMENT\(#\d+,)-3\.", r"\g<1>2.", text))
+    assert any("density: unit must be mass^1 length^-3" in line for line in findings)
+    findings = falsified(block, tmp_path, lambda text: text.replace("AP242_MANAGED_MODEL_BASED_3D", "AUTOMOTIVE", 1))
+    assert any("must be AP242" in line for line in findings)
+
+
+def test_a_missing_tolerance_is_caught(block, tmp_path):
+    findings = falsified(block, tmp_path, lambda text: re.sub(r"#\d+ = FLATNESS_TOLERANCE[^;]*;", "", text, count=1))
+    assert any(line.startswith("flatness") and "must stand in the file" in line for line in findings)
+
+
+def test_what_the_kernel_alone_writes_does_not_pass(tmp_path):
+    # the reason for `conforming`: without it the checker must object, or it proves nothing
+    from stepblocks.artefacts.step import write as step_ap242
+    from stepblocks.cad.pmi import PmiDimension, PmiItem, write_step_with_tolerances
+
+    stimulus = STIMULI["tip-125"]
+    bodies = build_solids(stimulus)
+    raw = tmp_path / "raw.step"
+    from stepblocks.cad import kernel
+
+    sphere = [face.kind for face in kernel.face_kinds(bodies[0][1])].index("SPHERE")
+    write_step_with_tolerances(
+        raw, bodies, [PmiDimension("radius", (PmiItem(0, sphere),), 125e-6, -2e-6, 2e-6)], [], ("steel", 7900.0)
+    )
+    findings = check_step_text(raw, require_ap242=True).findings
+    assert sum("value must be typed" in line for line in findings) == 2
+    assert sum("density: unit" in line for line in findings) == 1
+    mended = tmp_path / "mended.step"
+    mended.write_text(step_ap242.conforming(raw.read_text(), "tip-125", "2000-01-01T00:00:00"))
+    assert check_step_text(mended, require_ap242=True).passes
+
+
+def test_a_face_that_is_not_there_and_a_text_without_a_header_are_refused():
+    from stepblocks.cad import kernel
+
+    faces = kernel.face_kinds(build_solids(STIMULI["tip-125"])[0][1])
+    with pytest.raises(MachiningError, match="a face must exist"):
+        find_face(faces, FaceRule("PLANE", 2, -1.0), "tip-125")
+    with pytest.raises(MachiningError, match="FILE_NAME"):
+        conforming("DATA;\nENDSEC;", "x", "2000-01-01T00:00:00")
+
+
+@pytest.mark.parametrize(
+    ("text", "rule"),
+    [
+        ("", "begin with ISO-10303-21"),
+        ("solid x\nendsolid", "begin with ISO-10303-21"),
+        ("ISO-10303-21;\nHEADER;\n", "sound Part 21"),
+        (
+            "ISO-10303-21;\nHEADER;\nFILE_SCHEMA(('X'));\nENDSEC;\nDATA;\n#1=POINT((((;\nENDSEC;\nEND-ISO-10303-21;\n",
+            "sound",
+        ),
+    ],
+)
+def test_broken_step_text_gives_one_line(text, rule, tmp_path):
+    path = tmp_path / "broken.step"
+    path.write_text(text)
+    with pytest.raises(MetrologyError, match=rule) as caught:
+        read_exchange(path)
+    assert "\n" not in str(caught.value)
+
+
+def test_a_cut_off_file_never_passes_as_whole(block, tmp_path):
+    text = block.read_text()
+    for share in (0.1, 0.5, 0.9, 0.999):
+        path = tmp_path / "cut.step"
+        path.write_text(text[: int(share * len(text))])
+        with pytest.raises(MetrologyError):
+            check_step_text(path)
+
+
+def test_circular_shape_aspects_end():
+    pass_through = """ISO-10303-21;
+HEADER;
+FILE_DESCRIPTION((''),'2;1');
+FILE_NAME('','',(''),(''),'','','');
+FILE_SCHEMA(('AP242_MANAGED_MODEL_BASED_3D_ENGINEERING_MIM_LF'));
+ENDSEC;
+DATA;
+#1=DIMENSIONAL_SIZE(#2,'diameter');
+#2=SHAPE_ASPECT('','',#9,.T.);
+#3=SHAPE_ASPECT_RELATIONSHIP('',$,#2,#4);
+#4=SHAPE_ASPECT('','',#9,.T.);
+#5=SHAPE_ASPECT_RELATIONSHIP('',$,#4,#2);
+ENDSEC;
+END-ISO-10303-21;
+"""
+    import tempfile
+
+    with tempfile.TemporaryDirectory() as folder:
+        path = Path(folder) / "loop.step"
+        path.write_text(pass_through)
+        (one,) = check_step_text(path).dimensions
+    assert one.faces == ()
+
+
+def test_nist_ctc_01_reports_the_values_that_stand_in_the_file():
+    # read from the text of nist_ctc_01_asme1_ap242.stp by eye: TOLERANCE_VALUE #58 to #63, tolerances #82, #83, #90 to #96
+    path = SHARED / "real" / "nist" / "nist_ctc_01_asme1_ap242.stp"
+    if not path.is_file():
+        pytest.skip("shared real data is not here")
+    report = check_step_text(path)
+    limits = {one.ref: (one.value, one.lower, one.upper) for one in report.dimensions}
+    for ref, mm in {
+        "#120": (35.0, -0.2, 0.0),
+        "#121": (35.0, 0.0, 0.2),
+        "#122": (20.0, -0.1, 0.05),
+        "#123": (20.0, -0.05, 0.1),
+        "#124": (35.0, -0.2, 0.2),
+        "#125": (35.0, -0.2, 0.2),
+        "#128": (25.0, -0.15, 0.15),
+    }.items():
+        assert limits[ref] == pytest.approx([value * 1e-3 for value in mm], abs=1e-12)
+    zones = {one.ref: (one.kind, round(one.value * 1e3, 9), one.datums) for one in report.tolerances}
+    assert zones == {
+        "#21": ("position", 0.75, ("A", "B", "C")),
+        "#22": ("position", 0.75, ("A", "B", "C")),
+        "#26": ("surface profile", 1.25, ("A", "B", "C")),
+        "#27": ("surface profile", 0.5, ("A",)),
+        "#56": ("perpendicularity", 1.5, ("A",)),
+        "#57": ("flatness", 0.2, ()),
+    }
+    assert report.passes
+    assert all(abs(one.deviation) < 1e-9 for one in report.dimensions if one.deviation == one.deviation)
+    table = step_table(report)
+    assert "60" in table
+    assert "+0.2" in table

@@ -1,0 +1,250 @@
+"""Promises of a build system: only what changed, the same bytes anywhere, nothing of the user's lost, safe to interrupt."""
+
+import json
+import os
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import pytest
+
+from stepblocks.build import run as building
+from stepblocks.build.manifest import hash_file
+from stepblocks.build.run import build
+
+ROOT = Path(__file__).resolve().parents[2]
+SMALL = (
+    (ROOT / "stimuli" / "paper-ten.toml")
+    .read_text()
+    .replace("paper-ten", "small")
+    .replace('to = "100 um"', 'to = "20 um"')
+)
+
+
+def tree(folder):
+    return {
+        path.relative_to(folder).as_posix(): hash_file(path) for path in sorted(folder.rglob("*")) if path.is_file()
+    }
+
+
+@pytest.fixture(scope="module")
+def source(tmp_path_factory):
+    path = tmp_path_factory.mktemp("source") / "small.toml"
+    path.write_text(SMALL)
+    return path
+
+
+@pytest.fixture(scope="module")
+def first(source, tmp_path_factory):
+    output = tmp_path_factory.mktemp("first")
+    report = build([source], output, jobs=2)
+    assert sorted(report.built) == ["small/step-010", "small/step-020"]
+    return output
+
+
+def test_two_builds_in_two_places_are_the_same_bytes(first, tmp_path):
+    source = tmp_path / "elsewhere" / "small.toml"
+    source.parent.mkdir()
+    source.write_text(SMALL)
+    build([source], tmp_path / "out", jobs=1)
+    assert tree(tmp_path / "out") == tree(first)
+
+
+def test_the_manifest_lists_every_file_with_its_hash(first):
+    manifest = json.loads((first / "manifest.json").read_text())
+    files = tree(first)
+    del files["manifest.json"]
+    assert manifest["outputs"] == files
+    assert set(manifest["inputs"]) == {"small.toml"}
+
+
+def test_a_second_build_does_nothing_and_imports_no_cad(first, source):
+    code = (
+        "import sys; from stepblocks.cli import main; status = main(sys.argv[1:]);"
+        "heavy = {'cadquery', 'OCP', 'numpy', 'pyvista', 'pydantic', 'trimesh'} & set(sys.modules);"
+        "sys.exit(status or (f'imported {heavy}' if heavy else 0))"
+    )
+    before = {path: path.stat().st_mtime_ns for path in first.rglob("*")}
+    done = subprocess.run(
+        [sys.executable, "-c", code, "build", str(source), "-o", str(first)],
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    assert done.returncode == 0, done.stderr
+    assert "2 stimuli, all up to date; nothing to do" in done.stdout
+    assert {path: path.stat().st_mtime_ns for path in first.rglob("*")} == before
+
+
+@pytest.fixture
+def copy(first, tmp_path):
+    import shutil
+
+    output = tmp_path / "copy"
+    shutil.copytree(first, output)
+    return output
+
+
+@pytest.mark.parametrize("damage", ["changed", "missing", "no record"])
+def test_only_what_is_damaged_is_built_again(copy, source, first, damage):
+    victim = copy / "small" / "step-020" / ("record.json" if damage == "no record" else "step-020.stl")
+    if damage == "changed":
+        victim.write_bytes(b"changed")
+    else:
+        victim.unlink()
+    report = build([source], copy, jobs=1)
+    assert report.built == ["small/step-020"]
+    assert report.current == 1
+    assert tree(copy) == tree(first)
+
+
+def test_a_changed_stimulus_is_built_again_and_a_dropped_one_removed(copy, tmp_path):
+    source = tmp_path / "small.toml"
+    source.write_text(SMALL.replace('to = "20 um"', 'to = "10 um"').replace('nominal = "2 mm"', 'nominal = "2.5 mm"'))
+    report = build([source], copy, jobs=1)
+    assert report.built == ["small/step-010"]
+    assert not (copy / "small" / "step-020").exists()
+
+
+def test_files_of_the_user_stay_also_in_folders_that_are_dropped(copy, tmp_path):
+    notes = copy / "small" / "step-020" / "notes.txt"
+    notes.write_text("measured on Tuesday")
+    edited = copy / "small" / "step-020" / "specification.json"
+    edited.write_text("mine now")
+    source = tmp_path / "small.toml"
+    source.write_text(SMALL.replace('to = "20 um"', 'to = "10 um"'))
+    build([source], copy, jobs=1)
+    assert notes.read_text() == "measured on Tuesday"
+    assert edited.read_text() == "mine now"
+    assert not (copy / "small" / "step-020" / "step-020.stl").exists()
+
+
+def test_only_builds_what_it_matches(source, tmp_path):
+    report = build([source], tmp_path, only="*020", jobs=1)
+    assert report.built == ["small/step-020"]
+    assert not (tmp_path / "small" / "step-010").exists()
+    assert build([source], tmp_path, jobs=1).built == ["small/step-010"]
+
+
+def test_an_interrupted_build_goes_on_where_it_stopped(source, tmp_path, monkeypatch, first):
+    def interrupt(made, number, total):
+        raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        build([source], tmp_path / "out", jobs=1, announce=interrupt)
+    assert not list((tmp_path / "out").glob(".partial*"))
+    report = build([source], tmp_path / "out", jobs=1)
+    assert (report.built, report.current) == (["small/step-020"], 1)
+    assert tree(tmp_path / "out") == tree(first)
+
+
+def test_a_build_that_is_asked_to_end_takes_its_workers_along_and_leaves_no_draft(tmp_path):
+    output = tmp_path / "out"
+    paper = str(ROOT / "stimuli" / "paper-ten.toml")
+    process = subprocess.Popen(
+        [sys.executable, "-m", "stepblocks", "build", paper, "-o", str(output), "--jobs", "2"],
+        stderr=subprocess.PIPE,
+        text=True,
+        start_new_session=True,
+    )
+    assert process.stderr.readline().startswith("[1/10]")
+    process.terminate()
+    process.communicate(timeout=120)
+    assert process.returncode == 128 + signal.SIGTERM
+    for _ in range(100):  # the fork server sees the end of its pipe a moment later
+        try:
+            os.killpg(process.pid, 0)
+        except ProcessLookupError:
+            break
+        time.sleep(0.1)
+    else:
+        pytest.fail("processes of the build live on")
+    assert not list(output.glob(".partial*"))
+
+
+def test_a_stimulus_that_fails_half_way_leaves_nothing_half_written(source, tmp_path, monkeypatch):
+    from stepblocks.errors import HapticsError
+    from stepblocks.parts import pieces
+
+    def fail(stimulus):
+        raise HapticsError("no pieces today")
+
+    monkeypatch.setattr(pieces, "convex_pieces", fail)
+    with pytest.raises(HapticsError):
+        build([source], tmp_path / "out", jobs=1)
+    assert [path.name for path in (tmp_path / "out").rglob("*")] == []
+
+
+def test_a_failed_check_is_reported_every_time(source, tmp_path, monkeypatch, capsys):
+    from stepblocks.artefacts import check as artefacts
+    from stepblocks.cli import main
+
+    monkeypatch.setattr(artefacts, "VOLUME_LIMIT", 1e-30)
+    arguments = ["build", str(source), "-o", str(tmp_path), "--only", "step-010", "--jobs", "1", "--quiet"]
+    assert main(arguments) == 1
+    monkeypatch.undo()
+    assert main(arguments) == 1
+    assert "small/step-010/FAIL step-010.stl: volume" in capsys.readouterr().err
+
+
+def test_selection_and_output_are_checked_before_anything_is_built(source, tmp_path):
+    from stepblocks.errors import PipelineError
+
+    with pytest.raises(PipelineError, match="--only must match"):
+        build([source], tmp_path / "out", only="nothing-*")
+    blocked = tmp_path / "a file"
+    blocked.write_text("")
+    with pytest.raises(PipelineError, match="output folder cannot be made"):
+        build([source], blocked)
+    with pytest.raises(PipelineError, match="expected a stimulus file"):
+        building.stimulus_files([tmp_path / "none.toml"])
+    with pytest.raises(PipelineError, match="different names"):
+        building.stimulus_files([source, source])
+
+
+def test_predictions_have_units_in_their_columns_and_no_number_where_the_tip_locks(shipped_output):
+    import csv
+
+    with (shipped_output / "paper-ten" / "predictions.csv").open() as stream:
+        rows = list(csv.DictReader(stream))
+    assert len(rows) == 10 * 4 * 3
+    locked = [row for row in rows if row["status"] == "locked"]
+    assert locked
+    assert all(row["pull_force_n"] == row["vibration_energy_uj"] == "" for row in locked)
+    assert all(float(row["step_height_um"]) >= float(row["locking_height_um"]) for row in locked)
+    assert all(
+        float(row["step_height_um"]) < float(row["locking_height_um"]) for row in rows if row["status"] == "releases"
+    )
+
+
+def test_tips_crowns_and_rounded_edges_are_the_same_bytes_from_process_to_process(tmp_path):
+    """The kernel's own three-point arcs and the hull's own order varied by the run; a second process shows it."""
+    rounded = tmp_path / "small.toml"
+    rounded.write_text(SMALL.replace('to = "20 um"', 'to = "10 um"').replace('nominal = "0 um"', 'nominal = "4 um"'))
+    trees = []
+    for seed in ("1", "2"):
+        output = tmp_path / seed
+        files = [str(rounded), *(str(ROOT / "stimuli" / f"{name}.toml") for name in ("probe-tips", "crown-margins"))]
+        for only in ("hook-125", "tip-*", "step-010", "crown-shoulder", "gap-020-lip"):
+            subprocess.run(
+                [
+                    sys.executable,
+                    "-m",
+                    "stepblocks",
+                    "build",
+                    *files,
+                    "-o",
+                    str(output),
+                    "--only",
+                    only,
+                    "--jobs",
+                    "1",
+                    "--quiet",
+                ],
+                check=True,
+                env={**os.environ, "PYTHONHASHSEED": seed},
+            )
+        trees.append(tree(output))
+    assert trees[0] == trees[1]

@@ -1,0 +1,174 @@
+"""Two-plane height and edge radius, proven on profiles whose truth is known and on the benches' own scans."""
+
+import os
+from pathlib import Path
+
+import numpy as np
+import pytest
+from scipy import stats
+from scipy.integrate import quad
+
+from oracles.softgauge import correlated_noise, edge_gauge, with_faults
+from stepblocks.errors import MetrologyError
+from stepblocks.inspect.evaluate import edge_arc
+from stepblocks.inspect.evaluate.edge import fit_edge
+
+SHARED = Path(os.environ.get("STEPBLOCKS_SHARED", Path(__file__).parents[2] / ".." / "shared"))
+SPACING = 1.0e-6
+X = np.arange(-400, 400) * SPACING
+
+
+def draw(seed, height, radius, spacing=SPACING):
+    random = np.random.default_rng(seed)
+    x = X * spacing / SPACING
+    riser = random.uniform(-3.0, 3.0) * spacing
+    clean = edge_gauge(x, height, radius, tilt=random.uniform(-1e-3, 1e-3), riser=riser)
+    return x, clean + correlated_noise(len(x), spacing, 10e-9, 50e-9, 2.4e-6, random)
+
+
+@pytest.mark.parametrize("height", [10e-6, 80e-6])
+@pytest.mark.parametrize("radius", [0.0, 14e-6])
+def test_a_profile_without_noise_gives_its_height_exactly(height, radius):
+    edge = fit_edge(X, edge_gauge(X, height, radius, tilt=2e-3, riser=0.3e-6))
+    assert edge.height == pytest.approx(height, abs=1e-15)
+    assert edge.tilt == pytest.approx(2e-3, abs=1e-12)
+    assert edge.radius == pytest.approx(radius, abs=0.5e-6)
+
+
+def holds(errors, stds, dof):
+    return np.mean(np.abs(errors) < stats.t.ppf(0.975, dof) * stds)
+
+
+@pytest.mark.parametrize(("height", "radius"), [(25e-6, 5e-6), (50e-6, 14e-6), (10e-6, 14e-6)])
+def test_height_and_radius_are_unbiased_and_their_stated_intervals_cover_at_their_rate(height, radius):
+    edges = [fit_edge(*draw(1000 + seed, height, radius)) for seed in range(60)]
+    dof = np.array([edge.height_dof for edge in edges])
+    for truth, errors, stds in (
+        (height, np.array([e.height for e in edges]) - height, np.array([e.height_std for e in edges])),
+        (radius, np.array([e.radius for e in edges]) - radius, np.array([e.radius_std for e in edges])),
+    ):
+        assert abs(errors.mean()) < 0.1 * stds.mean() + 2.0 * errors.std() / np.sqrt(60), truth
+        # three standard deviations of a binomial of 60; benchmarks/softgauge_coverage.py takes hundreds
+        assert holds(errors, stds, dof) == pytest.approx(0.95, abs=0.0845), truth
+    assert np.mean([edge.radius_limit > radius for edge in edges]) == pytest.approx(0.95, abs=0.0845)
+
+
+@pytest.mark.parametrize("place", [1.5e-6, 3.5e-6, 5.5e-6])
+def test_a_spike_on_the_arc_does_not_make_the_edge_sharper(place):
+    x = np.arange(-400, 400) * 1e-6
+    z = edge_gauge(x, 30e-6, 8e-6, 5e-4, 0.4e-6) + np.random.default_rng(7).normal(0.0, 30e-9, x.size)
+    clean = fit_edge(x, z)
+    z[np.searchsorted(x, place)] -= 4e-6
+    edge = fit_edge(x, z)
+    assert edge.rejected == clean.rejected + 1
+    assert edge.radius == pytest.approx(8e-6, abs=4.0 * edge.radius_std)
+    assert edge.radius_std < 0.4e-6
+
+
+@pytest.mark.parametrize("missing", [[-3], [0], [1], [0, 1]], ids=str)
+@pytest.mark.parametrize("spike", [None, -28, -31], ids=str)
+def test_the_radius_stays_where_points_at_its_steep_start_are_missing_or_a_spike_stands_at_the_windows_end(
+    missing, spike
+):
+    z = edge_gauge(X, 30e-6, 8e-6, 4e-4, 0.4e-6)
+    z += correlated_noise(len(X), SPACING, 10e-9, 50e-9, 2.4e-6, np.random.default_rng(2))
+    z[[400 + index for index in missing]] = np.nan
+    if spike is not None:
+        z[400 + spike] += 19e-6
+    edge = fit_edge(X, z)
+    assert abs(edge.radius - 8e-6) < 4.0 * edge.radius_std
+    assert edge.radius_std < 0.5e-6
+    assert edge.position == pytest.approx(0.4e-6, abs=0.4e-6)
+
+
+def test_the_weight_of_the_robust_loss_is_that_of_its_expectations():
+    # E[psi'] / E[psi^2] for Cauchy's loss under a standard normal law, by quadrature
+    c = edge_arc._LOSS
+    curvature = quad(lambda r: (1 - (r / c) ** 2) / (1 + (r / c) ** 2) ** 2 * stats.norm.pdf(r), -12, 12)[0]
+    scatter = quad(lambda r: (r / (1 + (r / c) ** 2)) ** 2 * stats.norm.pdf(r), -12, 12)[0]
+    assert pytest.approx(curvature / scatter, rel=1e-6) == edge_arc._TEMPER
+
+
+def test_a_sharp_edge_has_a_radius_below_its_own_limit_and_the_limit_is_of_the_sampling():
+    edges = [fit_edge(*draw(2000 + seed, 40e-6, 0.0)) for seed in range(50)]
+    limits = np.array([edge.radius_limit for edge in edges])
+    assert (np.array([edge.radius for edge in edges]) < limits).all()
+    assert (limits < 4.0 * SPACING).all()
+
+
+def test_a_falling_edge_is_the_mirror_of_a_rising_one():
+    x, z = draw(7, 30e-6, 6e-6)
+    rising, falling = fit_edge(x, z), fit_edge(-x[::-1], z[::-1])
+    assert rising.rising
+    assert not falling.rising
+    assert falling.height == pytest.approx(rising.height, abs=1e-14)
+    assert falling.radius == pytest.approx(rising.radius, abs=1e-12)
+    assert falling.position == pytest.approx(-rising.position, abs=1e-12)
+    assert falling.tilt == pytest.approx(-rising.tilt, abs=1e-12)
+
+
+def test_height_does_not_depend_on_where_the_profile_lies_or_how_it_is_tilted():
+    x, z = draw(8, 30e-6, 6e-6)
+    moved = fit_edge(x + 5e-3, z - 2e-3 + 5e-3 * x)
+    assert moved.height == pytest.approx(fit_edge(x, z).height, abs=1e-12)
+
+
+def test_spikes_and_missing_points_are_left_out_and_counted():
+    x, z = draw(9, 30e-6, 6e-6)
+    faulty = with_faults(z, np.random.default_rng(3), spikes=12, spike_height=20e-6, missing=30)
+    edge, clean = fit_edge(x, faulty), fit_edge(x, z)
+    assert edge.height == pytest.approx(clean.height, abs=2.0 * clean.height_std)
+    assert edge.radius == pytest.approx(clean.radius, abs=0.6e-6)
+    assert 36 <= edge.rejected <= 45
+
+
+def test_a_profile_without_a_step_is_refused():
+    z = correlated_noise(len(X), SPACING, 10e-9, 50e-9, 2.4e-6, np.random.default_rng(1))
+    with pytest.raises(MetrologyError, match="must show a step above its noise"):
+        fit_edge(X, z)
+
+
+@pytest.mark.parametrize(
+    ("x", "z", "rule"),
+    [
+        (X, X[:-1], "equally long"),
+        (X[:10], X[:10], "at least 40 points"),
+        (X[::-1], X, "increase in equal steps"),
+        (np.cumsum(np.linspace(1e-6, 2e-6, 800)), X, "increase in equal steps"),
+        (X, np.full(800, np.nan), "measured points"),
+    ],
+)
+def test_malformed_profiles_are_refused_with_the_rule(x, z, rule):
+    with pytest.raises(MetrologyError, match=rule):
+        fit_edge(x, z)
+
+
+def test_an_exclusion_that_eats_a_face_is_refused():
+    x, z = draw(1, 30e-6, 0.0)
+    with pytest.raises(MetrologyError, match="outside the exclusion"):
+        fit_edge(x, z, exclusion=395e-6)
+
+
+def bench_scans(session):
+    folder = SHARED / "bench" / session / "scans"
+    if not folder.is_dir():
+        pytest.skip("shared bench sessions are not here")
+    for path in sorted(folder.glob("*.csv")):
+        x, z = np.loadtxt(path, delimiter=",", skiprows=1, unpack=True)
+        yield float(path.stem.removeprefix("step-")) * 1e-6, fit_edge(x * 1e-6, z * 1e-6)
+
+
+def test_the_blunt_session_has_edges_rounded_by_14_um():
+    # shared/bench/README.md: "The block edges came out rounded by 14 um"
+    edges = [edge for _, edge in bench_scans("blunt")]
+    assert all(abs(edge.radius - 14e-6) < 2e-6 for edge in edges)
+    assert abs(np.median([edge.radius for edge in edges]) - 14e-6) < 0.2e-6
+
+
+@pytest.mark.parametrize("session", ["quiet", "unexplained-a", "unexplained-b"])
+def test_scans_of_sharp_edges_say_so_and_give_heights_near_nominal(session):
+    for nominal, edge in bench_scans(session):
+        assert edge.radius < 0.5e-6
+        assert edge.radius_limit < 1.0e-6
+        assert abs(edge.height - nominal) < 1.0e-6
+        assert edge.height_std < 0.03e-6

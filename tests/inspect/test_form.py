@@ -1,0 +1,191 @@
+"""Flatness, parallelism, spheres and margins recover what was put into them."""
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from scipy import stats
+
+from oracles.softgauge import ball_gauge, correlated_map, correlated_noise, groove_gauge, margin_gauge
+from stepblocks.artefacts.scans.scan import HeightMap, Profile
+from stepblocks.errors import MetrologyError
+from stepblocks.inspect.budget import Instrument
+from stepblocks.inspect.evaluate.face_form import fit_face, zone_of_flatness, zone_of_parallelism
+from stepblocks.inspect.evaluate.flatness import flatness, parallelism
+from stepblocks.inspect.evaluate.margin_gap import fit_margin
+from stepblocks.inspect.evaluate.tip_cap import fit_cap
+from stepblocks.inspect.evaluate.tip_sphere import fit_sphere
+from stepblocks.inspect.shapes import measure_margin
+
+
+def face(shape, slope=(0.0, 0.0)):
+    y, x = np.mgrid[:21, :31] * 0.5e-3
+    return np.stack([x.ravel(), y.ravel(), (shape(x, y) + slope[0] * x + slope[1] * y).ravel()], axis=1)
+
+
+def test_a_cylindrical_bow_has_its_sagitta_as_flatness_at_any_tilt():
+    bow = lambda x, y: 2e-6 * (2.0 * x / 15e-3 - 1.0) ** 2  # noqa: E731
+    for slope in [(0.0, 0.0), (0.02, -0.01)]:
+        assert flatness(face(bow, slope)).zone == pytest.approx(2e-6 / np.hypot(1.0, np.hypot(*slope)), rel=1e-6)
+
+
+def test_a_saddle_is_a_minimum_zone_that_least_squares_overstates_or_equals():
+    plane = flatness(face(lambda x, y: 1e-6 * (x / 15e-3) * (y / 10e-3)))
+    # z = xy over the unit square: the zone between the planes through opposite edges has half the range
+    assert plane.zone == pytest.approx(0.5e-6, rel=1e-6)
+    assert plane.zone <= plane.zone_least_squares + 1e-15
+
+
+@settings(max_examples=60, deadline=None)
+@given(seed=st.integers(0, 2**32 - 1))
+def test_minimum_zone_never_exceeds_least_squares_and_holds_every_point(seed):
+    random = np.random.default_rng(seed)
+    cloud = face(lambda x, y: random.normal(0.0, 1e-7, x.shape), random.uniform(-0.01, 0.01, 2))
+    plane = flatness(cloud)
+    deviation = cloud[:, 2] - plane.slope_x * cloud[:, 0] - plane.slope_y * cloud[:, 1] - plane.offset
+    assert plane.zone <= plane.zone_least_squares * (1 + 1e-9)
+    assert np.ptp(deviation) == pytest.approx(plane.zone, rel=2e-4)
+
+
+def test_parallelism_of_a_wedge_is_its_rise_over_the_face():
+    datum = flatness(face(lambda x, y: 0.0 * x, (0.003, 0.001)))
+    wedge = face(lambda x, y: 10e-6 + 1e-6 * x / 15e-3, (0.003, 0.001))
+    assert parallelism(wedge, datum) == pytest.approx(1e-6, rel=1e-4)
+
+
+@pytest.mark.parametrize("points", [np.zeros((10, 2)), np.zeros((3, 3)), np.full((10, 3), np.nan), np.eye(3)[[0] * 9]])
+def test_what_is_no_face_is_refused(points):
+    with pytest.raises(MetrologyError, match="points must"):
+        flatness(points)
+
+
+def cap(radius, angle, noise, seed, count=2000):
+    random = np.random.default_rng(seed)
+    cosine = random.uniform(np.cos(angle), 1.0, count)
+    around = random.uniform(0.0, 2.0 * np.pi, count)
+    sine = np.sqrt(1.0 - cosine**2)
+    unit = np.stack([sine * np.cos(around), sine * np.sin(around), cosine], axis=1)
+    return unit * (radius + random.normal(0.0, noise, count))[:, np.newaxis] + [1e-3, -2e-3, 5e-3]
+
+
+def test_the_radius_of_a_ball_is_unbiased_and_covers_over_300_draws():
+    fits = [fit_sphere(cap(125e-6, 0.7, 0.2e-6, seed)) for seed in range(300)]
+    errors = np.array([fit.radius - 125e-6 for fit in fits])
+    stds = np.array([fit.radius_std for fit in fits])
+    assert abs(errors.mean()) < 0.1 * stds.mean() + 2.0 * errors.std() / 300**0.5
+    assert 0.91 <= np.mean(np.abs(errors) < 1.96 * stds) <= 0.985
+
+
+def test_form_is_the_lobe_that_was_put_in_and_spikes_are_left_out():
+    cloud = cap(125e-6, 0.9, 1e-12, 3)
+    fit = fit_sphere(cloud)
+    assert fit.radius == pytest.approx(125e-6, abs=1e-11)
+    assert fit.form < 1e-10
+    assert fit.cap_angle == pytest.approx(0.9, abs=0.05)
+    noisy = cap(125e-6, 0.9, 0.1e-6, 3)
+    noisy[::400] += [0.0, 0.0, 20e-6]
+    spiked = fit_sphere(noisy)
+    assert spiked.rejected == 5
+    assert spiked.radius == pytest.approx(125e-6, abs=4.0 * spiked.radius_std)
+
+
+@pytest.mark.parametrize("points", [np.zeros((20, 3)), np.zeros((4, 3)), np.arange(60.0).reshape(20, 3)])
+def test_what_is_no_ball_is_refused(points):
+    with pytest.raises(MetrologyError, match=r"sphere|points must"):
+        fit_sphere(points)
+
+
+def margin(seed, opening, rise, missing=False):
+    random = np.random.default_rng(seed)
+    x = np.arange(-600, 600) * 0.5e-6
+    z = np.where(x < 0.0, 0.0, np.where(x > opening, rise, -60e-6)) + random.uniform(-1e-3, 1e-3) * x
+    z += correlated_noise(len(x), 0.5e-6, 10e-9, 40e-9, 2e-6, random)
+    if missing:
+        z[(x > 0.1 * opening) & (x < 0.9 * opening)] = np.nan
+    return x, z
+
+
+@pytest.mark.parametrize("rise", [0.0, 20e-6, -30e-6])
+@pytest.mark.parametrize("missing", [False, True])
+def test_a_margin_gives_opening_rise_and_their_hypotenuse(rise, missing):
+    results = [fit_margin(*margin(seed, 80.25e-6, rise, missing)) for seed in range(30)]
+    for result in results:
+        assert result.opening == pytest.approx(80.25e-6, abs=0.6e-6)
+        assert result.rise == pytest.approx(rise, abs=5.0 * result.rise_noise.std)
+        assert result.absolute == pytest.approx(np.hypot(80.25e-6, rise), abs=0.6e-6)
+    assert abs(np.mean([result.rise - rise for result in results])) < 20e-9
+
+
+def test_a_gap_and_its_discrepancies_are_unbiased_and_covered_at_their_rate():
+    random = np.random.default_rng(3)
+    x = np.arange(-600, 600) * 0.5e-6
+    truths = {"horizontal_discrepancy": 20e-6}
+    found = {key: [] for key in ("vertical_discrepancy", "horizontal_discrepancy", "absolute_discrepancy")}
+    for _ in range(300):
+        opening = random.uniform(80.0e-6, 80.5e-6)
+        truths |= {"vertical_discrepancy": opening, "absolute_discrepancy": np.hypot(opening, 20e-6)}
+        z = margin_gauge(x, opening, 20e-6, 60e-6, random.uniform(-1e-6, 1e-6), random.uniform(-1e-3, 1e-3))
+        z += correlated_noise(len(x), 0.5e-6, 10e-9, 40e-9, 2e-6, random)
+        for key, got in measure_margin(Profile(x, z), Instrument(0.0, 0.0, 0.0)).values.items():
+            found[key].append((got.value - truths[key], got.std, got.expanded()))
+    for key, rows in found.items():
+        errors, stds, halves = np.array(rows).T
+        assert abs(errors.mean()) < 0.1 * stds.mean() + 2.0 * errors.std() / 300**0.5, key
+        assert np.mean(np.abs(errors) < halves) == pytest.approx(0.95, abs=0.038), key
+
+
+def test_a_flank_of_several_samples_is_interpolated_and_leaves_no_interval_open():
+    x = np.arange(-600, 600) * 0.5e-6
+    z = groove_gauge(x, 60e-6, 0.1e-6, 80.35e-6, 20e-6)
+    result = fit_margin(x, z + np.random.default_rng(1).normal(0.0, 10e-9, len(x)))
+    assert result.opening == pytest.approx(80.25e-6, abs=20e-9)
+    assert result.opening_sampling == 0.0
+    assert 1e-9 < result.opening_noise.std < 20e-9
+
+
+def test_the_radius_of_a_tip_under_correlated_noise_is_unbiased_and_covered_at_its_rate():
+    grid = np.arange(-60, 61) * 125e-6 / 80.0
+    errors, halves, stds = [], [], []
+    for seed in range(120):
+        random = np.random.default_rng(seed)
+        z = ball_gauge(grid, grid, 125e-6, tuple(random.uniform(-5e-6, 5e-6, 2)))
+        z += correlated_map(z.shape, 125e-6 / 80.0, 20e-9, 50e-9, 4e-6, random)
+        cap = fit_cap(HeightMap(z, 125e-6 / 80.0, 125e-6 / 80.0), 125e-6)
+        errors.append(cap.radius - 125e-6)
+        stds.append(cap.noise.std)
+        halves.append(cap.noise.std * stats.t.ppf(0.975, cap.noise.dof))
+    assert abs(np.mean(errors)) < 0.1 * np.mean(stds) + 2.0 * np.std(errors) / 120**0.5
+    assert np.mean(np.abs(errors) < halves) == pytest.approx(0.95, abs=0.06)
+
+
+def test_flatness_of_the_form_does_not_grow_with_noise_where_the_zone_of_all_points_does():
+    x, y = np.arange(60) * 10e-6, np.arange(40) * 10e-6
+    bow = 200e-9 * ((2.0 * x[np.newaxis, :] / x[-1] - 1.0) ** 2) * np.ones((40, 1)) + 1e-3 * x[np.newaxis, :]
+    whole = np.ones(bow.shape, dtype=bool)
+    exact = zone_of_flatness(fit_face(x, y, bow, whole))
+    assert exact.zone == pytest.approx(200e-9, rel=1e-5)  # a parabola over the whole face: its sagitta
+    zones = []
+    for seed in range(40):
+        noise = correlated_map(bow.shape, 10e-6, 10e-9, 30e-9, 20e-6, np.random.default_rng(seed))
+        zones.append(zone_of_flatness(fit_face(x, y, bow + noise, whole)))
+    errors, stds = np.array([one.zone for one in zones]) - 200e-9, np.array([one.std for one in zones])
+    assert abs(errors.mean()) < 0.5 * stds.mean()
+    halves = stds * stats.t.ppf(0.975, [one.dof for one in zones])
+    assert np.mean(np.abs(errors) < halves) >= 0.85  # three standard deviations of a binomial of 40 below 95 %
+    assert min(one.all_points for one in zones) > 260e-9
+
+
+def test_parallelism_of_the_form_is_the_wedge_between_the_faces():
+    x, y = np.arange(60) * 10e-6, np.arange(40) * 10e-6
+    rise = np.linspace(0.0, 300e-9, 60)[np.newaxis, :] * np.ones((40, 1))
+    noise = [correlated_map(rise.shape, 10e-6, 5e-9, 0.0, 1e-6, np.random.default_rng(seed)) for seed in (1, 2)]
+    tilt = 2e-3 * x[np.newaxis, :]
+    whole = np.ones(rise.shape, dtype=bool)
+    faces = [fit_face(x, y, shape + tilt, whole) for shape in (noise[0], rise + noise[1])]
+    assert zone_of_parallelism(faces[1], faces[0]).zone == pytest.approx(300e-9, abs=10e-9)
+
+
+def test_a_profile_without_a_gap_is_refused():
+    x, z = margin(1, 80e-6, 0.0)
+    with pytest.raises(MetrologyError, match="gap"):
+        fit_margin(x, np.where(x < 0.0, 0.0, 10e-6) + 0.0 * z)

@@ -1,0 +1,258 @@
+"""An inspection from file to verdict, exit code and as-built record."""
+
+import json
+
+import numpy as np
+import pytest
+
+from oracles.softgauge import correlated_noise, edge_gauge, groove_gauge
+from stepblocks.artefacts.as_built import AsBuilt, AsBuiltValue, read_as_built, write_as_built
+from stepblocks.cli import main
+from stepblocks.contact.path.scanned import scanned_angle
+from stepblocks.errors import MetrologyError
+
+STIMULI = str(__import__("pathlib").Path(__file__).parents[2] / "stimuli")
+
+
+def scan(path, height, radius=0.0, seed=1):
+    x = np.arange(-800, 800) * 0.5e-6
+    z = edge_gauge(x, height, radius, tilt=5e-4)
+    z = z + correlated_noise(len(x), 0.5e-6, 10e-9, 40e-9, 2e-6, np.random.default_rng(seed))
+    np.savetxt(path, np.stack([x, z], axis=1) * 1e6, delimiter=",", header="x_um,z_um", comments="", fmt="%.4f")
+    return str(path)
+
+
+def inspect(*arguments):
+    return main(["inspect", *arguments, "--set", STIMULI])
+
+
+@pytest.mark.parametrize(
+    ("height", "radius", "calibration", "code", "words"),
+    [
+        (50.2e-6, 0.0, "0.1 %", 0, "step-050: conforms"),
+        (51.5e-6, 0.0, "0.1 %", 1, "step-050: does not conform"),
+        (50.2e-6, 14e-6, "0.1 %", 1, "lowers E_v by"),
+        (50.9e-6, 0.0, "0.5 %", 3, "step-050: not proven"),
+    ],
+)
+def test_exit_codes_say_the_verdict(height, radius, calibration, code, words, tmp_path, capsys):
+    path = scan(tmp_path / "a.csv", height, radius)
+    assert inspect(path, "--stimulus", "step-050", "--calibration", calibration) == code
+    assert words in capsys.readouterr().out
+
+
+def test_the_output_holds_table_plot_json_and_a_record_that_reads_back(tmp_path, capsys):
+    path = scan(tmp_path / "a.csv", 50.2e-6, 1e-6)
+    out = tmp_path / "out"
+    inspect(path, "--stimulus", "step-050", "-o", str(out), "--json")
+    data = json.loads(capsys.readouterr().out)
+    record = read_as_built(out / "step-050.as-built.toml")
+    assert record.stimulus == "step-050"
+    assert record.values["step_height"].value == pytest.approx(50.2e-6, abs=0.1e-6)
+    assert record.values["step_height"].value == pytest.approx(data["characteristics"][0]["value_m"], rel=1e-8)
+    assert json.loads((out / "step-050.inspection.json").read_text()) == data
+    assert (out / "step-050.inspection.svg").read_text().startswith("<?xml")
+    before = {one.name: one.read_bytes() for one in out.iterdir()}
+    inspect(path, "--stimulus", "step-050", "-o", str(out))
+    assert {one.name: one.read_bytes() for one in out.iterdir()} == before
+
+
+def test_a_groove_is_judged_by_type_a1(tmp_path, capsys):
+    x = np.arange(0, 2000) * 1e-6
+    z = groove_gauge(x, 30.4e-6, 700e-6, 1300e-6, 10e-6, tilt=1e-3)
+    z = z + correlated_noise(len(x), 1e-6, 10e-9, 30e-9, 3e-6, np.random.default_rng(4))
+    path = tmp_path / "groove.csv"
+    np.savetxt(path, np.stack([x, z], axis=1) * 1e6, delimiter=",", header="x_um,z_um", comments="")
+    assert inspect(str(path), "--stimulus", "step-030", "--feature", "groove", "--calibration", "0.1 %") == 0
+    text = capsys.readouterr().out
+    assert "groove depth" in text
+    assert "ISO 5436-1 type A1" in text
+
+
+def test_a_map_adds_repeatability_flatness_and_parallelism(tmp_path, capsys):
+    random = np.random.default_rng(2)
+    x = np.arange(-200, 200) * 2e-6
+    rows = []
+    for y in np.arange(6) * 50e-6:
+        z = (
+            edge_gauge(x, 40e-6, 0.0, tilt=1e-4)
+            + random.normal(0.0, 20e-9) * (x > 0)
+            + random.normal(0.0, 5e-9, len(x))
+        )
+        rows.append(np.stack([x, np.full_like(x, y), z], axis=1))
+    path = tmp_path / "map.csv"
+    np.savetxt(path, np.concatenate(rows) * 1e6, delimiter=",", header="x_um,y_um,z_um", comments="", fmt="%.4f")
+    assert inspect(str(path), "--stimulus", "step-040", "--calibration", "0.1 %", "--json") in (0, 3)
+    data = json.loads(capsys.readouterr().out)
+    by_key = {one["key"]: one for one in data["characteristics"]}
+    assert {"step_height", "edge_radius", "flatness_lower", "flatness_upper", "parallelism"} <= set(by_key)
+    budget = {part["name"]: part["std_m"] for part in by_key["step_height"]["budget"]}
+    assert 1e-9 < budget["repeatability"] < 30e-9
+    assert by_key["flatness_lower"]["value_m"] < 0.1e-6
+
+
+def test_a_margin_and_a_tip_are_measured(tmp_path, capsys):
+    random = np.random.default_rng(8)
+    x = np.arange(-800, 800) * 0.25e-6
+    z = np.where((x > 0.0) & (x < 50.1e-6), -80e-6, 0.0) + random.normal(0.0, 20e-9, len(x))
+    path = tmp_path / "margin.csv"
+    np.savetxt(path, np.stack([x, z], axis=1) * 1e6, delimiter=",", header="x_um,z_um", comments="", fmt="%.4f")
+    assert inspect(str(path), "--stimulus", "gap-050-over-020") == 1  # the crown is not overextended by 20 um
+    assert "horizontal discrepancy" in capsys.readouterr().out
+    grid = np.arange(-50, 51) * 2e-6
+    gx, gy = np.meshgrid(grid, grid)
+    cap = np.sqrt(np.maximum((125.4e-6) ** 2 - gx**2 - gy**2, 0.0)) + random.normal(0.0, 20e-9, gx.shape)
+    path = tmp_path / "tip.xyz"
+    np.savetxt(
+        path, np.stack([gx.ravel(), gy.ravel(), cap.ravel()], axis=1) * 1e6, header="x_um y_um z_um", comments=""
+    )
+    assert inspect(str(path), "--stimulus", "tip-125") == 0
+    assert "ball radius" in capsys.readouterr().out
+
+
+@pytest.mark.parametrize(
+    ("arguments", "words"),
+    [
+        (["nowhere.csv", "--stimulus", "step-050"], "scan must be a file"),
+        (["{scan}", "--stimulus", "step-999"], "stimulus must be declared"),
+        (["{scan}", "--stimulus", "step-050", "--feature", "groove"], "ridge or groove"),
+        (["{scan}", "--stimulus", "step-050", "--unit", "mm"], "says another"),
+        (["{scan}", "--stimulus", "step-050", "--exclusion", "5"], "must be a length"),
+        (["{scan}", "--stimulus", "step-050", "--calibration", "much"], "must be a ratio"),
+        (["{scan}", "--stimulus", "tip-125"], "a tip needs a height map"),
+        (["{scan}", "--stimulus", "crown-shoulder"], "cannot be inspected"),
+    ],
+)
+def test_what_cannot_be_inspected_gives_one_line_and_exit_code_2(arguments, words, tmp_path, capsys):
+    path = scan(tmp_path / "a.csv", 50e-6)
+    assert inspect(*[one.format(scan=path) for one in arguments]) == 2
+    captured = capsys.readouterr()
+    assert words in captured.err
+    assert captured.err.count("\n") == 1
+
+
+def test_records_survive_odd_names_and_refuse_what_they_do_not_know(tmp_path):
+    path = tmp_path / "a.toml"
+    record = AsBuilt(
+        "step-010", 'my "scan"\\1\n.csv', "0" * 64, "µm", {"step_height": AsBuiltValue(1.00000001e-5, 2e-9, "conforms")}
+    )
+    write_as_built(path, record)
+    back = read_as_built(path)
+    assert back.scan == record.scan
+    assert back.values["step_height"].value == pytest.approx(1.00000001e-5, rel=1e-9)
+    for text, rule in {
+        "schema = 2": "schema must be 1",
+        "not toml": "TOML",
+        path.read_text().replace('"10.0000001 um"', '"10"'): "must be a length",
+        path.read_text().replace("std = ", "spread = "): "value, std and verdict",
+        'schema = 1\nstimulus = "a"\nscan = "b"\nscan_sha256 = ""\nconvention = ""\n': "at least one characteristic",
+    }.items():
+        path.write_text(text)
+        with pytest.raises(MetrologyError, match=rule):
+            read_as_built(path)
+
+
+def test_prediction_takes_the_record_and_says_how_far_the_energy_moved(tmp_path, capsys):
+    path = scan(tmp_path / "a.csv", 50.0e-6, 14e-6)
+    inspect(path, "--stimulus", "step-050", "-o", str(tmp_path / "out"))
+    capsys.readouterr()
+    table = tmp_path / "predictions.csv"
+    source = f"{STIMULI}/paper-ten.toml"
+    assert main(["predict", source, "--as-built", str(tmp_path / "out"), "-o", str(table)]) == 0
+    said = capsys.readouterr().err
+    # equations (1) and (2) by hand at mu = 0.15: tan^2(acos(1 - 50/139) + atan 0.15) / tan^2(acos(1 - 50/125) + ...) - 1
+    ratio = (np.tan(np.arccos(1 - 50 / 139) + np.arctan(0.15)) / np.tan(np.arccos(1 - 50 / 125) + np.arctan(0.15))) ** 2
+    largest = float(said.split(" % to ")[1].split(" %")[0])
+    assert largest == pytest.approx((ratio - 1.0) * 100.0, abs=0.5)
+    assert "edge_radius does not conform" in said
+    rows = [line.split(",") for line in table.read_text().splitlines()]
+    assert {row[4] for row in rows if row[1] == "step-050"} != {"50"}
+    assert {row[4] for row in rows if row[1] == "step-060"} == {"60"}
+    # over an arc the path of the tip's centre is an arc too, so the surface says what height and radius say
+    column = rows[0].index("surface_critical_angle_deg")
+    for row in rows[1:]:
+        if row[1] == "step-050":
+            assert float(row[column]) == pytest.approx(np.degrees(np.arccos(1 - 50 / (float(row[3]) + 14))), abs=0.3)
+        else:
+            assert row[column] == ""
+    assert "by the scanned surface itself E_v" in said
+    assert main(["predict", source, "--as-built", str(tmp_path / "a.csv")]) == 2
+    assert main(["predict", source, "--as-built", str(tmp_path)]) == 2
+
+
+def test_the_scanned_surface_says_what_height_and_radius_cannot_of_a_chamfered_edge():
+    # a riser of 30 um below a chamfer of 45 deg up to 50 um: a ball of 125 um on the lower face touches the chamfer first,
+    # at R (1 - cos 45 deg) = 36.6 um, so the critical angle is that of the chamfer
+    x = np.arange(-400, 400) * 1e-6
+    z = np.where(x < 0.0, 0.0, np.minimum(30e-6 + x, 50e-6))
+    assert np.degrees(scanned_angle(x, z, 125e-6)) == pytest.approx(45.0, abs=1e-6)
+    assert np.degrees(scanned_angle(-x[::-1], z[::-1], 125e-6)) == pytest.approx(45.0, abs=1e-6)
+    # a ball of 80 um meets the riser's corner first, at acos(1 - 30/80) = 51.3 deg, and that is steeper than the chamfer
+    assert np.degrees(scanned_angle(x, z, 80e-6)) == pytest.approx(np.degrees(np.arccos(1 - 30 / 80)), abs=0.5)
+    assert scanned_angle(x, np.full_like(x, np.nan), 125e-6) is None
+
+
+def test_a_record_whose_surface_was_changed_or_lost_is_refused(tmp_path, capsys):
+    inspect(scan(tmp_path / "a.csv", 50.0e-6, 14e-6), "--stimulus", "step-050", "-o", str(tmp_path / "out"))
+    record, surface = (tmp_path / "out" / f"step-050.as-built.{end}" for end in ("toml", "profile.csv"))
+    text = record.read_text()
+    assert len(read_as_built(record).surface.height) == 1600
+    for damage, rule in (
+        (
+            lambda: surface.write_text(surface.read_text().replace("x_um,z_um\n", "x_um,z_um\n-401.0,0.0\n")),
+            "the one that was inspected",
+        ),
+        (lambda: surface.unlink(), "must lie beside the record"),
+        (lambda: record.write_text(text.replace('profile = "', 'profile = "../')), "name of a file beside the record"),
+    ):
+        damage()
+        with pytest.raises(MetrologyError, match=rule):
+            read_as_built(record)
+
+
+def test_an_inspected_block_speaks_in_the_closed_loop_with_its_own_height_and_edge(tmp_path):
+    from stepblocks.predict.as_built import measured_edges, read_records
+
+    values = {
+        "groove_depth": AsBuiltValue(50.4e-6, 20e-9, "conforms"),
+        "edge_radius": AsBuiltValue(14e-6, 0.3e-6, "does-not-conform"),
+    }
+    write_as_built(tmp_path / "step-050.as-built.toml", AsBuilt("step-050", "scan.x3p", "0" * 64, "type A1", values))
+    edges = measured_edges(read_records([tmp_path]))
+    assert edges["step-050"] == pytest.approx(
+        {"height_m": 50.4e-6, "height_std_m": 20e-9, "edge_radius_m": 14e-6, "edge_radius_std_m": 0.3e-6}
+    )
+
+
+def test_the_loop_takes_records_instead_of_scans_and_names_every_scan_that_it_cannot_use(shared, tmp_path):
+    from stepblocks.loop.run import loop_session
+
+    session = tmp_path / "quiet"
+    for path in sorted((shared / "bench" / "quiet").rglob("*")):
+        if path.is_file():
+            copy = session / path.relative_to(shared / "bench" / "quiet")
+            copy.parent.mkdir(parents=True, exist_ok=True)
+            copy.write_bytes(path.read_bytes())
+    (session / "scans" / "step-060.csv").write_text("x_um,z_um\n0,0\n")
+    (session / "scans" / "step-070.csv").unlink()
+    (session / "scans" / "step-080.csv").rename(tmp_path / "elsewhere.csv")
+    (session / "scans" / "step-080.csv").symlink_to(tmp_path / "elsewhere.csv")
+    for height in range(10, 60, 10):
+        values = {
+            "step_height": AsBuiltValue(height * 1e-6, 1e-6, "not-proven"),
+            "edge_radius": AsBuiltValue(14e-6, 0.3e-6, "does-not-conform"),
+        }
+        record = AsBuilt(f"step-{height:03}", "scan.csv", "0" * 64, "two planes", values)
+        write_as_built(tmp_path / f"step-{height:03}.as-built.toml", record)
+    told: list[str] = []
+    loop_session(session, tmp_path / "out", 1, as_built=[tmp_path], announce=told.append)
+    result = json.loads((tmp_path / "out" / "result.json").read_text())
+    # the records say 14 um where the blocks of this session are sharp; the forces contradict them
+    assert result["scans"]["mean_edge_radius_m"] == pytest.approx(14e-6)
+    assert result["nominal"]["error"]["ln_energy_rms"] < 0.1
+    assert [line.split(":")[0] for line in told] == [f"scan of step-{height:03} left out" for height in (60, 70, 80)]
+    reasons = {one["block"]: one["reason"] for one in result["scans"]["left_out"]}
+    assert "must" in reasons["step-060"]
+    assert reasons["step-070"] == "no file scans/step-070.csv"
+    assert reasons["step-080"] == "scans/step-080.csv leads out of the session"
+    assert "leads out of the session" in (tmp_path / "out" / "report.html").read_text()

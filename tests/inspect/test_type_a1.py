@@ -1,0 +1,232 @@
+"""Type A1, masked steps and their budgets, proven on softgauges and on the real gratings."""
+
+import os
+from pathlib import Path
+
+import numpy as np
+import pytest
+from scipy import stats
+
+from oracles.softgauge import correlated_noise, groove_gauge, with_faults
+from stepblocks.artefacts.scans.read import read_scan
+from stepblocks.artefacts.scans.scan import HeightMap
+from stepblocks.errors import MetrologyError
+from stepblocks.inspect.budget import Component, Instrument, Measured, measured_from_profiles
+from stepblocks.inspect.evaluate.masked_step import masked_step
+from stepblocks.inspect.evaluate.noise_uncertainty import NoiseUncertainty
+from stepblocks.inspect.evaluate.type_a1 import evaluate_a1, find_features
+from stepblocks.inspect.step import measure_groove
+
+SHARED = Path(os.environ.get("STEPBLOCKS_SHARED", Path(__file__).parents[2] / ".." / "shared"))
+X = np.arange(-50, 951) * 1e-6
+
+
+def draw(seed, depth=10e-6, flank=20e-6):
+    random = np.random.default_rng(seed)
+    clean = groove_gauge(X, depth, 300e-6, 600e-6, flank, tilt=random.uniform(-2e-3, 2e-3))
+    return clean + correlated_noise(len(X), 1e-6, 10e-9, 40e-9, 3e-6, random)
+
+
+@pytest.mark.parametrize("depth", [37.4e-6, 0.5e-6, -10e-6])
+@pytest.mark.parametrize("tilt", [0.0, 3e-3])
+def test_without_noise_the_depth_is_exact_at_any_tilt_and_offset(depth, tilt):
+    result = evaluate_a1(X, groove_gauge(X, depth, 300e-6, 600e-6, 20e-6, tilt) + 1e-3, (300e-6, 600e-6))
+    assert result.depth == pytest.approx(depth, abs=1e-15)
+    assert result.tilt == pytest.approx(tilt, abs=1e-12)
+
+
+def test_the_windows_are_those_of_the_standard():
+    # ISO 5436-1: A = [L - W, L - W/3], C = middle third, B = [R + W/3, R + W] with L = 300, R = 600, W = 300 um
+    result = evaluate_a1(X, groove_gauge(X, 10e-6, 300e-6, 600e-6), (300e-6, 600e-6))
+    expected = ((0.0, 200e-6), (400e-6, 500e-6), (700e-6, 900e-6))
+    for window, wanted in zip(result.windows, expected, strict=True):
+        assert window == pytest.approx(wanted, abs=1e-9)
+
+
+def noisy(seed, length, missing=0, spikes=0):
+    random = np.random.default_rng(seed)
+    clean = groove_gauge(X, 10e-6, 300e-6, 600e-6, 20e-6, tilt=random.uniform(-2e-3, 2e-3))
+    z = clean + correlated_noise(len(X), 1e-6, 10e-9, 40e-9 if length else 0.0, length, random)
+    return with_faults(z, random, spikes=spikes, spike_height=20e-6, missing=missing)
+
+
+@pytest.mark.parametrize(
+    ("length", "missing", "spikes"),
+    [(0.0, 0, 0), (1.5e-6, 0, 0), (3e-6, 200, 20), (8e-6, 0, 0)],
+    ids=["white", "rough 1.5 um", "rough 3 um, faults", "rough 8 um"],
+)
+def test_depth_is_unbiased_and_its_stated_interval_covers_at_its_stated_rate(length, missing, spikes):
+    results = [evaluate_a1(X, noisy(seed, length, missing, spikes), (300e-6, 600e-6)) for seed in range(500)]
+    errors = np.array([result.depth - 10e-6 for result in results])
+    stds = np.array([result.depth_std for result in results])
+    student = stats.t.ppf(0.975, [result.depth_dof for result in results])
+    # three standard deviations of a binomial of 500, and a mean error that 500 draws can tell from 0.1 u
+    assert abs(errors.mean()) < 0.1 * stds.mean() + errors.std() / np.sqrt(500)
+    assert np.mean(np.abs(errors) < student * stds) == pytest.approx(0.95, abs=0.0292)
+
+
+def test_longer_correlation_leaves_fewer_degrees_of_freedom_and_missing_points_take_some():
+    dof = [evaluate_a1(X, noisy(1, length), (300e-6, 600e-6)).depth_dof for length in (0.0, 3e-6, 20e-6)]
+    assert dof[0] > 2.0 * dof[1] > 4.0 * dof[2] > 4.0
+    assert evaluate_a1(X, noisy(1, 3e-6, 400), (300e-6, 600e-6)).depth_dof < dof[1]
+
+
+def test_spikes_are_left_out_and_counted_and_too_many_are_refused():
+    clean, spiked = noisy(5, 3e-6), noisy(5, 3e-6, spikes=25)
+    whole, result = evaluate_a1(X, clean, (300e-6, 600e-6)), evaluate_a1(X, spiked, (300e-6, 600e-6))
+    windows = np.concatenate([(a - 1e-12 <= X) & (b + 1e-12 >= X) for a, b in whole.windows]).reshape(3, -1).any(axis=0)
+    assert result.outliers == np.sum(windows & (np.abs(spiked - clean) > 0.4e-6))
+    assert result.depth == pytest.approx(whole.depth, abs=whole.depth_std)
+    with pytest.raises(MetrologyError, match=r"at most 10% spikes|a flank or a defect reaches into"):
+        evaluate_a1(X, noisy(5, 3e-6, spikes=200), (300e-6, 600e-6))
+
+
+def test_edges_are_found_at_half_depth_whatever_the_tilt():
+    for seed in range(20):
+        ((left, right),) = find_features(X, draw(seed))
+        assert left == pytest.approx(300e-6, abs=1e-6)
+        assert right == pytest.approx(600e-6, abs=1e-6)
+        ((left, right),) = find_features(X, draw(seed, depth=-10e-6))
+        assert left == pytest.approx(300e-6, abs=1e-6)
+        assert right == pytest.approx(600e-6, abs=1e-6)
+
+
+def test_flanks_that_reach_into_the_windows_are_refused_or_cut_and_said():
+    # a flank of 230 um reaches 15 um into A, C and B; evaluated blindly it takes 0.5 um off a groove of 37.4 um
+    z = groove_gauge(X, 37.4e-6, 300e-6, 600e-6, flank=230e-6)
+    z += correlated_noise(len(X), 1e-6, 10e-9, 0.0, 1e-6, np.random.default_rng(1))
+    with pytest.raises(MetrologyError, match="reaches into A, C, B"):
+        evaluate_a1(X, z, (300e-6, 600e-6))
+    cut = evaluate_a1(X, z, (300e-6, 600e-6), contaminated="exclude")
+    assert cut.excluded >= 4 * 13
+    assert cut.depth == pytest.approx(37.4e-6, abs=8e-9)
+    blind = evaluate_a1(X, groove_gauge(X, 37.4e-6, 300e-6, 600e-6, flank=20e-6), (300e-6, 600e-6))
+    assert blind.excluded == 0
+
+
+def test_a_window_that_is_mostly_flank_is_refused_even_when_cutting():
+    with pytest.raises(MetrologyError, match=r"keep at least half|reaches into"):
+        evaluate_a1(X, groove_gauge(X, 10e-6, 300e-6, 600e-6, flank=299e-6), (300e-6, 600e-6), contaminated="exclude")
+
+
+def test_missing_points_change_nothing_but_the_uncertainty():
+    z = draw(4)
+    holes = with_faults(z, np.random.default_rng(2), missing=300)
+    whole, part = evaluate_a1(X, z, (300e-6, 600e-6)), evaluate_a1(X, holes, (300e-6, 600e-6))
+    assert part.depth == pytest.approx(whole.depth, abs=2.0 * part.depth_std)
+
+
+@pytest.mark.parametrize(
+    ("x", "z", "edges", "rule"),
+    [
+        (X, np.zeros(1001), None, "exactly one ridge or groove"),
+        (X, groove_gauge(X, 1e-5, 100e-6, 600e-6), (100e-6, 600e-6), "reach one width"),
+        (X, np.zeros(1001), (600e-6, 300e-6), "in order"),
+        (X[:10], np.zeros(10), None, "at least 20"),
+    ],
+)
+def test_what_is_no_type_a1_profile_is_refused_with_the_rule(x, z, edges, rule):
+    with pytest.raises(MetrologyError, match=rule):
+        evaluate_a1(x, z, edges)
+
+
+def test_a_map_of_holes_gives_their_depth_and_levelling_does_not_see_them():
+    # levelled through the holes, a plane tilts; a grid of 4 x 4 holes of 500 nm under a slope of 1 %
+    random = np.random.default_rng(5)
+    y, x = np.mgrid[:160, :160]
+    holes = ((x - 6) % 40 < 18) & ((y + 3) % 40 < 18)
+    z = np.where(holes, -500e-9, 0.0) + 1e-2 * x * 0.2e-6 - 5e-3 * y * 0.2e-6
+    z += random.normal(0.0, 2e-9, z.shape) + random.normal(0.0, 5e-9, (160, 1))  # noise, and jumps between the lines
+    result = masked_step(HeightMap(z, 0.2e-6, 0.2e-6))
+    assert result.depth == pytest.approx(500e-9, abs=4.0 * result.depth_std)
+    assert result.depth == pytest.approx(500e-9, abs=0.5e-9)
+    assert masked_step(HeightMap(-z, 0.2e-6, 0.2e-6)).depth == pytest.approx(-result.depth, abs=1e-12)
+
+
+@pytest.mark.parametrize(("name", "depth"), [("squares_holes", 500.0e-9), ("circles_holes", 499.5e-9)])
+def test_the_nsfopen_gratings_give_their_independently_known_depths_within_1_nm(name, depth):
+    # shared/real/README.md: "two independent evaluations gave 500.0 and 499.5 nm"; the way `stepblocks inspect` takes
+    path = SHARED / "real" / "nsfopen" / f"{name}.nid"
+    if not path.is_file():
+        pytest.skip("shared real data is not here")
+    inspected = measure_groove(read_scan(path), Instrument())
+    got = inspected.values["groove_depth"]
+    assert got.value == pytest.approx(depth, abs=1e-9)
+    assert got.std < 2e-9
+    assert abs(got.value - depth) < got.expanded()
+    assert inspected.convention.startswith("masked step over")
+    assert "type A1 not used: the profiles cross several features" in inspected.notes[0]
+
+
+def test_type_a1_answers_where_each_profile_crosses_one_groove_and_says_so():
+    rows = np.stack([noisy(seed, 1.5e-6) for seed in range(4)])
+    inspected = measure_groove(HeightMap(rows, 1e-6, 50e-6), Instrument())
+    assert inspected.convention == "ISO 5436-1 type A1, profile by profile, unfiltered"
+    assert inspected.values["groove_depth"].value == pytest.approx(10e-6, abs=30e-9)
+
+
+def test_a_budget_adds_in_squares_and_counts_degrees_of_freedom_by_welch_and_satterthwaite():
+    # JCGM 100:2008 example G.4.1-like figures, worked by hand: u = 5, nu = 5^4 / (3^4/4 + 0) = 30.86
+    budget = Measured("x", 100.0, (Component("a", 3.0, 4), Component("b", 4.0)))
+    assert budget.std == pytest.approx(5.0)
+    assert budget.dof == pytest.approx(625.0 / (81.0 / 4.0))
+    assert budget.expanded() == pytest.approx(5.0 * 2.0399, rel=1e-3)  # Student's t at 30.9 degrees, tables
+
+
+def test_what_is_not_stated_is_named_and_not_silently_zero():
+    quiet = NoiseUncertainty(20e-9, 60.0)
+    one = measured_from_profiles("height", [10e-6], [quiet], Instrument())
+    assert set(one.unstated) == {"repeatability", "calibration"}
+    several = measured_from_profiles("height", [10e-6, 10.1e-6, 9.9e-6], [quiet] * 3, Instrument(1e-3, 1e-9))
+    assert several.unstated == ()
+    by_name = {part.name: part.std for part in several.components}
+    assert by_name["calibration"] == pytest.approx(10e-9)
+    assert by_name["resolution"] == pytest.approx(1e-9 / 12**0.5)
+    assert by_name["repeatability"] == pytest.approx(np.sqrt((0.1e-6**2 - 20e-9**2) / 3))
+
+
+def test_a_width_answers_to_the_lateral_scale_and_a_radius_to_both():
+    quiet, known = NoiseUncertainty(20e-9, 60.0), Instrument(1e-3, 0.0, 2e-3)
+    width = measured_from_profiles("width", [50e-6], [quiet], known, axes=(0.0, 1.0))
+    radius = measured_from_profiles("radius", [50e-6], [quiet], known, axes=(1.0, 2.0))
+    parts = {one.name: one.std for one in width.components}
+    assert parts["lateral calibration"] == pytest.approx(100e-9)
+    assert "calibration" not in parts
+    assert {one.name: one.std for one in radius.components}["lateral calibration"] == pytest.approx(200e-9)
+    assert "lateral calibration" in measured_from_profiles("w", [5e-5], [quiet], Instrument(1e-3), axes=(0, 1)).unstated
+
+
+@pytest.mark.parametrize("count", [2, 3, 6, 12, 60])
+@pytest.mark.parametrize("wander", [0.0, 20e-9, 60e-9])
+def test_budgets_over_profiles_cover_at_their_rate_however_few_profiles_and_however_much_they_scatter(count, wander):
+    # s / sqrt(n) with n - 1 degrees of freedom covers exactly for normal values (W. S. Gosset 1908), and so do the squares
+    # of orthonormal cosines, which are independent normal values of the same variance
+    random = np.random.default_rng(11)
+    noise = NoiseUncertainty(20e-9, 60.0)
+    hits = 0
+    for _ in range(600):
+        values = 10e-6 + random.normal(0.0, wander, count) + random.normal(0.0, 20e-9, count)
+        budget = measured_from_profiles("height", values, [noise] * count, Instrument(0.0, 0.0))
+        if count <= 5:
+            assert budget.std == pytest.approx(np.std(values, ddof=1) / np.sqrt(count))
+        assert budget.dof == pytest.approx({2: 1, 3: 2, 6: 4, 12: 4, 60: 6}[count])
+        hits += abs(budget.value - 10e-6) < budget.expanded(0.95)
+    assert hits / 600 == pytest.approx(0.95, abs=0.0267)
+
+
+@pytest.mark.parametrize(("count", "least"), [(12, 0.90), (60, 0.92)])
+def test_a_budget_over_profiles_whose_neighbours_err_together_is_not_taken_for_that_of_independent_ones(count, least):
+    # correlation 0.4 from row to row: the mean has 2.3 times the variance of independent rows, by the geometric series
+    random = np.random.default_rng(12)
+    hits, plain = 0, 0
+    for _ in range(600):
+        steps = random.normal(0.0, 50e-9, count)
+        values = np.empty(count)
+        values[0] = steps[0]
+        for row in range(1, count):
+            values[row] = 0.4 * values[row - 1] + np.sqrt(1.0 - 0.4**2) * steps[row]
+        budget = measured_from_profiles("height", values, [NoiseUncertainty(20e-9, 60.0)] * count, Instrument(0.0, 0.0))
+        hits += abs(budget.value) < budget.expanded(0.95)
+        plain += abs(values.mean()) < 2.0 * np.std(values, ddof=1) / np.sqrt(count)
+    assert least < hits / 600 < 0.97
+    assert plain / 600 < 0.86

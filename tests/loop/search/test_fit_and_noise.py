@@ -1,0 +1,110 @@
+"""Fits and noise on a linear toy, where generalised least squares has a closed form."""
+
+import numpy as np
+import pytest
+
+from oracles.toy_model import Toy, toy_effects, toy_trials
+from stepblocks.errors import ClosureError
+from stepblocks.loop.search.effect import Effect, Parameter
+from stepblocks.loop.search.explain import problem_of
+from stepblocks.loop.search.fit import Problem, fit
+from stepblocks.loop.search.noise import Scatter, estimate_scatter, outliers, whitener
+from stepblocks.loop.search.trials import Systematic, Trials
+
+
+def test_fit_is_generalised_least_squares() -> None:
+    trials = toy_trials(80, 1)
+    problem = problem_of(Toy(), trials)
+    found = fit(problem)
+    # closed form: beta = (X' V^-1 X)^-1 X' V^-1 y with V of one trial
+    v = problem.noise.scatter
+    covariance = v.quantities[0] * np.outer([1, 2], [1, 2]) + np.diag(v.channels + 0.05**2)
+    weight = np.linalg.inv(covariance)
+    design = np.stack([np.array([[1.0, x], [2.0, 0.0]]) for x in trials.covariates["x"]])
+    normal = np.einsum("nki,kl,nlj->ij", design, weight, design)
+    right = np.einsum("nki,kl,nl->i", design, weight, trials.values)
+    assert [found.values["a"], found.values["b"]] == pytest.approx(np.linalg.solve(normal, right).tolist(), rel=1e-6)
+    stds = np.sqrt(np.diag(np.linalg.inv(normal)))
+    assert [found.std["a"], found.std["b"]] == pytest.approx(stds.tolist(), rel=1e-4)
+
+
+def test_scatter_is_split_between_the_common_quantity_and_the_channels() -> None:
+    generator = np.random.default_rng(3)
+    n, level, own = 4000, 0.3, 0.1
+    responses = np.tile(np.array([[1.0], [2.0], [0.0]]), (n, 1, 1))
+    residual = level * generator.standard_normal((n, 1)) * np.array([1.0, 2.0, 0.0])
+    residual += own * generator.standard_normal((n, 3))
+    found = estimate_scatter(residual, np.full((n, 3), 0.02), responses, n)
+    assert np.sqrt(found.quantities[0]) == pytest.approx(level, rel=0.05)
+    assert np.sqrt(found.channels + 0.02**2) == pytest.approx(own, rel=0.1)
+
+
+def test_whitened_noise_is_white_and_missing_values_vanish() -> None:
+    trials = toy_trials(50, 2)
+    values = trials.values.copy()
+    values[::5, 1] = np.nan
+    trials = trials.with_values(values)
+    responses = Toy().responses(trials, {})
+    noise = whitener(trials, (), responses, Scatter(np.array([0.04]), np.array([0.01, 0.01]), 50))
+    generator = np.random.default_rng(0)
+    drawn = 0.2 * generator.standard_normal((50, 1, 3000)) * np.array([1.0, 2.0])[None, :, None]
+    drawn = drawn + np.sqrt(0.01 + 0.05**2) * generator.standard_normal((50, 2, 3000))
+    white = noise.whiten(np.where(trials.seen[:, :, None], drawn, np.nan)).reshape(50, 2, 3000)
+    assert np.all(white[::5, 1] == 0.0)
+    kept = white[np.broadcast_to(trials.seen[:, :, None], white.shape)]
+    assert np.std(kept) == pytest.approx(1.0, abs=0.01)
+
+
+def test_a_systematic_error_costs_no_more_than_its_prior() -> None:
+    trials = toy_trials(40, 4)
+    shape = np.linspace(-1.0, 1.0, 40)
+    scatter = Scatter(np.array([1e-4]), np.array([1e-2, 1e-2]), 40)
+    noise = whitener(trials, [Systematic("first", shape, 0.5)], Toy().responses(trials, {}), scatter)
+    residual = np.zeros((40, 2))
+    residual[:, 0] = 0.5 * shape
+    # a shift of one deviation: its squared distance is one, less what the noise leaves open
+    assert float(np.sum(noise.whiten(residual) ** 2)) == pytest.approx(1.0, abs=0.05)
+
+
+def test_a_value_far_from_all_others_is_marked_and_no_other() -> None:
+    trials = toy_trials(60, 5)
+    values = trials.values.copy()
+    values[17, 1] += 30.0
+    marked = outliers(trials.with_values(values))
+    assert np.argwhere(marked).tolist() == [[17, 1]]
+
+
+def test_parameters_of_one_specimen_share_a_difference_and_fit_as_if_alone() -> None:
+    class Offsets(Toy):
+        def parameters(self, trials: Trials) -> tuple[Parameter, ...]:
+            extra = [Parameter(f"o_{b}", "1", 0.0, -5.0, 5.0, 0.1, 1.0, b) for b in ("p", "q", "r", "s")]
+            return (*super().parameters(trials), *extra)
+
+        def predict(self, trials, values, effects=()):  # type: ignore[no-untyped-def]
+            base = super().predict(trials, values, effects)
+            shift = np.array([values.get(f"o_{b}", 0.0) for b in trials.block])
+            return base + np.stack([shift, 0.0 * shift], axis=1)
+
+    trials = toy_trials(80, 6)
+    shifted = trials.values + np.stack([0.7 * (trials.block == "q"), np.zeros(80)], axis=1)
+    found = fit(problem_of(Offsets(), trials.with_values(shifted)))
+    assert found.values["o_q"] - found.values["o_p"] == pytest.approx(0.7, abs=0.12)
+
+
+def test_an_effect_at_its_start_changes_nothing() -> None:
+    trials = toy_trials(30, 7)
+    problem = problem_of(Toy(), trials)
+    base = fit(problem)
+    effects: list[Effect] = toy_effects()
+    values = base.values | {f"{e.id}.size": 0.0 for e in effects}
+    assert np.array_equal(Problem(Toy(), trials, problem.noise).predict(effects, values), base.predicted)
+
+
+def test_too_few_trials_are_refused_by_name_and_number() -> None:
+    with pytest.raises(ClosureError, match="at least 12"):
+        problem_of(Toy(), toy_trials(8, 1))
+
+
+def test_columns_of_other_length_are_refused() -> None:
+    with pytest.raises(ClosureError, match="covariate x"):
+        Trials({"x": np.zeros(3)}, ("c",), np.zeros((2, 1)), np.ones((2, 1)), np.array(["a", "b"]))

@@ -1,0 +1,121 @@
+"""The reasoning on a toy with no physics: silent on noise, right on an effect, frank where it cannot tell."""
+
+import numpy as np
+import pytest
+
+from oracles.toy_model import Toy, toy_effects, toy_trials
+from stepblocks.loop.search.adequacy import pure_error
+from stepblocks.loop.search.explain import Rules, explain, problem_of, select
+from stepblocks.loop.search.explanation import Verdict
+from stepblocks.loop.search.fit import fit
+from stepblocks.loop.search.gate import gate
+from stepblocks.loop.search.holdout import blocks_left_out, folds_within_blocks, held_out
+from stepblocks.loop.search.identifiability import identifiability
+from stepblocks.loop.search.next_trials import propose
+
+_RULES = Rules(draws=200)
+
+
+def test_noise_alone_opens_the_gate_no_more_often_than_stated() -> None:
+    opened = 0
+    for seed in range(60):
+        problem = problem_of(Toy(), toy_trials(40, 100 + seed))
+        opened += gate(problem, fit(problem), toy_effects(), draws=99, seed=seed).p_value <= 0.1
+    # binomial with p = 0.1: more than 13 of 60 has a chance of 0.3 %
+    assert opened <= 13
+
+
+def test_a_named_law_is_found_with_its_size() -> None:
+    found = explain(Toy(), toy_trials(120, 1, square=0.5), toy_effects(), _RULES)
+    assert found.verdict is Verdict.EFFECT
+    assert [f.effect.id for f in found.findings] == ["square_of_z"]
+    size, std = found.extended.values["square_of_z.size"], found.extended.std["square_of_z.size"]
+    assert abs(size - 0.5) < 4.0 * std
+    assert found.adequate
+
+
+def test_nothing_is_claimed_of_noise() -> None:
+    verdicts = [explain(Toy(), toy_trials(60, seed), toy_effects(), _RULES).verdict for seed in range(20, 30)]
+    assert verdicts.count(Verdict.NONE) >= 9
+
+
+def test_an_effect_without_a_law_is_left_unexplained_at_its_place() -> None:
+    trials = toy_trials(120, 2)
+    shift = 0.4 * trials.covariates["w"]
+    trials = trials.with_values(trials.values + np.stack([shift, 2.0 * shift], axis=1))
+    found = explain(Toy(), trials, toy_effects(), _RULES)
+    assert found.verdict is Verdict.UNEXPLAINED
+    assert [f.effect.place for f in found.findings] == [("level", "w")]
+
+
+def test_covariates_that_run_together_are_ambiguous() -> None:
+    trials = toy_trials(120, 3)
+    trials.covariates["w"][:] = trials.covariates["z"] + 1e-3 * trials.covariates["w"]  # type: ignore[index]
+    shift = 0.4 * trials.covariates["z"]
+    trials = trials.with_values(trials.values + np.stack([shift, 2.0 * shift], axis=1))
+    found = explain(Toy(), trials, toy_effects(), _RULES)
+    assert found.verdict is Verdict.AMBIGUOUS
+    finding = found.findings[0]
+    assert {finding.effect.covariate, *(r[0].covariate for r in finding.rivals)} == {"z", "w"}
+
+
+def test_what_a_constant_imitates_is_named_from_the_design_alone() -> None:
+    problem = problem_of(Toy(), toy_trials(60, 4))
+    outcome = identifiability(problem, fit(problem), toy_effects())
+    assert outcome.absorbed == {"shift": ("a",)}
+
+
+def test_the_search_stops_where_the_deployed_error_rises() -> None:
+    trials = toy_trials(120, 5, square=0.5)
+    found = explain(Toy(), trials, toy_effects(), _RULES, deployed=lambda fitted: 1.0 + len(fitted.effects))
+    assert found.verdict is Verdict.NONE
+    assert found.extended.effects == ()
+
+
+def test_the_same_data_give_the_same_answer() -> None:
+    runs = [explain(Toy(), toy_trials(80, 6, square=0.4), toy_effects(), _RULES) for _ in range(2)]
+    assert runs[0].extended.values == runs[1].extended.values
+    assert runs[0].last_gate_p == runs[1].last_gate_p
+
+
+def test_held_out_error_falls_to_the_scatter_once_the_effect_is_in() -> None:
+    trials = toy_trials(160, 7, square=0.8)
+    folds = folds_within_blocks(trials, 4)
+    outcome = held_out(Toy(), trials, folds, lambda train: select(Toy(), train, toy_effects(), _RULES))
+    before, after = outcome.rms(0)
+    assert np.isfinite(outcome.nominal).all()
+    assert set(outcome.selected) == {("square_of_z",)}
+    assert after == pytest.approx(np.hypot(0.1, 0.05), rel=0.15)
+    assert before > 1.8 * after
+
+
+def test_folds_cover_every_trial_once_and_every_block_in_each() -> None:
+    trials = toy_trials(64, 8)
+    folds = folds_within_blocks(trials, 4)
+    assert sorted(np.concatenate(folds).tolist()) == list(range(64))
+    assert all(set(trials.block[rows]) == {"p", "q", "r", "s"} for rows in folds)
+    assert [len(set(trials.block[rows])) for rows in blocks_left_out(trials)] == [1, 1, 1, 1]
+
+
+def test_the_next_trials_lie_where_the_rivals_differ_most() -> None:
+    trials = toy_trials(120, 9, square=0.5)
+    found = explain(Toy(), trials, toy_effects(), _RULES)
+    grid = toy_trials(50, 10)
+    proposal = propose(found.problem, (found.extended.effects, found.extended), ((), found.nominal), grid, ("z",))
+    assert proposal is not None
+    difference = np.abs(grid.covariates["z"]) ** 2
+    best = float(proposal.settings[0]["z"])
+    # the nominal level sits at the mean of z^2, a third: the ends differ by 0.5 * 2/3, the middle by 0.5 / 3
+    assert best**2 == pytest.approx(float(difference.max()))
+    assert proposal.gain == tuple(sorted(proposal.gain, reverse=True))
+
+
+def test_pure_error_is_the_scatter_among_replicates() -> None:
+    generator = np.random.default_rng(11)
+    cells = [i // 4 for i in range(400)]
+    noise = generator.normal(0.0, 0.2, 400)
+    fine = pure_error(noise, cells, free=1)
+    assert fine.std == pytest.approx(0.2, rel=0.1)
+    assert fine.p_value > 0.01
+    assert pure_error(noise + 0.3 * np.sin(np.array(cells)), cells, free=1).p_value < 1e-6
+    assert np.isnan(pure_error(noise[:4], [0, 1, 2, 3], free=1).p_value)

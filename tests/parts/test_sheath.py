@@ -1,0 +1,110 @@
+"""Sheaths of equal mass: solved where the file says, refused where no geometry will do."""
+
+from pathlib import Path
+
+import pytest
+
+from stepblocks.declare import load_set
+from stepblocks.errors import StimulusError
+from stepblocks.parts.sheath.declaration import MASS_MATCH
+from stepblocks.parts.volumes import solid_volumes
+
+SHIPPED = Path(__file__).resolve().parents[2] / "stimuli" / "sheaths.toml"
+SOLVED = 'outer_diameter = { mass_of = "sheath-hard", least = "6 mm", most = "12 mm", tolerance = "0.02 mm" }'
+
+
+def changed(tmp_path, *pairs):
+    text = SHIPPED.read_text()
+    for old, new in pairs:
+        assert old in text
+        text = text.replace(old, new)
+    path = tmp_path / "sheaths.toml"
+    path.write_text(text)
+    return load_set(path)
+
+
+def test_the_shipped_sheaths_weigh_the_same_by_the_closed_form_of_their_volume():
+    hard, soft = load_set(SHIPPED).sheath
+    masses = [one.material.density * solid_volumes(one)[0] for one in (hard, soft)]
+    assert masses[0] == pytest.approx(hard.mass, rel=1e-12)
+    assert masses[1] == pytest.approx(masses[0], rel=MASS_MATCH)
+    assert hard.material.modulus > 1000.0 * soft.material.modulus
+    assert "solved for the mass of sheath-hard" in soft.outer_diameter.source
+
+
+@pytest.mark.parametrize(
+    ("field", "given"),
+    [
+        ("length", 'length = { mass_of = "sheath-hard", least = "20 mm", most = "80 mm" }\nouter_diameter = "8 mm"'),
+        (
+            "bore",
+            'bore = { mass_of = "sheath-hard", least = "4 mm", most = "7 mm", tolerance = "+0.1 mm / -0 mm" }\n'
+            'outer_diameter = "9.5 mm"',
+        ),
+        ("outer_diameter", SOLVED),
+    ],
+)
+def test_any_of_three_dimensions_can_be_solved_and_a_hundredth_millimetre_states_it(tmp_path, field, given):
+    hard, soft = changed(tmp_path, (SOLVED, given)).sheath
+    assert soft.mass == pytest.approx(hard.mass, rel=MASS_MATCH)
+    hundredths = getattr(soft, field).nominal * 1e5
+    assert hundredths == pytest.approx(round(hundredths), abs=1e-6)
+
+
+@pytest.mark.parametrize(
+    ("pairs", "said"),
+    [
+        (
+            [('most = "12 mm"', 'most = "7 mm"')],
+            r"outer_diameter must give the mass of 'sheath-hard' \(2.123 g\) within 1% between 6 mm and 7 mm, got 0.7207 g to 1.19 g",
+        ),
+        (
+            [('mass_of = "sheath-hard"', 'mass_of = "sheath-lead"')],
+            "mass_of must name a sheath of the set, got 'sheath-lead'",
+        ),
+        ([('mass_of = "sheath-hard"', 'mass_of = "sheath-soft"')], "must name a sheath with given dimensions"),
+        (
+            [('outer_diameter = { nominal = "8 mm"', 'outer_diameter = { nominal = "3 mm"')],
+            r"outer_diameter must exceed bore \(4 mm\), got 3 mm \[sheath 'sheath-hard'\]",
+        ),
+        (
+            [('least = "6 mm"', 'least = "3 mm"')],
+            r"outer_diameter must exceed bore \(4 mm\), got 3 mm \[sheath 'sheath-soft'\]",
+        ),
+        (
+            [('length = { nominal = "40 mm", tolerance = "0.05 mm" }', "")],
+            r"length: Field required \[sheath 'sheath-hard'\]",
+        ),
+        ([('least = "6 mm"', 'least = "13 mm"')], "least must be positive and below most"),
+        ([('least = "6 mm", ', "")], "outer_diameter must have mass_of, least, most and tolerance"),
+        (
+            [
+                (
+                    'loss_factor = { value = 0.2, source = "assumed: silicone compounds without filler, from 0.1 up; measure" }',
+                    "loss_factor = 0.2",
+                )
+            ],
+            "loss_factor: must be a table with value and source, got 0.2",
+        ),
+        (
+            [
+                (
+                    'density = { value = "1150 kg/m^3", source = "manufacturers\' data sheets, 1120 to 1180" }',
+                    'density = { value = "1150 kg/m^3", source = " " }',
+                )
+            ],
+            "density: source must say where the value comes from",
+        ),
+        ([('"+0.03 mm / -0 mm"', '"0.03 mm"')], "bore must not be less than the shank"),
+        ([("[damping_rig]", "[damping_rog]")], "damping_rog is not a known field"),
+        (
+            [('value = "9.81 N/mm"', 'value = "9.81 N"')],
+            "probe.stiffness: must be a stiffness such as '9.81 N/mm', got '9.81 N'",
+        ),
+    ],
+)
+def test_what_cannot_be_is_refused_in_one_line_with_its_place(tmp_path, pairs, said):
+    with pytest.raises(StimulusError, match=said) as caught:
+        changed(tmp_path, *pairs)
+    assert "sheaths.toml" in str(caught.value)
+    assert "\n" not in str(caught.value)

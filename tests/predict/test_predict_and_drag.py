@@ -1,0 +1,232 @@
+"""Tables predicted row by row, and the drag command's files."""
+
+import json
+import math
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+import pytest
+
+from stepblocks.cli import main
+from stepblocks.contact.critical_angle import step_angle
+from stepblocks.contact.energy import Status, release_at
+from stepblocks.declare import load_set
+from stepblocks.drag.model import PAPER_DRAG, DragSettings
+from stepblocks.drag.simulate import drag
+from stepblocks.drag.subject import subject_of
+from stepblocks.errors import ContactError, PipelineError
+from stepblocks.predict.predictions import predict_set
+from stepblocks.predict.table import predict_table
+
+
+def write(path, text):
+    path.write_text(text, encoding="utf-8")
+    return path
+
+
+def test_each_row_of_a_table_gets_its_prediction_with_an_interval(tmp_path):
+    source = write(
+        tmp_path / "t.csv",
+        "block,height_um,u_height_um,load_n,friction,tip_radius_um\n"
+        "a,25,0.5,1.0,0.15,125\nb,100,0.5,1.0,0.3,125\nc,-3,0.5,1.0,0.15,125\n",
+    )
+    frame = predict_table(source, tmp_path / "p.csv")
+    expected = release_at(step_angle(25e-6, 125e-6), 1.0, 0.15)
+    assert frame.peak_force_n[0] == pytest.approx(expected.pull_force, rel=1e-12)
+    assert frame.vibration_energy_low_j[0] < expected.vibration_energy < frame.vibration_energy_high_j[0]
+    assert list(frame.status) == ["releases", "locked", "invalid"]
+    assert np.isnan(frame.peak_force_n[1])
+    assert "height must be finite and not negative" in frame.problem[2]
+    again = pd.read_csv(tmp_path / "p.csv", float_precision="round_trip")
+    assert again.peak_force_n[0] == frame.peak_force_n[0]
+    assert list(again.block) == ["a", "b", "c"]
+
+
+def test_units_of_columns_are_read_from_their_names(tmp_path):
+    um = write(tmp_path / "um.csv", "height_um,normal_load_n,friction\n25,0.5,0.15\n")
+    mm = write(tmp_path / "mm.csv", "step_height_mm,load_mn,friction_pct\n0.025,500,15\n")
+    a, b = predict_table(um, tmp_path / "a.csv"), predict_table(mm, tmp_path / "b.csv")
+    assert a.peak_force_n[0] == pytest.approx(b.peak_force_n[0], rel=1e-12)
+
+
+def test_the_interval_of_a_row_does_not_depend_on_the_rows_after_it(tmp_path):
+    head = "height_um,u_height_um,load_n,friction\n25,0.5,1,0.15\n"
+    a = predict_table(write(tmp_path / "1.csv", head), tmp_path / "a.csv")
+    b = predict_table(write(tmp_path / "2.csv", head + "30,0.5,1,0.15\n"), tmp_path / "b.csv")
+    assert a.vibration_energy_high_j[0] == b.vibration_energy_high_j[0]
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ("", "not a CSV"),
+        ("height_um,load_n,friction\n", "no rows"),
+        ("load_n,friction\n1,0.1\n", "must have a column height_nm or height_um"),
+        ("height_um,height_mm,load_n,friction\n1,1,1,0.1\n", "not both"),
+        ("height_um,height_um,load_n,friction\n1,1,1,0.1\n", "twice"),
+        ("height_um,load_n,friction\nten,1,0.1\n", "height_um must be a finite number, got 'ten'"),
+        ("height_um,load_n,friction\n10,1,\n", "friction must be a finite number"),
+    ],
+)
+def test_a_malformed_table_is_one_clear_error(tmp_path, text, message):
+    with pytest.raises(PipelineError, match=message):
+        predict_table(write(tmp_path / "bad.csv", text), tmp_path / "out.csv")
+    assert not (tmp_path / "out.csv").exists()
+
+
+def test_a_wrong_confidence_is_an_error_of_the_whole_table(tmp_path):
+    source = write(tmp_path / "t.csv", "height_um,load_n,friction\n25,1,0.15\n")
+    with pytest.raises(ContactError, match="confidence"):
+        predict_table(source, tmp_path / "o.csv", confidence=2.0)
+
+
+def test_the_drag_command_leaves_traces_figures_and_a_summary(tmp_path, capsys):
+    out = tmp_path / "with space"
+    assert main(["drag", "75 um", "--load", "0.2 N", "--speed", "2 mm/s", "-o", str(out)]) == 0
+    assert "releases" in capsys.readouterr().out
+    summary = json.loads((out / "drag.json").read_text())
+    assert summary["ledger_error"] < 1e-3
+    assert summary["peak_force_n"] == pytest.approx(summary["equation_1"]["peak_force_n"], rel=0.05)
+    trace = pd.read_csv(out / "trace.csv")
+    assert {"time_s", "fx_n", "fy_n"} <= set(trace.columns)
+    assert trace.fx_n.max() == pytest.approx(summary["peak_force_n"], rel=5e-3)
+    for name in ("force.png", "spectra.png"):
+        assert (out / name).read_bytes().startswith(b"\x89PNG")
+
+
+def test_a_scanned_profile_can_be_dragged_both_ways(tmp_path, capsys):
+    x = np.linspace(-800, 800, 1601)
+    z = np.where(x < 0, 0.0, 30.0)
+    profile = tmp_path / "scan.csv"
+    pd.DataFrame({"x_um": x, "z_um": z}).to_csv(profile, index=False)
+    base = ["drag", str(profile), "--load", "0.5 N", "--speed", "20 mm/s", "-o"]
+    assert main([*base, str(tmp_path / "up")]) == 0
+    assert json.loads((tmp_path / "up" / "drag.json").read_text())["status"] == "releases"
+    assert main([*base, str(tmp_path / "down"), "--backward"]) == 0
+    assert json.loads((tmp_path / "down" / "drag.json").read_text())["status"] == "no-catch"
+    assert not (tmp_path / "down" / "spectra.png").exists()
+
+
+STIMULI = Path(__file__).resolve().parents[2] / "stimuli"
+
+
+def drag_summary(tmp_path, *arguments):
+    out = tmp_path / "declared"
+    common = ["--stimuli", str(STIMULI), "--speed", "2 mm/s", "--ring-time", "20 ms", "-o", str(out)]
+    assert main(["drag", *arguments, *common]) == 0
+    return json.loads((out / "drag.json").read_text())
+
+
+def test_a_declared_block_is_dragged_over_under_the_conditions_of_its_set(tmp_path):
+    # Origin: paper-ten declares 125 um, 0.3 N and mu 0.15 first; equation (1) by hand.
+    found = drag_summary(tmp_path, "paper-ten/step-050")
+    formula = 0.3 * math.tan(math.acos(1 - 50 / 125) + math.atan(0.15))
+    assert found["settings"]["normal_load"] == 0.3
+    assert found["equation_1"]["peak_force_n"] == pytest.approx(formula, rel=1e-12)
+    assert found["peak_force_n"] == pytest.approx(formula, rel=0.05)
+    heavier = drag_summary(tmp_path, "step-050", "--load", "0.5 N", "--friction", "0.2")
+    assert heavier["settings"]["normal_load"] == 0.5
+    assert heavier["settings"]["friction"] == 0.2
+
+
+@pytest.mark.parametrize("name", ["gap-100", "gap-050-over-020", "gap-050-under-020", "gap-050-bevelled"])
+def test_a_crown_margin_is_dragged_over_in_either_direction(name):
+    angles = {
+        p.drag: p.release
+        for p in predict_set(load_set(STIMULI / "crown-margins.toml"))
+        if (p.stimulus, p.tip_radius, p.normal_load, p.friction) == (name, 60e-6, 1.0, 0.15)
+    }
+    for way, backward in (("tooth-to-crown", False), ("crown-to-tooth", True)):
+        subject = subject_of(f"{STIMULI}/crown-margins.toml/{name}", {"load": 1.0}, backward, None)
+        release = angles[way]
+        assert way in subject.name
+        assert subject.angle == pytest.approx(release.angle, rel=1e-12)
+        trace = drag(subject.track, PAPER_DRAG, DragSettings(1.0, 0.15, speed=2e-3, ring_time=1e-3))
+        assert trace.status == release.status
+        if release.status is Status.RELEASES:
+            # steel gives 0.7 um under 1 N, and the blow of the edge adds v sqrt(k m) = 10 mN
+            assert trace.peak_force == pytest.approx(release.pull_force, rel=0.10)
+
+
+def test_a_declared_tip_is_dragged_over_the_steps_of_its_set(tmp_path):
+    found = drag_summary(tmp_path, "tip-200", "--step-height", "50 um")
+    formula = 0.5 * math.tan(math.acos(1 - 50 / 200) + math.atan(0.15))
+    assert found["equation_1"]["peak_force_n"] == pytest.approx(formula, rel=1e-12)
+
+
+def test_down_a_step_nothing_catches(tmp_path):
+    assert drag_summary(tmp_path, "step-050", "--backward")["status"] == "no-catch"
+    assert drag_summary(tmp_path, "50 um", "--backward")["status"] == "no-catch"
+
+
+def test_the_same_drag_leaves_the_same_bytes(tmp_path):
+    for name in ("a", "b"):
+        assert main(["drag", "25 um", "--speed", "40 mm/s", "-o", str(tmp_path / name)]) == 0
+    for path in (tmp_path / "a").iterdir():
+        assert path.read_bytes() == (tmp_path / "b" / path.name).read_bytes()
+
+
+@pytest.mark.parametrize(
+    ("rows", "message"),
+    [
+        (["0,0", "100,nan", "200,5"], "z_um must be a finite number, got nan"),
+        (["0,0", "100,inf", "200,5"], "z_um must be a finite number, got inf"),
+        (["nan,0", "100,1", "200,5"], "x_um must be a finite number, got nan"),
+        ([], "no rows"),
+        (["0,0"], "at least 2 points, got 1"),
+        (["200,0", "100,1", "0,5"], "must not decrease"),
+        (["1,0", "1,1", "1,2"], "must extend along x"),
+        (["-900,0", "0,0", "0,130", "900,130"], "too-high"),
+    ],
+)
+def test_a_profile_that_is_none_is_one_line_with_its_file(tmp_path, capsys, rows, message):
+    path = tmp_path / "profile.csv"
+    path.write_text("\n".join(["x_um,z_um", *rows]) + "\n")
+    assert main(["drag", str(path), "-o", str(tmp_path / "out")]) == 2
+    error = capsys.readouterr().err
+    assert message in error
+    assert "profile.csv" in error
+    assert error.count("\n") == 1
+    assert not (tmp_path / "out").exists()
+
+
+def test_points_at_any_distance_are_the_same_profile(tmp_path):
+    # a ramp and a sharp step, drawn with few points and with many at random places
+    summaries = []
+    corners = [(-800.0, 0.0), (0.0, 0.0), (0.0, 30.0), (800.0, 30.0)]
+    extra = [(x, 0.0 if x < 0 else 30.0) for x in np.random.default_rng(1).uniform(-800, 800, 90)]
+    for name, points in (("few", corners), ("many", sorted(corners + extra, key=lambda p: p[0]))):
+        pd.DataFrame(points, columns=["x_um", "z_um"]).to_csv(tmp_path / f"{name}.csv", index=False)
+        subject = subject_of(str(tmp_path / f"{name}.csv"), {}, False, None)
+        summaries.append((subject.angle, drag(subject.track, PAPER_DRAG, DragSettings(0.5, 0.15)).peak_force))
+    assert summaries[0] == pytest.approx(summaries[1], rel=1e-6)
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        (["25"], "stimulus must be a step height"),
+        (["nowhere.csv"], "cannot be read"),
+        (["25 um", "--load", "1 m"], "--load must be a force"),
+        (["25 um", "--load", "-1 N"], "normal_load must be positive"),
+        (["200 um"], "too-high"),
+        (["25 um", "--pull", "0 N"], "--pull must be positive"),
+        (["25 um", "--speed", "0 mm/s"], "--speed must be positive"),
+        (["25 um", "--sample-rate", "1 GHz", "--speed", "50 mm/s"], "record fewer"),
+        (["step-999", "--stimuli", str(STIMULI)], "declared in"),
+        (["other/step-050", "--stimuli", str(STIMULI)], "declared in"),
+        (["step-050", "--stimuli", str(STIMULI), "--edge-radius", "1 um"], "--edge-radius is for a plain step"),
+        (["tip-060", "--stimuli", str(STIMULI), "--tip-radius", "1 um"], "--tip-radius must not be given"),
+        (["step-050", "--stimuli", str(STIMULI), "--step-height", "1 um"], "--step-height is for a declared tip"),
+        (["step-050", "--stimuli", "nowhere"], "a stimulus file or a folder of them"),
+        (["25 um", "--friction", "-0.1"], "friction must be finite and not negative"),
+        (["25 um", "--tip-radius", "0 um"], "radius must be positive"),
+        (["25 um", "--speed", "1e-9 m/s"], "drag faster"),
+    ],
+)
+def test_a_wrong_drag_is_one_line_and_exit_code_two(tmp_path, capsys, arguments, message):
+    assert main(["drag", *arguments, "-o", str(tmp_path / "out")]) == 2
+    error = capsys.readouterr().err
+    assert message in error
+    assert error.count("\n") == 1

@@ -1,0 +1,117 @@
+"""Simulated conversion and pictures of predictions, from the command line."""
+
+import math
+from pathlib import Path
+
+import pandas as pd
+import pytest
+
+from stepblocks.cli import main
+from stepblocks.declare import load_set
+from stepblocks.drag.model import PAPER_DRAG, DragSettings
+from stepblocks.drag.ring import ring_of
+from stepblocks.drag.simulate import drag
+from stepblocks.drag.track import step_track
+
+STIMULI = Path(__file__).resolve().parents[2] / "stimuli"
+
+
+def small(tmp_path, source, old, new):
+    text = (STIMULI / f"{source}.toml").read_text()
+    assert old in text
+    path = tmp_path / f"{source}.toml"
+    path.write_text(text.replace(old, new))
+    return path
+
+
+def test_the_simulated_share_takes_the_place_of_the_constant(tmp_path):
+    # Origin: the drag in time itself, and energy = share times F^2 / 2k with equation (1)'s force.
+    path = small(tmp_path, "paper-four", '["25 um", "50 um", "75 um", "100 um"]', '["50 um"]')
+    assert main(["predict", str(path), "-o", str(tmp_path / "constant.csv")]) == 0
+    arguments = ["--conversion", "simulated", "--speed", "3 mm/s"]
+    assert main(["predict", str(path), *arguments, "-o", str(tmp_path / "simulated.csv")]) == 0
+    constant, simulated = (pd.read_csv(tmp_path / f"{name}.csv") for name in ("constant", "simulated"))
+    assert (constant.conversion == 0.2).all()
+    assert (simulated.pull_force_n == constant.pull_force_n).all()
+    assert simulated.conversion.std() > 0.05
+    for _, row in simulated.iterrows():
+        settings = DragSettings(row.normal_load_n, row.friction, speed=3e-3)
+        share = ring_of(drag(step_track(50e-6, 125e-6), PAPER_DRAG, settings)).share
+        assert row.conversion == pytest.approx(share, rel=1e-5)
+        assert row.vibration_energy_uj == pytest.approx(share * row.pull_force_n**2 / (2 * 9810) * 1e6, rel=1e-4)
+        assert row.vibration_energy_95_low_uj < row.vibration_energy_uj < row.vibration_energy_95_high_uj
+
+
+def test_a_crown_margin_rings_in_either_direction_by_its_own_share(tmp_path):
+    path = small(tmp_path, "crown-margins", 'normal_loads = ["0.3 N", "0.5 N", "1 N"]', 'normal_loads = ["1 N"]')
+    assert main(["predict", str(path), "--conversion", "simulated", "-o", str(tmp_path / "p.csv")]) == 0
+    table = pd.read_csv(tmp_path / "p.csv")
+    released = table[table.status == "releases"]
+    assert set(released.drag) == {"tooth-to-crown", "crown-to-tooth"}
+    assert ((released.conversion >= 0) & (released.conversion <= 1)).all()
+    assert (table[table.status != "releases"].vibration_energy_uj.isna()).all()
+
+
+def test_pictures_of_a_set_are_drawn_where_they_are_asked_for(tmp_path, capsys):
+    folder = tmp_path / "pictures"
+    one = small(tmp_path, "paper-four", "frictions = [0.10, 0.15, 0.20]", "frictions = [0.15]")
+    two = small(tmp_path, "crown-margins", 'tip_radii = ["60 um", "125 um"]', 'tip_radii = ["125 um"]')
+    assert main(["predict", str(one), str(two), "--plots", str(folder), "-o", str(tmp_path / "t.csv")]) == 0
+    drawn = sorted(path.name for path in folder.iterdir())
+    maps = [f"crown-margins.margin-map.R125.mu{mu}.png" for mu in ("0p15", "0p2")]
+    assert drawn == [*maps, "paper-four.energy-of-height.R125.mu0p15.png"]
+    assert all((folder / name).read_bytes().startswith(b"\x89PNG") for name in drawn)
+    assert all(name in capsys.readouterr().out for name in drawn[:1])
+
+
+@pytest.mark.parametrize("speed", ["0 mm/s", "-1 mm/s", "5 N"])
+def test_a_wrong_speed_is_one_line(capsys, speed):
+    arguments = ["predict", str(STIMULI / "paper-four.toml"), "--conversion", "simulated", f"--speed={speed}"]
+    assert main(arguments) == 2
+    error = capsys.readouterr().err
+    assert "speed" in error
+    assert error.count("\n") == 1
+
+
+def test_a_set_is_written_whose_blocks_are_equally_far_apart_in_sensation(tmp_path, capsys):
+    # Origin: Fechner with a just noticeable difference of 1.5 dB of power: equal ratios of energy.
+    target = tmp_path / "fair.toml"
+    assert main(["predict", str(STIMULI / "paper-ten.toml"), "--equally-felt", "6", "-o", str(target)]) == 0
+    assert "just noticeable differences apart" in capsys.readouterr().out
+    assert [path.name for path in tmp_path.iterdir()] == ["fair.toml"]
+    stimuli = load_set(target)
+    heights = [block.height.nominal for block in stimuli.step_block]
+    assert heights[0] == pytest.approx(10e-6)
+    assert heights[-1] == pytest.approx(100e-6)
+    assert len(heights) == 6
+    assert stimuli.step_block[0].height.limits == pytest.approx((9e-6, 11e-6))
+    assert main(["predict", str(target), "--perception", str(tmp_path / "n.csv"), "-o", str(tmp_path / "p.csv")]) == 0
+    table = pd.read_csv(tmp_path / "n.csv")
+    first = table[(table.friction == 0.15) & (table.normal_load_n == 0.3)]
+    energies = 10 ** (0.1 * first[["lower_level_db", "higher_level_db"]].to_numpy()) * 0.08e-6 * 16e-3
+    ratios = energies[:, 1] / energies[:, 0]
+    # heights are written to 0.01 um, d ln E / dH is up to 0.6 per um at 100 um
+    assert ratios == pytest.approx([ratios.mean()] * 5, rel=0.02)
+    assert first.just_noticeable_differences.to_numpy() == pytest.approx(
+        [10 * math.log10(ratios.mean()) / 1.5] * 5, rel=0.01
+    )
+    assert (first.correct > 0.99).all()
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        (["paper-ten.toml", "--equally-felt", "1"], "between 2 and 100"),
+        (["crown-margins.toml", "--equally-felt", "5"], "needs step blocks"),
+        (["paper-ten.toml", "--equally-felt", "5", "-o", "new.csv"], "-o must name a new file"),
+    ],
+)
+def test_a_set_that_cannot_be_spaced_is_one_line(tmp_path, capsys, arguments, message):
+    file, *rest = arguments
+    rest = [str(tmp_path / name) if name == "new.csv" else name for name in rest]
+    output = [] if "-o" in rest else ["-o", str(tmp_path / "new.toml")]
+    assert main(["predict", str(STIMULI / file), *rest, *output]) == 2
+    error = capsys.readouterr().err
+    assert message in error
+    assert error.count("\n") == 1
+    assert not list(tmp_path.iterdir())

@@ -1,0 +1,91 @@
+"""What a laboratory reads of its sheaths: rings, the damping test, and steps felt through them."""
+
+import csv
+import json
+from pathlib import Path
+
+import pytest
+
+from stepblocks.declare import load_set
+from stepblocks.errors import ContactError
+from stepblocks.parts.sheath.ring import ring_with, rod_of
+from stepblocks.predict.predictions import predict_set
+from stepblocks.predict.sheaths import conditions_of, decay_test_rows
+
+SHIPPED = Path(__file__).resolve().parents[2] / "stimuli" / "sheaths.toml"
+SET = load_set(SHIPPED)
+
+
+def test_a_build_leaves_rings_test_and_probe_and_the_page_shows_them(shipped_output):
+    folder = shipped_output / "sheaths"
+    with (folder / "rings.csv").open() as file:
+        rows = list(csv.DictReader(file))
+    assert [row["use"] for row in rows] == ["bare", *["on the shank"] * 2, *["held through it"] * 2]
+    assert rows[0]["frequency_hz"] == "300.0"
+    told = json.loads((folder / "probe.json").read_text())
+    assert all(one["source"] for table in ("probe", "damping_rig") for one in told[table].values())
+    assert told["follows"]["free_length_m"] == pytest.approx(rod_of(SET.probe).length)
+    page = (shipped_output / "index.html").read_text()
+    assert f"rings at {rows[2]['frequency_hz']} Hz" in page
+    assert "What the damping test will measure" in page
+    manifest = json.loads((shipped_output / "manifest.json").read_text())["outputs"]
+    assert {"sheaths/rings.csv", "sheaths/damping-test.csv", "sheaths/probe.json"} <= set(manifest)
+
+
+def test_equal_masses_differ_by_their_stiffness_alone():
+    bare, hard, soft, held_hard, held_soft = (one.ring for one in conditions_of(SET))
+    assert hard.stiffness > soft.stiffness > bare.stiffness * (1.0 - 1e-12)
+    assert soft.frequency < bare.frequency < hard.frequency
+    # a soft sheath holds next to no strain energy on the shank, and much of it where the probe is held through it
+    assert soft.sheath_share < 1e-3 < hard.sheath_share
+    assert held_soft.log_decrement > bare.log_decrement > held_hard.log_decrement
+
+
+def test_the_same_force_stores_less_in_a_stiffer_probe():
+    felt = {(p.stimulus, p.normal_load, p.step_height): p.release for p in predict_set(SET)}
+    rings = {one.sheath: one.ring for one in conditions_of(SET) if one.use == "on the shank"}
+    for (sheath, _, _), release in felt.items():
+        assert release.vibration_energy == pytest.approx(
+            0.2 * release.pull_force**2 / (2.0 * rings[sheath].stiffness), rel=1e-12
+        )
+
+
+def test_the_damping_test_counts_the_releases_that_tell_a_sheath_from_none():
+    rows = decay_test_rows(SET)
+    for row in rows[1:]:
+        releases = int(row["releases_to_tell_from_bare"])
+        difference = abs(float(row["log_decrement"]) - float(rows[0]["log_decrement"]))
+        spread = (float(row["log_decrement_std"]) ** 2 + float(rows[0]["log_decrement_std"]) ** 2) ** 0.5
+        if difference > 0.001:  # what the table's digits resolve
+            assert releases == 1
+            assert difference > 3.0 * spread
+        else:
+            assert releases > 100
+
+
+def test_a_shank_too_thick_for_its_ring_and_a_sheath_too_long_for_its_shank_are_refused(tmp_path):
+    text = SHIPPED.read_text()
+    path = tmp_path / "sheaths.toml"
+    path.write_text(
+        text.replace('value = "4 mm", source = "assumed', 'value = "3.9 mm", source = "assumed').replace(
+            'position = { nominal = "10 mm"', 'position = { nominal = "60 mm"'
+        )
+    )
+    with pytest.raises(ContactError, match="must lie on the free length of the shank"):
+        conditions_of(load_set(path))
+    path.write_text(text.replace('value = "300 Hz"', 'value = "350 Hz"'))
+    with pytest.raises(ContactError, match="must not exceed that of the bare shank"):
+        conditions_of(load_set(path))
+
+
+def test_a_drag_with_a_sheath_rings_as_the_probe_in_that_sheath():
+    from stepblocks.drag.subject import subject_of
+
+    hard = next(part for part in SET.stimuli if part.id == "sheath-hard")
+    ring = ring_with(SET.probe, hard)
+    subject = subject_of("sheath-hard", {"friction": 0.25}, False, SHIPPED)
+    assert subject.values["stiffness"] == ring.stiffness
+    assert subject.values["frequency"] == ring.frequency
+    # a loss factor is twice the share of critical damping (any text on vibration; at resonance)
+    assert 2.0 * subject.values["damping_ratio"] == pytest.approx(ring.loss_factor, rel=1e-15)
+    assert (subject.values["friction"], subject.values["step_height"]) == (0.25, SET.prediction.step_heights[0])

@@ -1,0 +1,232 @@
+"""``stepblocks export`` writes folders that stand alone, and refuses in one line."""
+
+import csv
+import json
+import math
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from stepblocks.cli import main
+from stepblocks.cli.export import _SIMULATORS
+from stepblocks.contact.state import CHANNELS
+from stepblocks.simulators.scenes.registry import SCENE_FORMATS
+
+ROOT = Path(__file__).resolve().parents[2]
+SET = str(ROOT / "stimuli" / "paper-ten.toml")
+
+
+def test_the_command_line_offers_every_simulator():
+    assert tuple(SCENE_FORMATS) == _SIMULATORS
+
+
+def test_a_folder_is_written_for_a_device_and_runs_from_elsewhere(tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    arguments = [
+        "export",
+        SET,
+        "--for",
+        "forcelaw",
+        "-o",
+        "my scenes",
+        "--only",
+        "step-030",
+        "--device",
+        "omega-3",
+        "--load",
+        "1 N",
+    ]
+    assert main(arguments) == 0
+    assert "omega-3, step-030: renders" in capsys.readouterr().out
+    folder = tmp_path / "my scenes" / "paper-ten" / "step-030" / "forcelaw"
+    elsewhere = tmp_path / "else where"
+    elsewhere.mkdir()
+    done = subprocess.run(
+        [sys.executable, "-I", "-S", os.path.relpath(folder / "force_law.py", elsewhere)],
+        cwd=elsewhere,
+        capture_output=True,
+        text=True,
+        check=True,
+    )
+    peak, formula = float(done.stdout.split()[1]), float(done.stdout.split()[4])
+    assert peak == pytest.approx(formula, rel=5e-3)
+    assert json.loads((folder / "event.json").read_text())["scale"] > 1.0
+
+
+def test_files_of_the_user_survive_a_second_export(tmp_path):
+    arguments = ["export", SET, "--for", "x3d", "-o", str(tmp_path), "--only", "step-010"]
+    assert main(arguments) == 0
+    folder = tmp_path / "paper-ten" / "step-010" / "x3d"
+    (folder / "notes.txt").write_text("mine")
+    assert main(arguments) == 0
+    assert (folder / "notes.txt").read_text() == "mine"
+    assert not list(folder.parent.glob(".partial*"))
+
+
+@pytest.mark.parametrize("simulator", SCENE_FORMATS)
+@pytest.mark.parametrize(("name", "only"), [("crown-margins", "crown-shoulder"), ("probe-tips", "hook-125")])
+def test_crowns_and_tips_are_written_for_every_simulator(simulator, name, only, tmp_path):
+    arguments = [
+        "export",
+        str(ROOT / "stimuli" / f"{name}.toml"),
+        "--for",
+        simulator,
+        "-o",
+        str(tmp_path / "o ut"),
+        "--only",
+        only,
+    ]
+    assert main(arguments) == 0
+    folder = tmp_path / "o ut" / name / only / simulator
+    scene = json.loads((folder / "event.json").read_text())
+    assert [event["drag"] for event in scene["events"]] == ["+x", "-x"]
+    assert (folder / "ring-up.hjif").is_file()
+    shapes = list(folder.rglob("probe.*"))
+    assert bool(shapes) == (name == "probe-tips" and simulator not in ("forcelaw", "mujoco", "usd"))
+
+
+def test_the_step_under_a_tip_is_asked_for(tmp_path, capsys):
+    tips = str(ROOT / "stimuli" / "probe-tips.toml")
+    options = ["--for", "forcelaw", "-o", str(tmp_path), "--only", "tip-200"]
+    assert main(["export", tips, *options, "--step-height", "60 um", "--load", "1 N", "--friction", "0.15"]) == 0
+    event = json.loads((tmp_path / "probe-tips" / "tip-200" / "forcelaw" / "event.json").read_text())["events"][0]
+    # equations (1) and (2) with the tip's own ball of 200 um
+    assert event["critical_force_n"] == pytest.approx(math.tan(math.acos(1 - 60 / 200) + math.atan(0.15)), rel=1e-9)
+    assert main(["export", tips, *options, "--step-height", "5 mm"]) == 2
+    assert "the step under a tip is impossible" in capsys.readouterr().err
+
+
+def test_the_simulated_ring_stands_in_the_files_with_the_energy_of_the_formula(tmp_path):
+    soundfile = pytest.importorskip("soundfile")
+    arguments = ["export", SET, "--for", "forcelaw", "-o", str(tmp_path), "--only", "step-090", "--load", "1 N"]
+    assert main([*arguments, "--ring", "drag"]) == 0
+    folder = tmp_path / "paper-ten" / "step-090" / "forcelaw"
+    event = json.loads((folder / "event.json").read_text())["events"][0]
+    energy = 0.2 * 0.5 * event["critical_force_n"] ** 2 / 9.81e3
+    assert event["energy_j"] == pytest.approx(energy, rel=1e-9)
+    stated = json.loads((folder / "ring-up.json").read_text())
+    phase = 2 * math.pi * event["frequency_hz"] * event["decay_s"]
+    rule = 2 / (event["stiffness_n_per_m"] * event["decay_s"]) * (1 + 1 / phase**2)
+    for name, full_scale in stated["full_scale_n"].items():
+        samples, rate = soundfile.read(folder / name, dtype="float64")
+        force = samples * full_scale
+        assert rule * np.sum(force**2) / rate == pytest.approx(energy, rel=0.01)
+        assert stated["energy_in_file_j"][name] == pytest.approx(energy, rel=0.01)
+        # friction ends it: a straight envelope, gone where the exponential still has a fifth of its amplitude
+        assert np.abs(force[round(0.025 * rate) :]).max() < 0.02 * np.abs(force).max()
+    assert event["simulated_energy_j"] > 2.0 * energy  # the drag's own share is higher than the paper's 20 %
+
+
+@pytest.mark.parametrize(
+    ("extra", "message"),
+    [
+        (["--device", "joystick"], "device must be one of touch"),
+        (["--only", "nothing"], "--only must match"),
+        (["--load", "3"], "--load: must be a force"),
+        (["--load", "-1 N"], "normal_load must be positive"),
+        (["--friction", "slippery"], "--friction"),
+        (["--scale", "0"], "scale must be positive"),
+        (["--devices", "missing.toml"], "cannot be read"),
+    ],
+)
+def test_wrong_input_is_one_line(extra, message, tmp_path, capsys):
+    assert main(["export", SET, "--for", "usd", "-o", str(tmp_path), *extra]) == 2
+    error = capsys.readouterr().err
+    assert message in error
+    assert error.count("\n") == 1
+    assert not list(tmp_path.iterdir())
+
+
+@pytest.fixture(scope="module")
+def taught(tmp_path_factory):
+    """A model as `stepblocks loop` writes it: friction 0.2, an edge of 14 um, a spring 2 % stiffer, C_v 0.25, 280.4 Hz, 20 ms."""
+
+    def part(names, values, effects):
+        return {
+            "names": names,
+            "units": [""] * len(names),
+            "values": values,
+            "effects": effects,
+            "covariance": np.diag([1e-6] * len(names)).tolist(),
+        }
+
+    names = ["friction", "ln_conversion", "stiffness_ratio", "ln_ring_frequency", "ln_decay_time"]
+    values = [0.2, math.log(0.25), 1.02, math.log(280.4), math.log(0.02)]
+    edge = [
+        {"id": "edge_rounding", "slot": "contact_geometry", "covariate": "none", "form": "a = arccos(1 - H / (R + r))"}
+    ]
+    ranges = [("height_um", 10.0, 100.0), ("load_n", 0.2, 1.2), ("speed_mm_s", 1.0, 10.0)]
+    document = {
+        "format": "stepblocks-model-1",
+        "verdict": "effect",
+        "probe": {"spring_constant_n_per_m": 9.81e3, "tip_radius_um": 125.0},
+        "start": {"ring_frequency_hz": 300.0, "decay_time_s": 0.02},
+        "block_height_std_m": 1e-6,
+        "scanned_height_m": {},
+        "blocks": ["step-025"],
+        "covariates": [
+            {"name": n, "low": low, "high": high, "log": False, "labels": [], "distinct": 5} for n, low, high in ranges
+        ],
+        "scatter": {
+            "quantities": ["friction", "ln_load", "ln_conversion"],
+            "quantity_std": [0.0, 0.0, 0.0],
+            "channels": list(CHANNELS),
+            "channel_std": [0.02] * len(CHANNELS),
+        },
+        "nominal": part(names, values, []),
+        "extended": part([*names, "edge_rounding.edge_radius_m"], [*values, 14e-6], edge),
+    }
+    path = tmp_path_factory.mktemp("model") / "model.json"
+    path.write_text(json.dumps(document))
+    return path
+
+
+def learnt(height=50e-6, load=1.0):
+    """Equation (1) with what the model above holds, and equation (2) with R + r."""
+    force = load * math.tan(math.acos(1 - height / 139e-6) + math.atan(0.2))
+    return force, 0.25 * 0.5 * force**2 / (1.02 * 9.81e3)
+
+
+def test_an_export_uses_what_a_session_taught(taught, tmp_path):
+    arguments = ["export", SET, "--for", "forcelaw", "-o", str(tmp_path), "--only", "step-050", "--load", "1 N"]
+    assert main([*arguments, "--model", str(taught)]) == 0
+    folder = tmp_path / "paper-ten" / "step-050" / "forcelaw"
+    scene = json.loads((folder / "event.json").read_text())
+    event, (force, energy) = scene["events"][0], learnt()
+    assert scene["friction"] == pytest.approx(0.2)
+    assert event["critical_force_n"] == pytest.approx(force, rel=1e-6)  # the edge of 14 um is in the geometry
+    assert event["energy_j"] == pytest.approx(energy, rel=1e-6)
+    assert (event["frequency_hz"], event["decay_s"]) == pytest.approx((280.4, 0.02))
+    learned = event["learned"]
+    assert learned["status"] == "ok"
+    assert learned["peak_force_low_n"] < learned["peak_force_n"] < learned["peak_force_high_n"]
+    words = subprocess.run(
+        [sys.executable, "-I", str(folder / "force_law.py")], capture_output=True, text=True, check=True
+    )
+    assert float(words.stdout.split()[1]) == pytest.approx(force, rel=5e-3)
+
+
+def test_a_build_predicts_with_what_a_session_taught(taught, tmp_path):
+    tips = str(ROOT / "stimuli" / "probe-tips.toml")
+    arguments = ["build", tips, "-o", str(tmp_path), "--only", "tip-125", "--quiet", "--jobs", "1"]
+    assert main([*arguments, "--model", str(taught)]) == 0
+    with (tmp_path / "probe-tips" / "predictions.csv").open() as stream:
+        rows = [row for row in csv.DictReader(stream) if row["stimulus"] == "tip-125" and row["step_height_um"] == "50"]
+    assert {row["friction"] for row in rows} == {"0.2"}
+    for row in rows:
+        force, energy = learnt(load=float(row["normal_load_n"]))
+        assert float(row["learned_pull_force_n"]) == pytest.approx(force, rel=1e-4)
+        assert float(row["learned_vibration_energy_uj"]) == pytest.approx(energy * 1e6, rel=1e-4)
+        assert float(row["pull_force_n"]) > force  # equation (1) alone knows no rounded edge
+        assert row["learned_status"] == "ok"
+
+
+def test_a_model_that_is_none_is_refused(tmp_path, capsys):
+    (tmp_path / "model.json").write_text("{}")
+    arguments = ["export", SET, "--for", "x3d", "-o", str(tmp_path / "out"), "--model", str(tmp_path / "model.json")]
+    assert main(arguments) == 2
+    assert "model must have the format" in capsys.readouterr().err

@@ -1,0 +1,316 @@
+"""Every scene is run or read by a program that is not ours, and says there what the formula says."""
+
+import json
+import math
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from stepblocks.contact.operating_point import OperatingPoint
+from stepblocks.declare import load_set
+from stepblocks.simulators.devices import device_named, load_devices
+from stepblocks.simulators.scenes.assemble import assemble_scene, plain_step
+from stepblocks.simulators.scenes.registry import SCENE_FORMATS
+from stepblocks.simulators.scenes.scene import write_common
+
+ROOT = Path(__file__).resolve().parents[2]
+TEN = load_set(ROOT / "stimuli" / "paper-ten.toml").stimuli
+MARGINS = load_set(ROOT / "stimuli" / "crown-margins.toml").stimuli
+GAP = next(s for s in MARGINS if s.id == "gap-100")
+TIPS = load_set(ROOT / "stimuli" / "probe-tips.toml").stimuli
+R, LOAD, MU = 125e-6, 0.3, 0.15
+CONDITION = OperatingPoint(R, LOAD, MU)
+
+
+def paper_force(height, load=LOAD, friction=MU):
+    """Equations (1) and (2) of the paper, as printed there: a fraction of sines and cosines."""
+    a = math.acos((R - height) / R)
+    return load * (math.sin(a) + friction * math.cos(a)) / (math.cos(a) - friction * math.sin(a))
+
+
+def write(name, folder, scene):
+    folder.mkdir(parents=True)
+    SCENE_FORMATS[name].write(folder, scene)
+    write_common(folder, scene, SCENE_FORMATS[name])
+    return folder
+
+
+@pytest.fixture(scope="module")
+def scenes():
+    """The ten blocks and a gap at their size, one block for a Touch."""
+    made = {block.id: assemble_scene(block, CONDITION) for block in (*TEN, GAP)}
+    made["touch"] = assemble_scene(TEN[4], CONDITION, device_named("touch", load_devices()))
+    return made
+
+
+@pytest.fixture(scope="module")
+def folders(scenes, tmp_path_factory):
+    """Folder with a space for each format of the 50 um block."""
+    base = tmp_path_factory.mktemp("with space") / "my scenes"
+    return {name: write(name, base / name, scenes["step-050"]) for name in SCENE_FORMATS}
+
+
+def run(script, *arguments, cwd="/"):
+    command = [sys.executable, "-I", str(script), *arguments]
+    done = subprocess.run(command, capture_output=True, text=True, check=False, cwd=cwd)
+    assert done.returncode == 0, done.stderr
+    return done.stdout
+
+
+@pytest.mark.parametrize("block", TEN, ids=lambda block: block.id)
+def test_mujoco_follows_the_formula_on_all_ten_blocks(scenes, tmp_path, block):
+    pytest.importorskip("mujoco")
+    folder = write("mujoco", tmp_path / "a b" / block.id, scenes[block.id])
+    result = json.loads(run(folder / "drag.py", "--json"))
+    assert result["peak_force_n"] == pytest.approx(paper_force(block.height.nominal), rel=0.01)
+    assert result["crossed"]
+
+
+@pytest.mark.parametrize("block", TEN[8:], ids=lambda block: block.id)
+def test_a_probe_that_the_formula_locks_stays_locked_in_mujoco(tmp_path, block):
+    pytest.importorskip("mujoco")
+    scene = assemble_scene(block, OperatingPoint(R, LOAD, 0.3))
+    result = json.loads(run(write("mujoco", tmp_path / "scene", scene) / "drag.py", "--json"))
+    assert result["status"] == "locked"
+    assert not result["crossed"]
+    assert result["peak_force_n"] > 9.0 * LOAD
+
+
+@pytest.mark.parametrize("block", TEN[4::5], ids=lambda block: block.id)
+def test_mujoco_follows_the_formula_on_the_height_field(scenes, tmp_path, block):
+    pytest.importorskip("mujoco")
+    folder = write("mujoco", tmp_path / "a b" / block.id, scenes[block.id])
+    result = json.loads(run(folder / "drag.py", "--json", "--heightfield"))
+    assert result["peak_force_n"] == pytest.approx(paper_force(block.height.nominal), rel=0.01)
+    assert result["crossed"]
+
+
+def test_the_height_field_of_mujoco_has_its_row_0_at_the_smallest_y(folders):
+    raw = (folders["mujoco"] / "heightfield.bin").read_bytes()
+    rows, columns = np.frombuffer(raw, "<i4", count=2)
+    values = np.frombuffer(raw, "<f4", offset=8).reshape(rows, columns)
+    assert (values.min(), values.max()) == (0.0, 1.0)
+    assert (values[:, : columns // 2] == 0.0).all()  # the lower face lies at the smaller x
+    size = (folders["mujoco"] / "scene-heightfield.xml").read_text().split('size="')[1].split('"')[0].split()
+    assert float(size[2]) == pytest.approx(50e-6)
+
+
+@pytest.mark.parametrize(
+    ("name", "arguments"),
+    [
+        ("crown-shoulder", ()),
+        ("crown-shoulder", ("--down",)),
+        ("crown-chamfer-over", ()),
+        ("crown-chamfer-over", ("--heightfield",)),
+    ],
+)
+def test_mujoco_feels_a_crown_as_the_section_through_its_axis(tmp_path, name, arguments):
+    """Gap of 50 um between equal shoulders: sin a = g / 2R; crown overextended by 40 um: cos a = 1 - h / R."""
+    pytest.importorskip("mujoco")
+    crown = next(s for s in MARGINS if s.id == name)
+    folder = write("mujoco", tmp_path / "scene", assemble_scene(crown, CONDITION))
+    angle = math.asin(50e-6 / (2 * R)) if name == "crown-shoulder" else math.acos(1 - 40e-6 / R)
+    result = json.loads(run(folder / "drag.py", "--json", *arguments))
+    assert result["peak_force_n"] == pytest.approx(LOAD * math.tan(angle + math.atan(MU)), rel=0.01)
+    assert result["crossed"]
+
+
+@pytest.mark.parametrize("name", ["hook-125"])
+def test_a_declared_tip_drags_its_own_ball_in_mujoco(tmp_path, name):
+    mujoco = pytest.importorskip("mujoco")
+    tip = next(s for s in TIPS if s.id == name)
+    ball = tip.ball_radius.nominal
+    scene = assemble_scene(tip, OperatingPoint(ball, LOAD, MU), surface=plain_step(50e-6))
+    folder = write("mujoco", tmp_path / "scene", scene)
+    result = json.loads(run(folder / "drag.py", "--json"))
+    expected = LOAD * math.tan(math.acos(1 - 50e-6 / ball) + math.atan(MU))
+    assert result["peak_force_n"] == pytest.approx(expected, rel=0.01)
+    model = mujoco.MjModel.from_xml_path(str(folder / "scene.xml"))
+    assert model.nmesh == len(scene.pieces) + len(scene.probe.pieces)
+    assert scene.probe.whole.vertices[:, 2].min() == pytest.approx(-ball, rel=1e-3)
+
+
+def test_the_force_law_in_c_is_the_one_in_python(folders, tmp_path):
+    compiler = shutil.which("cc") or shutil.which("gcc") or shutil.which("clang")
+    if compiler is None:
+        pytest.skip("no C compiler")
+    source = folders["forcelaw"] / "force_law_demo.c"
+    strict = ["-std=c99", "-Wall", "-Wextra", "-Werror", "-pedantic", "-O1"]
+    subprocess.run([compiler, *strict, str(source), "-lm", "-o", str(tmp_path / "demo")], check=True, cwd="/")
+    printed = subprocess.run([str(tmp_path / "demo")], check=True, capture_output=True, text=True).stdout
+    assert printed == run(folders["forcelaw"] / "force_law.py")
+    assert float(printed.split()[1]) == pytest.approx(paper_force(50e-6), rel=5e-3)
+
+
+def test_sdformat_holds_the_pieces_and_the_friction(folders, scenes):
+    from lxml import etree
+
+    root = etree.parse(str(folders["urdf"] / "block.sdf")).getroot()
+    collisions = root.findall(".//collision")
+    assert len(collisions) == len(scenes["step-050"].pieces)
+    for collision in collisions:
+        assert (folders["urdf"] / collision.find(".//uri").text).is_file()
+        assert float(collision.find(".//mu").text) == MU
+
+
+def test_mujoco_feels_a_gap_in_both_directions(scenes, tmp_path):
+    pytest.importorskip("mujoco")
+    folder = write("mujoco", tmp_path / "scene", scenes["gap-100"])
+    expected = LOAD * math.tan(math.asin(100e-6 / (2 * R)) + math.atan(MU))
+    for arguments in ((), ("--down",)):
+        result = json.loads(run(folder / "drag.py", "--json", *arguments))
+        assert result["peak_force_n"] == pytest.approx(expected, rel=0.01)
+
+
+def test_a_scene_magnified_for_a_device_keeps_the_force_in_mujoco(scenes, tmp_path):
+    pytest.importorskip("mujoco")
+    scene = scenes["touch"]
+    assert scene.scale >= 20.0
+    folder = write("mujoco", tmp_path / "scene", scene)
+    result = json.loads(run(folder / "drag.py", "--json"))
+    assert result["peak_force_n"] == pytest.approx(paper_force(50e-6), rel=0.01)
+    plan = json.loads((folder / "plan.json").read_text())
+    assert plan["scale"] == scene.scale
+    assert plan["ring_energy_j"] == pytest.approx(0.2 * paper_force(50e-6) ** 2 / (2 * 9.81e3), rel=1e-6)
+
+
+def test_the_force_law_runs_alone_and_follows_the_formula(folders):
+    words = run(folders["forcelaw"] / "force_law.py").split()
+    assert float(words[1]) == pytest.approx(paper_force(50e-6), rel=5e-3)
+    assert words[-1] == "1"
+
+
+def test_the_table_of_the_force_law_peaks_at_the_formula(folders):
+    table = np.loadtxt(folders["forcelaw"] / "force-up.csv", delimiter=",", skiprows=1)
+    assert table[:, 1].max() == pytest.approx(paper_force(50e-6), rel=5e-3)
+    down = np.loadtxt(folders["forcelaw"] / "force-down.csv", delimiter=",", skiprows=1)
+    assert down[:, 1].max() < 1.05 * MU * LOAD
+
+
+@pytest.mark.parametrize("name", ["step-050", "touch"])
+def test_usd_is_in_metres_with_hulls_and_a_gap_below_the_step(scenes, tmp_path, name):
+    usd, geometry, physics = (pytest.importorskip(f"pxr.{part}") for part in ("Usd", "UsdGeom", "UsdPhysics"))
+    scene = scenes[name]
+    stage = usd.Stage.Open(str(write("usd", tmp_path / "my scene", scene) / "scene.usda"))
+    assert (geometry.GetStageMetersPerUnit(stage), geometry.GetStageUpAxis(stage)) == (1.0, "Z")
+    assert physics.GetStageKilogramsPerUnit(stage) == 1.0
+    meshes = [prim for prim in stage.Traverse() if prim.IsA(geometry.Mesh)]
+    points = [np.array(geometry.Mesh(prim).GetPointsAttr().Get(), dtype=np.float64) for prim in meshes]
+    tops = sorted({round(float(p[:, 2].max()) / scene.scale, 9) for p in points})
+    assert tops == [0.0, 50e-6]
+    assert np.ptp(np.concatenate(points)[:, 0]) == pytest.approx(20e-3 * scene.scale, rel=1e-6)
+    for prim in meshes:
+        assert physics.MeshCollisionAPI(prim).GetApproximationAttr().Get() == "convexHull"
+        assert prim.GetAttribute("physxCollision:contactOffset").Get() < 0.1 * 50e-6 * scene.scale
+    material = physics.MaterialAPI(stage.GetPrimAtPath("/World/Contact"))
+    assert material.GetStaticFrictionAttr().Get() == pytest.approx(MU)
+    events = json.loads(stage.GetPrimAtPath("/World").GetCustomDataByKey("events"))
+    assert events[0]["critical_force_n"] == pytest.approx(paper_force(50e-6), rel=1e-6)
+
+
+def test_glb_and_its_axes(folders, scenes):
+    import pygltflib
+    import trimesh
+
+    document = pygltflib.GLTF2().load(str(folders["gltf"] / "block.glb"))
+    assert document.asset.version == "2.0"
+    accessor = document.accessors[document.meshes[0].primitives[0].attributes.POSITION]
+    assert np.ptp([accessor.min[0], accessor.max[0]]) == pytest.approx(20e-3, rel=1e-6)
+    assert accessor.max[1] == pytest.approx(50e-6, abs=2e-9)  # y is up
+    loaded = trimesh.load(folders["gltf"] / "block.glb", force="mesh")
+    assert loaded.volume == pytest.approx(
+        trimesh.Trimesh(scenes["step-050"].whole.vertices, scenes["step-050"].whole.triangles).volume, rel=1e-5
+    )
+    content = json.loads((folders["gltf"] / "scene.json").read_text())
+    for name, sign, up in (("gltf", 1.0, 1), ("unity", -1.0, 1), ("unreal", -1.0, 2)):
+        engine = content["engines"][name]
+        matrix = np.array(engine["from_part_rows"])
+        assert np.linalg.det(matrix) == pytest.approx(sign * engine["units_per_metre"] ** 3)  # handedness
+        assert (matrix @ [0, 0, 1.0])[up] == pytest.approx(engine["units_per_metre"])
+        position = engine["triggers"][0]["position"]
+        assert position == pytest.approx(matrix @ [-100e-6, 0.0, R], abs=1e-9 * engine["units_per_metre"])
+    assert all((folders["gltf"] / name).is_file() for name in content["convex_pieces"])
+
+
+def test_x3d_holds_the_closed_block_in_metres(folders, scenes):
+    import trimesh
+    from lxml import etree
+
+    tree = etree.parse(str(folders["x3d"] / "scene.x3d"))
+    faces = np.array(tree.find(".//IndexedTriangleSet").get("index").split(), dtype=int).reshape(-1, 3)
+    points = np.array(tree.find(".//Coordinate").get("point").split(), dtype=float).reshape(-1, 3)
+    mesh = trimesh.Trimesh(points, faces, process=False)
+    assert mesh.is_watertight
+    assert mesh.volume > 0.0
+    assert points[:, 2].max() == pytest.approx(50e-6, abs=1e-9)
+    assert float(tree.find(".//FrictionalSurface").get("staticFriction")) == MU
+
+
+def test_sofa_works_in_centimetres_with_distances_below_the_step(folders):
+    import trimesh
+    from lxml import etree
+
+    root = etree.parse(str(folders["sofa"] / "scene.scn")).getroot()
+    proximity = root.find(".//LocalMinDistance")
+    contact, alarm = float(proximity.get("contactDistance")), float(proximity.get("alarmDistance"))
+    assert 0.0 < contact < alarm < 50e-4  # the step is 0.005 cm
+    assert float(root.find(".//SphereCollisionModel").get("radius")) == pytest.approx(0.0125)
+    tops = set()
+    for loader in root.iter("MeshOBJLoader"):
+        mesh = trimesh.load(folders["sofa"] / loader.get("filename"))
+        assert mesh.is_watertight
+        assert mesh.is_convex
+        tops.add(round(float(mesh.vertices[:, 2].max()), 7))
+    assert tops == {0.0, 0.005}
+    plugins = {plugin.get("name") for plugin in root.iter("RequiredPlugin")}
+    assert "Sofa.Component.Collision.Response.Contact" in plugins
+
+
+def test_urdf_loads_in_mujoco_as_convex_pieces(folders, scenes):
+    mujoco = pytest.importorskip("mujoco")
+    model = mujoco.MjModel.from_xml_path(str(folders["urdf"] / "block.urdf"))
+    assert model.nmesh == len(scenes["step-050"].pieces)
+
+
+def test_chai3d_files_are_millimetres_wound_outwards_with_positive_indices(folders):
+    import trimesh
+
+    for name in ("block.obj", "block.stl", "pieces.obj"):
+        mesh = trimesh.load(folders["chai3d"] / name, force="mesh")
+        assert mesh.volume > 0.0
+        assert np.ptp(mesh.vertices[:, 0]) == pytest.approx(20.0, rel=1e-6)
+        assert mesh.vertices[:, 2].max() == pytest.approx(0.05, abs=2e-6)
+    assert "f -" not in (folders["chai3d"] / "block.obj").read_text()
+    parameters = json.loads((folders["chai3d"] / "parameters.json").read_text())
+    assert parameters["stiffness_n_per_mm"] == pytest.approx(9.81)
+    header = (folders["chai3d"] / "StepBlock.h").read_text()
+    up = header.split("const Release kUp = {")[1].split("}")[0].split(",")
+    expected = [1.0, -0.1, 0.125, math.sqrt(0.2) * paper_force(50e-6), paper_force(50e-6), 300.0, 0.01424]
+    assert [float(value) for value in up] == pytest.approx(expected, rel=1e-4)
+
+
+@pytest.mark.parametrize("name", SCENE_FORMATS)
+def test_every_folder_explains_itself_and_holds_the_event(folders, name):
+    text = (folders[name] / "README.md").read_text()
+    force = float(text.split("| +x | releases |")[1].split("|")[1].split()[0])
+    assert force == pytest.approx(paper_force(50e-6), rel=1e-3)
+    assert "Verified: " in text
+    for path in folders[name].rglob("*"):
+        if path.name != "README.md":
+            assert f"`{path.relative_to(folders[name]).as_posix()}`" in text
+    event = json.loads((folders[name] / "event.json").read_text())["events"][0]
+    assert event["energy_j"] == pytest.approx(0.2 * paper_force(50e-6) ** 2 / (2 * 9.81e3), rel=1e-6)
+    assert {"ring-up-10khz.wav", "ring-up-48khz.wav", "ring-up.hjif", "ring-up.ahap"} <= {
+        path.name for path in folders[name].iterdir()
+    }
+
+
+def test_scenes_depend_on_their_input_alone(scenes, folders, tmp_path):
+    for name in SCENE_FORMATS:
+        again = write(name, tmp_path / name, scenes["step-050"])
+        for path in again.rglob("*"):
+            assert path.read_bytes() == (folders[name] / path.name).read_bytes(), path.name

@@ -1,0 +1,102 @@
+"""Pairs of gauge blocks give the step, their stack-up is that of ISO 3650, and the assembly file conforms."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from stepblocks.artefacts.step.part21.check_step import check_step_text
+from stepblocks.cad import kernel
+from stepblocks.cli import main
+from stepblocks.declare import load_set
+from stepblocks.errors import MachiningError
+from stepblocks.workshop.drawing.write import drawn_dimensions, write_gauge_drawing
+from stepblocks.workshop.gauge_route import GRADES, STANDARD_SET, choose_pair, routes_for, write_gauge_assembly
+
+STIMULI = Path(__file__).parents[2] / "stimuli"
+BLOCK = load_set(STIMULI / "paper-ten.toml").step_block[4]
+
+
+def test_the_set_is_that_of_112_pieces_up_to_10_mm():
+    # makers' lists: 1 of 1.0005, 9 of 1.001-1.009, 49 of 1.01-1.49, 49 of 0.5-24.5 (20 of them up to 10), 4 of 25-100
+    assert len(STANDARD_SET) == len(set(STANDARD_SET)) == 1 + 9 + 49 + 20
+
+
+@pytest.mark.parametrize("um", [0.5, 1, 5, 10, 25, 30, 50, 75, 100, 480])
+def test_the_difference_of_the_pair_is_the_step(um):
+    pair = choose_pair(um * 1e-6)
+    assert pair.step == pytest.approx(um * 1e-6, abs=1e-12)
+    assert pair.lower >= 1e-3
+
+
+def test_what_no_pair_gives_is_refused():
+    with pytest.raises(MachiningError, match="difference of two gauge blocks"):
+        choose_pair(10.2e-6)
+    with pytest.raises(MachiningError, match="grade must be"):
+        choose_pair(10e-6, "5")
+
+
+@pytest.mark.parametrize("grade", GRADES)
+def test_the_stack_up_holds_every_pair_and_95_percent_lie_within_the_expected(grade):
+    random = np.random.default_rng(1)
+    pair = choose_pair(50e-6, grade)
+    deviation, variation = GRADES[grade]
+    error = sum(
+        random.uniform(-limit, limit, 100_000) for limit in [deviation] * 2 + [0.5 * variation] * 2 + [0.02e-6] * 2
+    )
+    assert np.abs(error).max() <= pair.worst
+    assert np.mean(np.abs(error) <= pair.expected) == pytest.approx(0.95, abs=0.025)
+
+
+def test_routes_say_which_reaches_the_tolerance():
+    by_name = {route.name: route for route in routes_for(BLOCK, 2e-6)}
+    assert not by_name["one piece"].reaches  # 2 um of a workshop against +-1 um asked for
+    assert by_name["gauge blocks, grade 0"].reaches
+    assert not by_name["gauge blocks, grade 2"].reaches  # 2 (0.45 + 0.15 + 0.02) = 1.24 um
+    assert by_name["gauge blocks, grade 2"].deviation == pytest.approx(1.24e-6)
+    with pytest.raises(MachiningError, match="capability"):
+        routes_for(BLOCK, 0.0)
+
+
+def test_the_assembly_file_conforms_and_its_step_is_the_height(tmp_path):
+    path = tmp_path / "a.step"
+    pair = write_gauge_assembly(path, BLOCK)
+    report = check_step_text(path, require_ap242=True)
+    assert report.passes
+    assert [one.value for one in report.dimensions] == pytest.approx(
+        [pair.lower, pair.upper, BLOCK.height.nominal], abs=1e-12
+    )
+    assert all(abs(one.deviation) < 1e-9 for one in report.dimensions)  # the step between faces of two bodies too
+    assert path.read_text().count("NEXT_ASSEMBLY_USAGE_OCCURRENCE") == 3
+    tops = [max(face.high[2] for face in kernel.face_kinds(body)) for body in kernel.read_step(path)]
+    assert tops[2] - tops[1] == pytest.approx(BLOCK.height.nominal, abs=1e-9)
+
+
+def test_the_drawing_of_the_assembly_has_the_step(tmp_path):
+    paths = write_gauge_drawing(tmp_path, BLOCK, choose_pair(BLOCK.height.nominal))
+    (step,) = drawn_dimensions(paths[0])
+    assert step.value == pytest.approx(50e-6, abs=1e-9)
+    assert "0.050" in step.text
+
+
+def test_the_workshop_command_writes_everything_and_prints_the_routes(tmp_path, capsys):
+    arguments = ["workshop", str(STIMULI / "paper-ten.toml"), "--only", "step-050", "-o", str(tmp_path)]
+    assert main(arguments) == 0
+    text = capsys.readouterr().out
+    assert "gauge blocks, grade 0" in text
+    names = {path.name for path in (tmp_path / "paper-ten" / "step-050").iterdir()}
+    assert {
+        f"step-050.{end}"
+        for end in (
+            "drawing.dxf",
+            "drawing.svg",
+            "drawing.pdf",
+            "gauge.step",
+            "gauge.dxf",
+            "gauge.svg",
+            "gauge.pdf",
+            "inspection-sheet.csv",
+            "inspection-sheet.pdf",
+        )
+    } == names
+    assert main([*arguments[:-2], "-o", str(tmp_path), "--only", "nothing"]) == 2
