@@ -7,7 +7,8 @@ The names below are the public face, in the order in which data walks through th
 - shaped: `build_solids`, `mesh_solid`, `convex_pieces`, `height_field`;
 - made: `build`, `BuildReport`;
 - checked: `check_artefact`, `check_output`, `Verdict`, `solid_volumes`;
-- predicted: `step_angle`, `groove_angle`, `margin_angles`, `release_at`, `Release`, `Status`, `OperatingPoint`, `Tool`, `PAPER`, `predict_set`;
+- predicted: `step_angle`, `groove_angle`, `margin_angles`, `release_at`, `Release`, `Status`, `OperatingPoint`, `Tool`,
+  `PAPER`, `predict_set`;
 - and when something is wrong: `StepblocksError`; at the border of units: `parse_quantity`, `format_quantity`.
 
 Importing this package imports nothing heavy; each name is loaded when it is first used (its home stands in ``__init__.pyi``).
