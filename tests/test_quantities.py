@@ -40,6 +40,14 @@ def test_what_is_no_length_is_refused_with_an_example(text):
 
 
 @pytest.mark.parametrize(
+    "text", ["1 m^9^9^9", "1 m/0", "1 m**99", "1 m*1e300", "1 (m)", "9" * 60 + " m^4 m^4", "1e999 m"]
+)
+def test_a_unit_is_read_and_never_evaluated(text):
+    with pytest.raises(QuantityError, match="must be a length such as '25 um'"):
+        parse_quantity(text, "length")
+
+
+@pytest.mark.parametrize(
     ("value", "text"), [(0.0, "0 um"), (1e-9, "1 nm"), (2.5e-5, "25 um"), (1e-3, "1 mm"), (-2e-5, "-20 um")]
 )
 def test_lengths_are_written_in_the_unit_people_use(value, text):

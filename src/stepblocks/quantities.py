@@ -7,6 +7,7 @@ module knows which dimension each field must have and says so when it does not f
 from __future__ import annotations
 
 import math
+import re
 from collections.abc import Callable
 from functools import cache
 from typing import TYPE_CHECKING, Any
@@ -34,7 +35,9 @@ DIMENSIONS: dict[str, str] = {
     "ratio": "",
 }
 
-_MAX_TEXT = 64  # longer text is no quantity and must not reach the expression parser
+_MAX_TEXT = 64  # longer text is no quantity and must not reach the library
+_ATOM = r"[A-Za-zµμΩ°%]+(?:\s*(?:\^|\*\*)\s*-?[1-4])?"  # a unit with a small power: no expression is ever evaluated
+_UNITS = re.compile(rf"(?:(?:1\s*/\s*)?{_ATOM}(?:\s*[*/ ]\s*{_ATOM}){{0,3}})?")
 
 
 @cache
@@ -109,11 +112,11 @@ _EXAMPLE = {
 
 
 def _magnitude(text: str, unit: str, wanted: str) -> float:
-    if len(text) > _MAX_TEXT or not _looks_like_quantity(text):
+    number, symbol = _split_number(text) if len(text) <= _MAX_TEXT else ("", "")
+    if not number or not _UNITS.fullmatch(symbol):
         raise QuantityError(f"{wanted}, got {_shorten(text)!r}")
     import pint
 
-    number, symbol = _split_number(text)
     try:
         quantity = _registry().Quantity(float(number), symbol or "dimensionless")
         factor = float(_registry().Quantity(1.0, quantity.units).to(unit or "dimensionless").magnitude)
@@ -139,11 +142,6 @@ def _split_number(text: str) -> tuple[str, str]:
 
 def _is_exponent(text: str, index: int) -> bool:
     return text[index] in "eE" and index > 0 and index + 1 < len(text) and text[index + 1] in "+-0123456789"
-
-
-def _looks_like_quantity(text: str) -> bool:
-    allowed = set("0123456789+-.*/^%eE ") | set("abcdefghijklmnopqrstuvwxyzABCDEFGHIJKLMNOPQRSTUVWXYZµμΩ°")
-    return bool(text.strip()) and set(text.strip()) <= allowed
 
 
 def _shorten(text: str) -> str:
