@@ -35,6 +35,15 @@ def test_without_noise_the_depth_is_exact_at_any_tilt_and_offset(depth, tilt):
     assert result.tilt == pytest.approx(tilt, abs=1e-12)
 
 
+@pytest.mark.parametrize("flank", [0.0, 20e-6, 60e-6, 150e-6])
+@pytest.mark.parametrize("tilt", [0.0, 1e-3, 3e-3, -2e-3, 1e-2])
+def test_rounding_is_neither_spike_nor_noise(flank, tilt):
+    for depth in (37.4e-6, 0.5e-6, -10e-6):
+        z = groove_gauge(X, depth, 300e-6, 600e-6, flank, tilt) + 1e-3
+        result = evaluate_a1(X, z, (300e-6, 600e-6), "exclude")
+        assert (result.outliers, result.excluded, result.depth_std) == (0, 0, 0.0)
+
+
 def test_the_windows_are_those_of_the_standard():
     # ISO 5436-1: A = [L - W, L - W/3], C = middle third, B = [R + W/3, R + W] with L = 300, R = 600, W = 300 um
     result = evaluate_a1(X, groove_gauge(X, 10e-6, 300e-6, 600e-6), (300e-6, 600e-6))

@@ -12,6 +12,7 @@ from stepblocks.loop.search.gate import gate
 from stepblocks.loop.search.holdout import blocks_left_out, folds_within_blocks, held_out
 from stepblocks.loop.search.identifiability import identifiability
 from stepblocks.loop.search.next_trials import propose
+from stepblocks.loop.search.trials import Trials
 
 _RULES = Rules(draws=200)
 
@@ -108,6 +109,25 @@ def test_the_next_trials_lie_where_the_rivals_differ_most() -> None:
     # the nominal level sits at the mean of z^2, a third: the ends differ by 0.5 * 2/3, the middle by 0.5 / 3
     assert best**2 == pytest.approx(float(difference.max()))
     assert proposal.gain == tuple(sorted(proposal.gain, reverse=True))
+
+
+def test_settings_that_tie_are_asked_for_in_the_order_of_the_grid_whatever_the_last_bits() -> None:
+    trials = toy_trials(120, 9, square=0.5)
+    found = explain(Toy(), trials, toy_effects(), _RULES)
+    # z = 1 and -1 are one to the square; a millionth of the gain is less than a fit knows
+    for turned in (1.0, -1.0):
+        z = turned * np.array([0.1, 1.0, -1.0 - 1e-9, 1.0 + 1e-9])
+        grid = Trials(
+            {"x": np.zeros(4), "z": z, "w": np.zeros(4)},
+            trials.channels,
+            np.full((4, 2), np.nan),
+            np.full((4, 2), np.nan),
+            np.full(4, "p"),
+        )
+        rivals = (found.extended.effects, found.extended), ((), found.nominal)
+        proposal = propose(found.problem, *rivals, grid, ("z",))
+        assert proposal is not None
+        assert [one["z"] for one in proposal.settings] == z[[1, 2, 3, 0]].tolist()
 
 
 def test_pure_error_is_the_scatter_among_replicates() -> None:

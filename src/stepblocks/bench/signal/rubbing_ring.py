@@ -27,6 +27,8 @@ Array = NDArray[np.float64]
 GUESSED, TOLD = (0.05, 0.4), (0.02, 0.12)
 
 _GOOD = 4.0  # misfit at which no other start is tried
+_ALIKE = 1e-7  # relative difference of costs that the optimiser's own tolerance makes; then the likelier start leads
+_ROUNDING = 1e-12  # change of a force that is rounding [N]
 
 
 @dataclass(frozen=True)
@@ -112,7 +114,7 @@ def _turns(values: Array, time: Array, slope: float) -> bool:
     """Whether the tip ever slips back in this course, so that the gap matters to it."""
     other = values.copy()
     other[1] *= 0.98
-    return bool(np.any(_model(values, time, slope) != _model(other, time, slope)))
+    return bool(np.any(np.abs(_model(values, time, slope) - _model(other, time, slope)) > _ROUNDING))
 
 
 def fit_rubbing_ring(
@@ -147,7 +149,7 @@ def fit_rubbing_ring(
             max_nfev=40,
             diff_step=1e-6,
         )
-        if best is None or found.cost < best.cost:
+        if best is None or found.cost < (1.0 - _ALIKE) * best.cost:
             best = found
         if misfit(best.fun[:-2], 7, begin, noise) < _GOOD and _turns(np.asarray(best.x), t, slope):
             break

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 Array = NDArray[np.float64]
 
-_RIDGE = 1e-14  # of the largest squared column; keeps a column that is all zero from stopping the inversion
+_UNSEEN = 1e-7  # of the largest direction: what the data cannot tell apart, far above the rounding of the columns
 
 
 @dataclass(frozen=True)
@@ -92,7 +92,9 @@ def covariance_of(jacobian: Array, residuals: Array, known: Array | None = None)
     size = np.sqrt(np.einsum("ij,ij->j", jacobian, jacobian))
     size[size == 0.0] = 1.0
     scaled = jacobian / size
-    inverse = np.linalg.pinv(scaled.T @ scaled, rcond=_RIDGE, hermitian=True)
+    # from the rows, not from their squares: those lose half the digits, and with them the rank
+    root = np.linalg.pinv(scaled, rcond=_UNSEEN)
+    inverse = root @ root.T
     covariance = inverse / np.outer(size, size) * noise**2 * correlation_inflation(residuals)
     return covariance, noise
 

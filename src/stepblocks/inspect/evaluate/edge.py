@@ -16,7 +16,12 @@ from stepblocks.errors import MetrologyError
 from stepblocks.inspect.evaluate.edge_arc import Arc, arc_radius
 from stepblocks.inspect.evaluate.levelling import despiked, roughly_levelled, without_spikes
 from stepblocks.inspect.evaluate.noise_uncertainty import NoiseUncertainty, noise_uncertainty
-from stepblocks.inspect.evaluate.roughness_noise import autocovariance, estimator_covariance, outlier_mask
+from stepblocks.inspect.evaluate.roughness_noise import (
+    LEAST_SCATTER,
+    autocovariance,
+    estimator_covariance,
+    outlier_mask,
+)
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
@@ -89,7 +94,7 @@ def fit_edge(position: ArrayLike, height: ArrayLike, exclusion: float | None = N
     known = np.flatnonzero(np.isfinite(z))
     near = np.abs(x - middle) < half_width
     # over the whole profile, so that the points at the ends of the window have their neighbours too
-    spikes = known[_beyond_neighbours(z[known] - faces.tilt * x[known], 6.0 * faces.roughness)]
+    spikes = known[_beyond_neighbours(z[known] - faces.tilt * x[known], 6.0 * max(faces.roughness, LEAST_SCATTER))]
     spikes = spikes[near[spikes]]
     inside = near & np.isfinite(z)
     inside[spikes] = False
@@ -242,7 +247,9 @@ def _rounding_width(x: Array, z: Array, middle: float, faces: _Faces) -> float:
     deviation = np.abs(despiked(np.where(np.isfinite(z), z, ideal)) - ideal)
     off = deviation > max(6.0 * faces.roughness, 1e-3 * faces.height)
     distance = np.abs(x - middle)
-    near = np.argsort(distance)
+    # points as far on either side are ordered by their place, not by the last bit of their distance
+    spacing = (x[-1] - x[0]) / (len(x) - 1)
+    near = np.argsort(np.rint(4.0 * distance / spacing), kind="stable")
     run = np.flatnonzero(~off[near])
     quiet = run[np.searchsorted(run, 0) :]
     # the rounding ends where ten points in a row, on both sides together, lie on their faces again

@@ -15,6 +15,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from stepblocks.inspect.evaluate.roughness_noise import LEAST_SCATTER
+
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
 
@@ -32,7 +34,7 @@ class NoiseUncertainty:
     """Uncertainty of one estimate."""
 
     std: float  # Standard uncertainty, in the unit of the estimate
-    dof: float  # Its effective degrees of freedom; infinite where the residuals are zero
+    dof: float  # Its effective degrees of freedom; infinite where the residuals are zero up to rounding
 
 
 def noise_uncertainty(weights: Array, residuals: Array, used: Mask, design: Sequence[Array]) -> NoiseUncertainty:
@@ -51,7 +53,7 @@ def noise_uncertainty(weights: Array, residuals: Array, used: Mask, design: Sequ
     pairs = np.rint(lags.autocorrelation(inside))
     known = pairs > 0.0
     gamma = np.where(known, lags.autocorrelation(r) / np.maximum(pairs, 1.0), 0.0)
-    if gamma.flat[0] <= 0.0:
+    if gamma.flat[0] <= LEAST_SCATTER**2:
         return NoiseUncertainty(0.0, float("inf"))
     taper = _taper(gamma, residuals.shape, float(inside.sum()))
     c = lags.autocorrelation(w)

@@ -14,6 +14,8 @@ from scipy.linalg import matmul_toeplitz
 
 Array = NDArray[np.float64]
 
+# Scatter that counts as none [m]: a hundredth of an atom. Below it lies the rounding of a processor, not a surface
+LEAST_SCATTER = 1e-12
 # Standard deviation of a normal law over its median absolute deviation, 1 / Phi^-1(3/4)
 _GAUSS_PER_MAD = 1.482602218505602
 
@@ -24,9 +26,9 @@ def robust_scale(residuals: Array) -> float:
 
 
 def outlier_mask(residuals: Array, limit: float = 5.0) -> NDArray[np.bool_]:
-    """Return true for spikes: residuals further than `limit` robust deviations from the median."""
+    """Return true for spikes: residuals [m] further than `limit` robust deviations from the median; none without scatter."""
     scale = robust_scale(residuals)
-    if scale == 0.0:
+    if scale <= LEAST_SCATTER:
         return np.zeros(residuals.shape, dtype=bool)
     return np.abs(residuals - np.median(residuals)) > limit * scale
 
@@ -46,7 +48,7 @@ def autocovariance(pieces: Sequence[Array], parameters: int = 3) -> Array:
         spectrum = np.fft.rfft(filled, size)
         total[: len(filled)] += np.fft.irfft(np.abs(spectrum) ** 2, size)[: len(filled)]
     gamma = total / max(count - parameters, 1)
-    if gamma[0] <= 0.0:
+    if gamma[0] <= LEAST_SCATTER**2:
         return np.zeros(1)
     drowned = np.flatnonzero(gamma < 2.0 / np.sqrt(count) * gamma[0])
     first = int(drowned[0]) if drowned.size else longest // 4

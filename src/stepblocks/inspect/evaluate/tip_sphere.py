@@ -58,7 +58,7 @@ def fit_sphere(points: ArrayLike) -> Sphere:
         start = _algebraic(p[keep])
         fitted = least_squares(_distances, start, args=(p[keep],), method="lm", x_scale=1.0)
         off = np.zeros_like(keep)
-        off[keep] = outlier_mask(fitted.fun)
+        off[keep] = outlier_mask(fitted.fun * scale)
         if not off.any():
             break
         keep &= ~off

@@ -16,7 +16,7 @@ from numpy.typing import ArrayLike, NDArray
 from stepblocks.errors import MetrologyError
 from stepblocks.inspect.evaluate.levelling import despiked, roughly_levelled, two_levels, without_spikes
 from stepblocks.inspect.evaluate.noise_uncertainty import noise_uncertainty
-from stepblocks.inspect.evaluate.roughness_noise import outlier_mask, robust_scale
+from stepblocks.inspect.evaluate.roughness_noise import LEAST_SCATTER, outlier_mask, robust_scale
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
@@ -153,7 +153,7 @@ def _flank_mask(x: Array, z: Array, mask: Mask, masks: list[Mask]) -> Mask:
     design = np.ones_like(x) * side
     origin = float(x[used].mean())
     deviation = z - (solution[0] * (x - origin) + solution[1] + solution[2] * design) - own
-    noise = robust_scale(residuals[used])
+    noise = max(robust_scale(residuals[used]), LEAST_SCATTER)
     limit = max(_SIGMAS * noise, _TOLERATED * depth)
     index = np.flatnonzero(mask)
     size = np.abs(deviation[index])

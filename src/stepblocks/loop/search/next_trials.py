@@ -11,6 +11,8 @@ from stepblocks.loop.search.effect import Effect
 from stepblocks.loop.search.fit import Fit, Problem
 from stepblocks.loop.search.trials import Floats, Trials
 
+_TIE = 1e-4  # a fit knows its gain no better: its own tolerance is 1e-6 of the cost
+
 Rival = tuple[Sequence[Effect], Fit]  # Effects of a rival model and its fit
 
 
@@ -18,7 +20,8 @@ Rival = tuple[Sequence[Effect], Fit]  # Effects of a rival model and its fit
 class Proposal:
     """Settings that separate rivals."""
 
-    settings: tuple[dict[str, float | str], ...]  # Covariates of the trials to make, best first
+    # Covariates of the trials to make, best first; where gains are one to 1e-4, in the order of the grid
+    settings: tuple[dict[str, float | str], ...]
     gain: tuple[float, ...]  # Expected difference of twice the log likelihood per trial at each
     trials: int  # Trials at the best settings after which the difference is expected to reach 12 (odds of 400 to 1)
     channel: str  # Channel that contributes most
@@ -42,14 +45,25 @@ def propose(
     if not np.any(np.isfinite(gain)) or float(np.nanmax(gain)) < 1e-3:
         return None
     gain = np.where(np.isfinite(gain), gain, 0.0)
-    order = np.argsort(-gain, kind="stable")[:count]
+    order = _best_first(gain)[:count]
     own = difference**2 / covariance[:, range(c), range(c)]
     return Proposal(
         settings=tuple({name: _plain(grid.covariates[name][i]) for name in shown} for i in order),
         gain=tuple(float(gain[i]) for i in order),
         trials=int(np.ceil(12.0 / float(gain[order[0]]))),
-        channel=problem.trials.channels[int(np.argmax(own[order[0]]))],
+        channel=problem.trials.channels[_best_first(own[order[0]])[0]],
     )
+
+
+def _best_first(gain: Floats) -> list[int]:
+    """Order by gain; gains within `_TIE` of the best of them are one, and the first of the grid leads: the least load."""
+    left = np.argsort(-gain, kind="stable")
+    order: list[int] = []
+    while left.size:
+        tied = int(np.sum(gain[left] >= gain[left[0]] - _TIE * abs(gain[left[0]])))
+        order += sorted(left[:tied].tolist())
+        left = left[tied:]
+    return order
 
 
 def _active(rival: Rival) -> list[tuple[Effect, Mapping[str, float]]]:

@@ -17,6 +17,9 @@ from stepblocks.study.analysis.anova import Interval, Term, effect_of
 _ZERO = 1e-6  # a variance below this share of the residual one is at its boundary
 _ALIKE = 1e-4  # log likelihoods closer than this are one
 
+_NEWTON_STEPS = 8
+_FLAT = 1e-9  # gradient per judgement, in the unit-free response, at which a point is flat
+
 
 @dataclass(frozen=True)
 class MixedFit:
@@ -67,8 +70,8 @@ def mixed_model(
         means,
         _wald(condition, rows, beta, factor * covariance, df_error) if len(conditions) > 1 else None,
         tuple(_pairs(conditions, rows, beta, factor * covariance, df_error, level, scale, spread)) if intervals else (),
-        math.sqrt(max(float(np.asarray(fit.cov_re).ravel()[0]), 0.0)) * scale,
-        math.sqrt(max(float(fit.vcomp[0]), 0.0)) * scale if len(fit.vcomp) else 0.0,
+        _root(float(np.asarray(fit.cov_re).ravel()[0]), float(fit.scale)) * scale,
+        _root(float(fit.vcomp[0]), float(fit.scale)) * scale if len(fit.vcomp) else 0.0,
         spread * scale,
         float(fit.llf) - (len(data) - count) * math.log(scale),
         bool(fit.converged),
@@ -77,6 +80,11 @@ def mixed_model(
         np.asarray(fit.resid) * scale,
         np.array([float(np.asarray(effects)[0]) for effects in fit.random_effects.values()]) * scale,
     )
+
+
+def _root(variance: float, residual: float) -> float:
+    """Root of a variance; zero at its boundary, where only the optimiser's last step would show."""
+    return math.sqrt(variance) if variance > _ZERO * residual else 0.0
 
 
 def _scaled(frame: Any, response: str, condition: str, participant: str, block: str) -> tuple[Any, float, float]:
@@ -156,6 +164,7 @@ def _optimise(data: Any, fixed: str, options: dict[str, Any]) -> Any:
             warnings.simplefilter("ignore")  # what went wrong is read from the result
             try:
                 fit = smf.mixedlm(f"y ~ {fixed}", data, groups="g", **options).fit(reml=True, method=method, **settings)
+                fit = _polished(fit)
             except (np.linalg.LinAlgError, ValueError):
                 continue
         if math.isfinite(fit.llf) and np.isfinite(np.asarray(fit.bse_fe)).all():
@@ -165,6 +174,29 @@ def _optimise(data: Any, fixed: str, options: dict[str, Any]) -> Any:
     if not found:
         raise StudyError(f"the mixed model cannot be fitted to these {len(data)} judgements: no optimum was found")
     return max(found, key=lambda fit: (round(float(fit.llf), 6), bool(fit.converged)))
+
+
+def _polished(fit: Any) -> Any:
+    """Follow the gradient to zero by Newton's method: a line search on the likelihood ends at half its digits, which ones by chance."""
+    model = fit.model
+    point = np.asarray(fit.params_object.get_packed(use_sqrt=True, has_fe=False), dtype=float)
+    slope = np.asarray(model.score(point))
+    for _ in range(_NEWTON_STEPS):
+        steps = 1e-4 * np.maximum(np.abs(point), 0.1) * np.eye(len(point))
+        curvature = np.array([(model.score(point + h) - model.score(point - h)) / (2.0 * h.sum()) for h in steps])
+        curvature = 0.5 * (curvature + curvature.T)
+        if not np.isfinite(curvature).all() or np.linalg.eigvalsh(curvature)[-1] >= 0.0:
+            break  # no hill to climb: at a boundary of zero
+        moved = point - np.linalg.solve(curvature, slope)
+        ahead = np.asarray(model.score(moved))
+        if not np.linalg.norm(ahead) < np.linalg.norm(slope):
+            break
+        point, slope = moved, ahead
+    if not np.linalg.norm(slope) < _FLAT * model.nobs:
+        return fit
+    # from a flat point the optimiser does not move; it computes the result there
+    polished = model.fit(start_params=point, reml=True, method="bfgs", gtol=_FLAT)
+    return polished if float(polished.llf) >= float(fit.llf) - 1e-9 * model.nobs else fit
 
 
 def _cell_rows(fit: Any, data: Any, conditions: Sequence[str]) -> list[Any]:

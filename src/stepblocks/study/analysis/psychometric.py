@@ -19,6 +19,9 @@ _Z75 = 0.6744897501960817  # standard normal quantile of 0.75
 _VAGUE = (
     1.0  # standard error of the logarithm of a spread or a threshold beyond which its interval spans a factor of fifty
 )
+# Curvature of the log likelihood that counts as none [1]: a logarithm known to a standard deviation of 10 is not
+# known
+_LEAST_INFORMATION = 1e-2
 _Z975 = 1.959963984540054
 Array = NDArray[np.float64]
 
@@ -158,7 +161,7 @@ def _by_likelihood(start: Any, x: Array, k: Array, n: Array, guess: float | None
     def around(parameters: Array) -> float:
         return loss(np.concatenate([parameters, found.x[free:]]))
 
-    covariance = np.linalg.pinv(approx_hess(found.x[:free], around))
+    covariance = _covariance(approx_hess(found.x[:free], around))
     return _summary(
         float(found.x[0]),
         math.sqrt(max(covariance[0, 0], 0.0)),
@@ -169,6 +172,12 @@ def _by_likelihood(start: Any, x: Array, k: Array, n: Array, guess: float | None
         len(x) - (3 if lapse is None else 2),
         int(n.sum()),
     )
+
+
+def _covariance(information: Any) -> Array:
+    """Invert the information; on a plateau its curvatures are rounding of either sign, so they get a floor."""
+    values, vectors = np.linalg.eigh(information)
+    return np.asarray((vectors / np.maximum(values, _LEAST_INFORMATION)) @ vectors.T)
 
 
 def _of_glm(fit: Any, count: int, trials: int) -> Psychometric:
@@ -195,14 +204,14 @@ def _summary(
     df: int,
     trials: int,
 ) -> Psychometric:
-    if not spread_error < _VAGUE:
-        raise StudyError(
-            f"answers jump between two of the levels: no spread can be told from {trials} trials; add levels between them"
-        )
-
+    # a threshold that is open comes first: its spread is then unknown as well
     if not error < _VAGUE:
         raise StudyError(
             f"answers leave the threshold open: it cannot be told from {trials} trials; add trials, or levels around it"
+        )
+    if not spread_error < _VAGUE:
+        raise StudyError(
+            f"answers jump between two of the levels: no spread can be told from {trials} trials; add levels between them"
         )
 
     def weber(log_sigma: float) -> float:
