@@ -4,7 +4,7 @@ VENV ?= .venv
 PYTHON ?= python3
 BIN := $(VENV)/bin
 
-.PHONY: run test lint graphics clean
+.PHONY: run test lint everywhere graphics clean
 
 run: $(VENV)/ready graphics
 	@$(BIN)/stepblocks build
@@ -18,6 +18,10 @@ lint: $(VENV)/ready-dev
 	$(BIN)/ruff format --check .
 	$(BIN)/mypy
 	$(BIN)/lint-imports
+
+# The same answers under other processors, threads, Pythons and library versions; `make everywhere STAGES=Nehalem` for some.
+everywhere: $(VENV)/ready-dev graphics
+	$(BIN)/python benchmarks/everywhere.py $(STAGES)
 
 $(VENV)/ready: pyproject.toml constraints.txt
 	$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11) and "stepblocks needs Python 3.11 or newer")'
