@@ -11,9 +11,10 @@ from pathlib import Path
 
 import numpy as np
 
+from stepblocks.contact.counterface import Step
 from stepblocks.contact.critical_angle import step_angle
 from stepblocks.contact.energy import Status, release_at
-from stepblocks.contact.uncertainty import Inputs, Spread
+from stepblocks.contact.operating_point import PAPER
 from stepblocks.drag.conversion import conversion_map
 from stepblocks.drag.model import PAPER_DRAG, DragSettings, Probe, probe_of_frequency
 from stepblocks.drag.ring import RING_BAND, band_share, phase_spectrum, ring_of
@@ -114,9 +115,9 @@ def main() -> None:
     draw_force(shown, folder / "drag-force.png", "Rod, 100 um, 0.1 N, mu 0.1, 5 mm/s")
     draw_spectra(shown, folder / "drag-spectra.png", "Rod, 100 um, 0.1 N, mu 0.1, 5 mm/s")
     draw_ring_share(table, folder / "ring-share.png")
-    inputs = Inputs(25e-6, 0.0, R, 0.15, 1.0, 9.81e3, 0.20)
-    spread = Spread(height=0.5e-6, ball_radius=1e-6, friction=0.01, normal_load=0.01)
-    draw_energy_of_height(inputs, spread, np.linspace(2e-6, 120e-6, 60), folder / "energy-of-height.png")
+    uncertain = {"height": 0.5e-6, "ball_radius": 1e-6, "friction": 0.01, "normal_load": 0.01}
+    faces = [Step(height) for height in np.linspace(2e-6, 120e-6, 60)]
+    draw_energy_of_height(faces, PAPER, uncertain, folder / "energy-of-height.png")
     axis = np.linspace(0, 150e-6, 76), np.linspace(-100e-6, 100e-6, 81)
     draw_margin_map(margin_map(*axis, R, 1.0, 0.15), folder / "margin-map.png")
     print(f"\npictures in {folder}")

@@ -8,7 +8,7 @@ import pytest
 from oracles.softgauge import correlated_noise, edge_gauge, groove_gauge
 from stepblocks.artefacts.as_built import AsBuilt, AsBuiltValue, read_as_built, write_as_built
 from stepblocks.cli import main
-from stepblocks.contact.path.scanned import scanned_angle
+from stepblocks.contact.felt import scanned_angle
 from stepblocks.errors import MetrologyError
 
 STIMULI = str(__import__("pathlib").Path(__file__).parents[2] / "stimuli")

@@ -6,11 +6,13 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from stepblocks.contact.counterface import Step
 from stepblocks.contact.energy import Status
+from stepblocks.contact.operating_point import OperatingPoint
 from stepblocks.contact.path.catches import steepest
 from stepblocks.contact.path.profile import profile_path
 from stepblocks.contact.path.tip import Ball
-from stepblocks.contact.uncertainty import Inputs, Spread, interval_of
+from stepblocks.contact.uncertainty import interval_of, rectangular
 from stepblocks.declare import load_set
 from stepblocks.parts.margins.declaration import MarginBlock
 from stepblocks.predict.predictions import predict_set
@@ -53,11 +55,9 @@ def test_the_interval_of_a_prediction_is_that_of_its_stated_tolerances():
     # Origin: half-widths over the root of three (JCGM 100, 4.3.7), the edge's one-sided tolerance about its middle.
     ten = load_set(Path(__file__).resolve().parents[2] / "stimuli" / "paper-ten.toml")
     (p,) = [p for p in predict_set(ten) if (p.stimulus, p.normal_load, p.friction) == ("step-050", 0.5, 0.15)]
-    spread = Spread.of_tolerances(
-        height=1e-6, edge_radius=1e-6, ball_radius=2e-6, friction=0.01, normal_load=0.005, stiffness=0.02 * 9810.0
-    )
-    inputs = Inputs(50e-6, 1e-6, 125e-6, 0.15, 0.5, 9810.0, 0.2)
-    assert p.interval == interval_of(inputs, spread, draws=2000)
+    lengths = {"height": 1e-6, "edge_radius": 1e-6, "ball_radius": 2e-6}
+    spread = rectangular(lengths | {"friction": 0.01, "normal_load": 0.005, "stiffness": 0.02 * 9810.0})
+    assert p.interval == interval_of(Step(50e-6, 1e-6), OperatingPoint(125e-6, 0.5, 0.15), spread, draws=2000)
 
 
 def test_every_margin_has_an_interval_in_both_directions():

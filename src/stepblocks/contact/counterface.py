@@ -7,12 +7,17 @@ centre. Whoever predicts, drags, exports or renders asks it, and never of what k
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
+from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
+from stepblocks.contact import kernels
 from stepblocks.contact.critical_angle import bevelled_margin_angles, step_angle
+from stepblocks.contact.domain import Real, plain
+from stepblocks.contact.energy import Release, release_at
+from stepblocks.contact.operating_point import OperatingPoint
 from stepblocks.contact.path.centre import CentrePath, corner_path, envelope_path
 from stepblocks.errors import ContactError
 
@@ -25,7 +30,7 @@ class Counterface(ABC):
 
     @property
     @abstractmethod
-    def rise(self) -> float:
+    def far_side(self) -> float:
         """Height of the far side over the near side [m], of either sign."""
 
     @property
@@ -36,19 +41,46 @@ class Counterface(ABC):
     @property
     def ways(self) -> tuple[str, ...]:
         """Names of the directions that are felt, forward first."""
-        return ("up",)
+        return ("forward", "backward")
+
+    @property
+    def dimensions(self) -> dict[str, float]:
+        """What the critical angles depend on beside the ball, by name [m]; empty where they have no closed form."""
+        return {}
 
     @abstractmethod
-    def angles(self, ball_radius: float) -> tuple[float, float]:
-        """Critical angles of a ball [rad], forward and backward: 0 where nothing catches, a right angle at a riser."""
+    def angles(self, ball_radius: Real, **dimensions: Real) -> tuple[Real, Real]:
+        """Critical angles of a ball [rad], forward and backward: 0 where nothing catches, a right angle at a riser.
+
+        The ball's radius and any of the `dimensions` may be arrays, such as draws within their tolerances.
+        """
+
+    def angle_slopes(self, ball_radius: float) -> dict[str, float]:
+        """Differentiate the forward angle by the dimensions and the ball's radius [rad/m], where that is a closed form."""
+        return {}
+
+    def moved(self, deviations: Mapping[str, Real]) -> dict[str, Real]:
+        """Dimensions that deviate by so much from the nominal, kept where the critical angles are defined [m]."""
+        return {name: np.maximum(value + deviations.get(name, 0.0), 0.0) for name, value in self.dimensions.items()}
+
+    def release(self, point: OperatingPoint, backward: bool = False) -> Release:
+        """Force and energy of one drag, equations (1) and (2)."""
+        angle = self.angles(point.ball_radius)[backward]
+        return release_at(angle, point.normal_load, point.friction, point.tool)
 
     @abstractmethod
     def heights(self, x: Array) -> Array:
         """Heights over the near side [m] at positions across the edge [m]; on an edge itself the higher side counts."""
 
     @abstractmethod
+    def section(self, run: float) -> tuple[Array, Array]:
+        """Corners (x, z) [m] from `run` before the first to `run` behind the last one; a rounding as its chords."""
+
     def centre_path(self, ball_radius: float) -> CentrePath:
         """Path of the centre of a ball, from 5 mm before the edge to 5 mm behind it."""
+        x, z = self.section(REACH)
+        x[0], x[-1] = -REACH, REACH
+        return corner_path(np.column_stack([x, z]), ball_radius)
 
 
 @dataclass(frozen=True)
@@ -59,7 +91,7 @@ class Step(Counterface):
     edge_radius: float = 0.0  # r [m]; 0 is the sharp edge
 
     @property
-    def rise(self) -> float:
+    def far_side(self) -> float:
         """H [m]."""
         return self.height
 
@@ -68,9 +100,25 @@ class Step(Counterface):
         """The riser, and the end of the arc."""
         return (0.0, self.edge_radius) if self.edge_radius > 0.0 else (0.0,)
 
-    def angles(self, ball_radius: float) -> tuple[float, float]:
-        """Equation (2) of the paper; on the way down nothing catches."""
-        return step_angle(self.height, ball_radius, self.edge_radius), 0.0
+    @property
+    def ways(self) -> tuple[str, ...]:
+        """Nothing catches on the way down."""
+        return ("up",)
+
+    @property
+    def dimensions(self) -> dict[str, float]:
+        """H and r [m]."""
+        return {"height": self.height, "edge_radius": self.edge_radius}
+
+    def angles(self, ball_radius: Real, **dimensions: Real) -> tuple[Real, Real]:
+        """Equation (2) of the paper."""
+        at = self.dimensions | dimensions
+        return step_angle(at["height"], ball_radius, at["edge_radius"]), 0.0
+
+    def angle_slopes(self, ball_radius: float) -> dict[str, float]:
+        """Where the edge is met, not the riser."""
+        by_height, by_radius = kernels.step_angle_slopes(self.height, ball_radius + self.edge_radius)
+        return {"height": float(by_height), "edge_radius": float(by_radius), "ball_radius": float(by_radius)}
 
     def heights(self, x: Array) -> Array:
         """Lower face, arc, upper face."""
@@ -78,29 +126,39 @@ class Step(Counterface):
         rounded = self.height - self.edge_radius + np.sqrt(self.edge_radius * self.edge_radius - across * across)
         return np.where(x < 0.0, 0.0, rounded)
 
+    def section(self, run: float) -> tuple[Array, Array]:
+        """Lower face, the arc by 400 chords, at most ``r (pi / 800)^2 / 8`` inside it and cut off where r exceeds H, upper face."""
+        height, radius = self.height, self.edge_radius
+        span = np.arccos(max(1.0 - height / radius, 0.0)) if radius > 0.0 else 0.0
+        angles = np.linspace(span, 0.0, 401 if radius > 0.0 else 1)
+        x, z = radius * (1.0 - np.sin(angles)), height - radius * (1.0 - np.cos(angles))
+        z[-1] = height
+        foot = x[0]
+        return (np.concatenate([[foot - run, foot], x, [radius + run]]), np.concatenate([[0.0, 0.0], z, [height]]))
+
     def centre_path(self, ball_radius: float) -> CentrePath:
         """Over the arc a circle of R + r."""
         height, radius = self.height, self.edge_radius
-        if radius > 0.0:
-            lines = [((-REACH, 0.0), (0.0, 0.0)), ((radius, height), (REACH, height))]
-            return envelope_path([(radius, height - radius, radius)], lines, ball_radius)
-        return corner_path([(-REACH, 0.0), (0.0, 0.0), (0.0, height), (REACH, height)], ball_radius)
+        if radius == 0.0:
+            return super().centre_path(ball_radius)
+        lines = [((-REACH, 0.0), (0.0, 0.0)), ((radius, height), (REACH, height))]
+        return envelope_path([(radius, height - radius, radius)], lines, ball_radius)
 
 
 @dataclass(frozen=True)
 class Margin(Counterface):
     """Tooth, gap and crown in the terms of Holmes et al. (1989): bevelled back at 45 degrees where it opens beyond the gap."""
 
-    gap: float  # Marginal gap g between the walls [m]
-    opening: float  # Along the drag from the tooth's corner to the crown's [m]; below 0 a lip overlaps the tooth
-    rise_of_crown: float  # Height of the crown over the tooth [m], of either sign
-    depth: float = 1e-3  # Of the gap where it begins [m]; deeper than any tip sinks
-    fall: float = 0.0  # How steeply its floor falls from there [1]
+    gap: float  # marginal gap g between the walls [m]
+    opening: float  # along the drag from the tooth's corner to the crown's [m]; below 0 a lip overlaps the tooth
+    rise: float  # height of the crown over the tooth, the horizontal marginal discrepancy [m], of either sign
+    depth: float = 1e-3  # of the gap where it begins [m]; deeper than any tip sinks
+    fall: float = 0.0  # how steeply its floor falls from there [1]
 
     @property
-    def rise(self) -> float:
-        """Horizontal marginal discrepancy [m]."""
-        return self.rise_of_crown
+    def far_side(self) -> float:
+        """The crown [m]."""
+        return self.rise
 
     @property
     def breakpoints(self) -> tuple[float, ...]:
@@ -112,13 +170,26 @@ class Margin(Counterface):
         """Both are felt."""
         return ("tooth-to-crown", "crown-to-tooth")
 
-    def angles(self, ball_radius: float) -> tuple[float, float]:
+    @property
+    def dimensions(self) -> dict[str, float]:
+        """The gap, its opening, and the crown over the tooth [m]."""
+        return {"gap": self.gap, "opening": self.opening, "rise": self.rise}
+
+    def angles(self, ball_radius: Real, **dimensions: Real) -> tuple[Real, Real]:
         """In closed form; the gap is taken to be deeper than the tip sinks."""
-        return bevelled_margin_angles(self.gap, self.opening, self.rise_of_crown, ball_radius)
+        at = self.dimensions | dimensions
+        return bevelled_margin_angles(at["gap"], at["opening"], at["rise"], ball_radius)
+
+    def moved(self, deviations: Mapping[str, Real]) -> dict[str, Real]:
+        """Let an opening that is not named follow the gap, as that of a square end does."""
+        gap = self.gap + deviations.get("gap", 0.0)
+        follows = self.opening + gap - self.gap
+        opening = self.opening + deviations["opening"] if "opening" in deviations else follows
+        return {"gap": np.maximum(gap, 0.0), "opening": opening, "rise": self.rise + deviations.get("rise", 0.0)}
 
     def heights(self, x: Array) -> Array:
         """Tooth, floor of the gap, bevel, crown."""
-        opening, gap, rise = self.opening, self.gap, self.rise_of_crown
+        opening, gap, rise = self.opening, self.gap, self.rise
         if opening <= 0.0:
             return np.where(x < opening, 0.0, rise)
         z = np.where(x < 0.0, 0.0, -self.depth - self.fall * x)
@@ -128,36 +199,31 @@ class Margin(Counterface):
         z = np.where(x >= opening, rise, z)
         return np.where(x == 0.0, np.maximum(z, 0.0), z)
 
-    def centre_path(self, ball_radius: float) -> CentrePath:
-        """Over the corners of the section."""
-        opening, gap, rise, depth, fall = self.opening, self.gap, self.rise_of_crown, self.depth, self.fall
-        points = [(-REACH, 0.0)]
-        if opening <= 0.0:
-            points += [(opening, 0.0), (opening, rise)]
-        else:
-            points += [(0.0, 0.0), (0.0, -depth)]
-            points += (
-                [(gap, -depth - fall * gap), (gap, rise + gap - opening)]
-                if opening > gap
-                else [(opening, -depth - fall * opening)]
-            )
-            points += [(opening, rise)]
-        return corner_path([*points, (REACH, rise)], ball_radius)
+    def section(self, run: float) -> tuple[Array, Array]:
+        """Tooth, floor of the gap, bevel, crown."""
+        opening, gap, rise, depth, fall = self.opening, self.gap, self.rise, self.depth, self.fall
+        corners = [(min(opening, 0.0), 0.0)]
+        if opening > gap:
+            corners += [(0.0, -depth), (gap, -depth - fall * gap), (gap, rise + gap - opening)]
+        elif opening > 0.0:
+            corners += [(0.0, -depth), (opening, -depth - fall * opening)]
+        x, z = np.array([(corners[0][0] - run, 0.0), *corners, (opening, rise), (opening + run, rise)]).T
+        return x, z
 
 
 @dataclass(frozen=True, eq=False)
 class Profile(Counterface):
     """Any profile, declared by its corners or scanned: joined by straight lines, level beyond both ends."""
 
-    x: Array  # shape (n,); Positions [m], not descending; equal ones are a riser
-    z: Array  # shape (n,); Heights [m]
+    x: Array  # shape (n,); positions [m], not descending; equal ones are a riser
+    z: Array  # shape (n,); heights [m]
 
     def __post_init__(self) -> None:
         if not (self.x.shape == self.z.shape and self.x.ndim == 1 and self.x.size >= 2):
             raise ContactError(f"a profile must have as many heights as positions, at least 2, got {self.x.shape}")
 
     @property
-    def rise(self) -> float:
+    def far_side(self) -> float:
         """From the first to the last point [m]."""
         return float(self.z[-1] - self.z[0])
 
@@ -166,20 +232,20 @@ class Profile(Counterface):
         """Every point but the first and the last."""
         return tuple(float(x) for x in self.x[1:-1])
 
-    @property
-    def ways(self) -> tuple[str, ...]:
-        """Both."""
-        return ("forward", "backward")
-
-    def angles(self, ball_radius: float) -> tuple[float, float]:
-        """By exact dilation: the steepest slopes of the path of the tip."""
+    def angles(self, ball_radius: Real, **dimensions: Real) -> tuple[Real, Real]:
+        """By exact dilation: the steepest slopes of the path of the tip, once for each ball."""
         # compiled kernels, loaded where they are used
         from stepblocks.contact.path.catches import steepest
         from stepblocks.contact.path.profile import profile_path
         from stepblocks.contact.path.tip import Ball
 
-        path = profile_path(self.x, self.z, Ball(ball_radius), edges="flat")
-        return steepest(path, "forward").angle, steepest(path, "backward").angle
+        balls, which = np.unique(np.asarray(ball_radius, dtype=np.float64), return_inverse=True)
+        paths = [profile_path(self.x, self.z, Ball(float(ball)), edges="flat") for ball in balls]
+        forward, backward = (
+            plain(np.array([steepest(path, way).angle for path in paths])[which].reshape(np.shape(ball_radius)))
+            for way in ("forward", "backward")
+        )
+        return forward, backward
 
     def heights(self, x: Array) -> Array:
         """Between the points on straight lines; at a riser the higher side."""
@@ -192,6 +258,10 @@ class Profile(Counterface):
         ends = [self.z[a:b].max() if b > a else value for a, b, value in zip(first, last, between, strict=True)]
         return np.where(on, np.asarray(ends), between)
 
+    def section(self, run: float) -> tuple[Array, Array]:
+        """Its own points, however far they reach."""
+        return self.x, self.z
+
     def centre_path(self, ball_radius: float) -> CentrePath:
         """Over its own points, at most 2000."""
-        return corner_path(list(zip(self.x.tolist(), self.z.tolist(), strict=True)), ball_radius)
+        return corner_path(np.column_stack([self.x, self.z]), ball_radius)

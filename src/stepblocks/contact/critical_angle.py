@@ -6,39 +6,34 @@ forms are equation (2) of the paper and what follows from it; a general profile 
 
 from __future__ import annotations
 
-import math
+from typing import overload
+
+import numpy as np
+from numpy.typing import ArrayLike
 
 from stepblocks.contact import kernels
-from stepblocks.errors import ContactError
+from stepblocks.contact.domain import Real, plain, require_finite, require_not_negative, require_positive
 
 
-def _require(condition: bool, message: str) -> None:
-    if not condition:
-        raise ContactError(message)
-
-
-def _require_radius(ball_radius: float) -> None:
-    _require(
-        math.isfinite(ball_radius) and ball_radius > 0.0,
-        f"ball_radius must be positive and finite, got {ball_radius:g} m",
-    )
-
-
-def step_angle(height: float, ball_radius: float, edge_radius: float = 0.0) -> float:
+@overload
+def step_angle(height: float, ball_radius: float, edge_radius: float = ...) -> float: ...
+@overload
+def step_angle(height: ArrayLike, ball_radius: ArrayLike, edge_radius: ArrayLike = ...) -> Real: ...
+def step_angle(height: Real, ball_radius: Real, edge_radius: Real = 0.0) -> Real:
     """Critical angle where a ball on the lower face meets the edge of a step.
 
     Parameters
     ----------
-    height : float
+    height : float or array_like
         Height of the step H [m], not negative.
-    ball_radius : float
+    ball_radius : float or array_like
         Radius of the probe tip R [m].
-    edge_radius : float
+    edge_radius : float or array_like
         Radius of the rounded edge r [m]; 0 is the sharp edge.
 
     Returns
     -------
-    float
+    float or ndarray, of the shape to which the arguments broadcast
         ``arccos(1 - H / (R + r))`` [rad]; a right angle where ``H >= R + r``, since the ball then meets the riser.
 
     Raises
@@ -52,31 +47,35 @@ def step_angle(height: float, ball_radius: float, edge_radius: float = 0.0) -> f
 
     Examples
     --------
-    >>> round(math.degrees(step_angle(25e-6, 125e-6)), 4)
+    >>> float(np.degrees(step_angle(25e-6, 125e-6)).round(4))
     36.8699
+    >>> np.degrees(step_angle([25e-6, 125e-6], 125e-6)).round(4).tolist()
+    [36.8699, 90.0]
     """
-    _require_radius(ball_radius)
-    for name, value in (("height", height), ("edge_radius", edge_radius)):
-        _require(math.isfinite(value) and value >= 0.0, f"{name} must be finite and not negative, got {value:g} m")
-    radius_sum = ball_radius + edge_radius
-    if height >= radius_sum:
-        return 0.5 * math.pi
-    return float(kernels.angle_on_step(height, radius_sum))
+    height, ball_radius, edge_radius = _arrays(height, ball_radius, edge_radius)
+    require_positive("ball_radius", ball_radius, "m")
+    require_not_negative("height", height, "m")
+    require_not_negative("edge_radius", edge_radius, "m")
+    return plain(kernels.step_angle(height, ball_radius + edge_radius))
 
 
-def groove_angle(width: float, ball_radius: float) -> float:
+@overload
+def groove_angle(width: float, ball_radius: float) -> float: ...
+@overload
+def groove_angle(width: ArrayLike, ball_radius: ArrayLike) -> Real: ...
+def groove_angle(width: Real, ball_radius: Real) -> Real:
     """Critical angle where a ball leaves a groove between shoulders of equal height.
 
     Parameters
     ----------
-    width : float
+    width : float or array_like
         Width of the groove g [m], not negative.
-    ball_radius : float
+    ball_radius : float or array_like
         Radius of the probe tip R [m].
 
     Returns
     -------
-    float
+    float or ndarray, of the shape to which the arguments broadcast
         ``asin(g / 2R)`` [rad]; a right angle where the ball falls between the shoulders, ``g >= 2R``.
 
     Raises
@@ -86,27 +85,31 @@ def groove_angle(width: float, ball_radius: float) -> float:
 
     Examples
     --------
-    >>> round(math.degrees(groove_angle(125e-6, 125e-6)), 9)
+    >>> float(np.degrees(groove_angle(125e-6, 125e-6)).round(9))
     30.0
     """
     return margin_angles(width, 0.0, ball_radius)[0]
 
 
-def margin_angles(opening: float, rise: float, ball_radius: float) -> tuple[float, float]:
+@overload
+def margin_angles(opening: float, rise: float, ball_radius: float) -> tuple[float, float]: ...
+@overload
+def margin_angles(opening: ArrayLike, rise: ArrayLike, ball_radius: ArrayLike) -> tuple[Real, Real]: ...
+def margin_angles(opening: Real, rise: Real, ball_radius: Real) -> tuple[Real, Real]:
     """Critical angles over a margin: two shoulders `opening` apart, the second higher by `rise`.
 
     Parameters
     ----------
-    opening : float
+    opening : float or array_like
         Distance g between the two edges along the drag [m]; 0 where they touch or overlap.
-    rise : float
+    rise : float or array_like
         Height of the second shoulder over the first [m]; negative where it lies lower.
-    ball_radius : float
+    ball_radius : float or array_like
         Radius of the probe tip R [m].
 
     Returns
     -------
-    forward, backward : float
+    forward, backward : float or ndarray, of the shape to which the arguments broadcast
         Critical angle [rad] dragging from the first shoulder to the second, and back. 0 where nothing catches.
 
     Raises
@@ -130,31 +133,38 @@ def margin_angles(opening: float, rise: float, ball_radius: float) -> tuple[floa
     >>> margin_angles(0.0, 25e-6, 125e-6) == (step_angle(25e-6, 125e-6), 0.0)
     True
     """
-    _require_radius(ball_radius)
-    _require(math.isfinite(opening) and opening >= 0.0, f"opening must be finite and not negative, got {opening:g} m")
-    _require(math.isfinite(rise), f"rise must be finite, got {rise:g} m")
+    opening, rise, ball_radius = _arrays(opening, rise, ball_radius)
+    require_positive("ball_radius", ball_radius, "m")
+    require_not_negative("opening", opening, "m")
+    require_finite("rise", rise, "m")
     forward, backward = kernels.margin_angles(opening, rise, ball_radius)
-    return float(forward), float(backward)
+    return plain(forward), plain(backward)
 
 
-def bevelled_margin_angles(gap: float, opening: float, rise: float, ball_radius: float) -> tuple[float, float]:
+@overload
+def bevelled_margin_angles(gap: float, opening: float, rise: float, ball_radius: float) -> tuple[float, float]: ...
+@overload
+def bevelled_margin_angles(
+    gap: ArrayLike, opening: ArrayLike, rise: ArrayLike, ball_radius: ArrayLike
+) -> tuple[Real, Real]: ...
+def bevelled_margin_angles(gap: Real, opening: Real, rise: Real, ball_radius: Real) -> tuple[Real, Real]:
     """Critical angles over a margin, bevelled back at 45 degrees where it opens wider than its gap.
 
     Parameters
     ----------
-    gap : float
+    gap : float or array_like
         Distance g between the walls of the gap [m]; 0 or more.
-    opening : float
+    opening : float or array_like
         Distance v along the drag from the near corner to the far one [m]. Up to g the far side ends square, or in a lip;
         below 0 it overlaps the near side and a step alone is left.
-    rise : float
+    rise : float or array_like
         Height of the far corner over the near one [m], of either sign.
-    ball_radius : float
+    ball_radius : float or array_like
         Radius of the probe tip R [m].
 
     Returns
     -------
-    forward, backward : float
+    forward, backward : float or ndarray, of the shape to which the arguments broadcast
         Critical angle [rad] dragging towards the bevelled side, and back. 0 where nothing catches.
 
     Raises
@@ -173,10 +183,14 @@ def bevelled_margin_angles(gap: float, opening: float, rise: float, ball_radius:
     >>> bevelled_margin_angles(20e-6, 50e-6, 20e-6, 125e-6) == margin_angles(50e-6, 20e-6, 125e-6)
     True
     """
-    _require(math.isfinite(gap) and gap >= 0.0, f"gap must be finite and not negative, got {gap:g} m")
-    _require(math.isfinite(opening), f"opening must be finite, got {opening:g} m")
-    square = margin_angles(max(opening, 0.0), rise, ball_radius)
-    if opening <= gap:
-        return square
+    gap, opening, rise, ball_radius = _arrays(gap, opening, rise, ball_radius)
+    require_positive("ball_radius", ball_radius, "m")
+    require_not_negative("gap", gap, "m")
+    require_finite("opening", opening, "m")
+    require_finite("rise", rise, "m")
     forward, backward = kernels.bevelled_margin_angles(gap, opening, rise, ball_radius)
-    return float(forward), float(backward)
+    return plain(forward), plain(backward)
+
+
+def _arrays(*values: Real) -> list[Real]:
+    return [np.asarray(value, dtype=np.float64) for value in values]

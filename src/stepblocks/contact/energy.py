@@ -9,8 +9,12 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 from enum import StrEnum
+from typing import Any
+
+import numpy as np
 
 from stepblocks.contact import kernels
+from stepblocks.contact.domain import Real, require_not_negative, require_positive
 from stepblocks.contact.operating_point import PAPER, Tool
 from stepblocks.errors import ContactError
 
@@ -18,34 +22,34 @@ from stepblocks.errors import ContactError
 class Status(StrEnum):
     """What becomes of a probe at an edge."""
 
-    RELEASES = "releases"  # It climbs, slips and rings
+    RELEASES = "releases"  # it climbs, slips and rings
     LOCKED = "locked"  # ``a + atan mu`` is a right angle or more: no pulling force lifts it
-    TOO_HIGH = "too-high"  # The step is as high as the ball or higher: the ball meets the riser, not the edge
-    NO_CATCH = "no-catch"  # The path of the ball's centre never rises in this direction
+    TOO_HIGH = "too-high"  # the step is as high as the ball or higher: the ball meets the riser, not the edge
+    NO_CATCH = "no-catch"  # the path of the ball's centre never rises in this direction
 
 
 @dataclass(frozen=True)
 class Release:
-    """What is felt when the probe slips over an edge."""
+    """What is felt when the probe slips over an edge; of many drags at once, each field is an array over them."""
 
-    status: Status  # Whether it slips at all; the figures below are not-a-number unless it does
-    angle: float  # Critical angle a [rad]
-    pull_force: float = math.nan  # Tangential force at release F_px [N]
-    vibration_energy: float = math.nan  # Energy of the ring E_v [J]
+    status: Status  # whether it slips at all, as text in an array; the figures below are not-a-number unless it does
+    angle: float  # critical angle a [rad]
+    pull_force: float = math.nan  # tangential force at release F_px [N]
+    vibration_energy: float = math.nan  # energy of the ring E_v [J]
     mean_power: float = math.nan  # E_v over the duration of the ring [W]
-    threshold_ratio: float = math.nan  # Mean power over the detection threshold [1]
+    threshold_ratio: float = math.nan  # mean power over the detection threshold [1]
 
 
-def release_at(angle: float, normal_load: float, friction: float, tool: Tool = PAPER.tool) -> Release:
+def release_at(angle: Real, normal_load: Real, friction: Real, tool: Tool = PAPER.tool) -> Release:
     """Force and energy at release for a critical angle.
 
     Parameters
     ----------
-    angle : float
+    angle : float or array_like
         Critical angle a [rad], from 0 to a right angle.
-    normal_load : float
+    normal_load : float or array_like
         Normal load F_py [N].
-    friction : float
+    friction : float or array_like
         Coefficient of friction mu [1], not negative.
     tool : Tool
         Spring and ring of the explorer.
@@ -53,7 +57,8 @@ def release_at(angle: float, normal_load: float, friction: float, tool: Tool = P
     Returns
     -------
     Release
-        Status and, where the probe slips, force, energy and power.
+        Status and, where the probe slips, force, energy and power: a `Status` and floats, or arrays of the shape to
+        which the arguments broadcast, the status as text.
 
     Raises
     ------
@@ -70,22 +75,27 @@ def release_at(angle: float, normal_load: float, friction: float, tool: Tool = P
     >>> release = release_at(step_angle(25e-6, 125e-6), normal_load=1.0, friction=0.15)
     >>> f"{release.pull_force:.3f} N, {release.vibration_energy * 1e6:.1f} uJ"
     '1.014 N, 10.5 uJ'
-    >>> release_at(step_angle(100e-6, 125e-6), normal_load=1.0, friction=0.3).status
-    <Status.LOCKED: 'locked'>
+    >>> release_at(step_angle([25e-6, 100e-6], 125e-6), normal_load=1.0, friction=0.3).status.tolist()
+    ['releases', 'locked']
     """
-    if not (math.isfinite(normal_load) and normal_load > 0.0):
-        raise ContactError(f"normal_load must be positive and finite, got {normal_load:g} N")
-    if not (math.isfinite(friction) and friction >= 0.0):
-        raise ContactError(f"friction must be finite and not negative, got {friction:g}")
-    if not 0.0 <= angle <= 0.5 * math.pi:
-        raise ContactError(f"angle must lie between 0 and 90 deg, got {math.degrees(angle):g} deg")
-    if angle == 0.0:
-        return Release(Status.NO_CATCH, angle)
-    if angle == 0.5 * math.pi:
-        return Release(Status.TOO_HIGH, angle)
-    if angle + math.atan(friction) >= 0.5 * math.pi:
-        return Release(Status.LOCKED, angle)
-    force = float(kernels.pull_force(normal_load, angle, friction))
-    energy = tool.conversion * float(kernels.stored_energy(force, tool.stiffness))
+    a, load, mu = (np.asarray(value, dtype=np.float64) for value in (angle, normal_load, friction))
+    require_positive("normal_load", load, "N")
+    require_not_negative("friction", mu)
+    inside = (a >= 0.0) & (a <= 0.5 * math.pi)
+    if not inside.all():
+        wrong = np.degrees(a[np.logical_not(inside)].flat[0])
+        raise ContactError(f"angle must lie between 0 and 90 deg, got {wrong:g} deg")
+    locked = a + np.arctan(mu) >= 0.5 * math.pi
+    released = (a > 0.0) & ~locked
+    force = np.where(released, kernels.pull_force(load, np.where(released, a, 0.0), mu), math.nan)
+    energy = tool.conversion * kernels.stored_energy(force, tool.stiffness)
     power = energy / tool.ring_duration
-    return Release(Status.RELEASES, angle, force, energy, power, power / tool.detection_threshold)
+    figures = (force, energy, power, power / tool.detection_threshold)
+    status = np.select(
+        [a == 0.0, a == 0.5 * math.pi, locked], [Status.NO_CATCH, Status.TOO_HIGH, Status.LOCKED], Status.RELEASES
+    )
+    fields: list[Any] = [status, a, *figures]
+    if force.ndim == 0:
+        return Release(Status(str(status)), *map(float, fields[1:]))
+    together: Any = np.broadcast_arrays(*fields)
+    return Release(*together)

@@ -6,11 +6,9 @@ and say where a formula stops to hold.
 
 from __future__ import annotations
 
-from typing import Any
-
 import numpy as np
 
-Real = Any  # a float or an array of them; numpy's functions take and return either
+from stepblocks.contact.domain import Real
 
 
 def angle_on_step(height: Real, radius_sum: Real) -> Real:
@@ -19,6 +17,18 @@ def angle_on_step(height: Real, radius_sum: Real) -> Real:
     Written with the half angle, ``sin^2(a/2) = H / 2(R + r)``, which keeps its digits for a small step.
     """
     return 2.0 * np.arcsin(np.sqrt(0.5 * height / radius_sum))
+
+
+def step_angle(height: Real, radius_sum: Real) -> Real:
+    """`angle_on_step`, and a right angle where the ball meets the riser, ``H >= R + r``."""
+    riser = height >= radius_sum
+    return np.where(riser, 0.5 * np.pi, angle_on_step(np.where(riser, 0.0, height), np.where(riser, 1.0, radius_sum)))
+
+
+def step_angle_slopes(height: Real, radius_sum: Real) -> tuple[Real, Real]:
+    """Differentiate `angle_on_step` by height and radius sum: ``1 / (p sin a)``, ``-H / (p^2 sin a)`` [rad/m]."""
+    by_height = 1.0 / (radius_sum * np.sin(angle_on_step(height, radius_sum)))
+    return by_height, -by_height * height / radius_sum
 
 
 def angle_out_of_groove(width: Real, rise: Real, ball_radius: Real) -> Real:
@@ -41,7 +51,7 @@ def margin_angles(opening: Real, rise: Real, ball_radius: Real) -> tuple[Real, R
     low_step = high < ball_radius
     reach = np.where(low_step, np.sqrt(np.maximum(high * (2.0 * ball_radius - high), 0.0)), ball_radius)
     riding = opening <= reach
-    step = np.where(low_step, angle_on_step(np.where(low_step, high, 0.0), ball_radius), 0.5 * np.pi)
+    step = step_angle(high, ball_radius)
     near = np.hypot(opening, high) < 2.0 * ball_radius
     wide, up = np.where(near, opening, ball_radius), np.where(near, high, 0.0)
     climb = angle_out_of_groove(wide, up, ball_radius)
@@ -55,11 +65,14 @@ def margin_angles(opening: Real, rise: Real, ball_radius: Real) -> tuple[Real, R
 
 
 def bevelled_margin_angles(gap: Real, opening: Real, rise: Real, ball_radius: Real) -> tuple[Real, Real]:
-    """Critical angles over a margin whose far side is bevelled at 45 degrees from above `gap` up to (`opening`, `rise`).
+    """Critical angles over a margin whose far side is bevelled at 45 degrees where it opens beyond its `gap`.
 
-    The ball first touches the outer corner, the bevel, or the corner where the bevel meets the wall of the gap; touching
-    the bevel it climbs at 45 degrees. On its way back it climbs the near corner from the same place.
+    The ball first touches the outer corner (`opening`, `rise`), the bevel, or the corner where the bevel meets the wall of
+    the gap; touching the bevel it climbs at 45 degrees. On its way back it climbs the near corner from the same place.
+    Up to `gap` the far side ends square, or in a lip; an opening below 0 overlaps the near side and a step is left.
     """
+    square = margin_angles(np.maximum(opening, 0.0), rise, ball_radius)
+    bevelled, opening = opening > gap, np.maximum(opening, gap)
     diagonal = np.sqrt(0.5) * ball_radius
     # centre (x, z) of a ball that touches the bevel, z = x + d, and the near corner, x^2 + z^2 = R^2
     d = rise - opening + 2.0 * diagonal
@@ -71,7 +84,8 @@ def bevelled_margin_angles(gap: Real, opening: Real, rise: Real, ball_radius: Re
     inner = margin_angles(gap, rise - (opening - gap), ball_radius)
     on_outer, on_inner = x + diagonal >= opening, x + diagonal <= gap
     forward = np.where(on_outer, outer[0], np.where(on_inner, inner[0], 0.25 * np.pi))
-    return forward, np.where(on_outer, outer[1], np.where(on_inner, inner[1], back))
+    backward = np.where(on_outer, outer[1], np.where(on_inner, inner[1], back))
+    return np.where(bevelled, forward, square[0]), np.where(bevelled, backward, square[1])
 
 
 def pull_force(normal_load: Real, angle: Real, friction: Real) -> Real:

@@ -5,15 +5,9 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
-from stepblocks.errors import ContactError
+from stepblocks.contact.domain import require_not_negative, require_positive
 
 _BAND_SHARE, _HALF_BAND = 0.86, 50.0  # figure 5: 86 % of the energy of the ring lies in 250 to 350 Hz [1], [Hz]
-
-
-def _require(name: str, value: float, unit: str, *, zero: bool = False) -> None:
-    if not (math.isfinite(value) and (value > 0.0 or (zero and value == 0.0))):
-        rule = "finite and not negative" if zero else "positive and finite"
-        raise ContactError(f"{name} must be {rule}, got {value:g}{unit and ' ' + unit}")
 
 
 @dataclass(frozen=True)
@@ -51,7 +45,7 @@ class Tool:
 
     def __post_init__(self) -> None:
         for name, value in vars(self).items():
-            _require(name, value, "")
+            require_positive(name, value)
 
     @property
     def effective_mass(self) -> float:
@@ -94,10 +88,10 @@ class OperatingPoint:
     speed: float = 5e-3
 
     def __post_init__(self) -> None:
-        _require("ball_radius", self.ball_radius, "m")
-        _require("normal_load", self.normal_load, "N")
-        _require("friction", self.friction, "", zero=True)
-        _require("speed", self.speed, "m/s")
+        require_positive("ball_radius", self.ball_radius, "m")
+        require_positive("normal_load", self.normal_load, "N")
+        require_not_negative("friction", self.friction)
+        require_positive("speed", self.speed, "m/s")
 
 
 # The blunt tip and the spring of the paper. It states a band of loads and no friction: 1 N and 0.15, steel on steel with a

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from stepblocks.contact.critical_angle import step_angle
 from stepblocks.contact.energy import Release, Status, release_at
-from stepblocks.contact.path.scanned import scanned_angle
+from stepblocks.contact.felt import scanned_angle
 from stepblocks.inspect.conformity import Outcome
 from stepblocks.inspect.inspection import Inspected
 from stepblocks.parts.set import PredictionGrid

@@ -11,9 +11,10 @@ from collections.abc import Iterator
 from dataclasses import replace
 from itertools import product
 
+from stepblocks.contact.counterface import Step
 from stepblocks.contact.energy import Status
+from stepblocks.contact.operating_point import OperatingPoint
 from stepblocks.contact.tolerancing import TolerancePlan, energy_at_corners, tolerances_for_energy
-from stepblocks.contact.uncertainty import Inputs, release_of
 from stepblocks.errors import ContactError, PipelineError
 from stepblocks.parts.energy_tolerance import EnergyBudget, EnergyTolerance
 from stepblocks.parts.set import KINDS, PredictionGrid, StimulusSet
@@ -22,6 +23,7 @@ from stepblocks.parts.tips.declaration import HookTip, StraightTip
 from stepblocks.parts.tolerance import Dimension
 
 Felt = StepBlock | StraightTip | HookTip
+Condition = tuple[Step, OperatingPoint]
 
 
 def with_energy_tolerances(stimuli: StimulusSet) -> StimulusSet:
@@ -44,15 +46,16 @@ def _resolved(part: Felt, stimuli: StimulusSet, kind: str) -> Felt:
     place = f"[{stimuli.name}, {kind} {part.id!r}]"
     energy = part.energy_tolerance
     assert energy is not None
-    felt = [inputs for inputs in _conditions(part, stimuli.prediction) if release_of(inputs)[0] is Status.RELEASES]
+    conditions = _conditions(part, stimuli.prediction)
+    felt = [(face, point) for face, point in conditions if face.release(point).status is Status.RELEASES]
     if not felt:
         raise PipelineError(f"energy_tolerance needs a condition of the prediction that releases, got none {place}")
     free = _free(part, energy)
     plans = []
-    for inputs in felt:
-        where = f"R {inputs.ball_radius * 1e6:g} um, H {inputs.height * 1e6:g} um, mu {inputs.friction:g}"
+    for face, point in felt:
+        where = f"R {point.ball_radius * 1e6:g} um, H {face.height * 1e6:g} um, mu {point.friction:g}"
         try:
-            plan = _plan(part, energy, inputs, free)
+            plan = _plan(part, energy, (face, point), free)
         except ContactError as error:
             raise PipelineError(f"energy_tolerance: {error} {place}") from error
         if not plan.achievable:
@@ -63,14 +66,14 @@ def _resolved(part: Felt, stimuli: StimulusSet, kind: str) -> Felt:
     return _with_plans(part, energy, felt, plans, free)
 
 
-def _conditions(part: Felt, grid: PredictionGrid) -> Iterator[Inputs]:
+def _conditions(part: Felt, grid: PredictionGrid) -> Iterator[Condition]:
     """Every block, tip and friction; load, stiffness and conversion scale all energies alike and stand at one."""
     if isinstance(part, StepBlock):
         for tip, friction in product(grid.tip_radii, grid.frictions):
-            yield Inputs(part.height.nominal, part.edge_radius.nominal, tip, friction, 1.0, 9.81e3, 0.2)
+            yield Step(part.height.nominal, part.edge_radius.nominal), OperatingPoint(tip, 1.0, friction)
     else:
         for height, friction in product(grid.step_heights, grid.frictions):
-            yield Inputs(height, 0.0, part.ball_radius.nominal, friction, 1.0, 9.81e3, 0.2)
+            yield Step(height), OperatingPoint(part.ball_radius.nominal, 1.0, friction)
 
 
 def _free(part: Felt, energy: EnergyTolerance) -> list[str]:
@@ -96,22 +99,22 @@ def _fixed(part: Felt, energy: EnergyTolerance, free: list[str]) -> dict[str, fl
     return fixed
 
 
-def _plan(part: Felt, energy: EnergyTolerance, inputs: Inputs, free: list[str]) -> TolerancePlan:
+def _plan(part: Felt, energy: EnergyTolerance, condition: Condition, free: list[str]) -> TolerancePlan:
     finest = {name: getattr(energy.finest, name) for name in free}
-    return tolerances_for_energy(inputs, energy.within, finest=finest, fixed=_fixed(part, energy, free))
+    return tolerances_for_energy(*condition, energy.within, finest=finest, fixed=_fixed(part, energy, free))
 
 
 def _with_plans(
-    part: Felt, energy: EnergyTolerance, felt: list[Inputs], plans: list[TolerancePlan], free: list[str]
+    part: Felt, energy: EnergyTolerance, felt: list[Condition], plans: list[TolerancePlan], free: list[str]
 ) -> Felt:
     """Give a part the narrowest of what its conditions ask for, rounded down to what a drawing says."""
     widths = {name: min(_drawn(getattr(plan, name)) for plan in plans) for name in free}
     tips: dict[float, float] = {}
-    for inputs, plan in zip(felt, plans, strict=True):
+    for (_, point), plan in zip(felt, plans, strict=True):
         given = energy.ball_radius if energy.ball_radius is not None else _drawn(plan.ball_radius)
-        tips[inputs.ball_radius] = min(given, tips.get(inputs.ball_radius, math.inf))
-    fixed = _fixed(part, energy, free)
-    corners = [energy_at_corners(i, fixed | widths | {"ball_radius": tips[i.ball_radius]}) for i in felt]
+        tips[point.ball_radius] = min(given, tips.get(point.ball_radius, math.inf))
+    fixed = _fixed(part, energy, free) | widths
+    corners = [energy_at_corners(face, at, fixed | {"ball_radius": tips[at.ball_radius]}) for face, at in felt]
     budget = EnergyBudget.model_construct(
         **{name: getattr(energy, name) for name in EnergyTolerance.model_fields},
         tips=tuple(Dimension(radius, t, -t, by_energy=True) for radius, t in sorted(tips.items())),

@@ -10,7 +10,7 @@ from pathlib import Path
 
 from stepblocks.artefacts.as_built import AsBuilt, AsBuiltValue, read_as_built
 from stepblocks.contact.energy import Release, Status, release_at
-from stepblocks.contact.path.scanned import scanned_angle
+from stepblocks.contact.felt import scanned_angle
 from stepblocks.errors import PipelineError
 from stepblocks.parts.set import StimulusSet
 from stepblocks.parts.step_block.declaration import StepBlock

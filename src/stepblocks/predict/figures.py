@@ -3,15 +3,16 @@
 from __future__ import annotations
 
 import math
-from dataclasses import replace
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import ArrayLike
 
+from stepblocks.contact.counterface import Step
 from stepblocks.contact.energy import Status
 from stepblocks.contact.kernels import locking_height
-from stepblocks.contact.uncertainty import Inputs, Spread, interval_of
+from stepblocks.contact.operating_point import OperatingPoint
+from stepblocks.contact.uncertainty import interval_of
 from stepblocks.drag.conversion import RingConversion
 from stepblocks.errors import ContactError
 from stepblocks.figure_file import new_figure, save_figure
@@ -19,11 +20,15 @@ from stepblocks.predict.margin_map import MarginMap
 
 
 def draw_energy_of_height(
-    inputs: Inputs, spread: Spread, heights: ArrayLike, path: Path, marks: dict[str, float] | None = None
+    faces: Sequence[Step],
+    point: OperatingPoint,
+    uncertainty: Mapping[str, float],
+    path: Path,
+    marks: dict[str, float] | None = None,
 ) -> None:
     """Draw E_v against H with its 95 % interval and the height at which the tip locks."""
-    hs = np.asarray(heights, dtype=np.float64)
-    intervals = [interval_of(replace(inputs, height=float(h)), spread, draws=4000) for h in hs]
+    hs = np.array([face.height for face in faces])
+    intervals = [interval_of(face, point, uncertainty, draws=4000) for face in faces]
     figure, axis = new_figure()
     released = np.array([i.status is Status.RELEASES for i in intervals])
     low = np.array([i.energy_low for i in intervals])
@@ -43,12 +48,12 @@ def draw_energy_of_height(
     )
     energy = np.array([i.energy for i in intervals])
     axis.plot(hs[released] * 1e6, energy[released] * 1e6, color="#1f4e79", label="$E_v$, equations (1) and (2)")
-    limit = float(locking_height(inputs.ball_radius + inputs.edge_radius, inputs.friction))
+    limit = float(locking_height(point.ball_radius + faces[0].edge_radius, point.friction))
     axis.axvline(limit * 1e6, color="#b03030", ls="--", lw=1, label=f"locks from {limit * 1e6:.1f} um")
     axis.set(xlabel="step height H [um]", ylabel="vibration energy $E_v$ [uJ]", yscale="log")
     axis.set_ylim(top=top * 1e6)
     axis.set_title(
-        f"R {inputs.ball_radius * 1e6:g} um, {inputs.normal_load:g} N, mu {inputs.friction:g}, C_v {inputs.conversion:g}",
+        f"R {point.ball_radius * 1e6:g} um, {point.normal_load:g} N, mu {point.friction:g}, C_v {point.tool.conversion:g}",
         fontsize=9,
     )
     for height in (marks or {}).values():

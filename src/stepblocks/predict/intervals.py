@@ -6,17 +6,17 @@ standard uncertainty, its middle the expectation, which for a one-sided toleranc
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable
 
-from stepblocks.contact.margin_uncertainty import Direction, MarginInputs, MarginSpread, margin_interval_of
-from stepblocks.contact.uncertainty import Inputs, Interval, Spread, interval_of
+from stepblocks.contact.counterface import Counterface, Margin, Step
+from stepblocks.contact.operating_point import OperatingPoint, Tool
+from stepblocks.contact.uncertainty import Interval, interval_of, rectangular
 from stepblocks.parts.margins.declaration import CrownOnTooth, MarginBlock
 from stepblocks.parts.set import PredictionGrid
 from stepblocks.parts.tolerance import Dimension
 
 # Directions over a margin, in the order in which its angles come
-WAYS: tuple[Direction, Direction] = ("tooth-to-crown", "crown-to-tooth")
+WAYS = ("tooth-to-crown", "crown-to-tooth")
 _DRAWS = 2000  # Draws of each interval: its ends scatter by 2 % of its width, and a thousand blocks still take seconds
 
 Felt = Callable[[float, float], Interval]
@@ -35,60 +35,34 @@ def ball_of(grid: PredictionGrid, radius: float) -> Dimension:
 
 def step_interval(grid: PredictionGrid, height: Dimension, edge_radius: Dimension, ball: Dimension) -> Felt:
     """Prepare the interval of a step under one tip."""
-    off, tool = grid.tolerances, grid.tool
-
-    def felt(friction: float, load: float) -> Interval:
-        inputs = Inputs(
-            _middle(height),
-            max(_middle(edge_radius), 0.0),
-            _middle(ball),
-            friction,
-            load,
-            tool.stiffness,
-            tool.conversion,
-        )
-        spread = Spread.of_tolerances(
-            height=_half(height),
-            edge_radius=_half(edge_radius),
-            ball_radius=_half(ball),
-            friction=off.friction,
-            normal_load=off.normal_load * load,
-            stiffness=off.stiffness * tool.stiffness,
-            conversion=off.conversion * tool.conversion,
-        )
-        return interval_of(inputs, spread, draws=_DRAWS)
-
-    return felt
+    face = Step(_middle(height), max(_middle(edge_radius), 0.0))
+    return _interval(grid, face, ball, {"height": _half(height), "edge_radius": _half(edge_radius)}, False)
 
 
-def margin_interval(grid: PredictionGrid, margin: MarginBlock | CrownOnTooth, ball: Dimension, way: Direction) -> Felt:
+def margin_interval(grid: PredictionGrid, margin: MarginBlock | CrownOnTooth, ball: Dimension, backward: bool) -> Felt:
     """Prepare the interval of a margin under one tip in one direction."""
-    off, tool = grid.tolerances, grid.tool
     gap, rise, stated = margin.marginal_gap, margin.horizontal_discrepancy, margin.vertical_discrepancy
-    root = math.sqrt(3.0)
+    face = Margin(max(_middle(gap), 0.0), _middle(margin.opening), _middle(rise))
+    widths = {"gap": _half(gap)} | ({} if stated is None else {"opening": _half(stated)}) | {"rise": _half(rise)}
+    return _interval(grid, face, ball, widths, backward)
+
+
+def _interval(
+    grid: PredictionGrid, face: Counterface, ball: Dimension, widths: dict[str, float], backward: bool
+) -> Felt:
+    off, spec = grid.tolerances, grid.tool
+    tool = Tool(spec.stiffness, spec.conversion)
 
     def felt(friction: float, load: float) -> Interval:
-        inputs = MarginInputs(
-            max(_middle(gap), 0.0),
-            _middle(margin.opening),
-            _middle(rise),
-            _middle(ball),
-            friction,
-            load,
-            tool.stiffness,
-            tool.conversion,
-        )
-        spread = MarginSpread(
-            _half(gap) / root,
-            None if stated is None else _half(stated) / root,
-            _half(rise) / root,
-            _half(ball) / root,
-            off.friction / root,
-            off.normal_load * load / root,
-            off.stiffness * tool.stiffness / root,
-            off.conversion * tool.conversion / root,
-        )
-        return margin_interval_of(inputs, spread, way, draws=_DRAWS)
+        setting = {
+            "ball_radius": _half(ball),
+            "friction": off.friction,
+            "normal_load": off.normal_load * load,
+            "stiffness": off.stiffness * tool.stiffness,
+            "conversion": off.conversion * tool.conversion,
+        }
+        point = OperatingPoint(_middle(ball), load, friction, tool)
+        return interval_of(face, point, rectangular(widths | setting), backward=backward, draws=_DRAWS)
 
     return felt
 

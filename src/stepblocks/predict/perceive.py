@@ -11,7 +11,7 @@ import pandas as pd
 
 from stepblocks.atomic import replace_text
 from stepblocks.contact.energy import Status
-from stepblocks.contact.uncertainty import Inputs
+from stepblocks.contact.operating_point import OperatingPoint
 from stepblocks.declare import load_declared
 from stepblocks.errors import PipelineError, StepblocksError
 from stepblocks.parts.set import StimulusSet
@@ -23,7 +23,7 @@ from stepblocks.predict.perception import (
     equally_felt_heights,
     sensation_level,
 )
-from stepblocks.predict.predictions import Prediction
+from stepblocks.predict.predictions import Prediction, tool_of
 
 
 def observer_of(stimuli: StimulusSet) -> Observer:
@@ -75,16 +75,10 @@ def write_equally_felt(source: Path, count: int, target: Path) -> tuple[list[flo
         raise PipelineError(f"-o must name a new file *.toml, got {target}")
     grid, first = stimuli.prediction, stimuli.step_block[0]
     given = [block.height.nominal for block in stimuli.step_block]
-    inputs = Inputs(
-        first.height.nominal,
-        first.edge_radius.nominal,
-        grid.tip_radii[0],
-        grid.frictions[0],
-        grid.normal_loads[0],
-        grid.tool.stiffness,
-        grid.tool.conversion,
+    point = OperatingPoint(grid.tip_radii[0], grid.normal_loads[0], grid.frictions[0], tool_of(grid))
+    heights, spacing = equally_felt_heights(
+        count, min(given), max(given), point, first.edge_radius.nominal, observer_of(stimuli)
     )
-    heights, spacing = equally_felt_heights(count, min(given), max(given), inputs, observer_of(stimuli))
     rounded = [round(float(height) * 1e6, 2) for height in heights]
     text = _with_heights(source.read_text(encoding="utf-8"), target.stem, rounded, first.height)
     beside = target.parent / f".{target.stem}.part" / target.name

@@ -7,14 +7,16 @@ on a hand-held explorer but the paper's threshold.
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
 from stepblocks.contact import kernels
+from stepblocks.contact.counterface import Step
+from stepblocks.contact.domain import require_not_negative, require_positive
 from stepblocks.contact.energy import Status
-from stepblocks.contact.uncertainty import Inputs, release_of
+from stepblocks.contact.operating_point import PAPER, OperatingPoint
 from stepblocks.errors import ContactError
 
 
@@ -30,11 +32,8 @@ class Observer:
 
     def __post_init__(self) -> None:
         for name in ("threshold_power", "ring_duration", "level_difference"):
-            value = getattr(self, name)
-            if not (math.isfinite(value) and value > 0.0):
-                raise ContactError(f"{name} must be positive and finite, got {value:g}")
-        if not (math.isfinite(self.masking) and self.masking >= 0.0):
-            raise ContactError(f"masking must be finite and not negative, got {self.masking:g}")
+            require_positive(name, getattr(self, name))
+        require_not_negative("masking", self.masking)
 
     @property
     def weber_fraction(self) -> float:
@@ -49,7 +48,7 @@ class Observer:
 # rises towards threshold, which is ignored, and was not measured on a short ring felt through a tool: treat it as a
 # factor of two. Masking: a signal must exceed a masker of the same channel by the Weber fraction; an assumption, not
 # a measurement
-PAPER_OBSERVER = Observer(threshold_power=0.08e-6, ring_duration=16e-3, level_difference=1.5, masking=0.41)
+PAPER_OBSERVER = Observer(PAPER.tool.detection_threshold, PAPER.tool.ring_duration, level_difference=1.5, masking=0.41)
 
 
 def sensation_level(energy: float, observer: Observer = PAPER_OBSERVER, masker_power: float = 0.0) -> float:
@@ -60,17 +59,10 @@ def sensation_level(energy: float, observer: Observer = PAPER_OBSERVER, masker_p
     >>> round(sensation_level(10e-6), 1)
     38.9
     """
-    if not (math.isfinite(energy) and energy > 0.0):
-        raise ContactError(f"energy must be positive and finite, got {energy:g} J")
-    if not (math.isfinite(masker_power) and masker_power >= 0.0):
-        raise ContactError(f"masker_power must be finite and not negative, got {masker_power:g} W")
+    require_positive("energy", energy, "J")
+    require_not_negative("masker_power", masker_power, "W")
     threshold = observer.threshold_power + observer.masking * masker_power
     return 10.0 * math.log10(energy / observer.ring_duration / threshold)
-
-
-def detectable(energy: float, observer: Observer = PAPER_OBSERVER, masker_power: float = 0.0) -> bool:
-    """Whether a ring lies over its threshold, masked or not."""
-    return sensation_level(energy, observer, masker_power) > 0.0
 
 
 def discriminability(first: float, second: float, observer: Observer = PAPER_OBSERVER) -> tuple[float, float]:
@@ -91,29 +83,32 @@ def discriminability(first: float, second: float, observer: Observer = PAPER_OBS
     return steps, float(norm.cdf(steps * norm.ppf(0.75)))
 
 
-def height_of_energy(energy: float, inputs: Inputs) -> float:
+def height_of_energy(energy: float, point: OperatingPoint, edge_radius: float = 0.0) -> float:
     """Height H [m] of the step that rings with `energy` [J], the exact inverse of equations (1) and (2).
 
     Examples
     --------
-    >>> inputs = Inputs(25e-6, 0.0, 125e-6, 0.15, 1.0, 9.81e3, 0.2)
-    >>> energy = release_of(inputs)[2]
-    >>> round(height_of_energy(energy, inputs) * 1e6, 9)
+    >>> energy = Step(25e-6).release(PAPER).vibration_energy
+    >>> round(height_of_energy(energy, PAPER) * 1e6, 9)
     25.0
     """
-    if not (math.isfinite(energy) and energy > 0.0):
-        raise ContactError(f"energy must be positive and finite, got {energy:g} J")
-    force = math.sqrt(2.0 * inputs.stiffness * energy / inputs.conversion)
-    angle = math.atan2(force, inputs.normal_load) - math.atan(inputs.friction)
+    require_positive("energy", energy, "J")
+    force = math.sqrt(2.0 * point.tool.stiffness * energy / point.tool.conversion)
+    angle = math.atan2(force, point.normal_load) - math.atan(point.friction)
     if angle <= 0.0:
         raise ContactError(
             f"energy of {energy:g} J is less than sliding friction alone stores: no step rings so little"
         )
-    return float((inputs.ball_radius + inputs.edge_radius) * 2.0 * math.sin(0.5 * angle) ** 2)
+    return float((point.ball_radius + edge_radius) * 2.0 * math.sin(0.5 * angle) ** 2)
 
 
 def equally_felt_heights(
-    count: int, lowest: float, highest: float, inputs: Inputs, observer: Observer = PAPER_OBSERVER
+    count: int,
+    lowest: float,
+    highest: float,
+    point: OperatingPoint,
+    edge_radius: float = 0.0,
+    observer: Observer = PAPER_OBSERVER,
 ) -> tuple[NDArray[np.float64], float]:
     """Heights of a set whose blocks are equally spaced in predicted sensation instead of in micrometres.
 
@@ -121,8 +116,7 @@ def equally_felt_heights(
 
     Examples
     --------
-    >>> inputs = Inputs(25e-6, 0.0, 125e-6, 0.15, 1.0, 9.81e3, 0.2)
-    >>> heights, spacing = equally_felt_heights(5, 10e-6, 75e-6, inputs)
+    >>> heights, spacing = equally_felt_heights(5, 10e-6, 75e-6, PAPER)
     >>> heights.round(8).tolist()
     [1e-05, 2.316e-05, 4.137e-05, 5.99e-05, 7.5e-05]
     """
@@ -132,12 +126,12 @@ def equally_felt_heights(
         )
     ends = []
     for height in (lowest, highest):
-        status, _, energy = release_of(replace(inputs, height=height))
-        if status is not Status.RELEASES:
-            limit = kernels.locking_height(inputs.ball_radius + inputs.edge_radius, inputs.friction)
-            raise ContactError(f"a step of {height:g} m is {status}; it locks from {limit:g} m on")
-        ends.append(energy)
+        release = Step(height, edge_radius).release(point)
+        if release.status is not Status.RELEASES:
+            limit = kernels.locking_height(point.ball_radius + edge_radius, point.friction)
+            raise ContactError(f"a step of {height:g} m is {release.status}; it locks from {limit:g} m on")
+        ends.append(release.vibration_energy)
     energies = np.geomspace(ends[0], ends[1], count)
-    heights = np.array([height_of_energy(float(energy), inputs) for energy in energies])
+    heights = np.array([height_of_energy(float(energy), point, edge_radius) for energy in energies])
     spacing, _ = discriminability(float(energies[0]), float(energies[1]), observer)
     return heights, spacing

@@ -6,7 +6,9 @@ from pathlib import Path
 
 import numpy as np
 
-from stepblocks.contact.uncertainty import Inputs, Spread
+from stepblocks.contact.counterface import Step
+from stepblocks.contact.operating_point import OperatingPoint
+from stepblocks.contact.uncertainty import rectangular
 from stepblocks.parts.energy_tolerances import with_energy_tolerances
 from stepblocks.parts.set import StimulusSet
 from stepblocks.predict.figures import draw_energy_of_height, draw_margin_map
@@ -27,19 +29,11 @@ def write_plots(stimuli: StimulusSet, folder: Path) -> list[Path]:
             if stimuli.step_block:
                 path = folder / f"{stimuli.name}.energy-of-height.{name}.png"
                 block = stimuli.step_block[0]
-                inputs = Inputs(
-                    block.height.nominal,
-                    block.edge_radius.nominal,
-                    radius,
-                    friction,
-                    load,
-                    tool.stiffness,
-                    tool.conversion,
-                )
+                point = OperatingPoint(radius, load, friction, tool)
                 top = 1.25 * max(one.height.nominal for one in stimuli.step_block)
                 marks = {one.id: one.height.nominal for one in stimuli.step_block}
-                spread = _spread(stimuli, load)
-                draw_energy_of_height(inputs, spread, np.linspace(0.02 * top, top, 80), path, marks=marks)
+                faces = [Step(height, block.edge_radius.nominal) for height in np.linspace(0.02 * top, top, 80)]
+                draw_energy_of_height(faces, point, _uncertainty(stimuli, load), path, marks=marks)
                 written.append(path)
             if margins:
                 path = folder / f"{stimuli.name}.margin-map.{name}.png"
@@ -61,15 +55,17 @@ def write_plots(stimuli: StimulusSet, folder: Path) -> list[Path]:
     return written
 
 
-def _spread(stimuli: StimulusSet, load: float) -> Spread:
-    """Uncertainties of the first block and of the setting."""
+def _uncertainty(stimuli: StimulusSet, load: float) -> dict[str, float]:
+    """Collect the standard uncertainties of the first block and of the setting."""
     off, tool, block = stimuli.prediction.tolerances, stimuli.prediction.tool, stimuli.step_block[0]
-    return Spread.of_tolerances(
-        height=0.5 * (block.height.upper - block.height.lower),
-        edge_radius=0.5 * (block.edge_radius.upper - block.edge_radius.lower),
-        ball_radius=off.tip_radius,
-        friction=off.friction,
-        normal_load=off.normal_load * load,
-        stiffness=off.stiffness * tool.stiffness,
-        conversion=off.conversion * tool.conversion,
+    return rectangular(
+        {
+            "height": 0.5 * (block.height.upper - block.height.lower),
+            "edge_radius": 0.5 * (block.edge_radius.upper - block.edge_radius.lower),
+            "ball_radius": off.tip_radius,
+            "friction": off.friction,
+            "normal_load": off.normal_load * load,
+            "stiffness": off.stiffness * tool.stiffness,
+            "conversion": off.conversion * tool.conversion,
+        }
     )

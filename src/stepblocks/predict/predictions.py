@@ -153,7 +153,7 @@ def _contacts(stimulus: Stimulus, grid: PredictionGrid) -> Iterator[_Contact]:
                 rise = stimulus.horizontal_discrepancy.nominal
                 for way, drag in enumerate(WAYS):
                     spread = [both[way] for both in both_ways]
-                    felt = margin_interval(grid, stimulus, ball_of(grid, tip), drag)
+                    felt = margin_interval(grid, stimulus, ball_of(grid, tip), bool(way))
                     yield _Contact(drag, tip, rise, (spread[0], min(spread), max(spread)), felt)
         case StraightTip() | HookTip():
             for height_of_step in grid.step_heights:

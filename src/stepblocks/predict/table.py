@@ -7,8 +7,9 @@ from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from stepblocks.contact.critical_angle import step_angle
-from stepblocks.contact.uncertainty import Inputs, Spread, interval_of
+from stepblocks.contact.counterface import Step
+from stepblocks.contact.operating_point import PAPER, OperatingPoint, Tool
+from stepblocks.contact.uncertainty import interval_of
 from stepblocks.errors import ContactError
 from stepblocks.tables import read_table, si_column, write_table
 
@@ -18,11 +19,11 @@ if TYPE_CHECKING:
 _COLUMNS: dict[str, tuple[tuple[str, ...], str, float | None]] = {
     "height": (("height", "step_height"), "length", None),
     "edge_radius": (("edge_radius",), "length", 0.0),
-    "ball_radius": (("tip_radius", "ball_radius"), "length", 125e-6),
+    "ball_radius": (("tip_radius", "ball_radius"), "length", PAPER.ball_radius),
     "friction": (("friction",), "ratio", None),
     "normal_load": (("normal_load", "load"), "force", None),
-    "stiffness": (("stiffness",), "stiffness", 9.81e3),
-    "conversion": (("conversion",), "ratio", 0.20),
+    "stiffness": (("stiffness",), "stiffness", PAPER.tool.stiffness),
+    "conversion": (("conversion",), "ratio", PAPER.tool.conversion),
 }
 
 
@@ -75,12 +76,16 @@ def predict_frame(
     }
     rows: list[dict[str, Any]] = []
     for k in range(len(frame)):
-        inputs = Inputs(**{name: float(values[k]) for name, values in columns.items()})
+        at = {name: float(values[k]) for name, values in columns.items()}
         stream = int(np.random.SeedSequence([seed, k]).generate_state(1)[0])
         try:
-            spread = Spread(**{name: float(values[k]) for name, values in spreads.items()})
-            interval = interval_of(inputs, spread, confidence=confidence, draws=draws, seed=stream)
-            angle = step_angle(inputs.height, inputs.ball_radius, inputs.edge_radius)
+            point = OperatingPoint(
+                at["ball_radius"], at["normal_load"], at["friction"], Tool(at["stiffness"], at["conversion"])
+            )
+            face = Step(at["height"], at["edge_radius"])
+            spread = {name: float(values[k]) for name, values in spreads.items()}
+            interval = interval_of(face, point, spread, confidence=confidence, draws=draws, seed=stream)
+            angle = face.angles(point.ball_radius)[0]
         except ContactError as error:
             if str(error).startswith(("confidence", "draws")):
                 raise

@@ -12,7 +12,7 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from stepblocks.errors import ContactError
 
@@ -55,12 +55,12 @@ class CentrePath:
         return CentrePath(self.x * scale, self.z * scale, self.slope_start, self.slope_end)
 
 
-def corner_path(points: list[tuple[float, float]], ball_radius: float) -> CentrePath:
+def corner_path(points: ArrayLike, ball_radius: float) -> CentrePath:
     """Path of the ball's centre over any profile, nominal or measured.
 
     Parameters
     ----------
-    points : list of (float, float)
+    points : array_like, shape (n, 2)
         Corners (x, z) of the profile [m], x not descending; equal x make a vertical wall. At most 2000.
     ball_radius : float
         Radius R of the ball [m].
@@ -78,8 +78,9 @@ def corner_path(points: list[tuple[float, float]], ball_radius: float) -> Centre
     flat = np.asarray(points, dtype=np.float64)
     if not (2 <= len(flat) <= 2000 and np.isfinite(flat).all() and (np.diff(flat[:, 0]) >= 0.0).all()):
         raise ContactError(f"a profile must have 2 to 2000 finite points that do not descend in x, got {len(flat)}")
-    lines = [(a, b) for a, b in itertools.pairwise(points) if b[0] > a[0]]
-    return envelope_path([(x, z, 0.0) for x, z in points[1:-1]], lines, ball_radius)
+    corners = [(float(x), float(z)) for x, z in flat]
+    lines = [(a, b) for a, b in itertools.pairwise(corners) if b[0] > a[0]]
+    return envelope_path([(x, z, 0.0) for x, z in corners[1:-1]], lines, ball_radius)
 
 
 def envelope_path(

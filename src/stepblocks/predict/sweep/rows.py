@@ -93,7 +93,7 @@ def sweep_row(plan: SweepPlan, row: int) -> dict[str, Any]:
     if plan.mode == "drag":
         result |= dict.fromkeys(DRAG_COLUMNS, math.nan) | {"drag_status": "invalid"}
     try:
-        tool = Tool(inputs["stiffness"], inputs["conversion"], 16e-3, 0.08e-6)
+        tool = Tool(inputs["stiffness"], inputs["conversion"])
         angle = _angle(inputs)
         release = release_at(angle, inputs["normal_load"], inputs["friction"], tool)
         result |= {

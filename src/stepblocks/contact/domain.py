@@ -1,0 +1,37 @@
+"""The domain of the formulas: one wording for every value that lies outside it, alone or in an array."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from stepblocks.errors import ContactError
+
+Real = Any  # a float or an array of them: what is given decides what comes out
+
+
+def require_positive(name: str, value: Real, unit: str = "") -> None:
+    """Refuse a value that is not above 0, or not finite."""
+    _require(name, value, unit, np.isfinite(value) & (value > 0.0), "positive and finite")
+
+
+def require_not_negative(name: str, value: Real, unit: str = "") -> None:
+    """Refuse a value below 0, or not finite."""
+    _require(name, value, unit, np.isfinite(value) & (value >= 0.0), "finite and not negative")
+
+
+def require_finite(name: str, value: Real, unit: str = "") -> None:
+    """Refuse a value that is not a number, or infinite."""
+    _require(name, value, unit, np.isfinite(value), "finite")
+
+
+def plain(value: Real) -> Real:
+    """Return a Python float for an array of no dimension, any other array as it is."""
+    return float(value) if np.ndim(value) == 0 else value
+
+
+def _require(name: str, value: Real, unit: str, good: Any, rule: str) -> None:
+    if not good.all():
+        first = np.asarray(value)[np.logical_not(good)].flat[0]
+        raise ContactError(f"{name} must be {rule}, got {first:g}{unit and ' ' + unit}")

@@ -1,0 +1,69 @@
+"""Sensation: levels over threshold, telling blocks apart, and height as the inverse of energy."""
+
+import math
+from itertools import pairwise
+
+import numpy as np
+import pytest
+
+from stepblocks.contact.counterface import Step
+from stepblocks.contact.operating_point import OperatingPoint, Tool
+from stepblocks.errors import ContactError
+from stepblocks.predict.perception import (
+    PAPER_OBSERVER,
+    Observer,
+    discriminability,
+    equally_felt_heights,
+    height_of_energy,
+    sensation_level,
+)
+
+POINT, EDGE = OperatingPoint(131e-6, 0.8, 0.17, Tool(8.7e3, 0.23)), 9e-6
+
+
+def energy(height):
+    return Step(height, EDGE).release(POINT).vibration_energy
+
+
+def test_ten_microjoule_are_39_decibel_over_the_papers_threshold():
+    # Origin: the paper, 625 uW against 0.08 uW: a factor 7812.5.
+    assert sensation_level(10e-6) == pytest.approx(10 * math.log10(7812.5))
+    assert sensation_level(10e-6) > 0
+    assert sensation_level(1e-9) < 0
+    assert sensation_level(10e-6, masker_power=1e-3) < sensation_level(10e-6)
+
+
+def test_one_just_noticeable_difference_is_the_weber_fraction_and_75_percent_correct():
+    steps, correct = discriminability(10e-6, 10e-6 * (1 + PAPER_OBSERVER.weber_fraction))
+    assert steps == pytest.approx(1.0)
+    assert correct == pytest.approx(0.75)
+
+
+def test_blocks_of_an_equally_felt_set_are_equally_discriminable():
+    heights, spacing = equally_felt_heights(6, 12e-6, 70e-6, POINT, EDGE)
+    energies = [energy(float(h)) for h in heights]
+    steps = [discriminability(a, b)[0] for a, b in pairwise(energies)]
+    assert steps == pytest.approx([spacing] * 5, rel=1e-9)
+    assert heights[0] == pytest.approx(12e-6)
+    assert heights[-1] == pytest.approx(70e-6)
+    assert np.ptp(np.diff(heights)) > 1e-6
+
+
+def test_height_and_energy_are_inverse():
+    for height in (3e-6, 40e-6, 100e-6):
+        assert height_of_energy(energy(height), POINT, EDGE) == pytest.approx(height, rel=1e-11)
+
+
+@pytest.mark.parametrize(
+    ("call", "message"),
+    [
+        (lambda: sensation_level(0.0), "energy must be positive"),
+        (lambda: Observer(0.0, 1.0, 1.0, 0.0), "threshold_power"),
+        (lambda: equally_felt_heights(1, 1e-6, 2e-6, POINT, EDGE), "at least 2 blocks"),
+        (lambda: equally_felt_heights(3, 1e-6, 135e-6, POINT, EDGE), "locks from"),
+        (lambda: height_of_energy(1e-9, POINT, EDGE), "no step rings so little"),
+    ],
+)
+def test_what_nobody_could_feel_is_one_clear_error(call, message):
+    with pytest.raises(ContactError, match=message):
+        call()
