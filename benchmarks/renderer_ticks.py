@@ -15,8 +15,6 @@ import numpy as np
 from stepblocks.contact.event import ring_energy, vibration_events
 from stepblocks.contact.operating_point import OperatingPoint
 from stepblocks.declare import load_set
-from stepblocks.simulators.renderer.height_map import map_of
-from stepblocks.simulators.renderer.map_servo import MapRenderer
 from stepblocks.simulators.renderer.servo import Renderer
 
 RATE = 10e3
@@ -26,32 +24,14 @@ ROOT = Path(__file__).resolve().parents[1]
 
 
 def main() -> None:
-    for title, make in (("profile", on_profile), ("height map", on_map)):
-        print(f"\n{title}\n")
-        print(
-            "| surface | ticks | median us | 99.9 % us | worst us | fastest of 5: 99.9 % | worst | ring uJ | E_v uJ | deviation |"
-        )
-        print("|---|---|---|---|---|---|---|---|---|---|")
-        everything = []
-        for stimulus in load_set(ROOT / "stimuli" / "paper-ten.toml").stimuli:
-            everything.append(one(stimulus, make(stimulus)))
-        row("ten blocks", np.concatenate(everything, axis=1))
-        if make is on_map:
-            crown = next(
-                s for s in load_set(ROOT / "stimuli" / "crown-margins.toml").stimuli if s.id == "crown-shoulder"
-            )
-            one(crown, make(crown))
+    print("| surface | ticks | median us | 99.9 % us | worst us | fastest of 5: 99.9 % | worst | ring uJ | E_v uJ | deviation |")
+    print("|---|---|---|---|---|---|---|---|---|---|")
+    blocks = load_set(ROOT / "stimuli" / "paper-ten.toml").stimuli
+    row("ten blocks", np.concatenate([one(block) for block in blocks], axis=1))
 
 
-def on_profile(stimulus: object) -> Renderer:
-    return Renderer(stimulus.counterface().centre_path(CONDITION.ball_radius), CONDITION, rate=RATE)
-
-
-def on_map(stimulus: object) -> MapRenderer:
-    return MapRenderer(map_of(stimulus, CONDITION.ball_radius), CONDITION, rate=RATE)
-
-
-def one(stimulus: object, renderer: Renderer | MapRenderer) -> np.ndarray:
+def one(stimulus: object) -> np.ndarray:
+    renderer = Renderer(stimulus.counterface().centre_path(CONDITION.ball_radius), CONDITION, rate=RATE)
     event = vibration_events(stimulus.id, stimulus.counterface(), CONDITION)[0]
     runs = [drag(renderer, event) for _ in range(REPEATS)]
     nanoseconds, energy = np.array([times for times, _ in runs]), runs[0][1]
@@ -59,7 +39,7 @@ def one(stimulus: object, renderer: Renderer | MapRenderer) -> np.ndarray:
     return nanoseconds
 
 
-def drag(renderer: Renderer | MapRenderer, event: object) -> tuple[np.ndarray, float]:
+def drag(renderer: Renderer, event: object) -> tuple[np.ndarray, float]:
     """Pull over the edge at 2 mm/s, stop for the ring, and return; the load is held."""
     pull = 1.1 * event.critical_force / renderer.stiffness
     x = event.trigger_position - 20e-6
@@ -78,7 +58,7 @@ def drag(renderer: Renderer | MapRenderer, event: object) -> tuple[np.ndarray, f
         force = renderer.tick(position, velocity)
         times[index] = clock() - start
         if renderer.events == 1 and index < len(there) + 1500:
-            ring.append(force[0] + np.atleast_1d(renderer.pull)[0])
+            ring.append(force[0] + renderer.pull)
         position[2] += (force[2] - CONDITION.normal_load) / renderer.wall
     return times, ring_energy(np.array(ring), RATE, event)
 

@@ -21,8 +21,6 @@ from stepblocks.contact.operating_point import OperatingPoint
 from stepblocks.declare import load_set
 from stepblocks.quantities import parse_quantity
 from stepblocks.simulators.renderer.hand import drag
-from stepblocks.simulators.renderer.height_map import map_of
-from stepblocks.simulators.renderer.map_servo import MapRenderer, drag_over_map
 from stepblocks.simulators.renderer.servo import Renderer
 from stepblocks.simulators.scenes.assemble import assemble_scene
 from stepblocks.simulators.scenes.registry import SCENE_FORMATS
@@ -65,13 +63,6 @@ def row(folder: Path, surface: object, condition: OperatingPoint, arguments: arg
 def on_profile(_: Path, scene: Scene, __: argparse.Namespace) -> Result:
     renderer = Renderer(scene.surface.counterface().centre_path(RADIUS), scene.condition)
     record = drag(renderer, scene.condition.normal_load, travel(scene))
-    return record.peak, record.crossed
-
-
-def on_map(_: Path, scene: Scene, __: argparse.Namespace) -> Result:
-    renderer = MapRenderer(map_of(scene.surface, RADIUS), scene.condition)
-    start = (scene.events[0].trigger_position - 30e-6, 0.0)
-    record = drag_over_map(renderer, scene.condition.normal_load, start, travel(scene) + 30e-6)
     return record.peak, record.crossed
 
 
@@ -128,8 +119,7 @@ def in_drake(folder: Path, scene: Scene, arguments: argparse.Namespace) -> Resul
 
 
 COLUMNS: dict[str, Callable[[Path, Scene, argparse.Namespace], Result]] = {
-    "renderer, profile": on_profile,
-    "renderer, height map": on_map,
+    "renderer": on_profile,
     "force law, Python": in_python,
     "force law, C": in_c,
     "MuJoCo, pieces": in_mujoco,
