@@ -29,9 +29,8 @@ channels = { time = "time_s", tangential = "fx_n", normal = "fy_n" }
 """
 RUN = """
 import sys
-from pathlib import Path
-from stepblocks.bench.measure import measure_session
-measure_session(Path(sys.argv[1]), Path(sys.argv[2]), int(sys.argv[3]))
+from stepblocks.bench.measure import write_features
+write_features(sys.argv[1], sys.argv[2], jobs=int(sys.argv[3]))
 """
 
 
@@ -66,8 +65,7 @@ def main(counts: list[int], jobs: int = 2) -> None:
             folder.mkdir()
             write(folder, count)
             begin = time.perf_counter()
-            code = [sys.executable, "-c", "if __name__ == '__main__':\n" + RUN.replace("\n", "\n    ")]
-            subprocess.run([*code, str(folder), f"{scratch}/out.csv", str(jobs)], check=True)
+            subprocess.run([sys.executable, "-c", RUN, str(folder), f"{scratch}/out.csv", str(jobs)], check=True)
             with Path(f"{scratch}/out.csv").open() as table:
                 measured = sum(",ok," in row for row in table)
             spent = time.perf_counter() - begin

@@ -11,7 +11,7 @@ from stepblocks.bench.signal.features import FEATURE_COLUMNS, measure_trace
 from stepblocks.bench.signal.landmarks import LandmarkError
 from stepblocks.bench.signal.rubbing_ring import rubbing_force
 from stepblocks.bench.signal.spectrum import band_share
-from stepblocks.bench.trace import Trace
+from stepblocks.bench.signal.trace import Trace
 
 K = 9810.0
 PLAIN = Truth(

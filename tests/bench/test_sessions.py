@@ -8,11 +8,11 @@ import pandas as pd
 import pytest
 from scipy.io import savemat
 
-from stepblocks.bench.measure import measure_session
+from stepblocks.bench.measure import write_features
 from stepblocks.bench.rehearse.run import simulate_session
 from stepblocks.bench.session import open_session
 from stepblocks.bench.signal.features import FEATURE_COLUMNS
-from stepblocks.bench.sources import open_source, read_trace
+from stepblocks.bench.traces import Traces
 from stepblocks.cli import main
 
 PLAN = """schema = 1
@@ -34,7 +34,7 @@ def simulate(tmp_path, kind="hdf5", trials=12, extra=""):
 
 
 def measure(folder, tmp_path, jobs=1, name="features.csv"):
-    measure_session(folder, tmp_path / name, jobs=jobs)
+    write_features(folder, tmp_path / name, jobs=jobs)
     return pd.read_csv(tmp_path / name)
 
 
@@ -113,7 +113,7 @@ load = { column = "Last", unit = "N" }
 def test_matrices_compound_tables_and_new_matlab_files_are_read(make_session, tmp_path):
     plain = make_session(tmp_path / "plain", count=2)
     session = open_session(plain)
-    trace = read_trace(open_source(session), session, "2")
+    trace = Traces(session).read("2")
     table = np.column_stack([trace.time, trace.tangential, trace.normal])
     with h5py.File(tmp_path / "plain" / "compound.h5", "w") as file:
         kinds = [("t", "f8"), ("x", "f8"), ("y", "f8")]
@@ -134,10 +134,8 @@ def test_matrices_compound_tables_and_new_matlab_files_are_read(make_session, tm
         ("new.mat", named),
     ):
         (plain / "session.toml").write_text(text.replace("traces/{trial:04d}.csv", file_name).replace(named, channels))
-        again = open_session(plain)
-        source = open_source(again)
-        other = read_trace(source, again, "2")
-        source.close()
+        with Traces(open_session(plain)) as traces:
+            other = traces.read("2")
         np.testing.assert_array_equal(other.tangential, trace.tangential)
         np.testing.assert_array_equal(other.normal, trace.normal)
 

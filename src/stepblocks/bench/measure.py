@@ -1,61 +1,87 @@
-"""Job: a session in, a table of features out, over all cores and in bounded memory."""
+"""A session in, a table of features out: over all cores, in bounded memory."""
 
 from __future__ import annotations
 
 import csv
+import math
 import os
 import tempfile
-from collections import Counter
+from collections import Counter, deque
 from collections.abc import Callable, Iterable, Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, field
+from hashlib import blake2b
 from itertools import islice
 from pathlib import Path
+from typing import TYPE_CHECKING, Any
 
 from stepblocks.atomic import beside
-from stepblocks.bench.feature_table import EXCLUDED, OK, RESERVED_COLUMNS, header_of, write_rows
 from stepblocks.bench.labels import LabelCheck
-from stepblocks.bench.measuring import TrialResult, measure_trial, pilot
 from stepblocks.bench.session import Session, open_session
-from stepblocks.bench.sources import TraceSource, open_source
-from stepblocks.bench.trace import Trial
-from stepblocks.bench.trial_table import TrialTable, open_trials
+from stepblocks.bench.signal.features import FEATURE_COLUMNS, measure_trace, tool_of
+from stepblocks.bench.signal.landmarks import LandmarkError
+from stepblocks.bench.signal.trace import Trace, screen_trace
+from stepblocks.bench.sources import TraceError
+from stepblocks.bench.traces import Traces
+from stepblocks.bench.trials import Trial, TrialTable, open_trials
 from stepblocks.errors import PipelineError
+
+if TYPE_CHECKING:
+    import pandas as pd
 
 _CHUNK = 16  # trials that a worker takes at a time
 _AHEAD = 4  # chunks per worker that wait for it at most
+_PILOTS = 16  # trials that tell of the tool
 _MOST_JOBS = 256
+_LEADING = ("trial", "status", "reason")
+_OK, _EXCLUDED = "ok", "excluded"
+# the blank cells of an excluded trial must not turn names that look like numbers into numbers
+_TEXT_COLUMNS = {"trial": str, "block": str, "tip": str, "reason": str}
+
+Progress = Callable[[int, int], None]  # told how many of how many trials are done
 
 
 @dataclass(frozen=True)
 class MeasureSummary:
     """What a run over a session came to."""
 
-    total: int  # Trials in the table, and those that were excluded
+    total: int  # trials in the table
     excluded: int
-    reasons: dict[str, int]  # How often each kind of reason came up
-    notes: tuple[str, ...]  # What a reader should know of the design
+    reasons: dict[str, int]  # how often each kind of reason came up
+    notes: tuple[str, ...]  # what a reader should know of the design
 
 
-def measure_session(
-    folder: Path, output: Path, jobs: int | None = None, progress: Callable[[int, int], None] | None = None
-) -> MeasureSummary:
-    """Measure every trial of a session and write the table of features.
+@dataclass(frozen=True)
+class TrialResult:
+    """What became of one trial."""
+
+    trial: Trial
+    reason: str = ""  # why it is excluded; empty where it was measured
+    features: dict[str, float] = field(default_factory=dict)  # empty where it is excluded
+    digest: int = 0  # two traces share it only if they have the same samples
+
+
+def measure(
+    session: str | Path, output: str | Path | None = None, *, jobs: int | None = None, progress: Progress | None = None
+) -> pd.DataFrame:
+    """Measure every trial of a session.
 
     Parameters
     ----------
-    folder : Path
-        The session; it is only read.
-    output : Path
-        The table, CSV; replaced whole when all is done.
+    session : str or Path
+        Folder with a ``session.toml``; it is only read.
+    output : str or Path, optional
+        File that the table is also written to, CSV.
     jobs : int, optional
-        Processes; as many as cores where omitted.
+        Processes; as many as cores where omitted. The script that calls needs no main guard for them.
     progress : callable, optional
         Told how many of how many trials are done.
 
     Returns
     -------
-    MeasureSummary
-        Counts and reasons.
+    DataFrame
+        One row per trial in the order of the table of trials: ``trial``, ``status`` (``ok`` or ``excluded``), ``reason``,
+        the conditions as written, then `FEATURE_COLUMNS` in SI, each with its standard uncertainty; not-a-number where a
+        trial was excluded or does not show it.
 
     Raises
     ------
@@ -64,24 +90,41 @@ def measure_session(
     PipelineError
         If the output cannot be written, or not one trial could be measured.
     """
-    session = open_session(folder)
-    table = open_trials(session, RESERVED_COLUMNS)
-    jobs = _jobs(jobs)
+    import pandas as pd
+
+    with tempfile.TemporaryDirectory(prefix="stepblocks-features-") as scratch:
+        table = Path(output) if output is not None else Path(scratch) / "features.csv"
+        write_features(session, table, jobs=jobs, progress=progress)
+        return pd.read_csv(table, dtype=_TEXT_COLUMNS).fillna({"reason": ""})
+
+
+def write_features(
+    session: str | Path, output: str | Path, *, jobs: int | None = None, progress: Progress | None = None
+) -> MeasureSummary:
+    """Measure every trial of a session into a file, however many there are; see `measure`, which also reads it back.
+
+    The file is replaced whole when all is done.
+    """
+    folder, output = Path(session), Path(output)
+    table = open_trials(open_session(folder), frozenset((*_LEADING, *FEATURE_COLUMNS)))
+    if jobs is None:
+        jobs = len(os.sched_getaffinity(0))
+    elif not 1 <= jobs <= _MOST_JOBS:
+        raise PipelineError(f"`jobs` must lie between 1 and {_MOST_JOBS}, got {jobs}")
     _check_output(output, folder)
     check = LabelCheck()
     with tempfile.TemporaryDirectory(prefix="stepblocks-measure-") as scratch:
         draft = Path(scratch) / "draft.csv"
         with draft.open("w", newline="", encoding="utf-8") as file:
-            write_rows(file, table, _noted(_results(table, jobs), check, table.count, progress))
+            writer = csv.writer(file, lineterminator="\n")
+            writer.writerow([*_LEADING, *table.covariates, *FEATURE_COLUMNS])
+            for done, result in enumerate(_results(table, jobs), start=1):
+                if not result.reason:
+                    check.add(result.trial, result.features, result.digest)
+                writer.writerow(_cells(result, table.covariates))
+                if progress is not None:
+                    progress(done, table.count)
         return _finish(draft, output, table, check.faults())
-
-
-def _jobs(jobs: int | None) -> int:
-    if jobs is None:
-        return max(len(os.sched_getaffinity(0)), 1)
-    if not 1 <= jobs <= _MOST_JOBS:
-        raise PipelineError(f"`jobs` must lie between 1 and {_MOST_JOBS}, got {jobs}")
-    return jobs
 
 
 def _check_output(output: Path, folder: Path) -> None:
@@ -93,39 +136,54 @@ def _check_output(output: Path, folder: Path) -> None:
         raise PipelineError(f"output must not replace a file of the session, got {str(output)!r}")
 
 
-def _noted(
-    results: Iterable[TrialResult], check: LabelCheck, total: int, progress: Callable[[int, int], None] | None
-) -> Iterator[TrialResult]:
-    for done, result in enumerate(results, start=1):
-        if not result.reason:
-            check.add(result.trial, result.features, result.digest)
-        yield result
-        if progress is not None:
-            progress(done, total)
+def measure_trial(traces: Traces, trial: Trial, tool: tuple[float, float] | None = None) -> TrialResult:
+    """Read, screen and measure one trial."""
+    if trial.fault:
+        return TrialResult(trial, trial.fault)
+    acquisition, probe = traces.session.acquisition, traces.session.probe
+    try:
+        trace = traces.read(trial.name)
+        reason = screen_trace(trace, acquisition.sample_rate, acquisition.range)
+        if reason:
+            return TrialResult(trial, reason)
+        features = measure_trace(trace, probe.spring_constant, trial.speed, tool).features
+    except (TraceError, LandmarkError) as fault:
+        return TrialResult(trial, " ".join(str(fault).split()))
+    return TrialResult(trial, "", features, _digest(trace))
+
+
+def pilot(traces: Traces, table: TrialTable) -> tuple[float, float] | None:
+    """Learn the tool's frequency [Hz] and decay time [s] from trials spread evenly over the session.
+
+    Which trials depends on their number alone, so that every run and any number of workers measure alike.
+    """
+    stride = max(table.count // _PILOTS, 1)
+    chosen = (trial for trial in table if (trial.row - 1) % stride == 0)
+    results = (measure_trial(traces, trial) for trial in islice(chosen, _PILOTS))
+    return tool_of(result.features for result in results if not result.reason)
+
+
+def _digest(trace: Trace) -> int:
+    digest = blake2b(trace.tangential.tobytes(), digest_size=7)
+    digest.update(trace.normal.tobytes())
+    return int.from_bytes(digest.digest())
 
 
 def _results(table: TrialTable, jobs: int) -> Iterator[TrialResult]:
     """Results in the order of the table; no more than a few chunks per worker are under way at any time."""
-    session = table.session
-    source = open_source(session)  # what is wrong with the whole is said here, once
-    try:
-        tool = pilot(session, source, table)
+    with Traces(table.session) as traces:  # what is wrong with the whole is said here, once
+        tool = pilot(traces, table)
         if jobs == 1 or table.count <= _CHUNK:
             for trial in table:
-                yield measure_trial(session, source, trial, tool)
+                yield measure_trial(traces, trial, tool)
             return
-    finally:
-        source.close()
-    from collections import deque
-    from concurrent.futures import Future, ProcessPoolExecutor
-    from multiprocessing import get_context
+    # its workers do not load the calling script again, which then needs no main guard, and share no open file
+    from joblib.externals.loky import ProcessPoolExecutor
 
     trials = iter(table)
-    waiting: deque[Future[list[TrialResult]]] = deque()
-    # spawned workers share no open file with this process
-    with ProcessPoolExecutor(
-        jobs, mp_context=get_context("spawn"), initializer=_start, initargs=(session, tool)
-    ) as pool:
+    waiting: deque[Any] = deque()
+    environment = {name: "1" for name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS") if name not in os.environ}
+    with ProcessPoolExecutor(jobs, initializer=_start, initargs=(table.session, tool), env=environment) as pool:
         while True:
             while len(waiting) < jobs * _AHEAD and (chunk := list(islice(trials, _CHUNK))):
                 waiting.append(pool.submit(_measure_chunk, chunk))
@@ -134,25 +192,34 @@ def _results(table: TrialTable, jobs: int) -> Iterator[TrialResult]:
             yield from waiting.popleft().result()
 
 
-# The session, its traces and what the pilot told of the tool, in a worker
-_open: dict[str, tuple[Session, TraceSource, tuple[float, float] | None]] = {}
+# traces and what the pilot told of the tool, in a worker
+_open: dict[str, tuple[Traces, tuple[float, float] | None]] = {}
 
 
 def _start(session: Session, tool: tuple[float, float] | None) -> None:
-    os.environ.setdefault("OMP_NUM_THREADS", "1")
-    _open["session"] = (session, open_source(session), tool)
+    _open["session"] = (Traces(session), tool)
 
 
 def _measure_chunk(trials: list[Trial]) -> list[TrialResult]:
-    session, source, tool = _open["session"]
-    return [measure_trial(session, source, trial, tool) for trial in trials]
+    traces, tool = _open["session"]
+    return [measure_trial(traces, trial, tool) for trial in trials]
+
+
+def _cells(result: TrialResult, covariates: Iterable[str]) -> list[str]:
+    """One row of the table; a feature that is not a number is an empty cell."""
+    values = [result.features.get(name, math.nan) for name in FEATURE_COLUMNS]
+    return [
+        result.trial.name,
+        _EXCLUDED if result.reason else _OK,
+        result.reason,
+        *(result.trial.cells.get(name, "") for name in covariates),
+        *(f"{value:.9g}" if math.isfinite(value) else "" for value in values),
+    ]
 
 
 def _finish(draft: Path, output: Path, table: TrialTable, faults: dict[int, str]) -> MeasureSummary:
     """Put the faults of labels into the draft, and the draft into its place."""
     reasons: Counter[str] = Counter()
-    excluded = 0
-    blank = len(header_of(table)) - 3 - len(table.covariates)
     try:
         with beside(output) as whole:
             with (
@@ -161,18 +228,17 @@ def _finish(draft: Path, output: Path, table: TrialTable, faults: dict[int, str]
             ):
                 writer = csv.writer(sink, lineterminator="\n")
                 for row, cells in enumerate(csv.reader(source)):
-                    if row in faults and cells[1] == OK:
-                        cells[1:3] = [EXCLUDED, faults[row]]
-                        cells[-blank:] = [""] * blank
-                    if row and cells[1] == EXCLUDED:
-                        excluded += 1
+                    if row in faults and cells[1] == _OK:
+                        cells[1:3] = [_EXCLUDED, faults[row]]
+                        cells[-len(FEATURE_COLUMNS) :] = [""] * len(FEATURE_COLUMNS)
+                    if row and cells[1] == _EXCLUDED:
                         reasons[cells[2].split(":")[0][:60]] += 1
                     writer.writerow(cells)
-            if excluded == table.count:
+            if reasons.total() == table.count:
                 raise PipelineError(_nothing_left(table, reasons, faults))
     except OSError as error:
         raise PipelineError(f"output cannot be written: {error.strerror} [{output}]") from error
-    return MeasureSummary(table.count, excluded, dict(reasons), _design_notes(table))
+    return MeasureSummary(table.count, reasons.total(), dict(reasons), _design_notes(table))
 
 
 def _nothing_left(table: TrialTable, reasons: Counter[str], faults: dict[int, str]) -> str:
@@ -186,7 +252,7 @@ def _design_notes(table: TrialTable) -> tuple[str, ...]:
     """Conditions that the session does not vary, so that no effect of theirs can be seen."""
     seen: dict[str, set[str]] = {"block": set(), "speed": set(), "load": set()}
     for trial in table:
-        for name, value in (("block", trial.block), ("speed", str(trial.speed)), ("load", str(trial.load))):
-            if len(seen[name]) < 2:
-                seen[name].add(value)
+        for name, values in seen.items():
+            if len(values) < 2:
+                values.add(str(getattr(trial, name)))
     return tuple(f"all trials have one {name}" for name, values in seen.items() if len(values) < 2)

@@ -3,44 +3,39 @@
 from __future__ import annotations
 
 import tomllib
+from collections.abc import Collection
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
-from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, ValidationError, model_validator
+from pydantic import AfterValidator, BaseModel, BeforeValidator, ConfigDict, Field, ValidationError, model_validator
+from pydantic_core import PydanticCustomError
 
-from stepblocks.bench.layout import check_pattern, inside, scale_of, unit_of_name
-from stepblocks.errors import BenchError, QuantityError
+from stepblocks.bench.names import check_pattern, inside, scale_of, unit_of_name
+from stepblocks.bench.sources import FORMATS
+from stepblocks.errors import BenchError
 from stepblocks.quantities import quantity_parser
 
 _MOST_BYTES = 1 << 20  # a longer session.toml is none
-_FORMATS = {
-    ".csv": "csv",
-    ".txt": "csv",
-    ".tsv": "csv",
-    ".h5": "hdf5",
-    ".hdf5": "hdf5",
-    ".hdf": "hdf5",
-    ".tdms": "tdms",
-}
-_FORMATS |= {".mat": "mat"}
+
+Stiffness = Annotated[float, BeforeValidator(quantity_parser("stiffness")), Field(gt=0.0)]
+Frequency = Annotated[float, BeforeValidator(quantity_parser("frequency")), Field(gt=0.0)]
+_Length = Annotated[float, BeforeValidator(quantity_parser("length")), Field(gt=0.0)]
+_Force = Annotated[float, BeforeValidator(quantity_parser("force")), Field(gt=0.0)]
+_Delimiter = Annotated[str, Field(min_length=1, max_length=1)]
+_Decimal = Literal[".", ","]
 
 
-def _validator(dimension: str) -> BeforeValidator:
-    parse = quantity_parser(dimension)
+def one_of(names: Collection[str]) -> AfterValidator:
+    """Let a field be one of the names of a registry."""
+    *most, last = (repr(name) for name in names)
+    expected = f"{', '.join(most)} or {last}"
 
-    def read(value: object) -> float:
-        try:
-            return parse(value)
-        except QuantityError as error:
-            raise ValueError(str(error)) from error
+    def check(name: str) -> str:
+        if name not in names:
+            raise PydanticCustomError("name_of_registry", "Input should be {expected}", {"expected": expected})
+        return name
 
-    return BeforeValidator(read)
-
-
-_Stiffness = Annotated[float, _validator("stiffness"), Field(gt=0.0)]
-_Length = Annotated[float, _validator("length"), Field(gt=0.0)]
-_Frequency = Annotated[float, _validator("frequency"), Field(gt=0.0)]
-_Force = Annotated[float, _validator("force"), Field(gt=0.0)]
+    return AfterValidator(check)
 
 
 class _Strict(BaseModel):
@@ -54,9 +49,9 @@ class _Open(BaseModel):
 class Channel(_Strict):
     """One column of a trace or of the table of trials."""
 
-    column: str | int  # Name, or index from 0 where the columns have no names
-    unit: str | None = None  # Unit of its numbers; by default what the end of the name says (``fx_mn``), else SI
-    factor: float = Field(default=1.0, allow_inf_nan=False)  # Gain or sign that the numbers are multiplied with
+    column: str | int  # name, or index from 0 where the columns have no names
+    unit: str | None = None  # of its numbers; by default what the end of the name says (``fx_mn``), else SI
+    factor: float = Field(default=1.0, allow_inf_nan=False)  # gain or sign that the numbers are multiplied with
 
     @model_validator(mode="before")
     @classmethod
@@ -77,32 +72,41 @@ class Channels(_Strict):
     normal: Channel
     time: Channel | None = None
 
+    def parts(self) -> dict[str, tuple[Channel, str]]:
+        """Declared channels, each with its dimension."""
+        found = {
+            "tangential": (self.tangential, "force"),
+            "normal": (self.normal, "force"),
+            "time": (self.time, "time"),
+        }
+        return {part: (channel, dimension) for part, (channel, dimension) in found.items() if channel is not None}
+
 
 class Probe(_Open):
-    """The explorer: spring constant [N/m] and tip radius [m]."""
+    """The explorer."""
 
-    spring_constant: _Stiffness
-    tip_radius: _Length | None = None
+    spring_constant: Stiffness  # [N/m]
+    tip_radius: _Length | None = None  # [m]
 
 
 class Acquisition(_Open):
     """How the forces were recorded."""
 
-    sample_rate: _Frequency  # Samples per second [Hz]
-    traces: str  # One file for all trials, or a pattern with ``{trial}``
-    # ``csv``, ``hdf5``, ``tdms`` or ``mat``; by default from the suffix
-    format: Literal["csv", "hdf5", "tdms", "mat"] | None = None
-    group: str | None = None  # Pattern of the group of a trial in a container; by default the usual ones are tried
-    channels: Channels  # Columns
-    delimiter: str = Field(default=",", min_length=1, max_length=1)  # Of CSV traces
-    decimal: Literal[".", ","] = "."
-    skip_lines: int = Field(default=0, ge=0, le=10_000)  # Lines before the header of CSV traces
-    range: _Force | None = None  # Force at which the sensor saturates [N]
+    sample_rate: Frequency  # [Hz]
+    traces: str  # one file for all trials, or a pattern with ``{trial}``
+    format: Annotated[str, one_of(FORMATS)] | None = None  # by default from the suffix
+    group: str | None = None  # pattern of the group of a trial in a container; by default the usual ones are tried
+    channels: Channels
+    delimiter: _Delimiter = ","  # of CSV traces
+    decimal: _Decimal = "."
+    skip_lines: int = Field(default=0, ge=0, le=10_000)  # before the header of CSV traces
+    range: _Force | None = None  # at which the sensor saturates [N]
 
     @property
     def kind(self) -> str:
         """Format of the traces."""
-        kind = self.format or _FORMATS.get(Path(self.traces).suffix.lower())
+        suffix = Path(self.traces).suffix.lower()
+        kind = self.format or next((name for name, one in FORMATS.items() if suffix in one.suffixes), None)
         if kind is None:
             raise BenchError(f"`acquisition.format` must be given, {self.traces!r} has no suffix that is known")
         return kind
@@ -122,84 +126,86 @@ class TrialColumns(_Strict):
     block: Channel = Channel(column="block")
 
 
-class _Trials(_Strict):
+class Trials(_Strict):
+    """The table of trials."""
+
     file: str = "trials.csv"
-    delimiter: str = Field(default=",", min_length=1, max_length=1)
-    decimal: Literal[".", ","] = "."
+    delimiter: _Delimiter = ","
+    decimal: _Decimal = "."
     columns: TrialColumns = TrialColumns()
 
 
-class _Stimuli(_Open):
-    set: str | None = None
-    scans: str | None = None
+class Stimuli(_Open):
+    """The blocks that were crossed."""
+
+    set: str | None = None  # name of the stimulus set
+    scans: str | None = None  # pattern of their scans, with ``{block}``
 
 
-class _Document(_Open):
-    schema_: Literal[1] = Field(alias="schema")
-    title: str = ""
-    probe: Probe
-    acquisition: Acquisition
-    trials: _Trials = _Trials()
-    stimuli: _Stimuli = _Stimuli()
-
-
-class Session(BaseModel):
+class Session(_Open):
     """A session folder that was read and found whole."""
 
-    model_config = ConfigDict(frozen=True)
-
-    folder: Path  # The folder
-    title: str  # What the laboratory calls it
-    probe: Probe  # As declared
+    folder: Path
+    schema_: Literal[1] = Field(alias="schema")
+    title: str = ""  # what the laboratory calls it
+    probe: Probe
     acquisition: Acquisition
-    columns: TrialColumns
-    table: Path  # The table of trials
-    delimiter: str  # Of the table
-    decimal: str
-    stimulus_set: str | None  # Name of the stimulus set
-    scans: str | None  # Pattern of the scans, with ``{block}``
+    trials: Trials = Trials()
+    stimuli: Stimuli = Stimuli()
+
+    @property
+    def table(self) -> Path:
+        """File of the table of trials."""
+        return inside(self.folder, self.trials.file, "trials.file")
+
+    @property
+    def scans(self) -> str | None:
+        """Pattern of the scans of the blocks, with ``{block}``."""
+        return self.stimuli.scans
 
 
-def open_session(folder: Path) -> Session:
-    """Read ``session.toml`` of a folder."""
+def open_session(folder: str | Path) -> Session:
+    """Read ``session.toml`` of a folder and look whether all that it names is there.
+
+    Parameters
+    ----------
+    folder : str or Path
+        The session; it is only read.
+
+    Returns
+    -------
+    Session
+        As declared, quantities in SI.
+
+    Raises
+    ------
+    BenchError
+        If the declaration is missing, malformed, or names what is not there.
+    """
+    folder = Path(folder)
     path = folder / "session.toml"
     if not folder.is_dir():
         raise BenchError(f"session must be a folder with a session.toml, got {str(folder)!r}")
-    document = _read_toml(path)
     try:
-        declared = _Document.model_validate(document)
+        session = Session.model_validate({**_read_toml(path), "folder": folder})
     except ValidationError as error:
         raise BenchError(_first_of(error, path)) from error
-    acquisition = declared.acquisition
-    check_pattern(acquisition.traces, ("trial",), "acquisition.traces")
+    acquisition = session.acquisition
+    check_pattern(acquisition.traces, "trial", "acquisition.traces")
     if acquisition.group is not None:
-        check_pattern(acquisition.group, ("trial",), "acquisition.group")
-    if declared.stimuli.scans is not None:
-        check_pattern(declared.stimuli.scans, ("block",), "stimuli.scans")
-    for name, dimension in (("time", "time"), ("tangential", "force"), ("normal", "force")):
-        channel = getattr(acquisition.channels, name)
-        if channel is not None:
-            channel.scale(dimension, f"acquisition.channels.{name}")
+        check_pattern(acquisition.group, "trial", "acquisition.group")
+    if session.scans is not None:
+        check_pattern(session.scans, "block", "stimuli.scans")
+    for part, (channel, dimension) in acquisition.channels.parts().items():
+        channel.scale(dimension, f"acquisition.channels.{part}")
     if acquisition.kind == "csv" and not acquisition.per_trial:
         raise BenchError(
             f"`acquisition.traces` must hold {{trial}} for CSV traces, got {acquisition.traces!r} [{path}]"
         )
     inside(folder, acquisition.traces, "acquisition.traces")
-    table = inside(folder, declared.trials.file, "trials.file")
-    if not table.is_file():
-        raise BenchError(f"table of trials is missing, expected {declared.trials.file} [{folder}]")
-    return Session(
-        folder=folder,
-        title=declared.title,
-        probe=declared.probe,
-        acquisition=acquisition,
-        columns=declared.trials.columns,
-        table=table,
-        delimiter=declared.trials.delimiter,
-        decimal=declared.trials.decimal,
-        stimulus_set=declared.stimuli.set,
-        scans=declared.stimuli.scans,
-    )
+    if not session.table.is_file():
+        raise BenchError(f"table of trials is missing, expected {session.trials.file} [{folder}]")
+    return session
 
 
 def _read_toml(path: Path) -> dict[str, Any]:

@@ -31,13 +31,13 @@ def add_to(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) -> N
 
 
 def _run(arguments: argparse.Namespace) -> int:
-    from stepblocks.bench.measure import measure_session
+    from stepblocks.bench.measure import write_features
 
     with ExitStack() as stack:
         progress = None if arguments.quiet else _progress(stack)
-        summary = measure_session(arguments.session, arguments.output, arguments.jobs, progress)
+        summary = write_features(arguments.session, arguments.output, jobs=arguments.jobs, progress=progress)
     if arguments.plots is not None:
-        from stepblocks.bench.trial_figures import draw_trials
+        from stepblocks.bench.figures import draw_trials
 
         chosen = [name.strip() for name in arguments.trials.split(",")] if arguments.trials else None
         draw_trials(arguments.session, arguments.plots, chosen)

@@ -163,7 +163,7 @@ def loop_session(
     """
     import pandas as pd
 
-    from stepblocks.bench.measure import measure_session
+    from stepblocks.bench.measure import write_features
     from stepblocks.bench.session import open_session
 
     inspected = measured_edges(read_records(as_built)) if as_built else {}
@@ -176,7 +176,7 @@ def loop_session(
     except OSError as error:
         raise PipelineError(f"output must be a folder that can be written: {error.strerror} [{output}]") from error
     cores = jobs or len(os.sched_getaffinity(0))
-    measure_session(session, output / "features.csv", cores, progress)
+    write_features(session, output / "features.csv", jobs=cores, progress=progress)
     features = pd.read_csv(output / "features.csv", dtype={"trial": str, "block": str, "tip": str})
     scans: Scans = {}
     failed: dict[str, str] = {}

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from stepblocks.bench.rehearse.waveform import Rig, disturbed, oversampling
-from stepblocks.bench.trace import Trace
+from stepblocks.bench.signal.trace import Trace
 from stepblocks.contact.energy import Status
 from stepblocks.drag.model import DragSettings, probe_of_frequency
 from stepblocks.drag.ring import ring_of

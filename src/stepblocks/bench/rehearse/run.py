@@ -14,7 +14,7 @@ from stepblocks.bench.rehearse.plan import SessionPlan, block_name, read_plan
 from stepblocks.bench.rehearse.trace_writers import TRACE_FILES, open_writer
 from stepblocks.bench.rehearse.truth import planted_state, rig_of, true_drag, truth_of
 from stepblocks.bench.rehearse.waveform import record
-from stepblocks.bench.trace import Trace
+from stepblocks.bench.signal.trace import Trace
 from stepblocks.errors import PipelineError
 
 _SCAN_REACH, _SCAN_STEP, _SCAN_NOISE = 600.0, 0.25, 0.05  # [um]

@@ -8,7 +8,7 @@ from typing import Any, Protocol
 
 import numpy as np
 
-from stepblocks.bench.trace import Trace
+from stepblocks.bench.signal.trace import Trace
 from stepblocks.errors import BenchError
 
 # Where the traces of a session lie, by format

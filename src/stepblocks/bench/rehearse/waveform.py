@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from stepblocks.bench.signal.rubbing_ring import rubbing_force
-from stepblocks.bench.trace import Trace
+from stepblocks.bench.signal.trace import Trace
 
 Array = NDArray[np.float64]
 

@@ -9,8 +9,9 @@ from numpy.typing import NDArray
 
 from stepblocks.bench.signal.approach import Approach
 from stepblocks.bench.signal.landmarks import Landmarks
-from stepblocks.bench.signal.ring import Ring, fit_ring, guess_ring, linear_decay, ring_amplitude
+from stepblocks.bench.signal.ring import Ring, fit_ring, guess_ring
 from stepblocks.bench.signal.rubbing_ring import GUESSED, TOLD, RubbingRing, fit_rubbing_ring
+from stepblocks.bench.signal.separable import fit_linear, wave
 
 Array = NDArray[np.float64]
 
@@ -33,10 +34,10 @@ _USUAL_DECAY = 25e-3  # [s] first guess where nothing says better
 class Swing:
     """First swing after a slip: how far below the sliding level it went, and when."""
 
-    depth: float  # Level less the force in the trough, and its standard uncertainty [N]
-    depth_std: float
-    instant: float  # When the trough was reached [s]
-    decay_time: tuple[float, float]  # Decay time of the tool and its standard uncertainty [s]
+    depth: float  # level less the force in the trough [N]
+    depth_std: float  # [N]
+    instant: float  # when the trough was reached [s]
+    decay_time: tuple[float, float]  # of the tool, and its standard uncertainty [s]
 
     def amplitude(self, instant: float) -> tuple[float, float]:
         """Amplitude carried back to `instant`, and its standard uncertainty [N]; viscous decay alone takes from it."""
@@ -52,23 +53,23 @@ class Aftermath:
     """Figures of the ring at the release instant, each with its standard uncertainty."""
 
     kind: str  # ``"damped"`` or ``"rubbing"``
-    start: float  # Instant to which the amplitude is carried back [s]
-    amplitude: tuple[float, float]  # Value and standard uncertainty [N, Hz, s, N, N/s]
-    frequency: tuple[float, float]
-    decay_time: tuple[float, float]
-    level: tuple[float, float]
-    friction_decay: tuple[float, float]
-    ring: Ring | RubbingRing  # The fit
-    # First swing after the slip, where it tells the amplitude better than the fit: the ring could only be fitted from
+    start: float  # instant to which the amplitude is carried back [s]
+    amplitude: tuple[float, float]  # [N]
+    frequency: tuple[float, float]  # [Hz]
+    decay_time: tuple[float, float]  # [s]
+    level: tuple[float, float]  # [N]
+    friction_decay: tuple[float, float]  # loss of amplitude per time beside the exponential decay [N/s]
+    ring: Ring | RubbingRing  # the fit
+    # first swing after the slip, where it tells the amplitude better than the fit: the ring could only be fitted from
     # a later one on, or the fit is not that of the tool
     swing: Swing | None = None
-    sample: float = 0.0  # Time between two samples [s]
+    sample: float = 0.0  # time between two samples [s]
 
     def carried_to(self, instant: float) -> Aftermath:
         """Return the same with the amplitude at another instant [s]."""
         ring = self.ring
         if isinstance(ring, Ring):
-            return replace(self, start=instant, amplitude=ring_amplitude(ring, instant))
+            return replace(self, start=instant, amplitude=ring.amplitude(instant))
         amplitude, std = self.swing.amplitude(instant) if self.swing else ring.amplitude(instant)
         # when the tip lets go is seen to a sample, and friction costs amplitude from then on
         unseen = amplitude * self.sample / self.decay_time[0] if self.decay_time[0] > 0.0 else 0.0
@@ -126,11 +127,11 @@ def _of_bell(bell: Ring, top: float) -> Aftermath:
     return Aftermath(
         kind="damped",
         start=top,
-        amplitude=ring_amplitude(bell, top),
+        amplitude=bell.amplitude(top),
         frequency=(bell.frequency, bell.frequency_std),
         decay_time=(bell.decay_time, bell.decay_time_std),
         level=(bell.level, bell.level_std),
-        friction_decay=linear_decay(bell),
+        friction_decay=bell.linear_decay(),
         ring=bell,
     )
 
@@ -211,10 +212,8 @@ def _first_swing(time: Array, clean: Array, trough: int, fit: RubbingRing, tool:
     frequency, decay = tool or (float(fit.values[2]), float(fit.values[3]))
     near = np.abs(time - time[trough]) < _TROUGH_SHARE / frequency
     t, y = time[near] - time[trough], clean[near]
-    phase = 2.0 * np.pi * frequency * t
-    columns = np.column_stack([np.ones_like(t), np.cos(phase), np.sin(phase)])
-    weights = np.linalg.lstsq(columns, y, rcond=None)[0]
-    curve = columns @ weights
+    columns = np.column_stack([np.ones_like(t), wave(t, frequency)])
+    curve = columns @ fit_linear(columns, y)[0]
     lowest = int(np.argmin(curve))
     own = float(np.sqrt(np.mean((y - curve) ** 2) * 3.0 / max(t.size - 3, 1)))
     # a tip that has left the surface swings about no force, one that slides about the level: which, is not seen

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from stepblocks.bench.signal.landmarks import Landmarks
-from stepblocks.bench.signal.separable import SeparableFit, fit_separable, propagated
+from stepblocks.bench.signal.separable import SeparableFit, fit_linear, fit_separable, propagated, wave
 
 Array = NDArray[np.float64]
 
@@ -22,15 +22,15 @@ _LINE_SIGMAS = 4.0
 class Approach:
     """What was fitted to a trace up to its peak."""
 
-    level: float  # Tangential force while sliding [N]
-    level_std: float
-    onset: float  # Begin of loading [s]
-    slope: float  # Slope of the ramp [N/s]
-    slope_std: float
-    end: int  # First sample that no longer follows the line of the ramp
-    mains: float  # Mains frequency that was fitted along [Hz]
-    fit: SeparableFit  # The fit: onset (and start-up ring); level, drift, slope, hum
-    center: float  # Instant at which `level` holds [s]
+    level: float  # tangential force while sliding [N]
+    level_std: float  # [N]
+    onset: float  # begin of loading [s]
+    slope: float  # of the ramp [N/s]
+    slope_std: float  # [N/s]
+    end: int  # first sample that no longer follows the line of the ramp
+    mains: float  # mains frequency that was fitted along [Hz]
+    fit: SeparableFit  # shape: onset (and start-up ring); weights: level, drift, slope, hum (and start-up ring)
+    center: float  # instant at which `level` holds [s]
 
     @property
     def start_up(self) -> tuple[float, float] | None:
@@ -54,7 +54,7 @@ class Approach:
 
     def hum(self, time: Array) -> Array:
         """Hum alone [N], continued over the whole record."""
-        return np.asarray(_wave(time, self.mains) @ self.fit.weights[3:5], dtype=float)
+        return np.asarray(wave(time, self.mains) @ self.fit.weights[3:5], dtype=float)
 
     def sliding(self, time: Array) -> Array:
         """Level with hum and, where there is one, the start-up ring [N], on the clock of the fit."""
@@ -62,7 +62,7 @@ class Approach:
         if self.start_up is None:
             return force
         frequency, decay = self.start_up
-        ring = np.exp(-time / decay)[:, None] * _wave(time, frequency)
+        ring = np.exp(-time / decay)[:, None] * wave(time, frequency)
         return np.asarray(force + ring @ self.fit.weights[5:7], dtype=float)
 
     def ramp(self, time: float) -> float:
@@ -74,19 +74,13 @@ def mains_of(time: Array, values: Array) -> float:
     """Mains frequency that explains more of `values` [Hz]."""
     left = {}
     for mains in _MAINS:
-        columns = np.column_stack([np.ones_like(time), _wave(time, mains)])
-        rest = values - columns @ np.linalg.lstsq(columns, values, rcond=None)[0]
+        rest = fit_linear(np.column_stack([np.ones_like(time), wave(time, mains)]), values)[1]
         left[mains] = float(rest @ rest)
     return min(left, key=left.__getitem__)
 
 
-def _wave(time: Array, frequency: float) -> Array:
-    phase = 2.0 * np.pi * frequency * time
-    return np.column_stack([np.cos(phase), np.sin(phase)])
-
-
 def _columns(time: Array, onset: float, center: float, mains: float) -> Array:
-    return np.column_stack([np.ones_like(time), time - center, np.maximum(time - onset, 0.0), _wave(time, mains)])
+    return np.column_stack([np.ones_like(time), time - center, np.maximum(time - onset, 0.0), wave(time, mains)])
 
 
 def fit_approach(time: Array, force: Array, marks: Landmarks, start_up: tuple[float, float] | None) -> Approach:
@@ -101,14 +95,12 @@ def fit_approach(time: Array, force: Array, marks: Landmarks, start_up: tuple[fl
     if extended > end:
         end = extended
         fit = _fit_until(time, force, end, float(fit.shape[0]), center, mains, start_up)
-    size = fit.shape.size
-    spread = np.sqrt(np.maximum(np.diag(fit.covariance), 0.0))
     return Approach(
         level=float(fit.weights[0]),
-        level_std=float(spread[size]),
+        level_std=fit.std(fit.shape.size),
         onset=float(fit.shape[0]),
         slope=float(fit.weights[2]),
-        slope_std=float(spread[size + 2]),
+        slope_std=fit.std(fit.shape.size + 2),
         end=end,
         mains=mains,
         fit=fit,
@@ -133,7 +125,7 @@ def _fit_until(
 
     def ringing(shape: Array) -> Array:
         decay = np.where(t < shape[0], np.exp(-(t - t[0]) / shape[2]), 0.0)
-        return np.column_stack([plain(shape), decay[:, None] * _wave(t - t[0], float(shape[1]))])
+        return np.column_stack([plain(shape), decay[:, None] * wave(t - t[0], float(shape[1]))])
 
     frequency, decay_time = start_up
     if not _rings(t, fit, frequency, decay_time):
@@ -141,16 +133,14 @@ def _fit_until(
     guess = np.array([fit.shape[0], frequency, decay_time])
     lower = np.array([guess[0] - reach, 0.8 * frequency, 0.2 * decay_time])
     upper = np.array([guess[0] + reach, 1.25 * frequency, 5.0 * decay_time])
-    richer = fit_separable(ringing, y, guess, lower, upper, np.array([reach, 0.02 * frequency, 0.3 * decay_time]))
-    return richer
+    return fit_separable(ringing, y, guess, lower, upper, np.array([reach, 0.02 * frequency, 0.3 * decay_time]))
 
 
 def _rings(time: Array, fit: SeparableFit, frequency: float, decay_time: float) -> bool:
     """Whether what sliding and ramp leave over holds a ring that begins with the record."""
     before = time < fit.shape[0]
     t, left = time[before] - time[0], fit.residuals[before]
-    columns = np.exp(-t / decay_time)[:, None] * _wave(t, frequency)
-    rest = left - columns @ np.linalg.lstsq(columns, left, rcond=None)[0]
+    rest = fit_linear(np.exp(-t / decay_time)[:, None] * wave(t, frequency), left)[1]
     had, has = float(left @ left), float(rest @ rest)
     # two parameters more explain 2/n of white noise by chance
     return bool(had - has > max(_START_UP_GAIN, 20.0 / max(t.size, 1)) * had)

@@ -15,7 +15,7 @@ from stepblocks.bench.signal.normal_channel import normal_level, sympathetic_for
 from stepblocks.bench.signal.peak import Peak, peak_of
 from stepblocks.bench.signal.ring import guess_ring
 from stepblocks.bench.signal.spectrum import LOADING_BAND, VIBRATION_BAND, band_share
-from stepblocks.bench.trace import Trace
+from stepblocks.bench.signal.trace import Trace
 
 # Columns of a table of features, after trial, status, reason and the covariates
 FEATURE_COLUMNS = (

@@ -28,11 +28,11 @@ class LandmarkError(Exception):
 class Landmarks:
     """Samples between which the parts of a trial lie."""
 
-    onset: float  # Begin of loading [s], to some samples
-    peak: int  # Sample of the largest tangential force before the slip
-    level: float  # Tangential force while sliding before the edge [N], to the noise
-    rise: float  # Peak over `level` [N]
-    noise: float  # Standard deviation of the white part of the noise of the tangential force [N]
+    onset: float  # begin of loading, to some samples [s]
+    peak: int  # sample of the largest tangential force before the slip
+    level: float  # tangential force while sliding before the edge, to the noise [N]
+    rise: float  # peak over `level` [N]
+    noise: float  # standard deviation of the white part of the noise of the tangential force [N]
 
 
 def white_noise(values: Array) -> float:

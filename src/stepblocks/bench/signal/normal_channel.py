@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 
 from stepblocks.bench.signal.aftermath import Aftermath
 from stepblocks.bench.signal.approach import Approach
-from stepblocks.bench.signal.separable import covariance_of, propagated
+from stepblocks.bench.signal.separable import covariance_of, fit_linear, propagated, wave
 
 Array = NDArray[np.float64]
 
@@ -15,18 +15,13 @@ _SETTLE = 0.8e-3  # [s] after the slip in which the normal channel shows the rel
 _ONSET_GUARD = 1e-3  # [s]
 
 
-def _hum(time: Array, mains: float) -> Array:
-    phase = 2.0 * np.pi * mains * time
-    return np.column_stack([np.cos(phase), np.sin(phase)])
-
-
 def normal_level(time: Array, normal: Array, approach: Approach) -> tuple[float, float]:
     """Return the normal force while sliding, hum and drift apart, and its standard uncertainty [N]."""
     end = int(np.searchsorted(time, approach.onset - _ONSET_GUARD))
     t, y = time[:end], normal[:end]
-    columns = np.column_stack([np.ones_like(t), t - t.mean(), _hum(t, approach.mains)])
-    weights = np.linalg.lstsq(columns, y, rcond=None)[0]
-    covariance, _ = covariance_of(columns, y - columns @ weights)
+    columns = np.column_stack([np.ones_like(t), t - t.mean(), wave(t, approach.mains)])
+    weights, residuals = fit_linear(columns, y)
+    covariance, _ = covariance_of(columns, residuals)
     return float(weights[0]), float(np.sqrt(covariance[0, 0]))
 
 
@@ -37,15 +32,13 @@ def sympathetic_force(time: Array, normal: Array, approach: Approach, after: Aft
     """
     begin = int(np.searchsorted(time, max(after.start + _SETTLE, after.origin)))
     t, y = time[begin:], normal[begin:]
-    still = np.column_stack([np.ones_like(t), t - t.mean(), _hum(t, approach.mains)])
+    still = np.column_stack([np.ones_like(t), t - t.mean(), wave(t, approach.mains)])
 
     def ringing(frequency: float, decay_time: float) -> tuple[float, float]:
         since = t - after.start
-        phase = 2.0 * np.pi * frequency * since
-        decay = np.exp(-since / decay_time)
-        columns = np.column_stack([decay * np.cos(phase), decay * np.sin(phase), still])
-        weights = np.linalg.lstsq(columns, y, rcond=None)[0]
-        covariance, _ = covariance_of(columns, y - columns @ weights)
+        columns = np.column_stack([np.exp(-since / decay_time)[:, None] * wave(since, frequency), still])
+        weights, residuals = fit_linear(columns, y)
+        covariance, _ = covariance_of(columns, residuals)
         size = float(np.hypot(weights[0], weights[1]))
         if size == 0.0:
             return 0.0, float(np.sqrt(covariance[0, 0]))

@@ -12,7 +12,7 @@ from stepblocks.bench.signal.aftermath import Aftermath
 from stepblocks.bench.signal.approach import Approach
 from stepblocks.bench.signal.landmarks import Landmarks
 from stepblocks.bench.signal.ring import Ring
-from stepblocks.bench.signal.separable import covariance_of, propagated
+from stepblocks.bench.signal.separable import covariance_of, fit_linear, propagated
 
 Array = NDArray[np.float64]
 
@@ -21,8 +21,6 @@ _FALL_SAMPLES = 6
 _CLEAR_FALL = 0.02  # of the rise: the first sample after a corner has fallen by this at least
 _TOP_SHARE = 0.06  # of the rise: a rounded peak is fitted where the force is within this of the highest
 _TOP_REACH = 6e-3  # [s] at most this far from the highest sample
-
-
 _ROUND_SPREAD = 1.3  # a cubic is not the law of a rounded peak: pulls on drags in time are wider by this
 
 
@@ -30,10 +28,10 @@ _ROUND_SPREAD = 1.3  # a cubic is not the law of a rounded peak: pulls on drags 
 class Peak:
     """Peak of the tangential force."""
 
-    time: float  # Release instant [s], peak force and its standard uncertainty [N]
-    force: float
-    force_std: float
-    corner: bool  # Whether the ramp ran into the release in a corner; otherwise the peak is rounded
+    time: float  # release instant [s]
+    force: float  # [N]
+    force_std: float  # [N]
+    corner: bool  # whether the ramp ran into the release in a corner; otherwise the peak is rounded
 
 
 def peak_of(time: Array, force: Array, marks: Landmarks, approach: Approach, after: Aftermath) -> Peak:
@@ -91,7 +89,7 @@ def _corner_of_fall(time: Array, force: Array, marks: Landmarks, approach: Appro
     t = (time[first:last] - time[first]) / step
     y = force[first:last] - approach.line(time[first:last])
     columns = np.vander(t, 3, increasing=True)
-    weights = np.linalg.lstsq(columns, y, rcond=None)[0]
+    weights, residuals = fit_linear(columns, y)
     grid = np.linspace(-_CORNER_REACH, 0.0, 701)
     excess = np.vander(grid, 3, increasing=True) @ weights
     above = np.flatnonzero(excess > 0.0)
@@ -102,7 +100,7 @@ def _corner_of_fall(time: Array, force: Array, marks: Landmarks, approach: Appro
     if fall >= 0.0:
         return None
     gradient = np.asarray(at ** np.arange(3), dtype=float)
-    covariance, _ = covariance_of(columns, y - columns @ weights)
+    covariance, _ = covariance_of(columns, residuals)
     noise = max(
         propagated(gradient, covariance),
         propagated(gradient, np.asarray(np.linalg.inv(columns.T @ columns), dtype=float)) * marks.noise,
@@ -128,8 +126,8 @@ def _rounded(time: Array, force: Array, marks: Landmarks, approach: Approach) ->
     y = clean[first : last + 1]
     reach = float(np.abs(t).max())
     columns = np.vander(t / reach, 4, increasing=True)
-    weights = np.linalg.lstsq(columns, y, rcond=None)[0]
-    covariance, _ = covariance_of(columns, y - columns @ weights)
+    weights, residuals = fit_linear(columns, y)
+    covariance, _ = covariance_of(columns, residuals)
     grid = np.linspace(t[0], t[-1], 801) / reach
     heights = np.vander(grid, 4, increasing=True) @ weights
     best = int(np.argmax(heights))

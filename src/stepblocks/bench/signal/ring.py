@@ -14,15 +14,17 @@ from numpy.typing import NDArray
 from stepblocks.bench.signal.separable import (
     SeparableFit,
     covariance_of,
+    fit_linear,
     fit_separable,
     misfit,
     numeric_jacobian,
     propagated,
+    wave,
 )
 
 Array = NDArray[np.float64]
 
-BEGIN = 8e-3  # Time after the slip [s] in which a wrong fit of a ring shows
+BEGIN = 8e-3  # time after the slip in which a wrong fit of a ring shows [s]
 
 _LOWEST = 80.0  # [Hz] below lie hum and its first harmonic
 _RELEASE_DECAY = (0.05e-3, 0.4e-3, 1.5e-3)  # [s] least, first guess, most
@@ -33,41 +35,70 @@ _DECAYS = (5e-3, 12e-3, 25e-3, 60e-3)  # [s] first guesses of the decay time
 class Ring:
     """A damped ring and its uncertainties."""
 
-    frequency: float  # Frequency of the ring [Hz]
-    frequency_std: float
-    decay_time: float  # Time in which the amplitude falls to 1/e [s]
-    decay_time_std: float
-    level: float  # Level about which it rings in the end [N]
-    level_std: float
-    origin: float  # Instant that the fit counts from [s]
-    mains: float  # Mains frequency fitted along [Hz]
-    center: float
-    time: Array
-    # Shape: frequency, decay time, decay time of the release; weights: level, drift, hum (2), release, ring (2)
+    frequency: float  # [Hz]
+    frequency_std: float  # [Hz]
+    decay_time: float  # in which the amplitude falls to 1/e [s]
+    decay_time_std: float  # [s]
+    level: float  # about which it rings at `origin` [N]
+    level_std: float  # [N]
+    origin: float  # instant that the fit counts from [s]
+    mains: float  # mains frequency fitted along [Hz]
+    time: Array  # instants that were fitted [s]
+    # shape: frequency, decay time, decay time of the release; weights: level, drift, hum (2), release, ring (2)
     fit: SeparableFit
-    # By how many standard errors the residuals miss the noise; see `stepblocks.bench.signal.separable.misfit`
-    misfit: float
+    misfit: float  # by how many standard errors the residuals miss the noise
 
     def curve(self, time: Array) -> Array:
         """Return the whole fit [N] at the instants `time`."""
-        columns = _columns(time - self.origin, self.center - self.origin, self.mains, self.origin, self.fit.shape)
-        return np.asarray(columns @ self.fit.weights, dtype=float)
+        return self._model(time - self.origin, self.fit.shape)
 
     def curve_std(self, instant: float) -> float:
         """Return the standard uncertainty of `curve` at one instant [N]."""
-        bound = np.full(3, np.inf)
-
-        def model(shape: Array) -> Array:
-            at = np.array([instant - self.origin])
-            return np.asarray(
-                _columns(at, self.center - self.origin, self.mains, self.origin, shape) @ self.fit.weights
-            )
-
-        slopes = numeric_jacobian(model, self.fit.shape, np.array([1e-3, 1e-6, 1e-6]), -bound, bound)[0]
         at = np.array([instant - self.origin])
-        columns = _columns(at, self.center - self.origin, self.mains, self.origin, self.fit.shape)[0]
-        gradient = np.concatenate([slopes, columns])
-        return propagated(gradient, self.fit.covariance)
+        slopes = numeric_jacobian(lambda shape: self._model(at, shape), self.fit.shape, np.array([1e-3, 1e-6, 1e-6]))
+        columns = _columns(at, self.origin, self.mains, self.fit.shape)
+        return propagated(np.concatenate([slopes[0], columns[0]]), self.fit.covariance)
+
+    def amplitude(self, instant: float) -> tuple[float, float]:
+        """Amplitude of the ring at an instant, and its standard uncertainty [N].
+
+        The uncertainty holds what is uncertain in the decay time as far as the amplitude is carried back by it.
+        """
+        cosine, sine = self.fit.weights[5:7]
+        reach = instant - self.origin
+        growth = float(np.exp(-reach / self.decay_time))
+        size = float(np.hypot(cosine, sine))
+        carried = size * growth
+        gradient = np.zeros(self.fit.covariance.shape[0])
+        gradient[1] = carried * reach / self.decay_time**2
+        if size > 0.0:
+            gradient[8], gradient[9] = growth * cosine / size, growth * sine / size
+        return carried, propagated(gradient, self.fit.covariance)
+
+    def linear_decay(self) -> tuple[float, float]:
+        """Loss of amplitude per time beside the exponential decay, and its standard uncertainty [N/s].
+
+        The part of the decay that friction gives, ``a' = -a / tau - d``, to first order in d: one Gauss-Newton step of
+        the fitted ring with d as one parameter more. It may come out negative by its uncertainty.
+        """
+        fit, since = self.fit, self.time - self.origin
+        amplitudes = fit.weights[5:7]
+        size = float(np.hypot(*amplitudes))
+        if size == 0.0:
+            return float("nan"), float("nan")
+        lost = -self.decay_time * (1.0 - np.exp(-since / self.decay_time))
+        cosine, sine = wave(since, self.frequency).T
+        loss = lost * (amplitudes[0] * cosine + amplitudes[1] * sine) / size
+        slopes = numeric_jacobian(lambda shape: self._model(since, shape), fit.shape, np.array([1e-4, 1e-6, 1e-8]))
+        jacobian = np.column_stack([slopes, _columns(since, self.origin, self.mains, fit.shape), loss])
+        scale = np.sqrt(np.einsum("ij,ij->j", jacobian, jacobian))
+        scale[scale == 0.0] = 1.0
+        step = np.linalg.lstsq(jacobian / scale, fit.residuals, rcond=1e-10)[0] / scale
+        covariance, _ = covariance_of(jacobian, fit.residuals - jacobian @ step)
+        return float(step[-1]), float(np.sqrt(max(covariance[-1, -1], 0.0)))
+
+    def _model(self, since: Array, shape: Array) -> Array:
+        return np.asarray(_columns(since, self.origin, self.mains, shape) @ self.fit.weights, dtype=float)
 
 
 def guess_ring(time: Array, values: Array) -> tuple[float, float]:
@@ -76,108 +107,48 @@ def guess_ring(time: Array, values: Array) -> tuple[float, float]:
     rate = (count - 1) / (time[-1] - time[0])
     size = 1 << (4 * count - 1).bit_length()
     spectrum = np.abs(np.fft.rfft((values - values.mean()) * np.hanning(2 * count)[count:], size))
-    frequency = np.fft.rfftfreq(size, 1.0 / rate)
-    spectrum[frequency < _LOWEST] = 0.0
-    peak = float(frequency[int(np.argmax(spectrum))])
-    best, least = _DECAYS[0], np.inf
-    t = time - time[0]
-    wave = np.column_stack([np.cos(2 * np.pi * peak * t), np.sin(2 * np.pi * peak * t)])
-    for decay in _DECAYS:
-        columns = np.column_stack([np.ones_like(t), np.exp(-t / decay)[:, None] * wave])
-        rest = values - columns @ np.linalg.lstsq(columns, values, rcond=None)[0]
-        if float(rest @ rest) < least:
-            best, least = decay, float(rest @ rest)
-    return peak, best
+    frequencies = np.fft.rfftfreq(size, 1.0 / rate)
+    spectrum[frequencies < _LOWEST] = 0.0
+    frequency = float(frequencies[int(np.argmax(spectrum))])
+    since = time - time[0]
+    turning = wave(since, frequency)
 
+    def left(decay: float) -> float:
+        rest = fit_linear(np.column_stack([np.ones_like(since), np.exp(-since / decay)[:, None] * turning]), values)[1]
+        return float(rest @ rest)
 
-def _columns(time: Array, center: float, mains: float, origin: float, shape: Array) -> Array:
-    frequency, decay, release = shape
-    hum = 2.0 * np.pi * mains * (time + origin)
-    phase = 2.0 * np.pi * frequency * time
-    ring = np.exp(-time / decay)
-    return np.column_stack(
-        [
-            np.ones_like(time),
-            time - center,
-            np.cos(hum),
-            np.sin(hum),
-            np.exp(-time / release),
-            ring * np.cos(phase),
-            ring * np.sin(phase),
-        ]
-    )
+    return frequency, min(_DECAYS, key=left)
 
 
 def fit_ring(time: Array, force: Array, origin: float, mains: float, noise: float) -> Ring:
     """Fit a damped ring to the samples after a slip."""
-    guess = guess_ring(time, force)
-    t = time - origin
-    center = 0.0  # the level is that at the slip, whatever drifts afterwards
-    start = np.array([guess[0], guess[1], _RELEASE_DECAY[1]])
-    lower = np.array([0.85 * guess[0], 1e-3, _RELEASE_DECAY[0]])
-    upper = np.array([1.15 * guess[0], 1.0, _RELEASE_DECAY[2]])
+    frequency, decay = guess_ring(time, force)
+    since = time - origin
     fit = fit_separable(
-        lambda p: _columns(t, center, mains, origin, p), force, start, lower, upper, np.array([1.0, 5e-3, 1e-4])
+        lambda shape: _columns(since, origin, mains, shape),
+        force,
+        start=np.array([frequency, decay, _RELEASE_DECAY[1]]),
+        lower=np.array([0.85 * frequency, 1e-3, _RELEASE_DECAY[0]]),
+        upper=np.array([1.15 * frequency, 1.0, _RELEASE_DECAY[2]]),
+        scale=np.array([1.0, 5e-3, 1e-4]),
     )
-    spread = np.sqrt(np.maximum(np.diag(fit.covariance), 0.0))
     return Ring(
         frequency=float(fit.shape[0]),
-        frequency_std=float(spread[0]),
+        frequency_std=fit.std(0),
         decay_time=float(fit.shape[1]),
-        decay_time_std=float(spread[1]),
+        decay_time_std=fit.std(1),
         level=float(fit.weights[0]),
-        level_std=float(spread[3]),
+        level_std=fit.std(3),
         origin=origin,
         mains=mains,
-        center=center + origin,
         time=time,
         fit=fit,
         misfit=misfit(fit.residuals, 10, int(np.searchsorted(time, origin + BEGIN)), noise),
     )
 
 
-def ring_amplitude(ring: Ring, instant: float) -> tuple[float, float]:
-    """Amplitude of the ring at an instant, and its standard uncertainty [N].
-
-    The uncertainty holds what is uncertain in the decay time as far as the amplitude is carried back by it.
-    """
-    cosine, sine = ring.fit.weights[5:7]
-    reach = instant - ring.origin
-    growth = float(np.exp(-reach / ring.decay_time))
-    size = float(np.hypot(cosine, sine))
-    amplitude = size * growth
-    gradient = np.zeros(ring.fit.covariance.shape[0])
-    gradient[1] = amplitude * reach / ring.decay_time**2
-    if size > 0.0:
-        gradient[8], gradient[9] = growth * cosine / size, growth * sine / size
-    return amplitude, propagated(gradient, ring.fit.covariance)
-
-
-def linear_decay(ring: Ring) -> tuple[float, float]:
-    """Loss of amplitude per time beside the exponential decay, and its standard uncertainty [N/s].
-
-    The part of the decay that friction gives, ``a' = -a / tau - d``, to first order in d: one Gauss-Newton step of the
-    fitted ring with d as one parameter more. It may come out negative by its uncertainty.
-    """
-    fit, t = ring.fit, ring.time - ring.origin
-    lower, upper = np.full(3, -np.inf), np.full(3, np.inf)
-
-    def model(shape: Array) -> Array:
-        columns = _columns(t, ring.center - ring.origin, ring.mains, ring.origin, shape)
-        return np.asarray(columns @ fit.weights, dtype=float)
-
-    phase = 2.0 * np.pi * ring.frequency * t
-    cosine, sine = fit.weights[5:7]
-    size = float(np.hypot(cosine, sine))
-    if size == 0.0:
-        return float("nan"), float("nan")
-    loss = -ring.decay_time * (1.0 - np.exp(-t / ring.decay_time))
-    loss = loss * (cosine * np.cos(phase) + sine * np.sin(phase)) / size
-    slopes = numeric_jacobian(model, fit.shape, np.array([1e-4, 1e-6, 1e-8]), lower, upper)
-    columns = _columns(t, ring.center - ring.origin, ring.mains, ring.origin, fit.shape)
-    jacobian = np.column_stack([slopes, columns, loss])
-    scale = np.sqrt(np.einsum("ij,ij->j", jacobian, jacobian))
-    scale[scale == 0.0] = 1.0
-    step = np.linalg.lstsq(jacobian / scale, fit.residuals, rcond=1e-10)[0] / scale
-    covariance, _ = covariance_of(jacobian, fit.residuals - jacobian @ step)
-    return float(step[-1]), float(np.sqrt(max(covariance[-1, -1], 0.0)))
+def _columns(since: Array, origin: float, mains: float, shape: Array) -> Array:
+    """Level and drift from the slip on, hum on the clock of the record, rest of the release, ring."""
+    frequency, decay, release = shape
+    ring = np.exp(-since / decay)[:, None] * wave(since, frequency)
+    return np.column_stack([np.ones_like(since), since, wave(since + origin, mains), np.exp(-since / release), ring])

@@ -23,12 +23,14 @@ _UNSEEN = 1e-7  # of the largest direction: what the data cannot tell apart, far
 class SeparableFit:
     """What a separable fit found."""
 
-    shape: Array  # shape (q,); Parameters that enter nonlinearly
-    weights: Array  # shape (p,); Weights of the columns of the basis
-    # shape (q + p, q + p); Of `shape` and `weights`, in this order, scaled by the scatter of the residuals
-    covariance: Array
-    residuals: Array  # shape (n,); Data minus model
-    noise: float  # Standard deviation of the residuals, in the unit of the data
+    shape: Array  # shape (q,), parameters that enter nonlinearly
+    weights: Array  # shape (p,), of the columns of the basis
+    covariance: Array  # shape (q + p, q + p), of `shape` and `weights`, scaled by the scatter of the residuals
+    residuals: Array  # shape (n,), data minus model
+
+    def std(self, index: int) -> float:
+        """Return the standard uncertainty of one of `shape` and `weights`, counted on."""
+        return float(np.sqrt(max(self.covariance[index, index], 0.0)))
 
 
 def fit_separable(
@@ -48,9 +50,7 @@ def fit_separable(
     from scipy.optimize import least_squares
 
     def solve(shape: Array) -> tuple[Array, Array]:
-        columns = basis(shape)
-        weights = np.linalg.lstsq(columns, values, rcond=1e-12)[0]
-        return np.asarray(weights, dtype=float), np.asarray(values - columns @ weights, dtype=float)
+        return fit_linear(basis(shape), values, rcond=1e-12)
 
     shape = np.clip(start, lower, upper)
     if shape.size:
@@ -59,20 +59,36 @@ def fit_separable(
         )
         shape = np.asarray(found.x, dtype=float)
     weights, residuals = solve(shape)
-    step = scale * 1e-4
-    slopes = numeric_jacobian(lambda p: basis(p) @ weights, shape, step, lower, upper)
-    jacobian = np.column_stack([slopes, basis(shape)])
-    covariance, noise = covariance_of(jacobian, residuals)
-    return SeparableFit(shape, weights, covariance, residuals, noise)
+    slopes = numeric_jacobian(lambda p: basis(p) @ weights, shape, scale * 1e-4, lower, upper)
+    covariance, _ = covariance_of(np.column_stack([slopes, basis(shape)]), residuals)
+    return SeparableFit(shape, weights, covariance, residuals)
 
 
-def numeric_jacobian(model: Callable[[Array], Array], point: Array, step: Array, lower: Array, upper: Array) -> Array:
+def fit_linear(columns: Array, values: Array, rcond: float | None = None) -> tuple[Array, Array]:
+    """Return weights and residuals of ``values = columns @ weights``."""
+    weights = np.linalg.lstsq(columns, values, rcond=rcond)[0]
+    return np.asarray(weights, dtype=float), np.asarray(values - columns @ weights, dtype=float)
+
+
+def wave(time: Array, frequency: float) -> Array:
+    """Columns of a cosine and a sine."""
+    phase = 2.0 * np.pi * frequency * time
+    return np.column_stack([np.cos(phase), np.sin(phase)])
+
+
+def numeric_jacobian(
+    model: Callable[[Array], Array],
+    point: Array,
+    step: Array,
+    lower: Array | float = -math.inf,
+    upper: Array | float = math.inf,
+) -> Array:
     """Differentiate `model` by differences that stay inside the bounds; shape (n, q)."""
+    highest, lowest = np.minimum(point + step, upper), np.maximum(point - step, lower)
     columns = []
     for index in range(point.size):
         high, low = point.copy(), point.copy()
-        high[index] = min(point[index] + step[index], upper[index])
-        low[index] = max(point[index] - step[index], lower[index])
+        high[index], low[index] = highest[index], lowest[index]
         columns.append((model(high) - model(low)) / (high[index] - low[index]))
     return np.column_stack(columns) if columns else np.empty((model(point).size, 0))
 

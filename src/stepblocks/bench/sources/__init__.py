@@ -1,8 +1,10 @@
-"""Where traces come from: one module per file format, each with the same two methods."""
+"""Formats that traces are read from: one file each, and one line in the table below."""
 
 from __future__ import annotations
 
-from stepblocks.bench.sources.base import TraceError, TraceSource
-from stepblocks.bench.sources.opening import open_source, read_trace
+from stepblocks.bench.sources import hdf5, mat, tdms, text
+from stepblocks.bench.sources.base import Format, Place, TextLayout, TraceError
 
-__all__ = ["TraceError", "TraceSource", "open_source", "read_trace"]
+__all__ = ["FORMATS", "Format", "Place", "TextLayout", "TraceError"]
+
+FORMATS: dict[str, Format] = {"csv": text.FORMAT, "hdf5": hdf5.FORMAT, "tdms": tdms.FORMAT, "mat": mat.FORMAT}

@@ -1,7 +1,7 @@
-"""Traces in MATLAB files: a struct or a matrix per trial.
+"""Traces in MATLAB files: a struct or a matrix per trial, or a variable per channel in a file of the trial's own.
 
 A version 5 file is a row of variables. SciPy reads through all of them to find one, so the places of the variables are
-noted once, and then only the bytes of the wanted variable are handed to SciPy.
+noted once, and then only the bytes of the wanted variable are handed to SciPy. From version 7.3 on, files are HDF5.
 """
 
 from __future__ import annotations
@@ -9,18 +9,15 @@ from __future__ import annotations
 import io
 import struct
 import zlib
+from contextlib import AbstractContextManager, nullcontext
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
-from stepblocks.bench.layout import inside
-from stepblocks.bench.session import Session
-from stepblocks.bench.sources.base import TraceError, TraceSource, as_samples, group_names
-from stepblocks.bench.sources.csv_files import trial_file
-from stepblocks.bench.sources.hdf5 import Hdf5Source
-from stepblocks.errors import BenchError
+from stepblocks.bench.sources.base import Array, Format, Names, Place, TextLayout, TraceError, as_samples
+from stepblocks.bench.sources.hdf5 import hdf5_columns, open_hdf5
 
 _HEADER = 128
 _COMPRESSED, _MATRIX = 15, 14
@@ -28,67 +25,70 @@ _HDF5_MARK = b"\x89HDF\r\n\x1a\n"
 _MOST_BYTES = 1 << 30  # of one variable
 
 
-def open_mat(session: Session) -> TraceSource:
-    """Open MATLAB traces of either kind."""
-    if session.acquisition.per_trial:
-        return MatSource(session)
-    path = inside(session.folder, session.acquisition.traces, "acquisition.traces")
-    if not path.is_file():
-        raise BenchError(f"traces are missing, expected {session.acquisition.traces} [{session.folder}]")
-    return Hdf5Source(session) if _is_hdf5(path) else MatSource(session)
+@dataclass(frozen=True)
+class Variables:
+    """A version 5 file of which it is known where its variables lie."""
+
+    path: Path
+    places: dict[str, tuple[int, int]]  # first byte and length of each
+
+    def load(self, names: tuple[str, ...]) -> Any:
+        """Read the first of `names` that is there."""
+        from scipy.io import loadmat
+
+        name = next((name for name in names if name in self.places), None)
+        if name is None:
+            raise TraceError(f"missing: no variable {names[0]!r} among the traces")
+        place, length = self.places[name]
+        if length > _MOST_BYTES:
+            raise TraceError(f"variable {name!r} has more than {_MOST_BYTES} bytes")
+        with self.path.open("rb") as file:
+            header = file.read(_HEADER)
+            file.seek(place)
+            data = io.BytesIO(header + file.read(length))
+        try:
+            return loadmat(data, simplify_cells=True)[name]
+        except Exception as error:  # SciPy lets zlib, type and key errors of a damaged variable through
+            raise TraceError(f"unreadable: variable {name!r}: {str(error)[:120]}") from error
 
 
-def _is_hdf5(path: Path) -> bool:
+def _open(path: Path, layout: TextLayout) -> AbstractContextManager[Any]:
     with path.open("rb") as file:
         head = file.read(8)
         file.seek(512)
-        return _HDF5_MARK in (head, file.read(8))
+        is_hdf5 = _HDF5_MARK in (head, file.read(8))
+    return open_hdf5(path, layout) if is_hdf5 else nullcontext(variables_of(path))
 
 
-class MatSource:
-    """A version 5 file with a variable per trial, or one file per trial."""
-
-    def __init__(self, session: Session) -> None:
-        self._session = session
-        self._path: Path | None = None
-        self._places: dict[str, tuple[int, int]] = {}
-        if not session.acquisition.per_trial:
-            self._path = inside(session.folder, session.acquisition.traces, "acquisition.traces")
-            try:
-                self._places = variables_of(self._path)
-            except TraceError as error:
-                raise BenchError(f"traces cannot be read: {error} [{self._path}]") from error
-
-    def columns(self, trial: str, names: tuple[str | int, ...]) -> dict[str | int, NDArray[np.float64]]:
-        """Read columns of one trial."""
-        if self._path is not None:
-            value = self._variable(self._path, self._places, group_names(self._session.acquisition.group, trial))
-            return {name: _column(value, name) for name in names}
-        path = trial_file(self._session, trial)
-        if _is_hdf5(path):
-            return Hdf5Source(self._session).columns(trial, names)
-        places = variables_of(path)
-        if self._session.acquisition.group is not None:
-            value = self._variable(path, places, group_names(self._session.acquisition.group, trial))
-            return {name: _column(value, name) for name in names}
-        return {name: _column(self._variable(path, places, [str(name)]), name, bare=True) for name in names}
-
-    def _variable(self, path: Path, places: dict[str, tuple[int, int]], names: list[str]) -> Any:
-        for name in names:
-            if name in places:
-                return _load(path, name, *places[name])
-        raise TraceError(f"missing: no variable {names[0]!r} among the traces")
-
-    def close(self) -> None:
-        """Nothing stays open between trials."""
+def _columns(file: Any, place: Place, names: Names) -> dict[str | int, Array]:
+    if not isinstance(file, Variables):
+        return hdf5_columns(file, place, names)
+    if place.is_file:
+        return {name: as_samples(file.load((str(name),)), name) for name in names}
+    value = file.load(place.groups)
+    return {name: as_samples(_column(value, name), name) for name in names}
 
 
-def variables_of(path: Path) -> dict[str, tuple[int, int]]:
-    """Place and length in bytes of every variable of a version 5 file."""
+def _column(value: Any, name: str | int) -> Any:
+    if isinstance(value, dict):
+        if name not in value:
+            raise TraceError(f"unknown channel: no {name!r} in the struct, it has {', '.join(list(value)[:8])}")
+        return value[name]
+    table = np.asarray(value)
+    if not isinstance(name, int) or table.ndim != 2 or not 0 <= name < table.shape[1]:
+        raise TraceError(f"unknown channel: no column {name!r} in a matrix of shape {table.shape}")
+    return table[:, name]
+
+
+def variables_of(path: Path) -> Variables:
+    """Look through a version 5 file for the names of its variables."""
     places: dict[str, tuple[int, int]] = {}
     size = path.stat().st_size
     with path.open("rb") as file:
-        order = _byte_order(file.read(_HEADER), path)
+        mark = file.read(_HEADER)[126:128]
+        if mark not in (b"IM", b"MI"):
+            raise TraceError(f"{path.name} is no MATLAB file of version 5 to 7.3")
+        order = "<" if mark == b"IM" else ">"
         place = _HEADER
         while place + 8 <= size:
             file.seek(place)
@@ -97,14 +97,7 @@ def variables_of(path: Path) -> dict[str, tuple[int, int]]:
                 raise TraceError(f"{path.name} is damaged or truncated at byte {place}")
             places[_name(file.read(min(length, 4096)), kind, order, path)] = (place, 8 + length)
             place += 8 + length
-    return places
-
-
-def _byte_order(header: bytes, path: Path) -> str:
-    mark = header[126:128]
-    if len(header) < _HEADER or mark not in (b"IM", b"MI"):
-        raise TraceError(f"{path.name} is no MATLAB file of version 5 to 7.3")
-    return "<" if mark == b"IM" else ">"
+    return Variables(path, places)
 
 
 def _name(head: bytes, kind: int, order: str, path: Path) -> str:
@@ -124,29 +117,4 @@ def _name(head: bytes, kind: int, order: str, path: Path) -> str:
         raise TraceError(f"{path.name} is damaged: {str(error)[:80]}") from error
 
 
-def _load(path: Path, name: str, place: int, length: int) -> Any:
-    from scipy.io import loadmat
-
-    if length > _MOST_BYTES:
-        raise TraceError(f"variable {name!r} has more than {_MOST_BYTES} bytes")
-    with path.open("rb") as file:
-        header = file.read(_HEADER)
-        file.seek(place)
-        data = io.BytesIO(header + file.read(length))
-    try:
-        return loadmat(data, simplify_cells=True)[name]
-    except Exception as error:  # SciPy lets zlib, type and key errors of a damaged variable through
-        raise TraceError(f"unreadable: variable {name!r}: {str(error)[:120]}") from error
-
-
-def _column(value: Any, name: str | int, bare: bool = False) -> NDArray[np.float64]:
-    if isinstance(value, dict):
-        if name not in value:
-            raise TraceError(f"unknown channel: no {name!r} in the struct, it has {', '.join(list(value)[:8])}")
-        return as_samples(value[name], name)
-    if bare:
-        return as_samples(value, name)
-    table = np.asarray(value)
-    if not isinstance(name, int) or table.ndim != 2 or not 0 <= name < table.shape[1]:
-        raise TraceError(f"unknown channel: no column {name!r} in a matrix of shape {table.shape}")
-    return as_samples(table[:, name], name)
+FORMAT = Format((".mat",), _open, _columns)

@@ -1,13 +1,11 @@
-"""Is a trace fit to be measured? Each check ends in the reason for an exclusion, or in nothing."""
+"""One record of both forces, and whether it is fit to be measured."""
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-
-from stepblocks.bench.trace import Trace
 
 Array = NDArray[np.float64]
 
@@ -19,8 +17,31 @@ _FLAT_STEPS = 4.0  # steps of the converter that the movement would have made me
 _LOWEST_RATE = 1500.0  # [Hz] five samples per cycle of a ring at 300 Hz
 
 
+@dataclass(frozen=True)
+class Trace:
+    """A record of both forces."""
+
+    time: Array  # shape (n,), instants of the samples [s]
+    tangential: Array  # shape (n,), force along the drag F_x [N]
+    normal: Array  # shape (n,), force into the block F_y [N]
+
+
 def screen_trace(trace: Trace, sample_rate: float, limit: float | None = None) -> str:
     """Look for what makes a trace unusable.
+
+    Parameters
+    ----------
+    trace : Trace
+        The record.
+    sample_rate : float
+        Declared samples per second [Hz].
+    limit : float, optional
+        Force at which the sensor saturates [N].
+
+    Returns
+    -------
+    str
+        Reason for an exclusion, in one line; empty where there is none.
 
     Examples
     --------
@@ -28,19 +49,14 @@ def screen_trace(trace: Trace, sample_rate: float, limit: float | None = None) -
     >>> screen_trace(Trace(t, t, t), 1e4)
     'truncated: 50 samples are too few (at least 200)'
     """
-    checks: tuple[Callable[[], str], ...] = (
-        lambda: _length(trace),
-        lambda: _finite(trace),
-        lambda: _clock(trace.time, sample_rate),
-        lambda: _alive(trace),
-        lambda: _saturation("tangential", trace.tangential, limit),
-        lambda: _saturation("normal", trace.normal, limit),
+    return (
+        _length(trace)
+        or _finite(trace)
+        or _clock(trace.time, sample_rate)
+        or _alive(trace)
+        or _saturation("tangential", trace.tangential, limit)
+        or _saturation("normal", trace.normal, limit)
     )
-    for check in checks:
-        reason = check()
-        if reason:
-            return reason
-    return ""
 
 
 def _length(trace: Trace) -> str:
@@ -51,7 +67,7 @@ def _length(trace: Trace) -> str:
 
 
 def _finite(trace: Trace) -> str:
-    for name, values in (("time", trace.time), ("tangential", trace.tangential), ("normal", trace.normal)):
+    for name, values in vars(trace).items():
         bad = int(values.size - np.count_nonzero(np.isfinite(values)))
         if bad:
             return f"not-a-number: {bad} of {values.size} samples of the {name} channel"
@@ -63,13 +79,11 @@ def _clock(time: Array, sample_rate: float) -> str:
     if float(steps.min()) <= 0.0:
         where = int(np.argmax(steps <= 0.0))
         return f"wrong clock: time does not ascend after {time[where]:.6g} s"
-    step = float(np.median(steps))
-    mean = float((time[-1] - time[0]) / steps.size)
     largest = float(steps.max())
-    if largest > _GAP_STEPS * step:
+    if largest > _GAP_STEPS * float(np.median(steps)):
         where = int(np.argmax(steps))
         return f"gap: {largest * 1e3:.3g} ms without samples after {time[where]:.6g} s"
-    rate = 1.0 / mean
+    rate = 1.0 / float((time[-1] - time[0]) / steps.size)
     if abs(rate / sample_rate - 1.0) > _RATE_TOLERANCE:
         return f"wrong rate: {rate:.6g} Hz, declared are {sample_rate:.6g} Hz"
     if rate < _LOWEST_RATE:
@@ -80,34 +94,30 @@ def _clock(time: Array, sample_rate: float) -> str:
 def _alive(trace: Trace) -> str:
     if float(np.ptp(trace.tangential)) == 0.0:
         return f"dead channel: the tangential force is {trace.tangential[0]:.4g} N throughout"
-    if not np.any(trace.normal):
-        return "dead channel: the normal force is 0 throughout"
-    return ""
+    return "" if np.any(trace.normal) else "dead channel: the normal force is 0 throughout"
 
 
 def _saturation(name: str, values: Array, limit: float | None) -> str:
     if limit is not None and float(np.abs(values).max()) >= limit:
         return f"saturated: the {name} force reaches the range of {limit:g} N"
+    moves = np.abs(np.diff(values))
+    step = float(np.min(moves, where=moves > 0.0, initial=np.inf))
     for sign, side in ((1.0, "highest"), (-1.0, "lowest")):
         signed = sign * values
         top = float(signed.max())
-        at_top = signed >= top
-        run, start = _longest_run(at_top)
+        run, start = _longest_run(signed >= top)
         if run < _FLAT_SAMPLES or start < _FLAT_SAMPLES:
             continue
-        before = signed[start - _FLAT_SAMPLES : start]
-        speed = float(top - before[0]) / _FLAT_SAMPLES
-        moves = np.abs(np.diff(values))
-        moves = moves[moves > 0.0]
-        if moves.size and speed * run > _FLAT_STEPS * float(moves.min()):
+        speed = float(top - signed[start - _FLAT_SAMPLES]) / _FLAT_SAMPLES
+        if speed * run > _FLAT_STEPS * step:
             return f"saturated: {run} samples in a row at the {side} {name} force, {sign * top:.4g} N"
     return ""
 
 
 def _longest_run(mask: NDArray[np.bool_]) -> tuple[int, int]:
-    """Length and first index of the longest run of True."""
-    edges = np.diff(np.concatenate([[0], mask.astype(np.int8), [0]]))
-    starts, ends = np.flatnonzero(edges == 1), np.flatnonzero(edges == -1)
+    """Length and first index of the longest run of True; of equal ones, the first."""
+    edges = np.flatnonzero(np.diff(mask, prepend=False, append=False))
+    starts, ends = edges[::2], edges[1::2]
     if not starts.size:
         return 0, 0
     longest = int(np.argmax(ends - starts))

@@ -1,4 +1,4 @@
-"""Names inside a session: patterns for files and groups, and units read off column names."""
+"""Names inside a session: patterns for files and groups, places below its folder, units read off column names."""
 
 from __future__ import annotations
 
@@ -9,26 +9,23 @@ from stepblocks.errors import BenchError, QuantityError
 from stepblocks.quantities import parse_quantity
 
 _FIELD = re.compile(r"\{([a-z_]+)(?::(0?)(\d{1,2})d)?\}")
-# Unit that a column has by the end of its name; `gf` is a gram-force
+# unit that a column has by the end of its name; `gf` is a gram-force
 _SUFFIX_UNITS = {
     "force": {"n": "N", "mn": "mN", "un": "uN", "kn": "kN", "gf": "gram_force"},
     "time": {"s": "s", "ms": "ms", "us": "us"},
     "speed": {"mm_s": "mm/s", "m_s": "m/s", "um_s": "um/s", "mm_per_s": "mm/s", "m_per_s": "m/s", "um_per_s": "um/s"},
-    "length": {"um": "um", "mm": "mm", "m": "m", "nm": "nm"},
 }
 
 
-def check_pattern(pattern: str, fields: tuple[str, ...], place: str) -> str:
-    """Return `pattern` if it holds no braces but those of `fields`, each like ``{trial}`` or ``{trial:04d}``."""
-    rest = _FIELD.sub(lambda m: "" if m.group(1) in fields else m.group(0), pattern)
+def check_pattern(pattern: str, field: str, place: str) -> None:
+    """Allow no braces in `pattern` but those of `field`, such as ``{trial}`` or ``{trial:04d}``."""
+    rest = _FIELD.sub(lambda m: "" if m.group(1) == field else m.group(0), pattern)
     if "{" in rest or "}" in rest or not pattern.strip():
-        wanted = " or ".join(f"{{{name}}}, {{{name}:04d}}" for name in fields)
-        raise BenchError(f"`{place}` may hold {wanted} and no other braces, got {pattern!r}")
-    return pattern
+        raise BenchError(f"`{place}` may hold {{{field}}}, {{{field}:04d}} and no other braces, got {pattern!r}")
 
 
 def fill_pattern(pattern: str, **values: str) -> str:
-    """Fill a checked pattern.
+    """Fill a checked pattern; ``ValueError`` where it wants a whole number and the value is none.
 
     Examples
     --------
@@ -37,18 +34,19 @@ def fill_pattern(pattern: str, **values: str) -> str:
     """
 
     def fill(match: re.Match[str]) -> str:
-        value = values[match.group(1)]
-        if match.group(3) is None:
+        name, zero, width = match.groups()
+        value = values[name]
+        if width is None:
             return value
         if not re.fullmatch(r"[+-]?\d{1,18}", value):
-            raise ValueError(f"{match.group(1)} {value!r} is no whole number, as {match.group(0)} needs")
-        return format(int(value), f"{match.group(2)}{match.group(3)}d")
+            raise ValueError(f"{name} {value!r} is no whole number, as {match.group(0)} needs")
+        return format(int(value), f"{zero}{width}d")
 
     return _FIELD.sub(fill, pattern)
 
 
 def inside(folder: Path, relative: str, place: str) -> Path:
-    """Return a path below `folder`."""
+    """Return a path below `folder`, whichever slashes it is written with; nothing may lead out of it."""
     parts = PurePosixPath(relative.replace("\\", "/"))
     if parts.is_absolute() or ".." in parts.parts or "\0" in relative or ":" in parts.parts[0]:
         raise BenchError(f"`{place}` must lie inside the session, got {relative!r}")
@@ -64,9 +62,10 @@ def unit_of_name(name: str, dimension: str) -> str | None:
     ('mm/s', 'mN', None)
     """
     lowered = name.lower().rsplit("/", 1)[-1]
-    for suffix, unit in sorted(_SUFFIX_UNITS[dimension].items(), key=lambda item: -len(item[0])):
+    units = _SUFFIX_UNITS[dimension]
+    for suffix in sorted(units, key=len, reverse=True):
         if lowered.endswith(f"_{suffix}") or lowered == suffix:
-            return unit
+            return units[suffix]
     return None
 
 

@@ -6,47 +6,57 @@ import csv
 import math
 from array import array
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from hashlib import blake2b
 
 import numpy as np
 
 from stepblocks.bench.session import Session
-from stepblocks.bench.trace import Trial
 from stepblocks.errors import BenchError
 
 _MOST_COLUMNS = 1000
+_CONDITIONS = ("speed", "load", "block")
+
+
+@dataclass(frozen=True)
+class Trial:
+    """One row of the table of trials; not-a-number and empty where the table has no such column."""
+
+    name: str  # as the table writes it
+    row: int  # counted from 1 below the header
+    cells: dict[str, str] = field(default_factory=dict)  # every cell of the row, as written
+    speed: float = math.nan  # of the handle [m/s]
+    load: float = math.nan  # normal load that the weights set [N]
+    block: str = ""
+    fault: str = ""  # why the row cannot be used; empty where it can
 
 
 @dataclass(frozen=True)
 class TrialTable:
     """A table of trials that was looked through once."""
 
-    session: Session  # Where it belongs
-    header: tuple[str, ...]  # Names of its columns
-    count: int  # Number of rows
-    repeated: frozenset[int]  # Rows, from 1, whose trial an earlier row has with the same conditions
-    contradicted: frozenset[int]  # Rows whose trial another row has with other conditions
+    session: Session
+    header: tuple[str, ...]
+    key: str  # name of the column that names the trial
+    count: int  # of its rows
+    repeated: frozenset[int]  # rows, from 1, whose trial an earlier row has with the same conditions
+    contradicted: frozenset[int]  # rows whose trial another row has with other conditions
 
     @property
     def covariates(self) -> tuple[str, ...]:
         """Columns but that of the trial, as the table names them."""
-        name = _column_name(self.session.columns.trial.column, self.header, "trial")
-        return tuple(column for column in self.header if column != name)
+        return tuple(column for column in self.header if column != self.key)
 
     def __iter__(self) -> Iterator[Trial]:
-        columns = self.session.columns
-        index = _column_name(columns.trial.column, self.header, "trial")
         for number, cells in _rows(self.session):
-            yield self._trial(number, cells, index)
+            yield self._trial(number, cells)
 
-    def _trial(self, number: int, cells: list[str], key: str) -> Trial:
+    def _trial(self, number: int, cells: list[str]) -> Trial:
+        named = dict(zip(self.header, cells + [""] * len(self.header), strict=False))
+        name = named[self.key].strip()
         if len(cells) != len(self.header):
-            padded = dict(zip(self.header, cells + [""] * len(self.header), strict=False))
             fault = f"row {number} of the table has {len(cells)} cells, the header has {len(self.header)}"
-            return Trial(padded[key].strip(), number, padded, fault=fault)
-        named = dict(zip(self.header, cells, strict=True))
-        name = named[key].strip()
+            return Trial(name, number, named, fault=fault)
         fault = "" if name else f"row {number} of the table names no trial"
         if number in self.repeated:
             fault = "duplicate: an earlier row has this trial with the same conditions"
@@ -57,14 +67,14 @@ class TrialTable:
             load = self._number(named, "load", "force")
         except ValueError as error:
             return Trial(name, number, named, fault=fault or str(error))
-        block = named.get(str(self.session.columns.block.column), "").strip()
+        block = named.get(str(self.session.trials.columns.block.column), "").strip()
         return Trial(name, number, named, speed, load, block, fault)
 
     def _number(self, named: dict[str, str], part: str, dimension: str) -> float:
-        channel = getattr(self.session.columns, part)
+        channel = getattr(self.session.trials.columns, part)
         if channel.column not in named:
             return math.nan
-        text = named[channel.column].strip().replace(self.session.decimal, ".")
+        text = named[channel.column].strip().replace(self.session.trials.decimal, ".")
         try:
             value = float(text)
         except ValueError:
@@ -75,61 +85,57 @@ class TrialTable:
 
 
 def open_trials(session: Session, reserved: frozenset[str] = frozenset()) -> TrialTable:
-    """Look through the table of trials once: header, number of rows, duplicates."""
-    header = _header(session)
-    key = header.index(_column_name(session.columns.trial.column, header, "trial"))
-    for part in ("speed", "load", "block"):
-        if part in session.columns.model_fields_set:
-            _column_name(getattr(session.columns, part).column, header, part)
-    taken = sorted(set(header) & reserved - {header[key]})
+    """Look through the table of trials once: header, number of rows, duplicates.
+
+    Nothing of a row is held but 24 bytes, so that a table of any length fits.
+    """
+    header, columns = _header(session), session.trials.columns
+    key = _column_name(columns.trial.column, header, "trial")
+    for part in _CONDITIONS:
+        if part in columns.model_fields_set:
+            _column_name(getattr(columns, part).column, header, part)
+    taken = sorted(set(header) & reserved - {key})
     if taken:
         raise BenchError(f"column `{taken[0]}` of the table of trials has a name that features use [{session.table}]")
-    count, marks, digests, numbers = 0, array("Q"), array("Q"), array("q")
+    count, index = 0, header.index(key)
+    trials, wholes, numbers = array("Q"), array("Q"), array("q")
     for number, cells in _rows(session):
-        count += 1
-        name = cells[key].strip() if key < len(cells) else ""
+        count = number
+        name = cells[index].strip() if index < len(cells) else ""
         if name:
-            marks.append(_digest(name))
-            digests.append(_digest("\x1f".join(cells)))
+            trials.append(_digest(name))
+            wholes.append(_digest("\x1f".join(cells)))
             numbers.append(number)
     if count == 0:
         raise BenchError(f"table of trials has no rows [{session.table}]")
-    return TrialTable(session, header, count, *_duplicates(marks, digests, numbers))
+    return TrialTable(session, header, key, count, *_duplicates(trials, wholes, numbers))
 
 
 def _digest(text: str) -> int:
     return int.from_bytes(blake2b(text.encode(), digest_size=8).digest(), "little")
 
 
-def _duplicates(marks: array[int], digests: array[int], numbers: array[int]) -> tuple[frozenset[int], frozenset[int]]:
+def _duplicates(trials: array[int], wholes: array[int], numbers: array[int]) -> tuple[frozenset[int], frozenset[int]]:
     """Rows that repeat an earlier row of their trial, and rows of one trial that contradict one another."""
-    _, first, which = np.unique(np.array(marks, dtype=np.uint64), return_index=True, return_inverse=True)
-    row, whole, home = np.array(numbers), np.array(digests, dtype=np.uint64), first[which]
+    _, first, which = np.unique(np.array(trials, dtype=np.uint64), return_index=True, return_inverse=True)
+    row, whole, home = np.array(numbers), np.array(wholes, dtype=np.uint64), first[which]
     again = home != np.arange(len(row))
     same = whole == whole[home]
-    contradicted = again & ~same
-    return frozenset(row[again & same].tolist()), frozenset(
-        [*row[contradicted].tolist(), *row[home[contradicted]].tolist()]
-    )
+    other = again & ~same
+    return frozenset(row[again & same].tolist()), frozenset([*row[other].tolist(), *row[home[other]].tolist()])
 
 
 def _column_name(column: str | int, header: tuple[str, ...], part: str) -> str:
-    if isinstance(column, int):
-        if 0 <= column < len(header):
-            return header[column]
-    elif column in header:
+    if isinstance(column, int) and 0 <= column < len(header):
+        return header[column]
+    if isinstance(column, str) and column in header:
         return column
     listed = ", ".join(header[:12])
     raise BenchError(f"table of trials must have a column {column!r} for the {part}, it has {listed}")
 
 
 def _header(session: Session) -> tuple[str, ...]:
-    with session.table.open(newline="", encoding="utf-8-sig") as file:
-        try:
-            cells = next(csv.reader(file, delimiter=session.delimiter), [])
-        except (csv.Error, UnicodeDecodeError) as error:
-            raise BenchError(f"table of trials must be CSV in UTF-8: {error} [{session.table}]") from error
-    header = tuple(cell.strip() for cell in cells)
+    header = tuple(cell.strip() for cell in next(_lines(session), []))
     if not any(header):
         raise BenchError(f"table of trials is empty [{session.table}]")
     if len(header) > _MOST_COLUMNS:
@@ -142,13 +148,14 @@ def _header(session: Session) -> tuple[str, ...]:
 
 def _rows(session: Session) -> Iterator[tuple[int, list[str]]]:
     """Rows below the header, from 1; empty lines are none."""
+    lines = _lines(session)
+    next(lines, None)
+    yield from enumerate((cells for cells in lines if any(cell.strip() for cell in cells)), start=1)
+
+
+def _lines(session: Session) -> Iterator[list[str]]:
     with session.table.open(newline="", encoding="utf-8-sig") as file:
-        number = 0
         try:
-            for index, cells in enumerate(csv.reader(file, delimiter=session.delimiter)):
-                if index == 0 or not any(cell.strip() for cell in cells):
-                    continue
-                number += 1
-                yield number, cells
+            yield from csv.reader(file, delimiter=session.trials.delimiter)
         except (csv.Error, UnicodeDecodeError) as error:
             raise BenchError(f"table of trials must be CSV in UTF-8: {error} [{session.table}]") from error

@@ -1,0 +1,159 @@
+"""Figures of chosen trials of a session, with what was fitted drawn in."""
+
+from __future__ import annotations
+
+import re
+from itertools import islice
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from stepblocks.atomic import beside
+from stepblocks.bench.measure import pilot
+from stepblocks.bench.session import open_session
+from stepblocks.bench.signal.features import Measurement, measure_trace
+from stepblocks.bench.signal.landmarks import LandmarkError
+from stepblocks.bench.signal.ring import Ring
+from stepblocks.bench.signal.trace import Trace, screen_trace
+from stepblocks.bench.sources import TraceError
+from stepblocks.bench.traces import Traces
+from stepblocks.bench.trials import Trial, open_trials
+from stepblocks.errors import PipelineError
+
+_FIRST = 12  # trials that are drawn where none are named
+_LINE, _FIT, _SECOND, _FAINT = "#1f4e79", "#c0392b", "#7f8c8d", "#b0b7bd"
+# each feature that is told beside the curves, with its standard uncertainty, the scale and unit to tell it in
+_NOTES = {
+    "friction": ("sliding_friction", "sliding_friction_std", 1.0, ""),
+    "spring": ("spring_constant_n_per_m", "spring_constant_std_n_per_m", 1e-3, "N/mm"),
+    "peak": ("peak_force_n", "peak_force_std_n", 1.0, "N"),
+    "ring": ("ring_frequency_hz", "ring_frequency_std_hz", 1.0, "Hz"),
+    "decay": ("decay_time_s", "decay_time_std_s", 1e3, "ms"),
+    "amplitude": ("ring_amplitude_n", "ring_amplitude_std_n", 1.0, "N"),
+    "energy": ("vibration_energy_j", "vibration_energy_std_j", 1e6, "uJ"),
+}
+
+
+def draw_trials(session: str | Path, output: str | Path, trials: list[str] | None = None) -> list[Path]:
+    """Draw trials of a session, measured or excluded.
+
+    Parameters
+    ----------
+    session : str or Path
+        Folder with a ``session.toml``; it is only read.
+    output : str or Path
+        Folder for the figures.
+    trials : list of str, optional
+        Names of trials as the table has them; the first twelve where omitted.
+
+    Returns
+    -------
+    list of Path
+        PNG files that were drawn; a trial without a readable trace has none.
+
+    Raises
+    ------
+    BenchError
+        If the session as a whole cannot be read.
+    PipelineError
+        If a trial is not in the table, or the folder cannot be made.
+    """
+    output, declared = Path(output), open_session(session)
+    table = open_trials(declared)
+    chosen = list(islice(table, _FIRST)) if trials is None else [trial for trial in table if trial.name in trials]
+    missing = sorted(set(trials or ()) - {trial.name for trial in chosen})
+    if missing:
+        raise PipelineError(f"trial {missing[0]!r} is not in the table of trials [{declared.table}]")
+    try:
+        output.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise PipelineError(f"folder for figures cannot be made: {error.strerror} [{output}]") from error
+    drawn = []
+    with Traces(declared) as traces:
+        tool = pilot(traces, table)
+        for trial in chosen:
+            try:
+                trace = traces.read(trial.name)
+            except TraceError:
+                continue
+            drawn.append(output / f"trial-{re.sub(r'[^A-Za-z0-9._-]', '_', trial.name)}.png")
+            _draw(traces, trial, trace, tool, drawn[-1])
+    return drawn
+
+
+def _draw(traces: Traces, trial: Trial, trace: Trace, tool: tuple[float, float] | None, path: Path) -> None:
+    from matplotlib.backends.backend_agg import FigureCanvasAgg
+    from matplotlib.figure import Figure
+
+    session, measured = traces.session, None
+    reason = screen_trace(trace, session.acquisition.sample_rate, session.acquisition.range)
+    if not reason:
+        try:
+            measured = measure_trace(trace, session.probe.spring_constant, trial.speed, tool)
+        except LandmarkError as error:
+            reason = str(error)
+    figure = Figure(figsize=(11.0, 7.5), layout="constrained")
+    FigureCanvasAgg(figure)
+    whole, near, normal = figure.subplots(3, 1, height_ratios=[2.0, 2.6, 1.0])
+    conditions = ", ".join(f"{name} {cell}" for name, cell in list(trial.cells.items())[1:6])
+    figure.suptitle(f"{session.title}: trial {trial.name} ({conditions})", fontsize=11)
+    for axes in (whole, near):
+        axes.plot(1e3 * trace.time, trace.tangential, ".", color=_LINE, markersize=1.8, label="measured")
+        if measured is not None:
+            _draw_fit(axes, trace, measured)
+        axes.set_ylabel("tangential force / N")
+    start = float(trace.time[0])
+    release = start if measured is None else measured.peak.time + start
+    near.set_xlim(1e3 * (release - 12e-3), 1e3 * (release + 40e-3))
+    near.text(
+        0.99,
+        0.97,
+        f"excluded: {reason}" if measured is None else _notes(measured.features),
+        transform=near.transAxes,
+        ha="right",
+        va="top",
+        fontsize=8,
+        bbox={"facecolor": "white", "edgecolor": _FAINT, "alpha": 0.9},
+    )
+    whole.legend(loc="upper right", fontsize=8, frameon=False)
+    normal.plot(1e3 * trace.time, trace.normal, color=_LINE, linewidth=0.6)
+    normal.set_ylabel("normal force / N")
+    normal.set_xlabel("time / ms")
+    with beside(path) as draft:
+        figure.savefig(draft, format="png", dpi=130, metadata={"Software": None})
+
+
+def _draw_fit(axes: Any, trace: Trace, measured: Measurement) -> None:
+    start = float(trace.time[0])
+    time = trace.time - start
+    approach, after, peak, ring = measured.approach, measured.aftermath, measured.peak, measured.aftermath.ring
+    ringing = time >= after.origin
+    fitted = ring.curve(time[ringing])
+    if isinstance(ring, Ring):
+        # the levels of a rubbing ring change with every half cycle; it has no one envelope
+        since = time[time >= after.start] - after.start
+        size = after.amplitude[0] * np.exp(-since / after.decay_time[0])
+        for sign in (1.0, -1.0):
+            instants, edge = 1e3 * (after.start + since + start), after.level[0] + sign * size
+            axes.plot(instants, edge, color=_SECOND, linewidth=0.9, linestyle="--")
+    else:
+        fitted = fitted + approach.hum(time[ringing])
+    slide, ramp = time < approach.onset, (time >= approach.onset) & (time <= peak.time)
+    curves = (
+        ("sliding", slide, approach.sliding(time)[slide], "-"),
+        ("ramp", ramp, approach.line(time[ramp]), "-."),
+        (f"{after.kind} ring", ringing, fitted, "-"),
+    )
+    for name, where, force, style in curves:
+        axes.plot(1e3 * trace.time[where], force, color=_FIT, linewidth=1.1, linestyle=style, label=name)
+    for name, at, height in (("onset", approach.onset, approach.level), ("release", peak.time, peak.force)):
+        axes.plot([1e3 * (at + start)], [height], marker="o", color=_FIT, markersize=4, fillstyle="none")
+        axes.annotate(name, (1e3 * (at + start), height), textcoords="offset points", xytext=(5, 4), fontsize=8)
+
+
+def _notes(features: dict[str, float]) -> str:
+    return "\n".join(
+        f"{name} {features[value] * scale:.4g} ± {features[std] * scale:.2g} {unit}".rstrip()
+        for name, (value, std, scale, unit) in _NOTES.items()
+    )
