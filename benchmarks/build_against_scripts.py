@@ -125,13 +125,12 @@ def extra_costs(stimuli: Path) -> None:
     from stepblocks.artefacts.heightfield import write_height_field
     from stepblocks.artefacts.meshes.write import MESH_FORMATS, write_pieces
     from stepblocks.artefacts.step.write import write_step_ap242
-    from stepblocks.build.make import checked_files, staging
+    from stepblocks.build.make import checked_files
     from stepblocks.build.picture import draw
     from stepblocks.declare import load_set
+    from stepblocks.parts.kinds.step_block import StepBlock
     from stepblocks.parts.mesh import mesh_solid
-    from stepblocks.parts.pieces import convex_pieces
-    from stepblocks.parts.shapes import build_solids
-    from stepblocks.parts.step_block.declaration import StepBlock
+    from stepblocks.parts.shapes import build_solids, convex_pieces
 
     spent: dict[str, float] = {}
 
@@ -155,7 +154,7 @@ def extra_costs(stimuli: Path) -> None:
             timed("convex pieces", partial(write_pieces, folder / f"{block.id}.convex.obj", pieces))
             timed("height field", partial(write_height_field, folder / f"{block.id}.heightfield", block))
             arrays = [(mesh.vertices, mesh.triangles)]
-            timed("picture", partial(draw, folder / f"{block.id}.png", arrays, *staging(block)))
+            timed("picture", partial(draw, folder / f"{block.id}.png", arrays, *block.close_up()))
             for path in checked_files(block, folder):
                 timed(f"read back {path.suffix}", partial(check_artefact, block, path))
             triangles.append(len(mesh.triangles))

@@ -24,7 +24,9 @@ ROOT = Path(__file__).resolve().parents[1]
 
 
 def main() -> None:
-    print("| surface | ticks | median us | 99.9 % us | worst us | fastest of 5: 99.9 % | worst | ring uJ | E_v uJ | deviation |")
+    print(
+        "| surface | ticks | median us | 99.9 % us | worst us | fastest of 5: 99.9 % | worst | ring uJ | E_v uJ | deviation |"
+    )
     print("|---|---|---|---|---|---|---|---|---|---|")
     blocks = load_set(ROOT / "stimuli" / "paper-ten.toml").stimuli
     row("ten blocks", np.concatenate([one(block) for block in blocks], axis=1))

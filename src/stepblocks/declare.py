@@ -11,7 +11,7 @@ from pydantic import ValidationError
 
 from stepblocks.errors import PipelineError, StepblocksError, StimulusError
 from stepblocks.parts.series import MAX_SERIES, expand, merged
-from stepblocks.parts.set import KINDS, StimulusSet
+from stepblocks.parts.set import StimulusSet, kinds, set_of, with_energy_tolerances
 
 SCHEMA = 1  # Version of the stimulus file format
 MAX_FILE_BYTES = 1_000_000  # Largest stimulus file that is read [bytes]
@@ -43,25 +43,24 @@ def load_set(path: Path) -> StimulusSet:
     if name != path.stem:
         raise StimulusError(f"set must be the name of its file, {path.stem!r}, got {name!r} [{path}]")
     defaults = raw.pop("defaults", {})
-    if not isinstance(defaults, dict) or not set(defaults) <= set(KINDS):
-        raise StimulusError(f"defaults must be tables named {', '.join(KINDS)}, got {_brief(defaults)} [{path}]")
+    known = kinds()
+    if not isinstance(defaults, dict) or not set(defaults) <= set(known):
+        raise StimulusError(f"defaults must be tables named {', '.join(known)}, got {_brief(defaults)} [{path}]")
     total = 0
-    for kind in KINDS:
+    for kind in known:
         if kind in raw:
             raw[kind] = list(_stanzas(path, kind, raw[kind], defaults.get(kind, {})))
             total += len(raw[kind])
     if total > MAX_SERIES:
         raise StimulusError(f"a set must have at most {MAX_SERIES} stimuli, got {total} [{path}]")
     try:
-        return StimulusSet.model_validate({"name": name, **raw})
+        return set_of({"name": name, **raw})
     except ValidationError as error:
         raise StimulusError(_one_line(error, raw, path)) from error
 
 
 def load_declared(path: Path) -> StimulusSet:
     """Read a stimulus file and work out the tolerances that follow from an energy."""
-    from stepblocks.parts.energy_tolerances import with_energy_tolerances
-
     stimuli = load_set(path)
     try:
         return with_energy_tolerances(stimuli)
@@ -107,7 +106,7 @@ def _one_line(error: ValidationError, raw: Mapping[str, Any], path: Path) -> str
     first = found[0]
     location = list(first["loc"])
     place = str(path)
-    if len(location) >= 2 and location[0] in KINDS and isinstance(location[1], int):
+    if len(location) >= 2 and location[0] in kinds() and isinstance(location[1], int):
         stanza = raw[str(location[0])][location[1]]
         place += f", {location[0]} {_brief(stanza.get('id', location[1] + 1))}"
         location = location[2:]

@@ -166,12 +166,12 @@ def test_a_build_that_is_asked_to_end_takes_its_workers_along_and_leaves_no_draf
 
 def test_a_stimulus_that_fails_half_way_leaves_nothing_half_written(source, tmp_path, monkeypatch):
     from stepblocks.errors import HapticsError
-    from stepblocks.parts import pieces
+    from stepblocks.parts import shapes
 
     def fail(stimulus):
         raise HapticsError("no pieces today")
 
-    monkeypatch.setattr(pieces, "convex_pieces", fail)
+    monkeypatch.setattr(shapes, "convex_pieces", fail)
     with pytest.raises(HapticsError):
         build([source], tmp_path / "out", jobs=1)
     assert [path.name for path in (tmp_path / "out").rglob("*")] == []

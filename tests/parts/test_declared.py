@@ -12,8 +12,7 @@ from stepblocks.contact.energy import release_at
 from stepblocks.declare import load_declared, load_set
 from stepblocks.errors import MachiningError
 from stepblocks.parts.characteristics import characteristics_of
-from stepblocks.parts.energy_tolerances import with_energy_tolerances
-from stepblocks.parts.specification import resolved
+from stepblocks.parts.set import with_energy_tolerances
 from stepblocks.predict.predictions import predict_set
 
 STIMULI = Path(__file__).resolve().parents[2] / "stimuli"
@@ -139,7 +138,7 @@ def test_nothing_is_made_before_the_tolerance_is_known(tmp_path):
 
 def test_the_specification_and_the_workshop_see_the_tolerances_found(tmp_path):
     block = load_declared(write(tmp_path, '"10 %"')).step_block[0]
-    specification = json.loads(json.dumps(resolved(block)))
+    specification = json.loads(json.dumps(block.record()))
     assert specification["height"]["tolerance"] == "by energy"
     assert specification["height"]["upper_deviation_m"] == block.height.upper > 0.1e-6
     assert specification["energy_tolerance"]["within"] == 0.10

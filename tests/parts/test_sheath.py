@@ -6,8 +6,8 @@ import pytest
 
 from stepblocks.declare import load_set
 from stepblocks.errors import StimulusError
-from stepblocks.parts.sheath.declaration import MASS_MATCH
-from stepblocks.parts.volumes import solid_volumes
+from stepblocks.parts.kinds.sheath import MASS_MATCH
+from stepblocks.parts.shapes import solid_volumes
 
 SHIPPED = Path(__file__).resolve().parents[2] / "stimuli" / "sheaths.toml"
 SOLVED = 'outer_diameter = { mass_of = "sheath-hard", least = "6 mm", most = "12 mm", tolerance = "0.02 mm" }'

@@ -7,8 +7,7 @@ import pytest
 
 from stepblocks.cad import kernel
 from stepblocks.declare import load_set
-from stepblocks.parts.shapes import build_solids
-from stepblocks.parts.volumes import solid_volumes
+from stepblocks.parts.shapes import build_solids, solid_volumes
 
 ROOT = Path(__file__).resolve().parents[2]
 SHIPPED = [

@@ -8,7 +8,6 @@ import pytest
 
 from stepblocks.declare import load_set
 from stepblocks.errors import ContactError
-from stepblocks.parts.sheath.ring import ring_with, rod_of
 from stepblocks.predict.predictions import predict_set
 from stepblocks.predict.sheaths import conditions_of, decay_test_rows
 
@@ -24,7 +23,7 @@ def test_a_build_leaves_rings_test_and_probe_and_the_page_shows_them(shipped_out
     assert rows[0]["frequency_hz"] == "300.0"
     told = json.loads((folder / "probe.json").read_text())
     assert all(one["source"] for table in ("probe", "damping_rig") for one in told[table].values())
-    assert told["follows"]["free_length_m"] == pytest.approx(rod_of(SET.probe).length)
+    assert told["follows"]["free_length_m"] == pytest.approx(SET.probe.rod().length)
     page = (shipped_output / "index.html").read_text()
     assert f"rings at {rows[2]['frequency_hz']} Hz" in page
     assert "What the damping test will measure" in page
@@ -82,7 +81,7 @@ def test_a_drag_with_a_sheath_rings_as_the_probe_in_that_sheath():
     from stepblocks.drag.subject import subject_of
 
     hard = next(part for part in SET.stimuli if part.id == "sheath-hard")
-    ring = ring_with(SET.probe, hard)
+    ring = SET.probe.ring(hard.sleeve)
     subject = subject_of("sheath-hard", {"friction": 0.25}, False, SHIPPED)
     assert subject.values["stiffness"] == ring.stiffness
     assert subject.values["frequency"] == ring.frequency

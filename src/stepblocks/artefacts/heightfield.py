@@ -14,9 +14,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from stepblocks.contact.counterface import Step
 from stepblocks.errors import HapticsError
-from stepblocks.parts.margins.declaration import CrownOnTooth, MarginBlock
-from stepblocks.parts.step_block.declaration import StepBlock
+from stepblocks.parts.kind import Part
 
 SPACING = 2e-6  # Distance of neighbouring samples in x and y [m]
 _HALF_X = 1e-3
@@ -32,50 +32,48 @@ class Relief:
     y: NDArray[np.float64]
 
 
-def relief(
-    stimulus: StepBlock | MarginBlock | CrownOnTooth, ball_radius: float, half_width: float | None = None
-) -> Relief:
+def relief(part: Part, ball_radius: float, half_width: float | None = None) -> Relief:
     """Sample the surface as far as a ball that is dragged over its edge can touch it."""
-    opening = max(stimulus.counterface().breakpoints) if not isinstance(stimulus, StepBlock) else 0.0
+    face = part.counterface()
+    opening = 0.0 if isinstance(face, Step) else max(face.breakpoints)
     spacing = opening / math.ceil(opening / SPACING) if opening > 0.0 else SPACING
     count = math.ceil(max(0.4e-3, 4.0 * ball_radius) / spacing)
     x = np.asarray(np.arange(-count, count + 1) * spacing, dtype=np.float64)
-    for corner in stimulus.counterface().breakpoints:  # on an edge in every bit, or rounding makes a gap wider
+    for corner in face.breakpoints:  # on an edge in every bit, or rounding makes a gap wider
         x[np.abs(x - corner) < 1e-6 * spacing] = corner
-    profile: NDArray[np.float64] = stimulus.counterface().heights(x)
-    if not isinstance(stimulus, CrownOnTooth):
+    profile, radius = face.heights(x), part.turn_radius
+    if radius is None:
         return Relief(np.tile(profile, (3, 1)), x, np.array([-2.0 * ball_radius, 0.0, 2.0 * ball_radius]))
     rows = math.ceil((20e-6 if half_width is None else half_width) / 5e-6)
     y = np.asarray(np.arange(-rows, rows + 1) * 5e-6, dtype=np.float64)
-    radius = stimulus.margin_radius.nominal
     return Relief(np.sqrt((radius + profile) ** 2 - y[:, None] ** 2) - radius, x, y)
 
 
-def height_field(stimulus: StepBlock | MarginBlock) -> NDArray[np.float64]:
+def height_field(part: Part) -> NDArray[np.float64]:
     """Sample the working surface around the edge.
 
     Parameters
     ----------
-    stimulus : StepBlock or MarginBlock
-        The block.
+    part : Part
+        A part whose surface is straight along y.
 
     Returns
     -------
     ndarray, shape (rows, columns)
         Heights [m]; rows ascend in y, columns in x, the samples lie between the edges rather than on them.
     """
-    profile: NDArray[np.float64] = stimulus.counterface().heights(_across(stimulus))
+    profile: NDArray[np.float64] = part.counterface().heights(_across(part))
     return np.tile(profile, (len(_positions(_HALF_Y)), 1))
 
 
-def _across(stimulus: StepBlock | MarginBlock) -> NDArray[np.float64]:
+def _across(part: Part) -> NDArray[np.float64]:
     """Positions across the edge, shifted within their cell until none lies on a corner of the profile."""
-    corners = np.array(stimulus.counterface().breakpoints)
+    corners = np.array(part.counterface().breakpoints)
     for shift in (0.0, 0.25, -0.25, 0.125, -0.125):
         x = _positions(_HALF_X) + shift * SPACING
         if np.abs(x[:, None] - corners).min() > 0.05 * SPACING:
             return x
-    raise HapticsError(f"a height field of {SPACING:g} m spacing cannot keep clear of the corners of {stimulus.id}")
+    raise HapticsError(f"a height field of {SPACING:g} m spacing cannot keep clear of the corners of {part.id}")
 
 
 def _positions(half: float) -> NDArray[np.float64]:
@@ -83,23 +81,23 @@ def _positions(half: float) -> NDArray[np.float64]:
     return np.asarray((np.arange(-count, count) + 0.5) * SPACING, dtype=np.float64)
 
 
-def write_height_field(stem: Path, stimulus: StepBlock | MarginBlock) -> list[Path]:
+def write_height_field(stem: Path, part: Part) -> list[Path]:
     """Write TIFF, npz and sidecar."""
     import tifffile
 
-    heights = height_field(stimulus)
+    heights = height_field(part)
     tiff, npz, sidecar = (stem.with_name(stem.name + suffix) for suffix in (".tiff", ".npz", ".json"))
     tifffile.imwrite(
         tiff, (heights * 1e6).astype(np.float32), compression="zlib", description="heights in um", software="stepblocks"
     )
-    np.savez_compressed(npz, height_m=heights, x_m=_across(stimulus), y_m=_positions(_HALF_Y))
-    sidecar.write_text(json.dumps(_sidecar(stimulus, heights, tiff.name, npz.name), indent=2) + "\n", encoding="utf-8")
+    np.savez_compressed(npz, height_m=heights, x_m=_across(part), y_m=_positions(_HALF_Y))
+    sidecar.write_text(json.dumps(_sidecar(part, heights, tiff.name, npz.name), indent=2) + "\n", encoding="utf-8")
     return [tiff, npz, sidecar]
 
 
-def _sidecar(stimulus: StepBlock | MarginBlock, heights: NDArray[np.float64], tiff: str, npz: str) -> dict[str, Any]:
+def _sidecar(part: Part, heights: NDArray[np.float64], tiff: str, npz: str) -> dict[str, Any]:
     return {
-        "stimulus": stimulus.id,
+        "stimulus": part.id,
         "files": {
             tiff: {"unit": "um", "dtype": "float32"},
             npz: {"unit": "m", "dtype": "float64", "arrays": ["height_m", "x_m", "y_m"]},
@@ -107,7 +105,7 @@ def _sidecar(stimulus: StepBlock | MarginBlock, heights: NDArray[np.float64], ti
         "shape_rows_columns": list(heights.shape),
         "spacing_x_m": SPACING,
         "spacing_y_m": SPACING,
-        "origin_x_m": float(_across(stimulus)[0]),
+        "origin_x_m": float(_across(part)[0]),
         "origin_y_m": float(_positions(_HALF_Y)[0]),
         "origin": "position of row 0, column 0 in the frame of the part; its z = 0 is the lower working face",
         "row_order": "row 0 lies at the smallest y, rows ascend in y",

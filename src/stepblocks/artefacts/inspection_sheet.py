@@ -15,7 +15,7 @@ from pathlib import Path
 from stepblocks.artefacts.numbers import decimals_for, millimetres
 from stepblocks.atomic import beside, replace_text
 from stepblocks.parts.characteristics import Characteristic, characteristics_of
-from stepblocks.parts.set import Stimulus
+from stepblocks.parts.kind import Part
 
 COLUMNS = (
     "number",
@@ -33,7 +33,7 @@ COLUMNS = (
 Values = Mapping[str, tuple[float, float, str]]
 
 
-def sheet_rows(stimulus: Stimulus, measured: Values | None = None) -> list[tuple[str, ...]]:
+def sheet_rows(stimulus: Part, measured: Values | None = None) -> list[tuple[str, ...]]:
     """Return the lines of the sheet."""
     known = measured or {}
     return [_row(number, one, known.get(one.key)) for number, one in enumerate(characteristics_of(stimulus), start=1)]
@@ -57,7 +57,7 @@ def _row(number: int, one: Characteristic, value: tuple[float, float, str] | Non
     return (str(number), one.label, one.kind, nominal, lower, upper, unit, one.method, *got)
 
 
-def write_sheet_csv(path: Path, stimulus: Stimulus, measured: Values | None = None) -> None:
+def write_sheet_csv(path: Path, stimulus: Part, measured: Values | None = None) -> None:
     """Write the sheet as CSV."""
     text = io.StringIO()
     writer = csv.writer(text, lineterminator="\n")
@@ -66,7 +66,7 @@ def write_sheet_csv(path: Path, stimulus: Stimulus, measured: Values | None = No
     replace_text(path, text.getvalue())
 
 
-def write_sheet_pdf(path: Path, stimulus: Stimulus, measured: Values | None = None) -> None:
+def write_sheet_pdf(path: Path, stimulus: Part, measured: Values | None = None) -> None:
     """Write the sheet as one landscape A4 page."""
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure

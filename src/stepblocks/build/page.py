@@ -11,8 +11,8 @@ from stepblocks.build.curves import set_figure
 from stepblocks.build.manifest import RECORD, load_json
 from stepblocks.build.page_file import plotly_script, render_page
 from stepblocks.contact.energy import Status
+from stepblocks.parts.kinds.step_block import StepBlock
 from stepblocks.parts.set import StimulusSet
-from stepblocks.parts.step_block.declaration import StepBlock
 from stepblocks.predict.predictions import Prediction, as_row, predict_set, tool_of
 from stepblocks.predict.sheaths import conditions_of, decay_test_rows, ring_rows
 
@@ -42,7 +42,7 @@ def _section(stimuli: StimulusSet, output: Path) -> dict[str, Any]:
         if record:
             rows.append(_row(folder, record, by_stimulus[stimulus.id]))
             rows[-1]["summary"] += rings.get(stimulus.id, [])
-    blocks = [stimulus for stimulus in stimuli.stimuli if isinstance(stimulus, StepBlock)]
+    blocks = stimuli.of(StepBlock)
     grid = stimuli.prediction
     figure = (
         set_figure(

@@ -22,7 +22,8 @@ from stepblocks.select import matches
 if TYPE_CHECKING:
     from stepblocks.artefacts.model_file import LearnedModel
     from stepblocks.build.make import Made
-    from stepblocks.parts.set import Stimulus, StimulusSet
+    from stepblocks.parts.kind import Part
+    from stepblocks.parts.set import StimulusSet
 
 _TASKS_PER_WORKER = 64  # the kernel's memory creeps; a worker is replaced before it shows
 
@@ -104,7 +105,7 @@ def _build(
     learned = _read(model)
     _require_folder(output)
     report = BuildReport(str(output))
-    wanted: list[tuple[str, Stimulus, str]] = []
+    wanted: list[tuple[str, Part, str]] = []
     for stimuli in sets:
         for stimulus in stimuli.stimuli:
             key = build_key(stimulus, code)
@@ -143,7 +144,7 @@ def _require_folder(output: Path) -> None:
         raise PipelineError(f"the output folder must be writable [{output}]")
 
 
-def _make_all(wanted: Sequence[tuple[str, Stimulus, str]], output: Path, jobs: int | None) -> Iterable[Made]:
+def _make_all(wanted: Sequence[tuple[str, Part, str]], output: Path, jobs: int | None) -> Iterable[Made]:
     """Make stimuli in this process, or in as many as there are cores; results come as they are ready."""
     from stepblocks.build.make import make
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from pathlib import Path
 
+from stepblocks.contact.counterface import Margin
 from stepblocks.contact.critical_angle import bevelled_margin_angles
 from stepblocks.contact.path.catches import Direction, steepest
 from stepblocks.contact.path.profile import profile_path
@@ -13,11 +14,11 @@ from stepblocks.contact.path.tip import Ball
 from stepblocks.declare import load_declared
 from stepblocks.drag.track import Track, margin_track, step_track, track_of
 from stepblocks.errors import ContactError, PipelineError, QuantityError
-from stepblocks.parts.set import Stimulus, StimulusSet
-from stepblocks.parts.sheath.declaration import Sheath
-from stepblocks.parts.sheath.ring import sheathed_ring
-from stepblocks.parts.step_block.declaration import StepBlock
-from stepblocks.parts.tips.declaration import HookTip, StraightTip
+from stepblocks.parts.kind import Part
+from stepblocks.parts.kinds.sheath import Sheath
+from stepblocks.parts.kinds.step_block import StepBlock
+from stepblocks.parts.kinds.tips import HookTip, StraightTip
+from stepblocks.parts.set import StimulusSet
 from stepblocks.quantities import format_quantity, parse_quantity
 from stepblocks.select import stimulus_files
 from stepblocks.tables import read_table, si_column
@@ -65,7 +66,7 @@ def plain_subject(height: float, given: dict[str, float], backward: bool = False
 
 
 def declared_subject(
-    stimuli: StimulusSet, stimulus: Stimulus, given: dict[str, float], backward: bool = False
+    stimuli: StimulusSet, stimulus: Part, given: dict[str, float], backward: bool = False
 ) -> DragSubject:
     """Drag over a stimulus, or with a tip, under the first tip, load and friction of its set unless `given`."""
     grid, place = stimuli.prediction, f"[{stimuli.name}/{stimulus.id}]"
@@ -92,7 +93,9 @@ def declared_subject(
     if isinstance(stimulus, StepBlock):
         track, angle = _step(stimulus.height.nominal, stimulus.edge_radius.nominal, ball, backward)
         return DragSubject(stimulus.id, track, angle, values)
-    sizes = stimulus.marginal_gap.nominal, stimulus.opening.nominal, stimulus.horizontal_discrepancy.nominal
+    margin = stimulus.counterface()
+    assert isinstance(margin, Margin)
+    sizes = margin.gap, margin.opening, margin.rise
     angle = bevelled_margin_angles(*sizes, ball)[backward]
     way = "crown-to-tooth" if backward else "tooth-to-crown"
     return DragSubject(f"{stimulus.id}, {way}", margin_track(*sizes, ball, backward=backward), angle, values)
@@ -100,7 +103,7 @@ def declared_subject(
 
 def _ring_in(stimuli: StimulusSet, sheath: Sheath) -> dict[str, float]:
     """Return stiffness, frequency and damping ratio of the probe with a sheath on its shank."""
-    ring = sheathed_ring(stimuli, sheath)
+    ring = stimuli.ring_of(sheath)
     if ring is None:
         return {}
     return {"stiffness": ring.stiffness, "frequency": ring.frequency, "damping_ratio": 0.5 * ring.loss_factor}
@@ -129,7 +132,7 @@ def _profile(path: Path, given: dict[str, float], backward: bool) -> DragSubject
     return DragSubject(path.name, track, angle, values)
 
 
-def _find(text: str, where: Path | None) -> tuple[StimulusSet, Stimulus]:
+def _find(text: str, where: Path | None) -> tuple[StimulusSet, Part]:
     """Find a stimulus by ``ID``, ``SET/ID`` or ``FILE.toml/ID``."""
     head, _, identity = text.rpartition("/")
     if head.endswith(".toml"):

@@ -7,8 +7,8 @@ from stepblocks.contact.energy import Release, Status, release_at
 from stepblocks.contact.felt import scanned_angle
 from stepblocks.inspect.conformity import Outcome
 from stepblocks.inspect.inspection import Inspected
-from stepblocks.parts.set import PredictionGrid
-from stepblocks.parts.step_block.declaration import StepBlock
+from stepblocks.parts.conditions import PredictionGrid
+from stepblocks.parts.kinds.step_block import StepBlock
 from stepblocks.predict.predictions import tool_of
 
 _WORTH_SAYING = 0.01  # Relative change of the energy from which a cause is named [1]

@@ -24,10 +24,11 @@ from stepblocks.inspect.report import draw_inspection, inspection_table
 from stepblocks.inspect.shapes import measure_margin, measure_tip
 from stepblocks.inspect.step import measure_edge, measure_groove
 from stepblocks.parts.characteristics import Characteristic, characteristics_of
-from stepblocks.parts.margins.declaration import MarginBlock
-from stepblocks.parts.set import PredictionGrid, Stimulus
-from stepblocks.parts.step_block.declaration import StepBlock
-from stepblocks.parts.tips.declaration import HookTip, StraightTip
+from stepblocks.parts.conditions import PredictionGrid
+from stepblocks.parts.kind import Part
+from stepblocks.parts.kinds.margin_block import MarginBlock
+from stepblocks.parts.kinds.step_block import StepBlock
+from stepblocks.parts.kinds.tips import HookTip, StraightTip
 
 
 @dataclass(frozen=True)
@@ -35,7 +36,7 @@ class InspectionResult:
     """A judged scan."""
 
     identity: str  # Identity of the part
-    stimulus: Stimulus | None  # What was asked for; None for a depth standard
+    stimulus: Part | None  # What was asked for; None for a depth standard
     inspected: Inspected  # What was measured
     judged: tuple[tuple[Characteristic, Decision], ...]  # Each value that has limits
     verdict: Outcome  # Over all of them
@@ -43,7 +44,7 @@ class InspectionResult:
     source: Path  # The scan
 
 
-def find_stimulus(identity: str, where: Path) -> tuple[Stimulus, PredictionGrid]:
+def find_stimulus(identity: str, where: Path) -> tuple[Part, PredictionGrid]:
     """Find a stimulus by its identity in a file or in all files of a folder."""
     files = sorted(where.glob("*.toml")) if where.is_dir() else [where]
     for path in files:
@@ -56,7 +57,7 @@ def find_stimulus(identity: str, where: Path) -> tuple[Stimulus, PredictionGrid]
 
 def inspect_scan(
     path: Path,
-    stimulus: Stimulus,
+    stimulus: Part,
     grid: PredictionGrid,
     instrument: Instrument,
     *,
@@ -70,7 +71,7 @@ def inspect_scan(
     ----------
     path : Path
         The scan.
-    stimulus : Stimulus
+    stimulus : Part
         What was asked for.
     grid : PredictionGrid
         Conditions under which the felt energy is compared: the first tip, load and friction.
@@ -147,7 +148,7 @@ def inspect_standard(
 
 
 def _measured(
-    scan: Profile | HeightMap, stimulus: Stimulus, instrument: Instrument, feature: str, exclusion: float | None
+    scan: Profile | HeightMap, stimulus: Part, instrument: Instrument, feature: str, exclusion: float | None
 ) -> Inspected:
     match stimulus:
         case StepBlock() if feature == "edge":
@@ -188,7 +189,7 @@ def write_inspection(result: InspectionResult, folder: Path) -> list[Path]:
     return paths
 
 
-def _filled_sheet(base: Path, stimulus: Stimulus, values: dict[str, AsBuiltValue]) -> Path:
+def _filled_sheet(base: Path, stimulus: Part, values: dict[str, AsBuiltValue]) -> Path:
     filled = {key: (one.value, one.std, one.verdict) for key, one in values.items()}
     path = base.with_name(f"{base.name}.inspection-sheet.csv")
     write_sheet_csv(path, stimulus, filled)

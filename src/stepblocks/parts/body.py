@@ -3,18 +3,19 @@
 from __future__ import annotations
 
 import math
-from typing import Annotated, Literal
+from abc import abstractmethod
+from collections.abc import Iterator
+from typing import TYPE_CHECKING, ClassVar, Literal
 
-from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, model_validator
+from pydantic import model_validator
 
+from stepblocks.parts.declared import Table, WorkingFaces, require
+from stepblocks.parts.kind import Part
 from stepblocks.parts.lettering import engraved_text, text_width
-from stepblocks.parts.material import Material, material_named
 from stepblocks.parts.tolerance import Length, PositiveLength
-from stepblocks.quantities import format_quantity
 
-# Name of a stimulus: lower-case words and digits joined by hyphens; it becomes a folder and an engraving
-Identity = Annotated[str, Field(pattern=r"^[a-z][a-z0-9]*(-[a-z0-9]+)*$", max_length=40)]
-MaterialField = Annotated[Material, BeforeValidator(material_named)]
+if TYPE_CHECKING:
+    from stepblocks.parts.characteristics import Characteristic, FaceRule
 
 # ISO 261/ISO 2306 core drill, ISO 273 medium clearance, ISO 4762 head: diameter [m] by thread.
 _CORE_DRILL = {"M2": 1.6e-3, "M2.5": 2.05e-3, "M3": 2.5e-3, "M4": 3.3e-3}
@@ -24,31 +25,7 @@ _MAJOR = {"M2": 2.0e-3, "M2.5": 2.5e-3, "M3": 3.0e-3, "M4": 4.0e-3}
 DRILL_POINT = math.radians(118.0)  # Included angle of a twist drill's point [rad]
 
 
-def require_engravable(identity: str, body: Body) -> None:
-    """Refuse an identity that does not fit the front of its block."""
-    letter, broken = body.engraving.height.nominal, 2.0 * body.edge_break.nominal
-    room = body.length.nominal - broken
-    width = text_width(engraved_text(identity), letter)
-    require(width < room, "engraving.height", f"let {identity!r} fit the front", letter * room / width, letter)
-    low = 0.6 * (body.thickness.nominal - broken)
-    require(letter < low, "engraving.height", "leave room over and under the letters", low, letter)
-
-
-def require(holds: bool, field: str, rule: str, limit: float, value: float) -> None:
-    """Refuse a length that breaks a rule, naming field, rule, limit and value."""
-    if not holds:
-        raise ValueError(
-            f"{field} must {rule} ({format_quantity(limit, 'length')}), got {format_quantity(value, 'length')}"
-        )
-
-
-class Part(BaseModel):
-    """Base of everything declared: frozen, and nothing unknown let through."""
-
-    model_config = ConfigDict(frozen=True, extra="forbid", arbitrary_types_allowed=True)
-
-
-class Mounting(Part):
+class Mounting(Table):
     """Two holes on the block's long axis."""
 
     # ``"tapped"``: blind from below, the working faces stay whole; ``"clearance"``: through, counterbored from above
@@ -69,14 +46,14 @@ class Mounting(Part):
         return _MAJOR[self.thread] * 1.05 if self.kind == "tapped" else _HEAD[self.thread] + 0.5e-3
 
 
-class Engraving(Part):
+class Engraving(Table):
     """The identity cut into the front side of the block."""
 
     height: PositiveLength  # Height of a capital letter [m]
     depth: PositiveLength  # Depth of the cut [m]
 
 
-class Body(Part):
+class Body(Table):
     """The block without its stimulus. The origin lies on the working edge, z = 0 on the lower working face."""
 
     length: PositiveLength  # Extent along x, across the working edge [m]
@@ -130,3 +107,67 @@ class Body(Part):
             self.engraving.depth.nominal,
         )
         return self
+
+
+class Block(Part):
+    """A bench block whose working faces meet at x = 0: the lower one at z = 0, the other higher or lower by the `rise`."""
+
+    has_working_faces: ClassVar[bool] = True
+
+    if TYPE_CHECKING:  # declared by each kind, in the order of its stanza
+
+        @property
+        def body(self) -> Body:
+            """The block."""
+
+        @property
+        def working_faces(self) -> WorkingFaces | None:
+            """Stated demands."""
+
+    @property
+    @abstractmethod
+    def rise(self) -> float:
+        """Height of the right working face over the left one [m], of either sign."""
+
+    @abstractmethod
+    def top(self, x: float) -> float:
+        """Height of its surface at a position across the edge [m], worked out apart from the counterface, to check by."""
+
+    @property
+    def filled(self) -> float:
+        """Volume of holes and engraving [m^3]."""
+        from stepblocks.parts.body_shape import cut_volume
+
+        return cut_volume(self.body, self.id, self.rise)
+
+    def body_characteristics(self, lower: FaceRule) -> Iterator[Characteristic]:
+        """List what a workshop must hold of the block itself, `lower` being its lower working face."""
+        from stepblocks.parts.characteristics import BREAK, EdgeRule, FaceRule, plane, toleranced
+
+        body = self.body
+        half, side, base = 0.5 * body.length.nominal, 0.5 * body.width.nominal, -body.thickness.nominal
+        yield toleranced("length", "distance", body.length, plane(0, -half), plane(0, half))
+        yield toleranced("width", "distance", body.width, plane(1, -side), plane(1, side))
+        yield toleranced("thickness", "distance", body.thickness, plane(2, base), lower)
+        spacing, radius = body.mounting.spacing, 0.5 * body.mounting.hole_diameter
+        holes = [FaceRule("CYLINDER", radius=radius, holds={0: x * spacing.nominal}) for x in (-0.5, 0.5)]
+        yield toleranced("hole_spacing", "distance", spacing, *holes, method="coordinate measuring machine")
+        c = body.edge_break.nominal
+        if c > 0.0:  # of all edges alike, measured at the one along the base on the right
+            broken = FaceRule("SLOPE", holds={0: half - 0.5 * c, 1: 0.0, 2: base + 0.5 * c})
+            at = plane(0, half), EdgeRule(broken, plane(2, base))
+            yield toleranced("edge_break", "distance", body.edge_break, *at, label=BREAK)
+        else:
+            yield toleranced("edge_break", "note", body.edge_break, label=BREAK)
+        depth = body.engraving.depth
+        yield toleranced("engraving_depth", "distance", depth, plane(1, -side), plane(1, -side + depth.nominal))
+
+    def require_engravable(self) -> None:
+        """Refuse an identity that does not fit the front of the block."""
+        body, letter = self.body, self.body.engraving.height.nominal
+        broken = 2.0 * body.edge_break.nominal
+        room = body.length.nominal - broken
+        width = text_width(engraved_text(self.id), letter)
+        require(width < room, "engraving.height", f"let {self.id!r} fit the front", letter * room / width, letter)
+        low = 0.6 * (body.thickness.nominal - broken)
+        require(letter < low, "engraving.height", "leave room over and under the letters", low, letter)

@@ -1,28 +1,28 @@
-"""What a stimulus file may ask for instead of dimensional tolerances: the vibration energy within a share of its nominal.
-
-Which tolerances keep it follows from contact mechanics, which this folder does not know: `stepblocks.parts.energy_tolerances`
-resolves what is declared here.
-"""
+"""The vibration energy within a share of its nominal, in place of dimensional tolerances: what a file asks, what follows."""
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator
-from typing import Annotated, Any
+from dataclasses import replace
+from itertools import product
+from typing import TYPE_CHECKING, Annotated, Any
 
-from pydantic import BaseModel, BeforeValidator, ConfigDict
+from pydantic import BeforeValidator
 
+from stepblocks.errors import ContactError, PipelineError
+from stepblocks.parts.conditions import PredictionGrid, at_least_zero
+from stepblocks.parts.declared import Table
+from stepblocks.parts.kind import Part
 from stepblocks.parts.tolerance import Dimension
 from stepblocks.quantities import parse_quantity
 
+if TYPE_CHECKING:
+    from stepblocks.contact.counterface import Step
+    from stepblocks.contact.operating_point import OperatingPoint
+    from stepblocks.contact.tolerancing import TolerancePlan
 
-def _at_least_zero(dimension: str) -> BeforeValidator:
-    def parse(raw: object) -> float:
-        value = parse_quantity(raw, dimension)
-        if value < 0.0:
-            raise ValueError(f"must not be negative, got {raw!r}")
-        return value
-
-    return BeforeValidator(parse)
+    Condition = tuple[Step, OperatingPoint]
 
 
 def _share(raw: object) -> float:
@@ -32,40 +32,54 @@ def _share(raw: object) -> float:
     return value
 
 
-class _Table(BaseModel):
-    model_config = ConfigDict(frozen=True, extra="forbid", arbitrary_types_allowed=True)
-
-
-class Finest(_Table):
+class Finest(Table):
     """Smallest deviations to either side that can be made and measured; what is left out is assumed."""
 
-    # Of a step's height [m]; 0.1 um, somewhat less than two wrung gauge blocks of grade 0 hold
-    height: Annotated[float, _at_least_zero("length")] = 0.1e-6
-    # Of the working edge and of the tip [m]; 0.5 um, about what an arc fit on a profile resolves
-    edge_radius: Annotated[float, _at_least_zero("length")] = 0.5e-6
-    ball_radius: Annotated[float, _at_least_zero("length")] = 0.5e-6
+    # 0.1 um, somewhat less than two wrung gauge blocks of grade 0 hold
+    height: Annotated[float, at_least_zero("length")] = 0.1e-6
+    # 0.5 um, about what an arc fit on a profile resolves
+    edge_radius: Annotated[float, at_least_zero("length")] = 0.5e-6
+    ball_radius: Annotated[float, at_least_zero("length")] = 0.5e-6
 
 
-class EnergyTolerance(_Table):
+class EnergyTolerance(Table):
     """A tolerance of the vibration energy."""
 
-    within: Annotated[float, BeforeValidator(_share)]  # Allowed relative change of the energy to either side [1]
-    # Deviation of the tip's radius that is given [m]; left out, the tip has a share of the budget like the block
-    ball_radius: Annotated[float, _at_least_zero("length")] | None = None
-    # Deviation of mu that spends the budget before the block does [1]
-    friction: Annotated[float, _at_least_zero("ratio")] = 0.0
-    # Deviation of the load that does so, as a share of the load [1]
-    normal_load: Annotated[float, _at_least_zero("ratio")] = 0.0
-    finest: Finest = Finest()  # What can be made at all
+    within: Annotated[float, BeforeValidator(_share)]  # allowed relative change of the energy to either side [1]
+    # of the tip [m]; left out, the tip has a share of the budget like the block
+    ball_radius: Annotated[float, at_least_zero("length")] | None = None
+    friction: Annotated[float, at_least_zero("ratio")] = 0.0  # of mu, spent before the block's share [1]
+    normal_load: Annotated[float, at_least_zero("ratio")] = 0.0  # as a share of the load, spent likewise [1]
+    finest: Finest = Finest()
+
+    def record(self) -> dict[str, Any]:
+        """Write it out in full for JSON."""
+        return dict(self._items())
+
+    def _items(self) -> Iterator[tuple[str, Any]]:
+        yield "within", self.within
+        if self.ball_radius is not None:
+            yield "ball_radius_deviation_m", self.ball_radius
+        yield "friction_deviation", self.friction
+        yield "normal_load_deviation_share", self.normal_load
+        for name in Finest.model_fields:
+            yield f"finest_{name}_m", getattr(self.finest, name)
 
 
 class EnergyBudget(EnergyTolerance):
     """The same, resolved."""
 
-    tips: tuple[Dimension, ...]  # Tips with the tolerance that they may have [m]
-    worst_low: float  # Relative change of the energy at the worst corners of all conditions [1]
+    tips: tuple[Dimension, ...]  # with the tolerance that they may have [m]
+    worst_low: float  # relative change of the energy at the worst corners of all conditions [1]
     worst_high: float
-    conditions: int  # Combinations of tip, step and friction in which the energy is kept
+    conditions: int  # combinations of tip, step and friction in which the energy is kept
+
+    def _items(self) -> Iterator[tuple[str, Any]]:
+        yield from super()._items()
+        yield "tips", [{"ball_radius_m": tip.nominal, "deviation_m": tip.upper} for tip in self.tips]
+        yield "worst_low", self.worst_low
+        yield "worst_high", self.worst_high
+        yield "conditions", self.conditions
 
 
 def _table_of(raw: object) -> object:
@@ -86,21 +100,106 @@ def require_energy_tolerance(energy: EnergyTolerance | None, named: dict[str, Di
         raise ValueError(f"energy_tolerance must leave something to tolerance: give {names} tolerance = 'by energy'")
 
 
-def plain_budget(energy: EnergyTolerance) -> dict[str, Any]:
-    """Write an energy tolerance out for JSON, with the unit in the name of every field."""
-    return dict(_items(energy))
+def described(energy: EnergyTolerance | None) -> list[list[str]]:
+    """Say in words what a part keeps."""
+    if not isinstance(energy, EnergyBudget):
+        return []
+    tips = ", ".join(str(tip) for tip in energy.tips)
+    return [["vibration energy", f"kept within {energy.within:.3g} of the nominal with a tip of {tips}"]]
 
 
-def _items(energy: EnergyTolerance) -> Iterator[tuple[str, Any]]:
-    yield "within", energy.within
-    if energy.ball_radius is not None:
-        yield "ball_radius_deviation_m", energy.ball_radius
-    yield "friction_deviation", energy.friction
-    yield "normal_load_deviation_share", energy.normal_load
-    for name in Finest.model_fields:
-        yield f"finest_{name}_m", getattr(energy.finest, name)
-    if isinstance(energy, EnergyBudget):
-        yield "tips", [{"ball_radius_m": tip.nominal, "deviation_m": tip.upper} for tip in energy.tips]
-        yield "worst_low", energy.worst_low
-        yield "worst_high", energy.worst_high
-        yield "conditions", energy.conditions
+def toleranced(part: Part, grid: PredictionGrid, set_name: str) -> Part:
+    """Work out the tolerances of a part that follow from an energy; the part itself where none does.
+
+    Raises
+    ------
+    PipelineError
+        If the part is released under no condition of the grid, or no tolerance keeps the energy under one of them.
+    """
+    energy: EnergyTolerance | None = getattr(part, "energy_tolerance", None)
+    if energy is None or isinstance(energy, EnergyBudget):
+        return part
+    from stepblocks.contact.energy import Status
+    from stepblocks.contact.tolerancing import tolerances_for_energy
+
+    place = f"[{set_name}, {part.place}]"
+    conditions = _conditions(part, grid)
+    felt = [(face, at) for face, at in conditions if face.release(at).status is Status.RELEASES]
+    if not felt:
+        raise PipelineError(f"energy_tolerance needs a condition of the prediction that releases, got none {place}")
+    free, fixed = _free(part, energy), _fixed(part, energy)
+    finest = {name: getattr(energy.finest, name) for name in free}
+    plans = []
+    for face, at in felt:
+        where = f"R {at.ball_radius * 1e6:g} um, H {face.height * 1e6:g} um, mu {at.friction:g}"
+        try:
+            plan = tolerances_for_energy(face, at, energy.within, finest=finest, fixed=fixed)
+        except ContactError as error:
+            raise PipelineError(f"energy_tolerance: {error} {place}") from error
+        if not plan.achievable:
+            raise PipelineError(
+                f"energy_tolerance of {energy.within * 100.0:.3g} % can be kept by no tolerance at {where}: {plan.reason} {place}"
+            )
+        plans.append(plan)
+    return _with_plans(part, energy, felt, plans)
+
+
+def _conditions(part: Part, grid: PredictionGrid) -> Iterator[Condition]:
+    """Every block, tip and friction; the load scales all energies alike."""
+    from stepblocks.contact.counterface import Step
+    from stepblocks.contact.operating_point import PAPER
+
+    balls = grid.tip_radii if part.ball is None else (part.ball.nominal,)
+    steps = (None,) if part.crossed else grid.step_heights
+    for ball, step, friction in product(balls, steps, grid.frictions):
+        face = part.counterface(step)
+        assert isinstance(face, Step)  # no other kind may ask for an energy
+        yield face, replace(PAPER, ball_radius=ball, friction=friction)
+
+
+def _free(part: Part, energy: EnergyTolerance) -> list[str]:
+    """Names of what is to be toleranced."""
+    named = [name for name, one in part.sizes.items() if one.by_energy]
+    return named + (["ball_radius"] if energy.ball_radius is None else [])
+
+
+def _fixed(part: Part, energy: EnergyTolerance) -> dict[str, float]:
+    """Half-widths that are given: they spend the budget first."""
+    fixed = {"friction": energy.friction, "normal_load": energy.normal_load}
+    if not part.crossed:
+        fixed |= {"height": 0.0, "edge_radius": 0.0}
+    fixed |= {name: max(one.upper, -one.lower) for name, one in part.sizes.items() if not one.by_energy}
+    return fixed if energy.ball_radius is None else fixed | {"ball_radius": energy.ball_radius}
+
+
+def _with_plans(part: Part, energy: EnergyTolerance, felt: list[Condition], plans: list[TolerancePlan]) -> Part:
+    """Give a part the narrowest of what its conditions ask for, rounded down to what a drawing says."""
+    from stepblocks.contact.tolerancing import energy_at_corners
+
+    widths = {name: min(_drawn(getattr(plan, name)) for plan in plans) for name in _free(part, energy)}
+    tips: dict[float, float] = {}
+    for (_, at), plan in zip(felt, plans, strict=True):
+        given = energy.ball_radius if energy.ball_radius is not None else _drawn(plan.ball_radius)
+        tips[at.ball_radius] = min(given, tips.get(at.ball_radius, math.inf))
+    fixed = _fixed(part, energy) | widths
+    corners = [energy_at_corners(face, at, fixed | {"ball_radius": tips[at.ball_radius]}) for face, at in felt]
+    budget = EnergyBudget.model_construct(
+        **{name: getattr(energy, name) for name in EnergyTolerance.model_fields},
+        tips=tuple(Dimension(radius, t, -t, by_energy=True) for radius, t in sorted(tips.items())),
+        worst_low=min(low for low, _ in corners),
+        worst_high=max(high for _, high in corners),
+        conditions=len(felt),
+    )
+    update: dict[str, object] = {"energy_tolerance": budget}
+    for name, width in widths.items():
+        dimension = getattr(part, name, None)
+        if dimension is not None and dimension.by_energy:
+            update[name] = replace(dimension, upper=width, lower=0.0 - min(width, dimension.nominal))
+    return part.model_copy(update=update)
+
+
+def _drawn(width: float) -> float:
+    """Round a half-width down to two digits, as a drawing says it."""
+    digits = math.floor(math.log10(width)) - 1
+    # the small shift keeps 0.68 from becoming 0.67 where it is stored as 0.67999...
+    return float(f"{math.floor(width / 10.0**digits * (1.0 + 1e-12))}e{digits}")

@@ -8,22 +8,16 @@ vertices near the contact stay where they are.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
-from stepblocks.cad import kernel
 from stepblocks.errors import HapticsError
-from stepblocks.parts.margins.declaration import CrownOnTooth
-from stepblocks.parts.set import Stimulus
-from stepblocks.parts.sheath.declaration import Sheath
-from stepblocks.parts.step_block.declaration import StepBlock
-from stepblocks.parts.tips.declaration import HookTip, StraightTip
+from stepblocks.parts.kind import COARSE_DEFLECTION, CONTACT_DEFLECTION, Part
 
-# Chordal error of faces that the probe can touch near the working edge, and of the ball [m]
-CONTACT_DEFLECTION = 0.1e-6
-COARSE_DEFLECTION = 10e-6  # Chordal error of all other faces [m]
-_FITTING_DEFLECTION = 3e-6  # crown and tooth away from the margin, whose gaps are tens of micrometres, and sheaths
+if TYPE_CHECKING:
+    from stepblocks.cad.kernel import Body, Tessellation
 
 
 @dataclass(frozen=True)
@@ -42,61 +36,38 @@ def enclosed_volume(vertices: NDArray[np.float64], triangles: NDArray[np.int64])
     return float(np.einsum("ij,ij->", a, np.cross(b, c))) / 6.0
 
 
-def mesh_solid(stimulus: Stimulus, name: str, body: kernel.Body) -> Mesh:
-    """Mesh one solid of a stimulus.
+def mesh_solid(part: Part, name: str, body: Body) -> Mesh:
+    """Mesh one solid of a part, finest where the probe touches.
 
     Parameters
     ----------
-    stimulus : Stimulus
-        What the solid belongs to; it decides where the contact is.
+    part : Part
+        What the solid belongs to; it knows where the contact is.
     name : str
         Name of the body.
-    body : kernel.Body
-        The solid.
+    body : Body
+        The solid, as `build_solids` returns it.
 
     Returns
     -------
     Mesh
-        Watertight and outward-wound.
+        Watertight and outward-wound, of the volume of the solid.
 
     Raises
     ------
     HapticsError
         If the mesh is not a closed, oriented 2-manifold.
     """
+    from stepblocks.cad import kernel
 
-    def deflection(face: kernel.Face) -> float:
-        return _deflection(stimulus, face)
-
-    raw = kernel.tessellate(body, deflection)
-    vertices = _lifted(raw, np.array([deflection(face) for face in raw.faces]), kernel.volume(body))
-    mesh = Mesh(name, vertices, raw.triangles)
+    raw = kernel.tessellate(body, part.chordal_error)
+    deflections = np.array([part.chordal_error(face) for face in raw.faces])
+    mesh = Mesh(name, _lifted(raw, deflections, kernel.volume(body)), raw.triangles)
     require_manifold(mesh)
     return mesh
 
 
-def _deflection(stimulus: Stimulus, face: kernel.Face) -> float:
-    match stimulus:
-        case StraightTip() | HookTip():
-            return CONTACT_DEFLECTION if face.kind == "SPHERE" else COARSE_DEFLECTION
-        case StepBlock():
-            radius = stimulus.edge_radius.nominal
-            at_edge = face.kind == "CYLINDER" and abs(face.radius - radius) < 1e-9
-            return CONTACT_DEFLECTION if at_edge else COARSE_DEFLECTION
-        case CrownOnTooth():
-            reach = 2.0 * (stimulus.marginal_gap.nominal + abs(stimulus.opening.nominal))
-            # an axial wall without taper is a cylinder too, but behind the finish line, where no probe comes
-            outside = face.radius >= stimulus.margin_radius.nominal - 0.5 * stimulus.finish_line.width.nominal - 1e-9
-            at_margin = face.kind == "PLANE" or (face.kind == "CYLINDER" and outside)
-            at_margin = at_margin and face.low[2] <= reach and face.high[2] >= -reach
-            return CONTACT_DEFLECTION if at_margin else _FITTING_DEFLECTION
-        case Sheath():
-            return _FITTING_DEFLECTION
-        case _:
-            return COARSE_DEFLECTION
-
-
-def _lifted(raw: kernel.Tessellation, deflection: NDArray[np.float64], volume: float) -> NDArray[np.float64]:
+def _lifted(raw: Tessellation, deflection: NDArray[np.float64], volume: float) -> NDArray[np.float64]:
     """Lift the vertices of coarse curved faces along their normals until the mesh encloses `volume`."""
     curved = np.array([face.kind != "PLANE" for face in raw.faces])
     coarse = (
@@ -124,7 +95,7 @@ def _lifted(raw: kernel.Tessellation, deflection: NDArray[np.float64], volume: f
     return _with_volume(raw, normals, volume)
 
 
-def _with_volume(raw: kernel.Tessellation, direction: NDArray[np.float64], volume: float) -> NDArray[np.float64]:
+def _with_volume(raw: Tessellation, direction: NDArray[np.float64], volume: float) -> NDArray[np.float64]:
     """Solve for the lift by Newton's rule; the volume is a cubic of it, and nearly linear."""
     lift, step = 0.0, 1e-7
     for _ in range(6):

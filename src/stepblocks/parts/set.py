@@ -1,145 +1,137 @@
-"""A stimulus set: everything one file declares, and the grid over which it shall be predicted."""
+"""A stimulus set: everything one file declares; and the list of the kinds that a file may hold."""
 
 from __future__ import annotations
 
-from typing import Annotated
+from collections.abc import Iterable, Iterator, Mapping
+from contextlib import contextmanager
+from typing import TYPE_CHECKING, Annotated, Any, TypeVar
 
-from pydantic import BeforeValidator, Field, model_validator
+from pydantic import BeforeValidator, Field, create_model, model_validator
 
-from stepblocks.parts.body import Identity, Part
-from stepblocks.parts.margins.declaration import CrownOnTooth, MarginBlock
-from stepblocks.parts.probe import DampingRig, ProbeSpec
-from stepblocks.parts.sheath.declaration import Sheath, balanced
-from stepblocks.parts.step_block.declaration import StepBlock
-from stepblocks.parts.tips.declaration import HookTip, StraightTip
-from stepblocks.quantities import format_quantity, parse_quantity, quantity_parser
+from stepblocks.errors import StimulusError
+from stepblocks.parts.conditions import DampingRig, PredictionGrid, ProbeSpec
+from stepblocks.parts.declared import Identity, Table
+from stepblocks.parts.energy_tolerance import toleranced
+from stepblocks.parts.kind import Part
+from stepblocks.parts.kinds.crown_on_tooth import CrownOnTooth
+from stepblocks.parts.kinds.margin_block import MarginBlock
+from stepblocks.parts.kinds.sheath import Sheath
+from stepblocks.parts.kinds.step_block import StepBlock
+from stepblocks.parts.kinds.tips import HookTip, StraightTip
 
-Stimulus = StepBlock | MarginBlock | CrownOnTooth | StraightTip | HookTip | Sheath  # Any declared part
-Surface = StepBlock | MarginBlock | CrownOnTooth  # What a tip is dragged over
-# Names of the stanzas of a stimulus file
-KINDS = ("step_block", "margin_block", "crown_on_tooth", "straight_tip", "hook_tip", "sheath")
+if TYPE_CHECKING:
+    from stepblocks.contact.rod.cantilever import RodRing
 
-
-def _positive(dimension: str) -> BeforeValidator:
-    def parse(raw: object) -> float:
-        value = parse_quantity(raw, dimension)
-        if value <= 0.0:
-            raise ValueError(f"must be positive, got {raw!r}")
-        return value
-
-    return BeforeValidator(parse)
+# The kinds, in the order in which a set holds them; a new one stands here
+SHIPPED: tuple[type[Part], ...] = (StepBlock, MarginBlock, CrownOnTooth, StraightTip, HookTip, Sheath)
+_more: list[type[Part]] = []
+P = TypeVar("P", bound=Part)
 
 
-def _ratio(raw: object) -> float:
-    value = quantity_parser("ratio")(raw)
-    if value < 0.0:
-        raise ValueError(f"must not be negative, got {raw!r}")
-    return value
+def kinds() -> dict[str, type[Part]]:
+    """Return the kinds that stimulus files may declare, by the names of their stanzas."""
+    return {kind.stanza: kind for kind in (*SHIPPED, *_more)}
 
 
-class ToolSpec(Part):
-    """The explorer as a spring that rings; what is left out is the paper's."""
+@contextmanager
+def registered(kind: type[Part]) -> Iterator[None]:
+    """Let stimulus files declare a kind that is not shipped, for as long as the context lasts.
 
-    stiffness: Annotated[float, _positive("stiffness")] = 9.81e3  # Tangential stiffness k [N/m]
-    conversion: Annotated[float, _positive("ratio")] = 0.20  # Share C_v of the stored energy that becomes vibration [1]
-    ring_duration: Annotated[float, _positive("time")] = 16e-3  # Duration of the ring [s]
-    # Detection threshold of vibration power at the fingertip [W]
-    detection_threshold: Annotated[float, _positive("power")] = 0.08e-6
-
-
-def _width(dimension: str) -> BeforeValidator:
-    def parse(raw: object) -> float:
-        value = parse_quantity(raw, dimension)
-        if value < 0.0:
-            raise ValueError(f"must not be negative, got {raw!r}")
-        return value
-
-    return BeforeValidator(parse)
-
-
-class SettingTolerances(Part):
-    """How far what is not on a drawing may be off, to either side; what is left out is taken as known."""
-
-    tip_radius: Annotated[float, _width("length")] = 0.0  # Radius of the tips of `PredictionGrid.tip_radii` [m]
-    friction: Annotated[float, _width("ratio")] = 0.0  # Coefficient of friction [1]
-    # As a share of the load, of the spring's stiffness and of C_v [1]
-    normal_load: Annotated[float, _width("ratio")] = 0.0
-    stiffness: Annotated[float, _width("ratio")] = 0.0
-    conversion: Annotated[float, _width("ratio")] = 0.0
+    Raises
+    ------
+    StimulusError
+        If another kind has stanzas of that name, or it cannot be the name of one.
+    """
+    taken = {*kinds(), *StimulusSet.model_fields, "schema", "set", "defaults"}
+    if not kind.stanza.isidentifier() or kind.stanza in taken:
+        raise StimulusError(f"stanza must be a new name, got {kind.stanza!r} [{kind.__name__}]")
+    _more.append(kind)
+    try:
+        yield
+    finally:
+        _more.remove(kind)
 
 
-class PredictionGrid(Part):
-    """Conditions under which each stimulus is predicted: every combination of tip, load and friction."""
+class StimulusSet(Table):
+    """Everything one stimulus file declares; ``stimuli.step_block`` holds its step blocks, and so on by stanza."""
 
-    # Radii R of the probe tips [m]
-    tip_radii: Annotated[tuple[Annotated[float, _positive("length")], ...], Field(max_length=100)] = ()
-    # Normal loads F_py [N]
-    normal_loads: Annotated[tuple[Annotated[float, _positive("force")], ...], Field(min_length=1, max_length=100)]
-    # Coefficients of friction mu [1]
-    frictions: Annotated[tuple[Annotated[float, BeforeValidator(_ratio)], ...], Field(min_length=1, max_length=100)]
-    # Heights H of sharp steps on which declared tips are predicted [m]
-    step_heights: Annotated[tuple[Annotated[float, _positive("length")], ...], Field(max_length=100)] = ()
-    tool: ToolSpec = ToolSpec()  # Spring and ring of the explorer
-    # How far tips, frictions, loads and spring may be off, for the intervals of the predictions
-    tolerances: SettingTolerances = SettingTolerances()
+    name: Identity  # of the set and of its file
+    title: Annotated[str, Field(min_length=1, max_length=200)]  # for the page: what it is
+    source: Annotated[str, Field(max_length=500)] = ""  # where it comes from
+    prediction: PredictionGrid
+    stimuli: tuple[Part, ...]  # in the order of the kinds
+    probe: ProbeSpec | None = None  # that the sheaths are made for
+    damping_rig: DampingRig | None = None  # on which its ring is measured
 
+    def __getattr__(self, name: str) -> tuple[Any, ...]:
+        """Parts of one kind, by the name of its stanza."""
+        if name not in kinds():
+            raise AttributeError(f"{type(self).__name__} has no attribute {name!r}")
+        return tuple(part for part in self.stimuli if part.stanza == name)
 
-class StimulusSet(Part):
-    """Everything one stimulus file declares."""
+    def of(self, kind: type[P]) -> tuple[P, ...]:
+        """Parts of one kind."""
+        return tuple(part for part in self.stimuli if isinstance(part, kind))
 
-    name: Identity  # Name of the set and of its file
-    title: Annotated[str, Field(min_length=1, max_length=200)]  # For the page: what it is and where it comes from
-    source: Annotated[str, Field(max_length=500)] = ""
-    prediction: PredictionGrid  # Conditions of the predictions
-    step_block: tuple[StepBlock, ...] = ()
-    margin_block: tuple[MarginBlock, ...] = ()
-    crown_on_tooth: tuple[CrownOnTooth, ...] = ()
-    straight_tip: tuple[StraightTip, ...] = ()
-    hook_tip: tuple[HookTip, ...] = ()
-    sheath: Annotated[tuple[Sheath, ...], BeforeValidator(balanced)] = ()
-    probe: ProbeSpec | None = None  # The probe that the sheaths are made for
-    damping_rig: DampingRig | None = None  # The rig on which its ring is measured
+    def with_parts(self, parts: Iterable[Part]) -> StimulusSet:
+        """Return the set with other parts under the same conditions."""
+        return self.model_copy(update={"stimuli": tuple(parts)})
 
-    @property
-    def stimuli(self) -> tuple[Stimulus, ...]:
-        """All parts in the order of the file's kinds."""
-        return (
-            *self.step_block,
-            *self.margin_block,
-            *self.crown_on_tooth,
-            *self.straight_tip,
-            *self.hook_tip,
-            *self.sheath,
-        )
+    def ring_of(self, part: Part) -> RodRing | None:
+        """Return how the probe rings with a part on its shank; None where the part is not worn or there is no probe."""
+        sleeve = part.sleeve
+        return None if sleeve is None or self.probe is None else self.probe.ring(sleeve)
+
+    def grid_of(self, part: Part) -> PredictionGrid:
+        """Return the conditions of a part; of a sheath with the stiffness of the probe that wears it."""
+        ring = self.ring_of(part)
+        if ring is None:
+            return self.prediction
+        tool = self.prediction.tool.model_copy(update={"stiffness": ring.stiffness})
+        return self.prediction.model_copy(update={"tool": tool})
 
     @model_validator(mode="after")
-    def _names_are_unique(self) -> StimulusSet:
+    def _parts_suit_the_conditions(self) -> StimulusSet:
         seen: set[str] = set()
-        for stimulus in self.stimuli:
-            if stimulus.id in seen:
-                raise ValueError(f"id must be unique in its set, got {stimulus.id!r} twice")
-            seen.add(stimulus.id)
-        if (self.straight_tip or self.hook_tip or self.sheath) and not self.prediction.step_heights:
+        for part in self.stimuli:
+            if part.id in seen:
+                raise ValueError(f"id must be unique in its set, got {part.id!r} twice")
+            seen.add(part.id)
+        if not all(part.crossed for part in self.stimuli) and not self.prediction.step_heights:
             raise ValueError("prediction.step_heights must be given for a set with tips or sheaths, got none")
-        if len(self.stimuli) > len(self.straight_tip) + len(self.hook_tip) and not self.prediction.tip_radii:
+        if any(part.ball is None for part in self.stimuli) and not self.prediction.tip_radii:
             raise ValueError("prediction.tip_radii must be given for a set with blocks, crowns or sheaths, got none")
-        self._require_probe()
+        for part in self.stimuli:
+            part.require_in({"probe": self.probe, "damping_rig": self.damping_rig})
         if not seen:
             raise ValueError("a set must declare at least one stimulus, got none")
         return self
 
-    def _require_probe(self) -> None:
-        """Refuse sheaths without a probe and a rig, and one whose bore does not go over the shank."""
-        if not self.sheath:
-            return
-        for name in ("probe", "damping_rig"):
-            if getattr(self, name) is None:
-                raise ValueError(f"{name} must be declared for a set with sheaths, got none")
-        assert self.probe is not None
-        shank = self.probe.shank_diameter.value
-        for sheath in self.sheath:
-            if sheath.bore.limits[0] < shank:
-                raise ValueError(
-                    f"bore must not be less than the shank ({format_quantity(shank, 'length')}) within its tolerance, "
-                    f"got {sheath.bore} [sheath {sheath.id!r}]"
-                )
+
+def set_of(declared: Mapping[str, Any]) -> StimulusSet:
+    """Validate what a file declares: the fields of a set, and a list of tables for each kind under the name of its stanza.
+
+    Raises
+    ------
+    pydantic.ValidationError
+        With the places of all that is wrong.
+    """
+    known = kinds()
+    fields: dict[str, Any] = {}
+    for name, field in StimulusSet.model_fields.items():
+        if name != "stimuli":
+            fields[name] = (field.annotation, field)
+            continue
+        for stanza, kind in known.items():
+            fields[stanza] = (Annotated[tuple[kind, ...], BeforeValidator(kind.prepared)], ())  # type: ignore[valid-type]
+    read = create_model("StimulusFile", __base__=Table, **fields).model_validate(declared)
+    values = {name: getattr(read, name) for name in fields}
+    parts = tuple(part for stanza in known for part in values.pop(stanza))
+    return StimulusSet(**values, stimuli=parts)
+
+
+def with_energy_tolerances(stimuli: StimulusSet) -> StimulusSet:
+    """Work out the tolerances of a set that follow from an energy; the same set where none does."""
+    parts = tuple(toleranced(part, stimuli.prediction, stimuli.name) for part in stimuli.stimuli)
+    changed = any(a is not b for a, b in zip(parts, stimuli.stimuli, strict=True))
+    return stimuli.with_parts(parts) if changed else stimuli

@@ -49,6 +49,17 @@ class Dimension:
         """Lower and upper limit of the dimension itself [m or rad]."""
         return self.nominal + self.lower, self.nominal + self.upper
 
+    def record(self) -> dict[str, Any]:
+        """Return plain values for JSON, the unit in the names."""
+        unit = "rad" if self.quantity == "angle" else "m"
+        told: dict[str, Any] = {
+            f"nominal_{unit}": self.nominal,
+            f"upper_deviation_{unit}": self.upper,
+            f"lower_deviation_{unit}": self.lower,
+            "tolerance": "by energy" if self.by_energy else "ISO 2768-m" if self.general else "stated",
+        }
+        return {**told, "source": self.source} if self.source else told
+
     def __str__(self) -> str:
         """Nominal with deviations, as a person reads it."""
         text = format_quantity(self.nominal, self.quantity)

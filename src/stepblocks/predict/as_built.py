@@ -12,8 +12,8 @@ from stepblocks.artefacts.as_built import AsBuilt, AsBuiltValue, read_as_built
 from stepblocks.contact.energy import Release, Status, release_at
 from stepblocks.contact.felt import scanned_angle
 from stepblocks.errors import PipelineError
+from stepblocks.parts.kinds.step_block import StepBlock
 from stepblocks.parts.set import StimulusSet
-from stepblocks.parts.step_block.declaration import StepBlock
 from stepblocks.predict.predictions import Prediction, predict_set, tool_of
 
 
@@ -33,7 +33,9 @@ def read_records(paths: Sequence[Path]) -> dict[str, AsBuilt]:
 
 def with_as_built(stimuli: StimulusSet, records: dict[str, AsBuilt]) -> StimulusSet:
     """Replace the nominal of every step block that has a record by what was measured."""
-    return stimuli.model_copy(update={"step_block": tuple(_as_built(block, records) for block in stimuli.step_block)})
+    return stimuli.with_parts(
+        _as_built(part, records) if isinstance(part, StepBlock) else part for part in stimuli.stimuli
+    )
 
 
 def _as_built(block: StepBlock, records: dict[str, AsBuilt]) -> StepBlock:

@@ -8,23 +8,15 @@ from __future__ import annotations
 
 from collections.abc import Callable
 
-from stepblocks.contact.counterface import Counterface, Margin, Step
 from stepblocks.contact.operating_point import OperatingPoint, Tool
 from stepblocks.contact.uncertainty import Interval, interval_of, rectangular
-from stepblocks.parts.margins.declaration import CrownOnTooth, MarginBlock
-from stepblocks.parts.set import PredictionGrid
+from stepblocks.parts.conditions import PredictionGrid
+from stepblocks.parts.kind import Part
 from stepblocks.parts.tolerance import Dimension
 
-# Directions over a margin, in the order in which its angles come
-WAYS = ("tooth-to-crown", "crown-to-tooth")
 _DRAWS = 2000  # Draws of each interval: its ends scatter by 2 % of its width, and a thousand blocks still take seconds
 
 Felt = Callable[[float, float], Interval]
-
-
-def known(value: float) -> Dimension:
-    """Return a dimension without a tolerance [m]."""
-    return Dimension(value, 0.0, 0.0)
 
 
 def ball_of(grid: PredictionGrid, radius: float) -> Dimension:
@@ -33,25 +25,16 @@ def ball_of(grid: PredictionGrid, radius: float) -> Dimension:
     return Dimension(radius, width, -width)
 
 
-def step_interval(grid: PredictionGrid, height: Dimension, edge_radius: Dimension, ball: Dimension) -> Felt:
-    """Prepare the interval of a step under one tip."""
-    face = Step(_middle(height), max(_middle(edge_radius), 0.0))
-    return _interval(grid, face, ball, {"height": _half(height), "edge_radius": _half(edge_radius)}, False)
-
-
-def margin_interval(grid: PredictionGrid, margin: MarginBlock | CrownOnTooth, ball: Dimension, backward: bool) -> Felt:
-    """Prepare the interval of a margin under one tip in one direction."""
-    gap, rise, stated = margin.marginal_gap, margin.horizontal_discrepancy, margin.vertical_discrepancy
-    face = Margin(max(_middle(gap), 0.0), _middle(margin.opening), _middle(rise))
-    widths = {"gap": _half(gap)} | ({} if stated is None else {"opening": _half(stated)}) | {"rise": _half(rise)}
-    return _interval(grid, face, ball, widths, backward)
-
-
-def _interval(
-    grid: PredictionGrid, face: Counterface, ball: Dimension, widths: dict[str, float], backward: bool
-) -> Felt:
+def interval_over(grid: PredictionGrid, part: Part, step_height: float | None, ball: Dimension, backward: bool) -> Felt:
+    """Prepare the interval of a part under one tip in one direction; what is held or worn is felt at a step [m]."""
     off, spec = grid.tolerances, grid.tool
     tool = Tool(spec.stiffness, spec.conversion)
+    face = (
+        part.sized(**{name: _middle(one) for name, one in part.sizes.items()})
+        if part.crossed
+        else part.counterface(step_height)
+    )
+    widths = {name: _half(one) for name, one in part.sizes.items()}
 
     def felt(friction: float, load: float) -> Interval:
         setting = {

@@ -9,8 +9,7 @@ import numpy as np
 from stepblocks.contact.counterface import Step
 from stepblocks.contact.operating_point import OperatingPoint
 from stepblocks.contact.uncertainty import rectangular
-from stepblocks.parts.energy_tolerances import with_energy_tolerances
-from stepblocks.parts.set import StimulusSet
+from stepblocks.parts.set import StimulusSet, with_energy_tolerances
 from stepblocks.predict.figures import draw_energy_of_height, draw_margin_map
 from stepblocks.predict.margin_map import margin_map
 from stepblocks.predict.predictions import tool_of

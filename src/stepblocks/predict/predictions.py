@@ -9,19 +9,14 @@ from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from itertools import product
 
-from stepblocks.contact.critical_angle import bevelled_margin_angles, step_angle
 from stepblocks.contact.energy import Release, Status, release_at
 from stepblocks.contact.kernels import locking_height
 from stepblocks.contact.operating_point import Tool
 from stepblocks.contact.uncertainty import Interval
-from stepblocks.parts.energy_tolerances import with_energy_tolerances
-from stepblocks.parts.margins.declaration import CrownOnTooth, MarginBlock
-from stepblocks.parts.set import PredictionGrid, Stimulus, StimulusSet
-from stepblocks.parts.sheath.declaration import Sheath
-from stepblocks.parts.sheath.ring import grid_with
-from stepblocks.parts.step_block.declaration import StepBlock
-from stepblocks.parts.tips.declaration import HookTip, StraightTip
-from stepblocks.predict.intervals import WAYS, ball_of, known, margin_interval, step_interval
+from stepblocks.parts.conditions import PredictionGrid
+from stepblocks.parts.kind import Part
+from stepblocks.parts.set import StimulusSet, with_energy_tolerances
+from stepblocks.predict.intervals import ball_of, interval_over
 
 # Columns of predictions.csv, units in their names: ``low`` and ``high`` are the worst cases within the tolerances,
 # ``95_low`` and ``95_high`` the ends of the drawn 95 % interval, ``analytic_95`` the same by first-order
@@ -103,7 +98,7 @@ def predict_set(stimuli: StimulusSet) -> Iterator[Prediction]:
     """
     stimuli = with_energy_tolerances(stimuli)
     for stimulus in stimuli.stimuli:
-        grid = grid_with(stimuli, stimulus)
+        grid = stimuli.grid_of(stimulus)
         tool = tool_of(grid)
         for contact in _contacts(stimulus, grid):
             for friction in grid.frictions:
@@ -138,44 +133,18 @@ class _Contact:
     interval: Callable[[float, float], Interval]
 
 
-def _contacts(stimulus: Stimulus, grid: PredictionGrid) -> Iterator[_Contact]:
-    match stimulus:
-        case StepBlock():
-            height, radius = stimulus.height, stimulus.edge_radius
-            for tip in grid.tip_radii:
-                corners = [step_angle(h, tip, max(r, 0.0)) for h, r in product(height.limits, radius.limits)]
-                angle = step_angle(height.nominal, tip, radius.nominal)
-                felt = step_interval(grid, height, radius, ball_of(grid, tip))
-                yield _Contact("up", tip, height.nominal, (angle, min(corners), max(corners)), felt)
-        case MarginBlock() | CrownOnTooth():
-            for tip in grid.tip_radii:
-                both_ways = [bevelled_margin_angles(*sizes, tip) for sizes in _margin_sizes(stimulus)]
-                rise = stimulus.horizontal_discrepancy.nominal
-                for way, drag in enumerate(WAYS):
-                    spread = [both[way] for both in both_ways]
-                    felt = margin_interval(grid, stimulus, ball_of(grid, tip), bool(way))
-                    yield _Contact(drag, tip, rise, (spread[0], min(spread), max(spread)), felt)
-        case StraightTip() | HookTip():
-            for height_of_step in grid.step_heights:
-                ball = stimulus.ball_radius
-                low, high = sorted(step_angle(height_of_step, R) for R in ball.limits)
-                angle = step_angle(height_of_step, ball.nominal)
-                felt = step_interval(grid, known(height_of_step), known(0.0), ball)
-                yield _Contact("up", ball.nominal, height_of_step, (angle, low, high), felt)
-        case Sheath():  # what is felt at sharp steps with this sheath on the shank
-            for tip, height_of_step in product(grid.tip_radii, grid.step_heights):
-                angle = step_angle(height_of_step, tip)
-                felt = step_interval(grid, known(height_of_step), known(0.0), ball_of(grid, tip))
-                yield _Contact("up", tip, height_of_step, (angle, angle, angle), felt)
-
-
-def _margin_sizes(margin: MarginBlock | CrownOnTooth) -> Iterator[tuple[float, float, float]]:
-    """Gap, opening and rise: the nominal, then every corner of the tolerances [m]."""
-    gap, rise, opening = margin.marginal_gap, margin.horizontal_discrepancy, margin.vertical_discrepancy
-    yield gap.nominal, margin.opening.nominal, rise.nominal
-    for g, h in product(gap.limits, rise.limits):
-        for v in (g,) if opening is None else opening.limits:
-            yield max(g, 0.0), v, h
+def _contacts(part: Part, grid: PredictionGrid) -> Iterator[_Contact]:
+    balls = [ball_of(grid, radius) for radius in grid.tip_radii] if part.ball is None else [part.ball]
+    for ball, step in product(balls, (None,) if part.crossed else grid.step_heights):
+        faces = list(part.corners(step))
+        radii = (
+            (ball.nominal,) if part.ball is None else ball.limits
+        )  # the tolerance of the setting is no limit of the part
+        for way, drag in enumerate(faces[0].ways):
+            angle = float(faces[0].angles(ball.nominal)[way])
+            spread = [float(face.angles(radius)[way]) for face in faces for radius in radii]
+            felt = interval_over(grid, part, step, ball, bool(way))
+            yield _Contact(drag, ball.nominal, faces[0].far_side, (angle, min(spread), max(spread)), felt)
 
 
 def as_row(prediction: Prediction) -> dict[str, str]:

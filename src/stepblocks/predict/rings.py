@@ -13,10 +13,9 @@ from stepblocks.drag.ring import ring_of
 from stepblocks.drag.simulate import drag
 from stepblocks.drag.subject import declared_subject
 from stepblocks.errors import PipelineError
-from stepblocks.parts.energy_tolerances import with_energy_tolerances
-from stepblocks.parts.set import StimulusSet
-from stepblocks.parts.sheath.declaration import Sheath
-from stepblocks.parts.tips.declaration import HookTip, StraightTip
+from stepblocks.parts.kinds.sheath import Sheath
+from stepblocks.parts.kinds.tips import HookTip, StraightTip
+from stepblocks.parts.set import StimulusSet, with_energy_tolerances
 from stepblocks.predict.predictions import Prediction, predict_set
 
 

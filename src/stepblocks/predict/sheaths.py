@@ -13,11 +13,9 @@ from pathlib import Path
 from stepblocks.atomic import replace_text
 from stepblocks.contact.rod.cantilever import Hold, RodRing, bush_stiffness, ring_of
 from stepblocks.contact.rod.free_decay import DecayTest, plan_decay_test
-from stepblocks.parts.probe import DampingRig, ProbeSpec
+from stepblocks.parts.conditions import DampingRig, ProbeSpec
+from stepblocks.parts.kinds.sheath import Sheath
 from stepblocks.parts.set import StimulusSet
-from stepblocks.parts.sheath.declaration import Sheath
-from stepblocks.parts.sheath.ring import ring_with, rod_of
-from stepblocks.parts.specification import resolved_probe
 
 # How a probe is used: without a sheath, with one beyond the clamp, clamped by the outside of one
 BARE, ON_SHANK, HELD = "bare", "on the shank", "held through it"
@@ -36,7 +34,7 @@ class Condition:
 def _held_ring(probe: ProbeSpec, sheath: Sheath) -> RodRing:
     material = sheath.material
     bedding = bush_stiffness(sheath.bore.nominal, sheath.outer_diameter.nominal, material.modulus, material.poisson)
-    return ring_of(rod_of(probe), hold=Hold(sheath.length.nominal, bedding, material.loss_factor))
+    return ring_of(probe.rod(), hold=Hold(sheath.length.nominal, bedding, material.loss_factor))
 
 
 def conditions_of(stimuli: StimulusSet) -> list[Condition]:
@@ -44,8 +42,8 @@ def conditions_of(stimuli: StimulusSet) -> list[Condition]:
     probe = stimuli.probe
     if probe is None or not stimuli.sheath:
         return []
-    found = [Condition("", BARE, 0.0, ring_of(rod_of(probe)))]
-    found += [Condition(one.id, ON_SHANK, one.mass, ring_with(probe, one)) for one in stimuli.sheath]
+    found = [Condition("", BARE, 0.0, ring_of(probe.rod()))]
+    found += [Condition(one.id, ON_SHANK, one.mass, probe.ring(one.sleeve)) for one in stimuli.sheath]
     return [*found, *(Condition(one.id, HELD, one.mass, _held_ring(probe, one)) for one in stimuli.sheath)]
 
 
@@ -133,11 +131,11 @@ def write_sheath_files(stimuli: StimulusSet, folder: Path) -> list[Path]:
     rings = ring_rows(stimuli)
     if not rings or stimuli.probe is None or stimuli.damping_rig is None:
         return []
-    rod = rod_of(stimuli.probe)
+    rod = stimuli.probe.rod()
     told = {
-        "probe": resolved_probe(stimuli.probe),
+        "probe": stimuli.probe.record(),
         "follows": {"free_length_m": rod.length, "tip_mass_kg": rod.end_mass, "loss_factor": rod.loss_factor},
-        "damping_rig": resolved_probe(stimuli.damping_rig),
+        "damping_rig": stimuli.damping_rig.record(),
     }
     texts = {
         "rings.csv": as_table(rings),

@@ -12,8 +12,6 @@ from typing import TYPE_CHECKING
 
 from stepblocks.declare import load_declared
 from stepblocks.errors import PipelineError
-from stepblocks.parts.sheath.ring import grid_with, sheathed_ring
-from stepblocks.parts.tips.declaration import HookTip, StraightTip
 from stepblocks.predict.predictions import tool_of
 from stepblocks.select import matches
 
@@ -21,7 +19,8 @@ if TYPE_CHECKING:
     from stepblocks.artefacts.model_file import LearnedModel
     from stepblocks.contact.operating_point import OperatingPoint
     from stepblocks.contact.rod.cantilever import RodRing
-    from stepblocks.parts.set import PredictionGrid, Stimulus
+    from stepblocks.parts.conditions import PredictionGrid
+    from stepblocks.parts.kind import Part
     from stepblocks.simulators.devices import Device
     from stepblocks.simulators.plan import RenderingPlan
     from stepblocks.simulators.scenes.scene import Scene, SceneFormat
@@ -109,9 +108,7 @@ def export_sets(
             if only is not None and not matches(only, stimuli.name, stimulus.id):
                 continue
             found = True
-            scene = scene_of(
-                stimulus, grid_with(stimuli, stimulus), wishes, chosen, learned, sheathed_ring(stimuli, stimulus)
-            )
+            scene = scene_of(stimulus, stimuli.grid_of(stimulus), wishes, chosen, learned, stimuli.ring_of(stimulus))
             folder = output / stimuli.name / stimulus.id / simulator
             _write(folder, scene, SCENE_FORMATS[simulator])
             yield Exported(f"{stimuli.name}/{stimulus.id}", folder, scene.plan)
@@ -120,7 +117,7 @@ def export_sets(
 
 
 def scene_of(
-    stimulus: Stimulus,
+    stimulus: Part,
     grid: PredictionGrid,
     wishes: Wishes,
     device: Device | None = None,
@@ -140,7 +137,7 @@ def scene_of(
         surface, condition, events = teach(
             learned, surface, condition, wishes.speed, keep_friction=wishes.friction is not None
         )
-    if not isinstance(stimulus, StraightTip | HookTip):
+    if stimulus.ball is None:
         stimulus = surface
     if wishes.ring == "drag":
         path = surface.counterface().centre_path(condition.ball_radius)
@@ -174,10 +171,10 @@ def _move_in(workshop: Path, folder: Path) -> None:
             path.replace(target)
 
 
-def _condition(stimulus: Stimulus, grid: PredictionGrid, wishes: Wishes, ring: RodRing | None) -> OperatingPoint:
+def _condition(stimulus: Part, grid: PredictionGrid, wishes: Wishes, ring: RodRing | None) -> OperatingPoint:
     from stepblocks.contact.operating_point import OperatingPoint
 
-    ball = stimulus.ball_radius.nominal if isinstance(stimulus, StraightTip | HookTip) else wishes.ball_radius
+    ball = wishes.ball_radius if stimulus.ball is None else stimulus.ball.nominal
     if ball is None and not grid.tip_radii:
         raise PipelineError("--tip-radius must be given for a set whose prediction names no tip_radii, got none")
     tool = tool_of(grid)

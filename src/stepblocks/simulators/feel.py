@@ -13,8 +13,8 @@ from stepblocks.atomic import replace_text
 from stepblocks.contact.path.centre import CentrePath
 from stepblocks.declare import load_declared
 from stepblocks.errors import PipelineError
-from stepblocks.parts.margins.declaration import MarginBlock
-from stepblocks.parts.step_block.declaration import StepBlock
+from stepblocks.parts.kinds.margin_block import MarginBlock
+from stepblocks.parts.kinds.step_block import StepBlock
 from stepblocks.predict.predictions import tool_of
 from stepblocks.simulators.feel_page import render_feel
 

@@ -11,14 +11,14 @@ from stepblocks.artefacts.model_file import LearnedModel
 from stepblocks.contact.energy import Status
 from stepblocks.contact.event import Learned, VibrationEvent, vibration_events, with_energy
 from stepblocks.contact.operating_point import OperatingPoint
-from stepblocks.parts.set import Surface
-from stepblocks.parts.step_block.declaration import StepBlock
+from stepblocks.parts.kind import Part
+from stepblocks.parts.kinds.step_block import StepBlock
 from stepblocks.predict.learned import learned_drag
 
 
 def teach(
-    learned: LearnedModel, surface: Surface, condition: OperatingPoint, speed: float, keep_friction: bool = False
-) -> tuple[Surface, OperatingPoint, tuple[VibrationEvent, VibrationEvent]]:
+    learned: LearnedModel, surface: Part, condition: OperatingPoint, speed: float, keep_friction: bool = False
+) -> tuple[Part, OperatingPoint, tuple[VibrationEvent, VibrationEvent]]:
     """Apply what was learnt to a surface, its condition and its events."""
     known = learned_drag(
         learned,
@@ -48,7 +48,7 @@ def teach(
     )
 
 
-def _height(surface: Surface, ball_radius: float, direction: int) -> float:
+def _height(surface: Part, ball_radius: float, direction: int) -> float:
     """Height of the step that this edge is for the ball [m]: its own, or that of the same critical angle."""
     if isinstance(surface, StepBlock) and direction > 0:
         return surface.height.nominal
@@ -57,7 +57,7 @@ def _height(surface: Surface, ball_radius: float, direction: int) -> float:
 
 
 def _taught(
-    learned: LearnedModel, event: VibrationEvent, surface: Surface, condition: OperatingPoint, speed: float
+    learned: LearnedModel, event: VibrationEvent, surface: Part, condition: OperatingPoint, speed: float
 ) -> VibrationEvent:
     if event.status is not Status.RELEASES:
         return event

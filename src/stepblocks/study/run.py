@@ -12,9 +12,9 @@ from stepblocks.contact.critical_angle import step_angle
 from stepblocks.contact.energy import Status, release_at
 from stepblocks.declare import load_declared
 from stepblocks.errors import PipelineError
+from stepblocks.parts.kinds.step_block import StepBlock
 from stepblocks.parts.lettering import engraved_text
 from stepblocks.parts.set import StimulusSet
-from stepblocks.parts.step_block.declaration import StepBlock
 from stepblocks.predict.predictions import tool_of
 from stepblocks.select import matches
 from stepblocks.study.analysis.table import join_answers, read_answers, read_design

@@ -12,7 +12,7 @@ from pathlib import Path
 
 from stepblocks.atomic import beside
 from stepblocks.errors import MachiningError
-from stepblocks.parts.step_block.declaration import StepBlock
+from stepblocks.parts.kinds.step_block import StepBlock
 
 # ISO 3650:1998, table 5, up to 10 mm: limit deviation of length anywhere, and tolerance of its variation, in metres.
 GRADES: dict[str, tuple[float, float]] = {

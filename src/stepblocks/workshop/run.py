@@ -10,7 +10,7 @@ from pathlib import Path
 from stepblocks.artefacts.inspection_sheet import write_sheet_csv, write_sheet_pdf
 from stepblocks.declare import load_declared
 from stepblocks.errors import MachiningError, PipelineError
-from stepblocks.parts.step_block.declaration import StepBlock
+from stepblocks.parts.kinds.step_block import StepBlock
 from stepblocks.workshop.drawing.write import write_drawing, write_gauge_drawing
 from stepblocks.workshop.gauge_route import Route, choose_pair, routes_for, write_gauge_assembly
 

@@ -9,14 +9,12 @@ from stepblocks.artefacts.step.part21.characteristics import Characteristic
 from stepblocks.artefacts.step.part21.check_step import StepReport, check_step_text
 from stepblocks.parts.characteristics import Characteristic as Wanted
 from stepblocks.parts.characteristics import characteristics_of
-from stepblocks.parts.margins.declaration import MarginBlock
-from stepblocks.parts.set import Stimulus
-from stepblocks.parts.step_block.declaration import StepBlock
+from stepblocks.parts.kind import Part
 
 _ALLOWED = 1e-9
 
 
-def check_part_step(path: Path, stimulus: Stimulus) -> tuple[StepReport, list[str]]:
+def check_part_step(path: Path, stimulus: Part) -> tuple[StepReport, list[str]]:
     """Check the STEP file of a part: it conforms, and holds every characteristic with its limits."""
     report = check_step_text(path, require_ap242=True)
     findings = list(report.findings)
@@ -31,7 +29,7 @@ def check_part_step(path: Path, stimulus: Stimulus) -> tuple[StepReport, list[st
             if found in report.dimensions and found.geometry is None and not found.problem:
                 findings.append(f"{found.ref} {one.label}: the faces that it names do not determine it")
     findings += [f"{item.ref} {item.kind} {item.value * 1e3:.9g} mm: was not asked for" for item in left]
-    if isinstance(stimulus, StepBlock | MarginBlock):
+    if stimulus.has_working_faces:
         flat = {face for item in report.tolerances if item.kind == "flatness" for face in item.faces}
         rough = stimulus.face_demands.roughness
         if dict(report.textures).keys() != flat or any(abs(value - rough) > _ALLOWED for _, value in report.textures):
@@ -46,7 +44,7 @@ def check_part_step(path: Path, stimulus: Stimulus) -> tuple[StepReport, list[st
     return report, findings
 
 
-def matched(report: StepReport, stimulus: Stimulus) -> list[tuple[Wanted, Characteristic | None]]:
+def matched(report: StepReport, stimulus: Part) -> list[tuple[Wanted, Characteristic | None]]:
     """Find every characteristic of a part in its file."""
     left = list(report.dimensions) + list(report.tolerances)
     pairs: list[tuple[Wanted, Characteristic | None]] = []

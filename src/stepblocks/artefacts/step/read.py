@@ -9,14 +9,14 @@ from stepblocks.artefacts.step.part_file import check_part_step, matched
 from stepblocks.artefacts.verdict import Verdict
 from stepblocks.cad import kernel
 from stepblocks.errors import MetrologyError
-from stepblocks.parts.set import Stimulus
-from stepblocks.parts.volumes import solid_volumes
+from stepblocks.parts.kind import Part
+from stepblocks.parts.shapes import solid_volumes
 
 _LENGTH_LIMIT = 1e-9
 _ANGLE_LIMIT = 1e-9  # relative
 
 
-def check_step(stimulus: Stimulus, path: Path) -> Iterator[Verdict]:
+def check_step(stimulus: Part, path: Path) -> Iterator[Verdict]:
     """Check a STEP file."""
     try:
         text = path.read_text(encoding="ascii")

@@ -17,9 +17,7 @@ from stepblocks.cad import kernel
 from stepblocks.cad.pmi import Callout, PmiDimension, PmiItem, PmiKind, PmiTolerance, write_step_with_tolerances
 from stepblocks.errors import MachiningError
 from stepblocks.parts.characteristics import Characteristic, EdgeRule, FaceRule, Rule, characteristics_of, find_face
-from stepblocks.parts.margins.declaration import MarginBlock
-from stepblocks.parts.set import Stimulus
-from stepblocks.parts.step_block.declaration import StepBlock
+from stepblocks.parts.kind import Part
 from stepblocks.quantities import format_quantity
 
 PINNED_TIME = "2000-01-01T00:00:00"  # Time stamp in every header: equal stimuli give equal bytes
@@ -39,7 +37,7 @@ _CONTEXT = re.compile(r"^(#\d+)\s*=\s*\(\s*GEOMETRIC_REPRESENTATION_CONTEXT\(3\)
 
 
 def write_step_ap242(
-    path: Path, stimulus: Stimulus, bodies: Sequence[tuple[str, kernel.Body]], timestamp: str = PINNED_TIME
+    path: Path, stimulus: Part, bodies: Sequence[tuple[str, kernel.Body]], timestamp: str = PINNED_TIME
 ) -> None:
     """Write a part with its tolerances, material and notes."""
     listed = characteristics_of(stimulus)
@@ -69,7 +67,7 @@ def write_step_ap242(
         )
         notes = [(one.label, _limits(one)) for one in listed if one.kind == "note"]
         texture = None
-        if isinstance(stimulus, StepBlock | MarginBlock):
+        if stimulus.has_working_faces:
             demands = stimulus.face_demands
             texture = demands.roughness
             if demands.defaults:

@@ -8,10 +8,12 @@ from typing import Any
 
 from stepblocks.declare import load_declared
 from stepblocks.errors import PipelineError
-from stepblocks.parts.margins.declaration import CrownOnTooth, MarginBlock
-from stepblocks.parts.set import PredictionGrid, Stimulus
-from stepblocks.parts.sheath.declaration import Sheath
-from stepblocks.parts.step_block.declaration import StepBlock
+from stepblocks.parts.conditions import PredictionGrid
+from stepblocks.parts.kind import Part
+from stepblocks.parts.kinds.crown_on_tooth import CrownOnTooth
+from stepblocks.parts.kinds.margin_block import MarginBlock
+from stepblocks.parts.kinds.sheath import Sheath
+from stepblocks.parts.kinds.step_block import StepBlock
 from stepblocks.parts.tolerance import Dimension
 
 
@@ -19,7 +21,7 @@ def stimuli_of(path: Path, wanted: Any, tolerances: bool) -> tuple[str, list[dic
     """Read the stimuli that a sweep goes over."""
     declared = load_declared(path)
     known = {stimulus.id: stimulus for stimulus in declared.stimuli}
-    chosen: list[Stimulus]
+    chosen: list[Part]
     if wanted is None:
         chosen = [
             stimulus for stimulus in known.values() if isinstance(stimulus, StepBlock | MarginBlock | CrownOnTooth)
@@ -58,7 +60,7 @@ def setting_of(grid: PredictionGrid) -> tuple[dict[str, list[float]], dict[str, 
     return values, {n: v for n, v in plain.items() if v > 0.0}, {n: v for n, v in shares.items() if v > 0.0}
 
 
-def _surface(stimulus: Stimulus) -> str:
+def _surface(stimulus: Part) -> str:
     match stimulus:
         case StepBlock():
             return "step"
@@ -70,7 +72,7 @@ def _surface(stimulus: Stimulus) -> str:
             return "tip"
 
 
-def _axis_point(stimulus: Stimulus, tolerances: bool) -> dict[str, Any]:
+def _axis_point(stimulus: Part, tolerances: bool) -> dict[str, Any]:
     if isinstance(stimulus, StepBlock):
         named: dict[str, Dimension] = {"height": stimulus.height, "edge_radius": stimulus.edge_radius}
     else:

@@ -14,21 +14,15 @@ from pydantic import ValidationError
 from stepblocks.contact.event import VibrationEvent, vibration_events
 from stepblocks.contact.operating_point import OperatingPoint
 from stepblocks.errors import HapticsError
-from stepblocks.parts.margins.declaration import CrownOnTooth
+from stepblocks.parts.kind import Part
+from stepblocks.parts.kinds.step_block import StepBlock
 from stepblocks.parts.mesh import Mesh, mesh_solid
-from stepblocks.parts.pieces import convex_pieces
-from stepblocks.parts.set import Stimulus, Surface
-from stepblocks.parts.shapes import build_solids
-from stepblocks.parts.sheath.declaration import Sheath
-from stepblocks.parts.step_block.declaration import StepBlock
-from stepblocks.parts.tips.declaration import HookTip, StraightTip
+from stepblocks.parts.shapes import build_solids, convex_pieces
 from stepblocks.simulators.devices import Device
 from stepblocks.simulators.plan import plan_rendering
 from stepblocks.simulators.scenes.scene import Frame, ProbeShape, Scene
 
-UPRIGHT = Frame(
-    np.eye(3), np.zeros(3), "x across the edge, y along it, z up; the working edge is at x = 0, the lower face at z = 0"
-)
+UPRIGHT = Frame(np.eye(3), np.zeros(3), Part.axes)
 
 
 def plain_step(height: float, name: str = "step") -> StepBlock:
@@ -66,11 +60,11 @@ def plain_step(height: float, name: str = "step") -> StepBlock:
 
 
 def assemble_scene(
-    stimulus: Stimulus,
+    stimulus: Part,
     condition: OperatingPoint,
     device: Device | None = None,
     scale: float | None = None,
-    surface: Surface | None = None,
+    surface: Part | None = None,
     events: tuple[VibrationEvent, VibrationEvent] | None = None,
 ) -> Scene:
     """Gather what a scene needs."""
@@ -82,35 +76,31 @@ def assemble_scene(
     bodies = [frame.of(mesh_solid(surface, name, body), size) for name, body in build_solids(surface)]
     pieces = tuple(frame.of(piece, size) for piece in convex_pieces(surface))
     path = surface.counterface().centre_path(condition.ball_radius).scaled(size)
-    probe = _probe(stimulus, size) if isinstance(stimulus, StraightTip | HookTip) else None
+    probe = _probe(stimulus, stimulus.ball.nominal, size) if stimulus.ball is not None else None
     return Scene(
         stimulus, surface, condition, size, frame, _joined(surface.id, bodies), pieces, path, events, plan, probe
     )
 
 
-def surface_of(stimulus: Stimulus, step_height: float | None) -> Surface:
+def surface_of(stimulus: Part, step_height: float | None) -> Part:
     """Say what is dragged over."""
-    if not isinstance(stimulus, StraightTip | HookTip | Sheath):
+    if stimulus.crossed:
         return stimulus
     if step_height is None:
         raise HapticsError(f"the height of the step under the probe must be given, got none [{stimulus.id}]")
     return plain_step(step_height, f"{stimulus.id[:30].rstrip('-')}-step")
 
 
-def _frame(surface: Surface) -> Frame:
-    if not isinstance(surface, CrownOnTooth):
+def _frame(surface: Part) -> Frame:
+    if surface.turn_radius is None:
         return UPRIGHT
     turn = np.array([[0.0, 0.0, 1.0], [0.0, -1.0, 0.0], [1.0, 0.0, 0.0]])
-    words = (
-        "the crown lies on its side: x along the path of draw from tooth to crown, y around, z outwards; the finish line is at "
-        "x = 0, the tooth's outer surface at z = 0"
-    )
-    return Frame(turn, np.array([0.0, 0.0, -surface.margin_radius.nominal]), words)
+    return Frame(turn, np.array([0.0, 0.0, -surface.turn_radius]), surface.axes)
 
 
-def _probe(tip: StraightTip | HookTip, size: float) -> ProbeShape:
+def _probe(tip: Part, ball_radius: float, size: float) -> ProbeShape:
     """Turn the tip about its contact point: magnified, its ball's centre at the origin."""
-    centre = Frame(np.eye(3), np.array([0.0, 0.0, -tip.ball_radius.nominal]), "")
+    centre = Frame(np.eye(3), np.array([0.0, 0.0, -ball_radius]), "")
     (name, body), *_ = build_solids(tip)
     pieces = tuple(centre.of(piece, size) for piece in convex_pieces(tip))
     return ProbeShape(centre.of(mesh_solid(tip, name, body), size), pieces)

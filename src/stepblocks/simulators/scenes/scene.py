@@ -17,8 +17,8 @@ from stepblocks.contact.energy import Status
 from stepblocks.contact.event import VibrationEvent, as_record, ring, ring_energy
 from stepblocks.contact.operating_point import OperatingPoint
 from stepblocks.contact.path.centre import CentrePath
+from stepblocks.parts.kind import Part
 from stepblocks.parts.mesh import Mesh
-from stepblocks.parts.set import Stimulus, Surface
 from stepblocks.simulators.plan import RenderingPlan
 
 
@@ -47,8 +47,8 @@ class ProbeShape:
 class Scene:
     """A stimulus under one condition at one scale."""
 
-    stimulus: Stimulus  # What was asked for: a block, a crown, or the tip that drags
-    surface: Surface  # What is dragged over; a plain step for a tip
+    stimulus: Part  # What was asked for: a block, a crown, or the tip that drags
+    surface: Part  # What is dragged over; a plain step for a tip
     condition: OperatingPoint  # Unscaled ball, load, friction and tool
     scale: float  # Magnification S of every length below [1]
     frame: Frame  # How the part lies in the scene

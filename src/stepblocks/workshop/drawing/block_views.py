@@ -8,8 +8,8 @@ from collections.abc import Mapping
 from stepblocks.artefacts.numbers import limits_text
 from stepblocks.parts.body import Body
 from stepblocks.parts.characteristics import Characteristic
-from stepblocks.parts.margins.declaration import MarginBlock
-from stepblocks.parts.step_block.declaration import StepBlock
+from stepblocks.parts.kinds.margin_block import MarginBlock
+from stepblocks.parts.kinds.step_block import StepBlock
 from stepblocks.workshop.drawing.sheet import Point, Sheet
 
 Numbered = Mapping[str, tuple[int, Characteristic]]

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from stepblocks.artefacts.numbers import limits_text, millimetres
 from stepblocks.parts.characteristics import Characteristic
-from stepblocks.parts.step_block.declaration import StepBlock
+from stepblocks.parts.kinds.step_block import StepBlock
 from stepblocks.workshop.drawing.block_views import round_scale
 from stepblocks.workshop.drawing.sheet import Sheet
 from stepblocks.workshop.gauge_route import GRADES, GaugePair

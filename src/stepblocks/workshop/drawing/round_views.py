@@ -8,9 +8,8 @@ from typing import Any
 
 from stepblocks.artefacts.numbers import limits_text
 from stepblocks.parts.characteristics import Characteristic
-from stepblocks.parts.margins.declaration import CrownOnTooth
-from stepblocks.parts.section import crown_outline, tip_outline, tooth_outline
-from stepblocks.parts.tips.declaration import HookTip, StraightTip
+from stepblocks.parts.kinds.crown_on_tooth import CrownOnTooth
+from stepblocks.parts.kinds.tips import HookTip, StraightTip
 from stepblocks.workshop.drawing.block_views import round_scale
 from stepblocks.workshop.drawing.sheet import Point, Sheet
 
@@ -48,7 +47,7 @@ def _arc(a: Point, b: Point, c: Point) -> Iterator[Point]:
 def tip_views(sheet: Sheet, tip: StraightTip | HookTip, numbered: Numbered) -> list[str]:
     """Draw a tip lying on its side and its ball enlarged; return the lines of its notes."""
     shank, end = tip.shank_radius.nominal, tip.length.nominal if isinstance(tip, StraightTip) else tip.cone_end
-    lines = [[(z, side * r) for r, z in _flattened(tip_outline(tip))] for side in (1.0, -1.0)]
+    lines = [[(z, side * r) for r, z in _flattened(tip.outline())] for side in (1.0, -1.0)]
     if isinstance(tip, HookTip):
         lines += _bend(tip)
     low = [min(point[k] for line in lines for point in line) for k in (0, 1)]
@@ -101,7 +100,7 @@ def _ball(sheet: Sheet, tip: StraightTip | HookTip, numbered: Numbered) -> None:
     R = tip.ball_radius.nominal
     s = round_scale(22.0 / (R * 1e3))
     height = 3.2 * R
-    outline = [(r, z) for r, z in _flattened(tip_outline(tip)) if z <= height]
+    outline = [(r, z) for r, z in _flattened(tip.outline()) if z <= height]
     slope = math.tan(tip.cone_angle.nominal)
     start = tip.cone_start
     outline.append((start[0] + (height - start[1]) * slope, height))
@@ -124,7 +123,7 @@ def crown_views(sheet: Sheet, margin: CrownOnTooth, numbered: Numbered) -> list[
     def at(radius: float, height: float) -> Point:
         return cx + radius * 1e3 * s, cy + height * 1e3 * s
 
-    tooth, crown = list(_flattened(tooth_outline(margin))), list(_flattened(crown_outline(margin)))
+    tooth, crown = list(_flattened(margin.tooth_outline())), list(_flattened(margin.crown_outline()))
     for outline in (tooth, crown):
         for side in (1.0, -1.0):
             sheet.polyline([at(side * r, z) for r, z in outline])

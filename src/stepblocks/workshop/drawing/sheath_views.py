@@ -5,8 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 
 from stepblocks.parts.characteristics import Characteristic
-from stepblocks.parts.section import sheath_outline
-from stepblocks.parts.sheath.declaration import MASS_MATCH, Sheath, format_mass
+from stepblocks.parts.kinds.sheath import MASS_MATCH, Sheath, format_mass
 from stepblocks.workshop.drawing.block_views import round_scale
 from stepblocks.workshop.drawing.sheet import Point, Sheet
 
@@ -59,4 +58,4 @@ def sheath_views(sheet: Sheet, part: Sheath, numbered: Mapping[str, tuple[int, C
 
 def _points(part: Sheath) -> list[Point]:
     """Half section; its outline has lines only."""
-    return [(float(r), float(z)) for r, z in sheath_outline(part)]  # type: ignore[arg-type]
+    return part.outline()

@@ -11,12 +11,12 @@ from stepblocks.artefacts.numbers import limits_text
 from stepblocks.atomic import beside
 from stepblocks.errors import MachiningError
 from stepblocks.parts.characteristics import Characteristic, characteristics_of
-from stepblocks.parts.margins.declaration import CrownOnTooth, MarginBlock
-from stepblocks.parts.set import Stimulus
-from stepblocks.parts.sheath.declaration import Sheath
-from stepblocks.parts.step_block.declaration import StepBlock
-from stepblocks.parts.tips.declaration import HookTip, StraightTip
-from stepblocks.parts.working_faces import face_demands
+from stepblocks.parts.kind import Part
+from stepblocks.parts.kinds.crown_on_tooth import CrownOnTooth
+from stepblocks.parts.kinds.margin_block import MarginBlock
+from stepblocks.parts.kinds.sheath import Sheath
+from stepblocks.parts.kinds.step_block import StepBlock
+from stepblocks.parts.kinds.tips import HookTip, StraightTip
 from stepblocks.workshop.drawing.lettering_font import shipped_fonts
 from stepblocks.workshop.gauge_route import GaugePair
 
@@ -33,7 +33,7 @@ class DrawnDimension:
     text: str  # What is printed
 
 
-def write_drawing(folder: Path, stimulus: Stimulus, formats: tuple[str, ...] = ("dxf", "svg", "pdf")) -> list[Path]:
+def write_drawing(folder: Path, stimulus: Part, formats: tuple[str, ...] = ("dxf", "svg", "pdf")) -> list[Path]:
     """Draw a part."""
     if set(formats) - {"dxf", "svg", "pdf"}:
         raise MachiningError(f"formats must be of dxf, svg, pdf, got {', '.join(formats)}")
@@ -78,7 +78,7 @@ def _register_classes(document: Any) -> None:
         document.classes.add_class(name)
 
 
-def _drawn(stimulus: Stimulus, listed: list[Characteristic], numbered: dict[str, tuple[int, Characteristic]]) -> Any:
+def _drawn(stimulus: Part, listed: list[Characteristic], numbered: dict[str, tuple[int, Characteristic]]) -> Any:
     from stepblocks.workshop.drawing.block_views import margin_block_views, step_block_views
     from stepblocks.workshop.drawing.round_views import crown_views, tip_views
     from stepblocks.workshop.drawing.sheath_views import sheath_views
@@ -88,28 +88,20 @@ def _drawn(stimulus: Stimulus, listed: list[Characteristic], numbered: dict[str,
     match stimulus:
         case StepBlock():
             notes = step_block_views(sheet, stimulus, numbered)
-            title, band = "Step block", stimulus.height.upper - stimulus.height.lower
         case MarginBlock():
             notes = margin_block_views(sheet, stimulus, numbered)
-            title, band = "Margin block", stimulus.marginal_gap.upper - stimulus.marginal_gap.lower
         case CrownOnTooth():
             notes = crown_views(sheet, stimulus, numbered)
-            title, band = "Crown on tooth", stimulus.marginal_gap.upper - stimulus.marginal_gap.lower
         case StraightTip() | HookTip():
             notes = tip_views(sheet, stimulus, numbered)
-            title, band = "Probe tip", stimulus.ball_radius.upper - stimulus.ball_radius.lower
         case Sheath():
             notes = sheath_views(sheet, stimulus, numbered)
-            title, band = "Sheath", stimulus.bore.upper - stimulus.bore.lower
     # what no view shows is said in words, with its number
     lines = [f"{number}  {one.label}: {_note(one)}" for number, one in numbered.values() if number not in sheet.numbers]
-    if isinstance(stimulus, StepBlock | MarginBlock):
-        demands = stimulus.face_demands
+    demands, said = stimulus.face_demands, " (by default)"
+    if stimulus.has_working_faces:
         said = f" (by default: {', '.join(demands.defaults)})" if demands.defaults else ""
-        lines += [f"Working faces Ra {demands.roughness * 1e6:.2f} um or better{said}.", *notes]
-    else:
-        usual = face_demands(None, band)
-        lines += [f"Working faces Ra {usual.roughness * 1e6:.2f} um or better (by default).", *notes]
+    lines += [f"Working faces Ra {demands.roughness * 1e6:.2f} um or better{said}.", *notes]
     sheet.notes((232.0, 66.0 + 5.0 * len(lines)), lines)
     sheet.border(
         [
@@ -122,7 +114,7 @@ def _drawn(stimulus: Stimulus, listed: list[Characteristic], numbered: dict[str,
             ("edges", "ISO 13715"),
             ("projection, size", "first angle, A3"),
         ],
-        title,
+        stimulus.titled,
     )
     return sheet
 

@@ -3,41 +3,56 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any, ClassVar
 
 from pydantic import BeforeValidator, Field, ValidationError, model_validator
 
-from stepblocks.errors import ContactError, QuantityError
-from stepblocks.parts.body import Identity, Part, require
-from stepblocks.parts.material import Material
-from stepblocks.parts.sourced import SourcedDensity, SourcedModulus, SourcedRatio
-from stepblocks.parts.tolerance import Length, PositiveLength
-from stepblocks.quantities import parse_quantity
+from stepblocks.errors import QuantityError
+from stepblocks.parts.declared import Identity, Material, SourcedDensity, SourcedModulus, SourcedRatio, Table, require
+from stepblocks.parts.kind import FITTING_DEFLECTION, Finding, HeldPart, MeasuredMesh
+from stepblocks.parts.tolerance import Dimension, Length, PositiveLength
+from stepblocks.quantities import format_quantity, parse_quantity
 
 if TYPE_CHECKING:
-    from stepblocks.contact.counterface import Counterface
+    from stepblocks.cad import kernel
+    from stepblocks.contact.rod.cantilever import Sleeve
+    from stepblocks.parts.characteristics import Characteristic
+    from stepblocks.parts.revolution import Point
 
 # Largest relative difference in mass of two sheaths that are to weigh the same (the paper's sheaths: equal weight)
 MASS_MATCH = 0.01
+MASS_LIMIT = 1e-6  # mass of a mesh against the declared one, relative
+_FLOAT32_LIMIT = 10e-9  # of lengths up to 100 mm, which GLB keeps as float32 in metres
 _SOLVABLE = ("bore", "outer_diameter", "length")
-_STEP = 10e-6  # A solved dimension is rounded to this, so that a drawing can state it [m]
+_STEP = 10e-6  # a solved dimension is rounded to this, so that a drawing can state it [m]
 
 
 @dataclass(frozen=True)
 class SheathMaterial(Material):
-    """A material that bends and damps."""
+    """A material that bends and damps; modulus and ratios at the frequency of the ring."""
 
-    modulus: float  # Young's modulus [Pa], Poisson's ratio [1] and loss factor at the ring's frequency [1]
-    poisson: float
-    loss_factor: float
-    modulus_source: str  # Where they come from
+    modulus: float  # Young's [Pa]
+    poisson: float  # ratio [1]
+    loss_factor: float  # 1
+    modulus_source: str
     poisson_source: str
     loss_source: str
 
+    def record(self) -> dict[str, Any]:
+        """Return plain values for JSON, the unit in the name."""
+        return super().record() | {
+            "modulus_pa": self.modulus,
+            "modulus_source": self.modulus_source,
+            "poisson": self.poisson,
+            "poisson_source": self.poisson_source,
+            "loss_factor": self.loss_factor,
+            "loss_factor_source": self.loss_source,
+        }
 
-class _MaterialTable(Part):
+
+class _MaterialTable(Table):
     name: Identity
     designation: Annotated[str, Field(min_length=1, max_length=60, pattern=r"^[ -&(-~]+$")]
     density: SourcedDensity
@@ -73,24 +88,39 @@ def _material(raw: object) -> SheathMaterial:
     )
 
 
-class Sheath(Part):
+class Sheath(HeldPart):
     """A tube over the shank; its end near the clamp lies at z = 0, its axis is z."""
 
-    id: Identity  # Identity
-    bore: PositiveLength  # Inner diameter [m]
-    outer_diameter: PositiveLength  # Outer diameter [m]
-    length: PositiveLength  # From end to end [m]
-    edge_break: Length  # Leg of the 45 degree chamfer on the two outer edges [m]
-    position: Length  # From the clamp to the near end, on the shank [m]
-    material: Annotated[SheathMaterial, BeforeValidator(_material)]  # What it is made of
+    stanza: ClassVar[str] = "sheath"
+    called: ClassVar[str] = "sheath of the probe"
+    titled: ClassVar[str] = "Sheath"
+    is_turned: ClassVar[bool] = True
 
-    def counterface(self, step_height: float | None = None) -> Counterface:
-        """Answer a sharp step under the probe that wears it."""
-        from stepblocks.contact.counterface import Step
+    bore: PositiveLength  # inner diameter [m]
+    outer_diameter: PositiveLength  # m
+    length: PositiveLength  # from end to end [m]
+    edge_break: Length  # leg of the 45 degree chamfer on the two outer edges [m]
+    position: Length  # from the clamp to the near end, on the shank [m]
+    material: Annotated[SheathMaterial, BeforeValidator(_material)]
 
-        if step_height is None:
-            raise ContactError(f"the height of the step under the probe must be given, got none [{self.id}]")
-        return Step(step_height)
+    @classmethod
+    def prepared(cls, stanzas: object) -> object:
+        """Solve the sheaths that are to weigh as much as another one."""
+        return balanced(stanzas)
+
+    @property
+    def governing(self) -> Dimension:
+        """The bore."""
+        return self.bore
+
+    @property
+    def sleeve(self) -> Sleeve | None:
+        """Tube that bends and damps with the shank."""
+        from stepblocks.contact.rod.cantilever import Sleeve
+
+        bore, outer, length = self.bore.nominal, self.outer_diameter.nominal, self.length.nominal
+        bending = self.material.modulus * math.pi * (outer**4 - bore**4) / 64.0
+        return Sleeve(self.position.nominal, length, bending, self.mass / length, self.material.loss_factor)
 
     @property
     def wall(self) -> float:
@@ -111,6 +141,84 @@ class Sheath(Part):
         (short, long), (sharp, blunt) = self.length.limits, self.edge_break.limits
         density = self.material.density
         return density * _volume(wide, small, short, blunt), density * _volume(thin, large, long, max(sharp, 0.0))
+
+    def outline(self) -> list[Point]:
+        """Half section; the near end lies at height 0."""
+        bore, outer = 0.5 * self.bore.nominal, 0.5 * self.outer_diameter.nominal
+        length, c = self.length.nominal, self.edge_break.nominal
+        if c == 0.0:
+            return [(bore, 0.0), (outer, 0.0), (outer, length), (bore, length)]
+        return [(bore, 0.0), (outer - c, 0.0), (outer, c), (outer, length - c), (outer - c, length), (bore, length)]
+
+    def solids(self) -> list[kernel.Body]:
+        """Turn it in one piece."""
+        from stepblocks.cad import kernel
+
+        return [kernel.turned(self.outline(), (0.0, 0.0, 0.0))]
+
+    def volumes(self) -> tuple[float, ...]:
+        """By Pappus and Guldin."""
+        from stepblocks.parts.revolution import revolution_volume
+
+        return (revolution_volume([*self.outline()]),)
+
+    def hulls(self) -> list[Any]:
+        """Sectors."""
+        from stepblocks.parts.revolution import sectors
+
+        return sectors(self.outline())
+
+    def chordal_error(self, face: kernel.Face) -> float:
+        """All of it fits."""
+        return FITTING_DEFLECTION
+
+    def characteristics(self) -> Iterator[Characteristic]:
+        """Tube, chamfers, and where it sits."""
+        from stepblocks.parts.characteristics import BREAK, EdgeRule, FaceRule, plane, toleranced
+
+        bore, outer, broken = self.bore, self.outer_diameter, self.edge_break
+        side = FaceRule("CYLINDER", radius=0.5 * outer.nominal)
+        yield toleranced("bore", "diameter", bore, FaceRule("CYLINDER", radius=0.5 * bore.nominal), method="pin gauges")
+        yield toleranced("outer_diameter", "diameter", outer, side)
+        yield toleranced("length", "distance", self.length, plane(2, 0.0), plane(2, self.length.nominal))
+        if broken.nominal > 0.0:
+            edge = EdgeRule(FaceRule("CONE", holds={2: 0.5 * broken.nominal}), side)
+            yield toleranced("edge_break", "distance", broken, plane(2, 0.0), edge, label=BREAK)
+        else:
+            yield toleranced("edge_break", "note", broken, label=BREAK)
+        where = "position, from the clamp"
+        yield toleranced("position", "note", self.position, label=where, method="caliper, assembled")
+
+    def measured(self, body: int, mesh: MeasuredMesh) -> Iterator[Finding]:
+        """Measure length and radii."""
+        heights, radii = mesh.vertices[:, 2], mesh.radii
+        yield Finding("length", self.length.nominal, float(heights.max() - heights.min()), _FLOAT32_LIMIT)
+        yield Finding("radius of the bore", 0.5 * self.bore.nominal, float(radii.min()), FITTING_DEFLECTION)
+        yield Finding("outer radius", 0.5 * self.outer_diameter.nominal, float(radii.max()), FITTING_DEFLECTION)
+        yield Finding("mass", self.mass, self.material.density * mesh.volume, MASS_LIMIT, "mass", relative=True)
+
+    def close_up(self) -> tuple[float, float, tuple[float, float, float]]:
+        """Show its near end."""
+        outer = self.outer_diameter.nominal
+        return 1.0, min(0.6 * outer, 4.9e-3), (0.0, 0.0, 0.4 * outer)
+
+    def derived(self) -> list[list[str]]:
+        """Mass and material."""
+        low, high = self.mass_limits
+        text = f"{format_mass(self.mass)} ({format_mass(low)} to {format_mass(high)} within tolerances)"
+        return [["mass", text], ["material", self.material.designation]]
+
+    def require_in(self, conditions: Mapping[str, Any]) -> None:
+        """Refuse a set without a probe and a rig, and a bore that does not go over the shank."""
+        for name in ("probe", "damping_rig"):
+            if conditions[name] is None:
+                raise ValueError(f"{name} must be declared for a set with sheaths, got none")
+        shank = conditions["probe"].shank_diameter.value
+        if self.bore.limits[0] < shank:
+            raise ValueError(
+                f"bore must not be less than the shank ({format_quantity(shank, 'length')}) within its tolerance, "
+                f"got {self.bore} [{self.place}]"
+            )
 
     @model_validator(mode="after")
     def _is_possible(self) -> Sheath:

@@ -1,0 +1,173 @@
+"""What stanzas are made of beside dimensions: tables, names, values with their source, materials, demands on working faces."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Annotated, Any
+
+from pydantic import BaseModel, BeforeValidator, ConfigDict, Field
+
+from stepblocks.parts.tolerance import Dimension
+from stepblocks.quantities import DIMENSIONS, format_quantity, parse_quantity
+
+# Name of a stimulus: lower-case words and digits joined by hyphens; it becomes a folder and an engraving
+Identity = Annotated[str, Field(pattern=r"^[a-z][a-z0-9]*(-[a-z0-9]+)*$", max_length=40)]
+
+
+def require(holds: bool, field: str, rule: str, limit: float, value: float) -> None:
+    """Refuse a length that breaks a rule, naming field, rule, limit and value."""
+    if not holds:
+        raise ValueError(
+            f"{field} must {rule} ({format_quantity(limit, 'length')}), got {format_quantity(value, 'length')}"
+        )
+
+
+class Table(BaseModel):
+    """Base of everything declared: frozen, and nothing unknown let through."""
+
+    model_config = ConfigDict(frozen=True, extra="forbid", arbitrary_types_allowed=True)
+
+    def record(self) -> dict[str, Any]:
+        """Write it out in full for JSON, with the unit in the name of every field."""
+        values = {name: getattr(self, name) for name in type(self).model_fields}
+        return {
+            name: value.record() if hasattr(value, "record") else value
+            for name, value in values.items()
+            if value is not None
+        }
+
+
+@dataclass(frozen=True)
+class Sourced:
+    """A positive value that must say where it comes from: ``{ value = "1410 kg/m^3", source = "..." }``."""
+
+    value: float  # in the SI unit of `quantity`
+    quantity: str  # one of `stepblocks.quantities.DIMENSIONS`
+    source: str  # never empty
+
+    def record(self) -> dict[str, Any]:
+        """Return plain values for JSON, the unit in the name."""
+        unit = DIMENSIONS[self.quantity].replace("**", "").replace("/", "_per_").lower()
+        return {f"value_{unit}" if unit else "value": self.value, "source": self.source}
+
+
+def _sourced(quantity: str) -> BeforeValidator:
+    def read(raw: object) -> Sourced:
+        if isinstance(raw, Sourced):
+            return raw
+        if not isinstance(raw, dict) or set(raw) != {"value", "source"}:
+            raise ValueError(f"must be a table with value and source, got {raw!r:.60}")
+        if not isinstance(raw["source"], str) or not raw["source"].strip():
+            raise ValueError(f"source must say where the value comes from, got {raw['source']!r:.60}")
+        value = parse_quantity(raw["value"], quantity)
+        if value <= 0.0:
+            raise ValueError(f"value must be positive, got {raw['value']!r:.60}")
+        return Sourced(value, quantity, raw["source"])
+
+    return BeforeValidator(read)
+
+
+SourcedDensity = Annotated[Sourced, _sourced("density")]
+SourcedFrequency = Annotated[Sourced, _sourced("frequency")]
+SourcedLength = Annotated[Sourced, _sourced("length")]
+SourcedModulus = Annotated[Sourced, _sourced("pressure")]
+SourcedRatio = Annotated[Sourced, _sourced("ratio")]
+SourcedStiffness = Annotated[Sourced, _sourced("stiffness")]
+SourcedTime = Annotated[Sourced, _sourced("time")]
+
+
+@dataclass(frozen=True)
+class Material:
+    """A material as a workshop orders it."""
+
+    name: str  # key in stimulus files
+    designation: str  # what stands on the drawing
+    density: float  # kg/m^3
+    source: str  # of the density
+
+    def record(self) -> dict[str, Any]:
+        """Return plain values for JSON, the unit in the name."""
+        return {
+            "name": self.name,
+            "designation": self.designation,
+            "density_kg_m3": self.density,
+            "source": self.source,
+        }
+
+
+# Materials that stimulus files may name
+MATERIALS = (
+    Material("steel", "X90CrMoV18 (1.4112), hardened", 7700.0, "EN 10088-1:2014, table E.2"),
+    Material("stainless", "X5CrNi18-10 (1.4301)", 7900.0, "EN 10088-1:2014, table E.3"),
+    Material("brass", "CuZn39Pb3 (CW614N)", 8470.0, "DIN EN 12164 data sheet, nominal"),
+    Material("pmma", "PMMA, cast", 1190.0, "ISO 7823-1 data sheets, nominal"),
+    Material("zirconia", "3Y-TZP zirconia", 6050.0, "ISO 13356, minimum 6.00 g/cm3, nominal"),
+)
+
+
+def material_named(name: object) -> Material:
+    """Find a material by its key.
+
+    Examples
+    --------
+    >>> material_named("brass").density
+    8470.0
+    """
+    if isinstance(name, Material):
+        return name
+    for material in MATERIALS:
+        if material.name == name:
+            return material
+    raise ValueError(f"must be one of {', '.join(m.name for m in MATERIALS)}, got {name!r}")
+
+
+MaterialField = Annotated[Material, BeforeValidator(material_named)]
+
+
+def _zone(raw: object) -> Dimension:
+    """Read the width of a zone as a dimension of nominal 0 that may only grow."""
+    if isinstance(raw, Dimension):
+        return raw
+    width = parse_quantity(raw, "length")
+    if width <= 0.0:
+        raise ValueError(f"must be positive, got {format_quantity(width, 'length')}")
+    return Dimension(0.0, width, 0.0)
+
+
+Zone = Annotated[Dimension, BeforeValidator(_zone)]  # width of a tolerance zone, or largest roughness [m]
+
+
+class WorkingFaces(Table):
+    """What is asked of the faces beside the working edge; what is left out takes its default."""
+
+    flatness: Zone | None = None  # of either face; default a quarter of the height's tolerance band
+    parallelism: Zone | None = None  # of the upper face to the lower one, datum A; default half of that band
+    roughness: Zone | None = None  # largest Ra; default a twentieth of that band, at least 0.05 um
+
+
+@dataclass(frozen=True)
+class FaceDemands:
+    """Form and texture of the working faces in force."""
+
+    flatness: float  # m
+    parallelism: float  # m
+    roughness: float  # m
+    defaults: tuple[str, ...]  # names of those that the file leaves to their default
+
+
+def face_demands(stated: WorkingFaces | None, band: float) -> FaceDemands:
+    """Fill up what a file leaves open from the tolerance band [m] of the height.
+
+    Examples
+    --------
+    >>> face_demands(None, 2e-6).flatness
+    5e-07
+    """
+    usual = {
+        "flatness": 0.25 * band,
+        "parallelism": 0.5 * band,
+        "roughness": max(round(band * 1e6 / 20.0, 2), 0.05) / 1e6,
+    }
+    said = {name: getattr(stated, name) for name in usual if stated is not None}
+    values = {name: one.upper for name, one in said.items() if one is not None}
+    return FaceDemands(**{**usual, **values}, defaults=tuple(name for name in usual if name not in values))

@@ -1,0 +1,251 @@
+"""What every kind of stimulus answers, so that nobody has to ask of what kind a part is.
+
+A kind is one file in `stepblocks.parts.kinds`: a subclass of `Part`, or of `HeldPart` where a step must be put under it,
+and one line in `stepblocks.parts.set.SHIPPED`. What is heavy to import stays inside its methods.
+"""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from collections.abc import Iterator, Mapping
+from itertools import product
+from typing import TYPE_CHECKING, Any, ClassVar, NamedTuple, Protocol
+
+from stepblocks.errors import ContactError
+from stepblocks.parts.declared import FaceDemands, Identity, Material, Table, WorkingFaces, face_demands
+from stepblocks.parts.tolerance import Dimension
+
+if TYPE_CHECKING:
+    import numpy as np
+    from numpy.typing import NDArray
+
+    from stepblocks.cad.kernel import Body, Face
+    from stepblocks.contact.counterface import Counterface
+    from stepblocks.contact.rod.cantilever import Sleeve
+    from stepblocks.parts.characteristics import Characteristic
+
+# Chordal errors of meshes [m]: where the probe touches, where parts fit one another, elsewhere
+CONTACT_DEFLECTION = 0.1e-6
+FITTING_DEFLECTION = 3e-6
+COARSE_DEFLECTION = 10e-6
+
+NANOMETRE = 1e-9  # limit of what is felt: step height, gap, discrepancies [m]
+
+
+class Finding(NamedTuple):
+    """What was measured on a mesh."""
+
+    quantity: str
+    nominal: float  # in SI
+    measured: float
+    limit: float  # largest permitted difference; relative to the nominal where `relative`
+    dimension: str = "length"
+    relative: bool = False
+
+
+class MeasuredMesh(Protocol):
+    """A mesh that was read back from disk, with the instruments of `stepblocks.artefacts.meshes.measures`."""
+
+    @property
+    def vertices(self) -> NDArray[np.float64]:
+        """Points, shape (n, 3) [m]."""
+
+    @property
+    def radii(self) -> NDArray[np.float64]:
+        """Distances of the points from the axis of z, shape (n,) [m]."""
+
+    @property
+    def volume(self) -> float:
+        """Volume that it encloses [m^3]."""
+
+    def level_beside(self, edge: float, side: int) -> float:
+        """Height of the level face that ends at a line across x, to the right (1) or left (-1) of it [m]."""
+
+    def start_of_level(self, level: float) -> float:
+        """Where the level face that reaches the right end of a block begins [m]."""
+
+    def wall_position(self, facing: int, reach: float) -> float:
+        """Position of the deepest upright wall across x near the edge, its normal along +x or -x [m]."""
+
+    def sphere(self, radius: float, below: float) -> tuple[float, float, float]:
+        """Radius, form and chordal error of the ball of a tip up to a height [m]."""
+
+
+class Part(Table, ABC):
+    """A declared part, across which a tip is dragged."""
+
+    stanza: ClassVar[str]  # name of its tables in a stimulus file, and its key wherever kinds are told apart
+    called: ClassVar[str]  # what people call it
+    titled: ClassVar[str]  # what its drawing is called
+    crossed: ClassVar[bool] = True  # whether a tip is dragged across it
+    has_working_faces: ClassVar[bool] = False  # plane ones beside a straight edge: flatness, roughness, a height field
+    is_turned: ClassVar[bool] = False  # a body of revolution: its convex pieces are polygons
+    # of the frame in which every drag runs along x
+    axes: ClassVar[str] = "x across the edge, y along it, z up; the working edge is at x = 0, the lower face at z = 0"
+
+    id: Identity
+
+    if TYPE_CHECKING:  # every kind declares its own, last among its fields
+
+        @property
+        def material(self) -> Material:
+            """What it is made of."""
+
+    @classmethod
+    def prepared(cls, stanzas: object) -> object:
+        """Change the stanzas of a file before they are validated, where one depends on another."""
+        return stanzas
+
+    @property
+    def place(self) -> str:
+        """Kind and identity, for messages."""
+        return f"{self.stanza} {self.id!r}"
+
+    # what is felt
+
+    @property
+    @abstractmethod
+    def sizes(self) -> dict[str, Dimension]:
+        """Dimensions on which the counterface depends, by its names for them."""
+
+    @abstractmethod
+    def sized(self, **sizes: float) -> Counterface:
+        """Counterface at other values of the `sizes` [m]; within tolerances these may fall below zero."""
+
+    def counterface(self, step_height: float | None = None) -> Counterface:
+        """Surface across the drag at nominal size; what is held or worn needs the height of the step under it [m]."""
+        return self.sized(**{name: one.nominal for name, one in self.sizes.items()})
+
+    def corners(self, step_height: float | None = None) -> Iterator[Counterface]:
+        """Counterface at nominal size, then at every corner of its tolerances."""
+        yield self.counterface(step_height)
+        for values in product(*(one.limits for one in self.sizes.values())):
+            yield self.sized(**dict(zip(self.sizes, values, strict=True)))
+
+    @property
+    def ball(self) -> Dimension | None:
+        """Radius of the ball that it brings; None where the balls are those of the conditions."""
+        return None
+
+    @property
+    def turn_radius(self) -> float | None:
+        """Radius at the working edge of a surface that is turned about the drag [m]; None where it is straight along y."""
+        return None
+
+    @property
+    def sleeve(self) -> Sleeve | None:
+        """What it adds to the shank of the probe that wears it."""
+        return None
+
+    # what is made
+
+    @property
+    def bodies(self) -> tuple[str, ...]:
+        """Names of its solids, which are the stems of their files."""
+        return (self.id,)
+
+    @abstractmethod
+    def solids(self) -> list[Body]:
+        """Build its solids."""
+
+    @abstractmethod
+    def volumes(self) -> tuple[float, ...]:
+        """Volume of each solid [m^3] in closed form, without the kernel that builds it."""
+
+    @property
+    def filled(self) -> float:
+        """What holes and engraving take away [m^3], which convex pieces leave out."""
+        return 0.0
+
+    @abstractmethod
+    def hulls(self) -> list[Any]:
+        """Convex pieces that fill it without overlapping, as manifolds [mm]."""
+
+    def chordal_error(self, face: Face) -> float:
+        """Chordal error that a mesh of this face may have [m]."""
+        return COARSE_DEFLECTION
+
+    # what is drawn, measured and said
+
+    @abstractmethod
+    def characteristics(self) -> Iterator[Characteristic]:
+        """List what a workshop must hold, in the order of the inspection sheet."""
+
+    @abstractmethod
+    def measured(self, body: int, mesh: MeasuredMesh) -> Iterator[Finding]:
+        """Measure a mesh of one of its solids against what was declared."""
+
+    @property
+    @abstractmethod
+    def governing(self) -> Dimension:
+        """Dimension whose tolerance band sets the usual demands on its faces."""
+
+    @property
+    def face_demands(self) -> FaceDemands:
+        """Flatness, parallelism and roughness in force."""
+        stated: WorkingFaces | None = getattr(self, "working_faces", None)
+        return face_demands(stated, self.governing.upper - self.governing.lower)
+
+    @abstractmethod
+    def close_up(self) -> tuple[float, float, tuple[float, float, float]]:
+        """How to show it: exaggeration of heights, width of the close-up [m] and its middle [m]."""
+
+    def derived(self) -> list[list[str]]:
+        """Figures that follow from what is declared, for people."""
+        return []
+
+    def record(self) -> dict[str, Any]:
+        """Write it out in full for JSON."""
+        return {"kind": self.called, **super().record()}
+
+    def dimensions(self) -> list[tuple[str, Dimension]]:
+        """List every dimension with the name of its field."""
+        return list(_dimensions(self, ""))
+
+    def require_in(self, conditions: Mapping[str, Any]) -> None:
+        """Refuse a set that lacks what it needs; `conditions` are the set's own fields."""
+
+
+class HeldPart(Part):
+    """A tip, or what is worn by its shank: it is felt at sharp steps, whose heights the conditions say."""
+
+    crossed: ClassVar[bool] = False
+
+    @property
+    def sizes(self) -> dict[str, Dimension]:
+        """None: the step under it is known."""
+        return {}
+
+    def sized(self, **sizes: float) -> Counterface:
+        """Return a sharp step; `height` is its only size."""
+        from stepblocks.contact.counterface import Step
+
+        return Step(**sizes)
+
+    def counterface(self, step_height: float | None = None) -> Counterface:
+        """Answer the sharp step under it."""
+        if step_height is None:
+            raise ContactError(f"the height of the step under the probe must be given, got none [{self.id}]")
+        return self.sized(height=step_height)
+
+    def corners(self, step_height: float | None = None) -> Iterator[Counterface]:
+        """Answer the step alone: it is known."""
+        yield self.counterface(step_height)
+
+
+def exaggeration(height: float) -> float:
+    """Round factor that draws a height at about a millimetre and a half."""
+    import math
+
+    wanted = 1.5e-3 / height
+    decade = 10.0 ** math.floor(math.log10(wanted))
+    return max(round(wanted / decade) * decade, 1.0)
+
+
+def _dimensions(table: Table, prefix: str) -> Iterator[tuple[str, Dimension]]:
+    for name in type(table).model_fields:
+        value = getattr(table, name)
+        if isinstance(value, Dimension):
+            yield prefix + name, value
+        elif isinstance(value, Table):
+            yield from _dimensions(value, f"{prefix}{name}.")

@@ -1,0 +1,340 @@
+"""The junction of prepared tooth and crown as two bodies of revolution about the path of draw."""
+
+from __future__ import annotations
+
+import itertools
+import math
+from collections.abc import Iterator
+from dataclasses import replace
+from typing import TYPE_CHECKING, Any, ClassVar, Literal
+
+from pydantic import model_validator
+
+from stepblocks.parts.declared import Table, require
+from stepblocks.parts.kind import CONTACT_DEFLECTION, FITTING_DEFLECTION, NANOMETRE, Finding, MeasuredMesh
+from stepblocks.parts.kinds.margin import CrownMargin
+from stepblocks.parts.tolerance import Angle, Dimension, Length, PositiveLength
+from stepblocks.quantities import format_quantity
+
+if TYPE_CHECKING:
+    from stepblocks.cad import kernel
+    from stepblocks.parts.characteristics import Characteristic, EdgeRule, FaceRule, Rule
+    from stepblocks.parts.revolution import Outline, Point
+
+_SEATED = "section or micro-CT, seated"
+
+
+class FinishLine(Table):
+    """How the preparation ends."""
+
+    # ``"shoulder"`` (a square ledge), ``"chamfer"`` (a quarter round) or ``"feather-edge"`` (no ledge)
+    kind: Literal["shoulder", "chamfer", "feather-edge"]
+    width: Length  # Width of the ledge, or radius of the quarter round [m]; 0 for the feather edge
+
+    @model_validator(mode="after")
+    def _has_the_width_of_its_kind(self) -> FinishLine:
+        if (self.width.nominal == 0.0) != (self.kind == "feather-edge"):
+            rule = "be 0 for a feather-edge" if self.kind == "feather-edge" else f"be above 0 for a {self.kind}"
+            raise ValueError(f"width must {rule}, got {format_quantity(self.width.nominal, 'length')}")
+        return self
+
+
+class CrownOnTooth(CrownMargin):
+    """A prepared tooth and its crown, both bodies of revolution about the path of draw."""
+
+    margin_radius: PositiveLength  # Outer radius of the tooth at the finish line [m]
+    finish_line: FinishLine  # Shoulder, chamfer or feather edge
+    taper: Angle  # Angle between the axial wall and the path of draw [rad] (half the total convergence)
+    preparation_height: PositiveLength  # From the finish line to the top of the preparation [m]
+    root_length: PositiveLength  # From the finish line down to the base [m]
+    internal_gap: Length  # Between the axial wall and the crown, across the wall [m]
+    shell_thickness: PositiveLength  # Thickness of the crown over the top of the preparation [m]
+
+    stanza: ClassVar[str] = "crown_on_tooth"
+    called: ClassVar[str] = "crown on tooth"
+    titled: ClassVar[str] = "Crown on tooth"
+    is_turned: ClassVar[bool] = True
+    axes: ClassVar[str] = (
+        "the crown lies on its side: x along the path of draw from tooth to crown, y around, z outwards; the finish line is at "
+        "x = 0, the tooth's outer surface at z = 0"
+    )
+
+    @property
+    def floor(self) -> tuple[float, float]:
+        """The ledge, and from there the axial wall."""
+        return self.finish_line.width.nominal, math.tan(self.taper.nominal)
+
+    @property
+    def turn_radius(self) -> float | None:
+        """Radius of the tooth at the finish line [m]."""
+        return self.margin_radius.nominal
+
+    @property
+    def governing(self) -> Dimension:
+        """The marginal gap."""
+        return self.marginal_gap
+
+    @property
+    def bodies(self) -> tuple[str, ...]:
+        """Tooth and crown."""
+        return f"{self.id}-tooth", f"{self.id}-crown"
+
+    @property
+    def outer_radius(self) -> float:
+        """Radius of the crown's outside [m]."""
+        return self.margin_radius.nominal + self.horizontal_discrepancy.nominal
+
+    def tooth_outline(self) -> Outline:
+        """Half section of the prepared tooth; the finish line lies at height 0."""
+        R, w, top = self.margin_radius.nominal, self.finish_line.width.nominal, self.preparation_height.nominal
+        outline: Outline = [(0.0, -self.root_length.nominal), (R, -self.root_length.nominal), (R, 0.0)]
+        if self.finish_line.kind == "chamfer":
+            outline.append(((R - w * math.sqrt(0.5), w * (1.0 - math.sqrt(0.5))), (R - w, w)))
+            start = w
+        else:
+            if self.finish_line.kind == "shoulder":
+                outline.append((R - w, 0.0))
+            start = 0.0
+        outline += [(R - w - (top - start) * math.tan(self.taper.nominal), top), (0.0, top)]
+        return outline
+
+    def crown_outline(self) -> Outline:
+        """Half section of the crown, seated with its gaps."""
+        R, w, g = self.margin_radius.nominal, self.finish_line.width.nominal, self.marginal_gap.nominal
+        slope, inner = math.tan(self.taper.nominal), self.internal_gap.nominal
+        across = inner / math.cos(self.taper.nominal)
+        ceiling = self.preparation_height.nominal + inner
+        outer, roof = self.outer_radius, ceiling + self.shell_thickness.nominal
+        kind = self.finish_line.kind
+        start = w if kind == "chamfer" else 0.0
+
+        def wall(height: float) -> float:
+            return R - w - (height - start) * slope + across
+
+        outline: Outline = [(0.0, ceiling), (wall(ceiling), ceiling)]
+        if kind == "feather-edge":
+            v = self.opening.nominal
+            outline += [(R - v * slope + g / math.cos(self.taper.nominal), v), (outer, v)]
+        else:
+            foot = g + w if kind == "chamfer" else g
+            outline.append((wall(foot), foot))
+            corner = [(R + z, x) for x, z in self.corner]
+            if kind == "chamfer":
+                outline.append(_fitting_arc((wall(foot), foot), (R, g), w))
+            outline += corner
+            if corner[-1][0] != outer:
+                outline.append((outer, corner[-1][1]))
+        outline += [(outer, roof), (0.0, roof)]
+        return outline
+
+    def solids(self) -> list[kernel.Body]:
+        """Turn the tooth and its crown."""
+        from stepblocks.cad import kernel
+
+        return [kernel.turned(outline, (0.0, 0.0, 0.0)) for outline in (self.tooth_outline(), self.crown_outline())]
+
+    def volumes(self) -> tuple[float, ...]:
+        """Both by Pappus and Guldin."""
+        from stepblocks.parts.revolution import revolution_volume
+
+        return revolution_volume(self.tooth_outline()), revolution_volume(self.crown_outline())
+
+    def hulls(self) -> list[Any]:
+        """Frusta of the tooth, sectors of the crown."""
+        from stepblocks.parts.revolution import stack
+
+        return [*stack(self.tooth_outline()), *self._shell()]
+
+    def _shell(self) -> list[Any]:
+        """Sectors of the crown's wall in horizontal slices, and its roof."""
+        from stepblocks.parts.revolution import outline_points, ring, sectors
+        from stepblocks.parts.shapes import hull
+
+        points = outline_points(self.crown_outline(), 5e-6)
+        ceiling, roof, outer = points[0][1], points[-1][1], points[-2][0]
+        fitting = points[1 : points.index((outer, roof))]
+        pieces = [hull([*ring(outer, ceiling), *ring(outer, roof)])]
+        cells = [
+            [(r0, z0), (r1, z1), (outer, z1), (outer, z0)]
+            for (r0, z0), (r1, z1) in itertools.pairwise(fitting)
+            if z0 > z1 and max(r0, r1) <= outer
+        ]
+        low, gap = min(z for _, z in fitting), self.marginal_gap.nominal
+        lip = [r for r, z in fitting if z < gap] if low < 0.0 else []
+        if lip:
+            cells.append([(min(lip), low), (outer, low), (outer, gap), (min(lip), gap)])
+        return [*pieces, *(sector for cell in cells for sector in sectors(cell))]
+
+    def chordal_error(self, face: kernel.Face) -> float:
+        """Finest at the margin."""
+        reach = 2.0 * (self.marginal_gap.nominal + abs(self.opening.nominal))
+        # an axial wall without taper is a cylinder too, but behind the finish line, where no probe comes
+        outside = face.radius >= self.margin_radius.nominal - 0.5 * self.finish_line.width.nominal - 1e-9
+        at_margin = face.kind == "PLANE" or (face.kind == "CYLINDER" and outside)
+        at_margin = at_margin and face.low[2] <= reach and face.high[2] >= -reach
+        return CONTACT_DEFLECTION if at_margin else FITTING_DEFLECTION
+
+    def characteristics(self) -> Iterator[Characteristic]:
+        """Tooth, crown, and the gaps between them."""
+        from stepblocks.parts.characteristics import Characteristic, FaceRule, doubled, plane, toleranced
+
+        R, h, root, height = self.margin_radius, self.horizontal_discrepancy, self.root_length, self.preparation_height
+        at = FaceRule("CYLINDER", radius=R.nominal)
+        yield doubled(toleranced("margin_diameter", "diameter", R, at, label="diameter at the margin"))
+        top, base = plane(2, height.nominal), plane(2, -root.nominal)
+        if self.finish_line.kind == "shoulder":
+            shoulder = plane(2, 0.0)
+            yield toleranced("preparation_height", "distance", height, shoulder, top)
+            yield toleranced("root_length", "distance", root, base, shoulder)
+        else:
+            length = root.nominal + height.nominal, root.lower + height.lower, root.upper + height.upper
+            yield Characteristic("tooth_length", "tooth, whole length", "distance", *length, 0, (base, top))
+        outside = replace(h, nominal=self.outer_radius)
+        at, label = FaceRule("CYLINDER", radius=self.outer_radius), "diameter of the crown"
+        yield doubled(toleranced("crown_diameter", "diameter", outside, at, label=label, body=1))
+        ceiling = height.nominal + self.internal_gap.nominal
+        shell = plane(2, ceiling), plane(2, ceiling + self.shell_thickness.nominal)
+        yield toleranced("shell_thickness", "distance", self.shell_thickness, *shell, body=1)
+        yield from self._seated(ceiling)
+
+    def _seated(self, ceiling: float) -> Iterator[Characteristic]:
+        """Gaps between the two bodies, the crown seated on its tooth."""
+        from stepblocks.parts.characteristics import EdgeRule, FaceRule, doubled, plane, toleranced
+
+        g, inner, finish = self.marginal_gap, self.internal_gap, self.finish_line.kind
+        below = FaceRule("CYLINDER", radius=self.margin_radius.nominal, body=0)
+        ledges = {
+            "shoulder": plane(2, 0.0, 0),
+            "chamfer": FaceRule("TORUS", body=0),
+            "feather-edge": FaceRule("CONE", body=0),
+        }
+        cavosurface, end = EdgeRule(below, ledges[finish]), plane(2, self.opening.nominal, 1)
+        walls = self._walls()
+        # between two cones that are not parallel each gap holds at one end of the crown's
+        across: tuple[Rule, Rule] = walls[0], EdgeRule(walls[1], end)
+        if finish != "feather-edge":
+            across = plane(2, 0.0, 0) if finish == "shoulder" else cavosurface, plane(2, g.nominal, 1)
+        yield toleranced("marginal_gap", "distance", g, *across, method=_SEATED)
+        yield self._opening(cavosurface, end)
+        top = EdgeRule(walls[1], plane(2, ceiling, 1)) if finish == "feather-edge" else walls[1]
+        yield toleranced("internal_gap", "distance", inner, walls[0], top, method=_SEATED)
+        if inner.nominal > 0.0:
+            roof = plane(2, self.preparation_height.nominal, 0), plane(2, ceiling, 1)
+            label = "internal gap, roof"
+            yield toleranced("internal_gap_roof", "distance", inner, *roof, label=label, method=_SEATED)
+        if self.taper.nominal > 0.0:
+            yield doubled(toleranced("taper", "angle", self.taper, walls[0], label="total taper", method=_SEATED))
+
+    def _walls(self) -> tuple[FaceRule, FaceRule]:
+        """Axial walls of tooth and crown: cones, or cylinders where there is no taper."""
+        from stepblocks.parts.characteristics import FaceRule
+
+        if self.taper.nominal > 0.0:  # halfway up, where no bevel is
+            middle = {2: 0.5 * self.preparation_height.nominal}
+            return FaceRule("CONE", holds=middle, body=0), FaceRule("CONE", holds=middle, body=1)
+        inside = self.margin_radius.nominal - self.finish_line.width.nominal
+        crown = FaceRule("CYLINDER", radius=inside + self.internal_gap.nominal, body=1)
+        return FaceRule("CYLINDER", radius=inside, body=0), crown
+
+    def _opening(self, cavosurface: EdgeRule, end: FaceRule) -> Characteristic:
+        """From the cavosurface angle along the path of draw to the margin of the crown."""
+        from stepblocks.parts.characteristics import EdgeRule, FaceRule, plane, toleranced, unsigned
+
+        v, g, finish, key = self.opening, self.marginal_gap.nominal, self.finish_line.kind, "vertical_discrepancy"
+        if v.nominal < 0.0:
+            lip = unsigned(toleranced(key, "distance", v, cavosurface, end, method=_SEATED))
+            return replace(lip, label="vertical discrepancy, lip over the tooth")
+        if v.nominal == g or finish == "feather-edge":
+            return toleranced(key, "distance", v, cavosurface, end, method=_SEATED)
+        if finish == "shoulder" and v.nominal > g:  # the margin is where the bevel meets the outside
+            outside = FaceRule("CYLINDER", radius=self.outer_radius, body=1)
+            bevel = FaceRule("CONE", holds={2: 0.5 * (g + v.nominal)}, body=1)
+            return toleranced(key, "distance", v, plane(2, 0.0, 0), EdgeRule(bevel, outside), method=_SEATED)
+        return toleranced(key, "note", v, method=_SEATED)
+
+    def measured(self, body: int, mesh: MeasuredMesh) -> Iterator[Finding]:
+        """Measure radius and height of the preparation, or the margin of the crown."""
+        radii, heights = mesh.radii, mesh.vertices[:, 2]
+        if body == 0:
+            finish = radii[abs(heights) < 1e-9].max()
+            yield Finding("radius at the finish line", self.margin_radius.nominal, float(finish), 2.0 * NANOMETRE)
+            yield Finding("preparation height", self.preparation_height.nominal, float(heights.max()), 2.0 * NANOMETRE)
+            return
+        # the margin is the foot of the outer surface; a bevel goes on below it, inwards
+        outside = radii > radii.max() - 10.0 * NANOMETRE
+        foot = heights[outside].min()
+        yield Finding("vertical discrepancy of the margin", self.opening.nominal, float(foot), NANOMETRE)
+        at_margin = radii[outside & (heights < foot + 1e-9)].max()
+        yield Finding("outer radius of the crown's margin", self.outer_radius, float(at_margin), 2.0 * NANOMETRE)
+
+    def close_up(self) -> tuple[float, float, tuple[float, float, float]]:
+        """Show the margin."""
+        wide = 6.0 * max(self.marginal_gap.nominal, abs(self.horizontal_discrepancy.nominal))
+        return 1.0, wide, (self.margin_radius.nominal, wide, 0.0)
+
+    @property
+    def wall_thickness(self) -> float:
+        """Thickness of the crown's wall across the path of draw at its fitting end [m]."""
+        g, finish = self.marginal_gap.nominal, self.finish_line
+        height = (
+            self.opening.nominal
+            if finish.kind == "feather-edge"
+            else g + (finish.width.nominal if finish.kind == "chamfer" else 0.0)
+        )
+        gap = g if finish.kind == "feather-edge" else self.internal_gap.nominal
+        inner = -finish.width.nominal - height * math.tan(self.taper.nominal) + gap / math.cos(self.taper.nominal)
+        return self.horizontal_discrepancy.nominal - inner
+
+    @model_validator(mode="after")
+    def _fits_the_tooth(self) -> CrownOnTooth:
+        h, g, v = self.horizontal_discrepancy.nominal, self.marginal_gap.nominal, self.opening.nominal
+        R, finish, height = self.margin_radius.nominal, self.finish_line, self.preparation_height.nominal
+        if self.taper.nominal >= math.radians(45.0):
+            raise ValueError(f"taper must be less than 45 deg, got {format_quantity(self.taper.nominal, 'angle')}")
+        top = R - finish.width.nominal - height * math.tan(self.taper.nominal)
+        require(
+            top > 0.1 * R, "preparation_height", "leave the preparation a top of a tenth of margin_radius", 0.1 * R, top
+        )
+        require(
+            self.internal_gap.nominal < 0.5 * R,
+            "internal_gap",
+            "be below half of margin_radius",
+            0.5 * R,
+            self.internal_gap.nominal,
+        )
+        wall = self.wall_thickness
+        require(wall > 0.0, "horizontal_discrepancy", "leave the crown a wall at its margin", h - wall, h)
+        require(
+            h <= self.shell_thickness.nominal,
+            "horizontal_discrepancy",
+            "not exceed the shell (overextension beyond shell_thickness)",
+            self.shell_thickness.nominal,
+            h,
+        )
+        if finish.kind == "feather-edge" and self.taper.nominal == 0.0:
+            raise ValueError(
+                "taper must exceed 0 deg for a feather-edge, whose finish line is where the taper begins, got 0 deg"
+            )
+        bevel = abs(v - g) if v >= 0.0 and finish.kind != "feather-edge" else 0.0
+        require(bevel < wall, "vertical_discrepancy", "leave a wall behind the bevel of the margin", g + wall, v)
+        if v < 0.0 and finish.kind == "feather-edge":
+            raise ValueError(
+                f"vertical_discrepancy must not be negative for a feather-edge, got {format_quantity(v, 'length')}"
+            )
+        require(
+            max(g, v) + finish.width.nominal < height,
+            "preparation_height",
+            "exceed the finish line",
+            max(g, v) + finish.width.nominal,
+            height,
+        )
+        return self
+
+
+def _fitting_arc(start: Point, end: Point, radius: float) -> tuple[Point, Point]:
+    """Arc of the finish line's radius between two points, bulging towards the axis's foot as the tooth's does."""
+    half_x, half_z = 0.5 * (end[0] - start[0]), 0.5 * (end[1] - start[1])
+    half = math.hypot(half_x, half_z)
+    sagitta = radius - math.sqrt(radius * radius - half * half)
+    middle = (start[0] + half_x + sagitta * half_z / half, start[1] + half_z - sagitta * half_x / half)
+    return middle, end

@@ -1,0 +1,207 @@
+"""The crown margin as a bench block: tooth, gap and crown in one section, extruded along the edge."""
+
+from __future__ import annotations
+
+import itertools
+import math
+from collections.abc import Iterator
+from dataclasses import replace
+from typing import TYPE_CHECKING, Any, ClassVar
+
+from pydantic import model_validator
+
+from stepblocks.parts.body import Block, Body
+from stepblocks.parts.declared import WorkingFaces, require
+from stepblocks.parts.kind import NANOMETRE, Finding, MeasuredMesh, exaggeration
+from stepblocks.parts.kinds.margin import CrownMargin
+from stepblocks.parts.tolerance import Dimension, PositiveLength
+
+if TYPE_CHECKING:
+    from stepblocks.cad import kernel
+    from stepblocks.parts.characteristics import Characteristic, FaceRule
+
+# Permissible deviation of an angle without one of its own, shorter side up to 10 mm (ISO 2768-m) [rad]
+_BEVEL = math.radians(1.0)
+_ACROSS = "profilometer or microscope"
+
+
+class MarginBlock(CrownMargin, Block):
+    """A bench block: the tooth's outer surface at z = 0 and x < 0, the crown's at z = h beyond the gap."""
+
+    stanza: ClassVar[str] = "margin_block"
+    called: ClassVar[str] = "margin block"
+    titled: ClassVar[str] = "Margin block"
+
+    gap_depth: PositiveLength  # of the gap below the tooth's surface [m]
+    body: Body
+    working_faces: WorkingFaces | None = None  # demands on tooth and crown face, where the file states them
+
+    @property
+    def floor(self) -> tuple[float, float]:
+        """A level one."""
+        return self.gap_depth.nominal, 0.0
+
+    @property
+    def governing(self) -> Dimension:
+        """The horizontal discrepancy."""
+        return self.horizontal_discrepancy
+
+    @property
+    def rise(self) -> float:
+        """H [m]."""
+        return self.horizontal_discrepancy.nominal
+
+    def top(self, x: float) -> float:
+        """Uppermost of the straight lines of the section at x."""
+        depth, far = self.gap_depth.nominal, self.body.length.nominal
+        outline = [(-far, 0.0), (0.0, 0.0), (0.0, -depth), (self.marginal_gap.nominal, -depth), *self.corner]
+        lines = itertools.pairwise([*outline, (far, self.rise)])
+        return max(
+            za + (zb - za) * (x - xa) / (xb - xa)
+            for (xa, za), (xb, zb) in lines
+            if xa != xb and min(xa, xb) <= x <= max(xa, xb)
+        )
+
+    def solids(self) -> list[kernel.Body]:
+        """Extrude the section along the edge."""
+        from stepblocks.cad import kernel
+        from stepblocks.parts.body_shape import body_cuts, section_outline
+
+        rise, gap, depth = self.rise, self.marginal_gap.nominal, self.gap_depth.nominal
+        y = -0.5 * self.body.width.nominal
+        right, left = section_outline(self.body, 0.0, rise)
+        across = [*reversed(self.corner), (gap, -depth), (0.0, -depth), (0.0, 0.0)]
+        points = [(x, y, z) for x, z in (*right, *across, *left)]
+        edges = [kernel.Line(point) for point in (*points[1:], points[0])]
+        body = kernel.extruded(points[0], edges, (0.0, self.body.width.nominal, 0.0))
+        return [kernel.cut(body, body_cuts(self.body, self.id, 0.0, rise))]
+
+    def volumes(self) -> tuple[float, ...]:
+        """Halves on either side of x = 0 at their own heights, less the gap, corrected at the crown's corner.
+
+        Every cut of the section lies at heights where the chamfers of the sides narrow the block; strips are integrated exactly.
+        """
+        from stepblocks.parts.body_shape import half_volume, strip_volume
+
+        body, half, depth = self.body, 0.5 * self.body.length.nominal, self.gap_depth.nominal
+        g, v, h = self.marginal_gap.nominal, self.opening.nominal, self.rise
+        volume = half_volume(body, half, 0.0) + half_volume(body, half, h)
+        above = [*self.corner, (0.0, h)] if v >= 0.0 else [(g, g), (0.0, g)]
+        volume -= strip_volume(body, h, [(0.0, -depth), (g, -depth), *above])
+        if v < 0.0:  # the lip stands over the tooth, on the tooth's side, where the left half's chamfer applies
+            c = body.edge_break.nominal
+            narrowed = 2.0 * c * (h - g) + h * h - g * g if c > 0.0 else 0.0
+            volume += -v * (body.width.nominal * (h - g) - narrowed)
+        return (volume - self.filled,)
+
+    def hulls(self) -> list[Any]:
+        """Tooth, floor of the gap, crown, and what its corner adds."""
+        from stepblocks.parts.body_shape import half_points
+        from stepblocks.parts.shapes import hull, split
+
+        body, gap, rise, opening = self.body, self.marginal_gap.nominal, self.rise, self.opening.nominal
+        left = hull(half_points(body, -1.0, 0.0, 0.0, [(0.0, 0.0)]))
+        right = hull(half_points(body, 1.0, rise, 0.0, [(0.0, rise)]))
+        under, crown = split(right, "x", gap)
+        floor, _ = split(under, "z", -self.gap_depth.nominal)
+        half, c = 0.5 * body.width.nominal, body.edge_break.nominal
+
+        def prism(section: list[tuple[float, float]]) -> Any:
+            return hull((x, y * (half - max(0.0, z - rise + c)), z) for x, z in section for y in (-1, 1))
+
+        if opening > gap:  # bevelled: cut the corner off along 45 degrees
+            normal = (-math.sqrt(0.5), 0.0, math.sqrt(0.5))
+            crown = crown.trim_by_plane(tuple(-n for n in normal), -1e3 * (rise - opening) * math.sqrt(0.5))
+            return [left, floor, crown]
+        if opening < 0.0:
+            lip = [
+                (x, y * (half - c - (z if x <= 0.0 else z - rise)), z)
+                for x in (opening, 0.0)
+                for z in (gap, rise)
+                for y in (-1, 1)
+            ]
+            return [left, floor, crown, hull(lip), prism([(x, z) for x in (0.0, gap) for z in (gap, rise)])]
+        if opening < gap:
+            foot = rise - (gap - opening)
+            return [left, floor, crown, prism([(gap, foot), (opening, rise), (gap, rise)])]
+        return [left, floor, crown]
+
+    def characteristics(self) -> Iterator[Characteristic]:
+        """Gap and discrepancies, tooth and crown face, block."""
+        from stepblocks.parts.characteristics import PROFILE, form_of, plane, toleranced, unsigned
+
+        g, h, depth, half = (
+            self.marginal_gap,
+            self.horizontal_discrepancy,
+            self.gap_depth,
+            0.5 * self.body.length.nominal,
+        )
+        tooth, crown = plane(2, 0.0, x=-0.5 * half), plane(2, h.nominal, x=0.5 * half)
+        low = -0.5 * depth.nominal
+        wall = plane(0, 0.0, z=low)
+        yield toleranced("marginal_gap", "distance", g, wall, plane(0, g.nominal, z=low), method=_ACROSS)
+        yield unsigned(toleranced("horizontal_discrepancy", "distance", h, tooth, crown, method=PROFILE))
+        yield from self._opening(wall, crown)
+        yield from form_of(self.face_demands, tooth, crown, "tooth", "crown")
+        floor = plane(2, -depth.nominal, x=0.5 * g.nominal)
+        yield toleranced("gap_depth", "distance", depth, floor, tooth, label="depth of the gap", method="microscope")
+        yield from self.body_characteristics(tooth)
+
+    def _opening(self, wall: FaceRule, crown: FaceRule) -> Iterator[Characteristic]:
+        """From the tooth's wall to the margin of the crown."""
+        from stepblocks.parts.characteristics import Characteristic, EdgeRule, FaceRule, plane, toleranced, unsigned
+
+        v, g, h, key = self.opening, self.marginal_gap.nominal, self.rise, "vertical_discrepancy"
+        if v.nominal > g:
+            bevel = FaceRule("SLOPE", holds={0: 0.5 * (g + v.nominal), 2: h - 0.5 * (v.nominal - g)})
+            yield toleranced(key, "distance", v, wall, EdgeRule(bevel, crown), method=_ACROSS)
+            at = 0, (bevel, crown), _ACROSS, "angle"
+            yield Characteristic(
+                "bevel_angle", "bevel of the margin", "angle", math.radians(45.0), -_BEVEL, _BEVEL, *at
+            )
+        elif v.nominal < 0.0:
+            end = plane(0, v.nominal, z=0.5 * (g + h))
+            lip = unsigned(toleranced(key, "distance", v, wall, end, method=_ACROSS))
+            yield replace(lip, label="vertical discrepancy, lip over the tooth")
+        elif v.nominal != g:
+            yield toleranced(key, "note", v, method=_ACROSS)
+
+    def measured(self, body: int, mesh: MeasuredMesh) -> Iterator[Finding]:
+        """Measure the gap between its walls, the crown's level over the tooth's and where it begins."""
+        reach = 0.25 * self.body.length.nominal
+        gap = mesh.wall_position(-1, reach) - mesh.wall_position(+1, reach)
+        yield Finding("marginal gap", self.marginal_gap.nominal, gap, NANOMETRE)
+        crown = mesh.level_beside(self.opening.nominal, +1)
+        tooth = mesh.level_beside(self.body.edge_break.nominal - 0.5 * self.body.length.nominal, +1)
+        yield Finding("horizontal discrepancy", self.rise, crown - tooth, NANOMETRE)
+        yield Finding("vertical discrepancy", self.opening.nominal, mesh.start_of_level(crown), NANOMETRE)
+
+    def close_up(self) -> tuple[float, float, tuple[float, float, float]]:
+        """Show the gap, drawn higher than it is where the crown rises."""
+        rise, gap = abs(self.rise), self.marginal_gap.nominal
+        wide = 2.5 * max(rise, gap, abs(self.opening.nominal))
+        return (exaggeration(rise) if rise else 1.0), wide, (0.5 * gap, 0.0, 0.0)
+
+    @model_validator(mode="after")
+    def _fits_the_body(self) -> MarginBlock:
+        body, g, v = self.body, self.marginal_gap.nominal, self.opening.nominal
+        h, depth, chamfer = self.horizontal_discrepancy.nominal, self.gap_depth.nominal, self.body.edge_break.nominal
+        room = 0.5 * body.length.nominal - chamfer
+        require(g < 0.5 * room, "marginal_gap", "be narrower than a quarter of the body", 0.5 * room, g)
+        require(
+            abs(v) < 0.5 * room, "vertical_discrepancy", "be smaller than a quarter of the body", 0.5 * room, abs(v)
+        )
+        require(
+            depth < 0.25 * body.thickness.nominal,
+            "gap_depth",
+            "be below a quarter of the thickness",
+            0.25 * body.thickness.nominal,
+            depth,
+        )
+        self.require_engravable()
+        deepest = abs(v - g) - h if v >= 0.0 else -h
+        require(deepest < depth, "gap_depth", "reach below the margin", deepest, depth)
+        require(
+            abs(h) < chamfer or chamfer == 0.0, "horizontal_discrepancy", "be smaller than edge_break", chamfer, abs(h)
+        )
+        return self

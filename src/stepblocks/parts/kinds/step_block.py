@@ -1,0 +1,285 @@
+"""The step block: one working edge, and beside it a groove or ridge of the same height to measure it by."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from typing import TYPE_CHECKING, Any, ClassVar, Literal
+
+from pydantic import model_validator
+
+from stepblocks.parts.body import Block, Body
+from stepblocks.parts.declared import MaterialField, Table, WorkingFaces, require
+from stepblocks.parts.energy_tolerance import EnergyToleranceField, described, require_energy_tolerance
+from stepblocks.parts.kind import COARSE_DEFLECTION, CONTACT_DEFLECTION, NANOMETRE, Finding, MeasuredMesh, exaggeration
+from stepblocks.parts.tolerance import Dimension, FeltLength, FeltPositiveLength, PositiveLength
+
+if TYPE_CHECKING:
+    from stepblocks.cad import kernel
+    from stepblocks.contact.counterface import Step
+    from stepblocks.parts.characteristics import Characteristic, FaceRule
+
+_OVER = 1e-3  # how far a cutting body stands out of the block [m]
+
+
+class MetrologyFeature(Table):
+    """A groove or ridge that ISO 5436-1 type A1 can evaluate; a single edge cannot be."""
+
+    # ``"groove"`` in the upper face, its floor level with the lower face; or ``"ridge"`` on the lower, level with the upper
+    kind: Literal["groove", "ridge"]
+    width: PositiveLength  # W between its edges along x [m]; a plane face of at least W lies on either side
+    lane: PositiveLength  # along y, from the back side of the block [m]
+    distance: PositiveLength  # from the working edge to its nearer edge [m]
+
+
+class StepBlock(Block):
+    """A block with one working edge.
+
+    x points across the edge, from the lower to the upper working face; y along the edge; z up. The edge lies at x = 0.
+    """
+
+    stanza: ClassVar[str] = "step_block"
+    called: ClassVar[str] = "step block"
+    titled: ClassVar[str] = "Step block"
+
+    height: FeltPositiveLength  # H of the step [m]
+    edge_radius: FeltLength  # r of the working edge [m]; 0 is sharp
+    body: Body
+    metrology: MetrologyFeature
+    material: MaterialField
+    # of the vibration energy, where tolerances of height, edge radius or tip shall follow from it
+    energy_tolerance: EnergyToleranceField | None = None
+    working_faces: WorkingFaces | None = None  # demands on the faces beside the edge, where the file states them
+
+    @property
+    def sizes(self) -> dict[str, Dimension]:
+        """Height and edge radius."""
+        return {"height": self.height, "edge_radius": self.edge_radius}
+
+    def sized(self, **sizes: float) -> Step:
+        """Return its working edge."""
+        from stepblocks.contact.counterface import Step
+
+        return Step(sizes["height"], max(sizes["edge_radius"], 0.0))
+
+    @property
+    def governing(self) -> Dimension:
+        """The height."""
+        return self.height
+
+    @property
+    def rise(self) -> float:
+        """H [m]."""
+        return self.height.nominal
+
+    def top(self, x: float) -> float:
+        """Circle about (r, H - r) between the two faces."""
+        H, r = self.height.nominal, self.edge_radius.nominal
+        if x < 0.0:
+            return 0.0
+        return H if x >= r else H - r + math.sqrt(x * (2.0 * r - x))
+
+    def solids(self) -> list[kernel.Body]:
+        """Extrude the section along the edge, add or cut the metrology feature, cut what the workshop cuts."""
+        from stepblocks.cad import kernel
+        from stepblocks.cad.kernel import Arc, Line
+        from stepblocks.parts.body_shape import body_cuts, section_outline
+
+        height, radius, y = self.height.nominal, self.edge_radius.nominal, -0.5 * self.body.width.nominal
+        right, left = section_outline(self.body, 0.0, height)
+        edges: list[Line | Arc] = [Line((x, y, z)) for x, z in right[1:]]
+        if radius > 0.0:
+            bow = radius * (1.0 - math.sqrt(0.5))
+            edges += [Line((radius, y, height)), Arc((bow, y, height - bow), (0.0, y, height - radius))]
+        else:
+            edges.append(Line((0.0, y, height)))
+        if radius < height:
+            edges.append(Line((0.0, y, 0.0)))
+        edges += [Line((x, y, z)) for x, z in (*left, right[0])]
+        body = kernel.extruded((right[0][0], y, right[0][1]), edges, (0.0, self.body.width.nominal, 0.0))
+        cuts = body_cuts(self.body, self.id, 0.0, height)
+        if self.metrology.kind == "ridge":
+            body = kernel.fused([body, self._feature()])
+        else:
+            cuts.append(self._feature())
+        return [kernel.cut(body, cuts)]
+
+    def _feature(self) -> kernel.Body:
+        """Groove to cut or ridge to add: from z = 0 to the height of the step, from the lane's boundary to the back side."""
+        from stepblocks.cad import kernel
+
+        feature, back = self.metrology, 0.5 * self.body.width.nominal
+        near, y0 = feature.distance.nominal, back - feature.lane.nominal
+        if feature.kind == "groove":
+            x0, depth, top = near, feature.lane.nominal + _OVER, self.height.nominal + _OVER
+        else:
+            # a ridge ends where the edge break of its side begins, level with the upper face
+            x0, depth, top = -near - feature.width.nominal, feature.lane.nominal, self.height.nominal
+        x1 = x0 + feature.width.nominal
+        corners = [(x0, y0, 0.0), (x1, y0, 0.0), (x1, y0 + depth, 0.0), (x0, y0 + depth, 0.0)]
+        return kernel.extruded(
+            corners[0], [kernel.Line(point) for point in (*corners[1:], corners[0])], (0.0, 0.0, top)
+        )
+
+    def volumes(self) -> tuple[float, ...]:
+        """Two halves, less the rounding, the groove or with the ridge, less what the workshop cuts."""
+        from stepblocks.parts.body_shape import half_volume
+
+        body, H, r, feature = self.body, self.height.nominal, self.edge_radius.nominal, self.metrology
+        half, c = 0.5 * body.length.nominal, body.edge_break.nominal
+        volume = half_volume(body, half, 0.0) + half_volume(body, half, H)
+        # the rounding takes u(z) = r - sqrt(r^2 - zeta^2) off a face that is W - 2 (c - r) - 2 zeta wide
+        volume -= (body.width.nominal - 2.0 * max(c - r, 0.0)) * r * r * (1.0 - 0.25 * math.pi) - (
+            r**3 / 3.0 if c > 0.0 else 0.0
+        )
+        lane, w = feature.lane.nominal, feature.width.nominal
+        if feature.kind == "groove":  # from the lane's boundary to the chamfered side, z from 0 to H
+            volume -= w * (lane * H - (c * H - 0.5 * H * H if c > 0.0 else 0.0))
+        else:  # the side's edge break runs on through the ridge, from c inside at z = 0
+            volume += w * (lane * H - (c * H + 0.5 * H * H if c > 0.0 else 0.0))
+        return (volume - self.filled,)
+
+    def hulls(self) -> list[Any]:
+        """Two halves with the ridge, or with the right one cut up round the groove."""
+        from stepblocks.parts.body_shape import half_points
+        from stepblocks.parts.shapes import hull, split
+
+        body, height, feature = self.body, self.height.nominal, self.metrology
+        left = hull(half_points(body, -1.0, 0.0, 0.0, [(0.0, 0.0)]))
+        crest = self._rounding()
+        right_points = [p for p in half_points(body, 1.0, height, 0.0, crest) if not (p[0] == 0.0 and p[2] == height)]
+        if self.edge_radius.nominal == 0.0:
+            right_points += [
+                (0.0, y * (0.5 * body.width.nominal - body.edge_break.nominal), height) for y in (-1.0, 1.0)
+            ]
+        right = hull(right_points)
+        near, lane = feature.distance.nominal, 0.5 * body.width.nominal - feature.lane.nominal
+        if feature.kind == "ridge":
+            y1 = 0.5 * body.width.nominal - body.edge_break.nominal
+            xs = (-near - feature.width.nominal, -near)
+            ridge = [(x, y, z) for x in xs for y, z in ((lane, 0.0), (lane, height), (y1, 0.0), (y1 - height, height))]
+            return [left, right, hull(ridge)]
+        before, rest = split(right, "x", near)
+        middle, after = split(rest, "x", near + feature.width.nominal)
+        drag, groove = split(middle, "y", lane)
+        floor, _ = split(groove, "z", 0.0)
+        return [left, before, drag, floor, after]
+
+    def _rounding(self) -> list[tuple[float, float]]:
+        """Points on the rounded edge whose chords keep the contact's chordal error."""
+        import numpy as np
+
+        height, radius = self.height.nominal, self.edge_radius.nominal
+        if radius == 0.0:
+            return [(0.0, height)]
+        step = 2.0 * math.acos(max(1.0 - CONTACT_DEFLECTION / radius, 0.0))
+        count = max(2, math.ceil(0.5 * math.pi / step) + 1)
+        angles = np.linspace(0.0, 0.5 * math.pi, count)
+        return [(float(radius * (1.0 - math.sin(a))), float(height - radius * (1.0 - math.cos(a)))) for a in angles]
+
+    def chordal_error(self, face: kernel.Face) -> float:
+        """Finest on the rounded edge."""
+        at_edge = face.kind == "CYLINDER" and abs(face.radius - self.edge_radius.nominal) < 1e-9
+        return CONTACT_DEFLECTION if at_edge else COARSE_DEFLECTION
+
+    def characteristics(self) -> Iterator[Characteristic]:
+        """Step, edge, working faces, groove or ridge, block."""
+        from stepblocks.parts.characteristics import PROFILE, EdgeRule, FaceRule, form_of, plane, toleranced
+
+        H, r, half = self.height.nominal, self.edge_radius.nominal, 0.5 * self.body.length.nominal
+        lower, upper = plane(2, 0.0, x=-0.5 * half), plane(2, H, x=0.5 * half)
+        yield toleranced("step_height", "distance", self.height, lower, upper, method=PROFILE)
+        arc = FaceRule("CYLINDER", radius=r, holds={0: 0.5 * r})
+        edge = arc if r > 0.0 else EdgeRule(plane(0, 0.0, z=0.5 * H), upper)
+        yield toleranced("edge_radius", "radius", self.edge_radius, edge, method="profilometer, arc fit")
+        yield from form_of(self.face_demands, lower, upper, "lower face", "upper face")
+        yield from self._feature_characteristics(lower, upper)
+        yield from self.body_characteristics(lower)
+
+    def _feature_characteristics(self, lower: FaceRule, upper: FaceRule) -> Iterator[Characteristic]:
+        from stepblocks.parts.characteristics import plane, toleranced
+
+        H, feature, back = self.height.nominal, self.metrology, 0.5 * self.body.width.nominal
+        lane, kind, how = back - 0.5 * feature.lane.nominal, feature.kind, "profilometer, ISO 5436-1 A1"
+        side = 1.0 if kind == "groove" else -1.0
+        near, width = side * feature.distance.nominal, side * feature.width.nominal
+        middle = near + 0.5 * width
+        if kind == "groove":
+            floor = plane(2, 0.0, x=middle, y=lane)
+            yield toleranced("groove_depth", "distance", self.height, floor, upper, method=how)
+        else:
+            top = plane(2, H, x=middle, y=lane)
+            yield toleranced("ridge_height", "distance", self.height, lower, top, method=how)
+        walls = plane(0, near, y=lane), plane(0, near + width, y=lane)
+        yield toleranced(f"{kind}_width", "distance", feature.width, *walls, method="profilometer")
+        if self.edge_radius.nominal < H:
+            at = plane(0, 0.0, y=-0.5 * back), walls[0]
+            name = f"{kind} from edge"
+            yield toleranced(f"{kind}_distance", "distance", feature.distance, *at, label=name, method="profilometer")
+
+    def measured(self, body: int, mesh: MeasuredMesh) -> Iterator[Finding]:
+        """Measure the levels of both working faces beside the edge."""
+        low, high = mesh.level_beside(0.0, -1), mesh.level_beside(self.edge_radius.nominal, +1)
+        yield Finding("step height", self.height.nominal, high - low, NANOMETRE)
+        yield Finding("lower working face at z = 0", 0.0, low, NANOMETRE)
+
+    def close_up(self) -> tuple[float, float, tuple[float, float, float]]:
+        """Show the step, drawn higher than it is."""
+        height = self.height.nominal
+        return exaggeration(height), 2.5 * height, (0.0, 0.0, 0.0)
+
+    def derived(self) -> list[list[str]]:
+        """Return the energy that its tolerances keep."""
+        return described(self.energy_tolerance)
+
+    @model_validator(mode="after")
+    def _is_possible(self) -> StepBlock:
+        height, radius, body, feature = self.height.nominal, self.edge_radius.nominal, self.body, self.metrology
+        tip_is_free = self.energy_tolerance is not None and self.energy_tolerance.ball_radius is None
+        require_energy_tolerance(
+            self.energy_tolerance, {"height": self.height, "edge_radius": self.edge_radius}, tip_is_free
+        )
+        require(radius <= height, "edge_radius", "not exceed height", height, radius)
+        require(
+            height < body.edge_break.nominal or body.edge_break.nominal == 0.0,
+            "height",
+            "be smaller than edge_break, or the chamfers of the two faces part",
+            body.edge_break.nominal,
+            height,
+        )
+        require(
+            height < 0.5 * body.thickness.nominal,
+            "height",
+            "be below half the thickness",
+            0.5 * body.thickness.nominal,
+            height,
+        )
+        room = 0.5 * body.length.nominal - body.edge_break.nominal
+        reach = feature.distance.nominal + 2.0 * feature.width.nominal
+        require(reach <= room, "metrology.width", "leave a plane face of its own width on either side", room, reach)
+        require(
+            feature.distance.nominal >= feature.width.nominal + radius,
+            "metrology.distance",
+            "be at least its width plus edge_radius",
+            feature.width.nominal + radius,
+            feature.distance.nominal,
+        )
+        half = 0.5 * body.width.nominal
+        if body.mounting.kind == "clearance":
+            bore = 0.5 * body.mounting.entry_diameter
+            require(
+                half - feature.lane.nominal > bore,
+                "metrology.lane",
+                "keep clear of the counterbores",
+                half - bore,
+                feature.lane.nominal,
+            )
+        self.require_engravable()
+        require(
+            feature.lane.nominal < half,
+            "metrology.lane",
+            "leave half the width to the drag",
+            half,
+            feature.lane.nominal,
+        )
+        return self

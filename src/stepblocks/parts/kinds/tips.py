@@ -1,0 +1,255 @@
+"""The probe tip: a ball of radius R on a cone and a shank, straight or bent to a shepherd's hook."""
+
+from __future__ import annotations
+
+import itertools
+import math
+from collections.abc import Iterator
+from typing import TYPE_CHECKING, Any, ClassVar
+
+from pydantic import model_validator
+
+from stepblocks.parts.declared import MaterialField, require
+from stepblocks.parts.energy_tolerance import EnergyToleranceField, described, require_energy_tolerance
+from stepblocks.parts.kind import COARSE_DEFLECTION, CONTACT_DEFLECTION, Finding, HeldPart, MeasuredMesh
+from stepblocks.parts.tolerance import Angle, Dimension, FeltPositiveLength, PositiveLength
+from stepblocks.quantities import format_quantity
+
+if TYPE_CHECKING:
+    from stepblocks.cad import kernel
+    from stepblocks.parts.characteristics import Characteristic
+    from stepblocks.parts.revolution import Outline, Point3
+
+SPHERE_LIMIT = 0.1e-6  # radius, form and chordal error of the contact sphere [m]
+_BEND_PIECES = 24
+
+
+class Tip(HeldPart):
+    """What both forms share. The ball touches the origin from above: its centre lies at z = R, the cone widens upwards."""
+
+    titled: ClassVar[str] = "Probe tip"
+    is_turned: ClassVar[bool] = True
+
+    ball_radius: FeltPositiveLength  # R of the contact sphere [m]
+    cone_angle: Angle  # half angle of the cone, tangent to the ball [rad]
+    shank_radius: PositiveLength  # at the end of the cone [m]
+    material: MaterialField
+    # of the vibration energy on the steps of the set, where the ball's tolerance shall follow from it
+    energy_tolerance: EnergyToleranceField | None = None
+
+    @property
+    def ball(self) -> Dimension | None:
+        """Its own."""
+        return self.ball_radius
+
+    @property
+    def governing(self) -> Dimension:
+        """The radius of the ball."""
+        return self.ball_radius
+
+    @property
+    def cone_start(self) -> tuple[float, float]:
+        """Radius and height at which the cone leaves the ball, tangent to it [m]."""
+        R, half = self.ball_radius.nominal, self.cone_angle.nominal
+        return R * math.cos(half), R * (1.0 - math.sin(half))
+
+    @property
+    def cone_end(self) -> float:
+        """Height at which the cone has the radius of the shank [m]."""
+        radius, height = self.cone_start
+        return height + (self.shank_radius.nominal - radius) / math.tan(self.cone_angle.nominal)
+
+    def outline(self) -> Outline:
+        """Half section of ball and cone up to the axis; the contact point is the origin."""
+        R, half = self.ball_radius.nominal, self.cone_angle.nominal
+        middle = 0.5 * (0.5 * math.pi - half)  # polar angle from the contact point to halfway up the ball
+        bow = R * math.sin(middle), R * (1.0 - math.cos(middle))
+        return [(0.0, 0.0), (bow, self.cone_start), (self.shank_radius.nominal, self.cone_end), (0.0, self.cone_end)]
+
+    def chordal_error(self, face: kernel.Face) -> float:
+        """Finest on the ball."""
+        return CONTACT_DEFLECTION if face.kind == "SPHERE" else COARSE_DEFLECTION
+
+    def characteristics(self) -> Iterator[Characteristic]:
+        """Ball, shank and cone."""
+        from stepblocks.parts.characteristics import FaceRule, doubled, toleranced
+
+        how = "microscope or interferometer, sphere fit"
+        ball = FaceRule("SPHERE", radius=self.ball_radius.nominal)
+        yield toleranced("ball_radius", "radius", self.ball_radius, ball, method=how)
+        shank = FaceRule("CYLINDER", radius=self.shank_radius.nominal)
+        yield doubled(toleranced("shank_diameter", "diameter", self.shank_radius, shank))
+        cone, label = FaceRule("CONE"), "cone angle, included"
+        yield doubled(toleranced("cone_angle", "angle", self.cone_angle, cone, label=label, method="microscope"))
+
+    def measured(self, body: int, mesh: MeasuredMesh) -> Iterator[Finding]:
+        """Fit a sphere to the ball."""
+        R = self.ball_radius.nominal
+        radius, form, sag = mesh.sphere(R, self.cone_start[1])
+        yield Finding("radius of the contact sphere", R, radius, SPHERE_LIMIT)
+        yield Finding("form of the contact sphere", 0.0, form, SPHERE_LIMIT)
+        yield Finding("chordal error on the contact sphere", 0.0, sag, SPHERE_LIMIT)
+
+    def close_up(self) -> tuple[float, float, tuple[float, float, float]]:
+        """Show the ball."""
+        radius = self.ball_radius.nominal
+        return 1.0, 2.0 * radius, (0.0, 0.0, 1.5 * radius)
+
+    def derived(self) -> list[list[str]]:
+        """Return the energy that its tolerance keeps."""
+        return described(self.energy_tolerance)
+
+    @model_validator(mode="after")
+    def _is_possible(self) -> Tip:
+        R, shank, half = self.ball_radius.nominal, self.shank_radius.nominal, self.cone_angle.nominal
+        require_energy_tolerance(self.energy_tolerance, {"ball_radius": self.ball_radius}, False)
+        if self.energy_tolerance is not None and self.energy_tolerance.ball_radius is not None:
+            raise ValueError("energy_tolerance.ball_radius is for blocks; a tip states it in ball_radius itself")
+        if not 0.0 < half < 0.25 * math.pi:
+            raise ValueError(f"cone_angle must lie between 0 and 45 deg, got {format_quantity(half, 'angle')}")
+        require(shank > R, "ball_radius", "be smaller than shank_radius", shank, R)
+        return self
+
+
+class StraightTip(Tip):
+    """Ball, cone and cylindrical shank on one axis."""
+
+    stanza: ClassVar[str] = "straight_tip"
+    called: ClassVar[str] = "straight probe tip"
+
+    length: PositiveLength  # from the contact point to the end of the shank [m]
+
+    def outline(self) -> Outline:
+        """Half section with the shank."""
+        end = self.length.nominal
+        return [*super().outline()[:-1], (self.shank_radius.nominal, end), (0.0, end)]
+
+    def solids(self) -> list[kernel.Body]:
+        """Turn it in one piece."""
+        from stepblocks.cad import kernel
+
+        return [kernel.turned(self.outline(), (0.0, 0.0, 0.0))]
+
+    def volumes(self) -> tuple[float, ...]:
+        """By Pappus and Guldin."""
+        from stepblocks.parts.revolution import revolution_volume
+
+        return (revolution_volume(self.outline()),)
+
+    def hulls(self) -> list[Any]:
+        """Turn it whole: it is convex."""
+        from stepblocks.parts.revolution import turned_hull
+
+        return [turned_hull(self.outline())]
+
+    def characteristics(self) -> Iterator[Characteristic]:
+        """Ball, shank, cone and length."""
+        from stepblocks.parts.characteristics import FaceRule, plane, toleranced
+
+        yield from super().characteristics()
+        at = plane(2, self.length.nominal), FaceRule("SPHERE", radius=self.ball_radius.nominal)
+        yield toleranced("length", "distance", self.length, *at, label="length from the contact point")
+
+    @model_validator(mode="after")
+    def _has_a_shank(self) -> StraightTip:
+        end, length = self.cone_end, self.length.nominal
+        require(length > end, "length", "exceed the end of the cone", end, length)
+        return self
+
+
+class HookTip(Tip):
+    """The shepherd's hook: ball and cone, then a wire bent in one arc, then the straight shank."""
+
+    stanza: ClassVar[str] = "hook_tip"
+    called: ClassVar[str] = "shepherd's hook"
+
+    bend_radius: PositiveLength  # of the bend at the wire's axis [m]
+    bend_angle: Angle  # through which the wire is bent [rad], in degrees up to below 180
+    straight_length: PositiveLength  # of the shank beyond the bend [m]
+
+    def solids(self) -> list[kernel.Body]:
+        """From the end of the cone the wire bends towards +x as an exact torus and runs out straight."""
+        from stepblocks.cad import kernel
+
+        top, wire = self.cone_end, self.shank_radius.nominal
+        bend, angle, length = self.bend_radius.nominal, self.bend_angle.nominal, self.straight_length.nominal
+        head = kernel.turned(self.outline(), (0.0, 0.0, 0.0))
+        foot, axis = (bend, 0.0, top), (0.0, 1e-3, 0.0)
+        arc = kernel.revolved(*_circle((0.0, 0.0, top), (1.0, 0.0, 0.0), wire), foot, axis, math.degrees(angle))
+        end = (bend * (1.0 - math.cos(angle)), 0.0, top + bend * math.sin(angle))
+        along = (math.sin(angle), 0.0, math.cos(angle))
+        radial = (math.cos(angle), 0.0, -math.sin(angle))
+        shank = kernel.extruded(*_circle(end, radial, wire), tuple(length * a for a in along))
+        return [kernel.fused([head, arc, shank])]
+
+    def volumes(self) -> tuple[float, ...]:
+        """Add a turned head, a torus by Pappus, and a cylinder."""
+        from stepblocks.parts.revolution import revolution_volume
+
+        wire = math.pi * self.shank_radius.nominal**2
+        bend = wire * self.bend_radius.nominal * self.bend_angle.nominal
+        return (revolution_volume(self.outline()) + bend + wire * self.straight_length.nominal,)
+
+    def hulls(self) -> list[Any]:
+        """Head, slices of the bend, shank."""
+        import numpy as np
+
+        from stepblocks.parts.revolution import ring, turned_hull
+        from stepblocks.parts.shapes import hull
+
+        top, bend, angle = self.cone_end, self.bend_radius.nominal, self.bend_angle.nominal
+
+        def section(turn: float, along: float = 0.0) -> list[Point3]:
+            c, s = math.cos(turn), math.sin(turn)
+            return [
+                (bend - (bend - x) * c + along * s, y, top + (bend - x) * s + along * c)
+                for x, y, _ in ring(self.shank_radius.nominal, 0.0)
+            ]
+
+        turns = np.linspace(0.0, angle, _BEND_PIECES + 1)
+        bent = [hull([*section(float(a)), *section(float(b))]) for a, b in itertools.pairwise(turns)]
+        shank = hull([*section(angle), *section(angle, self.straight_length.nominal)])
+        return [turned_hull(self.outline()), *bent, shank]
+
+    def characteristics(self) -> Iterator[Characteristic]:
+        """Ball, wire, cone and bend."""
+        from stepblocks.parts.characteristics import EdgeRule, FaceRule, plane, toleranced
+
+        yield from super().characteristics()
+        angle, bend, straight = self.bend_angle.nominal, self.bend_radius.nominal, self.straight_length.nominal
+        wire, cone, ring = FaceRule("CYLINDER", radius=self.shank_radius.nominal), FaceRule("CONE"), FaceRule("TORUS")
+        yield toleranced("bend_radius", "radius", self.bend_radius, ring, method="microscope")
+        yield toleranced("bend_angle", "angle", self.bend_angle, cone, wire, method="microscope")
+        x = bend * (1.0 - math.cos(angle)) + straight * math.sin(angle)
+        z = self.cone_end + bend * math.sin(angle) + straight * math.cos(angle)
+        square = math.isclose(angle, 0.5 * math.pi)
+        end = plane(0, x, z=z) if square else FaceRule("SLOPE", holds={0: x, 1: 0.0, 2: z})
+        yield toleranced("straight_length", "distance", self.straight_length, end, EdgeRule(ring, wire))
+
+    @model_validator(mode="after")
+    def _can_be_bent(self) -> HookTip:
+        if self.bend_angle.nominal <= 0.0:
+            raise ValueError("bend_angle must be above 0 deg, got 0 deg")
+        shank, bend = self.shank_radius.nominal, self.bend_radius.nominal
+        require(bend > shank, "bend_radius", "exceed shank_radius", shank, bend)
+        angle, straight = self.bend_angle.nominal, self.straight_length.nominal
+        end = self.cone_end + bend * math.sin(angle) + straight * math.cos(angle)
+        lowest = end - shank * math.sin(angle)
+        if lowest <= 0.0:
+            raise ValueError(
+                f"bend_angle must keep the shank above the contact point, got {format_quantity(angle, 'angle')}, "
+                f"which brings it to {format_quantity(lowest, 'length')}"
+            )
+        return self
+
+
+def _circle(
+    centre: tuple[float, float, float], radial: tuple[float, float, float], radius: float
+) -> tuple[tuple[float, float, float], list[kernel.Line | kernel.Arc]]:
+    """Circle of the wire in the plane of `radial` and y, as two half circles."""
+    from stepblocks.cad.kernel import Arc
+
+    def at(u: float, v: float) -> tuple[float, float, float]:
+        return (centre[0] + radius * u * radial[0], centre[1] + radius * v, centre[2] + radius * u * radial[2])
+
+    return at(1.0, 0.0), [Arc(at(0.0, 1.0), at(-1.0, 0.0)), Arc(at(0.0, -1.0), at(1.0, 0.0))]

@@ -1,1 +1,0 @@
-"""The junction of crown and tooth, as a bench block and as two bodies of revolution."""

@@ -1,1 +1,0 @@
-"""Sheaths for the shank of a probe."""
