@@ -44,7 +44,11 @@ def _along_line(start: Point, end: Point) -> float:
 
 def _along_arc(start: Point, middle: Point, end: Point) -> float:
     """Integrate r^2 dz with r = c + rho cos t, dz = rho cos t dt from one end of the arc to the other."""
-    (c, _), rho, (first, last) = _circle(start, middle, end)
+    matrix = 2.0 * np.array([[middle[0] - start[0], middle[1] - start[1]], [end[0] - start[0], end[1] - start[1]]])
+    squares = np.array([p[0] ** 2 + p[1] ** 2 - start[0] ** 2 - start[1] ** 2 for p in (middle, end)])
+    c, d = (float(value) for value in np.linalg.solve(matrix, squares))
+    rho = math.hypot(start[0] - c, start[1] - d)
+    first, last = _turn((c, d), start, middle, end)
 
     def antiderivative(t: float) -> float:
         # rho cos t (c + rho cos t)^2, integrated
@@ -54,15 +58,11 @@ def _along_arc(start: Point, middle: Point, end: Point) -> float:
     return antiderivative(last) - antiderivative(first)
 
 
-def _circle(start: Point, middle: Point, end: Point) -> tuple[Point, float, Point]:
-    """Centre and radius of the circle through three points, and the angles at which the arc begins and ends."""
-    matrix = 2.0 * np.array([[middle[0] - start[0], middle[1] - start[1]], [end[0] - start[0], end[1] - start[1]]])
-    squares = np.array([math.hypot(*p) ** 2 - math.hypot(*start) ** 2 for p in (middle, end)])
-    x, z = (float(value) for value in np.linalg.solve(matrix, squares))
-    first, half, last = (math.atan2(p[1] - z, p[0] - x) for p in (start, middle, end))
+def _turn(centre: Point, start: Point, middle: Point, end: Point) -> tuple[float, float]:
+    """Angles at which an arc about a centre begins and ends, less than half a turn from its middle."""
+    first, half, last = (math.atan2(p[1] - centre[1], p[0] - centre[0]) for p in (start, middle, end))
     half = first + math.remainder(half - first, math.tau)
-    last = half + math.remainder(last - half, math.tau)
-    return (x, z), math.hypot(start[0] - x, start[1] - z), (first, last)
+    return first, half + math.remainder(last - half, math.tau)
 
 
 def arc_points(start: Point, middle: Point, end: Point, chord: float) -> list[Point]:
@@ -74,7 +74,11 @@ def arc_points(start: Point, middle: Point, end: Point, chord: float) -> list[Po
     >>> len(points), points[-1]
     (3, (0.0, 1.0))
     """
-    (x, z), radius, (first, last) = _circle(start, middle, end)
+    matrix = 2.0 * np.array([[middle[0] - start[0], middle[1] - start[1]], [end[0] - start[0], end[1] - start[1]]])
+    squares = np.array([math.hypot(*p) ** 2 - math.hypot(*start) ** 2 for p in (middle, end)])
+    x, z = (float(value) for value in np.linalg.solve(matrix, squares))
+    radius = math.hypot(start[0] - x, start[1] - z)
+    first, last = _turn((x, z), start, middle, end)
     count = max(1, math.ceil(abs(last - first) / (2.0 * math.acos(max(1.0 - chord / radius, -1.0)))))
     angles = np.linspace(first, last, count + 1)[1:-1]
     return [*((x + radius * math.cos(a), z + radius * math.sin(a)) for a in angles), end]
