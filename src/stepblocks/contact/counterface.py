@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from stepblocks.contact import kernels
-from stepblocks.contact.critical_angle import bevelled_margin_angles, step_angle
+from stepblocks.contact.critical_angle import bevelled_margin_angles, margin_angles, step_angle
 from stepblocks.contact.domain import Real, plain
 from stepblocks.contact.energy import Release, release_at
 from stepblocks.contact.operating_point import OperatingPoint
@@ -209,6 +209,46 @@ class Margin(Counterface):
             corners += [(0.0, -depth), (opening, -depth - fall * opening)]
         x, z = np.array([(corners[0][0] - run, 0.0), *corners, (opening, rise), (opening + run, rise)]).T
         return x, z
+
+
+@dataclass(frozen=True)
+class Groove(Counterface):
+    """A V-groove between level shoulders of equal height, from x = 0 to x = `width`."""
+
+    width: float  # between the shoulders [m]
+    flank: float  # inclination of either flank [rad]
+
+    @property
+    def far_side(self) -> float:
+        """The other shoulder, level with the first."""
+        return 0.0
+
+    @property
+    def breakpoints(self) -> tuple[float, ...]:
+        """Both shoulders and the bottom between them."""
+        return (0.0, 0.5 * self.width, self.width)
+
+    @property
+    def dimensions(self) -> dict[str, float]:
+        """Width [m] and inclination of the flanks [rad]."""
+        return {"width": self.width, "flank": self.flank}
+
+    def angles(self, ball_radius: Real, **dimensions: Real) -> tuple[Real, Real]:
+        """From between the shoulders, ``sin a = g / 2R``; a ball that sinks onto the flanks leaves along them."""
+        at = self.dimensions | dimensions
+        angle = plain(np.minimum(margin_angles(at["width"], 0.0, ball_radius)[0], at["flank"]))
+        return angle, angle
+
+    def heights(self, x: Array) -> Array:
+        """Shoulder, flank, flank, shoulder."""
+        inside = np.minimum(x, self.width - x)
+        return -np.tan(self.flank) * np.maximum(inside, 0.0)
+
+    def section(self, run: float) -> tuple[Array, Array]:
+        """Shoulder, flank, flank, shoulder."""
+        half = 0.5 * self.width
+        x = np.array([-run, 0.0, half, self.width, self.width + run])
+        return x, np.array([0.0, 0.0, -half * np.tan(self.flank), 0.0, 0.0])
 
 
 @dataclass(frozen=True, eq=False)

@@ -14,6 +14,7 @@ from stepblocks.parts.declared import Identity, Table
 from stepblocks.parts.energy_tolerance import toleranced
 from stepblocks.parts.kind import Part
 from stepblocks.parts.kinds.crown_on_tooth import CrownOnTooth
+from stepblocks.parts.kinds.grooved_cylinder import GroovedCylinder
 from stepblocks.parts.kinds.margin_block import MarginBlock
 from stepblocks.parts.kinds.sheath import Sheath
 from stepblocks.parts.kinds.step_block import StepBlock
@@ -23,7 +24,7 @@ if TYPE_CHECKING:
     from stepblocks.contact.rod.cantilever import RodRing
 
 # The kinds, in the order in which a set holds them; a new one stands here
-SHIPPED: tuple[type[Part], ...] = (StepBlock, MarginBlock, CrownOnTooth, StraightTip, HookTip, Sheath)
+SHIPPED: tuple[type[Part], ...] = (StepBlock, MarginBlock, CrownOnTooth, GroovedCylinder, StraightTip, HookTip, Sheath)
 _more: list[type[Part]] = []
 P = TypeVar("P", bound=Part)
 

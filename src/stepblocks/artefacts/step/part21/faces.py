@@ -216,7 +216,11 @@ def _distance(a: Surface, b: Surface) -> float | None:
 
 
 def _distance_to_curve(a: Surface, b: Surface) -> float | None:
-    """Distance of a plane from a straight edge along it or a round edge level over it; of a cone from a round edge about it."""
+    """Distance of a plane from a straight edge along it or a round edge level over it; of what is round from a round edge about it."""
+    if a.kind == b.kind == "CIRCLE":
+        along = float((b.point - a.point) @ a.axis)
+        coaxial = _parallel(a, b) and float(np.linalg.norm(b.point - a.point - along * a.axis)) <= 1e-12
+        return math.hypot(along, b.sizes[0] - a.sizes[0]) if coaxial else None
     if a.kind == "CONICAL_SURFACE" and b.kind == "CIRCLE":
         return _across_cone(a, b)
     if a.kind != "PLANE":

@@ -1,0 +1,154 @@
+"""A cylinder with a V-groove round it, as those on which clinicians' explorers were tested (Int J Prosthodont 1998;11:591)."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from dataclasses import replace
+from typing import TYPE_CHECKING, Any, ClassVar
+
+from pydantic import model_validator
+
+from stepblocks.parts.declared import MaterialField, require
+from stepblocks.parts.kind import CONTACT_DEFLECTION, FITTING_DEFLECTION, NANOMETRE, Finding, MeasuredMesh, Part
+from stepblocks.parts.tolerance import Angle, Dimension, Length, PositiveLength
+from stepblocks.quantities import format_quantity
+
+if TYPE_CHECKING:
+    from stepblocks.cad import kernel
+    from stepblocks.contact.counterface import Groove
+    from stepblocks.parts.characteristics import Characteristic
+    from stepblocks.parts.revolution import Outline
+
+
+class GroovedCylinder(Part):
+    """A cylinder about z, dragged along; the groove begins half way, at z = 0."""
+
+    stanza: ClassVar[str] = "grooved_cylinder"
+    called: ClassVar[str] = "grooved cylinder"
+    titled: ClassVar[str] = "Grooved cylinder"
+    is_turned: ClassVar[bool] = True
+    axes: ClassVar[str] = (
+        "the cylinder lies on its side: x along its axis, y around, z outwards; "
+        "the groove begins at x = 0, the surface lies at z = 0"
+    )
+
+    groove_width: PositiveLength  # between its edges at the surface [m]
+    flank_angle: Angle  # of either flank against the surface [rad]
+    diameter: PositiveLength  # m
+    length: PositiveLength  # from end to end [m]
+    edge_break: Length  # leg of the 45 degree chamfer on the two ends [m]
+    material: MaterialField
+
+    @property
+    def sizes(self) -> dict[str, Dimension]:
+        """Width and flanks."""
+        return {"width": self.groove_width, "flank": self.flank_angle}
+
+    def sized(self, **sizes: float) -> Groove:
+        """Return the groove along the axis."""
+        from stepblocks.contact.counterface import Groove
+
+        return Groove(max(sizes["width"], 0.0), sizes["flank"])
+
+    @property
+    def turn_radius(self) -> float | None:
+        """Of the cylinder [m]."""
+        return 0.5 * self.diameter.nominal
+
+    @property
+    def groove_depth(self) -> float:
+        """From the surface to the bottom [m]."""
+        return 0.5 * self.groove_width.nominal * math.tan(self.flank_angle.nominal)
+
+    @property
+    def governing(self) -> Dimension:
+        """The width."""
+        return self.groove_width
+
+    def outline(self) -> Outline:
+        """Half section."""
+        R, end, c = 0.5 * self.diameter.nominal, 0.5 * self.length.nominal, self.edge_break.nominal
+        width = self.groove_width.nominal
+        groove = [(R, 0.0), (R - self.groove_depth, 0.5 * width), (R, width)]
+        left, right = [(R - c, -end), (R, c - end)], [(R, end - c), (R - c, end)]
+        return [(0.0, -end), *left[c == 0.0 :], *groove, *right[c == 0.0 :], (0.0, end)]
+
+    def solids(self) -> list[kernel.Body]:
+        """Turn it in one piece."""
+        from stepblocks.cad import kernel
+
+        return [kernel.turned(self.outline(), (0.0, 0.0, 0.0))]
+
+    def volumes(self) -> tuple[float, ...]:
+        """Cylinder less a turned triangle and two turned chamfers, by Pappus."""
+        R, w, d, c = 0.5 * self.diameter.nominal, self.groove_width.nominal, self.groove_depth, self.edge_break.nominal
+        groove = 2.0 * math.pi * (R - d / 3.0) * 0.5 * w * d
+        chamfers = 2.0 * math.pi * (R - c / 3.0) * c * c
+        return (math.pi * R * R * self.length.nominal - groove - chamfers,)
+
+    def hulls(self) -> list[Any]:
+        """Frusta."""
+        from stepblocks.parts.revolution import stack
+
+        return stack(self.outline())
+
+    def chordal_error(self, face: kernel.Face) -> float:
+        """Finest at the groove."""
+        near = face.low[2] >= -1e-6 and face.high[2] <= self.groove_width.nominal + 1e-6
+        return CONTACT_DEFLECTION if near and face.kind == "CONE" else FITTING_DEFLECTION
+
+    def characteristics(self) -> Iterator[Characteristic]:
+        """Cylinder and groove."""
+        from stepblocks.parts.characteristics import BREAK, EdgeRule, FaceRule, doubled, plane, toleranced
+
+        R, end, w = 0.5 * self.diameter.nominal, 0.5 * self.length.nominal, self.groove_width.nominal
+        how = "profilometer"
+        near, far = (FaceRule("CYLINDER", radius=R, holds={2: z}) for z in (-0.5 * end, 0.5 * end))
+        rising, falling = (FaceRule("CONE", holds={2: share * w}) for share in (0.75, 0.25))
+        edges = EdgeRule(near, falling), EdgeRule(far, rising)
+        yield toleranced("groove_width", "distance", self.groove_width, *edges, method=how)
+        flank = self.flank_angle
+        cone = replace(flank, nominal=0.5 * math.pi - flank.nominal, lower=-flank.upper, upper=-flank.lower)
+        yield doubled(
+            toleranced("flank_cone", "angle", cone, falling, label="cone of either flank, included", method=how)
+        )
+        yield toleranced("diameter", "diameter", self.diameter, near)
+        yield toleranced("length", "distance", self.length, plane(2, -end), plane(2, end))
+        if self.edge_break.nominal > 0.0:
+            edge = EdgeRule(FaceRule("CONE", holds={2: 0.5 * self.edge_break.nominal - end}), near)
+            yield toleranced("edge_break", "distance", self.edge_break, plane(2, -end), edge, label=BREAK)
+        else:
+            yield toleranced("edge_break", "note", self.edge_break, label=BREAK)
+
+    def measured(self, body: int, mesh: MeasuredMesh) -> Iterator[Finding]:
+        """Measure the surface, and the groove between its edges."""
+        radii, heights, R = mesh.radii, mesh.vertices[:, 2], 0.5 * self.diameter.nominal
+        on_surface = radii > R - 5.0 * NANOMETRE
+        middle = 0.5 * self.groove_width.nominal
+        start, end = heights[on_surface & (heights < middle)].max(), heights[on_surface & (heights > middle)].min()
+        yield Finding("width of the groove", self.groove_width.nominal, float(end - start), 2.0 * NANOMETRE)
+        edge, bottom = radii[abs(heights) < NANOMETRE].max(), radii[abs(heights - middle) < NANOMETRE].min()
+        yield Finding("radius at the groove", R, float(edge), 2.0 * NANOMETRE)
+        yield Finding("depth of the groove", self.groove_depth, float(edge - bottom), 2.0 * NANOMETRE)
+
+    def close_up(self) -> tuple[float, float, tuple[float, float, float]]:
+        """Show the groove."""
+        wide = 4.0 * self.groove_width.nominal
+        return 1.0, wide, (0.5 * self.diameter.nominal, wide, 0.5 * self.groove_width.nominal)
+
+    def derived(self) -> list[list[str]]:
+        """Return the depth that follows from width and flanks."""
+        return [["depth of the groove", format_quantity(self.groove_depth, "length")]]
+
+    @model_validator(mode="after")
+    def _is_possible(self) -> GroovedCylinder:
+        R, flank, width = 0.5 * self.diameter.nominal, self.flank_angle.nominal, self.groove_width.nominal
+        if not 0.0 < flank < math.radians(80.0):
+            raise ValueError(f"flank_angle must lie between 0 and 80 deg, got {format_quantity(flank, 'angle')}")
+        room, chamfer = 0.5 * self.length.nominal - self.edge_break.nominal, self.edge_break.nominal
+        require(2.0 * width < room, "groove_width", "leave a shoulder of its own width", 0.5 * room, width)
+        widest = 0.5 * R / math.tan(flank)
+        require(width < widest, "groove_width", "not cut deeper than an eighth of the diameter", widest, width)
+        require(chamfer < 0.5 * R, "edge_break", "be below a quarter of the diameter", 0.5 * R, chamfer)
+        return self
