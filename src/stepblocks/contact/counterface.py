@@ -6,6 +6,7 @@ centre. Whoever predicts, drags, exports or renders asks it, and never of what k
 
 from __future__ import annotations
 
+import math
 from abc import ABC, abstractmethod
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -241,14 +242,14 @@ class Groove(Counterface):
 
     def heights(self, x: Array) -> Array:
         """Shoulder, flank, flank, shoulder."""
-        inside = np.minimum(x, self.width - x)
-        return -np.tan(self.flank) * np.maximum(inside, 0.0)
+        inside: Array = np.maximum(np.minimum(x, self.width - x), 0.0)
+        return -math.tan(self.flank) * inside
 
     def section(self, run: float) -> tuple[Array, Array]:
         """Shoulder, flank, flank, shoulder."""
         half = 0.5 * self.width
         x = np.array([-run, 0.0, half, self.width, self.width + run])
-        return x, np.array([0.0, 0.0, -half * np.tan(self.flank), 0.0, 0.0])
+        return x, np.array([0.0, 0.0, -half * math.tan(self.flank), 0.0, 0.0])
 
 
 @dataclass(frozen=True, eq=False)

@@ -9,13 +9,11 @@ from typing import TYPE_CHECKING, ClassVar, Literal
 
 from pydantic import model_validator
 
-from stepblocks.parts.declared import Table, WorkingFaces, require
+from stepblocks.parts.characteristics import BREAK, Characteristic, EdgeRule, FaceRule, plane, toleranced
+from stepblocks.parts.declared import Table, WorkingFaces, require, require_below
 from stepblocks.parts.kind import Part
 from stepblocks.parts.lettering import engraved_text, text_width
 from stepblocks.parts.tolerance import Length, PositiveLength
-
-if TYPE_CHECKING:
-    from stepblocks.parts.characteristics import Characteristic, FaceRule
 
 # ISO 261/ISO 2306 core drill, ISO 273 medium clearance, ISO 4762 head: diameter [m] by thread.
 _CORE_DRILL = {"M2": 1.6e-3, "M2.5": 2.05e-3, "M3": 2.5e-3, "M4": 3.3e-3}
@@ -66,13 +64,7 @@ class Body(Table):
     @model_validator(mode="after")
     def _fits(self) -> Body:
         half = 0.5 * min(self.length.nominal, self.width.nominal, self.thickness.nominal)
-        require(
-            self.edge_break.nominal < half,
-            "edge_break",
-            "be smaller than half the smallest side",
-            half,
-            self.edge_break.nominal,
-        )
+        require_below("edge_break", "be smaller than half the smallest side", self.edge_break.nominal, half)
         holes = self.mounting
         reach = holes.spacing.nominal + holes.entry_diameter
         room = self.length.nominal - 2.0 * self.edge_break.nominal
@@ -92,19 +84,9 @@ class Body(Table):
         )
         tip = 0.5 * holes.hole_diameter / math.tan(0.5 * DRILL_POINT) if holes.kind == "tapped" else 0.0
         left = self.thickness.nominal - tip
-        require(
-            holes.depth.nominal < left,
-            "mounting.depth",
-            "leave a floor over the drill point",
-            left,
-            holes.depth.nominal,
-        )
-        require(
-            self.engraving.depth.nominal < 0.1 * self.width.nominal,
-            "engraving.depth",
-            "be below a tenth of the width",
-            0.1 * self.width.nominal,
-            self.engraving.depth.nominal,
+        require_below("mounting.depth", "leave a floor over the drill point", holes.depth.nominal, left)
+        require_below(
+            "engraving.depth", "be below a tenth of the width", self.engraving.depth.nominal, 0.1 * self.width.nominal
         )
         return self
 
@@ -142,8 +124,6 @@ class Block(Part):
 
     def body_characteristics(self, lower: FaceRule) -> Iterator[Characteristic]:
         """List what a workshop must hold of the block itself, `lower` being its lower working face."""
-        from stepblocks.parts.characteristics import BREAK, EdgeRule, FaceRule, plane, toleranced
-
         body = self.body
         half, side, base = 0.5 * body.length.nominal, 0.5 * body.width.nominal, -body.thickness.nominal
         yield toleranced("length", "distance", body.length, plane(0, -half), plane(0, half))
@@ -170,4 +150,4 @@ class Block(Part):
         width = text_width(engraved_text(self.id), letter)
         require(width < room, "engraving.height", f"let {self.id!r} fit the front", letter * room / width, letter)
         low = 0.6 * (body.thickness.nominal - broken)
-        require(letter < low, "engraving.height", "leave room over and under the letters", low, letter)
+        require_below("engraving.height", "leave room over and under the letters", letter, low)

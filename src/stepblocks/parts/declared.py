@@ -22,6 +22,16 @@ def require(holds: bool, field: str, rule: str, limit: float, value: float) -> N
         )
 
 
+def require_below(field: str, rule: str, value: float, limit: float) -> None:
+    """Refuse a length that is not below a limit."""
+    require(value < limit, field, rule, limit, value)
+
+
+def require_above(field: str, rule: str, value: float, limit: float) -> None:
+    """Refuse a length that is not above a limit."""
+    require(value > limit, field, rule, limit, value)
+
+
 class Table(BaseModel):
     """Base of everything declared: frozen, and nothing unknown let through."""
 

@@ -77,6 +77,8 @@ class Part(Table, ABC):
     stanza: ClassVar[str]  # name of its tables in a stimulus file, and its key wherever kinds are told apart
     called: ClassVar[str]  # what people call it
     titled: ClassVar[str]  # what its drawing is called
+    felt_by: ClassVar[dict[str, str]] = {}  # fields on which the counterface depends, by its names for them
+    governed_by: ClassVar[str]  # field whose tolerance band sets the usual demands on its faces
     crossed: ClassVar[bool] = True  # whether a tip is dragged across it
     has_working_faces: ClassVar[bool] = False  # plane ones beside a straight edge: flatness, roughness, a height field
     is_turned: ClassVar[bool] = False  # a body of revolution: its convex pieces are polygons
@@ -104,9 +106,10 @@ class Part(Table, ABC):
     # what is felt
 
     @property
-    @abstractmethod
     def sizes(self) -> dict[str, Dimension]:
-        """Dimensions on which the counterface depends, by its names for them."""
+        """Dimensions on which the counterface depends, by its names for them; those that the file leaves out are missing."""
+        named = {name: getattr(self, field) for name, field in self.felt_by.items()}
+        return {name: one for name, one in named.items() if one is not None}
 
     @abstractmethod
     def sized(self, **sizes: float) -> Counterface:
@@ -125,7 +128,7 @@ class Part(Table, ABC):
     @property
     def ball(self) -> Dimension | None:
         """Radius of the ball that it brings; None where the balls are those of the conditions."""
-        return None
+        return getattr(self, "ball_radius", None)
 
     @property
     def turn_radius(self) -> float | None:
@@ -176,15 +179,11 @@ class Part(Table, ABC):
         """Measure a mesh of one of its solids against what was declared."""
 
     @property
-    @abstractmethod
-    def governing(self) -> Dimension:
-        """Dimension whose tolerance band sets the usual demands on its faces."""
-
-    @property
     def face_demands(self) -> FaceDemands:
         """Flatness, parallelism and roughness in force."""
         stated: WorkingFaces | None = getattr(self, "working_faces", None)
-        return face_demands(stated, self.governing.upper - self.governing.lower)
+        governing: Dimension = getattr(self, self.governed_by)
+        return face_demands(stated, governing.upper - governing.lower)
 
     @abstractmethod
     def close_up(self) -> tuple[float, float, tuple[float, float, float]]:
@@ -210,11 +209,6 @@ class HeldPart(Part):
     """A tip, or what is worn by its shank: it is felt at sharp steps, whose heights the conditions say."""
 
     crossed: ClassVar[bool] = False
-
-    @property
-    def sizes(self) -> dict[str, Dimension]:
-        """None: the step under it is known."""
-        return {}
 
     def sized(self, **sizes: float) -> Counterface:
         """Return a sharp step; `height` is its only size."""

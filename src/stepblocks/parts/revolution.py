@@ -7,13 +7,17 @@ from __future__ import annotations
 
 import itertools
 import math
+from abc import abstractmethod
 from collections.abc import Sequence
-from typing import Any
+from typing import TYPE_CHECKING, Any, ClassVar
 
 import numpy as np
 
-from stepblocks.parts.kind import CONTACT_DEFLECTION
+from stepblocks.parts.kind import CONTACT_DEFLECTION, Part
 from stepblocks.parts.shapes import hull
+
+if TYPE_CHECKING:
+    from stepblocks.cad.kernel import Body
 
 Point = tuple[float, float]
 Point3 = tuple[float, float, float]
@@ -21,6 +25,26 @@ Outline = list[Point | tuple[Point, Point]]
 
 SECTORS = 96  # of a shell of revolution; the chords of a 4 mm crown sag 2 um
 _AROUND = 96
+
+
+class Turned(Part):
+    """A part whose bodies are turned about z."""
+
+    is_turned: ClassVar[bool] = True
+
+    @abstractmethod
+    def outlines(self) -> list[Outline]:
+        """Half section of each body."""
+
+    def solids(self) -> list[Body]:
+        """Turn them."""
+        from stepblocks.cad import kernel
+
+        return [kernel.turned(outline, (0.0, 0.0, 0.0)) for outline in self.outlines()]
+
+    def volumes(self) -> tuple[float, ...]:
+        """By Pappus and Guldin."""
+        return tuple(revolution_volume(outline) for outline in self.outlines())
 
 
 def revolution_volume(outline: Outline) -> float:

@@ -10,16 +10,26 @@ from typing import TYPE_CHECKING, Any, ClassVar, Literal
 
 from pydantic import model_validator
 
-from stepblocks.parts.declared import Table, require
+from stepblocks.parts.characteristics import (
+    Characteristic,
+    EdgeRule,
+    FaceRule,
+    Rule,
+    doubled,
+    plane,
+    toleranced,
+    unsigned,
+)
+from stepblocks.parts.declared import Table, require, require_above, require_below
 from stepblocks.parts.kind import CONTACT_DEFLECTION, FITTING_DEFLECTION, NANOMETRE, Finding, MeasuredMesh
 from stepblocks.parts.kinds.margin import CrownMargin
-from stepblocks.parts.tolerance import Angle, Dimension, Length, PositiveLength
+from stepblocks.parts.revolution import Outline, Point, Turned, outline_points, ring, sectors, stack
+from stepblocks.parts.shapes import hull
+from stepblocks.parts.tolerance import Angle, Length, PositiveLength
 from stepblocks.quantities import format_quantity
 
 if TYPE_CHECKING:
     from stepblocks.cad import kernel
-    from stepblocks.parts.characteristics import Characteristic, EdgeRule, FaceRule, Rule
-    from stepblocks.parts.revolution import Outline, Point
 
 _SEATED = "section or micro-CT, seated"
 
@@ -39,7 +49,7 @@ class FinishLine(Table):
         return self
 
 
-class CrownOnTooth(CrownMargin):
+class CrownOnTooth(CrownMargin, Turned):
     """A prepared tooth and its crown, both bodies of revolution about the path of draw."""
 
     margin_radius: PositiveLength  # Outer radius of the tooth at the finish line [m]
@@ -53,7 +63,7 @@ class CrownOnTooth(CrownMargin):
     stanza: ClassVar[str] = "crown_on_tooth"
     called: ClassVar[str] = "crown on tooth"
     titled: ClassVar[str] = "Crown on tooth"
-    is_turned: ClassVar[bool] = True
+    governed_by: ClassVar[str] = "marginal_gap"
     axes: ClassVar[str] = (
         "the crown lies on its side: x along the path of draw from tooth to crown, y around, z outwards; the finish line is at "
         "x = 0, the tooth's outer surface at z = 0"
@@ -70,11 +80,6 @@ class CrownOnTooth(CrownMargin):
         return self.margin_radius.nominal
 
     @property
-    def governing(self) -> Dimension:
-        """The marginal gap."""
-        return self.marginal_gap
-
-    @property
     def bodies(self) -> tuple[str, ...]:
         """Tooth and crown."""
         return f"{self.id}-tooth", f"{self.id}-crown"
@@ -83,6 +88,10 @@ class CrownOnTooth(CrownMargin):
     def outer_radius(self) -> float:
         """Radius of the crown's outside [m]."""
         return self.margin_radius.nominal + self.horizontal_discrepancy.nominal
+
+    def outlines(self) -> list[Outline]:
+        """Tooth, crown."""
+        return [self.tooth_outline(), self.crown_outline()]
 
     def tooth_outline(self) -> Outline:
         """Half section of the prepared tooth; the finish line lies at height 0."""
@@ -127,29 +136,12 @@ class CrownOnTooth(CrownMargin):
         outline += [(outer, roof), (0.0, roof)]
         return outline
 
-    def solids(self) -> list[kernel.Body]:
-        """Turn the tooth and its crown."""
-        from stepblocks.cad import kernel
-
-        return [kernel.turned(outline, (0.0, 0.0, 0.0)) for outline in (self.tooth_outline(), self.crown_outline())]
-
-    def volumes(self) -> tuple[float, ...]:
-        """Both by Pappus and Guldin."""
-        from stepblocks.parts.revolution import revolution_volume
-
-        return revolution_volume(self.tooth_outline()), revolution_volume(self.crown_outline())
-
     def hulls(self) -> list[Any]:
         """Frusta of the tooth, sectors of the crown."""
-        from stepblocks.parts.revolution import stack
-
         return [*stack(self.tooth_outline()), *self._shell()]
 
     def _shell(self) -> list[Any]:
         """Sectors of the crown's wall in horizontal slices, and its roof."""
-        from stepblocks.parts.revolution import outline_points, ring, sectors
-        from stepblocks.parts.shapes import hull
-
         points = outline_points(self.crown_outline(), 5e-6)
         ceiling, roof, outer = points[0][1], points[-1][1], points[-2][0]
         fitting = points[1 : points.index((outer, roof))]
@@ -176,8 +168,6 @@ class CrownOnTooth(CrownMargin):
 
     def characteristics(self) -> Iterator[Characteristic]:
         """Tooth, crown, and the gaps between them."""
-        from stepblocks.parts.characteristics import Characteristic, FaceRule, doubled, plane, toleranced
-
         R, h, root, height = self.margin_radius, self.horizontal_discrepancy, self.root_length, self.preparation_height
         at = FaceRule("CYLINDER", radius=R.nominal)
         yield doubled(toleranced("margin_diameter", "diameter", R, at, label="diameter at the margin"))
@@ -199,8 +189,6 @@ class CrownOnTooth(CrownMargin):
 
     def _seated(self, ceiling: float) -> Iterator[Characteristic]:
         """Gaps between the two bodies, the crown seated on its tooth."""
-        from stepblocks.parts.characteristics import EdgeRule, FaceRule, doubled, plane, toleranced
-
         g, inner, finish = self.marginal_gap, self.internal_gap, self.finish_line.kind
         below = FaceRule("CYLINDER", radius=self.margin_radius.nominal, body=0)
         ledges = {
@@ -227,8 +215,6 @@ class CrownOnTooth(CrownMargin):
 
     def _walls(self) -> tuple[FaceRule, FaceRule]:
         """Axial walls of tooth and crown: cones, or cylinders where there is no taper."""
-        from stepblocks.parts.characteristics import FaceRule
-
         if self.taper.nominal > 0.0:  # halfway up, where no bevel is
             middle = {2: 0.5 * self.preparation_height.nominal}
             return FaceRule("CONE", holds=middle, body=0), FaceRule("CONE", holds=middle, body=1)
@@ -238,8 +224,6 @@ class CrownOnTooth(CrownMargin):
 
     def _opening(self, cavosurface: EdgeRule, end: FaceRule) -> Characteristic:
         """From the cavosurface angle along the path of draw to the margin of the crown."""
-        from stepblocks.parts.characteristics import EdgeRule, FaceRule, plane, toleranced, unsigned
-
         v, g, finish, key = self.opening, self.marginal_gap.nominal, self.finish_line.kind, "vertical_discrepancy"
         if v.nominal < 0.0:
             lip = unsigned(toleranced(key, "distance", v, cavosurface, end, method=_SEATED))
@@ -292,16 +276,8 @@ class CrownOnTooth(CrownMargin):
         if self.taper.nominal >= math.radians(45.0):
             raise ValueError(f"taper must be less than 45 deg, got {format_quantity(self.taper.nominal, 'angle')}")
         top = R - finish.width.nominal - height * math.tan(self.taper.nominal)
-        require(
-            top > 0.1 * R, "preparation_height", "leave the preparation a top of a tenth of margin_radius", 0.1 * R, top
-        )
-        require(
-            self.internal_gap.nominal < 0.5 * R,
-            "internal_gap",
-            "be below half of margin_radius",
-            0.5 * R,
-            self.internal_gap.nominal,
-        )
+        require_above("preparation_height", "leave the preparation a top of a tenth of margin_radius", top, 0.1 * R)
+        require_below("internal_gap", "be below half of margin_radius", self.internal_gap.nominal, 0.5 * R)
         wall = self.wall_thickness
         require(wall > 0.0, "horizontal_discrepancy", "leave the crown a wall at its margin", h - wall, h)
         require(

@@ -9,25 +9,26 @@ from typing import TYPE_CHECKING, Any, ClassVar
 
 from pydantic import model_validator
 
-from stepblocks.parts.declared import MaterialField, require
-from stepblocks.parts.kind import CONTACT_DEFLECTION, FITTING_DEFLECTION, NANOMETRE, Finding, MeasuredMesh, Part
-from stepblocks.parts.tolerance import Angle, Dimension, Length, PositiveLength
+from stepblocks.parts.characteristics import BREAK, Characteristic, EdgeRule, FaceRule, doubled, plane, toleranced
+from stepblocks.parts.declared import MaterialField, require, require_below
+from stepblocks.parts.kind import CONTACT_DEFLECTION, FITTING_DEFLECTION, NANOMETRE, Finding, MeasuredMesh
+from stepblocks.parts.revolution import Outline, Turned, stack
+from stepblocks.parts.tolerance import Angle, Length, PositiveLength
 from stepblocks.quantities import format_quantity
 
 if TYPE_CHECKING:
     from stepblocks.cad import kernel
     from stepblocks.contact.counterface import Groove
-    from stepblocks.parts.characteristics import Characteristic
-    from stepblocks.parts.revolution import Outline
 
 
-class GroovedCylinder(Part):
+class GroovedCylinder(Turned):
     """A cylinder about z, dragged along; the groove begins half way, at z = 0."""
 
     stanza: ClassVar[str] = "grooved_cylinder"
     called: ClassVar[str] = "grooved cylinder"
     titled: ClassVar[str] = "Grooved cylinder"
-    is_turned: ClassVar[bool] = True
+    felt_by: ClassVar[dict[str, str]] = {"width": "groove_width", "flank": "flank_angle"}
+    governed_by: ClassVar[str] = "groove_width"
     axes: ClassVar[str] = (
         "the cylinder lies on its side: x along its axis, y around, z outwards; "
         "the groove begins at x = 0, the surface lies at z = 0"
@@ -39,11 +40,6 @@ class GroovedCylinder(Part):
     length: PositiveLength  # from end to end [m]
     edge_break: Length  # leg of the 45 degree chamfer on the two ends [m]
     material: MaterialField
-
-    @property
-    def sizes(self) -> dict[str, Dimension]:
-        """Width and flanks."""
-        return {"width": self.groove_width, "flank": self.flank_angle}
 
     def sized(self, **sizes: float) -> Groove:
         """Return the groove along the axis."""
@@ -61,37 +57,17 @@ class GroovedCylinder(Part):
         """From the surface to the bottom [m]."""
         return 0.5 * self.groove_width.nominal * math.tan(self.flank_angle.nominal)
 
-    @property
-    def governing(self) -> Dimension:
-        """The width."""
-        return self.groove_width
-
-    def outline(self) -> Outline:
-        """Half section."""
+    def outlines(self) -> list[Outline]:
+        """Cylinder with its groove."""
         R, end, c = 0.5 * self.diameter.nominal, 0.5 * self.length.nominal, self.edge_break.nominal
         width = self.groove_width.nominal
         groove = [(R, 0.0), (R - self.groove_depth, 0.5 * width), (R, width)]
         left, right = [(R - c, -end), (R, c - end)], [(R, end - c), (R - c, end)]
-        return [(0.0, -end), *left[c == 0.0 :], *groove, *right[c == 0.0 :], (0.0, end)]
-
-    def solids(self) -> list[kernel.Body]:
-        """Turn it in one piece."""
-        from stepblocks.cad import kernel
-
-        return [kernel.turned(self.outline(), (0.0, 0.0, 0.0))]
-
-    def volumes(self) -> tuple[float, ...]:
-        """Cylinder less a turned triangle and two turned chamfers, by Pappus."""
-        R, w, d, c = 0.5 * self.diameter.nominal, self.groove_width.nominal, self.groove_depth, self.edge_break.nominal
-        groove = 2.0 * math.pi * (R - d / 3.0) * 0.5 * w * d
-        chamfers = 2.0 * math.pi * (R - c / 3.0) * c * c
-        return (math.pi * R * R * self.length.nominal - groove - chamfers,)
+        return [[(0.0, -end), *left[c == 0.0 :], *groove, *right[c == 0.0 :], (0.0, end)]]
 
     def hulls(self) -> list[Any]:
         """Frusta."""
-        from stepblocks.parts.revolution import stack
-
-        return stack(self.outline())
+        return stack(*self.outlines())
 
     def chordal_error(self, face: kernel.Face) -> float:
         """Finest at the groove."""
@@ -100,8 +76,6 @@ class GroovedCylinder(Part):
 
     def characteristics(self) -> Iterator[Characteristic]:
         """Cylinder and groove."""
-        from stepblocks.parts.characteristics import BREAK, EdgeRule, FaceRule, doubled, plane, toleranced
-
         R, end, w = 0.5 * self.diameter.nominal, 0.5 * self.length.nominal, self.groove_width.nominal
         how = "profilometer"
         near, far = (FaceRule("CYLINDER", radius=R, holds={2: z}) for z in (-0.5 * end, 0.5 * end))
@@ -149,6 +123,6 @@ class GroovedCylinder(Part):
         room, chamfer = 0.5 * self.length.nominal - self.edge_break.nominal, self.edge_break.nominal
         require(2.0 * width < room, "groove_width", "leave a shoulder of its own width", 0.5 * room, width)
         widest = 0.5 * R / math.tan(flank)
-        require(width < widest, "groove_width", "not cut deeper than an eighth of the diameter", widest, width)
-        require(chamfer < 0.5 * R, "edge_break", "be below a quarter of the diameter", 0.5 * R, chamfer)
+        require_below("groove_width", "not cut deeper than an eighth of the diameter", width, widest)
+        require_below("edge_break", "be below a quarter of the diameter", chamfer, 0.5 * R)
         return self

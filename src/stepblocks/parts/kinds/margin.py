@@ -14,7 +14,8 @@ The margin of the crown is the corner (v, h):
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING
+from abc import abstractmethod
+from typing import TYPE_CHECKING, ClassVar
 
 from pydantic import model_validator
 
@@ -43,21 +44,21 @@ def crown_corner(gap: float, vertical: float, horizontal: float) -> list[tuple[f
 class CrownMargin(Part):
     """What both forms share."""
 
+    felt_by: ClassVar[dict[str, str]] = {
+        "gap": "marginal_gap",
+        "rise": "horizontal_discrepancy",
+        "opening": "vertical_discrepancy",
+    }
+
     marginal_gap: PositiveLength  # g
     horizontal_discrepancy: SignedLength  # h; positive where the crown is overextended
     vertical_discrepancy: SignedLength | None = None  # v; the marginal gap where the file does not give it
     material: MaterialField
 
     @property
-    def sizes(self) -> dict[str, Dimension]:
-        """Gap and discrepancies, the vertical one where the file gives it."""
-        stated = {"gap": self.marginal_gap, "rise": self.horizontal_discrepancy}
-        return stated if self.vertical_discrepancy is None else stated | {"opening": self.vertical_discrepancy}
-
-    @property
+    @abstractmethod
     def floor(self) -> tuple[float, float]:
         """Depth of the gap [m] where it begins, and how steeply its floor falls from there [1]."""
-        raise NotImplementedError
 
     def sized(self, **sizes: float) -> Margin:
         """Return tooth, gap and crown, x from the tooth to the crown."""

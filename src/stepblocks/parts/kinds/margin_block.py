@@ -11,14 +11,23 @@ from typing import TYPE_CHECKING, Any, ClassVar
 from pydantic import model_validator
 
 from stepblocks.parts.body import Block, Body
-from stepblocks.parts.declared import WorkingFaces, require
+from stepblocks.parts.characteristics import (
+    PROFILE,
+    Characteristic,
+    EdgeRule,
+    FaceRule,
+    form_of,
+    plane,
+    toleranced,
+    unsigned,
+)
+from stepblocks.parts.declared import WorkingFaces, require, require_below
 from stepblocks.parts.kind import NANOMETRE, Finding, MeasuredMesh, exaggeration
 from stepblocks.parts.kinds.margin import CrownMargin
-from stepblocks.parts.tolerance import Dimension, PositiveLength
+from stepblocks.parts.tolerance import PositiveLength
 
 if TYPE_CHECKING:
     from stepblocks.cad import kernel
-    from stepblocks.parts.characteristics import Characteristic, FaceRule
 
 # Permissible deviation of an angle without one of its own, shorter side up to 10 mm (ISO 2768-m) [rad]
 _BEVEL = math.radians(1.0)
@@ -31,6 +40,7 @@ class MarginBlock(CrownMargin, Block):
     stanza: ClassVar[str] = "margin_block"
     called: ClassVar[str] = "margin block"
     titled: ClassVar[str] = "Margin block"
+    governed_by: ClassVar[str] = "horizontal_discrepancy"
 
     gap_depth: PositiveLength  # of the gap below the tooth's surface [m]
     body: Body
@@ -40,11 +50,6 @@ class MarginBlock(CrownMargin, Block):
     def floor(self) -> tuple[float, float]:
         """A level one."""
         return self.gap_depth.nominal, 0.0
-
-    @property
-    def governing(self) -> Dimension:
-        """The horizontal discrepancy."""
-        return self.horizontal_discrepancy
 
     @property
     def rise(self) -> float:
@@ -128,8 +133,6 @@ class MarginBlock(CrownMargin, Block):
 
     def characteristics(self) -> Iterator[Characteristic]:
         """Gap and discrepancies, tooth and crown face, block."""
-        from stepblocks.parts.characteristics import PROFILE, form_of, plane, toleranced, unsigned
-
         g, h, depth, half = (
             self.marginal_gap,
             self.horizontal_discrepancy,
@@ -149,8 +152,6 @@ class MarginBlock(CrownMargin, Block):
 
     def _opening(self, wall: FaceRule, crown: FaceRule) -> Iterator[Characteristic]:
         """From the tooth's wall to the margin of the crown."""
-        from stepblocks.parts.characteristics import Characteristic, EdgeRule, FaceRule, plane, toleranced, unsigned
-
         v, g, h, key = self.opening, self.marginal_gap.nominal, self.rise, "vertical_discrepancy"
         if v.nominal > g:
             bevel = FaceRule("SLOPE", holds={0: 0.5 * (g + v.nominal), 2: h - 0.5 * (v.nominal - g)})
@@ -187,17 +188,9 @@ class MarginBlock(CrownMargin, Block):
         body, g, v = self.body, self.marginal_gap.nominal, self.opening.nominal
         h, depth, chamfer = self.horizontal_discrepancy.nominal, self.gap_depth.nominal, self.body.edge_break.nominal
         room = 0.5 * body.length.nominal - chamfer
-        require(g < 0.5 * room, "marginal_gap", "be narrower than a quarter of the body", 0.5 * room, g)
-        require(
-            abs(v) < 0.5 * room, "vertical_discrepancy", "be smaller than a quarter of the body", 0.5 * room, abs(v)
-        )
-        require(
-            depth < 0.25 * body.thickness.nominal,
-            "gap_depth",
-            "be below a quarter of the thickness",
-            0.25 * body.thickness.nominal,
-            depth,
-        )
+        require_below("marginal_gap", "be narrower than a quarter of the body", g, 0.5 * room)
+        require_below("vertical_discrepancy", "be smaller than a quarter of the body", abs(v), 0.5 * room)
+        require_below("gap_depth", "be below a quarter of the thickness", depth, 0.25 * body.thickness.nominal)
         self.require_engravable()
         deepest = abs(v - g) - h if v >= 0.0 else -h
         require(deepest < depth, "gap_depth", "reach below the margin", deepest, depth)

@@ -10,16 +10,25 @@ from typing import TYPE_CHECKING, Annotated, Any, ClassVar
 from pydantic import BeforeValidator, Field, ValidationError, model_validator
 
 from stepblocks.errors import QuantityError
-from stepblocks.parts.declared import Identity, Material, SourcedDensity, SourcedModulus, SourcedRatio, Table, require
+from stepblocks.parts.characteristics import BREAK, Characteristic, EdgeRule, FaceRule, plane, toleranced
+from stepblocks.parts.declared import (
+    Identity,
+    Material,
+    SourcedDensity,
+    SourcedModulus,
+    SourcedRatio,
+    Table,
+    require_above,
+    require_below,
+)
 from stepblocks.parts.kind import FITTING_DEFLECTION, Finding, HeldPart, MeasuredMesh
-from stepblocks.parts.tolerance import Dimension, Length, PositiveLength
+from stepblocks.parts.revolution import Outline, Point, Turned, sectors
+from stepblocks.parts.tolerance import Length, PositiveLength
 from stepblocks.quantities import format_quantity, parse_quantity
 
 if TYPE_CHECKING:
     from stepblocks.cad import kernel
     from stepblocks.contact.rod.cantilever import Sleeve
-    from stepblocks.parts.characteristics import Characteristic
-    from stepblocks.parts.revolution import Point
 
 # Largest relative difference in mass of two sheaths that are to weigh the same (the paper's sheaths: equal weight)
 MASS_MATCH = 0.01
@@ -88,13 +97,13 @@ def _material(raw: object) -> SheathMaterial:
     )
 
 
-class Sheath(HeldPart):
+class Sheath(Turned, HeldPart):
     """A tube over the shank; its end near the clamp lies at z = 0, its axis is z."""
 
     stanza: ClassVar[str] = "sheath"
     called: ClassVar[str] = "sheath of the probe"
     titled: ClassVar[str] = "Sheath"
-    is_turned: ClassVar[bool] = True
+    governed_by: ClassVar[str] = "bore"
 
     bore: PositiveLength  # inner diameter [m]
     outer_diameter: PositiveLength  # m
@@ -107,11 +116,6 @@ class Sheath(HeldPart):
     def prepared(cls, stanzas: object) -> object:
         """Solve the sheaths that are to weigh as much as another one."""
         return balanced(stanzas)
-
-    @property
-    def governing(self) -> Dimension:
-        """The bore."""
-        return self.bore
 
     @property
     def sleeve(self) -> Sleeve | None:
@@ -142,6 +146,10 @@ class Sheath(HeldPart):
         density = self.material.density
         return density * _volume(wide, small, short, blunt), density * _volume(thin, large, long, max(sharp, 0.0))
 
+    def outlines(self) -> list[Outline]:
+        """Tube."""
+        return [[*self.outline()]]
+
     def outline(self) -> list[Point]:
         """Half section; the near end lies at height 0."""
         bore, outer = 0.5 * self.bore.nominal, 0.5 * self.outer_diameter.nominal
@@ -150,22 +158,8 @@ class Sheath(HeldPart):
             return [(bore, 0.0), (outer, 0.0), (outer, length), (bore, length)]
         return [(bore, 0.0), (outer - c, 0.0), (outer, c), (outer, length - c), (outer - c, length), (bore, length)]
 
-    def solids(self) -> list[kernel.Body]:
-        """Turn it in one piece."""
-        from stepblocks.cad import kernel
-
-        return [kernel.turned(self.outline(), (0.0, 0.0, 0.0))]
-
-    def volumes(self) -> tuple[float, ...]:
-        """By Pappus and Guldin."""
-        from stepblocks.parts.revolution import revolution_volume
-
-        return (revolution_volume([*self.outline()]),)
-
     def hulls(self) -> list[Any]:
         """Sectors."""
-        from stepblocks.parts.revolution import sectors
-
         return sectors(self.outline())
 
     def chordal_error(self, face: kernel.Face) -> float:
@@ -174,8 +168,6 @@ class Sheath(HeldPart):
 
     def characteristics(self) -> Iterator[Characteristic]:
         """Tube, chamfers, and where it sits."""
-        from stepblocks.parts.characteristics import BREAK, EdgeRule, FaceRule, plane, toleranced
-
         bore, outer, broken = self.bore, self.outer_diameter, self.edge_break
         side = FaceRule("CYLINDER", radius=0.5 * outer.nominal)
         yield toleranced("bore", "diameter", bore, FaceRule("CYLINDER", radius=0.5 * bore.nominal), method="pin gauges")
@@ -223,9 +215,9 @@ class Sheath(HeldPart):
     @model_validator(mode="after")
     def _is_possible(self) -> Sheath:
         bore, outer, broken = self.bore.nominal, self.outer_diameter.nominal, self.edge_break.nominal
-        require(outer > bore, "outer_diameter", "exceed bore", bore, outer)
+        require_above("outer_diameter", "exceed bore", outer, bore)
         room = min(self.wall, 0.5 * self.length.nominal)
-        require(broken < room, "edge_break", "be smaller than the wall and half the length", room, broken)
+        require_below("edge_break", "be smaller than the wall and half the length", broken, room)
         return self
 
 

@@ -9,15 +9,15 @@ from typing import TYPE_CHECKING, Any, ClassVar, Literal
 from pydantic import model_validator
 
 from stepblocks.parts.body import Block, Body
-from stepblocks.parts.declared import MaterialField, Table, WorkingFaces, require
+from stepblocks.parts.characteristics import PROFILE, Characteristic, EdgeRule, FaceRule, form_of, plane, toleranced
+from stepblocks.parts.declared import MaterialField, Table, WorkingFaces, require, require_below
 from stepblocks.parts.energy_tolerance import EnergyToleranceField, described, require_energy_tolerance
 from stepblocks.parts.kind import COARSE_DEFLECTION, CONTACT_DEFLECTION, NANOMETRE, Finding, MeasuredMesh, exaggeration
-from stepblocks.parts.tolerance import Dimension, FeltLength, FeltPositiveLength, PositiveLength
+from stepblocks.parts.tolerance import FeltLength, FeltPositiveLength, PositiveLength
 
 if TYPE_CHECKING:
     from stepblocks.cad import kernel
     from stepblocks.contact.counterface import Step
-    from stepblocks.parts.characteristics import Characteristic, FaceRule
 
 _OVER = 1e-3  # how far a cutting body stands out of the block [m]
 
@@ -41,6 +41,8 @@ class StepBlock(Block):
     stanza: ClassVar[str] = "step_block"
     called: ClassVar[str] = "step block"
     titled: ClassVar[str] = "Step block"
+    felt_by: ClassVar[dict[str, str]] = {"height": "height", "edge_radius": "edge_radius"}
+    governed_by: ClassVar[str] = "height"
 
     height: FeltPositiveLength  # H of the step [m]
     edge_radius: FeltLength  # r of the working edge [m]; 0 is sharp
@@ -51,21 +53,11 @@ class StepBlock(Block):
     energy_tolerance: EnergyToleranceField | None = None
     working_faces: WorkingFaces | None = None  # demands on the faces beside the edge, where the file states them
 
-    @property
-    def sizes(self) -> dict[str, Dimension]:
-        """Height and edge radius."""
-        return {"height": self.height, "edge_radius": self.edge_radius}
-
     def sized(self, **sizes: float) -> Step:
         """Return its working edge."""
         from stepblocks.contact.counterface import Step
 
         return Step(sizes["height"], max(sizes["edge_radius"], 0.0))
-
-    @property
-    def governing(self) -> Dimension:
-        """The height."""
-        return self.height
 
     @property
     def rise(self) -> float:
@@ -184,8 +176,6 @@ class StepBlock(Block):
 
     def characteristics(self) -> Iterator[Characteristic]:
         """Step, edge, working faces, groove or ridge, block."""
-        from stepblocks.parts.characteristics import PROFILE, EdgeRule, FaceRule, form_of, plane, toleranced
-
         H, r, half = self.height.nominal, self.edge_radius.nominal, 0.5 * self.body.length.nominal
         lower, upper = plane(2, 0.0, x=-0.5 * half), plane(2, H, x=0.5 * half)
         yield toleranced("step_height", "distance", self.height, lower, upper, method=PROFILE)
@@ -197,8 +187,6 @@ class StepBlock(Block):
         yield from self.body_characteristics(lower)
 
     def _feature_characteristics(self, lower: FaceRule, upper: FaceRule) -> Iterator[Characteristic]:
-        from stepblocks.parts.characteristics import plane, toleranced
-
         H, feature, back = self.height.nominal, self.metrology, 0.5 * self.body.width.nominal
         lane, kind, how = back - 0.5 * feature.lane.nominal, feature.kind, "profilometer, ISO 5436-1 A1"
         side = 1.0 if kind == "groove" else -1.0
@@ -247,13 +235,7 @@ class StepBlock(Block):
             body.edge_break.nominal,
             height,
         )
-        require(
-            height < 0.5 * body.thickness.nominal,
-            "height",
-            "be below half the thickness",
-            0.5 * body.thickness.nominal,
-            height,
-        )
+        require_below("height", "be below half the thickness", height, 0.5 * body.thickness.nominal)
         room = 0.5 * body.length.nominal - body.edge_break.nominal
         reach = feature.distance.nominal + 2.0 * feature.width.nominal
         require(reach <= room, "metrology.width", "leave a plane face of its own width on either side", room, reach)
@@ -275,11 +257,5 @@ class StepBlock(Block):
                 feature.lane.nominal,
             )
         self.require_engravable()
-        require(
-            feature.lane.nominal < half,
-            "metrology.lane",
-            "leave half the width to the drag",
-            half,
-            feature.lane.nominal,
-        )
+        require_below("metrology.lane", "leave half the width to the drag", feature.lane.nominal, half)
         return self

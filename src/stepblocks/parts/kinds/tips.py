@@ -7,28 +7,30 @@ import math
 from collections.abc import Iterator
 from typing import TYPE_CHECKING, Any, ClassVar
 
+import numpy as np
 from pydantic import model_validator
 
-from stepblocks.parts.declared import MaterialField, require
+from stepblocks.parts.characteristics import Characteristic, EdgeRule, FaceRule, doubled, plane, toleranced
+from stepblocks.parts.declared import MaterialField, require, require_above
 from stepblocks.parts.energy_tolerance import EnergyToleranceField, described, require_energy_tolerance
 from stepblocks.parts.kind import COARSE_DEFLECTION, CONTACT_DEFLECTION, Finding, HeldPart, MeasuredMesh
-from stepblocks.parts.tolerance import Angle, Dimension, FeltPositiveLength, PositiveLength
+from stepblocks.parts.revolution import Outline, Point3, Turned, revolution_volume, ring, turned_hull
+from stepblocks.parts.shapes import hull
+from stepblocks.parts.tolerance import Angle, FeltPositiveLength, PositiveLength
 from stepblocks.quantities import format_quantity
 
 if TYPE_CHECKING:
     from stepblocks.cad import kernel
-    from stepblocks.parts.characteristics import Characteristic
-    from stepblocks.parts.revolution import Outline, Point3
 
 SPHERE_LIMIT = 0.1e-6  # radius, form and chordal error of the contact sphere [m]
 _BEND_PIECES = 24
 
 
-class Tip(HeldPart):
+class Tip(Turned, HeldPart):
     """What both forms share. The ball touches the origin from above: its centre lies at z = R, the cone widens upwards."""
 
     titled: ClassVar[str] = "Probe tip"
-    is_turned: ClassVar[bool] = True
+    governed_by: ClassVar[str] = "ball_radius"
 
     ball_radius: FeltPositiveLength  # R of the contact sphere [m]
     cone_angle: Angle  # half angle of the cone, tangent to the ball [rad]
@@ -36,16 +38,6 @@ class Tip(HeldPart):
     material: MaterialField
     # of the vibration energy on the steps of the set, where the ball's tolerance shall follow from it
     energy_tolerance: EnergyToleranceField | None = None
-
-    @property
-    def ball(self) -> Dimension | None:
-        """Its own."""
-        return self.ball_radius
-
-    @property
-    def governing(self) -> Dimension:
-        """The radius of the ball."""
-        return self.ball_radius
 
     @property
     def cone_start(self) -> tuple[float, float]:
@@ -66,14 +58,16 @@ class Tip(HeldPart):
         bow = R * math.sin(middle), R * (1.0 - math.cos(middle))
         return [(0.0, 0.0), (bow, self.cone_start), (self.shank_radius.nominal, self.cone_end), (0.0, self.cone_end)]
 
+    def outlines(self) -> list[Outline]:
+        """Return the whole, or the head of a hook."""
+        return [self.outline()]
+
     def chordal_error(self, face: kernel.Face) -> float:
         """Finest on the ball."""
         return CONTACT_DEFLECTION if face.kind == "SPHERE" else COARSE_DEFLECTION
 
     def characteristics(self) -> Iterator[Characteristic]:
         """Ball, shank and cone."""
-        from stepblocks.parts.characteristics import FaceRule, doubled, toleranced
-
         how = "microscope or interferometer, sphere fit"
         ball = FaceRule("SPHERE", radius=self.ball_radius.nominal)
         yield toleranced("ball_radius", "radius", self.ball_radius, ball, method=how)
@@ -124,28 +118,12 @@ class StraightTip(Tip):
         end = self.length.nominal
         return [*super().outline()[:-1], (self.shank_radius.nominal, end), (0.0, end)]
 
-    def solids(self) -> list[kernel.Body]:
-        """Turn it in one piece."""
-        from stepblocks.cad import kernel
-
-        return [kernel.turned(self.outline(), (0.0, 0.0, 0.0))]
-
-    def volumes(self) -> tuple[float, ...]:
-        """By Pappus and Guldin."""
-        from stepblocks.parts.revolution import revolution_volume
-
-        return (revolution_volume(self.outline()),)
-
     def hulls(self) -> list[Any]:
         """Turn it whole: it is convex."""
-        from stepblocks.parts.revolution import turned_hull
-
         return [turned_hull(self.outline())]
 
     def characteristics(self) -> Iterator[Characteristic]:
         """Ball, shank, cone and length."""
-        from stepblocks.parts.characteristics import FaceRule, plane, toleranced
-
         yield from super().characteristics()
         at = plane(2, self.length.nominal), FaceRule("SPHERE", radius=self.ball_radius.nominal)
         yield toleranced("length", "distance", self.length, *at, label="length from the contact point")
@@ -153,7 +131,7 @@ class StraightTip(Tip):
     @model_validator(mode="after")
     def _has_a_shank(self) -> StraightTip:
         end, length = self.cone_end, self.length.nominal
-        require(length > end, "length", "exceed the end of the cone", end, length)
+        require_above("length", "exceed the end of the cone", length, end)
         return self
 
 
@@ -184,19 +162,12 @@ class HookTip(Tip):
 
     def volumes(self) -> tuple[float, ...]:
         """Add a turned head, a torus by Pappus, and a cylinder."""
-        from stepblocks.parts.revolution import revolution_volume
-
         wire = math.pi * self.shank_radius.nominal**2
         bend = wire * self.bend_radius.nominal * self.bend_angle.nominal
         return (revolution_volume(self.outline()) + bend + wire * self.straight_length.nominal,)
 
     def hulls(self) -> list[Any]:
         """Head, slices of the bend, shank."""
-        import numpy as np
-
-        from stepblocks.parts.revolution import ring, turned_hull
-        from stepblocks.parts.shapes import hull
-
         top, bend, angle = self.cone_end, self.bend_radius.nominal, self.bend_angle.nominal
 
         def section(turn: float, along: float = 0.0) -> list[Point3]:
@@ -213,8 +184,6 @@ class HookTip(Tip):
 
     def characteristics(self) -> Iterator[Characteristic]:
         """Ball, wire, cone and bend."""
-        from stepblocks.parts.characteristics import EdgeRule, FaceRule, plane, toleranced
-
         yield from super().characteristics()
         angle, bend, straight = self.bend_angle.nominal, self.bend_radius.nominal, self.straight_length.nominal
         wire, cone, ring = FaceRule("CYLINDER", radius=self.shank_radius.nominal), FaceRule("CONE"), FaceRule("TORUS")
@@ -231,7 +200,7 @@ class HookTip(Tip):
         if self.bend_angle.nominal <= 0.0:
             raise ValueError("bend_angle must be above 0 deg, got 0 deg")
         shank, bend = self.shank_radius.nominal, self.bend_radius.nominal
-        require(bend > shank, "bend_radius", "exceed shank_radius", shank, bend)
+        require_above("bend_radius", "exceed shank_radius", bend, shank)
         angle, straight = self.bend_angle.nominal, self.straight_length.nominal
         end = self.cone_end + bend * math.sin(angle) + straight * math.cos(angle)
         lowest = end - shank * math.sin(angle)
