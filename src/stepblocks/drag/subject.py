@@ -5,8 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from pathlib import Path
 
-from stepblocks.contact.counterface import Margin
-from stepblocks.contact.critical_angle import bevelled_margin_angles
+from stepblocks.contact.counterface import Counterface, Margin, Step
 from stepblocks.contact.path.catches import Direction, steepest
 from stepblocks.contact.path.profile import profile_path
 from stepblocks.contact.path.reference import rounded_step_profile
@@ -15,9 +14,6 @@ from stepblocks.declare import load_declared
 from stepblocks.drag.track import Track, margin_track, step_track, track_of
 from stepblocks.errors import ContactError, PipelineError, QuantityError
 from stepblocks.parts.kind import Part
-from stepblocks.parts.kinds.sheath import Sheath
-from stepblocks.parts.kinds.step_block import StepBlock
-from stepblocks.parts.kinds.tips import HookTip, StraightTip
 from stepblocks.parts.set import StimulusSet
 from stepblocks.quantities import format_quantity, parse_quantity
 from stepblocks.select import stimulus_files
@@ -73,40 +69,34 @@ def declared_subject(
     if "edge_radius" in given:
         raise PipelineError(f"--edge-radius is for a plain step; a stimulus declares its own {place}")
     values = _PAPER | {"load": grid.normal_loads[0], "friction": grid.frictions[0], "stiffness": grid.tool.stiffness}
-    if isinstance(stimulus, StraightTip | HookTip):
-        if "tip_radius" in given:
-            raise PipelineError(f"--tip-radius must not be given for a tip, it declares its own {place}")
-        values |= {"tip_radius": stimulus.ball_radius.nominal, "step_height": grid.step_heights[0]} | given
-        track, angle = _step(values["step_height"], 0.0, values["tip_radius"], backward)
-        over = f"{stimulus.id} over a step of {format_quantity(values['step_height'], 'length')}"
-        return DragSubject(over, track, angle, values)
-    if isinstance(stimulus, Sheath):
-        values |= {"tip_radius": grid.tip_radii[0], "step_height": grid.step_heights[0]}
-        values |= _ring_in(stimuli, stimulus) | given
-        track, angle = _step(values["step_height"], 0.0, values["tip_radius"], backward)
-        over = f"probe in {stimulus.id} over a step of {format_quantity(values['step_height'], 'length')}"
-        return DragSubject(over, track, angle, values)
-    if "step_height" in given:
+    if stimulus.ball is not None and "tip_radius" in given:
+        raise PipelineError(f"--tip-radius must not be given for a tip, it declares its own {place}")
+    if stimulus.crossed and "step_height" in given:
         raise PipelineError(f"--step-height is for a declared tip; a block declares its own {place}")
-    values |= {"tip_radius": grid.tip_radii[0]} | given
-    ball = values["tip_radius"]
-    if isinstance(stimulus, StepBlock):
-        track, angle = _step(stimulus.height.nominal, stimulus.edge_radius.nominal, ball, backward)
-        return DragSubject(stimulus.id, track, angle, values)
-    margin = stimulus.counterface()
-    assert isinstance(margin, Margin)
-    sizes = margin.gap, margin.opening, margin.rise
-    angle = bevelled_margin_angles(*sizes, ball)[backward]
-    way = "crown-to-tooth" if backward else "tooth-to-crown"
-    return DragSubject(f"{stimulus.id}, {way}", margin_track(*sizes, ball, backward=backward), angle, values)
+    ring = stimuli.ring_of(stimulus)
+    if ring is not None:
+        values |= {"stiffness": ring.stiffness, "frequency": ring.frequency, "damping_ratio": 0.5 * ring.loss_factor}
+    values["tip_radius"] = grid.tip_radii[0] if stimulus.ball is None else stimulus.ball.nominal
+    if not stimulus.crossed:
+        values["step_height"] = grid.step_heights[0]
+    values |= given
+    face = stimulus.counterface(values.get("step_height"))
+    track, angle = _over(face, values["tip_radius"], backward)
+    name = stimulus.id if stimulus.sleeve is None else f"probe in {stimulus.id}"
+    if not stimulus.crossed:
+        name += f" over a step of {format_quantity(values['step_height'], 'length')}"
+    elif len(face.ways) > 1:
+        name += f", {face.ways[backward]}"
+    return DragSubject(name, track, angle, values)
 
 
-def _ring_in(stimuli: StimulusSet, sheath: Sheath) -> dict[str, float]:
-    """Return stiffness, frequency and damping ratio of the probe with a sheath on its shank."""
-    ring = stimuli.ring_of(sheath)
-    if ring is None:
-        return {}
-    return {"stiffness": ring.stiffness, "frequency": ring.frequency, "damping_ratio": 0.5 * ring.loss_factor}
+def _over(face: Counterface, ball: float, backward: bool) -> tuple[Track, float]:
+    if isinstance(face, Step):
+        return _step(face.height, face.edge_radius, ball, backward)
+    angle = float(face.angles(ball)[backward])
+    if isinstance(face, Margin):
+        return margin_track(face.gap, face.opening, face.rise, ball, backward=backward), angle
+    return track_of(*face.section(4.0 * ball), Ball(ball), backward=backward), angle
 
 
 def _step(height: float, edge_radius: float, ball: float, backward: bool) -> tuple[Track, float]:

@@ -13,10 +13,10 @@ from stepblocks.drag.ring import ring_of
 from stepblocks.drag.simulate import drag
 from stepblocks.drag.subject import declared_subject
 from stepblocks.errors import PipelineError
-from stepblocks.parts.kinds.sheath import Sheath
-from stepblocks.parts.kinds.tips import HookTip, StraightTip
 from stepblocks.parts.set import StimulusSet, with_energy_tolerances
 from stepblocks.predict.predictions import Prediction, predict_set
+
+_BACKWARD = ("crown-to-tooth", "backward")
 
 
 def predict_set_in_time(stimuli: StimulusSet, speed: float) -> Iterator[Prediction]:
@@ -31,11 +31,11 @@ def predict_set_in_time(stimuli: StimulusSet, speed: float) -> Iterator[Predicti
             continue
         stimulus = known[one.stimulus]
         given = {"load": one.normal_load, "friction": one.friction}
-        if isinstance(stimulus, StraightTip | HookTip | Sheath):
+        if not stimulus.crossed:
             given["step_height"] = one.step_height
-        if not isinstance(stimulus, StraightTip | HookTip):
+        if stimulus.ball is None:
             given["tip_radius"] = one.tip_radius
-        subject = declared_subject(stimuli, stimulus, given, one.drag == "crown-to-tooth")
+        subject = declared_subject(stimuli, stimulus, given, one.drag in _BACKWARD)
         values = subject.values
         probe = probe_of_frequency(
             values["frequency"], one.tip_radius, values["stiffness"], damping_ratio=values["damping_ratio"]

@@ -6,15 +6,11 @@ import math
 from pathlib import Path
 from typing import Any
 
+from stepblocks.contact.counterface import Margin, Step
 from stepblocks.declare import load_declared
 from stepblocks.errors import PipelineError
 from stepblocks.parts.conditions import PredictionGrid
 from stepblocks.parts.kind import Part
-from stepblocks.parts.kinds.crown_on_tooth import CrownOnTooth
-from stepblocks.parts.kinds.margin_block import MarginBlock
-from stepblocks.parts.kinds.sheath import Sheath
-from stepblocks.parts.kinds.step_block import StepBlock
-from stepblocks.parts.tolerance import Dimension
 
 
 def stimuli_of(path: Path, wanted: Any, tolerances: bool) -> tuple[str, list[dict[str, Any]], PredictionGrid]:
@@ -23,9 +19,7 @@ def stimuli_of(path: Path, wanted: Any, tolerances: bool) -> tuple[str, list[dic
     known = {stimulus.id: stimulus for stimulus in declared.stimuli}
     chosen: list[Part]
     if wanted is None:
-        chosen = [
-            stimulus for stimulus in known.values() if isinstance(stimulus, StepBlock | MarginBlock | CrownOnTooth)
-        ]
+        chosen = [stimulus for stimulus in known.values() if stimulus.crossed]
     else:
         if not isinstance(wanted, list) or not wanted or not all(isinstance(name, str) for name in wanted):
             raise PipelineError(f"stimulus must be a list of identities, got {wanted!r} [parameters]")
@@ -42,6 +36,8 @@ def stimuli_of(path: Path, wanted: Any, tolerances: bool) -> tuple[str, list[dic
     if surface in ("tip", "sheath"):
         other = "tips as tip_radius" if surface == "tip" else "what a sheath makes of the probe as stiffness"
         raise PipelineError(f"a sweep goes over blocks or crowns; give {other} [parameters]")
+    if surface not in ("step", "margin"):
+        raise PipelineError(f"a sweep goes over blocks or crowns, got a {surface} in {path}")
     return surface, [_axis_point(stimulus, tolerances) for stimulus in chosen], declared.prediction
 
 
@@ -60,26 +56,18 @@ def setting_of(grid: PredictionGrid) -> tuple[dict[str, list[float]], dict[str, 
     return values, {n: v for n, v in plain.items() if v > 0.0}, {n: v for n, v in shares.items() if v > 0.0}
 
 
-def _surface(stimulus: Part) -> str:
-    match stimulus:
-        case StepBlock():
-            return "step"
-        case MarginBlock() | CrownOnTooth():
-            return "margin"
-        case Sheath():
-            return "sheath"
-        case _:
-            return "tip"
+def _surface(part: Part) -> str:
+    if not part.crossed:
+        return "sheath" if part.ball is None else "tip"
+    return {Step: "step", Margin: "margin"}.get(type(part.counterface()), part.called)
+
+
+# What a sweep calls the dimensions of a margin
+_AXES = {"gap": "marginal_gap", "rise": "horizontal_discrepancy", "opening": "vertical_discrepancy"}
 
 
 def _axis_point(stimulus: Part, tolerances: bool) -> dict[str, Any]:
-    if isinstance(stimulus, StepBlock):
-        named: dict[str, Dimension] = {"height": stimulus.height, "edge_radius": stimulus.edge_radius}
-    else:
-        assert isinstance(stimulus, MarginBlock | CrownOnTooth)
-        named = {"marginal_gap": stimulus.marginal_gap, "horizontal_discrepancy": stimulus.horizontal_discrepancy}
-        if stimulus.vertical_discrepancy is not None:
-            named["vertical_discrepancy"] = stimulus.vertical_discrepancy
+    named = {_AXES.get(name, name): one for name, one in stimulus.sizes.items()}
     if not tolerances:
         return {"id": stimulus.id, "values": {name: one.nominal for name, one in named.items()}, "spreads": {}}
     values = {name: one.nominal + 0.5 * (one.upper + one.lower) for name, one in named.items()}

@@ -10,6 +10,7 @@ from stepblocks.artefacts.numbers import limits_text
 from stepblocks.parts.characteristics import Characteristic
 from stepblocks.parts.kinds.crown_on_tooth import CrownOnTooth
 from stepblocks.parts.kinds.tips import HookTip, StraightTip
+from stepblocks.parts.revolution import Turned
 from stepblocks.workshop.drawing.block_views import round_scale
 from stepblocks.workshop.drawing.sheet import Point, Sheet
 
@@ -112,6 +113,32 @@ def _ball(sheet: Sheet, tip: StraightTip | HookTip, numbered: Numbered) -> None:
     tipped = (cx - 40.0 + R * 1e3 * s * (1.0 - math.cos(1.0)), cy + R * 1e3 * s * math.sin(1.0))
     sheet.leader(tipped, (cx - 34.0, cy + 40.0), f"SR {limits_text(one.nominal, one.lower, one.upper)}", number)
     sheet.text((cx - 20.0, cy - 40.0), f"ball {s:g}:1", 2.5, "BOTTOM_CENTER")
+
+
+def turned_views(sheet: Sheet, part: Turned, numbered: Numbered) -> list[str]:
+    """Draw the half sections of any turned part, mirrored, its axis along the sheet; return the lines of its notes."""
+    outlines = [list(_flattened(outline)) for outline in part.outlines()]
+    low, high = (chosen(z for outline in outlines for _, z in outline) for chosen in (min, max))
+    widest = max(r for outline in outlines for r, _ in outline)
+    s = round_scale(min(150.0 / (1e3 * (high - low)), 45.0 / (1e3 * widest)))
+    left, cy = 50.0, 190.0
+
+    def at(height: float, radius: float) -> Point:
+        return left + (height - low) * 1e3 * s, cy + radius * 1e3 * s
+
+    for outline in outlines:
+        for side in (1.0, -1.0):
+            sheet.polyline([at(z, side * r) for r, z in outline])
+    sheet.line((left - 5.0, cy), (at(high, 0.0)[0] + 5.0, cy), "CENTRE")
+    for key, ends, base, angle in (
+        ("length", (at(low, -widest), at(high, -widest)), (left, at(0.0, -widest)[1] - 14.0), 0.0),
+        ("diameter", (at(low, -widest), at(low, widest)), (left - 14.0, cy), 90.0),
+    ):
+        if key in numbered:
+            number, one = numbered[key]
+            sheet.dimension(number, one, *ends, base, s, angle)
+    sheet.text((left, at(0.0, -widest)[1] - 26.0), f"section {s:g}:1", 2.5)
+    return []
 
 
 def crown_views(sheet: Sheet, margin: CrownOnTooth, numbered: Numbered) -> list[str]:

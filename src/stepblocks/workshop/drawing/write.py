@@ -12,11 +12,8 @@ from stepblocks.atomic import beside
 from stepblocks.errors import MachiningError
 from stepblocks.parts.characteristics import Characteristic, characteristics_of
 from stepblocks.parts.kind import Part
-from stepblocks.parts.kinds.crown_on_tooth import CrownOnTooth
-from stepblocks.parts.kinds.margin_block import MarginBlock
-from stepblocks.parts.kinds.sheath import Sheath
 from stepblocks.parts.kinds.step_block import StepBlock
-from stepblocks.parts.kinds.tips import HookTip, StraightTip
+from stepblocks.parts.revolution import Turned
 from stepblocks.workshop.drawing.lettering_font import shipped_fonts
 from stepblocks.workshop.gauge_route import GaugePair
 
@@ -80,22 +77,23 @@ def _register_classes(document: Any) -> None:
 
 def _drawn(stimulus: Part, listed: list[Characteristic], numbered: dict[str, tuple[int, Characteristic]]) -> Any:
     from stepblocks.workshop.drawing.block_views import margin_block_views, step_block_views
-    from stepblocks.workshop.drawing.round_views import crown_views, tip_views
+    from stepblocks.workshop.drawing.round_views import crown_views, tip_views, turned_views
     from stepblocks.workshop.drawing.sheath_views import sheath_views
     from stepblocks.workshop.drawing.sheet import Sheet
 
+    views: dict[str, Callable[[Any, Any, Any], list[str]]] = {
+        "step_block": step_block_views,
+        "margin_block": margin_block_views,
+        "crown_on_tooth": crown_views,
+        "straight_tip": tip_views,
+        "hook_tip": tip_views,
+        "sheath": sheath_views,
+    }
     sheet = Sheet()
-    match stimulus:
-        case StepBlock():
-            notes = step_block_views(sheet, stimulus, numbered)
-        case MarginBlock():
-            notes = margin_block_views(sheet, stimulus, numbered)
-        case CrownOnTooth():
-            notes = crown_views(sheet, stimulus, numbered)
-        case StraightTip() | HookTip():
-            notes = tip_views(sheet, stimulus, numbered)
-        case Sheath():
-            notes = sheath_views(sheet, stimulus, numbered)
+    if stimulus.stanza in views:
+        notes = views[stimulus.stanza](sheet, stimulus, numbered)
+    else:  # a kind without views of its own: its half sections where it is turned, all else in words
+        notes = turned_views(sheet, stimulus, numbered) if isinstance(stimulus, Turned) else []
     # what no view shows is said in words, with its number
     lines = [f"{number}  {one.label}: {_note(one)}" for number, one in numbered.values() if number not in sheet.numbers]
     demands, said = stimulus.face_demands, " (by default)"
