@@ -34,7 +34,8 @@ def interval_over(grid: PredictionGrid, part: Part, step_height: float | None, b
         if part.crossed
         else part.counterface(step_height)
     )
-    widths = {name: _half(one) for name, one in part.sizes.items()}
+    # a profile without a closed form is taken as known; its corners still stand beside the interval
+    widths = {name: _half(one) for name, one in part.sizes.items() if name in face.dimensions}
 
     def felt(friction: float, load: float) -> Interval:
         setting = {

@@ -8,6 +8,7 @@ from typing import Any
 
 from stepblocks.artefacts.numbers import limits_text
 from stepblocks.parts.characteristics import Characteristic
+from stepblocks.parts.kind import Part
 from stepblocks.parts.kinds.crown_on_tooth import CrownOnTooth
 from stepblocks.parts.kinds.tips import HookTip, StraightTip
 from stepblocks.parts.revolution import Turned
@@ -130,15 +131,28 @@ def turned_views(sheet: Sheet, part: Turned, numbered: Numbered) -> list[str]:
         for side in (1.0, -1.0):
             sheet.polyline([at(z, side * r) for r, z in outline])
     sheet.line((left - 5.0, cy), (at(high, 0.0)[0] + 5.0, cy), "CENTRE")
-    for key, ends, base, angle in (
-        ("length", (at(low, -widest), at(high, -widest)), (left, at(0.0, -widest)[1] - 14.0), 0.0),
-        ("diameter", (at(low, -widest), at(low, widest)), (left - 14.0, cy), 90.0),
-    ):
-        if key in numbered:
-            number, one = numbered[key]
-            sheet.dimension(number, one, *ends, base, s, angle)
-    sheet.text((left, at(0.0, -widest)[1] - 26.0), f"section {s:g}:1", 2.5)
+    base = at(low, -widest)[1] - 14.0
+    if "length" in numbered:
+        number, one = numbered["length"]
+        sheet.dimension(number, one, at(low, -widest), at(low + one.nominal, -widest), (left, base), s)
+    if "diameter" in numbered:
+        number, one = numbered["diameter"]
+        half = 0.5 * one.nominal
+        sheet.dimension(number, one, at(low, -half), at(low, half), (left - 14.0, cy), s, 90.0)
+    sheet.text((left, base - 12.0), f"section {s:g}:1", 2.5)
+    if part.crossed:
+        _surface(sheet, part)
     return []
+
+
+def _surface(sheet: Sheet, part: Part) -> None:
+    """Draw what a tip meets, enlarged."""
+    edges = part.counterface().breakpoints
+    span = max(edges[-1] - edges[0], 10e-6)
+    x, z = part.counterface().section(span)
+    s = round_scale(30.0 / (span * 1e3))
+    sheet.polyline([(290.0 + (u - edges[0]) * 1e3 * s, 225.0 + v * 1e3 * s) for u, v in zip(x, z, strict=True)])
+    sheet.text((310.0, 180.0), f"along the drag {s:g}:1", 2.5, "BOTTOM_CENTER")
 
 
 def crown_views(sheet: Sheet, margin: CrownOnTooth, numbered: Numbered) -> list[str]:
