@@ -20,7 +20,7 @@ import numpy as np
 from stepblocks.contact.critical_angle import step_angle
 from stepblocks.contact.energy import release_at
 from stepblocks.drag.model import PAPER_DRAG, DragSettings
-from stepblocks.drag.simulate import drag
+from stepblocks.drag.simulate import simulate
 from stepblocks.drag.track import step_track
 
 R = 125e-6
@@ -86,10 +86,10 @@ def our_drag(
     """Seconds spent, peak force [N] and seconds simulated."""
     settings = DragSettings(load, mu, speed=speed, lead=LEAD, ring_time=RING, sample_rate=5e3, resolution=resolution)
     track = step_track(height, R)
-    drag(track, CONTACTS[contact], settings)
+    simulate(track, CONTACTS[contact], settings)
     begin = time.process_time()
     for _ in range(repeats):
-        trace = drag(track, CONTACTS[contact], settings)
+        trace = simulate(track, CONTACTS[contact], settings)
     return (time.process_time() - begin) / repeats, trace.peak_force, float(trace.column("time_s")[-1])
 
 

@@ -16,21 +16,21 @@ from stepblocks.contact.critical_angle import step_angle
 from stepblocks.contact.energy import Status, release_at
 from stepblocks.contact.operating_point import PAPER
 from stepblocks.drag.conversion import conversion_map
-from stepblocks.drag.model import PAPER_DRAG, DragSettings, Probe, probe_of_frequency
+from stepblocks.drag.model import PAPER_DRAG, DragSettings, Probe
 from stepblocks.drag.ring import RING_BAND, band_share, phase_spectrum, ring_of
-from stepblocks.drag.simulate import DragTrace, drag
+from stepblocks.drag.simulate import DragTrace, simulate
 from stepblocks.drag.track import step_track
 from stepblocks.predict.margin_map import margin_map
 
 R = 125e-6
-LIGHT = probe_of_frequency(300.0, R, damping_ratio=0.01)
-ROD = probe_of_frequency(300.0, R, damping_ratio=0.033, normal_stiffness=9.81e3, carrier_mass=20e-3)
+LIGHT = replace(PAPER_DRAG, damping_ratio=0.01)
+ROD = replace(PAPER_DRAG, damping_ratio=0.033, normal_stiffness=9.81e3, carrier_mass=20e-3)
 """A round rod bends alike in both directions: as stiff along the normal, under 10 g of weight and 10 g of holder."""
 CASES = [(25e-6, 1.0, 0.15), (50e-6, 0.5, 0.15), (75e-6, 0.2, 0.15), (75e-6, 0.4, 0.15), (100e-6, 0.075, 0.10)]
 
 
 def row(name: str, probe: Probe, height: float, load: float, mu: float, **friction: float) -> DragTrace:
-    trace = drag(step_track(height, R), probe, DragSettings(load, mu, speed=5e-3, **friction))
+    trace = simulate(step_track(height, R), probe, DragSettings(load, mu, speed=5e-3, **friction))
     formula = release_at(step_angle(height, R), load, friction.get("static_friction", mu))
     if trace.status is not Status.RELEASES:
         print(f"| {name} | {height * 1e6:.0f} | {load:g} | {mu:g} | {trace.status} | | | | | | | | |")
@@ -70,7 +70,7 @@ def where_it_goes() -> None:
     print("| H um | stored | lift | rings (E_v) | other: friction, contact and damping in the slip | share |")
     print("|---|---|---|---|---|---|")
     for height in (10e-6, 25e-6, 50e-6, 75e-6):
-        trace = drag(step_track(height, R), PAPER_DRAG, DragSettings(1.0, 0.15, speed=5e-3))
+        trace = simulate(step_track(height, R), PAPER_DRAG, DragSettings(1.0, 0.15, speed=5e-3))
         ring = ring_of(trace)
         time, y = trace.column("time_s"), trace.column("y_m")
         climbed = height - float(np.interp(trace.release_time, time, y))

@@ -13,7 +13,7 @@ from stepblocks.contact.critical_angle import step_angle
 from stepblocks.contact.energy import Status, release_at
 from stepblocks.declare import load_set
 from stepblocks.drag.model import PAPER_DRAG, DragSettings
-from stepblocks.drag.simulate import drag
+from stepblocks.drag.simulate import simulate
 from stepblocks.drag.subject import subject_of
 from stepblocks.errors import ContactError, PipelineError
 from stepblocks.predict.predictions import predict_set
@@ -142,7 +142,7 @@ def test_a_crown_margin_is_dragged_over_in_either_direction(name):
         release = angles[way]
         assert way in subject.name
         assert subject.angle == pytest.approx(release.angle, rel=1e-12)
-        trace = drag(subject.track, PAPER_DRAG, DragSettings(1.0, 0.15, speed=2e-3, ring_time=1e-3))
+        trace = simulate(subject.track, PAPER_DRAG, DragSettings(1.0, 0.15, speed=2e-3, ring_time=1e-3))
         assert trace.status == release.status
         if release.status is Status.RELEASES:
             # steel gives 0.7 um under 1 N, and the blow of the edge adds v sqrt(k m) = 10 mN
@@ -199,7 +199,7 @@ def test_points_at_any_distance_are_the_same_profile(tmp_path):
     for name, points in (("few", corners), ("many", sorted(corners + extra, key=lambda p: p[0]))):
         pd.DataFrame(points, columns=["x_um", "z_um"]).to_csv(tmp_path / f"{name}.csv", index=False)
         subject = subject_of(str(tmp_path / f"{name}.csv"), {}, False, None)
-        summaries.append((subject.angle, drag(subject.track, PAPER_DRAG, DragSettings(0.5, 0.15)).peak_force))
+        summaries.append((subject.angle, simulate(subject.track, PAPER_DRAG, DragSettings(0.5, 0.15)).peak_force))
     assert summaries[0] == pytest.approx(summaries[1], rel=1e-6)
 
 

@@ -10,7 +10,7 @@ from stepblocks.contact.energy import Release, Status
 from stepblocks.contact.uncertainty import Interval
 from stepblocks.drag.model import DragSettings, probe_of_frequency
 from stepblocks.drag.ring import ring_of
-from stepblocks.drag.simulate import drag
+from stepblocks.drag.simulate import simulate
 from stepblocks.drag.subject import declared_subject
 from stepblocks.errors import PipelineError
 from stepblocks.parts.kinds.sheath import Sheath
@@ -40,7 +40,7 @@ def predict_set_in_time(stimuli: StimulusSet, speed: float) -> Iterator[Predicti
         probe = probe_of_frequency(
             values["frequency"], one.tip_radius, values["stiffness"], damping_ratio=values["damping_ratio"]
         )
-        trace = drag(subject.track, probe, DragSettings(one.normal_load, one.friction, speed=speed))
+        trace = simulate(subject.track, probe, DragSettings(one.normal_load, one.friction, speed=speed))
         share = ring_of(trace, spectra=False).share if trace.status is Status.RELEASES else 0.0
         factor = share / stimuli.prediction.tool.conversion
         yield replace(

@@ -124,7 +124,7 @@ def _angle(inputs: dict[str, float]) -> float:
 def _dragged(inputs: dict[str, float], status: Status) -> dict[str, Any]:
     from stepblocks.drag.model import DragSettings, probe_of_frequency
     from stepblocks.drag.ring import ring_of
-    from stepblocks.drag.simulate import drag
+    from stepblocks.drag.simulate import simulate
     from stepblocks.drag.track import margin_track, step_track
 
     if status in (Status.TOO_HIGH, Status.NO_CATCH):
@@ -135,7 +135,7 @@ def _dragged(inputs: dict[str, float], status: Status) -> dict[str, Any]:
         track = step_track(inputs["height"], ball, inputs["edge_radius"])
     else:
         track = margin_track(*_margin(inputs), ball, backward=bool(inputs["direction"]))
-    trace = drag(track, probe, DragSettings(inputs["normal_load"], inputs["friction"], speed=inputs["speed"]))
+    trace = simulate(track, probe, DragSettings(inputs["normal_load"], inputs["friction"], speed=inputs["speed"]))
     result: dict[str, Any] = {"drag_status": str(trace.status), "drag_ledger_error": trace.ledger_error}
     if trace.status is Status.RELEASES:
         ring = ring_of(trace, spectra=False)
