@@ -220,7 +220,9 @@ class Profile(Counterface):
 
     def __post_init__(self) -> None:
         if self.x.ndim != 1 or self.x.shape != self.z.shape:
-            raise ContactError(f"profile needs x and z of one equal length, got shapes {self.x.shape} and {self.z.shape}")
+            raise ContactError(
+                f"profile needs x and z of one equal length, got shapes {self.x.shape} and {self.z.shape}"
+            )
         if self.x.size < 2:
             raise ContactError(f"profile needs at least 2 points, got {self.x.size}")
 

@@ -26,6 +26,7 @@ if TYPE_CHECKING:
     import pandas as pd
 
 _OF_SUBJECT = ("tip_radius", "edge_radius", "step_height", "load", "friction", "stiffness", "frequency")
+_OF_SETTINGS: tuple[str, ...] = ("static_friction", "ring_time", "sample_rate", "speed")
 _GUIDE_DAMPING = 20.0  # of a pulled handle [N s/m]; assumed
 
 
@@ -97,7 +98,9 @@ class Drag:
         from html import escape
 
         rows = {name: value for name, value in self.summary.items() if not isinstance(value, dict)}
-        cells = "".join(f"<tr><th>{escape(name)}</th><td>{escape(str(value))}</td></tr>" for name, value in rows.items())
+        cells = "".join(
+            f"<tr><th>{escape(name)}</th><td>{escape(str(value))}</td></tr>" for name, value in rows.items()
+        )
         return f"<table>{cells}</table>"
 
 
@@ -169,7 +172,7 @@ def drag_from_options(
     for name in ("pull", "speed"):
         if given.get(name, 1.0) <= 0.0:
             raise PipelineError(f"--{name} must be positive, got {options[name][0]}")
-    settings = {name: given[name] for name in ("static_friction", "ring_time", "sample_rate", "speed") if name in given}
+    settings = {name: given[name] for name in _OF_SETTINGS if name in given}
     if pull := given.get("pull"):
         settings |= {"speed": 0.0, "pulling_force": pull, "handle_mass": given["handle_mass"]}
         settings["handle_damping"] = _GUIDE_DAMPING

@@ -48,9 +48,7 @@ def subject_of(
     return Subject(f"a step of {format_quantity(height, 'length')}", face, _changed(PAPER, values), backward)
 
 
-def declared_subject(
-    stimuli: StimulusSet, part: Part, values: Mapping[str, float], backward: bool = False
-) -> Subject:
+def declared_subject(stimuli: StimulusSet, part: Part, values: Mapping[str, float], backward: bool = False) -> Subject:
     """Drag over a part, or with it, under the first tip, load, friction and step of its set unless `values` differ."""
     grid, place = stimuli.grid_of(part), f"[{stimuli.name}/{part.id}]"
     if "edge_radius" in values:

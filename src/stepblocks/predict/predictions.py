@@ -80,10 +80,12 @@ def predictions_of(stimuli: StimulusSet) -> Iterator[Prediction]:
         tool = tool_of(grid)
         if ring is not None:
             tool = replace(tool, frequency=ring.frequency, decay_time=ring.decay_time)
-        balls = [_tip(grid, radius) for radius in grid.tip_radii] if part.ball is None else [part.ball]
+        balls = [tip_of(grid, radius) for radius in grid.tip_radii] if part.ball is None else [part.ball]
         for ball, step_height in product(balls, (None,) if part.crossed else grid.step_heights):
             faces = list(part.corners(step_height))
-            radii = (ball.nominal,) if part.ball is None else ball.limits  # a tip of the setting is no limit of the part
+            radii = (
+                (ball.nominal,) if part.ball is None else ball.limits
+            )  # a tip of the setting is no limit of the part
             corners = [face.angles(radius) for face in faces for radius in radii]
             nominal, middle = faces[0].angles(ball.nominal), _middle_face(part, step_height)
             for backward in range(len(faces[0].ways)):
@@ -95,7 +97,7 @@ def predictions_of(stimuli: StimulusSet) -> Iterator[Prediction]:
                     interval = interval_of(
                         middle,
                         replace(point, ball_radius=_middle(ball)),
-                        _uncertainty(part, grid, ball, load),
+                        uncertainty_of(part, grid, ball, load),
                         backward=bool(backward),
                         draws=_DRAWS,
                     )
@@ -112,7 +114,8 @@ def predictions_of(stimuli: StimulusSet) -> Iterator[Prediction]:
                     )
 
 
-def _tip(grid: PredictionGrid, radius: float) -> Dimension:
+def tip_of(grid: PredictionGrid, radius: float) -> Dimension:
+    """Return a tip of the setting with its tolerance [m]."""
     width = grid.tolerances.tip_radius
     return Dimension(radius, width, -width)
 
@@ -124,8 +127,8 @@ def _middle_face(part: Part, step_height: float | None) -> Counterface:
     return part.sized(**{name: _middle(one) for name, one in part.sizes.items()})
 
 
-def _uncertainty(part: Part, grid: PredictionGrid, ball: Dimension, load: float) -> dict[str, float]:
-    """Take every tolerance as a rectangular distribution over its zone."""
+def uncertainty_of(part: Part, grid: PredictionGrid, ball: Dimension, load: float) -> dict[str, float]:
+    """Take every tolerance as a rectangular distribution over its zone, in the names of `interval_of`."""
     off, tool = grid.tolerances, grid.tool
     return rectangular(
         {name: _half(one) for name, one in part.sizes.items()}

@@ -10,22 +10,15 @@ from stepblocks.declare import load_declared
 from stepblocks.errors import PipelineError
 from stepblocks.parts.conditions import PredictionGrid
 from stepblocks.parts.kind import Part
-from stepblocks.parts.kinds.crown_on_tooth import CrownOnTooth
-from stepblocks.parts.kinds.margin_block import MarginBlock
-from stepblocks.parts.kinds.sheath import Sheath
-from stepblocks.parts.kinds.step_block import StepBlock
-from stepblocks.parts.tolerance import Dimension
+from stepblocks.predict.sweep.plan import SURFACES
 
 
 def stimuli_of(path: Path, wanted: Any, tolerances: bool) -> tuple[str, list[dict[str, Any]], PredictionGrid]:
     """Read the stimuli that a sweep goes over."""
     declared = load_declared(path)
-    known = {stimulus.id: stimulus for stimulus in declared.stimuli}
-    chosen: list[Part]
+    known = {part.id: part for part in declared.stimuli}
     if wanted is None:
-        chosen = [
-            stimulus for stimulus in known.values() if isinstance(stimulus, StepBlock | MarginBlock | CrownOnTooth)
-        ]
+        chosen = [part for part in declared.stimuli if part.crossed]
     else:
         if not isinstance(wanted, list) or not wanted or not all(isinstance(name, str) for name in wanted):
             raise PipelineError(f"stimulus must be a list of identities, got {wanted!r} [parameters]")
@@ -33,16 +26,16 @@ def stimuli_of(path: Path, wanted: Any, tolerances: bool) -> tuple[str, list[dic
         if missing:
             raise PipelineError(f"stimulus must be declared in {path}, got {missing[0]!r} [parameters]")
         chosen = [known[name] for name in wanted]
-    kinds = {_surface(stimulus) for stimulus in chosen}
+    kinds = {_surface(part) for part in chosen}
     if len(kinds) != 1:
         raise PipelineError(
             f"stimulus must be of one kind: step blocks, or crown margins; got {', '.join(sorted(kinds)) or 'none'} in {path}"
         )
     (surface,) = kinds
-    if surface in ("tip", "sheath"):
+    if surface not in SURFACES:
         other = "tips as tip_radius" if surface == "tip" else "what a sheath makes of the probe as stiffness"
         raise PipelineError(f"a sweep goes over blocks or crowns; give {other} [parameters]")
-    return surface, [_axis_point(stimulus, tolerances) for stimulus in chosen], declared.prediction
+    return surface, [_axis_point(part, SURFACES[surface], tolerances) for part in chosen], declared.prediction
 
 
 def setting_of(grid: PredictionGrid) -> tuple[dict[str, list[float]], dict[str, float], dict[str, float]]:
@@ -60,28 +53,17 @@ def setting_of(grid: PredictionGrid) -> tuple[dict[str, list[float]], dict[str, 
     return values, {n: v for n, v in plain.items() if v > 0.0}, {n: v for n, v in shares.items() if v > 0.0}
 
 
-def _surface(stimulus: Part) -> str:
-    match stimulus:
-        case StepBlock():
-            return "step"
-        case MarginBlock() | CrownOnTooth():
-            return "margin"
-        case Sheath():
-            return "sheath"
-        case _:
-            return "tip"
+def _surface(part: Part) -> str:
+    """Find the surface whose dimensions a part has."""
+    if not part.crossed:
+        return "tip" if part.ball is not None else "sheath"
+    return next(name for name, columns in SURFACES.items() if set(part.sizes) <= set(columns))
 
 
-def _axis_point(stimulus: Part, tolerances: bool) -> dict[str, Any]:
-    if isinstance(stimulus, StepBlock):
-        named: dict[str, Dimension] = {"height": stimulus.height, "edge_radius": stimulus.edge_radius}
-    else:
-        assert isinstance(stimulus, MarginBlock | CrownOnTooth)
-        named = {"marginal_gap": stimulus.marginal_gap, "horizontal_discrepancy": stimulus.horizontal_discrepancy}
-        if stimulus.vertical_discrepancy is not None:
-            named["vertical_discrepancy"] = stimulus.vertical_discrepancy
+def _axis_point(part: Part, columns: dict[str, str], tolerances: bool) -> dict[str, Any]:
+    named = {columns[name]: part.sizes[name] for name in columns if name in part.sizes}
     if not tolerances:
-        return {"id": stimulus.id, "values": {name: one.nominal for name, one in named.items()}, "spreads": {}}
+        return {"id": part.id, "values": {name: one.nominal for name, one in named.items()}, "spreads": {}}
     values = {name: one.nominal + 0.5 * (one.upper + one.lower) for name, one in named.items()}
     spreads = {name: 0.5 * (one.upper - one.lower) / math.sqrt(3.0) for name, one in named.items()}
-    return {"id": stimulus.id, "values": values, "spreads": spreads}
+    return {"id": part.id, "values": values, "spreads": spreads}
