@@ -20,10 +20,11 @@ import numpy as np
 from stepblocks.contact.critical_angle import step_angle
 from stepblocks.contact.energy import release_at
 from stepblocks.drag.model import PAPER_DRAG, DragSettings
-from stepblocks.drag.simulate import drag
+from stepblocks.drag.simulate import simulate
 from stepblocks.drag.track import step_track
 
 R = 125e-6
+PROBE = replace(PAPER_DRAG, damping_ratio=0.02)  # as in the figures of docs/drag.md
 LEAD, RING = 20e-6, 16e-3
 CASES = [(10e-6, 1.0, 0.15), (25e-6, 1.0, 0.15), (50e-6, 0.5, 0.15), (75e-6, 0.2, 0.15)]
 
@@ -49,9 +50,9 @@ SCENE = """
 
 def mujoco_drag(height: float, load: float, mu: float, speed: float, step: float) -> tuple[float, float, float]:
     """Seconds spent in MuJoCo, peak force [N] and seconds simulated."""
-    k, mass = PAPER_DRAG.stiffness, PAPER_DRAG.mass
+    k, mass = PROBE.stiffness, PROBE.mass
     start = -np.sqrt(height * (2 * R - height)) - LEAD
-    damping = 2 * PAPER_DRAG.damping_ratio * np.sqrt(k * mass)
+    damping = 2 * PROBE.damping_ratio * np.sqrt(k * mass)
     model = mujoco.MjModel.from_xml_string(
         SCENE.format(step=step, mu=mu, upper=height - 5e-4, x=start, z=R, damping=damping, mass=mass, radius=R, k=k)
     )
@@ -73,9 +74,9 @@ def mujoco_drag(height: float, load: float, mu: float, speed: float, step: float
 
 
 CONTACTS = {
-    "linear 1.7e6": replace(PAPER_DRAG, contact_power=1.0, contact_stiffness=PAPER_DRAG.mass / 4e-5**2),
-    "linear 3e7": replace(PAPER_DRAG, contact_power=1.0, contact_stiffness=3e7),
-    "Hertz": PAPER_DRAG,
+    "linear 1.7e6": replace(PROBE, contact_power=1.0, contact_stiffness=PROBE.mass / 4e-5**2),
+    "linear 3e7": replace(PROBE, contact_power=1.0, contact_stiffness=3e7),
+    "Hertz": PROBE,
 }
 RESOLUTION = 6.0  # steps per period of the stiffest contact mode
 
@@ -86,10 +87,10 @@ def our_drag(
     """Seconds spent, peak force [N] and seconds simulated."""
     settings = DragSettings(load, mu, speed=speed, lead=LEAD, ring_time=RING, sample_rate=5e3, resolution=resolution)
     track = step_track(height, R)
-    drag(track, CONTACTS[contact], settings)
+    simulate(track, CONTACTS[contact], settings)
     begin = time.process_time()
     for _ in range(repeats):
-        trace = drag(track, CONTACTS[contact], settings)
+        trace = simulate(track, CONTACTS[contact], settings)
     return (time.process_time() - begin) / repeats, trace.peak_force, float(trace.column("time_s")[-1])
 
 

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import argparse
 from dataclasses import replace
+from itertools import product
 from pathlib import Path
 
 import numpy as np
@@ -15,22 +16,24 @@ from stepblocks.contact.counterface import Step
 from stepblocks.contact.critical_angle import step_angle
 from stepblocks.contact.energy import Status, release_at
 from stepblocks.contact.operating_point import PAPER
-from stepblocks.drag.conversion import conversion_map
-from stepblocks.drag.model import PAPER_DRAG, DragSettings, Probe, probe_of_frequency
+from stepblocks.drag.model import PAPER_DRAG, DragSettings, Probe
 from stepblocks.drag.ring import RING_BAND, band_share, phase_spectrum, ring_of
-from stepblocks.drag.simulate import DragTrace, drag
+from stepblocks.drag.simulate import DragTrace, simulate
 from stepblocks.drag.track import step_track
+from stepblocks.figure_file import new_figure, save_figure
 from stepblocks.predict.margin_map import margin_map
 
 R = 125e-6
-LIGHT = probe_of_frequency(300.0, R, damping_ratio=0.01)
-ROD = probe_of_frequency(300.0, R, damping_ratio=0.033, normal_stiffness=9.81e3, carrier_mass=20e-3)
+LIGHT = replace(PAPER_DRAG, damping_ratio=0.01)
+ROD = replace(PAPER_DRAG, damping_ratio=0.033, normal_stiffness=9.81e3, carrier_mass=20e-3)
 """A round rod bends alike in both directions: as stiff along the normal, under 10 g of weight and 10 g of holder."""
+# heights [m], loads [N], frictions, speeds [m/s]
+GRID = ([k * 10e-6 for k in range(1, 11)], [0.25, 0.5, 1.0], [0.10, 0.15, 0.20], [1e-3, 5e-3, 20e-3])
 CASES = [(25e-6, 1.0, 0.15), (50e-6, 0.5, 0.15), (75e-6, 0.2, 0.15), (75e-6, 0.4, 0.15), (100e-6, 0.075, 0.10)]
 
 
 def row(name: str, probe: Probe, height: float, load: float, mu: float, **friction: float) -> DragTrace:
-    trace = drag(step_track(height, R), probe, DragSettings(load, mu, speed=5e-3, **friction))
+    trace = simulate(step_track(height, R), probe, DragSettings(load, mu, speed=5e-3, **friction))
     formula = release_at(step_angle(height, R), load, friction.get("static_friction", mu))
     if trace.status is not Status.RELEASES:
         print(f"| {name} | {height * 1e6:.0f} | {load:g} | {mu:g} | {trace.status} | | | | | | | | |")
@@ -70,7 +73,7 @@ def where_it_goes() -> None:
     print("| H um | stored | lift | rings (E_v) | other: friction, contact and damping in the slip | share |")
     print("|---|---|---|---|---|---|")
     for height in (10e-6, 25e-6, 50e-6, 75e-6):
-        trace = drag(step_track(height, R), PAPER_DRAG, DragSettings(1.0, 0.15, speed=5e-3))
+        trace = simulate(step_track(height, R), PAPER_DRAG, DragSettings(1.0, 0.15, speed=5e-3))
         ring = ring_of(trace)
         time, y = trace.column("time_s"), trace.column("y_m")
         climbed = height - float(np.interp(trace.release_time, time, y))
@@ -81,23 +84,49 @@ def where_it_goes() -> None:
         )
 
 
-def share_map():
-    table = conversion_map(
-        PAPER_DRAG, R, np.arange(10, 101, 10) * 1e-6, [0.25, 0.5, 1.0], [0.10, 0.15, 0.20], [1e-3, 5e-3, 20e-3]
-    )
+def shares() -> np.ndarray:
+    """Share of the stored energy that rings, shape (heights, loads, frictions, speeds); NaN where the tip locks."""
+    share = np.full([len(axis) for axis in GRID], np.nan)
+    for place in np.ndindex(*share.shape):
+        height, load, friction, speed = (axis[k] for axis, k in zip(GRID, place, strict=True))
+        trace = simulate(step_track(height, R), PAPER_DRAG, DragSettings(load, friction, speed=speed))
+        if trace.status is Status.RELEASES:
+            share[place] = ring_of(trace, spectra=False).share
+    return share
+
+
+def share_map() -> np.ndarray:
+    heights, loads, frictions, speeds = GRID
+    share = shares()
     print("\n## Share of the stored energy that rings (paper: 20 % everywhere); - locks")
-    for j, mu in enumerate(table.frictions):
-        labels = " | ".join(f"{load:g} N, {v * 1e3:g} mm/s" for load in table.loads for v in table.speeds)
-        print(f"\nmu = {mu:g}\n\n| H um | {labels} |\n|---|{'---|' * (table.loads.size * table.speeds.size)}")
-        for h, height in enumerate(table.heights):
-            cells = table.share[h, :, j, :].ravel()
+    for j, mu in enumerate(frictions):
+        labels = " | ".join(f"{load:g} N, {v * 1e3:g} mm/s" for load in loads for v in speeds)
+        print(f"\nmu = {mu:g}\n\n| H um | {labels} |\n|---|{'---|' * (len(loads) * len(speeds))}")
+        for h, height in enumerate(heights):
+            cells = share[h, :, j, :].ravel()
             print(f"| {height * 1e6:.0f} | " + " | ".join("-" if np.isnan(c) else f"{c:.0%}" for c in cells) + " |")
-    released = table.share[np.isfinite(table.share)]
+    released = share[np.isfinite(share)]
     print(
         f"\nmedian {np.median(released):.0%}, 5 % to 95 %: {np.quantile(released, 0.05):.0%} to "
         f"{np.quantile(released, 0.95):.0%}, of {released.size} drags"
     )
-    return table
+    return share
+
+
+def draw_ring_share(share: np.ndarray, path: Path) -> None:
+    """Draw the share against height, one panel per friction, beside the constant."""
+    heights, loads, frictions, speeds = GRID
+    figure, axes = new_figure(1, len(frictions), width=3.2 * len(frictions) + 1.0, height=3.8)
+    for j, axis in enumerate(axes):
+        for (i, load), (k, speed) in product(enumerate(loads), enumerate(speeds)):
+            look = {"marker": ".", "lw": 0.9, "color": f"C{i}", "ls": ("-", "--", ":")[k]}
+            axis.plot(1e6 * np.array(heights), share[:, i, j, k], label=f"{load:g} N, {speed * 1e3:g} mm/s", **look)
+        axis.axhline(PAPER.tool.conversion, color="k", lw=1)
+        degrees = np.degrees(np.arctan(frictions[j]))
+        axis.set_title(f"mu = {frictions[j]:g}, angle of friction {degrees:.1f} deg", fontsize=9)
+        axis.set(xlabel="step height H [um]", ylabel="share that rings", ylim=(0.0, 1.0))
+    axes[-1].legend(fontsize=6)
+    save_figure(figure, path)
 
 
 def main() -> None:
@@ -110,7 +139,7 @@ def main() -> None:
     if folder is None:
         return
     from stepblocks.drag.figures import draw_force, draw_spectra
-    from stepblocks.predict.figures import draw_energy_of_height, draw_margin_map, draw_ring_share
+    from stepblocks.predict.figures import draw_energy_of_height, draw_margin_map
 
     draw_force(shown, folder / "drag-force.png", "Rod, 100 um, 0.1 N, mu 0.1, 5 mm/s")
     draw_spectra(shown, folder / "drag-spectra.png", "Rod, 100 um, 0.1 N, mu 0.1, 5 mm/s")
@@ -119,7 +148,7 @@ def main() -> None:
     faces = [Step(height) for height in np.linspace(2e-6, 120e-6, 60)]
     draw_energy_of_height(faces, PAPER, uncertain, folder / "energy-of-height.png")
     axis = np.linspace(0, 150e-6, 76), np.linspace(-100e-6, 100e-6, 81)
-    draw_margin_map(margin_map(*axis, R, 1.0, 0.15), folder / "margin-map.png")
+    draw_margin_map(margin_map(*axis, PAPER), folder / "margin-map.png")
     print(f"\npictures in {folder}")
 
 

@@ -12,7 +12,7 @@ from pathlib import Path
 from distributed import Client, LocalCluster
 
 from stepblocks.predict.sweep.plan import load_sweep
-from stepblocks.predict.sweep.run import run_sweep
+from stepblocks.predict.sweep.run import sweep
 
 TEXT = """
 [sweep]
@@ -39,7 +39,7 @@ def main() -> None:
             path.write_text(TEXT.format(rows=rows, size=size, mode=mode))
             plans[mode] = load_sweep(path)
             begin = time.perf_counter()
-            run_sweep(plans[mode], folder / f"{mode}-0")
+            sweep(plans[mode], folder / f"{mode}-0")
             print(f"{mode:6s} in this process: {rows / (time.perf_counter() - begin):8.0f} rows/s", flush=True)
         for workers in (1, 2):
             cluster = LocalCluster(n_workers=workers, threads_per_worker=1, dashboard_address=None)
@@ -47,7 +47,7 @@ def main() -> None:
                 client.run(__import__, "stepblocks.drag.ring")
                 for mode, plan in plans.items():
                     begin = time.perf_counter()
-                    run_sweep(plan, folder / f"{mode}-{workers}", client=client)
+                    sweep(plan, folder / f"{mode}-{workers}", client=client)
                     seconds = time.perf_counter() - begin
                     same = all(
                         p.read_bytes() == (folder / f"{mode}-0" / p.name).read_bytes()

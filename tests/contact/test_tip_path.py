@@ -5,9 +5,9 @@ import math
 import numpy as np
 import pytest
 
+from oracles import tip_paths
 from stepblocks.contact.critical_angle import bevelled_margin_angles, margin_angles, step_angle
 from stepblocks.contact.energy import Status
-from stepblocks.contact.path import reference
 from stepblocks.contact.path.catches import catches, release_over, steepest
 from stepblocks.contact.path.profile import profile_path
 from stepblocks.contact.path.tip import Ball, TipProfile, flattened_ball
@@ -29,11 +29,11 @@ def brute(x, z, positions, tip):
     return np.max(z[None, :] - tip.height(x[None, :] - positions[:, None]), axis=1)
 
 
-# Origin of every expected value here: equation (2) and the closed forms of `reference`.
+# Origin of every expected value here: equation (2) and the closed forms of `oracles.tip_paths`.
 @pytest.mark.parametrize("height", [0.9e-6, 25e-6, 61e-6, 100e-6, 136e-6])
 def test_a_sharp_step_has_the_path_and_the_angle_of_equation_two(height):
     path = profile_path(*sharp_step(height), Ball(R))
-    assert path.height == pytest.approx(reference.step_path(path.position, height, R), rel=1e-11, abs=1e-12 * height)
+    assert path.height == pytest.approx(tip_paths.step_path(path.position, height, R), rel=1e-11, abs=1e-12 * height)
     assert steepest(path).angle == pytest.approx(step_angle(height, R), rel=1e-9)
     assert steepest(path).contact == 0.0
     assert steepest(path, "backward").angle == 0.0
@@ -48,9 +48,9 @@ def test_a_step_as_high_as_the_ball_is_met_at_a_right_angle(height):
 
 @pytest.mark.parametrize(("height", "radius"), [(40e-6, 11e-6), (40e-6, 40e-6), (25e-6, 90e-6), (13e-6, 300e-6)])
 def test_a_rounded_step_follows_its_closed_form_also_where_the_face_cuts_the_arc(height, radius):
-    x, z = reference.rounded_step_profile(height, radius, RUN)
+    x, z = tip_paths.rounded_step_profile(height, radius, RUN)
     path = profile_path(x, z, Ball(R))
-    expected = reference.step_path(path.position, height, R, radius)
+    expected = tip_paths.step_path(path.position, height, R, radius)
     assert np.abs(path.height - expected).max() < 1e-6 * height
     # the polyline's chords turn by pi/2/4000 per point
     assert steepest(path).angle == pytest.approx(step_angle(height, R, radius), abs=4e-4)
@@ -62,22 +62,22 @@ def test_a_rounded_step_follows_its_closed_form_also_where_the_face_cuts_the_arc
 )
 def test_a_groove_with_or_without_discrepancy_and_floor_equals_its_closed_form(width, rise, depth):
     path = profile_path(*groove(width, rise, depth), Ball(R), edges="flat")
-    expected = reference.groove_path(path.position, width, R, rise, depth)
+    expected = tip_paths.groove_path(path.position, width, R, rise, depth)
     assert np.abs(path.height - expected).max() < 1e-11 * R
-    forward, backward = reference.groove_angles(width, R, rise, depth)
+    forward, backward = tip_paths.groove_angles(width, R, rise, depth)
     assert steepest(path).angle == pytest.approx(forward, rel=1e-8)
     assert steepest(path, "backward").angle == pytest.approx(backward, rel=1e-8)
 
 
 def test_a_groove_without_a_near_floor_is_the_papers_junction():
-    assert reference.groove_angles(60e-6, R, 5e-6) == margin_angles(60e-6, 5e-6, R)
+    assert tip_paths.groove_angles(60e-6, R, 5e-6) == margin_angles(60e-6, 5e-6, R)
 
 
 def test_a_ridge_is_felt_alike_both_ways():
     height, width = 21e-6, 0.5e-3
     x, z = np.array([-RUN, 0, 0, width, width, 2 * RUN]), np.array([0, 0, height, height, 0, 0])
     path = profile_path(x, z, Ball(R))
-    assert path.height == pytest.approx(reference.ridge_path(path.position, height, width, R), abs=1e-11 * height)
+    assert path.height == pytest.approx(tip_paths.ridge_path(path.position, height, width, R), abs=1e-11 * height)
     up, down = steepest(path), steepest(path, "backward")
     assert up.angle == pytest.approx(down.angle, rel=1e-9)
     assert up.angle == pytest.approx(step_angle(height, R), rel=1e-9)

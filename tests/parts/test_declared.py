@@ -13,7 +13,7 @@ from stepblocks.declare import load_declared, load_set
 from stepblocks.errors import MachiningError
 from stepblocks.parts.characteristics import characteristics_of
 from stepblocks.parts.set import with_energy_tolerances
-from stepblocks.predict.predictions import predict_set
+from stepblocks.predict.predictions import predictions_of
 
 STIMULI = Path(__file__).resolve().parents[2] / "stimuli"
 HEIGHT = '{ from = "10 um", to = "100 um", step = "10 um", tolerance = "1 um", source = "figure 6" }'
@@ -133,7 +133,7 @@ def test_nothing_is_made_before_the_tolerance_is_known(tmp_path):
     assert str(declared.step_block[0].height) == "25 um, tolerance by energy"
     with pytest.raises(MachiningError, match="must have its tolerance worked out"):
         characteristics_of(declared.step_block[0])
-    assert list(predict_set(declared)) == list(predict_set(with_energy_tolerances(declared)))
+    assert list(predictions_of(declared)) == list(predictions_of(with_energy_tolerances(declared)))
 
 
 def test_the_specification_and_the_workshop_see_the_tolerances_found(tmp_path):

@@ -13,10 +13,11 @@ from stepblocks.contact.critical_angle import step_angle
 from stepblocks.contact.energy import Status, release_at
 from stepblocks.declare import load_set
 from stepblocks.drag.model import PAPER_DRAG, DragSettings
-from stepblocks.drag.simulate import drag
+from stepblocks.drag.simulate import simulate
 from stepblocks.drag.subject import subject_of
+from stepblocks.drag.track import track_over
 from stepblocks.errors import ContactError, PipelineError
-from stepblocks.predict.predictions import predict_set
+from stepblocks.predict.predictions import predictions_of
 from stepblocks.predict.table import predict_table
 
 
@@ -134,15 +135,16 @@ def test_a_declared_block_is_dragged_over_under_the_conditions_of_its_set(tmp_pa
 def test_a_crown_margin_is_dragged_over_in_either_direction(name):
     angles = {
         p.drag: p.release
-        for p in predict_set(load_set(STIMULI / "crown-margins.toml"))
+        for p in predictions_of(load_set(STIMULI / "crown-margins.toml"))
         if (p.stimulus, p.tip_radius, p.normal_load, p.friction) == (name, 60e-6, 1.0, 0.15)
     }
     for way, backward in (("tooth-to-crown", False), ("crown-to-tooth", True)):
         subject = subject_of(f"{STIMULI}/crown-margins.toml/{name}", {"load": 1.0}, backward, None)
         release = angles[way]
         assert way in subject.name
-        assert subject.angle == pytest.approx(release.angle, rel=1e-12)
-        trace = drag(subject.track, PAPER_DRAG, DragSettings(1.0, 0.15, speed=2e-3, ring_time=1e-3))
+        assert subject.face.angles(subject.point.ball_radius)[backward] == pytest.approx(release.angle, rel=1e-12)
+        track = track_over(subject.face, subject.point.ball_radius, backward)
+        trace = simulate(track, PAPER_DRAG, DragSettings(1.0, 0.15, speed=2e-3, ring_time=1e-3))
         assert trace.status == release.status
         if release.status is Status.RELEASES:
             # steel gives 0.7 um under 1 N, and the blow of the edge adds v sqrt(k m) = 10 mN
@@ -199,7 +201,8 @@ def test_points_at_any_distance_are_the_same_profile(tmp_path):
     for name, points in (("few", corners), ("many", sorted(corners + extra, key=lambda p: p[0]))):
         pd.DataFrame(points, columns=["x_um", "z_um"]).to_csv(tmp_path / f"{name}.csv", index=False)
         subject = subject_of(str(tmp_path / f"{name}.csv"), {}, False, None)
-        summaries.append((subject.angle, drag(subject.track, PAPER_DRAG, DragSettings(0.5, 0.15)).peak_force))
+        trace = simulate(track_over(subject.face, 125e-6), PAPER_DRAG, DragSettings(0.5, 0.15))
+        summaries.append((subject.face.angles(125e-6)[0], trace.peak_force))
     assert summaries[0] == pytest.approx(summaries[1], rel=1e-6)
 
 

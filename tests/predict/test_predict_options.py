@@ -10,7 +10,7 @@ from stepblocks.cli import main
 from stepblocks.declare import load_set
 from stepblocks.drag.model import PAPER_DRAG, DragSettings
 from stepblocks.drag.ring import ring_of
-from stepblocks.drag.simulate import drag
+from stepblocks.drag.simulate import simulate
 from stepblocks.drag.track import step_track
 
 STIMULI = Path(__file__).resolve().parents[2] / "stimuli"
@@ -36,7 +36,7 @@ def test_the_simulated_share_takes_the_place_of_the_constant(tmp_path):
     assert simulated.conversion.std() > 0.05
     for _, row in simulated.iterrows():
         settings = DragSettings(row.normal_load_n, row.friction, speed=3e-3)
-        share = ring_of(drag(step_track(50e-6, 125e-6), PAPER_DRAG, settings)).share
+        share = ring_of(simulate(step_track(50e-6, 125e-6), PAPER_DRAG, settings)).share
         assert row.conversion == pytest.approx(share, rel=1e-5)
         assert row.vibration_energy_uj == pytest.approx(share * row.pull_force_n**2 / (2 * 9810) * 1e6, rel=1e-4)
         assert row.vibration_energy_95_low_uj < row.vibration_energy_uj < row.vibration_energy_95_high_uj

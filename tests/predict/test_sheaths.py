@@ -8,7 +8,7 @@ import pytest
 
 from stepblocks.declare import load_set
 from stepblocks.errors import ContactError
-from stepblocks.predict.predictions import predict_set
+from stepblocks.predict.predictions import predictions_of
 from stepblocks.predict.sheaths import conditions_of, decay_test_rows
 
 SHIPPED = Path(__file__).resolve().parents[2] / "stimuli" / "sheaths.toml"
@@ -41,7 +41,7 @@ def test_equal_masses_differ_by_their_stiffness_alone():
 
 
 def test_the_same_force_stores_less_in_a_stiffer_probe():
-    felt = {(p.stimulus, p.normal_load, p.step_height): p.release for p in predict_set(SET)}
+    felt = {(p.stimulus, p.normal_load, p.step_height): p.release for p in predictions_of(SET)}
     rings = {one.sheath: one.ring for one in conditions_of(SET) if one.use == "on the shank"}
     for (sheath, _, _), release in felt.items():
         assert release.vibration_energy == pytest.approx(
@@ -83,8 +83,9 @@ def test_a_drag_with_a_sheath_rings_as_the_probe_in_that_sheath():
     hard = next(part for part in SET.stimuli if part.id == "sheath-hard")
     ring = SET.probe.ring(hard.sleeve)
     subject = subject_of("sheath-hard", {"friction": 0.25}, False, SHIPPED)
-    assert subject.values["stiffness"] == ring.stiffness
-    assert subject.values["frequency"] == ring.frequency
+    tool = subject.point.tool
+    assert tool.stiffness == ring.stiffness
+    assert tool.frequency == ring.frequency
     # a loss factor is twice the share of critical damping (any text on vibration; at resonance)
-    assert 2.0 * subject.values["damping_ratio"] == pytest.approx(ring.loss_factor, rel=1e-15)
-    assert (subject.values["friction"], subject.values["step_height"]) == (0.25, SET.prediction.step_heights[0])
+    assert 2.0 * tool.damping_ratio == pytest.approx(ring.loss_factor, rel=1e-15)
+    assert (subject.point.friction, subject.face.far_side) == (0.25, SET.prediction.step_heights[0])

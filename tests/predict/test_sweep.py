@@ -10,13 +10,14 @@ import pytest
 from stepblocks.cli import main
 from stepblocks.contact.critical_angle import step_angle
 from stepblocks.contact.energy import release_at
+from stepblocks.contact.operating_point import OperatingPoint
 from stepblocks.declare import load_set
 from stepblocks.errors import PipelineError
 from stepblocks.predict.margin_map import margin_map
-from stepblocks.predict.predictions import predict_set
+from stepblocks.predict.predictions import predictions_of
 from stepblocks.predict.sweep.plan import load_sweep
 from stepblocks.predict.sweep.rows import design_row
-from stepblocks.predict.sweep.run import run_sweep
+from stepblocks.predict.sweep.run import sweep
 
 STIMULI = Path(__file__).resolve().parents[2] / "stimuli"
 pq = pytest.importorskip("pyarrow.parquet")
@@ -54,7 +55,7 @@ def test_rows_do_not_depend_on_the_partitioning(tmp_path):
     results = []
     for size in (7, 50, 1000):
         plan = plan_of(tmp_path, RANDOM.format(rows=40, size=size, mode="static"))
-        run_sweep(plan, tmp_path / f"by-{size}")
+        sweep(plan, tmp_path / f"by-{size}")
         results.append(table(tmp_path / f"by-{size}"))
     for other in results[1:]:
         assert other.equals(results[0])
@@ -63,7 +64,7 @@ def test_rows_do_not_depend_on_the_partitioning(tmp_path):
 
 def test_every_row_is_equations_one_and_two(tmp_path):
     plan = plan_of(tmp_path, RANDOM.format(rows=20, size=100, mode="static"))
-    run_sweep(plan, tmp_path / "out")
+    sweep(plan, tmp_path / "out")
     for row in table(tmp_path / "out").itertuples():
         release = release_at(step_angle(row.height_m, 125e-6, 3e-6), row.normal_load_n, row.friction)
         assert row.status == str(release.status)
@@ -80,7 +81,7 @@ normal_load = ["0.5 N", "1 N"]
     plan = plan_of(tmp_path, text)
     rows = [design_row(plan, k) for k in range(plan.rows)]
     assert len({(r["height"], r["friction"], r["normal_load"]) for r in rows}) == plan.rows == 60
-    run_sweep(plan, tmp_path / "out")
+    sweep(plan, tmp_path / "out")
     frame = table(tmp_path / "out")
     assert set(frame.status) == {"releases", "locked"}
 
@@ -95,7 +96,7 @@ def test_draws_of_one_point_scatter_by_their_uncertainty(tmp_path):
 
 def test_a_sweep_in_time_agrees_with_its_static_columns_at_low_speed(tmp_path):
     text = RANDOM.format(rows=3, size=100, mode="drag").replace("30 mm/s", "2 mm/s")
-    run_sweep(plan_of(tmp_path, text), tmp_path / "out")
+    sweep(plan_of(tmp_path, text), tmp_path / "out")
     frame = table(tmp_path / "out")
     released = frame[frame.drag_status == "releases"]
     assert len(released) >= 6
@@ -112,13 +113,13 @@ def test_an_interrupted_sweep_resumes_from_what_is_finished(tmp_path):
             raise KeyboardInterrupt
 
     with pytest.raises(KeyboardInterrupt):
-        run_sweep(plan, tmp_path / "out", on_partition=interrupt)
+        sweep(plan, tmp_path / "out", on_partition=interrupt)
     stamps = {p.name: p.stat().st_mtime_ns for p in (tmp_path / "out").glob("part-*.parquet")}
     assert len(stamps) == 5
-    assert run_sweep(plan, tmp_path / "out") == (7, 5)
+    assert sweep(plan, tmp_path / "out") == (7, 5)
     assert all((tmp_path / "out" / name).stat().st_mtime_ns == t for name, t in stamps.items())
-    assert run_sweep(plan, tmp_path / "out") == (0, 12)
-    run_sweep(plan, tmp_path / "whole")
+    assert sweep(plan, tmp_path / "out") == (0, 12)
+    sweep(plan, tmp_path / "whole")
     for path in sorted((tmp_path / "whole").glob("part-*.parquet")):
         assert path.read_bytes() == (tmp_path / "out" / path.name).read_bytes()
 
@@ -127,7 +128,7 @@ def test_an_interrupted_sweep_resumes_from_what_is_finished(tmp_path):
 def test_a_worker_killed_in_mid_run_loses_nothing_and_changes_no_byte(tmp_path):
     distributed = pytest.importorskip("distributed")
     plan = plan_of(tmp_path, RANDOM.format(rows=60, size=6, mode="drag"))
-    run_sweep(plan, tmp_path / "alone")
+    sweep(plan, tmp_path / "alone")
     killed = []
     cluster = distributed.LocalCluster(n_workers=2, threads_per_worker=1, processes=True, dashboard_address=None)
     with cluster, distributed.Client(cluster, set_as_default=False) as client:
@@ -138,7 +139,7 @@ def test_a_worker_killed_in_mid_run_loses_nothing_and_changes_no_byte(tmp_path):
                 os.kill(pid, signal.SIGKILL)
                 killed.append(pid)
 
-        computed, _ = run_sweep(plan, tmp_path / "cluster", client=client, on_partition=kill_one)
+        computed, _ = sweep(plan, tmp_path / "cluster", client=client, on_partition=kill_one)
     assert killed
     assert computed == plan.partitions == 30
     names = sorted(p.name for p in (tmp_path / "alone").glob("part-*.parquet"))
@@ -148,17 +149,17 @@ def test_a_worker_killed_in_mid_run_loses_nothing_and_changes_no_byte(tmp_path):
 
 
 def test_a_folder_of_another_sweep_is_left_alone(tmp_path):
-    run_sweep(plan_of(tmp_path, RANDOM.format(rows=4, size=10, mode="static")), tmp_path / "out")
+    sweep(plan_of(tmp_path, RANDOM.format(rows=4, size=10, mode="static")), tmp_path / "out")
     other = plan_of(tmp_path, RANDOM.format(rows=5, size=10, mode="static"))
     before = {p.name: p.read_bytes() for p in (tmp_path / "out").iterdir()}
     with pytest.raises(PipelineError, match="another sweep"):
-        run_sweep(other, tmp_path / "out")
+        sweep(other, tmp_path / "out")
     assert before == {p.name: p.read_bytes() for p in (tmp_path / "out").iterdir()}
 
 
 def test_rows_outside_the_equations_say_why(tmp_path):
     text = '[parameters]\nheight = ["20 um", "300 um"]\nfriction = [0.1, -0.1]\n'
-    run_sweep(plan_of(tmp_path, text), tmp_path / "out")
+    sweep(plan_of(tmp_path, text), tmp_path / "out")
     frame = table(tmp_path / "out")
     assert sorted(frame.status) == ["invalid", "invalid", "releases", "too-high"]
     assert frame.problem.str.contains("friction must be finite and not negative").sum() == 2
@@ -180,10 +181,12 @@ speed = "30 mm/s"
 
 
 def test_a_sweep_over_crown_margins_is_the_margin_map(tmp_path):
-    run_sweep(plan_of(tmp_path, MARGINS.format(mode="static")), tmp_path / "out")
+    sweep(plan_of(tmp_path, MARGINS.format(mode="static")), tmp_path / "out")
     frame = table(tmp_path / "out")
     assert len(frame) == 12
-    expected = margin_map([30e-6, 70e-6], [15e-6, 0.0, -15e-6], 90e-6, 0.7, 0.12)  # its discrepancy: tooth over crown
+    expected = margin_map(
+        [30e-6, 70e-6], [15e-6, 0.0, -15e-6], OperatingPoint(90e-6, 0.7, 0.12)
+    )  # its discrepancy: tooth over crown
     for _, row in frame.iterrows():
         forces = expected.crown_to_tooth if row.direction == "crown-to-tooth" else expected.tooth_to_crown
         i, j = [30e-6, 70e-6].index(row.marginal_gap_m), [-15e-6, 0.0, 15e-6].index(row.horizontal_discrepancy_m)
@@ -192,7 +195,7 @@ def test_a_sweep_over_crown_margins_is_the_margin_map(tmp_path):
 
 
 def test_crown_margins_are_swept_in_time(tmp_path):
-    run_sweep(plan_of(tmp_path, MARGINS.format(mode="drag").replace("30 mm/s", "3 mm/s")), tmp_path / "out")
+    sweep(plan_of(tmp_path, MARGINS.format(mode="drag").replace("30 mm/s", "3 mm/s")), tmp_path / "out")
     frame = table(tmp_path / "out")
     released = frame[frame.drag_status == "releases"]
     assert set(released.direction) == {"tooth-to-crown", "crown-to-tooth"}
@@ -210,7 +213,7 @@ def test_a_sweep_over_a_set_draws_its_stimuli_from_their_tolerances(tmp_path):
     )
     plan = plan_of(tmp_path, text)
     assert plan.rows == 2 * 4 * 500  # the set declares four loads
-    run_sweep(plan, tmp_path / "out")
+    sweep(plan, tmp_path / "out")
     frame = table(tmp_path / "out")
     for name, height in (("step-030", 30e-6), ("step-060", 60e-6)):
         drawn = frame[frame.stimulus == name]
@@ -227,11 +230,11 @@ def test_a_sweep_over_crowns_takes_their_discrepancies(tmp_path):
     text = (
         '[sweep]\nset = "crown-margins.toml"\nkind = "random"\nrows = 400\n[parameters]\ndirection = "crown-to-tooth"\n'
     )
-    run_sweep(plan_of(tmp_path, text), tmp_path / "out")
+    sweep(plan_of(tmp_path, text), tmp_path / "out")
     frame = table(tmp_path / "out")
     predicted = {
         (p.stimulus, p.tip_radius, p.normal_load, p.friction): p.release
-        for p in predict_set(load_set(STIMULI / "crown-margins.toml"))
+        for p in predictions_of(load_set(STIMULI / "crown-margins.toml"))
         if p.drag == "crown-to-tooth"
     }
     assert len(set(frame.stimulus)) == 12

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -13,11 +13,11 @@ from stepblocks.build.page_file import plotly_script, render_page
 from stepblocks.contact.energy import Status
 from stepblocks.parts.kinds.step_block import StepBlock
 from stepblocks.parts.set import StimulusSet
-from stepblocks.predict.predictions import Prediction, as_row, predict_set, tool_of
+from stepblocks.predict.predictions import Prediction, Predictions, as_row, tool_of
 from stepblocks.predict.sheaths import conditions_of, decay_test_rows, ring_rows
 
 
-def write_page(sets: Sequence[StimulusSet], output: Path) -> list[Path]:
+def write_page(sets: Sequence[StimulusSet], predicted: Mapping[str, Predictions], output: Path) -> list[Path]:
     """Write ``index.html`` and what it loads."""
     assets = output / "assets"
     assets.mkdir(exist_ok=True)
@@ -26,21 +26,18 @@ def write_page(sets: Sequence[StimulusSet], output: Path) -> list[Path]:
     if not script.is_file() or script.read_text(encoding="utf-8") != source:
         replace_text(script, source)
     page = output / "index.html"
-    replace_text(page, render_page([_section(stimuli, output) for stimuli in sets]))
+    replace_text(page, render_page([_section(stimuli, predicted[stimuli.name], output) for stimuli in sets]))
     return [script, page]
 
 
-def _section(stimuli: StimulusSet, output: Path) -> dict[str, Any]:
-    by_stimulus: dict[str, list[Prediction]] = {}
-    for prediction in predict_set(stimuli):
-        by_stimulus.setdefault(prediction.stimulus, []).append(prediction)
+def _section(stimuli: StimulusSet, predicted: Predictions, output: Path) -> dict[str, Any]:
     rows = []
     rings = _ring_lines(stimuli)
     for stimulus in stimuli.stimuli:
         folder = f"{stimuli.name}/{stimulus.id}"
         record = load_json(output / folder / RECORD)
         if record:
-            rows.append(_row(folder, record, by_stimulus[stimulus.id]))
+            rows.append(_row(folder, record, predicted.by_stimulus(stimulus.id)))
             rows[-1]["summary"] += rings.get(stimulus.id, [])
     blocks = stimuli.of(StepBlock)
     grid = stimuli.prediction

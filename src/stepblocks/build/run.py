@@ -190,7 +190,7 @@ def _finish(
 ) -> None:
     """Write tables, page and manifest from the records; remove what an earlier build left and nobody changed."""
     from stepblocks.build.page import write_page
-    from stepblocks.predict.predictions import as_csv, predict_set
+    from stepblocks.predict.predictions import Predictions
     from stepblocks.predict.sheaths import write_sheath_files
 
     outputs: dict[str, str] = {}
@@ -199,10 +199,11 @@ def _finish(
         from stepblocks.predict.learned import learned_columns, taught_set
 
         sets, more = [taught_set(stimuli, learned) for stimuli in sets], partial(learned_columns, learned=learned)
+    predicted = {stimuli.name: Predictions.of(stimuli) for stimuli in sets}
     for stimuli in sets:
         folder = output / stimuli.name
         folder.mkdir(exist_ok=True)
-        replace_text(folder / "predictions.csv", as_csv(predict_set(stimuli), more))
+        replace_text(folder / "predictions.csv", predicted[stimuli.name].csv(more))
         for path in (folder / "predictions.csv", *write_sheath_files(stimuli, folder)):
             outputs[f"{stimuli.name}/{path.name}"] = hash_file(path)
         for stimulus in stimuli.stimuli:
@@ -214,7 +215,7 @@ def _finish(
             outputs |= {prefix + name: value for name, value in record["outputs"].items()}
             outputs[prefix + RECORD] = hash_file(folder / stimulus.id / RECORD)
             report.failures += [f"{prefix}{v['text']}" for v in record["verdicts"] if not v["passed"]]
-    for path in write_page(sets, output):
+    for path in write_page(sets, predicted, output):
         outputs[path.relative_to(output).as_posix()] = hash_file(path)
     before = load_json(output / MANIFEST).get("outputs", {})
     manifest = {

@@ -17,7 +17,11 @@ _DECLARED: tuple[tuple[str, str, str], ...] = (
         "frequency",
         "natural frequency, from which the tip's mass follows (default: 300 Hz, or of the sheath)",
     ),
-    ("--damping-ratio", "ratio", "share of critical damping (default: 0.02, or of the probe in the sheath)"),
+    (
+        "--damping-ratio",
+        "ratio",
+        "share of critical damping (default: 0.037, from the decay of the paper's ring, or of the sheath)",
+    ),
 )
 _QUANTITIES: tuple[tuple[str, str, str, str], ...] = (
     ("--static-friction", "ratio", "0", "coefficient at rest; 0: as while sliding"),

@@ -72,7 +72,7 @@ def _run(arguments: argparse.Namespace) -> int:
 
 def _write_equally_felt(files: list[Path], count: int, output: Path | None) -> int:
     from stepblocks.errors import PipelineError
-    from stepblocks.predict.perceive import write_equally_felt
+    from stepblocks.predict.perception import write_equally_felt
 
     if len(files) != 1 or output is None:
         raise PipelineError("--equally-felt needs one stimulus file and -o NEW.toml")
@@ -106,7 +106,7 @@ def _predict_table(files: list[Path], output: Path | None, model: Path | None) -
 def _predict_sets(arguments: argparse.Namespace) -> int:
     from stepblocks.atomic import replace_text
     from stepblocks.declare import load_declared
-    from stepblocks.predict.predictions import SHOWN, as_csv, as_row, predict_set
+    from stepblocks.predict.predictions import Predictions, shown
     from stepblocks.predict.sheaths import ring_rows
     from stepblocks.select import stimulus_files
 
@@ -131,35 +131,35 @@ def _predict_sets(arguments: argparse.Namespace) -> int:
         for sentence in (sentence for stimuli in sets for sentence in moved_energies(stimuli, records)):
             print(sentence, file=sys.stderr)
         sets = [with_as_built(stimuli, records) for stimuli in sets]
+    by_name = {stimuli.name: Predictions.of(stimuli) for stimuli in sets}
     if arguments.conversion == "simulated":
-        from stepblocks.predict.rings import predict_set_in_time
+        from stepblocks.predict.rings import predicted_in_time
         from stepblocks.quantities import parse_quantity
 
         speed = parse_quantity(arguments.speed, "speed")
-        predictions = [prediction for stimuli in sets for prediction in predict_set_in_time(stimuli, speed)]
-    else:
-        predictions = [prediction for stimuli in sets for prediction in predict_set(stimuli)]
+        by_name = {name: predicted_in_time(predictions, speed) for name, predictions in by_name.items()}
+    predictions = Predictions(tuple(one for predictions in by_name.values() for one in predictions))
     if arguments.perception:
         import pandas as pd
 
-        from stepblocks.predict.perceive import neighbours
+        from stepblocks.predict.perception import neighbours
         from stepblocks.tables import write_table
 
-        tables = [neighbours(s, [p for p in predictions if p.set_name == s.name]) for s in sets]
+        tables = [neighbours(s, by_name[s.name]) for s in sets]
         write_table(pd.concat(tables, ignore_index=True), arguments.perception)
         print(f"{arguments.perception}: {sum(map(len, tables))} pairs of neighbours")
     if arguments.plots:
-        from stepblocks.predict.plots import write_plots
+        from stepblocks.predict.figures import write_plots
 
         for path in (path for stimuli in sets for path in write_plots(stimuli, arguments.plots)):
             print(path)
     rings = [(stimuli.name, rows) for stimuli in sets if (rows := ring_rows(stimuli))]
     if arguments.output:
-        replace_text(arguments.output, as_csv(iter(predictions), more))
+        replace_text(arguments.output, predictions.csv(more))
         print(f"{arguments.output}: {len(predictions)} predictions")
     else:
-        rows = [as_row(prediction) | (more(prediction) if more else {}) for prediction in predictions]
-        _print_table(rows, (*SHOWN, *(name for name in rows[0] if name.startswith("surface_"))) if rows else SHOWN)
+        rows = predictions.rows(more)
+        _print_table(rows, shown(list(rows[0])))
     for name, rows in rings:
         print(f"\nring of the probe of {name}")
         _print_table(rows, tuple(rows[0]))

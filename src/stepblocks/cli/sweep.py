@@ -26,7 +26,7 @@ def run(arguments: argparse.Namespace) -> int:
     """Run the command."""
     from stepblocks.errors import PipelineError
     from stepblocks.predict.sweep.plan import load_sweep
-    from stepblocks.predict.sweep.run import run_sweep
+    from stepblocks.predict.sweep.run import sweep
 
     if not 1 <= arguments.jobs <= 1024:
         raise PipelineError(f"--jobs must lie between 1 and 1024, got {arguments.jobs}")
@@ -37,7 +37,7 @@ def run(arguments: argparse.Namespace) -> int:
 
         bar = tqdm(total=plan.partitions, unit="partition", disable=not sys.stderr.isatty())
         report = lambda _: bar.update(1)  # noqa: E731
-    computed, found = run_sweep(
+    computed, found = sweep(
         plan, arguments.output, jobs=arguments.jobs, scheduler=arguments.scheduler, on_partition=report
     )
     if not arguments.quiet:

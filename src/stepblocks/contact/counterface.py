@@ -260,8 +260,12 @@ class Profile(Counterface):
     z: Array  # shape (n,); heights [m]
 
     def __post_init__(self) -> None:
-        if not (self.x.shape == self.z.shape and self.x.ndim == 1 and self.x.size >= 2):
-            raise ContactError(f"a profile must have as many heights as positions, at least 2, got {self.x.shape}")
+        if self.x.ndim != 1 or self.x.shape != self.z.shape:
+            raise ContactError(
+                f"profile needs x and z of one equal length, got shapes {self.x.shape} and {self.z.shape}"
+            )
+        if self.x.size < 2:
+            raise ContactError(f"profile needs at least 2 points, got {self.x.size}")
 
     @property
     def far_side(self) -> float:

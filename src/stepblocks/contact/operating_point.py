@@ -54,8 +54,8 @@ class Tool:
 
     @property
     def damping_ratio(self) -> float:
-        """Share of critical damping that gives this decay at this frequency [1]."""
-        return 1.0 / math.hypot(1.0, math.tau * self.frequency * self.decay_time)
+        """Share of critical damping with which a tip of that mass on this spring decays so, ``1 / (2 pi f T)`` [1]."""
+        return 1.0 / (math.tau * self.frequency * self.decay_time)
 
 
 @dataclass(frozen=True)

@@ -3,18 +3,19 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from stepblocks.contact.energy import Status
+from stepblocks.contact.operating_point import PAPER
 from stepblocks.drag.simulate import DragTrace
 from stepblocks.errors import ContactError
 
 LOADING_BAND = (0.0, 100.0)
 RING_BAND = (250.0, 350.0)
-_PAPER_RING = 16e-3  # s, the duration over which the paper spends E_v
+_PAPER_RING = PAPER.tool.ring_duration
 _QUIET = 0.05  # of the first swing: below it the ring has ended
 
 
@@ -22,16 +23,15 @@ _QUIET = 0.05  # of the first swing: below it the ring has ended
 class Ring:
     """The vibration after a release."""
 
-    amplitude: float  # First swing of the tangential force below `level` [N]: the tip runs forward all through it
+    amplitude: float  # first swing of the tangential force below `level` [N]: the tip runs forward all through it
     level: float  # mu F_py, the force of sliding forward on a level face, about which that swing goes [N]
     energy: float  # E_v = amplitude^2 / 2k [J]
     share: float  # E_v over the energy stored at the release [1]; the paper's C_v
-    # Time from the release until the force stays within 5 % of the first swing around where it settles [s]
-    duration: float
-    decay_time: float  # Time in which the swings fall to 1/e of the first [s]; NaN where the trace ends before
-    frequency: float  # Peak of the spectrum over 16 ms after the release [Hz]
-    loading_share: float  # Share of the loading phase's spectral energy in 0-100 Hz [1]
-    ring_band_share: float  # Share of the vibration phase's spectral energy in 250-350 Hz [1]
+    duration: float  # from the release until the force stays within 5 % of the first swing around where it settles [s]
+    decay_time: float  # in which the swings fall to 1/e of the first [s]; NaN where the trace ends before
+    frequency: float = math.nan  # peak of the spectrum over 16 ms after the release [Hz]
+    loading_share: float = math.nan  # of the loading phase's spectral energy in 0-100 Hz [1]
+    ring_band_share: float = math.nan  # of the vibration phase's spectral energy in 250-350 Hz [1]
 
 
 def ring_of(trace: DragTrace, *, spectra: bool = True) -> Ring:
@@ -40,7 +40,7 @@ def ring_of(trace: DragTrace, *, spectra: bool = True) -> Ring:
     Parameters
     ----------
     trace : DragTrace
-        From `stepblocks.drag.simulate.drag`.
+        From `stepblocks.drag.simulate.simulate`.
     spectra : bool
         Whether to compute the three spectral figures, which take longer than the drag itself; NaN otherwise.
 
@@ -68,21 +68,15 @@ def ring_of(trace: DragTrace, *, spectra: bool = True) -> Ring:
     loud = np.flatnonzero(np.abs(swing - _settled(trace)) > _QUIET * amplitude)
     duration = float(time[after][loud[-1]] - trace.release_time) if loud.size else 0.0
     energy = 0.5 * amplitude * amplitude / trace.probe.stiffness
-    decay = _decay_time(trace)
+    ring = Ring(amplitude, level, energy, energy / trace.stored_energy, duration, _decay_time(trace))
     if not spectra:
-        return Ring(amplitude, level, energy, energy / trace.stored_energy, duration, decay, np.nan, np.nan, np.nan)
+        return ring
     frequencies, power = phase_spectrum(trace, "vibration")
-    loading = phase_spectrum(trace, "loading")
-    return Ring(
-        amplitude,
-        level,
-        energy,
-        energy / trace.stored_energy,
-        duration,
-        decay,
-        float(frequencies[np.argmax(power)]),
-        band_share(*loading, LOADING_BAND),
-        band_share(frequencies, power, RING_BAND),
+    return replace(
+        ring,
+        frequency=float(frequencies[np.argmax(power)]),
+        loading_share=band_share(*phase_spectrum(trace, "loading"), LOADING_BAND),
+        ring_band_share=band_share(frequencies, power, RING_BAND),
     )
 
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,6 +15,9 @@ from stepblocks.drag.model import DragSettings, Probe
 from stepblocks.drag.track import Track
 from stepblocks.errors import ContactError
 
+if TYPE_CHECKING:
+    import pandas as pd
+
 _MOST_STEPS = 200_000_000
 _MOST_ROWS = 5_000_000
 
@@ -22,15 +26,15 @@ _MOST_ROWS = 5_000_000
 class DragTrace:
     """What a drag recorded."""
 
-    rows: NDArray[np.float64]  # shape (n, 10); Samples; columns as in `stepblocks.drag.kernels.COLUMNS`
+    rows: NDArray[np.float64]  # shape (n, 10); samples; columns as in `stepblocks.drag.kernels.COLUMNS`
     status: Status  # ``RELEASES``, ``LOCKED`` (the force grew past any climb), or ``NO_CATCH``
-    peak_force: float  # Greatest tangential force of the first catch F_px [N]
-    release_time: float  # When it was reached [s]
-    release_position: float  # Where the tip stood then [m]
-    ledger: dict[str, float]  # Energies [J], see `stepblocks.drag.kernels.LEDGER`
-    time_step: float  # Step of the integration [s]
-    probe: Probe  # What was asked for
-    settings: DragSettings
+    peak_force: float  # greatest tangential force of the first catch F_px [N]
+    release_time: float  # when it was reached [s]
+    release_position: float  # where the tip stood then [m]
+    ledger: dict[str, float]  # energies [J], see `stepblocks.drag.kernels.LEDGER`
+    time_step: float  # of the integration [s]
+    probe: Probe  # what was dragged
+    settings: DragSettings  # and how
 
     @property
     def stored_energy(self) -> float:
@@ -44,18 +48,25 @@ class DragTrace:
         rest = sum(value for name, value in self.ledger.items() if name != "handle_work")
         return abs(put_in - rest) / max(max(abs(value) for value in self.ledger.values()), 1e-300)
 
+    @property
+    def frame(self) -> pd.DataFrame:
+        """The samples as a table."""
+        import pandas as pd
+
+        return pd.DataFrame(self.rows, columns=list(kernels.COLUMNS))
+
     def column(self, name: str) -> NDArray[np.float64]:
         """One column of the trace by its name, such as ``"fx_n"``."""
         return self.rows[:, kernels.COLUMNS.index(name)]
 
 
-def drag(track: Track, probe: Probe, settings: DragSettings) -> DragTrace:
-    """Drag a tip over a track until it has slipped and rung.
+def simulate(track: Track, probe: Probe, settings: DragSettings) -> DragTrace:
+    """Integrate the drag of a tip over a track until it has slipped and rung.
 
     Parameters
     ----------
     track : Track
-        From `step_track` or `track_of`.
+        From `track_over`, `track_of` or `track_along`.
     probe : Probe
         Masses, springs and contact.
     settings : DragSettings
@@ -81,7 +92,7 @@ def drag(track: Track, probe: Probe, settings: DragSettings) -> DragTrace:
     --------
     >>> from stepblocks.drag.model import PAPER_DRAG
     >>> from stepblocks.drag.track import step_track
-    >>> trace = drag(step_track(25e-6, 125e-6), PAPER_DRAG, DragSettings(1.0, 0.15, speed=20e-3))
+    >>> trace = simulate(step_track(25e-6, 125e-6), PAPER_DRAG, DragSettings(1.0, 0.15, speed=20e-3))
     >>> str(trace.status), trace.ledger_error < 1e-3
     ('releases', True)
     """
@@ -101,7 +112,7 @@ def drag(track: Track, probe: Probe, settings: DragSettings) -> DragTrace:
         raise ContactError(
             f"sample_rate of {settings.sample_rate:g} Hz gives more than {_MOST_ROWS} rows; record fewer"
         )
-    y = float(np.interp(x, track.x, track.height)) - dent
+    y = float(np.interp(x, track.x, track.z)) - dent
     sliding = settings.friction * settings.normal_load
     driven = settings.speed > 0.0
     carried = probe.normal_stiffness > 0.0
@@ -120,9 +131,8 @@ def drag(track: Track, probe: Probe, settings: DragSettings) -> DragTrace:
     )
     rows, count, peak, ledger = kernels.integrate(
         track.x,
-        track.height,
-        track.slope_left,
-        track.slope_right,
+        track.z,
+        *track.slopes,
         track.kinks,
         _parameters(probe, settings, mu_s, bristle, limit),
         start,

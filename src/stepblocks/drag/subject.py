@@ -1,17 +1,14 @@
-"""What `stepblocks drag` drags over: a step height, a profile, or a stimulus of a set under the conditions that its set declares."""
+"""What is dragged over, and under what: a step height, a profile, or a stimulus under the conditions that its set declares."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
 from pathlib import Path
 
-from stepblocks.contact.counterface import Counterface, Margin, Step
-from stepblocks.contact.path.catches import Direction, steepest
-from stepblocks.contact.path.profile import profile_path
-from stepblocks.contact.path.reference import rounded_step_profile
-from stepblocks.contact.path.tip import Ball
+from stepblocks.contact.counterface import Counterface, Profile, Step
+from stepblocks.contact.operating_point import PAPER, OperatingPoint, Tool
 from stepblocks.declare import load_declared
-from stepblocks.drag.track import Track, margin_track, step_track, track_of
 from stepblocks.errors import ContactError, PipelineError, QuantityError
 from stepblocks.parts.kind import Part
 from stepblocks.parts.set import StimulusSet
@@ -19,107 +16,76 @@ from stepblocks.quantities import format_quantity, parse_quantity
 from stepblocks.select import stimulus_files
 from stepblocks.tables import read_table, si_column
 
-_PAPER = {
-    "tip_radius": 125e-6,
-    "edge_radius": 0.0,
-    "load": 1.0,
-    "friction": 0.15,
-    "stiffness": 9.81e3,
-    "frequency": 300.0,
-    "damping_ratio": 0.02,
-}
+# what may be given beside the subject [SI]: where it goes in an operating point, and in its tool
+_OF_POINT = {"tip_radius": "ball_radius", "load": "normal_load", "friction": "friction"}
+_OF_TOOL = ("stiffness", "frequency")
 
 
 @dataclass(frozen=True)
-class DragSubject:
-    """What is dragged over, and with what."""
+class Subject:
+    """A counterface, an operating point and a direction."""
 
-    name: str  # For the heading and the summary
-    track: Track  # Path of the tip
-    angle: float  # Critical angle in closed form or by dilation [rad]
-    # ``tip_radius`` [m], ``load`` [N], ``friction`` [1], ``stiffness`` [N/m], ``frequency`` [Hz] and
-    # ``damping_ratio`` [1]: as given, else as the set declares, else the paper's
-    values: dict[str, float]
+    name: str  # for the heading and the summary
+    face: Counterface
+    point: OperatingPoint
+    backward: bool = False
+    place: str = ""  # file of a profile, for messages
 
 
-def subject_of(text: str, given: dict[str, float], backward: bool, where: Path | None) -> DragSubject:
-    """Understand what is to be dragged over."""
-    if Path(text).suffix.lower() == ".csv":
-        return _profile(Path(text), given, backward)
+def subject_of(
+    given: str | Path | Counterface, values: Mapping[str, float], backward: bool = False, where: Path | None = None
+) -> Subject:
+    """Understand what is to be dragged over; `values` [SI] take the place of what the paper or the set says."""
+    if isinstance(given, Counterface):
+        return Subject("a counterface", given, _changed(PAPER, values), backward)
+    if Path(given).suffix.lower() == ".csv":
+        return _profile(Path(given), values, backward)
     try:
-        height = parse_quantity(text, "length")
+        height = parse_quantity(str(given), "length")
     except QuantityError:
-        stimuli, stimulus = _find(text, where)
-        return declared_subject(stimuli, stimulus, given, backward)
-    return plain_subject(height, given, backward)
+        return declared_subject(*_find(str(given), where), values, backward)
+    face = Step(height, values.get("edge_radius", 0.0))
+    return Subject(f"a step of {format_quantity(height, 'length')}", face, _changed(PAPER, values), backward)
 
 
-def plain_subject(height: float, given: dict[str, float], backward: bool = False) -> DragSubject:
-    """Drag over a step that is nothing but a height [m]; arguments as for `subject_of`."""
-    values = _PAPER | given
-    track, angle = _step(height, values["edge_radius"], values["tip_radius"], backward)
-    return DragSubject(f"a step of {format_quantity(height, 'length')}", track, angle, values)
-
-
-def declared_subject(
-    stimuli: StimulusSet, stimulus: Part, given: dict[str, float], backward: bool = False
-) -> DragSubject:
-    """Drag over a stimulus, or with a tip, under the first tip, load and friction of its set unless `given`."""
-    grid, place = stimuli.prediction, f"[{stimuli.name}/{stimulus.id}]"
-    if "edge_radius" in given:
+def declared_subject(stimuli: StimulusSet, part: Part, values: Mapping[str, float], backward: bool = False) -> Subject:
+    """Drag over a part, or with it, under the first tip, load, friction and step of its set unless `values` differ."""
+    grid, place = stimuli.grid_of(part), f"[{stimuli.name}/{part.id}]"
+    if "edge_radius" in values:
         raise PipelineError(f"--edge-radius is for a plain step; a stimulus declares its own {place}")
-    values = _PAPER | {"load": grid.normal_loads[0], "friction": grid.frictions[0], "stiffness": grid.tool.stiffness}
-    if stimulus.ball is not None and "tip_radius" in given:
+    if part.ball is not None and "tip_radius" in values:
         raise PipelineError(f"--tip-radius must not be given for a tip, it declares its own {place}")
-    if stimulus.crossed and "step_height" in given:
+    if part.crossed and "step_height" in values:
         raise PipelineError(f"--step-height is for a declared tip; a block declares its own {place}")
-    ring = stimuli.ring_of(stimulus)
+    ball = grid.tip_radii[0] if part.ball is None else part.ball.nominal
+    height = None if part.crossed else values.get("step_height", grid.step_heights[0])
+    tool, ring = Tool(grid.tool.stiffness), stimuli.ring_of(part)
     if ring is not None:
-        values |= {"stiffness": ring.stiffness, "frequency": ring.frequency, "damping_ratio": 0.5 * ring.loss_factor}
-    values["tip_radius"] = grid.tip_radii[0] if stimulus.ball is None else stimulus.ball.nominal
-    if not stimulus.crossed:
-        values["step_height"] = grid.step_heights[0]
-    values |= given
-    face = stimulus.counterface(values.get("step_height"))
-    track, angle = _over(face, values["tip_radius"], backward)
-    name = stimulus.id if stimulus.sleeve is None else f"probe in {stimulus.id}"
-    if not stimulus.crossed:
-        name += f" over a step of {format_quantity(values['step_height'], 'length')}"
+        tool = replace(tool, frequency=ring.frequency, decay_time=ring.decay_time)
+    point = OperatingPoint(ball, grid.normal_loads[0], grid.frictions[0], tool)
+    face, name = part.counterface(height), part.id
+    if height is not None:
+        probe = name if part.ball is not None else f"probe in {name}"
+        name = f"{probe} over a step of {format_quantity(height, 'length')}"
     elif len(face.ways) > 1:
-        name += f", {face.ways[backward]}"
-    return DragSubject(name, track, angle, values)
+        name = f"{name}, {face.ways[backward]}"
+    return Subject(name, face, _changed(point, values), backward)
 
 
-def _over(face: Counterface, ball: float, backward: bool) -> tuple[Track, float]:
-    if isinstance(face, Step):
-        return _step(face.height, face.edge_radius, ball, backward)
-    angle = float(face.angles(ball)[backward])
-    if isinstance(face, Margin):
-        return margin_track(face.gap, face.opening, face.rise, ball, backward=backward), angle
-    return track_of(*face.section(4.0 * ball), Ball(ball), backward=backward), angle
+def _changed(point: OperatingPoint, values: Mapping[str, float]) -> OperatingPoint:
+    tool = replace(point.tool, **{name: values[name] for name in _OF_TOOL if name in values})
+    return replace(point, tool=tool, **{field: values[name] for name, field in _OF_POINT.items() if name in values})
 
 
-def _step(height: float, edge_radius: float, ball: float, backward: bool) -> tuple[Track, float]:
-    if not backward:
-        track = step_track(height, ball, edge_radius)
-        return track, track.steepest_angle
-    return track_of(*rounded_step_profile(height, edge_radius, 4.0 * ball, 401), Ball(ball), backward=True), 0.0
-
-
-def _profile(path: Path, given: dict[str, float], backward: bool) -> DragSubject:
-    if "edge_radius" in given:
+def _profile(path: Path, values: Mapping[str, float], backward: bool) -> Subject:
+    if "edge_radius" in values:
         raise PipelineError(f"--edge-radius is for a plain step; a profile has its own [{path}]")
     frame = read_table(path)
     x, z = (si_column(frame, (name,), "length", None, path) for name in ("x", "z"))
-    values = _PAPER | given
-    ball = Ball(values["tip_radius"])
-    direction: Direction = "backward" if backward else "forward"
     try:
-        track = track_of(x, z, ball, backward=backward)
-        angle = steepest(profile_path(x, z, ball, edges="flat"), direction).angle
+        return Subject(path.name, Profile(x, z), _changed(PAPER, values), backward, f"[{path}]")
     except ContactError as error:
         raise PipelineError(f"{error} [{path}]") from error
-    return DragSubject(path.name, track, angle, values)
 
 
 def _find(text: str, where: Path | None) -> tuple[StimulusSet, Part]:
@@ -134,10 +100,10 @@ def _find(text: str, where: Path | None) -> tuple[StimulusSet, Part]:
     else:
         files, wanted = stimulus_files([where] if where else []), head
     found = [
-        (stimuli, stimulus)
+        (stimuli, part)
         for stimuli in map(load_declared, files)
-        for stimulus in stimuli.stimuli
-        if stimulus.id == identity and wanted in ("", stimuli.name)
+        for part in stimuli.stimuli
+        if part.id == identity and wanted in ("", stimuli.name)
     ]
     if len(found) > 1:
         names = ", ".join(f"{stimuli.name}/{identity}" for stimuli, _ in found)

@@ -13,41 +13,59 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from stepblocks.contact.counterface import Counterface, Step
+from stepblocks.contact.domain import require_not_negative, require_positive
 from stepblocks.contact.path.catches import interval_slopes
+from stepblocks.contact.path.centre import Array, CentrePath
 from stepblocks.contact.path.profile import Surface, profile_path
 from stepblocks.contact.path.tip import Ball
 from stepblocks.errors import ContactError
 
-Floats = NDArray[np.float64]
-_KINK = math.radians(2.0)
+_KINK = math.radians(2.0)  # a turn at which two contacts share the load, on a surface that may be rough
+_SHARED = 1e-3  # the same on a path whose notches are exact [rad]
 _LEVEL = 400.0  # radii by which a surface goes on level: a released spring may throw the tip far
 
 
 @dataclass(frozen=True)
-class Track:
-    """Path of a ball's lowest point as a piecewise cubic."""
+class Track(CentrePath):
+    """Path of a ball's lowest point, cubic between its knots and level beyond them."""
 
-    x: Floats  # shape (n,); Nodes [m]
-    height: Floats
-    slope_left: Floats  # shape (n,); Slopes to either side of each node [1]; they differ at a kink
-    slope_right: Floats
-    kinks: NDArray[np.int64]  # Nodes at which two contacts share the load
+    kinks: NDArray[np.int64]  # knots at which two contacts share the load
     ball_radius: float  # R [m]
+
+    @cached_property
+    def slopes(self) -> tuple[Array, Array]:
+        """Slopes to the left and to the right of each knot [1]; they differ at a kink."""
+        return np.concatenate([[0.0], self.slope_end]), np.concatenate([self.slope_start, [0.0]])
 
     @cached_property
     def steepest_angle(self) -> float:
         """Critical angle towards growing x [rad]."""
-        return math.atan(max(float(self.slope_right.max()), 0.0))
+        return self.notch(+1.0)[2]
 
     @cached_property
     def features(self) -> tuple[float, float]:
         """Where the path first and last bends or slopes by more than a degree [m]; the middle if it is flat."""
-        slope = np.maximum(np.abs(self.slope_left), np.abs(self.slope_right))
-        found = np.flatnonzero(slope > math.tan(math.radians(1.0)))
+        found = np.flatnonzero(np.maximum(*np.abs(self.slopes)) > math.tan(math.radians(1.0)))
         if found.size == 0:
             middle = 0.5 * float(self.x[0] + self.x[-1])
             return middle, middle
         return float(self.x[found[0]]), float(self.x[found[-1]])
+
+
+def track_over(face: Counterface, ball_radius: float, backward: bool = False) -> Track:
+    """Track over a counterface: up a step in closed form, over anything else by dilating its section."""
+    if isinstance(face, Step) and not backward:
+        return step_track(face.height, ball_radius, face.edge_radius)
+    return track_of(*face.section(4.0 * ball_radius), Ball(ball_radius), backward=backward)
+
+
+def track_along(path: CentrePath, ball_radius: float, backward: bool = False) -> Track:
+    """Track of a ball whose centre follows a path."""
+    path = path.mirrored() if backward else path
+    turns = np.arctan(path.slope_start[1:]) - np.arctan(path.slope_end[:-1])
+    kinks = np.flatnonzero(turns > _SHARED) + 1
+    return Track(path.x, path.z - ball_radius, path.slope_start, path.slope_end, kinks, ball_radius)
 
 
 def track_of(x: ArrayLike, z: ArrayLike, ball: Ball, *, backward: bool = False, surface: Surface = "polyline") -> Track:
@@ -80,27 +98,22 @@ def track_of(x: ArrayLike, z: ArrayLike, ball: Ball, *, backward: bool = False, 
     kinks = np.flatnonzero(np.isin(nodes, breaks))
     slope_left = right.slope.copy()
     slope_left[kinks] = left.slope[np.maximum(kinks - 1, 0)]
-    far = _LEVEL * ball.radius
-    ends = [
-        np.concatenate([[a[0] + first], a, [a[-1] + final]])
-        for a, first, final in (
-            (nodes, -far, far),
-            (right.height, 0.0, 0.0),
-            (slope_left, -slope_left[0], -slope_left[-1]),
-            (right.slope, -right.slope[0], -right.slope[-1]),
-        )
-    ]
-    ends[2][1] = ends[3][-2] = 0.0  # level from the ends on
-    return Track(ends[0], ends[1], ends[2], ends[3], (kinks + 1).astype(np.int64), ball.radius)
+    far, level = _LEVEL * ball.radius, [0.0]
+    return Track(
+        np.concatenate([[nodes[0] - far], nodes, [nodes[-1] + far]]),
+        np.concatenate([right.height[:1], right.height, right.height[-1:]]),
+        np.concatenate([level, right.slope[:-1], level]),
+        np.concatenate([level, slope_left[1:], level]),
+        (kinks + 1).astype(np.int64),
+        ball.radius,
+    )
 
 
 def step_track(height: float, ball_radius: float, edge_radius: float = 0.0, run: float | None = None) -> Track:
     """Track over one step up at x = 0, in closed form."""
     radius = Ball(ball_radius).radius + edge_radius
-    if not (math.isfinite(height) and height > 0.0):
-        raise ContactError(f"height must be positive and finite, got {height:g} m")
-    if not (math.isfinite(edge_radius) and edge_radius >= 0.0):
-        raise ContactError(f"edge_radius must be finite and not negative, got {edge_radius:g} m")
+    require_positive("height", height, "m")
+    require_not_negative("edge_radius", edge_radius, "m")
     if height >= radius:
         raise ContactError(
             f"height must be less than R + r ({radius:g} m), got {height:g} m: too-high, the tip is held"
@@ -115,26 +128,5 @@ def step_track(height: float, ball_radius: float, edge_radius: float = 0.0, run:
     z[arc] = height - 2.0 * radius * np.square(np.sin(0.5 * angles))
     z[49], slope[arc] = 0.0, np.tan(angles)
     left = slope.copy()
-    left[49] = 0.0
-    return Track(x, z, left, slope, np.array([49]), ball_radius)
-
-
-def margin_track(gap: float, opening: float, rise: float, ball_radius: float, *, backward: bool = False) -> Track:
-    """Track over a crown margin, from the tooth to the crown or back."""
-    ball = Ball(ball_radius)
-    for name, value in (("gap", gap), ("opening", opening), ("rise", rise)):
-        if not math.isfinite(value):
-            raise ContactError(f"{name} must be finite, got {value:g} m")
-    if gap < 0.0:
-        raise ContactError(f"gap must not be negative, got {gap:g} m")
-    run = 4.0 * ball_radius
-    wide = max(opening, 0.0)
-    if wide == 0.0:  # a lip that has slid over the tooth leaves a step alone
-        section = [(-run, 0.0), (0.0, 0.0), (0.0, rise), (run, rise)]
-    else:
-        wall = min(gap, wide)
-        floor = -run - abs(rise) - wide
-        section = [(-run, 0.0), (0.0, 0.0), (0.0, floor), (wall, floor), (wall, rise - (wide - wall)), (wide, rise)]
-        section.append((wide + run, rise))
-    x, z = np.array(section).T
-    return track_of(x, z, ball, backward=backward)
+    left[49] = 0.0  # the lower face ends level, the arc begins at the critical angle
+    return Track(x, z, slope[:-1], left[1:], np.array([49]), ball_radius)

@@ -14,7 +14,7 @@ from stepblocks.contact.felt import scanned_angle
 from stepblocks.errors import PipelineError
 from stepblocks.parts.kinds.step_block import StepBlock
 from stepblocks.parts.set import StimulusSet
-from stepblocks.predict.predictions import Prediction, predict_set, tool_of
+from stepblocks.predict.predictions import Prediction, predictions_of, tool_of
 
 
 def read_records(paths: Sequence[Path]) -> dict[str, AsBuilt]:
@@ -101,7 +101,7 @@ def surface_columns(release: Release | None) -> dict[str, str]:
 def moved_energies(stimuli: StimulusSet, records: dict[str, AsBuilt]) -> Iterator[str]:
     """Say for each recorded step block how far the felt energy moved over the conditions of its set."""
     built = with_as_built(stimuli, records)
-    asked, made = list(predict_set(stimuli)), list(predict_set(built))
+    asked, made = list(predictions_of(stimuli)), list(predictions_of(built))
     scanned = surface_releases(stimuli, records)
     for before, after in zip(stimuli.step_block, built.step_block, strict=True):
         if before.id not in records:

@@ -1,69 +1,90 @@
-"""Pictures of predictions: energy against height with its interval and locking limit, the margin map, the ring map."""
+"""Pictures of a set's predictions: energy against height with interval and locking limit, and the map of its margins."""
 
 from __future__ import annotations
 
-import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
+from itertools import product
 from pathlib import Path
 
 import numpy as np
 
-from stepblocks.contact.counterface import Step
+from stepblocks.contact.counterface import Margin, Step
 from stepblocks.contact.energy import Status
 from stepblocks.contact.kernels import locking_height
 from stepblocks.contact.operating_point import OperatingPoint
 from stepblocks.contact.uncertainty import interval_of
-from stepblocks.drag.conversion import RingConversion
 from stepblocks.errors import ContactError
 from stepblocks.figure_file import new_figure, save_figure
-from stepblocks.predict.margin_map import MarginMap
+from stepblocks.parts.set import StimulusSet, with_energy_tolerances
+from stepblocks.predict.margin_map import MarginMap, margin_map
+from stepblocks.predict.predictions import tip_of, tool_of, uncertainty_of
+
+_BLUE, _RED = "#1f4e79", "#b03030"
+
+
+def write_plots(stimuli: StimulusSet, folder: Path) -> Iterator[Path]:
+    """Draw what a set predicts, for each of its tips and frictions under its largest load."""
+    stimuli = with_energy_tolerances(stimuli)
+    grid, tool = stimuli.prediction, tool_of(stimuli.prediction)
+    parts = [part for part in stimuli.stimuli if part.crossed]
+    faces = {part.id: part.counterface() for part in parts}
+    steps = {name: face for name, face in faces.items() if isinstance(face, Step)}
+    margins = {name: face for name, face in faces.items() if isinstance(face, Margin)}
+    for radius, friction in product(grid.tip_radii, grid.frictions):
+        point = OperatingPoint(radius, max(grid.normal_loads), friction, tool)
+        name = f"R{radius * 1e6:g}.mu{friction:g}".replace("mu0.", "mu0p")
+        if steps:
+            path = folder / f"{stimuli.name}.energy-of-height.{name}.png"
+            first = next(part for part in parts if part.id in steps)
+            uncertainty = uncertainty_of(first, grid, tip_of(grid, radius), point.normal_load)
+            top = 1.25 * max(step.height for step in steps.values())
+            curve = [Step(height, steps[first.id].edge_radius) for height in np.linspace(0.02 * top, top, 80)]
+            draw_energy_of_height(curve, point, uncertainty, path, [step.height for step in steps.values()])
+            yield path
+        if margins:
+            path = folder / f"{stimuli.name}.margin-map.{name}.png"
+            gap = 1.25 * max(margin.opening for margin in margins.values())
+            rise = 1.25 * max(*(abs(margin.rise) for margin in margins.values()), 20e-6)
+            table = margin_map(np.linspace(0.0, max(gap, 100e-6), 76), np.linspace(-rise, rise, 81), point)
+            draw_margin_map(table, path, [(max(one.opening, 0.0), -one.rise) for one in margins.values()])
+            yield path
 
 
 def draw_energy_of_height(
-    faces: Sequence[Step],
+    steps: Sequence[Step],
     point: OperatingPoint,
     uncertainty: Mapping[str, float],
     path: Path,
-    marks: dict[str, float] | None = None,
+    marks: Sequence[float] = (),
 ) -> None:
-    """Draw E_v against H with its 95 % interval and the height at which the tip locks."""
-    hs = np.array([face.height for face in faces])
-    intervals = [interval_of(face, point, uncertainty, draws=4000) for face in faces]
+    """Draw E_v against H with its 95 % interval and the height at which the tip locks; `marks` are heights [m]."""
+    heights = 1e6 * np.array([step.height for step in steps])
+    intervals = [interval_of(step, point, uncertainty, draws=4000) for step in steps]
     figure, axis = new_figure()
-    released = np.array([i.status is Status.RELEASES for i in intervals])
-    low = np.array([i.energy_low for i in intervals])
-    high = np.array([i.energy_high for i in intervals])
-    if not any(i.status is Status.RELEASES for i in intervals):
+    released = np.array([one.status is Status.RELEASES for one in intervals])
+    if not released.any():
         raise ContactError("a figure of energy against height needs a height that releases, got none")
-    top = 10.0 * max(i.energy for i in intervals if i.status is Status.RELEASES)
-    shown = np.isfinite(low)
-    axis.fill_between(
-        hs[shown] * 1e6,
-        low[shown] * 1e6,
-        np.minimum(high[shown], top) * 1e6,
-        alpha=0.3,
-        lw=0,
-        color="#1f4e79",
-        label="95 % interval",
+    energy, low, high = (
+        1e6 * np.array([getattr(one, name) for one in intervals]) for name in ("energy", "energy_low", "energy_high")
     )
-    energy = np.array([i.energy for i in intervals])
-    axis.plot(hs[released] * 1e6, energy[released] * 1e6, color="#1f4e79", label="$E_v$, equations (1) and (2)")
-    limit = float(locking_height(point.ball_radius + faces[0].edge_radius, point.friction))
-    axis.axvline(limit * 1e6, color="#b03030", ls="--", lw=1, label=f"locks from {limit * 1e6:.1f} um")
+    top, shown = 10.0 * energy[released].max(), np.isfinite(low)
+    band = low[shown], np.minimum(high[shown], top)
+    axis.fill_between(heights[shown], *band, alpha=0.3, lw=0, color=_BLUE, label="95 % interval")
+    axis.plot(heights[released], energy[released], color=_BLUE, label="$E_v$, equations (1) and (2)")
+    limit = 1e6 * float(locking_height(point.ball_radius + steps[0].edge_radius, point.friction))
+    axis.axvline(limit, color=_RED, ls="--", lw=1, label=f"locks from {limit:.1f} um")
     axis.set(xlabel="step height H [um]", ylabel="vibration energy $E_v$ [uJ]", yscale="log")
-    axis.set_ylim(top=top * 1e6)
-    axis.set_title(
-        f"R {point.ball_radius * 1e6:g} um, {point.normal_load:g} N, mu {point.friction:g}, C_v {point.tool.conversion:g}",
-        fontsize=9,
-    )
-    for height in (marks or {}).values():
+    axis.set_ylim(top=top)
+    under = f"R {point.ball_radius * 1e6:g} um, {point.normal_load:g} N, mu {point.friction:g}"
+    axis.set_title(f"{under}, C_v {point.tool.conversion:g}", fontsize=9)
+    for height in marks:
         axis.plot(height * 1e6, 0.0, "|", ms=9, color="k", transform=axis.get_xaxis_transform(), clip_on=False)
     axis.legend(fontsize=8)
     save_figure(figure, path)
 
 
-def draw_margin_map(table: MarginMap, path: Path, marks: dict[str, tuple[float, float]] | None = None) -> None:
-    """Draw the peak force of both directions over gap and discrepancy; held margins are hatched."""
+def draw_margin_map(table: MarginMap, path: Path, marks: Sequence[tuple[float, float]] = ()) -> None:
+    """Draw the peak force of both directions over gap and discrepancy, held margins hatched; `marks` are such pairs [m]."""
     from matplotlib.colors import LogNorm
 
     figure, axes = new_figure(1, 2, width=9.0, height=4.0)
@@ -75,37 +96,10 @@ def draw_margin_map(table: MarginMap, path: Path, marks: dict[str, tuple[float, 
         mesh = axis.pcolormesh(table.discrepancy * 1e6, table.gap * 1e6, shown, norm=norm, shading="nearest")
         held = np.where(np.isinf(force), 1.0, np.nan)
         axis.contourf(table.discrepancy * 1e6, table.gap * 1e6, held, levels=[0.5, 1.5], colors="none", hatches=["//"])
-        axis.axhline(100.0, color="#b03030", lw=0.8, ls="--")
-        for gap, discrepancy in (marks or {}).values():
+        axis.axhline(100.0, color=_RED, lw=0.8, ls="--")
+        for gap, discrepancy in marks:
             axis.plot(discrepancy * 1e6, gap * 1e6, "o", ms=4, mfc="none", color="k")
         axis.set(xlabel="discrepancy, tooth over crown [um]", ylabel="gap [um]")
         axis.set_title(f"{name} (white: no catch, hatched: held)", fontsize=9)
     figure.colorbar(mesh, ax=list(axes), label="peak force $F_{px}$ [N]")
     save_figure(figure, path)
-
-
-def draw_ring_share(table: RingConversion, path: Path, constant: float = 0.20) -> None:
-    """Draw the share of the stored energy that rings against height, one panel per friction, beside the constant."""
-    count = table.frictions.size
-    figure, axes = new_figure(1, count, width=3.2 * count + 1.0, height=3.8)
-    for j, axis in enumerate(np.atleast_1d(axes)):
-        for i, load in enumerate(table.loads):
-            for k, speed in enumerate(table.speeds):
-                axis.plot(
-                    table.heights * 1e6,
-                    table.share[:, i, j, k],
-                    marker=".",
-                    lw=0.9,
-                    color=f"C{i}",
-                    ls=("-", "--", ":", "-.")[k % 4],
-                    label=f"{load:g} N, {speed * 1e3:g} mm/s",
-                )
-        axis.axhline(constant, color="k", lw=1)
-        axis.set_title(f"mu = {table.frictions[j]:g}, angle of friction {_degrees(table.frictions[j])}", fontsize=9)
-        axis.set(xlabel="step height H [um]", ylabel="share that rings", ylim=(0.0, 1.0))
-    np.atleast_1d(axes)[-1].legend(fontsize=6)
-    save_figure(figure, path)
-
-
-def _degrees(friction: float) -> str:
-    return f"{math.degrees(math.atan(friction)):.1f} deg"

@@ -7,28 +7,44 @@ on a hand-held explorer but the paper's threshold.
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+import re
+from collections.abc import Iterable
+from dataclasses import dataclass, replace
+from itertools import groupby, pairwise
+from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
+from stepblocks.atomic import replace_text
 from stepblocks.contact import kernels
 from stepblocks.contact.counterface import Step
 from stepblocks.contact.domain import require_not_negative, require_positive
 from stepblocks.contact.energy import Status
 from stepblocks.contact.operating_point import PAPER, OperatingPoint
-from stepblocks.errors import ContactError
+from stepblocks.declare import load_declared
+from stepblocks.errors import ContactError, PipelineError, StepblocksError
+from stepblocks.parts.set import StimulusSet
+from stepblocks.parts.tolerance import Dimension
+from stepblocks.predict.predictions import Prediction, tool_of
+
+if TYPE_CHECKING:
+    import pandas as pd
+
+# columns of a table of neighbours, which may have no rows
+_NEIGHBOURS = ["set", "tip_radius_um", "normal_load_n", "friction", "lower", "higher"]
+_NEIGHBOURS += ["lower_level_db", "higher_level_db", "just_noticeable_differences", "correct"]
 
 
 @dataclass(frozen=True)
 class Observer:
     """A person, as far as vibration of 250-350 Hz at the fingertip goes."""
 
-    threshold_power: float  # Power that is just detected [W]
-    ring_duration: float  # Time over which the energy of a ring is spent [s]
-    # Just noticeable difference of the level [dB of power]; 75 % correct in two-alternative choice
-    level_difference: float
-    masking: float  # Share of a masking vibration's power that adds to the threshold [1]
+    threshold_power: float  # that is just detected [W]
+    ring_duration: float  # over which the energy of a ring is spent [s]
+    level_difference: float  # just noticeable [dB of power]; 75 % correct in two-alternative choice
+    masking: float  # share of a masking vibration's power that adds to the threshold [1]
 
     def __post_init__(self) -> None:
         for name in ("threshold_power", "ring_duration", "level_difference"):
@@ -135,3 +151,91 @@ def equally_felt_heights(
     heights = np.array([height_of_energy(float(energy), point, edge_radius) for energy in energies])
     spacing, _ = discriminability(float(energies[0]), float(energies[1]), observer)
     return heights, spacing
+
+
+def observer_of(stimuli: StimulusSet) -> Observer:
+    """Return the person of a set: its threshold and ring duration, else the paper's figures."""
+    tool = stimuli.prediction.tool
+    return replace(PAPER_OBSERVER, threshold_power=tool.detection_threshold, ring_duration=tool.ring_duration)
+
+
+def neighbours(stimuli: StimulusSet, predictions: Iterable[Prediction]) -> pd.DataFrame:
+    """Tell how well each block is told from the next higher one, under each tip, friction and load."""
+    import pandas as pd
+
+    blocks, observer = {block.id for block in stimuli.step_block}, observer_of(stimuli)
+    felt = [p for p in predictions if p.stimulus in blocks and p.release.status is Status.RELEASES]
+
+    def condition(p: Prediction) -> tuple[float, float, float]:
+        return p.tip_radius, p.friction, p.normal_load
+
+    rows = []
+    for (tip, friction, load), group in groupby(sorted(felt, key=lambda p: (*condition(p), p.step_height)), condition):
+        for low, high in pairwise(p for p in group if p.release.vibration_energy > 0.0):
+            energies = low.release.vibration_energy, high.release.vibration_energy
+            steps, correct = discriminability(*energies, observer)
+            rows.append(
+                {
+                    "set": stimuli.name,
+                    "tip_radius_um": tip * 1e6,
+                    "normal_load_n": load,
+                    "friction": friction,
+                    "lower": low.stimulus,
+                    "higher": high.stimulus,
+                    "lower_level_db": sensation_level(energies[0], observer),
+                    "higher_level_db": sensation_level(energies[1], observer),
+                    "just_noticeable_differences": steps,
+                    "correct": correct,
+                }
+            )
+    return pd.DataFrame(rows, columns=_NEIGHBOURS)
+
+
+def write_equally_felt(source: Path, count: int, target: Path) -> tuple[list[float], float]:
+    """Write a set whose step blocks are equally spaced in predicted sensation, between the lowest and the highest of another."""
+    stimuli = load_declared(source)
+    if not stimuli.step_block:
+        raise PipelineError(f"a set that is equally felt needs step blocks to lie between, got none [{source}]")
+    if not 2 <= count <= 100:
+        raise PipelineError(f"--equally-felt must lie between 2 and 100 blocks, got {count}")
+    if target.resolve() == source.resolve() or target.suffix != ".toml":
+        raise PipelineError(f"-o must name a new file *.toml, got {target}")
+    grid, first = stimuli.prediction, stimuli.step_block[0]
+    given = [block.height.nominal for block in stimuli.step_block]
+    point = OperatingPoint(grid.tip_radii[0], grid.normal_loads[0], grid.frictions[0], tool_of(grid))
+    heights, spacing = equally_felt_heights(
+        count, min(given), max(given), point, first.edge_radius.nominal, observer_of(stimuli)
+    )
+    rounded = [round(float(height) * 1e6, 2) for height in heights]
+    text = _with_heights(source.read_text(encoding="utf-8"), target.stem, rounded, first.height)
+    beside = target.parent / f".{target.stem}.part" / target.name
+    try:
+        beside.parent.mkdir(parents=True, exist_ok=True)
+        replace_text(beside, text)
+        load_declared(beside)
+        beside.replace(target)
+    except StepblocksError as error:
+        raise PipelineError(f"the set cannot be written: {error}") from error
+    except OSError as error:
+        raise PipelineError(f"the set cannot be written: {error.strerror} [{target}]") from error
+    finally:
+        beside.unlink(missing_ok=True)
+        if beside.parent.is_dir():
+            beside.parent.rmdir()
+    return [value * 1e-6 for value in rounded], spacing
+
+
+def _with_heights(text: str, name: str, heights_um: list[float], height: Dimension) -> str:
+    """Keep the first stanza of a set's step blocks, give it a series of heights, and leave the other stanzas out."""
+    text = re.sub(r'(?m)^set\s*=\s*".*"$', f'set = "{name}"', text, count=1)
+    stanzas = list(re.finditer(r"(?ms)^\[\[step_block\]\]\n.*?(?=^\[(?!step_block\.)|\Z)", text))
+    kept = stanzas[0].group(0)
+    values = ", ".join(f'"{value:g} um"' for value in heights_um)
+    up, down = (f"{deviation * 1e6:.9g} um" for deviation in (height.upper, -height.lower))
+    tolerance = "by energy" if height.by_energy else f"+{up} / -{down}"
+    series = f'height = {{ values = [{values}], tolerance = "{tolerance}" }}'
+    kept = re.sub(r"(?m)^height\s*=.*\n?", "", kept).replace("[[step_block]]\n", f"[[step_block]]\n{series}\n", 1)
+    kept = re.sub(r"(?m)^id\s*=.*$", 'id = "felt-{height_um:03}"', kept, count=1)
+    for stanza in reversed(stanzas):
+        text = text[: stanza.start()] + text[stanza.end() :]
+    return text.rstrip() + "\n\n# Equally spaced in predicted sensation.\n" + kept.rstrip() + "\n"

@@ -5,193 +5,278 @@ from __future__ import annotations
 import csv
 import io
 import math
-from collections.abc import Callable, Iterator
-from dataclasses import dataclass
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass, replace
 from itertools import product
+from pathlib import Path
+from typing import TYPE_CHECKING
 
+from stepblocks.contact.counterface import Counterface
 from stepblocks.contact.energy import Release, Status, release_at
 from stepblocks.contact.kernels import locking_height
-from stepblocks.contact.operating_point import Tool
-from stepblocks.contact.uncertainty import Interval
+from stepblocks.contact.operating_point import OperatingPoint, Tool
+from stepblocks.contact.uncertainty import Interval, interval_of, rectangular
 from stepblocks.parts.conditions import PredictionGrid
 from stepblocks.parts.kind import Part
 from stepblocks.parts.set import StimulusSet, with_energy_tolerances
-from stepblocks.predict.intervals import ball_of, interval_over
+from stepblocks.parts.tolerance import Dimension
 
-# Columns of predictions.csv, units in their names: ``low`` and ``high`` are the worst cases within the tolerances,
-# ``95_low`` and ``95_high`` the ends of the drawn 95 % interval, ``analytic_95`` the same by first-order
-# sensitivities
-COLUMNS = (
-    "set",
-    "stimulus",
-    "drag",
-    "tip_radius_um",
-    "step_height_um",
-    "normal_load_n",
-    "friction",
-    "critical_angle_deg",
-    "status",
-    "status_at_limits",
-    "pull_force_n",
-    "pull_force_low_n",
-    "pull_force_high_n",
-    "vibration_energy_uj",
-    "vibration_energy_low_uj",
-    "vibration_energy_high_uj",
-    "conversion",
-    "mean_power_uw",
-    "threshold_ratio",
-    "locking_height_um",
-    "pull_force_95_low_n",
-    "pull_force_95_high_n",
-    "vibration_energy_95_low_uj",
-    "vibration_energy_95_high_uj",
-    "vibration_energy_analytic_95_low_uj",
-    "vibration_energy_analytic_95_high_uj",
-    "held_probability",
-    "intervals_agree",
-)
+if TYPE_CHECKING:
+    import pandas as pd
 
-# Columns that fit a terminal: of the intervals only the drawn one of the energy
-SHOWN = tuple(
-    name for name in COLUMNS if not name.endswith(("_low_n", "_high_n", "_low_uj", "_high_uj")) or "energy_95" in name
-)
+_DRAWS = 2000  # of each interval: its ends scatter by 2 % of its width, and a thousand blocks still take seconds
 
 
 @dataclass(frozen=True)
 class Prediction:
     """One stimulus under one condition."""
 
-    set_name: str  # What is felt
+    set_name: str
     stimulus: str
-    drag: str  # Direction: ``"up"`` a step, ``"tooth-to-crown"`` or ``"crown-to-tooth"``
-    tip_radius: float  # Radius of the ball R [m]
-    step_height: float  # Height of the step, or of the crown over the tooth [m]
-    normal_load: float  # F_py [N]
-    friction: float  # mu [1]
-    release: Release  # Status and figures at the nominal dimensions
-    # The same at the least and the greatest angle within the tolerances of the stimulus
-    limits: tuple[Release, Release]
-    # 95 % interval from the tolerances of the stimulus and of the setting, drawn and by sensitivities
-    interval: Interval
-    conversion: float  # Share of the stored energy that rings: C_v of the set, or the simulated one [1]
+    face: Counterface  # what is met, at its nominal dimensions
+    point: OperatingPoint  # under what
+    backward: bool
+    release: Release  # at the nominal dimensions
+    limits: tuple[Release, Release]  # at the least and the greatest angle within the tolerances of the stimulus
+    interval: Interval  # of 95 %, from the tolerances of the stimulus and of the setting
+    conversion: float  # share of the stored energy that rings: C_v of the set, or the simulated one [1]
+
+    @property
+    def drag(self) -> str:
+        """Direction: ``"up"`` a step, ``"tooth-to-crown"`` or ``"crown-to-tooth"``."""
+        return self.face.ways[self.backward]
+
+    @property
+    def tip_radius(self) -> float:
+        """R [m]."""
+        return self.point.ball_radius
+
+    @property
+    def step_height(self) -> float:
+        """Height of the step, or of the crown over the tooth [m]."""
+        return self.face.far_side
+
+    @property
+    def normal_load(self) -> float:
+        """F_py [N]."""
+        return self.point.normal_load
+
+    @property
+    def friction(self) -> float:
+        """mu [1]."""  # noqa: D403
+        return self.point.friction
 
 
 def tool_of(grid: PredictionGrid) -> Tool:
     """Return the tool that a grid declares."""
-    spec = grid.tool
-    return Tool(spec.stiffness, spec.conversion, spec.ring_duration, spec.detection_threshold)
+    return Tool(**grid.tool.model_dump())
 
 
-def predict_set(stimuli: StimulusSet) -> Iterator[Prediction]:
-    """Predict a set over its grid.
-
-    Parameters
-    ----------
-    stimuli : StimulusSet
-        The set.
-
-    Yields
-    ------
-    Prediction
-        In the order stimulus, tip, direction, friction, load.
-    """
+def predictions_of(stimuli: StimulusSet) -> Iterator[Prediction]:
+    """Predict a set over its grid, in the order stimulus, tip, step, direction, friction, load."""
     stimuli = with_energy_tolerances(stimuli)
-    for stimulus in stimuli.stimuli:
-        grid = stimuli.grid_of(stimulus)
+    for part in stimuli.stimuli:
+        grid, ring = stimuli.grid_of(part), stimuli.ring_of(part)
         tool = tool_of(grid)
-        for contact in _contacts(stimulus, grid):
-            for friction in grid.frictions:
-                for load in grid.normal_loads:
-                    nominal, *limits = (release_at(angle, load, friction, tool) for angle in contact.angles)
+        if ring is not None:
+            tool = replace(tool, frequency=ring.frequency, decay_time=ring.decay_time)
+        balls = [tip_of(grid, radius) for radius in grid.tip_radii] if part.ball is None else [part.ball]
+        for ball, step_height in product(balls, (None,) if part.crossed else grid.step_heights):
+            faces = list(part.corners(step_height))
+            # the tolerance of a tip of the setting is no limit of the part
+            radii = (ball.nominal,) if part.ball is None else ball.limits
+            corners = [face.angles(radius) for face in faces for radius in radii]
+            nominal, middle = faces[0].angles(ball.nominal), _middle_face(part, step_height)
+            for backward in range(len(faces[0].ways)):
+                spread = [angles[backward] for angles in corners]
+                angles = nominal[backward], min(spread), max(spread)
+                for friction, load in product(grid.frictions, grid.normal_loads):
+                    point = OperatingPoint(ball.nominal, load, friction, tool)
+                    release, low, high = (release_at(angle, load, friction, tool) for angle in angles)
+                    interval = interval_of(
+                        middle,
+                        replace(point, ball_radius=_middle(ball)),
+                        uncertainty_of(part, grid, ball, load),
+                        backward=bool(backward),
+                        draws=_DRAWS,
+                    )
                     yield Prediction(
-                        stimuli.name,
-                        stimulus.id,
-                        contact.drag,
-                        contact.ball,
-                        contact.rise,
-                        load,
-                        friction,
-                        nominal,
-                        (limits[0], limits[1]),
-                        contact.interval(friction, load),
-                        tool.conversion,
+                        set_name=stimuli.name,
+                        stimulus=part.id,
+                        face=faces[0],
+                        point=point,
+                        backward=bool(backward),
+                        release=release,
+                        limits=(low, high),
+                        interval=interval,
+                        conversion=tool.conversion,
                     )
 
 
-@dataclass(frozen=True)
-class _Contact:
-    """One edge met by one tip: critical angle at the nominal, and the least and greatest within the tolerances [rad].
+def tip_of(grid: PredictionGrid, radius: float) -> Dimension:
+    """Return a tip of the setting with its tolerance [m]."""
+    width = grid.tolerances.tip_radius
+    return Dimension(radius, width, -width)
 
-    `interval` gives the 95 % interval for a coefficient of friction and a load.
+
+def _middle_face(part: Part, step_height: float | None) -> Counterface:
+    """Take the middle of each tolerance: of a one-sided one, the expectation is not the nominal."""
+    if not part.crossed:
+        return part.counterface(step_height)
+    return part.sized(**{name: _middle(one) for name, one in part.sizes.items()})
+
+
+def uncertainty_of(part: Part, grid: PredictionGrid, ball: Dimension, load: float) -> dict[str, float]:
+    """Take every tolerance as a rectangular distribution over its zone, in the names of `interval_of`."""
+    off, tool = grid.tolerances, grid.tool
+    # a profile without a closed form is taken as known; its corners still stand beside the interval
+    known = part.counterface().dimensions if part.crossed else {}
+    return rectangular(
+        {name: _half(one) for name, one in part.sizes.items() if name in known}
+        | {
+            "ball_radius": _half(ball),
+            "friction": off.friction,
+            "normal_load": off.normal_load * load,
+            "stiffness": off.stiffness * tool.stiffness,
+            "conversion": off.conversion * tool.conversion,
+        }
+    )
+
+
+def _middle(dimension: Dimension) -> float:
+    return dimension.nominal + 0.5 * (dimension.upper + dimension.lower)
+
+
+def _half(dimension: Dimension) -> float:
+    return 0.5 * (dimension.upper - dimension.lower)
+
+
+def figures_of(prediction: Prediction) -> dict[str, float | str]:
+    """Put a prediction into the columns of ``predictions.csv``, units in their names; NaN where there is no figure.
+
+    ``low`` and ``high`` are the worst cases within the tolerances, ``95_low`` and ``95_high`` the ends of the drawn 95 %
+    interval, ``analytic_95`` the same by first-order sensitivities.
     """
-
-    drag: str
-    ball: float
-    rise: float
-    angles: tuple[float, float, float]
-    interval: Callable[[float, float], Interval]
-
-
-def _contacts(part: Part, grid: PredictionGrid) -> Iterator[_Contact]:
-    balls = [ball_of(grid, radius) for radius in grid.tip_radii] if part.ball is None else [part.ball]
-    for ball, step in product(balls, (None,) if part.crossed else grid.step_heights):
-        faces = list(part.corners(step))
-        radii = (
-            (ball.nominal,) if part.ball is None else ball.limits
-        )  # the tolerance of the setting is no limit of the part
-        for way, drag in enumerate(faces[0].ways):
-            angle = float(faces[0].angles(ball.nominal)[way])
-            spread = [float(face.angles(radius)[way]) for face in faces for radius in radii]
-            felt = interval_over(grid, part, step, ball, bool(way))
-            yield _Contact(drag, ball.nominal, faces[0].far_side, (angle, min(spread), max(spread)), felt)
-
-
-def as_row(prediction: Prediction) -> dict[str, str]:
-    """Format a prediction for a table."""
     release, (low, high), interval = prediction.release, prediction.limits, prediction.interval
     locking = float(locking_height(prediction.tip_radius, prediction.friction))
-
-    def number(value: float) -> str:
-        return "" if math.isnan(value) else f"{value:.6g}"
-
     return {
         "set": prediction.set_name,
         "stimulus": prediction.stimulus,
         "drag": prediction.drag,
-        "tip_radius_um": number(prediction.tip_radius * 1e6),
-        "step_height_um": number(prediction.step_height * 1e6),
-        "normal_load_n": number(prediction.normal_load),
-        "friction": number(prediction.friction),
-        "critical_angle_deg": number(math.degrees(release.angle)),
+        "tip_radius_um": prediction.tip_radius * 1e6,
+        "step_height_um": prediction.step_height * 1e6,
+        "normal_load_n": prediction.normal_load,
+        "friction": prediction.friction,
+        "critical_angle_deg": math.degrees(release.angle),
         "status": release.status.value,
         "status_at_limits": "/".join(dict.fromkeys((low.status.value, high.status.value))),
-        "pull_force_n": number(release.pull_force),
-        "pull_force_low_n": number(low.pull_force),
-        "pull_force_high_n": number(high.pull_force),
-        "vibration_energy_uj": number(release.vibration_energy * 1e6),
-        "vibration_energy_low_uj": number(low.vibration_energy * 1e6),
-        "vibration_energy_high_uj": number(high.vibration_energy * 1e6),
-        "conversion": number(prediction.conversion),
-        "mean_power_uw": number(release.mean_power * 1e6),
-        "threshold_ratio": number(release.threshold_ratio),
-        "locking_height_um": number(locking * 1e6) if release.status is not Status.NO_CATCH else "",
-        "pull_force_95_low_n": number(interval.force_low),
-        "pull_force_95_high_n": number(interval.force_high),
-        "vibration_energy_95_low_uj": number(interval.energy_low * 1e6),
-        "vibration_energy_95_high_uj": number(interval.energy_high * 1e6),
-        "vibration_energy_analytic_95_low_uj": number(interval.analytic_energy_low * 1e6),
-        "vibration_energy_analytic_95_high_uj": number(interval.analytic_energy_high * 1e6),
-        "held_probability": number(interval.held_probability),
+        "pull_force_n": release.pull_force,
+        "pull_force_low_n": low.pull_force,
+        "pull_force_high_n": high.pull_force,
+        "vibration_energy_uj": release.vibration_energy * 1e6,
+        "vibration_energy_low_uj": low.vibration_energy * 1e6,
+        "vibration_energy_high_uj": high.vibration_energy * 1e6,
+        "conversion": prediction.conversion,
+        "mean_power_uw": release.mean_power * 1e6,
+        "threshold_ratio": release.threshold_ratio,
+        "locking_height_um": math.nan if release.status is Status.NO_CATCH else locking * 1e6,
+        "pull_force_95_low_n": interval.force_low,
+        "pull_force_95_high_n": interval.force_high,
+        "vibration_energy_95_low_uj": interval.energy_low * 1e6,
+        "vibration_energy_95_high_uj": interval.energy_high * 1e6,
+        "vibration_energy_analytic_95_low_uj": interval.analytic_energy_low * 1e6,
+        "vibration_energy_analytic_95_high_uj": interval.analytic_energy_high * 1e6,
+        "held_probability": interval.held_probability,
         "intervals_agree": "yes" if interval.agrees else "no",
     }
 
 
-def as_csv(predictions: Iterator[Prediction], more: Callable[[Prediction], dict[str, str]] | None = None) -> str:
-    """Write predictions as CSV."""
-    rows = [as_row(prediction) | (more(prediction) if more else {}) for prediction in predictions]
+def as_row(prediction: Prediction) -> dict[str, str]:
+    """Format a prediction for a table, six digits for a number and nothing where there is none."""
+    figures = figures_of(prediction).items()
+    return {name: one if isinstance(one, str) else "" if math.isnan(one) else f"{one:.6g}" for name, one in figures}
+
+
+@dataclass(frozen=True)
+class Predictions:
+    """The predictions of a set, made once and handed on."""
+
+    made: tuple[Prediction, ...]
+
+    @classmethod
+    def of(cls, stimuli: StimulusSet) -> Predictions:
+        """Predict a set."""
+        return cls(tuple(predictions_of(stimuli)))
+
+    def __iter__(self) -> Iterator[Prediction]:
+        """Go through them, in the order of `predictions_of`."""
+        return iter(self.made)
+
+    def __len__(self) -> int:
+        """Count them."""
+        return len(self.made)
+
+    def by_stimulus(self, identity: str) -> list[Prediction]:
+        """Those of one stimulus."""
+        return [one for one in self.made if one.stimulus == identity]
+
+    def rows(self, more: Callable[[Prediction], dict[str, str]] | None = None) -> list[dict[str, str]]:
+        """Format them for a table, with further columns behind."""
+        return [as_row(one) | (more(one) if more else {}) for one in self.made]
+
+    def csv(self, more: Callable[[Prediction], dict[str, str]] | None = None) -> str:
+        """Write them as ``predictions.csv``."""
+        return as_csv(self.rows(more))
+
+    @property
+    def frame(self) -> pd.DataFrame:
+        """The same columns with all digits; NaN where there is no figure."""
+        import pandas as pd
+
+        return pd.DataFrame([figures_of(one) for one in self.made])
+
+
+def predict_set(stimuli: StimulusSet | str | Path) -> pd.DataFrame:
+    """Predict every stimulus of a set under every tip, load and friction that it asks for.
+
+    Parameters
+    ----------
+    stimuli : StimulusSet, str or Path
+        The set, or its file.
+
+    Returns
+    -------
+    pandas.DataFrame
+        One row for each stimulus, tip, step, direction, friction and load, in that order; the columns of
+        ``predictions.csv`` (docs/prediction.md), the unit in each name, with all digits.
+
+    Raises
+    ------
+    StepblocksError
+        If the file cannot be read or declares something impossible.
+
+    Examples
+    --------
+    >>> frame = predict_set("stimuli/paper-four.toml")  # doctest: +SKIP
+    >>> frame[frame.status == "releases"].vibration_energy_uj.max()  # doctest: +SKIP
+    """
+    if not isinstance(stimuli, StimulusSet):
+        from stepblocks.declare import load_set
+
+        stimuli = load_set(Path(stimuli))
+    return Predictions.of(stimuli).frame
+
+
+def as_csv(rows: Sequence[dict[str, str]]) -> str:
+    """Write rows of one set of columns as CSV."""
     text = io.StringIO()
-    writer = csv.DictWriter(text, rows[0] if rows else COLUMNS, lineterminator="\n")
+    writer = csv.DictWriter(text, list(rows[0]), lineterminator="\n")
     writer.writeheader()
     writer.writerows(rows)
     return text.getvalue()
+
+
+def shown(columns: Sequence[str]) -> tuple[str, ...]:
+    """Choose the columns that fit a terminal: of the intervals only the drawn one of the energy."""
+    ends = ("_low_n", "_high_n", "_low_uj", "_high_uj")
+    return tuple(name for name in columns if not name.endswith(ends) or "energy_95" in name)

@@ -3,53 +3,41 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
 from dataclasses import replace
 
 from stepblocks.contact.energy import Release, Status
 from stepblocks.contact.uncertainty import Interval
-from stepblocks.drag.model import DragSettings, probe_of_frequency
+from stepblocks.drag.model import DragSettings, probe_for
 from stepblocks.drag.ring import ring_of
-from stepblocks.drag.simulate import drag
-from stepblocks.drag.subject import declared_subject
+from stepblocks.drag.simulate import simulate
+from stepblocks.drag.track import track_over
 from stepblocks.errors import PipelineError
-from stepblocks.parts.set import StimulusSet, with_energy_tolerances
-from stepblocks.predict.predictions import Prediction, predict_set
-
-_BACKWARD = ("crown-to-tooth", "backward")
+from stepblocks.predict.predictions import Prediction, Predictions
 
 
-def predict_set_in_time(stimuli: StimulusSet, speed: float) -> Iterator[Prediction]:
-    """Predict a set over its grid, each condition dragged in time once to see what share of the stored energy rings."""
+def predicted_in_time(predictions: Predictions, speed: float) -> Predictions:
+    """Drag every condition in time once [m/s] to see what share of the stored energy rings."""
     if not (math.isfinite(speed) and speed > 0.0):
         raise PipelineError(f"speed must be positive and finite, got {speed:g} m/s")
-    stimuli = with_energy_tolerances(stimuli)
-    known = {stimulus.id: stimulus for stimulus in stimuli.stimuli}
-    for one in predict_set(stimuli):
-        if one.release.status is not Status.RELEASES:
-            yield one
-            continue
-        stimulus = known[one.stimulus]
-        given = {"load": one.normal_load, "friction": one.friction}
-        if not stimulus.crossed:
-            given["step_height"] = one.step_height
-        if stimulus.ball is None:
-            given["tip_radius"] = one.tip_radius
-        subject = declared_subject(stimuli, stimulus, given, one.drag in _BACKWARD)
-        values = subject.values
-        probe = probe_of_frequency(
-            values["frequency"], one.tip_radius, values["stiffness"], damping_ratio=values["damping_ratio"]
-        )
-        trace = drag(subject.track, probe, DragSettings(one.normal_load, one.friction, speed=speed))
-        share = ring_of(trace, spectra=False).share if trace.status is Status.RELEASES else 0.0
-        factor = share / stimuli.prediction.tool.conversion
-        yield replace(
-            one,
-            release=_scaled(one.release, factor),
-            limits=(_scaled(one.limits[0], factor), _scaled(one.limits[1], factor)),
-            interval=_scaled_interval(one.interval, factor),
-            conversion=share,
-        )
+    return Predictions(tuple(_in_time(one, speed) for one in predictions))
+
+
+def _in_time(one: Prediction, speed: float) -> Prediction:
+    if one.release.status is not Status.RELEASES:
+        return one
+    point = replace(one.point, speed=speed)
+    track = track_over(one.face, point.ball_radius, one.backward)
+    trace = simulate(track, probe_for(point.tool, point.ball_radius), DragSettings.under(point))
+    share = ring_of(trace, spectra=False).share if trace.status is Status.RELEASES else 0.0
+    factor = share / point.tool.conversion
+    low, high = (_scaled(limit, factor) for limit in one.limits)
+    return replace(
+        one,
+        release=_scaled(one.release, factor),
+        limits=(low, high),
+        interval=_scaled_interval(one.interval, factor),
+        conversion=share,
+    )
 
 
 def _scaled(release: Release, factor: float) -> Release:

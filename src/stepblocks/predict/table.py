@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -28,17 +27,22 @@ _COLUMNS: dict[str, tuple[tuple[str, ...], str, float | None]] = {
 
 
 def predict_table(
-    source: Path, target: Path, *, confidence: float = 0.95, draws: int = 4000, seed: int = 0
+    table: pd.DataFrame | str | Path,
+    output: str | Path | None = None,
+    *,
+    confidence: float = 0.95,
+    draws: int = 4000,
+    seed: int = 0,
 ) -> pd.DataFrame:
-    """Read a table, predict each row, and write it with the predictions added.
+    """Predict each row of a table, with an interval.
 
     Parameters
     ----------
-    source : Path
-        CSV with ``height_um``, ``normal_load_n`` (or ``load_n``), ``friction`` and, where they differ from the paper,
-        ``edge_radius_um``, ``tip_radius_um``, ``stiffness_n_m``, ``conversion``; standard uncertainties in columns of
-        the same names with ``u_`` before them.
-    target : Path
+    table : pandas.DataFrame, str or Path
+        Table or CSV with ``height_um``, ``normal_load_n`` (or ``load_n``), ``friction`` and, where they differ from the
+        paper, ``edge_radius_um``, ``tip_radius_um``, ``stiffness_n_m``, ``conversion``, in any unit that the name of the
+        column says; standard uncertainties in columns of the same names with ``u_`` before them.
+    output : str or Path, optional
         CSV to write.
     confidence : float
         Probability of the intervals.
@@ -48,7 +52,8 @@ def predict_table(
     Returns
     -------
     pandas.DataFrame
-        What was written.
+        The table with ``critical_angle_deg``, ``status``, ``peak_force_n``, ``vibration_energy_j`` and their ends ``_low``
+        and ``_high``, ``held_probability`` and ``problem``, which says why a row is ``invalid``.
 
     Raises
     ------
@@ -57,18 +62,11 @@ def predict_table(
     ContactError
         If `confidence` or `draws` is out of range.
     """
-    frame = predict_frame(read_table(source), place=source, confidence=confidence, draws=draws, seed=seed)
-    write_table(frame, target)
-    return frame
-
-
-def predict_frame(
-    frame: pd.DataFrame, *, place: Any = "table", confidence: float = 0.95, draws: int = 4000, seed: int = 0
-) -> pd.DataFrame:
-    """As `predict_table`, on a table in memory."""
     import numpy as np
     import pandas as pd
 
+    place = "table" if isinstance(table, pd.DataFrame) else Path(table)
+    frame = table if isinstance(table, pd.DataFrame) else read_table(Path(table))
     columns = {name: si_column(frame, *how, place) for name, how in _COLUMNS.items()}
     spreads = {
         name: si_column(frame, tuple(f"u_{n}" for n in names), dimension, 0.0, place)
@@ -91,20 +89,22 @@ def predict_frame(
                 raise
             rows.append({"status": "invalid", "problem": str(error)})
             continue
-        figures = asdict(interval)
         rows.append(
             {
                 "critical_angle_deg": math.degrees(angle),
                 "status": str(interval.status),
-                "peak_force_n": figures["force"],
-                "peak_force_low_n": figures["force_low"],
-                "peak_force_high_n": figures["force_high"],
-                "vibration_energy_j": figures["energy"],
-                "vibration_energy_low_j": figures["energy_low"],
-                "vibration_energy_high_j": figures["energy_high"],
+                "peak_force_n": interval.force,
+                "peak_force_low_n": interval.force_low,
+                "peak_force_high_n": interval.force_high,
+                "vibration_energy_j": interval.energy,
+                "vibration_energy_low_j": interval.energy_low,
+                "vibration_energy_high_j": interval.energy_high,
                 "held_probability": interval.held_probability,
                 "problem": "",
             }
         )
     added = pd.DataFrame(rows, index=frame.index)
-    return pd.concat([frame.drop(columns=[c for c in added.columns if c in frame.columns]), added], axis=1)
+    result = pd.concat([frame.drop(columns=[c for c in added.columns if c in frame.columns]), added], axis=1)
+    if output is not None:
+        write_table(result, Path(output))
+    return result

@@ -11,16 +11,15 @@ from stepblocks.contact.energy import Status
 from stepblocks.contact.event import VibrationEvent, Waveform, ring_energy
 from stepblocks.contact.operating_point import OperatingPoint
 from stepblocks.contact.path.centre import CentrePath
-from stepblocks.drag.model import DragSettings, probe_of_frequency
+from stepblocks.drag.model import DragSettings, probe_for
 from stepblocks.drag.ring import ring_of
-from stepblocks.drag.simulate import DragTrace, drag
-from stepblocks.drag.track import Track
+from stepblocks.drag.simulate import DragTrace, simulate
+from stepblocks.drag.track import track_along
 from stepblocks.errors import HapticsError
 
 Array = NDArray[np.float64]
 _RATE = 96e3  # of the simulated force; WAV files are interpolated from it
 _LENGTH = 0.1  # recorded after the release [s]
-_KINK = 1e-3  # change of slope at which two contacts share the load [rad]
 
 
 def with_drag_ring(
@@ -32,11 +31,12 @@ def with_drag_ring(
     """
     if event.status is not Status.RELEASES:
         return event
-    probe = probe_of_frequency(event.frequency, condition.ball_radius, condition.tool.stiffness)
+    tool = replace(condition.tool, frequency=event.frequency, decay_time=event.decay)
+    probe = probe_for(tool, condition.ball_radius)
     settings = DragSettings(
         condition.normal_load, condition.friction, speed=speed, sample_rate=_RATE, ring_time=_LENGTH
     )
-    trace = drag(_track(path, condition.ball_radius, event.direction), probe, settings)
+    trace = simulate(track_along(path, condition.ball_radius, event.direction < 0), probe, settings)
     if trace.status is not Status.RELEASES:
         raise HapticsError(
             f"the time-domain drag must release to give a ring, got {trace.status.value} [{event.stimulus} {event.drag}]"
@@ -56,13 +56,3 @@ def _swings(trace: DragTrace) -> tuple[Array, float]:
         raise HapticsError(f"the pulling force must fall to that of sliding ({level:g} N) to ring, got none that low")
     begin = int(after[0])
     return np.asarray(level - pull[begin:]), float(time[begin] - trace.release_time)
-
-
-def _track(path: CentrePath, ball_radius: float, direction: int) -> Track:
-    """Hand the path over to the drag, which runs towards growing x and follows the ball's lowest point."""
-    x, z, first, last = path.x, path.z - ball_radius, path.slope_start, path.slope_end
-    if direction < 0:
-        x, z, first, last = -x[::-1], z[::-1], -last[::-1], -first[::-1]
-    left, right = np.concatenate([[0.0], last]), np.concatenate([first, [0.0]])
-    kinks = np.flatnonzero(np.arctan(right) - np.arctan(left) > _KINK)
-    return Track(x, z, left, right, kinks[(kinks > 0) & (kinks < len(x) - 1)], ball_radius)

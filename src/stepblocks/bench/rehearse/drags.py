@@ -10,9 +10,10 @@ import numpy as np
 from stepblocks.bench.rehearse.waveform import Rig, disturbed, oversampling
 from stepblocks.bench.signal.trace import Trace
 from stepblocks.contact.energy import Status
-from stepblocks.drag.model import DragSettings, probe_of_frequency
+from stepblocks.contact.operating_point import Tool
+from stepblocks.drag.model import DragSettings, probe_for
 from stepblocks.drag.ring import ring_of
-from stepblocks.drag.simulate import drag
+from stepblocks.drag.simulate import simulate
 from stepblocks.drag.track import step_track
 
 _LEAST_SLIDE, _MOST_SLIDE = 50e-3, 80e-3  # [s] before the edge, as of the records from the equations
@@ -57,9 +58,8 @@ def drag_trial(true: TrueDrag, rig: Rig, random: np.random.Generator, gain: floa
     factor = oversampling(rig)
     omega = 2.0 * math.pi * true.frequency
     slide = float(random.uniform(_LEAST_SLIDE, _MOST_SLIDE))
-    probe = probe_of_frequency(
-        true.frequency, true.tip_radius, true.stiffness, damping_ratio=1.0 / (omega * true.decay_time)
-    )
+    tool = Tool(true.stiffness, frequency=true.frequency, decay_time=true.decay_time)
+    probe = probe_for(tool, true.tip_radius)
     settings = DragSettings(
         true.load,
         true.friction,
@@ -68,7 +68,7 @@ def drag_trial(true: TrueDrag, rig: Rig, random: np.random.Generator, gain: floa
         ring_time=rig.tail * true.decay_time,
         sample_rate=rig.sample_rate * factor,
     )
-    done = drag(step_track(true.height, true.tip_radius, true.edge_radius), probe, settings)
+    done = simulate(step_track(true.height, true.tip_radius, true.edge_radius), probe, settings)
     if done.status is not Status.RELEASES:
         return None
     ring = ring_of(done, spectra=False)

@@ -25,12 +25,17 @@ _CATCH = 1e-6  # a change of slope that counts as a notch
 
 @dataclass(frozen=True)
 class CentrePath:
-    """A path of straight pieces whose slopes are known at both ends."""
+    """Path of one point of a ball as pieces between knots, whose slopes are known at both ends.
 
-    x: Array  # shape (n,); Knots of the centre's path [m], ascending in x
-    z: Array
-    slope_start: Array  # shape (n - 1,); Slope dz/dx at the two ends of each piece [1]
-    slope_end: Array
+    A notch stays a notch: the piece that ends there and the one that begins have slopes of their own. `TipPath` holds
+    what a dilation finds at free positions, for any tip, with what is touched at each: from contacts, not from knots,
+    follow its slopes, so neither can be read as the other without losing them.
+    """
+
+    x: Array  # shape (n,); knots [m], ascending
+    z: Array  # shape (n,); height of that point: of the centre, unless a subclass says otherwise [m]
+    slope_start: Array  # shape (n - 1,); slope dz/dx where each piece begins [1]
+    slope_end: Array  # shape (n - 1,); and where it ends
 
     def notch(self, direction: float) -> tuple[float, float, float]:
         """Find where the probe catches.
@@ -49,6 +54,10 @@ class CentrePath:
             rise, knot = -self.slope_end[index], index + 1
         angle = 0.5 * math.pi if rise >= STEEPEST else math.atan(max(float(rise), 0.0))
         return float(self.x[knot]), float(self.z[knot]), angle if angle > _CATCH else 0.0
+
+    def mirrored(self) -> CentrePath:
+        """Return the path as it is met on the way back."""
+        return CentrePath(-self.x[::-1], self.z[::-1], -self.slope_end[::-1], -self.slope_start[::-1])
 
     def scaled(self, scale: float) -> CentrePath:
         """Return the path magnified; slopes, and with them all forces, stay."""

@@ -6,20 +6,19 @@ import math
 from pathlib import Path
 from typing import Any
 
-from stepblocks.contact.counterface import Margin, Step
 from stepblocks.declare import load_declared
 from stepblocks.errors import PipelineError
 from stepblocks.parts.conditions import PredictionGrid
 from stepblocks.parts.kind import Part
+from stepblocks.predict.sweep.plan import SURFACES
 
 
 def stimuli_of(path: Path, wanted: Any, tolerances: bool) -> tuple[str, list[dict[str, Any]], PredictionGrid]:
     """Read the stimuli that a sweep goes over."""
     declared = load_declared(path)
-    known = {stimulus.id: stimulus for stimulus in declared.stimuli}
-    chosen: list[Part]
+    known = {part.id: part for part in declared.stimuli}
     if wanted is None:
-        chosen = [stimulus for stimulus in known.values() if stimulus.crossed]
+        chosen = [part for part in declared.stimuli if part.crossed]
     else:
         if not isinstance(wanted, list) or not wanted or not all(isinstance(name, str) for name in wanted):
             raise PipelineError(f"stimulus must be a list of identities, got {wanted!r} [parameters]")
@@ -27,18 +26,18 @@ def stimuli_of(path: Path, wanted: Any, tolerances: bool) -> tuple[str, list[dic
         if missing:
             raise PipelineError(f"stimulus must be declared in {path}, got {missing[0]!r} [parameters]")
         chosen = [known[name] for name in wanted]
-    kinds = {_surface(stimulus) for stimulus in chosen}
+    kinds = {_surface(part) for part in chosen}
     if len(kinds) != 1:
         raise PipelineError(
             f"stimulus must be of one kind: step blocks, or crown margins; got {', '.join(sorted(kinds)) or 'none'} in {path}"
         )
     (surface,) = kinds
-    if surface in ("tip", "sheath"):
+    if surface not in SURFACES and surface not in ("tip", "sheath"):
+        raise PipelineError(f"a sweep goes over blocks or crowns, got a {surface} in {path}")
+    if surface not in SURFACES:
         other = "tips as tip_radius" if surface == "tip" else "what a sheath makes of the probe as stiffness"
         raise PipelineError(f"a sweep goes over blocks or crowns; give {other} [parameters]")
-    if surface not in ("step", "margin"):
-        raise PipelineError(f"a sweep goes over blocks or crowns, got a {surface} in {path}")
-    return surface, [_axis_point(stimulus, tolerances) for stimulus in chosen], declared.prediction
+    return surface, [_axis_point(part, SURFACES[surface], tolerances) for part in chosen], declared.prediction
 
 
 def setting_of(grid: PredictionGrid) -> tuple[dict[str, list[float]], dict[str, float], dict[str, float]]:
@@ -57,19 +56,16 @@ def setting_of(grid: PredictionGrid) -> tuple[dict[str, list[float]], dict[str, 
 
 
 def _surface(part: Part) -> str:
+    """Find the surface whose dimensions a part has."""
     if not part.crossed:
-        return "sheath" if part.ball is None else "tip"
-    return {Step: "step", Margin: "margin"}.get(type(part.counterface()), part.called)
+        return "tip" if part.ball is not None else "sheath"
+    return next((name for name, columns in SURFACES.items() if set(part.sizes) <= set(columns)), part.called)
 
 
-# What a sweep calls the dimensions of a margin
-_AXES = {"gap": "marginal_gap", "rise": "horizontal_discrepancy", "opening": "vertical_discrepancy"}
-
-
-def _axis_point(stimulus: Part, tolerances: bool) -> dict[str, Any]:
-    named = {_AXES.get(name, name): one for name, one in stimulus.sizes.items()}
+def _axis_point(part: Part, columns: dict[str, str], tolerances: bool) -> dict[str, Any]:
+    named = {columns[name]: part.sizes[name] for name in columns if name in part.sizes}
     if not tolerances:
-        return {"id": stimulus.id, "values": {name: one.nominal for name, one in named.items()}, "spreads": {}}
+        return {"id": part.id, "values": {name: one.nominal for name, one in named.items()}, "spreads": {}}
     values = {name: one.nominal + 0.5 * (one.upper + one.lower) for name, one in named.items()}
     spreads = {name: 0.5 * (one.upper - one.lower) / math.sqrt(3.0) for name, one in named.items()}
-    return {"id": stimulus.id, "values": values, "spreads": spreads}
+    return {"id": part.id, "values": values, "spreads": spreads}

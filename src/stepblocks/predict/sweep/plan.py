@@ -12,39 +12,45 @@ from typing import Any
 
 import numpy as np
 
+from stepblocks.contact.operating_point import PAPER
 from stepblocks.errors import PipelineError, QuantityError, StepblocksError
 from stepblocks.quantities import parse_quantity
 
-# Each parameter's dimension and the value where a sweep does not name it (None: it must)
-PARAMETERS: dict[str, tuple[str, float | None]] = {
-    "height": ("length", None),
-    "edge_radius": ("length", 0.0),
-    "tip_radius": ("length", 125e-6),
-    "normal_load": ("force", 1.0),
-    "friction": ("ratio", None),
-    "stiffness": ("stiffness", 9.81e3),
-    "conversion": ("ratio", 0.20),
-    "speed": ("speed", 5e-3),
-    "frequency": ("frequency", 300.0),
-    "damping_ratio": ("ratio", 0.02),
+# dimensions of a counterface, and the parameters of a sweep that stand for them
+SURFACES: dict[str, dict[str, str]] = {
+    "step": {"height": "height", "edge_radius": "edge_radius"},
+    "margin": {"gap": "marginal_gap", "rise": "horizontal_discrepancy", "opening": "vertical_discrepancy"},
 }
-
-DIRECTIONS = ("tooth-to-crown", "crown-to-tooth")  # Ways of a drag over a margin; a plan holds their places
-
+DIRECTIONS = ("tooth-to-crown", "crown-to-tooth")  # ways of a drag over a margin; a plan holds their places
 _SQUARE = math.inf  # stands for "as the gap": the end of the crown is square
-# The same of a sweep over crown margins; without a vertical discrepancy the end of the crown is square
-MARGIN_PARAMETERS: dict[str, tuple[str, float | None]] = {
-    "marginal_gap": ("length", None),
-    "vertical_discrepancy": ("length", _SQUARE),
-    "horizontal_discrepancy": ("length", 0.0),
-    **{name: how for name, how in PARAMETERS.items() if name not in ("height", "edge_radius")},
-    "direction": ("direction", 0.0),
+
+# each parameter's dimension, and its value where a sweep does not name it (None: it must)
+_Parameters = dict[str, tuple[str, float | None]]
+_SETTING: _Parameters = {
+    "tip_radius": ("length", PAPER.ball_radius),
+    "normal_load": ("force", PAPER.normal_load),
+    "friction": ("ratio", None),
+    "stiffness": ("stiffness", PAPER.tool.stiffness),
+    "conversion": ("ratio", PAPER.tool.conversion),
+    "speed": ("speed", PAPER.speed),
+    "frequency": ("frequency", PAPER.tool.frequency),
+    "damping_ratio": ("ratio", PAPER.tool.damping_ratio),
+}
+_PARAMETERS: dict[str, _Parameters] = {
+    "step": {"height": ("length", None), "edge_radius": ("length", 0.0), **_SETTING},
+    "margin": {
+        "marginal_gap": ("length", None),
+        "vertical_discrepancy": ("length", _SQUARE),
+        "horizontal_discrepancy": ("length", 0.0),
+        **_SETTING,
+        "direction": ("direction", 0.0),
+    },
 }
 
 
-def parameters_of(surface: str) -> dict[str, tuple[str, float | None]]:
+def parameters_of(surface: str) -> _Parameters:
     """Parameters of sweeps over a ``"step"`` or a ``"margin"``."""
-    return MARGIN_PARAMETERS if surface == "margin" else PARAMETERS
+    return _PARAMETERS[surface]
 
 
 _MOST_ROWS = 10**10
@@ -60,16 +66,15 @@ class SweepPlan:
     kind: str  # ``"grid"`` or ``"random"``
     mode: str  # ``"static"`` (equations 1 and 2) or ``"drag"`` (in time as well)
     surface: str  # ``"step"`` or ``"margin"``
-    points: int  # Points of the design
-    draws: int  # Tolerance draws of each point
-    seed: int  # Every row draws from its own stream, seeded by this and the row's number
-    rows_per_partition: int  # Rows of one file of the result
-    values: dict[str, list[float]]  # Name to the list of values [SI] of a grid, or of the choices of a random design
-    ranges: dict[str, list[float]]  # Name to (low, high) [SI] of a random design
-    spreads: dict[str, float]  # Name to the standard uncertainty [SI] of a draw
-    shares: dict[str, float]  # Name to the standard uncertainty of a draw as a share of the value [1]
-    # Stimuli of a set that the sweep goes over, see `stepblocks.predict.sweep.axes.stimuli_of`; empty without a set
-    stimuli: list[dict[str, Any]]
+    points: int  # of the design
+    draws: int  # within the tolerances of each point
+    seed: int  # every row draws from its own stream, seeded by this and the row's number
+    rows_per_partition: int  # of one file of the result
+    values: dict[str, list[float]]  # by name: values of a grid, or choices of a random design [SI]
+    ranges: dict[str, list[float]]  # by name: low and high of a random design [SI]
+    spreads: dict[str, float]  # by name: standard uncertainty of a draw [SI]
+    shares: dict[str, float]  # by name: standard uncertainty of a draw as a share of the value [1]
+    stimuli: list[dict[str, Any]]  # of a set that the sweep goes over, see `axes.stimuli_of`; empty without a set
 
     @property
     def rows(self) -> int:

@@ -3,15 +3,16 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
 
-from stepblocks.contact.critical_angle import bevelled_margin_angles, step_angle
-from stepblocks.contact.energy import Status, release_at
-from stepblocks.contact.operating_point import Tool
+from stepblocks.contact.counterface import Counterface, Margin, Step
+from stepblocks.contact.energy import Status
+from stepblocks.contact.operating_point import OperatingPoint, Tool
 from stepblocks.errors import ContactError
-from stepblocks.predict.sweep.plan import DIRECTIONS, SweepPlan, parameters_of
+from stepblocks.predict.sweep.plan import DIRECTIONS, SURFACES, SweepPlan, parameters_of
 
 _UNITS = {
     "length": "_m",
@@ -93,49 +94,44 @@ def sweep_row(plan: SweepPlan, row: int) -> dict[str, Any]:
     if plan.mode == "drag":
         result |= dict.fromkeys(DRAG_COLUMNS, math.nan) | {"drag_status": "invalid"}
     try:
+        face = _face(plan.surface, inputs)
         tool = Tool(inputs["stiffness"], inputs["conversion"])
-        angle = _angle(inputs)
-        release = release_at(angle, inputs["normal_load"], inputs["friction"], tool)
+        point = OperatingPoint(inputs["tip_radius"], inputs["normal_load"], inputs["friction"], tool)
+        backward = bool(inputs.get("direction", 0.0))
+        release = face.release(point, backward)
         result |= {
             "status": str(release.status),
-            "critical_angle_rad": angle,
+            "critical_angle_rad": release.angle,
             "peak_force_n": release.pull_force,
             "vibration_energy_j": release.vibration_energy,
         }
         if plan.mode == "drag":
-            result |= _dragged(inputs, release.status)
+            result |= _dragged(face, point, backward, inputs, release.status)
     except ContactError as error:
         result["problem"] = str(error)
     return result
 
 
-def _margin(inputs: dict[str, float]) -> tuple[float, float, float]:
-    """Gap, opening and rise [m]; the end is square where no vertical discrepancy is given."""
-    gap = inputs["marginal_gap"]
-    return gap, inputs.get("vertical_discrepancy", gap), inputs["horizontal_discrepancy"]
+def _face(surface: str, inputs: dict[str, float]) -> Counterface:
+    sizes = {name: inputs[column] for name, column in SURFACES[surface].items() if column in inputs}
+    # the end of a crown is square where no vertical discrepancy is given
+    return Step(**sizes) if surface == "step" else Margin(**{"opening": sizes["gap"]} | sizes)
 
 
-def _angle(inputs: dict[str, float]) -> float:
-    if "height" in inputs:
-        return step_angle(inputs["height"], inputs["tip_radius"], inputs["edge_radius"])
-    return bevelled_margin_angles(*_margin(inputs), inputs["tip_radius"])[int(inputs["direction"])]
-
-
-def _dragged(inputs: dict[str, float], status: Status) -> dict[str, Any]:
-    from stepblocks.drag.model import DragSettings, probe_of_frequency
+def _dragged(
+    face: Counterface, point: OperatingPoint, backward: bool, inputs: dict[str, float], status: Status
+) -> dict[str, Any]:
+    from stepblocks.drag.model import DragSettings, probe_for
     from stepblocks.drag.ring import ring_of
-    from stepblocks.drag.simulate import drag
-    from stepblocks.drag.track import margin_track, step_track
+    from stepblocks.drag.simulate import simulate
+    from stepblocks.drag.track import track_over
 
     if status in (Status.TOO_HIGH, Status.NO_CATCH):
         return {"drag_status": str(status)}
-    ball = inputs["tip_radius"]
-    probe = probe_of_frequency(inputs["frequency"], ball, inputs["stiffness"], damping_ratio=inputs["damping_ratio"])
-    if "height" in inputs:
-        track = step_track(inputs["height"], ball, inputs["edge_radius"])
-    else:
-        track = margin_track(*_margin(inputs), ball, backward=bool(inputs["direction"]))
-    trace = drag(track, probe, DragSettings(inputs["normal_load"], inputs["friction"], speed=inputs["speed"]))
+    tool = replace(point.tool, frequency=inputs["frequency"])
+    probe = probe_for(tool, point.ball_radius, damping_ratio=inputs["damping_ratio"])
+    settings = DragSettings.under(point, speed=inputs["speed"])
+    trace = simulate(track_over(face, point.ball_radius, backward), probe, settings)
     result: dict[str, Any] = {"drag_status": str(trace.status), "drag_ledger_error": trace.ledger_error}
     if trace.status is Status.RELEASES:
         ring = ring_of(trace, spectra=False)

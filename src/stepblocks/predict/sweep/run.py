@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Any
 
 from stepblocks.atomic import beside, replace_text
 from stepblocks.errors import PipelineError
-from stepblocks.predict.sweep.plan import SweepPlan
+from stepblocks.predict.sweep.plan import SweepPlan, load_sweep
 from stepblocks.predict.sweep.rows import columns_of, sweep_row
 
 if TYPE_CHECKING:
@@ -24,27 +24,27 @@ if TYPE_CHECKING:
 _PLAN_FILE = "sweep.json"
 
 
-def run_sweep(
-    plan: SweepPlan,
-    folder: Path,
+def sweep(
+    plan: SweepPlan | str | Path,
+    output: str | Path,
     *,
     jobs: int = 1,
     scheduler: str | None = None,
     client: Client | None = None,
     on_partition: Callable[[int], None] | None = None,
 ) -> tuple[int, int]:
-    """Compute every partition that is not yet there.
+    """Predict a grid or a random design into partitioned Parquet: every partition that is not yet there.
 
     Parameters
     ----------
-    plan : SweepPlan
-        What to compute.
-    folder : Path
+    plan : SweepPlan, str or Path
+        What to compute, or its TOML file.
+    output : str or Path
         Where the partitions go, ``part-00000000.parquet`` and on. A folder of another plan is refused.
     jobs : int
         Local processes; 1 computes in this one, without Dask.
     scheduler : str, optional
-        Address of a Dask scheduler whose workers see `folder` under the same path.
+        Address of a Dask scheduler whose workers see `output` under the same path.
     client : distributed.Client, optional
         A client to use instead.
     on_partition : callable, optional
@@ -58,8 +58,11 @@ def run_sweep(
     Raises
     ------
     PipelineError
-        If the folder belongs to another plan, an extra is not installed, or the scheduler does not answer.
+        If the plan cannot be read, the folder belongs to another one, an extra is not installed, or the scheduler does
+        not answer.
     """
+    plan = plan if isinstance(plan, SweepPlan) else load_sweep(Path(plan))
+    folder = Path(output)
     _require_extra(dask=client is not None or scheduler is not None or jobs > 1)
     folder.mkdir(parents=True, exist_ok=True)
     _claim(plan, folder)

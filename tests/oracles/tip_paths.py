@@ -4,19 +4,14 @@ Every function returns the height of the ball's lowest point [m] over positions 
 a rounded edge of radius r is the sharp one for a ball of R + r, seen from the centre of the arc.
 """
 
-from __future__ import annotations
-
 import math
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
 
 from stepblocks.contact.critical_angle import margin_angles, step_angle
 
-Floats = NDArray[np.float64]
 
-
-def _corner(x: Floats, at: float, height: float, radius: float) -> Floats:
+def _corner(x, at, height, radius):
     """Lowest point of a ball that rests on one corner; minus infinity where it does not reach."""
     distance = x - at
     inside = np.abs(distance) <= radius
@@ -24,7 +19,7 @@ def _corner(x: Floats, at: float, height: float, radius: float) -> Floats:
     return np.where(inside, height + rise - radius, -np.inf)
 
 
-def step_path(position: ArrayLike, height: float, ball_radius: float, edge_radius: float = 0.0) -> Floats:
+def step_path(position, height, ball_radius, edge_radius=0.0):
     """Path over a step up at x = 0: lower face at 0, upper face at `height` from x = `edge_radius` on.
 
     Examples
@@ -37,7 +32,7 @@ def step_path(position: ArrayLike, height: float, ball_radius: float, edge_radiu
     return np.where(x >= edge_radius, height, np.maximum(0.0, edge))
 
 
-def ridge_path(position: ArrayLike, height: float, width: float, ball_radius: float) -> Floats:
+def ridge_path(position, height, width, ball_radius):
     """Path over a ridge from x = 0 to `width` [m] on a plane at 0."""
     x = np.asarray(position, dtype=np.float64)
     up = step_path(x, height, ball_radius)
@@ -45,9 +40,7 @@ def ridge_path(position: ArrayLike, height: float, width: float, ball_radius: fl
     return np.minimum(up, down)
 
 
-def groove_path(
-    position: ArrayLike, width: float, ball_radius: float, rise: float = 0.0, depth: float = math.inf
-) -> Floats:
+def groove_path(position, width, ball_radius, rise=0.0, depth=math.inf):
     """Path over a groove from x = 0 to `width` [m], its far shoulder higher by `rise`, its floor at `-depth`."""
     x = np.asarray(position, dtype=np.float64)
     floor = np.full_like(x, -depth)
@@ -58,7 +51,7 @@ def groove_path(
     return np.maximum(np.maximum(near, far), floor)
 
 
-def groove_angles(width: float, ball_radius: float, rise: float = 0.0, depth: float = math.inf) -> tuple[float, float]:
+def groove_angles(width, ball_radius, rise=0.0, depth=math.inf):
     """Critical angles [rad] of a groove with a floor, towards the far shoulder and back.
 
     The ball either hangs between the two corners (`margin_angles`) or stands on the floor and meets each shoulder as a
@@ -77,7 +70,7 @@ def groove_angles(width: float, ball_radius: float, rise: float = 0.0, depth: fl
     return forward, backward
 
 
-def rounded_step_profile(height: float, edge_radius: float, run: float, points: int = 4001) -> tuple[Floats, Floats]:
+def rounded_step_profile(height, edge_radius, run, points=4001):
     """Profile (x, z) [m] of a step with a rounded edge, for tests and scans; the arc is cut off where r > H.
 
     The chord between two of its points lies at most ``r (pi / 2 / points)^2 / 8`` inside the arc.
