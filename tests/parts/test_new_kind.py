@@ -21,7 +21,7 @@ from stepblocks.parts.kind import CONTACT_DEFLECTION, FITTING_DEFLECTION, Findin
 from stepblocks.parts.revolution import Turned, stack
 from stepblocks.parts.set import kinds, registered
 from stepblocks.parts.tolerance import PositiveLength
-from stepblocks.predict.predictions import predict_set
+from stepblocks.predict.predictions import predictions_of
 from stepblocks.simulators.export import export_sets
 from stepblocks.workshop.drawing.write import drawn_dimensions
 from stepblocks.workshop.run import write_orders
@@ -146,7 +146,7 @@ def test_its_step_file_carries_its_characteristics(pins):
 
 def test_it_is_felt_as_steep_as_its_flanks(pins):
     # a ball on a straight flank that is longer than R tan(22.5 deg) climbs at the flank's own 45 degrees, both ways alike
-    rows = list(predict_set(load_set(pins[0])))
+    rows = list(predictions_of(load_set(pins[0])))
     assert [row.drag for row in rows] == ["forward", "backward"]
     for row in rows:
         assert row.release.angle == pytest.approx(math.radians(45.0), rel=1e-9)
