@@ -5,16 +5,16 @@ import math
 import numpy as np
 import pytest
 
+from oracles.noncentral_f import closed_form_power
 from stepblocks.errors import StudyError
-from stepblocks.study.analysis.analysis import analyse
-from stepblocks.study.analysis.checks import residual_checks
+from stepblocks.study.analysis.anova import residual_checks
 from stepblocks.study.analysis.ordinal import ordinal_model
 from stepblocks.study.analysis.psychometric import MAX_LAPSE, fit_psychometric
 from stepblocks.study.analysis.table import join_answers
-from stepblocks.study.design.design import Item, constant_stimuli, experiment_two
-from stepblocks.study.design.sheet import design_rows
-from stepblocks.study.power import Plan, closed_form_power, estimate_power, p_values
-from stepblocks.study.simulate import Observer, height_of_energy, simulate_answers
+from stepblocks.study.design import Item, constant_stimuli, experiment_two
+from stepblocks.study.observer import Observer, read_off_height
+from stepblocks.study.sheet import design_rows
+from stepblocks.study.simulate import Plan, estimate_power, p_values, simulate_answers
 
 HEIGHTS = np.arange(30, 75, 5)
 BLOCKS = [Item(f"step-{h:03}", f"STEP-{h:03}", h * 1e-6) for h in HEIGHTS]
@@ -48,7 +48,7 @@ def test_simulated_pairs_carry_the_weber_fraction_through_sheets_and_table():
     design = design_rows(constant_stimuli(8, "step-050", BLOCKS, 6, seed=1))
     energies = {item.identity: item.height for item in BLOCKS}
     table = join_answers(design, lined(simulate_answers(design, energies, {}, Observer(weber=0.15), seed=5)))
-    curve = analyse(table).curves[-1]
+    curve = table.analyse().curves[-1]
     assert curve.who == "all"
     assert sum(curve.totals) == 8 * 8 * 12
     assert curve.fit.weber_low < 0.15 < curve.fit.weber_high
@@ -96,10 +96,10 @@ def test_height_of_energy_inverts_the_prediction():
 
     heights = np.array([25e-6, 50e-6, 75e-6])
     energies = np.array([release_at(step_angle(h, 125e-6), 1.0, 0.15).vibration_energy for h in heights])
-    assert height_of_energy(energies, heights, energies) == pytest.approx(heights, rel=1e-12)
-    assert height_of_energy([energies[0] / 2], heights, energies)[0] < heights[0]
+    assert read_off_height(energies, heights, energies) == pytest.approx(heights, rel=1e-12)
+    assert read_off_height([energies[0] / 2], heights, energies)[0] < heights[0]
     with pytest.raises(StudyError, match="rise with the height"):
-        height_of_energy([1.0], heights, energies[::-1])
+        read_off_height([1.0], heights, energies[::-1])
 
 
 def binomial_band(runs, rate=0.05):

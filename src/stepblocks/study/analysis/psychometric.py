@@ -15,14 +15,13 @@ from stepblocks.errors import StudyError
 
 # Largest lapse rate that a fit may take; Wichmann and Hill (2001) bound it so that it cannot stand in for the slope
 MAX_LAPSE = 0.1
-_Z75 = 0.6744897501960817  # standard normal quantile of 0.75
+Z75 = 0.6744897501960817  # standard normal quantile of 0.75
+Z975 = 1.959963984540054
 _VAGUE = (
     1.0  # standard error of the logarithm of a spread or a threshold beyond which its interval spans a factor of fifty
 )
-# Curvature of the log likelihood that counts as none [1]: a logarithm known to a standard deviation of 10 is not
-# known
+# curvature of the log likelihood that counts as none [1]: a logarithm known to a standard deviation of 10 is not known
 _LEAST_INFORMATION = 1e-2
-_Z975 = 1.959963984540054
 Array = NDArray[np.float64]
 
 
@@ -30,21 +29,20 @@ Array = NDArray[np.float64]
 class Psychometric:
     """A cumulative normal in the logarithm of the level, with guesses and lapses."""
 
-    # Level in the middle between guess and 1 - lapse, and its 95 % interval, in the unit of the levels. For a
-    # comparison with a standard this is the point of subjective equality
+    # level in the middle between guess and 1 - lapse, in the unit of the levels; for a comparison with a standard the
+    # point of subjective equality
     threshold: float
-    threshold_low: float
+    threshold_low: float  # ends of its 95 % interval
     threshold_high: float
-    spread: float  # Standard deviation sigma of the normal, in natural logarithms of the level [1]
-    # Just noticeable difference over threshold, ``exp(0.6745 sigma) - 1``, from the middle to three quarters of the
-    # rise [1]
+    spread: float  # standard deviation sigma of the normal, in natural logarithms of the level [1]
+    # just noticeable difference over threshold, ``exp(0.6745 sigma) - 1``, from the middle to three quarters of the rise
     weber: float
-    weber_low: float
+    weber_low: float  # ends of its 95 % interval [1]
     weber_high: float
-    lapse: float  # Lapse rate [1]
-    deviance: float  # Twice the log likelihood that the saturated model is better by [1]
-    df: int  # Levels minus parameters
-    trials: int  # How many
+    lapse: float  # rate [1]
+    deviance: float  # twice the log likelihood that the saturated model is better by [1]
+    df: int  # levels minus parameters
+    trials: int
 
 
 def fit_psychometric(
@@ -215,16 +213,16 @@ def _summary(
         )
 
     def weber(log_sigma: float) -> float:
-        return math.expm1(min(_Z75 * math.exp(min(log_sigma, 20.0)), 700.0))
+        return math.expm1(min(Z75 * math.exp(min(log_sigma, 20.0)), 700.0))
 
     return Psychometric(
         math.exp(middle),
-        math.exp(middle - _Z975 * error),
-        math.exp(middle + _Z975 * error),
+        math.exp(middle - Z975 * error),
+        math.exp(middle + Z975 * error),
         math.exp(log_spread),
         weber(log_spread),
-        weber(log_spread - _Z975 * spread_error),
-        weber(log_spread + _Z975 * spread_error),
+        weber(log_spread - Z975 * spread_error),
+        weber(log_spread + Z975 * spread_error),
         lapse,
         deviance,
         df,
