@@ -10,7 +10,7 @@ import sys
 
 from oracles.noncentral_f import closed_form_power
 from stepblocks.study.observer import Observer
-from stepblocks.study.simulate import Plan, estimate_power
+from stepblocks.study.simulate import SimulatedStudy, estimate_power
 
 NOISE = 6e-6
 HEIGHTS, ENERGIES = (
@@ -31,7 +31,7 @@ def main() -> None:
                 observer = Observer(
                     weber=0.0, response_noise=NOISE, participant_spread=spread, condition_spread=response
                 )
-                plan = Plan(8, 2, HEIGHTS, ENERGIES, (("a", 1.0), ("b", share)), observer)
+                plan = SimulatedStudy(8, 2, HEIGHTS, ENERGIES, (("a", 1.0), ("b", share)), observer)
                 found = estimate_power(plan, analysis, runs, seed=1, jobs=jobs)
                 means = {"a": 0.0, "b": (1.0 - share) * 80e-6}
                 if analysis == "mixed":

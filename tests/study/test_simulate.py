@@ -11,7 +11,7 @@ from stepblocks.study.experiments import EXPERIMENTS
 from stepblocks.study.observer import Observer
 from stepblocks.study.page import render_study
 from stepblocks.study.sheet import answer_columns, design_files, design_rows
-from stepblocks.study.simulate import Plan, estimate_power, p_values, simulate_answers, simulated_frame
+from stepblocks.study.simulate import SimulatedStudy, estimate_power, p_values, simulate_answers, simulated_frame
 from stepblocks.tables import csv_text
 
 BLOCKS = [Item(f"step-{h:03}", f"STEP-{h:03}", h * 1e-6) for h in range(30, 75, 5)]
@@ -80,7 +80,7 @@ def test_a_block_without_energy_is_refused_by_name():
 
 def plan(**changes):
     given = {"participants": 3, "repetitions": 2, "heights": (20e-6, 40e-6), "energies": (1e-5, 2e-5)}
-    return Plan(**given | {"factors": (("bare", 1.0), ("soft", 0.5)), "observer": STILL} | changes)
+    return SimulatedStudy(**given | {"factors": (("bare", 1.0), ("soft", 0.5)), "observer": STILL} | changes)
 
 
 def test_a_simulated_study_has_every_judgement_once_and_its_errors_in_closed_form():

@@ -25,7 +25,7 @@ from stepblocks.study.experiments import EXPERIMENTS, Limits
 from stepblocks.study.observer import TYPICAL_OBSERVER, Observer
 from stepblocks.study.page import render_sheets, render_sheets_pdf, render_study
 from stepblocks.study.sheet import design_files, sheet_rows, write_new
-from stepblocks.study.simulate import Plan, estimate_power, simulate_answers
+from stepblocks.study.simulate import SimulatedStudy, estimate_power, simulate_answers
 from stepblocks.tables import csv_text, write_table
 
 if TYPE_CHECKING:
@@ -286,7 +286,7 @@ def study_power(
     conditions = tuple((damping or {}).items())
     rows = []
     for people, times in itertools.product(participants, repetitions):
-        plan = Plan(people, times, heights, tuple(energies.values()), conditions, observer)
+        plan = SimulatedStudy(people, times, heights, tuple(energies.values()), conditions, observer)
         found = estimate_power(plan, analysis, runs, seed, jobs)
         each = times * len(heights) * len(conditions)
         rows.append((analysis, people, times, each, found.power, found.low, found.high, runs))

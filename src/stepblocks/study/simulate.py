@@ -46,7 +46,7 @@ def simulate_answers(
 
 
 @dataclass(frozen=True)
-class Plan:
+class SimulatedStudy:
     """A study of which the power is asked."""
 
     participants: int
@@ -81,12 +81,12 @@ class PowerEstimate:
     high: float
 
 
-def p_values(plan: Plan, analysis: str, seeds: Sequence[int]) -> list[float]:
+def p_values(plan: SimulatedStudy, analysis: str, seeds: Sequence[int]) -> list[float]:
     """Simulate studies and analyse each."""
     return [_one(plan, analysis, seed) for seed in seeds]
 
 
-def _one(plan: Plan, analysis: str, seed: int) -> float:
+def _one(plan: SimulatedStudy, analysis: str, seed: int) -> float:
     frame = simulated_frame(plan, seed)
     block = "stimulus" if len(plan.heights) > 1 else ""
     if analysis == "f-test":
@@ -97,7 +97,7 @@ def _one(plan: Plan, analysis: str, seed: int) -> float:
     return term.p
 
 
-def simulated_frame(plan: Plan, seed: int) -> Any:
+def simulated_frame(plan: SimulatedStudy, seed: int) -> Any:
     """Simulate one study to its tidy table."""
     import pandas as pd
 
@@ -112,7 +112,9 @@ def simulated_frame(plan: Plan, seed: int) -> Any:
     return frame.assign(**texts, estimate=estimates, error=estimates - heights[block])
 
 
-def estimate_power(plan: Plan, analysis: str = "mixed", runs: int = 200, seed: int = 1, jobs: int = 1) -> PowerEstimate:
+def estimate_power(
+    plan: SimulatedStudy, analysis: str = "mixed", runs: int = 200, seed: int = 1, jobs: int = 1
+) -> PowerEstimate:
     """Estimate the power of a study at the 5 % level by simulation; `analysis` is one of `ANALYSES`."""
     from joblib import Parallel, delayed
     from statsmodels.stats.proportion import proportion_confint

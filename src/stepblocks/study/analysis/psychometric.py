@@ -161,14 +161,12 @@ def _by_likelihood(start: Any, x: Array, k: Array, n: Array, guess: float | None
 
     covariance = _covariance(approx_hess(found.x[:free], around))
     return _summary(
-        float(found.x[0]),
-        math.sqrt(max(covariance[0, 0], 0.0)),
-        float(found.x[1]),
-        math.sqrt(max(covariance[1, 1], 0.0)),
-        rate,
-        2.0 * (float(found.fun) - _saturated(k, n)),
-        len(x) - (3 if lapse is None else 2),
-        int(n.sum()),
+        (float(found.x[0]), math.sqrt(max(covariance[0, 0], 0.0))),
+        (float(found.x[1]), math.sqrt(max(covariance[1, 1], 0.0))),
+        lapse=rate,
+        deviance=2.0 * (float(found.fun) - _saturated(k, n)),
+        df=len(x) - (3 if lapse is None else 2),
+        trials=int(n.sum()),
     )
 
 
@@ -181,9 +179,9 @@ def _covariance(information: Any) -> Array:
 def _of_glm(fit: Any, count: int, trials: int) -> Psychometric:
     intercept, slope = (float(value) for value in fit.params)
     covariance = np.asarray(fit.cov_params())
-    middle, error = crossing(intercept, slope, covariance)
-    spread_error = math.sqrt(covariance[1, 1]) / slope
-    return _summary(middle, error, -math.log(slope), spread_error, 0.0, float(fit.deviance), count - 2, trials)
+    spread = (-math.log(slope), math.sqrt(covariance[1, 1]) / slope)
+    middle = crossing(intercept, slope, covariance)
+    return _summary(middle, spread, lapse=0.0, deviance=float(fit.deviance), df=count - 2, trials=trials)
 
 
 def _saturated(k: Array, n: Array) -> float:
@@ -193,21 +191,15 @@ def _saturated(k: Array, n: Array) -> float:
 
 
 def _summary(
-    middle: float,
-    error: float,
-    log_spread: float,
-    spread_error: float,
-    lapse: float,
-    deviance: float,
-    df: int,
-    trials: int,
+    middle: tuple[float, float], spread: tuple[float, float], *, lapse: float, deviance: float, df: int, trials: int
 ) -> Psychometric:
+    """Give intervals from the logarithms of threshold and spread, each with its standard error."""
     # a threshold that is open comes first: its spread is then unknown as well
-    if not error < _VAGUE:
+    if not middle[1] < _VAGUE:
         raise StudyError(
             f"answers leave the threshold open: it cannot be told from {trials} trials; add trials, or levels around it"
         )
-    if not spread_error < _VAGUE:
+    if not spread[1] < _VAGUE:
         raise StudyError(
             f"answers jump between two of the levels: no spread can be told from {trials} trials; add levels between them"
         )
@@ -215,16 +207,17 @@ def _summary(
     def weber(log_sigma: float) -> float:
         return math.expm1(min(Z75 * math.exp(min(log_sigma, 20.0)), 700.0))
 
+    reach = Z975 * middle[1]
     return Psychometric(
-        math.exp(middle),
-        math.exp(middle - Z975 * error),
-        math.exp(middle + Z975 * error),
-        math.exp(log_spread),
-        weber(log_spread),
-        weber(log_spread - Z975 * spread_error),
-        weber(log_spread + Z975 * spread_error),
-        lapse,
-        deviance,
-        df,
-        trials,
+        threshold=math.exp(middle[0]),
+        threshold_low=math.exp(middle[0] - reach),
+        threshold_high=math.exp(middle[0] + reach),
+        spread=math.exp(spread[0]),
+        weber=weber(spread[0]),
+        weber_low=weber(spread[0] - Z975 * spread[1]),
+        weber_high=weber(spread[0] + Z975 * spread[1]),
+        lapse=lapse,
+        deviance=deviance,
+        df=df,
+        trials=trials,
     )
