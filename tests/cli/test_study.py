@@ -209,3 +209,11 @@ def test_where_it_is_felt_can_be_chosen_and_is_checked(folder, capsys):
         code, _, err = run(capsys, *simulate, *options)
         assert (code, message in err) == (2, True)
     assert run(capsys, *simulate, "--tip", "0.2 mm", "--load", "0.5 N", "--friction", "10 %")[0] == 0
+
+
+def test_every_kind_of_experiment_can_be_asked_for(capsys):
+    from stepblocks.study.experiments import EXPERIMENTS
+
+    with pytest.raises(SystemExit):
+        main(["study", "design", "--help"])
+    assert f"{{{','.join(EXPERIMENTS)}}}" in capsys.readouterr().out

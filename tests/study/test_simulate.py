@@ -76,6 +76,11 @@ def test_a_block_without_energy_is_refused_by_name():
     rows = design_rows(designed("magnitude"))
     with pytest.raises(StudyError, match="got none for step-070"):
         simulate_answers(rows, ENERGIES | {"step-070": 0.0}, {}, STILL, 3)
+    without = {name: energy for name, energy in ENERGIES.items() if name != "step-050"}
+    with pytest.raises(
+        StudyError, match="got none for step-050"
+    ):  # the standard, which is never the block that is judged
+        simulate_answers(design_rows(designed("constant")), without, {}, STILL, 3)
 
 
 def plan(**changes):
@@ -99,10 +104,12 @@ def test_a_study_is_decided_by_its_own_seed():
     assert len(set(together)) == 3
 
 
-def test_one_block_is_enough_for_the_power_of_a_difference():
-    alone = plan(heights=(20e-6, 40e-6), energies=(1e-5, 2e-5), observer=Observer(response_noise=1e-6))
-    assert estimate_power(alone, "f-test", runs=10).power == 1.0
-    assert estimate_power(alone, "f-test", runs=10).low == pytest.approx(0.722, abs=5e-4)  # Wilson, 10 of 10
+def test_a_difference_that_nobody_can_miss_is_always_found():
+    estimate = estimate_power(plan(observer=Observer(response_noise=1e-6)), "f-test", runs=10)
+    assert (estimate.power, estimate.high) == (1.0, 1.0)
+    assert estimate.low == pytest.approx(
+        10.0 / (10.0 + 1.959964**2), rel=1e-6
+    )  # Wilson's interval of n of n: n / (n + z^2)
 
 
 @pytest.mark.parametrize(

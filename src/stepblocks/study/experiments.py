@@ -22,6 +22,7 @@ from stepblocks.study.design import Design, constant_stimuli, experiment_one, ex
 from stepblocks.study.observer import Observer, estimate_heights, feel, feels_higher
 
 Row = Mapping[str, str]
+Texts = Sequence[tuple[str, ...]]
 
 
 @dataclass(frozen=True)
@@ -45,8 +46,8 @@ class Experiment:
     design: Callable[..., Design]  # of participants, what it `needs`, blocks, repetitions, seed
     # of a planned trial, its answer, the highest block [um] and the limits: the columns of the tidy table, in SI
     read: Callable[[Row, Row, float, Limits], dict[str, Any]]
-    # of the trials (see `estimate_heights`), undamped energies by block [J], observer, generator: texts for `answers`
-    simulate: Callable[[Any, Mapping[str, float], Observer, np.random.Generator], Sequence[tuple[str, ...]]]
+    # of the trials (the design, with what `simulate_answers` adds), observer and generator: texts for `answers`
+    simulate: Callable[[Any, Observer, np.random.Generator], Texts]
     analyse: Callable[[Any], dict[str, Any]]  # of the tidy table: fields of `StudyResult`
     needs: tuple[str, ...] = ()  # options beside the size: "probes", "standard"
     paired: bool = False  # each block is compared with a standard, given before or after it
@@ -78,18 +79,14 @@ def _read_virtual(planned: Row, answer: Row, highest: float, limits: Limits) -> 
     return values | {"rating": int(rating)}
 
 
-def _simulate_estimates(
-    trials: Any, energies: Mapping[str, float], observer: Observer, generator: np.random.Generator
-) -> Sequence[tuple[str, ...]]:
-    by_height = dict(zip(trials["height"], trials["stimulus"].map(energies), strict=True))
+def _simulate_estimates(trials: Any, observer: Observer, generator: np.random.Generator) -> Texts:
+    by_height = dict(zip(trials["height"], trials["undamped"], strict=True))
     known = (np.array(list(by_height)), np.array(list(by_height.values())))
     return [(f"{height * 1e6:.1f}",) for height in estimate_heights(trials, known, observer, generator)]
 
 
-def _simulate_virtual(
-    trials: Any, energies: Mapping[str, float], observer: Observer, generator: np.random.Generator
-) -> Sequence[tuple[str, ...]]:
-    estimates = _simulate_estimates(trials, energies, observer, generator)
+def _simulate_virtual(trials: Any, observer: Observer, generator: np.random.Generator) -> Texts:
+    estimates = _simulate_estimates(trials, observer, generator)
     own = generator.standard_normal(trials["person"].max() + 1)
     low, high = USUAL_LIMITS.ratings
     answers = []
@@ -124,12 +121,10 @@ def _read_comparison(planned: Row, answer: Row, highest: float, limits: Limits) 
     }
 
 
-def _simulate_comparisons(
-    trials: Any, energies: Mapping[str, float], observer: Observer, generator: np.random.Generator
-) -> Sequence[tuple[str, ...]]:
+def _simulate_comparisons(trials: Any, observer: Observer, generator: np.random.Generator) -> Texts:
     answers = []
-    for energy, standard, order in zip(trials["energy"], trials["standard"], trials["condition"], strict=True):
-        higher = feels_higher(energy, energies[standard], observer, generator)
+    for energy, standard, order in zip(trials["energy"], trials["standard_energy"], trials["condition"], strict=True):
+        higher = feels_higher(energy, standard, observer, generator)
         answers.append(("y" if higher == (order == "standard-first") else "n",))
     return answers
 
@@ -157,9 +152,7 @@ def _read_magnitude(planned: Row, answer: Row, highest: float, limits: Limits) -
     return {"magnitude": magnitude}
 
 
-def _simulate_magnitudes(
-    trials: Any, energies: Mapping[str, float], observer: Observer, generator: np.random.Generator
-) -> Sequence[tuple[str, ...]]:
+def _simulate_magnitudes(trials: Any, observer: Observer, generator: np.random.Generator) -> Texts:
     reach, person = trials["energy"].to_numpy(), trials["person"].to_numpy()
     felt = feel(reach, observer, generator)
     modulus = np.exp(0.5 * generator.standard_normal(person.max() + 1))[person]

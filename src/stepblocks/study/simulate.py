@@ -29,16 +29,18 @@ def simulate_answers(
     """Fill in the run sheets of a design, from each block's energy [J] and the share of it that a condition lets through."""
     import pandas as pd
 
-    lacking = [row["stimulus"] for row in design if not energies.get(row["stimulus"], 0.0) > 0.0]
+    named = [name for row in design for name in (row["stimulus"], row["standard"]) if name]
+    lacking = [name for name in named if not energies.get(name, 0.0) > 0.0]
     if lacking:
         raise StudyError(f"every block must have a predicted energy, got none for {lacking[0]}")
     trials = pd.DataFrame(design)
     trials["person"], trials["setting"] = (pd.factorize(trials[name])[0] for name in ("participant", "condition"))
     trials["height"] = trials["height_um"].astype(float) * 1e-6
     shares = [damping.get(condition, 1.0) for condition in trials["condition"]]
-    trials["energy"] = trials["stimulus"].map(energies) * shares
+    trials["undamped"], trials["standard_energy"] = (trials[name].map(energies) for name in ("stimulus", "standard"))
+    trials["energy"] = trials["undamped"] * shares
     experiment = EXPERIMENTS[design[0]["experiment"]]
-    answers = experiment.simulate(trials, energies, observer, np.random.default_rng(seed))
+    answers = experiment.simulate(trials, observer, np.random.default_rng(seed))
     return [
         row | dict(zip(experiment.answers, texts, strict=True))
         for row, texts in zip(sheet_rows(design), answers, strict=True)
