@@ -15,8 +15,8 @@ import sys
 import numpy as np
 
 from stepblocks.errors import StudyError
-from stepblocks.study.adaptive.session import Plan, Session
 from stepblocks.study.analysis.psychometric import fit_psychometric
+from stepblocks.study.session import Plan, Session
 
 HEIGHTS = {f"{height}": height * 1e-6 for height in range(10, 101, 10)}
 STANDARD, LAPSE = "50", 0.02

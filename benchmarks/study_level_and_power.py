@@ -1,6 +1,6 @@
 """Level and power of both analyses by long simulation, beside the noncentral F distribution. Prints a table.
 
-Run as ``python benchmarks/study_level_and_power.py [RUNS] [JOBS]``.
+Run as ``PYTHONPATH=tests python benchmarks/study_level_and_power.py [RUNS] [JOBS]``.
 """
 
 from __future__ import annotations
@@ -8,8 +8,9 @@ from __future__ import annotations
 import math
 import sys
 
-from stepblocks.study.power import Plan, closed_form_power, estimate_power
-from stepblocks.study.simulate import Observer
+from oracles.noncentral_f import closed_form_power
+from stepblocks.study.observer import Observer
+from stepblocks.study.simulate import SimulatedStudy, estimate_power
 
 NOISE = 6e-6
 HEIGHTS, ENERGIES = (
@@ -30,7 +31,7 @@ def main() -> None:
                 observer = Observer(
                     weber=0.0, response_noise=NOISE, participant_spread=spread, condition_spread=response
                 )
-                plan = Plan(8, 2, HEIGHTS, ENERGIES, (("a", 1.0), ("b", share)), observer)
+                plan = SimulatedStudy(8, 2, HEIGHTS, ENERGIES, (("a", 1.0), ("b", share)), observer)
                 found = estimate_power(plan, analysis, runs, seed=1, jobs=jobs)
                 means = {"a": 0.0, "b": (1.0 - share) * 80e-6}
                 if analysis == "mixed":

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -86,11 +87,18 @@ def si_column(
     return np.asarray(numbers / inverse if exact else numbers * factor)
 
 
-def write_table(frame: pd.DataFrame, path: Path) -> None:
-    """Write a CSV beside its place and rename it; 17 digits, so that reading it back gives the same doubles."""
+def csv_text(table: Any, columns: Sequence[str] | None = None, float_format: str | None = None) -> str:
+    """Write a table, or rows as mappings, as the text of a CSV."""
+    import pandas as pd
+
+    return str(pd.DataFrame(table, columns=columns).to_csv(index=False, lineterminator="\n", float_format=float_format))
+
+
+def write_table(frame: pd.DataFrame, path: Path, float_format: str | None = None) -> None:
+    """Write a CSV beside its place and rename it; by default 17 digits, so that reading it back gives the same doubles."""
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
         with beside(path) as draft:
-            frame.to_csv(draft, index=False, lineterminator="\n")
+            frame.to_csv(draft, index=False, lineterminator="\n", float_format=float_format)
     except OSError as error:
         raise PipelineError(f"table cannot be written: {error.strerror} [{path}]") from error

@@ -150,3 +150,70 @@ def test_help_of_the_study_imports_nothing_heavy():
     )
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     assert done.stdout.splitlines()[-1] == "[]"
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        (["design", "f", "--seed", "1.5", "-o", "x"], "must be a whole number, got '1.5'"),
+        (["design", "f", "--seed", "1", "--participants", "0", "-o", "x"], "a whole number from 1 to 100000, got '0'"),
+        (["design", "f", "--seed", "1", "--probes", "a,,b", "-o", "x"], "names of letters, digits and hyphens"),
+        (["analyse", "d", "a.csv", "-o", "x", "--ratings", "7-1"], "must be LOW-HIGH such as 1-7, got '7-1'"),
+        (["power", "f", "--seed", "1", "--damping", "bare"], "must be name=share, separated by commas, got 'bare'"),
+        (["power", "f", "--seed", "1", "--participants", "4,x"], "must be a whole number, got 'x'"),
+        (["power", "f", "--seed", "1", "--noise", "5"], "must be a length such as '25 um', got '5'"),
+        (["simulate", "d", "f", "--seed", "1"], "the following arguments are required: -o/--output"),
+    ],
+)
+def test_an_option_that_cannot_be_read_is_named(arguments, message, capsys):
+    with pytest.raises(SystemExit) as caught:
+        main(["study", *arguments])
+    assert caught.value.code == 2
+    assert message in capsys.readouterr().err
+
+
+def test_the_defaults_that_the_help_states_are_what_happens_without_options(tmp_path, capsys):
+    # files that stand there are only accepted with the same content
+    stated = ["--experiment", "estimates", "--participants", 10, "--probes", "bare,hard,soft", "--repetitions", 3]
+    for options in ([], stated):
+        assert run(capsys, "design", FOUR, *options, "--seed", 1, "-o", tmp_path)[0] == 0
+    stated = ["--weber", 0.2, "--noise", "5 um", "--spread", "3 um", "--condition-spread", "0 um", "--lapse", 0]
+    for options in ([], stated):
+        assert run(capsys, "simulate", tmp_path, FOUR, *options, "--seed", 1, "-o", tmp_path / "answers.csv")[0] == 0
+    stated = ["--method", "quest", "--participants", 10, "--trials", 60, "--reversals", 12]
+    for options in ([], stated):
+        start = ["adaptive", "start", FOUR, "--standard", "apparatus-050", *options, "--seed", 1, "-o", tmp_path / "a"]
+        assert run(capsys, *start)[0] == 0
+
+
+def test_a_scale_of_ratings_and_a_largest_estimate_are_taken(tmp_path, capsys):
+    answers, report = tmp_path / "answers.csv", tmp_path / "report"
+    design = ["--experiment", "virtual", "--participants", 3, "--repetitions", 1]
+    assert run(capsys, "design", FOUR, *design, "--seed", 1, "-o", tmp_path)[0] == 0
+    assert run(capsys, "simulate", tmp_path, FOUR, "--seed", 2, "-o", answers)[0] == 0
+    for options, message in (
+        (["--ratings", "1-2"], "realism_rating must be a whole number from 1 to 2"),
+        (["--largest-estimate", "0.1"], "estimate_um must be a number from 0 to 10"),
+    ):
+        code, _, err = run(capsys, "analyse", tmp_path, answers, *options, "-o", report)
+        assert (code, message in err, report.exists()) == (2, True, False)
+
+
+def test_where_it_is_felt_can_be_chosen_and_is_checked(folder, capsys):
+    simulate = ["simulate", folder, FOUR, "--seed", 2, "-o", folder / "answers.csv"]
+    for options, message in (
+        (["--tip", "0 um"], "ball_radius must be positive and finite, got 0 m"),
+        (["--load", "-1 N"], "normal_load must be positive and finite, got -1 N"),
+        (["--friction", "0.9"], "must release the probe to be felt by its vibration"),
+    ):
+        code, _, err = run(capsys, *simulate, *options)
+        assert (code, message in err) == (2, True)
+    assert run(capsys, *simulate, "--tip", "0.2 mm", "--load", "0.5 N", "--friction", "10 %")[0] == 0
+
+
+def test_every_kind_of_experiment_can_be_asked_for(capsys):
+    from stepblocks.study.experiments import EXPERIMENTS
+
+    with pytest.raises(SystemExit):
+        main(["study", "design", "--help"])
+    assert f"{{{','.join(EXPERIMENTS)}}}" in capsys.readouterr().out

@@ -7,8 +7,8 @@ import pytest
 from scipy.special import ndtr
 
 from stepblocks.errors import StudyError
-from stepblocks.study.adaptive.procedures import QuestPlus
-from stepblocks.study.adaptive.session import METHODS, Plan, Session
+from stepblocks.study.procedures import QuestPlus
+from stepblocks.study.session import METHODS, Plan, Session
 
 HEIGHTS = {f"B{height}": height * 1e-6 for height in range(20, 81, 4)}
 

@@ -6,12 +6,13 @@ import io
 import pytest
 
 from stepblocks.errors import StudyError
-from stepblocks.study.analysis.analysis import analyse
-from stepblocks.study.analysis.results_table import COLUMNS, judgements_csv, results_csv
+from stepblocks.study.analysis.results import COLUMNS
 from stepblocks.study.analysis.table import join_answers, read_answers, read_design
-from stepblocks.study.design.design import Item, constant_stimuli, experiment_one, experiment_two
-from stepblocks.study.design.sheet import design_csv, design_rows, key_csv, sheet_csv
-from stepblocks.study.simulate import Observer, simulate_answers
+from stepblocks.study.design import Item, constant_stimuli, experiment_one, experiment_two
+from stepblocks.study.observer import Observer
+from stepblocks.study.sheet import design_files, design_rows, sheet_rows
+from stepblocks.study.simulate import simulate_answers
+from stepblocks.tables import csv_text
 
 BLOCKS = [Item(f"step-{h:03}", f"STEP-{h:03}", h * 1e-6) for h in (25, 50, 75)]
 ENERGIES = {"step-025": 10e-6, "step-050": 35e-6, "step-075": 141e-6}
@@ -50,7 +51,7 @@ def test_missing_cells_are_counted_and_named(study):
         (answers[10]["participant"], answers[10]["trial"]),
     ]
     assert "2 missing judgements" in " ".join(table.notes())
-    result = analyse(table)
+    result = table.analyse()
     assert result.f_test.df_error == 46 - 6
     assert "2 missing judgements" in " ".join(result.notes)
 
@@ -130,7 +131,7 @@ def test_a_rating_off_its_scale_is_refused(value):
 def test_a_damaged_file_is_refused_by_name(study, tmp_path, damage, message):
     design, _ = study
     path = tmp_path / "answers.csv"
-    damaged = damage(sheet_csv(design))
+    damaged = damage(csv_text(sheet_rows(design)))
     path.write_bytes(damaged if isinstance(damaged, bytes) else damaged.encode())
     with pytest.raises(StudyError, match=message) as caught:
         read_answers(path, "estimates")
@@ -141,18 +142,18 @@ def test_a_damaged_file_is_refused_by_name(study, tmp_path, damage, message):
 def test_files_come_back_as_they_were_written(tmp_path):
     design = constant_stimuli(2, "step-050", BLOCKS, 2, seed=3)
     path = tmp_path / "design.csv"
-    path.write_text(design_csv(design))
+    path.write_text(design_files(design)["design.csv"])
     rows = read_design(path)
     assert [{name: row[name] for name in row if name != "line"} for row in rows] == design_rows(design)
     sheet = tmp_path / "sheet.csv"
-    sheet.write_text(sheet_csv(rows))
+    sheet.write_text(csv_text(sheet_rows(rows)))
     assert len(read_answers(sheet, "constant")) == len(rows)
 
 
 def test_run_sheets_are_blind_and_the_key_opens_them():
     design = constant_stimuli(3, "step-050", BLOCKS, 2, seed=3)
     rows = design_rows(design)
-    sheet, key = sheet_csv(rows), list(csv.DictReader(io.StringIO(key_csv(rows))))
+    sheet, key = csv_text(sheet_rows(rows)), list(csv.DictReader(io.StringIO(design_files(design)["key.csv"])))
     for item in BLOCKS:
         assert item.identity not in sheet
         assert item.engraved not in sheet
@@ -168,12 +169,12 @@ def test_run_sheets_are_blind_and_the_key_opens_them():
 
 
 def test_every_figure_of_the_results_has_a_unit(study):
-    result = analyse(join_answers(*study))
-    rows = list(csv.DictReader(io.StringIO(results_csv(result))))
+    result = join_answers(*study).analyse()
+    rows = list(csv.DictReader(io.StringIO(result.results_csv())))
     assert tuple(rows[0]) == COLUMNS
     assert {row["unit"] for row in rows} == {"1", "um"}
     assert (
-        judgements_csv(result)
+        result.judgements_csv()
         .splitlines()[0]
         .startswith("participant,trial,condition,repetition,stimulus,height_um,estimate_um,error_um")
     )

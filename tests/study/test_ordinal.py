@@ -5,8 +5,7 @@ import pandas as pd
 import pytest
 
 from stepblocks.errors import StudyError
-from stepblocks.study.analysis.ordinal import ordinal_model
-from stepblocks.study.analysis.proportional_odds import cluster_covariance, fit_proportional_odds
+from stepblocks.study.analysis.ordinal import cluster_covariance, fit_proportional_odds, ordinal_model
 
 
 def ratings(seed, people, each, response, cuts=(-0.7, 0.8)):

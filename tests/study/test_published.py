@@ -7,10 +7,10 @@ import pandas as pd
 import pytest
 
 from stepblocks.study.analysis.anova import f_test
-from stepblocks.study.analysis.magnitude import power_law
 from stepblocks.study.analysis.mixed import mixed_model
 from stepblocks.study.analysis.ordinal import ordinal_model
 from stepblocks.study.analysis.psychometric import crossing, fit_psychometric
+from stepblocks.study.experiments import power_law
 
 
 def nist(name):

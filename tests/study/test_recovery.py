@@ -5,16 +5,16 @@ import math
 import numpy as np
 import pytest
 
+from oracles.noncentral_f import closed_form_power
 from stepblocks.errors import StudyError
-from stepblocks.study.analysis.analysis import analyse
-from stepblocks.study.analysis.checks import residual_checks
+from stepblocks.study.analysis.anova import residual_checks
 from stepblocks.study.analysis.ordinal import ordinal_model
 from stepblocks.study.analysis.psychometric import MAX_LAPSE, fit_psychometric
 from stepblocks.study.analysis.table import join_answers
-from stepblocks.study.design.design import Item, constant_stimuli, experiment_two
-from stepblocks.study.design.sheet import design_rows
-from stepblocks.study.power import Plan, closed_form_power, estimate_power, p_values
-from stepblocks.study.simulate import Observer, height_of_energy, simulate_answers
+from stepblocks.study.design import Item, constant_stimuli, experiment_two
+from stepblocks.study.observer import Observer, read_off_height
+from stepblocks.study.sheet import design_rows
+from stepblocks.study.simulate import SimulatedStudy, estimate_power, p_values, simulate_answers
 
 HEIGHTS = np.arange(30, 75, 5)
 BLOCKS = [Item(f"step-{h:03}", f"STEP-{h:03}", h * 1e-6) for h in HEIGHTS]
@@ -48,7 +48,7 @@ def test_simulated_pairs_carry_the_weber_fraction_through_sheets_and_table():
     design = design_rows(constant_stimuli(8, "step-050", BLOCKS, 6, seed=1))
     energies = {item.identity: item.height for item in BLOCKS}
     table = join_answers(design, lined(simulate_answers(design, energies, {}, Observer(weber=0.15), seed=5)))
-    curve = analyse(table).curves[-1]
+    curve = table.analyse().curves[-1]
     assert curve.who == "all"
     assert sum(curve.totals) == 8 * 8 * 12
     assert curve.fit.weber_low < 0.15 < curve.fit.weber_high
@@ -96,10 +96,10 @@ def test_height_of_energy_inverts_the_prediction():
 
     heights = np.array([25e-6, 50e-6, 75e-6])
     energies = np.array([release_at(step_angle(h, 125e-6), 1.0, 0.15).vibration_energy for h in heights])
-    assert height_of_energy(energies, heights, energies) == pytest.approx(heights, rel=1e-12)
-    assert height_of_energy([energies[0] / 2], heights, energies)[0] < heights[0]
+    assert read_off_height(energies, heights, energies) == pytest.approx(heights, rel=1e-12)
+    assert read_off_height([energies[0] / 2], heights, energies)[0] < heights[0]
     with pytest.raises(StudyError, match="rise with the height"):
-        height_of_energy([1.0], heights, energies[::-1])
+        read_off_height([1.0], heights, energies[::-1])
 
 
 def binomial_band(runs, rate=0.05):
@@ -115,7 +115,7 @@ def test_no_effect_is_found_in_five_of_a_hundred_studies(analysis, runs, partici
     # participants differ in nothing for the F-test, which assumes so; in level and in their response to a condition for the mixed model
     spread = 0.0 if analysis == "f-test" else 6e-6
     observer = Observer(weber=0.1, response_noise=6e-6, participant_spread=spread, condition_spread=spread)
-    plan = Plan(participants, 2, (60e-6, 80e-6), (3e-5, 4e-5), (("a", 1.0), ("b", 1.0)), observer)
+    plan = SimulatedStudy(participants, 2, (60e-6, 80e-6), (3e-5, 4e-5), (("a", 1.0), ("b", 1.0)), observer)
     low, high = binomial_band(runs)
     p = np.array(p_values(plan, analysis, range(runs)))
     assert low <= np.mean(p < 0.05) <= high
@@ -132,8 +132,8 @@ def test_power_of_the_f_test_is_that_of_the_noncentral_f():
     # Energy in proportion to height without sensory noise: condition "b" lowers every estimate by a tenth
     noise = 8e-6
     observer = Observer(weber=0.0, response_noise=noise, participant_spread=0.0)
-    plan = Plan(4, 2, (80e-6,), (1e-5,), (("a", 1.0), ("b", 0.9)), observer)
-    plan = Plan(4, 2, (70e-6, 90e-6), (0.7e-5, 0.9e-5), plan.factors, observer)
+    plan = SimulatedStudy(4, 2, (80e-6,), (1e-5,), (("a", 1.0), ("b", 0.9)), observer)
+    plan = SimulatedStudy(4, 2, (70e-6, 90e-6), (0.7e-5, 0.9e-5), plan.factors, observer)
     exact = closed_form_power({"a": 0.0, "b": 8e-6}, 4 * 2 * 2, noise, 32 - 4)
     assert 0.5 < exact < 0.95
     found = np.mean(np.array(p_values(plan, "f-test", range(150))) < 0.05)
@@ -145,7 +145,7 @@ def test_power_of_the_mixed_model_is_that_of_the_noncentral_f():
     # Differences within participants have the variance 2 (condition_spread^2 + noise^2 / judgements per cell),
     # on participants - 1 degrees of freedom
     observer = Observer(weber=0.0, response_noise=6e-6, participant_spread=5e-6, condition_spread=6e-6)
-    plan = Plan(8, 2, (70e-6, 90e-6), (0.7e-5, 0.9e-5), (("a", 1.0), ("b", 0.9)), observer)
+    plan = SimulatedStudy(8, 2, (70e-6, 90e-6), (0.7e-5, 0.9e-5), (("a", 1.0), ("b", 0.9)), observer)
     exact = closed_form_power({"a": 0.0, "b": 8e-6}, 8, math.hypot(6e-6, 6e-6 / 2), 7)
     assert 0.4 < exact < 0.9
     found = np.mean(np.array(p_values(plan, "mixed", range(80))) < 0.05)
@@ -154,7 +154,7 @@ def test_power_of_the_mixed_model_is_that_of_the_noncentral_f():
 
 
 def test_power_is_the_same_in_one_process_and_in_two():
-    plan = Plan(3, 1, *FLAT.values(), (("a", 1.0), ("b", 0.5)), Observer())
+    plan = SimulatedStudy(3, 1, *FLAT.values(), (("a", 1.0), ("b", 0.5)), Observer())
     one, two = (estimate_power(plan, "f-test", runs=12, seed=4, jobs=jobs) for jobs in (1, 2))
     assert (one.power, one.low, one.high) == (two.power, two.low, two.high)
     assert one.low <= one.power <= one.high
@@ -165,11 +165,14 @@ def test_power_is_the_same_in_one_process_and_in_two():
     [
         (lambda: Observer(weber=-0.1), "weber must be finite"),
         (lambda: Observer(lapse=1.0), "lapse must be a rate"),
-        (lambda: Plan(1, 1, *FLAT.values(), (("a", 1.0), ("b", 1.0)), Observer()), "at least 2 participants"),
-        (lambda: Plan(2, 1, *FLAT.values(), (("a", 1.0),), Observer()), "at least two conditions"),
-        (lambda: Plan(2, 1, *FLAT.values(), (("a", 1.0), ("b", 0.0)), Observer()), "must be positive and finite"),
+        (lambda: SimulatedStudy(1, 1, *FLAT.values(), (("a", 1.0), ("b", 1.0)), Observer()), "at least 2 participants"),
+        (lambda: SimulatedStudy(2, 1, *FLAT.values(), (("a", 1.0),), Observer()), "at least two conditions"),
         (
-            lambda: estimate_power(Plan(2, 1, *FLAT.values(), (("a", 1.0), ("b", 1.0)), Observer()), runs=3),
+            lambda: SimulatedStudy(2, 1, *FLAT.values(), (("a", 1.0), ("b", 0.0)), Observer()),
+            "must be positive and finite",
+        ),
+        (
+            lambda: estimate_power(SimulatedStudy(2, 1, *FLAT.values(), (("a", 1.0), ("b", 1.0)), Observer()), runs=3),
             "runs must lie",
         ),
     ],

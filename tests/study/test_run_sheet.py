@@ -2,9 +2,9 @@
 
 import pytest
 
-from stepblocks.study.design.design import Item, constant_stimuli, experiment_one, experiment_two
-from stepblocks.study.design.sheet import design_rows, sheet_rows
-from stepblocks.study.run_sheet import render_sheets_pdf, sheet_pages
+from stepblocks.study.design import Item, constant_stimuli, experiment_one, experiment_two
+from stepblocks.study.page import render_sheets_pdf, sheet_pages
+from stepblocks.study.sheet import design_rows, sheet_rows
 
 BLOCKS = [Item(f"step-{h:03}", f"STEP-{h:03}", h * 1e-6) for h in (25, 50, 75)]
 DESIGNS = {

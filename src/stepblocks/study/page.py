@@ -1,18 +1,25 @@
-"""The page of a study: figures, tables, checks; one file that needs no network."""
+"""What a study prints: the report, the key of the codes, the run sheets, a table on the terminal."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from typing import Any
+import csv
+import io
+from collections.abc import Iterator, Mapping, Sequence
+from typing import TYPE_CHECKING, Any
 
+from stepblocks.study.analysis.results import StudyResult
+from stepblocks.study.experiments import EXPERIMENTS
 from stepblocks.study.figures import study_figures
+from stepblocks.tables import csv_text
 
-_TITLES = {
-    "estimates": "Errors of height estimates",
-    "virtual": "Virtual blocks: errors and realism",
-    "constant": "Comparison with a standard",
-    "magnitude": "Magnitude estimation",
-}
+if TYPE_CHECKING:
+    import pandas as pd
+
+_A4 = (210.0, 297.0)  # [mm]
+_LEFT, _TOP, _ROW, _ROWS = 15.0, 262.0, 6.4, 38  # margin, top of the table and height of a row [mm], rows of a page
+_ANSWER_SHARE = 1.8  # an answer is written by hand and gets more room than what is printed
+_NOTE = "Write every answer in its row; leave a row that was not run empty."
+
 _WHAT = {
     "f-test": "The paper's analysis: an F-test on the errors of the estimates, blocks as second factor. It takes every judgement for "
     "independent of all others, which judgements of one participant are not; the mixed model below does not.",
@@ -27,35 +34,102 @@ _WHAT = {
     "power law": "Straight lines through logarithms, each participant with an own modulus.",
 }
 
+Sheets = Mapping[str, Sequence[Mapping[str, str]]]  # rows of a blinded run sheet by participant
 
-def render_study(result: Any, rows: Sequence[Mapping[str, str]]) -> str:
-    """Draw the page of a study."""
-    tables: dict[str, list[Mapping[str, str]]] = {}
-    for row in rows:
-        tables.setdefault(row["analysis"], []).append(row)
-    said = result.mixed.remarks if result.mixed is not None else ()
+
+def render_study(result: StudyResult) -> str:
+    """Draw the report: figures, tables, checks; one file that needs no network."""
+    # four digits are read; all of them stand in results.csv
+    shown = {"df": "{:.8g}", "df_error": "{:.8g}"} | dict.fromkeys(
+        ("estimate", "low_95", "high_95", "statistic", "p"), "{:.4g}"
+    )
+    table = result.table()
+    for name, form in shown.items():
+        table[name] = ["" if value != value else form.format(value) for value in table[name]]
     return _render(
         "study.html",
-        title=_TITLES[result.experiment],
-        notes=[*result.notes, *said],
+        title=EXPERIMENTS[result.experiment].title,
+        notes=[*result.notes, *(result.mixed.remarks if result.mixed is not None else ())],
         figures=study_figures(result),
-        tables=[(name, _WHAT[name], [_shown(row) for row in own]) for name, own in tables.items()],
+        tables=[(name, _WHAT[name], own.to_dict("records")) for name, own in table.groupby("analysis", sort=False)],
         checks=result.checks,
     )
 
 
-def render_table(rows: Sequence[Mapping[str, str]]) -> str:
-    """Write a table for a terminal."""
-    columns = list(rows[0])
-    widths = {name: max(len(name), *(len(row[name]) for row in rows)) for name in columns}
-    lines = [{name: name for name in columns}, *rows]
-    return "".join("  ".join(row[name].ljust(widths[name]) for name in columns).rstrip() + "\n" for row in lines)
+def render_table(frame: pd.DataFrame, float_format: str) -> str:
+    """Write a table for a terminal, in the figures of its CSV."""
+    rows = list(csv.reader(io.StringIO(csv_text(frame, float_format=float_format))))
+    widths = [max(map(len, column)) for column in zip(*rows, strict=True)]
+    lines = ("  ".join(cell.ljust(width) for cell, width in zip(row, widths, strict=True)) for row in rows)
+    return "".join(f"{line.rstrip()}\n" for line in lines)
 
 
-def _shown(row: Mapping[str, str]) -> dict[str, str]:
-    """Four digits are read; all of them stand in the table."""
-    figures = ("estimate", "low_95", "high_95", "statistic", "p")
-    return {name: f"{float(text):.4g}" if name in figures and text else text for name, text in row.items()}
+def render_key(rows: Sequence[Mapping[str, str]], note: str) -> str:
+    """Draw the key for who loads the blocks."""
+    return _render("run_key.html", rows=rows, balance=note)
+
+
+def render_sheets(experiment: str, sheets: Sheets) -> str:
+    """Draw the blinded run sheets."""
+    columns = [name for name in next(iter(sheets.values()))[0] if name != "participant"]
+    return _render("run_sheet.html", title=EXPERIMENTS[experiment].sheet_title, columns=columns, sheets=sheets)
+
+
+def render_sheets_pdf(experiment: str, sheets: Sheets) -> bytes:
+    """Draw the blinded run sheets as A4 pages."""
+    import matplotlib as mpl
+    from matplotlib.backends.backend_pdf import PdfPages
+
+    stream = io.BytesIO()
+    settings = {"pdf.fonttype": 42, "pdf.compression": 6, "font.family": "DejaVu Sans"}
+    title = f"Run sheets: {EXPERIMENTS[experiment].sheet_title}"
+    metadata = {"CreationDate": None, "ModDate": None, "Title": title}
+    with mpl.rc_context(settings), PdfPages(stream, metadata=metadata) as pages:
+        for page in sheet_pages(experiment, sheets):
+            pages.savefig(page)
+    return stream.getvalue()
+
+
+def sheet_pages(experiment: str, sheets: Sheets) -> Iterator[Any]:
+    """Draw the pages of the run sheets, each a matplotlib figure."""
+    for participant, rows in sheets.items():
+        count = -(-len(rows) // _ROWS)
+        for number in range(count):
+            title = f"{EXPERIMENTS[experiment].sheet_title}   participant {participant}"
+            part = rows[number * _ROWS : (number + 1) * _ROWS]
+            yield _page(title, f"page {number + 1} of {count}", part)
+
+
+def _page(title: str, foot: str, rows: Sequence[Mapping[str, str]]) -> Any:
+    from matplotlib.backends.backend_agg import FigureCanvasAgg
+    from matplotlib.collections import LineCollection
+    from matplotlib.figure import Figure
+
+    figure = Figure(figsize=(_A4[0] / 25.4, _A4[1] / 25.4))
+    FigureCanvasAgg(figure)
+    axes = figure.add_axes((0.0, 0.0, 1.0, 1.0))
+    axes.set(xlim=(0.0, _A4[0]), ylim=(0.0, _A4[1]))
+    axes.set_axis_off()
+    axes.text(_LEFT, 282.0, title, fontsize=15, weight="bold", va="center")
+    axes.text(_LEFT, 273.0, "Date ____________   Experimenter ____________", fontsize=10, va="center")
+    axes.text(_LEFT, 267.0, _NOTE, fontsize=9, va="center")
+    axes.text(_A4[0] - _LEFT, 12.0, foot, fontsize=9, ha="right", va="center")
+    columns = [name for name in rows[0] if name != "participant"]
+    blank = [not any(row[name] for row in rows) for name in columns]
+    shares = [_ANSWER_SHARE if empty else 1.0 for empty in blank]
+    wide = (_A4[0] - 2.0 * _LEFT) / sum(shares)
+    edges = [_LEFT + wide * sum(shares[:index]) for index in range(len(columns) + 1)]
+    low = _TOP - _ROW * (len(rows) + 1)
+    lines = [[(_LEFT, _TOP - _ROW * n), (edges[-1], _TOP - _ROW * n)] for n in range(len(rows) + 2)]
+    lines += [[(x, _TOP), (x, low)] for x in edges]
+    axes.add_collection(LineCollection(lines, colors="#777777", linewidths=0.6))
+    for place, name in zip(edges, columns, strict=False):
+        axes.text(place + 2.0, _TOP - 0.5 * _ROW, name.replace("_", " "), fontsize=9, weight="bold", va="center")
+        font: dict[str, Any] = {"family": "DejaVu Sans Mono", "weight": "bold"} if name.endswith("code") else {}
+        for number, row in enumerate(rows, start=1):
+            if row[name]:
+                axes.text(place + 2.0, _TOP - _ROW * (number + 0.5), row[name], fontsize=10, va="center", **font)
+    return figure
 
 
 def _render(template: str, **values: object) -> str:

@@ -2,14 +2,15 @@
 
 from __future__ import annotations
 
+import itertools
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
 from pathlib import Path
+from typing import TYPE_CHECKING
 
-from stepblocks.atomic import replace_bytes, replace_text
-from stepblocks.contact.critical_angle import step_angle
+from stepblocks.atomic import replace_text
 from stepblocks.contact.energy import Status, release_at
+from stepblocks.contact.operating_point import OperatingPoint
 from stepblocks.declare import load_declared
 from stepblocks.errors import PipelineError
 from stepblocks.parts.kinds.step_block import StepBlock
@@ -17,55 +18,58 @@ from stepblocks.parts.lettering import engraved_text
 from stepblocks.parts.set import StimulusSet
 from stepblocks.predict.predictions import tool_of
 from stepblocks.select import matches
+from stepblocks.study.analysis.results import StudyResult
 from stepblocks.study.analysis.table import join_answers, read_answers, read_design
-from stepblocks.study.design.design import (
-    Design,
-    Item,
-    constant_stimuli,
-    experiment_one,
-    experiment_two,
-    magnitude_estimation,
+from stepblocks.study.design import Design, Item
+from stepblocks.study.experiments import EXPERIMENTS, Limits
+from stepblocks.study.observer import TYPICAL_OBSERVER, Observer
+from stepblocks.study.page import render_sheets, render_sheets_pdf, render_study
+from stepblocks.study.sheet import design_files, sheet_rows, write_new
+from stepblocks.study.simulate import SimulatedStudy, estimate_power, simulate_answers
+from stepblocks.tables import csv_text, write_table
+
+if TYPE_CHECKING:
+    import pandas as pd
+
+# Columns of the table of `study_power`
+POWER_COLUMNS = (
+    *("analysis", "participants", "repetitions", "judgements_each"),
+    *("power_ratio", "low_95_ratio", "high_95_ratio", "runs"),
 )
-from stepblocks.study.design.sheet import design_csv, design_rows, key_csv, sheet_csv, sheet_rows
-from stepblocks.study.page import render_study
-from stepblocks.study.power import Plan, PowerEstimate, estimate_power
-from stepblocks.study.run_sheet import render_key, render_sheets, render_sheets_pdf
-from stepblocks.study.simulate import Observer, simulate_answers
 
 
-@dataclass(frozen=True)
-class Request:
-    """What kind of study is wanted."""
-
-    experiment: str  # ``"estimates"``, ``"virtual"``, ``"constant"`` or ``"magnitude"``
-    participants: int  # Size and seed
-    repetitions: int
-    seed: int
-    probes: tuple[str, ...] = ()  # Conditions of ``"estimates"``
-    standard: str = ""  # Block of comparison of ``"constant"``
-    only: str | None = None  # Pattern of the blocks that take part; all where None
-
-
-@dataclass(frozen=True)
-class Contact:
-    """Where the predicted energies are taken; what is None is the first of the stimulus file's grid."""
-
-    tip_radius: float | None = None  # Ball radius [m], load [N], friction [1]
-    normal_load: float | None = None
-    friction: float | None = None
-
-
-def design_study(source: Path, request: Request, folder: Path) -> Design:
+def design_study(
+    source: str | Path,
+    folder: str | Path,
+    *,
+    seed: int,
+    experiment: str = "estimates",
+    participants: int = 10,
+    repetitions: int = 3,
+    probes: Sequence[str] = ("bare", "hard", "soft"),
+    standard: str = "",
+    only: str | None = None,
+) -> Design:
     """Design a study with the blocks of a set.
 
     Parameters
     ----------
-    source : Path
+    source : str or Path
         Stimulus file.
-    request : Request
-        What is wanted.
-    folder : Path
+    folder : str or Path
         Where design.csv, key.csv and key.html go.
+    seed : int
+        Seed of all random choices.
+    experiment : str
+        ``"estimates"`` (experiment 1), ``"virtual"`` (experiment 2), ``"constant"`` stimuli or ``"magnitude"`` estimation.
+    participants, repetitions : int
+        How many, and how often each judges each block in each condition.
+    probes : sequence of str
+        Conditions of ``"estimates"``.
+    standard : str
+        Block that all others are compared with, of ``"constant"``.
+    only : str, optional
+        Pattern of the blocks that take part.
 
     Returns
     -------
@@ -77,73 +81,76 @@ def design_study(source: Path, request: Request, folder: Path) -> Design:
     StepblocksError
         If the set has no step blocks, the design is impossible, or another design stands there already.
     """
-    items = [
-        Item(b.id, engraved_text(b.id), b.height.nominal) for b in step_blocks(load_declared(source), request.only)
-    ]
-    size = (request.repetitions, request.seed)
-    match request.experiment:
-        case "estimates":
-            design = experiment_one(request.participants, request.probes, items, *size)
-        case "virtual":
-            design = experiment_two(request.participants, items, *size)
-        case "constant":
-            design = constant_stimuli(request.participants, request.standard, items, *size)
-        case _:
-            design = magnitude_estimation(request.participants, items, *size)
-    rows = design_rows(design)
-    keys = key_csv(rows)
-    columns, *lines = (line.split(",") for line in keys.splitlines())
-    page = render_key([dict(zip(columns, line, strict=True)) for line in lines], str(design.balance))
-    write_new(folder, {"design.csv": design_csv(design), "key.csv": keys, "key.html": page})
+    if experiment not in EXPERIMENTS:
+        raise PipelineError(f"experiment must be one of {', '.join(EXPERIMENTS)}, got {experiment!r}")
+    blocks = step_blocks(load_declared(Path(source)), only)
+    items = [Item(block.id, engraved_text(block.id), block.height.nominal) for block in blocks]
+    kind, options = EXPERIMENTS[experiment], {"probes": probes, "standard": standard}
+    design = kind.design(participants, *(options[name] for name in kind.needs), items, repetitions, seed)
+    write_new(Path(folder), design_files(design))
     return design
 
 
-def write_sheets(folder: Path) -> int:
-    """Write blinded run sheets beside a design."""
+def write_sheets(folder: str | Path) -> int:
+    """Write blinded run sheets beside a design.
+
+    Parameters
+    ----------
+    folder : str or Path
+        Holds design.csv; run-sheets.pdf, run-sheets.html and ``sheets/participant-N.csv`` go there.
+
+    Returns
+    -------
+    int
+        Number of participants.
+
+    Raises
+    ------
+    StepblocksError
+        If there is no design, or somebody has written into a sheet already.
+    """
+    folder = Path(folder)
     by_person: dict[str, list[dict[str, str]]] = {}
     design = read_design(folder / "design.csv")
-    for row in design:
+    for row in sheet_rows(design):
         by_person.setdefault(row["participant"], []).append(row)
-    blinded = {person: sheet_rows(rows) for person, rows in by_person.items()}
-    experiment = design[0]["experiment"]
-    pages: dict[str, str | bytes] = {
-        "run-sheets.html": render_sheets(experiment, blinded),
-        "run-sheets.pdf": render_sheets_pdf(experiment, blinded),
-    }
     digits = len(str(len(by_person)))
-    sheets = {f"participant-{person:0>{digits}}.csv": sheet_csv(rows) for person, rows in by_person.items()}
+    sheets = {f"participant-{person:0>{digits}}.csv": csv_text(rows) for person, rows in by_person.items()}
     write_new(folder / "sheets", sheets)
-    write_new(folder, pages)
+    printed = (render_sheets(design[0]["experiment"], by_person), render_sheets_pdf(design[0]["experiment"], by_person))
+    write_new(folder, dict(zip(("run-sheets.html", "run-sheets.pdf"), printed, strict=True)))
     return len(by_person)
 
 
 def simulate_study(
-    folder: Path,
-    source: Path,
-    contact: Contact,
-    factors: Mapping[str, float],
-    observer: Observer,
+    folder: str | Path,
+    source: str | Path,
+    output: str | Path,
+    *,
     seed: int,
-    target: Path,
+    damping: Mapping[str, float] | None = None,
+    observer: Observer = TYPICAL_OBSERVER,
+    **felt: float,
 ) -> int:
     """Let simulated participants fill in the run sheets of a design.
 
     Parameters
     ----------
-    folder : Path
+    folder : str or Path
         Holds design.csv.
-    source : Path
+    source : str or Path
         Stimulus file, for the predicted energies.
-    contact : Contact
-        Where the energies are taken.
-    factors : mapping of float
-        Share of the energy that each condition lets through [1].
+    output : str or Path
+        CSV of answers to write.
+    seed : int
+        Seed of all chance.
+    damping : mapping of float, optional
+        Share of the energy that each condition lets through [1]; 1 for what is not named.
     observer : Observer
         What the participants are like.
-    seed : int
-        Seed.
-    target : Path
-        CSV of answers to write.
+    **felt : float
+        Where the energies are taken: `ball_radius` [m], `normal_load` [N], `friction` [1]; what is left out is the first
+        of the stimulus file's grid.
 
     Returns
     -------
@@ -155,125 +162,138 @@ def simulate_study(
     StepblocksError
         If a block has no energy there, or a name is unknown.
     """
-    design = read_design(folder / "design.csv")
+    design, output = read_design(Path(folder) / "design.csv"), Path(output)
     known = {row["condition"] for row in design}
-    _require_known(factors, known)
-    wanted = {row["stimulus"] for row in design} | {row["standard"] for row in design if row["standard"]}
-    stimuli = load_declared(source)
-    energies = block_energies(stimuli, [b for b in step_blocks(stimuli, None) if b.id in wanted], contact)
-    answers = simulate_answers(design, energies, factors, observer, seed)
-    text = ",".join(answers[0]) + "\n" + "".join(",".join(row.values()) + "\n" for row in answers)
-    write_new(target.parent, {target.name: text})
+    unknown = sorted(set(damping or {}) - known)
+    if unknown:
+        raise PipelineError(
+            f"damping must name conditions of the design ({', '.join(sorted(known))}), got {unknown[0]!r}"
+        )
+    wanted = {row[name] for row in design for name in ("stimulus", "standard")}
+    stimuli = load_declared(Path(source))
+    blocks = [block for block in step_blocks(stimuli, None) if block.id in wanted]
+    energies = block_energies(blocks, felt_at(stimuli, felt))
+    answers = simulate_answers(design, energies, damping or {}, observer, seed)
+    write_new(output.parent, {output.name: csv_text(answers)})
     return len(answers)
 
 
-def analyse_study(folder: Path, answers: Sequence[Path], output: Path, limits: Mapping[str, float]) -> list[str]:
+def analyse_study(
+    folder: str | Path,
+    answers: Sequence[str | Path],
+    output: str | Path | None = None,
+    *,
+    largest_estimate: float = Limits.largest_estimate,
+    ratings: tuple[int, int] = Limits.ratings,
+) -> StudyResult:
     """Analyse filled-in run sheets.
 
     Parameters
     ----------
-    folder : Path
+    folder : str or Path
         Holds design.csv.
-    answers : sequence of Path
+    answers : sequence of str or Path
         CSV files of answers.
-    output : Path
+    output : str or Path, optional
         Folder for report.html, results.csv and judgements.csv.
-    limits : mapping of float
-        What counts as an impossible answer, see `stepblocks.study.analysis.table.LIMITS`.
+    largest_estimate : float
+        An estimate above so many times the highest block is an error [1].
+    ratings : tuple of int
+        Lowest and highest rating.
 
     Returns
     -------
-    list of str
-        What was done about what is missing.
+    StudyResult
+        Every figure, and in its notes what was done about what is missing; a notebook shows its table.
 
     Raises
     ------
     StepblocksError
         If the answers do not belong to the design or cannot carry the analysis.
     """
-    from stepblocks.study.analysis.analysis import analyse
-    from stepblocks.study.analysis.results_table import judgements_csv, results_csv, results_rows
+    design = read_design(Path(folder) / "design.csv")
+    experiment = design[0]["experiment"]
+    rows = [row for path in answers for row in read_answers(Path(path), experiment)]
+    result = join_answers(design, rows, Limits(largest_estimate, ratings)).analyse()
+    if output is not None:
+        page, output = render_study(result), Path(output)
+        output.mkdir(parents=True, exist_ok=True)
+        replace_text(output / "judgements.csv", result.judgements_csv())
+        replace_text(output / "results.csv", result.results_csv())
+        replace_text(output / "report.html", page)
+    return result
 
-    design = read_design(folder / "design.csv")
-    rows = [row for path in answers for row in read_answers(path, design[0]["experiment"])]
-    result = analyse(join_answers(design, rows, limits))
-    page = render_study(result, results_rows(result))
-    output.mkdir(parents=True, exist_ok=True)
-    replace_text(output / "judgements.csv", judgements_csv(result))
-    replace_text(output / "results.csv", results_csv(result))
-    replace_text(output / "report.html", page)
-    return list(result.notes)
 
-
-def power_rows(
-    source: Path,
-    only: str | None,
-    contact: Contact,
-    factors: Mapping[str, float],
-    observer: Observer,
-    participants: Sequence[int],
-    repetitions: Sequence[int],
-    analysis: str,
-    runs: int,
+def study_power(
+    source: str | Path,
+    output: str | Path | None = None,
+    *,
     seed: int,
-    jobs: int,
-) -> list[dict[str, str]]:
+    damping: Mapping[str, float] | None = None,
+    participants: Sequence[int] = (10,),
+    repetitions: Sequence[int] = (3,),
+    observer: Observer = TYPICAL_OBSERVER,
+    analysis: str = "mixed",
+    runs: int = 200,
+    jobs: int = 1,
+    only: str | None = None,
+    **felt: float,
+) -> pd.DataFrame:
     """Estimate the power of studies of several sizes.
 
     Parameters
     ----------
-    source : Path
+    source : str or Path
         Stimulus file.
-    only : str or None
-        Pattern of the blocks that take part.
-    contact : Contact
-        Where the energies are taken.
-    factors : mapping of float
-        Share of the energy that each condition lets through [1].
-    observer : Observer
-        What the participants are like.
+    output : str or Path, optional
+        CSV to write.
+    seed : int
+        Seed of all chance.
+    damping : mapping of float
+        The conditions that are compared: share of the energy that each lets through [1].
     participants, repetitions : sequence of int
         Sizes; every combination.
+    observer : Observer
+        What the participants are like.
     analysis : str
         ``"mixed"`` or ``"f-test"``.
-    runs, seed, jobs : int
-        Of the simulation.
+    runs : int
+        Simulated studies per size.
+    jobs : int
+        Processes; the outcome does not depend on it.
+    only : str, optional
+        Pattern of the blocks that take part.
+    **felt : float
+        Where the energies are taken: `ball_radius` [m], `normal_load` [N], `friction` [1]; what is left out is the first
+        of the stimulus file's grid.
 
     Returns
     -------
-    list of dict of str
-        One row per size.
+    DataFrame
+        One row per size: share of the studies that find a difference between conditions, and its 95 % interval [1].
 
     Raises
     ------
     StepblocksError
-        If an option is out of range.
+        If an option is out of range, or a block does not release the probe.
     """
-    stimuli = load_declared(source)
+    import pandas as pd
+
+    stimuli = load_declared(Path(source))
     blocks = step_blocks(stimuli, only)
-    energies = block_energies(stimuli, blocks, contact)
+    energies = block_energies(blocks, felt_at(stimuli, felt))
     heights = tuple(block.height.nominal for block in blocks)
-    felt = tuple(energies[block.id] for block in blocks)
-    found = []
-    for people in participants:
-        for times in repetitions:
-            plan = Plan(people, times, heights, felt, tuple(factors.items()), observer)
-            found.append(_power_row(estimate_power(plan, analysis, runs, seed, jobs)))
-    return found
-
-
-def _power_row(estimate: PowerEstimate) -> dict[str, str]:
-    plan = estimate.plan
-    return {
-        "analysis": estimate.analysis,
-        "participants": str(plan.participants),
-        "repetitions": str(plan.repetitions),
-        "judgements_each": str(plan.repetitions * len(plan.heights) * len(plan.factors)),
-        "power_ratio": f"{estimate.power:.3f}",
-        "low_95_ratio": f"{estimate.low:.3f}",
-        "high_95_ratio": f"{estimate.high:.3f}",
-        "runs": str(estimate.runs),
-    }
+    conditions = tuple((damping or {}).items())
+    rows = []
+    for people, times in itertools.product(participants, repetitions):
+        plan = SimulatedStudy(people, times, heights, tuple(energies.values()), conditions, observer)
+        found = estimate_power(plan, analysis, runs, seed, jobs)
+        each = times * len(heights) * len(conditions)
+        rows.append((analysis, people, times, each, found.power, found.low, found.high, runs))
+    table = pd.DataFrame(rows, columns=POWER_COLUMNS)
+    if output is not None:
+        write_table(table, Path(output), "%.3f")
+    return table
 
 
 def step_blocks(stimuli: StimulusSet, only: str | None) -> list[StepBlock]:
@@ -285,41 +305,23 @@ def step_blocks(stimuli: StimulusSet, only: str | None) -> list[StepBlock]:
     return blocks
 
 
-def block_energies(stimuli: StimulusSet, blocks: Sequence[StepBlock], contact: Contact) -> dict[str, float]:
-    """Predict the vibration energy of blocks."""
+def felt_at(stimuli: StimulusSet, given: Mapping[str, float]) -> OperatingPoint:
+    """Complete an operating point by the first of a set's grid."""
     grid = stimuli.prediction
-    tip = grid.tip_radii[0] if contact.tip_radius is None else contact.tip_radius
-    load = grid.normal_loads[0] if contact.normal_load is None else contact.normal_load
-    friction = grid.frictions[0] if contact.friction is None else contact.friction
+    firsts = {"ball_radius": grid.tip_radii[0], "normal_load": grid.normal_loads[0], "friction": grid.frictions[0]}
+    return OperatingPoint(**{**firsts, **given}, tool=tool_of(grid))
+
+
+def block_energies(blocks: Sequence[StepBlock], point: OperatingPoint) -> dict[str, float]:
+    """Predict the vibration energy [J] of blocks, each of which must release the probe."""
     found = {}
     for block in blocks:
-        release = release_at(
-            step_angle(block.height.nominal, tip, block.edge_radius.nominal), load, friction, tool_of(grid)
-        )
+        angle, _ = block.counterface().angles(point.ball_radius)
+        release = release_at(angle, point.normal_load, point.friction, point.tool)
         if release.status is not Status.RELEASES or not math.isfinite(release.vibration_energy):
             raise PipelineError(
                 f"every block must release the probe to be felt by its vibration; "
-                f"{block.id} is {release.status.value} at friction {friction:g}"
+                f"{block.id} is {release.status.value} at friction {point.friction:g}"
             )
         found[block.id] = release.vibration_energy
     return found
-
-
-def _require_known(factors: Mapping[str, float], known: set[str]) -> None:
-    unknown = sorted(set(factors) - known)
-    if unknown:
-        raise PipelineError(
-            f"damping must name conditions of the design ({', '.join(sorted(known))}), got {unknown[0]!r}"
-        )
-
-
-def write_new(folder: Path, texts: Mapping[str, str] | Mapping[str, str | bytes]) -> None:
-    """Write files that people work on: one that stands there with another content is theirs and stays."""
-    contents = {name: text.encode() if isinstance(text, str) else text for name, text in texts.items()}
-    for name, content in contents.items():
-        path = folder / name
-        if path.exists() and path.read_bytes() != content:
-            raise PipelineError(f"{path} has another content already; move it away or choose another folder")
-    folder.mkdir(parents=True, exist_ok=True)
-    for name, content in contents.items():
-        replace_bytes(folder / name, content)

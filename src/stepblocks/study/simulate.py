@@ -1,4 +1,4 @@
-"""Simulated participants: they feel the energy of the ring with Weber noise and read the height that usually gives it."""
+"""Whole simulated studies: run sheets filled in, and how many participants and repetitions find a difference."""
 
 from __future__ import annotations
 
@@ -8,157 +8,129 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from stepblocks.errors import StudyError
-from stepblocks.study.design.sheet import sheet_rows
+from stepblocks.study.analysis.anova import f_test
+from stepblocks.study.analysis.mixed import mixed_model
+from stepblocks.study.experiments import EXPERIMENTS
+from stepblocks.study.observer import Observer, estimate_heights
+from stepblocks.study.sheet import sheet_rows
 
-Array = NDArray[np.float64]
-_RATINGS = (1, 7)
-
-
-@dataclass(frozen=True)
-class Observer:
-    """What a population of participants is like.
-
-    Weber noise is normal in the logarithm of the energy, with sigma = ln(1 + weber) / 0.6745 for a difference of two sensations, each
-    of which has sigma / sqrt(2).
-    """
-
-    # Weber fraction of the energy [1]: the least difference that three of four judgements get right, as
-    # `fit_psychometric` has it
-    weber: float = 0.2
-    response_noise: float = 5e-6  # Standard deviation of what is added when a height is written down [m]
-    participant_spread: float = 3e-6  # Standard deviation of the participants' own constant error [m]
-    condition_spread: float = 0.0  # Standard deviation of how each participant's error differs by condition [m]
-    lapse: float = 0.0  # Rate of answers that have nothing to do with the block [1]
-    realism_gain: float = 1.5  # By how much vibration moves the rating on its latent scale, in logistic units [1]
-
-    def __post_init__(self) -> None:
-        for name in ("weber", "response_noise", "participant_spread", "condition_spread"):
-            if not (math.isfinite(getattr(self, name)) and getattr(self, name) >= 0.0):
-                raise StudyError(f"{name} must be finite and not negative, got {getattr(self, name):g}")
-        if not 0.0 <= self.lapse < 1.0:
-            raise StudyError(f"lapse must be a rate from 0 to below 1, got {self.lapse:g}")
-        if not math.isfinite(self.realism_gain):
-            raise StudyError(f"realism_gain must be finite, got {self.realism_gain:g}")
-
-    @property
-    def sensation_noise(self) -> float:
-        """Standard deviation of the logarithm of one felt energy [1]."""
-        return math.log1p(self.weber) / 0.6744897501960817 / math.sqrt(2.0)
-
-
-def height_of_energy(energy: Any, heights: Sequence[float] | Array, energies: Sequence[float] | Array) -> Array:
-    """Read the height that usually gives an energy.
-
-    Examples
-    --------
-    >>> height_of_energy([2.0, 8.0], [1.0, 2.0], [1.0, 4.0]).round(12)
-    array([1.41421356, 2.82842712])
-    """
-    order = np.argsort(heights)
-    y, x = np.log(np.asarray(heights, dtype=np.float64)[order]), np.log(np.asarray(energies, dtype=np.float64)[order])
-    if len(x) < 2 or not (np.isfinite(x).all() and (np.diff(x) > 0.0).all() and (np.diff(y) > 0.0).all()):
-        raise StudyError("energies must be at least two, positive, and rise with the height")
-    query = np.log(np.asarray(energy, dtype=np.float64))
-    stretch = np.clip(np.searchsorted(x, query) - 1, 0, len(x) - 2)
-    slope = (y[stretch + 1] - y[stretch]) / (x[stretch + 1] - x[stretch])
-    return np.asarray(np.exp(y[stretch] + slope * (query - x[stretch])), dtype=np.float64)
-
-
-def simulate_estimates(
-    people: NDArray[np.int64],
-    conditions: NDArray[np.int64],
-    energies: Array,
-    heights: Array,
-    known: tuple[Array, Array],
-    observer: Observer,
-    generator: np.random.Generator,
-) -> Array:
-    """Let participants estimate heights."""
-    felt = energies * np.exp(observer.sensation_noise * generator.standard_normal(len(energies)))
-    estimates = height_of_energy(felt, *known)
-    estimates += observer.participant_spread * generator.standard_normal(people.max() + 1)[people]
-    own = generator.standard_normal((people.max() + 1, conditions.max() + 1))
-    estimates += observer.condition_spread * own[people, conditions]
-    estimates += observer.response_noise * generator.standard_normal(len(energies))
-    lapsed = generator.random(len(energies)) < observer.lapse
-    estimates[lapsed] = generator.permutation(heights)[lapsed]
-    return np.maximum(estimates, 0.0)
-
-
-def feels_higher(energy: float, standard: float, observer: Observer, generator: np.random.Generator) -> bool:
-    """Let a participant compare two blocks by what they feel."""
-    noise = observer.sensation_noise * float(generator.standard_normal() - generator.standard_normal())
-    higher = math.log(energy / standard) + noise > 0.0
-    if generator.random() < observer.lapse:
-        return bool(generator.random() < 0.5)
-    return higher
+ANALYSES = ("f-test", "mixed")  # the paper's F-test, and the mixed model
 
 
 def simulate_answers(
     design: Sequence[Mapping[str, str]],
     energies: Mapping[str, float],
-    factors: Mapping[str, float],
+    damping: Mapping[str, float],
     observer: Observer,
     seed: int,
 ) -> list[dict[str, str]]:
-    """Fill in the run sheets of a design."""
-    lacking = [row["stimulus"] for row in design if not energies.get(row["stimulus"], 0.0) > 0.0]
+    """Fill in the run sheets of a design, from each block's energy [J] and the share of it that a condition lets through."""
+    import pandas as pd
+
+    named = [name for row in design for name in (row["stimulus"], row["standard"]) if name]
+    lacking = [name for name in named if not energies.get(name, 0.0) > 0.0]
     if lacking:
         raise StudyError(f"every block must have a predicted energy, got none for {lacking[0]}")
-    generator = np.random.default_rng(seed)
-    people = _indices([row["participant"] for row in design])
-    conditions = _indices([row["condition"] for row in design])
-    heights = np.array([float(row["height_um"]) * 1e-6 for row in design])
-    reach = np.array([energies[row["stimulus"]] * factors.get(row["condition"], 1.0) for row in design])
-    by_height = {float(row["height_um"]) * 1e-6: energies[row["stimulus"]] for row in design}
-    known = (np.array(list(by_height)), np.array(list(by_height.values())))
-    sheets = sheet_rows(design)
-    experiment = design[0]["experiment"]
-    if experiment == "constant":
-        _compare(sheets, design, reach, energies, observer, generator)
-    elif experiment == "magnitude":
-        felt = reach * np.exp(observer.sensation_noise * generator.standard_normal(len(reach)))
-        modulus = np.exp(0.5 * generator.standard_normal(people.max() + 1))[people]
-        for row, value in zip(sheets, modulus * (felt / reach.mean()) ** 0.5 * 10.0, strict=True):
-            row["magnitude_ratio"] = f"{value:.3g}"
-    else:
-        estimates = simulate_estimates(people, conditions, reach, heights, known, observer, generator)
-        for row, value in zip(sheets, estimates, strict=True):
-            row["estimate_um"] = f"{value * 1e6:.1f}"
-    if experiment == "virtual":
-        _rate(sheets, design, people, observer, generator)
-    return sheets
+    trials = pd.DataFrame(design)
+    trials["person"], trials["setting"] = (pd.factorize(trials[name])[0] for name in ("participant", "condition"))
+    trials["height"] = trials["height_um"].astype(float) * 1e-6
+    shares = [damping.get(condition, 1.0) for condition in trials["condition"]]
+    trials["undamped"], trials["standard_energy"] = (trials[name].map(energies) for name in ("stimulus", "standard"))
+    trials["energy"] = trials["undamped"] * shares
+    experiment = EXPERIMENTS[design[0]["experiment"]]
+    answers = experiment.simulate(trials, observer, np.random.default_rng(seed))
+    return [
+        row | dict(zip(experiment.answers, texts, strict=True))
+        for row, texts in zip(sheet_rows(design), answers, strict=True)
+    ]
 
 
-def _indices(names: Sequence[str]) -> NDArray[np.int64]:
-    place = {name: index for index, name in enumerate(dict.fromkeys(names))}
-    return np.array([place[name] for name in names], dtype=np.int64)
+@dataclass(frozen=True)
+class SimulatedStudy:
+    """A study of which the power is asked."""
+
+    participants: int
+    repetitions: int  # how often each participant judges each block in each condition
+    heights: tuple[float, ...]  # of the blocks [m]
+    energies: tuple[float, ...]  # of each block, undamped [J]
+    factors: tuple[tuple[str, float], ...]  # condition, and the share of the energy that it lets through [1]
+    observer: Observer
+
+    def __post_init__(self) -> None:
+        if self.participants < 2 or self.repetitions < 1:
+            raise StudyError(
+                f"a study needs at least 2 participants and 1 repetition, got {self.participants} and {self.repetitions}"
+            )
+        if len(self.factors) < 2:
+            raise StudyError(f"a study must compare at least two conditions, got {len(self.factors)}")
+        bad = [(name, share) for name, share in self.factors if not (math.isfinite(share) and share > 0.0)]
+        if bad:
+            raise StudyError(
+                f"the share of the energy must be positive and finite, got {bad[0][1]:g} [condition {bad[0][0]}]"
+            )
+        if len(self.heights) != len(self.energies):
+            raise StudyError(f"every block must have an energy, got {len(self.heights)} and {len(self.energies)}")
 
 
-def _compare(
-    sheets: list[dict[str, str]],
-    design: Sequence[Mapping[str, str]],
-    reach: Array,
-    energies: Mapping[str, float],
-    observer: Observer,
-    generator: np.random.Generator,
-) -> None:
-    for row, plan, energy in zip(sheets, design, reach, strict=True):
-        higher = feels_higher(energy, energies[plan["standard"]], observer, generator)
-        row["second_is_higher"] = "y" if higher == (plan["condition"] == "standard-first") else "n"
+@dataclass(frozen=True)
+class PowerEstimate:
+    """Share of simulated studies that find a difference between conditions."""
+
+    power: float  # share of studies with p below the level [1]
+    low: float  # ends of its 95 % interval by Wilson
+    high: float
 
 
-def _rate(
-    sheets: list[dict[str, str]],
-    design: Sequence[Mapping[str, str]],
-    people: NDArray[np.int64],
-    observer: Observer,
-    generator: np.random.Generator,
-) -> None:
-    own = generator.standard_normal(people.max() + 1)
-    for row, plan, person in zip(sheets, design, people, strict=True):
-        latent = own[person] + observer.realism_gain * (plan["condition"] == "vibration-on") + generator.logistic()
-        row["realism_rating"] = str(int(np.clip(round(3.5 + latent), *_RATINGS)))
+def p_values(plan: SimulatedStudy, analysis: str, seeds: Sequence[int]) -> list[float]:
+    """Simulate studies and analyse each."""
+    return [_one(plan, analysis, seed) for seed in seeds]
+
+
+def _one(plan: SimulatedStudy, analysis: str, seed: int) -> float:
+    frame = simulated_frame(plan, seed)
+    block = "stimulus" if len(plan.heights) > 1 else ""
+    if analysis == "f-test":
+        factors = ["condition", block] if block else ["condition"]
+        return f_test(frame, "error", factors, intervals=False).terms[0].p
+    term = mixed_model(frame, "error", "condition", "participant", block, intervals=False).condition
+    assert term is not None  # a plan has two conditions
+    return term.p
+
+
+def simulated_frame(plan: SimulatedStudy, seed: int) -> Any:
+    """Simulate one study to its tidy table."""
+    import pandas as pd
+
+    shape = (plan.participants, len(plan.factors), len(plan.heights), plan.repetitions)
+    person, setting, block, _ = (index.ravel() for index in np.indices(shape))
+    heights, energies = np.asarray(plan.heights), np.asarray(plan.energies)
+    names, shares = zip(*plan.factors, strict=True)
+    frame = pd.DataFrame({"person": person, "setting": setting, "height": heights[block]})
+    frame["energy"] = energies[block] * np.array(shares)[setting]
+    estimates = estimate_heights(frame, (heights, energies), plan.observer, np.random.default_rng(seed))
+    texts = {"participant": person.astype(str), "condition": np.array(names)[setting], "stimulus": block.astype(str)}
+    return frame.assign(**texts, estimate=estimates, error=estimates - heights[block])
+
+
+def estimate_power(
+    plan: SimulatedStudy, analysis: str = "mixed", runs: int = 200, seed: int = 1, jobs: int = 1
+) -> PowerEstimate:
+    """Estimate the power of a study at the 5 % level by simulation; `analysis` is one of `ANALYSES`."""
+    from joblib import Parallel, delayed
+    from statsmodels.stats.proportion import proportion_confint
+
+    if analysis not in ANALYSES:
+        raise StudyError(f"analysis must be one of {', '.join(ANALYSES)}, got {analysis!r}")
+    if not 10 <= runs <= 100_000:
+        raise StudyError(f"runs must lie between 10 and 100000, got {runs}")
+    if seed < 0 or jobs < 1:
+        raise StudyError(f"seed and jobs must be at least 0 and at least 1, got {seed} and {jobs}")
+    seeds = [int(child.generate_state(1, np.uint64)[0]) for child in np.random.SeedSequence(seed).spawn(runs)]
+    share = max(1, math.ceil(runs / (4 * jobs)))
+    parts = [seeds[start : start + share] for start in range(0, runs, share)]
+    found = Parallel(n_jobs=jobs)(delayed(p_values)(plan, analysis, part) for part in parts)
+    hits = sum(p < 0.05 for part in found for p in part)
+    low, high = proportion_confint(hits, runs, method="wilson")
+    return PowerEstimate(hits / runs, float(low), float(high))

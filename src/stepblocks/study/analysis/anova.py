@@ -1,4 +1,4 @@
-"""The paper's analysis: an F-test on the errors of the estimates, then Tukey's family of intervals."""
+"""The paper's analysis: an F-test on the errors of the estimates, Tukey's family of intervals, and what both take for granted."""
 
 from __future__ import annotations
 
@@ -13,60 +13,68 @@ import numpy as np
 
 from stepblocks.errors import StudyError
 
+_DOUBT = 0.05
+_ADVICE = {
+    "residuals are normal": "the tests of means bear it with many judgements; read the quantile plot, or analyse logarithms",
+    "conditions have one residual spread": "intervals are too wide for some conditions and too narrow for others",
+    "participants are a normal sample": "look for one participant who differs from all others",
+}
+
 
 @dataclass(frozen=True)
 class Term:
     """One line of an analysis of variance."""
 
-    name: str  # Factor, or factors joined by a colon
-    df: float  # Degrees of freedom
-    df_error: float  # Those of its denominator
-    # Type II, in the square of the unit of the response; not-a-number where the test is not one of sums
+    name: str  # factor, or factors joined by a colon
+    df: float  # degrees of freedom
+    df_error: float  # those of its denominator
+    # type II, in the square of the unit of the response; not-a-number where the test is not one of sums
     sum_of_squares: float
-    f: float  # Statistic and probability under no effect
-    p: float
-    eta_squared: float  # Partial eta squared and its 95 % interval from the noncentral F distribution
-    eta_low: float
+    f: float
+    p: float  # probability of this F or more under no effect
+    eta_squared: float  # partial eta squared
+    eta_low: float  # ends of its 95 % interval from the noncentral F distribution
     eta_high: float
 
 
 @dataclass(frozen=True)
 class Interval:
-    """Difference between two conditions."""
+    """Difference between two conditions, first minus second."""
 
-    first: str  # The difference is first minus second
+    first: str
     second: str
-    difference: float  # Estimate and interval, in the unit of the response
+    difference: float  # in the unit of the response
     low: float
     high: float
-    p: float  # Probability under no difference, adjusted for the family
-    effect_size: float  # Difference over the residual standard deviation
+    p: float  # probability under no difference, adjusted for the family
+    effect_size: float  # difference over the residual standard deviation
 
 
 @dataclass(frozen=True)
 class FTest:
     """Analysis of variance and intervals."""
 
-    terms: tuple[Term, ...]  # One per factor and interaction
-    df_error: float  # Residual degrees of freedom
-    mean_square: float  # Residual mean square
+    terms: tuple[Term, ...]  # one per factor and interaction
+    df_error: float  # residual degrees of freedom
     intervals: tuple[Interval, ...]  # Tukey's family over the first factor
-    fitted: Any  # shape (n,); For the checks
-    residuals: Any
+
+
+@dataclass(frozen=True)
+class Check:
+    """One assumption of a linear model and its test."""
+
+    assumption: str  # what the model takes for granted
+    test: str
+    statistic: float  # not-a-number where the data are too few for the test
+    p: float
+    verdict: str  # "no objection" (which is no proof), "in doubt" or "not tested"
+    advice: str  # what a doubt means for the reader
 
 
 def f_test(
-    frame: Any,
-    response: str,
-    factors: Sequence[str],
-    interaction: bool = True,
-    level: float = 0.95,
-    intervals: bool = True,
+    frame: Any, response: str, factors: Sequence[str], interaction: bool = True, intervals: bool = True
 ) -> FTest:
-    """Test factors and compare the levels of the first.
-
-    Source: Tukey's intervals with Kramer's adjustment for unequal numbers: Kramer, C. Y. (1956), Biometrics 12, 307-310.
-    """
+    """Test one or two factors and compare the levels of the first."""
     import statsmodels.formula.api as smf
     from statsmodels.stats.anova import anova_lm
 
@@ -82,26 +90,17 @@ def f_test(
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", FutureWarning)
         table = anova_lm(fit, typ=2)
-    terms = tuple(
-        effect_of(
-            _readable(str(label), names),
-            float(row["df"]),
-            fit.df_resid,
-            float(row["sum_sq"]) * scale**2,
-            float(row["F"]),
-        )
-        for label, row in table.iterrows()
-        if label != "Residual"
-    )
-    family = _tukey(fit, data, level, scale) if intervals else ()
-    return FTest(
-        terms,
-        float(fit.df_resid),
-        float(fit.mse_resid) * scale**2,
-        family,
-        np.asarray(fit.fittedvalues) * scale + shift,
-        np.asarray(fit.resid) * scale,
-    )
+    terms = []
+    for label, row in table.drop("Residual").iterrows():
+        name = ":".join(names[part.split("(")[1][0]] for part in str(label).split(":"))
+        df, squares, f = (float(row[column]) for column in ("df", "sum_sq", "F"))
+        terms.append(effect_of(name, df, fit.df_resid, squares * scale**2, f))
+    family = []
+    if intervals:
+        levels, parameters = sorted(data["a"].unique()), (fit.params.to_numpy(), fit.cov_params().to_numpy())
+        spread, rows = math.sqrt(fit.mse_resid), mean_rows(fit, data, levels)
+        family = tukey_family(levels, rows, *parameters, fit.df_resid, spread=spread, scale=scale)
+    return FTest(tuple(terms), float(fit.df_resid), tuple(family))
 
 
 def _renamed(frame: Any, response: str, factors: Sequence[str]) -> tuple[Any, dict[str, str]]:
@@ -122,10 +121,6 @@ def _renamed(frame: Any, response: str, factors: Sequence[str]) -> tuple[Any, di
     return data, names
 
 
-def _readable(label: str, names: dict[str, str]) -> str:
-    return ":".join(names[part.split("(")[1][0]] for part in label.split(":"))
-
-
 def effect_of(name: str, df: float, df_error: float, squares: float, f: float) -> Term:
     """Complete a line of an analysis of variance from its statistic.
 
@@ -140,37 +135,73 @@ def effect_of(name: str, df: float, df_error: float, squares: float, f: float) -
     return Term(name, df, float(df_error), squares, f, p, share, low / (low + total), high / (high + total))
 
 
-def _tukey(fit: Any, data: Any, level: float, scale: float) -> tuple[Interval, ...]:
+def tukey_family(
+    levels: Sequence[str],
+    rows: Sequence[Any],
+    beta: Any,
+    covariance: Any,
+    df_error: float,
+    *,
+    spread: float,
+    scale: float,
+) -> list[Interval]:
+    """Compare every two levels so that all 95 % intervals hold together.
+
+    `rows` give the mean of each level from the parameters `beta`; `spread` is the residual standard deviation, `scale` the
+    unit of all these in that of the response. Source, with unequal numbers: Kramer, C. Y. (1956), Biometrics 12, 307-310.
+    """
     from scipy.stats import studentized_range
 
-    levels = sorted(data["a"].unique())
-    rows = _mean_rows(fit, data, levels)
-    quantile = float(studentized_range.ppf(level, len(levels), fit.df_resid))
-    covariance = fit.cov_params().to_numpy()
+    quantile = float(studentized_range.ppf(0.95, len(levels), df_error))
     found = []
     for one, two in itertools.combinations(range(len(levels)), 2):
         contrast = rows[one] - rows[two]
-        difference = float(contrast @ fit.params.to_numpy())
-        error = math.sqrt(0.5 * float(contrast @ covariance @ contrast))
-        p = float(studentized_range.sf(abs(difference) / error, len(levels), fit.df_resid))
+        difference, error = float(contrast @ beta), math.sqrt(0.5 * float(contrast @ covariance @ contrast))
+        p = float(studentized_range.sf(abs(difference) / error, len(levels), df_error))
         reach = quantile * error
-        found.append(
-            Interval(
-                levels[one],
-                levels[two],
-                difference * scale,
-                (difference - reach) * scale,
-                (difference + reach) * scale,
-                p,
-                difference / math.sqrt(fit.mse_resid),
-            )
-        )
-    return tuple(found)
+        ends = (difference * scale, (difference - reach) * scale, (difference + reach) * scale)
+        found.append(Interval(levels[one], levels[two], *ends, p, difference / spread))
+    return found
 
 
-def _mean_rows(fit: Any, data: Any, levels: Sequence[str]) -> list[Any]:
+def mean_rows(fit: Any, data: Any, levels: Sequence[str]) -> list[Any]:
     """Rows of the design matrix, one per level of the first factor, averaged over the second with equal weight."""
     letters = [letter for letter in "ab" if letter in data]
     first = data.reset_index(drop=True).drop_duplicates(letters)
     exog = np.asarray(fit.model.exog)
     return [exog[first.index[first["a"] == one]].mean(axis=0) for one in levels]
+
+
+def residual_checks(residuals: Any, groups: Sequence[str], participant_effects: Any = ()) -> list[Check]:
+    """Test the residuals of a linear model."""
+    from scipy import stats
+
+    values, names = np.asarray(residuals, dtype=np.float64), np.asarray(groups)
+    sample = values if values.size <= 5000 else np.sort(values)[np.linspace(0, values.size - 1, 5000).astype(int)]
+    checks = [_check("residuals are normal", "Shapiro-Wilk", _shapiro(sample))]
+    parts = [values[names == name] for name in dict.fromkeys(names.tolist())]
+    if len(parts) > 1 and min(len(part) for part in parts) > 2:
+        outcome = stats.levene(*parts, center="median")
+        found = (float(outcome.statistic), float(outcome.pvalue))
+    else:
+        found = (math.nan, math.nan)
+    checks.append(_check("conditions have one residual spread", "Levene (median)", found))
+    effects = np.asarray(participant_effects, dtype=np.float64)
+    if effects.size:
+        checks.append(_check("participants are a normal sample", "Shapiro-Wilk", _shapiro(effects)))
+    return checks
+
+
+def _shapiro(values: Any) -> tuple[float, float]:
+    from scipy import stats
+
+    if values.size < 4 or float(np.ptp(values)) <= 0.0:
+        return math.nan, math.nan
+    outcome = stats.shapiro(values / np.abs(values).max())
+    return float(outcome.statistic), float(outcome.pvalue)
+
+
+def _check(assumption: str, test: str, found: tuple[float, float]) -> Check:
+    statistic, p = found
+    verdict = "not tested" if math.isnan(p) else "in doubt" if p < _DOUBT else "no objection"
+    return Check(assumption, test, statistic, p, verdict, _ADVICE[assumption] if verdict == "in doubt" else "")

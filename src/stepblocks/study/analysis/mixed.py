@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import itertools
 import math
 import warnings
 from collections.abc import Sequence
@@ -12,11 +11,10 @@ from typing import Any
 import numpy as np
 
 from stepblocks.errors import StudyError
-from stepblocks.study.analysis.anova import Interval, Term, effect_of
+from stepblocks.study.analysis.anova import Interval, Term, effect_of, mean_rows, tukey_family
 
 _ZERO = 1e-6  # a variance below this share of the residual one is at its boundary
 _ALIKE = 1e-4  # log likelihoods closer than this are one
-
 _NEWTON_STEPS = 8
 _FLAT = 1e-9  # gradient per judgement, in the unit-free response, at which a point is flat
 
@@ -25,30 +23,22 @@ _FLAT = 1e-9  # gradient per judgement, in the unit-free response, at which a po
 class MixedFit:
     """A mixed model fitted by restricted maximum likelihood."""
 
-    # Condition, mean and its standard error, in the unit of the response; averaged over the blocks with equal weight
-    means: tuple[tuple[str, float, float], ...]
+    means: tuple[tuple[str, float, float], ...]  # condition, mean over the blocks with equal weight, standard error
     condition: Term | None  # F-test of the conditions; None if there is one condition only
-    intervals: tuple[Interval, ...]  # Differences of conditions, a Tukey family on the same denominator
-    # Standard deviations between participants, of participants' response to conditions, and of single judgements
-    sd_participant: float
-    sd_condition: float
-    sd_residual: float
-    log_likelihood: float  # Restricted, at the optimum, in the unit of the response
-    converged: bool  # Whether the optimiser ended at a flat point
-    remarks: tuple[str, ...]  # Sentences on a variance at its boundary of zero, or an optimiser that did not settle
-    fitted: Any  # shape (n,); For the checks; conditional on the participants
-    residuals: Any
-    participant_effects: Any  # shape (participants,); Predicted deviation of each participant
+    intervals: tuple[Interval, ...]  # differences of conditions, a Tukey family on the same denominator
+    sd_participant: float  # standard deviation between participants, in the unit of the response
+    sd_condition: float  # of the participants' response to conditions
+    sd_residual: float  # of single judgements
+    log_likelihood: float  # restricted, at the optimum, in the unit of the response
+    converged: bool  # whether the optimiser ended at a flat point
+    remarks: tuple[str, ...]  # on a variance at its boundary of zero, or an optimiser that did not settle
+    fitted: Any  # shape (n,); conditional on the participants
+    residuals: Any  # shape (n,)
+    participant_effects: Any  # shape (participants,); predicted deviation of each
 
 
 def mixed_model(
-    frame: Any,
-    response: str,
-    condition: str,
-    participant: str,
-    block: str = "",
-    level: float = 0.95,
-    intervals: bool = True,
+    frame: Any, response: str, condition: str, participant: str, block: str = "", intervals: bool = True
 ) -> MixedFit:
     """Fit conditions, and blocks where given, as fixed and participants as random.
 
@@ -57,28 +47,30 @@ def mixed_model(
     data, scale, shift = _scaled(frame, response, condition, participant, block)
     people, conditions = data["g"].nunique(), sorted(data["a"].unique())
     fit, said, factor = _fit(data, bool(block), len(conditions) > 1)
-    rows, count = _cell_rows(fit, data, conditions), len(fit.fe_params)
+    rows, count = mean_rows(fit, data, conditions), len(fit.fe_params)
     covariance = np.asarray(fit.cov_params())[:count, :count]
     beta = np.asarray(fit.fe_params)
-    means = tuple(
-        (name, float(row @ beta) * scale + shift, math.sqrt(float(row @ covariance @ row)) * scale)
-        for name, row in zip(conditions, rows, strict=True)
-    )
     df_error = float((people - 1) * (len(conditions) - 1))
     spread = math.sqrt(float(fit.scale))
+    family = []
+    if intervals:
+        family = tukey_family(conditions, rows, beta, factor * covariance, df_error, spread=spread, scale=scale)
     return MixedFit(
-        means,
-        _wald(condition, rows, beta, factor * covariance, df_error) if len(conditions) > 1 else None,
-        tuple(_pairs(conditions, rows, beta, factor * covariance, df_error, level, scale, spread)) if intervals else (),
-        _root(float(np.asarray(fit.cov_re).ravel()[0]), float(fit.scale)) * scale,
-        _root(float(fit.vcomp[0]), float(fit.scale)) * scale if len(fit.vcomp) else 0.0,
-        spread * scale,
-        float(fit.llf) - (len(data) - count) * math.log(scale),
-        bool(fit.converged),
-        said,
-        np.asarray(fit.fittedvalues) * scale + shift,
-        np.asarray(fit.resid) * scale,
-        np.array([float(np.asarray(effects)[0]) for effects in fit.random_effects.values()]) * scale,
+        means=tuple(
+            (name, float(row @ beta) * scale + shift, math.sqrt(float(row @ covariance @ row)) * scale)
+            for name, row in zip(conditions, rows, strict=True)
+        ),
+        condition=_wald(condition, rows, beta, factor * covariance, df_error) if len(conditions) > 1 else None,
+        intervals=tuple(family),
+        sd_participant=_root(float(np.asarray(fit.cov_re).ravel()[0]), float(fit.scale)) * scale,
+        sd_condition=_root(float(fit.vcomp[0]), float(fit.scale)) * scale if len(fit.vcomp) else 0.0,
+        sd_residual=spread * scale,
+        log_likelihood=float(fit.llf) - (len(data) - count) * math.log(scale),
+        converged=bool(fit.converged),
+        remarks=said,
+        fitted=np.asarray(fit.fittedvalues) * scale + shift,
+        residuals=np.asarray(fit.resid) * scale,
+        participant_effects=np.array([float(np.asarray(one)[0]) for one in fit.random_effects.values()]) * scale,
     )
 
 
@@ -199,47 +191,8 @@ def _polished(fit: Any) -> Any:
     return polished if float(polished.llf) >= float(fit.llf) - 1e-9 * model.nobs else fit
 
 
-def _cell_rows(fit: Any, data: Any, conditions: Sequence[str]) -> list[Any]:
-    letters = [letter for letter in "ab" if letter in data]
-    first = data.drop_duplicates(letters)
-    exog = np.asarray(fit.model.exog)
-    return [exog[first.index[first["a"] == one]].mean(axis=0) for one in conditions]
-
-
 def _wald(name: str, rows: Sequence[Any], beta: Any, covariance: Any, df_error: float) -> Term:
     contrasts = np.array([row - rows[0] for row in rows[1:]])
     difference = contrasts @ beta
     f = float(difference @ np.linalg.solve(contrasts @ covariance @ contrasts.T, difference)) / len(contrasts)
     return effect_of(name, float(len(contrasts)), df_error, math.nan, f)
-
-
-def _pairs(
-    conditions: Sequence[str],
-    rows: Sequence[Any],
-    beta: Any,
-    covariance: Any,
-    df_error: float,
-    level: float,
-    scale: float,
-    spread: float,
-) -> list[Interval]:
-    from scipy.stats import studentized_range
-
-    found = []
-    for one, two in itertools.combinations(range(len(conditions)), 2):
-        contrast = rows[one] - rows[two]
-        difference, error = float(contrast @ beta), math.sqrt(0.5 * float(contrast @ covariance @ contrast))
-        reach = float(studentized_range.ppf(level, len(conditions), df_error)) * error
-        p = float(studentized_range.sf(abs(difference) / error, len(conditions), df_error))
-        found.append(
-            Interval(
-                conditions[one],
-                conditions[two],
-                difference * scale,
-                (difference - reach) * scale,
-                (difference + reach) * scale,
-                p,
-                difference / spread,
-            )
-        )
-    return found

@@ -1,4 +1,7 @@
-"""Ratings by an ordinal model: categories in order, with no claim that they are equally far apart."""
+"""Ratings by an ordinal model: categories in order, with no claim that they are equally far apart.
+
+The fit is that of statsmodels, with its derivatives in closed form and a sandwich over participants.
+"""
 
 from __future__ import annotations
 
@@ -6,28 +9,26 @@ import math
 import warnings
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cache
 from typing import Any
 
 import numpy as np
 
 from stepblocks.errors import StudyError
-from stepblocks.study.analysis.proportional_odds import cluster_covariance, fit_proportional_odds
-
-_Z975 = 1.959963984540054
+from stepblocks.study.analysis.psychometric import Z975
 
 
 @dataclass(frozen=True)
 class OddsRatio:
     """Effect of one predictor."""
 
-    name: str  # Predictor, or condition against the first one
-    log_odds: float  # Coefficient and its standard error, over participants where they are given [1]
-    error: float
-    ratio: float  # Odds of a higher rating, and 95 % interval [1]
-    low: float
+    name: str  # predictor, or condition against the first one
+    log_odds: float  # coefficient [1]
+    error: float  # its standard error, over participants where they are given [1]
+    ratio: float  # odds of a higher rating [1]
+    low: float  # ends of its 95 % interval
     high: float
-    # The log odds at each cut between categories, fitted one by one; alike if the odds are proportional
-    by_cut: tuple[float, ...]
+    by_cut: tuple[float, ...]  # log odds at each cut between categories alone; alike if the odds are proportional
 
 
 @dataclass(frozen=True)
@@ -35,24 +36,21 @@ class Wald:
     """A test of all predictors with the participants as the units that are independent."""
 
     statistic: float  # F [1]
-    df: float  # Predictors, and participants less predictors
-    df_error: float
-    p: float  # Probability of it or more under no effect [1]
+    df: float  # predictors
+    df_error: float  # participants less predictors
+    p: float  # probability of it or more under no effect [1]
 
 
 @dataclass(frozen=True)
 class OrdinalFit:
     """A proportional-odds model."""
 
-    effects: tuple[OddsRatio, ...]  # One per predictor
-    # Likelihood ratio test of the predictors; it keeps its level only where participants take to them alike
-    statistic: float
+    effects: tuple[OddsRatio, ...]  # one per predictor
+    statistic: float  # likelihood ratio of the predictors; keeps its level only where participants take to them alike
     df: int
     p: float
-    # The test that lets participants differ in how they take to the predictors; None without participants
-    participants: Wald | None
-    log_likelihood: float  # At the optimum
-    converged: bool  # Whether the optimiser ended at a flat point
+    participants: Wald | None  # lets participants differ in how they take to the predictors; None without participants
+    log_likelihood: float  # at the optimum
 
 
 def ordinal_model(frame: Any, rating: str, predictors: Sequence[str], participant: str = "") -> OrdinalFit:
@@ -60,30 +58,24 @@ def ordinal_model(frame: Any, rating: str, predictors: Sequence[str], participan
 
     Source: McCullagh, P. (1980), J. R. Statist. Soc. B 42, 109-142.
     """
-    ordered, exog, names, people = _matrices(frame, rating, predictors, participant)
+    ordered, exog, people = _matrices(frame, rating, predictors, participant)
+    names = list(exog.columns)
     full = fit_proportional_odds(ordered, exog.join(people))
     base_likelihood = float(fit_proportional_odds(ordered, people).llf) if people.shape[1] else _alone(ordered)
-    if not np.isfinite(full.bse[names]).all() or (np.abs(full.params[names]) > 15.0 * _per_unit(exog)).any():
+    if not np.isfinite(full.bse[names]).all() or (np.abs(full.params[names]) * exog.std() > 15.0).any():
         raise StudyError(f"{rating} must overlap between the levels of {', '.join(predictors)}: no finite odds fit")
     from scipy.stats import chi2
 
     statistic = 2.0 * (float(full.llf) - base_likelihood)
     errors, reach, wald = _errors(full, len(names), frame[participant].to_numpy() if people.shape[1] else None)
     cuts = _by_cut(ordered, exog.join(people), names)
-    effects = tuple(
-        OddsRatio(
-            name,
-            value,
-            error,
-            math.exp(value),
-            math.exp(value - reach * error),
-            math.exp(min(value + reach * error, 700.0)),
-            cuts[name],
-        )
-        for name, value, error in zip(names, full.params[names].tolist(), errors, strict=True)
+    effects = []
+    for name, value, error in zip(names, full.params[names].tolist(), errors, strict=True):
+        ends = (math.exp(value - reach * error), math.exp(min(value + reach * error, 700.0)))
+        effects.append(OddsRatio(name, value, error, math.exp(value), *ends, cuts[name]))
+    return OrdinalFit(
+        tuple(effects), statistic, len(names), float(chi2.sf(statistic, len(names))), wald, float(full.llf)
     )
-    p = float(chi2.sf(statistic, len(names)))
-    return OrdinalFit(effects, statistic, len(names), p, wald, float(full.llf), bool(full.mle_retvals["converged"]))
 
 
 def _errors(fit: Any, number: int, participants: Any) -> tuple[list[float], float, Wald | None]:
@@ -91,7 +83,7 @@ def _errors(fit: Any, number: int, participants: Any) -> tuple[list[float], floa
     from scipy.stats import f, t
 
     if participants is None:
-        return [float(error) for error in fit.bse.iloc[:number]], _Z975, None
+        return [float(error) for error in fit.bse.iloc[:number]], Z975, None
     codes = np.unique(participants.astype(str), return_inverse=True)[1]
     people = int(codes.max()) + 1
     if people <= number:
@@ -104,35 +96,21 @@ def _errors(fit: Any, number: int, participants: Any) -> tuple[list[float], floa
     return np.sqrt(np.diag(covariance)).tolist(), float(t.ppf(0.975, people - 1)), wald
 
 
-def _matrices(frame: Any, rating: str, predictors: Sequence[str], participant: str) -> tuple[Any, Any, list[str], Any]:
+def _matrices(frame: Any, rating: str, predictors: Sequence[str], participant: str) -> tuple[Any, Any, Any]:
+    """Return the ratings in order, the predictors and, each with an own level, the participants as columns."""
     import pandas as pd
 
-    values = frame[rating].reset_index(drop=True)
-    ordered = (
-        values if isinstance(values.dtype, pd.CategoricalDtype) else pd.Series(pd.Categorical(values, ordered=True))
-    )
-    ordered = ordered.cat.remove_unused_categories()
+    frame = frame.reset_index(drop=True)
+    ordered = pd.Series(pd.Categorical(frame[rating], ordered=True)).cat.remove_unused_categories()
     if len(ordered.cat.categories) < 2:
         raise StudyError(f"{rating} must have at least two different values, got {len(ordered.cat.categories)}")
-    columns = []
-    for name in predictors:
-        column = frame[name].reset_index(drop=True)
-        if pd.api.types.is_numeric_dtype(column):
-            columns.append(column.astype(float).to_frame())
-        else:
-            columns.append(pd.get_dummies(column.astype(str), drop_first=True, dtype=float))
-    exog = pd.concat(columns, axis=1)
+    exog = pd.get_dummies(frame[list(predictors)], prefix="", prefix_sep="", drop_first=True).astype(float)
     if not exog.shape[1] or (exog.std() == 0.0).any():
         raise StudyError(f"{', '.join(predictors)} must have at least two levels")
-    people = pd.DataFrame(index=exog.index)
-    if participant:
-        people = pd.get_dummies(frame[participant].reset_index(drop=True).astype(str), drop_first=True, dtype=float)
-        people = people.add_prefix("participant ")
-    return ordered, exog, list(exog.columns), people
-
-
-def _per_unit(exog: Any) -> Any:
-    return 1.0 / np.maximum(exog.std(), 1e-300)
+    if not participant:
+        return ordered, exog, pd.DataFrame(index=exog.index)
+    people = pd.get_dummies(frame[participant].astype(str), prefix="participant", prefix_sep=" ", drop_first=True)
+    return ordered, exog, people.astype(float)
 
 
 def _alone(ordered: Any) -> float:
@@ -153,3 +131,56 @@ def _by_cut(ordered: Any, exog: Any, names: Sequence[str]) -> dict[str, tuple[fl
         for name in names:
             found[name].append(float(fit.params[name]) if abs(float(fit.params[name])) < 15.0 else math.nan)
     return {name: tuple(values) for name, values in found.items()}
+
+
+@cache
+def _model() -> Any:
+    from statsmodels.miscmodels.ordinal_model import OrderedModel
+    from statsmodels.tools.numdiff import approx_fprime
+
+    class ProportionalOdds(OrderedModel):  # type: ignore[misc]
+        """statsmodels differentiates its likelihood numerically, ten times slower and to six digits."""
+
+        def score_obs(self, params: Any) -> Any:
+            low, high = self._bounds(params)
+            share = np.maximum(self.prob(low, high), 1e-300)
+            above, below = self.pdf(high) / share, self.pdf(low) / share
+            steps = np.asarray(params)[-(self.k_levels - 1) :]
+            columns = []
+            for index in range(len(steps)):  # cut j is the first step and the exponentials of all later ones up to j
+                moved = above * (self.endog >= index) - below * (self.endog - 1 >= index)
+                columns.append(moved * (1.0 if index == 0 else np.exp(steps[index])))
+            return np.column_stack([-(above - below)[:, np.newaxis] * self.exog, *columns])
+
+        def score(self, params: Any) -> Any:
+            return self.score_obs(params).sum(axis=0)
+
+        def hessian(self, params: Any) -> Any:
+            found = approx_fprime(np.asarray(params), self.score, centered=True)
+            return 0.5 * (found + found.T)
+
+    return ProportionalOdds
+
+
+def fit_proportional_odds(ordered: Any, exog: Any) -> Any:
+    """Fit cumulative logits by maximum likelihood."""
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")  # what went wrong is read from the result
+        try:
+            return _model()(ordered, exog, distr="logit").fit(method="bfgs", disp=0, gtol=1e-9, maxiter=2000)
+        except (np.linalg.LinAlgError, ValueError) as error:
+            raise StudyError(f"the ordinal model cannot be fitted to these {len(ordered)} ratings: {error}") from error
+
+
+def cluster_covariance(fit: Any, clusters: Any) -> Any:
+    """Return the covariance of the parameters when only whole clusters are independent.
+
+    Source: Liang, K.-Y., Zeger, S. L. (1986), Biometrika 73, 13-22, doi:10.1093/biomet/73.1.13.
+    """
+    params = np.asarray(fit.params)
+    scores = fit.model.score_obs(params)
+    count = int(clusters.max()) + 1
+    summed = np.zeros((count, scores.shape[1]))
+    np.add.at(summed, clusters, scores)
+    bread = np.linalg.pinv(-fit.model.hessian(params))
+    return bread @ (summed.T @ summed) @ bread * count / (count - 1)

@@ -15,14 +15,13 @@ from stepblocks.errors import StudyError
 
 # Largest lapse rate that a fit may take; Wichmann and Hill (2001) bound it so that it cannot stand in for the slope
 MAX_LAPSE = 0.1
-_Z75 = 0.6744897501960817  # standard normal quantile of 0.75
+Z75 = 0.6744897501960817  # standard normal quantile of 0.75
+Z975 = 1.959963984540054
 _VAGUE = (
     1.0  # standard error of the logarithm of a spread or a threshold beyond which its interval spans a factor of fifty
 )
-# Curvature of the log likelihood that counts as none [1]: a logarithm known to a standard deviation of 10 is not
-# known
+# curvature of the log likelihood that counts as none [1]: a logarithm known to a standard deviation of 10 is not known
 _LEAST_INFORMATION = 1e-2
-_Z975 = 1.959963984540054
 Array = NDArray[np.float64]
 
 
@@ -30,21 +29,20 @@ Array = NDArray[np.float64]
 class Psychometric:
     """A cumulative normal in the logarithm of the level, with guesses and lapses."""
 
-    # Level in the middle between guess and 1 - lapse, and its 95 % interval, in the unit of the levels. For a
-    # comparison with a standard this is the point of subjective equality
+    # level in the middle between guess and 1 - lapse, in the unit of the levels; for a comparison with a standard the
+    # point of subjective equality
     threshold: float
-    threshold_low: float
+    threshold_low: float  # ends of its 95 % interval
     threshold_high: float
-    spread: float  # Standard deviation sigma of the normal, in natural logarithms of the level [1]
-    # Just noticeable difference over threshold, ``exp(0.6745 sigma) - 1``, from the middle to three quarters of the
-    # rise [1]
+    spread: float  # standard deviation sigma of the normal, in natural logarithms of the level [1]
+    # just noticeable difference over threshold, ``exp(0.6745 sigma) - 1``, from the middle to three quarters of the rise
     weber: float
-    weber_low: float
+    weber_low: float  # ends of its 95 % interval [1]
     weber_high: float
-    lapse: float  # Lapse rate [1]
-    deviance: float  # Twice the log likelihood that the saturated model is better by [1]
-    df: int  # Levels minus parameters
-    trials: int  # How many
+    lapse: float  # rate [1]
+    deviance: float  # twice the log likelihood that the saturated model is better by [1]
+    df: int  # levels minus parameters
+    trials: int
 
 
 def fit_psychometric(
@@ -163,14 +161,12 @@ def _by_likelihood(start: Any, x: Array, k: Array, n: Array, guess: float | None
 
     covariance = _covariance(approx_hess(found.x[:free], around))
     return _summary(
-        float(found.x[0]),
-        math.sqrt(max(covariance[0, 0], 0.0)),
-        float(found.x[1]),
-        math.sqrt(max(covariance[1, 1], 0.0)),
-        rate,
-        2.0 * (float(found.fun) - _saturated(k, n)),
-        len(x) - (3 if lapse is None else 2),
-        int(n.sum()),
+        (float(found.x[0]), math.sqrt(max(covariance[0, 0], 0.0))),
+        (float(found.x[1]), math.sqrt(max(covariance[1, 1], 0.0))),
+        lapse=rate,
+        deviance=2.0 * (float(found.fun) - _saturated(k, n)),
+        df=len(x) - (3 if lapse is None else 2),
+        trials=int(n.sum()),
     )
 
 
@@ -183,9 +179,9 @@ def _covariance(information: Any) -> Array:
 def _of_glm(fit: Any, count: int, trials: int) -> Psychometric:
     intercept, slope = (float(value) for value in fit.params)
     covariance = np.asarray(fit.cov_params())
-    middle, error = crossing(intercept, slope, covariance)
-    spread_error = math.sqrt(covariance[1, 1]) / slope
-    return _summary(middle, error, -math.log(slope), spread_error, 0.0, float(fit.deviance), count - 2, trials)
+    spread = (-math.log(slope), math.sqrt(covariance[1, 1]) / slope)
+    middle = crossing(intercept, slope, covariance)
+    return _summary(middle, spread, lapse=0.0, deviance=float(fit.deviance), df=count - 2, trials=trials)
 
 
 def _saturated(k: Array, n: Array) -> float:
@@ -195,38 +191,33 @@ def _saturated(k: Array, n: Array) -> float:
 
 
 def _summary(
-    middle: float,
-    error: float,
-    log_spread: float,
-    spread_error: float,
-    lapse: float,
-    deviance: float,
-    df: int,
-    trials: int,
+    middle: tuple[float, float], spread: tuple[float, float], *, lapse: float, deviance: float, df: int, trials: int
 ) -> Psychometric:
+    """Give intervals from the logarithms of threshold and spread, each with its standard error."""
     # a threshold that is open comes first: its spread is then unknown as well
-    if not error < _VAGUE:
+    if not middle[1] < _VAGUE:
         raise StudyError(
             f"answers leave the threshold open: it cannot be told from {trials} trials; add trials, or levels around it"
         )
-    if not spread_error < _VAGUE:
+    if not spread[1] < _VAGUE:
         raise StudyError(
             f"answers jump between two of the levels: no spread can be told from {trials} trials; add levels between them"
         )
 
     def weber(log_sigma: float) -> float:
-        return math.expm1(min(_Z75 * math.exp(min(log_sigma, 20.0)), 700.0))
+        return math.expm1(min(Z75 * math.exp(min(log_sigma, 20.0)), 700.0))
 
+    reach = Z975 * middle[1]
     return Psychometric(
-        math.exp(middle),
-        math.exp(middle - _Z975 * error),
-        math.exp(middle + _Z975 * error),
-        math.exp(log_spread),
-        weber(log_spread),
-        weber(log_spread - _Z975 * spread_error),
-        weber(log_spread + _Z975 * spread_error),
-        lapse,
-        deviance,
-        df,
-        trials,
+        threshold=math.exp(middle[0]),
+        threshold_low=math.exp(middle[0] - reach),
+        threshold_high=math.exp(middle[0] + reach),
+        spread=math.exp(spread[0]),
+        weber=weber(spread[0]),
+        weber_low=weber(spread[0] - Z975 * spread[1]),
+        weber_high=weber(spread[0] + Z975 * spread[1]),
+        lapse=lapse,
+        deviance=deviance,
+        df=df,
+        trials=trials,
     )

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import csv
-import math
 from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -11,30 +10,28 @@ from pathlib import Path
 from typing import Any
 
 from stepblocks.errors import StudyError
-from stepblocks.study.design.sheet import ANSWERS, DESIGN_COLUMNS, answer_columns
+from stepblocks.study.analysis.results import StudyResult
+from stepblocks.study.experiments import EXPERIMENTS, USUAL_LIMITS, Limits, number
+from stepblocks.study.sheet import DESIGN_COLUMNS, answer_columns, sheet_rows
 
 _MAX_BYTES = 100_000_000
 _MAX_ROWS = 300_000
 
-# An estimate above this many times the highest block, or a rating outside this scale, is a slip of the pen
-LIMITS = {"largest_estimate_ratio": 20.0, "lowest_rating": 1.0, "highest_rating": 7.0}
-
 Row = Mapping[str, str]
+Key = tuple[str, str]  # participant and trial
 
 
 @dataclass(frozen=True)
 class Judgements:
     """A checked table of judgements."""
 
-    experiment: str  # Which of the designs
+    experiment: str
     # One row per answered trial: participant, trial, condition, repetition, stimulus (texts), height [m]; and by
     # experiment estimate and error [m], rating [1], higher (whether the comparison was called higher than the
     # standard), standard [m], magnitude [1]
     frame: Any
-    # Participant and trial of every answer that is missing from a participant who stays in the table
-    missing: tuple[tuple[str, str], ...]
-    # Participants who left: a whole condition or more without an answer. They are left out of the table
-    left: tuple[str, ...]
+    missing: tuple[Key, ...]  # every answer that is missing from a participant who stays in the table
+    left: tuple[str, ...]  # participants without an answer in a whole condition or more: not in the table
 
     def notes(self) -> list[str]:
         """Say what was done about what is missing."""
@@ -52,19 +49,24 @@ class Judgements:
             )
         return said
 
+    def analyse(self) -> StudyResult:
+        """Analyse the study as its design asks for."""
+        found = EXPERIMENTS[self.experiment].analyse(self.frame)
+        return StudyResult(self.experiment, tuple(self.notes()), self.frame, **found)
+
 
 def read_design(path: Path) -> list[dict[str, str]]:
     """Read design.csv."""
     rows = _read(path, DESIGN_COLUMNS)
     experiments = sorted({row["experiment"] for row in rows})
-    if len(experiments) != 1 or experiments[0] not in ANSWERS:
+    if len(experiments) != 1 or experiments[0] not in EXPERIMENTS:
         raise StudyError(
-            f"experiment must be one of {', '.join(ANSWERS)}, the same in all rows, got {experiments} [{path}]"
+            f"experiment must be one of {', '.join(EXPERIMENTS)}, the same in all rows, got {experiments} [{path}]"
         )
-    _refuse_twice(rows)
+    _by_trial(rows)
     for row in rows:
         for name in ("height_um", "standard_height_um") if row["standard"] else ("height_um",):
-            if not _number(row[name]) > 0.0:
+            if not number(row[name]) > 0.0:
                 raise StudyError(f"{name} must be a positive number, got {row[name]!r} [{row['line']}]")
     return rows
 
@@ -74,25 +76,22 @@ def read_answers(path: Path, experiment: str) -> list[dict[str, str]]:
     return _read(path, answer_columns(experiment))
 
 
-def join_answers(design: Sequence[Row], answers: Sequence[Row], limits: Mapping[str, float] = LIMITS) -> Judgements:
+def join_answers(design: Sequence[Row], answers: Sequence[Row], limits: Limits = USUAL_LIMITS) -> Judgements:
     """Put the answers to the trials that they belong to."""
     import pandas as pd
 
     experiment = design[0]["experiment"]
-    limits = {**LIMITS, **limits}
+    kind = EXPERIMENTS[experiment]
     planned = {(row["participant"], row["trial"]): row for row in design}
-    highest = max(_number(row["height_um"]) for row in design)
-    _refuse_twice(answers)
-    answered: dict[tuple[str, str], dict[str, Any]] = {}
-    for answer in answers:
-        where = f"[{answer['line']}]"
-        key = (answer["participant"], answer["trial"])
-        if key not in planned:
-            raise StudyError(f"participant and trial must be in the design, got {key[0]!r} and {key[1]!r} {where}")
-        _check_codes(planned[key], answer, where)
-        value = _values(planned[key], answer, highest, limits, where)
-        if value is not None:
-            answered[key] = value
+    highest = max(number(row["height_um"]) for row in design)
+    answered: dict[Key, dict[str, Any]] = {}
+    for key, answer in _by_trial(answers).items():
+        try:
+            _require_planned(planned, key, answer)
+            if all(answer[name] for name in kind.answers):
+                answered[key] = kind.read(planned[key], answer, highest, limits)
+        except StudyError as error:
+            raise StudyError(f"{error} [{answer['line']}]") from error
     left = _who_left(planned, answered)
     kept = [_tidy(row) | answered[key] for key, row in planned.items() if key in answered and key[0] not in left]
     missing = tuple(key for key in planned if key not in answered and key[0] not in left)
@@ -102,6 +101,7 @@ def join_answers(design: Sequence[Row], answers: Sequence[Row], limits: Mapping[
 
 
 def _read(path: Path, columns: Sequence[str]) -> list[dict[str, str]]:
+    """Read rows of texts, each with its `line`; a general reader of tables would not know the lines."""
     try:
         if path.stat().st_size > _MAX_BYTES:
             raise StudyError(
@@ -132,93 +132,40 @@ def _read(path: Path, columns: Sequence[str]) -> list[dict[str, str]]:
     return rows
 
 
-def _refuse_twice(rows: Sequence[Row]) -> None:
-    first: dict[tuple[str, str], str] = {}
+def _by_trial(rows: Sequence[Row]) -> dict[Key, Row]:
+    found: dict[Key, Row] = {}
     for row in rows:
         key = (row["participant"], row["trial"])
-        if key in first:
+        if key in found:
             raise StudyError(
                 f"participant and trial must occur once, got {key[0]!r} and {key[1]!r} twice "
-                f"[{row['line']}; first {first[key]}]"
+                f"[{row['line']}; first {found[key]['line']}]"
             )
-        first[key] = row["line"]
+        found[key] = row
+    return found
 
 
-def _number(text: str) -> float:
-    try:
-        value = float(text)
-    except ValueError:
-        return math.nan
-    return value if math.isfinite(value) and "_" not in text else math.nan
-
-
-def _check_codes(planned: Row, answer: Row, where: str) -> None:
-    if planned["experiment"] == "constant":
-        pair = [planned["standard_code"], planned["code"]]
-        expected = dict(
-            zip(
-                ("first_code", "second_code"),
-                pair if planned["condition"] == "standard-first" else pair[::-1],
-                strict=True,
-            )
-        )
-    else:
-        expected = {"code": planned["code"], "condition": planned["condition"]}
-    for name, value in expected.items():
-        if answer[name] != value:
-            raise StudyError(f"{name} must be {value!r} in this trial, as planned, got {answer[name]!r} {where}")
-
-
-def _values(
-    planned: Row, answer: Row, highest: float, limits: Mapping[str, float], where: str
-) -> dict[str, Any] | None:
-    """Read the answers of a trial in SI; None if one is empty."""
-    experiment = planned["experiment"]
-    if not all(answer[name] for name in ANSWERS[experiment]):
-        return None
-    if experiment == "constant":
-        text = answer["second_is_higher"].lower()
-        if text not in ("y", "n", "yes", "no", "1", "0"):
-            raise StudyError(f"second_is_higher must be y or n, got {answer['second_is_higher']!r} {where}")
-        second = text in ("y", "yes", "1")
-        return {
-            "higher": int(second == (planned["condition"] == "standard-first")),
-            "standard": _number(planned["standard_height_um"]) / 1e6,
-        }
-    if experiment == "magnitude":
-        magnitude = _number(answer["magnitude_ratio"])
-        if not magnitude > 0.0:
-            raise StudyError(f"magnitude_ratio must be a positive number, got {answer['magnitude_ratio']!r} {where}")
-        return {"magnitude": magnitude}
-    estimate, top = _number(answer["estimate_um"]), limits["largest_estimate_ratio"] * highest
-    if not 0.0 <= estimate <= top:
-        raise StudyError(f"estimate_um must be a number from 0 to {top:g}, got {answer['estimate_um']!r} {where}")
-    values: dict[str, Any] = {"estimate": estimate / 1e6, "error": (estimate - _number(planned["height_um"])) / 1e6}
-    if experiment == "virtual":
-        rating = _number(answer["realism_rating"])
-        low, high = limits["lowest_rating"], limits["highest_rating"]
-        if not (low <= rating <= high and rating == int(rating)):
-            raise StudyError(
-                f"realism_rating must be a whole number from {low:g} to {high:g}, got {answer['realism_rating']!r} {where}"
-            )
-        values["rating"] = int(rating)
-    return values
+def _require_planned(planned: Mapping[Key, Row], key: Key, answer: Row) -> None:
+    if key not in planned:
+        raise StudyError(f"participant and trial must be in the design, got {key[0]!r} and {key[1]!r}")
+    (shown,) = sheet_rows([planned[key]])
+    for name in ("first_code", "second_code", "code", "condition"):
+        if name in shown and answer[name] != shown[name]:
+            raise StudyError(f"{name} must be {shown[name]!r} in this trial, as planned, got {answer[name]!r}")
 
 
 def _tidy(row: Row) -> dict[str, Any]:
     names = ("participant", "trial", "condition", "repetition", "stimulus")
-    return {name: row[name] for name in names} | {"height": _number(row["height_um"]) / 1e6}
+    return {name: row[name] for name in names} | {"height": number(row["height_um"]) / 1e6}
 
 
-def _who_left(planned: Mapping[tuple[str, str], Row], answered: Mapping[tuple[str, str], Any]) -> tuple[str, ...]:
-    expected = {(row["participant"], row["condition"]) for row in planned.values()}
+def _who_left(planned: Mapping[Key, Row], answered: Mapping[Key, Any]) -> tuple[str, ...]:
     got = Counter((planned[key]["participant"], planned[key]["condition"]) for key in answered)
-    people = dict.fromkeys(row["participant"] for row in planned.values())
-    gone = {participant for participant, condition in expected if not got[participant, condition]}
-    return tuple(person for person in people if person in gone)
+    gone = {row["participant"] for row in planned.values() if not got[row["participant"], row["condition"]]}
+    return tuple(dict.fromkeys(row["participant"] for row in planned.values() if row["participant"] in gone))
 
 
-def _require_enough(frame: Any, planned: Mapping[tuple[str, str], Row]) -> None:
+def _require_enough(frame: Any, planned: Mapping[Key, Row]) -> None:
     if frame.empty:
         raise StudyError("at least one participant must have answered in every condition, got none")
     cells = {(row["condition"], row["stimulus"]) for row in planned.values()}

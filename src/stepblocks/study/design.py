@@ -2,26 +2,26 @@
 
 from __future__ import annotations
 
+import itertools
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
 from stepblocks.errors import StudyError
-from stepblocks.study.design.codes import blinding_codes
-from stepblocks.study.design.orders import Balance, allocate_orders, balance_of
+from stepblocks.study.orders import Balance, allocate_orders, balance_of, blinding_codes
 
-MAX_TRIALS = 200_000  # Most trials in a design
+MAX_TRIALS = 200_000
 
 
 @dataclass(frozen=True)
 class Item:
     """A block that is judged."""
 
-    identity: str  # Identity of the stimulus
-    engraved: str  # The identity as it stands on the block
-    height: float  # Height of its step [m]
+    identity: str  # of the stimulus
+    engraved: str  # the identity as it stands on the block
+    height: float  # of its step [m]
 
     def __post_init__(self) -> None:
         if not (math.isfinite(self.height) and self.height > 0.0):
@@ -32,24 +32,23 @@ class Item:
 class Trial:
     """One judgement to be made."""
 
-    participant: int  # Counted from 1; trials run through a participant's session
-    trial: int
-    condition: str  # Probe, or vibration, or which of a pair comes first
-    repetition: int  # Set of blocks within the condition, from 1
-    item: Item  # The block that is judged
-    code: str  # Its blinding code
-    standard: Item | None = None  # The block it is compared with, and its code
-    standard_code: str = ""  # Empty where there is no standard
+    participant: int  # from 1
+    trial: int  # from 1, through a participant's session
+    condition: str  # probe, or vibration, or which of a pair comes first
+    repetition: int  # set of blocks within the condition, from 1
+    item: Item  # the block that is judged
+    code: str  # its blinding code
+    standard: Item | None = None  # the block it is compared with
+    standard_code: str = ""
 
 
 @dataclass(frozen=True)
 class Design:
     """A whole experiment."""
 
-    experiment: str  # ``"estimates"``, ``"virtual"``, ``"constant"`` or ``"magnitude"``
-    seed: int  # What every random choice follows from
-    trials: tuple[Trial, ...]  # By participant, in the order in which they are run
-    balance: Balance  # Of the order of conditions over participants
+    experiment: str  # a name of `stepblocks.study.experiments.EXPERIMENTS`
+    trials: tuple[Trial, ...]  # by participant, in the order in which they are run
+    balance: Balance  # of the order of conditions over participants
 
 
 def experiment_one(
@@ -81,25 +80,23 @@ def magnitude_estimation(participants: int, items: Sequence[Item], repetitions: 
 
 def constant_stimuli(participants: int, standard: str, items: Sequence[Item], repetitions: int, seed: int) -> Design:
     """Design a comparison with a standard by constant stimuli, in two intervals."""
-    generator, codes = _prepare(participants, ("standard-first", "standard-second"), items, repetitions, seed)
-    found = [item for item in items if item.identity == standard]
-    if not found:
+    orders = ("standard-first", "standard-second")
+    generator, codes = _prepare(participants, orders, items, repetitions, seed)
+    base = next((item for item in items if item.identity == standard), None)
+    if base is None:
         raise StudyError(f"standard must be one of the blocks {', '.join(i.identity for i in items)}, got {standard!r}")
-    others = [item for item in items if item.identity != standard]
-    if len(others) < 2:
-        raise StudyError(f"constant stimuli need at least two blocks besides the standard, got {len(others)}")
-    pairs = [(item, order) for item in others for order in ("standard-first", "standard-second")]
+    pairs = [(item, order) for item in items if item is not base for order in orders]
+    if len(pairs) < 4:
+        raise StudyError(f"constant stimuli need at least two blocks besides the standard, got {len(pairs) // 2}")
     trials = []
     for participant in range(1, participants + 1):
-        number = 0
+        number = itertools.count(1)
         for repetition in range(1, repetitions + 1):
             for index in generator.permutation(len(pairs)):
-                item, order = pairs[index]
-                number += 1
-                trials.append(
-                    Trial(participant, number, order, repetition, item, codes[item.identity], found[0], codes[standard])
-                )
-    return Design("constant", seed, tuple(trials), balance_of(np.zeros((participants, 1), dtype=np.int64)))
+                (item, order), when = pairs[index], next(number)
+                code = codes[item.identity]
+                trials.append(Trial(participant, when, order, repetition, item, code, base, codes[standard]))
+    return Design("constant", tuple(trials), balance_of(np.zeros((participants, 1), dtype=np.int64)))
 
 
 def _crossover(
@@ -108,22 +105,20 @@ def _crossover(
     generator, codes = _prepare(participants, conditions, items, repetitions, seed)
     orders = allocate_orders(participants, len(conditions), generator)
 
-    def session(participant: int, order: Sequence[int]) -> Iterator[Trial]:
-        number = 0
-        for condition in order:
-            for repetition in range(1, repetitions + 1):
-                for index in generator.permutation(len(items)):
-                    number += 1
-                    item = items[index]
-                    yield Trial(participant, number, conditions[condition], repetition, item, codes[item.identity])
-
-    trials = tuple(trial for row, order in enumerate(orders, start=1) for trial in session(row, list(order)))
-    return Design(experiment, seed, trials, balance_of(orders))
+    trials = []
+    for participant, order in enumerate(orders, start=1):
+        number = itertools.count(1)
+        for condition, repetition in itertools.product(order, range(1, repetitions + 1)):
+            for index in generator.permutation(len(items)):
+                item, name = items[index], conditions[condition]
+                trials.append(Trial(participant, next(number), name, repetition, item, codes[item.identity]))
+    return Design(experiment, tuple(trials), balance_of(orders))
 
 
 def _prepare(
     participants: int, conditions: Sequence[str], items: Sequence[Item], repetitions: int, seed: int
 ) -> tuple[np.random.Generator, dict[str, str]]:
+    """Refuse what is impossible; return the source of all chance and the codes of the blocks."""
     for name, values in (("conditions", list(conditions)), ("blocks", [item.identity for item in items])):
         if not values:
             raise StudyError(f"{name} must be at least one, got none")

@@ -13,12 +13,12 @@ from dataclasses import dataclass
 import numpy as np
 
 from stepblocks.errors import StudyError
-from stepblocks.study.adaptive.procedures import QuestPlus, Staircase
+from stepblocks.study.analysis.psychometric import Z75
+from stepblocks.study.procedures import QuestPlus, Staircase
 
 # QUEST+ on point of subjective equality, spread and lapse rate; two down, one up on blocks higher than the standard
 METHODS = ("quest", "staircase")
-_Z75 = 0.6744897501960817  # standard normal quantile of 0.75
-_Z707 = 0.5449521356173604  # of 0.5 ** 0.5, on which two down, one up converges
+_Z707 = 0.5449521356173604  # standard normal quantile of 0.5 ** 0.5, on which two down, one up converges
 _SHIFTS = np.linspace(-0.5, 0.5, 31)
 _SPREADS = np.geomspace(0.02, 1.5, 21)
 _LAPSES = (0.0, 0.02, 0.05)
@@ -29,12 +29,12 @@ _HITS_DOWN, _SKIPPED = 2, 2
 class Plan:
     """What all participants of an adaptive study have in common."""
 
-    method: str  # One of `METHODS`
-    heights: Mapping[str, float]  # Height of each block [m] by its code
-    standard: str  # Code of the block that all others are compared with
-    trials: int  # Most comparisons of a participant
-    reversals: int  # A staircase ends after so many
-    seed: int  # Decides which of a pair comes first
+    method: str  # one of `METHODS`
+    heights: Mapping[str, float]  # of each block [m] by its code
+    standard: str  # code of the block that all others are compared with
+    trials: int  # most comparisons of a participant
+    reversals: int  # a staircase ends after so many
+    seed: int  # decides which of a pair comes first
 
     def __post_init__(self) -> None:
         if self.method not in METHODS:
@@ -63,25 +63,26 @@ class Plan:
 
 @dataclass(frozen=True)
 class Pair:
-    """The next comparison."""
+    """The next comparison: codes in the order in which the blocks are given."""
 
-    trial: int  # From 1
-    first: str  # Codes in the order in which the blocks are given
+    trial: int  # from 1
+    first: str
     second: str
+
+    def beside(self, standard: str) -> str:
+        """Return the code that is not the standard's."""
+        return self.first if self.second == standard else self.second
 
 
 @dataclass(frozen=True)
 class Estimate:
     """What a participant's answers say."""
 
-    trials: int  # How many answers
-    # Height that feels as high as the standard and its 95 % interval [m]; the standard itself for a staircase
-    equal: float
-    equal_low: float
+    equal: float  # height that feels as high as the standard [m]; the standard itself for a staircase
+    equal_low: float  # ends of its 95 % interval [m]
     equal_high: float
-    # Weber fraction of the height and its 95 % interval [1]; a single staircase tells no interval, not-a-number
-    weber: float
-    weber_low: float
+    weber: float  # Weber fraction of the height [1]
+    weber_low: float  # ends of its 95 % interval; not-a-number for a staircase, which alone tells none
     weber_high: float
 
 
@@ -98,6 +99,12 @@ class Session:
         levels = list(self._levels.values())
         self._stairs = Staircase(levels, _HITS_DOWN) if plan.method == "staircase" else None
         self._quest = None if self._stairs else QuestPlus(levels, list(_SHIFTS), list(_SPREADS), _LAPSES, guess=None)
+
+    def __str__(self) -> str:
+        pair = self.next_pair()
+        if pair is None:
+            return f"participant {self.participant}: done after {len(self._answers)} trials"
+        return f"participant {self.participant}, trial {pair.trial}: first {pair.first}, then {pair.second}"
 
     @property
     def answers(self) -> Sequence[tuple[Pair, bool]]:
@@ -128,7 +135,7 @@ class Session:
             )
         if trial != pair.trial:
             raise StudyError(f"trial must be {pair.trial}, the next of participant {self.participant}, got {trial}")
-        compared = pair.first if pair.second == self.plan.standard else pair.second
+        compared = pair.beside(self.plan.standard)
         higher = second_is_higher == (compared == pair.second)
         if self._stairs:
             self._stairs.record(higher)
@@ -138,15 +145,14 @@ class Session:
 
     def estimate(self) -> Estimate:
         """Return what the answers say."""
-        base, count = self.plan.heights[self.plan.standard], len(self._answers)
-        if self._quest:
-            quest = self._quest
+        base = self.plan.heights[self.plan.standard]
+        if quest := self._quest:
             equal = [base * math.exp(quest.quantile(0, share)) for share in (0.5, 0.025, 0.975)]
-            weber = [math.expm1(_Z75 * quest.quantile(1, share)) for share in (0.5, 0.025, 0.975)]
-            return Estimate(count, equal[0], equal[1], equal[2], weber[0], weber[1], weber[2])
+            weber = [math.expm1(Z75 * quest.quantile(1, share)) for share in (0.5, 0.025, 0.975)]
+            return Estimate(*equal, *weber)
         assert self._stairs is not None
         later = self._stairs.reversals[_SKIPPED:]
         if sum(level == self._stairs.levels[0] for level in later) > len(later) // 3:  # two of three troughs
             raise StudyError("the staircase rests on its lowest block: the threshold is below what the blocks can tell")
         spread = self._stairs.threshold(_SKIPPED) / _Z707
-        return Estimate(count, base, base, base, math.expm1(_Z75 * spread), math.nan, math.nan)
+        return Estimate(base, base, base, math.expm1(Z75 * spread), math.nan, math.nan)

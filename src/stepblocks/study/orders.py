@@ -1,7 +1,8 @@
-"""The order in which each participant meets the conditions, and proof that the orders are balanced."""
+"""What chance decides before a study: the order in which each participant meets the conditions, and the blinding codes."""
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -9,8 +10,10 @@ from numpy.typing import NDArray
 
 from stepblocks.errors import StudyError
 
-MAX_CONDITIONS = 26  # Most conditions that one participant may meet
-MAX_PARTICIPANTS = 1000  # Most participants in a design
+MAX_CONDITIONS = 26  # that one participant may meet
+MAX_PARTICIPANTS = 1000
+_ALPHABET = "ABCDEFHKLMNPRTUVWXY"  # no I, O, Q, S, Z, G, J: a hand writes them like others; 19 is prime
+MAX_CODES = len(_ALPHABET) ** 2  # blocks that one study can tell apart
 
 Orders = NDArray[np.int64]
 
@@ -60,8 +63,8 @@ def allocate_orders(participants: int, conditions: int, generator: np.random.Gen
 class Balance:
     """How often what stood where."""
 
-    positions: Orders  # shape (n, n); How often condition i stood in position j
-    followers: Orders  # shape (n, n); How often condition j followed condition i at once
+    positions: Orders  # shape (n, n); how often condition i stood in position j
+    followers: Orders  # shape (n, n); how often condition j followed condition i at once
 
     @property
     def position_spread(self) -> int:
@@ -105,3 +108,15 @@ def balance_of(orders: Orders) -> Balance:
         positions[row, np.arange(count)] += 1
         followers[row[:-1], row[1:]] += 1
     return Balance(positions, followers)
+
+
+def blinding_codes(identities: Sequence[str], generator: np.random.Generator) -> dict[str, str]:
+    """Give every block a code of two random letters and a check letter, which says nothing about the block."""
+    if len(identities) > MAX_CODES:
+        raise StudyError(f"a study must have at most {MAX_CODES} blocks, got {len(identities)}")
+    size = len(_ALPHABET)
+    codes = {}
+    for identity, number in zip(identities, generator.permutation(MAX_CODES), strict=False):
+        first, second = divmod(int(number), size)
+        codes[identity] = _ALPHABET[first] + _ALPHABET[second] + _ALPHABET[-(2 * first + 3 * second) % size]
+    return codes

@@ -30,9 +30,9 @@ class Staircase:
     (1.0, [1.0, 2.0])
     """
 
-    levels: Sequence[float]  # Intensities of the stimuli that exist, ascending, for instance heights [m]
-    hits_down: int = 2  # Hits in a row that lead down: 1, 2 and 3 converge on 50, 70.7 and 79.4 % hits
-    start: int = -1  # Index of the first level; the highest where omitted
+    levels: Sequence[float]  # intensities of the stimuli that exist, ascending, for instance heights [m]
+    hits_down: int = 2  # hits in a row that lead down: 1, 2 and 3 converge on 50, 70.7 and 79.4 % hits
+    start: int = -1  # index of the first level; the highest where omitted
     reversals: list[float] = field(default_factory=list, init=False)
     _index: int = field(init=False)
     _run: int = field(default=0, init=False)

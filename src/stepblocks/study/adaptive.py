@@ -1,0 +1,329 @@
+"""Adaptive studies as files: one setup for who loads the blocks, one blinded record per participant, one table of results."""
+
+from __future__ import annotations
+
+import json
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from stepblocks.atomic import replace_text
+from stepblocks.declare import load_declared
+from stepblocks.errors import PipelineError, StudyError
+from stepblocks.parts.lettering import engraved_text
+from stepblocks.study.analysis.table import read_answers
+from stepblocks.study.design import Design, Item, Trial
+from stepblocks.study.observer import TYPICAL_OBSERVER, Observer, feels_higher
+from stepblocks.study.orders import balance_of, blinding_codes
+from stepblocks.study.run import block_energies, felt_at, step_blocks
+from stepblocks.study.session import Estimate, Pair, Plan, Session
+from stepblocks.study.sheet import answer_columns, design_rows, key_files, write_new
+from stepblocks.tables import csv_text, write_table
+
+if TYPE_CHECKING:
+    import pandas as pd
+
+_SETUP, _SCHEMA = "setup.json", 1
+
+
+@dataclass(frozen=True)
+class AdaptiveStudy:
+    """An adaptive study in its folder."""
+
+    folder: Path
+    plan: Plan  # method, blocks by code, standard
+    participants: int
+    blocks: Mapping[str, Item]  # by code; only for who loads the blocks
+
+    def record_of(self, participant: int) -> Path:
+        """Return where a participant's answers stand."""
+        if not 1 <= participant <= self.participants:
+            raise PipelineError(f"participant must be one of 1 to {self.participants}, got {participant}")
+        digits = len(str(self.participants))
+        return self.folder / "answers" / f"participant-{participant:0{digits}}.csv"
+
+    def session(self, participant: int) -> Session:
+        """Play a participant's session again from the record."""
+        session, path = Session(self.plan, participant), self.record_of(participant)
+        for row in read_answers(path, "constant") if path.exists() else ():
+            pair = session.next_pair()
+            wanted = None if pair is None else (str(participant), str(pair.trial), pair.first, pair.second)
+            got = (row["participant"], row["trial"], row["first_code"], row["second_code"])
+            if pair is None or got != wanted:
+                asked = "no further trial" if wanted is None else "participant, trial and codes " + " ".join(wanted)
+                raise StudyError(f"the procedure asks for {asked} here, got {' '.join(got)} [{row['line']}]")
+            if row["second_is_higher"].lower() not in ("y", "n"):
+                raise StudyError(f"second_is_higher must be y or n, got {row['second_is_higher']!r} [{row['line']}]")
+            session.record(pair.trial, row["second_is_higher"].lower() == "y")
+        return session
+
+    def save(self, session: Session) -> None:
+        """Write a participant's record anew."""
+        path = self.record_of(session.participant)
+        path.parent.mkdir(exist_ok=True)
+        replace_text(path, csv_text(_record(session), answer_columns("constant")))
+
+
+def _record(session: Session) -> list[tuple[str, ...]]:
+    return [
+        (str(session.participant), str(pair.trial), pair.first, pair.second, "y" if second else "n")
+        for pair, second in session.answers
+    ]
+
+
+def start_adaptive(
+    source: str | Path,
+    folder: str | Path,
+    *,
+    standard: str,
+    seed: int,
+    method: str = "quest",
+    participants: int = 10,
+    trials: int = 60,
+    reversals: int = 12,
+) -> AdaptiveStudy:
+    """Set an adaptive study up.
+
+    Parameters
+    ----------
+    source : str or Path
+        Stimulus file with the blocks.
+    folder : str or Path
+        Where setup.json, key.csv and key.html go.
+    standard : str
+        Block that the others are compared with.
+    seed : int
+        Seed of codes and orders.
+    method : str
+        ``"quest"`` or ``"staircase"``.
+    participants, trials : int
+        How many, and most comparisons of each.
+    reversals : int
+        A staircase ends after so many.
+
+    Returns
+    -------
+    AdaptiveStudy
+        As written.
+
+    Raises
+    ------
+    StepblocksError
+        If the blocks do not carry the method, or another study stands there already.
+    """
+    blocks = step_blocks(load_declared(Path(source)), None)
+    known = [block.id for block in blocks]
+    if standard not in known:
+        raise PipelineError(f"standard must be one of {', '.join(known)}, got {standard!r}")
+    codes = blinding_codes(known, np.random.default_rng([seed, 0]))
+    told = {
+        codes[block.id]: {
+            "stimulus": block.id,
+            "engraved": engraved_text(block.id),
+            "height_um": f"{block.height.nominal * 1e6:.9g}",
+        }
+        for block in blocks
+    }
+    setup = {
+        "schema": _SCHEMA,
+        "experiment": "adaptive",
+        "method": method,
+        "participants": participants,
+        "trials": trials,
+        "reversals": reversals,
+        "seed": seed,
+        "standard": codes[standard],
+        "blocks": dict(sorted(told.items())),
+    }
+    study = _study(Path(folder), setup)
+    keys = key_files(study.blocks, f"which of a pair comes first is drawn by seed {seed}")
+    write_new(study.folder, {_SETUP: json.dumps(setup, indent=1) + "\n", **keys})
+    return study
+
+
+def open_adaptive(folder: str | Path) -> AdaptiveStudy:
+    """Open the folder of an adaptive study; each `session` of it says which pair comes next.
+
+    Raises
+    ------
+    PipelineError
+        If there is no setup, or one that is damaged.
+    """
+    path = Path(folder) / _SETUP
+    try:
+        setup = json.loads(path.read_text(encoding="utf-8"))
+    except (OSError, ValueError) as error:
+        raise PipelineError(f"an adaptive study must be set up first, see 'adaptive start' [{path}]") from error
+    try:
+        if setup["schema"] != _SCHEMA:
+            raise PipelineError(f"schema must be {_SCHEMA}, got {setup['schema']!r} [{path}]")
+        return _study(Path(folder), setup)
+    except (KeyError, TypeError, AttributeError, ValueError) as error:
+        raise PipelineError(f"setup must be as 'adaptive start' wrote it: {error!r:.80} [{path}]") from error
+
+
+def _study(folder: Path, setup: Mapping[str, Any]) -> AdaptiveStudy:
+    blocks = {
+        code: Item(one["stimulus"], one["engraved"], float(one["height_um"]) / 1e6)
+        for code, one in setup["blocks"].items()
+    }
+    heights = {code: block.height for code, block in blocks.items()}
+    plan = Plan(setup["method"], heights, setup["standard"], setup["trials"], setup["reversals"], setup["seed"])
+    return AdaptiveStudy(folder, plan, setup["participants"], blocks)
+
+
+def next_pair(folder: str | Path, participant: int) -> Pair | None:
+    """Say which pair of blocks a participant compares next, by their codes; None when the session is done.
+
+    Parameters
+    ----------
+    folder : str or Path
+        Of the study.
+    participant : int
+        From 1.
+
+    Raises
+    ------
+    StepblocksError
+        If there is no such participant, or the record is not the one that the procedure would have asked for.
+    """
+    return open_adaptive(folder).session(participant).next_pair()
+
+
+def answer(folder: str | Path, participant: int, trial: int, second_is_higher: bool) -> Session:
+    """Take one answer and write the record anew.
+
+    Parameters
+    ----------
+    folder : str or Path
+        Of the study.
+    participant, trial : int
+        From 1; the trial must be the one that is next.
+    second_is_higher : bool
+        Whether the second block of the pair was called higher.
+
+    Returns
+    -------
+    Session
+        With the answer in it.
+
+    Raises
+    ------
+    StepblocksError
+        If another trial is next, or the record was changed.
+    """
+    study = open_adaptive(folder)
+    session = study.session(participant)
+    session.record(trial, second_is_higher)
+    study.save(session)
+    return session
+
+
+def simulate_adaptive(
+    folder: str | Path, source: str | Path, *, seed: int, observer: Observer = TYPICAL_OBSERVER, **felt: float
+) -> int:
+    """Let simulated participants run through the procedure, before anybody has.
+
+    Parameters
+    ----------
+    folder : str or Path
+        Of the study.
+    source : str or Path
+        Stimulus file, for the predicted energies.
+    seed : int
+        Seed of all chance.
+    observer : Observer
+        What the participants are like.
+    **felt : float
+        Where the energies are taken: `ball_radius` [m], `normal_load` [N], `friction` [1]; what is left out is the first
+        of the stimulus file's grid.
+
+    Returns
+    -------
+    int
+        Number of answers.
+
+    Raises
+    ------
+    StepblocksError
+        If there are answers already, or a block has no energy there.
+    """
+    study, stimuli = open_adaptive(folder), load_declared(Path(source))
+    energies = block_energies(step_blocks(stimuli, None), felt_at(stimuli, felt))
+    if not {block.identity for block in study.blocks.values()} <= set(energies):
+        raise PipelineError(f"the blocks of the study must be in the stimulus file [{source}]")
+    by_code = {code: energies[block.identity] for code, block in study.blocks.items()}
+    taken = [path for number in range(1, study.participants + 1) if (path := study.record_of(number)).exists()]
+    if taken:
+        raise PipelineError(f"{taken[0]} holds answers already; move it away or choose another folder")
+    count, standard = 0, study.plan.standard
+    for participant in range(1, study.participants + 1):
+        session, generator = Session(study.plan, participant), np.random.default_rng([seed, participant])
+        while (pair := session.next_pair()) is not None:
+            compared = pair.beside(standard)
+            higher = feels_higher(by_code[compared], by_code[standard], observer, generator)
+            session.record(pair.trial, higher == (compared == pair.second))
+        study.save(session)
+        count += len(session.answers)
+    return count
+
+
+def results(folder: str | Path) -> pd.DataFrame:
+    """Estimate every participant, and write what `analyse_study` reads.
+
+    Parameters
+    ----------
+    folder : str or Path
+        Of the study; adaptive-results.csv, design.csv and answers.csv go there.
+
+    Returns
+    -------
+    DataFrame
+        One row per participant with answers: point of subjective equality [um] and Weber fraction [1] with their 95 %
+        intervals, not-a-number where the answers tell none, and the state of the session.
+
+    Raises
+    ------
+    StepblocksError
+        If nobody has answered, or a record was changed.
+    """
+    import pandas as pd
+
+    study = open_adaptive(folder)
+    played = [study.session(number) for number in range(1, study.participants + 1)]
+    sessions = [session for session in played if session.answers]
+    if not sessions:
+        raise PipelineError(f"at least one participant must have answered, got none [{study.folder / 'answers'}]")
+    table = pd.DataFrame([_result(session) for session in sessions])
+    trials = tuple(_trial(study, session, pair) for session in sessions for pair, _ in session.answers)
+    design = Design("constant", trials, balance_of(np.zeros((1, 1), dtype=np.int64)))
+    write_table(table, study.folder / "adaptive-results.csv", "%.4g")
+    replace_text(study.folder / "design.csv", csv_text(design_rows(design)))
+    records = [line for session in sessions for line in _record(session)]
+    replace_text(study.folder / "answers.csv", csv_text(records, answer_columns("constant")))
+    return table
+
+
+def _result(session: Session) -> dict[str, Any]:
+    state = "done" if session.next_pair() is None else "goes on"
+    try:
+        found = session.estimate()
+    except StudyError as error:
+        found, state = Estimate(*[math.nan] * 6), f"{state}; {error}"
+    row: dict[str, Any] = {"participant": session.participant, "trials": len(session.answers)}
+    for name, value in vars(found).items():
+        column = f"{name}_95" if name.endswith(("low", "high")) else name
+        row |= {f"{column}_um": value * 1e6} if name.startswith("equal") else {f"{column}_ratio": value}
+    return row | {"state": state}
+
+
+def _trial(study: AdaptiveStudy, session: Session, pair: Pair) -> Trial:
+    standard = study.plan.standard
+    compared = pair.beside(standard)
+    order = "standard-first" if pair.first == standard else "standard-second"
+    items = study.blocks[compared], study.blocks[standard]
+    return Trial(session.participant, pair.trial, order, 1, items[0], compared, items[1], standard)

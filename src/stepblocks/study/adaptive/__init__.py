@@ -1,1 +1,0 @@
-"""Adaptive comparisons: the next block follows from the answers so far."""

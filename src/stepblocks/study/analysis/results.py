@@ -1,0 +1,167 @@
+"""What the judgements say, and the same as one flat table with units."""
+
+from __future__ import annotations
+
+import html
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+from stepblocks.study.analysis.anova import Check, FTest, Interval, Term
+from stepblocks.study.analysis.mixed import MixedFit
+from stepblocks.study.analysis.ordinal import OrdinalFit
+from stepblocks.study.analysis.psychometric import Z975, Psychometric
+from stepblocks.tables import csv_text
+
+if TYPE_CHECKING:
+    import pandas as pd
+
+# Columns of results.csv; the unit of estimate, low and high stands in each row
+COLUMNS = ("analysis", "quantity", "unit", "estimate", "low_95", "high_95", "statistic", "df", "df_error", "p")
+_IN_UM = ("height", "estimate", "error", "standard")  # columns of the judgements that are lengths [m]
+
+Row = dict[str, Any]
+Ends = tuple[float, float, float]  # estimate, low, high
+
+
+@dataclass(frozen=True)
+class Curve:
+    """Psychometric function of one participant, or of all together."""
+
+    who: str  # participant, or ``"all"``
+    levels: tuple[float, ...]  # heights compared with the standard [m]
+    hits: tuple[int, ...]  # answers "higher" per height
+    totals: tuple[int, ...]  # trials per height
+    fit: Psychometric | None  # None where nothing can be told
+    reason: str  # why not; empty with a fit
+
+
+@dataclass(frozen=True)
+class PowerLaw:
+    """How the felt magnitude grows with the stimulus."""
+
+    exponent: float  # mean over participants [1]
+    low: float  # ends of its 95 % interval by Student's t [1]
+    high: float
+    by_participant: tuple[tuple[str, float, float], ...]  # participant, exponent, correlation of the logarithms
+
+
+@dataclass(frozen=True)
+class StudyResult:
+    """What the judgements say; what an experiment does not have is None or empty."""
+
+    experiment: str
+    notes: tuple[str, ...]  # how many judgements, what is missing and what was done about it
+    frame: Any  # the tidy table
+    f_test: FTest | None = None  # the paper's analysis of the errors
+    mixed: MixedFit | None = None  # the mixed model of the errors
+    checks: tuple[Check, ...] = ()  # of the residuals of the mixed model
+    ordinal: OrdinalFit | None = None  # of the ratings of realism
+    curves: tuple[Curve, ...] = ()  # of the comparisons with a standard
+    power_law: PowerLaw | None = None  # of the magnitudes
+
+    def table(self) -> pd.DataFrame:
+        """Lay out every figure with its unit, in `COLUMNS`; not-a-number where a row has none."""
+        import pandas as pd
+
+        return pd.DataFrame([*_errors(self), *_ratings(self), *_curves(self), *_magnitudes(self)], columns=COLUMNS)
+
+    def results_csv(self) -> str:
+        """Write the table."""
+        return csv_text(self.table(), float_format="%.8g")
+
+    def judgements_csv(self) -> str:
+        """Write the judgements as they were analysed, lengths in micrometres."""
+        frame = self.frame.copy()
+        for name in frame.columns.intersection(_IN_UM):
+            frame[name] = [f"{value * 1e6:.9g}" for value in frame[name]]
+        return csv_text(frame.rename(columns={name: f"{name}_um" for name in _IN_UM}))
+
+    def _repr_html_(self) -> str:
+        said = "".join(f"<p>{html.escape(note)}</p>" for note in self.notes)
+        return said + str(self.table().to_html(index=False, na_rep="", float_format="{:.4g}".format))
+
+
+def _row(analysis: str, quantity: str, unit: str = "1", **figures: float) -> Row:
+    return {"analysis": analysis, "quantity": quantity, "unit": unit, **figures}
+
+
+def _span(analysis: str, quantity: str, ends: Ends, unit: str = "1", **more: float) -> Row:
+    """Lay out an estimate with its interval; what is in metres is shown in micrometres."""
+    middle, low, high = (value * 1e6 for value in ends) if unit == "um" else ends
+    return _row(analysis, quantity, unit, estimate=middle, low_95=low, high_95=high, **more)
+
+
+def _term(analysis: str, term: Term) -> Row:
+    ends, name = (term.eta_squared, term.eta_low, term.eta_high), f"{term.name}, partial eta squared"
+    return _span(analysis, name, ends, statistic=term.f, df=term.df, df_error=term.df_error, p=term.p)
+
+
+def _intervals(analysis: str, intervals: tuple[Interval, ...], df_error: float) -> Iterator[Row]:
+    for one in intervals:
+        name, ends = f"{one.first} minus {one.second}", (one.difference, one.low, one.high)
+        yield _span(analysis, name, ends, "um", df_error=df_error, p=one.p)
+        yield _row(analysis, f"{name}, over the residual standard deviation", estimate=one.effect_size)
+
+
+def _errors(result: StudyResult) -> Iterator[Row]:
+    if result.f_test is None or result.mixed is None:
+        return
+    mixed = result.mixed
+    for term in result.f_test.terms:
+        yield _term("f-test", term)
+    yield from _intervals("tukey", result.f_test.intervals, result.f_test.df_error)
+    if mixed.condition is not None:
+        yield _term("mixed model", mixed.condition)
+        yield from _intervals("mixed model", mixed.intervals, mixed.condition.df_error)
+    for name, mean, error in mixed.means:
+        ends = (mean, mean - Z975 * error, mean + Z975 * error)
+        yield _span("mixed model", f"mean error with {name}", ends, "um")
+    for name, spread in (
+        ("participants", mixed.sd_participant),
+        ("participants by condition", mixed.sd_condition),
+        ("judgements", mixed.sd_residual),
+    ):
+        yield _row("mixed model", f"standard deviation between {name}", "um", estimate=spread * 1e6)
+    for check in result.checks:
+        name = f"{check.assumption} ({check.test}): {check.verdict}"
+        yield _row("check", name, statistic=check.statistic, p=check.p)
+
+
+def _ratings(result: StudyResult) -> Iterator[Row]:
+    fit, analysis = result.ordinal, "ordinal model"
+    if fit is None:
+        return
+    yield _row(analysis, "all predictors, likelihood ratio", statistic=fit.statistic, df=fit.df, p=fit.p)
+    if fit.participants is not None:
+        yield _row(analysis, "all predictors, F over participants") | vars(fit.participants)
+    for effect in fit.effects:
+        ends = (effect.ratio, effect.low, effect.high)
+        yield _span(analysis, f"odds of a higher rating, {effect.name}", ends)
+        for cut, value in enumerate(effect.by_cut, start=1):
+            yield _row("check", f"log odds at cut {cut} alone, {effect.name}", estimate=value)
+
+
+def _curves(result: StudyResult) -> Iterator[Row]:
+    for curve in result.curves:
+        analysis, name, fit = "psychometric function", f"participant {curve.who}", curve.fit
+        if fit is None:
+            yield _row(analysis, f"{name}: not fitted, {curve.reason}")
+            continue
+        ends = (fit.threshold, fit.threshold_low, fit.threshold_high)
+        yield _span(analysis, f"{name}, point of subjective equality", ends, "um")
+        ends = (fit.weber, fit.weber_low, fit.weber_high)
+        yield _span(analysis, f"{name}, Weber fraction of the height", ends)
+        yield _row(analysis, f"{name}, lapse rate", estimate=fit.lapse)
+        yield _row(analysis, f"{name}, deviance", statistic=fit.deviance, df=fit.df)
+
+
+def _magnitudes(result: StudyResult) -> Iterator[Row]:
+    law = result.power_law
+    if law is None:
+        return
+    ends = (law.exponent, law.low, law.high)
+    yield _span("power law", "exponent of the height, mean of participants", ends)
+    for person, exponent, correlation in law.by_participant:
+        yield _row("power law", f"participant {person}, exponent", estimate=exponent)
+        yield _row("power law", f"participant {person}, correlation of the logarithms", estimate=correlation)

@@ -1,1 +1,0 @@
-"""The experiments as lists of trials, their orders, codes and sheets."""

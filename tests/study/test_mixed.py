@@ -1,0 +1,77 @@
+"""The mixed model: what it must not depend on, and what it refuses."""
+
+import numpy as np
+import pandas as pd
+import pytest
+
+from stepblocks.errors import StudyError
+from stepblocks.study.analysis.mixed import mixed_model
+
+
+def judged(seed=1, people=8, response=0.6):
+    """Estimates of two blocks by `people` with two probes, three times each; participants differ in level and response."""
+    generator = np.random.default_rng(seed)
+    person, probe, block, _ = (index.ravel() for index in np.indices((people, 2, 2, 3)))
+    y = 0.5 * probe + generator.standard_normal(people)[person] + generator.standard_normal(person.size)
+    y += response * generator.standard_normal((people, 2))[person, probe]
+    return pd.DataFrame({"y": y, "person": person.astype(str), "probe": probe.astype(str), "block": block.astype(str)})
+
+
+def fitted(frame):
+    return mixed_model(frame, "y", "probe", "person", "block")
+
+
+def test_a_change_of_unit_and_of_zero_moves_the_figures_and_no_statistic():
+    one, other = fitted(judged()), fitted(judged().assign(y=lambda f: f["y"] * 1e-6 + 4e-6))
+    assert other.condition.f == pytest.approx(one.condition.f, rel=1e-5)
+    for name in ("sd_participant", "sd_condition", "sd_residual"):
+        assert getattr(other, name) == pytest.approx(getattr(one, name) * 1e-6, rel=1e-3)
+    for (_, mean, error), (_, moved, same) in zip(one.means, other.means, strict=True):
+        assert (moved, same) == pytest.approx((mean * 1e-6 + 4e-6, error * 1e-6), rel=1e-4)
+
+
+def test_with_two_conditions_it_is_the_paired_t_test_of_the_participants_means():
+    # complete data: F is the square of Student's t of the differences within participants
+    from scipy.stats import ttest_rel
+
+    frame = judged(2)
+    means = frame.groupby(["person", "probe"])["y"].mean().unstack()
+    t = ttest_rel(means["0"], means["1"])
+    fit = fitted(frame)
+    assert fit.condition.f == pytest.approx(t.statistic**2, rel=1e-4)
+    (difference,) = fit.intervals
+    limits = t.confidence_interval(0.95)
+    assert (difference.low, difference.high) == pytest.approx((limits.low, limits.high), rel=1e-3)
+
+
+def test_the_level_of_a_participant_says_nothing_about_the_probes():
+    frame = judged(3)
+    shifted = frame.assign(y=frame["y"] + 3.0 * frame["person"].astype(float))
+    assert fitted(shifted).condition.f == pytest.approx(fitted(frame).condition.f, rel=1e-4)
+    # 0, 3 ... 21 have a standard deviation of 7.3, beside which the participants' own of 1 is little
+    assert fitted(shifted).sd_participant == pytest.approx(7.3, abs=1.0)
+
+
+def test_fitted_values_and_residuals_make_the_judgements_again():
+    frame = judged(4)
+    fit = fitted(frame)
+    assert fit.fitted + fit.residuals == pytest.approx(frame["y"].to_numpy(), abs=1e-12)
+    assert len(fit.participant_effects) == 8
+
+
+def test_intervals_can_be_left_out():
+    assert mixed_model(judged(), "y", "probe", "person", intervals=False).intervals == ()
+
+
+@pytest.mark.parametrize(
+    ("damage", "message"),
+    [
+        (lambda f: f[f["person"] == "0"], "at least two participants, got 1"),
+        (lambda f: f.assign(y=np.nan), "y must be finite in every row"),
+        (lambda f: f.assign(y=2.0), "y must not be the same in all 96 rows"),
+        (lambda f: f[(f["person"] != "0") | (f["probe"] != "1")], "a judgement in every condition"),
+    ],
+)
+def test_what_carries_no_mixed_model_is_refused(damage, message):
+    with pytest.raises(StudyError, match=message):
+        fitted(damage(judged()))

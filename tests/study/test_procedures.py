@@ -1,0 +1,88 @@
+"""The adaptive procedures trial by trial: a staircase by hand, QUEST+ by Bayes' rule."""
+
+import math
+
+import pytest
+from scipy.special import ndtr
+
+from stepblocks.errors import StudyError
+from stepblocks.study.procedures import QuestPlus, Staircase
+
+
+def walked(stairs, answers):
+    seen = []
+    for hit in answers:
+        seen.append(stairs.level)
+        stairs.record(hit == "+")
+    return seen
+
+
+def test_two_down_one_up_by_hand():
+    stairs = Staircase([1.0, 2.0, 3.0, 4.0])
+    assert walked(stairs, "++-++++-+") == [4.0, 4.0, 3.0, 4.0, 4.0, 3.0, 3.0, 2.0, 3.0]
+    # down from 4, up from 3 (a reversal), down from 4 (a reversal) and on from 3, up from 2 (a reversal)
+    assert stairs.reversals == [3.0, 4.0, 2.0]
+    assert stairs.level == 3.0
+
+
+def test_a_staircase_stays_on_the_blocks_that_exist():
+    stairs = Staircase([1.0, 2.0], hits_down=1)
+    assert walked(stairs, "++++") == [2.0, 1.0, 1.0, 1.0]
+    assert walked(stairs, "----") == [1.0, 2.0, 2.0, 2.0]
+    assert stairs.reversals == [1.0]
+
+
+def test_the_threshold_is_the_mean_of_an_even_number_of_late_reversals():
+    stairs = Staircase([1.0, 2.0, 3.0], hits_down=1)
+    stairs.reversals = [3.0, 3.0, 3.0, 1.0, 2.0]
+    assert stairs.threshold(skip=2) == 1.5  # of the three late ones the first is left out
+    with pytest.raises(StudyError, match="needs two reversals after the first 4, got 5 in all"):
+        stairs.threshold(skip=4)
+
+
+@pytest.mark.parametrize(("hits_down", "target"), [(1, 0.5), (2, 0.7071), (3, 0.7937)])
+def test_targets_are_levitt_s(hits_down, target):
+    # Levitt (1971), J. Acoust. Soc. Am. 49, 467, table I
+    assert Staircase([1.0, 2.0], hits_down).target == pytest.approx(target, abs=5e-5)
+
+
+def test_quest_plus_is_bayes_rule_on_two_hypotheses():
+    quest = QuestPlus([1.0, 2.0, 3.0], thresholds=[1.5, 2.5], slopes=[0.8], lapses=[0.04], guess=0.1)
+
+    def hit(level, threshold):
+        return 0.1 + 0.86 * ndtr((level - threshold) / 0.8)
+
+    weights = [1.0, 1.0]
+    for level, right in ((2.0, True), (3.0, True), (1.0, False)):
+        quest.record(level, right)
+        shares = [hit(level, threshold) for threshold in (1.5, 2.5)]
+        weights = [w * (p if right else 1.0 - p) for w, p in zip(weights, shares, strict=True)]
+    first = weights[0] / sum(weights)
+    assert quest.estimate() == pytest.approx((1.5 * first + 2.5 * (1.0 - first), 0.8, 0.04), rel=1e-12)
+    assert quest.entropy() == pytest.approx(-first * math.log(first) - (1.0 - first) * math.log(1.0 - first), rel=1e-12)
+
+
+def test_before_the_first_answer_everything_is_as_likely():
+    quest = QuestPlus([1.0, 2.0], thresholds=[1.0, 2.0, 3.0, 4.0], slopes=[0.5, 1.0])
+    assert quest.entropy() == pytest.approx(math.log(8.0))
+    assert quest.estimate()[:2] == pytest.approx((2.5, 0.75))
+    assert quest.quantile(0, 0.5) == pytest.approx(2.5)
+    assert quest.quantile(0, 0.025) <= quest.quantile(0, 0.975)
+
+
+@pytest.mark.parametrize(
+    ("make", "message"),
+    [
+        (lambda: Staircase([1.0]), "levels must be at least two"),
+        (lambda: Staircase([1.0, 2.0], 0), "hits_down must be at least 1"),
+        (lambda: Staircase([1.0, 2.0], start=2), "start must be the index of one of 2 levels"),
+        (lambda: QuestPlus([], [1.0], [1.0]), "levels must be at least one finite number"),
+        (lambda: QuestPlus([1.0], [math.nan], [1.0]), "thresholds must be at least one finite number"),
+        (lambda: QuestPlus([1.0], [1.0], [1.0], [0.5], guess=0.5), "rates whose sum is below 1"),
+        (lambda: QuestPlus([1.0], [1.0], [1.0], [0.5], guess=None), "rates whose sum is below 1"),
+        (lambda: QuestPlus([9.0], [1.0], [0.1], [0.0]).record(9.0, False), "is impossible under every parameter"),
+    ],
+)
+def test_an_impossible_procedure_is_refused(make, message):
+    with pytest.raises(StudyError, match=message):
+        make()

@@ -1,0 +1,119 @@
+"""What a study found, as a table, as CSV and on the page: the same figures, in micrometres, blank where there are none."""
+
+import csv
+import io
+
+import pytest
+
+from stepblocks.study.analysis.results import COLUMNS
+from stepblocks.study.analysis.table import join_answers
+from stepblocks.study.design import Item, constant_stimuli, experiment_one, experiment_two
+from stepblocks.study.observer import Observer
+from stepblocks.study.page import render_study, render_table
+from stepblocks.study.sheet import design_rows
+from stepblocks.study.simulate import simulate_answers
+
+BLOCKS = [Item(f"step-{h:03}", f"STEP-{h:03}", h * 1e-6) for h in (25, 50, 75)]
+ENERGIES = {item.identity: item.height for item in BLOCKS}
+
+
+def result_of(design):
+    rows = design_rows(design)
+    answers = simulate_answers(rows, ENERGIES, {"soft <b>": 0.5}, Observer(), seed=2)
+    return join_answers(rows, [row | {"line": f"line {n}"} for n, row in enumerate(answers, start=2)]).analyse()
+
+
+@pytest.fixture(scope="module")
+def estimates():
+    return result_of(experiment_one(4, ("bare", "soft <b>"), BLOCKS, 2, seed=1))
+
+
+@pytest.fixture(scope="module")
+def virtual():
+    return result_of(experiment_two(5, BLOCKS, 2, seed=1))
+
+
+def row_of(result, analysis, quantity):
+    table = result.table()
+    (row,) = table[(table["analysis"] == analysis) & (table["quantity"] == quantity)].to_dict("records")
+    return row
+
+
+def test_lengths_are_in_micrometres_and_shares_are_not(estimates):
+    row, one = row_of(estimates, "tukey", "bare minus soft <b>"), estimates.f_test.intervals[0]
+    assert row["unit"] == "um"
+    assert (row["estimate"], row["low_95"], row["high_95"]) == (one.difference * 1e6, one.low * 1e6, one.high * 1e6)
+    row, term = row_of(estimates, "f-test", "condition, partial eta squared"), estimates.f_test.terms[0]
+    assert (row["unit"], row["estimate"], row["p"]) == ("1", term.eta_squared, term.p)
+    row = row_of(estimates, "mixed model", "standard deviation between judgements")
+    assert (row["unit"], row["estimate"]) == ("um", estimates.mixed.sd_residual * 1e6)
+
+
+def test_a_mean_has_the_normal_s_95_percent_interval(estimates):
+    row = row_of(estimates, "mixed model", "mean error with bare")
+    _, mean, error = estimates.mixed.means[0]
+    assert row["estimate"] == pytest.approx(mean * 1e6)
+    assert row["high_95"] - row["low_95"] == pytest.approx(2.0 * 1.959964 * error * 1e6, rel=1e-6)
+
+
+def test_the_csv_has_the_table_to_eight_digits_and_is_blank_where_it_has_no_figure(estimates):
+    table = estimates.table()
+    for row, line in zip(table.to_dict("records"), csv.DictReader(io.StringIO(estimates.results_csv())), strict=True):
+        for name in COLUMNS[3:]:
+            if line[name]:
+                assert float(line[name]) == pytest.approx(row[name], rel=1e-7)
+            else:
+                assert row[name] != row[name]  # not a number
+
+
+def test_ratings_are_tested_over_participants_and_shown_cut_by_cut(virtual):
+    row = row_of(virtual, "ordinal model", "all predictors, F over participants")
+    wald = virtual.ordinal.participants
+    assert (row["statistic"], row["df"], row["df_error"], row["p"]) == (wald.statistic, 1.0, 4.0, wald.p)
+    (effect,) = virtual.ordinal.effects
+    cuts = [row for row in virtual.table().to_dict("records") if "log odds at cut" in row["quantity"]]
+    assert len(cuts) == len(effect.by_cut) == virtual.frame["rating"].nunique() - 1
+
+
+def test_judgements_keep_every_column_and_say_the_unit_of_lengths(virtual):
+    lines = list(csv.DictReader(io.StringIO(virtual.judgements_csv())))
+    assert list(lines[0])[5:] == ["height_um", "estimate_um", "error_um", "rating"]
+    assert len(lines) == len(virtual.frame) == 5 * 2 * 3 * 2
+    for line, judged in zip(lines, virtual.frame.to_dict("records"), strict=True):
+        assert float(line["estimate_um"]) == pytest.approx(judged["estimate"] * 1e6, rel=1e-8)
+        assert line["rating"] == str(judged["rating"])
+
+
+def test_who_cannot_be_fitted_is_named_with_the_reason():
+    rows = design_rows(constant_stimuli(2, "step-050", BLOCKS, 2, seed=1))
+    sure = Observer(weber=0.0)
+    answers = [row | {"line": "line"} for row in simulate_answers(rows, ENERGIES, {}, sure, seed=2)]
+    result = join_answers(rows, answers).analyse()
+    assert [curve.fit for curve in result.curves] == [None, None, None]
+    named = result.table()["quantity"].tolist()
+    assert named[-1].startswith("participant all: not fitted, ")
+    assert render_study(result).count("<svg") == 1
+
+
+def test_the_page_escapes_names_and_loads_nothing(estimates):
+    page = render_study(estimates)
+    assert "soft <b>" not in page
+    assert "soft &lt;b&gt;" in page
+    assert "http://" not in page.replace("http://www.w3.org", "").replace("http://purl.org", "").replace(
+        "http://creativecommons.org", ""
+    )
+    assert "nan" not in page.split("<h2>")[-1]
+
+
+def test_a_notebook_shows_notes_and_figures(estimates):
+    shown = estimates._repr_html_()
+    assert "<p>48 judgements of 4 participants.</p>" in shown
+    assert "soft &lt;b&gt;" in shown
+    assert "NaN" not in shown
+
+
+def test_a_terminal_shows_what_the_csv_says_in_columns():
+    import pandas as pd
+
+    frame = pd.DataFrame({"name": ["a", "a, longer"], "figure": [0.5, float("nan")], "count": [3, 12]})
+    assert render_table(frame, "%.3f") == "name       figure  count\na          0.500   3\na, longer          12\n"

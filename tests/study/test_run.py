@@ -1,0 +1,119 @@
+"""The functions of the study as a notebook calls them: paths as text, defaults of the paper, tables back."""
+
+import math
+from pathlib import Path
+
+import pandas as pd
+import pytest
+
+from stepblocks.declare import load_declared
+from stepblocks.errors import ContactError, PipelineError
+from stepblocks.study.observer import Observer
+from stepblocks.study.run import (
+    analyse_study,
+    block_energies,
+    design_study,
+    felt_at,
+    simulate_study,
+    step_blocks,
+    study_power,
+    write_sheets,
+)
+
+STIMULI = Path(__file__).resolve().parents[2] / "stimuli"
+FOUR = str(STIMULI / "paper-four.toml")
+
+
+@pytest.fixture
+def folder(tmp_path):
+    design_study(FOUR, str(tmp_path), seed=1, participants=3, repetitions=1)
+    return str(tmp_path)
+
+
+def test_without_options_a_study_is_experiment_one_of_the_paper(tmp_path):
+    design = design_study(FOUR, tmp_path, seed=1)
+    # ten participants, three probes, four blocks, three repetitions
+    assert (design.experiment, len(design.trials)) == ("estimates", 10 * 3 * 4 * 3)
+    assert {trial.condition for trial in design.trials} == {"bare", "hard", "soft"}
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["design.csv", "key.csv", "key.html"]
+
+
+def test_a_pattern_chooses_the_blocks(tmp_path):
+    design = design_study(FOUR, tmp_path, seed=1, only="apparatus-0*")
+    assert {trial.item.identity for trial in design.trials} == {"apparatus-025", "apparatus-050", "apparatus-075"}
+    with pytest.raises(PipelineError, match="has none that match 'x'"):
+        design_study(FOUR, tmp_path, seed=1, only="x")
+
+
+def test_an_unknown_experiment_is_refused_with_those_that_there_are(tmp_path):
+    with pytest.raises(PipelineError, match="one of estimates, virtual, constant, magnitude, got 'paired'"):
+        design_study(FOUR, tmp_path, seed=1, experiment="paired")
+
+
+def test_energies_are_those_of_equation_one():
+    stimuli = load_declared(Path(FOUR))
+    point = felt_at(stimuli, {"ball_radius": 150e-6, "normal_load": 0.5, "friction": 0.1})
+    found = block_energies(step_blocks(stimuli, None), point)
+    for block in stimuli.step_block:
+        # a = arccos(1 - H/(R + r)), F = N tan(a + atan mu), E = C F^2 / 2k with the k and C_v of the paper
+        angle = math.acos(1.0 - block.height.nominal / (150e-6 + block.edge_radius.nominal))
+        force = 0.5 * math.tan(angle + math.atan(0.1))
+        assert found[block.id] == pytest.approx(0.20 * 0.5 * force**2 / 9.81e3, rel=1e-9)
+
+
+def test_what_is_left_out_is_the_first_of_the_file():
+    stimuli = load_declared(Path(FOUR))
+    point, grid = felt_at(stimuli, {"friction": 0.05}), stimuli.prediction
+    assert (point.ball_radius, point.normal_load, point.friction) == (grid.tip_radii[0], grid.normal_loads[0], 0.05)
+    assert point.tool.stiffness == grid.tool.stiffness
+    with pytest.raises(ContactError, match="ball_radius must be positive"):
+        felt_at(stimuli, {"ball_radius": 0.0})
+
+
+def test_a_block_that_holds_the_probe_cannot_be_felt():
+    stimuli = load_declared(Path(FOUR))
+    with pytest.raises(PipelineError, match=r"apparatus-100 is locked at friction 0\.3"):
+        block_energies(step_blocks(stimuli, "*-100"), felt_at(stimuli, {"ball_radius": 125e-6, "friction": 0.3}))
+
+
+def test_a_study_is_analysed_in_memory_or_into_a_folder(folder, tmp_path):
+    assert write_sheets(folder) == 3
+    assert simulate_study(folder, FOUR, f"{folder}/answers.csv", seed=2, damping={"soft": 0.4}) == 36
+    before = sorted(tmp_path.rglob("*"))
+    result = analyse_study(folder, [f"{folder}/answers.csv"])
+    assert sorted(tmp_path.rglob("*")) == before
+    assert result.notes[0] == "36 judgements of 3 participants."
+    again = analyse_study(folder, [f"{folder}/answers.csv"], tmp_path / "report")
+    assert (tmp_path / "report" / "results.csv").read_text() == result.results_csv() == again.results_csv()
+    assert (tmp_path / "report" / "judgements.csv").read_text() == result.judgements_csv()
+
+
+def test_limits_of_the_answers_can_be_moved(folder):
+    simulate_study(folder, FOUR, f"{folder}/answers.csv", seed=2)
+    with pytest.raises(Exception, match="estimate_um must be a number from 0 to 20, got"):
+        analyse_study(folder, [f"{folder}/answers.csv"], largest_estimate=0.2)
+
+
+def test_a_damper_must_be_a_condition_of_the_design(folder):
+    with pytest.raises(PipelineError, match=r"conditions of the design \(bare, hard, soft\), got 'wood'"):
+        simulate_study(folder, FOUR, f"{folder}/answers.csv", seed=2, damping={"wood": 0.5})
+
+
+def test_a_harder_press_is_not_felt_where_energy_only_scales(folder):
+    # E is as the square of the load on every block, so the height that has this energy stays the same
+    quiet = Observer(weber=0.0, response_noise=0.0, participant_spread=0.0)
+    for name, load in (("one", 0.2), ("two", 0.4)):
+        simulate_study(folder, FOUR, f"{folder}/{name}.csv", seed=2, observer=quiet, normal_load=load)
+    assert Path(folder, "one.csv").read_bytes() == Path(folder, "two.csv").read_bytes()
+
+
+def test_power_is_one_row_per_size_and_the_same_in_its_file(tmp_path):
+    options = {"seed": 1, "damping": {"bare": 1.0, "soft": 0.5}, "analysis": "f-test", "runs": 10}
+    table = study_power(FOUR, tmp_path / "new" / "power.csv", participants=(2, 3), repetitions=(1, 2), **options)
+    assert table[["participants", "repetitions"]].to_numpy().tolist() == [[2, 1], [2, 2], [3, 1], [3, 2]]
+    assert (table["judgements_each"] == table["repetitions"] * 4 * 2).all()
+    assert (table["low_95_ratio"] <= table["power_ratio"]).all()
+    written = pd.read_csv(tmp_path / "new" / "power.csv")
+    assert written["power_ratio"].tolist() == pytest.approx(table["power_ratio"].tolist(), abs=5e-4)
+    (alone,) = study_power(FOUR, participants=(3,), repetitions=(2,), **options).to_dict("records")
+    assert alone == table.to_dict("records")[3]

@@ -1,0 +1,77 @@
+"""A design as files: what each may tell, and that nobody's work is overwritten."""
+
+import csv
+import io
+
+import pytest
+
+from stepblocks.errors import PipelineError
+from stepblocks.study.design import Item, constant_stimuli, experiment_one
+from stepblocks.study.experiments import EXPERIMENTS
+from stepblocks.study.sheet import (
+    DESIGN_COLUMNS,
+    answer_columns,
+    design_files,
+    design_rows,
+    key_files,
+    sheet_rows,
+    write_new,
+)
+
+BLOCKS = [Item(f"step-{h:03}", f"STEP-{h:03}", h * 1e-6) for h in (10, 25, 50)]
+BY_CODE = {"VTK": BLOCKS[2], "ABE": BLOCKS[0]}
+
+
+def test_every_trial_is_a_row_that_tells_all():
+    design = experiment_one(2, ("bare", "soft"), BLOCKS, 2, seed=1)
+    rows = design_rows(design)
+    assert len(rows) == len(design.trials) == 2 * 2 * 3 * 2
+    for row, trial in zip(rows, design.trials, strict=True):
+        assert tuple(row) == DESIGN_COLUMNS
+        assert (row["participant"], row["trial"]) == (str(trial.participant), str(trial.trial))
+        assert (row["stimulus"], row["code"], row["condition"]) == (trial.item.identity, trial.code, trial.condition)
+        assert float(row["height_um"]) == pytest.approx(trial.item.height * 1e6, rel=1e-8)
+        assert row["standard"] == row["standard_code"] == row["standard_height_um"] == ""
+
+
+def test_in_a_pair_the_standard_is_named_and_the_sheet_keeps_its_place():
+    rows = design_rows(constant_stimuli(1, "step-025", BLOCKS, 1, seed=1))
+    assert {row["standard"] for row in rows} == {"step-025"}
+    for row, shown in zip(rows, sheet_rows(rows), strict=True):
+        places = {"standard-first": "first_code", "standard-second": "second_code"}
+        assert shown[places[row["condition"]]] == row["standard_code"]
+        assert {shown["first_code"], shown["second_code"]} == {row["code"], row["standard_code"]}
+
+
+@pytest.mark.parametrize("experiment", EXPERIMENTS)
+def test_what_is_to_be_written_down_stands_at_the_end_of_a_sheet(experiment):
+    columns = answer_columns(experiment)
+    assert columns[:2] == ("participant", "trial")
+    assert columns[-len(EXPERIMENTS[experiment].answers) :] == EXPERIMENTS[experiment].answers
+    assert not {"stimulus", "engraved", "height_um"} & set(columns)
+
+
+def test_the_key_is_in_the_order_of_its_codes():
+    files = key_files(BY_CODE, "a note")
+    assert list(csv.reader(io.StringIO(files["key.csv"]))) == [
+        ["code", "engraved", "stimulus", "height_um"],
+        ["ABE", "STEP-010", "step-010", "10"],
+        ["VTK", "STEP-050", "step-050", "50"],
+    ]
+    assert files["key.html"].index("ABE") < files["key.html"].index("VTK")
+    assert "a note" in files["key.html"]
+
+
+def test_the_key_of_a_comparison_names_the_standard_too():
+    files = design_files(constant_stimuli(1, "step-025", BLOCKS, 1, seed=1))
+    assert {row["stimulus"] for row in csv.DictReader(io.StringIO(files["key.csv"]))} == {b.identity for b in BLOCKS}
+
+
+def test_a_file_that_somebody_changed_stays_and_nothing_beside_it_is_written(tmp_path):
+    write_new(tmp_path / "new", {"one.csv": "1\n", "two.pdf": b"\x00\xff"})
+    assert (tmp_path / "new" / "two.pdf").read_bytes() == b"\x00\xff"
+    write_new(tmp_path / "new", {"one.csv": "1\n"})  # the same content is no conflict
+    with pytest.raises(PipelineError, match=r"one\.csv has another content already; move it away"):
+        write_new(tmp_path / "new", {"three.csv": "3\n", "one.csv": "changed\n"})
+    assert sorted(path.name for path in (tmp_path / "new").iterdir()) == ["one.csv", "two.pdf"]
+    assert (tmp_path / "new" / "one.csv").read_text() == "1\n"

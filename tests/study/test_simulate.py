@@ -1,0 +1,131 @@
+"""Every kind of experiment goes round: designed, written, read back, simulated, analysed, shown."""
+
+import numpy as np
+import pytest
+
+from stepblocks.errors import StudyError
+from stepblocks.study.analysis.results import COLUMNS
+from stepblocks.study.analysis.table import join_answers, read_answers, read_design
+from stepblocks.study.design import Item, constant_stimuli, experiment_one, magnitude_estimation
+from stepblocks.study.experiments import EXPERIMENTS
+from stepblocks.study.observer import Observer
+from stepblocks.study.page import render_study
+from stepblocks.study.sheet import answer_columns, design_files, design_rows
+from stepblocks.study.simulate import SimulatedStudy, estimate_power, p_values, simulate_answers, simulated_frame
+from stepblocks.tables import csv_text
+
+BLOCKS = [Item(f"step-{h:03}", f"STEP-{h:03}", h * 1e-6) for h in range(30, 75, 5)]
+ENERGIES = {item.identity: item.height for item in BLOCKS}  # in proportion to the height
+STILL = Observer(weber=0.0, response_noise=0.0, participant_spread=0.0)
+OPTIONS = {"probes": ("bare", "soft"), "standard": "step-050"}
+
+
+def designed(name, participants=4, repetitions=2):
+    kind = EXPERIMENTS[name]
+    return kind.design(participants, *(OPTIONS[need] for need in kind.needs), BLOCKS, repetitions, 1)
+
+
+@pytest.mark.parametrize("name", EXPERIMENTS)
+def test_every_experiment_goes_round(name, tmp_path):
+    (tmp_path / "design.csv").write_text(design_files(designed(name))["design.csv"])
+    design = read_design(tmp_path / "design.csv")
+    answers = simulate_answers(design, ENERGIES, {}, Observer(weber=0.5), seed=2)
+    assert all(row[column] for row in answers for column in EXPERIMENTS[name].answers)
+    assert tuple(answers[0]) == answer_columns(name)
+    (tmp_path / "answers.csv").write_text(csv_text(answers))
+    table = join_answers(design, read_answers(tmp_path / "answers.csv", name))
+    assert (len(table.frame), table.missing, table.left) == (len(design), (), ())
+    result = table.analyse()
+    assert tuple(result.table().columns) == COLUMNS
+    assert not result.table()["quantity"].duplicated().all()
+    assert EXPERIMENTS[name].title in render_study(result)
+
+
+@pytest.mark.parametrize("name", EXPERIMENTS)
+def test_the_same_seed_gives_the_same_answers_and_another_seed_others(name):
+    rows = design_rows(designed(name))
+    one, again, other = (simulate_answers(rows, ENERGIES, {}, Observer(weber=0.5), seed) for seed in (1, 1, 2))
+    assert one == again
+    assert one != other
+
+
+def test_without_noise_estimates_are_the_heights_and_a_damper_takes_its_share():
+    rows = design_rows(experiment_one(2, ("bare", "soft"), BLOCKS, 1, seed=1))
+    for row, answer in zip(rows, simulate_answers(rows, ENERGIES, {"soft": 0.5}, STILL, 3), strict=True):
+        share = 0.5 if row["condition"] == "soft" else 1.0
+        assert float(answer["estimate_um"]) == pytest.approx(share * float(row["height_um"]), abs=0.051)
+
+
+def test_without_noise_the_higher_of_two_is_always_named():
+    rows = design_rows(constant_stimuli(1, "step-050", BLOCKS, 1, seed=1))
+    for row, answer in zip(rows, simulate_answers(rows, ENERGIES, {}, STILL, 3), strict=True):
+        higher = float(row["height_um"]) > 50.0
+        assert answer["second_is_higher"] == ("y" if higher == (row["condition"] == "standard-first") else "n")
+
+
+def test_without_noise_magnitudes_grow_with_the_square_root_of_the_energy():
+    rows = design_rows(magnitude_estimation(3, BLOCKS, 1, seed=1))
+    answers = simulate_answers(rows, ENERGIES, {}, STILL, 3)
+    table = join_answers(rows, [row | {"line": "line"} for row in answers])
+    law = table.analyse().power_law
+    assert law.exponent == pytest.approx(0.5, abs=0.01)  # three digits are written down
+    assert all(correlation == pytest.approx(1.0, abs=1e-3) for _, _, correlation in law.by_participant)
+
+
+def test_a_block_without_energy_is_refused_by_name():
+    rows = design_rows(designed("magnitude"))
+    with pytest.raises(StudyError, match="got none for step-070"):
+        simulate_answers(rows, ENERGIES | {"step-070": 0.0}, {}, STILL, 3)
+    without = {name: energy for name, energy in ENERGIES.items() if name != "step-050"}
+    with pytest.raises(
+        StudyError, match="got none for step-050"
+    ):  # the standard, which is never the block that is judged
+        simulate_answers(design_rows(designed("constant")), without, {}, STILL, 3)
+
+
+def plan(**changes):
+    given = {"participants": 3, "repetitions": 2, "heights": (20e-6, 40e-6), "energies": (1e-5, 2e-5)}
+    return SimulatedStudy(**given | {"factors": (("bare", 1.0), ("soft", 0.5)), "observer": STILL} | changes)
+
+
+def test_a_simulated_study_has_every_judgement_once_and_its_errors_in_closed_form():
+    frame = simulated_frame(plan(), seed=1)
+    assert set(frame.groupby(["participant", "condition", "stimulus"]).size()) == {2}
+    soft = frame[frame["condition"] == "soft"]
+    # energy in proportion to height: half of it reads as half the height
+    assert soft["error"].to_numpy() == pytest.approx(-0.5 * soft["height"].to_numpy(), rel=1e-9)
+    assert frame[frame["condition"] == "bare"]["error"].abs().max() < 1e-15
+
+
+def test_a_study_is_decided_by_its_own_seed():
+    noisy = plan(observer=Observer())
+    together = p_values(noisy, "f-test", [1, 2, 3])
+    assert together == [p_values(noisy, "f-test", [seed])[0] for seed in (1, 2, 3)]
+    assert len(set(together)) == 3
+
+
+def test_a_difference_that_nobody_can_miss_is_always_found():
+    estimate = estimate_power(plan(observer=Observer(response_noise=1e-6)), "f-test", runs=10)
+    assert (estimate.power, estimate.high) == (1.0, 1.0)
+    assert estimate.low == pytest.approx(
+        10.0 / (10.0 + 1.959964**2), rel=1e-6
+    )  # Wilson's interval of n of n: n / (n + z^2)
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        ({"analysis": "anova"}, "analysis must be one of f-test, mixed, got 'anova'"),
+        ({"runs": 100_001}, "runs must lie between 10 and 100000, got 100001"),
+        ({"jobs": 0}, "seed and jobs must be at least 0 and at least 1, got 1 and 0"),
+    ],
+)
+def test_an_impossible_simulation_is_refused(options, message):
+    with pytest.raises(StudyError, match=message):
+        estimate_power(plan(), **options)
+
+
+def test_blocks_and_energies_belong_together():
+    with pytest.raises(StudyError, match="every block must have an energy, got 2 and 1"):
+        plan(energies=(1e-5,))
+    assert np.isfinite(p_values(plan(observer=Observer()), "mixed", [5])).all()
