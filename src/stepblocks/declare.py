@@ -17,12 +17,12 @@ SCHEMA = 1  # Version of the stimulus file format
 MAX_FILE_BYTES = 1_000_000  # Largest stimulus file that is read [bytes]
 
 
-def load_set(path: Path) -> StimulusSet:
+def load_set(path: str | Path) -> StimulusSet:
     """Read and validate a stimulus file.
 
     Parameters
     ----------
-    path : Path
+    path : str or Path
         The TOML file; its stem must be the name of the set.
 
     Returns
@@ -35,6 +35,7 @@ def load_set(path: Path) -> StimulusSet:
     StimulusError
         With file, stanza, field, rule and value, if the file cannot be read or asks for something impossible.
     """
+    path = Path(path)
     raw = _read(path)
     schema = raw.pop("schema", None)
     if schema != SCHEMA:
@@ -59,7 +60,7 @@ def load_set(path: Path) -> StimulusSet:
         raise StimulusError(_one_line(error, raw, path)) from error
 
 
-def load_declared(path: Path) -> StimulusSet:
+def load_declared(path: str | Path) -> StimulusSet:
     """Read a stimulus file and work out the tolerances that follow from an energy."""
     stimuli = load_set(path)
     try:

@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 import re
 from dataclasses import dataclass
-from functools import partial
 from typing import Annotated, Any
 
 from pydantic import BeforeValidator
@@ -14,14 +13,8 @@ from stepblocks.quantities import format_quantity, parse_quantity
 
 BY_ENERGY = "by energy"  # What stands in place of a tolerance that follows from the energy that shall be felt
 
-# ISO 2768-1:1989, table 1 (linear dimensions), permissible deviations by tolerance class, in metres.
-_LINEAR: tuple[tuple[float, float, dict[str, float]], ...] = (
-    (0.5e-3, 3e-3, {"f": 0.05e-3, "m": 0.1e-3, "c": 0.2e-3}),
-    (3e-3, 6e-3, {"f": 0.05e-3, "m": 0.1e-3, "c": 0.3e-3}),
-    (6e-3, 30e-3, {"f": 0.1e-3, "m": 0.2e-3, "c": 0.5e-3}),
-    (30e-3, 120e-3, {"f": 0.15e-3, "m": 0.3e-3, "c": 0.8e-3}),
-    (120e-3, 400e-3, {"f": 0.2e-3, "m": 0.5e-3, "c": 1.2e-3}),
-)
+# ISO 2768-1:1989, table 1 (linear dimensions, from 0.5 mm): up to, permissible deviation of class m [m]
+_LINEAR = ((3e-3, 0.1e-3), (6e-3, 0.1e-3), (30e-3, 0.2e-3), (120e-3, 0.3e-3), (400e-3, 0.5e-3))
 # ISO 2768-1:1989, table 3 (angles), shorter side up to 10 mm, classes f and m.
 _ANGULAR = math.radians(1.0)
 
@@ -30,14 +23,13 @@ _ANGULAR = math.radians(1.0)
 class Dimension:
     """A nominal value with its limits."""
 
-    nominal: float  # Nominal value [m or rad]
-    upper: float  # Permitted deviations from the nominal [m or rad], ``lower <= upper``, each signed
-    lower: float
+    nominal: float  # m or rad
+    upper: float  # permitted deviation, signed [m or rad]
+    lower: float  # permitted deviation, signed, at most `upper` [m or rad]
     quantity: str = "length"  # ``"length"`` or ``"angle"``
-    source: str = ""  # Where the nominal comes from; empty where the file does not say
-    general: bool = False  # Whether the deviations are the general ones of ISO 2768-1 rather than stated
-    # Whether they follow from the energy tolerance of the stimulus; both are 0 until that is resolved
-    by_energy: bool = False
+    source: str = ""  # of the nominal; empty where the file does not say
+    general: bool = False  # whether the deviations are the general ones of ISO 2768-1 rather than stated
+    by_energy: bool = False  # whether they follow from the energy tolerance; both are 0 until that is resolved
 
     @property
     def unresolved(self) -> bool:
@@ -74,20 +66,15 @@ def _signed(value: float, quantity: str) -> str:
     return ("+" if value > 0 else "-" if value < 0 else "") + format_quantity(abs(value), quantity)
 
 
-def general_deviation(nominal: float, tolerance_class: str = "m") -> float | None:
-    """Permissible deviation of an untoleranced linear dimension.
-
-    Source: ISO 2768-1:1989, table 1.
+def general_deviation(nominal: float) -> float | None:
+    """Permissible deviation of an untoleranced length [m], ISO 2768-m; None below 0.5 mm and above 400 mm.
 
     Examples
     --------
     >>> general_deviation(20e-3)
     0.0002
     """
-    for low, high, deviations in _LINEAR:
-        if (low <= nominal <= high) if low == 0.5e-3 else (low < nominal <= high):
-            return deviations[tolerance_class]
-    return None
+    return next((deviation for high, deviation in _LINEAR if 0.5e-3 <= nominal <= high), None)
 
 
 _DEVIATIONS = re.compile(r"^\s*(?P<upper>[+-]?[^/]+)/(?P<lower>[+-]?[^/]+)$")
@@ -138,36 +125,25 @@ def _dimension(raw: object, quantity: str, felt: bool = False) -> Dimension:
     return Dimension(nominal, general, -general, quantity, source, general=True)
 
 
-def _length(raw: object, felt: bool = False) -> Dimension:
-    dimension = _dimension(raw, "length", felt)
-    if dimension.nominal < 0.0:
-        raise ValueError(f"must not be negative, got {format_quantity(dimension.nominal, 'length')}")
-    return dimension
+def _read(
+    quantity: str, rule: str = "", *, least: float = -math.inf, above: bool = False, felt: bool = False
+) -> BeforeValidator:
+    """Make a validator of a dimension that must be at least, or above, a nominal; an angle also below 180 degrees."""
+
+    def read(raw: object) -> Dimension:
+        dimension = _dimension(raw, quantity, felt)
+        value = dimension.nominal
+        if value < least or (above and value == least) or (quantity == "angle" and value >= math.pi):
+            raise ValueError(f"must {rule}, got {format_quantity(value, quantity)}")
+        return dimension
+
+    return BeforeValidator(read)
 
 
-def _positive_length(raw: object, felt: bool = False) -> Dimension:
-    dimension = _dimension(raw, "length", felt)
-    if dimension.nominal <= 0.0:
-        raise ValueError(f"must be positive, got {format_quantity(dimension.nominal, 'length')}")
-    return dimension
-
-
-def _signed_length(raw: object) -> Dimension:
-    return _dimension(raw, "length")
-
-
-def _angle(raw: object) -> Dimension:
-    dimension = _dimension(raw, "angle")
-    if not 0.0 <= dimension.nominal < math.pi:
-        raise ValueError(f"must be at least 0 and less than 180 deg, got {format_quantity(dimension.nominal, 'angle')}")
-    return dimension
-
-
-Length = Annotated[Dimension, BeforeValidator(_length)]  # A length that may be zero [m]
-PositiveLength = Annotated[Dimension, BeforeValidator(_positive_length)]  # A length above zero [m]
-# A length that may be zero [m], and whose tolerance may follow from the energy that is felt
-FeltLength = Annotated[Dimension, BeforeValidator(partial(_length, felt=True))]
-# A length above zero [m], and whose tolerance may follow from the energy that is felt
-FeltPositiveLength = Annotated[Dimension, BeforeValidator(partial(_positive_length, felt=True))]
-SignedLength = Annotated[Dimension, BeforeValidator(_signed_length)]  # A length of either sign [m]
-Angle = Annotated[Dimension, BeforeValidator(_angle)]  # An angle from 0 to below 180 degrees [rad]
+Length = Annotated[Dimension, _read("length", "not be negative", least=0.0)]
+PositiveLength = Annotated[Dimension, _read("length", "be positive", least=0.0, above=True)]
+SignedLength = Annotated[Dimension, _read("length")]
+# lengths whose tolerance may follow from the energy that is felt
+FeltLength = Annotated[Dimension, _read("length", "not be negative", least=0.0, felt=True)]
+FeltPositiveLength = Annotated[Dimension, _read("length", "be positive", least=0.0, above=True, felt=True)]
+Angle = Annotated[Dimension, _read("angle", "be at least 0 and less than 180 deg", least=0.0)]

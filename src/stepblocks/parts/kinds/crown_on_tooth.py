@@ -71,17 +71,14 @@ class CrownOnTooth(CrownMargin, Turned):
 
     @property
     def floor(self) -> tuple[float, float]:
-        """The ledge, and from there the axial wall."""
         return self.finish_line.width.nominal, math.tan(self.taper.nominal)
 
     @property
     def turn_radius(self) -> float | None:
-        """Radius of the tooth at the finish line [m]."""
         return self.margin_radius.nominal
 
     @property
     def bodies(self) -> tuple[str, ...]:
-        """Tooth and crown."""
         return f"{self.id}-tooth", f"{self.id}-crown"
 
     @property
@@ -90,7 +87,6 @@ class CrownOnTooth(CrownMargin, Turned):
         return self.margin_radius.nominal + self.horizontal_discrepancy.nominal
 
     def outlines(self) -> list[Outline]:
-        """Tooth, crown."""
         return [self.tooth_outline(), self.crown_outline()]
 
     def tooth_outline(self) -> Outline:
@@ -137,7 +133,6 @@ class CrownOnTooth(CrownMargin, Turned):
         return outline
 
     def hulls(self) -> list[Any]:
-        """Frusta of the tooth, sectors of the crown."""
         return [*stack(self.tooth_outline()), *self._shell()]
 
     def _shell(self) -> list[Any]:
@@ -158,7 +153,6 @@ class CrownOnTooth(CrownMargin, Turned):
         return [*pieces, *(sector for cell in cells for sector in sectors(cell))]
 
     def chordal_error(self, face: kernel.Face) -> float:
-        """Finest at the margin."""
         reach = 2.0 * (self.marginal_gap.nominal + abs(self.opening.nominal))
         # an axial wall without taper is a cylinder too, but behind the finish line, where no probe comes
         outside = face.radius >= self.margin_radius.nominal - 0.5 * self.finish_line.width.nominal - 1e-9
@@ -167,7 +161,6 @@ class CrownOnTooth(CrownMargin, Turned):
         return CONTACT_DEFLECTION if at_margin else FITTING_DEFLECTION
 
     def characteristics(self) -> Iterator[Characteristic]:
-        """Tooth, crown, and the gaps between them."""
         R, h, root, height = self.margin_radius, self.horizontal_discrepancy, self.root_length, self.preparation_height
         at = FaceRule("CYLINDER", radius=R.nominal)
         yield doubled(toleranced("margin_diameter", "diameter", R, at, label="diameter at the margin"))
@@ -237,7 +230,6 @@ class CrownOnTooth(CrownMargin, Turned):
         return toleranced(key, "note", v, method=_SEATED)
 
     def measured(self, body: int, mesh: MeasuredMesh) -> Iterator[Finding]:
-        """Measure radius and height of the preparation, or the margin of the crown."""
         radii, heights = mesh.radii, mesh.vertices[:, 2]
         if body == 0:
             finish = radii[abs(heights) < 1e-9].max()
@@ -252,7 +244,6 @@ class CrownOnTooth(CrownMargin, Turned):
         yield Finding("outer radius of the crown's margin", self.outer_radius, float(at_margin), 2.0 * NANOMETRE)
 
     def close_up(self) -> tuple[float, float, tuple[float, float, float]]:
-        """Show the margin."""
         wide = 6.0 * max(self.marginal_gap.nominal, abs(self.horizontal_discrepancy.nominal))
         return 1.0, wide, (self.margin_radius.nominal, wide, 0.0)
 

@@ -42,14 +42,12 @@ class GroovedCylinder(Turned):
     material: MaterialField
 
     def sized(self, **sizes: float) -> Groove:
-        """Return the groove along the axis."""
         from stepblocks.contact.counterface import Groove
 
         return Groove(max(sizes["width"], 0.0), sizes["flank"])
 
     @property
     def turn_radius(self) -> float | None:
-        """Of the cylinder [m]."""
         return 0.5 * self.diameter.nominal
 
     @property
@@ -58,7 +56,6 @@ class GroovedCylinder(Turned):
         return 0.5 * self.groove_width.nominal * math.tan(self.flank_angle.nominal)
 
     def outlines(self) -> list[Outline]:
-        """Cylinder with its groove."""
         R, end, c = 0.5 * self.diameter.nominal, 0.5 * self.length.nominal, self.edge_break.nominal
         width = self.groove_width.nominal
         groove = [(R, 0.0), (R - self.groove_depth, 0.5 * width), (R, width)]
@@ -66,16 +63,13 @@ class GroovedCylinder(Turned):
         return [[(0.0, -end), *left[c == 0.0 :], *groove, *right[c == 0.0 :], (0.0, end)]]
 
     def hulls(self) -> list[Any]:
-        """Frusta."""
         return stack(*self.outlines())
 
     def chordal_error(self, face: kernel.Face) -> float:
-        """Finest at the groove."""
         near = face.low[2] >= -1e-6 and face.high[2] <= self.groove_width.nominal + 1e-6
         return CONTACT_DEFLECTION if near and face.kind == "CONE" else FITTING_DEFLECTION
 
     def characteristics(self) -> Iterator[Characteristic]:
-        """Cylinder and groove."""
         R, end, w = 0.5 * self.diameter.nominal, 0.5 * self.length.nominal, self.groove_width.nominal
         how = "profilometer"
         near, far = (FaceRule("CYLINDER", radius=R, holds={2: z}) for z in (-0.5 * end, 0.5 * end))
@@ -96,7 +90,6 @@ class GroovedCylinder(Turned):
             yield toleranced("edge_break", "note", self.edge_break, label=BREAK)
 
     def measured(self, body: int, mesh: MeasuredMesh) -> Iterator[Finding]:
-        """Measure the surface, and the groove between its edges."""
         radii, heights, R = mesh.radii, mesh.vertices[:, 2], 0.5 * self.diameter.nominal
         on_surface = radii > R - 5.0 * NANOMETRE
         middle = 0.5 * self.groove_width.nominal
@@ -107,12 +100,10 @@ class GroovedCylinder(Turned):
         yield Finding("depth of the groove", self.groove_depth, float(edge - bottom), 2.0 * NANOMETRE)
 
     def close_up(self) -> tuple[float, float, tuple[float, float, float]]:
-        """Show the groove."""
         wide = 4.0 * self.groove_width.nominal
         return 1.0, wide, (0.5 * self.diameter.nominal, wide, 0.5 * self.groove_width.nominal)
 
     def derived(self) -> list[list[str]]:
-        """Return the depth that follows from width and flanks."""
         return [["depth of the groove", format_quantity(self.groove_depth, "length")]]
 
     @model_validator(mode="after")

@@ -61,7 +61,6 @@ class CrownMargin(Part):
         """Depth of the gap [m] where it begins, and how steeply its floor falls from there [1]."""
 
     def sized(self, **sizes: float) -> Margin:
-        """Return tooth, gap and crown, x from the tooth to the crown."""
         from stepblocks.contact.counterface import Margin
 
         gap = sizes["gap"]
@@ -99,6 +98,5 @@ class CrownMargin(Part):
         return self
 
     def derived(self) -> list[list[str]]:
-        """Return the absolute marginal discrepancy with its clinical grade."""
         grade = "clinically acceptable" if self.clinically_acceptable else "above the clinical limit of 100 um"
         return [["absolute marginal discrepancy", f"{self.absolute_discrepancy * 1e6:.4g} um, {grade}"]]

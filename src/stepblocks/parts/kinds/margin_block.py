@@ -48,12 +48,10 @@ class MarginBlock(CrownMargin, Block):
 
     @property
     def floor(self) -> tuple[float, float]:
-        """A level one."""
         return self.gap_depth.nominal, 0.0
 
     @property
     def rise(self) -> float:
-        """H [m]."""
         return self.horizontal_discrepancy.nominal
 
     def top(self, x: float) -> float:
@@ -68,7 +66,6 @@ class MarginBlock(CrownMargin, Block):
         )
 
     def solids(self) -> list[kernel.Body]:
-        """Extrude the section along the edge."""
         from stepblocks.cad import kernel
         from stepblocks.parts.body_shape import body_cuts, section_outline
 
@@ -100,7 +97,6 @@ class MarginBlock(CrownMargin, Block):
         return (volume - self.filled,)
 
     def hulls(self) -> list[Any]:
-        """Tooth, floor of the gap, crown, and what its corner adds."""
         from stepblocks.parts.body_shape import half_points
         from stepblocks.parts.shapes import hull, split
 
@@ -132,7 +128,6 @@ class MarginBlock(CrownMargin, Block):
         return [left, floor, crown]
 
     def characteristics(self) -> Iterator[Characteristic]:
-        """Gap and discrepancies, tooth and crown face, block."""
         g, h, depth, half = (
             self.marginal_gap,
             self.horizontal_discrepancy,
@@ -168,7 +163,6 @@ class MarginBlock(CrownMargin, Block):
             yield toleranced(key, "note", v, method=_ACROSS)
 
     def measured(self, body: int, mesh: MeasuredMesh) -> Iterator[Finding]:
-        """Measure the gap between its walls, the crown's level over the tooth's and where it begins."""
         reach = 0.25 * self.body.length.nominal
         gap = mesh.wall_position(-1, reach) - mesh.wall_position(+1, reach)
         yield Finding("marginal gap", self.marginal_gap.nominal, gap, NANOMETRE)
@@ -178,7 +172,6 @@ class MarginBlock(CrownMargin, Block):
         yield Finding("vertical discrepancy", self.opening.nominal, mesh.start_of_level(crown), NANOMETRE)
 
     def close_up(self) -> tuple[float, float, tuple[float, float, float]]:
-        """Show the gap, drawn higher than it is where the crown rises."""
         rise, gap = abs(self.rise), self.marginal_gap.nominal
         wide = 2.5 * max(rise, gap, abs(self.opening.nominal))
         return (exaggeration(rise) if rise else 1.0), wide, (0.5 * gap, 0.0, 0.0)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Annotated, Any, ClassVar
 
@@ -83,18 +83,11 @@ def _material(raw: object) -> SheathMaterial:
         raise ValueError(_first(error)) from error
     if table.poisson.value > 0.5:
         raise ValueError(f"poisson must not exceed 0.5, got {table.poisson.value:g}")
-    return SheathMaterial(
-        table.name,
-        table.designation,
-        table.density.value,
-        table.density.source,
-        table.modulus.value,
-        table.poisson.value,
-        table.loss_factor.value,
-        table.modulus.source,
-        table.poisson.source,
-        table.loss_factor.source,
+    properties = table.density, table.modulus, table.poisson, table.loss_factor
+    (density, *values), (source, *sources) = (
+        [getattr(one, name) for one in properties] for name in ("value", "source")
     )
+    return SheathMaterial(table.name, table.designation, density, source, *values, *sources)
 
 
 class Sheath(Turned, HeldPart):
@@ -114,12 +107,10 @@ class Sheath(Turned, HeldPart):
 
     @classmethod
     def prepared(cls, stanzas: object) -> object:
-        """Solve the sheaths that are to weigh as much as another one."""
         return balanced(stanzas)
 
     @property
     def sleeve(self) -> Sleeve | None:
-        """Tube that bends and damps with the shank."""
         from stepblocks.contact.rod.cantilever import Sleeve
 
         bore, outer, length = self.bore.nominal, self.outer_diameter.nominal, self.length.nominal
@@ -147,7 +138,6 @@ class Sheath(Turned, HeldPart):
         return density * _volume(wide, small, short, blunt), density * _volume(thin, large, long, max(sharp, 0.0))
 
     def outlines(self) -> list[Outline]:
-        """Tube."""
         return [[*self.outline()]]
 
     def outline(self) -> list[Point]:
@@ -159,15 +149,12 @@ class Sheath(Turned, HeldPart):
         return [(bore, 0.0), (outer - c, 0.0), (outer, c), (outer, length - c), (outer - c, length), (bore, length)]
 
     def hulls(self) -> list[Any]:
-        """Sectors."""
         return sectors(self.outline())
 
     def chordal_error(self, face: kernel.Face) -> float:
-        """All of it fits."""
         return FITTING_DEFLECTION
 
     def characteristics(self) -> Iterator[Characteristic]:
-        """Tube, chamfers, and where it sits."""
         bore, outer, broken = self.bore, self.outer_diameter, self.edge_break
         side = FaceRule("CYLINDER", radius=0.5 * outer.nominal)
         yield toleranced("bore", "diameter", bore, FaceRule("CYLINDER", radius=0.5 * bore.nominal), method="pin gauges")
@@ -182,7 +169,6 @@ class Sheath(Turned, HeldPart):
         yield toleranced("position", "note", self.position, label=where, method="caliper, assembled")
 
     def measured(self, body: int, mesh: MeasuredMesh) -> Iterator[Finding]:
-        """Measure length and radii."""
         heights, radii = mesh.vertices[:, 2], mesh.radii
         yield Finding("length", self.length.nominal, float(heights.max() - heights.min()), _FLOAT32_LIMIT)
         yield Finding("radius of the bore", 0.5 * self.bore.nominal, float(radii.min()), FITTING_DEFLECTION)
@@ -190,18 +176,15 @@ class Sheath(Turned, HeldPart):
         yield Finding("mass", self.mass, self.material.density * mesh.volume, MASS_LIMIT, "mass", relative=True)
 
     def close_up(self) -> tuple[float, float, tuple[float, float, float]]:
-        """Show its near end."""
         outer = self.outer_diameter.nominal
         return 1.0, min(0.6 * outer, 4.9e-3), (0.0, 0.0, 0.4 * outer)
 
     def derived(self) -> list[list[str]]:
-        """Mass and material."""
         low, high = self.mass_limits
         text = f"{format_mass(self.mass)} ({format_mass(low)} to {format_mass(high)} within tolerances)"
         return [["mass", text], ["material", self.material.designation]]
 
     def require_in(self, conditions: Mapping[str, Any]) -> None:
-        """Refuse a set without a probe and a rig, and a bore that does not go over the shank."""
         for name in ("probe", "damping_rig"):
             if conditions[name] is None:
                 raise ValueError(f"{name} must be declared for a set with sheaths, got none")
@@ -234,15 +217,12 @@ def balanced(raw: object) -> object:
     solved = []
     for stanza in raw:
         wanted = [name for name, value in stanza.items() if isinstance(value, dict) and "mass_of" in value]
-        if not wanted:
-            solved.append(stanza)
-            continue
         place = f"sheath {stanza.get('id')!r}"
-        if len(wanted) > 1 or wanted[0] not in _SOLVABLE:
+        if len(wanted) > 1 or not set(wanted) <= set(_SOLVABLE):
             raise ValueError(
                 f"mass_of must stand at one of {', '.join(_SOLVABLE)}, got it at {', '.join(wanted)} [{place}]"
             )
-        solved.append(_solved(stanza, wanted[0], _target(stanza[wanted[0]]["mass_of"], raw, place), place))
+        solved.append(_solved(stanza, wanted[0], raw, place) if wanted else stanza)
     return solved
 
 
@@ -261,6 +241,7 @@ def _first(error: ValidationError) -> str:
 
 
 def _target(name: object, stanzas: Sequence[Mapping[str, Any]], place: str) -> float:
+    """Mass of another sheath [kg], which must have dimensions of its own."""
     for other in stanzas:
         if other.get("id") == name:
             if any(isinstance(value, dict) and "mass_of" in value for value in other.values()):
@@ -269,8 +250,40 @@ def _target(name: object, stanzas: Sequence[Mapping[str, Any]], place: str) -> f
     raise ValueError(f"mass_of must name a sheath of the set, got {name!r} [{place}]")
 
 
-def _solved(stanza: Mapping[str, Any], field: str, mass: float, place: str) -> dict[str, Any]:
-    table = stanza[field]
+def _solved(stanza: Mapping[str, Any], field: str, stanzas: Sequence[Mapping[str, Any]], place: str) -> dict[str, Any]:
+    """Find the dimension at which a sheath weighs as much as another, rounded to what a drawing states."""
+    from scipy.optimize import brentq
+
+    table, other = stanza[field], stanza[field]["mass_of"]
+    mass = _target(other, stanzas, place)
+    low, high = _bounds(table, field, place)
+    kept = {"tolerance": table["tolerance"]} if "tolerance" in table else {}
+    source = f"solved for the mass of {other}, {format_mass(mass)}"
+
+    def tried(value: float) -> Sheath:
+        nominal = {"nominal": f"{value * 1e3:.9g} mm", "source": source, **kept}
+        return _validated(dict(stanza) | {field: nominal}, place)
+
+    def excess(value: float) -> float:
+        return tried(value).mass - mass
+
+    if excess(low) * excess(high) > 0.0:
+        best = min((low, high), key=lambda value: abs(excess(value)))
+    else:
+        root = brentq(excess, low, high, xtol=1e-9, rtol=1e-12)
+        best = min(max(round(root / _STEP) * _STEP, low), high)
+    found = tried(best)
+    if abs(found.mass / mass - 1.0) > MASS_MATCH:
+        masses = sorted(format_mass(tried(limit).mass) for limit in (low, high))
+        raise ValueError(
+            f"{field} must give the mass of {other!r} ({format_mass(mass)}) within {MASS_MATCH:.0%} between "
+            f"{table['least']} and {table['most']}, got {' to '.join(masses)} [{place}]"
+        )
+    return dict(stanza) | {field: getattr(found, field)}
+
+
+def _bounds(table: Mapping[str, Any], field: str, place: str) -> tuple[float, float]:
+    """Read between which lengths a dimension is sought [m]."""
     if not {"mass_of", "least", "most"} <= set(table) <= {"mass_of", "least", "most", "tolerance"}:
         raise ValueError(
             f"{field} must have mass_of, least, most and tolerance, got {', '.join(sorted(table))} [{place}]"
@@ -283,44 +296,7 @@ def _solved(stanza: Mapping[str, Any], field: str, mass: float, place: str) -> d
         raise ValueError(
             f"{field}: least must be positive and below most, got {table['least']} and {table['most']} [{place}]"
         )
-
-    def tried(value: float) -> Sheath:
-        kept = {"tolerance": table["tolerance"]} if "tolerance" in table else {}
-        return _validated(dict(stanza) | {field: _nominal(value, mass, kept, table["mass_of"])}, place)
-
-    def excess(value: float) -> float:
-        return tried(value).mass - mass
-
-    value = _root(excess, low, high)
-    best = min(max(round(value / _STEP) * _STEP, low), high) if value is not None else _nearer(excess, low, high)
-    found = tried(best)
-    if abs(found.mass / mass - 1.0) > MASS_MATCH:
-        masses = sorted(format_mass(tried(limit).mass) for limit in (low, high))
-        raise ValueError(
-            f"{field} must give the mass of {table['mass_of']!r} ({format_mass(mass)}) within {MASS_MATCH:.0%} between "
-            f"{table['least']} and {table['most']}, got {' to '.join(masses)} [{place}]"
-        )
-    return dict(stanza) | {field: getattr(found, field)}
-
-
-def _nominal(value: float, mass: float, kept: Mapping[str, Any], other: object) -> dict[str, Any]:
-    return {
-        "nominal": f"{value * 1e3:.9g} mm",
-        "source": f"solved for the mass of {other}, {format_mass(mass)}",
-        **kept,
-    }
-
-
-def _root(excess: Callable[[float], float], low: float, high: float) -> float | None:
-    from scipy.optimize import brentq
-
-    if excess(low) * excess(high) > 0.0:
-        return None
-    return float(brentq(excess, low, high, xtol=1e-9, rtol=1e-12))
-
-
-def _nearer(excess: Callable[[float], float], low: float, high: float) -> float:
-    return min((low, high), key=lambda value: abs(excess(value)))
+    return low, high
 
 
 def format_mass(mass: float) -> str:

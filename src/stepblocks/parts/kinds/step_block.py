@@ -54,14 +54,12 @@ class StepBlock(Block):
     working_faces: WorkingFaces | None = None  # demands on the faces beside the edge, where the file states them
 
     def sized(self, **sizes: float) -> Step:
-        """Return its working edge."""
         from stepblocks.contact.counterface import Step
 
         return Step(sizes["height"], max(sizes["edge_radius"], 0.0))
 
     @property
     def rise(self) -> float:
-        """H [m]."""
         return self.height.nominal
 
     def top(self, x: float) -> float:
@@ -72,7 +70,6 @@ class StepBlock(Block):
         return H if x >= r else H - r + math.sqrt(x * (2.0 * r - x))
 
     def solids(self) -> list[kernel.Body]:
-        """Extrude the section along the edge, add or cut the metrology feature, cut what the workshop cuts."""
         from stepblocks.cad import kernel
         from stepblocks.cad.kernel import Arc, Line
         from stepblocks.parts.body_shape import body_cuts, section_outline
@@ -132,7 +129,6 @@ class StepBlock(Block):
         return (volume - self.filled,)
 
     def hulls(self) -> list[Any]:
-        """Two halves with the ridge, or with the right one cut up round the groove."""
         from stepblocks.parts.body_shape import half_points
         from stepblocks.parts.shapes import hull, split
 
@@ -170,12 +166,10 @@ class StepBlock(Block):
         return [(float(radius * (1.0 - math.sin(a))), float(height - radius * (1.0 - math.cos(a)))) for a in angles]
 
     def chordal_error(self, face: kernel.Face) -> float:
-        """Finest on the rounded edge."""
         at_edge = face.kind == "CYLINDER" and abs(face.radius - self.edge_radius.nominal) < 1e-9
         return CONTACT_DEFLECTION if at_edge else COARSE_DEFLECTION
 
     def characteristics(self) -> Iterator[Characteristic]:
-        """Step, edge, working faces, groove or ridge, block."""
         H, r, half = self.height.nominal, self.edge_radius.nominal, 0.5 * self.body.length.nominal
         lower, upper = plane(2, 0.0, x=-0.5 * half), plane(2, H, x=0.5 * half)
         yield toleranced("step_height", "distance", self.height, lower, upper, method=PROFILE)
@@ -206,18 +200,15 @@ class StepBlock(Block):
             yield toleranced(f"{kind}_distance", "distance", feature.distance, *at, label=name, method="profilometer")
 
     def measured(self, body: int, mesh: MeasuredMesh) -> Iterator[Finding]:
-        """Measure the levels of both working faces beside the edge."""
         low, high = mesh.level_beside(0.0, -1), mesh.level_beside(self.edge_radius.nominal, +1)
         yield Finding("step height", self.height.nominal, high - low, NANOMETRE)
         yield Finding("lower working face at z = 0", 0.0, low, NANOMETRE)
 
     def close_up(self) -> tuple[float, float, tuple[float, float, float]]:
-        """Show the step, drawn higher than it is."""
         height = self.height.nominal
         return exaggeration(height), 2.5 * height, (0.0, 0.0, 0.0)
 
     def derived(self) -> list[list[str]]:
-        """Return the energy that its tolerances keep."""
         return described(self.energy_tolerance)
 
     @model_validator(mode="after")

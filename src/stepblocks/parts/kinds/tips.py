@@ -59,15 +59,12 @@ class Tip(Turned, HeldPart):
         return [(0.0, 0.0), (bow, self.cone_start), (self.shank_radius.nominal, self.cone_end), (0.0, self.cone_end)]
 
     def outlines(self) -> list[Outline]:
-        """Return the whole, or the head of a hook."""
         return [self.outline()]
 
     def chordal_error(self, face: kernel.Face) -> float:
-        """Finest on the ball."""
         return CONTACT_DEFLECTION if face.kind == "SPHERE" else COARSE_DEFLECTION
 
     def characteristics(self) -> Iterator[Characteristic]:
-        """Ball, shank and cone."""
         how = "microscope or interferometer, sphere fit"
         ball = FaceRule("SPHERE", radius=self.ball_radius.nominal)
         yield toleranced("ball_radius", "radius", self.ball_radius, ball, method=how)
@@ -77,7 +74,6 @@ class Tip(Turned, HeldPart):
         yield doubled(toleranced("cone_angle", "angle", self.cone_angle, cone, label=label, method="microscope"))
 
     def measured(self, body: int, mesh: MeasuredMesh) -> Iterator[Finding]:
-        """Fit a sphere to the ball."""
         R = self.ball_radius.nominal
         radius, form, sag = mesh.sphere(R, self.cone_start[1])
         yield Finding("radius of the contact sphere", R, radius, SPHERE_LIMIT)
@@ -85,12 +81,10 @@ class Tip(Turned, HeldPart):
         yield Finding("chordal error on the contact sphere", 0.0, sag, SPHERE_LIMIT)
 
     def close_up(self) -> tuple[float, float, tuple[float, float, float]]:
-        """Show the ball."""
         radius = self.ball_radius.nominal
         return 1.0, 2.0 * radius, (0.0, 0.0, 1.5 * radius)
 
     def derived(self) -> list[list[str]]:
-        """Return the energy that its tolerance keeps."""
         return described(self.energy_tolerance)
 
     @model_validator(mode="after")
@@ -119,11 +113,9 @@ class StraightTip(Tip):
         return [*super().outline()[:-1], (self.shank_radius.nominal, end), (0.0, end)]
 
     def hulls(self) -> list[Any]:
-        """Turn it whole: it is convex."""
         return [turned_hull(self.outline())]
 
     def characteristics(self) -> Iterator[Characteristic]:
-        """Ball, shank, cone and length."""
         yield from super().characteristics()
         at = plane(2, self.length.nominal), FaceRule("SPHERE", radius=self.ball_radius.nominal)
         yield toleranced("length", "distance", self.length, *at, label="length from the contact point")
@@ -146,7 +138,6 @@ class HookTip(Tip):
     straight_length: PositiveLength  # of the shank beyond the bend [m]
 
     def solids(self) -> list[kernel.Body]:
-        """From the end of the cone the wire bends towards +x as an exact torus and runs out straight."""
         from stepblocks.cad import kernel
 
         top, wire = self.cone_end, self.shank_radius.nominal
@@ -167,7 +158,6 @@ class HookTip(Tip):
         return (revolution_volume(self.outline()) + bend + wire * self.straight_length.nominal,)
 
     def hulls(self) -> list[Any]:
-        """Head, slices of the bend, shank."""
         top, bend, angle = self.cone_end, self.bend_radius.nominal, self.bend_angle.nominal
 
         def section(turn: float, along: float = 0.0) -> list[Point3]:
@@ -183,7 +173,6 @@ class HookTip(Tip):
         return [turned_hull(self.outline()), *bent, shank]
 
     def characteristics(self) -> Iterator[Characteristic]:
-        """Ball, wire, cone and bend."""
         yield from super().characteristics()
         angle, bend, straight = self.bend_angle.nominal, self.bend_radius.nominal, self.straight_length.nominal
         wire, cone, ring = FaceRule("CYLINDER", radius=self.shank_radius.nominal), FaceRule("CONE"), FaceRule("TORUS")

@@ -1,0 +1,140 @@
+"""Under what a set is felt: defaults are the paper's, what a set needs it must declare, a probe is a rod."""
+
+import math
+from pathlib import Path
+
+import pytest
+
+from stepblocks.contact.operating_point import PAPER
+from stepblocks.declare import load_declared, load_set
+from stepblocks.errors import StimulusError
+from stepblocks.parts.conditions import PredictionGrid, ToolSpec
+from stepblocks.parts.kinds.step_block import StepBlock
+from stepblocks.parts.set import StimulusSet, with_energy_tolerances
+
+STIMULI = Path(__file__).resolve().parents[2] / "stimuli"
+SHEATHS, TEN = load_set(STIMULI / "sheaths.toml"), load_set(STIMULI / "paper-ten.toml")
+
+
+def test_a_tool_that_is_not_declared_is_the_papers():
+    # equation (1): 9.81e3 N/m and 20 %; 16 ms; 0.08 uW
+    tool = PredictionGrid.model_validate({"normal_loads": ["1 N"], "frictions": [0.1]}).tool
+    assert (tool.stiffness, tool.conversion, tool.ring_duration, tool.detection_threshold) == (
+        9.81e3,
+        0.2,
+        16e-3,
+        0.08e-6,
+    )
+    assert ToolSpec().stiffness is PAPER.tool.stiffness
+
+
+@pytest.mark.parametrize(
+    ("changed", "said"),
+    [
+        ({"normal_loads": []}, "at least 1 item"),
+        ({"normal_loads": ["0 N"]}, "must be positive, got '0 N'"),
+        ({"frictions": ["-10 %"]}, "must not be negative"),
+        ({"frictions": [0.1] * 101}, "at most 100 items"),
+        ({"tip_radii": ["1 N"]}, "must be a length"),
+        ({"tolerances": {"friction": -0.1}}, "must not be negative"),
+        ({"tool": {"colour": "red"}}, "not permitted"),
+    ],
+)
+def test_conditions_that_cannot_be_are_refused(changed, said):
+    with pytest.raises(ValueError, match=said):
+        PredictionGrid.model_validate({"normal_loads": ["1 N"], "frictions": [0.1]} | changed)
+
+
+def test_the_rod_of_a_probe_rings_as_declared():
+    # the mass at its tip and its length are solved for: putting the rod into the model gives them back
+    probe = SHEATHS.probe
+    ring = probe.ring()
+    assert ring.frequency == pytest.approx(probe.frequency.value, rel=1e-6)
+    assert ring.decay_time == pytest.approx(probe.decay_time.value, rel=1e-6)
+    assert ring.stiffness == pytest.approx(probe.stiffness.value, rel=1e-6)
+
+
+def test_a_sheath_stiffens_the_probe_that_wears_it_and_nothing_else_does():
+    hard, soft = SHEATHS.sheath
+    grid = SHEATHS.grid_of(hard)
+    assert grid.tool.stiffness == SHEATHS.ring_of(hard).stiffness > SHEATHS.grid_of(soft).tool.stiffness
+    assert grid.tool.stiffness > SHEATHS.prediction.tool.stiffness
+    assert grid.frictions == SHEATHS.prediction.frictions
+    block = TEN.stimuli[0]
+    assert TEN.ring_of(block) is None
+    assert TEN.grid_of(block) is TEN.prediction
+
+
+def test_the_bending_stiffness_of_a_sleeve_is_that_of_a_tube():
+    hard = SHEATHS.sheath[0]
+    outer, bore = hard.outer_diameter.nominal, hard.bore.nominal
+    # second moment of an annulus, pi (D^4 - d^4) / 64
+    assert hard.sleeve.bending_stiffness == pytest.approx(hard.material.modulus * math.pi * (outer**4 - bore**4) / 64.0)
+    assert hard.sleeve.line_mass * hard.sleeve.length == pytest.approx(hard.mass)
+
+
+def test_a_set_answers_by_stanza_and_by_kind():
+    assert TEN.step_block == TEN.of(StepBlock) == TEN.stimuli
+    assert TEN.hook_tip == ()
+    with pytest.raises(AttributeError, match="no attribute 'step_blocks'"):
+        _ = TEN.step_blocks
+
+
+def test_other_parts_under_the_same_conditions_leave_the_set_as_it_was():
+    two = TEN.with_parts(TEN.stimuli[:2])
+    assert [part.id for part in two.stimuli] == ["step-010", "step-020"]
+    assert two.prediction is TEN.prediction
+    assert len(TEN.stimuli) == 10
+
+
+def test_a_set_travels_to_a_worker_and_back():
+    import pickle
+
+    assert pickle.loads(pickle.dumps(SHEATHS)) == SHEATHS
+
+
+def test_a_path_may_be_text():
+    assert load_set(str(STIMULI / "paper-ten.toml")) == load_declared(str(STIMULI / "paper-ten.toml")) == TEN
+    assert isinstance(TEN, StimulusSet)
+    assert with_energy_tolerances(TEN) is TEN
+
+
+def without(text, *lines):
+    for line in lines:
+        assert line in text
+        text = text.replace(line, "")
+    return text
+
+
+@pytest.mark.parametrize(
+    ("name", "cut", "said"),
+    [
+        (
+            "paper-ten",
+            'tip_radii = ["125 um"]',
+            "prediction.tip_radii must be given for a set with blocks, crowns or sheaths",
+        ),
+        (
+            "probe-tips",
+            "step_heights",
+            "prediction.step_heights must be given for a set with tips or sheaths, got none",
+        ),
+        ("sheaths", "[damping_rig]", "damping_rig must be declared for a set with sheaths, got none"),
+    ],
+)
+def test_a_set_says_what_it_needs(tmp_path, name, cut, said):
+    lines = (STIMULI / f"{name}.toml").read_text().splitlines()
+    start = next(index for index, line in enumerate(lines) if line.startswith(cut))
+    end = start + 1
+    if cut.startswith("["):
+        end = next((i for i in range(start + 1, len(lines)) if lines[i].startswith("[")), len(lines))
+    path = tmp_path / f"{name}.toml"
+    path.write_text("\n".join(lines[:start] + lines[end:]))
+    with pytest.raises(StimulusError, match=said):
+        load_set(path)
+
+
+def test_only_parts_that_bring_their_ball_need_no_tips(tmp_path):
+    tips = load_set(STIMULI / "probe-tips.toml")
+    assert tips.prediction.tip_radii == ()
+    assert all(part.ball is part.ball_radius for part in tips.stimuli)

@@ -1,0 +1,171 @@
+"""Dimensions as people write them: deviations in three forms, ISO 2768-m where none is given, sources kept."""
+
+import math
+
+import pytest
+from pydantic import TypeAdapter, ValidationError
+
+from stepblocks.parts.declared import MATERIALS, SourcedDensity, SourcedTime, Table, Zone, face_demands, material_named
+from stepblocks.parts.tolerance import (
+    Angle,
+    Dimension,
+    FeltLength,
+    Length,
+    PositiveLength,
+    SignedLength,
+    general_deviation,
+)
+
+
+def read(kind, raw):
+    return TypeAdapter(kind).validate_python(raw)
+
+
+@pytest.mark.parametrize(
+    ("nominal_mm", "deviation_mm"),
+    # ISO 2768-1:1989, table 1, class m: the upper end of each range belongs to it
+    [
+        (0.5, 0.1),
+        (3, 0.1),
+        (3.01, 0.1),
+        (6, 0.1),
+        (6.01, 0.2),
+        (30, 0.2),
+        (30.01, 0.3),
+        (120, 0.3),
+        (120.01, 0.5),
+        (400, 0.5),
+    ],
+)
+def test_general_tolerances_are_those_of_the_standard(nominal_mm, deviation_mm):
+    assert general_deviation(nominal_mm * 1e-3) == pytest.approx(deviation_mm * 1e-3)
+
+
+def test_the_standard_says_nothing_of_what_is_smaller_or_larger():
+    assert general_deviation(0.49e-3) is None
+    assert general_deviation(0.401) is None
+    with pytest.raises(ValidationError, match=r"ISO 2768-m\) do not cover 25 um"):
+        read(PositiveLength, "25 um")
+
+
+@pytest.mark.parametrize(
+    ("tolerance", "limits_um"),
+    [
+        ("1 um", (9.0, 11.0)),
+        ("+2 um / -0 um", (10.0, 12.0)),
+        ("+3 um/-1 um", (9.0, 13.0)),
+        ("-1 um / -2 um", (8.0, 9.0)),
+        ({"upper": "0.5 um", "lower": "-500 nm"}, (9.5, 10.5)),
+    ],
+)
+def test_deviations_may_be_written_in_three_ways(tolerance, limits_um):
+    one = read(PositiveLength, {"nominal": "10 um", "tolerance": tolerance, "source": "figure 6"})
+    assert [limit * 1e6 for limit in one.limits] == pytest.approx(limits_um)
+    assert (one.general, one.source) == (False, "figure 6")
+
+
+@pytest.mark.parametrize(
+    ("kind", "raw", "said"),
+    [
+        (PositiveLength, {"nominal": "0 mm", "tolerance": "1 um"}, "must be positive, got 0"),
+        (Length, "-1 mm", "must not be negative, got -1 mm"),
+        (Angle, "180 deg", "must be at least 0 and less than 180 deg, got 180 deg"),
+        (Angle, "-1 deg", "must be at least 0 and less than 180 deg"),
+        (Length, {"nominal": "1 mm", "tolerance": "0 um"}, "tolerance must be positive"),
+        (Length, {"nominal": "1 mm", "tolerance": "-1 um / +1 um"}, "upper deviation above the lower one"),
+        (Length, {"nominal": "1 mm", "tolerance": {"upper": "1 um"}}, "tolerance must have upper and lower, got upper"),
+        (Length, {"nominal": "1 mm", "colour": "red"}, "unknown colour"),
+        (Length, {"tolerance": "1 um"}, "nominal is missing"),
+        (Length, {"nominal": "1 mm", "source": 7}, "source must be text, got 7"),
+        (Length, {"nominal": "1 mm", "tolerance": "by energy"}, "is for height, edge_radius and ball_radius"),
+        (Zone, "0 um", "must be positive, got 0"),
+        (SourcedDensity, "7 kg/m^3", "must be a table with value and source"),
+        (SourcedDensity, {"value": "0 kg/m^3", "source": "x"}, "value must be positive"),
+        (SourcedDensity, {"value": "7 kg/m^3", "source": ""}, "source must say where the value comes from"),
+        (SourcedTime, {"value": "7 kg", "source": "x"}, "must be a time"),
+    ],
+)
+def test_what_is_no_dimension_is_refused_with_its_rule(kind, raw, said):
+    with pytest.raises(ValidationError, match=said):
+        read(kind, raw)
+
+
+def test_a_length_of_either_sign_keeps_its_sign():
+    one = read(SignedLength, {"nominal": "-20 um", "tolerance": "2 um"})
+    assert one.limits == pytest.approx((-22e-6, -18e-6))
+
+
+def test_an_angle_has_the_general_tolerance_of_a_short_side():
+    # ISO 2768-1, table 3, class m, shorter side up to 10 mm: 1 degree
+    one = read(Angle, "6 deg")
+    assert (one.upper, one.quantity, one.general) == (pytest.approx(math.radians(1.0)), "angle", True)
+
+
+def test_a_tolerance_by_energy_waits_until_it_is_worked_out():
+    one = read(FeltLength, {"nominal": "0 um", "tolerance": "by energy"})
+    assert one.unresolved
+    assert str(one) == "0 um, tolerance by energy"
+    assert not Dimension(0.0, 1e-6, 0.0, by_energy=True).unresolved
+
+
+@pytest.mark.parametrize(
+    ("one", "text"),
+    [
+        (Dimension(25e-6, 1e-6, -1e-6), "25 um ±1 um"),
+        (Dimension(0.0, 2e-6, 0.0), "0 um +2 um/0 um"),
+        (Dimension(math.radians(6.0), math.radians(1.0), math.radians(-1.0), "angle"), "6 deg ±1 deg"),
+    ],
+)
+def test_a_dimension_reads_as_on_a_drawing(one, text):
+    assert str(one) == text
+
+
+@pytest.mark.parametrize(
+    ("one", "told"),
+    [
+        (Dimension(1e-3, 1e-4, -1e-4, general=True), "ISO 2768-m"),
+        (Dimension(1e-3, 1e-4, -1e-4), "stated"),
+        (Dimension(1e-3, 1e-4, -1e-4, by_energy=True), "by energy"),
+    ],
+)
+def test_the_record_says_whose_tolerance_it_is(one, told):
+    assert one.record() == {"nominal_m": 1e-3, "upper_deviation_m": 1e-4, "lower_deviation_m": -1e-4, "tolerance": told}
+
+
+def test_a_record_of_a_value_carries_unit_and_source():
+    one = read(SourcedDensity, {"value": "1.41 g/cm^3", "source": "data sheet"})
+    assert one.record() == {"value_kg_per_m3": pytest.approx(1410.0), "source": "data sheet"}
+
+
+def test_a_table_leaves_out_what_is_not_given():
+    class Inner(Table):
+        length: PositiveLength
+        note: str | None = None
+
+    class Outer(Table):
+        inner: Inner
+        count: int
+
+    told = Outer.model_validate({"inner": {"length": "20 mm"}, "count": 2}).record()
+    assert set(told) == {"inner", "count"}
+    assert set(told["inner"]) == {"length"}
+
+
+def test_every_material_says_where_its_density_comes_from():
+    # a steel floats on mercury (13 534 kg/m^3) and sinks in water; so does everything here
+    for one in MATERIALS:
+        assert material_named(one.name) is material_named(one) is one
+        assert 1000.0 < one.density < 13534.0
+        assert one.source
+        assert one.record()["density_kg_m3"] == one.density
+    with pytest.raises(ValueError, match="must be one of steel, stainless, brass, pmma, zirconia, got 'mithril'"):
+        material_named("mithril")
+
+
+def test_stated_demands_replace_only_themselves():
+    from stepblocks.parts.declared import WorkingFaces
+
+    stated = WorkingFaces.model_validate({"flatness": "0.3 um"})
+    demands = face_demands(stated, 2e-6)
+    assert (demands.flatness, demands.parallelism, demands.roughness) == pytest.approx((0.3e-6, 1e-6, 0.1e-6))
+    assert demands.defaults == ("parallelism", "roughness")
