@@ -161,4 +161,4 @@ def bevelled_margin_angles(gap: Real, opening: Real, rise: Real, ball_radius: Re
 
 
 def _arrays(*values: Real) -> list[Real]:
-    return [np.asarray(value, dtype=np.float64) for value in values]
+    return [np.asarray(value, dtype=np.float64)[()] for value in values]  # a number stays a number

@@ -59,13 +59,6 @@ def catches(path: TipPath, direction: Direction = "forward", *, smallest: float 
     return [_catch(path, slopes, int(k)) for k in order]
 
 
-def release_over(
-    path: TipPath, normal_load: float, friction: float, direction: Direction = "forward", tool: Tool = PAPER.tool
-) -> Release:
-    """Force and energy where a tip is dragged once over a whole path: those of its steepest place."""
-    return steepest(path, direction).release(normal_load, friction, tool)
-
-
 def _catch(path: TipPath, slopes: NDArray[np.float64], k: int) -> Catch:
     slope, where, contact = slopes[k]
     angle = 0.5 * math.pi if np.isposinf(slope) else math.atan(max(slope, 0.0))
