@@ -7,8 +7,9 @@ The names below are the public face, in the order in which data walks through th
 - shaped: `build_solids`, `mesh_solid`, `convex_pieces`, `height_field`;
 - made: `build`, `BuildReport`;
 - checked: `check_artefact`, `check_output`, `Verdict`, `solid_volumes`;
-- predicted: `step_angle`, `groove_angle`, `margin_angles`, `release_at`, `Release`, `Status`, `OperatingPoint`, `Tool`,
-  `PAPER`, `predict_set`;
+- felt: what is met, `Counterface`, `Step`, `Margin`, `Profile`; under what, `OperatingPoint`, `Tool`, `PAPER`; and how,
+  `step_angle`, `groove_angle`, `margin_angles`, `release_at`, `Release`, `Status`, `interval_of`, `energy_change`;
+- predicted: `predict_set`, `predict_table`, `sweep`, and in time `drag_over`;
 - and when something is wrong: `StepblocksError`; at the border of units: `parse_quantity`, `format_quantity`.
 
 Importing this package imports nothing heavy; each name is loaded when it is first used (its home stands in ``__init__.pyi``).

@@ -4,16 +4,23 @@ from .artefacts.verdict import Verdict as Verdict
 from .build.check import check_output as check_output
 from .build.run import BuildReport as BuildReport
 from .build.run import build as build
+from .contact.counterface import Counterface as Counterface
+from .contact.counterface import Margin as Margin
+from .contact.counterface import Profile as Profile
+from .contact.counterface import Step as Step
 from .contact.critical_angle import groove_angle as groove_angle
 from .contact.critical_angle import margin_angles as margin_angles
 from .contact.critical_angle import step_angle as step_angle
 from .contact.energy import Release as Release
 from .contact.energy import Status as Status
 from .contact.energy import release_at as release_at
+from .contact.felt import energy_change as energy_change
 from .contact.operating_point import PAPER as PAPER
 from .contact.operating_point import OperatingPoint as OperatingPoint
 from .contact.operating_point import Tool as Tool
+from .contact.uncertainty import interval_of as interval_of
 from .declare import load_set as load_set
+from .drag.run import drag_over as drag_over
 from .errors import StepblocksError as StepblocksError
 from .parts.kinds.crown_on_tooth import CrownOnTooth as CrownOnTooth
 from .parts.kinds.margin_block import MarginBlock as MarginBlock
@@ -28,6 +35,8 @@ from .parts.shapes import convex_pieces as convex_pieces
 from .parts.shapes import solid_volumes as solid_volumes
 from .parts.tolerance import Dimension as Dimension
 from .predict.predictions import predict_set as predict_set
+from .predict.sweep.run import sweep as sweep
+from .predict.table import predict_table as predict_table
 from .quantities import format_quantity as format_quantity
 from .quantities import parse_quantity as parse_quantity
 

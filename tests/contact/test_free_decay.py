@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from scipy.optimize import curve_fit
 
+from stepblocks.contact.operating_point import Tool
 from stepblocks.contact.rod.free_decay import plan_decay_test
 from stepblocks.errors import ContactError
 
@@ -14,7 +15,7 @@ RIG = {"displacement": 0.13e-3, "noise": 0.9e-6, "rate": 21.3e3, "wanted": 0.001
 
 
 def test_a_long_record_has_the_closed_bound_of_cramer_and_rao():
-    test = plan_decay_test(**RING, **RIG)
+    test = plan_decay_test(Tool(**RING), **RIG)
     closed = math.sqrt(16.0 * RIG["noise"] ** 2 / (RIG["displacement"] ** 2 * RIG["rate"] * RING["decay_time"] ** 3))
     assert test.frequency_std == pytest.approx(closed / math.tau, rel=0.01)
     assert test.log_decrement_std == pytest.approx(closed / RING["frequency"], rel=0.01)
@@ -23,7 +24,7 @@ def test_a_long_record_has_the_closed_bound_of_cramer_and_rao():
 
 
 def test_least_squares_fits_of_simulated_releases_scatter_by_the_bound_and_not_more():
-    test = plan_decay_test(**RING, **RIG)
+    test = plan_decay_test(Tool(**RING), **RIG)
     time = np.arange(test.samples) / RIG["rate"]
 
     def ring(t, amplitude, phase, frequency, rate):
@@ -54,4 +55,4 @@ def test_least_squares_fits_of_simulated_releases_scatter_by_the_bound_and_not_m
 )
 def test_an_impossible_test_is_refused(name, value, rule):
     with pytest.raises(ContactError, match=rule):
-        plan_decay_test(**RING, **(RIG | {name: value}))
+        plan_decay_test(Tool(**RING), **(RIG | {name: value}))

@@ -8,7 +8,7 @@ import pytest
 from oracles import tip_paths
 from stepblocks.contact.critical_angle import bevelled_margin_angles, margin_angles, step_angle
 from stepblocks.contact.energy import Status
-from stepblocks.contact.path.catches import catches, release_over, steepest
+from stepblocks.contact.path.catches import catches, steepest
 from stepblocks.contact.path.profile import profile_path
 from stepblocks.contact.path.tip import Ball, TipProfile, flattened_ball
 from stepblocks.errors import ContactError
@@ -196,11 +196,11 @@ def test_a_surface_far_from_the_origin_keeps_its_angle():
 def test_a_flat_surface_has_no_catch():
     path = profile_path(np.linspace(0, 1e-3, 50), np.full(50, 3e-6), Ball(R))
     assert steepest(path).angle == 0.0
-    assert release_over(path, 1.0, 0.2).status is Status.NO_CATCH
+    assert steepest(path).release(1.0, 0.2).status is Status.NO_CATCH
 
 
 def test_force_and_energy_over_a_profile_are_those_of_equation_one():
-    release = release_over(profile_path(*sharp_step(25e-6), Ball(125e-6)), 1.0, 0.15)
+    release = steepest(profile_path(*sharp_step(25e-6), Ball(125e-6))).release(1.0, 0.15)
     # Origin: project facts, H 25 um, mu 0.15, 1 N.
     assert release.pull_force == pytest.approx(1.014, rel=1e-3)
     assert release.vibration_energy == pytest.approx(10.5e-6, rel=4e-3)

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from stepblocks.contact.operating_point import OperatingPoint
-from stepblocks.contact.path.catches import release_over
+from stepblocks.contact.path.catches import steepest
 from stepblocks.contact.path.profile import profile_path
 from stepblocks.contact.path.tip import Ball
 from stepblocks.errors import ContactError
@@ -37,8 +37,10 @@ def test_the_margin_map_agrees_with_the_path_over_its_own_rounded_profile():
     z = np.concatenate([z[:split], floor, z[split:]])
     path = profile_path(x, z, Ball(radius), edges="flat")
     table = margin_map([gap], [rise], POINT, edge_radius=r)
-    assert release_over(path, 0.7, 0.21).pull_force == pytest.approx(table.crown_to_tooth[0, 0], rel=2e-3)
-    assert release_over(path, 0.7, 0.21, "backward").pull_force == pytest.approx(table.tooth_to_crown[0, 0], rel=2e-3)
+    assert steepest(path).release(0.7, 0.21).pull_force == pytest.approx(table.crown_to_tooth[0, 0], rel=2e-3)
+    assert steepest(path, "backward").release(0.7, 0.21).pull_force == pytest.approx(
+        table.tooth_to_crown[0, 0], rel=2e-3
+    )
 
 
 def test_margins_that_hold_the_tip_have_an_infinite_force_and_no_energy():

@@ -34,7 +34,7 @@ def test_ten_microjoule_are_39_decibel_over_the_papers_threshold():
 
 
 def test_one_just_noticeable_difference_is_the_weber_fraction_and_75_percent_correct():
-    steps, correct = discriminability(10e-6, 10e-6 * (1 + PAPER_OBSERVER.weber_fraction))
+    steps, correct = discriminability(10e-6, 10e-6 * 10 ** (0.1 * PAPER_OBSERVER.level_difference))
     assert steps == pytest.approx(1.0)
     assert correct == pytest.approx(0.75)
 

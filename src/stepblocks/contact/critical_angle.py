@@ -141,40 +141,8 @@ def margin_angles(opening: Real, rise: Real, ball_radius: Real) -> tuple[Real, R
     return plain(forward), plain(backward)
 
 
-@overload
-def bevelled_margin_angles(gap: float, opening: float, rise: float, ball_radius: float) -> tuple[float, float]: ...
-@overload
-def bevelled_margin_angles(
-    gap: ArrayLike, opening: ArrayLike, rise: ArrayLike, ball_radius: ArrayLike
-) -> tuple[Real, Real]: ...
 def bevelled_margin_angles(gap: Real, opening: Real, rise: Real, ball_radius: Real) -> tuple[Real, Real]:
-    """Critical angles over a margin, bevelled back at 45 degrees where it opens wider than its gap.
-
-    Parameters
-    ----------
-    gap : float or array_like
-        Distance g between the walls of the gap [m]; 0 or more.
-    opening : float or array_like
-        Distance v along the drag from the near corner to the far one [m]. Up to g the far side ends square, or in a lip;
-        below 0 it overlaps the near side and a step alone is left.
-    rise : float or array_like
-        Height of the far corner over the near one [m], of either sign.
-    ball_radius : float or array_like
-        Radius of the probe tip R [m].
-
-    Returns
-    -------
-    forward, backward : float or ndarray, of the shape to which the arguments broadcast
-        Critical angle [rad] dragging towards the bevelled side, and back. 0 where nothing catches.
-
-    Raises
-    ------
-    ContactError
-        As `margin_angles`, or if `gap` is negative or not finite.
-
-    Notes
-    -----
-    The gap is taken to be deeper than the tip sinks.
+    """`margin_angles` over a far side that is bevelled back at 45 degrees where it opens wider than its gap.
 
     Examples
     --------
@@ -193,4 +161,4 @@ def bevelled_margin_angles(gap: Real, opening: Real, rise: Real, ball_radius: Re
 
 
 def _arrays(*values: Real) -> list[Real]:
-    return [np.asarray(value, dtype=np.float64) for value in values]
+    return [np.asarray(value, dtype=np.float64)[()] for value in values]  # a number stays a number

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from typing import Any
 
 import numpy as np
@@ -13,12 +14,14 @@ Real = Any  # a float or an array of them: what is given decides what comes out
 
 def require_positive(name: str, value: Real, unit: str = "") -> None:
     """Refuse a value that is not above 0, or not finite."""
-    _require(name, value, unit, np.isfinite(value) & (value > 0.0), "positive and finite")
+    if not (isinstance(value, float) and 0.0 < value < math.inf):  # mostly a single float, which needs no array
+        _require(name, value, unit, np.isfinite(value) & (value > 0.0), "positive and finite")
 
 
 def require_not_negative(name: str, value: Real, unit: str = "") -> None:
     """Refuse a value below 0, or not finite."""
-    _require(name, value, unit, np.isfinite(value) & (value >= 0.0), "finite and not negative")
+    if not (isinstance(value, float) and 0.0 <= value < math.inf):
+        _require(name, value, unit, np.isfinite(value) & (value >= 0.0), "finite and not negative")
 
 
 def require_finite(name: str, value: Real, unit: str = "") -> None:

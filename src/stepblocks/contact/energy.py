@@ -28,6 +28,9 @@ class Status(StrEnum):
     NO_CATCH = "no-catch"  # the path of the ball's centre never rises in this direction
 
 
+_KINDS = (Status.NO_CATCH, Status.TOO_HIGH, Status.LOCKED, Status.RELEASES)
+
+
 @dataclass(frozen=True)
 class Release:
     """What is felt when the probe slips over an edge; of many drags at once, each field is an array over them."""
@@ -78,24 +81,21 @@ def release_at(angle: Real, normal_load: Real, friction: Real, tool: Tool = PAPE
     >>> release_at(step_angle([25e-6, 100e-6], 125e-6), normal_load=1.0, friction=0.3).status.tolist()
     ['releases', 'locked']
     """
-    a, load, mu = (np.asarray(value, dtype=np.float64) for value in (angle, normal_load, friction))
+    a, load, mu = (np.asarray(value, dtype=np.float64)[()] for value in (angle, normal_load, friction))
     require_positive("normal_load", load, "N")
     require_not_negative("friction", mu)
     inside = (a >= 0.0) & (a <= 0.5 * math.pi)
     if not inside.all():
-        wrong = np.degrees(a[np.logical_not(inside)].flat[0])
+        wrong = np.degrees(np.asarray(a)[np.logical_not(inside)].flat[0])
         raise ContactError(f"angle must lie between 0 and 90 deg, got {wrong:g} deg")
-    locked = a + np.arctan(mu) >= 0.5 * math.pi
-    released = (a > 0.0) & ~locked
+    # the first of these that holds
+    kind = np.where(a == 0.0, 0, np.where(a == 0.5 * math.pi, 1, np.where(a + np.arctan(mu) >= 0.5 * math.pi, 2, 3)))
+    released = kind == 3
     force = np.where(released, kernels.pull_force(load, np.where(released, a, 0.0), mu), math.nan)
     energy = tool.conversion * kernels.stored_energy(force, tool.stiffness)
     power = energy / tool.ring_duration
-    figures = (force, energy, power, power / tool.detection_threshold)
-    status = np.select(
-        [a == 0.0, a == 0.5 * math.pi, locked], [Status.NO_CATCH, Status.TOO_HIGH, Status.LOCKED], Status.RELEASES
-    )
-    fields: list[Any] = [status, a, *figures]
+    figures = (a, force, energy, power, power / tool.detection_threshold)
     if force.ndim == 0:
-        return Release(Status(str(status)), *map(float, fields[1:]))
-    together: Any = np.broadcast_arrays(*fields)
+        return Release(_KINDS[int(kind)], *map(float, figures))
+    together: Any = np.broadcast_arrays(np.array(_KINDS)[kind], *figures)
     return Release(*together)

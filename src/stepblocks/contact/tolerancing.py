@@ -23,12 +23,12 @@ _DIMENSIONS = ("height", "edge_radius", "ball_radius")
 class TolerancePlan:
     """Tolerances that keep the energy of a block within a band, at every corner of the tolerance zone."""
 
-    achievable: bool  # Whether the workshop and the setting of the trial leave room for it
-    reason: str  # One sentence: what limits it
-    height: float  # Half-widths t of the tolerances +-t [m]; 0 where nothing will do
-    edge_radius: float  # Half-width [m]; for a nominally sharp edge the largest radius allowed
-    ball_radius: float
-    worst_low: float  # Relative change of the energy at the worst corners [1]
+    achievable: bool  # whether the workshop and the setting of the trial leave room for it
+    reason: str  # one sentence: what limits it
+    height: float  # half-width t of the tolerance +-t [m]; 0 where nothing will do
+    edge_radius: float  # the same; for a nominally sharp edge the largest radius allowed
+    ball_radius: float  # the same
+    worst_low: float  # relative change of the energy at the worst corners [1]
     worst_high: float
 
 
@@ -80,18 +80,15 @@ def tolerances_for_energy(
     finest, fixed = dict(finest or {}), dict(fixed or {})
     weights = dict.fromkeys(_DIMENSIONS, 1.0) | dict(weights or {})
     _check(face, point, energy_tolerance, finest, fixed, weights)
-    low, high = energy_at_corners(face, point, fixed)
-    if high >= energy_tolerance or low <= -energy_tolerance:
-        names = " and ".join(sorted(name for name, width in fixed.items() if width > 0.0))
-        reason = f"the given uncertainty of {names} alone changes the energy by {low:+.1%} to {high:+.1%}"
-        return TolerancePlan(False, reason, 0.0, 0.0, 0.0, low, high)
     free = [name for name in _DIMENSIONS if name not in fixed and weights[name] > 0.0]
     at_finest: dict[str, float] = {}  # what cannot be made as fine as its share keeps to what can, the others give way
     while True:
         low, high = energy_at_corners(face, point, fixed | at_finest)
         if not free or high >= energy_tolerance or low <= -energy_tolerance:
-            parts = " and ".join(f"{name} to {width * 1e6:.3g} um" for name, width in at_finest.items())
-            reason = f"the workshop holds {parts}, which alone changes the energy by {low:+.1%} to {high:+.1%}"
+            given = " and ".join(sorted(name for name, width in fixed.items() if width > 0.0))
+            held = " and ".join(f"{name} to {width * 1e6:.3g} um" for name, width in at_finest.items())
+            cause = f"the workshop holds {held}, which" if held else f"the given uncertainty of {given}"
+            reason = f"{cause} alone changes the energy by {low:+.1%} to {high:+.1%}"
             return TolerancePlan(False, reason, 0.0, 0.0, 0.0, low, high)
         found = _in_shares(face, point, energy_tolerance, fixed | at_finest, {name: weights[name] for name in free})
         tight = [name for name in free if found[name] < finest.get(name, 0.0)]

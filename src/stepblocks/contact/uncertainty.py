@@ -66,21 +66,10 @@ def inputs_of(face: Counterface, point: OperatingPoint) -> dict[str, float]:
 def moved_releases(
     face: Counterface, point: OperatingPoint, deviations: Mapping[str, Real], backward: bool = False
 ) -> tuple[Floats, Floats]:
-    """Compute forces and energies where the inputs deviate by so much: infinite where the tip is held, 0 where nothing catches.
+    """Compute F_px [N] and E_v [J] where the inputs deviate by so much, each in its unit, alone or in arrays that broadcast.
 
-    Parameters
-    ----------
-    face, point : Counterface, OperatingPoint
-        The nominal inputs.
-    deviations : mapping of str to float or ndarray
-        By name of the input, in its unit; all broadcast. An input is kept at 0 or above where it may not be negative.
-    backward : bool
-        Direction of the drag.
-
-    Returns
-    -------
-    forces, energies : ndarray
-        F_px [N] and E_v [J].
+    Both are infinite where the tip is held and 0 where nothing catches. An input is kept where it makes sense: a ball
+    above nothing, what may not be negative at 0 or above.
     """
     sizes = face.moved(deviations)
     nominal = inputs_of(face, point)

@@ -104,7 +104,7 @@ class Drag:
         return f"<table>{cells}</table>"
 
 
-def drag(
+def drag_over(
     subject: str | Path | Counterface | Subject,
     values: Mapping[str, float] | None = None,
     *,
@@ -146,7 +146,7 @@ def drag(
 
     Examples
     --------
-    >>> done = drag("25 um", {"load": 0.5}, speed=20e-3)
+    >>> done = drag_over("25 um", {"load": 0.5}, speed=20e-3)
     >>> done.summary["status"], done.summary["ledger_error"] < 1e-3
     ('releases', True)
     """
@@ -176,7 +176,7 @@ def drag_from_options(
     if pull := given.get("pull"):
         settings |= {"speed": 0.0, "pulling_force": pull, "handle_mass": given["handle_mass"]}
         settings["handle_damping"] = _GUIDE_DAMPING
-    done = drag(
+    done = drag_over(
         stimulus,
         {name: given[name] for name in _OF_SUBJECT if name in given},
         backward=backward,

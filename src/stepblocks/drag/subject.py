@@ -59,9 +59,8 @@ def declared_subject(stimuli: StimulusSet, part: Part, values: Mapping[str, floa
         raise PipelineError(f"--step-height is for a declared tip; a block declares its own {place}")
     ball = grid.tip_radii[0] if part.ball is None else part.ball.nominal
     height = None if part.crossed else values.get("step_height", grid.step_heights[0])
-    tool, ring = Tool(grid.tool.stiffness), stimuli.ring_of(part)
-    if ring is not None:
-        tool = replace(tool, frequency=ring.frequency, decay_time=ring.decay_time)
+    tool, ring = Tool(**grid.tool.model_dump()), stimuli.ring_of(part)
+    tool = tool if ring is None else ring.as_tool(tool)
     point = OperatingPoint(ball, grid.normal_loads[0], grid.frictions[0], tool)
     face, name = part.counterface(height), part.id
     if height is not None:

@@ -51,11 +51,6 @@ class Observer:
             require_positive(name, getattr(self, name))
         require_not_negative("masking", self.masking)
 
-    @property
-    def weber_fraction(self) -> float:
-        """Just noticeable relative change of energy [1]."""
-        return float(10.0 ** (0.1 * self.level_difference) - 1.0)
-
 
 # Threshold and duration: the paper. 1.5 dB (Weber fraction 0.41 of energy, 0.19 of amplitude): a median of 0.20 of
 # amplitude stands in the abstract of "Vibrotactile difference thresholds: effects of vibration frequency, vibration

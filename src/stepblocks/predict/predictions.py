@@ -77,9 +77,7 @@ def predictions_of(stimuli: StimulusSet) -> Iterator[Prediction]:
     stimuli = with_energy_tolerances(stimuli)
     for part in stimuli.stimuli:
         grid, ring = stimuli.grid_of(part), stimuli.ring_of(part)
-        tool = tool_of(grid)
-        if ring is not None:
-            tool = replace(tool, frequency=ring.frequency, decay_time=ring.decay_time)
+        tool = tool_of(grid) if ring is None else ring.as_tool(tool_of(grid))
         balls = [tip_of(grid, radius) for radius in grid.tip_radii] if part.ball is None else [part.ball]
         for ball, step_height in product(balls, (None,) if part.crossed else grid.step_heights):
             faces = list(part.corners(step_height))

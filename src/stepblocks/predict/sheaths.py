@@ -2,11 +2,9 @@
 
 from __future__ import annotations
 
-import csv
-import io
 import json
 import math
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -16,6 +14,7 @@ from stepblocks.contact.rod.free_decay import DecayTest, plan_decay_test
 from stepblocks.parts.conditions import DampingRig, ProbeSpec
 from stepblocks.parts.kinds.sheath import Sheath
 from stepblocks.parts.set import StimulusSet
+from stepblocks.predict.predictions import as_csv
 
 # How a probe is used: without a sheath, with one beyond the clamp, clamped by the outside of one
 BARE, ON_SHANK, HELD = "bare", "on the shank", "held through it"
@@ -25,10 +24,10 @@ BARE, ON_SHANK, HELD = "bare", "on the shank", "held through it"
 class Condition:
     """One way of using the probe, and how it then rings."""
 
-    sheath: str  # Identity of the sheath; empty for the bare probe
-    use: str  # How the probe is used
-    mass: float  # Of the sheath [kg]
-    ring: RodRing  # Prediction
+    sheath: str  # identity; empty for the bare probe
+    use: str  # how the probe is used
+    mass: float  # of the sheath [kg]
+    ring: RodRing
 
 
 def _held_ring(probe: ProbeSpec, sheath: Sheath) -> RodRing:
@@ -78,20 +77,9 @@ def _tests(stimuli: StimulusSet) -> Iterator[tuple[Condition, DecayTest]]:
     rig: DampingRig | None = stimuli.damping_rig
     if rig is None:
         return
+    asked = rig.displacement.value, rig.noise.value, rig.sample_rate.value, rig.uncertainty.value
     for one in conditions_of(stimuli):
-        ring = one.ring
-        yield (
-            one,
-            plan_decay_test(
-                ring.stiffness,
-                ring.frequency,
-                ring.decay_time,
-                rig.displacement.value,
-                rig.noise.value,
-                rig.sample_rate.value,
-                rig.uncertainty.value,
-            ),
-        )
+        yield one, plan_decay_test(one.ring.as_tool(), *asked)
 
 
 def decay_test_rows(stimuli: StimulusSet) -> list[dict[str, str]]:
@@ -138,19 +126,10 @@ def write_sheath_files(stimuli: StimulusSet, folder: Path) -> list[Path]:
         "damping_rig": stimuli.damping_rig.record(),
     }
     texts = {
-        "rings.csv": as_table(rings),
-        "damping-test.csv": as_table(decay_test_rows(stimuli)),
+        "rings.csv": as_csv(rings),
+        "damping-test.csv": as_csv(decay_test_rows(stimuli)),
         "probe.json": json.dumps(told, indent=2, allow_nan=False) + "\n",
     }
     for name, text in texts.items():
         replace_text(folder / name, text)
     return [folder / name for name in texts]
-
-
-def as_table(rows: Sequence[Mapping[str, str]]) -> str:
-    """Write rows as CSV."""
-    text = io.StringIO()
-    writer = csv.DictWriter(text, list(rows[0]), lineterminator="\n")
-    writer.writeheader()
-    writer.writerows(rows)
-    return text.getvalue()

@@ -9,6 +9,7 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
+from stepblocks.contact.domain import require_positive
 from stepblocks.contact.energy import Release, release_at
 from stepblocks.contact.operating_point import PAPER, Tool
 from stepblocks.contact.path import profile_kernels as dilation_kernels
@@ -23,9 +24,9 @@ Direction = Literal["forward", "backward"]
 class Catch:
     """A place where the path of the tip is steepest in the direction of the drag."""
 
-    position: float  # Position of the tip's axis [m]
-    contact: float  # Position of the edge that is touched [m]
-    angle: float  # Slope of the path there [rad]; 0 where it never rises, a right angle where the tip meets a riser
+    position: float  # of the tip's axis [m]
+    contact: float  # of the edge that is touched [m]
+    angle: float  # slope of the path there [rad]; 0 where it never rises, a right angle where the tip meets a riser
     supported: bool = True  # False where missing data under the tip could hide a higher contact
 
     def release(self, normal_load: float, friction: float, tool: Tool = PAPER.tool) -> Release:
@@ -34,66 +35,28 @@ class Catch:
 
 
 def steepest(path: TipPath, direction: Direction = "forward") -> Catch:
-    """Find the critical angle of a path: its steepest rise along the drag.
+    """Find the critical angle of a path: its steepest rise towards growing x (forward) or falling x.
 
-    Parameters
-    ----------
-    path : TipPath
-        From `stepblocks.contact.path.profile.profile_path`.
-    direction : {"forward", "backward"}
-        Towards growing or falling x.
-
-    Returns
-    -------
-    Catch
-        The steepest place. For a convex tip it is exact to rounding and does not depend on the positions of the
-        path; for any other tip it is the steepest of those positions.
-
-    Raises
-    ------
-    ContactError
-        If the path nowhere has a surface under the tip.
+    For a convex tip it is exact to rounding and does not depend on the positions of the path; for any other tip it is the
+    steepest of those positions.
     """
     slopes = interval_slopes(path, direction, _grid_maximum(path, direction))
-    if not np.isfinite(slopes[:, 0]).any() and not np.isposinf(slopes[:, 0]).any():
+    if np.isnan(slopes[:, 0]).all():
         raise ContactError("path has no two neighbouring positions with a surface under the tip")
     return _catch(path, slopes, int(np.nanargmax(slopes[:, 0])))
 
 
 def catches(path: TipPath, direction: Direction = "forward", *, smallest: float = math.radians(1.0)) -> list[Catch]:
-    """Every local catch along a drag, in the order in which it is met.
-
-    Parameters
-    ----------
-    path : TipPath
-        From `stepblocks.contact.path.profile.profile_path`.
-    direction : {"forward", "backward"}
-        Towards growing or falling x.
-    smallest : float
-        Prominence [rad] below which a rise is roughness, not a catch.
-
-    Returns
-    -------
-    list of Catch
-        Empty where nothing catches.
-    """
+    """Every local catch along a drag, in the order in which it is met; a rise by less than `smallest` [rad] is roughness."""
     from scipy.signal import find_peaks
 
-    if not smallest > 0.0:
-        raise ContactError(f"smallest must be positive, got {smallest:g} rad")
+    require_positive("smallest", smallest, "rad")
     slopes = interval_slopes(path, direction, math.tan(smallest))
     angles = np.arctan(np.nan_to_num(np.maximum(slopes[:, 0], 0.0), nan=0.0, posinf=1e300))
     padded = np.concatenate([[0.0], angles, [0.0]])
     found = find_peaks(padded, prominence=smallest)[0] - 1
     order = found if direction == "forward" else found[::-1]
     return [_catch(path, slopes, int(k)) for k in order]
-
-
-def release_over(
-    path: TipPath, normal_load: float, friction: float, direction: Direction = "forward", tool: Tool = PAPER.tool
-) -> Release:
-    """Force and energy where a tip is dragged once over a whole path: those of its steepest place."""
-    return steepest(path, direction).release(normal_load, friction, tool)
 
 
 def _catch(path: TipPath, slopes: NDArray[np.float64], k: int) -> Catch:
@@ -104,8 +67,6 @@ def _catch(path: TipPath, slopes: NDArray[np.float64], k: int) -> Catch:
 
 def _grid_maximum(path: TipPath, direction: Direction) -> float:
     """Find a slope that the path surely reaches, so that only steeper intervals need be searched."""
-    if path.position.size < 2:
-        raise ContactError("a drag needs a path of at least 2 positions")
     rise = np.diff(path.height) / np.diff(path.position) * (1.0 if direction == "forward" else -1.0)
     finite = rise[np.isfinite(rise)]
     # the mean slope of an interval is never more than its greatest; a little less guards against rounding

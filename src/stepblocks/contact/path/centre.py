@@ -65,24 +65,9 @@ class CentrePath:
 
 
 def corner_path(points: ArrayLike, ball_radius: float) -> CentrePath:
-    """Path of the ball's centre over any profile, nominal or measured.
+    """Path of the ball's centre over the range of a profile, shape (n, 2) [m]; equal x make a vertical wall.
 
-    Parameters
-    ----------
-    points : array_like, shape (n, 2)
-        Corners (x, z) of the profile [m], x not descending; equal x make a vertical wall. At most 2000.
-    ball_radius : float
-        Radius R of the ball [m].
-
-    Returns
-    -------
-    CentrePath
-        Over the range of the points.
-
-    Raises
-    ------
-    ContactError
-        If the points descend in x, are fewer than 2 or more than 2000, or are not finite.
+    At most 2000 corners: every corner becomes a circle, and every circle is compared with every other.
     """
     flat = np.asarray(points, dtype=np.float64)
     if not (2 <= len(flat) <= 2000 and np.isfinite(flat).all() and (np.diff(flat[:, 0]) >= 0.0).all()):
@@ -112,8 +97,9 @@ def envelope_path(
             break
         knots = merged
     top = shapes.top(0.5 * (knots[1:] + knots[:-1]))
-    z = np.maximum.reduce([shapes.heights(knots).max(axis=0)])
-    return CentrePath(knots, z, shapes.slopes(top, knots[:-1]), shapes.slopes(top, knots[1:]))
+    return CentrePath(
+        knots, shapes.heights(knots).max(axis=0), shapes.slopes(top, knots[:-1]), shapes.slopes(top, knots[1:])
+    )
 
 
 class _Shapes:

@@ -21,19 +21,14 @@ Edges = Literal["strict", "flat"]
 class TipPath:
     """Where the tip's lowest point runs while the tip is dragged over a profile."""
 
-    position: Floats  # shape (n,); Position of the tip's axis along the drag [m], increasing
-    # shape (n,); Height of the tip's lowest point [m]; a ball's centre lies R above. NaN where the tip has no surface
-    # under it
-    height: Floats
-    contact: Floats  # shape (n,); Position of the point that is touched [m]
-    # shape (n,); Slope of the path just ahead of the tip [1], exact: it follows from the contact, not from
-    # differences
-    slope: Floats
-    # shape (n,); False where missing samples, or an end under ``edges="flat"``, lie within the tip's reach
-    supported: NDArray[np.bool_]
-    element: NDArray[np.int64]  # shape (n,); Which row of `elements` is touched; -1 for none
-    elements: Floats  # shape (m, 5); The surface as segments (x0, z0, x1, z1, contact offset) [m]
-    tip: Tip  # The tip
+    position: Floats  # shape (n,); of the tip's axis along the drag [m], increasing
+    height: Floats  # shape (n,); of the tip's lowest point [m]; NaN where the tip has no surface under it
+    contact: Floats  # shape (n,); position of the point that is touched [m]
+    slope: Floats  # shape (n,); of the path just ahead of the tip [1], exact: from the contact, not from differences
+    supported: NDArray[np.bool_]  # shape (n,); False where missing samples or a levelled end lie within the tip's reach
+    element: NDArray[np.int64]  # shape (n,); which row of `elements` is touched; -1 for none
+    elements: Floats  # shape (m, 5); the surface as segments (x0, z0, x1, z1, contact offset) [m]
+    tip: Tip
 
 
 def profile_path(

@@ -11,6 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from stepblocks.contact.domain import require_positive
 from stepblocks.errors import ContactError
 
 
@@ -18,11 +19,10 @@ from stepblocks.errors import ContactError
 class Ball:
     """A spherical tip; its arcs are handled in closed form."""
 
-    radius: float  # Radius R [m]
+    radius: float  # R [m]
 
     def __post_init__(self) -> None:
-        if not (math.isfinite(self.radius) and self.radius > 0.0):
-            raise ContactError(f"ball radius must be positive and finite, got {self.radius:g} m")
+        require_positive("ball radius", self.radius, "m")
 
     @property
     def reach(self) -> tuple[float, float]:

@@ -9,11 +9,13 @@ from __future__ import annotations
 import itertools
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
+from stepblocks.contact.domain import require_not_negative, require_positive
+from stepblocks.contact.operating_point import PAPER, Tool
 from stepblocks.errors import ContactError
 
 Array = NDArray[np.float64]
@@ -32,50 +34,46 @@ class Rod:
     """A straight rod, clamped at 0 and free at its length, with a mass at the free end."""
 
     bending_stiffness: float  # E I [N m^2]
-    line_mass: float  # Mass per length [kg/m]
-    length: float  # Free length [m]
-    end_mass: float  # Mass of tip and collet at the free end [kg]
-    loss_factor: float  # Loss factor of all that damps the bare rod [1]
+    line_mass: float  # mass per length [kg/m]
+    length: float  # free length [m]
+    end_mass: float  # of tip and collet at the free end [kg]
+    loss_factor: float  # of all that damps the bare rod [1]
 
     def __post_init__(self) -> None:
         for name in ("bending_stiffness", "line_mass", "length"):
-            value = getattr(self, name)
-            if not (math.isfinite(value) and value > 0.0):
-                raise ContactError(f"{name} must be positive and finite, got {value:g}")
+            require_positive(name, getattr(self, name))
         for name in ("end_mass", "loss_factor"):
-            value = getattr(self, name)
-            if not (math.isfinite(value) and value >= 0.0):
-                raise ContactError(f"{name} must be finite and not negative, got {value:g}")
+            require_not_negative(name, getattr(self, name))
 
 
 @dataclass(frozen=True)
 class Sleeve:
     """A sheath on the free part of the rod, bending with it."""
 
-    start: float  # Where it begins, from the clamp, and how long it is [m]
-    length: float
+    start: float  # where it begins, from the clamp [m]
+    length: float  # m
     bending_stiffness: float  # E I of the sheath alone about the rod's axis [N m^2]
-    line_mass: float  # Mass per length [kg/m]
-    loss_factor: float  # Of its material [1]
+    line_mass: float  # mass per length [kg/m]
+    loss_factor: float  # of its material [1]
 
 
 @dataclass(frozen=True)
 class Hold:
     """The rod held through a sheath: beyond the clamp's edge it goes on for `length` on an elastic bedding."""
 
-    length: float  # Length of the bedding [m]
-    line_stiffness: float  # Force per length and displacement [N/m^2]
-    loss_factor: float  # Of the bedding [1]
+    length: float  # of the bedding [m]
+    line_stiffness: float  # force per length and displacement [N/m^2]
+    loss_factor: float  # of the bedding [1]
 
 
 @dataclass(frozen=True)
 class RodRing:
     """How a rod rings after its tip is let go."""
 
-    stiffness: float  # Force per displacement of the tip at rest [N/m]
-    frequency: float  # Of the first mode [Hz]
-    loss_factor: float  # Share of the energy lost per radian [1]
-    sheath_share: float  # Share of the strain energy that the sheath holds [1]
+    stiffness: float  # force per displacement of the tip at rest [N/m]
+    frequency: float  # of the first mode [Hz]
+    loss_factor: float  # share of the energy lost per radian [1]
+    sheath_share: float  # of the strain energy [1]
 
     @property
     def decay_time(self) -> float:
@@ -86,6 +84,10 @@ class RodRing:
     def log_decrement(self) -> float:
         """Logarithm of the ratio of two amplitudes one period apart [1]."""
         return math.pi * self.loss_factor
+
+    def as_tool(self, like: Tool = PAPER.tool) -> Tool:
+        """Return the tool that rings so, like another in all else."""
+        return replace(like, stiffness=self.stiffness, frequency=self.frequency, decay_time=self.decay_time)
 
     def mean_energy(self, duration: float) -> float:
         """Return the mean over a time of the ring's energy, that at the start taken as 1."""
@@ -105,8 +107,7 @@ def rod_for(
     '91.6 mm, 0.57 g'
     """
     for name, value in (("stiffness", stiffness), ("frequency", frequency), ("decay_time", decay_time)):
-        if not (math.isfinite(value) and value > 0.0):
-            raise ContactError(f"{name} must be positive and finite, got {value:g}")
+        require_positive(name, value)
     section = 0.25 * math.pi * diameter**2
     bending = modulus * math.pi * diameter**4 / 64.0
     length = (3.0 * bending / stiffness) ** (1.0 / 3.0)
@@ -140,27 +141,7 @@ def bush_stiffness(bore: float, outer: float, modulus: float, poisson: float) ->
 
 
 def ring_of(rod: Rod, sleeves: Sequence[Sleeve] = (), hold: Hold | None = None) -> RodRing:
-    """Predict the ring of a rod with sheaths on its free part, or held through one.
-
-    Parameters
-    ----------
-    rod : Rod
-        The bare rod.
-    sleeves : sequence of Sleeve
-        Sheaths on the free part; they may not reach over its ends.
-    hold : Hold, optional
-        The bedding that stands for the clamp; a rigid clamp where omitted.
-
-    Returns
-    -------
-    RodRing
-        Stiffness, frequency and loss of the first mode.
-
-    Raises
-    ------
-    ContactError
-        If a sheath does not lie on the free part.
-    """
+    """Predict the first mode of a rod with sheaths on its free part, or held through one; rigidly clamped without `hold`."""
     for sleeve in sleeves:
         if not (sleeve.length > 0.0 <= sleeve.start and sleeve.start + sleeve.length <= rod.length * (1.0 + 1e-12)):
             raise ContactError(

@@ -10,6 +10,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from stepblocks.contact.domain import require_positive
+from stepblocks.contact.operating_point import Tool
 from stepblocks.errors import ContactError
 
 _RECORD = 5.0  # time constants: all but 5e-5 of the energy is recorded
@@ -20,40 +22,29 @@ _MOST_RELEASES = 10_000
 class DecayTest:
     """A planned test of one probe."""
 
-    displacement: float  # Distance by which the tip is moved before it is let go [m]
-    force: float  # Force that this takes [N]
-    peak_acceleration: float  # Of the tip as it starts [m/s^2]
-    frequency: float  # What will be counted [Hz]
-    log_decrement: float  # What will be read from the amplitudes [1]
-    decay_time: float  # Time constant of the amplitude [s]
-    periods_above_noise: int  # Whole periods until the amplitude has sunk to three times the noise
-    record_time: float  # Time to record [s]
-    samples: int  # Samples of one release
-    frequency_std: float  # Least standard uncertainty of the frequency from one release [Hz]
-    log_decrement_std: float  # Of the logarithmic decrement [1]
-    releases: int  # Releases after which the logarithmic decrement is known as well as wanted
+    displacement: float  # distance by which the tip is moved before it is let go [m]
+    force: float  # force that this takes [N]
+    peak_acceleration: float  # of the tip as it starts [m/s^2]
+    frequency: float  # what will be counted [Hz]
+    log_decrement: float  # what will be read from the amplitudes [1]
+    decay_time: float  # time constant of the amplitude [s]
+    periods_above_noise: int  # whole periods until the amplitude has sunk to three times the noise
+    record_time: float  # time to record [s]
+    samples: int  # samples of one release
+    frequency_std: float  # least standard uncertainty of the frequency from one release [Hz]
+    log_decrement_std: float  # of the logarithmic decrement [1]
+    releases: int  # releases after which the logarithmic decrement is known as well as wanted
 
 
-def plan_decay_test(
-    stiffness: float, frequency: float, decay_time: float, displacement: float, noise: float, rate: float, wanted: float
-) -> DecayTest:
-    """Say what a test of a ring will measure, and how well.
+def plan_decay_test(tool: Tool, displacement: float, noise: float, rate: float, wanted: float) -> DecayTest:
+    """Say what a test of a tool's ring will measure, and how well; `wanted` is relative, of the logarithmic decrement.
 
     Source: Cramer-Rao bound of a damped sine with unknown amplitude, phase, frequency and decay; for a long record
     ``var(1/tau) = 16 noise^2 / (amplitude^2 rate tau^3)``.
     """
-    given = {
-        "stiffness": stiffness,
-        "frequency": frequency,
-        "decay_time": decay_time,
-        "displacement": displacement,
-        "noise": noise,
-        "rate": rate,
-        "wanted": wanted,
-    }
-    for name, value in given.items():
-        if not (math.isfinite(value) and value > 0.0):
-            raise ContactError(f"{name} must be positive and finite, got {value:g}")
+    for name, value in (("displacement", displacement), ("noise", noise), ("rate", rate), ("wanted", wanted)):
+        require_positive(name, value)
+    frequency, decay_time = tool.frequency, tool.decay_time
     if rate < 4.0 * frequency:
         raise ContactError(f"rate must be at least four samples per period ({4.0 * frequency:.4g} Hz), got {rate:g} Hz")
     if displacement <= 3.0 * noise:
@@ -71,18 +62,18 @@ def plan_decay_test(
             f"the wanted uncertainty {wanted:g} would take {releases} releases, more than {_MOST_RELEASES}"
         )
     return DecayTest(
-        displacement,
-        stiffness * displacement,
-        (math.tau * frequency) ** 2 * displacement,
-        frequency,
-        decrement,
-        decay_time,
-        math.floor(decay_time * math.log(displacement / (3.0 * noise)) * frequency),
-        count / rate,
-        count,
-        frequency_std,
-        decrement_std,
-        releases,
+        displacement=displacement,
+        force=tool.stiffness * displacement,
+        peak_acceleration=(math.tau * frequency) ** 2 * displacement,
+        frequency=frequency,
+        log_decrement=decrement,
+        decay_time=decay_time,
+        periods_above_noise=math.floor(decay_time * math.log(displacement / (3.0 * noise)) * frequency),
+        record_time=count / rate,
+        samples=count,
+        frequency_std=frequency_std,
+        log_decrement_std=decrement_std,
+        releases=releases,
     )
 
 

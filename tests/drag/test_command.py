@@ -1,4 +1,4 @@
-"""Tables predicted row by row, and the drag command's files."""
+"""What is dragged over and under what, the command's files, and what it refuses."""
 
 import json
 import math
@@ -9,77 +9,17 @@ import pandas as pd
 import pytest
 
 from stepblocks.cli import main
-from stepblocks.contact.critical_angle import step_angle
-from stepblocks.contact.energy import Status, release_at
+from stepblocks.contact.counterface import Margin, Profile, Step
+from stepblocks.contact.energy import Status
+from stepblocks.contact.operating_point import PAPER
 from stepblocks.declare import load_set
 from stepblocks.drag.model import PAPER_DRAG, DragSettings
+from stepblocks.drag.run import drag_over
 from stepblocks.drag.simulate import simulate
 from stepblocks.drag.subject import subject_of
 from stepblocks.drag.track import track_over
-from stepblocks.errors import ContactError, PipelineError
+from stepblocks.errors import PipelineError
 from stepblocks.predict.predictions import predictions_of
-from stepblocks.predict.table import predict_table
-
-
-def write(path, text):
-    path.write_text(text, encoding="utf-8")
-    return path
-
-
-def test_each_row_of_a_table_gets_its_prediction_with_an_interval(tmp_path):
-    source = write(
-        tmp_path / "t.csv",
-        "block,height_um,u_height_um,load_n,friction,tip_radius_um\n"
-        "a,25,0.5,1.0,0.15,125\nb,100,0.5,1.0,0.3,125\nc,-3,0.5,1.0,0.15,125\n",
-    )
-    frame = predict_table(source, tmp_path / "p.csv")
-    expected = release_at(step_angle(25e-6, 125e-6), 1.0, 0.15)
-    assert frame.peak_force_n[0] == pytest.approx(expected.pull_force, rel=1e-12)
-    assert frame.vibration_energy_low_j[0] < expected.vibration_energy < frame.vibration_energy_high_j[0]
-    assert list(frame.status) == ["releases", "locked", "invalid"]
-    assert np.isnan(frame.peak_force_n[1])
-    assert "height must be finite and not negative" in frame.problem[2]
-    again = pd.read_csv(tmp_path / "p.csv", float_precision="round_trip")
-    assert again.peak_force_n[0] == frame.peak_force_n[0]
-    assert list(again.block) == ["a", "b", "c"]
-
-
-def test_units_of_columns_are_read_from_their_names(tmp_path):
-    um = write(tmp_path / "um.csv", "height_um,normal_load_n,friction\n25,0.5,0.15\n")
-    mm = write(tmp_path / "mm.csv", "step_height_mm,load_mn,friction_pct\n0.025,500,15\n")
-    a, b = predict_table(um, tmp_path / "a.csv"), predict_table(mm, tmp_path / "b.csv")
-    assert a.peak_force_n[0] == pytest.approx(b.peak_force_n[0], rel=1e-12)
-
-
-def test_the_interval_of_a_row_does_not_depend_on_the_rows_after_it(tmp_path):
-    head = "height_um,u_height_um,load_n,friction\n25,0.5,1,0.15\n"
-    a = predict_table(write(tmp_path / "1.csv", head), tmp_path / "a.csv")
-    b = predict_table(write(tmp_path / "2.csv", head + "30,0.5,1,0.15\n"), tmp_path / "b.csv")
-    assert a.vibration_energy_high_j[0] == b.vibration_energy_high_j[0]
-
-
-@pytest.mark.parametrize(
-    ("text", "message"),
-    [
-        ("", "not a CSV"),
-        ("height_um,load_n,friction\n", "no rows"),
-        ("load_n,friction\n1,0.1\n", "must have a column height_nm or height_um"),
-        ("height_um,height_mm,load_n,friction\n1,1,1,0.1\n", "not both"),
-        ("height_um,height_um,load_n,friction\n1,1,1,0.1\n", "twice"),
-        ("height_um,load_n,friction\nten,1,0.1\n", "height_um must be a finite number, got 'ten'"),
-        ("height_um,load_n,friction\n10,1,\n", "friction must be a finite number"),
-    ],
-)
-def test_a_malformed_table_is_one_clear_error(tmp_path, text, message):
-    with pytest.raises(PipelineError, match=message):
-        predict_table(write(tmp_path / "bad.csv", text), tmp_path / "out.csv")
-    assert not (tmp_path / "out.csv").exists()
-
-
-def test_a_wrong_confidence_is_an_error_of_the_whole_table(tmp_path):
-    source = write(tmp_path / "t.csv", "height_um,load_n,friction\n25,1,0.15\n")
-    with pytest.raises(ContactError, match="confidence"):
-        predict_table(source, tmp_path / "o.csv", confidence=2.0)
 
 
 def test_the_drag_command_leaves_traces_figures_and_a_summary(tmp_path, capsys):
@@ -233,3 +173,64 @@ def test_a_wrong_drag_is_one_line_and_exit_code_two(tmp_path, capsys, arguments,
     error = capsys.readouterr().err
     assert message in error
     assert error.count("\n") == 1
+
+
+def test_a_notebook_drags_over_a_counterface_as_the_command_over_the_height(tmp_path):
+    assert main(["drag", "30 um", "--load", "0.5 N", "--speed", "10 mm/s", "-o", str(tmp_path / "out")]) == 0
+    done = drag_over(Step(30e-6), {"load": 0.5}, speed=10e-3)
+    summary = json.loads((tmp_path / "out" / "drag.json").read_text())
+    assert {k: v for k, v in done.summary.items() if k != "subject"} == {
+        k: summary[k] for k in summary if k != "subject"
+    }
+    trace = pd.read_csv(tmp_path / "out" / "trace.csv", float_precision="round_trip")
+    assert (done.frame.to_numpy() == trace.to_numpy()).all()
+    page = done._repr_html_()
+    assert "releases" in page
+    assert "peak_force_n" in page
+
+
+def test_the_paper_stands_where_nothing_is_said_and_what_is_said_takes_its_place():
+    plain = subject_of("25 um", {})
+    assert (plain.face, plain.point) == (Step(25e-6), PAPER)
+    said = subject_of(
+        "25 um", {"tip_radius": 60e-6, "load": 0.4, "friction": 0.1, "stiffness": 5e3, "frequency": 250.0}
+    )
+    assert (said.point.ball_radius, said.point.normal_load, said.point.friction) == (60e-6, 0.4, 0.1)
+    assert (said.point.tool.stiffness, said.point.tool.frequency) == (5e3, 250.0)
+    assert said.point.tool.decay_time == PAPER.tool.decay_time
+    assert subject_of("25 um", {"edge_radius": 3e-6}).face == Step(25e-6, 3e-6)
+
+
+def test_the_ring_of_a_drag_decays_as_the_tool_unless_a_damping_is_given():
+    # Origin: zeta = 1 / (2 pi f T); 14.2 ms at 300 Hz are 3.7 % of critical damping.
+    assert drag_over("25 um", speed=20e-3).trace.probe.damping_ratio == pytest.approx(0.0373, abs=1e-4)
+    assert drag_over("25 um", speed=20e-3, damping_ratio=0.0).trace.probe.damping_ratio == 0.0
+
+
+def test_a_stimulus_keeps_its_own_dimensions_and_is_named_with_its_direction():
+    margin = subject_of(f"{STIMULI}/crown-margins.toml/gap-100", {}, backward=True)
+    assert isinstance(margin.face, Margin)
+    assert margin.name == "gap-100, crown-to-tooth"
+    tip = subject_of(f"{STIMULI}/probe-tips.toml/tip-060", {"step_height": 40e-6})
+    assert (tip.point.ball_radius, tip.face) == (60e-6, Step(40e-6))
+    assert tip.name == "tip-060 over a step of 40 um"
+
+
+def test_an_identity_in_two_sets_must_be_told_apart(tmp_path):
+    text = (STIMULI / "paper-ten.toml").read_text()
+    for name in ("one", "two"):
+        (tmp_path / f"{name}.toml").write_text(text.replace('set = "paper-ten"', f'set = "{name}"'))
+    with pytest.raises(PipelineError, match="is several: one/step-050, two/step-050"):
+        subject_of("step-050", {}, where=tmp_path)
+    assert subject_of("two/step-050", {}, where=tmp_path).face == Step(50e-6)
+
+
+def test_a_profile_in_millimetres_is_the_profile_in_micrometres(tmp_path):
+    (tmp_path / "um.csv").write_text("x_um,z_um\n-900,0\n0,0\n0,30\n900,30\n")
+    (tmp_path / "mm.csv").write_text("x_mm,z_mm\n-0.9,0\n0,0\n0,0.03\n0.9,0.03\n")
+    um, mm = (subject_of(tmp_path / f"{unit}.csv", {}).face for unit in ("um", "mm"))
+    assert isinstance(um, Profile)
+    assert um.z == pytest.approx(mm.z)
+    assert um.angles(125e-6)[0] == pytest.approx(Step(30e-6).angles(125e-6)[0], rel=1e-9)
+    with pytest.raises(PipelineError, match="a profile has its own"):
+        subject_of(tmp_path / "um.csv", {"edge_radius": 1e-6})

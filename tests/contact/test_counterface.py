@@ -1,0 +1,164 @@
+"""What a slider meets: closed forms, sections, paths and heights of one counterface tell the same."""
+
+import math
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from oracles.tip_paths import step_path
+from stepblocks.contact.counterface import Margin, Profile, Step
+from stepblocks.contact.critical_angle import bevelled_margin_angles, margin_angles, step_angle
+from stepblocks.contact.energy import Status, release_at
+from stepblocks.contact.operating_point import PAPER, OperatingPoint
+from stepblocks.contact.path.catches import steepest
+from stepblocks.contact.path.profile import profile_path
+from stepblocks.contact.path.tip import Ball
+from stepblocks.errors import ContactError
+
+R = 117e-6
+STEPS = [Step(31e-6), Step(31e-6, 12e-6)]
+MARGINS = [
+    Margin(62e-6, 62e-6, 0.0),
+    Margin(62e-6, 62e-6, -9e-6),
+    Margin(40e-6, 90e-6, 7e-6),  # bevelled
+    Margin(70e-6, 30e-6, 11e-6),  # a lip that narrows the gap
+    Margin(20e-6, -15e-6, 33e-6),  # a lip over the tooth
+]
+
+
+# Expected values: the exact dilation of the section, which knows no closed form.
+@pytest.mark.parametrize("face", [*STEPS, *MARGINS])
+def test_the_closed_form_is_the_steepest_slope_of_the_path_over_the_section(face):
+    path = profile_path(*face.section(6.0 * R), Ball(R), edges="flat")
+    # a rounding of 12 um by 400 chords turns by a quarter of a degree at each
+    tolerance = 3e-3 if getattr(face, "edge_radius", 0.0) else 1e-8
+    expected = [steepest(path, way).angle for way in ("forward", "backward")]
+    assert face.angles(R) == pytest.approx(expected, abs=tolerance)
+
+
+@pytest.mark.parametrize("face", [*STEPS, *MARGINS])
+def test_the_notches_of_the_centre_path_have_the_critical_angles(face):
+    path = face.centre_path(R)
+    assert (path.notch(+1.0)[2], path.notch(-1.0)[2]) == pytest.approx(face.angles(R), abs=2e-6)
+    back = path.mirrored()
+    assert (back.notch(+1.0)[2], back.notch(-1.0)[2]) == (path.notch(-1.0)[2], path.notch(+1.0)[2])
+    again = back.mirrored()
+    assert all((getattr(again, name) == getattr(path, name)).all() for name in ("x", "z", "slope_start", "slope_end"))
+    assert path.x[0] == -5e-3
+    assert path.x[-1] == 5e-3
+    assert path.z[-1] - path.z[0] == pytest.approx(face.far_side, abs=1e-15)
+
+
+@pytest.mark.parametrize("face", STEPS)
+def test_the_centre_of_the_ball_runs_a_radius_above_its_lowest_point(face):
+    # Origin: the closed-form path of the lowest point.
+    path = face.centre_path(R)
+    expected = R + step_path(path.x, face.height, R, face.edge_radius)
+    assert path.z == pytest.approx(expected, rel=1e-9)
+
+
+def test_magnifying_a_path_keeps_its_slopes_and_the_angle_of_its_notch():
+    path, large = STEPS[0].centre_path(R), STEPS[0].centre_path(R).scaled(23.0)
+    assert large.notch(+1.0)[2] == path.notch(+1.0)[2]
+    assert large.notch(+1.0)[:2] == pytest.approx([23.0 * value for value in path.notch(+1.0)[:2]])
+
+
+@pytest.mark.parametrize("face", [*STEPS, *MARGINS])
+def test_heights_and_section_are_one_profile(face):
+    x, z = face.section(1e-3)
+    assert z[0] == 0.0
+    assert z[-1] == pytest.approx(face.far_side)
+    assert (np.diff(x) >= 0.0).all()
+    inner = 0.5 * (x[1:] + x[:-1])[np.diff(x) > 1e-9]
+    middle = 0.5 * (z[1:] + z[:-1])[np.diff(x) > 1e-9]
+    assert face.heights(inner) == pytest.approx(
+        middle, abs=2e-9
+    )  # a chord lies up to 0.06 nm inside the arc, lower by more where that is steep
+    assert list(face.breakpoints) == sorted(face.breakpoints)
+
+
+def test_on_an_edge_itself_the_higher_side_counts():
+    assert Step(30e-6).heights(np.array([-1e-12, 0.0])).tolist() == [0.0, 30e-6]
+    assert Margin(50e-6, 50e-6, -9e-6).heights(np.array([0.0, 50e-6])).tolist() == [0.0, -9e-6]
+    riser = Profile(np.array([-1e-3, 0.0, 0.0, 1e-3]), np.array([0.0, 0.0, 25e-6, 25e-6]))
+    assert riser.heights(np.array([-5e-4, 0.0, 5e-4])).tolist() == [0.0, 25e-6, 25e-6]
+
+
+def test_arrays_of_dimensions_give_what_each_gives_alone():
+    rng = np.random.default_rng(3)
+    gap, wider, rise, ball = (rng.uniform(a, b, 40) * 1e-6 for a, b in ((5, 250), (-60, 90), (-90, 90), (40, 200)))
+    forward, backward = MARGINS[0].angles(ball, gap=gap, opening=gap + wider, rise=rise)
+    for k in range(gap.size):
+        alone = bevelled_margin_angles(gap[k], gap[k] + wider[k], rise[k], ball[k])
+        assert (forward[k], backward[k]) == alone
+    assert step_angle([10e-6, 500e-6], R).tolist() == [step_angle(10e-6, R), 0.5 * math.pi]
+    assert margin_angles([[1e-6], [2e-6]], [0.0, 3e-6, 4e-6], R)[0].shape == (2, 3)
+
+
+def test_releases_over_arrays_are_those_of_each_drag():
+    angles = [0.0, 0.4, 1.2, 1.5, 0.5 * math.pi]
+    together = release_at(angles, 0.7, [[0.1], [0.3]], PAPER.tool)
+    assert together.status.shape == together.vibration_energy.shape == (2, 5)
+    for i, mu in enumerate((0.1, 0.3)):
+        for k, angle in enumerate(angles):
+            alone = release_at(angle, 0.7, mu)
+            assert together.status[i, k] == alone.status
+            for name in ("angle", "pull_force", "vibration_energy", "mean_power", "threshold_ratio"):
+                assert getattr(together, name)[i, k] == pytest.approx(getattr(alone, name), rel=1e-15, nan_ok=True)
+    assert set(together.status.ravel()) == {"no-catch", "releases", "locked", "too-high"}
+
+
+def test_crown_and_tooth_change_places_when_the_drag_turns_round():
+    point = OperatingPoint(R, 0.6, 0.2)
+    over, under = Margin(62e-6, 62e-6, 9e-6), Margin(62e-6, 62e-6, -9e-6)
+    assert over.release(point).vibration_energy == under.release(point, backward=True).vibration_energy
+    assert over.release(point, backward=True) == under.release(point)
+    assert Step(31e-6).release(point, backward=True).status is Status.NO_CATCH
+
+
+def test_the_opening_of_a_square_end_follows_its_gap_and_a_stated_one_does_not():
+    moved = np.array([-1e-6, 2e-6])
+    square, stated = MARGINS[0].moved({"gap": moved}), MARGINS[0].moved({"gap": moved, "opening": 0.0})
+    assert (square["opening"] - square["gap"]).tolist() == pytest.approx([0.0, 0.0], abs=1e-20)
+    assert np.ravel(stated["opening"]).tolist() == [62e-6]
+    assert Margin(1e-6, 1e-6, 0.0).moved({"gap": -3e-6})["gap"] == 0.0
+    assert Step(1e-6).moved({"height": -3e-6}) == {"height": 0.0, "edge_radius": 0.0}
+
+
+def test_the_slopes_of_a_steps_angle_are_its_derivatives():
+    step, tiny = Step(31e-6, 12e-6), 1e-12
+    slopes = step.angle_slopes(R)
+    for name in ("height", "edge_radius"):
+        ends = (replace(step, **{name: getattr(step, name) + sign * tiny}).angles(R)[0] for sign in (1, -1))
+        assert slopes[name] == pytest.approx(-np.subtract(*reversed(list(ends))) / (2 * tiny), rel=1e-3)
+    assert slopes["ball_radius"] == slopes["edge_radius"] < 0.0
+
+
+def test_a_profile_answers_many_balls_at_once():
+    profile = Profile(np.array([-1e-3, 0.0, 0.0, 1e-3]), np.array([0.0, 0.0, 31e-6, 31e-6]))
+    balls = np.array([[60e-6, 117e-6], [200e-6, 60e-6]])
+    up, down = profile.angles(balls)
+    assert up == pytest.approx(step_angle(31e-6, balls), rel=1e-9)
+    assert (down == 0.0).all()
+    assert isinstance(profile.angles(R)[0], float)
+    assert profile.ways == ("forward", "backward")
+
+
+@pytest.mark.parametrize(
+    ("call", "message"),
+    [
+        (lambda: Profile(np.zeros(3), np.zeros(2)), "one equal length"),
+        (lambda: Profile(np.zeros(1), np.zeros(1)), "at least 2 points"),
+        (lambda: Profile(np.array([1.0, 0.0]), np.zeros(2)).centre_path(R), "do not descend"),
+        (lambda: Step(-1e-6).angles(R), "height must be finite and not negative"),
+        (lambda: Step([1e-6, math.nan]).angles(R), "height must be finite and not negative, got nan m"),
+        (lambda: Margin(-1e-6, 0.0, 0.0).angles(R), "gap must be finite and not negative, got -1e-06 m"),
+        (lambda: Margin(1e-6, math.inf, 0.0).angles(R), "opening must be finite"),
+        (lambda: step_angle([1e-6, 2e-6], [R, 0.0]), "ball_radius must be positive and finite, got 0 m"),
+        (lambda: release_at([0.1, 3.2], 1.0, 0.1), "angle must lie between 0 and 90 deg, got 183"),
+    ],
+)
+def test_what_no_ball_could_meet_is_refused_with_its_name_and_value(call, message):
+    with pytest.raises(ContactError, match=message):
+        call()

@@ -1,0 +1,92 @@
+"""A ring that is known beforehand is measured as what it is: amplitude, decay, frequency, spectra."""
+
+import math
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from stepblocks.contact.energy import Status
+from stepblocks.drag.kernels import COLUMNS
+from stepblocks.drag.model import PAPER_DRAG, DragSettings
+from stepblocks.drag.ring import LOADING_BAND, RING_BAND, band_share, phase_spectrum, ring_of
+from stepblocks.drag.simulate import DragTrace
+from stepblocks.errors import ContactError
+
+LOAD, MU, PEAK, RELEASE, RATE = 0.5, 0.2, 0.9, 20e-3, 10e3
+
+
+def trace_of(frequency=300.0, decay=12e-3, amplitude=0.4, length=60e-3, status=Status.RELEASES):
+    """A ramp up to the peak, then A exp(-t/T) cos(wt + pi/2) about the level of sliding, sampled like a drag."""
+    time = np.arange(0.0, RELEASE + length, 1.0 / RATE)
+    after = time - RELEASE
+    swing = MU * LOAD - amplitude * np.exp(-after / decay) * np.sin(math.tau * frequency * after)
+    force = np.where(after < 0.0, MU * LOAD + (PEAK - MU * LOAD) * time / RELEASE, swing)
+    force[np.searchsorted(time, RELEASE)] = PEAK
+    rows = np.zeros((time.size, len(COLUMNS)))
+    rows[:, 0], rows[:, 1] = time, force
+    settings = DragSettings(LOAD, MU, sample_rate=RATE)
+    probe = replace(PAPER_DRAG, mass=PAPER_DRAG.stiffness / (math.tau * frequency) ** 2)
+    return DragTrace(rows, status, PEAK, RELEASE, 0.0, {"handle_work": 0.0}, 1e-6, probe, settings)
+
+
+@pytest.mark.parametrize(("frequency", "decay", "amplitude"), [(300.0, 12e-3, 0.4), (260.0, 7e-3, 0.2)])
+def test_a_decaying_sine_is_found_again(frequency, decay, amplitude):
+    ring = ring_of(trace_of(frequency, decay, amplitude))
+    first = amplitude * math.exp(-0.25 / frequency / decay)  # the swing's lowest point, a quarter period on
+    assert ring.amplitude == pytest.approx(first, rel=0.02)
+    assert ring.energy == pytest.approx(0.5 * ring.amplitude**2 / PAPER_DRAG.stiffness)
+    assert ring.share == pytest.approx((ring.amplitude / PEAK) ** 2)
+    assert ring.decay_time == pytest.approx(decay, rel=0.1)
+    assert ring.frequency == pytest.approx(frequency, abs=4.0)
+    # 5 % of the first swing are left after three time constants
+    assert ring.duration == pytest.approx(decay * math.log(20.0), abs=1.0 / frequency)
+
+
+def test_a_long_ring_lies_in_its_band_as_its_line_says_and_a_short_one_does_not():
+    # Origin: a line of half width 1 / 2 pi T holds (2/pi) atan(2 pi 50 Hz T) of its energy within 50 Hz.
+    for decay in (4e-3, 14.2e-3):
+        expected = 2.0 / math.pi * math.atan(math.tau * 50.0 * decay)
+        assert ring_of(trace_of(decay=decay)).ring_band_share == pytest.approx(expected, abs=0.04)
+
+
+def test_a_slow_ramp_loads_below_a_hundred_hertz():
+    # Origin: figure 4, more than 64 % of the loading phase lies in 0-100 Hz
+    trace = trace_of()
+    assert band_share(*phase_spectrum(trace, "loading"), LOADING_BAND) > 0.64
+    assert band_share(*phase_spectrum(trace, "loading"), RING_BAND) < 0.05
+
+
+def test_the_energy_of_a_spectrum_is_that_of_its_samples():
+    # Origin: Parseval.
+    trace = trace_of()
+    frequency, energy = phase_spectrum(trace, "loading")
+    force = trace.column("fx_n")[trace.column("time_s") < trace.release_time]
+    expected = float(np.sum((force - force.mean()) ** 2)) / RATE
+    assert float(np.sum(energy) * (frequency[1] - frequency[0])) == pytest.approx(expected, rel=0.02)
+
+
+def test_figures_that_cost_a_spectrum_are_left_out_where_nobody_asks():
+    ring = ring_of(trace_of(), spectra=False)
+    assert math.isnan(ring.frequency)
+    assert math.isnan(ring.ring_band_share)
+    assert ring.duration == ring_of(trace_of()).duration
+
+
+def test_a_trace_is_a_table_with_its_units():
+    trace = trace_of()
+    assert list(trace.frame.columns) == list(COLUMNS)
+    assert (trace.frame.fx_n.to_numpy() == trace.column("fx_n")).all()
+
+
+@pytest.mark.parametrize(
+    ("call", "message"),
+    [
+        (lambda: ring_of(trace_of(status=Status.LOCKED)), "a trace that is locked has no ring"),
+        (lambda: ring_of(trace_of(length=9e-3)), "a ring needs 0.016 s"),
+        (lambda: phase_spectrum(trace_of(), "middle"), "phase must be loading or vibration"),
+    ],
+)
+def test_what_has_no_ring_is_one_clear_error(call, message):
+    with pytest.raises(ContactError, match=message):
+        call()

@@ -1,0 +1,110 @@
+"""The predictions of a set: made once, handed on as rows, file and table, and following the set's own tools and tips."""
+
+import csv
+import io
+import math
+from pathlib import Path
+
+import pandas as pd
+import pytest
+
+import stepblocks
+from stepblocks.contact.counterface import Margin, Step
+from stepblocks.contact.energy import Status
+from stepblocks.declare import load_set
+from stepblocks.errors import StepblocksError
+from stepblocks.predict.predictions import Predictions, predict_set, shown
+
+STIMULI = Path(__file__).resolve().parents[2] / "stimuli"
+FOUR, MARGINS, TIPS, SHEATHS = (
+    load_set(STIMULI / f"{name}.toml") for name in ("paper-four", "crown-margins", "probe-tips", "sheaths")
+)
+
+
+@pytest.fixture(scope="module")
+def four():
+    return Predictions.of(FOUR)
+
+
+def test_file_rows_and_table_of_a_set_hold_the_same_figures(four):
+    rows = list(csv.DictReader(io.StringIO(four.csv())))
+    assert rows == four.rows()
+    frame = four.frame
+    assert list(frame.columns) == list(rows[0])
+    assert len(rows) == len(frame) == len(four)
+    for name in frame.columns:
+        for text, value in zip((row[name] for row in rows), frame[name], strict=True):
+            if isinstance(value, str):
+                assert text == value
+            elif math.isnan(value):
+                assert text == ""
+            else:
+                assert float(text) == pytest.approx(value, rel=1e-5)
+
+
+def test_a_notebook_predicts_a_set_or_its_file(four):
+    by_file = predict_set(str(STIMULI / "paper-four.toml"))
+    pd.testing.assert_frame_equal(by_file, four.frame)
+    pd.testing.assert_frame_equal(stepblocks.predict_set(FOUR), four.frame)
+    with pytest.raises(StepblocksError):
+        predict_set(STIMULI / "nowhere.toml")
+
+
+def test_every_condition_of_the_grid_is_predicted_once_and_in_order(four):
+    grid = FOUR.prediction
+    expected = [
+        (block.id, tip, friction, load)
+        for block in FOUR.stimuli
+        for tip in grid.tip_radii
+        for friction in grid.frictions
+        for load in grid.normal_loads
+    ]
+    assert [(p.stimulus, p.tip_radius, p.friction, p.normal_load) for p in four] == expected
+    assert [p.stimulus for p in four.by_stimulus(FOUR.stimuli[1].id)] == [FOUR.stimuli[1].id] * (len(expected) // 4)
+
+
+def test_each_prediction_is_its_counterface_under_its_operating_point(four):
+    for p in (*four, *Predictions.of(MARGINS)):
+        release = p.face.release(p.point, p.backward)
+        assert release.status is p.release.status
+        assert release.angle == p.release.angle
+        assert p.release.vibration_energy == pytest.approx(release.vibration_energy, rel=1e-15, nan_ok=True)
+        assert p.drag == p.face.ways[p.backward]
+        assert isinstance(p.face, Step if p.drag == "up" else Margin)
+
+
+def test_the_nominal_lies_between_its_limits(four):
+    for p in (*four, *Predictions.of(MARGINS), *Predictions.of(TIPS)):
+        assert p.limits[0].angle <= p.release.angle <= p.limits[1].angle
+        if all(one.status is Status.RELEASES for one in (p.release, *p.limits)):
+            assert p.limits[0].pull_force <= p.release.pull_force <= p.limits[1].pull_force
+
+
+def test_a_tip_brings_its_own_ball_to_the_steps_of_its_set():
+    balls = {part.id: part.ball for part in TIPS.stimuli}
+    for p in Predictions.of(TIPS):
+        assert p.tip_radius == balls[p.stimulus].nominal
+        assert p.step_height in TIPS.prediction.step_heights
+        # Origin: equation (2); a step as high as the ball is met at its riser
+        share = min(p.step_height / p.tip_radius, 1.0)
+        assert p.release.angle == pytest.approx(math.acos(1.0 - share))
+
+
+def test_under_a_sheath_the_probe_has_the_spring_and_the_ring_of_that_sheath():
+    for p in Predictions.of(SHEATHS):
+        part = next(part for part in SHEATHS.stimuli if part.id == p.stimulus)
+        ring = SHEATHS.ring_of(part)
+        assert (p.point.tool.stiffness, p.point.tool.frequency) == (ring.stiffness, ring.frequency)
+        assert p.limits[0] == p.limits[1]  # a sheath has no limit that a step would feel
+
+
+def test_further_columns_stand_behind(four):
+    rows = four.rows(lambda prediction: {"again": prediction.stimulus})
+    assert list(rows[0])[-1] == "again"
+    assert all(row["again"] == row["stimulus"] for row in rows)
+
+
+def test_a_terminal_is_shown_the_drawn_interval_of_the_energy_alone(four):
+    columns = shown(list(four.rows()[0]))
+    assert {"vibration_energy_95_low_uj", "vibration_energy_95_high_uj", "status", "pull_force_n"} <= set(columns)
+    assert not {"pull_force_low_n", "pull_force_95_high_n", "vibration_energy_low_uj"} & set(columns)

@@ -1,0 +1,92 @@
+"""Tables predicted row by row, from a file or from memory."""
+
+import numpy as np
+import pandas as pd
+import pytest
+
+from stepblocks.contact.critical_angle import step_angle
+from stepblocks.contact.energy import release_at
+from stepblocks.errors import ContactError, PipelineError
+from stepblocks.predict.table import predict_table
+
+
+def write(path, text):
+    path.write_text(text, encoding="utf-8")
+    return path
+
+
+def test_each_row_of_a_table_gets_its_prediction_with_an_interval(tmp_path):
+    source = write(
+        tmp_path / "t.csv",
+        "block,height_um,u_height_um,load_n,friction,tip_radius_um\n"
+        "a,25,0.5,1.0,0.15,125\nb,100,0.5,1.0,0.3,125\nc,-3,0.5,1.0,0.15,125\n",
+    )
+    frame = predict_table(source, tmp_path / "p.csv")
+    expected = release_at(step_angle(25e-6, 125e-6), 1.0, 0.15)
+    assert frame.peak_force_n[0] == pytest.approx(expected.pull_force, rel=1e-12)
+    assert frame.vibration_energy_low_j[0] < expected.vibration_energy < frame.vibration_energy_high_j[0]
+    assert list(frame.status) == ["releases", "locked", "invalid"]
+    assert np.isnan(frame.peak_force_n[1])
+    assert "height must be finite and not negative" in frame.problem[2]
+    again = pd.read_csv(tmp_path / "p.csv", float_precision="round_trip")
+    assert again.peak_force_n[0] == frame.peak_force_n[0]
+    assert list(again.block) == ["a", "b", "c"]
+
+
+def test_units_of_columns_are_read_from_their_names(tmp_path):
+    um = write(tmp_path / "um.csv", "height_um,normal_load_n,friction\n25,0.5,0.15\n")
+    mm = write(tmp_path / "mm.csv", "step_height_mm,load_mn,friction_pct\n0.025,500,15\n")
+    a, b = predict_table(um, tmp_path / "a.csv"), predict_table(mm, tmp_path / "b.csv")
+    assert a.peak_force_n[0] == pytest.approx(b.peak_force_n[0], rel=1e-12)
+
+
+def test_the_interval_of_a_row_does_not_depend_on_the_rows_after_it(tmp_path):
+    head = "height_um,u_height_um,load_n,friction\n25,0.5,1,0.15\n"
+    a = predict_table(write(tmp_path / "1.csv", head), tmp_path / "a.csv")
+    b = predict_table(write(tmp_path / "2.csv", head + "30,0.5,1,0.15\n"), tmp_path / "b.csv")
+    assert a.vibration_energy_high_j[0] == b.vibration_energy_high_j[0]
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ("", "not a CSV"),
+        ("height_um,load_n,friction\n", "no rows"),
+        ("load_n,friction\n1,0.1\n", "must have a column height_nm or height_um"),
+        ("height_um,height_mm,load_n,friction\n1,1,1,0.1\n", "not both"),
+        ("height_um,height_um,load_n,friction\n1,1,1,0.1\n", "twice"),
+        ("height_um,load_n,friction\nten,1,0.1\n", "height_um must be a finite number, got 'ten'"),
+        ("height_um,load_n,friction\n10,1,\n", "friction must be a finite number"),
+    ],
+)
+def test_a_malformed_table_is_one_clear_error(tmp_path, text, message):
+    with pytest.raises(PipelineError, match=message):
+        predict_table(write(tmp_path / "bad.csv", text), tmp_path / "out.csv")
+    assert not (tmp_path / "out.csv").exists()
+
+
+def test_a_wrong_confidence_is_an_error_of_the_whole_table(tmp_path):
+    source = write(tmp_path / "t.csv", "height_um,load_n,friction\n25,1,0.15\n")
+    with pytest.raises(ContactError, match="confidence"):
+        predict_table(source, tmp_path / "o.csv", confidence=2.0)
+
+
+def test_a_table_in_memory_is_predicted_like_its_file(tmp_path):
+    text = "height_um,u_height_um,load_n,friction,edge_radius_um\n25,0.5,1,0.15,3\n90,0.5,1,0.4,0\n"
+    source = write(tmp_path / "t.csv", text)
+    written = predict_table(source, tmp_path / "p.csv")
+    in_memory = predict_table(pd.read_csv(source))
+    pd.testing.assert_frame_equal(written, in_memory)
+    again = predict_table(written)  # columns that were predicted before are predicted anew
+    pd.testing.assert_frame_equal(again, in_memory)
+    assert predict_table(str(source), seed=1).vibration_energy_low_j[0] != in_memory.vibration_energy_low_j[0]
+
+
+def test_what_a_table_leaves_out_is_the_papers():
+    told = {"height_um": [30.0], "load_n": [0.8], "friction": [0.15]}
+    paper = {"tip_radius_um": [125.0], "stiffness_n_mm": [9.81], "conversion": [0.2], "edge_radius_um": [0.0]}
+    short, full = predict_table(pd.DataFrame(told)), predict_table(pd.DataFrame(told | paper))
+    assert short.vibration_energy_j[0] == pytest.approx(full.vibration_energy_j[0], rel=1e-14)
+    # Origin: equation (1) by hand
+    force = 0.8 * np.tan(np.arccos(1 - 30 / 125) + np.arctan(0.15))
+    assert short.vibration_energy_j[0] == pytest.approx(0.2 * force**2 / (2 * 9810.0), rel=1e-12)
