@@ -73,7 +73,7 @@ class Channels(_Strict):
     time: Channel | None = None
 
     def parts(self) -> dict[str, tuple[Channel, str]]:
-        """Declared channels, each with its dimension."""
+        """Return the declared channels, each with its dimension."""
         found = {
             "tangential": (self.tangential, "force"),
             "normal": (self.normal, "force"),

@@ -10,14 +10,15 @@ from numpy.typing import NDArray
 
 from stepblocks.bench.signal.aftermath import Aftermath, settle, settle_from
 from stepblocks.bench.signal.approach import Approach, fit_approach
-from stepblocks.bench.signal.landmarks import Landmarks, find_landmarks
+from stepblocks.bench.signal.landmarks import find_landmarks
 from stepblocks.bench.signal.normal_channel import normal_level, sympathetic_force
 from stepblocks.bench.signal.peak import Peak, peak_of
 from stepblocks.bench.signal.ring import guess_ring
-from stepblocks.bench.signal.spectrum import LOADING_BAND, VIBRATION_BAND, band_share
 from stepblocks.bench.signal.trace import Trace
 
-# Columns of a table of features, after trial, status, reason and the covariates
+Array = NDArray[np.float64]
+
+# columns of a table of features, after trial, status, reason and the covariates
 FEATURE_COLUMNS = (
     "sliding_friction",
     "sliding_friction_std",
@@ -50,6 +51,9 @@ FEATURE_COLUMNS = (
     "vibration_share_250_350hz",
 )
 
+LOADING_BAND = (0.0, 100.0)  # in which the paper finds more than 64 % of the energy of loading [Hz]
+VIBRATION_BAND = (250.0, 350.0)  # in which the paper finds about 86 % of the energy of the vibration [Hz]
+
 _FEWEST_CLEAR = 3
 _RING_TIMES = 5.0  # decay times after which the ring counts as over
 
@@ -58,8 +62,7 @@ _RING_TIMES = 5.0  # decay times after which the ring counts as over
 class Measurement:
     """Features of one trace with the fits behind them."""
 
-    features: dict[str, float]  # One value for each of `FEATURE_COLUMNS`; not-a-number where the trace does not show it
-    landmarks: Landmarks  # What was fitted, for drawing
+    features: dict[str, float]  # one for each of `FEATURE_COLUMNS`; not-a-number where the trace does not show it
     approach: Approach
     peak: Peak
     aftermath: Aftermath
@@ -68,7 +71,29 @@ class Measurement:
 def measure_trace(
     trace: Trace, spring_constant: float, speed: float = float("nan"), tool: tuple[float, float] | None = None
 ) -> Measurement:
-    """Measure one trace."""
+    """Measure one trace.
+
+    Parameters
+    ----------
+    trace : Trace
+        The record, screened.
+    spring_constant : float
+        Of the explorer, with which an amplitude becomes an energy [N/m].
+    speed : float
+        Of the handle, with which the ramp becomes a spring constant [m/s]; not-a-number where it is not known.
+    tool : (float, float), optional
+        Frequency [Hz] and decay time [s] of the tool, where other trials told them.
+
+    Returns
+    -------
+    Measurement
+        Features in SI and what was fitted.
+
+    Raises
+    ------
+    LandmarkError
+        If the trace lacks a part of the course of a trial.
+    """
     time, force = trace.time - trace.time[0], trace.tangential
     marks = find_landmarks(time, force)
     late = marks.peak + (time.size - marks.peak) // 4
@@ -80,39 +105,48 @@ def measure_trace(
         peak = peak_of(time, force, marks, approach, after)
     if peak.corner:
         after = after.carried_to(peak.time)
-    load, load_std = normal_level(time, trace.normal, approach)
-    values = _mechanics(approach, after, peak, load, load_std, spring_constant, speed)
-    values["loading_onset_s"] += float(trace.time[0])
-    values["release_time_s"] += float(trace.time[0])
+    values = (
+        _sliding(time, trace.normal, approach)
+        | _loading(approach, peak, speed, float(trace.time[0]))
+        | _ringing(after, spring_constant)
+        | _bands(time, force, approach, after, peak)
+    )
     sympathetic = sympathetic_force(time, trace.normal, approach, after)
     values["sympathetic_force_n"], values["sympathetic_force_std_n"] = sympathetic
-    values.update(_bands(time, force, approach, after, peak))
-    return Measurement({name: values[name] for name in FEATURE_COLUMNS}, marks, approach, peak, after)
+    return Measurement({name: values[name] for name in FEATURE_COLUMNS}, approach, peak, after)
 
 
-def _mechanics(
-    approach: Approach, after: Aftermath, peak: Peak, load: float, load_std: float, spring_constant: float, speed: float
-) -> dict[str, float]:
-    amplitude, amplitude_std = after.amplitude
-    energy = amplitude**2 / (2.0 * spring_constant)
-    relative = amplitude_std / amplitude if amplitude > 0.0 else float("nan")
+def _sliding(time: Array, normal: Array, approach: Approach) -> dict[str, float]:
+    load, load_std = normal_level(time, normal, approach)
     friction = approach.level / load if load > 0.0 else float("nan")
-    friction_std = float(np.hypot(approach.level_std, friction * load_std) / load) if load > 0.0 else float("nan")
+    return {
+        "sliding_friction": friction,
+        "sliding_friction_std": float(np.hypot(approach.level_std, friction * load_std) / load),
+        "normal_load_n": load,
+        "normal_load_std_n": load_std,
+    }
+
+
+def _loading(approach: Approach, peak: Peak, speed: float, start: float) -> dict[str, float]:
     # a handle at rest has no ramp
     moving = speed if speed > 0.0 else float("nan")
     return {
-        "sliding_friction": friction,
-        "sliding_friction_std": friction_std,
-        "normal_load_n": load,
-        "normal_load_std_n": load_std,
-        "loading_onset_s": approach.onset,
+        "loading_onset_s": approach.onset + start,
         "loading_slope_n_per_s": approach.slope,
         "loading_slope_std_n_per_s": approach.slope_std,
         "spring_constant_n_per_m": approach.slope / moving,
         "spring_constant_std_n_per_m": approach.slope_std / moving,
         "peak_force_n": peak.force,
         "peak_force_std_n": peak.force_std,
-        "release_time_s": peak.time,
+        "release_time_s": peak.time + start,
+    }
+
+
+def _ringing(after: Aftermath, spring_constant: float) -> dict[str, float]:
+    amplitude, amplitude_std = after.amplitude
+    energy = amplitude**2 / (2.0 * spring_constant)
+    relative = amplitude_std / amplitude if amplitude > 0.0 else float("nan")
+    return {
         "release_level_n": after.level[0],
         "release_level_std_n": after.level[1],
         "ring_frequency_hz": after.frequency[0],
@@ -129,9 +163,7 @@ def _mechanics(
     }
 
 
-def _bands(
-    time: NDArray[np.float64], force: NDArray[np.float64], approach: Approach, after: Aftermath, peak: Peak
-) -> dict[str, float]:
+def _bands(time: Array, force: Array, approach: Approach, after: Aftermath, peak: Peak) -> dict[str, float]:
     rate = (time.size - 1) / (time[-1] - time[0])
     clean = force - approach.hum(time)
     onset, release = np.searchsorted(time, (approach.onset, peak.time))
@@ -141,6 +173,29 @@ def _bands(
         "loading_share_0_100hz": band_share(clean[onset:release] - approach.level, rate, LOADING_BAND),
         "vibration_share_250_350hz": band_share(clean[begin:end] - after.level[0], rate, VIBRATION_BAND),
     }
+
+
+def band_share(values: Array, rate: float, band: tuple[float, float]) -> float:
+    """Share of the energy of a transient that lies in a band, as in figures 4 and 5 of the paper.
+
+    The energy spectrum of the zero-padded transient is integrated (Parseval). No window: a transient ends by itself,
+    and a window would move energy from the release into the band.
+
+    Examples
+    --------
+    >>> t = np.arange(4000) / 10e3
+    >>> ring = np.exp(-t / 0.05) * np.cos(2 * np.pi * 300.0 * t)
+    >>> round(band_share(ring, 10e3, (250.0, 350.0)), 2)
+    0.96
+    """
+    from scipy.signal import periodogram
+
+    if values.size < 2 or not np.any(values):
+        return float("nan")
+    size = max(1 << (4 * values.size - 1).bit_length(), 1 << int(np.ceil(np.log2(rate))))
+    frequency, density = periodogram(values, fs=rate, window="boxcar", detrend=False, nfft=size, scaling="density")
+    inside = (frequency >= band[0]) & (frequency < band[1])
+    return float(density[inside].sum() / density.sum())
 
 
 def tool_of(features: Iterable[dict[str, float]]) -> tuple[float, float] | None:
