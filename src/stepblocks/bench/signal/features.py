@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,39 +19,6 @@ from stepblocks.bench.signal.trace import Trace
 
 Array = NDArray[np.float64]
 
-# columns of a table of features, after trial, status, reason and the covariates
-FEATURE_COLUMNS = (
-    "sliding_friction",
-    "sliding_friction_std",
-    "normal_load_n",
-    "normal_load_std_n",
-    "loading_onset_s",
-    "loading_slope_n_per_s",
-    "loading_slope_std_n_per_s",
-    "spring_constant_n_per_m",
-    "spring_constant_std_n_per_m",
-    "peak_force_n",
-    "peak_force_std_n",
-    "release_time_s",
-    "release_level_n",
-    "release_level_std_n",
-    "ring_frequency_hz",
-    "ring_frequency_std_hz",
-    "decay_time_s",
-    "decay_time_std_s",
-    "friction_decay_n_per_s",
-    "friction_decay_std_n_per_s",
-    "ring_amplitude_n",
-    "ring_amplitude_std_n",
-    "vibration_energy_j",
-    "vibration_energy_std_j",
-    "ln_vibration_energy_std",
-    "sympathetic_force_n",
-    "sympathetic_force_std_n",
-    "loading_share_0_100hz",
-    "vibration_share_250_350hz",
-)
-
 LOADING_BAND = (0.0, 100.0)  # in which the paper finds more than 64 % of the energy of loading [Hz]
 VIBRATION_BAND = (250.0, 350.0)  # in which the paper finds about 86 % of the energy of the vibration [Hz]
 
@@ -62,10 +30,72 @@ _RING_TIMES = 5.0  # decay times after which the ring counts as over
 class Measurement:
     """Features of one trace with the fits behind them."""
 
-    features: dict[str, float]  # one for each of `FEATURE_COLUMNS`; not-a-number where the trace does not show it
+    start: float  # instant of the first sample, from which the fits count [s]
     approach: Approach
     peak: Peak
     aftermath: Aftermath
+    load: tuple[float, float]  # normal force while sliding, and its standard uncertainty [N]
+    sympathetic: tuple[float, float]  # amplitude of the normal force that rings along, and its standard uncertainty [N]
+    shares: tuple[float, float]  # of the energy of loading and of vibration in their bands [1]
+    spring_constant: float  # of the explorer, as declared [N/m]
+    speed: float  # of the handle [m/s]; not-a-number where it is not known
+
+    @cached_property
+    def features(self) -> dict[str, float]:
+        """One value for each of `FEATURE_COLUMNS`; not-a-number where the trace does not show it."""
+        return {name: figure(self) for name, figure in _FIGURES.items()}
+
+    @property
+    def friction(self) -> tuple[float, float]:
+        """Sliding over normal force, and its standard uncertainty [1]."""
+        load, load_std = self.load
+        friction = self.approach.level / load if load > 0.0 else float("nan")
+        return friction, float(np.hypot(self.approach.level_std, friction * load_std) / load)
+
+    @property
+    def energy(self) -> float:
+        """E_v, that of the amplitude at the release on the declared spring [J]."""
+        return self.aftermath.amplitude[0] ** 2 / (2.0 * self.spring_constant)
+
+    @property
+    def energy_std(self) -> float:
+        """Relative standard uncertainty of the energy [1]."""
+        amplitude, std = self.aftermath.amplitude
+        return 2.0 * (std / amplitude if amplitude > 0.0 else float("nan"))
+
+
+_FIGURES: dict[str, Callable[[Measurement], float]] = {
+    "sliding_friction": lambda m: m.friction[0],
+    "sliding_friction_std": lambda m: m.friction[1],
+    "normal_load_n": lambda m: m.load[0],
+    "normal_load_std_n": lambda m: m.load[1],
+    "loading_onset_s": lambda m: m.approach.onset + m.start,
+    "loading_slope_n_per_s": lambda m: m.approach.slope,
+    "loading_slope_std_n_per_s": lambda m: m.approach.slope_std,
+    "spring_constant_n_per_m": lambda m: m.approach.slope / m.speed,
+    "spring_constant_std_n_per_m": lambda m: m.approach.slope_std / m.speed,
+    "peak_force_n": lambda m: m.peak.force,
+    "peak_force_std_n": lambda m: m.peak.force_std,
+    "release_time_s": lambda m: m.peak.time + m.start,
+    "release_level_n": lambda m: m.aftermath.level[0],
+    "release_level_std_n": lambda m: m.aftermath.level[1],
+    "ring_frequency_hz": lambda m: m.aftermath.frequency[0],
+    "ring_frequency_std_hz": lambda m: m.aftermath.frequency[1],
+    "decay_time_s": lambda m: m.aftermath.decay_time[0],
+    "decay_time_std_s": lambda m: m.aftermath.decay_time[1],
+    "friction_decay_n_per_s": lambda m: m.aftermath.friction_decay[0],
+    "friction_decay_std_n_per_s": lambda m: m.aftermath.friction_decay[1],
+    "ring_amplitude_n": lambda m: m.aftermath.amplitude[0],
+    "ring_amplitude_std_n": lambda m: m.aftermath.amplitude[1],
+    "vibration_energy_j": lambda m: m.energy,
+    "vibration_energy_std_j": lambda m: m.energy * m.energy_std,
+    "ln_vibration_energy_std": lambda m: m.energy_std,
+    "sympathetic_force_n": lambda m: m.sympathetic[0],
+    "sympathetic_force_std_n": lambda m: m.sympathetic[1],
+    "loading_share_0_100hz": lambda m: m.shares[0],
+    "vibration_share_250_350hz": lambda m: m.shares[1],
+}
+FEATURE_COLUMNS = tuple(_FIGURES)  # of a table of features, after trial, status, reason and the covariates
 
 
 def measure_trace(
@@ -105,74 +135,29 @@ def measure_trace(
         peak = peak_of(time, force, marks, approach, after)
     if peak.corner:
         after = after.carried_to(peak.time)
-    values = (
-        _sliding(time, trace.normal, approach)
-        | _loading(approach, peak, speed, float(trace.time[0]))
-        | _ringing(after, spring_constant)
-        | _bands(time, force, approach, after, peak)
+    return Measurement(
+        start=float(trace.time[0]),
+        approach=approach,
+        peak=peak,
+        aftermath=after,
+        load=normal_level(time, trace.normal, approach),
+        sympathetic=sympathetic_force(time, trace.normal, approach, after),
+        shares=_shares(time, force, approach, after, peak),
+        spring_constant=spring_constant,
+        speed=speed if speed > 0.0 else float("nan"),  # a handle at rest has no ramp
     )
-    sympathetic = sympathetic_force(time, trace.normal, approach, after)
-    values["sympathetic_force_n"], values["sympathetic_force_std_n"] = sympathetic
-    return Measurement({name: values[name] for name in FEATURE_COLUMNS}, approach, peak, after)
 
 
-def _sliding(time: Array, normal: Array, approach: Approach) -> dict[str, float]:
-    load, load_std = normal_level(time, normal, approach)
-    friction = approach.level / load if load > 0.0 else float("nan")
-    return {
-        "sliding_friction": friction,
-        "sliding_friction_std": float(np.hypot(approach.level_std, friction * load_std) / load),
-        "normal_load_n": load,
-        "normal_load_std_n": load_std,
-    }
-
-
-def _loading(approach: Approach, peak: Peak, speed: float, start: float) -> dict[str, float]:
-    # a handle at rest has no ramp
-    moving = speed if speed > 0.0 else float("nan")
-    return {
-        "loading_onset_s": approach.onset + start,
-        "loading_slope_n_per_s": approach.slope,
-        "loading_slope_std_n_per_s": approach.slope_std,
-        "spring_constant_n_per_m": approach.slope / moving,
-        "spring_constant_std_n_per_m": approach.slope_std / moving,
-        "peak_force_n": peak.force,
-        "peak_force_std_n": peak.force_std,
-        "release_time_s": peak.time + start,
-    }
-
-
-def _ringing(after: Aftermath, spring_constant: float) -> dict[str, float]:
-    amplitude, amplitude_std = after.amplitude
-    energy = amplitude**2 / (2.0 * spring_constant)
-    relative = amplitude_std / amplitude if amplitude > 0.0 else float("nan")
-    return {
-        "release_level_n": after.level[0],
-        "release_level_std_n": after.level[1],
-        "ring_frequency_hz": after.frequency[0],
-        "ring_frequency_std_hz": after.frequency[1],
-        "decay_time_s": after.decay_time[0],
-        "decay_time_std_s": after.decay_time[1],
-        "friction_decay_n_per_s": after.friction_decay[0],
-        "friction_decay_std_n_per_s": after.friction_decay[1],
-        "ring_amplitude_n": amplitude,
-        "ring_amplitude_std_n": amplitude_std,
-        "vibration_energy_j": energy,
-        "vibration_energy_std_j": 2.0 * energy * relative,
-        "ln_vibration_energy_std": 2.0 * relative,
-    }
-
-
-def _bands(time: Array, force: Array, approach: Approach, after: Aftermath, peak: Peak) -> dict[str, float]:
+def _shares(time: Array, force: Array, approach: Approach, after: Aftermath, peak: Peak) -> tuple[float, float]:
     rate = (time.size - 1) / (time[-1] - time[0])
     clean = force - approach.hum(time)
     onset, release = np.searchsorted(time, (approach.onset, peak.time))
     end = int(np.searchsorted(time, after.start + _RING_TIMES * after.decay_time[0]))
     begin = int(np.searchsorted(time, max(after.start, peak.time)))
-    return {
-        "loading_share_0_100hz": band_share(clean[onset:release] - approach.level, rate, LOADING_BAND),
-        "vibration_share_250_350hz": band_share(clean[begin:end] - after.level[0], rate, VIBRATION_BAND),
-    }
+    return (
+        band_share(clean[onset:release] - approach.level, rate, LOADING_BAND),
+        band_share(clean[begin:end] - after.level[0], rate, VIBRATION_BAND),
+    )
 
 
 def band_share(values: Array, rate: float, band: tuple[float, float]) -> float:
