@@ -23,7 +23,7 @@ from stepblocks.bench.signal.separable import covariance_of, misfit, numeric_jac
 
 Array = NDArray[np.float64]
 
-# Relative spread of frequency and decay time about a guess from the trial itself, and about what others told
+# relative spread of frequency and decay time about a guess from the trial itself, and about what others told
 GUESSED, TOLD = (0.05, 0.4), (0.02, 0.12)
 
 _GOOD = 4.0  # misfit at which no other start is tried
@@ -35,16 +35,16 @@ _ROUNDING = 1e-12  # change of a force that is rounding [N]
 class RubbingRing:
     """A ring limited by friction and its uncertainties."""
 
-    # shape (7,); Level L+ [N], gap D [N], frequency [Hz], decay time [s], force at `origin` over L+ [N], slope there
+    # shape (7,): level L+ [N], gap D [N], frequency [Hz], decay time [s], force at `origin` over L+ [N], slope there
     # [N/s], drift [N/s]
     values: Array
-    covariance: Array  # shape (7, 7); Of `values`
-    slope: float  # Slope of the force while the tip sticks [N/s]
-    origin: float  # Instant that the fit counts from [s]
-    # By how many standard errors the residuals miss the noise; see `stepblocks.bench.signal.separable.misfit`
+    covariance: Array  # shape (7, 7), of `values`
+    slope: float  # of the force while the tip sticks [N/s]
+    origin: float  # instant that the fit counts from [s]
+    # by how many standard errors the residuals miss the noise; see `stepblocks.bench.signal.separable.misfit`
     misfit: float
-    residuals: Array  # shape (n,); Data minus fit [N]
-    knows_gap: bool  # Whether the tip ever slipped back, so that the gap shows
+    residuals: Array  # shape (n,), data minus fit [N]
+    knows_gap: bool  # whether the tip ever slipped back, so that the gap shows
 
     def curve(self, time: Array) -> Array:
         """Return the fit without hum [N] at the instants `time`, all after `origin`."""
