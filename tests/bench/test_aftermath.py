@@ -25,7 +25,7 @@ def rubbed(time):
     force, after = RUBBING.force(time), time >= RUBBING.release
     since = time[after] - RUBBING.release
     begin = (RUBBING.level + RUBBING.amplitude, -RUBBING.amplitude / RUBBING.decay_time)
-    ring = rubbing_force(since, RUBBING.level, GAP, 270.0, 28e-3, begin, RUBBING.slope)
+    ring = rubbing_force(since, RUBBING.level, GAP, (270.0, 28e-3), begin, RUBBING.slope)
     rest = RUBBING.peak - RUBBING.level - RUBBING.amplitude
     force[after] = ring + rest * np.exp(-since / 0.1e-3)
     return force

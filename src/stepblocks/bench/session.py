@@ -165,23 +165,7 @@ class Session(_Open):
 
 
 def open_session(folder: str | Path) -> Session:
-    """Read ``session.toml`` of a folder and look whether all that it names is there.
-
-    Parameters
-    ----------
-    folder : str or Path
-        The session; it is only read.
-
-    Returns
-    -------
-    Session
-        As declared, quantities in SI.
-
-    Raises
-    ------
-    BenchError
-        If the declaration is missing, malformed, or names what is not there.
-    """
+    """Read ``session.toml`` of a folder and look whether all that it names is there; else `BenchError` in one line."""
     folder = Path(folder)
     path = folder / "session.toml"
     if not folder.is_dir():

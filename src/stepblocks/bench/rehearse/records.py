@@ -121,9 +121,8 @@ def _start_up(time: Array, frequency: float, decay_time: float, random: np.rando
 def _ring(since: Array, truth: Truth) -> Array:
     if truth.gap > 0.0:
         start = (truth.sliding_force + truth.amplitude, -truth.amplitude / truth.decay_time)
-        return rubbing_force(
-            since, truth.sliding_force, truth.gap, truth.frequency, truth.decay_time, start, truth.slope
-        )
+        tool = truth.frequency, truth.decay_time
+        return rubbing_force(since, truth.sliding_force, truth.gap, tool, start, truth.slope)
     swing = truth.amplitude * np.exp(-since / truth.decay_time) * np.cos(2.0 * math.pi * truth.frequency * since)
     return np.asarray(truth.sliding_force + swing, dtype=float)
 

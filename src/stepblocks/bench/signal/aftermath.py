@@ -176,7 +176,7 @@ def _best_rubbing(
         troughs = _troughs(time, clean, marks, level, guess[0])
         for number, (trough, _) in enumerate(troughs):
             t, y = time[trough:], clean[trough:]
-            fit = fit_rubbing_ring(t, y, float(t[0]), (level, *guess), approach.slope, marks.noise, spread)
+            fit = fit_rubbing_ring(t, y, level, guess, approach.slope, marks.noise, spread=spread)
             if best is None or fit.misfit < _MUCH_BETTER * best[0].misfit:
                 start = max(float(time[marks.peak]), troughs[0][1] - 0.25 / fit.values[2])
                 # the release is that of the first swing, whichever swing the free ring begins with
