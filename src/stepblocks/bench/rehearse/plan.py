@@ -130,34 +130,34 @@ class PlantedEffect(_Part):
             return float(self.size * (c / self.reference) ** self.exponent)
         return self.size * math.exp(-(c - self.reference) / self.span)
 
-    def fault(self, plan: SessionPlan) -> str:
+    def fault(self, plan: SessionPlan, number: int) -> str:
         """Say which field breaks which rule; empty where all is well."""
         if self.law:
-            return self._fault_of_law(plan)
+            return self._fault_of_law(plan, number)
         if self.slot is None:
-            return "slot of effect {} or law must be given"
+            return f"slot of effect {number} or law must be given"
         if plan.source == "drag" and self.slot == "conversion":
-            return "slot of effect {} must not be conversion where the drag in time decides what rings"
+            return f"slot of effect {number} must not be conversion where the drag in time decides what rings"
         known = {"constant": ("none",), "levels": _LABELS}.get(self.form, _NUMBERS)
         if self.covariate not in known:
             if self.covariate == "none":
-                return "covariate of effect {} must have a covariate unless its form is constant"
+                return f"covariate of effect {number} must have a covariate unless its form is constant"
             rule = f"must be one of {', '.join(known)} where its form is {self.form}, got {self.covariate!r}"
-            return f"covariate of effect {{}} {rule}"
+            return f"covariate of effect {number} {rule}"
         if self.span == 0.0 or (self.form == "power" and self.reference == 0.0):
-            return "span and, of a power, reference of effect {} must not be 0"
+            return f"span and, of a power, reference of effect {number} must not be 0"
         return ""
 
-    def _fault_of_law(self, plan: SessionPlan) -> str:
+    def _fault_of_law(self, plan: SessionPlan, number: int) -> str:
         laws = {law.id: law for law in named_laws(plan.blocks())}
         if self.law not in laws:
-            return f"law of effect {{}} must be one of {', '.join(laws)}, got {self.law!r}"
+            return f"law of effect {number} must be one of {', '.join(laws)}, got {self.law!r}"
         names = [p.name for p in laws[self.law].parameters]
         unknown = sorted(set(self.parameters) - set(names))
         if unknown or not self.parameters:
             got = ", ".join(unknown) or "none"
-            return f"parameters of effect {{}} must be among {', '.join(names)}, got {got}"
-        return "slot of effect {} must be left out where a law is named" if self.slot else ""
+            return f"parameters of effect {number} must be among {', '.join(names)}, got {got}"
+        return f"slot of effect {number} must be left out where a law is named" if self.slot else ""
 
 
 class SessionPlan(_Part):
@@ -235,6 +235,6 @@ def read_plan(path: Path) -> SessionPlan:
         place = ".".join(str(part) for part in first["loc"])
         raise PipelineError(f"`{place}`: {first['msg'].removeprefix('Value error, ')} [{path}]") from error
     for number, effect in enumerate(plan.effects, start=1):
-        if fault := effect.fault(plan):
-            raise PipelineError(f"{fault.replace('{}', str(number), 1)} [{path}]")
+        if fault := effect.fault(plan, number):
+            raise PipelineError(f"{fault} [{path}]")
     return plan
