@@ -11,9 +11,10 @@ import sys
 
 import numpy as np
 
-from stepblocks.bench.rehearse.drags import TrueDrag, drag_trial
-from stepblocks.bench.rehearse.waveform import Rig, Truth, record
+from stepblocks.bench.rehearse.records import Rig, Truth, drag_trial, record
 from stepblocks.bench.signal.features import measure_trace
+from stepblocks.contact.counterface import Step
+from stepblocks.contact.operating_point import OperatingPoint, Tool
 
 K = 9810.0
 CASES = {
@@ -120,7 +121,8 @@ def dragged(count: int, seed: int = 7) -> dict[str, tuple[float, float, float, f
     while len(errors["peak_force_n"]) < count:
         load, height = float(random.choice([0.3, 0.5, 0.8, 1.1])), float(random.uniform(10e-6, 80e-6))
         speed = float(random.choice([2e-3, 5e-3, 10e-3, 20e-3]))
-        trial = drag_trial(TrueDrag(height, 125e-6, 0.0, 0.16, load, speed, K, 270.0, 28.4e-3), Rig(), random)
+        point = OperatingPoint(125e-6, load, 0.16, Tool(stiffness=K, frequency=270.0, decay_time=28.4e-3), speed)
+        trial = drag_trial(Step(height), point, Rig(), random)
         if trial is None or trial.amplitude < 0.05:
             continue  # locked, or climbed down without a ring
         features = measure_trace(trial.trace, K, speed, (270.0, 28.4e-3)).features

@@ -6,8 +6,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from stepblocks.bench.rehearse.records import Rig, Truth, record
 from stepblocks.bench.rehearse.trace_writers import TRACE_FILES, open_writer
-from stepblocks.bench.rehearse.waveform import Rig, Truth, record
 
 K = 9810.0
 HEIGHTS = (20, 40, 60)
@@ -51,13 +51,12 @@ def write_session(folder: Path, count: int = 6, kind: str = "csv", rig: Rig | No
     folder.mkdir(parents=True)
     (folder / "session.toml").write_text(DECLARATION.format(traces=TRACE_FILES[kind]))
     lines = ["trial,block,height_um,load_n,speed_mm_s,operator"]
-    writer = open_writer(folder, kind)
     random = np.random.default_rng(1)
-    for number, (h, n, v) in enumerate(conditions(count), start=1):
-        trace, _, _ = record(truth_of(h, n, v), rig or Rig(), random)
-        writer.write(number, trace)
-        lines.append(f"{number},step-{h:03d},{h},{n},{v},A")
-    writer.close()
+    with open_writer(folder, kind) as write:
+        for number, (h, n, v) in enumerate(conditions(count), start=1):
+            trace, _, _ = record(truth_of(h, n, v), rig or Rig(), random)
+            write(number, trace)
+            lines.append(f"{number},step-{h:03d},{h},{n},{v},A")
     (folder / "trials.csv").write_text("\n".join(lines) + "\n")
     return folder
 

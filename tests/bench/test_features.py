@@ -6,11 +6,10 @@ import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
 
-from stepblocks.bench.rehearse.waveform import Rig, Truth, record
-from stepblocks.bench.signal.features import FEATURE_COLUMNS, measure_trace
+from stepblocks.bench.rehearse.records import Rig, Truth, record
+from stepblocks.bench.signal.features import FEATURE_COLUMNS, band_share, measure_trace
 from stepblocks.bench.signal.landmarks import LandmarkError
 from stepblocks.bench.signal.rubbing_ring import rubbing_force
-from stepblocks.bench.signal.spectrum import band_share
 from stepblocks.bench.signal.trace import Trace
 
 K = 9810.0
@@ -128,7 +127,7 @@ def test_the_pieces_of_a_rubbing_ring_solve_its_equation_of_motion(slope):
     exact = solve_ivp(
         motion, (0.0, 0.012), [-1.0, 0.0], t_eval=time, method="LSODA", rtol=1e-8, atol=1e-9, max_step=2e-5
     )
-    ours = rubbing_force(time, level, gap, frequency, decay, (-1.0, 0.0), slope)
+    ours = rubbing_force(time, level, gap, (frequency, decay), (-1.0, 0.0), slope)
     assert np.abs(exact.y[0] - ours).max() < 4e-3
 
 
@@ -137,7 +136,7 @@ def test_a_tip_that_comes_to_rest_never_chatters(amplitude, slope):
     # these starts end close to the lower level, where damping at the speed of the ramp decides whether it sticks
     time = np.linspace(0.0, 0.15, 1501)
     for gap in np.linspace(0.05, 0.15, 41):
-        force = rubbing_force(time, 0.048, gap, 270.0, 0.0284, (0.048 + amplitude, -amplitude / 0.0284), slope)
+        force = rubbing_force(time, 0.048, gap, (270.0, 0.0284), (0.048 + amplitude, -amplitude / 0.0284), slope)
         assert np.abs(force).max() < 1.0 + amplitude
         assert force[-200:].mean() == pytest.approx(0.048, abs=0.01)
 

@@ -175,7 +175,8 @@ def test_locked_trials_are_left_out_and_told(tmp_path):
 def test_the_drag_in_time_is_a_source_of_sessions_and_features_find_what_it_did(tmp_path):
     plan = tmp_path / "drag.toml"
     text = PLAN.format(format="hdf5", trials=12).replace("seed", 'source = "drag"\nseed')
-    plan.write_text(text.replace("5 mm/s", "10 mm/s") + '[scatter]\nheight = "0 um"\n')
+    own = '[model]\ndecay_time = "21.2 ms"\n[scatter]\nheight = "0 um"\n'
+    plan.write_text(text.replace("5 mm/s", "10 mm/s") + own)
     simulate_session(plan, tmp_path / "session")
     table = measure(tmp_path / "session", tmp_path)
     truth = pd.read_csv(tmp_path / "session" / "truth.csv")

@@ -36,29 +36,7 @@ _NOTES = {
 
 
 def draw_trials(session: str | Path, output: str | Path, trials: list[str] | None = None) -> list[Path]:
-    """Draw trials of a session, measured or excluded.
-
-    Parameters
-    ----------
-    session : str or Path
-        Folder with a ``session.toml``; it is only read.
-    output : str or Path
-        Folder for the figures.
-    trials : list of str, optional
-        Names of trials as the table has them; the first twelve where omitted.
-
-    Returns
-    -------
-    list of Path
-        PNG files that were drawn; a trial without a readable trace has none.
-
-    Raises
-    ------
-    BenchError
-        If the session as a whole cannot be read.
-    PipelineError
-        If a trial is not in the table, or the folder cannot be made.
-    """
+    """Draw trials of a session, measured or excluded, the first twelve where none are named; return what was drawn."""
     output, declared = Path(output), open_session(session)
     table = open_trials(declared)
     chosen = list(islice(table, _FIRST)) if trials is None else [trial for trial in table if trial.name in trials]

@@ -9,9 +9,10 @@ from stepblocks.errors import BenchError, QuantityError
 from stepblocks.quantities import parse_quantity
 
 _FIELD = re.compile(r"\{([a-z_]+)(?::(0?)(\d{1,2})d)?\}")
+_DRIVE = re.compile(r"\s*[A-Za-z]:")
 # unit that a column has by the end of its name; `gf` is a gram-force
 _SUFFIX_UNITS = {
-    "force": {"n": "N", "mn": "mN", "un": "uN", "kn": "kN", "gf": "gram_force"},
+    "force": {"n": "N", "mn": "mN", "un": "uN", "kn": "kN", "gf": "gf"},
     "time": {"s": "s", "ms": "ms", "us": "us"},
     "speed": {"mm_s": "mm/s", "m_s": "m/s", "um_s": "um/s", "mm_per_s": "mm/s", "m_per_s": "m/s", "um_per_s": "um/s"},
 }
@@ -48,7 +49,7 @@ def fill_pattern(pattern: str, **values: str) -> str:
 def inside(folder: Path, relative: str, place: str) -> Path:
     """Return a path below `folder`, whichever slashes it is written with; nothing may lead out of it."""
     parts = PurePosixPath(relative.replace("\\", "/"))
-    if parts.is_absolute() or ".." in parts.parts or "\0" in relative or ":" in parts.parts[0]:
+    if parts.is_absolute() or ".." in parts.parts or "\0" in relative or _DRIVE.match(relative):
         raise BenchError(f"`{place}` must lie inside the session, got {relative!r}")
     return folder.joinpath(*parts.parts)
 

@@ -73,7 +73,7 @@ class Channels(_Strict):
     time: Channel | None = None
 
     def parts(self) -> dict[str, tuple[Channel, str]]:
-        """Declared channels, each with its dimension."""
+        """Return the declared channels, each with its dimension."""
         found = {
             "tangential": (self.tangential, "force"),
             "normal": (self.normal, "force"),
@@ -165,23 +165,7 @@ class Session(_Open):
 
 
 def open_session(folder: str | Path) -> Session:
-    """Read ``session.toml`` of a folder and look whether all that it names is there.
-
-    Parameters
-    ----------
-    folder : str or Path
-        The session; it is only read.
-
-    Returns
-    -------
-    Session
-        As declared, quantities in SI.
-
-    Raises
-    ------
-    BenchError
-        If the declaration is missing, malformed, or names what is not there.
-    """
+    """Read ``session.toml`` of a folder and look whether all that it names is there; else `BenchError` in one line."""
     folder = Path(folder)
     path = folder / "session.toml"
     if not folder.is_dir():

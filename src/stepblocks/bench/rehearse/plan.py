@@ -11,32 +11,25 @@ from typing import Annotated, Literal
 import numpy as np
 from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, ValidationError
 
+from stepblocks.bench.rehearse.records import Rig, Truth
+from stepblocks.bench.rehearse.trace_writers import TRACE_FILES
+from stepblocks.bench.session import Frequency, Stiffness, one_of
 from stepblocks.contact.effects.catalogue import named_laws
-from stepblocks.errors import PipelineError, QuantityError
+from stepblocks.contact.operating_point import PAPER
+from stepblocks.errors import PipelineError
 from stepblocks.quantities import quantity_parser
 
 _MOST_TRIALS = 1_000_000
+_NUMBERS = ("height_um", "load_n", "speed_mm_s", "run_order", "temperature_c", "humidity_pct", "peak_force_n")
+_LABELS = ("block", "operator", "tip")
 
-
-def _quantity(dimension: str) -> BeforeValidator:
-    parse = quantity_parser(dimension)
-
-    def read(value: object) -> float:
-        try:
-            return parse(value)
-        except QuantityError as error:
-            raise ValueError(str(error)) from error
-
-    return BeforeValidator(read)
-
-
-Length = Annotated[float, _quantity("length"), Field(ge=0.0)]
-Force = Annotated[float, _quantity("force"), Field(ge=0.0)]
-Speed = Annotated[float, _quantity("speed"), Field(gt=0.0)]
-Frequency = Annotated[float, _quantity("frequency"), Field(gt=0.0)]
-Time = Annotated[float, _quantity("time"), Field(gt=0.0)]
-Ratio = Annotated[float, _quantity("ratio"), Field(ge=0.0)]
-Stiffness = Annotated[float, _quantity("stiffness"), Field(gt=0.0)]
+_Length = Annotated[float, BeforeValidator(quantity_parser("length")), Field(ge=0.0)]
+_Force = Annotated[float, BeforeValidator(quantity_parser("force")), Field(ge=0.0)]
+_Load = Annotated[float, BeforeValidator(quantity_parser("force")), Field(gt=0.0)]
+_Speed = Annotated[float, BeforeValidator(quantity_parser("speed")), Field(gt=0.0)]
+_Time = Annotated[float, BeforeValidator(quantity_parser("time")), Field(gt=0.0)]
+_Ratio = Annotated[float, BeforeValidator(quantity_parser("ratio")), Field(ge=0.0)]
+_Finite = Annotated[float, Field(allow_inf_nan=False)]
 
 
 class _Part(BaseModel):
@@ -44,75 +37,72 @@ class _Part(BaseModel):
 
 
 class Model(_Part):
-    """The nominal model: equations (1) and (2) and the ring."""
+    """The nominal model: equations (1) and (2) and the ring; what is not given is the paper's."""
 
-    spring_constant: Stiffness = 9810.0
-    tip_radius: Length = 125e-6
-    friction: Ratio = 0.15
-    conversion: Ratio = 0.20
-    ring_frequency: Frequency = 300.0
-    decay_time: Time = 21.2e-3
-    sympathetic: Ratio = 0.25
+    spring_constant: Stiffness = PAPER.tool.stiffness
+    tip_radius: _Length = PAPER.ball_radius
+    friction: _Ratio = PAPER.friction
+    conversion: _Ratio = PAPER.tool.conversion
+    ring_frequency: Frequency = PAPER.tool.frequency
+    decay_time: _Time = PAPER.tool.decay_time
+    sympathetic: _Ratio = Truth.sympathetic
     ring: Literal["damped", "rubbing"] = "damped"
 
 
 class Design(_Part):
     """Conditions: the full factorial of heights, loads and speeds, `repeats` times, of which `trials` are drawn."""
 
-    heights: list[Length] = Field(min_length=1)
-    loads: list[Annotated[float, _quantity("force"), Field(gt=0.0)]] = Field(min_length=1)
-    speeds: list[Speed] = Field(min_length=1)
+    heights: list[_Length] = Field(min_length=1)
+    loads: list[_Load] = Field(min_length=1)
+    speeds: list[_Speed] = Field(min_length=1)
     repeats: int = Field(default=1, ge=1, le=_MOST_TRIALS)
     trials: int | None = Field(default=None, ge=1, le=_MOST_TRIALS)
     operators: list[str] = ["A", "B"]
 
 
 class Scatter(_Part):
-    """Standard deviations: of ln energy, friction and load from trial to trial, of the height from block to block."""
+    """Standard deviations from trial to trial, and from block to block."""
 
-    energy: Ratio = 0.05
-    friction: Ratio = 0.005
-    load: Ratio = 0.004
-    height: Length = 0.5e-6
+    energy: _Ratio = 0.05  # of ln E_v [1]
+    friction: _Ratio = 0.005  # [1]
+    load: _Ratio = 0.004  # relative [1]
+    height: _Length = 0.5e-6  # of the blocks [m]
 
 
 class RigPart(_Part):
-    """What the rig adds to a trace."""
+    """What the rig adds to a trace; see `Rig`."""
 
-    sample_rate: Frequency = 10e3
-    noise: Force = 4.5e-3
-    quantum: Force = 0.5e-3
-    hum: Force = 3e-3
-    mains: Frequency = 50.0
-    drift_n_per_s: float = 0.0
-    start_up: Force = 0.0
+    sample_rate: Frequency = Rig.sample_rate
+    noise: _Force = Rig.noise
+    quantum: _Force = Rig.quantum
+    hum: _Force = Rig.hum
+    mains: Frequency = Rig.mains
+    drift_n_per_s: float = Rig.drift
+    start_up: _Force = Rig.start_up
     bandwidth: Frequency | None = None
 
 
 class PlantedEffect(_Part):
     """A change of one slot of the model: a law of the catalogue, or a named form of one covariate."""
 
-    law: str = ""  # A law of the catalogue, such as ``running_in``; slot and form are its own then
-    # Its parameters in SI units; those not given keep the value at which a search begins
-    parameters: dict[str, float] = {}
-    # Which part of the model: ``contact_geometry`` (radius of the ball plus that of the edge [m]), ``friction`` [1],
+    law: str = ""  # of the catalogue, such as ``running_in``; slot and form are its own then
+    parameters: dict[str, float] = {}  # of the law, in SI; those not given keep the value at which a search begins
+    # part of the model: ``contact_geometry`` (radius of the ball plus that of the edge [m]), ``friction`` [1],
     # ``normal_load`` [N], ``stiffness`` [N/m], ``conversion`` [1], ``drag`` (a force on the pull [N]), ``sensor``
     # (gain of the tangential channel [1])
-    slot: Literal["contact_geometry", "friction", "normal_load", "stiffness", "conversion", "drag", "sensor"] | None = (
+    slot: Literal["contact_geometry", "friction", "normal_load", "stiffness", "conversion", "drag", "sensor", None] = (
         None
     )
-    change: Literal["add", "multiply"] = "add"  # ``add`` to the slot or ``multiply`` it
-    # ``constant`` g = size; ``linear`` g = size (c - reference) / span; ``power`` g = size (c / reference)^exponent;
-    # ``exponential`` g = size exp(-(c - reference) / span); ``levels`` g = levels[c], 0 for a label not named
+    change: Literal["add", "multiply"] = (
+        "add"  # as it is, or as 1 + change; a power that multiplies is the factor itself
+    )
     form: Literal["constant", "linear", "power", "exponential", "levels"] = "constant"
-    covariate: str = "none"  # A column of the table, ``peak_force_n`` of the nominal model, or ``none``
-    # Numbers of the form, in the units of slot and covariate. Added as it is, multiplied as 1 + g; a power that
-    # multiplies is the factor itself
-    size: float = Field(default=1.0, allow_inf_nan=False)
-    reference: float = Field(default=0.0, allow_inf_nan=False)
-    span: float = Field(default=1.0, allow_inf_nan=False)
-    exponent: float = Field(default=1.0, allow_inf_nan=False)
-    levels: dict[str, float] = {}  # Change at each label of a covariate
+    covariate: str = "none"  # a column of the table, ``peak_force_n`` of the nominal model, or ``none``
+    size: _Finite = 1.0  # this and the next in the units of slot and covariate
+    reference: _Finite = 0.0
+    span: _Finite = 1.0
+    exponent: _Finite = 1.0
+    levels: dict[str, float] = {}  # change at each label of a covariate, 0 at one not named
 
     def apply(self, value: float, conditions: Mapping[str, float | str]) -> float:
         """Return the slot's value after the effect.
@@ -123,21 +113,51 @@ class PlantedEffect(_Part):
         >>> round(effect.apply(0.2, {"t": 4.0}), 9)
         0.24
         """
-        if self.form == "constant":
-            change = self.size
-        elif self.form == "levels":
-            change = self.levels.get(str(conditions[self.covariate]), 0.0)
-        else:
-            c = float(conditions[self.covariate])
-            if self.form == "linear":
-                change = self.size * (c - self.reference) / self.span
-            elif self.form == "power":
-                change = self.size * (c / self.reference) ** self.exponent
-            else:
-                change = self.size * math.exp(-(c - self.reference) / self.span)
+        change = self._change(conditions)
         if self.change == "add":
             return value + change
         return value * (change if self.form == "power" else 1.0 + change)
+
+    def _change(self, conditions: Mapping[str, float | str]) -> float:
+        if self.form == "constant":
+            return self.size
+        if self.form == "levels":
+            return self.levels.get(str(conditions[self.covariate]), 0.0)
+        c = float(conditions[self.covariate])
+        if self.form == "linear":
+            return self.size * (c - self.reference) / self.span
+        if self.form == "power":
+            return float(self.size * (c / self.reference) ** self.exponent)
+        return self.size * math.exp(-(c - self.reference) / self.span)
+
+    def fault(self, plan: SessionPlan, number: int) -> str:
+        """Say which field breaks which rule; empty where all is well."""
+        if self.law:
+            return self._fault_of_law(plan, number)
+        if self.slot is None:
+            return f"slot of effect {number} or law must be given"
+        if plan.source == "drag" and self.slot == "conversion":
+            return f"slot of effect {number} must not be conversion where the drag in time decides what rings"
+        known = {"constant": ("none",), "levels": _LABELS}.get(self.form, _NUMBERS)
+        if self.covariate not in known:
+            if self.covariate == "none":
+                return f"covariate of effect {number} must have a covariate unless its form is constant"
+            rule = f"must be one of {', '.join(known)} where its form is {self.form}, got {self.covariate!r}"
+            return f"covariate of effect {number} {rule}"
+        if self.span == 0.0 or (self.form == "power" and self.reference == 0.0):
+            return f"span and, of a power, reference of effect {number} must not be 0"
+        return ""
+
+    def _fault_of_law(self, plan: SessionPlan, number: int) -> str:
+        laws = {law.id: law for law in named_laws(plan.blocks())}
+        if self.law not in laws:
+            return f"law of effect {number} must be one of {', '.join(laws)}, got {self.law!r}"
+        names = [p.name for p in laws[self.law].parameters]
+        unknown = sorted(set(self.parameters) - set(names))
+        if unknown or not self.parameters:
+            got = ", ".join(unknown) or "none"
+            return f"parameters of effect {number} must be among {', '.join(names)}, got {got}"
+        return f"slot of effect {number} must be left out where a law is named" if self.slot else ""
 
 
 class SessionPlan(_Part):
@@ -147,7 +167,7 @@ class SessionPlan(_Part):
     title: str = "Simulated session"
     source: Literal["equations", "drag"] = "equations"
     seed: int = Field(ge=0)
-    format: Literal["csv", "hdf5", "tdms", "mat"] = "hdf5"
+    format: Annotated[str, one_of(TRACE_FILES)] = "hdf5"
     model: Model = Model()
     design: Design
     scatter: Scatter = Scatter()
@@ -161,17 +181,17 @@ class SessionPlan(_Part):
     def rows(self) -> list[dict[str, str]]:
         """Conditions of every trial in the order of the run, as the table writes them."""
         random = np.random.default_rng([self.seed, 1])
-        full = [(h, n, v) for h in self.design.heights for n in self.design.loads for v in self.design.speeds]
-        count = self.design.trials or len(full) * self.design.repeats
+        design = self.design
+        full = [(h, n, v) for h in design.heights for n in design.loads for v in design.speeds]
+        count = design.trials or len(full) * design.repeats
         # every combination comes before any comes again
         order = np.concatenate([random.permutation(len(full)) for _ in range(math.ceil(count / len(full)))])[:count]
         order = random.permutation(order)
         warmth = np.cumsum(random.normal(0.0, 0.35, count)) / math.sqrt(count) * 4.0 + 22.0
         wet = np.cumsum(random.normal(0.0, 1.5, count)) / math.sqrt(count) * 4.0 + 50.0
         rows = []
-        for number, index in enumerate(order, start=1):
+        for number, (index, temperature, humidity) in enumerate(zip(order, warmth, wet, strict=True), start=1):
             height, load, speed = full[int(index)]
-            operators = self.design.operators
             rows.append(
                 {
                     "trial": str(number),
@@ -181,9 +201,9 @@ class SessionPlan(_Part):
                     "speed_mm_s": f"{speed * 1e3:g}",
                     "tip": f"tip-{self.model.tip_radius * 1e6:g}",
                     "run_order": str(number),
-                    "temperature_c": f"{warmth[number - 1]:.2f}",
-                    "humidity_pct": f"{wet[number - 1]:.1f}",
-                    "operator": operators[int(random.integers(len(operators)))],
+                    "temperature_c": f"{temperature:.2f}",
+                    "humidity_pct": f"{humidity:.1f}",
+                    "operator": design.operators[int(random.integers(len(design.operators)))],
                 }
             )
         return rows
@@ -203,7 +223,7 @@ def block_name(height: float) -> str:
 
 
 def read_plan(path: Path) -> SessionPlan:
-    """Read a plan."""
+    """Read a plan, or say in one line what is wrong with it."""
     try:
         plan = SessionPlan.model_validate(tomllib.loads(path.read_text(encoding="utf-8")))
     except OSError as error:
@@ -215,41 +235,6 @@ def read_plan(path: Path) -> SessionPlan:
         place = ".".join(str(part) for part in first["loc"])
         raise PipelineError(f"`{place}`: {first['msg'].removeprefix('Value error, ')} [{path}]") from error
     for number, effect in enumerate(plan.effects, start=1):
-        fault = _fault(effect, plan)
-        if fault:
-            raise PipelineError(f"{fault[0]} of effect {number} {fault[1]} [{path}]")
+        if fault := effect.fault(plan, number):
+            raise PipelineError(f"{fault} [{path}]")
     return plan
-
-
-_NUMBERS = ("height_um", "load_n", "speed_mm_s", "run_order", "temperature_c", "humidity_pct", "peak_force_n")
-_LABELS = ("block", "operator", "tip")
-
-
-def _fault(effect: PlantedEffect, plan: SessionPlan) -> tuple[str, str] | None:
-    """Return what is wrong with an effect: the field, and the rule that it breaks."""
-    if effect.law:
-        laws = {law.id: law for law in named_laws(plan.blocks())}
-        if effect.law not in laws:
-            return "law", f"must be one of {', '.join(laws)}, got {effect.law!r}"
-        names = [p.name for p in laws[effect.law].parameters]
-        unknown = sorted(set(effect.parameters) - set(names))
-        if unknown or not effect.parameters:
-            return "parameters", f"must be among {', '.join(names)}, got {', '.join(unknown) or 'none'}"
-        if effect.slot:
-            return "slot", "must be left out where a law is named"
-        return None
-    if effect.slot is None:
-        return "slot", "or law must be given"
-    if plan.source == "drag" and effect.slot == "conversion":
-        return "slot", "must not be conversion where the drag in time decides what rings"
-    known = {"constant": ("none",), "levels": _LABELS}.get(effect.form, _NUMBERS)
-    if effect.covariate not in known:
-        if effect.covariate == "none":
-            return "covariate", "must have a covariate unless its form is constant"
-        return (
-            "covariate",
-            f"must be one of {', '.join(known)} where its form is {effect.form}, got {effect.covariate!r}",
-        )
-    if effect.span == 0.0 or (effect.form == "power" and effect.reference == 0.0):
-        return "span and, of a power, reference", "must not be 0"
-    return None

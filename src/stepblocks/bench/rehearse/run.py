@@ -1,4 +1,4 @@
-"""Job: a session as a laboratory would bring it, from equations (1) and (2) or the drag in time, any effect planted."""
+"""A session as a laboratory would bring it, from equations (1) and (2) or the drag in time, any effect planted."""
 
 from __future__ import annotations
 
@@ -9,12 +9,12 @@ from pathlib import Path
 
 import numpy as np
 
-from stepblocks.bench.rehearse.drags import drag_trial
 from stepblocks.bench.rehearse.plan import SessionPlan, block_name, read_plan
+from stepblocks.bench.rehearse.records import drag_trial, record
 from stepblocks.bench.rehearse.trace_writers import TRACE_FILES, open_writer
 from stepblocks.bench.rehearse.truth import planted_state, rig_of, true_drag, truth_of
-from stepblocks.bench.rehearse.waveform import record
 from stepblocks.bench.signal.trace import Trace
+from stepblocks.contact.counterface import Step
 from stepblocks.errors import PipelineError
 
 _SCAN_REACH, _SCAN_STEP, _SCAN_NOISE = 600.0, 0.25, 0.05  # [um]
@@ -31,20 +31,20 @@ _TRUTH = (
 
 @dataclass(frozen=True)
 class SimulationSummary:
-    """Trials that were planned, and those that gave no trace because the probe locked."""
+    """Counts of trials."""
 
     planned: int
-    locked: int
+    locked: int  # gave no trace
 
 
-def simulate_session(plan_file: Path, output: Path) -> SimulationSummary:
-    """Write a simulated session.
+def simulate_session(plan: str | Path, output: str | Path) -> SimulationSummary:
+    """Write a simulated session: declaration, table of trials, traces, scans, and the truth behind them.
 
     Parameters
     ----------
-    plan_file : Path
-        The plan; see `stepblocks.bench.rehearse.plan`.
-    output : Path
+    plan : str or Path
+        TOML file of the plan: design, model, scatter, rig and effects.
+    output : str or Path
         Folder to make; it must not exist or be empty.
 
     Returns
@@ -55,9 +55,9 @@ def simulate_session(plan_file: Path, output: Path) -> SimulationSummary:
     Raises
     ------
     PipelineError
-        If the plan is malformed or the folder holds something.
+        If the plan is malformed, the folder holds something, or every trial locks.
     """
-    plan = read_plan(plan_file)
+    declared, output = read_plan(Path(plan)), Path(output)
     if output.exists() and (not output.is_dir() or any(output.iterdir())):
         raise PipelineError(f"output must be a new or empty folder, got {str(output)!r}")
     if not output.parent.is_dir():
@@ -67,7 +67,7 @@ def simulate_session(plan_file: Path, output: Path) -> SimulationSummary:
         raise PipelineError(f"an unfinished run is in the way, remove {str(beside)!r}")
     beside.mkdir()
     try:
-        summary = _fill(plan, beside)
+        summary = _fill(declared, beside)
         if output.exists():
             output.rmdir()
         beside.rename(output)
@@ -82,33 +82,29 @@ def _fill(plan: SessionPlan, folder: Path) -> SimulationSummary:
     edge_radius = _edge_radius(plan)
     (folder / "scans").mkdir()
     for number, (nominal, true) in enumerate(heights.items()):
-        _write_scan(folder / "scans" / f"{block_name(nominal)}.csv", true, edge_radius, [plan.seed, 3, number])
+        _write_scan(folder / "scans" / f"{block_name(nominal)}.csv", Step(true, edge_radius), [plan.seed, 3, number])
     (folder / "session.toml").write_text(_declaration(plan), encoding="utf-8")
     rows = plan.rows()
     locked = 0
-    writer = open_writer(folder, plan.format)
-    try:
-        with (
-            (folder / "trials.csv").open("w", newline="", encoding="utf-8") as trials,
-            (folder / "truth.csv").open("w", newline="", encoding="utf-8") as truths,
-        ):
-            table = csv.DictWriter(trials, list(rows[0]), lineterminator="\n")
-            told = csv.writer(truths, lineterminator="\n")
-            table.writeheader()
-            told.writerow(_TRUTH)
-            for number, row in enumerate(rows, start=1):
-                chance = np.random.default_rng([plan.seed, 4, number])
-                trial = _trial(plan, row, heights, chance)
-                if trial is None:
-                    locked += 1
-                    told.writerow([row["trial"], "locked", *[""] * (len(_TRUTH) - 2)])
-                    continue
-                trace, figures = trial
-                writer.write(number, trace)
-                table.writerow(row)
-                told.writerow([row["trial"], "ok", *(f"{value:.9g}" for value in figures)])
-    finally:
-        writer.close()
+    with (
+        open_writer(folder, plan.format) as write,
+        (folder / "trials.csv").open("w", newline="", encoding="utf-8") as trials,
+        (folder / "truth.csv").open("w", newline="", encoding="utf-8") as truths,
+    ):
+        table = csv.DictWriter(trials, list(rows[0]), lineterminator="\n")
+        told = csv.writer(truths, lineterminator="\n")
+        table.writeheader()
+        told.writerow(_TRUTH)
+        for number, row in enumerate(rows, start=1):
+            trial = _trial(plan, row, heights, np.random.default_rng([plan.seed, 4, number]))
+            if trial is None:
+                locked += 1
+                told.writerow([row["trial"], "locked", *[""] * (len(_TRUTH) - 2)])
+                continue
+            trace, figures = trial
+            write(number, trace)
+            table.writerow(row)
+            told.writerow([row["trial"], "ok", *(f"{value:.9g}" for value in figures)])
     if locked == len(rows):
         raise PipelineError("every trial of the plan locks; lower the friction or the heights")
     return SimulationSummary(len(rows), locked)
@@ -124,7 +120,8 @@ def _trial(
     rig, gain = rig_of(plan, state), float(state.gain[0])
     spring = plan.model.spring_constant
     if plan.source == "drag":
-        dragged = drag_trial(true_drag(plan, state), rig, chance, gain)
+        step, point, pull = true_drag(plan, state)
+        dragged = drag_trial(step, point, rig, chance, gain=gain, pull=pull)
         if dragged is None:
             return None
         load, sliding = float(state.load[0]), float(state.friction[0] * state.load[0] + state.drag[0])
@@ -145,13 +142,11 @@ def _edge_radius(plan: SessionPlan) -> float:
     return max(sum(added), 0.0)
 
 
-def _write_scan(path: Path, height: float, edge_radius: float, seed: list[int]) -> None:
-    """Profilometer line across the edge, with its own tilt and offset, as an instrument writes it."""
+def _write_scan(path: Path, step: Step, seed: list[int]) -> None:
+    """Write a profilometer line across the edge, with its own tilt and offset, as an instrument does."""
     random = np.random.default_rng(seed)
     x = np.arange(-_SCAN_REACH, _SCAN_REACH + _SCAN_STEP / 2.0, _SCAN_STEP)
-    step, radius = height * 1e6, edge_radius * 1e6
-    into = np.clip(radius - x, 0.0, radius)
-    z = np.where(x >= 0.0, np.maximum(step - radius + np.sqrt(np.maximum(radius**2 - into**2, 0.0)), 0.0), 0.0)
+    z = 1e6 * np.maximum(step.heights(1e-6 * x), 0.0)
     z = z + random.uniform(-3.0, 3.0) + random.normal(0.0, 3e-4) * x + random.normal(0.0, _SCAN_NOISE, x.size)
     np.savetxt(path, np.column_stack([x, z]), fmt="%.3f", delimiter=",", header="x_um,z_um", comments="")
 

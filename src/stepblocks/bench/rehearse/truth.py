@@ -8,12 +8,13 @@ from typing import Any
 
 import numpy as np
 
-from stepblocks.bench.rehearse.drags import TrueDrag
 from stepblocks.bench.rehearse.plan import PlantedEffect, SessionPlan
-from stepblocks.bench.rehearse.waveform import Rig, Truth
+from stepblocks.bench.rehearse.records import Rig, Truth
+from stepblocks.contact.counterface import Step
 from stepblocks.contact.effects.catalogue import named_laws
 from stepblocks.contact.effects.law import Law
 from stepblocks.contact.forward import BenchDesign, height_name, nominal_state
+from stepblocks.contact.operating_point import OperatingPoint, Tool
 from stepblocks.contact.state import DragState, observe
 from stepblocks.errors import PipelineError
 
@@ -80,10 +81,9 @@ def _nominal(plan: SessionPlan, row: Mapping[str, str], nominal: float, true: fl
 
 
 def _with_form(effect: PlantedEffect, state: DragState, conditions: Mapping[str, Any]) -> DragState:
-    assert effect.slot is not None
-    changed: dict[str, Any] = {}
-    for name in _SLOTS[effect.slot]:
-        changed[name] = np.array([effect.apply(float(getattr(state, name)[0]), conditions)])
+    changed: dict[str, Any] = {
+        name: np.array([effect.apply(float(getattr(state, name)[0]), conditions)]) for name in _SLOTS[str(effect.slot)]
+    }
     if effect.slot == "normal_load":
         # a load that is not the one set is weighed by the gauge all the same
         changed["sensed_offset"] = state.sensed_offset + changed["load"] - state.load
@@ -109,9 +109,9 @@ def _column(law: Law, state: DragState, row: Mapping[str, str]) -> Any:
 
 def rig_of(plan: SessionPlan, state: DragState) -> Rig:
     """Return the rig of a plan; a gauge that lags has a bandwidth."""
-    rig, lag = plan.rig, float(state.lag[0])
-    bandwidth = min(rig.bandwidth or math.inf, 1.0 / (2.0 * math.pi * lag) if lag > 0.0 else math.inf)
-    return Rig(rig.sample_rate, rig.noise, rig.quantum, rig.hum, rig.mains, rig.drift_n_per_s, rig.start_up, bandwidth)
+    declared, lag = plan.rig.model_dump(), float(state.lag[0])
+    bandwidth = min(declared.pop("bandwidth") or math.inf, 1.0 / (2.0 * math.pi * lag) if lag > 0.0 else math.inf)
+    return Rig(drift=declared.pop("drift_n_per_s"), bandwidth=bandwidth, **declared)
 
 
 def truth_of(plan: SessionPlan, state: DragState) -> Truth | None:
@@ -136,22 +136,17 @@ def truth_of(plan: SessionPlan, state: DragState) -> Truth | None:
     )
 
 
-def true_drag(plan: SessionPlan, state: DragState) -> TrueDrag:
-    """Return the same trial for the drag in time."""
+def true_drag(plan: SessionPlan, state: DragState) -> tuple[Step, OperatingPoint, float]:
+    """Return the same trial for the drag in time, with the steady force along the drag beside the tip's [N]."""
     moved = [name for name in _NOT_IN_TIME if bool(np.any(getattr(state, name) != 0.0))]
     if moved:
         raise PipelineError(f"an effect changes {moved[0]}, for which the drag in time has no place")
-    tip = min(plan.model.tip_radius, float(state.radius[0]))
-    stiffer = math.sqrt(float(state.ring_stiffness[0]) / plan.model.spring_constant)
-    return TrueDrag(
-        height=float(state.height[0]),
-        tip_radius=tip,
-        edge_radius=float(state.radius[0]) - tip,
-        friction=float(state.friction[0]),
-        load=float(state.load[0]),
-        speed=float(state.speed[0]),
-        stiffness=float(state.stiffness[0]),
-        frequency=float(state.frequency[0]) * stiffer,
-        decay_time=float(state.decay_time[0] / state.damping[0]),
-        pull=float(state.drag[0]),
+    slots = {name: float(value[0]) for name, value in vars(state).items() if isinstance(value, np.ndarray)}
+    ball_radius = min(plan.model.tip_radius, slots["radius"])
+    tool = Tool(
+        stiffness=slots["stiffness"],
+        frequency=slots["frequency"] * math.sqrt(slots["ring_stiffness"] / plan.model.spring_constant),
+        decay_time=slots["decay_time"] / slots["damping"],
     )
+    point = OperatingPoint(ball_radius, slots["load"], slots["friction"], tool, slots["speed"])
+    return Step(slots["height"], slots["radius"] - ball_radius), point, slots["drag"]

@@ -169,40 +169,21 @@ def _best_rubbing(
     """Fit from one trough after the other, until the tip no longer climbs; with the begin of the ring."""
     clean = force - approach.hum(time)
     after = clean[marks.peak :]
-    tail = after[int(after.size * (1.0 - _TAIL_SHARE)) :]
-    level = float(np.median(tail))
+    level = float(np.median(after[int(after.size * (1.0 - _TAIL_SHARE)) :]))
+    spread = TOLD if tool else GUESSED
     best: tuple[RubbingRing, float, Swing | None] | None = None
     for guess in _tool_guesses(time, clean, marks, approach, tool):
-        best = _from_troughs(time, clean, marks, approach.slope, level, (*guess, TOLD if tool else GUESSED), best)
-        if best is not None and best[0].misfit < _SETTLED:
-            break
-    return best
-
-
-def _from_troughs(
-    time: Array,
-    clean: Array,
-    marks: Landmarks,
-    slope: float,
-    level: float,
-    guess: tuple[float, float, tuple[float, float]],
-    best: tuple[RubbingRing, float, Swing | None] | None,
-) -> tuple[RubbingRing, float, Swing | None] | None:
-    frequency, decay, spread = guess
-    troughs = _troughs(time, clean, marks, level, frequency)[:_MOST_TROUGHS]
-    for number, (trough, _) in enumerate(troughs):
-        origin = float(time[trough])
-        fit = fit_rubbing_ring(
-            time[trough:], clean[trough:], origin, (level, frequency, decay), slope, marks.noise, spread
-        )
-        if best is None or fit.misfit < _MUCH_BETTER * best[0].misfit:
-            start = max(float(time[marks.peak]), troughs[0][1] - 0.25 / fit.values[2])
-            # the release is that of the first swing, whichever swing the free ring begins with
-            clear = number == 0 and fit.misfit < _GOOD and _is_of((frequency, decay), fit)
-            told = (frequency, decay) if spread is TOLD else None
-            best = (fit, start, None if clear else _first_swing(time, clean, troughs[0][0], fit, told))
-        if best[0].misfit < _SETTLED:
-            break
+        troughs = _troughs(time, clean, marks, level, guess[0])
+        for number, (trough, _) in enumerate(troughs):
+            t, y = time[trough:], clean[trough:]
+            fit = fit_rubbing_ring(t, y, level, guess, approach.slope, marks.noise, spread=spread)
+            if best is None or fit.misfit < _MUCH_BETTER * best[0].misfit:
+                start = max(float(time[marks.peak]), troughs[0][1] - 0.25 / fit.values[2])
+                # the release is that of the first swing, whichever swing the free ring begins with
+                clear = number == 0 and fit.misfit < _GOOD and _is_of(guess, fit)
+                best = (fit, start, None if clear else _first_swing(time, clean, troughs[0][0], fit, tool))
+            if best[0].misfit < _SETTLED:
+                return best
     return best
 
 

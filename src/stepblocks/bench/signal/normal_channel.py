@@ -21,7 +21,7 @@ def normal_level(time: Array, normal: Array, approach: Approach) -> tuple[float,
     t, y = time[:end], normal[:end]
     columns = np.column_stack([np.ones_like(t), t - t.mean(), wave(t, approach.mains)])
     weights, residuals = fit_linear(columns, y)
-    covariance, _ = covariance_of(columns, residuals)
+    covariance = covariance_of(columns, residuals)
     return float(weights[0]), float(np.sqrt(covariance[0, 0]))
 
 
@@ -38,7 +38,7 @@ def sympathetic_force(time: Array, normal: Array, approach: Approach, after: Aft
         since = t - after.start
         columns = np.column_stack([np.exp(-since / decay_time)[:, None] * wave(since, frequency), still])
         weights, residuals = fit_linear(columns, y)
-        covariance, _ = covariance_of(columns, residuals)
+        covariance = covariance_of(columns, residuals)
         size = float(np.hypot(weights[0], weights[1]))
         if size == 0.0:
             return 0.0, float(np.sqrt(covariance[0, 0]))

@@ -100,7 +100,7 @@ def _corner_of_fall(time: Array, force: Array, marks: Landmarks, approach: Appro
     if fall >= 0.0:
         return None
     gradient = np.asarray(at ** np.arange(3), dtype=float)
-    covariance, _ = covariance_of(columns, residuals)
+    covariance = covariance_of(columns, residuals)
     noise = max(
         propagated(gradient, covariance),
         propagated(gradient, np.asarray(np.linalg.inv(columns.T @ columns), dtype=float)) * marks.noise,
@@ -127,7 +127,7 @@ def _rounded(time: Array, force: Array, marks: Landmarks, approach: Approach) ->
     reach = float(np.abs(t).max())
     columns = np.vander(t / reach, 4, increasing=True)
     weights, residuals = fit_linear(columns, y)
-    covariance, _ = covariance_of(columns, residuals)
+    covariance = covariance_of(columns, residuals)
     grid = np.linspace(t[0], t[-1], 801) / reach
     heights = np.vander(grid, 4, increasing=True) @ weights
     best = int(np.argmax(heights))

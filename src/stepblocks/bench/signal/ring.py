@@ -94,7 +94,7 @@ class Ring:
         scale = np.sqrt(np.einsum("ij,ij->j", jacobian, jacobian))
         scale[scale == 0.0] = 1.0
         step = np.linalg.lstsq(jacobian / scale, fit.residuals, rcond=1e-10)[0] / scale
-        covariance, _ = covariance_of(jacobian, fit.residuals - jacobian @ step)
+        covariance = covariance_of(jacobian, fit.residuals - jacobian @ step)
         return float(step[-1]), float(np.sqrt(max(covariance[-1, -1], 0.0)))
 
     def _model(self, since: Array, shape: Array) -> Array:

@@ -10,6 +10,7 @@ between the levels, it sticks, and the force climbs along the ramp ``k v`` until
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cache
@@ -18,33 +19,34 @@ import numpy as np
 from numpy.typing import NDArray
 
 from stepblocks.bench.signal.ring import BEGIN
-from stepblocks.bench.signal.rubbing_kernel import rubbing_kernel
 from stepblocks.bench.signal.separable import covariance_of, misfit, numeric_jacobian, propagated
 
 Array = NDArray[np.float64]
 
-# Relative spread of frequency and decay time about a guess from the trial itself, and about what others told
+# relative spread of frequency and decay time about a guess from the trial itself, and about what others told
 GUESSED, TOLD = (0.05, 0.4), (0.02, 0.12)
 
 _GOOD = 4.0  # misfit at which no other start is tried
 _ALIKE = 1e-7  # relative difference of costs that the optimiser's own tolerance makes; then the likelier start leads
 _ROUNDING = 1e-12  # change of a force that is rounding [N]
+_SCALE = np.array([0.01, 0.05, 2.0, 5e-3, 0.05, 10.0, 0.1])  # in which the values of a fit move
+_MOST_PHASES = 5000
 
 
 @dataclass(frozen=True)
 class RubbingRing:
     """A ring limited by friction and its uncertainties."""
 
-    # shape (7,); Level L+ [N], gap D [N], frequency [Hz], decay time [s], force at `origin` over L+ [N], slope there
+    # shape (7,): level L+ [N], gap D [N], frequency [Hz], decay time [s], force at `origin` over L+ [N], slope there
     # [N/s], drift [N/s]
     values: Array
-    covariance: Array  # shape (7, 7); Of `values`
-    slope: float  # Slope of the force while the tip sticks [N/s]
-    origin: float  # Instant that the fit counts from [s]
-    # By how many standard errors the residuals miss the noise; see `stepblocks.bench.signal.separable.misfit`
+    covariance: Array  # shape (7, 7), of `values`
+    slope: float  # of the force while the tip sticks [N/s]
+    origin: float  # instant that the fit counts from [s]
+    # by how many standard errors the residuals miss the noise; see `stepblocks.bench.signal.separable.misfit`
     misfit: float
-    residuals: Array  # shape (n,); Data minus fit [N]
-    knows_gap: bool  # Whether the tip ever slipped back, so that the gap shows
+    residuals: Array  # shape (n,), data minus fit [N]
+    knows_gap: bool  # whether the tip ever slipped back, so that the gap shows
 
     def curve(self, time: Array) -> Array:
         """Return the fit without hum [N] at the instants `time`, all after `origin`."""
@@ -67,19 +69,32 @@ class RubbingRing:
             swing = np.hypot(values[4], (values[5] + values[4] / values[3]) / omega)
             return np.array([swing * np.exp(-reach / values[3])])
 
-        step = 1e-4 * _SCALE
-        unbounded = np.full(7, np.inf)
-        gradient = numeric_jacobian(size, self.values, step, -unbounded, unbounded)[0]
+        gradient = numeric_jacobian(size, self.values, 1e-4 * _SCALE)[0]
         return float(size(self.values)[0]), propagated(gradient, self.covariance)
 
 
-_SCALE = np.array([0.01, 0.05, 2.0, 5e-3, 0.05, 10.0, 0.1])
-
-
 def rubbing_force(
-    time: Array, level: float, gap: float, frequency: float, decay_time: float, start: tuple[float, float], slope: float
+    time: Array, level: float, gap: float, tool: tuple[float, float], start: tuple[float, float], slope: float
 ) -> Array:
     """Force of the tool after the slip, piece by piece in closed form.
+
+    Parameters
+    ----------
+    time : ndarray, shape (n,)
+        Instants, ascending from 0 [s].
+    level, gap : float
+        Level while the tip slips forward, and by how much lower it is while the tip slips back [N].
+    tool : (float, float)
+        Frequency [Hz] and decay time [s].
+    start : (float, float)
+        Force [N] and its rate [N/s] at 0.
+    slope : float
+        Of the force while the tip sticks [N/s].
+
+    Returns
+    -------
+    ndarray, shape (n,)
+        Force [N]; 1e6 from where on the tip chatters without end.
 
     Examples
     --------
@@ -87,12 +102,11 @@ def rubbing_force(
 
     >>> t = np.linspace(0.0, 0.02, 50)
     >>> w = 2 * np.pi * 300.0
-    >>> f = rubbing_force(t, 0.1, 0.0, 300.0, 0.02, (1.1, -1.0 / 0.02), 50.0)
+    >>> f = rubbing_force(t, 0.1, 0.0, (300.0, 0.02), (1.1, -1.0 / 0.02), 50.0)
     >>> bool(np.allclose(f, 0.1 + np.exp(-t / 0.02) * np.cos(w * t)))
     True
     """
-    kernel = _compiled()
-    return np.asarray(kernel(time, level, gap, frequency, decay_time, start[0], start[1], slope), dtype=float)
+    return np.asarray(_compiled()(time, level, gap, *tool, *start, slope), dtype=float)
 
 
 @cache
@@ -100,13 +114,75 @@ def _compiled() -> Callable[..., Array]:
     """Compile the kernel when it is first wanted: a fit calls it some hundred times."""
     from numba import njit
 
-    compiled: Callable[..., Array] = njit(cache=True)(rubbing_kernel)
+    compiled: Callable[..., Array] = njit(cache=True)(_kernel)
     return compiled
+
+
+def _kernel(
+    time: Array, level: float, gap: float, frequency: float, decay: float, force: float, rate: float, slope: float
+) -> Array:
+    """Go half cycle by half cycle; written for a compiler, nothing checked. See `rubbing_force`."""
+    omega = 2.0 * math.pi * frequency
+    result = np.empty_like(time)
+    count = time.size
+    step = 2.0 * math.pi / omega / 20.0
+    # at the speed of the ramp the damping alone pulls as much as this deflection; it shifts where the tip sticks
+    shift = 2.0 / decay * slope / (omega * omega + 1.0 / (decay * decay))
+    begin, done = 0.0, 0
+    forward = rate < slope
+    for _ in range(_MOST_PHASES):
+        rest = level if forward else level - gap
+        a = force - rest
+        b = (rate + a / decay) / omega
+        p, q = b * omega - a / decay, a * omega + b / decay
+        sign = 1.0 if forward else -1.0
+        # the tip turns where the force climbs as fast as the ramp; too small a ring never does
+        horizon = time[count - 1] - begin + step
+        if gap <= 0.0 or (forward and math.hypot(p, q) <= slope):
+            turn = math.inf
+        else:
+            turn = math.inf
+            low, high = 0.0, step
+            while low <= horizon:
+                rise = math.exp(-high / decay) * (p * math.cos(omega * high) - q * math.sin(omega * high))
+                if sign * (rise - slope) > 0.0:
+                    for _ in range(36):
+                        middle = 0.5 * (low + high)
+                        rise = math.exp(-middle / decay) * (p * math.cos(omega * middle) - q * math.sin(omega * middle))
+                        if sign * (rise - slope) > 0.0:
+                            high = middle
+                        else:
+                            low = middle
+                    turn = high
+                    break
+                low, high = high, high + step
+        while done < count and time[done] - begin < turn:
+            t = time[done] - begin
+            result[done] = rest + math.exp(-t / decay) * (a * math.cos(omega * t) + b * math.sin(omega * t))
+            done += 1
+        if done >= count:
+            return result
+        shrink, c, s = math.exp(-turn / decay), math.cos(omega * turn), math.sin(omega * turn)
+        force = rest + shrink * (a * c + b * s)
+        rate = shrink * ((b * omega - a / decay) * c - (a * omega + b / decay) * s)
+        begin += turn
+        if forward and force >= level - gap - shift and slope > 0.0:
+            # it sticks, and is loaded along the ramp until it slips forward again
+            wait = max(level - shift - force, 0.0) / slope
+            while done < count and time[done] - begin < wait:
+                result[done] = force + slope * (time[done] - begin)
+                done += 1
+            force, rate, begin = max(level - shift, force), slope * (1.0 - 1e-9), begin + wait
+        else:
+            forward = not forward
+    # not-a-number, or a tip that chatters without end: no model, and a fit must see that by its size
+    result[done:] = 1e6
+    return result
 
 
 def _model(values: Array, time: Array, slope: float) -> Array:
     level, gap, frequency, decay, offset, rate, drift = values
-    force = rubbing_force(time, level, gap, frequency, decay, (level + offset, rate), slope)
+    force = rubbing_force(time, level, gap, (frequency, decay), (level + offset, rate), slope)
     return np.asarray(force + drift * time, dtype=float)
 
 
@@ -120,16 +196,17 @@ def _turns(values: Array, time: Array, slope: float) -> bool:
 def fit_rubbing_ring(
     time: Array,
     force: Array,
-    origin: float,
-    guess: tuple[float, float, float],
+    level: float,
+    tool: tuple[float, float],
     slope: float,
     noise: float,
+    *,
     spread: tuple[float, float] = GUESSED,
 ) -> RubbingRing:
-    """Fit a ring limited by friction to the samples from `origin` on, hum taken off before."""
+    """Fit a ring limited by friction, hum taken off before, from a guess of its level and of the tool."""
     from scipy.optimize import least_squares
 
-    level, frequency, decay = guess
+    (frequency, decay), origin = tool, float(time[0])
     # what is known of the tool holds a ring that is too faint to tell; a clear ring outweighs it
     known = noise / np.array([spread[0] * frequency, spread[1] * decay])
     begin = int(np.searchsorted(time, origin + BEGIN))
@@ -159,7 +236,7 @@ def fit_rubbing_ring(
     residuals = -np.asarray(best.fun[:-2], dtype=float)
     prior = np.zeros((2, 7))
     prior[0, 2], prior[1, 3] = known
-    covariance, _ = covariance_of(jacobian, residuals, prior)
+    covariance = covariance_of(jacobian, residuals, prior)
     missed = misfit(residuals, 7, begin, noise)
     # a sample between two turns changes by the gap itself; a gap that moves less than one sample was not seen
     knows_gap = bool(np.abs(jacobian[:, 1]).sum() > 1.0 and values[1] > 1e-5)

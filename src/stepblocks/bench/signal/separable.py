@@ -60,7 +60,7 @@ def fit_separable(
         shape = np.asarray(found.x, dtype=float)
     weights, residuals = solve(shape)
     slopes = numeric_jacobian(lambda p: basis(p) @ weights, shape, scale * 1e-4, lower, upper)
-    covariance, _ = covariance_of(np.column_stack([slopes, basis(shape)]), residuals)
+    covariance = covariance_of(np.column_stack([slopes, basis(shape)]), residuals)
     return SeparableFit(shape, weights, covariance, residuals)
 
 
@@ -93,8 +93,8 @@ def numeric_jacobian(
     return np.column_stack(columns) if columns else np.empty((model(point).size, 0))
 
 
-def covariance_of(jacobian: Array, residuals: Array, known: Array | None = None) -> tuple[Array, float]:
-    """Covariance of the parameters and standard deviation of the residuals.
+def covariance_of(jacobian: Array, residuals: Array, known: Array | None = None) -> Array:
+    """Covariance of the parameters.
 
     Residuals that are correlated from sample to sample (hum harmonics, a model a little wrong) carry less
     information than their number; the covariance is widened by their integrated autocorrelation.
@@ -111,8 +111,7 @@ def covariance_of(jacobian: Array, residuals: Array, known: Array | None = None)
     # from the rows, not from their squares: those lose half the digits, and with them the rank
     root = np.linalg.pinv(scaled, rcond=_UNSEEN)
     inverse = root @ root.T
-    covariance = inverse / np.outer(size, size) * noise**2 * correlation_inflation(residuals)
-    return covariance, noise
+    return np.asarray(inverse / np.outer(size, size) * noise**2 * correlation_inflation(residuals), dtype=float)
 
 
 def correlation_inflation(residuals: Array) -> float:

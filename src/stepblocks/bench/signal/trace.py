@@ -27,21 +27,7 @@ class Trace:
 
 
 def screen_trace(trace: Trace, sample_rate: float, limit: float | None = None) -> str:
-    """Look for what makes a trace unusable.
-
-    Parameters
-    ----------
-    trace : Trace
-        The record.
-    sample_rate : float
-        Declared samples per second [Hz].
-    limit : float, optional
-        Force at which the sensor saturates [N].
-
-    Returns
-    -------
-    str
-        Reason for an exclusion, in one line; empty where there is none.
+    """Look for what makes a trace unusable, and say it in one line; empty where there is nothing.
 
     Examples
     --------

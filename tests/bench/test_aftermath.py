@@ -1,0 +1,119 @@
+"""After the slip: a bell is taken for a bell, a rubbing tip for a rubbing tip; amplitudes are those at the release."""
+
+import numpy as np
+import pytest
+
+from oracles.traces import Course, hum
+from stepblocks.bench.signal.aftermath import Swing, settle, settle_from
+from stepblocks.bench.signal.approach import fit_approach
+from stepblocks.bench.signal.landmarks import find_landmarks
+from stepblocks.bench.signal.normal_channel import normal_level, sympathetic_force
+from stepblocks.bench.signal.rubbing_ring import RubbingRing, rubbing_force
+
+COURSE = Course()
+TIME = COURSE.clock()
+RUBBING = Course(peak=1.9, amplitude=1.5, frequency=270.0, decay_time=28e-3)
+GAP = 0.24  # twice a friction of 0.12 N
+
+
+def noise(count, std=2e-3, seed=9):
+    return std * np.random.default_rng(seed).standard_normal(count)
+
+
+def rubbed(time):
+    """Ramp of a course, then the closed-form half cycles of a tip that rubs."""
+    force, after = RUBBING.force(time), time >= RUBBING.release
+    since = time[after] - RUBBING.release
+    begin = (RUBBING.level + RUBBING.amplitude, -RUBBING.amplitude / RUBBING.decay_time)
+    ring = rubbing_force(since, RUBBING.level, GAP, (270.0, 28e-3), begin, RUBBING.slope)
+    rest = RUBBING.peak - RUBBING.level - RUBBING.amplitude
+    force[after] = ring + rest * np.exp(-since / 0.1e-3)
+    return force
+
+
+def settled(time, force, tool=None):
+    marks = find_landmarks(time, force)
+    approach = fit_approach(time, force, marks, tool)
+    return settle(time, force, marks, approach, tool), marks, approach
+
+
+def test_a_bell_is_taken_for_a_bell_with_its_figures():
+    after, _, _ = settled(TIME, COURSE.force(TIME) + noise(TIME.size))
+    assert after.kind == "damped"
+    for (value, std), truth in (
+        (after.frequency, 287.0),
+        (after.decay_time, 17e-3),
+        (after.level, 0.12),
+        (after.friction_decay, 0.0),
+    ):
+        assert value == pytest.approx(truth, abs=4.0 * std)
+
+
+def test_counted_from_the_release_the_amplitude_is_that_of_the_release():
+    force = COURSE.force(TIME) + noise(TIME.size)
+    after, marks, approach = settled(TIME, force)
+    again = settle_from(TIME, force, marks, approach, COURSE.release, after)
+    amplitude, std = again.amplitude
+    assert again.start == COURSE.release
+    assert amplitude == pytest.approx(COURSE.amplitude, abs=4.0 * std)
+    later = again.carried_to(COURSE.release + 5e-3)
+    # origin: exp(-5 ms / tau)
+    assert later.amplitude[0] / amplitude == pytest.approx(np.exp(-5e-3 / again.decay_time[0]), rel=1e-9)
+
+
+@pytest.mark.parametrize("tool", [None, (270.0, 28e-3)])
+def test_a_tip_that_rubs_is_taken_for_one_and_tells_its_friction(tool):
+    time = RUBBING.clock(tail=0.14)
+    after, _, _ = settled(time, rubbed(time) + noise(time.size), tool)
+    assert after.kind == "rubbing"
+    assert isinstance(after.ring, RubbingRing)
+    assert after.frequency[0] == pytest.approx(270.0, abs=1.0)
+    # origin: every half cycle costs the gap
+    assert after.friction_decay[0] == pytest.approx(2.0 * GAP * 270.0, rel=0.03)
+    assert after.amplitude[0] == pytest.approx(RUBBING.amplitude, rel=0.03)
+
+
+def test_a_tip_that_rubs_is_not_counted_again_from_the_corner():
+    time = RUBBING.clock(tail=0.14)
+    force = rubbed(time) + noise(time.size)
+    after, marks, approach = settled(time, force)
+    assert settle_from(time, force, marks, approach, RUBBING.release, after) is after
+
+
+def test_a_swing_is_carried_back_by_the_decay_of_the_tool():
+    swing = Swing(0.4, 0.01, 0.105, (20e-3, 1e-3))
+    amplitude, std = swing.amplitude(0.101)
+    # origin: A exp(dt / tau); relative variance (s / A)^2 + (dt s_tau / tau^2)^2
+    assert amplitude == pytest.approx(0.4 * np.exp(0.2), rel=1e-9)
+    assert std / amplitude == pytest.approx(np.hypot(0.025, 4e-3 * 1e-3 / 20e-3**2), rel=1e-9)
+    assert swing.amplitude(0.105) == (0.4, 0.01)
+
+
+def test_the_load_is_the_normal_force_while_sliding_whatever_hums_or_drifts():
+    humming = hum(TIME, 8e-3)
+    _, _, approach = settled(TIME, COURSE.force(TIME) + humming)
+    drift = 0.1 * (TIME - 0.5 * COURSE.onset)
+    normal = COURSE.load + humming + drift + noise(TIME.size)
+    normal[COURSE.onset < TIME] += 5.0  # the climb is no sliding
+    load, std = normal_level(TIME, normal, approach)
+    assert load == pytest.approx(COURSE.load, abs=4.0 * std + 1e-4)
+    # origin: s / sqrt(n), more for the hum that is fitted along
+    assert 2e-3 / np.sqrt(600) < std < 2.0 * 2e-3 / np.sqrt(600)
+
+
+@pytest.mark.parametrize("phase", [0.0, 1.2, -2.5])
+def test_the_sympathetic_ring_is_found_at_any_phase(phase):
+    force = COURSE.force(TIME) + noise(TIME.size)
+    after, _, approach = settled(TIME, force)
+    turned = Course(amplitude=0.13, phase=phase)
+    normal = COURSE.load + turned.ring(TIME) + noise(TIME.size, seed=1)
+    size, std = sympathetic_force(TIME, normal, approach, after.carried_to(COURSE.release))
+    assert size == pytest.approx(0.13, abs=4.0 * std)
+    assert std < 3e-3
+
+
+def test_a_normal_force_at_rest_has_no_sympathetic_ring():
+    force = COURSE.force(TIME) + noise(TIME.size)
+    after, _, approach = settled(TIME, force)
+    size, std = sympathetic_force(TIME, COURSE.load + noise(TIME.size, seed=1), approach, after)
+    assert size < 4.0 * std

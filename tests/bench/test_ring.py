@@ -1,0 +1,121 @@
+"""A damped ring: frequency, decay and amplitude come back, and loss to friction is told from loss to damping."""
+
+import numpy as np
+import pytest
+from scipy.optimize import curve_fit
+
+from oracles.traces import Course, hum
+from stepblocks.bench.signal.ring import fit_ring, guess_ring
+
+COURSE = Course(phase=0.4)
+TIME = COURSE.clock(tail=0.12)
+AFTER = np.searchsorted(TIME, COURSE.release + 0.25e-3)
+SINCE = TIME[AFTER:]
+
+
+def after(std=2e-3, seed=6, course=COURSE):
+    noise = std * np.random.default_rng(seed).standard_normal(SINCE.size)
+    return course.force(SINCE) + noise
+
+
+def ring_of(force, noise=2e-3):
+    return fit_ring(SINCE, force, COURSE.release, 50.0, noise)
+
+
+@pytest.mark.parametrize("frequency", [140.0, 250.0, 333.0, 610.0])
+@pytest.mark.parametrize("decay", [6e-3, 14.2e-3, 50e-3])
+def test_a_guess_is_near_enough_to_begin_from(frequency, decay):
+    force = Course(frequency=frequency, decay_time=decay, amplitude=0.9).ring(SINCE)
+    guessed, guessed_decay = guess_ring(SINCE, force)
+    assert guessed == pytest.approx(frequency, rel=0.05)
+    assert 0.3 * decay < guessed_decay < 3.0 * decay
+
+
+def test_without_noise_every_figure_comes_back():
+    ring = ring_of(after(0.0), noise=1e-6)
+    assert ring.frequency == pytest.approx(287.0, rel=1e-7)
+    assert ring.decay_time == pytest.approx(17e-3, rel=1e-6)
+    assert ring.level == pytest.approx(0.12, rel=1e-6)
+    assert ring.amplitude(COURSE.release)[0] == pytest.approx(0.53, rel=1e-6)
+    np.testing.assert_allclose(ring.curve(SINCE), after(0.0), atol=1e-7)
+
+
+def test_fit_and_uncertainties_are_those_of_scipy():
+    force = after()
+    ring = ring_of(force)
+
+    def model(t, frequency, decay, release, level, drift, rest, cosine, sine, hum_c, hum_s):
+        since, mains = t - COURSE.release, 2.0 * np.pi * 50.0 * t
+        phase = 2.0 * np.pi * frequency * since
+        swing = np.exp(-since / decay) * (cosine * np.cos(phase) + sine * np.sin(phase))
+        slow = level + drift * since + hum_c * np.cos(mains) + hum_s * np.sin(mains)
+        return slow + rest * np.exp(-since / release) + swing
+
+    start = (286.0, 16e-3, 0.5e-3, 0.1, 0.0, 0.5, 0.5, 0.0, 0.0, 0.0)
+    # origin: scipy's curve_fit of all ten parameters at once, with a Jacobian of its own
+    values, covariance = curve_fit(model, SINCE, force, p0=start, xtol=1e-12, ftol=1e-12)
+    assert ring.frequency == pytest.approx(values[0], rel=1e-6)
+    assert ring.decay_time == pytest.approx(values[1], rel=1e-4)
+    stds = np.sqrt(np.diag(covariance))
+    # the covariance may be widened by what correlation of neighbours white noise shows by chance
+    assert stds[0] * 0.99 < ring.frequency_std < 1.3 * stds[0]
+    assert stds[1] * 0.99 < ring.decay_time_std < 1.3 * stds[1]
+    assert stds[3] * 0.99 < ring.level_std < 1.3 * stds[3]
+
+
+def test_the_amplitude_is_carried_back_by_its_own_decay_and_the_less_certain_the_farther():
+    ring = ring_of(after())
+    here, here_std = ring.amplitude(COURSE.release)
+    assert here == pytest.approx(0.53, abs=4.0 * here_std)
+    early, early_std = ring.amplitude(COURSE.release - 10e-3)
+    # origin: exp(10 ms / tau)
+    assert early / here == pytest.approx(np.exp(10e-3 / ring.decay_time), rel=1e-9)
+    assert early_std / early > here_std / here
+
+
+def test_hum_and_drift_beside_a_ring_do_not_move_it():
+    plain = ring_of(after())
+    disturbed = ring_of(after() + hum(SINCE, 30e-3) + 0.2 * (SINCE - COURSE.release))
+    assert disturbed.frequency == pytest.approx(plain.frequency, abs=1e-3)
+    assert disturbed.amplitude(COURSE.release)[0] == pytest.approx(plain.amplitude(COURSE.release)[0], rel=1e-4)
+    assert disturbed.level == pytest.approx(plain.level, abs=2e-4)
+
+
+def test_a_bell_loses_nothing_to_friction():
+    loss, std = ring_of(after()).linear_decay()
+    assert abs(loss) < 4.0 * std
+    assert std < 2.0
+
+
+@pytest.mark.parametrize("friction", [-0.5, 0.2, 0.6])
+def test_a_small_loss_per_time_beside_the_decay_is_told_from_it(friction):
+    since = SINCE - COURSE.release
+    # origin: a' = -a / tau - d has the solution a = (A + d tau) exp(-t / tau) - d tau
+    lost = friction * COURSE.decay_time
+    size = (COURSE.amplitude + lost) * np.exp(-since / COURSE.decay_time) - lost
+    phase = 2.0 * np.pi * COURSE.frequency * since + COURSE.phase
+    force = COURSE.force(SINCE) - COURSE.ring(SINCE) + size * np.cos(phase)
+    loss, std = ring_of(force + 1e-4 * np.random.default_rng(1).standard_normal(SINCE.size), 1e-4).linear_decay()
+    assert loss == pytest.approx(friction, abs=0.15 * abs(friction) + 4.0 * std)
+
+
+def test_a_ring_of_another_kind_misses_its_noise_where_it_begins():
+    good = ring_of(after())
+    assert good.misfit < 5.0
+    since = SINCE - COURSE.release
+    # a triangle wave of the same period is no cosine
+    phase = (since * COURSE.frequency) % 1.0
+    triangle = COURSE.amplitude * np.exp(-since / COURSE.decay_time) * (4.0 * np.abs(phase - 0.5) - 1.0)
+    wrong = after() - COURSE.ring(SINCE) + triangle
+    assert ring_of(wrong).misfit > 20.0
+
+
+def test_the_band_of_the_curve_covers_its_scatter():
+    at = COURSE.release + 2e-3
+    pulls = []
+    for seed in range(30):
+        ring = ring_of(after(seed=seed))
+        pulls.append((ring.curve(np.array([at]))[0] - COURSE.force(np.array([at]))[0]) / ring.curve_std(at))
+    # origin: a standard normal number; four sigma of the mean and of the spread of 30
+    assert abs(np.mean(pulls)) < 0.73
+    assert 0.5 < np.std(pulls) < 1.5

@@ -1,0 +1,146 @@
+"""What a session declares: names with units, patterns, formats by suffix, and nothing outside its folder."""
+
+import pickle
+from pathlib import Path
+
+import pytest
+
+from stepblocks.bench.names import check_pattern, fill_pattern, inside, unit_of_name
+from stepblocks.bench.session import Channel, open_session
+from stepblocks.bench.sources import FORMATS
+from stepblocks.errors import BenchError
+
+TEXT = """schema = 1
+title = "a rig"
+[probe]
+spring_constant = "9.81 N/mm"
+tip_radius = "125 um"
+[acquisition]
+sample_rate = "10 kHz"
+traces = "traces/{trial:04d}.csv"
+range = "5 N"
+[acquisition.channels]
+time = "time_ms"
+tangential = { column = "Fx", unit = "mN", factor = -2 }
+normal = "fy_n"
+[stimuli]
+set = "ten"
+scans = "scans/{block}.csv"
+"""
+
+
+def declared(tmp_path, *changes):
+    text = TEXT
+    for old, new in changes:
+        assert old in text
+        text = text.replace(old, new)
+    (tmp_path / "session.toml").write_text(text)
+    (tmp_path / "trials.csv").write_text("trial\n1\n")
+    return open_session(tmp_path)
+
+
+def test_quantities_are_read_into_si(tmp_path):
+    session = declared(tmp_path)
+    assert session.probe.spring_constant == pytest.approx(9810.0)
+    assert session.probe.tip_radius == pytest.approx(125e-6)
+    assert session.acquisition.sample_rate == 10e3
+    assert session.acquisition.range == 5.0
+    assert session.scans == "scans/{block}.csv"
+    assert session.table == tmp_path / "trials.csv"
+
+
+def test_a_folder_may_be_given_as_text_and_a_session_travels_to_another_process(tmp_path):
+    declared(tmp_path)
+    session = open_session(str(tmp_path))
+    assert pickle.loads(pickle.dumps(session)) == session
+
+
+def test_the_scale_of_a_channel_is_unit_times_factor(tmp_path):
+    parts = declared(tmp_path).acquisition.channels.parts()
+    scales = {part: channel.scale(dimension, part) for part, (channel, dimension) in parts.items()}
+    assert scales == pytest.approx({"tangential": -2e-3, "normal": 1.0, "time": 1e-3})
+
+
+@pytest.mark.parametrize(
+    ("name", "dimension", "unit"),
+    [
+        ("fx_mn", "force", "mN"),
+        ("Fx_N", "force", "N"),
+        ("group/raw/t_us", "time", "us"),
+        ("v_mm_per_s", "speed", "mm/s"),
+        ("v_mm_s", "speed", "mm/s"),
+        ("v_m_s", "speed", "m/s"),
+        ("weight_gf", "force", "gf"),
+        ("s", "time", "s"),
+        ("pressure", "force", None),
+        ("mms", "time", None),
+    ],
+)
+def test_the_end_of_a_name_says_its_unit(name, dimension, unit):
+    assert unit_of_name(name, dimension) == unit
+
+
+def test_a_gram_force_is_its_weight():
+    # origin: standard gravity, 9.80665 m/s^2
+    assert Channel(column="weight_gf").scale("force", "x") == pytest.approx(9.80665e-3, rel=1e-9)
+
+
+@pytest.mark.parametrize("name", FORMATS)
+def test_every_format_is_known_by_its_suffixes_and_by_its_name(name, tmp_path):
+    for suffix in FORMATS[name].suffixes:
+        session = declared(tmp_path, ("{trial:04d}.csv", f"{{trial}}{suffix.upper()}"))
+        assert session.acquisition.kind == name
+    other = declared(tmp_path, ("{trial:04d}.csv", "{trial}.dat"), ("range", f'format = "{name}"\nrange'))
+    assert other.acquisition.kind == name
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "message"),
+    [
+        ("schema = 1", "schema = 2", r"`schema`: Input should be 1, got 2"),
+        ('"9.81 N/mm"', "9810", r"`probe.spring_constant`: must be a stiffness .* in quotes"),
+        ('"9.81 N/mm"', '"-1 N/mm"', r"`probe.spring_constant`: Input should be greater than 0"),
+        ('"10 kHz"', '"10 km"', r"`acquisition.sample_rate`: must be a frequency"),
+        ('unit = "mN"', 'unit = "mm"', r"`acquisition.channels.tangential` must have a unit of force, got 'mm'"),
+        ("factor = -2", "factor = nan", r"acquisition.channels.tangential.factor"),
+        ("factor = -2", "gain = -2", r"acquisition.channels.tangential.gain"),
+        ("range", 'format = "xls"\nrange', r"`acquisition.format`: .* 'csv', 'hdf5', 'tdms' or 'mat', got 'xls'"),
+        ("range", 'delimiter = ";;"\nrange', r"acquisition.delimiter"),
+        ("{trial:04d}", "{run}", r"`acquisition.traces` may hold \{trial\}, \{trial:04d\} and no other braces"),
+        ("scans/{block}", "scans/{trial}", r"`stimuli.scans` may hold \{block\}"),
+        ("{trial:04d}", "all", r"`acquisition.traces` must hold \{trial\} for CSV traces"),
+        ("traces/", "/etc/", r"`acquisition.traces` must lie inside the session"),
+        ("[stimuli]", '[trials]\nfile = "list.csv"\n[stimuli]', r"table of trials is missing, expected list.csv"),
+    ],
+)
+def test_what_is_wrong_is_said_with_field_rule_and_value(old, new, message, tmp_path):
+    with pytest.raises(BenchError, match=message) as caught:
+        declared(tmp_path, (old, new))
+    assert "\n" not in str(caught.value)
+
+
+def test_words_that_are_not_ours_are_left_to_the_laboratory(tmp_path):
+    session = declared(tmp_path, ("[probe]", '[probe]\nmaker = "us"'), ("title", 'room = "2.14"\ntitle'))
+    assert session.title == "a rig"
+
+
+def test_patterns_are_filled_as_python_formats_numbers():
+    assert fill_pattern("{trial}/run{trial:3d}.{trial:05d}", trial="-7") == "-7/run -7.-0007"
+    with pytest.raises(ValueError, match=r"no whole number, as \{trial:04d\} needs"):
+        fill_pattern("{trial:04d}", trial="7b")
+
+
+@pytest.mark.parametrize("pattern", ["{}", "{trial", "{trial!r}", "{trial:s}", "{trial.x}", "{0}", "  ", "{block}"])
+def test_a_pattern_holds_no_other_braces(pattern):
+    with pytest.raises(BenchError, match="no other braces"):
+        check_pattern(pattern, "trial", "x")
+
+
+@pytest.mark.parametrize("path", ["../x", "a/../../x", "/x", "C:/x", "a\\..\\x", "a\0b"])
+def test_no_path_leads_out_of_the_session(path):
+    with pytest.raises(BenchError, match="inside the session"):
+        inside(Path("/s"), path, "x")
+
+
+def test_slashes_of_either_kind_are_read():
+    assert inside(Path("/s"), "a\\b/c.csv", "x") == Path("/s/a/b/c.csv")

@@ -1,0 +1,112 @@
+"""Screening: a whole record passes, and each kind of damage is named, whatever the scale of the forces."""
+
+import numpy as np
+import pytest
+
+from oracles.traces import Course, hum
+from stepblocks.bench.signal.trace import Trace, screen_trace
+
+RATE = 10e3
+COURSE = Course()
+
+
+def whole(scale=1.0, start=0.0):
+    time = COURSE.clock(RATE)
+    noise = 2e-3 * np.random.default_rng(4).standard_normal(time.size)
+    return Trace(time + start, scale * (COURSE.force(time) + noise), scale * (COURSE.load + hum(time, 5e-3)))
+
+
+def changed(**channels):
+    return Trace(**{**vars(whole()), **channels})
+
+
+@pytest.mark.parametrize("scale", [1e-3, 1.0, -40.0])
+@pytest.mark.parametrize("start", [0.0, 12.5, -3.0])
+def test_a_whole_record_passes_at_any_scale_sign_and_start_of_its_clock(scale, start):
+    assert screen_trace(whole(scale, start), RATE) == ""
+
+
+@pytest.mark.parametrize("count", [0, 1, 199])
+def test_a_record_of_a_few_samples_is_truncated(count):
+    trace = whole()
+    cut = Trace(trace.time[:count], trace.tangential[:count], trace.normal[:count])
+    assert screen_trace(cut, RATE).startswith("truncated")
+
+
+@pytest.mark.parametrize("channel", ["time", "tangential", "normal"])
+@pytest.mark.parametrize("bad", [np.nan, np.inf])
+def test_what_is_no_number_is_counted_and_its_channel_named(channel, bad):
+    values = getattr(whole(), channel).copy()
+    values[[7, 400, 900]] = bad
+    assert screen_trace(changed(**{channel: values}), RATE) == (
+        f"not-a-number: 3 of {values.size} samples of the {channel} channel"
+    )
+
+
+def test_a_clock_that_stands_still_for_a_sample_is_named_with_its_instant():
+    time = whole().time.copy()
+    time[123] = time[122]
+    assert screen_trace(changed(time=time), RATE) == "wrong clock: time does not ascend after 0.0122 s"
+
+
+def test_lost_samples_are_a_gap_and_their_duration_is_told():
+    trace = whole()
+    keep = np.ones(trace.time.size, dtype=bool)
+    keep[500:529] = False
+    reason = screen_trace(Trace(trace.time[keep], trace.tangential[keep], trace.normal[keep]), RATE)
+    # 29 samples lost at 10 kHz leave a step of 3 ms
+    assert reason == "gap: 3 ms without samples after 0.0499 s"
+
+
+def test_a_jitter_of_the_clock_below_half_a_sample_is_no_gap():
+    trace = whole()
+    jitter = np.random.default_rng(1).uniform(-0.25, 0.25, trace.time.size) / RATE
+    assert screen_trace(changed(time=trace.time + jitter), RATE) == ""
+
+
+@pytest.mark.parametrize(("declared", "passes"), [(10.05e3, True), (9.95e3, True), (10.2e3, False), (5e3, False)])
+def test_the_rate_must_be_the_declared_one_to_a_hundredth(declared, passes):
+    reason = screen_trace(whole(), declared)
+    assert (reason == "") is passes
+    assert passes or reason.startswith("wrong rate: 10000 Hz, declared are")
+
+
+def test_a_rate_that_cannot_show_the_ring_is_refused_though_it_is_the_declared_one():
+    time = np.arange(300) / 1e3
+    trace = Trace(time, np.sin(time), np.ones(300))
+    assert "cannot show a ring" in screen_trace(trace, 1e3)
+
+
+@pytest.mark.parametrize(("channel", "value"), [("tangential", 0.3), ("normal", 0.0)])
+def test_a_channel_that_never_moves_is_dead(channel, value):
+    reason = screen_trace(changed(**{channel: np.full(whole().time.size, value)}), RATE)
+    assert reason.startswith(f"dead channel: the {channel} force")
+
+
+def test_a_normal_force_that_stands_at_its_weight_is_alive():
+    # an ideal gauge under a weight shows one number throughout
+    assert screen_trace(changed(normal=np.full(whole().time.size, 0.8)), RATE) == ""
+
+
+@pytest.mark.parametrize(("sign", "side"), [(1.0, "highest"), (-1.0, "lowest")])
+def test_a_clipped_peak_is_saturated_and_the_unclipped_one_is_not(sign, side):
+    force = whole().tangential
+    clipped = sign * np.minimum(force, 0.9 * force.max())
+    reason = screen_trace(changed(tangential=clipped), RATE)
+    assert reason.startswith("saturated: ")
+    assert f"in a row at the {side} tangential force" in reason
+    assert screen_trace(changed(tangential=sign * force), RATE) == ""
+
+
+def test_the_declared_range_saturates_before_anything_is_flat():
+    force = whole().tangential
+    top = float(force.max())
+    assert screen_trace(whole(), RATE, limit=1.01 * top) == ""
+    assert screen_trace(whole(), RATE, limit=0.99 * top).startswith("saturated: the tangential force reaches the range")
+
+
+def test_a_coarse_converter_alone_is_no_saturation():
+    # steps of 5 mN make runs of equal samples wherever the force is slow
+    trace = whole()
+    coarse = np.round(trace.tangential / 5e-3) * 5e-3
+    assert screen_trace(changed(tangential=coarse), RATE) == ""

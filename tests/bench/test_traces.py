@@ -1,0 +1,225 @@
+"""Traces in every layout: what independent libraries write is read back to the bit, and damage costs one trial."""
+
+import h5py
+import numpy as np
+import pandas as pd
+import pytest
+from nptdms import ChannelObject, TdmsWriter
+from scipy.io import savemat
+
+from oracles.traces import Course
+from stepblocks.bench.rehearse.trace_writers import TRACE_FILES, open_writer
+from stepblocks.bench.session import open_session
+from stepblocks.bench.signal.trace import Trace
+from stepblocks.bench.sources import FORMATS, TraceError
+from stepblocks.bench.sources.mat import variables_of
+from stepblocks.bench.traces import Traces
+from stepblocks.errors import BenchError
+
+TIME = Course().clock()
+COLUMNS = {"t": TIME, "x": Course().force(TIME), "y": 0.8 + 0.1 * TIME}
+NAMED = 'time = "t", tangential = "x", normal = "y"'
+INDEXED = "time = 0, tangential = 1, normal = 2"
+
+
+def session(folder, traces, channels=NAMED, extra=""):
+    (folder / "session.toml").write_text(
+        f'schema = 1\n[probe]\nspring_constant = "9810 N/m"\n[acquisition]\nsample_rate = "10 kHz"\n'
+        f'traces = "{traces}"\nchannels = {{ {channels} }}\n{extra}\n'
+    )
+    (folder / "trials.csv").write_text("trial\n1\n2\n")
+    return open_session(folder)
+
+
+def read(folder, traces, trial="2", channels=NAMED, extra=""):
+    with Traces(session(folder, traces, channels, extra)) as source:
+        return source.read(trial)
+
+
+def same(trace):
+    for name, ours in zip(("time", "tangential", "normal"), COLUMNS.values(), strict=True):
+        np.testing.assert_array_equal(getattr(trace, name), ours)
+
+
+# Each writes the trial 2 with a library that is not ours.
+def csv_file(folder):
+    pd.DataFrame(COLUMNS).to_csv(folder / "run-2.csv", index=False)
+    return "run-{trial}.csv", NAMED, ""
+
+
+def csv_without_names(folder):
+    lines = "made on a Monday\n" + pd.DataFrame(COLUMNS).to_csv(
+        index=False, header=False, sep=" ", float_format="%.17g"
+    )
+    (folder / "run-2.dat").write_text(lines)
+    return "run-{trial}.dat", INDEXED, 'format = "csv"\ndelimiter = " "\nskip_lines = 1'
+
+
+def hdf5_groups(folder):
+    with h5py.File(folder / "all.h5", "w") as file:
+        for name, values in COLUMNS.items():
+            file[f"trial_0002/{name}"] = values
+    return "all.h5", NAMED, ""
+
+
+def hdf5_file_per_trial(folder):
+    with h5py.File(folder / "0002.hdf5", "w") as file:
+        for name, values in COLUMNS.items():
+            file[name] = values
+    return "{trial:04d}.hdf5", NAMED, ""
+
+
+def hdf5_matrix_lying(folder):
+    with h5py.File(folder / "all.h5", "w") as file:
+        file["2"] = np.stack(list(COLUMNS.values()))
+    return "all.h5", INDEXED, 'group = "{trial}"'
+
+
+def mat_struct(folder):
+    savemat(folder / "all.mat", {"trial_2": COLUMNS, "notes": "dry"}, do_compression=True)
+    return "all.mat", NAMED, ""
+
+
+def mat_matrix_uncompressed(folder):
+    savemat(folder / "all.mat", {"other": np.eye(3), "trial2": np.column_stack(list(COLUMNS.values()))})
+    return "all.mat", INDEXED, ""
+
+
+def mat_file_per_trial(folder):
+    savemat(folder / "run2.mat", COLUMNS)
+    return "run{trial}.mat", NAMED, ""
+
+
+def mat_of_version_7_3(folder):
+    with h5py.File(folder / "all.mat", "w", userblock_size=512) as file:
+        for name, values in COLUMNS.items():
+            file[f"trial_2/{name}"] = values[None, :]
+    return "all.mat", NAMED, ""
+
+
+def tdms_groups(folder):
+    with TdmsWriter(str(folder / "all.tdms")) as file:
+        file.write_segment([ChannelObject("trial 2", name, values) for name, values in COLUMNS.items()])
+    return "all.tdms", NAMED, ""
+
+
+def tdms_file_per_trial(folder):
+    # a file of its own may call its one group anything
+    with TdmsWriter(str(folder / "2.tdms")) as file:
+        file.write_segment([ChannelObject("Untitled", name, values) for name, values in COLUMNS.items()])
+    return "{trial}.tdms", INDEXED, ""
+
+
+WRITERS = (
+    csv_file,
+    csv_without_names,
+    hdf5_groups,
+    hdf5_file_per_trial,
+    hdf5_matrix_lying,
+    mat_struct,
+    mat_matrix_uncompressed,
+    mat_file_per_trial,
+    mat_of_version_7_3,
+    tdms_groups,
+    tdms_file_per_trial,
+)
+
+
+@pytest.mark.parametrize("write", WRITERS)
+def test_every_layout_is_read_back_to_the_bit(write, tmp_path):
+    traces, channels, extra = write(tmp_path)
+    same(read(tmp_path, traces, channels=channels, extra=extra))
+
+
+@pytest.mark.parametrize("write", WRITERS)
+def test_a_trial_that_is_not_there_costs_that_trial_alone(write, tmp_path):
+    traces, channels, extra = write(tmp_path)
+    with Traces(session(tmp_path, traces, channels, extra)) as source:
+        with pytest.raises(TraceError, match="missing"):
+            source.read("1")
+        same(source.read("2"))
+
+
+@pytest.mark.parametrize("write", WRITERS)
+def test_an_unknown_channel_is_named(write, tmp_path):
+    traces, channels, extra = write(tmp_path)
+    wrong = channels.replace('"y"', '"pull"').replace("normal = 2", "normal = 9")
+    with pytest.raises(TraceError, match=r"pull|9"):
+        read(tmp_path, traces, channels=wrong, extra=extra)
+
+
+def test_every_format_has_a_layout_here():
+    assert {write.__name__.split("_")[0] for write in WRITERS} == set(FORMATS)
+
+
+@pytest.mark.parametrize("kind", TRACE_FILES)
+def test_what_we_write_is_what_we_read(kind, tmp_path):
+    trace = Trace(*(values.astype(np.float32).astype(float) for values in COLUMNS.values()))
+    with open_writer(tmp_path, kind) as write:
+        for trial in (1, 2):
+            write(trial, Trace(trace.time, trial * trace.tangential, trace.normal))
+    names = 'time = "time_s", tangential = "fx_n", normal = "fy_n"'
+    found = read(tmp_path, TRACE_FILES[kind], channels=names)
+    np.testing.assert_allclose(found.tangential, 2.0 * trace.tangential, rtol=1e-5)
+    np.testing.assert_allclose(found.time, trace.time, atol=1e-6)
+
+
+def test_an_unknown_format_cannot_be_written(tmp_path):
+    with pytest.raises(BenchError, match="`format` must be one of csv, hdf5, tdms, mat, got 'xls'"):
+        open_writer(tmp_path, "xls")
+
+
+@pytest.mark.parametrize("suffix", ["h5", "mat", "tdms"])
+@pytest.mark.parametrize("content", [b"", b"nonsense" * 100])
+def test_a_container_that_is_none_is_one_clear_error(suffix, content, tmp_path):
+    (tmp_path / f"all.{suffix}").write_bytes(content)
+    if suffix == "tdms" and not content:
+        pytest.skip("an empty file is a TDMS file without groups")
+    with pytest.raises(BenchError, match="traces cannot be read"):
+        read(tmp_path, f"all.{suffix}")
+
+
+def test_a_version_5_file_that_is_cut_off_is_said_to_be_and_where(tmp_path):
+    mat_struct(tmp_path)
+    path = tmp_path / "all.mat"
+    whole = path.read_bytes()
+    assert set(variables_of(path).places) == {"trial_2", "notes"}
+    path.write_bytes(whole[:-10])
+    with pytest.raises(TraceError, match=r"all\.mat is damaged or truncated at byte"):
+        variables_of(path)
+
+
+def test_bytes_that_turned_within_a_variable_cost_that_trial(tmp_path):
+    traces, channels, extra = mat_struct(tmp_path)
+    path = tmp_path / "all.mat"
+    place, length = variables_of(path).places["trial_2"]
+    data = bytearray(path.read_bytes())
+    data[place + length // 2 : place + length // 2 + 40] = bytes(40)
+    path.write_bytes(bytes(data))
+    with pytest.raises(TraceError, match="unreadable: variable 'trial_2'"):
+        read(tmp_path, traces, channels=channels, extra=extra)
+
+
+def test_channels_of_different_length_are_truncated(tmp_path):
+    with h5py.File(tmp_path / "all.h5", "w") as file:
+        file["2/x"], file["2/y"] = np.zeros(100), np.zeros(90)
+    with pytest.raises(TraceError, match=r"different lengths \(tangential 100, normal 90 samples\)"):
+        read(tmp_path, "all.h5", channels='tangential = "x", normal = "y"')
+
+
+def test_a_trial_cannot_name_a_file_elsewhere(tmp_path):
+    csv_file(tmp_path)
+    with Traces(session(tmp_path, "run-{trial}.csv")) as source:
+        for trial in ("../2", "a/b", "..\\2"):
+            with pytest.raises(TraceError, match="no part of a file name"):
+                source.read(trial)
+
+
+def test_text_among_numbers_and_tables_are_no_samples(tmp_path):
+    with h5py.File(tmp_path / "all.h5", "w") as file:
+        file["2/t"], file["2/y"] = TIME, np.zeros((5, 5))
+        file["2/x"] = np.array([b"a", b"b"])
+    with pytest.raises(TraceError, match="holds no numbers"):
+        read(tmp_path, "all.h5")
+    with pytest.raises(TraceError, match=r"is a table of shape \(5, 5\)"):
+        read(tmp_path, "all.h5", channels='tangential = "y", normal = "t"')
