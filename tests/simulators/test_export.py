@@ -14,7 +14,7 @@ import pytest
 from stepblocks.cli import main
 from stepblocks.cli.export import _SIMULATORS
 from stepblocks.contact.state import CHANNELS
-from stepblocks.simulators.scenes.registry import SCENE_FORMATS
+from stepblocks.simulators.scenes import SCENE_FORMATS
 
 ROOT = Path(__file__).resolve().parents[2]
 SET = str(ROOT / "stimuli" / "paper-ten.toml")

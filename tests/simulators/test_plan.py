@@ -13,7 +13,7 @@ from stepblocks.simulators.plan import Faithfulness, plan_rendering
 
 ROOT = Path(__file__).resolve().parents[2]
 TEN = load_set(ROOT / "stimuli" / "paper-ten.toml").stimuli
-CONDITION = OperatingPoint(125e-6, 1.0, 0.15)
+POINT = OperatingPoint(125e-6, 1.0, 0.15)
 DEVICES = load_devices()
 # The owner's table: position resolution [m], peak force [N], stiffness limit [N/m].
 FACTS = {
@@ -27,9 +27,9 @@ FACTS = {
 }
 
 
-def plan(device, block, condition=CONDITION, scale=None):
+def plan(device, block, point=POINT, scale=None):
     return plan_rendering(
-        device_named(device, DEVICES), vibration_events(block.id, block.counterface(), condition)[0], condition, scale
+        device_named(device, DEVICES), vibration_events(block.counterface(), point, block.id)[0], point, scale
     )
 
 

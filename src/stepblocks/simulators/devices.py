@@ -64,7 +64,7 @@ class _DeviceFile(BaseModel):
     device: Annotated[tuple[Device, ...], Field(min_length=1, max_length=500)]
 
 
-def load_devices(path: Path | None = None) -> tuple[Device, ...]:
+def load_devices(path: str | Path | None = None) -> tuple[Device, ...]:
     """Read device profiles: the shipped ones, and those of a file of the user's.
 
     Examples
@@ -75,7 +75,7 @@ def load_devices(path: Path | None = None) -> tuple[Device, ...]:
     shipped = files("stepblocks.simulators").joinpath("devices.toml").read_text(encoding="utf-8")
     devices = {device.id: device for device in _parse(shipped, "devices.toml")}
     if path is not None:
-        devices |= {device.id: device for device in _parse(_text(path), str(path))}
+        devices |= {device.id: device for device in _parse(_text(Path(path)), str(path))}
     return tuple(devices.values())
 
 
