@@ -15,11 +15,11 @@ import numpy as np
 from stepblocks.contact.event import ring_energy, vibration_events
 from stepblocks.contact.operating_point import OperatingPoint
 from stepblocks.declare import load_set
-from stepblocks.simulators.renderer.servo import Renderer
+from stepblocks.simulators.renderer import Renderer
 
 RATE = 10e3
 REPEATS = 5
-CONDITION = OperatingPoint(125e-6, 1.0, 0.15)
+POINT = OperatingPoint(125e-6, 1.0, 0.15)
 ROOT = Path(__file__).resolve().parents[1]
 
 
@@ -33,8 +33,8 @@ def main() -> None:
 
 
 def one(stimulus: object) -> np.ndarray:
-    renderer = Renderer(stimulus.counterface().centre_path(CONDITION.ball_radius), CONDITION, rate=RATE)
-    event = vibration_events(stimulus.id, stimulus.counterface(), CONDITION)[0]
+    renderer = Renderer(stimulus.counterface().centre_path(POINT.ball_radius), POINT, rate=RATE)
+    event = vibration_events(stimulus.counterface(), POINT)[0]
     runs = [drag(renderer, event) for _ in range(REPEATS)]
     nanoseconds, energy = np.array([times for times, _ in runs]), runs[0][1]
     row(stimulus.id, nanoseconds, energy, event.energy)
@@ -61,8 +61,8 @@ def drag(renderer: Renderer, event: object) -> tuple[np.ndarray, float]:
         times[index] = clock() - start
         if renderer.events == 1 and index < len(there) + 1500:
             ring.append(force[0] + renderer.pull)
-        position[2] += (force[2] - CONDITION.normal_load) / renderer.wall
-    return times, ring_energy(np.array(ring), RATE, event)
+        position[2] += (force[2] - POINT.normal_load) / renderer.wall
+    return times, ring_energy(np.array(ring), RATE, event.tool)
 
 
 def row(name: str, nanoseconds: np.ndarray, energy: float | None = None, expected: float | None = None) -> None:

@@ -20,11 +20,10 @@ from pathlib import Path
 from stepblocks.contact.operating_point import OperatingPoint
 from stepblocks.declare import load_set
 from stepblocks.quantities import parse_quantity
-from stepblocks.simulators.renderer.hand import drag
-from stepblocks.simulators.renderer.servo import Renderer
-from stepblocks.simulators.scenes.assemble import assemble_scene
-from stepblocks.simulators.scenes.registry import SCENE_FORMATS
-from stepblocks.simulators.scenes.scene import Scene, write_common
+from stepblocks.simulators.assemble import scene_of
+from stepblocks.simulators.renderer import Renderer
+from stepblocks.simulators.scene import Scene, write_scene
+from stepblocks.simulators.scenes import SCENE_FORMATS
 
 ROOT = Path(__file__).resolve().parents[1]
 RADIUS = 125e-6
@@ -40,7 +39,7 @@ def main() -> None:
     parser.add_argument("--drake", metavar="PYTHON", help="interpreter that has drake")
     parser.add_argument("--chai3d", metavar="FLAGS", help="compile and link flags of an installed CHAI3D")
     arguments = parser.parse_args()
-    condition = OperatingPoint(RADIUS, parse_quantity(arguments.load, "force"), arguments.friction)
+    point = OperatingPoint(RADIUS, parse_quantity(arguments.load, "force"), arguments.friction)
     print(f"R 125 um, F_py {arguments.load}, mu {arguments.friction:g}; peak force in N (deviation from the formula)\n")
     print("| surface | formula | " + " | ".join(COLUMNS) + " | SOFA, H3D, Unity, Unreal, Isaac |")
     print("|---|---|" + "---|" * len(COLUMNS) + "---|")
@@ -48,11 +47,11 @@ def main() -> None:
     with tempfile.TemporaryDirectory(prefix="step blocks ") as folder:
         for surface in (*load_set(ROOT / "stimuli" / "paper-ten.toml").stimuli, *crowns):
             if surface.id.startswith(arguments.only):
-                row(Path(folder) / surface.id, surface, condition, arguments)
+                row(Path(folder) / surface.id, surface, point, arguments)
 
 
-def row(folder: Path, surface: object, condition: OperatingPoint, arguments: argparse.Namespace) -> None:
-    scene = assemble_scene(surface, condition)
+def row(folder: Path, surface: object, point: OperatingPoint, arguments: argparse.Namespace) -> None:
+    scene = scene_of(surface, point)
     event = scene.events[0]
     formula = event.critical_force if event.status == "releases" else None
     cells = [f"{formula:.4f}" if formula else event.status.value]
@@ -61,14 +60,14 @@ def row(folder: Path, surface: object, condition: OperatingPoint, arguments: arg
 
 
 def on_profile(_: Path, scene: Scene, __: argparse.Namespace) -> Result:
-    renderer = Renderer(scene.surface.counterface().centre_path(RADIUS), scene.condition)
-    record = drag(renderer, scene.condition.normal_load, travel(scene))
+    renderer = Renderer(scene.surface.counterface().centre_path(RADIUS), scene.point)
+    record = renderer.drag(scene.point.normal_load, travel(scene))
     return record.peak, record.crossed
 
 
 def travel(scene: Scene) -> float:
     event = scene.events[0]
-    force = event.critical_force if event.status == "releases" else 10.0 * scene.condition.normal_load
+    force = event.critical_force if event.status == "releases" else 10.0 * scene.point.normal_load
     return 1.2 * force / scene.stiffness + 20e-6
 
 
@@ -134,8 +133,7 @@ def written(folder: Path, scene: Scene, name: str) -> Path:
     place = folder / name
     if not place.exists():
         place.mkdir(parents=True)
-        SCENE_FORMATS[name].write(place, scene)
-        write_common(place, scene, SCENE_FORMATS[name])
+        write_scene(place, scene, SCENE_FORMATS[name])
     return place
 
 

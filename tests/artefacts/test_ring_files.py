@@ -2,24 +2,26 @@
 
 import json
 import math
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
 
+from oracles.hjif_decoder import decode_hjif
 from stepblocks.artefacts.rings.hjif_rules import check_hjif
-from stepblocks.artefacts.rings.write import WAV_RATES, decode_hjif, read_hjif, write_ahap, write_hjif, write_wav
-from stepblocks.contact.event import as_record, ring, ring_energy, vibration_events
+from stepblocks.artefacts.rings.write import WAV_RATES, write_ahap, write_hjif, write_wav
+from stepblocks.contact.event import Waveform, as_record, ring, ring_energy, vibration_events
 from stepblocks.contact.operating_point import PAPER, OperatingPoint
 from stepblocks.declare import load_set
 from stepblocks.errors import HapticsError
 
 ROOT = Path(__file__).resolve().parents[2]
 TEN = load_set(ROOT / "stimuli" / "paper-ten.toml").stimuli
-CONDITION = OperatingPoint(125e-6, 1.0, 0.15)
+POINT = OperatingPoint(125e-6, 1.0, 0.15)
 # E_v [J] at mu 0.15, F_py 1 N, R 125 um: the owner's table of equation (1).
 TABLE = {"step-010": 3.86e-6, "step-050": 35.0e-6, "step-100": 3696e-6}
-RINGING = [vibration_events(block.id, block.counterface(), CONDITION)[0] for block in TEN]
+RINGING = [vibration_events(block.counterface(), POINT, block.id)[0] for block in TEN]
 
 
 @pytest.mark.parametrize("event", RINGING, ids=lambda event: event.stimulus)
@@ -28,8 +30,8 @@ def test_energy_and_force_are_those_of_the_paper(event):
     if event.stimulus in TABLE:
         assert event.energy == pytest.approx(TABLE[event.stimulus], rel=2e-3)
     assert event.amplitude == pytest.approx(math.sqrt(0.2) * event.critical_force, rel=1e-12)
-    assert event.acceleration == pytest.approx(event.amplitude / event.effective_mass)
-    assert event.effective_mass == pytest.approx(9.81e3 / (2 * math.pi * 300) ** 2)
+    assert event.acceleration == pytest.approx(event.amplitude / event.tool.effective_mass)
+    assert event.tool.effective_mass == pytest.approx(9.81e3 / (2 * math.pi * 300) ** 2)
 
 
 def test_energy_is_what_a_damped_oscillator_spends():
@@ -37,13 +39,15 @@ def test_energy_is_what_a_damped_oscillator_spends():
     from scipy.integrate import solve_ivp
 
     event = RINGING[4]
-    omega = math.tau * event.frequency
-    stiffness = event.effective_mass * (omega**2 + 1.0 / event.decay**2)  # so that the damped frequency is the event's
-    damping = 2.0 * event.effective_mass / event.decay
-    start = math.sqrt(2.0 * event.energy / event.effective_mass)
-    times = np.arange(0.0, 7 * event.decay, 1e-5)
+    omega = math.tau * event.tool.frequency
+    stiffness = event.tool.effective_mass * (
+        omega**2 + 1.0 / event.tool.decay_time**2
+    )  # so that the damped frequency is the event's
+    damping = 2.0 * event.tool.effective_mass / event.tool.decay_time
+    start = math.sqrt(2.0 * event.energy / event.tool.effective_mass)
+    times = np.arange(0.0, 7 * event.tool.decay_time, 1e-5)
     solved = solve_ivp(
-        lambda t, y: (y[1], -(stiffness * y[0] + damping * y[1]) / event.effective_mass),
+        lambda t, y: (y[1], -(stiffness * y[0] + damping * y[1]) / event.tool.effective_mass),
         (0.0, times[-1]),
         (0.0, start),
         t_eval=times,
@@ -52,7 +56,7 @@ def test_energy_is_what_a_damped_oscillator_spends():
     )
     spent = np.trapezoid(damping * solved.y[1] ** 2, times)
     assert spent == pytest.approx(event.energy, rel=1e-5)
-    assert ring_energy(event.stiffness * solved.y[0], 1e5, event) == pytest.approx(event.energy, rel=0.01)
+    assert ring_energy(event.tool.stiffness * solved.y[0], 1e5, event.tool) == pytest.approx(event.energy, rel=0.01)
 
 
 def test_most_of_the_ring_lies_where_the_paper_found_it():
@@ -74,22 +78,23 @@ def test_wav_read_by_another_library_holds_the_energy(tmp_path, event, rate):
     info = soundfile.info(path)
     assert (read_rate, info.channels, info.subtype) == (rate, 1, "FLOAT")
     assert np.abs(samples).max() <= 1.0
-    assert ring_energy(samples * full_scale, rate, event) == pytest.approx(event.energy, rel=0.01)
+    assert ring_energy(samples * full_scale, rate, event.tool) == pytest.approx(event.energy, rel=0.01)
 
 
 @pytest.mark.parametrize("event", RINGING, ids=lambda event: event.stimulus)
 def test_hjif_decoded_by_the_rules_of_the_standard_holds_the_energy(tmp_path, event):
     path = tmp_path / "ring.hjif"
     write_hjif(path, event)
-    force = decode_hjif(read_hjif(path), 48e3)
-    assert ring_energy(force, 48e3, event) == pytest.approx(event.energy, rel=0.01)
+    force = decode_hjif(json.loads(path.read_text()), 48e3)
+    assert ring_energy(force, 48e3, event.tool) == pytest.approx(event.energy, rel=0.01)
 
 
 def test_a_simulated_waveform_replaces_the_exponential(tmp_path):
     from scipy.io import wavfile
 
     samples = 3.0 * np.sin(np.linspace(0.0, 20.0, 500))
-    full_scale = write_wav(tmp_path / "drag.wav", RINGING[0], 10_000, samples)
+    simulated = replace(RINGING[0], waveform=Waveform(samples, 10_000, 0.0, 1.0, 1.0, 1.0))
+    full_scale = write_wav(tmp_path / "drag.wav", simulated, 10_000)
     _, read = wavfile.read(tmp_path / "drag.wav")
     assert read * full_scale == pytest.approx(samples, abs=1e-6)
 
@@ -131,8 +136,105 @@ def test_what_breaks_a_rule_of_the_standard_is_refused(tmp_path, keys, value):
         check_hjif(document, "broken")
 
 
+def written(tmp_path):
+    write_hjif(tmp_path / "ring.hjif", RINGING[0])
+    return json.loads((tmp_path / "ring.hjif").read_text())
+
+
+@pytest.mark.parametrize("kind", ["document", "avatar", "perception", "channel", "band", "effect"])
+def test_every_field_that_the_standard_requires_is_required(tmp_path, kind):
+    """The lists of MPEG's public reference software, which refuses a file that lacks one of them."""
+    required = {
+        "document": "version profile level date description timescale avatars perceptions syncs",
+        "avatar": "id lod type",
+        "perception": "id avatar_id description perception_modality effect_library channels",
+        "channel": "id description gain mixing_coefficient body_part_mask bands",
+        "band": "band_type lower_frequency_limit upper_frequency_limit effects",
+        "effect": "effect_type position phase base_signal keyframes",
+    }[kind].split()
+    for field in required:
+        document = written(tmp_path)
+        perception = document["perceptions"][0]
+        channel = perception["channels"][0]
+        places = {"document": document, "avatar": document["avatars"][0], "perception": perception, "channel": channel}
+        places |= {"band": channel["bands"][0], "effect": channel["bands"][0]["effects"][0]}
+        del places[kind][field]
+        with pytest.raises(HapticsError, match=f"{field}: "):
+            check_hjif(document, "short")
+
+
+@pytest.mark.parametrize("kind", ["avatars", "perceptions", "channels"])
+def test_identities_are_unique(tmp_path, kind):
+    document = written(tmp_path)
+    items = document["perceptions"][0]["channels"] if kind == "channels" else document[kind]
+    items.append(items[0])
+    with pytest.raises(HapticsError, match=f"{kind}: .*id must be unique"):
+        check_hjif(document, "twice")
+
+
+@pytest.mark.parametrize(("most", "kind"), [(7, "bands"), (127, "channels")])
+def test_a_file_of_level_1_has_its_most(tmp_path, most, kind):
+    document = written(tmp_path)
+    channels = document["perceptions"][0]["channels"]
+    channels += [{**channels[0], "id": number} for number in range(1, most if kind == "channels" else 1)]
+    channels[0]["bands"] *= most if kind == "bands" else 1
+    check_hjif(document, "full")
+    if kind == "bands":
+        channels[0]["bands"].append(channels[0]["bands"][0])
+    else:
+        channels.append({**channels[0], "id": most})
+    with pytest.raises(HapticsError, match=f"{kind}: List should have at most {most} items"):
+        check_hjif(document, "more")
+
+
+def test_what_the_standard_leaves_open_is_let_through(tmp_path):
+    document = written(tmp_path)
+    document["own"] = "field"
+    del document["perceptions"][0]["channels"][0]["direction"]
+    document["date"] = "2024-05-17T10:30:00+02:00"
+    check_hjif(document, "open")
+
+
+@pytest.mark.parametrize("document", [None, [], "text", {}])
+def test_what_is_no_document_is_refused_in_one_line(document):
+    with pytest.raises(HapticsError) as caught:
+        check_hjif(document, "none.hjif")
+    assert str(caught.value).endswith("[none.hjif]")
+    assert "\n" not in str(caught.value)
+
+
+def test_a_frequency_is_written_in_whole_hertz_and_the_sign_of_the_drag_as_a_direction(tmp_path):
+    event = replace(RINGING[2], tool=replace(RINGING[2].tool, frequency=280.4), direction=-1)
+    write_hjif(tmp_path / "ring.hjif", event)
+    channel = json.loads((tmp_path / "ring.hjif").read_text())["perceptions"][0]["channels"][0]
+    tones = [frame.get("frequency_modulation") for frame in channel["bands"][0]["effects"][0]["keyframes"]]
+    assert (tones[0], tones[-1], set(tones[1:-1])) == (280, 280, {None})
+    assert channel["direction"] == {"X": -127, "Y": 0, "Z": 0}
+    assert channel["gain"] == pytest.approx(event.amplitude)
+
+
+def test_the_same_ring_gives_the_same_bytes(tmp_path):
+    for name, write in (
+        ("a.hjif", write_hjif),
+        ("a.ahap", write_ahap),
+        ("a.wav", lambda p, e: write_wav(p, e, 10_000)),
+    ):
+        write(tmp_path / name, RINGING[3])
+        write(tmp_path / f"again-{name}", RINGING[3])
+        assert (tmp_path / name).read_bytes() == (tmp_path / f"again-{name}").read_bytes()
+
+
+def test_the_previews_intensity_decays_with_the_ring(tmp_path):
+    write_ahap(tmp_path / "ring.ahap", RINGING[0])
+    event, curve = json.loads((tmp_path / "ring.ahap").read_text())["Pattern"]
+    points = curve["ParameterCurve"]["ParameterCurveControlPoints"]
+    assert event["Event"]["EventDuration"] == pytest.approx(7 * PAPER.tool.decay_time, abs=1e-4)
+    for point in points:
+        assert point["ParameterValue"] == pytest.approx(math.exp(-point["Time"] / PAPER.tool.decay_time), abs=3e-3)
+
+
 def test_a_locked_probe_has_no_ring_to_write(tmp_path):
-    locked = vibration_events(TEN[9].id, TEN[9].counterface(), OperatingPoint(125e-6, 1.0, 0.3))[0]
+    locked = vibration_events(TEN[9].counterface(), OperatingPoint(125e-6, 1.0, 0.3))[0]
     assert as_record(locked)["energy_j"] is None
     for write in (lambda path: write_wav(path, locked, 10_000), lambda path: write_hjif(path, locked)):
         with pytest.raises(HapticsError):

@@ -13,8 +13,10 @@ import pytest
 
 from stepblocks.cli import main
 from stepblocks.cli.export import _SIMULATORS
-from stepblocks.contact.state import CHANNELS
-from stepblocks.simulators.scenes.registry import SCENE_FORMATS
+from stepblocks.declare import load_set
+from stepblocks.errors import PipelineError
+from stepblocks.simulators.export import export
+from stepblocks.simulators.scenes import SCENE_FORMATS
 
 ROOT = Path(__file__).resolve().parents[2]
 SET = str(ROOT / "stimuli" / "paper-ten.toml")
@@ -55,6 +57,53 @@ def test_a_folder_is_written_for_a_device_and_runs_from_elsewhere(tmp_path, monk
     peak, formula = float(done.stdout.split()[1]), float(done.stdout.split()[4])
     assert peak == pytest.approx(formula, rel=5e-3)
     assert json.loads((folder / "event.json").read_text())["scale"] > 1.0
+
+
+def test_a_notebook_exports_what_the_command_exports(tmp_path):
+    told = []
+    arguments = ["export", SET, "--for", "gltf", "-o", str(tmp_path / "a"), "--only", "step-02?", "--device", "sigma-7"]
+    assert main([*arguments, "--load", "0.4 N"]) == 0
+    done = export(
+        [SET], "gltf", str(tmp_path / "b"), only="step-02?", device="sigma-7", normal_load=0.4, progress=told.append
+    )
+    assert told == done
+    assert [(one.name, one.folder) for one in done] == [
+        ("paper-ten/step-020", tmp_path / "b" / "paper-ten" / "step-020" / "gltf")
+    ]
+    assert done[0].plan.device == "sigma-7"
+    for path in (tmp_path / "a").rglob("*.*"):
+        assert path.read_bytes() == (tmp_path / "b" / path.relative_to(tmp_path / "a")).read_bytes()
+
+
+def test_what_is_not_asked_for_is_the_first_of_the_sets_prediction(tmp_path):
+    grid = load_set(ROOT / "stimuli" / "sheaths.toml").prediction
+    (done,) = export([ROOT / "stimuli" / "sheaths.toml"], "x3d", tmp_path, only="*hard*")
+    scene = json.loads((done.folder / "event.json").read_text())
+    assert (scene["normal_load_n"], scene["friction"], scene["ball_radius_m"]) == pytest.approx(
+        (grid.normal_loads[0], grid.frictions[0], grid.tip_radii[0])
+    )
+
+
+def test_a_sheath_changes_how_the_probe_rings(tmp_path):
+    """The event rings as the sheathed rod does; the soft sheath, of more loss, ends its ring sooner."""
+    stimuli, decays = load_set(ROOT / "stimuli" / "sheaths.toml"), {}
+    for part, done in zip(stimuli.stimuli, export([ROOT / "stimuli" / "sheaths.toml"], "x3d", tmp_path), strict=True):
+        event, ring = json.loads((done.folder / "event.json").read_text())["events"][0], stimuli.ring_of(part)
+        assert (event["frequency_hz"], event["stiffness_n_per_m"]) == pytest.approx((ring.frequency, ring.stiffness))
+        decays[part.id] = event["decay_s"]
+    assert decays["sheath-soft"] < decays["sheath-hard"]
+
+
+def test_an_unknown_simulator_names_the_known_ones(tmp_path):
+    with pytest.raises(PipelineError, match=r"--for must be one of mujoco, chai3d, .*, got 'unity'"):
+        export([SET], "unity", tmp_path)
+
+
+def test_a_folder_that_cannot_be_written_is_named_and_leaves_nothing_half_done(tmp_path):
+    (tmp_path / "paper-ten").write_text("in the way")
+    with pytest.raises(PipelineError, match="the folder cannot be written"):
+        export([SET], "x3d", tmp_path, only="step-010")
+    assert [path.name for path in tmp_path.iterdir()] == ["paper-ten"]
 
 
 def test_files_of_the_user_survive_a_second_export(tmp_path):
@@ -139,50 +188,6 @@ def test_wrong_input_is_one_line(extra, message, tmp_path, capsys):
     assert message in error
     assert error.count("\n") == 1
     assert not list(tmp_path.iterdir())
-
-
-@pytest.fixture(scope="module")
-def taught(tmp_path_factory):
-    """A model as `stepblocks loop` writes it: friction 0.2, an edge of 14 um, a spring 2 % stiffer, C_v 0.25, 280.4 Hz, 20 ms."""
-
-    def part(names, values, effects):
-        return {
-            "names": names,
-            "units": [""] * len(names),
-            "values": values,
-            "effects": effects,
-            "covariance": np.diag([1e-6] * len(names)).tolist(),
-        }
-
-    names = ["friction", "ln_conversion", "stiffness_ratio", "ln_ring_frequency", "ln_decay_time"]
-    values = [0.2, math.log(0.25), 1.02, math.log(280.4), math.log(0.02)]
-    edge = [
-        {"id": "edge_rounding", "slot": "contact_geometry", "covariate": "none", "form": "a = arccos(1 - H / (R + r))"}
-    ]
-    ranges = [("height_um", 10.0, 100.0), ("load_n", 0.2, 1.2), ("speed_mm_s", 1.0, 10.0)]
-    document = {
-        "format": "stepblocks-model-1",
-        "verdict": "effect",
-        "probe": {"spring_constant_n_per_m": 9.81e3, "tip_radius_um": 125.0},
-        "start": {"ring_frequency_hz": 300.0, "decay_time_s": 0.02},
-        "block_height_std_m": 1e-6,
-        "scanned_height_m": {},
-        "blocks": ["step-025"],
-        "covariates": [
-            {"name": n, "low": low, "high": high, "log": False, "labels": [], "distinct": 5} for n, low, high in ranges
-        ],
-        "scatter": {
-            "quantities": ["friction", "ln_load", "ln_conversion"],
-            "quantity_std": [0.0, 0.0, 0.0],
-            "channels": list(CHANNELS),
-            "channel_std": [0.02] * len(CHANNELS),
-        },
-        "nominal": part(names, values, []),
-        "extended": part([*names, "edge_rounding.edge_radius_m"], [*values, 14e-6], edge),
-    }
-    path = tmp_path_factory.mktemp("model") / "model.json"
-    path.write_text(json.dumps(document))
-    return path
 
 
 def learnt(height=50e-6, load=1.0):

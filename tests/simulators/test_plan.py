@@ -1,5 +1,6 @@
 """Rendering plans say what a device can do, from figures that say where they come from."""
 
+import json
 from pathlib import Path
 
 import pytest
@@ -13,7 +14,7 @@ from stepblocks.simulators.plan import Faithfulness, plan_rendering
 
 ROOT = Path(__file__).resolve().parents[2]
 TEN = load_set(ROOT / "stimuli" / "paper-ten.toml").stimuli
-CONDITION = OperatingPoint(125e-6, 1.0, 0.15)
+POINT = OperatingPoint(125e-6, 1.0, 0.15)
 DEVICES = load_devices()
 # The owner's table: position resolution [m], peak force [N], stiffness limit [N/m].
 FACTS = {
@@ -27,9 +28,9 @@ FACTS = {
 }
 
 
-def plan(device, block, condition=CONDITION, scale=None):
+def plan(device, block, point=POINT, scale=None):
     return plan_rendering(
-        device_named(device, DEVICES), vibration_events(block.id, block.counterface(), condition)[0], condition, scale
+        device_named(device, DEVICES), vibration_events(block.counterface(), point, block.id)[0], point, scale
     )
 
 
@@ -90,6 +91,61 @@ def test_a_locked_probe_has_no_ring_and_a_wall_that_gives_way():
 def test_some_device_renders_a_block_faithfully():
     assert plan("sigma-7", TEN[4]).verdict is Faithfulness.FAITHFUL
     assert plan("sigma-7", TEN[4]).reasons == ()
+
+
+@pytest.mark.parametrize("name", FACTS)
+@pytest.mark.parametrize("index", [0, 2, 4, 7])
+def test_the_scale_is_the_smallest_round_one_that_keeps_force_and_spring(name, index):
+    """By hand from the rules of docs/simulators.md: half of k q / S below 1 % of the smaller force, k / S within the limit."""
+    found = plan(name, TEN[index])
+    resolution, _, limit = FACTS[name]
+
+    def keeps(scale):
+        error = 0.5 * 9.81e3 / scale * resolution / min(1.0, found.critical_force)
+        return error <= 0.01 + 1e-9 and (limit is None or 9.81e3 / scale <= limit * (1 + 1e-9))
+
+    ladder = [1, 2, 5, 10, 20, 50, 100, 200, 500, 1000]
+    travel = device_named(name, DEVICES).travel
+    fits = [s for s in ladder if travel is None or s * found.critical_force / 9.81e3 <= 0.5 * travel.value]
+    wanted = next((scale for scale in fits if keeps(scale)), fits[-1])
+    assert found.scale == wanted
+
+
+def test_the_error_of_a_rounded_position_is_half_a_step_of_the_spring():
+    found = plan("omega-3", TEN[4], scale=10.0)
+    assert found.force_step == pytest.approx(9810 / 10 * 10e-6)
+    assert found.force_error == pytest.approx(0.5 * found.force_step / 1.0)  # the load is the smaller force
+    assert found.hand_travel == pytest.approx(10 * 1.854 / 9810, rel=1e-3)
+
+
+def test_a_scale_that_is_too_small_is_refused_for_the_spring_and_says_which_way_out():
+    found = plan("touch", TEN[4], scale=1.0)
+    assert found.verdict is Faithfulness.IMPOSSIBLE
+    assert "the spring of 9810 N/m exceeds its stiffness limit of 400 N/m: a larger scale is needed" in found.reasons
+
+
+def test_a_load_beyond_the_motors_is_refused():
+    heavy = plan("touch", TEN[0], OperatingPoint(125e-6, 4.0, 0.15))
+    assert "the load of 4 N exceeds its peak force of 3.3 N" in heavy.reasons
+
+
+def test_a_scale_that_leaves_the_workspace_is_told():
+    # at S 200 the hand pulls 1.854 N / (9810 N/m / 200) = 37.8 mm of 70 mm; at 1000 it is 189 mm
+    assert "the hand must travel 189 mm, more than its 70 mm" in plan("touch", TEN[4], scale=1000.0).reasons
+
+
+def test_what_nobody_stated_is_told_and_not_guessed():
+    assert "its stiffness limit is unknown" in plan("inverse3", TEN[4]).reasons
+
+
+def test_a_plan_is_json_with_the_unit_in_every_name():
+    record = json.loads(json.dumps(plan("touch", TEN[4]).as_record(), allow_nan=False))
+    assert record["verdict"] == "renders with deviations"
+    assert record["ball_radius_m"] == pytest.approx(record["scale"] * 125e-6)
+    assert record["stiffness_n_per_m"] * record["scale"] == pytest.approx(9810)
+    units = ("_m", "_n", "_j", "_per_cycle", "_relative")
+    plain = {"device", "stimulus", "scale", "ring_route", "verdict", "reasons"}
+    assert all(name in plain or name.endswith(units) for name in record)
 
 
 OWN = """

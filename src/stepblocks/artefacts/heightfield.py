@@ -32,7 +32,7 @@ class Relief:
     y: NDArray[np.float64]
 
 
-def relief(part: Part, ball_radius: float, half_width: float | None = None) -> Relief:
+def relief(part: Part, ball_radius: float) -> Relief:
     """Sample the surface as far as a ball that is dragged over its edge can touch it."""
     face = part.counterface()
     opening = 0.0 if isinstance(face, Step) else max(face.breakpoints)
@@ -44,7 +44,7 @@ def relief(part: Part, ball_radius: float, half_width: float | None = None) -> R
     profile, radius = face.heights(x), part.turn_radius
     if radius is None:
         return Relief(np.tile(profile, (3, 1)), x, np.array([-2.0 * ball_radius, 0.0, 2.0 * ball_radius]))
-    rows = math.ceil((20e-6 if half_width is None else half_width) / 5e-6)
+    rows = 4  # of 5 um on either side: the ball touches the middle one
     y = np.asarray(np.arange(-rows, rows + 1) * 5e-6, dtype=np.float64)
     return Relief(np.sqrt((radius + profile) ** 2 - y[:, None] ** 2) - radius, x, y)
 

@@ -39,9 +39,7 @@ def add_to(commands: Any) -> None:
         metavar="JSON",
         help="model.json of stepblocks loop: friction, spring, edge and ring as a session taught",
     )
-    parser.add_argument(
-        "--speed", metavar="Q", default="5 mm/s", help="of the handle, for --ring drag and --model (default 5 mm/s)"
-    )
+    parser.add_argument("--speed", metavar="Q", help="of the handle, for --ring drag and --model (default 5 mm/s)")
     examples = (("load", "1 N"), ("friction", "0.15"), ("tip-radius", "125 um"), ("step-height", "50 um"))
     for name, example in examples:
         parser.add_argument(
@@ -53,10 +51,10 @@ def add_to(commands: Any) -> None:
 def _run(arguments: argparse.Namespace) -> int:
     from stepblocks.errors import PipelineError, QuantityError
     from stepblocks.quantities import parse_quantity
-    from stepblocks.select import stimulus_files
-    from stepblocks.simulators.export import Wishes, export_sets
+    from stepblocks.simulators.export import Exported, export
 
-    def quantity(name: str, text: str | None, dimension: str) -> float | None:
+    def quantity(name: str, dimension: str) -> float | None:
+        text = getattr(arguments, name.replace("-", "_"))
         if text is None:
             return None
         try:
@@ -64,27 +62,25 @@ def _run(arguments: argparse.Namespace) -> int:
         except (QuantityError, ValueError) as error:
             raise PipelineError(f"--{name}: {error}") from error
 
-    wishes = Wishes(
-        quantity("load", arguments.load, "force"),
-        quantity("friction", arguments.friction, "ratio"),
-        quantity("tip-radius", arguments.tip_radius, "length"),
-        quantity("step-height", arguments.step_height, "length"),
-        arguments.scale,
-        arguments.ring,
-        quantity("speed", arguments.speed, "speed") or 0.0,
-    )
-    written = 0
-    for done in export_sets(
-        stimulus_files(arguments.files),
+    def say(done: Exported) -> None:
+        print(f"{done.name}: {done.folder}" + (f"\n  {done.plan}" if done.plan else ""), flush=True)
+
+    written = export(
+        arguments.files,
         arguments.simulator,
         arguments.output,
-        arguments.device,
-        arguments.devices,
-        arguments.only,
-        wishes,
-        arguments.model,
-    ):
-        print(f"{done.name}: {done.folder}" + (f"\n  {done.plan}" if done.plan else ""), flush=True)
-        written += 1
-    print(f"{written} folder{'s' if written != 1 else ''} for {arguments.simulator}")
+        device=arguments.device,
+        devices=arguments.devices,
+        only=arguments.only,
+        normal_load=quantity("load", "force"),
+        friction=quantity("friction", "ratio"),
+        ball_radius=quantity("tip-radius", "length"),
+        step_height=quantity("step-height", "length"),
+        speed=quantity("speed", "speed"),
+        scale=arguments.scale,
+        ring=arguments.ring,
+        model=arguments.model,
+        progress=say,
+    )
+    print(f"{len(written)} folder{'s' if len(written) != 1 else ''} for {arguments.simulator}")
     return 0

@@ -25,10 +25,9 @@ def add_to(commands: Any) -> None:
 
 
 def _run(arguments: argparse.Namespace) -> int:
-    from stepblocks.select import stimulus_files
-    from stepblocks.simulators.feel import write_feel
+    from stepblocks.simulators.feel import feel
 
-    count = write_feel(stimulus_files(arguments.files), arguments.output)
+    count = feel(arguments.files, arguments.output)
     print(f"{arguments.output}: {count} blocks")
     if not arguments.no_open:
         import webbrowser

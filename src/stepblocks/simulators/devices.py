@@ -5,7 +5,7 @@ from __future__ import annotations
 import tomllib
 from importlib.resources import files
 from pathlib import Path
-from typing import Annotated, Any, Literal
+from typing import Annotated, Literal
 
 from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, ValidationError
 
@@ -20,9 +20,8 @@ class Figure(BaseModel):
 
     model_config = ConfigDict(frozen=True, extra="forbid")
 
-    value: float  # In SI
-    source: Annotated[str, Field(min_length=1, max_length=200)]  # Where it comes from
-    # ``"datasheet"``, ``"code"``, ``"remembered"`` or ``"assumed"``
+    value: float  # in SI
+    source: Annotated[str, Field(min_length=1, max_length=200)]
     confidence: Literal["datasheet", "code", "remembered", "assumed"]
 
 
@@ -38,23 +37,25 @@ def _figure(dimension: str) -> BeforeValidator:
     return BeforeValidator(parse)
 
 
+Length = Annotated[Figure, _figure("length")]
+Force = Annotated[Figure, _figure("force")]
+
+
 class Device(BaseModel):
-    """A force-feedback device."""
+    """A force-feedback device; a figure that nobody stated is None."""
 
     model_config = ConfigDict(frozen=True, extra="forbid")
 
-    id: Annotated[str, Field(pattern=r"^[a-z][a-z0-9]*(-[a-z0-9]+)*$", max_length=40)]  # Key, and what people call it
+    id: Annotated[str, Field(pattern=r"^[a-z][a-z0-9]*(-[a-z0-9]+)*$", max_length=40)]
     name: Annotated[str, Field(min_length=1, max_length=60)]
     maker: Annotated[str, Field(min_length=1, max_length=60)]
-    position_resolution: Annotated[Figure, _figure("length")]  # Smallest step of the measured position [m]
-    peak_force: Annotated[Figure, _figure("force")]  # Largest force [N]
-    # Force that it can hold [N]; None where nobody stated it
-    continuous_force: Annotated[Figure, _figure("force")] | None = None
-    # Stiffest spring that it renders stably [N/m]
-    stiffness_limit: Annotated[Figure, _figure("stiffness")] | None = None
-    update_rate: Annotated[Figure, _figure("frequency")]  # Servo rate [Hz]
-    travel: Annotated[Figure, _figure("length")] | None = None  # Shortest side of the workspace [m]
-    actuated_axes: Annotated[int, Field(ge=1, le=12)]  # Degrees of freedom
+    position_resolution: Length  # smallest step of the measured position [m]
+    peak_force: Force  # N
+    continuous_force: Force | None = None  # that it can hold [N]
+    stiffness_limit: Annotated[Figure, _figure("stiffness")] | None = None  # stiffest spring rendered stably [N/m]
+    update_rate: Annotated[Figure, _figure("frequency")]  # of the servo loop [Hz]
+    travel: Length | None = None  # shortest side of the workspace [m]
+    actuated_axes: Annotated[int, Field(ge=1, le=12)]  # degrees of freedom
     sensed_axes: Annotated[int, Field(ge=1, le=12)]
 
 
@@ -64,7 +65,7 @@ class _DeviceFile(BaseModel):
     device: Annotated[tuple[Device, ...], Field(min_length=1, max_length=500)]
 
 
-def load_devices(path: Path | None = None) -> tuple[Device, ...]:
+def load_devices(path: str | Path | None = None) -> tuple[Device, ...]:
     """Read device profiles: the shipped ones, and those of a file of the user's.
 
     Examples
@@ -75,7 +76,7 @@ def load_devices(path: Path | None = None) -> tuple[Device, ...]:
     shipped = files("stepblocks.simulators").joinpath("devices.toml").read_text(encoding="utf-8")
     devices = {device.id: device for device in _parse(shipped, "devices.toml")}
     if path is not None:
-        devices |= {device.id: device for device in _parse(_text(path), str(path))}
+        devices |= {device.id: device for device in _parse(_text(Path(path)), str(path))}
     return tuple(devices.values())
 
 
@@ -92,15 +93,13 @@ def _text(path: Path) -> str:
 
 def _parse(text: str, place: str) -> tuple[Device, ...]:
     try:
-        raw: dict[str, Any] = tomllib.loads(text)
-        return _DeviceFile.model_validate(raw).device
+        return _DeviceFile.model_validate(tomllib.loads(text)).device
     except (tomllib.TOMLDecodeError, RecursionError) as error:
         raise HapticsError(f"must be TOML: {error} [{place}]") from error
     except ValidationError as error:
         first = error.errors(include_url=False)[0]
         where = ".".join(str(part) for part in first["loc"])
-        value = repr(first.get("input"))
-        raise HapticsError(f"{where}: {first['msg']}, got {value[:60]} [{place}]") from error
+        raise HapticsError(f"{where}: {first['msg']}, got {first.get('input')!r:.60} [{place}]") from error
 
 
 def device_named(name: str, devices: tuple[Device, ...]) -> Device:
@@ -111,7 +110,7 @@ def device_named(name: str, devices: tuple[Device, ...]) -> Device:
     >>> device_named("omega-3", load_devices()).peak_force.value
     12.0
     """
-    for device in devices:
-        if device.id == name:
-            return device
-    raise HapticsError(f"device must be one of {', '.join(d.id for d in devices)}, got {name!r}")
+    found = {device.id: device for device in devices}
+    if name not in found:
+        raise HapticsError(f"device must be one of {', '.join(found)}, got {name!r}")
+    return found[name]

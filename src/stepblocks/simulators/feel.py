@@ -1,35 +1,36 @@
-"""From stimulus files to the page on which they are felt."""
+"""The page on which a mouse drags the probe over a block: one file, no network."""
 
 from __future__ import annotations
 
+import json
 import math
-from collections.abc import Sequence
+from collections.abc import Iterable
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from stepblocks.atomic import replace_text
+from stepblocks.contact.counterface import Counterface
 from stepblocks.contact.path.centre import CentrePath
 from stepblocks.declare import load_declared
 from stepblocks.errors import PipelineError
-from stepblocks.parts.kinds.margin_block import MarginBlock
-from stepblocks.parts.kinds.step_block import StepBlock
 from stepblocks.predict.predictions import tool_of
-from stepblocks.simulators.feel_page import render_feel
+from stepblocks.select import stimulus_files
 
 _EVERY = 12  # knots of a circle that the page does without
-_WIDE = 1e-3
+_WIDE = 1e-3  # of the drawn profile on either side of the edge [m]
+_KINK = 1e-3  # change of slope that is a corner of the path [1]
 
 
-def write_feel(files: Sequence[Path], page: Path) -> int:
-    """Write the page.
+def feel(files: Iterable[str | Path], page: str | Path) -> int:
+    """Write the page on which the blocks of some sets are felt with the first tip and the tool of the first set.
 
     Parameters
     ----------
-    files : sequence of Path
-        Stimulus files; their blocks can be felt with the first tip and the tool of the first set.
-    page : Path
+    files : iterable of str or Path
+        Stimulus files, or folders of them.
+    page : str or Path
         HTML file to write.
 
     Returns
@@ -40,54 +41,61 @@ def write_feel(files: Sequence[Path], page: Path) -> int:
     Raises
     ------
     StepblocksError
-        If a file is wrong, or none has a block.
+        If a file is wrong, none has a block, or the page cannot be written.
     """
-    sets = [load_declared(path) for path in files]
-    found = [(stimuli, s) for stimuli in sets for s in stimuli.stimuli if isinstance(s, StepBlock | MarginBlock)]
+    sets = [load_declared(path) for path in stimulus_files([Path(file) for file in files])]
+    found = [(stimuli, s) for stimuli in sets for s in stimuli.stimuli if s.crossed and s.turn_radius is None]
     if not found:
         raise PipelineError("stepblocks feel needs at least one step_block or margin_block, got none")
     grid = found[0][0].prediction
     radius, tool = grid.tip_radii[0], tool_of(grid)
-    blocks = [_block(stimulus, radius) for _, stimulus in found]
-    constants = {
-        "stiffness_n_per_m": tool.stiffness,
-        "ring": math.sqrt(tool.conversion),
-        "frequency_hz": tool.frequency,
-        "decay_s": tool.decay_time,
-        "ball_radius_m": radius,
-    }
+    blocks = [{"name": block.id, **_felt(block.counterface(), radius)} for _, block in found]
+    text = _filled(
+        blocks,
+        stiffness_n_per_m=tool.stiffness,
+        ring=math.sqrt(tool.conversion),
+        frequency_hz=tool.frequency,
+        decay_s=tool.decay_time,
+        ball_radius_m=radius,
+    )
     try:
-        page.parent.mkdir(parents=True, exist_ok=True)
-        replace_text(page, render_feel(blocks, constants))
+        Path(page).parent.mkdir(parents=True, exist_ok=True)
+        replace_text(Path(page), text)
     except OSError as error:
         raise PipelineError(f"the page cannot be written: {error.strerror} [{page}]") from error
     return len(blocks)
 
 
-def _block(stimulus: StepBlock | MarginBlock, radius: float) -> dict[str, Any]:
-    path = stimulus.counterface().centre_path(radius)
+def _filled(blocks: list[dict[str, Any]], **constants: float) -> str:
+    import jinja2
+
+    environment = jinja2.Environment(
+        loader=jinja2.PackageLoader("stepblocks.simulators"), autoescape=True, undefined=jinja2.StrictUndefined
+    )
+    # names are lower-case words by the rules of the stimulus file; "<" is escaped all the same
+    data = json.dumps(blocks, allow_nan=False, separators=(",", ":")).replace("<", "\\u003c")
+    return environment.get_template("feel.html").render(blocks=blocks, data=data, **constants)
+
+
+def _felt(face: Counterface, radius: float) -> dict[str, Any]:
+    path, corners = face.centre_path(radius), np.array(face.breakpoints)
     trigger, _, angle = path.notch(+1.0)
-    near = np.array(stimulus.counterface().breakpoints)
-    x = np.unique(np.concatenate([[-_WIDE, _WIDE], near - 1e-12, near + 1e-12, np.linspace(near[0], near[-1], 30)]))
-    return {
-        "name": stimulus.id,
-        "angle": angle,
-        "trigger": trigger,
-        "profile": [[float(a), float(b)] for a, b in zip(x, stimulus.counterface().heights(x), strict=True)],
-        **_thinned(path),
-    }
+    across = np.linspace(corners[0], corners[-1], 30)
+    x = np.unique(np.concatenate([[-_WIDE, _WIDE], corners - 1e-12, corners + 1e-12, across]))
+    profile = np.column_stack([x, face.heights(x)]).tolist()
+    return {"angle": angle, "trigger": trigger, "profile": profile, **_thinned(path)}
 
 
 def _thinned(path: CentrePath) -> dict[str, Any]:
     """Drop most knots of the circles; every notch and every end of a line stays, with its exact slopes."""
-    rise = path.slope_start[1:] - path.slope_end[:-1]
-    corners = np.flatnonzero(np.abs(rise) > 1e-3) + 1
-    flat = np.flatnonzero((path.slope_start[1:] == 0.0) != (path.slope_end[:-1] == 0.0)) + 1
+    before, after = path.slope_end[:-1], path.slope_start[1:]  # of the inner knots
+    corners = np.flatnonzero(np.abs(after - before) > _KINK) + 1
+    flat = np.flatnonzero((after == 0.0) != (before == 0.0)) + 1
     kept = np.unique(np.concatenate([np.arange(0, len(path.x), _EVERY), corners, flat, [len(path.x) - 1]]))
     notches = [
-        {"x": float(path.x[i]), "up": bool(path.slope_start[i] > 1e-3), "down": bool(path.slope_end[i - 1] < -1e-3)}
+        {"x": float(path.x[i]), "up": bool(after[i - 1] > _KINK), "down": bool(before[i - 1] < -_KINK)}
         for i in corners
-        if rise[i - 1] > 0.0
+        if after[i - 1] > before[i - 1]
     ]
     return {
         "x": path.x[kept].tolist(),

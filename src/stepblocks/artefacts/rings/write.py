@@ -8,23 +8,20 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from stepblocks.artefacts.rings.hjif_rules import check_hjif
 from stepblocks.contact.event import VibrationEvent, ring
 from stepblocks.errors import HapticsError
 
-Array = NDArray[np.float64]
-WAV_RATES = (10_000, 48_000)  # Sampling rates of the WAV files [Hz]
+WAV_RATES = (10_000, 48_000)  # Hz
 _TIMESCALE = 1000  # ticks per second that the reference software assumes for a VectorialWave
-_MAX_BYTES = 5_000_000
 
 
-def write_wav(path: Path, event: VibrationEvent, rate: int, samples: Array | None = None) -> float:
-    """Write a ring as mono float32 WAV."""
+def write_wav(path: Path, event: VibrationEvent, rate: int) -> float:
+    """Write a ring as mono float32 WAV; the force that stands for 1 is returned [N]."""
     from scipy.io import wavfile
 
-    force = ring(event, rate) if samples is None else np.asarray(samples, dtype=np.float64)
+    force = ring(event, rate)
     full = max(event.amplitude, float(np.abs(force).max(initial=0.0)))
     if not (math.isfinite(full) and full > 0.0):
         raise HapticsError(f"a ring must have finite samples, got none from {event.stimulus} {event.drag} [{path}]")
@@ -39,18 +36,18 @@ def write_hjif(path: Path, event: VibrationEvent) -> None:
     """
     if not math.isfinite(event.amplitude):
         raise HapticsError(f"{event.stimulus} {event.drag} does not ring ({event.status.value}) [{path}]")
-    ticks = np.arange(math.ceil(7.0 * event.decay * _TIMESCALE) + 1)
+    ticks = np.arange(math.ceil(7.0 * event.tool.decay_time * _TIMESCALE) + 1)
     # Straight lines between samples of an exponential lie above it; this factor restores the energy of each stretch.
-    x = 1.0 / (event.decay * _TIMESCALE)
+    x = 1.0 / (event.tool.decay_time * _TIMESCALE)
     chord = (1.0 + math.exp(-x) + math.exp(-2.0 * x)) / 3.0
     factor = math.sqrt((1.0 - math.exp(-2.0 * x)) / (2.0 * x) / chord)
-    levels = np.exp(-ticks / (event.decay * _TIMESCALE)) * factor
+    levels = np.exp(-ticks / (event.tool.decay_time * _TIMESCALE)) * factor
     keyframes: list[dict[str, Any]] = [
         {"relative_position": int(tick), "amplitude_modulation": round(float(level), 9)}
         for tick, level in zip(ticks, levels, strict=True)
     ]
     for keyframe in (keyframes[0], keyframes[-1]):
-        keyframe["frequency_modulation"] = round(event.frequency)
+        keyframe["frequency_modulation"] = round(event.tool.frequency)
     effect = {"effect_type": "Basis", "position": 0, "phase": 0.0, "base_signal": "Sine", "keyframes": keyframes}
     band = {
         "band_type": "VectorialWave",
@@ -92,50 +89,11 @@ def write_hjif(path: Path, event: VibrationEvent) -> None:
     path.write_text(json.dumps(document, indent=1) + "\n", encoding="utf-8")
 
 
-def read_hjif(path: Path) -> dict[str, Any]:
-    """Read and validate an .hjif file."""
-    try:
-        if path.stat().st_size > _MAX_BYTES:
-            raise HapticsError(f"an .hjif file must be at most {_MAX_BYTES} bytes, got more [{path}]")
-        document = json.loads(path.read_text(encoding="utf-8"))
-    except (OSError, ValueError, RecursionError) as error:
-        raise HapticsError(f"cannot be read as JSON: {error} [{path}]") from error
-    check_hjif(document, str(path))
-    return document  # type: ignore[no-any-return]
-
-
-def decode_hjif(document: dict[str, Any], rate: float) -> Array:
-    """Synthesise the first channel of a document as the standard's decoder does."""
-    channel = document["perceptions"][0]["channels"][0]
-    scale = float(document["timescale"])
-    effects = [effect for band in channel["bands"] for effect in band["effects"]]
-    end = max(effect["position"] + effect["keyframes"][-1]["relative_position"] for effect in effects) / scale
-    total = np.zeros(math.floor(end * rate) + 1)
-    time = np.arange(len(total)) / rate
-    for effect in effects:
-        frames = effect["keyframes"]
-        local = time - effect["position"] / scale
-        levels = [
-            (f["relative_position"] / scale, f["amplitude_modulation"]) for f in frames if "amplitude_modulation" in f
-        ]
-        tones = [
-            (f["relative_position"] / scale, f["frequency_modulation"]) for f in frames if "frequency_modulation" in f
-        ]
-        frequency = np.interp(local, *np.array(tones).T)
-        phase = effect["phase"] + math.tau * np.concatenate(
-            [[0.0], np.cumsum(0.5 * (frequency[1:] + frequency[:-1])) / rate]
-        )
-        phase -= np.interp(0.0, local, phase) - effect["phase"]
-        inside = (local >= 0.0) & (local <= frames[-1]["relative_position"] / scale)
-        total += np.where(inside, np.interp(local, *np.array(levels).T) * np.sin(phase), 0.0)
-    return np.asarray(channel["gain"] * total)
-
-
 def write_ahap(path: Path, event: VibrationEvent) -> None:
     """Write a preview for a telephone: it knows neither newton nor hertz, and says so."""
-    length = round(7.0 * event.decay, 4)
+    length = round(7.0 * event.tool.decay_time, 4)
     curve = [
-        {"Time": round(t, 4), "ParameterValue": round(math.exp(-t / event.decay), 4)}
+        {"Time": round(t, 4), "ParameterValue": round(math.exp(-t / event.tool.decay_time), 4)}
         for t in np.linspace(0.0, length, 12)
     ]
     document = {

@@ -1,1 +1,16 @@
-"""One file per simulator: what each needs to load a stimulus and to render it as the formula says."""
+"""The simulators that scenes are written for, one file each; a new one is offered and tested by standing here."""
+
+from __future__ import annotations
+
+from stepblocks.simulators.scene import SceneFormat
+from stepblocks.simulators.scenes.chai3d import CHAI3D
+from stepblocks.simulators.scenes.forcelaw import FORCELAW
+from stepblocks.simulators.scenes.gltf import GLTF
+from stepblocks.simulators.scenes.mujoco import MUJOCO
+from stepblocks.simulators.scenes.sofa import SOFA
+from stepblocks.simulators.scenes.urdf import URDF
+from stepblocks.simulators.scenes.usd import USD
+from stepblocks.simulators.scenes.x3d import X3D
+
+_ALL = (MUJOCO, CHAI3D, SOFA, USD, GLTF, X3D, URDF, FORCELAW)
+SCENE_FORMATS: dict[str, SceneFormat] = {form.name: form for form in _ALL}  # by name, in the order of the help text

@@ -2,12 +2,11 @@
 
 from __future__ import annotations
 
-import json
 from pathlib import Path
 
 from stepblocks.artefacts.meshes.write import write_obj, write_pieces, write_stl
 from stepblocks.contact.energy import Status
-from stepblocks.simulators.scenes.scene import Scene, SceneFormat, render_template
+from stepblocks.simulators.scene import Scene, SceneFormat, fill, write_json
 
 
 def _write(folder: Path, scene: Scene) -> None:
@@ -21,34 +20,37 @@ def _write(folder: Path, scene: Scene) -> None:
         "length_unit": "mm",
         "collision_epsilon_mm": 1e-6,
         "proxy_radius_mm": scene.ball_radius * 1e3,
-        "friction_static": scene.condition.friction,
-        "friction_dynamic": scene.condition.friction,
+        "friction_static": scene.point.friction,
+        "friction_dynamic": scene.point.friction,
         "stiffness_n_per_mm": scene.stiffness * 1e-3,
     }
-    (folder / "parameters.json").write_text(json.dumps(parameters, indent=2) + "\n", encoding="utf-8")
-    text = render_template("chai3d_block.h", scene=scene, Status=Status)
-    (folder / "StepBlock.h").write_text(text, encoding="utf-8")
-    (folder / "ReleaseRing.h").write_text(render_template("chai3d_ring.h"), encoding="utf-8")
+    write_json(folder / "parameters.json", parameters)
+    fill(folder / "StepBlock.h", scene=scene, Status=Status)
+    fill(folder / "ReleaseRing.h")
     top = float(scene.path.z.max()) * 1e3
     nothing = scene.events[0].status is Status.NO_CATCH
-    text = render_template("chai3d_drag.cpp", scene=scene, top=top, nothing=nothing)
-    (folder / "drag.cpp").write_text(text, encoding="utf-8")
+    fill(folder / "drag.cpp", scene=scene, top=top, nothing=nothing)
 
 
 CHAI3D = SceneFormat(
-    "chai3d",
-    "CHAI3D 3.3",
-    "millimetres",
-    _write,
-    "Compile `drag.cpp` against your CHAI3D (its first line says how) and run it: a virtual hand drags the proxy over the edge and the "
-    'peak is printed beside the formula. In a program of your own load `block.obj` into a `cMultiMesh`, `#include "StepBlock.h"` and '
-    "call `stepblock::prepare(object, tool)` once: it sets the contact and attaches the ring.",
-    (
+    name="chai3d",
+    title="CHAI3D 3.3",
+    unit="millimetres",
+    write=_write,
+    run=(
+        "Compile `drag.cpp` against your CHAI3D (its first line says how) and run it: a virtual hand drags the proxy over the edge "
+        "and the peak is printed beside the formula. In a program of your own load `block.obj` into a `cMultiMesh`, "
+        '`#include "StepBlock.h"` and '
+        "call `stepblock::prepare(object, tool)` once: it sets the contact and attaches the ring."
+    ),
+    settings=(
         "millimetres, and a proxy epsilon of 1e-6: in metres with its default the proxy is wrong by up to 75 %",
         "one workspace unit must be one millimetre: set the tool's workspace scale factor accordingly",
         "every face is wound outwards and every index positive: other faces load and give no force",
         "its own vibration effect is a steady sine; `ReleaseRing.h` is a decaying one, fired when the proxy leaves the notch",
     ),
-    "OBJ and STL are read back and measured by the test suite; `drag.cpp` was compiled against CHAI3D 3.3 and run without device "
-    "or display for the table of docs/simulators.md; not run on a device.",
+    verified=(
+        "OBJ and STL are read back and measured by the test suite; `drag.cpp` was compiled against CHAI3D 3.3 and run without device "
+        "or display for the table of docs/simulators.md; not run on a device."
+    ),
 )

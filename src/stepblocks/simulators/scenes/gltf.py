@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-import json
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from stepblocks.artefacts.meshes.write import GLB_FROM_PART, write_glb
-from stepblocks.simulators.scenes.scene import Scene, SceneFormat
+from stepblocks.simulators.scene import Scene, SceneFormat, write_json
 
 # Handedness, units per metre and rotation from the part's axes, as the usual importers make it
 ENGINE_FROM_PART: dict[str, tuple[str, float, Any]] = {
@@ -59,7 +58,7 @@ def _write(folder: Path, scene: Scene) -> None:
         "contact_gap_m": 1e-6 * scene.scale,
         "engines": engines,
     }
-    (folder / "scene.json").write_text(json.dumps(content, indent=2, allow_nan=False) + "\n", encoding="utf-8")
+    write_json(folder / "scene.json", content)
 
 
 def _turned(matrix: Any, x: float, z: float, scale: float) -> list[float]:
@@ -67,16 +66,16 @@ def _turned(matrix: Any, x: float, z: float, scale: float) -> list[float]:
 
 
 GLTF = SceneFormat(
-    "gltf",
-    "glTF (Unity, Unreal, web)",
-    "metres",
-    _write,
-    "Import `block.glb` for the picture and the convex pieces as colliders; read contact, spring and events from `scene.json`.",
-    (
+    name="gltf",
+    title="glTF (Unity, Unreal, web)",
+    unit="metres",
+    write=_write,
+    run="Import `block.glb` for the picture and the convex pieces as colliders; read contact, spring and events from `scene.json`.",
+    settings=(
         "glTF is right-handed with y up and metres: x stays, the part's z becomes y, its y becomes -z",
         "`scene.json` gives the matrix from the part's axes for glTF, Unity (left-handed, x mirrored) and Unreal (centimetres, z up), "
         "with the trigger positions already turned",
         "engine physics runs at 50 to 1000 Hz with gaps of millimetres: drive the haptics from `forcelaw`, the engine for the picture",
     ),
-    "read by pygltflib and trimesh in the test suite; not run here in Unity or Unreal.",
+    verified="read by pygltflib and trimesh in the test suite; not run here in Unity or Unreal.",
 )

@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 
 from stepblocks.parts.mesh import Mesh
-from stepblocks.simulators.scenes.scene import Scene, SceneFormat, render_template
+from stepblocks.simulators.scene import Scene, SceneFormat, fill
 
 
 def _write(folder: Path, scene: Scene) -> None:
@@ -18,8 +18,8 @@ def _write(folder: Path, scene: Scene) -> None:
     shape = scene.probe.whole if scene.probe else None
     probe = None if shape is None else (_points(shape), _indices(shape), len(shape.triangles))
     R = scene.ball_radius
-    text = render_template(
-        "scene.usda",
+    fill(
+        folder / "scene.usda",
         scene=scene,
         pieces=pieces,
         probe=probe,
@@ -29,7 +29,6 @@ def _write(folder: Path, scene: Scene) -> None:
         height=float(scene.path.z[0]),
         events=json.dumps(scene.parameters()["events"], allow_nan=False).replace("\\", "\\\\").replace("'", "\\'"),
     )
-    (folder / "scene.usda").write_text(text, encoding="utf-8")
 
 
 def _points(piece: Mesh) -> str:
@@ -41,17 +40,17 @@ def _indices(piece: Mesh) -> str:
 
 
 USD = SceneFormat(
-    "usd",
-    "USD (UsdPhysics; Isaac Sim, Newton)",
-    "metres",
-    _write,
-    "Open `scene.usda` in any USD program, for example `usdview scene.usda`, or add it as a reference in Isaac Sim.",
-    (
+    name="usd",
+    title="USD (UsdPhysics; Isaac Sim, Newton)",
+    unit="metres",
+    write=_write,
+    run="Open `scene.usda` in any USD program, for example `usdview scene.usda`, or add it as a reference in Isaac Sim.",
+    settings=(
         "metersPerUnit 1, kilogramsPerUnit 1, upAxis Z",
         "convex pieces with approximation convexHull, which is exact for them",
         "contact offset 1 um times S, rest offset 0, in PhysX's and in Newton's names: Newton's default gap is 0.1 m",
         "solvers in metres may merge what is closer than their tolerance; magnify with `--scale` if they do",
         "the vibration events are JSON in the customData of /World",
     ),
-    "opened with usd-core, units, hulls and offsets read back, in the test suite; not run here in a physics engine.",
+    verified="opened with usd-core, units, hulls and offsets read back, in the test suite; not run here in a physics engine.",
 )

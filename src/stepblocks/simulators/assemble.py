@@ -6,12 +6,14 @@ tip is the probe of its scene, and drags over a plain step.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 
 import numpy as np
 from pydantic import ValidationError
 
-from stepblocks.contact.event import VibrationEvent, vibration_events
+from stepblocks.artefacts.model_file import LearnedModel
+from stepblocks.contact.event import vibration_events
 from stepblocks.contact.operating_point import OperatingPoint
 from stepblocks.errors import HapticsError
 from stepblocks.parts.kind import Part
@@ -20,9 +22,7 @@ from stepblocks.parts.mesh import Mesh, mesh_solid
 from stepblocks.parts.shapes import build_solids, convex_pieces
 from stepblocks.simulators.devices import Device
 from stepblocks.simulators.plan import plan_rendering
-from stepblocks.simulators.scenes.scene import Frame, ProbeShape, Scene
-
-UPRIGHT = Frame(np.eye(3), np.zeros(3), Part.axes)
+from stepblocks.simulators.scene import Frame, ProbeShape, Scene
 
 
 def plain_step(height: float, name: str = "step") -> StepBlock:
@@ -59,31 +59,51 @@ def plain_step(height: float, name: str = "step") -> StepBlock:
         raise HapticsError(f"the step under a tip is impossible: {first['msg']} [{name}]") from error
 
 
-def assemble_scene(
+def scene_of(
     stimulus: Part,
-    condition: OperatingPoint,
+    point: OperatingPoint,
+    *,
+    step_height: float | None = None,
     device: Device | None = None,
     scale: float | None = None,
-    surface: Part | None = None,
-    events: tuple[VibrationEvent, VibrationEvent] | None = None,
+    ring: str = "exponential",
+    learned: LearnedModel | None = None,
+    keep_friction: bool = False,
 ) -> Scene:
-    """Gather what a scene needs."""
-    surface = surface_of(stimulus, None) if surface is None else surface
-    events = vibration_events(surface.id, surface.counterface(), condition) if events is None else events
-    plan = None if device is None else plan_rendering(device, events[0], condition, scale)
-    size = plan.scale if plan else 1.0 if scale is None else scale
-    frame = _frame(surface)
-    bodies = [frame.of(mesh_solid(surface, name, body), size) for name, body in build_solids(surface)]
-    pieces = tuple(frame.of(piece, size) for piece in convex_pieces(surface))
-    path = surface.counterface().centre_path(condition.ball_radius).scaled(size)
-    probe = _probe(stimulus, stimulus.ball.nominal, size) if stimulus.ball is not None else None
+    """Gather what a scene needs; under a tip lies a plain step, and what a session taught changes surface, point and events."""
+    if scale is not None and not (math.isfinite(scale) and scale > 0.0):
+        raise HapticsError(f"scale must be positive and finite, got {scale:g}")
+    surface = surface_of(stimulus, step_height)
+    events = vibration_events(surface.counterface(), point, surface.id)
+    if learned is not None:
+        from stepblocks.simulators.events import teach
+
+        surface, point, events = teach(learned, surface, point, keep_friction=keep_friction)
+    path = surface.counterface().centre_path(point.ball_radius)
+    if ring == "drag":
+        from stepblocks.simulators.events import with_drag_ring
+
+        events = (with_drag_ring(events[0], path, point), with_drag_ring(events[1], path, point))
+    plan = None if device is None else plan_rendering(device, events[0], point, scale)
+    size = plan.scale if plan else scale or 1.0
+    frame, ball = _frame(surface), stimulus.ball
     return Scene(
-        stimulus, surface, condition, size, frame, _joined(surface.id, bodies), pieces, path, events, plan, probe
+        stimulus=surface if ball is None else stimulus,
+        surface=surface,
+        point=point,
+        scale=size,
+        frame=frame,
+        whole=_joined(surface.id, [frame.of(mesh_solid(surface, *solid), size) for solid in build_solids(surface)]),
+        pieces=tuple(frame.of(piece, size) for piece in convex_pieces(surface)),
+        path=path.scaled(size),
+        events=events,
+        plan=plan,
+        probe=None if ball is None else _probe(stimulus, ball.nominal, size),
     )
 
 
-def surface_of(stimulus: Part, step_height: float | None) -> Part:
-    """Say what is dragged over."""
+def surface_of(stimulus: Part, step_height: float | None = None) -> Part:
+    """Say what is dragged over: the part itself, or a plain step under a tip or a sheathed probe."""
     if stimulus.crossed:
         return stimulus
     if step_height is None:
@@ -92,8 +112,9 @@ def surface_of(stimulus: Part, step_height: float | None) -> Part:
 
 
 def _frame(surface: Part) -> Frame:
+    """Lay what is turned about the drag on its side, its axis below."""
     if surface.turn_radius is None:
-        return UPRIGHT
+        return Frame(np.eye(3), np.zeros(3), surface.axes)
     turn = np.array([[0.0, 0.0, 1.0], [0.0, -1.0, 0.0], [1.0, 0.0, 0.0]])
     return Frame(turn, np.array([0.0, 0.0, -surface.turn_radius]), surface.axes)
 
@@ -101,9 +122,8 @@ def _frame(surface: Part) -> Frame:
 def _probe(tip: Part, ball_radius: float, size: float) -> ProbeShape:
     """Turn the tip about its contact point: magnified, its ball's centre at the origin."""
     centre = Frame(np.eye(3), np.array([0.0, 0.0, -ball_radius]), "")
-    (name, body), *_ = build_solids(tip)
-    pieces = tuple(centre.of(piece, size) for piece in convex_pieces(tip))
-    return ProbeShape(centre.of(mesh_solid(tip, name, body), size), pieces)
+    whole = mesh_solid(tip, *build_solids(tip)[0])
+    return ProbeShape(centre.of(whole, size), tuple(centre.of(piece, size) for piece in convex_pieces(tip)))
 
 
 def _joined(name: str, meshes: Sequence[Mesh]) -> Mesh:

@@ -1,0 +1,225 @@
+"""One servo tick, compiled: no allocation, no search beyond the pieces that the proxy really crosses.
+
+The proxy is the ball's centre on its path; the hand pulls it through the spring. It stays where it is as long as the
+spring's force lies within the friction cone, and slides to the next point where it does so again. At a notch the two
+slopes differ, and the proxy holds until ``F_x (1 - mu t) > F_z (t + mu)``: equation (1) without its division, which
+therefore also says that a locked proxy never moves.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import numba
+import numpy as np
+from numpy.typing import NDArray
+
+Array = NDArray[np.float64]
+Hand = tuple[float, float]  # across the edge and up [m]
+Records = Any  # an array with one of the types below: what compiled code is handed fastest
+_BISECTIONS = 40
+
+# The path of the ball's centre: one record per knot; what belongs to a piece stands at the knot where it begins
+PATH = np.dtype(
+    [
+        ("x", np.float64),  # ascending [m]
+        ("z", np.float64),  # [m]
+        ("first", np.float64),  # slope where the piece begins [1]
+        ("last", np.float64),  # and where it ends [1]
+        ("up", np.bool_),  # whether the knot is a notch that holds a drag towards +x
+        ("down", np.bool_),  # and towards -x
+    ]
+)
+# With which springs, friction and ring: one record
+SETTING = np.dtype(
+    [
+        ("stiffness", np.float64),  # tangential spring [N/m]
+        ("wall", np.float64),  # spring along the normal load [N/m]
+        ("friction", np.float64),  # mu [1]
+        ("damping", np.float64),  # of the hand's velocity in contact [N s/m]
+        ("period", np.float64),  # of a tick [s]
+        ("ring", np.float64),  # amplitude of the ring over the force at release [1]; 0 switches the event off
+        ("omega", np.float64),  # of the ring [rad/s]
+        ("decay", np.float64),  # time constant of its amplitude [s]
+    ]
+)
+# What changes from tick to tick: one record
+STATE = np.dtype(
+    [
+        ("x", np.float64),  # proxy across the edge [m]
+        ("y", np.float64),  # proxy along the edge [m]
+        ("height", np.float64),  # of a free proxy [m]
+        ("pull", np.float64),  # spring force of the last tick [N]
+        ("ring_time", np.float64),  # since the last event [s]; negative before the first
+        ("ring_force", np.float64),  # signed amplitude of the last event [N]
+        ("release", np.float64),  # spring force at the last event [N]
+        ("piece", np.int64),  # of the path that the proxy is on
+        ("events", np.int64),  # how many there were
+        ("touching", np.bool_),
+    ]
+)
+
+
+@numba.njit(cache=True, inline="always")
+def _height(x: float, piece: int, path: Records) -> Any:
+    x0, z0 = path.x[piece], path.z[piece]
+    return z0 + (path.z[piece + 1] - z0) * (x - x0) / (path.x[piece + 1] - x0)
+
+
+@numba.njit(cache=True, inline="always")
+def _slope(x: float, piece: int, path: Records) -> Any:
+    share = (x - path.x[piece]) / (path.x[piece + 1] - path.x[piece])
+    return path.first[piece] + share * (path.last[piece] - path.first[piece])
+
+
+@numba.njit(cache=True, inline="always")
+def _drive(direction: float, x: float, z: float, slope: float, hand: Hand, setting: Any) -> Any:
+    """Force that is left to move the proxy in a direction, times the cosine of the slope; positive where it slides."""
+    pull, down = direction * setting.stiffness * (hand[0] - x), setting.wall * (z - hand[1])
+    rise = direction * slope
+    return pull * (1.0 - setting.friction * rise) - down * (rise + setting.friction)
+
+
+@numba.njit(cache=True)
+def _slides(direction: float, x: float, piece: int, hand: Hand, setting: Any, path: Records) -> Any:
+    return _drive(direction, x, _height(x, piece, path), _slope(x, piece, path), hand, setting) > 0.0
+
+
+@numba.njit(cache=True)
+def _slide(direction: float, x: float, piece: int, hand: Hand, setting: Any, path: Records) -> Any:
+    """Move the proxy along the path until friction holds it."""
+    ahead = direction > 0.0
+    while _slides(direction, x, piece, hand, setting, path):
+        knot = piece + 1 if ahead else piece
+        far, slope = path.x[knot], path.last[piece] if ahead else path.first[piece]
+        if _drive(direction, far, path.z[knot], slope, hand, setting) > 0.0:
+            x, after = far, piece + 1 if ahead else piece - 1
+            if after < 0 or after > len(path.x) - 2:
+                break
+            piece = after
+            continue
+        for _ in range(_BISECTIONS):
+            middle = 0.5 * (x + far)
+            if _slides(direction, middle, piece, hand, setting, path):
+                x = middle
+            else:
+                far = middle
+        break
+    return x, piece
+
+
+@numba.njit(cache=True)
+def _land(x: float, z: float, piece: int, hand: Hand, path: Records) -> Any:
+    """Walk from a free proxy at (x, z) straight to the hand; stop where the path is met. Third value: whether it was."""
+    hand_x, hand_z = hand
+    span = hand_x - x
+    while True:
+        end = min(path.x[piece + 1], hand_x) if span >= 0.0 else max(path.x[piece], hand_x)
+        line = hand_z if end == hand_x else z + (hand_z - z) * (end - x) / span
+        if line < _height(end, piece, path):
+            near = max(x, path.x[piece]) if span >= 0.0 else min(x, path.x[piece + 1])
+            for _ in range(_BISECTIONS):
+                middle = 0.5 * (near + end)
+                line = hand_z if span == 0.0 else z + (hand_z - z) * (middle - x) / span
+                if line < _height(middle, piece, path):
+                    end = middle
+                else:
+                    near = middle
+            return near, piece, True
+        after = piece + 1 if span >= 0.0 else piece - 1
+        if end == hand_x or after < 0 or after > len(path.x) - 2:
+            return end, piece, False
+        piece = after
+
+
+@numba.njit(cache=True)
+def _pressed(x: float, piece: int, hand: Hand, setting: Any, path: Records) -> Any:
+    """Whether the hand presses the proxy on either side of where it is."""
+    ahead = behind = _slope(x, piece, path)
+    if x == path.x[piece]:
+        if piece > 0:
+            behind = path.last[piece - 1]
+    elif x == path.x[piece + 1]:
+        behind = path.last[piece]
+        if piece + 2 < len(path.x):
+            ahead = path.first[piece + 1]
+    pull, down = setting.stiffness * (hand[0] - x), setting.wall * (_height(x, piece, path) - hand[1])
+    return not (pull * ahead + down < 0.0 and pull * behind + down < 0.0)
+
+
+@numba.njit(cache=True)
+def _move(state: Any, landed: bool, hand: Hand, setting: Any, path: Records) -> None:
+    """Slide in either direction; leaving a notch uphill is the event, unless the proxy fell into it just now."""
+    x, piece, caught = state.x, state.piece, path.up
+    at_start, at_end = x == path.x[piece], x == path.x[piece + 1]
+    right = piece + 1 if at_end and piece + 2 < len(path.x) else piece
+    new_x, new_piece = _slide(1.0, x, right, hand, setting, path)
+    if new_x == x:
+        left = piece - 1 if at_start and piece > 0 else piece
+        new_x, new_piece = _slide(-1.0, x, left, hand, setting, path)
+        caught = path.down
+    if new_x == x:
+        return
+    state.x, state.piece = new_x, new_piece
+    if setting.ring > 0.0 and not landed and ((at_start and caught[piece]) or (at_end and caught[piece + 1])):
+        state.ring_time = 0.0
+        state.ring_force = setting.ring * state.pull  # the pull of the last tick: what the notch held
+        state.release = state.pull
+        state.events += 1
+
+
+@numba.njit(cache=True)
+def tick(position: Array, velocity: Array, force: Array, states: Records, settings: Records, path: Records) -> None:
+    """Advance the proxy by one tick and write the force on the hand."""
+    state, setting = states[0], settings[0]
+    hand = (min(max(position[0], path.x[0]), path.x[-1]), position[2])
+    landed = not state.touching or not _pressed(state.x, state.piece, hand, setting, path)
+    if landed:
+        z = _height(state.x, state.piece, path)
+        if not state.touching:  # the proxy was where the hand was, which may be high above the path
+            z = max(z, state.height)
+        state.x, state.piece, state.touching = _land(state.x, z, state.piece, hand, path)
+        state.y, state.height = position[1], position[2]
+    if state.touching:
+        _move(state, landed, hand, setting, path)
+        state.pull = setting.stiffness * (hand[0] - state.x)
+        down = setting.wall * (_height(state.x, state.piece, path) - hand[1])
+        # along the edge the friction has its own limit: a box instead of the cone, exact for drags along x or y
+        limit = setting.friction * max(down, 0.0)
+        slack = min(max(setting.stiffness * (position[1] - state.y), -limit), limit)
+        state.y = position[1] - slack / setting.stiffness
+        force[0] = -state.pull - setting.damping * velocity[0]
+        force[1] = -slack - setting.damping * velocity[1]
+        force[2] = down - setting.damping * velocity[2]
+    else:
+        force[0] = force[1] = force[2] = state.pull = 0.0
+    if state.ring_time >= 0.0:
+        swing = math.exp(-state.ring_time / setting.decay) * math.sin(setting.omega * state.ring_time)
+        force[0] += state.ring_force * swing
+        state.ring_time += setting.period
+
+
+@numba.njit(cache=True)
+def drag(
+    record: Array,
+    position: Array,
+    step: float,
+    load: float,
+    resolution: float,
+    states: Records,
+    settings: Records,
+    path: Records,
+) -> None:
+    """Drive `tick` with a hand that moves steadily along x and keeps its load; rows: hand, spring, force along x."""
+    start, read, force = position[0], position.copy(), position * 0.0
+    velocity = np.array([step / settings[0].period, 0.0, 0.0])
+    for index in range(record.shape[1]):
+        position[0] = start + index * step
+        for axis in range(3):
+            value = position[axis]
+            read[axis] = round(value / resolution) * resolution if resolution > 0.0 else value
+        tick(read, velocity, force, states, settings, path)
+        record[0, index], record[1, index], record[2, index] = position[0], states[0].pull, force[0]
+        # the wall is a known spring, so one correction along z is exact until the proxy moves
+        position[2] += (force[2] - load) / settings[0].wall

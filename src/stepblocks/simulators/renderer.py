@@ -1,0 +1,210 @@
+"""The reference renderer: what experiment 2 of the paper needs, for any device that reports a position and takes a force."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from stepblocks.contact.operating_point import OperatingPoint
+from stepblocks.contact.path.centre import CentrePath
+from stepblocks.errors import HapticsError
+from stepblocks.simulators import proxy_kernel as kernel
+
+Array = NDArray[np.float64]
+_APPROACH = 40e-6  # before the notch, and the least travel behind it, unscaled [m]
+_KINK = 1e-3  # change of slope that is a notch of the path, not the chords of a circle [1]
+
+
+@dataclass(frozen=True, eq=False)
+class Drag:
+    """One drag over an edge, all along the drag; shape (n,) each."""
+
+    time: Array  # [s]
+    hand: Array  # position [m]
+    pull: Array  # force in the spring [N]; positive where the hand pulls
+    force: Array  # on the hand [N]: the spring's, and the ring's
+    peak: float  # largest spring force [N]
+    events: int  # releases
+    crossed: bool  # whether the proxy left the notch
+
+
+class Renderer:
+    """A proxy on the path of the ball's centre, pulled by the hand through the spring of the tool.
+
+    Magnifying the path by S and dividing the spring by S leaves every force as it was; the ring is computed from the
+    force at release and therefore carries the energy of the unscaled tool at any S.
+
+    Parameters
+    ----------
+    path : CentrePath
+        Of the ball's centre over the surface, unscaled; `Counterface.centre_path` gives it.
+    point : OperatingPoint
+        Friction and tool; ball and load are in the path and in the hand.
+    scale : float
+        Magnification S [1].
+    rate : float
+        Of the servo loop [Hz].
+    event : bool
+        Whether a release rings; False is the paper's condition without vibration.
+    wall : float, optional
+        Spring along the normal load [N/m]; that of the tool over S if left out.
+    damping : float
+        Of the hand's velocity in contact [N s/m].
+
+    Raises
+    ------
+    HapticsError
+        If scale or rate is not positive, or the damping negative.
+
+    Examples
+    --------
+    >>> from stepblocks.contact.operating_point import PAPER
+    >>> from stepblocks.contact.path.centre import corner_path
+    >>> renderer = Renderer(corner_path([(-1e-3, 0.0), (1e-3, 0.0)], 125e-6), PAPER)
+    >>> renderer.reset(np.array([0.0, 0.0, 2e-4]))
+    >>> float(np.round(renderer.tick(np.array([0.0, 0.0, 115e-6]), np.zeros(3))[2], 4))
+    0.0981
+    """
+
+    def __init__(
+        self,
+        path: CentrePath,
+        point: OperatingPoint,
+        *,
+        scale: float = 1.0,
+        rate: float = 10e3,
+        event: bool = True,
+        wall: float | None = None,
+        damping: float = 0.0,
+    ) -> None:
+        for name, value in (("scale", scale), ("rate", rate)):
+            if not (math.isfinite(value) and value > 0.0):
+                raise HapticsError(f"{name} must be positive and finite, got {value:g}")
+        if not (math.isfinite(damping) and damping >= 0.0):
+            raise HapticsError(f"damping must be finite and not negative, got {damping:g} N s/m")
+        self.path, self.scale, self.period = path.scaled(scale), scale, 1.0 / rate
+        self.stiffness = point.tool.stiffness / scale
+        self.wall = self.stiffness if wall is None else wall
+        self.force: Array = np.zeros(3)
+        self._settings = np.zeros(1, kernel.SETTING)
+        self._settings[0] = (
+            self.stiffness,
+            self.wall,
+            point.friction,
+            damping,
+            self.period,
+            math.sqrt(point.tool.conversion) if event else 0.0,
+            math.tau * point.tool.frequency,
+            point.tool.decay_time,
+        )
+        first, last = self.path.slope_start, self.path.slope_end
+        before, after = np.concatenate([first[:1], last]), np.concatenate([first, last[-1:]])
+        notch = after - before > _KINK
+        self._path = np.zeros(len(notch), kernel.PATH)
+        columns = (
+            self.path.x,
+            self.path.z,
+            after,
+            np.append(last, 0.0),
+            notch & (after > _KINK),
+            notch & (before < -_KINK),
+        )
+        for name, values in zip(kernel.PATH.fields or (), columns, strict=True):
+            self._path[name] = values
+        self._states = np.zeros(1, kernel.STATE)
+        self.reset(np.array([self.path.x[0], 0.0, float(self.path.z.max()) + 1.0]))
+
+    def reset(self, position: Array) -> None:
+        """Put the proxy where the hand is [m], free."""
+        x = float(np.clip(position[0], self.path.x[0], self.path.x[-1]))
+        piece = int(np.clip(np.searchsorted(self.path.x, x, side="right") - 1, 0, len(self.path.x) - 2))
+        self._states[0] = np.zeros((), kernel.STATE)
+        for name, value in (
+            ("x", x),
+            ("y", position[1]),
+            ("height", position[2]),
+            ("piece", piece),
+            ("ring_time", -1.0),
+        ):
+            self._states[name] = value
+        self.force[:] = 0.0
+
+    def tick(self, position: Array, velocity: Array) -> Array:
+        """Render one servo tick.
+
+        Parameters
+        ----------
+        position, velocity : ndarray, shape (3,)
+            Of the hand across the edge, along it and up, in the magnified frame [m], [m/s].
+
+        Returns
+        -------
+        ndarray, shape (3,)
+            Force on the hand [N]; the next tick overwrites it.
+        """
+        kernel.tick(position, velocity, self.force, self._states, self._settings, self._path)
+        return self.force
+
+    def drag(
+        self, load: float, travel: float, direction: float = 1.0, speed: float = 1e-3, resolution: float = 0.0
+    ) -> Drag:
+        """Drag over the notch by a virtual hand that keeps its load, as the weights and pulleys of the bench do.
+
+        Parameters
+        ----------
+        load : float
+            Normal load [N].
+        travel : float
+            How far the hand moves on after it has reached the notch, in the magnified frame [m].
+        direction : float
+            +1 towards +x, -1 towards -x.
+        speed : float
+            Of the hand in the magnified frame [m/s].
+        resolution : float
+            Step to which the device rounds the position it reports [m]; 0 rounds nothing.
+
+        Returns
+        -------
+        Drag
+            The record; the renderer is reset first.
+        """
+        notch, height, _ = self.path.notch(direction)
+        approach, step = _APPROACH * self.scale, direction * speed * self.period
+        start = notch - direction * approach
+        record = np.zeros((3, int(np.ceil((approach + travel) / abs(step)))))
+        self.reset(np.array([start, 0.0, float(self.path.z.max()) + height]))
+        hand = np.array([start, 0.0, float(np.interp(start, self.path.x, self.path.z))])
+        kernel.drag(record, hand, step, load, resolution, self._states, self._settings, self._path)
+        place, pull, force = direction * record
+        return Drag(
+            time=np.asarray(np.arange(record.shape[1]) * self.period, dtype=np.float64),
+            hand=place,
+            pull=pull,
+            force=force,
+            peak=float(pull.max()),
+            events=self.events,
+            crossed=direction * (self.proxy[0] - notch) > 1e-9 * self.scale,
+        )
+
+    @property
+    def proxy(self) -> tuple[float, float]:
+        """Where the proxy is across and along the edge [m]."""
+        return float(self._states["x"][0]), float(self._states["y"][0])
+
+    @property
+    def pull(self) -> float:
+        """Force in the tool's spring, without the ring [N]; positive where the hand pulls towards +x."""
+        return float(self._states["pull"][0])
+
+    @property
+    def events(self) -> int:
+        """How many releases there were since the last reset."""
+        return int(self._states["events"][0])
+
+    @property
+    def release_force(self) -> float:
+        """Spring force at the last release [N]; 0 before the first."""
+        return float(self._states["release"][0])

@@ -1,1 +1,0 @@
-"""A reference renderer: position and velocity in, force out, for any device and any stimulus."""

@@ -1,0 +1,169 @@
+"""What every simulator is told of a stimulus, gathered once and magnified once, and what every folder holds."""
+
+from __future__ import annotations
+
+import json
+import math
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+from xml.etree import ElementTree
+
+import numpy as np
+from numpy.typing import NDArray
+
+from stepblocks.artefacts.rings.write import WAV_RATES, write_ahap, write_hjif, write_wav
+from stepblocks.contact.energy import Status
+from stepblocks.contact.event import Events, as_record, ring, ring_energy
+from stepblocks.contact.operating_point import OperatingPoint
+from stepblocks.contact.path.centre import CentrePath
+from stepblocks.parts.kind import Part
+from stepblocks.parts.mesh import Mesh
+from stepblocks.simulators.plan import RenderingPlan
+
+
+@dataclass(frozen=True, eq=False)
+class Frame:
+    """How a part lies in its scene."""
+
+    turn: NDArray[np.float64]  # shape (3, 3), rotation from the part's axes to the scene's
+    shift: NDArray[np.float64]  # shape (3,), what is added then [m], unscaled
+    words: str  # the axes of the scene, as a README says it
+
+    def of(self, mesh: Mesh, scale: float) -> Mesh:
+        """Turn, shift and magnify a mesh."""
+        return Mesh(mesh.name, (mesh.vertices @ self.turn.T + self.shift) * scale, mesh.triangles)
+
+
+@dataclass(frozen=True)
+class ProbeShape:
+    """The shape of a declared tip, magnified, the centre of its ball at the origin, the shank upwards."""
+
+    whole: Mesh  # [m]
+    pieces: tuple[Mesh, ...]  # convex [m]
+
+
+@dataclass(frozen=True)
+class Scene:
+    """A stimulus at one operating point and one scale."""
+
+    stimulus: Part  # what was asked for: a block, a crown, or the tip that drags
+    surface: Part  # what is dragged over; a plain step for a tip
+    point: OperatingPoint  # unscaled
+    scale: float  # magnification S of every length below [1]
+    frame: Frame
+    whole: Mesh  # the surface's part [m], magnified; tooth and crown are two closed shells of it
+    pieces: tuple[Mesh, ...]  # its convex pieces [m], magnified
+    path: CentrePath  # of the ball [m], magnified
+    events: Events  # of the drags towards +x and -x, unscaled
+    plan: RenderingPlan | None = None  # where a device was named
+    probe: ProbeShape | None = None  # where a tip was declared; else the probe is a ball
+
+    @property
+    def ball_radius(self) -> float:
+        """Magnified [m]."""
+        return self.point.ball_radius * self.scale
+
+    @property
+    def stiffness(self) -> float:
+        """Spring of the tool in the scene, k/S [N/m]."""
+        return self.point.tool.stiffness / self.scale
+
+    @property
+    def tip_mass(self) -> float:
+        """Mass that rings at the event's frequency on the scene's spring [kg]."""
+        return self.events[0].tool.effective_mass / self.scale
+
+    def parameters(self) -> dict[str, Any]:
+        """Return contact, probe and events as plain values, the unit in every name."""
+        return {
+            "stimulus": self.stimulus.id,
+            "surface": self.surface.id,
+            "scale": self.scale,
+            "ball_radius_m": self.ball_radius,
+            "normal_load_n": self.point.normal_load,
+            "friction": self.point.friction,
+            "stiffness_n_per_m": self.stiffness,
+            "tip_mass_kg": self.tip_mass,
+            "frame": self.frame.words,
+            "from_part_rows": self.frame.turn.tolist(),
+            "from_part_shift_m": self.frame.shift.tolist(),
+            "events": [as_record(event, self.scale) for event in self.events],
+        }
+
+
+@dataclass(frozen=True)
+class SceneFormat:
+    """A simulator that scenes are written for."""
+
+    name: str  # as on the command line
+    title: str  # what people call it
+    unit: str  # of the lengths in its files
+    write: Callable[[Path, Scene], None]  # takes folder and scene
+    run: str  # how to run or load it, a line of Markdown
+    settings: tuple[str, ...]  # what is set and why, one line of Markdown each
+    verified: str  # what of it was run or read back by another program, and what was not
+
+
+def write_scene(folder: Path, scene: Scene, form: SceneFormat) -> None:
+    """Write what a simulator loads, and what every folder has: README, event, plan and the rings as files."""
+    form.write(folder, scene)
+    write_json(folder / "event.json", scene.parameters())
+    if scene.plan is not None:
+        write_json(folder / "plan.json", scene.plan.as_record())
+    for event in scene.events:
+        if event.status is not Status.RELEASES:
+            continue
+        stem = f"ring-{'up' if event.direction > 0 else 'down'}"
+        waves = {f"{stem}-{rate // 1000}khz.wav": rate for rate in WAV_RATES}
+        told = {
+            "full_scale_n": {name: write_wav(folder / name, event, rate) for name, rate in waves.items()},
+            "energy_j": event.energy,
+            "energy_in_file_j": {
+                name: ring_energy(ring(event, rate), rate, event.tool) for name, rate in waves.items()
+            },
+        }
+        write_hjif(folder / f"{stem}.hjif", event)
+        write_ahap(folder / f"{stem}.ahap", event)
+        write_json(folder / f"{stem}.json", told)
+    names = sorted(path.relative_to(folder).as_posix() for path in folder.rglob("*") if path.is_file())
+    fill(folder / "README.md", scene=scene, form=form, names=names, math=math, Status=Status)
+
+
+def fill(path: Path, **values: Any) -> None:
+    """Fill the template of a file's name."""
+    from jinja2 import Environment, PackageLoader, StrictUndefined
+
+    environment = Environment(
+        loader=PackageLoader("stepblocks.simulators"),
+        undefined=StrictUndefined,
+        keep_trailing_newline=True,
+        trim_blocks=True,
+        lstrip_blocks=True,
+        autoescape=False,  # code and Markdown, not HTML
+    )
+    path.write_text(environment.get_template(f"{path.name}.j2").render(**values), encoding="utf-8")
+
+
+def write_json(path: Path, content: Any) -> None:
+    """Write JSON that every reader takes: no NaN."""
+    path.write_text(json.dumps(content, indent=2, allow_nan=False) + "\n", encoding="utf-8")
+
+
+def element(tag: str, /, *children: ElementTree.Element[Any], **attributes: str) -> ElementTree.Element:
+    """Make an XML element with its children."""
+    made = ElementTree.Element(tag, attributes)
+    made.extend(children)
+    return made
+
+
+def write_xml(path: Path, root: ElementTree.Element) -> None:
+    """Write an XML document, indented."""
+    ElementTree.indent(root)
+    ElementTree.ElementTree(root).write(path, encoding="utf-8", xml_declaration=True)
+
+
+def numbers(values: NDArray[Any]) -> str:
+    """Say an array as 12 digits each, separated by spaces."""
+    return " ".join(f"{value:.12g}" for value in values.ravel())
