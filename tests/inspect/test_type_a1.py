@@ -13,7 +13,7 @@ from stepblocks.artefacts.scans.scan import HeightMap
 from stepblocks.errors import MetrologyError
 from stepblocks.inspect.budget import Component, Instrument, Measured, measured_from_profiles
 from stepblocks.inspect.evaluate.masked_step import masked_step
-from stepblocks.inspect.evaluate.noise_uncertainty import NoiseUncertainty
+from stepblocks.inspect.evaluate.noise import NoiseUncertainty
 from stepblocks.inspect.evaluate.type_a1 import evaluate_a1, find_features
 from stepblocks.inspect.measure import measure_groove
 

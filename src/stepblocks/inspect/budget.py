@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from stepblocks.errors import MetrologyError
-from stepblocks.inspect.evaluate.noise_uncertainty import NoiseUncertainty
+from stepblocks.inspect.evaluate.noise import NoiseUncertainty
 
 # slow cosines that are always taken, where there are as many profiles: Student's factor is then 2.8 at 95 %
 _LEAST_COSINES = 4

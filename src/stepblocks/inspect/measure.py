@@ -16,7 +16,7 @@ from stepblocks.inspect.evaluate.edge import Edge, fit_edge
 from stepblocks.inspect.evaluate.form import FormZone, fit_face, zone_of_flatness, zone_of_parallelism
 from stepblocks.inspect.evaluate.margin_gap import fit_margin
 from stepblocks.inspect.evaluate.masked_step import masked_step
-from stepblocks.inspect.evaluate.noise_uncertainty import NoiseUncertainty
+from stepblocks.inspect.evaluate.noise import NoiseUncertainty
 from stepblocks.inspect.evaluate.tip import fit_cap
 from stepblocks.inspect.evaluate.type_a1 import evaluate_a1, find_features
 

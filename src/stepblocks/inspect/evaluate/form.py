@@ -17,8 +17,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from stepblocks.errors import MetrologyError
-from stepblocks.inspect.evaluate.noise_uncertainty import noise_uncertainty
-from stepblocks.inspect.evaluate.roughness_noise import outlier_mask
+from stepblocks.inspect.evaluate.noise import covariance_root, noise_uncertainty, outlier_mask
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
@@ -177,8 +176,7 @@ def fit_face(x: Array, y: Array, height: Array, face: Mask) -> FaceForm:
     # for terms that vary little over the correlation length, the covariance is that of white noise times one factor
     mean = noise_uncertainty(used / count, residuals, used, list(design))
     inverse = np.linalg.inv(design[:, used] @ design[:, used].T)
-    values, vectors = np.linalg.eigh(inverse * mean.std**2 * count)
-    root = np.asarray((vectors * np.sqrt(np.maximum(values, 0.0))).T, dtype=np.float64)
+    root = covariance_root(np.asarray(inverse * mean.std**2 * count, dtype=np.float64))
     gx, gy = (one.ravel() for one in np.meshgrid(*[np.linspace(-1.0, 1.0, _GRID)] * 2))
     grid = np.array(middles) + np.array(halves) * np.column_stack([gx, gy])
     coefficients = np.asarray(solution, dtype=np.float64)

@@ -14,8 +14,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from stepblocks.artefacts.scans.scan import HeightMap
 from stepblocks.errors import MetrologyError
-from stepblocks.inspect.evaluate.noise_uncertainty import NoiseUncertainty, noise_uncertainty
-from stepblocks.inspect.evaluate.roughness_noise import outlier_mask
+from stepblocks.inspect.evaluate.noise import NoiseUncertainty, noise_uncertainty, outlier_mask
 
 Array = NDArray[np.float64]
 
