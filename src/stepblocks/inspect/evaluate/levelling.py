@@ -76,7 +76,7 @@ def fit_two_planes(x: Array, z: Array, middle: float, used: Mask) -> TwoPlanes:
 
     Source: ISO 5436-1 leaves a single edge to convention; this is the two-plane one, which has no feature to level through.
     """
-    scale = max(abs(x[0] - middle), abs(x[-1] - middle))
+    scale = float(max(abs(x[0] - middle), abs(x[-1] - middle)))
     design = np.stack([(x - middle) / scale, np.ones_like(x), (x > middle).astype(float)])
     calm, whole = without_spikes(z), int(used.sum())
     for turn in range(6):
