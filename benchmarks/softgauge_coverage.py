@@ -11,8 +11,11 @@ import math
 import sys
 from collections.abc import Callable, Iterator
 from concurrent.futures import ProcessPoolExecutor
+from pathlib import Path
 
 import numpy as np
+
+sys.path.insert(0, str(Path(__file__).parents[1] / "tests"))  # the gauges are oracles of the tests
 
 from oracles.softgauge import (
     ball_gauge,
@@ -27,12 +30,10 @@ from stepblocks.artefacts.scans.scan import HeightMap, Profile
 from stepblocks.errors import MetrologyError
 from stepblocks.inspect.budget import Component, Instrument, Measured
 from stepblocks.inspect.evaluate.edge import fit_edge
-from stepblocks.inspect.evaluate.face_form import fit_face, zone_of_flatness
-from stepblocks.inspect.evaluate.flatness import flatness
+from stepblocks.inspect.evaluate.form import fit_face, flatness, zone_of_flatness
 from stepblocks.inspect.evaluate.masked_step import masked_step
 from stepblocks.inspect.evaluate.type_a1 import evaluate_a1
-from stepblocks.inspect.shapes import measure_margin, measure_tip
-from stepblocks.inspect.step import measure_edge
+from stepblocks.inspect.measure import measure_edge, measure_margin, measure_tip
 
 Draw = Callable[[np.random.Generator], Iterator[tuple[str, float, Measured]]]
 UM, NM = 1e-6, 1e-9

@@ -16,7 +16,6 @@ from hypothesis import strategies as st
 
 from stepblocks.artefacts.scans.foreign import FORMATS, _load, read_foreign
 from stepblocks.artefacts.scans.height_scale import check_height_scale, stated_height_scale
-from stepblocks.artefacts.scans.height_scale_packed import packed_height_scale
 from stepblocks.artefacts.scans.read import read_scan
 from stepblocks.artefacts.scans.scan import HeightMap, Profile, rows_of
 from stepblocks.errors import MetrologyError
@@ -305,7 +304,7 @@ def test_the_scale_of_packed_formats_is_read_a_second_time_from_index_and_stored
         assert 0.0 < one < COUNT
     else:
         WRITERS[name](path)
-    scale = packed_height_scale(path)
+    scale = stated_height_scale(path)
     assert (scale.count, scale.integral) == (pytest.approx(one), name == "counts.x3p")
     scan = read_scan(path)
     np.testing.assert_allclose(scan.height, COUNTS * COUNT, rtol=2e-6)
@@ -358,7 +357,7 @@ def test_an_index_that_states_no_sound_scale_is_refused(name, member, change, wo
     (write_x3p if name.endswith("x3p") else write_plux)(path)
     repacked(path, member, change)
     with pytest.raises(MetrologyError, match=words):
-        packed_height_scale(path)
+        stated_height_scale(path)
 
 
 @pytest.mark.parametrize("name", ["a.sdf", "b.sdf", "c.sur", "g.nid"])

@@ -13,9 +13,9 @@ from stepblocks.artefacts.scans.scan import HeightMap
 from stepblocks.errors import MetrologyError
 from stepblocks.inspect.budget import Component, Instrument, Measured, measured_from_profiles
 from stepblocks.inspect.evaluate.masked_step import masked_step
-from stepblocks.inspect.evaluate.noise_uncertainty import NoiseUncertainty
+from stepblocks.inspect.evaluate.noise import NoiseUncertainty
 from stepblocks.inspect.evaluate.type_a1 import evaluate_a1, find_features
-from stepblocks.inspect.step import measure_groove
+from stepblocks.inspect.measure import measure_groove
 
 SHARED = Path(os.environ.get("STEPBLOCKS_SHARED", Path(__file__).parents[2] / ".." / "shared"))
 X = np.arange(-50, 951) * 1e-6

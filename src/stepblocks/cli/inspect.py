@@ -4,10 +4,7 @@ from __future__ import annotations
 
 import argparse
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
-
-if TYPE_CHECKING:
-    from stepblocks.inspect.run import InspectionResult
+from typing import Any
 
 
 def add_to(commands: Any) -> None:
@@ -62,8 +59,11 @@ def add_to(commands: Any) -> None:
 
 
 def _run(arguments: argparse.Namespace) -> int:
+    import json
+
     from stepblocks.inspect.budget import Instrument
-    from stepblocks.inspect.run import find_stimulus, inspect_scan, inspect_standard
+    from stepblocks.inspect.report import write_inspection
+    from stepblocks.inspect.run import inspect_scan, inspect_standard
     from stepblocks.quantities import parse_quantity
 
     def length(text: str | None) -> float | None:
@@ -77,27 +77,18 @@ def _run(arguments: argparse.Namespace) -> int:
     )
     if arguments.standard is not None:
         depth, tolerance = length(arguments.standard) or 0.0, length(arguments.tolerance) or 0.0
-        result = inspect_standard(arguments.scan, depth, tolerance, instrument, unit=arguments.unit)
-        return _say(result, arguments)
-    stimulus, grid = find_stimulus(arguments.stimulus, arguments.where)
-    result = inspect_scan(
-        arguments.scan,
-        stimulus,
-        grid,
-        instrument,
-        feature=arguments.feature,
-        exclusion=length(arguments.exclusion),
-        unit=arguments.unit,
-    )
-    return _say(result, arguments)
-
-
-def _say(result: InspectionResult, arguments: argparse.Namespace) -> int:
-    import json
-
-    from stepblocks.inspect.run import as_json, table_of, write_inspection
-
-    print(json.dumps(as_json(result), indent=1) if arguments.json else table_of(result))
+        result = inspect_standard(arguments.scan, depth, tolerance, instrument=instrument, unit=arguments.unit)
+    else:
+        result = inspect_scan(
+            arguments.scan,
+            arguments.stimulus,
+            stimuli=arguments.where,
+            instrument=instrument,
+            feature=arguments.feature,
+            exclusion=length(arguments.exclusion),
+            unit=arguments.unit,
+        )
+    print(json.dumps(result.as_record(), indent=1) if arguments.json else result)
     if arguments.output is not None:
         written = write_inspection(result, arguments.output)
         if not arguments.json:

@@ -14,37 +14,38 @@ import numpy as np
 from numpy.typing import NDArray
 
 from stepblocks.errors import MetrologyError
-from stepblocks.inspect.evaluate.noise_uncertainty import NoiseUncertainty
+from stepblocks.inspect.evaluate.noise import NoiseUncertainty
+
+# slow cosines that are always taken, where there are as many profiles: Student's factor is then 2.8 at 95 %
+_LEAST_COSINES = 4
 
 
 @dataclass(frozen=True)
 class Component:
     """One source of uncertainty."""
 
-    name: str  # What it comes from
-    std: float  # Standard uncertainty, in the unit of the value; nan where it is not stated
-    dof: float = math.inf  # Degrees of freedom; infinite for what was not estimated from few values
-    how: str = ""  # How it was evaluated
+    name: str
+    std: float  # standard uncertainty, in the unit of the value; nan where it is not stated
+    dof: float = math.inf  # degrees of freedom; infinite for what was not estimated from few values
+    how: str = ""  # it was evaluated
 
 
 @dataclass(frozen=True)
 class Instrument:
     """What is known of the instrument besides the scan."""
 
-    # Relative standard uncertainty of its vertical calibration [1]; None where it is not stated
-    calibration_std: float | None = None
-    resolution: float = 0.0  # Least difference of height that it shows [m]
-    # Relative standard uncertainty of its lateral calibration [1]; None where it is not stated
-    lateral_std: float | None = None
+    calibration_std: float | None = None  # relative, of the vertical scale [1]; None where it is not stated
+    resolution: float = 0.0  # least difference of height that it shows [m]
+    lateral_std: float | None = None  # relative, of the lateral scale [1]; None where it is not stated
 
 
 @dataclass(frozen=True)
 class Measured:
     """A value with its budget."""
 
-    name: str  # Characteristic, for example ``step height``
-    value: float  # Estimate [m]
-    components: tuple[Component, ...]  # The budget
+    name: str  # of the characteristic, such as ``step height``
+    value: float  # m
+    components: tuple[Component, ...]
 
     @property
     def std(self) -> float:
@@ -59,9 +60,8 @@ class Measured:
     @property
     def dof(self) -> float:
         """Effective degrees of freedom by Welch and Satterthwaite."""
-        weight = sum(
-            part.std**4 / part.dof for part in self.components if math.isfinite(part.std) and math.isfinite(part.dof)
-        )
+        known = [part for part in self.components if math.isfinite(part.std) and math.isfinite(part.dof)]
+        weight = sum(part.std**4 / part.dof for part in known)
         return self.std**4 / weight if weight > 0.0 else math.inf
 
     def expanded(self, level: float = 0.95) -> float:
@@ -71,6 +71,29 @@ class Measured:
         quantile = 0.5 + 0.5 * level
         law = stats.norm if math.isinf(self.dof) else stats.t(df=self.dof)
         return float(law.ppf(quantile)) * self.std
+
+
+def with_budget(
+    name: str,
+    value: float,
+    own: Sequence[Component],
+    instrument: Instrument,
+    others: Sequence[Component] = (),
+    axes: tuple[float, float] = (1.0, 0.0),
+) -> Measured:
+    """Add what the instrument owes to a value [m]: calibration, and resolution behind the other components.
+
+    `axes` says with which power the value goes with the vertical scale, and with the lateral one.
+    """
+    parts = list(own)
+    scales = ("calibration", instrument.calibration_std), ("lateral calibration", instrument.lateral_std)
+    for (label, relative), power in zip(scales, axes, strict=True):
+        if power != 0.0 and relative is None:
+            parts.append(Component(label, math.nan, how="not stated"))
+        elif power != 0.0 and relative is not None:
+            parts.append(Component(label, power * relative * abs(value), how=f"{power * relative:g} of the value"))
+    resolution = Component("resolution", instrument.resolution / math.sqrt(12.0), how="one count, rectangular")
+    return Measured(name, value, (*parts, *others, resolution))
 
 
 def measured_from_profiles(
@@ -99,57 +122,34 @@ def measured_from_profiles(
     """
     heights = np.asarray(values, dtype=np.float64)
     within = np.array([one.std**2 for one in noise], dtype=np.float64)
-    count = len(heights)
-    if count == 0 or not (np.isfinite(heights).all() and np.isfinite(within).all()):
-        raise MetrologyError(f"{name} must come from at least one profile with a finite value, got {count}")
+    if len(heights) == 0 or not (np.isfinite(heights).all() and np.isfinite(within).all()):
+        raise MetrologyError(f"{name} must come from at least one profile with a finite value, got {len(heights)}")
     mean = float(heights.mean())
-    parts = [*_scatter(heights - mean, within, noise), *calibration_of(mean, instrument, axes), *others]
-    parts.append(Component("resolution", instrument.resolution / math.sqrt(12.0), how="one count, rectangular"))
-    return Measured(name, mean, tuple(parts))
-
-
-# Slow cosines that are always taken, where there are as many profiles: Student's factor is then 2.8 at 95 %
-_LEAST_COSINES = 4
-
-
-def _scatter(
-    deviations: NDArray[np.float64], within: NDArray[np.float64], noise: Sequence[NoiseUncertainty]
-) -> list[Component]:
-    count = len(deviations)
-    average = float(within.mean()) / count
-    if count == 1:
-        return [
-            Component("noise", math.sqrt(average), noise[0].dof, "autocovariance of the residuals"),
+    if len(heights) == 1:
+        parts = [
+            Component("noise", math.sqrt(within[0]), noise[0].dof, "autocovariance of the residuals"),
             Component("repeatability", math.nan, how="one profile: not observed"),
         ]
+    else:
+        parts = _scatter(heights - mean, float(within.mean()) / len(heights))
+    return with_budget(name, mean, parts, instrument, others, axes)
+
+
+def _scatter(deviations: NDArray[np.float64], noise: float) -> list[Component]:
+    """Split the variance of a mean over profiles into their noise, itself a variance, and repeatability."""
     from scipy.fft import dct
 
+    count = len(deviations)
     cosines = min(max(_LEAST_COSINES, round(0.4 * count ** (2.0 / 3.0))), count - 1)
     variance, dof = float(np.mean(dct(deviations, norm="ortho")[1 : cosines + 1] ** 2)) / count, float(cosines)
     how = f"slow part of the scatter of {count} profiles" if cosines < count - 1 else f"scatter of {count} profiles"
-    if variance <= average:
+    beyond = variance - noise
+    if beyond <= 0.0:
         return [
             Component("noise", math.sqrt(variance), dof, how),
             Component("repeatability", 0.0, how="none beyond noise"),
         ]
-    beyond = variance - average
     return [
-        Component("noise", math.sqrt(average), how="autocovariance of the residuals"),
+        Component("noise", math.sqrt(noise), how="autocovariance of the residuals"),
         Component("repeatability", math.sqrt(beyond), dof * (beyond / variance) ** 2, f"{how}, beyond their noise"),
     ]
-
-
-def calibration_of(value: float, instrument: Instrument, axes: tuple[float, float]) -> list[Component]:
-    """List the components of calibration of a value."""
-    parts = []
-    for name, relative, share in (
-        ("calibration", instrument.calibration_std, axes[0]),
-        ("lateral calibration", instrument.lateral_std, axes[1]),
-    ):
-        if share == 0.0:
-            continue
-        if relative is None:
-            parts.append(Component(name, math.nan, how="not stated"))
-        else:
-            parts.append(Component(name, share * relative * abs(value), how=f"{share * relative:g} of the value"))
-    return parts

@@ -7,12 +7,14 @@ by more than it, it does not; between, neither is proven.
 from __future__ import annotations
 
 import math
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 from enum import StrEnum
 
 from stepblocks.errors import MetrologyError
+from stepblocks.inspect.budget import Measured
 
-GUARD_FACTOR = 1.65  # Guard band over standard uncertainty at 95 % conformance probability (ISO 14253-1:2017, 5.3) [1]
+GUARD_FACTOR = 1.65  # guard band over standard uncertainty at 95 % conformance probability (ISO 14253-1:2017, 5.3) [1]
 
 
 class Outcome(StrEnum):
@@ -32,13 +34,13 @@ class Outcome(StrEnum):
 class Decision:
     """A value judged against its limits."""
 
-    verdict: Outcome  # The outcome
-    value: float  # Measured value and its standard uncertainty [m]
-    std: float
-    lower: float  # Limits of the specification [m]; infinite where there is none on that side
-    upper: float
-    guard: float  # Guard band [m]
-    probability: float  # Probability that the true value lies within the limits, from the measurement alone [1]
+    verdict: Outcome
+    value: float  # m
+    std: float  # standard uncertainty [m]
+    lower: float  # limit of the specification [m]; infinite where there is none
+    upper: float  # likewise [m]
+    guard: float  # guard band [m]
+    probability: float  # that the true value lies within the limits, from the measurement alone [1]
 
 
 def decide(
@@ -46,9 +48,12 @@ def decide(
 ) -> Decision:
     """Judge one measured value.
 
-    Source: ISO 14253-1:2017; probability under a normal law, JCGM 106:2012 (7.2).
+    Proof of conformity is impossible where the tolerance is narrower than two guard bands. With few degrees of freedom the
+    guard band is Student's 95 % point instead of 1.65.
 
-    Proof of conformity is impossible where the tolerance is narrower than two guard bands.
+    References
+    ----------
+    ISO 14253-1:2017; probability under a normal law, JCGM 106:2012 (7.2).
 
     Examples
     --------
@@ -69,6 +74,22 @@ def decide(
     else:
         verdict = Outcome.NOT_PROVEN
     return Decision(verdict, value, std, lower, upper, guard, _between(value, std, lower, upper, dof))
+
+
+def judge(measured: Measured, nominal: float, lower: float, upper: float) -> Decision:
+    """Judge a value by nominal and deviations [m]; a lower limit at or below zero of what cannot be negative is none."""
+    low = nominal + lower
+    least = low if low > 0.0 or nominal < 0.0 else -math.inf
+    return decide(measured.value, measured.std, least, nominal + upper, measured.dof)
+
+
+def verdict_of(decisions: Iterable[Decision]) -> Outcome:
+    """Return the verdict over all characteristics: one failure fails, one unproven leaves the whole unproven."""
+    verdicts = {decision.verdict for decision in decisions}
+    for verdict in (Outcome.DOES_NOT_CONFORM, Outcome.NOT_PROVEN):
+        if verdict in verdicts:
+            return verdict
+    return Outcome.CONFORMS
 
 
 def _guard_factor(dof: float) -> float:
@@ -96,33 +117,38 @@ def _between(value: float, std: float, lower: float, upper: float, dof: float = 
 def risks(process_mean: float, process_std: float, std: float, lower: float, upper: float) -> tuple[float, float]:
     """Risks of the rule for parts of a normal process measured with a normal error.
 
-    Source: JCGM 106:2012, 9.5 (global risks), integrated over the true value.
+    Returns
+    -------
+    tuple of float
+        Share of all parts that lie outside the limits and are accepted, and that lie inside and are rejected [1].
+
+    Raises
+    ------
+    MetrologyError
+        If a standard deviation is not positive or a limit not finite.
+
+    References
+    ----------
+    JCGM 106:2012, 9.5 (global risks), integrated over the true value.
     """
     if not (process_std > 0.0 and std > 0.0 and math.isfinite(lower) and math.isfinite(upper)):
         raise MetrologyError("risks need positive standard deviations and finite limits")
-    from scipy.integrate import quad
-
     guard = GUARD_FACTOR * std
 
-    def density(t: float) -> float:
-        return math.exp(-0.5 * t * t) / math.sqrt(2.0 * math.pi)
+    def accepted(truth: float) -> float:
+        return _between(truth, std, lower + guard, upper - guard) if lower + guard <= upper - guard else 0.0
 
-    def accepted(t: float) -> float:
-        truth = process_mean + t * process_std
-        if lower + guard > upper - guard:
-            return 0.0
-        return _between(truth, std, lower + guard, upper - guard) * density(t)
+    def rejected(truth: float) -> float:
+        return 1.0 - _between(truth, std, lower - guard, upper + guard)
 
-    def rejected(t: float) -> float:
-        truth = process_mean + t * process_std
-        return (1.0 - _between(truth, std, lower - guard, upper + guard)) * density(t)
+    low, high = (max(min((limit - process_mean) / process_std, 12.0), -12.0) for limit in (lower, upper))
 
-    low, high = (lower - process_mean) / process_std, (upper - process_mean) / process_std
-    reach = 12.0
-    outside = _integral(quad, accepted, -reach, min(low, reach)) + _integral(quad, accepted, max(high, -reach), reach)
-    inside = _integral(quad, rejected, max(low, -reach), min(high, reach))
-    return outside, inside
+    def share(answer: Callable[[float], float], begin: float, end: float) -> float:
+        from scipy.integrate import quad
 
+        def density(t: float) -> float:
+            return answer(process_mean + t * process_std) * math.exp(-0.5 * t * t) / math.sqrt(2.0 * math.pi)
 
-def _integral(quad, function, begin: float, end: float) -> float:  # type: ignore[no-untyped-def]
-    return float(quad(function, begin, end, limit=200, epsabs=1e-12)[0]) if end > begin else 0.0
+        return float(quad(density, begin, end, limit=200, epsabs=1e-12)[0]) if end > begin else 0.0
+
+    return share(accepted, -12.0, low) + share(accepted, high, 12.0), share(rejected, low, high)

@@ -1,114 +1,103 @@
-"""Table and plot of an inspection: every value with its limits and guard band, and where on the scan it was taken."""
+"""The files of an inspection: table, JSON, as-built record, filled sheet, and the plot of scan, limits and guard bands."""
 
 from __future__ import annotations
 
+import hashlib
+import json
 import math
-from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from stepblocks.atomic import beside
+from stepblocks.artefacts.as_built import AsBuilt, AsBuiltValue, write_as_built
+from stepblocks.artefacts.inspection_sheet import write_sheet_csv
+from stepblocks.artefacts.scans.scan import Profile
+from stepblocks.atomic import beside, replace_text
 from stepblocks.inspect.conformity import Decision, Outcome
-from stepblocks.inspect.inspection import Inspected
+from stepblocks.inspect.result import InspectionResult
 from stepblocks.parts.characteristics import Characteristic
 
 _COLOUR = {Outcome.CONFORMS: "#2e7d4f", Outcome.DOES_NOT_CONFORM: "#b3261e", Outcome.NOT_PROVEN: "#b07d00"}
 _MOST_DRAWN = 4000
-Judged = Sequence[tuple[Characteristic, Decision]]
+_HEIGHTS = ("step_height", "ridge_height", "horizontal_discrepancy", "groove_depth")  # limits drawn beside the scan
 
 
-def inspection_table(identity: str, inspected: Inspected, judged: Judged, verdict: Outcome, felt: str) -> str:
-    """Return the table as text."""
-    names = f"{'value um':>10} {'u um':>8} {'U95 um':>8} {'lower um':>10} {'upper um':>10} {'guard um':>9}"
-    head = f"{'characteristic':30} {names}  verdict"
-    lines = [f"{identity}: {verdict.value}", "", head, "-" * len(head)]
-    for one, decision in judged:
-        lines.append(
-            f"{one.label:30} {decision.value * 1e6:10.4f} {decision.std * 1e6:8.4f} "
-            f"{inspected.values[one.key].expanded() * 1e6:8.4f} {_limit(decision.lower):>10} "
-            f"{_limit(decision.upper):>10} {decision.guard * 1e6:9.4f}  {decision.verdict.value}"
-        )
-    known = {one.key for one, _ in judged}
-    for key, measured in inspected.values.items():
-        if key not in known:
-            lines.append(
-                f"{measured.name:30} {measured.value * 1e6:10.4f} {measured.std * 1e6:8.4f} "
-                f"{measured.expanded() * 1e6:8.4f}  (no limits)"
-            )
-    lines += ["", "uncertainty budget, standard uncertainties in um"]
-    for measured in inspected.values.values():
-        parts = ", ".join(
-            f"{part.name} {'not stated' if math.isnan(part.std) else f'{part.std * 1e6:.4f}'}"
-            for part in measured.components
-        )
-        lines.append(f"  {measured.name}: {parts}")
-    unstated = sorted({name for measured in inspected.values.values() for name in measured.unstated})
-    if unstated:
-        lines.append(f"  not stated counts as zero: {', '.join(unstated)}")
-    lines += [
-        "",
-        f"convention: {inspected.convention}",
-        "decision: ISO 14253-1, guard band 1.65 u, or Student's 95 % point where u has few degrees of freedom",
-    ]
-    lines += [f"note: {note}" for note in inspected.notes]
-    if felt:
-        lines.append(f"felt: {felt}")
-    return "\n".join(lines)
+def write_inspection(result: InspectionResult, folder: str | Path) -> list[Path]:
+    """Write table, plot, JSON and as-built record of an inspection, and the inspection sheet filled in.
+
+    Parameters
+    ----------
+    result : InspectionResult
+        From `inspect_scan` or `inspect_standard`.
+    folder : str or Path
+        Made where it is missing; the files carry the identity of the part.
+
+    Returns
+    -------
+    list of Path
+        What was written.
+    """
+    base = Path(folder) / result.identity
+    base.parent.mkdir(parents=True, exist_ok=True)
+
+    def named(ending: str) -> Path:
+        return base.with_name(f"{base.name}.{ending}")
+
+    values = {one.key: AsBuiltValue(d.value, d.std, d.verdict.value) for one, d in result.judged}
+    digest = hashlib.sha256(result.source.read_bytes()).hexdigest()
+    inspected, shown = result.inspected, result.inspected.shown
+    surface = Profile(shown.position, shown.height) if result.felt else None
+    record = AsBuilt(result.identity, result.source.name, digest, inspected.convention, values, surface)
+    paths = write_as_built(named("as-built.toml"), record)
+    paths += [named(f"inspection.{ending}") for ending in ("json", "txt", "svg")]
+    replace_text(paths[-3], json.dumps(result.as_record(), indent=2, allow_nan=False) + "\n")
+    replace_text(paths[-2], f"{result}\n")
+    draw_inspection(paths[-1], result)
+    if result.stimulus is not None:
+        paths.append(named("inspection-sheet.csv"))
+        filled = {key: (one.value, one.std, one.verdict) for key, one in values.items()}
+        write_sheet_csv(paths[-1], result.stimulus, filled)
+    return paths
 
 
-def _limit(value: float) -> str:
-    return "-" if math.isinf(value) else f"{value * 1e6:.4f}"
-
-
-def draw_inspection(path: Path, identity: str, inspected: Inspected, judged: Judged, verdict: Outcome) -> None:
+def draw_inspection(path: Path, result: InspectionResult) -> None:
     """Draw scan, windows, limits and guard bands into an SVG or PNG file."""
     import matplotlib as mpl
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
 
+    count = len(result.judged)
     with mpl.rc_context({"svg.hashsalt": "stepblocks", "font.family": "DejaVu Sans", "font.size": 9}):
-        figure = Figure(figsize=(9.0, 4.6 + 0.62 * len(judged)), layout="constrained")
+        figure = Figure(figsize=(9.0, 4.6 + 0.62 * count), layout="constrained")
         FigureCanvasAgg(figure)
-        axes = figure.subplots(1 + len(judged), 1, height_ratios=[5.0, *[1.0] * len(judged)])
-        axes = np.atleast_1d(axes)
-        _draw_scan(axes[0], inspected, judged)
-        axes[0].set_title(f"{identity}: {verdict.value}", color=_COLOUR[verdict], fontweight="bold", loc="left")
-        for axis, (one, decision) in zip(axes[1:], judged, strict=True):
+        axes = figure.subplots(1 + count, 1, height_ratios=[5.0, *[1.0] * count], squeeze=False)[:, 0]
+        _draw_scan(axes[0], result)
+        title = f"{result.identity}: {result.verdict.value}"
+        axes[0].set_title(title, color=_COLOUR[result.verdict], fontweight="bold", loc="left")
+        for axis, (one, decision) in zip(axes[1:], result.judged, strict=True):
             _draw_limits(axis, one, decision)
         metadata = {"Date": None} if path.suffix == ".svg" else {}
         with beside(path) as draft:
             figure.savefig(draft, metadata=metadata, dpi=120)
 
 
-def _draw_scan(axis: Any, inspected: Inspected, judged: Judged) -> None:
-    shown = inspected.shown
+def _draw_scan(axis: Any, result: InspectionResult) -> None:
+    shown = result.inspected.shown
     thin = max(len(shown.position) // _MOST_DRAWN, 1)
     x, z = shown.position[::thin] * 1e6, shown.height[::thin] * 1e6
     axis.plot(x, z, color="#1d2a36", linewidth=0.9)
     for begin, end, name in shown.windows:
         axis.axvspan(begin * 1e6, end * 1e6, color="#1f6f8b", alpha=0.12, linewidth=0)
-        axis.annotate(
-            name,
-            (0.5e6 * (begin + end), 0.96),
-            xycoords=("data", "axes fraction"),
-            ha="center",
-            va="top",
-            color="#1f6f8b",
-        )
-    heights = [
-        decision for one, decision in judged if one.key in ("step_height", "ridge_height", "horizontal_discrepancy")
-    ]
-    heights += [decision for one, decision in judged if one.key == "groove_depth"]
-    for decision in heights:
-        sign = (
-            -1.0 if np.nanmedian(z) > 0.5 * (np.nanmin(z) + np.nanmax(z)) and np.nanmin(z) < -0.5 * np.ptp(z) else 1.0
-        )
-        for limit in (decision.lower, decision.upper):
-            if math.isfinite(limit):
-                axis.axhline(sign * limit * 1e6, color="#c8553d", linestyle="--", linewidth=0.8)
+        place = (0.5e6 * (begin + end), 0.96)
+        axis.annotate(name, place, xycoords=("data", "axes fraction"), ha="center", va="top", color="#1f6f8b")
     low, high = np.nanmin(z), np.nanmax(z)
+    # of a feature that lies below the faces the limits are drawn below them
+    falls = np.nanmedian(z) > 0.5 * (low + high) and low < -0.5 * np.ptp(z)
+    for one, decision in result.judged:
+        for limit in (decision.lower, decision.upper):
+            if one.key in _HEIGHTS and math.isfinite(limit):
+                axis.axhline((-1.0 if falls else 1.0) * limit * 1e6, color="#c8553d", linestyle="--", linewidth=0.8)
     axis.set_ylim(low - 0.08 * (high - low), high + 0.22 * (high - low))
     axis.set_xlim(x[0], x[-1])
     axis.set_xlabel("position / um")
@@ -117,31 +106,22 @@ def _draw_scan(axis: Any, inspected: Inspected, judged: Judged) -> None:
 
 
 def _draw_limits(axis: Any, one: Characteristic, decision: Decision) -> None:
-    lower, upper = decision.lower, decision.upper
-    if math.isinf(lower):
-        lower = min(0.0, decision.value - 3.0 * decision.std)
-    span = max(upper - lower, 8.0 * decision.std, 1e-12)
-    left = min(lower, decision.value - 2.0 * decision.std) - 0.15 * span
-    right = max(upper, decision.value + 2.0 * decision.std) + 0.15 * span
-    guard = decision.guard
-    inner = lower + (guard if math.isfinite(decision.lower) else 0.0)
+    value, std, upper, guard = decision.value, decision.std, decision.upper, decision.guard
+    bounded = math.isfinite(decision.lower)
+    lower = decision.lower if bounded else min(0.0, value - 3.0 * std)
+    span = max(upper - lower, 8.0 * std, 1e-12)
+    left = min(lower, value - 2.0 * std) - 0.15 * span
+    right = max(upper, value + 2.0 * std) + 0.15 * span
+    below = guard if bounded else 0.0
     axis.axvspan(left * 1e6, right * 1e6, color="#b3261e", alpha=0.10, linewidth=0)
-    outer = lower - (guard if math.isfinite(decision.lower) else 0.0)
-    axis.axvspan(outer * 1e6, (upper + guard) * 1e6, color="#f2d9a0", linewidth=0)
-    if upper - guard > inner:
-        axis.axvspan(inner * 1e6, (upper - guard) * 1e6, color="#cfe8d8", linewidth=0)
+    axis.axvspan((lower - below) * 1e6, (upper + guard) * 1e6, color="#f2d9a0", linewidth=0)
+    if upper - guard > lower + below:
+        axis.axvspan((lower + below) * 1e6, (upper - guard) * 1e6, color="#cfe8d8", linewidth=0)
     for limit in (decision.lower, decision.upper):
         if math.isfinite(limit):
             axis.axvline(limit * 1e6, color="#c8553d", linestyle="--", linewidth=0.9)
-    axis.errorbar(
-        decision.value * 1e6,
-        0.0,
-        xerr=1.96e6 * decision.std,
-        fmt="o",
-        color=_COLOUR[decision.verdict],
-        capsize=3,
-        markersize=5,
-    )
+    colour = _COLOUR[decision.verdict]
+    axis.errorbar(value * 1e6, 0.0, xerr=1.96e6 * std, fmt="o", color=colour, capsize=3, markersize=5)
     axis.set_xlim(left * 1e6, right * 1e6)
     axis.set_ylim(-1.0, 1.0)
     axis.set_yticks([])

@@ -1,127 +1,116 @@
-"""Inspect a machined stimulus: scan in; measured characteristics, verdicts, plot and as-built record out."""
+"""The way of a scan to a verdict: read, evaluated, judged by ISO 14253-1, and what the part will feel like."""
 
 from __future__ import annotations
 
-import hashlib
-import json
-import math
-from dataclasses import asdict, dataclass, replace
+from collections.abc import Callable, Iterable
+from dataclasses import replace
 from pathlib import Path
-from typing import Any
 
-from stepblocks.artefacts.as_built import AsBuilt, AsBuiltValue, surface_path, write_as_built
-from stepblocks.artefacts.inspection_sheet import write_sheet_csv
 from stepblocks.artefacts.scans.read import read_scan
 from stepblocks.artefacts.scans.scan import HeightMap, Profile
-from stepblocks.atomic import replace_text
+from stepblocks.contact.counterface import Step
+from stepblocks.contact.energy import Status, release_at
+from stepblocks.contact.felt import energy_change, scanned_angle
+from stepblocks.contact.operating_point import OperatingPoint
 from stepblocks.declare import load_declared
 from stepblocks.errors import PipelineError
 from stepblocks.inspect.budget import Instrument
-from stepblocks.inspect.conformity import Decision, Outcome
-from stepblocks.inspect.felt import felt_sentence
-from stepblocks.inspect.inspection import Inspected, judge, verdict_of
-from stepblocks.inspect.report import draw_inspection, inspection_table
-from stepblocks.inspect.shapes import measure_margin, measure_tip
-from stepblocks.inspect.step import measure_edge, measure_groove
+from stepblocks.inspect.conformity import Outcome, judge, verdict_of
+from stepblocks.inspect.measure import Inspected, measure_edge, measure_groove, measure_margin, measure_tip
+from stepblocks.inspect.result import InspectionResult
 from stepblocks.parts.characteristics import Characteristic, characteristics_of
 from stepblocks.parts.conditions import PredictionGrid
 from stepblocks.parts.kind import Part
-from stepblocks.parts.kinds.margin_block import MarginBlock
-from stepblocks.parts.kinds.step_block import StepBlock
-from stepblocks.parts.kinds.tips import HookTip, StraightTip
+from stepblocks.predict.predictions import tool_of
 
+Evaluation = Callable[[Profile | HeightMap, Instrument, Characteristic, float | None], Inspected]
 
-@dataclass(frozen=True)
-class InspectionResult:
-    """A judged scan."""
-
-    identity: str  # Identity of the part
-    stimulus: Part | None  # What was asked for; None for a depth standard
-    inspected: Inspected  # What was measured
-    judged: tuple[tuple[Characteristic, Decision], ...]  # Each value that has limits
-    verdict: Outcome  # Over all of them
-    felt: str  # How far the felt energy moved; empty where it does not follow from the values
-    source: Path  # The scan
-
-
-def find_stimulus(identity: str, where: Path) -> tuple[Part, PredictionGrid]:
-    """Find a stimulus by its identity in a file or in all files of a folder."""
-    files = sorted(where.glob("*.toml")) if where.is_dir() else [where]
-    for path in files:
-        declared = load_declared(path)
-        for stimulus in declared.stimuli:
-            if stimulus.id == identity:
-                return stimulus, declared.prediction
-    raise PipelineError(f"stimulus must be declared in {where}, got {identity!r}")
+# What is scanned of a part, by the characteristic that it shows: a part that has one can be inspected.
+EVALUATIONS: dict[str, Evaluation] = {
+    "step_height": lambda scan, instrument, asked, exclusion: measure_edge(scan, instrument, exclusion),
+    "groove_depth": lambda scan, instrument, asked, exclusion: measure_groove(scan, instrument, asked.key),
+    "ridge_height": lambda scan, instrument, asked, exclusion: measure_groove(scan, instrument, asked.key),
+    "horizontal_discrepancy": lambda scan, instrument, asked, exclusion: measure_margin(scan, instrument),
+    "ball_radius": lambda scan, instrument, asked, exclusion: measure_tip(scan, instrument, asked.nominal),
+}
+_BESIDE = {
+    "edge": ("groove_depth", "ridge_height"),
+    "groove": ("step_height",),
+}  # what a scan of a feature does not show
+_NOTHING_KNOWN = Instrument()
+_WORTH_SAYING = 0.01  # relative change of the energy from which a cause is named [1]
 
 
 def inspect_scan(
-    path: Path,
-    stimulus: Part,
-    grid: PredictionGrid,
-    instrument: Instrument,
+    scan: str | Path,
+    stimulus: str,
     *,
+    stimuli: str | Path = "stimuli",
+    instrument: Instrument = _NOTHING_KNOWN,
     feature: str = "edge",
     exclusion: float | None = None,
     unit: str | None = None,
 ) -> InspectionResult:
-    """Evaluate and judge one scan.
+    """Evaluate a scan of a machined stimulus and judge it by ISO 14253-1.
 
     Parameters
     ----------
-    path : Path
-        The scan.
-    stimulus : Part
-        What was asked for.
-    grid : PredictionGrid
-        Conditions under which the felt energy is compared: the first tip, load and friction.
+    scan : str or Path
+        Profile or height map, of any format that `read_scan` reads.
+    stimulus : str
+        Identity of the part, such as ``"step-050"``.
+    stimuli : str or Path
+        Stimulus file, or a folder of them, that declares it.
     instrument : Instrument
-        Calibration and resolution.
-    feature : str
-        ``"edge"`` or ``"groove"`` (also for a ridge) of a step block.
+        Calibration and resolution; what is not stated counts as zero and is named.
+    feature : {"edge", "groove"}
+        What of a step block was scanned; the groove stands also for a ridge.
     exclusion : float, optional
-        Edge exclusion of the two-plane convention [m].
+        Edge exclusion of the two-plane convention [m]; a twelfth of the shorter face by default, more for a rounded edge.
     unit : str, optional
         Unit of a text table that does not say it.
 
     Returns
     -------
     InspectionResult
-        Values, verdicts, and what is felt.
+        Values with their budgets, verdicts, and what is felt; `write_inspection` writes it.
 
     Raises
     ------
     MetrologyError
         If the scan cannot be read or evaluated.
     PipelineError
-        If there is no evaluation for this part.
+        If the stimulus is not declared there, there is no evaluation for it, or the feature is neither.
     """
-    scan = read_scan(path, unit)
-    resolution = max(instrument.resolution, scan.count or 0.0)
-    known = replace(instrument, resolution=resolution)
-    inspected = _measured(scan, stimulus, known, feature, exclusion)
-    judged = []
-    for one in characteristics_of(stimulus):
-        if one.key in inspected.values:
-            judged.append((one, judge(inspected.values[one.key], one.nominal, one.lower, one.upper)))
-    if not judged:
-        raise PipelineError(f"scan of {stimulus.id} must measure at least one characteristic with limits, got none")
-    verdict = verdict_of([decision for _, decision in judged])
-    felt = ""
-    if isinstance(stimulus, StepBlock) and feature == "edge":
-        felt = felt_sentence(stimulus, verdict, inspected, grid)
-    return InspectionResult(stimulus.id, stimulus, inspected, tuple(judged), verdict, felt, path)
+    if feature not in _BESIDE:
+        raise PipelineError(f"feature must be one of {', '.join(_BESIDE)}, got {feature!r}")
+    part, grid = _declared(stimulus, Path(stimuli))
+    read = read_scan(scan, unit)
+    asked = characteristics_of(part)
+    shown = [one for one in asked if one.key in EVALUATIONS and one.key not in _BESIDE[feature]]
+    if not shown:
+        raise PipelineError(f"a scan of {part.id} cannot be inspected: only blocks, margins and tips can")
+    inspected = EVALUATIONS[shown[0].key](read, _resolving(instrument, read), shown[0], exclusion)
+    result = _judged(part.id, part, inspected, asked, Path(scan))
+    if not result.judged:
+        raise PipelineError(f"scan of {part.id} must measure at least one characteristic with limits, got none")
+    return replace(result, felt=_felt_sentence(result, grid)) if "step_height" in inspected.values else result
 
 
 def inspect_standard(
-    path: Path, depth: float, tolerance: float, instrument: Instrument, *, unit: str | None = None
+    scan: str | Path,
+    depth: float,
+    tolerance: float = 0.0,
+    *,
+    instrument: Instrument = _NOTHING_KNOWN,
+    unit: str | None = None,
 ) -> InspectionResult:
     """Evaluate a depth standard or grating, to prove an instrument before blocks are measured with it.
 
     Parameters
     ----------
-    path : Path
-        The scan.
+    scan : str or Path
+        Profile or height map, of any format that `read_scan` reads.
     depth, tolerance : float
         Certified depth and its tolerance [m]; with a tolerance of 0 nothing can be proven but a deviation.
     instrument : Instrument
@@ -139,110 +128,72 @@ def inspect_standard(
     MetrologyError
         If the scan cannot be read or evaluated.
     """
-    scan = read_scan(path, unit)
-    known = replace(instrument, resolution=max(instrument.resolution, scan.count or 0.0))
-    inspected = measure_groove(scan, known, "depth")
-    one = Characteristic("depth", "depth", "distance", depth, -tolerance, tolerance)
-    decision = judge(inspected.values["depth"], depth, -tolerance, tolerance)
-    return InspectionResult(path.stem, None, inspected, ((one, decision),), decision.verdict, "", path)
+    read = read_scan(scan, unit)
+    inspected = measure_groove(read, _resolving(instrument, read), "depth")
+    asked = Characteristic("depth", "depth", "distance", depth, -tolerance, tolerance)
+    return _judged(Path(scan).stem, None, inspected, [asked], Path(scan))
 
 
-def _measured(
-    scan: Profile | HeightMap, stimulus: Part, instrument: Instrument, feature: str, exclusion: float | None
-) -> Inspected:
-    match stimulus:
-        case StepBlock() if feature == "edge":
-            return measure_edge(scan, instrument, exclusion)
-        case StepBlock():
-            key = "groove_depth" if stimulus.metrology.kind == "groove" else "ridge_height"
-            return measure_groove(scan, instrument, key)
-        case MarginBlock():
-            return measure_margin(scan, instrument)
-        case StraightTip() | HookTip():
-            return measure_tip(scan, instrument, stimulus.ball_radius.nominal)
-    raise PipelineError(f"a scan of {stimulus.id} cannot be inspected: only blocks, margins and tips can")
+def _declared(identity: str, where: Path) -> tuple[Part, PredictionGrid]:
+    """Find a stimulus by its identity in a file or in all files of a folder."""
+    for path in sorted(where.glob("*.toml")) if where.is_dir() else [where]:
+        declared = load_declared(path)
+        for stimulus in declared.stimuli:
+            if stimulus.id == identity:
+                return stimulus, declared.prediction
+    raise PipelineError(f"stimulus must be declared in {where}, got {identity!r}")
 
 
-def write_inspection(result: InspectionResult, folder: Path) -> list[Path]:
-    """Write table, plot, JSON and as-built record of an inspection."""
-    folder.mkdir(parents=True, exist_ok=True)
-    base = folder / result.identity
-    values = {}
-    for one, decision in result.judged:
-        values[one.key] = AsBuiltValue(decision.value, decision.std, decision.verdict.value)
-    digest = hashlib.sha256(result.source.read_bytes()).hexdigest()
-    shown = result.inspected.shown
-    surface = Profile(shown.position, shown.height) if result.felt else None
-    record = AsBuilt(result.identity, result.source.name, digest, result.inspected.convention, values, surface)
-    paths = [
-        base.with_name(f"{base.name}.{ending}")
-        for ending in ("as-built.toml", "inspection.json", "inspection.txt", "inspection.svg")
-    ]
-    write_as_built(paths[0], record)
-    if surface is not None:
-        paths.insert(1, surface_path(paths[0]))
-    replace_text(paths[-3], json.dumps(as_json(result), indent=2, allow_nan=False) + "\n")
-    replace_text(paths[-2], table_of(result) + "\n")
-    draw_inspection(paths[-1], result.identity, result.inspected, list(result.judged), result.verdict)
-    if result.stimulus is not None:
-        paths.append(_filled_sheet(base, result.stimulus, values))
-    return paths
+def _resolving(instrument: Instrument, scan: Profile | HeightMap) -> Instrument:
+    """Return the instrument with a resolution of at least one count of the scan."""
+    return replace(instrument, resolution=max(instrument.resolution, scan.count or 0.0))
 
 
-def _filled_sheet(base: Path, stimulus: Part, values: dict[str, AsBuiltValue]) -> Path:
-    filled = {key: (one.value, one.std, one.verdict) for key, one in values.items()}
-    path = base.with_name(f"{base.name}.inspection-sheet.csv")
-    write_sheet_csv(path, stimulus, filled)
-    return path
+def _judged(
+    identity: str, part: Part | None, inspected: Inspected, asked: Iterable[Characteristic], source: Path
+) -> InspectionResult:
+    values = inspected.values
+    judged = tuple(
+        (one, judge(values[one.key], one.nominal, one.lower, one.upper)) for one in asked if one.key in values
+    )
+    verdict = verdict_of(decision for _, decision in judged)
+    return InspectionResult(identity, part, inspected, judged, verdict, "", source)
 
 
-def table_of(result: InspectionResult) -> str:
-    """Return the table that a person reads."""
-    return inspection_table(result.identity, result.inspected, list(result.judged), result.verdict, result.felt)
+def _felt_sentence(result: InspectionResult, grid: PredictionGrid) -> str:
+    """Say how the energy that the edge releases differs from the nominal block's, and why.
 
-
-def as_json(result: InspectionResult) -> dict[str, Any]:
-    """Return the result as plain data; every number has its unit in its name, infinities are null."""
-
-    def plain(value: float) -> float | None:
-        return value if math.isfinite(value) else None
-
-    characteristics = []
-    for one, decision in result.judged:
-        measured = result.inspected.values[one.key]
-        half = measured.expanded(0.95)
-        budget = [
-            {"name": part.name, "std_m": plain(part.std), "dof": plain(part.dof), "how": part.how}
-            for part in measured.components
-        ]
-        characteristics.append(
-            {
-                "key": one.key,
-                "label": one.label,
-                "nominal_m": one.nominal,
-                "lower_limit_m": plain(decision.lower),
-                "upper_limit_m": plain(decision.upper),
-                "value_m": decision.value,
-                "std_m": decision.std,
-                "dof": plain(measured.dof),
-                "interval_95_m": [decision.value - half, decision.value + half],
-                "guard_band_m": decision.guard,
-                "conformance_probability": decision.probability,
-                "verdict": decision.verdict.value,
-                "budget": budget,
-            }
-        )
-    return {
-        "stimulus": result.identity,
-        "scan": result.source.name,
-        "verdict": result.verdict.value,
-        "convention": result.inspected.convention,
-        "notes": list(result.inspected.notes),
-        "felt": result.felt,
-        "others_m": {
-            key: asdict(one)["value"]
-            for key, one in result.inspected.values.items()
-            if key not in {c.key for c, _ in result.judged}
-        },
-        "characteristics": characteristics,
+    Compared under the first tip, load and friction of the grid: the nominal step, as built, and the scanned surface.
+    """
+    point = OperatingPoint(grid.tip_radii[0], grid.normal_loads[0], grid.frictions[0], tool_of(grid))
+    nominal = {one.key: one.nominal for one, _ in result.judged}
+    height, radius = (result.inspected.values[key].value for key in ("step_height", "edge_radius"))
+    asked = Step(nominal["step_height"], nominal["edge_radius"])
+    made = Step(height, max(radius, 0.0))
+    by_radius, by_height = Step(asked.height, made.edge_radius), Step(made.height, asked.edge_radius)
+    releases = [face.release(point) for face in (asked, made, by_radius, by_height)]
+    verdict = f"{result.identity} {result.verdict.value}"
+    where = f"(tip {point.ball_radius * 1e6:g} um, {point.normal_load:g} N, friction {point.friction:g})"
+    if any(release.status is not Status.RELEASES for release in releases):
+        return f"{verdict}; nominal {releases[0].status.value}, as built {releases[1].status.value} {where}"
+    causes = {
+        f"its edge radius of {made.edge_radius * 1e6:.3g} um": energy_change(asked, by_radius, point),
+        f"its height of {made.height * 1e6:.2f} um": energy_change(asked, by_height, point),
     }
+    named = " and ".join(
+        f"{cause} {'raises' if change > 0.0 else 'lowers'} E_v by {abs(change) * 100:.1f} %"
+        for cause, change in causes.items()
+        if abs(change) >= _WORTH_SAYING
+    )
+    if not named:
+        sentence = f"{verdict}, and E_v is within {100.0 * _WORTH_SAYING:g} % of the nominal block's"
+    else:
+        sentence = f"{verdict}{', but ' if result.verdict is Outcome.CONFORMS else ': '}{named}"
+    change, energy = energy_change(asked, made, point), float(releases[1].vibration_energy)
+    sentence += f"; together {change * 100:+.1f} %, to {energy * 1e6:.3g} uJ"
+    angle = scanned_angle(result.inspected.shown.position, result.inspected.shown.height, point.ball_radius)
+    if angle is not None:
+        scanned = release_at(angle, point.normal_load, point.friction, point.tool)
+        if scanned.status is Status.RELEASES:
+            sentence += f"; by the scanned surface itself {energy_change(asked, scanned, point) * 100:+.1f} %"
+    return f"{sentence} {where}"

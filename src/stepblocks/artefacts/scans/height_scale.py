@@ -1,15 +1,18 @@
-"""The height scale of a scan, checked against what the file's own header says, read by us and not by its reader.
+"""The height scale of a scan, checked against what the file itself says, read by us and not by its reader.
 
 Readers of instrument files disagree by factors. Formats that store counts state how long a count is and how far the
 range goes; heights that are no multiples of it, or lie outside the range, are refused. Formats that store floating numbers
-state the unit of one; a reader that took another is refused.
+state the unit of one; a reader that took another is refused. A PLUX states no unit at all: its heights are micrometres by the
+format, so what is compared is that number and the range of the stored ones, which shows a factor of any reader.
 """
 
 from __future__ import annotations
 
 import struct
+import zipfile
 from dataclasses import dataclass
 from pathlib import Path
+from xml.etree import ElementTree
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,32 +20,40 @@ from numpy.typing import NDArray
 from stepblocks.artefacts.scans.text import LENGTH_UNITS
 from stepblocks.errors import MetrologyError
 
+_MOST_HEAD = 1 << 16  # bytes of a header that are read
+_MOST_INDEX = 1 << 24  # bytes of the index of an archive
+_CHUNK = 1 << 22
+_X3P_TYPES = {"I": "<i2", "L": "<i4", "F": "<f4", "D": "<f8"}
+_BROKEN = (struct.error, zipfile.BadZipFile, ElementTree.ParseError, LookupError, ValueError, OSError, EOFError)
+_MICROMETRE = 1e-6  # height of the stored number 1 in a PLUX file [m]
+
 
 @dataclass(frozen=True)
 class HeightScale:
-    """What a header states of the heights."""
+    """What a file states of its heights."""
 
-    count: float  # Height of one count, or of the stored number 1 [m]
-    lowest: float  # Range of heights that can occur [m]
-    highest: float
-    field: str  # Where the header says so
-    integral: bool = True  # Whether counts are stored, so that heights come in steps of one
+    count: float  # height of one count, or of the stored number 1 [m]
+    lowest: float  # end of the range of heights that can occur [m]
+    highest: float  # likewise [m]
+    field: str  # where the file says so
+    integral: bool = True  # whether counts are stored, so that heights come in steps of one
 
 
 def stated_height_scale(path: Path) -> HeightScale | None:
-    """Read the height scale from the header of a NID, SUR, SDF, OPDX or GWY file; None for another format."""
-    reader = {".nid": _nid, ".sur": _sur, ".sdf": _sdf, ".opdx": _opdx, ".gwy": _gwy}.get(path.suffix.lower())
-    if reader is None:
-        return None
-    with path.open("rb") as file:
-        head = file.read(65536)
-        if path.suffix.lower() == ".gwy":  # units may stand behind the data
-            file.seek(max(path.stat().st_size - 65536, 65536))
-            head += file.read(65536)
+    """Read the height scale from a NID, SUR, SDF, OPDX, GWY, X3P or PLUX file; None for another format."""
+    ending = path.suffix.lower()
+    scale: HeightScale | None
     try:
-        scale = reader(head)
-    except (struct.error, KeyError, ValueError, IndexError) as error:
-        raise MetrologyError(f"header must state the height scale, got {error} [{path.name}]") from error
+        if ending in _PACKED:
+            with zipfile.ZipFile(path) as archive:
+                scale = _PACKED[ending](archive)
+        elif ending in _HEADERS:
+            scale = _HEADERS[ending](_head(path))
+        else:
+            return None
+    except _BROKEN as error:
+        part = "index" if ending in _PACKED else "header"
+        raise MetrologyError(f"{part} must state the height scale, got {error} [{path.name}]") from error
     if scale is not None and not (np.isfinite(scale.count) and scale.count > 0.0):
         raise MetrologyError(f"{scale.field} must be positive and finite, got {scale.count:g} m [{path.name}]")
     return scale
@@ -69,6 +80,16 @@ def check_height_scale(height: NDArray[np.float64], scale: HeightScale, place: s
     if np.max(np.abs(counts - np.rint(counts))) > 0.02 + 1e-6 * float(np.max(np.abs(counts))):
         raise MetrologyError(f"heights must be multiples of {scale.count:g} m ({scale.field}) [{place}]")
     return f"{scale.field}: {scale.count:.6g} m per count, checked"
+
+
+def _head(path: Path) -> bytes:
+    """Return the first 64 KiB of a file; of a GWY also the last, since its units may stand behind the data."""
+    with path.open("rb") as file:
+        head = file.read(_MOST_HEAD)
+        if path.suffix.lower() == ".gwy":
+            file.seek(max(path.stat().st_size - _MOST_HEAD, _MOST_HEAD))
+            head += file.read(_MOST_HEAD)
+        return head
 
 
 def _nid(head: bytes) -> HeightScale | None:
@@ -139,3 +160,68 @@ def _gwy(head: bytes) -> HeightScale | None:
         raise ValueError("no si_unit_z")
     unit = head[text + 9 : text + 41].split(b"\0")[0].decode("utf-8").strip()
     return HeightScale(1.0 / LENGTH_UNITS[unit], -np.inf, np.inf, f"si_unit_z {unit!r}", integral=False)
+
+
+def _x3p(archive: zipfile.ZipFile) -> HeightScale:
+    """ISO 25178-72: ``Axes/CZ`` states type and increment; heights in metres are the stored number times the increment."""
+    index = _index(archive, "main.xml")
+    stated = {child.tag: (child.text or "").strip() for child in _found(index, "Record1/Axes/CZ")}
+    increment, offset = float(stated.get("Increment") or 1.0), float(stated.get("Offset") or 0.0)
+    kind = _X3P_TYPES[stated["DataType"]]
+    lowest, highest = -np.inf, np.inf
+    link = index.find("Record3/DataLink/PointDataLink")
+    grid = index.find("Record3/MatrixDimension")
+    if link is not None and link.text and grid is not None:  # else the points stand in the index as text
+        lowest, highest = sorted(increment * end for end in _range(archive, link.text.strip(), kind))
+        # readers keep or drop the offset of the axis, which a step height does not see
+        lowest, highest = lowest + min(offset, 0.0), highest + max(offset, 0.0)
+    return HeightScale(abs(increment), lowest, highest, "Increment of CZ", integral="i" in kind)
+
+
+def _plux(archive: zipfile.ZipFile) -> HeightScale:
+    """Sensofar: float32 of every layer in micrometres, as many as the index states."""
+    index = _index(archive, "index.xml")
+    name = _text(index, "LAYER_0/FILENAME_Z")
+    points = int(_text(index, "GENERAL/IMAGE_SIZE_X")) * int(_text(index, "GENERAL/IMAGE_SIZE_Y"))
+    if archive.getinfo(name).file_size != 4 * points:
+        raise ValueError(f"{archive.getinfo(name).file_size} bytes in {name} for {points} points")
+    lowest, highest = (end * _MICROMETRE for end in _range(archive, name, "<f4"))
+    return HeightScale(_MICROMETRE, lowest, highest, f"numbers of {name}, um by the format", integral=False)
+
+
+def _index(archive: zipfile.ZipFile, name: str) -> ElementTree.Element:
+    if archive.getinfo(name).file_size > _MOST_INDEX:
+        raise ValueError(f"{name} of more than {_MOST_INDEX >> 20} MiB")
+    text = archive.read(name)
+    if b"<!" in text.replace(b"<!--", b"").replace(b"<![CDATA[", b""):  # entities may grow without bound
+        raise ValueError(f"a document type in {name}")
+    return ElementTree.fromstring(text)
+
+
+def _found(index: ElementTree.Element, path: str) -> ElementTree.Element:
+    found = index.find(path)
+    if found is None:
+        raise ValueError(f"no {path}")
+    return found
+
+
+def _text(index: ElementTree.Element, path: str) -> str:
+    return (_found(index, path).text or "").strip()
+
+
+def _range(archive: zipfile.ZipFile, name: str, kind: str) -> tuple[float, float]:
+    """Least and largest stored number, read piece by piece since a member may be large."""
+    lowest, highest = np.inf, -np.inf
+    with archive.open(name) as file:
+        while piece := file.read(_CHUNK):
+            values = np.frombuffer(piece, dtype=kind)
+            known = values[np.isfinite(values)]
+            if known.size:
+                lowest, highest = min(lowest, float(known.min())), max(highest, float(known.max()))
+    if not lowest <= highest:
+        raise ValueError(f"no number in {name}")
+    return lowest, highest
+
+
+_HEADERS = {".nid": _nid, ".sur": _sur, ".sdf": _sdf, ".opdx": _opdx, ".gwy": _gwy}
+_PACKED = {".x3p": _x3p, ".plux": _plux}

@@ -14,45 +14,36 @@ from numpy.typing import ArrayLike, NDArray
 
 from stepblocks.errors import MetrologyError
 from stepblocks.inspect.evaluate.edge_arc import Arc, arc_radius
-from stepblocks.inspect.evaluate.levelling import despiked, roughly_levelled, without_spikes
-from stepblocks.inspect.evaluate.noise_uncertainty import NoiseUncertainty, noise_uncertainty
-from stepblocks.inspect.evaluate.roughness_noise import (
-    LEAST_SCATTER,
-    autocovariance,
-    estimator_covariance,
-    outlier_mask,
-)
+from stepblocks.inspect.evaluate.levelling import TwoPlanes, despiked, fit_two_planes, roughly_levelled, split_gains
+from stepblocks.inspect.evaluate.noise import LEAST_SCATTER, autocovariance, covariance_root, estimator_covariance
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
 
-_LEAST_POINTS = 20
-_SUSPECT = 4.0  # Mean square of whitened residuals on the arc beyond which one of its points may be a spike [1]
-# Factor by which that falls when the spike is left out [1]; form of the edge is in all points and falls by less
+_LEAST_POINTS = 20  # of a face
+_SUSPECT = 4.0  # mean square of whitened residuals on the arc beyond which one of its points may be a spike [1]
+# factor by which that falls when the spike is left out [1]; form of the edge is in all points and falls by less
 _BY_FAR = 2.5
-_MOST_ON_ARC = 3  # Spikes that are sought on an arc
+_MOST_ON_ARC = 3  # spikes that are sought on an arc
 
 
 @dataclass(frozen=True)
 class Edge:
     """What one profile across one edge says."""
 
-    # Height of the step by the two-plane convention and its standard uncertainty from noise and roughness [m]
-    height: float
-    height_std: float
-    height_dof: float  # Effective degrees of freedom of that uncertainty [1]
-    # Radius of the rounded edge and its standard uncertainty [m]; for a sharp edge both are a part of the sampling
-    # interval
-    radius: float
-    radius_std: float
-    radius_limit: float  # Upper limit of the radius at 95 % [m]: what a sharp edge of this sampling may still have
-    position: float  # Where the riser stands along the profile [m]
-    tilt: float  # Common slope of the faces [1]
-    exclusion: float  # Half width that was kept out of the faces [m]
-    roughness: float  # Standard deviation of the levelled faces [m]
-    form: float  # Root mean square of what the arc leaves inside the exclusion, across the surface [m]
-    rejected: int  # Points taken for spikes or missing
-    rising: bool  # True where the higher face lies at larger positions
+    height: float  # of the step by the two-plane convention [m]
+    height_std: float  # its standard uncertainty from noise and roughness [m]
+    height_dof: float  # effective degrees of freedom of that uncertainty [1]
+    radius: float  # of the rounded edge [m]; of a sharp one a part of the sampling interval, as is its uncertainty
+    radius_std: float  # m
+    radius_limit: float  # upper limit of the radius at 95 % [m]: what a sharp edge of this sampling may still have
+    position: float  # of the riser along the profile [m]
+    tilt: float  # common slope of the faces [1]
+    exclusion: float  # half width that was kept out of the faces [m]
+    roughness: float  # standard deviation of the levelled faces [m]
+    form: float  # root mean square of what the arc leaves inside the exclusion, across the surface [m]
+    rejected: int  # points taken for spikes or missing
+    rising: bool  # whether the higher face lies at larger positions
 
 
 def fit_edge(position: ArrayLike, height: ArrayLike, exclusion: float | None = None) -> Edge:
@@ -61,6 +52,19 @@ def fit_edge(position: ArrayLike, height: ArrayLike, exclusion: float | None = N
     Height: least squares of ``z = a x + b + h s(x)``, s = 0 below and 1 above the edge; its uncertainty goes through
     the autocovariance of the residuals, since roughness is correlated. Radius: see
     `stepblocks.inspect.evaluate.edge_arc.arc_radius`.
+
+    Parameters
+    ----------
+    position, height : array_like, shape (n,)
+        Profile [m], in equal steps; nan where nothing was measured.
+    exclusion : float, optional
+        Half width that is kept out of the faces [m]; a twelfth of the shorter face by default, more where the edge is
+        rounded further.
+
+    Raises
+    ------
+    MetrologyError
+        If the profile is malformed, shows no step above its noise, or a face keeps too few points.
 
     Examples
     --------
@@ -82,51 +86,57 @@ def fit_edge(position: ArrayLike, height: ArrayLike, exclusion: float | None = N
     half_width = exclusion if exclusion is not None else shorter / 12.0
     faces = _fit_faces(x, z, middle, half_width)
     if exclusion is None:
-        reach = _rounding_width(x, z, middle, faces)
+        reach = _rounding_width(x, z, spacing, faces)
         if 1.5 * reach > half_width:
             half_width = 1.5 * reach
             faces = _fit_faces(x, z, middle, half_width)
-    if not faces.height > 5.0 * max(faces.noise.std, faces.roughness / np.sqrt(len(x))):
+    planes, roughness = faces.planes, faces.roughness
+    if not planes.height > 5.0 * max(planes.noise.std, roughness / np.sqrt(len(x))):
         raise MetrologyError(
-            f"profile must show a step above its noise, got {faces.height * 1e6:.4g} um with roughness "
-            f"{faces.roughness * 1e6:.3g} um"
+            f"profile must show a step above its noise, got {planes.height * 1e6:.4g} um with roughness "
+            f"{roughness * 1e6:.3g} um"
         )
     known = np.flatnonzero(np.isfinite(z))
     near = np.abs(x - middle) < half_width
     # over the whole profile, so that the points at the ends of the window have their neighbours too
-    spikes = known[_beyond_neighbours(z[known] - faces.tilt * x[known], 6.0 * max(faces.roughness, LEAST_SCATTER))]
+    spikes = known[_beyond_neighbours(z[known] - planes.tilt * x[known], 6.0 * max(roughness, LEAST_SCATTER))]
     spikes = spikes[near[spikes]]
     inside = near & np.isfinite(z)
     inside[spikes] = False
-    arc, on_arc = _arc_without_spikes(x, z, middle, spacing, faces, inside)
+    arc, on_arc = _arc_without_spikes(x, z, spacing, faces, inside)
     sign = 1.0 if rising else -1.0
     return Edge(
-        height=faces.height,
-        height_std=faces.noise.std,
-        height_dof=faces.noise.dof,
+        height=planes.height,
+        height_std=planes.noise.std,
+        height_dof=planes.noise.dof,
         radius=arc.radius,
         radius_std=arc.radius_std,
         radius_limit=arc.radius_limit,
         position=sign * arc.riser,
-        tilt=sign * faces.tilt,
+        tilt=sign * planes.tilt,
         exclusion=half_width,
-        roughness=faces.roughness,
+        roughness=roughness,
         form=arc.form,
-        rejected=faces.rejected + len(spikes) + on_arc + int(np.isnan(z).sum()),
+        rejected=planes.rejected + len(spikes) + on_arc + int(np.isnan(z).sum()),
         rising=rising,
     )
 
 
 @dataclass(frozen=True)
 class _Faces:
-    tilt: float
-    offset: float
-    height: float
-    noise: NoiseUncertainty
-    roughness: float
-    gamma: Array
-    errors: Array
-    rejected: int
+    planes: TwoPlanes
+    gamma: Array  # autocovariance of their noise [m^2]
+    errors: Array  # shape (3, 3); rows whose products add up to the covariance of tilt, offset and height
+    middle: float  # m
+
+    @property
+    def roughness(self) -> float:
+        return float(np.sqrt(self.gamma[0]))
+
+    @property
+    def offset(self) -> float:
+        """Height of the lower face at position 0 [m]."""
+        return self.planes.offset - self.planes.tilt * self.middle
 
 
 def _checked(position: ArrayLike, height: ArrayLike) -> tuple[Array, Array]:
@@ -150,13 +160,9 @@ def _locate(x: Array, z: Array) -> tuple[float, bool]:
     known = np.isfinite(z)
     u = x[known]
     w = despiked(roughly_levelled(u, z[known]))
-    n = len(w)
-    left = np.cumsum(w)[:-1]
-    count = np.arange(1, n)
-    gap = (left[-1] + w[-1] - left) / (n - count) - left / count
-    gain = gap**2 * count * (n - count)
-    guard = max(n // 20, 1)
-    best = guard + int(np.argmax(gain[guard : n - guard]))
+    gain, gap = split_gains(w)
+    guard = max(len(w) // 20, 1)
+    best = guard + int(np.argmax(gain[guard : len(w) - guard]))
     return float(0.5 * (u[best] + u[best + 1])), bool(gap[best] > 0.0)
 
 
@@ -169,42 +175,10 @@ def _fit_faces(x: Array, z: Array, middle: float, exclusion: float) -> _Faces:
                 f"face {name} of the edge must keep {_LEAST_POINTS} points outside the exclusion of "
                 f"{exclusion * 1e6:.4g} um, got {int((side & finite).sum())}"
             )
-    scale = max(abs(x[0] - middle), abs(x[-1] - middle))
-    design = np.stack([(x - middle) / scale, np.ones_like(x), (x > middle).astype(float)])
-    used = (lower | upper) & finite
-    rejected = 0
-    calm = without_spikes(z)
-    for turn in range(6):
-        inverse = np.linalg.inv(design[:, used] @ design[:, used].T)
-        weights = np.where(used, inverse @ design, 0.0)
-        solution = weights[:, used] @ (calm if turn == 0 else z)[used]
-        residuals = z - solution @ design
-        spikes = np.zeros_like(used)
-        spikes[used] = outlier_mask(residuals[used])
-        if turn > 0 and not spikes.any():
-            break
-        used &= ~spikes
-        rejected += int(spikes.sum())
-    kept = np.where(used, residuals, np.nan)
+    planes = fit_two_planes(x, z, middle, (lower | upper) & finite)
+    kept = np.where(planes.used, planes.residuals, np.nan)
     gamma = autocovariance([kept[lower], kept[upper]])
-    covariance = estimator_covariance(weights / np.array([[scale], [1.0], [1.0]]), gamma)
-    tilt = float(solution[0] / scale)
-    return _Faces(
-        tilt=tilt,
-        offset=float(solution[1] - tilt * middle),
-        height=float(solution[2]),
-        noise=noise_uncertainty(weights[2], residuals, used, list(design)),
-        roughness=float(np.sqrt(gamma[0])),
-        gamma=gamma,
-        errors=_root(covariance),
-        rejected=rejected,
-    )
-
-
-def _root(covariance: Array) -> Array:
-    """Return rows whose products add up to a covariance, by its eigenvectors, since it may be singular."""
-    values, vectors = np.linalg.eigh(covariance)
-    return np.asarray((vectors * np.sqrt(np.maximum(values, 0.0))).T)
+    return _Faces(planes, gamma, covariance_root(estimator_covariance(planes.weights, gamma)), middle)
 
 
 def _beyond_neighbours(heights: Array, limit: float) -> Mask:
@@ -218,17 +192,15 @@ def _beyond_neighbours(heights: Array, limit: float) -> Mask:
     return np.asarray(beyond | below)
 
 
-def _arc_without_spikes(
-    x: Array, z: Array, middle: float, spacing: float, faces: _Faces, inside: Mask
-) -> tuple[Arc, int]:
+def _arc_without_spikes(x: Array, z: Array, spacing: float, faces: _Faces, inside: Mask) -> tuple[Arc, int]:
     """Fit the arc; drop a point where the circle fits the others by far better, as it does for a spike and not for form."""
-    kept = np.flatnonzero(inside)
+    kept, planes, middle = np.flatnonzero(inside), faces.planes, faces.middle
 
     def fitted(points: NDArray[np.intp]) -> Arc:
         u = x[points]
         columns = np.stack([u - middle, np.ones(len(u)), (u > middle).astype(float)])
-        levelled = z[points] - faces.offset - faces.tilt * u
-        return arc_radius(u, levelled, faces.height, spacing, faces.gamma, faces.errors @ columns)
+        levelled = z[points] - faces.offset - planes.tilt * u
+        return arc_radius(u, levelled, planes.height, spacing, faces.gamma, faces.errors @ columns)
 
     arc, dropped = fitted(kept), 0
     while arc.excess > _SUSPECT and dropped < _MOST_ON_ARC and len(kept) > 8:
@@ -241,19 +213,17 @@ def _arc_without_spikes(
     return arc, dropped
 
 
-def _rounding_width(x: Array, z: Array, middle: float, faces: _Faces) -> float:
+def _rounding_width(x: Array, z: Array, spacing: float, faces: _Faces) -> float:
     """Distance from the riser to the last point that lies clearly off its own face."""
-    ideal = faces.offset + faces.tilt * x + np.where(x > middle, faces.height, 0.0)
+    height = faces.planes.height
+    ideal = faces.offset + faces.planes.tilt * x + np.where(x > faces.middle, height, 0.0)
     deviation = np.abs(despiked(np.where(np.isfinite(z), z, ideal)) - ideal)
-    off = deviation > max(6.0 * faces.roughness, 1e-3 * faces.height)
-    distance = np.abs(x - middle)
+    off = deviation > max(6.0 * faces.roughness, 1e-3 * height)
+    distance = np.abs(x - faces.middle)
     # points as far on either side are ordered by their place, not by the last bit of their distance
-    spacing = (x[-1] - x[0]) / (len(x) - 1)
     near = np.argsort(np.rint(4.0 * distance / spacing), kind="stable")
-    run = np.flatnonzero(~off[near])
-    quiet = run[np.searchsorted(run, 0) :]
     # the rounding ends where ten points in a row, on both sides together, lie on their faces again
-    for index in quiet:
+    for index in np.flatnonzero(~off[near]):
         if not off[near[index : index + 10]].any():
             return float(distance[near[index]])
     return float(distance.max())

@@ -18,25 +18,35 @@ from stepblocks.errors import MetrologyError
 
 Array = NDArray[np.float64]
 
-# Points of the window that are whitened together; more are thinned, since the cost grows with their square
-_MOST_POINTS = 800
+_MOST_POINTS = 800  # of the window that are whitened together; more are thinned, since the cost grows with their square
+_LOSS = 3.0  # whitened residual beyond which a point is form or spike rather than noise [1]
+# E[psi'] / E[psi^2] of this loss under a normal law [1]: with it the posterior is as wide as the estimate scatters
+_TEMPER = 1.2523383
+# least cosine of the slope by which a residual is divided [1]: steeper than 78 degrees the lateral error decides
+_LEAST_COSINE = 0.2
+_UNRESOLVED = 3.0  # sampling intervals below which a radius is not resolved [1]
+_BETWEEN = 25  # positions of the riser that are tried between the two points beside it
+_STARTS = 4  # points of the coarse grid that are followed
+_SUSPECTS = 4  # points of either kind that are named as suspects
+_NORMAL_95 = 1.6448536269514722  # 95th percentile of the standard normal law [1]
 
 
 @dataclass(frozen=True)
 class Arc:
     """Radius of an edge."""
 
-    # Mean and standard deviation of the posterior [m]; below three sampling intervals, where form between two samples
-    # decides, together with a rectangle of one interval
-    radius: float
+    radius: float  # mean of the posterior [m]
+    # its standard deviation [m]; below three sampling intervals, where form between two samples decides, together with a
+    # rectangle of one interval
     radius_std: float
-    radius_limit: float  # Upper limit at 95 % [m]
-    riser: float  # Position of the riser at the most probable radius [m]
-    form: float  # Root mean square of the residuals on the arc, across the surface [m]
-    excess: float  # Mean square of the whitened residuals on the arc [1]; about one or less where the edge is a circle
-    misfit: float  # Half sum of the robust squares of all whitened residuals [1]
-    # Points of the window with the largest residuals, and the first on the arc: a spike would be among them
-    suspects: tuple[int, ...]
+    radius_limit: float  # upper limit at 95 % [m]
+    riser: float  # position of the riser at the most probable radius [m]
+    form: float  # root mean square of the residuals on the arc, across the surface [m]
+    excess: float  # mean square of the whitened residuals on the arc [1]; about one or less where the edge is a circle
+    misfit: float  # half sum of the robust squares of all whitened residuals [1]
+    suspects: tuple[
+        int, ...
+    ]  # points with the largest residuals, and the first on the arc: a spike would be among them
 
 
 def edge_profile(position: Array, riser: float | Array, height: float, radius: float) -> Array:
@@ -49,7 +59,26 @@ def edge_profile(position: Array, riser: float | Array, height: float, radius: f
 def arc_radius(
     position: Array, levelled: Array, height: float, spacing: float, gamma: Array, level_errors: Array | None = None
 ) -> Arc:
-    """Radius of the edge in a levelled window."""
+    """Radius of the edge in a levelled window.
+
+    Parameters
+    ----------
+    position, levelled : ndarray, shape (n,)
+        The window [m], heights over the lower face.
+    height : float
+        Height of the step [m].
+    spacing : float
+        Sampling interval [m].
+    gamma : ndarray, shape (k,)
+        Autocovariance of the noise by lag [m^2].
+    level_errors : ndarray, shape (m, n), optional
+        Rows whose products add up to the covariance of the levels in the window [m].
+
+    Raises
+    ------
+    MetrologyError
+        If the window holds fewer than eight points.
+    """
     if len(position) < 8:
         raise MetrologyError(f"window at the edge must hold at least 8 points, got {len(position)}")
     shared = np.zeros((1, len(position))) if level_errors is None else level_errors
@@ -108,14 +137,6 @@ class _Window:
         return np.asarray(0.5 * _TEMPER * np.sum(_LOSS**2 * np.log1p((white / _LOSS) ** 2), axis=0))
 
 
-_LOSS = 3.0  # Whitened residual beyond which a point is form or spike rather than noise [1]
-# E[psi'] / E[psi^2] of this loss under a normal law [1]: with it the posterior is as wide as the estimate scatters
-_TEMPER = 1.2523383
-# Least cosine of the slope by which a residual is divided [1]: steeper than 78 degrees the lateral error decides
-_LEAST_COSINE = 0.2
-_UNRESOLVED = 3.0  # Sampling intervals below which a radius is not resolved [1]
-
-
 def _scan_coarsely(window: _Window, radii: Array, below: float, start: float) -> tuple[float, float]:
     """Best radius and riser: a coarse grid, then the few best of it followed downhill, since the valley is narrow and bent."""
     from scipy.optimize import minimize
@@ -145,10 +166,6 @@ def _scan_coarsely(window: _Window, radii: Array, below: float, start: float) ->
         if ended.fun < best[0]:
             best = (float(ended.fun), float(ended.x[0]) * window.spacing, float(ended.x[1]) * window.spacing)
     return best[1], best[2]
-
-
-_BETWEEN = 25  # Positions of the riser that are tried between the two points beside it
-_STARTS = 4  # Points of the coarse grid that are followed
 
 
 def _refine(window: _Window, radius: float, riser: float) -> tuple[Array, Array, Array]:
@@ -199,7 +216,3 @@ def _summary(window: _Window, radii: Array, risers: Array, costs: Array) -> Arc:
     leading = range(max(first - 1, 0), min(first + _SUSPECTS, len(across)))
     suspects = tuple(sorted({*leading, *(int(index) for index in np.argsort(-np.abs(across))[:_SUSPECTS])}))
     return Arc(mean, std, limit, riser, form, excess, float(costs.min()), suspects)
-
-
-_SUSPECTS = 4  # Points of either kind that are named as suspects
-_NORMAL_95 = 1.6448536269514722  # 95th percentile of the standard normal law [1]

@@ -1,15 +1,20 @@
-"""Rough levelling, just good enough to find a feature; heights are never taken from it.
+"""Levelling: roughly, just good enough to find a feature, and by two planes with a common slope beside one.
 
 A line through the whole profile would level through the feature. The median of the slopes over a fiftieth of the
-profile does not see a feature that covers less than half of it.
+profile does not see a feature that covers less than half of it; heights are never taken from it.
 """
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
 from numpy.typing import NDArray
 
+from stepblocks.inspect.evaluate.noise import NoiseUncertainty, noise_uncertainty, outlier_mask
+
 Array = NDArray[np.float64]
+Mask = NDArray[np.bool_]
 
 
 def despiked(heights: Array) -> Array:
@@ -34,15 +39,57 @@ def roughly_levelled(position: Array, heights: Array) -> Array:
     return np.asarray(heights - slope * (position - position[0]))
 
 
+def split_gains(values: Array) -> tuple[Array, Array]:
+    """Return for every split of a row how much of its variance two means explain, and the second less the first mean."""
+    below, count = np.cumsum(values)[:-1], np.arange(1, len(values))
+    rest = len(values) - count
+    gap = (below[-1] + values[-1] - below) / rest - below / count
+    return gap**2 * count * rest, gap
+
+
 def two_levels(levelled: Array) -> tuple[float, float]:
     """Return the lower and the upper of the two levels that explain most of the variance of the heights.
 
     Source: N. Otsu, IEEE Trans. Syst. Man Cybern. 9 (1979) 62, doi:10.1109/TSMC.1979.4310076, on the sorted values.
     """
     ordered = np.sort(levelled)
-    below = np.cumsum(ordered)[:-1]
-    count = np.arange(1, len(ordered))
-    rest = len(ordered) - count
-    gain = (below / count - (below[-1] + ordered[-1] - below) / rest) ** 2 * count * rest
-    split = int(np.argmax(gain)) + 1
+    split = int(np.argmax(split_gains(ordered)[0])) + 1
     return float(np.median(ordered[:split])), float(np.median(ordered[split:]))
+
+
+@dataclass(frozen=True)
+class TwoPlanes:
+    """Two parallel faces, the one behind the middle of a profile higher by `height`."""
+
+    tilt: float  # common slope [1]
+    offset: float  # height of the first face at the middle [m]
+    height: float  # m
+    noise: NoiseUncertainty  # of the height [m]
+    weights: Array  # shape (3, n); with which each point counts in tilt, offset and height
+    residuals: Array  # shape (n,); m
+    used: Mask  # shape (n,); points that took part
+    rejected: int  # points left out as spikes
+
+
+def fit_two_planes(x: Array, z: Array, middle: float, used: Mask) -> TwoPlanes:
+    """Fit ``z = a (x - middle) + b + h s(x)``, s = 0 before and 1 behind the middle, by least squares without spikes.
+
+    Source: ISO 5436-1 leaves a single edge to convention; this is the two-plane one, which has no feature to level through.
+    """
+    scale = float(max(abs(x[0] - middle), abs(x[-1] - middle)))
+    design = np.stack([(x - middle) / scale, np.ones_like(x), (x > middle).astype(float)])
+    calm, whole = without_spikes(z), int(used.sum())
+    for turn in range(6):
+        inverse = np.linalg.inv(design[:, used] @ design[:, used].T)
+        weights = np.where(used, inverse @ design, 0.0)
+        solution = weights[:, used] @ (calm if turn == 0 else z)[used]
+        residuals = z - solution @ design
+        spikes = np.zeros_like(used)
+        spikes[used] = outlier_mask(residuals[used])
+        if turn > 0 and not spikes.any():
+            break
+        used = used & ~spikes
+    noise = noise_uncertainty(weights[2], residuals, used, list(design))
+    weights[0] /= scale
+    tilt, offset, height = float(solution[0]) / scale, float(solution[1]), float(solution[2])
+    return TwoPlanes(tilt, offset, height, noise, weights, residuals, used, whole - int(used.sum()))

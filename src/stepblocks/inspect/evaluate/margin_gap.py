@@ -13,9 +13,8 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from stepblocks.errors import MetrologyError
-from stepblocks.inspect.evaluate.levelling import despiked, roughly_levelled, two_levels, without_spikes
-from stepblocks.inspect.evaluate.noise_uncertainty import NoiseUncertainty, noise_uncertainty
-from stepblocks.inspect.evaluate.roughness_noise import outlier_mask
+from stepblocks.inspect.evaluate.levelling import TwoPlanes, despiked, fit_two_planes, roughly_levelled, two_levels
+from stepblocks.inspect.evaluate.noise import NoiseUncertainty
 
 Array = NDArray[np.float64]
 
@@ -26,12 +25,12 @@ _LEAST_POINTS = 20
 class Margin:
     """What a profile across a margin says."""
 
-    opening: float  # Distance between the two edges along the profile [m]
-    opening_noise: NoiseUncertainty  # Its uncertainty from the noise where its edges are sampled [m]
-    opening_sampling: float  # Its standard uncertainty since nothing is known between two samples of a wall [m]
-    rise: float  # Height of the right shoulder over the left, the vertical discrepancy [m]
-    rise_noise: NoiseUncertainty  # Its uncertainty from noise and roughness [m]
-    depth: float  # How deep the profile reached into the gap, below the lower shoulder [m]
+    opening: float  # distance between the two edges along the profile [m]
+    opening_noise: NoiseUncertainty  # from the noise where its edges are sampled [m]
+    opening_sampling: float  # standard uncertainty since nothing is known between two samples of a wall [m]
+    rise: float  # height of the right shoulder over the left [m]
+    rise_noise: NoiseUncertainty  # from noise and roughness [m]
+    depth: float  # how deep the profile reached into the gap, below the lower shoulder [m]
 
     @property
     def absolute(self) -> float:
@@ -44,11 +43,6 @@ class Margin:
         share, slope = self.opening / self.absolute, self.rise / self.absolute
         std = float(np.hypot(share * self.opening_noise.std, slope * self.rise_noise.std))
         return NoiseUncertainty(std, self.rise_noise.dof)
-
-    @property
-    def absolute_sampling(self) -> float:
-        """Its standard uncertainty from sampling [m]."""
-        return self.opening_sampling * self.opening / self.absolute
 
 
 def fit_margin(position: ArrayLike, height: ArrayLike) -> Margin:
@@ -68,18 +62,19 @@ def fit_margin(position: ArrayLike, height: ArrayLike) -> Margin:
     level = np.full_like(z, np.nan)
     level[known] = despiked(roughly_levelled(x[known], z[known]))
     begin, end = _gap(level)
-    tilt, rise, noise, offset, middle, roughness = _shoulders(x, z, begin, end)
-    flat = z - tilt * (x - middle) - offset
-    left, right, depth = _edges(x, flat, rise, begin, end)
-    spacing = float(steps.mean())
+    middle = 0.5 * float(x[begin] + x[end - 1])
+    planes = _shoulders(x, z, begin, end, middle)
+    flat = z - planes.tilt * (x - middle) - planes.offset
+    left, right, depth = _edges(x, flat, planes.height, begin, end)
+    spacing, roughness = float(steps.mean()), float(np.std(planes.residuals[planes.used]))
     sampling = spacing * float(np.hypot(left.unresolved, right.unresolved)) / np.sqrt(12.0)
     crossing = [0.0 if np.isnan(one.jump) else roughness * spacing / one.jump for one in (left, right)]
     return Margin(
         opening=right.position - left.position,
-        opening_noise=NoiseUncertainty(float(np.hypot(crossing[0], crossing[1])), noise.dof),
+        opening_noise=NoiseUncertainty(float(np.hypot(crossing[0], crossing[1])), planes.noise.dof),
         opening_sampling=sampling,
-        rise=rise,
-        rise_noise=noise,
+        rise=planes.height,
+        rise_noise=planes.noise,
         depth=depth,
     )
 
@@ -102,30 +97,14 @@ def _gap(level: Array) -> tuple[int, int]:
     return int(begin), int(end)
 
 
-def _shoulders(x: Array, z: Array, begin: int, end: int) -> tuple[float, float, NoiseUncertainty, float, float, float]:
+def _shoulders(x: Array, z: Array, begin: int, end: int, middle: float) -> TwoPlanes:
     margin = max((end - begin) // 2, 3)
     index = np.arange(len(x))
     left, right = index < begin - margin, index >= end + margin
     used = (left | right) & np.isfinite(z)
     if (left & used).sum() < _LEAST_POINTS or (right & used).sum() < _LEAST_POINTS:
         raise MetrologyError(f"shoulders must keep {_LEAST_POINTS} points each beside the gap")
-    middle = 0.5 * float(x[begin] + x[end - 1])
-    scale = float(np.ptp(x))
-    design = np.stack([(x - middle) / scale, np.ones_like(x), (x > middle).astype(float)])
-    calm = without_spikes(z)
-    for turn in range(6):
-        inverse = np.linalg.inv(design[:, used] @ design[:, used].T)
-        weights = np.where(used, inverse @ design, 0.0)
-        solution = weights[:, used] @ (calm if turn == 0 else z)[used]
-        residuals = z - solution @ design
-        spikes = np.zeros_like(used)
-        spikes[used] = outlier_mask(residuals[used])
-        if turn > 0 and not spikes.any():
-            break
-        used &= ~spikes
-    noise = noise_uncertainty(weights[2], residuals, used, list(design))
-    roughness = float(np.std(residuals[used]))
-    return float(solution[0]) / scale, float(solution[2]), noise, float(solution[1]), middle, roughness
+    return fit_two_planes(x, z, middle, used)
 
 
 @dataclass(frozen=True)

@@ -14,33 +14,46 @@ from numpy.typing import NDArray
 from stepblocks.artefacts.scans.scan import HeightMap
 from stepblocks.errors import MetrologyError
 from stepblocks.inspect.evaluate.levelling import two_levels
-from stepblocks.inspect.evaluate.noise_uncertainty import NoiseUncertainty, noise_uncertainty
+from stepblocks.inspect.evaluate.noise import NoiseUncertainty, noise_uncertainty
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
 Rows = NDArray[np.intp]
 
-_LEAST_FLOOR = 5
-_LEAST_REFERENCE = 20
-_SETTLED = 0.005
-_LEAST_BANDS = 4
+_LEAST_FLOOR = 5  # points of a row in the features
+_LEAST_REFERENCE = 20  # points of a row beside them
+_SETTLED = 0.005  # deviation from the plateau that is no edge, as a part of the depth [1]
+_LEAST_BANDS = 4  # of rows, over which a scatter is taken
 
 
 @dataclass(frozen=True)
 class MaskedStep:
     """Depth of the features of a map."""
 
-    depth: float  # Weighted mean over rows, and its standard uncertainty from their scatter [m]; negative for ridges
-    depth_std: float
-    depth_dof: float  # Effective degrees of freedom of that uncertainty [1]
-    exclusion: float  # Distance that was kept to every edge [m]
-    rows: int  # Rows that took part
-    features: int  # Separate features in the map
-    profile: tuple[Array, Array]  # Positions and levelled heights of the row with most floor [m], to be shown
+    depth: float  # weighted mean over rows [m]; negative for ridges
+    depth_std: float  # its standard uncertainty from their scatter [m]
+    depth_dof: float  # effective degrees of freedom of that uncertainty [1]
+    exclusion: float  # distance that was kept to every edge [m]
+    rows: int  # that took part
+    features: int  # separate ones in the map
+    profile: tuple[Array, Array]  # positions and levelled heights of the row with most floor [m], to be shown
 
 
 def masked_step(scan: HeightMap, exclusion: float | None = None) -> MaskedStep:
-    """Depth of holes, or height of bumps, over a map."""
+    """Depth of holes, or height of bumps, over a map.
+
+    Parameters
+    ----------
+    scan : HeightMap
+        Without missing points.
+    exclusion : float, optional
+        Distance to keep to every edge [m]; by default that at which both sides have settled.
+
+    Raises
+    ------
+    MetrologyError
+        If points are missing, or fewer than three rows keep enough of floor and reference.
+    """
     from scipy import ndimage
 
     z = scan.height

@@ -15,32 +15,31 @@ from numpy.typing import ArrayLike, NDArray
 
 from stepblocks.errors import MetrologyError
 from stepblocks.inspect.evaluate.levelling import despiked, roughly_levelled, two_levels, without_spikes
-from stepblocks.inspect.evaluate.noise_uncertainty import noise_uncertainty
-from stepblocks.inspect.evaluate.roughness_noise import LEAST_SCATTER, outlier_mask, robust_scale
+from stepblocks.inspect.evaluate.noise import LEAST_SCATTER, noise_uncertainty, outlier_mask, robust_scale
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
 Span = tuple[float, float]
 
-_LEAST_POINTS = 5
-_TOLERATED = 0.01  # Deviation of a window's points that is no flank, as a part of the depth [1]
-_SIGMAS = 5.0
-_MOST_OUTLIERS = 0.1
+_LEAST_POINTS = 5  # of a window
+_TOLERATED = 0.01  # deviation of a window's points that is no flank, as a part of the depth [1]
+_SIGMAS = 5.0  # robust standard deviations beyond which a point is a spike
+_MOST_OUTLIERS = 0.1  # part of a window's points that may be spikes [1]
 
 
 @dataclass(frozen=True)
 class TypeA1:
     """Result of one evaluation."""
 
-    depth: float  # Depth 2h and its standard uncertainty from noise and roughness [m]; negative depth for a ridge
-    depth_std: float
-    depth_dof: float  # Effective degrees of freedom of that uncertainty [1]
+    depth: float  # 2h [m]; negative for a ridge
+    depth_std: float  # its standard uncertainty from noise and roughness [m]
+    depth_dof: float  # effective degrees of freedom of that uncertainty [1]
     edges: Span  # L and R, where the profile crosses half the depth [m]
-    windows: tuple[Span, Span, Span]  # Begin and end of A, C and B as evaluated, after cuts [m]
-    tilt: float  # Slope a [1]
-    excluded: int  # Points cut from the windows because a flank reached into them
-    outliers: int  # Points left out as spikes: further than five robust standard deviations from the fit
-    form: float  # Root mean square of the residuals in the windows [m]
+    windows: tuple[Span, Span, Span]  # begin and end of A, C and B as evaluated, after cuts [m]
+    tilt: float  # slope a [1]
+    excluded: int  # points cut from the windows because a flank reached into them
+    outliers: int  # points left out as spikes
+    form: float  # root mean square of the residuals in the windows [m]
 
 
 def find_features(position: ArrayLike, height: ArrayLike) -> list[Span]:
@@ -72,7 +71,24 @@ def evaluate_a1(
 ) -> TypeA1:
     """Depth of one groove or ridge in one profile.
 
-    Source: ISO 5436-1:2000, 5.2 and figure 7.
+    Parameters
+    ----------
+    position, height : array_like, shape (n,)
+        Profile [m]; nan where nothing was measured.
+    edges : tuple of float, optional
+        L and R [m]; found where not given, and then there must be one feature.
+    contaminated : {"refuse", "exclude"}
+        What to do where a flank or a defect reaches into a window.
+
+    Raises
+    ------
+    MetrologyError
+        If the profile does not reach one width beyond the edges, a window is contaminated, or holds too few points or
+        too many spikes.
+
+    References
+    ----------
+    ISO 5436-1:2000, 5.2 and figure 7.
 
     Examples
     --------
@@ -150,9 +166,8 @@ def _flank_mask(x: Array, z: Array, mask: Mask, masks: list[Mask]) -> Mask:
     own = float(np.median(residuals[_core(mask)]))
     # `residuals` takes d = +1 outside C, so a point of another window is judged against its own side
     side = -1.0 if mask is masks[1] else 1.0
-    design = np.ones_like(x) * side
     origin = float(x[used].mean())
-    deviation = z - (solution[0] * (x - origin) + solution[1] + solution[2] * design) - own
+    deviation = z - (solution[0] * (x - origin) + solution[1] + solution[2] * side) - own
     noise = max(robust_scale(residuals[used]), LEAST_SCATTER)
     limit = max(_SIGMAS * noise, _TOLERATED * depth)
     index = np.flatnonzero(mask)

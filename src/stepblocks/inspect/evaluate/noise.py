@@ -1,4 +1,7 @@
-"""Standard uncertainty of a linear estimate from the residuals that it leaves, and how well that uncertainty is known.
+"""What the residuals of a fit say about its noise, and the standard uncertainty that an estimate has from it.
+
+Machined faces carry roughness that is correlated over micrometres, so 4,000 points are not 4,000 observations. Each
+uncertainty of this room is propagated through the autocovariance of the residuals, not divided by the root of n.
 
 A height is a weighted sum ``w . z``. With stationary noise its variance is the sum over lags of ``c(k) gamma(k)``, c the
 autocorrelation of the weights and gamma the autocovariance of the noise. Gamma is estimated from a few hundred
@@ -14,18 +17,20 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-
-from stepblocks.inspect.evaluate.roughness_noise import LEAST_SCATTER
+from scipy.linalg import matmul_toeplitz
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
 
-# Largest factor by which a variance is raised for what the fit swallowed; beyond it, nothing is known
-_MOST_RESTORED = 4.0
-# Least part of the low frequencies that a fit may leave; with less, the correlation cannot be told from the form [1]
+# scatter that counts as none [m]: a hundredth of an atom. Below it lies the rounding of a processor, not a surface
+LEAST_SCATTER = 1e-12
+_GAUSS_PER_MAD = (
+    1.482602218505602  # standard deviation of a normal law over its median absolute deviation, 1 / Phi^-1(3/4)
+)
+_MOST_RESTORED = 4.0  # by which a variance is raised for what the fit swallowed; beyond it, nothing is known
+# least part of the low frequencies that a fit may leave [1]; with less, the correlation cannot be told from the form
 _LEAST_LEFT = 0.25
-# Smallest variance as a part of that of white noise of the same scatter: a truncated sum over lags may fall below
-# zero
+# smallest variance as a part of that of white noise of the same scatter: a truncated sum over lags may fall below zero
 _LEAST_OF_WHITE = 0.25
 
 
@@ -33,8 +38,64 @@ _LEAST_OF_WHITE = 0.25
 class NoiseUncertainty:
     """Uncertainty of one estimate."""
 
-    std: float  # Standard uncertainty, in the unit of the estimate
-    dof: float  # Its effective degrees of freedom; infinite where the residuals are zero up to rounding
+    std: float  # standard uncertainty, in the unit of the estimate
+    dof: float  # its effective degrees of freedom; infinite where the residuals are zero up to rounding
+
+
+def robust_scale(residuals: Array) -> float:
+    """Return the standard deviation of the bulk of `residuals`, from their median absolute deviation [same unit]."""
+    return float(_GAUSS_PER_MAD * np.median(np.abs(residuals - np.median(residuals))))
+
+
+def outlier_mask(residuals: Array, limit: float = 5.0) -> NDArray[np.bool_]:
+    """Return true for spikes: residuals [m] further than `limit` robust deviations from the median; none without scatter."""
+    scale = robust_scale(residuals)
+    if scale <= LEAST_SCATTER:
+        return np.zeros(residuals.shape, dtype=bool)
+    return np.abs(residuals - np.median(residuals)) > limit * scale
+
+
+def autocovariance(pieces: Sequence[Array], parameters: int = 3) -> Array:
+    """Autocovariance of residuals that come in pieces, tapered so that it is a valid covariance.
+
+    The sum over pairs is divided by the number of points at every lag, which keeps it positive semidefinite, as does
+    the product with Parzen's window. The window is four times as wide as the lag at which the correlation drowns.
+    """
+    count = sum(int(np.isfinite(piece).sum()) for piece in pieces)
+    longest = max(len(piece) for piece in pieces)
+    total = np.zeros(longest)
+    for piece in pieces:
+        filled = np.where(np.isfinite(piece), piece, 0.0)
+        size = 2 ** int(np.ceil(np.log2(2 * len(filled))))
+        spectrum = np.fft.rfft(filled, size)
+        total[: len(filled)] += np.fft.irfft(np.abs(spectrum) ** 2, size)[: len(filled)]
+    gamma = total / max(count - parameters, 1)
+    if gamma[0] <= LEAST_SCATTER**2:
+        return np.zeros(1)
+    drowned = np.flatnonzero(gamma < 2.0 / np.sqrt(count) * gamma[0])
+    first = int(drowned[0]) if drowned.size else longest // 4
+    width = int(np.clip(4 * first, 4, max(longest // 2, 4)))
+    lag = np.arange(min(width, longest)) / width
+    taper = np.where(lag <= 0.5, 1.0 - 6.0 * lag**2 * (1.0 - lag), 2.0 * (1.0 - lag) ** 3)
+    gamma = gamma[: len(taper)] * taper
+    # each fitted parameter swallows not one point but one correlation length of them
+    together = max(1.0, float(2.0 * gamma.sum() / gamma[0] - 1.0))
+    lost = min(parameters * together, 0.5 * count)
+    return np.asarray(gamma * (max(count - parameters, 1) / (count - lost)))
+
+
+def estimator_covariance(weights: Array, gamma: Array) -> Array:
+    """Covariance of linear estimates ``weights @ z`` for noise of autocovariance `gamma`."""
+    column = np.zeros(weights.shape[1])
+    used = min(len(gamma), len(column))
+    column[:used] = gamma[:used]
+    return np.asarray(weights @ matmul_toeplitz(column, weights.T))
+
+
+def covariance_root(covariance: Array) -> Array:
+    """Return rows whose products add up to a covariance, by its eigenvectors, since it may be singular."""
+    values, vectors = np.linalg.eigh(covariance)
+    return np.asarray((vectors * np.sqrt(np.maximum(values, 0.0))).T, dtype=np.float64)
 
 
 def noise_uncertainty(weights: Array, residuals: Array, used: Mask, design: Sequence[Array]) -> NoiseUncertainty:

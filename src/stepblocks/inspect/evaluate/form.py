@@ -1,0 +1,224 @@
+"""Flatness of a face and parallelism to a datum, by minimum zone: of points, and of the form apart from the noise.
+
+Minimum zone is what ISO 1101 defines: the least distance of two parallel planes that hold all points. It is a linear
+programme, solved by scipy's HiGHS. The least-squares deviation, which instruments often print, is never smaller.
+
+The zone that holds all measured points grows with noise and with the number of points, and says little of a face. Stated
+is the zone of the form: of the polynomial of total degree three or less, fitted by least squares, over the face that was
+scanned. That polynomial is the filter. What its coefficients owe to noise is drawn from their covariance: the mean by which the
+zone grows with it is taken off, its scatter is the uncertainty. The zone of all points stands beside it as a note.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from stepblocks.errors import MetrologyError
+from stepblocks.inspect.evaluate.noise import covariance_root, noise_uncertainty, outlier_mask
+
+Array = NDArray[np.float64]
+Mask = NDArray[np.bool_]
+
+_MOST_DEGREE = (
+    3  # largest total degree of the form [1]; along a side with fewer than four points per degree it is lower
+)
+_DRAWS = 40
+_SCALES = (1.0, np.sqrt(3.0))
+# ratio of the two growths from which it is told from the root of two [1]; forty draws scatter it by a third
+_SEVERAL = 2.0
+_GRID = 9  # points along either side at which the form is judged
+
+
+@dataclass(frozen=True)
+class Plane:
+    """Plane ``z = slope_x x + slope_y y + offset`` through a face."""
+
+    slope_x: float  # 1
+    slope_y: float  # 1
+    offset: float  # height at the origin [m]
+    zone: float  # width of the zone around it that holds every point, along the normal [m]
+    zone_least_squares: float  # the same about the least-squares plane [m]
+
+
+def flatness(points: ArrayLike) -> Plane:
+    """Flatness of a face by minimum zone.
+
+    Parameters
+    ----------
+    points : array_like, shape (n, 3)
+        Points of the face [m]; those with a nan are left out.
+
+    Raises
+    ------
+    MetrologyError
+        If fewer than four points are known, or all lie on one line.
+
+    References
+    ----------
+    ISO 1101; the zone is a linear programme over the vertices of the convex hull, which alone can touch it.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> x, y = np.meshgrid(np.arange(5) * 1e-3, np.arange(4) * 1e-3)
+    >>> z = 0.01 * x + np.where((x == 2e-3) & (y == 1e-3), 1e-6, 0.0)
+    >>> round(flatness(np.stack([x.ravel(), y.ravel(), z.ravel()], axis=1)).zone * 1e6, 3)
+    1.0
+    """
+    from scipy.optimize import linprog
+    from scipy.spatial import ConvexHull, QhullError
+
+    cloud = _points(points)
+    centre, scale = cloud.mean(axis=0), float(np.ptp(cloud[:, :2], axis=0).max())
+    design = np.column_stack([(cloud[:, :2] - centre[:2]) / scale, np.ones(len(cloud))])
+    solution = np.linalg.lstsq(design, cloud[:, 2] - centre[2], rcond=None)[0]
+    residual = cloud[:, 2] - centre[2] - design @ solution
+    unit = float(np.ptp(residual))
+    if unit <= 1e-15:
+        return _plane(solution, centre, scale, 0.0, 0.0)
+    try:
+        corners = ConvexHull(np.column_stack([design[:, :2], residual / unit])).vertices
+    except QhullError:
+        corners = np.arange(len(cloud))
+    d, r = design[corners], residual[corners] / unit
+    ones = np.ones((len(d), 1))
+    bounds = np.vstack([np.hstack([-d, -ones]), np.hstack([d, -ones])])
+    result = linprog([0, 0, 0, 1], A_ub=bounds, b_ub=np.concatenate([-r, r]), bounds=[(None, None)] * 3 + [(0, None)])
+    if not result.success:
+        raise MetrologyError(f"minimum zone must be solvable, got: {result.message}")
+    return _plane(solution + result.x[:3] * unit, centre, scale, 2.0 * float(result.x[3]) * unit, unit)
+
+
+def parallelism(points: ArrayLike, datum: Plane) -> float:
+    """Parallelism of a face, points of shape (n, 3), to a datum: the width along its normal that holds every point [m]."""
+    cloud = _points(points)
+    above = cloud[:, 2] - datum.slope_x * cloud[:, 0] - datum.slope_y * cloud[:, 1]
+    return float(np.ptp(above) / (1.0 + datum.slope_x**2 + datum.slope_y**2) ** 0.5)
+
+
+def _points(points: ArrayLike) -> Array:
+    cloud = np.asarray(points, dtype=np.float64)
+    if cloud.ndim != 2 or cloud.shape[1] != 3:
+        raise MetrologyError(f"points must be rows of x, y, z, got shape {cloud.shape}")
+    cloud = cloud[np.isfinite(cloud).all(axis=1)]
+    if len(cloud) < 4 or np.linalg.matrix_rank(cloud[:, :2] - cloud[:, :2].mean(axis=0), tol=1e-12) < 2:
+        raise MetrologyError(f"points must span a face: at least 4 that are not on one line, got {len(cloud)}")
+    return cloud
+
+
+def _plane(solution: Array, centre: Array, scale: float, zone: float, least_squares: float) -> Plane:
+    slope_x, slope_y = float(solution[0]) / scale, float(solution[1]) / scale
+    offset = float(solution[2] + centre[2] - slope_x * centre[0] - slope_y * centre[1])
+    normal = (1.0 + slope_x**2 + slope_y**2) ** 0.5
+    return Plane(slope_x, slope_y, offset, zone / normal, least_squares / normal)
+
+
+@dataclass(frozen=True)
+class FormZone:
+    """Width of a zone."""
+
+    zone: float  # of the form [m]
+    std: float  # its standard uncertainty from noise [m]
+    dof: float  # degrees of freedom of that uncertainty, which are those of the noise
+    all_points: float  # zone of every measured point, spikes and noise included [m]
+
+
+@dataclass(frozen=True)
+class FaceForm:
+    """Form of one face: a polynomial, the covariance of its coefficients, and where it was measured."""
+
+    points: Array  # shape (n, 3); measured points [m]
+    grid: Array  # shape (m, 2); positions over the face at which the form is judged [m]
+    columns: Array  # shape (k, m); terms of the polynomial there [1]
+    solution: Array  # shape (k,); coefficients [m]
+    root: Array  # shape (k, k); rows whose products add up to their covariance [m]
+    dof: float  # degrees of freedom of that covariance
+    degree: int  # total degree
+
+    def shape(self, added: Array | float = 0.0) -> Array:
+        """Return the form as points [m], with `added` [m] on its coefficients."""
+        return np.column_stack([self.grid, (self.solution + added) @ self.columns])
+
+    def draws(self, random: np.random.Generator) -> list[Array]:
+        """Return what noise may have added to the coefficients [m]: every draw and its mirror image.
+
+        With mirror images the mean over the draws keeps only what curves, and that is the growth.
+        """
+        half = random.normal(size=(_DRAWS // 2, len(self.root))) @ self.root
+        return [*half, *-half]
+
+
+def fit_face(x: Array, y: Array, height: Array, face: Mask) -> FaceForm:
+    """Fit the form of a face of a map: `height` and `face` of shape (ny, nx) over columns `x` and rows `y` [m]."""
+    used = face & np.isfinite(height)
+    rows, columns = np.flatnonzero(used.any(axis=1)), np.flatnonzero(used.any(axis=0))
+    if used.sum() < 20 or len(rows) < 2 or len(columns) < 2:
+        raise MetrologyError(f"face must have at least 20 points on two rows and columns, got {int(used.sum())}")
+    mx, my = np.meshgrid(x, y)
+    points = np.stack([mx[used], my[used], height[used]], axis=1)
+    middles = [0.5 * (x[columns[0]] + x[columns[-1]]), 0.5 * (y[rows[0]] + y[rows[-1]])]
+    halves = [0.5 * (x[columns[-1]] - x[columns[0]]), 0.5 * (y[rows[-1]] - y[rows[0]])]
+    degrees = [min(_MOST_DEGREE, max(len(index) // 4, 1)) for index in (columns, rows)]
+    powers = [(i, j) for i in range(degrees[0] + 1) for j in range(degrees[1] + 1) if i + j <= max(degrees)]
+    design = _terms((x[np.newaxis, :] - middles[0]) / halves[0], (y[:, np.newaxis] - middles[1]) / halves[1], powers)
+    for _ in range(4):
+        solution = np.linalg.lstsq(design[:, used].T, height[used], rcond=None)[0]
+        residuals = height - np.tensordot(solution, design, 1)
+        spikes = np.zeros_like(used)
+        spikes[used] = outlier_mask(residuals[used])
+        if not spikes.any():
+            break
+        used &= ~spikes
+    count = float(used.sum())
+    # for terms that vary little over the correlation length, the covariance is that of white noise times one factor
+    mean = noise_uncertainty(used / count, residuals, used, list(design))
+    inverse = np.linalg.inv(design[:, used] @ design[:, used].T)
+    root = covariance_root(np.asarray(inverse * mean.std**2 * count, dtype=np.float64))
+    gx, gy = (one.ravel() for one in np.meshgrid(*[np.linspace(-1.0, 1.0, _GRID)] * 2))
+    grid = np.array(middles) + np.array(halves) * np.column_stack([gx, gy])
+    coefficients = np.asarray(solution, dtype=np.float64)
+    degree = max(i + j for i, j in powers)
+    return FaceForm(points, grid, _terms(gx, gy, powers), coefficients, root, mean.dof, degree)
+
+
+def _terms(at_x: Array, at_y: Array, powers: list[tuple[int, int]]) -> Array:
+    """Return products of Legendre's polynomials at positions from -1 to 1."""
+    basis = np.polynomial.Legendre.basis
+    return np.stack([np.asarray(basis(i)(at_x) * basis(j)(at_y)) for i, j in powers])
+
+
+def zone_of_flatness(face: FaceForm) -> FormZone:
+    """Flatness of the form of a face (ISO 1101, minimum zone)."""
+    added = face.draws(np.random.default_rng(1101))
+    drawn = [np.array([flatness(face.shape(scale * one)).zone for one in added]) for scale in _SCALES]
+    return _without_growth(flatness(face.shape()).zone, drawn, face.dof, flatness(face.points).zone)
+
+
+def zone_of_parallelism(face: FaceForm, datum: FaceForm) -> FormZone:
+    """Parallelism of the form of a face to the minimum-zone plane of the form of another (ISO 1101)."""
+    random = np.random.default_rng(1101)
+    pairs = list(zip(face.draws(random), datum.draws(random), strict=True))
+
+    def zones(scale: float) -> Array:
+        return np.array([parallelism(face.shape(scale * a), flatness(datum.shape(scale * b))) for a, b in pairs])
+
+    zone = parallelism(face.shape(), flatness(datum.shape()))
+    all_points = parallelism(face.points, flatness(datum.points))
+    return _without_growth(zone, [zones(scale) for scale in _SCALES], min(face.dof, datum.dof), all_points)
+
+
+def _without_growth(zone: float, drawn: list[Array], dof: float, all_points: float) -> FormZone:
+    """Take off what noise has added; as much again, as a rectangle, counts beside the scatter.
+
+    The fit holds the noise once, draws at the two scales hold it as its root of two and twice. Where one term sets the zone, the
+    zone grows with the standard deviation of the noise and the second growth is the first times the root of two; where several
+    do, it grows with a higher power, and the power follows from the two. Either way it is followed back to no noise.
+    """
+    first, second = float(drawn[0].mean()) - zone, float(drawn[1].mean() - drawn[0].mean())
+    ratio = second / first if second > _SEVERAL * first > 0.0 else np.sqrt(2.0)
+    growth = min(max(first / (ratio - 1.0), 0.0), zone)
+    std = float(np.hypot(drawn[0].std(ddof=1), growth / np.sqrt(3.0)))
+    return FormZone(zone - growth, std, dof, all_points)

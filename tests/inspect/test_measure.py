@@ -1,0 +1,150 @@
+"""Each evaluation of a scan gives its characteristics with their budgets, and says what it left out and why."""
+
+import numpy as np
+import pytest
+
+from oracles.softgauge import ball_gauge, correlated_noise, edge_gauge, groove_gauge, margin_gauge
+from stepblocks.artefacts.scans.scan import HeightMap, Profile
+from stepblocks.errors import MetrologyError
+from stepblocks.inspect.budget import Instrument
+from stepblocks.inspect.evaluate.edge_arc import arc_radius, edge_profile
+from stepblocks.inspect.evaluate.masked_step import masked_step
+from stepblocks.inspect.measure import measure_edge, measure_groove, measure_margin, measure_tip
+
+X = np.arange(-200, 200) * 1e-6
+EXACT = Instrument(0.0, 0.0, 0.0)
+
+
+def edge_rows(count, height=40e-6, radius=0.0, seed=1):
+    random = np.random.default_rng(seed)
+    rows = [edge_gauge(X, height, radius, 1e-4) + random.normal(0.0, 5e-9, len(X)) for _ in range(count)]
+    return np.stack(rows)
+
+
+def names(measured):
+    return {part.name for part in measured.components}
+
+
+def test_an_edge_gives_height_and_radius_and_a_map_of_it_its_faces_too():
+    profile = measure_edge(Profile(X, edge_rows(1)[0]), EXACT)
+    assert set(profile.values) == {"step_height", "edge_radius"}
+    assert names(profile.values["step_height"]) >= {"noise", "form", "repeatability", "calibration"}
+    assert names(profile.values["edge_radius"]) >= {"calibration", "lateral calibration"}
+    both = measure_edge(HeightMap(edge_rows(6), 1e-6, 50e-6), EXACT)
+    assert set(both.values) - set(profile.values) == {"flatness_lower", "flatness_upper", "parallelism"}
+    assert both.values["step_height"].value == pytest.approx(40e-6, abs=10e-9)
+
+
+def test_a_falling_edge_has_the_same_faces_below_and_above():
+    bow = 100e-9 * (X[X > 20e-6] / X[-1]) ** 2
+    rows = edge_rows(8)
+    rows[:, X > 20e-6] += bow  # on the upper face alone
+    rising, falling = (
+        measure_edge(HeightMap(np.ascontiguousarray(z), 1e-6, 50e-6), EXACT) for z in (rows, rows[:, ::-1])
+    )
+    for one in (rising, falling):
+        assert one.values["flatness_upper"].value > 5.0 * one.values["flatness_lower"].value
+    low = falling.shown.height[falling.shown.position > falling.shown.windows[1][0]]
+    assert np.median(low) == pytest.approx(0.0, abs=5e-9)  # drawn over its lower face
+
+
+def test_of_a_large_map_sixty_profiles_are_evaluated_evenly_and_it_is_said():
+    many = measure_margin(
+        HeightMap(np.stack([margin_gauge(X, 50.25e-6, 10e-6, 60e-6, -20e-6)] * 90), 1e-6, 1e-6), EXACT
+    )
+    assert many.notes[0] == "60 of 90 profiles evaluated"
+
+
+def test_profiles_that_cannot_be_evaluated_are_counted_with_the_reason_and_none_left_is_an_error():
+    rows = edge_rows(4)
+    rows[2] = 1e-9 * np.sin(np.arange(len(X)))
+    partly = measure_edge(HeightMap(rows, 1e-6, 50e-6), EXACT)
+    assert "1 of 4 profiles refused, the first since profile must show a step above its noise" in partly.notes[0]
+    with pytest.raises(MetrologyError, match="no profile can be evaluated: profile must show a step"):
+        measure_edge(Profile(X, rows[2]), EXACT)
+
+
+def test_a_sharp_edge_is_said_to_be_sharper_than_the_sampling_and_a_round_one_is_not():
+    sharp, blunt = (measure_edge(Profile(X, edge_rows(1, radius=radius)[0]), EXACT) for radius in (0.0, 14e-6))
+    assert any("sharper than the sampling resolves" in note for note in sharp.notes)
+    assert not any("sharper" in note for note in blunt.notes)
+    assert blunt.values["edge_radius"].value == pytest.approx(14e-6, abs=0.2e-6)
+
+
+def test_the_arc_is_a_circle_tangent_to_the_upper_face():
+    z = edge_profile(X, 3e-6, 30e-6, 12e-6)
+    assert (z[X < 3e-6] == 0.0).all()
+    assert (z[X > 15e-6] == 30e-6).all()
+    on = (X > 3e-6) & (X < 15e-6)
+    np.testing.assert_allclose(np.hypot(X[on] - 15e-6, z[on] - 18e-6), 12e-6)  # its centre lies r inside both faces
+
+
+@pytest.mark.parametrize("radius", [4e-6, 14e-6])
+def test_the_radius_of_an_arc_is_found_where_only_its_window_is_given(radius):
+    x = np.arange(-40, 40) * 1e-6
+    random = np.random.default_rng(3)
+    levelled = edge_gauge(x, 30e-6, radius, riser=0.3e-6) + random.normal(0.0, 20e-9, len(x))
+    arc = arc_radius(x, levelled, 30e-6, 1e-6, np.array([20e-9**2]))
+    assert arc.radius == pytest.approx(radius, abs=4.0 * arc.radius_std)
+    assert arc.riser == pytest.approx(0.3e-6, abs=0.3e-6)
+    assert arc.radius_limit > arc.radius
+    with pytest.raises(MetrologyError, match="at least 8 points"):
+        arc_radius(x[:5], levelled[:5], 30e-6, 1e-6, np.array([20e-9**2]))
+
+
+def grating(missing=False):
+    y, x = np.mgrid[:120, :120]
+    z = np.where(((x - 6) % 40 < 18) & ((y + 3) % 40 < 18), -500e-9, 0.0)
+    z = z + np.random.default_rng(4).normal(0.0, 2e-9, z.shape)
+    if missing:
+        z[5, 5] = np.nan
+    return HeightMap(z, 0.2e-6, 0.2e-6)
+
+
+def test_many_features_in_a_row_are_a_masked_step_and_one_is_type_a1():
+    many = measure_groove(grating(), EXACT)
+    assert many.convention.startswith("masked step over")
+    assert many.values["groove_depth"].value == pytest.approx(500e-9, abs=2e-9)
+    x = np.arange(-50, 951) * 1e-6
+    rows = [
+        groove_gauge(x, -10e-6, 300e-6, 600e-6, 20e-6) + correlated_noise(1001, 1e-6, 9e-9, 0.0, 1e-6, random)
+        for random in map(np.random.default_rng, range(3))
+    ]
+    one = measure_groove(HeightMap(np.stack(rows), 1e-6, 50e-6), EXACT, "ridge_height")
+    assert one.values["ridge_height"].value == pytest.approx(10e-6, abs=10e-9)  # a height has no sign
+    assert one.values["ridge_height"].name == "ridge height"
+    assert [name for *_, name in one.shown.windows] == ["A", "C", "B"]
+
+
+def test_a_masked_step_needs_every_point_and_room_beside_the_edges():
+    with pytest.raises(MetrologyError, match="no missing points"):
+        masked_step(grating(missing=True))
+    with pytest.raises(MetrologyError, match="at least 3 rows with floor and reference beyond"):
+        masked_step(grating(), exclusion=3e-6)
+    wide, narrow = (masked_step(grating(), exclusion) for exclusion in (0.3e-6, 1.0e-6))
+    assert wide.depth == pytest.approx(narrow.depth, abs=4.0 * narrow.depth_std)
+    assert wide.rows > narrow.rows
+
+
+def test_the_absolute_discrepancy_answers_to_each_axis_by_its_share():
+    scan = Profile(X, margin_gauge(X, 60.25e-6, 45e-6, 90e-6, -30e-6))
+    values = measure_margin(scan, Instrument(1e-3, 0.0, 2e-3)).values
+    budget = {part.name: part.std for part in values["absolute_discrepancy"].components}
+    gap, rise = values["vertical_discrepancy"].value, values["horizontal_discrepancy"].value
+    hypotenuse = np.hypot(gap, rise)
+    # d(hypot) = (gap d(gap) + rise d(rise)) / hypot, each error a part of its own length
+    assert budget["calibration"] == pytest.approx(1e-3 * rise**2 / hypotenuse)
+    assert budget["lateral calibration"] == pytest.approx(2e-3 * gap**2 / hypotenuse)
+
+
+def test_a_tip_is_a_sphere_through_its_cap_and_spikes_on_it_are_said():
+    grid = np.arange(-50, 51) * 2e-6
+    z = ball_gauge(grid, grid, 125.4e-6) + np.random.default_rng(5).normal(0.0, 20e-9, (101, 101))
+    z[40, 40] += 3e-6
+    tip = measure_tip(HeightMap(z, 2e-6, 2e-6), EXACT, 125e-6)
+    assert tip.values["ball_radius"].value == pytest.approx(125.4e-6, abs=4.0 * tip.values["ball_radius"].std)
+    assert tip.notes[1] == "1 points left out as spikes"
+    with pytest.raises(MetrologyError, match="a tip needs a height map"):
+        measure_tip(Profile(X, np.zeros_like(X)), EXACT, 125e-6)
+    with pytest.raises(MetrologyError, match=r"must show a cap of a ball|sphere|points must"):
+        measure_tip(HeightMap(np.zeros((101, 101)), 2e-6, 2e-6), EXACT, 125e-6)

@@ -1,0 +1,90 @@
+"""As-built records in prediction: what was measured stands for the nominal, and the sentence follows equations (1) and (2)."""
+
+import math
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from stepblocks.artefacts.as_built import AsBuilt, AsBuiltValue
+from stepblocks.artefacts.scans.scan import Profile
+from stepblocks.contact.energy import Status
+from stepblocks.declare import load_declared
+from stepblocks.predict.as_built import moved_energies, surface_columns, surface_releases, with_as_built
+from stepblocks.predict.predictions import predict_set
+
+STIMULI = Path(__file__).parents[2] / "stimuli"
+X = np.arange(-400, 401) * 1e-6
+
+
+@pytest.fixture(scope="module")
+def stimuli():
+    return load_declared(STIMULI / "paper-ten.toml")
+
+
+def record(height=50e-6, radius=None, surface=None):
+    values = {"step_height": AsBuiltValue(height, 20e-9, "conforms")}
+    if radius is not None:
+        values["edge_radius"] = AsBuiltValue(radius, 1e-7, "not proven")
+    return AsBuilt("step-050", "scan.csv", "0" * 64, "two planes", values, surface)
+
+
+def chamfered():
+    # a riser of 30 um below a chamfer of 45 degrees up to 50 um
+    return Profile(X, np.where(X < 0.0, 0.0, np.minimum(30e-6 + X, 50e-6)))
+
+
+def test_only_the_block_with_a_record_changes_and_says_where_its_size_is_from(stimuli):
+    built = with_as_built(stimuli, {"step-050": record(51e-6, 3e-6), "elsewhere": record()})
+    assert "step-050" in {part.id for part in built.stimuli}
+    for before, after in zip(stimuli.stimuli, built.stimuli, strict=True):
+        if before.id != "step-050":
+            assert after == before
+        else:
+            assert (after.height.nominal, after.edge_radius.nominal) == (51e-6, 3e-6)
+            assert (after.height.lower, after.height.upper) == (before.height.lower, before.height.upper)
+            assert after.height.source == "as built, scan.csv"
+
+
+def test_a_radius_that_noise_made_negative_counts_as_sharp(stimuli):
+    built = with_as_built(stimuli, {"step-050": record(radius=-0.2e-6)})
+    assert next(part for part in built.stimuli if part.id == "step-050").edge_radius.nominal == 0.0
+
+
+def test_the_sentence_gives_the_range_of_changes_over_the_conditions_of_the_set(stimuli):
+    (said,) = moved_energies(stimuli, {"step-050": record(52e-6)})
+    grid, changes = stimuli.prediction, []
+    for ball in grid.tip_radii:
+        for friction in grid.frictions:  # equations (1) and (2): E_v goes as tan^2(acos(1 - H/R) + atan mu)
+            pulls = [math.tan(math.acos(1.0 - h / ball) + math.atan(friction)) for h in (50e-6, 52e-6)]
+            changes += [(pulls[1] / pulls[0]) ** 2 - 1.0] * len(grid.normal_loads)
+    wanted = f"E_v {min(changes) * 100:+.1f} % to {max(changes) * 100:+.1f} % over {len(changes)} conditions"
+    assert wanted in said
+    assert said.startswith("step-050 (step_height conforms): as built, 52.00 um and an edge radius of 0 um")
+    assert "scanned surface" not in said
+
+
+def test_a_scanned_surface_is_predicted_by_the_path_of_the_tip_over_it(stimuli):
+    surfaces = surface_releases(stimuli, {"step-050": record(surface=chamfered())})
+    for prediction in predict_set(stimuli):
+        release = surfaces(prediction)
+        if prediction.stimulus != "step-050":
+            assert release is None
+        elif prediction.tip_radius == 125e-6:  # the ball on the lower face touches the chamfer first
+            assert math.degrees(release.angle) == pytest.approx(45.0, abs=1e-6)
+            pull = prediction.normal_load * math.tan(math.pi / 4 + math.atan(prediction.friction))
+            assert release.pull_force == pytest.approx(pull)
+    (said,) = moved_energies(stimuli, {"step-050": record(surface=chamfered())})
+    assert "; by the scanned surface itself E_v " in said
+
+
+def test_the_columns_of_a_surface_are_empty_where_nothing_is_known(stimuli):
+    surfaces = surface_releases(stimuli, {"step-050": record(surface=chamfered())})
+    release = next(found for one in predict_set(stimuli) if (found := surfaces(one)) is not None)
+    known, none = surface_columns(release), surface_columns(None)
+    assert known.keys() == none.keys()
+    assert set(none.values()) == {""}
+    assert known["surface_status"] == "releases"
+    locked = surface_columns(replace(release, status=Status.LOCKED, pull_force=math.nan, vibration_energy=math.nan))
+    assert (locked["surface_pull_force_n"], locked["surface_vibration_energy_uj"]) == ("", "")
