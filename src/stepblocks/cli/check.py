@@ -33,12 +33,11 @@ def _run(arguments: argparse.Namespace) -> int:
     if arguments.files and all(path.suffix.lower() in (".step", ".stp", ".p21") for path in arguments.files):
         return _check_step_files(arguments.files)
     from stepblocks.build.check import check_output
-    from stepblocks.select import stimulus_files
 
     failed = []
     records = []
     count = 0
-    for name, verdicts in check_output(stimulus_files(arguments.files), arguments.output, arguments.only):
+    for name, verdicts in check_output(arguments.files, arguments.output, only=arguments.only):
         count += 1
         bad = [verdict for verdict in verdicts if not verdict.passed]
         if bad:
