@@ -125,7 +125,7 @@ def extra_costs(stimuli: Path) -> None:
     from stepblocks.artefacts.heightfield import write_height_field
     from stepblocks.artefacts.meshes.write import MESH_FORMATS, write_pieces
     from stepblocks.artefacts.step.write import write_step_ap242
-    from stepblocks.build.check import checked_files
+    from stepblocks.build.make import checked_files
     from stepblocks.build.picture import draw
     from stepblocks.declare import load_set
     from stepblocks.parts.kinds.step_block import StepBlock

@@ -1,9 +1,9 @@
 from .artefacts.check import check_artefact as check_artefact
 from .artefacts.heightfield import height_field as height_field
 from .artefacts.verdict import Verdict as Verdict
-from .build.check import check_output as check_output
 from .build.run import BuildReport as BuildReport
 from .build.run import build as build
+from .build.run import check_output as check_output
 from .contact.critical_angle import groove_angle as groove_angle
 from .contact.critical_angle import margin_angles as margin_angles
 from .contact.critical_angle import step_angle as step_angle

@@ -10,7 +10,7 @@ import pytest
 from stepblocks.artefacts.check import check_artefact
 from stepblocks.artefacts.meshes.read import MESH_READERS, read_mesh
 from stepblocks.artefacts.meshes.write import MESH_FORMATS
-from stepblocks.build.check import checked_files
+from stepblocks.build.make import checked_files
 from stepblocks.declare import load_set
 from stepblocks.parts.mesh import Mesh
 

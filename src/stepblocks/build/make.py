@@ -16,7 +16,6 @@ from types import ModuleType
 from typing import Any
 
 from stepblocks.atomic import folder_beside, replace_text
-from stepblocks.build.check import checked_files
 from stepblocks.build.manifest import RECORD, digest, hash_file, load_json, unchanged, written
 from stepblocks.errors import PipelineError
 from stepblocks.parts.kind import Part
@@ -84,6 +83,19 @@ class _Worker(ForkServerProcess):
 
 class _Workers(ForkServerContext):
     Process = _Worker
+
+
+def checked_files(stimulus: Part, folder: Path) -> list[Path]:
+    """List the artefacts of a stimulus that can be checked."""
+    from stepblocks.artefacts.meshes.write import MESH_FORMATS
+
+    names = [f"{stimulus.id}.step"]
+    names += [body + form.suffix for body in stimulus.bodies for form in MESH_FORMATS]
+    names.append(f"{stimulus.id}.convex.obj")
+    if stimulus.has_working_faces:
+        names += [f"{stimulus.id}.heightfield.tiff", f"{stimulus.id}.heightfield.npz"]
+    names.append(f"{stimulus.id}.png")
+    return [folder / name for name in names]
 
 
 def make(set_name: str, stimulus: Part, output: Path, key: str) -> Made:

@@ -1,4 +1,4 @@
-"""From stimulus files to an output folder: what changed is built, in parallel; what did not is left alone.
+"""From stimulus files to an output folder, and back: what changed is built, and all that lies there can be measured again.
 
 Nothing heavy is imported before something has to be built.
 """
@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import json
 import os
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import partial
 from html import escape
@@ -30,6 +30,7 @@ from stepblocks.errors import PipelineError
 from stepblocks.select import matches, stimulus_files
 
 if TYPE_CHECKING:
+    from stepblocks.artefacts.verdict import Verdict
     from stepblocks.build.make import Made
     from stepblocks.parts.kind import Part
     from stepblocks.parts.set import StimulusSet
@@ -215,3 +216,46 @@ def _remove_stale(output: Path, before: Mapping[str, str], now: Mapping[str, str
             if parent == output or any(parent.iterdir()):
                 break
             parent.rmdir()
+
+
+def check_output(
+    files: str | Path | Sequence[str | Path] | None = None, output: str | Path = "out", *, only: str | None = None
+) -> Iterator[tuple[str, list[Verdict]]]:
+    """Check the artefacts of all stimuli.
+
+    Parameters
+    ----------
+    files : str, Path or sequence of them, optional
+        Stimulus files, or folders of them, which say what the artefacts must be; the folder ``stimuli`` where omitted.
+    output : str or Path, optional
+        The output folder.
+    only : str, optional
+        Pattern of stimuli to check, such as ``"paper-ten/*"``.
+
+    Yields
+    ------
+    (str, list of Verdict)
+        Path of each artefact under the output folder, and what was found.
+
+    Raises
+    ------
+    StepblocksError
+        If a stimulus file is malformed, the folder is missing, or nothing matches.
+    """
+    from stepblocks.artefacts.check import check_artefact
+    from stepblocks.build.make import checked_files
+    from stepblocks.declare import load_declared
+
+    folder = Path(output)
+    sets = [load_declared(path) for path in stimulus_files(files)]
+    if not folder.is_dir():
+        raise PipelineError(f"the output folder must exist; run stepblocks build first [{folder}]")
+    found = False
+    for stimuli in sets:
+        for stimulus in stimuli.stimuli:
+            if only is None or matches(only, stimuli.name, stimulus.id):
+                found = True
+                for path in checked_files(stimulus, folder / stimuli.name / stimulus.id):
+                    yield path.relative_to(folder).as_posix(), check_artefact(stimulus, path)
+    if not found:
+        raise PipelineError(f"--only must match at least one stimulus, got {only!r}")

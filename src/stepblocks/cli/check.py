@@ -32,7 +32,7 @@ def add_to(commands: Any) -> None:
 def _run(arguments: argparse.Namespace) -> int:
     if arguments.files and all(path.suffix.lower() in (".step", ".stp", ".p21") for path in arguments.files):
         return _check_step_files(arguments.files)
-    from stepblocks.build.check import check_output
+    from stepblocks.build.run import check_output
 
     failed = []
     records = []
