@@ -60,9 +60,8 @@ def _run(arguments: argparse.Namespace) -> int:
 
 
 def _check_step_files(paths: list[Path]) -> int:
-    from stepblocks.artefacts.step.part21.check_step import check_step_text
-    from stepblocks.artefacts.step.part_file import step_table
+    from stepblocks.artefacts.step.part21.check_step import check_step, step_table
 
-    reports = [check_step_text(path) for path in paths]
+    reports = [check_step(path) for path in paths]
     print("\n\n".join(step_table(report) for report in reports))
     return 0 if all(report.passes for report in reports) else 1
