@@ -17,7 +17,7 @@ from stepblocks.contact import kernels
 from stepblocks.contact.energy import Status
 from stepblocks.parts.kinds.step_block import StepBlock
 from stepblocks.parts.set import StimulusSet
-from stepblocks.predict.predictions import Prediction, as_row
+from stepblocks.predict.predictions import Prediction, Predictions, as_row
 from stepblocks.predict.sheaths import conditions_of, decay_test_rows, ring_rows
 
 _LINKED = {".step", ".stl", ".obj", ".ply", ".3mf", ".glb", ".tiff", ".npz", ".json"}  # files that the page links
@@ -30,7 +30,7 @@ class Section:
     """A set with what is predicted of it and what was made of it."""
 
     stimuli: StimulusSet
-    predictions: Sequence[Prediction]
+    predictions: Predictions
     records: Mapping[str, Mapping[str, Any]]  # by stimulus, of those that were made
 
 
@@ -63,7 +63,7 @@ def _section(section: Section) -> dict[str, Any]:
     stimuli, rings = section.stimuli, _ring_lines(section.stimuli)
     rows = []
     for identity, record in section.records.items():
-        predictions = [one for one in section.predictions if one.stimulus == identity]
+        predictions = section.predictions.by_stimulus(identity)
         summary = [*_summary(predictions), *rings.get(identity, [])]
         rows.append(_row(f"{stimuli.name}/{identity}", record, predictions) | {"summary": summary})
     tables = [

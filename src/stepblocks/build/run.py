@@ -179,7 +179,7 @@ def _tables_and_page(
 ) -> tuple[dict[str, str], int]:
     """Write tables and page from the records; return the hash of every file of the folder, and how many stimuli there are."""
     from stepblocks.build.page import Section, write_page
-    from stepblocks.predict.predictions import as_csv, predict_set
+    from stepblocks.predict.predictions import Predictions
     from stepblocks.predict.sheaths import write_sheath_files
 
     outputs: dict[str, str] = {}
@@ -189,8 +189,8 @@ def _tables_and_page(
         stimuli = teaching(declared) if teaching else declared
         folder = output / stimuli.name
         folder.mkdir(exist_ok=True)
-        predictions = list(predict_set(stimuli))
-        replace_text(folder / "predictions.csv", as_csv(iter(predictions), more))
+        predictions = Predictions.of(stimuli)
+        replace_text(folder / "predictions.csv", predictions.csv(more))
         records = {stimulus.id: load_json(folder / stimulus.id / RECORD) for stimulus in stimuli.stimuli}
         section = Section(stimuli, predictions, {identity: record for identity, record in records.items() if record})
         sections.append(section)

@@ -6,9 +6,11 @@ import math
 from collections.abc import Iterable, Iterator, Sequence
 from typing import Any
 
+from stepblocks.parts.kind import Part
 from stepblocks.parts.kinds.crown_on_tooth import CrownOnTooth
 from stepblocks.parts.kinds.sheath import MASS_MATCH, Sheath, format_mass
 from stepblocks.parts.kinds.tips import HookTip, StraightTip, Tip
+from stepblocks.parts.revolution import Turned
 from stepblocks.workshop.drawing.sheet import Point, Sheet, View, round_scale
 
 _CHORDS = 96  # of an arc
@@ -117,6 +119,42 @@ def _ball(sheet: Sheet, tip: Tip) -> None:
     tipped = (cx - 40.0 + on_paper * (1.0 - math.cos(1.0)), cy + on_paper * math.sin(1.0))
     sheet.leader(tipped, (cx - 34.0, cy + 40.0), "SR {}", "ball_radius")
     sheet.text((cx - 20.0, cy - 40.0), f"ball {view.scale:g}:1", 2.5, "BOTTOM_CENTER")
+
+
+def turned_views(sheet: Sheet, part: Turned) -> list[str]:
+    """Draw the half sections of any turned part, mirrored, its axis along the sheet; return the lines of its notes."""
+    outlines = [list(_flattened(outline)) for outline in part.outlines()]
+    low, high = (chosen(z for outline in outlines for _, z in outline) for chosen in (min, max))
+    widest = max(r for outline in outlines for r, _ in outline)
+    s = round_scale(min(150.0 / (1e3 * (high - low)), 45.0 / (1e3 * widest)))
+    left, cy = 50.0, 190.0
+    view = View((left - low * 1e3 * s, cy), s)
+    for outline in outlines:
+        for side in (1.0, -1.0):
+            sheet.polyline([view.at(z, side * r) for r, z in outline])
+    sheet.line((left - 5.0, cy), (view.at(high, 0.0)[0] + 5.0, cy), "CENTRE")
+    base = view.at(low, -widest)[1] - 14.0
+    if "length" in sheet.listed:
+        length = sheet.listed["length"][1].nominal
+        sheet.dimension("length", view.at(low, -widest), view.at(low + length, -widest), (left, base), s)
+    if "diameter" in sheet.listed:
+        half = 0.5 * sheet.listed["diameter"][1].nominal
+        sheet.dimension("diameter", view.at(low, -half), view.at(low, half), (left - 14.0, cy), s, upright=True)
+    sheet.text((left, base - 12.0), f"section {s:g}:1", 2.5)
+    if part.crossed:
+        _surface(sheet, part)
+    return []
+
+
+def _surface(sheet: Sheet, part: Part) -> None:
+    """Draw what a tip meets, enlarged."""
+    edges = part.counterface().breakpoints
+    span = max(edges[-1] - edges[0], 10e-6)
+    x, z = part.counterface().section(span)
+    s = round_scale(30.0 / (span * 1e3))
+    view = View((290.0 - edges[0] * 1e3 * s, 225.0), s)
+    sheet.polyline([view.at(u, v) for u, v in zip(x, z, strict=True)])
+    sheet.text((310.0, 180.0), f"along the drag {s:g}:1", 2.5, "BOTTOM_CENTER")
 
 
 def crown_views(sheet: Sheet, margin: CrownOnTooth) -> list[str]:

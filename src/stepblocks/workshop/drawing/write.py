@@ -20,20 +20,28 @@ from stepblocks.parts.kinds.margin_block import MarginBlock
 from stepblocks.parts.kinds.sheath import Sheath
 from stepblocks.parts.kinds.step_block import StepBlock
 from stepblocks.parts.kinds.tips import HookTip, StraightTip
+from stepblocks.parts.revolution import Turned
 from stepblocks.workshop.drawing.blocks import gauge_sheet, margin_block_views, step_block_views
 from stepblocks.workshop.drawing.sheet import HEIGHT, WIDTH, Sheet
-from stepblocks.workshop.drawing.turned import crown_views, hook_tip_views, sheath_views, straight_tip_views
+from stepblocks.workshop.drawing.turned import (
+    crown_views,
+    hook_tip_views,
+    sheath_views,
+    straight_tip_views,
+    turned_views,
+)
 from stepblocks.workshop.gauge_route import GaugePair
 
 FORMATS = ("dxf", "svg", "pdf")
-# who draws a kind on a sheet and returns lines for its notes; of a kind that is not here everything is said in words
-VIEWS: Mapping[type[Part], Callable[[Sheet, Any], list[str]]] = {
+# who draws a kind on a sheet and returns lines for its notes; without views everything is said in words
+VIEWS: Mapping[type, Callable[[Sheet, Any], list[str]]] = {
     StepBlock: step_block_views,
     MarginBlock: margin_block_views,
     CrownOnTooth: crown_views,
     StraightTip: straight_tip_views,
     HookTip: hook_tip_views,
     Sheath: sheath_views,
+    Turned: turned_views,  # any other turned kind
 }
 
 
@@ -63,7 +71,7 @@ def write_gauge_drawing(folder: Path, block: StepBlock, pair: GaugePair) -> list
 
 def _part_sheet(stimulus: Part) -> Sheet:
     sheet = Sheet(characteristics_of(stimulus))
-    draw = VIEWS.get(type(stimulus))
+    draw = next((VIEWS[kind] for kind in type(stimulus).__mro__ if kind in VIEWS), None)
     notes = draw(sheet, stimulus) if draw else []
     # what no view shows is said in words, with its number
     lines = [f"{n}  {one.label}: {_limits(one)}" for n, one in sheet.listed.values() if n not in sheet.numbers]
