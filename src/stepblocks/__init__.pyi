@@ -1,9 +1,9 @@
 from .artefacts.check import check_artefact as check_artefact
 from .artefacts.heightfield import height_field as height_field
 from .artefacts.verdict import Verdict as Verdict
-from .build.check import check_output as check_output
 from .build.run import BuildReport as BuildReport
 from .build.run import build as build
+from .build.run import check_output as check_output
 from .contact.counterface import Counterface as Counterface
 from .contact.counterface import Margin as Margin
 from .contact.counterface import Profile as Profile

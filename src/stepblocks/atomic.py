@@ -1,9 +1,13 @@
-"""Nothing half-written: a file is made beside its place, brought to the disk, and renamed into its place when it is whole."""
+"""Nothing half-written: a file is made beside its place, brought to the disk, and renamed into its place when it is whole.
+
+And nothing outside: a name that stands in a file is followed only where it stays in its folder.
+"""
 
 from __future__ import annotations
 
 import os
 import secrets
+import shutil
 import time
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
@@ -27,8 +31,7 @@ def beside(path: Path) -> Iterator[Path]:
     ...     before, target.read_text()
     (False, 'height_m')
     """
-    # a process id is not unique where two containers share a folder
-    draft = path.with_name(f".partial-{secrets.token_hex(6)}-{path.name}")
+    draft = _draft(path)
     try:
         yield draft
         _to_disk(draft)
@@ -36,9 +39,66 @@ def beside(path: Path) -> Iterator[Path]:
         _to_disk(path.parent)
     finally:
         draft.unlink(missing_ok=True)
+    _sweep(path)
+
+
+@contextmanager
+def folder_beside(path: Path) -> Iterator[Path]:
+    """Give an empty folder beside a place to prepare files in; it is gone when the block ends, whatever is in it."""
+    draft = _draft(path)
+    draft.mkdir(parents=True)
+    try:
+        yield draft
+    finally:
+        shutil.rmtree(draft, ignore_errors=True)
+    _sweep(path)
+
+
+def inside(folder: Path, name: str) -> Path | None:
+    """Follow a name that was read from a file, if it leads to something in the folder itself.
+
+    Parameters
+    ----------
+    folder : Path
+        The folder that the name must not leave.
+    name : str
+        What stands in the file.
+
+    Returns
+    -------
+    Path or None
+        None for what is no plain path (empty, absolute, with ``..``) and where a link lies on the way, or at its end.
+
+    Examples
+    --------
+    >>> inside(Path("out"), "../notes.txt") is None, inside(Path("out"), "/etc/hosts") is None
+    (True, True)
+    """
+    parts = Path(name).parts
+    if not parts or Path(name).anchor or ".." in parts or "\0" in name:
+        return None
+    path = folder
+    for part in parts:
+        path /= part
+        if path.is_symlink():
+            return None
+    return path
+
+
+def _draft(path: Path) -> Path:
+    # a process id is not unique where two containers share a folder
+    return path.with_name(f".partial-{secrets.token_hex(6)}-{path.name}")
+
+
+def _sweep(path: Path) -> None:
+    """Remove what killed runs left of drafts of a place."""
     for left in path.parent.glob(f".partial-*-{_escaped(path.name)}"):
         with suppress(FileNotFoundError):  # another run may sweep at the same time
-            if time.time() - left.stat().st_mtime > _STALE:
+            if time.time() - left.lstat().st_mtime <= _STALE:
+                continue
+            if left.is_dir() and not left.is_symlink():
+                shutil.rmtree(left, ignore_errors=True)
+            else:
                 left.unlink()
 
 

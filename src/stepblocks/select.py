@@ -9,10 +9,11 @@ from pathlib import Path
 from stepblocks.errors import PipelineError
 
 
-def stimulus_files(arguments: Sequence[Path]) -> list[Path]:
-    """Find the stimulus files that a user means."""
+def stimulus_files(meant: str | Path | Sequence[str | Path] | None = None) -> list[Path]:
+    """Find the stimulus files that a user means: one, several, those of folders; of the folder ``stimuli`` where none is named."""
     files: list[Path] = []
-    for argument in arguments or (Path("stimuli"),):
+    several = [meant] if isinstance(meant, str | Path) else meant
+    for argument in map(Path, several or ("stimuli",)):
         found = sorted(argument.glob("*.toml")) if argument.is_dir() else [argument]
         if not found or not found[0].is_file():
             what = (

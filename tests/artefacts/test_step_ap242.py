@@ -12,10 +12,10 @@ import pytest
 
 from stepblocks.artefacts.check import check_artefact
 from stepblocks.artefacts.meshes.write import write_stl
-from stepblocks.artefacts.step.part21.check_step import check_step_text
+from stepblocks.artefacts.step.part21.check_step import check_step, step_table
 from stepblocks.artefacts.step.part21.exchange import read_exchange
 from stepblocks.artefacts.step.part21.faces import faces_of
-from stepblocks.artefacts.step.part_file import check_part_step, step_table
+from stepblocks.artefacts.step.read import check_part_step
 from stepblocks.artefacts.step.write import conforming, write_step_ap242
 from stepblocks.declare import load_set
 from stepblocks.errors import MachiningError, MetrologyError, StimulusError
@@ -82,7 +82,7 @@ def test_the_file_conforms_and_holds_every_characteristic_within_1_nm(identity, 
 
 def test_a_one_sided_tolerance_keeps_its_signs(tmp_path):
     # ISO 1797 shank: 2.35 mm +0 / -0.032 mm on the diameter
-    report = check_step_text(written("tip-125", tmp_path))
+    report = check_step(written("tip-125", tmp_path))
     (shank,) = [one for one in report.dimensions if one.kind == "diameter"]
     assert (shank.lower, shank.upper) == pytest.approx((-0.032e-3, 0.0), abs=1e-12)
 
@@ -94,7 +94,7 @@ def test_equal_parts_give_equal_bytes_and_the_header_time_is_pinned(block, tmp_p
 
 
 def test_steel_stays_steel_and_its_density_is_one(block):
-    report = check_step_text(block)
+    report = check_step(block)
     assert report.densities == (7700.0,)
     assert report.materials == ("X90CrMoV18 (1.4112), hardened",)
 
@@ -102,7 +102,7 @@ def test_steel_stays_steel_and_its_density_is_one(block):
 def test_every_dimension_and_tolerance_has_a_visible_callout_linked_to_it(block):
     text = re.sub(r"\s*\n\s*", "", block.read_text())
     links = re.findall(r"DRAUGHTING_MODEL_ITEM_ASSOCIATION\([^;]*?,(#\d+),#\d+,(#\d+)\);", text)
-    report = check_step_text(block)
+    report = check_step(block)
     assert {target for target, _ in links} == {one.ref for one in (*report.dimensions, *report.tolerances)}
     names = [re.search(rf"{seen} = DRAUGHTING_CALLOUT\('([^']*)'", text)[1] for _, seen in links]
     assert "1  step height 0.010 +-0.001" in names
@@ -111,7 +111,7 @@ def test_every_dimension_and_tolerance_has_a_visible_callout_linked_to_it(block)
 
 def test_the_gaps_of_a_crown_are_measured_between_the_faces_of_two_bodies(tmp_path):
     path = written("crown-shoulder", tmp_path)
-    report = check_step_text(path)
+    report = check_step(path)
     gaps = {one.name: one for one in report.dimensions if "gap" in one.name}
     assert {name: round(one.geometry * 1e6, 6) for name, one in gaps.items()} == {
         "marginal gap": 50.0,
@@ -137,15 +137,15 @@ def test_the_gaps_of_a_crown_are_measured_between_the_faces_of_two_bodies(tmp_pa
     lifted = re.sub(rf"({point} = CARTESIAN_POINT\('',\(0\.,0\.,)0\.", r"\g<1>1.", text)
     assert lifted != text
     path.write_text(lifted)
-    assert all(one.geometry is None for one in check_step_text(path).dimensions if "gap" in one.name)
+    assert all(one.geometry is None for one in check_step(path).dimensions if "gap" in one.name)
 
 
 def test_angles_are_measured_on_cones_and_between_planes(tmp_path):
-    (cone,) = [one for one in check_step_text(written("tip-125", tmp_path)).dimensions if one.angular]
+    (cone,) = [one for one in check_step(written("tip-125", tmp_path)).dimensions if one.angular]
     assert (cone.name, cone.kind) == ("cone angle, included", "angular size")
     assert math.degrees(cone.geometry) == pytest.approx(16.0, abs=1e-9)
     assert math.degrees(cone.upper) == pytest.approx(1.0)
-    report = check_step_text(written("gap-050-bevelled", tmp_path))
+    report = check_step(written("gap-050-bevelled", tmp_path))
     (bevel,) = [one for one in report.dimensions if one.angular]
     assert math.degrees(bevel.geometry) == pytest.approx(45.0, abs=1e-9)
     (opening,) = [one for one in report.dimensions if one.name == "vertical discrepancy"]
@@ -158,10 +158,10 @@ def test_only_where_a_part_sits_on_another_is_a_requirement_left_without_a_face(
 
 
 def test_a_tip_reaches_to_the_far_side_of_its_ball_and_a_hook_is_bent_about_a_ring(tmp_path):
-    report = check_step_text(written("tip-125", tmp_path))
+    report = check_step(written("tip-125", tmp_path))
     (length,) = [one for one in report.dimensions if "contact point" in one.name]
     assert (length.kind, length.geometry) == ("linear distance centre outer", pytest.approx(40e-3, abs=1e-12))
-    report = check_step_text(written("hook-125", tmp_path))
+    report = check_step(written("hook-125", tmp_path))
     kinds = {one.kind: one.geometry for one in report.dimensions}
     assert kinds["spherical radius"] == pytest.approx(125e-6, abs=1e-12)
     assert kinds["toroidal major radius"] == pytest.approx(4e-3, abs=1e-12)
@@ -171,10 +171,10 @@ def test_a_tip_reaches_to_the_far_side_of_its_ball_and_a_hook_is_bent_about_a_ri
     wrong = tmp_path / "wrong.step"
     text = (tmp_path / "hook-125.step").read_text()
     wrong.write_text(re.sub(r"(TOROIDAL_SURFACE\('',#\d+,)4\.,", r"\g<1>4.001,", text))
-    assert [line for line in check_step_text(wrong).findings if "toroidal major radius: says 4 mm" in line]
+    assert [line for line in check_step(wrong).findings if "toroidal major radius: says 4 mm" in line]
     text = (tmp_path / "tip-125.step").read_text()
     wrong.write_text(re.sub(r"(SPHERICAL_SURFACE\('',#\d+,)0\.125\)", r"\g<1>0.1251)", text))
-    assert [line for line in check_step_text(wrong).findings if "have 40.0001 mm (+100.000 nm)" in line]
+    assert [line for line in check_step(wrong).findings if "have 40.0001 mm (+100.000 nm)" in line]
 
 
 CROWN = """
@@ -234,7 +234,7 @@ def test_every_form_of_a_crown_is_dimensioned_checked_and_meshed_true_to_its_mar
 
 
 def test_a_sharp_edge_is_a_radius_of_zero_on_the_edge_itself(block):
-    report = check_step_text(block)
+    report = check_step(block)
     (edge,) = [one for one in report.dimensions if one.kind == "radius"]
     assert (edge.value, edge.lower, edge.upper) == pytest.approx((0.0, 0.0, 2e-6), abs=1e-15)
     assert edge.geometry == 0.0
@@ -242,7 +242,7 @@ def test_a_sharp_edge_is_a_radius_of_zero_on_the_edge_itself(block):
 
 
 def test_texture_stands_typed_at_every_working_face_and_what_is_by_default_is_said(block, tmp_path):
-    report = check_step_text(block)
+    report = check_step(block)
     flat = {face for one in report.tolerances if one.kind == "flatness" for face in one.faces}
     assert dict(report.textures) == dict.fromkeys(flat, pytest.approx(0.1e-6))
     assert "by default" not in block.read_text()
@@ -287,7 +287,7 @@ def test_a_face_swapped_for_one_that_is_not_parallel_is_caught(block, tmp_path):
 
     findings = falsified(block, tmp_path, to_an_end)
     assert any("(step height): names planes" in line and "not parallel" in line for line in findings)
-    assert not check_step_text(tmp_path / "false.step").passes  # as anybody's file, too
+    assert not check_step(tmp_path / "false.step").passes  # as anybody's file, too
 
 
 def test_a_falsified_sign_is_caught(block, tmp_path):
@@ -311,7 +311,7 @@ def test_a_falsified_unit_is_caught(block, tmp_path):
 
 
 def test_a_swapped_face_is_caught(block, tmp_path):
-    report = check_step_text(block)
+    report = check_step(block)
     (step,) = [one for one in report.dimensions if one.name == "step height"]
     other = next(one for one in report.dimensions if one.name == "thickness").faces[0]
 
@@ -350,12 +350,12 @@ def test_what_the_kernel_alone_writes_does_not_pass(tmp_path):
     write_step_with_tolerances(
         raw, bodies, [PmiDimension("radius", (PmiItem(0, sphere),), 125e-6, -2e-6, 2e-6)], [], ("steel", 7900.0)
     )
-    findings = check_step_text(raw, require_ap242=True).findings
+    findings = check_step(raw, require_ap242=True).findings
     assert sum("value must be typed" in line for line in findings) == 2
     assert sum("density: unit" in line for line in findings) == 1
     mended = tmp_path / "mended.step"
     mended.write_text(step_ap242.conforming(raw.read_text(), "tip-125", "2000-01-01T00:00:00"))
-    assert check_step_text(mended, require_ap242=True).passes
+    assert check_step(mended, require_ap242=True).passes
 
 
 def test_a_face_that_is_not_there_and_a_text_without_a_header_are_refused():
@@ -394,7 +394,7 @@ def test_a_cut_off_file_never_passes_as_whole(block, tmp_path):
         path = tmp_path / "cut.step"
         path.write_text(text[: int(share * len(text))])
         with pytest.raises(MetrologyError):
-            check_step_text(path)
+            check_step(path)
 
 
 def test_circular_shape_aspects_end():
@@ -418,7 +418,7 @@ END-ISO-10303-21;
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder) / "loop.step"
         path.write_text(pass_through)
-        (one,) = check_step_text(path).dimensions
+        (one,) = check_step(path).dimensions
     assert one.faces == ()
 
 
@@ -427,7 +427,7 @@ def test_nist_ctc_01_reports_the_values_that_stand_in_the_file():
     path = SHARED / "real" / "nist" / "nist_ctc_01_asme1_ap242.stp"
     if not path.is_file():
         pytest.skip("shared real data is not here")
-    report = check_step_text(path)
+    report = check_step(path)
     limits = {one.ref: (one.value, one.lower, one.upper) for one in report.dimensions}
     for ref, mm in {
         "#120": (35.0, -0.2, 0.0),

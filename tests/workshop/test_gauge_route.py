@@ -5,7 +5,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from stepblocks.artefacts.step.part21.check_step import check_step_text
+from stepblocks.artefacts.step.part21.check_step import check_step
 from stepblocks.cad import kernel
 from stepblocks.cli import main
 from stepblocks.declare import load_set
@@ -61,7 +61,7 @@ def test_routes_say_which_reaches_the_tolerance():
 def test_the_assembly_file_conforms_and_its_step_is_the_height(tmp_path):
     path = tmp_path / "a.step"
     pair = write_gauge_assembly(path, BLOCK)
-    report = check_step_text(path, require_ap242=True)
+    report = check_step(path, require_ap242=True)
     assert report.passes
     assert [one.value for one in report.dimensions] == pytest.approx(
         [pair.lower, pair.upper, BLOCK.height.nominal], abs=1e-12

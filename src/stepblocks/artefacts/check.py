@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from stepblocks.artefacts.meshes.measures import MeshMeasures
 from stepblocks.artefacts.meshes.read import MESH_READERS, read_mesh, read_pieces
-from stepblocks.artefacts.step.read import check_step
+from stepblocks.artefacts.step.read import step_verdicts
 from stepblocks.artefacts.verdict import Verdict
 from stepblocks.errors import MetrologyError
 from stepblocks.parts.body import Block
@@ -153,7 +153,7 @@ def _picture(part: Part, path: Path) -> Iterator[Verdict]:
 
 Checker = Callable[[Part, Path], Iterator[Verdict]]
 _CHECKERS: dict[str, Checker] = {
-    ".step": check_step,
+    ".step": step_verdicts,
     ".convex.obj": _pieces,
     ".tiff": _tiff,
     ".npz": _npz,

@@ -6,64 +6,63 @@ is given.
 
 from __future__ import annotations
 
-import csv
-import io
 import math
 from collections.abc import Mapping
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from stepblocks.artefacts.numbers import decimals_for, millimetres
-from stepblocks.atomic import beside, replace_text
+from stepblocks.atomic import beside
 from stepblocks.parts.characteristics import Characteristic, characteristics_of
 from stepblocks.parts.kind import Part
+from stepblocks.tables import write_table
 
-COLUMNS = (
-    "number",
-    "characteristic",
-    "kind",
-    "nominal_mm_or_deg",
-    "lower_limit_mm_or_deg",
-    "upper_limit_mm_or_deg",
-    "unit",
-    "method",
-    "measured_mm_or_deg",
-    "std_mm_or_deg",
-    "verdict",
-)
-Values = Mapping[str, tuple[float, float, str]]
+if TYPE_CHECKING:
+    import pandas as pd
+
+# columns of the CSV; where the page shows one, its heading and its share of the width
+_COLUMNS = {
+    "number": ("no.", 0.035),
+    "characteristic": ("characteristic", 0.185),
+    "kind": None,
+    "nominal_mm_or_deg": ("nominal", 0.07),
+    "lower_limit_mm_or_deg": ("lower limit", 0.075),
+    "upper_limit_mm_or_deg": ("upper limit", 0.075),
+    "unit": ("unit", 0.035),
+    "method": ("method", 0.265),
+    "measured_mm_or_deg": ("measured", 0.08),
+    "std_mm_or_deg": ("u", 0.07),
+    "verdict": ("verdict", 0.11),
+}
+COLUMNS = tuple(_COLUMNS)
+Values = Mapping[str, tuple[float, float, str]]  # measured [m], its standard uncertainty [m] and verdict, by key
 
 
-def sheet_rows(stimulus: Part, measured: Values | None = None) -> list[tuple[str, ...]]:
-    """Return the lines of the sheet."""
+def sheet_table(stimulus: Part, measured: Values | None = None) -> pd.DataFrame:
+    """Return the lines of the sheet, as texts."""
+    import pandas as pd
+
     known = measured or {}
-    return [_row(number, one, known.get(one.key)) for number, one in enumerate(characteristics_of(stimulus), start=1)]
+    rows = [_row(number, one, known.get(one.key)) for number, one in enumerate(characteristics_of(stimulus), start=1)]
+    return pd.DataFrame(rows, columns=COLUMNS)
 
 
 def _row(number: int, one: Characteristic, value: tuple[float, float, str] | None) -> tuple[str, ...]:
-    if one.quantity == "angle":
-        nominal, lower, upper = (
-            f"{math.degrees(v):g}" for v in (one.nominal, one.nominal + one.lower, one.nominal + one.upper)
-        )
-        unit = "deg"
-    else:
-        decimals = decimals_for(one.nominal, one.lower, one.upper)
-        nominal, lower, upper = (
-            millimetres(v, decimals) for v in (one.nominal, one.nominal + one.lower, one.nominal + one.upper)
-        )
-        unit = "mm"
+    angular, decimals = one.quantity == "angle", decimals_for(one.nominal, one.lower, one.upper)
+    nominal, lower, upper = (
+        f"{math.degrees(size):g}" if angular else millimetres(size, decimals)
+        for size in (one.nominal, one.nominal + one.lower, one.nominal + one.upper)
+    )
     if one.kind in ("flatness", "parallelism"):
         nominal, lower = "", ""
     got = ("", "", "") if value is None else (f"{value[0] * 1e3:.6f}", f"{value[1] * 1e3:.6f}", value[2])
+    unit = "deg" if angular else "mm"
     return (str(number), one.label, one.kind, nominal, lower, upper, unit, one.method, *got)
 
 
 def write_sheet_csv(path: Path, stimulus: Part, measured: Values | None = None) -> None:
     """Write the sheet as CSV."""
-    text = io.StringIO()
-    writer = csv.writer(text, lineterminator="\n")
-    writer.writerow(COLUMNS)
-    writer.writerows(sheet_rows(stimulus, measured))
-    replace_text(path, text.getvalue())
+    write_table(sheet_table(stimulus, measured), path)
 
 
 def write_sheet_pdf(path: Path, stimulus: Part, measured: Values | None = None) -> None:
@@ -71,44 +70,21 @@ def write_sheet_pdf(path: Path, stimulus: Part, measured: Values | None = None) 
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
 
-    rows = sheet_rows(stimulus, measured)
     figure = Figure(figsize=(11.69, 8.27))
     FigureCanvasAgg(figure)
     axes = figure.add_axes((0.04, 0.05, 0.92, 0.80))
     axes.set_axis_off()
     figure.text(0.04, 0.93, f"Inspection sheet   {stimulus.id.upper()}", fontsize=15, weight="bold")
-    figure.text(
-        0.04,
-        0.89,
-        f"material {stimulus.material.designation}     lengths at 20 deg C     decision ISO 14253-1, guard band 1.65 u",
-        fontsize=9,
-    )
-    figure.text(
-        0.04,
-        0.03,
-        "inspector                                   instrument                                   date"
-        "                                   signature",
-        fontsize=9,
-    )
-    shown = (
-        "no.",
-        "characteristic",
-        "nominal",
-        "lower limit",
-        "upper limit",
-        "unit",
-        "method",
-        "measured",
-        "u",
-        "verdict",
-    )
-    cells = [[row[i] for i in (0, 1, 3, 4, 5, 6, 7, 8, 9, 10)] for row in rows]
+    rules = "lengths at 20 deg C     decision ISO 14253-1, guard band 1.65 u"
+    figure.text(0.04, 0.89, f"material {stimulus.material.designation}     {rules}", fontsize=9)
+    figure.text(0.04, 0.03, (" " * 35).join(("inspector", "instrument", "date", "signature")), fontsize=9)
+    shown = {name: heading for name, heading in _COLUMNS.items() if heading is not None}
     table = axes.table(
-        cellText=cells,
-        colLabels=shown,
+        cellText=sheet_table(stimulus, measured)[list(shown)].to_numpy().tolist(),
+        colLabels=[heading for heading, _ in shown.values()],
         loc="upper center",
         cellLoc="left",
-        colWidths=[0.035, 0.185, 0.07, 0.075, 0.075, 0.035, 0.265, 0.08, 0.07, 0.11],
+        colWidths=[width for _, width in shown.values()],
     )
     table.auto_set_font_size(False)
     table.set_fontsize(8)

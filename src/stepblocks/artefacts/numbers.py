@@ -43,10 +43,5 @@ def limits_text(nominal: float, lower: float, upper: float) -> str:
     value = millimetres(nominal, decimals)
     if abs(upper + lower) < 1e-12:
         return f"{value} ±{millimetres(upper, decimals)}"
-
-    def signed(deviation: float) -> str:
-        return (
-            "0" if abs(deviation) < 1e-12 else f"{'+' if deviation > 0 else '-'}{millimetres(abs(deviation), decimals)}"
-        )
-
-    return f"{value} {signed(upper)}/{signed(lower)}"
+    high, low = ("0" if abs(one) < 1e-12 else f"{one * 1e3:+.{decimals}f}" for one in (upper, lower))
+    return f"{value} {high}/{low}"

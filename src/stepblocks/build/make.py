@@ -1,32 +1,88 @@
-"""One stimulus from its specification to a folder of checked artefacts."""
+"""Stimuli from their specifications to folders of checked artefacts, one by one or in parallel."""
 
 from __future__ import annotations
 
 import json
 import os
-import shutil
+import sys
 import time
+from collections.abc import Iterator, Mapping, Sequence
+from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor, wait
+from concurrent.futures.process import BrokenProcessPool
 from dataclasses import dataclass
+from multiprocessing.context import ForkServerContext, ForkServerProcess
 from pathlib import Path
+from types import ModuleType
 from typing import Any
 
-from stepblocks.atomic import replace_text
-from stepblocks.build.manifest import RECORD, digest, hash_file, load_json
+from stepblocks.atomic import folder_beside, replace_text
+from stepblocks.build.manifest import RECORD, digest, hash_file, load_json, unchanged, written
+from stepblocks.errors import PipelineError
 from stepblocks.parts.kind import Part
+
+_TASKS_PER_WORKER = 64  # the kernel's memory creeps; a worker is replaced before it shows
 
 
 @dataclass(frozen=True)
 class Made:
     """What became of one stimulus."""
 
-    name: str  # Set and identity, ``"set/id"``
-    seconds: float  # Time it took [s]
-    failures: tuple[str, ...]  # Failed verdicts, one line each
+    name: str  # ``"set/id"``
+    seconds: float  # time it took [s]
+    failures: tuple[str, ...]  # failed verdicts, one line each
 
 
 def build_key(stimulus: Part, code: str) -> str:
     """Identify what a stimulus would be built from."""
     return digest((json.dumps(stimulus.record(), sort_keys=True) + code).encode())
+
+
+def make_all(wanted: Sequence[tuple[str, Part, str]], output: Path, jobs: int | None) -> Iterator[Made]:
+    """Make stimuli in this process, or in as many as there are cores; results come as they are ready.
+
+    Each is given with the name of its set and its key.
+    """
+    workers = min(jobs or os.cpu_count() or 1, len(wanted))
+    if workers <= 1:
+        for set_name, stimulus, key in wanted:
+            yield make(set_name, stimulus, output, key)
+        return
+    context = _Workers()
+    context.set_forkserver_preload(["stepblocks.cad.kernel", "stepblocks.build.make"])
+    tasks = min(-(-len(wanted) // workers), _TASKS_PER_WORKER)
+    with ProcessPoolExecutor(workers, context, max_tasks_per_child=tasks) as pool:
+        waiting: set[Future[Made]] = set()
+        try:
+            for set_name, stimulus, key in wanted:
+                waiting.add(pool.submit(make, set_name, stimulus, output, key))
+                if len(waiting) >= 4 * workers:
+                    done, waiting = wait(waiting, return_when=FIRST_COMPLETED)
+                    yield from (future.result() for future in done)
+            while waiting:
+                done, waiting = wait(waiting, return_when=FIRST_COMPLETED)
+                yield from (future.result() for future in done)
+        except BrokenProcessPool as error:
+            raise PipelineError(
+                "a worker process died: it ran out of memory, or the renderer found no OpenGL (libGL, libEGL)"
+            ) from error
+        except BaseException:
+            pool.shutdown(wait=False, cancel_futures=True)
+            raise
+
+
+class _Worker(ForkServerProcess):
+    """A process that does not load the caller's script again, which would then need a main guard."""
+
+    def start(self) -> None:
+        script, sys.modules["__main__"] = sys.modules["__main__"], ModuleType("__main__")
+        try:
+            super().start()
+        finally:
+            sys.modules["__main__"] = script
+
+
+class _Workers(ForkServerContext):
+    Process = _Worker
 
 
 def checked_files(stimulus: Part, folder: Path) -> list[Path]:
@@ -47,14 +103,9 @@ def make(set_name: str, stimulus: Part, output: Path, key: str) -> Made:
     from stepblocks.artefacts.check import check_artefact
 
     started = time.perf_counter()
-    folder = output / set_name / stimulus.id
-    workshop = output / f".partial-{set_name}-{stimulus.id}-{os.getpid()}"
-    shutil.rmtree(workshop, ignore_errors=True)
-    workshop.mkdir(parents=True)
-    try:
+    with folder_beside(output / f"{set_name}-{stimulus.id}") as workshop:
         _write_artefacts(stimulus, workshop)
         verdicts = [verdict for path in checked_files(stimulus, workshop) for verdict in check_artefact(stimulus, path)]
-        outputs = {path.name: hash_file(path) for path in sorted(workshop.iterdir())}
         record = {
             "key": key,
             "stimulus": stimulus.id,
@@ -62,11 +113,9 @@ def make(set_name: str, stimulus: Part, output: Path, key: str) -> Made:
             "dimensions": [[name, str(value)] for name, value in stimulus.dimensions()],
             "derived": stimulus.derived(),
             "verdicts": [verdict.as_record() | {"text": str(verdict)} for verdict in verdicts],
-            "outputs": outputs,
+            "outputs": {path.name: hash_file(path) for path in sorted(workshop.iterdir())},
         }
-        _move_in(workshop, folder, outputs, json.dumps(record, indent=1, allow_nan=False) + "\n")
-    finally:
-        shutil.rmtree(workshop, ignore_errors=True)
+        _move_in(workshop, output / set_name / stimulus.id, record)
     failures = tuple(str(verdict) for verdict in verdicts if not verdict.passed)
     return Made(f"{set_name}/{stimulus.id}", time.perf_counter() - started, failures)
 
@@ -75,8 +124,7 @@ def _write_artefacts(stimulus: Part, folder: Path) -> None:
     from stepblocks.artefacts.heightfield import write_height_field
     from stepblocks.artefacts.meshes.write import MESH_FORMATS, write_pieces
     from stepblocks.artefacts.step.write import write_step_ap242
-    from stepblocks.build.picture import draw
-    from stepblocks.build.viewer import write_view
+    from stepblocks.build.picture import draw, write_view
     from stepblocks.parts.mesh import mesh_solid
     from stepblocks.parts.shapes import build_solids, convex_pieces
 
@@ -96,14 +144,14 @@ def _write_artefacts(stimulus: Part, folder: Path) -> None:
     (folder / "specification.json").write_text(specification + "\n", encoding="utf-8")
 
 
-def _move_in(workshop: Path, folder: Path, outputs: dict[str, str], record: str) -> None:
+def _move_in(workshop: Path, folder: Path, record: Mapping[str, Any]) -> None:
     """Replace a stimulus's files one by one; files that this program did not write stay."""
     folder.mkdir(parents=True, exist_ok=True)
-    before: dict[str, Any] = load_json(folder / RECORD).get("outputs", {})
+    outputs, before = written(record), written(load_json(folder / RECORD))
     (folder / RECORD).unlink(missing_ok=True)
     for name in outputs:
         (workshop / name).replace(folder / name)
-    for name, known in before.items():
-        if name not in outputs and hash_file(folder / name) == known:
-            (folder / name).unlink()
-    replace_text(folder / RECORD, record)
+    for name in set(before) - set(outputs):
+        if (left := unchanged(folder, name, before[name])) is not None:
+            left.unlink()
+    replace_text(folder / RECORD, json.dumps(record, indent=1, allow_nan=False) + "\n")

@@ -4,30 +4,21 @@ from __future__ import annotations
 
 import hashlib
 import json
-from collections.abc import Iterable, Mapping
+from collections.abc import Mapping
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from typing import Any
 
 import stepblocks
+from stepblocks.atomic import inside
 
-MANIFEST = "manifest.json"  # Name of the manifest in the output folder
-RECORD = "record.json"  # Name of the record in the folder of each stimulus
+MANIFEST = "manifest.json"  # in the output folder
+RECORD = "record.json"  # in the folder of each stimulus
 
-# Libraries whose version can change a byte that is written
+# libraries whose version can change a byte that is written
 _SHAPING = (
-    "cadquery",
-    "cadquery-ocp",
-    "jinja2",
-    "manifold3d",
-    "matplotlib",
-    "numpy",
-    "plotly",
-    "pyvista",
-    "shapely",
-    "tifffile",
-    "trimesh",
-    "vtk",
+    *("cadquery", "cadquery-ocp", "jinja2", "manifold3d", "matplotlib", "numpy"),
+    *("plotly", "pyvista", "shapely", "tifffile", "trimesh", "vtk"),
 )
 
 
@@ -37,7 +28,7 @@ def digest(content: bytes) -> str:
 
 
 def hash_file(path: Path) -> str:
-    """Hash a file."""
+    """Hash a file; the empty text stands for one that cannot be read."""
     try:
         with path.open("rb") as stream:
             return hashlib.file_digest(stream, "sha256").hexdigest()
@@ -61,7 +52,7 @@ def code_fingerprint() -> str:
 
 
 def load_json(path: Path) -> dict[str, Any]:
-    """Read a JSON object that this program wrote."""
+    """Read a JSON object that this program wrote; empty for anything else."""
     try:
         content = json.loads(path.read_text(encoding="utf-8"))
     except (OSError, ValueError):
@@ -69,6 +60,18 @@ def load_json(path: Path) -> dict[str, Any]:
     return content if isinstance(content, dict) else {}
 
 
-def intact(folder: Path, outputs: Mapping[str, str], names: Iterable[str] | None = None) -> bool:
-    """Tell whether files are as they were written."""
-    return all(hash_file(folder / name) == outputs[name] for name in (outputs if names is None else names))
+def written(record: Mapping[str, Any]) -> dict[str, str]:
+    """Return the hashes of the files that a manifest or a record lists."""
+    outputs = record.get("outputs")
+    return outputs if isinstance(outputs, dict) else {}
+
+
+def unchanged(folder: Path, name: str, known: str) -> Path | None:
+    """Return the file of a name if it lies in the folder and is as it was written."""
+    path = inside(folder, name)
+    return path if path is not None and hash_file(path) == known else None
+
+
+def intact(folder: Path, outputs: Mapping[str, str]) -> bool:
+    """Tell whether there are files listed, all in the folder and as they were written."""
+    return bool(outputs) and all(unchanged(folder, name, known) for name, known in outputs.items())

@@ -1,7 +1,8 @@
-"""A picture of each stimulus, rendered without a screen: the whole part and a close-up of what is felt."""
+"""Each stimulus to be looked at: a picture rendered without a screen, whole and close up, and what the page turns in 3-D."""
 
 from __future__ import annotations
 
+import json
 import os
 from collections.abc import Sequence
 from pathlib import Path
@@ -75,6 +76,30 @@ def _opened(meshes: Sequence[Arrays]) -> list[Any]:
     if len(meshes) == 1:
         return [_poly(*meshes[0])]
     return [_drawn(_solid(mesh).trim_by_plane((0.0, 1.0, 0.0), 0.0)) for mesh in meshes]
+
+
+def write_view(
+    path: Path,
+    identity: str,
+    meshes: Sequence[Arrays],
+    exaggeration: float,
+    half_width: float,
+    centre: tuple[float, float, float],
+) -> None:
+    """Write the bodies in millimetres as a call of the page's function ``stepblocksView``: a script loads from a folder."""
+    bodies = []
+    for vertices, triangles in meshes:
+        columns = [[float(f"{value:.9g}") for value in column] for column in (vertices * 1e3).T]
+        bodies.append(dict(zip("xyzijk", (*columns, *triangles.T.tolist()), strict=True)))
+    data = {
+        "id": identity,
+        "unit": "mm",
+        "exaggeration": exaggeration,
+        "half_width": half_width * 1e3,
+        "centre": [value * 1e3 for value in centre],
+        "bodies": bodies,
+    }
+    path.write_text(f"stepblocksView({json.dumps(data, separators=(',', ':'), allow_nan=False)});\n", encoding="ascii")
 
 
 def _show(plotter: Any, bodies: list[Any], caption: str) -> None:

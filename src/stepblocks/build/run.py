@@ -1,4 +1,4 @@
-"""From stimulus files to an output folder: what changed is built, in parallel; what did not is left alone.
+"""From stimulus files to an output folder, and back: what changed is built, and all that lies there can be measured again.
 
 Nothing heavy is imported before something has to be built.
 """
@@ -7,53 +7,69 @@ from __future__ import annotations
 
 import json
 import os
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import partial
+from html import escape
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from stepblocks import __version__
-from stepblocks.atomic import replace_text
-from stepblocks.build.manifest import MANIFEST, RECORD, code_fingerprint, hash_file, intact, load_json
+from stepblocks.atomic import inside, replace_text
+from stepblocks.build.manifest import (
+    MANIFEST,
+    RECORD,
+    code_fingerprint,
+    hash_file,
+    intact,
+    load_json,
+    unchanged,
+    written,
+)
 from stepblocks.errors import PipelineError
-from stepblocks.select import matches
+from stepblocks.select import matches, stimulus_files
 
 if TYPE_CHECKING:
-    from stepblocks.artefacts.model_file import LearnedModel
+    from stepblocks.artefacts.verdict import Verdict
     from stepblocks.build.make import Made
     from stepblocks.parts.kind import Part
     from stepblocks.parts.set import StimulusSet
 
-_TASKS_PER_WORKER = 64  # the kernel's memory creeps; a worker is replaced before it shows
-
 
 @dataclass
 class BuildReport:
-    """What a build did."""
+    """What a build did; a notebook shows it as a few lines with a link to the page."""
 
-    output: str  # The output folder
-    built: list[str] = field(default_factory=list)  # Stimuli that were built, ``"set/id"``
-    current: int = 0  # Stimuli that were up to date
-    # Failed verdicts of all stimuli of the output folder, one line each
-    failures: list[str] = field(default_factory=list)
+    output: str  # the output folder
+    built: list[str] = field(default_factory=list)  # stimuli that were built, ``"set/id"``
+    current: int = 0  # how many were up to date
+    failures: list[str] = field(default_factory=list)  # failed verdicts of all stimuli of the folder, one line each
+
+    def _repr_html_(self) -> str:
+        page = escape(str(Path(self.output) / "index.html"))
+        failed = "".join(f"<li>{escape(line)}</li>" for line in self.failures)
+        return (
+            f"<p>{len(self.built)} stimuli built, {self.current} up to date, {len(self.failures)} checks failed; "
+            f'see <a href="{page}">{page}</a></p>' + (f"<ul>{failed}</ul>" if failed else "")
+        )
 
 
 def build(
-    files: Sequence[Path],
-    output: Path,
+    files: str | Path | Sequence[str | Path] | None = None,
+    output: str | Path = "out",
+    *,
     only: str | None = None,
     jobs: int | None = None,
     announce: Callable[[Made, int, int], None] | None = None,
-    model: Path | None = None,
+    model: str | Path | None = None,
 ) -> BuildReport:
     """Build every stimulus that is not up to date, then the tables and the page.
 
     Parameters
     ----------
-    files : sequence of Path
-        Stimulus files.
-    output : Path
+    files : str, Path or sequence of them, optional
+        Stimulus files, or folders of them; the folder ``stimuli`` where omitted.
+    output : str or Path, optional
         The output folder.
     only : str, optional
         Pattern such as ``"paper-ten/*"`` or ``"step-0?0"``; what it does not match is left as it is.
@@ -61,7 +77,7 @@ def build(
         Number of processes; all cores where omitted.
     announce : callable, optional
         Called with each stimulus made, its number and how many there are.
-    model : Path, optional
+    model : str or Path, optional
         model.json of a measured session; the predictions are then made with what it taught.
 
     Returns
@@ -74,171 +90,172 @@ def build(
     StepblocksError
         If a file is malformed or the output folder cannot be used; nothing is written before all files are valid.
     """
-    inputs = {path.name: hash_file(path) for path in files} | ({"--model": hash_file(model)} if model else {})
+    sources, folder = stimulus_files(files), Path(output)
+    inputs = {path.name: hash_file(path) for path in sources} | ({"--model": hash_file(Path(model))} if model else {})
     code = code_fingerprint()
-    manifest = load_json(output / MANIFEST)
-    if only is None and _is_current(manifest, inputs, code, output):
-        return BuildReport(str(output), [], manifest["stimuli"], list(manifest["failures"]))
-    return _build(files, output, only, jobs, announce, inputs, code, model)
+    manifest = load_json(folder / MANIFEST)
+    known = (manifest.get("inputs"), manifest.get("code")) == (inputs, code) and all(inputs.values())
+    if only is None and known and intact(folder, written(manifest)):
+        return BuildReport(str(folder), [], manifest["stimuli"], list(manifest["failures"]))
 
-
-def _is_current(manifest: Mapping[str, Any], inputs: Mapping[str, str], code: str, output: Path) -> bool:
-    if manifest.get("inputs") != inputs or manifest.get("code") != code or not all(inputs.values()):
-        return False
-    return intact(output, manifest["outputs"])
-
-
-def _build(
-    files: Sequence[Path],
-    output: Path,
-    only: str | None,
-    jobs: int | None,
-    announce: Callable[[Made, int, int], None] | None,
-    inputs: Mapping[str, str],
-    code: str,
-    model: Path | None,
-) -> BuildReport:
-    from stepblocks.build.make import build_key
+    from stepblocks.build.make import make_all
     from stepblocks.declare import load_declared
 
-    sets = [load_declared(path) for path in files]
-    learned = _read(model)
-    _require_folder(output)
-    report = BuildReport(str(output))
-    wanted: list[tuple[str, Part, str]] = []
-    for stimuli in sets:
-        for stimulus in stimuli.stimuli:
-            key = build_key(stimulus, code)
-            if only is not None and not matches(only, stimuli.name, stimulus.id):
-                continue
-            folder = output / stimuli.name / stimulus.id
-            record = load_json(folder / RECORD)
-            if record.get("key") == key and intact(folder, record["outputs"]):
-                report.current += 1
-            else:
-                wanted.append((stimuli.name, stimulus, key))
-    if only is not None and not wanted and not report.current:
-        raise PipelineError(f"--only must match at least one stimulus, got {only!r}")
-    for number, made in enumerate(_make_all(wanted, output, jobs), start=1):
+    sets = [load_declared(path) for path in sources]
+    teach = _teacher(model)
+    _require_folder(folder, sets)
+    report = BuildReport(str(folder))
+    wanted = _not_current(sets, folder, code, only, report)
+    for number, made in enumerate(make_all(wanted, folder, jobs), start=1):
         report.built.append(made.name)
         if announce:
             announce(made, number, len(wanted))
-    _finish(sets, output, inputs if only is None else {}, code, report, learned)
+    outputs, total = _tables_and_page(sets, folder, report, teach)
+    manifest = {
+        "schema": 1,
+        "stepblocks": __version__,
+        "code": code,
+        "inputs": inputs if only is None else {},
+        "stimuli": total,
+        "failures": report.failures,
+        "outputs": dict(sorted(outputs.items())),
+    }
+    before = written(load_json(folder / MANIFEST))
+    replace_text(folder / MANIFEST, json.dumps(manifest, indent=1) + "\n")
+    _remove_stale(folder, before, outputs)
     return report
 
 
-def _read(model: Path | None) -> LearnedModel | None:
+_Teacher = Callable[["StimulusSet"], "StimulusSet"]
+
+
+def _teacher(model: str | Path | None) -> tuple[_Teacher, Any] | None:
+    """How a learned model changes a set, and the columns it adds."""
     if model is None:
         return None
     from stepblocks.artefacts.model_file import read_model
+    from stepblocks.predict.learned import learned_columns, taught_set
 
-    return read_model(model)
+    learned = read_model(Path(model))
+    return partial(taught_set, learned=learned), partial(learned_columns, learned=learned)
 
 
-def _require_folder(output: Path) -> None:
+def _require_folder(output: Path, sets: Sequence[StimulusSet]) -> None:
     try:
         output.mkdir(parents=True, exist_ok=True)
     except OSError as error:
         raise PipelineError(f"the output folder cannot be made: {error.strerror} [{output}]") from error
     if not os.access(output, os.W_OK):
         raise PipelineError(f"the output folder must be writable [{output}]")
+    for name in ("assets", *(f"{stimuli.name}/{stimulus.id}" for stimuli in sets for stimulus in stimuli.stimuli)):
+        if inside(output, name) is None:
+            raise PipelineError(f"the folder must lie in the output folder, with no link on the way [{output / name}]")
 
 
-def _make_all(wanted: Sequence[tuple[str, Part, str]], output: Path, jobs: int | None) -> Iterable[Made]:
-    """Make stimuli in this process, or in as many as there are cores; results come as they are ready."""
-    from stepblocks.build.make import make
+def _not_current(
+    sets: Sequence[StimulusSet], output: Path, code: str, only: str | None, report: BuildReport
+) -> list[tuple[str, Part, str]]:
+    """List the stimuli to build, each with its set and key; count the others."""
+    from stepblocks.build.make import build_key
 
-    workers = min(jobs or os.cpu_count() or 1, len(wanted))
-    if workers <= 1:
-        for set_name, stimulus, key in wanted:
-            yield make(set_name, stimulus, output, key)
-        return
-    import multiprocessing
-    from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor, wait
-    from concurrent.futures.process import BrokenProcessPool
-
-    context = multiprocessing.get_context("forkserver")
-    context.set_forkserver_preload(["stepblocks.cad.kernel", "stepblocks.build.make"])
-    tasks = -(-len(wanted) // workers) if len(wanted) <= _TASKS_PER_WORKER * workers else _TASKS_PER_WORKER
-    with ProcessPoolExecutor(workers, context, max_tasks_per_child=tasks) as pool:
-        waiting: set[Future[Made]] = set()
-        try:
-            for set_name, stimulus, key in wanted:
-                waiting.add(pool.submit(make, set_name, stimulus, output, key))
-                if len(waiting) >= 4 * workers:
-                    done, waiting = wait(waiting, return_when=FIRST_COMPLETED)
-                    yield from (future.result() for future in done)
-            while waiting:
-                done, waiting = wait(waiting, return_when=FIRST_COMPLETED)
-                yield from (future.result() for future in done)
-        except BrokenProcessPool as error:
-            raise PipelineError(
-                "a worker process died: it ran out of memory, or the renderer found no OpenGL (libGL, libEGL)"
-            ) from error
-        except BaseException:
-            pool.shutdown(wait=False, cancel_futures=True)
-            raise
+    wanted: list[tuple[str, Part, str]] = []
+    for stimuli in sets:
+        for stimulus in stimuli.stimuli:
+            if only is not None and not matches(only, stimuli.name, stimulus.id):
+                continue
+            key, folder = build_key(stimulus, code), output / stimuli.name / stimulus.id
+            record = load_json(folder / RECORD)
+            if record.get("key") == key and intact(folder, written(record)):
+                report.current += 1
+            else:
+                wanted.append((stimuli.name, stimulus, key))
+    if only is not None and not wanted and not report.current:
+        raise PipelineError(f"--only must match at least one stimulus, got {only!r}")
+    return wanted
 
 
-def _finish(
-    sets: Sequence[StimulusSet],
-    output: Path,
-    inputs: Mapping[str, str],
-    code: str,
-    report: BuildReport,
-    learned: LearnedModel | None,
-) -> None:
-    """Write tables, page and manifest from the records; remove what an earlier build left and nobody changed."""
-    from stepblocks.build.page import write_page
+def _tables_and_page(
+    sets: Sequence[StimulusSet], output: Path, report: BuildReport, teach: tuple[_Teacher, Any] | None
+) -> tuple[dict[str, str], int]:
+    """Write tables and page from the records; return the hash of every file of the folder, and how many stimuli there are."""
+    from stepblocks.build.page import Section, write_page
     from stepblocks.predict.predictions import Predictions
     from stepblocks.predict.sheaths import write_sheath_files
 
     outputs: dict[str, str] = {}
-    total, more = 0, None
-    if learned is not None:
-        from stepblocks.predict.learned import learned_columns, taught_set
-
-        sets, more = [taught_set(stimuli, learned) for stimuli in sets], partial(learned_columns, learned=learned)
-    predicted = {stimuli.name: Predictions.of(stimuli) for stimuli in sets}
-    for stimuli in sets:
+    sections = []
+    teaching, more = teach or (None, None)
+    for declared in sets:
+        stimuli = teaching(declared) if teaching else declared
         folder = output / stimuli.name
         folder.mkdir(exist_ok=True)
-        replace_text(folder / "predictions.csv", predicted[stimuli.name].csv(more))
-        for path in (folder / "predictions.csv", *write_sheath_files(stimuli, folder)):
-            outputs[f"{stimuli.name}/{path.name}"] = hash_file(path)
-        for stimulus in stimuli.stimuli:
-            record = load_json(folder / stimulus.id / RECORD)
-            if not record:
-                continue
-            total += 1
-            prefix = f"{stimuli.name}/{stimulus.id}/"
-            outputs |= {prefix + name: value for name, value in record["outputs"].items()}
-            outputs[prefix + RECORD] = hash_file(folder / stimulus.id / RECORD)
-            report.failures += [f"{prefix}{v['text']}" for v in record["verdicts"] if not v["passed"]]
-    for path in write_page(sets, predicted, output):
-        outputs[path.relative_to(output).as_posix()] = hash_file(path)
-    before = load_json(output / MANIFEST).get("outputs", {})
-    manifest = {
-        "schema": 1,
-        "stepblocks": __version__,
-        "code": code,
-        "inputs": dict(inputs),
-        "stimuli": total,
-        "failures": report.failures,
-        "outputs": dict(sorted(outputs.items())),
-    }
-    replace_text(output / MANIFEST, json.dumps(manifest, indent=1) + "\n")
-    _remove_stale(output, before, outputs)
+        predictions = Predictions.of(stimuli)
+        replace_text(folder / "predictions.csv", predictions.csv(more))
+        records = {stimulus.id: load_json(folder / stimulus.id / RECORD) for stimulus in stimuli.stimuli}
+        section = Section(stimuli, predictions, {identity: record for identity, record in records.items() if record})
+        sections.append(section)
+        listed = [folder / "predictions.csv", *write_sheath_files(stimuli, folder)]
+        for identity, record in section.records.items():
+            outputs |= {f"{stimuli.name}/{identity}/{name}": value for name, value in written(record).items()}
+            listed.append(folder / identity / RECORD)
+            failed = [verdict["text"] for verdict in record["verdicts"] if not verdict["passed"]]
+            report.failures += [f"{stimuli.name}/{identity}/{text}" for text in failed]
+        outputs |= {path.relative_to(output).as_posix(): hash_file(path) for path in listed}
+    outputs |= {path.relative_to(output).as_posix(): hash_file(path) for path in write_page(sections, output)}
+    return outputs, sum(len(section.records) for section in sections)
 
 
 def _remove_stale(output: Path, before: Mapping[str, str], now: Mapping[str, str]) -> None:
     """Remove files that the last build wrote, this one does not know, and that are unchanged; then empty folders."""
     for name in sorted(set(before) - set(now), reverse=True):
-        path = output / name
-        if ".." in Path(name).parts or path.is_symlink() or hash_file(path) != before[name]:
+        path = unchanged(output, name, before[name])
+        if path is None:
             continue
         path.unlink()
         for parent in path.parents:
             if parent == output or any(parent.iterdir()):
                 break
             parent.rmdir()
+
+
+def check_output(
+    files: str | Path | Sequence[str | Path] | None = None, output: str | Path = "out", *, only: str | None = None
+) -> Iterator[tuple[str, list[Verdict]]]:
+    """Check the artefacts of all stimuli.
+
+    Parameters
+    ----------
+    files : str, Path or sequence of them, optional
+        Stimulus files, or folders of them, which say what the artefacts must be; the folder ``stimuli`` where omitted.
+    output : str or Path, optional
+        The output folder.
+    only : str, optional
+        Pattern of stimuli to check, such as ``"paper-ten/*"``.
+
+    Yields
+    ------
+    (str, list of Verdict)
+        Path of each artefact under the output folder, and what was found.
+
+    Raises
+    ------
+    StepblocksError
+        If a stimulus file is malformed, the folder is missing, or nothing matches.
+    """
+    from stepblocks.artefacts.check import check_artefact
+    from stepblocks.build.make import checked_files
+    from stepblocks.declare import load_declared
+
+    folder = Path(output)
+    sets = [load_declared(path) for path in stimulus_files(files)]
+    if not folder.is_dir():
+        raise PipelineError(f"the output folder must exist; run stepblocks build first [{folder}]")
+    found = False
+    for stimuli in sets:
+        for stimulus in stimuli.stimuli:
+            if only is None or matches(only, stimuli.name, stimulus.id):
+                found = True
+                for path in checked_files(stimulus, folder / stimuli.name / stimulus.id):
+                    yield path.relative_to(folder).as_posix(), check_artefact(stimulus, path)
+    if not found:
+        raise PipelineError(f"--only must match at least one stimulus, got {only!r}")

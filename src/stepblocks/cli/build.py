@@ -44,18 +44,17 @@ def _jobs(text: str) -> int:
 
 def _run(arguments: argparse.Namespace) -> int:
     from stepblocks.build.run import build
-    from stepblocks.select import stimulus_files
 
     silent = arguments.quiet or arguments.json
     progress = _Progress(silent)
     try:
         report = build(
-            stimulus_files(arguments.files),
+            arguments.files,
             arguments.output,
-            arguments.only,
-            arguments.jobs,
-            progress.announce,
-            arguments.model,
+            only=arguments.only,
+            jobs=arguments.jobs,
+            announce=progress.announce,
+            model=arguments.model,
         )
     finally:
         progress.close()

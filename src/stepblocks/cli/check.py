@@ -32,13 +32,12 @@ def add_to(commands: Any) -> None:
 def _run(arguments: argparse.Namespace) -> int:
     if arguments.files and all(path.suffix.lower() in (".step", ".stp", ".p21") for path in arguments.files):
         return _check_step_files(arguments.files)
-    from stepblocks.build.check import check_output
-    from stepblocks.select import stimulus_files
+    from stepblocks.build.run import check_output
 
     failed = []
     records = []
     count = 0
-    for name, verdicts in check_output(stimulus_files(arguments.files), arguments.output, arguments.only):
+    for name, verdicts in check_output(arguments.files, arguments.output, only=arguments.only):
         count += 1
         bad = [verdict for verdict in verdicts if not verdict.passed]
         if bad:
@@ -61,9 +60,8 @@ def _run(arguments: argparse.Namespace) -> int:
 
 
 def _check_step_files(paths: list[Path]) -> int:
-    from stepblocks.artefacts.step.part21.check_step import check_step_text
-    from stepblocks.artefacts.step.part_file import step_table
+    from stepblocks.artefacts.step.part21.check_step import check_step, step_table
 
-    reports = [check_step_text(path) for path in paths]
+    reports = [check_step(path) for path in paths]
     print("\n\n".join(step_table(report) for report in reports))
     return 0 if all(report.passes for report in reports) else 1

@@ -24,7 +24,6 @@ def add_to(commands: Any) -> None:
     parser.add_argument("--only", metavar="PATTERN", help="only these stimuli, such as 'step-0?0' or 'paper-ten/*'")
     parser.add_argument(
         "--capability",
-        default="2 um",
         metavar="LENGTH",
         help="deviation of a height that the workshop holds in one piece; ask it (default: 2 um, ground, not lapped)",
     )
@@ -32,17 +31,14 @@ def add_to(commands: Any) -> None:
 
 
 def _run(arguments: argparse.Namespace) -> int:
-    from stepblocks.quantities import parse_quantity
-    from stepblocks.select import stimulus_files
-    from stepblocks.workshop.run import route_table, write_orders
+    from stepblocks.workshop.run import route_table, workshop
 
-    capability = parse_quantity(arguments.capability, "length")
-    orders = write_orders(
-        stimulus_files(arguments.files),
+    orders = workshop(
+        arguments.files,
         arguments.output,
-        arguments.only,
-        capability,
-        lambda order: print(f"{order.name}: {len(order.files)} files", flush=True),
+        only=arguments.only,
+        capability=arguments.capability,
+        announce=lambda order: print(f"{order.name}: {len(order.files)} files", flush=True),
     )
     if any(order.routes for order in orders):
         print("\n" + route_table(orders))

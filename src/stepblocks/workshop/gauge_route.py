@@ -26,8 +26,8 @@ STANDARD_SET: tuple[float, ...] = tuple(
     count / 1e7 for count in (10005, *range(10010, 10100, 10), *range(10100, 15000, 100), *range(5000, 100001, 5000))
 )
 
-_WRINGING = 0.02e-6  # Thickness that a wrung joint may add, either block [m]; gauge makers state 0.005 to 0.02 um
-_SECTION = (30e-3, 9e-3)  # Section of a gauge block up to 10 mm (ISO 3650) [m]
+WRINGING = 0.02e-6  # thickness that a wrung joint may add, either block [m]; gauge makers state 0.005 to 0.02 um
+SECTION = (30e-3, 9e-3)  # section of a gauge block up to 10 mm (ISO 3650) [m]
 
 
 @dataclass(frozen=True)
@@ -79,7 +79,7 @@ def choose_pair(height: float, grade: str = "0") -> GaugePair:
     for lower in sorted(STANDARD_SET):
         for upper in STANDARD_SET if lower >= 1e-3 else ():
             if abs(upper - lower - height) < 1e-9:
-                parts = [deviation] * 2 + [0.5 * variation] * 2 + [_WRINGING] * 2
+                parts = [deviation] * 2 + [0.5 * variation] * 2 + [WRINGING] * 2
                 expected = 2.0 * math.sqrt(sum(part * part / 3.0 for part in parts))
                 return GaugePair(lower, upper, grade, sum(parts), min(expected, sum(parts)))
     raise MachiningError(f"height must be a difference of two gauge blocks of the set, got {height * 1e3:.6g} mm")
@@ -113,7 +113,7 @@ def write_gauge_assembly(path: Path, block: StepBlock, grade: str = "0") -> Gaug
     from stepblocks.cad.pmi import PmiDimension, PmiItem, write_step_with_tolerances
 
     pair = choose_pair(block.height.nominal, grade)
-    long, wide = _SECTION
+    long, wide = SECTION
     thick, rim = block.body.thickness.nominal, 5e-3
     floor = -pair.lower
 

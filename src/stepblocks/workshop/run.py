@@ -2,17 +2,22 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
-from fnmatch import fnmatchcase
 from pathlib import Path
 
 from stepblocks.artefacts.inspection_sheet import write_sheet_csv, write_sheet_pdf
+from stepblocks.atomic import inside
 from stepblocks.declare import load_declared
 from stepblocks.errors import MachiningError, PipelineError
+from stepblocks.parts.kind import Part
 from stepblocks.parts.kinds.step_block import StepBlock
+from stepblocks.quantities import parse_quantity
+from stepblocks.select import matches, stimulus_files
 from stepblocks.workshop.drawing.write import write_drawing, write_gauge_drawing
 from stepblocks.workshop.gauge_route import Route, choose_pair, routes_for, write_gauge_assembly
+
+GROUND = "2 um"  # deviation of a height in one piece that is ground, not lapped
 
 
 @dataclass(frozen=True)
@@ -20,29 +25,31 @@ class Order:
     """What was written for one part."""
 
     name: str  # ``"set/id"``
-    files: tuple[Path, ...]  # Drawings, sheets, and for a step block the two-piece variant
-    routes: tuple[Route, ...]  # Ways to make a step block; empty for other parts
+    files: tuple[Path, ...]  # drawings, for a step block also of the two-piece variant, and sheets
+    routes: tuple[Route, ...]  # ways to make a step block; empty for other parts
 
 
-def write_orders(
-    files: list[Path],
-    output: Path,
-    only: str | None,
-    capability: float,
+def workshop(
+    files: str | Path | Sequence[str | Path] | None = None,
+    output: str | Path = "out",
+    *,
+    only: str | None = None,
+    capability: str | float | None = None,
     announce: Callable[[Order], None] | None = None,
 ) -> list[Order]:
-    """Write drawings and sheets of all parts of stimulus files.
+    """Write drawings and sheets of all parts of stimulus files, and say which route reaches each tolerance.
 
     Parameters
     ----------
-    files : list of Path
-        Stimulus files.
-    output : Path
+    files : str, Path or sequence of them, optional
+        Stimulus files, or folders of them; the folder ``stimuli`` where omitted.
+    output : str or Path, optional
         Output folder; the files go to ``output/set/id``, where `build` puts the STEP files.
     only : str, optional
         Pattern such as ``"step-0?0"`` or ``"paper-ten/*"``.
-    capability : float
-        Largest deviation of a height that the workshop holds in one piece [m].
+    capability : str or float, optional
+        Largest deviation of a height that the workshop holds in one piece, such as ``"1 um"``, or in metres; 2 um, ground
+        and not lapped, where omitted.
     announce : callable, optional
         Called after each part.
 
@@ -53,35 +60,39 @@ def write_orders(
 
     Raises
     ------
-    PipelineError
-        If nothing is selected.
-    StimulusError
-        If a file cannot be read.
+    StepblocksError
+        If a file cannot be read, nothing is selected, or a folder to write to lies behind a link.
     """
+    if capability is None:
+        capability = GROUND
+    held = parse_quantity(capability, "length") if isinstance(capability, str) else capability
     orders = []
-    for path in files:
+    for path in stimulus_files(files):
         declared = load_declared(path)
         for stimulus in declared.stimuli:
-            name = f"{declared.name}/{stimulus.id}"
-            if only is not None and not (fnmatchcase(stimulus.id, only) or fnmatchcase(name, only)):
-                continue
-            folder = output / declared.name / stimulus.id
-            folder.mkdir(parents=True, exist_ok=True)
-            written = write_drawing(folder, stimulus)
-            sheets = [folder / f"{stimulus.id}.inspection-sheet.{form}" for form in ("csv", "pdf")]
-            write_sheet_csv(sheets[0], stimulus)
-            write_sheet_pdf(sheets[1], stimulus)
-            routes: list[Route] = []
-            if isinstance(stimulus, StepBlock):
-                routes = routes_for(stimulus, capability)
-                written += _two_piece(folder, stimulus)
-            order = Order(name, (*written, *sheets), tuple(routes))
-            orders.append(order)
-            if announce is not None:
-                announce(order)
+            if only is None or matches(only, declared.name, stimulus.id):
+                orders.append(_order(f"{declared.name}/{stimulus.id}", stimulus, Path(output), held))
+                if announce is not None:
+                    announce(orders[-1])
     if not orders:
         raise PipelineError(f"selection must match at least one stimulus, got {only!r}")
     return orders
+
+
+def _order(name: str, stimulus: Part, output: Path, capability: float) -> Order:
+    folder = inside(output, name)
+    if folder is None:
+        raise PipelineError(f"the folder must lie in the output folder, with no link on the way [{output / name}]")
+    folder.mkdir(parents=True, exist_ok=True)
+    written = write_drawing(folder, stimulus)
+    sheets = [folder / f"{stimulus.id}.inspection-sheet.{form}" for form in ("csv", "pdf")]
+    write_sheet_csv(sheets[0], stimulus)
+    write_sheet_pdf(sheets[1], stimulus)
+    routes: list[Route] = []
+    if isinstance(stimulus, StepBlock):
+        routes = routes_for(stimulus, capability)
+        written += _two_piece(folder, stimulus)
+    return Order(name, (*written, *sheets), tuple(routes))
 
 
 def _two_piece(folder: Path, block: StepBlock) -> list[Path]:
@@ -94,7 +105,7 @@ def _two_piece(folder: Path, block: StepBlock) -> list[Path]:
     return [path, *write_gauge_drawing(folder, block, pair)]
 
 
-def route_table(orders: list[Order]) -> str:
+def route_table(orders: Iterable[Order]) -> str:
     """Return which route reaches each step block's tolerance."""
     head = f"{'part':26} {'route':22} {'deviation um':>12} {'permitted um':>12}  reaches"
     lines = [head, "-" * len(head)]

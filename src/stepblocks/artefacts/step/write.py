@@ -2,7 +2,8 @@
 
 OpenCASCADE writes the limits of a dimension as an untyped SELECT, the density in gram^3 centimetre^2, and the time of day
 into the header. A reader that follows the standard rejects the first two. They are mended in the text, instance
-by instance, and `stepblocks.metrology.part21` then proves the result without the kernel.
+by instance, and `stepblocks.artefacts.step.part21` then proves the result without the kernel. Each tolerance is also
+written out beside the part, with a line to the face it speaks of.
 """
 
 from __future__ import annotations
@@ -11,16 +12,20 @@ import re
 from collections.abc import Sequence
 from pathlib import Path
 
-from stepblocks.artefacts.step.callouts import callout_lines, callout_text
+import numpy as np
+
+from stepblocks.artefacts.numbers import decimals_for, limits_text, millimetres
 from stepblocks.atomic import beside
 from stepblocks.cad import kernel
 from stepblocks.cad.pmi import Callout, PmiDimension, PmiItem, PmiKind, PmiTolerance, write_step_with_tolerances
 from stepblocks.errors import MachiningError
 from stepblocks.parts.characteristics import Characteristic, EdgeRule, FaceRule, Rule, characteristics_of, find_face
 from stepblocks.parts.kind import Part
+from stepblocks.parts.lettering import letters, text_width
 from stepblocks.quantities import format_quantity
 
-PINNED_TIME = "2000-01-01T00:00:00"  # Time stamp in every header: equal stimuli give equal bytes
+Point = tuple[float, float, float]
+PINNED_TIME = "2000-01-01T00:00:00"  # time stamp in every header: equal stimuli give equal bytes
 
 _LIMIT = re.compile(r"^(#\d+)\s*=\s*MEASURE_WITH_UNIT\(\s*([-+0-9.Ee]+)\s*,\s*(#\d+)\s*\)$")
 _PATTERNS = {
@@ -28,7 +33,7 @@ _PATTERNS = {
     "ANGULAR_LOCATION": re.compile(r"^(#\d+\s*=\s*ANGULAR_LOCATION\('[^']*',)\$(,.*)$"),
     "ANGULAR_SIZE": re.compile(r"^(#\d+\s*=\s*ANGULAR_SIZE\(#\d+,)'[^']*'(,.*)$"),
 }
-# Where the description of a dimension stands, and which kinds have one
+# where the description of a dimension stands, and which kinds have one
 _NAMED = {"DIMENSIONAL_LOCATION": ("distance", "to_outer"), "ANGULAR_LOCATION": ("angle",), "ANGULAR_SIZE": ("cone",)}
 _ZERO = re.compile(r"POSITIVE_LENGTH_MEASURE\(0\.(?:E[-+]?\d+)?\)")
 _HEADER = re.compile(r"FILE_NAME\('[^']*',\s*'[^']*'")
@@ -41,7 +46,25 @@ def write_step_ap242(
 ) -> None:
     """Write a part with its tolerances, material and notes."""
     listed = characteristics_of(stimulus)
-    described = [kernel.face_kinds(body) for _, body in bodies]
+    dimensions, tolerances, names = _semantics(stimulus, listed, [kernel.face_kinds(body) for _, body in bodies])
+    notes = [(one.label, _limits(one)) for one in listed if one.kind == "note"]
+    texture = None
+    if stimulus.has_working_faces:
+        demands = stimulus.face_demands
+        texture = demands.roughness
+        if demands.defaults:
+            notes.append(("defaults", f"not stated in the order, so by default: {', '.join(demands.defaults)}"))
+    material = stimulus.material.designation, stimulus.material.density
+    with beside(path) as draft:
+        write_step_with_tolerances(draft, bodies, dimensions, tolerances, material, stimulus.id)
+        text = conforming(draft.read_text(encoding="utf-8"), stimulus.id, timestamp, names, notes, texture)
+        draft.write_text(text, encoding="utf-8")
+
+
+def _semantics(
+    stimulus: Part, listed: Sequence[Characteristic], described: Sequence[tuple[kernel.Face, ...]]
+) -> tuple[list[PmiDimension], list[PmiTolerance], list[tuple[str, str]]]:
+    """Dimensions and tolerances for the kernel, and kind and name of each dimension, which the kernel does not write."""
     dimensions: list[PmiDimension] = []
     tolerances: list[PmiTolerance] = []
     names: list[tuple[str, str]] = []
@@ -50,9 +73,10 @@ def write_step_ap242(
         if one.kind == "note":
             continue
         items = tuple(_item(described, rule, one.body, stimulus.id) for rule in one.faces)
-        text = callout_text(one, number)
+        text = _callout_text(one, number)
         leads_to = described[items[-1].body][items[-1].face]
-        seen = Callout(_ascii(text), callout_lines(text, len(dimensions) + len(tolerances), everything, leads_to))
+        lines = _callout_lines(text, len(dimensions) + len(tolerances), everything, leads_to)
+        seen = Callout(text.replace("±", "+-"), lines)  # Part 21 holds ASCII
         if one.kind in ("flatness", "parallelism"):
             datum = ("A", items[1].face) if one.kind == "parallelism" else None
             tolerances.append(PmiTolerance(one.kind, one.body, items[0].face, one.upper, datum, seen))
@@ -60,20 +84,7 @@ def write_step_ap242(
             kind = _pmi_kind(one)
             dimensions.append(PmiDimension(kind, items, one.nominal, one.lower, one.upper, seen))
             names.append((kind, one.label))
-    material = stimulus.material
-    with beside(path) as draft:
-        write_step_with_tolerances(
-            draft, bodies, dimensions, tolerances, (material.designation, material.density), stimulus.id
-        )
-        notes = [(one.label, _limits(one)) for one in listed if one.kind == "note"]
-        texture = None
-        if stimulus.has_working_faces:
-            demands = stimulus.face_demands
-            texture = demands.roughness
-            if demands.defaults:
-                notes.append(("defaults", f"not stated in the order, so by default: {', '.join(demands.defaults)}"))
-        text = conforming(draft.read_text(encoding="utf-8"), stimulus.id, timestamp, names, notes, texture)
-        draft.write_text(text, encoding="utf-8")
+    return dimensions, tolerances, names
 
 
 def _pmi_kind(one: Characteristic) -> PmiKind:
@@ -93,17 +104,36 @@ def _pmi_kind(one: Characteristic) -> PmiKind:
     raise MachiningError(f"{one.label} must be a dimension, got {one.kind}")
 
 
-def _item(described: Sequence[Sequence[kernel.Face]], rule: Rule, body: int, place: str) -> PmiItem:
+def _item(described: Sequence[tuple[kernel.Face, ...]], rule: Rule, body: int, place: str) -> PmiItem:
     owner = body if rule.body is None else rule.body
-    part = tuple(described[owner])
-    if isinstance(rule, EdgeRule):
-        return PmiItem(owner, find_face(part, rule.first, place), find_face(part, rule.second, place))
-    return PmiItem(owner, find_face(part, rule, place))
+    sides = (rule.first, rule.second) if isinstance(rule, EdgeRule) else (rule,)
+    return PmiItem(owner, *(find_face(described[owner], side, place) for side in sides))
 
 
-def _ascii(text: str) -> str:
-    """Return text as Part 21 may hold it without escapes."""
-    return text.replace("±", "+-")
+def _callout_text(one: Characteristic, number: int) -> str:
+    """Return what a callout says, with the number of the drawing."""
+    if one.kind in ("flatness", "parallelism"):
+        zone = millimetres(one.upper, max(decimals_for(one.upper), 3))
+        return f"{number}  {one.label} {zone}"
+    sign = {"diameter": "dia. ", "radius": "R "}.get(one.kind, "")
+    return f"{number}  {one.label} {sign}{limits_text(one.nominal, one.lower, one.upper)}"
+
+
+def _callout_lines(text: str, place: int, part: Sequence[kernel.Face], face: kernel.Face) -> list[tuple[Point, Point]]:
+    """Draw a callout in the plane before the front of a part."""
+    low = np.min([one.low for one in part], axis=0)
+    high = np.max([one.high for one in part], axis=0)
+    size = 0.03 * float(np.max(high - low))
+    x0, y, z0 = float(high[0]) + 4.0 * size, float(low[1]) - 2.0 * size, float(low[2]) + (2.0 * place + 1.0) * size
+    middle = x0 + 0.5 * text_width(text, size)
+    lines: list[tuple[Point, Point]] = []
+    for outer, holes in letters(text, size):
+        for ring in (outer, *holes):
+            points = [(middle + float(u), y, z0 + float(v)) for u, v in ring]
+            lines += list(zip(points, [*points[1:], points[0]], strict=True))
+    end = tuple(0.5 * (a + b) for a, b in zip(face.low, face.high, strict=True))
+    lines.append(((x0 - size, y, z0), (end[0], end[1], end[2])))
+    return lines
 
 
 def _limits(one: Characteristic) -> str:

@@ -7,7 +7,8 @@ view, so what it prints is the part; ezdxf keeps value and tolerance in the DIME
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
 from typing import Any
 
 import ezdxf
@@ -16,12 +17,12 @@ from ezdxf.math import Vec2
 
 from stepblocks.artefacts.numbers import decimals_for, limits_text, millimetres
 from stepblocks.parts.characteristics import Characteristic
-from stepblocks.workshop.drawing.lettering_font import FONT
 
 Point = tuple[float, float]
 WIDTH, HEIGHT = 420.0, 297.0  # A3, landscape [mm]
+FONT = "DejaVuSans.ttf"  # as the DXF names it
 _TEXT = 2.5
-_WIDE = 0.87  # Mean advance of a character over its height, for DejaVu Sans
+_WIDE = 0.87  # mean advance of a character over its height, for DejaVu Sans
 _LAYERS = {
     "OUTLINE": (7, 50),
     "HIDDEN": (8, 25),
@@ -32,11 +33,53 @@ _LAYERS = {
 }
 
 
-class Sheet:
-    """One sheet; `document` is the ezdxf drawing, `numbers` are those of the characteristics that stand on it in balloons."""
+_STYLE = {
+    "dimtxsty": "LETTERS",
+    "dimtxt": _TEXT,
+    "dimasz": 2.5,
+    "dimexe": 1.2,
+    "dimexo": 0.8,
+    "dimgap": 0.8,
+    "dimtad": 1,
+    "dimzin": 0,
+    "dimtzin": 0,
+    "dimdsep": ord("."),
+    "dimclrd": 7,
+    "dimclre": 7,
+    "dimclrt": 7,
+    "dimtih": 0,
+    "dimtoh": 0,
+    "dimtofl": 1,
+}
+_PREFIX = {"diameter": "dia. <>", "radius": "R<>"}  # of a dimension's text, by kind
 
-    def __init__(self) -> None:
-        self.numbers: set[int] = set()
+
+def round_scale(wanted: float) -> float:
+    """Return the largest of 1, 2, 2.5, 4, 5 times a power of ten that does not exceed `wanted`."""
+    decade = 10.0 ** math.floor(math.log10(wanted))
+    return max(step * decade for step in (1.0, 2.0, 2.5, 4.0, 5.0) if step * decade <= wanted * (1.0 + 1e-9))
+
+
+@dataclass(frozen=True)
+class View:
+    """Where the origin of a view lies on the paper, and its scale, which may differ for lengths and heights."""
+
+    origin: Point
+    scale: float
+    heights: float | None = None  # that of lengths where None
+
+    def at(self, x: float, z: float) -> Point:
+        """Return the place on the paper of a point of the part [m]."""
+        (cx, cz), up = self.origin, self.heights or self.scale
+        return cx + x * 1e3 * self.scale, cz + z * 1e3 * up
+
+
+class Sheet:
+    """One sheet with the characteristics that are to stand on it; `document` is the ezdxf drawing."""
+
+    def __init__(self, listed: Iterable[Characteristic]) -> None:
+        self.listed = {one.key: (number, one) for number, one in enumerate(listed, start=1)}
+        self.numbers: set[int] = set()  # of those that stand on it in balloons
         self.document: Any = ezdxf.new("R2010", setup=["linetypes"], units=4)
         self.space: Any = self.document.modelspace()
         for name, (colour, weight) in _LAYERS.items():
@@ -48,24 +91,7 @@ class Sheet:
         self.document.appids.add("STEPBLOCKS")
         self.document.styles.add("LETTERS", font=FONT)
         style = self.document.dimstyles.add("PART")
-        style.dxf.dimtxsty = "LETTERS"
-        for name, value in {
-            "dimtxt": _TEXT,
-            "dimasz": 2.5,
-            "dimexe": 1.2,
-            "dimexo": 0.8,
-            "dimgap": 0.8,
-            "dimtad": 1,
-            "dimzin": 0,
-            "dimtzin": 0,
-            "dimdsep": ord("."),
-            "dimclrd": 7,
-            "dimclre": 7,
-            "dimclrt": 7,
-            "dimtih": 0,
-            "dimtoh": 0,
-            "dimtofl": 1,
-        }.items():
+        for name, value in _STYLE.items():
             style.dxf.set(name, value)
 
     def line(self, a: Point, b: Point, layer: str = "OUTLINE") -> None:
@@ -92,35 +118,25 @@ class Sheet:
     def break_line(self, x: float, low: float, high: float) -> None:
         """Draw a vertical break with a zigzag in its middle."""
         middle = 0.5 * (low + high)
-        self.polyline(
-            [
-                (x, low),
-                (x, middle - 2.0),
-                (x - 1.2, middle - 0.8),
-                (x + 1.2, middle + 0.8),
-                (x, middle + 2.0),
-                (x, high),
-            ],
-            "DIMENSION",
-        )
+        zigzag = [(x, middle - 2.0), (x - 1.2, middle - 0.8), (x + 1.2, middle + 0.8), (x, middle + 2.0)]
+        self.polyline([(x, low), *zigzag, (x, high)], "DIMENSION")
 
-    def dimension(
-        self, number: int, one: Characteristic, a: Point, b: Point, along: Point, scale: float, angle: float = 0.0
-    ) -> None:
-        """Draw a linear dimension with its tolerance and balloon."""
+    def dimension(self, key: str, a: Point, b: Point, along: Point, scale: float, *, upright: bool = False) -> None:
+        """Draw a linear dimension with its tolerance and balloon, its line through `along`."""
+        number, one = self.listed[key]
         decimals = decimals_for(one.nominal, one.lower, one.upper)
         override: dict[str, Any] = {"dimlfac": 1.0 / scale, "dimdec": decimals, "dimtdec": decimals}
-        if one.kind == "diameter":
-            override["dimpost"] = "dia. <>"
-        if one.kind == "radius":
-            override["dimpost"] = "R<>"
-        distance = abs(b[0] - a[0]) if angle == 0.0 else abs(b[1] - a[1])
-        printed = limits_text(one.nominal, one.lower, one.upper).replace(" ", "")
-        needed = (
-            _WIDE * _TEXT * (len(printed) + (5 if one.kind == "diameter" else 1 if one.kind == "radius" else 0)) + 2.0
-        )
+        prefix = _PREFIX.get(one.kind, "")
+        if prefix:
+            override["dimpost"] = prefix
         dimension = self.space.add_linear_dim(
-            base=along, p1=a, p2=b, angle=angle, dimstyle="PART", override=override, dxfattribs={"layer": "DIMENSION"}
+            base=along,
+            p1=a,
+            p2=b,
+            angle=90.0 if upright else 0.0,
+            dimstyle="PART",
+            override=override,
+            dxfattribs={"layer": "DIMENSION"},
         )
         dimension.set_tolerance(
             one.upper * 1e3,
@@ -130,19 +146,21 @@ class Sheet:
             leading_zeros=True,
             trailing_zeros=True,
         )
-        middle = Vec2(0.5 * (a[0] + b[0]), along[1]) if angle == 0.0 else Vec2(along[0], 0.5 * (a[1] + b[1]))
-        if distance < needed + 10.0:
-            # a narrow dimension carries its text beside the arrows, after its own end
-            end = max(a[0], b[0]) if angle == 0.0 else max(a[1], b[1])
-            reach = 0.5 * needed + 3.0
-            middle = Vec2(end + reach, along[1] + 2.2) if angle == 0.0 else Vec2(along[0] - 2.2, end + reach)
+        # along the line of the dimension: its ends, and the length of its text
+        start, end = sorted((a[1], b[1]) if upright else (a[0], b[0]))
+        printed = limits_text(one.nominal, one.lower, one.upper).replace(" ", "")
+        needed = _WIDE * _TEXT * (len(printed) + len(prefix.replace("<>", ""))) + 2.0
+        narrow = end - start < needed + 10.0
+        reach = 0.5 * needed + 3.0
+        if narrow:  # the text stands beside the arrows, after the end
+            middle = Vec2(along[0] - 2.2, end + reach) if upright else Vec2(end + reach, along[1] + 2.2)
             dimension.set_location(middle, leader=False)
+        else:
+            middle = Vec2(along[0], 0.5 * (a[1] + b[1])) if upright else Vec2(0.5 * (a[0] + b[0]), along[1])
         dimension.render()
         dimension.dimension.set_xdata("STEPBLOCKS", [(1000, one.key), (1070, number)])
-        if distance < needed + 10.0:
-            off = Vec2(0.5 * needed + 3.0, 0.0) if angle == 0.0 else Vec2(0.0, 0.5 * needed + 3.0)
-        else:
-            off = Vec2(0.5 * needed + 2.6, 3.4) if angle == 0.0 else Vec2(-3.4, 0.5 * needed + 2.6)
+        after, beside = (reach, 0.0) if narrow else (0.5 * needed + 2.6, 3.4)
+        off = Vec2(-beside, after) if upright else Vec2(after, beside)
         self.balloon(number, (middle.x + off.x, middle.y + off.y))
 
     def balloon(self, number: int, at: Point) -> None:
@@ -151,19 +169,18 @@ class Sheet:
         self.circle(at, 2.6, "DIMENSION")
         self.text(at, str(number), 2.2, "MIDDLE_CENTER")
 
-    def leader(self, tip: Point, elbow: Point, text: str = "", number: int | None = None) -> None:
-        """Draw an arrow to `tip` from a text at `elbow`, on the side away from the tip."""
-        right = elbow[0] >= tip[0]
-        shelf = elbow[0] + (3.0 if right else -3.0)
+    def leader(self, tip: Point, elbow: Point, text: str, key: str = "") -> None:
+        """Draw an arrow to `tip` from a text at `elbow`, on the side away from the tip; ``{}`` are the limits of `key`."""
+        number, one = self.listed.get(key, (None, None))
+        if one is not None:
+            text = text.format(limits_text(one.nominal, one.lower, one.upper))
+        side = 1.0 if elbow[0] >= tip[0] else -1.0
+        shelf = elbow[0] + side * 3.0
         self.polyline([tip, elbow, (shelf, elbow[1])], "DIMENSION")
         self.arrow(tip, elbow)
-        width = _WIDE * _TEXT * len(text)
-        if text:
-            at = (shelf + 1.0, elbow[1]) if right else (shelf - 1.0, elbow[1])
-            self.text(at, text, _TEXT, "MIDDLE_LEFT" if right else "MIDDLE_RIGHT")
+        self.text((shelf + side, elbow[1]), text, _TEXT, "MIDDLE_LEFT" if side > 0.0 else "MIDDLE_RIGHT")
         if number is not None:
-            gap = 5.0 + width
-            self.balloon(number, (shelf + gap if right else shelf - gap, elbow[1]))
+            self.balloon(number, (shelf + side * (5.0 + _WIDE * _TEXT * len(text)), elbow[1]))
 
     def arrow(self, tip: Point, tail: Point, size: float = 2.5) -> None:
         """Draw a filled arrow head at `tip`, coming from `tail`."""
@@ -174,20 +191,20 @@ class Sheet:
             corners.append((tip[0] + size * math.cos(side), tip[1] + size * math.sin(side)))
         self.space.add_solid([*corners, corners[-1]], dxfattribs={"layer": "DIMENSION"})
 
-    def frame(self, at: Point, kind: str, zone: float, number: int, datum: str = "") -> Point:
-        """Draw a feature-control frame as geometry, since viewers do not render the native entity."""
+    def frame(self, key: str, at: Point, datum: str = "") -> Point:
+        """Draw a feature-control frame as geometry, since viewers do not render the native entity; return its left end."""
+        number, one = self.listed[key]
         x, y = at
         high, cell = 6.0, 7.0
-        value = millimetres(zone, max(decimals_for(zone), 3))
+        value = millimetres(one.upper, max(decimals_for(one.upper), 3))
         wide = 3.0 + _WIDE * _TEXT * len(value)
         ends = [x + cell, x + cell + wide, *([x + cell + wide + cell] if datum else [])]
         self.rectangle(at, (ends[-1], y + high), "FRAME")
         for end in ends[:-1]:
             self.line((end, y), (end, y + high), "FRAME")
-        if kind == "flatness":
-            self.polyline(
-                [(x + 1.2, y + 1.8), (x + 4.4, y + 1.8), (x + 5.8, y + 4.2), (x + 2.6, y + 4.2)], "FRAME", closed=True
-            )
+        if one.kind == "flatness":
+            corners = [(x + 1.2, y + 1.8), (x + 4.4, y + 1.8), (x + 5.8, y + 4.2), (x + 2.6, y + 4.2)]
+            self.polyline(corners, "FRAME", closed=True)
         else:
             for shift in (0.0, 1.8):
                 self.line((x + 1.8 + shift, y + 1.4), (x + 3.4 + shift, y + 4.6), "FRAME")
@@ -196,6 +213,11 @@ class Sheet:
             self.text((ends[-1] - 0.5 * cell, y + 0.5 * high), datum, _TEXT, "MIDDLE_CENTER")
         self.balloon(number, (ends[-1] + 4.0, y + 0.5 * high))
         return x, y + 0.5 * high
+
+    def point_to(self, face: Point, start: Point) -> None:
+        """Lead from the left end of a frame straight to a face."""
+        self.polyline([start, (face[0], start[1]), face], "DIMENSION")
+        self.arrow(face, (face[0], start[1]))
 
     def datum(self, at: Point, letter: str) -> None:
         """Draw a datum triangle under a face, with its letter in a box below."""
@@ -207,23 +229,32 @@ class Sheet:
         self.rectangle((x - 3.0, y - 12.0), (x + 3.0, y - 6.0), "FRAME")
         self.text((x, y - 9.0), letter, 3.0, "MIDDLE_CENTER")
 
-    def border(self, rows: Sequence[tuple[str, str]], title: str) -> None:
+    def border(self, title: str, identity: str, material: str) -> None:
         """Draw the frame of the sheet and the title block in its lower right corner."""
+        rows = [
+            ("identity", identity),
+            ("material", material),
+            ("unit", "mm"),
+            ("general tolerances", "ISO 2768-m"),
+            ("tolerancing", "ISO 8015, ISO 1101"),
+            ("reference temperature", "20 deg C (ISO 1)"),
+            ("edges", "ISO 13715"),
+            ("projection, size", "first angle, A3"),
+        ]
         self.rectangle((10.0, 10.0), (WIDTH - 10.0, HEIGHT - 10.0), "FRAME")
-        left, high = WIDTH - 190.0, 8.0
-        top = 20.0 + high * math.ceil(0.5 * len(rows))
+        left, high, half = WIDTH - 190.0, 8.0, len(rows) // 2
+        top = 20.0 + high * half
         self.rectangle((left, 10.0), (WIDTH - 10.0, top), "FRAME")
         self.line((left, top - 10.0), (WIDTH - 10.0, top - 10.0), "FRAME")
         self.text((left + 3.0, top - 5.0), title, 4.5, "MIDDLE_LEFT")
-        half = 0.5 * len(rows)
         for index, (name, value) in enumerate(rows):
-            column, row = divmod(index, math.ceil(half))
+            column, row = divmod(index, half)
             x, y = left + 90.0 * column, top - 10.0 - high * row
             self.rectangle((x, y - high), (x + 90.0, y), "FRAME")
             self.text((x + 2.0, y - 2.2), name, 1.6, "MIDDLE_LEFT")
             self.text((x + 2.0, y - 5.4), value, 2.5, "MIDDLE_LEFT")
 
-    def notes(self, at: Point, lines: Sequence[str]) -> None:
-        """Write numbered notes downwards from a point."""
+    def notes(self, at: Point, lines: Iterable[str]) -> None:
+        """Write notes downwards from a point."""
         for index, line in enumerate(lines):
-            self.text((at[0], at[1] - 5.0 * index), line, _TEXT, "LEFT")
+            self.text((at[0], at[1] - 5.0 * index), line)

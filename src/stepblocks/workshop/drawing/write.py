@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+import math
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass
+from functools import cache
 from pathlib import Path
 from typing import Any
 
@@ -12,129 +15,140 @@ from stepblocks.atomic import beside
 from stepblocks.errors import MachiningError
 from stepblocks.parts.characteristics import Characteristic, characteristics_of
 from stepblocks.parts.kind import Part
+from stepblocks.parts.kinds.crown_on_tooth import CrownOnTooth
+from stepblocks.parts.kinds.margin_block import MarginBlock
+from stepblocks.parts.kinds.sheath import Sheath
 from stepblocks.parts.kinds.step_block import StepBlock
+from stepblocks.parts.kinds.tips import HookTip, StraightTip
 from stepblocks.parts.revolution import Turned
-from stepblocks.workshop.drawing.lettering_font import shipped_fonts
+from stepblocks.workshop.drawing.blocks import gauge_sheet, margin_block_views, step_block_views
+from stepblocks.workshop.drawing.sheet import HEIGHT, WIDTH, Sheet
+from stepblocks.workshop.drawing.turned import (
+    crown_views,
+    hook_tip_views,
+    sheath_views,
+    straight_tip_views,
+    turned_views,
+)
 from stepblocks.workshop.gauge_route import GaugePair
+
+FORMATS = ("dxf", "svg", "pdf")
+# who draws a kind on a sheet and returns lines for its notes; without views everything is said in words
+VIEWS: Mapping[type, Callable[[Sheet, Any], list[str]]] = {
+    StepBlock: step_block_views,
+    MarginBlock: margin_block_views,
+    CrownOnTooth: crown_views,
+    StraightTip: straight_tip_views,
+    HookTip: hook_tip_views,
+    Sheath: sheath_views,
+    Turned: turned_views,  # any other turned kind
+}
 
 
 @dataclass(frozen=True)
 class DrawnDimension:
     """A dimension read back from a DXF file."""
 
-    key: str  # Key of the characteristic
-    number: int  # Its number on the drawing
-    value: float  # What the drawn geometry measures at the scale of its view [m]
-    lower: float  # Deviations [m]
-    upper: float
-    text: str  # What is printed
+    key: str  # of the characteristic
+    number: int  # on the drawing
+    value: float  # what the drawn geometry measures at the scale of its view [m]
+    lower: float  # signed deviation [m]
+    upper: float  # signed deviation [m]
+    text: str  # what is printed
 
 
-def write_drawing(folder: Path, stimulus: Part, formats: tuple[str, ...] = ("dxf", "svg", "pdf")) -> list[Path]:
+def write_drawing(folder: Path, stimulus: Part, formats: Sequence[str] = FORMATS) -> list[Path]:
     """Draw a part."""
-    if set(formats) - {"dxf", "svg", "pdf"}:
-        raise MachiningError(f"formats must be of dxf, svg, pdf, got {', '.join(formats)}")
-    listed = characteristics_of(stimulus)
-    numbered = {one.key: (index, one) for index, one in enumerate(listed, start=1)}
-    return _write_all(folder, f"{stimulus.id}.drawing", formats, lambda: _drawn(stimulus, listed, numbered))
+    if set(formats) - set(FORMATS):
+        raise MachiningError(f"formats must be of {', '.join(FORMATS)}, got {', '.join(formats)}")
+    return _write_all(folder, f"{stimulus.id}.drawing", formats, lambda: _part_sheet(stimulus))
 
 
 def write_gauge_drawing(folder: Path, block: StepBlock, pair: GaugePair) -> list[Path]:
     """Draw the two-piece block of a pair of gauge blocks."""
-    from stepblocks.workshop.drawing.gauge_views import gauge_sheet
-
-    return _write_all(folder, f"{block.id}.gauge", ("dxf", "svg", "pdf"), lambda: gauge_sheet(block, pair))
+    return _write_all(folder, f"{block.id}.gauge", FORMATS, lambda: gauge_sheet(block, pair))
 
 
-def _write_all(folder: Path, name: str, formats: tuple[str, ...], draw: Callable[[], Any]) -> list[Path]:
-    import ezdxf
-
-    paths = []
-    before = ezdxf.options.write_fixed_meta_data_for_testing
-    ezdxf.options.write_fixed_meta_data_for_testing = True  # no time of day, no random identifiers
-    try:
-        with shipped_fonts():
-            sheet = draw()
-            for form in formats:
-                path = folder / f"{name}.{form}"
-                with beside(path) as draft:
-                    if form == "dxf":
-                        _register_classes(sheet.document)
-                        sheet.document.saveas(draft)
-                    else:
-                        _render(sheet, draft)
-                paths.append(path)
-    finally:
-        ezdxf.options.write_fixed_meta_data_for_testing = before
-    return paths
-
-
-def _register_classes(document: Any) -> None:
-    """Register the classes in use in alphabetical order; ezdxf takes them from a set, whose order differs by process."""
-    for name in sorted(document.entitydb.dxf_types_in_use()):
-        document.classes.add_class(name)
-
-
-def _drawn(stimulus: Part, listed: list[Characteristic], numbered: dict[str, tuple[int, Characteristic]]) -> Any:
-    from stepblocks.workshop.drawing.block_views import margin_block_views, step_block_views
-    from stepblocks.workshop.drawing.round_views import crown_views, tip_views, turned_views
-    from stepblocks.workshop.drawing.sheath_views import sheath_views
-    from stepblocks.workshop.drawing.sheet import Sheet
-
-    views: dict[str, Callable[[Any, Any, Any], list[str]]] = {
-        "step_block": step_block_views,
-        "margin_block": margin_block_views,
-        "crown_on_tooth": crown_views,
-        "straight_tip": tip_views,
-        "hook_tip": tip_views,
-        "sheath": sheath_views,
-    }
-    sheet = Sheet()
-    if stimulus.stanza in views:
-        notes = views[stimulus.stanza](sheet, stimulus, numbered)
-    else:  # a kind without views of its own: its half sections where it is turned, all else in words
-        notes = turned_views(sheet, stimulus, numbered) if isinstance(stimulus, Turned) else []
+def _part_sheet(stimulus: Part) -> Sheet:
+    sheet = Sheet(characteristics_of(stimulus))
+    draw = next((VIEWS[kind] for kind in type(stimulus).__mro__ if kind in VIEWS), None)
+    notes = draw(sheet, stimulus) if draw else []
     # what no view shows is said in words, with its number
-    lines = [f"{number}  {one.label}: {_note(one)}" for number, one in numbered.values() if number not in sheet.numbers]
+    lines = [f"{n}  {one.label}: {_limits(one)}" for n, one in sheet.listed.values() if n not in sheet.numbers]
     demands, said = stimulus.face_demands, " (by default)"
     if stimulus.has_working_faces:
         said = f" (by default: {', '.join(demands.defaults)})" if demands.defaults else ""
     lines += [f"Working faces Ra {demands.roughness * 1e6:.2f} um or better{said}.", *notes]
     sheet.notes((232.0, 66.0 + 5.0 * len(lines)), lines)
-    sheet.border(
-        [
-            ("identity", stimulus.id.upper()),
-            ("material", stimulus.material.designation),
-            ("unit", "mm"),
-            ("general tolerances", "ISO 2768-m"),
-            ("tolerancing", "ISO 8015, ISO 1101"),
-            ("reference temperature", "20 deg C (ISO 1)"),
-            ("edges", "ISO 13715"),
-            ("projection, size", "first angle, A3"),
-        ],
-        stimulus.titled,
-    )
+    sheet.border(stimulus.titled, stimulus.id.upper(), stimulus.material.designation)
     return sheet
 
 
-def _note(one: Characteristic) -> str:
+def _limits(one: Characteristic) -> str:
     if one.quantity == "angle":
-        import math
-
         low, high = (math.degrees(value) for value in (one.lower, one.upper))
         return f"{math.degrees(one.nominal):g} deg {high:+g}/{low:+g} deg"
     return limits_text(one.nominal, one.lower, one.upper)
 
 
-def _render(sheet: Any, path: Path) -> None:
+def _write_all(folder: Path, name: str, formats: Sequence[str], draw: Callable[[], Sheet]) -> list[Path]:
+    import ezdxf
+
+    paths = [folder / f"{name}.{form}" for form in formats]
+    before = ezdxf.options.write_fixed_meta_data_for_testing
+    ezdxf.options.write_fixed_meta_data_for_testing = True  # no time of day, no random identifiers
+    try:
+        with _shipped_fonts():
+            sheet = draw()
+            for path in paths:
+                with beside(path) as draft:
+                    if path.suffix == ".dxf":
+                        # ezdxf takes classes from a set, whose order differs by process
+                        for kind in sorted(sheet.document.entitydb.dxf_types_in_use()):
+                            sheet.document.classes.add_class(kind)
+                        sheet.document.saveas(draft)
+                    else:
+                        _render(sheet, draft)
+    finally:
+        ezdxf.options.write_fixed_meta_data_for_testing = before
+    return paths
+
+
+@contextmanager
+def _shipped_fonts() -> Iterator[None]:
+    """Let ezdxf see only the fonts that matplotlib carries, and give it back its own afterwards.
+
+    ezdxf looks fonts up in one manager per process, filled from the folders of the system; text widths, and with them
+    the outlines in SVG and PDF, would differ where another version of the font is installed.
+    """
+    from ezdxf.fonts import fonts
+
+    before, glyphs = fonts.font_manager, fonts.TrueTypeFont._glyph_caches
+    fonts.font_manager, fonts.TrueTypeFont._glyph_caches = _fonts_of_matplotlib()
+    try:
+        yield
+    finally:
+        fonts.font_manager, fonts.TrueTypeFont._glyph_caches = before, glyphs
+
+
+@cache
+def _fonts_of_matplotlib() -> tuple[Any, dict[str, Any]]:
+    import matplotlib as mpl
+    from ezdxf.fonts.font_manager import FontManager
+
+    manager = FontManager()
+    manager.scan_folder(Path(mpl.get_data_path()) / "fonts" / "ttf")
+    return manager, {}
+
+
+def _render(sheet: Sheet, path: Path) -> None:
+    """Write SVG or PDF, by the suffix."""
     import matplotlib as mpl
     from ezdxf.addons.drawing import Frontend, RenderContext
     from ezdxf.addons.drawing.config import BackgroundPolicy, ColorPolicy, Configuration, LineweightPolicy
     from ezdxf.addons.drawing.matplotlib import MatplotlibBackend
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
-
-    from stepblocks.workshop.drawing.sheet import HEIGHT, WIDTH
 
     with mpl.rc_context({"svg.hashsalt": "stepblocks", "svg.fonttype": "path"}):
         figure = Figure(figsize=(WIDTH / 25.4, HEIGHT / 25.4))
@@ -154,14 +168,8 @@ def _render(sheet: Any, path: Path) -> None:
         axes.set_aspect("auto")  # the figure has the sheet's own proportions
         axes.set_position((0.0, 0.0, 1.0, 1.0))
         axes.set_axis_off()
-        metadata = (
-            {"Date": None}
-            if path.suffix == ".svg"
-            else {"CreationDate": None, "ModDate": None}
-            if path.suffix == ".pdf"
-            else {}
-        )
-        figure.savefig(path, metadata=metadata, dpi=150)
+        dated = ("Date",) if path.suffix == ".svg" else ("CreationDate", "ModDate")
+        figure.savefig(path, metadata=dict.fromkeys(dated), dpi=150)
 
 
 def drawn_dimensions(path: Path) -> list[DrawnDimension]:
@@ -186,14 +194,6 @@ def drawn_dimensions(path: Path) -> list[DrawnDimension]:
             for part in entity.virtual_entities()
             if part.dxftype() in ("MTEXT", "TEXT")
         )
-        found.append(
-            DrawnDimension(
-                str(tags[0].value),
-                int(tags[1].value),
-                measured / 1e3,
-                -float(style.get("dimtm", 0.0)) / 1e3,
-                float(style.get("dimtp", 0.0)) / 1e3,
-                printed,
-            )
-        )
+        lower, upper = -float(style.get("dimtm", 0.0)) / 1e3, float(style.get("dimtp", 0.0)) / 1e3
+        found.append(DrawnDimension(str(tags[0].value), int(tags[1].value), measured / 1e3, lower, upper, text=printed))
     return sorted(found, key=lambda one: one.number)

@@ -24,24 +24,30 @@ _LOCATIONS = (
     "DIMENSIONAL_LOCATION_WITH_PATH",
     "ANGULAR_LOCATION",
 )
+_TOLERANCES = (
+    *("FLATNESS", "STRAIGHTNESS", "ROUNDNESS", "CYLINDRICITY"),
+    *("PARALLELISM", "PERPENDICULARITY", "ANGULARITY"),
+    *("POSITION", "CONCENTRICITY", "COAXIALITY", "SYMMETRY"),
+    *("LINE_PROFILE", "SURFACE_PROFILE", "CIRCULAR_RUNOUT", "TOTAL_RUNOUT"),
+)
 
 
 @dataclass(frozen=True)
 class Characteristic:
     """One dimension or tolerance."""
 
-    ref: str  # Its instance
-    kind: str  # ``diameter``, ``linear distance``, ``flatness``,
-    name: str  # Name or description in the file
-    value: float  # Nominal of a dimension, zone of a tolerance [m or rad]
-    lower: float  # Deviations, signed [m or rad]; nan where the file states none
-    upper: float
-    unit: str  # Unit in the file
-    faces: tuple[str, ...]  # Faces it names
-    geometry: float | None  # The same from the geometry of those faces [m or rad]; None where they do not determine it
-    datums: tuple[str, ...] = ()  # Letters of the datums a tolerance refers to
-    angular: bool = False  # Whether value and limits are angles
-    problem: str = ""  # What is wrong with the dimension itself; empty where nothing is
+    ref: str  # instance
+    kind: str  # ``diameter``, ``linear distance``, ``flatness``
+    name: str  # name or description in the file
+    value: float  # nominal of a dimension, zone of a tolerance [m or rad]
+    lower: float  # signed deviation [m or rad]; nan where the file states none
+    upper: float  # signed deviation [m or rad]; nan where the file states none
+    unit: str  # in the file
+    faces: tuple[str, ...]  # that it names
+    geometry: float | None = None  # the value by those faces [m or rad]; None where they do not determine it
+    datums: tuple[str, ...] = ()  # letters of those that a tolerance refers to
+    angular: bool = False  # whether value and limits are angles
+    problem: str = ""  # what is wrong with the dimension itself; empty where nothing is
 
     @property
     def deviation(self) -> float | None:
@@ -56,14 +62,13 @@ def dimensions_of(file: Exchange) -> list[Characteristic]:
         kind, name = (str(values[1]) if len(values) > 1 else "size"), ""
         if file.parameters(ref, "ANGULAR_SIZE"):
             kind, name = "angular size", _text(values[1])
-        surfaces = faces_of(file, values[0])
-        found.append(_dimension(file, ref, kind, name, surfaces, None))
+        found.append(_dimension(file, ref, kind, name, faces_of(file, values[0]), None))
     for ref, values in file.named(*_LOCATIONS):
         if len(values) < 4:
             continue
-        named = "" if values[1] in (None, "$") else _text(values[1])
         kind = _text(values[0]) or ("angular location" if file.parameters(ref, "ANGULAR_LOCATION") else "location")
-        found.append(_dimension(file, ref, kind, named, faces_of(file, values[2]), faces_of(file, values[3])))
+        sides = faces_of(file, values[2]), faces_of(file, values[3])
+        found.append(_dimension(file, ref, kind, _text(values[1]), *sides))
     return sorted(found, key=lambda one: int(one.ref[1:]))
 
 
@@ -78,9 +83,8 @@ def _dimension(
     lower, upper, problem = _deviations(file, ref, nominal, limits)
     angular = nominal is not None and nominal.unit.dimension == "angle"
     value = nominal.si if nominal is not None else math.nan
-    if nominal is None:
-        problem = problem or "no value"
-    bodies = {one.representation for one in [*first, *(second or [])]}
+    named = [*first, *(second or [])]
+    bodies = {one.representation for one in named}
     if len(bodies) > 1 and not placed_where_drawn(file):
         geometry = None
     elif second is None:
@@ -89,12 +93,24 @@ def _dimension(
         geometry = measured_angle(first, second, value)
     else:
         geometry = measured_distance(first, second, kind)
-    planes = bool(first and second) and all(one.kind == "PLANE" for one in [*first, *(second or [])])
-    if planes and second and geometry is None and not (problem or angular) and len(bodies) == 1:
+    planes = bool(first and second) and all(one.kind == "PLANE" for one in named)
+    if nominal is None:
+        problem = problem or "no value"
+    elif planes and second and geometry is None and not (problem or angular) and len(bodies) == 1:
         problem = f"names planes {first[0].ref} and {second[0].ref} that are not parallel"
-    faces = tuple(one.ref for one in [*first, *(second or [])])
-    unit = nominal.unit.name if nominal is not None else "?"
-    return Characteristic(ref, kind, name, value, lower, upper, unit, faces, geometry, (), angular, problem)
+    return Characteristic(
+        ref=ref,
+        kind=kind,
+        name=name,
+        value=value,
+        lower=lower,
+        upper=upper,
+        unit=nominal.unit.name if nominal is not None else "?",
+        faces=tuple(one.ref for one in named),
+        geometry=geometry,
+        angular=angular,
+        problem=problem,
+    )
 
 
 def _values(file: Exchange, ref: str) -> tuple[Measure | None, dict[str, Measure]]:
@@ -123,9 +139,9 @@ def _values(file: Exchange, ref: str) -> tuple[Measure | None, dict[str, Measure
 def _deviations(
     file: Exchange, ref: str, nominal: Measure | None, limits: dict[str, Measure]
 ) -> tuple[float, float, str]:
+    """Signed deviations, and what is wrong with them."""
     if nominal is not None and limits:
-        lower = limits["lower"].si - nominal.si if "lower" in limits else math.nan
-        upper = limits["upper"].si - nominal.si if "upper" in limits else math.nan
+        lower, upper = (limits[side].si - nominal.si if side in limits else math.nan for side in ("lower", "upper"))
         return lower, upper, "limits are not in order" if lower >= upper else ""
     for user in file.users(ref):
         pair = file.parameters(user, "PLUS_MINUS_TOLERANCE")
@@ -140,54 +156,32 @@ def _deviations(
                 return math.nan, math.nan, "limits in another kind of unit than the value"
             return low.si, high.si, "limits are not in order" if low.si >= high.si else ""
         if file.parameters(pair[0], "LIMITS_AND_FITS"):
-            return math.nan, math.nan, ""
+            break
     return math.nan, math.nan, ""
 
 
 def tolerances_of(file: Exchange) -> list[Characteristic]:
     """List the geometric tolerances of a file."""
     found: dict[str, Characteristic] = {}
-    kinds = (
-        "FLATNESS",
-        "STRAIGHTNESS",
-        "ROUNDNESS",
-        "CYLINDRICITY",
-        "PARALLELISM",
-        "PERPENDICULARITY",
-        "ANGULARITY",
-        "POSITION",
-        "CONCENTRICITY",
-        "COAXIALITY",
-        "SYMMETRY",
-        "LINE_PROFILE",
-        "SURFACE_PROFILE",
-        "CIRCULAR_RUNOUT",
-        "TOTAL_RUNOUT",
-    )
-    for kind in kinds:
+    for kind in _TOLERANCES:
         for ref, values in file.named(f"{kind}_TOLERANCE"):
             common = file.parameters(ref, "GEOMETRIC_TOLERANCE") or values
             if len(common) < 4:
                 continue
-            magnitude = measure_of(file, common[2])
+            zone = measure_of(file, common[2])
+            value = zone.si if zone is not None else math.nan
             reference = file.parameters(ref, "GEOMETRIC_TOLERANCE_WITH_DATUM_REFERENCE") or values[4:5]
-            value = magnitude.si if magnitude is not None else math.nan
-            problem = "" if magnitude is not None else "no value"
-            if magnitude is not None and not value > 0.0:
-                problem = "zone must be positive"
             found[ref] = Characteristic(
-                ref,
-                kind.lower().replace("_", " "),
-                _text(common[0]),
-                value,
-                0.0,
-                value,
-                magnitude.unit.name if magnitude else "?",
-                tuple(one.ref for one in faces_of(file, common[3])),
-                None,
-                _datums(file, reference),
-                False,
-                problem,
+                ref=ref,
+                kind=kind.lower().replace("_", " "),
+                name=_text(common[0]),
+                value=value,
+                lower=0.0,
+                upper=value,
+                unit=zone.unit.name if zone else "?",
+                faces=tuple(one.ref for one in faces_of(file, common[3])),
+                datums=_datums(file, reference),
+                problem="no value" if zone is None else "" if value > 0.0 else "zone must be positive",
             )
     return sorted(found.values(), key=lambda one: int(one.ref[1:]))
 

@@ -11,21 +11,21 @@ from stepblocks.artefacts.step.part21.exchange import Exchange, read_exchange
 from stepblocks.artefacts.step.part21.faces import faces_of
 from stepblocks.artefacts.step.part21.units import density_findings, measure_of, untyped_measures
 
-ALLOWED = 1e-9  # Largest difference between a dimension and its faces [m], and [rad] for angles
+ALLOWED = 1e-9  # largest difference between a dimension and its faces [m], and [rad] for angles
 
 
 @dataclass(frozen=True)
 class StepReport:
     """What stands in a STEP file."""
 
-    name: str  # File name
-    schema: tuple[str, ...]  # Its schema
-    dimensions: tuple[Characteristic, ...]  # What it asks for
+    name: str  # of the file
+    schema: tuple[str, ...]
+    dimensions: tuple[Characteristic, ...]
     tolerances: tuple[Characteristic, ...]
-    materials: tuple[str, ...]  # Names of materials
-    densities: tuple[float, ...]  # Densities [kg/m^3]
-    textures: tuple[tuple[str, float], ...]  # Face and largest Ra of every stated surface texture [m]
-    findings: tuple[str, ...]  # One line for everything wrong; none means that the file passes
+    materials: tuple[str, ...]  # names
+    densities: tuple[float, ...]  # kg/m^3
+    textures: tuple[tuple[str, float], ...]  # face and largest Ra of every stated surface texture [m]
+    findings: tuple[str, ...]  # one line for everything wrong; none means that the file passes
 
     @property
     def passes(self) -> bool:
@@ -33,9 +33,28 @@ class StepReport:
         return not self.findings
 
 
-def check_step_text(path: Path, require_ap242: bool = False) -> StepReport:
-    """Check a STEP file without the kernel that wrote it."""
-    file = read_exchange(path)
+def check_step(path: str | Path, *, require_ap242: bool = False) -> StepReport:
+    """Check anybody's STEP file as text, without the kernel that wrote it.
+
+    Parameters
+    ----------
+    path : str or Path
+        The file.
+    require_ap242 : bool, optional
+        Whether another schema, or a tolerance that names no face, is something wrong.
+
+    Returns
+    -------
+    StepReport
+        Every dimension and tolerance with its limits and what its faces measure, the material, and what is wrong: untyped
+        values, units that do not fit, dimensions more than 1 nm (1e-9 rad) off their faces.
+
+    Raises
+    ------
+    MetrologyError
+        If the file is not whole ISO 10303-21 text, or is larger than 128 MiB.
+    """
+    file = read_exchange(Path(path))
     dimensions, tolerances = dimensions_of(file), tolerances_of(file)
     densities, wrong = density_findings(file)
     findings = [*untyped_measures(file), *wrong]
@@ -49,14 +68,14 @@ def check_step_text(path: Path, require_ap242: bool = False) -> StepReport:
         if require_ap242 and not one.faces:
             findings.append(f"{one.ref} {one.kind}: names no face")
     return StepReport(
-        file.name,
-        file.schema,
-        tuple(dimensions),
-        tuple(tolerances),
-        _materials(file),
-        tuple(value for _, value in densities),
-        _textures(file),
-        tuple(findings),
+        name=file.name,
+        schema=file.schema,
+        dimensions=tuple(dimensions),
+        tolerances=tuple(tolerances),
+        materials=_materials(file),
+        densities=tuple(value for _, value in densities),
+        textures=_textures(file),
+        findings=tuple(findings),
     )
 
 
@@ -84,10 +103,8 @@ def _dimension_findings(one: Characteristic) -> list[str]:
 def _textures(file: Exchange) -> tuple[tuple[str, float], ...]:
     found = []
     for _, values in file.named("PROPERTY_DEFINITION_REPRESENTATION"):
-        definition, shown = (
-            file.parameters(values[0], "PROPERTY_DEFINITION"),
-            file.parameters(values[1], "REPRESENTATION"),
-        )
+        definition = file.parameters(values[0], "PROPERTY_DEFINITION")
+        shown = file.parameters(values[1], "REPRESENTATION")
         if len(definition) != 3 or len(shown) != 3 or str(definition[0]) != "surface texture":
             continue
         for measure in filter(None, (measure_of(file, item) for item in shown[1])):
@@ -104,3 +121,34 @@ def _materials(file: Exchange) -> tuple[str, ...]:
                 if described:
                     names.append(str(described[0]))
     return tuple(names)
+
+
+def step_table(report: StepReport) -> str:
+    """Return everything that a STEP file asks for, as a table."""
+    lines = [f"{report.name}: {', '.join(report.schema) or 'no schema'}"]
+    if report.materials:
+        densities = ", ".join(f"{value:g} kg/m^3" for value in report.densities)
+        lines.append(f"material {', '.join(report.materials)} {densities}".rstrip())
+    head = f"{'instance':>9} {'kind':18} {'value':>13} {'lower':>11} {'upper':>11} {'unit':7} {'geometry - value':>17}  name"
+    lines += ["", head, "-" * len(head)]
+    for one in (*report.dimensions, *report.tolerances):
+        scale = 180.0 / math.pi if one.angular else 1e3
+        signed = one.kind in {item.kind for item in report.dimensions}
+        lower, upper = (_signed(value * scale) if signed else "" for value in (one.lower, one.upper))
+        value = "-" if math.isnan(one.value) else f"{one.value * scale:.9g}"
+        if one.deviation is None or math.isnan(one.deviation):
+            deviation = "-"
+        else:
+            deviation = f"{one.deviation * scale:.3g} deg" if one.angular else f"{one.deviation * 1e9:.3f} nm"
+        name = " ".join([one.name, *(f"|{letter}" for letter in one.datums)]).strip()
+        unit = "deg" if one.angular else "mm"
+        lines.append(
+            f"{one.ref:>9} {one.kind:18} {value:>13} {lower:>11} {upper:>11} {unit:7} {deviation:>17}  {name}".rstrip()
+        )
+    lines.append("")
+    lines += [f"WRONG {finding}" for finding in report.findings] or ["nothing wrong found"]
+    return "\n".join(lines)
+
+
+def _signed(value: float) -> str:
+    return "-" if math.isnan(value) else f"{value:+.6g}"

@@ -98,7 +98,7 @@ def read_exchange(path: Path) -> Exchange:
     if not text.lstrip().startswith("ISO-10303-21;"):
         raise MetrologyError(f"STEP file must begin with ISO-10303-21; [{path.name}]")
     head, raw = _raw_instances(text, path)
-    wanted = _with_references(raw, [ref for ref, body in raw.items() if _entity(body) not in _SHAPE])
+    wanted = _with_references(raw, [ref for ref, body in raw.items() if not _SHAPE.fullmatch(_entity(body))])
     from steputils import p21
 
     part = head + "DATA;\n" + "".join(f"{ref}={raw[ref]};\n" for ref in wanted) + "ENDSEC;\nEND-ISO-10303-21;\n"
@@ -107,9 +107,8 @@ def read_exchange(path: Path) -> Exchange:
     except Exception as error:  # a parser of hostile text may fail in any way; each is one line
         reason = " ".join(str(error).split())[:120] or type(error).__name__
         raise MetrologyError(f"STEP file must be sound Part 21 text, got: {reason} [{path.name}]") from error
-    schema = (
-        tuple(str(item) for item in _flat(file.header["FILE_SCHEMA"].params)) if "FILE_SCHEMA" in file.header else ()
-    )
+    stated = file.header["FILE_SCHEMA"].params if "FILE_SCHEMA" in file.header else ()
+    schema = tuple(str(name) for names in stated for name in (names if isinstance(names, tuple | list) else (names,)))
     instances: dict[str, dict[str, tuple[Any, ...]]] = {}
     for section in file.data:
         for instance in section.instances.values():
@@ -121,60 +120,18 @@ def read_exchange(path: Path) -> Exchange:
 _INSTANCE = re.compile(r"\s*(#\d+)\s*=((?:'(?:[^']|'')*'|[^';])*);")
 _STRING = re.compile(r"'(?:[^']|'')*'")
 _COMMENT = re.compile(r"/\*.*?\*/", re.DOTALL)
-_SHAPE = frozenset(
-    (
-        "CARTESIAN_POINT",
-        "DIRECTION",
-        "VECTOR",
-        "LINE",
-        "CIRCLE",
-        "ELLIPSE",
-        "VERTEX_POINT",
-        "EDGE_CURVE",
-        "ORIENTED_EDGE",
-        "EDGE_LOOP",
-        "FACE_BOUND",
-        "FACE_OUTER_BOUND",
-        "ADVANCED_FACE",
-        "PLANE",
-        "CYLINDRICAL_SURFACE",
-        "CONICAL_SURFACE",
-        "SPHERICAL_SURFACE",
-        "TOROIDAL_SURFACE",
-        "PCURVE",
-        "SURFACE_CURVE",
-        "SEAM_CURVE",
-        "DEFINITIONAL_REPRESENTATION",
-        "AXIS2_PLACEMENT_3D",
-        "AXIS2_PLACEMENT_2D",
-        "AXIS1_PLACEMENT",
-        "CLOSED_SHELL",
-        "OPEN_SHELL",
-        "MANIFOLD_SOLID_BREP",
-        "B_SPLINE_CURVE_WITH_KNOTS",
-        "B_SPLINE_SURFACE_WITH_KNOTS",
-        "COORDINATES_LIST",
-        "POLYLINE",
-        "POLY_LOOP",
-        "TESSELLATED_CURVE_SET",
-        "TESSELLATED_GEOMETRIC_SET",
-        "TESSELLATED_ANNOTATION_OCCURRENCE",
-        "DRAUGHTING_CALLOUT",
-        "DRAUGHTING_MODEL",
-        "ANNOTATION_PLANE",
-    )
+# thousands of instances are shape; of them only what a dimension leads to is parsed
+_SHAPE = re.compile(
+    r"(CARTESIAN|VERTEX)_POINT|DIRECTION|VECTOR|LINE|CIRCLE|ELLIPSE|POLYLINE"
+    r"|(EDGE|SURFACE|SEAM)_CURVE|PCURVE|ORIENTED_EDGE|(EDGE|POLY)_LOOP|FACE(_OUTER)?_BOUND|ADVANCED_FACE"
+    r"|PLANE|(CYLINDRICAL|CONICAL|SPHERICAL|TOROIDAL)_SURFACE|B_SPLINE_(CURVE|SURFACE)_WITH_KNOTS"
+    r"|DEFINITIONAL_REPRESENTATION|AXIS2_PLACEMENT_[23]D|AXIS1_PLACEMENT|(CLOSED|OPEN)_SHELL|MANIFOLD_SOLID_BREP"
+    r"|COORDINATES_LIST|TESSELLATED_(CURVE_SET|GEOMETRIC_SET|ANNOTATION_OCCURRENCE)"
+    r"|DRAUGHTING_(CALLOUT|MODEL)|ANNOTATION_PLANE"
 )
-_LEAVES = frozenset(
-    (
-        "EDGE_LOOP",
-        "FACE_BOUND",
-        "FACE_OUTER_BOUND",
-        "CLOSED_SHELL",
-        "OPEN_SHELL",
-        "VERTEX_LOOP",
-        "DRAUGHTING_CALLOUT",
-        "DRAUGHTING_MODEL",
-    )
+# instances whose references are not followed
+_LEAVES = re.compile(
+    r"(EDGE|VERTEX)_LOOP|FACE(_OUTER)?_BOUND|(CLOSED|OPEN)_SHELL|MANIFOLD_SOLID_BREP|DRAUGHTING_(CALLOUT|MODEL)"
 )
 
 
@@ -213,7 +170,7 @@ def _with_references(raw: dict[str, str], start: list[str]) -> list[str]:
     stack = list(start)
     while stack:
         body = raw[stack.pop()]
-        if _entity(body) in _LEAVES or _entity(body) == "MANIFOLD_SOLID_BREP":
+        if _LEAVES.fullmatch(_entity(body)):
             continue
         for target in re.findall(r"#\d+", _STRING.sub("", body)):
             if target in raw and target not in wanted:
@@ -222,21 +179,10 @@ def _with_references(raw: dict[str, str], start: list[str]) -> list[str]:
     return list(wanted)
 
 
-def _plain(values: Any) -> tuple[Any, ...]:
-    return tuple(_value(value) for value in values)
-
-
-def _value(value: Any) -> Any:
+def _plain(value: Any) -> Any:
+    """Turn what the parser gives into tuples, numbers, texts and `Typed`."""
     if hasattr(value, "type_name"):
-        return Typed(str(value.type_name).upper(), _value(value.param))
+        return Typed(str(value.type_name).upper(), _plain(value.param))
     if isinstance(value, tuple | list):
-        return _plain(value)
+        return tuple(_plain(one) for one in value)
     return str(value) if isinstance(value, str) else value
-
-
-def _flat(values: Any) -> Iterator[Any]:
-    for value in values:
-        if isinstance(value, tuple | list):
-            yield from _flat(value)
-        else:
-            yield value

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
@@ -17,20 +17,21 @@ Array = NDArray[np.float64]
 _PARALLEL = 1e-9
 _DEEPEST = 12
 _CURVES = ("LINE", "CIRCLE")
+_NOWHERE: Array = np.full(3, math.nan)
 
 
 @dataclass(frozen=True)
 class Surface:
     """Surface of one face, in metres."""
 
-    ref: str  # The face
+    ref: str  # the face
     # ``PLANE``, ``CYLINDRICAL_SURFACE``, ``SPHERICAL_SURFACE``, ``CONICAL_SURFACE``, ``TOROIDAL_SURFACE`` or another;
     # of an edge, the kind of its curve, ``LINE`` or ``CIRCLE``
     kind: str
-    point: Array  # Location [m] and direction of its placement
-    axis: Array
-    sizes: tuple[float, ...]  # Radius [m]; radius [m] and half angle [rad] of a cone; radii [m] of a torus
-    representation: str = ""  # The representation that holds it: faces of two bodies lie in two
+    point: Array = field(default_factory=_NOWHERE.copy)  # location of its placement [m]
+    axis: Array = field(default_factory=_NOWHERE.copy)  # direction of its placement
+    sizes: tuple[float, ...] = ()  # radius [m]; radius [m] and half angle [rad] of a cone; radii [m] of a torus
+    representation: str = ""  # that holds it: faces of two bodies lie in two
 
 
 def faces_of(file: Exchange, aspect: object, depth: int = 0) -> list[Surface]:
@@ -74,50 +75,45 @@ def _factors(file: Exchange, representation: object) -> tuple[float, float]:
     return math.nan, math.nan
 
 
-def _surface(file: Exchange, face: str, factor: float, angle: float) -> Surface:
-    edge = file.parameters(face, "EDGE_CURVE")
+def _surface(file: Exchange, item: str, factor: float, angle: float) -> Surface:
+    edge = file.parameters(item, "EDGE_CURVE")
     if len(edge) == 5:
-        return _curve(file, face, edge[3], factor)
-    values = file.parameters(face, "ADVANCED_FACE") or file.parameters(face, "FACE_SURFACE")
-    nowhere = np.full(3, math.nan)
+        return _curve(file, item, edge[3], factor)
+    values = file.parameters(item, "ADVANCED_FACE") or file.parameters(item, "FACE_SURFACE")
     if len(values) != 4:
-        return Surface(face, next(iter(file.parts(face)), ""), nowhere, nowhere, ())
-    parts = file.parts(values[2])
-    kind = next(iter(parts), "")
-    parameters = parts.get(kind, ())
+        return Surface(item, next(iter(file.parts(item)), ""))
+    kind, parameters = next(iter(file.parts(values[2]).items()), ("", ()))
     if len(parameters) < 2 or not is_reference(parameters[1]):
-        return Surface(face, kind, nowhere, nowhere, ())
+        return Surface(item, kind)
     point, axis = _placement(file, parameters[1])
-    sizes = [number(value) for value in parameters[2:]]
-    scaled = [(math.nan if size is None else size / _inverse(factor)) for size in sizes]
-    if kind == "CONICAL_SURFACE" and len(scaled) == 2 and sizes[1] is not None:
-        scaled[1] = sizes[1] * angle
-    return Surface(face, kind, point / _inverse(factor), axis, tuple(scaled))
+    sizes = [math.nan if (size := number(value)) is None else size / _inverse(factor) for value in parameters[2:]]
+    half_angle = number(parameters[-1])
+    if kind == "CONICAL_SURFACE" and len(sizes) == 2 and half_angle is not None:
+        sizes[1] = half_angle * angle
+    return Surface(item, kind, point / _inverse(factor), axis, tuple(sizes))
 
 
 def _curve(file: Exchange, edge: str, curve: object, factor: float) -> Surface:
-    """Curve under an edge; one that is given with its traces on the two faces is its own first parameter."""
+    """Read the curve under an edge; one that is given with its traces on the two faces is its own first parameter."""
     for name in ("SURFACE_CURVE", "SEAM_CURVE"):
         inner = file.parameters(curve, name)
         if len(inner) > 1:
             curve = inner[1]
     kind = next(iter(file.parts(curve)), "")
     parameters = file.parameters(curve, kind)
-    nowhere = np.full(3, math.nan)
     if kind == "LINE" and len(parameters) == 3:
-        point = file.parameters(parameters[1], "CARTESIAN_POINT")
+        origin = _coordinates(file, parameters[1], "CARTESIAN_POINT")
         vector = file.parameters(parameters[2], "VECTOR")
-        along = file.parameters(vector[1], "DIRECTION") if len(vector) == 3 else ()
-        if len(point) == 2 and len(along) == 2:
-            direction = np.array(along[1], dtype=np.float64)
-            origin = np.array(point[1], dtype=np.float64) / _inverse(factor)
-            return Surface(edge, kind, origin, direction / np.linalg.norm(direction), ())
+        along = _coordinates(file, vector[1], "DIRECTION") if len(vector) == 3 else None
+        if origin is not None and along is not None:
+            return Surface(edge, kind, origin / _inverse(factor), along / np.linalg.norm(along))
     if kind == "CIRCLE" and len(parameters) == 3:
         middle, axis = _placement(file, parameters[1])
         radius = number(parameters[2])
-        sizes = () if radius is None else (radius / _inverse(factor),)
-        return Surface(edge, kind, middle / _inverse(factor), axis, sizes)
-    return Surface(edge, kind, nowhere, nowhere, ())
+        return Surface(
+            edge, kind, middle / _inverse(factor), axis, () if radius is None else (radius / _inverse(factor),)
+        )
+    return Surface(edge, kind)
 
 
 def _inverse(factor: float) -> float:
@@ -126,15 +122,19 @@ def _inverse(factor: float) -> float:
     return float(round(inverse)) if abs(inverse - round(inverse)) < 1e-9 * inverse else inverse
 
 
+def _coordinates(file: Exchange, ref: object, entity: str) -> Array | None:
+    values = file.parameters(ref, entity)
+    return np.array(values[1], dtype=np.float64) if len(values) == 2 else None
+
+
 def _placement(file: Exchange, ref: object) -> tuple[Array, Array]:
+    """Location, in the units of the file, and direction."""
     values = file.parameters(ref, "AXIS2_PLACEMENT_3D")
     if len(values) != 4:
-        return np.full(3, math.nan), np.full(3, math.nan)
-    point = file.parameters(values[1], "CARTESIAN_POINT")
-    axis = file.parameters(values[2], "DIRECTION")
-    origin = np.array(point[1], dtype=np.float64) if len(point) == 2 else np.full(3, math.nan)
-    direction = np.array(axis[1], dtype=np.float64) if len(axis) == 2 else np.array([0.0, 0.0, 1.0])
-    return origin, direction / np.linalg.norm(direction)
+        return _NOWHERE, _NOWHERE
+    origin, direction = _coordinates(file, values[1], "CARTESIAN_POINT"), _coordinates(file, values[2], "DIRECTION")
+    direction = np.array([0.0, 0.0, 1.0]) if direction is None else direction
+    return _NOWHERE if origin is None else origin, direction / np.linalg.norm(direction)
 
 
 def measured_size(surfaces: list[Surface], name: str) -> float | None:
@@ -165,13 +165,13 @@ def _size_of_torus(major: float, minor: float, name: str) -> float | None:
 
 def measured_distance(first: list[Surface], second: list[Surface], kind: str = "") -> float | None:
     """Distance between two features: planes, axes of cylinders, centres of spheres."""
-    values = [_distance(a, b) for a in first for b in second]
     sides = kind.removeprefix("linear distance").split()
-    if len(sides) == 2:
-        values = [
-            None if value is None else value + _beyond_centre(a, sides[0]) + _beyond_centre(b, sides[1])
-            for value, (a, b) in zip(values, [(a, b) for a in first for b in second], strict=True)
-        ]
+    one, other = sides if len(sides) == 2 else ("", "")
+    values = [
+        None if (apart := _distance(a, b)) is None else apart + _beyond_centre(a, one) + _beyond_centre(b, other)
+        for a in first
+        for b in second
+    ]
     known = [value for value in values if value is not None]
     if not known or len(known) != len(values) or max(known) - min(known) > 1e-12:
         return None
@@ -261,8 +261,8 @@ def placed_where_drawn(file: Exchange) -> bool:
 
 def _second_axis(file: Exchange, ref: object) -> Array:
     values = file.parameters(ref, "AXIS2_PLACEMENT_3D")
-    direction = file.parameters(values[3], "DIRECTION") if len(values) == 4 else ()
-    return np.array(direction[1], dtype=np.float64) if len(direction) == 2 else np.zeros(3)
+    direction = _coordinates(file, values[3], "DIRECTION") if len(values) == 4 else None
+    return np.zeros(3) if direction is None else direction
 
 
 def measured_angle(first: list[Surface], second: list[Surface], nominal: float) -> float | None:

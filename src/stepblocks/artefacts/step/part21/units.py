@@ -8,25 +8,17 @@ from typing import Any
 
 from stepblocks.artefacts.step.part21.exchange import Exchange, Typed, is_reference, number
 
-_PREFIX = {
-    "EXA": 1e18,
-    "PETA": 1e15,
-    "TERA": 1e12,
-    "GIGA": 1e9,
-    "MEGA": 1e6,
-    "KILO": 1e3,
-    "HECTO": 1e2,
-    "DECA": 1e1,
-    "DECI": 1e-1,
-    "CENTI": 1e-2,
-    "MILLI": 1e-3,
-    "MICRO": 1e-6,
-    "NANO": 1e-9,
-    "PICO": 1e-12,
-}
-_SYMBOL = {"METRE": "m", "RADIAN": "rad", "STERADIAN": "sr", "GRAM": "g", "SECOND": "s"}
+_PREFIXES = "EXA PETA TERA GIGA MEGA KILO HECTO DECA DECI CENTI MILLI MICRO NANO PICO"
+_POWERS = (18, 15, 12, 9, 6, 3, 2, 1, -1, -2, -3, -6, -9, -12)
+_PREFIX = {name: float(f"1e{power}") for name, power in zip(_PREFIXES.split(), _POWERS, strict=True)}
 _SHORT = {"MILLI": "m", "MICRO": "u", "NANO": "n", "CENTI": "c", "KILO": "k", "DECI": "d"}
-_DIMENSION = {"METRE": "length", "RADIAN": "angle", "GRAM": "mass", "STERADIAN": "solid angle", "SECOND": "time"}
+_BASES = {  # symbol and dimension
+    "METRE": ("m", "length"),
+    "RADIAN": ("rad", "angle"),
+    "GRAM": ("g", "mass"),
+    "STERADIAN": ("sr", "solid angle"),
+    "SECOND": ("s", "time"),
+}
 _MEASURES = (
     "MEASURE_WITH_UNIT",
     "LENGTH_MEASURE_WITH_UNIT",
@@ -46,7 +38,7 @@ _TYPES = {
 class Unit:
     """A unit."""
 
-    name: str  # As a person writes it
+    name: str  # as a person writes it
     dimension: str  # ``length``, ``angle``, ``mass``, ... or ``unknown``
     factor: float  # SI units per unit
 
@@ -55,9 +47,9 @@ class Unit:
 class Measure:
     """A value with its unit."""
 
-    value: float  # As it stands in the file
-    unit: Unit  # Its unit
-    type: str  # Name of the measure type; empty where the SELECT is untyped
+    value: float  # as it stands in the file
+    unit: Unit
+    type: str  # of the measure; empty where the SELECT is untyped
 
     @property
     def si(self) -> float:
@@ -78,9 +70,10 @@ def unit_of(file: Exchange, ref: object) -> Unit:
         values = parts["SI_UNIT"]
         prefix, base = (_enumeration(value) for value in values[-2:])
         factor = _PREFIX.get(prefix, 1.0)
-        symbol = _SHORT.get(prefix, prefix.lower()) + _SYMBOL.get(base, base.lower())
+        symbol, dimension = _BASES.get(base, (base.lower(), "unknown"))
         # the SI unit of mass is the kilogram
-        return Unit(symbol, _DIMENSION.get(base, "unknown"), factor * (1e-3 if base == "GRAM" else 1.0))
+        factor *= 1e-3 if base == "GRAM" else 1.0
+        return Unit(_SHORT.get(prefix, prefix.lower()) + symbol, dimension, factor)
     converted = parts.get("CONVERSION_BASED_UNIT")
     if converted:
         one = measure_of(file, converted[-1])

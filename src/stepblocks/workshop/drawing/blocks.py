@@ -1,0 +1,226 @@
+"""Views of the bench blocks and of the block from gauge blocks: front, top, and the details in which microns can be seen."""
+
+from __future__ import annotations
+
+import math
+
+from stepblocks.artefacts.numbers import limits_text, millimetres
+from stepblocks.parts.body import Body
+from stepblocks.parts.characteristics import Characteristic
+from stepblocks.parts.kinds.margin_block import MarginBlock
+from stepblocks.parts.kinds.step_block import StepBlock
+from stepblocks.workshop.drawing.sheet import Point, Sheet, View, round_scale
+from stepblocks.workshop.gauge_route import GRADES, SECTION, WRINGING, GaugePair
+
+_FRONT: Point = (95.0, 240.0)
+_TOP: Point = (95.0, 140.0)
+_DETAIL: Point = (235.0, 215.0)
+_SECOND: Point = (352.0, 215.0)
+_SCALES = (10.0, 5.0, 4.0, 3.0, 2.5, 2.0, 1.5, 1.0, 0.5, 0.25, 0.1)
+
+
+def step_block_views(sheet: Sheet, block: StepBlock) -> list[str]:
+    """Draw all views of a step block; return the lines of its notes."""
+    scale = _body_views(sheet, block.body, block.id)
+    _edge_in_top_view(sheet, block, scale)
+    _step_detail(sheet, block)
+    _groove_detail(sheet, block)
+    return ["Working edge without burr; do not break it. All other edges broken as noted."]
+
+
+def margin_block_views(sheet: Sheet, margin: MarginBlock) -> list[str]:
+    """Draw all views of a margin block; return the lines of its notes."""
+    scale = _body_views(sheet, margin.body, margin.id)
+    k, (tx, ty) = 1e3 * scale, _TOP
+    hy = 0.5 * margin.body.width.nominal * k
+    for x in (0.0, margin.marginal_gap.nominal * k):
+        sheet.line((tx + x, ty - hy), (tx + x, ty + hy))
+    text_at = (tx + 0.5 * margin.body.length.nominal * k + 6.0, ty + 0.4 * hy)
+    sheet.leader((tx, ty + 0.3 * hy), text_at, "margin, detail A")
+    _margin_detail(sheet, margin)
+    return ["Edges of the margin without burr; do not break them."]
+
+
+def _octagon(low: Point, high: Point, cut: float) -> list[Point]:
+    """Corners of a rectangle with broken edges, from the left end of its lower side."""
+    (x0, z0), (x1, z1) = low, high
+    sides = [(x0 + cut, z0), (x1 - cut, z0), (x1, z0 + cut), (x1, z1 - cut)]
+    return [*sides, (x1 - cut, z1), (x0 + cut, z1), (x0, z1 - cut), (x0, z0 + cut)]
+
+
+def _body_views(sheet: Sheet, body: Body, identity: str) -> float:
+    """Draw the body from the front and from above; return the scale of both views."""
+    largest = max(body.length.nominal, body.width.nominal) * 1e3
+    scale = max(s for s in _SCALES if s * largest <= 75.0 or s == _SCALES[-1])
+    k = 1e3 * scale
+    hx, hy = 0.5 * body.length.nominal * k, 0.5 * body.width.nominal * k
+    t, c = body.thickness.nominal * k, body.edge_break.nominal * k
+    (tx, ty), fx, fz = _TOP, _FRONT[0], _FRONT[1] + 0.5 * t
+    sheet.polyline([(fx + x, fz + z) for x, z in _octagon((-hx, -t), (hx, 0.0), c)], closed=True)
+    sheet.text((fx, fz - 0.5 * t), identity.upper(), max(body.engraving.height.nominal * k * 0.8, 2.5), "MIDDLE_CENTER")
+    sheet.polyline([(tx + x, ty + y) for x, y in _octagon((-hx, -hy), (hx, hy), c)], closed=True)
+    sheet.rectangle((tx - hx + c, ty - hy + c), (tx + hx - c, ty + hy - c), "DIMENSION")
+    mounting = body.mounting
+    hole, half = 0.5 * mounting.hole_diameter * k, 0.5 * mounting.spacing.nominal * k
+    for x in (-half, half):
+        sheet.circle((tx + x, ty), hole, "HIDDEN" if mounting.kind == "tapped" else "OUTLINE")
+        sheet.line((tx + x - hole - 3.0, ty), (tx + x + hole + 3.0, ty), "CENTRE")
+        sheet.line((tx + x, ty - hole - 3.0), (tx + x, ty + hole + 3.0), "CENTRE")
+    left, front, below = tx - hx, fx - hx, ty - hy
+    sheet.dimension("length", (left, below + c), (tx + hx, below + c), (tx, below - 19.0), scale)
+    sheet.dimension("width", (left + c, below), (left + c, ty + hy), (left - 12.0, ty), scale, upright=True)
+    sheet.dimension("thickness", (front + c, fz - t), (front + c, fz), (front - 12.0, fz), scale, upright=True)
+    sheet.dimension("hole_spacing", (tx - half, ty - hole), (tx + half, ty - hole), (tx, below - 10.0), scale)
+    deep = f"{mounting.depth.nominal * 1e3:g} deep"
+    made = (
+        f"{mounting.thread}, {deep}"
+        if mounting.kind == "tapped"
+        else f"{mounting.thread} clearance, counterbore {deep}"
+    )
+    sheet.leader((tx + half + 0.7 * hole, ty - 0.7 * hole), (tx + hx + 6.0, ty - 0.5 * hy), f"2 x {made}")
+    sheet.text((fx, fz + 8.0), f"front {scale:g}:1", 2.5, "BOTTOM_CENTER")
+    sheet.text((tx + hx + 4.0, ty - hy), f"top {scale:g}:1", 2.5, "BOTTOM_LEFT")
+    return scale
+
+
+def _edge_in_top_view(sheet: Sheet, block: StepBlock, scale: float) -> None:
+    k, (tx, ty) = 1e3 * scale, _TOP
+    hy, feature = 0.5 * block.body.width.nominal * k, block.metrology
+    sheet.line((tx, ty - hy), (tx, ty + hy))
+    sign = 1.0 if feature.kind == "groove" else -1.0
+    near, far = sign * feature.distance.nominal * k, sign * (feature.distance.nominal + feature.width.nominal) * k
+    low = hy - feature.lane.nominal * k
+    sheet.rectangle((tx + near, ty + low), (tx + far, ty + hy))
+    if (key := f"{feature.kind}_distance") in sheet.listed:
+        ends = sorted([(tx, ty + hy), (tx + near, ty + hy)])
+        sheet.dimension(key, ends[0], ends[1], (tx, ty + hy + 8.0), scale)
+    beyond = tx + 0.5 * block.body.length.nominal * k + 6.0
+    sheet.leader((tx, ty - 0.3 * hy), (beyond, ty - 0.15 * hy), "working edge, detail A")
+    sheet.leader((tx + far, ty + low + 2.0), (beyond, ty + low + 6.0), f"{feature.kind}, detail B")
+
+
+def _step_detail(sheet: Sheet, block: StepBlock) -> None:
+    H, r = block.height.nominal, block.edge_radius.nominal
+    xs, zs, (cx, cz) = round_scale(10.0 / max(r * 1e3, 0.1)), round_scale(40.0 / (H * 1e3)), _DETAIL
+    view = View(_DETAIL, xs, zs)
+    top, left, right = view.at(0.0, H)[1], cx - 42.0, cx + 62.0
+    turns = [index * math.pi / 40.0 for index in range(21)] if r > 0.0 else [0.5 * math.pi]
+    edge = [view.at(r - r * math.cos(turn), H - r + r * math.sin(turn)) for turn in turns]
+    sheet.polyline([(left, cz), (cx, cz), *edge, (right, top)])
+    sheet.break_line(left, cz - 8.0, cz)
+    sheet.break_line(right, cz - 8.0, top)
+    sheet.dimension("step_height", (cx - 24.0, cz), (cx, top), (cx - 14.0, cz), zs, upright=True)
+    sheet.leader(edge[len(edge) // 2], (cx + 10.0, top - 12.0), "R {}", "edge_radius")
+    sheet.datum((cx - 32.0, cz), "A")
+    sheet.point_to((cx - 21.0, cz), sheet.frame("flatness_lower", (cx - 16.0, cz - 17.0)))
+    sheet.point_to((cx + 4.0, top), sheet.frame("flatness_upper", (cx + 8.0, top + 7.0)))
+    sheet.frame("parallelism", (cx + 8.0, top + 13.0), "A")
+    said = f"A   lengths {xs:g}:1, heights {zs:g}:1 (heights exaggerated {zs / xs:g} times)"
+    sheet.text((cx, cz - 27.0), said, 2.5, "BOTTOM_CENTER")
+
+
+def _groove_detail(sheet: Sheet, block: StepBlock) -> None:
+    (cx, cz), kind = _SECOND, block.metrology.kind
+    H, W = block.height.nominal, block.metrology.width.nominal
+    zs, xs = round_scale(40.0 / (H * 1e3)), round_scale(30.0 / (W * 1e3))
+    top, half = cz + H * 1e3 * zs, 0.5 * W * 1e3 * xs
+    outside, inside = (top, cz) if kind == "groove" else (cz, top)
+    across = [(cx - 40.0, outside), (cx - half, outside), (cx - half, inside)]
+    sheet.polyline([*across, (cx + half, inside), (cx + half, outside), (cx + 40.0, outside)])
+    for x in (cx - 40.0, cx + 40.0):
+        sheet.break_line(x, cz - 8.0, outside)
+    # the text of a narrow width stands on the right, so the depth stands on the left
+    key, start = ("groove_depth", cx) if kind == "groove" else ("ridge_height", cx - 30.0)
+    sheet.dimension(key, (start, cz), (cx - half, top), (cx - half - 9.0, cz), zs, upright=True)
+    sheet.dimension(f"{kind}_width", (cx - half, top), (cx + half, top), (cx, top + 8.0), xs)
+    sheet.text((cx, cz - 27.0), f"B   lengths {xs:g}:1, heights {zs:g}:1", 2.5, "BOTTOM_CENTER")
+    sheet.text((cx, cz - 31.5), "evaluate by ISO 5436-1 type A1", 2.5, "BOTTOM_CENTER")
+
+
+def _margin_detail(sheet: Sheet, margin: MarginBlock) -> None:
+    g, h, d = margin.marginal_gap.nominal, margin.horizontal_discrepancy.nominal, margin.gap_depth.nominal
+    s = round_scale(36.0 / (max(g, abs(h), abs(margin.opening.nominal)) * 1e3))
+    view = View((_DETAIL[0] + 45.0, _DETAIL[1]), s)
+    cx, cz = view.origin
+    wall, level = view.at(g, h)  # of the crown, on the paper
+    floor = cz + max(-d * 1e3 * s, -46.0)
+    corner = [view.at(x, z) for x, z in margin.corner]
+    sheet.polyline([(cx - 60.0, cz), (cx, cz), (cx, floor)])
+    edge = (max(corner[-1][0], cx), corner[-1][1])
+    sheet.polyline([(wall, floor), *corner, edge, (cx + 75.0, level)])
+    if cz - d * 1e3 * s < floor:
+        sheet.break_line(cx, floor - 6.0, floor)
+        sheet.break_line(wall, floor - 6.0, floor)
+    else:
+        sheet.line((cx, floor), (wall, floor))
+    sheet.dimension("marginal_gap", (cx, floor + 8.0), (wall, floor + 8.0), (cx, floor - 12.0), s)
+    if sheet.listed["horizontal_discrepancy"][1].nominal > 0.0:
+        ends = (cx - 30.0, cz), (cx + 62.0, level)
+        sheet.dimension("horizontal_discrepancy", *ends, (cx - 40.0, cz), s, upright=True)
+    top = max(cz, level)
+    beyond = max(cx + 18.0, wall + 8.0)
+    if "vertical_discrepancy" in sheet.listed and sheet.listed["vertical_discrepancy"][1].kind == "distance":
+        low, high = sorted([(cx, cz), view.at(margin.opening.nominal, h)])
+        sheet.dimension("vertical_discrepancy", low, high, (cx, top + 8.0), s)
+        beyond = high[0] + 42.0  # clear of the text, which stands beside a narrow dimension
+    sheet.datum((cx - 54.0, cz), "A")
+    sheet.frame("flatness_lower", (cx - 58.0, cz - 28.0))
+    sheet.polyline([(cx - 44.0, cz - 28.0 + 6.0), (cx - 44.0, cz)], "DIMENSION")
+    sheet.arrow((cx - 44.0, cz), (cx - 44.0, cz - 28.0))
+    sheet.point_to((beyond, level), sheet.frame("flatness_upper", (beyond + 4.0, top + 18.0)))
+    sheet.frame("parallelism", (beyond + 4.0, top + 24.0), "A")
+    sheet.text((cx - 58.0, cz + 3.0), "tooth", 2.5)
+    sheet.text((cx + 60.0, level + 3.0), "crown", 2.5)
+    sheet.leader((cx + 0.4 * g * 1e3 * s, floor + 2.0), (cx - 24.0, floor + 8.0), "depth {}", "gap_depth")
+    sheet.text((cx, floor - 30.0), f"A   {s:g}:1", 2.5, "BOTTOM_CENTER")
+
+
+def gauge_sheet(block: StepBlock, pair: GaugePair) -> Sheet:
+    """Draw the two-piece block: base, two gauge blocks wrung onto it, and the step that is their difference."""
+    height = block.height
+    step = Characteristic("step_height", "step height", "distance", height.nominal, height.lower, height.upper)
+    sheet = Sheet([step])
+    _gauge_section(sheet, block, pair)
+    zs = round_scale(40.0 / (height.nominal * 1e3))
+    dx, dz = 320.0, 205.0
+    top = dz + height.nominal * 1e3 * zs
+    sheet.polyline([(dx - 50.0, dz), (dx, dz), (dx, top), (dx + 50.0, top)])
+    sheet.line((dx, dz), (dx, dz - 10.0))
+    sheet.break_line(dx - 50.0, dz - 10.0, dz)
+    sheet.break_line(dx + 50.0, dz - 10.0, top)
+    sheet.dimension("step_height", (dx - 26.0, dz), (dx, top), (dx - 14.0, dz), zs, upright=True)
+    sheet.text((dx, dz - 20.0), f"A   edge, heights {zs:g}:1, lengths not to scale", 2.5, "BOTTOM_CENTER")
+    deviation, variation = GRADES[pair.grade]
+    size = f"ISO 3650 grade {pair.grade}, {SECTION[0] * 1e3:g} x {SECTION[1] * 1e3:g} mm"
+    lines = f"""Parts
+1  base, {block.material.designation}, top lapped flat within 0.1 um where blocks are wrung
+2  gauge block {millimetres(pair.lower, 4)} mm, {size}
+3  gauge block {millimetres(pair.upper, 4)} mm, {size}
+
+Stack-up of the step
+lengths of two blocks: +-{deviation * 1e6:g} um each
+variation of length, half of it at the edge: +-{0.5 * variation * 1e6:g} um each
+wringing: +-{WRINGING * 1e6:g} um each
+worst case +-{pair.worst * 1e6:.2f} um, 95 % within +-{pair.expected * 1e6:.2f} um
+permitted: {limits_text(height.nominal, height.lower, height.upper)} mm
+
+Wring parts 2 and 3 side by side, long sides together, edges of the upper one not broken.
+The chamfer of a gauge block (0.1 to 0.3 mm) lies at the working edge: order part 3 without it, or lap it off."""
+    sheet.notes((30.0, 150.0), lines.split("\n"))
+    sheet.border("Step block from gauge blocks", f"{block.id.upper()}-GAUGE", "base as noted, gauge blocks steel")
+    return sheet
+
+
+def _gauge_section(sheet: Sheet, block: StepBlock, pair: GaugePair) -> None:
+    s, (cx, cz) = 4.0, (130.0, 215.0)
+    wide, rim, thick = 9.0 * s, 5.0 * s, block.body.thickness.nominal * 1e3 * s
+    low, high = pair.lower * 1e3 * s, pair.upper * 1e3 * s
+    base = cz - low
+    sheet.rectangle((cx - wide - rim, base - thick), (cx + wide + rim, base))
+    sheet.rectangle((cx - wide, base), (cx, cz))
+    sheet.rectangle((cx, base), (cx + wide, base + high))
+    left, right = cx - 0.5 * wide, cx + 0.5 * wide
+    sheet.leader((left, base - 0.5 * thick), (left - 22.0, cz + (-low - thick - 14.0)), "part 1, base")
+    sheet.leader((left, base + 0.5 * low), (left - 22.0, cz + 12.0), "part 2, lower")
+    sheet.leader((right, base + 0.5 * high), (right + 22.0, cz + 12.0), "part 3, upper")
+    sheet.text((cx, base - thick - 24.0), f"section {s:g}:1", 2.5, "BOTTOM_CENTER")

@@ -1,0 +1,245 @@
+"""Views of what is turned: probe tips, tooth and crown, sheaths."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Iterator, Sequence
+from typing import Any
+
+from stepblocks.parts.kind import Part
+from stepblocks.parts.kinds.crown_on_tooth import CrownOnTooth
+from stepblocks.parts.kinds.sheath import MASS_MATCH, Sheath, format_mass
+from stepblocks.parts.kinds.tips import HookTip, StraightTip, Tip
+from stepblocks.parts.revolution import Turned
+from stepblocks.workshop.drawing.sheet import Point, Sheet, View, round_scale
+
+_CHORDS = 96  # of an arc
+
+
+def _flattened(outline: Sequence[Any]) -> Iterator[Point]:
+    """Points of an outline, arcs as chords."""
+    here: Point = outline[0]
+    yield here
+    for item in outline[1:]:
+        if isinstance(item[0], tuple):
+            yield from _arc(here, item[0], item[1])
+            here = item[1]
+        else:
+            here = item
+            yield here
+
+
+def _arc(a: Point, b: Point, c: Point) -> Iterator[Point]:
+    d = 2.0 * (a[0] * (b[1] - c[1]) + b[0] * (c[1] - a[1]) + c[0] * (a[1] - b[1]))
+    sa, sb, sc = (p[0] ** 2 + p[1] ** 2 for p in (a, b, c))
+    x = (sa * (b[1] - c[1]) + sb * (c[1] - a[1]) + sc * (a[1] - b[1])) / d
+    y = (sa * (c[0] - b[0]) + sb * (a[0] - c[0]) + sc * (b[0] - a[0])) / d
+    start, middle, end = (math.atan2(p[1] - y, p[0] - x) for p in (a, b, c))
+    radius = math.hypot(a[0] - x, a[1] - y)
+    turn = (end - start) % math.tau
+    if (middle - start) % math.tau > turn:
+        turn -= math.tau
+    for step in range(1, _CHORDS + 1):
+        angle = start + turn * step / _CHORDS
+        yield x + radius * math.cos(angle), y + radius * math.sin(angle)
+
+
+def straight_tip_views(sheet: Sheet, tip: StraightTip) -> list[str]:
+    """Draw a straight tip lying on its side and its ball enlarged."""
+    shank, end = tip.shank_radius.nominal, tip.length.nominal
+    view = _side_view(sheet, tip, end, [])
+    corner, foot = view.at(end, -shank), view.at(0.0, -shank)
+    beyond = (view.at(end, 0.0)[0] + 14.0, view.origin[1])
+    sheet.dimension("shank_diameter", corner, view.at(end, shank), beyond, view.scale, upright=True)
+    sheet.dimension("length", view.origin, corner, (view.origin[0], foot[1] - 12.0), view.scale)
+    _caption(sheet, view, -shank)
+    _ball(sheet, tip)
+    return []
+
+
+def hook_tip_views(sheet: Sheet, tip: HookTip) -> list[str]:
+    """Draw a bent tip lying on its side and its ball enlarged."""
+    bent = _bend(tip)
+    view = _side_view(sheet, tip, tip.cone_end, bent)
+    start, end = bent[1][-2:]  # of the straight run of the shank
+    middle = view.at(0.5 * (start[0] + end[0]), 0.5 * (start[1] + end[1]))
+    sheet.leader(middle, (middle[0] + 14.0, middle[1] - 6.0), "dia. {}", "shank_diameter")
+    half, wire = 0.5 * tip.bend_angle.nominal, tip.bend_radius.nominal
+    axis = view.at(tip.cone_end + wire * math.sin(half), wire * (1.0 - math.cos(half)))
+    sheet.leader(axis, (axis[0] + 18.0, axis[1] - 10.0), "R {}, axis of the wire", "bend_radius")
+    _caption(sheet, view, min(-tip.shank_radius.nominal, *(y for line in bent for _, y in line)))
+    _ball(sheet, tip)
+    return []
+
+
+def _side_view(sheet: Sheet, tip: Tip, end: float, more: list[list[Point]]) -> View:
+    """Draw ball, cone and shank about their axis, and more lines; return the view."""
+    lines = [*([(z, side * r) for r, z in _flattened(tip.outline())] for side in (1.0, -1.0)), *more]
+    low, high = ([pick(point[k] for line in lines for point in line) for k in (0, 1)] for pick in (min, max))
+    wide, tall, shank = (1e3 * size for size in (high[0] - low[0], high[1] - low[1], tip.shank_radius.nominal))
+    s = round_scale(min(180.0 / wide, 150.0 / tall, 40.0 / shank))
+    view = View((40.0, 170.0 - 0.5e3 * s * (low[1] + high[1])), s)
+    for line in lines:
+        sheet.polyline([view.at(*point) for point in line])
+    cx, cy = view.origin
+    sheet.line((cx - 5.0, cy), (view.at(end, 0.0)[0] + 5.0, cy), "CENTRE")
+    return view
+
+
+def _caption(sheet: Sheet, view: View, lowest: float) -> None:
+    sheet.text((view.origin[0], view.at(0.0, lowest)[1] - 26.0), f"side {view.scale:g}:1", 2.5)
+
+
+def _bend(tip: HookTip) -> list[list[Point]]:
+    """Outer and inner line of the bent wire with the straight shank, then its end."""
+    top, R, r, total = tip.cone_end, tip.bend_radius.nominal, tip.shank_radius.nominal, tip.bend_angle.nominal
+    run = tip.straight_length.nominal
+    lines = []
+    for offset in (-r, r):
+        turns = [total * index / 60.0 for index in range(61)]
+        arc = [(top + (R + offset) * math.sin(t), R - (R + offset) * math.cos(t)) for t in turns]
+        arc.append((arc[-1][0] + run * math.cos(total), arc[-1][1] + run * math.sin(total)))
+        lines.append(arc)
+    return [*lines, [lines[0][-1], lines[1][-1]]]
+
+
+def _ball(sheet: Sheet, tip: Tip) -> None:
+    cx, cy = 320.0, 215.0
+    R = tip.ball_radius.nominal
+    view = View((cx - 40.0, cy), round_scale(22.0 / (R * 1e3)))
+    height = 3.2 * R
+    outline = [(r, z) for r, z in _flattened(tip.outline()) if z <= height]
+    start = tip.cone_start
+    outline.append((start[0] + (height - start[1]) * math.tan(tip.cone_angle.nominal), height))
+    for side in (1.0, -1.0):
+        sheet.polyline([view.at(z, side * r) for r, z in outline])
+    on_paper = R * 1e3 * view.scale
+    sheet.circle(view.at(R, 0.0), on_paper, "HIDDEN")
+    sheet.line((cx - 45.0, cy), (cx + 45.0, cy), "CENTRE")
+    tipped = (cx - 40.0 + on_paper * (1.0 - math.cos(1.0)), cy + on_paper * math.sin(1.0))
+    sheet.leader(tipped, (cx - 34.0, cy + 40.0), "SR {}", "ball_radius")
+    sheet.text((cx - 20.0, cy - 40.0), f"ball {view.scale:g}:1", 2.5, "BOTTOM_CENTER")
+
+
+def turned_views(sheet: Sheet, part: Turned) -> list[str]:
+    """Draw the half sections of any turned part, mirrored, its axis along the sheet; return the lines of its notes."""
+    outlines = [list(_flattened(outline)) for outline in part.outlines()]
+    low, high = (chosen(z for outline in outlines for _, z in outline) for chosen in (min, max))
+    widest = max(r for outline in outlines for r, _ in outline)
+    s = round_scale(min(150.0 / (1e3 * (high - low)), 45.0 / (1e3 * widest)))
+    left, cy = 50.0, 190.0
+    view = View((left - low * 1e3 * s, cy), s)
+    for outline in outlines:
+        for side in (1.0, -1.0):
+            sheet.polyline([view.at(z, side * r) for r, z in outline])
+    sheet.line((left - 5.0, cy), (view.at(high, 0.0)[0] + 5.0, cy), "CENTRE")
+    base = view.at(low, -widest)[1] - 14.0
+    if "length" in sheet.listed:
+        length = sheet.listed["length"][1].nominal
+        sheet.dimension("length", view.at(low, -widest), view.at(low + length, -widest), (left, base), s)
+    if "diameter" in sheet.listed:
+        half = 0.5 * sheet.listed["diameter"][1].nominal
+        sheet.dimension("diameter", view.at(low, -half), view.at(low, half), (left - 14.0, cy), s, upright=True)
+    sheet.text((left, base - 12.0), f"section {s:g}:1", 2.5)
+    if part.crossed:
+        _surface(sheet, part)
+    return []
+
+
+def _surface(sheet: Sheet, part: Part) -> None:
+    """Draw what a tip meets, enlarged."""
+    edges = part.counterface().breakpoints
+    span = max(edges[-1] - edges[0], 10e-6)
+    x, z = part.counterface().section(span)
+    s = round_scale(30.0 / (span * 1e3))
+    view = View((290.0 - edges[0] * 1e3 * s, 225.0), s)
+    sheet.polyline([view.at(u, v) for u, v in zip(x, z, strict=True)])
+    sheet.text((310.0, 180.0), f"along the drag {s:g}:1", 2.5, "BOTTOM_CENTER")
+
+
+def crown_views(sheet: Sheet, margin: CrownOnTooth) -> list[str]:
+    """Draw tooth and crown in section, and the margin enlarged; return the lines of its notes."""
+    root, top, R = margin.root_length.nominal, margin.preparation_height.nominal, margin.margin_radius.nominal
+    tall = root + top + 2.0 * margin.shell_thickness.nominal
+    s = round_scale(min(150.0 / (tall * 1e3), 90.0 / (2.2 * R * 1e3)))
+    view = View((110.0, 150.0), s)
+    (cx, cy), at = view.origin, view.at
+    tooth, crown = list(_flattened(margin.tooth_outline())), list(_flattened(margin.crown_outline()))
+    for outline in (tooth, crown):
+        for side in (1.0, -1.0):
+            sheet.polyline([at(side * r, z) for r, z in outline])
+    base, roof, outer = at(0.0, -root)[1], max(z for _, z in crown), R + margin.horizontal_discrepancy.nominal
+    sheet.line((cx, base - 5.0), (cx, at(0.0, top)[1] + 18.0), "CENTRE")
+    sheet.dimension("margin_diameter", at(-R, -root), at(R, -root), (cx, base - 10.0), s)
+    sheet.dimension("crown_diameter", at(-outer, roof), at(outer, roof), (cx, at(0.0, roof)[1] + 10.0), s)
+    left = at(-1.05 * outer, 0.0)[0] - 10.0
+    if "preparation_height" in sheet.listed:
+        sheet.dimension("preparation_height", at(-R, 0.0), at(0.0, top), (left, cy), s, upright=True)
+        sheet.dimension("root_length", at(-R, -root), at(-R, 0.0), (left - 12.0, cy), s, upright=True)
+    else:
+        sheet.dimension("tooth_length", at(-R, -root), at(0.0, top), (left - 6.0, cy), s, upright=True)
+    ceiling = top + margin.internal_gap.nominal
+    right = at(1.05 * outer, 0.0)[0] + 54.0  # beyond the text of the diameter above
+    sheet.dimension("shell_thickness", at(0.3 * R, ceiling), at(0.3 * R, roof), (right, cy), s, upright=True)
+    sheet.text((cx, base - 22.0), f"section {s:g}:1, seated", 2.5, "BOTTOM_CENTER")
+    _crown_margin(sheet, margin, (tooth, crown))
+    return ["Marginal gap, internal gap and discrepancies hold with the crown seated on its tooth."]
+
+
+def _crown_margin(sheet: Sheet, margin: CrownOnTooth, outlines: Iterable[list[Point]]) -> None:
+    import shapely
+
+    (cx, cy), half, R = (300.0, 205.0), 45.0, margin.margin_radius.nominal
+    reach = 4.0 * max(margin.marginal_gap.nominal, abs(margin.horizontal_discrepancy.nominal), 50e-6)
+    s = round_scale(40.0 / (reach * 1e3))
+    shown = half / (1e3 * s)
+    window = shapely.box(R - shown, -shown, R + shown, shown)
+    for outline in outlines:
+        piece = shapely.LineString(outline).intersection(window)
+        for part in getattr(piece, "geoms", [piece]):
+            if part.geom_type == "LineString":
+                sheet.polyline([(cx + (r - R) * 1e3 * s, cy + z * 1e3 * s) for r, z in part.coords])
+    key = "vertical_discrepancy" if "vertical_discrepancy" in sheet.listed else "marginal_gap"
+    _, one = sheet.listed[key]
+    outer = margin.horizontal_discrepancy.nominal * 1e3 * s
+    if one.kind == "distance":
+        # from the cavosurface angle of the tooth to the margin of the crown
+        end = (cx + outer, cy + one.nominal * 1e3 * s)
+        sheet.dimension(key, (cx, cy), end, (cx + max(outer, 0.0) + 14.0, cy), s, upright=True)
+    sheet.text((cx - half + 3.0, cy - half + 4.0), "tooth", 2.5)
+    sheet.text((cx - half + 3.0, cy + half - 7.0), "crown", 2.5)
+    sheet.rectangle((cx - half, cy - half), (cx + half, cy + half), "DIMENSION")
+    sheet.text((cx, cy - half - 7.0), f"A   margin {s:g}:1", 2.5, "BOTTOM_CENTER")
+
+
+def sheath_views(sheet: Sheet, part: Sheath) -> list[str]:
+    """Draw a sheath in section and from its end; return the lines of its notes."""
+    bore, outer, length, c = (one.nominal for one in (part.bore, part.outer_diameter, part.length, part.edge_break))
+    s = round_scale(min(130.0 / (length * 1e3), 70.0 / (outer * 1e3)))
+    view = View((60.0, 190.0), s)
+    (left, cy), at = view.origin, view.at
+    for side in (1.0, -1.0):
+        sheet.polyline([at(z, side * r) for r, z in part.outline()], closed=True)
+    for z in (0.0, length):
+        sheet.line(at(z, -0.5 * bore), at(z, 0.5 * bore))
+    for z in (c, length - c):
+        sheet.line(at(z, -0.5 * outer), at(z, -0.5 * bore))
+        sheet.line(at(z, 0.5 * bore), at(z, 0.5 * outer))
+    sheet.line(at(-0.1 * length, 0.0), at(1.1 * length, 0.0), "CENTRE")
+    low, right = -0.5 * outer, at(length, 0.0)[0]
+    sheet.dimension("length", at(0.0, low), at(length, low), at(0.0, low - 14.0 / (1e3 * s)), s)
+    sheet.dimension("bore", at(length, -0.5 * bore), at(length, 0.5 * bore), (right + 12.0, cy), s, upright=True)
+    sheet.dimension("outer_diameter", at(0.0, low), at(0.0, 0.5 * outer), (left - 16.0, cy), s, upright=True)
+    caption = (at(0.5 * length, 0.0)[0], at(0.0, low)[1] - 26.0)
+    sheet.text(caption, f"section {s:g}:1, clamp on the left", 2.5, "BOTTOM_CENTER")
+    end, reach = (right + 80.0, cy), 0.6e3 * outer * s
+    for diameter in (bore, outer - 2.0 * c, outer):
+        sheet.circle(end, 0.5e3 * diameter * s)
+    sheet.line((end[0] - reach, cy), (end[0] + reach, cy), "CENTRE")
+    sheet.line((end[0], cy - reach), (end[0], cy + reach), "CENTRE")
+    sheet.text((end[0], cy - reach - 6.0), f"end {s:g}:1", 2.5, "BOTTOM_CENTER")
+    lightest, heaviest = part.mass_limits
+    return [
+        f"Mass {format_mass(part.mass)}, {format_mass(lightest)} to {format_mass(heaviest)} within the limits.",
+        f"Weigh the made parts; a pair must agree within {MASS_MATCH:.0%}.",
+    ]

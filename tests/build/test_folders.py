@@ -1,0 +1,219 @@
+"""A name in a file is followed only inside its folder; drafts of dead runs go; a build takes whatever names a user gives it."""
+
+import json
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from stepblocks.atomic import folder_beside, inside
+from stepblocks.build import manifest as manifests
+from stepblocks.build import run as building
+from stepblocks.build.manifest import RECORD, digest, hash_file, intact, load_json, unchanged, written
+from stepblocks.build.run import BuildReport, build, check_output
+from stepblocks.cli import main
+from stepblocks.errors import PipelineError
+
+ROOT = Path(__file__).resolve().parents[2]
+SHEATHS = ROOT / "stimuli" / "sheaths.toml"
+OUTWARD = ["", ".", "..", "../x", "a/../../x", "/etc/hostname", "a/..", "x\0y"]
+
+
+@pytest.fixture(scope="module")
+def made(tmp_path_factory):
+    output = tmp_path_factory.mktemp("made") / "out"
+    build(SHEATHS, output, only="sheath-hard", jobs=1)
+    build(SHEATHS, output, jobs=1)
+    return output
+
+
+@pytest.fixture
+def copy(made, tmp_path):
+    import shutil
+
+    shutil.copytree(made, tmp_path / "out")
+    return tmp_path / "out"
+
+
+@pytest.mark.parametrize("name", OUTWARD)
+def test_a_name_that_leads_out_of_its_folder_is_not_ours(name, tmp_path):
+    assert inside(tmp_path, name) is None
+
+
+def test_plain_names_are_ours_and_links_on_the_way_are_not(tmp_path):
+    folder, outside = tmp_path / "out", tmp_path / "outside"
+    (folder / "set").mkdir(parents=True)
+    outside.mkdir()
+    assert inside(folder, "set/id/a.stl") == folder / "set" / "id" / "a.stl"
+    assert inside(folder, "a.stl") == folder / "a.stl"
+    (folder / "link").symlink_to(outside)
+    (folder / "set" / "file").symlink_to(folder / "set")
+    assert inside(folder, "link/a.stl") is None
+    assert inside(folder, "set/file") is None
+    (tmp_path / "here").symlink_to(folder)  # the folder itself may be one: that is the user's own choice
+    assert inside(tmp_path / "here", "set/a.stl") == tmp_path / "here" / "set" / "a.stl"
+
+
+@pytest.mark.parametrize("name", [name for name in OUTWARD if "\0" not in name])
+def test_what_lies_outside_is_neither_read_nor_believed(name, tmp_path):
+    (tmp_path / "x").write_text("secret")
+    folder = tmp_path / "folder"
+    (folder / "a").mkdir(parents=True)
+    assert unchanged(folder, name, hash_file(folder / name)) is None
+    assert not intact(folder, {name: hash_file(folder / name)})
+
+
+def test_a_list_of_files_is_intact_when_all_are_there_as_written(tmp_path):
+    (tmp_path / "a.txt").write_text("a")
+    assert intact(tmp_path, {"a.txt": digest(b"a")})
+    assert not intact(tmp_path, {"a.txt": digest(b"b")})
+    assert not intact(tmp_path, {"a.txt": digest(b"a"), "b.txt": digest(b"b")})
+    assert not intact(tmp_path, {})  # nothing listed is nothing known
+
+
+@pytest.mark.parametrize("content", ["", "{", "[1]", '{"outputs": [1]}', '{"outputs": "x"}'])
+def test_a_record_that_is_none_lists_no_files(content, tmp_path):
+    (tmp_path / RECORD).write_text(content)
+    assert written(load_json(tmp_path / RECORD)) == {}
+    assert load_json(tmp_path / "none.json") == {}
+
+
+def test_the_fingerprint_hangs_on_code_and_libraries(monkeypatch):
+    before = manifests.code_fingerprint()
+    assert manifests.code_fingerprint() == before
+    monkeypatch.setattr(manifests, "version", lambda name: "0.0")
+    assert manifests.code_fingerprint() != before
+
+
+@pytest.mark.parametrize("place", ["absolute", "parent"])
+def test_a_manifest_that_names_a_file_outside_does_not_delete_it(place, copy, tmp_path):
+    victim = tmp_path / "precious" / "notes.txt"
+    victim.parent.mkdir()
+    victim.write_text("mine")
+    name = str(victim) if place == "absolute" else "../precious/notes.txt"
+    content = json.loads((copy / "manifest.json").read_text())
+    content["outputs"][name] = hash_file(victim)
+    content["code"] = "an older one"
+    (copy / "manifest.json").write_text(json.dumps(content))
+    build(SHEATHS, copy, jobs=1)
+    assert victim.read_text() == "mine"
+    assert name not in written(load_json(copy / "manifest.json"))
+
+
+@pytest.mark.parametrize("place", ["absolute", "parent"])
+def test_a_record_that_names_a_file_outside_does_not_delete_it(place, copy, tmp_path):
+    victim = tmp_path / "out" / "mine.txt"
+    victim.write_text("mine")
+    path = copy / "sheaths" / "sheath-soft" / RECORD
+    content = json.loads(path.read_text())
+    content["outputs"][str(victim) if place == "absolute" else "../../mine.txt"] = hash_file(victim)
+    path.write_text(json.dumps(content))
+    report = build(SHEATHS, copy, jobs=1)
+    assert report.built == ["sheaths/sheath-soft"]  # its record is not believed, so it is made again
+    assert victim.read_text() == "mine"
+
+
+@pytest.mark.parametrize("linked", ["sheaths", "sheaths/sheath-soft", "assets"])
+def test_a_folder_that_is_a_link_is_not_written_through(linked, tmp_path, capsys):
+    elsewhere, output = tmp_path / "elsewhere", tmp_path / "out"
+    elsewhere.mkdir()
+    (output / linked).parent.mkdir(parents=True)
+    (output / linked).symlink_to(elsewhere)
+    with pytest.raises(PipelineError, match="no link on the way"):
+        build(SHEATHS, output, jobs=1)
+    assert list(elsewhere.iterdir()) == []
+    assert main(["build", str(SHEATHS), "-o", str(output)]) == 2
+    assert capsys.readouterr().err.count("\n") == 1
+
+
+def test_the_output_folder_itself_may_be_a_link(made, tmp_path):
+    (tmp_path / "here").symlink_to(made)
+    assert build(SHEATHS, tmp_path / "here", jobs=1).built == []
+
+
+def test_two_runs_in_two_containers_never_share_a_draft(tmp_path, monkeypatch):
+    monkeypatch.setattr(os, "getpid", lambda: 1)  # as the first process of either container
+    with folder_beside(tmp_path / "set-id") as first, folder_beside(tmp_path / "set-id") as second:
+        assert first != second
+        (first / "a").write_text("a")
+        assert list(second.iterdir()) == []
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_draft_folders_of_killed_runs_are_swept_and_those_of_the_living_stay(tmp_path):
+    stale, fresh, link = (tmp_path / f".partial-{word}-set-id" for word in ("stale", "fresh", "link"))
+    for path in (stale, fresh):
+        path.mkdir()
+        (path / "a").write_text("a")
+    outside = tmp_path / "outside"
+    outside.mkdir()
+    link.symlink_to(outside)
+    os.utime(stale, (0, 0))
+    os.utime(link, (0, 0), follow_symlinks=False)
+    with folder_beside(tmp_path / "set-id"):
+        pass
+    assert sorted(path.name for path in tmp_path.iterdir()) == [fresh.name, "outside"]
+
+
+def test_a_script_without_a_main_guard_builds_in_several_processes(tmp_path):
+    script = tmp_path / "plain.py"
+    script.write_text(f"import stepblocks\nprint(stepblocks.build({str(SHEATHS)!r}, 'out', jobs=2).built)\n")
+    done = subprocess.run([sys.executable, str(script)], cwd=tmp_path, capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stderr
+    assert done.stdout.count("sheaths/sheath-") == 2
+    assert done.stdout.count("\n") == 1  # the script ran once
+    assert done.stderr == ""
+
+
+def test_files_default_to_the_folder_of_stimuli_and_paths_may_be_texts(made, tmp_path, monkeypatch):
+    (tmp_path / "stimuli").mkdir()
+    (tmp_path / "stimuli" / "sheaths.toml").write_text(SHEATHS.read_text())
+    monkeypatch.chdir(tmp_path)
+    for files in (None, "stimuli", ["stimuli/sheaths.toml"], Path("stimuli")):
+        assert build(files, str(made), jobs=1).current == 2
+
+
+def test_a_set_is_predicted_once_a_build(copy, monkeypatch):
+    from stepblocks.predict import predictions
+
+    calls = []
+    counted = predictions.predictions_of
+    monkeypatch.setattr(
+        predictions, "predictions_of", lambda stimuli: (calls.append(stimuli.name), counted(stimuli))[1]
+    )
+    (copy / "index.html").unlink()
+    build(SHEATHS, copy, jobs=1)
+    assert calls == ["sheaths"]
+    assert (copy / "index.html").is_file()
+
+
+def test_check_output_measures_every_file_again_and_says_which_is_off(copy):
+    found = dict(check_output(str(SHEATHS), str(copy)))
+    assert all(verdict.passed for verdicts in found.values() for verdict in verdicts)
+    assert "sheaths/sheath-soft/sheath-soft.step" in found
+    (copy / "sheaths" / "sheath-soft" / "sheath-soft.stl").unlink()
+    lost = dict(check_output(SHEATHS, copy, only="sheath-soft"))
+    assert [name for name, verdicts in lost.items() if not all(one.passed for one in verdicts)] == [
+        "sheaths/sheath-soft/sheath-soft.stl"
+    ]
+    with pytest.raises(PipelineError, match="--only must match"):
+        list(check_output(SHEATHS, copy, only="nothing"))
+    with pytest.raises(PipelineError, match="must exist"):
+        list(check_output(SHEATHS, copy / "nowhere"))
+
+
+def test_a_notebook_sees_what_a_build_did_with_nothing_left_unescaped():
+    report = BuildReport("out<1>", ["a/b"], 3, ["a/b/FAIL <x> & y"])
+    shown = report._repr_html_()
+    assert "1 stimuli built, 3 up to date, 1 checks failed" in shown
+    assert "out&lt;1&gt;/index.html" in shown
+    assert "<li>a/b/FAIL &lt;x&gt; &amp; y</li>" in shown
+
+
+def test_a_folder_that_cannot_be_written_is_refused_before_anything_is_made(tmp_path, monkeypatch):
+    monkeypatch.setattr(building.os, "access", lambda path, mode: False)
+    with pytest.raises(PipelineError, match="must be writable"):
+        build(SHEATHS, tmp_path / "out", jobs=1)
+    assert list((tmp_path / "out").iterdir()) == []

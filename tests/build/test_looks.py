@@ -1,0 +1,148 @@
+"""What is shown of a build is what is true of it: close-ups are closed solids, curves are equations (1) and (2), the page escapes."""
+
+import json
+import math
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+from stepblocks.build import picture
+from stepblocks.build.page import Section, _figure, _summary, write_page
+from stepblocks.build.picture import draw, exaggerated, write_view
+from stepblocks.contact.energy import Status
+from stepblocks.declare import load_declared
+from stepblocks.predict.predictions import Predictions
+
+BOX_CORNERS = np.array([(x, y, z) for x in (-1.0, 1.0) for y in (-1.0, 1.0) for z in (-1.0, 1.0)]) * 1e-3
+BOX_FACES = np.array(
+    [
+        *((0, 1, 3), (0, 3, 2), (4, 6, 7), (4, 7, 5), (0, 4, 5), (0, 5, 1)),
+        *((2, 3, 7), (2, 7, 6), (0, 2, 6), (0, 6, 4), (1, 5, 7), (1, 7, 3)),
+    ],
+    dtype=np.int64,
+)
+BOX = (BOX_CORNERS, BOX_FACES)
+
+
+def test_only_what_rises_over_the_lower_face_is_exaggerated():
+    points = np.array([[1.0, 2.0, -3.0], [1.0, 2.0, 0.0], [1.0, 2.0, 10e-6]])
+    shown = exaggerated(points, 100.0)
+    assert shown[:, 2].tolist() == pytest.approx([-3.0, 0.0, 1e-3])
+    assert shown[:, :2].tolist() == points[:, :2].tolist()
+    assert points[2, 2] == 10e-6  # the part itself is left as it is
+
+
+def test_a_close_up_is_the_closed_intersection_with_its_box():
+    cut = picture._boxed(BOX, 0.25e-3, (1e-3, 0.0, 0.0))
+    assert cut.volume == pytest.approx(0.25 * 0.5 * 0.5)  # mm^3: half of the window lies in the box
+    assert cut.is_manifold
+    assert picture._boxed(BOX, 0.25e-3, (5e-3, 0.0, 0.0)).n_cells == 0
+
+
+def test_several_bodies_are_opened_and_one_is_not():
+    (whole,) = picture._opened([BOX])
+    assert whole.volume == pytest.approx(8.0)
+    assert [body.volume for body in picture._opened([BOX, BOX])] == pytest.approx([4.0, 4.0])
+
+
+def test_a_picture_shows_the_part_on_either_side(tmp_path):
+    from PIL import Image
+
+    draw(tmp_path / "a.png", [BOX], 1.0, 0.25e-3, (1e-3, 0.0, 0.0))
+    with Image.open(tmp_path / "a.png") as image:
+        pixels = np.asarray(image.convert("L"), dtype=float)
+    assert pixels.shape == (400, 960)
+    for half in (pixels[:, :480], pixels[:, 480:]):
+        assert np.mean(half < 230.0) > 0.05
+
+
+def test_the_view_holds_the_bodies_in_millimetres_as_one_call(tmp_path):
+    write_view(tmp_path / "view.js", "box", [BOX], 30.0, 0.25e-3, (1e-3, 0.0, -2e-3))
+    text = (tmp_path / "view.js").read_text(encoding="ascii")
+    assert text.startswith("stepblocksView(")
+    assert text.endswith(");\n")
+    shown = json.loads(text.removeprefix("stepblocksView(").removesuffix(");\n"))
+    assert (shown["id"], shown["unit"], shown["exaggeration"]) == ("box", "mm", 30.0)
+    assert (shown["half_width"], shown["centre"]) == (0.25, [1.0, 0.0, -2.0])
+    (body,) = shown["bodies"]
+    corners = np.array([body[axis] for axis in "xyz"]).T
+    assert corners == pytest.approx(BOX_CORNERS * 1e3, abs=1e-9)
+    assert np.array([body[corner] for corner in "ijk"]).T.tolist() == BOX_FACES.tolist()
+
+
+@pytest.fixture(scope="module")
+def blocks(request):
+    return load_declared(request.config.rootpath / "stimuli" / "paper-ten.toml")
+
+
+def test_the_curves_are_equations_1_and_2_of_the_paper(blocks):
+    figure = json.loads(_figure(blocks))
+    grid = blocks.prediction
+    radius, load, stiffness = grid.tip_radii[0], max(grid.normal_loads), grid.tool.stiffness
+    by_name = {trace["name"]: trace for trace in figure["data"] if trace["name"]}
+    angles = by_name["critical angle"]
+    expected = [math.degrees(math.acos(1.0 - height * 1e-6 / radius)) for height in angles["x"]]
+    assert angles["y"] == pytest.approx(expected, rel=1e-4)  # six digits of a height near 0
+    for friction in grid.frictions:
+        trace = by_name[f"E<sub>v</sub>, mu {friction:g}"]
+        for height, energy in list(zip(trace["x"], trace["y"], strict=True))[10::50]:
+            a = math.acos(1.0 - height * 1e-6 / radius)
+            pull = load * (math.sin(a) + friction * math.cos(a)) / (math.cos(a) - friction * math.sin(a))
+            assert energy == pytest.approx(1e6 * grid.tool.conversion * 0.5 * pull**2 / stiffness, rel=1e-3)
+
+
+def test_no_curve_or_mark_goes_on_where_the_tip_locks(blocks):
+    figure = json.loads(_figure(blocks))
+    radius = blocks.prediction.tip_radii[0]
+    locking = [radius * (1.0 - math.sin(math.atan(mu))) * 1e6 for mu in blocks.prediction.frictions]
+    energies = [trace for trace in figure["data"] if trace["yaxis"] == "y2"]
+    for trace, limit in zip(energies, np.repeat(locking, 2), strict=True):
+        assert max(trace["x"]) < limit
+        assert len(trace.get("text", trace["x"])) == len(trace["x"])
+    lines = {shape["x0"] for shape in figure["layout"]["shapes"]}
+    assert sorted(lines) == pytest.approx(
+        sorted(limit for limit in locking if limit < 1.02 * max(energies[0]["x"]) / 0.99)
+    )
+
+
+def test_a_set_without_blocks_has_no_curves(request):
+    assert _figure(load_declared(request.config.rootpath / "stimuli" / "sheaths.toml")) is None
+
+
+def release(status, force=0.0, energy=0.0):
+    felt = SimpleNamespace(status=status, pull_force=force, vibration_energy=energy)
+    return SimpleNamespace(drag="up", release=felt)
+
+
+def test_the_summary_says_what_is_felt_and_what_is_not():
+    felt = [release(Status.RELEASES, 0.5, 1e-6), release(Status.RELEASES, 2.0, 30e-6)]
+    locked, flat = release(Status.LOCKED), release(Status.NO_CATCH)
+    assert list(_summary(felt)) == ["up: 0.5 to 2 N, 1 to 30 uJ"]
+    assert list(_summary([*felt, locked, locked])) == ["up: 0.5 to 2 N, 1 to 30 uJ; locked in 2 of 4"]
+    assert list(_summary([locked, flat])) == ["up: locked in 1 of 2; no catch in 1 of 2"]
+    assert list(_summary([])) == []
+
+
+def test_the_page_escapes_what_a_file_says_and_shows_what_failed(blocks, tmp_path):
+    verdict = {"passed": False, "text": "FAIL a.stl: <volume> & more"}
+    record = {
+        "stimulus": "step-010",
+        "kind": "step block",
+        "dimensions": [["height", "10 um <x>"]],
+        "derived": [["a", "b"]],
+        "verdicts": [verdict, {"passed": True, "text": "ok"}],
+        "outputs": {"step-010.step": "", "step-010.png": "", "view.js": ""},
+    }
+    named = blocks.model_copy(update={"title": "Ten <b>blocks</b>"})
+    script, page = write_page([Section(named, Predictions(()), {"step-010": record})], tmp_path)
+    text = page.read_text()
+    assert "Ten &lt;b&gt;blocks&lt;/b&gt;" in text
+    assert "&lt;volume&gt; &amp; more" in text
+    assert "1 of 2 checks failed" in text
+    assert "1 out of tolerance" in text
+    assert 'href="paper-ten/step-010/step-010.step"' in text
+    assert "10 um &lt;x&gt;" in text
+    before = script.stat().st_mtime_ns
+    write_page([], tmp_path)
+    assert script.stat().st_mtime_ns == before  # the script of plotly is left where it is the same

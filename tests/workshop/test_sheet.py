@@ -1,0 +1,146 @@
+"""A sheet of paper: what is drawn on it measures the part, and every characteristic keeps its number."""
+
+import math
+
+import pytest
+
+from stepblocks.parts.characteristics import Characteristic
+from stepblocks.workshop.drawing.sheet import HEIGHT, WIDTH, Sheet, View, round_scale
+from stepblocks.workshop.drawing.turned import _arc, _flattened
+
+STEP = Characteristic("step", "step height", "distance", 10e-6, -1e-6, 1e-6)
+SHANK = Characteristic("shank", "shank", "diameter", 2.35e-3, -32e-6, 0.0)
+FLAT = Characteristic("flat", "flatness", "flatness", 0.0, 0.0, 0.5e-6)
+PARALLEL = Characteristic("parallel", "parallelism", "parallelism", 0.0, 0.0, 2e-6)
+
+
+@pytest.fixture
+def sheet():
+    return Sheet([STEP, SHANK, FLAT, PARALLEL])
+
+
+def texts(sheet):
+    return [entity.dxf.text for entity in sheet.space.query("TEXT")]
+
+
+def dimensions(sheet):
+    return list(sheet.space.query("DIMENSION"))
+
+
+@pytest.mark.parametrize(
+    ("wanted", "scale"), [(1.0, 1.0), (0.99, 0.5), (3.9, 2.5), (47.0, 40.0), (4000.0, 4000.0), (0.024, 0.02)]
+)
+def test_scales_are_those_that_a_drawing_uses_and_never_too_large(wanted, scale):
+    # ISO 5455: 1, 2, 5 times powers of ten; 2.5 and 4 beside them
+    assert round_scale(wanted) == pytest.approx(scale, rel=1e-12)
+    assert round_scale(wanted) <= wanted * (1.0 + 1e-9)
+
+
+def test_a_view_stretches_heights_alone_where_it_says_so():
+    assert View((100.0, 50.0), 4.0).at(1e-3, -2e-3) == pytest.approx((104.0, 42.0))
+    assert View((100.0, 50.0), 4.0, 4000.0).at(1e-3, 10e-6) == pytest.approx((104.0, 90.0))
+
+
+@pytest.mark.parametrize("upright", [False, True])
+@pytest.mark.parametrize("scale", [1.0, 4000.0])
+def test_a_dimension_measures_the_part_at_any_scale_either_way(scale, upright, sheet):
+    long = 10e-6 * 1e3 * scale
+    ends = ((100.0, 100.0), (100.0, 100.0 + long)) if upright else ((100.0, 100.0), (100.0 + long, 100.0))
+    sheet.dimension("step", *ends, (90.0, 90.0), scale, upright=upright)
+    (one,) = dimensions(sheet)
+    assert one.get_measurement() * one.override().get("dimlfac") == pytest.approx(0.010, abs=1e-12)
+    assert [str(tag.value) for tag in one.get_xdata("STEPBLOCKS")[:2]] == ["step", "1"]
+    assert sheet.numbers == {1}
+    assert texts(sheet) == ["1"]
+
+
+@pytest.mark.parametrize("upright", [False, True])
+@pytest.mark.parametrize("long", [5.0, 200.0])
+def test_the_text_of_a_narrow_dimension_stands_beside_it_and_its_balloon_beyond(long, upright, sheet):
+    axis = 1 if upright else 0
+    ends = ((100.0, 100.0), (100.0, 100.0 + long)) if upright else ((100.0, 100.0), (100.0 + long, 100.0))
+    sheet.dimension("step", *ends, (90.0, 90.0), 4000.0, upright=upright)
+    (balloon,) = sheet.space.query("CIRCLE")
+    if long < 50.0:
+        assert balloon.dxf.center[axis] > 100.0 + long
+    else:
+        assert 100.0 < balloon.dxf.center[axis] < 100.0 + long
+
+
+def test_a_diameter_says_so_with_unequal_deviations(sheet):
+    sheet.dimension("shank", (0.0, 0.0), (94.0, 0.0), (47.0, 10.0), 40.0)
+    (one,) = dimensions(sheet)
+    style = one.override()
+    assert style.get("dimpost") == "dia. <>"
+    assert style.get("dimdec") == 3
+    assert (style.get("dimtp"), style.get("dimtm")) == pytest.approx((0.0, 0.032), abs=1e-12)
+
+
+@pytest.mark.parametrize(("elbow", "side"), [((120.0, 60.0), 1.0), ((80.0, 60.0), -1.0)])
+def test_a_leader_stands_on_the_side_away_from_its_tip_with_the_limits_in_its_text(elbow, side, sheet):
+    sheet.leader((100.0, 50.0), elbow, "R {} of the step", "step")
+    said, number = texts(sheet)
+    assert said == "R 0.010 ±0.001 of the step"
+    assert number == "1"
+    (balloon,) = sheet.space.query("CIRCLE")
+    assert side * (balloon.dxf.center.x - elbow[0]) > 3.0
+    sheet.leader((100.0, 50.0), elbow, "working edge")
+    assert texts(sheet)[-1] == "working edge"
+    assert sheet.numbers == {1}
+
+
+def test_a_frame_holds_sign_zone_and_datum_with_the_number_beside(sheet):
+    left = sheet.frame("flat", (50.0, 40.0))
+    assert left == (50.0, 43.0)
+    assert texts(sheet) == ["0.0005", "3"]
+    sheet.frame("parallel", (50.0, 60.0), "A")
+    assert texts(sheet)[2:] == ["0.002", "A", "4"]
+    assert sheet.numbers == {3, 4}
+
+
+def test_an_arrow_points_from_its_tail_to_its_tip(sheet):
+    sheet.point_to((10.0, 0.0), (0.0, 30.0))  # down from the height of the frame
+    (solid,) = sheet.space.query("SOLID")
+    tip, one, other = solid.dxf.vtx0, solid.dxf.vtx1, solid.dxf.vtx2
+    assert (tip.x, tip.y) == (10.0, 0.0)
+    assert one.y == pytest.approx(other.y)
+    assert one.y > 0.0
+    assert tip.distance(one) == pytest.approx(2.5)
+
+
+def test_the_title_block_lies_in_the_lower_right_corner_inside_the_frame(sheet):
+    sheet.border("Step block", "STEP-010", "steel")
+    said = texts(sheet)
+    assert said[0] == "Step block"
+    for name, value in (("identity", "STEP-010"), ("material", "steel"), ("unit", "mm")):
+        assert said[said.index(name) + 1] == value
+    for entity in sheet.space.query("TEXT"):
+        x, y = entity.get_placement()[1].vec2
+        assert WIDTH - 190.0 < x < WIDTH - 10.0
+        assert 10.0 < y < 0.5 * HEIGHT
+
+
+def test_notes_go_down_line_by_line(sheet):
+    sheet.notes((20.0, 100.0), ["one", "two", "three"])
+    heights = [entity.dxf.insert.y for entity in sheet.space.query("TEXT")]
+    assert heights == [100.0, 95.0, 90.0]
+
+
+@pytest.mark.parametrize("middle", [45.0, -135.0])
+def test_an_arc_is_drawn_through_its_middle_point_the_short_way_or_the_long(middle):
+    def on(degrees):
+        return 3.0 + 2.0 * math.cos(math.radians(degrees)), -1.0 + 2.0 * math.sin(math.radians(degrees))
+
+    points = list(_arc(on(0.0), on(middle), on(90.0)))
+    assert len(points) == 96
+    assert points[-1] == pytest.approx(on(90.0))
+    assert all(math.hypot(x - 3.0, y + 1.0) == pytest.approx(2.0) for x, y in points)
+    assert min(math.dist(point, on(middle)) for point in points) < 0.05
+
+
+def test_an_outline_of_lines_stays_as_it_is():
+    outline = [(0.0, 0.0), (1.0, 0.0), ((2.0, 1.0), (1.0, 2.0)), (0.0, 2.0)]
+    points = list(_flattened(outline))
+    assert points[:2] == outline[:2]
+    assert points[-1] == (0.0, 2.0)
+    assert len(points) == 3 + 96
