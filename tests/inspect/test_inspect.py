@@ -6,7 +6,14 @@ import numpy as np
 import pytest
 
 from oracles.softgauge import correlated_noise, edge_gauge, groove_gauge
-from stepblocks.artefacts.as_built import AsBuilt, AsBuiltValue, read_as_built, write_as_built
+from stepblocks.artefacts.as_built import (
+    AsBuilt,
+    AsBuiltValue,
+    measured_edges,
+    read_as_built,
+    read_records,
+    write_as_built,
+)
 from stepblocks.cli import main
 from stepblocks.contact.felt import scanned_angle
 from stepblocks.errors import MetrologyError
@@ -211,8 +218,6 @@ def test_a_record_whose_surface_was_changed_or_lost_is_refused(tmp_path, capsys)
 
 
 def test_an_inspected_block_speaks_in_the_closed_loop_with_its_own_height_and_edge(tmp_path):
-    from stepblocks.predict.as_built import measured_edges, read_records
-
     values = {
         "groove_depth": AsBuiltValue(50.4e-6, 20e-9, "conforms"),
         "edge_radius": AsBuiltValue(14e-6, 0.3e-6, "does-not-conform"),

@@ -3,63 +3,65 @@
 from __future__ import annotations
 
 import hashlib
+import io
 import tomllib
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
+
+import numpy as np
 
 from stepblocks.artefacts.scans.scan import Profile
 from stepblocks.artefacts.scans.text import read_text_scan
 from stepblocks.atomic import replace_text
-from stepblocks.errors import MetrologyError, QuantityError
+from stepblocks.errors import MetrologyError, PipelineError, QuantityError
 from stepblocks.quantities import format_quantity, parse_quantity
 
-SCHEMA = 1  # Version of the record's format
+_SCHEMA = 1  # of the record's format
 _MOST_BYTES = 1_000_000
+_TEXTS = ("stimulus", "scan", "scan_sha256", "convention")
 
 
 @dataclass(frozen=True)
 class AsBuiltValue:
     """One measured characteristic."""
 
-    value: float  # Measured value and combined standard uncertainty [m]
-    std: float
-    verdict: str  # Outcome against the stimulus's limits
+    value: float  # m
+    std: float  # combined standard uncertainty [m]
+    verdict: str  # against the limits of the stimulus
 
 
 @dataclass(frozen=True)
 class AsBuilt:
     """A record."""
 
-    stimulus: str  # Identity of the part
-    scan: str  # File name of the scan
-    scan_sha256: str  # Its digest
-    convention: str  # How the values are defined
-    values: dict[str, AsBuiltValue]  # By key of the characteristic, for example ``step_height``
-    # Levelled profile across the edge, for what the values do not say of its form
+    stimulus: str  # identity of the part
+    scan: str  # file name of the scan
+    scan_sha256: str
+    convention: str  # how the values are defined
+    values: dict[str, AsBuiltValue]  # by key of the characteristic, such as ``step_height``
+    # levelled profile across the edge, for what the values do not say of its form
     surface: Profile | None = field(default=None, compare=False)
 
+    @property
+    def height(self) -> AsBuiltValue | None:
+        """Height of the step: measured at the edge itself, or at the feature beside it that is as high."""
+        found = (self.values.get(key) for key in ("step_height", "groove_depth", "ridge_height"))
+        return next((value for value in found if value is not None), None)
 
-def surface_path(record: Path) -> Path:
-    """Return where the surface of a record lies: ``<id>.as-built.profile.csv`` beside ``<id>.as-built.toml``."""
-    return record.with_name(f"{record.stem}.profile.csv")
 
-
-def write_as_built(path: Path, record: AsBuilt) -> None:
-    """Write a record as TOML with units, and its surface beside it as CSV; each is replaced only when it is whole."""
-    lines = [
-        f"schema = {SCHEMA}",
-        f"stimulus = {_quoted(record.stimulus)}",
-        f"scan = {_quoted(record.scan)}",
-        f"scan_sha256 = {_quoted(record.scan_sha256)}",
-        f"convention = {_quoted(record.convention)}",
-    ]
+def write_as_built(path: Path, record: AsBuilt) -> list[Path]:
+    """Write a record as TOML with units, and its surface beside it as CSV; return the paths of both."""
+    lines = [f"schema = {_SCHEMA}", *(f"{name} = {_quoted(getattr(record, name))}" for name in _TEXTS)]
+    written = [path]
     if record.surface is not None:
-        rows = zip(record.surface.position * 1e6, record.surface.height * 1e6, strict=True)
-        text = "x_um,z_um\n" + "".join(f"{x:.6f},{z:.6f}\n" for x, z in rows)
-        beside = surface_path(path)
-        replace_text(beside, text)
-        digest = hashlib.sha256(text.encode()).hexdigest()
-        lines += [f"profile = {_quoted(beside.name)}", f'profile_sha256 = "{digest}"']
+        table = io.StringIO()
+        columns = np.column_stack([record.surface.position, record.surface.height]) * 1e6
+        np.savetxt(table, columns, "%.6f", ",", header="x_um,z_um", comments="")
+        written.append(path.with_name(f"{path.stem}.profile.csv"))
+        replace_text(written[-1], table.getvalue())
+        digest = hashlib.sha256(table.getvalue().encode()).hexdigest()
+        lines += [f"profile = {_quoted(written[-1].name)}", f'profile_sha256 = "{digest}"']
     for key, one in record.values.items():
         lines += [
             "",
@@ -69,6 +71,7 @@ def write_as_built(path: Path, record: AsBuilt) -> None:
             f"verdict = {_quoted(one.verdict)}",
         ]
     replace_text(path, "\n".join(lines) + "\n")
+    return written
 
 
 def _quoted(text: str) -> str:
@@ -76,17 +79,34 @@ def _quoted(text: str) -> str:
     return f'"{escaped}"'
 
 
-def read_as_built(path: Path) -> AsBuilt:
-    """Read a record."""
+def read_as_built(path: str | Path) -> AsBuilt:
+    """Read a record of `stepblocks inspect`.
+
+    Parameters
+    ----------
+    path : str or Path
+        ``<id>.as-built.toml``; the profile that it names must lie beside it.
+
+    Returns
+    -------
+    AsBuilt
+        Values in SI, and the scanned profile where the record has one.
+
+    Raises
+    ------
+    MetrologyError
+        If the file is no such record, or the profile is missing or not the one that was inspected.
+    """
+    path = Path(path)
     try:
         if path.stat().st_size > _MOST_BYTES:
             raise MetrologyError(f"record must not exceed {_MOST_BYTES} bytes [{path}]")
         raw = tomllib.loads(path.read_text(encoding="utf-8"))
     except (OSError, UnicodeDecodeError, tomllib.TOMLDecodeError) as error:
         raise MetrologyError(f"record must be a TOML file, got: {error} [{path}]") from error
-    if raw.get("schema") != SCHEMA:
-        raise MetrologyError(f"schema must be {SCHEMA}, got {raw.get('schema')!r} [{path}]")
-    texts = {key: raw.get(key) for key in ("stimulus", "scan", "scan_sha256", "convention")}
+    if raw.get("schema") != _SCHEMA:
+        raise MetrologyError(f"schema must be {_SCHEMA}, got {raw.get('schema')!r} [{path}]")
+    texts = {key: raw.get(key) for key in _TEXTS}
     for key, value in texts.items():
         if not isinstance(value, str):
             raise MetrologyError(f"{key} must be text, got {value!r} [{path}]")
@@ -96,6 +116,36 @@ def read_as_built(path: Path) -> AsBuilt:
     values = {key: _value(path, key, table) for key, table in tables.items()}
     known = {key: str(value) for key, value in texts.items()}
     return AsBuilt(**known, values=values, surface=_surface(path, raw.get("profile"), raw.get("profile_sha256")))
+
+
+def read_records(paths: Sequence[Path]) -> dict[str, AsBuilt]:
+    """Read files, and all records of folders, by the stimulus that each is of.
+
+    Raises
+    ------
+    PipelineError
+        If two records are of one stimulus, or there is none.
+    """
+    files = [file for path in paths for file in (sorted(path.glob("*.as-built.toml")) if path.is_dir() else [path])]
+    records: dict[str, AsBuilt] = {}
+    for file in files:
+        record = read_as_built(file)
+        if record.stimulus in records:
+            raise PipelineError(f"records must name each stimulus once, got {record.stimulus} twice [{file}]")
+        records[record.stimulus] = record
+    if not records:
+        raise PipelineError("expected at least one record (*.as-built.toml), got none")
+    return records
+
+
+def measured_edges(records: dict[str, AsBuilt]) -> dict[str, dict[str, float]]:
+    """List heights and edge radii of inspected blocks for the closed loop, the unit in every name."""
+    edges: dict[str, dict[str, float]] = {}
+    for block, record in records.items():
+        for name, one in (("height", record.height), ("edge_radius", record.values.get("edge_radius"))):
+            if record.height is not None and one is not None:
+                edges.setdefault(block, {}).update({f"{name}_m": one.value, f"{name}_std_m": one.std})
+    return edges
 
 
 def _surface(record: Path, name: object, digest: object) -> Profile | None:

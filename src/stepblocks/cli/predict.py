@@ -113,13 +113,8 @@ def _predict_sets(arguments: argparse.Namespace) -> int:
     sets = [load_declared(path) for path in stimulus_files(arguments.files)]
     more: Callable[[Prediction], dict[str, str]] | None = None
     if arguments.as_built:
-        from stepblocks.predict.as_built import (
-            moved_energies,
-            read_records,
-            surface_columns,
-            surface_releases,
-            with_as_built,
-        )
+        from stepblocks.artefacts.as_built import read_records
+        from stepblocks.predict.as_built import moved_energies, surface_columns, surface_releases, with_as_built
 
         records = read_records(arguments.as_built)
         if any(record.surface is not None for record in records.values()):

@@ -9,7 +9,7 @@ from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Any
 
-from stepblocks.artefacts.as_built import AsBuilt, AsBuiltValue, surface_path, write_as_built
+from stepblocks.artefacts.as_built import AsBuilt, AsBuiltValue, write_as_built
 from stepblocks.artefacts.inspection_sheet import write_sheet_csv
 from stepblocks.artefacts.scans.read import read_scan
 from stepblocks.artefacts.scans.scan import HeightMap, Profile
@@ -174,13 +174,8 @@ def write_inspection(result: InspectionResult, folder: Path) -> list[Path]:
     shown = result.inspected.shown
     surface = Profile(shown.position, shown.height) if result.felt else None
     record = AsBuilt(result.identity, result.source.name, digest, result.inspected.convention, values, surface)
-    paths = [
-        base.with_name(f"{base.name}.{ending}")
-        for ending in ("as-built.toml", "inspection.json", "inspection.txt", "inspection.svg")
-    ]
-    write_as_built(paths[0], record)
-    if surface is not None:
-        paths.insert(1, surface_path(paths[0]))
+    paths = write_as_built(base.with_name(f"{base.name}.as-built.toml"), record)
+    paths += [base.with_name(f"{base.name}.inspection.{ending}") for ending in ("json", "txt", "svg")]
     replace_text(paths[-3], json.dumps(as_json(result), indent=2, allow_nan=False) + "\n")
     replace_text(paths[-2], table_of(result) + "\n")
     draw_inspection(paths[-1], result.identity, result.inspected, list(result.judged), result.verdict)

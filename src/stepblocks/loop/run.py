@@ -15,6 +15,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
+from stepblocks.artefacts.as_built import measured_edges, read_records
 from stepblocks.artefacts.model_file import model_document
 from stepblocks.atomic import replace_text
 from stepblocks.errors import PipelineError
@@ -29,7 +30,6 @@ from stepblocks.loop.search.noise import flexible_residual
 from stepblocks.loop.search.trials import Trials
 from stepblocks.loop.session_scans import edge_of_scan, scan_blocks
 from stepblocks.loop.session_table import SessionTable, trials_of
-from stepblocks.predict.as_built import measured_edges, read_records
 
 if TYPE_CHECKING:
     import pandas as pd
