@@ -11,19 +11,21 @@ import pytest
 
 from oracles.feature_bench import bench_trials, block_scans, design_columns, noise_free
 from stepblocks.artefacts.model_file import read_model
+from stepblocks.contact.forward import tip_radius_um
+from stepblocks.contact.operating_point import Tool
 from stepblocks.declare import load_set
 from stepblocks.errors import PipelineError
 from stepblocks.loop.bench_model import SessionModel, candidates, covariate_ranges
 from stepblocks.loop.run import analyse_features, write_loop
-from stepblocks.loop.search.explain import Rules, explain
-from stepblocks.loop.search.explanation import Verdict
-from stepblocks.loop.search.identifiability import identifiability
-from stepblocks.loop.search.trials import Trials
-from stepblocks.loop.session_table import tip_radius_um, trials_of
+from stepblocks.loop.search.adequacy import identifiability
+from stepblocks.loop.search.explain import Rules, Verdict, explain
+from stepblocks.loop.search.forward_model import Trials
+from stepblocks.loop.session_table import trials_of
 from stepblocks.predict.trials import predict_trials
 
 _SHARED = Path(os.environ.get("STEPBLOCKS_SHARED", Path(__file__).parents[2] / ".." / "shared"))
 _RULES = Rules(draws=200)
+_TOOL = Tool(frequency=300.0, decay_time=0.02)
 
 
 def _named(columns, name):  # type: ignore[no-untyped-def]
@@ -64,7 +66,7 @@ def worn(tmp_path_factory):  # type: ignore[no-untyped-def]
     scans = {b: {"height_m": v, "height_std_m": s} for b, (v, s) in block_scans(columns, 3).items()}
     result = analyse_features(features, 9810.0, 125e-6, scans, rules=_RULES)
     folder = tmp_path_factory.mktemp("worn")
-    write_loop(result, folder, "worn")
+    write_loop(result, folder)
     return columns, truth, result, folder
 
 
@@ -72,7 +74,7 @@ def test_a_bench_without_an_effect_is_left_alone() -> None:
     verdicts = []
     for seed in range(4):
         columns = design_columns(45 if seed % 2 else 120, 40 + seed)
-        model = SessionModel(9810.0, 300.0, 0.02)
+        model = SessionModel(_TOOL)
         trials = bench_trials(columns, 40 + seed)
         verdicts.append(explain(model, trials, candidates(trials, covariate_ranges(trials)), _RULES).verdict)
     assert verdicts == [Verdict.NONE] * 4
@@ -82,7 +84,7 @@ def test_a_bench_without_an_effect_is_left_alone() -> None:
 def test_a_rounded_edge_is_found_with_and_without_scans_of_the_heights(scanned: bool) -> None:
     columns = design_columns(160, 5)
     trials = bench_trials(columns, 5, ((_named(columns, "edge_rounding"), {"edge_radius_m": 14e-6}),))
-    model = SessionModel(9810.0, 300.0, 0.02, scanned=block_scans(columns, 5) if scanned else None)
+    model = SessionModel(_TOOL, scanned=block_scans(columns, 5) if scanned else None)
     found = explain(model, trials, candidates(trials, covariate_ranges(trials)), _RULES)
     assert found.verdict is Verdict.EFFECT
     assert [f.effect.id for f in found.findings] == ["edge_rounding"]
@@ -107,7 +109,7 @@ def test_the_effect_is_named_with_parameters_and_intervals(worn) -> None:  # typ
 
 def test_the_block_that_is_asked_for_can_be_built(worn) -> None:  # type: ignore[no-untyped-def]
     _, _, result, folder = worn
-    asked = result.result["next_experiment"]["block"]
+    asked = result.document["next_experiment"]["block"]
     (block,) = load_set(folder / "next-block.toml").stimuli
     assert block.height.nominal == pytest.approx(float(asked["height"].removesuffix(" um")) * 1e-6)
 
@@ -116,7 +118,7 @@ def test_a_constant_tilt_is_not_claimed_and_its_group_is_named() -> None:
     columns = design_columns(120, 8)
     tilt = next(e for e in candidates(bench_trials(columns, 0), (), with_imitated=True) if e.id == "block_tilt")
     trials = bench_trials(columns, 8, ((tilt, {"tilt_rad": 0.08}),))
-    model = SessionModel(9810.0, 300.0, 0.02, scanned=block_scans(columns, 8))
+    model = SessionModel(_TOOL, scanned=block_scans(columns, 8))
     found = explain(model, trials, candidates(trials, covariate_ranges(trials)), _RULES)
     assert found.verdict is Verdict.NONE
     # origin: tan(atan mu + t) takes the place of mu in every force and energy
@@ -128,7 +130,7 @@ def test_a_constant_tilt_is_not_claimed_and_its_group_is_named() -> None:
 
 def test_held_out_errors_fall_to_the_noise_floor(worn) -> None:  # type: ignore[no-untyped-def]
     _, _, result, _ = worn
-    before, after = (result.result[part]["error"] for part in ("nominal", "extended"))
+    before, after = (result.document[part]["error"] for part in ("nominal", "extended"))
     for key in ("ln_energy_rms", "ln_peak_force_rms"):
         assert after[key] < 0.8 * before[key]
         assert after[key] < 1.25 * after["noise_floor"][key]
@@ -148,7 +150,7 @@ def test_documents_hold_finite_numbers_only_and_the_page_opens_offline(worn) -> 
 
 def test_a_second_run_writes_the_same_bytes(worn, tmp_path: Path) -> None:  # type: ignore[no-untyped-def]
     _, _, result, folder = worn
-    write_loop(result, tmp_path, "worn")
+    write_loop(result, tmp_path)
     for name in ("result.json", "model.json", "report.html"):
         assert (tmp_path / name).read_bytes() == (folder / name).read_bytes()
 
@@ -193,8 +195,8 @@ def test_trials_beyond_the_data_are_flagged(worn, tmp_path: Path) -> None:  # ty
         }
     )
     rows.to_csv(tmp_path / "trials.csv", index=False)
-    assert predict_trials(tmp_path / "trials.csv", folder / "model.json", tmp_path / "p.csv") == 3
-    status = pd.read_csv(tmp_path / "p.csv").set_index("trial")["status"]
+    status = predict_trials(tmp_path / "trials.csv", folder / "model.json").set_index("trial")["status"]
+    assert (status != "ok").sum() == 3
     assert status["in"] == "ok"
     assert "load_n" in status["heavy"]
     assert status["high"] == "locked"
@@ -232,9 +234,9 @@ def test_the_name_of_a_tip_gives_its_radius() -> None:
 )
 def test_the_shared_sessions_end_as_told(session: str, verdict: str, effect: str | None, tmp_path: Path) -> None:
     pytest.importorskip("stepblocks.bench.measure")
-    from stepblocks.loop.run import loop_session
+    from stepblocks.loop.run import loop
 
-    assert str(loop_session(_SHARED / "bench" / session, tmp_path, jobs=2)) == verdict
+    assert str(loop(_SHARED / "bench" / session, tmp_path, jobs=2).verdict) == verdict
     result = json.loads((tmp_path / "result.json").read_text())
     assert [e["id"] for e in result["effects"]] == ([effect] if effect else [])
     if session == "blunt":
@@ -257,9 +259,7 @@ def _spoiled(kind: str) -> pd.DataFrame:
 def test_a_poor_session_ends_in_a_verdict_and_claims_no_law(kind: str) -> None:
     features = _spoiled(kind)
     trials = trials_of(features, 9810.0, 125e-6).trials
-    found = explain(
-        SessionModel(9810.0, 300.0, 0.02), trials, candidates(trials, covariate_ranges(trials)), Rules(draws=100)
-    )
+    found = explain(SessionModel(_TOOL), trials, candidates(trials, covariate_ranges(trials)), Rules(draws=100))
     assert found.verdict is Verdict.NONE
 
 
@@ -286,7 +286,7 @@ def test_a_steady_drift_of_friction_is_not_called_running_in() -> None:
     columns = design_columns(160, 8)
     drift = _named(columns, "trend_friction_run_order")
     trials = bench_trials(columns, 8, ((drift, {"slope": 0.15}),))
-    model = SessionModel(9810.0, 300.0, 0.02, scanned=block_scans(columns, 8))
+    model = SessionModel(_TOOL, scanned=block_scans(columns, 8))
     found = explain(model, trials, candidates(trials, covariate_ranges(trials)), _RULES)
     assert [f.effect.place for f in found.findings] == [("friction", "run_order")]
     assert found.verdict is Verdict.UNEXPLAINED

@@ -9,11 +9,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from stepblocks.loop.search.effect import Effect
-from stepblocks.loop.search.explanation import Explanation, Verdict
-from stepblocks.loop.search.fit import Fit, fit
-from stepblocks.loop.search.next_trials import propose
-from stepblocks.loop.search.trials import Trials
+from stepblocks.loop.search.explain import Explanation, Verdict
+from stepblocks.loop.search.fit import fit
+from stepblocks.loop.search.forward_model import Trials
+from stepblocks.loop.search.next_trials import Rival, propose
 
 _SHOWN = ("height_um", "load_n", "speed_mm_s")
 _HEIGHTS_UM = (5.0, 10.0, 15.0, 20.0, 30.0, 40.0, 50.0, 60.0, 70.0, 80.0, 90.0)
@@ -94,7 +93,8 @@ distance = {{ nominal = "2 mm", tolerance = "0.1 mm" }}
 """
 
 
-def _pair(found: Explanation) -> tuple[list[str], tuple[list[Effect], Fit], tuple[list[Effect], Fit]] | None:
+def _pair(found: Explanation) -> tuple[list[str], Rival, Rival] | None:
+    """Names of two models that are to be told apart, and the models."""
     if found.verdict is Verdict.NONE:
         return None
     current = found.extended
@@ -102,13 +102,12 @@ def _pair(found: Explanation) -> tuple[list[str], tuple[list[Effect], Fit], tupl
         if finding.rivals:
             rival, fitted, _ = finding.rivals[0]
             others = [e for e in current.effects if e is not finding.effect]
-            first, second = (list(current.effects), current), ([*others, rival], fitted)
-            return [finding.effect.id, rival.id], first, second
+            return [finding.effect.id, rival.id], (current.effects, current), ([*others, rival], fitted)
     # where nothing rivals it, ask what would confirm it: with it, against without it
     finding = min(found.findings, key=lambda f: (f.effect.named, f.gain))
     others = [e for e in current.effects if e is not finding.effect]
     without = fit(found.problem, tuple(others), current.values)
-    return [finding.effect.id, "nothing"], (list(current.effects), current), (others, without)
+    return [finding.effect.id, "nothing"], (current.effects, current), (others, without)
 
 
 def _grid(trials: Trials, extra: list[str]) -> Trials:

@@ -20,23 +20,10 @@ def teach(
     learned: LearnedModel, surface: Part, condition: OperatingPoint, speed: float, keep_friction: bool = False
 ) -> tuple[Part, OperatingPoint, tuple[VibrationEvent, VibrationEvent]]:
     """Apply what was learnt to a surface, its condition and its events."""
-    known = learned_drag(
-        learned,
-        surface.id,
-        _height(surface, condition.ball_radius, 1),
-        condition.normal_load,
-        condition.ball_radius,
-        speed,
-    )
-    tool = replace(
-        condition.tool,
-        stiffness=known.stiffness,
-        conversion=known.conversion,
-        frequency=known.frequency,
-        decay_time=known.decay,
-    )
+    height = _height(surface, condition.ball_radius, 1)
+    known = learned_drag(learned, surface.id, height, replace(condition, speed=speed))
     friction = condition.friction if keep_friction else known.friction
-    taught = replace(condition, friction=friction, tool=tool)
+    taught = replace(condition, friction=friction, tool=known.tool)
     if isinstance(surface, StepBlock) and known.edge_radius > 0.0:
         radius = min(known.edge_radius, surface.height.nominal)
         surface = surface.model_copy(update={"edge_radius": replace(surface.edge_radius, nominal=radius)})
@@ -62,6 +49,6 @@ def _taught(
     if event.status is not Status.RELEASES:
         return event
     height = _height(surface, condition.ball_radius, event.direction)
-    known = learned_drag(learned, surface.id, height, condition.normal_load, condition.ball_radius, speed)
+    known = learned_drag(learned, surface.id, height, replace(condition, speed=speed))
     told = replace(event, learned=Learned(known.status, known.peak_force, known.energy))
     return with_energy(told, known.energy[0]) if np.isfinite(known.energy[0]) else told

@@ -12,9 +12,8 @@ from dataclasses import dataclass
 import numpy as np
 from scipy import stats
 
-from stepblocks.loop.search.effect import Effect
 from stepblocks.loop.search.fit import Fit, Problem
-from stepblocks.loop.search.trials import Floats
+from stepblocks.loop.search.forward_model import Effect, Floats
 
 _UNSEEN = 2e-3  # a direction of which less is left beside the nominal model is its derivative, up to rounding
 
@@ -23,13 +22,13 @@ _UNSEEN = 2e-3  # a direction of which less is left beside the nominal model is 
 class Score:
     """How a candidate would improve the fit, to first order."""
 
-    effect: Effect  # The candidate
-    shape: Mapping[str, float]  # Values of its other parameters that did best
-    gain: float  # Fall of the cost to first order
-    freedom: int  # Directions of it that the design can see
-    log_p: float  # Logarithm of its own p value
-    seen: float  # Share of its direction that the nominal model cannot imitate, 0 to 1
-    step: Floats  # Amplitudes of the step to first order
+    effect: Effect
+    shape: Mapping[str, float]  # values of its other parameters that did best
+    gain: float  # fall of the cost
+    freedom: int  # directions of it that the design can see
+    log_p: float  # logarithm of its own p value
+    seen: float  # share of its direction that the nominal model cannot imitate, 0 to 1
+    step: Floats  # of the amplitudes
 
 
 @dataclass(frozen=True)
@@ -58,14 +57,13 @@ def tangent(problem: Problem, base: Fit, effect: Effect, shape: Mapping[str, flo
 def _changes(problem: Problem, base: Fit, effect: Effect, shape: Mapping[str, float]) -> list[Floats]:
     """Change of the prediction per unit of each amplitude, in units of its scale, each of shape (n, c)."""
     neutral = {p.name: p.start for p in effect.parameters} | dict(shape)
-    active = [(e, base.of(e)) for e in base.effects]
     columns = []
     for parameter in effect.parameters:
         if parameter.name not in effect.amplitudes:
             continue
         step = 0.02 * parameter.scale
         moved = neutral | {parameter.name: neutral[parameter.name] + step}
-        change = problem.model.predict(problem.trials, base.values, [*active, (effect, moved)]) - base.predicted
+        change = problem.model.predict(problem.trials, base.values, [*base.active, (effect, moved)]) - base.predicted
         columns.append(change * (parameter.scale / step))
     return columns
 
@@ -138,11 +136,6 @@ def _least_log_p(gains: Floats, freedom: Floats, noise_dof: float) -> Floats:
     kinds = np.unique(freedom)
     largest = np.stack([gains[freedom == kind].max(axis=0) for kind in kinds])
     return np.asarray(_log_p(largest, kinds, noise_dof).min(axis=0))
-
-
-def scores(problem: Problem, base: Fit, effects: Sequence[Effect]) -> tuple[Score, ...]:
-    """Score candidates without a gate, best first."""
-    return gate(problem, base, effects, draws=0).scores
 
 
 def gate(problem: Problem, base: Fit, effects: Sequence[Effect], draws: int = 400, seed: int = 0) -> Gate:
