@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from pydantic import TypeAdapter
 
 from stepblocks.contact.effects.catalogue import named_laws
 from stepblocks.contact.effects.law import Law
@@ -118,22 +119,13 @@ def read_model(path: str | Path) -> LearnedModel:
     try:
         return _from_document(document)
     except (KeyError, TypeError, ValueError, AttributeError, ContactError) as error:
-        raise PipelineError(f"model is incomplete or damaged: {error!s:.80} [{path}]") from error
+        reason = " ".join(str(error).split())
+        raise PipelineError(f"model is incomplete or damaged: {reason:.80} [{path}]") from error
 
 
 def _from_document(document: Mapping[str, Any]) -> LearnedModel:
     probe, start, scatter = document["probe"], document["start"], document["scatter"]
-    ranges = tuple(
-        CovariateRange(
-            str(place["name"]),
-            float(place["low"]),
-            float(place["high"]),
-            bool(place["log"]),
-            tuple(str(label) for label in place["labels"]),
-            int(place["distinct"]),
-        )
-        for place in document["covariates"]
-    )
+    ranges = TypeAdapter(tuple[CovariateRange, ...]).validate_python(document["covariates"])
     blocks = tuple(str(block) for block in document["blocks"])
     laws = {law.id: law for law in (*named_laws(blocks), *smooth_laws(ranges))}
     return LearnedModel(
@@ -145,7 +137,7 @@ def _from_document(document: Mapping[str, Any]) -> LearnedModel:
         ),
         tip_radius_um=float(probe["tip_radius_um"]),
         height_std=float(document["block_height_std_m"]),
-        scanned={str(block): (float(v[0]), float(v[1])) for block, v in document["scanned_height_m"].items()},
+        scanned=TypeAdapter(dict[str, tuple[float, float]]).validate_python(document["scanned_height_m"]),
         blocks=blocks,
         ranges=ranges,
         quantity_std=_numbers("quantity_std", scatter["quantity_std"], (3,)),

@@ -53,44 +53,13 @@ def block_stimulus(experiment: Mapping[str, Any] | None) -> str | None:
     """Stimulus file of the block that an experiment asks for, as `stepblocks build` reads it; None where it asks none."""
     if not experiment or "block" not in experiment:
         return None
-    block = experiment["block"]
-    loads = sorted({float(trial["load_n"]) for trial in experiment["trials"]})
-    return _BLOCK.format(
-        rivals=" from ".join(experiment["separates"]), loads=", ".join(f'"{load:g} N"' for load in loads), **block
+    from jinja2 import Environment, PackageLoader
+
+    loads = ", ".join(f'"{load:g} N"' for load in sorted({float(trial["load_n"]) for trial in experiment["trials"]}))
+    template = Environment(loader=PackageLoader("stepblocks.loop"), keep_trailing_newline=True, trim_blocks=True)
+    return template.get_template("next-block.toml.j2").render(
+        rivals=" from ".join(experiment["separates"]), loads=loads, **experiment["block"]
     )
-
-
-# the body of the shipped blocks
-_BLOCK = """schema = 1
-set = "next-block"
-title = "The block that would separate {rivals} best"
-source = "next experiment of stepblocks loop"
-
-[prediction]
-tip_radii = ["{tip}"]
-normal_loads = [{loads}]
-frictions = [{friction}]
-
-[[step_block]]
-id = "{name}"
-material = "steel"
-height = {{ nominal = "{height}", tolerance = "1 um" }}
-edge_radius = {{ nominal = "{edge_radius}", tolerance = "+2 um / -0 um" }}
-
-[step_block.body]
-length = "40 mm"
-width = "24 mm"
-thickness = "10 mm"
-edge_break = {{ nominal = "0.3 mm", tolerance = "0.1 mm" }}
-mounting = {{ kind = "clearance", thread = "M3", spacing = "30 mm", depth = "3.5 mm" }}
-engraving = {{ height = "2.5 mm", depth = {{ nominal = "0.15 mm", tolerance = "0.05 mm" }} }}
-
-[step_block.metrology]
-kind = "ridge"
-width = {{ nominal = "0.8 mm", tolerance = "0.05 mm" }}
-lane = "6 mm"
-distance = {{ nominal = "2 mm", tolerance = "0.1 mm" }}
-"""
 
 
 def _pair(found: Explanation) -> tuple[list[str], Rival, Rival] | None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from itertools import product
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -91,20 +92,18 @@ def predicted(table: pd.DataFrame, learned: LearnedModel) -> tuple[pd.DataFrame,
     columns["tip_radius_um"] = np.array([tip_radius_um(tip, learned.tip_radius_um) for tip in tips])
     # a block is known by its name; a new height under an old name is a block of its own
     design = design_of(table["block"].astype(str).to_numpy(), columns, learned.tool.stiffness)
-    figures: dict[str, Floats] = {}
-    for prefix, fitted in (("nominal_", learned.nominal), ("", learned.extended)):
-        mean, std, state = _channels(design, fitted, learned)
-        for name, channel in _FIGURES.items():
-            for end, shift in (("", 0.0), ("_low", -_HALF_WIDTH), ("_high", _HALF_WIDTH)):
-                value = np.exp(mean[:, channel] + shift * std[:, channel])
-                figures[prefix + name.format(end)] = np.where(state.locked() | invalid.astype(bool), np.nan, value)
-    status = np.where(outside.astype(bool), "outside-range(" + outside + ")", "ok")
+    models = {"": _channels(design, learned.extended, learned), "nominal_": _channels(design, learned.nominal, learned)}
+    wrong, beyond, state = invalid.astype(bool), outside.astype(bool), models[""][2]
+    status = np.where(beyond, "outside-range(" + outside + ")", "ok")
     status = np.where(state.locked(), "locked", status)
-    status = np.where(invalid.astype(bool), "invalid(" + invalid + ")", status)
-    single = [prefix + name.format("") for prefix in ("", "nominal_") for name in _FIGURES]
-    ends = [prefix + name.format(e) for prefix in ("", "nominal_") for name in _FIGURES for e in ("_low", "_high")]
-    shown = {name: figures[name] for name in (*single, *ends)}
-    return pd.DataFrame({"trial": table["trial"].to_numpy(), "status": status} | shown), state
+    result = {"trial": table["trial"].to_numpy(), "status": np.where(wrong, "invalid(" + invalid + ")", status)}
+    # first the values, then their intervals
+    for ends in ({"": 0.0}, {"_low": -_HALF_WIDTH, "_high": _HALF_WIDTH}):
+        each = product(models.items(), _FIGURES.items(), ends.items())
+        for (prefix, (mean, std, slots)), (name, channel), (end, shift) in each:
+            value = np.exp(mean[:, channel] + shift * std[:, channel])
+            result[prefix + name.format(end)] = np.where(slots.locked() | wrong, np.nan, value)
+    return pd.DataFrame(result), state
 
 
 def _conditions(
