@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
-from functools import lru_cache
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -48,30 +47,16 @@ class CovariateRange:
 
     def basis(self, column: NDArray[Any]) -> Floats:
         """Columns of the smooth, each zero in the middle of the range: cubic B-splines, or one per label."""
+        from scipy.interpolate import BSpline
+
         if self.labels:
             return np.stack([np.asarray(column == label, dtype=np.float64) for label in self.labels[1:]], axis=1)
         if self.freedom < _PIECES:
             return self.line(column) ** np.arange(1, self.freedom + 1)
-        unit = self.unit(column)
-        powers = np.stack([np.ones_like(unit), unit, unit**2, unit**3], axis=1)
-        lower, upper = _spline_pieces()
-        return np.where((unit < 0.5)[:, None], powers @ lower, powers @ upper)
-
-
-@lru_cache(maxsize=1)
-def _spline_pieces() -> tuple[Floats, Floats]:
-    """Polynomials of the cubic B-splines on both halves of 0 to 1; a basis is wanted thousands of times."""
-    from scipy.interpolate import BSpline
-
-    knots = np.concatenate([np.zeros(3), np.linspace(0.0, 1.0, _PIECES - 1), np.ones(3)])
-    middle = BSpline.design_matrix(np.array([0.5]), knots, 3).toarray()
-    pieces = []
-    for start in (0.0, 0.5):
-        x = start + np.linspace(0.0, 0.49, 4)
-        design = BSpline.design_matrix(x, knots, 3).toarray()
         # a constant belongs to the nominal model: one spline goes, the rest vanish in the middle
-        pieces.append(np.linalg.solve(np.vander(x, 4, increasing=True), (design - middle)[:, [0, 1, 3, 4]]))
-    return pieces[0], pieces[1]
+        unit, knots = self.unit(column), np.concatenate([np.zeros(3), np.linspace(0.0, 1.0, _PIECES - 1), np.ones(3)])
+        design = BSpline.design_matrix(np.append(unit, 0.5), knots, 3).toarray()
+        return np.asarray((design[:-1] - design[-1])[:, [0, 1, 3, 4]])
 
 
 def _scaled(*slots: str) -> Change:
