@@ -10,16 +10,16 @@ import pandas as pd
 import pytest
 
 from oracles.feature_bench import bench_trials, block_scans, design_columns, noise_free
+from oracles.features_file import features_of
 from stepblocks.artefacts.model_file import read_model
 from stepblocks.contact.forward import tip_radius_um
 from stepblocks.contact.operating_point import Tool
 from stepblocks.declare import load_set
 from stepblocks.errors import PipelineError
 from stepblocks.loop.bench_model import SessionModel, candidates, covariate_ranges
-from stepblocks.loop.run import analyse_features, write_loop
+from stepblocks.loop.run import write_loop
 from stepblocks.loop.search.adequacy import identifiability
 from stepblocks.loop.search.explain import Rules, Verdict, explain
-from stepblocks.loop.search.forward_model import Trials
 from stepblocks.loop.session_table import trials_of
 from stepblocks.predict.trials import predict_trials
 
@@ -31,43 +31,6 @@ _TOOL = Tool(frequency=300.0, decay_time=0.02)
 def _named(columns, name):  # type: ignore[no-untyped-def]
     table = bench_trials(columns, 0)
     return next(e for e in candidates(table, covariate_ranges(table)) if e.id == name)
-
-
-def _features(trials: Trials) -> pd.DataFrame:
-    """Features as the bench writes them, from channels."""
-    value, std = trials.values, trials.std
-    n = len(trials)
-    load = trials.covariates["load_n"]
-    frame = pd.DataFrame({"trial": [str(i + 1) for i in range(n)], "status": "ok", "reason": "", "block": trials.block})
-    for name in ("height_um", "load_n", "speed_mm_s", "run_order", "temperature_c", "humidity_pct", "operator"):
-        frame[name] = trials.covariates[name]
-    frame["sliding_friction"], frame["sliding_friction_std"] = value[:, 2], std[:, 2]
-    frame["normal_load_n"], frame["normal_load_std_n"] = value[:, 6] * load, std[:, 6] * load
-    frame["spring_constant_n_per_m"], frame["spring_constant_std_n_per_m"] = 9810 * value[:, 3], 9810 * std[:, 3]
-    for j, name in (
-        (1, "peak_force_{}n"),
-        (0, "vibration_energy_{}j"),
-        (4, "ring_frequency_{}hz"),
-        (5, "decay_time_{}s"),
-    ):
-        frame[name.format("")] = np.exp(value[:, j])
-        frame[name.format("std_")] = np.exp(value[:, j]) * std[:, j]
-    return frame
-
-
-@pytest.fixture(scope="module")
-def worn(tmp_path_factory):  # type: ignore[no-untyped-def]
-    """A session of 120 drags whose friction runs in, analysed and written."""
-    columns = design_columns(120, 3)
-    effect = _named(columns, "running_in")
-    truth = ((effect, {"excess": 0.6, "settling_trials": 30.0}),)
-    features = _features(bench_trials(columns, 3, truth))
-    features.loc[5, ["status", "reason"]] = ["excluded", "truncated"]
-    scans = {b: {"height_m": v, "height_std_m": s} for b, (v, s) in block_scans(columns, 3).items()}
-    result = analyse_features(features, 9810.0, 125e-6, scans, rules=_RULES)
-    folder = tmp_path_factory.mktemp("worn")
-    write_loop(result, folder)
-    return columns, truth, result, folder
 
 
 def test_a_bench_without_an_effect_is_left_alone() -> None:
@@ -215,7 +178,7 @@ def test_a_damaged_model_is_an_error_in_one_line(worn, tmp_path: Path) -> None: 
 
 
 def test_features_without_needed_columns_or_trials_are_refused() -> None:
-    features = _features(bench_trials(design_columns(45, 1), 1))
+    features = features_of(bench_trials(design_columns(45, 1), 1))
     with pytest.raises(PipelineError, match="load_n"):
         trials_of(features.drop(columns="load_n"), 9810.0, 125e-6)
     with pytest.raises(PipelineError, match="at least 12"):
@@ -246,7 +209,7 @@ def test_the_shared_sessions_end_as_told(session: str, verdict: str, effect: str
 
 
 def _spoiled(kind: str) -> pd.DataFrame:
-    features = _features(bench_trials(design_columns(60, 1), 1))
+    features = features_of(bench_trials(design_columns(60, 1), 1))
     return {
         "one speed": lambda f: f[f["speed_mm_s"] == 5.0],
         "no ring": lambda f: f.assign(vibration_energy_j=np.nan, ring_frequency_hz=np.nan, decay_time_s=np.nan),
@@ -264,7 +227,7 @@ def test_a_poor_session_ends_in_a_verdict_and_claims_no_law(kind: str) -> None:
 
 
 def test_a_trial_that_is_a_copy_counts_once() -> None:
-    features = _features(bench_trials(design_columns(45, 1), 1))
+    features = features_of(bench_trials(design_columns(45, 1), 1))
     twice = trials_of(pd.concat([features, features], ignore_index=True), 9810.0, 125e-6)
     once = trials_of(features, 9810.0, 125e-6)
     assert len(twice.trials) == len(once.trials)
@@ -274,7 +237,7 @@ def test_a_trial_that_is_a_copy_counts_once() -> None:
 
 
 def test_features_that_hold_nothing_are_refused_trial_by_trial() -> None:
-    features = _features(bench_trials(design_columns(45, 1), 1))
+    features = features_of(bench_trials(design_columns(45, 1), 1))
     with pytest.raises(PipelineError, match="at least 12 good trials"):
         trials_of(features.assign(peak_force_n=np.nan, vibration_energy_j=np.nan), 9810.0, 125e-6)
     table = trials_of(features.assign(height_um=[200.0, *features["height_um"][1:]]), 9810.0, 125e-6)

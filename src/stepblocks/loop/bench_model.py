@@ -80,9 +80,10 @@ class SessionModel:
         return forward.responses(self.state(trials, values, effects))
 
 
-def _standard(column: Floats) -> Floats:
-    spread = float(np.std(column))
-    return np.asarray((column - column.mean()) / spread) if spread > 0.0 else np.zeros_like(column)
+def _standard(logarithm: Floats) -> Floats:
+    spread = float(np.std(logarithm))
+    # the mean of equal numbers may differ from them in the last bit
+    return np.asarray((logarithm - logarithm.mean()) / spread) if spread > 1e-9 else np.zeros_like(logarithm)
 
 
 def covariate_ranges(trials: Trials) -> tuple[CovariateRange, ...]:
