@@ -146,7 +146,8 @@ def _explained(table: SessionTable, rules: Rules, jobs: int) -> tuple[Explanatio
             from joblib.externals.loky import ProcessPoolExecutor
 
             # these workers load no main module: a script or a notebook needs no guard
-            run = stack.enter_context(ProcessPoolExecutor(jobs - 1)).map
+            threads = {name: "1" for name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS") if name not in os.environ}
+            run = stack.enter_context(ProcessPoolExecutor(jobs - 1, env=threads)).map
         # the folds do not wait for what all trials say
         waiting = run(one_fold, [*inside, *outside])
         found = explain(model, trials, _asked(model, trials), rules)
