@@ -7,7 +7,8 @@ import pytest
 
 from oracles.feature_bench import bench_trials, block_scans, design_columns
 from oracles.features_file import features_of
-from stepblocks.loop.result import WIDE, learned_model, result_document
+from stepblocks.artefacts.model_file import WIDE
+from stepblocks.loop.result import learned_model, result_document
 from stepblocks.loop.run import analyse_features
 from stepblocks.loop.search.explain import Finding, Rules, Verdict
 

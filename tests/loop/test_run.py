@@ -3,6 +3,7 @@
 import json
 import subprocess
 import sys
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -35,7 +36,8 @@ def test_a_result_is_read_without_files(quiet):
 
 
 def test_a_notebook_shows_the_verdict_and_the_errors(quiet):
-    html = quiet[1]._repr_html_()
+    html = replace(quiet[1], title="<i>second batch")._repr_html_()
+    assert "&lt;i&gt;second batch" in html
     assert "<b>none</b>" in html
     assert "ln_energy_rms_blocks_left_out" in html
     assert html.count("<table") == html.count("</table>") == 1

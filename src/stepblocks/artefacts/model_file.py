@@ -19,6 +19,7 @@ from stepblocks.contact.operating_point import Tool
 from stepblocks.contact.state import CHANNELS, Floats
 from stepblocks.errors import ContactError, PipelineError
 
+WIDE = 1.959964  # standard deviations either side of a 95 % interval
 _FORMAT = "stepblocks-model-1"
 _LARGEST = 20_000_000  # bytes
 

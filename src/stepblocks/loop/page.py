@@ -10,8 +10,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from stepblocks.artefacts.model_file import WIDE
 from stepblocks.contact.forward import LOADING_TIME, PEAK_FORCE
-from stepblocks.loop.result import WIDE, LoopResult
+from stepblocks.loop.result import LoopResult
 from stepblocks.loop.search.explain import Explanation
 from stepblocks.loop.search.forward_model import Effect, Floats
 

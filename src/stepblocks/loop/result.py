@@ -4,11 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
+from html import escape
 from typing import Any, cast
 
 import numpy as np
 
-from stepblocks.artefacts.model_file import LearnedFit, LearnedModel
+from stepblocks.artefacts.model_file import WIDE, LearnedFit, LearnedModel
 from stepblocks.contact.effects.law import Law
 from stepblocks.contact.effects.smooth import CovariateRange
 from stepblocks.loop.bench_model import candidates, covariate_ranges
@@ -21,7 +22,6 @@ from stepblocks.loop.search.holdout import Holdout
 from stepblocks.loop.search.noise import flexible_residual
 from stepblocks.loop.session_table import Scans, SessionTable
 
-WIDE = 1.959964  # standard deviations of a 95 % interval
 _REPLICATES = 20  # degrees of freedom from which a scatter among replicates is known to a sixth
 
 
@@ -55,7 +55,7 @@ class LoopResult:
         parts = [rows.to_html(float_format="{:.3g}".format)]
         if effects:
             parts.insert(0, pd.DataFrame(effects).to_html(index=False, float_format="{:.4g}".format))
-        return f"<p>{self.title}: <b>{self.verdict}</b></p>".replace("&", "&amp;") + "".join(parts)
+        return f"<p>{escape(self.title)}: <b>{self.verdict}</b></p>" + "".join(parts)
 
 
 def public_name(effect: Effect) -> str:

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from stepblocks.artefacts.model_file import LearnedFit, LearnedModel, read_model
+from stepblocks.artefacts.model_file import WIDE, LearnedFit, LearnedModel, read_model
 from stepblocks.atomic import beside
 from stepblocks.contact.forward import (
     LOADING_TIME,
@@ -29,7 +29,6 @@ if TYPE_CHECKING:
     import pandas as pd
 
 _POSITIVE = ("height_um", "load_n", "speed_mm_s")
-_HALF_WIDTH = 1.959964
 _FIGURES = {"peak_force{}_n": 1, "vibration_energy{}_j": 0}  # columns of the result, and their channels
 
 
@@ -98,7 +97,7 @@ def predicted(table: pd.DataFrame, learned: LearnedModel) -> tuple[pd.DataFrame,
     status = np.where(state.locked(), "locked", status)
     result = {"trial": table["trial"].to_numpy(), "status": np.where(wrong, "invalid(" + invalid + ")", status)}
     # first the values, then their intervals
-    for ends in ({"": 0.0}, {"_low": -_HALF_WIDTH, "_high": _HALF_WIDTH}):
+    for ends in ({"": 0.0}, {"_low": -WIDE, "_high": WIDE}):
         each = product(models.items(), _FIGURES.items(), ends.items())
         for (prefix, (mean, std, slots)), (name, channel), (end, shift) in each:
             value = np.exp(mean[:, channel] + shift * std[:, channel])

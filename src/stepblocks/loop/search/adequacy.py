@@ -35,10 +35,8 @@ class PureError:
 def _columns(trials: Trials, name: str) -> Floats | None:
     numbers = trials.numeric(name)
     if numbers is None:
-        labels = np.unique(trials.covariates[name])
-        if not 1 < len(labels) <= 8:
-            return None
-        return np.stack([np.asarray(trials.covariates[name] == label, float) for label in labels[1:]], axis=1)
+        dummies = trials.dummies(name, most=8)
+        return np.stack(dummies, axis=1) if dummies else None
     spread = float(np.std(numbers))
     if spread == 0.0 or not np.isfinite(spread):
         return None

@@ -55,6 +55,13 @@ class Trials:
         column = np.asarray(self.covariates[name])
         return np.asarray(column, dtype=np.float64) if np.issubdtype(column.dtype, np.number) else None
 
+    def dummies(self, name: str, most: int) -> list[Floats]:
+        """Return a column of zeros and ones for every label but the first; none where there are more than `most`."""
+        labels = np.unique(self.covariates[name])
+        return (
+            [(self.covariates[name] == label).astype(np.float64) for label in labels[1:]] if len(labels) <= most else []
+        )
+
 
 @dataclass(frozen=True)
 class Systematic:

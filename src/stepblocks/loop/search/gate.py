@@ -24,10 +24,7 @@ class Score:
 
     effect: Effect
     shape: Mapping[str, float]  # values of its other parameters that did best
-    gain: float  # fall of the cost
-    freedom: int  # directions of it that the design can see
     log_p: float  # logarithm of its own p value
-    seen: float  # share of its direction that the nominal model cannot imitate, 0 to 1
     step: Floats  # of the amplitudes
 
 
@@ -43,9 +40,8 @@ class Gate:
 class _Direction:
     effect: Effect
     shape: Mapping[str, float]
-    basis: Floats
-    root: Floats
-    seen: float
+    basis: Floats  # of what the design can see of it beside the nominal model
+    root: Floats  # from that basis to the amplitudes
     one_sided: bool
 
 
@@ -96,8 +92,7 @@ def _directions(problem: Problem, base: Fit, effects: Sequence[Effect], known: F
         bounded = len(effect.amplitudes) == 1 and any(
             p.name in effect.amplitudes and p.low >= p.start for p in effect.parameters
         )
-        seen = float(np.sqrt(squared[0]))
-        directions.append(_Direction(effect, shape, own @ part, part / size[columns, None], seen, bounded))
+        directions.append(_Direction(effect, shape, own @ part, part / size[columns, None], bounded))
     return directions
 
 
@@ -124,8 +119,6 @@ def _evaluate(directions: Sequence[_Direction], vectors: Floats) -> tuple[Floats
 
 
 def _log_p(gains: Floats, freedom: Floats, noise_dof: float) -> Floats:
-    if not np.isfinite(noise_dof):
-        return np.asarray(stats.chi2.logsf(gains, freedom[:, None]))
     found = np.asarray(stats.f.logsf(gains / freedom[:, None], freedom[:, None], noise_dof))
     # beyond the smallest number the leading term of the tail keeps the order
     return np.where(np.isneginf(found), -745.0 - 0.5 * noise_dof * np.log1p(gains / noise_dof), found)
@@ -160,7 +153,7 @@ def gate(problem: Problem, base: Fit, effects: Sequence[Effect], draws: int = 40
         step = d.root @ projected[at : at + width]
         at += width
         if d.effect.id not in best or own[i] < best[d.effect.id].log_p:
-            best[d.effect.id] = Score(d.effect, d.shape, float(gains[i, 0]), width, float(own[i]), d.seen, step)
+            best[d.effect.id] = Score(d.effect, d.shape, float(own[i]), step)
     p_value = 1.0
     if draws:
         noise = _draw(problem, base, total, draws, seed)

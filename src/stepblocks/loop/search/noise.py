@@ -62,9 +62,7 @@ def flexible_columns(trials: Trials, limit: float = 1.0 / 3.0) -> Floats:
     for name in trials.covariates:
         numbers = trials.numeric(name)
         if numbers is None:
-            kinds = np.unique(trials.covariates[name])
-            if 1 < len(kinds) <= 6:
-                first += [np.asarray(trials.covariates[name] == kind, dtype=np.float64) for kind in kinds[1:]]
+            first += trials.dummies(name, most=6)
             continue
         spread = float(np.std(numbers))
         if spread > 0.0 and np.all(np.isfinite(numbers)):
