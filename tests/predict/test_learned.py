@@ -10,7 +10,7 @@ from oracles.taught import taught_model
 from stepblocks.contact.operating_point import PAPER, OperatingPoint
 from stepblocks.declare import load_set
 from stepblocks.predict.learned import learned_columns, learned_drag, taught_set
-from stepblocks.predict.predictions import predict_set
+from stepblocks.predict.predictions import predictions_of
 from stepblocks.predict.trials import predict_trials
 
 _STIMULI = Path(__file__).parents[2] / "stimuli"
@@ -63,7 +63,7 @@ def test_a_set_is_predicted_with_the_constants_of_the_session():
 def test_columns_say_the_same_as_a_plain_step_of_the_same_critical_angle(name):
     learned = taught_model()
     seen = set()
-    for prediction in predict_set(taught_set(load_set(_STIMULI / f"{name}.toml"), learned)):
+    for prediction in predictions_of(taught_set(load_set(_STIMULI / f"{name}.toml"), learned)):
         columns = learned_columns(prediction, learned)
         seen.add(prediction.release.status.value)
         if prediction.release.status.value != "releases":

@@ -96,8 +96,7 @@ def learned_columns(prediction: Prediction, learned: LearnedModel) -> dict[str, 
     # an edge that is no plain step counts as the step of the same critical angle
     plain = prediction.drag == "up"
     height = prediction.step_height if plain else height_at_angle(prediction.release.angle, prediction.tip_radius)
-    condition = OperatingPoint(prediction.tip_radius, prediction.normal_load, prediction.friction)
-    found = learned_drag(learned, prediction.stimulus, float(height), condition)
+    found = learned_drag(learned, prediction.stimulus, float(height), prediction.point)
     values = [*found.peak_force, *(1e6 * energy for energy in found.energy)]
     texts = ["" if math.isnan(value) else f"{value:.6g}" for value in values]
     return {"learned_status": found.status, **dict(zip(names, texts, strict=True))}
