@@ -21,18 +21,17 @@ from typing import Any
 import numpy as np
 
 from oracles.feature_bench import BenchScatter, bench_trials, block_scans, design_columns, noise_free
-from stepblocks.contact.effects.law import Law
+from stepblocks.contact.effects.law import Law, Parameter
 from stepblocks.contact.effects.smooth import SLOT_MOVES
-from stepblocks.contact.forward import Constant
+from stepblocks.contact.operating_point import Tool
 from stepblocks.contact.state import CHANNELS
-from stepblocks.loop.bench_model import SessionModel, candidates, covariate_ranges, effect_of
-from stepblocks.loop.search.effect import Active, Effect
-from stepblocks.loop.search.explain import Rules, explain
-from stepblocks.loop.search.explanation import Explanation, Verdict
+from stepblocks.loop.bench_model import SessionModel, candidates, covariate_ranges
+from stepblocks.loop.search.adequacy import identifiability
+from stepblocks.loop.search.explain import Explanation, Rules, Verdict, explain
 from stepblocks.loop.search.fit import fit
-from stepblocks.loop.search.identifiability import identifiability
-from stepblocks.loop.search.trials import Trials
+from stepblocks.loop.search.forward_model import Effect, Trials
 
+Planted = tuple[Effect, dict[str, float]]  # an effect with values of its parameters
 Task = tuple[tuple[str, ...], float, int, int, bool]
 """Effects, size, trials, seed, whether the blocks are scanned."""
 
@@ -89,7 +88,7 @@ PAIRS = (
 def foreign_effect(name: str, columns: dict[str, Any]) -> Effect:
     """Effect outside the catalogue with one amplitude called ``size``."""
     move, covariate, shape = FOREIGN[name]
-    slot, change = SLOT_MOVES[move]
+    slot, change, _ = SLOT_MOVES[move]
     column = columns[covariate]
     labels = None if np.issubdtype(column.dtype, np.number) else sorted(set(column.tolist()))
     low, high = (0.0, 1.0) if labels else (float(column.min()), float(column.max()))
@@ -98,11 +97,11 @@ def foreign_effect(name: str, columns: dict[str, Any]) -> Effect:
         x = np.where(values == labels[0], -1.0, 1.0) if labels else 2.0 * (values - low) / (high - low) - 1.0
         return change(state, own["size"] * shape(x))
 
-    size = Constant("size", "1", 0.0, -3.0, 3.0, 0.1)
-    return effect_of(Law(f"foreign {name}", slot, covariate, name, (size,), ("size",), apply))
+    size = Parameter("size", "1", 0.0, -3.0, 3.0, 0.1)
+    return Law(f"foreign {name}", slot, covariate, name, (size,), apply)
 
 
-def sized(effect: Effect, amplitude: str, first: float, rest: dict[str, float], columns: Any, target: float) -> Active:
+def sized(effect: Effect, amplitude: str, first: float, rest: dict[str, float], columns: Any, target: float) -> Planted:
     """Effect with the amplitude at which ln E_v moves by `target` (root mean square)."""
     base = noise_free(columns, 0, height_std=0.0)
 
@@ -121,7 +120,7 @@ def sized(effect: Effect, amplitude: str, first: float, rest: dict[str, float], 
     return effect, rest | {amplitude: high}
 
 
-def planted(name: str, columns: dict[str, Any], target: float) -> Active:
+def planted(name: str, columns: dict[str, Any], target: float) -> Planted:
     """Return a named or foreign effect at a size."""
     if name in FOREIGN:
         return sized(foreign_effect(name, columns), "size", 0.01, {}, columns, target)
@@ -141,7 +140,7 @@ def run_one(task: Task) -> dict[str, Any]:
     generator = np.random.default_rng([seed, 9])
     scatter = BenchScatter(energy=float(generator.uniform(0.05, 0.15)))
     table = bench_trials(columns, seed, truth, scatter)
-    model = SessionModel(9810.0, 300.0, 0.02, scanned=block_scans(columns, seed) if scans else None)
+    model = SessionModel(Tool(frequency=300.0, decay_time=0.02), scanned=block_scans(columns, seed) if scans else None)
     began = time.perf_counter()
     found = explain(model, table, candidates(table, covariate_ranges(table)), Rules(draws=300))
     seconds = time.perf_counter() - began
@@ -181,7 +180,7 @@ def judge(found: Explanation, truth: list[Effect]) -> str:
     return "right" if hits == places else "partly"
 
 
-def removed(found: Explanation, seed: int, truth: tuple[Active, ...]) -> float | None:
+def removed(found: Explanation, seed: int, truth: tuple[Planted, ...]) -> float | None:
     """Share of the removable error of ln E_v that the extended model removes, on new trials of the same blocks.
 
     Removable is what the nominal model misses beyond a model that is told the effects and fits their sizes: no model
@@ -196,7 +195,7 @@ def removed(found: Explanation, seed: int, truth: tuple[Active, ...]) -> float |
     oracle = fit(found.problem, [e for e, _ in truth], found.nominal.values | start)
     errors = []
     for fitted in (found.nominal, found.extended, oracle):
-        shown = found.problem.model.predict(ahead, fitted.values, [(e, fitted.of(e)) for e in fitted.effects])
+        shown = found.problem.model.predict(ahead, fitted.values, fitted.active)
         errors.append(float(np.sqrt(np.mean((exact - shown[:, 0]) ** 2))))
     removable = errors[0] - errors[2]
     return (errors[0] - errors[1]) / removable if removable > 2e-3 else None

@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 
 from stepblocks.contact.critical_angle import step_angle
-from stepblocks.contact.effects.catalogue import named_laws, smooth_laws
+from stepblocks.contact.effects.catalogue import named_laws
 from stepblocks.contact.effects.law import SLOTS, Law
 from stepblocks.contact.effects.release_motion import released
-from stepblocks.contact.effects.smooth import CovariateRange
+from stepblocks.contact.effects.smooth import CovariateRange, smooth_laws
 from stepblocks.contact.energy import release_at
 from stepblocks.contact.forward import BenchDesign, constants, height_name, nominal_state
 from stepblocks.contact.state import CHANNELS, DragState, observe
@@ -204,7 +204,7 @@ def test_smooths_are_zero_in_the_middle_and_flat_beyond_the_range() -> None:
 
 
 def test_scanned_heights_become_tight_priors() -> None:
-    found = {c.name: c for c in constants(_design(), 290.0, 0.02, scanned={"step-050": (50.6e-6, 15e-9)})}
+    found = {c.name: c for c in constants(_design(), scanned={"step-050": (50.6e-6, 15e-9)})}
     assert found[height_name("step-050")].start == pytest.approx(0.6e-6)
     assert found[height_name("step-050")].prior_std == pytest.approx(100e-9)
     assert found[height_name("step-020")].prior_std == pytest.approx(1e-6)

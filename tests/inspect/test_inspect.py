@@ -229,9 +229,7 @@ def test_an_inspected_block_speaks_in_the_closed_loop_with_its_own_height_and_ed
     )
 
 
-def test_the_loop_takes_records_instead_of_scans_and_names_every_scan_that_it_cannot_use(shared, tmp_path):
-    from stepblocks.loop.run import loop_session
-
+def test_the_loop_takes_records_instead_of_scans_and_names_every_scan_that_it_cannot_use(shared, tmp_path, capsys):
     session = tmp_path / "quiet"
     for path in sorted((shared / "bench" / "quiet").rglob("*")):
         if path.is_file():
@@ -249,8 +247,8 @@ def test_the_loop_takes_records_instead_of_scans_and_names_every_scan_that_it_ca
         }
         record = AsBuilt(f"step-{height:03}", "scan.csv", "0" * 64, "two planes", values)
         write_as_built(tmp_path / f"step-{height:03}.as-built.toml", record)
-    told: list[str] = []
-    loop_session(session, tmp_path / "out", 1, as_built=[tmp_path], announce=told.append)
+    assert main(["loop", str(session), "-o", str(tmp_path / "out"), "-j", "1", "--as-built", str(tmp_path)]) == 0
+    told = [line for line in capsys.readouterr().err.splitlines() if line.startswith("scan of")]
     result = json.loads((tmp_path / "out" / "result.json").read_text())
     # the records say 14 um where the blocks of this session are sharp; the forces contradict them
     assert result["scans"]["mean_edge_radius_m"] == pytest.approx(14e-6)

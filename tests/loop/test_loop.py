@@ -10,20 +10,22 @@ import pandas as pd
 import pytest
 
 from oracles.feature_bench import bench_trials, block_scans, design_columns, noise_free
+from oracles.features_file import features_of
 from stepblocks.artefacts.model_file import read_model
+from stepblocks.contact.forward import tip_radius_um
+from stepblocks.contact.operating_point import Tool
 from stepblocks.declare import load_set
 from stepblocks.errors import PipelineError
 from stepblocks.loop.bench_model import SessionModel, candidates, covariate_ranges
-from stepblocks.loop.run import analyse_features, write_loop
-from stepblocks.loop.search.explain import Rules, explain
-from stepblocks.loop.search.explanation import Verdict
-from stepblocks.loop.search.identifiability import identifiability
-from stepblocks.loop.search.trials import Trials
-from stepblocks.loop.session_table import tip_radius_um, trials_of
+from stepblocks.loop.run import write_loop
+from stepblocks.loop.search.adequacy import identifiability
+from stepblocks.loop.search.explain import Rules, Verdict, explain
+from stepblocks.loop.session_table import trials_of
 from stepblocks.predict.trials import predict_trials
 
 _SHARED = Path(os.environ.get("STEPBLOCKS_SHARED", Path(__file__).parents[2] / ".." / "shared"))
 _RULES = Rules(draws=200)
+_TOOL = Tool(frequency=300.0, decay_time=0.02)
 
 
 def _named(columns, name):  # type: ignore[no-untyped-def]
@@ -31,48 +33,11 @@ def _named(columns, name):  # type: ignore[no-untyped-def]
     return next(e for e in candidates(table, covariate_ranges(table)) if e.id == name)
 
 
-def _features(trials: Trials) -> pd.DataFrame:
-    """Features as the bench writes them, from channels."""
-    value, std = trials.values, trials.std
-    n = len(trials)
-    load = trials.covariates["load_n"]
-    frame = pd.DataFrame({"trial": [str(i + 1) for i in range(n)], "status": "ok", "reason": "", "block": trials.block})
-    for name in ("height_um", "load_n", "speed_mm_s", "run_order", "temperature_c", "humidity_pct", "operator"):
-        frame[name] = trials.covariates[name]
-    frame["sliding_friction"], frame["sliding_friction_std"] = value[:, 2], std[:, 2]
-    frame["normal_load_n"], frame["normal_load_std_n"] = value[:, 6] * load, std[:, 6] * load
-    frame["spring_constant_n_per_m"], frame["spring_constant_std_n_per_m"] = 9810 * value[:, 3], 9810 * std[:, 3]
-    for j, name in (
-        (1, "peak_force_{}n"),
-        (0, "vibration_energy_{}j"),
-        (4, "ring_frequency_{}hz"),
-        (5, "decay_time_{}s"),
-    ):
-        frame[name.format("")] = np.exp(value[:, j])
-        frame[name.format("std_")] = np.exp(value[:, j]) * std[:, j]
-    return frame
-
-
-@pytest.fixture(scope="module")
-def worn(tmp_path_factory):  # type: ignore[no-untyped-def]
-    """A session of 120 drags whose friction runs in, analysed and written."""
-    columns = design_columns(120, 3)
-    effect = _named(columns, "running_in")
-    truth = ((effect, {"excess": 0.6, "settling_trials": 30.0}),)
-    features = _features(bench_trials(columns, 3, truth))
-    features.loc[5, ["status", "reason"]] = ["excluded", "truncated"]
-    scans = {b: {"height_m": v, "height_std_m": s} for b, (v, s) in block_scans(columns, 3).items()}
-    result = analyse_features(features, 9810.0, 125e-6, scans, rules=_RULES)
-    folder = tmp_path_factory.mktemp("worn")
-    write_loop(result, folder, "worn")
-    return columns, truth, result, folder
-
-
 def test_a_bench_without_an_effect_is_left_alone() -> None:
     verdicts = []
     for seed in range(4):
         columns = design_columns(45 if seed % 2 else 120, 40 + seed)
-        model = SessionModel(9810.0, 300.0, 0.02)
+        model = SessionModel(_TOOL)
         trials = bench_trials(columns, 40 + seed)
         verdicts.append(explain(model, trials, candidates(trials, covariate_ranges(trials)), _RULES).verdict)
     assert verdicts == [Verdict.NONE] * 4
@@ -82,7 +47,7 @@ def test_a_bench_without_an_effect_is_left_alone() -> None:
 def test_a_rounded_edge_is_found_with_and_without_scans_of_the_heights(scanned: bool) -> None:
     columns = design_columns(160, 5)
     trials = bench_trials(columns, 5, ((_named(columns, "edge_rounding"), {"edge_radius_m": 14e-6}),))
-    model = SessionModel(9810.0, 300.0, 0.02, scanned=block_scans(columns, 5) if scanned else None)
+    model = SessionModel(_TOOL, scanned=block_scans(columns, 5) if scanned else None)
     found = explain(model, trials, candidates(trials, covariate_ranges(trials)), _RULES)
     assert found.verdict is Verdict.EFFECT
     assert [f.effect.id for f in found.findings] == ["edge_rounding"]
@@ -107,7 +72,7 @@ def test_the_effect_is_named_with_parameters_and_intervals(worn) -> None:  # typ
 
 def test_the_block_that_is_asked_for_can_be_built(worn) -> None:  # type: ignore[no-untyped-def]
     _, _, result, folder = worn
-    asked = result.result["next_experiment"]["block"]
+    asked = result.document["next_experiment"]["block"]
     (block,) = load_set(folder / "next-block.toml").stimuli
     assert block.height.nominal == pytest.approx(float(asked["height"].removesuffix(" um")) * 1e-6)
 
@@ -116,7 +81,7 @@ def test_a_constant_tilt_is_not_claimed_and_its_group_is_named() -> None:
     columns = design_columns(120, 8)
     tilt = next(e for e in candidates(bench_trials(columns, 0), (), with_imitated=True) if e.id == "block_tilt")
     trials = bench_trials(columns, 8, ((tilt, {"tilt_rad": 0.08}),))
-    model = SessionModel(9810.0, 300.0, 0.02, scanned=block_scans(columns, 8))
+    model = SessionModel(_TOOL, scanned=block_scans(columns, 8))
     found = explain(model, trials, candidates(trials, covariate_ranges(trials)), _RULES)
     assert found.verdict is Verdict.NONE
     # origin: tan(atan mu + t) takes the place of mu in every force and energy
@@ -128,7 +93,7 @@ def test_a_constant_tilt_is_not_claimed_and_its_group_is_named() -> None:
 
 def test_held_out_errors_fall_to_the_noise_floor(worn) -> None:  # type: ignore[no-untyped-def]
     _, _, result, _ = worn
-    before, after = (result.result[part]["error"] for part in ("nominal", "extended"))
+    before, after = (result.document[part]["error"] for part in ("nominal", "extended"))
     for key in ("ln_energy_rms", "ln_peak_force_rms"):
         assert after[key] < 0.8 * before[key]
         assert after[key] < 1.25 * after["noise_floor"][key]
@@ -148,7 +113,7 @@ def test_documents_hold_finite_numbers_only_and_the_page_opens_offline(worn) -> 
 
 def test_a_second_run_writes_the_same_bytes(worn, tmp_path: Path) -> None:  # type: ignore[no-untyped-def]
     _, _, result, folder = worn
-    write_loop(result, tmp_path, "worn")
+    write_loop(result, tmp_path)
     for name in ("result.json", "model.json", "report.html"):
         assert (tmp_path / name).read_bytes() == (folder / name).read_bytes()
 
@@ -193,8 +158,8 @@ def test_trials_beyond_the_data_are_flagged(worn, tmp_path: Path) -> None:  # ty
         }
     )
     rows.to_csv(tmp_path / "trials.csv", index=False)
-    assert predict_trials(tmp_path / "trials.csv", folder / "model.json", tmp_path / "p.csv") == 3
-    status = pd.read_csv(tmp_path / "p.csv").set_index("trial")["status"]
+    status = predict_trials(tmp_path / "trials.csv", folder / "model.json").set_index("trial")["status"]
+    assert (status != "ok").sum() == 3
     assert status["in"] == "ok"
     assert "load_n" in status["heavy"]
     assert status["high"] == "locked"
@@ -213,7 +178,7 @@ def test_a_damaged_model_is_an_error_in_one_line(worn, tmp_path: Path) -> None: 
 
 
 def test_features_without_needed_columns_or_trials_are_refused() -> None:
-    features = _features(bench_trials(design_columns(45, 1), 1))
+    features = features_of(bench_trials(design_columns(45, 1), 1))
     with pytest.raises(PipelineError, match="load_n"):
         trials_of(features.drop(columns="load_n"), 9810.0, 125e-6)
     with pytest.raises(PipelineError, match="at least 12"):
@@ -232,9 +197,9 @@ def test_the_name_of_a_tip_gives_its_radius() -> None:
 )
 def test_the_shared_sessions_end_as_told(session: str, verdict: str, effect: str | None, tmp_path: Path) -> None:
     pytest.importorskip("stepblocks.bench.measure")
-    from stepblocks.loop.run import loop_session
+    from stepblocks.loop.run import loop
 
-    assert str(loop_session(_SHARED / "bench" / session, tmp_path, jobs=2)) == verdict
+    assert str(loop(_SHARED / "bench" / session, tmp_path, jobs=2).verdict) == verdict
     result = json.loads((tmp_path / "result.json").read_text())
     assert [e["id"] for e in result["effects"]] == ([effect] if effect else [])
     if session == "blunt":
@@ -244,7 +209,7 @@ def test_the_shared_sessions_end_as_told(session: str, verdict: str, effect: str
 
 
 def _spoiled(kind: str) -> pd.DataFrame:
-    features = _features(bench_trials(design_columns(60, 1), 1))
+    features = features_of(bench_trials(design_columns(60, 1), 1))
     return {
         "one speed": lambda f: f[f["speed_mm_s"] == 5.0],
         "no ring": lambda f: f.assign(vibration_energy_j=np.nan, ring_frequency_hz=np.nan, decay_time_s=np.nan),
@@ -257,14 +222,12 @@ def _spoiled(kind: str) -> pd.DataFrame:
 def test_a_poor_session_ends_in_a_verdict_and_claims_no_law(kind: str) -> None:
     features = _spoiled(kind)
     trials = trials_of(features, 9810.0, 125e-6).trials
-    found = explain(
-        SessionModel(9810.0, 300.0, 0.02), trials, candidates(trials, covariate_ranges(trials)), Rules(draws=100)
-    )
+    found = explain(SessionModel(_TOOL), trials, candidates(trials, covariate_ranges(trials)), Rules(draws=100))
     assert found.verdict is Verdict.NONE
 
 
 def test_a_trial_that_is_a_copy_counts_once() -> None:
-    features = _features(bench_trials(design_columns(45, 1), 1))
+    features = features_of(bench_trials(design_columns(45, 1), 1))
     twice = trials_of(pd.concat([features, features], ignore_index=True), 9810.0, 125e-6)
     once = trials_of(features, 9810.0, 125e-6)
     assert len(twice.trials) == len(once.trials)
@@ -274,7 +237,7 @@ def test_a_trial_that_is_a_copy_counts_once() -> None:
 
 
 def test_features_that_hold_nothing_are_refused_trial_by_trial() -> None:
-    features = _features(bench_trials(design_columns(45, 1), 1))
+    features = features_of(bench_trials(design_columns(45, 1), 1))
     with pytest.raises(PipelineError, match="at least 12 good trials"):
         trials_of(features.assign(peak_force_n=np.nan, vibration_energy_j=np.nan), 9810.0, 125e-6)
     table = trials_of(features.assign(height_um=[200.0, *features["height_um"][1:]]), 9810.0, 125e-6)
@@ -286,7 +249,7 @@ def test_a_steady_drift_of_friction_is_not_called_running_in() -> None:
     columns = design_columns(160, 8)
     drift = _named(columns, "trend_friction_run_order")
     trials = bench_trials(columns, 8, ((drift, {"slope": 0.15}),))
-    model = SessionModel(9810.0, 300.0, 0.02, scanned=block_scans(columns, 8))
+    model = SessionModel(_TOOL, scanned=block_scans(columns, 8))
     found = explain(model, trials, candidates(trials, covariate_ranges(trials)), _RULES)
     assert [f.effect.place for f in found.findings] == [("friction", "run_order")]
     assert found.verdict is Verdict.UNEXPLAINED

@@ -10,10 +10,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from stepblocks.contact.forward import height_name
+from stepblocks.contact.operating_point import Tool
 from stepblocks.contact.state import CHANNELS, observe
 from stepblocks.loop.bench_model import SessionModel
-from stepblocks.loop.search.effect import Active
-from stepblocks.loop.search.trials import Trials
+from stepblocks.loop.search.forward_model import Active, Trials
 
 __all__ = ["BenchScatter", "bench_trials", "block_errors", "block_scans", "design_columns", "noise_free"]
 
@@ -101,7 +101,7 @@ def block_scans(columns: Mapping[str, NDArray[Any]], seed: int, std: float = 1e-
 def bench_trials(
     columns: Mapping[str, NDArray[Any]],
     seed: int,
-    effects: tuple[Active, ...] = (),
+    effects: Active = (),
     scatter: BenchScatter | None = None,
     truth: Mapping[str, float] | None = None,
 ) -> Trials:
@@ -163,7 +163,7 @@ def bench_trials(
 def noise_free(
     columns: Mapping[str, NDArray[Any]],
     seed: int,
-    effects: tuple[Active, ...] = (),
+    effects: Active = (),
     truth: Mapping[str, float] | None = None,
     height_std: float = 1e-6,
 ) -> Floats:
@@ -186,4 +186,4 @@ def _bench(
         "ln_decay_time": float(np.log(0.02)),
     } | dict(truth or {})
     values |= {height_name(b): e for b, e in block_errors(columns, seed, height_std).items()}
-    return empty, SessionModel(9810.0, 300.0, 0.02), values
+    return empty, SessionModel(Tool(frequency=300.0, decay_time=0.02)), values

@@ -1,14 +1,54 @@
 """A forward model with nothing of the bench in it: two channels that are linear in two covariates."""
 
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 
-from stepblocks.loop.search.effect import Active, Effect, Parameter
-from stepblocks.loop.search.trials import Floats, Systematic, Trials
+from stepblocks.loop.search.forward_model import Active, Floats, Systematic, Trials
 
-__all__ = ["Toy", "toy_effects", "toy_trials"]
+__all__ = ["Effect", "Parameter", "Toy", "toy_effects", "toy_trials"]
+
+
+@dataclass(frozen=True)
+class Parameter:
+    """What the search asks of a parameter, and nothing more."""
+
+    name: str
+    unit: str
+    start: float
+    low: float
+    high: float
+    scale: float
+    prior_std: float = float("inf")
+    block: str = ""
+
+    def renamed(self, name: str) -> "Parameter":
+        return replace(self, name=name)
+
+
+@dataclass(frozen=True)
+class Effect:
+    """What the search asks of an effect; its ``apply(state, trials, values)`` is a matter of the model alone."""
+
+    id: str
+    slot: str
+    covariate: str
+    form: str
+    parameters: tuple[Parameter, ...]
+    amplitudes: tuple[str, ...]
+    apply: Callable[[Any, Trials, Mapping[str, float]], Any]
+    shapes: tuple[Mapping[str, float], ...] = ({},)
+    named: bool = True
+    rank: int = 0
+
+    @property
+    def place(self) -> tuple[str, str]:
+        return self.slot, self.covariate
+
+    def own(self, values: Mapping[str, float]) -> dict[str, float]:
+        return {p.name: values[f"{self.id}.{p.name}"] for p in self.parameters}
 
 
 @dataclass(frozen=True)
@@ -23,13 +63,13 @@ class Toy:
     def systematics(self, trials: Trials) -> Sequence[Systematic]:
         return ()
 
-    def predict(self, trials: Trials, values: Mapping[str, float], effects: Sequence[Active] = ()) -> Floats:
+    def predict(self, trials: Trials, values: Mapping[str, float], effects: Active = ()) -> Floats:
         level = np.full(len(trials), values["a"])
         for effect, own in effects:
             level = effect.apply(level, trials, own)
         return np.stack([level + values["b"] * trials.covariates["x"], 2.0 * level], axis=1)
 
-    def responses(self, trials: Trials, values: Mapping[str, float], effects: Sequence[Active] = ()) -> Floats:
+    def responses(self, trials: Trials, values: Mapping[str, float], effects: Active = ()) -> Floats:
         return np.tile(np.array([[1.0], [2.0]]), (len(trials), 1, 1))
 
 

@@ -3,91 +3,110 @@
 from __future__ import annotations
 
 import json
-import math
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
+from pydantic import TypeAdapter
 
-from stepblocks.contact.effects.catalogue import named_laws, smooth_laws
-from stepblocks.contact.effects.smooth import CovariateRange
-from stepblocks.errors import PipelineError
-from stepblocks.loop.bench_model import SessionModel, effect_of
-from stepblocks.loop.search.effect import Effect
-from stepblocks.loop.search.explanation import Explanation
-from stepblocks.loop.search.fit import Fit
+from stepblocks.contact.effects.catalogue import named_laws
+from stepblocks.contact.effects.law import Law
+from stepblocks.contact.effects.smooth import CovariateRange, smooth_laws
+from stepblocks.contact.forward import Active
+from stepblocks.contact.operating_point import Tool
+from stepblocks.contact.state import CHANNELS, Floats
+from stepblocks.errors import ContactError, PipelineError
 
-Floats = NDArray[np.float64]
-
+WIDE = 1.959964  # standard deviations either side of a 95 % interval
 _FORMAT = "stepblocks-model-1"
-_LARGEST = 20_000_000
+_LARGEST = 20_000_000  # bytes
 
 
 @dataclass(frozen=True)
 class LearnedFit:
-    """Values of one model with their covariance, names in the order of its rows."""
+    """Constants and effects of one model, with what is known of them together."""
 
-    values: dict[str, float]
-    names: tuple[str, ...]
-    covariance: Floats
-    effects: tuple[Effect, ...]
+    values: Mapping[str, float]  # by name; those of an effect are called ``law.parameter``
+    units: tuple[str, ...]
+    covariance: Floats  # shape (p, p), in the order of the values
+    laws: tuple[Law, ...] = ()
+
+    def active(self, values: Mapping[str, float] | None = None) -> Active:
+        """Return the effects with their fitted values, or with others."""
+        return [(law, law.own(self.values if values is None else values)) for law in self.laws]
 
 
 @dataclass(frozen=True)
 class LearnedModel:
     """What a session taught."""
 
-    model: SessionModel  # Forward model
-    nominal: LearnedFit  # Without and with the effects found
-    extended: LearnedFit
-    ranges: tuple[CovariateRange, ...]  # Where the data lay
-    tip_radius_um: float  # Tip radius of trials whose tip has no number in its name [um]
-    blocks: tuple[str, ...]  # Blocks that were measured
-    # Standard deviations between trials of friction, load, ln conversion, and of each channel
-    scatter: dict[str, list[float]]
+    verdict: str
+    tool: Tool  # the nominal spring, and the ring with which the fit began
+    tip_radius_um: float  # of trials whose tip has no number in its name [um]
+    height_std: float  # of a block that nobody has measured [m]
+    scanned: Mapping[str, tuple[float, float]]  # heights of blocks and their standard uncertainties [m]
+    blocks: tuple[str, ...]  # those that were measured
+    ranges: tuple[CovariateRange, ...]  # where the data lay
+    quantity_std: Floats  # shape (3,), between trials, of friction, ln load and ln conversion
+    channel_std: Floats  # shape (7,), between trials, of each channel
+    nominal: LearnedFit
+    extended: LearnedFit  # with the effects found
 
 
-def model_document(found: Explanation, ranges: tuple[CovariateRange, ...], tip_radius_um: float) -> dict[str, Any]:
+def model_document(learned: LearnedModel) -> dict[str, Any]:
     """Return the extended model as a document of plain numbers."""
-    model = found.problem.model
-    if not isinstance(model, SessionModel):
-        raise PipelineError("model must be the model of a session")
-    scatter = found.problem.noise.scatter
+    tool = learned.tool
     return {
         "format": _FORMAT,
-        "verdict": str(found.verdict),
-        "probe": {"spring_constant_n_per_m": model.spring_constant, "tip_radius_um": tip_radius_um},
-        "start": {"ring_frequency_hz": model.frequency, "decay_time_s": model.decay_time},
-        "block_height_std_m": model.height_std,
-        "scanned_height_m": {k: list(v) for k, v in (model.scanned or {}).items()},
-        "blocks": sorted(str(b) for b in np.unique(found.problem.trials.block)),
-        "covariates": [asdict(r) for r in ranges],
+        "verdict": learned.verdict,
+        "probe": {"spring_constant_n_per_m": tool.stiffness, "tip_radius_um": learned.tip_radius_um},
+        "start": {"ring_frequency_hz": tool.frequency, "decay_time_s": tool.decay_time},
+        "block_height_std_m": learned.height_std,
+        "scanned_height_m": learned.scanned,
+        "blocks": learned.blocks,
+        "covariates": [asdict(place) for place in learned.ranges],
         "scatter": {
             "quantities": ["friction", "ln_load", "ln_conversion"],
-            "quantity_std": np.sqrt(scatter.quantities).tolist(),
-            "channels": list(found.problem.trials.channels),
-            "channel_std": np.sqrt(scatter.channels).tolist(),
+            "quantity_std": learned.quantity_std.tolist(),
+            "channels": CHANNELS,
+            "channel_std": learned.channel_std.tolist(),
         },
-        "nominal": _fit_document(found.nominal),
-        "extended": _fit_document(found.extended),
+        "nominal": _fit_document(learned.nominal),
+        "extended": _fit_document(learned.extended),
     }
 
 
-def _fit_document(fitted: Fit) -> dict[str, Any]:
+def _fit_document(fitted: LearnedFit) -> dict[str, Any]:
     return {
-        "names": [p.name for p in fitted.parameters],
-        "units": [p.unit for p in fitted.parameters],
-        "values": [fitted.values[p.name] for p in fitted.parameters],
+        "names": list(fitted.values),
+        "units": fitted.units,
+        "values": list(fitted.values.values()),
         "covariance": fitted.covariance.tolist(),
-        "effects": [{"id": e.id, "slot": e.slot, "covariate": e.covariate, "form": e.form} for e in fitted.effects],
+        "effects": [{"id": e.id, "slot": e.slot, "covariate": e.covariate, "form": e.form} for e in fitted.laws],
     }
 
 
-def read_model(path: Path) -> LearnedModel:
-    """Read model.json."""
+def read_model(path: str | Path) -> LearnedModel:
+    """Read what a session taught.
+
+    Parameters
+    ----------
+    path : str or Path
+        ``model.json`` of `stepblocks loop`.
+
+    Returns
+    -------
+    LearnedModel
+        Constants, effects and their covariance, nominal and extended, in SI.
+
+    Raises
+    ------
+    PipelineError
+        If the file cannot be read, is of another format, incomplete or damaged.
+    """
+    path = Path(path)
     try:
         if path.stat().st_size > _LARGEST:
             raise PipelineError(f"model must be smaller than {_LARGEST} bytes [{path}]")
@@ -100,43 +119,46 @@ def read_model(path: Path) -> LearnedModel:
         raise PipelineError(f"model must have the format {_FORMAT} [{path}]")
     try:
         return _from_document(document)
-    except (KeyError, TypeError, ValueError, AttributeError) as error:
-        raise PipelineError(f"model is incomplete or damaged: {error!s:.80} [{path}]") from error
+    except (KeyError, TypeError, ValueError, AttributeError, ContactError) as error:
+        reason = " ".join(str(error).split())
+        raise PipelineError(f"model is incomplete or damaged: {reason:.80} [{path}]") from error
 
 
 def _from_document(document: Mapping[str, Any]) -> LearnedModel:
-    probe, start = document["probe"], document["start"]
-    scanned = {str(k): (float(v[0]), float(v[1])) for k, v in document["scanned_height_m"].items()}
-    model = SessionModel(
-        float(probe["spring_constant_n_per_m"]),
-        float(start["ring_frequency_hz"]),
-        float(start["decay_time_s"]),
-        float(document["block_height_std_m"]),
-        scanned or None,
-    )
-    ranges = tuple(_range(r) for r in document["covariates"])
-    blocks = tuple(str(b) for b in document["blocks"])
+    probe, start, scatter = document["probe"], document["start"], document["scatter"]
+    ranges = TypeAdapter(tuple[CovariateRange, ...]).validate_python(document["covariates"])
+    blocks = tuple(str(block) for block in document["blocks"])
     laws = {law.id: law for law in (*named_laws(blocks), *smooth_laws(ranges))}
-    fits = []
-    for name in ("nominal", "extended"):
-        part = document[name]
-        names = tuple(str(n) for n in part["names"])
-        values = [float(v) for v in part["values"]]
-        covariance = np.asarray(part["covariance"], dtype=np.float64)
-        if covariance.shape != (len(names), len(names)) or not np.all(np.isfinite(covariance)):
-            raise ValueError(f"covariance of {name} must be {len(names)} by {len(names)} and finite")
-        if not all(math.isfinite(v) for v in values):
-            raise ValueError(f"values of {name} must be finite")
-        effects = tuple(effect_of(laws[str(e["id"])]) for e in part["effects"])
-        fits.append(LearnedFit(dict(zip(names, values, strict=True)), names, covariance, effects))
-    scatter = {
-        "quantity_std": [float(v) for v in document["scatter"]["quantity_std"]],
-        "channel_std": [float(v) for v in document["scatter"]["channel_std"]],
-    }
-    return LearnedModel(model, fits[0], fits[1], ranges, float(probe["tip_radius_um"]), blocks, scatter)
+    return LearnedModel(
+        verdict=str(document.get("verdict", "")),
+        tool=Tool(
+            stiffness=float(probe["spring_constant_n_per_m"]),
+            frequency=float(start["ring_frequency_hz"]),
+            decay_time=float(start["decay_time_s"]),
+        ),
+        tip_radius_um=float(probe["tip_radius_um"]),
+        height_std=float(document["block_height_std_m"]),
+        scanned=TypeAdapter(dict[str, tuple[float, float]]).validate_python(document["scanned_height_m"]),
+        blocks=blocks,
+        ranges=ranges,
+        quantity_std=_numbers("quantity_std", scatter["quantity_std"], (3,)),
+        channel_std=_numbers("channel_std", scatter["channel_std"], (len(CHANNELS),)),
+        nominal=_fit("nominal", document["nominal"], laws),
+        extended=_fit("extended", document["extended"], laws),
+    )
 
 
-def _range(entry: Mapping[str, Any]) -> CovariateRange:
-    labels = tuple(str(label) for label in entry["labels"])
-    low, high = float(entry["low"]), float(entry["high"])
-    return CovariateRange(str(entry["name"]), low, high, bool(entry["log"]), labels, int(entry["distinct"]))
+def _fit(name: str, part: Mapping[str, Any], laws: Mapping[str, Law]) -> LearnedFit:
+    names = [str(n) for n in part["names"]]
+    values = _numbers(f"values of {name}", part["values"], (len(names),)).tolist()
+    covariance = _numbers(f"covariance of {name}", part["covariance"], (len(names), len(names)))
+    effects = tuple(laws[str(e["id"])] for e in part["effects"])
+    units = tuple(str(unit) for unit in part["units"])
+    return LearnedFit(dict(zip(names, values, strict=True)), units, covariance, effects)
+
+
+def _numbers(name: str, given: object, shape: tuple[int, ...]) -> Floats:
+    numbers = np.asarray(given, dtype=np.float64)
+    if numbers.shape != shape or not np.all(np.isfinite(numbers)):
+        raise ValueError(f"{name} must be {' by '.join(map(str, shape))} finite numbers")
+    return numbers

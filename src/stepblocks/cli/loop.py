@@ -32,18 +32,19 @@ def add_to(subparsers: Any) -> None:
 
 
 def _run(arguments: argparse.Namespace) -> int:
-    from stepblocks.loop.run import loop_session
+    from stepblocks.loop.run import loop
 
-    verdict = loop_session(
+    result = loop(
         arguments.session,
         arguments.output,
-        arguments.jobs,
-        not arguments.forces_only,
-        _progress(),
-        arguments.as_built,
-        lambda line: print(line, file=sys.stderr),
+        jobs=arguments.jobs,
+        forces_only=arguments.forces_only,
+        as_built=arguments.as_built,
+        progress=_progress(),
     )
-    print(f"{verdict}: see {arguments.output / 'report.html'}")
+    for scan in result.document["scans"]["left_out"]:
+        print(f"scan of {scan['block']} left out: {scan['reason']}", file=sys.stderr)
+    print(f"{result.verdict}: see {arguments.output / 'report.html'}")
     return 0
 
 

@@ -96,8 +96,8 @@ def _predict_table(files: list[Path], output: Path | None, model: Path | None) -
     else:
         from stepblocks.predict.trials import predict_trials
 
-        flagged = predict_trials(files[0], model, output)
-        print(f"{output}: {flagged} trials flagged, see the column status")
+        flagged = predict_trials(files[0], model, output)["status"] != "ok"
+        print(f"{output}: {int(flagged.sum())} trials flagged, see the column status")
         return 0
     print(f"{output}: {count} predictions")
     return 0

@@ -1,30 +1,43 @@
-"""The nominal model of a session, equations (1) and (2), for many trials at once."""
+"""The model of a session, equations (1) and (2) and what was found to be missing, for many trials at once."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import dataclass
+import re
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from stepblocks.contact.state import DragState
+from stepblocks.contact.effects.law import Law, Parameter
+from stepblocks.contact.operating_point import PAPER, Tool
+from stepblocks.contact.state import DragState, Floats, observe
 from stepblocks.errors import ContactError
 
-Floats = NDArray[np.float64]
+# quantities of the model that an effect may follow like a column
+PEAK_FORCE, LOADING_TIME = "peak_force_n", "loading_time_s"
+
+_ORDER = {LOADING_TIME: 0, PEAK_FORCE: 2}  # what gives way under load does so before the peak is known
+
+_ABSENT = ("tilt", "climb_load", "sensed_offset", "hardening", "lost_energy", "drag", "climb_drag", "lag")
+
+Active = Sequence[tuple[Law, Mapping[str, float]]]  # laws with values of their parameters
 
 
 @dataclass(frozen=True)
 class BenchDesign:
-    """What was set on the bench, in SI units."""
+    """What was set on the bench, in SI units; arrays of shape (n,)."""
 
-    block: NDArray[np.str_]  # shape (n,); Block of each trial
-    height: Floats  # shape (n,); Nominal height [m], normal load [N], speed of the handle [m/s], radius of the tip [m]
-    load: Floats
-    speed: Floats
-    tip_radius: Floats
-    spring_constant: float  # Nominal spring constant of the probe [N/m]
+    block: NDArray[np.str_]
+    height: Floats  # nominal [m]
+    load: Floats  # normal [N]
+    speed: Floats  # of the handle [m/s]
+    tip_radius: Floats  # m
+    spring_constant: float  # nominal, of the probe [N/m]
+    # what an effect may follow, as in trials.csv
+    covariates: Mapping[str, NDArray[Any]] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
         for name in ("height", "load", "speed", "tip_radius"):
@@ -42,24 +55,20 @@ class BenchDesign:
         blocks, inverse = np.unique(self.block, return_inverse=True)
         return tuple(height_name(str(b)) for b in blocks), inverse
 
-    @cached_property
-    def ones(self) -> Floats:
-        """One for each trial."""
-        return np.ones(len(self.block))
+
+def design_of(block: NDArray[Any], covariates: Mapping[str, NDArray[Any]], spring_constant: float) -> BenchDesign:
+    """Convert the columns of trials.csv, and ``tip_radius_um``, to SI units."""
+    height, load, speed, radius = (
+        np.asarray(covariates[name], dtype=np.float64)
+        for name in ("height_um", "load_n", "speed_mm_s", "tip_radius_um")
+    )
+    return BenchDesign(block, height * 1e-6, load, speed * 1e-3, radius * 1e-6, spring_constant, covariates)
 
 
-@dataclass(frozen=True)
-class Constant:
-    """A constant of the nominal model: name, unit, start, bounds, and a change that matters."""
-
-    name: str
-    unit: str
-    start: float
-    low: float
-    high: float
-    scale: float
-    prior_std: float = float("inf")
-    block: str = ""
+def tip_radius_um(tip: str, default: float) -> float:
+    """Radius of a tip from its name, ``tip-125`` for 125 um; `default` where the name has no number."""
+    match = re.fullmatch(r"tip-(\d+(?:\.\d+)?)(?:um)?", str(tip).strip())
+    return float(match.group(1)) if match else default
 
 
 def height_name(block: str) -> str:
@@ -69,30 +78,29 @@ def height_name(block: str) -> str:
 
 def constants(
     design: BenchDesign,
-    frequency: float,
-    decay_time: float,
+    tool: Tool = PAPER.tool,
     height_std: float = 1e-6,
     scanned: Mapping[str, tuple[float, float]] | None = None,
-) -> tuple[Constant, ...]:
-    """List the constants fitted to a session, as the paper did, and the height error of each block."""
+) -> tuple[Parameter, ...]:
+    """List the constants fitted to a session, as the paper did, and the height error of each block.
+
+    The ring of `tool` is where their fit begins; `scanned` holds height and standard uncertainty of blocks [m].
+    """
     found = [
-        Constant("friction", "1", 0.15, 0.005, 0.9, 0.02),
-        Constant("ln_conversion", "1", float(np.log(0.2)), -9.0, 4.0, 0.1),
-        Constant("stiffness_ratio", "1", 1.0, 0.2, 5.0, 0.02),
-        Constant("ln_ring_frequency", "ln Hz", float(np.log(frequency)), 3.0, 9.0, 0.01),
-        Constant("ln_decay_time", "ln s", float(np.log(decay_time)), -9.0, 1.0, 0.05),
+        Parameter("friction", "1", PAPER.friction, 0.005, 0.9, 0.02),
+        Parameter("ln_conversion", "1", float(np.log(tool.conversion)), -9.0, 4.0, 0.1),
+        Parameter("stiffness_ratio", "1", 1.0, 0.2, 5.0, 0.02),
+        Parameter("ln_ring_frequency", "ln Hz", float(np.log(tool.frequency)), 3.0, 9.0, 0.01),
+        Parameter("ln_decay_time", "ln s", float(np.log(tool.decay_time)), -9.0, 1.0, 0.05),
     ]
-    for block in np.unique(design.block):
+    for block in np.unique(design.block).tolist():
         nominal = float(design.height[design.block == block][0])
         start, spread = 0.0, height_std
-        if scanned and str(block) in scanned:
-            value, own = scanned[str(block)]
-            start, spread = value - nominal, max(own, 0.1e-6)
+        if scanned and block in scanned:
+            start, spread = scanned[block][0] - nominal, max(scanned[block][1], 0.1e-6)
         # the bounds keep a step a step
         reach = min(12.0 * height_std, 0.8 * nominal)
-        found.append(
-            Constant(height_name(str(block)), "m", start, start - reach, start + reach, 0.3e-6, spread, str(block))
-        )
+        found.append(Parameter(height_name(block), "m", start, start - reach, start + reach, 0.3e-6, spread, block))
     return tuple(found)
 
 
@@ -100,31 +108,54 @@ def nominal_state(design: BenchDesign, values: Mapping[str, float]) -> DragState
     """Fill the slots from the design and the constants."""
     names, inverse = design.members
     errors = np.array([values.get(name, 0.0) for name in names])
-    height = design.height + errors[inverse]
-    one = design.ones
-    zero = 0.0 * one
-    stiffness = design.spring_constant * values["stiffness_ratio"] * one
+    one = np.ones(len(design.block))
+    zero = np.zeros(len(design.block))
     return DragState(
-        height=height,
+        height=design.height + errors[inverse],
         radius=design.tip_radius,
-        tilt=zero,
         friction=values["friction"] * one,
         load=design.load,
         set_load=design.load,
-        climb_load=zero,
-        sensed_offset=zero,
         speed=design.speed,
-        stiffness=stiffness,
+        stiffness=design.spring_constant * values["stiffness_ratio"] * one,
         ring_stiffness=design.spring_constant * one,
-        hardening=zero,
         conversion=np.exp(values["ln_conversion"]) * one,
-        lost_energy=zero,
-        drag=zero,
-        climb_drag=zero,
         damping=one,
         gain=one,
-        lag=zero,
         frequency=np.exp(values["ln_ring_frequency"]) * one,
         decay_time=np.exp(values["ln_decay_time"]) * one,
         nominal_stiffness=design.spring_constant,
+        **dict.fromkeys(_ABSENT, zero),
     )
+
+
+def extended_state(design: BenchDesign, values: Mapping[str, float], active: Active = ()) -> DragState:
+    """Fill the slots from the constants and apply the effects in the order in which they act."""
+    state = nominal_state(design, values)
+    for law, own in sorted(active, key=lambda pair: _ORDER.get(pair[0].covariate, 1)):
+        state = law.apply(state, _column(design, state, law.covariate), own)
+    return state
+
+
+def _column(design: BenchDesign, state: DragState, covariate: str) -> Any:
+    if covariate == "none":
+        return None
+    if covariate == "block":
+        return design.block
+    if covariate == PEAK_FORCE:
+        return state.peak_force()
+    if covariate == LOADING_TIME:
+        return state.loading_time()
+    return design.covariates[covariate]
+
+
+def responses(state: DragState) -> Floats:
+    """Change of the channels per unit of friction, ln load and ln conversion, which scatter among trials, shape (n, 7, 3)."""
+    base, step = observe(state), 1e-4
+    weight = state.set_load + state.sensed_offset
+    moved = (
+        state.changed(friction=state.friction + step),
+        state.changed(load=state.load * (1.0 + step), sensed_offset=state.sensed_offset + step * weight),
+        state.changed(conversion=state.conversion * (1.0 + step)),
+    )
+    return np.stack([(observe(other) - base) / step for other in moved], axis=2)

@@ -98,6 +98,11 @@ def locking_height(ball_radius: Real, friction: Real) -> Real:
     return ball_radius * (1.0 - friction / (1.0 + friction * friction) ** 0.5)
 
 
+def height_at_angle(angle: Real, radius_sum: Real) -> Real:
+    """Height of the step of a critical angle, ``H = (R + r)(1 - cos a)``; the inverse of `angle_on_step`."""
+    return 2.0 * radius_sum * np.sin(0.5 * angle) ** 2
+
+
 def stored_energy(force: Real, stiffness: Real) -> Real:
     """Energy of the tool as a spring, ``F^2 / 2k``."""
     return 0.5 * force * force / stiffness

@@ -1,28 +1,22 @@
-"""Contact's model of a session in the shape that closure asks for: channels, constants, effects, common errors."""
+"""Contact's model of a session in the shape that the search asks for: channels, constants, effects, common errors."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
-from typing import Any
+from dataclasses import dataclass
+from functools import lru_cache
+from typing import cast
 
 import numpy as np
-from numpy.typing import NDArray
 
-from stepblocks.contact.effects.catalogue import named_laws, smooth_laws
-from stepblocks.contact.effects.law import Law
-from stepblocks.contact.effects.smooth import CovariateRange
-from stepblocks.contact.forward import BenchDesign, constants, nominal_state
+from stepblocks.contact import forward
+from stepblocks.contact.effects.catalogue import named_laws
+from stepblocks.contact.effects.law import Law, Parameter
+from stepblocks.contact.effects.smooth import CovariateRange, smooth_laws
+from stepblocks.contact.forward import LOADING_TIME, PEAK_FORCE, BenchDesign
+from stepblocks.contact.operating_point import Tool
 from stepblocks.contact.state import CHANNELS, DragState, observe
-from stepblocks.loop.search.effect import Active, Effect, Parameter
-from stepblocks.loop.search.trials import Systematic, Trials
-
-Floats = NDArray[np.float64]
-
-# The model quantities that an effect may follow like a column
-PEAK_FORCE, LOADING_TIME = "peak_force_n", "loading_time_s"
-
-_ORDER = {LOADING_TIME: 0, PEAK_FORCE: 2}  # what gives way under load does so before the peak is known
+from stepblocks.loop.search.forward_model import Active, Floats, Systematic, Trials
 
 # what the evaluation of traces may leave as an error common to many trials, one deviation per unit of covariate;
 # benchmarks of the features on synthetic traces show less
@@ -36,136 +30,77 @@ _COMMON = {
     "normal_load_ratio": 0.002,
 }
 
+_SHARP = 1.5e-6  # m, an edge that a scan shows to be no rounder
+# friction imitates a tilt exactly; a search would only find the rounding between the two
+_SAME_BY_DEFINITION = frozenset({"block_tilt"})
+
+
+@lru_cache(maxsize=4)
+def _design(trials: Trials, spring_constant: float) -> BenchDesign:
+    return forward.design_of(trials.block, trials.covariates, spring_constant)
+
 
 @dataclass(frozen=True)
 class SessionModel:
     """Forward model of a session."""
 
-    spring_constant: float  # Nominal spring constant [N/m]
-    frequency: float  # Where the fit of the ring begins [Hz], [s]
-    decay_time: float
-    height_std: float = 1e-6  # Standard deviation of block heights [m]
-    # Heights from scans: block to (height, standard uncertainty) [m]
-    scanned: Mapping[str, tuple[float, float]] | None = None
-    scanned_radius: float | None = None  # Mean radius of the edges from their scans [m]
-    channels: tuple[str, ...] = CHANNELS
-    _designs: dict[int, tuple[Trials, BenchDesign]] = field(default_factory=dict, repr=False, compare=False)
-
-    def design(self, trials: Trials) -> BenchDesign:
-        """Return the design of a table, converted to SI units once."""
-        known = self._designs.get(id(trials))
-        if known is not None and known[0] is trials:
-            return known[1]
-        columns = {name: trials.numeric(name) for name in ("height_um", "load_n", "speed_mm_s", "tip_radius_um")}
-        arrays = {name: np.asarray(column, dtype=np.float64) for name, column in columns.items()}
-        design = BenchDesign(
-            block=trials.block,
-            height=arrays["height_um"] * 1e-6,
-            load=arrays["load_n"],
-            speed=arrays["speed_mm_s"] * 1e-3,
-            tip_radius=arrays["tip_radius_um"] * 1e-6,
-            spring_constant=self.spring_constant,
-        )
-        self._designs.clear()
-        self._designs[id(trials)] = (trials, design)
-        return design
+    tool: Tool  # the nominal spring, and the ring with which the fit begins
+    height_std: float = 1e-6  # of blocks that are not scanned [m]
+    scanned: Mapping[str, tuple[float, float]] | None = None  # block to height and standard uncertainty [m]
+    scanned_radius: float | None = None  # mean of the edges from their scans [m]
 
     def parameters(self, trials: Trials) -> tuple[Parameter, ...]:
         """Constants of the nominal model and the height errors of the blocks of a table."""
-        found = constants(self.design(trials), self.frequency, self.decay_time, self.height_std, self.scanned)
-        return tuple(Parameter(**vars(c)) for c in found)
+        return forward.constants(_design(trials, self.tool.stiffness), self.tool, self.height_std, self.scanned)
 
     def systematics(self, trials: Trials) -> list[Systematic]:
         """Errors that the evaluation of traces may share among trials: along height, load, speed and their squares."""
-        design = self.design(trials)
-        columns = [_standard(np.log(design.height)), _standard(np.log(design.load)), _standard(np.log(design.speed))]
-        columns += [columns[0] ** 2, columns[0] * columns[1], columns[1] * columns[2], columns[0] * columns[2]]
+        design = _design(trials, self.tool.stiffness)
+        height, load, speed = (_standard(np.log(column)) for column in (design.height, design.load, design.speed))
+        columns = (height, load, speed, height**2, height * load, load * speed, height * speed)
         return [
             Systematic(channel, column, _COMMON[channel])
-            for channel in self.channels
+            for channel in CHANNELS
             for column in columns
             if channel in trials.channels and np.any(column)
         ]
 
-    def predict(self, trials: Trials, values: Mapping[str, float], effects: Sequence[Active] = ()) -> Floats:
+    def state(self, trials: Trials, values: Mapping[str, float], effects: Active = ()) -> DragState:
+        """Fill all slots, effects applied."""
+        # the search hands back the laws that `candidates` gave it
+        laws = cast("forward.Active", effects)
+        return forward.extended_state(_design(trials, self.tool.stiffness), values, laws)
+
+    def predict(self, trials: Trials, values: Mapping[str, float], effects: Active = ()) -> Floats:
         """Predict all channels."""
         return observe(self.state(trials, values, effects))
 
-    def state(self, trials: Trials, values: Mapping[str, float], effects: Sequence[Active] = ()) -> DragState:
-        """Fill all slots, effects applied; in the order in which they act."""
-        state = nominal_state(self.design(trials), values)
-        for effect, own in sorted(effects, key=lambda pair: _ORDER.get(pair[0].covariate, 1)):
-            state = effect.apply(state, trials, own)
-        return state
-
-    def responses(self, trials: Trials, values: Mapping[str, float], effects: Sequence[Active] = ()) -> Floats:
+    def responses(self, trials: Trials, values: Mapping[str, float], effects: Active = ()) -> Floats:
         """Change of the channels with friction, load and conversion, which scatter from trial to trial."""
-        state = self.state(trials, values, effects)
-        base, step = observe(state), 1e-4
-        weight = state.set_load + state.sensed_offset
-        moved = (
-            state.changed(friction=state.friction + step),
-            state.changed(load=state.load * (1.0 + step), sensed_offset=state.sensed_offset + step * weight),
-            state.changed(conversion=state.conversion * (1.0 + step)),
-        )
-        return np.stack([(observe(other) - base) / step for other in moved], axis=2)
+        return forward.responses(self.state(trials, values, effects))
 
 
-def _standard(column: Floats) -> Floats:
-    spread = float(np.std(column))
-    return np.asarray((column - column.mean()) / spread) if spread > 0.0 else np.zeros_like(column)
-
-
-def _column(trials: Trials, state: DragState, covariate: str) -> Any:
-    if covariate == "none":
-        return None
-    if covariate == "block":
-        return trials.block
-    if covariate == PEAK_FORCE:
-        return state.peak_force()
-    if covariate == LOADING_TIME:
-        return state.loading_time()
-    return trials.covariates[covariate]
-
-
-def effect_of(law: Law) -> Effect:
-    """Bind a law of contact to the table of closure."""
-
-    def apply(state: DragState, trials: Trials, values: Mapping[str, float]) -> DragState:
-        return law.apply(state, _column(trials, state, law.covariate), values)
-
-    return Effect(
-        id=law.id,
-        slot=law.slot,
-        covariate=law.covariate,
-        form=law.form,
-        parameters=tuple(Parameter(**vars(c)) for c in law.parameters),
-        amplitudes=law.amplitudes,
-        apply=apply,
-        shapes=law.shapes,
-        named=law.named,
-        rank=law.rank,
-    )
+def _standard(logarithm: Floats) -> Floats:
+    spread = float(np.std(logarithm))
+    # the mean of equal numbers may differ from them in the last bit
+    return np.asarray((logarithm - logarithm.mean()) / spread) if spread > 1e-9 else np.zeros_like(logarithm)
 
 
 def covariate_ranges(trials: Trials) -> tuple[CovariateRange, ...]:
     """Return the range of every covariate that varies, and of the peak force."""
     found = []
     for name, column in trials.covariates.items():
-        if name == "tip_radius_um":
-            continue
         numbers = trials.numeric(name)
-        if numbers is None:
-            labels = tuple(str(label) for label in np.unique(column))
-            if 1 < len(labels) <= 8:
-                found.append(CovariateRange(name, labels=labels, distinct=len(labels)))
+        distinct = len(np.unique(column))
+        if name == "tip_radius_um" or distinct < 2:
             continue
-        distinct = len(np.unique(numbers))
-        if distinct > 1:
+        if numbers is not None:
             low, high = float(numbers.min()), float(numbers.max())
-            found.append(
-                CovariateRange(name, low, high, low > 0.0 and high > 5.0 * low and distinct < 20, (), distinct)
-            )
+            wide = low > 0.0 and high > 5.0 * low and distinct < 20
+            found.append(CovariateRange(name, low, high, wide, (), distinct))
+        elif distinct <= 8:
+            labels = tuple(str(label) for label in np.unique(column))
+            found.append(CovariateRange(name, labels=labels, distinct=distinct))
     if "ln_peak_force" in trials.channels:
         force = trials.values[:, trials.channels.index("ln_peak_force")]
         force = np.exp(force[np.isfinite(force)])
@@ -174,21 +109,13 @@ def covariate_ranges(trials: Trials) -> tuple[CovariateRange, ...]:
     return tuple(found)
 
 
-_SHARP = 1.5e-6
-_BY_DEFINITION_SAME = frozenset({"block_tilt"})
-# friction imitates a tilt exactly; a search would only find the rounding between the two
-
-
 def candidates(
     trials: Trials, ranges: Sequence[CovariateRange], with_imitated: bool = False, scanned_radius: float | None = None
-) -> tuple[Effect, ...]:
+) -> tuple[Law, ...]:
     """Return every effect that may be asked of a table: laws whose covariate varies, and all smooths."""
-    names = {r.name for r in ranges} | {"none", "block", LOADING_TIME}
-    blocks = [str(b) for b in np.unique(trials.block)]
-    laws = [law for law in named_laws(blocks) if law.covariate in names]
+    names = {place.name for place in ranges} | {"none", "block", LOADING_TIME}
     sharp = scanned_radius is not None and scanned_radius < _SHARP
-    ruled_out = "edge_rounding" if sharp else "tip_radius_error"
-    laws = [law for law in laws if with_imitated or law.id != ruled_out]
-    if not with_imitated:
-        laws = [law for law in laws if law.id not in _BY_DEFINITION_SAME]
-    return tuple(effect_of(law) for law in (*laws, *smooth_laws(ranges)))
+    ruled_out = _SAME_BY_DEFINITION | {"edge_rounding" if sharp else "tip_radius_error"}
+    blocks = [str(block) for block in np.unique(trials.block)]
+    laws = [law for law in named_laws(blocks) if law.covariate in names]
+    return (*(law for law in laws if with_imitated or law.id not in ruled_out), *smooth_laws(ranges))

@@ -9,11 +9,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from stepblocks.loop.search.effect import Effect
-from stepblocks.loop.search.explanation import Explanation, Verdict
-from stepblocks.loop.search.fit import Fit, fit
-from stepblocks.loop.search.next_trials import propose
-from stepblocks.loop.search.trials import Trials
+from stepblocks.loop.search.explain import Explanation, Verdict
+from stepblocks.loop.search.fit import fit
+from stepblocks.loop.search.forward_model import Trials
+from stepblocks.loop.search.next_trials import Rival, propose
 
 _SHOWN = ("height_um", "load_n", "speed_mm_s")
 _HEIGHTS_UM = (5.0, 10.0, 15.0, 20.0, 30.0, 40.0, 50.0, 60.0, 70.0, 80.0, 90.0)
@@ -54,47 +53,17 @@ def block_stimulus(experiment: Mapping[str, Any] | None) -> str | None:
     """Stimulus file of the block that an experiment asks for, as `stepblocks build` reads it; None where it asks none."""
     if not experiment or "block" not in experiment:
         return None
-    block = experiment["block"]
-    loads = sorted({float(trial["load_n"]) for trial in experiment["trials"]})
-    return _BLOCK.format(
-        rivals=" from ".join(experiment["separates"]), loads=", ".join(f'"{load:g} N"' for load in loads), **block
+    from jinja2 import Environment, PackageLoader
+
+    loads = ", ".join(f'"{load:g} N"' for load in sorted({float(trial["load_n"]) for trial in experiment["trials"]}))
+    template = Environment(loader=PackageLoader("stepblocks.loop"), keep_trailing_newline=True, trim_blocks=True)
+    return template.get_template("next-block.toml.j2").render(
+        rivals=" from ".join(experiment["separates"]), loads=loads, **experiment["block"]
     )
 
 
-# the body of the shipped blocks
-_BLOCK = """schema = 1
-set = "next-block"
-title = "The block that would separate {rivals} best"
-source = "next experiment of stepblocks loop"
-
-[prediction]
-tip_radii = ["{tip}"]
-normal_loads = [{loads}]
-frictions = [{friction}]
-
-[[step_block]]
-id = "{name}"
-material = "steel"
-height = {{ nominal = "{height}", tolerance = "1 um" }}
-edge_radius = {{ nominal = "{edge_radius}", tolerance = "+2 um / -0 um" }}
-
-[step_block.body]
-length = "40 mm"
-width = "24 mm"
-thickness = "10 mm"
-edge_break = {{ nominal = "0.3 mm", tolerance = "0.1 mm" }}
-mounting = {{ kind = "clearance", thread = "M3", spacing = "30 mm", depth = "3.5 mm" }}
-engraving = {{ height = "2.5 mm", depth = {{ nominal = "0.15 mm", tolerance = "0.05 mm" }} }}
-
-[step_block.metrology]
-kind = "ridge"
-width = {{ nominal = "0.8 mm", tolerance = "0.05 mm" }}
-lane = "6 mm"
-distance = {{ nominal = "2 mm", tolerance = "0.1 mm" }}
-"""
-
-
-def _pair(found: Explanation) -> tuple[list[str], tuple[list[Effect], Fit], tuple[list[Effect], Fit]] | None:
+def _pair(found: Explanation) -> tuple[list[str], Rival, Rival] | None:
+    """Names of two models that are to be told apart, and the models."""
     if found.verdict is Verdict.NONE:
         return None
     current = found.extended
@@ -102,13 +71,12 @@ def _pair(found: Explanation) -> tuple[list[str], tuple[list[Effect], Fit], tupl
         if finding.rivals:
             rival, fitted, _ = finding.rivals[0]
             others = [e for e in current.effects if e is not finding.effect]
-            first, second = (list(current.effects), current), ([*others, rival], fitted)
-            return [finding.effect.id, rival.id], first, second
+            return [finding.effect.id, rival.id], (current.effects, current), ([*others, rival], fitted)
     # where nothing rivals it, ask what would confirm it: with it, against without it
     finding = min(found.findings, key=lambda f: (f.effect.named, f.gain))
     others = [e for e in current.effects if e is not finding.effect]
     without = fit(found.problem, tuple(others), current.values)
-    return [finding.effect.id, "nothing"], (list(current.effects), current), (others, without)
+    return [finding.effect.id, "nothing"], (current.effects, current), (others, without)
 
 
 def _grid(trials: Trials, extra: list[str]) -> Trials:

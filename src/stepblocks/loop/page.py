@@ -3,71 +3,40 @@
 from __future__ import annotations
 
 import base64
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Mapping
 from io import BytesIO
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from stepblocks.atomic import replace_text
-
-Floats = NDArray[np.float64]
+from stepblocks.artefacts.model_file import WIDE
+from stepblocks.contact.forward import LOADING_TIME, PEAK_FORCE
+from stepblocks.loop.result import LoopResult
+from stepblocks.loop.search.explain import Explanation
+from stepblocks.loop.search.forward_model import Effect, Floats
 
 _BEFORE, _AFTER = "#b0506a", "#2f6f9f"
+_WORST = 10  # trials shown
+_SHOWN_CHANNELS = ("ln_energy", "ln_peak_force", "sliding_friction")
+_FINE = 12  # settings that are averaged one by one, not in groups
 
 
-@dataclass(frozen=True)
-class Panel:
-    """Residuals of one channel against one covariate, before and after; labels instead of numbers where it has any."""
-
-    channel: str
-    covariate: str
-    x: NDArray[Any]
-    before: Floats
-    after: Floats
-
-
-@dataclass(frozen=True)
-class Traced:
-    """An effect as a curve with its 95 % band: change of a channel in percent over what the effect follows."""
-
-    title: str
-    xlabel: str
-    ylabel: str
-    x: Floats
-    curve: Floats
-    low: Floats
-    high: Floats
-
-
-@dataclass(frozen=True)
-class LoopReport:
-    """Contents of the page."""
-
-    title: str  # Name of the session
-    result: Mapping[str, Any]  # Contents of result.json
-    panels: Sequence[Panel]  # Residuals
-    traced: Sequence[Traced]  # Effects as curves
-    worst: Sequence[Mapping[str, Any]]  # Trials that the extended model misses most
-
-
-def write_report(report: LoopReport, path: Path) -> None:
-    """Write the page."""
+def page_of(result: LoopResult) -> str:
+    """Render the page."""
     from jinja2 import Environment, PackageLoader
 
     environment = Environment(loader=PackageLoader("stepblocks.loop"), autoescape=True, trim_blocks=True)
     environment.filters["figure"] = _figure
-    text = environment.get_template("loop.html.j2").render(
-        title=report.title,
-        r=report.result,
-        residuals=[_residuals(report.panels, channel) for channel in dict.fromkeys(p.channel for p in report.panels)],
-        curves=[_curve(traced) for traced in report.traced],
-        worst=report.worst,
+    # the names are those of the result: one that was withdrawn there is not claimed here
+    named = zip(result.found.findings, result.document["effects"], strict=True)
+    return environment.get_template("loop.html.j2").render(
+        title=result.title,
+        r=result.document,
+        residuals=[_residuals(result.found, channel) for channel in _SHOWN_CHANNELS],
+        curves=[_curve(result, finding.effect, str(entry["id"])) for finding, entry in named],
+        worst=_worst(result),
     )
-    replace_text(path, text)
 
 
 def _figure(value: Any) -> str:
@@ -85,22 +54,27 @@ def _png(figure: Any) -> str:
     return "data:image/png;base64," + base64.b64encode(buffer.getvalue()).decode("ascii")
 
 
-def _residuals(panels: Sequence[Panel], channel: str) -> dict[str, str]:
+def _residuals(found: Explanation, channel: str) -> dict[str, str]:
+    """Residuals of one channel against every covariate that varies, before and after."""
     from matplotlib.figure import Figure
 
-    own = [p for p in panels if p.channel == channel]
-    rows = -(-len(own) // 3)
+    trials = found.problem.trials
+    j = trials.channels.index(channel)
+    before, after = (trials.values[:, j] - fitted.predicted[:, j] for fitted in (found.nominal, found.extended))
+    columns = {name: column for name, column in trials.covariates.items() if len(np.unique(column)) > 1}
+    columns[PEAK_FORCE] = np.exp(found.extended.predicted[:, trials.channels.index("ln_peak_force")])
+    rows = -(-len(columns) // 3)
     figure = Figure(figsize=(11.0, 2.6 * rows), layout="constrained")
     axes = np.atleast_1d(figure.subplots(rows, 3, sharey=True)).ravel()
-    for axis, panel in zip(axes, own, strict=False):
-        x, ticks = _positions(panel.x)
+    for axis, (name, column) in zip(axes, columns.items(), strict=False):
+        x, ticks = _positions(np.asarray(column))
         axis.axhline(0.0, color="0.6", lw=0.8)
-        axis.plot(x, panel.before, ".", ms=3, color=_BEFORE, alpha=0.55, label="nominal")
-        axis.plot(x, panel.after, ".", ms=3, color=_AFTER, alpha=0.75, label="extended")
-        axis.set_xlabel(panel.covariate)
+        axis.plot(x, before, ".", ms=3, color=_BEFORE, alpha=0.55, label="nominal")
+        axis.plot(x, after, ".", ms=3, color=_AFTER, alpha=0.75, label="extended")
+        axis.set_xlabel(name)
         if ticks:
             axis.set_xticks(range(len(ticks)), ticks)
-    for axis in axes[len(own) :]:
+    for axis in axes[len(columns) :]:
         axis.set_visible(False)
     axes[0].legend(fontsize=8)
     axes[0].set_ylabel(f"residual of {channel}")
@@ -108,20 +82,89 @@ def _residuals(panels: Sequence[Panel], channel: str) -> dict[str, str]:
 
 
 def _positions(column: NDArray[Any]) -> tuple[Floats, list[str]]:
+    """Where to draw a column: numbers where they are, labels in a row."""
     if np.issubdtype(column.dtype, np.number):
         return np.asarray(column, dtype=np.float64), []
     labels, inverse = np.unique(column.astype(str), return_inverse=True)
     return np.asarray(inverse, dtype=np.float64), [str(label) for label in labels]
 
 
-def _curve(traced: Traced) -> dict[str, str]:
+def _curve(result: LoopResult, effect: Effect, name_shown: str) -> dict[str, str]:
+    """Draw the change that an effect makes in the channel it moves most, over what it follows, with its 95 % band."""
     from matplotlib.figure import Figure
 
+    j, change, std = _change(result.found, effect)
+    along, name = _followed(result, effect)
+    x, curve, band = _averaged(along, change, std)
+    unit = "vibration energy" if result.found.problem.trials.channels[j] == "ln_energy" else "peak force"
+    low, middle, high = (100.0 * np.expm1(curve + side * band) for side in (-WIDE, 0.0, WIDE))
     figure = Figure(figsize=(6.0, 3.4), layout="constrained")
     axis = figure.subplots()
-    axis.fill_between(traced.x, traced.low, traced.high, color=_AFTER, alpha=0.25, lw=0)
-    axis.plot(traced.x, traced.curve, color=_AFTER)
+    axis.fill_between(x, low, high, color=_AFTER, alpha=0.25, lw=0)
+    axis.plot(x, middle, color=_AFTER)
     axis.axhline(0.0, color="0.6", lw=0.8)
-    axis.set_xlabel(traced.xlabel)
-    axis.set_ylabel(traced.ylabel)
-    return {"title": traced.title, "image": _png(figure)}
+    axis.set_xlabel(name)
+    axis.set_ylabel(f"change of {unit} [%]")
+    title = f"{name_shown} ({effect.slot}): change of {unit} that it makes, average over the other settings"
+    return {"title": title, "image": _png(figure)}
+
+
+def _change(found: Explanation, effect: Effect) -> tuple[int, Floats, Floats]:
+    """Return the channel that an effect moves most, its change trial by trial, and the standard deviation of that."""
+    trials, fitted, model = found.problem.trials, found.extended, found.problem.model
+    others = [(e, own) for e, own in fitted.active if e is not effect]
+
+    def change(values: Mapping[str, float]) -> Floats:
+        with_it = model.predict(trials, values, [*others, (effect, effect.own(values))])
+        return np.asarray(with_it - model.predict(trials, values, others))
+
+    base = change(fitted.values)
+    j = int(np.argmax(np.nanmean(np.abs(base[:, :2]), axis=0)))
+    index = [i for i, p in enumerate(fitted.parameters) if p.name.startswith(f"{effect.id}.")]
+    slopes = np.zeros((len(trials), len(index)))
+    for k, i in enumerate(index):
+        name = fitted.parameters[i].name
+        step = 0.05 * fitted.std[name] or 1e-12
+        slopes[:, k] = (change(fitted.values | {name: fitted.values[name] + step})[:, j] - base[:, j]) / step
+    variance = np.einsum("ni,ij,nj->n", slopes, fitted.covariance[np.ix_(index, index)], slopes)
+    return j, base[:, j], np.sqrt(np.maximum(variance, 0.0))
+
+
+def _followed(result: LoopResult, effect: Effect) -> tuple[Floats, str]:
+    """Return what an effect follows, as numbers, and its name; the height where it follows nothing."""
+    trials, fitted = result.table.trials, result.found.extended
+    if effect.covariate == PEAK_FORCE:
+        return np.exp(fitted.predicted[:, trials.channels.index("ln_peak_force")]), PEAK_FORCE
+    if effect.covariate == LOADING_TIME:
+        return result.table.model.state(trials, fitted.values, fitted.active).loading_time(), LOADING_TIME
+    name = effect.covariate if effect.covariate in trials.covariates else "height_um"
+    return _positions(trials.covariates[name])[0], name
+
+
+def _averaged(along: Floats, values: Floats, std: Floats) -> tuple[Floats, Floats, Floats]:
+    settings = np.unique(along)
+    if len(settings) <= _FINE:
+        groups = [np.flatnonzero(along == setting) for setting in settings]
+    else:
+        order = np.argsort(along, kind="stable")
+        groups = list(np.array_split(order, min(24, max(2, len(order) // 5))))
+    x, mean, spread = (np.array([column[g].mean() for g in groups]) for column in (along, values, std))
+    return x, mean, spread
+
+
+def _worst(result: LoopResult) -> list[dict[str, Any]]:
+    trials, fitted = result.table.trials, result.found.extended
+    distance = np.sqrt(np.sum(fitted.residual.reshape(trials.values.shape) ** 2, axis=1))
+    residual = trials.values - fitted.predicted
+    return [
+        {
+            "trial": str(result.table.names[i]),
+            "block": str(trials.block[i]),
+            "load_n": float(trials.covariates["load_n"][i]),
+            "speed_mm_s": float(trials.covariates["speed_mm_s"][i]),
+            "residual ln E_v": float(residual[i, 0]),
+            "residual ln F_px": float(residual[i, 1]),
+            "distance [std]": float(distance[i]),
+        }
+        for i in np.argsort(-distance, kind="stable")[:_WORST]
+    ]

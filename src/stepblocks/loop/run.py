@@ -1,4 +1,4 @@
-"""Job: a session in; residual, effect, error before and after, out."""
+"""A session in; residual, effect, error before and after, out."""
 
 from __future__ import annotations
 
@@ -6,14 +6,13 @@ import json
 import math
 import os
 from collections.abc import Callable, Mapping, Sequence
-from concurrent.futures import ProcessPoolExecutor
-from dataclasses import dataclass, replace
-from multiprocessing import get_context
+from contextlib import ExitStack
+from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from stepblocks.artefacts.as_built import measured_edges, read_records
 from stepblocks.artefacts.model_file import model_document
@@ -21,36 +20,90 @@ from stepblocks.atomic import replace_text
 from stepblocks.errors import PipelineError
 from stepblocks.loop.bench_model import SessionModel, candidates, covariate_ranges
 from stepblocks.loop.next_experiment import block_stimulus
-from stepblocks.loop.result import result_document
-from stepblocks.loop.search.effect import Effect
-from stepblocks.loop.search.explain import Rules, explain, select
-from stepblocks.loop.search.explanation import Explanation, Verdict
-from stepblocks.loop.search.holdout import Holdout, folds_within_blocks, held_out
-from stepblocks.loop.search.noise import flexible_residual
-from stepblocks.loop.search.trials import Trials
-from stepblocks.loop.session_scans import edge_of_scan, scan_blocks
-from stepblocks.loop.session_table import SessionTable, trials_of
+from stepblocks.loop.result import LoopResult, learned_model, result_document
+from stepblocks.loop.search.explain import Explanation, Rules, explain, select
+from stepblocks.loop.search.forward_model import Effect, Trials
+from stepblocks.loop.search.holdout import Holdout, folds_of_blocks, folds_within_blocks, gather, hold_out
+from stepblocks.loop.session_table import Scans, SessionTable, scan_blocks, trials_of
 
 if TYPE_CHECKING:
     import pandas as pd
 
-# Per block: height_m, height_std_m, and where known edge_radius_m, edge_radius_std_m
-Scans = Mapping[str, Mapping[str, float]]
+    from stepblocks.bench.session import Session
 
-_WITHIN, _BETWEEN = 3, 4
+_WITHIN, _BETWEEN = 3, 4  # folds
+_FEWEST = 12  # trials that a fold must leave
 
 
-@dataclass(frozen=True)
-class LoopResult:
-    """All that a session came to."""
+def loop(
+    session: str | Path,
+    output: str | Path | None = None,
+    *,
+    jobs: int | None = None,
+    forces_only: bool = False,
+    as_built: Sequence[str | Path] = (),
+    progress: Callable[[int, int], None] | None = None,
+) -> LoopResult:
+    """Measure a session and find what the model of equations (1) and (2) lacks.
 
-    table: SessionTable  # Trials analysed and excluded
-    found: Explanation  # Verdict, findings, fits
-    within: Holdout  # Errors on trials held out within blocks, and on blocks held out
-    between: Holdout
-    noise_floor: NDArray[np.float64]  # shape (c,); Scatter about a regression that trusts no model
-    result: dict[str, Any]  # Contents of result.json and model.json
-    model: dict[str, Any]
+    Parameters
+    ----------
+    session : str or Path
+        Folder of the session; it is only read.
+    output : str or Path, optional
+        Folder for features.csv, result.json, model.json, report.html and, where a block is asked for, next-block.toml.
+    jobs : int, optional
+        Processes; as many as cores where omitted.
+    forces_only : bool
+        Leave the scans of the blocks out and let the forces speak alone.
+    as_built : sequence of str or Path
+        As-built records of inspected blocks, or folders of them; they count instead of the session's own scans.
+    progress : callable, optional
+        Told how many of how many trials are measured.
+
+    Returns
+    -------
+    LoopResult
+        ``verdict``, the fits behind it, ``document`` as in result.json, and ``model`` to predict from.
+
+    Raises
+    ------
+    StepblocksError
+        If the session cannot be read, holds too few good trials, or the output cannot be written.
+    """
+    from stepblocks.bench.measure import measure
+    from stepblocks.bench.session import open_session
+
+    session = Path(session)
+    inspected = measured_edges(read_records([Path(path) for path in as_built])) if as_built else {}
+    declared = open_session(session)
+    radius = declared.probe.tip_radius
+    if radius is None:
+        raise PipelineError(f"`probe.tip_radius` must be given to explain a session [{session / 'session.toml'}]")
+    cores = jobs or len(os.sched_getaffinity(0))
+    if output is not None:
+        try:
+            Path(output).mkdir(parents=True, exist_ok=True)
+        except OSError as error:
+            raise PipelineError(f"output must be a folder that can be written: {error.strerror} [{output}]") from error
+    table = None if output is None else Path(output) / "features.csv"
+    features = measure(session, table, jobs=cores, progress=progress)
+    scans, failed = ({}, {}) if forces_only else _scanned(session, declared, features, inspected)
+    result = analyse_features(features, declared.probe.spring_constant, radius, scans, jobs=cores)
+    result.document["scans"]["left_out"] = [{"block": block, "reason": reason} for block, reason in failed.items()]
+    result = replace(result, title=declared.title or session.name)
+    if output is not None:
+        write_loop(result, Path(output))
+    return result
+
+
+def _scanned(
+    session: Path, declared: Session, features: pd.DataFrame, inspected: Scans
+) -> tuple[Scans, dict[str, str]]:
+    """Heights and edges of the blocks, and why some could not be used; what was inspected needs no scan."""
+    blocks = sorted(set(features["block"].dropna()))
+    scans, failed = scan_blocks(session, declared.scans, [block for block in blocks if block not in inspected])
+    return scans | {block: dict(inspected[block]) for block in blocks if block in inspected}, failed
 
 
 def analyse_features(
@@ -58,156 +111,64 @@ def analyse_features(
     spring_constant: float,
     tip_radius: float,
     scans: Scans | None = None,
+    *,
     jobs: int = 1,
     rules: Rules | None = None,
 ) -> LoopResult:
     """Find what the nominal model lacks for a table of features."""
     rules = rules or Rules()
-    heights = {b: (float(s["height_m"]), float(s["height_std_m"])) for b, s in (scans or {}).items()}
-    table = trials_of(features, spring_constant, tip_radius, heights or None)
-    ranges = covariate_ranges(table.trials)
-    radii = [float(s["edge_radius_m"]) for s in (scans or {}).values() if "edge_radius_m" in s]
-    model_of_session = replace(table.model, scanned_radius=float(np.mean(radii)) if radii else None)
-    table = replace(table, model=model_of_session)
-    effects = candidates(table.trials, ranges, scanned_radius=model_of_session.scanned_radius)
-    found, (within, between) = _explained(table, effects, rules, jobs)
-    residual, dof = flexible_residual(table.trials)
-    floor = np.sqrt(np.nansum(residual**2, axis=0) / max(dof, 1))
-    result = result_document(table, found, within, between, floor, scans or {}, rules)
-    model = model_document(found, ranges, tip_radius * 1e6)
-    return LoopResult(table, found, within, between, floor, result, model)
+    table = trials_of(features, spring_constant, tip_radius, scans)
+    found, holdouts = _explained(table, rules, jobs)
+    document = result_document(table, found, holdouts, scans or {}, rules)
+    model = learned_model(table, found, covariate_ranges(table.trials))
+    return LoopResult("", table, found, *holdouts, document, model)
 
 
-def _choose(model: SessionModel, trials: Trials, rules: Rules) -> Any:
-    effects = candidates(trials, covariate_ranges(trials), scanned_radius=model.scanned_radius)
-    return select(model, trials, effects, rules)
+def _asked(model: SessionModel, trials: Trials) -> Sequence[Effect]:
+    return candidates(trials, covariate_ranges(trials), scanned_radius=model.scanned_radius)
 
 
-def _one_fold(task: tuple[SessionModel, Trials, NDArray[np.intp], Rules]) -> Holdout:
-    model, trials, rows, rules = task
-    return held_out(model, trials, [rows], lambda train: _choose(model, train, rules))
+def _chosen(trials: Trials, *, model: SessionModel, rules: Rules) -> Sequence[Effect]:
+    return select(model, trials, _asked(model, trials), rules)
 
 
-def _explained(
-    table: SessionTable, effects: Sequence[Effect], rules: Rules, jobs: int
-) -> tuple[Explanation, tuple[Holdout, Holdout]]:
+def _explained(table: SessionTable, rules: Rules, jobs: int) -> tuple[Explanation, tuple[Holdout, Holdout]]:
     """Explain all trials, and hold out trials within blocks and whole blocks; every fold chooses its own effects."""
-    trials = table.trials
-    # a model carries a cache of designs that workers need not get
-    model = replace(table.model, _designs={})
+    model, trials = table.model, table.trials
     quick = replace(rules, most=min(rules.most, 3), draws=min(rules.draws, 200), fits=4, exchange=False)
-    order = {block: i for i, block in enumerate(sorted(set(trials.block.tolist())))}
-    group = np.array([order[block] % _BETWEEN for block in trials.block.tolist()])
     inside = folds_within_blocks(trials, _WITHIN, rules.seed)
-    outside = [np.flatnonzero(group == i) for i in range(min(_BETWEEN, len(order)))] if len(order) > 2 else []
-    tasks = [(model, trials, rows, quick) for rows in (*inside, *outside) if len(trials) - len(rows) >= 12]
-    kept_inside = sum(len(trials) - len(rows) >= 12 for rows in inside)
-    if jobs > 1 and len(tasks) > 1:
-        with ProcessPoolExecutor(jobs - 1, mp_context=get_context("spawn")) as pool:
-            # the folds do not wait for what all trials say
-            waiting = [pool.submit(_one_fold, task) for task in tasks]
-            found = explain(model, trials, effects, rules)
-            done = [one.result() for one in waiting]
-    else:
-        found = explain(model, trials, effects, rules)
-        done = [_one_fold(task) for task in tasks]
-    shape = trials.values.shape
-    return found, (_merged(done[:kept_inside], shape), _merged(done[kept_inside:], shape))
+    outside = folds_of_blocks(trials, _BETWEEN) if len(set(trials.block.tolist())) > 2 else []
+    inside, outside = ([rows for rows in folds if len(trials) - len(rows) >= _FEWEST] for folds in (inside, outside))
+    one_fold = partial(hold_out, model, trials, select=partial(_chosen, model=model, rules=quick))
+    with ExitStack() as stack:
+        run: Callable[..., Any] = map
+        if jobs > 1:
+            from joblib.externals.loky import ProcessPoolExecutor
+
+            # these workers load no main module: a script or a notebook needs no guard
+            threads = {name: "1" for name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS") if name not in os.environ}
+            run = stack.enter_context(ProcessPoolExecutor(jobs - 1, env=threads)).map
+        # the folds do not wait for what all trials say
+        waiting = run(one_fold, [*inside, *outside])
+        found = explain(model, trials, _asked(model, trials), rules)
+        done = list(waiting)
+    return found, (gather(trials, inside, done[: len(inside)]), gather(trials, outside, done[len(inside) :]))
 
 
-def _merged(parts: list[Holdout], shape: tuple[int, ...]) -> Holdout:
-    nominal, extended = np.full(shape, np.nan), np.full(shape, np.nan)
-    for part in parts:
-        nominal = np.where(np.isfinite(part.nominal), part.nominal, nominal)
-        extended = np.where(np.isfinite(part.extended), part.extended, extended)
-    return Holdout(nominal, extended, tuple(s for part in parts for s in part.selected))
-
-
-def loop_session(
-    session: Path,
-    output: Path,
-    jobs: int | None = None,
-    use_scans: bool = True,
-    progress: Callable[[int, int], None] | None = None,
-    as_built: Sequence[Path] = (),
-    announce: Callable[[str], None] | None = None,
-) -> Verdict:
-    """Measure a session, find what the model lacks, and write the four files.
-
-    Parameters
-    ----------
-    session : Path
-        Folder of the session; it is only read.
-    output : Path
-        Folder for features.csv, result.json, model.json, report.html.
-    jobs : int, optional
-        Processes; as many as cores where omitted.
-    use_scans : bool
-        Whether the scans of the blocks are used; False lets the forces speak alone.
-    progress : callable, optional
-        Told how many of how many trials are measured.
-    as_built : sequence of Path
-        As-built records of inspected blocks, or folders of them; they count instead of the session's own scans.
-    announce : callable, optional
-        Told a line for every scan that could not be used.
-
-    Returns
-    -------
-    Verdict
-        How it ended.
-
-    Raises
-    ------
-    StepblocksError
-        If the session cannot be read, holds too few good trials, or the output cannot be written.
-    """
-    import pandas as pd
-
-    from stepblocks.bench.measure import write_features
-    from stepblocks.bench.session import open_session
-
-    inspected = measured_edges(read_records(as_built)) if as_built else {}
-    declared = open_session(session)
-    radius = declared.probe.tip_radius
-    if radius is None:
-        raise PipelineError(f"`probe.tip_radius` must be given to explain a session [{session / 'session.toml'}]")
-    try:
-        output.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        raise PipelineError(f"output must be a folder that can be written: {error.strerror} [{output}]") from error
-    cores = jobs or len(os.sched_getaffinity(0))
-    write_features(session, output / "features.csv", jobs=cores, progress=progress)
-    features = pd.read_csv(output / "features.csv", dtype={"trial": str, "block": str, "tip": str})
-    scans: Scans = {}
-    failed: dict[str, str] = {}
-    if use_scans:
-        blocks = sorted(set(features["block"].dropna()))
-        scans, failed = scan_blocks(session, declared.scans, [b for b in blocks if b not in inspected], edge_of_scan)
-        scans = {**scans, **{block: inspected[block] for block in blocks if block in inspected}}
-    if announce:
-        for block, reason in failed.items():
-            announce(f"scan of {block} left out: {reason}")
-    result = analyse_features(features, declared.probe.spring_constant, radius, scans, cores)
-    result.result["scans"]["left_out"] = [{"block": block, "reason": reason} for block, reason in failed.items()]
-    write_loop(result, output, declared.title or session.name)
-    return result.found.verdict
-
-
-def write_loop(result: LoopResult, output: Path, title: str) -> None:
+def write_loop(result: LoopResult, output: Path) -> None:
     """Write result.json, model.json, report.html and, where a block is asked for, next-block.toml, each at once."""
-    from stepblocks.loop.figures import report_of
-    from stepblocks.loop.page import write_report
+    from stepblocks.loop.page import page_of
 
     output.mkdir(parents=True, exist_ok=True)
-    for name, document in (("result.json", result.result), ("model.json", result.model)):
+    for name, document in (("result.json", result.document), ("model.json", model_document(result.model))):
         replace_text(output / name, json.dumps(_finite(document), indent=2, allow_nan=False) + "\n")
-    block, asked = output / "next-block.toml", block_stimulus(result.result["next_experiment"])
+    block, asked = output / "next-block.toml", block_stimulus(result.document["next_experiment"])
     if asked:
         replace_text(block, asked)
     else:
         # a block that an earlier run asked for is not asked for any more
         block.unlink(missing_ok=True)
-    write_report(report_of(result, title), output / "report.html")
+    replace_text(output / "report.html", page_of(result))
 
 
 def _finite(value: Any) -> Any:

@@ -1,125 +1,135 @@
-"""A table of features, as the bench measures it, in the shape that closure asks for."""
+"""What a session says, as the search takes it: the table of features as trials with channels, and the scans of the blocks."""
 
 from __future__ import annotations
 
-import math
-import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from stepblocks.contact.forward import tip_radius_um
+from stepblocks.contact.operating_point import PAPER, Tool
 from stepblocks.contact.state import CHANNELS
-from stepblocks.errors import PipelineError
+from stepblocks.errors import PipelineError, StepblocksError
 from stepblocks.loop.bench_model import SessionModel
+from stepblocks.loop.search.forward_model import Floats, Trials
 from stepblocks.loop.search.noise import outliers
-from stepblocks.loop.search.trials import Trials
 
 if TYPE_CHECKING:
     import pandas as pd
 
-Floats = NDArray[np.float64]
+# per block: height_m, height_std_m, and where known edge_radius_m, edge_radius_std_m
+Scans = Mapping[str, Mapping[str, float]]
 
-_REQUIRED = ("block", "height_um", "load_n", "speed_mm_s")
+_POSITIVE = ("height_um", "load_n", "speed_mm_s")
+_REQUIRED = ("block", *_POSITIVE)
 _FEATURES_BEGIN = "sliding_friction"
 _FEWEST = 12
+_MARKS = ["peak_force_n", "vibration_energy_j", "sliding_friction", "spring_constant_n_per_m"]
+
+# columns of features.csv behind each channel, in the order of the channels, and how they become it
+_COLUMNS = (
+    ("vibration_energy_j", "vibration_energy_std_j", "log"),
+    ("peak_force_n", "peak_force_std_n", "log"),
+    ("sliding_friction", "sliding_friction_std", "as is"),
+    ("spring_constant_n_per_m", "spring_constant_std_n_per_m", "over spring"),
+    ("ring_frequency_hz", "ring_frequency_std_hz", "log"),
+    ("decay_time_s", "decay_time_std_s", "log"),
+    ("normal_load_n", "normal_load_std_n", "over load"),
+)
 
 
 @dataclass(frozen=True)
 class SessionTable:
     """Trials that can be analysed, and those that cannot."""
 
-    trials: Trials  # Good trials with all channels
-    names: NDArray[np.str_]  # shape (n,); Identifier of each good trial
-    # Identifier and reason of each excluded trial; single values far from all others are named with their channel
+    trials: Trials
+    names: NDArray[np.str_]  # shape (n,)
+    # trial and reason; single values far from all others are named with their channel
     excluded: list[tuple[str, str]]
-    model: SessionModel  # Forward model with starts from the data
-
-
-def tip_radius_um(tip: str, default: float) -> float:
-    """Radius of a tip from its name, ``tip-125`` for 125 um; `default` where the name has no number."""
-    match = re.fullmatch(r"tip-(\d+(?:\.\d+)?)(?:um)?", str(tip).strip())
-    return float(match.group(1)) if match else default
-
-
-def condition_columns(features: pd.DataFrame) -> list[str]:
-    """Columns of a feature table that were set or read beside the forces, in their order."""
-    columns = list(features.columns)
-    last = columns.index(_FEATURES_BEGIN) if _FEATURES_BEGIN in columns else len(columns)
-    return [name for name in columns[:last] if name not in ("trial", "status", "reason", "block")]
+    model: SessionModel  # starts from the data
+    tip_radius_um: float  # of trials whose tip has no number in its name
 
 
 def trials_of(
-    features: pd.DataFrame,
-    spring_constant: float,
-    tip_radius: float,
-    scanned: Mapping[str, tuple[float, float]] | None = None,
+    features: pd.DataFrame, spring_constant: float, tip_radius: float, scans: Scans | None = None
 ) -> SessionTable:
     """Turn a table of features into trials with channels."""
     missing = [name for name in _REQUIRED if name not in features.columns]
     if missing:
         raise PipelineError(f"features must have the columns {', '.join(_REQUIRED)}, missing {', '.join(missing)}")
-    identifiers = features["trial"].astype(str).to_numpy()
-    good, excluded = _good(features, identifiers, tip_radius)
+    features = features.assign(trial=features["trial"].astype(str))
+    tips = features["tip"].astype(str) if "tip" in features else [""] * len(features)
+    radius = np.array([tip_radius_um(tip, tip_radius * 1e6) for tip in tips])
+    good, excluded = _good(features, radius)
     if good.sum() < _FEWEST:
         raise PipelineError(f"at least {_FEWEST} good trials are needed, got {int(good.sum())} of {len(features)}")
     table = features.loc[good]
     values, std = _channels(table, spring_constant)
-    covariates = _covariates(table, tip_radius)
+    covariates = _covariates(table) | {"tip_radius_um": radius[good]}
     trials = Trials(covariates, CHANNELS, values, std, table["block"].astype(str).to_numpy())
-    names = identifiers[good]
+    names = table["trial"].to_numpy()
     alone = outliers(trials)
-    for i, j in np.argwhere(alone):
-        excluded.append((str(names[i]), f"{CHANNELS[j]} lies far from all other trials"))
-    trials = trials.with_values(np.where(alone, np.nan, values))
-    # where no trial rang, these two constants stay where they begin
-    frequency, decay = (float(np.exp(_middle(values[:, j], start))) for j, start in ((4, 300.0), (5, 0.02)))
-    return SessionTable(trials, names, excluded, SessionModel(spring_constant, frequency, decay, scanned=scanned))
+    excluded += [(str(names[i]), f"{CHANNELS[j]} lies far from all other trials") for i, j in np.argwhere(alone)]
+    values = np.where(alone, np.nan, values)
+    radii = [float(scan["edge_radius_m"]) for scan in (scans or {}).values() if "edge_radius_m" in scan]
+    heights = {block: (float(s["height_m"]), float(s["height_std_m"])) for block, s in (scans or {}).items()}
+    model = SessionModel(
+        # where no trial rang, these two constants stay where they begin
+        Tool(
+            stiffness=spring_constant,
+            frequency=_middle(trials.values[:, 4], PAPER.tool.frequency),
+            decay_time=_middle(trials.values[:, 5], PAPER.tool.decay_time),
+        ),
+        scanned=heights or None,
+        scanned_radius=float(np.mean(radii)) if radii else None,
+    )
+    return SessionTable(trials.with_values(values), names, excluded, model, tip_radius * 1e6)
 
 
-def _good(
-    features: pd.DataFrame, identifiers: NDArray[Any], tip_radius: float
-) -> tuple[NDArray[np.bool_], list[tuple[str, str]]]:
+def _good(features: pd.DataFrame, radius_um: Floats) -> tuple[NDArray[np.bool_], list[tuple[str, str]]]:
+    """Which trials can be used, and why the others cannot: each for the first reason that holds."""
     good = np.ones(len(features), dtype=bool)
     excluded: list[tuple[str, str]] = []
-    status = features["status"].astype(str).to_numpy() if "status" in features else np.full(len(features), "ok")
-    reason = features["reason"].fillna("").astype(str).to_numpy() if "reason" in features else np.full(len(good), "")
-    for i in range(len(features)):
-        if status[i] != "ok":
-            excluded.append((str(identifiers[i]), reason[i] or status[i]))
-            good[i] = False
-    for name in ("height_um", "load_n", "speed_mm_s"):
+
+    def leave_out(bad: Any, reasons: Any) -> None:
+        rows = np.flatnonzero(good & bad)
+        texts = [reasons] * len(features) if isinstance(reasons, str) else reasons
+        excluded.extend((str(features["trial"].iloc[row]), str(texts[row])) for row in rows)
+        good[rows] = False
+
+    if "status" in features:
+        status = features["status"].astype(str).to_numpy()
+        reason = features["reason"].fillna("").astype(str).to_numpy() if "reason" in features else status
+        leave_out(status != "ok", np.where(reason == "", status, reason))
+    for name in _POSITIVE:
         numbers = _numbers(features, name)
-        for row in np.flatnonzero(good & ~(np.isfinite(numbers) & (numbers > 0.0))):
-            excluded.append((str(identifiers[row]), f"{name} must be a positive number"))
-            good[row] = False
-    tips = features["tip"].astype(str) if "tip" in features else [""] * len(features)
-    radius = np.array([tip_radius_um(tip, tip_radius * 1e6) for tip in tips])
-    for row in np.flatnonzero(good & (_numbers(features, "height_um") >= radius)):
-        excluded.append((str(identifiers[row]), "the step is as high as the ball: equation (2) has no angle for it"))
-        good[row] = False
-    measured = np.isfinite(_numbers(features, "peak_force_n")) | np.isfinite(_numbers(features, "vibration_energy_j"))
-    for row in np.flatnonzero(good & ~measured):
-        excluded.append((str(identifiers[row]), "neither a peak force nor a vibration energy was measured"))
-        good[row] = False
-    _drop_copies(features, identifiers, good, excluded)
+        leave_out(~(np.isfinite(numbers) & (numbers > 0.0)), f"{name} must be a positive number")
+    too_high = _numbers(features, "height_um") >= radius_um
+    leave_out(too_high, "the step is as high as the ball: equation (2) has no angle for it")
+    marks = np.stack([_numbers(features, name) for name in _MARKS], axis=1)
+    known = np.isfinite(marks)
+    leave_out(~known[:, :2].any(axis=1), "neither a peak force nor a vibration energy was measured")
+    copies = _copies(features["trial"], marks, good & (known.sum(axis=1) >= 2))
+    leave_out(copies != "", copies)
     return good, excluded
 
 
-def _drop_copies(
-    features: pd.DataFrame, identifiers: NDArray[Any], good: NDArray[np.bool_], excluded: list[tuple[str, str]]
-) -> None:
-    """Exclude trials whose forces are those of another to the last digit: a copy would count twice."""
-    shown = ("peak_force_n", "vibration_energy_j", "sliding_friction", "spring_constant_n_per_m")
-    marks = [tuple(row) for row in np.stack([_numbers(features, name) for name in shown], axis=1).tolist()]
-    first: dict[tuple[float, ...], int] = {}
-    for row in np.flatnonzero(good):
-        own = marks[row]
-        if sum(math.isfinite(v) for v in own) >= 2 and first.setdefault(own, int(row)) != int(row):
-            excluded.append((str(identifiers[row]), f"the same forces as trial {identifiers[first[own]]}"))
-            good[row] = False
+def _copies(trials: pd.Series[str], marks: Floats, asked: NDArray[np.bool_]) -> NDArray[np.object_]:
+    """Name trials whose forces are those of an earlier one to the last digit: a copy would count twice."""
+    import pandas as pd
+
+    rows = np.flatnonzero(asked)
+    forces = pd.DataFrame(marks[rows])
+    first = (
+        trials.iloc[rows].reset_index(drop=True).groupby([forces[i] for i in forces], dropna=False).transform("first")
+    )
+    reasons = np.full(len(trials), "", dtype=object)
+    reasons[rows] = np.where(forces.duplicated(), "the same forces as trial " + first, "")
+    return reasons
 
 
 def _numbers(table: pd.DataFrame, name: str) -> Floats:
@@ -130,54 +140,77 @@ def _numbers(table: pd.DataFrame, name: str) -> Floats:
     return np.asarray(pd.to_numeric(table[name], errors="coerce"), dtype=np.float64)
 
 
-def _middle(column: Floats, otherwise: float) -> float:
-    seen = column[np.isfinite(column)]
-    return float(np.median(seen)) if seen.size else float(np.log(otherwise))
+def _middle(logarithms: Floats, otherwise: float) -> float:
+    seen = logarithms[np.isfinite(logarithms)]
+    return float(np.exp(np.median(seen))) if seen.size else otherwise
 
 
-def _covariates(table: pd.DataFrame, tip_radius: float) -> dict[str, NDArray[Any]]:
+def _covariates(table: pd.DataFrame) -> dict[str, NDArray[Any]]:
+    """Columns that were set or read beside the forces, in their order."""
+    columns = list(table.columns)
+    last = columns.index(_FEATURES_BEGIN) if _FEATURES_BEGIN in columns else len(columns)
     found: dict[str, NDArray[Any]] = {}
-    for name in condition_columns(table):
+    for name in columns[:last]:
+        if name in ("trial", "status", "reason", "block"):
+            continue
         numbers = _numbers(table, name)
-        if np.isfinite(numbers).all():
-            found[name] = numbers
-        elif np.isfinite(numbers).mean() > 0.9:
+        seen = np.isfinite(numbers)
+        if seen.mean() > 0.9:
             # a reading missed now and then takes the middle of the others
-            found[name] = np.where(np.isfinite(numbers), numbers, np.nanmedian(numbers))
+            found[name] = numbers if seen.all() else np.where(seen, numbers, np.nanmedian(numbers))
         else:
             found[name] = table[name].fillna("unknown").astype(str).to_numpy()
-    tips = found.get("tip")
-    default = tip_radius * 1e6
-    if tips is None or np.issubdtype(tips.dtype, np.number):
-        found["tip_radius_um"] = np.full(len(table), default)
-    else:
-        found["tip_radius_um"] = np.array([tip_radius_um(str(t), default) for t in tips])
     return found
 
 
 def _channels(table: pd.DataFrame, spring_constant: float) -> tuple[Floats, Floats]:
-    load = _numbers(table, "load_n")
-    columns: Sequence[tuple[str, str, str]] = (
-        ("vibration_energy_j", "vibration_energy_std_j", "log"),
-        ("peak_force_n", "peak_force_std_n", "log"),
-        ("sliding_friction", "sliding_friction_std", "as is"),
-        ("spring_constant_n_per_m", "spring_constant_std_n_per_m", "over spring"),
-        ("ring_frequency_hz", "ring_frequency_std_hz", "log"),
-        ("decay_time_s", "decay_time_std_s", "log"),
-        ("normal_load_n", "normal_load_std_n", "over load"),
-    )
-    values, std = np.full((len(table), 7), np.nan), np.full((len(table), 7), np.nan)
-    for j, (name, error, kind) in enumerate(columns):
+    values, std = (np.full((len(table), len(_COLUMNS)), np.nan) for _ in range(2))
+    for j, (name, error, kind) in enumerate(_COLUMNS):
         value, spread = _numbers(table, name), np.abs(_numbers(table, error))
         if kind == "log":
-            positive = value > 0.0
-            spread = np.where(positive, spread / np.where(positive, value, 1.0), np.nan)
-            value = np.where(positive, np.log(np.where(positive, value, 1.0)), np.nan)
+            value = np.where(value > 0.0, value, np.nan)
+            value, spread = np.log(value), spread / value
         elif kind != "as is":
-            scale = spring_constant if kind == "over spring" else load
+            scale = spring_constant if kind == "over spring" else _numbers(table, "load_n")
             value, spread = value / scale, spread / scale
         # a value known to no better than a factor of two says nothing
         known = np.isfinite(value) & np.isfinite(spread) & (spread < 0.7)
         values[:, j] = np.where(known, value, np.nan)
         std[:, j] = np.where(known, np.maximum(spread, 1e-6), np.nan)
     return values, std
+
+
+def scan_blocks(
+    folder: Path, pattern: str | None, blocks: Sequence[str]
+) -> tuple[dict[str, dict[str, float]], dict[str, str]]:
+    """Evaluate the scan of every block that has one; beside them, why others could not be used."""
+    found: dict[str, dict[str, float]] = {}
+    failed: dict[str, str] = {}
+    for block in blocks if pattern else ():
+        path = folder / str(pattern).replace("{block}", block)
+        if not path.is_file():
+            failed[block] = f"no file {path.relative_to(folder)}"
+        elif folder.resolve() not in path.resolve().parents:
+            failed[block] = f"{path.relative_to(folder)} leads out of the session"
+        else:
+            try:
+                found[block] = _edge_of_scan(path)
+            except StepblocksError as error:
+                failed[block] = str(error)
+    return found, failed
+
+
+def _edge_of_scan(path: Path) -> dict[str, float]:
+    """Height and edge radius of the scan of a block; the mean over the lines of a map [m]."""
+    from stepblocks.artefacts.scans.read import read_scan
+    from stepblocks.artefacts.scans.scan import rows_of
+    from stepblocks.inspect.evaluate.edge import fit_edge
+
+    edges = [fit_edge(line.position, line.height) for line in rows_of(read_scan(path))]
+    found: dict[str, float] = {}
+    for name in ("height", "radius"):
+        means, stds = np.array([(getattr(edge, name), getattr(edge, f"{name}_std")) for edge in edges]).T
+        key = "height" if name == "height" else "edge_radius"
+        found[f"{key}_m"] = float(np.mean(means))
+        found[f"{key}_std_m"] = float(np.sqrt(np.sum(stds**2)) / len(edges))
+    return found

@@ -32,14 +32,7 @@ def teach(
 ) -> tuple[Part, OperatingPoint, Events]:
     """Apply what was learnt to a surface, its operating point and its events."""
     known = _ask(learned, surface, point, 1)
-    tool = replace(
-        point.tool,
-        stiffness=known.stiffness,
-        conversion=known.conversion,
-        frequency=known.frequency,
-        decay_time=known.decay,
-    )
-    taught = replace(point, friction=point.friction if keep_friction else known.friction, tool=tool)
+    taught = replace(point, friction=point.friction if keep_friction else known.friction, tool=known.tool)
     edge = surface.sizes.get("edge_radius")
     if edge is not None and known.edge_radius > 0.0:
         radius = min(known.edge_radius, surface.counterface().far_side)
@@ -58,7 +51,7 @@ def _told(learned: LearnedModel, event: VibrationEvent, surface: Part, point: Op
 
 def _ask(learned: LearnedModel, surface: Part, point: OperatingPoint, direction: int) -> LearnedDrag:
     height = _height(surface.counterface(), point.ball_radius, direction)
-    return learned_drag(learned, surface.id, height, point.normal_load, point.ball_radius, point.speed)
+    return learned_drag(learned, surface.id, height, point)
 
 
 def _height(face: Counterface, ball_radius: float, direction: int) -> float:

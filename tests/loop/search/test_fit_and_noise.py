@@ -3,13 +3,12 @@
 import numpy as np
 import pytest
 
-from oracles.toy_model import Toy, toy_effects, toy_trials
+from oracles.toy_model import Effect, Parameter, Toy, toy_effects, toy_trials
 from stepblocks.errors import ClosureError
-from stepblocks.loop.search.effect import Effect, Parameter
 from stepblocks.loop.search.explain import problem_of
 from stepblocks.loop.search.fit import Problem, fit
+from stepblocks.loop.search.forward_model import Systematic, Trials
 from stepblocks.loop.search.noise import Scatter, estimate_scatter, outliers, whitener
-from stepblocks.loop.search.trials import Systematic, Trials
 
 
 def test_fit_is_generalised_least_squares() -> None:

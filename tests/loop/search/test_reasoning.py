@@ -4,15 +4,13 @@ import numpy as np
 import pytest
 
 from oracles.toy_model import Toy, toy_effects, toy_trials
-from stepblocks.loop.search.adequacy import pure_error
-from stepblocks.loop.search.explain import Rules, explain, problem_of, select
-from stepblocks.loop.search.explanation import Verdict
+from stepblocks.loop.search.adequacy import identifiability, pure_error
+from stepblocks.loop.search.explain import Rules, Verdict, explain, problem_of, select
 from stepblocks.loop.search.fit import fit
+from stepblocks.loop.search.forward_model import Trials
 from stepblocks.loop.search.gate import gate
-from stepblocks.loop.search.holdout import blocks_left_out, folds_within_blocks, held_out
-from stepblocks.loop.search.identifiability import identifiability
+from stepblocks.loop.search.holdout import folds_of_blocks, folds_within_blocks, gather, hold_out
 from stepblocks.loop.search.next_trials import propose
-from stepblocks.loop.search.trials import Trials
 
 _RULES = Rules(draws=200)
 
@@ -82,7 +80,8 @@ def test_the_same_data_give_the_same_answer() -> None:
 def test_held_out_error_falls_to_the_scatter_once_the_effect_is_in() -> None:
     trials = toy_trials(160, 7, square=0.8)
     folds = folds_within_blocks(trials, 4)
-    outcome = held_out(Toy(), trials, folds, lambda train: select(Toy(), train, toy_effects(), _RULES))
+    parts = [hold_out(Toy(), trials, rows, lambda t: select(Toy(), t, toy_effects(), _RULES)) for rows in folds]
+    outcome = gather(trials, folds, parts)
     before, after = outcome.rms(0)
     assert np.isfinite(outcome.nominal).all()
     assert set(outcome.selected) == {("square_of_z",)}
@@ -95,7 +94,7 @@ def test_folds_cover_every_trial_once_and_every_block_in_each() -> None:
     folds = folds_within_blocks(trials, 4)
     assert sorted(np.concatenate(folds).tolist()) == list(range(64))
     assert all(set(trials.block[rows]) == {"p", "q", "r", "s"} for rows in folds)
-    assert [len(set(trials.block[rows])) for rows in blocks_left_out(trials)] == [1, 1, 1, 1]
+    assert [len(set(trials.block[rows])) for rows in folds_of_blocks(trials, 4)] == [1, 1, 1, 1]
 
 
 def test_the_next_trials_lie_where_the_rivals_differ_most() -> None:

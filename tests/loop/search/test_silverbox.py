@@ -12,11 +12,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from stepblocks.loop.search.effect import Active, Effect, Parameter
-from stepblocks.loop.search.explain import Rules, explain
-from stepblocks.loop.search.explanation import Verdict
+from oracles.toy_model import Effect, Parameter
+from stepblocks.loop.search.explain import Rules, Verdict, explain
 from stepblocks.loop.search.fit import Fit
-from stepblocks.loop.search.trials import Floats, Systematic, Trials
+from stepblocks.loop.search.forward_model import Active, Floats, Systematic, Trials
 
 _SHARED = Path(os.environ.get("STEPBLOCKS_SHARED", Path(__file__).parents[3] / ".." / "shared"))
 _RECORD = _SHARED / "real" / "silverbox" / "SNLS80mV.csv"
@@ -45,13 +44,13 @@ class LinearOscillator:
     def systematics(self, trials: Trials) -> Sequence[Systematic]:
         return ()
 
-    def predict(self, trials: Trials, values: Mapping[str, float], effects: Sequence[Active] = ()) -> Floats:
+    def predict(self, trials: Trials, values: Mapping[str, float], effects: Active = ()) -> Floats:
         total = values["offset"] + sum(values[n] * trials.covariates[n] for n in _NAMES)
         for effect, own in effects:
             total = effect.apply(total, trials, own)
         return np.asarray(total)[:, None]
 
-    def responses(self, trials: Trials, values: Mapping[str, float], effects: Sequence[Active] = ()) -> Floats:
+    def responses(self, trials: Trials, values: Mapping[str, float], effects: Active = ()) -> Floats:
         return np.zeros((len(trials), 1, 0))
 
 

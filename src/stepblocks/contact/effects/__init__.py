@@ -1,1 +1,1 @@
-"""Effects that equations (1) and (2) lack: one law per file, each changing one slot of the model."""
+"""Effects that equations (1) and (2) lack: the laws of one slot in one file, each law one entry."""

@@ -3,32 +3,61 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
-from numpy.typing import NDArray
-
-from stepblocks.contact.forward import Constant
 from stepblocks.contact.state import DragState
 
-# Parts of the model that an effect may change
+# the parts of the model that an effect may change
 SLOTS = ("contact_geometry", "friction", "normal_load", "stiffness", "conversion", "drag", "sensor")
 
-# ``apply(state, covariate, values)``: the covariate's column as in trials.csv, values by name
-Apply = Callable[[DragState, NDArray[Any], Mapping[str, float]], DragState]
+# ``apply(state, covariate, values)``: the covariate's column as in trials.csv, the values by name
+Apply = Callable[[DragState, Any, Mapping[str, float]], DragState]
+
+
+@dataclass(frozen=True)
+class Parameter:
+    """A number to be fitted."""
+
+    name: str
+    unit: str
+    start: float  # where a fit begins; an amplitude vanishes there
+    low: float
+    high: float
+    scale: float  # a change that matters; it sets the step of differences
+    prior_std: float = float("inf")  # of a normal prior about the start
+    block: str = ""  # the block whose trials alone it moves; empty for all
+
+    def renamed(self, name: str) -> Parameter:
+        """Return the same under another name."""
+        return replace(self, name=name)
 
 
 @dataclass(frozen=True)
 class Law:
     """An effect: one slot changed as a function of nothing or of one covariate."""
 
-    id: str  # Its name; what follows a ``~`` tells variants of one effect apart
-    slot: str  # One of `SLOTS`
-    covariate: str  # A column of trials.csv, a model quantity (``peak_force_n``), ``block``, or ``none``
-    form: str  # The law written out
-    parameters: tuple[Constant, ...]  # Its parameters; an amplitude starts where the effect vanishes
-    amplitudes: tuple[str, ...]  # Names of the amplitudes
-    apply: Apply  # Changes a state
-    shapes: tuple[Mapping[str, float], ...] = ({},)  # Values of the other parameters at which a search looks
+    id: str  # what follows a ``~`` tells variants of one effect apart
+    slot: str  # one of `SLOTS`
+    covariate: str  # a column of trials.csv, a model quantity (``peak_force_n``), ``block``, or ``none``
+    form: str  # the law written out
+    parameters: tuple[Parameter, ...]
+    apply: Apply
+    # values at which a search looks of the parameters that are no amplitudes
+    shapes: tuple[Mapping[str, float], ...] = ({},)
     named: bool = True  # False for a smooth, which claims no law
-    rank: int = 0  # Order of preference among laws that predict the same
+    rank: int = 0  # order of preference among laws that predict the same
+
+    @property
+    def amplitudes(self) -> tuple[str, ...]:
+        """Names of the parameters at whose start the effect vanishes."""
+        return tuple(p.name for p in self.parameters if p.name not in self.shapes[0])
+
+    @property
+    def place(self) -> tuple[str, str]:
+        """Slot and covariate: what an attribution is judged by."""
+        return self.slot, self.covariate
+
+    def own(self, values: Mapping[str, float]) -> dict[str, float]:
+        """Pick the values of its parameters out of those of a fit, where they are called ``law.parameter``."""
+        return {p.name: values[f"{self.id}.{p.name}"] for p in self.parameters}

@@ -19,6 +19,7 @@ _HEIGHT = np.array([0.02, 0.05, 0.1, 0.16, 0.24, 0.32, 0.4, 0.48, 0.56, 0.64, 0.
 _FRICTION = np.array([0.02, 0.1, 0.18, 0.28, 0.4])
 _LN_STIFFNESS = np.log(np.array([0.4, 0.8, 1.4, 2.2, 3.5, 6.0]))
 _LN_SPEED = np.log(np.array([0.006, 0.015, 0.035, 0.08, 0.17, 0.4]))
+_AXES = (_HEIGHT, _FRICTION, _LN_STIFFNESS, _LN_SPEED)
 _STEPS_PER_RADIAN = 60.0
 _MOST_STEPS = 400_000
 _LEAST_SHARE = 1e-3  # below it the tip climbs down instead of jumping, and what rings is not the release
@@ -62,61 +63,40 @@ def _kernel() -> Any:
 
 
 @lru_cache(maxsize=1)
-def release_table() -> tuple[Floats, Floats]:
+def _release_table() -> Any:
     """Tabulate the climb: ln of the peak's excess, ln of the ringing share of the stored energy."""
+    from scipy.interpolate import RegularGridInterpolator
+
     climb = _kernel()
-    shape = (_HEIGHT.size, _FRICTION.size, _LN_STIFFNESS.size, _LN_SPEED.size)
-    excess, share = np.zeros(shape), np.zeros(shape)
+    table = np.zeros((_HEIGHT.size, _FRICTION.size, _LN_STIFFNESS.size, _LN_SPEED.size, 2))
     for i, height in enumerate(_HEIGHT):
         for j, friction in enumerate(_FRICTION):
             start = np.tan(np.arccos(1.0 - height) + np.arctan(friction))
             if not 0.0 < start < 60.0:
                 # locked: the corner of the table repeats its neighbour
-                excess[i, j], share[i, j] = excess[i, j - 1], share[i, j - 1]
+                table[i, j] = table[i, j - 1]
                 continue
             for k, stiffness in enumerate(np.exp(_LN_STIFFNESS)):
                 for m, speed in enumerate(np.exp(_LN_SPEED)):
                     peak, amplitude = climb(height, friction, stiffness, speed)
-                    excess[i, j, k, m] = np.log(peak)
-                    share[i, j, k, m] = np.log(max((amplitude / (start * peak)) ** 2, _LEAST_SHARE))
-    return excess, share
-
-
-@lru_cache(maxsize=1)
-def _interpolation() -> Any:
-    from numba import njit
-
-    @njit(cache=True)  # type: ignore[untyped-decorator]
-    def interpolate(points: Any, axes: Any, excess: Any, share: Any) -> tuple[Any, Any]:
-        """Both tables at once, linear along each axis; points beyond an axis take its end."""
-        count = points[0].size
-        found = np.zeros((2, count))
-        at, weight, stride = np.empty(4, np.int64), np.empty(4), np.ones(4, np.int64)
-        for d in range(2, -1, -1):
-            stride[d] = stride[d + 1] * axes[d + 1].size
-        for i in range(count):
-            for d in range(4):
-                axis = axes[d]
-                x = min(max(points[d][i], axis[0]), axis[-1])
-                cell = 0
-                while cell < axis.size - 2 and axis[cell + 1] <= x:
-                    cell += 1
-                at[d], weight[d] = cell, (x - axis[cell]) / (axis[cell + 1] - axis[cell])
-            for corner in range(16):
-                part, place = 1.0, 0
-                for d in range(4):
-                    up = (corner >> d) & 1
-                    part *= weight[d] if up else 1.0 - weight[d]
-                    place += (at[d] + up) * stride[d]
-                found[0, i] += part * excess[place]
-                found[1, i] += part * share[place]
-        return found[0], found[1]
-
-    return interpolate
+                    share = max((amplitude / (start * peak)) ** 2, _LEAST_SHARE)
+                    table[i, j, k, m] = np.log(peak), np.log(share)
+    return RegularGridInterpolator(_AXES, table)
 
 
 def released(height: Floats, friction: Floats, stiffness: Floats, speed: Floats) -> tuple[Floats, Floats]:
     """Logarithms of the peak's excess over its quasi-static value and of the ringing share of the stored energy.
+
+    Parameters
+    ----------
+    height, friction, stiffness, speed : ndarray
+        Shape (n,): ``H/R``, the coefficient of friction, ``k R / N`` and ``v k / (omega N)``; beyond the table they count
+        as its end.
+
+    Returns
+    -------
+    tuple of ndarray
+        Both of shape (n,), interpolated in a table.
 
     Examples
     --------
@@ -128,7 +108,7 @@ def released(height: Floats, friction: Floats, stiffness: Floats, speed: Floats)
     >>> bool(high[0] > low[0])
     True
     """
-    points = tuple(np.ascontiguousarray(x) for x in (height, friction, np.log(stiffness), np.log(speed)))
-    axes = (_HEIGHT, _FRICTION, _LN_STIFFNESS, _LN_SPEED)
-    excess, share = _interpolation()(points, axes, *(table.ravel() for table in release_table()))
-    return np.asarray(excess), np.asarray(share)
+    asked = (height, friction, np.log(stiffness), np.log(speed))
+    points = [np.clip(column, axis[0], axis[-1]) for column, axis in zip(asked, _AXES, strict=True)]
+    excess, share = _release_table()(np.stack(points, axis=1)).T
+    return excess, share

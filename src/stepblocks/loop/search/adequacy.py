@@ -1,18 +1,26 @@
-"""Is the extended model enough? Residuals against every covariate, and misfit against pure error among replicates."""
+"""Whether the extended model is enough, and what no trial of this design can tell apart.
+
+The first is asked of residuals against every covariate, and of the misfit against pure error among replicates; the second of
+derivatives alone.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
 
+import networkx as nx
 import numpy as np
 from scipy import stats
 from statsmodels.stats.multitest import multipletests
 
 from stepblocks.loop.search.fit import Fit, Problem
-from stepblocks.loop.search.trials import Floats, Trials
+from stepblocks.loop.search.forward_model import Effect, Floats, Trials
+from stepblocks.loop.search.gate import tangent
 
-_LEVEL = 0.005
+_LEVEL = 0.005  # of the tests of residuals, after Holm
+_SAME = 0.995  # cosine beyond which two effects imitate one another
+_ABSORBED = 2e-3  # share of a direction below which constants imitate it
 
 
 @dataclass(frozen=True)
@@ -27,10 +35,8 @@ class PureError:
 def _columns(trials: Trials, name: str) -> Floats | None:
     numbers = trials.numeric(name)
     if numbers is None:
-        labels = np.unique(trials.covariates[name])
-        if not 1 < len(labels) <= 8:
-            return None
-        return np.stack([np.asarray(trials.covariates[name] == label, float) for label in labels[1:]], axis=1)
+        dummies = trials.dummies(name, most=8)
+        return np.stack(dummies, axis=1) if dummies else None
     spread = float(np.std(numbers))
     if spread == 0.0 or not np.isfinite(spread):
         return None
@@ -90,3 +96,58 @@ def pure_error(residual: Floats, cells: Sequence[object], free: int) -> PureErro
         return PureError(float("nan"), dof, float("nan"))
     ratio = (misfit / max(between, 1)) / (inside / dof)
     return PureError(float(np.sqrt(inside / dof)), dof, float(stats.f.sf(ratio, max(between, 1), dof)))
+
+
+@dataclass(frozen=True)
+class Identifiability:
+    """Groups that the design cannot tell apart."""
+
+    absorbed: dict[str, tuple[str, ...]]  # effects that constants of the nominal model imitate, with those constants
+    groups: tuple[tuple[str, ...], ...]  # effects that imitate one another beside the nominal model
+    weak: tuple[str, ...]  # constants that the data leave open: their error stays that of the prior
+
+
+def identifiability(problem: Problem, base: Fit, effects: Sequence[Effect]) -> Identifiability:
+    """Compare the directions in which effects and constants move the prediction."""
+    rows = base.residual.size
+    length = np.maximum(np.linalg.norm(base.jacobian, axis=0), 1e-300)
+    known, _ = np.linalg.qr(base.jacobian / length)
+    directions: dict[str, Floats] = {}
+    absorbed: dict[str, tuple[str, ...]] = {}
+    for effect in effects:
+        if len(effect.amplitudes) != 1:
+            continue
+        raw = tangent(problem, base, effect, effect.shapes[len(effect.shapes) // 2])[:, 0]
+        full = np.concatenate([raw, np.zeros(base.jacobian.shape[0] - rows)])
+        size = float(np.linalg.norm(full))
+        if size < 1e-9:
+            continue
+        rest = full / size - known @ (known.T @ (full / size))
+        left = float(np.linalg.norm(rest))
+        if left < _ABSORBED:
+            absorbed[effect.id] = _imitators(base, full / size)
+        else:
+            directions[effect.id] = rest / left
+    return Identifiability(absorbed, _groups(directions), _weak(base))
+
+
+def _imitators(base: Fit, direction: Floats) -> tuple[str, ...]:
+    """Constants that a least-squares imitation of a direction moves most."""
+    length = np.maximum(np.linalg.norm(base.jacobian, axis=0), 1e-300)
+    weights = np.abs(np.linalg.lstsq(base.jacobian / length, direction, rcond=None)[0])
+    order = np.argsort(-weights)
+    return tuple(base.parameters[i].name for i in order if weights[i] > 0.2 * weights[order[0]])
+
+
+def _groups(directions: dict[str, Floats]) -> tuple[tuple[str, ...], ...]:
+    graph = nx.Graph()
+    names = list(directions)
+    for i, first in enumerate(names):
+        for second in names[i + 1 :]:
+            if abs(float(directions[first] @ directions[second])) > _SAME:
+                graph.add_edge(first, second)
+    return tuple(tuple(sorted(group)) for group in nx.connected_components(graph))
+
+
+def _weak(base: Fit) -> tuple[str, ...]:
+    return tuple(p.name for p in base.parameters if np.isfinite(p.prior_std) and base.std[p.name] > 0.9 * p.prior_std)

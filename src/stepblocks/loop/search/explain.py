@@ -3,36 +3,71 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
+from enum import StrEnum
 
 import numpy as np
 
 from stepblocks.errors import ClosureError
 from stepblocks.loop.search.adequacy import independence
-from stepblocks.loop.search.effect import Effect, ForwardModel
-from stepblocks.loop.search.explanation import Explanation, Finding, Verdict
 from stepblocks.loop.search.fit import Fit, Problem, fit
+from stepblocks.loop.search.forward_model import Effect, ForwardModel, Trials
 from stepblocks.loop.search.gate import gate
 from stepblocks.loop.search.noise import estimate_scatter, flexible_residual, whitener
 from stepblocks.loop.search.selection import Choice, choose
-from stepblocks.loop.search.trials import Trials
 
-_LEAST_SHARE = 0.3
+_LEAST_SHARE = 0.3  # of the whole gain, below which an effect only stands in for what is left
+_WORTH = 4.0  # of the criterion, below which an exchange is not made
 
-Deployed = Callable[[Fit], float]  # Error of a fit where it will be used
+Deployed = Callable[[Fit], float]  # error of a fit where it will be used
+
+
+class Verdict(StrEnum):
+    """How an analysis may end."""
+
+    EFFECT = "effect"  # something is there, and its law has a name
+    AMBIGUOUS = "ambiguous"  # something is there, and the data cannot tell which of several it is
+    UNEXPLAINED = "unexplained"  # something is there, at a slot and along a covariate, and no law is claimed
+    NONE = "none"  # nothing that noise would not do
 
 
 @dataclass(frozen=True)
 class Rules:
     """When to claim what."""
 
-    alpha: float = 0.02  # Chance of a false alarm of one gate, over all candidates
-    margin: float = 8.0  # Difference of the criterion (cost + p ln n) within which two effects count as rivals
-    most: int = 4  # Most effects to add
-    draws: int = 500  # Bootstrap draws of a gate
-    seed: int = 0  # Seed of the bootstrap
-    fits: int = 10  # Laws, and smooths, that are fitted in full at each step
-    exchange: bool = True  # Whether each of several effects is sought again in the presence of the others
+    alpha: float = 0.02  # chance of a false alarm of one gate, over all candidates
+    margin: float = 8.0  # of the criterion (cost + p ln n), within which two effects count as rivals
+    most: int = 4  # effects to add
+    draws: int = 500  # of the bootstrap of a gate
+    seed: int = 0  # of the bootstrap
+    fits: int = 10  # laws, and smooths, that are fitted in full at each step
+    exchange: bool = True  # whether each of several effects is sought again in the presence of the others
+
+
+@dataclass(frozen=True)
+class Finding:
+    """One effect found."""
+
+    effect: Effect
+    verdict: Verdict  # what may be claimed of it
+    gate_p: float  # chance that noise opens the gate as wide, over the whole family of candidates
+    gain: float  # fall of the cost (twice the log likelihood) when it is added to the others
+    # effects that do as well within the margin: their fit and how far their criterion is behind
+    rivals: tuple[tuple[Effect, Fit, float], ...] = ()
+
+
+@dataclass(frozen=True)
+class Explanation:
+    """The nominal model, the extended one, what was found and on what grounds."""
+
+    problem: Problem
+    nominal: Fit
+    extended: Fit
+    findings: tuple[Finding, ...]
+    verdict: Verdict
+    last_gate_p: float
+    checks: tuple[tuple[str, str, float], ...] = field(default=())  # channel, covariate, p value after Holm
+    adequate: bool = True
 
 
 def problem_of(model: ForwardModel, trials: Trials) -> Problem:
@@ -119,8 +154,7 @@ def _tighten(problem: Problem, current: Fit) -> Problem:
     trials = problem.trials
     dof = max(len(trials) - len(current.parameters), len(trials) // 2)
     residual = np.where(trials.seen, trials.values - current.predicted, np.nan)
-    active = [(e, current.of(e)) for e in current.effects]
-    responses = problem.model.responses(trials, current.values, active)
+    responses = problem.model.responses(trials, current.values, current.active)
     own = estimate_scatter(residual, trials.std, responses, dof)
     noise = whitener(trials, problem.model.systematics(trials), responses, own)
     return replace(problem, noise=noise) if noise.precision > problem.noise.precision else problem
@@ -135,52 +169,43 @@ def _grow(problem: Problem, current: Fit, choice: Choice, candidates: Sequence[E
     others = tuple(e for e in current.effects if e not in same)
     smooth = [e for e in candidates if e.place == added.place and not e.named and e.id not in {s.id for s in same}]
     base = fit(problem, others, current.values)
-    tried = [fit(problem, (*others, e), _start(base, e)) for e in smooth]
-    weight = float(np.log(len(problem.trials)))
-    tried = [t for t in tried if t.cost + weight * t.free < current.cost + weight * current.free - 10.0]
+    tried = [fit(problem, (*others, e), base.values) for e in smooth]
+    tried = [t for t in tried if problem.criterion(t) < problem.criterion(current) - 10.0]
     if tried:
-        return min(tried, key=lambda t: t.cost + weight * t.free)
+        return min(tried, key=problem.criterion)
     return choice.best.fit if not added.named and all(not s.named for s in same) else None
-
-
-def _start(base: Fit, effect: Effect) -> dict[str, float]:
-    return base.values | {f"{effect.id}.{p.name}": p.start for p in effect.parameters}
 
 
 def _exchange(problem: Problem, current: Fit, candidates: Sequence[Effect]) -> Fit:
     """With several effects, look again for each in the presence of the others; drop one that is no longer needed."""
-    weight = float(np.log(len(problem.trials)))
-    if len(current.effects) < 2:
-        return current
     for _ in range(2):
-        changed = False
-        for effect in current.effects:
-            others = tuple(e for e in current.effects if e is not effect)
-            base = fit(problem, others, current.values)
-            if base.cost + weight * base.free <= current.cost + weight * current.free + 4.0:
-                current, changed = base, True
-                break
-            choice = choose(problem, base, gate(problem, base, _left(candidates, base), draws=0), most=6)
-            if choice is None or choice.best.effect.id == effect.id:
-                continue
-            if choice.best.criterion < current.cost + weight * current.free - 4.0:
-                current, changed = choice.best.fit, True
-                break
-        if not changed or len(current.effects) < 2:
+        better = _exchanged(problem, current, candidates) if len(current.effects) > 1 else None
+        if better is None:
             break
+        current = better
     return current
+
+
+def _exchanged(problem: Problem, current: Fit, candidates: Sequence[Effect]) -> Fit | None:
+    for effect in current.effects:
+        base = fit(problem, tuple(e for e in current.effects if e is not effect), current.values)
+        if problem.criterion(base) <= problem.criterion(current) + _WORTH:
+            return base
+        choice = choose(problem, base, gate(problem, base, _left(candidates, base), draws=0), most=6)
+        if choice is None or choice.best.effect.id == effect.id:
+            continue
+        if choice.best.criterion < problem.criterion(current) - _WORTH:
+            return choice.best.fit
+    return None
 
 
 def _conclude(grown: _Grown, candidates: Sequence[Effect], rules: Rules) -> Explanation:
     problem, current = grown.problem, grown.current
     findings = tuple(_finding(grown, e, candidates, rules) for e in current.effects)
     checks, adequate = independence(problem, current)
-    verdict = Verdict.NONE
     kinds = {f.verdict for f in findings}
-    for kind in (Verdict.AMBIGUOUS, Verdict.UNEXPLAINED, Verdict.EFFECT):
-        if kind in kinds:
-            verdict = kind
-            break
+    order = (Verdict.AMBIGUOUS, Verdict.UNEXPLAINED, Verdict.EFFECT)
+    verdict = next((kind for kind in order if kind in kinds), Verdict.NONE)
     if verdict is Verdict.EFFECT and not (adequate and grown.p_value > rules.alpha):
         # it improves the fit, not the explanation
         verdict = Verdict.UNEXPLAINED
@@ -197,23 +222,25 @@ def _conclude(grown: _Grown, candidates: Sequence[Effect], rules: Rules) -> Expl
 
 def _finding(grown: _Grown, effect: Effect, candidates: Sequence[Effect], rules: Rules) -> Finding:
     problem, current = grown.problem, grown.current
-    p_value = grown.gates.get(effect.id, grown.p_value)
-    others = tuple(e for e in current.effects if e is not effect)
-    base = fit(problem, others, current.values)
-    weight = float(np.log(len(problem.trials)))
-    own = current.cost + weight * current.free
+    base = fit(problem, tuple(e for e in current.effects if e is not effect), current.values)
     opened = gate(problem, base, _left(candidates, base), draws=0)
     choice = choose(problem, base, opened, min(rules.fits, 8), keep=(effect.id,))
-    rivals = []
-    seen = {effect.id.split("~")[0]} if effect.covariate != "block" else {effect.id}
+    own = problem.criterion(current)
+    rivals: list[tuple[Effect, Fit, float]] = []
+    seen = {_family(effect)}
     for trial in choice.tried if choice else ():
-        name = trial.effect.id.split("~")[0] if trial.effect.covariate != "block" else trial.effect.id
-        if trial.effect.id == effect.id or name in seen or trial.criterion > own + rules.margin:
+        if trial.effect.id == effect.id or _family(trial.effect) in seen or trial.criterion > own + rules.margin:
             continue
         if not trial.effect.named and trial.effect.place == effect.place:
             continue
-        seen.add(name)
+        seen.add(_family(trial.effect))
         rivals.append((trial.effect, trial.fit, trial.criterion - own))
     elsewhere = [r for r in rivals if r[0].place != effect.place or (r[0].named and effect.named)]
     verdict = Verdict.AMBIGUOUS if elsewhere else Verdict.EFFECT if effect.named else Verdict.UNEXPLAINED
+    p_value = grown.gates.get(effect.id, grown.p_value)
     return Finding(effect, verdict, p_value, base.cost - current.cost, tuple(rivals))
+
+
+def _family(effect: Effect) -> str:
+    """Name without the mark of the variant; specimens are no variants of one another."""
+    return effect.id if effect.covariate == "block" else effect.id.split("~")[0]

@@ -3,14 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 from scipy.optimize import least_squares
 
-from stepblocks.loop.search.effect import Effect, ForwardModel, Parameter
+from stepblocks.loop.search.forward_model import Active, Effect, Floats, ForwardModel, Parameter, Trials
 from stepblocks.loop.search.noise import Noise
-from stepblocks.loop.search.trials import Floats, Trials
 
 
 @dataclass(frozen=True)
@@ -23,38 +22,37 @@ class Problem:
 
     def layout(self, effects: Sequence[Effect]) -> tuple[Parameter, ...]:
         """Parameters of model and effects in one row; those of an effect are called ``effect.parameter``."""
-        own = self.model.parameters(self.trials)
-        return own + tuple(replace(p, name=f"{e.id}.{p.name}") for e in effects for p in e.parameters)
+        of_effects = (p.renamed(f"{e.id}.{p.name}") for e in effects for p in e.parameters)
+        return (*self.model.parameters(self.trials), *of_effects)
 
     def predict(self, effects: Sequence[Effect], values: Mapping[str, float]) -> Floats:
         """Predict all channels with effects, shape (n, c)."""
-        active = [(e, {p.name: values[f"{e.id}.{p.name}"] for p in e.parameters}) for e in effects]
-        return self.model.predict(self.trials, values, active)
+        return self.model.predict(self.trials, values, [(e, e.own(values)) for e in effects])
+
+    def criterion(self, fitted: Fit) -> float:
+        """Cost plus ``p ln n``, p the parameters of its effects."""
+        return fitted.cost + float(np.log(len(self.trials))) * sum(len(e.parameters) for e in fitted.effects)
 
 
 @dataclass(frozen=True)
 class Fit:
     """A fitted model."""
 
-    effects: tuple[Effect, ...]  # Effects in it
-    parameters: tuple[Parameter, ...]  # What was fitted
-    values: dict[str, float]  # Values by name
-    std: dict[str, float]  # Their standard errors from the curvature
-    cost: float  # Sum of squared whitened residuals and prior terms
-    residual: Floats  # shape (n c,); Whitened residual without the prior terms
-    departure: Floats  # shape (q,); Distance of the parameters with a prior from it, in standard deviations
-    jacobian: Floats  # shape (n c + q, p); Whitened derivative of the prediction, prior rows below
-    predicted: Floats  # shape (n, c); Prediction
-    covariance: Floats
+    effects: tuple[Effect, ...]
+    parameters: tuple[Parameter, ...]  # what was fitted
+    values: dict[str, float]
+    std: dict[str, float]  # standard errors from the curvature
+    cost: float  # sum of squared whitened residuals and prior terms
+    residual: Floats  # shape (n c,), whitened, without the prior terms
+    departure: Floats  # shape (q,), distance of the parameters with a prior from it, in standard deviations
+    jacobian: Floats  # shape (n c + q, p), whitened derivative of the prediction, prior rows below
+    predicted: Floats  # shape (n, c)
+    covariance: Floats  # shape (p, p)
 
     @property
-    def free(self) -> int:
-        """Parameters of the effects."""
-        return sum(len(e.parameters) for e in self.effects)
-
-    def of(self, effect: Effect) -> dict[str, float]:
-        """Return the values of the parameters of one effect."""
-        return {p.name: self.values[f"{effect.id}.{p.name}"] for p in effect.parameters}
+    def active(self) -> Active:
+        """Effects with their fitted values."""
+        return [(e, e.own(self.values)) for e in self.effects]
 
 
 class _Objective:

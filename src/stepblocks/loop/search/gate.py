@@ -12,9 +12,8 @@ from dataclasses import dataclass
 import numpy as np
 from scipy import stats
 
-from stepblocks.loop.search.effect import Effect
 from stepblocks.loop.search.fit import Fit, Problem
-from stepblocks.loop.search.trials import Floats
+from stepblocks.loop.search.forward_model import Effect, Floats
 
 _UNSEEN = 2e-3  # a direction of which less is left beside the nominal model is its derivative, up to rounding
 
@@ -23,13 +22,10 @@ _UNSEEN = 2e-3  # a direction of which less is left beside the nominal model is 
 class Score:
     """How a candidate would improve the fit, to first order."""
 
-    effect: Effect  # The candidate
-    shape: Mapping[str, float]  # Values of its other parameters that did best
-    gain: float  # Fall of the cost to first order
-    freedom: int  # Directions of it that the design can see
-    log_p: float  # Logarithm of its own p value
-    seen: float  # Share of its direction that the nominal model cannot imitate, 0 to 1
-    step: Floats  # Amplitudes of the step to first order
+    effect: Effect
+    shape: Mapping[str, float]  # values of its other parameters that did best
+    log_p: float  # logarithm of its own p value
+    step: Floats  # of the amplitudes
 
 
 @dataclass(frozen=True)
@@ -44,9 +40,8 @@ class Gate:
 class _Direction:
     effect: Effect
     shape: Mapping[str, float]
-    basis: Floats
-    root: Floats
-    seen: float
+    basis: Floats  # of what the design can see of it beside the nominal model
+    root: Floats  # from that basis to the amplitudes
     one_sided: bool
 
 
@@ -58,14 +53,13 @@ def tangent(problem: Problem, base: Fit, effect: Effect, shape: Mapping[str, flo
 def _changes(problem: Problem, base: Fit, effect: Effect, shape: Mapping[str, float]) -> list[Floats]:
     """Change of the prediction per unit of each amplitude, in units of its scale, each of shape (n, c)."""
     neutral = {p.name: p.start for p in effect.parameters} | dict(shape)
-    active = [(e, base.of(e)) for e in base.effects]
     columns = []
     for parameter in effect.parameters:
         if parameter.name not in effect.amplitudes:
             continue
         step = 0.02 * parameter.scale
         moved = neutral | {parameter.name: neutral[parameter.name] + step}
-        change = problem.model.predict(problem.trials, base.values, [*active, (effect, moved)]) - base.predicted
+        change = problem.model.predict(problem.trials, base.values, [*base.active, (effect, moved)]) - base.predicted
         columns.append(change * (parameter.scale / step))
     return columns
 
@@ -98,8 +92,7 @@ def _directions(problem: Problem, base: Fit, effects: Sequence[Effect], known: F
         bounded = len(effect.amplitudes) == 1 and any(
             p.name in effect.amplitudes and p.low >= p.start for p in effect.parameters
         )
-        seen = float(np.sqrt(squared[0]))
-        directions.append(_Direction(effect, shape, own @ part, part / size[columns, None], seen, bounded))
+        directions.append(_Direction(effect, shape, own @ part, part / size[columns, None], bounded))
     return directions
 
 
@@ -126,8 +119,6 @@ def _evaluate(directions: Sequence[_Direction], vectors: Floats) -> tuple[Floats
 
 
 def _log_p(gains: Floats, freedom: Floats, noise_dof: float) -> Floats:
-    if not np.isfinite(noise_dof):
-        return np.asarray(stats.chi2.logsf(gains, freedom[:, None]))
     found = np.asarray(stats.f.logsf(gains / freedom[:, None], freedom[:, None], noise_dof))
     # beyond the smallest number the leading term of the tail keeps the order
     return np.where(np.isneginf(found), -745.0 - 0.5 * noise_dof * np.log1p(gains / noise_dof), found)
@@ -138,11 +129,6 @@ def _least_log_p(gains: Floats, freedom: Floats, noise_dof: float) -> Floats:
     kinds = np.unique(freedom)
     largest = np.stack([gains[freedom == kind].max(axis=0) for kind in kinds])
     return np.asarray(_log_p(largest, kinds, noise_dof).min(axis=0))
-
-
-def scores(problem: Problem, base: Fit, effects: Sequence[Effect]) -> tuple[Score, ...]:
-    """Score candidates without a gate, best first."""
-    return gate(problem, base, effects, draws=0).scores
 
 
 def gate(problem: Problem, base: Fit, effects: Sequence[Effect], draws: int = 400, seed: int = 0) -> Gate:
@@ -167,7 +153,7 @@ def gate(problem: Problem, base: Fit, effects: Sequence[Effect], draws: int = 40
         step = d.root @ projected[at : at + width]
         at += width
         if d.effect.id not in best or own[i] < best[d.effect.id].log_p:
-            best[d.effect.id] = Score(d.effect, d.shape, float(gains[i, 0]), width, float(own[i]), d.seen, step)
+            best[d.effect.id] = Score(d.effect, d.shape, float(own[i]), step)
     p_value = 1.0
     if draws:
         noise = _draw(problem, base, total, draws, seed)

@@ -7,24 +7,23 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from stepblocks.loop.search.effect import Effect
 from stepblocks.loop.search.fit import Fit, Problem
-from stepblocks.loop.search.trials import Floats, Trials
+from stepblocks.loop.search.forward_model import Effect, Floats, Trials
 
 _TIE = 1e-4  # a fit knows its gain no better: its own tolerance is 1e-6 of the cost
 
-Rival = tuple[Sequence[Effect], Fit]  # Effects of a rival model and its fit
+Rival = tuple[Sequence[Effect], Fit]  # effects of a rival model and its fit
 
 
 @dataclass(frozen=True)
 class Proposal:
     """Settings that separate rivals."""
 
-    # Covariates of the trials to make, best first; where gains are one to 1e-4, in the order of the grid
+    # covariates of the trials to make, best first; where gains are one to 1e-4, in the order of the grid
     settings: tuple[dict[str, float | str], ...]
-    gain: tuple[float, ...]  # Expected difference of twice the log likelihood per trial at each
-    trials: int  # Trials at the best settings after which the difference is expected to reach 12 (odds of 400 to 1)
-    channel: str  # Channel that contributes most
+    gain: tuple[float, ...]  # expected difference of twice the log likelihood per trial at each
+    trials: int  # at the best settings after which the difference is expected to reach 12 (odds of 400 to 1)
+    channel: str  # the one that contributes most
 
 
 def propose(
@@ -67,7 +66,7 @@ def _best_first(gain: Floats) -> list[int]:
 
 
 def _active(rival: Rival) -> list[tuple[Effect, Mapping[str, float]]]:
-    return [(e, rival[1].of(e)) for e in rival[0]]
+    return [(e, e.own(rival[1].values)) for e in rival[0]]
 
 
 def _predict(problem: Problem, grid: Trials, rival: Rival, starts: Mapping[str, float]) -> Floats:

@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import minimize
 
-from stepblocks.loop.search.trials import Floats, Systematic, Trials
+from stepblocks.loop.search.forward_model import Floats, Systematic, Trials
 
 _INTERACTING = 3  # numeric covariates that get products with one another
 
@@ -23,20 +23,20 @@ _INTERACTING = 3  # numeric covariates that get products with one another
 class Scatter:
     """Variances of what scatters from trial to trial beside the measurement's own uncertainty."""
 
-    quantities: Floats  # shape (k,); Of quantities of the model, each of which moves several channels at once
-    channels: Floats  # shape (c,); Of each channel on its own
-    dof: int  # Degrees of freedom they were estimated with
+    quantities: Floats  # shape (k,), of quantities of the model, each of which moves several channels at once
+    channels: Floats  # shape (c,), of each channel on its own
+    dof: int  # degrees of freedom they were estimated with
 
 
 @dataclass(frozen=True)
 class Noise:
     """Whitening of residuals."""
 
-    factors: Floats  # shape (n, c, c); Inverse Cholesky factor of each trial; rows of missing channels are zero
-    basis: Floats  # Directions of the common errors after whitening and what remains along them
-    shrink: Floats
-    scatter: Scatter  # What it was built from
-    precision: float  # Logarithm of the determinant of the inverse covariance: the larger, the less scatter
+    factors: Floats  # shape (n, c, c), inverse Cholesky factor of each trial; rows of missing channels are zero
+    basis: Floats  # shape (n c, s), directions of the common errors after whitening
+    shrink: Floats  # shape (s,), what remains along them
+    scatter: Scatter  # what it was built from
+    precision: float  # logarithm of the determinant of the inverse covariance: the larger, the less scatter
 
     def whiten(self, residual: Floats) -> Floats:
         """Whiten residuals of shape (n, c) or (n, c, p) to (n c,) or (n c, p)."""
@@ -62,9 +62,7 @@ def flexible_columns(trials: Trials, limit: float = 1.0 / 3.0) -> Floats:
     for name in trials.covariates:
         numbers = trials.numeric(name)
         if numbers is None:
-            kinds = np.unique(trials.covariates[name])
-            if 1 < len(kinds) <= 6:
-                first += [np.asarray(trials.covariates[name] == kind, dtype=np.float64) for kind in kinds[1:]]
+            first += trials.dummies(name, most=6)
             continue
         spread = float(np.std(numbers))
         if spread > 0.0 and np.all(np.isfinite(numbers)):

@@ -7,8 +7,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from stepblocks.loop.search.effect import Effect
 from stepblocks.loop.search.fit import Fit, Problem, fit
+from stepblocks.loop.search.forward_model import Effect
 from stepblocks.loop.search.gate import Gate, Score
 
 
@@ -33,17 +33,16 @@ def choose(
     problem: Problem, base: Fit, opened: Gate, most: int = 14, tie: float = 6.0, keep: Sequence[str] = ()
 ) -> Choice | None:
     """Fit the candidates that score best and choose among them."""
-    weight = float(np.log(len(problem.trials)))
     tried = []
     for score in _shortlist(opened.scores, most, keep):
         fitted = _refine(problem, base, score)
         if fitted is not None and not _driven_out(score.effect, fitted):
-            tried.append(Trial(score.effect, fitted, fitted.cost + weight * fitted.free))
+            tried.append(Trial(score.effect, fitted, problem.criterion(fitted)))
     if not tried:
         return None
     tried.sort(key=lambda t: (t.criterion, t.effect.rank))
     lead = tried[0]
-    if lead.criterion >= base.cost + weight * base.free:
+    if lead.criterion >= problem.criterion(base):
         return None
     near = [t for t in tried if t.criterion <= lead.criterion + tie and t.effect.place == lead.effect.place]
     named = [t for t in near if t.effect.named]

@@ -1,0 +1,86 @@
+"""Share of energy that rings: how it may follow speed and temperature, and what a real release leaves of it.
+
+In a real release the tip has a mass that must be moved and lifted over the rest of the step, against friction. The fixed
+share C_v of equation (1) becomes what the motion leaves for the ring, and the peak exceeds its quasi-static value by what
+the handle moves on meanwhile. A second law keeps to energies: C_v less the work of lifting and rubbing.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+
+from stepblocks.contact.effects.law import Law, Parameter
+from stepblocks.contact.effects.release_motion import released
+from stepblocks.contact.operating_point import PAPER
+from stepblocks.contact.state import DragState, Floats
+
+SLOT = "conversion"
+
+
+def _temperature(state: DragState, celsius: Floats, values: Mapping[str, float]) -> DragState:
+    return state.changed(conversion=state.conversion * np.exp(values["rate_per_k"] * (celsius - 22.0)))
+
+
+def _motion(state: DragState, _: Any, values: Mapping[str, float]) -> DragState:
+    weight = values["weight"]
+    if weight == 0.0:
+        return state
+    load = np.maximum(state.load, 1e-3)
+    # k m = (k / omega)^2: the ring itself tells the mass that moves
+    momentum = state.stiffness / (2.0 * np.pi * state.frequency)
+    excess, share = released(
+        state.height / state.radius,
+        state.friction,
+        state.stiffness * state.radius / load,
+        state.speed * momentum / load,
+    )
+    return state.changed(
+        climb_load=state.climb_load + load * np.expm1(weight * excess),
+        conversion=state.conversion * np.exp(weight * (share - np.log(PAPER.tool.conversion))),
+    )
+
+
+def _work(state: DragState, _: Any, values: Mapping[str, float]) -> DragState:
+    reach = np.sqrt(np.maximum(state.height * (2.0 * state.radius - state.height), 0.0))
+    work = state.load * (state.height + state.friction * reach)
+    return state.changed(lost_energy=state.lost_energy + values["share"] * work)
+
+
+LAWS = (
+    Law(
+        "speed_dependent_conversion",
+        SLOT,
+        "speed_mm_s",
+        "C_v (v / 6 mm/s)^q",
+        (Parameter("exponent", "1", 0.0, -2.0, 2.0, 0.03),),
+        lambda state, _, v: state.changed(conversion=state.conversion * (state.speed / 6e-3) ** v["exponent"]),
+    ),
+    Law(
+        "temperature_dependent_conversion",
+        SLOT,
+        "temperature_c",
+        "C_v exp(g (T - 22 C))",
+        (Parameter("rate_per_k", "1/K", 0.0, -1.0, 1.0, 0.01),),
+        _temperature,
+    ),
+    Law(
+        "real_release",
+        SLOT,
+        "none",
+        "C_v and peak from (1 + T tan a) x'' = F - T (1 + y'' x'^2), T = tan(a + atan mu), to the power w",
+        (Parameter("weight", "1", 0.0, 0.0, 1.5, 0.05),),
+        _motion,
+    ),
+    Law(
+        "real_release~work",
+        SLOT,
+        "none",
+        "E_v = C_v F_px^2 / 2k - s F_py (H + mu sqrt(H (2R - H)))",
+        (Parameter("share", "1", 0.0, -1.0, 3.0, 0.02),),
+        _work,
+        rank=1,
+    ),
+)

@@ -1,0 +1,70 @@
+"""How friction may follow the load, the speed, or the trials made before."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+
+from stepblocks.contact.effects.law import Law, Parameter
+from stepblocks.contact.state import DragState, Floats
+
+SLOT = "friction"
+
+
+def _stribeck(state: DragState, _: Any, values: Mapping[str, float]) -> DragState:
+    excess = values["excess"] * np.exp(-state.speed / values["stribeck_speed_m_per_s"])
+    return state.changed(friction=state.friction * (1.0 + excess))
+
+
+def _logarithmic(state: DragState, _: Any, values: Mapping[str, float]) -> DragState:
+    factor = 1.0 + values["slope"] * np.log(state.speed / 6e-3)
+    return state.changed(friction=state.friction * np.maximum(factor, 0.02))
+
+
+def _running_in(state: DragState, order: Floats, values: Mapping[str, float]) -> DragState:
+    excess = values["excess"] * np.exp(-order / values["settling_trials"])
+    return state.changed(friction=state.friction * np.maximum(1.0 + excess, 0.02))
+
+
+LAWS = (
+    Law(
+        "load_dependent_friction",  # an elastic contact after Hertz has p = 1/3
+        SLOT,
+        "load_n",
+        "mu (F_py / 0.6 N)^-p",
+        (Parameter("exponent", "1", 0.0, -3.0, 3.0, 0.05),),
+        lambda state, _, v: state.changed(friction=state.friction * (state.load / 0.6) ** -v["exponent"]),
+    ),
+    Law(
+        "stribeck_friction",  # falls from rest to sliding
+        SLOT,
+        "speed_mm_s",
+        "mu (1 + s exp(-v / v_s))",
+        (
+            Parameter("excess", "1", 0.0, -0.95, 10.0, 0.05),
+            Parameter("stribeck_speed_m_per_s", "m/s", 5e-3, 5e-4, 1e-1, 1e-3),
+        ),
+        _stribeck,
+        shapes=tuple({"stribeck_speed_m_per_s": v} for v in (1.5e-3, 4e-3, 9e-3, 2.5e-2)),
+    ),
+    Law(
+        "stribeck_friction~logarithmic",  # the law of dry contacts
+        SLOT,
+        "speed_mm_s",
+        "mu (1 + s ln(v / 6 mm/s))",
+        (Parameter("slope", "1", 0.0, -2.0, 2.0, 0.03),),
+        _logarithmic,
+        rank=1,
+    ),
+    Law(
+        "running_in",
+        SLOT,
+        "run_order",
+        "mu (1 + s exp(-n / n0))",
+        (Parameter("excess", "1", 0.0, -0.95, 20.0, 0.05), Parameter("settling_trials", "1", 50.0, 3.0, 1000.0, 10.0)),
+        _running_in,
+        shapes=tuple({"settling_trials": n} for n in (15.0, 40.0, 100.0, 400.0)),
+    ),
+)

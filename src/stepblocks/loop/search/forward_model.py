@@ -1,0 +1,177 @@
+"""What the search is told: a table of trials, and a forward model with parameters and effects, of whatever field."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import Any, Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from stepblocks.errors import ClosureError
+
+Floats = NDArray[np.float64]
+
+
+@dataclass(frozen=True, eq=False)
+class Trials:
+    """Trials with what was set and what was measured."""
+
+    covariates: Mapping[str, NDArray[Any]]  # conditions, numbers or labels, each of shape (n,)
+    channels: tuple[str, ...]  # what was measured
+    values: Floats  # shape (n, c); not-a-number where a channel failed
+    std: Floats  # shape (n, c), standard uncertainty of each value from its own measurement
+    block: NDArray[Any]  # shape (n,), specimen of each trial; errors of a specimen are common to its trials
+
+    def __post_init__(self) -> None:
+        shape = (len(self.block), len(self.channels))
+        for name in ("values", "std"):
+            if getattr(self, name).shape != shape:
+                raise ClosureError(f"{name} must have shape {shape}, got {getattr(self, name).shape}")
+        for name, column in self.covariates.items():
+            if len(column) != shape[0]:
+                raise ClosureError(f"covariate {name} must have {shape[0]} rows, got {len(column)}")
+
+    def __len__(self) -> int:
+        return len(self.block)
+
+    @property
+    def seen(self) -> NDArray[np.bool_]:
+        """Which values exist, shape (n, c)."""
+        return np.asarray(np.isfinite(self.values) & np.isfinite(self.std))
+
+    def take(self, rows: NDArray[Any]) -> Trials:
+        """Return the trials of a mask or an index."""
+        covariates = {name: column[rows] for name, column in self.covariates.items()}
+        return Trials(covariates, self.channels, self.values[rows], self.std[rows], self.block[rows])
+
+    def with_values(self, values: Floats) -> Trials:
+        """Return the same design with other measurements."""
+        return replace(self, values=values)
+
+    def numeric(self, name: str) -> Floats | None:
+        """Return a covariate as numbers, or None where it holds labels."""
+        column = np.asarray(self.covariates[name])
+        return np.asarray(column, dtype=np.float64) if np.issubdtype(column.dtype, np.number) else None
+
+    def dummies(self, name: str, most: int) -> list[Floats]:
+        """Return a column of zeros and ones for every label but the first; none where there are more than `most`."""
+        labels = np.unique(self.covariates[name])
+        return (
+            [(self.covariates[name] == label).astype(np.float64) for label in labels[1:]] if len(labels) <= most else []
+        )
+
+
+@dataclass(frozen=True)
+class Systematic:
+    """An error common to many trials: `column` times an unknown factor of standard deviation `std`."""
+
+    channel: str
+    column: Floats  # shape (n,)
+    std: float  # in the unit of the channel
+
+
+class Parameter(Protocol):
+    """A number to be fitted, within `low` and `high`."""
+
+    @property
+    def name(self) -> str:
+        """Unique in its model or effect."""
+
+    @property
+    def unit(self) -> str:
+        """Of the value."""
+
+    @property
+    def start(self) -> float:
+        """Value to begin with, and the middle of the prior; for an amplitude the value where its effect vanishes."""
+
+    @property
+    def low(self) -> float:
+        """Least value."""
+
+    @property
+    def high(self) -> float:
+        """Greatest value."""
+
+    @property
+    def scale(self) -> float:
+        """A change that matters; it sets the step of differences."""
+
+    @property
+    def prior_std(self) -> float:
+        """Standard deviation of a normal prior; infinite for none."""
+
+    @property
+    def block(self) -> str:
+        """Specimen whose trials alone it moves; empty for all."""
+
+    def renamed(self, name: str) -> Parameter:
+        """Return the same under another name."""
+
+
+class Effect(Protocol):
+    """Something a model lacks: one slot of it changed as a function of nothing or of a covariate."""
+
+    @property
+    def id(self) -> str:
+        """Name; what follows a ``~`` tells variants of one effect apart."""
+
+    @property
+    def slot(self) -> str:
+        """Part of the model that it changes."""
+
+    @property
+    def covariate(self) -> str:
+        """Covariate that it follows, ``block``, or ``none``."""
+
+    @property
+    def form(self) -> str:
+        """The law written out."""
+
+    @property
+    def parameters(self) -> Sequence[Parameter]:
+        """What is fitted of it."""
+
+    @property
+    def amplitudes(self) -> Sequence[str]:
+        """Those parameters at whose start it vanishes."""
+
+    @property
+    def shapes(self) -> Sequence[Mapping[str, float]]:
+        """Values of the other parameters at which a search looks along the amplitudes."""
+
+    @property
+    def named(self) -> bool:
+        """Whether it is a law with a name; False for a smooth, which claims no law."""
+
+    @property
+    def rank(self) -> int:
+        """Which of several identical laws gives its name: the lowest."""
+
+    @property
+    def place(self) -> tuple[str, str]:
+        """Slot and covariate: what an attribution is judged by."""
+
+    def own(self, values: Mapping[str, float]) -> dict[str, float]:
+        """Pick the values of its parameters out of those of a fit, where they are called ``effect.parameter``."""
+
+
+Active = Sequence[tuple[Effect, Mapping[str, float]]]  # effects with values of their parameters
+
+
+class ForwardModel(Protocol):
+    """What the search asks of a model."""
+
+    def parameters(self, trials: Trials) -> Sequence[Parameter]:
+        """Parameters of the nominal model for these trials."""
+
+    def systematics(self, trials: Trials) -> Sequence[Systematic]:
+        """Errors of the channels that are common to many trials."""
+
+    def predict(self, trials: Trials, values: Mapping[str, float], effects: Active = ()) -> Floats:
+        """Predict all channels, shape (n, c)."""
+
+    def responses(self, trials: Trials, values: Mapping[str, float], effects: Active = ()) -> Floats:
+        """Change of the channels per unit of each quantity that scatters from trial to trial, shape (n, c, k)."""

@@ -1,0 +1,213 @@
+"""The model of a session: its design, its constants, what it shows of a drag, and how that answers to scatter."""
+
+import math
+
+import numpy as np
+import pytest
+
+from stepblocks.contact.effects.catalogue import named_laws
+from stepblocks.contact.effects.law import Law, Parameter
+from stepblocks.contact.forward import (
+    BenchDesign,
+    constants,
+    design_of,
+    extended_state,
+    height_name,
+    nominal_state,
+    responses,
+    tip_radius_um,
+)
+from stepblocks.contact.kernels import angle_on_step, height_at_angle
+from stepblocks.contact.operating_point import PAPER, Tool
+from stepblocks.contact.state import CHANNELS, observe
+from stepblocks.errors import ContactError
+
+_ENERGY, _FORCE, _FRICTION, _SPRING, _RING, _DECAY, _LOAD = range(7)
+_VALUES = {
+    "friction": 0.17,
+    "ln_conversion": math.log(0.23),
+    "stiffness_ratio": 1.05,
+    "ln_ring_frequency": math.log(290.0),
+    "ln_decay_time": math.log(0.021),
+}
+_COLUMNS = {
+    "height_um": np.array([20, 50, 70, 50]),
+    "load_n": np.array([0.3, 0.8, 1.1, 0.5]),
+    "speed_mm_s": np.array([2.0, 5.0, 10.0, 20.0]),
+    "tip_radius_um": np.full(4, 120.0),
+    "run_order": np.arange(1.0, 5.0),
+}
+_BLOCK = np.array(["step-020", "step-050", "step-070", "step-050"])
+
+
+@pytest.fixture
+def design():
+    return design_of(_BLOCK, _COLUMNS, 9500.0)
+
+
+def _law(name):
+    return next(law for law in named_laws() if law.id == name)
+
+
+def test_columns_come_in_their_units_and_go_in_si(design):
+    assert design.height == pytest.approx([20e-6, 50e-6, 70e-6, 50e-6])
+    assert design.speed == pytest.approx([2e-3, 5e-3, 10e-3, 20e-3])
+    assert design.tip_radius == pytest.approx(np.full(4, 120e-6))
+    assert design.load.tolist() == [0.3, 0.8, 1.1, 0.5]
+    assert design.covariates["run_order"].tolist() == [1.0, 2.0, 3.0, 4.0]
+
+
+@pytest.mark.parametrize(
+    ("name", "radius"), [("tip-90", 90.0), ("tip-62.5um", 62.5), (" tip-125 ", 125.0), ("blue", 120.0), ("nan", 120.0)]
+)
+def test_a_tip_has_the_radius_in_its_name_or_that_of_the_probe(name, radius):
+    assert tip_radius_um(name, 120.0) == radius
+
+
+@pytest.mark.parametrize("bad", [0.0, -1.0, float("nan"), float("inf")])
+@pytest.mark.parametrize("name", ["height", "load", "speed", "tip_radius", "spring_constant"])
+def test_a_design_that_is_not_positive_and_finite_is_refused_by_name(name, bad):
+    good = {name: np.ones(2) for name in ("height", "load", "speed", "tip_radius")} | {"spring_constant": 9810.0}
+    spoiled = bad if name == "spring_constant" else np.array([1.0, bad])
+    with pytest.raises(ContactError, match=name):
+        BenchDesign(block=np.array(["a", "b"]), **(good | {name: spoiled}))
+
+
+def test_a_design_without_trials_is_refused():
+    with pytest.raises(ContactError, match="at least one trial"):
+        design_of(np.array([]), dict.fromkeys(_COLUMNS, np.array([])), 9500.0)
+
+
+def test_a_fit_begins_at_the_tool_and_keeps_every_step_a_step(design):
+    found = {p.name: p for p in constants(design, Tool(conversion=0.3, frequency=280.0, decay_time=0.03))}
+    begun = [math.exp(found[f"ln_{name}"].start) for name in ("conversion", "ring_frequency", "decay_time")]
+    assert begun == pytest.approx([0.3, 280.0, 0.03])
+    assert found["friction"].start == PAPER.friction
+    for p in found.values():
+        assert p.low < p.start < p.high
+    lowest = found[height_name("step-020")]
+    # origin: a height error of 12 standard deviations, but no more than four fifths of the step
+    assert (lowest.low, found[height_name("step-070")].high) == pytest.approx((-12e-6, 12e-6))
+    thin = design_of(
+        np.array(["a"]), {k: v[:1] for k, v in (_COLUMNS | {"height_um": np.array([5.0])}).items()}, 9500.0
+    )
+    assert constants(thin)[-1].low == pytest.approx(-4e-6)
+    assert lowest.block == "step-020"
+
+
+def test_a_height_error_moves_the_trials_of_its_block_alone(design):
+    moved = nominal_state(design, _VALUES | {height_name("step-050"): 2e-6}).height
+    assert moved - design.height == pytest.approx([0.0, 2e-6, 0.0, 2e-6])
+
+
+def test_what_gives_way_acts_before_the_peak_is_known_and_hardening_after(design):
+    seen = []
+
+    def noting(name, covariate):
+        def apply(state, column, values):
+            seen.append((name, None if column is None else np.asarray(column).copy()))
+            return state.changed(load=state.load * (1.0 + values["share"]))
+
+        return Law(name, "normal_load", covariate, name, (Parameter("share", "1", 0.0, -1.0, 1.0, 0.1),), apply)
+
+    laws = [noting("late", "peak_force_n"), noting("plain", "none"), noting("early", "loading_time_s")]
+    state = extended_state(design, _VALUES, [(law, {"share": 0.1}) for law in laws])
+    assert [name for name, _ in seen] == ["early", "plain", "late"]
+    nominal = nominal_state(design, _VALUES)
+    assert seen[0][1] == pytest.approx(nominal.loading_time())
+    assert seen[2][1] == pytest.approx(nominal.changed(load=nominal.load * 1.21).peak_force())
+    assert state.load == pytest.approx(nominal.load * 1.331)
+
+
+def test_an_effect_follows_its_column_or_the_block(design):
+    worn = extended_state(design, _VALUES, [(_law("tip_wear"), {"growth_m_per_trial": 1e-7})])
+    assert worn.radius == pytest.approx(120e-6 + 1e-7 * np.arange(1.0, 5.0))
+    (error,) = named_laws(["step-050"])[-1:]
+    assert extended_state(design, _VALUES, [(error, {"height_error_m": 3e-6})]).height == pytest.approx(
+        design.height + 3e-6 * (_BLOCK == "step-050")
+    )
+
+
+def test_loading_time_is_the_rise_of_the_force_over_that_of_the_spring(design):
+    state = nominal_state(design, _VALUES)
+    rise = state.peak_force() - 0.17 * design.load
+    assert state.loading_time() == pytest.approx(rise / (1.05 * 9500.0 * design.speed))
+
+
+def test_scatter_shows_in_the_channels_as_the_equations_say(design):
+    state = nominal_state(design, _VALUES)
+    found = responses(state)
+    total = angle_on_step(design.height, design.tip_radius) + math.atan(0.17)
+    by_friction = 1.0 / (np.sin(total) * np.cos(total)) / (1.0 + 0.17**2)  # d ln tan(a + atan mu) / d mu
+    assert found[:, _FORCE, 0] == pytest.approx(by_friction, rel=1e-3)
+    assert found[:, _ENERGY, 0] == pytest.approx(2.0 * by_friction, rel=1e-3)
+    assert found[:, _FRICTION, 0] == pytest.approx(np.ones(4), rel=1e-6)
+    # load: once in the force, twice in the energy, and the gauge sees it; conversion: in the energy alone
+    assert found[:, [_FORCE, _ENERGY, _LOAD], 1] == pytest.approx(np.tile([1.0, 2.0, 1.0], (4, 1)), rel=1e-3)
+    assert found[:, _ENERGY, 2] == pytest.approx(np.ones(4), rel=1e-3)
+    others = [j for j in range(7) if j != _ENERGY]
+    assert np.abs(found[:, others, 2]).max() < 1e-9
+
+
+def test_a_locked_tip_is_told_and_still_has_finite_channels(design):
+    state = nominal_state(design, _VALUES | {"friction": 0.6})
+    # origin: a + atan mu >= 90 deg at H = 70 um, R = 120 um, mu = 0.6 (65.4 + 31.0 deg) and at no lower step
+    assert state.locked().tolist() == [False, False, True, False]
+    assert np.all(np.isfinite(observe(state)))
+    assert observe(state).shape == (4, len(CHANNELS))
+
+
+def test_a_step_as_high_as_the_ball_never_lets_go(design):
+    state = nominal_state(design, _VALUES)
+    assert state.changed(height=state.radius.copy()).locked().all()
+
+
+def test_lost_energy_fades_out_and_never_turns_negative(design):
+    state = nominal_state(design, _VALUES)
+    whole = np.exp(observe(state)[:, _ENERGY])
+    little = np.exp(observe(state.changed(lost_energy=0.5 * whole))[:, _ENERGY])
+    assert little == pytest.approx(0.5 * whole)
+    losses = np.linspace(0.0, 5.0, 60)
+    left = np.stack([observe(state.changed(lost_energy=loss * whole))[:, _ENERGY] for loss in losses])
+    assert np.all(np.isfinite(left))
+    assert np.all(np.diff(left, axis=0) < 0.0)
+
+
+def test_a_gauge_of_first_order_shows_the_ring_smaller(design):
+    lag = 4e-4
+    slow = observe(nominal_state(design, _VALUES).changed(lag=np.full(4, lag)))
+    short = observe(nominal_state(design, _VALUES))[:, _ENERGY] - slow[:, _ENERGY]
+    # origin: the gain of a low pass of first order, squared
+    assert np.exp(short) == pytest.approx(np.full(4, 1.0 + (2.0 * math.pi * 290.0 * lag) ** 2))
+
+
+def test_ring_spring_and_damping_show_in_frequency_and_decay(design):
+    state = nominal_state(design, _VALUES)
+    moved = observe(state.changed(ring_stiffness=1.21 * state.ring_stiffness, damping=2.0 * state.damping))
+    assert np.exp(moved[:, _RING]) == pytest.approx(np.full(4, 290.0 * 1.1))
+    assert np.exp(moved[:, _DECAY]) == pytest.approx(np.full(4, 0.021 / 2.0))
+    # an amplitude of force counts with the nominal spring, whatever spring it rings with
+    assert np.exp(moved[:, _ENERGY] - observe(state)[:, _ENERGY]) == pytest.approx(np.full(4, 1.21))
+
+
+def test_the_gauge_of_the_load_sees_an_offset_as_friction_and_as_load(design):
+    state = nominal_state(design, _VALUES)
+    moved = observe(state.changed(sensed_offset=0.1 * state.set_load))
+    assert moved[:, _LOAD] == pytest.approx(np.full(4, 1.1))
+    assert moved[:, _FRICTION] == pytest.approx(np.full(4, 0.17 / 1.1))
+
+
+def test_the_spring_shown_is_that_of_the_ramp(design):
+    assert observe(nominal_state(design, _VALUES))[:, _SPRING] == pytest.approx(np.full(4, 1.05))
+
+
+def test_changing_a_slot_leaves_the_state_it_came_from_alone(design):
+    state = nominal_state(design, _VALUES)
+    before = state.height.copy()
+    state.changed(height=state.height + 1e-6)
+    assert np.array_equal(state.height, before)
+
+
+@pytest.mark.parametrize("height", [1e-9, 10e-6, 60e-6, 119e-6])
+def test_height_and_critical_angle_are_inverse(height):
+    assert height_at_angle(angle_on_step(height, 120e-6), 120e-6) == pytest.approx(height, rel=1e-12)

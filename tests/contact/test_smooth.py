@@ -1,0 +1,109 @@
+"""Smooths: what a slot may follow when no law is known, and what the search may not be fooled by."""
+
+import numpy as np
+import pytest
+
+from stepblocks.contact.effects.release_motion import released
+from stepblocks.contact.effects.smooth import SLOT_MOVES, CovariateRange, smooth_laws
+from stepblocks.contact.forward import design_of, nominal_state
+from stepblocks.contact.state import observe
+
+_PLAIN = CovariateRange("temperature_c", 18.0, 26.0)
+_WIDE = CovariateRange("load_n", 0.1, 1.6, True)
+_FEW = CovariateRange("speed_mm_s", 2.0, 20.0, False, (), 3)
+_TWO = CovariateRange("half", 0.0, 1.0, False, (), 2)
+_LABELS = CovariateRange("operator", labels=("A", "B", "C"), distinct=3)
+
+
+@pytest.fixture
+def state():
+    columns = {"height_um": [30.0] * 5, "load_n": [0.5] * 5, "speed_mm_s": [5.0] * 5, "tip_radius_um": [125.0] * 5}
+    values = {"friction": 0.15, "ln_conversion": -1.6, "stiffness_ratio": 1.0}
+    design = design_of(np.array(["b"] * 5), columns, 9810.0)
+    return nominal_state(design, values | {"ln_ring_frequency": 5.7, "ln_decay_time": -4.0})
+
+
+def test_a_range_is_laid_out_from_0_to_1_and_flat_beyond_it():
+    assert _PLAIN.unit(np.array([10.0, 18.0, 22.0, 26.0, 40.0])).tolist() == [0.0, 0.0, 0.5, 1.0, 1.0]
+    # a decade is laid out by its logarithm: the middle of 0.1 to 1.6 is 0.4
+    assert _WIDE.unit(np.array([0.1, 0.4, 1.6, 0.0])) == pytest.approx([0.0, 0.5, 1.0, 0.0])
+
+
+def test_a_line_goes_from_minus_one_to_one():
+    assert _PLAIN.line(np.array([18.0, 22.0, 26.0])).ravel().tolist() == [-1.0, 0.0, 1.0]
+
+
+def test_a_smooth_follows_every_cubic_of_its_covariate():
+    # cubic B-splines of two pieces hold all cubics; with the constant of the nominal model they fit any of them exactly
+    x = np.linspace(18.0, 26.0, 60)
+    basis = np.column_stack([np.ones(60), _PLAIN.basis(x)])
+    assert np.linalg.matrix_rank(basis) == 5
+    for power in range(4):
+        target = (x - 22.0) ** power
+        fitted = basis @ np.linalg.lstsq(basis, target, rcond=None)[0]
+        assert fitted == pytest.approx(target, abs=1e-9)
+
+
+def test_a_smooth_has_two_continuous_derivatives_where_its_pieces_meet():
+    x = 22.0 + np.linspace(-0.02, 0.02, 401)
+    second = np.diff(_PLAIN.basis(x), n=2, axis=0) / (x[1] - x[0]) ** 2
+    assert np.abs(np.diff(second, axis=0)).max() < 1e-2 * np.abs(second).max() + 1e-5
+
+
+def test_few_settings_take_powers_and_labels_take_one_column_each():
+    assert _FEW.basis(np.array([2.0, 11.0, 20.0])).tolist() == [[-1.0, 1.0], [0.0, 0.0], [1.0, 1.0]]
+    assert _LABELS.basis(np.array(["A", "B", "C", "D"])).tolist() == [[0, 0], [1, 0], [0, 1], [0, 0]]
+    assert [place.freedom for place in (_PLAIN, _FEW, _TWO, _LABELS)] == [4, 2, 1, 2]
+
+
+def test_every_slot_is_offered_over_every_covariate_as_a_line_where_that_differs_from_a_smooth():
+    laws = smooth_laws((_PLAIN, _TWO, _LABELS))
+    smooths = [law for law in laws if law.id.startswith("smooth_")]
+    trends = [law for law in laws if law.id.startswith("trend_")]
+    assert len(smooths) == 3 * len(SLOT_MOVES)
+    assert {law.covariate for law in trends} == {"temperature_c"}
+    assert not any(law.named for law in laws)
+    assert max(law.rank for law in trends) < min(law.rank for law in smooths)
+    for law in laws:
+        assert law.amplitudes == tuple(p.name for p in law.parameters)
+
+
+def test_a_trend_of_friction_is_a_factor_over_the_range(state):
+    law = next(law for law in smooth_laws((_PLAIN,)) if law.id == "trend_friction_temperature_c")
+    moved = law.apply(state, np.array([18.0, 20.0, 22.0, 24.0, 26.0]), {"slope": 0.2})
+    assert np.log(moved.friction / state.friction) == pytest.approx([-0.2, -0.1, 0.0, 0.1, 0.2], abs=1e-12)
+
+
+def test_a_law_asked_with_another_column_forgets_the_first(state):
+    law = next(law for law in smooth_laws((_PLAIN,)) if law.id == "trend_conversion_temperature_c")
+    hot, cold = (law.apply(state, np.full(5, t), {"slope": 0.3}).conversion for t in (26.0, 18.0))
+    assert np.log(hot / cold) == pytest.approx(np.full(5, 0.6))
+
+
+def test_ways_into_one_slot_differ_in_what_the_bench_shows(state):
+    def shown(name):
+        return observe(SLOT_MOVES[name].change(state, np.full(5, 0.1)))[0] - observe(state)[0]
+
+    # unseen by the gauge, the load ratio stays; a load while climbing leaves the sliding friction alone
+    assert shown("load")[6] == pytest.approx(0.0, abs=1e-12)
+    assert shown("seen_load")[6] == pytest.approx(np.expm1(0.1))
+    assert shown("climb_load")[2] == pytest.approx(0.0, abs=1e-12)
+    # energies weighed with the spring fall by its factor
+    assert shown("stiffness")[0] - shown("weighed_stiffness")[0] == pytest.approx(0.1)
+    assert shown("ramp_stiffness")[4] == pytest.approx(0.0, abs=1e-12)
+    assert shown("stiffness")[4] == pytest.approx(0.05)
+    assert shown("gain")[:2] == pytest.approx([0.2, 0.1])
+
+
+def test_a_release_beyond_the_table_counts_as_its_end():
+    same = np.ones(2)
+    far = released(0.3 * same, 0.16 * same, 2.0 * same, np.array([0.4, 4.0]))
+    assert far[0][0] == pytest.approx(far[0][1])
+    assert far[1][0] == pytest.approx(far[1][1])
+
+
+def test_a_release_is_continuous_across_the_cells_of_its_table():
+    heights = 0.16 + np.array([-1e-9, 0.0, 1e-9])
+    same = np.ones(3)
+    for figure in released(heights, 0.16 * same, 2.0 * same, 0.05 * same):
+        assert np.ptp(figure) < 1e-6

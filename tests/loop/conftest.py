@@ -1,0 +1,29 @@
+"""One session whose friction runs in, analysed and written once for all tests of the loop."""
+
+import pytest
+
+from oracles.feature_bench import bench_trials, block_scans, design_columns
+from oracles.features_file import features_of
+from stepblocks.loop.bench_model import candidates, covariate_ranges
+from stepblocks.loop.run import analyse_features, write_loop
+from stepblocks.loop.search.explain import Rules
+
+
+def _running_in(columns):
+    table = bench_trials(columns, 0)
+    return next(e for e in candidates(table, covariate_ranges(table)) if e.id == "running_in")
+
+
+@pytest.fixture(scope="session")
+def worn(tmp_path_factory):  # type: ignore[no-untyped-def]
+    """A session of 120 drags whose friction runs in, analysed and written."""
+    columns = design_columns(120, 3)
+    effect = _running_in(columns)
+    truth = ((effect, {"excess": 0.6, "settling_trials": 30.0}),)
+    features = features_of(bench_trials(columns, 3, truth))
+    features.loc[5, ["status", "reason"]] = ["excluded", "truncated"]
+    scans = {b: {"height_m": v, "height_std_m": s} for b, (v, s) in block_scans(columns, 3).items()}
+    result = analyse_features(features, 9810.0, 125e-6, scans, rules=Rules(draws=200))
+    folder = tmp_path_factory.mktemp("worn")
+    write_loop(result, folder)
+    return columns, truth, result, folder

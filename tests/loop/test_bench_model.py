@@ -1,0 +1,89 @@
+"""The bench's model as the search sees it: what may vary, what may be asked for, which errors are common."""
+
+import numpy as np
+import pytest
+
+from oracles.feature_bench import bench_trials, design_columns, noise_free
+from stepblocks.contact.forward import LOADING_TIME, PEAK_FORCE
+from stepblocks.contact.operating_point import Tool
+from stepblocks.contact.state import CHANNELS
+from stepblocks.loop.bench_model import SessionModel, candidates, covariate_ranges
+
+_MODEL = SessionModel(Tool(frequency=300.0, decay_time=0.02))
+
+
+@pytest.fixture(scope="module")
+def trials():
+    return bench_trials(design_columns(60, 2), 2)
+
+
+def test_ranges_are_those_of_what_varies(trials):
+    found = {place.name: place for place in covariate_ranges(trials)}
+    assert "tip_radius_um" not in found
+    assert found["operator"].labels == ("A", "B")
+    load = trials.covariates["load_n"]
+    assert (found["load_n"].low, found["load_n"].high) == (load.min(), load.max())
+    assert found["load_n"].distinct == len(set(load.tolist()))
+    # speeds of 2 to 20 mm/s span a decade, loads of 0.3 to 1.1 N do not
+    assert found["speed_mm_s"].log
+    assert not found["load_n"].log
+    force = np.exp(trials.values[:, CHANNELS.index("ln_peak_force")])
+    assert found[PEAK_FORCE].high == pytest.approx(np.nanmax(force))
+
+
+def test_what_never_changed_can_explain_nothing(trials):
+    constant = trials.covariates | {"operator": np.full(len(trials), "A"), "speed_mm_s": np.full(len(trials), 5.0)}
+    same = type(trials)(constant, trials.channels, trials.values, trials.std, trials.block)
+    names = {place.name for place in covariate_ranges(same)}
+    assert not names & {"operator", "speed_mm_s"}
+    asked = candidates(same, covariate_ranges(same))
+    assert not {law.covariate for law in asked} & {"operator", "speed_mm_s"}
+
+
+def test_laws_are_asked_for_by_what_they_follow(trials):
+    asked = candidates(trials, covariate_ranges(trials))
+    followed = {law.covariate for law in asked if law.named}
+    assert followed == {
+        *("none", "block", "load_n", "speed_mm_s", "run_order", "temperature_c"),
+        *(PEAK_FORCE, LOADING_TIME),
+    }
+    heights = [law.id for law in asked if law.covariate == "block"]
+    assert heights == [f"block_height_error~{block}" for block in np.unique(trials.block)]
+
+
+def test_edge_and_tip_imitate_each_other_so_a_scan_decides_which_is_asked_for(trials):
+    def named(**keywords):
+        return {law.id for law in candidates(trials, (), **keywords)}
+
+    assert {"edge_rounding"} == named() & {"edge_rounding", "tip_radius_error", "block_tilt"}
+    assert {"tip_radius_error"} == named(scanned_radius=0.5e-6) & {"edge_rounding", "tip_radius_error", "block_tilt"}
+    assert {"edge_rounding"} == named(scanned_radius=14e-6) & {"edge_rounding", "tip_radius_error", "block_tilt"}
+    assert named(with_imitated=True) >= {"edge_rounding", "tip_radius_error", "block_tilt"}
+
+
+def test_common_errors_run_along_the_settings_and_have_unit_spread(trials):
+    found = _MODEL.systematics(trials)
+    assert {term.channel for term in found} == set(CHANNELS)
+    assert len(found) == 7 * len(CHANNELS)
+    first = found[0]
+    assert np.std(first.column) == pytest.approx(1.0)
+    assert (
+        np.argsort(first.column, kind="stable").tolist()
+        == np.argsort(trials.covariates["height_um"], kind="stable").tolist()
+    )
+
+
+def test_a_setting_that_never_changed_has_no_common_error(trials):
+    still = trials.covariates | {"speed_mm_s": np.full(len(trials), 5.0)}
+    same = type(trials)(still, trials.channels, trials.values, trials.std, trials.block)
+    assert len(_MODEL.systematics(same)) == 4 * len(CHANNELS)
+
+
+def test_the_model_predicts_what_the_bench_shows_without_scatter():
+    columns = design_columns(40, 3)
+    quiet = bench_trials(columns, 3)
+    values = {p.name: p.start for p in _MODEL.parameters(quiet)}
+    truth = {name: values[name] for name in ("friction", "ln_conversion")}
+    exact = noise_free(columns, 3, truth=truth, height_std=0.0)[quiet.covariates["run_order"].astype(int) - 1]
+    assert _MODEL.predict(quiet, values) == pytest.approx(exact, rel=1e-12)
+    assert _MODEL.responses(quiet, values).shape == (len(quiet), 7, 3)

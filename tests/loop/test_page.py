@@ -1,0 +1,93 @@
+"""The page: what it draws is what was found."""
+
+import numpy as np
+import pytest
+
+from stepblocks.loop.page import _averaged, _change, _figure, _followed, _positions, _worst, page_of
+
+
+@pytest.fixture(scope="module")
+def result(worn):
+    return worn[2]
+
+
+def test_the_page_holds_every_claim_and_its_grounds(result):
+    page = page_of(result)
+    for text in (
+        "Verdict: effect",
+        "running_in",
+        "95 % low",
+        "mu (1 + s exp(-n / n0))",
+        "by the equations:",
+        "truncated",
+    ):
+        assert text in page
+    assert page.count("data:image/png;base64,") == 3 + 1  # residuals of three channels, one curve
+
+
+def test_a_title_from_a_session_cannot_break_the_page(result):
+    from dataclasses import replace
+
+    page = page_of(replace(result, title="<script>alert(1)</script>"))
+    assert "<script>" not in page
+    assert "&lt;script&gt;" in page
+
+
+@pytest.mark.parametrize(
+    ("value", "shown"),
+    [(0.123456, "0.1235"), (12, "12"), (float("nan"), "-"), (None, "-"), (True, "true"), ("ln_energy", "ln_energy")],
+)
+def test_figures_have_four_digits_and_what_does_not_exist_is_a_dash(value, shown):
+    assert _figure(value) == shown
+
+
+def test_the_curve_is_the_change_that_the_law_makes(result):
+    found = result.found
+    effect = found.findings[0].effect
+    j, change, std = _change(found, effect)
+    assert found.problem.trials.channels[j] in ("ln_energy", "ln_peak_force")
+    along, name = _followed(result, effect)
+    assert name == "run_order"
+    # friction that has run in raises no force any more: the change falls along the run, and doubt with it
+    order = np.argsort(along)
+    assert np.mean(change[order[:20]]) > 3.0 * np.mean(change[order[-20:]])
+    assert np.all(std >= 0.0)
+    assert std.max() < 0.5 * change.max()
+
+
+def test_an_effect_that_follows_nothing_is_drawn_over_the_height(result):
+    from stepblocks.contact.effects.catalogue import named_laws
+
+    laws = {law.id: law for law in named_laws()}
+    assert _followed(result, laws["edge_rounding"])[1] == "height_um"
+    assert _followed(result, laws["hardening_spring"])[1] == "peak_force_n"
+    along, name = _followed(result, laws["contact_creep"])
+    assert name == "loading_time_s"
+    assert np.all(along > 0.0)
+
+
+def test_few_settings_are_averaged_one_by_one_and_many_in_groups_of_equal_size():
+    along = np.repeat([1.0, 2.0, 5.0], 4)
+    x, mean, spread = _averaged(along, along**2, np.ones(12))
+    assert x.tolist() == [1.0, 2.0, 5.0]
+    assert mean.tolist() == [1.0, 4.0, 25.0]
+    assert spread.tolist() == [1.0, 1.0, 1.0]
+    many = np.random.default_rng(1).permutation(100.0 * np.arange(200))
+    x, mean, _ = _averaged(many, many, np.ones(200))
+    assert len(x) == 24
+    assert np.all(np.diff(x) > 0.0)
+    assert mean == pytest.approx(x)
+
+
+def test_labels_are_drawn_in_a_row_and_numbers_where_they_are():
+    x, ticks = _positions(np.array(["B", "A", "B"]))
+    assert (x.tolist(), ticks) == ([1.0, 0.0, 1.0], ["A", "B"])
+    assert _positions(np.array([3, 1])) == (pytest.approx(np.array([3.0, 1.0])), [])
+
+
+def test_the_trials_that_are_missed_most_come_first(result):
+    worst = _worst(result)
+    distances = [row["distance [std]"] for row in worst]
+    assert len(worst) == 10
+    assert distances == sorted(distances, reverse=True)
+    assert worst[0]["trial"] in result.table.names

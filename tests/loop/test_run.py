@@ -1,0 +1,83 @@
+"""The orchestration: one result from the library and from the command, and no guard asked of a script."""
+
+import json
+import subprocess
+import sys
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from oracles.feature_bench import bench_trials, design_columns
+from oracles.features_file import features_of
+from stepblocks.errors import PipelineError
+from stepblocks.loop.run import analyse_features, loop
+from stepblocks.loop.search.explain import Rules, Verdict
+from stepblocks.predict.trials import predict_trials
+
+_RULES = Rules(draws=60, fits=2)
+
+
+@pytest.fixture(scope="module")
+def quiet():
+    features = features_of(bench_trials(design_columns(45, 40), 40))
+    return features, analyse_features(features, 9810.0, 125e-6, rules=_RULES)
+
+
+def test_a_result_is_read_without_files(quiet):
+    features, result = quiet
+    assert result.verdict is Verdict.NONE
+    assert result.document["verdict"] == "none"
+    assert result.document["trials_analysed"] == len(result.table.trials)
+    # what was learnt predicts at once, in memory
+    found = predict_trials(features[["trial", "block", "height_um", "load_n", "speed_mm_s"]], result.model)
+    wrong = np.log(found["peak_force_n"].to_numpy()) - np.log(features["peak_force_n"].to_numpy())
+    assert np.sqrt(np.nanmean(wrong**2)) < 0.1
+
+
+def test_a_notebook_shows_the_verdict_and_the_errors(quiet):
+    html = replace(quiet[1], title="<i>second batch")._repr_html_()
+    assert "&lt;i&gt;second batch" in html
+    assert "<b>none</b>" in html
+    assert "ln_energy_rms_blocks_left_out" in html
+    assert html.count("<table") == html.count("</table>") == 1
+
+
+def test_every_fold_chooses_for_itself_and_every_trial_is_held_out_once_either_way(quiet):
+    result = quiet[1]
+    assert len(result.document["selected_in_folds"]) == 3 + 4
+    for holdout in (result.within, result.between):
+        assert np.array_equal(np.isfinite(holdout.nominal), result.table.trials.seen)
+
+
+def test_workers_give_the_same_answer_and_ask_a_script_for_no_guard(quiet, tmp_path):
+    features, result = quiet
+    features.to_csv(tmp_path / "features.csv", index=False)
+    script = tmp_path / "script.py"
+    script.write_text(
+        "import json, pandas as pd\n"
+        "from stepblocks.loop.run import analyse_features\n"
+        "from stepblocks.loop.search.explain import Rules\n"
+        "features = pd.read_csv('features.csv', dtype={'trial': str, 'block': str})\n"
+        "result = analyse_features(features, 9810.0, 125e-6, jobs=2, rules=Rules(draws=60, fits=2))\n"
+        "print(json.dumps(result.document['nominal']['error']))\n"
+    )
+    done = subprocess.run(
+        [sys.executable, script.name], cwd=tmp_path, capture_output=True, text=True, check=False, timeout=300
+    )
+    assert done.returncode == 0, done.stderr
+    told, known = json.loads(done.stdout), result.document["nominal"]["error"]
+    assert [told[name] for name in told if name != "noise_floor"] == pytest.approx(
+        [known[name] for name in known if name != "noise_floor"], rel=1e-6
+    )
+
+
+def test_a_session_without_the_radius_of_its_tip_is_refused(tmp_path):
+    (tmp_path / "session.toml").write_text("schema = 1\n")
+    with pytest.raises(Exception, match="probe"):
+        loop(tmp_path)
+
+
+def test_records_that_do_not_exist_are_told_before_anything_is_measured(tmp_path):
+    with pytest.raises(PipelineError, match="at least one record"):
+        loop(tmp_path, as_built=[tmp_path])

@@ -1,0 +1,193 @@
+"""A table of features as the search takes it: every number in its channel, every trial that is left out with its reason."""
+
+import math
+
+import numpy as np
+import pandas as pd
+import pytest
+
+from stepblocks.contact.operating_point import PAPER
+from stepblocks.contact.state import CHANNELS
+from stepblocks.errors import PipelineError
+from stepblocks.loop.session_table import scan_blocks, trials_of
+
+
+@pytest.fixture
+def features():
+    """Forty good drags, each other than the rest, with the uncertainties of a good bench."""
+    n = 40
+    rows = np.arange(n)
+    return pd.DataFrame(
+        {
+            "trial": [str(i + 1) for i in rows],
+            "status": "ok",
+            "reason": "",
+            "block": np.where(rows % 2, "step-020", "step-050"),
+            "height_um": np.where(rows % 2, 20.0, 50.0),
+            "load_n": 0.5 + 0.01 * rows,
+            "speed_mm_s": 5.0,
+            "tip": "tip-125",
+            "temperature_c": 21.0 + 0.1 * rows,
+            "operator": np.where(rows % 3, "A", "B"),
+            "sliding_friction": 0.15 + 1e-3 * np.sin(rows),
+            "sliding_friction_std": 1e-3,
+            "normal_load_n": 1.01 * (0.5 + 0.01 * rows),
+            "normal_load_std_n": 1e-3,
+            "spring_constant_n_per_m": 9800.0 + rows,
+            "spring_constant_std_n_per_m": 20.0,
+            "peak_force_n": 0.6 * np.exp(0.01 * np.cos(rows)),
+            "peak_force_std_n": 6e-3,
+            "vibration_energy_j": 4e-6 * np.exp(0.02 * np.cos(rows)),
+            "vibration_energy_std_j": 8e-8,
+            "ring_frequency_hz": 300.0 + np.sin(rows),
+            "ring_frequency_std_hz": 0.3,
+            "decay_time_s": 0.02 + 1e-5 * rows,
+            "decay_time_std_s": 4e-4,
+        }
+    )
+
+
+def _table(features, **keywords):
+    return trials_of(features, 9810.0, 125e-6, **keywords)
+
+
+def test_every_figure_becomes_its_channel(features):
+    trials = _table(features).trials
+    row = features.iloc[3]
+    expected = {
+        "ln_energy": (math.log(row["vibration_energy_j"]), 8e-8 / row["vibration_energy_j"]),
+        "ln_peak_force": (math.log(row["peak_force_n"]), 6e-3 / row["peak_force_n"]),
+        "sliding_friction": (row["sliding_friction"], 1e-3),
+        "spring_constant": (9803.0 / 9810.0, 20.0 / 9810.0),
+        "ln_ring_frequency": (math.log(row["ring_frequency_hz"]), 0.3 / row["ring_frequency_hz"]),
+        "ln_decay_time": (math.log(row["decay_time_s"]), 4e-4 / row["decay_time_s"]),
+        "normal_load_ratio": (1.01, 1e-3 / row["load_n"]),
+    }
+    assert trials.channels == CHANNELS == tuple(expected)
+    assert trials.values[3] == pytest.approx([value for value, _ in expected.values()])
+    assert trials.std[3] == pytest.approx([std for _, std in expected.values()])
+
+
+def test_what_was_set_or_read_is_a_covariate_and_no_figure_is(features):
+    covariates = _table(features).trials.covariates
+    assert list(covariates) == [
+        *("height_um", "load_n", "speed_mm_s", "tip", "temperature_c", "operator"),
+        "tip_radius_um",
+    ]
+    assert covariates["operator"].tolist()[:3] == ["B", "A", "A"]
+
+
+def test_a_reading_missed_now_and_then_takes_the_middle_of_the_others(features):
+    features["temperature_c"] = [np.nan, *np.linspace(20.0, 24.0, 39)]
+    assert _table(features).trials.covariates["temperature_c"][0] == pytest.approx(22.0)
+
+
+def test_a_column_of_which_much_is_missing_is_one_of_labels(features):
+    features["humidity_pct"] = features["temperature_c"].where(features.index > 32)
+    order = [name for name in features if name != "humidity_pct"]
+    at = order.index("sliding_friction")
+    column = _table(features[[*order[:at], "humidity_pct", *order[at:]]]).trials.covariates["humidity_pct"]
+    assert column[0] == "unknown"
+    assert len(set(column.tolist())) == 8
+
+
+@pytest.mark.parametrize(
+    ("changes", "reason"),
+    [
+        ({"status": "excluded", "reason": "clipped"}, "clipped"),
+        ({"status": "failed"}, "failed"),
+        ({"load_n": 0.0}, "load_n must be a positive number"),
+        ({"speed_mm_s": np.nan}, "speed_mm_s must be a positive number"),
+        ({"height_um": 125.0}, "the step is as high as the ball"),
+        ({"tip": "tip-40"}, "the step is as high as the ball"),
+        ({"peak_force_n": np.nan, "vibration_energy_j": np.nan}, "neither a peak force nor a vibration energy"),
+    ],
+)
+def test_a_trial_that_cannot_be_used_is_left_out_for_its_reason(features, changes, reason):
+    for name, value in changes.items():
+        features[name] = features[name].astype(object)
+        features.loc[4, name] = value
+    table = _table(features)
+    assert len(table.trials) == 39
+    assert "5" not in table.names
+    ((trial, said),) = table.excluded
+    assert trial == "5"
+    assert said.startswith(reason)
+
+
+def test_each_copy_is_named_with_the_trial_that_it_copies(features):
+    forces = ["peak_force_n", "vibration_energy_j", "sliding_friction", "spring_constant_n_per_m"]
+    features.loc[[7, 11], forces] = features.loc[2, forces].to_numpy()
+    assert _table(features).excluded == [("8", "the same forces as trial 3"), ("12", "the same forces as trial 3")]
+
+
+def test_a_trial_already_left_out_is_no_original(features):
+    forces = ["peak_force_n", "vibration_energy_j", "sliding_friction", "spring_constant_n_per_m"]
+    features.loc[[2, 7], forces] = features.loc[2, forces].to_numpy()
+    features.loc[2, ["status", "reason"]] = ["excluded", "clipped"]
+    assert _table(features).excluded == [("3", "clipped")]
+
+
+def test_a_value_known_to_no_better_than_a_factor_of_two_says_nothing(features):
+    features.loc[1, "vibration_energy_std_j"] = 0.8 * features.loc[1, "vibration_energy_j"]
+    features.loc[2, "decay_time_s"] = -1.0
+    trials = _table(features).trials
+    assert not trials.seen[1, CHANNELS.index("ln_energy")]
+    assert not trials.seen[2, CHANNELS.index("ln_decay_time")]
+    assert trials.seen.sum() == 40 * 7 - 2
+
+
+def test_a_single_wild_value_goes_and_its_trial_stays(features):
+    features.loc[6, "ring_frequency_hz"] = 600.0
+    table = _table(features)
+    assert ("7", "ln_ring_frequency lies far from all other trials") in table.excluded
+    assert len(table.trials) == 40
+
+
+def test_the_fit_of_the_ring_begins_in_the_middle_of_the_data(features):
+    tool = _table(features).model.tool
+    assert tool.stiffness == 9810.0
+    assert tool.frequency == pytest.approx(features["ring_frequency_hz"].median(), rel=1e-6)
+    assert tool.decay_time == pytest.approx(features["decay_time_s"].median(), rel=1e-6)
+
+
+def test_where_no_trial_rang_the_ring_is_that_of_the_paper(features):
+    model = _table(features.assign(ring_frequency_hz=np.nan, decay_time_s=np.nan)).model
+    assert (model.tool.frequency, model.tool.decay_time) == (PAPER.tool.frequency, PAPER.tool.decay_time)
+
+
+def test_scans_give_heights_and_the_mean_of_the_edges(features):
+    scans = {
+        "step-020": {"height_m": 20.4e-6, "height_std_m": 15e-9, "edge_radius_m": 12e-6, "edge_radius_std_m": 1e-7},
+        "step-050": {"height_m": 49.7e-6, "height_std_m": 20e-9},
+    }
+    model = _table(features, scans=scans).model
+    assert model.scanned == {"step-020": (20.4e-6, 15e-9), "step-050": (49.7e-6, 20e-9)}
+    assert model.scanned_radius == 12e-6
+    assert _table(features).model.scanned is None
+
+
+@pytest.mark.parametrize("name", ["block", "height_um", "speed_mm_s"])
+def test_a_column_without_which_nothing_goes_is_asked_for(features, name):
+    with pytest.raises(PipelineError, match=f"missing {name}"):
+        _table(features.drop(columns=name))
+
+
+def test_a_scan_is_evaluated_line_by_line_and_what_fails_is_named(tmp_path):
+    x = np.arange(-400, 400) * 1e-6
+    height = np.where(x > 0.0, 50e-6, 0.0) + 5e-9 * np.random.default_rng(1).standard_normal(800)
+    (tmp_path / "scans").mkdir()
+    np.savetxt(
+        tmp_path / "scans/b.csv", np.stack([x, height], axis=1) * 1e6, "%.4f", ",", header="x_um,z_um", comments=""
+    )
+    (tmp_path / "scans/c.csv").write_text("x_um,z_um\n0,0\n")
+    found, failed = scan_blocks(tmp_path, "scans/{block}.csv", ["b", "c", "d"])
+    assert list(found) == ["b"]
+    assert found["b"]["height_m"] == pytest.approx(50e-6, abs=20e-9)
+    assert set(found["b"]) == {"height_m", "height_std_m", "edge_radius_m", "edge_radius_std_m"}
+    assert failed["d"] == "no file scans/d.csv"
+    assert "c.csv" in failed["c"]
+
+
+def test_a_session_without_scans_has_none_and_none_is_missed(tmp_path):
+    assert scan_blocks(tmp_path, None, ["b"]) == ({}, {})

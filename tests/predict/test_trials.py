@@ -1,0 +1,130 @@
+"""Trials that nobody has made: equations (1) and (2) where nothing else was learnt, honest about doubt and about limits."""
+
+import math
+
+import numpy as np
+import pandas as pd
+import pytest
+
+from oracles.taught import CONSTANTS, taught_model
+from stepblocks.contact.critical_angle import step_angle
+from stepblocks.contact.energy import release_at
+from stepblocks.errors import PipelineError
+from stepblocks.predict.trials import predict_trials
+
+_NUMBERS = ["peak_force_n", "vibration_energy_j"]
+
+
+def _table(**columns):
+    rows = {"block": "step-050", "height_um": 50.0, "load_n": 0.8, "speed_mm_s": 5.0, "tip": "tip-110"} | columns
+    count = max(len(column) for column in rows.values() if isinstance(column, list)) if columns else 1
+    return pd.DataFrame({"trial": [f"t{i + 1}" for i in range(count)]} | rows)
+
+
+def test_without_effects_a_trial_is_equations_one_and_two():
+    table = _table(load_n=[0.3, 0.8, 1.1], tip=["tip-110", "tip-125", "blue"])
+    found = predict_trials(table, taught_model())
+    for row, radius in zip(range(3), (110e-6, 125e-6, 120e-6), strict=True):  # a name without a number has the probe's
+        one = release_at(step_angle(50e-6, radius), float(table["load_n"][row]), CONSTANTS["friction"])
+        assert found["peak_force_n"][row] == pytest.approx(one.pull_force, rel=1e-12)
+        energy = 0.23 * one.pull_force**2 / 2.0 / (1.05 * 9500.0)
+        assert found["vibration_energy_j"][row] == pytest.approx(energy, rel=1e-12, abs=0.0)
+    assert list(found["status"]) == ["ok"] * 3
+
+
+def test_certain_constants_and_trials_without_scatter_leave_no_interval():
+    found = predict_trials(_table(), taught_model()).iloc[0]
+    assert found["peak_force_low_n"] == found["peak_force_n"] == found["peak_force_high_n"]
+
+
+def test_scatter_of_single_trials_alone_is_a_factor_either_way():
+    found = predict_trials(_table(), taught_model(scatter=0.05)).iloc[0]
+    # origin: 1.96 standard deviations of 5 % on a logarithm
+    assert found["vibration_energy_high_j"] / found["vibration_energy_j"] == pytest.approx(math.exp(0.098), rel=1e-4)
+    assert found["vibration_energy_j"] / found["vibration_energy_low_j"] == pytest.approx(math.exp(0.098), rel=1e-4)
+
+
+def test_doubt_about_a_constant_widens_by_its_derivative():
+    found = predict_trials(_table(), taught_model(std=1e-4)).iloc[0]
+    angle = step_angle(50e-6, 110e-6) + math.atan(0.17)
+    slope = 1.0 / (math.sin(angle) * math.cos(angle)) / (1.0 + 0.17**2)  # d ln tan(a + atan mu) / d mu
+    width = math.log(found["peak_force_high_n"] / found["peak_force_n"]) / 1.959964
+    assert width == pytest.approx(slope * 1e-4, rel=1e-2)
+
+
+def test_a_block_that_nobody_measured_is_as_uncertain_as_its_height():
+    table = _table(block=["step-050", "step-new"])
+    found = predict_trials(table, taught_model())
+    angle = step_angle(50e-6, 110e-6)
+    slope = 1.0 / (110e-6 * math.sin(angle))  # da/dH
+    total = angle + math.atan(0.17)
+    expected = slope * 1e-6 / (math.sin(total) * math.cos(total))
+    width = np.log(found["peak_force_high_n"] / found["peak_force_n"]) / 1.959964
+    assert width[0] == 0.0
+    assert width[1] == pytest.approx(expected, rel=1e-2)
+
+
+def test_effects_act_in_the_extended_model_alone():
+    learned = taught_model({"edge_rounding": {"edge_radius_m": 14e-6}})
+    found = predict_trials(_table(), learned).iloc[0]
+    rounded = release_at(step_angle(50e-6, 110e-6, 14e-6), 0.8, 0.17)
+    sharp = release_at(step_angle(50e-6, 110e-6), 0.8, 0.17)
+    assert found["peak_force_n"] == pytest.approx(rounded.pull_force, rel=1e-12)
+    assert found["nominal_peak_force_n"] == pytest.approx(sharp.pull_force, rel=1e-12)
+
+
+def test_a_table_and_its_file_are_predicted_alike_and_the_file_is_what_is_returned(tmp_path):
+    table = _table(load_n=[0.3, 0.8], run_order=[1, 2], operator=["A", "B"])
+    table.to_csv(tmp_path / "trials.csv", index=False)
+    learned = taught_model({"running_in": {"excess": 0.5, "settling_trials": 30.0}}, std=0.01, scatter=0.02)
+    from_file = predict_trials(str(tmp_path / "trials.csv"), learned, str(tmp_path / "new" / "p.csv"))
+    pd.testing.assert_frame_equal(from_file, predict_trials(table, learned))
+    written = pd.read_csv(tmp_path / "new" / "p.csv")
+    pd.testing.assert_frame_equal(written, from_file, check_dtype=False, rtol=1e-8)
+
+
+def test_every_reason_is_named_and_the_gravest_is_shown():
+    learned = taught_model({"running_in": {"excess": 0.5, "settling_trials": 30.0}})
+    table = _table(
+        height_um=[50.0, 50.0, 115.0, 50.0, -1.0, 50.0],
+        load_n=[0.8, 3.0, 0.8, "heavy", float("inf"), 0.8],
+        run_order=[5, 500, 5, 5, 5, None],
+        operator=["A", "C", "A", "A", "C", "A"],
+        block="step-050",
+    )
+    found = predict_trials(table, learned)
+    assert list(found["status"]) == [
+        "ok",
+        "outside-range(load_n; operator; run_order)",
+        "locked",
+        "invalid(load_n)",
+        "invalid(height_um; load_n)",
+        "invalid(run_order)",
+    ]
+    blank = found[_NUMBERS].isna().all(axis=1)
+    assert list(blank) == [False, False, True, True, True, True]
+
+
+def test_the_columns_that_a_model_needs_are_asked_for_by_name():
+    learned = taught_model({"running_in": {"excess": 0.5, "settling_trials": 30.0}})
+    with pytest.raises(PipelineError, match="columns load_n, run_order, which the model needs"):
+        predict_trials(_table().drop(columns="load_n"), learned)
+
+
+def test_a_model_that_follows_its_own_quantities_needs_no_column_for_them():
+    learned = taught_model(
+        {"hardening_spring": {"cubic_per_n2": 0.2}, "contact_creep": {"creep_depth_m": 3e-7, "creep_time_s": 0.02}}
+    )
+    found = predict_trials(_table(), learned).iloc[0]
+    assert found["status"] == "ok"
+    # a hardening spring stores less for the same force, a contact that gives way is a lower step
+    assert found["vibration_energy_j"] < found["nominal_vibration_energy_j"]
+    assert found["peak_force_n"] < found["nominal_peak_force_n"]
+
+
+def test_files_that_cannot_be_read_or_written_are_named(tmp_path):
+    with pytest.raises(PipelineError, match="readable CSV"):
+        predict_trials(tmp_path / "none.csv", taught_model())
+    (tmp_path / "blocked").write_text("a file where a folder should be")
+    with pytest.raises(PipelineError, match="cannot be written"):
+        predict_trials(_table(), taught_model(), tmp_path / "blocked" / "p.csv")
