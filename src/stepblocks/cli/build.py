@@ -8,6 +8,8 @@ import sys
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from stepblocks.cli.arguments import add_files, add_only, add_output
+
 if TYPE_CHECKING:
     from stepblocks.build.make import Made
 
@@ -19,13 +21,9 @@ def add_to(commands: Any) -> None:
         help="build, write, read back, measure and predict the stimuli of one or more files",
         description="Build every stimulus that is not up to date. Exit code 1 if an artefact is out of tolerance.",
     )
-    parser.add_argument(
-        "files", nargs="*", type=Path, metavar="FILE", help="stimulus files or folders (default: stimuli)"
-    )
-    parser.add_argument(
-        "-o", "--output", type=Path, default=Path("out"), metavar="DIR", help="output folder (default: out)"
-    )
-    parser.add_argument("--only", metavar="PATTERN", help="only these stimuli, such as 'step-0?0' or 'paper-ten/*'")
+    add_files(parser)
+    add_output(parser, "out")
+    add_only(parser)
     parser.add_argument("--jobs", type=_jobs, metavar="N", help="number of processes (default: all cores)")
     parser.add_argument(
         "--model", type=Path, metavar="JSON", help="model.json of stepblocks loop: predict with what a session taught"

@@ -7,6 +7,8 @@ import json
 from pathlib import Path
 from typing import Any
 
+from stepblocks.cli.arguments import add_only, add_output
+
 
 def add_to(commands: Any) -> None:
     """Register the command."""
@@ -19,10 +21,8 @@ def add_to(commands: Any) -> None:
     parser.add_argument(
         "files", nargs="*", type=Path, metavar="FILE", help="stimulus files, folders (default: stimuli) or STEP files"
     )
-    parser.add_argument(
-        "-o", "--output", type=Path, default=Path("out"), metavar="DIR", help="output folder (default: out)"
-    )
-    parser.add_argument("--only", metavar="PATTERN", help="only these stimuli, such as 'step-0?0' or 'paper-ten/*'")
+    add_output(parser, "out")
+    add_only(parser)
     parser.add_argument("--verbose", action="store_true", help="print every measurement, not only the verdicts")
     parser.add_argument("--quiet", action="store_true", help="print failures only")
     parser.add_argument("--json", action="store_true", help="print every measurement as JSON")

@@ -6,6 +6,8 @@ import argparse
 from pathlib import Path
 from typing import Any
 
+from stepblocks.cli.arguments import add_files, add_only, add_output
+
 _SIMULATORS = ("mujoco", "chai3d", "sofa", "usd", "gltf", "x3d", "urdf", "forcelaw")
 
 
@@ -16,16 +18,12 @@ def add_to(commands: Any) -> None:
         help="scenes for haptic simulators, with contact settings and the vibration as an event",
         description="Write one self-contained folder per block, crown or tip: scene, event, rings, and a README on how to run it.",
     )
-    parser.add_argument(
-        "files", nargs="*", type=Path, metavar="SET", help="stimulus files or folders (default: stimuli)"
-    )
+    add_files(parser, "SET")
     parser.add_argument("--for", dest="simulator", required=True, choices=_SIMULATORS, help="simulator")
-    parser.add_argument(
-        "-o", "--output", type=Path, default=Path("out/scenes"), metavar="DIR", help="default: out/scenes"
-    )
+    add_output(parser, "out/scenes")
     parser.add_argument("--device", metavar="NAME", help="force-feedback device; its rendering plan sets the scale")
     parser.add_argument("--devices", type=Path, metavar="FILE", help="device profiles of your own")
-    parser.add_argument("--only", metavar="PATTERN", help="stimuli such as 'step-0?0'")
+    add_only(parser)
     parser.add_argument("--scale", type=float, metavar="S", help="magnification (default: the plan's, or 1)")
     parser.add_argument(
         "--ring",

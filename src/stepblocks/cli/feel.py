@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import argparse
-from pathlib import Path
 from typing import Any
+
+from stepblocks.cli.arguments import add_files, add_output
 
 
 def add_to(commands: Any) -> None:
@@ -14,12 +15,8 @@ def add_to(commands: Any) -> None:
         help="a page on which the mouse drags the probe over a block",
         description="Write one page that needs no network, and open it: force, spectrum, locking, and the ring as sound.",
     )
-    parser.add_argument(
-        "files", nargs="*", type=Path, metavar="SET", help="stimulus files or folders (default: stimuli)"
-    )
-    parser.add_argument(
-        "-o", "--output", type=Path, default=Path("out/feel.html"), metavar="HTML", help="default: out/feel.html"
-    )
+    add_files(parser, "SET")
+    add_output(parser, "out/feel.html", "HTML")
     parser.add_argument("--no-open", action="store_true", help="write the page and leave it")
     parser.set_defaults(run=_run)
 

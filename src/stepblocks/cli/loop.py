@@ -7,6 +7,8 @@ import sys
 from pathlib import Path
 from typing import Any
 
+from stepblocks.cli.arguments import progress
+
 
 def add_to(subparsers: Any) -> None:
     """Register the command."""
@@ -40,23 +42,9 @@ def _run(arguments: argparse.Namespace) -> int:
         jobs=arguments.jobs,
         forces_only=arguments.forces_only,
         as_built=arguments.as_built,
-        progress=_progress(),
+        progress=progress("measured", "trial"),
     )
     for scan in result.document["scans"]["left_out"]:
         print(f"scan of {scan['block']} left out: {scan['reason']}", file=sys.stderr)
     print(f"{result.verdict}: see {arguments.output / 'report.html'}")
     return 0
-
-
-def _progress() -> Any:
-    if not sys.stderr.isatty():
-        return None
-    from tqdm import tqdm
-
-    bar = tqdm(desc="measured", unit=" trials")
-
-    def told(done: int, total: int) -> None:
-        bar.total = total
-        bar.update(done - bar.n)
-
-    return told

@@ -3,12 +3,9 @@
 from __future__ import annotations
 
 import argparse
-import sys
-from collections.abc import Callable
-from contextlib import ExitStack
 from pathlib import Path
 
-_PLAIN_LINES = 10  # lines of progress where there is no terminal
+from stepblocks.cli.arguments import progress
 
 
 def add_to(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
@@ -33,9 +30,8 @@ def add_to(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) -> N
 def _run(arguments: argparse.Namespace) -> int:
     from stepblocks.bench.measure import write_features
 
-    with ExitStack() as stack:
-        progress = None if arguments.quiet else _progress(stack)
-        summary = write_features(arguments.session, arguments.output, jobs=arguments.jobs, progress=progress)
+    told = None if arguments.quiet else progress("measured", "trial", lines=10)
+    summary = write_features(arguments.session, arguments.output, jobs=arguments.jobs, progress=told)
     if arguments.plots is not None:
         from stepblocks.bench.figures import draw_trials
 
@@ -48,23 +44,3 @@ def _run(arguments: argparse.Namespace) -> int:
         for note in summary.notes:
             print(f"  note: {note}")
     return 0
-
-
-def _progress(stack: ExitStack) -> Callable[[int, int], None]:
-    if sys.stderr.isatty():
-        from tqdm import tqdm
-
-        bar = stack.enter_context(tqdm(unit="trial", desc="measure", leave=False))
-
-        def on_terminal(done: int, total: int) -> None:
-            bar.total = total
-            bar.update(done - bar.n)
-
-        return on_terminal
-
-    def in_lines(done: int, total: int) -> None:
-        step = max(total // _PLAIN_LINES, 1)
-        if done % step == 0 or done == total:
-            print(f"measured {done} of {total}", file=sys.stderr, flush=True)
-
-    return in_lines

@@ -8,6 +8,8 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from stepblocks.cli.arguments import add_files
+
 if TYPE_CHECKING:
     from stepblocks.predict.predictions import Prediction
 
@@ -20,13 +22,7 @@ def add_to(commands: Any) -> None:
         description="Predict every stimulus under every tip, load and friction that its file asks for; or each row of a "
         "table (CSV with units in its header); or unseen trials by a model that a measured session has taught.",
     )
-    parser.add_argument(
-        "files",
-        nargs="*",
-        type=Path,
-        metavar="FILE",
-        help="stimulus files or folders (default: stimuli), or one CSV table",
-    )
+    add_files(parser, more=", or one CSV table")
     parser.add_argument(
         "--as-built",
         nargs="+",

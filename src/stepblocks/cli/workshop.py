@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import argparse
-from pathlib import Path
 from typing import Any
+
+from stepblocks.cli.arguments import add_files, add_only, add_output
 
 
 def add_to(commands: Any) -> None:
@@ -15,13 +16,9 @@ def add_to(commands: Any) -> None:
         description="Drawings (DXF, SVG, PDF) and inspection sheets (CSV, PDF) of every part, the two-piece variant of "
         "step blocks, and a table of the ways to make them.",
     )
-    parser.add_argument(
-        "files", nargs="*", type=Path, metavar="FILE", help="stimulus files or folders (default: stimuli)"
-    )
-    parser.add_argument(
-        "-o", "--output", type=Path, default=Path("out"), metavar="DIR", help="output folder (default: out)"
-    )
-    parser.add_argument("--only", metavar="PATTERN", help="only these stimuli, such as 'step-0?0' or 'paper-ten/*'")
+    add_files(parser)
+    add_output(parser, "out")
+    add_only(parser)
     parser.add_argument(
         "--capability",
         metavar="LENGTH",
