@@ -90,11 +90,16 @@ def fit_approach(time: Array, force: Array, marks: Landmarks, start_up: tuple[fl
     slide_end = int(np.searchsorted(time, marks.onset))
     center = float(time[: max(slide_end, 1)].mean())
     mains = mains_of(time[:slide_end], force[:slide_end])
-    fit = _fit_until(time, force, end, marks.onset, center, mains, start_up)
-    extended = _end_of_line(time, force, end, marks, fit, center, mains)
+    step = float(np.median(np.diff(time)))
+    fit = _fit_until(time[:end], force[:end], marks.onset, center, mains, start_up, step=step)
+    onset = float(fit.shape[0])
+    # the filter of a converter rings a sample or two ahead of a corner
+    rest = slice(end, max(marks.peak - 2, end))
+    miss = force[rest] - _columns(time[rest], onset, center, mains) @ fit.weights[:5]
+    extended = end + left if (left := _leaves_line(miss, marks.noise)) is not None else marks.peak
     if extended > end:
         end = extended
-        fit = _fit_until(time, force, end, float(fit.shape[0]), center, mains, start_up)
+        fit = _fit_until(time[:end], force[:end], onset, center, mains, start_up, step=step)
     return Approach(
         level=float(fit.weights[0]),
         level_std=fit.std(fit.shape.size),
@@ -109,10 +114,8 @@ def fit_approach(time: Array, force: Array, marks: Landmarks, start_up: tuple[fl
 
 
 def _fit_until(
-    time: Array, force: Array, end: int, onset: float, center: float, mains: float, start_up: tuple[float, float] | None
+    t: Array, y: Array, onset: float, center: float, mains: float, start_up: tuple[float, float] | None, *, step: float
 ) -> SeparableFit:
-    t, y = time[:end], force[:end]
-    step = float(np.median(np.diff(time)))
     reach = max(0.25 * (float(t[-1]) - onset), 5.0 * step)
 
     def plain(shape: Array) -> Array:
@@ -146,21 +149,15 @@ def _rings(time: Array, fit: SeparableFit, frequency: float, decay_time: float) 
     return bool(had - has > max(_START_UP_GAIN, 20.0 / max(t.size, 1)) * had)
 
 
-def _end_of_line(
-    time: Array, force: Array, end: int, marks: Landmarks, fit: SeparableFit, center: float, mains: float
-) -> int:
-    """First sample past `end` where the force leaves the line of the ramp for good."""
-    # the filter of a converter rings a sample or two ahead of a corner
-    stop = marks.peak - 2
-    if stop <= end:
-        return marks.peak
-    columns = _columns(time[end:stop], float(fit.shape[0]), center, mains)
-    miss = force[end:stop] - columns @ fit.weights[:5]
+def _leaves_line(miss: Array, noise: float) -> int | None:
+    """First sample from which on the force is off the line of the ramp for good; None where it stays on it."""
+    if not miss.size:
+        return None
     window = min(4, miss.size)
     mean = np.convolve(miss, np.full(window, 1.0 / window), mode="valid")
-    off = np.abs(mean) > _LINE_SIGMAS * marks.noise / np.sqrt(window)
+    off = np.abs(mean) > _LINE_SIGMAS * noise / np.sqrt(window)
     if not off[-1]:
-        return marks.peak
+        return None
     # noise may cross the limit for a moment; only what stays off to the peak is the peak's own rounding
     on = np.flatnonzero(~off)
-    return end + (max(int(on[-1]) - 3, 0) if on.size else 0)
+    return max(int(on[-1]) - 3, 0) if on.size else 0
