@@ -1,0 +1,72 @@
+"""The choice among candidates: what pays for its parameters, what has a name, and what is driven to the end of its form."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from oracles.toy_model import Effect, Parameter, Toy, toy_effects, toy_trials
+from stepblocks.loop.search.explain import problem_of
+from stepblocks.loop.search.fit import fit
+from stepblocks.loop.search.gate import gate
+from stepblocks.loop.search.selection import choose
+
+
+def _chosen(trials, effects, **keywords):
+    problem = problem_of(Toy(), trials)
+    base = fit(problem)
+    return problem, base, choose(problem, base, gate(problem, base, effects, draws=0), **keywords)
+
+
+@pytest.fixture(scope="module")
+def squared():
+    return toy_trials(120, 1, square=0.5)
+
+
+def test_the_candidate_that_explains_most_is_chosen_and_the_others_stand_behind_in_order(squared):
+    problem, base, choice = _chosen(squared, toy_effects())
+    assert choice.best.effect.id == "square_of_z"
+    criteria = [trial.criterion for trial in choice.tried]
+    assert criteria == sorted(criteria)
+    # cost plus the logarithm of the number of trials for every parameter
+    assert choice.best.criterion == pytest.approx(choice.best.fit.cost + np.log(120))
+    assert choice.best.criterion < problem.criterion(base)
+
+
+def test_nothing_is_chosen_that_does_not_pay_for_its_parameters():
+    assert _chosen(toy_trials(120, 2), toy_effects()[1:3])[2] is None
+
+
+def test_of_laws_that_predict_the_same_the_one_of_lower_rank_gives_its_name(squared):
+    law = toy_effects()[0]
+    twins = [replace(law, id="twin_second", rank=2), replace(law, id="twin_first", rank=1)]
+    assert _chosen(squared, twins)[2].best.effect.id == "twin_first"
+
+
+def test_a_law_leads_before_a_curve_that_follows_the_data_as_well(squared):
+    law = toy_effects()[0]
+    curve = replace(law, id="curve", named=False)
+    named = replace(law, id="law", rank=9)
+    assert _chosen(squared, [curve, named])[2].best.effect.id == "law"
+
+
+def test_a_law_driven_to_the_end_of_its_form_is_no_law():
+    # a settling -exp(-z / s) rises and flattens; a rise that steepens is imitated best by an s that never settles
+    def apply(level, trials, own):
+        return level + own["size"] * np.exp(-trials.covariates["z"] / own["settling"])
+
+    size = Parameter("size", "1", 0.0, -50.0, 50.0, 0.1)
+    settling = Parameter("settling", "1", 2.0, 0.1, 3.0, 0.5)
+    shapes = ({"settling": 1.0}, {"settling": 2.5})
+    law = Effect("settling", "level", "z", "s exp(-z/s)", (size, settling), ("size",), apply, shapes)
+    trials = toy_trials(200, 3)
+    z = trials.covariates["z"]
+    rise = 0.5 * z + 0.1 * z**2
+    trials = trials.with_values(trials.values + np.stack([rise, 2.0 * rise], axis=1))
+    choice = _chosen(trials, [law, toy_effects()[1]])[2]
+    assert [trial.effect.id for trial in choice.tried] == ["line_of_z"]
+
+
+def test_an_effect_that_is_to_be_kept_is_fitted_however_badly_it_scores(squared):
+    _, _, choice = _chosen(squared, toy_effects(), most=1, keep=("line_of_w",))
+    assert "line_of_w" in {trial.effect.id for trial in choice.tried}
