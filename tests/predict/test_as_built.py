@@ -12,7 +12,7 @@ from stepblocks.artefacts.scans.scan import Profile
 from stepblocks.contact.energy import Status
 from stepblocks.declare import load_declared
 from stepblocks.predict.as_built import moved_energies, surface_columns, surface_releases, with_as_built
-from stepblocks.predict.predictions import predict_set
+from stepblocks.predict.predictions import predictions_of
 
 STIMULI = Path(__file__).parents[2] / "stimuli"
 X = np.arange(-400, 401) * 1e-6
@@ -67,7 +67,7 @@ def test_the_sentence_gives_the_range_of_changes_over_the_conditions_of_the_set(
 
 def test_a_scanned_surface_is_predicted_by_the_path_of_the_tip_over_it(stimuli):
     surfaces = surface_releases(stimuli, {"step-050": record(surface=chamfered())})
-    for prediction in predict_set(stimuli):
+    for prediction in predictions_of(stimuli):
         release = surfaces(prediction)
         if prediction.stimulus != "step-050":
             assert release is None
@@ -81,7 +81,7 @@ def test_a_scanned_surface_is_predicted_by_the_path_of_the_tip_over_it(stimuli):
 
 def test_the_columns_of_a_surface_are_empty_where_nothing_is_known(stimuli):
     surfaces = surface_releases(stimuli, {"step-050": record(surface=chamfered())})
-    release = next(found for one in predict_set(stimuli) if (found := surfaces(one)) is not None)
+    release = next(found for one in predictions_of(stimuli) if (found := surfaces(one)) is not None)
     known, none = surface_columns(release), surface_columns(None)
     assert known.keys() == none.keys()
     assert set(none.values()) == {""}

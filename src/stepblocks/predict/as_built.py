@@ -8,8 +8,8 @@ from dataclasses import replace
 from functools import cache
 
 from stepblocks.artefacts.as_built import AsBuilt
-from stepblocks.contact.energy import Release, Status, release_at
-from stepblocks.contact.felt import scanned_angle
+from stepblocks.contact.energy import Release, release_at
+from stepblocks.contact.felt import energy_change, scanned_angle
 from stepblocks.parts.kind import Part
 from stepblocks.parts.set import StimulusSet
 from stepblocks.predict.predictions import Prediction, predictions_of, tool_of
@@ -80,22 +80,17 @@ def moved_energies(stimuli: StimulusSet, records: Mapping[str, AsBuilt]) -> Iter
             continue
         pairs = [(a, b.release) for a, b in zip(asked, made, strict=True) if a.stimulus == part.id]
         verdicts = ", ".join(f"{key} {one.verdict}" for key, one in records[part.id].values.items())
-        moved = _moved([(a.release, b) for a, b in pairs]) or "nothing to compare: the probe does not release"
+        moved = _moved(pairs) or "nothing to compare: the probe does not release"
         height, radius = (part.sizes[name].nominal * 1e6 for name in ("height", "edge_radius"))
         sentence = f"{part.id} ({verdicts}): as built, {height:.2f} um and an edge radius of {radius:.2g} um, {moved}"
-        by_surface = _moved([(a.release, release) for a, _ in pairs if (release := scanned(a)) is not None])
+        by_surface = _moved([(a, release) for a, _ in pairs if (release := scanned(a)) is not None])
         if by_surface:
             sentence += f"; by the scanned surface itself {by_surface}"
         other = sum(a.release.status is not b.status for a, b in pairs)
         yield sentence + (f"; {other} conditions change between releasing and locking" if other else "")
 
 
-def _moved(pairs: Sequence[tuple[Release, Release]]) -> str:
-    changes = [
-        after.vibration_energy / before.vibration_energy - 1.0
-        for before, after in pairs
-        if before.status is Status.RELEASES and after.status is Status.RELEASES
-    ]
-    if not changes:
-        return ""
-    return f"E_v {min(changes) * 100:+.1f} % to {max(changes) * 100:+.1f} % over {len(changes)} conditions"
+def _moved(pairs: Sequence[tuple[Prediction, Release]]) -> str:
+    changes = [energy_change(asked.release, made, asked.point) for asked, made in pairs]
+    known = [change for change in changes if not math.isnan(change)]
+    return f"E_v {min(known) * 100:+.1f} % to {max(known) * 100:+.1f} % over {len(known)} conditions" if known else ""
