@@ -7,9 +7,9 @@ from typing import ClassVar
 
 import numpy as np
 import pytest
-
 from stepblocks.artefacts.step.part_file import check_part_step
 from stepblocks.build.check import check_output
+
 from stepblocks.build.run import build
 from stepblocks.cad import kernel
 from stepblocks.contact.counterface import Profile

@@ -113,43 +113,58 @@ def simulate(track: Track, probe: Probe, settings: DragSettings) -> DragTrace:
             f"sample_rate of {settings.sample_rate:g} Hz gives more than {_MOST_ROWS} rows; record fewer"
         )
     y = float(np.interp(x, track.x, track.z)) - dent
-    sliding = settings.friction * settings.normal_load
-    driven = settings.speed > 0.0
-    carried = probe.normal_stiffness > 0.0
-    start = np.array(
-        [
-            x,
-            y,
-            settings.speed,
-            0.0,
-            x + (sliding / probe.stiffness if driven else 0.0),
-            settings.speed,
-            y - settings.normal_load / probe.normal_stiffness if carried else 0.0,
-            math.inf if driven else 0.0,
-            0.1 * track.ball_radius,
-        ]
-    )
     rows, count, peak, ledger = kernels.integrate(
         track.x,
         track.z,
         *track.slopes,
         track.kinks,
         _parameters(probe, settings, mu_s, bristle, limit),
-        start,
+        _start(x, y, probe, settings, track.ball_radius),
         dt,
         steps,
         every,
     )
-    status = Status.RELEASES
-    if peak[3] or (not driven and not reachable):
-        status = Status.LOCKED
-    elif track.steepest_angle < math.radians(0.5) or peak[0] <= 1.02 * mu_s * settings.normal_load:
-        status = Status.NO_CATCH
-    elif not driven and rows[count - 1, 3] < peak[2] + 1e-3 * track.ball_radius:
-        status = Status.LOCKED  # the weights do not pull hard enough
-    named = dict(zip(kernels.LEDGER, (float(value) for value in ledger), strict=True))
+    passed = reachable and float(rows[count - 1, 3]) >= float(peak[2]) + 1e-3 * track.ball_radius
+    caught = track.steepest_angle >= math.radians(0.5) and float(peak[0]) > 1.02 * mu_s * settings.normal_load
     return DragTrace(
-        rows[:count].copy(), status, float(peak[0]), float(peak[1]), float(peak[2]), named, dt, probe, settings
+        rows=rows[:count].copy(),
+        status=_status(settings.speed > 0.0, bool(peak[3]), reachable, caught, passed),
+        peak_force=float(peak[0]),
+        release_time=float(peak[1]),
+        release_position=float(peak[2]),
+        ledger=dict(zip(kernels.LEDGER, map(float, ledger), strict=True)),
+        time_step=dt,
+        probe=probe,
+        settings=settings,
+    )
+
+
+def _status(driven: bool, overloaded: bool, reachable: bool, caught: bool, passed: bool) -> Status:
+    """Judge a drag: a pulled handle may also be too weak for a climb that is possible."""
+    if overloaded or (not driven and not reachable):
+        return Status.LOCKED
+    if not caught:
+        return Status.NO_CATCH
+    return Status.RELEASES if driven or passed else Status.LOCKED
+
+
+def _start(x: float, y: float, probe: Probe, settings: DragSettings, ball_radius: float) -> NDArray[np.float64]:
+    """Let a tip begin in steady sliding at the speed of its handle, or at rest where a force pulls that."""
+    driven, carried = settings.speed > 0.0, probe.normal_stiffness > 0.0
+    stretch = settings.friction * settings.normal_load / probe.stiffness if driven else 0.0
+    sag = settings.normal_load / probe.normal_stiffness if carried else 0.0
+    return np.array(
+        [
+            x,
+            y,
+            settings.speed,
+            0.0,
+            x + stretch,
+            settings.speed,
+            y - sag if carried else 0.0,
+            math.inf if driven else 0.0,
+            0.1 * ball_radius,
+        ]
     )
 
 

@@ -1,0 +1,55 @@
+"""The stimuli of a set as an axis of a sweep: middles of their tolerances, and which of them can be swept over."""
+
+import math
+from pathlib import Path
+
+import pytest
+
+from stepblocks.declare import load_set
+from stepblocks.errors import PipelineError
+from stepblocks.predict.sweep.axes import setting_of, stimuli_of
+from stepblocks.predict.sweep.plan import parameters_of
+
+STIMULI = Path(__file__).resolve().parents[2] / "stimuli"
+
+
+def test_a_block_stands_at_the_middle_of_its_tolerances_or_at_its_nominal():
+    # Origin: paper-ten declares 50 +-1 um and an edge of +2 / -0 um; rectangular, half width over the root of three.
+    surface, (block,), _ = stimuli_of(STIMULI / "paper-ten.toml", ["step-050"], True)
+    assert surface == "step"
+    assert block["values"] == pytest.approx({"height": 50e-6, "edge_radius": 1e-6})
+    assert block["spreads"] == pytest.approx({"height": 1e-6 / math.sqrt(3), "edge_radius": 1e-6 / math.sqrt(3)})
+    _, (nominal,), _ = stimuli_of(STIMULI / "paper-ten.toml", ["step-050"], False)
+    assert nominal == {"id": "step-050", "values": {"height": 50e-6, "edge_radius": 0.0}, "spreads": {}}
+
+
+def test_crowns_go_by_the_names_of_their_discrepancies():
+    surface, crowns, grid = stimuli_of(STIMULI / "crown-margins.toml", None, False)
+    assert surface == "margin"
+    assert len(crowns) == len(load_set(STIMULI / "crown-margins.toml").stimuli)
+    names = {name for crown in crowns for name in crown["values"]}
+    assert names == {"marginal_gap", "horizontal_discrepancy", "vertical_discrepancy"} <= set(parameters_of("margin"))
+    assert grid.frictions
+
+
+def test_what_a_setting_may_be_off_by_is_plain_for_lengths_and_a_share_for_forces():
+    grid = load_set(STIMULI / "paper-ten.toml").prediction
+    values, plain, shares = setting_of(grid)
+    assert values["normal_load"] == list(grid.normal_loads)
+    assert set(plain) <= {"tip_radius", "friction"}
+    assert shares["normal_load"] == pytest.approx(grid.tolerances.normal_load / math.sqrt(3))
+
+
+@pytest.mark.parametrize(
+    ("name", "wanted", "message"),
+    [
+        ("paper-ten", "step-050", "must be a list of identities"),
+        ("paper-ten", ["step-999"], "must be declared in"),
+        ("probe-tips", ["tip-060"], "give tips as tip_radius"),
+        ("sheaths", ["sheath-hard"], "what a sheath makes of the probe as stiffness"),
+        ("probe-tips", None, "got none"),
+    ],
+)
+def test_what_cannot_be_swept_over_is_one_clear_error(name, wanted, message):
+    with pytest.raises(PipelineError, match=message):
+        stimuli_of(STIMULI / f"{name}.toml", wanted, False)

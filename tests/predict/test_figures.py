@@ -1,0 +1,37 @@
+"""Pictures of a set: one for each tip and friction, the same bytes every time, and none of nothing."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from stepblocks.contact.counterface import Step
+from stepblocks.contact.operating_point import PAPER, OperatingPoint
+from stepblocks.declare import load_set
+from stepblocks.errors import ContactError
+from stepblocks.predict.figures import draw_energy_of_height, draw_margin_map, write_plots
+from stepblocks.predict.margin_map import margin_map
+
+STIMULI = Path(__file__).resolve().parents[2] / "stimuli"
+
+
+def test_a_set_of_tips_has_no_curve_of_its_own(tmp_path):
+    assert list(write_plots(load_set(STIMULI / "probe-tips.toml"), tmp_path)) == []
+
+
+def test_the_same_predictions_are_the_same_picture(tmp_path):
+    steps = [Step(height) for height in np.linspace(5e-6, 100e-6, 9)]
+    table = margin_map(np.linspace(0.0, 100e-6, 9), np.linspace(-30e-6, 30e-6, 7), PAPER)
+    for name in ("a", "b"):
+        draw_energy_of_height(steps, PAPER, {"height": 0.5e-6}, tmp_path / f"energy-{name}.png", [25e-6])
+        draw_margin_map(table, tmp_path / f"map-{name}.png", [(50e-6, 0.0)])
+    for kind in ("energy", "map"):
+        first, second = ((tmp_path / f"{kind}-{name}.png").read_bytes() for name in ("a", "b"))
+        assert first == second
+        assert first.startswith(b"\x89PNG")
+
+
+def test_where_no_height_releases_there_is_nothing_to_draw(tmp_path):
+    with pytest.raises(ContactError, match="needs a height that releases"):
+        draw_energy_of_height([Step(110e-6)], OperatingPoint(125e-6, 1.0, 0.5), {}, tmp_path / "none.png")
+    assert not list(tmp_path.iterdir())
