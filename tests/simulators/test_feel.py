@@ -1,13 +1,17 @@
 """The page on which a step is felt, in a real browser without a network."""
 
+import json
 import math
 import os
 import shutil
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 from stepblocks.cli import main
+from stepblocks.declare import load_set
+from stepblocks.simulators.feel import feel
 
 ROOT = Path(__file__).resolve().parents[2]
 R = 125e-6
@@ -31,6 +35,50 @@ def test_a_set_without_blocks_is_refused_in_one_line(tmp_path, capsys):
     tips = str(ROOT / "stimuli" / "probe-tips.toml")
     assert main(["feel", tips, "-o", str(tmp_path / "x.html"), "--no-open"]) == 2
     assert capsys.readouterr().err.count("\n") == 1
+
+
+def blocks_of(page):
+    """What the page knows of its blocks."""
+    return json.loads(page.read_text().split("const BLOCKS = ")[1].split(";\n")[0])
+
+
+def test_a_notebook_writes_the_page_of_one_file(tmp_path):
+    count = feel(str(ROOT / "stimuli" / "crown-margins.toml"), str(tmp_path / "new" / "x.html"))
+    straight = [s for s in load_set(ROOT / "stimuli" / "crown-margins.toml").stimuli if s.turn_radius is None]
+    assert [block["name"] for block in blocks_of(tmp_path / "new" / "x.html")] == [s.id for s in straight]
+    assert count == len(straight)
+
+
+@pytest.mark.parametrize("name", ["paper-ten", "crown-margins"])
+def test_the_thinned_path_keeps_every_notch_and_the_angle_of_the_formula(name, tmp_path):
+    feel([ROOT / "stimuli" / f"{name}.toml"], tmp_path / "x.html")
+    stimuli = load_set(ROOT / "stimuli" / f"{name}.toml")
+    parts, radius = {part.id: part for part in stimuli.stimuli}, stimuli.prediction.tip_radii[0]
+    for block in blocks_of(tmp_path / "x.html"):
+        path = parts[block["name"]].counterface().centre_path(radius)
+        assert block["angle"] == path.notch(+1.0)[2]
+        for direction, side in ((1.0, "up"), (-1.0, "down")):
+            x, _, angle = path.notch(direction)
+            if angle > 0.0:
+                notch = next(n for n in block["notches"] if n[side])
+                assert notch["x"] == x
+                piece = block["x"].index(x)
+                slope = block["first"][piece] if direction > 0.0 else -block["last"][piece - 1]
+                assert slope == pytest.approx(
+                    min(math.tan(angle), 1e9), rel=1e-9
+                )  # at a wall: steeper than any tip climbs
+        # chords of d = 1.5 degrees lie R d^2 / 8 = 11 nm below the circle, measured square to it
+        off = np.abs(np.interp(path.x, block["x"], block["z"]) - path.z)[1:-1]
+        steepest = np.maximum(np.abs(path.slope_end[:-1]), np.abs(path.slope_start[1:]))
+        assert (off <= radius * math.radians(1.5) ** 2 / 8.0 * np.hypot(1.0, steepest)).all()
+
+
+def test_the_profile_that_is_drawn_is_the_parts_own(tmp_path):
+    feel([ROOT / "stimuli" / "paper-ten.toml"], tmp_path / "x.html")
+    for number, block in enumerate(blocks_of(tmp_path / "x.html"), start=1):
+        x, z = np.array(block["profile"]).T
+        assert (np.diff(x) > 0.0).all()
+        assert sorted(set(z)) == pytest.approx([0.0, number * 10e-6])
 
 
 @pytest.fixture(scope="module")

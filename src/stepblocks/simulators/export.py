@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -31,7 +31,7 @@ class Exported:
 
 
 def export(
-    files: Iterable[str | Path],
+    files: str | Path | Sequence[str | Path],
     simulator: str,
     output: str | Path,
     *,
@@ -52,7 +52,7 @@ def export(
 
     Parameters
     ----------
-    files : iterable of str or Path
+    files : str, Path or sequence of them
         Stimulus files, or folders of them.
     simulator : str
         One of `stepblocks.simulators.scenes.SCENE_FORMATS`.
@@ -102,7 +102,7 @@ def export(
     asked = {"normal_load": normal_load, "friction": friction, "ball_radius": ball_radius, "speed": speed}
     given = {name: value for name, value in asked.items() if value is not None}
     done: list[Exported] = []
-    for stimuli in [load_declared(path) for path in stimulus_files([Path(file) for file in files])]:
+    for stimuli in [load_declared(path) for path in stimulus_files(files)]:
         for part in stimuli.stimuli:
             if only is not None and not matches(only, stimuli.name, part.id):
                 continue

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 import math
-from collections.abc import Iterable
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -23,12 +23,12 @@ _WIDE = 1e-3  # of the drawn profile on either side of the edge [m]
 _KINK = 1e-3  # change of slope that is a corner of the path [1]
 
 
-def feel(files: Iterable[str | Path], page: str | Path) -> int:
+def feel(files: str | Path | Sequence[str | Path], page: str | Path) -> int:
     """Write the page on which the blocks of some sets are felt with the first tip and the tool of the first set.
 
     Parameters
     ----------
-    files : iterable of str or Path
+    files : str, Path or sequence of them
         Stimulus files, or folders of them.
     page : str or Path
         HTML file to write.
@@ -43,7 +43,7 @@ def feel(files: Iterable[str | Path], page: str | Path) -> int:
     StepblocksError
         If a file is wrong, none has a block, or the page cannot be written.
     """
-    sets = [load_declared(path) for path in stimulus_files([Path(file) for file in files])]
+    sets = [load_declared(path) for path in stimulus_files(files)]
     found = [(stimuli, s) for stimuli in sets for s in stimuli.stimuli if s.crossed and s.turn_radius is None]
     if not found:
         raise PipelineError("stepblocks feel needs at least one step_block or margin_block, got none")

@@ -25,40 +25,37 @@ ENGINE_FROM_PART: dict[str, tuple[str, float, Any]] = {
 
 
 def _write(folder: Path, scene: Scene) -> None:
-    write_glb(folder / "block.glb", scene.whole)
-    names = []
-    for piece in scene.pieces:
-        names.append(f"{piece.name}.glb")
-        write_glb(folder / names[-1], piece)
-    probe = []
+    pieces = {f"{piece.name}.glb": piece for piece in scene.pieces}
+    probe = {}
     if scene.probe:
-        probe = ["probe.glb", *(f"{piece.name}.glb" for piece in scene.probe.pieces)]
-        for name, mesh in zip(probe, (scene.probe.whole, *scene.probe.pieces), strict=True):
-            write_glb(folder / name, mesh)
-    engines = {}
-    for name, (axes, unit, matrix) in ENGINE_FROM_PART.items():
-        engines[name] = {
-            "axes": axes,
-            "units_per_metre": unit,
-            "from_part_rows": (unit * matrix).tolist(),
-            "triggers": [
-                {
-                    "drag": event.drag,
-                    "position": _turned(unit * matrix, event.trigger_position, event.trigger_height, scene.scale),
-                    "direction": _turned(matrix, float(event.direction), 0.0, 1.0),
-                }
-                for event in scene.events
-            ],
-        }
+        probe = {"probe.glb": scene.probe.whole} | {f"{piece.name}.glb": piece for piece in scene.probe.pieces}
+    for name, mesh in {"block.glb": scene.whole, **pieces, **probe}.items():
+        write_glb(folder / name, mesh)
     content = scene.parameters() | {
         "whole": "block.glb",
-        "convex_pieces": names,
-        "probe": probe[0] if probe else None,
-        "probe_convex_pieces": probe[1:],
+        "convex_pieces": list(pieces),
+        "probe": next(iter(probe), None),
+        "probe_convex_pieces": list(probe)[1:],
         "contact_gap_m": 1e-6 * scene.scale,
-        "engines": engines,
+        "engines": {name: _engine(scene, *engine) for name, engine in ENGINE_FROM_PART.items()},
     }
     write_json(folder / "scene.json", content)
+
+
+def _engine(scene: Scene, axes: str, unit: float, matrix: Any) -> dict[str, Any]:
+    return {
+        "axes": axes,
+        "units_per_metre": unit,
+        "from_part_rows": (unit * matrix).tolist(),
+        "triggers": [
+            {
+                "drag": event.drag,
+                "position": _turned(unit * matrix, event.trigger_position, event.trigger_height, scene.scale),
+                "direction": _turned(matrix, float(event.direction), 0.0, 1.0),
+            }
+            for event in scene.events
+        ],
+    }
 
 
 def _turned(matrix: Any, x: float, z: float, scale: float) -> list[float]:
