@@ -8,6 +8,7 @@ written out beside the part, with a line to the face it speaks of.
 
 from __future__ import annotations
 
+import itertools
 import re
 from collections.abc import Sequence
 from pathlib import Path
@@ -37,6 +38,7 @@ _PATTERNS = {
 _NAMED = {"DIMENSIONAL_LOCATION": ("distance", "to_outer"), "ANGULAR_LOCATION": ("angle",), "ANGULAR_SIZE": ("cone",)}
 _ZERO = re.compile(r"POSITIVE_LENGTH_MEASURE\(0\.(?:E[-+]?\d+)?\)")
 _HEADER = re.compile(r"FILE_NAME\('[^']*',\s*'[^']*'")
+_OCCURRENCE = re.compile(r"(NEXT_ASSEMBLY_USAGE_OCCURRENCE\()'\d+'")
 _SPACE = re.compile(r"\s*\n\s*")
 _DERIVED = re.compile(r"^#\d+=DERIVED_UNIT\(\((#\d+),(#\d+)\)\)$")
 _FLATNESS = re.compile(r"^#\d+=FLATNESS_TOLERANCE\('[^']*',(?:'[^']*'|\$),#\d+,(#\d+)\)$")
@@ -161,7 +163,11 @@ def conforming(
     data = _Data(section)
     waiting = {entity: [label for kind, label in names if kind in kinds] for entity, kinds in _NAMED.items()}
     angular = {_reference(one) for one in data.instances if "PLANE_ANGLE_UNIT" in one}
-    data.instances = [_mended(instance, waiting, angular) for instance in data.instances]
+    occurrences = itertools.count(1)  # the kernel counts on over all files that a process writes
+    data.instances = [
+        _OCCURRENCE.sub(lambda found: f"{found[1]}'{next(occurrences)}'", _mended(instance, waiting, angular))
+        for instance in data.instances
+    ]
     missing = [label for labels in waiting.values() for label in labels]
     if missing:
         raise MachiningError(f"every named dimension must be written, missing {', '.join(missing)} [{identity}]")
