@@ -5,8 +5,8 @@ The names below are the public face, in the order in which data walks through th
 - asked for: `load_set`, `StimulusSet`, `StepBlock`, `MarginBlock`, `CrownOnTooth`, `StraightTip`, `HookTip`,
   `Sheath`, `Dimension`;
 - shaped: `build_solids`, `mesh_solid`, `convex_pieces`, `height_field`;
-- made: `build`, `BuildReport`;
-- checked: `check_artefact`, `check_output`, `Verdict`, `solid_volumes`;
+- made: `build`, `BuildReport`, `workshop`;
+- checked: `check_artefact`, `check_output`, `check_step`, `Verdict`, `solid_volumes`;
 - felt: what is met, `Counterface`, `Step`, `Margin`, `Profile`; under what, `OperatingPoint`, `Tool`, `PAPER`; and how,
   `step_angle`, `groove_angle`, `margin_angles`, `release_at`, `Release`, `Status`, `interval_of`, `energy_change`;
 - predicted: `predict_set`, `predict_table`, `sweep`, and in time `drag_over`;

@@ -1,5 +1,6 @@
 from .artefacts.check import check_artefact as check_artefact
 from .artefacts.heightfield import height_field as height_field
+from .artefacts.step.part21.check_step import check_step as check_step
 from .artefacts.verdict import Verdict as Verdict
 from .build.run import BuildReport as BuildReport
 from .build.run import build as build
@@ -39,5 +40,6 @@ from .predict.sweep.run import sweep as sweep
 from .predict.table import predict_table as predict_table
 from .quantities import format_quantity as format_quantity
 from .quantities import parse_quantity as parse_quantity
+from .workshop.run import workshop as workshop
 
 __version__: str

@@ -10,7 +10,7 @@ import pytest
 
 from stepblocks.artefacts.inspection_sheet import COLUMNS, sheet_table
 from stepblocks.artefacts.numbers import decimals_for, limits_text, millimetres
-from stepblocks.artefacts.step.write import _callout_lines, _callout_text, _real, _split, conforming
+from stepblocks.artefacts.step.write import _callout_lines, _callout_text, _Data, _real, conforming
 from stepblocks.cad.kernel import Face
 from stepblocks.declare import load_declared
 from stepblocks.errors import MachiningError
@@ -122,7 +122,10 @@ def test_a_real_of_part_21_has_a_point(value, text):
 
 
 def test_semicolons_in_strings_do_not_end_an_instance():
-    assert [part.strip() for part in _split("#1 = A('x;''y;'); #2 = B();")] == ["#1 = A('x;''y;')", "#2 = B()"]
+    data = _Data("#1 = A('x;''y;');\n#7 = B\n  ();\n")
+    assert data.instances == ["#1 = A('x;''y;')", "#7 = B\n  ()"]
+    assert data.find("B") == ["#7 = B()"]
+    assert data.add("C()") == "#8"
 
 
 HEAD = "ISO-10303-21;\nHEADER;\nFILE_NAME('out','2031-01-01T10:00:00');\nENDSEC;\nDATA;\n"

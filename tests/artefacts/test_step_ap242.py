@@ -93,6 +93,14 @@ def test_equal_parts_give_equal_bytes_and_the_header_time_is_pinned(block, tmp_p
     assert "'2000-01-01T00:00:00'" in block.read_text()
 
 
+def test_an_assembly_is_the_same_bytes_however_many_were_written_before_it(tmp_path):
+    # the kernel numbers occurrences on over all files of a process, so that the order of a build would show
+    first = written("crown-shoulder", tmp_path).read_bytes()
+    assert written("crown-shoulder", tmp_path).read_bytes() == first
+    numbers = re.findall(rb"NEXT_ASSEMBLY_USAGE_OCCURRENCE\('(\d+)'", first)
+    assert numbers == [b"1", b"2"]
+
+
 def test_steel_stays_steel_and_its_density_is_one(block):
     report = check_step(block)
     assert report.densities == (7700.0,)

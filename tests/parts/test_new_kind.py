@@ -7,10 +7,9 @@ from typing import ClassVar
 
 import numpy as np
 import pytest
-from stepblocks.artefacts.step.part_file import check_part_step
-from stepblocks.build.check import check_output
 
-from stepblocks.build.run import build
+from stepblocks.artefacts.step.read import check_part_step
+from stepblocks.build.run import build, check_output
 from stepblocks.cad import kernel
 from stepblocks.contact.counterface import Profile
 from stepblocks.declare import load_set
@@ -22,9 +21,9 @@ from stepblocks.parts.revolution import Turned, stack
 from stepblocks.parts.set import kinds, registered
 from stepblocks.parts.tolerance import PositiveLength
 from stepblocks.predict.predictions import predictions_of
-from stepblocks.simulators.export import export_sets
+from stepblocks.simulators.export import export
 from stepblocks.workshop.drawing.write import drawn_dimensions
-from stepblocks.workshop.run import write_orders
+from stepblocks.workshop.run import workshop
 
 
 class CollaredPin(Turned):
@@ -154,7 +153,7 @@ def test_it_is_felt_as_steep_as_its_flanks(pins):
 
 
 def test_it_is_exported_lying_on_its_side(pins, tmp_path):
-    (exported,) = export_sets([pins[0]], "chai3d", tmp_path)
+    (exported,) = export([pins[0]], "chai3d", tmp_path)
     assert exported.name == "pins/collar-050"
     lines = (exported.folder / "block.obj").read_text().splitlines()
     heights = np.array([line.split()[1:] for line in lines if line.startswith("v ")], dtype=float)[:, 2]
@@ -163,7 +162,7 @@ def test_it_is_exported_lying_on_its_side(pins, tmp_path):
 
 
 def test_it_is_drawn_with_every_characteristic(pins, tmp_path):
-    write_orders([pins[0]], tmp_path, None, 1e-6)
+    workshop(pins[0], tmp_path, capability=1e-6)
     folder = tmp_path / "pins" / "collar-050"
     drawn = {one.key: one for one in drawn_dimensions(folder / "collar-050.drawing.dxf")}
     assert drawn["length"].value == pytest.approx(9e-3, abs=1e-9)

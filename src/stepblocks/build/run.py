@@ -192,7 +192,9 @@ def _tables_and_page(
         predictions = Predictions.of(stimuli)
         replace_text(folder / "predictions.csv", predictions.csv(more))
         records = {stimulus.id: load_json(folder / stimulus.id / RECORD) for stimulus in stimuli.stimuli}
-        section = Section(stimuli, predictions, {identity: record for identity, record in records.items() if record})
+        section = Section(
+            stimuli, predictions, {identity: record for identity, record in records.items() if written(record)}
+        )
         sections.append(section)
         listed = [folder / "predictions.csv", *write_sheath_files(stimuli, folder)]
         for identity, record in section.records.items():

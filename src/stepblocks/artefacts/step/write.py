@@ -8,6 +8,7 @@ written out beside the part, with a line to the face it speaks of.
 
 from __future__ import annotations
 
+import itertools
 import re
 from collections.abc import Sequence
 from pathlib import Path
@@ -37,6 +38,10 @@ _PATTERNS = {
 _NAMED = {"DIMENSIONAL_LOCATION": ("distance", "to_outer"), "ANGULAR_LOCATION": ("angle",), "ANGULAR_SIZE": ("cone",)}
 _ZERO = re.compile(r"POSITIVE_LENGTH_MEASURE\(0\.(?:E[-+]?\d+)?\)")
 _HEADER = re.compile(r"FILE_NAME\('[^']*',\s*'[^']*'")
+_OCCURRENCE = re.compile(r"(NEXT_ASSEMBLY_USAGE_OCCURRENCE\()'\d+'")
+_SPACE = re.compile(r"\s*\n\s*")
+_DERIVED = re.compile(r"^#\d+=DERIVED_UNIT\(\((#\d+),(#\d+)\)\)$")
+_FLATNESS = re.compile(r"^#\d+=FLATNESS_TOLERANCE\('[^']*',(?:'[^']*'|\$),#\d+,(#\d+)\)$")
 _DEFINITION = re.compile(r"^(#\d+)\s*=\s*PRODUCT_DEFINITION\(")
 _CONTEXT = re.compile(r"^(#\d+)\s*=\s*\(\s*GEOMETRIC_REPRESENTATION_CONTEXT\(3\)")
 
@@ -154,35 +159,60 @@ def conforming(
     if count != 1:
         raise MachiningError(f"header must have a FILE_NAME to pin [{identity}]")
     head, _, rest = pinned.partition("DATA;")
-    data, _, tail = rest.rpartition("ENDSEC;")
+    section, _, tail = rest.rpartition("ENDSEC;")
+    data = _Data(section)
     waiting = {entity: [label for kind, label in names if kind in kinds] for entity, kinds in _NAMED.items()}
-    whole = [instance.strip() for instance in _split(data)]
-    angular = {one.split("=", 1)[0].strip() for one in whole if "PLANE_ANGLE_UNIT" in one}
-    instances = [_mended(instance, waiting, angular) for instance in whole]
+    angular = {_reference(one) for one in data.instances if "PLANE_ANGLE_UNIT" in one}
+    occurrences = itertools.count(1)  # the kernel counts on over all files that a process writes
+    data.instances = [
+        _OCCURRENCE.sub(lambda found: f"{found[1]}'{next(occurrences)}'", _mended(instance, waiting, angular))
+        for instance in data.instances
+    ]
     missing = [label for labels in waiting.values() for label in labels]
     if missing:
         raise MachiningError(f"every named dimension must be written, missing {', '.join(missing)} [{identity}]")
-    instances = _with_density_unit(instances)
-    # callouts in the kernel's white cannot be seen on paper
-    instances = [
-        one.replace("DRAUGHTING_PRE_DEFINED_COLOUR('white')", "DRAUGHTING_PRE_DEFINED_COLOUR('black')")
-        for one in instances
-    ]
-    instances += _noted(instances, notes, identity)
+    _mend_density_unit(data.instances)
+    if notes:
+        _add_notes(data, notes, identity)
     if texture is not None:
-        instances += _textured(instances, texture, identity)
-    return head + "DATA;\n" + "".join(f"{instance};\n" for instance in instances if instance) + "ENDSEC;" + tail
+        _add_texture(data, texture, identity)
+    return head + "DATA;\n" + "".join(f"{instance};\n" for instance in data.instances) + "ENDSEC;" + tail
 
 
-def _split(data: str) -> list[str]:
-    """Split at semicolons that stand outside of strings."""
-    return [part for part in re.findall(r"(?:'(?:[^']|'')*'|[^';])+", data) if part.strip()]
+class _Data:
+    """The instances of a data section, each without its semicolon."""
+
+    def __init__(self, section: str) -> None:
+        self.instances = [one.strip() for one in re.findall(r"(?:'(?:[^']|'')*'|[^';])+", section) if one.strip()]
+        self._last = max((int(_reference(one)[1:]) for one in self.instances), default=0)
+
+    def find(self, *words: str) -> list[str]:
+        """Instances that hold all words, in one line each."""
+        return [_SPACE.sub("", one) for one in self.instances if all(word in one for word in words)]
+
+    def add(self, entity: str) -> str:
+        """Add an instance under the next number; return its reference."""
+        self._last += 1
+        self.instances.append(f"#{self._last} = {entity}")
+        return f"#{self._last}"
+
+    @property
+    def context(self) -> str | None:
+        """Reference of the context of the shape."""
+        found = (_CONTEXT.match(one) for one in self.find("REPRESENTATION_CONTEXT(3)"))
+        return next((match[1] for match in found if match), None)
+
+
+def _reference(instance: str) -> str:
+    return instance.partition("=")[0].strip()
 
 
 def _mended(instance: str, waiting: dict[str, list[str]], angular: set[str]) -> str:
+    if "DRAUGHTING_PRE_DEFINED_COLOUR" in instance:  # callouts in the kernel's white cannot be seen on paper
+        return instance.replace("('white')", "('black')")
     if not any(word in instance for word in ("MEASURE_WITH_UNIT", "AL_LOCATION(", "ANGULAR_")):
         return instance  # thousands are shape, which nothing here touches
-    flat = re.sub(r"\s*\n\s*", "", instance)
+    flat = _SPACE.sub("", instance)
     limit = _LIMIT.match(flat)
     if limit:
         kind = "PLANE_ANGLE_MEASURE" if limit[3] in angular else "LENGTH_MEASURE"
@@ -196,81 +226,47 @@ def _mended(instance: str, waiting: dict[str, list[str]], angular: set[str]) -> 
     return _ZERO.sub("LENGTH_MEASURE(0.)", flat) if "POSITIVE_LENGTH_MEASURE(" in flat else instance
 
 
-def _with_density_unit(instances: list[str]) -> list[str]:
+def _mend_density_unit(instances: list[str]) -> None:
     """Rewrite the unit of the density, mass^3 length^2, as kilogram per cubic metre."""
-    text = {one.split("=", 1)[0].strip(): index for index, one in enumerate(instances)}
-    for one in [instance for instance in instances if "DERIVED_UNIT" in instance]:
-        unit = re.match(r"^#\d+\s*=\s*DERIVED_UNIT\(\((#\d+),(#\d+)\)\)$", re.sub(r"\s+", "", one))
-        if not unit:
-            continue
+    index = {_reference(one): place for place, one in enumerate(instances)}
+    for unit in filter(None, (_DERIVED.match(re.sub(r"\s+", "", one)) for one in instances if "DERIVED_UNIT" in one)):
         for element, si, power in (
             (unit[1], "(MASS_UNIT()NAMED_UNIT(*)SI_UNIT(.KILO.,.GRAM.))", "1."),
             (unit[2], "(LENGTH_UNIT()NAMED_UNIT(*)SI_UNIT($,.METRE.))", "-3."),
         ):
-            base = re.search(r"DERIVED_UNIT_ELEMENT\((#\d+),", instances[text[element]])
+            base = re.search(r"DERIVED_UNIT_ELEMENT\((#\d+),", instances[index[element]])
             if base is None:
                 raise MachiningError("density must have a derived unit of two elements")
-            instances[text[element]] = f"{element} = DERIVED_UNIT_ELEMENT({base[1]},{power})"
-            instances[text[base[1]]] = f"{base[1]} = {si}"
-    return instances
+            instances[index[element]] = f"{element} = DERIVED_UNIT_ELEMENT({base[1]},{power})"
+            instances[index[base[1]]] = f"{base[1]} = {si}"
 
 
-def _noted(instances: list[str], notes: Sequence[tuple[str, str]], identity: str) -> list[str]:
+def _add_notes(data: _Data, notes: Sequence[tuple[str, str]], identity: str) -> None:
     """Write requirements without a face as properties of the product, which every reader shows."""
-    if not notes:
-        return []
-    definition = next((match[1] for one in instances if (match := _DEFINITION.match(one))), None)
-    context = next(
-        (
-            match[1]
-            for one in instances
-            if "REPRESENTATION_CONTEXT(3)" in one and (match := _CONTEXT.match(re.sub(r"\s*\n\s*", "", one)))
-        ),
-        None,
-    )
-    if definition is None or context is None:
+    products = (_DEFINITION.match(one) for one in data.find("PRODUCT_DEFINITION("))
+    product, context = next((match[1] for match in products if match), None), data.context
+    if product is None or context is None:
         raise MachiningError(f"notes must have a product to belong to [{identity}]")
-    number = max(int(one.split("=", 1)[0].strip()[1:]) for one in instances) + 1
-    added = []
     for name, value in notes:
-        added += [
-            f"#{number} = DESCRIPTIVE_REPRESENTATION_ITEM('{name}','{value}')",
-            f"#{number + 1} = REPRESENTATION('{name}',(#{number}),{context})",
-            f"#{number + 2} = PROPERTY_DEFINITION('requirement','{name}',{definition})",
-            f"#{number + 3} = PROPERTY_DEFINITION_REPRESENTATION(#{number + 2},#{number + 1})",
-        ]
-        number += 4
-    return added
+        item = data.add(f"DESCRIPTIVE_REPRESENTATION_ITEM('{name}','{value}')")
+        shown = data.add(f"REPRESENTATION('{name}',({item}),{context})")
+        owner = data.add(f"PROPERTY_DEFINITION('requirement','{name}',{product})")
+        data.add(f"PROPERTY_DEFINITION_REPRESENTATION({owner},{shown})")
 
 
-_FLATNESS = re.compile(r"^#\d+=FLATNESS_TOLERANCE\('[^']*',(?:'[^']*'|\$),#\d+,(#\d+)\)$")
-
-
-def _textured(instances: list[str], roughness: float, identity: str) -> list[str]:
+def _add_texture(data: _Data, roughness: float, identity: str) -> None:
     """Write Ra as a typed property of every face that has a flatness tolerance."""
-    flat = [re.sub(r"\s+", "", one) for one in instances if "FLATNESS_TOLERANCE" in one]
-    aspects = [match[1] for one in flat if (match := _FLATNESS.match(one))]
-    whole = {
-        one.split("=", 1)[0].strip(): re.sub(r"\s*\n\s*", "", one)
-        for one in instances
-        if "UNIT" in one or "_CONTEXT" in one
-    }
-    context = next((ref for ref, one in whole.items() if _CONTEXT.match(one)), None)
-    millimetre = next((ref for ref, one in whole.items() if "LENGTH_UNIT" in one and ".MILLI." in one), None)
-    if not aspects or context is None or millimetre is None:
+    flat = (_FLATNESS.match(re.sub(r"\s+", "", one)) for one in data.find("FLATNESS_TOLERANCE"))
+    faces, context = [match[1] for match in flat if match], data.context
+    millimetre = next(iter(data.find("LENGTH_UNIT", ".MILLI.")), None)
+    if not faces or context is None or millimetre is None:
         raise MachiningError(f"surface texture must have faces with a flatness tolerance, got none [{identity}]")
-    number = max(int(one.split("=", 1)[0].strip()[1:]) for one in instances) + 1
-    added = [
-        f"#{number} = MEASURE_REPRESENTATION_ITEM('Ra',LENGTH_MEASURE({_real(roughness * 1e3)}),{millimetre})",
-        f"#{number + 1} = REPRESENTATION('surface texture',(#{number}),{context})",
-    ]
-    for index, aspect in enumerate(aspects):
-        place = number + 2 + 2 * index
-        added += [
-            f"#{place} = PROPERTY_DEFINITION('surface texture','Ra, largest',{aspect})",
-            f"#{place + 1} = PROPERTY_DEFINITION_REPRESENTATION(#{place},#{number + 1})",
-        ]
-    return added
+    measure = f"LENGTH_MEASURE({_real(roughness * 1e3)}),{_reference(millimetre)}"
+    item = data.add(f"MEASURE_REPRESENTATION_ITEM('Ra',{measure})")
+    shown = data.add(f"REPRESENTATION('surface texture',({item}),{context})")
+    for face in faces:
+        owner = data.add(f"PROPERTY_DEFINITION('surface texture','Ra, largest',{face})")
+        data.add(f"PROPERTY_DEFINITION_REPRESENTATION({owner},{shown})")
 
 
 def _real(value: float) -> str:
