@@ -25,13 +25,13 @@ def shared():
 @pytest.fixture(scope="session")
 def shipped_output(tmp_path_factory):
     """Output folder with every shipped stimulus built; processes that share the tests share it, the first one builds."""
-    from stepblocks.build.run import build
+    from stepblocks.build.run import build_sets
     from stepblocks.select import stimulus_files
 
     several = "PYTEST_XDIST_WORKER" in os.environ
     base = tmp_path_factory.getbasetemp().parent if several else tmp_path_factory.getbasetemp()
     with (base / "shipped.lock").open("w") as lock:
         fcntl.flock(lock, fcntl.LOCK_EX)
-        report = build(stimulus_files([ROOT / "stimuli"]), base / "shipped")
+        report = build_sets(stimulus_files([ROOT / "stimuli"]), base / "shipped")
     assert report.failures == []
     return base / "shipped"

@@ -1,7 +1,9 @@
 """The public face: every promised name is there, and importing the package costs nothing."""
 
+import inspect
 import subprocess
 import sys
+from pathlib import Path
 
 import stepblocks
 
@@ -16,3 +18,18 @@ def test_importing_the_package_loads_nothing_else():
     code = "import sys, stepblocks; print(sorted({'numpy', 'pydantic', 'pint', 'OCP'} & set(sys.modules)))"
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     assert done.stdout.strip() == "[]"
+
+
+def test_no_public_name_is_hidden_by_the_room_of_the_same_name():
+    # once a room is imported, its name on the package means the room, never a function
+    rooms = {path.name for path in Path(stepblocks.__file__).parent.iterdir() if path.is_dir()}
+    assert not rooms & set(stepblocks.__all__)
+
+
+def test_every_public_function_says_what_it_takes_and_gives():
+    for name in stepblocks.__all__:
+        found = getattr(stepblocks, name)
+        if inspect.isfunction(found):
+            assert "Returns\n-------" in inspect.getdoc(found) or "Yields" in inspect.getdoc(found), name
+            if inspect.signature(found).parameters:
+                assert "Parameters\n----------" in inspect.getdoc(found), name

@@ -1,15 +1,19 @@
 """Haptic step stimuli, asked for, shaped, made, checked, predicted, felt and explained.
 
-The names below are the public face, in the order in which data walks through them:
+Everything a command does, a notebook can. The names below are the public face, in the order in which data walks through them:
 
-- asked for: `load_set`, `StimulusSet`, `StepBlock`, `MarginBlock`, `CrownOnTooth`, `StraightTip`, `HookTip`,
-  `Sheath`, `Dimension`;
-- shaped: `build_solids`, `mesh_solid`, `convex_pieces`, `height_field`;
-- made: `build`, `BuildReport`, `workshop`;
-- checked: `check_artefact`, `check_output`, `check_step`, `Verdict`, `solid_volumes`;
-- felt: what is met, `Counterface`, `Step`, `Margin`, `Profile`; under what, `OperatingPoint`, `Tool`, `PAPER`; and how,
-  `step_angle`, `groove_angle`, `margin_angles`, `release_at`, `Release`, `Status`, `interval_of`, `energy_change`;
-- predicted: `predict_set`, `predict_table`, `sweep`, and in time `drag_over`;
+- asked for: `load_set`, `StimulusSet`, `StepBlock`, `MarginBlock`, `CrownOnTooth`, `GroovedCylinder`, `StraightTip`,
+  `HookTip`, `Sheath`, `Dimension`;
+- shaped: `build_solids`, `mesh_solid`, `convex_pieces`, `height_field`, `solid_volumes`;
+- made and checked: `build_sets`, `BuildReport`, `check_output`, `check_artefact`, `check_step`, `Verdict`, `order_parts`;
+- met by a slider: `Counterface`, `Step`, `Margin`, `Groove`, `Profile`, under an `OperatingPoint` with its `Tool`; the paper's
+  is `PAPER`;
+- predicted: `step_angle`, `groove_angle`, `margin_angles`, `release_at`, `Release`, `Status`, `interval_of`, `energy_change`,
+  `predict_set`, `predict_table`, `predict_trials`, `sweep`, `drag_over`, `vibration_events`;
+- felt: `export`, `feel`;
+- measured: `read_scan`, `inspect_scan`, `inspect_standard`, `write_inspection`, `read_as_built`, `measure`, `simulate_session`;
+- explained: `loop_session`, `read_model`;
+- judged by people: `design_study`, `write_sheets`, `simulate_study`, `analyse_study`, `study_power`, `start_adaptive`;
 - and when something is wrong: `StepblocksError`; at the border of units: `parse_quantity`, `format_quantity`.
 
 Importing this package imports nothing heavy; each name is loaded when it is first used (its home stands in ``__init__.pyi``).

@@ -1,11 +1,17 @@
+from .artefacts.as_built import read_as_built as read_as_built
 from .artefacts.check import check_artefact as check_artefact
 from .artefacts.heightfield import height_field as height_field
+from .artefacts.model_file import read_model as read_model
+from .artefacts.scans.read import read_scan as read_scan
 from .artefacts.step.part21.check_step import check_step as check_step
 from .artefacts.verdict import Verdict as Verdict
+from .bench.measure import measure as measure
+from .bench.rehearse.run import simulate_session as simulate_session
 from .build.run import BuildReport as BuildReport
-from .build.run import build as build
+from .build.run import build_sets as build_sets
 from .build.run import check_output as check_output
 from .contact.counterface import Counterface as Counterface
+from .contact.counterface import Groove as Groove
 from .contact.counterface import Margin as Margin
 from .contact.counterface import Profile as Profile
 from .contact.counterface import Step as Step
@@ -15,6 +21,7 @@ from .contact.critical_angle import step_angle as step_angle
 from .contact.energy import Release as Release
 from .contact.energy import Status as Status
 from .contact.energy import release_at as release_at
+from .contact.event import vibration_events as vibration_events
 from .contact.felt import energy_change as energy_change
 from .contact.operating_point import PAPER as PAPER
 from .contact.operating_point import OperatingPoint as OperatingPoint
@@ -23,7 +30,12 @@ from .contact.uncertainty import interval_of as interval_of
 from .declare import load_set as load_set
 from .drag.run import drag_over as drag_over
 from .errors import StepblocksError as StepblocksError
+from .inspect.report import write_inspection as write_inspection
+from .inspect.run import inspect_scan as inspect_scan
+from .inspect.run import inspect_standard as inspect_standard
+from .loop.run import loop_session as loop_session
 from .parts.kinds.crown_on_tooth import CrownOnTooth as CrownOnTooth
+from .parts.kinds.grooved_cylinder import GroovedCylinder as GroovedCylinder
 from .parts.kinds.margin_block import MarginBlock as MarginBlock
 from .parts.kinds.sheath import Sheath as Sheath
 from .parts.kinds.step_block import StepBlock as StepBlock
@@ -38,8 +50,17 @@ from .parts.tolerance import Dimension as Dimension
 from .predict.predictions import predict_set as predict_set
 from .predict.sweep.run import sweep as sweep
 from .predict.table import predict_table as predict_table
+from .predict.trials import predict_trials as predict_trials
 from .quantities import format_quantity as format_quantity
 from .quantities import parse_quantity as parse_quantity
-from .workshop.run import workshop as workshop
+from .simulators.export import export as export
+from .simulators.feel import feel as feel
+from .study.adaptive import start_adaptive as start_adaptive
+from .study.run import analyse_study as analyse_study
+from .study.run import design_study as design_study
+from .study.run import simulate_study as simulate_study
+from .study.run import study_power as study_power
+from .study.run import write_sheets as write_sheets
+from .workshop.run import order_parts as order_parts
 
 __version__: str

@@ -12,7 +12,7 @@ import pytest
 
 from stepblocks.build import run as building
 from stepblocks.build.manifest import hash_file
-from stepblocks.build.run import build
+from stepblocks.build.run import build_sets
 
 ROOT = Path(__file__).resolve().parents[2]
 SMALL = (
@@ -39,7 +39,7 @@ def source(tmp_path_factory):
 @pytest.fixture(scope="module")
 def first(source, tmp_path_factory):
     output = tmp_path_factory.mktemp("first")
-    report = build([source], output, jobs=2)
+    report = build_sets([source], output, jobs=2)
     assert sorted(report.built) == ["small/step-010", "small/step-020"]
     return output
 
@@ -48,7 +48,7 @@ def test_two_builds_in_two_places_are_the_same_bytes(first, tmp_path):
     source = tmp_path / "elsewhere" / "small.toml"
     source.parent.mkdir()
     source.write_text(SMALL)
-    build([source], tmp_path / "out", jobs=1)
+    build_sets([source], tmp_path / "out", jobs=1)
     assert tree(tmp_path / "out") == tree(first)
 
 
@@ -94,7 +94,7 @@ def test_only_what_is_damaged_is_built_again(copy, source, first, damage):
         victim.write_bytes(b"changed")
     else:
         victim.unlink()
-    report = build([source], copy, jobs=1)
+    report = build_sets([source], copy, jobs=1)
     assert report.built == ["small/step-020"]
     assert report.current == 1
     assert tree(copy) == tree(first)
@@ -103,7 +103,7 @@ def test_only_what_is_damaged_is_built_again(copy, source, first, damage):
 def test_a_changed_stimulus_is_built_again_and_a_dropped_one_removed(copy, tmp_path):
     source = tmp_path / "small.toml"
     source.write_text(SMALL.replace('to = "20 um"', 'to = "10 um"').replace('nominal = "2 mm"', 'nominal = "2.5 mm"'))
-    report = build([source], copy, jobs=1)
+    report = build_sets([source], copy, jobs=1)
     assert report.built == ["small/step-010"]
     assert not (copy / "small" / "step-020").exists()
 
@@ -115,17 +115,17 @@ def test_files_of_the_user_stay_also_in_folders_that_are_dropped(copy, tmp_path)
     edited.write_text("mine now")
     source = tmp_path / "small.toml"
     source.write_text(SMALL.replace('to = "20 um"', 'to = "10 um"'))
-    build([source], copy, jobs=1)
+    build_sets([source], copy, jobs=1)
     assert notes.read_text() == "measured on Tuesday"
     assert edited.read_text() == "mine now"
     assert not (copy / "small" / "step-020" / "step-020.stl").exists()
 
 
 def test_only_builds_what_it_matches(source, tmp_path):
-    report = build([source], tmp_path, only="*020", jobs=1)
+    report = build_sets([source], tmp_path, only="*020", jobs=1)
     assert report.built == ["small/step-020"]
     assert not (tmp_path / "small" / "step-010").exists()
-    assert build([source], tmp_path, jobs=1).built == ["small/step-010"]
+    assert build_sets([source], tmp_path, jobs=1).built == ["small/step-010"]
 
 
 def test_an_interrupted_build_goes_on_where_it_stopped(source, tmp_path, monkeypatch, first):
@@ -133,9 +133,9 @@ def test_an_interrupted_build_goes_on_where_it_stopped(source, tmp_path, monkeyp
         raise KeyboardInterrupt
 
     with pytest.raises(KeyboardInterrupt):
-        build([source], tmp_path / "out", jobs=1, announce=interrupt)
+        build_sets([source], tmp_path / "out", jobs=1, announce=interrupt)
     assert not list((tmp_path / "out").glob(".partial*"))
-    report = build([source], tmp_path / "out", jobs=1)
+    report = build_sets([source], tmp_path / "out", jobs=1)
     assert (report.built, report.current) == (["small/step-020"], 1)
     assert tree(tmp_path / "out") == tree(first)
 
@@ -173,7 +173,7 @@ def test_a_stimulus_that_fails_half_way_leaves_nothing_half_written(source, tmp_
 
     monkeypatch.setattr(shapes, "convex_pieces", fail)
     with pytest.raises(HapticsError):
-        build([source], tmp_path / "out", jobs=1)
+        build_sets([source], tmp_path / "out", jobs=1)
     assert [path.name for path in (tmp_path / "out").rglob("*")] == []
 
 
@@ -193,11 +193,11 @@ def test_selection_and_output_are_checked_before_anything_is_built(source, tmp_p
     from stepblocks.errors import PipelineError
 
     with pytest.raises(PipelineError, match="--only must match"):
-        build([source], tmp_path / "out", only="nothing-*")
+        build_sets([source], tmp_path / "out", only="nothing-*")
     blocked = tmp_path / "a file"
     blocked.write_text("")
     with pytest.raises(PipelineError, match="output folder cannot be made"):
-        build([source], blocked)
+        build_sets([source], blocked)
     with pytest.raises(PipelineError, match="expected a stimulus file"):
         building.stimulus_files([tmp_path / "none.toml"])
     with pytest.raises(PipelineError, match="different names"):

@@ -12,7 +12,7 @@ from stepblocks.atomic import folder_beside, inside
 from stepblocks.build import manifest as manifests
 from stepblocks.build import run as building
 from stepblocks.build.manifest import RECORD, digest, hash_file, intact, load_json, unchanged, written
-from stepblocks.build.run import BuildReport, build, check_output
+from stepblocks.build.run import BuildReport, build_sets, check_output
 from stepblocks.cli import main
 from stepblocks.errors import PipelineError
 
@@ -24,8 +24,8 @@ OUTWARD = ["", ".", "..", "../x", "a/../../x", "/etc/hostname", "a/..", "x\0y"]
 @pytest.fixture(scope="module")
 def made(tmp_path_factory):
     output = tmp_path_factory.mktemp("made") / "out"
-    build(SHEATHS, output, only="sheath-hard", jobs=1)
-    build(SHEATHS, output, jobs=1)
+    build_sets(SHEATHS, output, only="sheath-hard", jobs=1)
+    build_sets(SHEATHS, output, jobs=1)
     return output
 
 
@@ -97,7 +97,7 @@ def test_a_manifest_that_names_a_file_outside_does_not_delete_it(place, copy, tm
     content["outputs"][name] = hash_file(victim)
     content["code"] = "an older one"
     (copy / "manifest.json").write_text(json.dumps(content))
-    build(SHEATHS, copy, jobs=1)
+    build_sets(SHEATHS, copy, jobs=1)
     assert victim.read_text() == "mine"
     assert name not in written(load_json(copy / "manifest.json"))
 
@@ -110,7 +110,7 @@ def test_a_record_that_names_a_file_outside_does_not_delete_it(place, copy, tmp_
     content = json.loads(path.read_text())
     content["outputs"][str(victim) if place == "absolute" else "../../mine.txt"] = hash_file(victim)
     path.write_text(json.dumps(content))
-    report = build(SHEATHS, copy, jobs=1)
+    report = build_sets(SHEATHS, copy, jobs=1)
     assert report.built == ["sheaths/sheath-soft"]  # its record is not believed, so it is made again
     assert victim.read_text() == "mine"
 
@@ -122,7 +122,7 @@ def test_a_folder_that_is_a_link_is_not_written_through(linked, tmp_path, capsys
     (output / linked).parent.mkdir(parents=True)
     (output / linked).symlink_to(elsewhere)
     with pytest.raises(PipelineError, match="no link on the way"):
-        build(SHEATHS, output, jobs=1)
+        build_sets(SHEATHS, output, jobs=1)
     assert list(elsewhere.iterdir()) == []
     assert main(["build", str(SHEATHS), "-o", str(output)]) == 2
     assert capsys.readouterr().err.count("\n") == 1
@@ -130,7 +130,7 @@ def test_a_folder_that_is_a_link_is_not_written_through(linked, tmp_path, capsys
 
 def test_the_output_folder_itself_may_be_a_link(made, tmp_path):
     (tmp_path / "here").symlink_to(made)
-    assert build(SHEATHS, tmp_path / "here", jobs=1).built == []
+    assert build_sets(SHEATHS, tmp_path / "here", jobs=1).built == []
 
 
 def test_two_runs_in_two_containers_never_share_a_draft(tmp_path, monkeypatch):
@@ -159,7 +159,7 @@ def test_draft_folders_of_killed_runs_are_swept_and_those_of_the_living_stay(tmp
 
 def test_a_script_without_a_main_guard_builds_in_several_processes(tmp_path):
     script = tmp_path / "plain.py"
-    script.write_text(f"import stepblocks\nprint(stepblocks.build({str(SHEATHS)!r}, 'out', jobs=2).built)\n")
+    script.write_text(f"import stepblocks\nprint(stepblocks.build_sets({str(SHEATHS)!r}, 'out', jobs=2).built)\n")
     done = subprocess.run([sys.executable, str(script)], cwd=tmp_path, capture_output=True, text=True, check=False)
     assert done.returncode == 0, done.stderr
     assert done.stdout.count("sheaths/sheath-") == 2
@@ -172,7 +172,7 @@ def test_files_default_to_the_folder_of_stimuli_and_paths_may_be_texts(made, tmp
     (tmp_path / "stimuli" / "sheaths.toml").write_text(SHEATHS.read_text())
     monkeypatch.chdir(tmp_path)
     for files in (None, "stimuli", ["stimuli/sheaths.toml"], Path("stimuli")):
-        assert build(files, str(made), jobs=1).current == 2
+        assert build_sets(files, str(made), jobs=1).current == 2
 
 
 def test_a_set_is_predicted_once_a_build(copy, monkeypatch):
@@ -184,7 +184,7 @@ def test_a_set_is_predicted_once_a_build(copy, monkeypatch):
         predictions, "predictions_of", lambda stimuli: (calls.append(stimuli.name), counted(stimuli))[1]
     )
     (copy / "index.html").unlink()
-    build(SHEATHS, copy, jobs=1)
+    build_sets(SHEATHS, copy, jobs=1)
     assert calls == ["sheaths"]
     assert (copy / "index.html").is_file()
 
@@ -215,5 +215,5 @@ def test_a_notebook_sees_what_a_build_did_with_nothing_left_unescaped():
 def test_a_folder_that_cannot_be_written_is_refused_before_anything_is_made(tmp_path, monkeypatch):
     monkeypatch.setattr(building.os, "access", lambda path, mode: False)
     with pytest.raises(PipelineError, match="must be writable"):
-        build(SHEATHS, tmp_path / "out", jobs=1)
+        build_sets(SHEATHS, tmp_path / "out", jobs=1)
     assert list((tmp_path / "out").iterdir()) == []

@@ -197,9 +197,9 @@ def test_the_name_of_a_tip_gives_its_radius() -> None:
 )
 def test_the_shared_sessions_end_as_told(session: str, verdict: str, effect: str | None, tmp_path: Path) -> None:
     pytest.importorskip("stepblocks.bench.measure")
-    from stepblocks.loop.run import loop
+    from stepblocks.loop.run import loop_session
 
-    assert str(loop(_SHARED / "bench" / session, tmp_path, jobs=2).verdict) == verdict
+    assert str(loop_session(_SHARED / "bench" / session, tmp_path, jobs=2).verdict) == verdict
     result = json.loads((tmp_path / "result.json").read_text())
     assert [e["id"] for e in result["effects"]] == ([effect] if effect else [])
     if session == "blunt":

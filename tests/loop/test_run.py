@@ -11,7 +11,7 @@ import pytest
 from oracles.feature_bench import bench_trials, design_columns
 from oracles.features_file import features_of
 from stepblocks.errors import PipelineError
-from stepblocks.loop.run import analyse_features, loop
+from stepblocks.loop.run import analyse_features, loop_session
 from stepblocks.loop.search.explain import Rules, Verdict
 from stepblocks.predict.trials import predict_trials
 
@@ -75,9 +75,9 @@ def test_workers_give_the_same_answer_and_ask_a_script_for_no_guard(quiet, tmp_p
 def test_a_session_without_the_radius_of_its_tip_is_refused(tmp_path):
     (tmp_path / "session.toml").write_text("schema = 1\n")
     with pytest.raises(Exception, match="probe"):
-        loop(tmp_path)
+        loop_session(tmp_path)
 
 
 def test_records_that_do_not_exist_are_told_before_anything_is_measured(tmp_path):
     with pytest.raises(PipelineError, match="at least one record"):
-        loop(tmp_path, as_built=[tmp_path])
+        loop_session(tmp_path, as_built=[tmp_path])

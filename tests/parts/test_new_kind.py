@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from stepblocks.artefacts.step.read import check_part_step
-from stepblocks.build.run import build, check_output
+from stepblocks.build.run import build_sets, check_output
 from stepblocks.cad import kernel
 from stepblocks.contact.counterface import Profile
 from stepblocks.declare import load_set
@@ -23,7 +23,7 @@ from stepblocks.parts.tolerance import PositiveLength
 from stepblocks.predict.predictions import predictions_of
 from stepblocks.simulators.export import export
 from stepblocks.workshop.drawing.write import drawn_dimensions
-from stepblocks.workshop.run import workshop
+from stepblocks.workshop.run import order_parts
 
 
 class CollaredPin(Turned):
@@ -97,7 +97,7 @@ def pins(tmp_path_factory):
     path = folder / "pins.toml"
     path.write_text(TEXT)
     with registered(CollaredPin):
-        report = build([path], folder / "out", jobs=1)
+        report = build_sets([path], folder / "out", jobs=1)
         yield path, folder, report
 
 
@@ -162,7 +162,7 @@ def test_it_is_exported_lying_on_its_side(pins, tmp_path):
 
 
 def test_it_is_drawn_with_every_characteristic(pins, tmp_path):
-    workshop(pins[0], tmp_path, capability=1e-6)
+    order_parts(pins[0], tmp_path, capability=1e-6)
     folder = tmp_path / "pins" / "collar-050"
     drawn = {one.key: one for one in drawn_dimensions(folder / "collar-050.drawing.dxf")}
     assert drawn["length"].value == pytest.approx(9e-3, abs=1e-9)

@@ -14,7 +14,7 @@ from stepblocks.parts.kinds.tips import StraightTip
 from stepblocks.workshop.drawing import write as drawing
 from stepblocks.workshop.drawing.write import VIEWS, drawn_dimensions, write_drawing
 from stepblocks.workshop.gauge_route import GRADES, choose_pair
-from stepblocks.workshop.run import Order, route_table, workshop
+from stepblocks.workshop.run import Order, order_parts, route_table
 
 STIMULI = Path(__file__).parents[2] / "stimuli"
 
@@ -22,7 +22,7 @@ STIMULI = Path(__file__).parents[2] / "stimuli"
 @pytest.fixture(scope="module")
 def orders(tmp_path_factory):
     folder = tmp_path_factory.mktemp("orders")
-    return folder, workshop(STIMULI / "probe-tips.toml", folder, only="tip-125")
+    return folder, order_parts(STIMULI / "probe-tips.toml", folder, only="tip-125")
 
 
 def test_one_order_names_the_files_of_its_part_and_a_tip_has_no_routes(orders):
@@ -39,7 +39,7 @@ def test_one_order_names_the_files_of_its_part_and_a_tip_has_no_routes(orders):
 def test_a_capability_may_be_a_text_or_metres_and_decides_which_route_reaches(tmp_path):
     found = []
     for capability in ("0.5 um", 0.5e-6, None):
-        (order,) = workshop([str(STIMULI / "paper-ten.toml")], str(tmp_path), only="step-050", capability=capability)
+        (order,) = order_parts([str(STIMULI / "paper-ten.toml")], str(tmp_path), only="step-050", capability=capability)
         found.append({route.name: (route.deviation, route.reaches) for route in order.routes})
     assert found[0] == found[1]
     assert found[0]["one piece"] == (0.5e-6, True)  # 0.5 um of a workshop against +-1 um asked for
@@ -50,20 +50,20 @@ def test_a_capability_may_be_a_text_or_metres_and_decides_which_route_reaches(tm
 @pytest.mark.parametrize("capability", ["0 um", "-1 um", 0.0])
 def test_a_capability_must_be_positive(capability, tmp_path):
     with pytest.raises(MachiningError, match="capability must be positive"):
-        workshop(STIMULI / "paper-ten.toml", tmp_path, only="step-050", capability=capability)
+        order_parts(STIMULI / "paper-ten.toml", tmp_path, only="step-050", capability=capability)
 
 
 def test_a_capability_has_a_unit_of_length(tmp_path):
     with pytest.raises(StepblocksError):
-        workshop(STIMULI / "paper-ten.toml", tmp_path, capability="2 N")
+        order_parts(STIMULI / "paper-ten.toml", tmp_path, capability="2 N")
 
 
 def test_an_order_is_told_when_it_is_written_and_none_is_an_error(tmp_path):
     told = []
-    workshop(STIMULI / "sheaths.toml", tmp_path, only="sheaths/sheath-hard", announce=told.append)
+    order_parts(STIMULI / "sheaths.toml", tmp_path, only="sheaths/sheath-hard", announce=told.append)
     assert [order.name for order in told] == ["sheaths/sheath-hard"]
     with pytest.raises(PipelineError, match="selection must match"):
-        workshop(STIMULI / "sheaths.toml", tmp_path, only="step-*")
+        order_parts(STIMULI / "sheaths.toml", tmp_path, only="step-*")
 
 
 @pytest.mark.parametrize("linked", ["sheaths", "sheaths/sheath-hard"])
@@ -73,13 +73,13 @@ def test_a_folder_that_is_a_link_is_not_written_through(linked, tmp_path):
     (output / linked).parent.mkdir(parents=True)
     (output / linked).symlink_to(elsewhere)
     with pytest.raises(PipelineError, match="no link on the way"):
-        workshop(STIMULI / "sheaths.toml", output, only="sheath-hard")
+        order_parts(STIMULI / "sheaths.toml", output, only="sheath-hard")
     assert list(elsewhere.iterdir()) == []
     assert main(["workshop", str(STIMULI / "sheaths.toml"), "-o", str(output)]) == 2
 
 
 def test_the_table_of_routes_has_a_line_for_each_with_its_note(tmp_path):
-    orders = workshop(STIMULI / "paper-ten.toml", tmp_path, only="step-010")
+    orders = order_parts(STIMULI / "paper-ten.toml", tmp_path, only="step-010")
     head, rule, *lines = route_table([*orders, Order("a/tip", (), ())]).splitlines()
     assert head.split()[:2] == ["part", "route"]
     assert set(rule) == {"-"}

@@ -54,7 +54,7 @@ class BuildReport:
         )
 
 
-def build(
+def build_sets(
     files: str | Path | Sequence[str | Path] | None = None,
     output: str | Path = "out",
     *,

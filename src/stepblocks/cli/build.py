@@ -41,12 +41,12 @@ def _jobs(text: str) -> int:
 
 
 def _run(arguments: argparse.Namespace) -> int:
-    from stepblocks.build.run import build
+    from stepblocks.build.run import build_sets
 
     silent = arguments.quiet or arguments.json
     progress = _Progress(silent)
     try:
-        report = build(
+        report = build_sets(
             arguments.files,
             arguments.output,
             only=arguments.only,

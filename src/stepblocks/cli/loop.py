@@ -34,9 +34,9 @@ def add_to(subparsers: Any) -> None:
 
 
 def _run(arguments: argparse.Namespace) -> int:
-    from stepblocks.loop.run import loop
+    from stepblocks.loop.run import loop_session
 
-    result = loop(
+    result = loop_session(
         arguments.session,
         arguments.output,
         jobs=arguments.jobs,

@@ -28,9 +28,9 @@ def add_to(commands: Any) -> None:
 
 
 def _run(arguments: argparse.Namespace) -> int:
-    from stepblocks.workshop.run import route_table, workshop
+    from stepblocks.workshop.run import order_parts, route_table
 
-    orders = workshop(
+    orders = order_parts(
         arguments.files,
         arguments.output,
         only=arguments.only,

@@ -16,7 +16,21 @@ from stepblocks.errors import ContactError
 def energy_change(
     before: Counterface | Release, after: Counterface | Release, point: OperatingPoint, backward: bool = False
 ) -> float:
-    """Relative change of the energy that is felt over two counterfaces, or of what was found over one; NaN unless both release.
+    """Relative change of the energy that is felt; NaN unless both release.
+
+    Parameters
+    ----------
+    before, after : Counterface or Release
+        Two counterfaces, or what was found over one.
+    point : OperatingPoint
+        Under which they are dragged over.
+    backward : bool
+        Direction of the drag.
+
+    Returns
+    -------
+    float
+        ``E_v(after) / E_v(before) - 1`` [1].
 
     Examples
     --------

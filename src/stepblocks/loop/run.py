@@ -35,7 +35,7 @@ _WITHIN, _BETWEEN = 3, 4  # folds
 _FEWEST = 12  # trials that a fold must leave
 
 
-def loop(
+def loop_session(
     session: str | Path,
     output: str | Path | None = None,
     *,

@@ -29,7 +29,7 @@ class Order:
     routes: tuple[Route, ...]  # ways to make a step block; empty for other parts
 
 
-def workshop(
+def order_parts(
     files: str | Path | Sequence[str | Path] | None = None,
     output: str | Path = "out",
     *,
