@@ -10,6 +10,7 @@ The names below are the public face, in the order in which data walks through th
 - felt: what is met, `Counterface`, `Step`, `Margin`, `Profile`; under what, `OperatingPoint`, `Tool`, `PAPER`; and how,
   `step_angle`, `groove_angle`, `margin_angles`, `release_at`, `Release`, `Status`, `interval_of`, `energy_change`;
 - predicted: `predict_set`, `predict_table`, `sweep`, and in time `drag_over`;
+- for the simulator: `export`, `feel`, `Renderer`, `vibration_events`;
 - and when something is wrong: `StepblocksError`; at the border of units: `parse_quantity`, `format_quantity`.
 
 Importing this package imports nothing heavy; each name is loaded when it is first used (its home stands in ``__init__.pyi``).

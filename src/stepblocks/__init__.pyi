@@ -15,6 +15,7 @@ from .contact.critical_angle import step_angle as step_angle
 from .contact.energy import Release as Release
 from .contact.energy import Status as Status
 from .contact.energy import release_at as release_at
+from .contact.event import vibration_events as vibration_events
 from .contact.felt import energy_change as energy_change
 from .contact.operating_point import PAPER as PAPER
 from .contact.operating_point import OperatingPoint as OperatingPoint
@@ -40,6 +41,9 @@ from .predict.sweep.run import sweep as sweep
 from .predict.table import predict_table as predict_table
 from .quantities import format_quantity as format_quantity
 from .quantities import parse_quantity as parse_quantity
+from .simulators.export import export as export
+from .simulators.feel import feel as feel
+from .simulators.renderer import Renderer as Renderer
 from .workshop.run import workshop as workshop
 
 __version__: str
