@@ -55,6 +55,7 @@ from .quantities import format_quantity as format_quantity
 from .quantities import parse_quantity as parse_quantity
 from .simulators.export import export as export
 from .simulators.feel import feel as feel
+from .simulators.renderer import Renderer as Renderer
 from .study.adaptive import start_adaptive as start_adaptive
 from .study.run import analyse_study as analyse_study
 from .study.run import design_study as design_study
