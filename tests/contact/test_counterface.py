@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from oracles.tip_paths import step_path
-from stepblocks.contact.counterface import Margin, Profile, Step
+from stepblocks.contact.counterface import Groove, Margin, Profile, Step
 from stepblocks.contact.critical_angle import bevelled_margin_angles, margin_angles, step_angle
 from stepblocks.contact.energy import Status, release_at
 from stepblocks.contact.operating_point import PAPER, OperatingPoint
@@ -28,7 +28,7 @@ MARGINS = [
 
 
 # Expected values: the exact dilation of the section, which knows no closed form.
-@pytest.mark.parametrize("face", [*STEPS, *MARGINS])
+@pytest.mark.parametrize("face", [*STEPS, *MARGINS, Groove(60e-6, 0.7), Groove(200e-6, 0.4)])
 def test_the_closed_form_is_the_steepest_slope_of_the_path_over_the_section(face):
     path = profile_path(*face.section(6.0 * R), Ball(R), edges="flat")
     # a rounding of 12 um by 400 chords turns by a quarter of a degree at each
@@ -37,7 +37,7 @@ def test_the_closed_form_is_the_steepest_slope_of_the_path_over_the_section(face
     assert face.angles(R) == pytest.approx(expected, abs=tolerance)
 
 
-@pytest.mark.parametrize("face", [*STEPS, *MARGINS])
+@pytest.mark.parametrize("face", [*STEPS, *MARGINS, Groove(60e-6, 0.7), Groove(200e-6, 0.4)])
 def test_the_notches_of_the_centre_path_have_the_critical_angles(face):
     path = face.centre_path(R)
     assert (path.notch(+1.0)[2], path.notch(-1.0)[2]) == pytest.approx(face.angles(R), abs=2e-6)
@@ -64,7 +64,7 @@ def test_magnifying_a_path_keeps_its_slopes_and_the_angle_of_its_notch():
     assert large.notch(+1.0)[:2] == pytest.approx([23.0 * value for value in path.notch(+1.0)[:2]])
 
 
-@pytest.mark.parametrize("face", [*STEPS, *MARGINS])
+@pytest.mark.parametrize("face", [*STEPS, *MARGINS, Groove(60e-6, 0.7), Groove(200e-6, 0.4)])
 def test_heights_and_section_are_one_profile(face):
     x, z = face.section(1e-3)
     assert z[0] == 0.0
