@@ -269,7 +269,7 @@ def test_no_shift_helps_where_corners_lie_closer_than_the_samples():
 
 
 def test_the_relief_of_a_crown_is_round_about_its_axis():
-    field = relief(CROWN, 125e-6, 50e-6)
+    field = relief(CROWN, 125e-6)
     middle = field.heights[len(field.y) // 2]
     assert np.allclose(middle, CROWN.counterface().heights(field.x), atol=1e-15)
     radius = CROWN.margin_radius.nominal
