@@ -149,11 +149,6 @@ def volume(body: Body) -> float:
     return float(body.Volume()) / _MM**3
 
 
-def distance(one: Body, other: Body) -> float:
-    """Shortest distance between two bodies."""
-    return float(one.distance(other)) / _MM
-
-
 def _describe(face: cq.Face) -> Face:
     kind = str(face.geomType())
     adaptor = face._geomAdaptor()
