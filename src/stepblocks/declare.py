@@ -13,8 +13,8 @@ from stepblocks.errors import PipelineError, StepblocksError, StimulusError
 from stepblocks.parts.series import MAX_SERIES, expand, merged
 from stepblocks.parts.set import StimulusSet, kinds, set_of, with_energy_tolerances
 
-SCHEMA = 1  # Version of the stimulus file format
-MAX_FILE_BYTES = 1_000_000  # Largest stimulus file that is read [bytes]
+SCHEMA = 1  # version of the stimulus file format
+MAX_FILE_BYTES = 1_000_000  # largest stimulus file that is read [bytes]
 
 
 def load_set(path: str | Path) -> StimulusSet:

@@ -47,7 +47,6 @@ def test_cuts_and_unions_count_what_overlaps_once():
     one, other = box(4e-3, 4e-3, 4e-3), box(4e-3, 4e-3, 4e-3, (2e-3, 0.0, 0.0))
     assert kernel.volume(kernel.cut(one, [other])) == pytest.approx(32e-9, rel=1e-12)
     assert kernel.volume(kernel.fused([one, other])) == pytest.approx(96e-9, rel=1e-12)
-    assert kernel.distance(one, box(1e-3, 1e-3, 1e-3, (4.7e-3, 0.0, 0.0))) == pytest.approx(0.7e-3, rel=1e-9)
 
 
 def test_what_does_not_give_one_solid_is_refused():

@@ -18,7 +18,7 @@ from stepblocks.contact.counterface import Step
 from stepblocks.errors import HapticsError
 from stepblocks.parts.kind import Part
 
-SPACING = 2e-6  # Distance of neighbouring samples in x and y [m]
+SPACING = 2e-6  # distance of neighbouring samples in x and y [m]
 _HALF_X = 1e-3
 _HALF_Y = 0.1e-3
 
@@ -28,7 +28,7 @@ class Relief:
     """Heights of a surface over a rectangular patch around its working edge."""
 
     heights: NDArray[np.float64]  # shape (rows, columns); z [m]; rows ascend in y, columns in x
-    x: NDArray[np.float64]  # Positions of columns and rows [m], evenly spaced
+    x: NDArray[np.float64]  # positions of columns and rows [m], evenly spaced
     y: NDArray[np.float64]
 
 

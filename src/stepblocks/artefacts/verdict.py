@@ -13,14 +13,14 @@ from stepblocks.quantities import format_quantity
 class Verdict:
     """What a check found."""
 
-    artefact: str  # Name of the file
-    quantity: str  # What was measured
-    nominal: float  # In SI, or a count
+    artefact: str  # name of the file
+    quantity: str  # what was measured
+    nominal: float  # in SI, or a count
     measured: float
-    limit: float  # Largest permitted difference, in SI; relative to the nominal where `relative`
+    limit: float  # largest permitted difference, in SI; relative to the nominal where `relative`
     # ``"length"``, ``"volume"``, ``"mass"``, ``"count"``, or ``"file"`` for a file that could not be read
     dimension: str = "length"
-    relative: bool = False  # Whether the limit is relative
+    relative: bool = False  # whether the limit is relative
 
     @property
     def deviation(self) -> float:

@@ -53,8 +53,8 @@ class Face:
 
     # ``"PLANE"``, ``"CYLINDER"``, ``"CONE"``, ``"SPHERE"``, ``"TORUS"`` or another of the kernel's surface types
     kind: str
-    radius: float  # Radius of a cylinder or sphere [m]; not-a-number for others
-    low: tuple[float, float, float]  # Corners of the bounding box [m]
+    radius: float  # radius of a cylinder or sphere [m]; not-a-number for others
+    low: tuple[float, float, float]  # corners of the bounding box [m]
     high: tuple[float, float, float]
 
 
@@ -65,7 +65,7 @@ class Tessellation:
     vertices: NDArray[np.float64]  # shape (n, 3); Points [m], each once
     triangles: NDArray[np.int64]  # shape (m, 3); Outward-wound
     face: NDArray[np.int64]  # shape (m,); Face that each triangle lies on
-    faces: tuple[Face, ...]  # The faces themselves
+    faces: tuple[Face, ...]  # the faces themselves
 
 
 def _vector(point: Point) -> cq.Vector:
@@ -147,11 +147,6 @@ def fused(bodies: Sequence[Body]) -> Body:
 def volume(body: Body) -> float:
     """Volume by the kernel's own integration."""
     return float(body.Volume()) / _MM**3
-
-
-def distance(one: Body, other: Body) -> float:
-    """Shortest distance between two bodies."""
-    return float(one.distance(other)) / _MM
 
 
 def _describe(face: cq.Face) -> Face:

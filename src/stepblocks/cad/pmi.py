@@ -61,8 +61,8 @@ _TOLERANCES = {
 class Callout:
     """Lines that a viewer shows for a dimension or tolerance."""
 
-    text: str  # Its name
-    # Straight lines in one plane square to y, and a leader [m]
+    text: str  # of the callout
+    # straight lines in one plane square to y, and a leader [m]
     lines: Sequence[tuple[tuple[float, float, float], tuple[float, float, float]]]
 
 
@@ -70,9 +70,9 @@ class Callout:
 class PmiItem:
     """A face, or the edge in which two faces meet."""
 
-    body: int  # Index of the solid
-    face: int  # Index of the face
-    other: int | None = None  # Index of the second face of an edge; the longest edge where they meet in several
+    body: int  # index of the solid
+    face: int  # index of the face
+    other: int | None = None  # index of the second face of an edge; the longest edge where they meet in several
 
 
 @dataclass(frozen=True)
@@ -83,11 +83,11 @@ class PmiDimension:
     # ``"radius"`` of one, ``"spherical_radius"``, ``"toroidal_radius"`` at the middle of the ring, included angle of
     # a ``"cone"``, ``"angle"`` between two faces
     kind: PmiKind
-    items: tuple[PmiItem, ...]  # Faces or edges, one or two, of one solid or of two
-    nominal: float  # Nominal and signed deviations [m or rad]
-    lower: float
-    upper: float
-    callout: Callout | None = None  # What is seen of it
+    items: tuple[PmiItem, ...]  # faces or edges, one or two, of one solid or of two
+    nominal: float  # m or rad
+    lower: float  # signed deviation [m or rad]
+    upper: float  # signed deviation [m or rad]
+    callout: Callout | None = None  # what is seen of it
 
 
 @dataclass(frozen=True)
@@ -95,11 +95,11 @@ class PmiTolerance:
     """A geometric tolerance."""
 
     kind: Literal["flatness", "parallelism"]  # ``"flatness"``, or ``"parallelism"`` to a datum face
-    body: int  # Index of the solid
-    face: int  # Index of the toleranced face
-    zone: float  # Width of the zone [m]
-    datum: tuple[str, int] | None = None  # Letter and face of the datum
-    callout: Callout | None = None  # What is seen of it
+    body: int  # index of the solid
+    face: int  # index of the toleranced face
+    zone: float  # width of the zone [m]
+    datum: tuple[str, int] | None = None  # letter and face of the datum
+    callout: Callout | None = None  # what is seen of it
 
 
 def write_step_with_tolerances(

@@ -20,7 +20,7 @@ _CORE_DRILL = {"M2": 1.6e-3, "M2.5": 2.05e-3, "M3": 2.5e-3, "M4": 3.3e-3}
 _CLEARANCE = {"M2": 2.4e-3, "M2.5": 2.9e-3, "M3": 3.4e-3, "M4": 4.5e-3}
 _HEAD = {"M2": 4.4e-3, "M2.5": 5.0e-3, "M3": 6.0e-3, "M4": 8.0e-3}
 _MAJOR = {"M2": 2.0e-3, "M2.5": 2.5e-3, "M3": 3.0e-3, "M4": 4.0e-3}
-DRILL_POINT = math.radians(118.0)  # Included angle of a twist drill's point [rad]
+DRILL_POINT = math.radians(118.0)  # included angle of a twist drill's point [rad]
 
 
 class Mounting(Table):
@@ -28,9 +28,9 @@ class Mounting(Table):
 
     # ``"tapped"``: blind from below, the working faces stay whole; ``"clearance"``: through, counterbored from above
     kind: Literal["tapped", "clearance"]
-    thread: Literal["M2", "M2.5", "M3", "M4"]  # Metric coarse thread, M2 to M4
-    spacing: PositiveLength  # Distance between the holes along x [m]
-    # Depth of the full core hole from the base [m]; for ``"clearance"`` the depth of the counterbore
+    thread: Literal["M2", "M2.5", "M3", "M4"]  # metric coarse thread, M2 to M4
+    spacing: PositiveLength  # distance between the holes along x [m]
+    # depth of the full core hole from the base [m]; for ``"clearance"`` the depth of the counterbore
     depth: PositiveLength
 
     @property
@@ -47,19 +47,19 @@ class Mounting(Table):
 class Engraving(Table):
     """The identity cut into the front side of the block."""
 
-    height: PositiveLength  # Height of a capital letter [m]
-    depth: PositiveLength  # Depth of the cut [m]
+    height: PositiveLength  # height of a capital letter [m]
+    depth: PositiveLength  # depth of the cut [m]
 
 
 class Body(Table):
     """The block without its stimulus. The origin lies on the working edge, z = 0 on the lower working face."""
 
-    length: PositiveLength  # Extent along x, across the working edge [m]
-    width: PositiveLength  # Extent along y, along the working edge [m]
-    thickness: PositiveLength  # From the base to the lower working face [m]
-    edge_break: Length  # Leg of the 45 degree chamfer on every edge but the working ones [m]
-    mounting: Mounting  # Fixing holes
-    engraving: Engraving  # Engraved identity
+    length: PositiveLength  # extent along x, across the working edge [m]
+    width: PositiveLength  # extent along y, along the working edge [m]
+    thickness: PositiveLength  # from the base to the lower working face [m]
+    edge_break: Length  # leg of the 45 degree chamfer on every edge but the working ones [m]
+    mounting: Mounting
+    engraving: Engraving
 
     @model_validator(mode="after")
     def _fits(self) -> Body:

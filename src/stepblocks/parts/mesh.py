@@ -24,7 +24,7 @@ if TYPE_CHECKING:
 class Mesh:
     """A closed triangle mesh."""
 
-    name: str  # Name of the body
+    name: str  # name of the body
     vertices: NDArray[np.float64]  # shape (n, 3); Points [m]
     triangles: NDArray[np.int64]  # shape (m, 3); Indices, counter-clockwise seen from outside
 

@@ -11,7 +11,7 @@ from typing import Any
 from stepblocks.errors import QuantityError
 from stepblocks.quantities import parse_quantity
 
-MAX_SERIES = 20_000  # Most stimuli that one stanza may stand for
+MAX_SERIES = 20_000  # most stimuli that one stanza may stand for
 
 _PLACEHOLDER = re.compile(r"\{(?P<field>[a-z_]+?)(?:_(?P<unit>um|nm|mm|deg))?(?::0(?P<digits>[1-9]))?\}")
 _UNITS = {"um": 1e6, "nm": 1e9, "mm": 1e3, "deg": 57.29577951308232}

@@ -11,7 +11,7 @@ from pydantic import BeforeValidator
 
 from stepblocks.quantities import format_quantity, parse_quantity
 
-BY_ENERGY = "by energy"  # What stands in place of a tolerance that follows from the energy that shall be felt
+BY_ENERGY = "by energy"  # what stands in place of a tolerance that follows from the energy that shall be felt
 
 # ISO 2768-1:1989, table 1 (linear dimensions, from 0.5 mm): up to, permissible deviation of class m [m]
 _LINEAR = ((3e-3, 0.1e-3), (6e-3, 0.1e-3), (30e-3, 0.2e-3), (120e-3, 0.3e-3), (400e-3, 0.5e-3))

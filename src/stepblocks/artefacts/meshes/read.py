@@ -20,6 +20,8 @@ _MAX_BYTES = 500_000_000
 def _with_meshio(path: Path) -> Arrays:
     import meshio
 
+    if path.suffix == ".ply" and b"end_header" not in path.read_bytes():
+        raise MetrologyError(f"must have a header that ends [{path}]")  # meshio would look for it for ever
     with contextlib.redirect_stdout(io.StringIO()):
         mesh = meshio.read(path)
     triangles = np.asarray(mesh.cells_dict["triangle"], dtype=np.int64)

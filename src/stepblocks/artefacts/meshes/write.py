@@ -28,10 +28,10 @@ GLB_FROM_PART = np.array([[1.0, 0.0, 0.0], [0.0, 0.0, 1.0], [0.0, -1.0, 0.0]])
 class MeshFormat:
     """A mesh format."""
 
-    suffix: str  # File name extension with its dot
-    write: Callable[[Path, Mesh], None]  # Takes a path and a mesh [m]
-    unit: str  # Unit of the coordinates in the file
-    number: str  # How the file stores a coordinate
+    suffix: str  # file name extension with its dot
+    write: Callable[[Path, Mesh], None]  # takes a path and a mesh [m]
+    unit: str  # unit of the coordinates in the file
+    number: str  # how the file stores a coordinate
 
 
 def _trimesh(mesh: Mesh, scale: float) -> Any:

@@ -39,7 +39,7 @@ class FinishLine(Table):
 
     # ``"shoulder"`` (a square ledge), ``"chamfer"`` (a quarter round) or ``"feather-edge"`` (no ledge)
     kind: Literal["shoulder", "chamfer", "feather-edge"]
-    width: Length  # Width of the ledge, or radius of the quarter round [m]; 0 for the feather edge
+    width: Length  # width of the ledge, or radius of the quarter round [m]; 0 for the feather edge
 
     @model_validator(mode="after")
     def _has_the_width_of_its_kind(self) -> FinishLine:
@@ -52,13 +52,13 @@ class FinishLine(Table):
 class CrownOnTooth(CrownMargin, Turned):
     """A prepared tooth and its crown, both bodies of revolution about the path of draw."""
 
-    margin_radius: PositiveLength  # Outer radius of the tooth at the finish line [m]
-    finish_line: FinishLine  # Shoulder, chamfer or feather edge
-    taper: Angle  # Angle between the axial wall and the path of draw [rad] (half the total convergence)
-    preparation_height: PositiveLength  # From the finish line to the top of the preparation [m]
-    root_length: PositiveLength  # From the finish line down to the base [m]
-    internal_gap: Length  # Between the axial wall and the crown, across the wall [m]
-    shell_thickness: PositiveLength  # Thickness of the crown over the top of the preparation [m]
+    margin_radius: PositiveLength  # outer radius of the tooth at the finish line [m]
+    finish_line: FinishLine
+    taper: Angle  # between the axial wall and the path of draw, half the total convergence [rad]
+    preparation_height: PositiveLength  # from the finish line to the top of the preparation [m]
+    root_length: PositiveLength  # from the finish line down to the base [m]
+    internal_gap: Length  # between the axial wall and the crown, across the wall [m]
+    shell_thickness: PositiveLength  # thickness of the crown over the top of the preparation [m]
 
     stanza: ClassVar[str] = "crown_on_tooth"
     called: ClassVar[str] = "crown on tooth"
