@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from stepblocks.declare import load_set
-from stepblocks.loop.next_experiment import block_stimulus, next_experiment
+from stepblocks.loop.result import block_stimulus, next_experiment
 from stepblocks.loop.search.explain import Finding, Verdict
 from stepblocks.loop.search.fit import fit
 

@@ -65,7 +65,7 @@ def _residuals(found: Explanation, channel: str) -> dict[str, str]:
     columns[PEAK_FORCE] = np.exp(found.extended.predicted[:, trials.channels.index("ln_peak_force")])
     rows = -(-len(columns) // 3)
     figure = Figure(figsize=(11.0, 2.6 * rows), layout="constrained")
-    axes = np.atleast_1d(figure.subplots(rows, 3, sharey=True)).ravel()
+    axes = figure.subplots(rows, 3, sharey=True).ravel()
     for axis, (name, column) in zip(axes, columns.items(), strict=False):
         x, ticks = _positions(np.asarray(column))
         axis.axhline(0.0, color="0.6", lw=0.8)
@@ -122,8 +122,7 @@ def _change(found: Explanation, effect: Effect) -> tuple[int, Floats, Floats]:
     j = int(np.argmax(np.nanmean(np.abs(base[:, :2]), axis=0)))
     index = [i for i, p in enumerate(fitted.parameters) if p.name.startswith(f"{effect.id}.")]
     slopes = np.zeros((len(trials), len(index)))
-    for k, i in enumerate(index):
-        name = fitted.parameters[i].name
+    for k, name in enumerate(fitted.parameters[i].name for i in index):
         step = 0.05 * fitted.std[name] or 1e-12
         slopes[:, k] = (change(fitted.values | {name: fitted.values[name] + step})[:, j] - base[:, j]) / step
     variance = np.einsum("ni,ij,nj->n", slopes, fitted.covariance[np.ix_(index, index)], slopes)

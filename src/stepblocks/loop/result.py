@@ -2,27 +2,29 @@
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Mapping
 from dataclasses import dataclass
 from html import escape
 from typing import Any, cast
 
 import numpy as np
+from numpy.typing import NDArray
 
 from stepblocks.artefacts.model_file import WIDE, LearnedFit, LearnedModel
 from stepblocks.contact.effects.law import Law
 from stepblocks.contact.effects.smooth import CovariateRange
 from stepblocks.loop.bench_model import candidates, covariate_ranges
-from stepblocks.loop.next_experiment import next_experiment
-from stepblocks.loop.search.adequacy import identifiability, pure_error
-from stepblocks.loop.search.explain import Explanation, Finding, Rules, Verdict
+from stepblocks.loop.search.adequacy import identifiability, propose, pure_error
+from stepblocks.loop.search.explain import Explanation, Finding, Holdout, Rules, Verdict, without
 from stepblocks.loop.search.fit import Fit
-from stepblocks.loop.search.forward_model import Effect
-from stepblocks.loop.search.holdout import Holdout
+from stepblocks.loop.search.forward_model import Effect, Trials
 from stepblocks.loop.search.noise import flexible_residual
 from stepblocks.loop.session_table import Scans, SessionTable
 
 _REPLICATES = 20  # degrees of freedom from which a scatter among replicates is known to a sixth
+_SHOWN = ("height_um", "load_n", "speed_mm_s")
+_HEIGHTS_UM = (5.0, 10.0, 15.0, 20.0, 30.0, 40.0, 50.0, 60.0, 70.0, 80.0, 90.0)
 
 
 @dataclass(frozen=True)
@@ -58,14 +60,14 @@ class LoopResult:
         return f"<p>{escape(self.title)}: <b>{self.verdict}</b></p>" + "".join(parts)
 
 
-def public_name(effect: Effect) -> str:
-    """Name of an effect without the mark of its variant."""
-    return effect.id.split("~")[0]
-
-
 def learned_model(table: SessionTable, found: Explanation, ranges: tuple[CovariateRange, ...]) -> LearnedModel:
     """Return what was learnt, as it can be predicted from without the session."""
     model, scatter = table.model, found.problem.noise.scatter
+    nominal, extended = (
+        # the search hands back the laws that `candidates` gave it
+        LearnedFit(f.values, tuple(p.unit for p in f.parameters), f.covariance, cast("tuple[Law, ...]", f.effects))
+        for f in (found.nominal, found.extended)
+    )
     return LearnedModel(
         verdict=str(found.verdict),
         tool=model.tool,
@@ -76,15 +78,9 @@ def learned_model(table: SessionTable, found: Explanation, ranges: tuple[Covaria
         ranges=ranges,
         quantity_std=np.sqrt(scatter.quantities),
         channel_std=np.sqrt(scatter.channels),
-        nominal=_learned(found.nominal),
-        extended=_learned(found.extended),
+        nominal=nominal,
+        extended=extended,
     )
-
-
-def _learned(fitted: Fit) -> LearnedFit:
-    units = tuple(p.unit for p in fitted.parameters)
-    # the search hands back the laws that `candidates` gave it
-    return LearnedFit(fitted.values, units, fitted.covariance, cast("tuple[Law, ...]", fitted.effects))
 
 
 def result_document(
@@ -93,13 +89,20 @@ def result_document(
     """Return the contents of result.json; units stand in keys or beside the values."""
     adequacy = _adequacy(table, found, rules)
     floor = _noise_floor(table, adequacy)
+    models = {
+        name: {
+            "parameters": _constants(fitted, table.model.tool.stiffness),
+            "error": _errors(holdouts, which, floor),
+            "twice_negative_log_likelihood": fitted.cost,
+        }
+        for which, (name, fitted) in enumerate((("nominal", found.nominal), ("extended", found.extended)))
+    }
     return {
         "verdict": str(found.verdict),
-        "nominal": _model_part(table, found.nominal, _errors(holdouts, 0, floor)),
-        "extended": _model_part(table, found.extended, _errors(holdouts, 1, floor)),
+        **models,
         "effects": [_finding(finding, found.extended) for finding in found.findings],
         "rivals": [
-            _effect(e, fitted, {"criterion_behind": behind, "instead_of": public_name(f.effect)})
+            _effect(e, fitted, {"criterion_behind": behind, "instead_of": f.effect.id.split("~")[0]})
             for f in found.findings
             for e, fitted, behind in f.rivals
         ],
@@ -113,33 +116,28 @@ def result_document(
     }
 
 
-def _entry(value: float, unit: str, std: float) -> dict[str, Any]:
-    return {"value": value, "unit": unit, "low": value - WIDE * std, "high": value + WIDE * std}
-
-
-def _log_entry(value: float, unit: str, std: float) -> dict[str, Any]:
-    middle, low, high = (float(np.exp(value + side * std)) for side in (0.0, -WIDE, WIDE))
+def _entry(value: float, unit: str, std: float, log: bool = False) -> dict[str, Any]:
+    ends = value, value - WIDE * std, value + WIDE * std
+    middle, low, high = (float(np.exp(end)) for end in ends) if log else ends
     return {"value": middle, "unit": unit, "low": low, "high": high}
 
 
 def _constants(fitted: Fit, spring: float) -> dict[str, Any]:
     """Constants of a fitted model under the names people use, with 95 % intervals."""
     v, s = fitted.values, fitted.std
-    found = {"friction": _entry(v["friction"], "1", s["friction"])}
-    found["conversion"] = _log_entry(v["ln_conversion"], "1", s["ln_conversion"])
-    found["spring_constant"] = _entry(v["stiffness_ratio"] * spring, "N/m", s["stiffness_ratio"] * spring)
-    for name, unit in (("ring_frequency", "Hz"), ("decay_time", "s")):
-        found[name] = _log_entry(v[f"ln_{name}"], unit, s[f"ln_{name}"])
-    for p in fitted.parameters:
-        if p.block or "." in p.name:
-            found[p.name] = _entry(v[p.name], p.unit, s[p.name])
-    return found
+    return {
+        "friction": _entry(v["friction"], "1", s["friction"]),
+        "conversion": _entry(v["ln_conversion"], "1", s["ln_conversion"], log=True),
+        "spring_constant": _entry(v["stiffness_ratio"] * spring, "N/m", s["stiffness_ratio"] * spring),
+        "ring_frequency": _entry(v["ln_ring_frequency"], "Hz", s["ln_ring_frequency"], log=True),
+        "decay_time": _entry(v["ln_decay_time"], "s", s["ln_decay_time"], log=True),
+    } | {p.name: _entry(v[p.name], p.unit, s[p.name]) for p in fitted.parameters if p.block or "." in p.name}
 
 
 def _effect(effect: Effect, fitted: Fit, evidence: Mapping[str, Any]) -> dict[str, Any]:
     own, std = effect.own(fitted.values), effect.own(fitted.std)
     return {
-        "id": public_name(effect),
+        "id": effect.id.split("~")[0],
         "variant": effect.id,
         "slot": effect.slot,
         "covariate": effect.covariate,
@@ -162,14 +160,6 @@ def _finding(finding: Finding, fitted: Fit) -> dict[str, Any]:
         # it improves the fit, not the explanation: the curve stays, the name goes
         entry["id"] = f"unexplained_{effect.slot}_{effect.covariate}"
     return entry
-
-
-def _model_part(table: SessionTable, fitted: Fit, error: Mapping[str, Any]) -> dict[str, Any]:
-    return {
-        "parameters": _constants(fitted, table.model.tool.stiffness),
-        "error": error,
-        "twice_negative_log_likelihood": fitted.cost,
-    }
 
 
 def _errors(holdouts: tuple[Holdout, Holdout], which: int, floor: list[float]) -> dict[str, Any]:
@@ -239,3 +229,85 @@ def _scans(found: Explanation, scans: Scans) -> dict[str, Any]:
     elif found.verdict is not Verdict.NONE:
         document["note"] = "the forces ask for no rounded edge"
     return document
+
+
+def next_experiment(found: Explanation) -> dict[str, Any] | None:
+    """Return settings that separate the rivals best, with the expected gain; None where nothing is open."""
+    pair = _pair(found)
+    if pair is None:
+        return None
+    names, first, second = pair
+    trials = found.problem.trials
+    extra = sorted({e.covariate for e in (*first.effects, *second.effects)} & set(trials.covariates) - set(_SHOWN))
+    grid = _grid(trials, extra)
+    proposal = propose(found.problem, first, second, grid, (*_SHOWN, *extra))
+    if proposal is None:
+        return {"separates": names, "trials": [], "note": "no setting within reach tells these apart"}
+    document: dict[str, Any] = {
+        "separates": names,
+        "criterion": "T-optimality: expected difference of twice the log likelihood per trial",
+        "trials": [s | {"expected_gain": g} for s, g in zip(proposal.settings, proposal.gain, strict=True)],
+        "repeats": proposal.trials,
+        "channel": proposal.channel,
+    }
+    best = float(proposal.settings[0]["height_um"])
+    if best not in set(np.asarray(trials.covariates["height_um"], dtype=float).tolist()):
+        document["block"] = {
+            "name": f"step-{best:03.0f}",
+            "height": f"{best:g} um",
+            "edge_radius": "0 um",
+            "tip": f"{float(np.median(np.asarray(trials.covariates['tip_radius_um'], dtype=float))):g} um",
+            "friction": f"{float(np.clip(found.extended.values['friction'], 0.01, 0.9)):.3f}",
+        }
+    return document
+
+
+def block_stimulus(experiment: Mapping[str, Any] | None) -> str | None:
+    """Stimulus file of the block that an experiment asks for, as `stepblocks build` reads it; None where it asks none."""
+    if not experiment or "block" not in experiment:
+        return None
+    from jinja2 import Environment, PackageLoader
+
+    loads = ", ".join(f'"{load:g} N"' for load in sorted({float(trial["load_n"]) for trial in experiment["trials"]}))
+    template = Environment(loader=PackageLoader("stepblocks.loop"), keep_trailing_newline=True, trim_blocks=True)
+    return template.get_template("next-block.toml.j2").render(
+        rivals=" from ".join(experiment["separates"]), loads=loads, **experiment["block"]
+    )
+
+
+def _pair(found: Explanation) -> tuple[list[str], Fit, Fit] | None:
+    """Names of two models that are to be told apart, and the models."""
+    if found.verdict is Verdict.NONE:
+        return None
+    current = found.extended
+    for finding in found.findings:
+        if finding.rivals:
+            rival, fitted, _ = finding.rivals[0]
+            return [finding.effect.id, rival.id], current, fitted
+    # where nothing rivals it, ask what would confirm it: with it, against without it
+    finding = min(found.findings, key=lambda f: (f.effect.named, f.gain))
+    return [finding.effect.id, "nothing"], current, without(found.problem, current, finding.effect)
+
+
+def _grid(trials: Trials, extra: list[str]) -> Trials:
+    def span(name: str) -> list[Any]:
+        numbers = trials.numeric(name)
+        if numbers is None:
+            return sorted(set(trials.covariates[name].tolist()))
+        return list(np.linspace(numbers.min(), numbers.max(), 5).tolist())
+
+    loads = sorted({*np.unique(trials.covariates["load_n"]).tolist(), 1.5})
+    speeds = sorted({*np.unique(trials.covariates["speed_mm_s"]).tolist(), 1.0, 40.0})
+    rows = list(itertools.product(_HEIGHTS_UM, loads, speeds, *(span(name) for name in extra)))[:20000]
+    columns: dict[str, NDArray[Any]] = {
+        name: np.array([row[i] for row in rows]) for i, name in enumerate((*_SHOWN, *extra))
+    }
+    for name, column in trials.covariates.items():
+        if name not in columns:
+            numbers = trials.numeric(name)
+            middle: Any = column[0] if numbers is None else float(np.median(numbers))
+            columns[name] = np.full(len(rows), middle)
+    empty = np.full((len(rows), len(trials.channels)), np.nan)
+    known = dict(zip(np.asarray(trials.covariates["height_um"], float).tolist(), trials.block.tolist(), strict=True))
+    block = np.array([known.get(float(h), f"step-{h:03.0f}") for h in columns["height_um"]])
+    return Trials(columns, trials.channels, empty, empty, block)

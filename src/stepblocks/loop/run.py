@@ -19,17 +19,23 @@ from stepblocks.artefacts.model_file import model_document
 from stepblocks.atomic import replace_text
 from stepblocks.errors import PipelineError
 from stepblocks.loop.bench_model import SessionModel, candidates, covariate_ranges
-from stepblocks.loop.next_experiment import block_stimulus
-from stepblocks.loop.result import LoopResult, learned_model, result_document
-from stepblocks.loop.search.explain import Explanation, Rules, explain, select
+from stepblocks.loop.result import LoopResult, block_stimulus, learned_model, result_document
+from stepblocks.loop.search.explain import (
+    Explanation,
+    Holdout,
+    Rules,
+    explain,
+    folds_of_blocks,
+    folds_within_blocks,
+    gather,
+    hold_out,
+    select,
+)
 from stepblocks.loop.search.forward_model import Effect, Trials
-from stepblocks.loop.search.holdout import Holdout, folds_of_blocks, folds_within_blocks, gather, hold_out
 from stepblocks.loop.session_table import Scans, SessionTable, scan_blocks, trials_of
 
 if TYPE_CHECKING:
     import pandas as pd
-
-    from stepblocks.bench.session import Session
 
 _WITHIN, _BETWEEN = 3, 4  # folds
 _FEWEST = 12  # trials that a fold must leave
@@ -88,22 +94,19 @@ def loop_session(
             raise PipelineError(f"output must be a folder that can be written: {error.strerror} [{output}]") from error
     table = None if output is None else Path(output) / "features.csv"
     features = measure(session, table, jobs=cores, progress=progress)
-    scans, failed = ({}, {}) if forces_only else _scanned(session, declared, features, inspected)
+    scans: Scans = {}
+    failed: dict[str, str] = {}
+    if not forces_only:
+        # what was inspected needs no scan
+        blocks = sorted(set(features["block"].dropna()))
+        scans, failed = scan_blocks(session, declared.scans, [block for block in blocks if block not in inspected])
+        scans = scans | {block: dict(inspected[block]) for block in blocks if block in inspected}
     result = analyse_features(features, declared.probe.spring_constant, radius, scans, jobs=cores)
     result.document["scans"]["left_out"] = [{"block": block, "reason": reason} for block, reason in failed.items()]
     result = replace(result, title=declared.title or session.name)
     if output is not None:
         write_loop(result, Path(output))
     return result
-
-
-def _scanned(
-    session: Path, declared: Session, features: pd.DataFrame, inspected: Scans
-) -> tuple[Scans, dict[str, str]]:
-    """Heights and edges of the blocks, and why some could not be used; what was inspected needs no scan."""
-    blocks = sorted(set(features["block"].dropna()))
-    scans, failed = scan_blocks(session, declared.scans, [block for block in blocks if block not in inspected])
-    return scans | {block: dict(inspected[block]) for block in blocks if block in inspected}, failed
 
 
 def analyse_features(

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from itertools import takewhile
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -87,19 +88,20 @@ def trials_of(
         scanned=heights or None,
         scanned_radius=float(np.mean(radii)) if radii else None,
     )
-    return SessionTable(trials.with_values(values), names, excluded, model, tip_radius * 1e6)
+    return SessionTable(replace(trials, values=values), names, excluded, model, tip_radius * 1e6)
 
 
 def _good(features: pd.DataFrame, radius_um: Floats) -> tuple[NDArray[np.bool_], list[tuple[str, str]]]:
     """Which trials can be used, and why the others cannot: each for the first reason that holds."""
+    import pandas as pd
+
     good = np.ones(len(features), dtype=bool)
     excluded: list[tuple[str, str]] = []
 
     def leave_out(bad: Any, reasons: Any) -> None:
-        rows = np.flatnonzero(good & bad)
-        texts = [reasons] * len(features) if isinstance(reasons, str) else reasons
-        excluded.extend((str(features["trial"].iloc[row]), str(texts[row])) for row in rows)
-        good[rows] = False
+        told = pd.DataFrame({"trial": features["trial"], "reason": reasons})[good & bad]
+        excluded.extend(told.itertuples(index=False, name=None))
+        good[good & bad] = False
 
     if "status" in features:
         status = features["status"].astype(str).to_numpy()
@@ -122,13 +124,10 @@ def _copies(trials: pd.Series[str], marks: Floats, asked: NDArray[np.bool_]) -> 
     """Name trials whose forces are those of an earlier one to the last digit: a copy would count twice."""
     import pandas as pd
 
-    rows = np.flatnonzero(asked)
-    forces = pd.DataFrame(marks[rows])
-    first = (
-        trials.iloc[rows].reset_index(drop=True).groupby([forces[i] for i in forces], dropna=False).transform("first")
-    )
+    forces = pd.DataFrame(marks[asked])
+    first = pd.Series(trials.to_numpy()[asked]).groupby([forces[i] for i in forces], dropna=False).transform("first")
     reasons = np.full(len(trials), "", dtype=object)
-    reasons[rows] = np.where(forces.duplicated(), "the same forces as trial " + first, "")
+    reasons[asked] = np.where(forces.duplicated(), "the same forces as trial " + first, "")
     return reasons
 
 
@@ -147,10 +146,8 @@ def _middle(logarithms: Floats, otherwise: float) -> float:
 
 def _covariates(table: pd.DataFrame) -> dict[str, NDArray[Any]]:
     """Columns that were set or read beside the forces, in their order."""
-    columns = list(table.columns)
-    last = columns.index(_FEATURES_BEGIN) if _FEATURES_BEGIN in columns else len(columns)
     found: dict[str, NDArray[Any]] = {}
-    for name in columns[:last]:
+    for name in takewhile(lambda column: column != _FEATURES_BEGIN, table.columns):
         if name in ("trial", "status", "reason", "block"):
             continue
         numbers = _numbers(table, name)
@@ -207,10 +204,12 @@ def _edge_of_scan(path: Path) -> dict[str, float]:
     from stepblocks.inspect.evaluate.edge import fit_edge
 
     edges = [fit_edge(line.position, line.height) for line in rows_of(read_scan(path))]
-    found: dict[str, float] = {}
-    for name in ("height", "radius"):
-        means, stds = np.array([(getattr(edge, name), getattr(edge, f"{name}_std")) for edge in edges]).T
-        key = "height" if name == "height" else "edge_radius"
-        found[f"{key}_m"] = float(np.mean(means))
-        found[f"{key}_std_m"] = float(np.sqrt(np.sum(stds**2)) / len(edges))
-    return found
+    heights, height_stds, radii, radius_stds = np.array(
+        [(edge.height, edge.height_std, edge.radius, edge.radius_std) for edge in edges]
+    ).T
+    return {
+        "height_m": float(np.mean(heights)),
+        "height_std_m": float(np.sqrt(np.sum(height_stds**2)) / len(edges)),
+        "edge_radius_m": float(np.mean(radii)),
+        "edge_radius_std_m": float(np.sqrt(np.sum(radius_stds**2)) / len(edges)),
+    }

@@ -1,12 +1,13 @@
 """Fits and noise on a linear toy, where generalised least squares has a closed form."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 from oracles.toy_model import Effect, Parameter, Toy, toy_effects, toy_trials
 from stepblocks.errors import ClosureError
-from stepblocks.loop.search.explain import problem_of
-from stepblocks.loop.search.fit import Problem, fit
+from stepblocks.loop.search.fit import Problem, fit, problem_of
 from stepblocks.loop.search.forward_model import Systematic, Trials
 from stepblocks.loop.search.noise import Scatter, estimate_scatter, outliers, whitener
 
@@ -42,7 +43,7 @@ def test_whitened_noise_is_white_and_missing_values_vanish() -> None:
     trials = toy_trials(50, 2)
     values = trials.values.copy()
     values[::5, 1] = np.nan
-    trials = trials.with_values(values)
+    trials = replace(trials, values=values)
     responses = Toy().responses(trials, {})
     noise = whitener(trials, (), responses, Scatter(np.array([0.04]), np.array([0.01, 0.01]), 50))
     generator = np.random.default_rng(0)
@@ -69,7 +70,7 @@ def test_a_value_far_from_all_others_is_marked_and_no_other() -> None:
     trials = toy_trials(60, 5)
     values = trials.values.copy()
     values[17, 1] += 30.0
-    marked = outliers(trials.with_values(values))
+    marked = outliers(replace(trials, values=values))
     assert np.argwhere(marked).tolist() == [[17, 1]]
 
 
@@ -86,7 +87,7 @@ def test_parameters_of_one_specimen_share_a_difference_and_fit_as_if_alone() -> 
 
     trials = toy_trials(80, 6)
     shifted = trials.values + np.stack([0.7 * (trials.block == "q"), np.zeros(80)], axis=1)
-    found = fit(problem_of(Offsets(), trials.with_values(shifted)))
+    found = fit(problem_of(Offsets(), replace(trials, values=shifted)))
     assert found.values["o_q"] - found.values["o_p"] == pytest.approx(0.7, abs=0.12)
 
 

@@ -1,16 +1,25 @@
 """The reasoning on a toy with no physics: silent on noise, right on an effect, frank where it cannot tell."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 from oracles.toy_model import Toy, toy_effects, toy_trials
-from stepblocks.loop.search.adequacy import identifiability, pure_error
-from stepblocks.loop.search.explain import Rules, Verdict, explain, problem_of, select
-from stepblocks.loop.search.fit import fit
+from stepblocks.loop.search.adequacy import identifiability, propose, pure_error
+from stepblocks.loop.search.explain import (
+    Rules,
+    Verdict,
+    explain,
+    folds_of_blocks,
+    folds_within_blocks,
+    gather,
+    hold_out,
+    select,
+)
+from stepblocks.loop.search.fit import fit, problem_of
 from stepblocks.loop.search.forward_model import Trials
 from stepblocks.loop.search.gate import gate
-from stepblocks.loop.search.holdout import folds_of_blocks, folds_within_blocks, gather, hold_out
-from stepblocks.loop.search.next_trials import propose
 
 _RULES = Rules(draws=200)
 
@@ -41,7 +50,7 @@ def test_nothing_is_claimed_of_noise() -> None:
 def test_an_effect_without_a_law_is_left_unexplained_at_its_place() -> None:
     trials = toy_trials(120, 2)
     shift = 0.4 * trials.covariates["w"]
-    trials = trials.with_values(trials.values + np.stack([shift, 2.0 * shift], axis=1))
+    trials = replace(trials, values=trials.values + np.stack([shift, 2.0 * shift], axis=1))
     found = explain(Toy(), trials, toy_effects(), _RULES)
     assert found.verdict is Verdict.UNEXPLAINED
     assert [f.effect.place for f in found.findings] == [("level", "w")]
@@ -51,7 +60,7 @@ def test_covariates_that_run_together_are_ambiguous() -> None:
     trials = toy_trials(120, 3)
     trials.covariates["w"][:] = trials.covariates["z"] + 1e-3 * trials.covariates["w"]  # type: ignore[index]
     shift = 0.4 * trials.covariates["z"]
-    trials = trials.with_values(trials.values + np.stack([shift, 2.0 * shift], axis=1))
+    trials = replace(trials, values=trials.values + np.stack([shift, 2.0 * shift], axis=1))
     found = explain(Toy(), trials, toy_effects(), _RULES)
     assert found.verdict is Verdict.AMBIGUOUS
     finding = found.findings[0]
@@ -101,7 +110,7 @@ def test_the_next_trials_lie_where_the_rivals_differ_most() -> None:
     trials = toy_trials(120, 9, square=0.5)
     found = explain(Toy(), trials, toy_effects(), _RULES)
     grid = toy_trials(50, 10)
-    proposal = propose(found.problem, (found.extended.effects, found.extended), ((), found.nominal), grid, ("z",))
+    proposal = propose(found.problem, found.extended, found.nominal, grid, ("z",))
     assert proposal is not None
     difference = np.abs(grid.covariates["z"]) ** 2
     best = float(proposal.settings[0]["z"])
@@ -123,7 +132,7 @@ def test_settings_that_tie_are_asked_for_in_the_order_of_the_grid_whatever_the_l
             np.full((4, 2), np.nan),
             np.full(4, "p"),
         )
-        rivals = (found.extended.effects, found.extended), ((), found.nominal)
+        rivals = found.extended, found.nominal
         proposal = propose(found.problem, *rivals, grid, ("z",))
         assert proposal is not None
         assert [one["z"] for one in proposal.settings] == z[[1, 2, 3, 0]].tolist()

@@ -6,10 +6,8 @@ import numpy as np
 import pytest
 
 from oracles.toy_model import Effect, Parameter, Toy, toy_effects, toy_trials
-from stepblocks.loop.search.explain import problem_of
-from stepblocks.loop.search.fit import fit
-from stepblocks.loop.search.gate import gate
-from stepblocks.loop.search.selection import choose
+from stepblocks.loop.search.fit import fit, problem_of
+from stepblocks.loop.search.gate import choose, gate
 
 
 def _chosen(trials, effects, **keywords):
@@ -62,7 +60,7 @@ def test_a_law_driven_to_the_end_of_its_form_is_no_law():
     trials = toy_trials(200, 3)
     z = trials.covariates["z"]
     rise = 0.5 * z + 0.1 * z**2
-    trials = trials.with_values(trials.values + np.stack([rise, 2.0 * rise], axis=1))
+    trials = replace(trials, values=trials.values + np.stack([rise, 2.0 * rise], axis=1))
     choice = _chosen(trials, [law, toy_effects()[1]])[2]
     assert [trial.effect.id for trial in choice.tried] == ["line_of_z"]
 

@@ -1,13 +1,10 @@
-"""Whether the extended model is enough, and what no trial of this design can tell apart.
-
-The first is asked of residuals against every covariate, and of the misfit against pure error among replicates; the second of
-derivatives alone.
-"""
+"""Whether the extended model is enough, what no trial of this design can tell apart, and which trials would."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from itertools import combinations
 
 import networkx as nx
 import numpy as np
@@ -20,6 +17,7 @@ from stepblocks.loop.search.gate import tangent
 
 _LEVEL = 0.005  # of the tests of residuals, after Holm
 _SAME = 0.995  # cosine beyond which two effects imitate one another
+_TIE = 1e-4  # of gains; a fit knows them no better: its own tolerance is 1e-6 of the cost
 _ABSORBED = 2e-3  # share of a direction below which constants imitate it
 
 
@@ -37,8 +35,7 @@ def _columns(trials: Trials, name: str) -> Floats | None:
     if numbers is None:
         dummies = trials.dummies(name, most=8)
         return np.stack(dummies, axis=1) if dummies else None
-    spread = float(np.std(numbers))
-    if spread == 0.0 or not np.isfinite(spread):
+    if not 0.0 < float(np.std(numbers)) < np.inf:
         return None
     x = (stats.rankdata(numbers) / len(numbers) - 0.5) * 2.0
     powers = min(4, len(np.unique(numbers)) - 1)
@@ -85,17 +82,14 @@ def pure_error(residual: Floats, cells: Sequence[object], free: int) -> PureErro
     _, inverse = np.unique([str(c) for c, s in zip(cells, seen, strict=True) if s], return_inverse=True)
     counts = np.bincount(inverse)
     dof = int(len(values) - len(counts))
-    if dof < 5:
-        return PureError(float("nan"), dof, float("nan"))
     means = np.bincount(inverse, values) / counts
     inside = float(np.sum((values - means[inverse]) ** 2))
-    between = len(counts) - free
-    misfit = float(np.sum(counts * means**2))
-    if inside <= 0.0:
-        # copies of one trial are no replicates
+    # copies of one trial are no replicates
+    if dof < 5 or inside <= 0.0:
         return PureError(float("nan"), dof, float("nan"))
-    ratio = (misfit / max(between, 1)) / (inside / dof)
-    return PureError(float(np.sqrt(inside / dof)), dof, float(stats.f.sf(ratio, max(between, 1), dof)))
+    between = max(len(counts) - free, 1)
+    ratio = (float(np.sum(counts * means**2)) / between) / (inside / dof)
+    return PureError(float(np.sqrt(inside / dof)), dof, float(stats.f.sf(ratio, between, dof)))
 
 
 @dataclass(frozen=True)
@@ -110,44 +104,85 @@ class Identifiability:
 def identifiability(problem: Problem, base: Fit, effects: Sequence[Effect]) -> Identifiability:
     """Compare the directions in which effects and constants move the prediction."""
     rows = base.residual.size
-    length = np.maximum(np.linalg.norm(base.jacobian, axis=0), 1e-300)
-    known, _ = np.linalg.qr(base.jacobian / length)
+    scaled = base.jacobian / np.maximum(np.linalg.norm(base.jacobian, axis=0), 1e-300)
+    known, _ = np.linalg.qr(scaled)
     directions: dict[str, Floats] = {}
     absorbed: dict[str, tuple[str, ...]] = {}
     for effect in effects:
         if len(effect.amplitudes) != 1:
             continue
         raw = tangent(problem, base, effect, effect.shapes[len(effect.shapes) // 2])[:, 0]
-        full = np.concatenate([raw, np.zeros(base.jacobian.shape[0] - rows)])
+        full = np.concatenate([raw, np.zeros(len(scaled) - rows)])
         size = float(np.linalg.norm(full))
         if size < 1e-9:
             continue
-        rest = full / size - known @ (known.T @ (full / size))
+        full /= size
+        rest = full - known @ (known.T @ full)
         left = float(np.linalg.norm(rest))
         if left < _ABSORBED:
-            absorbed[effect.id] = _imitators(base, full / size)
+            # the constants that a least-squares imitation moves most
+            weights = np.abs(np.linalg.lstsq(scaled, full, rcond=None)[0])
+            most = [i for i in np.argsort(-weights) if weights[i] > 0.2 * weights.max()]
+            absorbed[effect.id] = tuple(base.parameters[i].name for i in most)
         else:
             directions[effect.id] = rest / left
-    return Identifiability(absorbed, _groups(directions), _weak(base))
+    alike = nx.Graph(
+        (one, other) for one, other in combinations(directions, 2) if abs(directions[one] @ directions[other]) > _SAME
+    )
+    groups = tuple(tuple(sorted(group)) for group in nx.connected_components(alike))
+    weak = (p.name for p in base.parameters if np.isfinite(p.prior_std) and base.std[p.name] > 0.9 * p.prior_std)
+    return Identifiability(absorbed, groups, tuple(weak))
 
 
-def _imitators(base: Fit, direction: Floats) -> tuple[str, ...]:
-    """Constants that a least-squares imitation of a direction moves most."""
-    length = np.maximum(np.linalg.norm(base.jacobian, axis=0), 1e-300)
-    weights = np.abs(np.linalg.lstsq(base.jacobian / length, direction, rcond=None)[0])
-    order = np.argsort(-weights)
-    return tuple(base.parameters[i].name for i in order if weights[i] > 0.2 * weights[order[0]])
+@dataclass(frozen=True)
+class Proposal:
+    """Settings that separate rivals."""
+
+    # covariates of the trials to make, best first; where gains are one to 1e-4, in the order of the grid
+    settings: tuple[dict[str, float | str], ...]
+    gain: tuple[float, ...]  # expected difference of twice the log likelihood per trial at each
+    trials: int  # at the best settings after which the difference is expected to reach 12 (odds of 400 to 1)
+    channel: str  # the one that contributes most
 
 
-def _groups(directions: dict[str, Floats]) -> tuple[tuple[str, ...], ...]:
-    graph = nx.Graph()
-    names = list(directions)
-    for i, first in enumerate(names):
-        for second in names[i + 1 :]:
-            if abs(float(directions[first] @ directions[second])) > _SAME:
-                graph.add_edge(first, second)
-    return tuple(tuple(sorted(group)) for group in nx.connected_components(graph))
+def propose(
+    problem: Problem, first: Fit, second: Fit, grid: Trials, shown: Sequence[str], count: int = 4
+) -> Proposal | None:
+    """Rank settings by how well they separate two fitted models."""
+    starts = {p.name: p.start for p in problem.model.parameters(grid)}
+    ahead = [problem.model.predict(grid, starts | rival.values, rival.active) for rival in (first, second)]
+    scatter = problem.noise.scatter
+    responses = problem.model.responses(grid, starts | first.values, first.active)
+    typical = np.nanmedian(np.where(problem.trials.seen, problem.trials.std, np.nan), axis=0)
+    covariance = np.einsum("nik,k,njk->nij", responses, scatter.quantities, responses)
+    c = len(problem.trials.channels)
+    covariance[:, range(c), range(c)] += scatter.channels + np.nan_to_num(typical, nan=1.0) ** 2
+    difference = ahead[0] - ahead[1]
+    solved = np.linalg.solve(covariance, difference[:, :, None])[:, :, 0]
+    gain = np.sum(difference * solved, axis=1)
+    if not np.any(np.isfinite(gain)) or float(np.nanmax(gain)) < 1e-3:
+        return None
+    gain = np.where(np.isfinite(gain), gain, 0.0)
+    order = _best_first(gain)[:count]
+    own = difference**2 / covariance[:, range(c), range(c)]
+    return Proposal(
+        settings=tuple({name: _plain(grid.covariates[name][i]) for name in shown} for i in order),
+        gain=tuple(float(gain[i]) for i in order),
+        trials=int(np.ceil(12.0 / float(gain[order[0]]))),
+        channel=problem.trials.channels[_best_first(own[order[0]])[0]],
+    )
 
 
-def _weak(base: Fit) -> tuple[str, ...]:
-    return tuple(p.name for p in base.parameters if np.isfinite(p.prior_std) and base.std[p.name] > 0.9 * p.prior_std)
+def _best_first(gain: Floats) -> list[int]:
+    """Order by gain; gains within `_TIE` of the best of them are one, and the first of the grid leads: the least load."""
+    left = np.argsort(-gain, kind="stable")
+    order: list[int] = []
+    while left.size:
+        tied = int(np.sum(gain[left] >= gain[left[0]] - _TIE * abs(gain[left[0]])))
+        order += sorted(left[:tied].tolist())
+        left = left[tied:]
+    return order
+
+
+def _plain(value: object) -> float | str:
+    return float(value) if isinstance(value, np.number) else str(value)

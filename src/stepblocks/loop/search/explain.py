@@ -2,24 +2,25 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field, replace
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import dataclass, replace
 from enum import StrEnum
 
 import numpy as np
+from numpy.typing import NDArray
 
-from stepblocks.errors import ClosureError
 from stepblocks.loop.search.adequacy import independence
-from stepblocks.loop.search.fit import Fit, Problem, fit
-from stepblocks.loop.search.forward_model import Effect, ForwardModel, Trials
-from stepblocks.loop.search.gate import gate
-from stepblocks.loop.search.noise import estimate_scatter, flexible_residual, whitener
-from stepblocks.loop.search.selection import Choice, choose
+from stepblocks.loop.search.fit import Fit, Problem, fit, problem_of
+from stepblocks.loop.search.forward_model import Effect, Floats, ForwardModel, Trials
+from stepblocks.loop.search.gate import Choice, choose, gate
+from stepblocks.loop.search.noise import estimate_scatter, whitener
 
 _LEAST_SHARE = 0.3  # of the whole gain, below which an effect only stands in for what is left
 _WORTH = 4.0  # of the criterion, below which an exchange is not made
 
 Deployed = Callable[[Fit], float]  # error of a fit where it will be used
+Rows = NDArray[np.intp]
+Select = Callable[[Trials], Sequence[Effect]]
 
 
 class Verdict(StrEnum):
@@ -66,24 +67,8 @@ class Explanation:
     findings: tuple[Finding, ...]
     verdict: Verdict
     last_gate_p: float
-    checks: tuple[tuple[str, str, float], ...] = field(default=())  # channel, covariate, p value after Holm
+    checks: tuple[tuple[str, str, float], ...] = ()  # channel, covariate, p value after Holm
     adequate: bool = True
-
-
-def problem_of(model: ForwardModel, trials: Trials) -> Problem:
-    """Pair a model with trials and the noise estimated from them."""
-    if len(trials) < 12:
-        raise ClosureError(f"trials must be at least 12 to be explained, got {len(trials)}")
-    systematics = model.systematics(trials)
-    residual, dof = flexible_residual(trials)
-    start = {p.name: p.start for p in model.parameters(trials)}
-    for _ in range(2):
-        # the responses depend on the constants, the constants a little on the weights
-        responses = model.responses(trials, start)
-        scatter = estimate_scatter(residual, trials.std, responses, dof)
-        problem = Problem(model, trials, whitener(trials, systematics, responses, scatter))
-        start = fit(problem).values
-    return problem
 
 
 def explain(
@@ -95,15 +80,12 @@ def explain(
 ) -> Explanation:
     """Find what a model lacks."""
     rules = rules or Rules()
-    grown = _search(model, trials, candidates, rules, deployed)
-    return _conclude(grown, candidates, rules)
+    return _conclude(_search(model, trials, candidates, rules, deployed), candidates, rules)
 
 
-def select(
-    model: ForwardModel, trials: Trials, candidates: Sequence[Effect], rules: Rules | None = None
-) -> tuple[Effect, ...]:
+def select(model: ForwardModel, trials: Trials, candidates: Sequence[Effect], rules: Rules) -> tuple[Effect, ...]:
     """Return the effects that trials would choose, without verdicts and rivals; see `explain`."""
-    return _search(model, trials, candidates, rules or Rules()).current.effects
+    return _search(model, trials, candidates, rules).current.effects
 
 
 @dataclass(frozen=True)
@@ -133,13 +115,11 @@ def _search(
         if rules.exchange:
             grown = _exchange(problem, grown, candidates)
         if deployed:
-            new_error = deployed(grown)
-            if not new_error < error:
+            before, error = error, deployed(grown)
+            if not error < before:
                 break
-            error = new_error
-        current = grown
-        problem = _tighten(problem, current)
-        current = fit(problem, current.effects, current.values)
+        problem = _tighten(problem, grown)
+        current = fit(problem, grown.effects, grown.values)
         gates = {e.id: gates.get(e.id, p_value) for e in current.effects}
     return _Grown(problem, current, gates, p_value)
 
@@ -147,6 +127,11 @@ def _search(
 def _left(candidates: Sequence[Effect], current: Fit) -> list[Effect]:
     taken = {e.id for e in current.effects}
     return [e for e in candidates if e.id not in taken]
+
+
+def without(problem: Problem, current: Fit, effect: Effect) -> Fit:
+    """Fit again without one of the effects."""
+    return fit(problem, tuple(e for e in current.effects if e is not effect), current.values)
 
 
 def _tighten(problem: Problem, current: Fit) -> Problem:
@@ -163,11 +148,11 @@ def _tighten(problem: Problem, current: Fit) -> Problem:
 def _grow(problem: Problem, current: Fit, choice: Choice, candidates: Sequence[Effect]) -> Fit | None:
     """Add the chosen effect; where a law already stands at its place, the law is too stiff and a smooth replaces it."""
     added = choice.best.effect
-    same = [e for e in current.effects if e.place == added.place and e.covariate != "none" and e.covariate != "block"]
+    same = [e for e in current.effects if e.place == added.place and e.covariate not in ("none", "block")]
     if not same:
         return choice.best.fit
     others = tuple(e for e in current.effects if e not in same)
-    smooth = [e for e in candidates if e.place == added.place and not e.named and e.id not in {s.id for s in same}]
+    smooth = [e for e in _left(candidates, current) if e.place == added.place and not e.named]
     base = fit(problem, others, current.values)
     tried = [fit(problem, (*others, e), base.values) for e in smooth]
     tried = [t for t in tried if problem.criterion(t) < problem.criterion(current) - 10.0]
@@ -188,14 +173,13 @@ def _exchange(problem: Problem, current: Fit, candidates: Sequence[Effect]) -> F
 
 def _exchanged(problem: Problem, current: Fit, candidates: Sequence[Effect]) -> Fit | None:
     for effect in current.effects:
-        base = fit(problem, tuple(e for e in current.effects if e is not effect), current.values)
+        base = without(problem, current, effect)
         if problem.criterion(base) <= problem.criterion(current) + _WORTH:
             return base
         choice = choose(problem, base, gate(problem, base, _left(candidates, base), draws=0), most=6)
-        if choice is None or choice.best.effect.id == effect.id:
-            continue
-        if choice.best.criterion < problem.criterion(current) - _WORTH:
-            return choice.best.fit
+        best = choice.best if choice else None
+        if best and best.effect.id != effect.id and best.criterion < problem.criterion(current) - _WORTH:
+            return best.fit
     return None
 
 
@@ -222,7 +206,7 @@ def _conclude(grown: _Grown, candidates: Sequence[Effect], rules: Rules) -> Expl
 
 def _finding(grown: _Grown, effect: Effect, candidates: Sequence[Effect], rules: Rules) -> Finding:
     problem, current = grown.problem, grown.current
-    base = fit(problem, tuple(e for e in current.effects if e is not effect), current.values)
+    base = without(problem, current, effect)
     opened = gate(problem, base, _left(candidates, base), draws=0)
     choice = choose(problem, base, opened, min(rules.fits, 8), keep=(effect.id,))
     own = problem.criterion(current)
@@ -244,3 +228,60 @@ def _finding(grown: _Grown, effect: Effect, candidates: Sequence[Effect], rules:
 def _family(effect: Effect) -> str:
     """Name without the mark of the variant; specimens are no variants of one another."""
     return effect.id if effect.covariate == "block" else effect.id.split("~")[0]
+
+
+@dataclass(frozen=True)
+class Holdout:
+    """Errors on held-out trials, measured less predicted; not-a-number where a trial was never held out."""
+
+    nominal: Floats  # shape (n, c)
+    extended: Floats  # shape (n, c)
+    selected: tuple[tuple[str, ...], ...]  # effects that each fold chose
+
+    def rms(self, channel: int) -> tuple[float, float]:
+        """Root mean square of both errors in one channel; not-a-number where nothing was held out."""
+        seen = [error[np.isfinite(error[:, channel]), channel] for error in (self.nominal, self.extended)]
+        nominal, extended = (float(np.sqrt(np.mean(e**2))) if e.size else float("nan") for e in seen)
+        return nominal, extended
+
+
+def folds_within_blocks(trials: Trials, folds: int, seed: int = 0) -> list[Rows]:
+    """Split trials so that each fold holds some of every block."""
+    generator = np.random.default_rng(seed)
+    fold = np.empty(len(trials), dtype=int)
+    offset = 0
+    for block in np.unique(trials.block):
+        rows = generator.permutation(np.flatnonzero(trials.block == block))
+        fold[rows] = (np.arange(len(rows)) + offset) % folds
+        offset += len(rows)
+    return [np.flatnonzero(fold == i) for i in range(folds)]
+
+
+def folds_of_blocks(trials: Trials, most: int) -> list[Rows]:
+    """Split trials so that each fold holds whole blocks, at most so many folds."""
+    _, number = np.unique(trials.block, return_inverse=True)
+    return [np.flatnonzero(number % most == i) for i in range(min(most, int(number.max()) + 1))]
+
+
+def hold_out(model: ForwardModel, trials: Trials, rows: Rows, select: Select) -> Holdout:
+    """Select and fit without one fold, and predict it; the errors of its trials alone."""
+    train, test = trials.take(np.setdiff1d(np.arange(len(trials)), rows)), trials.take(rows)
+    effects = tuple(select(train))
+    problem = problem_of(model, train)
+    base = fit(problem)
+    best = fit(problem, effects, base.values) if effects else base
+    # a block that was never seen keeps its prior height
+    starts = {p.name: p.start for p in model.parameters(test)}
+    ahead = Problem(model, test, problem.noise)
+    nominal, extended = (test.values - ahead.predict(f.effects, starts | f.values) for f in (base, best))
+    return Holdout(nominal, extended, (tuple(e.id for e in effects),))
+
+
+def gather(trials: Trials, folds: Sequence[Rows], parts: Iterable[Holdout]) -> Holdout:
+    """Bring the errors of folds into the order of the trials."""
+    nominal, extended = (np.full(trials.values.shape, np.nan) for _ in range(2))
+    selected: list[tuple[str, ...]] = []
+    for rows, part in zip(folds, parts, strict=True):
+        nominal[rows], extended[rows] = part.nominal, part.extended
+        selected.extend(part.selected)
+    return Holdout(nominal, extended, tuple(selected))

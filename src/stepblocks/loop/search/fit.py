@@ -8,8 +8,9 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.optimize import least_squares
 
+from stepblocks.errors import ClosureError
 from stepblocks.loop.search.forward_model import Active, Effect, Floats, ForwardModel, Parameter, Trials
-from stepblocks.loop.search.noise import Noise
+from stepblocks.loop.search.noise import Noise, estimate_scatter, flexible_residual, whitener
 
 
 @dataclass(frozen=True)
@@ -163,3 +164,19 @@ def _finish(objective: _Objective, x: Floats, jacobian: Floats, residual: Floats
         predicted=objective.predicted(x),
         covariance=covariance,
     )
+
+
+def problem_of(model: ForwardModel, trials: Trials) -> Problem:
+    """Pair a model with trials and the noise estimated from them."""
+    if len(trials) < 12:
+        raise ClosureError(f"trials must be at least 12 to be explained, got {len(trials)}")
+    systematics = model.systematics(trials)
+    residual, dof = flexible_residual(trials)
+    start = {p.name: p.start for p in model.parameters(trials)}
+    for _ in range(2):
+        # the responses depend on the constants, the constants a little on the weights
+        responses = model.responses(trials, start)
+        scatter = estimate_scatter(residual, trials.std, responses, dof)
+        problem = Problem(model, trials, whitener(trials, systematics, responses, scatter))
+        start = fit(problem).values
+    return problem

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Any, Protocol
 
 import numpy as np
@@ -46,10 +46,6 @@ class Trials:
         covariates = {name: column[rows] for name, column in self.covariates.items()}
         return Trials(covariates, self.channels, self.values[rows], self.std[rows], self.block[rows])
 
-    def with_values(self, values: Floats) -> Trials:
-        """Return the same design with other measurements."""
-        return replace(self, values=values)
-
     def numeric(self, name: str) -> Floats | None:
         """Return a covariate as numbers, or None where it holds labels."""
         column = np.asarray(self.covariates[name])
@@ -57,10 +53,8 @@ class Trials:
 
     def dummies(self, name: str, most: int) -> list[Floats]:
         """Return a column of zeros and ones for every label but the first; none where there are more than `most`."""
-        labels = np.unique(self.covariates[name])
-        return (
-            [(self.covariates[name] == label).astype(np.float64) for label in labels[1:]] if len(labels) <= most else []
-        )
+        labels = np.unique(self.covariates[name])[1:]
+        return [(self.covariates[name] == label).astype(np.float64) for label in labels] if len(labels) < most else []
 
 
 @dataclass(frozen=True)
@@ -76,86 +70,48 @@ class Parameter(Protocol):
     """A number to be fitted, within `low` and `high`."""
 
     @property
-    def name(self) -> str:
-        """Unique in its model or effect."""
-
+    def name(self) -> str: ...  # unique in its model or effect
     @property
-    def unit(self) -> str:
-        """Of the value."""
-
+    def unit(self) -> str: ...
     @property
-    def start(self) -> float:
-        """Value to begin with, and the middle of the prior; for an amplitude the value where its effect vanishes."""
-
+    def start(self) -> float: ...  # middle of the prior; for an amplitude the value where its effect vanishes
     @property
-    def low(self) -> float:
-        """Least value."""
-
+    def low(self) -> float: ...
     @property
-    def high(self) -> float:
-        """Greatest value."""
-
+    def high(self) -> float: ...
     @property
-    def scale(self) -> float:
-        """A change that matters; it sets the step of differences."""
-
+    def scale(self) -> float: ...  # a change that matters; it sets the step of differences
     @property
-    def prior_std(self) -> float:
-        """Standard deviation of a normal prior; infinite for none."""
-
+    def prior_std(self) -> float: ...  # of a normal prior; infinite for none
     @property
-    def block(self) -> str:
-        """Specimen whose trials alone it moves; empty for all."""
-
-    def renamed(self, name: str) -> Parameter:
-        """Return the same under another name."""
+    def block(self) -> str: ...  # specimen whose trials alone it moves; empty for all
+    def renamed(self, name: str) -> Parameter: ...
 
 
 class Effect(Protocol):
     """Something a model lacks: one slot of it changed as a function of nothing or of a covariate."""
 
     @property
-    def id(self) -> str:
-        """Name; what follows a ``~`` tells variants of one effect apart."""
-
+    def id(self) -> str: ...  # what follows a ``~`` tells variants of one effect apart
     @property
-    def slot(self) -> str:
-        """Part of the model that it changes."""
-
+    def slot(self) -> str: ...  # part of the model that it changes
     @property
-    def covariate(self) -> str:
-        """Covariate that it follows, ``block``, or ``none``."""
-
+    def covariate(self) -> str: ...  # that it follows, ``block``, or ``none``
     @property
-    def form(self) -> str:
-        """The law written out."""
-
+    def form(self) -> str: ...  # the law written out
     @property
-    def parameters(self) -> Sequence[Parameter]:
-        """What is fitted of it."""
-
+    def parameters(self) -> Sequence[Parameter]: ...
     @property
-    def amplitudes(self) -> Sequence[str]:
-        """Those parameters at whose start it vanishes."""
-
+    def amplitudes(self) -> Sequence[str]: ...  # those parameters at whose start it vanishes
     @property
-    def shapes(self) -> Sequence[Mapping[str, float]]:
-        """Values of the other parameters at which a search looks along the amplitudes."""
-
+    def shapes(self) -> Sequence[Mapping[str, float]]: ...  # values of the others at which a search looks
     @property
-    def named(self) -> bool:
-        """Whether it is a law with a name; False for a smooth, which claims no law."""
-
+    def named(self) -> bool: ...  # False for a smooth, which claims no law
     @property
-    def rank(self) -> int:
-        """Which of several identical laws gives its name: the lowest."""
-
+    def rank(self) -> int: ...  # which of several identical laws gives its name: the lowest
     @property
-    def place(self) -> tuple[str, str]:
-        """Slot and covariate: what an attribution is judged by."""
-
-    def own(self, values: Mapping[str, float]) -> dict[str, float]:
-        """Pick the values of its parameters out of those of a fit, where they are called ``effect.parameter``."""
+    def place(self) -> tuple[str, str]: ...  # slot and covariate: what an attribution is judged by
+    def own(self, values: Mapping[str, float]) -> dict[str, float]: ...  # values called ``effect.parameter`` in a fit
 
 
 Active = Sequence[tuple[Effect, Mapping[str, float]]]  # effects with values of their parameters
@@ -164,14 +120,9 @@ Active = Sequence[tuple[Effect, Mapping[str, float]]]  # effects with values of 
 class ForwardModel(Protocol):
     """What the search asks of a model."""
 
-    def parameters(self, trials: Trials) -> Sequence[Parameter]:
-        """Parameters of the nominal model for these trials."""
+    def parameters(self, trials: Trials) -> Sequence[Parameter]: ...  # of the nominal model
+    def systematics(self, trials: Trials) -> Sequence[Systematic]: ...
 
-    def systematics(self, trials: Trials) -> Sequence[Systematic]:
-        """Errors of the channels that are common to many trials."""
-
-    def predict(self, trials: Trials, values: Mapping[str, float], effects: Active = ()) -> Floats:
-        """Predict all channels, shape (n, c)."""
-
-    def responses(self, trials: Trials, values: Mapping[str, float], effects: Active = ()) -> Floats:
-        """Change of the channels per unit of each quantity that scatters from trial to trial, shape (n, c, k)."""
+    # all channels, shape (n, c), and their change per unit of each quantity that scatters among trials, shape (n, c, k)
+    def predict(self, trials: Trials, values: Mapping[str, float], effects: Active = ()) -> Floats: ...
+    def responses(self, trials: Trials, values: Mapping[str, float], effects: Active = ()) -> Floats: ...

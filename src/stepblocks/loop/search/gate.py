@@ -12,7 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy import stats
 
-from stepblocks.loop.search.fit import Fit, Problem
+from stepblocks.loop.search.fit import Fit, Problem, fit
 from stepblocks.loop.search.forward_model import Effect, Floats
 
 _UNSEEN = 2e-3  # a direction of which less is left beside the nominal model is its derivative, up to rounding
@@ -67,9 +67,9 @@ def _changes(problem: Problem, base: Fit, effect: Effect, shape: Mapping[str, fl
 def _directions(problem: Problem, base: Fit, effects: Sequence[Effect], known: Floats) -> list[_Direction]:
     asked = [(effect, shape) for effect in effects for shape in effect.shapes]
     changes = [_changes(problem, base, effect, shape) for effect, shape in asked]
-    widths = [len(c) for c in changes]
-    if not sum(widths):
+    if not any(changes):
         return []
+    last = np.cumsum([len(columns) for columns in changes])
     # all candidates go through the linear algebra at once
     raw = problem.noise.whiten(np.stack([c for columns in changes for c in columns], axis=2))
     size = np.linalg.norm(raw, axis=0)
@@ -78,11 +78,10 @@ def _directions(problem: Problem, base: Fit, effects: Sequence[Effect], known: F
     full = np.vstack([scaled, np.zeros((known.shape[0] - len(raw), raw.shape[1]))])
     full -= known @ (known.T @ full)
     directions = []
-    for (effect, shape), last, width in zip(asked, np.cumsum(widths), widths, strict=True):
-        columns = slice(last - width, last)
-        if not width or not np.all(alive[columns]):
+    for (effect, shape), columns in zip(asked, np.split(np.arange(len(size)), last[:-1]), strict=True):
+        if not columns.size or not np.all(alive[columns]):
             continue
-        own = full[:, columns]
+        own = full[:, columns[0] : columns[-1] + 1]
         squared, turn = np.linalg.eigh(own.T @ own)
         squared, turn = squared[::-1], turn[:, ::-1]
         kept = squared > _UNSEEN**2
@@ -102,20 +101,16 @@ def _null_basis(base: Fit) -> Floats:
     return np.asarray(left[:, singular > 1e-8 * singular[0]])
 
 
-def _evaluate(directions: Sequence[_Direction], vectors: Floats) -> tuple[Floats, Floats]:
-    """Gains of all directions on all vectors, shape (d, m), and projections of the first vector."""
+def _evaluate(directions: Sequence[_Direction], vectors: Floats) -> tuple[Floats, list[Floats]]:
+    """Gains of all directions on all vectors, shape (d, m), and the projections on each direction."""
     stacked = np.concatenate([d.basis for d in directions], axis=1)
-    projected = stacked.T @ vectors
-    gains = np.empty((len(directions), vectors.shape[1]))
-    at = 0
-    for i, direction in enumerate(directions):
-        width = direction.basis.shape[1]
-        part = projected[at : at + width]
-        at += width
-        gains[i] = np.sum(part**2, axis=0)
-        if direction.one_sided:
-            gains[i] *= (direction.root[0] @ part) > 0.0
-    return gains, projected[:, 0]
+    last = np.cumsum([d.basis.shape[1] for d in directions])
+    parts = np.split(stacked.T @ vectors, last[:-1])
+    gains = np.stack([np.sum(part**2, axis=0) for part in parts])
+    for d, gain, part in zip(directions, gains, parts, strict=True):
+        if d.one_sided:
+            gain *= (d.root[0] @ part) > 0.0
+    return gains, parts
 
 
 def _log_p(gains: Floats, freedom: Floats, noise_dof: float) -> Floats:
@@ -137,7 +132,6 @@ def gate(problem: Problem, base: Fit, effects: Sequence[Effect], draws: int = 40
     directions = _directions(problem, base, effects, known)
     if not directions:
         return Gate(1.0, ())
-    total = base.jacobian.shape[0]
     observed = np.concatenate([base.residual, base.departure])
     observed -= known @ (known.T @ observed)
     dof = float(max(problem.noise.scatter.dof, 4))
@@ -147,17 +141,12 @@ def gate(problem: Problem, base: Fit, effects: Sequence[Effect], draws: int = 40
     freedom = np.array([d.basis.shape[1] for d in directions], dtype=float)
     own = _log_p(gains / spread, freedom, dof)[:, 0]
     best: dict[str, Score] = {}
-    at = 0
-    for i, d in enumerate(directions):
-        width = d.basis.shape[1]
-        step = d.root @ projected[at : at + width]
-        at += width
-        if d.effect.id not in best or own[i] < best[d.effect.id].log_p:
-            best[d.effect.id] = Score(d.effect, d.shape, float(own[i]), step)
+    for d, log_p, part in zip(directions, own.tolist(), projected, strict=True):
+        if d.effect.id not in best or log_p < best[d.effect.id].log_p:
+            best[d.effect.id] = Score(d.effect, d.shape, log_p, d.root @ part[:, 0])
     p_value = 1.0
     if draws:
-        noise = _draw(problem, base, total, draws, seed)
-        null, _ = _evaluate(directions, noise)
+        null, _ = _evaluate(directions, _draw(problem, base, draws, seed))
         least = _least_log_p(null, freedom, dof)
         p_value = float((1 + np.sum(least <= own.min())) / (draws + 1))
     return Gate(p_value, tuple(sorted(best.values(), key=lambda s: s.log_p)))
@@ -168,12 +157,12 @@ def _robust_variance(residual: Floats) -> float:
     return float((1.4826 * np.median(np.abs(alive))) ** 2) if alive.size else 1.0
 
 
-def _draw(problem: Problem, base: Fit, total: int, draws: int, seed: int) -> Floats:
+def _draw(problem: Problem, base: Fit, draws: int, seed: int) -> Floats:
     """Noise of the design: residual vectors of whole trials, shuffled and signed, at unit variance."""
     generator = np.random.default_rng(seed)
-    n, c = problem.trials.values.shape
-    by_trial = base.residual.reshape(n, c)
     seen = problem.trials.seen
+    n, count, total = len(seen), seen.size, len(base.jacobian)
+    by_trial = base.residual.reshape(seen.shape)
     spread = np.sqrt(np.sum(by_trial**2, axis=0) / np.maximum(seen.sum(axis=0), 1))
     # tails are those of the residuals; one that is a sheer misfit counts no more than four deviations
     pool = np.clip(by_trial / np.maximum(spread, 1e-12), -4.0, 4.0)
@@ -181,7 +170,75 @@ def _draw(problem: Problem, base: Fit, total: int, draws: int, seed: int) -> Flo
     for i in range(draws):
         rows = generator.integers(0, n, n)
         signs = generator.choice([-1.0, 1.0], (n, 1))
-        drawn = np.where(seen, pool[rows] * signs, 0.0)
-        noise[: n * c, i] = drawn.ravel()
-    noise[n * c :] = generator.standard_normal((total - n * c, draws))
+        noise[:count, i] = np.where(seen, pool[rows] * signs, 0.0).ravel()
+    noise[count:] = generator.standard_normal((total - count, draws))
     return noise
+
+
+@dataclass(frozen=True)
+class Trial:
+    """A candidate with its full fit and its criterion, cost plus ``p ln n``."""
+
+    effect: Effect
+    fit: Fit
+    criterion: float
+
+
+@dataclass(frozen=True)
+class Choice:
+    """The candidate chosen, and the others in order."""
+
+    best: Trial
+    tried: tuple[Trial, ...]
+
+
+def choose(
+    problem: Problem, base: Fit, opened: Gate, most: int = 14, tie: float = 6.0, keep: Sequence[str] = ()
+) -> Choice | None:
+    """Fit the candidates that score best and choose among them."""
+    fits = [(s.effect, _refine(problem, base, s)) for s in _shortlist(opened.scores, most, keep)]
+    tried = [Trial(e, f, problem.criterion(f)) for e, f in fits if f is not None and not _driven_out(e, f)]
+    tried.sort(key=lambda t: (t.criterion, t.effect.rank))
+    if not tried or tried[0].criterion >= problem.criterion(base):
+        return None
+    lead = tried[0]
+    near = [t for t in tried if t.criterion <= lead.criterion + tie and t.effect.place == lead.effect.place]
+    named = [t for t in near if t.effect.named]
+    if named:
+        close = [t for t in named if t.criterion <= named[0].criterion + 1.0]
+        lead = min(close, key=lambda t: (t.effect.rank, t.criterion))
+    return Choice(lead, tuple(tried))
+
+
+def _shortlist(scores: Sequence[Score], most: int, keep: Sequence[str]) -> list[Score]:
+    named = [s for s in scores if s.effect.named][:most]
+    smooth = [s for s in scores if not s.effect.named][:most]
+    # the first smooth of each place among the leaders stands for that place
+    places = {s.effect.place for s in smooth}
+    extra = [s for s in scores if s.effect.id in keep and s not in named and s not in smooth]
+    more: list[Score] = []
+    for s in scores:
+        if not s.effect.named and s.effect.place not in places and len(more) < most // 2:
+            places.add(s.effect.place)
+            more.append(s)
+    return [*named, *smooth, *more, *extra]
+
+
+def _driven_out(effect: Effect, fitted: Fit) -> bool:
+    """Whether a law was driven to the end of its form: a settling that never settles is a drift, not a running-in."""
+    own = effect.own(fitted.values)
+    shapes = [p for p in effect.parameters if p.name not in effect.amplitudes] if effect.named else []
+    reach = [(p.low, p.high, 0.01 * (p.high - p.low), own[p.name]) for p in shapes]
+    return any(not low + 0.1 * slack < value < high - slack for low, high, slack, value in reach)
+
+
+def _refine(problem: Problem, base: Fit, score: Score) -> Fit | None:
+    effect, steps = score.effect, dict(zip(score.effect.amplitudes, score.step.tolist(), strict=True))
+    start = dict(base.values)
+    for p in effect.parameters:
+        step = float(np.clip(steps.get(p.name, 0.0) * p.scale, -8.0 * p.scale, 8.0 * p.scale))
+        start[f"{effect.id}.{p.name}"] = p.start + step if p.name in steps else score.shape.get(p.name, p.start)
+    try:
+        return fit(problem, (*base.effects, effect), start, evaluations=25)
+    except (np.linalg.LinAlgError, ValueError, FloatingPointError):
+        return None
