@@ -21,7 +21,7 @@ from stepblocks.drag.ring import RING_BAND, band_share, phase_spectrum, ring_of
 from stepblocks.drag.simulate import DragTrace, simulate
 from stepblocks.drag.track import step_track
 from stepblocks.figure_file import new_figure, save_figure
-from stepblocks.predict.margin_map import margin_map
+from stepblocks.predict.figures import margin_map
 
 R = 125e-6
 LIGHT = replace(PAPER_DRAG, damping_ratio=0.01)

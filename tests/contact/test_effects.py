@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from stepblocks.contact.critical_angle import step_angle
-from stepblocks.contact.effects.catalogue import named_laws
+from stepblocks.contact.effects import named_laws
 from stepblocks.contact.effects.law import SLOTS, Law
 from stepblocks.contact.effects.release_motion import released
 from stepblocks.contact.effects.smooth import CovariateRange, smooth_laws

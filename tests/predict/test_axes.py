@@ -7,8 +7,7 @@ import pytest
 
 from stepblocks.declare import load_set
 from stepblocks.errors import PipelineError
-from stepblocks.predict.sweep.axes import setting_of, stimuli_of
-from stepblocks.predict.sweep.plan import parameters_of
+from stepblocks.predict.sweep.plan import PARAMETERS, setting_of, stimuli_of
 
 STIMULI = Path(__file__).resolve().parents[2] / "stimuli"
 
@@ -28,7 +27,7 @@ def test_crowns_go_by_the_names_of_their_discrepancies():
     assert surface == "margin"
     assert len(crowns) == len(load_set(STIMULI / "crown-margins.toml").stimuli)
     names = {name for crown in crowns for name in crown["values"]}
-    assert names == {"marginal_gap", "horizontal_discrepancy", "vertical_discrepancy"} <= set(parameters_of("margin"))
+    assert names == {"marginal_gap", "horizontal_discrepancy", "vertical_discrepancy"} <= set(PARAMETERS["margin"])
     assert grid.frictions
 
 

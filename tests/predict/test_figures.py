@@ -9,8 +9,7 @@ from stepblocks.contact.counterface import Step
 from stepblocks.contact.operating_point import PAPER, OperatingPoint
 from stepblocks.declare import load_set
 from stepblocks.errors import ContactError
-from stepblocks.predict.figures import draw_energy_of_height, draw_margin_map, write_plots
-from stepblocks.predict.margin_map import margin_map
+from stepblocks.predict.figures import draw_energy_of_height, draw_margin_map, margin_map, write_plots
 
 STIMULI = Path(__file__).resolve().parents[2] / "stimuli"
 

@@ -10,7 +10,7 @@ from stepblocks.contact.path.catches import steepest
 from stepblocks.contact.path.profile import profile_path
 from stepblocks.contact.path.tip import Ball
 from stepblocks.errors import ContactError
-from stepblocks.predict.margin_map import margin_map
+from stepblocks.predict.figures import margin_map
 
 POINT = OperatingPoint(117e-6, 0.7, 0.21)
 

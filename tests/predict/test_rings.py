@@ -12,8 +12,7 @@ from stepblocks.drag.ring import ring_of
 from stepblocks.drag.simulate import simulate
 from stepblocks.drag.track import track_over
 from stepblocks.errors import PipelineError
-from stepblocks.predict.predictions import Predictions
-from stepblocks.predict.rings import predicted_in_time
+from stepblocks.predict.predictions import Predictions, predicted_in_time
 
 STIMULI = Path(__file__).resolve().parents[2] / "stimuli"
 SHEATHS = load_set(STIMULI / "sheaths.toml")

@@ -13,7 +13,7 @@ from stepblocks.contact.energy import release_at
 from stepblocks.contact.operating_point import OperatingPoint
 from stepblocks.declare import load_set
 from stepblocks.errors import PipelineError
-from stepblocks.predict.margin_map import margin_map
+from stepblocks.predict.figures import margin_map
 from stepblocks.predict.predictions import predictions_of
 from stepblocks.predict.sweep.plan import load_sweep
 from stepblocks.predict.sweep.rows import design_row

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 from pydantic import TypeAdapter
 
-from stepblocks.contact.effects.catalogue import named_laws
+from stepblocks.contact.effects import named_laws
 from stepblocks.contact.effects.law import Law
 from stepblocks.contact.effects.smooth import CovariateRange, smooth_laws
 from stepblocks.contact.forward import Active

@@ -134,7 +134,7 @@ def _teacher(model: str | Path | None) -> tuple[_Teacher, Any] | None:
     if model is None:
         return None
     from stepblocks.artefacts.model_file import read_model
-    from stepblocks.predict.learned import learned_columns, taught_set
+    from stepblocks.predict.trials import learned_columns, taught_set
 
     learned = read_model(Path(model))
     return partial(taught_set, learned=learned), partial(learned_columns, learned=learned)

@@ -124,7 +124,7 @@ def _predict_sets(arguments: argparse.Namespace) -> int:
         sets = [with_as_built(stimuli, records) for stimuli in sets]
     by_name = {stimuli.name: Predictions.of(stimuli) for stimuli in sets}
     if arguments.conversion == "simulated":
-        from stepblocks.predict.rings import predicted_in_time
+        from stepblocks.predict.predictions import predicted_in_time
         from stepblocks.quantities import parse_quantity
 
         speed = parse_quantity(arguments.speed, "speed")

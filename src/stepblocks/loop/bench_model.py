@@ -10,7 +10,7 @@ from typing import cast
 import numpy as np
 
 from stepblocks.contact import forward
-from stepblocks.contact.effects.catalogue import named_laws
+from stepblocks.contact.effects import named_laws
 from stepblocks.contact.effects.law import Law, Parameter
 from stepblocks.contact.effects.smooth import CovariateRange, smooth_laws
 from stepblocks.contact.forward import LOADING_TIME, PEAK_FORCE, BenchDesign

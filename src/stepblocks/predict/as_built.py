@@ -12,7 +12,7 @@ from stepblocks.contact.energy import Release, release_at
 from stepblocks.contact.felt import energy_change, scanned_angle
 from stepblocks.parts.kind import Part
 from stepblocks.parts.set import StimulusSet
-from stepblocks.predict.predictions import Prediction, predictions_of, tool_of
+from stepblocks.predict.predictions import Prediction, predictions_of, six_digits, tool_of
 
 _SURFACE_COLUMNS = (
     "surface_critical_angle_deg",
@@ -34,15 +34,13 @@ def _recorded(part: Part, records: Mapping[str, AsBuilt]) -> bool:
 
 
 def _as_built(part: Part, record: AsBuilt) -> Part:
-    measured = {}
+    measured, source = {}, f"as built, {record.scan}"
     if record.height is not None:
         measured["height"] = record.height.value
     if "edge_radius" in record.values:
         measured["edge_radius"] = max(record.values["edge_radius"].value, 0.0)
-    source = f"as built, {record.scan}"
-    return part.model_copy(
-        update={name: replace(part.sizes[name], nominal=value, source=source) for name, value in measured.items()}
-    )
+    sizes = {name: replace(part.sizes[name], nominal=value, source=source) for name, value in measured.items()}
+    return part.model_copy(update=sizes)
 
 
 def surface_releases(stimuli: StimulusSet, records: Mapping[str, AsBuilt]) -> Callable[[Prediction], Release | None]:
@@ -65,9 +63,9 @@ def surface_columns(release: Release | None) -> dict[str, str]:
     """Return the further columns of a table of predictions, empty where there is no scanned surface."""
     if release is None:
         return dict.fromkeys(_SURFACE_COLUMNS, "")
-    numbers = math.degrees(release.angle), release.pull_force, release.vibration_energy * 1e6
-    angle, force, energy = ("" if math.isnan(value) else f"{value:.6g}" for value in numbers)
-    return dict(zip(_SURFACE_COLUMNS, (angle, release.status.value, force, energy), strict=True))
+    force, energy = six_digits(release.pull_force), six_digits(release.vibration_energy * 1e6)
+    texts = six_digits(math.degrees(release.angle)), release.status.value, force, energy
+    return dict(zip(_SURFACE_COLUMNS, texts, strict=True))
 
 
 def moved_energies(stimuli: StimulusSet, records: Mapping[str, AsBuilt]) -> Iterator[str]:

@@ -63,13 +63,7 @@ PAPER_OBSERVER = Observer(PAPER.tool.detection_threshold, PAPER.tool.ring_durati
 
 
 def sensation_level(energy: float, observer: Observer = PAPER_OBSERVER, masker_power: float = 0.0) -> float:
-    """Level of a ring over its threshold.
-
-    Examples
-    --------
-    >>> round(sensation_level(10e-6), 1)
-    38.9
-    """
+    """Level of a ring over its threshold."""
     require_positive("energy", energy, "J")
     require_not_negative("masker_power", masker_power, "W")
     threshold = observer.threshold_power + observer.masking * masker_power
@@ -81,11 +75,6 @@ def discriminability(first: float, second: float, observer: Observer = PAPER_OBS
 
     Signal detection theory with a decision variable that is linear in decibels: one just noticeable difference is
     75 % correct, so ``P = Phi(n z(0.75))``.
-
-    Examples
-    --------
-    >>> discriminability(10e-6, 10e-6)
-    (0.0, 0.5)
     """
     from scipy.stats import norm
 
@@ -95,14 +84,7 @@ def discriminability(first: float, second: float, observer: Observer = PAPER_OBS
 
 
 def height_of_energy(energy: float, point: OperatingPoint, edge_radius: float = 0.0) -> float:
-    """Height H [m] of the step that rings with `energy` [J], the exact inverse of equations (1) and (2).
-
-    Examples
-    --------
-    >>> energy = Step(25e-6).release(PAPER).vibration_energy
-    >>> round(height_of_energy(energy, PAPER) * 1e6, 9)
-    25.0
-    """
+    """Height H [m] of the step that rings with `energy` [J], the exact inverse of equations (1) and (2)."""
     require_positive("energy", energy, "J")
     force = math.sqrt(2.0 * point.tool.stiffness * energy / point.tool.conversion)
     angle = math.atan2(force, point.normal_load) - math.atan(point.friction)
@@ -124,12 +106,6 @@ def equally_felt_heights(
     """Heights of a set whose blocks are equally spaced in predicted sensation instead of in micrometres.
 
     Sensation is taken to grow with the logarithm of the energy (Fechner), as a constant Weber fraction implies.
-
-    Examples
-    --------
-    >>> heights, spacing = equally_felt_heights(5, 10e-6, 75e-6, PAPER)
-    >>> heights.round(8).tolist()
-    [1e-05, 2.316e-05, 4.137e-05, 5.99e-05, 7.5e-05]
     """
     if count < 2 or not 0.0 < lowest < highest:
         raise ContactError(
@@ -168,21 +144,9 @@ def neighbours(stimuli: StimulusSet, predictions: Iterable[Prediction]) -> pd.Da
     for (tip, friction, load), group in groupby(sorted(felt, key=lambda p: (*condition(p), p.step_height)), condition):
         for low, high in pairwise(p for p in group if p.release.vibration_energy > 0.0):
             energies = low.release.vibration_energy, high.release.vibration_energy
-            steps, correct = discriminability(*energies, observer)
-            rows.append(
-                {
-                    "set": stimuli.name,
-                    "tip_radius_um": tip * 1e6,
-                    "normal_load_n": load,
-                    "friction": friction,
-                    "lower": low.stimulus,
-                    "higher": high.stimulus,
-                    "lower_level_db": sensation_level(energies[0], observer),
-                    "higher_level_db": sensation_level(energies[1], observer),
-                    "just_noticeable_differences": steps,
-                    "correct": correct,
-                }
-            )
+            levels = (sensation_level(energy, observer) for energy in energies)
+            told = discriminability(*energies, observer)
+            rows.append((stimuli.name, tip * 1e6, load, friction, low.stimulus, high.stimulus, *levels, *told))
     return pd.DataFrame(rows, columns=_NEIGHBOURS)
 
 

@@ -9,13 +9,14 @@ from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from itertools import product
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from stepblocks.contact.counterface import Counterface
 from stepblocks.contact.energy import Release, Status, release_at
 from stepblocks.contact.kernels import locking_height
 from stepblocks.contact.operating_point import OperatingPoint, Tool
 from stepblocks.contact.uncertainty import Interval, interval_of, rectangular
+from stepblocks.errors import PipelineError
 from stepblocks.parts.conditions import PredictionGrid
 from stepblocks.parts.kind import Part
 from stepblocks.parts.set import StimulusSet, with_energy_tolerances
@@ -84,7 +85,10 @@ def predictions_of(stimuli: StimulusSet) -> Iterator[Prediction]:
             # the tolerance of a tip of the setting is no limit of the part
             radii = (ball.nominal,) if part.ball is None else ball.limits
             corners = [face.angles(radius) for face in faces for radius in radii]
-            nominal, middle = faces[0].angles(ball.nominal), _middle_face(part, step_height)
+            nominal = faces[0].angles(ball.nominal)
+            # of a one-sided tolerance the expectation is not the nominal
+            sizes = {name: middle_of(one) for name, one in part.sizes.items()}
+            middle = part.sized(**sizes) if part.crossed else part.counterface(step_height)
             for backward in range(len(faces[0].ways)):
                 spread = [angles[backward] for angles in corners]
                 angles = nominal[backward], min(spread), max(spread)
@@ -93,7 +97,7 @@ def predictions_of(stimuli: StimulusSet) -> Iterator[Prediction]:
                     release, low, high = (release_at(angle, load, friction, tool) for angle in angles)
                     interval = interval_of(
                         middle,
-                        replace(point, ball_radius=_middle(ball)),
+                        replace(point, ball_radius=middle_of(ball)),
                         uncertainty_of(part, grid, ball, load),
                         backward=bool(backward),
                         draws=_DRAWS,
@@ -117,22 +121,15 @@ def tip_of(grid: PredictionGrid, radius: float) -> Dimension:
     return Dimension(radius, width, -width)
 
 
-def _middle_face(part: Part, step_height: float | None) -> Counterface:
-    """Take the middle of each tolerance: of a one-sided one, the expectation is not the nominal."""
-    if not part.crossed:
-        return part.counterface(step_height)
-    return part.sized(**{name: _middle(one) for name, one in part.sizes.items()})
-
-
 def uncertainty_of(part: Part, grid: PredictionGrid, ball: Dimension, load: float) -> dict[str, float]:
     """Take every tolerance as a rectangular distribution over its zone, in the names of `interval_of`."""
     off, tool = grid.tolerances, grid.tool
     # a profile without a closed form is taken as known; its corners still stand beside the interval
     known = part.counterface().dimensions if part.crossed else {}
     return rectangular(
-        {name: _half(one) for name, one in part.sizes.items() if name in known}
+        {name: half_width(one) for name, one in part.sizes.items() if name in known}
         | {
-            "ball_radius": _half(ball),
+            "ball_radius": half_width(ball),
             "friction": off.friction,
             "normal_load": off.normal_load * load,
             "stiffness": off.stiffness * tool.stiffness,
@@ -141,11 +138,13 @@ def uncertainty_of(part: Part, grid: PredictionGrid, ball: Dimension, load: floa
     )
 
 
-def _middle(dimension: Dimension) -> float:
+def middle_of(dimension: Dimension) -> float:
+    """Middle of the zone of a tolerance."""
     return dimension.nominal + 0.5 * (dimension.upper + dimension.lower)
 
 
-def _half(dimension: Dimension) -> float:
+def half_width(dimension: Dimension) -> float:
+    """Half the width of the zone of a tolerance."""
     return 0.5 * (dimension.upper - dimension.lower)
 
 
@@ -190,9 +189,13 @@ def figures_of(prediction: Prediction) -> dict[str, float | str]:
 
 
 def as_row(prediction: Prediction) -> dict[str, str]:
-    """Format a prediction for a table, six digits for a number and nothing where there is none."""
-    figures = figures_of(prediction).items()
-    return {name: one if isinstance(one, str) else "" if math.isnan(one) else f"{one:.6g}" for name, one in figures}
+    """Format a prediction for a table."""
+    return {name: one if isinstance(one, str) else six_digits(one) for name, one in figures_of(prediction).items()}
+
+
+def six_digits(figure: float) -> str:
+    """Format a figure for a table; nothing where there is none."""
+    return "" if math.isnan(figure) else f"{figure:.6g}"
 
 
 @dataclass(frozen=True)
@@ -278,3 +281,34 @@ def shown(columns: Sequence[str]) -> tuple[str, ...]:
     """Choose the columns that fit a terminal: of the intervals only the drawn one of the energy."""
     ends = ("_low_n", "_high_n", "_low_uj", "_high_uj")
     return tuple(name for name in columns if not name.endswith(ends) or "energy_95" in name)
+
+
+def predicted_in_time(predictions: Predictions, speed: float) -> Predictions:
+    """Drag every condition in time once [m/s] to see what share of the stored energy rings."""
+    if not (math.isfinite(speed) and speed > 0.0):
+        raise PipelineError(f"speed must be positive and finite, got {speed:g} m/s")
+    return Predictions(tuple(_in_time(one, speed) for one in predictions))
+
+
+def _in_time(one: Prediction, speed: float) -> Prediction:
+    from stepblocks.drag.model import DragSettings, probe_for
+    from stepblocks.drag.ring import ring_of
+    from stepblocks.drag.simulate import simulate
+    from stepblocks.drag.track import track_over
+
+    if one.release.status is not Status.RELEASES:
+        return one
+    point = replace(one.point, speed=speed)
+    track = track_over(one.face, point.ball_radius, one.backward)
+    trace = simulate(track, probe_for(point.tool, point.ball_radius), DragSettings.under(point))
+    share = ring_of(trace, spectra=False).share if trace.status is Status.RELEASES else 0.0
+    factor = share / point.tool.conversion
+    release, low, high, interval = (_scaled(found, factor) for found in (one.release, *one.limits, one.interval))
+    return replace(one, release=release, limits=(low, high), interval=interval, conversion=share)
+
+
+def _scaled(found: Any, factor: float) -> Any:
+    of_energy = [name for name in vars(found) if "energy" in name or name in ("mean_power", "threshold_ratio")]
+    # an end that is infinite, because draws are held, stays so
+    scaled = {name: value if math.isinf(value := getattr(found, name)) else factor * value for name in of_energy}
+    return replace(found, **scaled)

@@ -4,14 +4,13 @@ from __future__ import annotations
 
 import json
 import math
-from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 
 from stepblocks.atomic import replace_text
 from stepblocks.contact.rod.cantilever import Hold, RodRing, bush_stiffness, ring_of
 from stepblocks.contact.rod.free_decay import DecayTest, plan_decay_test
-from stepblocks.parts.conditions import DampingRig, ProbeSpec
+from stepblocks.parts.conditions import ProbeSpec
 from stepblocks.parts.kinds.sheath import Sheath
 from stepblocks.parts.set import StimulusSet
 from stepblocks.predict.predictions import as_csv
@@ -73,18 +72,13 @@ def ring_rows(stimuli: StimulusSet) -> list[dict[str, str]]:
     return [row(one) for one in conditions]
 
 
-def _tests(stimuli: StimulusSet) -> Iterator[tuple[Condition, DecayTest]]:
-    rig: DampingRig | None = stimuli.damping_rig
-    if rig is None:
-        return
-    asked = rig.displacement.value, rig.noise.value, rig.sample_rate.value, rig.uncertainty.value
-    for one in conditions_of(stimuli):
-        yield one, plan_decay_test(one.ring.as_tool(), *asked)
-
-
 def decay_test_rows(stimuli: StimulusSet) -> list[dict[str, str]]:
     """Tabulate what the damping rig will measure of a set's probe."""
-    tests = list(_tests(stimuli))
+    rig = stimuli.damping_rig
+    if rig is None:
+        return []
+    asked = rig.displacement.value, rig.noise.value, rig.sample_rate.value, rig.uncertainty.value
+    tests = [(one, plan_decay_test(one.ring.as_tool(), *asked)) for one in conditions_of(stimuli)]
     return [
         {
             "sheath": one.sheath or "none",

@@ -75,13 +75,12 @@ def predict_table(
     rows: list[dict[str, Any]] = []
     for k in range(len(frame)):
         at = {name: float(values[k]) for name, values in columns.items()}
+        spread = {name: float(values[k]) for name, values in spreads.items()}
         stream = int(np.random.SeedSequence([seed, k]).generate_state(1)[0])
         try:
-            point = OperatingPoint(
-                at["ball_radius"], at["normal_load"], at["friction"], Tool(at["stiffness"], at["conversion"])
-            )
+            tool = Tool(at["stiffness"], at["conversion"])
+            point = OperatingPoint(at["ball_radius"], at["normal_load"], at["friction"], tool)
             face = Step(at["height"], at["edge_radius"])
-            spread = {name: float(values[k]) for name, values in spreads.items()}
             interval = interval_of(face, point, spread, confidence=confidence, draws=draws, seed=stream)
             angle = face.angles(point.ball_radius)[0]
         except ContactError as error:

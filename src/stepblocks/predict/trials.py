@@ -1,8 +1,10 @@
-"""Trials nobody has made yet, predicted with what a session taught."""
+"""Trials and stimuli nobody has dragged over yet, predicted with what a session taught."""
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
+from dataclasses import dataclass, replace
 from itertools import product
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -11,7 +13,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from stepblocks.artefacts.model_file import WIDE, LearnedFit, LearnedModel, read_model
-from stepblocks.atomic import beside
+from stepblocks.atomic import replace_text
+from stepblocks.contact.energy import Status
 from stepblocks.contact.forward import (
     LOADING_TIME,
     PEAK_FORCE,
@@ -22,11 +25,19 @@ from stepblocks.contact.forward import (
     responses,
     tip_radius_um,
 )
-from stepblocks.contact.state import DragState, Floats, observe
+from stepblocks.contact.kernels import height_at_angle
+from stepblocks.contact.operating_point import OperatingPoint, Tool
+from stepblocks.contact.state import CHANNELS, DragState, Floats, observe
 from stepblocks.errors import PipelineError
+from stepblocks.predict.predictions import Prediction, six_digits
+from stepblocks.tables import csv_text
 
 if TYPE_CHECKING:
     import pandas as pd
+
+    from stepblocks.parts.set import StimulusSet
+
+Interval = tuple[float, float, float]  # a value and its 95 % interval for a single trial
 
 _POSITIVE = ("height_um", "load_n", "speed_mm_s")
 _FIGURES = {"peak_force{}_n": 1, "vibration_energy{}_j": 0}  # columns of the result, and their channels
@@ -70,8 +81,7 @@ def predict_trials(
     if output is not None:
         try:
             Path(output).parent.mkdir(parents=True, exist_ok=True)
-            with beside(Path(output)) as draft:
-                result.to_csv(draft, index=False, float_format="%.9g")
+            replace_text(Path(output), csv_text(result, float_format="%.9g"))
         except OSError as error:
             raise PipelineError(f"output cannot be written: {error.strerror} [{output}]") from error
     return result
@@ -159,3 +169,79 @@ def _channels(design: BenchDesign, fitted: LearnedFit, learned: LearnedModel) ->
         slope = (observe(state.changed(height=state.height + step)) - mean) / step
         variance += np.where(unknown[:, None], (slope * learned.height_std) ** 2, 0.0)
     return mean, np.sqrt(variance), state
+
+
+@dataclass(frozen=True)
+class LearnedDrag:
+    """One drag as the extended model sees it."""
+
+    # ``ok``, ``locked``, or ``outside-range(...)`` with the columns that lie beyond the session's data
+    status: str
+    peak_force: Interval  # N
+    energy: Interval  # J
+    friction: float
+    tool: Tool  # with the learnt spring, conversion and ring
+    edge_radius: float  # what the model adds to the ball's radius [m]; 0 where it has no such effect
+
+
+def learned_drag(learned: LearnedModel, block: str, height: float, condition: OperatingPoint) -> LearnedDrag:
+    """Ask a learned model about one step; of the condition its friction and tool are not asked, they are learnt."""
+    import pandas as pd
+
+    row: dict[str, Any] = {
+        "trial": "1",
+        "block": block,
+        "height_um": height * 1e6,
+        "load_n": condition.normal_load,
+        "speed_mm_s": condition.speed * 1e3,
+        "tip": f"tip-{condition.ball_radius * 1e6:.6f}",
+    }
+    for place in learned.ranges:
+        if place.name not in row and place.name != PEAK_FORCE:
+            row[place.name] = place.labels[0] if place.labels else 0.5 * (place.low + place.high)
+    table, state = predicted(pd.DataFrame([row]), learned)
+    found = table.iloc[0]
+    shown = dict(zip(CHANNELS, observe(state)[0], strict=True))
+
+    def interval(name: str) -> Interval:
+        value, low, high = (float(found[name.format(end)]) for end in ("", "_low", "_high"))
+        return value, low, high
+
+    tool = replace(
+        condition.tool,
+        stiffness=float(state.stiffness[0]),
+        conversion=float(state.conversion[0]),
+        frequency=math.exp(shown["ln_ring_frequency"]),
+        decay_time=math.exp(shown["ln_decay_time"]),
+    )
+    edge_radius = max(float(state.radius[0]) - condition.ball_radius, 0.0)
+    force, energy = (interval(name) for name in _FIGURES)
+    return LearnedDrag(str(found["status"]), force, energy, float(state.friction[0]), tool, edge_radius)
+
+
+def taught_set(stimuli: StimulusSet, learned: LearnedModel) -> StimulusSet:
+    """Predict a set with the constants of a session: its friction, spring and conversion instead of the file's."""
+    values, grid = learned.extended.values, stimuli.prediction
+    spring = {
+        "stiffness": learned.tool.stiffness * values["stiffness_ratio"],
+        "conversion": math.exp(values["ln_conversion"]),
+    }
+    taught = {"frictions": (values["friction"],), "tool": grid.tool.model_copy(update=spring)}
+    return stimuli.model_copy(update={"prediction": grid.model_copy(update=taught)})
+
+
+def learned_columns(prediction: Prediction, learned: LearnedModel) -> dict[str, str]:
+    """Say beside a prediction what the extended model, effects and all, predicts."""
+    names = [
+        f"learned_{name.format(end)}"
+        for name in ("pull_force{}_n", "vibration_energy{}_uj")
+        for end in ("", "_low", "_high")
+    ]
+    if prediction.release.status is not Status.RELEASES:
+        return {"learned_status": "", **dict.fromkeys(names, "")}
+    # an edge that is no plain step counts as the step of the same critical angle
+    plain = prediction.drag == "up"
+    height = prediction.step_height if plain else height_at_angle(prediction.release.angle, prediction.tip_radius)
+    found = learned_drag(learned, prediction.stimulus, float(height), prediction.point)
+    values = [*found.peak_force, *(1e6 * energy for energy in found.energy)]
+    return {"learned_status": found.status, **dict(zip(names, map(six_digits, values), strict=True))}

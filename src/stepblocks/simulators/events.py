@@ -20,7 +20,7 @@ from stepblocks.drag.simulate import DragTrace, simulate
 from stepblocks.drag.track import track_along
 from stepblocks.errors import HapticsError
 from stepblocks.parts.kind import Part
-from stepblocks.predict.learned import LearnedDrag, learned_drag
+from stepblocks.predict.trials import LearnedDrag, learned_drag
 
 Array = NDArray[np.float64]
 _RATE = 96e3  # of the simulated force [Hz]; WAV files are interpolated from it

@@ -14,7 +14,7 @@ from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, ValidationEr
 from stepblocks.bench.rehearse.records import Rig, Truth
 from stepblocks.bench.rehearse.trace_writers import TRACE_FILES
 from stepblocks.bench.session import Frequency, Stiffness, one_of
-from stepblocks.contact.effects.catalogue import named_laws
+from stepblocks.contact.effects import named_laws
 from stepblocks.contact.operating_point import PAPER
 from stepblocks.errors import PipelineError
 from stepblocks.quantities import quantity_parser

@@ -11,7 +11,7 @@ import numpy as np
 from stepblocks.bench.rehearse.plan import PlantedEffect, SessionPlan
 from stepblocks.bench.rehearse.records import Rig, Truth
 from stepblocks.contact.counterface import Step
-from stepblocks.contact.effects.catalogue import named_laws
+from stepblocks.contact.effects import named_laws
 from stepblocks.contact.effects.law import Law
 from stepblocks.contact.forward import BenchDesign, height_name, nominal_state
 from stepblocks.contact.operating_point import OperatingPoint, Tool

@@ -13,7 +13,12 @@ from typing import Any
 import numpy as np
 
 from stepblocks.contact.operating_point import PAPER
+from stepblocks.contact.uncertainty import rectangular
+from stepblocks.declare import load_declared
 from stepblocks.errors import PipelineError, QuantityError, StepblocksError
+from stepblocks.parts.conditions import PredictionGrid
+from stepblocks.parts.kind import Part
+from stepblocks.predict.predictions import half_width, middle_of
 from stepblocks.quantities import parse_quantity
 
 # dimensions of a counterface, and the parameters of a sweep that stand for them
@@ -21,6 +26,7 @@ SURFACES: dict[str, dict[str, str]] = {
     "step": {"height": "height", "edge_radius": "edge_radius"},
     "margin": {"gap": "marginal_gap", "rise": "horizontal_discrepancy", "opening": "vertical_discrepancy"},
 }
+_GIVEN_OTHERWISE = {"tip": "tips as tip_radius", "sheath": "what a sheath makes of the probe as stiffness"}
 DIRECTIONS = ("tooth-to-crown", "crown-to-tooth")  # ways of a drag over a margin; a plan holds their places
 _SQUARE = math.inf  # stands for "as the gap": the end of the crown is square
 
@@ -36,7 +42,7 @@ _SETTING: _Parameters = {
     "frequency": ("frequency", PAPER.tool.frequency),
     "damping_ratio": ("ratio", PAPER.tool.damping_ratio),
 }
-_PARAMETERS: dict[str, _Parameters] = {
+PARAMETERS: dict[str, _Parameters] = {
     "step": {"height": ("length", None), "edge_radius": ("length", 0.0), **_SETTING},
     "margin": {
         "marginal_gap": ("length", None),
@@ -46,11 +52,6 @@ _PARAMETERS: dict[str, _Parameters] = {
         "direction": ("direction", 0.0),
     },
 }
-
-
-def parameters_of(surface: str) -> _Parameters:
-    """Parameters of sweeps over a ``"step"`` or a ``"margin"``."""
-    return _PARAMETERS[surface]
 
 
 _MOST_ROWS = 10**10
@@ -121,7 +122,7 @@ def _resolved(data: dict[str, Any], folder: Path) -> SweepPlan:
         surface, stimuli, declared, drawn = _of_set(head, parameters, draws, folder)
     elif "tolerances" in draws:
         raise PipelineError("tolerances are those of a set: name it with set [draws]")
-    names = parameters_of(surface)
+    names = PARAMETERS[surface]
     taken = set(stimuli[0]["values"]) | {"height", "edge_radius", "vertical_discrepancy"} if stimuli else set()
     open_names = [name for name in names if name not in taken]
     _known("[parameters]", parameters, (*(["stimulus"] if stimuli else []), *open_names))
@@ -164,8 +165,6 @@ def _of_set(
     head: dict[str, Any], parameters: dict[str, Any], draws: dict[str, Any], folder: Path
 ) -> tuple[str, list[dict[str, Any]], dict[str, list[float]], tuple[dict[str, float], dict[str, float]]]:
     """Surface, stimuli, declared conditions, and uncertainties of the setting of a sweep over a set."""
-    from stepblocks.predict.sweep.axes import setting_of, stimuli_of
-
     if "surface" in head:
         raise PipelineError("surface must not be given beside set, which says what its stimuli are [sweep]")
     tolerances = draws.get("tolerances", False)
@@ -234,6 +233,61 @@ def _table(data: dict[str, Any], name: str) -> dict[str, Any]:
 
 
 def _known(place: str, table: dict[str, Any], names: tuple[str, ...]) -> None:
-    for key in table:
-        if key not in names:
-            raise PipelineError(f"{key!r} is not known in {place}; known are {', '.join(names)}")
+    unknown = [key for key in table if key not in names]
+    if unknown:
+        raise PipelineError(f"{unknown[0]!r} is not known in {place}; known are {', '.join(names)}")
+
+
+def stimuli_of(path: Path, wanted: Any, tolerances: bool) -> tuple[str, list[dict[str, Any]], PredictionGrid]:
+    """Read the stimuli that a sweep goes over."""
+    declared = load_declared(path)
+    known = {part.id: part for part in declared.stimuli}
+    if wanted is None:
+        chosen = [part for part in declared.stimuli if part.crossed]
+    else:
+        if not isinstance(wanted, list) or not wanted or not all(isinstance(name, str) for name in wanted):
+            raise PipelineError(f"stimulus must be a list of identities, got {wanted!r} [parameters]")
+        missing = [name for name in wanted if name not in known]
+        if missing:
+            raise PipelineError(f"stimulus must be declared in {path}, got {missing[0]!r} [parameters]")
+        chosen = [known[name] for name in wanted]
+    kinds = {_surface(part) for part in chosen}
+    if len(kinds) != 1:
+        raise PipelineError(
+            f"stimulus must be of one kind: step blocks, or crown margins; got {', '.join(sorted(kinds)) or 'none'} in {path}"
+        )
+    (surface,) = kinds
+    if surface in _GIVEN_OTHERWISE:
+        raise PipelineError(f"a sweep goes over blocks or crowns; give {_GIVEN_OTHERWISE[surface]} [parameters]")
+    if surface not in SURFACES:
+        raise PipelineError(f"a sweep goes over blocks or crowns, got a {surface} in {path}")
+    return surface, [_axis_point(part, SURFACES[surface], tolerances) for part in chosen], declared.prediction
+
+
+def setting_of(grid: PredictionGrid) -> tuple[dict[str, list[float]], dict[str, float], dict[str, float]]:
+    """Values of the conditions that a set declares, and the standard uncertainties of its setting, plain and as shares."""
+    values = {
+        "tip_radius": list(grid.tip_radii),
+        "normal_load": list(grid.normal_loads),
+        "friction": list(grid.frictions),
+        "stiffness": [grid.tool.stiffness],
+        "conversion": [grid.tool.conversion],
+    }
+    off = rectangular({name: width for name, width in grid.tolerances if width > 0.0})
+    plain: dict[str, float] = {name: off.pop(name) for name in ("tip_radius", "friction") if name in off}
+    return values, plain, off
+
+
+def _surface(part: Part) -> str:
+    """Find the surface whose dimensions a part has."""
+    if not part.crossed:
+        return "tip" if part.ball is not None else "sheath"
+    return next((name for name, columns in SURFACES.items() if set(part.sizes) <= set(columns)), part.called)
+
+
+def _axis_point(part: Part, columns: dict[str, str], tolerances: bool) -> dict[str, Any]:
+    named = {columns[name]: part.sizes[name] for name in columns if name in part.sizes}
+    if not tolerances:
+        return {"id": part.id, "values": {name: one.nominal for name, one in named.items()}, "spreads": {}}
+    spreads = rectangular({name: half_width(one) for name, one in named.items()})
+    return {"id": part.id, "values": {name: middle_of(one) for name, one in named.items()}, "spreads": spreads}

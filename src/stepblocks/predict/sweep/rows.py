@@ -12,7 +12,7 @@ from stepblocks.contact.counterface import Counterface, Margin, Step
 from stepblocks.contact.energy import Status
 from stepblocks.contact.operating_point import OperatingPoint, Tool
 from stepblocks.errors import ContactError
-from stepblocks.predict.sweep.plan import DIRECTIONS, SURFACES, SweepPlan, parameters_of
+from stepblocks.predict.sweep.plan import DIRECTIONS, PARAMETERS, SURFACES, SweepPlan
 
 _UNITS = {
     "length": "_m",
@@ -36,24 +36,17 @@ DRAG_COLUMNS = (
 
 def columns_of(plan: SweepPlan) -> list[str]:
     """Names of the columns of a sweep's table, units in them."""
-    inputs = [name + _UNITS[dimension] for name, (dimension, _) in parameters_of(plan.surface).items()]
+    inputs = [name + _UNITS[dimension] for name, (dimension, _) in PARAMETERS[plan.surface].items()]
     named = ["stimulus"] if plan.stimuli else []
     return ["row", "draw", *named, *inputs, *STATIC_COLUMNS, *(DRAG_COLUMNS if plan.mode == "drag" else ())]
 
 
 def design_row(plan: SweepPlan, row: int) -> dict[str, float]:
-    """Draw the inputs [SI] of one row; they depend on the plan and the row's number alone.
-
-    Examples
-    --------
-    >>> plan = SweepPlan("grid", "static", "step", 2, 1, 0, 10, {"height": [1e-5, 2e-5]}, {}, {}, {}, [])
-    >>> design_row(plan, 1)["height"]
-    2e-05
-    """
+    """Draw the inputs [SI] of one row; they depend on the plan and the row's number alone."""
     left = point = row // plan.draws
     inputs: dict[str, float] = {}
     random = np.random.default_rng([plan.seed, point])
-    for name in parameters_of(plan.surface):
+    for name in PARAMETERS[plan.surface]:
         if name in plan.ranges:
             inputs[name] = float(random.uniform(plan.ranges[name][0], plan.ranges[name][1]))
         elif name in plan.values:
@@ -73,7 +66,7 @@ def design_row(plan: SweepPlan, row: int) -> dict[str, float]:
     if spreads:
         noise = np.random.default_rng([plan.seed, row, 1])
         signed = ("horizontal_discrepancy", "vertical_discrepancy")
-        for name in parameters_of(plan.surface):
+        for name in PARAMETERS[plan.surface]:
             if name in spreads:
                 moved = inputs[name] + spreads[name] * float(noise.standard_normal())
                 inputs[name] = moved if name in signed else max(moved, 0.0)
@@ -86,7 +79,7 @@ def sweep_row(plan: SweepPlan, row: int) -> dict[str, Any]:
     result: dict[str, Any] = {"row": row, "draw": row % plan.draws}
     if plan.stimuli:
         result["stimulus"] = plan.stimuli[int(inputs["stimulus"])]["id"]
-    for name, (dimension, _) in parameters_of(plan.surface).items():
+    for name, (dimension, _) in PARAMETERS[plan.surface].items():
         result[name + _UNITS[dimension]] = inputs.get(name, math.nan)
     if plan.surface == "margin":
         result["direction"] = DIRECTIONS[int(inputs["direction"])]
