@@ -15,7 +15,6 @@ from stepblocks.contact.counterface import Margin, Step
 from stepblocks.contact.critical_angle import margin_angles
 from stepblocks.contact.domain import require_not_negative
 from stepblocks.contact.energy import Status
-from stepblocks.contact.kernels import locking_height
 from stepblocks.contact.operating_point import OperatingPoint
 from stepblocks.contact.uncertainty import interval_of
 from stepblocks.errors import ContactError
@@ -23,7 +22,40 @@ from stepblocks.figure_file import new_figure, save_figure
 from stepblocks.parts.set import StimulusSet, with_energy_tolerances
 from stepblocks.predict.predictions import tip_of, tool_of, uncertainty_of
 
+Floats = NDArray[np.float64]
+
 _BLUE, _RED = "#1f4e79", "#b03030"
+
+
+@dataclass(frozen=True)
+class MarginMap:
+    """Forces and energies over a grid of margins, each of shape (gaps, discrepancies)."""
+
+    gap: Floats  # shape (gaps,) [m]
+    discrepancy: Floats  # shape (discrepancies,) [m]; positive is a tooth that stands higher than the crown
+    crown_to_tooth: Floats  # peak force F_px [N]; 0 where nothing catches, infinite where the tip is held
+    tooth_to_crown: Floats
+    energy_crown_to_tooth: Floats  # vibration energy E_v [J]; NaN where the tip does not release
+    energy_tooth_to_crown: Floats
+
+
+def margin_map(gap: ArrayLike, discrepancy: ArrayLike, point: OperatingPoint, *, edge_radius: float = 0.0) -> MarginMap:
+    """Map the force of an explorer over marginal gap and vertical discrepancy.
+
+    Terms by Holmes et al. (1989), J. Prosthet. Dent. 62, 405. The gap is taken to be deeper than the tip sinks.
+    """
+    gaps, rises = np.atleast_1d(np.asarray(gap, float)), np.atleast_1d(np.asarray(discrepancy, float))
+    if gaps.ndim != 1 or rises.ndim != 1 or gaps.size == 0 or rises.size == 0:
+        raise ContactError("gap and discrepancy must each be a row of at least one value")
+    require_not_negative("edge_radius", edge_radius, "m")
+    angles = margin_angles(gaps[:, None] + 2.0 * edge_radius, rises, point.ball_radius + edge_radius)
+    tool = point.tool
+    found = [
+        kernels.release(angle, point.friction, point.normal_load, tool.stiffness, tool.conversion) for angle in angles
+    ]
+    forces = [force for force, _ in found]
+    energies = [np.where(np.isfinite(energy) & (energy > 0.0), energy, np.nan) for _, energy in found]
+    return MarginMap(gaps, rises, *forces, *energies)
 
 
 def write_plots(stimuli: StimulusSet, folder: Path) -> Iterator[Path]:
@@ -75,7 +107,7 @@ def draw_energy_of_height(
     band = low[shown], np.minimum(high[shown], top)
     axis.fill_between(heights[shown], *band, alpha=0.3, lw=0, color=_BLUE, label="95 % interval")
     axis.plot(heights[released], energy[released], color=_BLUE, label="$E_v$, equations (1) and (2)")
-    limit = 1e6 * float(locking_height(point.ball_radius + steps[0].edge_radius, point.friction))
+    limit = 1e6 * float(kernels.locking_height(point.ball_radius + steps[0].edge_radius, point.friction))
     axis.axvline(limit, color=_RED, ls="--", lw=1, label=f"locks from {limit:.1f} um")
     axis.set(xlabel="step height H [um]", ylabel="vibration energy $E_v$ [uJ]", yscale="log")
     axis.set_ylim(top=top)
@@ -107,37 +139,3 @@ def draw_margin_map(table: MarginMap, path: Path, marks: Sequence[tuple[float, f
         axis.set_title(f"{name} (white: no catch, hatched: held)", fontsize=9)
     figure.colorbar(mesh, ax=list(axes), label="peak force $F_{px}$ [N]")
     save_figure(figure, path)
-
-
-Floats = NDArray[np.float64]
-
-
-@dataclass(frozen=True)
-class MarginMap:
-    """Forces and energies over a grid of margins, each of shape (gaps, discrepancies)."""
-
-    gap: Floats  # shape (gaps,) [m]
-    discrepancy: Floats  # shape (discrepancies,) [m]; positive is a tooth that stands higher than the crown
-    crown_to_tooth: Floats  # peak force F_px [N]; 0 where nothing catches, infinite where the tip is held
-    tooth_to_crown: Floats
-    energy_crown_to_tooth: Floats  # vibration energy E_v [J]; NaN where the tip does not release
-    energy_tooth_to_crown: Floats
-
-
-def margin_map(gap: ArrayLike, discrepancy: ArrayLike, point: OperatingPoint, *, edge_radius: float = 0.0) -> MarginMap:
-    """Map the force of an explorer over marginal gap and vertical discrepancy.
-
-    Terms by Holmes et al. (1989), J. Prosthet. Dent. 62, 405. The gap is taken to be deeper than the tip sinks.
-    """
-    gaps, rises = np.atleast_1d(np.asarray(gap, float)), np.atleast_1d(np.asarray(discrepancy, float))
-    if gaps.ndim != 1 or rises.ndim != 1 or gaps.size == 0 or rises.size == 0:
-        raise ContactError("gap and discrepancy must each be a row of at least one value")
-    require_not_negative("edge_radius", edge_radius, "m")
-    angles = margin_angles(gaps[:, None] + 2.0 * edge_radius, rises, point.ball_radius + edge_radius)
-    tool = point.tool
-    found = [
-        kernels.release(angle, point.friction, point.normal_load, tool.stiffness, tool.conversion) for angle in angles
-    ]
-    forces = [force for force, _ in found]
-    energies = [np.where(np.isfinite(energy) & (energy > 0.0), energy, np.nan) for _, energy in found]
-    return MarginMap(gaps, rises, *forces, *energies)

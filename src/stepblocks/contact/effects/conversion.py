@@ -15,13 +15,9 @@ import numpy as np
 from stepblocks.contact.effects.law import Law, Parameter
 from stepblocks.contact.effects.release_motion import released
 from stepblocks.contact.operating_point import PAPER
-from stepblocks.contact.state import DragState, Floats
+from stepblocks.contact.state import DragState
 
 SLOT = "conversion"
-
-
-def _temperature(state: DragState, celsius: Floats, values: Mapping[str, float]) -> DragState:
-    return state.changed(conversion=state.conversion * np.exp(values["rate_per_k"] * (celsius - 22.0)))
 
 
 def _motion(state: DragState, _: Any, values: Mapping[str, float]) -> DragState:
@@ -64,7 +60,9 @@ LAWS = (
         "temperature_c",
         "C_v exp(g (T - 22 C))",
         (Parameter("rate_per_k", "1/K", 0.0, -1.0, 1.0, 0.01),),
-        _temperature,
+        lambda state, celsius, v: state.changed(
+            conversion=state.conversion * np.exp(v["rate_per_k"] * (celsius - 22.0))
+        ),
     ),
     Law(
         "real_release",

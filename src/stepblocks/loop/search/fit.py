@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from itertools import zip_longest
+from typing import Any
 
 import numpy as np
 from scipy.optimize import least_squares
@@ -66,20 +68,15 @@ class _Objective:
         self.start = np.array([p.start for p in self.parameters]) / self.scale
         self.prior = np.array([p.scale / p.prior_std for p in self.parameters])
         self.kept = np.flatnonzero(self.prior > 0.0)
-        self.bounds = (
-            np.array([p.low for p in self.parameters]) / self.scale,
-            np.array([p.high for p in self.parameters]) / self.scale,
-        )
+        low, high = np.array([(p.low, p.high) for p in self.parameters]).T / self.scale
+        self.bounds = low, high
         blocks = np.asarray([p.block for p in self.parameters])
-        self.rows = {b: np.flatnonzero(problem.trials.block == b) for b in set(blocks[blocks != ""])}
-        self.groups: list[list[int]] = [[int(i)] for i in np.flatnonzero(blocks == "")]
-        # parameters that each move one specimen only share a difference; equal counts per specimen are layered
-        local: dict[str, list[int]] = {}
-        for i in np.flatnonzero(blocks != ""):
-            local.setdefault(str(blocks[i]), []).append(int(i))
-        for layer in range(max((len(v) for v in local.values()), default=0)):
-            self.groups.append([v[layer] for v in local.values() if len(v) > layer])
-
+        self.rows: dict[str, Any] = {b: np.flatnonzero(problem.trials.block == b) for b in set(blocks.tolist())}
+        self.rows[""] = slice(None)
+        # parameters that each move one specimen only share a difference, one of every specimen at a time
+        layers = zip_longest(*(np.flatnonzero(blocks == b).tolist() for b in dict.fromkeys(blocks[blocks != ""])))
+        self.groups: list[list[int]] = [[i] for i in np.flatnonzero(blocks == "").tolist()]
+        self.groups += [[i for i in layer if i is not None] for layer in layers]
         self.last: tuple[Floats, Floats] | None = None
 
     def predicted(self, x: Floats) -> Floats:
@@ -93,14 +90,10 @@ class _Objective:
         return self.problem.predict(self.effects, values)
 
     def residual(self, x: Floats) -> Floats:
-        misfit = self.problem.trials.values - self.predicted(x)
-        white = self.problem.noise.whiten(misfit)
+        white = self.problem.noise.whiten(self.problem.trials.values - self.predicted(x))
         return np.concatenate([white, ((self.start - x) * self.prior)[self.kept]])
 
     def jacobian(self, x: Floats) -> Floats:
-        return -self.forward(x)
-
-    def forward(self, x: Floats) -> Floats:
         base = self.predicted(x)
         n, c = base.shape
         stack = np.zeros((n, c, len(x)))
@@ -110,13 +103,10 @@ class _Objective:
             moved[group] += step
             change = self._predict(moved) - base
             for i, h in zip(group, step, strict=True):
-                block = self.parameters[i].block
-                if block:
-                    stack[self.rows[block], :, i] = change[self.rows[block]] / h
-                else:
-                    stack[:, :, i] = change / h
+                rows = self.rows[self.parameters[i].block]
+                stack[rows, :, i] = change[rows] / h
         prior = np.diag(self.prior)[self.kept]
-        return np.vstack([self.problem.noise.whiten(stack), prior])
+        return -np.vstack([self.problem.noise.whiten(stack), prior])
 
 
 def fit(
@@ -124,16 +114,12 @@ def fit(
 ) -> Fit:
     """Fit the model with some effects."""
     objective = _Objective(problem, effects)
-    x0 = objective.start.copy()
-    for i, parameter in enumerate(objective.parameters):
-        if start is not None and parameter.name in start:
-            x0[i] = start[parameter.name] / parameter.scale
+    begin = np.array([(start or {}).get(p.name, p.start) for p in objective.parameters]) / objective.scale
     low, high = objective.bounds
     margin = 1e-6 * (np.minimum(high - low, 1.0))
-    x0 = np.clip(x0, low + margin, high - margin)
     solution = least_squares(
         objective.residual,
-        x0,
+        np.clip(begin, low + margin, high - margin),
         objective.jacobian,
         bounds=objective.bounds,
         ftol=1e-6,
