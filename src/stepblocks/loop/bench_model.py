@@ -71,6 +71,10 @@ class SessionModel:
         laws = cast("forward.Active", effects)
         return forward.extended_state(_design(trials, self.tool.stiffness), values, laws)
 
+    def candidates(self, trials: Trials) -> tuple[Law, ...]:
+        """Return every effect that may be asked of a table, knowing what the scans have ruled out."""
+        return candidates(trials, covariate_ranges(trials), scanned_radius=self.scanned_radius)
+
     def predict(self, trials: Trials, values: Mapping[str, float], effects: Active = ()) -> Floats:
         """Predict all channels."""
         return observe(self.state(trials, values, effects))

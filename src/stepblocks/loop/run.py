@@ -18,7 +18,7 @@ from stepblocks.artefacts.as_built import measured_edges, read_records
 from stepblocks.artefacts.model_file import model_document
 from stepblocks.atomic import replace_text
 from stepblocks.errors import PipelineError
-from stepblocks.loop.bench_model import SessionModel, candidates, covariate_ranges
+from stepblocks.loop.bench_model import SessionModel, covariate_ranges
 from stepblocks.loop.result import LoopResult, block_stimulus, learned_model, result_document
 from stepblocks.loop.search.explain import (
     Explanation,
@@ -127,12 +127,8 @@ def analyse_features(
     return LoopResult("", table, found, *holdouts, document, model)
 
 
-def _asked(model: SessionModel, trials: Trials) -> Sequence[Effect]:
-    return candidates(trials, covariate_ranges(trials), scanned_radius=model.scanned_radius)
-
-
 def _chosen(trials: Trials, *, model: SessionModel, rules: Rules) -> Sequence[Effect]:
-    return select(model, trials, _asked(model, trials), rules)
+    return select(model, trials, model.candidates(trials), rules)
 
 
 def _explained(table: SessionTable, rules: Rules, jobs: int) -> tuple[Explanation, tuple[Holdout, Holdout]]:
@@ -153,7 +149,7 @@ def _explained(table: SessionTable, rules: Rules, jobs: int) -> tuple[Explanatio
             run = stack.enter_context(ProcessPoolExecutor(jobs - 1, env=threads)).map
         # the folds do not wait for what all trials say
         waiting = run(one_fold, [*inside, *outside])
-        found = explain(model, trials, _asked(model, trials), rules)
+        found = explain(model, trials, model.candidates(trials), rules)
         done = list(waiting)
     return found, (gather(trials, inside, done[: len(inside)]), gather(trials, outside, done[len(inside) :]))
 
@@ -165,12 +161,10 @@ def write_loop(result: LoopResult, output: Path) -> None:
     output.mkdir(parents=True, exist_ok=True)
     for name, document in (("result.json", result.document), ("model.json", model_document(result.model))):
         replace_text(output / name, json.dumps(_finite(document), indent=2, allow_nan=False) + "\n")
-    block, asked = output / "next-block.toml", block_stimulus(result.document["next_experiment"])
-    if asked:
-        replace_text(block, asked)
-    else:
-        # a block that an earlier run asked for is not asked for any more
-        block.unlink(missing_ok=True)
+    # a block that an earlier run asked for is not asked for any more
+    (output / "next-block.toml").unlink(missing_ok=True)
+    if asked := block_stimulus(result.document["next_experiment"]):
+        replace_text(output / "next-block.toml", asked)
     replace_text(output / "report.html", page_of(result))
 
 

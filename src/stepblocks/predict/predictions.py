@@ -25,6 +25,9 @@ from stepblocks.parts.tolerance import Dimension
 if TYPE_CHECKING:
     import pandas as pd
 
+    from stepblocks.drag.ring import Ring
+    from stepblocks.drag.simulate import DragTrace
+
 _DRAWS = 2000  # of each interval: its ends scatter by 2 % of its width, and a thousand blocks still take seconds
 
 
@@ -290,19 +293,26 @@ def predicted_in_time(predictions: Predictions, speed: float) -> Predictions:
     return Predictions(tuple(_in_time(one, speed) for one in predictions))
 
 
-def _in_time(one: Prediction, speed: float) -> Prediction:
+def dragged(
+    face: Counterface, point: OperatingPoint, backward: bool, speed: float, **probe: float
+) -> tuple[DragTrace, Ring | None]:
+    """Drag in time, with what of the probe is other than the tool says, and measure the ring of a tip that releases."""
     from stepblocks.drag.model import DragSettings, probe_for
     from stepblocks.drag.ring import ring_of
     from stepblocks.drag.simulate import simulate
     from stepblocks.drag.track import track_over
 
+    own = probe_for(point.tool, point.ball_radius, **probe)
+    trace = simulate(track_over(face, point.ball_radius, backward), own, DragSettings.under(point, speed=speed))
+    return trace, ring_of(trace, spectra=False) if trace.status is Status.RELEASES else None
+
+
+def _in_time(one: Prediction, speed: float) -> Prediction:
     if one.release.status is not Status.RELEASES:
         return one
-    point = replace(one.point, speed=speed)
-    track = track_over(one.face, point.ball_radius, one.backward)
-    trace = simulate(track, probe_for(point.tool, point.ball_radius), DragSettings.under(point))
-    share = ring_of(trace, spectra=False).share if trace.status is Status.RELEASES else 0.0
-    factor = share / point.tool.conversion
+    _, ring = dragged(one.face, one.point, one.backward, speed)
+    share = ring.share if ring else 0.0
+    factor = share / one.point.tool.conversion
     release, low, high, interval = (_scaled(found, factor) for found in (one.release, *one.limits, one.interval))
     return replace(one, release=release, limits=(low, high), interval=interval, conversion=share)
 

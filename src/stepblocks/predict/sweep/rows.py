@@ -12,6 +12,7 @@ from stepblocks.contact.counterface import Counterface, Margin, Step
 from stepblocks.contact.energy import Status
 from stepblocks.contact.operating_point import OperatingPoint, Tool
 from stepblocks.errors import ContactError
+from stepblocks.predict.predictions import dragged
 from stepblocks.predict.sweep.plan import DIRECTIONS, PARAMETERS, SURFACES, SweepPlan
 
 _UNITS = {
@@ -98,8 +99,10 @@ def sweep_row(plan: SweepPlan, row: int) -> dict[str, Any]:
             "peak_force_n": release.pull_force,
             "vibration_energy_j": release.vibration_energy,
         }
-        if plan.mode == "drag":
-            result |= _dragged(face, point, backward, inputs, release.status)
+        if plan.mode == "drag" and release.status in (Status.TOO_HIGH, Status.NO_CATCH):
+            result["drag_status"] = str(release.status)
+        elif plan.mode == "drag":
+            result |= _dragged(face, point, backward, inputs)
     except ContactError as error:
         result["problem"] = str(error)
     return result
@@ -111,27 +114,15 @@ def _face(surface: str, inputs: dict[str, float]) -> Counterface:
     return Step(**sizes) if surface == "step" else Margin(**{"opening": sizes["gap"]} | sizes)
 
 
-def _dragged(
-    face: Counterface, point: OperatingPoint, backward: bool, inputs: dict[str, float], status: Status
-) -> dict[str, Any]:
-    from stepblocks.drag.model import DragSettings, probe_for
-    from stepblocks.drag.ring import ring_of
-    from stepblocks.drag.simulate import simulate
-    from stepblocks.drag.track import track_over
-
-    if status in (Status.TOO_HIGH, Status.NO_CATCH):
-        return {"drag_status": str(status)}
-    tool = replace(point.tool, frequency=inputs["frequency"])
-    probe = probe_for(tool, point.ball_radius, damping_ratio=inputs["damping_ratio"])
-    settings = DragSettings.under(point, speed=inputs["speed"])
-    trace = simulate(track_over(face, point.ball_radius, backward), probe, settings)
+def _dragged(face: Counterface, point: OperatingPoint, backward: bool, inputs: dict[str, float]) -> dict[str, Any]:
+    point = replace(point, tool=replace(point.tool, frequency=inputs["frequency"]))
+    trace, ring = dragged(face, point, backward, inputs["speed"], damping_ratio=inputs["damping_ratio"])
     result: dict[str, Any] = {"drag_status": str(trace.status), "drag_ledger_error": trace.ledger_error}
-    if trace.status is Status.RELEASES:
-        ring = ring_of(trace, spectra=False)
-        result |= {
-            "drag_peak_force_n": trace.peak_force,
-            "drag_vibration_energy_j": ring.energy,
-            "drag_share": ring.share,
-            "drag_ring_s": ring.duration,
-        }
-    return result
+    if ring is None:
+        return result
+    return result | {
+        "drag_peak_force_n": trace.peak_force,
+        "drag_vibration_energy_j": ring.energy,
+        "drag_share": ring.share,
+        "drag_ring_s": ring.duration,
+    }
