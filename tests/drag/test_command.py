@@ -76,7 +76,7 @@ def test_a_crown_margin_is_dragged_over_in_either_direction(name):
     angles = {
         p.drag: p.release
         for p in predictions_of(load_set(STIMULI / "crown-margins.toml"))
-        if (p.stimulus, p.tip_radius, p.normal_load, p.friction) == (name, 60e-6, 1.0, 0.15)
+        if (p.stimulus, p.point.ball_radius, p.point.normal_load, p.point.friction) == (name, 60e-6, 1.0, 0.15)
     }
     for way, backward in (("tooth-to-crown", False), ("crown-to-tooth", True)):
         subject = subject_of(f"{STIMULI}/crown-margins.toml/{name}", {"load": 1.0}, backward, None)

@@ -59,7 +59,7 @@ def test_every_condition_of_the_grid_is_predicted_once_and_in_order(four):
         for friction in grid.frictions
         for load in grid.normal_loads
     ]
-    assert [(p.stimulus, p.tip_radius, p.friction, p.normal_load) for p in four] == expected
+    assert [(p.stimulus, p.point.ball_radius, p.point.friction, p.point.normal_load) for p in four] == expected
     assert [p.stimulus for p in four.by_stimulus(FOUR.stimuli[1].id)] == [FOUR.stimuli[1].id] * (len(expected) // 4)
 
 
@@ -83,10 +83,10 @@ def test_the_nominal_lies_between_its_limits(four):
 def test_a_tip_brings_its_own_ball_to_the_steps_of_its_set():
     balls = {part.id: part.ball for part in TIPS.stimuli}
     for p in Predictions.of(TIPS):
-        assert p.tip_radius == balls[p.stimulus].nominal
-        assert p.step_height in TIPS.prediction.step_heights
+        assert p.point.ball_radius == balls[p.stimulus].nominal
+        assert p.face.far_side in TIPS.prediction.step_heights
         # Origin: equation (2); a step as high as the ball is met at its riser
-        share = min(p.step_height / p.tip_radius, 1.0)
+        share = min(p.face.far_side / p.point.ball_radius, 1.0)
         assert p.release.angle == pytest.approx(math.acos(1.0 - share))
 
 

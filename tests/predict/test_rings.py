@@ -38,9 +38,9 @@ def test_under_a_sheath_the_drag_rings_as_the_probe_in_it():
     # Origin: the drag in time of the probe that wears the sheath, set up here by hand.
     one = next(p for p in SIMULATED if p.release.status is Status.RELEASES and p.conversion > 0.05)
     part = next(part for part in SHEATHS.stimuli if part.id == one.stimulus)
-    probe = probe_for(SHEATHS.ring_of(part).as_tool(), one.tip_radius)
-    settings = DragSettings(one.normal_load, one.friction, speed=5e-3)
-    trace = simulate(track_over(one.face, one.tip_radius), probe, settings)
+    probe = probe_for(SHEATHS.ring_of(part).as_tool(), one.point.ball_radius)
+    settings = DragSettings(one.point.normal_load, one.point.friction, speed=5e-3)
+    trace = simulate(track_over(one.face, one.point.ball_radius), probe, settings)
     assert one.conversion == pytest.approx(ring_of(trace, spectra=False).share, rel=1e-12)
 
 

@@ -41,7 +41,7 @@ def test_equal_masses_differ_by_their_stiffness_alone():
 
 
 def test_the_same_force_stores_less_in_a_stiffer_probe():
-    felt = {(p.stimulus, p.normal_load, p.step_height): p.release for p in predictions_of(SET)}
+    felt = {(p.stimulus, p.point.normal_load, p.face.far_side): p.release for p in predictions_of(SET)}
     rings = {one.sheath: one.ring for one in conditions_of(SET) if one.use == "on the shank"}
     for (sheath, _, _), release in felt.items():
         assert release.vibration_energy == pytest.approx(

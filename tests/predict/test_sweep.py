@@ -233,7 +233,7 @@ def test_a_sweep_over_crowns_takes_their_discrepancies(tmp_path):
     sweep(plan_of(tmp_path, text), tmp_path / "out")
     frame = table(tmp_path / "out")
     predicted = {
-        (p.stimulus, p.tip_radius, p.normal_load, p.friction): p.release
+        (p.stimulus, p.point.ball_radius, p.point.normal_load, p.point.friction): p.release
         for p in predictions_of(load_set(STIMULI / "crown-margins.toml"))
         if p.drag == "crown-to-tooth"
     }

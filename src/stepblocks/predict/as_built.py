@@ -53,8 +53,9 @@ def surface_releases(stimuli: StimulusSet, records: Mapping[str, AsBuilt]) -> Ca
         return None if surface is None else scanned_angle(surface.position, surface.height, ball)
 
     def release(prediction: Prediction) -> Release | None:
-        steepest = angle(prediction.stimulus, prediction.tip_radius)
-        return None if steepest is None else release_at(steepest, prediction.normal_load, prediction.friction, tool)
+        steepest = angle(prediction.stimulus, prediction.point.ball_radius)
+        point = prediction.point
+        return None if steepest is None else release_at(steepest, point.normal_load, point.friction, tool)
 
     return release
 

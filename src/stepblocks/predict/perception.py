@@ -138,10 +138,11 @@ def neighbours(stimuli: StimulusSet, predictions: Iterable[Prediction]) -> pd.Da
     felt = [p for p in predictions if p.stimulus in blocks and p.release.status is Status.RELEASES]
 
     def condition(p: Prediction) -> tuple[float, float, float]:
-        return p.tip_radius, p.friction, p.normal_load
+        return p.point.ball_radius, p.point.friction, p.point.normal_load
 
     rows = []
-    for (tip, friction, load), group in groupby(sorted(felt, key=lambda p: (*condition(p), p.step_height)), condition):
+    felt.sort(key=lambda p: (*condition(p), p.face.far_side))
+    for (tip, friction, load), group in groupby(felt, condition):
         for low, high in pairwise(p for p in group if p.release.vibration_energy > 0.0):
             energies = low.release.vibration_energy, high.release.vibration_energy
             levels = (sensation_level(energy, observer) for energy in energies)

@@ -50,26 +50,6 @@ class Prediction:
         """Direction: ``"up"`` a step, ``"tooth-to-crown"`` or ``"crown-to-tooth"``."""
         return self.face.ways[self.backward]
 
-    @property
-    def tip_radius(self) -> float:
-        """R [m]."""
-        return self.point.ball_radius
-
-    @property
-    def step_height(self) -> float:
-        """Height of the step, or of the crown over the tooth [m]."""
-        return self.face.far_side
-
-    @property
-    def normal_load(self) -> float:
-        """F_py [N]."""
-        return self.point.normal_load
-
-    @property
-    def friction(self) -> float:
-        """mu [1]."""  # noqa: D403
-        return self.point.friction
-
 
 def tool_of(grid: PredictionGrid) -> Tool:
     """Return the tool that a grid declares."""
@@ -158,15 +138,15 @@ def figures_of(prediction: Prediction) -> dict[str, float | str]:
     interval, ``analytic_95`` the same by first-order sensitivities.
     """
     release, (low, high), interval = prediction.release, prediction.limits, prediction.interval
-    locking = float(locking_height(prediction.tip_radius, prediction.friction))
+    locking = float(locking_height(prediction.point.ball_radius, prediction.point.friction))
     return {
         "set": prediction.set_name,
         "stimulus": prediction.stimulus,
         "drag": prediction.drag,
-        "tip_radius_um": prediction.tip_radius * 1e6,
-        "step_height_um": prediction.step_height * 1e6,
-        "normal_load_n": prediction.normal_load,
-        "friction": prediction.friction,
+        "tip_radius_um": prediction.point.ball_radius * 1e6,
+        "step_height_um": prediction.face.far_side * 1e6,
+        "normal_load_n": prediction.point.normal_load,
+        "friction": prediction.point.friction,
         "critical_angle_deg": math.degrees(release.angle),
         "status": release.status.value,
         "status_at_limits": "/".join(dict.fromkeys((low.status.value, high.status.value))),

@@ -241,7 +241,8 @@ def learned_columns(prediction: Prediction, learned: LearnedModel) -> dict[str, 
         return {"learned_status": "", **dict.fromkeys(names, "")}
     # an edge that is no plain step counts as the step of the same critical angle
     plain = prediction.drag == "up"
-    height = prediction.step_height if plain else height_at_angle(prediction.release.angle, prediction.tip_radius)
-    found = learned_drag(learned, prediction.stimulus, float(height), prediction.point)
+    face, point = prediction.face, prediction.point
+    height = face.far_side if plain else height_at_angle(prediction.release.angle, point.ball_radius)
+    found = learned_drag(learned, prediction.stimulus, float(height), point)
     values = [*found.peak_force, *(1e6 * energy for energy in found.energy)]
     return {"learned_status": found.status, **dict(zip(names, map(six_digits, values), strict=True))}
