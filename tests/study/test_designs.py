@@ -6,17 +6,21 @@ import numpy as np
 import pytest
 
 from stepblocks.errors import StudyError
-from stepblocks.study.design import Item, constant_stimuli, experiment_one, experiment_two, magnitude_estimation
-from stepblocks.study.orders import (
+from stepblocks.study.design import (
     MAX_CODES,
     MAX_CONDITIONS,
+    Item,
     allocate_orders,
     balance_of,
     blinding_codes,
+    constant_stimuli,
     exact_period,
+    experiment_one,
+    experiment_two,
+    magnitude_estimation,
     williams_square,
 )
-from stepblocks.study.procedures import QuestPlus, Staircase
+from stepblocks.study.session import QuestPlus, Staircase
 
 FOUR = [Item(f"apparatus-{h:03}", f"APPARATUS-{h:03}", h * 1e-6) for h in (25, 50, 75, 100)]
 TEN = [Item(f"step-{h:03}", f"STEP-{h:03}", h * 1e-6) for h in range(10, 101, 10)]

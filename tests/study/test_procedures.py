@@ -6,7 +6,7 @@ import pytest
 from scipy.special import ndtr
 
 from stepblocks.errors import StudyError
-from stepblocks.study.procedures import QuestPlus, Staircase
+from stepblocks.study.session import QuestPlus, Staircase
 
 
 def walked(stairs, answers):

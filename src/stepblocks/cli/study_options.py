@@ -44,7 +44,7 @@ def add_observer(parser: Any) -> None:
 
 def observed(arguments: argparse.Namespace) -> dict[str, Any]:
     """Return what `add_observer` asked for as keywords of the functions that simulate."""
-    from stepblocks.study.observer import Observer
+    from stepblocks.study.simulate import Observer
 
     names = ("weber", "response_noise", "participant_spread", "condition_spread", "lapse")
     observer = Observer(**given(arguments, *names))

@@ -15,13 +15,11 @@ from stepblocks.atomic import replace_text
 from stepblocks.declare import load_declared
 from stepblocks.errors import PipelineError, StudyError
 from stepblocks.parts.lettering import engraved_text
-from stepblocks.study.analysis.table import read_answers
-from stepblocks.study.design import Design, Item, Trial
-from stepblocks.study.observer import TYPICAL_OBSERVER, Observer, feels_higher
-from stepblocks.study.orders import balance_of, blinding_codes
+from stepblocks.study.design import Design, Item, Trial, balance_of, blinding_codes
 from stepblocks.study.run import block_energies, felt_at, step_blocks
 from stepblocks.study.session import Estimate, Pair, Plan, Session
-from stepblocks.study.sheet import answer_columns, design_rows, key_files, write_new
+from stepblocks.study.sheet import answer_columns, design_rows, key_files, read_answers, write_new
+from stepblocks.study.simulate import TYPICAL_OBSERVER, Observer, feels_higher
 from stepblocks.tables import csv_text, write_table
 
 if TYPE_CHECKING:

@@ -19,7 +19,7 @@ from stepblocks.study.analysis.ordinal import ordinal_model
 from stepblocks.study.analysis.psychometric import fit_psychometric
 from stepblocks.study.analysis.results import Curve, PowerLaw
 from stepblocks.study.design import Design, constant_stimuli, experiment_one, experiment_two, magnitude_estimation
-from stepblocks.study.observer import Observer, estimate_heights, feel, feels_higher
+from stepblocks.study.simulate import Observer, estimate_heights, feel, feels_higher
 
 Row = Mapping[str, str]
 Texts = Sequence[tuple[str, ...]]

@@ -19,13 +19,19 @@ from stepblocks.parts.set import StimulusSet
 from stepblocks.predict.predictions import tool_of
 from stepblocks.select import matches
 from stepblocks.study.analysis.results import StudyResult
-from stepblocks.study.analysis.table import join_answers, read_answers, read_design
 from stepblocks.study.design import Design, Item
 from stepblocks.study.experiments import EXPERIMENTS, Limits
-from stepblocks.study.observer import TYPICAL_OBSERVER, Observer
 from stepblocks.study.page import render_sheets, render_sheets_pdf, render_study
-from stepblocks.study.sheet import design_files, sheet_rows, write_new
-from stepblocks.study.simulate import SimulatedStudy, estimate_power, simulate_answers
+from stepblocks.study.sheet import (
+    design_files,
+    join_answers,
+    read_answers,
+    read_design,
+    sheet_rows,
+    simulate_answers,
+    write_new,
+)
+from stepblocks.study.simulate import TYPICAL_OBSERVER, Observer, SimulatedStudy, estimate_power
 from stepblocks.tables import csv_text, write_table
 
 if TYPE_CHECKING:

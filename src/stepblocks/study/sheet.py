@@ -1,15 +1,23 @@
-"""A design as files: the unblinded plan and key for who loads the blocks, blinded run sheets for who writes the answers."""
+"""A design and its answers as files: plan and key for who loads the blocks, blinded sheets, and the tidy table made of both."""
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+import csv
+from collections import Counter
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
+
+import numpy as np
 
 from stepblocks.atomic import replace_bytes
-from stepblocks.errors import PipelineError
+from stepblocks.errors import PipelineError, StudyError
+from stepblocks.study.analysis.results import StudyResult
 from stepblocks.study.design import Design, Item
-from stepblocks.study.experiments import EXPERIMENTS
+from stepblocks.study.experiments import EXPERIMENTS, USUAL_LIMITS, Limits, number
 from stepblocks.study.page import render_key
+from stepblocks.study.simulate import Observer
 from stepblocks.tables import csv_text
 
 # Columns of design.csv, which tells all
@@ -100,3 +108,194 @@ def write_new(folder: Path, texts: Mapping[str, str | bytes]) -> None:
     folder.mkdir(parents=True, exist_ok=True)
     for name, content in contents.items():
         replace_bytes(folder / name, content)
+
+
+def simulate_answers(
+    design: Sequence[Mapping[str, str]],
+    energies: Mapping[str, float],
+    damping: Mapping[str, float],
+    observer: Observer,
+    seed: int,
+) -> list[dict[str, str]]:
+    """Fill in the run sheets of a design, from each block's energy [J] and the share of it that a condition lets through."""
+    import pandas as pd
+
+    named = [name for row in design for name in (row["stimulus"], row["standard"]) if name]
+    lacking = [name for name in named if not energies.get(name, 0.0) > 0.0]
+    if lacking:
+        raise StudyError(f"every block must have a predicted energy, got none for {lacking[0]}")
+    trials = pd.DataFrame(design)
+    trials["person"], trials["setting"] = (pd.factorize(trials[name])[0] for name in ("participant", "condition"))
+    trials["height"] = trials["height_um"].astype(float) * 1e-6
+    shares = [damping.get(condition, 1.0) for condition in trials["condition"]]
+    trials["undamped"], trials["standard_energy"] = (trials[name].map(energies) for name in ("stimulus", "standard"))
+    trials["energy"] = trials["undamped"] * shares
+    experiment = EXPERIMENTS[design[0]["experiment"]]
+    answers = experiment.simulate(trials, observer, np.random.default_rng(seed))
+    return [
+        row | dict(zip(experiment.answers, texts, strict=True))
+        for row, texts in zip(sheet_rows(design), answers, strict=True)
+    ]
+
+
+_MAX_BYTES = 100_000_000
+_MAX_ROWS = 300_000
+
+Row = Mapping[str, str]
+Key = tuple[str, str]  # participant and trial
+
+
+@dataclass(frozen=True)
+class Judgements:
+    """A checked table of judgements."""
+
+    experiment: str
+    # One row per answered trial: participant, trial, condition, repetition, stimulus (texts), height [m]; and by
+    # experiment estimate and error [m], rating [1], higher (whether the comparison was called higher than the
+    # standard), standard [m], magnitude [1]
+    frame: Any
+    missing: tuple[Key, ...]  # every answer that is missing from a participant who stays in the table
+    left: tuple[str, ...]  # participants without an answer in a whole condition or more: not in the table
+
+    def notes(self) -> list[str]:
+        """Say what was done about what is missing."""
+        people = self.frame["participant"].nunique()
+        said = [f"{len(self.frame)} judgements of {people} participants."]
+        if self.left:
+            names = ", ".join(self.left)
+            said.append(f"Left out entirely, for a condition without any answer: participant {names}.")
+        if self.missing:
+            shown = ", ".join(f"{participant}/{trial}" for participant, trial in self.missing[:20])
+            more = " and more" if len(self.missing) > 20 else ""
+            said.append(
+                f"{len(self.missing)} missing judgements (participant/trial {shown}{more}); the models are fitted to the others, "
+                "which is right if they are missing at random."
+            )
+        return said
+
+    def analyse(self) -> StudyResult:
+        """Analyse the study as its design asks for."""
+        found = EXPERIMENTS[self.experiment].analyse(self.frame)
+        return StudyResult(self.experiment, tuple(self.notes()), self.frame, **found)
+
+
+def read_design(path: Path) -> list[dict[str, str]]:
+    """Read design.csv."""
+    rows = _read(path, DESIGN_COLUMNS)
+    experiments = sorted({row["experiment"] for row in rows})
+    if len(experiments) != 1 or experiments[0] not in EXPERIMENTS:
+        raise StudyError(
+            f"experiment must be one of {', '.join(EXPERIMENTS)}, the same in all rows, got {experiments} [{path}]"
+        )
+    _by_trial(rows)
+    for row in rows:
+        for name in ("height_um", "standard_height_um") if row["standard"] else ("height_um",):
+            if not number(row[name]) > 0.0:
+                raise StudyError(f"{name} must be a positive number, got {row[name]!r} [{row['line']}]")
+    return rows
+
+
+def read_answers(path: Path, experiment: str) -> list[dict[str, str]]:
+    """Read filled-in run sheets."""
+    return _read(path, answer_columns(experiment))
+
+
+def join_answers(design: Sequence[Row], answers: Sequence[Row], limits: Limits = USUAL_LIMITS) -> Judgements:
+    """Put the answers to the trials that they belong to."""
+    import pandas as pd
+
+    experiment = design[0]["experiment"]
+    kind = EXPERIMENTS[experiment]
+    planned = {(row["participant"], row["trial"]): row for row in design}
+    highest = max(number(row["height_um"]) for row in design)
+    answered: dict[Key, dict[str, Any]] = {}
+    for key, answer in _by_trial(answers).items():
+        try:
+            _require_planned(planned, key, answer)
+            if all(answer[name] for name in kind.answers):
+                answered[key] = kind.read(planned[key], answer, highest, limits)
+        except StudyError as error:
+            raise StudyError(f"{error} [{answer['line']}]") from error
+    left = _who_left(planned, answered)
+    kept = [_tidy(row) | answered[key] for key, row in planned.items() if key in answered and key[0] not in left]
+    missing = tuple(key for key in planned if key not in answered and key[0] not in left)
+    frame = pd.DataFrame(kept)
+    _require_enough(frame, planned)
+    return Judgements(experiment, frame, missing, left)
+
+
+def _read(path: Path, columns: Sequence[str]) -> list[dict[str, str]]:
+    """Read rows of texts, each with its `line`; a general reader of tables would not know the lines."""
+    try:
+        if path.stat().st_size > _MAX_BYTES:
+            raise StudyError(
+                f"a table must be below {_MAX_BYTES // 1_000_000} MB, got {path.stat().st_size} bytes [{path}]"
+            )
+        with path.open(encoding="utf-8-sig", newline="") as stream:
+            reader = csv.DictReader(stream, strict=True)
+            names = reader.fieldnames or []
+            lacking = [name for name in columns if name not in names]
+            if lacking:
+                raise StudyError(f"columns must include {', '.join(columns)}; got no {', '.join(lacking)} [{path}]")
+            if len(set(names)) != len(names):
+                raise StudyError(f"columns must differ from each other, got one twice [{path}, line 1]")
+            rows = []
+            for row in reader:
+                if None in row or None in row.values():
+                    raise StudyError(
+                        f"a row must have {len(names)} cells, as the header [{path}, line {reader.line_num}]"
+                    )
+                rows.append({name: row[name].strip() for name in names} | {"line": f"{path}, line {reader.line_num}"})
+                if len(rows) > _MAX_ROWS:
+                    raise StudyError(f"a table must have at most {_MAX_ROWS} rows [{path}]")
+    except (OSError, UnicodeDecodeError, csv.Error) as error:
+        reason = error.strerror if isinstance(error, OSError) else str(error)
+        raise StudyError(f"a table must be readable CSV in UTF-8: {reason} [{path}]") from error
+    if not rows:
+        raise StudyError(f"a table must have rows, got none [{path}]")
+    return rows
+
+
+def _by_trial(rows: Sequence[Row]) -> dict[Key, Row]:
+    found: dict[Key, Row] = {}
+    for row in rows:
+        key = (row["participant"], row["trial"])
+        if key in found:
+            raise StudyError(
+                f"participant and trial must occur once, got {key[0]!r} and {key[1]!r} twice "
+                f"[{row['line']}; first {found[key]['line']}]"
+            )
+        found[key] = row
+    return found
+
+
+def _require_planned(planned: Mapping[Key, Row], key: Key, answer: Row) -> None:
+    if key not in planned:
+        raise StudyError(f"participant and trial must be in the design, got {key[0]!r} and {key[1]!r}")
+    (shown,) = sheet_rows([planned[key]])
+    for name in ("first_code", "second_code", "code", "condition"):
+        if name in shown and answer[name] != shown[name]:
+            raise StudyError(f"{name} must be {shown[name]!r} in this trial, as planned, got {answer[name]!r}")
+
+
+def _tidy(row: Row) -> dict[str, Any]:
+    names = ("participant", "trial", "condition", "repetition", "stimulus")
+    return {name: row[name] for name in names} | {"height": number(row["height_um"]) / 1e6}
+
+
+def _who_left(planned: Mapping[Key, Row], answered: Mapping[Key, Any]) -> tuple[str, ...]:
+    got = Counter((planned[key]["participant"], planned[key]["condition"]) for key in answered)
+    gone = {row["participant"] for row in planned.values() if not got[row["participant"], row["condition"]]}
+    return tuple(dict.fromkeys(row["participant"] for row in planned.values() if row["participant"] in gone))
+
+
+def _require_enough(frame: Any, planned: Mapping[Key, Row]) -> None:
+    if frame.empty:
+        raise StudyError("at least one participant must have answered in every condition, got none")
+    cells = {(row["condition"], row["stimulus"]) for row in planned.values()}
+    empty = sorted(cells - set(zip(frame["condition"], frame["stimulus"], strict=True)))
+    if empty:
+        condition, stimulus = empty[0]
+        raise StudyError(
+            f"every block must be judged in every condition, got no answer for {stimulus} with {condition}"
+        )

@@ -180,7 +180,9 @@ def _optimise(model: Any) -> Any:
             if fit.converged:
                 break
     if not found:
-        raise StudyError(f"the mixed model cannot be fitted to these {len(model.endog)} judgements: no optimum was found")
+        raise StudyError(
+            f"the mixed model cannot be fitted to these {len(model.endog)} judgements: no optimum was found"
+        )
     return max(found, key=lambda fit: (round(float(fit.llf), 6), bool(fit.converged)))
 
 
