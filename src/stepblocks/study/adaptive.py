@@ -88,25 +88,16 @@ def start_adaptive(
 
     Parameters
     ----------
-    source : str or Path
-        Stimulus file with the blocks.
-    folder : str or Path
-        Where setup.json, key.csv and key.html go.
+    source, folder : str or Path
+        Stimulus file with the blocks, and where setup.json, key.csv and key.html go.
     standard : str
         Block that the others are compared with.
     seed : int
         Seed of codes and orders.
     method : str
         ``"quest"`` or ``"staircase"``.
-    participants, trials : int
-        How many, and most comparisons of each.
-    reversals : int
-        A staircase ends after so many.
-
-    Returns
-    -------
-    AdaptiveStudy
-        As written.
+    participants, trials, reversals : int
+        How many, most comparisons of each, and after how many reversals a staircase ends.
 
     Raises
     ------
@@ -144,13 +135,7 @@ def start_adaptive(
 
 
 def open_adaptive(folder: str | Path) -> AdaptiveStudy:
-    """Open the folder of an adaptive study; each `session` of it says which pair comes next.
-
-    Raises
-    ------
-    PipelineError
-        If there is no setup, or one that is damaged.
-    """
+    """Open the folder of an adaptive study; each `session` of it says which pair comes next."""
     path = Path(folder) / _SETUP
     try:
         setup = json.loads(path.read_text(encoding="utf-8"))
@@ -175,45 +160,12 @@ def _study(folder: Path, setup: Mapping[str, Any]) -> AdaptiveStudy:
 
 
 def next_pair(folder: str | Path, participant: int) -> Pair | None:
-    """Say which pair of blocks a participant compares next, by their codes; None when the session is done.
-
-    Parameters
-    ----------
-    folder : str or Path
-        Of the study.
-    participant : int
-        From 1.
-
-    Raises
-    ------
-    StepblocksError
-        If there is no such participant, or the record is not the one that the procedure would have asked for.
-    """
+    """Say which pair of blocks a participant compares next, by their codes; None when the session is done."""
     return open_adaptive(folder).session(participant).next_pair()
 
 
 def answer(folder: str | Path, participant: int, trial: int, second_is_higher: bool) -> Session:
-    """Take one answer and write the record anew.
-
-    Parameters
-    ----------
-    folder : str or Path
-        Of the study.
-    participant, trial : int
-        From 1; the trial must be the one that is next.
-    second_is_higher : bool
-        Whether the second block of the pair was called higher.
-
-    Returns
-    -------
-    Session
-        With the answer in it.
-
-    Raises
-    ------
-    StepblocksError
-        If another trial is next, or the record was changed.
-    """
+    """Take the answer to the trial that is next and write the record anew."""
     study = open_adaptive(folder)
     session = study.session(participant)
     session.record(trial, second_is_higher)
@@ -224,32 +176,7 @@ def answer(folder: str | Path, participant: int, trial: int, second_is_higher: b
 def simulate_adaptive(
     folder: str | Path, source: str | Path, *, seed: int, observer: Observer = TYPICAL_OBSERVER, **felt: float
 ) -> int:
-    """Let simulated participants run through the procedure, before anybody has.
-
-    Parameters
-    ----------
-    folder : str or Path
-        Of the study.
-    source : str or Path
-        Stimulus file, for the predicted energies.
-    seed : int
-        Seed of all chance.
-    observer : Observer
-        What the participants are like.
-    **felt : float
-        Where the energies are taken: `ball_radius` [m], `normal_load` [N], `friction` [1]; what is left out is the first
-        of the stimulus file's grid.
-
-    Returns
-    -------
-    int
-        Number of answers.
-
-    Raises
-    ------
-    StepblocksError
-        If there are answers already, or a block has no energy there.
-    """
+    """Let simulated participants run through the procedure; `felt` as in `simulate_study`; return the number of answers."""
     study, stimuli = open_adaptive(folder), load_declared(Path(source))
     energies = block_energies(step_blocks(stimuli, None), felt_at(stimuli, felt))
     if not {block.identity for block in study.blocks.values()} <= set(energies):
@@ -271,24 +198,7 @@ def simulate_adaptive(
 
 
 def results(folder: str | Path) -> pd.DataFrame:
-    """Estimate every participant, and write what `analyse_study` reads.
-
-    Parameters
-    ----------
-    folder : str or Path
-        Of the study; adaptive-results.csv, design.csv and answers.csv go there.
-
-    Returns
-    -------
-    DataFrame
-        One row per participant with answers: point of subjective equality [um] and Weber fraction [1] with their 95 %
-        intervals, not-a-number where the answers tell none, and the state of the session.
-
-    Raises
-    ------
-    StepblocksError
-        If nobody has answered, or a record was changed.
-    """
+    """Estimate every participant, one row for each with answers, and write what `analyse_study` reads."""
     import pandas as pd
 
     study = open_adaptive(folder)

@@ -24,14 +24,6 @@ def williams_square(conditions: int) -> Orders:
     """Return Williams' orders, in which every condition follows every other equally often.
 
     Source: Williams, E. J. (1949), Australian Journal of Scientific Research A 2, 149-168.
-
-    Examples
-    --------
-    >>> williams_square(4)
-    array([[0, 3, 1, 2],
-           [1, 0, 2, 3],
-           [2, 1, 3, 0],
-           [3, 2, 0, 1]])
     """
     if not 1 <= conditions <= MAX_CONDITIONS:
         raise StudyError(f"the number of conditions must lie between 1 and {MAX_CONDITIONS}, got {conditions}")
@@ -41,13 +33,7 @@ def williams_square(conditions: int) -> Orders:
 
 
 def exact_period(conditions: int) -> int:
-    """Return the number of participants of whose multiples the balance is exact.
-
-    Examples
-    --------
-    >>> exact_period(3), exact_period(4)
-    (6, 4)
-    """
+    """Return the number of participants of whose multiples the balance is exact."""
     return len(williams_square(conditions))
 
 
@@ -94,13 +80,7 @@ class Balance:
 
 
 def balance_of(orders: Orders) -> Balance:
-    """Count positions and neighbours.
-
-    Examples
-    --------
-    >>> balance_of(williams_square(3)).exact
-    True
-    """
+    """Count positions and neighbours."""
     count = orders.shape[1]
     positions = np.zeros((count, count), dtype=np.int64)
     followers = np.zeros((count, count), dtype=np.int64)
@@ -166,14 +146,7 @@ class Design:
 def experiment_one(
     participants: int, probes: Sequence[str], items: Sequence[Item], repetitions: int, seed: int
 ) -> Design:
-    """Design experiment 1: every participant estimates every block with every probe.
-
-    Examples
-    --------
-    >>> blocks = [Item(f"step-{h:03}", f"STEP-{h:03}", h * 1e-6) for h in (25, 50, 75, 100)]
-    >>> len(experiment_one(10, ("bare", "hard", "soft"), blocks, 3, seed=1).trials)
-    360
-    """
+    """Design experiment 1: every participant estimates every block with every probe."""
     return _crossover("estimates", participants, probes, items, repetitions, seed)
 
 

@@ -60,10 +60,8 @@ def design_study(
 
     Parameters
     ----------
-    source : str or Path
-        Stimulus file.
-    folder : str or Path
-        Where design.csv, key.csv and key.html go.
+    source, folder : str or Path
+        Stimulus file, and where design.csv, key.csv and key.html go.
     seed : int
         Seed of all random choices.
     experiment : str
@@ -76,11 +74,6 @@ def design_study(
         Block that all others are compared with, of ``"constant"``.
     only : str, optional
         Pattern of the blocks that take part.
-
-    Returns
-    -------
-    Design
-        As written.
 
     Raises
     ------
@@ -98,17 +91,12 @@ def design_study(
 
 
 def write_sheets(folder: str | Path) -> int:
-    """Write blinded run sheets beside a design.
+    """Write blinded run sheets beside a design, and return the number of participants.
 
     Parameters
     ----------
     folder : str or Path
         Holds design.csv; run-sheets.pdf, run-sheets.html and ``sheets/participant-N.csv`` go there.
-
-    Returns
-    -------
-    int
-        Number of participants.
 
     Raises
     ------
@@ -138,16 +126,12 @@ def simulate_study(
     observer: Observer = TYPICAL_OBSERVER,
     **felt: float,
 ) -> int:
-    """Let simulated participants fill in the run sheets of a design.
+    """Let simulated participants fill in the run sheets of a design, and return the number of answers.
 
     Parameters
     ----------
-    folder : str or Path
-        Holds design.csv.
-    source : str or Path
-        Stimulus file, for the predicted energies.
-    output : str or Path
-        CSV of answers to write.
+    folder, source, output : str or Path
+        Folder with design.csv, stimulus file for the predicted energies, CSV of answers to write.
     seed : int
         Seed of all chance.
     damping : mapping of float, optional
@@ -155,13 +139,7 @@ def simulate_study(
     observer : Observer
         What the participants are like.
     **felt : float
-        Where the energies are taken: `ball_radius` [m], `normal_load` [N], `friction` [1]; what is left out is the first
-        of the stimulus file's grid.
-
-    Returns
-    -------
-    int
-        Number of answers.
+        Where the energies are taken: `ball_radius` [m], `normal_load` [N], `friction` [1]; by default the first of the file's grid.
 
     Raises
     ------
@@ -253,25 +231,18 @@ def study_power(
         Stimulus file.
     output : str or Path, optional
         CSV to write.
-    seed : int
-        Seed of all chance.
+    seed, runs, jobs : int
+        Seed of all chance, simulated studies per size, processes (on which the outcome does not depend).
     damping : mapping of float
         The conditions that are compared: share of the energy that each lets through [1].
     participants, repetitions : sequence of int
         Sizes; every combination.
-    observer : Observer
-        What the participants are like.
+    observer, **felt
+        As in `simulate_study`.
     analysis : str
         ``"mixed"`` or ``"f-test"``.
-    runs : int
-        Simulated studies per size.
-    jobs : int
-        Processes; the outcome does not depend on it.
     only : str, optional
         Pattern of the blocks that take part.
-    **felt : float
-        Where the energies are taken: `ball_radius` [m], `normal_load` [N], `friction` [1]; what is left out is the first
-        of the stimulus file's grid.
 
     Returns
     -------

@@ -20,16 +20,7 @@ Array = NDArray[np.float64]
 
 @dataclass
 class Staircase:
-    """A staircase with one step up after a miss and one down after several hits in a row.
-
-    Examples
-    --------
-    >>> stairs = Staircase([1.0, 2.0, 3.0], hits_down=1)
-    >>> for hit in (True, True, False, True):
-    ...     stairs.record(hit)
-    >>> stairs.level, stairs.reversals
-    (1.0, [1.0, 2.0])
-    """
+    """A staircase with one step up after a miss and one down after several hits in a row."""
 
     levels: Sequence[float]  # intensities of the stimuli that exist, ascending, for instance heights [m]
     hits_down: int = 2  # hits in a row that lead down: 1, 2 and 3 converge on 50, 70.7 and 79.4 % hits
@@ -81,14 +72,7 @@ class Staircase:
 
 
 class QuestPlus:
-    """Choose the next stimulus so that the expected entropy of threshold, slope and lapse rate is least.
-
-    Examples
-    --------
-    >>> quest = QuestPlus([1.0, 2.0, 3.0], thresholds=[1.0, 3.0], slopes=[0.5], lapses=[0.0])
-    >>> quest.next_level()
-    2.0
-    """
+    """Choose the next stimulus so that the expected entropy of threshold, slope and lapse rate is least."""
 
     def __init__(
         self,

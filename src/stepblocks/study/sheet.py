@@ -39,13 +39,7 @@ DESIGN_COLUMNS = (
 
 
 def answer_columns(experiment: str) -> tuple[str, ...]:
-    """Return the columns of a blinded run sheet.
-
-    Examples
-    --------
-    >>> answer_columns("estimates")
-    ('participant', 'trial', 'condition', 'code', 'estimate_um')
-    """
+    """Return the columns of a blinded run sheet."""
     kind = EXPERIMENTS[experiment]
     shown = ("first_code", "second_code") if kind.paired else ("condition", "code")
     return ("participant", "trial", *shown, *kind.answers)

@@ -20,15 +20,9 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True)
 class Observer:
-    """What a population of participants is like.
+    """What a population of participants is like."""
 
-    Weber noise is normal in the logarithm of the energy, with sigma = ln(1 + weber) / 0.6745 for a difference of two sensations, each
-    of which has sigma / sqrt(2).
-    """
-
-    # Weber fraction of the energy [1]: the least difference that three of four judgements get right, as
-    # `fit_psychometric` has it
-    weber: float = 0.2
+    weber: float = 0.2  # Weber fraction of the energy [1]: the least difference that three of four judgements get right
     response_noise: float = 5e-6  # standard deviation of what is added when a height is written down [m]
     participant_spread: float = 3e-6  # standard deviation of the participants' own constant error [m]
     condition_spread: float = 0.0  # standard deviation of how each participant's error differs by condition [m]
@@ -46,7 +40,7 @@ class Observer:
 
     @property
     def sensation_noise(self) -> float:
-        """Standard deviation of the logarithm of one felt energy [1]."""
+        """Standard deviation of the logarithm of one felt energy [1], whose difference of two is ln(1 + weber) / 0.6745."""
         return math.log1p(self.weber) / Z75 / math.sqrt(2.0)
 
 
@@ -54,13 +48,7 @@ TYPICAL_OBSERVER = Observer()
 
 
 def read_off_height(energy: Any, heights: Sequence[float] | Array, energies: Sequence[float] | Array) -> Array:
-    """Read the height that usually gives an energy off those that are known, by straight lines through logarithms.
-
-    Examples
-    --------
-    >>> read_off_height([2.0, 8.0], [1.0, 2.0], [1.0, 4.0]).round(12)
-    array([1.41421356, 2.82842712])
-    """
+    """Read the height that usually gives an energy off those that are known, by straight lines through logarithms."""
     order = np.argsort(heights)
     y, x = np.log(np.asarray(heights, dtype=np.float64)[order]), np.log(np.asarray(energies, dtype=np.float64)[order])
     if len(x) < 2 or not (np.isfinite(x).all() and (np.diff(x) > 0.0).all() and (np.diff(y) > 0.0).all()):
@@ -79,16 +67,7 @@ def feel(energies: Array, observer: Observer, generator: np.random.Generator) ->
 def estimate_heights(
     trials: Any, known: tuple[Array, Array], observer: Observer, generator: np.random.Generator
 ) -> Array:
-    """Let participants estimate heights [m].
-
-    Parameters
-    ----------
-    trials : DataFrame
-        One row per judgement: `person` and `setting` (indices of participant and condition), `height` [m], `energy` that
-        arrives at the finger [J].
-    known : tuple of ndarray
-        Heights [m] and undamped energies [J] that the participants have learnt to connect.
-    """
+    """Let participants estimate heights [m]; `known` are heights [m] and undamped energies [J] that they connect."""
     person, setting = trials["person"].to_numpy(), trials["setting"].to_numpy()
     heights = trials["height"].to_numpy()
     estimates = read_off_height(feel(trials["energy"].to_numpy(), observer, generator), *known)
@@ -142,7 +121,7 @@ class SimulatedStudy:
 
 @dataclass(frozen=True)
 class PowerEstimate:
-    """Share of simulated studies that find a difference between conditions."""
+    """Share of simulated studies that find a difference."""
 
     power: float  # share of studies with p below the level [1]
     low: float  # ends of its 95 % interval by Wilson

@@ -70,13 +70,7 @@ def fit_psychometric(
 
 
 def crossing(intercept: float, slope: float, covariance: Any, quantile: float = 0.0) -> tuple[float, float]:
-    """Return where a line reaches a quantile, with its standard error by the delta method.
-
-    Examples
-    --------
-    >>> crossing(-2.0, 4.0, [[0.0, 0.0], [0.0, 0.0]])
-    (0.5, 0.0)
-    """
+    """Return where a line reaches a quantile, with its standard error by the delta method."""
     x = (quantile - intercept) / slope
     gradient = np.array([-1.0 / slope, -x / slope])
     return x, math.sqrt(float(gradient @ np.asarray(covariance) @ gradient))
