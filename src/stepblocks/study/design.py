@@ -4,13 +4,14 @@ from __future__ import annotations
 
 import itertools
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
 from stepblocks.errors import StudyError
+from stepblocks.study import require
 
 MAX_CONDITIONS = 26  # that one participant may meet
 MAX_PARTICIPANTS = 1000
@@ -94,8 +95,7 @@ def balance_of(orders: Orders) -> Balance:
 
 def blinding_codes(identities: Sequence[str], generator: np.random.Generator) -> dict[str, str]:
     """Give every block a code of two random letters and a check letter, which says nothing about the block."""
-    if len(identities) > MAX_CODES:
-        raise StudyError(f"a study must have at most {MAX_CODES} blocks, got {len(identities)}")
+    require(len(identities) <= MAX_CODES, f"a study must have at most {MAX_CODES} blocks, got {len(identities)}")
     size = len(_ALPHABET)
     codes = {}
     for identity, number in zip(identities, generator.permutation(MAX_CODES), strict=False):
@@ -171,17 +171,10 @@ def constant_stimuli(participants: int, standard: str, items: Sequence[Item], re
     if base is None:
         raise StudyError(f"standard must be one of the blocks {', '.join(i.identity for i in items)}, got {standard!r}")
     pairs = [(item, order) for item in items if item is not base for order in orders]
-    if len(pairs) < 4:
-        raise StudyError(f"constant stimuli need at least two blocks besides the standard, got {len(pairs) // 2}")
-    trials = []
-    for participant in range(1, participants + 1):
-        number = itertools.count(1)
-        for repetition in range(1, repetitions + 1):
-            for index in generator.permutation(len(pairs)):
-                (item, order), when = pairs[index], next(number)
-                code = codes[item.identity]
-                trials.append(Trial(participant, when, order, repetition, item, code, base, codes[standard]))
-    return Design("constant", tuple(trials), balance_of(np.zeros((participants, 1), dtype=np.int64)))
+    require(len(pairs) >= 4, f"constant stimuli need at least two blocks besides the standard, got {len(pairs) // 2}")
+    sets = [(repetition, pairs) for repetition in range(1, repetitions + 1)]
+    trials = _shuffled([sets] * participants, codes, generator, base)
+    return Design("constant", trials, balance_of(np.zeros((participants, 1), dtype=np.int64)))
 
 
 def _crossover(
@@ -189,15 +182,27 @@ def _crossover(
 ) -> Design:
     generator, codes = _prepare(participants, conditions, items, repetitions, seed)
     orders = allocate_orders(participants, len(conditions), generator)
+    of_condition = [[(item, name) for item in items] for name in conditions]
+    sets = [[(time + 1, of_condition[one]) for one in order for time in range(repetitions)] for order in orders]
+    return Design(experiment, _shuffled(sets, codes, generator), balance_of(orders))
 
+
+def _shuffled(
+    sets: Sequence[Sequence[tuple[int, Sequence[tuple[Item, str]]]]],
+    codes: Mapping[str, str],
+    generator: np.random.Generator,
+    base: Item | None = None,
+) -> tuple[Trial, ...]:
+    """Make trials of each participant's sets (repetition, and blocks with their condition), each set in an order of its own."""
     trials = []
-    for participant, order in enumerate(orders, start=1):
+    against = (base, codes[base.identity]) if base else ()
+    for participant, own in enumerate(sets, start=1):
         number = itertools.count(1)
-        for condition, repetition in itertools.product(order, range(1, repetitions + 1)):
-            for index in generator.permutation(len(items)):
-                item, name = items[index], conditions[condition]
-                trials.append(Trial(participant, next(number), name, repetition, item, codes[item.identity]))
-    return Design(experiment, tuple(trials), balance_of(orders))
+        for repetition, cells in own:
+            for item, condition in (cells[index] for index in generator.permutation(len(cells))):
+                code = codes[item.identity]
+                trials.append(Trial(participant, next(number), condition, repetition, item, code, *against))
+    return tuple(trials)
 
 
 def _prepare(
@@ -205,21 +210,16 @@ def _prepare(
 ) -> tuple[np.random.Generator, dict[str, str]]:
     """Refuse what is impossible; return the source of all chance and the codes of the blocks."""
     for name, values in (("conditions", list(conditions)), ("blocks", [item.identity for item in items])):
-        if not values:
-            raise StudyError(f"{name} must be at least one, got none")
+        require(values, f"{name} must be at least one, got none")
         twice = sorted({value for value in values if values.count(value) > 1})
         if twice:
             raise StudyError(f"{name} must differ from each other, got {twice[0]!r} twice")
         if not all(value.strip() == value and value for value in values):
             raise StudyError(f"{name} must have names without spaces around them, got {values}")
-    if repetitions < 1:
-        raise StudyError(f"repetitions must be at least 1, got {repetitions}")
-    if seed < 0:
-        raise StudyError(f"seed must not be negative, got {seed}")
+    require(repetitions >= 1, f"repetitions must be at least 1, got {repetitions}")
+    require(seed >= 0, f"seed must not be negative, got {seed}")
     total = participants * len(conditions) * len(items) * repetitions
-    if total > MAX_TRIALS:
-        raise StudyError(f"a design must have at most {MAX_TRIALS} trials, got {total}")
-    if participants < 1:
-        raise StudyError(f"participants must be at least 1, got {participants}")
+    require(total <= MAX_TRIALS, f"a design must have at most {MAX_TRIALS} trials, got {total}")
+    require(participants >= 1, f"participants must be at least 1, got {participants}")
     generator = np.random.default_rng(seed)
     return generator, blinding_codes([item.identity for item in items], generator)

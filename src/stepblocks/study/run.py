@@ -20,7 +20,7 @@ from stepblocks.predict.predictions import tool_of
 from stepblocks.select import matches
 from stepblocks.study.analysis.results import StudyResult
 from stepblocks.study.design import Design, Item
-from stepblocks.study.experiments import EXPERIMENTS, Limits
+from stepblocks.study.experiments import EXPERIMENTS, LARGEST_ESTIMATE, RATINGS
 from stepblocks.study.page import render_sheets, render_sheets_pdf, render_study
 from stepblocks.study.sheet import (
     design_files,
@@ -36,12 +36,6 @@ from stepblocks.tables import csv_text, write_table
 
 if TYPE_CHECKING:
     import pandas as pd
-
-# Columns of the table of `study_power`
-POWER_COLUMNS = (
-    *("analysis", "participants", "repetitions", "judgements_each"),
-    *("power_ratio", "low_95_ratio", "high_95_ratio", "runs"),
-)
 
 
 def design_study(
@@ -111,8 +105,9 @@ def write_sheets(folder: str | Path) -> int:
     digits = len(str(len(by_person)))
     sheets = {f"participant-{person:0>{digits}}.csv": csv_text(rows) for person, rows in by_person.items()}
     write_new(folder / "sheets", sheets)
-    printed = (render_sheets(design[0]["experiment"], by_person), render_sheets_pdf(design[0]["experiment"], by_person))
-    write_new(folder, dict(zip(("run-sheets.html", "run-sheets.pdf"), printed, strict=True)))
+    experiment = design[0]["experiment"]
+    html, pdf = render_sheets(experiment, by_person), render_sheets_pdf(experiment, by_person)
+    write_new(folder, {"run-sheets.html": html, "run-sheets.pdf": pdf})
     return len(by_person)
 
 
@@ -167,8 +162,8 @@ def analyse_study(
     answers: Sequence[str | Path],
     output: str | Path | None = None,
     *,
-    largest_estimate: float = Limits.largest_estimate,
-    ratings: tuple[int, int] = Limits.ratings,
+    largest_estimate: float = LARGEST_ESTIMATE,
+    ratings: tuple[int, int] = RATINGS,
 ) -> StudyResult:
     """Analyse filled-in run sheets.
 
@@ -198,7 +193,7 @@ def analyse_study(
     design = read_design(Path(folder) / "design.csv")
     experiment = design[0]["experiment"]
     rows = [row for path in answers for row in read_answers(Path(path), experiment)]
-    result = join_answers(design, rows, Limits(largest_estimate, ratings)).analyse()
+    result = join_answers(design, rows, largest_estimate, ratings).analyse()
     if output is not None:
         page, output = render_study(result), Path(output)
         output.mkdir(parents=True, exist_ok=True)
@@ -265,9 +260,10 @@ def study_power(
     for people, times in itertools.product(participants, repetitions):
         plan = SimulatedStudy(people, times, heights, tuple(energies.values()), conditions, observer)
         found = estimate_power(plan, analysis, runs, seed, jobs)
-        each = times * len(heights) * len(conditions)
-        rows.append((analysis, people, times, each, found.power, found.low, found.high, runs))
-    table = pd.DataFrame(rows, columns=POWER_COLUMNS)
+        size = {"participants": people, "repetitions": times, "judgements_each": times * len(heights) * len(conditions)}
+        power = {"power_ratio": found.power, "low_95_ratio": found.low, "high_95_ratio": found.high}
+        rows.append({"analysis": analysis, **size, **power, "runs": runs})
+    table = pd.DataFrame(rows)
     if output is not None:
         write_table(table, Path(output), "%.3f")
     return table

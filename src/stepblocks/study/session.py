@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from stepblocks.errors import StudyError
+from stepblocks.study import require
 from stepblocks.study.analysis.psychometric import Z75
 
 Array = NDArray[np.float64]
@@ -33,8 +34,7 @@ class Staircase:
     def __post_init__(self) -> None:
         if len(self.levels) < 2 or any(b <= a for a, b in zip(self.levels, self.levels[1:], strict=False)):
             raise StudyError(f"levels must be at least two and ascend, got {list(self.levels)}")
-        if self.hits_down < 1:
-            raise StudyError(f"hits_down must be at least 1, got {self.hits_down}")
+        require(self.hits_down >= 1, f"hits_down must be at least 1, got {self.hits_down}")
         if not -len(self.levels) <= self.start < len(self.levels):
             raise StudyError(f"start must be the index of one of {len(self.levels)} levels, got {self.start}")
         self._index = self.start % len(self.levels)
@@ -64,10 +64,7 @@ class Staircase:
         """Estimate the threshold from the reversals."""
         later = self.reversals[skip:]
         later = later[len(later) % 2 :]
-        if not later:
-            raise StudyError(
-                f"a threshold needs two reversals after the first {skip}, got {len(self.reversals)} in all"
-            )
+        require(later, f"a threshold needs two reversals after the first {skip}, got {len(self.reversals)} in all")
         return float(np.mean(later))
 
 
@@ -87,8 +84,7 @@ class QuestPlus:
         for name, values in (("levels", levels), ("thresholds", thresholds), ("slopes", slopes), ("lapses", lapses)):
             if not len(values) or not all(math.isfinite(value) for value in values):
                 raise StudyError(f"{name} must be at least one finite number, got {list(values)}")
-        if min(slopes) <= 0.0:
-            raise StudyError(f"slopes must be positive, got {min(slopes):g}")
+        require(min(slopes) > 0.0, f"slopes must be positive, got {min(slopes):g}")
         most = max(lapses) if guess is None else guess
         if not (0.0 <= most < 1.0 and min(lapses) >= 0.0 and max(lapses) + most < 1.0):
             raise StudyError(f"guess and lapses must be rates whose sum is below 1, got {most:g} and {list(lapses)}")
@@ -115,12 +111,10 @@ class QuestPlus:
     def record(self, level: float, hit: bool) -> None:
         """Take an answer."""
         found = np.flatnonzero(self._levels == level)
-        if not found.size:
-            raise StudyError(f"level must be one of {self._levels.tolist()}, got {level:g}")
+        require(found.size, f"level must be one of {self._levels.tolist()}, got {level:g}")
         likelihood = self._hit[found[0]] if hit else 1.0 - self._hit[found[0]]
         posterior = likelihood * self._posterior
-        if posterior.sum() <= 0.0:
-            raise StudyError(f"the answer {hit} at {level:g} is impossible under every parameter of the grid")
+        require(posterior.sum() > 0.0, f"the answer {hit} at {level:g} is impossible under every parameter of the grid")
         self._posterior = posterior / posterior.sum()
 
     def estimate(self) -> tuple[float, float, float]:
@@ -161,14 +155,12 @@ class Plan:
     seed: int  # decides which of a pair comes first
 
     def __post_init__(self) -> None:
-        if self.method not in METHODS:
-            raise StudyError(f"method must be one of {', '.join(METHODS)}, got {self.method!r}")
-        if self.standard not in self.heights:
-            raise StudyError(f"standard must be one of the blocks, got {self.standard!r}")
-        if self.trials < 1 or self.reversals < 4 or self.seed < 0:
-            raise StudyError(
-                f"trials, reversals and seed must be at least 1, 4 and 0, got {self.trials}, {self.reversals} and {self.seed}"
-            )
+        require(self.method in METHODS, f"method must be one of {', '.join(METHODS)}, got {self.method!r}")
+        require(self.standard in self.heights, f"standard must be one of the blocks, got {self.standard!r}")
+        require(
+            self.trials >= 1 and self.reversals >= 4 and self.seed >= 0,
+            f"trials, reversals and seed must be at least 1, 4 and 0, got {self.trials}, {self.reversals} and {self.seed}",
+        )
         if len(set(self.heights.values())) < len(self.heights):
             raise StudyError("blocks of an adaptive study must differ in height")
         if len(self.compared) < 2:

@@ -13,29 +13,18 @@ import numpy as np
 
 from stepblocks.atomic import replace_bytes
 from stepblocks.errors import PipelineError, StudyError
+from stepblocks.study import require
 from stepblocks.study.analysis.results import StudyResult
 from stepblocks.study.design import Design, Item
-from stepblocks.study.experiments import EXPERIMENTS, USUAL_LIMITS, Limits, number
+from stepblocks.study.experiments import EXPERIMENTS, LARGEST_ESTIMATE, RATINGS, number
 from stepblocks.study.page import render_key
 from stepblocks.study.simulate import Observer
 from stepblocks.tables import csv_text
 
 # Columns of design.csv, which tells all
-DESIGN_COLUMNS = (
-    "experiment",
-    "participant",
-    "trial",
-    "condition",
-    "repetition",
-    "stimulus",
-    "engraved",
-    "code",
-    "height_um",
-    "standard",
-    "standard_engraved",
-    "standard_code",
-    "standard_height_um",
-)
+_WHEN = ("participant", "trial", "condition", "repetition")
+_BLOCK = ("stimulus", "engraved", "code", "height_um")
+DESIGN_COLUMNS = ("experiment", *_WHEN, *_BLOCK, "standard", *(f"standard_{name}" for name in _BLOCK[1:]))
 
 
 def answer_columns(experiment: str) -> tuple[str, ...]:
@@ -75,10 +64,7 @@ def sheet_rows(rows: Iterable[Mapping[str, str]]) -> list[dict[str, str]]:
 
 def key_files(items: Mapping[str, Item], note: str) -> dict[str, str]:
     """Write key.csv and key.html, which tell the block behind each code."""
-    rows = [
-        dict(zip(("stimulus", "engraved", "code", "height_um"), _cells(items[code], code), strict=True))
-        for code in sorted(items)
-    ]
+    rows = [dict(zip(_BLOCK, _cells(items[code], code), strict=True)) for code in sorted(items)]
     return {
         "key.csv": csv_text(rows, ("code", "engraved", "stimulus", "height_um")),
         "key.html": render_key(rows, note),
@@ -177,15 +163,14 @@ def read_design(path: Path) -> list[dict[str, str]]:
     """Read design.csv."""
     rows = _read(path, DESIGN_COLUMNS)
     experiments = sorted({row["experiment"] for row in rows})
-    if len(experiments) != 1 or experiments[0] not in EXPERIMENTS:
-        raise StudyError(
-            f"experiment must be one of {', '.join(EXPERIMENTS)}, the same in all rows, got {experiments} [{path}]"
-        )
+    require(
+        len(experiments) == 1 and experiments[0] in EXPERIMENTS,
+        f"experiment must be one of {', '.join(EXPERIMENTS)}, the same in all rows, got {experiments} [{path}]",
+    )
     _by_trial(rows)
     for row in rows:
         for name in ("height_um", "standard_height_um") if row["standard"] else ("height_um",):
-            if not number(row[name]) > 0.0:
-                raise StudyError(f"{name} must be a positive number, got {row[name]!r} [{row['line']}]")
+            require(number(row[name]) > 0.0, f"{name} must be a positive number, got {row[name]!r} [{row['line']}]")
     return rows
 
 
@@ -194,26 +179,35 @@ def read_answers(path: Path, experiment: str) -> list[dict[str, str]]:
     return _read(path, answer_columns(experiment))
 
 
-def join_answers(design: Sequence[Row], answers: Sequence[Row], limits: Limits = USUAL_LIMITS) -> Judgements:
+def join_answers(
+    design: Sequence[Row],
+    answers: Sequence[Row],
+    largest_estimate: float = LARGEST_ESTIMATE,
+    ratings: tuple[int, int] = RATINGS,
+) -> Judgements:
     """Put the answers to the trials that they belong to."""
     import pandas as pd
 
     experiment = design[0]["experiment"]
     kind = EXPERIMENTS[experiment]
     planned = {(row["participant"], row["trial"]): row for row in design}
-    highest = max(number(row["height_um"]) for row in design)
+    top = largest_estimate * max(number(row["height_um"]) for row in design)
     answered: dict[Key, dict[str, Any]] = {}
     for key, answer in _by_trial(answers).items():
         try:
             _require_planned(planned, key, answer)
             if all(answer[name] for name in kind.answers):
-                answered[key] = kind.read(planned[key], answer, highest, limits)
+                answered[key] = kind.read(planned[key], answer, top, ratings)
         except StudyError as error:
             raise StudyError(f"{error} [{answer['line']}]") from error
     left = _who_left(planned, answered)
-    kept = [_tidy(row) | answered[key] for key, row in planned.items() if key in answered and key[0] not in left]
-    missing = tuple(key for key in planned if key not in answered and key[0] not in left)
-    frame = pd.DataFrame(kept)
+    stayed = {key: row for key, row in planned.items() if key[0] not in left}
+    missing = tuple(key for key in stayed if key not in answered)
+    frame = pd.DataFrame(
+        {name: row[name] for name in (*_WHEN, "stimulus")} | {"height": number(row["height_um"]) / 1e6} | answered[key]
+        for key, row in stayed.items()
+        if key in answered
+    )
     _require_enough(frame, planned)
     return Judgements(experiment, frame, missing, left)
 
@@ -221,10 +215,10 @@ def join_answers(design: Sequence[Row], answers: Sequence[Row], limits: Limits =
 def _read(path: Path, columns: Sequence[str]) -> list[dict[str, str]]:
     """Read rows of texts, each with its `line`; a general reader of tables would not know the lines."""
     try:
-        if path.stat().st_size > _MAX_BYTES:
-            raise StudyError(
-                f"a table must be below {_MAX_BYTES // 1_000_000} MB, got {path.stat().st_size} bytes [{path}]"
-            )
+        require(
+            path.stat().st_size <= _MAX_BYTES,
+            f"a table must be below {_MAX_BYTES // 1_000_000} MB, got {path.stat().st_size} bytes [{path}]",
+        )
         with path.open(encoding="utf-8-sig", newline="") as stream:
             reader = csv.DictReader(stream, strict=True)
             names = reader.fieldnames or []
@@ -235,18 +229,16 @@ def _read(path: Path, columns: Sequence[str]) -> list[dict[str, str]]:
                 raise StudyError(f"columns must differ from each other, got one twice [{path}, line 1]")
             rows = []
             for row in reader:
-                if None in row or None in row.values():
-                    raise StudyError(
-                        f"a row must have {len(names)} cells, as the header [{path}, line {reader.line_num}]"
-                    )
+                require(
+                    None not in row and None not in row.values(),
+                    f"a row must have {len(names)} cells, as the header [{path}, line {reader.line_num}]",
+                )
                 rows.append({name: row[name].strip() for name in names} | {"line": f"{path}, line {reader.line_num}"})
-                if len(rows) > _MAX_ROWS:
-                    raise StudyError(f"a table must have at most {_MAX_ROWS} rows [{path}]")
+                require(len(rows) <= _MAX_ROWS, f"a table must have at most {_MAX_ROWS} rows [{path}]")
     except (OSError, UnicodeDecodeError, csv.Error) as error:
         reason = error.strerror if isinstance(error, OSError) else str(error)
         raise StudyError(f"a table must be readable CSV in UTF-8: {reason} [{path}]") from error
-    if not rows:
-        raise StudyError(f"a table must have rows, got none [{path}]")
+    require(rows, f"a table must have rows, got none [{path}]")
     return rows
 
 
@@ -264,17 +256,11 @@ def _by_trial(rows: Sequence[Row]) -> dict[Key, Row]:
 
 
 def _require_planned(planned: Mapping[Key, Row], key: Key, answer: Row) -> None:
-    if key not in planned:
-        raise StudyError(f"participant and trial must be in the design, got {key[0]!r} and {key[1]!r}")
+    require(key in planned, f"participant and trial must be in the design, got {key[0]!r} and {key[1]!r}")
     (shown,) = sheet_rows([planned[key]])
     for name in ("first_code", "second_code", "code", "condition"):
         if name in shown and answer[name] != shown[name]:
             raise StudyError(f"{name} must be {shown[name]!r} in this trial, as planned, got {answer[name]!r}")
-
-
-def _tidy(row: Row) -> dict[str, Any]:
-    names = ("participant", "trial", "condition", "repetition", "stimulus")
-    return {name: row[name] for name in names} | {"height": number(row["height_um"]) / 1e6}
 
 
 def _who_left(planned: Mapping[Key, Row], answered: Mapping[Key, Any]) -> tuple[str, ...]:
@@ -284,8 +270,7 @@ def _who_left(planned: Mapping[Key, Row], answered: Mapping[Key, Any]) -> tuple[
 
 
 def _require_enough(frame: Any, planned: Mapping[Key, Row]) -> None:
-    if frame.empty:
-        raise StudyError("at least one participant must have answered in every condition, got none")
+    require(not frame.empty, "at least one participant must have answered in every condition, got none")
     cells = {(row["condition"], row["stimulus"]) for row in planned.values()}
     empty = sorted(cells - set(zip(frame["condition"], frame["stimulus"], strict=True)))
     if empty:

@@ -11,7 +11,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from stepblocks.errors import StudyError
-from stepblocks.study.analysis.anova import f_test
+from stepblocks.study import require
+from stepblocks.study.analysis.anova import Term, f_test
 from stepblocks.study.analysis.mixed import mixed_model
 from stepblocks.study.analysis.psychometric import Z75
 
@@ -33,10 +34,8 @@ class Observer:
         for name in ("weber", "response_noise", "participant_spread", "condition_spread"):
             if not (math.isfinite(getattr(self, name)) and getattr(self, name) >= 0.0):
                 raise StudyError(f"{name} must be finite and not negative, got {getattr(self, name):g}")
-        if not 0.0 <= self.lapse < 1.0:
-            raise StudyError(f"lapse must be a rate from 0 to below 1, got {self.lapse:g}")
-        if not math.isfinite(self.realism_gain):
-            raise StudyError(f"realism_gain must be finite, got {self.realism_gain:g}")
+        require(0.0 <= self.lapse < 1.0, f"lapse must be a rate from 0 to below 1, got {self.lapse:g}")
+        require(math.isfinite(self.realism_gain), f"realism_gain must be finite, got {self.realism_gain:g}")
 
     @property
     def sensation_noise(self) -> float:
@@ -104,12 +103,11 @@ class SimulatedStudy:
     observer: Observer
 
     def __post_init__(self) -> None:
-        if self.participants < 2 or self.repetitions < 1:
-            raise StudyError(
-                f"a study needs at least 2 participants and 1 repetition, got {self.participants} and {self.repetitions}"
-            )
-        if len(self.factors) < 2:
-            raise StudyError(f"a study must compare at least two conditions, got {len(self.factors)}")
+        require(
+            self.participants >= 2 and self.repetitions >= 1,
+            f"a study needs at least 2 participants and 1 repetition, got {self.participants} and {self.repetitions}",
+        )
+        require(len(self.factors) >= 2, f"a study must compare at least two conditions, got {len(self.factors)}")
         bad = [(name, share) for name, share in self.factors if not (math.isfinite(share) and share > 0.0)]
         if bad:
             raise StudyError(
@@ -129,19 +127,19 @@ class PowerEstimate:
 
 
 def p_values(plan: SimulatedStudy, analysis: str, seeds: Sequence[int]) -> list[float]:
-    """Simulate studies and analyse each."""
-    return [_one(plan, analysis, seed) for seed in seeds]
-
-
-def _one(plan: SimulatedStudy, analysis: str, seed: int) -> float:
-    frame = simulated_frame(plan, seed)
+    """Simulate studies and test the conditions of each."""
     block = "stimulus" if len(plan.heights) > 1 else ""
-    if analysis == "f-test":
-        factors = ["condition", block] if block else ["condition"]
-        return f_test(frame, "error", factors, intervals=False).terms[0].p
-    term = mixed_model(frame, "error", "condition", "participant", block, intervals=False).condition
-    assert term is not None  # a plan has two conditions
-    return term.p
+    found = []
+    for seed in seeds:
+        frame = simulated_frame(plan, seed)
+        if analysis == "f-test":
+            factors = ["condition", block] if block else ["condition"]
+            term: Term | None = f_test(frame, "error", factors, intervals=False).terms[0]
+        else:
+            term = mixed_model(frame, "error", "condition", "participant", block, intervals=False).condition
+        assert term is not None  # a plan has two conditions
+        found.append(term.p)
+    return found
 
 
 def simulated_frame(plan: SimulatedStudy, seed: int) -> Any:
@@ -166,12 +164,9 @@ def estimate_power(
     from joblib import Parallel, delayed
     from statsmodels.stats.proportion import proportion_confint
 
-    if analysis not in ANALYSES:
-        raise StudyError(f"analysis must be one of {', '.join(ANALYSES)}, got {analysis!r}")
-    if not 10 <= runs <= 100_000:
-        raise StudyError(f"runs must lie between 10 and 100000, got {runs}")
-    if seed < 0 or jobs < 1:
-        raise StudyError(f"seed and jobs must be at least 0 and at least 1, got {seed} and {jobs}")
+    require(analysis in ANALYSES, f"analysis must be one of {', '.join(ANALYSES)}, got {analysis!r}")
+    require(10 <= runs <= 100_000, f"runs must lie between 10 and 100000, got {runs}")
+    require(seed >= 0 and jobs >= 1, f"seed and jobs must be at least 0 and at least 1, got {seed} and {jobs}")
     seeds = [int(child.generate_state(1, np.uint64)[0]) for child in np.random.SeedSequence(seed).spawn(runs)]
     share = max(1, math.ceil(runs / (4 * jobs)))
     parts = [seeds[start : start + share] for start in range(0, runs, share)]

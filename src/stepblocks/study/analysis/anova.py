@@ -12,6 +12,7 @@ from typing import Any
 import numpy as np
 
 from stepblocks.errors import StudyError
+from stepblocks.study import require
 
 _DOUBT = 0.05
 _ADVICE = {
@@ -83,10 +84,10 @@ def f_test(
     data["y"] = (data["y"] - shift) / scale  # a large common offset would cost the digits of the squares
     formula = "y ~ " + (" * " if interaction else " + ").join(f"C({letter}, Sum)" for letter in names)
     fit = smf.ols(formula, data).fit()
-    if fit.df_resid < 1 or fit.ssr <= 1e-20:
-        raise StudyError(
-            f"the error must be estimable: more than one judgement per cell, not all alike, got {len(data)} rows"
-        )
+    require(
+        fit.df_resid >= 1 and fit.ssr > 1e-20,
+        f"the error must be estimable: more than one judgement per cell, not all alike, got {len(data)} rows",
+    )
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", FutureWarning)
         table = anova_lm(fit, typ=2)
@@ -106,13 +107,11 @@ def f_test(
 def _renamed(frame: Any, response: str, factors: Sequence[str]) -> tuple[Any, dict[str, str]]:
     import pandas as pd
 
-    if not 1 <= len(factors) <= 2:
-        raise StudyError(f"one or two factors can be tested, got {len(factors)}")
+    require(1 <= len(factors) <= 2, f"one or two factors can be tested, got {len(factors)}")
     names = dict(zip("ab", factors, strict=False))
     data = pd.DataFrame({letter: frame[name].astype(str).to_numpy() for letter, name in names.items()})
     data["y"] = frame[response].to_numpy(dtype=np.float64)
-    if not np.isfinite(data["y"]).all():
-        raise StudyError(f"{response} must be finite in every row")
+    require(np.isfinite(data["y"]).all(), f"{response} must be finite in every row")
     for letter, name in names.items():
         if data[letter].nunique() < 2:
             raise StudyError(f"{name} must have at least two levels to be tested, got {data[letter].nunique()}")

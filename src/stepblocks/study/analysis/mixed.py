@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 
 from stepblocks.errors import StudyError
+from stepblocks.study import require
 from stepblocks.study.analysis.anova import Interval, Term, effect_of, mean_rows, tukey_family
 
 _ZERO = 1e-6  # a variance below this share of the residual one is at its boundary
@@ -88,13 +89,11 @@ def _scaled(frame: Any, response: str, condition: str, participant: str, block: 
     if block:
         data["b"] = frame[block].astype(str).to_numpy()
     values = frame[response].to_numpy(dtype=np.float64)
-    if not np.isfinite(values).all():
-        raise StudyError(f"{response} must be finite in every row")
+    require(np.isfinite(values).all(), f"{response} must be finite in every row")
     if data["g"].nunique() < 2:
         raise StudyError(f"{participant}: a mixed model needs at least two participants, got {data['g'].nunique()}")
     scale, shift = float(values.std(ddof=1)), float(values.mean())
-    if not scale > 0.0:
-        raise StudyError(f"{response} must not be the same in all {len(values)} rows")
+    require(scale > 0.0, f"{response} must not be the same in all {len(values)} rows")
     data["y"] = (values - shift) / scale
     return data, scale, shift
 
@@ -138,8 +137,7 @@ def _mean_squares(data: Any) -> tuple[float, float, float]:
     centred = data.assign(y=data["y"] - data.groupby(keys)["y"].transform("mean"))
     cells = centred.groupby(["g", "a"])["y"]
     means, number = cells.mean().unstack(), float(len(cells) / (1.0 / cells.size()).sum())
-    if means.isna().to_numpy().any():
-        raise StudyError("every participant must have a judgement in every condition")
+    require(not means.isna().to_numpy().any(), "every participant must have a judgement in every condition")
     doubly = means.sub(means.mean(axis=1), axis=0) - means.mean(axis=0) + means.to_numpy().mean()
     df = (means.shape[0] - 1) * (means.shape[1] - 1)
     left = float(((centred["y"] - cells.transform("mean")) ** 2).sum())
@@ -179,10 +177,7 @@ def _optimise(model: Any) -> Any:
             found.append(fit)
             if fit.converged:
                 break
-    if not found:
-        raise StudyError(
-            f"the mixed model cannot be fitted to these {len(model.endog)} judgements: no optimum was found"
-        )
+    require(found, f"the mixed model cannot be fitted to these {len(model.endog)} judgements: no optimum was found")
     return max(found, key=lambda fit: (round(float(fit.llf), 6), bool(fit.converged)))
 
 

@@ -15,6 +15,7 @@ from typing import Any
 import numpy as np
 
 from stepblocks.errors import StudyError
+from stepblocks.study import require
 from stepblocks.study.analysis.psychometric import Z975
 
 
@@ -86,8 +87,7 @@ def _errors(fit: Any, number: int, participants: Any) -> tuple[list[float], floa
         return [float(error) for error in fit.bse.iloc[:number]], Z975, None
     codes = np.unique(participants.astype(str), return_inverse=True)[1]
     people = int(codes.max()) + 1
-    if people <= number:
-        raise StudyError(f"more participants than compared conditions must have rated, got {people} for {number}")
+    require(people > number, f"more participants than compared conditions must have rated, got {people} for {number}")
     covariance = cluster_covariance(fit, codes)[:number, :number]
     values = fit.params.iloc[:number].to_numpy()
     # Hotelling: as many independent values as participants estimate the covariance
@@ -105,8 +105,7 @@ def _matrices(frame: Any, rating: str, predictors: Sequence[str], participant: s
     if len(ordered.cat.categories) < 2:
         raise StudyError(f"{rating} must have at least two different values, got {len(ordered.cat.categories)}")
     exog = pd.get_dummies(frame[list(predictors)], prefix="", prefix_sep="", drop_first=True).astype(float)
-    if not exog.shape[1] or (exog.std() == 0.0).any():
-        raise StudyError(f"{', '.join(predictors)} must have at least two levels")
+    require(exog.shape[1] and not (exog.std() == 0.0).any(), f"{', '.join(predictors)} must have at least two levels")
     if not participant:
         return ordered, exog, pd.DataFrame(index=exog.index)
     people = pd.get_dummies(frame[participant].astype(str), prefix="participant", prefix_sep=" ", drop_first=True)

@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from stepblocks.errors import StudyError
+from stepblocks.study import require
 
 # Largest lapse rate that a fit may take; Wichmann and Hill (2001) bound it so that it cannot stand in for the slope
 MAX_LAPSE = 0.1
@@ -82,8 +83,7 @@ def _checked(
     x, k, n = (np.asarray(values, dtype=np.float64) for values in (levels, hits, totals))
     if not (x.ndim == 1 and x.shape == k.shape == n.shape):
         raise StudyError(f"levels, hits and totals must be lists of one length, got {x.size}, {k.size} and {n.size}")
-    if not (np.isfinite(x).all() and (x > 0.0).all()):
-        raise StudyError("levels must be positive and finite")
+    require(np.isfinite(x).all() and (x > 0.0).all(), "levels must be positive and finite")
     if not ((n >= 0.0) & (k >= 0.0) & (k <= n) & (k == np.round(k)) & (n == np.round(n))).all():
         raise StudyError("hits must be whole numbers from 0 to the number of trials of their level")
     for name, rate in (("guess", guess), ("lapse", lapse)):
@@ -108,10 +108,10 @@ def _by_glm(log_x: Array, k: Array, n: Array) -> Any:
     share = (k / n)[np.argsort(log_x)]
     if fit.params[1] <= 0.0 or np.ptp(share) == 0.0:
         raise StudyError("answers must rise with the level, got ones that do not")
-    if not np.any((share > 0.0) & (share < 1.0)):
-        raise StudyError(
-            "answers jump from none to all between two levels: no spread can be told; add levels between them"
-        )
+    require(
+        np.any((share > 0.0) & (share < 1.0)),
+        "answers jump from none to all between two levels: no spread can be told; add levels between them",
+    )
     return fit
 
 
@@ -144,8 +144,7 @@ def _by_likelihood(start: Any, x: Array, k: Array, n: Array, guess: float | None
         ),
         key=lambda one: float(one.fun),
     )
-    if found.x[1] <= -7.9:
-        raise StudyError("answers jump between two levels: no spread can be told; add levels between them")
+    require(not (found.x[1] <= -7.9), "answers jump between two levels: no spread can be told; add levels between them")
     rate = float(found.x[2]) if lapse is None else lapse
     inside = lapse is None and 1e-6 < rate < MAX_LAPSE - 1e-6
     free = 3 if inside else 2
@@ -189,14 +188,14 @@ def _summary(
 ) -> Psychometric:
     """Give intervals from the logarithms of threshold and spread, each with its standard error."""
     # a threshold that is open comes first: its spread is then unknown as well
-    if not middle[1] < _VAGUE:
-        raise StudyError(
-            f"answers leave the threshold open: it cannot be told from {trials} trials; add trials, or levels around it"
-        )
-    if not spread[1] < _VAGUE:
-        raise StudyError(
-            f"answers jump between two of the levels: no spread can be told from {trials} trials; add levels between them"
-        )
+    require(
+        middle[1] < _VAGUE,
+        f"answers leave the threshold open: it cannot be told from {trials} trials; add trials, or levels around it",
+    )
+    require(
+        spread[1] < _VAGUE,
+        f"answers jump between two of the levels: no spread can be told from {trials} trials; add levels between them",
+    )
 
     def weber(log_sigma: float) -> float:
         return math.expm1(min(Z75 * math.exp(min(log_sigma, 20.0)), 700.0))
