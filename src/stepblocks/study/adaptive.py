@@ -49,10 +49,10 @@ class AdaptiveStudy:
         session, path = Session(self.plan, participant), self.record_of(participant)
         for row in read_answers(path, "constant") if path.exists() else ():
             pair = session.next_pair()
-            wanted = None if pair is None else (str(participant), str(pair.trial), pair.first, pair.second)
-            got = (row["participant"], row["trial"], row["first_code"], row["second_code"])
+            wanted = pair and (str(participant), str(pair.trial), pair.first, pair.second)
+            got = tuple(row[name] for name in ("participant", "trial", "first_code", "second_code"))
             if pair is None or got != wanted:
-                asked = "no further trial" if wanted is None else "participant, trial and codes " + " ".join(wanted)
+                asked = "participant, trial and codes " + " ".join(wanted) if wanted else "no further trial"
                 raise StudyError(f"the procedure asks for {asked} here, got {' '.join(got)} [{row['line']}]")
             if row["second_is_higher"].lower() not in ("y", "n"):
                 raise StudyError(f"second_is_higher must be y or n, got {row['second_is_higher']!r} [{row['line']}]")

@@ -151,34 +151,33 @@ _COLOURS = ("#1f6f8b", "#c8553d", "#588157", "#7b4fa3", "#b08900", "#5b6b79")
 _INK, _LINE = "#1d2a36", "#999999"
 
 
-def study_figures(result: Any) -> Iterator[tuple[str, str]]:
-    """Draw what a study found: captions and SVG."""
-    if result.f_test is not None and result.mixed is not None:
-        yield "Estimates against height; bars: standard deviation of the judgements.", _svg(_estimates, result)
-        yield "Differences between conditions with the intervals of both analyses.", _svg(_intervals, result)
-        caption = "Residuals of the mixed model: against fitted values, and their quantiles against the normal's."
-        yield caption, _svg(_residuals, result)
-    if result.ordinal is not None:
-        yield "Share of each rating of realism.", _svg(_ratings, result)
-    if result.curves:
-        yield 'Share of answers "higher", with the fitted functions; area of a dot: trials.', _svg(_curves, result)
-    if result.power_law is not None:
-        yield "Magnitudes against height, one line per participant.", _svg(_magnitudes, result)
-
-
-def _svg(draw: Any, result: Any) -> str:
+def study_figures(result: StudyResult) -> Iterator[tuple[str, str]]:
+    """Draw what a study found: captions and SVG, the same bytes from the same data."""
     import matplotlib as mpl
     from matplotlib.backends.backend_svg import FigureCanvasSVG
     from matplotlib.figure import Figure
 
-    with mpl.rc_context({"svg.hashsalt": draw.__name__, "svg.fonttype": "path", "font.size": 10}):
-        figure = Figure(figsize=(9.0, 3.6), layout="constrained")
-        FigureCanvasSVG(figure)
-        draw(figure, result)
-        text = io.StringIO()
-        figure.savefig(text, format="svg", metadata={"Date": None, "Creator": None})
-    content = text.getvalue()
-    return content[content.index("<svg") :]
+    for draw, found, caption in (
+        (_estimates, result.mixed, "Estimates against height; bars: standard deviation of the judgements."),
+        (_intervals, result.mixed, "Differences between conditions with the intervals of both analyses."),
+        (
+            _residuals,
+            result.mixed,
+            "Residuals of the mixed model: against fitted values, and their quantiles against the normal's.",
+        ),
+        (_ratings, result.ordinal, "Share of each rating of realism."),
+        (_curves, result.curves, 'Share of answers "higher", with the fitted functions; area of a dot: trials.'),
+        (_magnitudes, result.power_law, "Magnitudes against height, one line per participant."),
+    ):
+        if not found:
+            continue
+        with mpl.rc_context({"svg.hashsalt": draw.__name__, "svg.fonttype": "path", "font.size": 10}):
+            figure = Figure(figsize=(9.0, 3.6), layout="constrained")
+            FigureCanvasSVG(figure)
+            draw(figure, result)
+            text = io.StringIO()
+            figure.savefig(text, format="svg", metadata={"Date": None, "Creator": None})
+        yield caption, text.getvalue()[text.getvalue().index("<svg") :]
 
 
 def _colour(index: int) -> str:

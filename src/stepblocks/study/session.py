@@ -44,11 +44,6 @@ class Staircase:
         """Level of the next trial."""
         return float(self.levels[self._index])
 
-    @property
-    def target(self) -> float:
-        """Share of hits on which the staircase converges, ``0.5 ** (1 / hits_down)``."""
-        return float(0.5 ** (1.0 / self.hits_down))
-
     def record(self, hit: bool) -> None:
         """Take the answer to the present level and move on."""
         self._run = self._run + 1 if hit else 0
@@ -95,7 +90,7 @@ class QuestPlus:
         rising = ndtr((self._levels[:, np.newaxis] - threshold) / slope)
         base = lapse if guess is None else guess
         self._hit: Array = base + (1.0 - base - lapse) * rising
-        self._posterior: Array = np.full(threshold.size, 1.0 / threshold.size)
+        self.posterior: Array = np.full(threshold.size, 1.0 / threshold.size)
 
     def next_level(self) -> float:
         """Return the level that is expected to teach most."""
@@ -103,7 +98,7 @@ class QuestPlus:
 
         expected = np.zeros(len(self._levels))
         for likelihood in (self._hit, 1.0 - self._hit):
-            joint = likelihood * self._posterior
+            joint = likelihood * self.posterior
             total = joint.sum(axis=1)
             expected -= xlogy(joint, joint).sum(axis=1) - xlogy(total, total)
         return float(self._levels[int(np.argmin(np.round(expected, 12)))])
@@ -113,25 +108,20 @@ class QuestPlus:
         found = np.flatnonzero(self._levels == level)
         require(found.size, f"level must be one of {self._levels.tolist()}, got {level:g}")
         likelihood = self._hit[found[0]] if hit else 1.0 - self._hit[found[0]]
-        posterior = likelihood * self._posterior
+        posterior = likelihood * self.posterior
         require(posterior.sum() > 0.0, f"the answer {hit} at {level:g} is impossible under every parameter of the grid")
-        self._posterior = posterior / posterior.sum()
+        self.posterior = posterior / posterior.sum()
 
     def estimate(self) -> tuple[float, float, float]:
         """Return the posterior means."""
-        threshold, slope, lapse = (float(self._posterior @ values) for values in self._grid)
+        threshold, slope, lapse = (float(self.posterior @ values) for values in self._grid)
         return threshold, slope, lapse
 
     def quantile(self, which: int, share: float) -> float:
         """Return a quantile of one parameter's posterior."""
         values, index = np.unique(self._grid[which], return_inverse=True)
-        weights = np.bincount(index, self._posterior)
+        weights = np.bincount(index, self.posterior)
         return float(np.interp(share, np.cumsum(weights) - 0.5 * weights, values))
-
-    def entropy(self) -> float:
-        """Return the entropy of the posterior."""
-        known = self._posterior[self._posterior > 0.0]
-        return float(-(known * np.log(known)).sum())
 
 
 # QUEST+ on point of subjective equality, spread and lapse rate; two down, one up on blocks higher than the standard

@@ -179,11 +179,10 @@ def residual_checks(residuals: Any, groups: Sequence[str], participant_effects: 
     sample = values if values.size <= 5000 else np.sort(values)[np.linspace(0, values.size - 1, 5000).astype(int)]
     checks = [_check("residuals are normal", "Shapiro-Wilk", _shapiro(sample))]
     parts = [values[names == name] for name in dict.fromkeys(names.tolist())]
+    found = (math.nan, math.nan)
     if len(parts) > 1 and min(len(part) for part in parts) > 2:
-        outcome = stats.levene(*parts, center="median")
-        found = (float(outcome.statistic), float(outcome.pvalue))
-    else:
-        found = (math.nan, math.nan)
+        statistic, p = stats.levene(*parts, center="median")
+        found = (float(statistic), float(p))
     checks.append(_check("conditions have one residual spread", "Levene (median)", found))
     effects = np.asarray(participant_effects, dtype=np.float64)
     if effects.size:
@@ -196,8 +195,8 @@ def _shapiro(values: Any) -> tuple[float, float]:
 
     if values.size < 4 or float(np.ptp(values)) <= 0.0:
         return math.nan, math.nan
-    outcome = stats.shapiro(values / np.abs(values).max())
-    return float(outcome.statistic), float(outcome.pvalue)
+    statistic, p = stats.shapiro(values / np.abs(values).max())
+    return float(statistic), float(p)
 
 
 def _check(assumption: str, test: str, found: tuple[float, float]) -> Check:

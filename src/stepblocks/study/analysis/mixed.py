@@ -17,7 +17,7 @@ from stepblocks.study.analysis.anova import Interval, Term, effect_of, mean_rows
 _ZERO = 1e-6  # a variance below this share of the residual one is at its boundary
 _ALIKE = 1e-4  # log likelihoods closer than this are one
 _NEWTON_STEPS = 8
-_ROUGH = 1e-3  # gradient per judgement from which Newton's method is tried
+_ROUGH = {"gtol": 1e-3}  # gradient per judgement from which Newton's method is tried
 _FLAT = 1e-9  # gradient per judgement, in the unit-free response, at which a point is flat
 
 
@@ -158,22 +158,18 @@ def _with_response(plain: Any, data: Any) -> Any:
 
 def _optimise(model: Any) -> Any:
     """Climb roughly and let Newton finish; where no flat point is near, climb as far as each optimiser can."""
-    found = []
-    stalled = False
-    for method, tolerance in (("bfgs", _ROUGH), ("bfgs", 1e-10), ("powell", None)):
-        if stalled and method == "bfgs":
-            continue  # it would stall at the same place again
+    found: list[Any] = []
+    for method, settings in (("bfgs", _ROUGH), ("bfgs", {"gtol": 1e-10}), ("powell", {})):
+        if found and method == "bfgs":
+            continue  # what stalled would stall there again
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")  # what went wrong is read from the result
             try:
-                fit = model.fit(reml=True, method=method, **({} if tolerance is None else {"gtol": tolerance}))
-                stalled = not fit.converged
-                fit, flat = _polished(fit)
+                fit, flat = _polished(model.fit(reml=True, method=method, **settings))
             except (np.linalg.LinAlgError, ValueError):
                 continue
-        if tolerance == _ROUGH and not (flat or stalled):
-            continue
-        if math.isfinite(fit.llf) and np.isfinite(np.asarray(fit.bse_fe)).all():
+        done = flat or not fit.converged or settings is not _ROUGH
+        if done and math.isfinite(fit.llf) and np.isfinite(np.asarray(fit.bse_fe)).all():
             found.append(fit)
             if fit.converged:
                 break

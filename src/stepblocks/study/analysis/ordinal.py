@@ -121,15 +121,14 @@ def _alone(ordered: Any) -> float:
 def _by_cut(ordered: Any, exog: Any, names: Sequence[str]) -> dict[str, tuple[float, ...]]:
     import statsmodels.api as sm
 
-    found: dict[str, list[float]] = {name: [] for name in names}
+    found = []
     for cut in range(1, len(ordered.cat.categories)):
         above = (ordered.cat.codes >= cut).to_numpy(dtype=np.float64)
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")
             fit = sm.GLM(above, sm.add_constant(exog, has_constant="add"), family=sm.families.Binomial()).fit()
-        for name in names:
-            found[name].append(float(fit.params[name]) if abs(float(fit.params[name])) < 15.0 else math.nan)
-    return {name: tuple(values) for name, values in found.items()}
+        found.append([value if abs(value) < 15.0 else math.nan for value in fit.params[names].tolist()])
+    return dict(zip(names, zip(*found, strict=True), strict=True))
 
 
 @cache

@@ -129,38 +129,25 @@ def _by_likelihood(start: Any, x: Array, k: Array, n: Array, guess: float | None
         p = np.clip(p, 1e-15, 1.0 - 1e-15)
         return -float(np.sum(xlogy(k, p) + xlog1py(n - k, -p)))
 
+    rates = [0.02] if lapse is None else []
+    bounds = [(None, None), (-8.0, 4.0), *((0.0, MAX_LAPSE) for _ in rates)]
     middle, spread = -start.params[0] / start.params[1], math.log(1.0 / start.params[1])
-    bounds = [(None, None), (-8.0, 4.0)] + ([(0.0, MAX_LAPSE)] if lapse is None else [])
-    found = min(
-        (
-            minimize(
-                loss,
-                [middle, spread - shrink, *([0.02] if lapse is None else [])],
-                method="L-BFGS-B",
-                bounds=bounds,
-                options={"ftol": 1e-15, "gtol": 1e-9, "maxiter": 1000},
-            )
-            for shrink in (0.0, 0.7)
-        ),
-        key=lambda one: float(one.fun),
-    )
-    require(not (found.x[1] <= -7.9), "answers jump between two levels: no spread can be told; add levels between them")
+    options = {"ftol": 1e-15, "gtol": 1e-9, "maxiter": 1000}
+    starts = ([middle, spread - shrink, *rates] for shrink in (0.0, 0.7))
+    fits = [minimize(loss, one, method="L-BFGS-B", bounds=bounds, options=options) for one in starts]
+    found = min(fits, key=lambda one: float(one.fun))
+    require(not found.x[1] <= -7.9, "answers jump between two levels: no spread can be told; add levels between them")
     rate = float(found.x[2]) if lapse is None else lapse
-    inside = lapse is None and 1e-6 < rate < MAX_LAPSE - 1e-6
-    free = 3 if inside else 2
+    free = 3 if lapse is None and 1e-6 < rate < MAX_LAPSE - 1e-6 else 2
 
     def around(parameters: Array) -> float:
         return loss(np.concatenate([parameters, found.x[free:]]))
 
-    covariance = _covariance(approx_hess(found.x[:free], around))
-    return _summary(
-        (float(found.x[0]), math.sqrt(max(covariance[0, 0], 0.0))),
-        (float(found.x[1]), math.sqrt(max(covariance[1, 1], 0.0))),
-        lapse=rate,
-        deviance=2.0 * (float(found.fun) - _saturated(k, n)),
-        df=len(x) - (3 if lapse is None else 2),
-        trials=int(n.sum()),
-    )
+    errors = np.sqrt(np.maximum(np.diag(_covariance(approx_hess(found.x[:free], around))), 0.0))
+    saturated = -float(np.sum(xlogy(k, k / n) + xlogy(n - k, (n - k) / n)))
+    logs = [(float(found.x[index]), float(errors[index])) for index in (0, 1)]
+    deviance, df = 2.0 * (float(found.fun) - saturated), len(x) - 2 - len(rates)
+    return _summary(*logs, lapse=rate, deviance=deviance, df=df, trials=int(n.sum()))
 
 
 def _covariance(information: Any) -> Array:
@@ -175,12 +162,6 @@ def _of_glm(fit: Any, count: int, trials: int) -> Psychometric:
     spread = (-math.log(slope), math.sqrt(covariance[1, 1]) / slope)
     middle = crossing(intercept, slope, covariance)
     return _summary(middle, spread, lapse=0.0, deviance=float(fit.deviance), df=count - 2, trials=trials)
-
-
-def _saturated(k: Array, n: Array) -> float:
-    from scipy.special import xlogy
-
-    return -float(np.sum(xlogy(k, k / n) + xlogy(n - k, (n - k) / n)))
 
 
 def _summary(
