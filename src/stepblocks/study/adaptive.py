@@ -109,25 +109,10 @@ def start_adaptive(
     if standard not in known:
         raise PipelineError(f"standard must be one of {', '.join(known)}, got {standard!r}")
     codes = blinding_codes(known, np.random.default_rng([seed, 0]))
-    told = {
-        codes[block.id]: {
-            "stimulus": block.id,
-            "engraved": engraved_text(block.id),
-            "height_um": f"{block.height.nominal * 1e6:.9g}",
-        }
-        for block in blocks
-    }
-    setup = {
-        "schema": _SCHEMA,
-        "experiment": "adaptive",
-        "method": method,
-        "participants": participants,
-        "trials": trials,
-        "reversals": reversals,
-        "seed": seed,
-        "standard": codes[standard],
-        "blocks": dict(sorted(told.items())),
-    }
+    items = {codes[block.id]: Item(block.id, engraved_text(block.id), block.height.nominal) for block in blocks}
+    size = {"participants": participants, "trials": trials, "reversals": reversals}
+    setup = {"schema": _SCHEMA, "experiment": "adaptive", "method": method, **size, "seed": seed}
+    setup |= {"standard": codes[standard], "blocks": {code: items[code].told() for code in sorted(items)}}
     study = _study(Path(folder), setup)
     keys = key_files(study.blocks, f"which of a pair comes first is drawn by seed {seed}")
     write_new(study.folder, {_SETUP: json.dumps(setup, indent=1) + "\n", **keys})

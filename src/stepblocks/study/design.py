@@ -119,6 +119,10 @@ class Item:
         if not (math.isfinite(self.height) and self.height > 0.0):
             raise StudyError(f"height must be positive and finite, got {self.height:g} m [block {self.identity}]")
 
+    def told(self) -> dict[str, str]:
+        """Say which block it is, for who loads the blocks."""
+        return {"stimulus": self.identity, "engraved": self.engraved, "height_um": f"{self.height * 1e6:.9g}"}
+
 
 @dataclass(frozen=True)
 class Trial:

@@ -81,11 +81,9 @@ def _simulate_estimates(trials: Any, observer: Observer, generator: np.random.Ge
 def _simulate_virtual(trials: Any, observer: Observer, generator: np.random.Generator) -> Texts:
     estimates = _simulate_estimates(trials, observer, generator)
     own = generator.standard_normal(trials["person"].max() + 1)
-    answers = []
-    for (estimate,), person, condition in zip(estimates, trials["person"], trials["condition"], strict=True):
-        latent = own[person] + observer.realism_gain * (condition == "vibration-on") + generator.logistic()
-        answers.append((estimate, str(int(np.clip(round(3.5 + latent), *RATINGS)))))
-    return answers
+    felt = own[trials["person"]] + observer.realism_gain * (trials["condition"] == "vibration-on").to_numpy()
+    ratings = np.clip(np.round(3.5 + (felt + generator.logistic(size=len(trials)))), *RATINGS)
+    return [(estimate, f"{rating:.0f}") for (estimate,), rating in zip(estimates, ratings, strict=True)]
 
 
 def _analyse_estimates(frame: Any) -> dict[str, Any]:

@@ -45,7 +45,8 @@ def design_rows(design: Design) -> list[dict[str, str]]:
 
 
 def _cells(item: Item | None, code: str) -> tuple[str, ...]:
-    return (item.identity, item.engraved, code, f"{item.height * 1e6:.9g}") if item else ("",) * 4
+    told = item.told() | {"code": code} if item else {}
+    return tuple(told.get(name, "") for name in _BLOCK)
 
 
 def sheet_rows(rows: Iterable[Mapping[str, str]]) -> list[dict[str, str]]:
@@ -64,11 +65,9 @@ def sheet_rows(rows: Iterable[Mapping[str, str]]) -> list[dict[str, str]]:
 
 def key_files(items: Mapping[str, Item], note: str) -> dict[str, str]:
     """Write key.csv and key.html, which tell the block behind each code."""
-    rows = [dict(zip(_BLOCK, _cells(items[code], code), strict=True)) for code in sorted(items)]
-    return {
-        "key.csv": csv_text(rows, ("code", "engraved", "stimulus", "height_um")),
-        "key.html": render_key(rows, note),
-    }
+    rows = [{"code": code, **items[code].told()} for code in sorted(items)]
+    columns = ("code", "engraved", "stimulus", "height_um")
+    return {"key.csv": csv_text(rows, columns), "key.html": render_key(rows, note)}
 
 
 def design_files(design: Design) -> dict[str, str]:
