@@ -135,10 +135,8 @@ def open_adaptive(folder: str | Path) -> AdaptiveStudy:
 
 
 def _study(folder: Path, setup: Mapping[str, Any]) -> AdaptiveStudy:
-    blocks = {
-        code: Item(one["stimulus"], one["engraved"], float(one["height_um"]) / 1e6)
-        for code, one in setup["blocks"].items()
-    }
+    told = setup["blocks"].items()
+    blocks = {code: Item(one["stimulus"], one["engraved"], float(one["height_um"]) / 1e6) for code, one in told}
     heights = {code: block.height for code, block in blocks.items()}
     plan = Plan(setup["method"], heights, setup["standard"], setup["trials"], setup["reversals"], setup["seed"])
     return AdaptiveStudy(folder, plan, setup["participants"], blocks)
@@ -151,8 +149,7 @@ def next_pair(folder: str | Path, participant: int) -> Pair | None:
 
 def answer(folder: str | Path, participant: int, trial: int, second_is_higher: bool) -> Session:
     """Take the answer to the trial that is next and write the record anew."""
-    study = open_adaptive(folder)
-    session = study.session(participant)
+    session = (study := open_adaptive(folder)).session(participant)
     session.record(trial, second_is_higher)
     study.save(session)
     return session

@@ -15,6 +15,7 @@ from stepblocks.study import require
 
 MAX_CONDITIONS = 26  # that one participant may meet
 MAX_PARTICIPANTS = 1000
+MAX_TRIALS = 200_000
 _ALPHABET = "ABCDEFHKLMNPRTUVWXY"  # no I, O, Q, S, Z, G, J: a hand writes them like others; 19 is prime
 MAX_CODES = len(_ALPHABET) ** 2  # blocks that one study can tell apart
 
@@ -102,9 +103,6 @@ def blinding_codes(identities: Sequence[str], generator: np.random.Generator) ->
         first, second = divmod(int(number), size)
         codes[identity] = _ALPHABET[first] + _ALPHABET[second] + _ALPHABET[-(2 * first + 3 * second) % size]
     return codes
-
-
-MAX_TRIALS = 200_000
 
 
 @dataclass(frozen=True)

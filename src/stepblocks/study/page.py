@@ -16,6 +16,8 @@ from stepblocks.tables import csv_text
 if TYPE_CHECKING:
     import pandas as pd
 
+_COLOURS = ("#1f6f8b", "#c8553d", "#588157", "#7b4fa3", "#b08900", "#5b6b79")
+_INK, _LINE = "#1d2a36", "#999999"
 _A4 = (210.0, 297.0)  # [mm]
 _LEFT, _TOP, _ROW, _ROWS = 15.0, 262.0, 6.4, 38  # margin, top of the table and height of a row [mm], rows of a page
 _ANSWER_SHARE = 1.8  # an answer is written by hand and gets more room than what is printed
@@ -147,15 +149,12 @@ def _render(template: str, **values: object) -> str:
     return environment.get_template(template).render(**values)
 
 
-_COLOURS = ("#1f6f8b", "#c8553d", "#588157", "#7b4fa3", "#b08900", "#5b6b79")
-_INK, _LINE = "#1d2a36", "#999999"
-
-
 def study_figures(result: StudyResult) -> Iterator[tuple[str, str]]:
     """Draw what a study found: captions and SVG, the same bytes from the same data."""
     import matplotlib as mpl
     from matplotlib.backends.backend_svg import FigureCanvasSVG
     from matplotlib.figure import Figure
+    from matplotlib.rcsetup import cycler
 
     for draw, found, caption in (
         (_estimates, result.mixed, "Estimates against height; bars: standard deviation of the judgements."),
@@ -171,17 +170,14 @@ def study_figures(result: StudyResult) -> Iterator[tuple[str, str]]:
     ):
         if not found:
             continue
-        with mpl.rc_context({"svg.hashsalt": draw.__name__, "svg.fonttype": "path", "font.size": 10}):
+        style = {"svg.fonttype": "path", "font.size": 10, "axes.prop_cycle": cycler(color=_COLOURS)}
+        with mpl.rc_context({"svg.hashsalt": draw.__name__, **style}):
             figure = Figure(figsize=(9.0, 3.6), layout="constrained")
             FigureCanvasSVG(figure)
             draw(figure, result)
             text = io.StringIO()
             figure.savefig(text, format="svg", metadata={"Date": None, "Creator": None})
         yield caption, text.getvalue()[text.getvalue().index("<svg") :]
-
-
-def _colour(index: int) -> str:
-    return _COLOURS[index % len(_COLOURS)]
 
 
 def _estimates(figure: Any, result: Any) -> None:
@@ -192,7 +188,7 @@ def _estimates(figure: Any, result: Any) -> None:
     for index, (name, own) in enumerate(groups):
         cells = own.groupby("height")["estimate"].agg(["mean", "std"])
         x = cells.index.to_numpy() * 1e6 + (index - 0.5 * (len(groups) - 1)) * (0.006 * top)  # beside each other
-        style = {"fmt": "o-", "ms": 4, "lw": 1.2, "capsize": 3, "color": _colour(index), "label": str(name)}
+        style = {"fmt": "o-", "ms": 4, "lw": 1.2, "capsize": 3, "label": str(name)}
         axes.errorbar(x, cells["mean"] * 1e6, cells["std"].fillna(0.0) * 1e6, **style)
     axes.set(xlabel="height, um", ylabel="estimate, um")
     axes.legend(frameon=False)
@@ -201,13 +197,13 @@ def _estimates(figure: Any, result: Any) -> None:
 def _intervals(figure: Any, result: Any) -> None:
     axes = figure.subplots()
     names = [f"{one.first} - {one.second}" for one in result.f_test.intervals]
-    for index, (offset, family, label) in enumerate(
-        ((0.12, result.f_test.intervals, "Tukey after the F-test"), (-0.12, result.mixed.intervals, "mixed model"))
+    for offset, label, family in (
+        (0.12, "Tukey after the F-test", result.f_test.intervals),
+        (-0.12, "mixed model", result.mixed.intervals),
     ):
         middle = np.array([one.difference for one in family]) * 1e6
         reach = np.array([[one.difference - one.low, one.high - one.difference] for one in family]).T * 1e6
-        style = {"fmt": "o", "capsize": 4, "label": label, "color": _colour(index)}
-        axes.errorbar(middle, np.arange(len(family)) + offset, xerr=reach, **style)
+        axes.errorbar(middle, np.arange(len(family)) + offset, xerr=reach, fmt="o", capsize=4, label=label)
     axes.axvline(0.0, color=_LINE, lw=1)
     axes.set_yticks(range(len(names)), names)
     axes.set(ylim=(-0.6, len(names) - 0.4), xlabel="difference of errors, um")
@@ -236,7 +232,7 @@ def _ratings(figure: Any, result: Any) -> None:
     for index, (name, own) in enumerate(groups):
         share = [float((own["rating"] == rating).mean()) for rating in ratings]
         x = ratings + (index - 0.5 * (len(groups) - 1)) * width
-        axes.bar(x, share, width, label=str(name), color=_colour(index))
+        axes.bar(x, share, width, label=str(name))
     axes.set_xticks(ratings)
     axes.set(xlabel="rating of realism", ylabel="share")
     axes.legend(frameon=False)
@@ -257,7 +253,7 @@ def _curves(figure: Any, result: Any) -> None:
         x = np.geomspace(0.8 * levels.min(), 1.2 * levels.max(), 200)
         rise = ndtr(np.log(x / curve.fit.threshold) / curve.fit.spread)
         y = curve.fit.lapse + (1.0 - 2.0 * curve.fit.lapse) * rise
-        style = {"color": _INK, "lw": 2.2} if last else {"color": _colour(index), "lw": 1}
+        style = {"color": _INK, "lw": 2.2} if last else {"color": _COLOURS[index % len(_COLOURS)], "lw": 1}
         axes.plot(x * 1e6, y, **style, label=curve.who if len(result.curves) < 15 or last else None)
     axes.set(xlabel="height, um", ylabel='share "higher"')
     if any(curve.fit for curve in result.curves):
@@ -266,7 +262,7 @@ def _curves(figure: Any, result: Any) -> None:
 
 def _magnitudes(figure: Any, result: Any) -> None:
     axes = figure.subplots()
-    for index, (_, own) in enumerate(result.frame.groupby("participant", sort=False)):
+    for _, own in result.frame.groupby("participant", sort=False):
         means = own.assign(log=np.log(own["magnitude"])).groupby("height")["log"].mean()
-        axes.loglog(means.index.to_numpy() * 1e6, np.exp(means), "o-", ms=3, lw=1, color=_colour(index))
+        axes.loglog(means.index.to_numpy() * 1e6, np.exp(means), "o-", ms=3, lw=1)
     axes.set(xlabel="height, um", ylabel="geometric mean of magnitudes")

@@ -142,12 +142,10 @@ def simulate_study(
         If a block has no energy there, or a name is unknown.
     """
     design, output = read_design(Path(folder) / "design.csv"), Path(output)
-    known = {row["condition"] for row in design}
-    unknown = sorted(set(damping or {}) - known)
+    known = sorted({row["condition"] for row in design})
+    unknown = sorted(set(damping or {}) - set(known))
     if unknown:
-        raise PipelineError(
-            f"damping must name conditions of the design ({', '.join(sorted(known))}), got {unknown[0]!r}"
-        )
+        raise PipelineError(f"damping must name conditions of the design ({', '.join(known)}), got {unknown[0]!r}")
     wanted = {row[name] for row in design for name in ("stimulus", "standard")}
     stimuli = load_declared(Path(source))
     blocks = [block for block in step_blocks(stimuli, None) if block.id in wanted]

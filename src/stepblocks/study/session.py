@@ -18,6 +18,14 @@ from stepblocks.study.analysis.psychometric import Z75
 
 Array = NDArray[np.float64]
 
+# QUEST+ on point of subjective equality, spread and lapse rate; two down, one up on blocks higher than the standard
+METHODS = ("quest", "staircase")
+_Z707 = 0.5449521356173604  # standard normal quantile of 0.5 ** 0.5, on which two down, one up converges
+_SHIFTS = np.linspace(-0.5, 0.5, 31)
+_SPREADS = np.geomspace(0.02, 1.5, 21)
+_LAPSES = (0.0, 0.02, 0.05)
+_HITS_DOWN, _SKIPPED = 2, 2
+
 
 @dataclass
 class Staircase:
@@ -124,15 +132,6 @@ class QuestPlus:
         return float(np.interp(share, np.cumsum(weights) - 0.5 * weights, values))
 
 
-# QUEST+ on point of subjective equality, spread and lapse rate; two down, one up on blocks higher than the standard
-METHODS = ("quest", "staircase")
-_Z707 = 0.5449521356173604  # standard normal quantile of 0.5 ** 0.5, on which two down, one up converges
-_SHIFTS = np.linspace(-0.5, 0.5, 31)
-_SPREADS = np.geomspace(0.02, 1.5, 21)
-_LAPSES = (0.0, 0.02, 0.05)
-_HITS_DOWN, _SKIPPED = 2, 2
-
-
 @dataclass(frozen=True)
 class Plan:
     """What all participants of an adaptive study have in common."""
@@ -197,7 +196,7 @@ class Session:
 
     def __init__(self, plan: Plan, participant: int) -> None:
         self.plan, self.participant = plan, participant
-        self._answers: list[tuple[Pair, bool]] = []
+        self.answers: list[tuple[Pair, bool]] = []  # and whether the second was called higher
         self._next: Pair | None = None
         base = plan.heights[plan.standard]
         self._levels = {code: math.log(plan.heights[code] / base) for code in plan.compared}
@@ -209,17 +208,12 @@ class Session:
     def __str__(self) -> str:
         pair = self.next_pair()
         if pair is None:
-            return f"participant {self.participant}: done after {len(self._answers)} trials"
+            return f"participant {self.participant}: done after {len(self.answers)} trials"
         return f"participant {self.participant}, trial {pair.trial}: first {pair.first}, then {pair.second}"
-
-    @property
-    def answers(self) -> Sequence[tuple[Pair, bool]]:
-        """Pairs and whether the second was called higher, so far."""
-        return tuple(self._answers)
 
     def next_pair(self) -> Pair | None:
         """Return the next comparison."""
-        done = len(self._answers)
+        done = len(self.answers)
         if self._next is not None and self._next.trial == done + 1:
             return self._next
         over = self._stairs is not None and len(self._stairs.reversals) >= self.plan.reversals
@@ -234,11 +228,9 @@ class Session:
 
     def record(self, trial: int, second_is_higher: bool) -> None:
         """Take the answer to the next comparison."""
-        pair = self.next_pair()
+        pair, done = self.next_pair(), len(self.answers)
         if pair is None:
-            raise StudyError(
-                f"participant {self.participant} is done after {len(self._answers)} trials, got trial {trial}"
-            )
+            raise StudyError(f"participant {self.participant} is done after {done} trials, got trial {trial}")
         if trial != pair.trial:
             raise StudyError(f"trial must be {pair.trial}, the next of participant {self.participant}, got {trial}")
         compared = pair.beside(self.plan.standard)
@@ -247,7 +239,7 @@ class Session:
             self._stairs.record(higher)
         elif self._quest:
             self._quest.record(self._levels[compared], higher)
-        self._answers.append((pair, second_is_higher))
+        self.answers.append((pair, second_is_higher))
 
     def estimate(self) -> Estimate:
         """Return what the answers say."""

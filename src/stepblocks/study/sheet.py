@@ -16,10 +16,15 @@ from stepblocks.errors import PipelineError, StudyError
 from stepblocks.study import require
 from stepblocks.study.analysis.results import StudyResult
 from stepblocks.study.design import Design, Item
-from stepblocks.study.experiments import EXPERIMENTS, LARGEST_ESTIMATE, RATINGS, number
+from stepblocks.study.experiments import EXPERIMENTS, LARGEST_ESTIMATE, RATINGS, Row, number
 from stepblocks.study.page import render_key
 from stepblocks.study.simulate import Observer
 from stepblocks.tables import csv_text
+
+_MAX_BYTES = 100_000_000
+_MAX_ROWS = 300_000
+
+Key = tuple[str, str]  # participant and trial
 
 # Columns of design.csv, which tells all
 _WHEN = ("participant", "trial", "condition", "repetition")
@@ -49,7 +54,7 @@ def _cells(item: Item | None, code: str) -> tuple[str, ...]:
     return tuple(told.get(name, "") for name in _BLOCK)
 
 
-def sheet_rows(rows: Iterable[Mapping[str, str]]) -> list[dict[str, str]]:
+def sheet_rows(rows: Iterable[Row]) -> list[dict[str, str]]:
     """Blind the rows of a design: what is left is what may be shown, and room for the answers."""
     blinded = []
     for row in rows:
@@ -90,11 +95,7 @@ def write_new(folder: Path, texts: Mapping[str, str | bytes]) -> None:
 
 
 def simulate_answers(
-    design: Sequence[Mapping[str, str]],
-    energies: Mapping[str, float],
-    damping: Mapping[str, float],
-    observer: Observer,
-    seed: int,
+    design: Sequence[Row], energies: Mapping[str, float], damping: Mapping[str, float], observer: Observer, seed: int
 ) -> list[dict[str, str]]:
     """Fill in the run sheets of a design, from each block's energy [J] and the share of it that a condition lets through."""
     import pandas as pd
@@ -109,19 +110,10 @@ def simulate_answers(
     shares = [damping.get(condition, 1.0) for condition in trials["condition"]]
     trials["undamped"], trials["standard_energy"] = (trials[name].map(energies) for name in ("stimulus", "standard"))
     trials["energy"] = trials["undamped"] * shares
-    experiment = EXPERIMENTS[design[0]["experiment"]]
-    answers = experiment.simulate(trials, observer, np.random.default_rng(seed))
-    return [
-        row | dict(zip(experiment.answers, texts, strict=True))
-        for row, texts in zip(sheet_rows(design), answers, strict=True)
-    ]
-
-
-_MAX_BYTES = 100_000_000
-_MAX_ROWS = 300_000
-
-Row = Mapping[str, str]
-Key = tuple[str, str]  # participant and trial
+    kind = EXPERIMENTS[design[0]["experiment"]]
+    answers = kind.simulate(trials, observer, np.random.default_rng(seed))
+    filled = zip(sheet_rows(design), answers, strict=True)
+    return [row | dict(zip(kind.answers, texts, strict=True)) for row, texts in filled]
 
 
 @dataclass(frozen=True)

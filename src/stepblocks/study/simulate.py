@@ -108,11 +108,9 @@ class SimulatedStudy:
             f"a study needs at least 2 participants and 1 repetition, got {self.participants} and {self.repetitions}",
         )
         require(len(self.factors) >= 2, f"a study must compare at least two conditions, got {len(self.factors)}")
-        bad = [(name, share) for name, share in self.factors if not (math.isfinite(share) and share > 0.0)]
-        if bad:
-            raise StudyError(
-                f"the share of the energy must be positive and finite, got {bad[0][1]:g} [condition {bad[0][0]}]"
-            )
+        for name, share in self.factors:
+            said = f"the share of the energy must be positive and finite, got {share:g} [condition {name}]"
+            require(math.isfinite(share) and share > 0.0, said)
         if len(self.heights) != len(self.energies):
             raise StudyError(f"every block must have an energy, got {len(self.heights)} and {len(self.energies)}")
 

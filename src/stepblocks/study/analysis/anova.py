@@ -88,8 +88,7 @@ def f_test(
         fit.df_resid >= 1 and fit.ssr > 1e-20,
         f"the error must be estimable: more than one judgement per cell, not all alike, got {len(data)} rows",
     )
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore", FutureWarning)
+    with warnings.catch_warnings(action="ignore", category=FutureWarning):
         table = anova_lm(fit, typ=2)
     terms = []
     for label, row in table.drop("Residual").iterrows():

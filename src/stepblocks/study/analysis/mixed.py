@@ -162,8 +162,7 @@ def _optimise(model: Any) -> Any:
     for method, settings in (("bfgs", _ROUGH), ("bfgs", {"gtol": 1e-10}), ("powell", {})):
         if found and method == "bfgs":
             continue  # what stalled would stall there again
-        with warnings.catch_warnings():
-            warnings.simplefilter("ignore")  # what went wrong is read from the result
+        with warnings.catch_warnings(action="ignore"):  # what went wrong is read from the result
             try:
                 fit, flat = _polished(model.fit(reml=True, method=method, **settings))
             except (np.linalg.LinAlgError, ValueError):

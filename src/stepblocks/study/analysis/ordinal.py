@@ -62,7 +62,9 @@ def ordinal_model(frame: Any, rating: str, predictors: Sequence[str], participan
     ordered, exog, people = _matrices(frame, rating, predictors, participant)
     names = list(exog.columns)
     full = fit_proportional_odds(ordered, exog.join(people))
-    base_likelihood = float(fit_proportional_odds(ordered, people).llf) if people.shape[1] else _alone(ordered)
+    counts = ordered.value_counts().to_numpy(dtype=np.float64)
+    alone = float(np.sum(counts * np.log(counts / counts.sum())))  # log likelihood of the shares of the categories
+    base_likelihood = float(fit_proportional_odds(ordered, people).llf) if people.shape[1] else alone
     if not np.isfinite(full.bse[names]).all() or (np.abs(full.params[names]) * exog.std() > 15.0).any():
         raise StudyError(f"{rating} must overlap between the levels of {', '.join(predictors)}: no finite odds fit")
     from scipy.stats import chi2
@@ -112,20 +114,13 @@ def _matrices(frame: Any, rating: str, predictors: Sequence[str], participant: s
     return ordered, exog, people.astype(float)
 
 
-def _alone(ordered: Any) -> float:
-    """Log likelihood of the shares of the categories."""
-    counts = ordered.value_counts().to_numpy(dtype=np.float64)
-    return float(np.sum(counts * np.log(counts / counts.sum())))
-
-
 def _by_cut(ordered: Any, exog: Any, names: Sequence[str]) -> dict[str, tuple[float, ...]]:
     import statsmodels.api as sm
 
     found = []
     for cut in range(1, len(ordered.cat.categories)):
         above = (ordered.cat.codes >= cut).to_numpy(dtype=np.float64)
-        with warnings.catch_warnings():
-            warnings.simplefilter("ignore")
+        with warnings.catch_warnings(action="ignore"):
             fit = sm.GLM(above, sm.add_constant(exog, has_constant="add"), family=sm.families.Binomial()).fit()
         found.append([value if abs(value) < 15.0 else math.nan for value in fit.params[names].tolist()])
     return dict(zip(names, zip(*found, strict=True), strict=True))
@@ -162,8 +157,7 @@ def _model() -> Any:
 
 def fit_proportional_odds(ordered: Any, exog: Any) -> Any:
     """Fit cumulative logits by maximum likelihood."""
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore")  # what went wrong is read from the result
+    with warnings.catch_warnings(action="ignore"):  # what went wrong is read from the result
         try:
             return _model()(ordered, exog, distr="logit").fit(method="bfgs", disp=0, gtol=1e-9, maxiter=2000)
         except (np.linalg.LinAlgError, ValueError) as error:

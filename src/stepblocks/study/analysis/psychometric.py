@@ -18,9 +18,8 @@ from stepblocks.study import require
 MAX_LAPSE = 0.1
 Z75 = 0.6744897501960817  # standard normal quantile of 0.75
 Z975 = 1.959963984540054
-_VAGUE = (
-    1.0  # standard error of the logarithm of a spread or a threshold beyond which its interval spans a factor of fifty
-)
+# standard error of the logarithm of a spread or a threshold beyond which its interval spans a factor of fifty
+_VAGUE = 1.0
 # curvature of the log likelihood that counts as none [1]: a logarithm known to a standard deviation of 10 is not known
 _LEAST_INFORMATION = 1e-2
 Array = NDArray[np.float64]
@@ -102,8 +101,7 @@ def _by_glm(log_x: Array, k: Array, n: Array) -> Any:
     model = sm.GLM(
         np.column_stack([k, n - k]), sm.add_constant(log_x), family=sm.families.Binomial(sm.families.links.Probit())
     )
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore")  # separation is told apart below, in words
+    with warnings.catch_warnings(action="ignore"):  # separation is told apart below, in words
         fit = model.fit(tol=1e-12, maxiter=200)
     share = (k / n)[np.argsort(log_x)]
     if fit.params[1] <= 0.0 or np.ptp(share) == 0.0:
@@ -157,8 +155,7 @@ def _covariance(information: Any) -> Array:
 
 
 def _of_glm(fit: Any, count: int, trials: int) -> Psychometric:
-    intercept, slope = (float(value) for value in fit.params)
-    covariance = np.asarray(fit.cov_params())
+    (intercept, slope), covariance = map(float, fit.params), np.asarray(fit.cov_params())
     spread = (-math.log(slope), math.sqrt(covariance[1, 1]) / slope)
     middle = crossing(intercept, slope, covariance)
     return _summary(middle, spread, lapse=0.0, deviance=float(fit.deviance), df=count - 2, trials=trials)
