@@ -99,6 +99,11 @@ def start_adaptive(
     participants, trials, reversals : int
         How many, most comparisons of each, and after how many reversals a staircase ends.
 
+    Returns
+    -------
+    AdaptiveStudy
+        As written.
+
     Raises
     ------
     StepblocksError

@@ -69,6 +69,11 @@ def design_study(
     only : str, optional
         Pattern of the blocks that take part.
 
+    Returns
+    -------
+    Design
+        As written.
+
     Raises
     ------
     StepblocksError
@@ -85,12 +90,17 @@ def design_study(
 
 
 def write_sheets(folder: str | Path) -> int:
-    """Write blinded run sheets beside a design, and return the number of participants.
+    """Write blinded run sheets beside a design.
 
     Parameters
     ----------
     folder : str or Path
         Holds design.csv; run-sheets.pdf, run-sheets.html and ``sheets/participant-N.csv`` go there.
+
+    Returns
+    -------
+    int
+        Number of participants.
 
     Raises
     ------
@@ -121,7 +131,7 @@ def simulate_study(
     observer: Observer = TYPICAL_OBSERVER,
     **felt: float,
 ) -> int:
-    """Let simulated participants fill in the run sheets of a design, and return the number of answers.
+    """Let simulated participants fill in the run sheets of a design.
 
     Parameters
     ----------
@@ -135,6 +145,11 @@ def simulate_study(
         What the participants are like.
     **felt : float
         Where the energies are taken: `ball_radius` [m], `normal_load` [N], `friction` [1]; by default the first of the file's grid.
+
+    Returns
+    -------
+    int
+        Number of answers.
 
     Raises
     ------
