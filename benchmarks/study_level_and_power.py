@@ -9,8 +9,7 @@ import math
 import sys
 
 from oracles.noncentral_f import closed_form_power
-from stepblocks.study.observer import Observer
-from stepblocks.study.simulate import SimulatedStudy, estimate_power
+from stepblocks.study.simulate import Observer, SimulatedStudy, estimate_power
 
 NOISE = 6e-6
 HEIGHTS, ENERGIES = (

@@ -7,8 +7,7 @@ import pytest
 from scipy.special import ndtr
 
 from stepblocks.errors import StudyError
-from stepblocks.study.procedures import QuestPlus
-from stepblocks.study.session import METHODS, Plan, Session
+from stepblocks.study.session import METHODS, Plan, QuestPlus, Session
 
 HEIGHTS = {f"B{height}": height * 1e-6 for height in range(20, 81, 4)}
 

@@ -8,9 +8,9 @@ import pytest
 
 from stepblocks.errors import PipelineError, StudyError
 from stepblocks.study.adaptive import answer, next_pair, open_adaptive, results, simulate_adaptive, start_adaptive
-from stepblocks.study.analysis.table import read_answers, read_design
-from stepblocks.study.observer import Observer
 from stepblocks.study.run import analyse_study
+from stepblocks.study.sheet import read_answers, read_design
+from stepblocks.study.simulate import Observer
 
 TEN = str(Path(__file__).resolve().parents[2] / "stimuli" / "paper-ten.toml")
 

@@ -7,11 +7,17 @@ import pytest
 
 from stepblocks.errors import StudyError
 from stepblocks.study.analysis.results import COLUMNS
-from stepblocks.study.analysis.table import join_answers, read_answers, read_design
 from stepblocks.study.design import Item, constant_stimuli, experiment_one, experiment_two
-from stepblocks.study.observer import Observer
-from stepblocks.study.sheet import design_files, design_rows, sheet_rows
-from stepblocks.study.simulate import simulate_answers
+from stepblocks.study.sheet import (
+    design_files,
+    design_rows,
+    join_answers,
+    read_answers,
+    read_design,
+    sheet_rows,
+    simulate_answers,
+)
+from stepblocks.study.simulate import Observer
 from stepblocks.tables import csv_text
 
 BLOCKS = [Item(f"step-{h:03}", f"STEP-{h:03}", h * 1e-6) for h in (25, 50, 75)]

@@ -7,7 +7,7 @@ import pandas as pd
 import pytest
 
 from stepblocks.errors import StudyError
-from stepblocks.study.observer import Observer, estimate_heights, feel, feels_higher, read_off_height
+from stepblocks.study.simulate import Observer, estimate_heights, feel, feels_higher, read_off_height
 
 HEIGHTS = np.array([20e-6, 40e-6, 80e-6])
 KNOWN = (HEIGHTS, 0.5 * HEIGHTS)  # energy in proportion to height

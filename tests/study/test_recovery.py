@@ -10,11 +10,9 @@ from stepblocks.errors import StudyError
 from stepblocks.study.analysis.anova import residual_checks
 from stepblocks.study.analysis.ordinal import ordinal_model
 from stepblocks.study.analysis.psychometric import MAX_LAPSE, fit_psychometric
-from stepblocks.study.analysis.table import join_answers
 from stepblocks.study.design import Item, constant_stimuli, experiment_two
-from stepblocks.study.observer import Observer, read_off_height
-from stepblocks.study.sheet import design_rows
-from stepblocks.study.simulate import SimulatedStudy, estimate_power, p_values, simulate_answers
+from stepblocks.study.sheet import design_rows, join_answers, simulate_answers
+from stepblocks.study.simulate import Observer, SimulatedStudy, estimate_power, p_values, read_off_height
 
 HEIGHTS = np.arange(30, 75, 5)
 BLOCKS = [Item(f"step-{h:03}", f"STEP-{h:03}", h * 1e-6) for h in HEIGHTS]

@@ -6,12 +6,10 @@ import io
 import pytest
 
 from stepblocks.study.analysis.results import COLUMNS
-from stepblocks.study.analysis.table import join_answers
 from stepblocks.study.design import Item, constant_stimuli, experiment_one, experiment_two
-from stepblocks.study.observer import Observer
 from stepblocks.study.page import render_study, render_table
-from stepblocks.study.sheet import design_rows
-from stepblocks.study.simulate import simulate_answers
+from stepblocks.study.sheet import design_rows, join_answers, simulate_answers
+from stepblocks.study.simulate import Observer
 
 BLOCKS = [Item(f"step-{h:03}", f"STEP-{h:03}", h * 1e-6) for h in (25, 50, 75)]
 ENERGIES = {item.identity: item.height for item in BLOCKS}

@@ -8,7 +8,6 @@ import pytest
 
 from stepblocks.declare import load_declared
 from stepblocks.errors import ContactError, PipelineError
-from stepblocks.study.observer import Observer
 from stepblocks.study.run import (
     analyse_study,
     block_energies,
@@ -19,6 +18,7 @@ from stepblocks.study.run import (
     study_power,
     write_sheets,
 )
+from stepblocks.study.simulate import Observer
 
 STIMULI = Path(__file__).resolve().parents[2] / "stimuli"
 FOUR = str(STIMULI / "paper-four.toml")

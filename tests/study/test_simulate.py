@@ -5,13 +5,19 @@ import pytest
 
 from stepblocks.errors import StudyError
 from stepblocks.study.analysis.results import COLUMNS
-from stepblocks.study.analysis.table import join_answers, read_answers, read_design
 from stepblocks.study.design import Item, constant_stimuli, experiment_one, magnitude_estimation
 from stepblocks.study.experiments import EXPERIMENTS
-from stepblocks.study.observer import Observer
 from stepblocks.study.page import render_study
-from stepblocks.study.sheet import answer_columns, design_files, design_rows
-from stepblocks.study.simulate import SimulatedStudy, estimate_power, p_values, simulate_answers, simulated_frame
+from stepblocks.study.sheet import (
+    answer_columns,
+    design_files,
+    design_rows,
+    join_answers,
+    read_answers,
+    read_design,
+    simulate_answers,
+)
+from stepblocks.study.simulate import Observer, SimulatedStudy, estimate_power, p_values, simulated_frame
 from stepblocks.tables import csv_text
 
 BLOCKS = [Item(f"step-{h:03}", f"STEP-{h:03}", h * 1e-6) for h in range(30, 75, 5)]

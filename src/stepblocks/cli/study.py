@@ -7,7 +7,6 @@ import sys
 from pathlib import Path
 from typing import Any
 
-from stepblocks.cli import adaptive
 from stepblocks.cli.study_options import add_command, add_observer, count, counts, given, names, observed, scale, whole
 
 
@@ -20,13 +19,10 @@ def add_to(commands: Any) -> None:
     )
     jobs = parser.add_subparsers(title="commands", metavar="COMMAND", required=True)
 
-    design = add_command(jobs, "design", _design, "design.csv with every trial, and the key of the blinding codes")
-    design.add_argument("file", type=Path, metavar="FILE", help="stimulus file with the blocks")
-    design.add_argument(
-        "--experiment",
-        choices=("estimates", "virtual", "constant", "magnitude"),
-        help="experiment 1 (default), experiment 2, constant stimuli, or magnitude estimation",
-    )
+    said = "design.csv with every trial, and the key of the blinding codes"
+    design = add_command(jobs, "design", _design, said, "blocks")
+    said = "experiment 1 (default), experiment 2, constant stimuli, or magnitude estimation"
+    design.add_argument("--experiment", choices=("estimates", "virtual", "constant", "magnitude"), help=said)
     design.add_argument("--participants", type=count, metavar="N", help="default: 10")
     design.add_argument("--probes", type=names, metavar="A,B,...", help="default: bare,hard,soft")
     design.add_argument("--repetitions", type=count, metavar="N", help="default: 3")
@@ -35,26 +31,23 @@ def add_to(commands: Any) -> None:
     design.add_argument("--seed", type=whole, required=True, metavar="N", help="seed of all random choices")
     design.add_argument("-o", "--output", type=Path, required=True, metavar="DIR", help="folder of the study")
 
-    sheet = add_command(jobs, "sheet", _sheet, "blinded run sheets, to print and as CSV to fill in")
-    sheet.add_argument("folder", type=Path, metavar="DIR", help="folder of the study")
+    add_command(jobs, "sheet", _sheet, "blinded run sheets, to print and as CSV to fill in", "folder")
 
-    simulate = add_command(jobs, "simulate", _simulate, "let simulated participants fill in the run sheets")
-    simulate.add_argument("folder", type=Path, metavar="DIR", help="folder of the study")
-    simulate.add_argument("file", type=Path, metavar="FILE", help="stimulus file, for the predicted energies")
+    said = "let simulated participants fill in the run sheets"
+    simulate = add_command(jobs, "simulate", _simulate, said, "folder", "energies")
     add_observer(simulate)
     simulate.add_argument("--seed", type=whole, required=True, metavar="N", help="seed of all chance")
     simulate.add_argument("-o", "--output", type=Path, required=True, metavar="CSV", help="answers to write")
 
-    analyse = add_command(jobs, "analyse", _analyse, "answers to results.csv and report.html")
-    analyse.add_argument("folder", type=Path, metavar="DIR", help="folder of the study")
+    analyse = add_command(jobs, "analyse", _analyse, "answers to results.csv and report.html", "folder")
     analyse.add_argument("answers", type=Path, nargs="+", metavar="CSV", help="filled-in run sheets")
     analyse.add_argument("-o", "--output", type=Path, required=True, metavar="DIR", help="folder of the report")
     said = "an estimate above X times the highest block is an error (default: 20)"
     analyse.add_argument("--largest-estimate", type=float, metavar="X", help=said)
     analyse.add_argument("--ratings", type=scale, metavar="LOW-HIGH", help="scale of the ratings (default: 1-7)")
 
-    power = add_command(jobs, "power", _power, "share of simulated studies that find a difference between conditions")
-    power.add_argument("file", type=Path, metavar="FILE", help="stimulus file with the blocks")
+    said = "share of simulated studies that find a difference between conditions"
+    power = add_command(jobs, "power", _power, said, "blocks")
     power.add_argument("--participants", type=counts, metavar="N,N,...", help="default: 10")
     power.add_argument("--repetitions", type=counts, metavar="N,N,...", help="default: 3")
     add_observer(power)
@@ -65,7 +58,7 @@ def add_to(commands: Any) -> None:
     power.add_argument("--only", metavar="PATTERN", help="only these blocks")
     power.add_argument("-o", "--output", type=Path, metavar="CSV", help="write a table with units in its header")
 
-    adaptive.add_to(jobs)
+    _add_adaptive(jobs)
 
 
 def _design(arguments: argparse.Namespace) -> int:
@@ -112,4 +105,94 @@ def _power(arguments: argparse.Namespace) -> int:
     asked = ("damping", "participants", "repetitions", "analysis", "runs", "seed", "jobs", "only", "output")
     table = study_power(arguments.file, **observed(arguments), **given(arguments, *asked))
     sys.stdout.write(render_table(table, "%.3f"))
+    return 0
+
+
+def _add_adaptive(jobs: Any) -> None:
+    parser = jobs.add_parser("adaptive", help="QUEST+ or a staircase, trial by trial, resumable and blinded")
+    steps = parser.add_subparsers(title="commands", metavar="COMMAND", required=True)
+
+    start = add_command(steps, "start", _start, "setup.json and the key of the blinding codes", "blocks")
+    start.add_argument("--standard", required=True, metavar="ID", help="block that the others are compared with")
+    start.add_argument("--method", choices=("quest", "staircase"), help="default: quest")
+    start.add_argument("--participants", type=count, metavar="N", help="default: 10")
+    start.add_argument("--trials", type=count, metavar="N", help="most per participant (default: 60)")
+    start.add_argument("--reversals", type=count, metavar="N", help="a staircase ends after so many (default: 12)")
+    start.add_argument("--seed", type=whole, required=True, metavar="N", help="seed of codes and orders")
+    start.add_argument("-o", "--output", type=Path, required=True, metavar="DIR", help="folder of the study")
+
+    for name, said, run in (
+        ("next", "say which pair comes next", _next),
+        ("answer", "take the answer to a trial and say which pair comes next", _answer),
+        ("run", "ask trial after trial at the keyboard; q stops, the same command goes on", _run),
+        ("simulate", "let simulated participants answer", _simulate_adaptive),
+        ("result", "thresholds and Weber fractions; writes what study analyse reads", _result),
+    ):
+        step = add_command(steps, name, run, said, "folder", *(["energies"] if name == "simulate" else []))
+        if name in ("next", "answer", "run"):
+            step.add_argument("--participant", type=count, required=True, metavar="N", help="number of the participant")
+        if name == "answer":
+            step.add_argument("--trial", type=count, required=True, metavar="N", help="number of the trial")
+            step.add_argument("answer", choices=("y", "n"), help="y if the second of the pair is higher")
+        if name == "simulate":
+            add_observer(step)
+            step.add_argument("--seed", type=whole, required=True, metavar="N", help="seed of all chance")
+
+
+def _start(arguments: argparse.Namespace) -> int:
+    from stepblocks.study.adaptive import start_adaptive
+
+    asked = given(arguments, "standard", "method", "participants", "trials", "reversals", "seed")
+    study = start_adaptive(arguments.file, arguments.output, **asked)
+    print(
+        f"{arguments.output / 'setup.json'}: {study.plan.method} with {len(study.plan.compared)} blocks against the standard, "
+        f"{study.participants} participants, at most {study.plan.trials} trials each"
+    )
+    return 0
+
+
+def _next(arguments: argparse.Namespace) -> int:
+    from stepblocks.study.adaptive import open_adaptive
+
+    print(open_adaptive(arguments.folder).session(arguments.participant))
+    return 0
+
+
+def _answer(arguments: argparse.Namespace) -> int:
+    from stepblocks.study.adaptive import answer
+
+    print(answer(arguments.folder, arguments.participant, arguments.trial, arguments.answer == "y"))
+    return 0
+
+
+def _run(arguments: argparse.Namespace) -> int:
+    from stepblocks.study.adaptive import answer, next_pair
+
+    while (pair := next_pair(arguments.folder, arguments.participant)) is not None:
+        asked = f"trial {pair.trial}: first {pair.first}, then {pair.second}. Second higher? y, n or q: "
+        print(asked, end="", flush=True)
+        line = sys.stdin.readline()
+        text = line.strip().lower()
+        if not line or text == "q":
+            print(f"stopped after {pair.trial - 1} trials; the same command goes on")
+            return 0
+        if text in ("y", "n"):
+            answer(arguments.folder, arguments.participant, pair.trial, text == "y")
+    return _next(arguments)
+
+
+def _simulate_adaptive(arguments: argparse.Namespace) -> int:
+    from stepblocks.study.adaptive import simulate_adaptive
+
+    number = simulate_adaptive(arguments.folder, arguments.file, **observed(arguments), **given(arguments, "seed"))
+    print(f"{arguments.folder / 'answers'}: {number} simulated answers")
+    return 0
+
+
+def _result(arguments: argparse.Namespace) -> int:
+    from stepblocks.study.adaptive import results
+    from stepblocks.study.page import render_table
+
+    sys.stdout.write(render_table(results(arguments.folder), "%.4g"))
+    print(f"then: stepblocks study analyse {arguments.folder} {arguments.folder / 'answers.csv'} -o REPORT")
     return 0

@@ -1,18 +1,24 @@
-"""Options that the commands on people share: how each is read, and which simulated participants are meant.
-
-An option that is left out is not there at all (`SUPPRESS`): its default has one home, the function that is called.
-"""
+"""Options that the commands on people share: how each is read, and which simulated participants are meant."""
 
 from __future__ import annotations
 
 import argparse
 from collections.abc import Callable
+from pathlib import Path
 from typing import Any
 
+_TAKEN = {
+    "blocks": ("file", "FILE", "stimulus file with the blocks"),
+    "folder": ("folder", "DIR", "folder of the study"),
+    "energies": ("file", "FILE", "stimulus file, for the predicted energies"),
+}
 
-def add_command(commands: Any, name: str, run: Callable[[argparse.Namespace], int], said: str) -> Any:
-    """Register a command whose options are left out where they are not given."""
+
+def add_command(commands: Any, name: str, run: Callable[[argparse.Namespace], int], said: str, *takes: str) -> Any:
+    """Register a command with the files it takes; an option not given is left out, as its default has one home, the function called."""
     parser = commands.add_parser(name, help=said, argument_default=argparse.SUPPRESS)
+    for argument, metavar, what in (_TAKEN[one] for one in takes):
+        parser.add_argument(argument, type=Path, metavar=metavar, help=what)
     parser.set_defaults(run=run)
     return parser
 
@@ -44,10 +50,9 @@ def add_observer(parser: Any) -> None:
 
 def observed(arguments: argparse.Namespace) -> dict[str, Any]:
     """Return what `add_observer` asked for as keywords of the functions that simulate."""
-    from stepblocks.study.observer import Observer
+    from stepblocks.study.simulate import Observer
 
-    names = ("weber", "response_noise", "participant_spread", "condition_spread", "lapse")
-    observer = Observer(**given(arguments, *names))
+    observer = Observer(**given(arguments, *vars(Observer())))
     return {"observer": observer, **given(arguments, "ball_radius", "normal_load", "friction")}
 
 

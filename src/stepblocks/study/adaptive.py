@@ -15,13 +15,11 @@ from stepblocks.atomic import replace_text
 from stepblocks.declare import load_declared
 from stepblocks.errors import PipelineError, StudyError
 from stepblocks.parts.lettering import engraved_text
-from stepblocks.study.analysis.table import read_answers
-from stepblocks.study.design import Design, Item, Trial
-from stepblocks.study.observer import TYPICAL_OBSERVER, Observer, feels_higher
-from stepblocks.study.orders import balance_of, blinding_codes
+from stepblocks.study.design import Design, Item, Trial, balance_of, blinding_codes
 from stepblocks.study.run import block_energies, felt_at, step_blocks
 from stepblocks.study.session import Estimate, Pair, Plan, Session
-from stepblocks.study.sheet import answer_columns, design_rows, key_files, write_new
+from stepblocks.study.sheet import answer_columns, design_rows, key_files, read_answers, write_new
+from stepblocks.study.simulate import TYPICAL_OBSERVER, Observer, feels_higher
 from stepblocks.tables import csv_text, write_table
 
 if TYPE_CHECKING:
@@ -51,10 +49,10 @@ class AdaptiveStudy:
         session, path = Session(self.plan, participant), self.record_of(participant)
         for row in read_answers(path, "constant") if path.exists() else ():
             pair = session.next_pair()
-            wanted = None if pair is None else (str(participant), str(pair.trial), pair.first, pair.second)
-            got = (row["participant"], row["trial"], row["first_code"], row["second_code"])
+            wanted = pair and (str(participant), str(pair.trial), pair.first, pair.second)
+            got = tuple(row[name] for name in ("participant", "trial", "first_code", "second_code"))
             if pair is None or got != wanted:
-                asked = "no further trial" if wanted is None else "participant, trial and codes " + " ".join(wanted)
+                asked = "participant, trial and codes " + " ".join(wanted) if wanted else "no further trial"
                 raise StudyError(f"the procedure asks for {asked} here, got {' '.join(got)} [{row['line']}]")
             if row["second_is_higher"].lower() not in ("y", "n"):
                 raise StudyError(f"second_is_higher must be y or n, got {row['second_is_higher']!r} [{row['line']}]")
@@ -90,20 +88,16 @@ def start_adaptive(
 
     Parameters
     ----------
-    source : str or Path
-        Stimulus file with the blocks.
-    folder : str or Path
-        Where setup.json, key.csv and key.html go.
+    source, folder : str or Path
+        Stimulus file with the blocks, and where setup.json, key.csv and key.html go.
     standard : str
         Block that the others are compared with.
     seed : int
         Seed of codes and orders.
     method : str
         ``"quest"`` or ``"staircase"``.
-    participants, trials : int
-        How many, and most comparisons of each.
-    reversals : int
-        A staircase ends after so many.
+    participants, trials, reversals : int
+        How many, most comparisons of each, and after how many reversals a staircase ends.
 
     Returns
     -------
@@ -120,25 +114,10 @@ def start_adaptive(
     if standard not in known:
         raise PipelineError(f"standard must be one of {', '.join(known)}, got {standard!r}")
     codes = blinding_codes(known, np.random.default_rng([seed, 0]))
-    told = {
-        codes[block.id]: {
-            "stimulus": block.id,
-            "engraved": engraved_text(block.id),
-            "height_um": f"{block.height.nominal * 1e6:.9g}",
-        }
-        for block in blocks
-    }
-    setup = {
-        "schema": _SCHEMA,
-        "experiment": "adaptive",
-        "method": method,
-        "participants": participants,
-        "trials": trials,
-        "reversals": reversals,
-        "seed": seed,
-        "standard": codes[standard],
-        "blocks": dict(sorted(told.items())),
-    }
+    items = {codes[block.id]: Item(block.id, engraved_text(block.id), block.height.nominal) for block in blocks}
+    size = {"participants": participants, "trials": trials, "reversals": reversals}
+    setup = {"schema": _SCHEMA, "experiment": "adaptive", "method": method, **size, "seed": seed}
+    setup |= {"standard": codes[standard], "blocks": {code: items[code].told() for code in sorted(items)}}
     study = _study(Path(folder), setup)
     keys = key_files(study.blocks, f"which of a pair comes first is drawn by seed {seed}")
     write_new(study.folder, {_SETUP: json.dumps(setup, indent=1) + "\n", **keys})
@@ -146,13 +125,7 @@ def start_adaptive(
 
 
 def open_adaptive(folder: str | Path) -> AdaptiveStudy:
-    """Open the folder of an adaptive study; each `session` of it says which pair comes next.
-
-    Raises
-    ------
-    PipelineError
-        If there is no setup, or one that is damaged.
-    """
+    """Open the folder of an adaptive study; each `session` of it says which pair comes next."""
     path = Path(folder) / _SETUP
     try:
         setup = json.loads(path.read_text(encoding="utf-8"))
@@ -167,57 +140,21 @@ def open_adaptive(folder: str | Path) -> AdaptiveStudy:
 
 
 def _study(folder: Path, setup: Mapping[str, Any]) -> AdaptiveStudy:
-    blocks = {
-        code: Item(one["stimulus"], one["engraved"], float(one["height_um"]) / 1e6)
-        for code, one in setup["blocks"].items()
-    }
+    told = setup["blocks"].items()
+    blocks = {code: Item(one["stimulus"], one["engraved"], float(one["height_um"]) / 1e6) for code, one in told}
     heights = {code: block.height for code, block in blocks.items()}
     plan = Plan(setup["method"], heights, setup["standard"], setup["trials"], setup["reversals"], setup["seed"])
     return AdaptiveStudy(folder, plan, setup["participants"], blocks)
 
 
 def next_pair(folder: str | Path, participant: int) -> Pair | None:
-    """Say which pair of blocks a participant compares next, by their codes; None when the session is done.
-
-    Parameters
-    ----------
-    folder : str or Path
-        Of the study.
-    participant : int
-        From 1.
-
-    Raises
-    ------
-    StepblocksError
-        If there is no such participant, or the record is not the one that the procedure would have asked for.
-    """
+    """Say which pair of blocks a participant compares next, by their codes; None when the session is done."""
     return open_adaptive(folder).session(participant).next_pair()
 
 
 def answer(folder: str | Path, participant: int, trial: int, second_is_higher: bool) -> Session:
-    """Take one answer and write the record anew.
-
-    Parameters
-    ----------
-    folder : str or Path
-        Of the study.
-    participant, trial : int
-        From 1; the trial must be the one that is next.
-    second_is_higher : bool
-        Whether the second block of the pair was called higher.
-
-    Returns
-    -------
-    Session
-        With the answer in it.
-
-    Raises
-    ------
-    StepblocksError
-        If another trial is next, or the record was changed.
-    """
-    study = open_adaptive(folder)
-    session = study.session(participant)
+    """Take the answer to the trial that is next and write the record anew."""
+    session = (study := open_adaptive(folder)).session(participant)
     session.record(trial, second_is_higher)
     study.save(session)
     return session
@@ -226,32 +163,7 @@ def answer(folder: str | Path, participant: int, trial: int, second_is_higher: b
 def simulate_adaptive(
     folder: str | Path, source: str | Path, *, seed: int, observer: Observer = TYPICAL_OBSERVER, **felt: float
 ) -> int:
-    """Let simulated participants run through the procedure, before anybody has.
-
-    Parameters
-    ----------
-    folder : str or Path
-        Of the study.
-    source : str or Path
-        Stimulus file, for the predicted energies.
-    seed : int
-        Seed of all chance.
-    observer : Observer
-        What the participants are like.
-    **felt : float
-        Where the energies are taken: `ball_radius` [m], `normal_load` [N], `friction` [1]; what is left out is the first
-        of the stimulus file's grid.
-
-    Returns
-    -------
-    int
-        Number of answers.
-
-    Raises
-    ------
-    StepblocksError
-        If there are answers already, or a block has no energy there.
-    """
+    """Let simulated participants run through the procedure; `felt` as in `simulate_study`; return the number of answers."""
     study, stimuli = open_adaptive(folder), load_declared(Path(source))
     energies = block_energies(step_blocks(stimuli, None), felt_at(stimuli, felt))
     if not {block.identity for block in study.blocks.values()} <= set(energies):
@@ -273,24 +185,7 @@ def simulate_adaptive(
 
 
 def results(folder: str | Path) -> pd.DataFrame:
-    """Estimate every participant, and write what `analyse_study` reads.
-
-    Parameters
-    ----------
-    folder : str or Path
-        Of the study; adaptive-results.csv, design.csv and answers.csv go there.
-
-    Returns
-    -------
-    DataFrame
-        One row per participant with answers: point of subjective equality [um] and Weber fraction [1] with their 95 %
-        intervals, not-a-number where the answers tell none, and the state of the session.
-
-    Raises
-    ------
-    StepblocksError
-        If nobody has answered, or a record was changed.
-    """
+    """Estimate every participant, one row for each with answers, and write what `analyse_study` reads."""
     import pandas as pd
 
     study = open_adaptive(folder)

@@ -1,18 +1,108 @@
-"""The experiments as lists of trials: experiments 1 and 2 of the paper, constant stimuli, magnitude estimation."""
+"""The experiments as lists of trials, and what chance decides before: orders of conditions, balanced, and blinding codes."""
 
 from __future__ import annotations
 
 import itertools
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 
 from stepblocks.errors import StudyError
-from stepblocks.study.orders import Balance, allocate_orders, balance_of, blinding_codes
+from stepblocks.study import require
 
+MAX_CONDITIONS = 26  # that one participant may meet
+MAX_PARTICIPANTS = 1000
 MAX_TRIALS = 200_000
+_ALPHABET = "ABCDEFHKLMNPRTUVWXY"  # no I, O, Q, S, Z, G, J: a hand writes them like others; 19 is prime
+MAX_CODES = len(_ALPHABET) ** 2  # blocks that one study can tell apart
+
+Orders = NDArray[np.int64]
+
+
+def williams_square(conditions: int) -> Orders:
+    """Return Williams' orders, in which every condition follows every other equally often.
+
+    Source: Williams, E. J. (1949), Australian Journal of Scientific Research A 2, 149-168.
+    """
+    if not 1 <= conditions <= MAX_CONDITIONS:
+        raise StudyError(f"the number of conditions must lie between 1 and {MAX_CONDITIONS}, got {conditions}")
+    zigzag = np.array([(k + 1) // 2 if k % 2 == 0 else -((k + 1) // 2) for k in range(conditions)])
+    square = (zigzag[np.newaxis, :] + np.arange(conditions)[:, np.newaxis]) % conditions
+    return np.vstack([square, square[:, ::-1]]) if conditions % 2 and conditions > 1 else square
+
+
+def exact_period(conditions: int) -> int:
+    """Return the number of participants of whose multiples the balance is exact."""
+    return len(williams_square(conditions))
+
+
+def allocate_orders(participants: int, conditions: int, generator: np.random.Generator) -> Orders:
+    """Give every participant an order, whole Williams designs first, the rest from one more."""
+    if not 1 <= participants <= MAX_PARTICIPANTS:
+        raise StudyError(f"the number of participants must lie between 1 and {MAX_PARTICIPANTS}, got {participants}")
+    square = williams_square(conditions)
+    rows = square[np.arange(participants) % len(square)]
+    relabelled = generator.permutation(conditions)[rows]
+    return np.asarray(relabelled[generator.permutation(participants)], dtype=np.int64)
+
+
+@dataclass(frozen=True)
+class Balance:
+    """How often what stood where."""
+
+    positions: Orders  # shape (n, n); how often condition i stood in position j
+    followers: Orders  # shape (n, n); how often condition j followed condition i at once
+
+    @property
+    def position_spread(self) -> int:
+        """Largest minus smallest count of a condition in a position."""
+        return int(np.ptp(self.positions))
+
+    @property
+    def follower_spread(self) -> int:
+        """Largest minus smallest count of an ordered pair of different neighbours."""
+        apart = ~np.eye(len(self.followers), dtype=bool)
+        return int(np.ptp(self.followers[apart])) if apart.any() else 0
+
+    @property
+    def exact(self) -> bool:
+        """Whether positions and followers are balanced without remainder."""
+        return self.position_spread == 0 and self.follower_spread == 0
+
+    def __str__(self) -> str:
+        if self.exact:
+            return "order of conditions balanced exactly, for position and for carry-over"
+        return (
+            f"order of conditions balanced to within {self.position_spread} per position and {self.follower_spread} per "
+            f"neighbour; exact at multiples of {exact_period(len(self.positions))} participants"
+        )
+
+
+def balance_of(orders: Orders) -> Balance:
+    """Count positions and neighbours."""
+    count = orders.shape[1]
+    positions = np.zeros((count, count), dtype=np.int64)
+    followers = np.zeros((count, count), dtype=np.int64)
+    for number, row in enumerate(orders, start=1):
+        if sorted(row) != list(range(count)):
+            raise StudyError(f"every participant must meet every condition once, got {list(row)} [order {number}]")
+        positions[row, np.arange(count)] += 1
+        followers[row[:-1], row[1:]] += 1
+    return Balance(positions, followers)
+
+
+def blinding_codes(identities: Sequence[str], generator: np.random.Generator) -> dict[str, str]:
+    """Give every block a code of two random letters and a check letter, which says nothing about the block."""
+    require(len(identities) <= MAX_CODES, f"a study must have at most {MAX_CODES} blocks, got {len(identities)}")
+    size = len(_ALPHABET)
+    codes = {}
+    for identity, number in zip(identities, generator.permutation(MAX_CODES), strict=False):
+        first, second = divmod(int(number), size)
+        codes[identity] = _ALPHABET[first] + _ALPHABET[second] + _ALPHABET[-(2 * first + 3 * second) % size]
+    return codes
 
 
 @dataclass(frozen=True)
@@ -26,6 +116,10 @@ class Item:
     def __post_init__(self) -> None:
         if not (math.isfinite(self.height) and self.height > 0.0):
             raise StudyError(f"height must be positive and finite, got {self.height:g} m [block {self.identity}]")
+
+    def told(self) -> dict[str, str]:
+        """Say which block it is, for who loads the blocks."""
+        return {"stimulus": self.identity, "engraved": self.engraved, "height_um": f"{self.height * 1e6:.9g}"}
 
 
 @dataclass(frozen=True)
@@ -54,14 +148,7 @@ class Design:
 def experiment_one(
     participants: int, probes: Sequence[str], items: Sequence[Item], repetitions: int, seed: int
 ) -> Design:
-    """Design experiment 1: every participant estimates every block with every probe.
-
-    Examples
-    --------
-    >>> blocks = [Item(f"step-{h:03}", f"STEP-{h:03}", h * 1e-6) for h in (25, 50, 75, 100)]
-    >>> len(experiment_one(10, ("bare", "hard", "soft"), blocks, 3, seed=1).trials)
-    360
-    """
+    """Design experiment 1: every participant estimates every block with every probe."""
     return _crossover("estimates", participants, probes, items, repetitions, seed)
 
 
@@ -86,17 +173,10 @@ def constant_stimuli(participants: int, standard: str, items: Sequence[Item], re
     if base is None:
         raise StudyError(f"standard must be one of the blocks {', '.join(i.identity for i in items)}, got {standard!r}")
     pairs = [(item, order) for item in items if item is not base for order in orders]
-    if len(pairs) < 4:
-        raise StudyError(f"constant stimuli need at least two blocks besides the standard, got {len(pairs) // 2}")
-    trials = []
-    for participant in range(1, participants + 1):
-        number = itertools.count(1)
-        for repetition in range(1, repetitions + 1):
-            for index in generator.permutation(len(pairs)):
-                (item, order), when = pairs[index], next(number)
-                code = codes[item.identity]
-                trials.append(Trial(participant, when, order, repetition, item, code, base, codes[standard]))
-    return Design("constant", tuple(trials), balance_of(np.zeros((participants, 1), dtype=np.int64)))
+    require(len(pairs) >= 4, f"constant stimuli need at least two blocks besides the standard, got {len(pairs) // 2}")
+    sets = [(repetition, pairs) for repetition in range(1, repetitions + 1)]
+    trials = _shuffled([sets] * participants, codes, generator, base)
+    return Design("constant", trials, balance_of(np.zeros((participants, 1), dtype=np.int64)))
 
 
 def _crossover(
@@ -104,15 +184,27 @@ def _crossover(
 ) -> Design:
     generator, codes = _prepare(participants, conditions, items, repetitions, seed)
     orders = allocate_orders(participants, len(conditions), generator)
+    of_condition = [[(item, name) for item in items] for name in conditions]
+    sets = [[(time + 1, of_condition[one]) for one in order for time in range(repetitions)] for order in orders]
+    return Design(experiment, _shuffled(sets, codes, generator), balance_of(orders))
 
+
+def _shuffled(
+    sets: Sequence[Sequence[tuple[int, Sequence[tuple[Item, str]]]]],
+    codes: Mapping[str, str],
+    generator: np.random.Generator,
+    base: Item | None = None,
+) -> tuple[Trial, ...]:
+    """Make trials of each participant's sets (repetition, and blocks with their condition), each set in an order of its own."""
     trials = []
-    for participant, order in enumerate(orders, start=1):
+    against = (base, codes[base.identity]) if base else ()
+    for participant, own in enumerate(sets, start=1):
         number = itertools.count(1)
-        for condition, repetition in itertools.product(order, range(1, repetitions + 1)):
-            for index in generator.permutation(len(items)):
-                item, name = items[index], conditions[condition]
-                trials.append(Trial(participant, next(number), name, repetition, item, codes[item.identity]))
-    return Design(experiment, tuple(trials), balance_of(orders))
+        for repetition, cells in own:
+            for item, condition in (cells[index] for index in generator.permutation(len(cells))):
+                code = codes[item.identity]
+                trials.append(Trial(participant, next(number), condition, repetition, item, code, *against))
+    return tuple(trials)
 
 
 def _prepare(
@@ -120,21 +212,16 @@ def _prepare(
 ) -> tuple[np.random.Generator, dict[str, str]]:
     """Refuse what is impossible; return the source of all chance and the codes of the blocks."""
     for name, values in (("conditions", list(conditions)), ("blocks", [item.identity for item in items])):
-        if not values:
-            raise StudyError(f"{name} must be at least one, got none")
+        require(values, f"{name} must be at least one, got none")
         twice = sorted({value for value in values if values.count(value) > 1})
         if twice:
             raise StudyError(f"{name} must differ from each other, got {twice[0]!r} twice")
         if not all(value.strip() == value and value for value in values):
             raise StudyError(f"{name} must have names without spaces around them, got {values}")
-    if repetitions < 1:
-        raise StudyError(f"repetitions must be at least 1, got {repetitions}")
-    if seed < 0:
-        raise StudyError(f"seed must not be negative, got {seed}")
+    require(repetitions >= 1, f"repetitions must be at least 1, got {repetitions}")
+    require(seed >= 0, f"seed must not be negative, got {seed}")
     total = participants * len(conditions) * len(items) * repetitions
-    if total > MAX_TRIALS:
-        raise StudyError(f"a design must have at most {MAX_TRIALS} trials, got {total}")
-    if participants < 1:
-        raise StudyError(f"participants must be at least 1, got {participants}")
+    require(total <= MAX_TRIALS, f"a design must have at most {MAX_TRIALS} trials, got {total}")
+    require(participants >= 1, f"participants must be at least 1, got {participants}")
     generator = np.random.default_rng(seed)
     return generator, blinding_codes([item.identity for item in items], generator)

@@ -13,27 +13,21 @@ from typing import Any
 import numpy as np
 
 from stepblocks.errors import StudyError
+from stepblocks.study import require
 from stepblocks.study.analysis.anova import f_test, residual_checks
 from stepblocks.study.analysis.mixed import mixed_model
 from stepblocks.study.analysis.ordinal import ordinal_model
 from stepblocks.study.analysis.psychometric import fit_psychometric
 from stepblocks.study.analysis.results import Curve, PowerLaw
 from stepblocks.study.design import Design, constant_stimuli, experiment_one, experiment_two, magnitude_estimation
-from stepblocks.study.observer import Observer, estimate_heights, feel, feels_higher
+from stepblocks.study.simulate import Observer, estimate_heights, feel, feels_higher
 
 Row = Mapping[str, str]
 Texts = Sequence[tuple[str, ...]]
 
 
-@dataclass(frozen=True)
-class Limits:
-    """What counts as a slip of the pen."""
-
-    largest_estimate: float = 20.0  # times the highest block [1]
-    ratings: tuple[int, int] = (1, 7)  # lowest and highest
-
-
-USUAL_LIMITS = Limits()
+LARGEST_ESTIMATE = 20.0  # times the highest block [1]; what is above is a slip of the pen
+RATINGS = (1, 7)  # lowest and highest
 
 
 @dataclass(frozen=True)
@@ -44,8 +38,8 @@ class Experiment:
     sheet_title: str  # of the run sheets, which must not tell too much
     answers: tuple[str, ...]  # columns that are written down
     design: Callable[..., Design]  # of participants, what it `needs`, blocks, repetitions, seed
-    # of a planned trial, its answer, the highest block [um] and the limits: the columns of the tidy table, in SI
-    read: Callable[[Row, Row, float, Limits], dict[str, Any]]
+    # of a planned trial, its answer, the largest estimate [um] and the ends of the ratings: columns of the tidy table, in SI
+    read: Callable[[Row, Row, float, tuple[int, int]], dict[str, Any]]
     # of the trials (the design, with what `simulate_answers` adds), observer and generator: texts for `answers`
     simulate: Callable[[Any, Observer, np.random.Generator], Texts]
     analyse: Callable[[Any], dict[str, Any]]  # of the tidy table: fields of `StudyResult`
@@ -62,20 +56,19 @@ def number(text: str) -> float:
     return value if math.isfinite(value) and "_" not in text else math.nan
 
 
-def _read_estimate(planned: Row, answer: Row, highest: float, limits: Limits) -> dict[str, Any]:
-    estimate, top = number(answer["estimate_um"]), limits.largest_estimate * highest
-    if not 0.0 <= estimate <= top:
-        raise StudyError(f"estimate_um must be a number from 0 to {top:g}, got {answer['estimate_um']!r}")
+def _read_estimate(planned: Row, answer: Row, top: float, ratings: tuple[int, int]) -> dict[str, Any]:
+    estimate = number(answer["estimate_um"])
+    require(0.0 <= estimate <= top, f"estimate_um must be a number from 0 to {top:g}, got {answer['estimate_um']!r}")
     return {"estimate": estimate / 1e6, "error": (estimate - number(planned["height_um"])) / 1e6}
 
 
-def _read_virtual(planned: Row, answer: Row, highest: float, limits: Limits) -> dict[str, Any]:
-    values, rating = _read_estimate(planned, answer, highest, limits), number(answer["realism_rating"])
-    low, high = limits.ratings
-    if not (low <= rating <= high and rating == int(rating)):
-        raise StudyError(
-            f"realism_rating must be a whole number from {low:g} to {high:g}, got {answer['realism_rating']!r}"
-        )
+def _read_virtual(planned: Row, answer: Row, top: float, ratings: tuple[int, int]) -> dict[str, Any]:
+    values, rating = _read_estimate(planned, answer, top, ratings), number(answer["realism_rating"])
+    low, high = ratings
+    require(
+        low <= rating <= high and rating == int(rating),
+        f"realism_rating must be a whole number from {low:g} to {high:g}, got {answer['realism_rating']!r}",
+    )
     return values | {"rating": int(rating)}
 
 
@@ -88,12 +81,9 @@ def _simulate_estimates(trials: Any, observer: Observer, generator: np.random.Ge
 def _simulate_virtual(trials: Any, observer: Observer, generator: np.random.Generator) -> Texts:
     estimates = _simulate_estimates(trials, observer, generator)
     own = generator.standard_normal(trials["person"].max() + 1)
-    low, high = USUAL_LIMITS.ratings
-    answers = []
-    for (estimate,), person, condition in zip(estimates, trials["person"], trials["condition"], strict=True):
-        latent = own[person] + observer.realism_gain * (condition == "vibration-on") + generator.logistic()
-        answers.append((estimate, str(int(np.clip(round(3.5 + latent), low, high)))))
-    return answers
+    felt = own[trials["person"]] + observer.realism_gain * (trials["condition"] == "vibration-on").to_numpy()
+    ratings = np.clip(np.round(3.5 + (felt + generator.logistic(size=len(trials)))), *RATINGS)
+    return [(estimate, f"{rating:.0f}") for (estimate,), rating in zip(estimates, ratings, strict=True)]
 
 
 def _analyse_estimates(frame: Any) -> dict[str, Any]:
@@ -110,15 +100,13 @@ def _analyse_virtual(frame: Any) -> dict[str, Any]:
     return {**_analyse_estimates(frame), "ordinal": ordinal_model(frame, "rating", ["condition"], "participant")}
 
 
-def _read_comparison(planned: Row, answer: Row, highest: float, limits: Limits) -> dict[str, Any]:
+def _read_comparison(planned: Row, answer: Row, top: float, ratings: tuple[int, int]) -> dict[str, Any]:
     text = answer["second_is_higher"].lower()
     if text not in ("y", "n", "yes", "no", "1", "0"):
         raise StudyError(f"second_is_higher must be y or n, got {answer['second_is_higher']!r}")
     second = text in ("y", "yes", "1")
-    return {
-        "higher": int(second == (planned["condition"] == "standard-first")),
-        "standard": number(planned["standard_height_um"]) / 1e6,
-    }
+    higher = int(second == (planned["condition"] == "standard-first"))
+    return {"higher": higher, "standard": number(planned["standard_height_um"]) / 1e6}
 
 
 def _simulate_comparisons(trials: Any, observer: Observer, generator: np.random.Generator) -> Texts:
@@ -145,10 +133,9 @@ def _curve(who: str, own: Any) -> Curve:
     return Curve(who, levels, hits, totals, fit, reason)
 
 
-def _read_magnitude(planned: Row, answer: Row, highest: float, limits: Limits) -> dict[str, Any]:
+def _read_magnitude(planned: Row, answer: Row, top: float, ratings: tuple[int, int]) -> dict[str, Any]:
     magnitude = number(answer["magnitude_ratio"])
-    if not magnitude > 0.0:
-        raise StudyError(f"magnitude_ratio must be a positive number, got {answer['magnitude_ratio']!r}")
+    require(magnitude > 0.0, f"magnitude_ratio must be a positive number, got {answer['magnitude_ratio']!r}")
     return {"magnitude": magnitude}
 
 
@@ -174,8 +161,7 @@ def power_law(frame: Any, magnitude: str, level: str, participant: str) -> Power
             raise StudyError(f"an exponent needs three levels, got {own[level].nunique()} [participant {person}]")
         line = stats.linregress(np.log(own[level]), np.log(own[magnitude]))
         found.append((str(person), float(line.slope), float(line.rvalue)))
-    if len(found) < 2:
-        raise StudyError(f"an interval over participants needs at least two, got {len(found)}")
+    require(len(found) >= 2, f"an interval over participants needs at least two, got {len(found)}")
     slopes = [slope for _, slope, _ in found]
     mean, error = float(np.mean(slopes)), float(np.std(slopes, ddof=1)) / len(slopes) ** 0.5
     reach = float(stats.t.ppf(0.975, len(slopes) - 1)) * error

@@ -1,4 +1,4 @@
-"""What a study prints: the report, the key of the codes, the run sheets, a table on the terminal."""
+"""What a study prints: the report with its figures, the key of the codes, the run sheets, a table on the terminal."""
 
 from __future__ import annotations
 
@@ -7,14 +7,17 @@ import io
 from collections.abc import Iterator, Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
+import numpy as np
+
 from stepblocks.study.analysis.results import StudyResult
 from stepblocks.study.experiments import EXPERIMENTS
-from stepblocks.study.figures import study_figures
 from stepblocks.tables import csv_text
 
 if TYPE_CHECKING:
     import pandas as pd
 
+_COLOURS = ("#1f6f8b", "#c8553d", "#588157", "#7b4fa3", "#b08900", "#5b6b79")
+_INK, _LINE = "#1d2a36", "#999999"
 _A4 = (210.0, 297.0)  # [mm]
 _LEFT, _TOP, _ROW, _ROWS = 15.0, 262.0, 6.4, 38  # margin, top of the table and height of a row [mm], rows of a page
 _ANSWER_SHARE = 1.8  # an answer is written by hand and gets more room than what is printed
@@ -144,3 +147,122 @@ def _render(template: str, **values: object) -> str:
         keep_trailing_newline=True,
     )
     return environment.get_template(template).render(**values)
+
+
+def study_figures(result: StudyResult) -> Iterator[tuple[str, str]]:
+    """Draw what a study found: captions and SVG, the same bytes from the same data."""
+    import matplotlib as mpl
+    from matplotlib.backends.backend_svg import FigureCanvasSVG
+    from matplotlib.figure import Figure
+    from matplotlib.rcsetup import cycler
+
+    for draw, found, caption in (
+        (_estimates, result.mixed, "Estimates against height; bars: standard deviation of the judgements."),
+        (_intervals, result.mixed, "Differences between conditions with the intervals of both analyses."),
+        (
+            _residuals,
+            result.mixed,
+            "Residuals of the mixed model: against fitted values, and their quantiles against the normal's.",
+        ),
+        (_ratings, result.ordinal, "Share of each rating of realism."),
+        (_curves, result.curves, 'Share of answers "higher", with the fitted functions; area of a dot: trials.'),
+        (_magnitudes, result.power_law, "Magnitudes against height, one line per participant."),
+    ):
+        if not found:
+            continue
+        style = {"svg.fonttype": "path", "font.size": 10, "axes.prop_cycle": cycler(color=_COLOURS)}
+        with mpl.rc_context({"svg.hashsalt": draw.__name__, **style}):
+            figure = Figure(figsize=(9.0, 3.6), layout="constrained")
+            FigureCanvasSVG(figure)
+            draw(figure, result)
+            text = io.StringIO()
+            figure.savefig(text, format="svg", metadata={"Date": None, "Creator": None})
+        yield caption, text.getvalue()[text.getvalue().index("<svg") :]
+
+
+def _estimates(figure: Any, result: Any) -> None:
+    axes, frame = figure.subplots(), result.frame
+    groups = list(frame.groupby("condition"))
+    top = float(max(frame["height"].max(), frame["estimate"].max())) * 1e6
+    axes.plot([0, top], [0, top], color=_LINE, lw=1, label="true height")
+    for index, (name, own) in enumerate(groups):
+        cells = own.groupby("height")["estimate"].agg(["mean", "std"])
+        x = cells.index.to_numpy() * 1e6 + (index - 0.5 * (len(groups) - 1)) * (0.006 * top)  # beside each other
+        style = {"fmt": "o-", "ms": 4, "lw": 1.2, "capsize": 3, "label": str(name)}
+        axes.errorbar(x, cells["mean"] * 1e6, cells["std"].fillna(0.0) * 1e6, **style)
+    axes.set(xlabel="height, um", ylabel="estimate, um")
+    axes.legend(frameon=False)
+
+
+def _intervals(figure: Any, result: Any) -> None:
+    axes = figure.subplots()
+    names = [f"{one.first} - {one.second}" for one in result.f_test.intervals]
+    for offset, label, family in (
+        (0.12, "Tukey after the F-test", result.f_test.intervals),
+        (-0.12, "mixed model", result.mixed.intervals),
+    ):
+        middle = np.array([one.difference for one in family]) * 1e6
+        reach = np.array([[one.difference - one.low, one.high - one.difference] for one in family]).T * 1e6
+        axes.errorbar(middle, np.arange(len(family)) + offset, xerr=reach, fmt="o", capsize=4, label=label)
+    axes.axvline(0.0, color=_LINE, lw=1)
+    axes.set_yticks(range(len(names)), names)
+    axes.set(ylim=(-0.6, len(names) - 0.4), xlabel="difference of errors, um")
+    axes.legend(frameon=False)
+
+
+def _residuals(figure: Any, result: Any) -> None:
+    from scipy.stats import probplot
+
+    left, right = figure.subplots(1, 2)
+    dots = {"ms": 3, "alpha": 0.6, "color": _COLOURS[0]}
+    left.plot(result.mixed.fitted * 1e6, result.mixed.residuals * 1e6, "o", **dots)
+    left.axhline(0.0, color=_LINE, lw=1)
+    left.set(xlabel="fitted error, um", ylabel="residual, um")
+    (quantiles, ordered), (slope, intercept, _) = probplot(result.mixed.residuals * 1e6)
+    right.plot(quantiles, ordered, "o", **dots)
+    right.plot(quantiles, intercept + slope * quantiles, color=_LINE, lw=1)
+    right.set(xlabel="normal quantile", ylabel="residual, um")
+
+
+def _ratings(figure: Any, result: Any) -> None:
+    axes, frame = figure.subplots(), result.frame
+    ratings = np.arange(int(frame["rating"].min()), int(frame["rating"].max()) + 1)
+    groups = list(frame.groupby("condition"))
+    width = 0.8 / len(groups)
+    for index, (name, own) in enumerate(groups):
+        share = [float((own["rating"] == rating).mean()) for rating in ratings]
+        x = ratings + (index - 0.5 * (len(groups) - 1)) * width
+        axes.bar(x, share, width, label=str(name))
+    axes.set_xticks(ratings)
+    axes.set(xlabel="rating of realism", ylabel="share")
+    axes.legend(frameon=False)
+
+
+def _curves(figure: Any, result: Any) -> None:
+    from scipy.special import ndtr
+
+    axes = figure.subplots()
+    for index, curve in enumerate(result.curves):
+        last = index == len(result.curves) - 1
+        levels, totals = np.array(curve.levels), np.array(curve.totals)
+        if last:
+            share, area = np.array(curve.hits) / totals, 60 * totals / totals.max()
+            axes.scatter(levels * 1e6, share, s=area, color=_INK, zorder=3)
+        if curve.fit is None:
+            continue
+        x = np.geomspace(0.8 * levels.min(), 1.2 * levels.max(), 200)
+        rise = ndtr(np.log(x / curve.fit.threshold) / curve.fit.spread)
+        y = curve.fit.lapse + (1.0 - 2.0 * curve.fit.lapse) * rise
+        style = {"color": _INK, "lw": 2.2} if last else {"color": _COLOURS[index % len(_COLOURS)], "lw": 1}
+        axes.plot(x * 1e6, y, **style, label=curve.who if len(result.curves) < 15 or last else None)
+    axes.set(xlabel="height, um", ylabel='share "higher"')
+    if any(curve.fit for curve in result.curves):
+        axes.legend(frameon=False, title="participant", ncols=2, fontsize=8)
+
+
+def _magnitudes(figure: Any, result: Any) -> None:
+    axes = figure.subplots()
+    for _, own in result.frame.groupby("participant", sort=False):
+        means = own.assign(log=np.log(own["magnitude"])).groupby("height")["log"].mean()
+        axes.loglog(means.index.to_numpy() * 1e6, np.exp(means), "o-", ms=3, lw=1)
+    axes.set(xlabel="height, um", ylabel="geometric mean of magnitudes")

@@ -19,23 +19,23 @@ from stepblocks.parts.set import StimulusSet
 from stepblocks.predict.predictions import tool_of
 from stepblocks.select import matches
 from stepblocks.study.analysis.results import StudyResult
-from stepblocks.study.analysis.table import join_answers, read_answers, read_design
 from stepblocks.study.design import Design, Item
-from stepblocks.study.experiments import EXPERIMENTS, Limits
-from stepblocks.study.observer import TYPICAL_OBSERVER, Observer
+from stepblocks.study.experiments import EXPERIMENTS, LARGEST_ESTIMATE, RATINGS
 from stepblocks.study.page import render_sheets, render_sheets_pdf, render_study
-from stepblocks.study.sheet import design_files, sheet_rows, write_new
-from stepblocks.study.simulate import SimulatedStudy, estimate_power, simulate_answers
+from stepblocks.study.sheet import (
+    design_files,
+    join_answers,
+    read_answers,
+    read_design,
+    sheet_rows,
+    simulate_answers,
+    write_new,
+)
+from stepblocks.study.simulate import TYPICAL_OBSERVER, Observer, SimulatedStudy, estimate_power
 from stepblocks.tables import csv_text, write_table
 
 if TYPE_CHECKING:
     import pandas as pd
-
-# Columns of the table of `study_power`
-POWER_COLUMNS = (
-    *("analysis", "participants", "repetitions", "judgements_each"),
-    *("power_ratio", "low_95_ratio", "high_95_ratio", "runs"),
-)
 
 
 def design_study(
@@ -54,10 +54,8 @@ def design_study(
 
     Parameters
     ----------
-    source : str or Path
-        Stimulus file.
-    folder : str or Path
-        Where design.csv, key.csv and key.html go.
+    source, folder : str or Path
+        Stimulus file, and where design.csv, key.csv and key.html go.
     seed : int
         Seed of all random choices.
     experiment : str
@@ -117,8 +115,9 @@ def write_sheets(folder: str | Path) -> int:
     digits = len(str(len(by_person)))
     sheets = {f"participant-{person:0>{digits}}.csv": csv_text(rows) for person, rows in by_person.items()}
     write_new(folder / "sheets", sheets)
-    printed = (render_sheets(design[0]["experiment"], by_person), render_sheets_pdf(design[0]["experiment"], by_person))
-    write_new(folder, dict(zip(("run-sheets.html", "run-sheets.pdf"), printed, strict=True)))
+    experiment = design[0]["experiment"]
+    html, pdf = render_sheets(experiment, by_person), render_sheets_pdf(experiment, by_person)
+    write_new(folder, {"run-sheets.html": html, "run-sheets.pdf": pdf})
     return len(by_person)
 
 
@@ -136,12 +135,8 @@ def simulate_study(
 
     Parameters
     ----------
-    folder : str or Path
-        Holds design.csv.
-    source : str or Path
-        Stimulus file, for the predicted energies.
-    output : str or Path
-        CSV of answers to write.
+    folder, source, output : str or Path
+        Folder with design.csv, stimulus file for the predicted energies, CSV of answers to write.
     seed : int
         Seed of all chance.
     damping : mapping of float, optional
@@ -149,8 +144,7 @@ def simulate_study(
     observer : Observer
         What the participants are like.
     **felt : float
-        Where the energies are taken: `ball_radius` [m], `normal_load` [N], `friction` [1]; what is left out is the first
-        of the stimulus file's grid.
+        Where the energies are taken: `ball_radius` [m], `normal_load` [N], `friction` [1]; by default the first of the file's grid.
 
     Returns
     -------
@@ -163,12 +157,10 @@ def simulate_study(
         If a block has no energy there, or a name is unknown.
     """
     design, output = read_design(Path(folder) / "design.csv"), Path(output)
-    known = {row["condition"] for row in design}
-    unknown = sorted(set(damping or {}) - known)
+    known = sorted({row["condition"] for row in design})
+    unknown = sorted(set(damping or {}) - set(known))
     if unknown:
-        raise PipelineError(
-            f"damping must name conditions of the design ({', '.join(sorted(known))}), got {unknown[0]!r}"
-        )
+        raise PipelineError(f"damping must name conditions of the design ({', '.join(known)}), got {unknown[0]!r}")
     wanted = {row[name] for row in design for name in ("stimulus", "standard")}
     stimuli = load_declared(Path(source))
     blocks = [block for block in step_blocks(stimuli, None) if block.id in wanted]
@@ -183,8 +175,8 @@ def analyse_study(
     answers: Sequence[str | Path],
     output: str | Path | None = None,
     *,
-    largest_estimate: float = Limits.largest_estimate,
-    ratings: tuple[int, int] = Limits.ratings,
+    largest_estimate: float = LARGEST_ESTIMATE,
+    ratings: tuple[int, int] = RATINGS,
 ) -> StudyResult:
     """Analyse filled-in run sheets.
 
@@ -214,7 +206,7 @@ def analyse_study(
     design = read_design(Path(folder) / "design.csv")
     experiment = design[0]["experiment"]
     rows = [row for path in answers for row in read_answers(Path(path), experiment)]
-    result = join_answers(design, rows, Limits(largest_estimate, ratings)).analyse()
+    result = join_answers(design, rows, largest_estimate, ratings).analyse()
     if output is not None:
         page, output = render_study(result), Path(output)
         output.mkdir(parents=True, exist_ok=True)
@@ -247,25 +239,18 @@ def study_power(
         Stimulus file.
     output : str or Path, optional
         CSV to write.
-    seed : int
-        Seed of all chance.
+    seed, runs, jobs : int
+        Seed of all chance, simulated studies per size, processes (on which the outcome does not depend).
     damping : mapping of float
         The conditions that are compared: share of the energy that each lets through [1].
     participants, repetitions : sequence of int
         Sizes; every combination.
-    observer : Observer
-        What the participants are like.
+    observer, **felt
+        As in `simulate_study`.
     analysis : str
         ``"mixed"`` or ``"f-test"``.
-    runs : int
-        Simulated studies per size.
-    jobs : int
-        Processes; the outcome does not depend on it.
     only : str, optional
         Pattern of the blocks that take part.
-    **felt : float
-        Where the energies are taken: `ball_radius` [m], `normal_load` [N], `friction` [1]; what is left out is the first
-        of the stimulus file's grid.
 
     Returns
     -------
@@ -288,9 +273,10 @@ def study_power(
     for people, times in itertools.product(participants, repetitions):
         plan = SimulatedStudy(people, times, heights, tuple(energies.values()), conditions, observer)
         found = estimate_power(plan, analysis, runs, seed, jobs)
-        each = times * len(heights) * len(conditions)
-        rows.append((analysis, people, times, each, found.power, found.low, found.high, runs))
-    table = pd.DataFrame(rows, columns=POWER_COLUMNS)
+        size = {"participants": people, "repetitions": times, "judgements_each": times * len(heights) * len(conditions)}
+        power = {"power_ratio": found.power, "low_95_ratio": found.low, "high_95_ratio": found.high}
+        rows.append({"analysis": analysis, **size, **power, "runs": runs})
+    table = pd.DataFrame(rows)
     if output is not None:
         write_table(table, Path(output), "%.3f")
     return table

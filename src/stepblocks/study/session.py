@@ -1,20 +1,22 @@
-"""One participant's adaptive comparison: which pair comes next, and what the answers say so far.
+"""One participant's adaptive comparison by a staircase or QUEST+; a session is played again from its answers alone.
 
-Nothing is kept but the answers: the procedure is played again from them, so a session can stop at any trial and go on, and a
-record that was changed does not pass for the one that was taken.
+The ``questplus`` package is under the GPL and cannot be a dependency here; the update is Bayes' rule on a grid.
 """
 
 from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
+from numpy.typing import NDArray
 
 from stepblocks.errors import StudyError
+from stepblocks.study import require
 from stepblocks.study.analysis.psychometric import Z75
-from stepblocks.study.procedures import QuestPlus, Staircase
+
+Array = NDArray[np.float64]
 
 # QUEST+ on point of subjective equality, spread and lapse rate; two down, one up on blocks higher than the standard
 METHODS = ("quest", "staircase")
@@ -23,6 +25,111 @@ _SHIFTS = np.linspace(-0.5, 0.5, 31)
 _SPREADS = np.geomspace(0.02, 1.5, 21)
 _LAPSES = (0.0, 0.02, 0.05)
 _HITS_DOWN, _SKIPPED = 2, 2
+
+
+@dataclass
+class Staircase:
+    """A staircase with one step up after a miss and one down after several hits in a row."""
+
+    levels: Sequence[float]  # intensities of the stimuli that exist, ascending, for instance heights [m]
+    hits_down: int = 2  # hits in a row that lead down: 1, 2 and 3 converge on 50, 70.7 and 79.4 % hits
+    start: int = -1  # index of the first level; the highest where omitted
+    reversals: list[float] = field(default_factory=list, init=False)
+    _index: int = field(init=False)
+    _run: int = field(default=0, init=False)
+    _direction: int = field(default=0, init=False)
+
+    def __post_init__(self) -> None:
+        if len(self.levels) < 2 or any(b <= a for a, b in zip(self.levels, self.levels[1:], strict=False)):
+            raise StudyError(f"levels must be at least two and ascend, got {list(self.levels)}")
+        require(self.hits_down >= 1, f"hits_down must be at least 1, got {self.hits_down}")
+        if not -len(self.levels) <= self.start < len(self.levels):
+            raise StudyError(f"start must be the index of one of {len(self.levels)} levels, got {self.start}")
+        self._index = self.start % len(self.levels)
+
+    @property
+    def level(self) -> float:
+        """Level of the next trial."""
+        return float(self.levels[self._index])
+
+    def record(self, hit: bool) -> None:
+        """Take the answer to the present level and move on."""
+        self._run = self._run + 1 if hit else 0
+        if hit and self._run < self.hits_down:
+            return
+        direction = -1 if hit else 1
+        if self._direction == -direction:
+            self.reversals.append(self.level)
+        self._direction, self._run = direction, 0
+        self._index = min(max(self._index + direction, 0), len(self.levels) - 1)
+
+    def threshold(self, skip: int = 2) -> float:
+        """Estimate the threshold from the reversals."""
+        later = self.reversals[skip:]
+        later = later[len(later) % 2 :]
+        require(later, f"a threshold needs two reversals after the first {skip}, got {len(self.reversals)} in all")
+        return float(np.mean(later))
+
+
+class QuestPlus:
+    """Choose the next stimulus so that the expected entropy of threshold, slope and lapse rate is least."""
+
+    def __init__(
+        self,
+        levels: Sequence[float],
+        thresholds: Sequence[float],
+        slopes: Sequence[float],
+        lapses: Sequence[float] = (0.02,),
+        guess: float | None = 0.0,
+    ) -> None:
+        from scipy.special import ndtr
+
+        for name, values in (("levels", levels), ("thresholds", thresholds), ("slopes", slopes), ("lapses", lapses)):
+            if not len(values) or not all(math.isfinite(value) for value in values):
+                raise StudyError(f"{name} must be at least one finite number, got {list(values)}")
+        require(min(slopes) > 0.0, f"slopes must be positive, got {min(slopes):g}")
+        most = max(lapses) if guess is None else guess
+        if not (0.0 <= most < 1.0 and min(lapses) >= 0.0 and max(lapses) + most < 1.0):
+            raise StudyError(f"guess and lapses must be rates whose sum is below 1, got {most:g} and {list(lapses)}")
+        self._levels = np.asarray(levels, dtype=np.float64)
+        grids = np.meshgrid(*(np.asarray(v, dtype=np.float64) for v in (thresholds, slopes, lapses)), indexing="ij")
+        self._grid = tuple(grid.ravel() for grid in grids)
+        threshold, slope, lapse = self._grid
+        rising = ndtr((self._levels[:, np.newaxis] - threshold) / slope)
+        base = lapse if guess is None else guess
+        self._hit: Array = base + (1.0 - base - lapse) * rising
+        self.posterior: Array = np.full(threshold.size, 1.0 / threshold.size)
+
+    def next_level(self) -> float:
+        """Return the level that is expected to teach most."""
+        from scipy.special import xlogy
+
+        expected = np.zeros(len(self._levels))
+        for likelihood in (self._hit, 1.0 - self._hit):
+            joint = likelihood * self.posterior
+            total = joint.sum(axis=1)
+            expected -= xlogy(joint, joint).sum(axis=1) - xlogy(total, total)
+        return float(self._levels[int(np.argmin(np.round(expected, 12)))])
+
+    def record(self, level: float, hit: bool) -> None:
+        """Take an answer."""
+        found = np.flatnonzero(self._levels == level)
+        require(found.size, f"level must be one of {self._levels.tolist()}, got {level:g}")
+        likelihood = self._hit[found[0]] if hit else 1.0 - self._hit[found[0]]
+        posterior = likelihood * self.posterior
+        require(posterior.sum() > 0.0, f"the answer {hit} at {level:g} is impossible under every parameter of the grid")
+        self.posterior = posterior / posterior.sum()
+
+    def estimate(self) -> tuple[float, float, float]:
+        """Return the posterior means."""
+        threshold, slope, lapse = (float(self.posterior @ values) for values in self._grid)
+        return threshold, slope, lapse
+
+    def quantile(self, which: int, share: float) -> float:
+        """Return a quantile of one parameter's posterior."""
+        values, index = np.unique(self._grid[which], return_inverse=True)
+        weights = np.bincount(index, self.posterior)
+        return float(np.interp(share, np.cumsum(weights) - 0.5 * weights, values))
 
 
 @dataclass(frozen=True)
@@ -37,14 +144,12 @@ class Plan:
     seed: int  # decides which of a pair comes first
 
     def __post_init__(self) -> None:
-        if self.method not in METHODS:
-            raise StudyError(f"method must be one of {', '.join(METHODS)}, got {self.method!r}")
-        if self.standard not in self.heights:
-            raise StudyError(f"standard must be one of the blocks, got {self.standard!r}")
-        if self.trials < 1 or self.reversals < 4 or self.seed < 0:
-            raise StudyError(
-                f"trials, reversals and seed must be at least 1, 4 and 0, got {self.trials}, {self.reversals} and {self.seed}"
-            )
+        require(self.method in METHODS, f"method must be one of {', '.join(METHODS)}, got {self.method!r}")
+        require(self.standard in self.heights, f"standard must be one of the blocks, got {self.standard!r}")
+        require(
+            self.trials >= 1 and self.reversals >= 4 and self.seed >= 0,
+            f"trials, reversals and seed must be at least 1, 4 and 0, got {self.trials}, {self.reversals} and {self.seed}",
+        )
         if len(set(self.heights.values())) < len(self.heights):
             raise StudyError("blocks of an adaptive study must differ in height")
         if len(self.compared) < 2:
@@ -91,7 +196,7 @@ class Session:
 
     def __init__(self, plan: Plan, participant: int) -> None:
         self.plan, self.participant = plan, participant
-        self._answers: list[tuple[Pair, bool]] = []
+        self.answers: list[tuple[Pair, bool]] = []  # and whether the second was called higher
         self._next: Pair | None = None
         base = plan.heights[plan.standard]
         self._levels = {code: math.log(plan.heights[code] / base) for code in plan.compared}
@@ -103,17 +208,12 @@ class Session:
     def __str__(self) -> str:
         pair = self.next_pair()
         if pair is None:
-            return f"participant {self.participant}: done after {len(self._answers)} trials"
+            return f"participant {self.participant}: done after {len(self.answers)} trials"
         return f"participant {self.participant}, trial {pair.trial}: first {pair.first}, then {pair.second}"
-
-    @property
-    def answers(self) -> Sequence[tuple[Pair, bool]]:
-        """Pairs and whether the second was called higher, so far."""
-        return tuple(self._answers)
 
     def next_pair(self) -> Pair | None:
         """Return the next comparison."""
-        done = len(self._answers)
+        done = len(self.answers)
         if self._next is not None and self._next.trial == done + 1:
             return self._next
         over = self._stairs is not None and len(self._stairs.reversals) >= self.plan.reversals
@@ -128,11 +228,9 @@ class Session:
 
     def record(self, trial: int, second_is_higher: bool) -> None:
         """Take the answer to the next comparison."""
-        pair = self.next_pair()
+        pair, done = self.next_pair(), len(self.answers)
         if pair is None:
-            raise StudyError(
-                f"participant {self.participant} is done after {len(self._answers)} trials, got trial {trial}"
-            )
+            raise StudyError(f"participant {self.participant} is done after {done} trials, got trial {trial}")
         if trial != pair.trial:
             raise StudyError(f"trial must be {pair.trial}, the next of participant {self.participant}, got {trial}")
         compared = pair.beside(self.plan.standard)
@@ -141,7 +239,7 @@ class Session:
             self._stairs.record(higher)
         elif self._quest:
             self._quest.record(self._levels[compared], higher)
-        self._answers.append((pair, second_is_higher))
+        self.answers.append((pair, second_is_higher))
 
     def estimate(self) -> Estimate:
         """Return what the answers say."""

@@ -1,43 +1,39 @@
-"""A design as files: the unblinded plan and key for who loads the blocks, blinded run sheets for who writes the answers."""
+"""A design and its answers as files: plan and key for who loads the blocks, blinded sheets, and the tidy table made of both."""
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+import csv
+from collections import Counter
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
+
+import numpy as np
 
 from stepblocks.atomic import replace_bytes
-from stepblocks.errors import PipelineError
+from stepblocks.errors import PipelineError, StudyError
+from stepblocks.study import require
+from stepblocks.study.analysis.results import StudyResult
 from stepblocks.study.design import Design, Item
-from stepblocks.study.experiments import EXPERIMENTS
+from stepblocks.study.experiments import EXPERIMENTS, LARGEST_ESTIMATE, RATINGS, Row, number
 from stepblocks.study.page import render_key
+from stepblocks.study.simulate import Observer
 from stepblocks.tables import csv_text
 
+_MAX_BYTES = 100_000_000
+_MAX_ROWS = 300_000
+
+Key = tuple[str, str]  # participant and trial
+
 # Columns of design.csv, which tells all
-DESIGN_COLUMNS = (
-    "experiment",
-    "participant",
-    "trial",
-    "condition",
-    "repetition",
-    "stimulus",
-    "engraved",
-    "code",
-    "height_um",
-    "standard",
-    "standard_engraved",
-    "standard_code",
-    "standard_height_um",
-)
+_WHEN = ("participant", "trial", "condition", "repetition")
+_BLOCK = ("stimulus", "engraved", "code", "height_um")
+DESIGN_COLUMNS = ("experiment", *_WHEN, *_BLOCK, "standard", *(f"standard_{name}" for name in _BLOCK[1:]))
 
 
 def answer_columns(experiment: str) -> tuple[str, ...]:
-    """Return the columns of a blinded run sheet.
-
-    Examples
-    --------
-    >>> answer_columns("estimates")
-    ('participant', 'trial', 'condition', 'code', 'estimate_um')
-    """
+    """Return the columns of a blinded run sheet."""
     kind = EXPERIMENTS[experiment]
     shown = ("first_code", "second_code") if kind.paired else ("condition", "code")
     return ("participant", "trial", *shown, *kind.answers)
@@ -54,10 +50,11 @@ def design_rows(design: Design) -> list[dict[str, str]]:
 
 
 def _cells(item: Item | None, code: str) -> tuple[str, ...]:
-    return (item.identity, item.engraved, code, f"{item.height * 1e6:.9g}") if item else ("",) * 4
+    told = item.told() | {"code": code} if item else {}
+    return tuple(told.get(name, "") for name in _BLOCK)
 
 
-def sheet_rows(rows: Iterable[Mapping[str, str]]) -> list[dict[str, str]]:
+def sheet_rows(rows: Iterable[Row]) -> list[dict[str, str]]:
     """Blind the rows of a design: what is left is what may be shown, and room for the answers."""
     blinded = []
     for row in rows:
@@ -73,14 +70,9 @@ def sheet_rows(rows: Iterable[Mapping[str, str]]) -> list[dict[str, str]]:
 
 def key_files(items: Mapping[str, Item], note: str) -> dict[str, str]:
     """Write key.csv and key.html, which tell the block behind each code."""
-    rows = [
-        dict(zip(("stimulus", "engraved", "code", "height_um"), _cells(items[code], code), strict=True))
-        for code in sorted(items)
-    ]
-    return {
-        "key.csv": csv_text(rows, ("code", "engraved", "stimulus", "height_um")),
-        "key.html": render_key(rows, note),
-    }
+    rows = [{"code": code, **items[code].told()} for code in sorted(items)]
+    columns = ("code", "engraved", "stimulus", "height_um")
+    return {"key.csv": csv_text(rows, columns), "key.html": render_key(rows, note)}
 
 
 def design_files(design: Design) -> dict[str, str]:
@@ -100,3 +92,180 @@ def write_new(folder: Path, texts: Mapping[str, str | bytes]) -> None:
     folder.mkdir(parents=True, exist_ok=True)
     for name, content in contents.items():
         replace_bytes(folder / name, content)
+
+
+def simulate_answers(
+    design: Sequence[Row], energies: Mapping[str, float], damping: Mapping[str, float], observer: Observer, seed: int
+) -> list[dict[str, str]]:
+    """Fill in the run sheets of a design, from each block's energy [J] and the share of it that a condition lets through."""
+    import pandas as pd
+
+    named = [name for row in design for name in (row["stimulus"], row["standard"]) if name]
+    lacking = [name for name in named if not energies.get(name, 0.0) > 0.0]
+    if lacking:
+        raise StudyError(f"every block must have a predicted energy, got none for {lacking[0]}")
+    trials = pd.DataFrame(design)
+    trials["person"], trials["setting"] = (pd.factorize(trials[name])[0] for name in ("participant", "condition"))
+    trials["height"] = trials["height_um"].astype(float) * 1e-6
+    shares = [damping.get(condition, 1.0) for condition in trials["condition"]]
+    trials["undamped"], trials["standard_energy"] = (trials[name].map(energies) for name in ("stimulus", "standard"))
+    trials["energy"] = trials["undamped"] * shares
+    kind = EXPERIMENTS[design[0]["experiment"]]
+    answers = kind.simulate(trials, observer, np.random.default_rng(seed))
+    filled = zip(sheet_rows(design), answers, strict=True)
+    return [row | dict(zip(kind.answers, texts, strict=True)) for row, texts in filled]
+
+
+@dataclass(frozen=True)
+class Judgements:
+    """A checked table of judgements."""
+
+    experiment: str
+    # One row per answered trial: participant, trial, condition, repetition, stimulus (texts), height [m]; and by
+    # experiment estimate and error [m], rating [1], higher (whether the comparison was called higher than the
+    # standard), standard [m], magnitude [1]
+    frame: Any
+    missing: tuple[Key, ...]  # every answer that is missing from a participant who stays in the table
+    left: tuple[str, ...]  # participants without an answer in a whole condition or more: not in the table
+
+    def notes(self) -> list[str]:
+        """Say what was done about what is missing."""
+        people = self.frame["participant"].nunique()
+        said = [f"{len(self.frame)} judgements of {people} participants."]
+        if self.left:
+            names = ", ".join(self.left)
+            said.append(f"Left out entirely, for a condition without any answer: participant {names}.")
+        if self.missing:
+            shown = ", ".join(f"{participant}/{trial}" for participant, trial in self.missing[:20])
+            more = " and more" if len(self.missing) > 20 else ""
+            said.append(
+                f"{len(self.missing)} missing judgements (participant/trial {shown}{more}); the models are fitted to the others, "
+                "which is right if they are missing at random."
+            )
+        return said
+
+    def analyse(self) -> StudyResult:
+        """Analyse the study as its design asks for."""
+        found = EXPERIMENTS[self.experiment].analyse(self.frame)
+        return StudyResult(self.experiment, tuple(self.notes()), self.frame, **found)
+
+
+def read_design(path: Path) -> list[dict[str, str]]:
+    """Read design.csv."""
+    rows = _read(path, DESIGN_COLUMNS)
+    experiments = sorted({row["experiment"] for row in rows})
+    require(
+        len(experiments) == 1 and experiments[0] in EXPERIMENTS,
+        f"experiment must be one of {', '.join(EXPERIMENTS)}, the same in all rows, got {experiments} [{path}]",
+    )
+    _by_trial(rows)
+    for row in rows:
+        for name in ("height_um", "standard_height_um") if row["standard"] else ("height_um",):
+            require(number(row[name]) > 0.0, f"{name} must be a positive number, got {row[name]!r} [{row['line']}]")
+    return rows
+
+
+def read_answers(path: Path, experiment: str) -> list[dict[str, str]]:
+    """Read filled-in run sheets."""
+    return _read(path, answer_columns(experiment))
+
+
+def join_answers(
+    design: Sequence[Row],
+    answers: Sequence[Row],
+    largest_estimate: float = LARGEST_ESTIMATE,
+    ratings: tuple[int, int] = RATINGS,
+) -> Judgements:
+    """Put the answers to the trials that they belong to."""
+    import pandas as pd
+
+    experiment = design[0]["experiment"]
+    kind = EXPERIMENTS[experiment]
+    planned = {(row["participant"], row["trial"]): row for row in design}
+    top = largest_estimate * max(number(row["height_um"]) for row in design)
+    answered: dict[Key, dict[str, Any]] = {}
+    for key, answer in _by_trial(answers).items():
+        try:
+            _require_planned(planned, key, answer)
+            if all(answer[name] for name in kind.answers):
+                answered[key] = kind.read(planned[key], answer, top, ratings)
+        except StudyError as error:
+            raise StudyError(f"{error} [{answer['line']}]") from error
+    left = _who_left(planned, answered)
+    stayed = {key: row for key, row in planned.items() if key[0] not in left}
+    missing = tuple(key for key in stayed if key not in answered)
+    frame = pd.DataFrame(
+        {name: row[name] for name in (*_WHEN, "stimulus")} | {"height": number(row["height_um"]) / 1e6} | answered[key]
+        for key, row in stayed.items()
+        if key in answered
+    )
+    _require_enough(frame, planned)
+    return Judgements(experiment, frame, missing, left)
+
+
+def _read(path: Path, columns: Sequence[str]) -> list[dict[str, str]]:
+    """Read rows of texts, each with its `line`; a general reader of tables would not know the lines."""
+    try:
+        require(
+            path.stat().st_size <= _MAX_BYTES,
+            f"a table must be below {_MAX_BYTES // 1_000_000} MB, got {path.stat().st_size} bytes [{path}]",
+        )
+        with path.open(encoding="utf-8-sig", newline="") as stream:
+            reader = csv.DictReader(stream, strict=True)
+            names = reader.fieldnames or []
+            lacking = [name for name in columns if name not in names]
+            if lacking:
+                raise StudyError(f"columns must include {', '.join(columns)}; got no {', '.join(lacking)} [{path}]")
+            if len(set(names)) != len(names):
+                raise StudyError(f"columns must differ from each other, got one twice [{path}, line 1]")
+            rows = []
+            for row in reader:
+                require(
+                    None not in row and None not in row.values(),
+                    f"a row must have {len(names)} cells, as the header [{path}, line {reader.line_num}]",
+                )
+                rows.append({name: row[name].strip() for name in names} | {"line": f"{path}, line {reader.line_num}"})
+                require(len(rows) <= _MAX_ROWS, f"a table must have at most {_MAX_ROWS} rows [{path}]")
+    except (OSError, UnicodeDecodeError, csv.Error) as error:
+        reason = error.strerror if isinstance(error, OSError) else str(error)
+        raise StudyError(f"a table must be readable CSV in UTF-8: {reason} [{path}]") from error
+    require(rows, f"a table must have rows, got none [{path}]")
+    return rows
+
+
+def _by_trial(rows: Sequence[Row]) -> dict[Key, Row]:
+    found: dict[Key, Row] = {}
+    for row in rows:
+        key = (row["participant"], row["trial"])
+        if key in found:
+            raise StudyError(
+                f"participant and trial must occur once, got {key[0]!r} and {key[1]!r} twice "
+                f"[{row['line']}; first {found[key]['line']}]"
+            )
+        found[key] = row
+    return found
+
+
+def _require_planned(planned: Mapping[Key, Row], key: Key, answer: Row) -> None:
+    require(key in planned, f"participant and trial must be in the design, got {key[0]!r} and {key[1]!r}")
+    (shown,) = sheet_rows([planned[key]])
+    for name in ("first_code", "second_code", "code", "condition"):
+        if name in shown and answer[name] != shown[name]:
+            raise StudyError(f"{name} must be {shown[name]!r} in this trial, as planned, got {answer[name]!r}")
+
+
+def _who_left(planned: Mapping[Key, Row], answered: Mapping[Key, Any]) -> tuple[str, ...]:
+    got = Counter((planned[key]["participant"], planned[key]["condition"]) for key in answered)
+    gone = {row["participant"] for row in planned.values() if not got[row["participant"], row["condition"]]}
+    return tuple(dict.fromkeys(row["participant"] for row in planned.values() if row["participant"] in gone))
+
+
+def _require_enough(frame: Any, planned: Mapping[Key, Row]) -> None:
+    require(not frame.empty, "at least one participant must have answered in every condition, got none")
+    cells = {(row["condition"], row["stimulus"]) for row in planned.values()}
+    empty = sorted(cells - set(zip(frame["condition"], frame["stimulus"], strict=True)))
+    if empty:
+        condition, stimulus = empty[0]
+        raise StudyError(
+            f"every block must be judged in every condition, got no answer for {stimulus} with {condition}"
+        )

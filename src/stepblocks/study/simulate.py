@@ -1,50 +1,94 @@
-"""Whole simulated studies: run sheets filled in, and how many participants and repetitions find a difference."""
+"""Simulated participants, and by them how many it takes to find a difference."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from stepblocks.errors import StudyError
-from stepblocks.study.analysis.anova import f_test
+from stepblocks.study import require
+from stepblocks.study.analysis.anova import Term, f_test
 from stepblocks.study.analysis.mixed import mixed_model
-from stepblocks.study.experiments import EXPERIMENTS
-from stepblocks.study.observer import Observer, estimate_heights
-from stepblocks.study.sheet import sheet_rows
+from stepblocks.study.analysis.psychometric import Z75
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Observer:
+    """What a population of participants is like."""
+
+    weber: float = 0.2  # Weber fraction of the energy [1]: the least difference that three of four judgements get right
+    response_noise: float = 5e-6  # standard deviation of what is added when a height is written down [m]
+    participant_spread: float = 3e-6  # standard deviation of the participants' own constant error [m]
+    condition_spread: float = 0.0  # standard deviation of how each participant's error differs by condition [m]
+    lapse: float = 0.0  # rate of answers that have nothing to do with the block [1]
+    realism_gain: float = 1.5  # by how much vibration moves the rating on its latent scale, in logistic units [1]
+
+    def __post_init__(self) -> None:
+        for name in ("weber", "response_noise", "participant_spread", "condition_spread"):
+            if not (math.isfinite(getattr(self, name)) and getattr(self, name) >= 0.0):
+                raise StudyError(f"{name} must be finite and not negative, got {getattr(self, name):g}")
+        require(0.0 <= self.lapse < 1.0, f"lapse must be a rate from 0 to below 1, got {self.lapse:g}")
+        require(math.isfinite(self.realism_gain), f"realism_gain must be finite, got {self.realism_gain:g}")
+
+    @property
+    def sensation_noise(self) -> float:
+        """Standard deviation of the logarithm of one felt energy [1], whose difference of two is ln(1 + weber) / 0.6745."""
+        return math.log1p(self.weber) / Z75 / math.sqrt(2.0)
+
+
+TYPICAL_OBSERVER = Observer()
+
+
+def read_off_height(energy: Any, heights: Sequence[float] | Array, energies: Sequence[float] | Array) -> Array:
+    """Read the height that usually gives an energy off those that are known, by straight lines through logarithms."""
+    order = np.argsort(heights)
+    y, x = np.log(np.asarray(heights, dtype=np.float64)[order]), np.log(np.asarray(energies, dtype=np.float64)[order])
+    if len(x) < 2 or not (np.isfinite(x).all() and (np.diff(x) > 0.0).all() and (np.diff(y) > 0.0).all()):
+        raise StudyError("energies must be at least two, positive, and rise with the height")
+    query = np.log(np.asarray(energy, dtype=np.float64))
+    stretch = np.clip(np.searchsorted(x, query) - 1, 0, len(x) - 2)
+    slope = (y[stretch + 1] - y[stretch]) / (x[stretch + 1] - x[stretch])
+    return np.asarray(np.exp(y[stretch] + slope * (query - x[stretch])), dtype=np.float64)
+
+
+def feel(energies: Array, observer: Observer, generator: np.random.Generator) -> Array:
+    """Let energies [J] be felt, each with its own noise."""
+    return np.asarray(energies * np.exp(observer.sensation_noise * generator.standard_normal(len(energies))))
+
+
+def estimate_heights(
+    trials: Any, known: tuple[Array, Array], observer: Observer, generator: np.random.Generator
+) -> Array:
+    """Let participants estimate heights [m]; `known` are heights [m] and undamped energies [J] that they connect."""
+    person, setting = trials["person"].to_numpy(), trials["setting"].to_numpy()
+    heights = trials["height"].to_numpy()
+    estimates = read_off_height(feel(trials["energy"].to_numpy(), observer, generator), *known)
+    estimates += observer.participant_spread * generator.standard_normal(person.max() + 1)[person]
+    own = generator.standard_normal((person.max() + 1, setting.max() + 1))
+    estimates += observer.condition_spread * own[person, setting]
+    estimates += observer.response_noise * generator.standard_normal(len(heights))
+    lapsed = generator.random(len(heights)) < observer.lapse
+    estimates[lapsed] = generator.permutation(heights)[lapsed]
+    return np.maximum(estimates, 0.0)
+
+
+def feels_higher(energy: float, standard: float, observer: Observer, generator: np.random.Generator) -> bool:
+    """Let a participant compare two blocks by what they feel."""
+    noise = observer.sensation_noise * float(generator.standard_normal() - generator.standard_normal())
+    higher = math.log(energy / standard) + noise > 0.0
+    if generator.random() < observer.lapse:
+        return bool(generator.random() < 0.5)
+    return higher
+
 
 ANALYSES = ("f-test", "mixed")  # the paper's F-test, and the mixed model
-
-
-def simulate_answers(
-    design: Sequence[Mapping[str, str]],
-    energies: Mapping[str, float],
-    damping: Mapping[str, float],
-    observer: Observer,
-    seed: int,
-) -> list[dict[str, str]]:
-    """Fill in the run sheets of a design, from each block's energy [J] and the share of it that a condition lets through."""
-    import pandas as pd
-
-    named = [name for row in design for name in (row["stimulus"], row["standard"]) if name]
-    lacking = [name for name in named if not energies.get(name, 0.0) > 0.0]
-    if lacking:
-        raise StudyError(f"every block must have a predicted energy, got none for {lacking[0]}")
-    trials = pd.DataFrame(design)
-    trials["person"], trials["setting"] = (pd.factorize(trials[name])[0] for name in ("participant", "condition"))
-    trials["height"] = trials["height_um"].astype(float) * 1e-6
-    shares = [damping.get(condition, 1.0) for condition in trials["condition"]]
-    trials["undamped"], trials["standard_energy"] = (trials[name].map(energies) for name in ("stimulus", "standard"))
-    trials["energy"] = trials["undamped"] * shares
-    experiment = EXPERIMENTS[design[0]["experiment"]]
-    answers = experiment.simulate(trials, observer, np.random.default_rng(seed))
-    return [
-        row | dict(zip(experiment.answers, texts, strict=True))
-        for row, texts in zip(sheet_rows(design), answers, strict=True)
-    ]
 
 
 @dataclass(frozen=True)
@@ -59,24 +103,21 @@ class SimulatedStudy:
     observer: Observer
 
     def __post_init__(self) -> None:
-        if self.participants < 2 or self.repetitions < 1:
-            raise StudyError(
-                f"a study needs at least 2 participants and 1 repetition, got {self.participants} and {self.repetitions}"
-            )
-        if len(self.factors) < 2:
-            raise StudyError(f"a study must compare at least two conditions, got {len(self.factors)}")
-        bad = [(name, share) for name, share in self.factors if not (math.isfinite(share) and share > 0.0)]
-        if bad:
-            raise StudyError(
-                f"the share of the energy must be positive and finite, got {bad[0][1]:g} [condition {bad[0][0]}]"
-            )
+        require(
+            self.participants >= 2 and self.repetitions >= 1,
+            f"a study needs at least 2 participants and 1 repetition, got {self.participants} and {self.repetitions}",
+        )
+        require(len(self.factors) >= 2, f"a study must compare at least two conditions, got {len(self.factors)}")
+        for name, share in self.factors:
+            said = f"the share of the energy must be positive and finite, got {share:g} [condition {name}]"
+            require(math.isfinite(share) and share > 0.0, said)
         if len(self.heights) != len(self.energies):
             raise StudyError(f"every block must have an energy, got {len(self.heights)} and {len(self.energies)}")
 
 
 @dataclass(frozen=True)
 class PowerEstimate:
-    """Share of simulated studies that find a difference between conditions."""
+    """Share of simulated studies that find a difference."""
 
     power: float  # share of studies with p below the level [1]
     low: float  # ends of its 95 % interval by Wilson
@@ -84,19 +125,19 @@ class PowerEstimate:
 
 
 def p_values(plan: SimulatedStudy, analysis: str, seeds: Sequence[int]) -> list[float]:
-    """Simulate studies and analyse each."""
-    return [_one(plan, analysis, seed) for seed in seeds]
-
-
-def _one(plan: SimulatedStudy, analysis: str, seed: int) -> float:
-    frame = simulated_frame(plan, seed)
+    """Simulate studies and test the conditions of each."""
     block = "stimulus" if len(plan.heights) > 1 else ""
-    if analysis == "f-test":
-        factors = ["condition", block] if block else ["condition"]
-        return f_test(frame, "error", factors, intervals=False).terms[0].p
-    term = mixed_model(frame, "error", "condition", "participant", block, intervals=False).condition
-    assert term is not None  # a plan has two conditions
-    return term.p
+    found = []
+    for seed in seeds:
+        frame = simulated_frame(plan, seed)
+        if analysis == "f-test":
+            factors = ["condition", block] if block else ["condition"]
+            term: Term | None = f_test(frame, "error", factors, intervals=False).terms[0]
+        else:
+            term = mixed_model(frame, "error", "condition", "participant", block, intervals=False).condition
+        assert term is not None  # a plan has two conditions
+        found.append(term.p)
+    return found
 
 
 def simulated_frame(plan: SimulatedStudy, seed: int) -> Any:
@@ -121,12 +162,9 @@ def estimate_power(
     from joblib import Parallel, delayed
     from statsmodels.stats.proportion import proportion_confint
 
-    if analysis not in ANALYSES:
-        raise StudyError(f"analysis must be one of {', '.join(ANALYSES)}, got {analysis!r}")
-    if not 10 <= runs <= 100_000:
-        raise StudyError(f"runs must lie between 10 and 100000, got {runs}")
-    if seed < 0 or jobs < 1:
-        raise StudyError(f"seed and jobs must be at least 0 and at least 1, got {seed} and {jobs}")
+    require(analysis in ANALYSES, f"analysis must be one of {', '.join(ANALYSES)}, got {analysis!r}")
+    require(10 <= runs <= 100_000, f"runs must lie between 10 and 100000, got {runs}")
+    require(seed >= 0 and jobs >= 1, f"seed and jobs must be at least 0 and at least 1, got {seed} and {jobs}")
     seeds = [int(child.generate_state(1, np.uint64)[0]) for child in np.random.SeedSequence(seed).spawn(runs)]
     share = max(1, math.ceil(runs / (4 * jobs)))
     parts = [seeds[start : start + share] for start in range(0, runs, share)]

@@ -12,6 +12,7 @@ from typing import Any
 import numpy as np
 
 from stepblocks.errors import StudyError
+from stepblocks.study import require
 
 _DOUBT = 0.05
 _ADVICE = {
@@ -83,12 +84,11 @@ def f_test(
     data["y"] = (data["y"] - shift) / scale  # a large common offset would cost the digits of the squares
     formula = "y ~ " + (" * " if interaction else " + ").join(f"C({letter}, Sum)" for letter in names)
     fit = smf.ols(formula, data).fit()
-    if fit.df_resid < 1 or fit.ssr <= 1e-20:
-        raise StudyError(
-            f"the error must be estimable: more than one judgement per cell, not all alike, got {len(data)} rows"
-        )
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore", FutureWarning)
+    require(
+        fit.df_resid >= 1 and fit.ssr > 1e-20,
+        f"the error must be estimable: more than one judgement per cell, not all alike, got {len(data)} rows",
+    )
+    with warnings.catch_warnings(action="ignore", category=FutureWarning):
         table = anova_lm(fit, typ=2)
     terms = []
     for label, row in table.drop("Residual").iterrows():
@@ -106,13 +106,11 @@ def f_test(
 def _renamed(frame: Any, response: str, factors: Sequence[str]) -> tuple[Any, dict[str, str]]:
     import pandas as pd
 
-    if not 1 <= len(factors) <= 2:
-        raise StudyError(f"one or two factors can be tested, got {len(factors)}")
+    require(1 <= len(factors) <= 2, f"one or two factors can be tested, got {len(factors)}")
     names = dict(zip("ab", factors, strict=False))
     data = pd.DataFrame({letter: frame[name].astype(str).to_numpy() for letter, name in names.items()})
     data["y"] = frame[response].to_numpy(dtype=np.float64)
-    if not np.isfinite(data["y"]).all():
-        raise StudyError(f"{response} must be finite in every row")
+    require(np.isfinite(data["y"]).all(), f"{response} must be finite in every row")
     for letter, name in names.items():
         if data[letter].nunique() < 2:
             raise StudyError(f"{name} must have at least two levels to be tested, got {data[letter].nunique()}")
@@ -180,11 +178,10 @@ def residual_checks(residuals: Any, groups: Sequence[str], participant_effects: 
     sample = values if values.size <= 5000 else np.sort(values)[np.linspace(0, values.size - 1, 5000).astype(int)]
     checks = [_check("residuals are normal", "Shapiro-Wilk", _shapiro(sample))]
     parts = [values[names == name] for name in dict.fromkeys(names.tolist())]
+    found = (math.nan, math.nan)
     if len(parts) > 1 and min(len(part) for part in parts) > 2:
-        outcome = stats.levene(*parts, center="median")
-        found = (float(outcome.statistic), float(outcome.pvalue))
-    else:
-        found = (math.nan, math.nan)
+        statistic, p = stats.levene(*parts, center="median")
+        found = (float(statistic), float(p))
     checks.append(_check("conditions have one residual spread", "Levene (median)", found))
     effects = np.asarray(participant_effects, dtype=np.float64)
     if effects.size:
@@ -197,8 +194,8 @@ def _shapiro(values: Any) -> tuple[float, float]:
 
     if values.size < 4 or float(np.ptp(values)) <= 0.0:
         return math.nan, math.nan
-    outcome = stats.shapiro(values / np.abs(values).max())
-    return float(outcome.statistic), float(outcome.pvalue)
+    statistic, p = stats.shapiro(values / np.abs(values).max())
+    return float(statistic), float(p)
 
 
 def _check(assumption: str, test: str, found: tuple[float, float]) -> Check:

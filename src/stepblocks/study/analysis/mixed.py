@@ -11,11 +11,13 @@ from typing import Any
 import numpy as np
 
 from stepblocks.errors import StudyError
+from stepblocks.study import require
 from stepblocks.study.analysis.anova import Interval, Term, effect_of, mean_rows, tukey_family
 
 _ZERO = 1e-6  # a variance below this share of the residual one is at its boundary
 _ALIKE = 1e-4  # log likelihoods closer than this are one
 _NEWTON_STEPS = 8
+_ROUGH = {"gtol": 1e-3}  # gradient per judgement from which Newton's method is tried
 _FLAT = 1e-9  # gradient per judgement, in the unit-free response, at which a point is flat
 
 
@@ -87,19 +89,19 @@ def _scaled(frame: Any, response: str, condition: str, participant: str, block: 
     if block:
         data["b"] = frame[block].astype(str).to_numpy()
     values = frame[response].to_numpy(dtype=np.float64)
-    if not np.isfinite(values).all():
-        raise StudyError(f"{response} must be finite in every row")
+    require(np.isfinite(values).all(), f"{response} must be finite in every row")
     if data["g"].nunique() < 2:
         raise StudyError(f"{participant}: a mixed model needs at least two participants, got {data['g'].nunique()}")
     scale, shift = float(values.std(ddof=1)), float(values.mean())
-    if not scale > 0.0:
-        raise StudyError(f"{response} must not be the same in all {len(values)} rows")
+    require(scale > 0.0, f"{response} must not be the same in all {len(values)} rows")
     data["y"] = (values - shift) / scale
     return data, scale, shift
 
 
 def _fit(data: Any, blocks: bool, compared: bool) -> tuple[Any, tuple[str, ...], float]:
     """Fit the largest model inside the bounds of its variances; say what was left out, and the factor on the variance of means."""
+    import statsmodels.formula.api as smf
+
     both = "C(a, Sum) * C(b, Sum)" if compared else "C(b, Sum)"
     fixed = both if blocks else "C(a, Sum)" if compared else "1"
     # A participant's response to a condition is only apart from single judgements where there are several of them.
@@ -107,13 +109,10 @@ def _fit(data: Any, blocks: bool, compared: bool) -> tuple[Any, tuple[str, ...],
     repeated = compared and counts.max() > 1
     between, within, number = _mean_squares(data) if repeated else (math.nan, math.nan, 1.0)
     at_zero = between <= within and counts.min() == counts.max()  # the closed form of a balanced design
-    fit = (
-        _optimise(data, fixed, {"re_formula": "1", "vc_formula": {"a": "0 + C(a)"}})
-        if repeated and not at_zero
-        else None
-    )
+    model = smf.mixedlm(f"y ~ {fixed}", data, groups="g")
+    fit = _optimise(_with_response(model, data)) if repeated and not at_zero else None
     if fit is None or float(fit.vcomp[0]) <= _ZERO * float(fit.scale) or not fit.converged:
-        plain = _optimise(data, fixed, {})
+        plain = _optimise(model)
         # At a boundary of zero the optimiser stalls; the model without that variance is then as likely, and smooth.
         fit = plain if fit is None or float(fit.llf) <= float(plain.llf) + _ALIKE else fit
     response = float(fit.vcomp[0]) if len(fit.vcomp) else 0.0
@@ -138,8 +137,7 @@ def _mean_squares(data: Any) -> tuple[float, float, float]:
     centred = data.assign(y=data["y"] - data.groupby(keys)["y"].transform("mean"))
     cells = centred.groupby(["g", "a"])["y"]
     means, number = cells.mean().unstack(), float(len(cells) / (1.0 / cells.size()).sum())
-    if means.isna().to_numpy().any():
-        raise StudyError("every participant must have a judgement in every condition")
+    require(not means.isna().to_numpy().any(), "every participant must have a judgement in every condition")
     doubly = means.sub(means.mean(axis=1), axis=0) - means.mean(axis=0) + means.to_numpy().mean()
     df = (means.shape[0] - 1) * (means.shape[1] - 1)
     left = float(((centred["y"] - cells.transform("mean")) ** 2).sum())
@@ -147,24 +145,34 @@ def _mean_squares(data: Any) -> tuple[float, float, float]:
     return number * float((doubly**2).to_numpy().sum()) / df, left / max(len(data) - spent, 1), number
 
 
-def _optimise(data: Any, fixed: str, options: dict[str, Any]) -> Any:
-    import statsmodels.formula.api as smf
+def _with_response(plain: Any, data: Any) -> Any:
+    """Let each participant respond to each condition by chance as well."""
+    import pandas as pd
+    from statsmodels.regression.mixed_linear_model import MixedLM, VCSpec
 
-    found = []
-    for method, settings in (("bfgs", {"gtol": 1e-10}), ("powell", {})):
-        with warnings.catch_warnings():
-            warnings.simplefilter("ignore")  # what went wrong is read from the result
+    chosen = pd.get_dummies(data["a"], dtype=float)
+    parts = [chosen[data["g"] == person] for person in plain.group_labels]
+    spread = VCSpec(["a"], [[list(chosen) for _ in parts]], [[part.to_numpy() for part in parts]])
+    return MixedLM(plain.endog, plain.exog, data["g"], exog_re=np.ones((len(data), 1)), exog_vc=spread)
+
+
+def _optimise(model: Any) -> Any:
+    """Climb roughly and let Newton finish; where no flat point is near, climb as far as each optimiser can."""
+    found: list[Any] = []
+    for method, settings in (("bfgs", _ROUGH), ("bfgs", {"gtol": 1e-10}), ("powell", {})):
+        if found and method == "bfgs":
+            continue  # what stalled would stall there again
+        with warnings.catch_warnings(action="ignore"):  # what went wrong is read from the result
             try:
-                fit = smf.mixedlm(f"y ~ {fixed}", data, groups="g", **options).fit(reml=True, method=method, **settings)
-                fit = _polished(fit)
+                fit, flat = _polished(model.fit(reml=True, method=method, **settings))
             except (np.linalg.LinAlgError, ValueError):
                 continue
-        if math.isfinite(fit.llf) and np.isfinite(np.asarray(fit.bse_fe)).all():
+        done = flat or not fit.converged or settings is not _ROUGH
+        if done and math.isfinite(fit.llf) and np.isfinite(np.asarray(fit.bse_fe)).all():
             found.append(fit)
             if fit.converged:
                 break
-    if not found:
-        raise StudyError(f"the mixed model cannot be fitted to these {len(data)} judgements: no optimum was found")
+    require(found, f"the mixed model cannot be fitted to these {len(model.endog)} judgements: no optimum was found")
     return max(found, key=lambda fit: (round(float(fit.llf), 6), bool(fit.converged)))
 
 
@@ -184,11 +192,13 @@ def _polished(fit: Any) -> Any:
         if not np.linalg.norm(ahead) < np.linalg.norm(slope):
             break
         point, slope = moved, ahead
+        if np.linalg.norm(slope) < 1e-3 * _FLAT * model.nobs:
+            break
     if not np.linalg.norm(slope) < _FLAT * model.nobs:
-        return fit
+        return fit, False
     # from a flat point the optimiser does not move; it computes the result there
     polished = model.fit(start_params=point, reml=True, method="bfgs", gtol=_FLAT)
-    return polished if float(polished.llf) >= float(fit.llf) - 1e-9 * model.nobs else fit
+    return (polished, True) if float(polished.llf) >= float(fit.llf) - 1e-9 * model.nobs else (fit, False)
 
 
 def _wald(name: str, rows: Sequence[Any], beta: Any, covariance: Any, df_error: float) -> Term:

@@ -15,6 +15,7 @@ from typing import Any
 import numpy as np
 
 from stepblocks.errors import StudyError
+from stepblocks.study import require
 from stepblocks.study.analysis.psychometric import Z975
 
 
@@ -61,7 +62,9 @@ def ordinal_model(frame: Any, rating: str, predictors: Sequence[str], participan
     ordered, exog, people = _matrices(frame, rating, predictors, participant)
     names = list(exog.columns)
     full = fit_proportional_odds(ordered, exog.join(people))
-    base_likelihood = float(fit_proportional_odds(ordered, people).llf) if people.shape[1] else _alone(ordered)
+    counts = ordered.value_counts().to_numpy(dtype=np.float64)
+    alone = float(np.sum(counts * np.log(counts / counts.sum())))  # log likelihood of the shares of the categories
+    base_likelihood = float(fit_proportional_odds(ordered, people).llf) if people.shape[1] else alone
     if not np.isfinite(full.bse[names]).all() or (np.abs(full.params[names]) * exog.std() > 15.0).any():
         raise StudyError(f"{rating} must overlap between the levels of {', '.join(predictors)}: no finite odds fit")
     from scipy.stats import chi2
@@ -86,8 +89,7 @@ def _errors(fit: Any, number: int, participants: Any) -> tuple[list[float], floa
         return [float(error) for error in fit.bse.iloc[:number]], Z975, None
     codes = np.unique(participants.astype(str), return_inverse=True)[1]
     people = int(codes.max()) + 1
-    if people <= number:
-        raise StudyError(f"more participants than compared conditions must have rated, got {people} for {number}")
+    require(people > number, f"more participants than compared conditions must have rated, got {people} for {number}")
     covariance = cluster_covariance(fit, codes)[:number, :number]
     values = fit.params.iloc[:number].to_numpy()
     # Hotelling: as many independent values as participants estimate the covariance
@@ -105,32 +107,23 @@ def _matrices(frame: Any, rating: str, predictors: Sequence[str], participant: s
     if len(ordered.cat.categories) < 2:
         raise StudyError(f"{rating} must have at least two different values, got {len(ordered.cat.categories)}")
     exog = pd.get_dummies(frame[list(predictors)], prefix="", prefix_sep="", drop_first=True).astype(float)
-    if not exog.shape[1] or (exog.std() == 0.0).any():
-        raise StudyError(f"{', '.join(predictors)} must have at least two levels")
+    require(exog.shape[1] and not (exog.std() == 0.0).any(), f"{', '.join(predictors)} must have at least two levels")
     if not participant:
         return ordered, exog, pd.DataFrame(index=exog.index)
     people = pd.get_dummies(frame[participant].astype(str), prefix="participant", prefix_sep=" ", drop_first=True)
     return ordered, exog, people.astype(float)
 
 
-def _alone(ordered: Any) -> float:
-    """Log likelihood of the shares of the categories."""
-    counts = ordered.value_counts().to_numpy(dtype=np.float64)
-    return float(np.sum(counts * np.log(counts / counts.sum())))
-
-
 def _by_cut(ordered: Any, exog: Any, names: Sequence[str]) -> dict[str, tuple[float, ...]]:
     import statsmodels.api as sm
 
-    found: dict[str, list[float]] = {name: [] for name in names}
+    found = []
     for cut in range(1, len(ordered.cat.categories)):
         above = (ordered.cat.codes >= cut).to_numpy(dtype=np.float64)
-        with warnings.catch_warnings():
-            warnings.simplefilter("ignore")
+        with warnings.catch_warnings(action="ignore"):
             fit = sm.GLM(above, sm.add_constant(exog, has_constant="add"), family=sm.families.Binomial()).fit()
-        for name in names:
-            found[name].append(float(fit.params[name]) if abs(float(fit.params[name])) < 15.0 else math.nan)
-    return {name: tuple(values) for name, values in found.items()}
+        found.append([value if abs(value) < 15.0 else math.nan for value in fit.params[names].tolist()])
+    return dict(zip(names, zip(*found, strict=True), strict=True))
 
 
 @cache
@@ -164,8 +157,7 @@ def _model() -> Any:
 
 def fit_proportional_odds(ordered: Any, exog: Any) -> Any:
     """Fit cumulative logits by maximum likelihood."""
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore")  # what went wrong is read from the result
+    with warnings.catch_warnings(action="ignore"):  # what went wrong is read from the result
         try:
             return _model()(ordered, exog, distr="logit").fit(method="bfgs", disp=0, gtol=1e-9, maxiter=2000)
         except (np.linalg.LinAlgError, ValueError) as error:

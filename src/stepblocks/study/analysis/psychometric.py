@@ -12,14 +12,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from stepblocks.errors import StudyError
+from stepblocks.study import require
 
 # Largest lapse rate that a fit may take; Wichmann and Hill (2001) bound it so that it cannot stand in for the slope
 MAX_LAPSE = 0.1
 Z75 = 0.6744897501960817  # standard normal quantile of 0.75
 Z975 = 1.959963984540054
-_VAGUE = (
-    1.0  # standard error of the logarithm of a spread or a threshold beyond which its interval spans a factor of fifty
-)
+# standard error of the logarithm of a spread or a threshold beyond which its interval spans a factor of fifty
+_VAGUE = 1.0
 # curvature of the log likelihood that counts as none [1]: a logarithm known to a standard deviation of 10 is not known
 _LEAST_INFORMATION = 1e-2
 Array = NDArray[np.float64]
@@ -70,13 +70,7 @@ def fit_psychometric(
 
 
 def crossing(intercept: float, slope: float, covariance: Any, quantile: float = 0.0) -> tuple[float, float]:
-    """Return where a line reaches a quantile, with its standard error by the delta method.
-
-    Examples
-    --------
-    >>> crossing(-2.0, 4.0, [[0.0, 0.0], [0.0, 0.0]])
-    (0.5, 0.0)
-    """
+    """Return where a line reaches a quantile, with its standard error by the delta method."""
     x = (quantile - intercept) / slope
     gradient = np.array([-1.0 / slope, -x / slope])
     return x, math.sqrt(float(gradient @ np.asarray(covariance) @ gradient))
@@ -88,8 +82,7 @@ def _checked(
     x, k, n = (np.asarray(values, dtype=np.float64) for values in (levels, hits, totals))
     if not (x.ndim == 1 and x.shape == k.shape == n.shape):
         raise StudyError(f"levels, hits and totals must be lists of one length, got {x.size}, {k.size} and {n.size}")
-    if not (np.isfinite(x).all() and (x > 0.0).all()):
-        raise StudyError("levels must be positive and finite")
+    require(np.isfinite(x).all() and (x > 0.0).all(), "levels must be positive and finite")
     if not ((n >= 0.0) & (k >= 0.0) & (k <= n) & (k == np.round(k)) & (n == np.round(n))).all():
         raise StudyError("hits must be whole numbers from 0 to the number of trials of their level")
     for name, rate in (("guess", guess), ("lapse", lapse)):
@@ -108,16 +101,15 @@ def _by_glm(log_x: Array, k: Array, n: Array) -> Any:
     model = sm.GLM(
         np.column_stack([k, n - k]), sm.add_constant(log_x), family=sm.families.Binomial(sm.families.links.Probit())
     )
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore")  # separation is told apart below, in words
+    with warnings.catch_warnings(action="ignore"):  # separation is told apart below, in words
         fit = model.fit(tol=1e-12, maxiter=200)
     share = (k / n)[np.argsort(log_x)]
     if fit.params[1] <= 0.0 or np.ptp(share) == 0.0:
         raise StudyError("answers must rise with the level, got ones that do not")
-    if not np.any((share > 0.0) & (share < 1.0)):
-        raise StudyError(
-            "answers jump from none to all between two levels: no spread can be told; add levels between them"
-        )
+    require(
+        np.any((share > 0.0) & (share < 1.0)),
+        "answers jump from none to all between two levels: no spread can be told; add levels between them",
+    )
     return fit
 
 
@@ -135,39 +127,25 @@ def _by_likelihood(start: Any, x: Array, k: Array, n: Array, guess: float | None
         p = np.clip(p, 1e-15, 1.0 - 1e-15)
         return -float(np.sum(xlogy(k, p) + xlog1py(n - k, -p)))
 
+    rates = [0.02] if lapse is None else []
+    bounds = [(None, None), (-8.0, 4.0), *((0.0, MAX_LAPSE) for _ in rates)]
     middle, spread = -start.params[0] / start.params[1], math.log(1.0 / start.params[1])
-    bounds = [(None, None), (-8.0, 4.0)] + ([(0.0, MAX_LAPSE)] if lapse is None else [])
-    found = min(
-        (
-            minimize(
-                loss,
-                [middle, spread - shrink, *([0.02] if lapse is None else [])],
-                method="L-BFGS-B",
-                bounds=bounds,
-                options={"ftol": 1e-15, "gtol": 1e-9, "maxiter": 1000},
-            )
-            for shrink in (0.0, 0.7)
-        ),
-        key=lambda one: float(one.fun),
-    )
-    if found.x[1] <= -7.9:
-        raise StudyError("answers jump between two levels: no spread can be told; add levels between them")
+    options = {"ftol": 1e-15, "gtol": 1e-9, "maxiter": 1000}
+    starts = ([middle, spread - shrink, *rates] for shrink in (0.0, 0.7))
+    fits = [minimize(loss, one, method="L-BFGS-B", bounds=bounds, options=options) for one in starts]
+    found = min(fits, key=lambda one: float(one.fun))
+    require(not found.x[1] <= -7.9, "answers jump between two levels: no spread can be told; add levels between them")
     rate = float(found.x[2]) if lapse is None else lapse
-    inside = lapse is None and 1e-6 < rate < MAX_LAPSE - 1e-6
-    free = 3 if inside else 2
+    free = 3 if lapse is None and 1e-6 < rate < MAX_LAPSE - 1e-6 else 2
 
     def around(parameters: Array) -> float:
         return loss(np.concatenate([parameters, found.x[free:]]))
 
-    covariance = _covariance(approx_hess(found.x[:free], around))
-    return _summary(
-        (float(found.x[0]), math.sqrt(max(covariance[0, 0], 0.0))),
-        (float(found.x[1]), math.sqrt(max(covariance[1, 1], 0.0))),
-        lapse=rate,
-        deviance=2.0 * (float(found.fun) - _saturated(k, n)),
-        df=len(x) - (3 if lapse is None else 2),
-        trials=int(n.sum()),
-    )
+    errors = np.sqrt(np.maximum(np.diag(_covariance(approx_hess(found.x[:free], around))), 0.0))
+    saturated = -float(np.sum(xlogy(k, k / n) + xlogy(n - k, (n - k) / n)))
+    logs = [(float(found.x[index]), float(errors[index])) for index in (0, 1)]
+    deviance, df = 2.0 * (float(found.fun) - saturated), len(x) - 2 - len(rates)
+    return _summary(*logs, lapse=rate, deviance=deviance, df=df, trials=int(n.sum()))
 
 
 def _covariance(information: Any) -> Array:
@@ -177,17 +155,10 @@ def _covariance(information: Any) -> Array:
 
 
 def _of_glm(fit: Any, count: int, trials: int) -> Psychometric:
-    intercept, slope = (float(value) for value in fit.params)
-    covariance = np.asarray(fit.cov_params())
+    (intercept, slope), covariance = map(float, fit.params), np.asarray(fit.cov_params())
     spread = (-math.log(slope), math.sqrt(covariance[1, 1]) / slope)
     middle = crossing(intercept, slope, covariance)
     return _summary(middle, spread, lapse=0.0, deviance=float(fit.deviance), df=count - 2, trials=trials)
-
-
-def _saturated(k: Array, n: Array) -> float:
-    from scipy.special import xlogy
-
-    return -float(np.sum(xlogy(k, k / n) + xlogy(n - k, (n - k) / n)))
 
 
 def _summary(
@@ -195,14 +166,14 @@ def _summary(
 ) -> Psychometric:
     """Give intervals from the logarithms of threshold and spread, each with its standard error."""
     # a threshold that is open comes first: its spread is then unknown as well
-    if not middle[1] < _VAGUE:
-        raise StudyError(
-            f"answers leave the threshold open: it cannot be told from {trials} trials; add trials, or levels around it"
-        )
-    if not spread[1] < _VAGUE:
-        raise StudyError(
-            f"answers jump between two of the levels: no spread can be told from {trials} trials; add levels between them"
-        )
+    require(
+        middle[1] < _VAGUE,
+        f"answers leave the threshold open: it cannot be told from {trials} trials; add trials, or levels around it",
+    )
+    require(
+        spread[1] < _VAGUE,
+        f"answers jump between two of the levels: no spread can be told from {trials} trials; add levels between them",
+    )
 
     def weber(log_sigma: float) -> float:
         return math.expm1(min(Z75 * math.exp(min(log_sigma, 20.0)), 700.0))
