@@ -29,11 +29,11 @@ from oracles.softgauge import (
 from stepblocks.artefacts.scans.scan import HeightMap, Profile
 from stepblocks.errors import MetrologyError
 from stepblocks.inspect.budget import Component, Instrument, Measured
-from stepblocks.inspect.evaluate.edge import fit_edge
-from stepblocks.inspect.evaluate.form import fit_face, flatness, zone_of_flatness
-from stepblocks.inspect.evaluate.masked_step import masked_step
-from stepblocks.inspect.evaluate.type_a1 import evaluate_a1
+from stepblocks.inspect.edge import fit_edge
+from stepblocks.inspect.form import fit_face, flatness, zone_of_flatness
+from stepblocks.inspect.masked_step import masked_step
 from stepblocks.inspect.measure import measure_edge, measure_margin, measure_tip
+from stepblocks.inspect.type_a1 import evaluate_a1
 
 Draw = Callable[[np.random.Generator], Iterator[tuple[str, float, Measured]]]
 UM, NM = 1e-6, 1e-9

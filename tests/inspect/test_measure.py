@@ -7,8 +7,8 @@ from oracles.softgauge import ball_gauge, correlated_noise, edge_gauge, groove_g
 from stepblocks.artefacts.scans.scan import HeightMap, Profile
 from stepblocks.errors import MetrologyError
 from stepblocks.inspect.budget import Instrument
-from stepblocks.inspect.evaluate.edge_arc import arc_radius, edge_profile
-from stepblocks.inspect.evaluate.masked_step import masked_step
+from stepblocks.inspect.edge_arc import arc_radius, edge_profile
+from stepblocks.inspect.masked_step import masked_step
 from stepblocks.inspect.measure import measure_edge, measure_groove, measure_margin, measure_tip
 
 X = np.arange(-200, 200) * 1e-6

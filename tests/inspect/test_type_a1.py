@@ -12,10 +12,10 @@ from stepblocks.artefacts.scans.read import read_scan
 from stepblocks.artefacts.scans.scan import HeightMap
 from stepblocks.errors import MetrologyError
 from stepblocks.inspect.budget import Component, Instrument, Measured, measured_from_profiles
-from stepblocks.inspect.evaluate.masked_step import masked_step
-from stepblocks.inspect.evaluate.noise import NoiseUncertainty
-from stepblocks.inspect.evaluate.type_a1 import evaluate_a1, find_features
+from stepblocks.inspect.masked_step import masked_step
 from stepblocks.inspect.measure import measure_groove
+from stepblocks.inspect.noise import NoiseUncertainty
+from stepblocks.inspect.type_a1 import evaluate_a1, find_features
 
 SHARED = Path(os.environ.get("STEPBLOCKS_SHARED", Path(__file__).parents[2] / ".." / "shared"))
 X = np.arange(-50, 951) * 1e-6
@@ -40,8 +40,8 @@ def test_without_noise_the_depth_is_exact_at_any_tilt_and_offset(depth, tilt):
 def test_rounding_is_neither_spike_nor_noise(flank, tilt):
     for depth in (37.4e-6, 0.5e-6, -10e-6):
         z = groove_gauge(X, depth, 300e-6, 600e-6, flank, tilt) + 1e-3
-        result = evaluate_a1(X, z, (300e-6, 600e-6), "exclude")
-        assert (result.outliers, result.excluded, result.depth_std) == (0, 0, 0.0)
+        result = evaluate_a1(X, z, (300e-6, 600e-6))
+        assert (result.outliers, result.depth_std) == (0, 0.0)
 
 
 def test_the_windows_are_those_of_the_standard():
@@ -100,22 +100,19 @@ def test_edges_are_found_at_half_depth_whatever_the_tilt():
         assert right == pytest.approx(600e-6, abs=1e-6)
 
 
-def test_flanks_that_reach_into_the_windows_are_refused_or_cut_and_said():
+def test_flanks_that_reach_into_the_windows_are_refused_by_name():
     # a flank of 230 um reaches 15 um into A, C and B; evaluated blindly it takes 0.5 um off a groove of 37.4 um
     z = groove_gauge(X, 37.4e-6, 300e-6, 600e-6, flank=230e-6)
     z += correlated_noise(len(X), 1e-6, 10e-9, 0.0, 1e-6, np.random.default_rng(1))
     with pytest.raises(MetrologyError, match="reaches into A, C, B"):
         evaluate_a1(X, z, (300e-6, 600e-6))
-    cut = evaluate_a1(X, z, (300e-6, 600e-6), contaminated="exclude")
-    assert cut.excluded >= 4 * 13
-    assert cut.depth == pytest.approx(37.4e-6, abs=8e-9)
-    blind = evaluate_a1(X, groove_gauge(X, 37.4e-6, 300e-6, 600e-6, flank=20e-6), (300e-6, 600e-6))
-    assert blind.excluded == 0
+    narrow = evaluate_a1(X, groove_gauge(X, 37.4e-6, 300e-6, 600e-6, flank=20e-6), (300e-6, 600e-6))
+    assert narrow.depth == pytest.approx(37.4e-6, abs=8e-9)
 
 
-def test_a_window_that_is_mostly_flank_is_refused_even_when_cutting():
+def test_a_window_that_is_mostly_flank_is_refused():
     with pytest.raises(MetrologyError, match=r"keep at least half|reaches into"):
-        evaluate_a1(X, groove_gauge(X, 10e-6, 300e-6, 600e-6, flank=299e-6), (300e-6, 600e-6), contaminated="exclude")
+        evaluate_a1(X, groove_gauge(X, 10e-6, 300e-6, 600e-6, flank=299e-6), (300e-6, 600e-6))
 
 
 def test_missing_points_change_nothing_but_the_uncertainty():

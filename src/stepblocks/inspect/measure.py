@@ -12,13 +12,13 @@ from numpy.typing import NDArray
 from stepblocks.artefacts.scans.scan import HeightMap, Profile, rows_of
 from stepblocks.errors import MetrologyError
 from stepblocks.inspect.budget import Component, Instrument, Measured, measured_from_profiles, with_budget
-from stepblocks.inspect.evaluate.edge import Edge, fit_edge
-from stepblocks.inspect.evaluate.form import FormZone, fit_face, zone_of_flatness, zone_of_parallelism
-from stepblocks.inspect.evaluate.margin_gap import fit_margin
-from stepblocks.inspect.evaluate.masked_step import masked_step
-from stepblocks.inspect.evaluate.noise import NoiseUncertainty
-from stepblocks.inspect.evaluate.tip import fit_cap
-from stepblocks.inspect.evaluate.type_a1 import evaluate_a1, find_features
+from stepblocks.inspect.edge import Edge, fit_edge
+from stepblocks.inspect.form import FormZone, fit_face, zone_of_flatness, zone_of_parallelism
+from stepblocks.inspect.margin_gap import fit_margin
+from stepblocks.inspect.masked_step import masked_step
+from stepblocks.inspect.noise import NoiseUncertainty
+from stepblocks.inspect.tip import fit_cap
+from stepblocks.inspect.type_a1 import evaluate_a1, find_features
 
 Array = NDArray[np.float64]
 T = TypeVar("T")
@@ -152,7 +152,7 @@ def measure_groove(scan: Profile | HeightMap, instrument: Instrument, key: str =
 
     Type A1 needs a plane face of one width on either side, W = R - L. In a map where most profiles cross two features or
     more, the windows A and B of one would lie on the next: such a map (a grating) is evaluated by
-    `stepblocks.inspect.evaluate.masked_step.masked_step`, and the convention says so.
+    `stepblocks.inspect.masked_step.masked_step`, and the convention says so.
     """
     rows, notes = _sampled(scan)
     if isinstance(scan, HeightMap) and _is_grating(rows):

@@ -14,10 +14,9 @@ from stepblocks.contact.felt import energy_change, scanned_angle
 from stepblocks.contact.operating_point import OperatingPoint
 from stepblocks.declare import load_declared
 from stepblocks.errors import PipelineError
-from stepblocks.inspect.budget import Instrument
-from stepblocks.inspect.conformity import Outcome, judge, verdict_of
+from stepblocks.inspect.budget import Instrument, Outcome, judge, verdict_of
 from stepblocks.inspect.measure import Inspected, measure_edge, measure_groove, measure_margin, measure_tip
-from stepblocks.inspect.result import InspectionResult
+from stepblocks.inspect.report import InspectionResult
 from stepblocks.parts.characteristics import Characteristic, characteristics_of
 from stepblocks.parts.conditions import PredictionGrid
 from stepblocks.parts.kind import Part

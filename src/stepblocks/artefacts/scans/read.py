@@ -5,8 +5,8 @@ from __future__ import annotations
 from dataclasses import replace
 from pathlib import Path
 
-from stepblocks.artefacts.scans.foreign import FORMATS, read_foreign
 from stepblocks.artefacts.scans.height_scale import check_height_scale, stated_height_scale
+from stepblocks.artefacts.scans.read import FORMATS, read_foreign
 from stepblocks.artefacts.scans.scan import HeightMap, Profile
 from stepblocks.artefacts.scans.text import read_text_scan
 from stepblocks.errors import MetrologyError

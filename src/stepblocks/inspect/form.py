@@ -14,17 +14,11 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
 
 from stepblocks.errors import MetrologyError
-from stepblocks.inspect.evaluate.noise import covariance_root, noise_uncertainty, outlier_mask
+from stepblocks.inspect.noise import Array, Mask, covariance_root, noise_uncertainty, outlier_mask
 
-Array = NDArray[np.float64]
-Mask = NDArray[np.bool_]
-
-_MOST_DEGREE = (
-    3  # largest total degree of the form [1]; along a side with fewer than four points per degree it is lower
-)
+_MOST_DEGREE = 3  # largest total degree of the form [1]; lower along a side with fewer than four points per degree
 _DRAWS = 40
 _SCALES = (1.0, np.sqrt(3.0))
 # ratio of the two growths from which it is told from the root of two [1]; forty draws scatter it by a third
@@ -43,26 +37,13 @@ class Plane:
     zone_least_squares: float  # the same about the least-squares plane [m]
 
 
-def flatness(points: ArrayLike) -> Plane:
-    """Flatness of a face by minimum zone.
+def flatness(points: Array) -> Plane:
+    """Flatness of a face by minimum zone (ISO 1101) of its points [m], of shape (n, 3); those with a nan are left out.
 
-    Parameters
-    ----------
-    points : array_like, shape (n, 3)
-        Points of the face [m]; those with a nan are left out.
-
-    Raises
-    ------
-    MetrologyError
-        If fewer than four points are known, or all lie on one line.
-
-    References
-    ----------
-    ISO 1101; the zone is a linear programme over the vertices of the convex hull, which alone can touch it.
+    The zone is a linear programme over the vertices of the convex hull, which alone can touch it.
 
     Examples
     --------
-    >>> import numpy as np
     >>> x, y = np.meshgrid(np.arange(5) * 1e-3, np.arange(4) * 1e-3)
     >>> z = 0.01 * x + np.where((x == 2e-3) & (y == 1e-3), 1e-6, 0.0)
     >>> round(flatness(np.stack([x.ravel(), y.ravel(), z.ravel()], axis=1)).zone * 1e6, 3)
@@ -92,18 +73,22 @@ def flatness(points: ArrayLike) -> Plane:
     return _plane(solution + result.x[:3] * unit, centre, scale, 2.0 * float(result.x[3]) * unit, unit)
 
 
-def parallelism(points: ArrayLike, datum: Plane) -> float:
+def parallelism(points: Array, datum: Plane) -> float:
     """Parallelism of a face, points of shape (n, 3), to a datum: the width along its normal that holds every point [m]."""
     cloud = _points(points)
     above = cloud[:, 2] - datum.slope_x * cloud[:, 0] - datum.slope_y * cloud[:, 1]
     return float(np.ptp(above) / (1.0 + datum.slope_x**2 + datum.slope_y**2) ** 0.5)
 
 
-def _points(points: ArrayLike) -> Array:
-    cloud = np.asarray(points, dtype=np.float64)
-    if cloud.ndim != 2 or cloud.shape[1] != 3:
-        raise MetrologyError(f"points must be rows of x, y, z, got shape {cloud.shape}")
-    cloud = cloud[np.isfinite(cloud).all(axis=1)]
+def known_points(points: Array) -> Array:
+    """Return points without those that have a nan."""
+    if points.ndim != 2 or points.shape[1] != 3:
+        raise MetrologyError(f"points must be rows of x, y, z, got shape {points.shape}")
+    return points[np.isfinite(points).all(axis=1)]
+
+
+def _points(points: Array) -> Array:
+    cloud = known_points(points)
     if len(cloud) < 4 or np.linalg.matrix_rank(cloud[:, :2] - cloud[:, :2].mean(axis=0), tol=1e-12) < 2:
         raise MetrologyError(f"points must span a face: at least 4 that are not on one line, got {len(cloud)}")
     return cloud
@@ -159,16 +144,15 @@ def fit_face(x: Array, y: Array, height: Array, face: Mask) -> FaceForm:
         raise MetrologyError(f"face must have at least 20 points on two rows and columns, got {int(used.sum())}")
     mx, my = np.meshgrid(x, y)
     points = np.stack([mx[used], my[used], height[used]], axis=1)
-    middles = [0.5 * (x[columns[0]] + x[columns[-1]]), 0.5 * (y[rows[0]] + y[rows[-1]])]
-    halves = [0.5 * (x[columns[-1]] - x[columns[0]]), 0.5 * (y[rows[-1]] - y[rows[0]])]
+    sides = (x[columns[0]], x[columns[-1]]), (y[rows[0]], y[rows[-1]])
+    middles, halves = [0.5 * (begin + end) for begin, end in sides], [0.5 * (end - begin) for begin, end in sides]
     degrees = [min(_MOST_DEGREE, max(len(index) // 4, 1)) for index in (columns, rows)]
     powers = [(i, j) for i in range(degrees[0] + 1) for j in range(degrees[1] + 1) if i + j <= max(degrees)]
     design = _terms((x[np.newaxis, :] - middles[0]) / halves[0], (y[:, np.newaxis] - middles[1]) / halves[1], powers)
     for _ in range(4):
         solution = np.linalg.lstsq(design[:, used].T, height[used], rcond=None)[0]
         residuals = height - np.tensordot(solution, design, 1)
-        spikes = np.zeros_like(used)
-        spikes[used] = outlier_mask(residuals[used])
+        spikes = outlier_mask(residuals, used)
         if not spikes.any():
             break
         used &= ~spikes

@@ -10,17 +10,21 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 
 from stepblocks.errors import MetrologyError
-from stepblocks.inspect.evaluate.edge_arc import Arc, arc_radius
-from stepblocks.inspect.evaluate.levelling import TwoPlanes, despiked, fit_two_planes, roughly_levelled, split_gains
-from stepblocks.inspect.evaluate.noise import LEAST_SCATTER, autocovariance, covariance_root, estimator_covariance
+from stepblocks.inspect.edge_arc import Arc, arc_radius
+from stepblocks.inspect.levelling import (
+    LEAST_FACE,
+    TwoPlanes,
+    check_profile,
+    despiked,
+    fit_two_planes,
+    roughly_levelled,
+    split_gains,
+)
+from stepblocks.inspect.noise import LEAST_SCATTER, Array, Mask, autocovariance, covariance_root, estimator_covariance
 
-Array = NDArray[np.float64]
-Mask = NDArray[np.bool_]
-
-_LEAST_POINTS = 20  # of a face
 _SUSPECT = 4.0  # mean square of whitened residuals on the arc beyond which one of its points may be a spike [1]
 # factor by which that falls when the spike is left out [1]; form of the edge is in all points and falls by less
 _BY_FAR = 2.5
@@ -40,35 +44,18 @@ class Edge:
     position: float  # of the riser along the profile [m]
     tilt: float  # common slope of the faces [1]
     exclusion: float  # half width that was kept out of the faces [m]
-    roughness: float  # standard deviation of the levelled faces [m]
-    form: float  # root mean square of what the arc leaves inside the exclusion, across the surface [m]
     rejected: int  # points taken for spikes or missing
     rising: bool  # whether the higher face lies at larger positions
 
 
-def fit_edge(position: ArrayLike, height: ArrayLike, exclusion: float | None = None) -> Edge:
-    """Height of a step and radius of its edge from one profile across it.
+def fit_edge(position: Array, height: Array, exclusion: float | None = None) -> Edge:
+    """Height of a step and radius of its edge from one profile across it [m], nan where nothing was measured.
 
-    Height: least squares of ``z = a x + b + h s(x)``, s = 0 below and 1 above the edge; its uncertainty goes through
-    the autocovariance of the residuals, since roughness is correlated. Radius: see
-    `stepblocks.inspect.evaluate.edge_arc.arc_radius`.
-
-    Parameters
-    ----------
-    position, height : array_like, shape (n,)
-        Profile [m], in equal steps; nan where nothing was measured.
-    exclusion : float, optional
-        Half width that is kept out of the faces [m]; a twelfth of the shorter face by default, more where the edge is
-        rounded further.
-
-    Raises
-    ------
-    MetrologyError
-        If the profile is malformed, shows no step above its noise, or a face keeps too few points.
+    `exclusion` is the half width that is kept out of the faces [m]; a twelfth of the shorter face by default, more where
+    the edge is rounded further.
 
     Examples
     --------
-    >>> import numpy as np
     >>> x = np.arange(-2000, 2000) * 0.25e-6
     >>> u = np.clip(14e-6 - x, 0.0, 14e-6)
     >>> z = np.where(x < 0, 0.0, 50e-6 - 14e-6 + np.sqrt(14e-6**2 - u**2)) + 3e-4 * x
@@ -77,7 +64,10 @@ def fit_edge(position: ArrayLike, height: ArrayLike, exclusion: float | None = N
     >>> round(edge.height * 1e6, 1), round(edge.radius * 1e6, 1)
     (50.0, 14.0)
     """
-    x, z = _checked(position, height)
+    check_profile(position, height, 2 * LEAST_FACE)
+    x, z = position, np.where(np.isfinite(height), height, np.nan)
+    if np.isfinite(z).sum() < 2 * LEAST_FACE:
+        raise MetrologyError(f"profile must have at least {2 * LEAST_FACE} measured points")
     middle, rising = _locate(x, z)
     if not rising:
         x, z, middle = -x[::-1], z[::-1], -middle
@@ -115,8 +105,6 @@ def fit_edge(position: ArrayLike, height: ArrayLike, exclusion: float | None = N
         position=sign * arc.riser,
         tilt=sign * planes.tilt,
         exclusion=half_width,
-        roughness=roughness,
-        form=arc.form,
         rejected=planes.rejected + len(spikes) + on_arc + int(np.isnan(z).sum()),
         rising=rising,
     )
@@ -139,22 +127,6 @@ class _Faces:
         return self.planes.offset - self.planes.tilt * self.middle
 
 
-def _checked(position: ArrayLike, height: ArrayLike) -> tuple[Array, Array]:
-    x = np.asarray(position, dtype=np.float64)
-    z = np.asarray(height, dtype=np.float64).copy()
-    if x.ndim != 1 or x.shape != z.shape:
-        raise MetrologyError(f"profile must be two equally long rows, got {x.shape} and {z.shape}")
-    if len(x) < 2 * _LEAST_POINTS:
-        raise MetrologyError(f"profile must have at least {2 * _LEAST_POINTS} points, got {len(x)}")
-    steps = np.diff(x)
-    if not (np.isfinite(x).all() and (steps > 0.0).all() and np.ptp(steps) < 0.01 * np.mean(steps)):
-        raise MetrologyError("positions of the profile must increase in equal steps within 1 %")
-    z[~np.isfinite(z)] = np.nan
-    if np.isfinite(z).sum() < 2 * _LEAST_POINTS:
-        raise MetrologyError(f"profile must have at least {2 * _LEAST_POINTS} measured points")
-    return x, z
-
-
 def _locate(x: Array, z: Array) -> tuple[float, bool]:
     """Find the split that explains most variance about one line per side: where the riser is, and its direction."""
     known = np.isfinite(z)
@@ -170,9 +142,9 @@ def _fit_faces(x: Array, z: Array, middle: float, exclusion: float) -> _Faces:
     lower, upper = x < middle - exclusion, x > middle + exclusion
     finite = np.isfinite(z)
     for name, side in (("left", lower), ("right", upper)):
-        if (side & finite).sum() < _LEAST_POINTS:
+        if (side & finite).sum() < LEAST_FACE:
             raise MetrologyError(
-                f"face {name} of the edge must keep {_LEAST_POINTS} points outside the exclusion of "
+                f"face {name} of the edge must keep {LEAST_FACE} points outside the exclusion of "
                 f"{exclusion * 1e6:.4g} um, got {int((side & finite).sum())}"
             )
     planes = fit_two_planes(x, z, middle, (lower | upper) & finite)

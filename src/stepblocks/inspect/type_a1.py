@@ -8,22 +8,17 @@ The profile is not filtered. A window that holds a part of a flank bends the res
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Literal
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
 
 from stepblocks.errors import MetrologyError
-from stepblocks.inspect.evaluate.levelling import despiked, roughly_levelled, two_levels, without_spikes
-from stepblocks.inspect.evaluate.noise import LEAST_SCATTER, noise_uncertainty, outlier_mask, robust_scale
+from stepblocks.inspect.levelling import despiked, roughly_levelled, two_levels, weighted, without_spikes
+from stepblocks.inspect.noise import LEAST_SCATTER, SPIKE, Array, Mask, noise_uncertainty, outlier_mask, robust_scale
 
-Array = NDArray[np.float64]
-Mask = NDArray[np.bool_]
 Span = tuple[float, float]
 
 _LEAST_POINTS = 5  # of a window
 _TOLERATED = 0.01  # deviation of a window's points that is no flank, as a part of the depth [1]
-_SIGMAS = 5.0  # robust standard deviations beyond which a point is a spike
 _MOST_OUTLIERS = 0.1  # part of a window's points that may be spikes [1]
 
 
@@ -34,17 +29,13 @@ class TypeA1:
     depth: float  # 2h [m]; negative for a ridge
     depth_std: float  # its standard uncertainty from noise and roughness [m]
     depth_dof: float  # effective degrees of freedom of that uncertainty [1]
-    edges: Span  # L and R, where the profile crosses half the depth [m]
-    windows: tuple[Span, Span, Span]  # begin and end of A, C and B as evaluated, after cuts [m]
+    windows: tuple[Span, Span, Span]  # begin and end of A, C and B as evaluated [m]
     tilt: float  # slope a [1]
-    excluded: int  # points cut from the windows because a flank reached into them
     outliers: int  # points left out as spikes
-    form: float  # root mean square of the residuals in the windows [m]
 
 
-def find_features(position: ArrayLike, height: ArrayLike) -> list[Span]:
+def find_features(x: Array, z: Array) -> list[Span]:
     """Edges L and R of every groove or ridge that lies wholly inside a profile."""
-    x, z = np.asarray(position, dtype=np.float64), np.asarray(height, dtype=np.float64)
     known = np.isfinite(z)
     x, z = x[known], z[known]
     if len(x) < 4 * _LEAST_POINTS:
@@ -54,61 +45,32 @@ def find_features(position: ArrayLike, height: ArrayLike) -> list[Span]:
     middle = 0.5 * (lower + upper)
     inside = level < middle if (level < middle).sum() <= 0.5 * len(level) else level > middle
     change = np.flatnonzero(np.diff(inside.astype(np.int8)))
-    crossings = [float(np.interp(middle, *_ordered(level[i : i + 2], x[i : i + 2]))) for i in change]
+    # `interp` asks for rising levels
+    pairs = [np.array([level[i : i + 2], x[i : i + 2]])[:, :: 1 if level[i] <= level[i + 1] else -1] for i in change]
+    crossings = [float(np.interp(middle, *pair)) for pair in pairs]
     begin = 1 if inside[0] else 0
     return list(zip(crossings[begin::2], crossings[begin + 1 :: 2], strict=False))
 
 
-def _ordered(levels: Array, positions: Array) -> tuple[Array, Array]:
-    return (levels, positions) if levels[0] <= levels[1] else (levels[::-1], positions[::-1])
+def evaluate_a1(x: Array, z: Array, edges: Span | None = None) -> TypeA1:
+    """Depth of one groove or ridge in one profile [m], nan where nothing was measured (ISO 5436-1:2000, 5.2 and figure 7).
 
-
-def evaluate_a1(
-    position: ArrayLike,
-    height: ArrayLike,
-    edges: Span | None = None,
-    contaminated: Literal["refuse", "exclude"] = "refuse",
-) -> TypeA1:
-    """Depth of one groove or ridge in one profile.
-
-    Parameters
-    ----------
-    position, height : array_like, shape (n,)
-        Profile [m]; nan where nothing was measured.
-    edges : tuple of float, optional
-        L and R [m]; found where not given, and then there must be one feature.
-    contaminated : {"refuse", "exclude"}
-        What to do where a flank or a defect reaches into a window.
-
-    Raises
-    ------
-    MetrologyError
-        If the profile does not reach one width beyond the edges, a window is contaminated, or holds too few points or
-        too many spikes.
-
-    References
-    ----------
-    ISO 5436-1:2000, 5.2 and figure 7.
+    `edges` are L and R [m]; found where not given, and then there must be one feature.
 
     Examples
     --------
-    >>> import numpy as np
     >>> x = np.arange(900) * 1e-6
     >>> z = np.where((x > 300e-6) & (x < 600e-6), -10e-6, 0.0) + 1e-3 * x
     >>> result = evaluate_a1(x, z)
     >>> round(result.depth * 1e6, 6)
     10.0
     """
-    x, z = np.asarray(position, dtype=np.float64), np.asarray(height, dtype=np.float64)
     left, right = edges if edges is not None else _only_feature(x, z)
     width = right - left
     if not width > 0.0:
         raise MetrologyError(f"edges must be in order, got {left:g} and {right:g} m")
-    spans = (
-        (left - width, left - width / 3),
-        (left + width / 3, right - width / 3),
-        (right + width / 3, right + width),
-    )
+    outer = (left - width, left - width / 3), (right + width / 3, right + width)
+    spans = outer[0], (left + width / 3, right - width / 3), outer[1]
     slack = 0.5 * (x[-1] - x[0]) / (len(x) - 1)
     if spans[0][0] < x[0] - slack or spans[2][1] > x[-1] + slack:
         raise MetrologyError(
@@ -116,22 +78,20 @@ def evaluate_a1(
             f"{spans[2][1] * 1e6:.4g} um, got {x[0] * 1e6:.4g} to {x[-1] * 1e6:.4g} um"
         )
     masks = [(x >= begin) & (x <= end) & np.isfinite(z) for begin, end in spans]
-    cuts = [_flank_mask(x, z, mask, masks) for mask in masks]
-    excluded = int(sum(cut.sum() for cut in cuts))
-    if excluded and contaminated == "refuse":
-        names = [name for name, cut in zip("ACB", cuts, strict=True) if cut.any()]
+    feature = f"the feature from {left * 1e6:.4g} to {right * 1e6:.4g} um"
+    cuts = {name: _flank_points(x, z, mask, masks) for name, mask in zip("ACB", masks, strict=True)}
+    if any(cuts.values()):
         raise MetrologyError(
-            f"windows of type A1 must lie on the faces, but a flank or a defect reaches into {', '.join(names)} "
-            f"({excluded} points) of the feature from {left * 1e6:.4g} to {right * 1e6:.4g} um"
+            "windows of type A1 must lie on the faces, but a flank or a defect reaches into "
+            f"{', '.join(name for name, cut in cuts.items() if cut)} ({sum(cuts.values())} points) of {feature}"
         )
-    kept = [mask & ~cut for mask, cut in zip(masks, cuts, strict=True)]
-    for name, mask, before in zip("ACB", kept, masks, strict=True):
-        if mask.sum() < max(_LEAST_POINTS, before.sum() // 2):
+    for name, mask in zip("ACB", masks, strict=True):
+        if mask.sum() < _LEAST_POINTS:
             raise MetrologyError(
                 f"window {name} must keep at least half of its points and {_LEAST_POINTS}, got {mask.sum()} of "
-                f"{before.sum()} for the feature from {left * 1e6:.4g} to {right * 1e6:.4g} um"
+                f"{mask.sum()} for {feature}"
             )
-    return _solve(x, z, kept, (left, right), excluded)
+    return _solve(x, z, masks, feature)
 
 
 def _only_feature(x: Array, z: Array) -> Span:
@@ -145,22 +105,20 @@ def _fit(x: Array, z: Array, masks: list[Mask]) -> tuple[Array, Array, Array, Ma
     used = masks[0] | masks[1] | masks[2]
     origin, scale = float(x[used].mean()), float(np.ptp(x[used]))
     design = np.stack([(x - origin) / scale, np.ones_like(x), np.where(masks[1], -1.0, 1.0)])
-    inverse = np.linalg.inv(design[:, used] @ design[:, used].T)
-    weights = np.where(used, inverse @ design, 0.0)
-    solution = weights[:, used] @ z[used]
+    weights, solution = weighted(design, z, used)
     solution[0] /= scale
     weights[0] /= scale
     return solution, weights, z - (solution[0] * (x - origin) + solution[1:] @ design[1:]), used, design
 
 
-def _flank_mask(x: Array, z: Array, mask: Mask, masks: list[Mask]) -> Mask:
-    """Return the points at the ends of a window that lie on a flank."""
+def _flank_points(x: Array, z: Array, mask: Mask, masks: list[Mask]) -> int:
+    """Count the points at the ends of a window that lie on a flank."""
     if mask.sum() < _LEAST_POINTS:
-        return np.zeros_like(mask)
+        return 0
     # the inner half of each window is judged clean; the fit through these halves is the reference
     cores = [_core(one) for one in masks]
     if any(core.sum() < 2 for core in cores):
-        return np.zeros_like(mask)
+        return 0
     solution, _, residuals, used, _ = _fit(x, z, cores)
     depth = abs(2.0 * float(solution[2]))
     own = float(np.median(residuals[_core(mask)]))
@@ -169,14 +127,8 @@ def _flank_mask(x: Array, z: Array, mask: Mask, masks: list[Mask]) -> Mask:
     origin = float(x[used].mean())
     deviation = z - (solution[0] * (x - origin) + solution[1] + solution[2] * side) - own
     noise = max(robust_scale(residuals[used]), LEAST_SCATTER)
-    limit = max(_SIGMAS * noise, _TOLERATED * depth)
-    index = np.flatnonzero(mask)
-    size = np.abs(deviation[index])
-    cut = np.zeros_like(mask)
-    for inward in (index, index[::-1]):
-        count = _flank_length(size if inward is index else size[::-1], limit, 2.0 * noise)
-        cut[inward[:count]] = True
-    return cut
+    size, limit = np.abs(deviation[mask]), max(SPIKE * noise, _TOLERATED * depth)
+    return min(sum(_flank_length(inward, limit, 2.0 * noise) for inward in (size, size[::-1])), len(size))
 
 
 def _flank_length(size: Array, limit: float, floor: float) -> int:
@@ -198,34 +150,24 @@ def _core(mask: Mask) -> Mask:
     return core
 
 
-def _solve(x: Array, z: Array, masks: list[Mask], edges: Span, excluded: int) -> TypeA1:
+def _solve(x: Array, z: Array, masks: list[Mask], feature: str) -> TypeA1:
     whole = int(sum(mask.sum() for mask in masks))
-    solution, weights, residuals, used, design = _fit(x, without_spikes(z), masks)
-    residuals = z - without_spikes(z) + residuals
+    calm = without_spikes(z)
+    solution, weights, residuals, used, design = _fit(x, calm, masks)
+    residuals = z - calm + residuals
     for _ in range(6):
-        spikes = np.zeros_like(used)
-        spikes[used] = outlier_mask(residuals[used], _SIGMAS)
+        spikes = outlier_mask(residuals, used)
         outliers = whole - int(used.sum()) + int(spikes.sum())
         if outliers > _MOST_OUTLIERS * whole or any((mask & ~spikes).sum() < _LEAST_POINTS for mask in masks):
             raise MetrologyError(
-                f"windows of type A1 must hold at most {_MOST_OUTLIERS:.0%} spikes, got {outliers} of {whole} points for the "
-                f"feature from {edges[0] * 1e6:.4g} to {edges[1] * 1e6:.4g} um"
+                f"windows of type A1 must hold at most {_MOST_OUTLIERS:.0%} spikes, got {outliers} of {whole} points for "
+                f"{feature}"
             )
         masks = [mask & ~spikes for mask in masks]
         solution, weights, residuals, used, design = _fit(x, z, masks)
         if not spikes.any():
             break
-    outliers = whole - int(used.sum())
     noise = noise_uncertainty(2.0 * weights[2], residuals, used, list(design))
-    windows = [(float(x[mask][0]), float(x[mask][-1])) for mask in masks]
-    return TypeA1(
-        depth=2.0 * float(solution[2]),
-        depth_std=noise.std,
-        depth_dof=noise.dof,
-        edges=edges,
-        windows=(windows[0], windows[1], windows[2]),
-        tilt=float(solution[0]),
-        excluded=excluded,
-        outliers=outliers,
-        form=float(np.sqrt(np.mean(residuals[used] ** 2))),
-    )
+    first, middle, last = ((float(x[mask][0]), float(x[mask][-1])) for mask in masks)
+    tilt, depth = float(solution[0]), 2.0 * float(solution[2])
+    return TypeA1(depth, noise.std, noise.dof, (first, middle, last), tilt, whole - int(used.sum()))
