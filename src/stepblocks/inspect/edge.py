@@ -72,28 +72,21 @@ def fit_edge(position: Array, height: Array, exclusion: float | None = None) -> 
     if not rising:
         x, z, middle = -x[::-1], z[::-1], -middle
     spacing = (x[-1] - x[0]) / (len(x) - 1)
-    shorter = min(middle - x[0], x[-1] - middle)
-    half_width = exclusion if exclusion is not None else shorter / 12.0
+    half_width = exclusion if exclusion is not None else min(middle - x[0], x[-1] - middle) / 12.0
     faces = _fit_faces(x, z, middle, half_width)
-    if exclusion is None:
-        reach = _rounding_width(x, z, spacing, faces)
-        if 1.5 * reach > half_width:
-            half_width = 1.5 * reach
-            faces = _fit_faces(x, z, middle, half_width)
+    if exclusion is None and (wider := 1.5 * _rounding_width(x, z, spacing, faces)) > half_width:
+        half_width, faces = wider, _fit_faces(x, z, middle, wider)
     planes, roughness = faces.planes, faces.roughness
     if not planes.height > 5.0 * max(planes.noise.std, roughness / np.sqrt(len(x))):
         raise MetrologyError(
             f"profile must show a step above its noise, got {planes.height * 1e6:.4g} um with roughness "
             f"{roughness * 1e6:.3g} um"
         )
-    known = np.flatnonzero(np.isfinite(z))
-    near = np.abs(x - middle) < half_width
+    known = np.isfinite(z)
+    near, spikes = known & (np.abs(x - middle) < half_width), np.zeros_like(known)
     # over the whole profile, so that the points at the ends of the window have their neighbours too
-    spikes = known[_beyond_neighbours(z[known] - planes.tilt * x[known], 6.0 * max(roughness, LEAST_SCATTER))]
-    spikes = spikes[near[spikes]]
-    inside = near & np.isfinite(z)
-    inside[spikes] = False
-    arc, on_arc = _arc_without_spikes(x, z, spacing, faces, inside)
+    spikes[known] = _beyond_neighbours(z[known] - planes.tilt * x[known], 6.0 * max(roughness, LEAST_SCATTER))
+    arc, on_arc = _arc_without_spikes(x, z, spacing, faces, np.flatnonzero(near & ~spikes))
     sign = 1.0 if rising else -1.0
     return Edge(
         height=planes.height,
@@ -105,7 +98,7 @@ def fit_edge(position: Array, height: Array, exclusion: float | None = None) -> 
         position=sign * arc.riser,
         tilt=sign * planes.tilt,
         exclusion=half_width,
-        rejected=planes.rejected + len(spikes) + on_arc + int(np.isnan(z).sum()),
+        rejected=planes.rejected + int((near & spikes).sum()) + on_arc + int((~known).sum()),
         rising=rising,
     )
 
@@ -164,24 +157,22 @@ def _beyond_neighbours(heights: Array, limit: float) -> Mask:
     return np.asarray(beyond | below)
 
 
-def _arc_without_spikes(x: Array, z: Array, spacing: float, faces: _Faces, inside: Mask) -> tuple[Arc, int]:
+def _arc_without_spikes(x: Array, z: Array, spacing: float, faces: _Faces, kept: NDArray[np.intp]) -> tuple[Arc, int]:
     """Fit the arc; drop a point where the circle fits the others by far better, as it does for a spike and not for form."""
-    kept, planes, middle = np.flatnonzero(inside), faces.planes, faces.middle
 
     def fitted(points: NDArray[np.intp]) -> Arc:
         u = x[points]
-        columns = np.stack([u - middle, np.ones(len(u)), (u > middle).astype(float)])
-        levelled = z[points] - faces.offset - planes.tilt * u
-        return arc_radius(u, levelled, planes.height, spacing, faces.gamma, faces.errors @ columns)
+        columns = np.stack([u - faces.middle, np.ones(len(u)), (u > faces.middle).astype(float)])
+        levelled = z[points] - faces.offset - faces.planes.tilt * u
+        return arc_radius(u, levelled, faces.planes.height, spacing, faces.gamma, faces.errors @ columns)
 
     arc, dropped = fitted(kept), 0
     while arc.excess > _SUSPECT and dropped < _MOST_ON_ARC and len(kept) > 8:
         trials = [np.delete(kept, index) for index in arc.suspects]
-        others = [fitted(points) for points in trials]
-        best = min(range(len(others)), key=lambda index: others[index].misfit)
-        if others[best].excess > arc.excess / _BY_FAR:
+        best, points = min(((fitted(points), points) for points in trials), key=lambda trial: trial[0].misfit)
+        if best.excess > arc.excess / _BY_FAR:
             break
-        arc, kept, dropped = others[best], trials[best], dropped + 1
+        arc, kept, dropped = best, points, dropped + 1
     return arc, dropped
 
 
