@@ -122,7 +122,7 @@ def test_a_masked_step_needs_every_point_and_room_beside_the_edges():
     with pytest.raises(MetrologyError, match="at least 3 rows with floor and reference beyond"):
         masked_step(grating(), exclusion=3e-6)
     wide, narrow = (masked_step(grating(), exclusion) for exclusion in (0.3e-6, 1.0e-6))
-    assert wide.depth == pytest.approx(narrow.depth, abs=4.0 * narrow.depth_std)
+    assert wide.depth == pytest.approx(narrow.depth, abs=4.0 * narrow.noise.std)
     assert wide.rows > narrow.rows
 
 

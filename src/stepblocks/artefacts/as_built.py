@@ -47,8 +47,8 @@ class AsBuilt:
     @property
     def height(self) -> AsBuiltValue | None:
         """Height of the step: measured at the edge itself, or at the feature beside it that is as high."""
-        found = (self.values.get(key) for key in ("step_height", "groove_depth", "ridge_height"))
-        return next((value for value in found if value is not None), None)
+        keys = ("step_height", "groove_depth", "ridge_height")
+        return next((self.values[key] for key in keys if key in self.values), None)
 
 
 def write_as_built(path: Path, record: AsBuilt) -> list[Path]:

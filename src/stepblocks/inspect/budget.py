@@ -1,9 +1,8 @@
 """A measured value with its uncertainty budget (GUM), and whether it conforms (ISO 14253-1).
 
 JCGM 100:2008: components add in squares (10), degrees of freedom by Welch and Satterthwaite (G.2b), coverage factor
-from Student's law. A component that nobody has stated is named as not stated; it is not silently zero. At 95 %
-conformance probability the guard band is 1.65 u: inside the limits by more than it, the part conforms; outside by more
-than it, it does not; between, neither is proven.
+from Student's law. Inside the limits by more than the guard band, 1.65 u at 95 % conformance probability, the part
+conforms; outside by more than it, it does not; between, neither is proven.
 """
 
 from __future__ import annotations
@@ -108,19 +107,11 @@ def measured_from_profiles(
 ) -> Measured:
     """Mean over profiles with its budget.
 
-    The scatter of the profiles holds their noise already, so the two together are the scatter over the root of the number
-    of profiles, with its degrees of freedom; repeatability is what it has beyond the noise, and as a difference of two
-    variances it has few degrees of freedom itself. Neighbouring profiles may err together, so of the scatter only its slow part
+    The scatter of the profiles holds their noise already; repeatability is what it has beyond the noise, and as a difference of
+    two variances it has few degrees of freedom. Neighbouring profiles may err together, so of the scatter only its slow part
     counts: the lowest cosines over the map (four of up to 37 profiles), whose squares average the variance of the mean with as
     many degrees of freedom; exact for independent profiles, and little too small for correlated ones (Lazarus, Lewis, Stock
-    and Watson 2018, doi:10.1080/07350015.2018.1506926). One profile shows no repeatability; the component is then not stated.
-
-    Examples
-    --------
-    >>> quiet = [NoiseUncertainty(0.05e-6, 50.0)] * 2
-    >>> result = measured_from_profiles("depth", [10.0e-6, 10.2e-6], quiet, Instrument(1e-3, 1e-9))
-    >>> round(result.value * 1e6, 3), round(result.std * 1e6, 3), round(result.dof, 1)
-    (10.1, 0.101, 1.0)
+    and Watson 2018, doi:10.1080/07350015.2018.1506926). One profile shows no repeatability.
     """
     heights = np.asarray(values, dtype=np.float64)
     within = np.array([one.std**2 for one in noise], dtype=np.float64)
@@ -187,13 +178,6 @@ def decide(
     """Judge one measured value; with few degrees of freedom the guard band is Student's 95 % point instead of 1.65.
 
     Proof of conformity is impossible where the tolerance is narrower than two guard bands.
-
-    Examples
-    --------
-    >>> decide(10.2e-6, 0.1e-6, 9e-6, 11e-6).verdict
-    <Outcome.CONFORMS: 'conforms'>
-    >>> decide(10.9e-6, 0.1e-6, 9e-6, 11e-6).verdict
-    <Outcome.NOT_PROVEN: 'not proven'>
     """
     if not (math.isfinite(value) and math.isfinite(std) and std >= 0.0):
         raise MetrologyError(f"value and std must be finite and std not negative, got {value:g} and {std:g}")

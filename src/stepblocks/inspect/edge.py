@@ -53,16 +53,6 @@ def fit_edge(position: Array, height: Array, exclusion: float | None = None) -> 
 
     `exclusion` is the half width that is kept out of the faces [m]; a twelfth of the shorter face by default, more where
     the edge is rounded further.
-
-    Examples
-    --------
-    >>> x = np.arange(-2000, 2000) * 0.25e-6
-    >>> u = np.clip(14e-6 - x, 0.0, 14e-6)
-    >>> z = np.where(x < 0, 0.0, 50e-6 - 14e-6 + np.sqrt(14e-6**2 - u**2)) + 3e-4 * x
-    >>> noise = np.random.default_rng(1).normal(0.0, 20e-9, x.size)
-    >>> edge = fit_edge(x, z + noise)
-    >>> round(edge.height * 1e6, 1), round(edge.radius * 1e6, 1)
-    (50.0, 14.0)
     """
     check_profile(position, height, 2 * LEAST_FACE)
     x, z = position, np.where(np.isfinite(height), height, np.nan)
@@ -78,10 +68,8 @@ def fit_edge(position: Array, height: Array, exclusion: float | None = None) -> 
         half_width, faces = wider, _fit_faces(x, z, middle, wider)
     planes, roughness = faces.planes, faces.roughness
     if not planes.height > 5.0 * max(planes.noise.std, roughness / np.sqrt(len(x))):
-        raise MetrologyError(
-            f"profile must show a step above its noise, got {planes.height * 1e6:.4g} um with roughness "
-            f"{roughness * 1e6:.3g} um"
-        )
+        got = f"{planes.height * 1e6:.4g} um with roughness {roughness * 1e6:.3g} um"
+        raise MetrologyError(f"profile must show a step above its noise, got {got}")
     known = np.isfinite(z)
     near, spikes = known & (np.abs(x - middle) < half_width), np.zeros_like(known)
     # over the whole profile, so that the points at the ends of the window have their neighbours too
@@ -136,10 +124,8 @@ def _fit_faces(x: Array, z: Array, middle: float, exclusion: float) -> _Faces:
     finite = np.isfinite(z)
     for name, side in (("left", lower), ("right", upper)):
         if (side & finite).sum() < LEAST_FACE:
-            raise MetrologyError(
-                f"face {name} of the edge must keep {LEAST_FACE} points outside the exclusion of "
-                f"{exclusion * 1e6:.4g} um, got {int((side & finite).sum())}"
-            )
+            rule = f"must keep {LEAST_FACE} points outside the exclusion of {exclusion * 1e6:.4g} um"
+            raise MetrologyError(f"face {name} of the edge {rule}, got {int((side & finite).sum())}")
     planes = fit_two_planes(x, z, middle, (lower | upper) & finite)
     kept = np.where(planes.used, planes.residuals, np.nan)
     gamma = autocovariance([kept[lower], kept[upper]])

@@ -1,16 +1,14 @@
-"""Flatness of a face and parallelism to a datum, by minimum zone: of points, and of the form apart from the noise.
-
-Minimum zone is what ISO 1101 defines: the least distance of two parallel planes that hold all points. It is a linear
-programme, solved by scipy's HiGHS. The least-squares deviation, which instruments often print, is never smaller.
+"""Flatness of a face and parallelism to a datum, by minimum zone (ISO 1101): of points, and of the form apart from the noise.
 
 The zone that holds all measured points grows with noise and with the number of points, and says little of a face. Stated
-is the zone of the form: of the polynomial of total degree three or less, fitted by least squares, over the face that was
-scanned. That polynomial is the filter. What its coefficients owe to noise is drawn from their covariance: the mean by which the
-zone grows with it is taken off, its scatter is the uncertainty. The zone of all points stands beside it as a note.
+is the zone of the form: of a polynomial of total degree three or less, the filter, fitted by least squares over what was
+scanned. What its coefficients owe to noise is drawn from their covariance: the mean by which the zone grows with it is taken
+off, its scatter is the uncertainty. The zone of all points stands beside it as a note.
 """
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -41,13 +39,6 @@ def flatness(points: Array) -> Plane:
     """Flatness of a face by minimum zone (ISO 1101) of its points [m], of shape (n, 3); those with a nan are left out.
 
     The zone is a linear programme over the vertices of the convex hull, which alone can touch it.
-
-    Examples
-    --------
-    >>> x, y = np.meshgrid(np.arange(5) * 1e-3, np.arange(4) * 1e-3)
-    >>> z = 0.01 * x + np.where((x == 2e-3) & (y == 1e-3), 1e-6, 0.0)
-    >>> round(flatness(np.stack([x.ravel(), y.ravel(), z.ravel()], axis=1)).zone * 1e6, 3)
-    1.0
     """
     from scipy.optimize import linprog
     from scipy.spatial import ConvexHull, QhullError
@@ -176,33 +167,33 @@ def _terms(at_x: Array, at_y: Array, powers: list[tuple[int, int]]) -> Array:
 
 def zone_of_flatness(face: FaceForm) -> FormZone:
     """Flatness of the form of a face (ISO 1101, minimum zone)."""
-    added = face.draws(np.random.default_rng(1101))
-    drawn = [np.array([flatness(face.shape(scale * one)).zone for one in added]) for scale in _SCALES]
-    return _without_growth(flatness(face.shape()).zone, drawn, face.dof, flatness(face.points).zone)
+    return _zone_of(lambda points: flatness(points).zone, face)
 
 
 def zone_of_parallelism(face: FaceForm, datum: FaceForm) -> FormZone:
     """Parallelism of the form of a face to the minimum-zone plane of the form of another (ISO 1101)."""
-    random = np.random.default_rng(1101)
-    pairs = list(zip(face.draws(random), datum.draws(random), strict=True))
-
-    def zones(scale: float) -> Array:
-        return np.array([parallelism(face.shape(scale * a), flatness(datum.shape(scale * b))) for a, b in pairs])
-
-    zone = parallelism(face.shape(), flatness(datum.shape()))
-    all_points = parallelism(face.points, flatness(datum.points))
-    return _without_growth(zone, [zones(scale) for scale in _SCALES], min(face.dof, datum.dof), all_points)
+    return _zone_of(lambda points, others: parallelism(points, flatness(others)), face, datum)
 
 
-def _without_growth(zone: float, drawn: list[Array], dof: float, all_points: float) -> FormZone:
-    """Take off what noise has added; as much again, as a rectangle, counts beside the scatter.
+def _zone_of(width: Callable[..., float], *faces: FaceForm) -> FormZone:
+    """Take off what noise has added to a zone; as much again, as a rectangle, counts beside the scatter.
 
     The fit holds the noise once, draws at the two scales hold it as its root of two and twice. Where one term sets the zone, the
     zone grows with the standard deviation of the noise and the second growth is the first times the root of two; where several
     do, it grows with a higher power, and the power follows from the two. Either way it is followed back to no noise.
     """
-    first, second = float(drawn[0].mean()) - zone, float(drawn[1].mean() - drawn[0].mean())
+    random = np.random.default_rng(1101)
+    draws = list(zip(*(face.draws(random) for face in faces), strict=True))
+
+    def drawn(scale: float) -> Array:
+        shapes = ([face.shape(scale * one) for face, one in zip(faces, draw, strict=True)] for draw in draws)
+        return np.array([width(*points) for points in shapes])
+
+    once, twice = (drawn(scale) for scale in _SCALES)
+    zone = width(*(face.shape() for face in faces))
+    first, second = float(once.mean()) - zone, float(twice.mean() - once.mean())
     ratio = second / first if second > _SEVERAL * first > 0.0 else np.sqrt(2.0)
     growth = min(max(first / (ratio - 1.0), 0.0), zone)
-    std = float(np.hypot(drawn[0].std(ddof=1), growth / np.sqrt(3.0)))
-    return FormZone(zone - growth, std, dof, all_points)
+    std = float(np.hypot(once.std(ddof=1), growth / np.sqrt(3.0)))
+    all_points = width(*(face.points for face in faces))
+    return FormZone(zone - growth, std, min(face.dof for face in faces), all_points)

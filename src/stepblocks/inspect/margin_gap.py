@@ -50,13 +50,11 @@ class Margin:
 def fit_margin(x: Array, z: Array) -> Margin:
     """Measure opening and rise of a margin from a profile [m], nan where nothing was measured.
 
-    An edge is where the profile has fallen below its own shoulder by half the depth of the gap under the lower
-    shoulder; missing points count as gap. Where two samples jump over a wall, the edge is known to that interval, as a
-    rectangle; where samples lie on a flank, the crossing is interpolated and the noise of the two counts.
+    An edge is where the profile has fallen below its own shoulder by half the depth of the gap; missing points count as gap.
+    Where two samples jump over a wall, the edge is known to that interval, as a rectangle; on a flank it is interpolated.
     """
     check_profile(x, z, 3 * LEAST_FACE)
-    known = np.isfinite(z)
-    level = np.full_like(z, np.nan)
+    known, level = np.isfinite(z), np.full_like(z, np.nan)
     level[known] = despiked(roughly_levelled(x[known], z[known]))
     begin, end = _gap(level)
     middle = 0.5 * float(x[begin] + x[end - 1])
@@ -90,10 +88,9 @@ def _gap(level: Array) -> tuple[int, int]:
 
 def _shoulders(x: Array, z: Array, begin: int, end: int, middle: float) -> TwoPlanes:
     margin = max((end - begin) // 2, 3)
-    index = np.arange(len(x))
-    left, right = index < begin - margin, index >= end + margin
-    used = (left | right) & np.isfinite(z)
-    if (left & used).sum() < LEAST_FACE or (right & used).sum() < LEAST_FACE:
+    used = np.isfinite(z)
+    used[max(begin - margin, 0) : end + margin] = False
+    if min(used[:begin].sum(), used[end:].sum()) < LEAST_FACE:
         raise MetrologyError(f"shoulders must keep {LEAST_FACE} points each beside the gap")
     return fit_two_planes(x, z, middle, used)
 

@@ -27,8 +27,7 @@ class MaskedStep:
     """Depth of the features of a map."""
 
     depth: float  # weighted mean over rows [m]; negative for ridges
-    depth_std: float  # its standard uncertainty from their scatter [m]
-    depth_dof: float  # effective degrees of freedom of that uncertainty [1]
+    noise: NoiseUncertainty  # of the depth, from their scatter [m]
     exclusion: float  # distance that was kept to every edge [m]
     rows: int  # that took part
     features: int  # separate ones in the map
@@ -54,10 +53,8 @@ def masked_step(scan: HeightMap, exclusion: float | None = None) -> MaskedStep:
     depths, weights = _row_depths(scan.x, z, floor, reference)
     known = np.isfinite(depths)
     if known.sum() < 3:
-        raise MetrologyError(
-            f"map must keep at least 3 rows with floor and reference beyond {exclusion * 1e6:.3g} um, got "
-            f"{int(known.sum())} [{scan.source}]"
-        )
+        rule = f"map must keep at least 3 rows with floor and reference beyond {exclusion * 1e6:.3g} um"
+        raise MetrologyError(f"{rule}, got {int(known.sum())} [{scan.source}]")
     share = np.where(known, weights, 0.0)
     share /= share.sum()
     depth = float(np.sum(share[known] * depths[known]))
@@ -66,7 +63,7 @@ def masked_step(scan: HeightMap, exclusion: float | None = None) -> MaskedStep:
     line = np.polynomial.Polynomial.fit(scan.x[reference[shown]], z[shown, reference[shown]], 1)
     profile = scan.x, z[shown] - line(scan.x)
     features = int(ndimage.label(inside)[1])
-    return MaskedStep(depth, noise.std, noise.dof, exclusion, int(known.sum()), features, profile)
+    return MaskedStep(depth, noise, exclusion, int(known.sum()), features, profile)
 
 
 def _by_bands(depths: Array, share: Array, depth: float, known: Mask) -> NoiseUncertainty:

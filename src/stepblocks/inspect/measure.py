@@ -152,7 +152,7 @@ def measure_groove(scan: Profile | HeightMap, instrument: Instrument, key: str =
     if isinstance(scan, HeightMap) and _is_grating(rows):
         return _masked(scan, instrument, key)
     results = _evaluated(rows, lambda row: evaluate_a1(row.position, row.height), notes)
-    noise = [NoiseUncertainty(one.depth_std, one.depth_dof) for _, one in results]
+    noise = [one.noise for _, one in results]
     value = measured_from_profiles(key.replace("_", " "), [abs(one.depth) for _, one in results], noise, instrument)
     if outliers := sum(one.outliers for _, one in results):
         notes.append(f"{outliers} points left out as spikes")
@@ -176,7 +176,7 @@ def _masked(scan: HeightMap, instrument: Instrument, key: str) -> Inspected:
     except MetrologyError:
         form = np.nan
     how = "scatter over rows, with the correlation of neighbours"
-    noise = Component("noise", step.depth_std, step.depth_dof, how)
+    noise = Component("noise", step.noise.std, step.noise.dof, how)
     change = Component("form", float(form), how="change with one and a half times the exclusion, rectangular")
     value = with_budget(key.replace("_", " "), abs(step.depth), [noise], instrument, [change])
     convention = (

@@ -5,9 +5,8 @@ uncertainty of this room is propagated through the autocovariance of the residua
 
 A height is a weighted sum ``w . z``. With stationary noise its variance is the sum over lags of ``c(k) gamma(k)``, c the
 autocorrelation of the weights and gamma the autocovariance of the noise. Gamma is estimated from a few hundred
-residuals, so the variance is itself uncertain: it carries degrees of freedom, and an interval needs Student's factor.
-Two biases are taken out: the taper over lags is flat where the noise is correlated (a falling one loses the tail), and
-what the fit has swallowed of the noise is put back by its expectation. Profiles and maps go the same way.
+residuals, so the variance carries degrees of freedom. Two biases are taken out: the taper over lags is flat where the noise
+is correlated, and what the fit has swallowed of the noise is put back by its expectation. Maps go the same way.
 """
 
 from __future__ import annotations

@@ -13,7 +13,16 @@ import numpy as np
 
 from stepblocks.errors import MetrologyError
 from stepblocks.inspect.levelling import despiked, roughly_levelled, two_levels, weighted, without_spikes
-from stepblocks.inspect.noise import LEAST_SCATTER, SPIKE, Array, Mask, noise_uncertainty, outlier_mask, robust_scale
+from stepblocks.inspect.noise import (
+    LEAST_SCATTER,
+    SPIKE,
+    Array,
+    Mask,
+    NoiseUncertainty,
+    noise_uncertainty,
+    outlier_mask,
+    robust_scale,
+)
 
 Span = tuple[float, float]
 
@@ -27,8 +36,7 @@ class TypeA1:
     """Result of one evaluation."""
 
     depth: float  # 2h [m]; negative for a ridge
-    depth_std: float  # its standard uncertainty from noise and roughness [m]
-    depth_dof: float  # effective degrees of freedom of that uncertainty [1]
+    noise: NoiseUncertainty  # of the depth, from noise and roughness [m]
     windows: tuple[Span, Span, Span]  # begin and end of A, C and B as evaluated [m]
     tilt: float  # slope a [1]
     outliers: int  # points left out as spikes
@@ -56,14 +64,6 @@ def evaluate_a1(x: Array, z: Array, edges: Span | None = None) -> TypeA1:
     """Depth of one groove or ridge in one profile [m], nan where nothing was measured (ISO 5436-1:2000, 5.2 and figure 7).
 
     `edges` are L and R [m]; found where not given, and then there must be one feature.
-
-    Examples
-    --------
-    >>> x = np.arange(900) * 1e-6
-    >>> z = np.where((x > 300e-6) & (x < 600e-6), -10e-6, 0.0) + 1e-3 * x
-    >>> result = evaluate_a1(x, z)
-    >>> round(result.depth * 1e6, 6)
-    10.0
     """
     left, right = edges if edges is not None else _only_feature(x, z)
     width = right - left
@@ -81,16 +81,13 @@ def evaluate_a1(x: Array, z: Array, edges: Span | None = None) -> TypeA1:
     feature = f"the feature from {left * 1e6:.4g} to {right * 1e6:.4g} um"
     cuts = {name: _flank_points(x, z, mask, masks) for name, mask in zip("ACB", masks, strict=True)}
     if any(cuts.values()):
-        raise MetrologyError(
-            "windows of type A1 must lie on the faces, but a flank or a defect reaches into "
-            f"{', '.join(name for name, cut in cuts.items() if cut)} ({sum(cuts.values())} points) of {feature}"
-        )
+        reached = f"{', '.join(name for name, cut in cuts.items() if cut)} ({sum(cuts.values())} points) of {feature}"
+        rule = "windows of type A1 must lie on the faces"
+        raise MetrologyError(f"{rule}, but a flank or a defect reaches into {reached}")
     for name, mask in zip("ACB", masks, strict=True):
         if mask.sum() < _LEAST_POINTS:
-            raise MetrologyError(
-                f"window {name} must keep at least half of its points and {_LEAST_POINTS}, got {mask.sum()} of "
-                f"{mask.sum()} for {feature}"
-            )
+            rule = f"window {name} must keep at least half of its points and {_LEAST_POINTS}"
+            raise MetrologyError(f"{rule}, got {mask.sum()} of {mask.sum()} for {feature}")
     return _solve(x, z, masks, feature)
 
 
@@ -159,10 +156,8 @@ def _solve(x: Array, z: Array, masks: list[Mask], feature: str) -> TypeA1:
         spikes = outlier_mask(residuals, used)
         outliers = whole - int(used.sum()) + int(spikes.sum())
         if outliers > _MOST_OUTLIERS * whole or any((mask & ~spikes).sum() < _LEAST_POINTS for mask in masks):
-            raise MetrologyError(
-                f"windows of type A1 must hold at most {_MOST_OUTLIERS:.0%} spikes, got {outliers} of {whole} points for "
-                f"{feature}"
-            )
+            rule = f"windows of type A1 must hold at most {_MOST_OUTLIERS:.0%} spikes"
+            raise MetrologyError(f"{rule}, got {outliers} of {whole} points for {feature}")
         masks = [mask & ~spikes for mask in masks]
         solution, weights, residuals, used, design = _fit(x, z, masks)
         if not spikes.any():
@@ -170,4 +165,4 @@ def _solve(x: Array, z: Array, masks: list[Mask], feature: str) -> TypeA1:
     noise = noise_uncertainty(2.0 * weights[2], residuals, used, list(design))
     first, middle, last = ((float(x[mask][0]), float(x[mask][-1])) for mask in masks)
     tilt, depth = float(solution[0]), 2.0 * float(solution[2])
-    return TypeA1(depth, noise.std, noise.dof, (first, middle, last), tilt, whole - int(used.sum()))
+    return TypeA1(depth, noise, (first, middle, last), tilt, whole - int(used.sum()))

@@ -122,9 +122,7 @@ def _sdf(head: bytes) -> HeightScale | None:
         count, kind = float(fields["Zscale"]), int(fields["DataType"])
     else:
         return None
-    if kind in (3, 7):
-        return None
-    return HeightScale(float(count), -(2**32) * count, 2**32 * count, "Zscale of the header")
+    return None if kind in (3, 7) else HeightScale(count, -(2**32) * count, 2**32 * count, "Zscale of the header")
 
 
 def _opdx(head: bytes) -> HeightScale | None:
@@ -140,7 +138,8 @@ def _opdx(head: bytes) -> HeightScale | None:
         (size,) = struct.unpack_from("<I", head, at)
         symbol = head[at + 4 : at + 4 + min(size, 64)].decode("utf-8")
         at += 4 + size
-    return HeightScale(float(value) / LENGTH_UNITS[symbol.strip()], -np.inf, np.inf, "DataScale of the channel", integral=False)
+    count = float(value) / LENGTH_UNITS[symbol.strip()]
+    return HeightScale(count, -np.inf, np.inf, "DataScale of the channel", integral=False)
 
 
 def _gwy(head: bytes) -> HeightScale | None:

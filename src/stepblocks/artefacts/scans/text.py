@@ -45,9 +45,8 @@ def read_text_scan(path: Path, unit: str | None = None) -> Profile | HeightMap:
 
 
 def _decode(path: Path) -> str:
-    if path.stat().st_size > _MOST_BYTES:
-        size = f"{path.stat().st_size} bytes"
-        raise MetrologyError(f"text must not exceed {_MOST_BYTES >> 20} MiB, got {size} [{path.name}]")
+    if (size := path.stat().st_size) > _MOST_BYTES:
+        raise MetrologyError(f"text must not exceed {_MOST_BYTES >> 20} MiB, got {size} bytes [{path.name}]")
     raw = path.read_bytes()
     if b"\0" in raw[:4096]:
         raise MetrologyError(f"file must be text, got zero bytes [{path.name}]")
