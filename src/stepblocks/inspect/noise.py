@@ -156,7 +156,7 @@ class _Lags:
     def transform(self, values: Array) -> NDArray[np.complex128]:
         return np.asarray(fft.rfftn(values, self.shape))
 
-    def back(self, spectrum: Array) -> Array:
+    def back(self, spectrum: Array | NDArray[np.complex128]) -> Array:
         return np.asarray(fft.irfftn(spectrum, self.shape))
 
     def autocorrelation(self, values: Array) -> Array:

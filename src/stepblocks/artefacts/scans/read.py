@@ -1,7 +1,7 @@
 """One door for every scan: text, and the files of instruments, read by SurfaceTopography and x3pio in a process of their own.
 
-Their readers are made for honest files. Here they run with a limit on memory and time (`read_foreign`), so that a file
-that lies about its size ends in one line and not in a full machine. ``python -m`` on this module is that process.
+Their readers are made for honest files. Here they run with a limit on memory and time, so that a file that lies about its
+size ends in one line and not in a full machine. ``python -m`` on this module is that process.
 """
 
 from __future__ import annotations
@@ -25,8 +25,7 @@ from stepblocks.errors import MetrologyError
 
 TEXT_ENDINGS = (".csv", ".txt", ".tsv", ".xyz", ".asc", ".dat")
 _NAMED = ["x3p", "sdf", "sur", "plux", "gwy", "opdx", "nid", "opd", "datx", "al3d", "plu", "zon", "vk4", "ezd"]
-# by ending, the name that the reader has for the format
-FORMATS = {f".{name}": name for name in _NAMED} | {".nid": "ezd", ".vk4": "vk"}
+FORMATS = {f".{name}": name for name in _NAMED} | {".nid": "ezd", ".vk4": "vk"}  # what the reader calls each ending
 
 _MOST_POINTS = 64_000_000
 _MOST_UNPACKED = 2**30
@@ -150,10 +149,10 @@ def _load_by_surfacetopography(path: Path) -> dict[str, Any]:
         from SurfaceTopography import open_topography
 
     reader = open_topography(str(path), format=FORMATS[path.suffix.lower()])
-    channels = [channel for channel in reader.channels if str(channel.data_kind).endswith("HEIGHT")]
-    if not channels:
+    channel = next((one for one in reader.channels if str(one.data_kind).endswith("HEIGHT")), None)
+    if channel is None:
         raise MetrologyError("file must hold a channel of heights, got none")
-    channel, unit = channels[0], channels[0].unit
+    unit = channel.unit
     if unit not in LENGTH_UNITS:
         raise MetrologyError(f"channel {channel.name!r} must say its unit of length, got {unit!r}")
     if channel.physical_sizes is None:

@@ -122,12 +122,12 @@ def _factors(header: list[str], width: int, unit: str | None, path: Path) -> Arr
     factors = []
     for name in header:
         found = _UNIT_IN_NAME.search(name.lower())
-        if found is None and unit is None:
+        said = found.group(1) if found else unit
+        if said is None:
             raise MetrologyError(f"column {name!r} must name its unit (x_um, z [nm], ...) [{path.name}]")
-        factor = LENGTH_UNITS[found.group(1)] if found else LENGTH_UNITS[str(unit)]
-        if unit is not None and factor != LENGTH_UNITS[unit]:
+        factors.append(LENGTH_UNITS[said])
+        if unit is not None and factors[-1] != LENGTH_UNITS[unit]:
             raise MetrologyError(f"unit given is {unit}, but column {name!r} says another [{path.name}]")
-        factors.append(factor)
     return np.array(factors)
 
 
@@ -140,8 +140,7 @@ def _last_digit(rows: list[list[float]]) -> float:
 def _equal_steps(x: Array, digit: float) -> tuple[Array, bool]:
     if len(x) < 3 or not np.isfinite(x).all():
         return x, False
-    index = np.arange(len(x))
-    even = np.polynomial.Polynomial.fit(index, x, 1)(index)
+    even = np.polynomial.Polynomial.fit(np.arange(len(x)), x, 1)(np.arange(len(x)))
     off = float(np.abs(even - x).max())
     if off == 0.0 or off > 0.75 * digit:
         return x, False
