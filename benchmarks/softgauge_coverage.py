@@ -29,11 +29,11 @@ from oracles.softgauge import (
 from stepblocks.artefacts.scans.scan import HeightMap, Profile
 from stepblocks.errors import MetrologyError
 from stepblocks.inspect.budget import Component, Instrument, Measured
-from stepblocks.inspect.evaluate.edge import fit_edge
-from stepblocks.inspect.evaluate.form import fit_face, flatness, zone_of_flatness
-from stepblocks.inspect.evaluate.masked_step import masked_step
-from stepblocks.inspect.evaluate.type_a1 import evaluate_a1
+from stepblocks.inspect.edge import fit_edge
+from stepblocks.inspect.form import fit_face, flatness, zone_of_flatness
+from stepblocks.inspect.masked_step import masked_step
 from stepblocks.inspect.measure import measure_edge, measure_margin, measure_tip
+from stepblocks.inspect.type_a1 import evaluate_a1
 
 Draw = Callable[[np.random.Generator], Iterator[tuple[str, float, Measured]]]
 UM, NM = 1e-6, 1e-9
@@ -59,7 +59,7 @@ def a1(rough: float, length: float, depth: float = 10 * UM, missing: int = 0, sp
         z = z + correlated_noise(len(x), UM, 10 * NM, rough, length, random)
         z = with_faults(z, random, spikes=spikes, spike_height=20 * UM, missing=missing)
         got = evaluate_a1(x, z, (300 * UM, 600 * UM))
-        yield "depth, type A1", depth, value("depth", got.depth, got.depth_std, got.depth_dof)
+        yield "depth, type A1", depth, value("depth", got.depth, got.noise.std, got.noise.dof)
 
     return draw
 
@@ -139,7 +139,7 @@ def grating() -> Draw:
         z = np.where(holes, -500 * NM, 0.0) + 2e-3 * x * UM - 1e-3 * y * UM
         z = z + random.normal(0.0, 2 * NM, z.shape) + random.normal(0.0, 5 * NM, (160, 1))
         got = masked_step(HeightMap(z, 0.2 * UM, 0.2 * UM))
-        yield "depth, masked step", 500 * NM, value("depth", got.depth, got.depth_std, got.depth_dof)
+        yield "depth, masked step", 500 * NM, value("depth", got.depth, got.noise.std, got.noise.dof)
 
     return draw
 

@@ -14,9 +14,8 @@ import x3pio
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from stepblocks.artefacts.scans.foreign import FORMATS, _load, read_foreign
 from stepblocks.artefacts.scans.height_scale import check_height_scale, stated_height_scale
-from stepblocks.artefacts.scans.read import read_scan
+from stepblocks.artefacts.scans.read import FORMATS, _load, read_foreign, read_scan
 from stepblocks.artefacts.scans.scan import HeightMap, Profile, rows_of
 from stepblocks.errors import MetrologyError
 

@@ -7,7 +7,7 @@ import pytest
 
 from stepblocks.errors import MetrologyError
 from stepblocks.inspect.budget import Component, Instrument, Measured, measured_from_profiles, with_budget
-from stepblocks.inspect.evaluate.noise import NoiseUncertainty
+from stepblocks.inspect.noise import NoiseUncertainty
 
 QUIET = NoiseUncertainty(10e-9, 60.0)
 

@@ -10,8 +10,8 @@ from scipy.integrate import quad
 
 from oracles.softgauge import correlated_noise, edge_gauge, with_faults
 from stepblocks.errors import MetrologyError
-from stepblocks.inspect.evaluate import edge_arc
-from stepblocks.inspect.evaluate.edge import fit_edge
+from stepblocks.inspect import edge_arc
+from stepblocks.inspect.edge import fit_edge
 
 SHARED = Path(os.environ.get("STEPBLOCKS_SHARED", Path(__file__).parents[2] / ".." / "shared"))
 SPACING = 1.0e-6

@@ -10,10 +10,10 @@ from oracles.softgauge import ball_gauge, correlated_map, correlated_noise, groo
 from stepblocks.artefacts.scans.scan import HeightMap, Profile
 from stepblocks.errors import MetrologyError
 from stepblocks.inspect.budget import Instrument
-from stepblocks.inspect.evaluate.form import fit_face, flatness, parallelism, zone_of_flatness, zone_of_parallelism
-from stepblocks.inspect.evaluate.margin_gap import fit_margin
-from stepblocks.inspect.evaluate.tip import fit_cap, fit_sphere
+from stepblocks.inspect.form import fit_face, flatness, parallelism, zone_of_flatness, zone_of_parallelism
+from stepblocks.inspect.margin_gap import fit_margin
 from stepblocks.inspect.measure import measure_margin
+from stepblocks.inspect.tip import fit_cap, fit_sphere
 
 
 def face(shape, slope=(0.0, 0.0)):

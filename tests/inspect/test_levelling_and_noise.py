@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from oracles.softgauge import correlated_noise, edge_gauge, groove_gauge
-from stepblocks.inspect.evaluate.levelling import (
+from stepblocks.inspect.levelling import (
     despiked,
     fit_two_planes,
     roughly_levelled,
@@ -14,7 +14,7 @@ from stepblocks.inspect.evaluate.levelling import (
     two_levels,
     without_spikes,
 )
-from stepblocks.inspect.evaluate.noise import (
+from stepblocks.inspect.noise import (
     LEAST_SCATTER,
     autocovariance,
     covariance_root,

@@ -7,8 +7,8 @@ from oracles.softgauge import ball_gauge, correlated_noise, edge_gauge, groove_g
 from stepblocks.artefacts.scans.scan import HeightMap, Profile
 from stepblocks.errors import MetrologyError
 from stepblocks.inspect.budget import Instrument
-from stepblocks.inspect.evaluate.edge_arc import arc_radius, edge_profile
-from stepblocks.inspect.evaluate.masked_step import masked_step
+from stepblocks.inspect.edge_arc import arc_radius, edge_profile
+from stepblocks.inspect.masked_step import masked_step
 from stepblocks.inspect.measure import measure_edge, measure_groove, measure_margin, measure_tip
 
 X = np.arange(-200, 200) * 1e-6
@@ -122,7 +122,7 @@ def test_a_masked_step_needs_every_point_and_room_beside_the_edges():
     with pytest.raises(MetrologyError, match="at least 3 rows with floor and reference beyond"):
         masked_step(grating(), exclusion=3e-6)
     wide, narrow = (masked_step(grating(), exclusion) for exclusion in (0.3e-6, 1.0e-6))
-    assert wide.depth == pytest.approx(narrow.depth, abs=4.0 * narrow.depth_std)
+    assert wide.depth == pytest.approx(narrow.depth, abs=4.0 * narrow.noise.std)
     assert wide.rows > narrow.rows
 
 

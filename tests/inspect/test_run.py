@@ -12,8 +12,7 @@ import pytest
 from oracles.softgauge import correlated_noise, edge_gauge, groove_gauge
 from stepblocks.artefacts.as_built import read_as_built
 from stepblocks.errors import PipelineError
-from stepblocks.inspect.budget import Component, Instrument, Measured
-from stepblocks.inspect.conformity import Outcome, decide, judge, verdict_of
+from stepblocks.inspect.budget import Component, Instrument, Measured, Outcome, decide, judge, verdict_of
 from stepblocks.inspect.report import write_inspection
 from stepblocks.inspect.run import EVALUATIONS, inspect_scan, inspect_standard
 from stepblocks.parts.characteristics import characteristics_of

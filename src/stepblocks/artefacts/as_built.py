@@ -8,6 +8,7 @@ import tomllib
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -33,7 +34,7 @@ class AsBuiltValue:
 
 @dataclass(frozen=True)
 class AsBuilt:
-    """A record."""
+    """What is known of one machined stimulus."""
 
     stimulus: str  # identity of the part
     scan: str  # file name of the scan
@@ -46,8 +47,8 @@ class AsBuilt:
     @property
     def height(self) -> AsBuiltValue | None:
         """Height of the step: measured at the edge itself, or at the feature beside it that is as high."""
-        found = (self.values.get(key) for key in ("step_height", "groove_depth", "ridge_height"))
-        return next((value for value in found if value is not None), None)
+        keys = ("step_height", "groove_depth", "ridge_height")
+        return next((self.values[key] for key in keys if key in self.values), None)
 
 
 def write_as_built(path: Path, record: AsBuilt) -> list[Path]:
@@ -63,13 +64,8 @@ def write_as_built(path: Path, record: AsBuilt) -> list[Path]:
         digest = hashlib.sha256(table.getvalue().encode()).hexdigest()
         lines += [f"profile = {_quoted(written[-1].name)}", f'profile_sha256 = "{digest}"']
     for key, one in record.values.items():
-        lines += [
-            "",
-            f"[values.{key}]",
-            f'value = "{format_quantity(one.value, "length", 9)}"',
-            f'std = "{format_quantity(one.std, "length", 4)}"',
-            f"verdict = {_quoted(one.verdict)}",
-        ]
+        value, std = format_quantity(one.value, "length", 9), format_quantity(one.std, "length", 4)
+        lines += ["", f"[values.{key}]", f'value = "{value}"', f'std = "{std}"', f"verdict = {_quoted(one.verdict)}"]
     replace_text(path, "\n".join(lines) + "\n")
     return written
 
@@ -106,7 +102,7 @@ def read_as_built(path: str | Path) -> AsBuilt:
         raise MetrologyError(f"record must be a TOML file, got: {error} [{path}]") from error
     if raw.get("schema") != _SCHEMA:
         raise MetrologyError(f"schema must be {_SCHEMA}, got {raw.get('schema')!r} [{path}]")
-    texts = {key: raw.get(key) for key in _TEXTS}
+    texts: dict[str, Any] = {key: raw.get(key) for key in _TEXTS}
     for key, value in texts.items():
         if not isinstance(value, str):
             raise MetrologyError(f"{key} must be text, got {value!r} [{path}]")
@@ -114,25 +110,17 @@ def read_as_built(path: str | Path) -> AsBuilt:
     if not isinstance(tables, dict) or not tables:
         raise MetrologyError(f"values must hold at least one characteristic [{path}]")
     values = {key: _value(path, key, table) for key, table in tables.items()}
-    known = {key: str(value) for key, value in texts.items()}
-    return AsBuilt(**known, values=values, surface=_surface(path, raw.get("profile"), raw.get("profile_sha256")))
+    return AsBuilt(**texts, values=values, surface=_surface(path, raw.get("profile"), raw.get("profile_sha256")))
 
 
 def read_records(paths: Sequence[Path]) -> dict[str, AsBuilt]:
-    """Read files, and all records of folders, by the stimulus that each is of.
-
-    Raises
-    ------
-    PipelineError
-        If two records are of one stimulus, or there is none.
-    """
+    """Read files, and all records of folders, by the stimulus that each is of; one record of each."""
     files = [file for path in paths for file in (sorted(path.glob("*.as-built.toml")) if path.is_dir() else [path])]
     records: dict[str, AsBuilt] = {}
     for file in files:
         record = read_as_built(file)
-        if record.stimulus in records:
+        if records.setdefault(record.stimulus, record) is not record:
             raise PipelineError(f"records must name each stimulus once, got {record.stimulus} twice [{file}]")
-        records[record.stimulus] = record
     if not records:
         raise PipelineError("expected at least one record (*.as-built.toml), got none")
     return records
@@ -152,17 +140,15 @@ def _surface(record: Path, name: object, digest: object) -> Profile | None:
     if name is None:
         return None
     if not isinstance(name, str) or not isinstance(digest, str) or Path(name).name != name:
-        raise MetrologyError(
-            f"profile must be the name of a file beside the record, with profile_sha256, got {name!r} [{record}]"
-        )
+        rule = "profile must be the name of a file beside the record, with profile_sha256"
+        raise MetrologyError(f"{rule}, got {name!r} [{record}]")
     path = record.with_name(name)
     if not path.is_file():
         raise MetrologyError(f"profile must lie beside the record, missing {name!r} [{record}]")
     surface = read_text_scan(path)
     if hashlib.sha256(path.read_bytes()).hexdigest() != digest or not isinstance(surface, Profile):
-        raise MetrologyError(
-            f"profile must be the one that was inspected, got another under the name {name!r} [{record}]"
-        )
+        rule = "profile must be the one that was inspected"
+        raise MetrologyError(f"{rule}, got another under the name {name!r} [{record}]")
     return surface
 
 

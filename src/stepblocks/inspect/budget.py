@@ -1,21 +1,23 @@
-"""Uncertainty budgets: named standard uncertainties, combined as the GUM asks.
+"""A measured value with its uncertainty budget (GUM), and whether it conforms (ISO 14253-1).
 
 JCGM 100:2008: components add in squares (10), degrees of freedom by Welch and Satterthwaite (G.2b), coverage factor
-from Student's law. A component that nobody has stated is named as not stated; it is not silently zero.
+from Student's law. Inside the limits by more than the guard band, 1.65 u at 95 % conformance probability, the part
+conforms; outside by more than it, it does not; between, neither is proven.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
+from enum import StrEnum
 
 import numpy as np
-from numpy.typing import NDArray
 
 from stepblocks.errors import MetrologyError
-from stepblocks.inspect.evaluate.noise import NoiseUncertainty
+from stepblocks.inspect.noise import Array, NoiseUncertainty
 
+GUARD_FACTOR = 1.65  # guard band over standard uncertainty at 95 % conformance probability (ISO 14253-1:2017, 5.3) [1]
 # slow cosines that are always taken, where there are as many profiles: Student's factor is then 2.8 at 95 %
 _LEAST_COSINES = 4
 
@@ -68,9 +70,8 @@ class Measured:
         """Half width of the two-sided interval at `level` [m]."""
         from scipy import stats
 
-        quantile = 0.5 + 0.5 * level
         law = stats.norm if math.isinf(self.dof) else stats.t(df=self.dof)
-        return float(law.ppf(quantile)) * self.std
+        return float(law.ppf(0.5 + 0.5 * level)) * self.std
 
 
 def with_budget(
@@ -106,19 +107,11 @@ def measured_from_profiles(
 ) -> Measured:
     """Mean over profiles with its budget.
 
-    The scatter of the profiles holds their noise already, so the two together are the scatter over the root of the number
-    of profiles, with its degrees of freedom; repeatability is what it has beyond the noise, and as a difference of two
-    variances it has few degrees of freedom itself. Neighbouring profiles may err together, so of the scatter only its slow part
+    The scatter of the profiles holds their noise already; repeatability is what it has beyond the noise, and as a difference of
+    two variances it has few degrees of freedom. Neighbouring profiles may err together, so of the scatter only its slow part
     counts: the lowest cosines over the map (four of up to 37 profiles), whose squares average the variance of the mean with as
     many degrees of freedom; exact for independent profiles, and little too small for correlated ones (Lazarus, Lewis, Stock
-    and Watson 2018, doi:10.1080/07350015.2018.1506926). One profile shows no repeatability; the component is then not stated.
-
-    Examples
-    --------
-    >>> quiet = [NoiseUncertainty(0.05e-6, 50.0)] * 2
-    >>> result = measured_from_profiles("depth", [10.0e-6, 10.2e-6], quiet, Instrument(1e-3, 1e-9))
-    >>> round(result.value * 1e6, 3), round(result.std * 1e6, 3), round(result.dof, 1)
-    (10.1, 0.101, 1.0)
+    and Watson 2018, doi:10.1080/07350015.2018.1506926). One profile shows no repeatability.
     """
     heights = np.asarray(values, dtype=np.float64)
     within = np.array([one.std**2 for one in noise], dtype=np.float64)
@@ -135,7 +128,7 @@ def measured_from_profiles(
     return with_budget(name, mean, parts, instrument, others, axes)
 
 
-def _scatter(deviations: NDArray[np.float64], noise: float) -> list[Component]:
+def _scatter(deviations: Array, noise: float) -> list[Component]:
     """Split the variance of a mean over profiles into their noise, itself a variance, and repeatability."""
     from scipy.fft import dct
 
@@ -145,11 +138,89 @@ def _scatter(deviations: NDArray[np.float64], noise: float) -> list[Component]:
     how = f"slow part of the scatter of {count} profiles" if cosines < count - 1 else f"scatter of {count} profiles"
     beyond = variance - noise
     if beyond <= 0.0:
-        return [
-            Component("noise", math.sqrt(variance), dof, how),
-            Component("repeatability", 0.0, how="none beyond noise"),
-        ]
+        none = Component("repeatability", 0.0, how="none beyond noise")
+        return [Component("noise", math.sqrt(variance), dof, how), none]
     return [
         Component("noise", math.sqrt(noise), how="autocovariance of the residuals"),
         Component("repeatability", math.sqrt(beyond), dof * (beyond / variance) ** 2, f"{how}, beyond their noise"),
     ]
+
+
+class Outcome(StrEnum):
+    """The three outcomes of ISO 14253-1, and the exit code of each."""
+
+    CONFORMS = "conforms"
+    DOES_NOT_CONFORM = "does not conform"
+    NOT_PROVEN = "not proven"
+
+    @property
+    def exit_code(self) -> int:
+        """0, 1 or 3."""
+        return {Outcome.CONFORMS: 0, Outcome.DOES_NOT_CONFORM: 1, Outcome.NOT_PROVEN: 3}[self]
+
+
+@dataclass(frozen=True)
+class Decision:
+    """A value judged against its limits."""
+
+    verdict: Outcome
+    value: float  # m
+    std: float  # standard uncertainty [m]
+    lower: float  # limit of the specification [m]; infinite where there is none
+    upper: float  # likewise [m]
+    guard: float  # guard band [m]
+    probability: float  # that the true value lies within the limits, from the measurement alone [1]
+
+
+def decide(
+    value: float, std: float, lower: float = -math.inf, upper: float = math.inf, dof: float = math.inf
+) -> Decision:
+    """Judge one measured value; with few degrees of freedom the guard band is Student's 95 % point instead of 1.65.
+
+    Proof of conformity is impossible where the tolerance is narrower than two guard bands.
+    """
+    if not (math.isfinite(value) and math.isfinite(std) and std >= 0.0):
+        raise MetrologyError(f"value and std must be finite and std not negative, got {value:g} and {std:g}")
+    if not lower <= upper:
+        raise MetrologyError(f"limits must be in order, got {lower:g} to {upper:g}")
+    factor = GUARD_FACTOR
+    if math.isfinite(dof):
+        from scipy import stats
+
+        factor = max(GUARD_FACTOR, float(stats.t.ppf(0.95, dof)))
+    guard = factor * std
+    if lower + guard <= value <= upper - guard:
+        verdict = Outcome.CONFORMS
+    elif value < lower - guard or value > upper + guard:
+        verdict = Outcome.DOES_NOT_CONFORM
+    else:
+        verdict = Outcome.NOT_PROVEN
+    return Decision(verdict, value, std, lower, upper, guard, _between(value, std, lower, upper, dof))
+
+
+def _between(value: float, std: float, lower: float, upper: float, dof: float) -> float:
+    """Probability that the truth lies within the limits, under a normal law or Student's (JCGM 106:2012, 7.2)."""
+    if std == 0.0:
+        return 1.0 if lower <= value <= upper else 0.0
+    ends = (upper - value) / std, (lower - value) / std
+    if math.isinf(dof):
+        above, below = (0.5 * math.erfc(-end / math.sqrt(2.0)) for end in ends)
+    else:
+        from scipy import stats
+
+        above, below = (float(stats.t.cdf(end, dof)) for end in ends)
+    return above - below
+
+
+def judge(measured: Measured, nominal: float, lower: float, upper: float) -> Decision:
+    """Judge a value by nominal and deviations [m]; a lower limit at or below zero of what cannot be negative is none."""
+    low = nominal + lower
+    least = low if low > 0.0 or nominal < 0.0 else -math.inf
+    return decide(measured.value, measured.std, least, nominal + upper, measured.dof)
+
+
+def verdict_of(decisions: Iterable[Decision]) -> Outcome:
+    """Return the verdict over all characteristics: one failure fails, one unproven leaves the whole unproven."""
+    verdicts = {decision.verdict for decision in decisions}
+    worst = (Outcome.DOES_NOT_CONFORM, Outcome.NOT_PROVEN)
+    return next((verdict for verdict in worst if verdict in verdicts), Outcome.CONFORMS)

@@ -2,25 +2,25 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 from typing import TypeVar
 
 import numpy as np
-from numpy.typing import NDArray
 
 from stepblocks.artefacts.scans.scan import HeightMap, Profile, rows_of
 from stepblocks.errors import MetrologyError
 from stepblocks.inspect.budget import Component, Instrument, Measured, measured_from_profiles, with_budget
-from stepblocks.inspect.evaluate.edge import Edge, fit_edge
-from stepblocks.inspect.evaluate.form import FormZone, fit_face, zone_of_flatness, zone_of_parallelism
-from stepblocks.inspect.evaluate.margin_gap import fit_margin
-from stepblocks.inspect.evaluate.masked_step import masked_step
-from stepblocks.inspect.evaluate.noise import NoiseUncertainty
-from stepblocks.inspect.evaluate.tip import fit_cap
-from stepblocks.inspect.evaluate.type_a1 import evaluate_a1, find_features
+from stepblocks.inspect.edge import Edge, fit_edge
+from stepblocks.inspect.form import fit_face, zone_of_flatness, zone_of_parallelism
+from stepblocks.inspect.margin_gap import fit_margin
+from stepblocks.inspect.masked_step import masked_step
+from stepblocks.inspect.noise import Array, Mask, NoiseUncertainty
+from stepblocks.inspect.tip import fit_cap
+from stepblocks.inspect.type_a1 import evaluate_a1, find_features
 
-Array = NDArray[np.float64]
+Window = tuple[float, float, str]  # begin, end [m] and name
+S = TypeVar("S")
 T = TypeVar("T")
 
 _MOST_PROFILES = 60  # of a map that are evaluated; of more, as many are taken evenly over the map
@@ -32,7 +32,7 @@ class Shown:
 
     position: Array  # m
     height: Array  # m
-    windows: tuple[tuple[float, float, str], ...] = ()  # begin, end [m] and name of the stretches that were evaluated
+    windows: tuple[Window, ...] = ()  # the stretches that were evaluated
 
 
 @dataclass(frozen=True)
@@ -54,23 +54,22 @@ def measure_edge(scan: Profile | HeightMap, instrument: Instrument, exclusion: f
     heights = [NoiseUncertainty(e.height_std, e.height_dof) for e in edges]
     # the noise that the radius is whitened with is as well known as that of the height
     radii = [NoiseUncertainty(e.radius_std, e.height_dof) for e in edges]
-    values = {
-        "step_height": measured_from_profiles("step height", [e.height for e in edges], heights, instrument, [form]),
-        "edge_radius": measured_from_profiles(
-            "edge radius", [e.radius for e in edges], radii, instrument, axes=(1.0, 1.0)
-        ),
-    }
+    height = measured_from_profiles("step height", [e.height for e in edges], heights, instrument, [form])
+    radius = measured_from_profiles("edge radius", [e.radius for e in edges], radii, instrument, axes=(1.0, 1.0))
+    values = {"step_height": height, "edge_radius": radius}
     first, edge = results[0]
     if isinstance(scan, HeightMap):
         values |= _faces(scan, edge, instrument, notes)
-    rejected = sum(one.rejected for one in edges)
-    if rejected:
+    if rejected := sum(one.rejected for one in edges):
         notes.append(f"{rejected} points missing or left out as spikes")
     if any(e.radius < 3.0 * first.spacing for e in edges):
         limit = max(e.radius_limit for e in edges)
         notes.append(f"edge sharper than the sampling resolves; radius below {limit * 1e6:.2g} um at 95 %")
     convention = f"two planes with a common slope, {edge.exclusion * 1e6:.4g} um excluded on either side of the edge; radius by arc"
-    return Inspected(values, convention, tuple(notes), _shown_edge(first, edge))
+    x, before, behind = first.position, edge.position - edge.exclusion, edge.position + edge.exclusion
+    windows = (float(x[0]), before, "face"), (behind, float(x[-1]), "face")
+    shown = _shown(first, edge.tilt, (x < before) if edge.rising else (x > behind), windows)
+    return Inspected(values, convention, tuple(notes), shown)
 
 
 def _sampled(scan: Profile | HeightMap) -> tuple[list[Profile], list[str]]:
@@ -84,13 +83,7 @@ def _sampled(scan: Profile | HeightMap) -> tuple[list[Profile], list[str]]:
 
 def _evaluated(rows: list[Profile], evaluate: Callable[[Profile], T], notes: list[str]) -> list[tuple[Profile, T]]:
     """Evaluate profile by profile; refused ones are named, and all refused is an error."""
-    results: list[tuple[Profile, T]] = []
-    refused: list[str] = []
-    for row in rows:
-        try:
-            results.append((row, evaluate(row)))
-        except MetrologyError as error:
-            refused.append(str(error))
+    results, refused = _tried(evaluate, rows)
     if not results:
         raise MetrologyError(f"no profile can be evaluated: {refused[0]}")
     if refused:
@@ -98,36 +91,43 @@ def _evaluated(rows: list[Profile], evaluate: Callable[[Profile], T], notes: lis
     return results
 
 
+def _tried(evaluate: Callable[[S], T], asked: Iterable[S]) -> tuple[list[tuple[S, T]], list[str]]:
+    """Return what can be evaluated with its result, and why the others were refused."""
+    results, refused = [], []
+    for one in asked:
+        try:
+            results.append((one, evaluate(one)))
+        except MetrologyError as error:
+            refused.append(str(error))
+    return results, refused
+
+
 def _form_of(results: list[tuple[Profile, Edge]]) -> float:
     """Change of the mean height when twice as much is excluded, beyond what noise alone changes, as a rectangle."""
-    changes, noise = [], []
-    for row, edge in results[:: max(len(results) // 10, 1)]:
-        try:
-            wider = fit_edge(row.position, row.height, 2.0 * edge.exclusion)
-        except MetrologyError:
-            continue
-        changes.append(wider.height - edge.height)
-        # a fit through fewer of the same points differs by what its variance has grown
-        noise.append(max(wider.height_std**2 - edge.height_std**2, 0.0))
-    if not changes:
+
+    def wider(result: tuple[Profile, Edge]) -> Edge:
+        row, edge = result
+        return fit_edge(row.position, row.height, 2.0 * edge.exclusion)
+
+    pairs = [(edge, wide) for (_, edge), wide in _tried(wider, results[:: max(len(results) // 10, 1)])[0]]
+    if not pairs:
         return 0.0
-    beyond = float(np.mean(changes)) ** 2 - float(np.mean(noise)) / len(noise)
+    # a fit through fewer of the same points differs by what its variance has grown
+    noise = np.mean([max(wide.height_std**2 - edge.height_std**2, 0.0) for edge, wide in pairs]) / len(pairs)
+    beyond = float(np.mean([wide.height - edge.height for edge, wide in pairs])) ** 2 - float(noise)
     return float(np.sqrt(max(beyond, 0.0) / 3.0))
 
 
-def _shown_edge(profile: Profile, edge: Edge) -> Shown:
-    x = profile.position
-    before, behind = edge.position - edge.exclusion, edge.position + edge.exclusion
-    z = profile.height - edge.tilt * x
-    z = z - np.nanmedian(z[(x < before) if edge.rising else (x > behind)])
-    return Shown(x, z, ((float(x[0]), before, "face"), (behind, float(x[-1]), "face")))
+def _shown(profile: Profile, tilt: float, face: Mask, windows: tuple[Window, ...]) -> Shown:
+    """Show a profile levelled on one of its faces."""
+    z = profile.height - tilt * profile.position
+    return Shown(profile.position, z - np.nanmedian(z[face]), windows)
 
 
 def _faces(scan: HeightMap, edge: Edge, instrument: Instrument, notes: list[str]) -> dict[str, Measured]:
     x = scan.x
-    low, high = x < edge.position - edge.exclusion, x > edge.position + edge.exclusion
-    if not edge.rising:
-        low, high = high, low
+    sides = [x < edge.position - edge.exclusion, x > edge.position + edge.exclusion]
+    low, high = sides if edge.rising else sides[::-1]
     faces = [fit_face(x, scan.y, scan.height, np.broadcast_to(side, scan.height.shape)) for side in (low, high)]
     zones = {
         "flatness_lower": ("flatness, lower face", zone_of_flatness(faces[0])),
@@ -139,47 +139,33 @@ def _faces(scan: HeightMap, edge: Edge, instrument: Instrument, notes: list[str]
         "was scanned; zones of all points, noise included: "
         + ", ".join(f"{label} {zone.all_points * 1e6:.3g} um" for label, zone in zones.values())
     )
-
-    def measured(label: str, zone: FormZone) -> Measured:
-        noise = Component("noise", zone.std, zone.dof, "draws from the covariance of the form")
-        return with_budget(label, zone.zone, [noise], instrument)
-
-    return {key: measured(label, zone) for key, (label, zone) in zones.items()}
+    how = "draws from the covariance of the form"
+    return {
+        key: with_budget(label, zone.zone, [Component("noise", zone.std, zone.dof, how)], instrument)
+        for key, (label, zone) in zones.items()
+    }
 
 
 def measure_groove(scan: Profile | HeightMap, instrument: Instrument, key: str = "groove_depth") -> Inspected:
-    """Depth of a groove or height of a ridge, by type A1, or of many small features by a masked step.
-
-    Type A1 needs a plane face of one width on either side, W = R - L. In a map where most profiles cross two features or
-    more, the windows A and B of one would lie on the next: such a map (a grating) is evaluated by
-    `stepblocks.inspect.evaluate.masked_step.masked_step`, and the convention says so.
-    """
+    """Depth of a groove or height of a ridge by type A1; of a grating, where its windows lie on neighbours, by a masked step."""
     rows, notes = _sampled(scan)
     if isinstance(scan, HeightMap) and _is_grating(rows):
         return _masked(scan, instrument, key)
     results = _evaluated(rows, lambda row: evaluate_a1(row.position, row.height), notes)
-    noise = [NoiseUncertainty(one.depth_std, one.depth_dof) for _, one in results]
+    noise = [one.noise for _, one in results]
     value = measured_from_profiles(key.replace("_", " "), [abs(one.depth) for _, one in results], noise, instrument)
-    outliers = sum(one.outliers for _, one in results)
-    if outliers:
+    if outliers := sum(one.outliers for _, one in results):
         notes.append(f"{outliers} points left out as spikes")
     first, best = results[0]
     windows = tuple((*span, name) for span, name in zip(best.windows, "ACB", strict=True))
     outer = (first.position >= best.windows[0][0]) & (first.position <= best.windows[0][1])
-    z = first.height - best.tilt * first.position
-    shown = Shown(first.position, z - np.nanmedian(z[outer]), windows)
-    return Inspected({key: value}, "ISO 5436-1 type A1, profile by profile, unfiltered", tuple(notes), shown)
+    convention = "ISO 5436-1 type A1, profile by profile, unfiltered"
+    return Inspected({key: value}, convention, tuple(notes), _shown(first, best.tilt, outer, windows))
 
 
-def _is_grating(rows: Sequence[Profile]) -> bool:
-    counts = []
-    for row in rows:
-        try:
-            counts.append(len(find_features(row.position, row.height)))
-        except MetrologyError:
-            continue
-    # rows between the holes of a grating cross none
-    crossed = [count for count in counts if count > 0]
+def _is_grating(rows: list[Profile]) -> bool:
+    found, _ = _tried(lambda row: find_features(row.position, row.height), rows)
+    crossed = [len(features) for _, features in found if features]  # rows between the holes of a grating cross none
     return len(crossed) >= 3 and float(np.median(crossed)) >= 2.0
 
 
@@ -190,7 +176,7 @@ def _masked(scan: HeightMap, instrument: Instrument, key: str) -> Inspected:
     except MetrologyError:
         form = np.nan
     how = "scatter over rows, with the correlation of neighbours"
-    noise = Component("noise", step.depth_std, step.depth_dof, how)
+    noise = Component("noise", step.noise.std, step.noise.dof, how)
     change = Component("form", float(form), how="change with one and a half times the exclusion, rectangular")
     value = with_budget(key.replace("_", " "), abs(step.depth), [noise], instrument, [change])
     convention = (
@@ -209,22 +195,16 @@ def measure_margin(scan: Profile | HeightMap, instrument: Instrument) -> Inspect
     share = float(np.mean([one.opening / one.absolute for one in ones]))
     sampling = float(np.mean([one.opening_sampling for one in ones]))
 
-    def unsampled(part: float) -> list[Component]:
-        how = "one interval at either edge, rectangular; the same in every profile"
-        return [Component("sampling", part * sampling, how=how)]
-
-    sizes = {
-        "vertical_discrepancy": ([(one.opening, one.opening_noise) for one in ones], unsampled(1.0), (0.0, 1.0)),
-        "horizontal_discrepancy": ([(one.rise, one.rise_noise) for one in ones], [], (1.0, 0.0)),
-        "absolute_discrepancy": (
-            [(one.absolute, one.absolute_noise) for one in ones],
-            unsampled(share),
-            (1.0 - share**2, share**2),
-        ),
+    how = "one interval at either edge, rectangular; the same in every profile"
+    sizes = {  # the name of each in the fit, its share in what lies between samples, and the axes that it answers to
+        "vertical_discrepancy": ("opening", 1.0, (0.0, 1.0)),
+        "horizontal_discrepancy": ("rise", None, (1.0, 0.0)),
+        "absolute_discrepancy": ("absolute", share, (1.0 - share**2, share**2)),
     }
     values = {}
-    for key, (found, others, axes) in sizes.items():
-        lengths, noise = zip(*found, strict=True)
+    for key, (name, part, axes) in sizes.items():
+        lengths, noise = ([getattr(one, field) for one in ones] for field in (name, f"{name}_noise"))
+        others = [] if part is None else [Component("sampling", part * sampling, how=how)]
         values[key] = measured_from_profiles(key.replace("_", " "), lengths, noise, instrument, others, axes)
     first = results[0][0]
     left = np.nanmedian(first.height[: len(first.height) // 4])
@@ -240,9 +220,8 @@ def measure_tip(scan: Profile | HeightMap, instrument: Instrument, nominal: floa
     # of a cap, height h over width a, R is a^2 / 2h: twice the lateral error, once the vertical
     value = measured_from_profiles("ball radius", [cap.radius], [cap.noise], instrument, axes=(1.0, 2.0))
     middle = scan.height[scan.height.shape[0] // 2]
-    notes = [
-        f"form of the ball {cap.form * 1e6:.3g} um, noise included, over a cap of {np.degrees(cap.cap_angle):.3g} deg"
-    ]
+    covered = f"over a cap of {np.degrees(cap.cap_angle):.3g} deg"
+    notes = [f"form of the ball {cap.form * 1e6:.3g} um, noise included, {covered}"]
     if cap.rejected:
         notes.append(f"{cap.rejected} points left out as spikes")
     convention = "least-squares sphere through the cap, in heights"

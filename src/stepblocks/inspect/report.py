@@ -1,10 +1,12 @@
-"""The files of an inspection: table, JSON, as-built record, filled sheet, and the plot of scan, limits and guard bands."""
+"""A judged scan: as a table that a person reads, as plain data, and as files with the plot of scan, limits and guard bands."""
 
 from __future__ import annotations
 
 import hashlib
+import html
 import json
 import math
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -14,13 +16,107 @@ from stepblocks.artefacts.as_built import AsBuilt, AsBuiltValue, write_as_built
 from stepblocks.artefacts.inspection_sheet import write_sheet_csv
 from stepblocks.artefacts.scans.scan import Profile
 from stepblocks.atomic import beside, replace_text
-from stepblocks.inspect.conformity import Decision, Outcome
-from stepblocks.inspect.result import InspectionResult
+from stepblocks.inspect.budget import Decision, Measured, Outcome
+from stepblocks.inspect.measure import Inspected
 from stepblocks.parts.characteristics import Characteristic
+from stepblocks.parts.kind import Part
 
 _COLOUR = {Outcome.CONFORMS: "#2e7d4f", Outcome.DOES_NOT_CONFORM: "#b3261e", Outcome.NOT_PROVEN: "#b07d00"}
 _MOST_DRAWN = 4000
 _HEIGHTS = ("step_height", "ridge_height", "horizontal_discrepancy", "groove_depth")  # limits drawn beside the scan
+
+
+@dataclass(frozen=True)
+class InspectionResult:
+    """A judged scan; as text the table that a person reads."""
+
+    identity: str  # of the part
+    stimulus: Part | None  # what was asked for; None for a depth standard
+    inspected: Inspected  # what was measured
+    judged: tuple[tuple[Characteristic, Decision], ...]  # each value that has limits
+    verdict: Outcome  # over all of them
+    felt: str  # how far the felt energy moved; empty where it does not follow from the values
+    source: Path  # the scan
+
+    def __str__(self) -> str:
+        """Every value with its limits and guard band, the budgets, convention and notes."""
+        names = f"{'value um':>10} {'u um':>8} {'U95 um':>8} {'lower um':>10} {'upper um':>10} {'guard um':>9}"
+        head = f"{'characteristic':30} {names}  verdict"
+        lines = [f"{self.identity}: {self.verdict.value}", "", head, "-" * len(head)]
+        inspected, values = self.inspected, self.inspected.values
+        for one, decision in self.judged:
+            low, high = ("-" if math.isinf(x) else f"{x * 1e6:.4f}" for x in (decision.lower, decision.upper))
+            limits = f"{low:>10} {high:>10} {decision.guard * 1e6:9.4f}"
+            lines.append(f"{_in_um(one.label, values[one.key])} {limits}  {decision.verdict.value}")
+        lines += [f"{_in_um(one.name, one)}  (no limits)" for one in self._others.values()]
+        lines += ["", "uncertainty budget, standard uncertainties in um"]
+        for measured in values.values():
+            stated = (
+                (p.name, "not stated" if math.isnan(p.std) else f"{p.std * 1e6:.4f}") for p in measured.components
+            )
+            lines.append(f"  {measured.name}: {', '.join(' '.join(pair) for pair in stated)}")
+        unstated = sorted({name for measured in values.values() for name in measured.unstated})
+        if unstated:
+            lines.append(f"  not stated counts as zero: {', '.join(unstated)}")
+        lines += [
+            "",
+            f"convention: {inspected.convention}",
+            "decision: ISO 14253-1, guard band 1.65 u, or Student's 95 % point where u has few degrees of freedom",
+            *(f"note: {note}" for note in inspected.notes),
+        ]
+        return "\n".join([*lines, f"felt: {self.felt}"] if self.felt else lines)
+
+    def _repr_html_(self) -> str:
+        return f"<pre>{html.escape(str(self))}</pre>"
+
+    @property
+    def _others(self) -> dict[str, Measured]:
+        """Values without limits."""
+        judged = {one.key for one, _ in self.judged}
+        return {key: one for key, one in self.inspected.values.items() if key not in judged}
+
+    def as_record(self) -> dict[str, Any]:
+        """Return plain data; every number has its unit in its name, infinities are null."""
+        return {
+            "stimulus": self.identity,
+            "scan": self.source.name,
+            "verdict": self.verdict.value,
+            "convention": self.inspected.convention,
+            "notes": list(self.inspected.notes),
+            "felt": self.felt,
+            "others_m": {key: one.value for key, one in self._others.items()},
+            "characteristics": [_record(one, d, self.inspected.values[one.key]) for one, d in self.judged],
+        }
+
+
+def _in_um(name: str, one: Measured) -> str:
+    return f"{name:30} {one.value * 1e6:10.4f} {one.std * 1e6:8.4f} {one.expanded() * 1e6:8.4f}"
+
+
+def _record(one: Characteristic, decision: Decision, measured: Measured) -> dict[str, Any]:
+    half = measured.expanded()
+    return {
+        "key": one.key,
+        "label": one.label,
+        "nominal_m": one.nominal,
+        "lower_limit_m": _known(decision.lower),
+        "upper_limit_m": _known(decision.upper),
+        "value_m": decision.value,
+        "std_m": decision.std,
+        "dof": _known(measured.dof),
+        "interval_95_m": [decision.value - half, decision.value + half],
+        "guard_band_m": decision.guard,
+        "conformance_probability": decision.probability,
+        "verdict": decision.verdict.value,
+        "budget": [
+            {"name": part.name, "std_m": _known(part.std), "dof": _known(part.dof), "how": part.how}
+            for part in measured.components
+        ],
+    }
+
+
+def _known(value: float) -> float | None:
+    return value if math.isfinite(value) else None
 
 
 def write_inspection(result: InspectionResult, folder: str | Path) -> list[Path]:
@@ -36,33 +132,29 @@ def write_inspection(result: InspectionResult, folder: str | Path) -> list[Path]
     Returns
     -------
     list of Path
-        What was written.
     """
     base = Path(folder) / result.identity
     base.parent.mkdir(parents=True, exist_ok=True)
-
-    def named(ending: str) -> Path:
-        return base.with_name(f"{base.name}.{ending}")
-
+    endings = ("as-built.toml", "inspection.json", "inspection.txt", "inspection.svg", "inspection-sheet.csv")
+    record_path, data, table, plot, sheet = (base.with_name(f"{base.name}.{ending}") for ending in endings)
     values = {one.key: AsBuiltValue(d.value, d.std, d.verdict.value) for one, d in result.judged}
     digest = hashlib.sha256(result.source.read_bytes()).hexdigest()
     inspected, shown = result.inspected, result.inspected.shown
     surface = Profile(shown.position, shown.height) if result.felt else None
     record = AsBuilt(result.identity, result.source.name, digest, inspected.convention, values, surface)
-    paths = write_as_built(named("as-built.toml"), record)
-    paths += [named(f"inspection.{ending}") for ending in ("json", "txt", "svg")]
-    replace_text(paths[-3], json.dumps(result.as_record(), indent=2, allow_nan=False) + "\n")
-    replace_text(paths[-2], f"{result}\n")
-    draw_inspection(paths[-1], result)
+    paths = [*write_as_built(record_path, record), data, table, plot]
+    replace_text(data, json.dumps(result.as_record(), indent=2, allow_nan=False) + "\n")
+    replace_text(table, f"{result}\n")
+    _draw(plot, result)
     if result.stimulus is not None:
-        paths.append(named("inspection-sheet.csv"))
         filled = {key: (one.value, one.std, one.verdict) for key, one in values.items()}
-        write_sheet_csv(paths[-1], result.stimulus, filled)
+        write_sheet_csv(sheet, result.stimulus, filled)
+        paths.append(sheet)
     return paths
 
 
-def draw_inspection(path: Path, result: InspectionResult) -> None:
-    """Draw scan, windows, limits and guard bands into an SVG or PNG file."""
+def _draw(path: Path, result: InspectionResult) -> None:
+    """Draw scan, windows, limits and guard bands into an SVG file."""
     import matplotlib as mpl
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
@@ -77,9 +169,8 @@ def draw_inspection(path: Path, result: InspectionResult) -> None:
         axes[0].set_title(title, color=_COLOUR[result.verdict], fontweight="bold", loc="left")
         for axis, (one, decision) in zip(axes[1:], result.judged, strict=True):
             _draw_limits(axis, one, decision)
-        metadata = {"Date": None} if path.suffix == ".svg" else {}
         with beside(path) as draft:
-            figure.savefig(draft, metadata=metadata, dpi=120)
+            figure.savefig(draft, metadata={"Date": None}, dpi=120)
 
 
 def _draw_scan(axis: Any, result: InspectionResult) -> None:
@@ -98,10 +189,8 @@ def _draw_scan(axis: Any, result: InspectionResult) -> None:
         for limit in (decision.lower, decision.upper):
             if one.key in _HEIGHTS and math.isfinite(limit):
                 axis.axhline((-1.0 if falls else 1.0) * limit * 1e6, color="#c8553d", linestyle="--", linewidth=0.8)
-    axis.set_ylim(low - 0.08 * (high - low), high + 0.22 * (high - low))
-    axis.set_xlim(x[0], x[-1])
-    axis.set_xlabel("position / um")
-    axis.set_ylabel("height / um")
+    limits = (low - 0.08 * (high - low), high + 0.22 * (high - low))
+    axis.set(xlim=(x[0], x[-1]), ylim=limits, xlabel="position / um", ylabel="height / um")
     axis.spines[["top", "right"]].set_visible(False)
 
 
@@ -120,10 +209,8 @@ def _draw_limits(axis: Any, one: Characteristic, decision: Decision) -> None:
     for limit in (decision.lower, decision.upper):
         if math.isfinite(limit):
             axis.axvline(limit * 1e6, color="#c8553d", linestyle="--", linewidth=0.9)
-    colour = _COLOUR[decision.verdict]
-    axis.errorbar(value * 1e6, 0.0, xerr=1.96e6 * std, fmt="o", color=colour, capsize=3, markersize=5)
-    axis.set_xlim(left * 1e6, right * 1e6)
-    axis.set_ylim(-1.0, 1.0)
-    axis.set_yticks([])
+    mark = {"fmt": "o", "color": _COLOUR[decision.verdict], "capsize": 3, "markersize": 5}
+    axis.errorbar(value * 1e6, 0.0, xerr=1.96e6 * std, **mark)
+    axis.set(xlim=(left * 1e6, right * 1e6), ylim=(-1.0, 1.0), yticks=[])
     axis.set_ylabel(f"{one.label} / um", rotation=0, ha="right", va="center")
     axis.spines[["top", "right", "left"]].set_visible(False)

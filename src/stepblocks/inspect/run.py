@@ -14,10 +14,9 @@ from stepblocks.contact.felt import energy_change, scanned_angle
 from stepblocks.contact.operating_point import OperatingPoint
 from stepblocks.declare import load_declared
 from stepblocks.errors import PipelineError
-from stepblocks.inspect.budget import Instrument
-from stepblocks.inspect.conformity import Outcome, judge, verdict_of
+from stepblocks.inspect.budget import Instrument, Outcome, judge, verdict_of
 from stepblocks.inspect.measure import Inspected, measure_edge, measure_groove, measure_margin, measure_tip
-from stepblocks.inspect.result import InspectionResult
+from stepblocks.inspect.report import InspectionResult
 from stepblocks.parts.characteristics import Characteristic, characteristics_of
 from stepblocks.parts.conditions import PredictionGrid
 from stepblocks.parts.kind import Part
@@ -33,10 +32,8 @@ EVALUATIONS: dict[str, Evaluation] = {
     "horizontal_discrepancy": lambda scan, instrument, asked, exclusion: measure_margin(scan, instrument),
     "ball_radius": lambda scan, instrument, asked, exclusion: measure_tip(scan, instrument, asked.nominal),
 }
-_BESIDE = {
-    "edge": ("groove_depth", "ridge_height"),
-    "groove": ("step_height",),
-}  # what a scan of a feature does not show
+# what a scan of a feature does not show
+_BESIDE = {"edge": ("groove_depth", "ridge_height"), "groove": ("step_height",)}
 _NOTHING_KNOWN = Instrument()
 _WORTH_SAYING = 0.01  # relative change of the energy from which a cause is named [1]
 
@@ -152,10 +149,8 @@ def _resolving(instrument: Instrument, scan: Profile | HeightMap) -> Instrument:
 def _judged(
     identity: str, part: Part | None, inspected: Inspected, asked: Iterable[Characteristic], source: Path
 ) -> InspectionResult:
-    values = inspected.values
-    judged = tuple(
-        (one, judge(values[one.key], one.nominal, one.lower, one.upper)) for one in asked if one.key in values
-    )
+    found = [(one, inspected.values[one.key]) for one in asked if one.key in inspected.values]
+    judged = tuple((one, judge(value, one.nominal, one.lower, one.upper)) for one, value in found)
     verdict = verdict_of(decision for _, decision in judged)
     return InspectionResult(identity, part, inspected, judged, verdict, "", source)
 

@@ -201,7 +201,7 @@ def _edge_of_scan(path: Path) -> dict[str, float]:
     """Height and edge radius of the scan of a block; the mean over the lines of a map [m]."""
     from stepblocks.artefacts.scans.read import read_scan
     from stepblocks.artefacts.scans.scan import rows_of
-    from stepblocks.inspect.evaluate.edge import fit_edge
+    from stepblocks.inspect.edge import fit_edge
 
     edges = [fit_edge(line.position, line.height) for line in rows_of(read_scan(path))]
     heights, height_stds, radii, radius_stds = np.array(

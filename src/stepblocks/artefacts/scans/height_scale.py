@@ -1,9 +1,8 @@
 """The height scale of a scan, checked against what the file itself says, read by us and not by its reader.
 
 Readers of instrument files disagree by factors. Formats that store counts state how long a count is and how far the
-range goes; heights that are no multiples of it, or lie outside the range, are refused. Formats that store floating numbers
-state the unit of one; a reader that took another is refused. A PLUX states no unit at all: its heights are micrometres by the
-format, so what is compared is that number and the range of the stored ones, which shows a factor of any reader.
+range goes: heights that are no multiples of it, or lie outside, are refused. Formats that store floating numbers state the
+unit of one (a PLUX is in micrometres by its format): a reader that took another is refused.
 """
 
 from __future__ import annotations
@@ -41,16 +40,13 @@ class HeightScale:
 
 def stated_height_scale(path: Path) -> HeightScale | None:
     """Read the height scale from a NID, SUR, SDF, OPDX, GWY, X3P or PLUX file; None for another format."""
-    ending = path.suffix.lower()
-    scale: HeightScale | None
+    ending, scale = path.suffix.lower(), None
     try:
         if ending in _PACKED:
             with zipfile.ZipFile(path) as archive:
                 scale = _PACKED[ending](archive)
         elif ending in _HEADERS:
             scale = _HEADERS[ending](_head(path))
-        else:
-            return None
     except _BROKEN as error:
         part = "index" if ending in _PACKED else "header"
         raise MetrologyError(f"{part} must state the height scale, got {error} [{path.name}]") from error
@@ -69,10 +65,8 @@ def check_height_scale(height: NDArray[np.float64], scale: HeightScale, place: s
     ends = [abs(end) for end in (scale.lowest, scale.highest) if np.isfinite(end)]
     slack = 2.0 * scale.count if scale.integral else 1e-6 * max(ends, default=0.0)
     if finite.size and (finite.min() < scale.lowest - slack or finite.max() > scale.highest + slack):
-        raise MetrologyError(
-            f"heights must lie within {scale.lowest:g} to {scale.highest:g} m ({scale.field}), got {finite.min():g} to "
-            f"{finite.max():g} m [{place}]"
-        )
+        stated = f"{scale.lowest:g} to {scale.highest:g} m ({scale.field})"
+        raise MetrologyError(f"heights must lie within {stated}, got {finite.min():g} to {finite.max():g} m [{place}]")
     if not scale.integral:
         return f"{scale.field}: {scale.count:.6g} m, checked"
     counts = (finite[:20000] - finite[0]) / scale.count
@@ -128,28 +122,24 @@ def _sdf(head: bytes) -> HeightScale | None:
         count, kind = float(fields["Zscale"]), int(fields["DataType"])
     else:
         return None
-    if kind in (3, 7):
-        return None
-    return HeightScale(float(count), -(2**32) * count, 2**32 * count, "Zscale of the header")
+    return None if kind in (3, 7) else HeightScale(count, -(2**32) * count, 2**32 * count, "Zscale of the header")
 
 
 def _opdx(head: bytes) -> HeightScale | None:
     """Dektak: the quantity DataScale of a channel, value as float64, then name and symbol of its unit, each with its length."""
     mark = struct.pack("<I", 9) + b"DataScale\x13"
-    at = head.find(mark)
-    if at < 0:
+    at = head.find(mark) + len(mark)
+    if at < len(mark):
         raise ValueError("no DataScale")
-    at += len(mark)
     at += 1 + head[at]  # length of the item, in as many bytes as its first says
     (value,) = struct.unpack_from("<d", head, at)
-    at += 8
-    texts = []
+    at, symbol = at + 8, ""
     for _ in range(2):
         (size,) = struct.unpack_from("<I", head, at)
-        texts.append(head[at + 4 : at + 4 + min(size, 64)].decode("utf-8"))
+        symbol = head[at + 4 : at + 4 + min(size, 64)].decode("utf-8")
         at += 4 + size
-    per_metre = LENGTH_UNITS[texts[1].strip()]
-    return HeightScale(float(value) / per_metre, -np.inf, np.inf, "DataScale of the channel", integral=False)
+    count = float(value) / LENGTH_UNITS[symbol.strip()]
+    return HeightScale(count, -np.inf, np.inf, "DataScale of the channel", integral=False)
 
 
 def _gwy(head: bytes) -> HeightScale | None:
@@ -165,7 +155,10 @@ def _gwy(head: bytes) -> HeightScale | None:
 def _x3p(archive: zipfile.ZipFile) -> HeightScale:
     """ISO 25178-72: ``Axes/CZ`` states type and increment; heights in metres are the stored number times the increment."""
     index = _index(archive, "main.xml")
-    stated = {child.tag: (child.text or "").strip() for child in _found(index, "Record1/Axes/CZ")}
+    axis = index.find("Record1/Axes/CZ")
+    if axis is None:
+        raise ValueError("no Record1/Axes/CZ")
+    stated = {child.tag: (child.text or "").strip() for child in axis}
     increment, offset = float(stated.get("Increment") or 1.0), float(stated.get("Offset") or 0.0)
     kind = _X3P_TYPES[stated["DataType"]]
     lowest, highest = -np.inf, np.inf
@@ -198,15 +191,10 @@ def _index(archive: zipfile.ZipFile, name: str) -> ElementTree.Element:
     return ElementTree.fromstring(text)
 
 
-def _found(index: ElementTree.Element, path: str) -> ElementTree.Element:
-    found = index.find(path)
-    if found is None:
-        raise ValueError(f"no {path}")
-    return found
-
-
 def _text(index: ElementTree.Element, path: str) -> str:
-    return (_found(index, path).text or "").strip()
+    if (text := index.findtext(path)) is None:
+        raise ValueError(f"no {path}")
+    return text.strip()
 
 
 def _range(archive: zipfile.ZipFile, name: str, kind: str) -> tuple[float, float]:

@@ -18,18 +18,17 @@ _LEAST_POINTS = 3
 class Profile:
     """Heights along one line."""
 
-    position: Array  # shape (n,); Positions along the line, increasing [m]
-    height: Array  # shape (n,); Heights [m]; nan where nothing was measured
-    source: str = ""  # File it came from
-    scale: str = ""  # What the file itself says of its units and height scale
-    count: float | None = None  # Height of one count, where the instrument stored counts [m]
+    position: Array  # shape (n,); along the line, increasing [m]
+    height: Array  # shape (n,); nan where nothing was measured [m]
+    source: str = ""  # file it came from
+    scale: str = ""  # what the file itself says of its units and height scale
+    count: float | None = None  # height of one count, where the instrument stored counts [m]
 
     def __post_init__(self) -> None:
         place = f" [{self.source}]" if self.source else ""
         if self.position.ndim != 1 or self.position.shape != self.height.shape:
-            raise MetrologyError(
-                f"profile must be two equally long rows, got {self.position.shape} and {self.height.shape}{place}"
-            )
+            shapes = f"{self.position.shape} and {self.height.shape}"
+            raise MetrologyError(f"profile must be two equally long rows, got {shapes}{place}")
         if len(self.position) < _LEAST_POINTS:
             raise MetrologyError(f"profile must have at least 3 points, got {len(self.position)}{place}")
         if not (np.isfinite(self.position).all() and (np.diff(self.position) > 0.0).all()):
@@ -47,19 +46,18 @@ class Profile:
 class HeightMap:
     """Heights over a grid: row i at y = i dy, column j at x = j dx."""
 
-    height: Array  # shape (ny, nx); Heights [m]; nan where nothing was measured
-    dx: float  # Sampling intervals [m]
-    dy: float
-    source: str = ""  # File it came from
-    scale: str = ""  # What the file itself says of its units and height scale
-    count: float | None = None  # Height of one count, where the instrument stored counts [m]
+    height: Array  # shape (ny, nx); nan where nothing was measured [m]
+    dx: float  # sampling interval along a row [m]
+    dy: float  # between rows [m]
+    source: str = ""  # file it came from
+    scale: str = ""  # what the file itself says of its units and height scale
+    count: float | None = None  # height of one count, where the instrument stored counts [m]
 
     def __post_init__(self) -> None:
         place = f" [{self.source}]" if self.source else ""
         if self.height.ndim != 2 or min(self.height.shape) < 2 or max(self.height.shape) < _LEAST_POINTS:
-            raise MetrologyError(
-                f"height map must have at least 2 x 3 points, got {' x '.join(map(str, self.height.shape))}{place}"
-            )
+            shape = " x ".join(map(str, self.height.shape))
+            raise MetrologyError(f"height map must have at least 2 x 3 points, got {shape}{place}")
         for name, value in (("dx", self.dx), ("dy", self.dy)):
             if not (np.isfinite(value) and value > 0.0):
                 raise MetrologyError(f"{name} must be positive and finite, got {value:g} m{place}")
@@ -78,14 +76,7 @@ class HeightMap:
 
 
 def rows_of(scan: Profile | HeightMap) -> list[Profile]:
-    """Return the profiles of a scan along x: one of a profile, one per row of a map; rows without a point are left out.
-
-    Examples
-    --------
-    >>> import numpy as np
-    >>> len(rows_of(HeightMap(np.zeros((4, 8)), dx=1e-6, dy=2e-6)))
-    4
-    """
+    """Return the profiles of a scan along x: one of a profile, one per row of a map; rows without a point are left out."""
     if isinstance(scan, Profile):
         return [scan]
     return [

@@ -19,33 +19,19 @@ from stepblocks.errors import MetrologyError
 
 Array = NDArray[np.float64]
 
-LENGTH_UNITS: dict[str, float] = {
-    "pm": 1e12,
-    "nm": 1e9,
-    "um": 1e6,
-    "µm": 1e6,
-    "μm": 1e6,
-    "mm": 1e3,
-    "cm": 1e2,
-    "m": 1.0,
-    "nanometer": 1e9,
-    "micrometer": 1e6,
-    "micron": 1e6,
-    "microns": 1e6,
-    "millimeter": 1e3,
-    "meter": 1.0,
-}
+LENGTH_UNITS = {"pm": 1e12, "nm": 1e9, "um": 1e6, "µm": 1e6, "μm": 1e6, "mm": 1e3, "cm": 1e2, "m": 1.0}  # per metre
+LENGTH_UNITS |= {"nanometer": 1e9, "micrometer": 1e6, "micron": 1e6, "microns": 1e6, "millimeter": 1e3, "meter": 1.0}
 
 _MOST_BYTES = 256 * 2**20
 _MOST_HEADER_LINES = 400
 _MOST_COLUMNS = 64
+_MISSING = {"", "nan", "bad", "-", "***"}  # how instruments write a point that was not measured
 _UNIT_IN_NAME = re.compile(r"(?:^|[\s_\[\(/])(" + "|".join(sorted(LENGTH_UNITS, key=len, reverse=True)) + r")[\]\)]?$")
 
 
 def read_text_scan(path: Path, unit: str | None = None) -> Profile | HeightMap:
     """Read a profile (two columns) or a grid of points (three columns) from text."""
-    text = _decode(path)
-    header, rows = _table(text, path)
+    header, rows = _table(_decode(path), path)
     if len(rows[0]) not in (2, 3):
         raise MetrologyError(f"table must have 2 columns (x, z) or 3 (x, y, z), got {len(rows[0])} [{path.name}]")
     factors = _factors(header, len(rows[0]), unit, path)
@@ -59,10 +45,8 @@ def read_text_scan(path: Path, unit: str | None = None) -> Profile | HeightMap:
 
 
 def _decode(path: Path) -> str:
-    if path.stat().st_size > _MOST_BYTES:
-        raise MetrologyError(
-            f"text must not exceed {_MOST_BYTES >> 20} MiB, got {path.stat().st_size} bytes [{path.name}]"
-        )
+    if (size := path.stat().st_size) > _MOST_BYTES:
+        raise MetrologyError(f"text must not exceed {_MOST_BYTES >> 20} MiB, got {size} bytes [{path.name}]")
     raw = path.read_bytes()
     if b"\0" in raw[:4096]:
         raise MetrologyError(f"file must be text, got zero bytes [{path.name}]")
@@ -74,9 +58,7 @@ def _decode(path: Path) -> str:
 
 def _table(text: str, path: Path) -> tuple[list[str], list[list[float]]]:
     """Names of the columns, and the numbers below them; empty names where the first line already holds numbers."""
-    lines = text.splitlines()
-    separator = _separator(lines)
-    reader = csv.reader(io.StringIO(text), delimiter=separator, skipinitialspace=True)
+    reader = csv.reader(io.StringIO(text), delimiter=_separator(text.splitlines()), skipinitialspace=True)
     header: list[str] = []
     rows: list[list[float]] = []
     try:
@@ -115,15 +97,10 @@ def _trim(record: list[str], width: int) -> list[str]:
 
 
 def _numbers(fields: list[str]) -> list[float] | None:
-    values = []
-    for field in fields:
-        if field == "" or field.lower() in {"nan", "bad", "-", "***"}:
-            values.append(np.nan)
-            continue
-        try:
-            values.append(float(field))
-        except ValueError:
-            return None
+    try:
+        values = [np.nan if field.lower() in _MISSING else float(field) for field in fields]
+    except ValueError:
+        return None
     return None if all(np.isnan(value) for value in values) else values
 
 
@@ -139,19 +116,18 @@ def _factors(header: list[str], width: int, unit: str | None, path: Path) -> Arr
         raise MetrologyError(f"unit must be one of nm, um, mm, m, got {unit!r}")
     if not header:
         if unit is None:
-            raise MetrologyError(
-                f"columns must name their unit (x_um, z [nm], ...) or a unit must be given, got none [{path.name}]"
-            )
+            rule = "columns must name their unit (x_um, z [nm], ...) or a unit must be given"
+            raise MetrologyError(f"{rule}, got none [{path.name}]")
         return np.full(width, LENGTH_UNITS[unit])
     factors = []
     for name in header:
         found = _UNIT_IN_NAME.search(name.lower())
-        if found is None and unit is None:
+        said = found.group(1) if found else unit
+        if said is None:
             raise MetrologyError(f"column {name!r} must name its unit (x_um, z [nm], ...) [{path.name}]")
-        factor = LENGTH_UNITS[found.group(1)] if found else LENGTH_UNITS[str(unit)]
-        if unit is not None and factor != LENGTH_UNITS[unit]:
+        factors.append(LENGTH_UNITS[said])
+        if unit is not None and factors[-1] != LENGTH_UNITS[unit]:
             raise MetrologyError(f"unit given is {unit}, but column {name!r} says another [{path.name}]")
-        factors.append(factor)
     return np.array(factors)
 
 
@@ -164,8 +140,7 @@ def _last_digit(rows: list[list[float]]) -> float:
 def _equal_steps(x: Array, digit: float) -> tuple[Array, bool]:
     if len(x) < 3 or not np.isfinite(x).all():
         return x, False
-    index = np.arange(len(x))
-    even = np.polynomial.Polynomial.fit(index, x, 1)(index)
+    even = np.polynomial.Polynomial.fit(np.arange(len(x)), x, 1)(np.arange(len(x)))
     off = float(np.abs(even - x).max())
     if off == 0.0 or off > 0.75 * digit:
         return x, False
@@ -178,9 +153,8 @@ def _grid(values: Array, path: Path, said: str) -> HeightMap:
     if not (np.isfinite(x).all() and np.isfinite(y).all()):
         raise MetrologyError(f"positions must be finite numbers [{path.name}]")
     if len(x) < 2 or len(y) < 2 or len(x) * len(y) > 4 * len(values):
-        raise MetrologyError(
-            f"points must lie on a grid, got {len(values)} points on {len(x)} columns and {len(y)} rows [{path.name}]"
-        )
+        got = f"{len(values)} points on {len(x)} columns and {len(y)} rows"
+        raise MetrologyError(f"points must lie on a grid, got {got} [{path.name}]")
     for name, axis in (("x", x), ("y", y)):
         if np.ptp(np.diff(axis)) > 0.02 * np.diff(axis).mean():
             raise MetrologyError(f"grid must have equal steps along {name} [{path.name}]")

@@ -1,30 +1,22 @@
-"""Flatness of a face and parallelism to a datum, by minimum zone: of points, and of the form apart from the noise.
-
-Minimum zone is what ISO 1101 defines: the least distance of two parallel planes that hold all points. It is a linear
-programme, solved by scipy's HiGHS. The least-squares deviation, which instruments often print, is never smaller.
+"""Flatness of a face and parallelism to a datum, by minimum zone (ISO 1101): of points, and of the form apart from the noise.
 
 The zone that holds all measured points grows with noise and with the number of points, and says little of a face. Stated
-is the zone of the form: of the polynomial of total degree three or less, fitted by least squares, over the face that was
-scanned. That polynomial is the filter. What its coefficients owe to noise is drawn from their covariance: the mean by which the
-zone grows with it is taken off, its scatter is the uncertainty. The zone of all points stands beside it as a note.
+is the zone of the form: of a polynomial of total degree three or less, the filter, fitted by least squares over what was
+scanned. What its coefficients owe to noise is drawn from their covariance: the mean by which the zone grows with it is taken
+off, its scatter is the uncertainty. The zone of all points stands beside it as a note.
 """
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
 
 from stepblocks.errors import MetrologyError
-from stepblocks.inspect.evaluate.noise import covariance_root, noise_uncertainty, outlier_mask
+from stepblocks.inspect.noise import Array, Mask, covariance_root, noise_uncertainty, outlier_mask
 
-Array = NDArray[np.float64]
-Mask = NDArray[np.bool_]
-
-_MOST_DEGREE = (
-    3  # largest total degree of the form [1]; along a side with fewer than four points per degree it is lower
-)
+_MOST_DEGREE = 3  # largest total degree of the form [1]; lower along a side with fewer than four points per degree
 _DRAWS = 40
 _SCALES = (1.0, np.sqrt(3.0))
 # ratio of the two growths from which it is told from the root of two [1]; forty draws scatter it by a third
@@ -43,30 +35,10 @@ class Plane:
     zone_least_squares: float  # the same about the least-squares plane [m]
 
 
-def flatness(points: ArrayLike) -> Plane:
-    """Flatness of a face by minimum zone.
+def flatness(points: Array) -> Plane:
+    """Flatness of a face by minimum zone (ISO 1101) of its points [m], of shape (n, 3); those with a nan are left out.
 
-    Parameters
-    ----------
-    points : array_like, shape (n, 3)
-        Points of the face [m]; those with a nan are left out.
-
-    Raises
-    ------
-    MetrologyError
-        If fewer than four points are known, or all lie on one line.
-
-    References
-    ----------
-    ISO 1101; the zone is a linear programme over the vertices of the convex hull, which alone can touch it.
-
-    Examples
-    --------
-    >>> import numpy as np
-    >>> x, y = np.meshgrid(np.arange(5) * 1e-3, np.arange(4) * 1e-3)
-    >>> z = 0.01 * x + np.where((x == 2e-3) & (y == 1e-3), 1e-6, 0.0)
-    >>> round(flatness(np.stack([x.ravel(), y.ravel(), z.ravel()], axis=1)).zone * 1e6, 3)
-    1.0
+    The zone is a linear programme over the vertices of the convex hull, which alone can touch it.
     """
     from scipy.optimize import linprog
     from scipy.spatial import ConvexHull, QhullError
@@ -92,18 +64,22 @@ def flatness(points: ArrayLike) -> Plane:
     return _plane(solution + result.x[:3] * unit, centre, scale, 2.0 * float(result.x[3]) * unit, unit)
 
 
-def parallelism(points: ArrayLike, datum: Plane) -> float:
+def parallelism(points: Array, datum: Plane) -> float:
     """Parallelism of a face, points of shape (n, 3), to a datum: the width along its normal that holds every point [m]."""
     cloud = _points(points)
     above = cloud[:, 2] - datum.slope_x * cloud[:, 0] - datum.slope_y * cloud[:, 1]
     return float(np.ptp(above) / (1.0 + datum.slope_x**2 + datum.slope_y**2) ** 0.5)
 
 
-def _points(points: ArrayLike) -> Array:
-    cloud = np.asarray(points, dtype=np.float64)
-    if cloud.ndim != 2 or cloud.shape[1] != 3:
-        raise MetrologyError(f"points must be rows of x, y, z, got shape {cloud.shape}")
-    cloud = cloud[np.isfinite(cloud).all(axis=1)]
+def known_points(points: Array) -> Array:
+    """Return points without those that have a nan."""
+    if points.ndim != 2 or points.shape[1] != 3:
+        raise MetrologyError(f"points must be rows of x, y, z, got shape {points.shape}")
+    return points[np.isfinite(points).all(axis=1)]
+
+
+def _points(points: Array) -> Array:
+    cloud = known_points(points)
     if len(cloud) < 4 or np.linalg.matrix_rank(cloud[:, :2] - cloud[:, :2].mean(axis=0), tol=1e-12) < 2:
         raise MetrologyError(f"points must span a face: at least 4 that are not on one line, got {len(cloud)}")
     return cloud
@@ -159,16 +135,15 @@ def fit_face(x: Array, y: Array, height: Array, face: Mask) -> FaceForm:
         raise MetrologyError(f"face must have at least 20 points on two rows and columns, got {int(used.sum())}")
     mx, my = np.meshgrid(x, y)
     points = np.stack([mx[used], my[used], height[used]], axis=1)
-    middles = [0.5 * (x[columns[0]] + x[columns[-1]]), 0.5 * (y[rows[0]] + y[rows[-1]])]
-    halves = [0.5 * (x[columns[-1]] - x[columns[0]]), 0.5 * (y[rows[-1]] - y[rows[0]])]
+    sides = (x[columns[0]], x[columns[-1]]), (y[rows[0]], y[rows[-1]])
+    middles, halves = [0.5 * (begin + end) for begin, end in sides], [0.5 * (end - begin) for begin, end in sides]
     degrees = [min(_MOST_DEGREE, max(len(index) // 4, 1)) for index in (columns, rows)]
     powers = [(i, j) for i in range(degrees[0] + 1) for j in range(degrees[1] + 1) if i + j <= max(degrees)]
     design = _terms((x[np.newaxis, :] - middles[0]) / halves[0], (y[:, np.newaxis] - middles[1]) / halves[1], powers)
     for _ in range(4):
         solution = np.linalg.lstsq(design[:, used].T, height[used], rcond=None)[0]
         residuals = height - np.tensordot(solution, design, 1)
-        spikes = np.zeros_like(used)
-        spikes[used] = outlier_mask(residuals[used])
+        spikes = outlier_mask(residuals, used)
         if not spikes.any():
             break
         used &= ~spikes
@@ -192,33 +167,33 @@ def _terms(at_x: Array, at_y: Array, powers: list[tuple[int, int]]) -> Array:
 
 def zone_of_flatness(face: FaceForm) -> FormZone:
     """Flatness of the form of a face (ISO 1101, minimum zone)."""
-    added = face.draws(np.random.default_rng(1101))
-    drawn = [np.array([flatness(face.shape(scale * one)).zone for one in added]) for scale in _SCALES]
-    return _without_growth(flatness(face.shape()).zone, drawn, face.dof, flatness(face.points).zone)
+    return _zone_of(lambda points: flatness(points).zone, face)
 
 
 def zone_of_parallelism(face: FaceForm, datum: FaceForm) -> FormZone:
     """Parallelism of the form of a face to the minimum-zone plane of the form of another (ISO 1101)."""
-    random = np.random.default_rng(1101)
-    pairs = list(zip(face.draws(random), datum.draws(random), strict=True))
-
-    def zones(scale: float) -> Array:
-        return np.array([parallelism(face.shape(scale * a), flatness(datum.shape(scale * b))) for a, b in pairs])
-
-    zone = parallelism(face.shape(), flatness(datum.shape()))
-    all_points = parallelism(face.points, flatness(datum.points))
-    return _without_growth(zone, [zones(scale) for scale in _SCALES], min(face.dof, datum.dof), all_points)
+    return _zone_of(lambda points, others: parallelism(points, flatness(others)), face, datum)
 
 
-def _without_growth(zone: float, drawn: list[Array], dof: float, all_points: float) -> FormZone:
-    """Take off what noise has added; as much again, as a rectangle, counts beside the scatter.
+def _zone_of(width: Callable[..., float], *faces: FaceForm) -> FormZone:
+    """Take off what noise has added to a zone; as much again, as a rectangle, counts beside the scatter.
 
     The fit holds the noise once, draws at the two scales hold it as its root of two and twice. Where one term sets the zone, the
     zone grows with the standard deviation of the noise and the second growth is the first times the root of two; where several
     do, it grows with a higher power, and the power follows from the two. Either way it is followed back to no noise.
     """
-    first, second = float(drawn[0].mean()) - zone, float(drawn[1].mean() - drawn[0].mean())
+    random = np.random.default_rng(1101)
+    draws = list(zip(*(face.draws(random) for face in faces), strict=True))
+
+    def drawn(scale: float) -> Array:
+        shapes = ([face.shape(scale * one) for face, one in zip(faces, draw, strict=True)] for draw in draws)
+        return np.array([width(*points) for points in shapes])
+
+    once, twice = (drawn(scale) for scale in _SCALES)
+    zone = width(*(face.shape() for face in faces))
+    first, second = float(once.mean()) - zone, float(twice.mean() - once.mean())
     ratio = second / first if second > _SEVERAL * first > 0.0 else np.sqrt(2.0)
     growth = min(max(first / (ratio - 1.0), 0.0), zone)
-    std = float(np.hypot(drawn[0].std(ddof=1), growth / np.sqrt(3.0)))
-    return FormZone(zone - growth, std, dof, all_points)
+    std = float(np.hypot(once.std(ddof=1), growth / np.sqrt(3.0)))
+    all_points = width(*(face.points for face in faces))
+    return FormZone(zone - growth, std, min(face.dof for face in faces), all_points)

@@ -11,12 +11,10 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.linalg import cholesky, solve_triangular, toeplitz
 
 from stepblocks.errors import MetrologyError
-
-Array = NDArray[np.float64]
+from stepblocks.inspect.noise import Array, Mask, padded
 
 _MOST_POINTS = 800  # of the window that are whitened together; more are thinned, since the cost grows with their square
 _LOSS = 3.0  # whitened residual beyond which a point is form or spike rather than noise [1]
@@ -36,17 +34,12 @@ class Arc:
     """Radius of an edge."""
 
     radius: float  # mean of the posterior [m]
-    # its standard deviation [m]; below three sampling intervals, where form between two samples decides, together with a
-    # rectangle of one interval
-    radius_std: float
+    radius_std: float  # its standard deviation [m], of an unresolved one together with a rectangle of one interval
     radius_limit: float  # upper limit at 95 % [m]
     riser: float  # position of the riser at the most probable radius [m]
-    form: float  # root mean square of the residuals on the arc, across the surface [m]
     excess: float  # mean square of the whitened residuals on the arc [1]; about one or less where the edge is a circle
     misfit: float  # half sum of the robust squares of all whitened residuals [1]
-    suspects: tuple[
-        int, ...
-    ]  # points with the largest residuals, and the first on the arc: a spike would be among them
+    suspects: tuple[int, ...]  # points with the largest residuals, and the first on the arc: a spike is among them
 
 
 def edge_profile(position: Array, riser: float | Array, height: float, radius: float) -> Array:
@@ -59,25 +52,10 @@ def edge_profile(position: Array, riser: float | Array, height: float, radius: f
 def arc_radius(
     position: Array, levelled: Array, height: float, spacing: float, gamma: Array, level_errors: Array | None = None
 ) -> Arc:
-    """Radius of the edge in a levelled window.
+    """Radius of the edge in a levelled window: positions and heights over the lower face [m], both of shape (n,).
 
-    Parameters
-    ----------
-    position, levelled : ndarray, shape (n,)
-        The window [m], heights over the lower face.
-    height : float
-        Height of the step [m].
-    spacing : float
-        Sampling interval [m].
-    gamma : ndarray, shape (k,)
-        Autocovariance of the noise by lag [m^2].
-    level_errors : ndarray, shape (m, n), optional
-        Rows whose products add up to the covariance of the levels in the window [m].
-
-    Raises
-    ------
-    MetrologyError
-        If the window holds fewer than eight points.
+    `height` is that of the step [m], `spacing` the sampling interval [m], `gamma` the autocovariance of the noise by lag
+    [m^2]; rows of `level_errors`, shape (m, n), have products that add up to the covariance of the levels [m^2].
     """
     if len(position) < 8:
         raise MetrologyError(f"window at the edge must hold at least 8 points, got {len(position)}")
@@ -85,12 +63,11 @@ def arc_radius(
     window = _Window(position, levelled, height, spacing, gamma, shared)
     span = float(position[-1] - position[0])
     radii = np.concatenate([[0.0], np.geomspace(0.2 * spacing, 0.5 * span, 48)])
-    best, offset = _scan_coarsely(window, radii, *_crossing(position, levelled > 0.5 * height))
-    table = _refine(window, best, offset)
-    return _summary(window, *table)
+    best = _scan_coarsely(window, radii, *_crossing(position, levelled > 0.5 * height))
+    return _summary(window, *_refine(window, *best))
 
 
-def _crossing(position: Array, upper: NDArray[np.bool_]) -> tuple[float, float]:
+def _crossing(position: Array, upper: Mask) -> tuple[float, float]:
     """Last point below half the height and first above, where the fewest points lie on the wrong side: spikes may."""
     wrong = np.concatenate([[0], np.cumsum(upper)]) + np.concatenate([np.cumsum(~upper[::-1])[::-1], [0]])
     first = min(max(int(np.argmin(wrong)), 1), len(position) - 1)
@@ -106,9 +83,7 @@ class _Window:
         thin = -(-len(position) // _MOST_POINTS)
         self.x, self.z, self.height, self.spacing = position[::thin], levelled[::thin], height, spacing
         lags = np.rint((self.x - self.x[0]) / spacing).astype(int)
-        column = np.zeros(lags[-1] + 1)
-        used = min(len(gamma), len(column))
-        column[:used] = gamma[:used]
+        column = padded(gamma, int(lags[-1]) + 1)
         floor = max(gamma[0], (1e-6 * height) ** 2)
         column[0] = column[0] + 1e-3 * floor
         full = toeplitz(column)[np.ix_(lags, lags)] + shared[:, ::thin].T @ shared[:, ::thin]
@@ -179,10 +154,8 @@ def _refine(window: _Window, radius: float, riser: float) -> tuple[Array, Array,
         radius, riser = float(radii[at[0]]), float(risers[at[1]])
         weight = np.exp(costs.min() - costs)
         marginal_r, marginal_x = weight.sum(axis=1) / weight.sum(), weight.sum(axis=0) / weight.sum()
-        std_r = _spread(radii, marginal_r)
-        std_x = _spread(risers, marginal_x)
-        settled = half_r <= 8.0 * std_r + window.spacing * 0.02 and half_x <= 10.0 * std_x + window.spacing * 0.02
-        if settled:
+        std_r, std_x = _spread(radii, marginal_r), _spread(risers, marginal_x)
+        if half_r <= 8.0 * std_r + window.spacing * 0.02 and half_x <= 10.0 * std_x + window.spacing * 0.02:
             break
         half_r = min(half_r, max(6.0 * std_r, 3.0 * float(radii[1] - radii[0])))
         half_x = min(half_x, max(6.0 * std_x, 3.0 * float(risers[1] - risers[0])))
@@ -210,9 +183,8 @@ def _summary(window: _Window, radii: Array, risers: Array, costs: Array) -> Arc:
         # between two samples nothing is known: a rectangle of one interval, as on any length along x
         std = float(np.hypot(std, window.spacing / np.sqrt(12.0)))
         limit = max(limit, mean + _NORMAL_95 * std)
-    form = float(np.sqrt(np.mean(across[zone] ** 2)))
     first = int(np.searchsorted(window.x, riser))
     # a spike low on the arc draws the circle to itself and leaves its residual to others
     leading = range(max(first - 1, 0), min(first + _SUSPECTS, len(across)))
     suspects = tuple(sorted({*leading, *(int(index) for index in np.argsort(-np.abs(across))[:_SUSPECTS])}))
-    return Arc(mean, std, limit, riser, form, excess, float(costs.min()), suspects)
+    return Arc(mean, std, limit, riser, excess, float(costs.min()), suspects)

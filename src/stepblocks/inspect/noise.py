@@ -5,9 +5,8 @@ uncertainty of this room is propagated through the autocovariance of the residua
 
 A height is a weighted sum ``w . z``. With stationary noise its variance is the sum over lags of ``c(k) gamma(k)``, c the
 autocorrelation of the weights and gamma the autocovariance of the noise. Gamma is estimated from a few hundred
-residuals, so the variance is itself uncertain: it carries degrees of freedom, and an interval needs Student's factor.
-Two biases are taken out: the taper over lags is flat where the noise is correlated (a falling one loses the tail), and
-what the fit has swallowed of the noise is put back by its expectation. Profiles and maps go the same way.
+residuals, so the variance carries degrees of freedom. Two biases are taken out: the taper over lags is flat where the noise
+is correlated, and what the fit has swallowed of the noise is put back by its expectation. Maps go the same way.
 """
 
 from __future__ import annotations
@@ -17,6 +16,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy import fft
 from scipy.linalg import matmul_toeplitz
 
 Array = NDArray[np.float64]
@@ -24,9 +24,8 @@ Mask = NDArray[np.bool_]
 
 # scatter that counts as none [m]: a hundredth of an atom. Below it lies the rounding of a processor, not a surface
 LEAST_SCATTER = 1e-12
-_GAUSS_PER_MAD = (
-    1.482602218505602  # standard deviation of a normal law over its median absolute deviation, 1 / Phi^-1(3/4)
-)
+_GAUSS_PER_MAD = 1.482602218505602  # standard deviation of a normal law over its median absolute deviation
+SPIKE = 5.0  # robust standard deviations beyond which a point is a spike
 _MOST_RESTORED = 4.0  # by which a variance is raised for what the fit swallowed; beyond it, nothing is known
 # least part of the low frequencies that a fit may leave [1]; with less, the correlation cannot be told from the form
 _LEAST_LEFT = 0.25
@@ -47,12 +46,16 @@ def robust_scale(residuals: Array) -> float:
     return float(_GAUSS_PER_MAD * np.median(np.abs(residuals - np.median(residuals))))
 
 
-def outlier_mask(residuals: Array, limit: float = 5.0) -> NDArray[np.bool_]:
-    """Return true for spikes: residuals [m] further than `limit` robust deviations from the median; none without scatter."""
+def outlier_mask(residuals: Array, used: Mask | None = None) -> Mask:
+    """Return true for spikes: residuals [m] beyond five robust deviations from the median of those used; none without scatter."""
+    if used is not None:
+        spikes = np.zeros_like(used)
+        spikes[used] = outlier_mask(residuals[used])
+        return spikes
     scale = robust_scale(residuals)
     if scale <= LEAST_SCATTER:
         return np.zeros(residuals.shape, dtype=bool)
-    return np.abs(residuals - np.median(residuals)) > limit * scale
+    return np.abs(residuals - np.median(residuals)) > SPIKE * scale
 
 
 def autocovariance(pieces: Sequence[Array], parameters: int = 3) -> Array:
@@ -86,10 +89,12 @@ def autocovariance(pieces: Sequence[Array], parameters: int = 3) -> Array:
 
 def estimator_covariance(weights: Array, gamma: Array) -> Array:
     """Covariance of linear estimates ``weights @ z`` for noise of autocovariance `gamma`."""
-    column = np.zeros(weights.shape[1])
-    used = min(len(gamma), len(column))
-    column[:used] = gamma[:used]
-    return np.asarray(weights @ matmul_toeplitz(column, weights.T))
+    return np.asarray(weights @ matmul_toeplitz(padded(gamma, weights.shape[1]), weights.T))
+
+
+def padded(gamma: Array, count: int) -> Array:
+    """Return an autocovariance over `count` lags, zero beyond those that are known."""
+    return np.pad(gamma[:count], (0, max(count - len(gamma), 0)))
 
 
 def covariance_root(covariance: Array) -> Array:
@@ -140,9 +145,6 @@ class _Lags:
     """Fourier transforms over a grid that is padded so that lags do not wrap."""
 
     def __init__(self, shape: tuple[int, ...]) -> None:
-        from scipy import fft
-
-        self._fft = fft
         self._cut = tuple(slice(0, size) for size in shape)
         self.shape = tuple(fft.next_fast_len(2 * size, real=True) for size in shape)
         # a real transform keeps half of the last axis; the other half counts in means over frequencies
@@ -152,16 +154,16 @@ class _Lags:
             self._share[-1] = 1.0
 
     def transform(self, values: Array) -> NDArray[np.complex128]:
-        return np.asarray(self._fft.rfftn(values, self.shape))
+        return np.asarray(fft.rfftn(values, self.shape))
 
-    def back(self, spectrum: Array) -> Array:
-        return np.asarray(self._fft.irfftn(spectrum, self.shape))
+    def back(self, spectrum: Array | NDArray[np.complex128]) -> Array:
+        return np.asarray(fft.irfftn(spectrum, self.shape))
 
     def autocorrelation(self, values: Array) -> Array:
         return self.back(np.abs(self.transform(values)) ** 2)
 
     def convolved(self, spectrum: Array, values: Array) -> Array:
-        return np.asarray(self._fft.irfftn(spectrum * self.transform(values), self.shape)[self._cut])
+        return self.back(spectrum * self.transform(values))[self._cut]
 
     def mean(self, spectrum: Array) -> float:
         return float(np.sum(spectrum * self._share) / np.prod(self.shape))

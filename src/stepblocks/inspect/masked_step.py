@@ -13,12 +13,8 @@ from numpy.typing import NDArray
 
 from stepblocks.artefacts.scans.scan import HeightMap
 from stepblocks.errors import MetrologyError
-from stepblocks.inspect.evaluate.levelling import two_levels
-from stepblocks.inspect.evaluate.noise import NoiseUncertainty, noise_uncertainty
-
-Array = NDArray[np.float64]
-Mask = NDArray[np.bool_]
-Rows = NDArray[np.intp]
+from stepblocks.inspect.levelling import two_levels
+from stepblocks.inspect.noise import Array, Mask, NoiseUncertainty, noise_uncertainty
 
 _LEAST_FLOOR = 5  # points of a row in the features
 _LEAST_REFERENCE = 20  # points of a row beside them
@@ -31,8 +27,7 @@ class MaskedStep:
     """Depth of the features of a map."""
 
     depth: float  # weighted mean over rows [m]; negative for ridges
-    depth_std: float  # its standard uncertainty from their scatter [m]
-    depth_dof: float  # effective degrees of freedom of that uncertainty [1]
+    noise: NoiseUncertainty  # of the depth, from their scatter [m]
     exclusion: float  # distance that was kept to every edge [m]
     rows: int  # that took part
     features: int  # separate ones in the map
@@ -40,19 +35,9 @@ class MaskedStep:
 
 
 def masked_step(scan: HeightMap, exclusion: float | None = None) -> MaskedStep:
-    """Depth of holes, or height of bumps, over a map.
+    """Depth of holes, or height of bumps, over a map without missing points.
 
-    Parameters
-    ----------
-    scan : HeightMap
-        Without missing points.
-    exclusion : float, optional
-        Distance to keep to every edge [m]; by default that at which both sides have settled.
-
-    Raises
-    ------
-    MetrologyError
-        If points are missing, or fewer than three rows keep enough of floor and reference.
+    `exclusion` is the distance to keep to every edge [m]; by default that at which both sides have settled.
     """
     from scipy import ndimage
 
@@ -61,34 +46,24 @@ def masked_step(scan: HeightMap, exclusion: float | None = None) -> MaskedStep:
         raise MetrologyError(f"map must have no missing points for a masked evaluation [{scan.source}]")
     inside = _features(z)
     pitch = min(scan.dx, scan.dy)
-    sampling = (scan.dy, scan.dx)
-    within = ndimage.distance_transform_edt(inside, sampling=sampling)
-    outside = ndimage.distance_transform_edt(~inside, sampling=sampling)
+    within, outside = (ndimage.distance_transform_edt(x, sampling=(scan.dy, scan.dx)) for x in (inside, ~inside))
     if exclusion is None:
         exclusion = _settling_distance(_plane_levelled(z, outside > 3.0 * pitch), within, outside, pitch)
     floor, reference = within > exclusion, outside > exclusion
     depths, weights = _row_depths(scan.x, z, floor, reference)
     known = np.isfinite(depths)
     if known.sum() < 3:
-        raise MetrologyError(
-            f"map must keep at least 3 rows with floor and reference beyond {exclusion * 1e6:.3g} um, got "
-            f"{int(known.sum())} [{scan.source}]"
-        )
+        rule = f"map must keep at least 3 rows with floor and reference beyond {exclusion * 1e6:.3g} um"
+        raise MetrologyError(f"{rule}, got {int(known.sum())} [{scan.source}]")
     share = np.where(known, weights, 0.0)
     share /= share.sum()
     depth = float(np.sum(share[known] * depths[known]))
     noise = _by_bands(depths, share, depth, known)
     shown = int(np.argmax(np.where(known, weights, -1.0)))
     line = np.polynomial.Polynomial.fit(scan.x[reference[shown]], z[shown, reference[shown]], 1)
-    return MaskedStep(
-        depth,
-        noise.std,
-        noise.dof,
-        exclusion,
-        int(known.sum()),
-        int(ndimage.label(inside)[1]),
-        (scan.x, z[shown] - line(scan.x)),
-    )
+    profile = scan.x, z[shown] - line(scan.x)
+    features = int(ndimage.label(inside)[1])
+    return MaskedStep(depth, noise, exclusion, int(known.sum()), features, profile)
 
 
 def _by_bands(depths: Array, share: Array, depth: float, known: Mask) -> NoiseUncertainty:
@@ -105,7 +80,7 @@ def _by_bands(depths: Array, share: Array, depth: float, known: Mask) -> NoiseUn
     return NoiseUncertainty(float(np.sqrt(np.sum(parts) / (len(bands) - 1))), len(bands) - 1.0)
 
 
-def _without_slivers(bands: list[Rows], share: Array) -> list[Rows]:
+def _without_slivers(bands: list[NDArray[np.intp]], share: Array) -> list[NDArray[np.intp]]:
     """Join bands at either end that hold less than half of the usual share to their neighbours."""
     least = 0.5 * float(np.median([share[band].sum() for band in bands]))
     if len(bands) > 1 and share[bands[0]].sum() < least:
@@ -118,8 +93,8 @@ def _without_slivers(bands: list[Rows], share: Array) -> list[Rows]:
 def _plane_levelled(z: Array, reference: Mask) -> Array:
     rows, columns = np.mgrid[: z.shape[0], : z.shape[1]].astype(np.float64)
     design = np.stack([columns[reference], rows[reference], np.ones(int(reference.sum()))], axis=1)
-    solution = np.linalg.lstsq(design, z[reference], rcond=None)[0]
-    return np.asarray(z - solution[0] * columns - solution[1] * rows - solution[2])
+    across, along, offset = np.linalg.lstsq(design, z[reference], rcond=None)[0]
+    return np.asarray(z - across * columns - along * rows - offset)
 
 
 def _features(z: Array) -> Mask:
@@ -147,8 +122,7 @@ def _settling_distance(level: Array, within: Array, outside: Array, pitch: float
     limit = _SETTLED * abs(plateau[0] - plateau[1])
     settled = 1
     for distance, target in zip((within, outside), plateau, strict=True):
-        rings = int(0.5 * reach / pitch)
-        for ring in range(1, rings + 1):
+        for ring in range(1, int(0.5 * reach / pitch) + 1):
             points = level[(distance > (ring - 0.5) * pitch) & (distance <= (ring + 0.5) * pitch)]
             if points.size and abs(np.median(points) - target) > limit:
                 settled = max(settled, ring)

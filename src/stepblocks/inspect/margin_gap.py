@@ -10,15 +10,18 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
 
 from stepblocks.errors import MetrologyError
-from stepblocks.inspect.evaluate.levelling import TwoPlanes, despiked, fit_two_planes, roughly_levelled, two_levels
-from stepblocks.inspect.evaluate.noise import NoiseUncertainty
-
-Array = NDArray[np.float64]
-
-_LEAST_POINTS = 20
+from stepblocks.inspect.levelling import (
+    LEAST_FACE,
+    TwoPlanes,
+    check_profile,
+    despiked,
+    fit_two_planes,
+    roughly_levelled,
+    two_levels,
+)
+from stepblocks.inspect.noise import Array, NoiseUncertainty
 
 
 @dataclass(frozen=True)
@@ -30,7 +33,6 @@ class Margin:
     opening_sampling: float  # standard uncertainty since nothing is known between two samples of a wall [m]
     rise: float  # height of the right shoulder over the left [m]
     rise_noise: NoiseUncertainty  # from noise and roughness [m]
-    depth: float  # how deep the profile reached into the gap, below the lower shoulder [m]
 
     @property
     def absolute(self) -> float:
@@ -45,38 +47,25 @@ class Margin:
         return NoiseUncertainty(std, self.rise_noise.dof)
 
 
-def fit_margin(position: ArrayLike, height: ArrayLike) -> Margin:
-    """Measure opening and vertical discrepancy of a margin.
+def fit_margin(x: Array, z: Array) -> Margin:
+    """Measure opening and rise of a margin from a profile [m], nan where nothing was measured.
 
-    An edge is where the profile has fallen below its own shoulder by half the depth of the gap under the lower
-    shoulder; missing points count as gap. Where two samples jump over a wall, the edge is known to that interval, as a
-    rectangle; where samples lie on a flank, the crossing is interpolated and the noise of the two counts.
+    An edge is where the profile has fallen below its own shoulder by half the depth of the gap; missing points count as gap.
+    Where two samples jump over a wall, the edge is known to that interval, as a rectangle; on a flank it is interpolated.
     """
-    x, z = np.asarray(position, dtype=np.float64), np.asarray(height, dtype=np.float64)
-    if x.ndim != 1 or x.shape != z.shape or len(x) < 3 * _LEAST_POINTS:
-        raise MetrologyError(f"profile must be two rows of at least {3 * _LEAST_POINTS} points, got {x.shape}")
-    steps = np.diff(x)
-    if not ((steps > 0.0).all() and np.ptp(steps) < 0.01 * steps.mean()):
-        raise MetrologyError("positions of the profile must increase in equal steps within 1 %")
-    known = np.isfinite(z)
-    level = np.full_like(z, np.nan)
+    check_profile(x, z, 3 * LEAST_FACE)
+    known, level = np.isfinite(z), np.full_like(z, np.nan)
     level[known] = despiked(roughly_levelled(x[known], z[known]))
     begin, end = _gap(level)
     middle = 0.5 * float(x[begin] + x[end - 1])
     planes = _shoulders(x, z, begin, end, middle)
     flat = z - planes.tilt * (x - middle) - planes.offset
-    left, right, depth = _edges(x, flat, planes.height, begin, end)
-    spacing, roughness = float(steps.mean()), float(np.std(planes.residuals[planes.used]))
+    left, right = _edges(x, flat, planes.height, begin, end)
+    spacing, roughness = float(np.diff(x).mean()), float(np.std(planes.residuals[planes.used]))
     sampling = spacing * float(np.hypot(left.unresolved, right.unresolved)) / np.sqrt(12.0)
     crossing = [0.0 if np.isnan(one.jump) else roughness * spacing / one.jump for one in (left, right)]
-    return Margin(
-        opening=right.position - left.position,
-        opening_noise=NoiseUncertainty(float(np.hypot(crossing[0], crossing[1])), planes.noise.dof),
-        opening_sampling=sampling,
-        rise=planes.height,
-        rise_noise=planes.noise,
-        depth=depth,
-    )
+    noise = NoiseUncertainty(float(np.hypot(crossing[0], crossing[1])), planes.noise.dof)
+    return Margin(right.position - left.position, noise, sampling, planes.height, planes.noise)
 
 
 def _gap(level: Array) -> tuple[int, int]:
@@ -92,18 +81,17 @@ def _gap(level: Array) -> tuple[int, int]:
     change = np.flatnonzero(np.diff(np.concatenate([[0], inside.astype(np.int8), [0]])))
     stretches = list(zip(change[::2], change[1::2], strict=True))
     begin, end = max(stretches, key=lambda pair: pair[1] - pair[0])
-    if begin < _LEAST_POINTS or len(level) - end < _LEAST_POINTS:
-        raise MetrologyError(f"gap must leave {_LEAST_POINTS} points of a shoulder on either side")
+    if begin < LEAST_FACE or len(level) - end < LEAST_FACE:
+        raise MetrologyError(f"gap must leave {LEAST_FACE} points of a shoulder on either side")
     return int(begin), int(end)
 
 
 def _shoulders(x: Array, z: Array, begin: int, end: int, middle: float) -> TwoPlanes:
     margin = max((end - begin) // 2, 3)
-    index = np.arange(len(x))
-    left, right = index < begin - margin, index >= end + margin
-    used = (left | right) & np.isfinite(z)
-    if (left & used).sum() < _LEAST_POINTS or (right & used).sum() < _LEAST_POINTS:
-        raise MetrologyError(f"shoulders must keep {_LEAST_POINTS} points each beside the gap")
+    used = np.isfinite(z)
+    used[max(begin - margin, 0) : end + margin] = False
+    if min(used[:begin].sum(), used[end:].sum()) < LEAST_FACE:
+        raise MetrologyError(f"shoulders must keep {LEAST_FACE} points each beside the gap")
     return fit_two_planes(x, z, middle, used)
 
 
@@ -116,7 +104,7 @@ class _Wall:
     jump: float
 
 
-def _edges(x: Array, flat: Array, rise: float, begin: int, end: int) -> tuple[_Wall, _Wall, float]:
+def _edges(x: Array, flat: Array, rise: float, begin: int, end: int) -> tuple[_Wall, _Wall]:
     lower = min(0.0, rise)
     inner = flat[begin:end]
     # the median of the deepest tenth, since the deepest point is mostly noise
@@ -127,15 +115,15 @@ def _edges(x: Array, flat: Array, rise: float, begin: int, end: int) -> tuple[_W
     middle = (begin + end) // 2
     left = int(np.flatnonzero(solid[:middle])[-1])
     right = middle + int(np.flatnonzero(solid[middle:])[0])
-    return _wall(x, flat, level, depth, left, left + 1), _wall(x, flat, level, depth, right - 1, right), depth
+    return _wall(x, flat, level, depth, left), _wall(x, flat, level, depth, right - 1)
 
 
-def _wall(x: Array, flat: Array, level: float, depth: float, low: int, high: int) -> _Wall:
+def _wall(x: Array, flat: Array, level: float, depth: float, low: int) -> _Wall:
     """Locate a wall between two samples: a jump of the whole depth leaves the interval open, a flank is interpolated."""
-    a, b = flat[low], flat[high]
-    middle, jump = float(0.5 * (x[low] + x[high])), float(abs(b - a))
+    (begin, end), (a, b) = x[low : low + 2], flat[low : low + 2]
+    middle, jump = float(0.5 * (begin + end)), float(abs(b - a))
     if not np.isfinite(jump / depth) or jump == 0.0:
         return _Wall(middle, 1.0, float("nan"))
     unresolved = float(np.clip(2.0 * jump / depth - 1.0, 0.0, 1.0))
-    crossing = float(x[low] + (level - a) / (b - a) * (x[high] - x[low]))
+    crossing = float(begin + (level - a) / (b - a) * (end - begin))
     return _Wall(unresolved * middle + (1.0 - unresolved) * crossing, unresolved, jump)

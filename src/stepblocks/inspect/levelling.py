@@ -9,12 +9,22 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
-from stepblocks.inspect.evaluate.noise import NoiseUncertainty, noise_uncertainty, outlier_mask
+from stepblocks.errors import MetrologyError
+from stepblocks.inspect.noise import Array, Mask, NoiseUncertainty, noise_uncertainty, outlier_mask
 
-Array = NDArray[np.float64]
-Mask = NDArray[np.bool_]
+LEAST_FACE = 20  # points of a face or shoulder that is fitted
+
+
+def check_profile(x: Array, z: Array, least: int) -> None:
+    """Refuse what is no profile of at least `least` points in equal steps."""
+    if x.ndim != 1 or x.shape != z.shape:
+        raise MetrologyError(f"profile must be two equally long rows, got {x.shape} and {z.shape}")
+    if len(x) < least:
+        raise MetrologyError(f"profile must have at least {least} points, got {len(x)}")
+    steps = np.diff(x)
+    if not (np.isfinite(x).all() and (steps > 0.0).all() and np.ptp(steps) < 0.01 * np.mean(steps)):
+        raise MetrologyError("positions of the profile must increase in equal steps within 1 %")
 
 
 def despiked(heights: Array) -> Array:
@@ -57,6 +67,12 @@ def two_levels(levelled: Array) -> tuple[float, float]:
     return float(np.median(ordered[:split])), float(np.median(ordered[split:]))
 
 
+def weighted(design: Array, z: Array, used: Mask) -> tuple[Array, Array]:
+    """Return with which weights each point counts in a least-squares fit over those used, and its solution."""
+    weights = np.where(used, np.linalg.inv(design[:, used] @ design[:, used].T) @ design, 0.0)
+    return weights, weights[:, used] @ z[used]
+
+
 @dataclass(frozen=True)
 class TwoPlanes:
     """Two parallel faces, the one behind the middle of a profile higher by `height`."""
@@ -80,12 +96,9 @@ def fit_two_planes(x: Array, z: Array, middle: float, used: Mask) -> TwoPlanes:
     design = np.stack([(x - middle) / scale, np.ones_like(x), (x > middle).astype(float)])
     calm, whole = without_spikes(z), int(used.sum())
     for turn in range(6):
-        inverse = np.linalg.inv(design[:, used] @ design[:, used].T)
-        weights = np.where(used, inverse @ design, 0.0)
-        solution = weights[:, used] @ (calm if turn == 0 else z)[used]
+        weights, solution = weighted(design, z if turn else calm, used)
         residuals = z - solution @ design
-        spikes = np.zeros_like(used)
-        spikes[used] = outlier_mask(residuals[used])
+        spikes = outlier_mask(residuals, used)
         if turn > 0 and not spikes.any():
             break
         used = used & ~spikes

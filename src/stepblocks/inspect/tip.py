@@ -10,13 +10,11 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
 
 from stepblocks.artefacts.scans.scan import HeightMap
 from stepblocks.errors import MetrologyError
-from stepblocks.inspect.evaluate.noise import NoiseUncertainty, noise_uncertainty, outlier_mask
-
-Array = NDArray[np.float64]
+from stepblocks.inspect.form import known_points
+from stepblocks.inspect.noise import Array, NoiseUncertainty, noise_uncertainty, outlier_mask
 
 # reach of the cap that is fitted, as a part of the nominal radius [1]: 44 degrees of the ball, clear of the cone
 _CAP = 0.7
@@ -57,54 +55,34 @@ def fit_cap(scan: HeightMap, nominal: float) -> Cap:
     for _ in range(20):
         across = state[3] ** 2 - (x - state[0]) ** 2 - (y - state[1]) ** 2
         if not (across[used] > 0.0).all():
-            raise MetrologyError(
-                f"tip must show a cap of a ball of about {nominal * 1e6:.4g} um, got none [{scan.source}]"
-            )
+            cap = f"a cap of a ball of about {nominal * 1e6:.4g} um"
+            raise MetrologyError(f"tip must show {cap}, got none [{scan.source}]")
         rise = np.sqrt(np.where(used, across, 1.0))
         residuals = np.where(used, z - state[2] - rise, np.nan)
-        spikes = np.zeros_like(used)
-        spikes[used] = outlier_mask(residuals[used])
+        spikes = outlier_mask(residuals, used)
         used &= ~spikes
-        design = [
-            np.where(used, column, 0.0)
-            for column in ((x - state[0]) / rise, (y - state[1]) / rise, np.ones_like(rise), state[3] / rise)
-        ]
+        columns = (x - state[0]) / rise, (y - state[1]) / rise, np.ones_like(rise), state[3] / rise
+        design = [np.where(used, column, 0.0) for column in columns]
         inverse = np.linalg.inv(np.array([[np.sum(a * b) for b in design] for a in design]))
         weights = np.tensordot(inverse, np.stack(design), 1)
         step = np.sum(weights[:, used] * residuals[used], axis=1)
-        state = state + step
+        state += step
         if np.abs(step).max() < 1e-12 * state[3] and not spikes.any():
             break
-    return Cap(
-        radius=float(state[3]),
-        noise=noise_uncertainty(weights[3], residuals, used, design),
-        form=sphere.form,
-        cap_angle=sphere.cap_angle,
-        rejected=int(face.sum() - used.sum()),
-    )
+    noise = noise_uncertainty(weights[3], residuals, used, design)
+    return Cap(float(state[3]), noise, sphere.form, sphere.cap_angle, int(face.sum() - used.sum()))
 
 
-def fit_sphere(points: ArrayLike) -> Sphere:
+def fit_sphere(points: Array) -> Sphere:
     """Fit a sphere by orthogonal distances to points of shape (n, 3) [m].
 
     Levenberg-Marquardt of ``|p - c| - R`` from the algebraic fit ``|p|^2 = 2 c p + q``; spikes beyond five robust standard
     deviations are left out and counted. Independent errors of the points are assumed; over a cap of half angle t the
     uncertainty of R grows as 1 / t^2.
-
-    Examples
-    --------
-    >>> import numpy as np
-    >>> t, f = np.meshgrid(np.linspace(0.0, 0.6, 20), np.linspace(0.0, 6.0, 30))
-    >>> p = np.stack([np.sin(t) * np.cos(f), np.sin(t) * np.sin(f), np.cos(t)], axis=-1).reshape(-1, 3) * 125e-6
-    >>> round(fit_sphere(p + 1e-3).radius * 1e6, 6)
-    125.0
     """
     from scipy.optimize import least_squares
 
-    cloud = np.asarray(points, dtype=np.float64)
-    if cloud.ndim != 2 or cloud.shape[1] != 3:
-        raise MetrologyError(f"points must be rows of x, y, z, got shape {cloud.shape}")
-    cloud = cloud[np.isfinite(cloud).all(axis=1)]
+    cloud = known_points(points)
     if len(cloud) < 10:
         raise MetrologyError(f"sphere must have at least 10 points, got {len(cloud)}")
     origin = cloud.mean(axis=0)
@@ -116,22 +94,21 @@ def fit_sphere(points: ArrayLike) -> Sphere:
     for _ in range(5):
         start = _algebraic(p[keep])
         fitted = least_squares(_distances, start, args=(p[keep],), method="lm", x_scale=1.0)
-        off = np.zeros_like(keep)
-        off[keep] = outlier_mask(fitted.fun * scale)
+        off = outlier_mask(fitted.fun * scale)
         if not off.any():
             break
-        keep &= ~off
+        keep[keep] = ~off
     centre, radius = fitted.x[:3], float(fitted.x[3])
     variance = float(np.sum(fitted.fun**2)) / max(int(keep.sum()) - 4, 1)
     covariance = np.linalg.inv(fitted.jac.T @ fitted.jac) * variance
     outward = (p[keep] - centre) / np.linalg.norm(p[keep] - centre, axis=1)[:, np.newaxis]
     axis = outward.mean(axis=0)
     axis /= np.linalg.norm(axis)
-    middle = centre * scale + origin
+    x, y, z = (centre * scale + origin).tolist()
     return Sphere(
         radius=radius * scale,
         radius_std=float(np.sqrt(covariance[3, 3])) * scale,
-        centre=(float(middle[0]), float(middle[1]), float(middle[2])),
+        centre=(x, y, z),
         form=float(np.ptp(fitted.fun)) * scale,
         rejected=int((~keep).sum()),
         cap_angle=float(np.arccos(np.clip((outward @ axis).min(), -1.0, 1.0))),

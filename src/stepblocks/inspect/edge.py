@@ -10,17 +10,21 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 
 from stepblocks.errors import MetrologyError
-from stepblocks.inspect.evaluate.edge_arc import Arc, arc_radius
-from stepblocks.inspect.evaluate.levelling import TwoPlanes, despiked, fit_two_planes, roughly_levelled, split_gains
-from stepblocks.inspect.evaluate.noise import LEAST_SCATTER, autocovariance, covariance_root, estimator_covariance
+from stepblocks.inspect.edge_arc import Arc, arc_radius
+from stepblocks.inspect.levelling import (
+    LEAST_FACE,
+    TwoPlanes,
+    check_profile,
+    despiked,
+    fit_two_planes,
+    roughly_levelled,
+    split_gains,
+)
+from stepblocks.inspect.noise import LEAST_SCATTER, Array, Mask, autocovariance, covariance_root, estimator_covariance
 
-Array = NDArray[np.float64]
-Mask = NDArray[np.bool_]
-
-_LEAST_POINTS = 20  # of a face
 _SUSPECT = 4.0  # mean square of whitened residuals on the arc beyond which one of its points may be a spike [1]
 # factor by which that falls when the spike is left out [1]; form of the edge is in all points and falls by less
 _BY_FAR = 2.5
@@ -40,70 +44,37 @@ class Edge:
     position: float  # of the riser along the profile [m]
     tilt: float  # common slope of the faces [1]
     exclusion: float  # half width that was kept out of the faces [m]
-    roughness: float  # standard deviation of the levelled faces [m]
-    form: float  # root mean square of what the arc leaves inside the exclusion, across the surface [m]
     rejected: int  # points taken for spikes or missing
     rising: bool  # whether the higher face lies at larger positions
 
 
-def fit_edge(position: ArrayLike, height: ArrayLike, exclusion: float | None = None) -> Edge:
-    """Height of a step and radius of its edge from one profile across it.
+def fit_edge(position: Array, height: Array, exclusion: float | None = None) -> Edge:
+    """Height of a step and radius of its edge from one profile across it [m], nan where nothing was measured.
 
-    Height: least squares of ``z = a x + b + h s(x)``, s = 0 below and 1 above the edge; its uncertainty goes through
-    the autocovariance of the residuals, since roughness is correlated. Radius: see
-    `stepblocks.inspect.evaluate.edge_arc.arc_radius`.
-
-    Parameters
-    ----------
-    position, height : array_like, shape (n,)
-        Profile [m], in equal steps; nan where nothing was measured.
-    exclusion : float, optional
-        Half width that is kept out of the faces [m]; a twelfth of the shorter face by default, more where the edge is
-        rounded further.
-
-    Raises
-    ------
-    MetrologyError
-        If the profile is malformed, shows no step above its noise, or a face keeps too few points.
-
-    Examples
-    --------
-    >>> import numpy as np
-    >>> x = np.arange(-2000, 2000) * 0.25e-6
-    >>> u = np.clip(14e-6 - x, 0.0, 14e-6)
-    >>> z = np.where(x < 0, 0.0, 50e-6 - 14e-6 + np.sqrt(14e-6**2 - u**2)) + 3e-4 * x
-    >>> noise = np.random.default_rng(1).normal(0.0, 20e-9, x.size)
-    >>> edge = fit_edge(x, z + noise)
-    >>> round(edge.height * 1e6, 1), round(edge.radius * 1e6, 1)
-    (50.0, 14.0)
+    `exclusion` is the half width that is kept out of the faces [m]; a twelfth of the shorter face by default, more where
+    the edge is rounded further.
     """
-    x, z = _checked(position, height)
+    check_profile(position, height, 2 * LEAST_FACE)
+    x, z = position, np.where(np.isfinite(height), height, np.nan)
+    if np.isfinite(z).sum() < 2 * LEAST_FACE:
+        raise MetrologyError(f"profile must have at least {2 * LEAST_FACE} measured points")
     middle, rising = _locate(x, z)
     if not rising:
         x, z, middle = -x[::-1], z[::-1], -middle
     spacing = (x[-1] - x[0]) / (len(x) - 1)
-    shorter = min(middle - x[0], x[-1] - middle)
-    half_width = exclusion if exclusion is not None else shorter / 12.0
+    half_width = exclusion if exclusion is not None else min(middle - x[0], x[-1] - middle) / 12.0
     faces = _fit_faces(x, z, middle, half_width)
-    if exclusion is None:
-        reach = _rounding_width(x, z, spacing, faces)
-        if 1.5 * reach > half_width:
-            half_width = 1.5 * reach
-            faces = _fit_faces(x, z, middle, half_width)
+    if exclusion is None and (wider := 1.5 * _rounding_width(x, z, spacing, faces)) > half_width:
+        half_width, faces = wider, _fit_faces(x, z, middle, wider)
     planes, roughness = faces.planes, faces.roughness
     if not planes.height > 5.0 * max(planes.noise.std, roughness / np.sqrt(len(x))):
-        raise MetrologyError(
-            f"profile must show a step above its noise, got {planes.height * 1e6:.4g} um with roughness "
-            f"{roughness * 1e6:.3g} um"
-        )
-    known = np.flatnonzero(np.isfinite(z))
-    near = np.abs(x - middle) < half_width
+        got = f"{planes.height * 1e6:.4g} um with roughness {roughness * 1e6:.3g} um"
+        raise MetrologyError(f"profile must show a step above its noise, got {got}")
+    known = np.isfinite(z)
+    near, spikes = known & (np.abs(x - middle) < half_width), np.zeros_like(known)
     # over the whole profile, so that the points at the ends of the window have their neighbours too
-    spikes = known[_beyond_neighbours(z[known] - planes.tilt * x[known], 6.0 * max(roughness, LEAST_SCATTER))]
-    spikes = spikes[near[spikes]]
-    inside = near & np.isfinite(z)
-    inside[spikes] = False
-    arc, on_arc = _arc_without_spikes(x, z, spacing, faces, inside)
+    spikes[known] = _beyond_neighbours(z[known] - planes.tilt * x[known], 6.0 * max(roughness, LEAST_SCATTER))
+    arc, on_arc = _arc_without_spikes(x, z, spacing, faces, np.flatnonzero(near & ~spikes))
     sign = 1.0 if rising else -1.0
     return Edge(
         height=planes.height,
@@ -115,9 +86,7 @@ def fit_edge(position: ArrayLike, height: ArrayLike, exclusion: float | None = N
         position=sign * arc.riser,
         tilt=sign * planes.tilt,
         exclusion=half_width,
-        roughness=roughness,
-        form=arc.form,
-        rejected=planes.rejected + len(spikes) + on_arc + int(np.isnan(z).sum()),
+        rejected=planes.rejected + int((near & spikes).sum()) + on_arc + int((~known).sum()),
         rising=rising,
     )
 
@@ -139,22 +108,6 @@ class _Faces:
         return self.planes.offset - self.planes.tilt * self.middle
 
 
-def _checked(position: ArrayLike, height: ArrayLike) -> tuple[Array, Array]:
-    x = np.asarray(position, dtype=np.float64)
-    z = np.asarray(height, dtype=np.float64).copy()
-    if x.ndim != 1 or x.shape != z.shape:
-        raise MetrologyError(f"profile must be two equally long rows, got {x.shape} and {z.shape}")
-    if len(x) < 2 * _LEAST_POINTS:
-        raise MetrologyError(f"profile must have at least {2 * _LEAST_POINTS} points, got {len(x)}")
-    steps = np.diff(x)
-    if not (np.isfinite(x).all() and (steps > 0.0).all() and np.ptp(steps) < 0.01 * np.mean(steps)):
-        raise MetrologyError("positions of the profile must increase in equal steps within 1 %")
-    z[~np.isfinite(z)] = np.nan
-    if np.isfinite(z).sum() < 2 * _LEAST_POINTS:
-        raise MetrologyError(f"profile must have at least {2 * _LEAST_POINTS} measured points")
-    return x, z
-
-
 def _locate(x: Array, z: Array) -> tuple[float, bool]:
     """Find the split that explains most variance about one line per side: where the riser is, and its direction."""
     known = np.isfinite(z)
@@ -170,11 +123,9 @@ def _fit_faces(x: Array, z: Array, middle: float, exclusion: float) -> _Faces:
     lower, upper = x < middle - exclusion, x > middle + exclusion
     finite = np.isfinite(z)
     for name, side in (("left", lower), ("right", upper)):
-        if (side & finite).sum() < _LEAST_POINTS:
-            raise MetrologyError(
-                f"face {name} of the edge must keep {_LEAST_POINTS} points outside the exclusion of "
-                f"{exclusion * 1e6:.4g} um, got {int((side & finite).sum())}"
-            )
+        if (side & finite).sum() < LEAST_FACE:
+            rule = f"must keep {LEAST_FACE} points outside the exclusion of {exclusion * 1e6:.4g} um"
+            raise MetrologyError(f"face {name} of the edge {rule}, got {int((side & finite).sum())}")
     planes = fit_two_planes(x, z, middle, (lower | upper) & finite)
     kept = np.where(planes.used, planes.residuals, np.nan)
     gamma = autocovariance([kept[lower], kept[upper]])
@@ -192,24 +143,22 @@ def _beyond_neighbours(heights: Array, limit: float) -> Mask:
     return np.asarray(beyond | below)
 
 
-def _arc_without_spikes(x: Array, z: Array, spacing: float, faces: _Faces, inside: Mask) -> tuple[Arc, int]:
+def _arc_without_spikes(x: Array, z: Array, spacing: float, faces: _Faces, kept: NDArray[np.intp]) -> tuple[Arc, int]:
     """Fit the arc; drop a point where the circle fits the others by far better, as it does for a spike and not for form."""
-    kept, planes, middle = np.flatnonzero(inside), faces.planes, faces.middle
 
     def fitted(points: NDArray[np.intp]) -> Arc:
         u = x[points]
-        columns = np.stack([u - middle, np.ones(len(u)), (u > middle).astype(float)])
-        levelled = z[points] - faces.offset - planes.tilt * u
-        return arc_radius(u, levelled, planes.height, spacing, faces.gamma, faces.errors @ columns)
+        columns = np.stack([u - faces.middle, np.ones(len(u)), (u > faces.middle).astype(float)])
+        levelled = z[points] - faces.offset - faces.planes.tilt * u
+        return arc_radius(u, levelled, faces.planes.height, spacing, faces.gamma, faces.errors @ columns)
 
     arc, dropped = fitted(kept), 0
     while arc.excess > _SUSPECT and dropped < _MOST_ON_ARC and len(kept) > 8:
         trials = [np.delete(kept, index) for index in arc.suspects]
-        others = [fitted(points) for points in trials]
-        best = min(range(len(others)), key=lambda index: others[index].misfit)
-        if others[best].excess > arc.excess / _BY_FAR:
+        best, points = min(((fitted(points), points) for points in trials), key=lambda trial: trial[0].misfit)
+        if best.excess > arc.excess / _BY_FAR:
             break
-        arc, kept, dropped = others[best], trials[best], dropped + 1
+        arc, kept, dropped = best, points, dropped + 1
     return arc, dropped
 
 
