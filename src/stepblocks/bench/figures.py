@@ -12,11 +12,10 @@ import numpy as np
 from stepblocks.atomic import beside
 from stepblocks.bench.measure import pilot
 from stepblocks.bench.session import open_session
+from stepblocks.bench.signal import Trace, TraceError, screen_trace
+from stepblocks.bench.signal.approach import LandmarkError
 from stepblocks.bench.signal.features import Measurement, measure_trace
-from stepblocks.bench.signal.landmarks import LandmarkError
 from stepblocks.bench.signal.ring import Ring
-from stepblocks.bench.signal.trace import Trace, screen_trace
-from stepblocks.bench.sources import TraceError
 from stepblocks.bench.traces import Traces
 from stepblocks.bench.trials import Trial, open_trials
 from stepblocks.errors import PipelineError

@@ -15,14 +15,12 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from stepblocks.atomic import beside
-from stepblocks.bench.labels import LabelCheck
 from stepblocks.bench.session import Session, open_session
+from stepblocks.bench.signal import Trace, TraceError, screen_trace
+from stepblocks.bench.signal.approach import LandmarkError
 from stepblocks.bench.signal.features import FEATURE_COLUMNS, measure_trace, tool_of
-from stepblocks.bench.signal.landmarks import LandmarkError
-from stepblocks.bench.signal.trace import Trace, screen_trace
-from stepblocks.bench.sources import TraceError
 from stepblocks.bench.traces import Traces
-from stepblocks.bench.trials import Trial, TrialTable, open_trials
+from stepblocks.bench.trials import LabelCheck, Trial, TrialTable, open_trials
 from stepblocks.errors import PipelineError
 
 if TYPE_CHECKING:

@@ -2,19 +2,21 @@
 
 from __future__ import annotations
 
+import re
 import tomllib
 from collections.abc import Collection
-from pathlib import Path
+from dataclasses import dataclass
+from pathlib import Path, PurePosixPath
 from typing import Annotated, Any, Literal
 
 from pydantic import AfterValidator, BaseModel, BeforeValidator, ConfigDict, Field, ValidationError, model_validator
 from pydantic_core import PydanticCustomError
 
-from stepblocks.bench.names import check_pattern, inside, scale_of, unit_of_name
-from stepblocks.bench.sources import FORMATS
-from stepblocks.errors import BenchError
-from stepblocks.quantities import quantity_parser
+from stepblocks.errors import BenchError, QuantityError
+from stepblocks.quantities import parse_quantity, quantity_parser
 
+# formats of traces, by the suffixes of their files
+FORMATS = {"csv": (".csv", ".txt", ".tsv"), "hdf5": (".h5", ".hdf5", ".hdf"), "tdms": (".tdms",), "mat": (".mat",)}
 _MOST_BYTES = 1 << 20  # a longer session.toml is none
 
 Stiffness = Annotated[float, BeforeValidator(quantity_parser("stiffness")), Field(gt=0.0)]
@@ -74,12 +76,13 @@ class Channels(_Strict):
 
     def parts(self) -> dict[str, tuple[Channel, str]]:
         """Return the declared channels, each with its dimension."""
-        found = {
-            "tangential": (self.tangential, "force"),
-            "normal": (self.normal, "force"),
-            "time": (self.time, "time"),
-        }
-        return {part: (channel, dimension) for part, (channel, dimension) in found.items() if channel is not None}
+        forces = {"tangential": (self.tangential, "force"), "normal": (self.normal, "force")}
+        return forces if self.time is None else forces | {"time": (self.time, "time")}
+
+    @property
+    def named(self) -> bool:
+        """Whether the columns have names."""
+        return not any(isinstance(channel.column, int) for channel, _ in self.parts().values())
 
 
 class Probe(_Open):
@@ -106,7 +109,7 @@ class Acquisition(_Open):
     def kind(self) -> str:
         """Format of the traces."""
         suffix = Path(self.traces).suffix.lower()
-        kind = self.format or next((name for name, one in FORMATS.items() if suffix in one.suffixes), None)
+        kind = self.format or next((name for name, one in FORMATS.items() if suffix in one), None)
         if kind is None:
             raise BenchError(f"`acquisition.format` must be given, {self.traces!r} has no suffix that is known")
         return kind
@@ -140,6 +143,21 @@ class Stimuli(_Open):
 
     set: str | None = None  # name of the stimulus set
     scans: str | None = None  # pattern of their scans, with ``{block}``
+
+
+@dataclass(frozen=True)
+class Place:
+    """Where in a file a trial is to be looked for."""
+
+    trial: str
+    groups: tuple[str, ...]  # names that its group may have, the likeliest first
+    own_file: bool  # the file holds this trial alone
+    declared: bool  # the session says how groups are called
+
+    @property
+    def is_file(self) -> bool:
+        """The file itself is the group."""
+        return self.own_file and not self.declared
 
 
 class Session(_Open):
@@ -212,3 +230,73 @@ def _first_of(error: ValidationError, path: Path) -> str:
     got = first.get("input")
     shown = f", got {got!r}" if isinstance(got, str | int | float) and "got" not in message else ""
     return f"`{place}`: {message}{shown} [{path}]"
+
+
+_FIELD = re.compile(r"\{([a-z_]+)(?::(0?)(\d{1,2})d)?\}")
+_DRIVE = re.compile(r"\s*[A-Za-z]:")
+# unit that a column has by the end of its name; `gf` is a gram-force
+_SUFFIX_UNITS = {
+    "force": {"n": "N", "mn": "mN", "un": "uN", "kn": "kN", "gf": "gf"},
+    "time": {"s": "s", "ms": "ms", "us": "us"},
+    "speed": {"mm_s": "mm/s", "m_s": "m/s", "um_s": "um/s", "mm_per_s": "mm/s", "m_per_s": "m/s", "um_per_s": "um/s"},
+}
+
+
+def check_pattern(pattern: str, field: str, place: str) -> None:
+    """Allow no braces in `pattern` but those of `field`, such as ``{trial}`` or ``{trial:04d}``."""
+    rest = _FIELD.sub(lambda m: "" if m.group(1) == field else m.group(0), pattern)
+    if "{" in rest or "}" in rest or not pattern.strip():
+        raise BenchError(f"`{place}` may hold {{{field}}}, {{{field}:04d}} and no other braces, got {pattern!r}")
+
+
+def fill_pattern(pattern: str, **values: str) -> str:
+    """Fill a checked pattern; ``ValueError`` where it wants a whole number and the value is none.
+
+    Examples
+    --------
+    >>> fill_pattern("traces/{trial:04d}.csv", trial="7")
+    'traces/0007.csv'
+    """
+
+    def fill(match: re.Match[str]) -> str:
+        name, zero, width = match.groups()
+        value = values[name]
+        if width is None:
+            return value
+        if not re.fullmatch(r"[+-]?\d{1,18}", value):
+            raise ValueError(f"{name} {value!r} is no whole number, as {match.group(0)} needs")
+        return format(int(value), f"{zero}{width}d")
+
+    return _FIELD.sub(fill, pattern)
+
+
+def inside(folder: Path, relative: str, place: str) -> Path:
+    """Return a path below `folder`, whichever slashes it is written with; nothing may lead out of it."""
+    parts = PurePosixPath(relative.replace("\\", "/"))
+    if parts.is_absolute() or ".." in parts.parts or "\0" in relative or _DRIVE.match(relative):
+        raise BenchError(f"`{place}` must lie inside the session, got {relative!r}")
+    return folder.joinpath(*parts.parts)
+
+
+def unit_of_name(name: str, dimension: str) -> str | None:
+    """Return the unit at the end of a column name, or None.
+
+    Examples
+    --------
+    >>> unit_of_name("speed_mm_s", "speed"), unit_of_name("fx_mN", "force"), unit_of_name("fx", "force")
+    ('mm/s', 'mN', None)
+    """
+    lowered = name.lower().rsplit("/", 1)[-1]
+    units = _SUFFIX_UNITS[dimension]
+    for suffix in sorted(units, key=len, reverse=True):
+        if lowered.endswith(f"_{suffix}") or lowered == suffix:
+            return units[suffix]
+    return None
+
+
+def scale_of(unit: str, dimension: str, place: str) -> float:
+    """Factor that turns a number in `unit` into SI."""
+    try:
+        return parse_quantity(f"1 {unit}", dimension)
+    except QuantityError as error:
+        raise BenchError(f"`{place}` must have a unit of {dimension}, got {unit!r}") from error

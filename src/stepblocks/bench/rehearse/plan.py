@@ -11,8 +11,7 @@ from typing import Annotated, Literal
 import numpy as np
 from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, ValidationError
 
-from stepblocks.bench.rehearse.records import Rig, Truth
-from stepblocks.bench.rehearse.trace_writers import TRACE_FILES
+from stepblocks.bench.rehearse import TRACE_FILES, Rig, Truth
 from stepblocks.bench.session import Frequency, Stiffness, one_of
 from stepblocks.contact.effects.catalogue import named_laws
 from stepblocks.contact.operating_point import PAPER

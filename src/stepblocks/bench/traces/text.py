@@ -2,14 +2,16 @@
 
 from __future__ import annotations
 
-from contextlib import AbstractContextManager, nullcontext
+from contextlib import nullcontext
 from pathlib import Path
 from typing import Any
 
-from stepblocks.bench.sources.base import Array, Format, Names, Place, TextLayout, TraceError, as_samples
+from stepblocks.bench.session import Acquisition, Place
+from stepblocks.bench.signal import TraceError, listed
 
 
-def _open(path: Path, layout: TextLayout) -> AbstractContextManager[Any]:
+def open_text(path: Path, layout: Acquisition) -> nullcontext[Any]:
+    """Read the whole file; columns without names are counted from 0."""
     import pandas as pd
 
     try:
@@ -18,7 +20,7 @@ def _open(path: Path, layout: TextLayout) -> AbstractContextManager[Any]:
             sep=layout.delimiter,
             decimal=layout.decimal,
             skiprows=layout.skip_lines,
-            header=0 if layout.headed else None,
+            header=0 if layout.channels.named else None,
             skipinitialspace=True,
             float_precision="round_trip",
         )
@@ -30,12 +32,11 @@ def _open(path: Path, layout: TextLayout) -> AbstractContextManager[Any]:
     return nullcontext(table)
 
 
-def _columns(table: Any, place: Place, names: Names) -> dict[str | int, Array]:
+def text_columns(table: Any, place: Place, names: tuple[str | int, ...]) -> dict[str | int, Any]:
+    """Columns of the one trial that the file holds."""
     for name in names:
         if name not in table.columns:
-            listed = ", ".join(str(column) for column in list(table.columns)[:8])
-            raise TraceError(f"unknown channel: {table.attrs['file']} has no {name!r}, it has {listed}")
-    return {name: as_samples(table[name].to_numpy(), name) for name in names}
-
-
-FORMAT = Format((".csv", ".txt", ".tsv"), _open, _columns)
+            raise TraceError(
+                f"unknown channel: {table.attrs['file']} has no {name!r}, it has {listed(map(str, table.columns))}"
+            )
+    return {name: table[name].to_numpy() for name in names}

@@ -1,18 +1,17 @@
-"""The traces of a session: opened where they lie, and one read in SI."""
+"""The traces of a session: opened where they lie, in any of the formats beside, and one read in SI."""
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-from contextlib import ExitStack, contextmanager, suppress
+from contextlib import ExitStack, nullcontext, suppress
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
-from stepblocks.bench.names import fill_pattern, inside
-from stepblocks.bench.session import Session
-from stepblocks.bench.signal.trace import Trace
-from stepblocks.bench.sources import FORMATS, Place, TextLayout, TraceError
+from stepblocks.bench.session import Place, Session, fill_pattern, inside
+from stepblocks.bench.signal import Trace, TraceError, check_size
+from stepblocks.bench.traces import hdf5, mat, tdms, text
 from stepblocks.errors import BenchError
 
 _MOST_BYTES = 1 << 30  # of the file of one trial
@@ -26,6 +25,14 @@ _USUAL_GROUPS = (
     "trial-{trial:04d}",
     "trial {trial}",
 )
+# how a file is opened, and how columns of a trial, each of shape (n,), are read out of it in the units of the file;
+# both raise `TraceError`
+READERS: dict[str, tuple[Any, Any]] = {
+    "csv": (text.open_text, text.text_columns),
+    "hdf5": (hdf5.open_hdf5, hdf5.hdf5_columns),
+    "tdms": (tdms.open_tdms, tdms.tdms_columns),
+    "mat": (mat.open_mat, mat.mat_columns),
+}
 
 
 class Traces:
@@ -34,10 +41,8 @@ class Traces:
     def __init__(self, session: Session) -> None:
         self.session = session
         acquisition = session.acquisition
-        self._format = FORMATS[acquisition.kind]
+        self._open_file, self._columns = READERS[acquisition.kind]
         self._channels = acquisition.channels.parts()
-        headed = not any(isinstance(channel.column, int) for channel, _ in self._channels.values())
-        self._layout = TextLayout(acquisition.delimiter, acquisition.decimal, acquisition.skip_lines, headed)
         self._open = ExitStack()
         self._container: Any = None
         if acquisition.per_trial:
@@ -46,7 +51,7 @@ class Traces:
         if not path.is_file():
             raise BenchError(f"traces are missing, expected {acquisition.traces} [{session.folder}]")
         try:
-            self._container = self._open.enter_context(self._format.open(path, self._layout))
+            self._container = self._open.enter_context(self._open_file(path, acquisition))
         except TraceError as error:
             raise BenchError(f"traces cannot be read: {error} [{path}]") from error
 
@@ -59,13 +64,18 @@ class Traces:
     def read(self, trial: str) -> Trace:
         """Read one trace in SI; `TraceError` where the trial has none that can be used."""
         acquisition = self.session.acquisition
-        names = tuple(channel.column for channel, _ in self._channels.values())
-        with self._file_of(trial) as file:
-            place = Place(
-                trial, _groups(acquisition.group, trial), acquisition.per_trial, acquisition.group is not None
-            )
-            raw = self._format.columns(file, place, names)
-        found = {part: raw[c.column] * c.scale(dimension, part) for part, (c, dimension) in self._channels.items()}
+        if self._container is None:
+            opened = self._open_file(_trial_file(self.session, trial), acquisition)
+        else:
+            opened = nullcontext(self._container)
+        with opened as file:
+            declared = acquisition.group is not None
+            place = Place(trial, _groups(acquisition.group, trial), acquisition.per_trial, declared)
+            raw = self._columns(file, place, tuple(channel.column for channel, _ in self._channels.values()))
+        found = {
+            part: _samples(raw[c.column], c.column) * c.scale(dimension, part)
+            for part, (c, dimension) in self._channels.items()
+        }
         sizes = {part: values.size for part, values in found.items()}
         if len(set(sizes.values())) > 1:
             listed = ", ".join(f"{part} {size}" for part, size in sizes.items())
@@ -74,20 +84,26 @@ class Traces:
             found["time"] = np.arange(sizes["tangential"]) / acquisition.sample_rate
         return Trace(**found)
 
-    @contextmanager
-    def _file_of(self, trial: str) -> Iterator[Any]:
-        if self._container is not None:
-            yield self._container
-        else:
-            with self._format.open(_trial_file(self.session, trial), self._layout) as file:
-                yield file
+
+def _samples(values: object, name: str | int) -> NDArray[np.float64]:
+    array = np.asarray(values)
+    if array.dtype.kind not in "fiub":
+        raise TraceError(f"channel {name!r} holds no numbers but {array.dtype}")
+    check_size(array.size, name)
+    if array.ndim > 1 and max(array.shape) != array.size:
+        raise TraceError(f"channel {name!r} is a table of shape {array.shape}, no column")
+    return np.asarray(array, dtype=float).ravel()
+
+
+def _filled(pattern: str, trial: str) -> str:
+    try:
+        return fill_pattern(pattern, trial=trial)
+    except ValueError as error:
+        raise TraceError(str(error)) from error
 
 
 def _trial_file(session: Session, trial: str) -> Path:
-    try:
-        relative = fill_pattern(session.acquisition.traces, trial=trial)
-    except ValueError as error:
-        raise TraceError(str(error)) from error
+    relative = _filled(session.acquisition.traces, trial)
     if "/" in trial or "\\" in trial or ".." in trial:
         raise TraceError(f"trial {trial!r} is no part of a file name")
     path = inside(session.folder, relative, "acquisition.traces")
@@ -101,10 +117,7 @@ def _trial_file(session: Session, trial: str) -> Path:
 def _groups(pattern: str | None, trial: str) -> tuple[str, ...]:
     """Names that the group of a trial may have, the likeliest first."""
     if pattern is not None:
-        try:
-            return (fill_pattern(pattern, trial=trial),)
-        except ValueError as error:
-            raise TraceError(str(error)) from error
+        return (_filled(pattern, trial),)
     found = []
     for usual in _USUAL_GROUPS:
         with suppress(ValueError):
