@@ -250,13 +250,7 @@ def check_pattern(pattern: str, field: str, place: str) -> None:
 
 
 def fill_pattern(pattern: str, **values: str) -> str:
-    """Fill a checked pattern; ``ValueError`` where it wants a whole number and the value is none.
-
-    Examples
-    --------
-    >>> fill_pattern("traces/{trial:04d}.csv", trial="7")
-    'traces/0007.csv'
-    """
+    """Fill a checked pattern; ``ValueError`` where it wants a whole number and the value is none."""
 
     def fill(match: re.Match[str]) -> str:
         name, zero, width = match.groups()
@@ -279,13 +273,7 @@ def inside(folder: Path, relative: str, place: str) -> Path:
 
 
 def unit_of_name(name: str, dimension: str) -> str | None:
-    """Return the unit at the end of a column name, or None.
-
-    Examples
-    --------
-    >>> unit_of_name("speed_mm_s", "speed"), unit_of_name("fx_mN", "force"), unit_of_name("fx", "force")
-    ('mm/s', 'mN', None)
-    """
+    """Return the unit at the end of a column name, or None."""
     lowered = name.lower().rsplit("/", 1)[-1]
     units = _SUFFIX_UNITS[dimension]
     for suffix in sorted(units, key=len, reverse=True):

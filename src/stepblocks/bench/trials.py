@@ -176,17 +176,7 @@ _FEATURES = ("normal_load_n", "loading_slope_n_per_s", "peak_force_n", "sliding_
 
 @dataclass
 class LabelCheck:
-    """Collects 72 bytes per trial and names the trials whose trace belongs elsewhere.
-
-    Examples
-    --------
-    >>> check = LabelCheck()
-    >>> for row in range(1, 21):
-    ...     load = 1.0 if row % 2 else 0.5
-    ...     check.add(Trial(str(row), row, load=load), {"normal_load_n": 0.5 if row == 7 else load}, row)
-    >>> check.faults()
-    {7: 'mislabelled: the normal force is 0.5 N, the load of this row is 1 N'}
-    """
+    """Collects 72 bytes per trial and names the trials whose trace belongs elsewhere."""
 
     rows: array[int] = field(default_factory=lambda: array("q"))
     blocks: array[int] = field(default_factory=lambda: array("q"))

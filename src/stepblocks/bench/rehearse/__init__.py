@@ -47,8 +47,8 @@ class Truth:
 
 
 @dataclass(frozen=True)
-class DraggedTrial:
-    """A record of a drag in time and what is true of it."""
+class RecordedTrial:
+    """A record and what is true of it."""
 
     trace: Trace
     peak_force: float  # largest tangential force before the slip [N]
@@ -135,18 +135,11 @@ def _ring(since: Array, truth: Truth) -> Array:
 
 def drag_trial(
     step: Step, point: OperatingPoint, rig: Rig, random: np.random.Generator, *, gain: float = 1.0, pull: float = 0.0
-) -> DraggedTrial | None:
+) -> RecordedTrial | None:
     """Record a drag in time over a step; None where the tip does not slip over.
 
     The tool's frequency is that without damping; `pull` is a steady force along the drag that the gauge reads beside the
     tip's [N].
-
-    Examples
-    --------
-    >>> from stepblocks.contact.operating_point import PAPER
-    >>> trial = drag_trial(Step(40e-6), PAPER, Rig(), np.random.default_rng(1))
-    >>> round(trial.peak_force, 1)
-    1.5
     """
     from stepblocks.drag.model import DragSettings, probe_for
     from stepblocks.drag.ring import ring_of
@@ -171,7 +164,7 @@ def drag_trial(
     force = done.column("fx_n")[:count] + pull + start_up
     trace = rig.disturb(gain * force, done.column("fy_n")[:count], random)
     amplitude = ring.amplitude * math.exp(math.pi / (omega * tool.decay_time))
-    return DraggedTrial(trace, done.peak_force + pull, amplitude, done.release_time)
+    return RecordedTrial(trace, done.peak_force + pull, amplitude, done.release_time)
 
 
 _NAMES = ("time_s", "fx_n", "fy_n")

@@ -19,7 +19,7 @@ from stepblocks.errors import PipelineError
 from stepblocks.quantities import quantity_parser
 
 _MOST_TRIALS = 1_000_000
-_NUMBERS = ("height_um", "load_n", "speed_mm_s", "run_order", "temperature_c", "humidity_pct", "peak_force_n")
+NUMBERS = ("height_um", "load_n", "speed_mm_s", "run_order", "temperature_c", "humidity_pct", "peak_force_n")
 _LABELS = ("block", "operator", "tip")
 
 _Length = Annotated[float, BeforeValidator(quantity_parser("length")), Field(ge=0.0)]
@@ -104,14 +104,7 @@ class PlantedEffect(_Part):
     levels: dict[str, float] = {}  # change at each label of a covariate, 0 at one not named
 
     def apply(self, value: float, conditions: Mapping[str, float | str]) -> float:
-        """Return the slot's value after the effect.
-
-        Examples
-        --------
-        >>> effect = PlantedEffect(slot="friction", change="multiply", form="linear", covariate="t", size=0.1, span=2)
-        >>> round(effect.apply(0.2, {"t": 4.0}), 9)
-        0.24
-        """
+        """Return the slot's value after the effect."""
         change = self._change(conditions)
         if self.change == "add":
             return value + change
@@ -137,7 +130,7 @@ class PlantedEffect(_Part):
             return f"slot of effect {number} or law must be given"
         if plan.source == "drag" and self.slot == "conversion":
             return f"slot of effect {number} must not be conversion where the drag in time decides what rings"
-        known = {"constant": ("none",), "levels": _LABELS}.get(self.form, _NUMBERS)
+        known = {"constant": ("none",), "levels": _LABELS}.get(self.form, NUMBERS)
         if self.covariate not in known:
             if self.covariate == "none":
                 return f"covariate of effect {number} must have a covariate unless its form is constant"
@@ -209,13 +202,7 @@ class SessionPlan(_Part):
 
 
 def block_name(height: float) -> str:
-    """Name of the block with a step of this height [m].
-
-    Examples
-    --------
-    >>> block_name(30e-6), block_name(12.5e-6)
-    ('step-030', 'step-012.5')
-    """
+    """Name of the block with a step of this height [m]."""
     micrometres = height * 1e6
     whole = round(micrometres)
     return f"step-{whole:03d}" if abs(micrometres - whole) < 1e-6 else f"step-{micrometres:05.1f}"

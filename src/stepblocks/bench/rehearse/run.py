@@ -12,13 +12,12 @@ from typing import Any
 
 import numpy as np
 
-from stepblocks.bench.rehearse import TRACE_FILES, Rig, Truth, drag_trial, open_writer, record
-from stepblocks.bench.rehearse.plan import PlantedEffect, SessionPlan, block_name, read_plan
+from stepblocks.bench.rehearse import TRACE_FILES, RecordedTrial, Rig, Truth, drag_trial, open_writer, record
+from stepblocks.bench.rehearse.plan import NUMBERS, PlantedEffect, SessionPlan, block_name, read_plan
 from stepblocks.bench.signal import Trace
 from stepblocks.contact.counterface import Step
 from stepblocks.contact.effects.catalogue import named_laws
-from stepblocks.contact.effects.law import Law
-from stepblocks.contact.forward import BenchDesign, height_name, nominal_state
+from stepblocks.contact.forward import BenchDesign, covariate_of, height_name, nominal_state
 from stepblocks.contact.operating_point import OperatingPoint, Tool
 from stepblocks.contact.state import DragState, observe
 from stepblocks.errors import PipelineError
@@ -124,21 +123,21 @@ def _trial(
     if state is None:
         return None
     rig, gain = rig_of(plan, state), float(state.gain[0])
-    spring = plan.model.spring_constant
     if plan.source == "drag":
         step, point, pull = true_drag(plan, state)
-        dragged = drag_trial(step, point, rig, chance, gain=gain, pull=pull)
-        if dragged is None:
-            return None
+        done = drag_trial(step, point, rig, chance, gain=gain, pull=pull)
         load, sliding = float(state.load[0]), float(state.friction[0] * state.load[0] + state.drag[0])
-        energy = dragged.amplitude**2 / (2.0 * spring)
-        return dragged.trace, (sliding / load, load, dragged.peak_force, energy, dragged.release)
-    truth = truth_of(plan, state)
-    if truth is None:
+    else:
+        truth = truth_of(plan, state)
+        if truth is None:
+            return None
+        trace, _, release = record(truth, rig, chance, gain)
+        done = RecordedTrial(trace, truth.peak_force, truth.amplitude, release)
+        load, sliding = truth.load, truth.sliding_force
+    if done is None:
         return None
-    trace, _, release = record(truth, rig, chance, gain)
-    energy = truth.amplitude**2 / (2.0 * spring)
-    return trace, (truth.sliding_force / truth.load, truth.load, truth.peak_force, energy, release)
+    energy = done.amplitude**2 / (2.0 * plan.model.spring_constant)
+    return done.trace, (sliding / load, load, done.peak_force, energy, done.release)
 
 
 def _edge_radius(plan: SessionPlan) -> float:
@@ -196,13 +195,14 @@ def planted_state(
     """Slots of one trial with its effects and its scatter, or None where the probe locks."""
     scatter = plan.scatter
     nominal = min(heights, key=lambda height: abs(height * 1e6 - float(row["height_um"])))
-    bare = _nominal(plan, row, nominal, nominal)
+    design, values = _design(plan, row, nominal), _constants(plan)
+    bare = nominal_state(design, values)
     if bool(bare.locked()[0]):
         return None
     conditions: dict[str, Any] = dict(row) | {"peak_force_n": float(bare.peak_force()[0])}
-    state = _nominal(plan, row, nominal, heights[nominal])
+    state = nominal_state(design, values | {height_name(row["block"]): heights[nominal] - nominal})
     for effect in plan.effects:
-        state = _with_law(plan, effect, state, row) if effect.law else _with_form(effect, state, conditions)
+        state = _with_law(plan, effect, state, design) if effect.law else _with_form(effect, state, conditions)
     stray = scatter.friction * chance.standard_normal(), scatter.load * chance.standard_normal()
     state = state.changed(
         friction=state.friction + stray[0],
@@ -211,32 +211,29 @@ def planted_state(
         conversion=state.conversion * math.exp(scatter.energy * chance.standard_normal()),
     )
     positive = np.stack([state.load, state.friction, state.stiffness, state.conversion, state.height])
-    if bool(state.locked()[0]) or not bool(np.all(positive > 0.0)):
-        return None
-    return state
+    return None if bool(state.locked()[0]) or not bool(np.all(positive > 0.0)) else state
 
 
-def _nominal(plan: SessionPlan, row: Mapping[str, str], nominal: float, true: float) -> DragState:
-    model = plan.model
-    design = BenchDesign(
+def _design(plan: SessionPlan, row: Mapping[str, str], nominal: float) -> BenchDesign:
+    return BenchDesign(
         np.array([row["block"]]),
         np.array([nominal]),
         np.array([float(row["load_n"])]),
         np.array([float(row["speed_mm_s"]) / 1e3]),
-        np.array([model.tip_radius]),
-        model.spring_constant,
+        np.array([plan.model.tip_radius]),
+        plan.model.spring_constant,
+        {name: np.array([float(row[name])]) for name in NUMBERS if name in row},
     )
-    return nominal_state(
-        design,
-        {
-            "friction": model.friction,
-            "ln_conversion": math.log(model.conversion),
-            "stiffness_ratio": 1.0,
-            "ln_ring_frequency": math.log(model.ring_frequency),
-            "ln_decay_time": math.log(model.decay_time),
-            height_name(row["block"]): true - nominal,
-        },
-    )
+
+
+def _constants(plan: SessionPlan) -> dict[str, float]:
+    return {
+        "friction": plan.model.friction,
+        "ln_conversion": math.log(plan.model.conversion),
+        "stiffness_ratio": 1.0,
+        "ln_ring_frequency": math.log(plan.model.ring_frequency),
+        "ln_decay_time": math.log(plan.model.decay_time),
+    }
 
 
 def _with_form(effect: PlantedEffect, state: DragState, conditions: Mapping[str, Any]) -> DragState:
@@ -249,21 +246,10 @@ def _with_form(effect: PlantedEffect, state: DragState, conditions: Mapping[str,
     return state.changed(**changed)
 
 
-def _with_law(plan: SessionPlan, effect: PlantedEffect, state: DragState, row: Mapping[str, str]) -> DragState:
+def _with_law(plan: SessionPlan, effect: PlantedEffect, state: DragState, design: BenchDesign) -> DragState:
     law = next(one for one in named_laws(plan.blocks()) if one.id == effect.law)
     values = {p.name: p.start for p in law.parameters} | effect.parameters
-    return law.apply(state, _column(law, state, row), values)
-
-
-def _column(law: Law, state: DragState, row: Mapping[str, str]) -> Any:
-    if law.covariate == "none":
-        return None
-    if law.covariate == "peak_force_n":
-        return state.peak_force()
-    if law.covariate == "loading_time_s":
-        return state.loading_time()
-    cell = row[law.covariate]
-    return np.array([cell]) if law.covariate == "block" else np.array([float(cell)])
+    return law.apply(state, covariate_of(design, state, law.covariate), values)
 
 
 def rig_of(plan: SessionPlan, state: DragState) -> Rig:

@@ -45,37 +45,22 @@ class Trace:
 
 
 def screen_trace(trace: Trace, sample_rate: float, limit: float | None = None) -> str:
-    """Look for what makes a trace unusable, and say it in one line; empty where there is nothing.
-
-    Examples
-    --------
-    >>> t = np.arange(50) / 1e4
-    >>> screen_trace(Trace(t, t, t), 1e4)
-    'truncated: 50 samples are too few (at least 200)'
-    """
-    return (
-        _length(trace)
-        or _finite(trace)
-        or _clock(trace.time, sample_rate)
-        or _alive(trace)
-        or _saturation("tangential", trace.tangential, limit)
-        or _saturation("normal", trace.normal, limit)
-    )
-
-
-def _length(trace: Trace) -> str:
+    """Look for what makes a trace unusable, and say it in one line; empty where there is nothing."""
     count = trace.time.size
-    if count == 0:
-        return "truncated: the trace is empty"
-    return f"truncated: {count} samples are too few (at least {_FEWEST_SAMPLES})" if count < _FEWEST_SAMPLES else ""
-
-
-def _finite(trace: Trace) -> str:
+    if count < _FEWEST_SAMPLES:
+        few = f"{count} samples are too few (at least {_FEWEST_SAMPLES})"
+        return f"truncated: {few if count else 'the trace is empty'}"
     for name, values in vars(trace).items():
-        bad = int(values.size - np.count_nonzero(np.isfinite(values)))
+        bad = count - np.count_nonzero(np.isfinite(values))
         if bad:
-            return f"not-a-number: {bad} of {values.size} samples of the {name} channel"
-    return ""
+            return f"not-a-number: {bad} of {count} samples of the {name} channel"
+    if fault := _clock(trace.time, sample_rate):
+        return fault
+    if float(np.ptp(trace.tangential)) == 0.0:
+        return f"dead channel: the tangential force is {trace.tangential[0]:.4g} N throughout"
+    if not np.any(trace.normal):
+        return "dead channel: the normal force is 0 throughout"
+    return _saturation("tangential", trace.tangential, limit) or _saturation("normal", trace.normal, limit)
 
 
 def _clock(time: Array, sample_rate: float) -> str:
@@ -93,12 +78,6 @@ def _clock(time: Array, sample_rate: float) -> str:
     if rate < _LOWEST_RATE:
         return f"wrong rate: {rate:.6g} Hz cannot show a ring, at least {_LOWEST_RATE:.0f} Hz are needed"
     return ""
-
-
-def _alive(trace: Trace) -> str:
-    if float(np.ptp(trace.tangential)) == 0.0:
-        return f"dead channel: the tangential force is {trace.tangential[0]:.4g} N throughout"
-    return "" if np.any(trace.normal) else "dead channel: the normal force is 0 throughout"
 
 
 def _saturation(name: str, values: Array, limit: float | None) -> str:

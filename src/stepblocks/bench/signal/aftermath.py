@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from stepblocks.bench.signal.approach import Approach, Landmarks
 from stepblocks.bench.signal.ring import Ring, fit_ring, guess_ring
 from stepblocks.bench.signal.rubbing_ring import GUESSED, TOLD, RubbingRing, fit_rubbing_ring
-from stepblocks.bench.signal.separable import covariance_of, fit_linear, propagated, wave
+from stepblocks.bench.signal.separable import damped_wave, fit_linear, propagated, wave, weighed
 
 Array = NDArray[np.float64]
 
@@ -254,11 +254,12 @@ _ONSET_GUARD = 1e-3  # [s]
 def normal_level(time: Array, normal: Array, approach: Approach) -> tuple[float, float]:
     """Return the normal force while sliding, hum and drift apart, and its standard uncertainty [N]."""
     end = int(np.searchsorted(time, approach.onset - _ONSET_GUARD))
-    t, y = time[:end], normal[:end]
-    columns = np.column_stack([np.ones_like(t), t - t.mean(), wave(t, approach.mains)])
-    weights, residuals = fit_linear(columns, y)
-    covariance = covariance_of(columns, residuals)
+    weights, covariance = weighed(_still(time[:end], approach), normal[:end])
     return float(weights[0]), float(np.sqrt(covariance[0, 0]))
+
+
+def _still(t: Array, approach: Approach) -> Array:
+    return np.column_stack([np.ones_like(t), t - t.mean(), wave(t, approach.mains)])
 
 
 def sympathetic_force(time: Array, normal: Array, approach: Approach, after: Aftermath) -> tuple[float, float]:
@@ -267,14 +268,11 @@ def sympathetic_force(time: Array, normal: Array, approach: Approach, after: Aft
     It is the part of the normal force with the frequency and the decay of the tangential ring.
     """
     begin = int(np.searchsorted(time, max(after.start + _SETTLE, after.origin)))
-    t, y = time[begin:], normal[begin:]
-    still = np.column_stack([np.ones_like(t), t - t.mean(), wave(t, approach.mains)])
+    still, since = _still(time[begin:], approach), time[begin:] - after.start
 
     def ringing(frequency: float, decay_time: float) -> tuple[float, float]:
-        since = t - after.start
-        columns = np.column_stack([np.exp(-since / decay_time)[:, None] * wave(since, frequency), still])
-        weights, residuals = fit_linear(columns, y)
-        covariance = covariance_of(columns, residuals)
+        columns = np.column_stack([damped_wave(since, frequency, decay_time), still])
+        weights, covariance = weighed(columns, normal[begin:])
         size = float(np.hypot(weights[0], weights[1]))
         if size == 0.0:
             return 0.0, float(np.sqrt(covariance[0, 0]))

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from stepblocks.bench.signal.separable import SeparableFit, fit_linear, fit_separable, propagated, wave
+from stepblocks.bench.signal.separable import SeparableFit, damped_wave, fit_linear, fit_separable, propagated, wave
 
 Array = NDArray[np.float64]
 
@@ -125,11 +125,9 @@ class Approach:
 
     def line_std(self, time: float) -> float:
         """Return the standard uncertainty of `ramp` at one instant [N]."""
-        columns = np.array([1.0, 0.0, time - self.onset, 0.0, 0.0])
         size = self.fit.shape.size
         gradient = np.zeros(self.fit.covariance.shape[0])
-        gradient[0] = -self.slope
-        gradient[size : size + 5] = columns
+        gradient[0], gradient[size], gradient[size + 2] = -self.slope, 1.0, time - self.onset
         return propagated(gradient, self.fit.covariance)
 
     def hum(self, time: Array) -> Array:
@@ -142,8 +140,7 @@ class Approach:
         if self.start_up is None:
             return force
         frequency, decay = self.start_up
-        ring = np.exp(-time / decay)[:, None] * wave(time, frequency)
-        return np.asarray(force + ring @ self.fit.weights[5:7], dtype=float)
+        return np.asarray(force + damped_wave(time, frequency, decay) @ self.fit.weights[5:7], dtype=float)
 
     def ramp(self, time: float) -> float:
         """Force on the line of the ramp without hum and drift [N]."""
@@ -176,7 +173,8 @@ def fit_approach(time: Array, force: Array, marks: Landmarks, start_up: tuple[fl
     # the filter of a converter rings a sample or two ahead of a corner
     rest = slice(end, max(marks.peak - 2, end))
     miss = force[rest] - _columns(time[rest], onset, center, mains) @ fit.weights[:5]
-    extended = end + left if (left := _leaves_line(miss, marks.noise)) is not None else marks.peak
+    left = _leaves_line(miss, marks.noise)
+    extended = marks.peak if left is None else end + left
     if extended > end:
         end = extended
         fit = _fit_until(time[:end], force[:end], onset, center, mains, start_up, step=step)
@@ -223,7 +221,7 @@ def _rings(time: Array, fit: SeparableFit, frequency: float, decay_time: float) 
     """Whether what sliding and ramp leave over holds a ring that begins with the record."""
     before = time < fit.shape[0]
     t, left = time[before] - time[0], fit.residuals[before]
-    rest = fit_linear(np.exp(-t / decay_time)[:, None] * wave(t, frequency), left)[1]
+    rest = fit_linear(damped_wave(t, frequency, decay_time), left)[1]
     had, has = float(left @ left), float(rest @ rest)
     # two parameters more explain 2/n of white noise by chance
     return bool(had - has > max(_START_UP_GAIN, 20.0 / max(t.size, 1)) * had)

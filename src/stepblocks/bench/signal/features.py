@@ -14,7 +14,7 @@ from stepblocks.bench.signal import Trace
 from stepblocks.bench.signal.aftermath import Aftermath, normal_level, settle, settle_from, sympathetic_force
 from stepblocks.bench.signal.approach import Approach, Landmarks, find_landmarks, fit_approach
 from stepblocks.bench.signal.ring import Ring, guess_ring
-from stepblocks.bench.signal.separable import covariance_of, fit_linear, propagated
+from stepblocks.bench.signal.separable import propagated, weighed
 
 Array = NDArray[np.float64]
 
@@ -42,21 +42,19 @@ def peak_of(time: Array, force: Array, marks: Landmarks, approach: Approach, aft
     The highest sample is no measure of it: noise lifts it, and the release falls between two samples. A corner is the
     intersection of ramp and release, both fitted; a rounded peak is the top of a cubic through its neighbourhood.
     """
+    corner = None
     if approach.end >= marks.peak - 1:
         if isinstance(after.ring, Ring):
             corner = _corner(time, marks, approach, after.ring)
         else:
             corner = _corner_of_fall(time, force, marks, approach)
-        if corner is not None:
-            return corner
-    return _rounded(time, force, marks, approach)
+    return corner or _rounded(time, force, marks, approach)
 
 
 def _corner(time: Array, marks: Landmarks, approach: Approach, ring: Ring) -> Peak | None:
     from scipy.optimize import brentq
 
-    top = float(time[marks.peak])
-    step = float(np.median(np.diff(time)))
+    top, step = float(time[marks.peak]), float(np.median(np.diff(time)))
 
     def excess(instant: float) -> float:
         at = np.array([instant])
@@ -91,7 +89,7 @@ def _corner_of_fall(time: Array, force: Array, marks: Landmarks, approach: Appro
     t = (time[first:last] - time[first]) / step
     y = force[first:last] - approach.line(time[first:last])
     columns = np.vander(t, 3, increasing=True)
-    weights, residuals = fit_linear(columns, y)
+    weights, covariance = weighed(columns, y)
     grid = np.linspace(-_CORNER_REACH, 0.0, 701)
     excess = np.vander(grid, 3, increasing=True) @ weights
     above = np.flatnonzero(excess > 0.0)
@@ -102,7 +100,6 @@ def _corner_of_fall(time: Array, force: Array, marks: Landmarks, approach: Appro
     if fall >= 0.0:
         return None
     gradient = np.asarray(at ** np.arange(3), dtype=float)
-    covariance = covariance_of(columns, residuals)
     noise = max(
         propagated(gradient, covariance),
         propagated(gradient, np.asarray(np.linalg.inv(columns.T @ columns), dtype=float)) * marks.noise,
@@ -125,17 +122,14 @@ def _rounded(time: Array, force: Array, marks: Landmarks, approach: Approach) ->
         last += 1
     first, last = min(first, marks.peak - 3), max(last, marks.peak + 3)
     t = time[first : last + 1] - time[marks.peak]
-    y = clean[first : last + 1]
     reach = float(np.abs(t).max())
-    columns = np.vander(t / reach, 4, increasing=True)
-    weights, residuals = fit_linear(columns, y)
-    covariance = covariance_of(columns, residuals)
+    weights, covariance = weighed(np.vander(t / reach, 4, increasing=True), clean[first : last + 1])
     grid = np.linspace(t[0], t[-1], 801) / reach
     heights = np.vander(grid, 4, increasing=True) @ weights
     best = int(np.argmax(heights))
     gradient = np.asarray(grid[best] ** np.arange(4), dtype=float)
-    spread = _ROUND_SPREAD * propagated(gradient, covariance)
-    return Peak(float(time[marks.peak] + grid[best] * reach), float(heights[best]), spread, corner=False)
+    instant, spread = float(time[marks.peak] + grid[best] * reach), _ROUND_SPREAD * propagated(gradient, covariance)
+    return Peak(instant, float(heights[best]), spread, corner=False)
 
 
 LOADING_BAND = (0.0, 100.0)  # in which the paper finds more than 64 % of the energy of loading [Hz]
@@ -162,87 +156,53 @@ class Measurement:
     @cached_property
     def features(self) -> dict[str, float]:
         """One value for each of `FEATURE_COLUMNS`; not-a-number where the trace does not show it."""
-        return {name: figure(self) for name, figure in _FIGURES.items()}
+        return {
+            name: value for names, figures in _FIGURES.items() for name, value in zip(names, figures(self), strict=True)
+        }
 
-    @property
     def friction(self) -> tuple[float, float]:
         """Sliding over normal force, and its standard uncertainty [1]."""
         load, load_std = self.load
         friction = self.approach.level / load if load > 0.0 else float("nan")
         return friction, float(np.hypot(self.approach.level_std, friction * load_std) / load)
 
-    @property
-    def energy(self) -> float:
-        """E_v, that of the amplitude at the release on the declared spring [J]."""
-        return self.aftermath.amplitude[0] ** 2 / (2.0 * self.spring_constant)
-
-    @property
-    def energy_std(self) -> float:
-        """Relative standard uncertainty of the energy [1]."""
+    def energy(self) -> tuple[float, float, float]:
+        """Energy of the amplitude at the release on the declared spring, its standard uncertainty [J], their ratio."""
         amplitude, std = self.aftermath.amplitude
-        return 2.0 * (std / amplitude if amplitude > 0.0 else float("nan"))
+        energy = amplitude**2 / (2.0 * self.spring_constant)
+        relative = 2.0 * (std / amplitude if amplitude > 0.0 else float("nan"))
+        return energy, energy * relative, relative
 
 
-_FIGURES: dict[str, Callable[[Measurement], float]] = {
-    "sliding_friction": lambda m: m.friction[0],
-    "sliding_friction_std": lambda m: m.friction[1],
-    "normal_load_n": lambda m: m.load[0],
-    "normal_load_std_n": lambda m: m.load[1],
-    "loading_onset_s": lambda m: m.approach.onset + m.start,
-    "loading_slope_n_per_s": lambda m: m.approach.slope,
-    "loading_slope_std_n_per_s": lambda m: m.approach.slope_std,
-    "spring_constant_n_per_m": lambda m: m.approach.slope / m.speed,
-    "spring_constant_std_n_per_m": lambda m: m.approach.slope_std / m.speed,
-    "peak_force_n": lambda m: m.peak.force,
-    "peak_force_std_n": lambda m: m.peak.force_std,
-    "release_time_s": lambda m: m.peak.time + m.start,
-    "release_level_n": lambda m: m.aftermath.level[0],
-    "release_level_std_n": lambda m: m.aftermath.level[1],
-    "ring_frequency_hz": lambda m: m.aftermath.frequency[0],
-    "ring_frequency_std_hz": lambda m: m.aftermath.frequency[1],
-    "decay_time_s": lambda m: m.aftermath.decay_time[0],
-    "decay_time_std_s": lambda m: m.aftermath.decay_time[1],
-    "friction_decay_n_per_s": lambda m: m.aftermath.friction_decay[0],
-    "friction_decay_std_n_per_s": lambda m: m.aftermath.friction_decay[1],
-    "ring_amplitude_n": lambda m: m.aftermath.amplitude[0],
-    "ring_amplitude_std_n": lambda m: m.aftermath.amplitude[1],
-    "vibration_energy_j": lambda m: m.energy,
-    "vibration_energy_std_j": lambda m: m.energy * m.energy_std,
-    "ln_vibration_energy_std": lambda m: m.energy_std,
-    "sympathetic_force_n": lambda m: m.sympathetic[0],
-    "sympathetic_force_std_n": lambda m: m.sympathetic[1],
-    "loading_share_0_100hz": lambda m: m.shares[0],
-    "vibration_share_250_350hz": lambda m: m.shares[1],
+# columns, and what stands in them
+_FIGURES: dict[tuple[str, ...], Callable[[Measurement], tuple[float, ...]]] = {
+    ("sliding_friction", "sliding_friction_std"): Measurement.friction,
+    ("normal_load_n", "normal_load_std_n"): lambda m: m.load,
+    ("loading_onset_s",): lambda m: (m.approach.onset + m.start,),
+    ("loading_slope_n_per_s", "loading_slope_std_n_per_s"): lambda m: (m.approach.slope, m.approach.slope_std),
+    ("spring_constant_n_per_m", "spring_constant_std_n_per_m"): lambda m: (
+        m.approach.slope / m.speed,
+        m.approach.slope_std / m.speed,
+    ),
+    ("peak_force_n", "peak_force_std_n"): lambda m: (m.peak.force, m.peak.force_std),
+    ("release_time_s",): lambda m: (m.peak.time + m.start,),
+    ("release_level_n", "release_level_std_n"): lambda m: m.aftermath.level,
+    ("ring_frequency_hz", "ring_frequency_std_hz"): lambda m: m.aftermath.frequency,
+    ("decay_time_s", "decay_time_std_s"): lambda m: m.aftermath.decay_time,
+    ("friction_decay_n_per_s", "friction_decay_std_n_per_s"): lambda m: m.aftermath.friction_decay,
+    ("ring_amplitude_n", "ring_amplitude_std_n"): lambda m: m.aftermath.amplitude,
+    ("vibration_energy_j", "vibration_energy_std_j", "ln_vibration_energy_std"): Measurement.energy,
+    ("sympathetic_force_n", "sympathetic_force_std_n"): lambda m: m.sympathetic,
+    ("loading_share_0_100hz", "vibration_share_250_350hz"): lambda m: m.shares,
 }
-FEATURE_COLUMNS = tuple(_FIGURES)  # of a table of features, after trial, status, reason and the covariates
+# of a table of features, after trial, status, reason and the covariates
+FEATURE_COLUMNS = tuple(name for names in _FIGURES for name in names)
 
 
 def measure_trace(
     trace: Trace, spring_constant: float, speed: float = float("nan"), tool: tuple[float, float] | None = None
 ) -> Measurement:
-    """Measure one trace.
-
-    Parameters
-    ----------
-    trace : Trace
-        The record, screened.
-    spring_constant : float
-        Of the explorer, with which an amplitude becomes an energy [N/m].
-    speed : float
-        Of the handle, with which the ramp becomes a spring constant [m/s]; not-a-number where it is not known.
-    tool : (float, float), optional
-        Frequency [Hz] and decay time [s] of the tool, where other trials told them.
-
-    Returns
-    -------
-    Measurement
-        Features in SI and what was fitted.
-
-    Raises
-    ------
-    LandmarkError
-        If the trace lacks a part of the course of a trial.
-    """
+    """Measure one trace."""
     time, force = trace.time - trace.time[0], trace.tangential
     marks = find_landmarks(time, force)
     late = marks.peak + (time.size - marks.peak) // 4
@@ -270,9 +230,8 @@ def measure_trace(
 def _shares(time: Array, force: Array, approach: Approach, after: Aftermath, peak: Peak) -> tuple[float, float]:
     rate = (time.size - 1) / (time[-1] - time[0])
     clean = force - approach.hum(time)
-    onset, release = np.searchsorted(time, (approach.onset, peak.time))
-    end = int(np.searchsorted(time, after.start + _RING_TIMES * after.decay_time[0]))
-    begin = int(np.searchsorted(time, max(after.start, peak.time)))
+    over = after.start + _RING_TIMES * after.decay_time[0]
+    onset, release, begin, end = np.searchsorted(time, (approach.onset, peak.time, max(after.start, peak.time), over))
     return (
         band_share(clean[onset:release] - approach.level, rate, LOADING_BAND),
         band_share(clean[begin:end] - after.level[0], rate, VIBRATION_BAND),
@@ -284,13 +243,6 @@ def band_share(values: Array, rate: float, band: tuple[float, float]) -> float:
 
     The energy spectrum of the zero-padded transient is integrated (Parseval). No window: a transient ends by itself,
     and a window would move energy from the release into the band.
-
-    Examples
-    --------
-    >>> t = np.arange(4000) / 10e3
-    >>> ring = np.exp(-t / 0.05) * np.cos(2 * np.pi * 300.0 * t)
-    >>> round(band_share(ring, 10e3, (250.0, 350.0)), 2)
-    0.96
     """
     from scipy.signal import periodogram
 
@@ -315,5 +267,5 @@ def tool_of(features: Iterable[dict[str, float]]) -> tuple[float, float] | None:
     ]
     if len(clear) < _FEWEST_CLEAR:
         return None
-    frequency, decay = np.median(np.array(clear), axis=0)
-    return float(frequency), float(decay)
+    frequency, decay = np.median(np.array(clear), axis=0).tolist()
+    return frequency, decay

@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from stepblocks.bench.signal.separable import (
     SeparableFit,
     covariance_of,
+    damped_wave,
     fit_linear,
     fit_separable,
     misfit,
@@ -111,10 +112,9 @@ def guess_ring(time: Array, values: Array) -> tuple[float, float]:
     spectrum[frequencies < _LOWEST] = 0.0
     frequency = float(frequencies[int(np.argmax(spectrum))])
     since = time - time[0]
-    turning = wave(since, frequency)
 
     def left(decay: float) -> float:
-        rest = fit_linear(np.column_stack([np.ones_like(since), np.exp(-since / decay)[:, None] * turning]), values)[1]
+        rest = fit_linear(np.column_stack([np.ones_like(since), damped_wave(since, frequency, decay)]), values)[1]
         return float(rest @ rest)
 
     return frequency, min(_DECAYS, key=left)
@@ -150,5 +150,5 @@ def fit_ring(time: Array, force: Array, origin: float, mains: float, noise: floa
 def _columns(since: Array, origin: float, mains: float, shape: Array) -> Array:
     """Level and drift from the slip on, hum on the clock of the record, rest of the release, ring."""
     frequency, decay, release = shape
-    ring = np.exp(-since / decay)[:, None] * wave(since, frequency)
-    return np.column_stack([np.ones_like(since), since, wave(since + origin, mains), np.exp(-since / release), ring])
+    hum, ring = wave(since + origin, mains), damped_wave(since, frequency, decay)
+    return np.column_stack([np.ones_like(since), since, hum, np.exp(-since / release), ring])

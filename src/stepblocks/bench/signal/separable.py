@@ -70,6 +70,17 @@ def fit_linear(columns: Array, values: Array, rcond: float | None = None) -> tup
     return np.asarray(weights, dtype=float), np.asarray(values - columns @ weights, dtype=float)
 
 
+def weighed(columns: Array, values: Array) -> tuple[Array, Array]:
+    """Return weights of ``values = columns @ weights`` and their covariance."""
+    weights, residuals = fit_linear(columns, values)
+    return weights, covariance_of(columns, residuals)
+
+
+def damped_wave(time: Array, frequency: float, decay_time: float) -> Array:
+    """Columns of a cosine and a sine that die away."""
+    return np.asarray(np.exp(-time / decay_time)[:, None] * wave(time, frequency), dtype=float)
+
+
 def wave(time: Array, frequency: float) -> Array:
     """Columns of a cosine and a sine."""
     phase = 2.0 * np.pi * frequency * time
