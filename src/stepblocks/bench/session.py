@@ -4,19 +4,22 @@ from __future__ import annotations
 
 import re
 import tomllib
-from collections.abc import Collection
-from dataclasses import dataclass
 from pathlib import Path, PurePosixPath
-from typing import Annotated, Any, Literal
+from typing import Annotated, Literal, NamedTuple
 
-from pydantic import AfterValidator, BaseModel, BeforeValidator, ConfigDict, Field, ValidationError, model_validator
-from pydantic_core import PydanticCustomError
+from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, ValidationError, model_validator
 
 from stepblocks.errors import BenchError, QuantityError
 from stepblocks.quantities import parse_quantity, quantity_parser
 
-# formats of traces, by the suffixes of their files
-FORMATS = {"csv": (".csv", ".txt", ".tsv"), "hdf5": (".h5", ".hdf5", ".hdf"), "tdms": (".tdms",), "mat": (".mat",)}
+TraceFormat = Literal["csv", "hdf5", "tdms", "mat"]
+# with the suffixes of their files
+FORMATS: dict[TraceFormat, tuple[str, ...]] = {
+    "csv": (".csv", ".txt", ".tsv"),
+    "hdf5": (".h5", ".hdf5", ".hdf"),
+    "tdms": (".tdms",),
+    "mat": (".mat",),
+}
 _MOST_BYTES = 1 << 20  # a longer session.toml is none
 
 Stiffness = Annotated[float, BeforeValidator(quantity_parser("stiffness")), Field(gt=0.0)]
@@ -25,19 +28,6 @@ _Length = Annotated[float, BeforeValidator(quantity_parser("length")), Field(gt=
 _Force = Annotated[float, BeforeValidator(quantity_parser("force")), Field(gt=0.0)]
 _Delimiter = Annotated[str, Field(min_length=1, max_length=1)]
 _Decimal = Literal[".", ","]
-
-
-def one_of(names: Collection[str]) -> AfterValidator:
-    """Let a field be one of the names of a registry."""
-    *most, last = (repr(name) for name in names)
-    expected = f"{', '.join(most)} or {last}"
-
-    def check(name: str) -> str:
-        if name not in names:
-            raise PydanticCustomError("name_of_registry", "Input should be {expected}", {"expected": expected})
-        return name
-
-    return AfterValidator(check)
 
 
 class _Strict(BaseModel):
@@ -97,7 +87,7 @@ class Acquisition(_Open):
 
     sample_rate: Frequency  # [Hz]
     traces: str  # one file for all trials, or a pattern with ``{trial}``
-    format: Annotated[str, one_of(FORMATS)] | None = None  # by default from the suffix
+    format: TraceFormat | None = None  # by default from the suffix
     group: str | None = None  # pattern of the group of a trial in a container; by default the usual ones are tried
     channels: Channels
     delimiter: _Delimiter = ","  # of CSV traces
@@ -106,7 +96,7 @@ class Acquisition(_Open):
     range: _Force | None = None  # at which the sensor saturates [N]
 
     @property
-    def kind(self) -> str:
+    def kind(self) -> TraceFormat:
         """Format of the traces."""
         suffix = Path(self.traces).suffix.lower()
         kind = self.format or next((name for name, one in FORMATS.items() if suffix in one), None)
@@ -145,19 +135,13 @@ class Stimuli(_Open):
     scans: str | None = None  # pattern of their scans, with ``{block}``
 
 
-@dataclass(frozen=True)
-class Place:
+class Place(NamedTuple):
     """Where in a file a trial is to be looked for."""
 
     trial: str
     groups: tuple[str, ...]  # names that its group may have, the likeliest first
     own_file: bool  # the file holds this trial alone
-    declared: bool  # the session says how groups are called
-
-    @property
-    def is_file(self) -> bool:
-        """The file itself is the group."""
-        return self.own_file and not self.declared
+    is_file: bool  # the file itself is the group
 
 
 class Session(_Open):
@@ -189,9 +173,20 @@ def open_session(folder: str | Path) -> Session:
     if not folder.is_dir():
         raise BenchError(f"session must be a folder with a session.toml, got {str(folder)!r}")
     try:
-        session = Session.model_validate({**_read_toml(path), "folder": folder})
+        if path.stat().st_size > _MOST_BYTES:
+            raise BenchError(f"session.toml must be under {_MOST_BYTES} bytes [{path}]")
+        declared = tomllib.loads(path.read_text(encoding="utf-8"))
+        session = Session.model_validate({**declared, "folder": folder})
+    except FileNotFoundError as error:
+        raise BenchError(f"session.toml is missing [{folder}]") from error
+    except OSError as error:
+        raise BenchError(f"session.toml cannot be read: {error.strerror} [{path}]") from error
+    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
+        raise BenchError(f"session.toml must be TOML: {error} [{path}]") from error
     except ValidationError as error:
-        raise BenchError(_first_of(error, path)) from error
+        rule, got = first_of(error)
+        shown = f", got {got!r}" if isinstance(got, str | int | float) and "got" not in rule.split(": ", 1)[1] else ""
+        raise BenchError(f"{rule}{shown} [{path}]") from error
     acquisition = session.acquisition
     check_pattern(acquisition.traces, "trial", "acquisition.traces")
     if acquisition.group is not None:
@@ -210,26 +205,11 @@ def open_session(folder: str | Path) -> Session:
     return session
 
 
-def _read_toml(path: Path) -> dict[str, Any]:
-    try:
-        if path.stat().st_size > _MOST_BYTES:
-            raise BenchError(f"session.toml must be under {_MOST_BYTES} bytes [{path}]")
-        return tomllib.loads(path.read_text(encoding="utf-8"))
-    except FileNotFoundError as error:
-        raise BenchError(f"session.toml is missing [{path.parent}]") from error
-    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
-        raise BenchError(f"session.toml must be TOML: {error} [{path}]") from error
-    except OSError as error:
-        raise BenchError(f"session.toml cannot be read: {error.strerror} [{path}]") from error
-
-
-def _first_of(error: ValidationError, path: Path) -> str:
+def first_of(error: ValidationError) -> tuple[str, object]:
+    """Field and rule of the first mistake, and what was given."""
     first = error.errors()[0]
     place = ".".join(str(part) for part in first["loc"])
-    message = str(first["msg"]).removeprefix("Value error, ")
-    got = first.get("input")
-    shown = f", got {got!r}" if isinstance(got, str | int | float) and "got" not in message else ""
-    return f"`{place}`: {message}{shown} [{path}]"
+    return f"`{place}`: {first['msg'].removeprefix('Value error, ')}", first.get("input")
 
 
 _FIELD = re.compile(r"\{([a-z_]+)(?::(0?)(\d{1,2})d)?\}")

@@ -9,7 +9,7 @@ from __future__ import annotations
 import io
 import math
 from collections.abc import Callable, Iterator
-from contextlib import AbstractContextManager, contextmanager
+from contextlib import AbstractContextManager, contextmanager, nullcontext
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -177,26 +177,25 @@ def open_writer(folder: Path, kind: str) -> AbstractContextManager[Write]:
     """Begin the traces of a session in an empty folder."""
     if kind not in _WRITERS:
         raise BenchError(f"`format` must be one of {', '.join(_WRITERS)}, got {kind!r}")
-    return _WRITERS[kind](folder)
+    return _WRITERS[kind](folder / TRACE_FILES[kind])
 
 
-@contextmanager
-def _csv(folder: Path) -> Iterator[Write]:
-    (folder / "traces").mkdir()
+def _csv(pattern: Path) -> AbstractContextManager[Write]:
+    pattern.parent.mkdir()
 
     def write(trial: int, trace: Trace) -> None:
         table = np.column_stack([trace.time, trace.tangential, trace.normal])
-        path = folder / "traces" / f"{trial:04d}.csv"
+        path = str(pattern).format(trial=trial)
         np.savetxt(path, table, fmt=("%.6f", "%.6g", "%.6g"), delimiter=",", header=",".join(_NAMES), comments="")
 
-    yield write
+    return nullcontext(write)
 
 
 @contextmanager
-def _hdf5(folder: Path) -> Iterator[Write]:
+def _hdf5(path: Path) -> Iterator[Write]:
     import h5py
 
-    with h5py.File(folder / TRACE_FILES["hdf5"], "w", libver="latest") as file:
+    with h5py.File(path, "w", libver="latest") as file:
 
         def write(trial: int, trace: Trace) -> None:
             group = file.create_group(f"{trial:04d}")
@@ -207,23 +206,20 @@ def _hdf5(folder: Path) -> Iterator[Write]:
 
 
 @contextmanager
-def _tdms(folder: Path) -> Iterator[Write]:
+def _tdms(path: Path) -> Iterator[Write]:
     from nptdms import ChannelObject, TdmsWriter
 
-    with TdmsWriter(str(folder / TRACE_FILES["tdms"])) as file:
-
-        def write(trial: int, trace: Trace) -> None:
-            group = f"{trial:04d}"
-            file.write_segment([ChannelObject(group, name, values) for name, values in _columns(trace).items()])
-
-        yield write
+    with TdmsWriter(str(path)) as file:
+        yield lambda trial, trace: file.write_segment(
+            [ChannelObject(f"{trial:04d}", name, values) for name, values in _columns(trace).items()]
+        )
 
 
 @contextmanager
-def _mat(folder: Path) -> Iterator[Write]:
+def _mat(path: Path) -> Iterator[Write]:
     from scipy.io import savemat
 
-    with (folder / TRACE_FILES["mat"]).open("wb") as file:
+    with path.open("wb") as file:
         # SciPy puts the date into the header; the same session must give the same bytes
         file.write(_MAT_HEADER.ljust(124) + b"\x00\x01IM")
 

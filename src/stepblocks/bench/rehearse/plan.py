@@ -11,8 +11,8 @@ from typing import Annotated, Literal
 import numpy as np
 from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, ValidationError
 
-from stepblocks.bench.rehearse import TRACE_FILES, Rig, Truth
-from stepblocks.bench.session import Frequency, Stiffness, one_of
+from stepblocks.bench.rehearse import Rig, Truth
+from stepblocks.bench.session import Frequency, Stiffness, TraceFormat, first_of
 from stepblocks.contact.effects.catalogue import named_laws
 from stepblocks.contact.operating_point import PAPER
 from stepblocks.errors import PipelineError
@@ -92,9 +92,8 @@ class PlantedEffect(_Part):
     slot: Literal["contact_geometry", "friction", "normal_load", "stiffness", "conversion", "drag", "sensor", None] = (
         None
     )
-    change: Literal["add", "multiply"] = (
-        "add"  # as it is, or as 1 + change; a power that multiplies is the factor itself
-    )
+    # as it is, or as 1 + change; a power that multiplies is the factor itself
+    change: Literal["add", "multiply"] = "add"
     form: Literal["constant", "linear", "power", "exponential", "levels"] = "constant"
     covariate: str = "none"  # a column of the table, ``peak_force_n`` of the nominal model, or ``none``
     size: _Finite = 1.0  # this and the next in the units of slot and covariate
@@ -159,7 +158,7 @@ class SessionPlan(_Part):
     title: str = "Simulated session"
     source: Literal["equations", "drag"] = "equations"
     seed: int = Field(ge=0)
-    format: Annotated[str, one_of(TRACE_FILES)] = "hdf5"
+    format: TraceFormat = "hdf5"
     model: Model = Model()
     design: Design
     scatter: Scatter = Scatter()
@@ -217,9 +216,7 @@ def read_plan(path: Path) -> SessionPlan:
     except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
         raise PipelineError(f"plan must be TOML: {error} [{path}]") from error
     except ValidationError as error:
-        first = error.errors()[0]
-        place = ".".join(str(part) for part in first["loc"])
-        raise PipelineError(f"`{place}`: {first['msg'].removeprefix('Value error, ')} [{path}]") from error
+        raise PipelineError(f"{first_of(error)[0]} [{path}]") from error
     for number, effect in enumerate(plan.effects, start=1):
         if fault := effect.fault(plan, number):
             raise PipelineError(f"{fault} [{path}]")

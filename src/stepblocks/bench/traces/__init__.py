@@ -69,8 +69,8 @@ class Traces:
         else:
             opened = nullcontext(self._container)
         with opened as file:
-            declared = acquisition.group is not None
-            place = Place(trial, _groups(acquisition.group, trial), acquisition.per_trial, declared)
+            own = acquisition.per_trial
+            place = Place(trial, _groups(acquisition.group, trial), own, own and acquisition.group is None)
             raw = self._columns(file, place, tuple(channel.column for channel, _ in self._channels.values()))
         found = {
             part: _samples(raw[c.column], c.column) * c.scale(dimension, part)
