@@ -75,16 +75,9 @@ def _draw(title: str, trial: Trial, examined: tuple[Trace, Measurement | None, s
     start = float(trace.time[0])
     release = start if measured is None else measured.peak.time + start
     near.set_xlim(1e3 * (release - 12e-3), 1e3 * (release + 40e-3))
-    near.text(
-        0.99,
-        0.97,
-        f"excluded: {reason}" if measured is None else _notes(measured.features),
-        transform=near.transAxes,
-        ha="right",
-        va="top",
-        fontsize=8,
-        bbox={"facecolor": "white", "edgecolor": _FAINT, "alpha": 0.9},
-    )
+    told = f"excluded: {reason}" if measured is None else _notes(measured.features)
+    box = {"facecolor": "white", "edgecolor": _FAINT, "alpha": 0.9}
+    near.text(0.99, 0.97, told, transform=near.transAxes, ha="right", va="top", fontsize=8, bbox=box)
     whole.legend(loc="upper right", fontsize=8, frameon=False)
     normal.plot(1e3 * trace.time, trace.normal, color=_LINE, linewidth=0.6)
     normal.set_ylabel("normal force / N")

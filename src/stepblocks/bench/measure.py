@@ -17,7 +17,7 @@ from typing import TYPE_CHECKING, Any
 
 from stepblocks.atomic import beside
 from stepblocks.bench.session import Session, open_session
-from stepblocks.bench.signal import Trace, TraceError, screen_trace
+from stepblocks.bench.signal import Tool, Trace, TraceError, screen_trace
 from stepblocks.bench.signal.approach import LandmarkError
 from stepblocks.bench.signal.features import FEATURE_COLUMNS, Measurement, measure_trace, tool_of
 from stepblocks.bench.traces import Traces
@@ -135,7 +135,7 @@ def _check_output(output: Path, folder: Path) -> None:
         raise PipelineError(f"output must not replace a file of the session, got {str(output)!r}")
 
 
-def measure_trial(traces: Traces, trial: Trial, tool: tuple[float, float] | None = None) -> TrialResult:
+def measure_trial(traces: Traces, trial: Trial, tool: Tool | None = None) -> TrialResult:
     """Read, screen and measure one trial."""
     if trial.fault:
         return TrialResult(trial, trial.fault)
@@ -149,7 +149,7 @@ def measure_trial(traces: Traces, trial: Trial, tool: tuple[float, float] | None
     return TrialResult(trial, "", measured.features, int.from_bytes(samples.digest()))
 
 
-def examine(traces: Traces, trial: Trial, tool: tuple[float, float] | None) -> tuple[Trace, Measurement | None, str]:
+def examine(traces: Traces, trial: Trial, tool: Tool | None) -> tuple[Trace, Measurement | None, str]:
     """Read, screen and measure one trace; where it cannot be measured, say why."""
     session = traces.session
     trace = traces.read(trial.name)
@@ -162,7 +162,7 @@ def examine(traces: Traces, trial: Trial, tool: tuple[float, float] | None) -> t
         return trace, None, str(fault)
 
 
-def pilot(traces: Traces, table: TrialTable) -> tuple[float, float] | None:
+def pilot(traces: Traces, table: TrialTable) -> Tool | None:
     """Learn the tool's frequency [Hz] and decay time [s] from trials spread evenly over the session.
 
     Which trials depends on their number alone, so that every run and any number of workers measure alike.
@@ -199,7 +199,7 @@ def _results(table: TrialTable, jobs: int) -> Iterator[TrialResult]:
 _opened = cache(Traces)  # of the one session of a worker
 
 
-def _measure_chunk(session: Session, tool: tuple[float, float] | None, trials: list[Trial]) -> list[TrialResult]:
+def _measure_chunk(session: Session, tool: Tool | None, trials: list[Trial]) -> list[TrialResult]:
     return [measure_trial(_opened(session), trial, tool) for trial in trials]
 
 

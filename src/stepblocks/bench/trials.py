@@ -40,8 +40,7 @@ class TrialTable:
     header: tuple[str, ...]
     key: str  # name of the column that names the trial
     count: int  # of its rows
-    repeated: frozenset[int]  # rows, from 1, whose trial an earlier row has with the same conditions
-    contradicted: frozenset[int]  # rows whose trial another row has with other conditions
+    repeated: dict[int, str]  # rows, from 1, whose trial another row has, and what is wrong with that
 
     @property
     def covariates(self) -> tuple[str, ...]:
@@ -58,11 +57,7 @@ class TrialTable:
         if len(cells) != len(self.header):
             fault = f"row {number} of the table has {len(cells)} cells, the header has {len(self.header)}"
             return Trial(name, number, named, fault=fault)
-        fault = "" if name else f"row {number} of the table names no trial"
-        if number in self.repeated:
-            fault = "duplicate: an earlier row has this trial with the same conditions"
-        if number in self.contradicted:
-            fault = "duplicate: another row has this trial with other conditions"
+        fault = self.repeated.get(number, "" if name else f"row {number} of the table names no trial")
         try:
             speed = self._number(named, "speed", "speed")
             load = self._number(named, "load", "force")
@@ -109,21 +104,25 @@ def open_trials(session: Session, reserved: frozenset[str] = frozenset()) -> Tri
             numbers.append(number)
     if count == 0:
         raise BenchError(f"table of trials has no rows [{session.table}]")
-    return TrialTable(session, header, key, count, *_duplicates(trials, wholes, numbers))
+    return TrialTable(session, header, key, count, _duplicates(trials, wholes, numbers))
 
 
 def _digest(text: str) -> int:
     return int.from_bytes(blake2b(text.encode(), digest_size=8).digest(), "little")
 
 
-def _duplicates(trials: array[int], wholes: array[int], numbers: array[int]) -> tuple[frozenset[int], frozenset[int]]:
+def _duplicates(trials: array[int], wholes: array[int], numbers: array[int]) -> dict[int, str]:
     """Rows that repeat an earlier row of their trial, and rows of one trial that contradict one another."""
     _, first, which = np.unique(np.array(trials, dtype=np.uint64), return_index=True, return_inverse=True)
     row, whole, home = np.array(numbers), np.array(wholes, dtype=np.uint64), first[which]
     again = home != np.arange(len(row))
     same = whole == whole[home]
     other = again & ~same
-    return frozenset(row[again & same].tolist()), frozenset([*row[other].tolist(), *row[home[other]].tolist()])
+    repeat = dict.fromkeys(
+        row[again & same].tolist(), "duplicate: an earlier row has this trial with the same conditions"
+    )
+    apart = [*row[other].tolist(), *row[home[other]].tolist()]
+    return repeat | dict.fromkeys(apart, "duplicate: another row has this trial with other conditions")
 
 
 def _column_name(column: str | int, header: tuple[str, ...], part: str) -> str:

@@ -23,15 +23,7 @@ from stepblocks.contact.state import DragState, observe
 from stepblocks.errors import PipelineError
 
 _SCAN_REACH, _SCAN_STEP, _SCAN_NOISE = 600.0, 0.25, 0.05  # [um]
-_TRUTH = (
-    "trial",
-    "status",
-    "sliding_friction",
-    "normal_load_n",
-    "peak_force_n",
-    "vibration_energy_j",
-    "release_time_s",
-)
+_FIGURES = ("sliding_friction", "normal_load_n", "peak_force_n", "vibration_energy_j", "release_time_s")
 
 
 @dataclass(frozen=True)
@@ -99,12 +91,12 @@ def _fill(plan: SessionPlan, folder: Path) -> SimulationSummary:
         table = csv.DictWriter(trials, list(rows[0]), lineterminator="\n")
         told = csv.writer(truths, lineterminator="\n")
         table.writeheader()
-        told.writerow(_TRUTH)
+        told.writerow(["trial", "status", *_FIGURES])
         for number, row in enumerate(rows, start=1):
             trial = _trial(plan, row, heights, np.random.default_rng([plan.seed, 4, number]))
             if trial is None:
                 locked += 1
-                told.writerow([row["trial"], "locked", *[""] * (len(_TRUTH) - 2)])
+                told.writerow([row["trial"], "locked", *[""] * len(_FIGURES)])
                 continue
             trace, figures = trial
             write(number, trace)

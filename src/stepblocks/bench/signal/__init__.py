@@ -10,6 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 Array = NDArray[np.float64]
+Estimate = tuple[float, float]  # a value and its standard uncertainty
+Tool = tuple[float, float]  # frequency [Hz] and decay time [s] of its ring
 
 MOST_SAMPLES = 20_000_000  # a longer trace is refused; at 10 kHz it lasts half an hour
 _FEWEST_SAMPLES = 200

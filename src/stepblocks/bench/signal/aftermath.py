@@ -5,14 +5,12 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from stepblocks.bench.signal import Array, Estimate, Tool
 from stepblocks.bench.signal.approach import Approach, Landmarks
 from stepblocks.bench.signal.ring import Ring, fit_ring, guess_ring
 from stepblocks.bench.signal.rubbing_ring import GUESSED, TOLD, RubbingRing, fit_rubbing_ring
 from stepblocks.bench.signal.separable import damped_wave, fit_linear, propagated, wave, weighed
-
-Array = NDArray[np.float64]
 
 _RELEASE_TIME = 0.25e-3  # [s] first samples after the peak, in which the sensor itself follows; no tie with a sample
 _GOOD = 5.0  # misfit up to which a fit is taken at once
@@ -36,9 +34,9 @@ class Swing:
     depth: float  # level less the force in the trough [N]
     depth_std: float  # [N]
     instant: float  # when the trough was reached [s]
-    decay_time: tuple[float, float]  # of the tool, and its standard uncertainty [s]
+    decay_time: Estimate  # of the tool, and its standard uncertainty [s]
 
-    def amplitude(self, instant: float) -> tuple[float, float]:
+    def amplitude(self, instant: float) -> Estimate:
         """Amplitude carried back to `instant`, and its standard uncertainty [N]; viscous decay alone takes from it."""
         decay, decay_std = self.decay_time
         reach = self.instant - instant
@@ -53,11 +51,11 @@ class Aftermath:
 
     kind: str  # ``"damped"`` or ``"rubbing"``
     start: float  # instant to which the amplitude is carried back [s]
-    amplitude: tuple[float, float]  # [N]
-    frequency: tuple[float, float]  # [Hz]
-    decay_time: tuple[float, float]  # [s]
-    level: tuple[float, float]  # [N]
-    friction_decay: tuple[float, float]  # loss of amplitude per time beside the exponential decay [N/s]
+    amplitude: Estimate  # [N]
+    frequency: Estimate  # [Hz]
+    decay_time: Estimate  # [s]
+    level: Estimate  # [N]
+    friction_decay: Estimate  # loss of amplitude per time beside the exponential decay [N/s]
     ring: Ring | RubbingRing  # the fit
     # first swing after the slip, where it tells the amplitude better than the fit: the ring could only be fitted from
     # a later one on, or the fit is not that of the tool
@@ -80,9 +78,7 @@ class Aftermath:
         return self.ring.origin
 
 
-def settle(
-    time: Array, force: Array, marks: Landmarks, approach: Approach, tool: tuple[float, float] | None = None
-) -> Aftermath:
+def settle(time: Array, force: Array, marks: Landmarks, approach: Approach, tool: Tool | None = None) -> Aftermath:
     """Fit the ring after a slip as that of a bell and, where that fails, as that of a tool whose tip rubs."""
     marks = replace(marks, noise=_whole_noise(time, approach, marks))
     top = float(time[marks.peak])
@@ -135,9 +131,7 @@ def _of_bell(bell: Ring, top: float) -> Aftermath:
     )
 
 
-def _of_rubbing(
-    fit: RubbingRing, start: float, swing: Swing | None, sample: float, tool: tuple[float, float] | None
-) -> Aftermath:
+def _of_rubbing(fit: RubbingRing, start: float, swing: Swing | None, sample: float, tool: Tool | None) -> Aftermath:
     level, gap, frequency, decay = (float(v) for v in fit.values[:4])
     far = (0.0, 0.0)
     if tool is not None and not _is_of(tool, fit):
@@ -158,12 +152,12 @@ def _of_rubbing(
     ).carried_to(start)
 
 
-def _is_of(tool: tuple[float, float], fit: RubbingRing) -> bool:
+def _is_of(tool: Tool, fit: RubbingRing) -> bool:
     return all(abs(fit.values[2 + i] - tool[i]) <= _FAR * TOLD[i] * tool[i] for i in (0, 1))
 
 
 def _best_rubbing(
-    time: Array, force: Array, marks: Landmarks, approach: Approach, tool: tuple[float, float] | None
+    time: Array, force: Array, marks: Landmarks, approach: Approach, tool: Tool | None
 ) -> tuple[RubbingRing, float, Swing | None] | None:
     """Fit from one trough after the other, until the tip no longer climbs; with the begin of the ring."""
     clean = force - approach.hum(time)
@@ -186,7 +180,7 @@ def _best_rubbing(
     return best
 
 
-def _first_swing(time: Array, clean: Array, trough: int, fit: RubbingRing, tool: tuple[float, float] | None) -> Swing:
+def _first_swing(time: Array, clean: Array, trough: int, fit: RubbingRing, tool: Tool | None) -> Swing:
     """Bottom of the first swing, by a piece of a cosine about it."""
     level, gap = (float(v) for v in fit.values[:2])
     frequency, decay = tool or (float(fit.values[2]), float(fit.values[3]))
@@ -203,9 +197,7 @@ def _first_swing(time: Array, clean: Array, trough: int, fit: RubbingRing, tool:
     return Swing(depth, float(np.hypot(own, unseen)), float(time[trough] + t[lowest]), (decay, spread))
 
 
-def _tool_guesses(
-    time: Array, clean: Array, marks: Landmarks, approach: Approach, tool: tuple[float, float] | None
-) -> list[tuple[float, float]]:
+def _tool_guesses(time: Array, clean: Array, marks: Landmarks, approach: Approach, tool: Tool | None) -> list[Tool]:
     """Frequency and decay time of the tool: told, from its start-up, from its late ring, from its first swings."""
     if tool is not None:
         return [tool]
@@ -251,7 +243,7 @@ _SETTLE = 0.8e-3  # [s] after the slip in which the normal channel shows the rel
 _ONSET_GUARD = 1e-3  # [s]
 
 
-def normal_level(time: Array, normal: Array, approach: Approach) -> tuple[float, float]:
+def normal_level(time: Array, normal: Array, approach: Approach) -> Estimate:
     """Return the normal force while sliding, hum and drift apart, and its standard uncertainty [N]."""
     end = int(np.searchsorted(time, approach.onset - _ONSET_GUARD))
     weights, covariance = weighed(_still(time[:end], approach), normal[:end])
@@ -262,7 +254,7 @@ def _still(t: Array, approach: Approach) -> Array:
     return np.column_stack([np.ones_like(t), t - t.mean(), wave(t, approach.mains)])
 
 
-def sympathetic_force(time: Array, normal: Array, approach: Approach, after: Aftermath) -> tuple[float, float]:
+def sympathetic_force(time: Array, normal: Array, approach: Approach, after: Aftermath) -> Estimate:
     """Amplitude of the normal force that rings along with the tangential one, at the release [N].
 
     It is the part of the normal force with the frequency and the decay of the tangential ring.
@@ -270,7 +262,7 @@ def sympathetic_force(time: Array, normal: Array, approach: Approach, after: Aft
     begin = int(np.searchsorted(time, max(after.start + _SETTLE, after.origin)))
     still, since = _still(time[begin:], approach), time[begin:] - after.start
 
-    def ringing(frequency: float, decay_time: float) -> tuple[float, float]:
+    def ringing(frequency: float, decay_time: float) -> Estimate:
         columns = np.column_stack([damped_wave(since, frequency, decay_time), still])
         weights, covariance = weighed(columns, normal[begin:])
         size = float(np.hypot(weights[0], weights[1]))

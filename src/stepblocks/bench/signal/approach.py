@@ -5,11 +5,9 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from stepblocks.bench.signal import Array, Tool
 from stepblocks.bench.signal.separable import SeparableFit, damped_wave, fit_linear, fit_separable, propagated, wave
-
-Array = NDArray[np.float64]
 
 _RISE_OVER_NOISE = 12.0  # a peak must stand out by this many standard deviations of the noise
 _TOP_SAMPLES, _TOP_NOISE = 12, 4.0  # samples after the highest that noise alone can put below it
@@ -113,7 +111,7 @@ class Approach:
     center: float  # instant at which `level` holds [s]
 
     @property
-    def start_up(self) -> tuple[float, float] | None:
+    def start_up(self) -> Tool | None:
         """Frequency [Hz] and decay time [s] of the ring when the handle started, where there is one."""
         return (float(self.fit.shape[1]), float(self.fit.shape[2])) if self.fit.shape.size == 3 else None
 
@@ -160,7 +158,7 @@ def _columns(time: Array, onset: float, center: float, mains: float) -> Array:
     return np.column_stack([np.ones_like(time), time - center, np.maximum(time - onset, 0.0), wave(time, mains)])
 
 
-def fit_approach(time: Array, force: Array, marks: Landmarks, start_up: tuple[float, float] | None) -> Approach:
+def fit_approach(time: Array, force: Array, marks: Landmarks, start_up: Tool | None) -> Approach:
     """Fit sliding and ramp together."""
     climb = np.flatnonzero(force[: marks.peak + 1] - marks.level < _RAMP_SHARE * marks.rise)
     end = int(climb[-1]) + 1
@@ -192,7 +190,7 @@ def fit_approach(time: Array, force: Array, marks: Landmarks, start_up: tuple[fl
 
 
 def _fit_until(
-    t: Array, y: Array, onset: float, center: float, mains: float, start_up: tuple[float, float] | None, *, step: float
+    t: Array, y: Array, onset: float, center: float, mains: float, start_up: Tool | None, *, step: float
 ) -> SeparableFit:
     reach = max(0.25 * (float(t[-1]) - onset), 5.0 * step)
 

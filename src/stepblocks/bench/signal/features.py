@@ -8,15 +8,12 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
-from numpy.typing import NDArray
 
-from stepblocks.bench.signal import Trace
+from stepblocks.bench.signal import Array, Estimate, Tool, Trace
 from stepblocks.bench.signal.aftermath import Aftermath, normal_level, settle, settle_from, sympathetic_force
 from stepblocks.bench.signal.approach import Approach, Landmarks, find_landmarks, fit_approach
 from stepblocks.bench.signal.ring import Ring, guess_ring
 from stepblocks.bench.signal.separable import propagated, weighed
-
-Array = NDArray[np.float64]
 
 _CORNER_REACH = 3.5  # samples about the highest one in which a corner may lie
 _FALL_SAMPLES = 6
@@ -147,8 +144,8 @@ class Measurement:
     approach: Approach
     peak: Peak
     aftermath: Aftermath
-    load: tuple[float, float]  # normal force while sliding, and its standard uncertainty [N]
-    sympathetic: tuple[float, float]  # amplitude of the normal force that rings along, and its standard uncertainty [N]
+    load: Estimate  # normal force while sliding, and its standard uncertainty [N]
+    sympathetic: Estimate  # amplitude of the normal force that rings along, and its standard uncertainty [N]
     shares: tuple[float, float]  # of the energy of loading and of vibration in their bands [1]
     spring_constant: float  # of the explorer, as declared [N/m]
     speed: float  # of the handle [m/s]; not-a-number where it is not known
@@ -160,7 +157,7 @@ class Measurement:
             name: value for names, figures in _FIGURES.items() for name, value in zip(names, figures(self), strict=True)
         }
 
-    def friction(self) -> tuple[float, float]:
+    def friction(self) -> Estimate:
         """Sliding over normal force, and its standard uncertainty [1]."""
         load, load_std = self.load
         friction = self.approach.level / load if load > 0.0 else float("nan")
@@ -200,7 +197,7 @@ FEATURE_COLUMNS = tuple(name for names in _FIGURES for name in names)
 
 
 def measure_trace(
-    trace: Trace, spring_constant: float, speed: float = float("nan"), tool: tuple[float, float] | None = None
+    trace: Trace, spring_constant: float, speed: float = float("nan"), tool: Tool | None = None
 ) -> Measurement:
     """Measure one trace."""
     time, force = trace.time - trace.time[0], trace.tangential
@@ -254,7 +251,7 @@ def band_share(values: Array, rate: float, band: tuple[float, float]) -> float:
     return float(density[inside].sum() / density.sum())
 
 
-def tool_of(features: Iterable[dict[str, float]]) -> tuple[float, float] | None:
+def tool_of(features: Iterable[dict[str, float]]) -> Tool | None:
     """Frequency [Hz] and decay time [s] of the tool from some trials that show them well, or None.
 
     A trial whose ring is faint is fitted the better for knowing them; a clear ring overrules them.

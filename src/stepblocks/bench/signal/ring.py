@@ -9,8 +9,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from stepblocks.bench.signal import Array, Estimate, Tool
 from stepblocks.bench.signal.separable import (
     SeparableFit,
     covariance_of,
@@ -22,8 +22,6 @@ from stepblocks.bench.signal.separable import (
     propagated,
     wave,
 )
-
-Array = NDArray[np.float64]
 
 BEGIN = 8e-3  # time after the slip in which a wrong fit of a ring shows [s]
 
@@ -60,7 +58,7 @@ class Ring:
         columns = _columns(at, self.origin, self.mains, self.fit.shape)
         return propagated(np.concatenate([slopes[0], columns[0]]), self.fit.covariance)
 
-    def amplitude(self, instant: float) -> tuple[float, float]:
+    def amplitude(self, instant: float) -> Estimate:
         """Amplitude of the ring at an instant, and its standard uncertainty [N].
 
         The uncertainty holds what is uncertain in the decay time as far as the amplitude is carried back by it.
@@ -76,7 +74,7 @@ class Ring:
             gradient[8], gradient[9] = growth * cosine / size, growth * sine / size
         return carried, propagated(gradient, self.fit.covariance)
 
-    def linear_decay(self) -> tuple[float, float]:
+    def linear_decay(self) -> Estimate:
         """Loss of amplitude per time beside the exponential decay, and its standard uncertainty [N/s].
 
         The part of the decay that friction gives, ``a' = -a / tau - d``, to first order in d: one Gauss-Newton step of
@@ -102,7 +100,7 @@ class Ring:
         return np.asarray(_columns(since, self.origin, self.mains, shape) @ self.fit.weights, dtype=float)
 
 
-def guess_ring(time: Array, values: Array) -> tuple[float, float]:
+def guess_ring(time: Array, values: Array) -> Tool:
     """Frequency [Hz] and decay time [s] of the strongest ring in `values`, roughly."""
     count = values.size
     rate = (count - 1) / (time[-1] - time[0])

@@ -12,9 +12,8 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
-Array = NDArray[np.float64]
+from stepblocks.bench.signal import Array
 
 _UNSEEN = 1e-7  # of the largest direction: what the data cannot tell apart, far above the rounding of the columns
 
