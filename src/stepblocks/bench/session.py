@@ -255,11 +255,8 @@ def inside(folder: Path, relative: str, place: str) -> Path:
 def unit_of_name(name: str, dimension: str) -> str | None:
     """Return the unit at the end of a column name, or None."""
     lowered = name.lower().rsplit("/", 1)[-1]
-    units = _SUFFIX_UNITS[dimension]
-    for suffix in sorted(units, key=len, reverse=True):
-        if lowered.endswith(f"_{suffix}") or lowered == suffix:
-            return units[suffix]
-    return None
+    fits = [suffix for suffix in _SUFFIX_UNITS[dimension] if f"_{lowered}".endswith(f"_{suffix}")]
+    return _SUFFIX_UNITS[dimension][max(fits, key=len)] if fits else None
 
 
 def scale_of(unit: str, dimension: str, place: str) -> float:

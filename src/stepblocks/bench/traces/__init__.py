@@ -1,4 +1,4 @@
-"""The traces of a session: opened where they lie, in any of the formats beside, and one read in SI."""
+"""The traces of a session: opened where they lie, as CSV or in any of the formats beside, and one read in SI."""
 
 from __future__ import annotations
 
@@ -9,9 +9,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from stepblocks.bench.session import Place, Session, fill_pattern, inside
-from stepblocks.bench.signal import Trace, TraceError, check_size
-from stepblocks.bench.traces import hdf5, mat, tdms, text
+from stepblocks.bench.session import Acquisition, Place, Session, fill_pattern, inside
+from stepblocks.bench.signal import Trace, TraceError, check_size, listed
+from stepblocks.bench.traces import hdf5, mat, tdms
 from stepblocks.errors import BenchError
 
 _MOST_BYTES = 1 << 30  # of the file of one trial
@@ -25,10 +25,43 @@ _USUAL_GROUPS = (
     "trial-{trial:04d}",
     "trial {trial}",
 )
+
+
+def _open_text(path: Path, layout: Acquisition) -> nullcontext[Any]:
+    # columns without names are counted from 0
+    import pandas as pd
+
+    try:
+        table = pd.read_csv(
+            path,
+            sep=layout.delimiter,
+            decimal=layout.decimal,
+            skiprows=layout.skip_lines,
+            header=0 if layout.channels.named else None,
+            skipinitialspace=True,
+            float_precision="round_trip",
+        )
+    except (ValueError, UnicodeDecodeError, OSError) as error:
+        reason = (str(error).strip() or type(error).__name__).splitlines()[0]
+        raise TraceError(f"unreadable: {path.name}: {reason[:120]}") from error
+    table.columns = [c.strip() if isinstance(c, str) else c for c in table.columns]
+    table.attrs["file"] = path.name
+    return nullcontext(table)
+
+
+def _text_columns(table: Any, place: Place, names: tuple[str | int, ...]) -> dict[str | int, Any]:
+    for name in names:
+        if name not in table.columns:
+            raise TraceError(
+                f"unknown channel: {table.attrs['file']} has no {name!r}, it has {listed(map(str, table.columns))}"
+            )
+    return {name: table[name].to_numpy() for name in names}
+
+
 # how a file is opened, and how columns of a trial, each of shape (n,), are read out of it in the units of the file;
 # both raise `TraceError`
 READERS: dict[str, tuple[Any, Any]] = {
-    "csv": (text.open_text, text.text_columns),
+    "csv": (_open_text, _text_columns),
     "hdf5": (hdf5.open_hdf5, hdf5.hdf5_columns),
     "tdms": (tdms.open_tdms, tdms.tdms_columns),
     "mat": (mat.open_mat, mat.mat_columns),
@@ -78,8 +111,8 @@ class Traces:
         }
         sizes = {part: values.size for part, values in found.items()}
         if len(set(sizes.values())) > 1:
-            listed = ", ".join(f"{part} {size}" for part, size in sizes.items())
-            raise TraceError(f"truncated: the channels have different lengths ({listed} samples)")
+            told = ", ".join(f"{part} {size}" for part, size in sizes.items())
+            raise TraceError(f"truncated: the channels have different lengths ({told} samples)")
         if "time" not in found:
             found["time"] = np.arange(sizes["tangential"]) / acquisition.sample_rate
         return Trace(**found)
