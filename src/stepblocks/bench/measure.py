@@ -233,17 +233,13 @@ def _finish(draft: Path, output: Path, table: TrialTable, faults: dict[int, str]
                         reasons[cells[2].split(":")[0][:60]] += 1
                     writer.writerow(cells)
             if reasons.total() == table.count:
-                raise PipelineError(_nothing_left(table, reasons, faults))
+                commonest, times = reasons.most_common(1)[0]
+                first = next(iter(faults.values()), commonest)
+                told = f"{times} times {first if first.startswith(commonest) else commonest}"
+                raise PipelineError(f"no trial of {table.count} could be measured; {told} [{table.session.folder}]")
     except OSError as error:
         raise PipelineError(f"output cannot be written: {error.strerror} [{output}]") from error
     return MeasureSummary(table.count, reasons.total(), dict(reasons), _design_notes(table))
-
-
-def _nothing_left(table: TrialTable, reasons: Counter[str], faults: dict[int, str]) -> str:
-    commonest, times = reasons.most_common(1)[0]
-    first = next(iter(faults.values()), commonest)
-    example = first if first.startswith(commonest) else commonest
-    return f"no trial of {table.count} could be measured; {times} times {example} [{table.session.folder}]"
 
 
 def _design_notes(table: TrialTable) -> tuple[str, ...]:

@@ -20,6 +20,14 @@ FORMATS: dict[TraceFormat, tuple[str, ...]] = {
     "tdms": (".tdms",),
     "mat": (".mat",),
 }
+_FIELD = re.compile(r"\{([a-z_]+)(?::(0?)(\d{1,2})d)?\}")
+_DRIVE = re.compile(r"\s*[A-Za-z]:")
+# unit that a column has by the end of its name; `gf` is a gram-force
+_SUFFIX_UNITS = {
+    "force": {"n": "N", "mn": "mN", "un": "uN", "kn": "kN", "gf": "gf"},
+    "time": {"s": "s", "ms": "ms", "us": "us"},
+    "speed": {"mm_s": "mm/s", "m_s": "m/s", "um_s": "um/s", "mm_per_s": "mm/s", "m_per_s": "m/s", "um_per_s": "um/s"},
+}
 _MOST_BYTES = 1 << 20  # a longer session.toml is none
 
 Stiffness = Annotated[float, BeforeValidator(quantity_parser("stiffness")), Field(gt=0.0)]
@@ -210,16 +218,6 @@ def first_of(error: ValidationError) -> tuple[str, object]:
     first = error.errors()[0]
     place = ".".join(str(part) for part in first["loc"])
     return f"`{place}`: {first['msg'].removeprefix('Value error, ')}", first.get("input")
-
-
-_FIELD = re.compile(r"\{([a-z_]+)(?::(0?)(\d{1,2})d)?\}")
-_DRIVE = re.compile(r"\s*[A-Za-z]:")
-# unit that a column has by the end of its name; `gf` is a gram-force
-_SUFFIX_UNITS = {
-    "force": {"n": "N", "mn": "mN", "un": "uN", "kn": "kN", "gf": "gf"},
-    "time": {"s": "s", "ms": "ms", "us": "us"},
-    "speed": {"mm_s": "mm/s", "m_s": "m/s", "um_s": "um/s", "mm_per_s": "mm/s", "m_per_s": "m/s", "um_per_s": "um/s"},
-}
 
 
 def check_pattern(pattern: str, field: str, place: str) -> None:

@@ -13,10 +13,19 @@ import numpy as np
 from numpy.typing import NDArray
 
 from stepblocks.bench.session import Session
+from stepblocks.bench.signal import Array
 from stepblocks.errors import BenchError
 
 _MOST_COLUMNS = 1000
 _CONDITIONS = ("speed", "load", "block")
+_LOAD_FACTOR = 1.25  # measured over declared load, against the median of the session
+_SLOPE_FACTOR = 1.5  # ramp over speed, against the median of the session
+_WILD_FACTOR = 3.0  # the session as a whole: more than this is a matter of units
+_UNIT_FACTOR = 100.0  # one trial: more than this may be a matter of units
+_ANGLE_SIGMAS = 8.0
+_ANGLE_SHARE = 0.12  # least relative deviation of the sine of half the angle
+_FEWEST = 5  # trials of a block, to know its angle
+_FEATURES = ("normal_load_n", "loading_slope_n_per_s", "peak_force_n", "sliding_friction")
 
 
 @dataclass(frozen=True)
@@ -159,18 +168,6 @@ def _lines(session: Session) -> Iterator[list[str]]:
             yield from csv.reader(file, delimiter=session.trials.delimiter)
         except (csv.Error, UnicodeDecodeError) as error:
             raise BenchError(f"table of trials must be CSV in UTF-8: {error} [{session.table}]") from error
-
-
-Array = NDArray[np.float64]
-
-_LOAD_FACTOR = 1.25  # measured over declared load, against the median of the session
-_SLOPE_FACTOR = 1.5  # ramp over speed, against the median of the session
-_WILD_FACTOR = 3.0  # the session as a whole: more than this is a matter of units
-_UNIT_FACTOR = 100.0  # one trial: more than this may be a matter of units
-_ANGLE_SIGMAS = 8.0
-_ANGLE_SHARE = 0.12  # least relative deviation of the sine of half the angle
-_FEWEST = 5  # trials of a block, to know its angle
-_FEATURES = ("normal_load_n", "loading_slope_n_per_s", "peak_force_n", "sliding_friction")
 
 
 @dataclass

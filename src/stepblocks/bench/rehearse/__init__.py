@@ -15,19 +15,20 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
-from stepblocks.bench.signal import Trace
+from stepblocks.bench.signal import Array, Trace
 from stepblocks.bench.signal.rubbing_ring import rubbing_force
 from stepblocks.contact.counterface import Step
 from stepblocks.contact.energy import Status
 from stepblocks.contact.operating_point import OperatingPoint
 from stepblocks.errors import BenchError
 
-Array = NDArray[np.float64]
-
 _LEAST_SLIDE, _MOST_SLIDE = 50e-3, 80e-3  # [s] before the edge
+_NAMES = ("time_s", "fx_n", "fy_n")
+_MAT_HEADER = b"MATLAB 5.0 MAT-file, written by stepblocks"
 _OVERSAMPLING = 16  # a sensor is filtered on a finer clock than the converter's
+
+Write = Callable[[int, Trace], None]  # appends the trace of a trial
 
 
 @dataclass(frozen=True)
@@ -165,12 +166,6 @@ def drag_trial(
     trace = rig.disturb(gain * force, done.column("fy_n")[:count], random)
     amplitude = ring.amplitude * math.exp(math.pi / (omega * tool.decay_time))
     return RecordedTrial(trace, done.peak_force + pull, amplitude, done.release_time)
-
-
-_NAMES = ("time_s", "fx_n", "fy_n")
-_MAT_HEADER = b"MATLAB 5.0 MAT-file, written by stepblocks"
-
-Write = Callable[[int, Trace], None]  # appends the trace of a trial
 
 
 def open_writer(folder: Path, kind: str) -> AbstractContextManager[Write]:

@@ -23,6 +23,15 @@ from stepblocks.contact.state import DragState, observe
 from stepblocks.errors import PipelineError
 
 _SCAN_REACH, _SCAN_STEP, _SCAN_NOISE = 600.0, 0.25, 0.05  # [um]
+_LEAST_RISE = 0.02  # [N] a lower peak is no catch
+_NOT_IN_TIME = ("tilt", "climb_load", "hardening", "lost_energy", "climb_drag")
+# slots of the state, where they are not named like those of an effect
+_SLOTS = {
+    "contact_geometry": ("radius",),
+    "normal_load": ("load",),
+    "stiffness": ("stiffness", "ring_stiffness"),
+    "sensor": ("gain",),
+}
 _FIGURES = ("sliding_friction", "normal_load_n", "peak_force_n", "vibration_energy_j", "release_time_s")
 
 
@@ -168,19 +177,6 @@ scans = "scans/{{block}}.csv"
 """
 
 
-_LEAST_RISE = 0.02  # [N] a lower peak is no catch
-_NOT_IN_TIME = ("tilt", "climb_load", "hardening", "lost_energy", "climb_drag")
-_SLOTS = {
-    "contact_geometry": ("radius",),
-    "friction": ("friction",),
-    "normal_load": ("load",),
-    "stiffness": ("stiffness", "ring_stiffness"),
-    "conversion": ("conversion",),
-    "drag": ("drag",),
-    "sensor": ("gain",),
-}
-
-
 def planted_state(
     plan: SessionPlan, row: Mapping[str, str], heights: Mapping[float, float], chance: np.random.Generator
 ) -> DragState | None:
@@ -230,7 +226,8 @@ def _constants(plan: SessionPlan) -> dict[str, float]:
 
 def _with_form(effect: PlantedEffect, state: DragState, conditions: Mapping[str, Any]) -> DragState:
     changed: dict[str, Any] = {
-        name: np.array([effect.apply(float(getattr(state, name)[0]), conditions)]) for name in _SLOTS[str(effect.slot)]
+        name: np.array([effect.apply(float(getattr(state, name)[0]), conditions)])
+        for name in _SLOTS.get(str(effect.slot), (str(effect.slot),))
     }
     if effect.slot == "normal_load":
         # a load that is not the one set is weighed by the gauge all the same

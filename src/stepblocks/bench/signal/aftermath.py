@@ -25,6 +25,8 @@ _TROUGH_SHARE = 0.18  # of a period about the bottom of a swing, in which it is 
 _FIRST_SWINGS = 25e-3  # [s]
 _HEARD = 1.3
 _USUAL_DECAY = 25e-3  # [s] first guess where nothing says better
+_SETTLE = 0.8e-3  # [s] after the slip in which the normal channel shows the release itself
+_ONSET_GUARD = 1e-3  # [s]
 
 
 @dataclass(frozen=True)
@@ -225,22 +227,14 @@ def _troughs(time: Array, clean: Array, marks: Landmarks, level: float, frequenc
             break
         crossing = index + int(below[0])
         trough = crossing + int(np.argmin(smooth[crossing : crossing + half]))
-        found.append((trough, _crossing_time(time, smooth, crossing, level)))
+        high, low = smooth[crossing - 1] - level, smooth[crossing] - level
+        share = np.clip(high / (high - low), 0.0, 1.0) if high > low else 1.0
+        found.append((trough, float(time[crossing - 1] + share * (time[crossing] - time[crossing - 1]))))
         above = np.flatnonzero(smooth[trough : smooth.size - 2] > level)
         if not above.size or trough + int(above[0]) + 4 * half >= time.size:
             break
         index = trough + int(above[0])
     return found
-
-
-def _crossing_time(time: Array, smooth: Array, index: int, level: float) -> float:
-    high, low = smooth[index - 1] - level, smooth[index] - level
-    share = high / (high - low) if high > low else 1.0
-    return float(time[index - 1] + np.clip(share, 0.0, 1.0) * (time[index] - time[index - 1]))
-
-
-_SETTLE = 0.8e-3  # [s] after the slip in which the normal channel shows the release itself
-_ONSET_GUARD = 1e-3  # [s]
 
 
 def normal_level(time: Array, normal: Array, approach: Approach) -> Estimate:

@@ -9,6 +9,10 @@ import numpy as np
 from stepblocks.bench.signal import Array, Tool
 from stepblocks.bench.signal.separable import SeparableFit, damped_wave, fit_linear, fit_separable, propagated, wave
 
+_MAINS = (50.0, 60.0)  # [Hz]
+_RAMP_SHARE = 0.85  # of the rise; the first pass stays clear of a rounded peak
+_START_UP_GAIN = 0.02  # a start-up ring must explain this share of the variance, or it is left out
+_LINE_SIGMAS = 4.0
 _RISE_OVER_NOISE = 12.0  # a peak must stand out by this many standard deviations of the noise
 _TOP_SAMPLES, _TOP_NOISE = 12, 4.0  # samples after the highest that noise alone can put below it
 _RISE_OVER_LEAD = 1.5  # and be this many times what happens in the first part of the record
@@ -88,12 +92,6 @@ def _line_onset(time: Array, smooth: Array, peak: int, level: float, rise: float
     if slope <= 0.0:
         raise LandmarkError("no loading: the tangential force does not climb steadily to its peak")
     return float(time[low] - climb[low] / slope)
-
-
-_MAINS = (50.0, 60.0)  # [Hz]
-_RAMP_SHARE = 0.85  # of the rise; the first pass stays clear of a rounded peak
-_START_UP_GAIN = 0.02  # a start-up ring must explain this share of the variance, or it is left out
-_LINE_SIGMAS = 4.0
 
 
 @dataclass(frozen=True)

@@ -15,6 +15,11 @@ from stepblocks.bench.signal.approach import Approach, Landmarks, find_landmarks
 from stepblocks.bench.signal.ring import Ring, guess_ring
 from stepblocks.bench.signal.separable import propagated, weighed
 
+LOADING_BAND = (0.0, 100.0)  # in which the paper finds more than 64 % of the energy of loading [Hz]
+VIBRATION_BAND = (250.0, 350.0)  # in which the paper finds about 86 % of the energy of the vibration [Hz]
+
+_FEWEST_CLEAR = 3
+_RING_TIMES = 5.0  # decay times after which the ring counts as over
 _CORNER_REACH = 3.5  # samples about the highest one in which a corner may lie
 _FALL_SAMPLES = 6
 _CLEAR_FALL = 0.02  # of the rise: the first sample after a corner has fallen by this at least
@@ -127,13 +132,6 @@ def _rounded(time: Array, force: Array, marks: Landmarks, approach: Approach) ->
     gradient = np.asarray(grid[best] ** np.arange(4), dtype=float)
     instant, spread = float(time[marks.peak] + grid[best] * reach), _ROUND_SPREAD * propagated(gradient, covariance)
     return Peak(instant, float(heights[best]), spread, corner=False)
-
-
-LOADING_BAND = (0.0, 100.0)  # in which the paper finds more than 64 % of the energy of loading [Hz]
-VIBRATION_BAND = (250.0, 350.0)  # in which the paper finds about 86 % of the energy of the vibration [Hz]
-
-_FEWEST_CLEAR = 3
-_RING_TIMES = 5.0  # decay times after which the ring counts as over
 
 
 @dataclass(frozen=True)
