@@ -17,7 +17,7 @@ from pathlib import Path
 import h5py
 import numpy as np
 
-from stepblocks.bench.rehearse.records import Rig, Truth, record
+from stepblocks.bench.rehearse import Rig, Truth, record
 
 HEAD = """schema = 1
 [probe]

@@ -11,7 +11,7 @@ import sys
 
 import numpy as np
 
-from stepblocks.bench.rehearse.records import Rig, Truth, drag_trial, record
+from stepblocks.bench.rehearse import Rig, Truth, drag_trial, record
 from stepblocks.bench.signal.features import measure_trace
 from stepblocks.contact.counterface import Step
 from stepblocks.contact.operating_point import OperatingPoint, Tool

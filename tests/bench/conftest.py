@@ -6,8 +6,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from stepblocks.bench.rehearse.records import Rig, Truth, record
-from stepblocks.bench.rehearse.trace_writers import TRACE_FILES, open_writer
+from stepblocks.bench.rehearse import TRACE_FILES, Rig, Truth, open_writer, record
 
 K = 9810.0
 HEIGHTS = (20, 40, 60)

@@ -4,10 +4,8 @@ import numpy as np
 import pytest
 
 from oracles.traces import Course, hum
-from stepblocks.bench.signal.aftermath import Swing, settle, settle_from
-from stepblocks.bench.signal.approach import fit_approach
-from stepblocks.bench.signal.landmarks import find_landmarks
-from stepblocks.bench.signal.normal_channel import normal_level, sympathetic_force
+from stepblocks.bench.signal.aftermath import Swing, normal_level, settle, settle_from, sympathetic_force
+from stepblocks.bench.signal.approach import find_landmarks, fit_approach
 from stepblocks.bench.signal.rubbing_ring import RubbingRing, rubbing_force
 
 COURSE = Course()

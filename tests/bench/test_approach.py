@@ -4,8 +4,7 @@ import numpy as np
 import pytest
 
 from oracles.traces import Course, hum
-from stepblocks.bench.signal.approach import fit_approach, mains_of
-from stepblocks.bench.signal.landmarks import LandmarkError, find_landmarks, white_noise
+from stepblocks.bench.signal.approach import LandmarkError, find_landmarks, fit_approach, mains_of, white_noise
 
 COURSE = Course()
 TIME = COURSE.clock()

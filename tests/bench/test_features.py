@@ -6,11 +6,11 @@ import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
 
-from stepblocks.bench.rehearse.records import Rig, Truth, record
+from stepblocks.bench.rehearse import Rig, Truth, record
+from stepblocks.bench.signal import Trace
+from stepblocks.bench.signal.approach import LandmarkError
 from stepblocks.bench.signal.features import FEATURE_COLUMNS, band_share, measure_trace
-from stepblocks.bench.signal.landmarks import LandmarkError
 from stepblocks.bench.signal.rubbing_ring import rubbing_force
-from stepblocks.bench.signal.trace import Trace
 
 K = 9810.0
 PLAIN = Truth(

@@ -5,8 +5,7 @@ import math
 import numpy as np
 import pytest
 
-from stepblocks.bench.labels import LabelCheck
-from stepblocks.bench.trials import Trial
+from stepblocks.bench.trials import LabelCheck, Trial
 
 HEIGHTS = {"low": 20e-6, "middle": 40e-6, "high": 70e-6}
 R, MU, K = 125e-6, 0.17, 9810.0

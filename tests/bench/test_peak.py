@@ -5,9 +5,8 @@ import pytest
 
 from oracles.traces import Course, hum
 from stepblocks.bench.signal.aftermath import settle
-from stepblocks.bench.signal.approach import fit_approach
-from stepblocks.bench.signal.landmarks import find_landmarks
-from stepblocks.bench.signal.peak import peak_of
+from stepblocks.bench.signal.approach import find_landmarks, fit_approach
+from stepblocks.bench.signal.features import peak_of
 
 
 def peak(time, force):

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from oracles.traces import Course
-from stepblocks.bench.rehearse.records import Rig, Truth, drag_trial, record
+from stepblocks.bench.rehearse import Rig, Truth, drag_trial, record
 from stepblocks.contact.counterface import Step
 from stepblocks.contact.operating_point import OperatingPoint, Tool
 

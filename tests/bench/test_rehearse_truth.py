@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from stepblocks.bench.rehearse.plan import SessionPlan, block_name
-from stepblocks.bench.rehearse.truth import planted_state, rig_of, true_drag, truth_of
+from stepblocks.bench.rehearse.run import planted_state, rig_of, true_drag, truth_of
 from stepblocks.errors import PipelineError
 
 HEIGHT, LOAD, SPEED = 40e-6, 0.7, 4e-3

@@ -5,9 +5,7 @@ from pathlib import Path
 
 import pytest
 
-from stepblocks.bench.names import check_pattern, fill_pattern, inside, unit_of_name
-from stepblocks.bench.session import Channel, open_session
-from stepblocks.bench.sources import FORMATS
+from stepblocks.bench.session import FORMATS, Channel, check_pattern, fill_pattern, inside, open_session, unit_of_name
 from stepblocks.errors import BenchError
 
 TEXT = """schema = 1
@@ -87,7 +85,7 @@ def test_a_gram_force_is_its_weight():
 
 @pytest.mark.parametrize("name", FORMATS)
 def test_every_format_is_known_by_its_suffixes_and_by_its_name(name, tmp_path):
-    for suffix in FORMATS[name].suffixes:
+    for suffix in FORMATS[name]:
         session = declared(tmp_path, ("{trial:04d}.csv", f"{{trial}}{suffix.upper()}"))
         assert session.acquisition.kind == name
     other = declared(tmp_path, ("{trial:04d}.csv", "{trial}.dat"), ("range", f'format = "{name}"\nrange'))

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from oracles.traces import Course, hum
-from stepblocks.bench.signal.trace import Trace, screen_trace
+from stepblocks.bench.signal import Trace, screen_trace
 
 RATE = 10e3
 COURSE = Course()

@@ -8,12 +8,11 @@ from nptdms import ChannelObject, TdmsWriter
 from scipy.io import savemat
 
 from oracles.traces import Course
-from stepblocks.bench.rehearse.trace_writers import TRACE_FILES, open_writer
+from stepblocks.bench.rehearse import TRACE_FILES, open_writer
 from stepblocks.bench.session import open_session
-from stepblocks.bench.signal.trace import Trace
-from stepblocks.bench.sources import FORMATS, TraceError
-from stepblocks.bench.sources.mat import variables_of
-from stepblocks.bench.traces import Traces
+from stepblocks.bench.signal import Trace, TraceError
+from stepblocks.bench.traces import READERS, Traces
+from stepblocks.bench.traces.mat import variables_of
 from stepblocks.errors import BenchError
 
 TIME = Course().clock()
@@ -149,7 +148,7 @@ def test_an_unknown_channel_is_named(write, tmp_path):
 
 
 def test_every_format_has_a_layout_here():
-    assert {write.__name__.split("_")[0] for write in WRITERS} == set(FORMATS)
+    assert {write.__name__.split("_")[0] for write in WRITERS} == set(READERS)
 
 
 @pytest.mark.parametrize("kind", TRACE_FILES)

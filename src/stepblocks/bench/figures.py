@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+from contextlib import suppress
 from itertools import islice
 from pathlib import Path
 from typing import Any
@@ -10,13 +11,11 @@ from typing import Any
 import numpy as np
 
 from stepblocks.atomic import beside
-from stepblocks.bench.measure import pilot
+from stepblocks.bench.measure import examine, pilot
 from stepblocks.bench.session import open_session
-from stepblocks.bench.signal.features import Measurement, measure_trace
-from stepblocks.bench.signal.landmarks import LandmarkError
+from stepblocks.bench.signal import Trace, TraceError
+from stepblocks.bench.signal.features import Measurement
 from stepblocks.bench.signal.ring import Ring
-from stepblocks.bench.signal.trace import Trace, screen_trace
-from stepblocks.bench.sources import TraceError
 from stepblocks.bench.traces import Traces
 from stepblocks.bench.trials import Trial, open_trials
 from stepblocks.errors import PipelineError
@@ -51,31 +50,23 @@ def draw_trials(session: str | Path, output: str | Path, trials: list[str] | Non
     with Traces(declared) as traces:
         tool = pilot(traces, table)
         for trial in chosen:
-            try:
-                trace = traces.read(trial.name)
-            except TraceError:
-                continue
-            drawn.append(output / f"trial-{re.sub(r'[^A-Za-z0-9._-]', '_', trial.name)}.png")
-            _draw(traces, trial, trace, tool, drawn[-1])
+            with suppress(TraceError):
+                examined = examine(traces, trial, tool)
+                drawn.append(output / f"trial-{re.sub(r'[^A-Za-z0-9._-]', '_', trial.name)}.png")
+                _draw(declared.title, trial, examined, drawn[-1])
     return drawn
 
 
-def _draw(traces: Traces, trial: Trial, trace: Trace, tool: tuple[float, float] | None, path: Path) -> None:
+def _draw(title: str, trial: Trial, examined: tuple[Trace, Measurement | None, str], path: Path) -> None:
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
 
-    session, measured = traces.session, None
-    reason = screen_trace(trace, session.acquisition.sample_rate, session.acquisition.range)
-    if not reason:
-        try:
-            measured = measure_trace(trace, session.probe.spring_constant, trial.speed, tool)
-        except LandmarkError as error:
-            reason = str(error)
+    trace, measured, reason = examined
     figure = Figure(figsize=(11.0, 7.5), layout="constrained")
     FigureCanvasAgg(figure)
     whole, near, normal = figure.subplots(3, 1, height_ratios=[2.0, 2.6, 1.0])
     conditions = ", ".join(f"{name} {cell}" for name, cell in list(trial.cells.items())[1:6])
-    figure.suptitle(f"{session.title}: trial {trial.name} ({conditions})", fontsize=11)
+    figure.suptitle(f"{title}: trial {trial.name} ({conditions})", fontsize=11)
     for axes in (whole, near):
         axes.plot(1e3 * trace.time, trace.tangential, ".", color=_LINE, markersize=1.8, label="measured")
         if measured is not None:
@@ -84,16 +75,9 @@ def _draw(traces: Traces, trial: Trial, trace: Trace, tool: tuple[float, float] 
     start = float(trace.time[0])
     release = start if measured is None else measured.peak.time + start
     near.set_xlim(1e3 * (release - 12e-3), 1e3 * (release + 40e-3))
-    near.text(
-        0.99,
-        0.97,
-        f"excluded: {reason}" if measured is None else _notes(measured.features),
-        transform=near.transAxes,
-        ha="right",
-        va="top",
-        fontsize=8,
-        bbox={"facecolor": "white", "edgecolor": _FAINT, "alpha": 0.9},
-    )
+    told = f"excluded: {reason}" if measured is None else _notes(measured.features)
+    box = {"facecolor": "white", "edgecolor": _FAINT, "alpha": 0.9}
+    near.text(0.99, 0.97, told, transform=near.transAxes, ha="right", va="top", fontsize=8, bbox=box)
     whole.legend(loc="upper right", fontsize=8, frameon=False)
     normal.plot(1e3 * trace.time, trace.normal, color=_LINE, linewidth=0.6)
     normal.set_ylabel("normal force / N")

@@ -9,20 +9,19 @@ import tempfile
 from collections import Counter, deque
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass, field
+from functools import cache
 from hashlib import blake2b
 from itertools import islice
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from stepblocks.atomic import beside
-from stepblocks.bench.labels import LabelCheck
 from stepblocks.bench.session import Session, open_session
-from stepblocks.bench.signal.features import FEATURE_COLUMNS, measure_trace, tool_of
-from stepblocks.bench.signal.landmarks import LandmarkError
-from stepblocks.bench.signal.trace import Trace, screen_trace
-from stepblocks.bench.sources import TraceError
+from stepblocks.bench.signal import Tool, Trace, TraceError, screen_trace
+from stepblocks.bench.signal.approach import LandmarkError
+from stepblocks.bench.signal.features import FEATURE_COLUMNS, Measurement, measure_trace, tool_of
 from stepblocks.bench.traces import Traces
-from stepblocks.bench.trials import Trial, TrialTable, open_trials
+from stepblocks.bench.trials import LabelCheck, Trial, TrialTable, open_trials
 from stepblocks.errors import PipelineError
 
 if TYPE_CHECKING:
@@ -136,23 +135,34 @@ def _check_output(output: Path, folder: Path) -> None:
         raise PipelineError(f"output must not replace a file of the session, got {str(output)!r}")
 
 
-def measure_trial(traces: Traces, trial: Trial, tool: tuple[float, float] | None = None) -> TrialResult:
+def measure_trial(traces: Traces, trial: Trial, tool: Tool | None = None) -> TrialResult:
     """Read, screen and measure one trial."""
     if trial.fault:
         return TrialResult(trial, trial.fault)
-    acquisition, probe = traces.session.acquisition, traces.session.probe
     try:
-        trace = traces.read(trial.name)
-        reason = screen_trace(trace, acquisition.sample_rate, acquisition.range)
-        if reason:
-            return TrialResult(trial, reason)
-        features = measure_trace(trace, probe.spring_constant, trial.speed, tool).features
-    except (TraceError, LandmarkError) as fault:
+        trace, measured, reason = examine(traces, trial, tool)
+    except TraceError as fault:
         return TrialResult(trial, " ".join(str(fault).split()))
-    return TrialResult(trial, "", features, _digest(trace))
+    if measured is None:
+        return TrialResult(trial, reason)
+    samples = blake2b(trace.tangential.tobytes() + trace.normal.tobytes(), digest_size=7)
+    return TrialResult(trial, "", measured.features, int.from_bytes(samples.digest()))
 
 
-def pilot(traces: Traces, table: TrialTable) -> tuple[float, float] | None:
+def examine(traces: Traces, trial: Trial, tool: Tool | None) -> tuple[Trace, Measurement | None, str]:
+    """Read, screen and measure one trace; where it cannot be measured, say why."""
+    session = traces.session
+    trace = traces.read(trial.name)
+    reason = screen_trace(trace, session.acquisition.sample_rate, session.acquisition.range)
+    if reason:
+        return trace, None, reason
+    try:
+        return trace, measure_trace(trace, session.probe.spring_constant, trial.speed, tool), ""
+    except LandmarkError as fault:
+        return trace, None, str(fault)
+
+
+def pilot(traces: Traces, table: TrialTable) -> Tool | None:
     """Learn the tool's frequency [Hz] and decay time [s] from trials spread evenly over the session.
 
     Which trials depends on their number alone, so that every run and any number of workers measure alike.
@@ -161,12 +171,6 @@ def pilot(traces: Traces, table: TrialTable) -> tuple[float, float] | None:
     chosen = (trial for trial in table if (trial.row - 1) % stride == 0)
     results = (measure_trial(traces, trial) for trial in islice(chosen, _PILOTS))
     return tool_of(result.features for result in results if not result.reason)
-
-
-def _digest(trace: Trace) -> int:
-    digest = blake2b(trace.tangential.tobytes(), digest_size=7)
-    digest.update(trace.normal.tobytes())
-    return int.from_bytes(digest.digest())
 
 
 def _results(table: TrialTable, jobs: int) -> Iterator[TrialResult]:
@@ -183,26 +187,20 @@ def _results(table: TrialTable, jobs: int) -> Iterator[TrialResult]:
     trials = iter(table)
     waiting: deque[Any] = deque()
     environment = {name: "1" for name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS") if name not in os.environ}
-    with ProcessPoolExecutor(jobs, initializer=_start, initargs=(table.session, tool), env=environment) as pool:
+    with ProcessPoolExecutor(jobs, env=environment) as pool:
         while True:
             while len(waiting) < jobs * _AHEAD and (chunk := list(islice(trials, _CHUNK))):
-                waiting.append(pool.submit(_measure_chunk, chunk))
+                waiting.append(pool.submit(_measure_chunk, table.session, tool, chunk))
             if not waiting:
                 return
             yield from waiting.popleft().result()
 
 
-# traces and what the pilot told of the tool, in a worker
-_open: dict[str, tuple[Traces, tuple[float, float] | None]] = {}
+_opened = cache(Traces)  # of the one session of a worker
 
 
-def _start(session: Session, tool: tuple[float, float] | None) -> None:
-    _open["session"] = (Traces(session), tool)
-
-
-def _measure_chunk(trials: list[Trial]) -> list[TrialResult]:
-    traces, tool = _open["session"]
-    return [measure_trial(traces, trial, tool) for trial in trials]
+def _measure_chunk(session: Session, tool: Tool | None, trials: list[Trial]) -> list[TrialResult]:
+    return [measure_trial(_opened(session), trial, tool) for trial in trials]
 
 
 def _cells(result: TrialResult, covariates: Iterable[str]) -> list[str]:
@@ -235,24 +233,19 @@ def _finish(draft: Path, output: Path, table: TrialTable, faults: dict[int, str]
                         reasons[cells[2].split(":")[0][:60]] += 1
                     writer.writerow(cells)
             if reasons.total() == table.count:
-                raise PipelineError(_nothing_left(table, reasons, faults))
+                commonest, times = reasons.most_common(1)[0]
+                first = next(iter(faults.values()), commonest)
+                told = f"{times} times {first if first.startswith(commonest) else commonest}"
+                raise PipelineError(f"no trial of {table.count} could be measured; {told} [{table.session.folder}]")
     except OSError as error:
         raise PipelineError(f"output cannot be written: {error.strerror} [{output}]") from error
     return MeasureSummary(table.count, reasons.total(), dict(reasons), _design_notes(table))
 
 
-def _nothing_left(table: TrialTable, reasons: Counter[str], faults: dict[int, str]) -> str:
-    commonest, times = reasons.most_common(1)[0]
-    first = next(iter(faults.values()), commonest)
-    example = first if first.startswith(commonest) else commonest
-    return f"no trial of {table.count} could be measured; {times} times {example} [{table.session.folder}]"
-
-
 def _design_notes(table: TrialTable) -> tuple[str, ...]:
     """Conditions that the session does not vary, so that no effect of theirs can be seen."""
-    seen: dict[str, set[str]] = {"block": set(), "speed": set(), "load": set()}
-    for trial in table:
-        for name, values in seen.items():
-            if len(values) < 2:
-                values.add(str(getattr(trial, name)))
-    return tuple(f"all trials have one {name}" for name, values in seen.items() if len(values) < 2)
+    trials = iter(table)
+    first, alike = next(trials), {"block", "speed", "load"}
+    for trial in trials:
+        alike -= {name for name in alike if str(getattr(trial, name)) != str(getattr(first, name))}
+    return tuple(f"all trials have one {name}" for name in ("block", "speed", "load") if name in alike)

@@ -2,19 +2,32 @@
 
 from __future__ import annotations
 
+import re
 import tomllib
-from collections.abc import Collection
-from pathlib import Path
-from typing import Annotated, Any, Literal
+from pathlib import Path, PurePosixPath
+from typing import Annotated, Literal, NamedTuple
 
-from pydantic import AfterValidator, BaseModel, BeforeValidator, ConfigDict, Field, ValidationError, model_validator
-from pydantic_core import PydanticCustomError
+from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, ValidationError, model_validator
 
-from stepblocks.bench.names import check_pattern, inside, scale_of, unit_of_name
-from stepblocks.bench.sources import FORMATS
-from stepblocks.errors import BenchError
-from stepblocks.quantities import quantity_parser
+from stepblocks.errors import BenchError, QuantityError
+from stepblocks.quantities import parse_quantity, quantity_parser
 
+TraceFormat = Literal["csv", "hdf5", "tdms", "mat"]
+# with the suffixes of their files
+FORMATS: dict[TraceFormat, tuple[str, ...]] = {
+    "csv": (".csv", ".txt", ".tsv"),
+    "hdf5": (".h5", ".hdf5", ".hdf"),
+    "tdms": (".tdms",),
+    "mat": (".mat",),
+}
+_FIELD = re.compile(r"\{([a-z_]+)(?::(0?)(\d{1,2})d)?\}")
+_DRIVE = re.compile(r"\s*[A-Za-z]:")
+# unit that a column has by the end of its name; `gf` is a gram-force
+_SUFFIX_UNITS = {
+    "force": {"n": "N", "mn": "mN", "un": "uN", "kn": "kN", "gf": "gf"},
+    "time": {"s": "s", "ms": "ms", "us": "us"},
+    "speed": {"mm_s": "mm/s", "m_s": "m/s", "um_s": "um/s", "mm_per_s": "mm/s", "m_per_s": "m/s", "um_per_s": "um/s"},
+}
 _MOST_BYTES = 1 << 20  # a longer session.toml is none
 
 Stiffness = Annotated[float, BeforeValidator(quantity_parser("stiffness")), Field(gt=0.0)]
@@ -23,19 +36,6 @@ _Length = Annotated[float, BeforeValidator(quantity_parser("length")), Field(gt=
 _Force = Annotated[float, BeforeValidator(quantity_parser("force")), Field(gt=0.0)]
 _Delimiter = Annotated[str, Field(min_length=1, max_length=1)]
 _Decimal = Literal[".", ","]
-
-
-def one_of(names: Collection[str]) -> AfterValidator:
-    """Let a field be one of the names of a registry."""
-    *most, last = (repr(name) for name in names)
-    expected = f"{', '.join(most)} or {last}"
-
-    def check(name: str) -> str:
-        if name not in names:
-            raise PydanticCustomError("name_of_registry", "Input should be {expected}", {"expected": expected})
-        return name
-
-    return AfterValidator(check)
 
 
 class _Strict(BaseModel):
@@ -74,12 +74,13 @@ class Channels(_Strict):
 
     def parts(self) -> dict[str, tuple[Channel, str]]:
         """Return the declared channels, each with its dimension."""
-        found = {
-            "tangential": (self.tangential, "force"),
-            "normal": (self.normal, "force"),
-            "time": (self.time, "time"),
-        }
-        return {part: (channel, dimension) for part, (channel, dimension) in found.items() if channel is not None}
+        forces = {"tangential": (self.tangential, "force"), "normal": (self.normal, "force")}
+        return forces if self.time is None else forces | {"time": (self.time, "time")}
+
+    @property
+    def named(self) -> bool:
+        """Whether the columns have names."""
+        return not any(isinstance(channel.column, int) for channel, _ in self.parts().values())
 
 
 class Probe(_Open):
@@ -94,7 +95,7 @@ class Acquisition(_Open):
 
     sample_rate: Frequency  # [Hz]
     traces: str  # one file for all trials, or a pattern with ``{trial}``
-    format: Annotated[str, one_of(FORMATS)] | None = None  # by default from the suffix
+    format: TraceFormat | None = None  # by default from the suffix
     group: str | None = None  # pattern of the group of a trial in a container; by default the usual ones are tried
     channels: Channels
     delimiter: _Delimiter = ","  # of CSV traces
@@ -103,10 +104,10 @@ class Acquisition(_Open):
     range: _Force | None = None  # at which the sensor saturates [N]
 
     @property
-    def kind(self) -> str:
+    def kind(self) -> TraceFormat:
         """Format of the traces."""
         suffix = Path(self.traces).suffix.lower()
-        kind = self.format or next((name for name, one in FORMATS.items() if suffix in one.suffixes), None)
+        kind = self.format or next((name for name, one in FORMATS.items() if suffix in one), None)
         if kind is None:
             raise BenchError(f"`acquisition.format` must be given, {self.traces!r} has no suffix that is known")
         return kind
@@ -142,6 +143,15 @@ class Stimuli(_Open):
     scans: str | None = None  # pattern of their scans, with ``{block}``
 
 
+class Place(NamedTuple):
+    """Where in a file a trial is to be looked for."""
+
+    trial: str
+    groups: tuple[str, ...]  # names that its group may have, the likeliest first
+    own_file: bool  # the file holds this trial alone
+    is_file: bool  # the file itself is the group
+
+
 class Session(_Open):
     """A session folder that was read and found whole."""
 
@@ -171,9 +181,20 @@ def open_session(folder: str | Path) -> Session:
     if not folder.is_dir():
         raise BenchError(f"session must be a folder with a session.toml, got {str(folder)!r}")
     try:
-        session = Session.model_validate({**_read_toml(path), "folder": folder})
+        if path.stat().st_size > _MOST_BYTES:
+            raise BenchError(f"session.toml must be under {_MOST_BYTES} bytes [{path}]")
+        declared = tomllib.loads(path.read_text(encoding="utf-8"))
+        session = Session.model_validate({**declared, "folder": folder})
+    except FileNotFoundError as error:
+        raise BenchError(f"session.toml is missing [{folder}]") from error
+    except OSError as error:
+        raise BenchError(f"session.toml cannot be read: {error.strerror} [{path}]") from error
+    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
+        raise BenchError(f"session.toml must be TOML: {error} [{path}]") from error
     except ValidationError as error:
-        raise BenchError(_first_of(error, path)) from error
+        rule, got = first_of(error)
+        shown = f", got {got!r}" if isinstance(got, str | int | float) and "got" not in rule.split(": ", 1)[1] else ""
+        raise BenchError(f"{rule}{shown} [{path}]") from error
     acquisition = session.acquisition
     check_pattern(acquisition.traces, "trial", "acquisition.traces")
     if acquisition.group is not None:
@@ -192,23 +213,53 @@ def open_session(folder: str | Path) -> Session:
     return session
 
 
-def _read_toml(path: Path) -> dict[str, Any]:
-    try:
-        if path.stat().st_size > _MOST_BYTES:
-            raise BenchError(f"session.toml must be under {_MOST_BYTES} bytes [{path}]")
-        return tomllib.loads(path.read_text(encoding="utf-8"))
-    except FileNotFoundError as error:
-        raise BenchError(f"session.toml is missing [{path.parent}]") from error
-    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
-        raise BenchError(f"session.toml must be TOML: {error} [{path}]") from error
-    except OSError as error:
-        raise BenchError(f"session.toml cannot be read: {error.strerror} [{path}]") from error
-
-
-def _first_of(error: ValidationError, path: Path) -> str:
+def first_of(error: ValidationError) -> tuple[str, object]:
+    """Field and rule of the first mistake, and what was given."""
     first = error.errors()[0]
     place = ".".join(str(part) for part in first["loc"])
-    message = str(first["msg"]).removeprefix("Value error, ")
-    got = first.get("input")
-    shown = f", got {got!r}" if isinstance(got, str | int | float) and "got" not in message else ""
-    return f"`{place}`: {message}{shown} [{path}]"
+    return f"`{place}`: {first['msg'].removeprefix('Value error, ')}", first.get("input")
+
+
+def check_pattern(pattern: str, field: str, place: str) -> None:
+    """Allow no braces in `pattern` but those of `field`, such as ``{trial}`` or ``{trial:04d}``."""
+    rest = _FIELD.sub(lambda m: "" if m.group(1) == field else m.group(0), pattern)
+    if "{" in rest or "}" in rest or not pattern.strip():
+        raise BenchError(f"`{place}` may hold {{{field}}}, {{{field}:04d}} and no other braces, got {pattern!r}")
+
+
+def fill_pattern(pattern: str, **values: str) -> str:
+    """Fill a checked pattern; ``ValueError`` where it wants a whole number and the value is none."""
+
+    def fill(match: re.Match[str]) -> str:
+        name, zero, width = match.groups()
+        value = values[name]
+        if width is None:
+            return value
+        if not re.fullmatch(r"[+-]?\d{1,18}", value):
+            raise ValueError(f"{name} {value!r} is no whole number, as {match.group(0)} needs")
+        return format(int(value), f"{zero}{width}d")
+
+    return _FIELD.sub(fill, pattern)
+
+
+def inside(folder: Path, relative: str, place: str) -> Path:
+    """Return a path below `folder`, whichever slashes it is written with; nothing may lead out of it."""
+    parts = PurePosixPath(relative.replace("\\", "/"))
+    if parts.is_absolute() or ".." in parts.parts or "\0" in relative or _DRIVE.match(relative):
+        raise BenchError(f"`{place}` must lie inside the session, got {relative!r}")
+    return folder.joinpath(*parts.parts)
+
+
+def unit_of_name(name: str, dimension: str) -> str | None:
+    """Return the unit at the end of a column name, or None."""
+    lowered = name.lower().rsplit("/", 1)[-1]
+    fits = [suffix for suffix in _SUFFIX_UNITS[dimension] if f"_{lowered}".endswith(f"_{suffix}")]
+    return _SUFFIX_UNITS[dimension][max(fits, key=len)] if fits else None
+
+
+def scale_of(unit: str, dimension: str, place: str) -> float:
+    """Factor that turns a number in `unit` into SI."""
+    try:
+        return parse_quantity(f"1 {unit}", dimension)
+    except QuantityError as error:
+        raise BenchError(f"`{place}` must have a unit of {dimension}, got {unit!r}") from error

@@ -133,11 +133,12 @@ def extended_state(design: BenchDesign, values: Mapping[str, float], active: Act
     """Fill the slots from the constants and apply the effects in the order in which they act."""
     state = nominal_state(design, values)
     for law, own in sorted(active, key=lambda pair: _ORDER.get(pair[0].covariate, 1)):
-        state = law.apply(state, _column(design, state, law.covariate), own)
+        state = law.apply(state, covariate_of(design, state, law.covariate), own)
     return state
 
 
-def _column(design: BenchDesign, state: DragState, covariate: str) -> Any:
+def covariate_of(design: BenchDesign, state: DragState, covariate: str) -> Any:
+    """Column of the design, or quantity of the state, that an effect follows."""
     if covariate == "none":
         return None
     if covariate == "block":

@@ -11,16 +11,15 @@ from typing import Annotated, Literal
 import numpy as np
 from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, ValidationError
 
-from stepblocks.bench.rehearse.records import Rig, Truth
-from stepblocks.bench.rehearse.trace_writers import TRACE_FILES
-from stepblocks.bench.session import Frequency, Stiffness, one_of
+from stepblocks.bench.rehearse import Rig, Truth
+from stepblocks.bench.session import Frequency, Stiffness, TraceFormat, first_of
 from stepblocks.contact.effects import named_laws
 from stepblocks.contact.operating_point import PAPER
 from stepblocks.errors import PipelineError
 from stepblocks.quantities import quantity_parser
 
 _MOST_TRIALS = 1_000_000
-_NUMBERS = ("height_um", "load_n", "speed_mm_s", "run_order", "temperature_c", "humidity_pct", "peak_force_n")
+NUMBERS = ("height_um", "load_n", "speed_mm_s", "run_order", "temperature_c", "humidity_pct", "peak_force_n")
 _LABELS = ("block", "operator", "tip")
 
 _Length = Annotated[float, BeforeValidator(quantity_parser("length")), Field(ge=0.0)]
@@ -93,9 +92,8 @@ class PlantedEffect(_Part):
     slot: Literal["contact_geometry", "friction", "normal_load", "stiffness", "conversion", "drag", "sensor", None] = (
         None
     )
-    change: Literal["add", "multiply"] = (
-        "add"  # as it is, or as 1 + change; a power that multiplies is the factor itself
-    )
+    # as it is, or as 1 + change; a power that multiplies is the factor itself
+    change: Literal["add", "multiply"] = "add"
     form: Literal["constant", "linear", "power", "exponential", "levels"] = "constant"
     covariate: str = "none"  # a column of the table, ``peak_force_n`` of the nominal model, or ``none``
     size: _Finite = 1.0  # this and the next in the units of slot and covariate
@@ -105,14 +103,7 @@ class PlantedEffect(_Part):
     levels: dict[str, float] = {}  # change at each label of a covariate, 0 at one not named
 
     def apply(self, value: float, conditions: Mapping[str, float | str]) -> float:
-        """Return the slot's value after the effect.
-
-        Examples
-        --------
-        >>> effect = PlantedEffect(slot="friction", change="multiply", form="linear", covariate="t", size=0.1, span=2)
-        >>> round(effect.apply(0.2, {"t": 4.0}), 9)
-        0.24
-        """
+        """Return the slot's value after the effect."""
         change = self._change(conditions)
         if self.change == "add":
             return value + change
@@ -138,7 +129,7 @@ class PlantedEffect(_Part):
             return f"slot of effect {number} or law must be given"
         if plan.source == "drag" and self.slot == "conversion":
             return f"slot of effect {number} must not be conversion where the drag in time decides what rings"
-        known = {"constant": ("none",), "levels": _LABELS}.get(self.form, _NUMBERS)
+        known = {"constant": ("none",), "levels": _LABELS}.get(self.form, NUMBERS)
         if self.covariate not in known:
             if self.covariate == "none":
                 return f"covariate of effect {number} must have a covariate unless its form is constant"
@@ -167,7 +158,7 @@ class SessionPlan(_Part):
     title: str = "Simulated session"
     source: Literal["equations", "drag"] = "equations"
     seed: int = Field(ge=0)
-    format: Annotated[str, one_of(TRACE_FILES)] = "hdf5"
+    format: TraceFormat = "hdf5"
     model: Model = Model()
     design: Design
     scatter: Scatter = Scatter()
@@ -210,13 +201,7 @@ class SessionPlan(_Part):
 
 
 def block_name(height: float) -> str:
-    """Name of the block with a step of this height [m].
-
-    Examples
-    --------
-    >>> block_name(30e-6), block_name(12.5e-6)
-    ('step-030', 'step-012.5')
-    """
+    """Name of the block with a step of this height [m]."""
     micrometres = height * 1e6
     whole = round(micrometres)
     return f"step-{whole:03d}" if abs(micrometres - whole) < 1e-6 else f"step-{micrometres:05.1f}"
@@ -231,9 +216,7 @@ def read_plan(path: Path) -> SessionPlan:
     except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
         raise PipelineError(f"plan must be TOML: {error} [{path}]") from error
     except ValidationError as error:
-        first = error.errors()[0]
-        place = ".".join(str(part) for part in first["loc"])
-        raise PipelineError(f"`{place}`: {first['msg'].removeprefix('Value error, ')} [{path}]") from error
+        raise PipelineError(f"{first_of(error)[0]} [{path}]") from error
     for number, effect in enumerate(plan.effects, start=1):
         if fault := effect.fault(plan, number):
             raise PipelineError(f"{fault} [{path}]")

@@ -3,30 +3,36 @@
 from __future__ import annotations
 
 import csv
+import math
 import shutil
+from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
-from stepblocks.bench.rehearse.plan import SessionPlan, block_name, read_plan
-from stepblocks.bench.rehearse.records import drag_trial, record
-from stepblocks.bench.rehearse.trace_writers import TRACE_FILES, open_writer
-from stepblocks.bench.rehearse.truth import planted_state, rig_of, true_drag, truth_of
-from stepblocks.bench.signal.trace import Trace
+from stepblocks.bench.rehearse import TRACE_FILES, RecordedTrial, Rig, Truth, drag_trial, open_writer, record
+from stepblocks.bench.rehearse.plan import NUMBERS, PlantedEffect, SessionPlan, block_name, read_plan
+from stepblocks.bench.signal import Trace
 from stepblocks.contact.counterface import Step
+from stepblocks.contact.effects import named_laws
+from stepblocks.contact.forward import BenchDesign, covariate_of, height_name, nominal_state
+from stepblocks.contact.operating_point import OperatingPoint, Tool
+from stepblocks.contact.state import DragState, observe
 from stepblocks.errors import PipelineError
 
 _SCAN_REACH, _SCAN_STEP, _SCAN_NOISE = 600.0, 0.25, 0.05  # [um]
-_TRUTH = (
-    "trial",
-    "status",
-    "sliding_friction",
-    "normal_load_n",
-    "peak_force_n",
-    "vibration_energy_j",
-    "release_time_s",
-)
+_LEAST_RISE = 0.02  # [N] a lower peak is no catch
+_NOT_IN_TIME = ("tilt", "climb_load", "hardening", "lost_energy", "climb_drag")
+# slots of the state, where they are not named like those of an effect
+_SLOTS = {
+    "contact_geometry": ("radius",),
+    "normal_load": ("load",),
+    "stiffness": ("stiffness", "ring_stiffness"),
+    "sensor": ("gain",),
+}
+_FIGURES = ("sliding_friction", "normal_load_n", "peak_force_n", "vibration_energy_j", "release_time_s")
 
 
 @dataclass(frozen=True)
@@ -94,12 +100,12 @@ def _fill(plan: SessionPlan, folder: Path) -> SimulationSummary:
         table = csv.DictWriter(trials, list(rows[0]), lineterminator="\n")
         told = csv.writer(truths, lineterminator="\n")
         table.writeheader()
-        told.writerow(_TRUTH)
+        told.writerow(["trial", "status", *_FIGURES])
         for number, row in enumerate(rows, start=1):
             trial = _trial(plan, row, heights, np.random.default_rng([plan.seed, 4, number]))
             if trial is None:
                 locked += 1
-                told.writerow([row["trial"], "locked", *[""] * (len(_TRUTH) - 2)])
+                told.writerow([row["trial"], "locked", *[""] * len(_FIGURES)])
                 continue
             trace, figures = trial
             write(number, trace)
@@ -118,21 +124,21 @@ def _trial(
     if state is None:
         return None
     rig, gain = rig_of(plan, state), float(state.gain[0])
-    spring = plan.model.spring_constant
     if plan.source == "drag":
         step, point, pull = true_drag(plan, state)
-        dragged = drag_trial(step, point, rig, chance, gain=gain, pull=pull)
-        if dragged is None:
-            return None
+        done = drag_trial(step, point, rig, chance, gain=gain, pull=pull)
         load, sliding = float(state.load[0]), float(state.friction[0] * state.load[0] + state.drag[0])
-        energy = dragged.amplitude**2 / (2.0 * spring)
-        return dragged.trace, (sliding / load, load, dragged.peak_force, energy, dragged.release)
-    truth = truth_of(plan, state)
-    if truth is None:
+    else:
+        truth = truth_of(plan, state)
+        if truth is None:
+            return None
+        trace, _, release = record(truth, rig, chance, gain)
+        done = RecordedTrial(trace, truth.peak_force, truth.amplitude, release)
+        load, sliding = truth.load, truth.sliding_force
+    if done is None:
         return None
-    trace, _, release = record(truth, rig, chance, gain)
-    energy = truth.amplitude**2 / (2.0 * spring)
-    return trace, (truth.sliding_force / truth.load, truth.load, truth.peak_force, energy, release)
+    energy = done.amplitude**2 / (2.0 * plan.model.spring_constant)
+    return done.trace, (sliding / load, load, done.peak_force, energy, done.release)
 
 
 def _edge_radius(plan: SessionPlan) -> float:
@@ -169,3 +175,112 @@ channels = {{ time = "time_s", tangential = "fx_n", normal = "fy_n" }}
 set = "simulated"
 scans = "scans/{{block}}.csv"
 """
+
+
+def planted_state(
+    plan: SessionPlan, row: Mapping[str, str], heights: Mapping[float, float], chance: np.random.Generator
+) -> DragState | None:
+    """Slots of one trial with its effects and its scatter, or None where the probe locks."""
+    scatter = plan.scatter
+    nominal = min(heights, key=lambda height: abs(height * 1e6 - float(row["height_um"])))
+    design, values = _design(plan, row, nominal), _constants(plan)
+    bare = nominal_state(design, values)
+    if bool(bare.locked()[0]):
+        return None
+    conditions: dict[str, Any] = dict(row) | {"peak_force_n": float(bare.peak_force()[0])}
+    state = nominal_state(design, values | {height_name(row["block"]): heights[nominal] - nominal})
+    for effect in plan.effects:
+        state = _with_law(plan, effect, state, design) if effect.law else _with_form(effect, state, conditions)
+    stray = scatter.friction * chance.standard_normal(), scatter.load * chance.standard_normal()
+    state = state.changed(
+        friction=state.friction + stray[0],
+        load=state.load * (1.0 + stray[1]),
+        sensed_offset=state.sensed_offset + stray[1] * (state.set_load + state.sensed_offset),
+        conversion=state.conversion * math.exp(scatter.energy * chance.standard_normal()),
+    )
+    positive = np.stack([state.load, state.friction, state.stiffness, state.conversion, state.height])
+    return None if bool(state.locked()[0]) or not bool(np.all(positive > 0.0)) else state
+
+
+def _design(plan: SessionPlan, row: Mapping[str, str], nominal: float) -> BenchDesign:
+    return BenchDesign(
+        np.array([row["block"]]),
+        np.array([nominal]),
+        np.array([float(row["load_n"])]),
+        np.array([float(row["speed_mm_s"]) / 1e3]),
+        np.array([plan.model.tip_radius]),
+        plan.model.spring_constant,
+        {name: np.array([float(row[name])]) for name in NUMBERS if name in row},
+    )
+
+
+def _constants(plan: SessionPlan) -> dict[str, float]:
+    return {
+        "friction": plan.model.friction,
+        "ln_conversion": math.log(plan.model.conversion),
+        "stiffness_ratio": 1.0,
+        "ln_ring_frequency": math.log(plan.model.ring_frequency),
+        "ln_decay_time": math.log(plan.model.decay_time),
+    }
+
+
+def _with_form(effect: PlantedEffect, state: DragState, conditions: Mapping[str, Any]) -> DragState:
+    changed: dict[str, Any] = {
+        name: np.array([effect.apply(float(getattr(state, name)[0]), conditions)])
+        for name in _SLOTS.get(str(effect.slot), (str(effect.slot),))
+    }
+    if effect.slot == "normal_load":
+        # a load that is not the one set is weighed by the gauge all the same
+        changed["sensed_offset"] = state.sensed_offset + changed["load"] - state.load
+    return state.changed(**changed)
+
+
+def _with_law(plan: SessionPlan, effect: PlantedEffect, state: DragState, design: BenchDesign) -> DragState:
+    law = next(one for one in named_laws(plan.blocks()) if one.id == effect.law)
+    values = {p.name: p.start for p in law.parameters} | effect.parameters
+    return law.apply(state, covariate_of(design, state, law.covariate), values)
+
+
+def rig_of(plan: SessionPlan, state: DragState) -> Rig:
+    """Return the rig of a plan; a gauge that lags has a bandwidth."""
+    declared, lag = plan.rig.model_dump(), float(state.lag[0])
+    bandwidth = min(declared.pop("bandwidth") or math.inf, 1.0 / (2.0 * math.pi * lag) if lag > 0.0 else math.inf)
+    return Rig(drift=declared.pop("drift_n_per_s"), bandwidth=bandwidth, **declared)
+
+
+def truth_of(plan: SessionPlan, state: DragState) -> Truth | None:
+    """Figures of a trial by equations (1) and (2), before gauge and rig; None where nothing catches or rings."""
+    one = np.ones(1)
+    shown = observe(state.changed(gain=one, lag=0.0 * one))[0]
+    load = float(state.set_load[0] + state.sensed_offset[0])
+    energy, peak, sliding = math.exp(shown[0]), math.exp(shown[1]), float(shown[2]) * load
+    if peak - sliding < _LEAST_RISE or not energy > 0.0:
+        return None
+    spring = plan.model.spring_constant
+    return Truth(
+        load=load,
+        sliding_force=sliding,
+        slope=float(shown[3]) * spring * float(state.speed[0]),
+        peak_force=peak,
+        amplitude=math.sqrt(2.0 * spring * energy),
+        frequency=math.exp(shown[4]),
+        decay_time=math.exp(shown[5]),
+        sympathetic=plan.model.sympathetic,
+        gap=2.0 * float(state.friction[0]) * load if plan.model.ring == "rubbing" else 0.0,
+    )
+
+
+def true_drag(plan: SessionPlan, state: DragState) -> tuple[Step, OperatingPoint, float]:
+    """Return the same trial for the drag in time, with the steady force along the drag beside the tip's [N]."""
+    moved = [name for name in _NOT_IN_TIME if bool(np.any(getattr(state, name) != 0.0))]
+    if moved:
+        raise PipelineError(f"an effect changes {moved[0]}, for which the drag in time has no place")
+    slots = {name: float(value[0]) for name, value in vars(state).items() if isinstance(value, np.ndarray)}
+    ball_radius = min(plan.model.tip_radius, slots["radius"])
+    tool = Tool(
+        stiffness=slots["stiffness"],
+        frequency=slots["frequency"] * math.sqrt(slots["ring_stiffness"] / plan.model.spring_constant),
+        decay_time=slots["decay_time"] / slots["damping"],
+    )
+    point = OperatingPoint(ball_radius, slots["load"], slots["friction"], tool, slots["speed"])
+    return Step(slots["height"], slots["radius"] - ball_radius), point, slots["drag"]

@@ -1,1 +1,109 @@
-"""One trace: where things happen in it, and every figure that it gives."""
+"""One trace: whether it is fit to be measured; where things happen in it, and every figure that it gives."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass
+from itertools import islice
+
+import numpy as np
+from numpy.typing import NDArray
+
+Array = NDArray[np.float64]
+Estimate = tuple[float, float]  # a value and its standard uncertainty
+Tool = tuple[float, float]  # frequency [Hz] and decay time [s] of its ring
+
+MOST_SAMPLES = 20_000_000  # a longer trace is refused; at 10 kHz it lasts half an hour
+_FEWEST_SAMPLES = 200
+_RATE_TOLERANCE = 0.01
+_GAP_STEPS = 1.6  # a step of the clock this many times the usual one is a gap
+_FLAT_SAMPLES = 6  # equal samples in a row at the extreme of a record that was still moving
+_FLAT_STEPS = 4.0  # steps of the converter that the movement would have made meanwhile
+_LOWEST_RATE = 1500.0  # [Hz] five samples per cycle of a ring at 300 Hz
+
+
+class TraceError(Exception):
+    """A trace that cannot be used; the message is the reason for its exclusion."""
+
+
+def check_size(count: int, channel: str | int) -> None:
+    """Refuse a channel before it is read into memory."""
+    if count > MOST_SAMPLES:
+        raise TraceError(f"channel {channel!r} has {count} samples, more than {MOST_SAMPLES}")
+
+
+def listed(names: Iterable[str]) -> str:
+    """Return the first eight names."""
+    return ", ".join(islice(names, 8))
+
+
+@dataclass(frozen=True)
+class Trace:
+    """A record of both forces."""
+
+    time: Array  # shape (n,), instants of the samples [s]
+    tangential: Array  # shape (n,), force along the drag F_x [N]
+    normal: Array  # shape (n,), force into the block F_y [N]
+
+
+def screen_trace(trace: Trace, sample_rate: float, limit: float | None = None) -> str:
+    """Look for what makes a trace unusable, and say it in one line; empty where there is nothing."""
+    count = trace.time.size
+    if count < _FEWEST_SAMPLES:
+        few = f"{count} samples are too few (at least {_FEWEST_SAMPLES})"
+        return f"truncated: {few if count else 'the trace is empty'}"
+    for name, values in vars(trace).items():
+        bad = count - np.count_nonzero(np.isfinite(values))
+        if bad:
+            return f"not-a-number: {bad} of {count} samples of the {name} channel"
+    if fault := _clock(trace.time, sample_rate):
+        return fault
+    if float(np.ptp(trace.tangential)) == 0.0:
+        return f"dead channel: the tangential force is {trace.tangential[0]:.4g} N throughout"
+    if not np.any(trace.normal):
+        return "dead channel: the normal force is 0 throughout"
+    return _saturation("tangential", trace.tangential, limit) or _saturation("normal", trace.normal, limit)
+
+
+def _clock(time: Array, sample_rate: float) -> str:
+    steps = np.diff(time)
+    if float(steps.min()) <= 0.0:
+        where = int(np.argmax(steps <= 0.0))
+        return f"wrong clock: time does not ascend after {time[where]:.6g} s"
+    largest = float(steps.max())
+    if largest > _GAP_STEPS * float(np.median(steps)):
+        where = int(np.argmax(steps))
+        return f"gap: {largest * 1e3:.3g} ms without samples after {time[where]:.6g} s"
+    rate = 1.0 / float((time[-1] - time[0]) / steps.size)
+    if abs(rate / sample_rate - 1.0) > _RATE_TOLERANCE:
+        return f"wrong rate: {rate:.6g} Hz, declared are {sample_rate:.6g} Hz"
+    if rate < _LOWEST_RATE:
+        return f"wrong rate: {rate:.6g} Hz cannot show a ring, at least {_LOWEST_RATE:.0f} Hz are needed"
+    return ""
+
+
+def _saturation(name: str, values: Array, limit: float | None) -> str:
+    if limit is not None and float(np.abs(values).max()) >= limit:
+        return f"saturated: the {name} force reaches the range of {limit:g} N"
+    moves = np.abs(np.diff(values))
+    step = float(np.min(moves, where=moves > 0.0, initial=np.inf))
+    for sign, side in ((1.0, "highest"), (-1.0, "lowest")):
+        signed = sign * values
+        top = float(signed.max())
+        run, start = _longest_run(signed >= top)
+        if run < _FLAT_SAMPLES or start < _FLAT_SAMPLES:
+            continue
+        speed = float(top - signed[start - _FLAT_SAMPLES]) / _FLAT_SAMPLES
+        if speed * run > _FLAT_STEPS * step:
+            return f"saturated: {run} samples in a row at the {side} {name} force, {sign * top:.4g} N"
+    return ""
+
+
+def _longest_run(mask: NDArray[np.bool_]) -> tuple[int, int]:
+    """Length and first index of the longest run of True; of equal ones, the first."""
+    edges = np.flatnonzero(np.diff(mask, prepend=False, append=False))
+    starts, ends = edges[::2], edges[1::2]
+    if not starts.size:
+        return 0, 0
+    longest = int(np.argmax(ends - starts))
+    return int(ends[longest] - starts[longest]), int(starts[longest])

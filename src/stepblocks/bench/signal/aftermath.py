@@ -5,15 +5,12 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
-from stepblocks.bench.signal.approach import Approach
-from stepblocks.bench.signal.landmarks import Landmarks
+from stepblocks.bench.signal import Array, Estimate, Tool
+from stepblocks.bench.signal.approach import Approach, Landmarks
 from stepblocks.bench.signal.ring import Ring, fit_ring, guess_ring
 from stepblocks.bench.signal.rubbing_ring import GUESSED, TOLD, RubbingRing, fit_rubbing_ring
-from stepblocks.bench.signal.separable import fit_linear, wave
-
-Array = NDArray[np.float64]
+from stepblocks.bench.signal.separable import damped_wave, fit_linear, propagated, wave, weighed
 
 _RELEASE_TIME = 0.25e-3  # [s] first samples after the peak, in which the sensor itself follows; no tie with a sample
 _GOOD = 5.0  # misfit up to which a fit is taken at once
@@ -28,6 +25,8 @@ _TROUGH_SHARE = 0.18  # of a period about the bottom of a swing, in which it is 
 _FIRST_SWINGS = 25e-3  # [s]
 _HEARD = 1.3
 _USUAL_DECAY = 25e-3  # [s] first guess where nothing says better
+_SETTLE = 0.8e-3  # [s] after the slip in which the normal channel shows the release itself
+_ONSET_GUARD = 1e-3  # [s]
 
 
 @dataclass(frozen=True)
@@ -37,9 +36,9 @@ class Swing:
     depth: float  # level less the force in the trough [N]
     depth_std: float  # [N]
     instant: float  # when the trough was reached [s]
-    decay_time: tuple[float, float]  # of the tool, and its standard uncertainty [s]
+    decay_time: Estimate  # of the tool, and its standard uncertainty [s]
 
-    def amplitude(self, instant: float) -> tuple[float, float]:
+    def amplitude(self, instant: float) -> Estimate:
         """Amplitude carried back to `instant`, and its standard uncertainty [N]; viscous decay alone takes from it."""
         decay, decay_std = self.decay_time
         reach = self.instant - instant
@@ -54,11 +53,11 @@ class Aftermath:
 
     kind: str  # ``"damped"`` or ``"rubbing"``
     start: float  # instant to which the amplitude is carried back [s]
-    amplitude: tuple[float, float]  # [N]
-    frequency: tuple[float, float]  # [Hz]
-    decay_time: tuple[float, float]  # [s]
-    level: tuple[float, float]  # [N]
-    friction_decay: tuple[float, float]  # loss of amplitude per time beside the exponential decay [N/s]
+    amplitude: Estimate  # [N]
+    frequency: Estimate  # [Hz]
+    decay_time: Estimate  # [s]
+    level: Estimate  # [N]
+    friction_decay: Estimate  # loss of amplitude per time beside the exponential decay [N/s]
     ring: Ring | RubbingRing  # the fit
     # first swing after the slip, where it tells the amplitude better than the fit: the ring could only be fitted from
     # a later one on, or the fit is not that of the tool
@@ -81,9 +80,7 @@ class Aftermath:
         return self.ring.origin
 
 
-def settle(
-    time: Array, force: Array, marks: Landmarks, approach: Approach, tool: tuple[float, float] | None = None
-) -> Aftermath:
+def settle(time: Array, force: Array, marks: Landmarks, approach: Approach, tool: Tool | None = None) -> Aftermath:
     """Fit the ring after a slip as that of a bell and, where that fails, as that of a tool whose tip rubs."""
     marks = replace(marks, noise=_whole_noise(time, approach, marks))
     top = float(time[marks.peak])
@@ -136,9 +133,7 @@ def _of_bell(bell: Ring, top: float) -> Aftermath:
     )
 
 
-def _of_rubbing(
-    fit: RubbingRing, start: float, swing: Swing | None, sample: float, tool: tuple[float, float] | None
-) -> Aftermath:
+def _of_rubbing(fit: RubbingRing, start: float, swing: Swing | None, sample: float, tool: Tool | None) -> Aftermath:
     level, gap, frequency, decay = (float(v) for v in fit.values[:4])
     far = (0.0, 0.0)
     if tool is not None and not _is_of(tool, fit):
@@ -159,12 +154,12 @@ def _of_rubbing(
     ).carried_to(start)
 
 
-def _is_of(tool: tuple[float, float], fit: RubbingRing) -> bool:
+def _is_of(tool: Tool, fit: RubbingRing) -> bool:
     return all(abs(fit.values[2 + i] - tool[i]) <= _FAR * TOLD[i] * tool[i] for i in (0, 1))
 
 
 def _best_rubbing(
-    time: Array, force: Array, marks: Landmarks, approach: Approach, tool: tuple[float, float] | None
+    time: Array, force: Array, marks: Landmarks, approach: Approach, tool: Tool | None
 ) -> tuple[RubbingRing, float, Swing | None] | None:
     """Fit from one trough after the other, until the tip no longer climbs; with the begin of the ring."""
     clean = force - approach.hum(time)
@@ -187,7 +182,7 @@ def _best_rubbing(
     return best
 
 
-def _first_swing(time: Array, clean: Array, trough: int, fit: RubbingRing, tool: tuple[float, float] | None) -> Swing:
+def _first_swing(time: Array, clean: Array, trough: int, fit: RubbingRing, tool: Tool | None) -> Swing:
     """Bottom of the first swing, by a piece of a cosine about it."""
     level, gap = (float(v) for v in fit.values[:2])
     frequency, decay = tool or (float(fit.values[2]), float(fit.values[3]))
@@ -204,9 +199,7 @@ def _first_swing(time: Array, clean: Array, trough: int, fit: RubbingRing, tool:
     return Swing(depth, float(np.hypot(own, unseen)), float(time[trough] + t[lowest]), (decay, spread))
 
 
-def _tool_guesses(
-    time: Array, clean: Array, marks: Landmarks, approach: Approach, tool: tuple[float, float] | None
-) -> list[tuple[float, float]]:
+def _tool_guesses(time: Array, clean: Array, marks: Landmarks, approach: Approach, tool: Tool | None) -> list[Tool]:
     """Frequency and decay time of the tool: told, from its start-up, from its late ring, from its first swings."""
     if tool is not None:
         return [tool]
@@ -234,7 +227,9 @@ def _troughs(time: Array, clean: Array, marks: Landmarks, level: float, frequenc
             break
         crossing = index + int(below[0])
         trough = crossing + int(np.argmin(smooth[crossing : crossing + half]))
-        found.append((trough, _crossing_time(time, smooth, crossing, level)))
+        high, low = smooth[crossing - 1] - level, smooth[crossing] - level
+        share = np.clip(high / (high - low), 0.0, 1.0) if high > low else 1.0
+        found.append((trough, float(time[crossing - 1] + share * (time[crossing] - time[crossing - 1]))))
         above = np.flatnonzero(smooth[trough : smooth.size - 2] > level)
         if not above.size or trough + int(above[0]) + 4 * half >= time.size:
             break
@@ -242,7 +237,38 @@ def _troughs(time: Array, clean: Array, marks: Landmarks, level: float, frequenc
     return found
 
 
-def _crossing_time(time: Array, smooth: Array, index: int, level: float) -> float:
-    high, low = smooth[index - 1] - level, smooth[index] - level
-    share = high / (high - low) if high > low else 1.0
-    return float(time[index - 1] + np.clip(share, 0.0, 1.0) * (time[index] - time[index - 1]))
+def normal_level(time: Array, normal: Array, approach: Approach) -> Estimate:
+    """Return the normal force while sliding, hum and drift apart, and its standard uncertainty [N]."""
+    end = int(np.searchsorted(time, approach.onset - _ONSET_GUARD))
+    weights, covariance = weighed(_still(time[:end], approach), normal[:end])
+    return float(weights[0]), float(np.sqrt(covariance[0, 0]))
+
+
+def _still(t: Array, approach: Approach) -> Array:
+    return np.column_stack([np.ones_like(t), t - t.mean(), wave(t, approach.mains)])
+
+
+def sympathetic_force(time: Array, normal: Array, approach: Approach, after: Aftermath) -> Estimate:
+    """Amplitude of the normal force that rings along with the tangential one, at the release [N].
+
+    It is the part of the normal force with the frequency and the decay of the tangential ring.
+    """
+    begin = int(np.searchsorted(time, max(after.start + _SETTLE, after.origin)))
+    still, since = _still(time[begin:], approach), time[begin:] - after.start
+
+    def ringing(frequency: float, decay_time: float) -> Estimate:
+        columns = np.column_stack([damped_wave(since, frequency, decay_time), still])
+        weights, covariance = weighed(columns, normal[begin:])
+        size = float(np.hypot(weights[0], weights[1]))
+        if size == 0.0:
+            return 0.0, float(np.sqrt(covariance[0, 0]))
+        gradient = np.zeros(6)
+        gradient[:2] = weights[:2] / size
+        return size, propagated(gradient, covariance)
+
+    (frequency, frequency_std), (decay, decay_std) = after.frequency, after.decay_time
+    amplitude, own = ringing(frequency, decay)
+    # what is uncertain of the tangential ring, whose course this one is taken to follow
+    moved = ringing(frequency + frequency_std, decay)[0], ringing(frequency, decay + decay_std)[0]
+    late = amplitude * after.sample / decay if decay > 0.0 else 0.0
+    return amplitude, float(np.linalg.norm([own, moved[0] - amplitude, moved[1] - amplitude, late]))

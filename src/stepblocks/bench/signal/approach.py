@@ -1,21 +1,97 @@
-"""Sliding and loading: level before the edge, onset, slope of the ramp, with hum, drift and start-up fitted along."""
+"""Sliding and loading: where they lie, level before the edge, onset and slope of the ramp, with hum, drift and start-up."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
-from stepblocks.bench.signal.landmarks import Landmarks
-from stepblocks.bench.signal.separable import SeparableFit, fit_linear, fit_separable, propagated, wave
-
-Array = NDArray[np.float64]
+from stepblocks.bench.signal import Array, Tool
+from stepblocks.bench.signal.separable import SeparableFit, damped_wave, fit_linear, fit_separable, propagated, wave
 
 _MAINS = (50.0, 60.0)  # [Hz]
 _RAMP_SHARE = 0.85  # of the rise; the first pass stays clear of a rounded peak
 _START_UP_GAIN = 0.02  # a start-up ring must explain this share of the variance, or it is left out
 _LINE_SIGMAS = 4.0
+_RISE_OVER_NOISE = 12.0  # a peak must stand out by this many standard deviations of the noise
+_TOP_SAMPLES, _TOP_NOISE = 12, 4.0  # samples after the highest that noise alone can put below it
+_RISE_OVER_LEAD = 1.5  # and be this many times what happens in the first part of the record
+_FALL_SHARE = 0.5  # a tip that slipped has given back at least this share of the rise
+_LEAST_RING = 15e-3  # [s] some four periods of a ring
+_SLIDE_SAMPLES = 40  # fewer samples before the edge say nothing of the sliding force
+
+
+class LandmarkError(Exception):
+    """The trace lacks a part of the course of a trial; the message is the reason for its exclusion."""
+
+
+@dataclass(frozen=True)
+class Landmarks:
+    """Samples between which the parts of a trial lie."""
+
+    onset: float  # begin of loading, to some samples [s]
+    peak: int  # sample of the largest tangential force before the slip
+    level: float  # tangential force while sliding before the edge, to the noise [N]
+    rise: float  # peak over `level` [N]
+    noise: float  # standard deviation of the white part of the noise of the tangential force [N]
+
+
+def white_noise(values: Array) -> float:
+    """Return the standard deviation of white noise, from fourth differences: blind to what is slow and to spikes."""
+    fourth = np.abs(np.diff(values, n=4))
+    # the median alone comes in steps where the record is quantised; it only says what is a spike
+    quiet = fourth[fourth <= 4.0 * np.median(fourth) / 0.6745]
+    return float(np.sqrt(np.mean(quiet**2) / 70.0)) if quiet.size else 0.0
+
+
+def find_landmarks(time: Array, force: Array) -> Landmarks:
+    """Find sliding, loading and slip in a tangential force."""
+    noise = white_noise(force)
+    smooth = np.convolve(force, np.full(5, 0.2), mode="same")
+    smooth[:2], smooth[-2:] = force[:2], force[-2:]
+    peak = _peak_sample(force, smooth, noise)
+    lead = smooth[: max(peak // 4, 1)]
+    level = float(np.median(lead))
+    rise = float(force[peak]) - level
+    # a start-up ring is as old as the record; a slip stands out over it
+    floor = max(_RISE_OVER_NOISE * noise, _RISE_OVER_LEAD * float(np.abs(lead - level).max()))
+    if rise < floor:
+        raise LandmarkError(
+            f"no slip: the tangential force never rises over sliding (by {rise:.3g} N in noise {noise:.2g} N)"
+        )
+    below = smooth[: peak + 1] - level < 0.5 * rise
+    if not below.any():
+        raise LandmarkError("no sliding before the edge: the record begins under load")
+    after = smooth[peak:]
+    if float(after.min()) > level + (1.0 - _FALL_SHARE) * rise:
+        raise LandmarkError("no release: the tangential force does not fall after its peak")
+    if time[-1] - time[peak] < _LEAST_RING:
+        raise LandmarkError(f"truncated: the record ends {(time[-1] - time[peak]) * 1e3:.3g} ms after the slip")
+    onset = _line_onset(time, smooth, peak, level, rise)
+    if np.searchsorted(time, onset) < _SLIDE_SAMPLES:
+        raise LandmarkError(f"no sliding before the edge: loading begins {onset - time[0]:.3g} s into the record")
+    return Landmarks(onset=onset, peak=peak, level=level, rise=rise, noise=noise)
+
+
+def _peak_sample(force: Array, smooth: Array, noise: float) -> int:
+    """Last sample before the fall: on a gentle ramp noise lifts an earlier one over it."""
+    coarse = int(np.argmax(smooth))
+    first = max(coarse - 4, 0)
+    peak = first + int(np.argmax(force[first : coarse + 5]))
+    high = force[peak : peak + _TOP_SAMPLES] > force[peak] - _TOP_NOISE * noise
+    return peak + (int(np.argmin(high)) if not high.all() else high.size) - 1
+
+
+def _line_onset(time: Array, smooth: Array, peak: int, level: float, rise: float) -> float:
+    """Where the line through the middle of the ramp meets the sliding level."""
+    climb = smooth[: peak + 1] - level
+    low = int(np.flatnonzero(climb < 0.25 * rise)[-1])
+    high = int(np.flatnonzero(climb < 0.75 * rise)[-1]) + 1
+    high = max(high, low + 2)
+    slope = (smooth[high] - smooth[low]) / (time[high] - time[low])
+    if slope <= 0.0:
+        raise LandmarkError("no loading: the tangential force does not climb steadily to its peak")
+    return float(time[low] - climb[low] / slope)
 
 
 @dataclass(frozen=True)
@@ -33,7 +109,7 @@ class Approach:
     center: float  # instant at which `level` holds [s]
 
     @property
-    def start_up(self) -> tuple[float, float] | None:
+    def start_up(self) -> Tool | None:
         """Frequency [Hz] and decay time [s] of the ring when the handle started, where there is one."""
         return (float(self.fit.shape[1]), float(self.fit.shape[2])) if self.fit.shape.size == 3 else None
 
@@ -45,11 +121,9 @@ class Approach:
 
     def line_std(self, time: float) -> float:
         """Return the standard uncertainty of `ramp` at one instant [N]."""
-        columns = np.array([1.0, 0.0, time - self.onset, 0.0, 0.0])
         size = self.fit.shape.size
         gradient = np.zeros(self.fit.covariance.shape[0])
-        gradient[0] = -self.slope
-        gradient[size : size + 5] = columns
+        gradient[0], gradient[size], gradient[size + 2] = -self.slope, 1.0, time - self.onset
         return propagated(gradient, self.fit.covariance)
 
     def hum(self, time: Array) -> Array:
@@ -62,8 +136,7 @@ class Approach:
         if self.start_up is None:
             return force
         frequency, decay = self.start_up
-        ring = np.exp(-time / decay)[:, None] * wave(time, frequency)
-        return np.asarray(force + ring @ self.fit.weights[5:7], dtype=float)
+        return np.asarray(force + damped_wave(time, frequency, decay) @ self.fit.weights[5:7], dtype=float)
 
     def ramp(self, time: float) -> float:
         """Force on the line of the ramp without hum and drift [N]."""
@@ -83,7 +156,7 @@ def _columns(time: Array, onset: float, center: float, mains: float) -> Array:
     return np.column_stack([np.ones_like(time), time - center, np.maximum(time - onset, 0.0), wave(time, mains)])
 
 
-def fit_approach(time: Array, force: Array, marks: Landmarks, start_up: tuple[float, float] | None) -> Approach:
+def fit_approach(time: Array, force: Array, marks: Landmarks, start_up: Tool | None) -> Approach:
     """Fit sliding and ramp together."""
     climb = np.flatnonzero(force[: marks.peak + 1] - marks.level < _RAMP_SHARE * marks.rise)
     end = int(climb[-1]) + 1
@@ -96,7 +169,8 @@ def fit_approach(time: Array, force: Array, marks: Landmarks, start_up: tuple[fl
     # the filter of a converter rings a sample or two ahead of a corner
     rest = slice(end, max(marks.peak - 2, end))
     miss = force[rest] - _columns(time[rest], onset, center, mains) @ fit.weights[:5]
-    extended = end + left if (left := _leaves_line(miss, marks.noise)) is not None else marks.peak
+    left = _leaves_line(miss, marks.noise)
+    extended = marks.peak if left is None else end + left
     if extended > end:
         end = extended
         fit = _fit_until(time[:end], force[:end], onset, center, mains, start_up, step=step)
@@ -114,7 +188,7 @@ def fit_approach(time: Array, force: Array, marks: Landmarks, start_up: tuple[fl
 
 
 def _fit_until(
-    t: Array, y: Array, onset: float, center: float, mains: float, start_up: tuple[float, float] | None, *, step: float
+    t: Array, y: Array, onset: float, center: float, mains: float, start_up: Tool | None, *, step: float
 ) -> SeparableFit:
     reach = max(0.25 * (float(t[-1]) - onset), 5.0 * step)
 
@@ -143,7 +217,7 @@ def _rings(time: Array, fit: SeparableFit, frequency: float, decay_time: float) 
     """Whether what sliding and ramp leave over holds a ring that begins with the record."""
     before = time < fit.shape[0]
     t, left = time[before] - time[0], fit.residuals[before]
-    rest = fit_linear(np.exp(-t / decay_time)[:, None] * wave(t, frequency), left)[1]
+    rest = fit_linear(damped_wave(t, frequency, decay_time), left)[1]
     had, has = float(left @ left), float(rest @ rest)
     # two parameters more explain 2/n of white noise by chance
     return bool(had - has > max(_START_UP_GAIN, 20.0 / max(t.size, 1)) * had)

@@ -2,28 +2,136 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
-from numpy.typing import NDArray
 
-from stepblocks.bench.signal.aftermath import Aftermath, settle, settle_from
-from stepblocks.bench.signal.approach import Approach, fit_approach
-from stepblocks.bench.signal.landmarks import find_landmarks
-from stepblocks.bench.signal.normal_channel import normal_level, sympathetic_force
-from stepblocks.bench.signal.peak import Peak, peak_of
-from stepblocks.bench.signal.ring import guess_ring
-from stepblocks.bench.signal.trace import Trace
-
-Array = NDArray[np.float64]
+from stepblocks.bench.signal import Array, Estimate, Tool, Trace
+from stepblocks.bench.signal.aftermath import Aftermath, normal_level, settle, settle_from, sympathetic_force
+from stepblocks.bench.signal.approach import Approach, Landmarks, find_landmarks, fit_approach
+from stepblocks.bench.signal.ring import Ring, guess_ring
+from stepblocks.bench.signal.separable import propagated, weighed
 
 LOADING_BAND = (0.0, 100.0)  # in which the paper finds more than 64 % of the energy of loading [Hz]
 VIBRATION_BAND = (250.0, 350.0)  # in which the paper finds about 86 % of the energy of the vibration [Hz]
 
 _FEWEST_CLEAR = 3
 _RING_TIMES = 5.0  # decay times after which the ring counts as over
+_CORNER_REACH = 3.5  # samples about the highest one in which a corner may lie
+_FALL_SAMPLES = 6
+_CLEAR_FALL = 0.02  # of the rise: the first sample after a corner has fallen by this at least
+_TOP_SHARE = 0.06  # of the rise: a rounded peak is fitted where the force is within this of the highest
+_TOP_REACH = 6e-3  # [s] at most this far from the highest sample
+_ROUND_SPREAD = 1.3  # a cubic is not the law of a rounded peak: pulls on drags in time are wider by this
+
+
+@dataclass(frozen=True)
+class Peak:
+    """Peak of the tangential force."""
+
+    time: float  # release instant [s]
+    force: float  # [N]
+    force_std: float  # [N]
+    corner: bool  # whether the ramp ran into the release in a corner; otherwise the peak is rounded
+
+
+def peak_of(time: Array, force: Array, marks: Landmarks, approach: Approach, after: Aftermath) -> Peak:
+    """Find the peak.
+
+    The highest sample is no measure of it: noise lifts it, and the release falls between two samples. A corner is the
+    intersection of ramp and release, both fitted; a rounded peak is the top of a cubic through its neighbourhood.
+    """
+    corner = None
+    if approach.end >= marks.peak - 1:
+        if isinstance(after.ring, Ring):
+            corner = _corner(time, marks, approach, after.ring)
+        else:
+            corner = _corner_of_fall(time, force, marks, approach)
+    return corner or _rounded(time, force, marks, approach)
+
+
+def _corner(time: Array, marks: Landmarks, approach: Approach, ring: Ring) -> Peak | None:
+    from scipy.optimize import brentq
+
+    top, step = float(time[marks.peak]), float(np.median(np.diff(time)))
+
+    def excess(instant: float) -> float:
+        at = np.array([instant])
+        return float(ring.curve(at)[0] - approach.line(at)[0])
+
+    low, high = top - _CORNER_REACH * step, top + _CORNER_REACH * step
+    if not excess(low) > 0.0 > excess(high):
+        return None
+    instant = float(brentq(excess, low, high, xtol=1e-9))
+    fall = (excess(instant + 0.1 * step) - excess(instant - 0.1 * step)) / (0.2 * step)
+    if fall >= 0.0:
+        return None
+    line_std, curve_std = approach.line_std(instant), ring.curve_std(instant)
+    # the force at the corner moves along the ramp by slope * dt, dt = (errors of both) / (difference of slopes)
+    share = approach.slope / -fall
+    spread = float(np.hypot((1.0 - share) * line_std, share * curve_std))
+    return Peak(instant, approach.ramp(instant), spread, corner=True)
+
+
+def _corner_of_fall(time: Array, force: Array, marks: Landmarks, approach: Approach) -> Peak | None:
+    """Corner of the ramp and a parabola through the first samples after it."""
+    # noise decides which of the samples about a corner is the highest; the fall begins where the line is left
+    below = approach.line(time) - force
+    deep = max(_CLEAR_FALL * marks.rise, 5.0 * marks.noise)
+    first = marks.peak - 1
+    while first < marks.peak + 4 and not (below[first] > deep and below[first + 1] > below[first]):
+        first += 1
+    last = first + _FALL_SAMPLES
+    if last > time.size or first == marks.peak + 4 or abs(below[first - 1]) > deep:
+        return None
+    step = float(np.median(np.diff(time)))
+    t = (time[first:last] - time[first]) / step
+    y = force[first:last] - approach.line(time[first:last])
+    columns = np.vander(t, 3, increasing=True)
+    weights, covariance = weighed(columns, y)
+    grid = np.linspace(-_CORNER_REACH, 0.0, 701)
+    excess = np.vander(grid, 3, increasing=True) @ weights
+    above = np.flatnonzero(excess > 0.0)
+    if not above.size or excess[-1] >= 0.0:
+        return None
+    at = float(grid[above[-1]])
+    fall = (weights[1] + 2.0 * weights[2] * at) / step
+    if fall >= 0.0:
+        return None
+    gradient = np.asarray(at ** np.arange(3), dtype=float)
+    noise = max(
+        propagated(gradient, covariance),
+        propagated(gradient, np.asarray(np.linalg.inv(columns.T @ columns), dtype=float)) * marks.noise,
+    )
+    instant = float(time[first]) + at * step
+    # how a fall begins between two samples is not seen
+    unseen = approach.slope * step / math.sqrt(12.0)
+    spread = math.hypot(approach.line_std(instant), approach.slope / -fall * noise, unseen)
+    return Peak(instant, approach.ramp(instant), spread, corner=True)
+
+
+def _rounded(time: Array, force: Array, marks: Landmarks, approach: Approach) -> Peak:
+    clean = force - approach.hum(time)
+    near = np.convolve(clean, np.full(5, 0.2), mode="same")
+    close = near > near[marks.peak] - max(_TOP_SHARE * marks.rise, 3.0 * marks.noise)
+    first = last = marks.peak
+    while first > 0 and close[first - 1] and time[marks.peak] - time[first - 1] < _TOP_REACH:
+        first -= 1
+    while last < time.size - 1 and close[last + 1] and time[last + 1] - time[marks.peak] < _TOP_REACH:
+        last += 1
+    first, last = min(first, marks.peak - 3), max(last, marks.peak + 3)
+    t = time[first : last + 1] - time[marks.peak]
+    reach = float(np.abs(t).max())
+    weights, covariance = weighed(np.vander(t / reach, 4, increasing=True), clean[first : last + 1])
+    grid = np.linspace(t[0], t[-1], 801) / reach
+    heights = np.vander(grid, 4, increasing=True) @ weights
+    best = int(np.argmax(heights))
+    gradient = np.asarray(grid[best] ** np.arange(4), dtype=float)
+    instant, spread = float(time[marks.peak] + grid[best] * reach), _ROUND_SPREAD * propagated(gradient, covariance)
+    return Peak(instant, float(heights[best]), spread, corner=False)
 
 
 @dataclass(frozen=True)
@@ -34,8 +142,8 @@ class Measurement:
     approach: Approach
     peak: Peak
     aftermath: Aftermath
-    load: tuple[float, float]  # normal force while sliding, and its standard uncertainty [N]
-    sympathetic: tuple[float, float]  # amplitude of the normal force that rings along, and its standard uncertainty [N]
+    load: Estimate  # normal force while sliding, and its standard uncertainty [N]
+    sympathetic: Estimate  # amplitude of the normal force that rings along, and its standard uncertainty [N]
     shares: tuple[float, float]  # of the energy of loading and of vibration in their bands [1]
     spring_constant: float  # of the explorer, as declared [N/m]
     speed: float  # of the handle [m/s]; not-a-number where it is not known
@@ -43,87 +151,53 @@ class Measurement:
     @cached_property
     def features(self) -> dict[str, float]:
         """One value for each of `FEATURE_COLUMNS`; not-a-number where the trace does not show it."""
-        return {name: figure(self) for name, figure in _FIGURES.items()}
+        return {
+            name: value for names, figures in _FIGURES.items() for name, value in zip(names, figures(self), strict=True)
+        }
 
-    @property
-    def friction(self) -> tuple[float, float]:
+    def friction(self) -> Estimate:
         """Sliding over normal force, and its standard uncertainty [1]."""
         load, load_std = self.load
         friction = self.approach.level / load if load > 0.0 else float("nan")
         return friction, float(np.hypot(self.approach.level_std, friction * load_std) / load)
 
-    @property
-    def energy(self) -> float:
-        """E_v, that of the amplitude at the release on the declared spring [J]."""
-        return self.aftermath.amplitude[0] ** 2 / (2.0 * self.spring_constant)
-
-    @property
-    def energy_std(self) -> float:
-        """Relative standard uncertainty of the energy [1]."""
+    def energy(self) -> tuple[float, float, float]:
+        """Energy of the amplitude at the release on the declared spring, its standard uncertainty [J], their ratio."""
         amplitude, std = self.aftermath.amplitude
-        return 2.0 * (std / amplitude if amplitude > 0.0 else float("nan"))
+        energy = amplitude**2 / (2.0 * self.spring_constant)
+        relative = 2.0 * (std / amplitude if amplitude > 0.0 else float("nan"))
+        return energy, energy * relative, relative
 
 
-_FIGURES: dict[str, Callable[[Measurement], float]] = {
-    "sliding_friction": lambda m: m.friction[0],
-    "sliding_friction_std": lambda m: m.friction[1],
-    "normal_load_n": lambda m: m.load[0],
-    "normal_load_std_n": lambda m: m.load[1],
-    "loading_onset_s": lambda m: m.approach.onset + m.start,
-    "loading_slope_n_per_s": lambda m: m.approach.slope,
-    "loading_slope_std_n_per_s": lambda m: m.approach.slope_std,
-    "spring_constant_n_per_m": lambda m: m.approach.slope / m.speed,
-    "spring_constant_std_n_per_m": lambda m: m.approach.slope_std / m.speed,
-    "peak_force_n": lambda m: m.peak.force,
-    "peak_force_std_n": lambda m: m.peak.force_std,
-    "release_time_s": lambda m: m.peak.time + m.start,
-    "release_level_n": lambda m: m.aftermath.level[0],
-    "release_level_std_n": lambda m: m.aftermath.level[1],
-    "ring_frequency_hz": lambda m: m.aftermath.frequency[0],
-    "ring_frequency_std_hz": lambda m: m.aftermath.frequency[1],
-    "decay_time_s": lambda m: m.aftermath.decay_time[0],
-    "decay_time_std_s": lambda m: m.aftermath.decay_time[1],
-    "friction_decay_n_per_s": lambda m: m.aftermath.friction_decay[0],
-    "friction_decay_std_n_per_s": lambda m: m.aftermath.friction_decay[1],
-    "ring_amplitude_n": lambda m: m.aftermath.amplitude[0],
-    "ring_amplitude_std_n": lambda m: m.aftermath.amplitude[1],
-    "vibration_energy_j": lambda m: m.energy,
-    "vibration_energy_std_j": lambda m: m.energy * m.energy_std,
-    "ln_vibration_energy_std": lambda m: m.energy_std,
-    "sympathetic_force_n": lambda m: m.sympathetic[0],
-    "sympathetic_force_std_n": lambda m: m.sympathetic[1],
-    "loading_share_0_100hz": lambda m: m.shares[0],
-    "vibration_share_250_350hz": lambda m: m.shares[1],
+# columns, and what stands in them
+_FIGURES: dict[tuple[str, ...], Callable[[Measurement], tuple[float, ...]]] = {
+    ("sliding_friction", "sliding_friction_std"): Measurement.friction,
+    ("normal_load_n", "normal_load_std_n"): lambda m: m.load,
+    ("loading_onset_s",): lambda m: (m.approach.onset + m.start,),
+    ("loading_slope_n_per_s", "loading_slope_std_n_per_s"): lambda m: (m.approach.slope, m.approach.slope_std),
+    ("spring_constant_n_per_m", "spring_constant_std_n_per_m"): lambda m: (
+        m.approach.slope / m.speed,
+        m.approach.slope_std / m.speed,
+    ),
+    ("peak_force_n", "peak_force_std_n"): lambda m: (m.peak.force, m.peak.force_std),
+    ("release_time_s",): lambda m: (m.peak.time + m.start,),
+    ("release_level_n", "release_level_std_n"): lambda m: m.aftermath.level,
+    ("ring_frequency_hz", "ring_frequency_std_hz"): lambda m: m.aftermath.frequency,
+    ("decay_time_s", "decay_time_std_s"): lambda m: m.aftermath.decay_time,
+    ("friction_decay_n_per_s", "friction_decay_std_n_per_s"): lambda m: m.aftermath.friction_decay,
+    ("ring_amplitude_n", "ring_amplitude_std_n"): lambda m: m.aftermath.amplitude,
+    ("vibration_energy_j", "vibration_energy_std_j", "ln_vibration_energy_std"): Measurement.energy,
+    ("sympathetic_force_n", "sympathetic_force_std_n"): lambda m: m.sympathetic,
+    ("loading_share_0_100hz", "vibration_share_250_350hz"): lambda m: m.shares,
 }
-FEATURE_COLUMNS = tuple(_FIGURES)  # of a table of features, after trial, status, reason and the covariates
+# of a table of features, after trial, status, reason and the covariates
+FEATURE_COLUMNS = tuple(name for names in _FIGURES for name in names)
 
 
 def measure_trace(
-    trace: Trace, spring_constant: float, speed: float = float("nan"), tool: tuple[float, float] | None = None
+    trace: Trace, spring_constant: float, speed: float = float("nan"), tool: Tool | None = None
 ) -> Measurement:
-    """Measure one trace.
-
-    Parameters
-    ----------
-    trace : Trace
-        The record, screened.
-    spring_constant : float
-        Of the explorer, with which an amplitude becomes an energy [N/m].
-    speed : float
-        Of the handle, with which the ramp becomes a spring constant [m/s]; not-a-number where it is not known.
-    tool : (float, float), optional
-        Frequency [Hz] and decay time [s] of the tool, where other trials told them.
-
-    Returns
-    -------
-    Measurement
-        Features in SI and what was fitted.
-
-    Raises
-    ------
-    LandmarkError
-        If the trace lacks a part of the course of a trial.
-    """
+    """Measure one trace."""
     time, force = trace.time - trace.time[0], trace.tangential
     marks = find_landmarks(time, force)
     late = marks.peak + (time.size - marks.peak) // 4
@@ -151,9 +225,8 @@ def measure_trace(
 def _shares(time: Array, force: Array, approach: Approach, after: Aftermath, peak: Peak) -> tuple[float, float]:
     rate = (time.size - 1) / (time[-1] - time[0])
     clean = force - approach.hum(time)
-    onset, release = np.searchsorted(time, (approach.onset, peak.time))
-    end = int(np.searchsorted(time, after.start + _RING_TIMES * after.decay_time[0]))
-    begin = int(np.searchsorted(time, max(after.start, peak.time)))
+    over = after.start + _RING_TIMES * after.decay_time[0]
+    onset, release, begin, end = np.searchsorted(time, (approach.onset, peak.time, max(after.start, peak.time), over))
     return (
         band_share(clean[onset:release] - approach.level, rate, LOADING_BAND),
         band_share(clean[begin:end] - after.level[0], rate, VIBRATION_BAND),
@@ -165,13 +238,6 @@ def band_share(values: Array, rate: float, band: tuple[float, float]) -> float:
 
     The energy spectrum of the zero-padded transient is integrated (Parseval). No window: a transient ends by itself,
     and a window would move energy from the release into the band.
-
-    Examples
-    --------
-    >>> t = np.arange(4000) / 10e3
-    >>> ring = np.exp(-t / 0.05) * np.cos(2 * np.pi * 300.0 * t)
-    >>> round(band_share(ring, 10e3, (250.0, 350.0)), 2)
-    0.96
     """
     from scipy.signal import periodogram
 
@@ -183,7 +249,7 @@ def band_share(values: Array, rate: float, band: tuple[float, float]) -> float:
     return float(density[inside].sum() / density.sum())
 
 
-def tool_of(features: Iterable[dict[str, float]]) -> tuple[float, float] | None:
+def tool_of(features: Iterable[dict[str, float]]) -> Tool | None:
     """Frequency [Hz] and decay time [s] of the tool from some trials that show them well, or None.
 
     A trial whose ring is faint is fitted the better for knowing them; a clear ring overrules them.
@@ -196,5 +262,5 @@ def tool_of(features: Iterable[dict[str, float]]) -> tuple[float, float] | None:
     ]
     if len(clear) < _FEWEST_CLEAR:
         return None
-    frequency, decay = np.median(np.array(clear), axis=0)
-    return float(frequency), float(decay)
+    frequency, decay = np.median(np.array(clear), axis=0).tolist()
+    return frequency, decay

@@ -9,11 +9,12 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from stepblocks.bench.signal import Array, Estimate, Tool
 from stepblocks.bench.signal.separable import (
     SeparableFit,
     covariance_of,
+    damped_wave,
     fit_linear,
     fit_separable,
     misfit,
@@ -21,8 +22,6 @@ from stepblocks.bench.signal.separable import (
     propagated,
     wave,
 )
-
-Array = NDArray[np.float64]
 
 BEGIN = 8e-3  # time after the slip in which a wrong fit of a ring shows [s]
 
@@ -59,7 +58,7 @@ class Ring:
         columns = _columns(at, self.origin, self.mains, self.fit.shape)
         return propagated(np.concatenate([slopes[0], columns[0]]), self.fit.covariance)
 
-    def amplitude(self, instant: float) -> tuple[float, float]:
+    def amplitude(self, instant: float) -> Estimate:
         """Amplitude of the ring at an instant, and its standard uncertainty [N].
 
         The uncertainty holds what is uncertain in the decay time as far as the amplitude is carried back by it.
@@ -75,7 +74,7 @@ class Ring:
             gradient[8], gradient[9] = growth * cosine / size, growth * sine / size
         return carried, propagated(gradient, self.fit.covariance)
 
-    def linear_decay(self) -> tuple[float, float]:
+    def linear_decay(self) -> Estimate:
         """Loss of amplitude per time beside the exponential decay, and its standard uncertainty [N/s].
 
         The part of the decay that friction gives, ``a' = -a / tau - d``, to first order in d: one Gauss-Newton step of
@@ -101,7 +100,7 @@ class Ring:
         return np.asarray(_columns(since, self.origin, self.mains, shape) @ self.fit.weights, dtype=float)
 
 
-def guess_ring(time: Array, values: Array) -> tuple[float, float]:
+def guess_ring(time: Array, values: Array) -> Tool:
     """Frequency [Hz] and decay time [s] of the strongest ring in `values`, roughly."""
     count = values.size
     rate = (count - 1) / (time[-1] - time[0])
@@ -111,10 +110,9 @@ def guess_ring(time: Array, values: Array) -> tuple[float, float]:
     spectrum[frequencies < _LOWEST] = 0.0
     frequency = float(frequencies[int(np.argmax(spectrum))])
     since = time - time[0]
-    turning = wave(since, frequency)
 
     def left(decay: float) -> float:
-        rest = fit_linear(np.column_stack([np.ones_like(since), np.exp(-since / decay)[:, None] * turning]), values)[1]
+        rest = fit_linear(np.column_stack([np.ones_like(since), damped_wave(since, frequency, decay)]), values)[1]
         return float(rest @ rest)
 
     return frequency, min(_DECAYS, key=left)
@@ -150,5 +148,5 @@ def fit_ring(time: Array, force: Array, origin: float, mains: float, noise: floa
 def _columns(since: Array, origin: float, mains: float, shape: Array) -> Array:
     """Level and drift from the slip on, hum on the clock of the record, rest of the release, ring."""
     frequency, decay, release = shape
-    ring = np.exp(-since / decay)[:, None] * wave(since, frequency)
-    return np.column_stack([np.ones_like(since), since, wave(since + origin, mains), np.exp(-since / release), ring])
+    hum, ring = wave(since + origin, mains), damped_wave(since, frequency, decay)
+    return np.column_stack([np.ones_like(since), since, hum, np.exp(-since / release), ring])

@@ -16,12 +16,10 @@ from dataclasses import dataclass
 from functools import cache
 
 import numpy as np
-from numpy.typing import NDArray
 
+from stepblocks.bench.signal import Array, Estimate, Tool
 from stepblocks.bench.signal.ring import BEGIN
 from stepblocks.bench.signal.separable import covariance_of, misfit, numeric_jacobian, propagated
-
-Array = NDArray[np.float64]
 
 # relative spread of frequency and decay time about a guess from the trial itself, and about what others told
 GUESSED, TOLD = (0.05, 0.4), (0.02, 0.12)
@@ -56,7 +54,7 @@ class RubbingRing:
         """Return the standard uncertainty of one of `values`."""
         return float(np.sqrt(max(self.covariance[index, index], 0.0)))
 
-    def amplitude(self, instant: float) -> tuple[float, float]:
+    def amplitude(self, instant: float) -> Estimate:
         """Amplitude about L+ carried back to `instant`, and its standard uncertainty [N].
 
         Between the slip and `origin` the tip only slips forward, so the friction is part of L+ and costs nothing;
@@ -73,9 +71,7 @@ class RubbingRing:
         return float(size(self.values)[0]), propagated(gradient, self.covariance)
 
 
-def rubbing_force(
-    time: Array, level: float, gap: float, tool: tuple[float, float], start: tuple[float, float], slope: float
-) -> Array:
+def rubbing_force(time: Array, level: float, gap: float, tool: Tool, start: tuple[float, float], slope: float) -> Array:
     """Force of the tool after the slip, piece by piece in closed form.
 
     Parameters
@@ -138,10 +134,8 @@ def _kernel(
         sign = 1.0 if forward else -1.0
         # the tip turns where the force climbs as fast as the ramp; too small a ring never does
         horizon = time[count - 1] - begin + step
-        if gap <= 0.0 or (forward and math.hypot(p, q) <= slope):
-            turn = math.inf
-        else:
-            turn = math.inf
+        turn = math.inf
+        if gap > 0.0 and not (forward and math.hypot(p, q) <= slope):
             low, high = 0.0, step
             while low <= horizon:
                 rise = math.exp(-high / decay) * (p * math.cos(omega * high) - q * math.sin(omega * high))
@@ -194,14 +188,7 @@ def _turns(values: Array, time: Array, slope: float) -> bool:
 
 
 def fit_rubbing_ring(
-    time: Array,
-    force: Array,
-    level: float,
-    tool: tuple[float, float],
-    slope: float,
-    noise: float,
-    *,
-    spread: tuple[float, float] = GUESSED,
+    time: Array, force: Array, level: float, tool: Tool, slope: float, noise: float, *, spread: Tool = GUESSED
 ) -> RubbingRing:
     """Fit a ring limited by friction, hum taken off before, from a guess of its level and of the tool."""
     from scipy.optimize import least_squares

@@ -12,9 +12,8 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
-Array = NDArray[np.float64]
+from stepblocks.bench.signal import Array
 
 _UNSEEN = 1e-7  # of the largest direction: what the data cannot tell apart, far above the rounding of the columns
 
@@ -68,6 +67,17 @@ def fit_linear(columns: Array, values: Array, rcond: float | None = None) -> tup
     """Return weights and residuals of ``values = columns @ weights``."""
     weights = np.linalg.lstsq(columns, values, rcond=rcond)[0]
     return np.asarray(weights, dtype=float), np.asarray(values - columns @ weights, dtype=float)
+
+
+def weighed(columns: Array, values: Array) -> tuple[Array, Array]:
+    """Return weights of ``values = columns @ weights`` and their covariance."""
+    weights, residuals = fit_linear(columns, values)
+    return weights, covariance_of(columns, residuals)
+
+
+def damped_wave(time: Array, frequency: float, decay_time: float) -> Array:
+    """Columns of a cosine and a sine that die away."""
+    return np.asarray(np.exp(-time / decay_time)[:, None] * wave(time, frequency), dtype=float)
 
 
 def wave(time: Array, frequency: float) -> Array:

@@ -5,22 +5,13 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any
 
-from stepblocks.bench.sources.base import (
-    MOST_SAMPLES,
-    Array,
-    Format,
-    Names,
-    Place,
-    TextLayout,
-    TraceError,
-    as_samples,
-    check_size,
-)
+from stepblocks.bench.session import Acquisition, Place
+from stepblocks.bench.signal import MOST_SAMPLES, TraceError, check_size, listed
 
 _CACHE = 256 * 2**10  # descriptions of groups that are kept, in their size on disk [bytes]
 
 
-def open_hdf5(path: Path, layout: TextLayout) -> Any:
+def open_hdf5(path: Path, layout: Acquisition) -> Any:
     """Open a file, of a MATLAB file from version 7.3 on too."""
     import h5py
 
@@ -35,13 +26,13 @@ def open_hdf5(path: Path, layout: TextLayout) -> Any:
     return file
 
 
-def hdf5_columns(file: Any, place: Place, names: Names) -> dict[str | int, Array]:
+def hdf5_columns(file: Any, place: Place, names: tuple[str | int, ...]) -> dict[str | int, Any]:
     """Read columns of one trial."""
     try:
         group = file if place.is_file else next((file[name] for name in place.groups if name in file), None)
         if group is None:
             raise TraceError(f"missing: no group {place.groups[0]!r} among the traces")
-        return {name: as_samples(_column(group, name), name) for name in names}
+        return {name: _column(group, name) for name in names}
     except (OSError, RuntimeError, ValueError) as error:
         raise TraceError(f"unreadable: trial {place.trial}: {str(error)[:120]}") from error
 
@@ -53,7 +44,7 @@ def _column(group: Any, name: str | int) -> Any:
     if isinstance(group, h5py.Dataset):
         return _column_of_table(group, name)
     if isinstance(name, int) or name not in group:
-        raise TraceError(f"unknown channel: no {name!r} in the group, it has {', '.join(list(group)[:8])}")
+        raise TraceError(f"unknown channel: no {name!r} in the group, it has {listed(group)}")
     dataset = group[name]
     if not isinstance(dataset, h5py.Dataset):
         raise TraceError(f"channel {name!r} is a group, no dataset")
@@ -72,6 +63,3 @@ def _column_of_table(table: Any, name: str | int) -> Any:
     if table.dtype.names is None or name not in table.dtype.names:
         raise TraceError(f"unknown channel: the table has no {name!r}, it has {table.dtype.names}")
     return table[name]
-
-
-FORMAT = Format((".h5", ".hdf5", ".hdf"), open_hdf5, hdf5_columns)

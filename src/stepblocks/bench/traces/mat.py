@@ -16,8 +16,9 @@ from typing import Any
 
 import numpy as np
 
-from stepblocks.bench.sources.base import Array, Format, Names, Place, TextLayout, TraceError, as_samples
-from stepblocks.bench.sources.hdf5 import hdf5_columns, open_hdf5
+from stepblocks.bench.session import Acquisition, Place
+from stepblocks.bench.signal import TraceError, listed
+from stepblocks.bench.traces.hdf5 import hdf5_columns, open_hdf5
 
 _HEADER = 128
 _COMPRESSED, _MATRIX = 15, 14
@@ -52,7 +53,8 @@ class Variables:
             raise TraceError(f"unreadable: variable {name!r}: {str(error)[:120]}") from error
 
 
-def _open(path: Path, layout: TextLayout) -> AbstractContextManager[Any]:
+def open_mat(path: Path, layout: Acquisition) -> AbstractContextManager[Any]:
+    """Open a file of any version."""
     with path.open("rb") as file:
         head = file.read(8)
         file.seek(512)
@@ -60,19 +62,20 @@ def _open(path: Path, layout: TextLayout) -> AbstractContextManager[Any]:
     return open_hdf5(path, layout) if is_hdf5 else nullcontext(variables_of(path))
 
 
-def _columns(file: Any, place: Place, names: Names) -> dict[str | int, Array]:
+def mat_columns(file: Any, place: Place, names: tuple[str | int, ...]) -> dict[str | int, Any]:
+    """Read columns of one trial."""
     if not isinstance(file, Variables):
         return hdf5_columns(file, place, names)
     if place.is_file:
-        return {name: as_samples(file.load((str(name),)), name) for name in names}
+        return {name: file.load((str(name),)) for name in names}
     value = file.load(place.groups)
-    return {name: as_samples(_column(value, name), name) for name in names}
+    return {name: _column(value, name) for name in names}
 
 
 def _column(value: Any, name: str | int) -> Any:
     if isinstance(value, dict):
         if name not in value:
-            raise TraceError(f"unknown channel: no {name!r} in the struct, it has {', '.join(list(value)[:8])}")
+            raise TraceError(f"unknown channel: no {name!r} in the struct, it has {listed(value)}")
         return value[name]
     table = np.asarray(value)
     if not isinstance(name, int) or table.ndim != 2 or not 0 <= name < table.shape[1]:
@@ -115,6 +118,3 @@ def _name(head: bytes, kind: int, order: str, path: Path) -> str:
         return head[place + 8 : place + 8 + length].decode("ascii")
     except (zlib.error, struct.error, UnicodeDecodeError) as error:
         raise TraceError(f"{path.name} is damaged: {str(error)[:80]}") from error
-
-
-FORMAT = Format((".mat",), _open, _columns)

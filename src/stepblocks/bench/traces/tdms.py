@@ -7,11 +7,13 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
-from stepblocks.bench.sources.base import Array, Format, Names, Place, TextLayout, TraceError, as_samples, check_size
+from stepblocks.bench.session import Acquisition, Place
+from stepblocks.bench.signal import TraceError, check_size, listed
 
 
 @contextmanager
-def _open(path: Path, layout: TextLayout) -> Iterator[Any]:
+def open_tdms(path: Path, layout: Acquisition) -> Iterator[Any]:
+    """Open a file and read its index."""
     from nptdms import TdmsFile
 
     # npTDMS leaves a file open whose index it could not read, so it is given an open one
@@ -23,20 +25,21 @@ def _open(path: Path, layout: TextLayout) -> Iterator[Any]:
         yield file
 
 
-def _columns(file: Any, place: Place, names: Names) -> dict[str | int, Array]:
+def tdms_columns(file: Any, place: Place, names: tuple[str | int, ...]) -> dict[str | int, Any]:
+    """Read columns of one trial."""
     group = _group(file, place)
     return {name: _samples(group, name) for name in names}
 
 
-def _samples(group: Any, name: str | int) -> Array:
+def _samples(group: Any, name: str | int) -> Any:
     try:
         channel = group.channels()[name] if isinstance(name, int) else group[name]
     except (KeyError, IndexError):
-        listed = ", ".join(channel.name for channel in group.channels()[:8])
-        raise TraceError(f"unknown channel: no {name!r} in group {group.name!r}, it has {listed}") from None
+        have = listed(channel.name for channel in group.channels())
+        raise TraceError(f"unknown channel: no {name!r} in group {group.name!r}, it has {have}") from None
     check_size(len(channel), name)
     try:
-        return as_samples(channel[:], name)
+        return channel[:]
     except (OSError, ValueError, EOFError) as error:
         raise TraceError(f"unreadable: channel {name!r}: {str(error)[:120]}") from error
 
@@ -50,6 +53,3 @@ def _group(file: Any, place: Place) -> Any:
         except KeyError:
             continue
     raise TraceError(f"missing: no group {place.groups[0]!r} among the traces")
-
-
-FORMAT = Format((".tdms",), _open, _columns)
