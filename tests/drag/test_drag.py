@@ -10,10 +10,9 @@ from oracles.snap import snap_load
 from oracles.tip_paths import step_path
 from stepblocks.contact.critical_angle import margin_angles, step_angle
 from stepblocks.contact.energy import Status, release_at
-from stepblocks.contact.path.tip import Ball
-from stepblocks.drag.model import PAPER_DRAG, DragSettings, hertz_stiffness
+from stepblocks.contact.path.profile import Ball
 from stepblocks.drag.ring import LOADING_BAND, RING_BAND, band_share, phase_spectrum, ring_of
-from stepblocks.drag.simulate import simulate
+from stepblocks.drag.simulate import PAPER_DRAG, DragSettings, hertz_stiffness, simulate
 from stepblocks.drag.track import step_track, track_of
 from stepblocks.errors import ContactError
 

@@ -8,9 +8,8 @@ import pytest
 
 from stepblocks.contact.energy import Status
 from stepblocks.drag.kernels import COLUMNS
-from stepblocks.drag.model import PAPER_DRAG, DragSettings
 from stepblocks.drag.ring import LOADING_BAND, RING_BAND, band_share, phase_spectrum, ring_of
-from stepblocks.drag.simulate import DragTrace
+from stepblocks.drag.simulate import PAPER_DRAG, DragSettings, DragTrace
 from stepblocks.errors import ContactError
 
 LOAD, MU, PEAK, RELEASE, RATE = 0.5, 0.2, 0.9, 20e-3, 10e3

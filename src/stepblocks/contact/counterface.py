@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from stepblocks.contact import kernels
 from stepblocks.contact.critical_angle import bevelled_margin_angles, margin_angles, step_angle
 from stepblocks.contact.domain import Real, plain
-from stepblocks.contact.energy import Release, release_at
+from stepblocks.contact.energy import Release, Status, release_at
 from stepblocks.contact.operating_point import OperatingPoint
 from stepblocks.contact.path.centre import CentrePath, corner_path, envelope_path
 from stepblocks.errors import ContactError
@@ -281,8 +281,7 @@ class Profile(Counterface):
         """By exact dilation: the steepest slopes of the path of the tip, once for each ball."""
         # compiled kernels, loaded where they are used
         from stepblocks.contact.path.catches import steepest
-        from stepblocks.contact.path.profile import profile_path
-        from stepblocks.contact.path.tip import Ball
+        from stepblocks.contact.path.profile import Ball, profile_path
 
         balls, which = np.unique(np.asarray(ball_radius, dtype=np.float64), return_inverse=True)
         paths = [profile_path(self.x, self.z, Ball(float(ball)), edges="flat") for ball in balls]
@@ -310,3 +309,54 @@ class Profile(Counterface):
     def centre_path(self, ball_radius: float) -> CentrePath:
         """Over its own points, at most 2000."""
         return corner_path(np.column_stack([self.x, self.z]), ball_radius)
+
+
+def energy_change(
+    before: Counterface | Release, after: Counterface | Release, point: OperatingPoint, backward: bool = False
+) -> float:
+    """Relative change of the energy that is felt; NaN unless both release.
+
+    Parameters
+    ----------
+    before, after : Counterface or Release
+        Two counterfaces, or what was found over one.
+    point : OperatingPoint
+        Under which they are dragged over.
+    backward : bool
+        Direction of the drag.
+
+    Returns
+    -------
+    float
+        ``E_v(after) / E_v(before) - 1`` [1].
+
+    Examples
+    --------
+    >>> from stepblocks.contact.counterface import Step
+    >>> from stepblocks.contact.operating_point import PAPER
+    >>> f"{energy_change(Step(25e-6), Step(26e-6), PAPER):+.1%}"
+    '+5.4%'
+    """
+    first, second = (one.release(point, backward) if isinstance(one, Counterface) else one for one in (before, after))
+    if first.status is not Status.RELEASES or second.status is not Status.RELEASES:
+        return math.nan
+    return float(second.vibration_energy / first.vibration_energy - 1.0)
+
+
+def scanned_angle(position: NDArray[np.float64], height: NDArray[np.float64], ball: float) -> float | None:
+    """Critical angle of a scanned edge: the steepest rise of the path of the tip's centre over it, up the step."""
+    # compiled kernels, loaded where they are used
+    from stepblocks.contact.path.catches import steepest
+    from stepblocks.contact.path.profile import Ball, profile_path
+
+    known = height[np.isfinite(height)]
+    tenth = len(known) // 10
+    if tenth == 0:
+        return None
+    rising = float(np.median(known[-tenth:])) > float(np.median(known[:tenth]))
+    x, z = (position, height) if rising else (-position[::-1], height[::-1])
+    try:
+        angle = steepest(profile_path(x, z, Ball(ball))).angle
+    except ContactError:
+        return None
+    return angle if 0.0 < angle < 0.5 * math.pi else None

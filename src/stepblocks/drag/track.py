@@ -17,8 +17,7 @@ from stepblocks.contact.counterface import Counterface, Step
 from stepblocks.contact.domain import require_not_negative, require_positive
 from stepblocks.contact.path.catches import interval_slopes
 from stepblocks.contact.path.centre import Array, CentrePath
-from stepblocks.contact.path.profile import Surface, profile_path
-from stepblocks.contact.path.tip import Ball
+from stepblocks.contact.path.profile import Ball, Surface, profile_path
 from stepblocks.errors import ContactError
 
 _KINK = math.radians(2.0)  # a turn at which two contacts share the load, on a surface that may be rough

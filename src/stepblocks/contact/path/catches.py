@@ -13,8 +13,7 @@ from stepblocks.contact.domain import require_positive
 from stepblocks.contact.energy import Release, release_at
 from stepblocks.contact.operating_point import PAPER, Tool
 from stepblocks.contact.path import profile_kernels as dilation_kernels
-from stepblocks.contact.path.profile import TipPath, tip_arrays
-from stepblocks.contact.path.tip import TipProfile
+from stepblocks.contact.path.profile import TipPath, TipProfile, tip_arrays
 from stepblocks.errors import ContactError
 
 Direction = Literal["forward", "backward"]
