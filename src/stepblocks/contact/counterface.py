@@ -10,6 +10,7 @@ import math
 from abc import ABC, abstractmethod
 from collections.abc import Mapping
 from dataclasses import dataclass
+from typing import ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -29,10 +30,16 @@ REACH = 5e-3  # half length of a centre path on either side of the edge [m]
 class Counterface(ABC):
     """A surface across the drag: x along the drag, z up, the working edge at x = 0, the near side at z = 0."""
 
+    ways: ClassVar[tuple[str, ...]] = ("forward", "backward")  # names of the directions that are felt, forward first
+    _dimensions: ClassVar[
+        tuple[str, ...]
+    ] = ()  # fields on which the angles depend; none where they have no closed form
+
     @property
-    @abstractmethod
     def far_side(self) -> float:
         """Height of the far side over the near side [m], of either sign."""
+        z = self.section(REACH)[1]
+        return float(z[-1] - z[0])
 
     @property
     @abstractmethod
@@ -40,14 +47,9 @@ class Counterface(ABC):
         """Positions where the profile has a corner [m], in ascending order."""
 
     @property
-    def ways(self) -> tuple[str, ...]:
-        """Names of the directions that are felt, forward first."""
-        return ("forward", "backward")
-
-    @property
     def dimensions(self) -> dict[str, float]:
-        """What the critical angles depend on beside the ball, by name [m]; empty where they have no closed form."""
-        return {}
+        """What the critical angles depend on beside the ball, by name [SI]; empty where they have no closed form."""
+        return {name: getattr(self, name) for name in self._dimensions}
 
     @abstractmethod
     def angles(self, ball_radius: Real, **dimensions: Real) -> tuple[Real, Real]:
@@ -90,26 +92,13 @@ class Step(Counterface):
 
     height: float  # H [m]
     edge_radius: float = 0.0  # r [m]; 0 is the sharp edge
-
-    @property
-    def far_side(self) -> float:
-        """H [m]."""
-        return self.height
+    ways = ("up",)  # nothing catches on the way down
+    _dimensions = ("height", "edge_radius")
 
     @property
     def breakpoints(self) -> tuple[float, ...]:
         """The riser, and the end of the arc."""
         return (0.0, self.edge_radius) if self.edge_radius > 0.0 else (0.0,)
-
-    @property
-    def ways(self) -> tuple[str, ...]:
-        """Nothing catches on the way down."""
-        return ("up",)
-
-    @property
-    def dimensions(self) -> dict[str, float]:
-        """H and r [m]."""
-        return {"height": self.height, "edge_radius": self.edge_radius}
 
     def angles(self, ball_radius: Real, **dimensions: Real) -> tuple[Real, Real]:
         """Equation (2) of the paper."""
@@ -155,26 +144,13 @@ class Margin(Counterface):
     rise: float  # height of the crown over the tooth, the horizontal marginal discrepancy [m], of either sign
     depth: float = 1e-3  # of the gap where it begins [m]; deeper than any tip sinks
     fall: float = 0.0  # how steeply its floor falls from there [1]
-
-    @property
-    def far_side(self) -> float:
-        """The crown [m]."""
-        return self.rise
+    ways = ("tooth-to-crown", "crown-to-tooth")
+    _dimensions = ("gap", "opening", "rise")
 
     @property
     def breakpoints(self) -> tuple[float, ...]:
         """Both walls and the outer corner."""
         return tuple(sorted({0.0, self.gap, self.opening}))
-
-    @property
-    def ways(self) -> tuple[str, ...]:
-        """Both are felt."""
-        return ("tooth-to-crown", "crown-to-tooth")
-
-    @property
-    def dimensions(self) -> dict[str, float]:
-        """The gap, its opening, and the crown over the tooth [m]."""
-        return {"gap": self.gap, "opening": self.opening, "rise": self.rise}
 
     def angles(self, ball_radius: Real, **dimensions: Real) -> tuple[Real, Real]:
         """In closed form; the gap is taken to be deeper than the tip sinks."""
@@ -218,21 +194,12 @@ class Groove(Counterface):
 
     width: float  # between the shoulders [m]
     flank: float  # inclination of either flank [rad]
-
-    @property
-    def far_side(self) -> float:
-        """The other shoulder, level with the first."""
-        return 0.0
+    _dimensions = ("width", "flank")
 
     @property
     def breakpoints(self) -> tuple[float, ...]:
         """Both shoulders and the bottom between them."""
         return (0.0, 0.5 * self.width, self.width)
-
-    @property
-    def dimensions(self) -> dict[str, float]:
-        """Width [m] and inclination of the flanks [rad]."""
-        return {"width": self.width, "flank": self.flank}
 
     def angles(self, ball_radius: Real, **dimensions: Real) -> tuple[Real, Real]:
         """From between the shoulders, ``sin a = g / 2R``; a ball that sinks onto the flanks leaves along them."""
@@ -266,11 +233,6 @@ class Profile(Counterface):
             )
         if self.x.size < 2:
             raise ContactError(f"profile needs at least 2 points, got {self.x.size}")
-
-    @property
-    def far_side(self) -> float:
-        """From the first to the last point [m]."""
-        return float(self.z[-1] - self.z[0])
 
     @property
     def breakpoints(self) -> tuple[float, ...]:

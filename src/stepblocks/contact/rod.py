@@ -1,4 +1,4 @@
-"""A probe as a clamped rod with a mass at its tip, and what a sheath does to its ring.
+"""A probe as a clamped rod with a mass at its tip, what a sheath does to its ring, and what a test of that ring measures.
 
 Euler-Bernoulli beam, cubic elements, in units of the rod: lengths in its free length, stiffness and mass in its own. The
 loss is taken from the undamped shape, each part's loss factor weighted by its share of the strain energy.

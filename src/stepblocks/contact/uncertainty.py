@@ -1,4 +1,4 @@
-"""Intervals of a prediction from the uncertainties of its inputs: by sensitivities, and by drawing.
+"""Intervals of a prediction from the uncertainties of its inputs, by sensitivities and by drawing; tolerances from those.
 
 The inputs go by name: the dimensions of the counterface, then `ball_radius`, `friction`, `normal_load`, `stiffness` and
 `conversion`. Drawn and analytic ends agree where everything is small against the distance to locking. Where they do not,
@@ -87,15 +87,8 @@ def sensitivities(
     """Compute the derivatives of ln F_px and of ln E_v with respect to each uncertain input, per unit of the input.
 
     With ``t = a + atan mu``: ``d ln F/da = 2 / sin 2t``, ``d atan mu / dmu = 1 / (1 + mu^2)``; ``ln E = 2 ln F - ln k + ln
-    C_v``. The angle of a step is differentiated in closed form, any other by central differences over a thousandth of the
-    uncertainty; NaN where one of the two ends does not release.
-
-    Examples
-    --------
-    >>> from stepblocks.contact.counterface import Step
-    >>> from stepblocks.contact.operating_point import PAPER
-    >>> f"{sensitivities(Step(25e-6), PAPER, {'height': 1e-6})['height'][1] * 1e-6:.3f} per um"
-    '0.053 per um'
+    C_v``. Angles without slopes in closed form are differentiated over a thousandth of the uncertainty; NaN where one of
+    the two ends does not release.
     """
     release = face.release(point, backward)
     if release.status is not Status.RELEASES:
@@ -275,41 +268,11 @@ def tolerances_for_energy(
     fixed: Mapping[str, float] | None = None,
     weights: Mapping[str, float] | None = None,
 ) -> TolerancePlan:
-    """Find tolerances of height, edge radius and tip radius for a tolerance of the energy.
+    """Find the widest tolerances of height, edge radius and tip radius whose worst corner keeps E_v within +-`energy_tolerance`.
 
-    Parameters
-    ----------
-    face, point : Step, OperatingPoint
-        Nominal block, tip and trial; it must release.
-    energy_tolerance : float
-        Allowed relative change of E_v [1], such as 0.10 for +-10 %.
-    finest : mapping, optional
-        Smallest half-width that the workshop holds, by dimension [m].
-    fixed : mapping, optional
-        Half-widths that are given, of any input: those of friction and load spend the budget before the block does;
-        a dimension given here is not toleranced.
-    weights : mapping, optional
-        Shares in which `height`, `edge_radius` and `ball_radius` split the budget; equal by default.
-
-    Returns
-    -------
-    TolerancePlan
-        The widest tolerances in those shares whose worst corner still keeps the band, or why none will do. Where a share
-        is finer than the workshop holds, that dimension keeps to what it holds and the others give way.
-
-    Raises
-    ------
-    ContactError
-        If the nominal step does not release, the tolerance is not between 0 and 1, or a name is unknown.
-
-    Examples
-    --------
-    >>> from stepblocks.contact.operating_point import PAPER
-    >>> plan = tolerances_for_energy(Step(25e-6), PAPER, 0.10)
-    >>> plan.achievable, 0.3e-6 < plan.height < 0.7e-6
-    (True, True)
-    >>> tolerances_for_energy(Step(25e-6), PAPER, 0.10, finest={"height": 3e-6}).achievable
-    False
+    By name, `finest` are the half-widths that the workshop holds, `fixed` those that are given, of any input: those of
+    friction and load spend the budget before the block does. What remains is split in the shares of `weights`, equal by
+    default; where a share is finer than the workshop holds, that dimension keeps to what it holds and the others give way.
     """
     finest, fixed = dict(finest or {}), dict(fixed or {})
     weights = dict.fromkeys(_DIMENSIONS, 1.0) | dict(weights or {})
