@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 from stepblocks.contact import kernels
 from stepblocks.contact.counterface import Counterface, Step
 from stepblocks.contact.domain import Real, require_not_negative
-from stepblocks.contact.energy import Release, Status
+from stepblocks.contact.energy import Status
 from stepblocks.contact.operating_point import OperatingPoint
 from stepblocks.errors import ContactError
 
@@ -190,7 +190,7 @@ def interval_of(
     forces, energies = moved_releases(face, point, deviations, backward)
     tails = 0.5 * (1.0 - confidence), 0.5 * (1.0 + confidence)
     drawn = (*_quantiles(forces, tails, draws), *_quantiles(energies, tails, draws))
-    analytic = _analytic(face, point, uncertainty, backward, release, NormalDist().inv_cdf(tails[1]))
+    analytic = _analytic(face, point, uncertainty, backward, NormalDist().inv_cdf(tails[1]))
     width = max(analytic[3] - analytic[2], 1e-12 * release.vibration_energy)
     return Interval(
         release.status,
@@ -211,26 +211,18 @@ def _quantiles(values: Floats, tails: tuple[float, float], draws: int) -> tuple[
 
 
 def _analytic(
-    face: Counterface,
-    point: OperatingPoint,
-    uncertainty: Mapping[str, float],
-    backward: bool,
-    release: Release,
-    factor: float,
+    face: Counterface, point: OperatingPoint, uncertainty: Mapping[str, float], backward: bool, factor: float
 ) -> tuple[float, float, float, float]:
     """Find the ends of force and energy to first order in the logarithms."""
+    release = face.release(point, backward)
     if release.status is not Status.RELEASES:
         return math.nan, math.nan, math.nan, math.nan
+    force, energy = release.pull_force, release.vibration_energy
     slopes = sensitivities(face, point, uncertainty, backward)
-    force, energy = (
+    wide, wider = (
         factor * math.sqrt(sum((slopes[name][k] * width) ** 2 for name, width in uncertainty.items())) for k in (0, 1)
     )
-    return (
-        release.pull_force * math.exp(-force),
-        release.pull_force * math.exp(force),
-        release.vibration_energy * math.exp(-energy),
-        release.vibration_energy * math.exp(energy),
-    )
+    return force * math.exp(-wide), force * math.exp(wide), energy * math.exp(-wider), energy * math.exp(wider)
 
 
 @lru_cache(maxsize=4)
@@ -276,7 +268,7 @@ def tolerances_for_energy(
     """
     finest, fixed = dict(finest or {}), dict(fixed or {})
     weights = dict.fromkeys(_DIMENSIONS, 1.0) | dict(weights or {})
-    _check(face, point, energy_tolerance, finest, fixed, weights)
+    _check(face, point, energy_tolerance, finest=finest, fixed=fixed, weights=weights)
     free = [name for name in _DIMENSIONS if name not in fixed and weights[name] > 0.0]
     at_finest: dict[str, float] = {}  # what cannot be made as fine as its share keeps to what can, the others give way
     while True:
@@ -319,23 +311,16 @@ def _in_shares(
     return {name: scale * width for name, width in unit.items()}
 
 
-def _check(
-    face: Step,
-    point: OperatingPoint,
-    tolerance: float,
-    finest: dict[str, float],
-    fixed: dict[str, float],
-    weights: dict[str, float],
-) -> None:
+def _check(face: Step, point: OperatingPoint, tolerance: float, **tables: dict[str, float]) -> None:
     if not 0.0 < tolerance < 1.0:
         raise ContactError(f"energy_tolerance must lie between 0 and 1, got {tolerance:g}")
-    for name, table in (("finest", finest), ("fixed", fixed), ("weights", weights)):
+    for name, table in tables.items():
         known = _DIMENSIONS if name != "fixed" else tuple(inputs_of(face, point))
         for key, value in table.items():
             if key not in known:
                 raise ContactError(f"{name} must name one of {', '.join(known)}, got {key!r}")
             require_not_negative(f"{name} of {key}", value)
-    if not any(weights[name] > 0.0 for name in _DIMENSIONS if name not in fixed):
+    if not any(tables["weights"][name] > 0.0 for name in _DIMENSIONS if name not in tables["fixed"]):
         raise ContactError("weights must leave at least one of height, edge_radius and ball_radius to be toleranced")
     status = face.release(point).status
     if status is not Status.RELEASES:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, fields, replace
+from dataclasses import astuple, dataclass, fields, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -197,8 +197,10 @@ def simulate(track: Track, probe: Probe, settings: DragSettings) -> DragTrace:
     x = max(track.features[0] - settings.lead, float(track.x[0]))
     dent = (settings.normal_load / probe.contact_stiffness) ** (1.0 / probe.contact_power)
     limit, reachable = _force_limit(track, settings, mu_s)
-    dt, bristle = _time_step(probe, settings, _hardest(probe, settings, limit))
-    end = _duration(track, probe, settings, x, limit)
+    dt, bristle = _time_step(probe, settings, limit)
+    end = 20.0 * settings.ring_time
+    if settings.speed > 0.0:
+        end = (track.features[1] - x + limit / probe.stiffness) / settings.speed + settings.ring_time
     steps = math.ceil(end / dt)
     if steps > _MOST_STEPS:
         raise ContactError(f"drag of {end:g} s needs {steps} steps of {dt:.2g} s, more than {_MOST_STEPS}; drag faster")
@@ -211,24 +213,21 @@ def simulate(track: Track, probe: Probe, settings: DragSettings) -> DragTrace:
         )
     y = float(np.interp(x, track.x, track.z)) - dent
     rows, count, peak, ledger = kernels.integrate(
-        track.x,
-        track.z,
-        *track.slopes,
-        track.kinks,
-        _parameters(probe, settings, mu_s, bristle, limit),
-        _start(x, y, probe, settings, track.ball_radius),
-        dt,
-        steps,
-        every,
+        (track.x, track.z, *track.slopes, track.kinks),
+        *(tuple(map(float, astuple(one))) for one in (probe, settings)),
+        (float(mu_s), bristle, limit),
+        (x, y, 0.1 * track.ball_radius),
+        (dt, steps, every),
     )
-    passed = reachable and float(rows[count - 1, 3]) >= float(peak[2]) + 1e-3 * track.ball_radius
-    caught = track.steepest_angle >= math.radians(0.5) and float(peak[0]) > 1.02 * mu_s * settings.normal_load
+    force, time, position, overloaded = map(float, peak)
+    passed = reachable and float(rows[count - 1, 3]) >= position + 1e-3 * track.ball_radius
+    caught = track.steepest_angle >= math.radians(0.5) and force > 1.02 * mu_s * settings.normal_load
     return DragTrace(
         rows=rows[:count].copy(),
-        status=_status(settings.speed > 0.0, bool(peak[3]), reachable, caught, passed),
-        peak_force=float(peak[0]),
-        release_time=float(peak[1]),
-        release_position=float(peak[2]),
+        status=_status(settings.speed > 0.0, bool(overloaded), reachable, caught, passed),
+        peak_force=force,
+        release_time=time,
+        release_position=position,
         ledger=dict(zip(kernels.LEDGER, map(float, ledger), strict=True)),
         time_step=dt,
         probe=probe,
@@ -245,26 +244,6 @@ def _status(driven: bool, overloaded: bool, reachable: bool, caught: bool, passe
     return Status.RELEASES if driven or passed else Status.LOCKED
 
 
-def _start(x: float, y: float, probe: Probe, settings: DragSettings, ball_radius: float) -> NDArray[np.float64]:
-    """Let a tip begin in steady sliding at the speed of its handle, or at rest where a force pulls that."""
-    driven, carried = settings.speed > 0.0, probe.normal_stiffness > 0.0
-    stretch = settings.friction * settings.normal_load / probe.stiffness if driven else 0.0
-    sag = settings.normal_load / probe.normal_stiffness if carried else 0.0
-    return np.array(
-        [
-            x,
-            y,
-            settings.speed,
-            0.0,
-            x + stretch,
-            settings.speed,
-            y - sag if carried else 0.0,
-            math.inf if driven else 0.0,
-            0.1 * ball_radius,
-        ]
-    )
-
-
 def _force_limit(track: Track, settings: DragSettings, mu: float) -> tuple[float, bool]:
     """Force past which the tip counts as locked, and whether any climb is possible at all."""
     total = track.steepest_angle + math.atan(mu)
@@ -273,60 +252,17 @@ def _force_limit(track: Track, settings: DragSettings, mu: float) -> tuple[float
     return max(3.0 * settings.normal_load * math.tan(total), 3.0 * settings.normal_load), True
 
 
-def _hardest(probe: Probe, settings: DragSettings, limit: float) -> float:
-    """Find the normal force to be resolved: the climb's, or that of a blow with all of the spring's energy."""
-    climb = min(limit, 20.0 * settings.normal_load)
-    stored = 0.5 * (limit / 3.0) ** 2 / probe.stiffness
-    p, stiffness = probe.contact_power, probe.contact_stiffness
-    blow = stiffness * float(((p + 1.0) * stored / stiffness) ** (p / (p + 1.0)))
-    return max(climb, blow)
-
-
-def _time_step(probe: Probe, settings: DragSettings, force: float) -> tuple[float, float]:
+def _time_step(probe: Probe, settings: DragSettings, limit: float) -> tuple[float, float]:
     """Step [s] and stiffness of the tangential contact [N/m]."""
-    p = probe.contact_power
-    dent = (force / probe.contact_stiffness) ** (1.0 / p)
+    p, stiffness = probe.contact_power, probe.contact_stiffness
+    # the normal force to be resolved: the climb's, or that of a blow with all of the spring's energy
+    stored = 0.5 * (limit / 3.0) ** 2 / probe.stiffness
+    blow = stiffness * float(((p + 1.0) * stored / stiffness) ** (p / (p + 1.0)))
+    force = max(min(limit, 20.0 * settings.normal_load), blow)
+    dent = (force / stiffness) ** (1.0 / p)
     normal = p * force / dent
-    under_load = (settings.normal_load / probe.contact_stiffness) ** (1.0 / p)
+    under_load = (settings.normal_load / stiffness) ** (1.0 / p)
     # Mindlin: the tangential stiffness of a contact is 2 (1 - nu) / (2 - nu) = 0.82 of the normal one, at nu = 0.3
     tangential = 0.82 * p * settings.normal_load / under_load
     fastest = math.sqrt((2.0 * normal + 2.0 * tangential + probe.stiffness) / probe.mass)
     return 2.0 * math.pi / (fastest * settings.resolution), tangential
-
-
-def _duration(track: Track, probe: Probe, settings: DragSettings, x: float, limit: float) -> float:
-    if settings.speed <= 0.0:
-        return 20.0 * settings.ring_time
-    travel = track.features[1] - x + limit / probe.stiffness
-    return travel / settings.speed + settings.ring_time
-
-
-def _parameters(probe: Probe, settings: DragSettings, mu_s: float, bristle: float, limit: float) -> NDArray[np.float64]:
-    damping = 2.0 * probe.damping_ratio * math.sqrt(probe.stiffness * probe.mass)
-    carried = probe.normal_stiffness > 0.0
-    return np.array(
-        [
-            probe.mass,
-            probe.stiffness,
-            damping,
-            settings.normal_load,
-            probe.contact_stiffness,
-            probe.contact_power,
-            probe.contact_loss,
-            bristle,
-            0.3 * math.sqrt(bristle * probe.mass),
-            mu_s,
-            settings.friction,
-            settings.stribeck_speed,
-            settings.viscous_friction,
-            settings.speed,
-            settings.pulling_force,
-            settings.handle_mass if settings.speed <= 0.0 else 0.0,
-            settings.handle_damping,
-            probe.carrier_mass if carried else 0.0,
-            probe.normal_stiffness if carried else 0.0,
-            2.0 * probe.damping_ratio * math.sqrt(probe.normal_stiffness * probe.mass) if carried else 0.0,
-            limit,
-            settings.ring_time,
-        ]
-    )

@@ -159,29 +159,25 @@ def path_slopes(positions: Array, contact: Array, which: Array, elements: Array,
 
 @njit(cache=True)
 def _steepest_between(
-    x0: float,
-    h0: float,
-    e0: int,
-    x1: float,
-    h1: float,
-    e1: int,
+    ends: tuple[float, float, float, float],
+    touched: tuple[int, int],
     best: float,
     elements: Array,
     tip: TipShape,
     tolerance: float,
 ) -> tuple[float, float, float]:
-    """Greatest slope over `best` of a convex tip's path between two positions, where, and the contact there.
+    """Greatest slope over `best` of a convex tip's path between two `ends` (x, h, x, h), where, and the contact there.
 
     While one element is touched the path is concave and steepest at its left end, so only brackets whose ends touch
     different elements are halved. A bracket of the width `tolerance` that still climbs is a jump of infinite slope.
     """
     where = touch = math.nan
-    ends, marks = np.empty((256, 4)), np.empty((256, 2), np.int64)
-    ends[0], marks[0] = (x0, h0, x1, h1), (e0, e1)
+    stack, marks = np.empty((256, 4)), np.empty((256, 2), np.int64)
+    stack[0], marks[0] = ends, touched
     depth = 1
     while depth > 0:
         depth -= 1
-        x0, h0, x1, h1 = ends[depth]
+        x0, h0, x1, h1 = stack[depth]
         e0, e1 = marks[depth]
         if e0 == e1 or e0 < 0 or e1 < 0:
             continue
@@ -195,8 +191,8 @@ def _steepest_between(
             s = _slope(middle, u, e, elements, tip)
             if s >= best:  # right brackets come first, so that among equals the leftmost stays: the break itself
                 best, where, touch = s, middle, u
-        ends[depth], marks[depth] = (x0, h0, middle, h), (e0, e)
-        ends[depth + 1], marks[depth + 1] = (middle, h, x1, h1), (e, e1)
+        stack[depth], marks[depth] = (x0, h0, middle, h), (e0, e)
+        stack[depth + 1], marks[depth + 1] = (middle, h, x1, h1), (e, e1)
         depth += 2
     return best, where, touch
 
@@ -230,9 +226,8 @@ def steepest_in_each(
         bound = _slope(positions[k], contact[k + 1], b, elements, tip) if tip.radius > 0.0 else np.inf
         if bound <= floor:
             continue
-        best, where, touch = _steepest_between(
-            positions[k], height[k], a, positions[k + 1], height[k + 1], b, found[k, 0], elements, tip, tolerance
-        )
+        ends = (positions[k], height[k], positions[k + 1], height[k + 1])
+        best, where, touch = _steepest_between(ends, (a, b), found[k, 0], elements, tip, tolerance)
         if best > found[k, 0]:
             found[k, 0], found[k, 1], found[k, 2] = best, where, touch
         if right_slope[k + 1] > found[k, 0]:
