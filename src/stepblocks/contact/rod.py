@@ -130,6 +130,8 @@ def bush_stiffness(bore: float, outer: float, modulus: float, poisson: float) ->
 
 def ring_of(rod: Rod, sleeves: Sequence[Sleeve] = (), hold: Hold | None = None) -> RodRing:
     """Predict the first mode of a rod with sheaths on its free part, or held through one; rigidly clamped without `hold`."""
+    from scipy.linalg import eigh, solve
+
     for sleeve in sleeves:
         if not (sleeve.length > 0.0 <= sleeve.start and sleeve.start + sleeve.length <= rod.length * (1.0 + 1e-12)):
             raise ContactError(
@@ -140,7 +142,20 @@ def ring_of(rod: Rod, sleeves: Sequence[Sleeve] = (), hold: Hold | None = None) 
     parts, mass = _assembled(nodes, rod, sleeves, hold)
     losses = [rod.loss_factor, *(sleeve.loss_factor for sleeve in sleeves), hold.loss_factor if hold else 0.0]
     free = slice(0 if hold else 2, 2 * nodes.size)
-    return _solved(rod, [part[free, free] for part in parts], losses, mass[free, free])
+    parts, mass = [part[free, free] for part in parts], mass[free, free]
+    total = np.sum(parts, axis=0)
+    # asked for as the largest flexibility, the lowest mode keeps its digits beside short elements
+    last = total.shape[0] - 1
+    values, shapes = eigh(mass, total, subset_by_index=[last, last])
+    shape = shapes[:, 0]
+    energies = np.array([shape @ part @ shape for part in parts])
+    shares = energies / energies.sum()
+    push = np.zeros(total.shape[0])
+    push[-2] = 1.0
+    unit = rod.bending_stiffness / rod.length**3
+    frequency = math.sqrt(unit / float(values[0]) / (rod.line_mass * rod.length)) / math.tau
+    stiffness = unit / float(solve(total, push, assume_a="pos")[-2])
+    return RodRing(stiffness, frequency, float(shares @ np.asarray(losses)), float(shares[1:].sum()))
 
 
 def _assembled(nodes: Array, rod: Rod, sleeves: Sequence[Sleeve], hold: Hold | None) -> tuple[list[Array], Array]:
@@ -164,24 +179,6 @@ def _assembled(nodes: Array, rod: Rod, sleeves: Sequence[Sleeve], hold: Hold | N
             theirs[-1][at, at] += hold.line_stiffness * rod.length**4 / rod.bending_stiffness * inertia
     mass[-2, -2] += rod.end_mass / (rod.line_mass * rod.length)
     return [own, *theirs], mass
-
-
-def _solved(rod: Rod, parts: Sequence[Array], losses: Sequence[float], mass: Array) -> RodRing:
-    from scipy.linalg import eigh, solve
-
-    total = np.sum(parts, axis=0)
-    # asked for as the largest flexibility, the lowest mode keeps its digits beside short elements
-    last = total.shape[0] - 1
-    values, shapes = eigh(mass, total, subset_by_index=[last, last])
-    shape = shapes[:, 0]
-    energies = np.array([shape @ part @ shape for part in parts])
-    shares = energies / energies.sum()
-    push = np.zeros(total.shape[0])
-    push[-2] = 1.0
-    unit = rod.bending_stiffness / rod.length**3
-    frequency = math.sqrt(unit / float(values[0]) / (rod.line_mass * rod.length)) / math.tau
-    stiffness = unit / float(solve(total, push, assume_a="pos")[-2])
-    return RodRing(stiffness, frequency, float(shares @ np.asarray(losses)), float(shares[1:].sum()))
 
 
 def _nodes(rod: Rod, sleeves: Sequence[Sleeve], hold: Hold | None) -> Array:

@@ -140,10 +140,10 @@ def interval_of(
     point : OperatingPoint
         Under what.
     uncertainty : mapping of str to float
-        Standard uncertainties by name, in the unit of the input: of the counterface's dimensions (`height`, `edge_radius`
-        of a step; `gap`, `opening`, `rise` of a margin, whose opening follows the gap where it is left out) [m], of
-        `ball_radius` [m], `friction` [1], `normal_load` [N], `stiffness` [N/m] and `conversion` [1]. What is left out is
-        known. Inputs are drawn from normal distributions, independently, and cut off at 0.
+        Standard uncertainties [SI] by name: of the counterface's dimensions (`height`, `edge_radius` of a step; `gap`,
+        `opening`, `rise` of a margin, whose opening follows the gap where it is left out), of `ball_radius`, `friction`,
+        `normal_load`, `stiffness` and `conversion`; what is left out is known. Each is drawn from a normal distribution of
+        its own, cut off at 0.
     backward : bool
         Direction of the drag.
     confidence : float

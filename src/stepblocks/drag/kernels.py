@@ -213,12 +213,8 @@ def integrate(
         gauge, t = spring + tug, n * dt
         if not released and gauge > peak[0]:
             peak[0], peak[1], peak[2] = gauge, t, x
-        if (
-            not released
-            and peak[0] > mu_s * load + 0.02 * load
-            and gauge - mu_k * load < 0.75 * (peak[0] - mu_k * load)
-        ):
-            released = True
+        slipped = gauge - mu_k * load < 0.75 * (peak[0] - mu_k * load)
+        released = released or (slipped and peak[0] > mu_s * load + 0.02 * load)
         if gauge > limit:
             peak[3] = 1.0
         leaves = x + dt * vx >= nodes[-1] or x + dt * vx <= nodes[0]

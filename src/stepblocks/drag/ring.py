@@ -41,25 +41,7 @@ class Ring:
 
 
 def ring_of(trace: DragTrace, *, spectra: bool = True) -> Ring:
-    """Measure the ring of a trace that released.
-
-    Parameters
-    ----------
-    trace : DragTrace
-        From `stepblocks.drag.simulate.simulate`.
-    spectra : bool
-        Whether to compute the three spectral figures, which take longer than the drag itself; NaN otherwise.
-
-    Returns
-    -------
-    Ring
-        Amplitude, energy, duration and spectra.
-
-    Raises
-    ------
-    ContactError
-        If the trace has no release, or fewer than 16 ms after it.
-    """
+    """Measure the ring of a trace that released; its three spectral figures take longer than the drag itself."""
     if trace.status is not Status.RELEASES:
         raise ContactError(f"a trace that is {trace.status} has no ring")
     time, force = trace.column("time_s"), trace.column("fx_n")
@@ -94,13 +76,11 @@ def phase_spectrum(
 
     time, values = trace.column("time_s"), trace.column(channel)
     rate = trace.settings.sample_rate
-    if phase == "loading":
-        part = values[time < trace.release_time]
-    elif phase == "vibration":
-        begin = _fallen(trace)
-        part = values[(time >= begin) & (time < begin + _PAPER_RING)]
-    else:
+    if phase not in ("loading", "vibration"):
         raise ContactError(f"phase must be loading or vibration, got {phase!r}")
+    begin = _fallen(trace)
+    loading, ringing = time < trace.release_time, (time >= begin) & (time < begin + _PAPER_RING)
+    part = values[loading if phase == "loading" else ringing]
     if part.size < 16:
         raise ContactError(f"the {phase} phase has {part.size} samples, at least 16 are needed")
     padded = 1 << math.ceil(math.log2(max(part.size, rate)))
@@ -114,16 +94,13 @@ def _decay_time(trace: DragTrace) -> float:
     rate = trace.settings.sample_rate
     half = max(round(0.5 * rate / trace.probe.frequency), 2)
     swings = np.abs(force[: force.size // half * half] - _settled(trace)).reshape(-1, half).max(axis=1)
-    if swings.size == 0:
-        return math.nan
-    below = np.flatnonzero(swings <= swings[0] / math.e)
+    below = np.flatnonzero(swings <= swings[:1] / math.e)
     if below.size == 0:
         return math.nan
     last = int(below[0])
     # between two half periods the swings fall exponentially
-    part = math.log(swings[last - 1] * math.e / swings[0]) / max(
-        math.log(swings[last - 1] / max(swings[last], 1e-300)), 1e-300
-    )
+    fall = math.log(swings[last - 1] / max(swings[last], 1e-300))
+    part = math.log(swings[last - 1] * math.e / swings[0]) / max(fall, 1e-300)
     return (last - 1 + min(part, 1.0)) * half / rate
 
 

@@ -15,7 +15,7 @@ from stepblocks.contact.counterface import Counterface, Profile, Step
 from stepblocks.contact.energy import Release, Status
 from stepblocks.contact.operating_point import PAPER, OperatingPoint, Tool
 from stepblocks.declare import load_declared
-from stepblocks.drag.ring import Ring, ring_of
+from stepblocks.drag.ring import Ring, draw_force, draw_spectra, ring_of
 from stepblocks.drag.simulate import DragSettings, DragTrace, probe_for, simulate
 from stepblocks.drag.track import track_over
 from stepblocks.errors import ContactError, PipelineError, QuantityError
@@ -31,16 +31,18 @@ if TYPE_CHECKING:
 # what may be given beside the subject [SI]: where it goes in an operating point, and in its tool
 _OF_POINT = {"tip_radius": "ball_radius", "load": "normal_load", "friction": "friction"}
 _OF_TOOL = ("stiffness", "frequency")
+_OF_SUBJECT = (*_OF_POINT, *_OF_TOOL, "edge_radius", "step_height")
+_OF_SETTINGS: tuple[str, ...] = ("static_friction", "ring_time", "sample_rate", "speed")
+_GUIDE_DAMPING = 20.0  # of a pulled handle [N s/m]; assumed
 
 
 @dataclass(frozen=True)
 class Subject:
-    """A counterface, an operating point and a direction."""
+    """What is dragged over, and under what."""
 
     name: str  # for the heading and the summary
     face: Counterface
     point: OperatingPoint
-    backward: bool = False
     place: str = ""  # file of a profile, for messages
 
 
@@ -49,18 +51,18 @@ def subject_of(
 ) -> Subject:
     """Understand what is to be dragged over; `values` [SI] take the place of what the paper or the set says."""
     if isinstance(given, Counterface):
-        return Subject("a counterface", given, _changed(PAPER, values), backward)
+        return Subject("a counterface", given, _changed(PAPER, values))
     if Path(given).suffix.lower() == ".csv":
-        return _profile(Path(given), values, backward)
+        return _profile(Path(given), values)
     try:
         height = parse_quantity(str(given), "length")
     except QuantityError:
-        return declared_subject(*_find(str(given), where), values, backward)
+        return _declared(*_find(str(given), where), values, backward)
     face = Step(height, values.get("edge_radius", 0.0))
-    return Subject(f"a step of {format_quantity(height, 'length')}", face, _changed(PAPER, values), backward)
+    return Subject(f"a step of {format_quantity(height, 'length')}", face, _changed(PAPER, values))
 
 
-def declared_subject(stimuli: StimulusSet, part: Part, values: Mapping[str, float], backward: bool = False) -> Subject:
+def _declared(stimuli: StimulusSet, part: Part, values: Mapping[str, float], backward: bool) -> Subject:
     """Drag over a part, or with it, under the first tip, load, friction and step of its set unless `values` differ."""
     grid, place = stimuli.grid_of(part), f"[{stimuli.name}/{part.id}]"
     if "edge_radius" in values:
@@ -80,7 +82,7 @@ def declared_subject(stimuli: StimulusSet, part: Part, values: Mapping[str, floa
         name = f"{probe} over a step of {format_quantity(height, 'length')}"
     elif len(face.ways) > 1:
         name = f"{name}, {face.ways[backward]}"
-    return Subject(name, face, _changed(point, values), backward)
+    return Subject(name, face, _changed(point, values))
 
 
 def _changed(point: OperatingPoint, values: Mapping[str, float]) -> OperatingPoint:
@@ -88,13 +90,13 @@ def _changed(point: OperatingPoint, values: Mapping[str, float]) -> OperatingPoi
     return replace(point, tool=tool, **{field: values[name] for name, field in _OF_POINT.items() if name in values})
 
 
-def _profile(path: Path, values: Mapping[str, float], backward: bool) -> Subject:
+def _profile(path: Path, values: Mapping[str, float]) -> Subject:
     if "edge_radius" in values:
         raise PipelineError(f"--edge-radius is for a plain step; a profile has its own [{path}]")
     frame = read_table(path)
     x, z = (si_column(frame, (name,), "length", None, path) for name in ("x", "z"))
     try:
-        return Subject(path.name, Profile(x, z), _changed(PAPER, values), backward, f"[{path}]")
+        return Subject(path.name, Profile(x, z), _changed(PAPER, values), f"[{path}]")
     except ContactError as error:
         raise PipelineError(f"{error} [{path}]") from error
 
@@ -125,11 +127,6 @@ def _find(text: str, where: Path | None) -> tuple[StimulusSet, Part]:
             f"stimulus must be a step height such as '25 um', a CSV, or declared in {places}, got {text!r}"
         )
     return found[0]
-
-
-_OF_SUBJECT = ("tip_radius", "edge_radius", "step_height", "load", "friction", "stiffness", "frequency")
-_OF_SETTINGS: tuple[str, ...] = ("static_friction", "ring_time", "sample_rate", "speed")
-_GUIDE_DAMPING = 20.0  # of a pulled handle [N s/m]; assumed
 
 
 @dataclass(frozen=True)
@@ -187,8 +184,6 @@ class Drag:
 
     def write(self, folder: Path) -> None:
         """Leave ``trace.csv``, ``drag.json``, ``force.png`` and, after a release, ``spectra.png``."""
-        from stepblocks.drag.ring import draw_force, draw_spectra
-
         folder.mkdir(parents=True, exist_ok=True)
         write_table(self.frame, folder / "trace.csv")
         draw_force(self.trace, folder / "force.png", self.title)
@@ -207,7 +202,7 @@ class Drag:
 
 
 def drag_over(
-    subject: str | Path | Counterface | Subject,
+    subject: str | Path | Counterface,
     values: Mapping[str, float] | None = None,
     *,
     backward: bool = False,
@@ -252,18 +247,16 @@ def drag_over(
     >>> done.summary["status"], done.summary["ledger_error"] < 1e-3
     ('releases', True)
     """
-    found = subject if isinstance(subject, Subject) else subject_of(subject, values or {}, backward, stimuli)
+    found = subject_of(subject, values or {}, backward, stimuli)
     point = found.point
     try:
-        track = track_over(found.face, point.ball_radius, found.backward)
-        formula = found.face.release(point, found.backward)
+        track = track_over(found.face, point.ball_radius, backward)
+        formula = found.face.release(point, backward)
     except ContactError as error:
         raise (PipelineError(f"{error} {found.place}") if found.place else error) from error
-    probe = probe_for(point.tool, point.ball_radius)
-    if damping_ratio is not None:
-        probe = replace(probe, damping_ratio=damping_ratio)
-    trace = simulate(track, probe, DragSettings.under(point, **settings))
-    return Drag(f"Drag over {found.name}", trace, formula)
+    changes = {} if damping_ratio is None else {"damping_ratio": damping_ratio}
+    probe = probe_for(point.tool, point.ball_radius, **changes)
+    return Drag(f"Drag over {found.name}", simulate(track, probe, DragSettings.under(point, **settings)), formula)
 
 
 def drag_from_options(

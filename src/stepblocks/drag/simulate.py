@@ -88,26 +88,14 @@ class DragSettings:
 
 
 def hertz_stiffness(ball_radius: float, modulus: float = 210e9, poisson: float = 0.3) -> float:
-    """Stiffness of a ball on a plane of the same material, ``F = K d^1.5`` [N/m^1.5].
-
-    Examples
-    --------
-    >>> f"{(1.0 / hertz_stiffness(125e-6)) ** (2 / 3) * 1e6:.2f} um under 1 N"
-    '0.70 um under 1 N'
-    """
+    """Stiffness of a ball on a plane of the same material, ``F = K d^1.5`` [N/m^1.5]."""
     require_positive("ball_radius", ball_radius)
     require_positive("modulus", modulus)
     return 4.0 / 3.0 * modulus / (2.0 * (1.0 - poisson * poisson)) * math.sqrt(ball_radius)
 
 
 def probe_for(tool: Tool, ball_radius: float, **changes: float) -> Probe:
-    """Return the probe that rings as a tool does, with a ball of steel on steel by Hertz.
-
-    Examples
-    --------
-    >>> f"{PAPER_DRAG.mass * 1e3:.2f} g, {PAPER_DRAG.damping_ratio:.3f}"
-    '2.76 g, 0.037'
-    """
+    """Return the probe that rings as a tool does, with a ball of steel on steel by Hertz."""
     probe = Probe(tool.stiffness, tool.effective_mass, tool.damping_ratio, hertz_stiffness(ball_radius))
     return replace(probe, **changes)
 
@@ -160,34 +148,12 @@ class DragTrace:
 def simulate(track: Track, probe: Probe, settings: DragSettings) -> DragTrace:
     """Integrate the drag of a tip over a track until it has slipped and rung.
 
-    Parameters
-    ----------
-    track : Track
-        From `track_over`, `track_of` or `track_along`.
-    probe : Probe
-        Masses, springs and contact.
-    settings : DragSettings
-        Load, friction, speed or pulling force, and what to record.
-
-    Returns
-    -------
-    DragTrace
-        Samples, release and ledger. With a constant speed the tip starts in steady sliding; a pulled handle starts at
-        rest with its spring relaxed.
-
-    Raises
-    ------
-    ContactError
-        If the settings would need more steps than can be afforded.
-
-    Notes
-    -----
-    Leapfrog with a step of the stiffest contact mode's period over `DragSettings.resolution`. The run ends
-    `ring_time` after the first release, or where the force exceeds twice what any climb on this track needs (locked).
+    With a constant speed the tip starts in steady sliding; a pulled handle starts at rest with its spring relaxed. The run
+    ends `ring_time` after the first release, or where the force exceeds twice what any climb on this track needs (locked).
+    It is refused where it would take more steps or rows than can be afforded.
 
     Examples
     --------
-    >>> from stepblocks.drag.simulate import PAPER_DRAG
     >>> from stepblocks.drag.track import step_track
     >>> trace = simulate(step_track(25e-6, 125e-6), PAPER_DRAG, DragSettings(1.0, 0.15, speed=20e-3))
     >>> str(trace.status), trace.ledger_error < 1e-3
