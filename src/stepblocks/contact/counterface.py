@@ -10,7 +10,7 @@ import math
 from abc import ABC, abstractmethod
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import ClassVar
+from typing import ClassVar, Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -241,16 +241,9 @@ class Profile(Counterface):
 
     def angles(self, ball_radius: Real, **dimensions: Real) -> tuple[Real, Real]:
         """By exact dilation: the steepest slopes of the path of the tip, once for each ball."""
-        # compiled kernels, loaded where they are used
-        from stepblocks.contact.path.catches import steepest
-        from stepblocks.contact.path.profile import Ball, profile_path
-
         balls, which = np.unique(np.asarray(ball_radius, dtype=np.float64), return_inverse=True)
-        paths = [profile_path(self.x, self.z, Ball(float(ball)), edges="flat") for ball in balls]
-        forward, backward = (
-            plain(np.array([steepest(path, way).angle for path in paths])[which].reshape(np.shape(ball_radius)))
-            for way in ("forward", "backward")
-        )
+        found = np.array([_steepest(self.x, self.z, float(ball), "flat") for ball in balls])[which]
+        forward, backward = (plain(found[..., way].reshape(np.shape(ball_radius))) for way in (0, 1))
         return forward, backward
 
     def heights(self, x: Array) -> Array:
@@ -307,10 +300,6 @@ def energy_change(
 
 def scanned_angle(position: NDArray[np.float64], height: NDArray[np.float64], ball: float) -> float | None:
     """Critical angle of a scanned edge: the steepest rise of the path of the tip's centre over it, up the step."""
-    # compiled kernels, loaded where they are used
-    from stepblocks.contact.path.catches import steepest
-    from stepblocks.contact.path.profile import Ball, profile_path
-
     known = height[np.isfinite(height)]
     tenth = len(known) // 10
     if tenth == 0:
@@ -318,7 +307,17 @@ def scanned_angle(position: NDArray[np.float64], height: NDArray[np.float64], ba
     rising = float(np.median(known[-tenth:])) > float(np.median(known[:tenth]))
     x, z = (position, height) if rising else (-position[::-1], height[::-1])
     try:
-        angle = steepest(profile_path(x, z, Ball(ball))).angle
+        angle = _steepest(x, z, ball, "strict")[0]
     except ContactError:
         return None
     return angle if 0.0 < angle < 0.5 * math.pi else None
+
+
+def _steepest(x: Array, z: Array, ball: float, edges: Literal["strict", "flat"]) -> tuple[float, float]:
+    """Critical angles over a profile by exact dilation [rad], forward and backward."""
+    # compiled kernels, loaded where they are used
+    from stepblocks.contact.path.catches import steepest
+    from stepblocks.contact.path.profile import Ball, profile_path
+
+    path = profile_path(x, z, Ball(ball), edges=edges)
+    return steepest(path).angle, steepest(path, "backward").angle

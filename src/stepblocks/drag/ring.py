@@ -127,7 +127,7 @@ def band_share(frequency: NDArray[np.float64], energy: NDArray[np.float64], band
     return float(energy[inside].sum() / energy.sum())
 
 
-def draw_force(trace: DragTrace, path: Path, title: str = "") -> None:
+def draw_force(trace: DragTrace, path: Path, title: str) -> None:
     """Draw both forces against time, as figure 3 of the paper does, and mark the release."""
     figure, axes = new_figure(2, 1, sharex=True, height=4.6)
     time = trace.column("time_s") * 1e3
@@ -148,11 +148,11 @@ def draw_force(trace: DragTrace, path: Path, title: str = "") -> None:
             color="#b03030",
         )
     axes[1].set_xlabel("time [ms]")
-    axes[0].set_title(title or f"Drag: {trace.status}", fontsize=10)
+    axes[0].set_title(title, fontsize=10)
     save_figure(figure, path)
 
 
-def draw_spectra(trace: DragTrace, path: Path, title: str = "") -> None:
+def draw_spectra(trace: DragTrace, path: Path, title: str) -> None:
     """Draw the spectra of the loading and of the vibration phase of both forces, as figures 4 and 5 do."""
     figure, axes = new_figure(2, 2, sharex=True, height=5.0)
     for row, channel in enumerate(("fx_n", "fy_n")):
@@ -160,7 +160,7 @@ def draw_spectra(trace: DragTrace, path: Path, title: str = "") -> None:
             _draw_phase(axes[row][column], trace, phase, channel, band)
     for axis in axes[1]:
         axis.set_xlabel("frequency [Hz]")
-    figure.suptitle(title or "Energy spectra of both phases", fontsize=10)
+    figure.suptitle(title, fontsize=10)
     save_figure(figure, path)
 
 

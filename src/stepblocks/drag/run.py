@@ -15,6 +15,7 @@ from stepblocks.contact.counterface import Counterface, Profile, Step
 from stepblocks.contact.energy import Release, Status
 from stepblocks.contact.operating_point import PAPER, OperatingPoint, Tool
 from stepblocks.declare import load_declared
+from stepblocks.drag.kernels import COLUMNS
 from stepblocks.drag.ring import Ring, draw_force, draw_spectra, ring_of
 from stepblocks.drag.simulate import DragSettings, DragTrace, probe_for, simulate
 from stepblocks.drag.track import track_over
@@ -145,7 +146,9 @@ class Drag:
     @property
     def frame(self) -> pd.DataFrame:
         """Traces [SI], one column each, its unit in its name."""
-        return self.trace.frame
+        import pandas as pd
+
+        return pd.DataFrame(self.trace.rows, columns=list(COLUMNS))
 
     @cached_property
     def summary(self) -> dict[str, Any]:

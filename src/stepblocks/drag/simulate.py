@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 from dataclasses import astuple, dataclass, fields, replace
-from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,9 +14,6 @@ from stepblocks.contact.operating_point import PAPER, OperatingPoint, Tool
 from stepblocks.drag import kernels
 from stepblocks.drag.track import Track
 from stepblocks.errors import ContactError
-
-if TYPE_CHECKING:
-    import pandas as pd
 
 
 @dataclass(frozen=True)
@@ -132,13 +128,6 @@ class DragTrace:
         put_in = self.ledger["handle_work"]
         rest = sum(value for name, value in self.ledger.items() if name != "handle_work")
         return abs(put_in - rest) / max(max(abs(value) for value in self.ledger.values()), 1e-300)
-
-    @property
-    def frame(self) -> pd.DataFrame:
-        """The samples as a table."""
-        import pandas as pd
-
-        return pd.DataFrame(self.rows, columns=list(kernels.COLUMNS))
 
     def column(self, name: str) -> NDArray[np.float64]:
         """One column of the trace by its name, such as ``"fx_n"``."""
