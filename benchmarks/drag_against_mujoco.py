@@ -19,8 +19,7 @@ import numpy as np
 
 from stepblocks.contact.critical_angle import step_angle
 from stepblocks.contact.energy import release_at
-from stepblocks.drag.model import PAPER_DRAG, DragSettings
-from stepblocks.drag.simulate import simulate
+from stepblocks.drag.simulate import PAPER_DRAG, DragSettings, simulate
 from stepblocks.drag.track import step_track
 
 R = 125e-6

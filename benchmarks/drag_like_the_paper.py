@@ -16,9 +16,8 @@ from stepblocks.contact.counterface import Step
 from stepblocks.contact.critical_angle import step_angle
 from stepblocks.contact.energy import Status, release_at
 from stepblocks.contact.operating_point import PAPER
-from stepblocks.drag.model import PAPER_DRAG, DragSettings, Probe
 from stepblocks.drag.ring import RING_BAND, band_share, phase_spectrum, ring_of
-from stepblocks.drag.simulate import DragTrace, simulate
+from stepblocks.drag.simulate import PAPER_DRAG, DragSettings, DragTrace, Probe, simulate
 from stepblocks.drag.track import step_track
 from stepblocks.figure_file import new_figure, save_figure
 from stepblocks.predict.figures import margin_map
@@ -138,7 +137,7 @@ def main() -> None:
     table = share_map()
     if folder is None:
         return
-    from stepblocks.drag.figures import draw_force, draw_spectra
+    from stepblocks.drag.ring import draw_force, draw_spectra
     from stepblocks.predict.figures import draw_energy_of_height, draw_margin_map
 
     draw_force(shown, folder / "drag-force.png", "Rod, 100 um, 0.1 N, mu 0.1, 5 mm/s")

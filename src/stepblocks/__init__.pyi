@@ -15,6 +15,7 @@ from .contact.counterface import Groove as Groove
 from .contact.counterface import Margin as Margin
 from .contact.counterface import Profile as Profile
 from .contact.counterface import Step as Step
+from .contact.counterface import energy_change as energy_change
 from .contact.critical_angle import groove_angle as groove_angle
 from .contact.critical_angle import margin_angles as margin_angles
 from .contact.critical_angle import step_angle as step_angle
@@ -22,7 +23,6 @@ from .contact.energy import Release as Release
 from .contact.energy import Status as Status
 from .contact.energy import release_at as release_at
 from .contact.event import vibration_events as vibration_events
-from .contact.felt import energy_change as energy_change
 from .contact.operating_point import PAPER as PAPER
 from .contact.operating_point import OperatingPoint as OperatingPoint
 from .contact.operating_point import Tool as Tool

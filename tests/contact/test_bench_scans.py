@@ -6,8 +6,7 @@ import numpy as np
 import pytest
 
 from stepblocks.contact.path.catches import catches, steepest
-from stepblocks.contact.path.profile import profile_path
-from stepblocks.contact.path.tip import Ball
+from stepblocks.contact.path.profile import Ball, profile_path
 
 R = 125e-6
 

@@ -6,7 +6,7 @@ import math
 import numpy as np
 import pytest
 
-from stepblocks.contact.rod.cantilever import Hold, Rod, Sleeve, bush_stiffness, ring_of, rod_for
+from stepblocks.contact.rod import Hold, Rod, Sleeve, bush_stiffness, ring_of, rod_for
 from stepblocks.errors import ContactError
 
 EI, LINE, L = 1.7, 0.083, 0.077

@@ -12,8 +12,7 @@ from stepblocks.contact.critical_angle import bevelled_margin_angles, margin_ang
 from stepblocks.contact.energy import Status, release_at
 from stepblocks.contact.operating_point import PAPER, OperatingPoint
 from stepblocks.contact.path.catches import steepest
-from stepblocks.contact.path.profile import profile_path
-from stepblocks.contact.path.tip import Ball
+from stepblocks.contact.path.profile import Ball, profile_path
 from stepblocks.errors import ContactError
 
 R = 117e-6

@@ -7,7 +7,7 @@ import pytest
 from scipy.optimize import curve_fit
 
 from stepblocks.contact.operating_point import Tool
-from stepblocks.contact.rod.free_decay import plan_decay_test
+from stepblocks.contact.rod import plan_decay_test
 from stepblocks.errors import ContactError
 
 RING = {"stiffness": 9.1e3, "frequency": 283.0, "decay_time": 11.7e-3}

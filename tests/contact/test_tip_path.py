@@ -9,8 +9,7 @@ from oracles import tip_paths
 from stepblocks.contact.critical_angle import bevelled_margin_angles, margin_angles, step_angle
 from stepblocks.contact.energy import Status
 from stepblocks.contact.path.catches import catches, steepest
-from stepblocks.contact.path.profile import profile_path
-from stepblocks.contact.path.tip import Ball, TipProfile, flattened_ball
+from stepblocks.contact.path.profile import Ball, TipProfile, flattened_ball, profile_path
 from stepblocks.errors import ContactError
 
 R = 137e-6

@@ -8,8 +8,7 @@ import pytest
 
 from stepblocks.contact.counterface import Step
 from stepblocks.contact.operating_point import OperatingPoint, Tool
-from stepblocks.contact.tolerancing import tolerances_for_energy
-from stepblocks.contact.uncertainty import moved_releases, sensitivities
+from stepblocks.contact.uncertainty import moved_releases, sensitivities, tolerances_for_energy
 from stepblocks.errors import ContactError
 
 STEP, POINT = Step(27e-6, 9e-6), OperatingPoint(131e-6, 0.8, 0.17, Tool(8.7e3, 0.23))

@@ -13,10 +13,8 @@ from stepblocks.contact.counterface import Margin, Profile, Step
 from stepblocks.contact.energy import Status
 from stepblocks.contact.operating_point import PAPER
 from stepblocks.declare import load_set
-from stepblocks.drag.model import PAPER_DRAG, DragSettings
-from stepblocks.drag.run import drag_over
-from stepblocks.drag.simulate import simulate
-from stepblocks.drag.subject import subject_of
+from stepblocks.drag.run import drag_over, subject_of
+from stepblocks.drag.simulate import PAPER_DRAG, DragSettings, simulate
 from stepblocks.drag.track import track_over
 from stepblocks.errors import PipelineError
 from stepblocks.predict.predictions import predictions_of

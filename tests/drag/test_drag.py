@@ -10,10 +10,10 @@ from oracles.snap import snap_load
 from oracles.tip_paths import step_path
 from stepblocks.contact.critical_angle import margin_angles, step_angle
 from stepblocks.contact.energy import Status, release_at
-from stepblocks.contact.path.tip import Ball
-from stepblocks.drag.model import PAPER_DRAG, DragSettings, hertz_stiffness
+from stepblocks.contact.operating_point import Tool
+from stepblocks.contact.path.profile import Ball
 from stepblocks.drag.ring import LOADING_BAND, RING_BAND, band_share, phase_spectrum, ring_of
-from stepblocks.drag.simulate import simulate
+from stepblocks.drag.simulate import PAPER_DRAG, DragSettings, hertz_stiffness, probe_for, simulate
 from stepblocks.drag.track import step_track, track_of
 from stepblocks.errors import ContactError
 
@@ -287,3 +287,14 @@ def test_hertz_by_johnson():
 def test_a_drag_that_makes_no_sense_is_one_clear_error(call, message):
     with pytest.raises(ContactError, match=message):
         call()
+
+
+def test_a_probe_is_as_heavy_as_damped_and_as_hard_as_its_tool_and_ball_say():
+    # Origin: m = k / (2 pi f)^2, zeta = 1 / (2 pi f T) and Hertz' F = 4/3 E* sqrt(R) d^1.5, E* = E / 2(1 - nu^2).
+    probe = probe_for(Tool(7.3e3, frequency=251.0, decay_time=9e-3), 83e-6, contact_loss=2.0)
+    assert probe.frequency == pytest.approx(251.0, rel=1e-12)
+    assert probe.mass == pytest.approx(7.3e3 / (math.tau * 251.0) ** 2, rel=1e-12)
+    assert probe.damping_ratio == pytest.approx(1.0 / (math.tau * 251.0 * 9e-3), rel=1e-12)
+    assert (probe.contact_stiffness, probe.contact_loss) == (hertz_stiffness(83e-6), 2.0)
+    reduced = 71e9 / (2.0 * (1.0 - 0.21**2))
+    assert hertz_stiffness(83e-6, 71e9, 0.21) == pytest.approx(4.0 / 3.0 * reduced * math.sqrt(83e-6), rel=1e-12)

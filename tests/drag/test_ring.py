@@ -6,11 +6,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from stepblocks.contact.energy import Status
+from stepblocks.contact.energy import Status, release_at
 from stepblocks.drag.kernels import COLUMNS
-from stepblocks.drag.model import PAPER_DRAG, DragSettings
 from stepblocks.drag.ring import LOADING_BAND, RING_BAND, band_share, phase_spectrum, ring_of
-from stepblocks.drag.simulate import DragTrace
+from stepblocks.drag.run import Drag
+from stepblocks.drag.simulate import PAPER_DRAG, DragSettings, DragTrace
 from stepblocks.errors import ContactError
 
 LOAD, MU, PEAK, RELEASE, RATE = 0.5, 0.2, 0.9, 20e-3, 10e3
@@ -75,8 +75,9 @@ def test_figures_that_cost_a_spectrum_are_left_out_where_nobody_asks():
 
 def test_a_trace_is_a_table_with_its_units():
     trace = trace_of()
-    assert list(trace.frame.columns) == list(COLUMNS)
-    assert (trace.frame.fx_n.to_numpy() == trace.column("fx_n")).all()
+    frame = Drag("a ramp", trace, release_at(0.5, LOAD, MU)).frame
+    assert list(frame.columns) == list(COLUMNS)
+    assert (frame.fx_n.to_numpy() == trace.column("fx_n")).all()
 
 
 @pytest.mark.parametrize(

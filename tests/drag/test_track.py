@@ -7,8 +7,7 @@ import pytest
 
 from oracles.tip_paths import groove_path, step_path
 from stepblocks.contact.counterface import Margin, Profile, Step
-from stepblocks.drag.model import PAPER_DRAG, DragSettings
-from stepblocks.drag.simulate import simulate
+from stepblocks.drag.simulate import PAPER_DRAG, DragSettings, simulate
 from stepblocks.drag.track import step_track, track_along, track_over
 
 R = 125e-6

@@ -15,7 +15,7 @@ from stepblocks.artefacts.as_built import (
     write_as_built,
 )
 from stepblocks.cli import main
-from stepblocks.contact.felt import scanned_angle
+from stepblocks.contact.counterface import scanned_angle
 from stepblocks.errors import MetrologyError
 
 STIMULI = str(__import__("pathlib").Path(__file__).parents[2] / "stimuli")

@@ -8,8 +8,7 @@ import pytest
 from stepblocks.cad import kernel
 from stepblocks.contact.counterface import Groove
 from stepblocks.contact.path.catches import steepest
-from stepblocks.contact.path.profile import profile_path
-from stepblocks.contact.path.tip import Ball
+from stepblocks.contact.path.profile import Ball, profile_path
 from stepblocks.declare import load_set
 from stepblocks.errors import StimulusError
 from stepblocks.parts.characteristics import characteristics_of

@@ -7,8 +7,7 @@ import pytest
 
 from stepblocks.contact.operating_point import OperatingPoint
 from stepblocks.contact.path.catches import steepest
-from stepblocks.contact.path.profile import profile_path
-from stepblocks.contact.path.tip import Ball
+from stepblocks.contact.path.profile import Ball, profile_path
 from stepblocks.errors import ContactError
 from stepblocks.predict.figures import margin_map
 

@@ -10,8 +10,7 @@ from stepblocks.contact.counterface import Step
 from stepblocks.contact.energy import Status
 from stepblocks.contact.operating_point import OperatingPoint
 from stepblocks.contact.path.catches import steepest
-from stepblocks.contact.path.profile import profile_path
-from stepblocks.contact.path.tip import Ball
+from stepblocks.contact.path.profile import Ball, profile_path
 from stepblocks.contact.uncertainty import interval_of, rectangular
 from stepblocks.declare import load_set
 from stepblocks.parts.kinds.margin_block import MarginBlock

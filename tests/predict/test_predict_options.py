@@ -8,9 +8,8 @@ import pytest
 
 from stepblocks.cli import main
 from stepblocks.declare import load_set
-from stepblocks.drag.model import PAPER_DRAG, DragSettings
 from stepblocks.drag.ring import ring_of
-from stepblocks.drag.simulate import simulate
+from stepblocks.drag.simulate import PAPER_DRAG, DragSettings, simulate
 from stepblocks.drag.track import step_track
 
 STIMULI = Path(__file__).resolve().parents[2] / "stimuli"

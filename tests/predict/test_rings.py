@@ -7,9 +7,8 @@ import pytest
 
 from stepblocks.contact.energy import Status
 from stepblocks.declare import load_set
-from stepblocks.drag.model import DragSettings, probe_for
 from stepblocks.drag.ring import ring_of
-from stepblocks.drag.simulate import simulate
+from stepblocks.drag.simulate import DragSettings, probe_for, simulate
 from stepblocks.drag.track import track_over
 from stepblocks.errors import PipelineError
 from stepblocks.predict.predictions import Predictions, predicted_in_time

@@ -10,6 +10,7 @@ import math
 from abc import ABC, abstractmethod
 from collections.abc import Mapping
 from dataclasses import dataclass
+from typing import ClassVar, Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,7 +18,7 @@ from numpy.typing import NDArray
 from stepblocks.contact import kernels
 from stepblocks.contact.critical_angle import bevelled_margin_angles, margin_angles, step_angle
 from stepblocks.contact.domain import Real, plain
-from stepblocks.contact.energy import Release, release_at
+from stepblocks.contact.energy import Release, Status, release_at
 from stepblocks.contact.operating_point import OperatingPoint
 from stepblocks.contact.path.centre import CentrePath, corner_path, envelope_path
 from stepblocks.errors import ContactError
@@ -29,10 +30,16 @@ REACH = 5e-3  # half length of a centre path on either side of the edge [m]
 class Counterface(ABC):
     """A surface across the drag: x along the drag, z up, the working edge at x = 0, the near side at z = 0."""
 
+    ways: ClassVar[tuple[str, ...]] = ("forward", "backward")  # names of the directions that are felt, forward first
+    _dimensions: ClassVar[
+        tuple[str, ...]
+    ] = ()  # fields on which the angles depend; none where they have no closed form
+
     @property
-    @abstractmethod
     def far_side(self) -> float:
         """Height of the far side over the near side [m], of either sign."""
+        z = self.section(REACH)[1]
+        return float(z[-1] - z[0])
 
     @property
     @abstractmethod
@@ -40,14 +47,9 @@ class Counterface(ABC):
         """Positions where the profile has a corner [m], in ascending order."""
 
     @property
-    def ways(self) -> tuple[str, ...]:
-        """Names of the directions that are felt, forward first."""
-        return ("forward", "backward")
-
-    @property
     def dimensions(self) -> dict[str, float]:
-        """What the critical angles depend on beside the ball, by name [m]; empty where they have no closed form."""
-        return {}
+        """What the critical angles depend on beside the ball, by name [SI]; empty where they have no closed form."""
+        return {name: getattr(self, name) for name in self._dimensions}
 
     @abstractmethod
     def angles(self, ball_radius: Real, **dimensions: Real) -> tuple[Real, Real]:
@@ -90,26 +92,13 @@ class Step(Counterface):
 
     height: float  # H [m]
     edge_radius: float = 0.0  # r [m]; 0 is the sharp edge
-
-    @property
-    def far_side(self) -> float:
-        """H [m]."""
-        return self.height
+    ways = ("up",)  # nothing catches on the way down
+    _dimensions = ("height", "edge_radius")
 
     @property
     def breakpoints(self) -> tuple[float, ...]:
         """The riser, and the end of the arc."""
         return (0.0, self.edge_radius) if self.edge_radius > 0.0 else (0.0,)
-
-    @property
-    def ways(self) -> tuple[str, ...]:
-        """Nothing catches on the way down."""
-        return ("up",)
-
-    @property
-    def dimensions(self) -> dict[str, float]:
-        """H and r [m]."""
-        return {"height": self.height, "edge_radius": self.edge_radius}
 
     def angles(self, ball_radius: Real, **dimensions: Real) -> tuple[Real, Real]:
         """Equation (2) of the paper."""
@@ -155,26 +144,13 @@ class Margin(Counterface):
     rise: float  # height of the crown over the tooth, the horizontal marginal discrepancy [m], of either sign
     depth: float = 1e-3  # of the gap where it begins [m]; deeper than any tip sinks
     fall: float = 0.0  # how steeply its floor falls from there [1]
-
-    @property
-    def far_side(self) -> float:
-        """The crown [m]."""
-        return self.rise
+    ways = ("tooth-to-crown", "crown-to-tooth")
+    _dimensions = ("gap", "opening", "rise")
 
     @property
     def breakpoints(self) -> tuple[float, ...]:
         """Both walls and the outer corner."""
         return tuple(sorted({0.0, self.gap, self.opening}))
-
-    @property
-    def ways(self) -> tuple[str, ...]:
-        """Both are felt."""
-        return ("tooth-to-crown", "crown-to-tooth")
-
-    @property
-    def dimensions(self) -> dict[str, float]:
-        """The gap, its opening, and the crown over the tooth [m]."""
-        return {"gap": self.gap, "opening": self.opening, "rise": self.rise}
 
     def angles(self, ball_radius: Real, **dimensions: Real) -> tuple[Real, Real]:
         """In closed form; the gap is taken to be deeper than the tip sinks."""
@@ -218,21 +194,12 @@ class Groove(Counterface):
 
     width: float  # between the shoulders [m]
     flank: float  # inclination of either flank [rad]
-
-    @property
-    def far_side(self) -> float:
-        """The other shoulder, level with the first."""
-        return 0.0
+    _dimensions = ("width", "flank")
 
     @property
     def breakpoints(self) -> tuple[float, ...]:
         """Both shoulders and the bottom between them."""
         return (0.0, 0.5 * self.width, self.width)
-
-    @property
-    def dimensions(self) -> dict[str, float]:
-        """Width [m] and inclination of the flanks [rad]."""
-        return {"width": self.width, "flank": self.flank}
 
     def angles(self, ball_radius: Real, **dimensions: Real) -> tuple[Real, Real]:
         """From between the shoulders, ``sin a = g / 2R``; a ball that sinks onto the flanks leaves along them."""
@@ -268,28 +235,15 @@ class Profile(Counterface):
             raise ContactError(f"profile needs at least 2 points, got {self.x.size}")
 
     @property
-    def far_side(self) -> float:
-        """From the first to the last point [m]."""
-        return float(self.z[-1] - self.z[0])
-
-    @property
     def breakpoints(self) -> tuple[float, ...]:
         """Every point but the first and the last."""
         return tuple(float(x) for x in self.x[1:-1])
 
     def angles(self, ball_radius: Real, **dimensions: Real) -> tuple[Real, Real]:
         """By exact dilation: the steepest slopes of the path of the tip, once for each ball."""
-        # compiled kernels, loaded where they are used
-        from stepblocks.contact.path.catches import steepest
-        from stepblocks.contact.path.profile import profile_path
-        from stepblocks.contact.path.tip import Ball
-
         balls, which = np.unique(np.asarray(ball_radius, dtype=np.float64), return_inverse=True)
-        paths = [profile_path(self.x, self.z, Ball(float(ball)), edges="flat") for ball in balls]
-        forward, backward = (
-            plain(np.array([steepest(path, way).angle for path in paths])[which].reshape(np.shape(ball_radius)))
-            for way in ("forward", "backward")
-        )
+        found = np.array([_steepest(self.x, self.z, float(ball), "flat") for ball in balls])[which]
+        forward, backward = (plain(found[..., way].reshape(np.shape(ball_radius))) for way in (0, 1))
         return forward, backward
 
     def heights(self, x: Array) -> Array:
@@ -310,3 +264,60 @@ class Profile(Counterface):
     def centre_path(self, ball_radius: float) -> CentrePath:
         """Over its own points, at most 2000."""
         return corner_path(np.column_stack([self.x, self.z]), ball_radius)
+
+
+def energy_change(
+    before: Counterface | Release, after: Counterface | Release, point: OperatingPoint, backward: bool = False
+) -> float:
+    """Relative change of the energy that is felt; NaN unless both release.
+
+    Parameters
+    ----------
+    before, after : Counterface or Release
+        Two counterfaces, or what was found over one.
+    point : OperatingPoint
+        Under which they are dragged over.
+    backward : bool
+        Direction of the drag.
+
+    Returns
+    -------
+    float
+        ``E_v(after) / E_v(before) - 1`` [1].
+
+    Examples
+    --------
+    >>> from stepblocks.contact.counterface import Step
+    >>> from stepblocks.contact.operating_point import PAPER
+    >>> f"{energy_change(Step(25e-6), Step(26e-6), PAPER):+.1%}"
+    '+5.4%'
+    """
+    first, second = (one.release(point, backward) if isinstance(one, Counterface) else one for one in (before, after))
+    if first.status is not Status.RELEASES or second.status is not Status.RELEASES:
+        return math.nan
+    return float(second.vibration_energy / first.vibration_energy - 1.0)
+
+
+def scanned_angle(position: NDArray[np.float64], height: NDArray[np.float64], ball: float) -> float | None:
+    """Critical angle of a scanned edge: the steepest rise of the path of the tip's centre over it, up the step."""
+    known = height[np.isfinite(height)]
+    tenth = len(known) // 10
+    if tenth == 0:
+        return None
+    rising = float(np.median(known[-tenth:])) > float(np.median(known[:tenth]))
+    x, z = (position, height) if rising else (-position[::-1], height[::-1])
+    try:
+        angle = _steepest(x, z, ball, "strict")[0]
+    except ContactError:
+        return None
+    return angle if 0.0 < angle < 0.5 * math.pi else None
+
+
+def _steepest(x: Array, z: Array, ball: float, edges: Literal["strict", "flat"]) -> tuple[float, float]:
+    """Critical angles over a profile by exact dilation [rad], forward and backward."""
+    # compiled kernels, loaded where they are used
+    from stepblocks.contact.path.catches import steepest
+    from stepblocks.contact.path.profile import Ball, profile_path
+
+    path = profile_path(x, z, Ball(ball), edges=edges)
+    return steepest(path).angle, steepest(path, "backward").angle

@@ -6,19 +6,12 @@ forms are equation (2) of the paper and what follows from it; a general profile 
 
 from __future__ import annotations
 
-from typing import overload
-
 import numpy as np
-from numpy.typing import ArrayLike
 
 from stepblocks.contact import kernels
 from stepblocks.contact.domain import Real, plain, require_finite, require_not_negative, require_positive
 
 
-@overload
-def step_angle(height: float, ball_radius: float, edge_radius: float = ...) -> float: ...
-@overload
-def step_angle(height: ArrayLike, ball_radius: ArrayLike, edge_radius: ArrayLike = ...) -> Real: ...
 def step_angle(height: Real, ball_radius: Real, edge_radius: Real = 0.0) -> Real:
     """Critical angle where a ball on the lower face meets the edge of a step.
 
@@ -59,10 +52,6 @@ def step_angle(height: Real, ball_radius: Real, edge_radius: Real = 0.0) -> Real
     return plain(kernels.step_angle(height, ball_radius + edge_radius))
 
 
-@overload
-def groove_angle(width: float, ball_radius: float) -> float: ...
-@overload
-def groove_angle(width: ArrayLike, ball_radius: ArrayLike) -> Real: ...
 def groove_angle(width: Real, ball_radius: Real) -> Real:
     """Critical angle where a ball leaves a groove between shoulders of equal height.
 
@@ -91,10 +80,6 @@ def groove_angle(width: Real, ball_radius: Real) -> Real:
     return margin_angles(width, 0.0, ball_radius)[0]
 
 
-@overload
-def margin_angles(opening: float, rise: float, ball_radius: float) -> tuple[float, float]: ...
-@overload
-def margin_angles(opening: ArrayLike, rise: ArrayLike, ball_radius: ArrayLike) -> tuple[Real, Real]: ...
 def margin_angles(opening: Real, rise: Real, ball_radius: Real) -> tuple[Real, Real]:
     """Critical angles over a margin: two shoulders `opening` apart, the second higher by `rise`.
 
@@ -117,12 +102,6 @@ def margin_angles(opening: Real, rise: Real, ball_radius: Real) -> tuple[Real, R
     ContactError
         If `opening` is negative, a length is not finite, or `ball_radius` is not positive.
 
-    Notes
-    -----
-    Where the ball rests on both edges, the slope at the far edge is the inclination of the chord plus half the angle
-    that it subtends. Where the higher edge is met while the ball still rides on the lower shoulder, the step
-    alone counts.
-
     Examples
     --------
     A gap without a discrepancy is the same in both directions; a step without a gap is felt in one.
@@ -142,15 +121,7 @@ def margin_angles(opening: Real, rise: Real, ball_radius: Real) -> tuple[Real, R
 
 
 def bevelled_margin_angles(gap: Real, opening: Real, rise: Real, ball_radius: Real) -> tuple[Real, Real]:
-    """`margin_angles` over a far side that is bevelled back at 45 degrees where it opens wider than its gap.
-
-    Examples
-    --------
-    A bevel does not matter to a ball that is too large to reach it.
-
-    >>> bevelled_margin_angles(20e-6, 50e-6, 20e-6, 125e-6) == margin_angles(50e-6, 20e-6, 125e-6)
-    True
-    """
+    """`margin_angles` over a far side that is bevelled back at 45 degrees where it opens wider than its gap."""
     gap, opening, rise, ball_radius = _arrays(gap, opening, rise, ball_radius)
     require_positive("ball_radius", ball_radius, "m")
     require_not_negative("gap", gap, "m")

@@ -34,6 +34,13 @@ def plain(value: Real) -> Real:
     return float(value) if np.ndim(value) == 0 else value
 
 
+def where(condition: Real, if_so: Real, otherwise: Real) -> Real:
+    """`numpy.where`, at once where the condition is a single one."""
+    if isinstance(condition, np.ndarray):
+        return np.where(condition, if_so, otherwise)
+    return if_so if condition else otherwise
+
+
 def _require(name: str, value: Real, unit: str, good: Any, rule: str) -> None:
     if not good.all():
         first = np.asarray(value)[np.logical_not(good)].flat[0]

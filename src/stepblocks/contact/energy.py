@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 
 from stepblocks.contact import kernels
-from stepblocks.contact.domain import Real, require_not_negative, require_positive
+from stepblocks.contact.domain import Real, require_not_negative, require_positive, where
 from stepblocks.contact.operating_point import PAPER, Tool
 from stepblocks.errors import ContactError
 
@@ -89,13 +89,13 @@ def release_at(angle: Real, normal_load: Real, friction: Real, tool: Tool = PAPE
         wrong = np.degrees(np.asarray(a)[np.logical_not(inside)].flat[0])
         raise ContactError(f"angle must lie between 0 and 90 deg, got {wrong:g} deg")
     # the first of these that holds
-    kind = np.where(a == 0.0, 0, np.where(a == 0.5 * math.pi, 1, np.where(a + np.arctan(mu) >= 0.5 * math.pi, 2, 3)))
+    kind = where(a == 0.0, 0, where(a == 0.5 * math.pi, 1, where(a + np.arctan(mu) >= 0.5 * math.pi, 2, 3)))
     released = kind == 3
-    force = np.where(released, kernels.pull_force(load, np.where(released, a, 0.0), mu), math.nan)
+    force = where(released, kernels.pull_force(load, where(released, a, 0.0), mu), math.nan * (a + load + mu))
     energy = tool.conversion * kernels.stored_energy(force, tool.stiffness)
     power = energy / tool.ring_duration
     figures = (a, force, energy, power, power / tool.detection_threshold)
-    if force.ndim == 0:
-        return Release(_KINDS[int(kind)], *map(float, figures))
+    if np.ndim(force) == 0:
+        return Release(_KINDS[kind], *map(float, figures))
     together: Any = np.broadcast_arrays(np.array(_KINDS)[kind], *figures)
     return Release(*together)

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from stepblocks.contact.domain import Real
+from stepblocks.contact.domain import Real, where
 
 
 def angle_on_step(height: Real, radius_sum: Real) -> Real:
@@ -22,7 +22,7 @@ def angle_on_step(height: Real, radius_sum: Real) -> Real:
 def step_angle(height: Real, radius_sum: Real) -> Real:
     """`angle_on_step`, and a right angle where the ball meets the riser, ``H >= R + r``."""
     riser = height >= radius_sum
-    return np.where(riser, 0.5 * np.pi, angle_on_step(np.where(riser, 0.0, height), np.where(riser, 1.0, radius_sum)))
+    return where(riser, 0.5 * np.pi, angle_on_step(where(riser, 0.0, height), where(riser, 1.0, radius_sum)))
 
 
 def step_angle_slopes(height: Real, radius_sum: Real) -> tuple[Real, Real]:
@@ -49,19 +49,19 @@ def margin_angles(opening: Real, rise: Real, ball_radius: Real) -> tuple[Real, R
     """
     high = np.abs(rise)
     low_step = high < ball_radius
-    reach = np.where(low_step, np.sqrt(np.maximum(high * (2.0 * ball_radius - high), 0.0)), ball_radius)
+    reach = where(low_step, np.sqrt(np.maximum(high * (2.0 * ball_radius - high), 0.0)), ball_radius)
     riding = opening <= reach
     step = step_angle(high, ball_radius)
     near = np.hypot(opening, high) < 2.0 * ball_radius
-    wide, up = np.where(near, opening, ball_radius), np.where(near, high, 0.0)
+    wide, up = where(near, opening, ball_radius), where(near, high, 0.0)
     climb = angle_out_of_groove(wide, up, ball_radius)
     leaning = ~near | (climb >= 0.5 * np.pi)
     lean = np.arcsin(np.clip((opening - ball_radius) / ball_radius, 0.0, 1.0))
     hung = np.maximum(angle_out_of_groove(wide, -up, ball_radius), 0.0)
-    towards_high = np.where(riding, step, np.where(leaning, 0.5 * np.pi, climb))
-    towards_low = np.where(riding, 0.0, np.where(leaning, lean, hung))
+    towards_high = where(riding, step, where(leaning, 0.5 * np.pi, climb))
+    towards_low = where(riding, 0.0, where(leaning, lean, hung))
     upwards = rise >= 0.0
-    return np.where(upwards, towards_high, towards_low), np.where(upwards, towards_low, towards_high)
+    return where(upwards, towards_high, towards_low), where(upwards, towards_low, towards_high)
 
 
 def bevelled_margin_angles(gap: Real, opening: Real, rise: Real, ball_radius: Real) -> tuple[Real, Real]:
@@ -78,14 +78,14 @@ def bevelled_margin_angles(gap: Real, opening: Real, rise: Real, ball_radius: Re
     d = rise - opening + 2.0 * diagonal
     x = 0.5 * (np.sqrt(np.maximum(2.0 * ball_radius * ball_radius - d * d, 0.0)) - d)
     leaning = x + d <= 0.0  # its centre lies below the near corner: it leans on the wall
-    x = np.where(leaning, ball_radius, np.where(x < 0.0, ball_radius - d, x))  # or rides on the near shoulder
-    back = np.where(leaning, 0.5 * np.pi, np.arcsin(np.clip(x / ball_radius, 0.0, 1.0)))
+    x = where(leaning, ball_radius, where(x < 0.0, ball_radius - d, x))  # or rides on the near shoulder
+    back = where(leaning, 0.5 * np.pi, np.arcsin(np.clip(x / ball_radius, 0.0, 1.0)))
     outer = margin_angles(opening, rise, ball_radius)
     inner = margin_angles(gap, rise - (opening - gap), ball_radius)
     on_outer, on_inner = x + diagonal >= opening, x + diagonal <= gap
-    forward = np.where(on_outer, outer[0], np.where(on_inner, inner[0], 0.25 * np.pi))
-    backward = np.where(on_outer, outer[1], np.where(on_inner, inner[1], back))
-    return np.where(bevelled, forward, square[0]), np.where(bevelled, backward, square[1])
+    forward = where(on_outer, outer[0], where(on_inner, inner[0], 0.25 * np.pi))
+    backward = where(on_outer, outer[1], where(on_inner, inner[1], back))
+    return where(bevelled, forward, square[0]), where(bevelled, backward, square[1])
 
 
 def pull_force(normal_load: Real, angle: Real, friction: Real) -> Real:

@@ -1,4 +1,4 @@
-"""Intervals of a prediction from the uncertainties of its inputs: by sensitivities, and by drawing.
+"""Intervals of a prediction from the uncertainties of its inputs, by sensitivities and by drawing; tolerances from those.
 
 The inputs go by name: the dimensions of the counterface, then `ball_radius`, `friction`, `normal_load`, `stiffness` and
 `conversion`. Drawn and analytic ends agree where everything is small against the distance to locking. Where they do not,
@@ -11,15 +11,16 @@ import math
 from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import lru_cache
+from itertools import product
 from statistics import NormalDist
 
 import numpy as np
 from numpy.typing import NDArray
 
 from stepblocks.contact import kernels
-from stepblocks.contact.counterface import Counterface
+from stepblocks.contact.counterface import Counterface, Step
 from stepblocks.contact.domain import Real, require_not_negative
-from stepblocks.contact.energy import Release, Status
+from stepblocks.contact.energy import Status
 from stepblocks.contact.operating_point import OperatingPoint
 from stepblocks.errors import ContactError
 
@@ -86,15 +87,8 @@ def sensitivities(
     """Compute the derivatives of ln F_px and of ln E_v with respect to each uncertain input, per unit of the input.
 
     With ``t = a + atan mu``: ``d ln F/da = 2 / sin 2t``, ``d atan mu / dmu = 1 / (1 + mu^2)``; ``ln E = 2 ln F - ln k + ln
-    C_v``. The angle of a step is differentiated in closed form, any other by central differences over a thousandth of the
-    uncertainty; NaN where one of the two ends does not release.
-
-    Examples
-    --------
-    >>> from stepblocks.contact.counterface import Step
-    >>> from stepblocks.contact.operating_point import PAPER
-    >>> f"{sensitivities(Step(25e-6), PAPER, {'height': 1e-6})['height'][1] * 1e-6:.3f} per um"
-    '0.053 per um'
+    C_v``. Angles without slopes in closed form are differentiated over a thousandth of the uncertainty; NaN where one of
+    the two ends does not release.
     """
     release = face.release(point, backward)
     if release.status is not Status.RELEASES:
@@ -146,10 +140,10 @@ def interval_of(
     point : OperatingPoint
         Under what.
     uncertainty : mapping of str to float
-        Standard uncertainties by name, in the unit of the input: of the counterface's dimensions (`height`, `edge_radius`
-        of a step; `gap`, `opening`, `rise` of a margin, whose opening follows the gap where it is left out) [m], of
-        `ball_radius` [m], `friction` [1], `normal_load` [N], `stiffness` [N/m] and `conversion` [1]. What is left out is
-        known. Inputs are drawn from normal distributions, independently, and cut off at 0.
+        Standard uncertainties [SI] by name: of the counterface's dimensions (`height`, `edge_radius` of a step; `gap`,
+        `opening`, `rise` of a margin, whose opening follows the gap where it is left out), of `ball_radius`, `friction`,
+        `normal_load`, `stiffness` and `conversion`; what is left out is known. Each is drawn from a normal distribution of
+        its own, cut off at 0.
     backward : bool
         Direction of the drag.
     confidence : float
@@ -196,7 +190,7 @@ def interval_of(
     forces, energies = moved_releases(face, point, deviations, backward)
     tails = 0.5 * (1.0 - confidence), 0.5 * (1.0 + confidence)
     drawn = (*_quantiles(forces, tails, draws), *_quantiles(energies, tails, draws))
-    analytic = _analytic(face, point, uncertainty, backward, release, NormalDist().inv_cdf(tails[1]))
+    analytic = _analytic(face, point, uncertainty, backward, NormalDist().inv_cdf(tails[1]))
     width = max(analytic[3] - analytic[2], 1e-12 * release.vibration_energy)
     return Interval(
         release.status,
@@ -217,26 +211,18 @@ def _quantiles(values: Floats, tails: tuple[float, float], draws: int) -> tuple[
 
 
 def _analytic(
-    face: Counterface,
-    point: OperatingPoint,
-    uncertainty: Mapping[str, float],
-    backward: bool,
-    release: Release,
-    factor: float,
+    face: Counterface, point: OperatingPoint, uncertainty: Mapping[str, float], backward: bool, factor: float
 ) -> tuple[float, float, float, float]:
     """Find the ends of force and energy to first order in the logarithms."""
+    release = face.release(point, backward)
     if release.status is not Status.RELEASES:
         return math.nan, math.nan, math.nan, math.nan
+    force, energy = release.pull_force, release.vibration_energy
     slopes = sensitivities(face, point, uncertainty, backward)
-    force, energy = (
+    wide, wider = (
         factor * math.sqrt(sum((slopes[name][k] * width) ** 2 for name, width in uncertainty.items())) for k in (0, 1)
     )
-    return (
-        release.pull_force * math.exp(-force),
-        release.pull_force * math.exp(force),
-        release.vibration_energy * math.exp(-energy),
-        release.vibration_energy * math.exp(energy),
-    )
+    return force * math.exp(-wide), force * math.exp(wide), energy * math.exp(-wider), energy * math.exp(wider)
 
 
 @lru_cache(maxsize=4)
@@ -247,3 +233,108 @@ def standard_draws(inputs: int, draws: int, seed: int) -> Floats:
     numbers = np.random.default_rng(seed).standard_normal((inputs, draws))
     numbers.setflags(write=False)
     return numbers
+
+
+_DIMENSIONS = ("height", "edge_radius", "ball_radius")
+
+
+@dataclass(frozen=True)
+class TolerancePlan:
+    """Tolerances that keep the energy of a block within a band, at every corner of the tolerance zone."""
+
+    achievable: bool  # whether the workshop and the setting of the trial leave room for it
+    reason: str  # one sentence: what limits it
+    height: float  # half-width t of the tolerance +-t [m]; 0 where nothing will do
+    edge_radius: float  # the same; for a nominally sharp edge the largest radius allowed
+    ball_radius: float  # the same
+    worst_low: float  # relative change of the energy at the worst corners [1]
+    worst_high: float
+
+
+def tolerances_for_energy(
+    face: Step,
+    point: OperatingPoint,
+    energy_tolerance: float,
+    *,
+    finest: Mapping[str, float] | None = None,
+    fixed: Mapping[str, float] | None = None,
+    weights: Mapping[str, float] | None = None,
+) -> TolerancePlan:
+    """Find the widest tolerances of height, edge radius and tip radius whose worst corner keeps E_v within +-`energy_tolerance`.
+
+    By name, `finest` are the half-widths that the workshop holds, `fixed` those that are given, of any input: those of
+    friction and load spend the budget before the block does. What remains is split in the shares of `weights`, equal by
+    default; where a share is finer than the workshop holds, that dimension keeps to what it holds and the others give way.
+    """
+    finest, fixed = dict(finest or {}), dict(fixed or {})
+    weights = dict.fromkeys(_DIMENSIONS, 1.0) | dict(weights or {})
+    _check(face, point, energy_tolerance, finest=finest, fixed=fixed, weights=weights)
+    free = [name for name in _DIMENSIONS if name not in fixed and weights[name] > 0.0]
+    at_finest: dict[str, float] = {}  # what cannot be made as fine as its share keeps to what can, the others give way
+    while True:
+        low, high = energy_at_corners(face, point, fixed | at_finest)
+        if not free or high >= energy_tolerance or low <= -energy_tolerance:
+            given = " and ".join(sorted(name for name, width in fixed.items() if width > 0.0))
+            held = " and ".join(f"{name} to {width * 1e6:.3g} um" for name, width in at_finest.items())
+            cause = f"the workshop holds {held}, which" if held else f"the given uncertainty of {given}"
+            reason = f"{cause} alone changes the energy by {low:+.1%} to {high:+.1%}"
+            return TolerancePlan(False, reason, 0.0, 0.0, 0.0, low, high)
+        found = _in_shares(face, point, energy_tolerance, fixed | at_finest, {name: weights[name] for name in free})
+        tight = [name for name in free if found[name] < finest.get(name, 0.0)]
+        if not tight:
+            break
+        at_finest |= {name: finest[name] for name in tight}
+        free = [name for name in free if name not in tight]
+    found |= at_finest
+    low, high = energy_at_corners(face, point, fixed | found)
+    height, edge, ball = (found.get(name, fixed.get(name, 0.0)) for name in _DIMENSIONS)
+    reason = "the worst corner of all tolerances just keeps the band"
+    return TolerancePlan(True, reason, height, edge, ball, low, high)
+
+
+def _in_shares(
+    face: Step, point: OperatingPoint, energy_tolerance: float, fixed: dict[str, float], weights: dict[str, float]
+) -> dict[str, float]:
+    """Find the widest half-widths in the shares of `weights` whose worst corner keeps the energy."""
+    from scipy.optimize import brentq
+
+    slopes = sensitivities(face, point, weights)
+    total = sum(weights.values())
+    unit = {name: weight / total / abs(slopes[name][1]) for name, weight in weights.items()}
+
+    def excess(scale: float) -> float:
+        low, high = energy_at_corners(face, point, fixed | {name: scale * width for name, width in unit.items()})
+        return min(max(high, -low), 1e6) - energy_tolerance
+
+    # half the tolerance is inside by linearity; four times is outside, since the energy grows faster than linearly
+    scale = float(brentq(excess, 0.0, 4.0 * energy_tolerance, xtol=1e-9 * energy_tolerance))
+    return {name: scale * width for name, width in unit.items()}
+
+
+def _check(face: Step, point: OperatingPoint, tolerance: float, **tables: dict[str, float]) -> None:
+    if not 0.0 < tolerance < 1.0:
+        raise ContactError(f"energy_tolerance must lie between 0 and 1, got {tolerance:g}")
+    for name, table in tables.items():
+        known = _DIMENSIONS if name != "fixed" else tuple(inputs_of(face, point))
+        for key, value in table.items():
+            if key not in known:
+                raise ContactError(f"{name} must name one of {', '.join(known)}, got {key!r}")
+            require_not_negative(f"{name} of {key}", value)
+    if not any(tables["weights"][name] > 0.0 for name in _DIMENSIONS if name not in tables["fixed"]):
+        raise ContactError("weights must leave at least one of height, edge_radius and ball_radius to be toleranced")
+    status = face.release(point).status
+    if status is not Status.RELEASES:
+        raise ContactError(f"a step of {face.height:g} m that is {status} has no energy to keep")
+
+
+def energy_at_corners(face: Step, point: OperatingPoint, widths: Mapping[str, float]) -> tuple[float, float]:
+    """Relative change of the energy at the worst corners of a tolerance zone; infinite where the tip is held at one."""
+    nominal = face.release(point).vibration_energy
+    toleranced = {name: width for name, width in widths.items() if width > 0.0}
+    inputs = inputs_of(face, point)
+    if any(inputs[name] <= toleranced.get(name, 0.0) for name in ("ball_radius", "stiffness", "normal_load")):
+        return -1.0, math.inf
+    signs = np.array(list(product((-1.0, 1.0), repeat=len(toleranced)))).T
+    deviations = {name: sign * width for sign, (name, width) in zip(signs, toleranced.items(), strict=True)}
+    changes = moved_releases(face, point, deviations)[1] / nominal - 1.0
+    return min(0.0, float(np.min(changes))), max(0.0, float(np.max(changes)))

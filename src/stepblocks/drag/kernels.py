@@ -90,25 +90,31 @@ def _grip(
 
 @njit(cache=True)
 def integrate(
-    nodes: Array,
-    height: Array,
-    left: Array,
-    right: Array,
-    kinks: Array,
-    p: Array,
-    start: Array,
-    dt: float,
-    steps: int,
-    every: int,
+    track: tuple[Array, ...],
+    probe: tuple[float, ...],
+    settings: tuple[float, ...],
+    contact: tuple[float, ...],
+    start: tuple[float, ...],
+    pace: tuple[float, int, int],
 ) -> tuple[Array, int, Array, Array]:
-    """Integrate a drag."""
-    mass, k, c, load, kn, power, loss, kt, ct = p[0], p[1], p[2], p[3], p[4], p[5], p[6], p[7], p[8]
-    mu_s, mu_k, v_s, viscous = p[9], p[10], p[11], p[12]
-    speed, pull, hand_mass, hand_damping = p[13], p[14], p[15], p[16]
-    carrier_mass, ky, cy, limit, after = p[17], p[18], p[19], p[20], p[21]
-    x, y, vx, vy, hand, vh, carrier = start[0], start[1], start[2], start[3], start[4], start[5], start[6]
-    driven, carried = hand_mass <= 0.0, carrier_mass > 0.0
-    vc = 0.0
+    """Integrate a drag; `probe` and `settings` hold the fields of `Probe` and `DragSettings` in their order.
+
+    `contact` is static friction, stiffness of the bristles and the force past which the tip counts as locked; `start` is x,
+    y and the distance from a kink within which both its sides are touched; `pace` is step, steps and steps per row.
+    Returned are the rows, their count, the peak (force, time, x, 1 where it was too great) and the ledger.
+    """
+    nodes, height, left, right, kinks = track
+    k, mass, ratio, kn, power, loss, ky, carrier_mass = probe
+    load, mu_k, speed, pull, hand_mass, hand_damping, _, v_s, viscous, _, after, _, _ = settings
+    mu_s, kt, limit = contact
+    x, y, near = start
+    dt, steps, every = pace
+    c, cy, ct = 2.0 * ratio * math.sqrt(k * mass), 2.0 * ratio * math.sqrt(ky * mass), 0.3 * math.sqrt(kt * mass)
+    # in steady sliding at the speed of the handle, or at rest where a force pulls that
+    driven, carried = speed > 0.0, ky > 0.0
+    vx, vy, vh, vc = speed, 0.0, speed, 0.0
+    hand = x + mu_k * load / k if driven else x
+    carrier = y - load / ky if carried else 0.0
     rows = np.empty((steps // every + 2, 10))
     ledger, peak = np.zeros(9), np.array([-np.inf, 0.0, x, 0.0])
     table = _cubics(nodes, height, left, right)
@@ -119,14 +125,11 @@ def integrate(
         h = 0.5 * dt if k_step == 0 else dt
         ax, ay = 0.5 * c * h / mass, 0.5 * cy * h / mass
         kicks[k_step] = (h / mass, (1.0 - ax) / (1.0 + ax), 1.0 / (1.0 + ax), (1.0 - ay) / (1.0 + ay), 1.0 / (1.0 + ay))
-    if driven:
-        vh = speed
     countdown = 0
     i = np.searchsorted(nodes, x, side="right") - 1
     last = nodes.size - 2
     j = 0  # nearest kink
     here = there = 0.0  # bristles of the branch under the tip and of the one beyond the kink
-    near = start[8]  # beyond this distance from a kink the tip cannot touch both sides of it
     on_right = False
     first = True
     count = 0
@@ -172,7 +175,7 @@ def integrate(
             mu2 = mu_k + (mu_s - mu_k) * math.exp(-abs(rate2) / v_s) + viscous * abs(rate2)
         travel = 0.0 if first else dt
         if first:
-            here = min(mu1 * n1 * give, start[7])
+            here = mu1 * n1 * give if driven else 0.0
             stored_before = 0.5 * kt * here * here
         if n1 > 0.0:
             t1, here = _grip(here, rate1 * travel, rate1, mu1 * n1, kt, give, ct)
@@ -210,12 +213,8 @@ def integrate(
         gauge, t = spring + tug, n * dt
         if not released and gauge > peak[0]:
             peak[0], peak[1], peak[2] = gauge, t, x
-        if (
-            not released
-            and peak[0] > mu_s * load + 0.02 * load
-            and gauge - mu_k * load < 0.75 * (peak[0] - mu_k * load)
-        ):
-            released = True
+        slipped = gauge - mu_k * load < 0.75 * (peak[0] - mu_k * load)
+        released = released or (slipped and peak[0] > mu_s * load + 0.02 * load)
         if gauge > limit:
             peak[3] = 1.0
         leaves = x + dt * vx >= nodes[-1] or x + dt * vx <= nodes[0]

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,6 +14,10 @@ from stepblocks.contact.energy import Status
 from stepblocks.contact.operating_point import PAPER
 from stepblocks.drag.simulate import DragTrace
 from stepblocks.errors import ContactError
+from stepblocks.figure_file import new_figure, save_figure
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
 
 LOADING_BAND = (0.0, 100.0)
 RING_BAND = (250.0, 350.0)
@@ -35,25 +41,7 @@ class Ring:
 
 
 def ring_of(trace: DragTrace, *, spectra: bool = True) -> Ring:
-    """Measure the ring of a trace that released.
-
-    Parameters
-    ----------
-    trace : DragTrace
-        From `stepblocks.drag.simulate.simulate`.
-    spectra : bool
-        Whether to compute the three spectral figures, which take longer than the drag itself; NaN otherwise.
-
-    Returns
-    -------
-    Ring
-        Amplitude, energy, duration and spectra.
-
-    Raises
-    ------
-    ContactError
-        If the trace has no release, or fewer than 16 ms after it.
-    """
+    """Measure the ring of a trace that released; its three spectral figures take longer than the drag itself."""
     if trace.status is not Status.RELEASES:
         raise ContactError(f"a trace that is {trace.status} has no ring")
     time, force = trace.column("time_s"), trace.column("fx_n")
@@ -88,13 +76,11 @@ def phase_spectrum(
 
     time, values = trace.column("time_s"), trace.column(channel)
     rate = trace.settings.sample_rate
-    if phase == "loading":
-        part = values[time < trace.release_time]
-    elif phase == "vibration":
-        begin = _fallen(trace)
-        part = values[(time >= begin) & (time < begin + _PAPER_RING)]
-    else:
+    if phase not in ("loading", "vibration"):
         raise ContactError(f"phase must be loading or vibration, got {phase!r}")
+    begin = _fallen(trace)
+    loading, ringing = time < trace.release_time, (time >= begin) & (time < begin + _PAPER_RING)
+    part = values[loading if phase == "loading" else ringing]
     if part.size < 16:
         raise ContactError(f"the {phase} phase has {part.size} samples, at least 16 are needed")
     padded = 1 << math.ceil(math.log2(max(part.size, rate)))
@@ -108,16 +94,13 @@ def _decay_time(trace: DragTrace) -> float:
     rate = trace.settings.sample_rate
     half = max(round(0.5 * rate / trace.probe.frequency), 2)
     swings = np.abs(force[: force.size // half * half] - _settled(trace)).reshape(-1, half).max(axis=1)
-    if swings.size == 0:
-        return math.nan
-    below = np.flatnonzero(swings <= swings[0] / math.e)
+    below = np.flatnonzero(swings <= swings[:1] / math.e)
     if below.size == 0:
         return math.nan
     last = int(below[0])
     # between two half periods the swings fall exponentially
-    part = math.log(swings[last - 1] * math.e / swings[0]) / max(
-        math.log(swings[last - 1] / max(swings[last], 1e-300)), 1e-300
-    )
+    fall = math.log(swings[last - 1] / max(swings[last], 1e-300))
+    part = math.log(swings[last - 1] * math.e / swings[0]) / max(fall, 1e-300)
     return (last - 1 + min(part, 1.0)) * half / rate
 
 
@@ -142,3 +125,51 @@ def band_share(frequency: NDArray[np.float64], energy: NDArray[np.float64], band
     """Share of a spectrum's energy between two frequencies [1]."""
     inside = (frequency >= band[0]) & (frequency <= band[1])
     return float(energy[inside].sum() / energy.sum())
+
+
+def draw_force(trace: DragTrace, path: Path, title: str) -> None:
+    """Draw both forces against time, as figure 3 of the paper does, and mark the release."""
+    figure, axes = new_figure(2, 1, sharex=True, height=4.6)
+    time = trace.column("time_s") * 1e3
+    for axis, name, label in ((axes[0], "fx_n", "tangential $F_x$ [N]"), (axes[1], "fy_n", "normal $F_y$ [N]")):
+        axis.plot(time, trace.column(name), lw=0.8, color="#1f4e79")
+        axis.set_ylabel(label)
+        if trace.status is Status.RELEASES:
+            axis.axvline(trace.release_time * 1e3, color="#b03030", lw=0.8, ls="--")
+    if trace.status is Status.RELEASES:
+        axes[0].annotate(
+            f"release, $F_{{px}}$ = {trace.peak_force:.3g} N",
+            (trace.release_time * 1e3, trace.peak_force),
+            xytext=(8, 2),
+            textcoords="offset points",
+            ha="left",
+            va="top",
+            fontsize=8,
+            color="#b03030",
+        )
+    axes[1].set_xlabel("time [ms]")
+    axes[0].set_title(title, fontsize=10)
+    save_figure(figure, path)
+
+
+def draw_spectra(trace: DragTrace, path: Path, title: str) -> None:
+    """Draw the spectra of the loading and of the vibration phase of both forces, as figures 4 and 5 do."""
+    figure, axes = new_figure(2, 2, sharex=True, height=5.0)
+    for row, channel in enumerate(("fx_n", "fy_n")):
+        for column, (phase, band) in enumerate((("loading", LOADING_BAND), ("vibration", RING_BAND))):
+            _draw_phase(axes[row][column], trace, phase, channel, band)
+    for axis in axes[1]:
+        axis.set_xlabel("frequency [Hz]")
+    figure.suptitle(title, fontsize=10)
+    save_figure(figure, path)
+
+
+def _draw_phase(axis: Axes, trace: DragTrace, phase: str, channel: str, band: tuple[float, float]) -> None:
+    frequency, energy = phase_spectrum(trace, phase, channel)
+    shown = frequency <= 600.0
+    axis.plot(frequency[shown], energy[shown] / max(float(energy[shown].max()), 1e-300), lw=0.9, color="#1f4e79")
+    axis.axvspan(*band, color="#f0c040", alpha=0.25, lw=0)
+    share = band_share(frequency, energy, band)
+    label = "$F_x$" if channel == "fx_n" else "$F_y$"
+    axis.set_title(f"{phase}, {label}: {share:.0%} in {band[0]:.0f}-{band[1]:.0f} Hz", fontsize=9)
+    axis.set_ylabel("relative energy")

@@ -11,23 +11,123 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from stepblocks.atomic import replace_text
-from stepblocks.contact.counterface import Counterface
+from stepblocks.contact.counterface import Counterface, Profile, Step
 from stepblocks.contact.energy import Release, Status
-from stepblocks.drag.model import DragSettings, probe_for
-from stepblocks.drag.ring import Ring, ring_of
-from stepblocks.drag.simulate import DragTrace, simulate
-from stepblocks.drag.subject import Subject, subject_of
+from stepblocks.contact.operating_point import PAPER, OperatingPoint, Tool
+from stepblocks.declare import load_declared
+from stepblocks.drag.kernels import COLUMNS
+from stepblocks.drag.ring import Ring, draw_force, draw_spectra, ring_of
+from stepblocks.drag.simulate import DragSettings, DragTrace, probe_for, simulate
 from stepblocks.drag.track import track_over
 from stepblocks.errors import ContactError, PipelineError, QuantityError
-from stepblocks.quantities import parse_quantity
-from stepblocks.tables import write_table
+from stepblocks.parts.kind import Part
+from stepblocks.parts.set import StimulusSet
+from stepblocks.quantities import format_quantity, parse_quantity
+from stepblocks.select import stimulus_files
+from stepblocks.tables import read_table, si_column, write_table
 
 if TYPE_CHECKING:
     import pandas as pd
 
-_OF_SUBJECT = ("tip_radius", "edge_radius", "step_height", "load", "friction", "stiffness", "frequency")
+# what may be given beside the subject [SI]: where it goes in an operating point, and in its tool
+_OF_POINT = {"tip_radius": "ball_radius", "load": "normal_load", "friction": "friction"}
+_OF_TOOL = ("stiffness", "frequency")
+_OF_SUBJECT = (*_OF_POINT, *_OF_TOOL, "edge_radius", "step_height")
 _OF_SETTINGS: tuple[str, ...] = ("static_friction", "ring_time", "sample_rate", "speed")
 _GUIDE_DAMPING = 20.0  # of a pulled handle [N s/m]; assumed
+
+
+@dataclass(frozen=True)
+class Subject:
+    """What is dragged over, and under what."""
+
+    name: str  # for the heading and the summary
+    face: Counterface
+    point: OperatingPoint
+    place: str = ""  # file of a profile, for messages
+
+
+def subject_of(
+    given: str | Path | Counterface, values: Mapping[str, float], backward: bool = False, where: Path | None = None
+) -> Subject:
+    """Understand what is to be dragged over; `values` [SI] take the place of what the paper or the set says."""
+    if isinstance(given, Counterface):
+        return Subject("a counterface", given, _changed(PAPER, values))
+    if Path(given).suffix.lower() == ".csv":
+        return _profile(Path(given), values)
+    try:
+        height = parse_quantity(str(given), "length")
+    except QuantityError:
+        return _declared(*_find(str(given), where), values, backward)
+    face = Step(height, values.get("edge_radius", 0.0))
+    return Subject(f"a step of {format_quantity(height, 'length')}", face, _changed(PAPER, values))
+
+
+def _declared(stimuli: StimulusSet, part: Part, values: Mapping[str, float], backward: bool) -> Subject:
+    """Drag over a part, or with it, under the first tip, load, friction and step of its set unless `values` differ."""
+    grid, place = stimuli.grid_of(part), f"[{stimuli.name}/{part.id}]"
+    if "edge_radius" in values:
+        raise PipelineError(f"--edge-radius is for a plain step; a stimulus declares its own {place}")
+    if part.ball is not None and "tip_radius" in values:
+        raise PipelineError(f"--tip-radius must not be given for a tip, it declares its own {place}")
+    if part.crossed and "step_height" in values:
+        raise PipelineError(f"--step-height is for a declared tip; a block declares its own {place}")
+    ball = grid.tip_radii[0] if part.ball is None else part.ball.nominal
+    height = None if part.crossed else values.get("step_height", grid.step_heights[0])
+    tool, ring = Tool(**grid.tool.model_dump()), stimuli.ring_of(part)
+    tool = tool if ring is None else ring.as_tool(tool)
+    point = OperatingPoint(ball, grid.normal_loads[0], grid.frictions[0], tool)
+    face, name = part.counterface(height), part.id
+    if height is not None:
+        probe = name if part.ball is not None else f"probe in {name}"
+        name = f"{probe} over a step of {format_quantity(height, 'length')}"
+    elif len(face.ways) > 1:
+        name = f"{name}, {face.ways[backward]}"
+    return Subject(name, face, _changed(point, values))
+
+
+def _changed(point: OperatingPoint, values: Mapping[str, float]) -> OperatingPoint:
+    tool = replace(point.tool, **{name: values[name] for name in _OF_TOOL if name in values})
+    return replace(point, tool=tool, **{field: values[name] for name, field in _OF_POINT.items() if name in values})
+
+
+def _profile(path: Path, values: Mapping[str, float]) -> Subject:
+    if "edge_radius" in values:
+        raise PipelineError(f"--edge-radius is for a plain step; a profile has its own [{path}]")
+    frame = read_table(path)
+    x, z = (si_column(frame, (name,), "length", None, path) for name in ("x", "z"))
+    try:
+        return Subject(path.name, Profile(x, z), _changed(PAPER, values), f"[{path}]")
+    except ContactError as error:
+        raise PipelineError(f"{error} [{path}]") from error
+
+
+def _find(text: str, where: Path | None) -> tuple[StimulusSet, Part]:
+    """Find a stimulus by ``ID``, ``SET/ID`` or ``FILE.toml/ID``."""
+    head, _, identity = text.rpartition("/")
+    if head.endswith(".toml"):
+        files, wanted = [Path(head)], ""
+    elif where is None and not Path("stimuli").is_dir():
+        raise PipelineError(
+            f"stimulus must be a step height such as '25 um', a CSV, or FILE.toml/ID (no folder stimuli here), got {text!r}"
+        )
+    else:
+        files, wanted = stimulus_files([where] if where else []), head
+    found = [
+        (stimuli, part)
+        for stimuli in map(load_declared, files)
+        for part in stimuli.stimuli
+        if part.id == identity and wanted in ("", stimuli.name)
+    ]
+    if len(found) > 1:
+        names = ", ".join(f"{stimuli.name}/{identity}" for stimuli, _ in found)
+        raise PipelineError(f"stimulus must be one, {identity!r} is several: {names}")
+    if not found:
+        places = ", ".join(str(file) for file in files)
+        raise PipelineError(
+            f"stimulus must be a step height such as '25 um', a CSV, or declared in {places}, got {text!r}"
+        )
+    return found[0]
 
 
 @dataclass(frozen=True)
@@ -46,7 +146,9 @@ class Drag:
     @property
     def frame(self) -> pd.DataFrame:
         """Traces [SI], one column each, its unit in its name."""
-        return self.trace.frame
+        import pandas as pd
+
+        return pd.DataFrame(self.trace.rows, columns=list(COLUMNS))
 
     @cached_property
     def summary(self) -> dict[str, Any]:
@@ -85,8 +187,6 @@ class Drag:
 
     def write(self, folder: Path) -> None:
         """Leave ``trace.csv``, ``drag.json``, ``force.png`` and, after a release, ``spectra.png``."""
-        from stepblocks.drag.figures import draw_force, draw_spectra
-
         folder.mkdir(parents=True, exist_ok=True)
         write_table(self.frame, folder / "trace.csv")
         draw_force(self.trace, folder / "force.png", self.title)
@@ -105,7 +205,7 @@ class Drag:
 
 
 def drag_over(
-    subject: str | Path | Counterface | Subject,
+    subject: str | Path | Counterface,
     values: Mapping[str, float] | None = None,
     *,
     backward: bool = False,
@@ -150,18 +250,16 @@ def drag_over(
     >>> done.summary["status"], done.summary["ledger_error"] < 1e-3
     ('releases', True)
     """
-    found = subject if isinstance(subject, Subject) else subject_of(subject, values or {}, backward, stimuli)
+    found = subject_of(subject, values or {}, backward, stimuli)
     point = found.point
     try:
-        track = track_over(found.face, point.ball_radius, found.backward)
-        formula = found.face.release(point, found.backward)
+        track = track_over(found.face, point.ball_radius, backward)
+        formula = found.face.release(point, backward)
     except ContactError as error:
         raise (PipelineError(f"{error} {found.place}") if found.place else error) from error
-    probe = probe_for(point.tool, point.ball_radius)
-    if damping_ratio is not None:
-        probe = replace(probe, damping_ratio=damping_ratio)
-    trace = simulate(track, probe, DragSettings.under(point, **settings))
-    return Drag(f"Drag over {found.name}", trace, formula)
+    changes = {} if damping_ratio is None else {"damping_ratio": damping_ratio}
+    probe = probe_for(point.tool, point.ball_radius, **changes)
+    return Drag(f"Drag over {found.name}", simulate(track, probe, DragSettings.under(point, **settings)), formula)
 
 
 def drag_from_options(

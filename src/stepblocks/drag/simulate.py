@@ -3,20 +3,101 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from dataclasses import astuple, dataclass, fields, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
+from stepblocks.contact.domain import require_not_negative, require_positive
 from stepblocks.contact.energy import Status
+from stepblocks.contact.operating_point import PAPER, OperatingPoint, Tool
 from stepblocks.drag import kernels
-from stepblocks.drag.model import DragSettings, Probe
 from stepblocks.drag.track import Track
 from stepblocks.errors import ContactError
 
-if TYPE_CHECKING:
-    import pandas as pd
+
+@dataclass(frozen=True)
+class Probe:
+    """The explorer as a mass on springs."""
+
+    stiffness: float  # tangential, k [N/m]
+    mass: float  # effective mass of the tip m [kg]
+    damping_ratio: float  # share of critical damping of the tangential spring [1]
+    contact_stiffness: float  # of the contact along its normal [N/m^p]
+    contact_power: float = 1.5  # p: 1.5 for Hertz, 1 for a linear contact
+    contact_loss: float = 5.0  # Hunt and Crossley: share of the contact force lost per speed of approach [s/m]; assumed
+    normal_stiffness: float = 0.0  # between the tip and the carrier of the weight [N/m]; 0: the load acts on the tip
+    carrier_mass: float = 0.0  # that is lifted with the carrier [kg]; used where `normal_stiffness` is not 0
+
+    def __post_init__(self) -> None:
+        for name in ("stiffness", "mass", "contact_stiffness"):
+            require_positive(name, getattr(self, name))
+        for name in ("damping_ratio", "contact_loss", "normal_stiffness", "carrier_mass"):
+            require_not_negative(name, getattr(self, name))
+        if self.contact_power not in (1.0, 1.5):
+            raise ContactError(f"contact_power must be 1 (linear) or 1.5 (Hertz), got {self.contact_power:g}")
+        if self.normal_stiffness > 0.0 and self.carrier_mass <= 0.0:
+            raise ContactError("carrier_mass must be positive where normal_stiffness is not 0")
+
+    @property
+    def frequency(self) -> float:
+        """Natural frequency along the drag [Hz]."""
+        return math.sqrt(self.stiffness / self.mass) / (2.0 * math.pi)
+
+
+@dataclass(frozen=True)
+class DragSettings:
+    """How the probe is dragged."""
+
+    normal_load: float  # weight F_py [N]
+    friction: float  # coefficient of friction while sliding mu [1]
+    speed: float = PAPER.speed  # of the handle [m/s]; 0 where a force pulls it
+    pulling_force: float = 0.0  # constant force on the handle [N]; 0 where it moves at constant speed
+    handle_mass: float = 0.0  # inertia of a handle that is pulled [kg]
+    handle_damping: float = 0.0  # of the guide of a handle that is pulled [N s/m]
+    static_friction: float = 0.0  # coefficient of friction at rest [1]; 0: as while sliding
+    stribeck_speed: float = 1e-3  # over which static falls to sliding friction [m/s]
+    viscous_friction: float = 0.0  # rise of the coefficient of friction per speed [s/m]
+    lead: float = 20e-6  # distance of sliding before the path first bends or slopes by more than a degree [m]
+    ring_time: float = 40e-3  # recorded after the release [s]
+    sample_rate: float = 10e3  # rows of the trace per second [Hz]
+    resolution: float = 20.0  # steps per period of the stiffest contact mode [1]
+
+    def __post_init__(self) -> None:
+        for name in ("normal_load", "stribeck_speed", "ring_time", "sample_rate"):
+            require_positive(name, getattr(self, name))
+        for field in fields(self):
+            require_not_negative(field.name, getattr(self, field.name))
+        if (self.speed > 0.0) == (self.pulling_force > 0.0):
+            raise ContactError("exactly one of speed and pulling_force must be positive")
+        if self.pulling_force > 0.0 and self.handle_mass <= 0.0:
+            raise ContactError("handle_mass must be positive where a pulling_force acts")
+        if self.static_friction and self.static_friction < self.friction:
+            raise ContactError(f"static_friction must not be less than friction ({self.friction:g})")
+        if not 4.0 <= self.resolution <= 1e4:
+            raise ContactError(f"resolution must lie between 4 and 10000 steps per period, got {self.resolution:g}")
+
+    @classmethod
+    def under(cls, point: OperatingPoint, **changes: float) -> DragSettings:
+        """Take load, friction and speed from an operating point."""
+        return cls(**{"normal_load": point.normal_load, "friction": point.friction, "speed": point.speed} | changes)
+
+
+def hertz_stiffness(ball_radius: float, modulus: float = 210e9, poisson: float = 0.3) -> float:
+    """Stiffness of a ball on a plane of the same material, ``F = K d^1.5`` [N/m^1.5]."""
+    require_positive("ball_radius", ball_radius)
+    require_positive("modulus", modulus)
+    return 4.0 / 3.0 * modulus / (2.0 * (1.0 - poisson * poisson)) * math.sqrt(ball_radius)
+
+
+def probe_for(tool: Tool, ball_radius: float, **changes: float) -> Probe:
+    """Return the probe that rings as a tool does, with a ball of steel on steel by Hertz."""
+    probe = Probe(tool.stiffness, tool.effective_mass, tool.damping_ratio, hertz_stiffness(ball_radius))
+    return replace(probe, **changes)
+
+
+PAPER_DRAG = probe_for(PAPER.tool, PAPER.ball_radius)
+
 
 _MOST_STEPS = 200_000_000
 _MOST_ROWS = 5_000_000
@@ -48,13 +129,6 @@ class DragTrace:
         rest = sum(value for name, value in self.ledger.items() if name != "handle_work")
         return abs(put_in - rest) / max(max(abs(value) for value in self.ledger.values()), 1e-300)
 
-    @property
-    def frame(self) -> pd.DataFrame:
-        """The samples as a table."""
-        import pandas as pd
-
-        return pd.DataFrame(self.rows, columns=list(kernels.COLUMNS))
-
     def column(self, name: str) -> NDArray[np.float64]:
         """One column of the trace by its name, such as ``"fx_n"``."""
         return self.rows[:, kernels.COLUMNS.index(name)]
@@ -63,34 +137,12 @@ class DragTrace:
 def simulate(track: Track, probe: Probe, settings: DragSettings) -> DragTrace:
     """Integrate the drag of a tip over a track until it has slipped and rung.
 
-    Parameters
-    ----------
-    track : Track
-        From `track_over`, `track_of` or `track_along`.
-    probe : Probe
-        Masses, springs and contact.
-    settings : DragSettings
-        Load, friction, speed or pulling force, and what to record.
-
-    Returns
-    -------
-    DragTrace
-        Samples, release and ledger. With a constant speed the tip starts in steady sliding; a pulled handle starts at
-        rest with its spring relaxed.
-
-    Raises
-    ------
-    ContactError
-        If the settings would need more steps than can be afforded.
-
-    Notes
-    -----
-    Leapfrog with a step of the stiffest contact mode's period over `DragSettings.resolution`. The run ends
-    `ring_time` after the first release, or where the force exceeds twice what any climb on this track needs (locked).
+    With a constant speed the tip starts in steady sliding; a pulled handle starts at rest with its spring relaxed. The run
+    ends `ring_time` after the first release, or where the force exceeds twice what any climb on this track needs (locked).
+    It is refused where it would take more steps or rows than can be afforded.
 
     Examples
     --------
-    >>> from stepblocks.drag.model import PAPER_DRAG
     >>> from stepblocks.drag.track import step_track
     >>> trace = simulate(step_track(25e-6, 125e-6), PAPER_DRAG, DragSettings(1.0, 0.15, speed=20e-3))
     >>> str(trace.status), trace.ledger_error < 1e-3
@@ -100,8 +152,10 @@ def simulate(track: Track, probe: Probe, settings: DragSettings) -> DragTrace:
     x = max(track.features[0] - settings.lead, float(track.x[0]))
     dent = (settings.normal_load / probe.contact_stiffness) ** (1.0 / probe.contact_power)
     limit, reachable = _force_limit(track, settings, mu_s)
-    dt, bristle = _time_step(probe, settings, _hardest(probe, settings, limit))
-    end = _duration(track, probe, settings, x, limit)
+    dt, bristle = _time_step(probe, settings, limit)
+    end = 20.0 * settings.ring_time
+    if settings.speed > 0.0:
+        end = (track.features[1] - x + limit / probe.stiffness) / settings.speed + settings.ring_time
     steps = math.ceil(end / dt)
     if steps > _MOST_STEPS:
         raise ContactError(f"drag of {end:g} s needs {steps} steps of {dt:.2g} s, more than {_MOST_STEPS}; drag faster")
@@ -114,24 +168,21 @@ def simulate(track: Track, probe: Probe, settings: DragSettings) -> DragTrace:
         )
     y = float(np.interp(x, track.x, track.z)) - dent
     rows, count, peak, ledger = kernels.integrate(
-        track.x,
-        track.z,
-        *track.slopes,
-        track.kinks,
-        _parameters(probe, settings, mu_s, bristle, limit),
-        _start(x, y, probe, settings, track.ball_radius),
-        dt,
-        steps,
-        every,
+        (track.x, track.z, *track.slopes, track.kinks),
+        *(tuple(map(float, astuple(one))) for one in (probe, settings)),
+        (float(mu_s), bristle, limit),
+        (x, y, 0.1 * track.ball_radius),
+        (dt, steps, every),
     )
-    passed = reachable and float(rows[count - 1, 3]) >= float(peak[2]) + 1e-3 * track.ball_radius
-    caught = track.steepest_angle >= math.radians(0.5) and float(peak[0]) > 1.02 * mu_s * settings.normal_load
+    force, time, position, overloaded = map(float, peak)
+    passed = reachable and float(rows[count - 1, 3]) >= position + 1e-3 * track.ball_radius
+    caught = track.steepest_angle >= math.radians(0.5) and force > 1.02 * mu_s * settings.normal_load
     return DragTrace(
         rows=rows[:count].copy(),
-        status=_status(settings.speed > 0.0, bool(peak[3]), reachable, caught, passed),
-        peak_force=float(peak[0]),
-        release_time=float(peak[1]),
-        release_position=float(peak[2]),
+        status=_status(settings.speed > 0.0, bool(overloaded), reachable, caught, passed),
+        peak_force=force,
+        release_time=time,
+        release_position=position,
         ledger=dict(zip(kernels.LEDGER, map(float, ledger), strict=True)),
         time_step=dt,
         probe=probe,
@@ -148,26 +199,6 @@ def _status(driven: bool, overloaded: bool, reachable: bool, caught: bool, passe
     return Status.RELEASES if driven or passed else Status.LOCKED
 
 
-def _start(x: float, y: float, probe: Probe, settings: DragSettings, ball_radius: float) -> NDArray[np.float64]:
-    """Let a tip begin in steady sliding at the speed of its handle, or at rest where a force pulls that."""
-    driven, carried = settings.speed > 0.0, probe.normal_stiffness > 0.0
-    stretch = settings.friction * settings.normal_load / probe.stiffness if driven else 0.0
-    sag = settings.normal_load / probe.normal_stiffness if carried else 0.0
-    return np.array(
-        [
-            x,
-            y,
-            settings.speed,
-            0.0,
-            x + stretch,
-            settings.speed,
-            y - sag if carried else 0.0,
-            math.inf if driven else 0.0,
-            0.1 * ball_radius,
-        ]
-    )
-
-
 def _force_limit(track: Track, settings: DragSettings, mu: float) -> tuple[float, bool]:
     """Force past which the tip counts as locked, and whether any climb is possible at all."""
     total = track.steepest_angle + math.atan(mu)
@@ -176,60 +207,17 @@ def _force_limit(track: Track, settings: DragSettings, mu: float) -> tuple[float
     return max(3.0 * settings.normal_load * math.tan(total), 3.0 * settings.normal_load), True
 
 
-def _hardest(probe: Probe, settings: DragSettings, limit: float) -> float:
-    """Find the normal force to be resolved: the climb's, or that of a blow with all of the spring's energy."""
-    climb = min(limit, 20.0 * settings.normal_load)
-    stored = 0.5 * (limit / 3.0) ** 2 / probe.stiffness
-    p, stiffness = probe.contact_power, probe.contact_stiffness
-    blow = stiffness * float(((p + 1.0) * stored / stiffness) ** (p / (p + 1.0)))
-    return max(climb, blow)
-
-
-def _time_step(probe: Probe, settings: DragSettings, force: float) -> tuple[float, float]:
+def _time_step(probe: Probe, settings: DragSettings, limit: float) -> tuple[float, float]:
     """Step [s] and stiffness of the tangential contact [N/m]."""
-    p = probe.contact_power
-    dent = (force / probe.contact_stiffness) ** (1.0 / p)
+    p, stiffness = probe.contact_power, probe.contact_stiffness
+    # the normal force to be resolved: the climb's, or that of a blow with all of the spring's energy
+    stored = 0.5 * (limit / 3.0) ** 2 / probe.stiffness
+    blow = stiffness * float(((p + 1.0) * stored / stiffness) ** (p / (p + 1.0)))
+    force = max(min(limit, 20.0 * settings.normal_load), blow)
+    dent = (force / stiffness) ** (1.0 / p)
     normal = p * force / dent
-    under_load = (settings.normal_load / probe.contact_stiffness) ** (1.0 / p)
+    under_load = (settings.normal_load / stiffness) ** (1.0 / p)
     # Mindlin: the tangential stiffness of a contact is 2 (1 - nu) / (2 - nu) = 0.82 of the normal one, at nu = 0.3
     tangential = 0.82 * p * settings.normal_load / under_load
     fastest = math.sqrt((2.0 * normal + 2.0 * tangential + probe.stiffness) / probe.mass)
     return 2.0 * math.pi / (fastest * settings.resolution), tangential
-
-
-def _duration(track: Track, probe: Probe, settings: DragSettings, x: float, limit: float) -> float:
-    if settings.speed <= 0.0:
-        return 20.0 * settings.ring_time
-    travel = track.features[1] - x + limit / probe.stiffness
-    return travel / settings.speed + settings.ring_time
-
-
-def _parameters(probe: Probe, settings: DragSettings, mu_s: float, bristle: float, limit: float) -> NDArray[np.float64]:
-    damping = 2.0 * probe.damping_ratio * math.sqrt(probe.stiffness * probe.mass)
-    carried = probe.normal_stiffness > 0.0
-    return np.array(
-        [
-            probe.mass,
-            probe.stiffness,
-            damping,
-            settings.normal_load,
-            probe.contact_stiffness,
-            probe.contact_power,
-            probe.contact_loss,
-            bristle,
-            0.3 * math.sqrt(bristle * probe.mass),
-            mu_s,
-            settings.friction,
-            settings.stribeck_speed,
-            settings.viscous_friction,
-            settings.speed,
-            settings.pulling_force,
-            settings.handle_mass if settings.speed <= 0.0 else 0.0,
-            settings.handle_damping,
-            probe.carrier_mass if carried else 0.0,
-            probe.normal_stiffness if carried else 0.0,
-            2.0 * probe.damping_ratio * math.sqrt(probe.normal_stiffness * probe.mass) if carried else 0.0,
-            limit,
-            settings.ring_time,
-        ]
-    )

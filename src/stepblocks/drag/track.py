@@ -17,8 +17,7 @@ from stepblocks.contact.counterface import Counterface, Step
 from stepblocks.contact.domain import require_not_negative, require_positive
 from stepblocks.contact.path.catches import interval_slopes
 from stepblocks.contact.path.centre import Array, CentrePath
-from stepblocks.contact.path.profile import Surface, profile_path
-from stepblocks.contact.path.tip import Ball
+from stepblocks.contact.path.profile import Ball, profile_path
 from stepblocks.errors import ContactError
 
 _KINK = math.radians(2.0)  # a turn at which two contacts share the load, on a surface that may be rough
@@ -68,7 +67,7 @@ def track_along(path: CentrePath, ball_radius: float, backward: bool = False) ->
     return Track(path.x, path.z - ball_radius, path.slope_start, path.slope_end, kinks, ball_radius)
 
 
-def track_of(x: ArrayLike, z: ArrayLike, ball: Ball, *, backward: bool = False, surface: Surface = "polyline") -> Track:
+def track_of(x: ArrayLike, z: ArrayLike, ball: Ball, *, backward: bool = False) -> Track:
     """Track of a ball over any profile."""
     xs, zs = np.asarray(x, dtype=np.float64), np.asarray(z, dtype=np.float64)
     if backward:
@@ -78,7 +77,7 @@ def track_of(x: ArrayLike, z: ArrayLike, ball: Ball, *, backward: bool = False, 
     if count > 2_000_000:
         raise ContactError(f"profile of {span:g} m is too long to drag over with a ball of {ball.radius:g} m")
     grid = np.linspace(float(xs.min()), float(xs.max()), count + 1) if xs.size else xs
-    path = profile_path(xs, zs, ball, positions=grid, surface=surface, edges="flat")
+    path = profile_path(xs, zs, ball, positions=grid, edges="flat")
     if np.isnan(path.height).any():
         raise ContactError("profile has a gap that is wider than the tip; it cannot be dragged over")
     steep = interval_slopes(path, "forward", -math.inf)
@@ -92,9 +91,9 @@ def track_of(x: ArrayLike, z: ArrayLike, ball: Ball, *, backward: bool = False, 
     nodes = nodes[keep]
     crowded = np.flatnonzero(np.diff(nodes) <= 1e-6 * ball.radius)
     nodes = np.delete(nodes, crowded[~np.isin(nodes[crowded], breaks)])
-    right = profile_path(xs, zs, ball, positions=nodes, surface=surface, edges="flat")
+    right = profile_path(xs, zs, ball, positions=nodes, edges="flat")
     before = np.maximum(nodes[1:] - 1e-9 * ball.radius, nodes[:-1] + 1e-12 * ball.radius)
-    left = profile_path(xs, zs, ball, positions=before, surface=surface, edges="flat")
+    left = profile_path(xs, zs, ball, positions=before, edges="flat")
     kinks = np.flatnonzero(np.isin(nodes, breaks))
     slope_left = right.slope.copy()
     slope_left[kinks] = left.slope[np.maximum(kinks - 1, 0)]
@@ -109,7 +108,7 @@ def track_of(x: ArrayLike, z: ArrayLike, ball: Ball, *, backward: bool = False, 
     )
 
 
-def step_track(height: float, ball_radius: float, edge_radius: float = 0.0, run: float | None = None) -> Track:
+def step_track(height: float, ball_radius: float, edge_radius: float = 0.0) -> Track:
     """Track over one step up at x = 0, in closed form."""
     radius = Ball(ball_radius).radius + edge_radius
     require_positive("height", height, "m")
@@ -118,7 +117,7 @@ def step_track(height: float, ball_radius: float, edge_radius: float = 0.0, run:
         raise ContactError(
             f"height must be less than R + r ({radius:g} m), got {height:g} m: too-high, the tip is held"
         )
-    length = _LEVEL * ball_radius if run is None else run
+    length = _LEVEL * ball_radius
     angle = 2.0 * math.asin(math.sqrt(0.5 * height / radius))
     angles = np.linspace(angle, 0.0, 400)
     x = np.concatenate([np.linspace(-length, -radius * math.sin(angle), 50)[:-1], -radius * np.sin(angles)])

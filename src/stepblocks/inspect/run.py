@@ -8,9 +8,8 @@ from pathlib import Path
 
 from stepblocks.artefacts.scans.read import read_scan
 from stepblocks.artefacts.scans.scan import HeightMap, Profile
-from stepblocks.contact.counterface import Step
+from stepblocks.contact.counterface import Step, energy_change, scanned_angle
 from stepblocks.contact.energy import Status, release_at
-from stepblocks.contact.felt import energy_change, scanned_angle
 from stepblocks.contact.operating_point import OperatingPoint
 from stepblocks.declare import load_declared
 from stepblocks.errors import PipelineError

@@ -20,7 +20,7 @@ from stepblocks.parts.declared import (
 from stepblocks.quantities import parse_quantity
 
 if TYPE_CHECKING:
-    from stepblocks.contact.rod.cantilever import Rod, RodRing, Sleeve
+    from stepblocks.contact.rod import Rod, RodRing, Sleeve
 
 
 def _positive(dimension: str) -> BeforeValidator:
@@ -90,7 +90,7 @@ class ProbeSpec(Table):
 
     def rod(self) -> Rod:
         """Return the rod that it is taken for."""
-        from stepblocks.contact.rod.cantilever import rod_for
+        from stepblocks.contact.rod import rod_for
 
         return rod_for(
             self.stiffness.value,
@@ -103,7 +103,7 @@ class ProbeSpec(Table):
 
     def ring(self, *sleeves: Sleeve) -> RodRing:
         """Predict how it rings, bare or with sleeves on its shank."""
-        from stepblocks.contact.rod.cantilever import ring_of
+        from stepblocks.contact.rod import ring_of
 
         return ring_of(self.rod(), sleeves)
 

@@ -20,7 +20,7 @@ from stepblocks.quantities import parse_quantity
 if TYPE_CHECKING:
     from stepblocks.contact.counterface import Step
     from stepblocks.contact.operating_point import OperatingPoint
-    from stepblocks.contact.tolerancing import TolerancePlan
+    from stepblocks.contact.uncertainty import TolerancePlan
 
     Condition = tuple[Step, OperatingPoint]
 
@@ -120,7 +120,7 @@ def toleranced(part: Part, grid: PredictionGrid, set_name: str) -> Part:
     if energy is None or isinstance(energy, EnergyBudget):
         return part
     from stepblocks.contact.energy import Status
-    from stepblocks.contact.tolerancing import tolerances_for_energy
+    from stepblocks.contact.uncertainty import tolerances_for_energy
 
     place = f"[{set_name}, {part.place}]"
     conditions = _conditions(part, grid)
@@ -174,7 +174,7 @@ def _fixed(part: Part, energy: EnergyTolerance) -> dict[str, float]:
 
 def _with_plans(part: Part, energy: EnergyTolerance, felt: list[Condition], plans: list[TolerancePlan]) -> Part:
     """Give a part the narrowest of what its conditions ask for, rounded down to what a drawing says."""
-    from stepblocks.contact.tolerancing import energy_at_corners
+    from stepblocks.contact.uncertainty import energy_at_corners
 
     widths = {name: min(_drawn(getattr(plan, name)) for plan in plans) for name in _free(part, energy)}
     tips: dict[float, float] = {}

@@ -21,7 +21,7 @@ if TYPE_CHECKING:
 
     from stepblocks.cad.kernel import Body, Face
     from stepblocks.contact.counterface import Counterface
-    from stepblocks.contact.rod.cantilever import Sleeve
+    from stepblocks.contact.rod import Sleeve
     from stepblocks.parts.characteristics import Characteristic
 
 # Chordal errors of meshes [m]: where the probe touches, where parts fit one another, elsewhere

@@ -21,7 +21,7 @@ from stepblocks.parts.kinds.step_block import StepBlock
 from stepblocks.parts.kinds.tips import HookTip, StraightTip
 
 if TYPE_CHECKING:
-    from stepblocks.contact.rod.cantilever import RodRing
+    from stepblocks.contact.rod import RodRing
 
 # The kinds, in the order in which a set holds them; a new one stands here
 SHIPPED: tuple[type[Part], ...] = (StepBlock, MarginBlock, CrownOnTooth, GroovedCylinder, StraightTip, HookTip, Sheath)

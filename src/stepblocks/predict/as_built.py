@@ -8,8 +8,8 @@ from dataclasses import replace
 from functools import cache
 
 from stepblocks.artefacts.as_built import AsBuilt
+from stepblocks.contact.counterface import energy_change, scanned_angle
 from stepblocks.contact.energy import Release, release_at
-from stepblocks.contact.felt import energy_change, scanned_angle
 from stepblocks.parts.kind import Part
 from stepblocks.parts.set import StimulusSet
 from stepblocks.predict.predictions import Prediction, predictions_of, six_digits, tool_of

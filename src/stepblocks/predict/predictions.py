@@ -277,9 +277,8 @@ def dragged(
     face: Counterface, point: OperatingPoint, backward: bool, speed: float, **probe: float
 ) -> tuple[DragTrace, Ring | None]:
     """Drag in time, with what of the probe is other than the tool says, and measure the ring of a tip that releases."""
-    from stepblocks.drag.model import DragSettings, probe_for
     from stepblocks.drag.ring import ring_of
-    from stepblocks.drag.simulate import simulate
+    from stepblocks.drag.simulate import DragSettings, probe_for, simulate
     from stepblocks.drag.track import track_over
 
     own = probe_for(point.tool, point.ball_radius, **probe)

@@ -8,8 +8,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from stepblocks.atomic import replace_text
-from stepblocks.contact.rod.cantilever import Hold, RodRing, bush_stiffness, ring_of
-from stepblocks.contact.rod.free_decay import DecayTest, plan_decay_test
+from stepblocks.contact.rod import DecayTest, Hold, RodRing, bush_stiffness, plan_decay_test, ring_of
 from stepblocks.parts.conditions import ProbeSpec
 from stepblocks.parts.kinds.sheath import Sheath
 from stepblocks.parts.set import StimulusSet

@@ -14,9 +14,8 @@ from stepblocks.contact.energy import Status
 from stepblocks.contact.event import Events, Learned, VibrationEvent, Waveform, ring_energy, vibration_events
 from stepblocks.contact.operating_point import OperatingPoint
 from stepblocks.contact.path.centre import CentrePath
-from stepblocks.drag.model import DragSettings, probe_for
 from stepblocks.drag.ring import ring_of
-from stepblocks.drag.simulate import DragTrace, simulate
+from stepblocks.drag.simulate import DragSettings, DragTrace, probe_for, simulate
 from stepblocks.drag.track import track_along
 from stepblocks.errors import HapticsError
 from stepblocks.parts.kind import Part

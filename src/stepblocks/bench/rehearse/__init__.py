@@ -142,9 +142,8 @@ def drag_trial(
     The tool's frequency is that without damping; `pull` is a steady force along the drag that the gauge reads beside the
     tip's [N].
     """
-    from stepblocks.drag.model import DragSettings, probe_for
     from stepblocks.drag.ring import ring_of
-    from stepblocks.drag.simulate import simulate
+    from stepblocks.drag.simulate import DragSettings, probe_for, simulate
     from stepblocks.drag.track import track_over
 
     tool, omega = point.tool, 2.0 * math.pi * point.tool.frequency

@@ -12,9 +12,8 @@ from numpy.typing import NDArray
 from stepblocks.contact.domain import require_positive
 from stepblocks.contact.energy import Release, release_at
 from stepblocks.contact.operating_point import PAPER, Tool
-from stepblocks.contact.path import profile_kernels as dilation_kernels
-from stepblocks.contact.path.profile import TipPath, tip_arrays
-from stepblocks.contact.path.tip import TipProfile
+from stepblocks.contact.path.profile import TipPath, TipProfile
+from stepblocks.contact.path.profile_kernels import steepest_in_each
 from stepblocks.errors import ContactError
 
 Direction = Literal["forward", "backward"]
@@ -81,20 +80,15 @@ def interval_slopes(path: TipPath, direction: Direction, floor: float) -> NDArra
         return slopes
     if path.position.size < 2:
         raise ContactError("a drag needs a path of at least 2 positions")
-    if isinstance(path.tip, TipProfile) and not path.tip.convex:
-        return _sampled_slopes(path)
-    radius, tip_v, tip_t, _ = tip_arrays(path.tip)
-    reach = path.tip.reach[1] - path.tip.reach[0]
-    tolerance = max(1e-13 * reach, 4.0 * float(np.spacing(np.abs(path.position).max())))
-    slopes = dilation_kernels.steepest_in_each(
-        path.position, path.height, path.contact, path.element, floor, path.elements, radius, tip_v, tip_t, tolerance
+    tip = path.tip.shape
+    if not tip.convex:
+        rise = np.diff(path.height) / np.diff(path.position)
+        return np.column_stack([rise, path.position[:-1], path.contact[1:]])
+    tolerance = max(1e-13 * (tip.high - tip.low), 4.0 * float(np.spacing(np.abs(path.position).max())))
+    slopes = steepest_in_each(
+        path.position, path.height, path.contact, path.element, floor, path.elements, tip, tolerance
     )
     return np.asarray(slopes)
-
-
-def _sampled_slopes(path: TipPath) -> NDArray[np.float64]:
-    rise = np.diff(path.height) / np.diff(path.position)
-    return np.column_stack([rise, path.position[:-1], path.contact[1:]])
 
 
 def _mirrored(path: TipPath) -> TipPath:

@@ -17,7 +17,9 @@ from numpy.typing import ArrayLike, NDArray
 from stepblocks.errors import ContactError
 
 Array = NDArray[np.float64]
-STEEPEST = 1e9  # Slope that stands for a vertical wall
+Disc = tuple[float, float, float]  # centre and radius [m]
+Line = tuple[tuple[float, float], tuple[float, float]]  # from one point to another [m]
+STEEPEST = 1e9  # slope that stands for a vertical wall
 _ANGLE_STEP = 2e-3  # chord of a circle [rad]; the slope between knots is interpolated, so the notch itself is exact
 _MOST_KNOTS = 20_000  # of all circles together; a scan has hundreds of them
 _CATCH = 1e-6  # a change of slope that counts as a notch
@@ -27,9 +29,7 @@ _CATCH = 1e-6  # a change of slope that counts as a notch
 class CentrePath:
     """Path of one point of a ball as pieces between knots, whose slopes are known at both ends.
 
-    A notch stays a notch: the piece that ends there and the one that begins have slopes of their own. `TipPath` holds
-    what a dilation finds at free positions, for any tip, with what is touched at each: from contacts, not from knots,
-    follow its slopes, so neither can be read as the other without losing them.
+    A notch stays a notch: the piece that ends there and the one that begins have slopes of their own.
     """
 
     x: Array  # shape (n,); knots [m], ascending
@@ -38,14 +38,7 @@ class CentrePath:
     slope_end: Array  # shape (n - 1,); and where it ends
 
     def notch(self, direction: float) -> tuple[float, float, float]:
-        """Find where the probe catches.
-
-        Examples
-        --------
-        >>> path = corner_path([(-1e-3, 0.0), (0.0, 0.0), (0.0, 25e-6), (1e-3, 25e-6)], 125e-6)
-        >>> round(math.degrees(path.notch(+1.0)[2]), 6)
-        36.869898
-        """
+        """Find where the probe catches: x, z and the critical angle, 0 for none."""
         if direction > 0.0:
             index = int(np.argmax(self.slope_start))
             rise, knot = self.slope_start[index], index
@@ -77,11 +70,7 @@ def corner_path(points: ArrayLike, ball_radius: float) -> CentrePath:
     return envelope_path([(x, z, 0.0) for x, z in corners[1:-1]], lines, ball_radius)
 
 
-def envelope_path(
-    discs: list[tuple[float, float, float]],
-    lines: list[tuple[tuple[float, float], tuple[float, float]]],
-    ball_radius: float,
-) -> CentrePath:
+def envelope_path(discs: list[Disc], lines: list[Line], ball_radius: float) -> CentrePath:
     """Upper envelope of circles (centre, radius grown by the ball) and of lines lifted by the ball."""
     start, end = lines[0][0][0], lines[-1][1][0]
     shapes = _Shapes(discs, lines, ball_radius)
@@ -105,12 +94,7 @@ def envelope_path(
 class _Shapes:
     """Circles and lines as arrays; one row per shape."""
 
-    def __init__(
-        self,
-        discs: list[tuple[float, float, float]],
-        lines: list[tuple[tuple[float, float], tuple[float, float]]],
-        ball_radius: float,
-    ) -> None:
+    def __init__(self, discs: list[Disc], lines: list[Line], ball_radius: float) -> None:
         grown = np.array([(x, z, r + ball_radius) for x, z, r in discs]).reshape(-1, 3)
         self.cx, self.cz, self.r = grown.T
         rows = []

@@ -1,20 +1,106 @@
-"""The path of a probe tip over a profile: exact dilation, contact points and the slope that a drag meets."""
+"""The path of a probe tip over a profile: exact dilation, contact points and the slope that a drag meets.
+
+The lower side of a tip is the function ``t(v) >= 0`` that a dilation needs: the height of its surface over its lowest
+point at the lateral distance `v` from its axis.
+"""
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from stepblocks.contact.path import profile_kernels as dilation_kernels
-from stepblocks.contact.path.tip import Ball, Tip, TipProfile
+from stepblocks.contact.domain import require_positive
+from stepblocks.contact.path import profile_kernels as kernels
 from stepblocks.errors import ContactError
 
 Floats = NDArray[np.float64]
 Surface = Literal["polyline", "samples"]
 Edges = Literal["strict", "flat"]
+
+
+@dataclass(frozen=True)
+class Ball:
+    """A spherical tip; its arcs are handled in closed form."""
+
+    radius: float  # R [m]
+
+    def __post_init__(self) -> None:
+        require_positive("ball radius", self.radius, "m")
+
+    @property
+    def shape(self) -> kernels.TipShape:
+        """As the kernels take it."""
+        return kernels.TipShape(self.radius, -self.radius, self.radius, np.zeros(2), np.zeros(2), True)
+
+    def height(self, distance: Floats) -> Floats:
+        """Height t [m] over the lowest point; infinite beyond the reach."""
+        inside = np.abs(distance) <= self.radius
+        squared = np.where(inside, np.square(distance), 0.0)
+        # R - sqrt(R^2 - v^2) written without the difference of two near numbers
+        tip = squared / (self.radius + np.sqrt(self.radius * self.radius - squared))
+        return np.where(inside, tip, np.inf)
+
+
+class TipProfile:
+    """A tip given as a polyline, for example one that was worn and scanned.
+
+    The profile need not be convex. One that is convex costs N log N on a surface of N points, any other one
+    N times the number of points under the tip.
+    """
+
+    def __init__(self, distance: ArrayLike, height: ArrayLike) -> None:
+        v, t = np.asarray(distance, dtype=np.float64), np.asarray(height, dtype=np.float64)
+        if v.ndim != 1 or v.shape != t.shape or v.size < 2:
+            raise ContactError(f"tip profile needs two equal columns of at least 2 points, got {v.shape} and {t.shape}")
+        if not (np.isfinite(v).all() and np.isfinite(t).all()):
+            raise ContactError("tip profile must be finite, got a NaN or an infinity")
+        if not (np.diff(v) > 0.0).all():
+            raise ContactError("tip profile distances must increase strictly")
+        if not v[0] < 0.0 < v[-1]:
+            raise ContactError(f"tip profile must reach to both sides of its axis, got {v[0]:g} m to {v[-1]:g} m")
+        self.distance: Floats = v
+        self.elevation: Floats = t - t.min()
+        slopes = np.diff(self.elevation) / np.diff(v)
+        # a slope may fall by rounding alone where the profile was computed from a circle
+        self.convex: bool = bool((np.diff(slopes) >= -1e-9 * max(1.0, float(np.abs(slopes).max()))).all())
+
+    @property
+    def shape(self) -> kernels.TipShape:
+        """As the kernels take it."""
+        low, high = float(self.distance[0]), float(self.distance[-1])
+        return kernels.TipShape(0.0, low, high, self.distance, self.elevation, self.convex)
+
+    def height(self, distance: Floats) -> Floats:
+        """Height t [m] over the lowest point; infinite beyond the reach."""
+        return np.interp(distance, self.distance, self.elevation, left=np.inf, right=np.inf)
+
+
+Tip = Ball | TipProfile
+
+
+def flattened_ball(radius: float, flat_width: float, points: int = 2001) -> TipProfile:
+    """Profile of a ball whose lowest part is worn to a flat.
+
+    Examples
+    --------
+    >>> worn = flattened_ball(125e-6, 40e-6)
+    >>> float(worn.height(np.array([15e-6]))[0])
+    0.0
+    """
+    ball = Ball(radius)
+    if not 0.0 <= flat_width < 2.0 * radius:
+        raise ContactError(f"flat_width must lie between 0 and the diameter ({2 * radius:g} m), got {flat_width:g} m")
+    start = math.asin(0.5 * flat_width / radius)
+    angles = np.linspace(start, 0.5 * math.pi, max(points // 2, 8))
+    v = radius * np.sin(angles)
+    t = ball.height(np.minimum(v, radius))
+    t -= t[0]
+    right = slice(1, None) if flat_width == 0.0 else slice(None)
+    return TipProfile(np.concatenate([-v[::-1], v[right]]), np.concatenate([t[::-1], t[right]]))
 
 
 @dataclass(frozen=True)
@@ -40,41 +126,12 @@ def profile_path(
     surface: Surface = "polyline",
     edges: Edges = "strict",
 ) -> TipPath:
-    """Path of a tip over a profile.
+    """Path of a tip over a profile by exact dilation, ``h(x) = max_u z(u) - t(u - x)``.
 
-    Parameters
-    ----------
-    x : array_like, shape (n,)
-        Positions of the profile's points [m], in order; two equal ones are a vertical riser. Spacing is free.
-    z : array_like, shape (n,)
-        Heights [m]; NaN where nothing was measured.
-    tip : Ball or TipProfile
-        Tip.
-    positions : array_like, optional
-        Increasing positions of the tip [m]; by default those of the profile, and points between them where they lie
-        farther apart than a 25th of the tip's reach.
-    surface : {"polyline", "samples"}
-        Whether the points are joined by straight lines, or are all there is of the surface. The path is exact for
-        either; one over samples sinks up to ``dx^2 / 8R`` between them, as a dilation by a structuring element does.
-    edges : {"strict", "flat"}
-        ``strict`` keeps only positions at which nothing beyond the ends could be touched, if it is no higher than
-        the profile's highest point. ``flat`` lets the surface go on level at both ends.
-
-    Returns
-    -------
-    TipPath
-        Heights, contacts and slopes.
-
-    Raises
-    ------
-    ContactError
-        If the profile is empty, infinite, out of order or without two finite points, if positions do not increase,
-        or if the tip's reach is larger than the profile.
-
-    Notes
-    -----
-    Source: the dilation of mathematical morphology, ``h(x) = max_u z(u) - t(u - x)``; ISO 16610-41 calls the same
-    operation, followed by its dual, the morphological closing profile.
+    Points [m] come in order of `x`, two equal ones are a riser; NaN heights were not measured. Between them the surface is
+    joined by straight lines, or (``samples``) is not there: a tip sinks up to ``dx^2 / 8R`` between samples. ``strict``
+    keeps to positions at which nothing beyond the ends could be touched, ``flat`` lets the surface go on level. Without
+    `positions` those of the profile are taken, and points between them at most a 25th of the tip's width apart.
 
     Examples
     --------
@@ -86,25 +143,26 @@ def profile_path(
     36.869898
     """
     xs, zs = _checked(x, z)
-    low, high = tip.reach
-    elements = profile_elements(xs, zs, tip, surface)
-    finite = np.isfinite(zs)
+    shape, finite = tip.shape, np.isfinite(zs)
+    width = shape.high - shape.low
+    elements = _elements(xs, zs, tip, surface)
     used = _effective_reach(tip, float(np.ptp(zs[finite])))
     if edges == "flat":
-        elements = _extended(elements, xs[finite], zs[finite], high - low)
+        (first, last), (start, end) = xs[finite][[0, -1]], zs[finite][[0, -1]]
+        before = [first - 2.0 * width, start, first, start, 0.0]
+        elements = np.vstack([before, elements, [last, end, last + 2.0 * width, end, 0.0]])
     elif xs[-1] - xs[0] < used[1] - used[0]:
         raise ContactError(
             f"tip reaches over {used[1] - used[0]:.3g} m and must not be larger than the profile "
             f"({xs[-1] - xs[0]:.3g} m); shorten it or use edges='flat'"
         )
-    where = _positions(xs, positions, high - low, used, edges)
-    radius, tip_v, tip_t, convex = tip_arrays(tip)
-    height, contact, which = dilation_kernels.dilate_profile(where, elements, radius, tip_v, tip_t, convex)
-    slope = dilation_kernels.path_slopes(where, contact, which, elements, radius, tip_v, tip_t)
+    where = _positions(xs, positions, width, used, edges)
+    height, contact, which = kernels.dilate_profile(where, elements, shape)
+    slope = kernels.path_slopes(where, contact, which, elements, shape)
     return TipPath(where, height, contact, slope, _supported(xs, finite, where, used), which, elements, tip)
 
 
-def profile_elements(x: Floats, z: Floats, tip: Tip, surface: Surface) -> Floats:
+def _elements(x: Floats, z: Floats, tip: Tip, surface: Surface) -> Floats:
     """Segments of a profile with the offset at which the tip is as steep as each, shape (m, 5) [m]."""
     finite = np.isfinite(z)
     if surface == "samples":
@@ -113,12 +171,8 @@ def profile_elements(x: Floats, z: Floats, tip: Tip, surface: Surface) -> Floats
     else:
         joined = finite[:-1] & finite[1:]
         lone = finite & ~np.concatenate([[False], joined]) & ~np.concatenate([joined, [False]])
-        pieces = [
-            np.concatenate([x[:-1][joined], x[lone]]),
-            np.concatenate([z[:-1][joined], z[lone]]),
-            np.concatenate([x[1:][joined], x[lone]]),
-            np.concatenate([z[1:][joined], z[lone]]),
-        ]
+        ends = x[:-1], z[:-1], x[1:], z[1:]
+        pieces = [np.concatenate([end[joined], own[lone]]) for end, own in zip(ends, (x, z, x, z), strict=True)]
     order = np.argsort(pieces[0], kind="stable")
     x0, z0, x1, z1 = (piece[order] for piece in pieces)
     return np.ascontiguousarray(np.column_stack([x0, z0, x1, z1, _offset_of_slope(x1 - x0, z1 - z0, tip)]))
@@ -131,13 +185,6 @@ def _offset_of_slope(run: Floats, rise: Floats, tip: Tip) -> Floats:
     slopes = np.diff(tip.elevation) / np.diff(tip.distance)
     slope = np.divide(rise, run, out=np.zeros_like(run), where=run > 0.0)
     return tip.distance[np.searchsorted(slopes, slope)]
-
-
-def tip_arrays(tip: Tip) -> tuple[float, Floats, Floats, bool]:
-    """Radius (0 for a polyline), distances, heights and convexity, as the kernels take them."""
-    if isinstance(tip, TipProfile):
-        return 0.0, tip.distance, tip.elevation, tip.convex
-    return tip.radius, np.zeros(2), np.zeros(2), True
 
 
 def _checked(x: ArrayLike, z: ArrayLike) -> tuple[Floats, Floats]:
@@ -161,7 +208,7 @@ def _checked(x: ArrayLike, z: ArrayLike) -> tuple[Floats, Floats]:
 
 def _effective_reach(tip: Tip, span: float) -> tuple[float, float]:
     """Find the part of the tip that can touch a surface of this height range."""
-    low, high = tip.reach
+    _, low, high, *_ = tip.shape
     if isinstance(tip, Ball):
         if span >= tip.radius:
             return low, high
@@ -170,12 +217,6 @@ def _effective_reach(tip: Tip, span: float) -> tuple[float, float]:
     near = tip.distance[tip.elevation <= span]
     step = float(np.diff(tip.distance).max())
     return max(low, float(near.min()) - step), min(high, float(near.max()) + step)
-
-
-def _extended(elements: Floats, x: Floats, z: Floats, reach: float) -> Floats:
-    before = [x[0] - 2.0 * reach, z[0], x[0], z[0], 0.0]
-    after = [x[-1], z[-1], x[-1] + 2.0 * reach, z[-1], 0.0]
-    return np.ascontiguousarray(np.vstack([before, elements, after]))
 
 
 def _positions(x: Floats, wanted: ArrayLike | None, reach: float, used: tuple[float, float], edges: Edges) -> Floats:

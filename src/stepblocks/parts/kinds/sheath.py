@@ -28,7 +28,7 @@ from stepblocks.quantities import format_quantity, parse_quantity
 
 if TYPE_CHECKING:
     from stepblocks.cad import kernel
-    from stepblocks.contact.rod.cantilever import Sleeve
+    from stepblocks.contact.rod import Sleeve
 
 # Largest relative difference in mass of two sheaths that are to weigh the same (the paper's sheaths: equal weight)
 MASS_MATCH = 0.01
@@ -111,7 +111,7 @@ class Sheath(Turned, HeldPart):
 
     @property
     def sleeve(self) -> Sleeve | None:
-        from stepblocks.contact.rod.cantilever import Sleeve
+        from stepblocks.contact.rod import Sleeve
 
         bore, outer, length = self.bore.nominal, self.outer_diameter.nominal, self.length.nominal
         bending = self.material.modulus * math.pi * (outer**4 - bore**4) / 64.0

@@ -1,4 +1,4 @@
-"""A probe as a clamped rod with a mass at its tip, and what a sheath does to its ring.
+"""A probe as a clamped rod with a mass at its tip, what a sheath does to its ring, and what a test of that ring measures.
 
 Euler-Bernoulli beam, cubic elements, in units of the rod: lengths in its free length, stiffness and mass in its own. The
 loss is taken from the undamped shape, each part's loss factor weighted by its share of the strain energy.
@@ -98,14 +98,7 @@ class RodRing:
 def rod_for(
     stiffness: float, frequency: float, decay_time: float, diameter: float, modulus: float, density: float
 ) -> Rod:
-    """Find the rod of a diameter that has a stiffness, and the mass at its tip with which it rings at a frequency.
-
-    Examples
-    --------
-    >>> rod = rod_for(9.81e3, 300.0, 14.2e-3, 4e-3, 200e9, 7900.0)
-    >>> f"{rod.length * 1e3:.1f} mm, {rod.end_mass * 1e3:.2f} g"
-    '91.6 mm, 0.57 g'
-    """
+    """Find the rod of a diameter that has a stiffness, and the mass at its tip with which it rings at a frequency."""
     for name, value in (("stiffness", stiffness), ("frequency", frequency), ("decay_time", decay_time)):
         require_positive(name, value)
     section = 0.25 * math.pi * diameter**2
@@ -129,11 +122,6 @@ def bush_stiffness(bore: float, outer: float, modulus: float, poisson: float) ->
 
     Source: Adkins, J. E., Gent, A. N. (1954), Br. J. Appl. Phys. 5, 354-358, for Poisson's ratio 0.5; the general one is
     Muskhelishvili's plane problem of a ring between rigid circles.
-
-    Examples
-    --------
-    >>> f"{bush_stiffness(4e-3, 8e-3, 1.7e6, 0.5) * 1e-6:.1f} N/mm^2"
-    '76.4 N/mm^2'
     """
     shear, kappa = modulus / (2.0 * (1.0 + poisson)), 3.0 - 4.0 * poisson
     grown = (outer**2 - bore**2) / (outer**2 + bore**2)
@@ -142,6 +130,8 @@ def bush_stiffness(bore: float, outer: float, modulus: float, poisson: float) ->
 
 def ring_of(rod: Rod, sleeves: Sequence[Sleeve] = (), hold: Hold | None = None) -> RodRing:
     """Predict the first mode of a rod with sheaths on its free part, or held through one; rigidly clamped without `hold`."""
+    from scipy.linalg import eigh, solve
+
     for sleeve in sleeves:
         if not (sleeve.length > 0.0 <= sleeve.start and sleeve.start + sleeve.length <= rod.length * (1.0 + 1e-12)):
             raise ContactError(
@@ -152,7 +142,20 @@ def ring_of(rod: Rod, sleeves: Sequence[Sleeve] = (), hold: Hold | None = None) 
     parts, mass = _assembled(nodes, rod, sleeves, hold)
     losses = [rod.loss_factor, *(sleeve.loss_factor for sleeve in sleeves), hold.loss_factor if hold else 0.0]
     free = slice(0 if hold else 2, 2 * nodes.size)
-    return _solved(rod, [part[free, free] for part in parts], losses, mass[free, free])
+    parts, mass = [part[free, free] for part in parts], mass[free, free]
+    total = np.sum(parts, axis=0)
+    # asked for as the largest flexibility, the lowest mode keeps its digits beside short elements
+    last = total.shape[0] - 1
+    values, shapes = eigh(mass, total, subset_by_index=[last, last])
+    shape = shapes[:, 0]
+    energies = np.array([shape @ part @ shape for part in parts])
+    shares = energies / energies.sum()
+    push = np.zeros(total.shape[0])
+    push[-2] = 1.0
+    unit = rod.bending_stiffness / rod.length**3
+    frequency = math.sqrt(unit / float(values[0]) / (rod.line_mass * rod.length)) / math.tau
+    stiffness = unit / float(solve(total, push, assume_a="pos")[-2])
+    return RodRing(stiffness, frequency, float(shares @ np.asarray(losses)), float(shares[1:].sum()))
 
 
 def _assembled(nodes: Array, rod: Rod, sleeves: Sequence[Sleeve], hold: Hold | None) -> tuple[list[Array], Array]:
@@ -178,24 +181,6 @@ def _assembled(nodes: Array, rod: Rod, sleeves: Sequence[Sleeve], hold: Hold | N
     return [own, *theirs], mass
 
 
-def _solved(rod: Rod, parts: Sequence[Array], losses: Sequence[float], mass: Array) -> RodRing:
-    from scipy.linalg import eigh, solve
-
-    total = np.sum(parts, axis=0)
-    # asked for as the largest flexibility, the lowest mode keeps its digits beside short elements
-    last = total.shape[0] - 1
-    values, shapes = eigh(mass, total, subset_by_index=[last, last])
-    shape = shapes[:, 0]
-    energies = np.array([shape @ part @ shape for part in parts])
-    shares = energies / energies.sum()
-    push = np.zeros(total.shape[0])
-    push[-2] = 1.0
-    unit = rod.bending_stiffness / rod.length**3
-    frequency = math.sqrt(unit / float(values[0]) / (rod.line_mass * rod.length)) / math.tau
-    stiffness = unit / float(solve(total, push, assume_a="pos")[-2])
-    return RodRing(stiffness, frequency, float(shares @ np.asarray(losses)), float(shares[1:].sum()))
-
-
 def _nodes(rod: Rod, sleeves: Sequence[Sleeve], hold: Hold | None) -> Array:
     """Places of the nodes in units of the free length; every end of a sheath is one."""
     ends = {0.0, 1.0, *(min(place / rod.length, 1.0) for s in sleeves for place in (s.start, s.start + s.length))}
@@ -206,3 +191,79 @@ def _nodes(rod: Rod, sleeves: Sequence[Sleeve], hold: Hold | None) -> Array:
     counts = [_HELD if b <= 0.0 else max(1, math.ceil(_PER_LENGTH * (b - a))) for a, b in itertools.pairwise(kept)]
     spans = [np.linspace(a, b, n, endpoint=False) for (a, b), n in zip(itertools.pairwise(kept), counts, strict=True)]
     return np.concatenate([*spans, [kept[-1]]])
+
+
+_RECORD = 5.0  # time constants: all but 5e-5 of the energy is recorded
+_MOST_RELEASES = 10_000
+
+
+@dataclass(frozen=True)
+class DecayTest:
+    """A planned test of one probe."""
+
+    displacement: float  # distance by which the tip is moved before it is let go [m]
+    force: float  # force that this takes [N]
+    peak_acceleration: float  # of the tip as it starts [m/s^2]
+    frequency: float  # what will be counted [Hz]
+    log_decrement: float  # what will be read from the amplitudes [1]
+    decay_time: float  # time constant of the amplitude [s]
+    periods_above_noise: int  # whole periods until the amplitude has sunk to three times the noise
+    record_time: float  # time to record [s]
+    samples: int  # samples of one release
+    frequency_std: float  # least standard uncertainty of the frequency from one release [Hz]
+    log_decrement_std: float  # of the logarithmic decrement [1]
+    releases: int  # releases after which the logarithmic decrement is known as well as wanted
+
+
+def plan_decay_test(tool: Tool, displacement: float, noise: float, rate: float, wanted: float) -> DecayTest:
+    """Say what a test of a tool's ring will measure, and how well; `wanted` is relative, of the logarithmic decrement.
+
+    Source: Cramer-Rao bound of a damped sine with unknown amplitude, phase, frequency and decay; for a long record
+    ``var(1/tau) = 16 noise^2 / (amplitude^2 rate tau^3)``.
+    """
+    for name, value in (("displacement", displacement), ("noise", noise), ("rate", rate), ("wanted", wanted)):
+        require_positive(name, value)
+    frequency, decay_time = tool.frequency, tool.decay_time
+    if rate < 4.0 * frequency:
+        raise ContactError(f"rate must be at least four samples per period ({4.0 * frequency:.4g} Hz), got {rate:g} Hz")
+    if displacement <= 3.0 * noise:
+        raise ContactError(
+            f"displacement must exceed three times the noise ({3e6 * noise:g} um), got {displacement * 1e6:g} um"
+        )
+    count = max(math.ceil(_RECORD * decay_time * rate), 8)
+    decrement = 1.0 / (decay_time * frequency)
+    angular_std, rate_std = _least(displacement, frequency, decay_time, noise, rate, count)
+    frequency_std = angular_std / math.tau
+    decrement_std = math.hypot(rate_std / frequency, decrement * frequency_std / frequency)
+    releases = max(math.ceil((decrement_std / (wanted * decrement)) ** 2), 1)
+    if releases > _MOST_RELEASES:
+        raise ContactError(
+            f"the wanted uncertainty {wanted:g} would take {releases} releases, more than {_MOST_RELEASES}"
+        )
+    return DecayTest(
+        displacement=displacement,
+        force=tool.stiffness * displacement,
+        peak_acceleration=(math.tau * frequency) ** 2 * displacement,
+        frequency=frequency,
+        log_decrement=decrement,
+        decay_time=decay_time,
+        periods_above_noise=math.floor(decay_time * math.log(displacement / (3.0 * noise)) * frequency),
+        record_time=count / rate,
+        samples=count,
+        frequency_std=frequency_std,
+        log_decrement_std=decrement_std,
+        releases=releases,
+    )
+
+
+def _least(
+    amplitude: float, frequency: float, decay_time: float, noise: float, rate: float, count: int
+) -> tuple[float, float]:
+    """Least standard uncertainties of the angular frequency and of the decay rate [1/s]."""
+    time = np.arange(count) / rate
+    envelope, phase = np.exp(-time / decay_time), math.tau * frequency * time
+    cosine, sine = envelope * np.cos(phase), envelope * np.sin(phase)
+    scaled = time / decay_time  # so that all columns are of order one
+    slopes = np.column_stack([cosine, -sine, -scaled * sine, -scaled * cosine]) * amplitude
+    covariance = np.linalg.inv(slopes.T @ slopes) * noise**2
+    return math.sqrt(covariance[2, 2]) / decay_time, math.sqrt(covariance[3, 3]) / decay_time
