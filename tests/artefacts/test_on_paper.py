@@ -8,8 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from stepblocks.artefacts.inspection_sheet import COLUMNS, sheet_table
-from stepblocks.artefacts.numbers import decimals_for, limits_text, millimetres
+from stepblocks.artefacts.on_paper import COLUMNS, decimals_for, limits_text, millimetres, sheet_table
 from stepblocks.artefacts.step.write import _callout_lines, _callout_text, _Data, _real, conforming
 from stepblocks.cad.kernel import Face
 from stepblocks.declare import load_declared

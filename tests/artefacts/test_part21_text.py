@@ -5,11 +5,11 @@ import math
 import pytest
 
 from oracles.part21_text import MILLIMETRE, SHAPE, exchange_of, face, text_of
-from stepblocks.artefacts.step.part21 import exchange
-from stepblocks.artefacts.step.part21.characteristics import dimensions_of, tolerances_of
-from stepblocks.artefacts.step.part21.check_step import check_step, step_table
-from stepblocks.artefacts.step.part21.exchange import Typed, is_reference, number
-from stepblocks.artefacts.step.part21.units import density_findings, measure_of, unit_of, untyped_measures
+from stepblocks.artefacts.step import exchange
+from stepblocks.artefacts.step.characteristics import dimensions_of, tolerances_of
+from stepblocks.artefacts.step.check_step import check_step, step_table
+from stepblocks.artefacts.step.exchange import Typed, is_reference, number
+from stepblocks.artefacts.step.units import density_findings, measure_of, unit_of, untyped_measures
 from stepblocks.errors import MetrologyError
 
 

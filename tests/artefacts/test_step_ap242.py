@@ -12,9 +12,9 @@ import pytest
 
 from stepblocks.artefacts.check import check_artefact
 from stepblocks.artefacts.meshes.write import write_stl
-from stepblocks.artefacts.step.part21.check_step import check_step, step_table
-from stepblocks.artefacts.step.part21.exchange import read_exchange
-from stepblocks.artefacts.step.part21.faces import faces_of
+from stepblocks.artefacts.step.check_step import check_step, step_table
+from stepblocks.artefacts.step.exchange import read_exchange
+from stepblocks.artefacts.step.faces import faces_of
 from stepblocks.artefacts.step.read import check_part_step
 from stepblocks.artefacts.step.write import conforming, write_step_ap242
 from stepblocks.declare import load_set

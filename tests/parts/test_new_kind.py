@@ -22,7 +22,7 @@ from stepblocks.parts.set import kinds, registered
 from stepblocks.parts.tolerance import PositiveLength
 from stepblocks.predict.predictions import predictions_of
 from stepblocks.simulators.export import export
-from stepblocks.workshop.drawing.write import drawn_dimensions
+from stepblocks.workshop.drawing import drawn_dimensions
 from stepblocks.workshop.run import order_parts
 
 

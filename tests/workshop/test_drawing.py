@@ -7,12 +7,11 @@ from pathlib import Path
 
 import pytest
 
-from stepblocks.artefacts.inspection_sheet import COLUMNS, write_sheet_csv, write_sheet_pdf
-from stepblocks.artefacts.numbers import decimals_for, limits_text
+from stepblocks.artefacts.on_paper import COLUMNS, decimals_for, limits_text, write_sheet_csv, write_sheet_pdf
 from stepblocks.declare import load_set
 from stepblocks.errors import MachiningError
 from stepblocks.parts.characteristics import characteristics_of
-from stepblocks.workshop.drawing.write import drawn_dimensions, write_drawing
+from stepblocks.workshop.drawing import drawn_dimensions, write_drawing
 
 ROOT = Path(__file__).parents[2]
 STIMULI = {one.id: one for path in sorted((ROOT / "stimuli").glob("*.toml")) for one in load_set(path).stimuli}

@@ -5,12 +5,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from stepblocks.artefacts.step.part21.check_step import check_step
+from stepblocks.artefacts.step.check_step import check_step
 from stepblocks.cad import kernel
 from stepblocks.cli import main
 from stepblocks.declare import load_set
 from stepblocks.errors import MachiningError
-from stepblocks.workshop.drawing.write import drawn_dimensions, write_gauge_drawing
+from stepblocks.workshop.drawing import drawn_dimensions, write_gauge_drawing
 from stepblocks.workshop.gauge_route import GRADES, STANDARD_SET, choose_pair, routes_for, write_gauge_assembly
 
 STIMULI = Path(__file__).parents[2] / "stimuli"

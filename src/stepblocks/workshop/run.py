@@ -6,7 +6,7 @@ from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-from stepblocks.artefacts.inspection_sheet import write_sheet_csv, write_sheet_pdf
+from stepblocks.artefacts.on_paper import write_sheet_csv, write_sheet_pdf
 from stepblocks.atomic import inside
 from stepblocks.declare import load_declared
 from stepblocks.errors import MachiningError, PipelineError
@@ -14,7 +14,7 @@ from stepblocks.parts.kind import Part
 from stepblocks.parts.kinds.step_block import StepBlock
 from stepblocks.quantities import parse_quantity
 from stepblocks.select import matches, stimulus_files
-from stepblocks.workshop.drawing.write import write_drawing, write_gauge_drawing
+from stepblocks.workshop.drawing import write_drawing, write_gauge_drawing
 from stepblocks.workshop.gauge_route import Route, choose_pair, routes_for, write_gauge_assembly
 
 GROUND = "2 um"  # deviation of a height in one piece that is ground, not lapped

@@ -6,8 +6,8 @@ import math
 from collections.abc import Iterator
 from pathlib import Path
 
-from stepblocks.artefacts.step.part21.characteristics import Characteristic
-from stepblocks.artefacts.step.part21.check_step import StepReport, check_step
+from stepblocks.artefacts.step.characteristics import Characteristic
+from stepblocks.artefacts.step.check_step import StepReport, check_step
 from stepblocks.artefacts.verdict import Verdict
 from stepblocks.errors import MetrologyError
 from stepblocks.parts.characteristics import Characteristic as Wanted

@@ -2,7 +2,7 @@
 
 OpenCASCADE writes the limits of a dimension as an untyped SELECT, the density in gram^3 centimetre^2, and the time of day
 into the header. A reader that follows the standard rejects the first two. They are mended in the text, instance
-by instance, and `stepblocks.artefacts.step.part21` then proves the result without the kernel. Each tolerance is also
+by instance, and `stepblocks.artefacts.step.check_step` then proves the result without the kernel. Each tolerance is also
 written out beside the part, with a line to the face it speaks of.
 """
 
@@ -15,7 +15,7 @@ from pathlib import Path
 
 import numpy as np
 
-from stepblocks.artefacts.numbers import decimals_for, limits_text, millimetres
+from stepblocks.artefacts.on_paper import limits_text, zone_text
 from stepblocks.atomic import beside
 from stepblocks.cad import kernel
 from stepblocks.cad.pmi import Callout, PmiDimension, PmiItem, PmiKind, PmiTolerance, write_step_with_tolerances
@@ -118,8 +118,7 @@ def _item(described: Sequence[tuple[kernel.Face, ...]], rule: Rule, body: int, p
 def _callout_text(one: Characteristic, number: int) -> str:
     """Return what a callout says, with the number of the drawing."""
     if one.kind in ("flatness", "parallelism"):
-        zone = millimetres(one.upper, max(decimals_for(one.upper), 3))
-        return f"{number}  {one.label} {zone}"
+        return f"{number}  {one.label} {zone_text(one.upper)}"
     sign = {"diameter": "dia. ", "radius": "R "}.get(one.kind, "")
     return f"{number}  {one.label} {sign}{limits_text(one.nominal, one.lower, one.upper)}"
 

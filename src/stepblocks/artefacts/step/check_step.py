@@ -6,10 +6,10 @@ import math
 from dataclasses import dataclass
 from pathlib import Path
 
-from stepblocks.artefacts.step.part21.characteristics import Characteristic, dimensions_of, tolerances_of
-from stepblocks.artefacts.step.part21.exchange import Exchange, read_exchange
-from stepblocks.artefacts.step.part21.faces import faces_of
-from stepblocks.artefacts.step.part21.units import density_findings, measure_of, untyped_measures
+from stepblocks.artefacts.step.characteristics import Characteristic, dimensions_of, tolerances_of
+from stepblocks.artefacts.step.exchange import Exchange, read_exchange
+from stepblocks.artefacts.step.faces import faces_of
+from stepblocks.artefacts.step.units import density_findings, measure_of, untyped_measures
 
 ALLOWED = 1e-9  # largest difference between a dimension and its faces [m], and [rad] for angles
 

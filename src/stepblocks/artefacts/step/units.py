@@ -6,7 +6,7 @@ import math
 from dataclasses import dataclass
 from typing import Any
 
-from stepblocks.artefacts.step.part21.exchange import Exchange, Typed, is_reference, number
+from stepblocks.artefacts.step.exchange import Exchange, Typed, is_reference, number
 
 _PREFIXES = "EXA PETA TERA GIGA MEGA KILO HECTO DECA DECI CENTI MILLI MICRO NANO PICO"
 _POWERS = (18, 15, 12, 9, 6, 3, 2, 1, -1, -2, -3, -6, -9, -12)

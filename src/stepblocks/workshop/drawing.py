@@ -10,7 +10,7 @@ from functools import cache
 from pathlib import Path
 from typing import Any
 
-from stepblocks.artefacts.numbers import limits_text
+from stepblocks.artefacts.on_paper import limits_text
 from stepblocks.atomic import beside
 from stepblocks.errors import MachiningError
 from stepblocks.parts.characteristics import Characteristic, characteristics_of
@@ -21,16 +21,10 @@ from stepblocks.parts.kinds.sheath import Sheath
 from stepblocks.parts.kinds.step_block import StepBlock
 from stepblocks.parts.kinds.tips import HookTip, StraightTip
 from stepblocks.parts.revolution import Turned
-from stepblocks.workshop.drawing.blocks import gauge_sheet, margin_block_views, step_block_views
-from stepblocks.workshop.drawing.sheet import HEIGHT, WIDTH, Sheet
-from stepblocks.workshop.drawing.turned import (
-    crown_views,
-    hook_tip_views,
-    sheath_views,
-    straight_tip_views,
-    turned_views,
-)
+from stepblocks.workshop.blocks import gauge_sheet, margin_block_views, step_block_views
 from stepblocks.workshop.gauge_route import GaugePair
+from stepblocks.workshop.sheet import HEIGHT, WIDTH, Sheet
+from stepblocks.workshop.turned import crown_views, hook_tip_views, sheath_views, straight_tip_views, turned_views
 
 FORMATS = ("dxf", "svg", "pdf")
 # who draws a kind on a sheet and returns lines for its notes; without views everything is said in words

@@ -9,8 +9,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from stepblocks.artefacts.step.part21.exchange import Exchange, Typed, is_reference, number
-from stepblocks.artefacts.step.part21.units import unit_of
+from stepblocks.artefacts.step.exchange import Exchange, Typed, is_reference, number
+from stepblocks.artefacts.step.units import unit_of
 
 Array = NDArray[np.float64]
 

@@ -11,7 +11,7 @@ from stepblocks.parts.kinds.crown_on_tooth import CrownOnTooth
 from stepblocks.parts.kinds.sheath import MASS_MATCH, Sheath, format_mass
 from stepblocks.parts.kinds.tips import HookTip, StraightTip, Tip
 from stepblocks.parts.revolution import Turned
-from stepblocks.workshop.drawing.sheet import Point, Sheet, View, round_scale
+from stepblocks.workshop.sheet import Point, Sheet, View, round_scale
 
 _CHORDS = 96  # of an arc
 

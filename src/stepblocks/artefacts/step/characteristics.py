@@ -6,8 +6,8 @@ import math
 from dataclasses import dataclass
 from typing import Any
 
-from stepblocks.artefacts.step.part21.exchange import Exchange, is_reference
-from stepblocks.artefacts.step.part21.faces import (
+from stepblocks.artefacts.step.exchange import Exchange, is_reference
+from stepblocks.artefacts.step.faces import (
     Surface,
     faces_of,
     measured_angle,
@@ -15,7 +15,7 @@ from stepblocks.artefacts.step.part21.faces import (
     measured_size,
     placed_where_drawn,
 )
-from stepblocks.artefacts.step.part21.units import Measure, measure_of
+from stepblocks.artefacts.step.units import Measure, measure_of
 
 _SIZES = ("DIMENSIONAL_SIZE", "DIMENSIONAL_SIZE_WITH_PATH", "DIMENSIONAL_SIZE_WITH_DATUM_FEATURE", "ANGULAR_SIZE")
 _LOCATIONS = (

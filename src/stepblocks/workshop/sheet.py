@@ -15,7 +15,7 @@ import ezdxf
 from ezdxf.enums import TextEntityAlignment
 from ezdxf.math import Vec2
 
-from stepblocks.artefacts.numbers import decimals_for, limits_text, millimetres
+from stepblocks.artefacts.on_paper import decimals_for, limits_text, zone_text
 from stepblocks.parts.characteristics import Characteristic
 
 Point = tuple[float, float]
@@ -196,7 +196,7 @@ class Sheet:
         number, one = self.listed[key]
         x, y = at
         high, cell = 6.0, 7.0
-        value = millimetres(one.upper, max(decimals_for(one.upper), 3))
+        value = zone_text(one.upper)
         wide = 3.0 + _WIDE * _TEXT * len(value)
         ends = [x + cell, x + cell + wide, *([x + cell + wide + cell] if datum else [])]
         self.rectangle(at, (ends[-1], y + high), "FRAME")
