@@ -239,13 +239,13 @@ def test_tips_crowns_and_rounded_edges_are_the_same_bytes_from_process_to_proces
     rounded = tmp_path / "small.toml"
     rounded.write_text(SMALL.replace('to = "20 um"', 'to = "10 um"').replace('nominal = "0 um"', 'nominal = "4 um"'))
     files = [str(rounded), *(str(ROOT / "stimuli" / f"{name}.toml") for name in ("probe-tips", "crown-margins"))]
-    runs = [
-        subprocess.Popen(
-            [sys.executable, "-c", CHOSEN, str(tmp_path / seed), *files], env={**os.environ, "PYTHONHASHSEED": seed}
-        )
-        for seed in ("1", "2")
-    ]
-    assert [run.wait() for run in runs] == [0, 0]
+
+    def run(seed):
+        command = [sys.executable, "-c", CHOSEN, str(tmp_path / seed), *files]
+        return subprocess.Popen(command, env={**os.environ, "PYTHONHASHSEED": seed})
+
+    with run("1") as one, run("2") as other:
+        assert (one.wait(), other.wait()) == (0, 0)
     first, second = tree(tmp_path / "1"), tree(tmp_path / "2")
     assert {"small/step-010/step-010.step", "probe-tips/hook-125/hook-125.step"} <= first.keys()
     assert first == second
