@@ -3,7 +3,7 @@ from .artefacts.check import check_artefact as check_artefact
 from .artefacts.heightfield import height_field as height_field
 from .artefacts.model_file import read_model as read_model
 from .artefacts.scans.read import read_scan as read_scan
-from .artefacts.step.part21.check_step import check_step as check_step
+from .artefacts.step.check_step import check_step as check_step
 from .artefacts.verdict import Verdict as Verdict
 from .bench.measure import measure as measure
 from .bench.rehearse.run import simulate_session as simulate_session

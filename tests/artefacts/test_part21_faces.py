@@ -5,7 +5,7 @@ import math
 import pytest
 
 from oracles.part21_text import SHAPE, circle, exchange_of, face, line
-from stepblocks.artefacts.step.part21.faces import faces_of, measured_angle, measured_distance, measured_size
+from stepblocks.artefacts.step.faces import faces_of, measured_angle, measured_distance, measured_size
 
 Z = (0.0, 0.0, 1.0)
 X = (1.0, 0.0, 0.0)

@@ -12,9 +12,9 @@ import pytest
 
 from stepblocks.artefacts.check import check_artefact
 from stepblocks.artefacts.meshes.write import write_stl
-from stepblocks.artefacts.step.part21.check_step import check_step, step_table
-from stepblocks.artefacts.step.part21.exchange import read_exchange
-from stepblocks.artefacts.step.part21.faces import faces_of
+from stepblocks.artefacts.step.check_step import check_step, step_table
+from stepblocks.artefacts.step.exchange import read_exchange
+from stepblocks.artefacts.step.faces import faces_of
 from stepblocks.artefacts.step.read import check_part_step
 from stepblocks.artefacts.step.write import conforming, write_step_ap242
 from stepblocks.declare import load_set
@@ -362,7 +362,7 @@ def test_what_the_kernel_alone_writes_does_not_pass(tmp_path):
     assert sum("value must be typed" in line for line in findings) == 2
     assert sum("density: unit" in line for line in findings) == 1
     mended = tmp_path / "mended.step"
-    mended.write_text(step_ap242.conforming(raw.read_text(), "tip-125", "2000-01-01T00:00:00"))
+    mended.write_text(step_ap242.conforming(raw.read_text(), "tip-125"))
     assert check_step(mended, require_ap242=True).passes
 
 
@@ -373,7 +373,7 @@ def test_a_face_that_is_not_there_and_a_text_without_a_header_are_refused():
     with pytest.raises(MachiningError, match="a face must exist"):
         find_face(faces, FaceRule("PLANE", 2, -1.0), "tip-125")
     with pytest.raises(MachiningError, match="FILE_NAME"):
-        conforming("DATA;\nENDSEC;", "x", "2000-01-01T00:00:00")
+        conforming("DATA;\nENDSEC;", "x")
 
 
 @pytest.mark.parametrize(

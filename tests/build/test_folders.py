@@ -11,7 +11,7 @@ import pytest
 from stepblocks.atomic import folder_beside, inside
 from stepblocks.build import manifest as manifests
 from stepblocks.build import run as building
-from stepblocks.build.manifest import RECORD, digest, hash_file, intact, load_json, unchanged, written
+from stepblocks.build.manifest import RECORD, digest, hash_file, intact, load_json, load_record, unchanged, written
 from stepblocks.build.run import BuildReport, build_sets, check_output
 from stepblocks.cli import main
 from stepblocks.errors import PipelineError
@@ -113,6 +113,18 @@ def test_a_record_that_names_a_file_outside_does_not_delete_it(place, copy, tmp_
     report = build_sets(SHEATHS, copy, jobs=1)
     assert report.built == ["sheaths/sheath-soft"]  # its record is not believed, so it is made again
     assert victim.read_text() == "mine"
+
+
+@pytest.mark.parametrize("lost", ["verdicts", "kind"])
+def test_a_record_that_has_lost_a_part_counts_as_not_built(lost, copy):
+    path = copy / "sheaths" / "sheath-soft" / RECORD
+    content = json.loads(path.read_text())
+    del content[lost]
+    path.write_text(json.dumps(content))
+    assert load_record(path.parent) == {}
+    assert build_sets(SHEATHS, copy, only="sheath-hard", jobs=1).built == []  # the other is left out of the page
+    assert "sheath-soft.step" not in (copy / "index.html").read_text()
+    assert build_sets(SHEATHS, copy, jobs=1).built == ["sheaths/sheath-soft"]
 
 
 @pytest.mark.parametrize("linked", ["sheaths", "sheaths/sheath-soft", "assets"])

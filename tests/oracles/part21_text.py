@@ -1,6 +1,6 @@
 """Part 21 texts written by hand, after ISO 10303-21: what a reader must get from them is known without any CAD kernel."""
 
-from stepblocks.artefacts.step.part21.exchange import read_exchange
+from stepblocks.artefacts.step.exchange import read_exchange
 
 SCHEMA = "AP242_MANAGED_MODEL_BASED_3D_ENGINEERING_MIM_LF"
 MILLIMETRE = "#1=(LENGTH_UNIT()NAMED_UNIT(*)SI_UNIT(.MILLI.,.METRE.));"

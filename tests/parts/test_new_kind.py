@@ -8,6 +8,7 @@ from typing import ClassVar
 import numpy as np
 import pytest
 
+from oracles.drawn_dimensions import drawn_dimensions
 from stepblocks.artefacts.step.read import check_part_step
 from stepblocks.build.run import build_sets, check_output
 from stepblocks.cad import kernel
@@ -22,7 +23,6 @@ from stepblocks.parts.set import kinds, registered
 from stepblocks.parts.tolerance import PositiveLength
 from stepblocks.predict.predictions import predictions_of
 from stepblocks.simulators.export import export
-from stepblocks.workshop.drawing.write import drawn_dimensions
 from stepblocks.workshop.run import order_parts
 
 

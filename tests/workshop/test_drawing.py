@@ -7,12 +7,12 @@ from pathlib import Path
 
 import pytest
 
-from stepblocks.artefacts.inspection_sheet import COLUMNS, write_sheet_csv, write_sheet_pdf
-from stepblocks.artefacts.numbers import decimals_for, limits_text
+from oracles.drawn_dimensions import drawn_dimensions
+from stepblocks.artefacts.on_paper import COLUMNS, decimals_for, limits_text, write_sheet_csv, write_sheet_pdf
 from stepblocks.declare import load_set
 from stepblocks.errors import MachiningError
 from stepblocks.parts.characteristics import characteristics_of
-from stepblocks.workshop.drawing.write import drawn_dimensions, write_drawing
+from stepblocks.workshop.drawing import write_drawing
 
 ROOT = Path(__file__).parents[2]
 STIMULI = {one.id: one for path in sorted((ROOT / "stimuli").glob("*.toml")) for one in load_set(path).stimuli}
@@ -86,13 +86,6 @@ def test_svg_and_pdf_come_out_the_same_twice(tmp_path):
     assert content[2].startswith(b"%PDF")
     with pytest.raises(MachiningError, match="formats must be"):
         write_drawing(tmp_path, STIMULI["step-010"], ("dwg",))
-
-
-def test_what_is_no_dxf_is_refused(tmp_path):
-    path = tmp_path / "a.dxf"
-    path.write_text("no drawing")
-    with pytest.raises(MachiningError, match="must be a DXF file"):
-        drawn_dimensions(path)
 
 
 @pytest.mark.parametrize("identity", sorted(STIMULI))

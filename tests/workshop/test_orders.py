@@ -6,13 +6,14 @@ from typing import ClassVar
 
 import pytest
 
+from oracles.drawn_dimensions import drawn_dimensions
 from stepblocks.cli import main
 from stepblocks.declare import load_declared
 from stepblocks.errors import MachiningError, PipelineError, StepblocksError
 from stepblocks.parts.kind import Part
 from stepblocks.parts.kinds.tips import StraightTip
-from stepblocks.workshop.drawing import write as drawing
-from stepblocks.workshop.drawing.write import VIEWS, drawn_dimensions, write_drawing
+from stepblocks.workshop import drawing
+from stepblocks.workshop.drawing import VIEWS, write_drawing
 from stepblocks.workshop.gauge_route import GRADES, choose_pair
 from stepblocks.workshop.run import Order, order_parts, route_table
 

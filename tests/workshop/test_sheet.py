@@ -5,8 +5,8 @@ import math
 import pytest
 
 from stepblocks.parts.characteristics import Characteristic
-from stepblocks.workshop.drawing.sheet import HEIGHT, WIDTH, Sheet, View, round_scale
-from stepblocks.workshop.drawing.turned import _arc, _flattened
+from stepblocks.workshop.sheet import HEIGHT, WIDTH, Sheet, View, round_scale
+from stepblocks.workshop.turned import _arc, _flattened
 
 STEP = Characteristic("step", "step height", "distance", 10e-6, -1e-6, 1e-6)
 SHANK = Characteristic("shank", "shank", "diameter", 2.35e-3, -32e-6, 0.0)

@@ -7,7 +7,7 @@ import os
 import sys
 import time
 from collections.abc import Iterator, Mapping, Sequence
-from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor, wait
+from concurrent.futures import ProcessPoolExecutor, as_completed
 from concurrent.futures.process import BrokenProcessPool
 from dataclasses import dataclass
 from multiprocessing.context import ForkServerContext, ForkServerProcess
@@ -16,7 +16,7 @@ from types import ModuleType
 from typing import Any
 
 from stepblocks.atomic import folder_beside, replace_text
-from stepblocks.build.manifest import RECORD, digest, hash_file, load_json, unchanged, written
+from stepblocks.build.manifest import RECORD, hash_file, load_json, unchanged, written
 from stepblocks.errors import PipelineError
 from stepblocks.parts.kind import Part
 
@@ -32,16 +32,8 @@ class Made:
     failures: tuple[str, ...]  # failed verdicts, one line each
 
 
-def build_key(stimulus: Part, code: str) -> str:
-    """Identify what a stimulus would be built from."""
-    return digest((json.dumps(stimulus.record(), sort_keys=True) + code).encode())
-
-
 def make_all(wanted: Sequence[tuple[str, Part, str]], output: Path, jobs: int | None) -> Iterator[Made]:
-    """Make stimuli in this process, or in as many as there are cores; results come as they are ready.
-
-    Each is given with the name of its set and its key.
-    """
+    """Make stimuli, each given with its set and its key, in as many processes as there are cores; yield each when ready."""
     workers = min(jobs or os.cpu_count() or 1, len(wanted))
     if workers <= 1:
         for set_name, stimulus, key in wanted:
@@ -49,18 +41,11 @@ def make_all(wanted: Sequence[tuple[str, Part, str]], output: Path, jobs: int | 
         return
     context = _Workers()
     context.set_forkserver_preload(["stepblocks.cad.kernel", "stepblocks.build.make"])
-    tasks = min(-(-len(wanted) // workers), _TASKS_PER_WORKER)
-    with ProcessPoolExecutor(workers, context, max_tasks_per_child=tasks) as pool:
-        waiting: set[Future[Made]] = set()
+    most = min(-(-len(wanted) // workers), _TASKS_PER_WORKER)
+    with ProcessPoolExecutor(workers, context, max_tasks_per_child=most) as pool:
         try:
-            for set_name, stimulus, key in wanted:
-                waiting.add(pool.submit(make, set_name, stimulus, output, key))
-                if len(waiting) >= 4 * workers:
-                    done, waiting = wait(waiting, return_when=FIRST_COMPLETED)
-                    yield from (future.result() for future in done)
-            while waiting:
-                done, waiting = wait(waiting, return_when=FIRST_COMPLETED)
-                yield from (future.result() for future in done)
+            tasks = [pool.submit(make, set_name, stimulus, output, key) for set_name, stimulus, key in wanted]
+            yield from (future.result() for future in as_completed(tasks))
         except BrokenProcessPool as error:
             raise PipelineError(
                 "a worker process died: it ran out of memory, or the renderer found no OpenGL (libGL, libEGL)"

@@ -66,6 +66,13 @@ def written(record: Mapping[str, Any]) -> dict[str, str]:
     return outputs if isinstance(outputs, dict) else {}
 
 
+def load_record(folder: Path) -> dict[str, Any]:
+    """Read the record of a stimulus that was made; empty where it was not, or where the record is not whole."""
+    record = load_json(folder / RECORD)
+    whole = {"key", "stimulus", "kind", "dimensions", "derived", "verdicts"} <= record.keys()
+    return record if whole and written(record) else {}
+
+
 def unchanged(folder: Path, name: str, known: str) -> Path | None:
     """Return the file of a name if it lies in the folder and is as it was written."""
     path = inside(folder, name)

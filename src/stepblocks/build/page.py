@@ -93,12 +93,9 @@ def _ring_lines(stimuli: StimulusSet) -> dict[str, list[str]]:
 
 def _row(folder: str, record: Mapping[str, Any], predictions: Sequence[Prediction]) -> dict[str, Any]:
     return {
-        "folder": folder,
+        **{name: record[name] for name in ("kind", "dimensions", "derived", "verdicts")},
         "id": record["stimulus"],
-        "kind": record["kind"],
-        "dimensions": record["dimensions"],
-        "derived": record["derived"],
-        "verdicts": record["verdicts"],
+        "folder": folder,
         "failed": [verdict for verdict in record["verdicts"] if not verdict["passed"]],
         "files": [name for name in record["outputs"] if Path(name).suffix in _LINKED],
         "predictions": [as_row(prediction) for prediction in predictions],
@@ -121,10 +118,7 @@ def _summary(predictions: Sequence[Prediction]) -> Iterator[str]:
 
 
 def _figure(stimuli: StimulusSet) -> str | None:
-    """Draw the step blocks of a set on the curves of equations (1) and (2), as JSON for plotly; None without blocks.
-
-    Of the set's grid, the curves take the first tip and the largest load, each coefficient of friction in its colour.
-    """
+    """Draw step blocks on the curves of equations (1) and (2) at the first tip and largest load, as JSON for plotly."""
     blocks = sorted(stimuli.of(StepBlock), key=lambda one: one.height.nominal)
     if not blocks:
         return None
@@ -156,15 +150,11 @@ def _figure(stimuli: StimulusSet) -> str | None:
         if locking < 1.02 * top:
             ends = {"x0": locking * 1e6, "x1": locking * 1e6, "yref": "paper", "y0": 0, "y1": 1}
             shapes.append({"type": "line", **ends, "line": {"color": colour, "dash": "dot", "width": 1.5}})
+    title = f"Tip {radius * 1e6:g} um, load {load:g} N; dotted: locking height"
     layout = {
         "height": 400,
         "margin": {"l": 70, "r": 20, "t": 40, "b": 80},
-        "title": {
-            "text": f"Tip {radius * 1e6:g} um, load {load:g} N; dotted: locking height",
-            "font": {"size": 14},
-            "x": 0.01,
-            "xanchor": "left",
-        },
+        "title": {"text": title, "font": {"size": 14}, "x": 0.01, "xanchor": "left"},
         "xaxis": _axis("step height, um", domain=[0.0, 0.44], range=[0, top * 1e6]),
         "yaxis": _axis("critical angle, deg"),
         "xaxis2": _axis("step height, um", domain=[0.56, 1.0], range=[0, top * 1e6], anchor="y2"),
@@ -183,14 +173,8 @@ def _axis(title: str, **more: Any) -> dict[str, Any]:
 
 def _line(x: Any, y: Any, name: str, colour: str, axis: str) -> dict[str, Any]:
     return {
-        "type": "scatter",
-        "mode": "lines",
-        "x": _short(x),
-        "y": _short(y),
-        "name": name,
-        "line": {"color": colour, "width": 2},
-        "yaxis": axis,
-        "xaxis": axis.replace("y", "x"),
+        **{"type": "scatter", "mode": "lines", "x": _short(x), "y": _short(y), "name": name},
+        **{"line": {"color": colour, "width": 2}, "yaxis": axis, "xaxis": axis.replace("y", "x")},
         "showlegend": axis == "y2",
     }
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 import os
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -51,31 +51,31 @@ def _poly(vertices: NDArray[np.float64], triangles: NDArray[np.int64]) -> Any:
     return pv.PolyData.from_regular_faces(vertices * 1e3, triangles)
 
 
-def _solid(mesh: Arrays) -> Any:
+def _cut(mesh: Arrays, cut: Callable[[Any], Any]) -> Any:
+    """Cut a body in millimetres, closed where it is cut."""
     import manifold3d
 
-    return manifold3d.Manifold(manifold3d.Mesh64(mesh[0] * 1e3, mesh[1].astype(np.uint64)))
-
-
-def _drawn(solid: Any) -> Any:
-    mesh = solid.to_mesh64()
-    return _poly(np.asarray(mesh.vert_properties)[:, :3] * 1e-3, np.asarray(mesh.tri_verts).astype(np.int64))
+    vertices, triangles = mesh
+    left = cut(manifold3d.Manifold(manifold3d.Mesh64(vertices * 1e3, triangles.astype(np.uint64)))).to_mesh64()
+    return _poly(np.asarray(left.vert_properties)[:, :3] * 1e-3, np.asarray(left.tri_verts).astype(np.int64))
 
 
 def _boxed(mesh: Arrays, half_width: float, centre: tuple[float, float, float]) -> Any:
-    """Cut out what of a body lies in a box, closed where the box cuts it."""
+    """Cut out what of a body lies in a box."""
     import manifold3d
 
     size = 2e3 * half_width
-    cube = manifold3d.Manifold.cube((size, size, size), True).translate([1e3 * c for c in centre])
-    return _drawn(_solid(mesh) ^ cube)
+    return _cut(
+        mesh,
+        lambda solid: solid ^ manifold3d.Manifold.cube((size, size, size), True).translate([1e3 * c for c in centre]),
+    )
 
 
 def _opened(meshes: Sequence[Arrays]) -> list[Any]:
     """Cut parts of several bodies open, so that what is inside can be seen."""
     if len(meshes) == 1:
         return [_poly(*meshes[0])]
-    return [_drawn(_solid(mesh).trim_by_plane((0.0, 1.0, 0.0), 0.0)) for mesh in meshes]
+    return [_cut(mesh, lambda solid: solid.trim_by_plane((0.0, 1.0, 0.0), 0.0)) for mesh in meshes]
 
 
 def write_view(
@@ -92,10 +92,7 @@ def write_view(
         columns = [[float(f"{value:.9g}") for value in column] for column in (vertices * 1e3).T]
         bodies.append(dict(zip("xyzijk", (*columns, *triangles.T.tolist()), strict=True)))
     data = {
-        "id": identity,
-        "unit": "mm",
-        "exaggeration": exaggeration,
-        "half_width": half_width * 1e3,
+        **{"id": identity, "unit": "mm", "exaggeration": exaggeration, "half_width": half_width * 1e3},
         "centre": [value * 1e3 for value in centre],
         "bodies": bodies,
     }

@@ -12,7 +12,7 @@ from dataclasses import dataclass, field
 from functools import partial
 from html import escape
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from stepblocks import __version__
 from stepblocks.atomic import inside, replace_text
@@ -20,9 +20,11 @@ from stepblocks.build.manifest import (
     MANIFEST,
     RECORD,
     code_fingerprint,
+    digest,
     hash_file,
     intact,
     load_json,
+    load_record,
     unchanged,
     written,
 )
@@ -30,6 +32,7 @@ from stepblocks.errors import PipelineError
 from stepblocks.select import matches, stimulus_files
 
 if TYPE_CHECKING:
+    from stepblocks.artefacts.model_file import LearnedModel
     from stepblocks.artefacts.verdict import Verdict
     from stepblocks.build.make import Made
     from stepblocks.parts.kind import Part
@@ -98,19 +101,20 @@ def build_sets(
     if only is None and known and intact(folder, written(manifest)):
         return BuildReport(str(folder), [], manifest["stimuli"], list(manifest["failures"]))
 
+    from stepblocks.artefacts.model_file import read_model
     from stepblocks.build.make import make_all
     from stepblocks.declare import load_declared
 
     sets = [load_declared(path) for path in sources]
-    teach = _teacher(model)
+    learned = read_model(Path(model)) if model else None
     _require_folder(folder, sets)
     report = BuildReport(str(folder))
-    wanted = _not_current(sets, folder, code, only, report)
+    wanted = _not_current(_selected(sets, only), folder, code, report)
     for number, made in enumerate(make_all(wanted, folder, jobs), start=1):
         report.built.append(made.name)
         if announce:
             announce(made, number, len(wanted))
-    outputs, total = _tables_and_page(sets, folder, report, teach)
+    outputs, total = _tables_and_page(sets, folder, report, learned)
     manifest = {
         "schema": 1,
         "stepblocks": __version__,
@@ -126,20 +130,6 @@ def build_sets(
     return report
 
 
-_Teacher = Callable[["StimulusSet"], "StimulusSet"]
-
-
-def _teacher(model: str | Path | None) -> tuple[_Teacher, Any] | None:
-    """How a learned model changes a set, and the columns it adds."""
-    if model is None:
-        return None
-    from stepblocks.artefacts.model_file import read_model
-    from stepblocks.predict.trials import learned_columns, taught_set
-
-    learned = read_model(Path(model))
-    return partial(taught_set, learned=learned), partial(learned_columns, learned=learned)
-
-
 def _require_folder(output: Path, sets: Sequence[StimulusSet]) -> None:
     try:
         output.mkdir(parents=True, exist_ok=True)
@@ -152,56 +142,62 @@ def _require_folder(output: Path, sets: Sequence[StimulusSet]) -> None:
             raise PipelineError(f"the folder must lie in the output folder, with no link on the way [{output / name}]")
 
 
+def _selected(sets: Sequence[StimulusSet], only: str | None) -> list[tuple[str, Part]]:
+    """Stimuli that a pattern means, each with the name of its set."""
+    every = [(stimuli.name, stimulus) for stimuli in sets for stimulus in stimuli.stimuli]
+    found = [(name, stimulus) for name, stimulus in every if only is None or matches(only, name, stimulus.id)]
+    if not found:
+        raise PipelineError(f"--only must match at least one stimulus, got {only!r}")
+    return found
+
+
 def _not_current(
-    sets: Sequence[StimulusSet], output: Path, code: str, only: str | None, report: BuildReport
+    selected: Sequence[tuple[str, Part]], output: Path, code: str, report: BuildReport
 ) -> list[tuple[str, Part, str]]:
     """List the stimuli to build, each with its set and key; count the others."""
-    from stepblocks.build.make import build_key
-
     wanted: list[tuple[str, Part, str]] = []
-    for stimuli in sets:
-        for stimulus in stimuli.stimuli:
-            if only is not None and not matches(only, stimuli.name, stimulus.id):
-                continue
-            key, folder = build_key(stimulus, code), output / stimuli.name / stimulus.id
-            record = load_json(folder / RECORD)
-            if record.get("key") == key and intact(folder, written(record)):
-                report.current += 1
-            else:
-                wanted.append((stimuli.name, stimulus, key))
-    if only is not None and not wanted and not report.current:
-        raise PipelineError(f"--only must match at least one stimulus, got {only!r}")
+    for name, stimulus in selected:
+        # what it would be built from
+        key, folder = (
+            digest((json.dumps(stimulus.record(), sort_keys=True) + code).encode()),
+            output / name / stimulus.id,
+        )
+        record = load_record(folder)
+        if record.get("key") == key and intact(folder, written(record)):
+            report.current += 1
+        else:
+            wanted.append((name, stimulus, key))
     return wanted
 
 
 def _tables_and_page(
-    sets: Sequence[StimulusSet], output: Path, report: BuildReport, teach: tuple[_Teacher, Any] | None
+    sets: Sequence[StimulusSet], output: Path, report: BuildReport, learned: LearnedModel | None
 ) -> tuple[dict[str, str], int]:
     """Write tables and page from the records; return the hash of every file of the folder, and how many stimuli there are."""
     from stepblocks.build.page import Section, write_page
     from stepblocks.predict.predictions import Predictions
     from stepblocks.predict.sheaths import write_sheath_files
+    from stepblocks.predict.trials import learned_columns, taught_set
 
     outputs: dict[str, str] = {}
     sections = []
-    teaching, more = teach or (None, None)
     for declared in sets:
-        stimuli = teaching(declared) if teaching else declared
+        stimuli = taught_set(declared, learned) if learned else declared
         folder = output / stimuli.name
         folder.mkdir(exist_ok=True)
         predictions = Predictions.of(stimuli)
-        replace_text(folder / "predictions.csv", predictions.csv(more))
-        records = {stimulus.id: load_json(folder / stimulus.id / RECORD) for stimulus in stimuli.stimuli}
-        section = Section(
-            stimuli, predictions, {identity: record for identity, record in records.items() if written(record)}
+        replace_text(
+            folder / "predictions.csv", predictions.csv(partial(learned_columns, learned=learned) if learned else None)
         )
-        sections.append(section)
+        found = {stimulus.id: load_record(folder / stimulus.id) for stimulus in stimuli.stimuli}
+        records = {identity: record for identity, record in found.items() if record}
+        sections.append(Section(stimuli, predictions, records))
         listed = [folder / "predictions.csv", *write_sheath_files(stimuli, folder)]
-        for identity, record in section.records.items():
-            outputs |= {f"{stimuli.name}/{identity}/{name}": value for name, value in written(record).items()}
+        for identity, record in records.items():
+            place = f"{stimuli.name}/{identity}"
+            outputs |= {f"{place}/{name}": value for name, value in written(record).items()}
             listed.append(folder / identity / RECORD)
-            failed = [verdict["text"] for verdict in record["verdicts"] if not verdict["passed"]]
-            report.failures += [f"{stimuli.name}/{identity}/{text}" for text in failed]
+            report.failures += [f"{place}/{verdict['text']}" for verdict in record["verdicts"] if not verdict["passed"]]
         outputs |= {path.relative_to(output).as_posix(): hash_file(path) for path in listed}
     outputs |= {path.relative_to(output).as_posix(): hash_file(path) for path in write_page(sections, output)}
     return outputs, sum(len(section.records) for section in sections)
@@ -252,12 +248,6 @@ def check_output(
     sets = [load_declared(path) for path in stimulus_files(files)]
     if not folder.is_dir():
         raise PipelineError(f"the output folder must exist; run stepblocks build first [{folder}]")
-    found = False
-    for stimuli in sets:
-        for stimulus in stimuli.stimuli:
-            if only is None or matches(only, stimuli.name, stimulus.id):
-                found = True
-                for path in checked_files(stimulus, folder / stimuli.name / stimulus.id):
-                    yield path.relative_to(folder).as_posix(), check_artefact(stimulus, path)
-    if not found:
-        raise PipelineError(f"--only must match at least one stimulus, got {only!r}")
+    for name, stimulus in _selected(sets, only):
+        for path in checked_files(stimulus, folder / name / stimulus.id):
+            yield path.relative_to(folder).as_posix(), check_artefact(stimulus, path)

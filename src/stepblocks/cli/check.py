@@ -60,7 +60,7 @@ def _run(arguments: argparse.Namespace) -> int:
 
 
 def _check_step_files(paths: list[Path]) -> int:
-    from stepblocks.artefacts.step.part21.check_step import check_step, step_table
+    from stepblocks.artefacts.step.check_step import check_step, step_table
 
     reports = [check_step(path) for path in paths]
     print("\n\n".join(step_table(report) for report in reports))

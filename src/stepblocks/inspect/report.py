@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 
 from stepblocks.artefacts.as_built import AsBuilt, AsBuiltValue, write_as_built
-from stepblocks.artefacts.inspection_sheet import write_sheet_csv
+from stepblocks.artefacts.on_paper import write_sheet_csv
 from stepblocks.artefacts.scans.scan import Profile
 from stepblocks.atomic import beside, replace_text
 from stepblocks.inspect.budget import Decision, Measured, Outcome

@@ -10,7 +10,6 @@ import math
 from dataclasses import dataclass
 from pathlib import Path
 
-from stepblocks.atomic import beside
 from stepblocks.errors import MachiningError
 from stepblocks.parts.kinds.step_block import StepBlock
 
@@ -34,16 +33,11 @@ SECTION = (30e-3, 9e-3)  # section of a gauge block up to 10 mm (ISO 3650) [m]
 class GaugePair:
     """Two gauge blocks whose difference is a step."""
 
-    lower: float  # Their lengths [m]
-    upper: float
-    grade: str  # Grade of the set
-    worst: float  # Largest deviation of the step that the grade, its variation and the wringing allow [m]
-    expected: float  # Root sum of squares of the same as rectangular laws, times 2: 95 % of the pairs lie within [m]
-
-    @property
-    def step(self) -> float:
-        """Nominal step [m]."""
-        return self.upper - self.lower
+    lower: float  # length [m]
+    upper: float  # length [m]
+    grade: str  # of the set
+    worst: float  # largest deviation of the step that the grade, its variation and the wringing allow [m]
+    expected: float  # root sum of squares of the same as rectangular laws, times 2: 95 % of the pairs lie within [m]
 
 
 @dataclass(frozen=True)
@@ -51,9 +45,9 @@ class Route:
     """One way to make a block."""
 
     name: str  # ``"one piece"`` or ``"gauge blocks, grade 0"``
-    deviation: float  # Largest deviation of the height to be expected [m]
-    tolerance: float  # Deviation that the stimulus permits [m]
-    note: str  # What it takes
+    deviation: float  # of the height, the largest to be expected [m]
+    tolerance: float  # that the stimulus permits [m]
+    note: str  # what it takes
 
     @property
     def reaches(self) -> bool:
@@ -62,23 +56,14 @@ class Route:
 
 
 def choose_pair(height: float, grade: str = "0") -> GaugePair:
-    """Choose the pair of a standard set whose difference is a height.
-
-    Stack-up, worst case: both limit deviations, half of both variations (length is stated at the middle, the edge lies
-    beside it), both wringing films.
-
-    Examples
-    --------
-    >>> pair = choose_pair(10e-6)
-    >>> f"{pair.upper * 1e3:.3f} - {pair.lower * 1e3:.3f} mm"
-    '1.010 - 1.000 mm'
-    """
+    """Choose the pair of a standard set whose difference is a height."""
     if grade not in GRADES:
         raise MachiningError(f"grade must be one of {', '.join(GRADES)}, got {grade!r}")
     deviation, variation = GRADES[grade]
     for lower in sorted(STANDARD_SET):
         for upper in STANDARD_SET if lower >= 1e-3 else ():
             if abs(upper - lower - height) < 1e-9:
+                # half of the variation: length is stated at the middle, the edge lies beside it
                 parts = [deviation] * 2 + [0.5 * variation] * 2 + [WRINGING] * 2
                 expected = 2.0 * math.sqrt(sum(part * part / 3.0 for part in parts))
                 return GaugePair(lower, upper, grade, sum(parts), min(expected, sum(parts)))
@@ -102,17 +87,12 @@ def routes_for(block: StepBlock, capability: float) -> list[Route]:
     return routes
 
 
-def write_gauge_assembly(path: Path, block: StepBlock, grade: str = "0") -> GaugePair:
-    """Write base and gauge blocks as a STEP file of three parts, with the dimensions that matter.
-
-    The step lies at x = 0 and the top of the lower gauge block at z = 0, as the working faces of the one-piece block do.
-    The gauge blocks lie with their long sides against each other, so the edge is 30 mm long.
-    """
-    from stepblocks.artefacts.step.write import PINNED_TIME, conforming
+def write_gauge_assembly(path: Path, block: StepBlock, pair: GaugePair) -> None:
+    """Write base and gauge blocks as a STEP file of three parts; edge and lower face lie as in the one-piece block."""
+    from stepblocks.artefacts.step.write import write_conforming
     from stepblocks.cad import kernel
-    from stepblocks.cad.pmi import PmiDimension, PmiItem, write_step_with_tolerances
+    from stepblocks.cad.pmi import PmiDimension, PmiItem
 
-    pair = choose_pair(block.height.nominal, grade)
     long, wide = SECTION
     thick, rim = block.body.thickness.nominal, 5e-3
     floor = -pair.lower
@@ -123,31 +103,21 @@ def write_gauge_assembly(path: Path, block: StepBlock, grade: str = "0") -> Gaug
             corners[0], [kernel.Line(point) for point in (*corners[1:], corners[0])], (0.0, 0.0, z1 - z0)
         )
 
+    pieces = [f"{length * 1e3:.4f}".replace(".", "p") + "mm" for length in (pair.lower, pair.upper)]
     bodies = [
         (f"{block.id}-base", box(-wide - rim, wide + rim, 0.5 * long + rim, floor - thick, floor)),
-        (f"gauge-block-{_piece(pair.lower)}", box(-wide, 0.0, 0.5 * long, floor, 0.0)),
-        (f"gauge-block-{_piece(pair.upper)}", box(0.0, wide, 0.5 * long, floor, pair.upper - pair.lower)),
+        (f"gauge-block-{pieces[0]}", box(-wide, 0.0, 0.5 * long, floor, 0.0)),
+        (f"gauge-block-{pieces[1]}", box(0.0, wide, 0.5 * long, floor, pair.upper - pair.lower)),
     ]
-    deviation, _ = GRADES[grade]
+    deviation, _ = GRADES[pair.grade]
     dimensions, tops = [], []
     for index, length in ((1, pair.lower), (2, pair.upper)):
         described = kernel.face_kinds(bodies[index][1])
         level = sorted((face.low[2], i) for i, face in enumerate(described) if face.high[2] - face.low[2] < 1e-6)
         bottom, top = (PmiItem(index, i) for _, i in (level[0], level[-1]))
-        dimensions.append(PmiDimension("distance", (bottom, top), length, -deviation, deviation))
+        measured = PmiDimension("distance", (bottom, top), length, -deviation, deviation)
+        dimensions.append((f"length of gauge block {pieces[index - 1]}", measured))
         tops.append(top)
     height = block.height
-    dimensions.append(PmiDimension("distance", (tops[0], tops[1]), height.nominal, height.lower, height.upper))
-    with beside(path) as draft:
-        material = block.material.designation, block.material.density
-        write_step_with_tolerances(draft, bodies, dimensions, [], material, f"{block.id}-gauge")
-        names = [("distance", f"length of gauge block {_piece(length)}") for length in (pair.lower, pair.upper)]
-        names.append(("distance", "step height"))
-        draft.write_text(
-            conforming(draft.read_text(encoding="utf-8"), f"{block.id}-gauge", PINNED_TIME, names), encoding="utf-8"
-        )
-    return pair
-
-
-def _piece(length: float) -> str:
-    return f"{length * 1e3:.4f}".replace(".", "p") + "mm"
+    step = PmiDimension("distance", (tops[0], tops[1]), height.nominal, height.lower, height.upper)
+    write_conforming(path, f"{block.id}-gauge", bodies, block.material, [*dimensions, ("step height", step)])

@@ -6,15 +6,15 @@ from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-from stepblocks.artefacts.inspection_sheet import write_sheet_csv, write_sheet_pdf
+from stepblocks.artefacts.on_paper import write_sheet_csv, write_sheet_pdf
 from stepblocks.atomic import inside
 from stepblocks.declare import load_declared
-from stepblocks.errors import MachiningError, PipelineError
+from stepblocks.errors import PipelineError
 from stepblocks.parts.kind import Part
 from stepblocks.parts.kinds.step_block import StepBlock
 from stepblocks.quantities import parse_quantity
 from stepblocks.select import matches, stimulus_files
-from stepblocks.workshop.drawing.write import write_drawing, write_gauge_drawing
+from stepblocks.workshop.drawing import write_drawing, write_gauge_drawing
 from stepblocks.workshop.gauge_route import Route, choose_pair, routes_for, write_gauge_assembly
 
 GROUND = "2 um"  # deviation of a height in one piece that is ground, not lapped
@@ -56,16 +56,15 @@ def order_parts(
     Returns
     -------
     list of Order
-        One per part.
+        One of each part.
 
     Raises
     ------
     StepblocksError
         If a file cannot be read, nothing is selected, or a folder to write to lies behind a link.
     """
-    if capability is None:
-        capability = GROUND
-    held = parse_quantity(capability, "length") if isinstance(capability, str) else capability
+    held = GROUND if capability is None else capability
+    held = parse_quantity(held, "length") if isinstance(held, str) else held
     orders = []
     for path in stimulus_files(files):
         declared = load_declared(path)
@@ -85,24 +84,18 @@ def _order(name: str, stimulus: Part, output: Path, capability: float) -> Order:
         raise PipelineError(f"the folder must lie in the output folder, with no link on the way [{output / name}]")
     folder.mkdir(parents=True, exist_ok=True)
     written = write_drawing(folder, stimulus)
-    sheets = [folder / f"{stimulus.id}.inspection-sheet.{form}" for form in ("csv", "pdf")]
-    write_sheet_csv(sheets[0], stimulus)
-    write_sheet_pdf(sheets[1], stimulus)
     routes: list[Route] = []
     if isinstance(stimulus, StepBlock):
         routes = routes_for(stimulus, capability)
-        written += _two_piece(folder, stimulus)
+        if len(routes) > 1:  # two blocks of the set differ by this height
+            pair = choose_pair(stimulus.height.nominal)
+            assembly = folder / f"{stimulus.id}.gauge.step"
+            write_gauge_assembly(assembly, stimulus, pair)
+            written += [assembly, *write_gauge_drawing(folder, stimulus, pair)]
+    sheets = [folder / f"{stimulus.id}.inspection-sheet.{form}" for form in ("csv", "pdf")]
+    write_sheet_csv(sheets[0], stimulus)
+    write_sheet_pdf(sheets[1], stimulus)
     return Order(name, (*written, *sheets), tuple(routes))
-
-
-def _two_piece(folder: Path, block: StepBlock) -> list[Path]:
-    try:
-        pair = choose_pair(block.height.nominal)
-    except MachiningError:
-        return []  # no two blocks of the set differ by this height; the table of routes says so by their absence
-    path = folder / f"{block.id}.gauge.step"
-    write_gauge_assembly(path, block, pair.grade)
-    return [path, *write_gauge_drawing(folder, block, pair)]
 
 
 def route_table(orders: Iterable[Order]) -> str:

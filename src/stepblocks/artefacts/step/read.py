@@ -6,8 +6,8 @@ import math
 from collections.abc import Iterator
 from pathlib import Path
 
-from stepblocks.artefacts.step.part21.characteristics import Characteristic
-from stepblocks.artefacts.step.part21.check_step import StepReport, check_step
+from stepblocks.artefacts.step.characteristics import Characteristic
+from stepblocks.artefacts.step.check_step import StepReport, check_step, shown_in
 from stepblocks.artefacts.verdict import Verdict
 from stepblocks.errors import MetrologyError
 from stepblocks.parts.characteristics import Characteristic as Wanted
@@ -15,9 +15,8 @@ from stepblocks.parts.characteristics import characteristics_of
 from stepblocks.parts.kind import Part
 from stepblocks.parts.shapes import solid_volumes
 
-_ALLOWED = (
-    1e-9  # between what is asked for and what stands in the file or is measured on its faces [m]; of angles relative
-)
+# between what is asked for and what stands in the file or is measured on its faces [m]; of angles relative
+_ALLOWED = 1e-9
 
 
 def step_verdicts(stimulus: Part, path: Path) -> Iterator[Verdict]:
@@ -41,9 +40,8 @@ def step_verdicts(stimulus: Part, path: Path) -> Iterator[Verdict]:
     for one, found in matched(report, stimulus):
         if one.kind not in ("flatness", "parallelism"):
             measured = math.nan if found is None or found.geometry is None else found.geometry
-            angular = one.quantity == "angle"
-            dimension = "angle" if angular else "length"
-            yield Verdict(name, f"{one.label}, of its faces", one.nominal, measured, _ALLOWED, dimension, angular)
+            quantity, angular = f"{one.label}, of its faces", one.quantity == "angle"
+            yield Verdict(name, quantity, one.nominal, measured, _ALLOWED, one.quantity, relative=angular)
     first = f" ({findings[0]})" if findings else ""
     yield Verdict(name, f"tolerances, material and types as asked for{first}", 0.0, len(findings), 0.0, "count")
 
@@ -52,10 +50,10 @@ def check_part_step(path: Path, stimulus: Part) -> tuple[StepReport, list[str]]:
     """Check the STEP file of a part: it conforms, and holds every characteristic with its limits."""
     report = check_step(path, require_ap242=True)
     findings = list(report.findings)
-    left = list(report.dimensions) + list(report.tolerances)
+    left = [*report.dimensions, *report.tolerances]
     for one, found in matched(report, stimulus):
         if found is None:
-            scale, unit = (180.0 / math.pi, "deg") if one.quantity == "angle" else (1e3, "mm")
+            scale, unit = shown_in(one.quantity == "angle")
             said = ", ".join(f"{value * scale:.9g}" for value in _wanted(one))
             findings.append(f"{one.label}: must stand in the file as {one.kind} of {said} {unit}")
         else:
@@ -80,11 +78,9 @@ def check_part_step(path: Path, stimulus: Part) -> tuple[StepReport, list[str]]:
 
 def matched(report: StepReport, stimulus: Part) -> list[tuple[Wanted, Characteristic | None]]:
     """Find every characteristic of a part in its file."""
-    left = list(report.dimensions) + list(report.tolerances)
+    left = [*report.dimensions, *report.tolerances]
     pairs: list[tuple[Wanted, Characteristic | None]] = []
-    for one in characteristics_of(stimulus):
-        if one.kind == "note":
-            continue
+    for one in (one for one in characteristics_of(stimulus) if one.kind != "note"):
         label = one.label if one.kind in ("distance", "angle") else ""
         found = next((item for item in left if item.name == label and _agrees(item, one.kind, _wanted(one))), None)
         if found is not None:

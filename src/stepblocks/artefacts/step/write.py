@@ -1,9 +1,8 @@
 """STEP AP242 with semantic tolerances, made to conform.
 
 OpenCASCADE writes the limits of a dimension as an untyped SELECT, the density in gram^3 centimetre^2, and the time of day
-into the header. A reader that follows the standard rejects the first two. They are mended in the text, instance
-by instance, and `stepblocks.artefacts.step.part21` then proves the result without the kernel. Each tolerance is also
-written out beside the part, with a line to the face it speaks of.
+into the header. They are mended in the text, instance by instance; `stepblocks.artefacts.step.check_step` then proves the
+result without the kernel. Each tolerance is also written out beside the part, with a line to the face it speaks of.
 """
 
 from __future__ import annotations
@@ -12,21 +11,23 @@ import itertools
 import re
 from collections.abc import Sequence
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
-from stepblocks.artefacts.numbers import decimals_for, limits_text, millimetres
+from stepblocks.artefacts.on_paper import limits_text, zone_text
 from stepblocks.atomic import beside
 from stepblocks.cad import kernel
 from stepblocks.cad.pmi import Callout, PmiDimension, PmiItem, PmiKind, PmiTolerance, write_step_with_tolerances
 from stepblocks.errors import MachiningError
 from stepblocks.parts.characteristics import Characteristic, EdgeRule, FaceRule, Rule, characteristics_of, find_face
+from stepblocks.parts.declared import Material
 from stepblocks.parts.kind import Part
 from stepblocks.parts.lettering import letters, text_width
 from stepblocks.quantities import format_quantity
 
 Point = tuple[float, float, float]
-PINNED_TIME = "2000-01-01T00:00:00"  # time stamp in every header: equal stimuli give equal bytes
+_PINNED_TIME = "2000-01-01T00:00:00"  # in every header: equal stimuli give equal bytes
 
 _LIMIT = re.compile(r"^(#\d+)\s*=\s*MEASURE_WITH_UNIT\(\s*([-+0-9.Ee]+)\s*,\s*(#\d+)\s*\)$")
 _PATTERNS = {
@@ -40,42 +41,24 @@ _ZERO = re.compile(r"POSITIVE_LENGTH_MEASURE\(0\.(?:E[-+]?\d+)?\)")
 _HEADER = re.compile(r"FILE_NAME\('[^']*',\s*'[^']*'")
 _OCCURRENCE = re.compile(r"(NEXT_ASSEMBLY_USAGE_OCCURRENCE\()'\d+'")
 _SPACE = re.compile(r"\s*\n\s*")
+# over an instance without its spaces
 _DERIVED = re.compile(r"^#\d+=DERIVED_UNIT\(\((#\d+),(#\d+)\)\)$")
 _FLATNESS = re.compile(r"^#\d+=FLATNESS_TOLERANCE\('[^']*',(?:'[^']*'|\$),#\d+,(#\d+)\)$")
-_DEFINITION = re.compile(r"^(#\d+)\s*=\s*PRODUCT_DEFINITION\(")
-_CONTEXT = re.compile(r"^(#\d+)\s*=\s*\(\s*GEOMETRIC_REPRESENTATION_CONTEXT\(3\)")
+_DEFINITION = re.compile(r"^(#\d+)=PRODUCT_DEFINITION\(")
+_MILLIMETRE = re.compile(r"^(#\d+)=\(.*SI_UNIT\(\.MILLI\.,\.METRE\.\)")
+_CONTEXT = re.compile(r"^(#\d+)=\(GEOMETRIC_REPRESENTATION_CONTEXT\(3\)")
 
 
-def write_step_ap242(
-    path: Path, stimulus: Part, bodies: Sequence[tuple[str, kernel.Body]], timestamp: str = PINNED_TIME
-) -> None:
+def write_step_ap242(path: Path, stimulus: Part, bodies: Sequence[tuple[str, kernel.Body]]) -> None:
     """Write a part with its tolerances, material and notes."""
-    listed = characteristics_of(stimulus)
-    dimensions, tolerances, names = _semantics(stimulus, listed, [kernel.face_kinds(body) for _, body in bodies])
-    notes = [(one.label, _limits(one)) for one in listed if one.kind == "note"]
-    texture = None
-    if stimulus.has_working_faces:
-        demands = stimulus.face_demands
-        texture = demands.roughness
-        if demands.defaults:
-            notes.append(("defaults", f"not stated in the order, so by default: {', '.join(demands.defaults)}"))
-    material = stimulus.material.designation, stimulus.material.density
-    with beside(path) as draft:
-        write_step_with_tolerances(draft, bodies, dimensions, tolerances, material, stimulus.id)
-        text = conforming(draft.read_text(encoding="utf-8"), stimulus.id, timestamp, names, notes, texture)
-        draft.write_text(text, encoding="utf-8")
-
-
-def _semantics(
-    stimulus: Part, listed: Sequence[Characteristic], described: Sequence[tuple[kernel.Face, ...]]
-) -> tuple[list[PmiDimension], list[PmiTolerance], list[tuple[str, str]]]:
-    """Dimensions and tolerances for the kernel, and kind and name of each dimension, which the kernel does not write."""
-    dimensions: list[PmiDimension] = []
-    tolerances: list[PmiTolerance] = []
-    names: list[tuple[str, str]] = []
+    described = [kernel.face_kinds(body) for _, body in bodies]
     everything = [face for part in described for face in part]
-    for number, one in enumerate(listed, start=1):
+    dimensions: list[tuple[str, PmiDimension]] = []
+    tolerances: list[PmiTolerance] = []
+    notes: list[tuple[str, str]] = []
+    for number, one in enumerate(characteristics_of(stimulus), start=1):
         if one.kind == "note":
+            notes.append((one.label, _limits(one)))
             continue
         items = tuple(_item(described, rule, one.body, stimulus.id) for rule in one.faces)
         text = _callout_text(one, number)
@@ -86,27 +69,49 @@ def _semantics(
             datum = ("A", items[1].face) if one.kind == "parallelism" else None
             tolerances.append(PmiTolerance(one.kind, one.body, items[0].face, one.upper, datum, seen))
         else:
-            kind = _pmi_kind(one)
-            dimensions.append(PmiDimension(kind, items, one.nominal, one.lower, one.upper, seen))
-            names.append((kind, one.label))
-    return dimensions, tolerances, names
+            dimension = PmiDimension(_pmi_kind(one), items, one.nominal, one.lower, one.upper, seen)
+            dimensions.append((one.label, dimension))
+    texture = None
+    if stimulus.has_working_faces:
+        demands = stimulus.face_demands
+        texture = demands.roughness
+        if demands.defaults:
+            notes.append(("defaults", f"not stated in the order, so by default: {', '.join(demands.defaults)}"))
+    more: dict[str, Any] = {"tolerances": tolerances, "notes": notes, "texture": texture}
+    write_conforming(path, stimulus.id, bodies, stimulus.material, dimensions, **more)
+
+
+def write_conforming(
+    path: Path,
+    identity: str,
+    bodies: Sequence[tuple[str, kernel.Body]],
+    material: Material,
+    dimensions: Sequence[tuple[str, PmiDimension]],
+    *,
+    tolerances: Sequence[PmiTolerance] = (),
+    notes: Sequence[tuple[str, str]] = (),
+    texture: float | None = None,
+) -> None:
+    """Write bodies with their dimensions, each with its name, which the kernel does not write."""
+    plain = [one for _, one in dimensions]
+    with beside(path) as draft:
+        write_step_with_tolerances(draft, bodies, plain, tolerances, (material.designation, material.density), identity)
+        names = [(one.kind, name) for name, one in dimensions]
+        text = conforming(draft.read_text(encoding="utf-8"), identity, names, notes, texture)
+        draft.write_text(text, encoding="utf-8")
 
 
 def _pmi_kind(one: Characteristic) -> PmiKind:
     """Kind that the standard names after the surface: of a ball, of a ring, up to the far side of a ball."""
-    surfaces = [rule.kind for rule in one.faces if isinstance(rule, FaceRule)]
-    match one.kind:
-        case "angle":
-            return "cone" if len(one.faces) == 1 else "angle"
-        case "distance":
-            return "to_outer" if "SPHERE" in surfaces else "distance"
-        case "radius":
-            return (
-                "spherical_radius" if "SPHERE" in surfaces else "toroidal_radius" if "TORUS" in surfaces else "radius"
-            )
-        case "diameter":
-            return "diameter"
-    raise MachiningError(f"{one.label} must be a dimension, got {one.kind}")
+    surfaces = {rule.kind for rule in one.faces if isinstance(rule, FaceRule)}
+    ball, ring = "SPHERE" in surfaces, "TORUS" in surfaces
+    kinds: dict[str, PmiKind] = {
+        "angle": "cone" if len(one.faces) == 1 else "angle",
+        "distance": "to_outer" if ball else "distance",
+        "radius": "spherical_radius" if ball else "toroidal_radius" if ring else "radius",
+        "diameter": "diameter",
+    }
+    return kinds[one.kind]
 
 
 def _item(described: Sequence[tuple[kernel.Face, ...]], rule: Rule, body: int, place: str) -> PmiItem:
@@ -116,10 +121,8 @@ def _item(described: Sequence[tuple[kernel.Face, ...]], rule: Rule, body: int, p
 
 
 def _callout_text(one: Characteristic, number: int) -> str:
-    """Return what a callout says, with the number of the drawing."""
     if one.kind in ("flatness", "parallelism"):
-        zone = millimetres(one.upper, max(decimals_for(one.upper), 3))
-        return f"{number}  {one.label} {zone}"
+        return f"{number}  {one.label} {zone_text(one.upper)}"
     sign = {"diameter": "dia. ", "radius": "R "}.get(one.kind, "")
     return f"{number}  {one.label} {sign}{limits_text(one.nominal, one.lower, one.upper)}"
 
@@ -131,7 +134,7 @@ def _callout_lines(text: str, place: int, part: Sequence[kernel.Face], face: ker
     size = 0.03 * float(np.max(high - low))
     x0, y, z0 = float(high[0]) + 4.0 * size, float(low[1]) - 2.0 * size, float(low[2]) + (2.0 * place + 1.0) * size
     middle = x0 + 0.5 * text_width(text, size)
-    lines: list[tuple[Point, Point]] = []
+    lines: list[tuple[Point, Point]] = []  # of the letters, then the leader
     for outer, holes in letters(text, size):
         for ring in (outer, *holes):
             points = [(middle + float(u), y, z0 + float(v)) for u, v in ring]
@@ -149,13 +152,12 @@ def _limits(one: Characteristic) -> str:
 def conforming(
     text: str,
     identity: str,
-    timestamp: str,
     names: Sequence[tuple[str, str]] = (),
     notes: Sequence[tuple[str, str]] = (),
     texture: float | None = None,
 ) -> str:
     """Mend what OpenCASCADE writes against the schema, and add names and notes."""
-    pinned, count = _HEADER.subn(f"FILE_NAME('{identity}','{timestamp}'", text, count=1)
+    pinned, count = _HEADER.subn(f"FILE_NAME('{identity}','{_PINNED_TIME}'", text, count=1)
     if count != 1:
         raise MachiningError(f"header must have a FILE_NAME to pin [{identity}]")
     head, _, rest = pinned.partition("DATA;")
@@ -171,7 +173,7 @@ def conforming(
     missing = [label for labels in waiting.values() for label in labels]
     if missing:
         raise MachiningError(f"every named dimension must be written, missing {', '.join(missing)} [{identity}]")
-    _mend_density_unit(data.instances)
+    _mend_density_unit(data)
     if notes:
         _add_notes(data, notes, identity)
     if texture is not None:
@@ -186,21 +188,20 @@ class _Data:
         self.instances = [one.strip() for one in re.findall(r"(?:'(?:[^']|'')*'|[^';])+", section) if one.strip()]
         self._last = max((int(_reference(one)[1:]) for one in self.instances), default=0)
 
-    def find(self, *words: str) -> list[str]:
-        """Instances that hold all words, in one line each."""
-        return [_SPACE.sub("", one) for one in self.instances if all(word in one for word in words)]
-
     def add(self, entity: str) -> str:
         """Add an instance under the next number; return its reference."""
         self._last += 1
         self.instances.append(f"#{self._last} = {entity}")
         return f"#{self._last}"
 
-    @property
+    def matched(self, pattern: re.Pattern[str], word: str) -> list[re.Match[str]]:
+        """Match a pattern with all instances that hold a word, their spaces left out."""
+        flat = (re.sub(r"\s+", "", one) for one in self.instances if word in one)
+        return [found for one in flat if (found := pattern.match(one))]
+
     def context(self) -> str | None:
-        """Reference of the context of the shape."""
-        found = (_CONTEXT.match(one) for one in self.find("REPRESENTATION_CONTEXT(3)"))
-        return next((match[1] for match in found if match), None)
+        """Refer to the context of the shape."""
+        return next((found[1] for found in self.matched(_CONTEXT, "REPRESENTATION_CONTEXT(3)")), None)
 
 
 def _reference(instance: str) -> str:
@@ -226,10 +227,11 @@ def _mended(instance: str, waiting: dict[str, list[str]], angular: set[str]) -> 
     return _ZERO.sub("LENGTH_MEASURE(0.)", flat) if "POSITIVE_LENGTH_MEASURE(" in flat else instance
 
 
-def _mend_density_unit(instances: list[str]) -> None:
+def _mend_density_unit(data: _Data) -> None:
     """Rewrite the unit of the density, mass^3 length^2, as kilogram per cubic metre."""
+    instances = data.instances
     index = {_reference(one): place for place, one in enumerate(instances)}
-    for unit in filter(None, (_DERIVED.match(re.sub(r"\s+", "", one)) for one in instances if "DERIVED_UNIT" in one)):
+    for unit in data.matched(_DERIVED, "DERIVED_UNIT"):
         for element, si, power in (
             (unit[1], "(MASS_UNIT()NAMED_UNIT(*)SI_UNIT(.KILO.,.GRAM.))", "1."),
             (unit[2], "(LENGTH_UNIT()NAMED_UNIT(*)SI_UNIT($,.METRE.))", "-3."),
@@ -243,25 +245,23 @@ def _mend_density_unit(instances: list[str]) -> None:
 
 def _add_notes(data: _Data, notes: Sequence[tuple[str, str]], identity: str) -> None:
     """Write requirements without a face as properties of the product, which every reader shows."""
-    products = (_DEFINITION.match(one) for one in data.find("PRODUCT_DEFINITION("))
-    product, context = next((match[1] for match in products if match), None), data.context
-    if product is None or context is None:
+    products, context = data.matched(_DEFINITION, "PRODUCT_DEFINITION("), data.context()
+    if not products or context is None:
         raise MachiningError(f"notes must have a product to belong to [{identity}]")
     for name, value in notes:
         item = data.add(f"DESCRIPTIVE_REPRESENTATION_ITEM('{name}','{value}')")
         shown = data.add(f"REPRESENTATION('{name}',({item}),{context})")
-        owner = data.add(f"PROPERTY_DEFINITION('requirement','{name}',{product})")
+        owner = data.add(f"PROPERTY_DEFINITION('requirement','{name}',{products[0][1]})")
         data.add(f"PROPERTY_DEFINITION_REPRESENTATION({owner},{shown})")
 
 
 def _add_texture(data: _Data, roughness: float, identity: str) -> None:
     """Write Ra as a typed property of every face that has a flatness tolerance."""
-    flat = (_FLATNESS.match(re.sub(r"\s+", "", one)) for one in data.find("FLATNESS_TOLERANCE"))
-    faces, context = [match[1] for match in flat if match], data.context
-    millimetre = next(iter(data.find("LENGTH_UNIT", ".MILLI.")), None)
-    if not faces or context is None or millimetre is None:
+    faces, context = [found[1] for found in data.matched(_FLATNESS, "FLATNESS_TOLERANCE")], data.context()
+    millimetres = data.matched(_MILLIMETRE, ".MILLI.")
+    if not faces or context is None or not millimetres:
         raise MachiningError(f"surface texture must have faces with a flatness tolerance, got none [{identity}]")
-    measure = f"LENGTH_MEASURE({_real(roughness * 1e3)}),{_reference(millimetre)}"
+    measure = f"LENGTH_MEASURE({_real(roughness * 1e3)}),{millimetres[0][1]}"
     item = data.add(f"MEASURE_REPRESENTATION_ITEM('Ra',{measure})")
     shown = data.add(f"REPRESENTATION('surface texture',({item}),{context})")
     for face in faces:

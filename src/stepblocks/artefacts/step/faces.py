@@ -4,19 +4,20 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, field, replace
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from stepblocks.artefacts.step.part21.exchange import Exchange, Typed, is_reference, number
-from stepblocks.artefacts.step.part21.units import unit_of
+from stepblocks.artefacts.step.exchange import Exchange, is_reference, number, references_in
+from stepblocks.artefacts.step.units import unit_of
 
 Array = NDArray[np.float64]
 
 _PARALLEL = 1e-9
 _DEEPEST = 12
 _CURVES = ("LINE", "CIRCLE")
+_TURNED = ("CYLINDRICAL_SURFACE", "CONICAL_SURFACE")
+_ROUND = ("CYLINDRICAL_SURFACE", "SPHERICAL_SURFACE")
 _NOWHERE: Array = np.full(3, math.nan)
 
 
@@ -44,11 +45,9 @@ def faces_of(file: Exchange, aspect: object, depth: int = 0) -> list[Surface]:
         for name in ("GEOMETRIC_ITEM_SPECIFIC_USAGE", "ITEM_IDENTIFIED_REPRESENTATION_USAGE"):
             values = parts.get(name, ())
             if len(values) == 5 and values[2] == aspect:
-                factor, angle = _factors(file, values[3])
-                found += [
-                    replace(_surface(file, item, factor, angle), representation=str(values[3]))
-                    for item in _items(values[4])
-                ]
+                per_metre, angle = _units(file, values[3])
+                surfaces = (_surface(file, item, per_metre, angle) for item in references_in(values[4]))
+                found += [replace(one, representation=str(values[3])) for one in surfaces]
         related = parts.get("SHAPE_ASPECT_RELATIONSHIP", ())
         if len(related) == 4 and related[2] == aspect and "DATUM" not in file.parts(related[3]):
             found += faces_of(file, related[3], depth + 1)
@@ -56,70 +55,52 @@ def faces_of(file: Exchange, aspect: object, depth: int = 0) -> list[Surface]:
     return list(unique.values())
 
 
-def _items(value: Any) -> list[str]:
-    if is_reference(value):
-        return [value]
-    if isinstance(value, Typed):
-        value = value.value
-    return [item for item in value if is_reference(item)] if isinstance(value, tuple | list) else []
-
-
-def _factors(file: Exchange, representation: object) -> tuple[float, float]:
-    """Metres per unit of length and radians per unit of angle of a representation."""
-    for values in file.parts(representation).values():
-        for value in values:
-            units = file.parameters(value, "GLOBAL_UNIT_ASSIGNED_CONTEXT")
-            if units:
-                resolved = {one.dimension: one.factor for one in (unit_of(file, ref) for ref in units[0])}
-                return resolved.get("length", math.nan), resolved.get("angle", 1.0)
+def _units(file: Exchange, representation: object) -> tuple[float, float]:
+    """Units of length per metre, whole where nearly whole so that millimetres divide by 1000, and radians per unit of angle."""
+    for value in (value for values in file.parts(representation).values() for value in values):
+        if units := file.parameters(value, "GLOBAL_UNIT_ASSIGNED_CONTEXT"):
+            resolved = {one.dimension: one.factor for one in (unit_of(file, ref) for ref in units[0])}
+            exact = 1.0 / resolved.get("length", math.nan)
+            whole = float(round(exact)) if math.isfinite(exact) else math.nan
+            return whole if abs(exact - whole) < 1e-9 * exact else exact, resolved.get("angle", 1.0)
     return math.nan, math.nan
 
 
-def _surface(file: Exchange, item: str, factor: float, angle: float) -> Surface:
+def _surface(file: Exchange, item: str, per_metre: float, angle: float) -> Surface:
     edge = file.parameters(item, "EDGE_CURVE")
-    if len(edge) == 5:
-        return _curve(file, item, edge[3], factor)
     values = file.parameters(item, "ADVANCED_FACE") or file.parameters(item, "FACE_SURFACE")
+    if len(edge) == 5:
+        return _curve(file, item, edge[3], per_metre)
     if len(values) != 4:
         return Surface(item, next(iter(file.parts(item)), ""))
     kind, parameters = next(iter(file.parts(values[2]).items()), ("", ()))
     if len(parameters) < 2 or not is_reference(parameters[1]):
         return Surface(item, kind)
-    point, axis = _placement(file, parameters[1])
-    sizes = [math.nan if (size := number(value)) is None else size / _inverse(factor) for value in parameters[2:]]
+    point, axis, _ = _placement(file, parameters[1])
+    sizes = [math.nan if (size := number(value)) is None else size / per_metre for value in parameters[2:]]
     half_angle = number(parameters[-1])
     if kind == "CONICAL_SURFACE" and len(sizes) == 2 and half_angle is not None:
         sizes[1] = half_angle * angle
-    return Surface(item, kind, point / _inverse(factor), axis, tuple(sizes))
+    return Surface(item, kind, point / per_metre, axis, tuple(sizes))
 
 
-def _curve(file: Exchange, edge: str, curve: object, factor: float) -> Surface:
+def _curve(file: Exchange, edge: str, curve: object, per_metre: float) -> Surface:
     """Read the curve under an edge; one that is given with its traces on the two faces is its own first parameter."""
     for name in ("SURFACE_CURVE", "SEAM_CURVE"):
         inner = file.parameters(curve, name)
-        if len(inner) > 1:
-            curve = inner[1]
+        curve = inner[1] if len(inner) > 1 else curve
     kind = next(iter(file.parts(curve)), "")
     parameters = file.parameters(curve, kind)
     if kind == "LINE" and len(parameters) == 3:
-        origin = _coordinates(file, parameters[1], "CARTESIAN_POINT")
-        vector = file.parameters(parameters[2], "VECTOR")
-        along = _coordinates(file, vector[1], "DIRECTION") if len(vector) == 3 else None
+        vector = (*file.parameters(parameters[2], "VECTOR"), None, None)
+        origin, along = _coordinates(file, parameters[1], "CARTESIAN_POINT"), _coordinates(file, vector[1], "DIRECTION")
         if origin is not None and along is not None:
-            return Surface(edge, kind, origin / _inverse(factor), along / np.linalg.norm(along))
+            return Surface(edge, kind, origin / per_metre, along / np.linalg.norm(along))
     if kind == "CIRCLE" and len(parameters) == 3:
-        middle, axis = _placement(file, parameters[1])
+        middle, axis, _ = _placement(file, parameters[1])
         radius = number(parameters[2])
-        return Surface(
-            edge, kind, middle / _inverse(factor), axis, () if radius is None else (radius / _inverse(factor),)
-        )
+        return Surface(edge, kind, middle / per_metre, axis, () if radius is None else (radius / per_metre,))
     return Surface(edge, kind)
-
-
-def _inverse(factor: float) -> float:
-    """Units per metre, whole where it is nearly whole, so that millimetres divide by 1000 exactly."""
-    inverse = 1.0 / factor
-    return float(round(inverse)) if abs(inverse - round(inverse)) < 1e-9 * inverse else inverse
 
 
 def _coordinates(file: Exchange, ref: object, entity: str) -> Array | None:
@@ -127,23 +108,33 @@ def _coordinates(file: Exchange, ref: object, entity: str) -> Array | None:
     return np.array(values[1], dtype=np.float64) if len(values) == 2 else None
 
 
-def _placement(file: Exchange, ref: object) -> tuple[Array, Array]:
-    """Location, in the units of the file, and direction."""
+def _placement(file: Exchange, ref: object) -> tuple[Array, Array, Array]:
+    """Location, in the units of the file, direction, and second direction."""
     values = file.parameters(ref, "AXIS2_PLACEMENT_3D")
     if len(values) != 4:
-        return _NOWHERE, _NOWHERE
-    origin, direction = _coordinates(file, values[1], "CARTESIAN_POINT"), _coordinates(file, values[2], "DIRECTION")
+        return _NOWHERE, _NOWHERE, _NOWHERE
+    origin = _coordinates(file, values[1], "CARTESIAN_POINT")
+    direction, second = (_coordinates(file, value, "DIRECTION") for value in values[2:])
     direction = np.array([0.0, 0.0, 1.0]) if direction is None else direction
-    return _NOWHERE if origin is None else origin, direction / np.linalg.norm(direction)
+    second = np.zeros(3) if second is None else second
+    return _NOWHERE if origin is None else origin, direction / np.linalg.norm(direction), second
+
+
+def placed_where_drawn(file: Exchange) -> bool:
+    """Whether every component of an assembly lies where its own coordinates put it, so that two bodies can be compared."""
+    for _, values in file.named("ITEM_DEFINED_TRANSFORMATION"):
+        first, second = (_placement(file, item) for item in values[2:4])
+        if not np.allclose(first, second, rtol=0.0, atol=1e-12):
+            return False
+    return True
 
 
 def measured_size(surfaces: list[Surface], name: str) -> float | None:
     """Size of a feature from its own faces."""
     if surfaces and all(one.kind in _CURVES for one in surfaces):
         return 0.0 if "radius" in name else None  # an edge that is a curve of two faces is sharp
-    round_ones = [one for one in surfaces if one.kind in ("CYLINDRICAL_SURFACE", "SPHERICAL_SURFACE") and one.sizes]
-    if surfaces and len(round_ones) == len(surfaces):
-        radii = {one.sizes[0] for one in round_ones}
+    if surfaces and all(one.kind in _ROUND and one.sizes for one in surfaces):
+        radii = {one.sizes[0] for one in surfaces}
         if max(radii) - min(radii) > 1e-12:
             return None
         return 2.0 * max(radii) if "diameter" in name else max(radii) if "radius" in name else None
@@ -180,7 +171,7 @@ def measured_distance(first: list[Surface], second: list[Surface], kind: str = "
 
 def _beyond_centre(surface: Surface, side: str) -> float:
     """How far the side of a round feature that a dimension names lies beyond its centre [m]."""
-    if surface.kind not in ("CYLINDRICAL_SURFACE", "SPHERICAL_SURFACE") or not surface.sizes:
+    if surface.kind not in _ROUND or not surface.sizes:
         return 0.0
     return {"outer": surface.sizes[0], "inner": -surface.sizes[0]}.get(side, 0.0)
 
@@ -188,31 +179,24 @@ def _beyond_centre(surface: Surface, side: str) -> float:
 def _distance(a: Surface, b: Surface) -> float | None:
     if b.kind == "PLANE" or (a.kind in _CURVES and b.kind not in _CURVES):
         a, b = b, a
-    between = b.point - a.point
     if b.kind in _CURVES:
         return _distance_to_curve(a, b)
-    if a.kind == b.kind == "CONICAL_SURFACE":
-        coaxial = _between_cones(a, b)
-        if coaxial is not None:
-            return coaxial
-    sphere = b.kind == "SPHERICAL_SURFACE"
-    cylinder = b.kind in ("CYLINDRICAL_SURFACE", "CONICAL_SURFACE")
+    between = b.point - a.point
+    ball, turned = b.kind == "SPHERICAL_SURFACE", b.kind in _TURNED
+    if a.kind == b.kind == "CONICAL_SURFACE":  # the gap across two on one axis with one angle
+        same_way = 1.0 if a.axis @ b.axis > 0.0 else -1.0
+        gap = _across_cone(a, b) if abs(a.sizes[1] - same_way * b.sizes[1]) <= 1e-12 else None
+        if gap is not None:
+            return gap
     if a.kind == "PLANE":
-        if b.kind == "PLANE" and not _parallel(a, b):
-            return None
-        if cylinder and abs(a.axis @ b.axis) > _PARALLEL:
-            return None
-        return abs(float(between @ a.axis)) if b.kind == "PLANE" or sphere or cylinder else None
-    if a.kind in ("CYLINDRICAL_SURFACE", "CONICAL_SURFACE") and (cylinder or sphere):
-        if cylinder and not _parallel(a, b):
-            return None
+        level = ball or (_parallel(a, b) if b.kind == "PLANE" else turned and abs(a.axis @ b.axis) <= _PARALLEL)
+        return abs(float(between @ a.axis)) if level else None
+    if a.kind in _TURNED and (ball or (turned and _parallel(a, b))):
         apart = float(np.linalg.norm(between - (between @ a.axis) * a.axis))
         if a.kind == b.kind and apart <= 1e-12 and a.representation != b.representation:
             return abs(a.sizes[0] - b.sizes[0])  # one body in the bore of another: the gap, their axes being one
         return apart
-    if a.kind == "SPHERICAL_SURFACE" and sphere:
-        return float(np.linalg.norm(between))
-    return None
+    return float(np.linalg.norm(between)) if a.kind == b.kind == "SPHERICAL_SURFACE" else None
 
 
 def _distance_to_curve(a: Surface, b: Surface) -> float | None:
@@ -233,12 +217,6 @@ def _parallel(a: Surface, b: Surface) -> bool:
     return float(np.linalg.norm(np.cross(a.axis, b.axis))) <= _PARALLEL
 
 
-def _between_cones(a: Surface, b: Surface) -> float | None:
-    """Gap across two cones on one axis with one angle; None for any other two."""
-    same_way = 1.0 if a.axis @ b.axis > 0.0 else -1.0
-    return _across_cone(a, b) if abs(a.sizes[1] - same_way * b.sizes[1]) <= 1e-12 else None
-
-
 def _across_cone(cone: Surface, other: Surface) -> float | None:
     """Distance from a cone, square to it, to the circle at which a surface or edge on the same axis is placed."""
     between = other.point - cone.point
@@ -248,28 +226,10 @@ def _across_cone(cone: Surface, other: Surface) -> float | None:
     return abs(other.sizes[0] - cone.sizes[0] - along * math.tan(cone.sizes[1])) * math.cos(cone.sizes[1])
 
 
-def placed_where_drawn(file: Exchange) -> bool:
-    """Whether every component of an assembly lies where its own coordinates put it, so that two bodies can be compared."""
-    for _, values in file.named("ITEM_DEFINED_TRANSFORMATION"):
-        places = [_placement(file, item) for item in values[2:4]]
-        axes = [_second_axis(file, item) for item in values[2:4]]
-        pairs = [(places[0][0], places[1][0]), (places[0][1], places[1][1]), (axes[0], axes[1])]
-        if any(not np.allclose(one, other, rtol=0.0, atol=1e-12) for one, other in pairs):
-            return False
-    return True
-
-
-def _second_axis(file: Exchange, ref: object) -> Array:
-    values = file.parameters(ref, "AXIS2_PLACEMENT_3D")
-    direction = _coordinates(file, values[3], "DIRECTION") if len(values) == 4 else None
-    return np.zeros(3) if direction is None else direction
-
-
 def measured_angle(first: list[Surface], second: list[Surface], nominal: float) -> float | None:
     """Angle between two planes or axes, the one of the two supplementary angles that lies nearer to `nominal` [rad]."""
-    turned = {"CYLINDRICAL_SURFACE", "CONICAL_SURFACE"}
     kinds = {one.kind for one in (*first, *second)}
-    if len(first) != 1 or len(second) != 1 or not (kinds == {"PLANE"} or kinds <= turned):
+    if len(first) != 1 or len(second) != 1 or not (kinds == {"PLANE"} or kinds <= set(_TURNED)):
         return None
     angle = float(np.arctan2(np.linalg.norm(np.cross(first[0].axis, second[0].axis)), first[0].axis @ second[0].axis))
     return min((angle, math.pi - angle), key=lambda one: abs(one - nominal))

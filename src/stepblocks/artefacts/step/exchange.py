@@ -22,32 +22,27 @@ class Typed:
 
 
 def is_reference(value: object) -> bool:
-    """Return whether a parameter is a reference such as ``#12``."""
+    """Tell whether a parameter is a reference such as ``#12``."""
     return isinstance(value, str) and value.startswith("#")
 
 
 def number(value: object) -> float | None:
-    """Return a numeric parameter as float, or None for anything else."""
-    if isinstance(value, bool) or not isinstance(value, int | float):
-        return None
-    return float(value)
+    """Return a numeric parameter, typed or not, as float, or None for anything else."""
+    if isinstance(value, Typed):
+        value = value.value
+    return float(value) if isinstance(value, int | float) and not isinstance(value, bool) else None
 
 
 class Exchange:
     """All instances of a file."""
 
     def __init__(self, name: str, schema: tuple[str, ...], instances: dict[str, dict[str, tuple[Any, ...]]]) -> None:
-        self.name = name
-        self.schema = schema
-        self._instances = instances
+        self.name, self.schema, self._instances = name, schema, instances
         self._by_type: dict[str, list[str]] = {}
         self._users: dict[str, list[str]] | None = None
         for ref, parts in instances.items():
             for part in parts:
                 self._by_type.setdefault(part, []).append(ref)
-
-    def __len__(self) -> int:
-        return len(self._instances)
 
     def parts(self, ref: object) -> dict[str, tuple[Any, ...]]:
         """Return entity names and parameters of an instance; empty for what is no instance."""
@@ -68,21 +63,20 @@ class Exchange:
         if self._users is None:
             self._users = {}
             for user, parts in self._instances.items():
-                for target in {target for values in parts.values() for target in _references(values)}:
+                for target in set(references_in(tuple(parts.values()))):
                     self._users.setdefault(target, []).append(user)
         return self._users.get(ref, [])
 
 
-def _references(values: object) -> Iterator[str]:
-    stack = [values]
-    while stack:
-        value = stack.pop()
-        if is_reference(value):
-            yield str(value)
-        elif isinstance(value, tuple | list):
-            stack.extend(value)
-        elif isinstance(value, Typed):
-            stack.append(value.value)
+def references_in(value: object) -> Iterator[str]:
+    """Yield the references in a parameter, however deep, in their order."""
+    if is_reference(value):
+        yield str(value)
+    elif isinstance(value, Typed):
+        yield from references_in(value.value)
+    elif isinstance(value, tuple | list):
+        for one in value:
+            yield from references_in(one)
 
 
 def read_exchange(path: Path) -> Exchange:
@@ -159,8 +153,7 @@ def _raw_instances(text: str, path: Path) -> tuple[str, dict[str, str]]:
         if plain.count("(") != plain.count(")") or not plain.rstrip().endswith(")") or match[1] in raw:
             raise broken(f"instance {match[1]} is not whole or not unique")
         raw[match[1]] = match[2].strip()
-    rest = data[at:].strip()
-    if re.fullmatch(r"ENDSEC;\s*END-ISO-10303-21;", rest) is None:
+    if re.fullmatch(r"\s*ENDSEC;\s*END-ISO-10303-21;\s*", data[at:]) is None:
         raise broken(f"what is no instance after {next(reversed(raw), 'DATA')}")
     return head, raw
 

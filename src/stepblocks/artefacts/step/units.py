@@ -4,29 +4,22 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import Any
 
-from stepblocks.artefacts.step.part21.exchange import Exchange, Typed, is_reference, number
+from stepblocks.artefacts.step.exchange import Exchange, Typed, is_reference, number
 
 _PREFIXES = "EXA PETA TERA GIGA MEGA KILO HECTO DECA DECI CENTI MILLI MICRO NANO PICO"
 _POWERS = (18, 15, 12, 9, 6, 3, 2, 1, -1, -2, -3, -6, -9, -12)
 _PREFIX = {name: float(f"1e{power}") for name, power in zip(_PREFIXES.split(), _POWERS, strict=True)}
 _SHORT = {"MILLI": "m", "MICRO": "u", "NANO": "n", "CENTI": "c", "KILO": "k", "DECI": "d"}
 _BASES = {  # symbol and dimension
-    "METRE": ("m", "length"),
-    "RADIAN": ("rad", "angle"),
-    "GRAM": ("g", "mass"),
-    "STERADIAN": ("sr", "solid angle"),
-    "SECOND": ("s", "time"),
+    **{"METRE": ("m", "length"), "RADIAN": ("rad", "angle"), "GRAM": ("g", "mass")},
+    **{"STERADIAN": ("sr", "solid angle"), "SECOND": ("s", "time")},
 }
-_MEASURES = (
-    "MEASURE_WITH_UNIT",
-    "LENGTH_MEASURE_WITH_UNIT",
-    "PLANE_ANGLE_MEASURE_WITH_UNIT",
-    "MASS_MEASURE_WITH_UNIT",
-    "RATIO_MEASURE_WITH_UNIT",
-    "UNCERTAINTY_MEASURE_WITH_UNIT",
-)
+# entities that hold a measure, and which of their parameters is the value; its unit follows
+_MEASURES = {
+    **{f"{of}MEASURE_WITH_UNIT": 0 for of in ("", "LENGTH_", "PLANE_ANGLE_", "MASS_", "RATIO_", "UNCERTAINTY_")},
+    "MEASURE_REPRESENTATION_ITEM": 1,
+}
 _TYPES = {
     "length": ("LENGTH_MEASURE", "POSITIVE_LENGTH_MEASURE", "NON_NEGATIVE_LENGTH_MEASURE"),
     "angle": ("PLANE_ANGLE_MEASURE", "POSITIVE_PLANE_ANGLE_MEASURE"),
@@ -49,7 +42,6 @@ class Measure:
 
     value: float  # as it stands in the file
     unit: Unit
-    type: str  # of the measure; empty where the SELECT is untyped
 
     @property
     def si(self) -> float:
@@ -68,62 +60,42 @@ def unit_of(file: Exchange, ref: object) -> Unit:
     parts = file.parts(ref)
     if "SI_UNIT" in parts:
         values = parts["SI_UNIT"]
-        prefix, base = (_enumeration(value) for value in values[-2:])
+        prefix, base = (str(value).strip(".$*") for value in values[-2:])
         factor = _PREFIX.get(prefix, 1.0)
         symbol, dimension = _BASES.get(base, (base.lower(), "unknown"))
-        # the SI unit of mass is the kilogram
-        factor *= 1e-3 if base == "GRAM" else 1.0
+        factor *= 1e-3 if base == "GRAM" else 1.0  # the SI unit of mass is the kilogram
         return Unit(_SHORT.get(prefix, prefix.lower()) + symbol, dimension, factor)
     converted = parts.get("CONVERSION_BASED_UNIT")
-    if converted:
-        one = measure_of(file, converted[-1])
-        if one is not None:
-            return Unit(str(converted[-2]).strip("'").lower(), one.unit.dimension, one.value * one.unit.factor)
+    if converted and (one := measure_of(file, converted[-1])) is not None:
+        return Unit(str(converted[-2]).strip("'").lower(), one.unit.dimension, one.value * one.unit.factor)
     return _UNKNOWN
-
-
-def _enumeration(value: object) -> str:
-    text = str(value).strip(".")
-    return "" if text in ("$", "*", "None") else text
 
 
 def measure_of(file: Exchange, ref: object) -> Measure | None:
     """Read a measure with unit, whether simple, complex or a representation item."""
-    parts = file.parts(ref)
-    for name in _MEASURES:
-        values = parts.get(name, ())
+    for name, at in _MEASURES.items():
+        values = file.parameters(ref, name)[at:]
         if len(values) >= 2:
-            return _measure(file, values[0], values[1])
-    item = parts.get("MEASURE_REPRESENTATION_ITEM", ())
-    if len(item) == 3:
-        return _measure(file, item[1], item[2])
+            value = number(values[0])
+            return None if value is None else Measure(value, unit_of(file, values[1]))
     return None
-
-
-def _measure(file: Exchange, raw: Any, unit: Any) -> Measure | None:
-    typed = raw.type if isinstance(raw, Typed) else ""
-    value = number(raw.value if isinstance(raw, Typed) else raw)
-    return None if value is None else Measure(value, unit_of(file, unit), typed)
 
 
 def untyped_measures(file: Exchange) -> list[str]:
     """List every measure whose value is no typed SELECT, or whose type does not fit its unit."""
     findings = []
-    for name in (*_MEASURES, "MEASURE_REPRESENTATION_ITEM"):
-        for ref, values in file.named(name):
-            if len(values) < 2:
-                continue
-            raw, unit = (values[1], values[2]) if name == "MEASURE_REPRESENTATION_ITEM" else (values[0], values[1])
+    for name, at in _MEASURES.items():
+        for ref, (raw, unit) in (
+            (ref, values[at : at + 2]) for ref, values in file.named(name) if len(values) >= at + 2
+        ):
             if not isinstance(raw, Typed):
                 findings.append(f"{ref} {name}: value must be typed, such as LENGTH_MEASURE(...), got {raw!r}")
                 continue
-            size = number(raw.value)
+            size, dimension = number(raw), unit_of(file, unit).dimension
             if raw.type.startswith("POSITIVE_") and size is not None and not size > 0.0:
                 findings.append(f"{ref} {name}: {raw.type} must be positive, got {size:g}")
-            resolved = unit_of(file, unit)
-            allowed = _TYPES.get(resolved.dimension)
-            if allowed and raw.type not in allowed:
-                findings.append(f"{ref} {name}: {raw.type} must not carry a unit of {resolved.dimension}")
+            if raw.type not in _TYPES.get(dimension, (raw.type,)):
+                findings.append(f"{ref} {name}: {raw.type} must not carry a unit of {dimension}")
     return findings
 
 
@@ -135,7 +107,7 @@ def density_findings(file: Exchange) -> tuple[list[tuple[str, float]], list[str]
         if "density" not in label:
             continue
         raw, unit = (values[1], values[2]) if len(values) == 3 else file.parameters(ref, "MEASURE_WITH_UNIT")[:2]
-        value = number(raw.value if isinstance(raw, Typed) else raw)
+        value = number(raw)
         factor, powers = _derived(file, unit)
         if powers != {"mass": 1.0, "length": -3.0}:
             said = " ".join(f"{name}^{power:g}" for name, power in sorted(powers.items())) or "nothing"

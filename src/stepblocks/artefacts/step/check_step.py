@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 
-from stepblocks.artefacts.step.part21.characteristics import Characteristic, dimensions_of, tolerances_of
-from stepblocks.artefacts.step.part21.exchange import Exchange, read_exchange
-from stepblocks.artefacts.step.part21.faces import faces_of
-from stepblocks.artefacts.step.part21.units import density_findings, measure_of, untyped_measures
+from stepblocks.artefacts.step.characteristics import Characteristic, dimensions_of, tolerances_of
+from stepblocks.artefacts.step.exchange import Exchange, read_exchange
+from stepblocks.artefacts.step.faces import faces_of
+from stepblocks.artefacts.step.units import density_findings, measure_of, untyped_measures
 
 ALLOWED = 1e-9  # largest difference between a dimension and its faces [m], and [rad] for angles
 
@@ -60,8 +61,7 @@ def check_step(path: str | Path, *, require_ap242: bool = False) -> StepReport:
     findings = [*untyped_measures(file), *wrong]
     if require_ap242 and not any(schema.upper().startswith("AP242_MANAGED_MODEL") for schema in file.schema):
         findings.append(f"FILE_SCHEMA: must be AP242, got {', '.join(file.schema) or 'nothing'}")
-    for one in dimensions:
-        findings.extend(_dimension_findings(one))
+    findings += [finding for one in dimensions for finding in _dimension_findings(one)]
     for one in tolerances:
         if one.problem:
             findings.append(f"{one.ref} {one.kind}: {one.problem}")
@@ -79,25 +79,22 @@ def check_step(path: str | Path, *, require_ap242: bool = False) -> StepReport:
     )
 
 
-def _dimension_findings(one: Characteristic) -> list[str]:
-    findings = []
+def shown_in(angular: bool) -> tuple[float, str]:
+    """Return the unit of a table or message, and how many of it make one of the SI."""
+    return (180.0 / math.pi, "deg") if angular else (1e3, "mm")
+
+
+def _dimension_findings(one: Characteristic) -> Iterator[str]:
+    if one.problem == "no value":
+        return  # a dimension for reference only carries no value; it is listed, not judged
     label = f"{one.ref} {one.kind}{f' ({one.name})' if one.name else ''}"
-    if one.problem == "no value" and math.isnan(one.value):
-        return []  # a dimension for reference only carries no value; it is listed, not judged
     if one.problem:
-        findings.append(f"{label}: {one.problem}")
+        yield f"{label}: {one.problem}"
     if one.deviation is not None and abs(one.deviation) > ALLOWED:
-        if one.angular:
-            findings.append(
-                f"{label}: says {math.degrees(one.value):.9g} deg, but its faces have "
-                f"{math.degrees(one.value + one.deviation):.9g} deg"
-            )
-        else:
-            findings.append(
-                f"{label}: says {one.value * 1e3:.9g} mm, but its faces {', '.join(one.faces)} have "
-                f"{(one.value + one.deviation) * 1e3:.9g} mm ({one.deviation * 1e9:+.3f} nm)"
-            )
-    return findings
+        scale, unit = shown_in(one.angular)
+        said, had = (f"{value * scale:.9g} {unit}" for value in (one.value, one.value + one.deviation))
+        faces, off = ("", "") if one.angular else (f" {', '.join(one.faces)}", f" ({one.deviation * 1e9:+.3f} nm)")
+        yield f"{label}: says {said}, but its faces{faces} have {had}{off}"
 
 
 def _textures(file: Exchange) -> tuple[tuple[str, float], ...]:
@@ -113,14 +110,10 @@ def _textures(file: Exchange) -> tuple[tuple[str, float], ...]:
 
 
 def _materials(file: Exchange) -> tuple[str, ...]:
-    names = []
-    for _, values in file.named("REPRESENTATION"):
-        if len(values) == 3 and "material name" in str(values[0]).lower():
-            for item in values[1]:
-                described = file.parameters(item, "DESCRIPTIVE_REPRESENTATION_ITEM")
-                if described:
-                    names.append(str(described[0]))
-    return tuple(names)
+    listed = (values for _, values in file.named("REPRESENTATION") if len(values) == 3)
+    items = (item for values in listed if "material name" in str(values[0]).lower() for item in values[1])
+    described = (file.parameters(item, "DESCRIPTIVE_REPRESENTATION_ITEM") for item in items)
+    return tuple(str(values[0]) for values in described if values)
 
 
 def step_table(report: StepReport) -> str:
@@ -131,9 +124,10 @@ def step_table(report: StepReport) -> str:
         lines.append(f"material {', '.join(report.materials)} {densities}".rstrip())
     head = f"{'instance':>9} {'kind':18} {'value':>13} {'lower':>11} {'upper':>11} {'unit':7} {'geometry - value':>17}  name"
     lines += ["", head, "-" * len(head)]
+    kinds = {one.kind for one in report.dimensions}
     for one in (*report.dimensions, *report.tolerances):
-        scale = 180.0 / math.pi if one.angular else 1e3
-        signed = one.kind in {item.kind for item in report.dimensions}
+        scale, unit = shown_in(one.angular)
+        signed = one.kind in kinds
         lower, upper = (_signed(value * scale) if signed else "" for value in (one.lower, one.upper))
         value = "-" if math.isnan(one.value) else f"{one.value * scale:.9g}"
         if one.deviation is None or math.isnan(one.deviation):
@@ -141,7 +135,6 @@ def step_table(report: StepReport) -> str:
         else:
             deviation = f"{one.deviation * scale:.3g} deg" if one.angular else f"{one.deviation * 1e9:.3f} nm"
         name = " ".join([one.name, *(f"|{letter}" for letter in one.datums)]).strip()
-        unit = "deg" if one.angular else "mm"
         lines.append(
             f"{one.ref:>9} {one.kind:18} {value:>13} {lower:>11} {upper:>11} {unit:7} {deviation:>17}  {name}".rstrip()
         )

@@ -1,7 +1,6 @@
-"""The inspection sheet: every characteristic with its number on the drawing, limits, method, and room for the value.
+"""How a characteristic stands on paper: its limits on a drawing, and its line on the inspection sheet.
 
-In the manner of first-article inspection (form 3 of AS9102): one line per characteristic; filled in where an as-built record
-is given.
+The sheet is in the manner of first-article inspection (form 3 of AS9102), filled in where an as-built record is given.
 """
 
 from __future__ import annotations
@@ -11,7 +10,6 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from stepblocks.artefacts.numbers import decimals_for, millimetres
 from stepblocks.atomic import beside
 from stepblocks.parts.characteristics import Characteristic, characteristics_of
 from stepblocks.parts.kind import Part
@@ -20,6 +18,7 @@ from stepblocks.tables import write_table
 if TYPE_CHECKING:
     import pandas as pd
 
+_MOST_DECIMALS = 6
 # columns of the CSV; where the page shows one, its heading and its share of the width
 _COLUMNS = {
     "number": ("no.", 0.035),
@@ -36,6 +35,35 @@ _COLUMNS = {
 }
 COLUMNS = tuple(_COLUMNS)
 Values = Mapping[str, tuple[float, float, str]]  # measured [m], its standard uncertainty [m] and verdict, by key
+
+
+def decimals_for(*lengths: float) -> int:
+    """Return the decimals that print all lengths [m] exactly in millimetres, at least one, at most six."""
+    for decimals in range(1, _MOST_DECIMALS):
+        if all(abs(round(length * 1e3, decimals) - length * 1e3) < 1e-9 for length in lengths):
+            return decimals
+    return _MOST_DECIMALS
+
+
+def millimetres(length: float, decimals: int) -> str:
+    """Return a length [m] in millimetres with trailing zeros, and zero without a sign."""
+    text = f"{length * 1e3:.{decimals}f}"
+    return text.lstrip("-") if float(text) == 0.0 else text
+
+
+def limits_text(nominal: float, lower: float, upper: float) -> str:
+    """Return nominal and deviations as on a drawing: ``0.010 ±0.001``, or ``0.000 +0.002/0``."""
+    decimals = decimals_for(nominal, lower, upper)
+    value = millimetres(nominal, decimals)
+    if abs(upper + lower) < 1e-12:
+        return f"{value} ±{millimetres(upper, decimals)}"
+    high, low = ("0" if abs(one) < 1e-12 else f"{one * 1e3:+.{decimals}f}" for one in (upper, lower))
+    return f"{value} {high}/{low}"
+
+
+def zone_text(zone: float) -> str:
+    """Return the zone of a geometric tolerance as in its frame: three decimals at least."""
+    return millimetres(zone, max(decimals_for(zone), 3))
 
 
 def sheet_table(stimulus: Part, measured: Values | None = None) -> pd.DataFrame:

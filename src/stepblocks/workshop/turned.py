@@ -6,12 +6,11 @@ import math
 from collections.abc import Iterable, Iterator, Sequence
 from typing import Any
 
-from stepblocks.parts.kind import Part
 from stepblocks.parts.kinds.crown_on_tooth import CrownOnTooth
 from stepblocks.parts.kinds.sheath import MASS_MATCH, Sheath, format_mass
 from stepblocks.parts.kinds.tips import HookTip, StraightTip, Tip
 from stepblocks.parts.revolution import Turned
-from stepblocks.workshop.drawing.sheet import Point, Sheet, View, round_scale
+from stepblocks.workshop.sheet import Point, Sheet, View, round_scale
 
 _CHORDS = 96  # of an arc
 
@@ -21,12 +20,9 @@ def _flattened(outline: Sequence[Any]) -> Iterator[Point]:
     here: Point = outline[0]
     yield here
     for item in outline[1:]:
-        if isinstance(item[0], tuple):
-            yield from _arc(here, item[0], item[1])
-            here = item[1]
-        else:
-            here = item
-            yield here
+        middle, end = item if isinstance(item[0], tuple) else (None, item)
+        yield from _arc(here, middle, end) if middle else [end]
+        here = end
 
 
 def _arc(a: Point, b: Point, c: Point) -> Iterator[Point]:
@@ -44,6 +40,13 @@ def _arc(a: Point, b: Point, c: Point) -> Iterator[Point]:
         yield x + radius * math.cos(angle), y + radius * math.sin(angle)
 
 
+def _draw_mirrored(sheet: Sheet, view: View, outline: Iterable[Point], closed: bool = False) -> None:
+    """Draw a half section on either side of its axis, which lies along the sheet."""
+    half = list(outline)
+    for side in (1.0, -1.0):
+        sheet.polyline([view.at(z, side * r) for r, z in half], closed=closed)
+
+
 def straight_tip_views(sheet: Sheet, tip: StraightTip) -> list[str]:
     """Draw a straight tip lying on its side and its ball enlarged."""
     shank, end = tip.shank_radius.nominal, tip.length.nominal
@@ -52,9 +55,7 @@ def straight_tip_views(sheet: Sheet, tip: StraightTip) -> list[str]:
     beyond = (view.at(end, 0.0)[0] + 14.0, view.origin[1])
     sheet.dimension("shank_diameter", corner, view.at(end, shank), beyond, view.scale, upright=True)
     sheet.dimension("length", view.origin, corner, (view.origin[0], foot[1] - 12.0), view.scale)
-    _caption(sheet, view, -shank)
-    _ball(sheet, tip)
-    return []
+    return _ball(sheet, tip, view, -shank)
 
 
 def hook_tip_views(sheet: Sheet, tip: HookTip) -> list[str]:
@@ -67,9 +68,7 @@ def hook_tip_views(sheet: Sheet, tip: HookTip) -> list[str]:
     half, wire = 0.5 * tip.bend_angle.nominal, tip.bend_radius.nominal
     axis = view.at(tip.cone_end + wire * math.sin(half), wire * (1.0 - math.cos(half)))
     sheet.leader(axis, (axis[0] + 18.0, axis[1] - 10.0), "R {}, axis of the wire", "bend_radius")
-    _caption(sheet, view, min(-tip.shank_radius.nominal, *(y for line in bent for _, y in line)))
-    _ball(sheet, tip)
-    return []
+    return _ball(sheet, tip, view, min(-tip.shank_radius.nominal, *(y for line in bent for _, y in line)))
 
 
 def _side_view(sheet: Sheet, tip: Tip, end: float, more: list[list[Point]]) -> View:
@@ -86,10 +85,6 @@ def _side_view(sheet: Sheet, tip: Tip, end: float, more: list[list[Point]]) -> V
     return view
 
 
-def _caption(sheet: Sheet, view: View, lowest: float) -> None:
-    sheet.text((view.origin[0], view.at(0.0, lowest)[1] - 26.0), f"side {view.scale:g}:1", 2.5)
-
-
 def _bend(tip: HookTip) -> list[list[Point]]:
     """Outer and inner line of the bent wire with the straight shank, then its end."""
     top, R, r, total = tip.cone_end, tip.bend_radius.nominal, tip.shank_radius.nominal, tip.bend_angle.nominal
@@ -103,22 +98,22 @@ def _bend(tip: HookTip) -> list[list[Point]]:
     return [*lines, [lines[0][-1], lines[1][-1]]]
 
 
-def _ball(sheet: Sheet, tip: Tip) -> None:
-    cx, cy = 320.0, 215.0
-    R = tip.ball_radius.nominal
-    view = View((cx - 40.0, cy), round_scale(22.0 / (R * 1e3)))
-    height = 3.2 * R
+def _ball(sheet: Sheet, tip: Tip, side: View, lowest: float) -> list[str]:
+    """Write the caption of the side view under its lowest point and draw the ball enlarged; there are no notes."""
+    sheet.text((side.origin[0], side.at(0.0, lowest)[1] - 26.0), f"side {side.scale:g}:1", 2.5)
+    (cx, cy), R = (320.0, 215.0), tip.ball_radius.nominal
+    view, height = View((cx - 40.0, cy), round_scale(22.0 / (R * 1e3))), 3.2 * R
     outline = [(r, z) for r, z in _flattened(tip.outline()) if z <= height]
     start = tip.cone_start
     outline.append((start[0] + (height - start[1]) * math.tan(tip.cone_angle.nominal), height))
-    for side in (1.0, -1.0):
-        sheet.polyline([view.at(z, side * r) for r, z in outline])
+    _draw_mirrored(sheet, view, outline)
     on_paper = R * 1e3 * view.scale
     sheet.circle(view.at(R, 0.0), on_paper, "HIDDEN")
     sheet.line((cx - 45.0, cy), (cx + 45.0, cy), "CENTRE")
     tipped = (cx - 40.0 + on_paper * (1.0 - math.cos(1.0)), cy + on_paper * math.sin(1.0))
     sheet.leader(tipped, (cx - 34.0, cy + 40.0), "SR {}", "ball_radius")
     sheet.text((cx - 20.0, cy - 40.0), f"ball {view.scale:g}:1", 2.5, "BOTTOM_CENTER")
+    return []
 
 
 def turned_views(sheet: Sheet, part: Turned) -> list[str]:
@@ -130,8 +125,7 @@ def turned_views(sheet: Sheet, part: Turned) -> list[str]:
     left, cy = 50.0, 190.0
     view = View((left - low * 1e3 * s, cy), s)
     for outline in outlines:
-        for side in (1.0, -1.0):
-            sheet.polyline([view.at(z, side * r) for r, z in outline])
+        _draw_mirrored(sheet, view, outline)
     sheet.line((left - 5.0, cy), (view.at(high, 0.0)[0] + 5.0, cy), "CENTRE")
     base = view.at(low, -widest)[1] - 14.0
     if "length" in sheet.listed:
@@ -141,20 +135,14 @@ def turned_views(sheet: Sheet, part: Turned) -> list[str]:
         half = 0.5 * sheet.listed["diameter"][1].nominal
         sheet.dimension("diameter", view.at(low, -half), view.at(low, half), (left - 14.0, cy), s, upright=True)
     sheet.text((left, base - 12.0), f"section {s:g}:1", 2.5)
-    if part.crossed:
-        _surface(sheet, part)
+    if part.crossed:  # what a tip meets, enlarged
+        edges = part.counterface().breakpoints
+        span = max(edges[-1] - edges[0], 10e-6)
+        s = round_scale(30.0 / (span * 1e3))
+        view = View((290.0 - edges[0] * 1e3 * s, 225.0), s)
+        sheet.polyline([view.at(u, v) for u, v in zip(*part.counterface().section(span), strict=True)])
+        sheet.text((310.0, 180.0), f"along the drag {s:g}:1", 2.5, "BOTTOM_CENTER")
     return []
-
-
-def _surface(sheet: Sheet, part: Part) -> None:
-    """Draw what a tip meets, enlarged."""
-    edges = part.counterface().breakpoints
-    span = max(edges[-1] - edges[0], 10e-6)
-    x, z = part.counterface().section(span)
-    s = round_scale(30.0 / (span * 1e3))
-    view = View((290.0 - edges[0] * 1e3 * s, 225.0), s)
-    sheet.polyline([view.at(u, v) for u, v in zip(x, z, strict=True)])
-    sheet.text((310.0, 180.0), f"along the drag {s:g}:1", 2.5, "BOTTOM_CENTER")
 
 
 def crown_views(sheet: Sheet, margin: CrownOnTooth) -> list[str]:
@@ -218,8 +206,7 @@ def sheath_views(sheet: Sheet, part: Sheath) -> list[str]:
     s = round_scale(min(130.0 / (length * 1e3), 70.0 / (outer * 1e3)))
     view = View((60.0, 190.0), s)
     (left, cy), at = view.origin, view.at
-    for side in (1.0, -1.0):
-        sheet.polyline([at(z, side * r) for r, z in part.outline()], closed=True)
+    _draw_mirrored(sheet, view, part.outline(), closed=True)
     for z in (0.0, length):
         sheet.line(at(z, -0.5 * bore), at(z, 0.5 * bore))
     for z in (c, length - c):

@@ -1,7 +1,7 @@
 """A sheet of drawing paper: lines, texts, true dimensions, balloons, frames and the title block.
 
-Everything is in millimetres of paper. A dimension measures the drawn geometry and divides by the scale of its
-view, so what it prints is the part; ezdxf keeps value and tolerance in the DIMENSION entity, where they can be read back.
+Everything is in millimetres of paper. A dimension measures what is drawn and divides by the scale of its view, so what it
+prints is the part; the DIMENSION entity keeps value and tolerance, where they can be read back.
 """
 
 from __future__ import annotations
@@ -15,7 +15,7 @@ import ezdxf
 from ezdxf.enums import TextEntityAlignment
 from ezdxf.math import Vec2
 
-from stepblocks.artefacts.numbers import decimals_for, limits_text, millimetres
+from stepblocks.artefacts.on_paper import decimals_for, limits_text, zone_text
 from stepblocks.parts.characteristics import Characteristic
 
 Point = tuple[float, float]
@@ -23,33 +23,20 @@ WIDTH, HEIGHT = 420.0, 297.0  # A3, landscape [mm]
 FONT = "DejaVuSans.ttf"  # as the DXF names it
 _TEXT = 2.5
 _WIDE = 0.87  # mean advance of a character over its height, for DejaVu Sans
-_LAYERS = {
-    "OUTLINE": (7, 50),
-    "HIDDEN": (8, 25),
-    "CENTRE": (8, 18),
-    "DIMENSION": (7, 18),
-    "FRAME": (7, 35),
-    "TEXT": (7, 18),
+_LAYERS = {  # colour, weight of the lines [0.01 mm] and their type
+    "OUTLINE": (7, 50, "Continuous"),
+    "HIDDEN": (8, 25, "DASHED"),
+    "CENTRE": (8, 18, "CENTER"),
+    "DIMENSION": (7, 18, "Continuous"),
+    "FRAME": (7, 35, "Continuous"),
+    "TEXT": (7, 18, "Continuous"),
 }
-
-
 _STYLE = {
-    "dimtxsty": "LETTERS",
-    "dimtxt": _TEXT,
-    "dimasz": 2.5,
-    "dimexe": 1.2,
-    "dimexo": 0.8,
-    "dimgap": 0.8,
-    "dimtad": 1,
-    "dimzin": 0,
-    "dimtzin": 0,
-    "dimdsep": ord("."),
-    "dimclrd": 7,
-    "dimclre": 7,
-    "dimclrt": 7,
-    "dimtih": 0,
-    "dimtoh": 0,
-    "dimtofl": 1,
+    **{"dimtxsty": "LETTERS", "dimdsep": ord(".")},
+    **{"dimtxt": _TEXT, "dimasz": 2.5, "dimexe": 1.2, "dimexo": 0.8, "dimgap": 0.8},
+    **dict.fromkeys(("dimclrd", "dimclre", "dimclrt"), 7),
+    **dict.fromkeys(("dimtad", "dimtofl"), 1),
+    **dict.fromkeys(("dimzin", "dimtzin", "dimtih", "dimtoh"), 0),
 }
 _PREFIX = {"diameter": "dia. <>", "radius": "R<>"}  # of a dimension's text, by kind
 
@@ -82,10 +69,8 @@ class Sheet:
         self.numbers: set[int] = set()  # of those that stand on it in balloons
         self.document: Any = ezdxf.new("R2010", setup=["linetypes"], units=4)
         self.space: Any = self.document.modelspace()
-        for name, (colour, weight) in _LAYERS.items():
-            self.document.layers.add(name, color=colour, lineweight=weight)
-        self.document.layers.get("HIDDEN").dxf.linetype = "DASHED"
-        self.document.layers.get("CENTRE").dxf.linetype = "CENTER"
+        for name, (colour, weight, dashes) in _LAYERS.items():
+            self.document.layers.add(name, color=colour, lineweight=weight, linetype=dashes)
         self.document.header["$LTSCALE"] = 5.0
         self.document.header["$LWDISPLAY"] = 1
         self.document.appids.add("STEPBLOCKS")
@@ -126,8 +111,7 @@ class Sheet:
         number, one = self.listed[key]
         decimals = decimals_for(one.nominal, one.lower, one.upper)
         override: dict[str, Any] = {"dimlfac": 1.0 / scale, "dimdec": decimals, "dimtdec": decimals}
-        prefix = _PREFIX.get(one.kind, "")
-        if prefix:
+        if prefix := _PREFIX.get(one.kind, ""):
             override["dimpost"] = prefix
         dimension = self.space.add_linear_dim(
             base=along,
@@ -146,22 +130,25 @@ class Sheet:
             leading_zeros=True,
             trailing_zeros=True,
         )
-        # along the line of the dimension: its ends, and the length of its text
-        start, end = sorted((a[1], b[1]) if upright else (a[0], b[0]))
+        # along the line of the dimension: its ends, and the length of its text; `side` leads away from it
+        axis, side = (1, -1.0) if upright else (0, 1.0)
+        start, end = sorted((a[axis], b[axis]))
         printed = limits_text(one.nominal, one.lower, one.upper).replace(" ", "")
         needed = _WIDE * _TEXT * (len(printed) + len(prefix.replace("<>", ""))) + 2.0
         narrow = end - start < needed + 10.0
         reach = 0.5 * needed + 3.0
+        middle = list(along)
         if narrow:  # the text stands beside the arrows, after the end
-            middle = Vec2(along[0] - 2.2, end + reach) if upright else Vec2(end + reach, along[1] + 2.2)
-            dimension.set_location(middle, leader=False)
+            middle[axis], middle[1 - axis] = end + reach, along[1 - axis] + side * 2.2
+            dimension.set_location(Vec2(middle), leader=False)
         else:
-            middle = Vec2(along[0], 0.5 * (a[1] + b[1])) if upright else Vec2(0.5 * (a[0] + b[0]), along[1])
+            middle[axis] = 0.5 * (a[axis] + b[axis])
         dimension.render()
         dimension.dimension.set_xdata("STEPBLOCKS", [(1000, one.key), (1070, number)])
         after, beside = (reach, 0.0) if narrow else (0.5 * needed + 2.6, 3.4)
-        off = Vec2(-beside, after) if upright else Vec2(after, beside)
-        self.balloon(number, (middle.x + off.x, middle.y + off.y))
+        middle[axis] += after
+        middle[1 - axis] += side * beside
+        self.balloon(number, (middle[0], middle[1]))
 
     def balloon(self, number: int, at: Point) -> None:
         """Draw the number of a characteristic in a circle."""
@@ -196,9 +183,9 @@ class Sheet:
         number, one = self.listed[key]
         x, y = at
         high, cell = 6.0, 7.0
-        value = millimetres(one.upper, max(decimals_for(one.upper), 3))
+        value = zone_text(one.upper)
         wide = 3.0 + _WIDE * _TEXT * len(value)
-        ends = [x + cell, x + cell + wide, *([x + cell + wide + cell] if datum else [])]
+        ends = [x + cell, x + cell + wide, *([x + cell + wide + cell] if datum else [])]  # of the cells
         self.rectangle(at, (ends[-1], y + high), "FRAME")
         for end in ends[:-1]:
             self.line((end, y), (end, y + high), "FRAME")
@@ -222,9 +209,8 @@ class Sheet:
     def datum(self, at: Point, letter: str) -> None:
         """Draw a datum triangle under a face, with its letter in a box below."""
         x, y = at
-        self.space.add_solid(
-            [(x, y), (x - 1.8, y - 3.0), (x + 1.8, y - 3.0), (x + 1.8, y - 3.0)], dxfattribs={"layer": "FRAME"}
-        )
+        foot = (x + 1.8, y - 3.0)
+        self.space.add_solid([(x, y), (x - 1.8, y - 3.0), foot, foot], dxfattribs={"layer": "FRAME"})
         self.line((x, y - 3.0), (x, y - 6.0), "FRAME")
         self.rectangle((x - 3.0, y - 12.0), (x + 3.0, y - 6.0), "FRAME")
         self.text((x, y - 9.0), letter, 3.0, "MIDDLE_CENTER")

@@ -4,13 +4,13 @@ from __future__ import annotations
 
 import math
 
-from stepblocks.artefacts.numbers import limits_text, millimetres
+from stepblocks.artefacts.on_paper import limits_text, millimetres
 from stepblocks.parts.body import Body
 from stepblocks.parts.characteristics import Characteristic
 from stepblocks.parts.kinds.margin_block import MarginBlock
 from stepblocks.parts.kinds.step_block import StepBlock
-from stepblocks.workshop.drawing.sheet import Point, Sheet, View, round_scale
 from stepblocks.workshop.gauge_route import GRADES, SECTION, WRINGING, GaugePair
+from stepblocks.workshop.sheet import Point, Sheet, View, round_scale
 
 _FRONT: Point = (95.0, 240.0)
 _TOP: Point = (95.0, 140.0)

@@ -1,16 +1,15 @@
-"""From a stimulus to its drawing as DXF, SVG and PDF, and back from the DXF to the numbers that stand on it."""
+"""From a stimulus to its drawing as DXF, SVG and PDF."""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
 from typing import Any
 
-from stepblocks.artefacts.numbers import limits_text
+from stepblocks.artefacts.on_paper import limits_text
 from stepblocks.atomic import beside
 from stepblocks.errors import MachiningError
 from stepblocks.parts.characteristics import Characteristic, characteristics_of
@@ -21,16 +20,10 @@ from stepblocks.parts.kinds.sheath import Sheath
 from stepblocks.parts.kinds.step_block import StepBlock
 from stepblocks.parts.kinds.tips import HookTip, StraightTip
 from stepblocks.parts.revolution import Turned
-from stepblocks.workshop.drawing.blocks import gauge_sheet, margin_block_views, step_block_views
-from stepblocks.workshop.drawing.sheet import HEIGHT, WIDTH, Sheet
-from stepblocks.workshop.drawing.turned import (
-    crown_views,
-    hook_tip_views,
-    sheath_views,
-    straight_tip_views,
-    turned_views,
-)
+from stepblocks.workshop.blocks import gauge_sheet, margin_block_views, step_block_views
 from stepblocks.workshop.gauge_route import GaugePair
+from stepblocks.workshop.sheet import HEIGHT, WIDTH, Sheet
+from stepblocks.workshop.turned import crown_views, hook_tip_views, sheath_views, straight_tip_views, turned_views
 
 FORMATS = ("dxf", "svg", "pdf")
 # who draws a kind on a sheet and returns lines for its notes; without views everything is said in words
@@ -45,20 +38,8 @@ VIEWS: Mapping[type, Callable[[Sheet, Any], list[str]]] = {
 }
 
 
-@dataclass(frozen=True)
-class DrawnDimension:
-    """A dimension read back from a DXF file."""
-
-    key: str  # of the characteristic
-    number: int  # on the drawing
-    value: float  # what the drawn geometry measures at the scale of its view [m]
-    lower: float  # signed deviation [m]
-    upper: float  # signed deviation [m]
-    text: str  # what is printed
-
-
 def write_drawing(folder: Path, stimulus: Part, formats: Sequence[str] = FORMATS) -> list[Path]:
-    """Draw a part."""
+    """Draw a part with its views; what none of them shows stands in words."""
     if set(formats) - set(FORMATS):
         raise MachiningError(f"formats must be of {', '.join(FORMATS)}, got {', '.join(formats)}")
     return _write_all(folder, f"{stimulus.id}.drawing", formats, lambda: _part_sheet(stimulus))
@@ -92,43 +73,35 @@ def _limits(one: Characteristic) -> str:
 
 
 def _write_all(folder: Path, name: str, formats: Sequence[str], draw: Callable[[], Sheet]) -> list[Path]:
-    import ezdxf
-
     paths = [folder / f"{name}.{form}" for form in formats]
-    before = ezdxf.options.write_fixed_meta_data_for_testing
-    ezdxf.options.write_fixed_meta_data_for_testing = True  # no time of day, no random identifiers
-    try:
-        with _shipped_fonts():
-            sheet = draw()
-            for path in paths:
-                with beside(path) as draft:
-                    if path.suffix == ".dxf":
-                        # ezdxf takes classes from a set, whose order differs by process
-                        for kind in sorted(sheet.document.entitydb.dxf_types_in_use()):
-                            sheet.document.classes.add_class(kind)
-                        sheet.document.saveas(draft)
-                    else:
-                        _render(sheet, draft)
-    finally:
-        ezdxf.options.write_fixed_meta_data_for_testing = before
+    with _same_everywhere():
+        sheet = draw()
+        for path in paths:
+            with beside(path) as draft:
+                if path.suffix == ".dxf":
+                    # ezdxf takes classes from a set, whose order differs by process
+                    for kind in sorted(sheet.document.entitydb.dxf_types_in_use()):
+                        sheet.document.classes.add_class(kind)
+                    sheet.document.saveas(draft)
+                else:
+                    _render(sheet, draft)
     return paths
 
 
 @contextmanager
-def _shipped_fonts() -> Iterator[None]:
-    """Let ezdxf see only the fonts that matplotlib carries, and give it back its own afterwards.
-
-    ezdxf looks fonts up in one manager per process, filled from the folders of the system; text widths, and with them
-    the outlines in SVG and PDF, would differ where another version of the font is installed.
-    """
+def _same_everywhere() -> Iterator[None]:
+    """Let ezdxf write no time and no random identifier, and see only the fonts that matplotlib carries."""
+    import ezdxf
     from ezdxf.fonts import fonts
 
-    before, glyphs = fonts.font_manager, fonts.TrueTypeFont._glyph_caches
+    options = ezdxf.options
+    before = options.write_fixed_meta_data_for_testing, fonts.font_manager, fonts.TrueTypeFont._glyph_caches
+    options.write_fixed_meta_data_for_testing = True
     fonts.font_manager, fonts.TrueTypeFont._glyph_caches = _fonts_of_matplotlib()
     try:
         yield
     finally:
-        fonts.font_manager, fonts.TrueTypeFont._glyph_caches = before, glyphs
+        options.write_fixed_meta_data_for_testing, fonts.font_manager, fonts.TrueTypeFont._glyph_caches = before
 
 
 @cache
@@ -142,7 +115,6 @@ def _fonts_of_matplotlib() -> tuple[Any, dict[str, Any]]:
 
 
 def _render(sheet: Sheet, path: Path) -> None:
-    """Write SVG or PDF, by the suffix."""
     import matplotlib as mpl
     from ezdxf.addons.drawing import Frontend, RenderContext
     from ezdxf.addons.drawing.config import BackgroundPolicy, ColorPolicy, Configuration, LineweightPolicy
@@ -170,30 +142,3 @@ def _render(sheet: Sheet, path: Path) -> None:
         axes.set_axis_off()
         dated = ("Date",) if path.suffix == ".svg" else ("CreationDate", "ModDate")
         figure.savefig(path, metadata=dict.fromkeys(dated), dpi=150)
-
-
-def drawn_dimensions(path: Path) -> list[DrawnDimension]:
-    """Read the dimensions of a drawing back from its DXF file."""
-    import ezdxf
-
-    try:
-        document = ezdxf.readfile(path)
-    except (OSError, ezdxf.DXFError, UnicodeDecodeError, ValueError) as error:
-        raise MachiningError(
-            f"drawing must be a DXF file, got: {' '.join(str(error).split())[:120]} [{path.name}]"
-        ) from error
-    found = []
-    for entity in document.modelspace().query("DIMENSION"):
-        if not entity.has_xdata("STEPBLOCKS"):
-            continue
-        tags = entity.get_xdata("STEPBLOCKS")
-        style = entity.override()
-        measured = float(entity.get_measurement()) * float(style.get("dimlfac", 1.0))
-        printed = "".join(
-            part.plain_text() if part.dxftype() == "MTEXT" else part.dxf.text
-            for part in entity.virtual_entities()
-            if part.dxftype() in ("MTEXT", "TEXT")
-        )
-        lower, upper = -float(style.get("dimtm", 0.0)) / 1e3, float(style.get("dimtp", 0.0)) / 1e3
-        found.append(DrawnDimension(str(tags[0].value), int(tags[1].value), measured / 1e3, lower, upper, text=printed))
-    return sorted(found, key=lambda one: one.number)

@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Iterator
 from dataclasses import dataclass
-from typing import Any
 
-from stepblocks.artefacts.step.part21.exchange import Exchange, is_reference
-from stepblocks.artefacts.step.part21.faces import (
+from stepblocks.artefacts.step.exchange import Exchange, references_in
+from stepblocks.artefacts.step.faces import (
     Surface,
     faces_of,
     measured_angle,
@@ -15,13 +15,11 @@ from stepblocks.artefacts.step.part21.faces import (
     measured_size,
     placed_where_drawn,
 )
-from stepblocks.artefacts.step.part21.units import Measure, measure_of
+from stepblocks.artefacts.step.units import Measure, measure_of
 
 _SIZES = ("DIMENSIONAL_SIZE", "DIMENSIONAL_SIZE_WITH_PATH", "DIMENSIONAL_SIZE_WITH_DATUM_FEATURE", "ANGULAR_SIZE")
 _LOCATIONS = (
-    "DIMENSIONAL_LOCATION",
-    "DIRECTED_DIMENSIONAL_LOCATION",
-    "DIMENSIONAL_LOCATION_WITH_PATH",
+    *("DIMENSIONAL_LOCATION", "DIRECTED_DIMENSIONAL_LOCATION", "DIMENSIONAL_LOCATION_WITH_PATH"),
     "ANGULAR_LOCATION",
 )
 _TOLERANCES = (
@@ -62,42 +60,39 @@ def dimensions_of(file: Exchange) -> list[Characteristic]:
         kind, name = (str(values[1]) if len(values) > 1 else "size"), ""
         if file.parameters(ref, "ANGULAR_SIZE"):
             kind, name = "angular size", _text(values[1])
-        found.append(_dimension(file, ref, kind, name, faces_of(file, values[0]), None))
+        found.append(_dimension(file, ref, kind, name, faces_of(file, values[0])))
     for ref, values in file.named(*_LOCATIONS):
-        if len(values) < 4:
-            continue
-        kind = _text(values[0]) or ("angular location" if file.parameters(ref, "ANGULAR_LOCATION") else "location")
-        sides = faces_of(file, values[2]), faces_of(file, values[3])
-        found.append(_dimension(file, ref, kind, _text(values[1]), *sides))
+        if len(values) >= 4:
+            kind = _text(values[0]) or ("angular location" if file.parameters(ref, "ANGULAR_LOCATION") else "location")
+            sides = faces_of(file, values[2]), faces_of(file, values[3])
+            found.append(_dimension(file, ref, kind, _text(values[1]), *sides))
     return sorted(found, key=lambda one: int(one.ref[1:]))
 
 
 def _text(value: object) -> str:
-    return "" if value is None or str(value) in ("$", "*") else str(value)
+    return "" if value is None or value in ("$", "*") else str(value)
 
 
-def _dimension(
-    file: Exchange, ref: str, kind: str, name: str, first: list[Surface], second: list[Surface] | None
-) -> Characteristic:
+def _dimension(file: Exchange, ref: str, kind: str, name: str, *sides: list[Surface]) -> Characteristic:
+    """Size of the faces of one side, or distance or angle between two."""
     nominal, limits = _values(file, ref)
     lower, upper, problem = _deviations(file, ref, nominal, limits)
     angular = nominal is not None and nominal.unit.dimension == "angle"
     value = nominal.si if nominal is not None else math.nan
-    named = [*first, *(second or [])]
+    named = [one for side in sides for one in side]
     bodies = {one.representation for one in named}
     if len(bodies) > 1 and not placed_where_drawn(file):
         geometry = None
-    elif second is None:
-        geometry = measured_size(first, "angle" if angular else kind)
-    elif angular:
-        geometry = measured_angle(first, second, value)
+    elif len(sides) == 1:
+        geometry = measured_size(sides[0], "angle" if angular else kind)
     else:
-        geometry = measured_distance(first, second, kind)
-    planes = bool(first and second) and all(one.kind == "PLANE" for one in named)
+        first, second = sides
+        geometry = measured_angle(first, second, value) if angular else measured_distance(first, second, kind)
+    planes = len(sides) == 2 and all(sides) and all(one.kind == "PLANE" for one in named)
     if nominal is None:
         problem = problem or "no value"
-    elif planes and second and geometry is None and not (problem or angular) and len(bodies) == 1:
-        problem = f"names planes {first[0].ref} and {second[0].ref} that are not parallel"
+    elif planes and geometry is None and not (problem or angular) and len(bodies) == 1:
+        problem = f"names planes {sides[0][0].ref} and {sides[1][0].ref} that are not parallel"
     return Characteristic(
         ref=ref,
         kind=kind,
@@ -113,27 +108,24 @@ def _dimension(
     )
 
 
+def _linked(file: Exchange, ref: str, entity: str, own: int) -> Iterator[object]:
+    """Yield what an entity of two parameters links with an instance, which is its parameter `own`."""
+    for user in file.users(ref):
+        pair = file.parameters(user, entity)
+        if len(pair) == 2 and pair[own] == ref:
+            yield pair[1 - own]
+
+
 def _values(file: Exchange, ref: str) -> tuple[Measure | None, dict[str, Measure]]:
     """Nominal value, and limits that are given as values."""
-    nominal: Measure | None = None
-    limits: dict[str, Measure] = {}
-    for user in file.users(ref):
-        pair = file.parameters(user, "DIMENSIONAL_CHARACTERISTIC_REPRESENTATION")
-        if len(pair) != 2 or pair[0] != ref:
-            continue
-        items = (file.parameters(pair[1], "SHAPE_DIMENSION_REPRESENTATION") or ("", ()))[1]
-        for item in items:
-            measure = measure_of(file, item)
-            if measure is None:
-                continue
-            label = str((file.parameters(item, "REPRESENTATION_ITEM") or ("",))[0]).lower()
-            if "upper" in label:
-                limits["upper"] = measure
-            elif "lower" in label:
-                limits["lower"] = measure
-            elif nominal is None:
-                nominal = measure
-    return nominal, limits
+    found: dict[str, Measure] = {}
+    for representation in _linked(file, ref, "DIMENSIONAL_CHARACTERISTIC_REPRESENTATION", 0):
+        for item in (file.parameters(representation, "SHAPE_DIMENSION_REPRESENTATION") or ("", ()))[1]:
+            if (measure := measure_of(file, item)) is not None:
+                label = str((file.parameters(item, "REPRESENTATION_ITEM") or ("",))[0]).lower()
+                side = next((side for side in ("upper", "lower") if side in label), "")
+                found[side] = measure if side else found.get(side, measure)  # the first value is the nominal
+    return found.pop("", None), found
 
 
 def _deviations(
@@ -143,11 +135,8 @@ def _deviations(
     if nominal is not None and limits:
         lower, upper = (limits[side].si - nominal.si if side in limits else math.nan for side in ("lower", "upper"))
         return lower, upper, "limits are not in order" if lower >= upper else ""
-    for user in file.users(ref):
-        pair = file.parameters(user, "PLUS_MINUS_TOLERANCE")
-        if len(pair) != 2 or pair[1] != ref:
-            continue
-        bounds = file.parameters(pair[0], "TOLERANCE_VALUE")
+    for stated in _linked(file, ref, "PLUS_MINUS_TOLERANCE", 1):
+        bounds = file.parameters(stated, "TOLERANCE_VALUE")
         if len(bounds) == 2:
             low, high = measure_of(file, bounds[0]), measure_of(file, bounds[1])
             if low is None or high is None:
@@ -155,7 +144,7 @@ def _deviations(
             if nominal is not None and {low.unit.dimension, high.unit.dimension} != {nominal.unit.dimension}:
                 return math.nan, math.nan, "limits in another kind of unit than the value"
             return low.si, high.si, "limits are not in order" if low.si >= high.si else ""
-        if file.parameters(pair[0], "LIMITS_AND_FITS"):
+        if file.parameters(stated, "LIMITS_AND_FITS"):
             break
     return math.nan, math.nan, ""
 
@@ -186,22 +175,18 @@ def tolerances_of(file: Exchange) -> list[Characteristic]:
     return sorted(found.values(), key=lambda one: int(one.ref[1:]))
 
 
-def _datums(file: Exchange, reference: Any) -> tuple[str, ...]:
+def _datums(file: Exchange, reference: object) -> tuple[str, ...]:
     """Letters behind a datum system or a list of datum references, following references down to DATUM."""
     letters: list[str] = []
-    stack = [value for item in reference for value in (item if isinstance(item, tuple | list) else (item,))]
+    stack = list(references_in(reference))
     for _ in range(200):
         if not stack:
             break
         ref = stack.pop(0)
-        datum = file.parameters(ref, "DATUM")
-        if datum:
+        if datum := file.parameters(ref, "DATUM"):
             letters.append(str(datum[-1]))
             continue
         for name in ("DATUM_SYSTEM", "DATUM_REFERENCE_COMPARTMENT", "DATUM_REFERENCE_ELEMENT", "DATUM_REFERENCE"):
-            for value in file.parameters(ref, name)[1:]:
-                inner = value if isinstance(value, tuple | list) else (value,)
-                stack += [
-                    one for one in inner if is_reference(one) and not file.parameters(one, "PRODUCT_DEFINITION_SHAPE")
-                ]
+            inner = references_in(file.parameters(ref, name)[1:])
+            stack += [one for one in inner if not file.parameters(one, "PRODUCT_DEFINITION_SHAPE")]
     return tuple(dict.fromkeys(letters))

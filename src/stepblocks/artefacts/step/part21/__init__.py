@@ -1,1 +1,0 @@
-"""STEP files as text: what stands in them, read without the kernel that wrote them."""
