@@ -10,7 +10,6 @@ import math
 import tomllib
 from dataclasses import asdict, dataclass, replace
 from enum import StrEnum
-from importlib.resources import files
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
@@ -90,50 +89,30 @@ class _DeviceFile(BaseModel):
 
 
 def load_devices(path: str | Path | None = None) -> tuple[Device, ...]:
-    """Read device profiles: the shipped ones, and those of a file of the user's.
-
-    Examples
-    --------
-    >>> [device.id for device in load_devices()][:3]
-    ['touch', 'touch-x', 'premium-1-5']
-    """
-    shipped = files("stepblocks.simulators").joinpath("devices.toml").read_text(encoding="utf-8")
-    devices = {device.id: device for device in _parse(shipped, "devices.toml")}
-    if path is not None:
-        devices |= {device.id: device for device in _parse(_text(Path(path)), str(path))}
-    return tuple(devices.values())
+    """Read device profiles: the shipped ones, and those of a file of the user's."""
+    sources = [Path(__file__).with_name("devices.toml"), *([] if path is None else [Path(path)])]
+    return tuple({device.id: device for source in sources for device in _read(source)}.values())
 
 
-def _text(path: Path) -> str:
+def _read(path: Path) -> tuple[Device, ...]:
     try:
         if path.stat().st_size > _MAX_FILE_BYTES:
             raise HapticsError(f"a device file must be at most {_MAX_FILE_BYTES} bytes, got more [{path}]")
-        return path.read_text(encoding="utf-8")
+        return _DeviceFile.model_validate(tomllib.loads(path.read_text(encoding="utf-8"))).device
     except OSError as error:
         raise HapticsError(f"cannot be read: {error.strerror} [{path}]") from error
     except UnicodeDecodeError as error:
         raise HapticsError(f"must be UTF-8 text: byte {error.start} is not [{path}]") from error
-
-
-def _parse(text: str, place: str) -> tuple[Device, ...]:
-    try:
-        return _DeviceFile.model_validate(tomllib.loads(text)).device
     except (tomllib.TOMLDecodeError, RecursionError) as error:
-        raise HapticsError(f"must be TOML: {error} [{place}]") from error
+        raise HapticsError(f"must be TOML: {error} [{path}]") from error
     except ValidationError as error:
         first = error.errors(include_url=False)[0]
-        where = ".".join(str(part) for part in first["loc"])
-        raise HapticsError(f"{where}: {first['msg']}, got {first.get('input')!r:.60} [{place}]") from error
+        where = ".".join(map(str, first["loc"]))
+        raise HapticsError(f"{where}: {first['msg']}, got {first.get('input')!r:.60} [{path}]") from error
 
 
 def device_named(name: str, devices: tuple[Device, ...]) -> Device:
-    """Find a device by its id.
-
-    Examples
-    --------
-    >>> device_named("omega-3", load_devices()).peak_force.value
-    12.0
-    """
+    """Find a device by its id, or say which there are."""
     found = {device.id: device for device in devices}
     if name not in found:
         raise HapticsError(f"device must be one of {', '.join(found)}, got {name!r}")

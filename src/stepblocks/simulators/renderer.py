@@ -122,17 +122,9 @@ class Renderer:
         self.force[:] = 0.0
 
     def tick(self, position: Array, velocity: Array) -> Array:
-        """Render one servo tick.
+        """Render one servo tick: position [m] and velocity [m/s] of the hand in the magnified frame, shape (3,) each.
 
-        Parameters
-        ----------
-        position, velocity : ndarray, shape (3,)
-            Of the hand across the edge, along it and up, in the magnified frame [m], [m/s].
-
-        Returns
-        -------
-        ndarray, shape (3,)
-            Force on the hand [N]; the next tick overwrites it.
+        The force on the hand [N], shape (3,), is overwritten by the next tick.
         """
         kernel.tick(position, velocity, self.force, self._states, self._settings, self._path)
         return self.force
