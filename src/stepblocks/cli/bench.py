@@ -12,14 +12,12 @@ from stepblocks.cli.arguments import add_command, add_output, progress
 
 def add_to(commands: Any) -> None:
     """Register the commands."""
-    measure = add_command(
-        commands,
-        "measure",
-        _measure,
-        "features of every trace of a bench session",
+    said = "features of every trace of a bench session"
+    description = (
         "Read a bench session and write one row of features per trial, with standard uncertainties. "
-        "Trials that cannot be measured stay in the table with status `excluded` and the reason.",
+        "Trials that cannot be measured stay in the table with status `excluded` and the reason."
     )
+    measure = add_command(commands, "measure", _measure, said, description)
     measure.add_argument("session", type=Path, help="folder with session.toml")
     add_output(measure, metavar="FILE", said="table of features (CSV)")
     measure.add_argument("--jobs", type=int, metavar="N", help="processes (default: one per core)")
@@ -28,14 +26,12 @@ def add_to(commands: Any) -> None:
     said = "trials to draw, separated by commas (default: the first twelve)"
     measure.add_argument("--trials", metavar="LIST", help=said)
 
-    loop = add_command(
-        commands,
-        "loop",
-        _loop,
-        "find what the model lacks for a measured session",
+    said = "find what the model lacks for a measured session"
+    description = (
         "Measure a session, trace the residual to an effect, add it, and report the error before and "
-        "after: features.csv, result.json, model.json and report.html in the output folder.",
+        "after: features.csv, result.json, model.json and report.html in the output folder."
     )
+    loop = add_command(commands, "loop", _loop, said, description)
     loop.add_argument("session", type=Path, help="folder with session.toml, trials.csv and traces")
     add_output(loop, said="folder to write to")
     loop.add_argument("-j", "--jobs", type=int, default=None, help="processes; all cores where omitted")
@@ -43,14 +39,12 @@ def add_to(commands: Any) -> None:
     said = "as-built records of inspected blocks, or folders of them, instead of the session's scans"
     loop.add_argument("--as-built", nargs="+", type=Path, default=[], metavar="RECORD", help=said)
 
-    rehearse = add_command(
-        commands,
-        "simulate-session",
-        _simulate_session,
-        "a bench session from the equations, with any effect planted",
+    said = "a bench session from the equations, with any effect planted"
+    description = (
         "Write a session with traces, scans and the truth behind them, so that a laboratory can ask "
-        "before it measures whether a design would find an effect.",
+        "before it measures whether a design would find an effect."
     )
+    rehearse = add_command(commands, "simulate-session", _simulate_session, said, description)
     rehearse.add_argument("plan", type=Path, metavar="SPEC.toml", help="design, model, scatter, rig and effects")
     add_output(rehearse, said="session to make")
 

@@ -16,13 +16,9 @@ if TYPE_CHECKING:
 
 def add_to(commands: Any) -> None:
     """Register the commands."""
-    build = add_command(
-        commands,
-        "build",
-        _build,
-        "build, write, read back, measure and predict the stimuli of one or more files",
-        "Build every stimulus that is not up to date. Exit code 1 if an artefact is out of tolerance.",
-    )
+    said = "build, write, read back, measure and predict the stimuli of one or more files"
+    description = "Build every stimulus that is not up to date. Exit code 1 if an artefact is out of tolerance."
+    build = add_command(commands, "build", _build, said, description)
     add_files(build)
     add_output(build, "out")
     add_only(build)
@@ -32,14 +28,12 @@ def add_to(commands: Any) -> None:
     build.add_argument("--quiet", action="store_true", help="say nothing but failures")
     build.add_argument("--json", action="store_true", help="print the report as JSON")
 
-    check = add_command(
-        commands,
-        "check",
-        _check,
-        "read every artefact back from disk and measure it, or check anybody's STEP file",
+    said = "read every artefact back from disk and measure it, or check anybody's STEP file"
+    description = (
         "A verdict per artefact; of STEP files named on the command line, dimensions and tolerances against "
-        "their geometry, read as text. Exit code 1 if one is out of tolerance, and its name.",
+        "their geometry, read as text. Exit code 1 if one is out of tolerance, and its name."
     )
+    check = add_command(commands, "check", _check, said, description)
     said = "stimulus files, folders (default: stimuli) or STEP files"
     check.add_argument("files", nargs="*", type=Path, metavar="FILE", help=said)
     add_output(check, "out")

@@ -17,13 +17,11 @@ _DIMENSIONS = {"load": "force", "friction": "ratio", "tip_radius": "length", "st
 
 def add_to(commands: Any) -> None:
     """Register the commands."""
-    parser = add_command(
-        commands,
-        "export",
-        _export,
-        "scenes for haptic simulators, with contact settings and the vibration as an event",
-        "Write one self-contained folder per block, crown or tip: scene, event, rings, and a README on how to run it.",
+    said = "scenes for haptic simulators, with contact settings and the vibration as an event"
+    description = (
+        "Write one self-contained folder per block, crown or tip: scene, event, rings, and a README on how to run it."
     )
+    parser = add_command(commands, "export", _export, said, description)
     add_files(parser, "SET")
     parser.add_argument("--for", dest="simulator", required=True, choices=_SIMULATORS, help="simulator")
     add_output(parser, "out/scenes")
@@ -41,13 +39,9 @@ def add_to(commands: Any) -> None:
         said = f"such as '{example}' (default: the first of the set's prediction)"
         parser.add_argument(f"--{name}", metavar="Q", help=said)
 
-    page = add_command(
-        commands,
-        "feel",
-        _feel,
-        "a page on which the mouse drags the probe over a block",
-        "Write one page that needs no network, and open it: force, spectrum, locking, and the ring as sound.",
-    )
+    said = "a page on which the mouse drags the probe over a block"
+    description = "Write one page that needs no network, and open it: force, spectrum, locking, and the ring as sound."
+    page = add_command(commands, "feel", _feel, said, description)
     add_files(page, "SET")
     add_output(page, "out/feel.html", "HTML")
     page.add_argument("--no-open", action="store_true", help="write the page and leave it")

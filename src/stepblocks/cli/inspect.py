@@ -13,14 +13,12 @@ _INSTRUMENT = {"calibration": "ratio", "resolution": "length", "lateral_calibrat
 
 def add_to(commands: Any) -> None:
     """Register the command."""
-    parser = add_command(
-        commands,
-        "inspect",
-        _run,
-        "evaluate a scan of a machined stimulus and judge it",
+    said = "evaluate a scan of a machined stimulus and judge it"
+    description = (
         "Evaluate a profile or height map and judge it by ISO 14253-1. Exit code 0 conforms, 1 does not "
-        "conform, 3 not proven, 2 the scan cannot be read or evaluated.",
+        "conform, 3 not proven, 2 the scan cannot be read or evaluated."
     )
+    parser = add_command(commands, "inspect", _run, said, description)
     parser.add_argument("scan", type=Path, metavar="SCAN", help="CSV, XYZ, X3P, SDF, SUR, PLUX, GWY, OPDX, NID, ...")
     wanted = parser.add_mutually_exclusive_group(required=True)
     wanted.add_argument("--stimulus", metavar="ID", help="identity of the part, such as step-050")

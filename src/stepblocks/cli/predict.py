@@ -49,14 +49,12 @@ def add_to(commands: Any) -> None:
 
 
 def _add_predict(commands: Any) -> None:
-    parser = add_command(
-        commands,
-        "predict",
-        _predict,
-        "critical angle, forces and vibration energy of stimulus sets, tables or unseen trials",
+    said = "critical angle, forces and vibration energy of stimulus sets, tables or unseen trials"
+    description = (
         "Predict every stimulus under every tip, load and friction that its file asks for; or each row of a "
-        "table (CSV with units in its header); or unseen trials by a model that a measured session has taught.",
+        "table (CSV with units in its header); or unseen trials by a model that a measured session has taught."
     )
+    parser = add_command(commands, "predict", _predict, said, description)
     add_files(parser, more=", or one CSV table")
     said = "as-built records of inspect, or folders of them, to predict with instead of the nominal"
     parser.add_argument("--as-built", nargs="+", type=Path, default=[], metavar="RECORD", help=said)
@@ -178,14 +176,12 @@ def _print_table(rows: list[dict[str, str]], columns: tuple[str, ...]) -> None:
 
 
 def _add_drag(commands: Any) -> None:
-    parser = add_command(
-        commands,
-        "drag",
-        _drag,
-        "drag a tip over a step or a profile in time: force traces, release, ring and energy ledger",
+    said = "drag a tip over a step or a profile in time: force traces, release, ring and energy ledger"
+    description = (
         "STIMULUS is a step height such as '25 um', a CSV with the columns x_um and z_um, or a declared block, "
-        "crown margin or tip: ID, SET/ID or FILE.toml/ID.",
+        "crown margin or tip: ID, SET/ID or FILE.toml/ID."
     )
+    parser = add_command(commands, "drag", _drag, said, description)
     parser.add_argument("stimulus", metavar="STIMULUS")
     add_output(parser)
     for name, _, default, said in _QUANTITIES:
@@ -227,13 +223,9 @@ def _drag(arguments: argparse.Namespace) -> int:
 
 
 def _add_sweep(commands: Any) -> None:
-    parser = add_command(
-        commands,
-        "sweep",
-        _sweep,
-        "predict a grid or random design of steps, tips and settings into partitioned Parquet",
-        "Compute SWEEP.toml into DIR, one Parquet file per partition; finished ones are kept.",
-    )
+    said = "predict a grid or random design of steps, tips and settings into partitioned Parquet"
+    description = "Compute SWEEP.toml into DIR, one Parquet file per partition; finished ones are kept."
+    parser = add_command(commands, "sweep", _sweep, said, description)
     parser.add_argument("sweep", type=Path, metavar="SWEEP.toml")
     add_output(parser)
     parser.add_argument("--jobs", type=int, default=1, metavar="N", help="local worker processes (default 1)")

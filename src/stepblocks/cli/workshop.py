@@ -10,14 +10,12 @@ from stepblocks.cli.arguments import add_command, add_files, add_only, add_outpu
 
 def add_to(commands: Any) -> None:
     """Register the command."""
-    parser = add_command(
-        commands,
-        "workshop",
-        _run,
-        "write drawings, inspection sheets and gauge-block variants, and say which route reaches each tolerance",
+    said = "write drawings, inspection sheets and gauge-block variants, and say which route reaches each tolerance"
+    description = (
         "Drawings (DXF, SVG, PDF) and inspection sheets (CSV, PDF) of every part, the two-piece variant of "
-        "step blocks, and a table of the ways to make them.",
+        "step blocks, and a table of the ways to make them."
     )
+    parser = add_command(commands, "workshop", _run, said, description)
     add_files(parser)
     add_output(parser, "out")
     add_only(parser)
