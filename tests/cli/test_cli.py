@@ -88,3 +88,26 @@ def test_a_reader_that_has_seen_enough_gets_no_traceback():
         process.stdout.close()
         assert process.stderr.read() == b""
     assert process.returncode == 128 + signal.SIGPIPE
+
+
+@pytest.mark.parametrize(
+    ("arguments", "said"),
+    [
+        (["drag", "25 um", "--load", "1 m", "-o", "{}"], "--load must be a force such as '0.5 N', got '1 m'"),
+        (["drag", "25 um", "--handle-mass", "1", "-o", "{}"], "--handle-mass must be a mass such as '3 g', got '1'"),
+        (["drag", "25 um", "--pull", "0 N", "-o", "{}"], "--pull must be positive, got 0 N"),
+        (
+            ["export", "--for", "x3d", "--tip-radius", "1 N", "-o", "{}"],
+            "--tip-radius: must be a length such as '25 um'",
+        ),
+        (["inspect", "s.csv", "--stimulus", "a", "--resolution", "1"], "must be a length such as '25 um', got '1'"),
+        (["inspect", "s.csv", "--standard", "1 N"], "must be a length such as '25 um', got '1 N'"),
+    ],
+)
+def test_a_quantity_that_cannot_be_read_is_said_with_its_option_before_anything_is_done(
+    arguments, said, tmp_path, capsys
+):
+    place = tmp_path / "new"
+    assert main([word.format(place) for word in arguments]) == 2
+    assert f"stepblocks: error: {said}" in capsys.readouterr().err
+    assert not place.exists()

@@ -3,7 +3,6 @@
 import json
 import math
 from pathlib import Path
-from xml.etree import ElementTree
 
 import numpy as np
 import pytest
@@ -14,7 +13,7 @@ from stepblocks.errors import HapticsError
 from stepblocks.parts.mesh import enclosed_volume
 from stepblocks.simulators.assemble import plain_step, scene_of, surface_of
 from stepblocks.simulators.devices import device_named, load_devices
-from stepblocks.simulators.scene import SceneFormat, element, numbers, write_json, write_scene, write_xml
+from stepblocks.simulators.scene import SceneFormat, write_json, write_scene
 
 ROOT = Path(__file__).resolve().parents[2]
 BLOCK = load_set(ROOT / "stimuli" / "paper-ten.toml").stimuli[2]
@@ -136,11 +135,3 @@ def test_a_locked_scene_has_no_ring_and_says_so(tmp_path):
 def test_numbers_that_are_none_are_no_json(tmp_path):
     with pytest.raises(ValueError, match="JSON"):
         write_json(tmp_path / "x.json", {"x": math.nan})
-
-
-def test_xml_is_what_another_parser_reads(tmp_path):
-    root = element("a", element("b", vertex=numbers(np.array([[1.0, 2.5e-7]]))), element("c"), name="<&>")
-    write_xml(tmp_path / "x.xml", root)
-    read = ElementTree.parse(tmp_path / "x.xml").getroot()
-    assert (read.get("name"), [child.tag for child in read]) == ("<&>", ["b", "c"])
-    assert [float(word) for word in read[0].get("vertex").split()] == [1.0, 2.5e-7]

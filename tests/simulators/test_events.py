@@ -13,7 +13,7 @@ from stepblocks.contact.event import ring_energy, vibration_events
 from stepblocks.contact.operating_point import PAPER
 from stepblocks.declare import load_set
 from stepblocks.errors import HapticsError
-from stepblocks.simulators.events import teach, with_drag_ring
+from stepblocks.simulators.assemble import teach, with_drag_ring
 
 ROOT = Path(__file__).resolve().parents[2]
 BLOCKS = {s.id: s for s in load_set(ROOT / "stimuli" / "paper-ten.toml").stimuli}

@@ -9,8 +9,7 @@ from stepblocks.contact.event import vibration_events
 from stepblocks.contact.operating_point import OperatingPoint
 from stepblocks.declare import load_set
 from stepblocks.errors import HapticsError
-from stepblocks.simulators.devices import device_named, load_devices
-from stepblocks.simulators.plan import Faithfulness, plan_rendering
+from stepblocks.simulators.devices import Faithfulness, device_named, load_devices, plan_rendering
 
 ROOT = Path(__file__).resolve().parents[2]
 TEN = load_set(ROOT / "stimuli" / "paper-ten.toml").stimuli

@@ -23,21 +23,7 @@ from stepblocks.errors import StepblocksError
 __all__ = ["main"]
 
 # Modules of this package, one per command or family of commands, in the order of the help text
-_COMMANDS: tuple[str, ...] = (
-    "build",
-    "check",
-    "predict",
-    "drag",
-    "sweep",
-    "inspect",
-    "measure",
-    "loop",
-    "simulate_session",
-    "workshop",
-    "export",
-    "feel",
-    "study",
-)
+_COMMANDS = ("build", "predict", "inspect", "bench", "workshop", "export", "study")
 
 
 def main(argv: Sequence[str] | None = None) -> int:

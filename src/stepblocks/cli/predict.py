@@ -1,4 +1,4 @@
-"""``stepblocks predict``: what will be felt."""
+"""``stepblocks predict``, ``drag`` and ``sweep``: what will be felt, as a table, in time, or in as many rows as one likes."""
 
 from __future__ import annotations
 
@@ -8,56 +8,71 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from stepblocks.cli.arguments import add_files
+from stepblocks.cli.arguments import add_command, add_files, add_output, quantities
 
 if TYPE_CHECKING:
     from stepblocks.predict.predictions import Prediction
 
+# Options, their dimensions, their defaults or None where what is dragged over brings one, and what the help says
+_QUANTITIES: tuple[tuple[str, str, str | None, str], ...] = (
+    ("static-friction", "ratio", "0", "coefficient at rest; 0: as while sliding (default 0)"),
+    ("handle-mass", "mass", "100 g", "inertia of a pulled handle (default 100 g)"),
+    ("ring-time", "time", "40 ms", "time recorded after the release (default 40 ms)"),
+    ("sample-rate", "frequency", "10 kHz", "rows of the trace per second (default 10 kHz)"),
+    ("tip-radius", "length", None, "radius of the ball R (default: the set's first, or 125 um)"),
+    ("edge-radius", "length", None, "radius of a plain step's edge r (default 0 um)"),
+    ("step-height", "length", None, "step under a declared tip (default: the set's first)"),
+    ("load", "force", None, "normal load F_py (default: the set's first, or 1 N)"),
+    ("friction", "ratio", None, "coefficient of friction mu (default: the set's first, or 0.15)"),
+    ("stiffness", "stiffness", None, "tangential stiffness k (default: the set's, or 9.81 N/mm)"),
+    (
+        "frequency",
+        "frequency",
+        None,
+        "natural frequency, from which the tip's mass follows (default: 300 Hz, or of the sheath)",
+    ),
+    (
+        "damping-ratio",
+        "ratio",
+        None,
+        "share of critical damping (default: 0.037, from the decay of the paper's ring, or of the sheath)",
+    ),
+)
+_DIMENSIONS = {name.replace("-", "_"): dimension for name, dimension, *_ in _QUANTITIES}
+
 
 def add_to(commands: Any) -> None:
-    """Register the command."""
-    parser = commands.add_parser(
-        "predict",
-        help="critical angle, forces and vibration energy of stimulus sets, tables or unseen trials",
-        description="Predict every stimulus under every tip, load and friction that its file asks for; or each row of a "
-        "table (CSV with units in its header); or unseen trials by a model that a measured session has taught.",
+    """Register the commands."""
+    _add_predict(commands)
+    _add_drag(commands)
+    _add_sweep(commands)
+
+
+def _add_predict(commands: Any) -> None:
+    said = "critical angle, forces and vibration energy of stimulus sets, tables or unseen trials"
+    description = (
+        "Predict every stimulus under every tip, load and friction that its file asks for; or each row of a "
+        "table (CSV with units in its header); or unseen trials by a model that a measured session has taught."
     )
+    parser = add_command(commands, "predict", _predict, said, description)
     add_files(parser, more=", or one CSV table")
-    parser.add_argument(
-        "--as-built",
-        nargs="+",
-        type=Path,
-        default=[],
-        metavar="RECORD",
-        help="as-built records of inspect, or folders of them, to predict with instead of the nominal",
-    )
+    said = "as-built records of inspect, or folders of them, to predict with instead of the nominal"
+    parser.add_argument("--as-built", nargs="+", type=Path, default=[], metavar="RECORD", help=said)
     parser.add_argument("-o", "--output", type=Path, metavar="CSV", help="write a table with units in its header")
-    parser.add_argument(
-        "--model", type=Path, metavar="JSON", help="model.json of stepblocks loop; FILE is a trials.csv"
-    )
-    parser.add_argument(
-        "--plots", type=Path, metavar="DIR", help="draw energy against height, and maps of margins, there"
-    )
-    parser.add_argument(
-        "--conversion",
-        choices=("constant", "simulated"),
-        default="constant",
-        help="share of the stored energy that rings: C_v of the set (default), or that of a drag in time at --speed",
-    )
+    said = "model.json of stepblocks loop; FILE is a trials.csv"
+    parser.add_argument("--model", type=Path, metavar="JSON", help=said)
+    said = "draw energy against height, and maps of margins, there"
+    parser.add_argument("--plots", type=Path, metavar="DIR", help=said)
+    said = "share of the stored energy that rings: C_v of the set (default), or that of a drag in time at --speed"
+    parser.add_argument("--conversion", choices=("constant", "simulated"), default="constant", help=said)
     parser.add_argument("--speed", default="5 mm/s", metavar="Q", help="handle speed of those drags (default 5 mm/s)")
-    parser.add_argument(
-        "--perception", type=Path, metavar="CSV", help="write how well neighbouring blocks are told apart"
-    )
-    parser.add_argument(
-        "--equally-felt",
-        type=int,
-        metavar="N",
-        help="write to -o NEW.toml a set of N blocks that are equally spaced in predicted sensation instead of predicting",
-    )
-    parser.set_defaults(run=_run)
+    said = "write how well neighbouring blocks are told apart"
+    parser.add_argument("--perception", type=Path, metavar="CSV", help=said)
+    said = "write to -o NEW.toml a set of N blocks that are equally spaced in predicted sensation instead of predicting"
+    parser.add_argument("--equally-felt", type=int, metavar="N", help=said)
 
 
-def _run(arguments: argparse.Namespace) -> int:
+def _predict(arguments: argparse.Namespace) -> int:
     if arguments.equally_felt is not None:
         return _write_equally_felt(arguments.files, arguments.equally_felt, arguments.output)
     tables = [path for path in arguments.files if path.suffix.lower() == ".csv"]
@@ -88,14 +103,12 @@ def _predict_table(files: list[Path], output: Path | None, model: Path | None) -
     if model is None:
         from stepblocks.predict.table import predict_table
 
-        count = len(predict_table(files[0], output))
-    else:
-        from stepblocks.predict.trials import predict_trials
-
-        flagged = predict_trials(files[0], model, output)["status"] != "ok"
-        print(f"{output}: {int(flagged.sum())} trials flagged, see the column status")
+        print(f"{output}: {len(predict_table(files[0], output))} predictions")
         return 0
-    print(f"{output}: {count} predictions")
+    from stepblocks.predict.trials import predict_trials
+
+    flagged = predict_trials(files[0], model, output)["status"] != "ok"
+    print(f"{output}: {int(flagged.sum())} trials flagged, see the column status")
     return 0
 
 
@@ -125,9 +138,8 @@ def _predict_sets(arguments: argparse.Namespace) -> int:
     by_name = {stimuli.name: Predictions.of(stimuli) for stimuli in sets}
     if arguments.conversion == "simulated":
         from stepblocks.predict.predictions import predicted_in_time
-        from stepblocks.quantities import parse_quantity
 
-        speed = parse_quantity(arguments.speed, "speed")
+        speed = quantities(arguments, {"speed": "speed"}, "{1}")["speed"]
         by_name = {name: predicted_in_time(predictions, speed) for name, predictions in by_name.items()}
     predictions = Predictions(tuple(one for predictions in by_name.values() for one in predictions))
     if arguments.perception:
@@ -161,3 +173,85 @@ def _print_table(rows: list[dict[str, str]], columns: tuple[str, ...]) -> None:
     widths = {name: max(len(name), *(len(row[name]) for row in rows)) for name in columns}
     for row in ({name: name for name in columns}, *rows):
         sys.stdout.write("  ".join(row[name].ljust(widths[name]) for name in columns).rstrip() + "\n")
+
+
+def _add_drag(commands: Any) -> None:
+    said = "drag a tip over a step or a profile in time: force traces, release, ring and energy ledger"
+    description = (
+        "STIMULUS is a step height such as '25 um', a CSV with the columns x_um and z_um, or a declared block, "
+        "crown margin or tip: ID, SET/ID or FILE.toml/ID."
+    )
+    parser = add_command(commands, "drag", _drag, said, description)
+    parser.add_argument("stimulus", metavar="STIMULUS")
+    add_output(parser)
+    for name, _, default, said in _QUANTITIES:
+        parser.add_argument(f"--{name}", default=default, metavar="Q", help=said)
+    said = "stimulus file or folder of them (default: stimuli)"
+    parser.add_argument("--stimuli", type=Path, metavar="PATH", help=said)
+    ways = parser.add_mutually_exclusive_group()
+    ways.add_argument("--speed", metavar="Q", help="constant speed of the handle (default 5 mm/s)")
+    ways.add_argument("--pull", metavar="Q", help="constant pulling force on the handle instead")
+    said = "drag towards falling x: from the crown to the tooth, or down a step"
+    parser.add_argument("--backward", action="store_true", help=said)
+
+
+def _drag(arguments: argparse.Namespace) -> int:
+    from stepblocks.drag.run import drag_from_options
+    from stepblocks.errors import PipelineError
+    from stepblocks.quantities import format_quantity
+
+    given = quantities(arguments, {**_DIMENSIONS, "speed": "speed", "pull": "force"})
+    for name in ("pull", "speed"):
+        if given.get(name, 1.0) <= 0.0:
+            raise PipelineError(f"--{name} must be positive, got {getattr(arguments, name)}")
+    summary = drag_from_options(arguments.stimulus, given, arguments.backward, arguments.output, arguments.stimuli)
+    settings, probe = summary["settings"], summary["probe"]
+    print(
+        f"{summary['subject']}: {format_quantity(settings['normal_load'], 'force')}, mu {settings['friction']:g}, "
+        f"k {probe['stiffness'] * 1e-3:g} N/mm"
+    )
+    print(f"{summary['status']}; ledger closes to {summary['ledger_error']:.1e} [{arguments.output}]")
+    if "peak_force_n" in summary:
+        formula = summary.get("equation_1", {}).get("peak_force_n")
+        beside = f", equation (1) {formula:.4g} N" if formula else ""
+        print(
+            f"peak {summary['peak_force_n']:.4g} N{beside}; "
+            f"rings with {format_quantity(summary['vibration_energy_j'], 'energy')} "
+            f"({summary['ring_share']:.0%} of the stored energy) for {summary['ring_duration_s'] * 1e3:.1f} ms"
+        )
+    return 0
+
+
+def _add_sweep(commands: Any) -> None:
+    said = "predict a grid or random design of steps, tips and settings into partitioned Parquet"
+    description = "Compute SWEEP.toml into DIR, one Parquet file per partition; finished ones are kept."
+    parser = add_command(commands, "sweep", _sweep, said, description)
+    parser.add_argument("sweep", type=Path, metavar="SWEEP.toml")
+    add_output(parser)
+    parser.add_argument("--jobs", type=int, default=1, metavar="N", help="local worker processes (default 1)")
+    parser.add_argument("--scheduler", metavar="ADDRESS", help="a running Dask scheduler, such as tcp://host:8786")
+    parser.add_argument("--quiet", action="store_true", help="no progress")
+
+
+def _sweep(arguments: argparse.Namespace) -> int:
+    from stepblocks.errors import PipelineError
+    from stepblocks.predict.sweep.plan import load_sweep
+    from stepblocks.predict.sweep.run import sweep
+
+    if not 1 <= arguments.jobs <= 1024:
+        raise PipelineError(f"--jobs must lie between 1 and 1024, got {arguments.jobs}")
+    plan = load_sweep(arguments.sweep)
+    report = None
+    if not arguments.quiet:
+        from tqdm import tqdm
+
+        bar = tqdm(total=plan.partitions, unit="partition", disable=not sys.stderr.isatty())
+        report = lambda _: bar.update(1)  # noqa: E731
+    computed, found = sweep(
+        plan, arguments.output, jobs=arguments.jobs, scheduler=arguments.scheduler, on_partition=report
+    )
+    if not arguments.quiet:
+        print(
+            f"{plan.rows} rows in {plan.partitions} partitions: {computed} computed, {found} found [{arguments.output}]"
+        )
+    return 0

@@ -5,26 +5,22 @@ from __future__ import annotations
 import argparse
 from typing import Any
 
-from stepblocks.cli.arguments import add_files, add_only, add_output
+from stepblocks.cli.arguments import add_command, add_files, add_only, add_output
 
 
 def add_to(commands: Any) -> None:
     """Register the command."""
-    parser = commands.add_parser(
-        "workshop",
-        help="write drawings, inspection sheets and gauge-block variants, and say which route reaches each tolerance",
-        description="Drawings (DXF, SVG, PDF) and inspection sheets (CSV, PDF) of every part, the two-piece variant of "
-        "step blocks, and a table of the ways to make them.",
+    said = "write drawings, inspection sheets and gauge-block variants, and say which route reaches each tolerance"
+    description = (
+        "Drawings (DXF, SVG, PDF) and inspection sheets (CSV, PDF) of every part, the two-piece variant of "
+        "step blocks, and a table of the ways to make them."
     )
+    parser = add_command(commands, "workshop", _run, said, description)
     add_files(parser)
     add_output(parser, "out")
     add_only(parser)
-    parser.add_argument(
-        "--capability",
-        metavar="LENGTH",
-        help="deviation of a height that the workshop holds in one piece; ask it (default: 2 um, ground, not lapped)",
-    )
-    parser.set_defaults(run=_run)
+    said = "deviation of a height that the workshop holds in one piece; ask it (default: 2 um, ground, not lapped)"
+    parser.add_argument("--capability", metavar="LENGTH", help=said)
 
 
 def _run(arguments: argparse.Namespace) -> int:

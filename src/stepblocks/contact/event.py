@@ -130,20 +130,7 @@ def vibration_events(face: Counterface, point: OperatingPoint, stimulus: str = "
 
 
 def ring(event: VibrationEvent, rate: float) -> Array:
-    """Render the ring.
-
-    Parameters
-    ----------
-    event : VibrationEvent
-        Of a drag that releases.
-    rate : float
-        Of the samples [Hz].
-
-    Returns
-    -------
-    ndarray, shape (n,)
-        Force on the hand in the direction of the drag [N], over seven time constants or the length of the waveform.
-    """
+    """Force on the hand in the direction of the drag [N], over seven time constants or the length of the waveform; rate in Hz."""
     if event.waveform is not None:
         known = np.arange(len(event.waveform.force)) / event.waveform.rate
         wanted = np.arange(math.floor(known[-1] * rate) + 1) / rate
@@ -154,22 +141,7 @@ def ring(event: VibrationEvent, rate: float) -> Array:
 
 
 def ring_energy(force: ArrayLike, rate: float, tool: Tool) -> float:
-    """Measure the energy of a rendered or recorded ring.
-
-    Parameters
-    ----------
-    force : array_like, shape (n,)
-        Samples [N].
-    rate : float
-        Of the samples [Hz].
-    tool : Tool
-        Stiffness, frequency and decay of what rings.
-
-    Returns
-    -------
-    float
-        What the damper spends [J].
-    """
+    """Energy that the damper spends [J] on a rendered or recorded ring: its force [N] at a rate of samples [Hz]."""
     phase = math.tau * tool.frequency * tool.decay_time
     square = float(np.sum(np.asarray(force, dtype=np.float64) ** 2)) / rate
     return 2.0 / (tool.stiffness * tool.decay_time) * (1.0 + 1.0 / phase**2) * square

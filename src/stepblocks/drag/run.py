@@ -263,13 +263,9 @@ def drag_over(
 
 
 def drag_from_options(
-    stimulus: str, options: dict[str, tuple[str | None, str]], backward: bool, folder: Path, where: Path | None = None
+    stimulus: str, given: dict[str, float], backward: bool, folder: Path, where: Path | None = None
 ) -> dict[str, Any]:
-    """Run a drag whose parameters are texts, and return its summary."""
-    given = {name: _quantity(name, text, dimension) for name, (text, dimension) in options.items() if text is not None}
-    for name in ("pull", "speed"):
-        if given.get(name, 1.0) <= 0.0:
-            raise PipelineError(f"--{name} must be positive, got {options[name][0]}")
+    """Run a drag by the options of the command line, write its folder and return its summary."""
     settings = {name: given[name] for name in _OF_SETTINGS if name in given}
     if pull := given.get("pull"):
         settings |= {"speed": 0.0, "pulling_force": pull, "handle_mass": given["handle_mass"]}
@@ -284,10 +280,3 @@ def drag_from_options(
     )
     done.write(folder)
     return done.summary
-
-
-def _quantity(name: str, text: str, dimension: str) -> float:
-    try:
-        return parse_quantity(text, dimension)
-    except QuantityError as error:
-        raise PipelineError(f"--{name.replace('_', '-')} {error}") from error

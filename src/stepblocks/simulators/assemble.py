@@ -1,59 +1,56 @@
 """From a stimulus to its scene: the surface that is felt, its solids and pieces, turned so that every drag runs along x.
 
 A crown on its tooth lies on its side: x runs along the path of draw, z outwards from the tooth's outer surface. A declared
-tip is the probe of its scene, and drags over a plain step.
+tip is the probe of its scene, and drags over a plain step. The events are the formula's, or as a session has taught them.
 """
 
 from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from dataclasses import replace
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
+from numpy.typing import NDArray
 from pydantic import ValidationError
 
 from stepblocks.artefacts.model_file import LearnedModel
-from stepblocks.contact.event import vibration_events
+from stepblocks.contact.counterface import Counterface
+from stepblocks.contact.energy import Status
+from stepblocks.contact.event import Events, Learned, VibrationEvent, Waveform, ring_energy, vibration_events
 from stepblocks.contact.operating_point import OperatingPoint
+from stepblocks.contact.path.centre import CentrePath
 from stepblocks.errors import HapticsError
 from stepblocks.parts.kind import Part
 from stepblocks.parts.kinds.step_block import StepBlock
 from stepblocks.parts.mesh import Mesh, mesh_solid
 from stepblocks.parts.shapes import build_solids, convex_pieces
-from stepblocks.simulators.devices import Device
-from stepblocks.simulators.plan import plan_rendering
+from stepblocks.simulators.devices import Device, plan_rendering
 from stepblocks.simulators.scene import Frame, ProbeShape, Scene
+
+if TYPE_CHECKING:
+    from stepblocks.drag.simulate import DragTrace
+    from stepblocks.predict.trials import LearnedDrag
+
+_RATE = 96e3  # of the simulated force [Hz]; WAV files are interpolated from it
+_LENGTH = 0.1  # recorded after the release [s]
 
 
 def plain_step(height: float, name: str = "step") -> StepBlock:
     """Make the sharp step that a declared tip is dragged over."""
 
-    def exact(text: str) -> dict[str, str]:
-        return {"nominal": text, "tolerance": "1 um"}
+    def exact(**sizes: str) -> dict[str, Any]:
+        return {field: {"nominal": size, "tolerance": "1 um"} for field, size in sizes.items()}
 
+    body = exact(length="12 mm", width="12 mm", thickness="4 mm", edge_break="0.3 mm") | {
+        "mounting": {"kind": "tapped", "thread": "M2", **exact(spacing="6 mm", depth="2 mm")},
+        "engraving": exact(height="0.5 mm", depth="0.05 mm"),
+    }
+    groove = {"kind": "groove", **exact(width="0.4 mm", lane="3 mm", distance="1 mm")}
+    edge = exact(height=f"{height * 1e6:.9g} um", edge_radius="0 um")
     try:
-        return StepBlock.model_validate(
-            {
-                "id": name,
-                "height": exact(f"{height * 1e6:.9g} um"),
-                "edge_radius": exact("0 um"),
-                "material": "steel",
-                "body": {
-                    "length": exact("12 mm"),
-                    "width": exact("12 mm"),
-                    "thickness": exact("4 mm"),
-                    "edge_break": exact("0.3 mm"),
-                    "mounting": {"kind": "tapped", "thread": "M2", "spacing": exact("6 mm"), "depth": exact("2 mm")},
-                    "engraving": {"height": exact("0.5 mm"), "depth": exact("0.05 mm")},
-                },
-                "metrology": {
-                    "kind": "groove",
-                    "width": exact("0.4 mm"),
-                    "lane": exact("3 mm"),
-                    "distance": exact("1 mm"),
-                },
-            }
-        )
+        return StepBlock.model_validate({"id": name, "material": "steel", "body": body, "metrology": groove, **edge})
     except ValidationError as error:
         first = error.errors(include_url=False)[0]
         raise HapticsError(f"the step under a tip is impossible: {first['msg']} [{name}]") from error
@@ -76,13 +73,9 @@ def scene_of(
     surface = surface_of(stimulus, step_height)
     events = vibration_events(surface.counterface(), point, surface.id)
     if learned is not None:
-        from stepblocks.simulators.events import teach
-
         surface, point, events = teach(learned, surface, point, keep_friction=keep_friction)
     path = surface.counterface().centre_path(point.ball_radius)
     if ring == "drag":
-        from stepblocks.simulators.events import with_drag_ring
-
         events = (with_drag_ring(events[0], path, point), with_drag_ring(events[1], path, point))
     plan = None if device is None else plan_rendering(device, events[0], point, scale)
     size = plan.scale if plan else scale or 1.0
@@ -133,3 +126,71 @@ def _joined(name: str, meshes: Sequence[Mesh]) -> Mesh:
     first = np.cumsum([0, *(len(mesh.vertices) for mesh in meshes)])
     triangles = [mesh.triangles + start for mesh, start in zip(meshes, first, strict=False)]
     return Mesh(name, np.concatenate([mesh.vertices for mesh in meshes]), np.concatenate(triangles))
+
+
+def teach(
+    learned: LearnedModel, surface: Part, point: OperatingPoint, *, keep_friction: bool = False
+) -> tuple[Part, OperatingPoint, Events]:
+    """Apply what was learnt to a surface, its operating point and its events."""
+    known = _ask(learned, surface, point, 1)
+    taught = replace(point, friction=point.friction if keep_friction else known.friction, tool=known.tool)
+    edge = surface.sizes.get("edge_radius")
+    if edge is not None and known.edge_radius > 0.0:
+        radius = min(known.edge_radius, surface.counterface().far_side)
+        surface = surface.model_copy(update={"edge_radius": replace(edge, nominal=radius)})
+    up, down = vibration_events(surface.counterface(), taught, surface.id)
+    return surface, taught, (_told(learned, up, surface, taught), _told(learned, down, surface, taught))
+
+
+def _told(learned: LearnedModel, event: VibrationEvent, surface: Part, point: OperatingPoint) -> VibrationEvent:
+    if event.status is not Status.RELEASES:
+        return event
+    known = _ask(learned, surface, point, event.direction)
+    energy = known.energy[0] if math.isfinite(known.energy[0]) else event.energy
+    return replace(event, energy=energy, learned=Learned(known.status, known.peak_force, known.energy))
+
+
+def _ask(learned: LearnedModel, surface: Part, point: OperatingPoint, direction: int) -> LearnedDrag:
+    from stepblocks.predict.trials import learned_drag
+
+    height = _height(surface.counterface(), point.ball_radius, direction)
+    return learned_drag(learned, surface.id, height, point)
+
+
+def _height(face: Counterface, ball_radius: float, direction: int) -> float:
+    """Height of the step that this edge is for the ball [m]: its own, or that of the same critical angle."""
+    if direction > 0 and face.ways[0] == "up":
+        return face.far_side
+    angle = face.centre_path(ball_radius).notch(float(direction))[2]
+    return ball_radius * (1.0 - math.cos(angle))
+
+
+def with_drag_ring(event: VibrationEvent, path: CentrePath, point: OperatingPoint) -> VibrationEvent:
+    """Replace the exponential by the ring of a drag in time: the force below that of sliding, from where it first falls there."""
+    from stepblocks.drag.ring import ring_of
+    from stepblocks.drag.simulate import DragSettings, probe_for, simulate
+    from stepblocks.drag.track import track_along
+
+    if event.status is not Status.RELEASES:
+        return event
+    probe = probe_for(point.tool, point.ball_radius)
+    settings = DragSettings(point.normal_load, point.friction, speed=point.speed, sample_rate=_RATE, ring_time=_LENGTH)
+    trace = simulate(track_along(path, point.ball_radius, event.direction < 0), probe, settings)
+    if trace.status is not Status.RELEASES:
+        raise HapticsError(
+            f"the time-domain drag must release to give a ring, got {trace.status.value} [{event.stimulus} {event.drag}]"
+        )
+    force, delay = _swings(trace)
+    factor = math.sqrt(event.energy / ring_energy(force, _RATE, event.tool))
+    own = ring_of(trace, spectra=False)
+    return replace(event, waveform=Waveform(force * factor, _RATE, delay, trace.peak_force, own.energy, factor))
+
+
+def _swings(trace: DragTrace) -> tuple[NDArray[np.float64], float]:
+    time, pull = trace.column("time_s"), trace.column("fx_n")
+    level = trace.settings.friction * trace.settings.normal_load
+    after = np.flatnonzero((time >= trace.release_time) & (pull <= level))
+    if len(after) < 2:
+        raise HapticsError(f"the pulling force must fall to that of sliding ({level:g} N) to ring, got none that low")
+    begin = int(after[0])
+    return np.asarray(level - pull[begin:]), float(time[begin] - trace.release_time)

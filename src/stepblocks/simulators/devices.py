@@ -1,18 +1,41 @@
-"""Force-feedback devices as data: every figure with its source and how far it can be trusted."""
+"""Force-feedback devices as data, and at which scale each can render a stimulus, and what of it gets lost.
+
+Magnifying the ball and the step by S keeps angles, friction and forces; the spring becomes k/S. The device's position
+step q then makes a force step of k q / S, and its rounding an error of half of that.
+"""
 
 from __future__ import annotations
 
+import math
 import tomllib
-from importlib.resources import files
+from dataclasses import asdict, dataclass, replace
+from enum import StrEnum
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import Annotated, Any, Literal
 
 from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, ValidationError
 
+from stepblocks.contact.energy import Status
+from stepblocks.contact.event import VibrationEvent
+from stepblocks.contact.operating_point import OperatingPoint
 from stepblocks.errors import HapticsError
 from stepblocks.quantities import parse_quantity
 
 _MAX_FILE_BYTES = 200_000
+# largest error of a force by rounded positions that a plan accepts, relative to the smaller of load and release force [1]
+FORCE_ERROR = 0.01
+_SAMPLES_PER_CYCLE = 10.0  # of the ring through the device's servo loop (Choi and Tan advise 5 to 10 kHz for textures)
+_SCALES = tuple(m * 10.0**e for e in range(4) for m in (1.0, 2.0, 5.0))
+_UNITS = {
+    "ball_radius": "_m",
+    "stiffness": "_n_per_m",
+    "critical_force": "_n",
+    "ring_energy": "_j",
+    "force_step": "_n",
+    "force_error": "_relative",
+    "hand_travel": "_m",
+    "ring_samples": "_per_cycle",
+}
 
 
 class Figure(BaseModel):
@@ -66,51 +89,157 @@ class _DeviceFile(BaseModel):
 
 
 def load_devices(path: str | Path | None = None) -> tuple[Device, ...]:
-    """Read device profiles: the shipped ones, and those of a file of the user's.
-
-    Examples
-    --------
-    >>> [device.id for device in load_devices()][:3]
-    ['touch', 'touch-x', 'premium-1-5']
-    """
-    shipped = files("stepblocks.simulators").joinpath("devices.toml").read_text(encoding="utf-8")
-    devices = {device.id: device for device in _parse(shipped, "devices.toml")}
-    if path is not None:
-        devices |= {device.id: device for device in _parse(_text(Path(path)), str(path))}
-    return tuple(devices.values())
+    """Read device profiles: the shipped ones, and those of a file of the user's."""
+    sources = [Path(__file__).with_name("devices.toml"), *([] if path is None else [Path(path)])]
+    return tuple({device.id: device for source in sources for device in _read(source)}.values())
 
 
-def _text(path: Path) -> str:
+def _read(path: Path) -> tuple[Device, ...]:
     try:
         if path.stat().st_size > _MAX_FILE_BYTES:
             raise HapticsError(f"a device file must be at most {_MAX_FILE_BYTES} bytes, got more [{path}]")
-        return path.read_text(encoding="utf-8")
+        return _DeviceFile.model_validate(tomllib.loads(path.read_text(encoding="utf-8"))).device
     except OSError as error:
         raise HapticsError(f"cannot be read: {error.strerror} [{path}]") from error
     except UnicodeDecodeError as error:
         raise HapticsError(f"must be UTF-8 text: byte {error.start} is not [{path}]") from error
-
-
-def _parse(text: str, place: str) -> tuple[Device, ...]:
-    try:
-        return _DeviceFile.model_validate(tomllib.loads(text)).device
     except (tomllib.TOMLDecodeError, RecursionError) as error:
-        raise HapticsError(f"must be TOML: {error} [{place}]") from error
+        raise HapticsError(f"must be TOML: {error} [{path}]") from error
     except ValidationError as error:
         first = error.errors(include_url=False)[0]
-        where = ".".join(str(part) for part in first["loc"])
-        raise HapticsError(f"{where}: {first['msg']}, got {first.get('input')!r:.60} [{place}]") from error
+        where = ".".join(map(str, first["loc"]))
+        raise HapticsError(f"{where}: {first['msg']}, got {first.get('input')!r:.60} [{path}]") from error
 
 
 def device_named(name: str, devices: tuple[Device, ...]) -> Device:
-    """Find a device by its id.
-
-    Examples
-    --------
-    >>> device_named("omega-3", load_devices()).peak_force.value
-    12.0
-    """
+    """Find a device by its id, or say which there are."""
     found = {device.id: device for device in devices}
     if name not in found:
         raise HapticsError(f"device must be one of {', '.join(found)}, got {name!r}")
     return found[name]
+
+
+class Faithfulness(StrEnum):
+    """What a device makes of a stimulus."""
+
+    FAITHFUL = "renders faithfully"
+    DEVIATES = "renders with deviations"
+    IMPOSSIBLE = "does not render"
+
+
+@dataclass(frozen=True)
+class RenderingPlan:
+    """How a device renders a stimulus."""
+
+    device: str
+    stimulus: str
+    scale: float  # magnification S of ball and step [1]
+    ball_radius: float  # S R [m]
+    stiffness: float  # k/S [N/m]
+    critical_force: float  # F_px, the same at any scale [N]; not-a-number where the probe does not release
+    ring_energy: float  # of the ring to inject, never scaled [J]
+    force_step: float  # of the rendered force, k q / S [N]
+    force_error: float  # half of it over the smaller of load and release force [1]
+    hand_travel: float  # how far the hand pulls before the release, S F_px / k [m]
+    ring_route: str  # "motors", "voice coil" or "none" where nothing rings
+    ring_samples: float  # per cycle of the ring in the device's servo loop [1]
+    verdict: Faithfulness = Faithfulness.FAITHFUL
+    reasons: tuple[str, ...] = ()  # why, one clause each; empty where it renders faithfully
+
+    def as_record(self) -> dict[str, Any]:
+        """Return plain values for JSON, the unit in every name; None for what is not a number."""
+        record = asdict(self) | {"verdict": self.verdict.value, "reasons": list(self.reasons)}
+        return {
+            name + _UNITS.get(name, ""): None if isinstance(value, float) and not math.isfinite(value) else value
+            for name, value in record.items()
+        }
+
+    def __str__(self) -> str:
+        """Say it in one line."""
+        why = f": {'; '.join(self.reasons)}" if self.reasons else ""
+        return f"{self.device}, {self.stimulus}: {self.verdict.value} at scale {self.scale:g}{why}"
+
+
+def plan_rendering(
+    device: Device, event: VibrationEvent, point: OperatingPoint, scale: float | None = None
+) -> RenderingPlan:
+    """Plan how a device renders one drag; without a scale by the smallest at which it follows the formula."""
+    chosen = _choose(device, event, point) if scale is None else scale
+    k, q = point.tool.stiffness / chosen, device.position_resolution.value
+    samples = device.update_rate.value / point.tool.frequency
+    route = "motors" if samples >= _SAMPLES_PER_CYCLE else "voice coil"
+    plan = RenderingPlan(
+        device=device.id,
+        stimulus=event.stimulus,
+        scale=chosen,
+        ball_radius=chosen * point.ball_radius,
+        stiffness=k,
+        critical_force=event.critical_force,
+        ring_energy=event.energy,
+        force_step=k * q,
+        force_error=0.5 * k * q / _smallest_force(event, point),
+        hand_travel=chosen * _finite(event.critical_force, device.peak_force.value) / point.tool.stiffness,
+        ring_route=route if event.status is Status.RELEASES else "none",
+        ring_samples=samples,
+    )
+    refused = _refusals(device, plan, point.normal_load)
+    lost = _deviations(device, plan, event, point.normal_load)
+    verdict = Faithfulness.IMPOSSIBLE if refused else Faithfulness.DEVIATES if lost else Faithfulness.FAITHFUL
+    return replace(plan, verdict=verdict, reasons=(*refused, *lost))
+
+
+def _finite(value: float, otherwise: float) -> float:
+    return value if math.isfinite(value) else otherwise
+
+
+def _limit(figure: Figure | None) -> float:
+    return math.inf if figure is None else figure.value
+
+
+def _smallest_force(event: VibrationEvent, point: OperatingPoint) -> float:
+    return min(point.normal_load, _finite(event.critical_force, point.normal_load))
+
+
+def _choose(device: Device, event: VibrationEvent, point: OperatingPoint) -> float:
+    k, q = point.tool.stiffness, device.position_resolution.value
+    wanted = max(0.5 * k * q / (FORCE_ERROR * _smallest_force(event, point)), k / _limit(device.stiffness_limit))
+    most = 0.5 * _limit(device.travel) * k / _finite(event.critical_force, device.peak_force.value)
+    fitting = [scale for scale in _SCALES if scale <= most] or [_SCALES[0]]
+    return next((scale for scale in fitting if scale >= wanted * (1.0 - 1e-9)), fitting[-1])
+
+
+def _told(*rules: tuple[bool, str]) -> list[str]:
+    return [text for holds, text in rules if holds]
+
+
+def _refusals(device: Device, plan: RenderingPlan, load: float) -> list[str]:
+    peak, limit, force = device.peak_force.value, _limit(device.stiffness_limit), plan.critical_force
+    return _told(
+        (load > peak, f"the load of {load:g} N exceeds its peak force of {peak:g} N"),
+        (force > peak, f"the release force of {force:.3g} N exceeds its peak force of {peak:g} N: it would slip early"),
+        (
+            plan.stiffness > limit * (1.0 + 1e-9),
+            f"the spring of {plan.stiffness:.4g} N/m exceeds its stiffness limit of {limit:.4g} N/m: a larger scale is needed",
+        ),
+    )
+
+
+def _deviations(device: Device, plan: RenderingPlan, event: VibrationEvent, load: float) -> list[str]:
+    resolution, peak, rate = device.position_resolution.value, device.peak_force.value, device.update_rate.value
+    held, lasting = max(load, _finite(event.critical_force, 0.0)), _limit(device.continuous_force)
+    travel, most = plan.hand_travel, _limit(device.travel)
+    frequency = event.tool.frequency
+    return _told(
+        (
+            plan.force_error > FORCE_ERROR * (1.0 + 1e-9),
+            f"positions rounded to {resolution * 1e6:g} um err by {100.0 * plan.force_error:.2g} % of the force",
+        ),
+        (event.status in (Status.LOCKED, Status.TOO_HIGH), f"the probe locks: the wall gives way above {peak:g} N"),
+        (held > lasting, f"{held:.3g} N exceed its continuous force of {lasting:g} N: short drags only"),
+        (travel > most, f"the hand must travel {travel * 1e3:.3g} mm, more than its {most * 1e3:g} mm"),
+        (
+            plan.ring_route == "voice coil",
+            f"the ring of {frequency:g} Hz gets {plan.ring_samples:.1f} samples a cycle at {rate:g} Hz and needs a voice coil",
+        ),
+        (device.stiffness_limit is None, "its stiffness limit is unknown"),
+    )

@@ -17,7 +17,7 @@ from stepblocks.select import matches, stimulus_files
 if TYPE_CHECKING:
     from stepblocks.parts.kind import Part
     from stepblocks.parts.set import StimulusSet
-    from stepblocks.simulators.plan import RenderingPlan
+    from stepblocks.simulators.devices import RenderingPlan
     from stepblocks.simulators.scene import Scene, SceneFormat
 
 

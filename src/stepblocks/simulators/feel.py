@@ -43,6 +43,8 @@ def feel(files: str | Path | Sequence[str | Path], page: str | Path) -> int:
     StepblocksError
         If a file is wrong, none has a block, or the page cannot be written.
     """
+    import jinja2
+
     sets = [load_declared(path) for path in stimulus_files(files)]
     found = [(stimuli, s) for stimuli in sets for s in stimuli.stimuli if s.crossed and s.turn_radius is None]
     if not found:
@@ -50,8 +52,12 @@ def feel(files: str | Path | Sequence[str | Path], page: str | Path) -> int:
     grid = found[0][0].prediction
     radius, tool = grid.tip_radii[0], tool_of(grid)
     blocks = [{"name": block.id, **_felt(block.counterface(), radius)} for _, block in found]
-    text = _filled(
-        blocks,
+    loader = jinja2.PackageLoader("stepblocks.simulators")
+    environment = jinja2.Environment(loader=loader, autoescape=True, undefined=jinja2.StrictUndefined)
+    text = environment.get_template("feel.html").render(
+        blocks=blocks,
+        # names are lower-case words by the rules of the stimulus file; "<" is escaped all the same
+        data=json.dumps(blocks, allow_nan=False, separators=(",", ":")).replace("<", "\\u003c"),
         stiffness_n_per_m=tool.stiffness,
         ring=math.sqrt(tool.conversion),
         frequency_hz=tool.frequency,
@@ -64,17 +70,6 @@ def feel(files: str | Path | Sequence[str | Path], page: str | Path) -> int:
     except OSError as error:
         raise PipelineError(f"the page cannot be written: {error.strerror} [{page}]") from error
     return len(blocks)
-
-
-def _filled(blocks: list[dict[str, Any]], **constants: float) -> str:
-    import jinja2
-
-    environment = jinja2.Environment(
-        loader=jinja2.PackageLoader("stepblocks.simulators"), autoescape=True, undefined=jinja2.StrictUndefined
-    )
-    # names are lower-case words by the rules of the stimulus file; "<" is escaped all the same
-    data = json.dumps(blocks, allow_nan=False, separators=(",", ":")).replace("<", "\\u003c")
-    return environment.get_template("feel.html").render(blocks=blocks, data=data, **constants)
 
 
 def _felt(face: Counterface, radius: float) -> dict[str, Any]:

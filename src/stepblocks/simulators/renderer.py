@@ -104,14 +104,8 @@ class Renderer:
         before, after = np.concatenate([first[:1], last]), np.concatenate([first, last[-1:]])
         notch = after - before > _KINK
         self._path = np.zeros(len(notch), kernel.PATH)
-        columns = (
-            self.path.x,
-            self.path.z,
-            after,
-            np.append(last, 0.0),
-            notch & (after > _KINK),
-            notch & (before < -_KINK),
-        )
+        up, down = notch & (after > _KINK), notch & (before < -_KINK)
+        columns = (self.path.x, self.path.z, after, np.append(last, 0.0), up, down)
         for name, values in zip(kernel.PATH.fields or (), columns, strict=True):
             self._path[name] = values
         self._states = np.zeros(1, kernel.STATE)
@@ -122,28 +116,15 @@ class Renderer:
         x = float(np.clip(position[0], self.path.x[0], self.path.x[-1]))
         piece = int(np.clip(np.searchsorted(self.path.x, x, side="right") - 1, 0, len(self.path.x) - 2))
         self._states[0] = np.zeros((), kernel.STATE)
-        for name, value in (
-            ("x", x),
-            ("y", position[1]),
-            ("height", position[2]),
-            ("piece", piece),
-            ("ring_time", -1.0),
-        ):
+        fresh = {"x": x, "y": position[1], "height": position[2], "piece": piece, "ring_time": -1.0}
+        for name, value in fresh.items():
             self._states[name] = value
         self.force[:] = 0.0
 
     def tick(self, position: Array, velocity: Array) -> Array:
-        """Render one servo tick.
+        """Render one servo tick: position [m] and velocity [m/s] of the hand in the magnified frame, shape (3,) each.
 
-        Parameters
-        ----------
-        position, velocity : ndarray, shape (3,)
-            Of the hand across the edge, along it and up, in the magnified frame [m], [m/s].
-
-        Returns
-        -------
-        ndarray, shape (3,)
-            Force on the hand [N]; the next tick overwrites it.
+        The force on the hand [N], shape (3,), is overwritten by the next tick.
         """
         kernel.tick(position, velocity, self.force, self._states, self._settings, self._path)
         return self.force

@@ -8,19 +8,18 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
-from xml.etree import ElementTree
 
 import numpy as np
 from numpy.typing import NDArray
 
-from stepblocks.artefacts.rings.write import WAV_RATES, write_ahap, write_hjif, write_wav
+from stepblocks.artefacts.rings import WAV_RATES, write_ahap, write_hjif, write_wav
 from stepblocks.contact.energy import Status
 from stepblocks.contact.event import Events, as_record, ring, ring_energy
 from stepblocks.contact.operating_point import OperatingPoint
 from stepblocks.contact.path.centre import CentrePath
 from stepblocks.parts.kind import Part
 from stepblocks.parts.mesh import Mesh
-from stepblocks.simulators.plan import RenderingPlan
+from stepblocks.simulators.devices import RenderingPlan
 
 
 @dataclass(frozen=True, eq=False)
@@ -74,6 +73,11 @@ class Scene:
     def tip_mass(self) -> float:
         """Mass that rings at the event's frequency on the scene's spring [kg]."""
         return self.events[0].tool.effective_mass / self.scale
+
+    @property
+    def ball_inertia(self) -> float:
+        """Of a solid ball of that mass about its centre [kg m^2]."""
+        return 0.4 * self.tip_mass * self.ball_radius * self.ball_radius
 
     def parameters(self) -> dict[str, Any]:
         """Return contact, probe and events as plain values, the unit in every name."""
@@ -131,8 +135,8 @@ def write_scene(folder: Path, scene: Scene, form: SceneFormat) -> None:
     fill(folder / "README.md", scene=scene, form=form, names=names, math=math, Status=Status)
 
 
-def fill(path: Path, **values: Any) -> None:
-    """Fill the template of a file's name."""
+def fill(path: Path, template: str = "", **values: Any) -> None:
+    """Fill a template: that of the file's own name where none is named."""
     from jinja2 import Environment, PackageLoader, StrictUndefined
 
     environment = Environment(
@@ -141,29 +145,13 @@ def fill(path: Path, **values: Any) -> None:
         keep_trailing_newline=True,
         trim_blocks=True,
         lstrip_blocks=True,
-        autoescape=False,  # code and Markdown, not HTML
+        autoescape=False,  # code and Markdown; in XML stand only numbers, and names that are lower-case words
     )
-    path.write_text(environment.get_template(f"{path.name}.j2").render(**values), encoding="utf-8")
+    environment.filters["numbers"] = lambda values: " ".join(f"{value:.12g}" for value in values.ravel())
+    text = environment.get_template(f"{template or path.name}.j2").render(**values)
+    path.write_text(text, encoding="utf-8")
 
 
 def write_json(path: Path, content: Any) -> None:
     """Write JSON that every reader takes: no NaN."""
     path.write_text(json.dumps(content, indent=2, allow_nan=False) + "\n", encoding="utf-8")
-
-
-def element(tag: str, /, *children: ElementTree.Element[Any], **attributes: str) -> ElementTree.Element:
-    """Make an XML element with its children."""
-    made = ElementTree.Element(tag, attributes)
-    made.extend(children)
-    return made
-
-
-def write_xml(path: Path, root: ElementTree.Element) -> None:
-    """Write an XML document, indented."""
-    ElementTree.indent(root)
-    ElementTree.ElementTree(root).write(path, encoding="utf-8", xml_declaration=True)
-
-
-def numbers(values: NDArray[Any]) -> str:
-    """Say an array as 12 digits each, separated by spaces."""
-    return " ".join(f"{value:.12g}" for value in values.ravel())

@@ -16,11 +16,7 @@ ENGINE_FROM_PART: dict[str, tuple[str, float, Any]] = {
     # glTFast and UnityGLTF mirror x when they import
     "unity": ("left-handed, y up", 1.0, np.diag([-1.0, 1.0, 1.0]) @ GLB_FROM_PART),
     # Unreal's importer maps glTF (x, y, z) to (x, z, y) and metres to centimetres
-    "unreal": (
-        "left-handed, z up",
-        100.0,
-        np.array([[1.0, 0.0, 0.0], [0.0, 0.0, 1.0], [0.0, 1.0, 0.0]]) @ GLB_FROM_PART,
-    ),
+    "unreal": ("left-handed, z up", 100.0, np.eye(3)[[0, 2, 1]] @ GLB_FROM_PART),
 }
 
 

@@ -5,38 +5,13 @@ from __future__ import annotations
 import json
 from pathlib import Path
 
-import numpy as np
-
-from stepblocks.parts.mesh import Mesh
 from stepblocks.simulators.scene import Scene, SceneFormat, fill
 
 
 def _write(folder: Path, scene: Scene) -> None:
-    pieces = [
-        (piece.name.replace("-", "_"), _points(piece), _indices(piece), len(piece.triangles)) for piece in scene.pieces
-    ]
-    shape = scene.probe.whole if scene.probe else None
-    probe = None if shape is None else (_points(shape), _indices(shape), len(shape.triangles))
-    R = scene.ball_radius
-    fill(
-        folder / "scene.usda",
-        scene=scene,
-        pieces=pieces,
-        probe=probe,
-        gap=1e-6 * scene.scale,
-        inertia=0.4 * scene.tip_mass * R * R,
-        start=scene.path.x[0] * 0.1,
-        height=float(scene.path.z[0]),
-        events=json.dumps(scene.parameters()["events"], allow_nan=False).replace("\\", "\\\\").replace("'", "\\'"),
-    )
-
-
-def _points(piece: Mesh) -> str:
-    return ", ".join(f"({x:.9g}, {y:.9g}, {z:.9g})" for x, y, z in piece.vertices)
-
-
-def _indices(piece: Mesh) -> str:
-    return ", ".join(str(index) for index in np.asarray(piece.triangles).ravel())
+    events = json.dumps(scene.parameters()["events"], allow_nan=False).replace("\\", "\\\\").replace("'", "\\'")
+    start, height = scene.path.x[0] * 0.1, float(scene.path.z[0])
+    fill(folder / "scene.usda", scene=scene, events=events, gap=1e-6 * scene.scale, start=start, height=height)
 
 
 USD = SceneFormat(

@@ -3,41 +3,17 @@
 from __future__ import annotations
 
 from pathlib import Path
-from xml.etree import ElementTree
 
-from stepblocks.parts.mesh import Mesh
-from stepblocks.simulators.scene import Scene, SceneFormat, element, numbers, write_xml
+from stepblocks.simulators.scene import Scene, SceneFormat, fill
 
 
 def _write(folder: Path, scene: Scene) -> None:
-    magnified = f"magnified {scene.scale:g} times"
-    write_xml(folder / "scene.x3d", _document(scene, scene.whole, f"{scene.surface.id}, {magnified}"))
+    shapes = {"scene.x3d": (scene.surface.id, scene.whole)}
     if scene.probe:
-        write_xml(folder / "probe.x3d", _document(scene, scene.probe.whole, f"{scene.stimulus.id}, {magnified}"))
-
-
-def _document(scene: Scene, mesh: Mesh, title: str) -> ElementTree.Element:
-    extent, friction = float(abs(mesh.vertices).max()), f"{scene.point.friction:.9g}"
-    surface = element(
-        "FrictionalSurface",
-        stiffness=f"{scene.stiffness:.9g}",
-        useRelativeValues="false",  # else H3D's stiffness is relative to what the device can render
-        staticFriction=friction,
-        dynamicFriction=friction,
-    )
-    faces = element(
-        "IndexedTriangleSet",
-        element("Coordinate", point=numbers(mesh.vertices)),
-        solid="true",
-        ccw="true",
-        normalPerVertex="false",
-        index=numbers(mesh.triangles),
-    )
-    appearance = element("Appearance", element("Material", diffuseColor="0.7 0.7 0.75"), surface)
-    view = element("Viewpoint", position=f"0 {-4.0 * extent:.6g} {2.0 * extent:.6g}", orientation="1 0 0 1.1")
-    head = [element("meta", name="title", content=title), element("meta", name="unit", content="metre")]
-    body = [element("NavigationInfo", type='"EXAMINE"'), view, element("Shape", appearance, faces, DEF="block")]
-    return element("X3D", element("head", *head), element("Scene", *body), profile="Immersive", version="3.3")
+        shapes["probe.x3d"] = (scene.stimulus.id, scene.probe.whole)
+    for file, (name, mesh) in shapes.items():
+        extent = float(abs(mesh.vertices).max())
+        fill(folder / file, "scene.x3d", scene=scene, mesh_of=name, mesh=mesh, extent=extent)
 
 
 X3D = SceneFormat(

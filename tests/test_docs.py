@@ -1,0 +1,154 @@
+"""What the pages promise is there: the files that they name, the commands and options that they show, the pages they link."""
+
+import argparse
+import importlib
+import re
+from pathlib import Path
+
+import pytest
+
+from stepblocks.cli import _parser
+
+ROOT = Path(__file__).resolve().parents[1]
+HOUSE = ROOT / "src" / "stepblocks"
+PAGES = [ROOT / "README.md", ROOT / "CHANGELOG.md", *sorted((ROOT / "docs").glob("*.md"))]
+ROOMS = sorted(path.name for path in HOUSE.iterdir() if path.is_dir() and (path / "__init__.py").exists())
+PLACES = re.compile(rf"(?<![\w/.<>-])(?:tests|src|benchmarks|stimuli|docs|{'|'.join(ROOMS)})/[\w./{{}}*-]*(?:::\w+)?")
+SUFFIXES = "json|cpp|py|toml|csv|html"  # drag.json is a file, no name of the library
+NAMES = re.compile(rf"(?<![\w./-])(?:stepblocks|{'|'.join(ROOMS)})(?:\.(?!(?:{SUFFIXES})\b)\w+)+(?!\w*\.?[/\w])")
+THEIRS = {"stimuli/mine.toml", "stimuli/x.toml"}  # files of the reader's own, in examples
+SHELLS = ("", "bash", "sh", "console", "text")
+
+
+def blocks(page):
+    """Language and text of every fenced block."""
+    return re.findall(r"^```(\w*)\n(.*?)^```", page.read_text(encoding="utf-8"), re.M | re.S)
+
+
+def spans(page):
+    """Every stretch of code in a line of prose."""
+    prose = re.sub(r"^```.*?^```", "", page.read_text(encoding="utf-8"), flags=re.M | re.S)
+    return [span.replace("\n", " ") for span in re.findall(r"`([^`]+)`", prose)]
+
+
+def shell_lines(page):
+    """Every line that a reader might type, its comment cut off."""
+    typed = [text.replace("\\\n", " ") for language, text in blocks(page) if language in SHELLS]
+    return [line.split("  #")[0] for text in typed for line in text.splitlines()] + spans(page)
+
+
+def named_places(page):
+    for text in [*spans(page), *(text for _, text in blocks(page))]:
+        for place in PLACES.findall(text):
+            yield place.rstrip(".,:/")
+
+
+def exists(place):
+    path, _, test = place.partition("::")
+    # a room may be named without the way to it, a module without its suffix
+    for start in (ROOT, HOUSE):
+        for found in start.glob(re.sub(r"\{.*?\}", "*", path)) if path else ():
+            return not test or f"def {test}(" in found.read_text(encoding="utf-8")
+        if start is HOUSE and (start / f"{path}.py").exists():
+            return True
+    return False
+
+
+def all_options():
+    """The options of every command, by its words."""
+    found = {}
+
+    def walk(parser, words):
+        found[words] = set(parser._option_string_actions)
+        for action in parser._actions:
+            if isinstance(action, argparse._SubParsersAction):
+                for word, child in action.choices.items():
+                    walk(child, (*words, word))
+
+    walk(_parser(), ())
+    return found
+
+
+OPTIONS = all_options()
+
+
+def shown_commands(line):
+    """Each command of a line with the words after it: its name as far as there is one, and its options."""
+    for said in re.split(r"(?<![\w./-])(?:python -m )?stepblocks(?= [a-z-])", line)[1:]:
+        words = re.split(r"[\s,;|]+", said.strip())
+        command = ()
+        while words and (*command, words[0]) in OPTIONS:
+            command = (*command, words.pop(0))
+        yield (
+            command,
+            said.split()[0],
+            {word.split("=")[0] for word in words if re.fullmatch(r"--[a-z][a-z0-9-]*(=.*)?", word)},
+        )
+
+
+@pytest.mark.parametrize("page", PAGES, ids=lambda page: page.name)
+def test_every_file_that_a_page_names_exists(page):
+    assert [place for place in named_places(page) if place not in THEIRS and not exists(place)] == []
+
+
+@pytest.mark.parametrize("page", PAGES, ids=lambda page: page.name)
+def test_every_command_and_option_that_a_page_shows_is_offered(page):
+    wrong = []
+    for line in shell_lines(page):
+        for command, first, options in shown_commands(line):
+            if not command:
+                wrong.append(f"stepblocks {first}")
+            wrong += [f"{' '.join(command)} {option}" for option in options - OPTIONS[command]]
+    assert wrong == []
+
+
+@pytest.mark.parametrize("page", PAGES, ids=lambda page: page.name)
+def test_every_option_of_a_benchmark_that_a_page_shows_is_one(page):
+    wrong = []
+    for line in shell_lines(page):
+        for script, rest in re.findall(r"python (benchmarks/\w+\.py)(.*)", line):
+            text = (ROOT / script).read_text(encoding="utf-8")
+            wrong += [
+                f"{script} {option}" for option in re.findall(r"--[a-z][a-z0-9-]*", rest) if f'"{option}"' not in text
+            ]
+    assert wrong == []
+
+
+@pytest.mark.parametrize("page", PAGES, ids=lambda page: page.name)
+def test_every_option_named_by_itself_is_one_of_some_command(page):
+    known = set().union(*OPTIONS.values())
+    scripts = "".join(path.read_text(encoding="utf-8") for path in (ROOT / "benchmarks").rglob("*.py"))
+    named = {word for span in spans(page) if span.startswith("--") for word in re.findall(r"--[a-z][a-z0-9-]*", span)}
+    assert {option for option in named - known if f'"{option}"' not in scripts} == set()
+
+
+@pytest.mark.parametrize("page", PAGES, ids=lambda page: page.name)
+def test_every_relative_link_leads_to_a_file(page):
+    targets = re.findall(r"\]\(([^)#\s]+)(?:#[^)]*)?\)", page.read_text(encoding="utf-8"))
+    assert [target for target in targets if "://" not in target and not (page.parent / target).exists()] == []
+
+
+def resolves(dotted):
+    """Whether a dotted name below the package is a module, or something in one."""
+    for cut in range(len(dotted), 0, -1):
+        try:
+            found = importlib.import_module(".".join(dotted[:cut]))
+        except ModuleNotFoundError:
+            continue
+        for name in dotted[cut:]:
+            if not hasattr(found, name):
+                return False
+            found = getattr(found, name)
+        return True
+    return False
+
+
+@pytest.mark.parametrize("page", PAGES, ids=lambda page: page.name)
+def test_every_name_of_the_library_that_a_page_shows_is_there(page):
+    said = {name for text in spans(page) for name in NAMES.findall(text)}
+    python = "\n".join(text for language, text in blocks(page) if language == "python")
+    said |= set(re.findall(r"(?<![\w.])stepblocks\.[\w.]*\w", python))
+    for module, names in re.findall(r"^from (stepblocks[\w.]*) import (.+)$", python, re.M):
+        said |= {f"{module}.{name.split(' as ')[0].strip()}" for name in names.split(",")}
+    parts = {name: name.removeprefix("stepblocks.").split(".") for name in said}
+    assert [name for name, words in parts.items() if not resolves(["stepblocks", *words])] == []
