@@ -36,15 +36,15 @@ from .inspect.run import inspect_standard as inspect_standard
 from .loop.run import loop_session as loop_session
 from .parts.kinds.crown_on_tooth import CrownOnTooth as CrownOnTooth
 from .parts.kinds.grooved_cylinder import GroovedCylinder as GroovedCylinder
-from .parts.kinds.margin_block import MarginBlock as MarginBlock
+from .parts.kinds.margin import MarginBlock as MarginBlock
 from .parts.kinds.sheath import Sheath as Sheath
 from .parts.kinds.step_block import StepBlock as StepBlock
 from .parts.kinds.tips import HookTip as HookTip
 from .parts.kinds.tips import StraightTip as StraightTip
-from .parts.mesh import mesh_solid as mesh_solid
 from .parts.set import StimulusSet as StimulusSet
 from .parts.shapes import build_solids as build_solids
 from .parts.shapes import convex_pieces as convex_pieces
+from .parts.shapes import mesh_solid as mesh_solid
 from .parts.shapes import solid_volumes as solid_volumes
 from .parts.tolerance import Dimension as Dimension
 from .predict.predictions import predict_set as predict_set

@@ -14,7 +14,7 @@ from stepblocks.contact.path.profile import profile_path
 from stepblocks.contact.path.tip import Ball
 from stepblocks.contact.uncertainty import interval_of, rectangular
 from stepblocks.declare import load_set
-from stepblocks.parts.kinds.margin_block import MarginBlock
+from stepblocks.parts.kinds.margin import MarginBlock
 from stepblocks.predict.predictions import predictions_of
 
 SET = load_set(Path(__file__).resolve().parents[2] / "stimuli" / "crown-margins.toml")

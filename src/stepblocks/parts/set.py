@@ -15,7 +15,7 @@ from stepblocks.parts.energy_tolerance import toleranced
 from stepblocks.parts.kind import Part
 from stepblocks.parts.kinds.crown_on_tooth import CrownOnTooth
 from stepblocks.parts.kinds.grooved_cylinder import GroovedCylinder
-from stepblocks.parts.kinds.margin_block import MarginBlock
+from stepblocks.parts.kinds.margin import MarginBlock
 from stepblocks.parts.kinds.sheath import Sheath
 from stepblocks.parts.kinds.step_block import StepBlock
 from stepblocks.parts.kinds.tips import HookTip, StraightTip

@@ -16,7 +16,7 @@ from typing import Any
 
 import numpy as np
 
-from stepblocks.parts.mesh import Mesh
+from stepblocks.parts.shapes import Mesh
 
 _MM = 1e3
 _PINNED_DATE = (1980, 1, 1, 0, 0, 0)  # the earliest that a zip archive can hold

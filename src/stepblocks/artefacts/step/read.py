@@ -11,7 +11,6 @@ from stepblocks.artefacts.step.part21.check_step import StepReport, check_step
 from stepblocks.artefacts.verdict import Verdict
 from stepblocks.errors import MetrologyError
 from stepblocks.parts.characteristics import Characteristic as Wanted
-from stepblocks.parts.characteristics import characteristics_of
 from stepblocks.parts.kind import Part
 from stepblocks.parts.shapes import solid_volumes
 
@@ -82,7 +81,7 @@ def matched(report: StepReport, stimulus: Part) -> list[tuple[Wanted, Characteri
     """Find every characteristic of a part in its file."""
     left = list(report.dimensions) + list(report.tolerances)
     pairs: list[tuple[Wanted, Characteristic | None]] = []
-    for one in characteristics_of(stimulus):
+    for one in stimulus.characteristics():
         if one.kind == "note":
             continue
         label = one.label if one.kind in ("distance", "angle") else ""

@@ -10,7 +10,7 @@ from xml.etree import ElementTree
 import numpy as np
 
 from stepblocks.artefacts.heightfield import relief
-from stepblocks.parts.mesh import Mesh
+from stepblocks.parts.shapes import Mesh
 from stepblocks.simulators.scene import Scene, SceneFormat, element, fill, numbers, write_xml
 
 _TIME_STEP = 2e-5

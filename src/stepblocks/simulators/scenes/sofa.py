@@ -6,7 +6,7 @@ from pathlib import Path
 from xml.etree import ElementTree
 
 from stepblocks.artefacts.meshes.write import write_obj
-from stepblocks.parts.mesh import Mesh
+from stepblocks.parts.shapes import Mesh
 from stepblocks.simulators.scene import Scene, SceneFormat, element, write_xml
 
 _CM = 1e2

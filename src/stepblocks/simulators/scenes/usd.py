@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 
-from stepblocks.parts.mesh import Mesh
+from stepblocks.parts.shapes import Mesh
 from stepblocks.simulators.scene import Scene, SceneFormat, fill
 
 
