@@ -95,14 +95,8 @@ class Block(Part):
     has_working_faces: ClassVar[bool] = True
 
     if TYPE_CHECKING:  # declared by each kind, in the order of its stanza
-
-        @property
-        def body(self) -> Body:
-            """The block."""
-
-        @property
-        def working_faces(self) -> WorkingFaces | None:
-            """Stated demands."""
+        body: Body
+        working_faces: WorkingFaces | None
 
     @property
     @abstractmethod

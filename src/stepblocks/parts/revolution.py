@@ -90,14 +90,7 @@ def _turn(centre: Point, start: Point, middle: Point, end: Point) -> tuple[float
 
 
 def arc_points(start: Point, middle: Point, end: Point, chord: float) -> list[Point]:
-    """Replace an arc by points on it, no further from it than `chord`.
-
-    Examples
-    --------
-    >>> points = arc_points((1.0, 0.0), (0.7071067811865476, 0.7071067811865475), (0.0, 1.0), 0.05)
-    >>> len(points), points[-1]
-    (3, (0.0, 1.0))
-    """
+    """Replace an arc by points on it, no further from it than `chord`."""
     matrix = 2.0 * np.array([[middle[0] - start[0], middle[1] - start[1]], [end[0] - start[0], end[1] - start[1]]])
     squares = np.array([math.hypot(*p) ** 2 - math.hypot(*start) ** 2 for p in (middle, end)])
     x, z = (float(value) for value in np.linalg.solve(matrix, squares))

@@ -36,13 +36,7 @@ def kinds() -> dict[str, type[Part]]:
 
 @contextmanager
 def registered(kind: type[Part]) -> Iterator[None]:
-    """Let stimulus files declare a kind that is not shipped, for as long as the context lasts.
-
-    Raises
-    ------
-    StimulusError
-        If another kind has stanzas of that name, or it cannot be the name of one.
-    """
+    """Let stimulus files declare a kind that is not shipped, for as long as the context lasts."""
     taken = {*kinds(), *StimulusSet.model_fields, "schema", "set", "defaults"}
     if not kind.stanza.isidentifier() or kind.stanza in taken:
         raise StimulusError(f"stanza must be a new name, got {kind.stanza!r} [{kind.__name__}]")
@@ -110,13 +104,7 @@ class StimulusSet(Table):
 
 
 def set_of(declared: Mapping[str, Any]) -> StimulusSet:
-    """Validate what a file declares: the fields of a set, and a list of tables for each kind under the name of its stanza.
-
-    Raises
-    ------
-    pydantic.ValidationError
-        With the places of all that is wrong.
-    """
+    """Validate what a file declares: the fields of a set, and a list of tables for each kind under the name of its stanza."""
     known = kinds()
     fields: dict[str, Any] = {}
     for name, field in StimulusSet.model_fields.items():

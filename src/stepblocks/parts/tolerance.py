@@ -67,13 +67,7 @@ def _signed(value: float, quantity: str) -> str:
 
 
 def general_deviation(nominal: float) -> float | None:
-    """Permissible deviation of an untoleranced length [m], ISO 2768-m; None below 0.5 mm and above 400 mm.
-
-    Examples
-    --------
-    >>> general_deviation(20e-3)
-    0.0002
-    """
+    """Permissible deviation of an untoleranced length [m], ISO 2768-m; None below 0.5 mm and above 400 mm."""
     return next((deviation for high, deviation in _LINEAR if 0.5e-3 <= nominal <= high), None)
 
 
@@ -119,9 +113,8 @@ def _dimension(raw: object, quantity: str, felt: bool = False) -> Dimension:
         return Dimension(nominal, upper, lower, quantity, source)
     general = ANGULAR_DEVIATION if quantity == "angle" else general_deviation(abs(nominal))
     if general is None:
-        raise ValueError(
-            f"a tolerance must be stated: general tolerances (ISO 2768-m) do not cover {format_quantity(nominal, quantity)}"
-        )
+        length = format_quantity(nominal, quantity)
+        raise ValueError(f"a tolerance must be stated: general tolerances (ISO 2768-m) do not cover {length}")
     return Dimension(nominal, general, -general, quantity, source, general=True)
 
 

@@ -43,22 +43,11 @@ class SheathMaterial(Material):
     """A material that bends and damps; modulus and ratios at the frequency of the ring."""
 
     modulus: float  # Young's [Pa]
-    poisson: float  # ratio [1]
-    loss_factor: float  # 1
     modulus_source: str
+    poisson: float  # ratio [1]
     poisson_source: str
-    loss_source: str
-
-    def record(self) -> dict[str, Any]:
-        """Return plain values for JSON, the unit in the name."""
-        return super().record() | {
-            "modulus_pa": self.modulus,
-            "modulus_source": self.modulus_source,
-            "poisson": self.poisson,
-            "poisson_source": self.poisson_source,
-            "loss_factor": self.loss_factor,
-            "loss_factor_source": self.loss_source,
-        }
+    loss_factor: float  # 1
+    loss_factor_source: str
 
 
 class _MaterialTable(Table):
@@ -83,11 +72,12 @@ def _material(raw: object) -> SheathMaterial:
         raise ValueError(_first(error)) from error
     if table.poisson.value > 0.5:
         raise ValueError(f"poisson must not exceed 0.5, got {table.poisson.value:g}")
-    properties = table.density, table.modulus, table.poisson, table.loss_factor
-    (density, *values), (source, *sources) = (
-        [getattr(one, name) for one in properties] for name in ("value", "source")
-    )
-    return SheathMaterial(table.name, table.designation, density, source, *values, *sources)
+    values = [
+        told
+        for one in (table.density, table.modulus, table.poisson, table.loss_factor)
+        for told in (one.value, one.source)
+    ]
+    return SheathMaterial(table.name, table.designation, *values)  # type: ignore[arg-type]
 
 
 class Sheath(Turned, HeldPart):
