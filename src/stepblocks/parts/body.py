@@ -145,11 +145,7 @@ def section_outline(body: Body, left_top: float, right_top: float) -> tuple[list
     half, base, c = 0.5 * body.length.nominal, -body.thickness.nominal, body.edge_break.nominal
     right = [(half - c, base), (half, base + c), (half, right_top - c), (half - c, right_top)]
     left = [(-half + c, left_top), (-half, left_top - c), (-half, base + c), (-half + c, base)]
-    return _distinct(right), _distinct(left)
-
-
-def _distinct(points: list[Point]) -> list[Point]:
-    return [point for index, point in enumerate(points) if index == 0 or point != points[index - 1]]
+    return list(dict.fromkeys(right)), list(dict.fromkeys(left))
 
 
 def body_cuts(body: Body, identity: str, left_top: float, right_top: float, edge: float = 0.0) -> list[kernel.Body]:

@@ -23,6 +23,10 @@ if TYPE_CHECKING:
     from stepblocks.contact.rod.cantilever import Rod, RodRing, Sleeve
 
 
+Ratio = Annotated[float, positive("ratio", or_zero=True)]
+Lengths = Annotated[tuple[Annotated[float, positive("length")], ...], Field(max_length=100)]  # m
+
+
 class ToolSpec(Table):
     """The explorer as a spring that rings; what is left out is the paper's."""
 
@@ -35,28 +39,21 @@ class ToolSpec(Table):
 class SettingTolerances(Table):
     """How far what is not on a drawing may be off, to either side; what is left out is taken as known."""
 
-    tip_radius: Annotated[float, positive("length", or_zero=True)] = (
-        0.0  # of the tips of `PredictionGrid.tip_radii` [m]
-    )
-    friction: Annotated[float, positive("ratio", or_zero=True)] = 0.0  # 1
-    normal_load: Annotated[float, positive("ratio", or_zero=True)] = 0.0  # as a share of the load [1]
-    stiffness: Annotated[float, positive("ratio", or_zero=True)] = 0.0  # as a share of the stiffness [1]
-    conversion: Annotated[float, positive("ratio", or_zero=True)] = 0.0  # as a share of C_v [1]
+    tip_radius: Annotated[float, positive("length", or_zero=True)] = 0.0  # of `PredictionGrid.tip_radii` [m]
+    friction: Ratio = 0.0  # 1
+    normal_load: Ratio = 0.0  # as a share of the load [1]
+    stiffness: Ratio = 0.0  # as a share of the stiffness [1]
+    conversion: Ratio = 0.0  # as a share of C_v [1]
 
 
 class PredictionGrid(Table):
     """Conditions under which each stimulus is predicted: every combination of tip, load and friction."""
 
-    tip_radii: Annotated[tuple[Annotated[float, positive("length")], ...], Field(max_length=100)] = ()  # R [m]
-    normal_loads: Annotated[
-        tuple[Annotated[float, positive("force")], ...], Field(min_length=1, max_length=100)
-    ]  # F_py [N]
-    # mu [1]
-    frictions: Annotated[
-        tuple[Annotated[float, positive("ratio", or_zero=True)], ...], Field(min_length=1, max_length=100)
-    ]
-    # H of the sharp steps on which tips and sheaths are predicted [m]
-    step_heights: Annotated[tuple[Annotated[float, positive("length")], ...], Field(max_length=100)] = ()
+    tip_radii: Lengths = ()  # R [m]
+    # F_py [N]
+    normal_loads: Annotated[tuple[Annotated[float, positive("force")], ...], Field(min_length=1, max_length=100)]
+    frictions: Annotated[tuple[Ratio, ...], Field(min_length=1, max_length=100)]  # mu [1]
+    step_heights: Lengths = ()  # H of the sharp steps on which tips and sheaths are predicted [m]
     tool: ToolSpec = ToolSpec()
     tolerances: SettingTolerances = SettingTolerances()
 

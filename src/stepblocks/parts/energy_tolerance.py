@@ -12,7 +12,7 @@ from pydantic import BeforeValidator
 
 from stepblocks.contact.operating_point import PAPER
 from stepblocks.errors import ContactError, PipelineError
-from stepblocks.parts.conditions import PredictionGrid
+from stepblocks.parts.conditions import PredictionGrid, Ratio
 from stepblocks.parts.declared import Table, positive
 from stepblocks.parts.kind import Part
 from stepblocks.parts.tolerance import Dimension
@@ -36,12 +36,10 @@ def _share(raw: object) -> float:
 class Finest(Table):
     """Smallest deviations to either side that can be made and measured; what is left out is assumed."""
 
-    height: Annotated[float, positive("length", or_zero=True)] = (
-        0.1e-6  # somewhat less than two wrung gauge blocks hold
-    )
-    edge_radius: Annotated[float, positive("length", or_zero=True)] = (
-        0.5e-6  # about what an arc fit on a profile resolves
-    )
+    # somewhat less than two wrung gauge blocks hold
+    height: Annotated[float, positive("length", or_zero=True)] = 0.1e-6
+    # about what an arc fit on a profile resolves
+    edge_radius: Annotated[float, positive("length", or_zero=True)] = 0.5e-6
     ball_radius: Annotated[float, positive("length", or_zero=True)] = 0.5e-6
 
 
@@ -51,8 +49,8 @@ class EnergyTolerance(Table):
     within: Annotated[float, BeforeValidator(_share)]  # allowed relative change of the energy to either side [1]
     # of the tip [m]; left out, the tip has a share of the budget like the block
     ball_radius: Annotated[float, positive("length", or_zero=True)] | None = None
-    friction: Annotated[float, positive("ratio", or_zero=True)] = 0.0  # of mu, spent before the block's share [1]
-    normal_load: Annotated[float, positive("ratio", or_zero=True)] = 0.0  # as a share of the load, spent likewise [1]
+    friction: Ratio = 0.0  # of mu, spent before the block's share [1]
+    normal_load: Ratio = 0.0  # as a share of the load, spent likewise [1]
     finest: Finest = Finest()
 
     def record(self) -> dict[str, Any]:
