@@ -42,6 +42,7 @@ from .parts.kinds.step_block import StepBlock as StepBlock
 from .parts.kinds.tips import HookTip as HookTip
 from .parts.kinds.tips import StraightTip as StraightTip
 from .parts.set import StimulusSet as StimulusSet
+from .parts.set import registered as registered
 from .parts.shapes import build_solids as build_solids
 from .parts.shapes import convex_pieces as convex_pieces
 from .parts.shapes import mesh_solid as mesh_solid

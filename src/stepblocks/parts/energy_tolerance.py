@@ -72,13 +72,8 @@ class EnergyBudget(EnergyTolerance):
     def record(self) -> dict[str, Any]:
         """Write it out in full for JSON."""
         tips = [{"ball_radius_m": tip.nominal, "deviation_m": tip.upper} for tip in self.tips]
-        found = {
-            "tips": tips,
-            "worst_low": self.worst_low,
-            "worst_high": self.worst_high,
-            "conditions": self.conditions,
-        }
-        return super().record() | found
+        found = {name: getattr(self, name) for name in ("worst_low", "worst_high", "conditions")}
+        return super().record() | {"tips": tips} | found
 
 
 def _table_of(raw: object) -> object:
@@ -95,8 +90,8 @@ def require_energy_tolerance(energy: EnergyTolerance | None, named: dict[str, Di
     if left and energy is None:
         raise ValueError(f"energy_tolerance must be given where {left[0]} has tolerance = 'by energy'")
     if energy is not None and not left and not tip_is_free:
-        names = " or ".join(named)
-        raise ValueError(f"energy_tolerance must leave something to tolerance: give {names} tolerance = 'by energy'")
+        give = f"give {' or '.join(named)} tolerance = 'by energy'"
+        raise ValueError(f"energy_tolerance must leave something to tolerance: {give}")
 
 
 def described(energy: EnergyTolerance | None) -> list[list[str]]:

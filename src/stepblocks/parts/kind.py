@@ -6,6 +6,7 @@ and one line in `stepblocks.parts.set.SHIPPED`. What is heavy to import stays in
 
 from __future__ import annotations
 
+import math
 from abc import ABC, abstractmethod
 from collections.abc import Iterator, Mapping
 from itertools import product
@@ -194,16 +195,13 @@ class HeldPart(Part):
 
 def exaggeration(height: float) -> float:
     """Round factor that draws a height at about a millimetre and a half."""
-    import math
-
     wanted = 1.5e-3 / height
     decade = 10.0 ** math.floor(math.log10(wanted))
     return max(round(wanted / decade) * decade, 1.0)
 
 
 def _dimensions(table: Table, prefix: str) -> Iterator[tuple[str, Dimension]]:
-    for name in type(table).model_fields:
-        value = getattr(table, name)
+    for name, value in table:
         if isinstance(value, Dimension):
             yield prefix + name, value
         elif isinstance(value, Table):

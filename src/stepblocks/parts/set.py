@@ -36,7 +36,18 @@ def kinds() -> dict[str, type[Part]]:
 
 @contextmanager
 def registered(kind: type[Part]) -> Iterator[None]:
-    """Let stimulus files declare a kind that is not shipped, for as long as the context lasts."""
+    """Let stimulus files declare a kind that is not shipped, for as long as the context lasts.
+
+    Parameters
+    ----------
+    kind : type of Part
+        The kind; see `Part` for what it answers.
+
+    Raises
+    ------
+    StimulusError
+        If another kind has stanzas of that name, or it cannot be the name of one.
+    """
     taken = {*kinds(), *StimulusSet.model_fields, "schema", "set", "defaults"}
     if not kind.stanza.isidentifier() or kind.stanza in taken:
         raise StimulusError(f"stanza must be a new name, got {kind.stanza!r} [{kind.__name__}]")
