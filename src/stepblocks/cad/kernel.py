@@ -164,12 +164,9 @@ def _mesh(shape: Any, along_edges: float, inside: float) -> None:
     parameters = IMeshTools_Parameters()
     parameters.Deflection = along_edges * _MM
     parameters.DeflectionInterior = inside * _MM
-    parameters.Angle = 1.0  # rad; wide, so that the chordal error alone decides
-    parameters.AngleInterior = 1.0
-    parameters.Relative = False
-    parameters.InParallel = False
+    parameters.Angle = parameters.AngleInterior = 1.0  # rad; wide, so that the chordal error alone decides
+    parameters.Relative = parameters.InParallel = parameters.AllowQualityDecrease = False
     parameters.MinSize = 1e-7
-    parameters.AllowQualityDecrease = False
     BRepMesh_IncrementalMesh(shape, parameters)
 
 

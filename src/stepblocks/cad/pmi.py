@@ -66,26 +66,25 @@ class Callout:
 
 @dataclass(frozen=True)
 class PmiItem:
-    """A face, or the edge in which two faces meet."""
+    """A face, or the edge in which two faces meet, by their indices."""
 
-    body: int  # index of the solid
-    face: int  # index of the face
-    other: int | None = None  # index of the second face of an edge; the longest edge where they meet in several
+    body: int
+    face: int
+    other: int | None = None  # second face of an edge; the longest where they meet in several
 
 
 @dataclass(frozen=True)
 class PmiDimension:
     """A dimension with its limits."""
 
-    # ``"distance"`` between two items, ``"to_outer"`` from the first to the far side of the second, ``"diameter"`` or
-    # ``"radius"`` of one, ``"spherical_radius"``, ``"toroidal_radius"`` at the middle of the ring, included angle of
-    # a ``"cone"``, ``"angle"`` between two faces
+    # ``to_outer``: from the first item to the far side of the second; ``toroidal_radius``: at the middle of the ring;
+    # ``cone``: its included angle; ``angle``: between two faces
     kind: PmiKind
-    items: tuple[PmiItem, ...]  # faces or edges, one or two, of one solid or of two
+    items: tuple[PmiItem, ...]  # one or two, of one solid or of two
     nominal: float  # m or rad
-    lower: float  # signed deviation [m or rad]
-    upper: float  # signed deviation [m or rad]
-    callout: Callout | None = None  # what is seen of it
+    lower: float  # signed deviation
+    upper: float
+    callout: Callout | None = None
 
 
 @dataclass(frozen=True)
@@ -97,7 +96,7 @@ class PmiTolerance:
     face: int  # index of the toleranced face
     zone: float  # width of the zone [m]
     datum: tuple[str, int] | None = None  # letter and face of the datum
-    callout: Callout | None = None  # what is seen of it
+    callout: Callout | None = None
 
 
 def write_step_with_tolerances(

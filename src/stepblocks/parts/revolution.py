@@ -64,7 +64,8 @@ def _along_line(start: Point, end: Point) -> float:
 
 def _along_arc(start: Point, middle: Point, end: Point) -> float:
     """Integrate r^2 dz with r = c + rho cos t, dz = rho cos t dt from one end of the arc to the other."""
-    (c, _), rho, first, last = _circle(start, middle, end)
+    squares = [p[0] ** 2 + p[1] ** 2 - start[0] ** 2 - start[1] ** 2 for p in (middle, end)]
+    (c, _), rho, first, last = _circle(start, middle, end, squares)
 
     def antiderivative(t: float) -> float:
         # rho cos t (c + rho cos t)^2, integrated
@@ -74,10 +75,12 @@ def _along_arc(start: Point, middle: Point, end: Point) -> float:
     return antiderivative(last) - antiderivative(first)
 
 
-def _circle(start: Point, middle: Point, end: Point) -> tuple[Point, float, float, float]:
-    """Centre and radius of an arc, and the angles at which it begins and ends, less than half a turn from its middle."""
+def _circle(start: Point, middle: Point, end: Point, squares: list[float]) -> tuple[Point, float, float, float]:
+    """Centre and radius of an arc, and the angles at which it begins and ends, less than half a turn from its middle.
+
+    `squares` are by how much middle and end lie further from the origin than the start, squared [m^2].
+    """
     matrix = 2.0 * (np.array([middle, end]) - start)
-    squares = np.array([math.hypot(*p) ** 2 - math.hypot(*start) ** 2 for p in (middle, end)])
     x, z = (float(value) for value in np.linalg.solve(matrix, squares))
     first, half, last = (math.atan2(p[1] - z, p[0] - x) for p in (start, middle, end))
     half = first + math.remainder(half - first, math.tau)
@@ -86,7 +89,8 @@ def _circle(start: Point, middle: Point, end: Point) -> tuple[Point, float, floa
 
 def arc_points(start: Point, middle: Point, end: Point, chord: float) -> list[Point]:
     """Replace an arc by points on it, no further from it than `chord`."""
-    (x, z), radius, first, last = _circle(start, middle, end)
+    squares = [math.hypot(*p) ** 2 - math.hypot(*start) ** 2 for p in (middle, end)]
+    (x, z), radius, first, last = _circle(start, middle, end, squares)
     count = max(1, math.ceil(abs(last - first) / (2.0 * math.acos(max(1.0 - chord / radius, -1.0)))))
     angles = np.linspace(first, last, count + 1)[1:-1]
     return [*((x + radius * math.cos(a), z + radius * math.sin(a)) for a in angles), end]

@@ -43,6 +43,11 @@ def registered(kind: type[Part]) -> Iterator[None]:
     kind : type of Part
         The kind; see `Part` for what it answers.
 
+    Yields
+    ------
+    None
+        While it is known.
+
     Raises
     ------
     StimulusError

@@ -54,8 +54,7 @@ def build_solids(part: Part) -> list[tuple[str, Body]]:
 def solid_volumes(part: Part) -> tuple[float, ...]:
     """Volumes of the solids of a part in closed form, derived without the CAD kernel.
 
-    A block is two chamfered halves, integrated in horizontal slices; a body of revolution follows from Pappus and Guldin on
-    its half section, ``V = pi * contour integral of r^2 dz``; a bent wire is a torus.
+    A block is two chamfered halves, integrated in horizontal slices; a body of revolution follows from Pappus and Guldin.
 
     Parameters
     ----------
