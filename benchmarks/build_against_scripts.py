@@ -55,7 +55,7 @@ TWO_FORMATS = """
 import sys
 from pathlib import Path
 from stepblocks.artefacts.meshes.write import write_stl
-from stepblocks.parts.mesh import mesh_solid
+from stepblocks.parts.shapes import mesh_solid
 from stepblocks.artefacts.step.write import write_step_ap242
 from stepblocks.parts.shapes import build_solids
 from stepblocks.declare import load_set
@@ -129,8 +129,7 @@ def extra_costs(stimuli: Path) -> None:
     from stepblocks.build.picture import draw
     from stepblocks.declare import load_set
     from stepblocks.parts.kinds.step_block import StepBlock
-    from stepblocks.parts.mesh import mesh_solid
-    from stepblocks.parts.shapes import build_solids, convex_pieces
+    from stepblocks.parts.shapes import build_solids, convex_pieces, mesh_solid
 
     spent: dict[str, float] = {}
 

@@ -47,11 +47,10 @@ def load_set(path: str | Path) -> StimulusSet:
     known = kinds()
     if not isinstance(defaults, dict) or not set(defaults) <= set(known):
         raise StimulusError(f"defaults must be tables named {', '.join(known)}, got {_brief(defaults)} [{path}]")
-    total = 0
-    for kind in known:
-        if kind in raw:
-            raw[kind] = list(_stanzas(path, kind, raw[kind], defaults.get(kind, {})))
-            total += len(raw[kind])
+    declared = [kind for kind in known if kind in raw]
+    for kind in declared:
+        raw[kind] = list(_stanzas(path, kind, raw[kind], defaults.get(kind, {})))
+    total = sum(len(raw[kind]) for kind in declared)
     if total > MAX_SERIES:
         raise StimulusError(f"a set must have at most {MAX_SERIES} stimuli, got {total} [{path}]")
     try:
@@ -72,9 +71,8 @@ def load_declared(path: str | Path) -> StimulusSet:
 def _read(path: Path) -> dict[str, Any]:
     try:
         if path.stat().st_size > MAX_FILE_BYTES:
-            raise StimulusError(
-                f"a stimulus file must be at most {MAX_FILE_BYTES} bytes, got {path.stat().st_size} [{path}]"
-            )
+            got = path.stat().st_size
+            raise StimulusError(f"a stimulus file must be at most {MAX_FILE_BYTES} bytes, got {got} [{path}]")
         return tomllib.loads(path.read_text(encoding="utf-8"))
     except OSError as error:
         raise StimulusError(f"cannot be read: {error.strerror} [{path}]") from error
@@ -103,18 +101,14 @@ def _stanzas(path: Path, kind: str, raw: object, defaults: object) -> Iterator[d
 
 def _one_line(error: ValidationError, raw: Mapping[str, Any], path: Path) -> str:
     """Say the first of pydantic's findings as name, rule, value and place."""
-    found = error.errors(include_url=False)
-    first = found[0]
-    location = list(first["loc"])
-    place = str(path)
+    first, *others = error.errors(include_url=False)
+    location, place = list(first["loc"]), str(path)
     if len(location) >= 2 and location[0] in kinds() and isinstance(location[1], int):
         stanza = raw[str(location[0])][location[1]]
         place += f", {location[0]} {_brief(stanza.get('id', location[1] + 1))}"
         location = location[2:]
-    name = ".".join(str(part) for part in location)
-    message = _rule(first, name)
-    more = f" (and {len(found) - 1} more)" if len(found) > 1 else ""
-    return f"{message}{more} [{place}]"
+    more = f" (and {len(others)} more)" if others else ""
+    return f"{_rule(first, '.'.join(map(str, location)))}{more} [{place}]"
 
 
 def _rule(finding: Mapping[str, Any], name: str) -> str:

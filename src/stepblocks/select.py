@@ -14,11 +14,10 @@ def stimulus_files(meant: str | Path | Sequence[str | Path] | None = None) -> li
     files: list[Path] = []
     several = [meant] if isinstance(meant, str | Path) else meant
     for argument in map(Path, several or ("stimuli",)):
-        found = sorted(argument.glob("*.toml")) if argument.is_dir() else [argument]
+        what, found = "a stimulus file or a folder of them", [argument]
+        if argument.is_dir():
+            what, found = "a folder with stimulus files (*.toml)", sorted(argument.glob("*.toml"))
         if not found or not found[0].is_file():
-            what = (
-                "a folder with stimulus files (*.toml)" if argument.is_dir() else "a stimulus file or a folder of them"
-            )
             raise PipelineError(f"expected {what} [{argument}]")
         files += found
     stems = [path.stem for path in files]
@@ -28,11 +27,5 @@ def stimulus_files(meant: str | Path | Sequence[str | Path] | None = None) -> li
 
 
 def matches(only: str, set_name: str, identity: str) -> bool:
-    """Tell whether a pattern means a stimulus.
-
-    Examples
-    --------
-    >>> matches("paper-ten/*", "paper-ten", "step-010"), matches("step-02?", "paper-ten", "step-010")
-    (True, False)
-    """
+    """Tell whether a pattern, as ``paper-ten/*`` or ``step-02?``, means a stimulus."""
     return fnmatch.fnmatchcase(identity, only) or fnmatch.fnmatchcase(f"{set_name}/{identity}", only)

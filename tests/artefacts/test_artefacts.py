@@ -12,7 +12,7 @@ from stepblocks.artefacts.meshes.read import MESH_READERS, read_mesh
 from stepblocks.artefacts.meshes.write import MESH_FORMATS
 from stepblocks.build.make import checked_files
 from stepblocks.declare import load_set
-from stepblocks.parts.mesh import Mesh
+from stepblocks.parts.shapes import Mesh
 
 ROOT = Path(__file__).resolve().parents[2]
 SETS = {path.stem: load_set(path) for path in sorted((ROOT / "stimuli").glob("*.toml"))}

@@ -15,7 +15,7 @@ from stepblocks.artefacts.meshes.write import MESH_FORMATS, write_pieces
 from stepblocks.artefacts.verdict import Verdict
 from stepblocks.declare import load_set
 from stepblocks.errors import HapticsError, MetrologyError
-from stepblocks.parts.mesh import Mesh, enclosed_volume, require_manifold
+from stepblocks.parts.shapes import Mesh, enclosed_volume, require_manifold
 from stepblocks.parts.tolerance import Dimension
 
 ROOT = Path(__file__).resolve().parents[2]

@@ -19,9 +19,8 @@ from stepblocks.artefacts.step.read import check_part_step
 from stepblocks.artefacts.step.write import conforming, write_step_ap242
 from stepblocks.declare import load_set
 from stepblocks.errors import MachiningError, MetrologyError, StimulusError
-from stepblocks.parts.characteristics import EdgeRule, FaceRule, characteristics_of, find_face
-from stepblocks.parts.mesh import mesh_solid
-from stepblocks.parts.shapes import build_solids
+from stepblocks.parts.characteristics import EdgeRule, FaceRule, find_face
+from stepblocks.parts.shapes import build_solids, mesh_solid
 
 ROOT = Path(__file__).parents[2]
 SHARED = Path(os.environ.get("STEPBLOCKS_SHARED", ROOT / ".." / "shared"))
@@ -50,7 +49,7 @@ def test_every_stimulus_names_only_faces_that_its_solid_has():
             continue
         seen.add(key)
         faces = [kernel.face_kinds(body) for _, body in build_solids(stimulus)]
-        for one in characteristics_of(stimulus):
+        for one in stimulus.characteristics():
             found = set()
             for rule in one.faces:
                 owner = one.body if rule.body is None else rule.body
@@ -161,7 +160,7 @@ def test_angles_are_measured_on_cones_and_between_planes(tmp_path):
 
 
 def test_only_where_a_part_sits_on_another_is_a_requirement_left_without_a_face():
-    notes = {(one.id, line.key) for one in STIMULI.values() for line in characteristics_of(one) if line.kind == "note"}
+    notes = {(one.id, line.key) for one in STIMULI.values() for line in one.characteristics() if line.kind == "note"}
     assert notes == {("sheath-hard", "position"), ("sheath-soft", "position")}
 
 

@@ -6,7 +6,6 @@ import numpy as np
 import pytest
 
 from stepblocks.cad import kernel
-from stepblocks.cad.kernel import Arc, Line
 from stepblocks.cad.pmi import Callout, PmiDimension, PmiItem, PmiTolerance, write_step_with_tolerances
 from stepblocks.errors import MetrologyError, SolidError
 
@@ -14,7 +13,7 @@ from stepblocks.errors import MetrologyError, SolidError
 def box(x, y, z, at=(0.0, 0.0, 0.0)):
     a, b, c = at
     corners = [(a, b, c), (a + x, b, c), (a + x, b + y, c), (a, b + y, c)]
-    return kernel.extruded(corners[0], [Line(point) for point in (*corners[1:], corners[0])], (0.0, 0.0, z))
+    return kernel.extruded(corners, (0.0, 0.0, z))
 
 
 def ball(radius):
@@ -24,13 +23,13 @@ def ball(radius):
 def test_an_extruded_outline_with_a_hole_is_a_box_with_a_shaft():
     outline = [(0.0, 0.0, 0.0), (7e-3, 0.0, 0.0), (7e-3, 5e-3, 0.0), (0.0, 5e-3, 0.0)]
     hole = [(1e-3, 1e-3, 0.0), (3e-3, 1e-3, 0.0), (3e-3, 2e-3, 0.0), (1e-3, 2e-3, 0.0)]
-    body = kernel.extruded(outline[0], [Line(p) for p in (*outline[1:], outline[0])], (0.0, 0.0, 11e-3), [hole])
+    body = kernel.extruded(outline, (0.0, 0.0, 11e-3), [hole])
     assert kernel.volume(body) == pytest.approx((35e-6 - 2e-6) * 11e-3, rel=1e-12)
 
 
 def test_an_arc_goes_through_its_middle_point():
-    half = [Arc((0.0, 3e-3, 0.0), (-3e-3, 0.0, 0.0)), Line((3e-3, 0.0, 0.0))]
-    body = kernel.extruded((3e-3, 0.0, 0.0), half, (0.0, 0.0, 2e-3))
+    half = [(3e-3, 0.0, 0.0), ((0.0, 3e-3, 0.0), (-3e-3, 0.0, 0.0))]
+    body = kernel.extruded(half, (0.0, 0.0, 2e-3))
     assert kernel.volume(body) == pytest.approx(0.5 * math.pi * 9e-6 * 2e-3, rel=1e-12)
     (round_face,) = [face for face in kernel.face_kinds(body) if face.kind == "CYLINDER"]
     assert round_face.radius == pytest.approx(3e-3, rel=1e-12)
@@ -38,8 +37,7 @@ def test_an_arc_goes_through_its_middle_point():
 
 def test_a_part_of_a_turn_is_that_part_of_pappus():
     square = [(5e-3, 0.0, 0.0), (6e-3, 0.0, 0.0), (6e-3, 0.0, 1e-3), (5e-3, 0.0, 1e-3)]
-    edges = [Line(point) for point in (*square[1:], square[0])]
-    body = kernel.revolved(square[0], edges, (0.0, 0.0, 0.0), (0.0, 0.0, 1e-3), 90.0)
+    body = kernel.revolved(square, (0.0, 0.0, 0.0), (0.0, 0.0, 1e-3), 90.0)
     assert kernel.volume(body) == pytest.approx(0.25 * math.tau * 5.5e-3 * 1e-6, rel=1e-12)
 
 

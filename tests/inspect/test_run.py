@@ -15,7 +15,6 @@ from stepblocks.errors import PipelineError
 from stepblocks.inspect.budget import Component, Instrument, Measured, Outcome, decide, judge, verdict_of
 from stepblocks.inspect.report import write_inspection
 from stepblocks.inspect.run import EVALUATIONS, inspect_scan, inspect_standard
-from stepblocks.parts.characteristics import characteristics_of
 from stepblocks.parts.set import StimulusSet
 
 STIMULI = Path(__file__).parents[2] / "stimuli"
@@ -53,7 +52,7 @@ def test_every_characteristic_that_a_scan_shows_belongs_to_some_shipped_part():
     from stepblocks.declare import load_declared
 
     sets: list[StimulusSet] = [load_declared(path) for path in sorted(STIMULI.glob("*.toml"))]
-    keys = {one.key for stimuli in sets for part in stimuli.stimuli for one in characteristics_of(part)}
+    keys = {one.key for stimuli in sets for part in stimuli.stimuli for one in part.characteristics()}
     assert set(EVALUATIONS) - {"ridge_height"} <= keys
 
 

@@ -8,8 +8,16 @@ import pytest
 
 from stepblocks.cad import kernel
 from stepblocks.declare import load_set
-from stepblocks.parts.body import Body, Mounting
-from stepblocks.parts.body_shape import body_cuts, cut_volume, half_points, half_volume, section_outline, strip_volume
+from stepblocks.parts.body import (
+    Body,
+    Mounting,
+    body_cuts,
+    cut_volume,
+    half_points,
+    half_volume,
+    section_outline,
+    strip_volume,
+)
 from stepblocks.parts.kinds.step_block import StepBlock
 from stepblocks.parts.lettering import engraved_text, letters, text_width
 from stepblocks.parts.shapes import hull
@@ -63,7 +71,7 @@ def test_holes_and_letters_take_away_what_the_kernel_cuts(kind):
             (-0.5 * length, 0.5 * width),
         )
     ]
-    whole = kernel.extruded(corners[0], [kernel.Line(p) for p in (*corners[1:], corners[0])], (0.0, 0.0, thickness))
+    whole = kernel.extruded(corners, (0.0, 0.0, thickness))
     left = kernel.volume(kernel.cut(whole, body_cuts(body, "ab-1", 0.0, 0.0)))
     assert left == pytest.approx(length * width * thickness - cut_volume(body, "ab-1", 0.0), rel=1e-12)
 
@@ -131,9 +139,9 @@ def test_an_identity_that_does_not_fit_the_front_says_how_high_letters_may_be():
 def test_letters_scale_with_their_height_and_lie_about_the_origin():
     small, large = letters("STEP-010", 1e-3), letters("STEP-010", 2e-3)
     assert len(small) == len(large) == 8
-    for (one, _), (other, _) in zip(small, large, strict=True):
+    for (one, *_), (other, *_) in zip(small, large, strict=True):
         assert np.allclose(2.0 * one, other, rtol=1e-12)
-    points = np.concatenate([outer for outer, _ in small])
+    points = np.concatenate([outer for outer, *_ in small])
     assert points[:, 1].min() == pytest.approx(-0.5e-3, abs=0.03e-3)
     assert points[:, 1].max() == pytest.approx(0.5e-3, abs=0.03e-3)
     assert abs(points[:, 0].min() + points[:, 0].max()) < 0.1 * text_width("STEP-010", 1e-3)

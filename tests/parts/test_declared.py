@@ -11,7 +11,6 @@ from stepblocks.contact.critical_angle import step_angle
 from stepblocks.contact.energy import release_at
 from stepblocks.declare import load_declared, load_set
 from stepblocks.errors import MachiningError
-from stepblocks.parts.characteristics import characteristics_of
 from stepblocks.parts.set import with_energy_tolerances
 from stepblocks.predict.predictions import predictions_of
 
@@ -132,7 +131,7 @@ def test_nothing_is_made_before_the_tolerance_is_known(tmp_path):
     declared = load_set(write(tmp_path, '"10 %"'))
     assert str(declared.step_block[0].height) == "25 um, tolerance by energy"
     with pytest.raises(MachiningError, match="must have its tolerance worked out"):
-        characteristics_of(declared.step_block[0])
+        list(declared.step_block[0].characteristics())
     assert list(predictions_of(declared)) == list(predictions_of(with_energy_tolerances(declared)))
 
 
@@ -143,7 +142,7 @@ def test_the_specification_and_the_workshop_see_the_tolerances_found(tmp_path):
     assert specification["height"]["upper_deviation_m"] == block.height.upper > 0.1e-6
     assert specification["energy_tolerance"]["within"] == 0.10
     assert specification["energy_tolerance"]["tips"][0]["deviation_m"] == block.energy_tolerance.tips[0].upper
-    height = next(one for one in characteristics_of(block) if one.key == "step_height")
+    height = next(one for one in block.characteristics() if one.key == "step_height")
     assert (height.lower, height.upper) == (block.height.lower, block.height.upper)
 
 

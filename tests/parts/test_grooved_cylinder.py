@@ -11,7 +11,6 @@ from stepblocks.contact.path.catches import steepest
 from stepblocks.contact.path.profile import Ball, profile_path
 from stepblocks.declare import load_set
 from stepblocks.errors import StimulusError
-from stepblocks.parts.characteristics import characteristics_of
 from stepblocks.parts.shapes import build_solids, solid_volumes
 
 TEXT = """
@@ -101,7 +100,7 @@ def test_the_part_answers_with_the_groove_it_declares(tmp_path):
 
 
 def test_the_angle_of_the_flank_is_stated_as_that_of_its_cone(tmp_path):
-    listed = {one.key: one for one in characteristics_of(groove(tmp_path))}
+    listed = {one.key: one for one in groove(tmp_path).characteristics()}
     cone = listed["flank_cone"]
     assert math.degrees(cone.nominal) == pytest.approx(180.0 - 2.0 * 52.0)
     assert (cone.lower, cone.upper) == pytest.approx(

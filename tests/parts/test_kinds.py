@@ -13,11 +13,10 @@ from stepblocks.contact.counterface import Counterface
 from stepblocks.declare import load_set
 from stepblocks.errors import ContactError
 from stepblocks.parts.body import Block
-from stepblocks.parts.characteristics import EdgeRule, characteristics_of, find_face
+from stepblocks.parts.characteristics import EdgeRule, find_face
 from stepblocks.parts.kind import NANOMETRE, exaggeration
-from stepblocks.parts.mesh import mesh_solid
 from stepblocks.parts.set import SHIPPED
-from stepblocks.parts.shapes import build_solids, convex_pieces, solid_volumes
+from stepblocks.parts.shapes import build_solids, convex_pieces, mesh_solid, solid_volumes
 
 ROOT = Path(__file__).resolve().parents[2]
 GROOVES = Path(__file__).with_name("grooves.toml")
@@ -126,7 +125,7 @@ def test_its_convex_pieces_fill_it(part):
 @pytest.mark.parametrize("part", SOME)
 def test_every_characteristic_finds_its_faces(part):
     faces = [kernel.face_kinds(body) for body in part.solids()]
-    listed = characteristics_of(part)
+    listed = list(part.characteristics())
     assert len({one.key for one in listed}) == len(listed)
     for one in listed:
         assert one.lower <= one.upper

@@ -150,6 +150,6 @@ def test_letters_keep_their_counters():
     # An O of any sane typeface has one outline with one hole, an 8 has two.
     from stepblocks.parts.lettering import letters
 
-    assert [len(holes) for _, holes in letters("O", 1e-3)] == [1]
-    assert [len(holes) for _, holes in letters("8", 1e-3)] == [2]
-    assert [len(holes) for _, holes in letters("-", 1e-3)] == [0]
+    assert [len(holes) for _, *holes in letters("O", 1e-3)] == [1]
+    assert [len(holes) for _, *holes in letters("8", 1e-3)] == [2]
+    assert [len(holes) for _, *holes in letters("-", 1e-3)] == [0]

@@ -13,7 +13,7 @@ from stepblocks.contact.path.catches import steepest
 from stepblocks.contact.path.profile import Ball, profile_path
 from stepblocks.contact.uncertainty import interval_of, rectangular
 from stepblocks.declare import load_set
-from stepblocks.parts.kinds.margin_block import MarginBlock
+from stepblocks.parts.kinds.margin import MarginBlock
 from stepblocks.predict.predictions import predictions_of
 
 SET = load_set(Path(__file__).resolve().parents[2] / "stimuli" / "crown-margins.toml")

@@ -10,7 +10,7 @@ import pytest
 from stepblocks.contact.operating_point import PAPER, OperatingPoint
 from stepblocks.declare import load_set
 from stepblocks.errors import HapticsError
-from stepblocks.parts.mesh import enclosed_volume
+from stepblocks.parts.shapes import enclosed_volume
 from stepblocks.simulators.assemble import plain_step, scene_of, surface_of
 from stepblocks.simulators.devices import device_named, load_devices
 from stepblocks.simulators.scene import SceneFormat, write_json, write_scene

@@ -11,7 +11,6 @@ from oracles.drawn_dimensions import drawn_dimensions
 from stepblocks.artefacts.on_paper import COLUMNS, decimals_for, limits_text, write_sheet_csv, write_sheet_pdf
 from stepblocks.declare import load_set
 from stepblocks.errors import MachiningError
-from stepblocks.parts.characteristics import characteristics_of
 from stepblocks.workshop.drawing import write_drawing
 
 ROOT = Path(__file__).parents[2]
@@ -27,7 +26,7 @@ def drawing(request, tmp_path_factory):
 
 def test_every_dimension_of_the_dxf_measures_and_prints_what_was_asked_for(drawing):
     stimulus, path = drawing
-    listed = {one.key: (number, one) for number, one in enumerate(characteristics_of(stimulus), start=1)}
+    listed = {one.key: (number, one) for number, one in enumerate(stimulus.characteristics(), start=1)}
     found = drawn_dimensions(path)
     assert found or stimulus.id.startswith("hook")  # a bent wire has no straight pair of lines to measure
     for one in found:
@@ -94,7 +93,7 @@ def test_the_inspection_sheet_has_a_line_for_every_characteristic_with_limits_in
     write_sheet_csv(path, STIMULI[identity])
     with path.open(encoding="utf-8") as file:
         rows = list(csv.DictReader(file))
-    listed = characteristics_of(STIMULI[identity])
+    listed = list(STIMULI[identity].characteristics())
     assert list(rows[0]) == list(COLUMNS)
     assert [row["characteristic"] for row in rows] == [one.label for one in listed]
     for row, one in zip(rows, listed, strict=True):

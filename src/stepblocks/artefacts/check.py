@@ -8,6 +8,7 @@ import zipfile
 import zlib
 from collections.abc import Callable, Iterator
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -53,9 +54,8 @@ def check_artefact(part: Part, path: str | Path) -> list[Verdict]:
     kind = "".join(path.suffixes[-2:]) if path.name.endswith(".convex.obj") else path.suffix
     checker = _CHECKERS.get(kind)
     if checker is None:
-        raise MetrologyError(
-            f"must be one of {', '.join(sorted(_CHECKERS))}, got {path.suffix or 'no suffix'} [{path}]"
-        )
+        known, got = ", ".join(sorted(_CHECKERS)), path.suffix or "no suffix"
+        raise MetrologyError(f"must be one of {known}, got {got} [{path}]")
     try:
         return list(checker(part, path))
     except MetrologyError as error:
@@ -82,31 +82,28 @@ def _pieces(part: Part, path: Path) -> Iterator[Verdict]:
     yield Verdict(name, "volume of the pieces", whole, total, limit, "volume", relative=True)
 
 
-def _tiff(part: Part, path: Path) -> Iterator[Verdict]:
+def _image(path: Path, kind: str, mode: str | None = None) -> NDArray[Any]:
     from PIL import Image
 
     try:
         with Image.open(path) as image:
-            heights = np.asarray(image)
+            return np.asarray(image.convert(mode) if mode else image)
     except (OSError, ValueError, Image.DecompressionBombError) as error:
-        raise MetrologyError(f"must be a TIFF: {error} [{path}]") from error
-    yield Verdict(
-        path.name,
-        "bits per height, floating point",
-        32.0,
-        8.0 * heights.dtype.itemsize * (heights.dtype.kind == "f"),
-        0.0,
-        "count",
-    )
+        raise MetrologyError(f"must be a {kind}: {error} [{path}]") from error
+
+
+def _tiff(part: Part, path: Path) -> Iterator[Verdict]:
+    heights = _image(path, "TIFF")
+    bits = 8.0 * heights.dtype.itemsize * (heights.dtype.kind == "f")
+    yield Verdict(path.name, "bits per height, floating point", 32.0, bits, 0.0, "count")
     yield from _field(part, path, heights.astype(np.float64) * 1e-6)
 
 
 def _npz(part: Part, path: Path) -> Iterator[Verdict]:
     try:
         with path.open("rb") as stream, np.load(stream, allow_pickle=False) as archive:
-            heights, columns, rows = (
-                np.asarray(archive[name], dtype=np.float64) for name in ("height_m", "x_m", "y_m")
-            )
+            names = ("height_m", "x_m", "y_m")
+            heights, columns, rows = (np.asarray(archive[name], dtype=np.float64) for name in names)
     except (OSError, ValueError, KeyError, EOFError, zipfile.BadZipFile, zlib.error) as error:
         raise MetrologyError(f"must be an npz with height_m, x_m and y_m: {error} [{path}]") from error
     yield from _field(part, path, heights)
@@ -128,9 +125,8 @@ def _field(part: Part, path: Path, heights: NDArray[np.float64]) -> Iterator[Ver
     except (OSError, ValueError, KeyError, TypeError) as error:
         raise MetrologyError(f"needs its sidecar {path.stem}.json with shape, origin and spacing [{path}]") from error
     if heights.ndim != 2 or list(heights.shape) != shape:
-        raise MetrologyError(
-            f"must have the rows and columns of its sidecar, {shape}, got {list(heights.shape)} [{path}]"
-        )
+        got = list(heights.shape)
+        raise MetrologyError(f"must have the rows and columns of its sidecar, {shape}, got {got} [{path}]")
     x: NDArray[np.float64] = np.asarray(origin + spacing * np.arange(heights.shape[1]), dtype=np.float64)
     worst = np.abs(heights - [part.top(position) for position in x.tolist()]).max()
     yield Verdict(path.name, "largest error of a height", 0.0, float(worst), NANOMETRE)
@@ -140,19 +136,12 @@ def _field(part: Part, path: Path, heights: NDArray[np.float64]) -> Iterator[Ver
 
 
 def _picture(part: Part, path: Path) -> Iterator[Verdict]:
-    from PIL import Image
-
-    try:
-        with Image.open(path) as image:
-            pixels = np.asarray(image.convert("L"), dtype=np.float64)
-    except (OSError, ValueError, Image.DecompressionBombError) as error:
-        raise MetrologyError(f"must be a PNG: {error} [{path}]") from error
+    pixels = _image(path, "PNG", "L").astype(np.float64)
     drawn = float(np.mean(np.abs(pixels - np.median(pixels)) > 8.0) > 0.02)
     yield Verdict(path.name, "something is drawn", 1.0, drawn, 0.0, "count")
 
 
-Checker = Callable[[Part, Path], Iterator[Verdict]]
-_CHECKERS: dict[str, Checker] = {
+_CHECKERS: dict[str, Callable[[Part, Path], Iterator[Verdict]]] = {
     ".step": step_verdicts,
     ".convex.obj": _pieces,
     ".tiff": _tiff,

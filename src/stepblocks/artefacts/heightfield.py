@@ -27,9 +27,9 @@ _HALF_Y = 0.1e-3
 class Relief:
     """Heights of a surface over a rectangular patch around its working edge."""
 
-    heights: NDArray[np.float64]  # shape (rows, columns); z [m]; rows ascend in y, columns in x
-    x: NDArray[np.float64]  # positions of columns and rows [m], evenly spaced
-    y: NDArray[np.float64]
+    heights: NDArray[np.float64]  # z [m], shape (rows, columns); rows ascend in y, columns in x
+    x: NDArray[np.float64]  # of the columns [m], evenly spaced
+    y: NDArray[np.float64]  # of the rows
 
 
 def relief(part: Part, ball_radius: float) -> Relief:
@@ -87,9 +87,8 @@ def write_height_field(stem: Path, part: Part) -> list[Path]:
 
     heights = height_field(part)
     tiff, npz, sidecar = (stem.with_name(stem.name + suffix) for suffix in (".tiff", ".npz", ".json"))
-    tifffile.imwrite(
-        tiff, (heights * 1e6).astype(np.float32), compression="zlib", description="heights in um", software="stepblocks"
-    )
+    said = {"description": "heights in um", "software": "stepblocks"}
+    tifffile.imwrite(tiff, (heights * 1e6).astype(np.float32), compression="zlib", **said)
     np.savez_compressed(npz, height_m=heights, x_m=_across(part), y_m=_positions(_HALF_Y))
     sidecar.write_text(json.dumps(_sidecar(part, heights, tiff.name, npz.name), indent=2) + "\n", encoding="utf-8")
     return [tiff, npz, sidecar]

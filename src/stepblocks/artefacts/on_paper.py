@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from stepblocks.atomic import beside
-from stepblocks.parts.characteristics import Characteristic, characteristics_of
+from stepblocks.parts.characteristics import Characteristic
 from stepblocks.parts.kind import Part
 from stepblocks.tables import write_table
 
@@ -71,7 +71,7 @@ def sheet_table(stimulus: Part, measured: Values | None = None) -> pd.DataFrame:
     import pandas as pd
 
     known = measured or {}
-    rows = [_row(number, one, known.get(one.key)) for number, one in enumerate(characteristics_of(stimulus), start=1)]
+    rows = [_row(number, one, known.get(one.key)) for number, one in enumerate(stimulus.characteristics(), start=1)]
     return pd.DataFrame(rows, columns=COLUMNS)
 
 

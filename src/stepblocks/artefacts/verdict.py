@@ -18,9 +18,8 @@ class Verdict:
     nominal: float  # in SI, or a count
     measured: float
     limit: float  # largest permitted difference, in SI; relative to the nominal where `relative`
-    # ``"length"``, ``"volume"``, ``"mass"``, ``"count"``, or ``"file"`` for a file that could not be read
-    dimension: str = "length"
-    relative: bool = False  # whether the limit is relative
+    dimension: str = "length"  # or volume, mass, count; file, where it could not be read
+    relative: bool = False
 
     @property
     def deviation(self) -> float:
@@ -49,12 +48,11 @@ class Verdict:
     def as_record(self) -> dict[str, Any]:
         """Return the verdict as plain values for JSON, with units in the names."""
         suffix = {"length": "_m", "volume": "_m3", "mass": "_kg"}.get(self.dimension, "")
-        measured = self.measured if math.isfinite(self.measured) else None
         return {
             "artefact": self.artefact,
             "quantity": self.quantity,
             f"nominal{suffix}": self.nominal,
-            f"measured{suffix}": measured,
+            f"measured{suffix}": self.measured if math.isfinite(self.measured) else None,
             "limit_relative" if self.relative else f"limit{suffix}": self.limit,
             "passed": self.passed,
         }

@@ -110,8 +110,7 @@ def _write_artefacts(stimulus: Part, folder: Path) -> None:
     from stepblocks.artefacts.meshes.write import MESH_FORMATS, write_pieces
     from stepblocks.artefacts.step.write import write_step_ap242
     from stepblocks.build.picture import draw, write_view
-    from stepblocks.parts.mesh import mesh_solid
-    from stepblocks.parts.shapes import build_solids, convex_pieces
+    from stepblocks.parts.shapes import build_solids, convex_pieces, mesh_solid
 
     bodies = build_solids(stimulus)
     write_step_ap242(folder / f"{stimulus.id}.step", stimulus, bodies)

@@ -1,12 +1,12 @@
 """The CAD kernel behind a narrow door: this module alone imports cadquery, and it alone thinks in millimetres.
 
-Everything that goes in or comes out is in metres. Shapes are built from closed outlines, cut in one boolean operation, and
-tessellated with an absolute chordal error per face.
+Everything that goes in or comes out is in metres. An outline is a list of points, and of pairs (middle point, end point)
+where an arc leads on; it closes by itself.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, TypeAlias
@@ -29,31 +29,18 @@ from stepblocks.errors import MetrologyError, SolidError
 
 _MM = 1e3  # metres to the kernel's millimetres
 Point = Sequence[float]
-Body: TypeAlias = Any  # A solid as the kernel holds it [mm]; opaque to every other module
-
-
-@dataclass(frozen=True)
-class Line:
-    """A straight edge of an outline, from where the last one ended."""
-
-    end: Point
-
-
-@dataclass(frozen=True)
-class Arc:
-    """A circular edge of an outline through a middle point."""
-
-    middle: Point
-    end: Point
+Outline = Sequence[Any]
+Body: TypeAlias = Any  # a solid as the kernel holds it [mm]; opaque to every other module
 
 
 @dataclass(frozen=True)
 class Face:
     """What a tessellation rule may know of a face."""
 
-    # ``"PLANE"``, ``"CYLINDER"``, ``"CONE"``, ``"SPHERE"``, ``"TORUS"`` or another of the kernel's surface types
-    kind: str
-    radius: float  # radius of a cylinder or sphere [m]; not-a-number for others
+    kind: (
+        str  # ``"PLANE"``, ``"CYLINDER"``, ``"CONE"``, ``"SPHERE"``, ``"TORUS"`` or another surface type of the kernel
+    )
+    radius: float  # of a cylinder or sphere [m]; not-a-number for others
     low: tuple[float, float, float]  # corners of the bounding box [m]
     high: tuple[float, float, float]
 
@@ -62,25 +49,26 @@ class Face:
 class Tessellation:
     """Triangles of a solid."""
 
-    vertices: NDArray[np.float64]  # shape (n, 3); Points [m], each once
-    triangles: NDArray[np.int64]  # shape (m, 3); Outward-wound
-    face: NDArray[np.int64]  # shape (m,); Face that each triangle lies on
-    faces: tuple[Face, ...]  # the faces themselves
+    vertices: NDArray[np.float64]  # shape (n, 3); points [m], each once
+    triangles: NDArray[np.int64]  # shape (m, 3); outward-wound
+    face: NDArray[np.int64]  # shape (m,); index of the face that each triangle lies on
+    faces: tuple[Face, ...]
 
 
 def _vector(point: Point) -> cq.Vector:
     return cq.Vector(*(coordinate * _MM for coordinate in point))
 
 
-def _wire(start: Point, edges: Iterable[Line | Arc]) -> cq.Wire:
-    made, here = [], _vector(start)
-    for edge in edges:
-        end = _vector(edge.end)
-        if isinstance(edge, Line):
-            made.append(cq.Edge.makeLine(here, end))
-        else:
-            made.append(_arc(here, _vector(edge.middle), end))
+def _wire(outline: Outline) -> cq.Wire:
+    start = here = _vector(outline[0])
+    made = []
+    for item in outline[1:]:
+        is_arc = isinstance(item[0], tuple)
+        end = _vector(item[1] if is_arc else item)
+        made.append(_arc(here, _vector(item[0]), end) if is_arc else cq.Edge.makeLine(here, end))
         here = end
+    if here.toTuple() != start.toTuple():
+        made.append(cq.Edge.makeLine(here, start))
     return cq.Wire.assembleEdges(made)
 
 
@@ -96,35 +84,26 @@ def _arc(start: cq.Vector, middle: cq.Vector, end: cq.Vector) -> cq.Edge:
     return cq.Edge(BRepBuilderAPI_MakeEdge(circle, start.toPnt(), end.toPnt()).Edge())
 
 
-def extruded(
-    start: Point, edges: Sequence[Line | Arc], direction: Point, holes: Sequence[Sequence[Point]] = ()
-) -> Body:
-    """Extrude a closed plane outline."""
-    inner = [_wire(hole[0], [*(Line(p) for p in hole[1:]), Line(hole[0])]) for hole in holes]
-    return cq.Solid.extrudeLinear(_wire(start, edges), inner, _vector(direction))
+def extruded(outline: Outline, direction: Point, holes: Sequence[Outline] = ()) -> Body:
+    """Extrude a plane outline."""
+    return cq.Solid.extrudeLinear(_wire(outline), [_wire(hole) for hole in holes], _vector(direction))
 
 
-def revolved(start: Point, edges: Sequence[Line | Arc], foot: Point, axis: Point, angle: float = 360.0) -> Body:
-    """Revolve a closed plane outline about an axis in its plane."""
+def revolved(outline: Outline, foot: Point, axis: Point, angle: float = 360.0) -> Body:
+    """Revolve a plane outline about an axis in its plane, by degrees."""
     end = tuple(f + a for f, a in zip(foot, axis, strict=True))
-    return cq.Solid.revolve(_wire(start, edges), [], angle, _vector(foot), _vector(end))
+    return cq.Solid.revolve(_wire(outline), [], angle, _vector(foot), _vector(end))
 
 
-def turned(outline: Sequence[Any], origin: Point) -> Body:
+def turned(outline: Outline, origin: Point) -> Body:
     """Turn an outline given in radius and height about a vertical axis."""
 
-    def lifted(point: Point) -> Point:
-        return origin[0] + point[0], origin[1], origin[2] + point[1]
-
-    start = lifted(outline[0])
-    edges: list[Line | Arc] = []
-    for item in outline[1:]:
+    def lifted(item: Any) -> Any:
         if isinstance(item[0], tuple):
-            edges.append(Arc(lifted(item[0]), lifted(item[1])))
-        else:
-            edges.append(Line(lifted(item)))
-    edges.append(Line(start))
-    return revolved(start, edges, origin, (0.0, 0.0, 1e-3))
+            return tuple(lifted(point) for point in item)
+        return origin[0] + item[0], origin[1], origin[2] + item[1]
+
+    return revolved([lifted(item) for item in outline], origin, (0.0, 0.0, 1e-3))
 
 
 def _single(shape: Any, what: str) -> Body:
@@ -150,13 +129,9 @@ def volume(body: Body) -> float:
 
 
 def _describe(face: cq.Face) -> Face:
-    kind = str(face.geomType())
-    adaptor = face._geomAdaptor()
-    radius = np.nan
-    if kind == "SPHERE":
-        radius = adaptor.Sphere().Radius() / _MM
-    elif kind == "CYLINDER":
-        radius = adaptor.Cylinder().Radius() / _MM
+    kind, adaptor = str(face.geomType()), face._geomAdaptor()
+    shape = {"SPHERE": "Sphere", "CYLINDER": "Cylinder"}.get(kind)
+    radius = getattr(adaptor, shape)().Radius() / _MM if shape else np.nan
     box = face.BoundingBox()
     low = (box.xmin / _MM, box.ymin / _MM, box.zmin / _MM)
     return Face(kind, float(radius), low, (box.xmax / _MM, box.ymax / _MM, box.zmax / _MM))
@@ -178,27 +153,20 @@ def tessellate(body: Body, deflection: Callable[[Face], float]) -> Tessellation:
     along_edges = min(deflection(face) for face in described)
     for face, description in zip(faces, described, strict=True):
         _mesh(face.wrapped, along_edges, deflection(description))
-    points, triangles, owner = [], [], []
-    count = 0
-    for index, face in enumerate(faces):
-        nodes, corners = _triangulation(face)
-        points.append(nodes)
-        triangles.append(corners + count)
-        owner.append(np.full(len(corners), index))
-        count += len(nodes)
-    return _joined(np.concatenate(points), np.concatenate(triangles), np.concatenate(owner), tuple(described))
+    nodes, corners = zip(*map(_triangulation, faces), strict=True)
+    starts = np.cumsum([0, *map(len, nodes[:-1])])
+    triangles = np.concatenate([own + start for own, start in zip(corners, starts, strict=True)])
+    owner = np.repeat(np.arange(len(faces)), [len(own) for own in corners])
+    return _joined(np.concatenate(nodes), triangles, owner, tuple(described))
 
 
 def _mesh(shape: Any, along_edges: float, inside: float) -> None:
     parameters = IMeshTools_Parameters()
     parameters.Deflection = along_edges * _MM
     parameters.DeflectionInterior = inside * _MM
-    parameters.Angle = 1.0  # rad; wide, so that the chordal error alone decides
-    parameters.AngleInterior = 1.0
-    parameters.Relative = False
-    parameters.InParallel = False
+    parameters.Angle = parameters.AngleInterior = 1.0  # rad; wide, so that the chordal error alone decides
+    parameters.Relative = parameters.InParallel = parameters.AllowQualityDecrease = False
     parameters.MinSize = 1e-7
-    parameters.AllowQualityDecrease = False
     BRepMesh_IncrementalMesh(shape, parameters)
 
 
@@ -208,15 +176,10 @@ def _triangulation(face: cq.Face) -> tuple[NDArray[np.float64], NDArray[np.int64
     if triangulation is None:
         raise SolidError("a face could not be tessellated")
     transform = location.Transformation()
-    nodes = np.array(
-        [
-            (p.X(), p.Y(), p.Z())
-            for p in (triangulation.Node(i).Transformed(transform) for i in range(1, triangulation.NbNodes() + 1))
-        ]
-    )
-    corners = np.array(
-        [triangulation.Triangle(i).Get() for i in range(1, triangulation.NbTriangles() + 1)], dtype=np.int64
-    )
+    points = (triangulation.Node(i + 1).Transformed(transform) for i in range(triangulation.NbNodes()))
+    nodes = np.array([(point.X(), point.Y(), point.Z()) for point in points])
+    count = triangulation.NbTriangles()
+    corners = np.array([triangulation.Triangle(i + 1).Get() for i in range(count)], dtype=np.int64)
     if face.wrapped.Orientation() == TopAbs_Orientation.TopAbs_REVERSED:
         corners = corners[:, [0, 2, 1]]
     return nodes / _MM, corners - 1
@@ -229,11 +192,7 @@ def _joined(
     keys = np.round(points * 1e12).astype(np.int64)  # picometres
     _, first, index = np.unique(keys, axis=0, return_index=True, return_inverse=True)
     triangles = index.reshape(-1)[triangles]
-    whole = (
-        (triangles[:, 0] != triangles[:, 1])
-        & (triangles[:, 1] != triangles[:, 2])
-        & (triangles[:, 2] != triangles[:, 0])
-    )
+    whole = (triangles != np.roll(triangles, 1, axis=1)).all(axis=1)
     return Tessellation(points[first], triangles[whole], owner[whole], faces)
 
 

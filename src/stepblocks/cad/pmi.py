@@ -1,7 +1,7 @@
 """The kernel's door for tolerances: semantic product and manufacturing information in a STEP file.
 
-It belongs to `stepblocks.cad.kernel`, which holds the solids; apart from it only because it is long. What OpenCASCADE
-writes here does not conform yet (untyped limits, a density that is none): `stepblocks.artefacts.step.write` mends it.
+What OpenCASCADE writes here does not conform yet (untyped limits, a density that is none): `stepblocks.artefacts.step.write`
+mends it.
 """
 
 from __future__ import annotations
@@ -38,68 +38,65 @@ from stepblocks.cad.kernel import Body
 from stepblocks.errors import SolidError
 
 _MM = 1e3
-_DIMENSIONS = {
-    "distance": XCAFDimTolObjects_DimensionType.XCAFDimTolObjects_DimensionType_Location_LinearDistance,
-    "to_outer": XCAFDimTolObjects_DimensionType.XCAFDimTolObjects_DimensionType_Location_LinearDistance_FromCenterToOuter,
-    "diameter": XCAFDimTolObjects_DimensionType.XCAFDimTolObjects_DimensionType_Size_Diameter,
-    "spherical_radius": XCAFDimTolObjects_DimensionType.XCAFDimTolObjects_DimensionType_Size_SphericalRadius,
-    "toroidal_radius": XCAFDimTolObjects_DimensionType.XCAFDimTolObjects_DimensionType_Size_ToroidalMajorRadius,
-    "radius": XCAFDimTolObjects_DimensionType.XCAFDimTolObjects_DimensionType_Size_Radius,
-    "cone": XCAFDimTolObjects_DimensionType.XCAFDimTolObjects_DimensionType_Size_Angular,
-    "angle": XCAFDimTolObjects_DimensionType.XCAFDimTolObjects_DimensionType_Location_Angular,
-}
-_ANGULAR = ("cone", "angle")
-# What a dimension may be
 PmiKind = Literal["distance", "to_outer", "diameter", "radius", "spherical_radius", "toroidal_radius", "cone", "angle"]
-_TOLERANCES = {
-    "flatness": XCAFDimTolObjects_GeomToleranceType.XCAFDimTolObjects_GeomToleranceType_Flatness,
-    "parallelism": XCAFDimTolObjects_GeomToleranceType.XCAFDimTolObjects_GeomToleranceType_Parallelism,
+_DIMENSIONS: dict[PmiKind, str] = {
+    "distance": "Location_LinearDistance",
+    "to_outer": "Location_LinearDistance_FromCenterToOuter",
+    "diameter": "Size_Diameter",
+    "spherical_radius": "Size_SphericalRadius",
+    "toroidal_radius": "Size_ToroidalMajorRadius",
+    "radius": "Size_Radius",
+    "cone": "Size_Angular",
+    "angle": "Location_Angular",
 }
+
+
+def _typed(kinds: Any, name: str) -> Any:
+    """Find a member of one of the kernel's enumerations, which repeat their own name in each."""
+    return getattr(kinds, f"{kinds.__name__}_{name}")
 
 
 @dataclass(frozen=True)
 class Callout:
     """Lines that a viewer shows for a dimension or tolerance."""
 
-    text: str  # of the callout
-    # straight lines in one plane square to y, and a leader [m]
-    lines: Sequence[tuple[tuple[float, float, float], tuple[float, float, float]]]
+    text: str
+    lines: Sequence[tuple[Sequence[float], Sequence[float]]]  # in one plane square to y [m], the last one a leader
 
 
 @dataclass(frozen=True)
 class PmiItem:
-    """A face, or the edge in which two faces meet."""
+    """A face, or the edge in which two faces meet, by their indices."""
 
-    body: int  # index of the solid
-    face: int  # index of the face
-    other: int | None = None  # index of the second face of an edge; the longest edge where they meet in several
+    body: int
+    face: int
+    other: int | None = None  # second face of an edge; the longest where they meet in several
 
 
 @dataclass(frozen=True)
 class PmiDimension:
     """A dimension with its limits."""
 
-    # ``"distance"`` between two items, ``"to_outer"`` from the first to the far side of the second, ``"diameter"`` or
-    # ``"radius"`` of one, ``"spherical_radius"``, ``"toroidal_radius"`` at the middle of the ring, included angle of
-    # a ``"cone"``, ``"angle"`` between two faces
+    # ``to_outer``: from the first item to the far side of the second; ``toroidal_radius``: at the middle of the ring;
+    # ``cone``: its included angle; ``angle``: between two faces
     kind: PmiKind
-    items: tuple[PmiItem, ...]  # faces or edges, one or two, of one solid or of two
+    items: tuple[PmiItem, ...]  # one or two, of one solid or of two
     nominal: float  # m or rad
-    lower: float  # signed deviation [m or rad]
-    upper: float  # signed deviation [m or rad]
-    callout: Callout | None = None  # what is seen of it
+    lower: float  # signed deviation
+    upper: float
+    callout: Callout | None = None
 
 
 @dataclass(frozen=True)
 class PmiTolerance:
     """A geometric tolerance."""
 
-    kind: Literal["flatness", "parallelism"]  # ``"flatness"``, or ``"parallelism"`` to a datum face
+    kind: Literal["flatness", "parallelism"]
     body: int  # index of the solid
     face: int  # index of the toleranced face
     zone: float  # width of the zone [m]
     datum: tuple[str, int] | None = None  # letter and face of the datum
-    callout: Callout | None = None  # what is seen of it
+    callout: Callout | None = None
 
 
 def write_step_with_tolerances(
@@ -176,14 +173,13 @@ class _Document:
             raise SolidError(f"face {item.face} must belong to body {item.body}")
         return found
 
-    def _face(self, body: int, face: int) -> TDF_Label:
-        return self._item(PmiItem(body, face))
-
     def add_dimension(self, dimension: PmiDimension) -> None:
         label = self._tolerances.AddDimension()
         content = XCAFDimTolObjects_DimensionObject()
-        content.SetType(_DIMENSIONS[dimension.kind])
-        unit = 1.0 if dimension.kind in _ANGULAR else _MM  # angles stand in radians, the unit that the kernel writes
+        content.SetType(_typed(XCAFDimTolObjects_DimensionType, _DIMENSIONS[dimension.kind]))
+        unit = (
+            1.0 if dimension.kind in ("cone", "angle") else _MM
+        )  # angles stand in radians, the unit that the kernel writes
         content.SetValue(dimension.nominal * unit)
         content.SetUpperTolValue(dimension.upper * unit)
         content.SetLowerTolValue(-dimension.lower * unit)  # the kernel keeps it without its sign
@@ -197,11 +193,11 @@ class _Document:
     def add_tolerance(self, tolerance: PmiTolerance) -> None:
         label = self._tolerances.AddGeomTolerance()
         content = XCAFDimTolObjects_GeomToleranceObject()
-        content.SetType(_TOLERANCES[tolerance.kind])
+        content.SetType(_typed(XCAFDimTolObjects_GeomToleranceType, tolerance.kind.capitalize()))
         content.SetValue(tolerance.zone * _MM)
         _present(content, tolerance.callout)
         _attribute(label, XCAFDoc_GeomTolerance).SetObject(content)
-        self._tolerances.SetGeomTolerance(self._face(tolerance.body, tolerance.face), label)
+        self._tolerances.SetGeomTolerance(self._item(PmiItem(tolerance.body, tolerance.face)), label)
         if tolerance.datum is not None:
             self._tolerances.SetDatumToGeomTol(self._datum(tolerance.body, *tolerance.datum), label)
 
@@ -213,7 +209,7 @@ class _Document:
             content.SetPosition(1)
             _attribute(label, XCAFDoc_Datum).SetObject(content)
             faces = TDF_LabelSequence()
-            faces.Append(self._face(body, face))
+            faces.Append(self._item(PmiItem(body, face)))
             self._tolerances.SetDatum(faces, label)
             self._datums[body, face] = label
         return self._datums[body, face]

@@ -16,7 +16,7 @@ from stepblocks.errors import PipelineError
 from stepblocks.inspect.budget import Instrument, Outcome, judge, verdict_of
 from stepblocks.inspect.measure import Inspected, measure_edge, measure_groove, measure_margin, measure_tip
 from stepblocks.inspect.report import InspectionResult
-from stepblocks.parts.characteristics import Characteristic, characteristics_of
+from stepblocks.parts.characteristics import Characteristic
 from stepblocks.parts.conditions import PredictionGrid
 from stepblocks.parts.kind import Part
 from stepblocks.predict.predictions import tool_of
@@ -82,7 +82,7 @@ def inspect_scan(
         raise PipelineError(f"feature must be one of {', '.join(_BESIDE)}, got {feature!r}")
     part, grid = _declared(stimulus, Path(stimuli))
     read = read_scan(scan, unit)
-    asked = characteristics_of(part)
+    asked = list(part.characteristics())
     shown = [one for one in asked if one.key in EVALUATIONS and one.key not in _BESIDE[feature]]
     if not shown:
         raise PipelineError(f"a scan of {part.id} cannot be inspected: only blocks, margins and tips can")

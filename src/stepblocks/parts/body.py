@@ -1,26 +1,37 @@
-"""What every bench block has in common: the body, its fixing holes, its engraved identity."""
+"""What every bench block has in common: the body with its fixing holes and its engraved identity; as solid, pieces and volume."""
 
 from __future__ import annotations
 
+import itertools
 import math
 from abc import abstractmethod
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from typing import TYPE_CHECKING, ClassVar, Literal
 
+import numpy as np
+from numpy.typing import NDArray
 from pydantic import model_validator
 
-from stepblocks.parts.characteristics import BREAK, Characteristic, EdgeRule, FaceRule, plane, toleranced
+from stepblocks.parts.characteristics import Characteristic, EdgeRule, FaceRule, broken_edges, plane, toleranced
 from stepblocks.parts.declared import Table, WorkingFaces, require, require_below
 from stepblocks.parts.kind import Part
-from stepblocks.parts.lettering import engraved_text, text_width
+from stepblocks.parts.lettering import engraved_text, letters, text_width
 from stepblocks.parts.tolerance import Length, PositiveLength
 
-# ISO 261/ISO 2306 core drill, ISO 273 medium clearance, ISO 4762 head: diameter [m] by thread.
-_CORE_DRILL = {"M2": 1.6e-3, "M2.5": 2.05e-3, "M3": 2.5e-3, "M4": 3.3e-3}
-_CLEARANCE = {"M2": 2.4e-3, "M2.5": 2.9e-3, "M3": 3.4e-3, "M4": 4.5e-3}
-_HEAD = {"M2": 4.4e-3, "M2.5": 5.0e-3, "M3": 6.0e-3, "M4": 8.0e-3}
-_MAJOR = {"M2": 2.0e-3, "M2.5": 2.5e-3, "M3": 3.0e-3, "M4": 4.0e-3}
+if TYPE_CHECKING:
+    from stepblocks.cad import kernel
+
+Point = tuple[float, float]
+
+# by thread: core drill (ISO 261, ISO 2306), medium clearance (ISO 273), head (ISO 4762), major diameter [m]
+_THREADS = {
+    "M2": (1.6e-3, 2.4e-3, 4.4e-3, 2.0e-3),
+    "M2.5": (2.05e-3, 2.9e-3, 5.0e-3, 2.5e-3),
+    "M3": (2.5e-3, 3.4e-3, 6.0e-3, 3.0e-3),
+    "M4": (3.3e-3, 4.5e-3, 8.0e-3, 4.0e-3),
+}
 DRILL_POINT = math.radians(118.0)  # included angle of a twist drill's point [rad]
+_OVER = 1e-3  # how far a cutting body stands out of the block [m]
 
 
 class Mounting(Table):
@@ -28,34 +39,35 @@ class Mounting(Table):
 
     # ``"tapped"``: blind from below, the working faces stay whole; ``"clearance"``: through, counterbored from above
     kind: Literal["tapped", "clearance"]
-    thread: Literal["M2", "M2.5", "M3", "M4"]  # metric coarse thread, M2 to M4
-    spacing: PositiveLength  # distance between the holes along x [m]
-    # depth of the full core hole from the base [m]; for ``"clearance"`` the depth of the counterbore
-    depth: PositiveLength
+    thread: Literal["M2", "M2.5", "M3", "M4"]  # metric coarse
+    spacing: PositiveLength  # of the holes along x [m]
+    depth: PositiveLength  # of the full core hole from the base, or of the counterbore [m]
 
     @property
     def hole_diameter(self) -> float:
-        """Diameter of the core hole or of the clearance hole [m] (ISO 2306, ISO 273 medium)."""
-        return (_CORE_DRILL if self.kind == "tapped" else _CLEARANCE)[self.thread]
+        """Diameter of the core hole or of the clearance hole [m]."""
+        core, clearance, _, _ = _THREADS[self.thread]
+        return core if self.kind == "tapped" else clearance
 
     @property
     def entry_diameter(self) -> float:
         """Diameter of the countersink at the base, or of the counterbore [m]."""
-        return _MAJOR[self.thread] * 1.05 if self.kind == "tapped" else _HEAD[self.thread] + 0.5e-3
+        _, _, head, major = _THREADS[self.thread]
+        return major * 1.05 if self.kind == "tapped" else head + 0.5e-3
 
 
 class Engraving(Table):
     """The identity cut into the front side of the block."""
 
-    height: PositiveLength  # height of a capital letter [m]
-    depth: PositiveLength  # depth of the cut [m]
+    height: PositiveLength  # of a capital letter [m]
+    depth: PositiveLength  # of the cut [m]
 
 
 class Body(Table):
     """The block without its stimulus. The origin lies on the working edge, z = 0 on the lower working face."""
 
-    length: PositiveLength  # extent along x, across the working edge [m]
-    width: PositiveLength  # extent along y, along the working edge [m]
+    length: PositiveLength  # along x, across the working edge [m]
+    width: PositiveLength  # along y [m]
     thickness: PositiveLength  # from the base to the lower working face [m]
     edge_break: Length  # leg of the 45 degree chamfer on every edge but the working ones [m]
     mounting: Mounting
@@ -63,31 +75,17 @@ class Body(Table):
 
     @model_validator(mode="after")
     def _fits(self) -> Body:
-        half = 0.5 * min(self.length.nominal, self.width.nominal, self.thickness.nominal)
-        require_below("edge_break", "be smaller than half the smallest side", self.edge_break.nominal, half)
-        holes = self.mounting
-        reach = holes.spacing.nominal + holes.entry_diameter
-        room = self.length.nominal - 2.0 * self.edge_break.nominal
-        require(
-            reach < room,
-            "mounting.spacing",
-            "leave the holes inside the base",
-            room - holes.entry_diameter,
-            holes.spacing.nominal,
-        )
-        require(
-            holes.entry_diameter < holes.spacing.nominal,
-            "mounting.spacing",
-            "exceed the hole",
-            holes.entry_diameter,
-            holes.spacing.nominal,
-        )
+        length, width, thickness = self.length.nominal, self.width.nominal, self.thickness.nominal
+        holes, chamfer = self.mounting, self.edge_break.nominal
+        spacing, entry = holes.spacing.nominal, holes.entry_diameter
+        half, room = 0.5 * min(length, width, thickness), length - 2.0 * chamfer
+        require_below("edge_break", "be smaller than half the smallest side", chamfer, half)
+        inside = spacing + entry < room
+        require(inside, "mounting.spacing", "leave the holes inside the base", room - entry, spacing)
+        require(entry < spacing, "mounting.spacing", "exceed the hole", entry, spacing)
         tip = 0.5 * holes.hole_diameter / math.tan(0.5 * DRILL_POINT) if holes.kind == "tapped" else 0.0
-        left = self.thickness.nominal - tip
-        require_below("mounting.depth", "leave a floor over the drill point", holes.depth.nominal, left)
-        require_below(
-            "engraving.depth", "be below a tenth of the width", self.engraving.depth.nominal, 0.1 * self.width.nominal
-        )
+        require_below("mounting.depth", "leave a floor over the drill point", holes.depth.nominal, thickness - tip)
+        require_below("engraving.depth", "be below a tenth of the width", self.engraving.depth.nominal, 0.1 * width)
         return self
 
 
@@ -97,14 +95,8 @@ class Block(Part):
     has_working_faces: ClassVar[bool] = True
 
     if TYPE_CHECKING:  # declared by each kind, in the order of its stanza
-
-        @property
-        def body(self) -> Body:
-            """The block."""
-
-        @property
-        def working_faces(self) -> WorkingFaces | None:
-            """Stated demands."""
+        body: Body
+        working_faces: WorkingFaces | None
 
     @property
     @abstractmethod
@@ -118,8 +110,6 @@ class Block(Part):
     @property
     def filled(self) -> float:
         """Volume of holes and engraving [m^3]."""
-        from stepblocks.parts.body_shape import cut_volume
-
         return cut_volume(self.body, self.id, self.rise)
 
     def body_characteristics(self, lower: FaceRule) -> Iterator[Characteristic]:
@@ -133,12 +123,9 @@ class Block(Part):
         holes = [FaceRule("CYLINDER", radius=radius, holds={0: x * spacing.nominal}) for x in (-0.5, 0.5)]
         yield toleranced("hole_spacing", "distance", spacing, *holes, method="coordinate measuring machine")
         c = body.edge_break.nominal
-        if c > 0.0:  # of all edges alike, measured at the one along the base on the right
-            broken = FaceRule("SLOPE", holds={0: half - 0.5 * c, 1: 0.0, 2: base + 0.5 * c})
-            at = plane(0, half), EdgeRule(broken, plane(2, base))
-            yield toleranced("edge_break", "distance", body.edge_break, *at, label=BREAK)
-        else:
-            yield toleranced("edge_break", "note", body.edge_break, label=BREAK)
+        # of all edges alike, measured at the one along the base on the right
+        slope = FaceRule("SLOPE", holds={0: half - 0.5 * c, 1: 0.0, 2: base + 0.5 * c})
+        yield broken_edges(body.edge_break, plane(0, half), EdgeRule(slope, plane(2, base)))
         depth = body.engraving.depth
         yield toleranced("engraving_depth", "distance", depth, plane(1, -side), plane(1, -side + depth.nominal))
 
@@ -151,3 +138,135 @@ class Block(Part):
         require(width < room, "engraving.height", f"let {self.id!r} fit the front", letter * room / width, letter)
         low = 0.6 * (body.thickness.nominal - broken)
         require_below("engraving.height", "leave room over and under the letters", letter, low)
+
+
+def section_outline(body: Body, left_top: float, right_top: float) -> tuple[list[Point], ...]:
+    """Corners of the section across the edge, without what happens between the two working faces."""
+    half, base, c = 0.5 * body.length.nominal, -body.thickness.nominal, body.edge_break.nominal
+    right = [(half - c, base), (half, base + c), (half, right_top - c), (half - c, right_top)]
+    left = [(-half + c, left_top), (-half, left_top - c), (-half, base + c), (-half + c, base)]
+    return list(dict.fromkeys(right)), list(dict.fromkeys(left))
+
+
+def body_cuts(body: Body, identity: str, left_top: float, right_top: float, edge: float = 0.0) -> list[kernel.Body]:
+    """Bodies to cut from a block: edge breaks along x and z, holes, engraving."""
+    cuts = list(_edge_breaks(body, left_top, right_top, edge)) if body.edge_break.nominal > 0.0 else []
+    spacing = body.mounting.spacing.nominal
+    return [*cuts, *(_hole(body, x) for x in (-0.5 * spacing, 0.5 * spacing)), *_engraving(body, identity)]
+
+
+def _edge_breaks(body: Body, left_top: float, right_top: float, edge: float) -> Iterator[kernel.Body]:
+    from stepblocks.cad import kernel
+
+    length, width, base, c = body.length.nominal, body.width.nominal, -body.thickness.nominal, body.edge_break.nominal
+    long, high = 0.5 * length + _OVER, body.thickness.nominal + max(left_top, right_top) + 2.0 * _OVER
+    along = (-long, edge, left_top, 1.0), (edge, long, right_top, 1.0), (-long, long, base, -1.0)
+    for side in (-1.0, 1.0):
+        y = side * 0.5 * width
+        near, far = y - side * (c + _OVER), y + side * _OVER
+        for x0, x1, z, up in along:
+            section = [(far, z - up * c - up * _OVER), (near, z + up * _OVER), (far, z + up * _OVER)]
+            yield kernel.extruded([(x0, *point) for point in section], (x1 - x0, 0.0, 0.0))
+        for end in (-1.0, 1.0):
+            x = end * 0.5 * length
+            corner = [(x + end * _OVER, near), (x - end * (c + _OVER), far), (x + end * _OVER, far)]
+            yield kernel.extruded([(*point, base - _OVER) for point in corner], (0.0, 0.0, high))
+
+
+def _hole(body: Body, x: float) -> kernel.Body:
+    from stepblocks.cad import kernel
+
+    holes, base = body.mounting, -body.thickness.nominal
+    drill, entry, depth = 0.5 * holes.hole_diameter, 0.5 * holes.entry_diameter, holes.depth.nominal
+    if holes.kind == "tapped":
+        sink, point = entry - drill, drill / math.tan(0.5 * DRILL_POINT)  # 90 degree countersink
+        outline = [(0.0, -_OVER), (entry + _OVER, -_OVER), (drill, sink), (drill, depth), (0.0, depth + point)]
+        return kernel.turned(outline, (x, 0.0, base))
+    outline = [(0.0, base - _OVER), (drill, base - _OVER), (drill, -depth), (entry, -depth), (entry, _OVER)]
+    return kernel.turned([*outline, (0.0, _OVER)], (x, 0.0, 0.0))
+
+
+def _engraving(body: Body, identity: str) -> Iterator[kernel.Body]:
+    from stepblocks.cad import kernel
+
+    middle, start = -0.5 * body.thickness.nominal, -0.5 * body.width.nominal - 0.1 * _OVER
+    cut = (0.0, body.engraving.depth.nominal + 0.1 * _OVER, 0.0)
+    for outlines in letters(engraved_text(identity), body.engraving.height.nominal):
+        outer, *holes = ([(float(u), start, middle + float(v)) for u, v in outline] for outline in outlines)
+        yield kernel.extruded(outer, cut, holes)
+
+
+def half_points(
+    body: Body, side: float, top: float, start: float, crest: Sequence[Point]
+) -> list[tuple[float, float, float]]:
+    """Corners of one chamfered half: from the section at `start` outwards, with a crest of (x, z) points at the section."""
+    out, half = side * 0.5 * body.length.nominal, 0.5 * body.width.nominal
+    base, c = -body.thickness.nominal, body.edge_break.nominal
+    points: list[tuple[float, float, float]] = []
+    for y in (-1.0, 1.0):
+        for z, inset in ((base, c), (base + c, 0.0), (top - c, 0.0), (top, c)):
+            corner = max(c - 2.0 * inset, 0.0)
+            x, w = out - side * inset, half - inset
+            points += [(x - side * corner, y * w, z), (x, y * (w - corner), z), (start, y * w, z)]
+        for x, z in crest:
+            points.append((x, y * (half - max(0.0, z - (top - c))), z))
+        # where a chamfer's corner triangle closes, half way up
+        for z in (base + 0.5 * c, top - 0.5 * c):
+            points.append((out - side * 0.5 * c, y * (half - 0.5 * c), z))
+    return points
+
+
+def half_volume(body: Body, extent: float, top: float) -> float:
+    """Volume of the part of a block on one side of its edge: a box with every edge broken but the four at the section.
+
+    The horizontal slice at an inset s from the chamfers is ``(extent - s)(width - 2 s)`` less two triangles of leg ``c - 2 s``.
+    """
+    width, c = body.width.nominal, body.edge_break.nominal
+    height = top + body.thickness.nominal
+
+    def rectangle(s: float) -> float:  # antiderivative of (extent - s)(width - 2 s)
+        return extent * width * s - (2.0 * extent + width) * s * s / 2.0 + 2.0 * s**3 / 3.0
+
+    # two corner triangles, leg^2 / 2 each; the leg vanishes at s = c / 2
+    corners_at_chamfer = c**3 / 6.0
+    straight = height - 2.0 * c
+    return straight * (extent * width - c * c) + 2.0 * (rectangle(c) - corners_at_chamfer)
+
+
+def cut_volume(body: Body, identity: str, rise: float) -> float:
+    """Volume of holes and engraving [m^3]."""
+    mounting = body.mounting
+    drill, entry, depth = 0.5 * mounting.hole_diameter, 0.5 * mounting.entry_diameter, mounting.depth.nominal
+    if mounting.kind == "tapped":
+        sink = entry - drill
+        frustum = math.pi * sink * (entry * entry + entry * drill + drill * drill) / 3.0
+        point = math.pi * drill**3 / (3.0 * math.tan(0.5 * DRILL_POINT))
+        holes = 2.0 * (frustum + math.pi * drill * drill * (depth - sink) + point)
+    else:
+        bore = body.thickness.nominal - depth
+        holes = sum(math.pi * (drill * drill * bore + entry * entry * (depth + top)) for top in (0.0, rise))
+    area = 0.0
+    for outer, *inner in letters(engraved_text(identity), body.engraving.height.nominal):
+        area += _shoelace(outer) - sum(map(_shoelace, inner))
+    return holes + area * body.engraving.depth.nominal
+
+
+def _shoelace(points: NDArray[np.float64]) -> float:
+    x, y = points[:, 0], points[:, 1]
+    return 0.5 * abs(float(np.dot(x, np.roll(y, -1)) - np.dot(y, np.roll(x, -1))))
+
+
+def strip_volume(body: Body, top: float, polygon: list[Point]) -> float:
+    """Volume that a section polygon (x, z) takes out of a half with chamfered sides: contour integral of W(z) x dz."""
+    width, c = body.width.nominal, body.edge_break.nominal
+    total = 0.0
+    knee = top - c
+    for (x0, z0), (x1, z1) in zip(polygon, [*polygon[1:], polygon[0]], strict=True):
+        knees = [(knee - z0) / (z1 - z0)] if z1 != z0 else []
+        cuts = [0.0, *(at for at in knees if 0.0 < at < 1.0), 1.0]
+        for a, b in itertools.pairwise(cuts):
+            (xa, za), (xb, zb) = ((x0 + t * (x1 - x0), z0 + t * (z1 - z0)) for t in (a, b))
+            mid = 0.5 * (za + zb)
+            values = [(width - 2.0 * max(z - knee, 0.0)) * x for x, z in ((xa, za), (0.5 * (xa + xb), mid), (xb, zb))]
+            total += (zb - za) * (values[0] + 4.0 * values[1] + values[2]) / 6.0  # Simpson, exact for a quadratic
+    return abs(total)

@@ -11,7 +11,6 @@ from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, Literal
 
 from stepblocks.errors import MachiningError
-from stepblocks.parts.kind import Part
 from stepblocks.parts.tolerance import Dimension
 
 if TYPE_CHECKING:
@@ -29,13 +28,13 @@ _REACH = 1e-7  # how far a bounding box may be off its face [m]: the kernel enla
 class FaceRule:
     """How to find a face."""
 
-    # ``PLANE`` (square to an axis), ``SLOPE`` (a plane that is not), ``CYLINDER``, ``CONE``, ``TORUS`` or ``SPHERE``
-    kind: str
-    axis: int = 2  # that a plane is perpendicular to: 0, 1, 2
+    kind: str  # ``PLANE`` (square to an axis), ``SLOPE`` (a plane that is not), ``CYLINDER``, ``CONE``, ``TORUS``, ``SPHERE``
+    axis: int = 2  # that a plane is square to
     at: float = 0.0  # coordinate of the plane along it [m]
     radius: float = 0.0  # of a cylinder or sphere [m]
-    # coordinates [m] by axis that the face's box must contain; of a slope, those of its middle
-    holds: dict[int, float] = field(default_factory=dict)
+    holds: dict[int, float] = field(
+        default_factory=dict
+    )  # coordinates [m] by axis within its box; of a slope, its middle
     body: int | None = None  # solid it belongs to; that of its characteristic where omitted
 
 
@@ -71,11 +70,6 @@ class Characteristic:
     quantity: str = "length"  # ``length`` or ``angle``
 
 
-def characteristics_of(part: Part) -> list[Characteristic]:
-    """List the characteristics of a part in the order of the inspection sheet."""
-    return list(part.characteristics())
-
-
 def find_face(faces: tuple[Face, ...], rule: FaceRule, place: str) -> int:
     """Find the one face that a rule describes, the largest where the rule fits several."""
     found = [index for index, face in enumerate(faces) if _fits(face, rule)]
@@ -93,13 +87,12 @@ def _fits(face: Face, rule: FaceRule) -> bool:
     if face.kind != ("PLANE" if rule.kind == "SLOPE" else rule.kind):
         return False
     if rule.kind == "SLOPE":
-        flat = sum(high - low < 10.0 * _REACH for low, high in zip(face.low, face.high, strict=True))
-        return flat == 0 and all(
-            abs(0.5 * (face.low[k] + face.high[k]) - v) < 2.0 * _REACH for k, v in rule.holds.items()
-        )
+        flat = any(high - low < 10.0 * _REACH for low, high in zip(face.low, face.high, strict=True))
+        middle = [0.5 * (low + high) for low, high in zip(face.low, face.high, strict=True)]
+        return not flat and all(abs(middle[k] - v) < 2.0 * _REACH for k, v in rule.holds.items())
     if rule.kind == "PLANE":
-        low, high = face.low[rule.axis], face.high[rule.axis]
-        if abs(low - rule.at) > _REACH + 1e-9 or abs(high - rule.at) > _REACH + 1e-9:
+        ends = face.low[rule.axis], face.high[rule.axis]
+        if max(abs(end - rule.at) for end in ends) > _REACH + 1e-9:
             return False
     elif rule.kind in ("CYLINDER", "SPHERE") and abs(face.radius - rule.radius) > 1e-12:
         return False
@@ -117,6 +110,13 @@ def toleranced(
     nominal, lower, upper = dimension.nominal, dimension.lower, dimension.upper
     name = label or key.replace("_", " ")
     return Characteristic(key, name, kind, nominal, lower, upper, body, faces, method, dimension.quantity)
+
+
+def broken_edges(edge_break: Dimension, *faces: Rule) -> Characteristic:
+    """State the chamfer of all edges alike, measured at one; sharp edges have no face to carry it."""
+    if edge_break.nominal == 0.0:
+        return toleranced("edge_break", "note", edge_break, label=BREAK)
+    return toleranced("edge_break", "distance", edge_break, *faces, label=BREAK)
 
 
 def doubled(one: Characteristic) -> Characteristic:

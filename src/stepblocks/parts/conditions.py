@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Annotated
 
-from pydantic import BeforeValidator, Field
+from pydantic import Field
 
 from stepblocks.contact.operating_point import PAPER
 from stepblocks.parts.declared import (
@@ -16,64 +16,44 @@ from stepblocks.parts.declared import (
     SourcedStiffness,
     SourcedTime,
     Table,
+    positive,
 )
-from stepblocks.quantities import parse_quantity
 
 if TYPE_CHECKING:
     from stepblocks.contact.rod import Rod, RodRing, Sleeve
 
 
-def _positive(dimension: str) -> BeforeValidator:
-    def parse(raw: object) -> float:
-        value = parse_quantity(raw, dimension)
-        if value <= 0.0:
-            raise ValueError(f"must be positive, got {raw!r}")
-        return value
-
-    return BeforeValidator(parse)
-
-
-def at_least_zero(dimension: str) -> BeforeValidator:
-    """Read a quantity that may be zero."""
-
-    def parse(raw: object) -> float:
-        value = parse_quantity(raw, dimension)
-        if value < 0.0:
-            raise ValueError(f"must not be negative, got {raw!r}")
-        return value
-
-    return BeforeValidator(parse)
+Ratio = Annotated[float, positive("ratio", or_zero=True)]
+Lengths = Annotated[tuple[Annotated[float, positive("length")], ...], Field(max_length=100)]  # m
 
 
 class ToolSpec(Table):
     """The explorer as a spring that rings; what is left out is the paper's."""
 
-    stiffness: Annotated[float, _positive("stiffness")] = PAPER.tool.stiffness  # tangential, k [N/m]
-    conversion: Annotated[float, _positive("ratio")] = PAPER.tool.conversion  # C_v [1]
-    ring_duration: Annotated[float, _positive("time")] = PAPER.tool.ring_duration  # s
-    detection_threshold: Annotated[float, _positive("power")] = PAPER.tool.detection_threshold  # W
+    stiffness: Annotated[float, positive("stiffness")] = PAPER.tool.stiffness  # tangential, k [N/m]
+    conversion: Annotated[float, positive("ratio")] = PAPER.tool.conversion  # C_v [1]
+    ring_duration: Annotated[float, positive("time")] = PAPER.tool.ring_duration  # s
+    detection_threshold: Annotated[float, positive("power")] = PAPER.tool.detection_threshold  # W
 
 
 class SettingTolerances(Table):
     """How far what is not on a drawing may be off, to either side; what is left out is taken as known."""
 
-    tip_radius: Annotated[float, at_least_zero("length")] = 0.0  # of the tips of `PredictionGrid.tip_radii` [m]
-    friction: Annotated[float, at_least_zero("ratio")] = 0.0  # 1
-    normal_load: Annotated[float, at_least_zero("ratio")] = 0.0  # as a share of the load [1]
-    stiffness: Annotated[float, at_least_zero("ratio")] = 0.0  # as a share of the stiffness [1]
-    conversion: Annotated[float, at_least_zero("ratio")] = 0.0  # as a share of C_v [1]
+    tip_radius: Annotated[float, positive("length", or_zero=True)] = 0.0  # of `PredictionGrid.tip_radii` [m]
+    friction: Ratio = 0.0  # 1
+    normal_load: Ratio = 0.0  # as a share of the load [1]
+    stiffness: Ratio = 0.0  # as a share of the stiffness [1]
+    conversion: Ratio = 0.0  # as a share of C_v [1]
 
 
 class PredictionGrid(Table):
     """Conditions under which each stimulus is predicted: every combination of tip, load and friction."""
 
-    tip_radii: Annotated[tuple[Annotated[float, _positive("length")], ...], Field(max_length=100)] = ()  # R [m]
+    tip_radii: Lengths = ()  # R [m]
     # F_py [N]
-    normal_loads: Annotated[tuple[Annotated[float, _positive("force")], ...], Field(min_length=1, max_length=100)]
-    # mu [1]
-    frictions: Annotated[tuple[Annotated[float, at_least_zero("ratio")], ...], Field(min_length=1, max_length=100)]
-    # H of the sharp steps on which tips and sheaths are predicted [m]
-    step_heights: Annotated[tuple[Annotated[float, _positive("length")], ...], Field(max_length=100)] = ()
+    normal_loads: Annotated[tuple[Annotated[float, positive("force")], ...], Field(min_length=1, max_length=100)]
+    frictions: Annotated[tuple[Ratio, ...], Field(min_length=1, max_length=100)]  # mu [1]
+    step_heights: Lengths = ()  # H of the sharp steps on which tips and sheaths are predicted [m]
     tool: ToolSpec = ToolSpec()
     tolerances: SettingTolerances = SettingTolerances()
 
@@ -92,14 +72,7 @@ class ProbeSpec(Table):
         """Return the rod that it is taken for."""
         from stepblocks.contact.rod import rod_for
 
-        return rod_for(
-            self.stiffness.value,
-            self.frequency.value,
-            self.decay_time.value,
-            self.shank_diameter.value,
-            self.modulus.value,
-            self.density.value,
-        )
+        return rod_for(*(value.value for _, value in self))
 
     def ring(self, *sleeves: Sleeve) -> RodRing:
         """Predict how it rings, bare or with sleeves on its shank."""

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from typing import Annotated, Any
 
 from pydantic import BaseModel, BeforeValidator, ConfigDict, Field
@@ -17,9 +17,8 @@ Identity = Annotated[str, Field(pattern=r"^[a-z][a-z0-9]*(-[a-z0-9]+)*$", max_le
 def require(holds: bool, field: str, rule: str, limit: float, value: float) -> None:
     """Refuse a length that breaks a rule, naming field, rule, limit and value."""
     if not holds:
-        raise ValueError(
-            f"{field} must {rule} ({format_quantity(limit, 'length')}), got {format_quantity(value, 'length')}"
-        )
+        least, got = format_quantity(limit, "length"), format_quantity(value, "length")
+        raise ValueError(f"{field} must {rule} ({least}), got {got}")
 
 
 def require_below(field: str, rule: str, value: float, limit: float) -> None:
@@ -32,6 +31,18 @@ def require_above(field: str, rule: str, value: float, limit: float) -> None:
     require(value > limit, field, rule, limit, value)
 
 
+def positive(dimension: str, *, or_zero: bool = False) -> BeforeValidator:
+    """Read a quantity in SI that must be positive, or may be zero."""
+
+    def read(raw: object) -> float:
+        value = parse_quantity(raw, dimension)
+        if value < 0.0 or (value == 0.0 and not or_zero):
+            raise ValueError(f"must {'not be negative' if or_zero else 'be positive'}, got {raw!r}")
+        return value
+
+    return BeforeValidator(read)
+
+
 class Table(BaseModel):
     """Base of everything declared: frozen, and nothing unknown let through."""
 
@@ -39,12 +50,8 @@ class Table(BaseModel):
 
     def record(self) -> dict[str, Any]:
         """Write it out in full for JSON, with the unit in the name of every field."""
-        values = {name: getattr(self, name) for name in type(self).model_fields}
-        return {
-            name: value.record() if hasattr(value, "record") else value
-            for name, value in values.items()
-            if value is not None
-        }
+        stated = {name: value for name, value in self if value is not None}
+        return {name: value.record() if hasattr(value, "record") else value for name, value in stated.items()}
 
 
 @dataclass(frozen=True)
@@ -97,12 +104,8 @@ class Material:
 
     def record(self) -> dict[str, Any]:
         """Return plain values for JSON, the unit in the name."""
-        return {
-            "name": self.name,
-            "designation": self.designation,
-            "density_kg_m3": self.density,
-            "source": self.source,
-        }
+        units = {"density": "density_kg_m3", "modulus": "modulus_pa"}
+        return {units.get(name, name): value for name, value in asdict(self).items()}
 
 
 # Materials that stimulus files may name
@@ -116,19 +119,13 @@ MATERIALS = (
 
 
 def material_named(name: object) -> Material:
-    """Find a material by its key.
-
-    Examples
-    --------
-    >>> material_named("brass").density
-    8470.0
-    """
+    """Find a material by its key."""
+    known = {material.name: material for material in MATERIALS}
     if isinstance(name, Material):
         return name
-    for material in MATERIALS:
-        if material.name == name:
-            return material
-    raise ValueError(f"must be one of {', '.join(m.name for m in MATERIALS)}, got {name!r}")
+    if not isinstance(name, str) or name not in known:
+        raise ValueError(f"must be one of {', '.join(known)}, got {name!r}")
+    return known[name]
 
 
 MaterialField = Annotated[Material, BeforeValidator(material_named)]
@@ -166,13 +163,7 @@ class FaceDemands:
 
 
 def face_demands(stated: WorkingFaces | None, band: float) -> FaceDemands:
-    """Fill up what a file leaves open from the tolerance band [m] of the height.
-
-    Examples
-    --------
-    >>> face_demands(None, 2e-6).flatness
-    5e-07
-    """
+    """Fill up what a file leaves open from the tolerance band [m] of the height."""
     usual = {
         "flatness": 0.25 * band,
         "parallelism": 0.5 * band,

@@ -10,9 +10,10 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 from pydantic import BeforeValidator
 
+from stepblocks.contact.operating_point import PAPER
 from stepblocks.errors import ContactError, PipelineError
-from stepblocks.parts.conditions import PredictionGrid, at_least_zero
-from stepblocks.parts.declared import Table
+from stepblocks.parts.conditions import PredictionGrid, Ratio
+from stepblocks.parts.declared import Table, positive
 from stepblocks.parts.kind import Part
 from stepblocks.parts.tolerance import Dimension
 from stepblocks.quantities import parse_quantity
@@ -35,11 +36,11 @@ def _share(raw: object) -> float:
 class Finest(Table):
     """Smallest deviations to either side that can be made and measured; what is left out is assumed."""
 
-    # 0.1 um, somewhat less than two wrung gauge blocks of grade 0 hold
-    height: Annotated[float, at_least_zero("length")] = 0.1e-6
-    # 0.5 um, about what an arc fit on a profile resolves
-    edge_radius: Annotated[float, at_least_zero("length")] = 0.5e-6
-    ball_radius: Annotated[float, at_least_zero("length")] = 0.5e-6
+    # somewhat less than two wrung gauge blocks hold
+    height: Annotated[float, positive("length", or_zero=True)] = 0.1e-6
+    # about what an arc fit on a profile resolves
+    edge_radius: Annotated[float, positive("length", or_zero=True)] = 0.5e-6
+    ball_radius: Annotated[float, positive("length", or_zero=True)] = 0.5e-6
 
 
 class EnergyTolerance(Table):
@@ -47,23 +48,17 @@ class EnergyTolerance(Table):
 
     within: Annotated[float, BeforeValidator(_share)]  # allowed relative change of the energy to either side [1]
     # of the tip [m]; left out, the tip has a share of the budget like the block
-    ball_radius: Annotated[float, at_least_zero("length")] | None = None
-    friction: Annotated[float, at_least_zero("ratio")] = 0.0  # of mu, spent before the block's share [1]
-    normal_load: Annotated[float, at_least_zero("ratio")] = 0.0  # as a share of the load, spent likewise [1]
+    ball_radius: Annotated[float, positive("length", or_zero=True)] | None = None
+    friction: Ratio = 0.0  # of mu, spent before the block's share [1]
+    normal_load: Ratio = 0.0  # as a share of the load, spent likewise [1]
     finest: Finest = Finest()
 
     def record(self) -> dict[str, Any]:
         """Write it out in full for JSON."""
-        return dict(self._items())
-
-    def _items(self) -> Iterator[tuple[str, Any]]:
-        yield "within", self.within
-        if self.ball_radius is not None:
-            yield "ball_radius_deviation_m", self.ball_radius
-        yield "friction_deviation", self.friction
-        yield "normal_load_deviation_share", self.normal_load
-        for name in Finest.model_fields:
-            yield f"finest_{name}_m", getattr(self.finest, name)
+        told = {"within": self.within, "ball_radius_deviation_m": self.ball_radius, "friction_deviation": self.friction}
+        told["normal_load_deviation_share"] = self.normal_load
+        told |= {f"finest_{name}_m": value for name, value in self.finest}
+        return {name: value for name, value in told.items() if value is not None}
 
 
 class EnergyBudget(EnergyTolerance):
@@ -74,12 +69,11 @@ class EnergyBudget(EnergyTolerance):
     worst_high: float
     conditions: int  # combinations of tip, step and friction in which the energy is kept
 
-    def _items(self) -> Iterator[tuple[str, Any]]:
-        yield from super()._items()
-        yield "tips", [{"ball_radius_m": tip.nominal, "deviation_m": tip.upper} for tip in self.tips]
-        yield "worst_low", self.worst_low
-        yield "worst_high", self.worst_high
-        yield "conditions", self.conditions
+    def record(self) -> dict[str, Any]:
+        """Write it out in full for JSON."""
+        tips = [{"ball_radius_m": tip.nominal, "deviation_m": tip.upper} for tip in self.tips]
+        found = {name: getattr(self, name) for name in ("worst_low", "worst_high", "conditions")}
+        return super().record() | {"tips": tips} | found
 
 
 def _table_of(raw: object) -> object:
@@ -96,8 +90,8 @@ def require_energy_tolerance(energy: EnergyTolerance | None, named: dict[str, Di
     if left and energy is None:
         raise ValueError(f"energy_tolerance must be given where {left[0]} has tolerance = 'by energy'")
     if energy is not None and not left and not tip_is_free:
-        names = " or ".join(named)
-        raise ValueError(f"energy_tolerance must leave something to tolerance: give {names} tolerance = 'by energy'")
+        give = f"give {' or '.join(named)} tolerance = 'by energy'"
+        raise ValueError(f"energy_tolerance must leave something to tolerance: {give}")
 
 
 def described(energy: EnergyTolerance | None) -> list[list[str]]:
@@ -109,13 +103,7 @@ def described(energy: EnergyTolerance | None) -> list[list[str]]:
 
 
 def toleranced(part: Part, grid: PredictionGrid, set_name: str) -> Part:
-    """Work out the tolerances of a part that follow from an energy; the part itself where none does.
-
-    Raises
-    ------
-    PipelineError
-        If the part is released under no condition of the grid, or no tolerance keeps the energy under one of them.
-    """
+    """Work out the tolerances of a part that follow from an energy; the part itself where none does."""
     energy: EnergyTolerance | None = getattr(part, "energy_tolerance", None)
     if energy is None or isinstance(energy, EnergyBudget):
         return part
@@ -123,8 +111,7 @@ def toleranced(part: Part, grid: PredictionGrid, set_name: str) -> Part:
     from stepblocks.contact.uncertainty import tolerances_for_energy
 
     place = f"[{set_name}, {part.place}]"
-    conditions = _conditions(part, grid)
-    felt = [(face, at) for face, at in conditions if face.release(at).status is Status.RELEASES]
+    felt = [(face, at) for face, at in _conditions(part, grid) if face.release(at).status is Status.RELEASES]
     if not felt:
         raise PipelineError(f"energy_tolerance needs a condition of the prediction that releases, got none {place}")
     free, fixed = _free(part, energy), _fixed(part, energy)
@@ -137,9 +124,8 @@ def toleranced(part: Part, grid: PredictionGrid, set_name: str) -> Part:
         except ContactError as error:
             raise PipelineError(f"energy_tolerance: {error} {place}") from error
         if not plan.achievable:
-            raise PipelineError(
-                f"energy_tolerance of {energy.within * 100.0:.3g} % can be kept by no tolerance at {where}: {plan.reason} {place}"
-            )
+            asked = f"energy_tolerance of {energy.within * 100.0:.3g} %"
+            raise PipelineError(f"{asked} can be kept by no tolerance at {where}: {plan.reason} {place}")
         plans.append(plan)
     return _with_plans(part, energy, felt, plans)
 
@@ -147,7 +133,6 @@ def toleranced(part: Part, grid: PredictionGrid, set_name: str) -> Part:
 def _conditions(part: Part, grid: PredictionGrid) -> Iterator[Condition]:
     """Every block, tip and friction; the load scales all energies alike."""
     from stepblocks.contact.counterface import Step
-    from stepblocks.contact.operating_point import PAPER
 
     balls = grid.tip_radii if part.ball is None else (part.ball.nominal,)
     steps = (None,) if part.crossed else grid.step_heights
@@ -184,7 +169,7 @@ def _with_plans(part: Part, energy: EnergyTolerance, felt: list[Condition], plan
     fixed = _fixed(part, energy) | widths
     corners = [energy_at_corners(face, at, fixed | {"ball_radius": tips[at.ball_radius]}) for face, at in felt]
     budget = EnergyBudget.model_construct(
-        **{name: getattr(energy, name) for name in EnergyTolerance.model_fields},
+        **dict(energy),
         tips=tuple(Dimension(radius, t, -t, by_energy=True) for radius, t in sorted(tips.items())),
         worst_low=min(low for low, _ in corners),
         worst_high=max(high for _, high in corners),

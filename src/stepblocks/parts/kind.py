@@ -6,29 +6,25 @@ and one line in `stepblocks.parts.set.SHIPPED`. What is heavy to import stays in
 
 from __future__ import annotations
 
+import math
 from abc import ABC, abstractmethod
 from collections.abc import Iterator, Mapping
 from itertools import product
-from typing import TYPE_CHECKING, Any, ClassVar, NamedTuple, Protocol
+from typing import TYPE_CHECKING, Any, ClassVar, NamedTuple, TypeAlias
 
 from stepblocks.errors import ContactError
-from stepblocks.parts.declared import FaceDemands, Identity, Material, Table, WorkingFaces, face_demands
+from stepblocks.parts.declared import FaceDemands, Identity, Material, Table, face_demands
 from stepblocks.parts.tolerance import Dimension
 
 if TYPE_CHECKING:
-    import numpy as np
-    from numpy.typing import NDArray
-
     from stepblocks.cad.kernel import Body, Face
     from stepblocks.contact.counterface import Counterface
     from stepblocks.contact.rod import Sleeve
     from stepblocks.parts.characteristics import Characteristic
 
-# Chordal errors of meshes [m]: where the probe touches, where parts fit one another, elsewhere
-CONTACT_DEFLECTION = 0.1e-6
-FITTING_DEFLECTION = 3e-6
-COARSE_DEFLECTION = 10e-6
-
+CONTACT_DEFLECTION = 0.1e-6  # chordal error of a mesh where the probe touches [m]
+FITTING_DEFLECTION = 3e-6  # where parts fit one another
+COARSE_DEFLECTION = 10e-6  # elsewhere
 NANOMETRE = 1e-9  # limit of what is felt: step height, gap, discrepancies [m]
 
 
@@ -43,32 +39,7 @@ class Finding(NamedTuple):
     relative: bool = False
 
 
-class MeasuredMesh(Protocol):
-    """A mesh that was read back from disk, with the instruments of `stepblocks.artefacts.meshes.measures`."""
-
-    @property
-    def vertices(self) -> NDArray[np.float64]:
-        """Points, shape (n, 3) [m]."""
-
-    @property
-    def radii(self) -> NDArray[np.float64]:
-        """Distances of the points from the axis of z, shape (n,) [m]."""
-
-    @property
-    def volume(self) -> float:
-        """Volume that it encloses [m^3]."""
-
-    def level_beside(self, edge: float, side: int) -> float:
-        """Height of the level face that ends at a line across x, to the right (1) or left (-1) of it [m]."""
-
-    def start_of_level(self, level: float) -> float:
-        """Where the level face that reaches the right end of a block begins [m]."""
-
-    def wall_position(self, facing: int, reach: float) -> float:
-        """Position of the deepest upright wall across x near the edge, its normal along +x or -x [m]."""
-
-    def sphere(self, radius: float, below: float) -> tuple[float, float, float]:
-        """Radius, form and chordal error of the ball of a tip up to a height [m]."""
+MeasuredMesh: TypeAlias = Any  # a mesh read back from disk: `stepblocks.artefacts.meshes.measures.MeshMeasures`
 
 
 class Part(Table, ABC):
@@ -82,16 +53,12 @@ class Part(Table, ABC):
     crossed: ClassVar[bool] = True  # whether a tip is dragged across it
     has_working_faces: ClassVar[bool] = False  # plane ones beside a straight edge: flatness, roughness, a height field
     is_turned: ClassVar[bool] = False  # a body of revolution: its convex pieces are polygons
-    # of the frame in which every drag runs along x
     axes: ClassVar[str] = "x across the edge, y along it, z up; the working edge is at x = 0, the lower face at z = 0"
 
     id: Identity
 
     if TYPE_CHECKING:  # every kind declares its own, last among its fields
-
-        @property
-        def material(self) -> Material:
-            """What it is made of."""
+        material: Material
 
     @classmethod
     def prepared(cls, stanzas: object) -> object:
@@ -180,10 +147,9 @@ class Part(Table, ABC):
 
     @property
     def face_demands(self) -> FaceDemands:
-        """Flatness, parallelism and roughness in force."""
-        stated: WorkingFaces | None = getattr(self, "working_faces", None)
+        """Form and texture of the working faces in force."""
         governing: Dimension = getattr(self, self.governed_by)
-        return face_demands(stated, governing.upper - governing.lower)
+        return face_demands(getattr(self, "working_faces", None), governing.upper - governing.lower)
 
     @abstractmethod
     def close_up(self) -> tuple[float, float, tuple[float, float, float]]:
@@ -198,7 +164,7 @@ class Part(Table, ABC):
         return {"kind": self.called, **super().record()}
 
     def dimensions(self) -> list[tuple[str, Dimension]]:
-        """List every dimension with the name of its field."""
+        """List every dimension with the name of its field, dotted where it stands in a table."""
         return list(_dimensions(self, ""))
 
     def require_in(self, conditions: Mapping[str, Any]) -> None:
@@ -229,16 +195,13 @@ class HeldPart(Part):
 
 def exaggeration(height: float) -> float:
     """Round factor that draws a height at about a millimetre and a half."""
-    import math
-
     wanted = 1.5e-3 / height
     decade = 10.0 ** math.floor(math.log10(wanted))
     return max(round(wanted / decade) * decade, 1.0)
 
 
 def _dimensions(table: Table, prefix: str) -> Iterator[tuple[str, Dimension]]:
-    for name in type(table).model_fields:
-        value = getattr(table, name)
+    for name, value in table:
         if isinstance(value, Dimension):
             yield prefix + name, value
         elif isinstance(value, Table):

@@ -8,20 +8,13 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-# Outer outline and holes, each an open polygon of points (u, v) [m]
-Letter = tuple[NDArray[np.float64], tuple[NDArray[np.float64], ...]]
+Letter = tuple[NDArray[np.float64], ...]  # outer outline, then holes, each an open polygon of points (u, v) [m]
 
 _FLATNESS = 0.01  # of the letter height: curves become chords no further from them than this
 
 
 def engraved_text(identity: str) -> str:
-    """Return the identity as it is engraved.
-
-    Examples
-    --------
-    >>> engraved_text("step-010")
-    'STEP-010'
-    """
+    """Return the identity as it is engraved: in capitals."""
     return identity.upper()
 
 
@@ -44,12 +37,9 @@ def _glyph(character: str) -> tuple[float, tuple[Letter, ...]]:
     for ring in rings:  # even-odd: a ring inside another is its hole
         shape = shape.symmetric_difference(shapely.Polygon(ring))
     shape = shapely.simplify(shape, _FLATNESS, preserve_topology=True)
-    parts = getattr(shape, "geoms", [shape])
     polygons = []
-    for part in parts:
-        oriented = shapely.orient_polygons(part)
-        outer = np.asarray(oriented.exterior.coords)[:-1]
-        polygons.append((outer, tuple(np.asarray(hole.coords)[:-1] for hole in oriented.interiors)))
+    for part in map(shapely.orient_polygons, getattr(shape, "geoms", [shape])):
+        polygons.append(tuple(np.asarray(line.coords)[:-1] for line in (part.exterior, *part.interiors)))
     return advance, tuple(polygons)
 
 
@@ -62,11 +52,8 @@ def letters(text: str, height: float) -> list[Letter]:
     """Outline a line of text, centred on the origin."""
     placed: list[Letter] = []
     pen = 0.0
-    for character in text:
-        advance, polygons = _glyph(character)
-        for outer, holes in polygons:
-            shift = np.array([pen, 0.0])
-            placed.append((outer + shift, tuple(hole + shift for hole in holes)))
+    for advance, polygons in map(_glyph, text):
+        placed += [tuple(line + np.array([pen, 0.0]) for line in polygon) for polygon in polygons]
         pen += advance
     middle = np.array([0.5 * pen, 0.5])  # capitals are 1 high
-    return [((outer - middle) * height, tuple((hole - middle) * height for hole in holes)) for outer, holes in placed]
+    return [tuple((line - middle) * height for line in polygon) for polygon in placed]

@@ -51,13 +51,9 @@ def revolution_volume(outline: Outline) -> float:
     """Volume within a turned outline [m^3]: contour integral of pi r^2 dz over its lines and arcs."""
     total, here = 0.0, outline[0]
     for item in (*outline[1:], outline[0]):
-        if isinstance(item[0], tuple):
-            middle, end = item
-            total += _along_arc(here, middle, end)  # type: ignore[arg-type]
-        else:
-            end = item
-            total += _along_line(here, end)  # type: ignore[arg-type]
-        here = end
+        is_arc = isinstance(item[0], tuple)
+        total += _along_arc(here, *item) if is_arc else _along_line(here, item)  # type: ignore[arg-type]
+        here = item[1] if is_arc else item  # type: ignore[assignment]
     return math.pi * abs(total)
 
 
@@ -68,11 +64,8 @@ def _along_line(start: Point, end: Point) -> float:
 
 def _along_arc(start: Point, middle: Point, end: Point) -> float:
     """Integrate r^2 dz with r = c + rho cos t, dz = rho cos t dt from one end of the arc to the other."""
-    matrix = 2.0 * np.array([[middle[0] - start[0], middle[1] - start[1]], [end[0] - start[0], end[1] - start[1]]])
-    squares = np.array([p[0] ** 2 + p[1] ** 2 - start[0] ** 2 - start[1] ** 2 for p in (middle, end)])
-    c, d = (float(value) for value in np.linalg.solve(matrix, squares))
-    rho = math.hypot(start[0] - c, start[1] - d)
-    first, last = _turn((c, d), start, middle, end)
+    squares = [p[0] ** 2 + p[1] ** 2 - start[0] ** 2 - start[1] ** 2 for p in (middle, end)]
+    (c, _), rho, first, last = _circle(start, middle, end, squares)
 
     def antiderivative(t: float) -> float:
         # rho cos t (c + rho cos t)^2, integrated
@@ -82,27 +75,22 @@ def _along_arc(start: Point, middle: Point, end: Point) -> float:
     return antiderivative(last) - antiderivative(first)
 
 
-def _turn(centre: Point, start: Point, middle: Point, end: Point) -> tuple[float, float]:
-    """Angles at which an arc about a centre begins and ends, less than half a turn from its middle."""
-    first, half, last = (math.atan2(p[1] - centre[1], p[0] - centre[0]) for p in (start, middle, end))
+def _circle(start: Point, middle: Point, end: Point, squares: list[float]) -> tuple[Point, float, float, float]:
+    """Centre and radius of an arc, and the angles at which it begins and ends, less than half a turn from its middle.
+
+    `squares` are by how much middle and end lie further from the origin than the start, squared [m^2].
+    """
+    matrix = 2.0 * (np.array([middle, end]) - start)
+    x, z = (float(value) for value in np.linalg.solve(matrix, squares))
+    first, half, last = (math.atan2(p[1] - z, p[0] - x) for p in (start, middle, end))
     half = first + math.remainder(half - first, math.tau)
-    return first, half + math.remainder(last - half, math.tau)
+    return (x, z), math.hypot(start[0] - x, start[1] - z), first, half + math.remainder(last - half, math.tau)
 
 
 def arc_points(start: Point, middle: Point, end: Point, chord: float) -> list[Point]:
-    """Replace an arc by points on it, no further from it than `chord`.
-
-    Examples
-    --------
-    >>> points = arc_points((1.0, 0.0), (0.7071067811865476, 0.7071067811865475), (0.0, 1.0), 0.05)
-    >>> len(points), points[-1]
-    (3, (0.0, 1.0))
-    """
-    matrix = 2.0 * np.array([[middle[0] - start[0], middle[1] - start[1]], [end[0] - start[0], end[1] - start[1]]])
-    squares = np.array([math.hypot(*p) ** 2 - math.hypot(*start) ** 2 for p in (middle, end)])
-    x, z = (float(value) for value in np.linalg.solve(matrix, squares))
-    radius = math.hypot(start[0] - x, start[1] - z)
-    first, last = _turn((x, z), start, middle, end)
+    """Replace an arc by points on it, no further from it than `chord`."""
+    squares = [math.hypot(*p) ** 2 - math.hypot(*start) ** 2 for p in (middle, end)]
+    (x, z), radius, first, last = _circle(start, middle, end, squares)
     count = max(1, math.ceil(abs(last - first) / (2.0 * math.acos(max(1.0 - chord / radius, -1.0)))))
     angles = np.linspace(first, last, count + 1)[1:-1]
     return [*((x + radius * math.cos(a), z + radius * math.sin(a)) for a in angles), end]
@@ -140,8 +128,5 @@ def stack(outline: Outline) -> list[Any]:
 
 def sectors(cell: Sequence[Point]) -> list[Any]:
     """Turn a convex cell of the half section into sectors."""
-    pieces = []
-    for sector in range(SECTORS):
-        angles = (2.0 * math.pi * sector / SECTORS, 2.0 * math.pi * (sector + 1) / SECTORS)
-        pieces.append(hull((r * math.cos(a), r * math.sin(a), z) for r, z in cell for a in angles))
-    return pieces
+    turns = itertools.pairwise(2.0 * math.pi * sector / SECTORS for sector in range(SECTORS + 1))
+    return [hull((r * math.cos(a), r * math.sin(a), z) for r, z in cell for a in angles) for angles in turns]

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import copy
 import itertools
+import math
 import re
 from collections.abc import Iterator, Mapping
 from typing import Any
@@ -18,43 +19,23 @@ _UNITS = {"um": 1e6, "nm": 1e9, "mm": 1e3, "deg": 57.29577951308232}
 
 
 def merged(defaults: Mapping[str, Any], stanza: Mapping[str, Any]) -> dict[str, Any]:
-    """Lay a stanza over the defaults of its kind, table by table.
-
-    Examples
-    --------
-    >>> merged({"body": {"length": "20 mm"}}, {"id": "a", "body": {"width": "5 mm"}})
-    {'body': {'length': '20 mm', 'width': '5 mm'}, 'id': 'a'}
-    """
+    """Lay a stanza over the defaults of its kind, table by table."""
     result: dict[str, Any] = copy.deepcopy(dict(defaults))
     for key, value in stanza.items():
-        below = result.get(key)
-        both = (
-            isinstance(below, dict)
-            and isinstance(value, dict)
-            and not _is_dimension(below)
-            and not _is_dimension(value)
-        )
-        result[key] = merged(below, value) if both and isinstance(below, dict) else copy.deepcopy(value)
+        both = _is_plain(result.get(key)) and _is_plain(value)
+        result[key] = merged(result[key], value) if both else copy.deepcopy(value)
     return result
 
 
-def _is_dimension(table: Mapping[str, Any]) -> bool:
-    return bool({"nominal", "from", "values"} & set(table))
+def _is_plain(value: object) -> bool:
+    """Tell a table from a single value and from a dimension."""
+    return isinstance(value, dict) and not {"nominal", "from", "values"} & set(value)
 
 
 def expand(stanza: Mapping[str, Any]) -> Iterator[dict[str, Any]]:
-    """Expand the series in a stanza, every combination of them.
-
-    Examples
-    --------
-    >>> stanza = {"id": "s-{height_um:03}", "height": {"from": "10 um", "to": "30 um", "step": "10 um", "tolerance": "1 um"}}
-    >>> [(one["id"], one["height"]["nominal"]) for one in expand(stanza)]
-    [('s-010', '10 um'), ('s-020', '20 um'), ('s-030', '30 um')]
-    """
+    """Expand the series in a stanza, every combination of them."""
     series = {path: _values(path, table) for path, table in _series_tables(stanza, ())}
-    count = 1
-    for values in series.values():
-        count *= len(values)
+    count = math.prod(map(len, series.values()))
     if count > MAX_SERIES:
         raise ValueError(f"a series must have at most {MAX_SERIES} members, got {count}")
     for combination in itertools.product(*series.values()):
@@ -86,9 +67,8 @@ def _values(path: tuple[str, ...], table: Mapping[str, Any]) -> list[str]:
     if "values" in table:
         values = table["values"]
         if not isinstance(values, list) or not values or "from" in table or not all(isinstance(v, str) for v in values):
-            raise ValueError(
-                f"{name}: values must be a list of quantities such as ['25 um', '50 um'], got {values!r:.60}"
-            )
+            rule = "values must be a list of quantities such as ['25 um', '50 um']"
+            raise ValueError(f"{name}: {rule}, got {values!r:.60}")
         return list(values)
     missing = {"to", "step"} - set(table)
     if missing:
@@ -102,16 +82,15 @@ def _range(name: str, first: object, last: object, step: object) -> list[str]:
         start, stop, stride = (parse_quantity(value, dimension) for value in (first, last, step))
     except QuantityError as error:
         raise ValueError(f"{name}: {error}") from error
+    got = f"got from {first} to {last} step {step}"
     if stride <= 0.0 or stop < start:
-        raise ValueError(f"{name}: a series must ascend with a positive step, got from {first} to {last} step {step}")
+        raise ValueError(f"{name}: a series must ascend with a positive step, {got}")
     steps = (stop - start) / stride
     count = round(steps)
     if steps > MAX_SERIES:
         raise ValueError(f"{name}: a series must have at most {MAX_SERIES} members, got {steps:.0f}")
     if abs(steps - count) > 1e-6:
-        raise ValueError(
-            f"{name}: to must be a whole number of steps from from, got from {first} to {last} step {step}"
-        )
+        raise ValueError(f"{name}: to must be a whole number of steps from from, {got}")
     unit = str(first).lstrip("+-.0123456789eE ").strip()
     scale = parse_quantity(f"1 {unit}", dimension)
     return [f"{(start + index * stride) / scale:.12g} {unit}" for index in range(count + 1)]
@@ -133,9 +112,8 @@ def _named(stanza: Mapping[str, Any]) -> object:
     def fill(match: re.Match[str]) -> str:
         table = stanza.get(match["field"])
         if match["unit"] is None or not isinstance(table, dict) or "nominal" not in table:
-            raise ValueError(
-                f"id: {match[0]} must name a dimension of the stanza with its unit, such as {{height_um:03}}"
-            )
+            rule = "must name a dimension of the stanza with its unit, such as {height_um:03}"
+            raise ValueError(f"id: {match[0]} {rule}")
         value = parse_quantity(table["nominal"], _dimension_of(table["nominal"])) * _UNITS[match["unit"]]
         text = f"{value:.9g}"
         sign, digits = ("m", text[1:]) if text.startswith("-") else ("", text)

@@ -15,7 +15,7 @@ from stepblocks.parts.energy_tolerance import toleranced
 from stepblocks.parts.kind import Part
 from stepblocks.parts.kinds.crown_on_tooth import CrownOnTooth
 from stepblocks.parts.kinds.grooved_cylinder import GroovedCylinder
-from stepblocks.parts.kinds.margin_block import MarginBlock
+from stepblocks.parts.kinds.margin import MarginBlock
 from stepblocks.parts.kinds.sheath import Sheath
 from stepblocks.parts.kinds.step_block import StepBlock
 from stepblocks.parts.kinds.tips import HookTip, StraightTip
@@ -37,6 +37,16 @@ def kinds() -> dict[str, type[Part]]:
 @contextmanager
 def registered(kind: type[Part]) -> Iterator[None]:
     """Let stimulus files declare a kind that is not shipped, for as long as the context lasts.
+
+    Parameters
+    ----------
+    kind : type of Part
+        The kind; see `Part` for what it answers.
+
+    Yields
+    ------
+    None
+        While it is known.
 
     Raises
     ------
@@ -110,13 +120,7 @@ class StimulusSet(Table):
 
 
 def set_of(declared: Mapping[str, Any]) -> StimulusSet:
-    """Validate what a file declares: the fields of a set, and a list of tables for each kind under the name of its stanza.
-
-    Raises
-    ------
-    pydantic.ValidationError
-        With the places of all that is wrong.
-    """
+    """Validate what a file declares: the fields of a set, and a list of tables for each kind under the name of its stanza."""
     known = kinds()
     fields: dict[str, Any] = {}
     for name, field in StimulusSet.model_fields.items():

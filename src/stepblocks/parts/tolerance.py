@@ -16,7 +16,7 @@ BY_ENERGY = "by energy"  # what stands in place of a tolerance that follows from
 # ISO 2768-1:1989, table 1 (linear dimensions, from 0.5 mm): up to, permissible deviation of class m [m]
 _LINEAR = ((3e-3, 0.1e-3), (6e-3, 0.1e-3), (30e-3, 0.2e-3), (120e-3, 0.3e-3), (400e-3, 0.5e-3))
 # ISO 2768-1:1989, table 3 (angles), shorter side up to 10 mm, classes f and m.
-_ANGULAR = math.radians(1.0)
+ANGULAR_DEVIATION = math.radians(1.0)
 
 
 @dataclass(frozen=True)
@@ -67,13 +67,7 @@ def _signed(value: float, quantity: str) -> str:
 
 
 def general_deviation(nominal: float) -> float | None:
-    """Permissible deviation of an untoleranced length [m], ISO 2768-m; None below 0.5 mm and above 400 mm.
-
-    Examples
-    --------
-    >>> general_deviation(20e-3)
-    0.0002
-    """
+    """Permissible deviation of an untoleranced length [m], ISO 2768-m; None below 0.5 mm and above 400 mm."""
     return next((deviation for high, deviation in _LINEAR if 0.5e-3 <= nominal <= high), None)
 
 
@@ -117,11 +111,10 @@ def _dimension(raw: object, quantity: str, felt: bool = False) -> Dimension:
     if "tolerance" in table:
         upper, lower = _deviations(table["tolerance"], quantity)
         return Dimension(nominal, upper, lower, quantity, source)
-    general = _ANGULAR if quantity == "angle" else general_deviation(abs(nominal))
+    general = ANGULAR_DEVIATION if quantity == "angle" else general_deviation(abs(nominal))
     if general is None:
-        raise ValueError(
-            f"a tolerance must be stated: general tolerances (ISO 2768-m) do not cover {format_quantity(nominal, quantity)}"
-        )
+        length = format_quantity(nominal, quantity)
+        raise ValueError(f"a tolerance must be stated: general tolerances (ISO 2768-m) do not cover {length}")
     return Dimension(nominal, general, -general, quantity, source, general=True)
 
 

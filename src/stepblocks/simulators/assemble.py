@@ -24,8 +24,7 @@ from stepblocks.contact.path.centre import CentrePath
 from stepblocks.errors import HapticsError
 from stepblocks.parts.kind import Part
 from stepblocks.parts.kinds.step_block import StepBlock
-from stepblocks.parts.mesh import Mesh, mesh_solid
-from stepblocks.parts.shapes import build_solids, convex_pieces
+from stepblocks.parts.shapes import Mesh, build_solids, convex_pieces, mesh_solid
 from stepblocks.simulators.devices import Device, plan_rendering
 from stepblocks.simulators.scene import Frame, ProbeShape, Scene
 

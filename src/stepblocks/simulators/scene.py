@@ -18,7 +18,7 @@ from stepblocks.contact.event import Events, as_record, ring, ring_energy
 from stepblocks.contact.operating_point import OperatingPoint
 from stepblocks.contact.path.centre import CentrePath
 from stepblocks.parts.kind import Part
-from stepblocks.parts.mesh import Mesh
+from stepblocks.parts.shapes import Mesh
 from stepblocks.simulators.devices import RenderingPlan
 
 

@@ -7,7 +7,7 @@ import math
 from stepblocks.artefacts.on_paper import limits_text, millimetres
 from stepblocks.parts.body import Body
 from stepblocks.parts.characteristics import Characteristic
-from stepblocks.parts.kinds.margin_block import MarginBlock
+from stepblocks.parts.kinds.margin import MarginBlock
 from stepblocks.parts.kinds.step_block import StepBlock
 from stepblocks.workshop.gauge_route import GRADES, SECTION, WRINGING, GaugePair
 from stepblocks.workshop.sheet import Point, Sheet, View, round_scale

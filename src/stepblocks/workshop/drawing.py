@@ -12,10 +12,10 @@ from typing import Any
 from stepblocks.artefacts.on_paper import limits_text
 from stepblocks.atomic import beside
 from stepblocks.errors import MachiningError
-from stepblocks.parts.characteristics import Characteristic, characteristics_of
+from stepblocks.parts.characteristics import Characteristic
 from stepblocks.parts.kind import Part
 from stepblocks.parts.kinds.crown_on_tooth import CrownOnTooth
-from stepblocks.parts.kinds.margin_block import MarginBlock
+from stepblocks.parts.kinds.margin import MarginBlock
 from stepblocks.parts.kinds.sheath import Sheath
 from stepblocks.parts.kinds.step_block import StepBlock
 from stepblocks.parts.kinds.tips import HookTip, StraightTip
@@ -51,7 +51,7 @@ def write_gauge_drawing(folder: Path, block: StepBlock, pair: GaugePair) -> list
 
 
 def _part_sheet(stimulus: Part) -> Sheet:
-    sheet = Sheet(characteristics_of(stimulus))
+    sheet = Sheet(list(stimulus.characteristics()))
     draw = next((VIEWS[kind] for kind in type(stimulus).__mro__ if kind in VIEWS), None)
     notes = draw(sheet, stimulus) if draw else []
     # what no view shows is said in words, with its number

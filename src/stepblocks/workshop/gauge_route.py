@@ -99,9 +99,7 @@ def write_gauge_assembly(path: Path, block: StepBlock, pair: GaugePair) -> None:
 
     def box(x0: float, x1: float, half: float, z0: float, z1: float) -> kernel.Body:
         corners = [(x0, -half, z0), (x1, -half, z0), (x1, half, z0), (x0, half, z0)]
-        return kernel.extruded(
-            corners[0], [kernel.Line(point) for point in (*corners[1:], corners[0])], (0.0, 0.0, z1 - z0)
-        )
+        return kernel.extruded(corners, (0.0, 0.0, z1 - z0))
 
     pieces = [f"{length * 1e3:.4f}".replace(".", "p") + "mm" for length in (pair.lower, pair.upper)]
     bodies = [

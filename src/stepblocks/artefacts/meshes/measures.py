@@ -6,6 +6,7 @@ All reductions run in float64 whatever the file stored.
 from __future__ import annotations
 
 import math
+from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
@@ -16,20 +17,12 @@ _ALONG_EDGE = 1e-3  # least extent along y of a triangle on a wall of the juncti
 _ON_EDGE = 0.2e-6  # how far from an edge a vertex may be and still belong to it [m]
 
 
+@dataclass(eq=False)
 class MeshMeasures:
-    """A mesh as it was read, with what can be measured on it.
+    """A mesh as it was read, with what can be measured on it."""
 
-    Attributes
-    ----------
-    vertices : ndarray, shape (n, 3)
-        Points [m].
-    triangles : ndarray, shape (m, 3)
-        Indices of the corners.
-    """
-
-    def __init__(self, vertices: Floats, triangles: NDArray[np.int64]) -> None:
-        self.vertices = vertices
-        self.triangles = triangles
+    vertices: Floats  # points [m], shape (n, 3)
+    triangles: NDArray[np.int64]  # indices of the corners, shape (m, 3)
 
     @cached_property
     def _normals_and_areas(self) -> tuple[Floats, Floats]:
@@ -59,8 +52,7 @@ class MeshMeasures:
         span = int(triangles.max()) + 1
         forward, backward = edges[:, 0] * span + edges[:, 1], edges[:, 1] * span + edges[:, 0]
         keys, counts = np.unique(forward, return_counts=True)
-        lonely = ~np.isin(keys, backward)
-        return int(np.count_nonzero(lonely | (counts != 1)))
+        return int(np.count_nonzero(~np.isin(keys, backward) | (counts != 1)))
 
     def level_beside(self, edge: float, side: int) -> float:
         """Height of the level face that ends at a line across x, seen to the right (1) or left (-1) of it [m]."""

@@ -66,11 +66,8 @@ def _with_pygltflib(path: Path) -> Arrays:
     return upright, array(primitive.indices).astype(np.int64).reshape(-1, 3)
 
 
-# Reader of each mesh format
 MESH_READERS: dict[str, Callable[[Path], Arrays]] = {
-    ".stl": _with_meshio,
-    ".obj": _with_meshio,
-    ".ply": _with_meshio,
+    **dict.fromkeys((".stl", ".obj", ".ply"), _with_meshio),
     ".3mf": _with_lib3mf,
     ".glb": _with_pygltflib,
 }
@@ -96,9 +93,8 @@ def read_mesh(path: Path) -> Arrays:
 
 
 def _whole(vertices: NDArray[np.float64], triangles: NDArray[np.int64]) -> bool:
-    return bool(
-        len(triangles) and np.isfinite(vertices).all() and triangles.min() >= 0 and triangles.max() < len(vertices)
-    )
+    within = len(triangles) and triangles.min() >= 0 and triangles.max() < len(vertices)
+    return bool(within and np.isfinite(vertices).all())
 
 
 def _first_line(error: BaseException) -> str:

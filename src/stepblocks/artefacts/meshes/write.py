@@ -16,7 +16,7 @@ from typing import Any
 
 import numpy as np
 
-from stepblocks.parts.mesh import Mesh
+from stepblocks.parts.shapes import Mesh
 
 _MM = 1e3
 _PINNED_DATE = (1980, 1, 1, 0, 0, 0)  # the earliest that a zip archive can hold
@@ -28,9 +28,9 @@ GLB_FROM_PART = np.array([[1.0, 0.0, 0.0], [0.0, 0.0, 1.0], [0.0, -1.0, 0.0]])
 class MeshFormat:
     """A mesh format."""
 
-    suffix: str  # file name extension with its dot
-    write: Callable[[Path, Mesh], None]  # takes a path and a mesh [m]
-    unit: str  # unit of the coordinates in the file
+    suffix: str
+    write: Callable[[Path, Mesh], None]
+    unit: str  # of the coordinates in the file
     number: str  # how the file stores a coordinate
 
 
@@ -93,8 +93,7 @@ MESH_FORMATS = (
 
 def write_pieces(path: Path, pieces: Sequence[Mesh]) -> None:
     """Write convex pieces as one OBJ in millimetres, an object per piece."""
-    lines = ["# convex pieces, mm"]
-    offset = 1
+    lines, offset = ["# convex pieces, mm"], 1
     for piece in pieces:
         lines.append(f"o {piece.name}")
         lines += [f"v {x:.12f} {y:.12f} {z:.12f}" for x, y, z in piece.vertices * _MM]

@@ -11,7 +11,6 @@ from stepblocks.artefacts.step.check_step import StepReport, check_step, shown_i
 from stepblocks.artefacts.verdict import Verdict
 from stepblocks.errors import MetrologyError
 from stepblocks.parts.characteristics import Characteristic as Wanted
-from stepblocks.parts.characteristics import characteristics_of
 from stepblocks.parts.kind import Part
 from stepblocks.parts.shapes import solid_volumes
 
@@ -80,7 +79,7 @@ def matched(report: StepReport, stimulus: Part) -> list[tuple[Wanted, Characteri
     """Find every characteristic of a part in its file."""
     left = [*report.dimensions, *report.tolerances]
     pairs: list[tuple[Wanted, Characteristic | None]] = []
-    for one in (one for one in characteristics_of(stimulus) if one.kind != "note"):
+    for one in (one for one in stimulus.characteristics() if one.kind != "note"):
         label = one.label if one.kind in ("distance", "angle") else ""
         found = next((item for item in left if item.name == label and _agrees(item, one.kind, _wanted(one))), None)
         if found is not None:

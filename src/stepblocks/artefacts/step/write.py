@@ -20,7 +20,7 @@ from stepblocks.atomic import beside
 from stepblocks.cad import kernel
 from stepblocks.cad.pmi import Callout, PmiDimension, PmiItem, PmiKind, PmiTolerance, write_step_with_tolerances
 from stepblocks.errors import MachiningError
-from stepblocks.parts.characteristics import Characteristic, EdgeRule, FaceRule, Rule, characteristics_of, find_face
+from stepblocks.parts.characteristics import Characteristic, EdgeRule, FaceRule, Rule, find_face
 from stepblocks.parts.declared import Material
 from stepblocks.parts.kind import Part
 from stepblocks.parts.lettering import letters, text_width
@@ -56,7 +56,7 @@ def write_step_ap242(path: Path, stimulus: Part, bodies: Sequence[tuple[str, ker
     dimensions: list[tuple[str, PmiDimension]] = []
     tolerances: list[PmiTolerance] = []
     notes: list[tuple[str, str]] = []
-    for number, one in enumerate(characteristics_of(stimulus), start=1):
+    for number, one in enumerate(stimulus.characteristics(), start=1):
         if one.kind == "note":
             notes.append((one.label, _limits(one)))
             continue
@@ -135,7 +135,7 @@ def _callout_lines(text: str, place: int, part: Sequence[kernel.Face], face: ker
     x0, y, z0 = float(high[0]) + 4.0 * size, float(low[1]) - 2.0 * size, float(low[2]) + (2.0 * place + 1.0) * size
     middle = x0 + 0.5 * text_width(text, size)
     lines: list[tuple[Point, Point]] = []  # of the letters, then the leader
-    for outer, holes in letters(text, size):
+    for outer, *holes in letters(text, size):
         for ring in (outer, *holes):
             points = [(middle + float(u), y, z0 + float(v)) for u, v in ring]
             lines += list(zip(points, [*points[1:], points[0]], strict=True))

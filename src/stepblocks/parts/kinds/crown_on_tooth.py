@@ -37,8 +37,7 @@ _SEATED = "section or micro-CT, seated"
 class FinishLine(Table):
     """How the preparation ends."""
 
-    # ``"shoulder"`` (a square ledge), ``"chamfer"`` (a quarter round) or ``"feather-edge"`` (no ledge)
-    kind: Literal["shoulder", "chamfer", "feather-edge"]
+    kind: Literal["shoulder", "chamfer", "feather-edge"]  # a square ledge, a quarter round, or no ledge
     width: Length  # width of the ledge, or radius of the quarter round [m]; 0 for the feather edge
 
     @model_validator(mode="after")
@@ -93,13 +92,12 @@ class CrownOnTooth(CrownMargin, Turned):
         """Half section of the prepared tooth; the finish line lies at height 0."""
         R, w, top = self.margin_radius.nominal, self.finish_line.width.nominal, self.preparation_height.nominal
         outline: Outline = [(0.0, -self.root_length.nominal), (R, -self.root_length.nominal), (R, 0.0)]
+        start = 0.0
         if self.finish_line.kind == "chamfer":
             outline.append(((R - w * math.sqrt(0.5), w * (1.0 - math.sqrt(0.5))), (R - w, w)))
             start = w
-        else:
-            if self.finish_line.kind == "shoulder":
-                outline.append((R - w, 0.0))
-            start = 0.0
+        elif self.finish_line.kind == "shoulder":
+            outline.append((R - w, 0.0))
         outline += [(R - w - (top - start) * math.tan(self.taper.nominal), top), (0.0, top)]
         return outline
 
@@ -157,8 +155,8 @@ class CrownOnTooth(CrownMargin, Turned):
         # an axial wall without taper is a cylinder too, but behind the finish line, where no probe comes
         outside = face.radius >= self.margin_radius.nominal - 0.5 * self.finish_line.width.nominal - 1e-9
         at_margin = face.kind == "PLANE" or (face.kind == "CYLINDER" and outside)
-        at_margin = at_margin and face.low[2] <= reach and face.high[2] >= -reach
-        return CONTACT_DEFLECTION if at_margin else FITTING_DEFLECTION
+        near = face.low[2] <= reach and face.high[2] >= -reach
+        return CONTACT_DEFLECTION if at_margin and near else FITTING_DEFLECTION
 
     def characteristics(self) -> Iterator[Characteristic]:
         R, h, root, height = self.margin_radius, self.horizontal_discrepancy, self.root_length, self.preparation_height
@@ -184,17 +182,14 @@ class CrownOnTooth(CrownMargin, Turned):
         """Gaps between the two bodies, the crown seated on its tooth."""
         g, inner, finish = self.marginal_gap, self.internal_gap, self.finish_line.kind
         below = FaceRule("CYLINDER", radius=self.margin_radius.nominal, body=0)
-        ledges = {
-            "shoulder": plane(2, 0.0, 0),
-            "chamfer": FaceRule("TORUS", body=0),
-            "feather-edge": FaceRule("CONE", body=0),
-        }
-        cavosurface, end = EdgeRule(below, ledges[finish]), plane(2, self.opening.nominal, 1)
-        walls = self._walls()
+        ledge = (
+            plane(2, 0.0, 0) if finish == "shoulder" else FaceRule("TORUS" if finish == "chamfer" else "CONE", body=0)
+        )
+        cavosurface, end, walls = EdgeRule(below, ledge), plane(2, self.opening.nominal, 1), self._walls()
         # between two cones that are not parallel each gap holds at one end of the crown's
         across: tuple[Rule, Rule] = walls[0], EdgeRule(walls[1], end)
         if finish != "feather-edge":
-            across = plane(2, 0.0, 0) if finish == "shoulder" else cavosurface, plane(2, g.nominal, 1)
+            across = ledge if finish == "shoulder" else cavosurface, plane(2, g.nominal, 1)
         yield toleranced("marginal_gap", "distance", g, *across, method=_SEATED)
         yield self._opening(cavosurface, end)
         top = EdgeRule(walls[1], plane(2, ceiling, 1)) if finish == "feather-edge" else walls[1]
@@ -251,12 +246,9 @@ class CrownOnTooth(CrownMargin, Turned):
     def wall_thickness(self) -> float:
         """Thickness of the crown's wall across the path of draw at its fitting end [m]."""
         g, finish = self.marginal_gap.nominal, self.finish_line
-        height = (
-            self.opening.nominal
-            if finish.kind == "feather-edge"
-            else g + (finish.width.nominal if finish.kind == "chamfer" else 0.0)
-        )
-        gap = g if finish.kind == "feather-edge" else self.internal_gap.nominal
+        height, gap = g + (finish.width.nominal if finish.kind == "chamfer" else 0.0), self.internal_gap.nominal
+        if finish.kind == "feather-edge":
+            height, gap = self.opening.nominal, g
         inner = -finish.width.nominal - height * math.tan(self.taper.nominal) + gap / math.cos(self.taper.nominal)
         return self.horizontal_discrepancy.nominal - inner
 
@@ -271,30 +263,18 @@ class CrownOnTooth(CrownMargin, Turned):
         require_below("internal_gap", "be below half of margin_radius", self.internal_gap.nominal, 0.5 * R)
         wall = self.wall_thickness
         require(wall > 0.0, "horizontal_discrepancy", "leave the crown a wall at its margin", h - wall, h)
-        require(
-            h <= self.shell_thickness.nominal,
-            "horizontal_discrepancy",
-            "not exceed the shell (overextension beyond shell_thickness)",
-            self.shell_thickness.nominal,
-            h,
-        )
+        shell, rule = self.shell_thickness.nominal, "not exceed the shell (overextension beyond shell_thickness)"
+        require(h <= shell, "horizontal_discrepancy", rule, shell, h)
         if finish.kind == "feather-edge" and self.taper.nominal == 0.0:
-            raise ValueError(
-                "taper must exceed 0 deg for a feather-edge, whose finish line is where the taper begins, got 0 deg"
-            )
+            rule = "exceed 0 deg for a feather-edge, whose finish line is where the taper begins"
+            raise ValueError(f"taper must {rule}, got 0 deg")
         bevel = abs(v - g) if v >= 0.0 and finish.kind != "feather-edge" else 0.0
         require(bevel < wall, "vertical_discrepancy", "leave a wall behind the bevel of the margin", g + wall, v)
         if v < 0.0 and finish.kind == "feather-edge":
-            raise ValueError(
-                f"vertical_discrepancy must not be negative for a feather-edge, got {format_quantity(v, 'length')}"
-            )
-        require(
-            max(g, v) + finish.width.nominal < height,
-            "preparation_height",
-            "exceed the finish line",
-            max(g, v) + finish.width.nominal,
-            height,
-        )
+            rule = "not be negative for a feather-edge"
+            raise ValueError(f"vertical_discrepancy must {rule}, got {format_quantity(v, 'length')}")
+        least = max(g, v) + finish.width.nominal
+        require_above("preparation_height", "exceed the finish line", height, least)
         return self
 
 

@@ -9,7 +9,15 @@ from typing import TYPE_CHECKING, Any, ClassVar
 
 from pydantic import model_validator
 
-from stepblocks.parts.characteristics import BREAK, Characteristic, EdgeRule, FaceRule, doubled, plane, toleranced
+from stepblocks.parts.characteristics import (
+    Characteristic,
+    EdgeRule,
+    FaceRule,
+    broken_edges,
+    doubled,
+    plane,
+    toleranced,
+)
 from stepblocks.parts.declared import MaterialField, require, require_below
 from stepblocks.parts.kind import CONTACT_DEFLECTION, FITTING_DEFLECTION, NANOMETRE, Finding, MeasuredMesh
 from stepblocks.parts.revolution import Outline, Turned, stack
@@ -30,8 +38,7 @@ class GroovedCylinder(Turned):
     felt_by: ClassVar[dict[str, str]] = {"width": "groove_width", "flank": "flank_angle"}
     governed_by: ClassVar[str] = "groove_width"
     axes: ClassVar[str] = (
-        "the cylinder lies on its side: x along its axis, y around, z outwards; "
-        "the groove begins at x = 0, the surface lies at z = 0"
+        "the cylinder lies on its side: x along its axis, y around, z outwards; the groove begins at x = 0, the surface lies at z = 0"
     )
 
     groove_width: PositiveLength  # between its edges at the surface [m]
@@ -78,16 +85,12 @@ class GroovedCylinder(Turned):
         yield toleranced("groove_width", "distance", self.groove_width, *edges, method=how)
         flank = self.flank_angle
         cone = replace(flank, nominal=0.5 * math.pi - flank.nominal, lower=-flank.upper, upper=-flank.lower)
-        yield doubled(
-            toleranced("flank_cone", "angle", cone, falling, label="cone of either flank, included", method=how)
-        )
+        label = "cone of either flank, included"
+        yield doubled(toleranced("flank_cone", "angle", cone, falling, label=label, method=how))
         yield toleranced("diameter", "diameter", self.diameter, near)
         yield toleranced("length", "distance", self.length, plane(2, -end), plane(2, end))
-        if self.edge_break.nominal > 0.0:
-            edge = EdgeRule(FaceRule("CONE", holds={2: 0.5 * self.edge_break.nominal - end}), near)
-            yield toleranced("edge_break", "distance", self.edge_break, plane(2, -end), edge, label=BREAK)
-        else:
-            yield toleranced("edge_break", "note", self.edge_break, label=BREAK)
+        edge = EdgeRule(FaceRule("CONE", holds={2: 0.5 * self.edge_break.nominal - end}), near)
+        yield broken_edges(self.edge_break, plane(2, -end), edge)
 
     def measured(self, body: int, mesh: MeasuredMesh) -> Iterator[Finding]:
         radii, heights, R = mesh.radii, mesh.vertices[:, 2], 0.5 * self.diameter.nominal

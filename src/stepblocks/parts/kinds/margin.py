@@ -1,4 +1,4 @@
-"""The junction of crown and tooth in the terms of Holmes et al. (1989), as a bench block and as a body of revolution.
+"""The junction of crown and tooth in the terms of Holmes et al. (1989), as a bench block; what the crown on its tooth shares.
 
 Seen in a section through the tooth's axis, x runs along the path of draw from the root to the crown and z outwards. The
 cavosurface angle of the tooth, where its finish line meets its outer surface, is the origin; the tooth's outer surface is z = 0.
@@ -13,32 +13,39 @@ The margin of the crown is the corner (v, h):
 
 from __future__ import annotations
 
+import itertools
 import math
 from abc import abstractmethod
-from typing import TYPE_CHECKING, ClassVar
+from collections.abc import Iterator
+from dataclasses import replace
+from typing import TYPE_CHECKING, Any, ClassVar
 
 from pydantic import model_validator
 
-from stepblocks.parts.declared import MaterialField
-from stepblocks.parts.kind import Part
-from stepblocks.parts.tolerance import Dimension, PositiveLength, SignedLength
+from stepblocks.parts.body import Block, Body, body_cuts, half_points, half_volume, section_outline, strip_volume
+from stepblocks.parts.characteristics import (
+    PROFILE,
+    Characteristic,
+    EdgeRule,
+    FaceRule,
+    form_of,
+    plane,
+    toleranced,
+    unsigned,
+)
+from stepblocks.parts.declared import MaterialField, WorkingFaces, require, require_below
+from stepblocks.parts.kind import NANOMETRE, Finding, MeasuredMesh, Part, exaggeration
+from stepblocks.parts.shapes import hull, split
+from stepblocks.parts.tolerance import ANGULAR_DEVIATION, Dimension, PositiveLength, SignedLength
 from stepblocks.quantities import format_quantity
 
 if TYPE_CHECKING:
+    from stepblocks.cad import kernel
     from stepblocks.contact.counterface import Margin
 
-# Largest absolute marginal discrepancy that is clinically acceptable [m] (the paper; McLean and von Fraunhofer 1971
-# say 120 um)
-CLINICAL_LIMIT = 100e-6
-
-
-def crown_corner(gap: float, vertical: float, horizontal: float) -> list[tuple[float, float]]:
-    """Outline of the crown's margin from inside the gap to its outer corner."""
-    if vertical < 0.0:
-        return [(gap, gap), (vertical, gap), (vertical, horizontal)]
-    if vertical == gap:
-        return [(gap, horizontal)]
-    return [(gap, horizontal - abs(vertical - gap)), (vertical, horizontal)]
+_ACROSS = "profilometer or microscope"
+# largest clinically acceptable absolute marginal discrepancy [m] (the paper; McLean and von Fraunhofer 1971 say 120 um)
+_CLINICAL_LIMIT = 100e-6
 
 
 class CrownMargin(Part):
@@ -64,8 +71,7 @@ class CrownMargin(Part):
         from stepblocks.contact.counterface import Margin
 
         gap = sizes["gap"]
-        opening = sizes.get("opening", gap)
-        return Margin(max(gap, 0.0), opening, sizes["rise"], *self.floor)
+        return Margin(max(gap, 0.0), sizes.get("opening", gap), sizes["rise"], *self.floor)
 
     @property
     def opening(self) -> Dimension:
@@ -78,25 +84,161 @@ class CrownMargin(Part):
         return math.hypot(self.opening.nominal, self.horizontal_discrepancy.nominal)
 
     @property
-    def clinically_acceptable(self) -> bool:
-        """Whether the absolute marginal discrepancy is at most 100 um."""
-        return self.absolute_discrepancy <= CLINICAL_LIMIT * (1.0 + 1e-12)
-
-    @property
     def corner(self) -> list[tuple[float, float]]:
-        """Outline of the crown's margin, see `crown_corner` [m]."""
-        return crown_corner(self.marginal_gap.nominal, self.opening.nominal, self.horizontal_discrepancy.nominal)
+        """Outline of the crown's margin from inside the gap to its outer corner [m]."""
+        g, v, h = self.marginal_gap.nominal, self.opening.nominal, self.horizontal_discrepancy.nominal
+        if v < 0.0:
+            return [(g, g), (v, g), (v, h)]
+        return [(g, h)] if v == g else [(g, h - abs(v - g)), (v, h)]
 
     @model_validator(mode="after")
     def _lip_clears_the_tooth(self) -> CrownMargin:
         v, g, h = self.opening.nominal, self.marginal_gap.nominal, self.horizontal_discrepancy.nominal
         if v < 0.0 and h <= g:
-            raise ValueError(
-                "horizontal_discrepancy must exceed marginal_gap "
-                f"({format_quantity(g, 'length')}) where vertical_discrepancy is negative, got {format_quantity(h, 'length')}"
-            )
+            gap, got = format_quantity(g, "length"), format_quantity(h, "length")
+            rule = f"exceed marginal_gap ({gap}) where vertical_discrepancy is negative"
+            raise ValueError(f"horizontal_discrepancy must {rule}, got {got}")
         return self
 
     def derived(self) -> list[list[str]]:
-        grade = "clinically acceptable" if self.clinically_acceptable else "above the clinical limit of 100 um"
+        accepted = self.absolute_discrepancy <= _CLINICAL_LIMIT * (1.0 + 1e-12)
+        grade = "clinically acceptable" if accepted else "above the clinical limit of 100 um"
         return [["absolute marginal discrepancy", f"{self.absolute_discrepancy * 1e6:.4g} um, {grade}"]]
+
+
+class MarginBlock(CrownMargin, Block):
+    """A bench block: the tooth's outer surface at z = 0 and x < 0, the crown's at z = h beyond the gap."""
+
+    stanza: ClassVar[str] = "margin_block"
+    called: ClassVar[str] = "margin block"
+    titled: ClassVar[str] = "Margin block"
+    governed_by: ClassVar[str] = "horizontal_discrepancy"
+
+    gap_depth: PositiveLength  # of the gap below the tooth's surface [m]
+    body: Body
+    working_faces: WorkingFaces | None = None  # demands on tooth and crown face, where the file states them
+
+    @property
+    def floor(self) -> tuple[float, float]:
+        return self.gap_depth.nominal, 0.0
+
+    @property
+    def rise(self) -> float:
+        return self.horizontal_discrepancy.nominal
+
+    def top(self, x: float) -> float:
+        """Uppermost of the straight lines of the section at x."""
+        depth, far = self.gap_depth.nominal, self.body.length.nominal
+        outline = [(-far, 0.0), (0.0, 0.0), (0.0, -depth), (self.marginal_gap.nominal, -depth), *self.corner]
+        lines = itertools.pairwise([*outline, (far, self.rise)])
+        across = [(a, b) for a, b in lines if a[0] != b[0] and min(a[0], b[0]) <= x <= max(a[0], b[0])]
+        return max(za + (zb - za) * (x - xa) / (xb - xa) for (xa, za), (xb, zb) in across)
+
+    def solids(self) -> list[kernel.Body]:
+        from stepblocks.cad import kernel
+
+        rise, gap, depth = self.rise, self.marginal_gap.nominal, self.gap_depth.nominal
+        y = -0.5 * self.body.width.nominal
+        right, left = section_outline(self.body, 0.0, rise)
+        across = [*reversed(self.corner), (gap, -depth), (0.0, -depth), (0.0, 0.0)]
+        outline = [(x, y, z) for x, z in (*right, *across, *left)]
+        body = kernel.extruded(outline, (0.0, self.body.width.nominal, 0.0))
+        return [kernel.cut(body, body_cuts(self.body, self.id, 0.0, rise))]
+
+    def volumes(self) -> tuple[float, ...]:
+        """Halves on either side of x = 0 at their own heights, less the gap, corrected at the crown's corner.
+
+        Every cut of the section lies at heights where the chamfers of the sides narrow the block; strips are integrated exactly.
+        """
+        body, half, depth = self.body, 0.5 * self.body.length.nominal, self.gap_depth.nominal
+        g, v, h = self.marginal_gap.nominal, self.opening.nominal, self.rise
+        volume = half_volume(body, half, 0.0) + half_volume(body, half, h)
+        above = [*self.corner, (0.0, h)] if v >= 0.0 else [(g, g), (0.0, g)]
+        volume -= strip_volume(body, h, [(0.0, -depth), (g, -depth), *above])
+        if v < 0.0:  # the lip stands over the tooth, on the tooth's side, where the left half's chamfer applies
+            c = body.edge_break.nominal
+            narrowed = 2.0 * c * (h - g) + h * h - g * g if c > 0.0 else 0.0
+            volume += -v * (body.width.nominal * (h - g) - narrowed)
+        return (volume - self.filled,)
+
+    def hulls(self) -> list[Any]:
+        body, gap, rise, opening = self.body, self.marginal_gap.nominal, self.rise, self.opening.nominal
+        left = hull(half_points(body, -1.0, 0.0, 0.0, [(0.0, 0.0)]))
+        right = hull(half_points(body, 1.0, rise, 0.0, [(0.0, rise)]))
+        under, crown = split(right, "x", gap)
+        floor, _ = split(under, "z", -self.gap_depth.nominal)
+        half, c = 0.5 * body.width.nominal, body.edge_break.nominal
+
+        def prism(section: list[tuple[float, float]]) -> Any:
+            return hull((x, y * (half - max(0.0, z - rise + c)), z) for x, z in section for y in (-1, 1))
+
+        if opening > gap:  # bevelled: cut the corner off along 45 degrees
+            normal = (-math.sqrt(0.5), 0.0, math.sqrt(0.5))
+            crown = crown.trim_by_plane(tuple(-n for n in normal), -1e3 * (rise - opening) * math.sqrt(0.5))
+            return [left, floor, crown]
+        if opening < 0.0:
+            lip = [(x, y * (half - c - z), z) for x in (opening, 0.0) for z in (gap, rise) for y in (-1, 1)]
+            return [left, floor, crown, hull(lip), prism([(x, z) for x in (0.0, gap) for z in (gap, rise)])]
+        if opening < gap:
+            foot = rise - (gap - opening)
+            return [left, floor, crown, prism([(gap, foot), (opening, rise), (gap, rise)])]
+        return [left, floor, crown]
+
+    def characteristics(self) -> Iterator[Characteristic]:
+        g, h, depth = self.marginal_gap, self.horizontal_discrepancy, self.gap_depth
+        half = 0.5 * self.body.length.nominal
+        tooth, crown = plane(2, 0.0, x=-0.5 * half), plane(2, h.nominal, x=0.5 * half)
+        low = -0.5 * depth.nominal
+        wall = plane(0, 0.0, z=low)
+        yield toleranced("marginal_gap", "distance", g, wall, plane(0, g.nominal, z=low), method=_ACROSS)
+        yield unsigned(toleranced("horizontal_discrepancy", "distance", h, tooth, crown, method=PROFILE))
+        yield from self._opening(wall, crown)
+        yield from form_of(self.face_demands, tooth, crown, "tooth", "crown")
+        floor = plane(2, -depth.nominal, x=0.5 * g.nominal)
+        yield toleranced("gap_depth", "distance", depth, floor, tooth, label="depth of the gap", method="microscope")
+        yield from self.body_characteristics(tooth)
+
+    def _opening(self, wall: FaceRule, crown: FaceRule) -> Iterator[Characteristic]:
+        """From the tooth's wall to the margin of the crown."""
+        v, g, h, key = self.opening, self.marginal_gap.nominal, self.rise, "vertical_discrepancy"
+        if v.nominal > g:
+            bevel = FaceRule("SLOPE", holds={0: 0.5 * (g + v.nominal), 2: h - 0.5 * (v.nominal - g)})
+            yield toleranced(key, "distance", v, wall, EdgeRule(bevel, crown), method=_ACROSS)
+            angle = Dimension(math.radians(45.0), ANGULAR_DEVIATION, -ANGULAR_DEVIATION, "angle")
+            label = "bevel of the margin"
+            yield toleranced("bevel_angle", "angle", angle, bevel, crown, label=label, method=_ACROSS)
+        elif v.nominal < 0.0:
+            end = plane(0, v.nominal, z=0.5 * (g + h))
+            lip = unsigned(toleranced(key, "distance", v, wall, end, method=_ACROSS))
+            yield replace(lip, label="vertical discrepancy, lip over the tooth")
+        elif v.nominal != g:
+            yield toleranced(key, "note", v, method=_ACROSS)
+
+    def measured(self, body: int, mesh: MeasuredMesh) -> Iterator[Finding]:
+        reach = 0.25 * self.body.length.nominal
+        gap = mesh.wall_position(-1, reach) - mesh.wall_position(+1, reach)
+        yield Finding("marginal gap", self.marginal_gap.nominal, gap, NANOMETRE)
+        crown = mesh.level_beside(self.opening.nominal, +1)
+        tooth = mesh.level_beside(self.body.edge_break.nominal - 0.5 * self.body.length.nominal, +1)
+        yield Finding("horizontal discrepancy", self.rise, crown - tooth, NANOMETRE)
+        yield Finding("vertical discrepancy", self.opening.nominal, mesh.start_of_level(crown), NANOMETRE)
+
+    def close_up(self) -> tuple[float, float, tuple[float, float, float]]:
+        rise, gap = abs(self.rise), self.marginal_gap.nominal
+        wide = 2.5 * max(rise, gap, abs(self.opening.nominal))
+        return (exaggeration(rise) if rise else 1.0), wide, (0.5 * gap, 0.0, 0.0)
+
+    @model_validator(mode="after")
+    def _fits_the_body(self) -> MarginBlock:
+        body, g, v = self.body, self.marginal_gap.nominal, self.opening.nominal
+        h, depth, chamfer = self.horizontal_discrepancy.nominal, self.gap_depth.nominal, self.body.edge_break.nominal
+        room = 0.5 * body.length.nominal - chamfer
+        require_below("marginal_gap", "be narrower than a quarter of the body", g, 0.5 * room)
+        require_below("vertical_discrepancy", "be smaller than a quarter of the body", abs(v), 0.5 * room)
+        require_below("gap_depth", "be below a quarter of the thickness", depth, 0.25 * body.thickness.nominal)
+        self.require_engravable()
+        deepest = abs(v - g) - h if v >= 0.0 else -h
+        require(deepest < depth, "gap_depth", "reach below the margin", deepest, depth)
+        below = abs(h) < chamfer or chamfer == 0.0
+        require(below, "horizontal_discrepancy", "be smaller than edge_break", chamfer, abs(h))
+        return self

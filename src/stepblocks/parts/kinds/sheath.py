@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Annotated, Any, ClassVar
 from pydantic import BeforeValidator, Field, ValidationError, model_validator
 
 from stepblocks.errors import QuantityError
-from stepblocks.parts.characteristics import BREAK, Characteristic, EdgeRule, FaceRule, plane, toleranced
+from stepblocks.parts.characteristics import Characteristic, EdgeRule, FaceRule, broken_edges, plane, toleranced
 from stepblocks.parts.declared import (
     Identity,
     Material,
@@ -43,22 +43,11 @@ class SheathMaterial(Material):
     """A material that bends and damps; modulus and ratios at the frequency of the ring."""
 
     modulus: float  # Young's [Pa]
-    poisson: float  # ratio [1]
-    loss_factor: float  # 1
     modulus_source: str
+    poisson: float  # ratio [1]
     poisson_source: str
-    loss_source: str
-
-    def record(self) -> dict[str, Any]:
-        """Return plain values for JSON, the unit in the name."""
-        return super().record() | {
-            "modulus_pa": self.modulus,
-            "modulus_source": self.modulus_source,
-            "poisson": self.poisson,
-            "poisson_source": self.poisson_source,
-            "loss_factor": self.loss_factor,
-            "loss_factor_source": self.loss_source,
-        }
+    loss_factor: float  # 1
+    loss_factor_source: str
 
 
 class _MaterialTable(Table):
@@ -74,20 +63,20 @@ def _material(raw: object) -> SheathMaterial:
     if isinstance(raw, SheathMaterial):
         return raw
     if not isinstance(raw, dict):
-        raise ValueError(
-            f"must be a table with name, designation, density, modulus, poisson and loss_factor, got {raw!r:.60}"
-        )
+        names = "name, designation, density, modulus, poisson and loss_factor"
+        raise ValueError(f"must be a table with {names}, got {raw!r:.60}")
     try:
         table = _MaterialTable.model_validate(raw)
     except ValidationError as error:
         raise ValueError(_first(error)) from error
     if table.poisson.value > 0.5:
         raise ValueError(f"poisson must not exceed 0.5, got {table.poisson.value:g}")
-    properties = table.density, table.modulus, table.poisson, table.loss_factor
-    (density, *values), (source, *sources) = (
-        [getattr(one, name) for one in properties] for name in ("value", "source")
-    )
-    return SheathMaterial(table.name, table.designation, density, source, *values, *sources)
+    values = [
+        told
+        for one in (table.density, table.modulus, table.poisson, table.loss_factor)
+        for told in (one.value, one.source)
+    ]
+    return SheathMaterial(table.name, table.designation, *values)  # type: ignore[arg-type]
 
 
 class Sheath(Turned, HeldPart):
@@ -125,9 +114,8 @@ class Sheath(Turned, HeldPart):
     @property
     def mass(self) -> float:
         """Nominal mass [kg]."""
-        return self.material.density * _volume(
-            self.bore.nominal, self.outer_diameter.nominal, self.length.nominal, self.edge_break.nominal
-        )
+        bore, outer, length = self.bore.nominal, self.outer_diameter.nominal, self.length.nominal
+        return self.material.density * _volume(bore, outer, length, self.edge_break.nominal)
 
     @property
     def mass_limits(self) -> tuple[float, float]:
@@ -160,11 +148,8 @@ class Sheath(Turned, HeldPart):
         yield toleranced("bore", "diameter", bore, FaceRule("CYLINDER", radius=0.5 * bore.nominal), method="pin gauges")
         yield toleranced("outer_diameter", "diameter", outer, side)
         yield toleranced("length", "distance", self.length, plane(2, 0.0), plane(2, self.length.nominal))
-        if broken.nominal > 0.0:
-            edge = EdgeRule(FaceRule("CONE", holds={2: 0.5 * broken.nominal}), side)
-            yield toleranced("edge_break", "distance", broken, plane(2, 0.0), edge, label=BREAK)
-        else:
-            yield toleranced("edge_break", "note", broken, label=BREAK)
+        edge = EdgeRule(FaceRule("CONE", holds={2: 0.5 * broken.nominal}), side)
+        yield broken_edges(broken, plane(2, 0.0), edge)
         where = "position, from the clamp"
         yield toleranced("position", "note", self.position, label=where, method="caliper, assembled")
 
@@ -190,10 +175,8 @@ class Sheath(Turned, HeldPart):
                 raise ValueError(f"{name} must be declared for a set with sheaths, got none")
         shank = conditions["probe"].shank_diameter.value
         if self.bore.limits[0] < shank:
-            raise ValueError(
-                f"bore must not be less than the shank ({format_quantity(shank, 'length')}) within its tolerance, "
-                f"got {self.bore} [{self.place}]"
-            )
+            rule = f"not be less than the shank ({format_quantity(shank, 'length')}) within its tolerance"
+            raise ValueError(f"bore must {rule}, got {self.bore} [{self.place}]")
 
     @model_validator(mode="after")
     def _is_possible(self) -> Sheath:
@@ -219,9 +202,8 @@ def balanced(raw: object) -> object:
         wanted = [name for name, value in stanza.items() if isinstance(value, dict) and "mass_of" in value]
         place = f"sheath {stanza.get('id')!r}"
         if len(wanted) > 1 or not set(wanted) <= set(_SOLVABLE):
-            raise ValueError(
-                f"mass_of must stand at one of {', '.join(_SOLVABLE)}, got it at {', '.join(wanted)} [{place}]"
-            )
+            at = ", ".join(wanted)
+            raise ValueError(f"mass_of must stand at one of {', '.join(_SOLVABLE)}, got it at {at} [{place}]")
         solved.append(_solved(stanza, wanted[0], raw, place) if wanted else stanza)
     return solved
 
@@ -275,27 +257,24 @@ def _solved(stanza: Mapping[str, Any], field: str, stanzas: Sequence[Mapping[str
     found = tried(best)
     if abs(found.mass / mass - 1.0) > MASS_MATCH:
         masses = sorted(format_mass(tried(limit).mass) for limit in (low, high))
-        raise ValueError(
-            f"{field} must give the mass of {other!r} ({format_mass(mass)}) within {MASS_MATCH:.0%} between "
-            f"{table['least']} and {table['most']}, got {' to '.join(masses)} [{place}]"
-        )
+        wish = f"give the mass of {other!r} ({format_mass(mass)}) within {MASS_MATCH:.0%}"
+        room = f"between {table['least']} and {table['most']}"
+        raise ValueError(f"{field} must {wish} {room}, got {' to '.join(masses)} [{place}]")
     return dict(stanza) | {field: getattr(found, field)}
 
 
 def _bounds(table: Mapping[str, Any], field: str, place: str) -> tuple[float, float]:
     """Read between which lengths a dimension is sought [m]."""
     if not {"mass_of", "least", "most"} <= set(table) <= {"mass_of", "least", "most", "tolerance"}:
-        raise ValueError(
-            f"{field} must have mass_of, least, most and tolerance, got {', '.join(sorted(table))} [{place}]"
-        )
+        got = ", ".join(sorted(table))
+        raise ValueError(f"{field} must have mass_of, least, most and tolerance, got {got} [{place}]")
     try:
         low, high = (parse_quantity(table[name], "length") for name in ("least", "most"))
     except QuantityError as error:
         raise ValueError(f"{field}: {error} [{place}]") from error
     if not 0.0 < low < high:
-        raise ValueError(
-            f"{field}: least must be positive and below most, got {table['least']} and {table['most']} [{place}]"
-        )
+        got = f"{table['least']} and {table['most']}"
+        raise ValueError(f"{field}: least must be positive and below most, got {got} [{place}]")
     return low, high
 
 

@@ -8,11 +8,12 @@ from typing import TYPE_CHECKING, Any, ClassVar, Literal
 
 from pydantic import model_validator
 
-from stepblocks.parts.body import Block, Body
+from stepblocks.parts.body import Block, Body, body_cuts, half_points, half_volume, section_outline
 from stepblocks.parts.characteristics import PROFILE, Characteristic, EdgeRule, FaceRule, form_of, plane, toleranced
 from stepblocks.parts.declared import MaterialField, Table, WorkingFaces, require, require_below
 from stepblocks.parts.energy_tolerance import EnergyToleranceField, described, require_energy_tolerance
 from stepblocks.parts.kind import COARSE_DEFLECTION, CONTACT_DEFLECTION, NANOMETRE, Finding, MeasuredMesh, exaggeration
+from stepblocks.parts.shapes import hull, split
 from stepblocks.parts.tolerance import FeltLength, FeltPositiveLength, PositiveLength
 
 if TYPE_CHECKING:
@@ -33,9 +34,9 @@ class MetrologyFeature(Table):
 
 
 class StepBlock(Block):
-    """A block with one working edge.
+    """A block with one working edge, at x = 0.
 
-    x points across the edge, from the lower to the upper working face; y along the edge; z up. The edge lies at x = 0.
+    x points across the edge, from the lower to the upper working face; y along the edge; z up.
     """
 
     stanza: ClassVar[str] = "step_block"
@@ -71,21 +72,19 @@ class StepBlock(Block):
 
     def solids(self) -> list[kernel.Body]:
         from stepblocks.cad import kernel
-        from stepblocks.cad.kernel import Arc, Line
-        from stepblocks.parts.body_shape import body_cuts, section_outline
 
         height, radius, y = self.height.nominal, self.edge_radius.nominal, -0.5 * self.body.width.nominal
         right, left = section_outline(self.body, 0.0, height)
-        edges: list[Line | Arc] = [Line((x, y, z)) for x, z in right[1:]]
+        outline: list[Any] = [(x, y, z) for x, z in right]
         if radius > 0.0:
             bow = radius * (1.0 - math.sqrt(0.5))
-            edges += [Line((radius, y, height)), Arc((bow, y, height - bow), (0.0, y, height - radius))]
+            outline += [(radius, y, height), ((bow, y, height - bow), (0.0, y, height - radius))]
         else:
-            edges.append(Line((0.0, y, height)))
+            outline.append((0.0, y, height))
         if radius < height:
-            edges.append(Line((0.0, y, 0.0)))
-        edges += [Line((x, y, z)) for x, z in (*left, right[0])]
-        body = kernel.extruded((right[0][0], y, right[0][1]), edges, (0.0, self.body.width.nominal, 0.0))
+            outline.append((0.0, y, 0.0))
+        outline += [(x, y, z) for x, z in left]
+        body = kernel.extruded(outline, (0.0, self.body.width.nominal, 0.0))
         cuts = body_cuts(self.body, self.id, 0.0, height)
         if self.metrology.kind == "ridge":
             body = kernel.fused([body, self._feature()])
@@ -99,21 +98,15 @@ class StepBlock(Block):
 
         feature, back = self.metrology, 0.5 * self.body.width.nominal
         near, y0 = feature.distance.nominal, back - feature.lane.nominal
-        if feature.kind == "groove":
-            x0, depth, top = near, feature.lane.nominal + _OVER, self.height.nominal + _OVER
-        else:
-            # a ridge ends where the edge break of its side begins, level with the upper face
+        x0, depth, top = near, feature.lane.nominal + _OVER, self.height.nominal + _OVER
+        if feature.kind == "ridge":  # it ends where the edge break of its side begins, level with the upper face
             x0, depth, top = -near - feature.width.nominal, feature.lane.nominal, self.height.nominal
         x1 = x0 + feature.width.nominal
         corners = [(x0, y0, 0.0), (x1, y0, 0.0), (x1, y0 + depth, 0.0), (x0, y0 + depth, 0.0)]
-        return kernel.extruded(
-            corners[0], [kernel.Line(point) for point in (*corners[1:], corners[0])], (0.0, 0.0, top)
-        )
+        return kernel.extruded(corners, (0.0, 0.0, top))
 
     def volumes(self) -> tuple[float, ...]:
         """Two halves, less the rounding, the groove or with the ridge, less what the workshop cuts."""
-        from stepblocks.parts.body_shape import half_volume
-
         body, H, r, feature = self.body, self.height.nominal, self.edge_radius.nominal, self.metrology
         half, c = 0.5 * body.length.nominal, body.edge_break.nominal
         volume = half_volume(body, half, 0.0) + half_volume(body, half, H)
@@ -129,17 +122,14 @@ class StepBlock(Block):
         return (volume - self.filled,)
 
     def hulls(self) -> list[Any]:
-        from stepblocks.parts.body_shape import half_points
-        from stepblocks.parts.shapes import hull, split
-
         body, height, feature = self.body, self.height.nominal, self.metrology
         left = hull(half_points(body, -1.0, 0.0, 0.0, [(0.0, 0.0)]))
-        crest = self._rounding()
-        right_points = [p for p in half_points(body, 1.0, height, 0.0, crest) if not (p[0] == 0.0 and p[2] == height)]
+        right_points = [
+            p for p in half_points(body, 1.0, height, 0.0, self._rounding()) if not (p[0] == 0.0 and p[2] == height)
+        ]
         if self.edge_radius.nominal == 0.0:
-            right_points += [
-                (0.0, y * (0.5 * body.width.nominal - body.edge_break.nominal), height) for y in (-1.0, 1.0)
-            ]
+            side = 0.5 * body.width.nominal - body.edge_break.nominal
+            right_points += [(0.0, y * side, height) for y in (-1.0, 1.0)]
         right = hull(right_points)
         near, lane = feature.distance.nominal, 0.5 * body.width.nominal - feature.lane.nominal
         if feature.kind == "ridge":
@@ -215,38 +205,19 @@ class StepBlock(Block):
     def _is_possible(self) -> StepBlock:
         height, radius, body, feature = self.height.nominal, self.edge_radius.nominal, self.body, self.metrology
         tip_is_free = self.energy_tolerance is not None and self.energy_tolerance.ball_radius is None
-        require_energy_tolerance(
-            self.energy_tolerance, {"height": self.height, "edge_radius": self.edge_radius}, tip_is_free
-        )
+        require_energy_tolerance(self.energy_tolerance, self.sizes, tip_is_free)
         require(radius <= height, "edge_radius", "not exceed height", height, radius)
-        require(
-            height < body.edge_break.nominal or body.edge_break.nominal == 0.0,
-            "height",
-            "be smaller than edge_break, or the chamfers of the two faces part",
-            body.edge_break.nominal,
-            height,
-        )
+        chamfer, rule = body.edge_break.nominal, "be smaller than edge_break, or the chamfers of the two faces part"
+        require(height < chamfer or chamfer == 0.0, "height", rule, chamfer, height)
         require_below("height", "be below half the thickness", height, 0.5 * body.thickness.nominal)
-        room = 0.5 * body.length.nominal - body.edge_break.nominal
-        reach = feature.distance.nominal + 2.0 * feature.width.nominal
+        width, distance, lane = feature.width.nominal, feature.distance.nominal, feature.lane.nominal
+        room, reach, least = 0.5 * body.length.nominal - chamfer, distance + 2.0 * width, width + radius
         require(reach <= room, "metrology.width", "leave a plane face of its own width on either side", room, reach)
-        require(
-            feature.distance.nominal >= feature.width.nominal + radius,
-            "metrology.distance",
-            "be at least its width plus edge_radius",
-            feature.width.nominal + radius,
-            feature.distance.nominal,
-        )
+        require(distance >= least, "metrology.distance", "be at least its width plus edge_radius", least, distance)
         half = 0.5 * body.width.nominal
         if body.mounting.kind == "clearance":
             bore = 0.5 * body.mounting.entry_diameter
-            require(
-                half - feature.lane.nominal > bore,
-                "metrology.lane",
-                "keep clear of the counterbores",
-                half - bore,
-                feature.lane.nominal,
-            )
+            require(half - lane > bore, "metrology.lane", "keep clear of the counterbores", half - bore, lane)
         self.require_engravable()
-        require_below("metrology.lane", "leave half the width to the drag", feature.lane.nominal, half)
+        require_below("metrology.lane", "leave half the width to the drag", lane, half)
         return self

@@ -122,8 +122,7 @@ class StraightTip(Tip):
 
     @model_validator(mode="after")
     def _has_a_shank(self) -> StraightTip:
-        end, length = self.cone_end, self.length.nominal
-        require_above("length", "exceed the end of the cone", length, end)
+        require_above("length", "exceed the end of the cone", self.length.nominal, self.cone_end)
         return self
 
 
@@ -142,14 +141,13 @@ class HookTip(Tip):
 
         top, wire = self.cone_end, self.shank_radius.nominal
         bend, angle, length = self.bend_radius.nominal, self.bend_angle.nominal, self.straight_length.nominal
-        head = kernel.turned(self.outline(), (0.0, 0.0, 0.0))
         foot, axis = (bend, 0.0, top), (0.0, 1e-3, 0.0)
-        arc = kernel.revolved(*_circle((0.0, 0.0, top), (1.0, 0.0, 0.0), wire), foot, axis, math.degrees(angle))
+        arc = kernel.revolved(_circle((0.0, 0.0, top), (1.0, 0.0, 0.0), wire), foot, axis, math.degrees(angle))
         end = (bend * (1.0 - math.cos(angle)), 0.0, top + bend * math.sin(angle))
         along = (math.sin(angle), 0.0, math.cos(angle))
         radial = (math.cos(angle), 0.0, -math.sin(angle))
-        shank = kernel.extruded(*_circle(end, radial, wire), tuple(length * a for a in along))
-        return [kernel.fused([head, arc, shank])]
+        shank = kernel.extruded(_circle(end, radial, wire), tuple(length * a for a in along))
+        return [kernel.fused([kernel.turned(self.outline(), (0.0, 0.0, 0.0)), arc, shank])]
 
     def volumes(self) -> tuple[float, ...]:
         """Add a turned head, a torus by Pappus, and a cylinder."""
@@ -188,26 +186,20 @@ class HookTip(Tip):
     def _can_be_bent(self) -> HookTip:
         if self.bend_angle.nominal <= 0.0:
             raise ValueError("bend_angle must be above 0 deg, got 0 deg")
-        shank, bend = self.shank_radius.nominal, self.bend_radius.nominal
+        shank, bend, angle = self.shank_radius.nominal, self.bend_radius.nominal, self.bend_angle.nominal
         require_above("bend_radius", "exceed shank_radius", bend, shank)
-        angle, straight = self.bend_angle.nominal, self.straight_length.nominal
-        end = self.cone_end + bend * math.sin(angle) + straight * math.cos(angle)
+        end = self.cone_end + bend * math.sin(angle) + self.straight_length.nominal * math.cos(angle)
         lowest = end - shank * math.sin(angle)
         if lowest <= 0.0:
-            raise ValueError(
-                f"bend_angle must keep the shank above the contact point, got {format_quantity(angle, 'angle')}, "
-                f"which brings it to {format_quantity(lowest, 'length')}"
-            )
+            got = f"got {format_quantity(angle, 'angle')}, which brings it to {format_quantity(lowest, 'length')}"
+            raise ValueError(f"bend_angle must keep the shank above the contact point, {got}")
         return self
 
 
-def _circle(
-    centre: tuple[float, float, float], radial: tuple[float, float, float], radius: float
-) -> tuple[tuple[float, float, float], list[kernel.Line | kernel.Arc]]:
+def _circle(centre: Point3, radial: Point3, radius: float) -> list[Any]:
     """Circle of the wire in the plane of `radial` and y, as two half circles."""
-    from stepblocks.cad.kernel import Arc
 
-    def at(u: float, v: float) -> tuple[float, float, float]:
+    def at(u: float, v: float) -> Point3:
         return (centre[0] + radius * u * radial[0], centre[1] + radius * v, centre[2] + radius * u * radial[2])
 
-    return at(1.0, 0.0), [Arc(at(0.0, 1.0), at(-1.0, 0.0)), Arc(at(0.0, -1.0), at(1.0, 0.0))]
+    return [at(1.0, 0.0), (at(0.0, 1.0), at(-1.0, 0.0)), (at(0.0, -1.0), at(1.0, 0.0))]

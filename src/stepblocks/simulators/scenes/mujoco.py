@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from stepblocks.artefacts.heightfield import relief
-from stepblocks.parts.mesh import Mesh
+from stepblocks.parts.shapes import Mesh
 from stepblocks.simulators.scene import Scene, SceneFormat, fill
 
 _REACH = 10.0  # pieces that come closer to the drag line than this many radii of the ball collide, the others are seen

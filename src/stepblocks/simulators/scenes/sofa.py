@@ -5,7 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 
 from stepblocks.artefacts.meshes.write import write_obj
-from stepblocks.parts.mesh import Mesh
+from stepblocks.parts.shapes import Mesh
 from stepblocks.simulators.scene import Scene, SceneFormat, fill
 
 _CM = 1e2
