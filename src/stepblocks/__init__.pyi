@@ -30,6 +30,7 @@ from .contact.uncertainty import interval_of as interval_of
 from .declare import load_set as load_set
 from .drag.run import drag_over as drag_over
 from .errors import StepblocksError as StepblocksError
+from .evidence.compare import hold_against_evidence as hold_against_evidence
 from .inspect.report import write_inspection as write_inspection
 from .inspect.run import inspect_scan as inspect_scan
 from .inspect.run import inspect_standard as inspect_standard

@@ -23,7 +23,7 @@ from stepblocks.errors import StepblocksError
 __all__ = ["main"]
 
 # Modules of this package, one per command or family of commands, in the order of the help text
-_COMMANDS = ("build", "predict", "inspect", "bench", "workshop", "export", "study")
+_COMMANDS = ("build", "predict", "inspect", "bench", "evidence", "workshop", "export", "study")
 
 
 def main(argv: Sequence[str] | None = None) -> int:

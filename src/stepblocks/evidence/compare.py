@@ -1,0 +1,229 @@
+"""Every published figure beside the model's answers, with a verdict, as a table, a page and pictures."""
+
+from __future__ import annotations
+
+import html
+from collections.abc import Iterable
+from dataclasses import dataclass
+from enum import StrEnum
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from stepblocks.atomic import replace_text
+from stepblocks.evidence.contradiction import BAND, HEIGHTS, Explanation, explanations
+from stepblocks.evidence.published import Published, Value, read_published, shipped
+from stepblocks.evidence.questions import QUESTIONS, Answers
+from stepblocks.quantities import format_quantity
+
+if TYPE_CHECKING:
+    import pandas as pd
+
+
+class Verdict(StrEnum):
+    """Whether the model says what was published."""
+
+    AGREES = "agrees"  # every answer lies in the published range
+    DISAGREES = "disagrees"
+    NOT_SAID = "not said"
+
+
+@dataclass(frozen=True)
+class Row:
+    """One published figure and what the model says to it."""
+
+    publication: Published
+    value: Value
+    dimension: str
+    answers: Answers
+
+    @property
+    def verdict(self) -> Verdict:
+        """Agrees only where every answer lies in the published range."""
+        known = self.answers.known()
+        if not known:
+            return Verdict.NOT_SAID
+        inside = all(self.value.low * (1.0 - 1e-9) <= one <= self.value.high * (1.0 + 1e-9) for one in known.values())
+        return Verdict.AGREES if inside else Verdict.DISAGREES
+
+    def texts(self) -> dict[str, str]:
+        """Say the row in words, units in the values."""
+        known = {name: format_quantity(value, self.dimension, 3) for name, value in self.answers.known().items()}
+        low, high = (format_quantity(value, self.dimension, 3) for value in (self.value.low, self.value.high))
+        return {
+            "topic": self.publication.topic,
+            "figure": self.value.label,
+            "published": f"{low} to {high}",
+            **{name: known.get(name, "") for name in ("formula", "drag", "rod")},
+            "verdict": str(self.verdict),
+            "said": self.answers.said,
+        }
+
+
+@dataclass(frozen=True)
+class Evidence:
+    """What others published, beside what the model says."""
+
+    rows: tuple[Row, ...]
+    explanations: tuple[Explanation, ...]  # of the paper's contradiction: equation (1) as it stands, then its rivals
+
+    @property
+    def table(self) -> pd.DataFrame:
+        """One row per published figure."""
+        import pandas as pd
+
+        return pd.DataFrame([row.texts() for row in self.rows])
+
+    @property
+    def resolutions(self) -> pd.DataFrame:
+        """What would resolve the contradiction: error before (first row) and after, in the order of how well each fits."""
+        import pandas as pd
+
+        return pd.DataFrame([_resolution(one) for one in self.explanations])
+
+    def finding(self) -> str:
+        """Say the outcome in two sentences."""
+        counts = {verdict: sum(row.verdict is verdict for row in self.rows) for verdict in Verdict}
+        before, best = self.explanations[0], self.explanations[1]
+        held, of = best.facts()
+        return (
+            f"Of {len(self.rows)} published figures the model agrees with {counts[Verdict.AGREES]}, disagrees with "
+            f"{counts[Verdict.DISAGREES]} and says nothing of {counts[Verdict.NOT_SAID]}. The paper's energies miss equation (1) "
+            f"at one load by a factor of {before.missed:.1f}; {best.name} leaves {best.missed:.2f}, with {best.numbers} "
+            f"fitted, and keeps {held} of {of} of its other statements."
+        )
+
+    def _repr_html_(self) -> str:
+        return f"<p>{html.escape(self.finding())}</p>{self.table.to_html(index=False)}{self.resolutions.to_html(index=False)}"
+
+
+def _resolution(one: Explanation) -> dict[str, str]:
+    held, of = one.facts()
+    return {
+        "explanation": one.name,
+        "fitted": str(one.numbers),
+        "setting": one.setting,
+        "energies": ", ".join(f"{energy * 1e6:.3g}" for energy in one.energies) + " uJ",
+        "misses the band by a factor of": f"{one.missed:.2f}",
+        "other statements kept": f"{held} of {of}",
+    }
+
+
+def hold_against_evidence(output: str | Path | None = None, *, also: Iterable[str | Path] = ()) -> Evidence:
+    """Hold the model against what others published.
+
+    Parameters
+    ----------
+    output : str or Path, optional
+        Folder for ``evidence.html``, ``evidence.csv``, ``resolutions.csv`` and their pictures.
+    also : iterable of str or Path
+        Publications of your own beside those of the package, one TOML each (docs/evidence.md).
+
+    Returns
+    -------
+    Evidence
+        A row per published figure with verdict, and what would resolve the paper's own contradiction.
+
+    Raises
+    ------
+    StepblocksError
+        If a publication is wrong or the folder cannot be written.
+
+    Examples
+    --------
+    >>> print(hold_against_evidence().finding()[:44])
+    Of 23 published figures the model agrees wit
+    """
+    rows = tuple(
+        Row(one, value, _dimension(one, value), QUESTIONS[one.question].ask(value.at))
+        for one in (*shipped(), *(read_published(Path(path)) for path in also))
+        for value in one.values
+    )
+    found = Evidence(rows, tuple(explanations()))
+    if output is not None:
+        write_evidence(found, Path(output))
+    return found
+
+
+def _dimension(one: Published, value: Value) -> str:
+    from stepblocks.evidence.published import FIGURES
+
+    return FIGURES.get(str(value.at.get("figure")), QUESTIONS[one.question].dimension)
+
+
+def write_evidence(found: Evidence, folder: Path) -> list[Path]:
+    """Write tables, pictures and the page."""
+    from stepblocks.figure_file import save_figure
+    from stepblocks.tables import write_table
+
+    folder.mkdir(parents=True, exist_ok=True)
+    write_table(found.table, folder / "evidence.csv")
+    write_table(found.resolutions, folder / "resolutions.csv")
+    save_figure(_ratios(found), folder / "evidence.svg")
+    save_figure(_energies(found), folder / "resolutions.svg")
+    replace_text(folder / "evidence.html", _page(found))
+    return [
+        folder / name
+        for name in ("evidence.html", "evidence.csv", "resolutions.csv", "evidence.svg", "resolutions.svg")
+    ]
+
+
+def _page(found: Evidence) -> str:
+    from jinja2 import Environment, PackageLoader, StrictUndefined
+
+    environment = Environment(
+        loader=PackageLoader("stepblocks.evidence", "templates"),
+        autoescape=True,
+        undefined=StrictUndefined,
+        trim_blocks=True,
+    )
+    publications = list(dict.fromkeys(row.publication for row in found.rows))
+    return environment.get_template("evidence.html.j2").render(
+        finding=found.finding(),
+        publications=[(one, [row for row in found.rows if row.publication is one]) for one in publications],
+        resolutions=found.resolutions.to_dict("records"),
+    )
+
+
+_MARKS = {"formula": ("o", "#1d2a36"), "drag": ("s", "#1f6f8b"), "rod": ("^", "#c8553d")}
+
+
+def _ratios(found: Evidence) -> Any:
+    """Every answer over the middle of its published range, which is drawn as a bar."""
+    from stepblocks.figure_file import new_figure
+
+    rows = [row for row in found.rows if row.answers.known() and row.value.low > 0.0][::-1]
+    figure, axis = new_figure(width=9.0, height=0.32 * len(rows) + 1.2)
+    for place, row in enumerate(rows):
+        middle = (row.value.low * row.value.high) ** 0.5
+        axis.plot(
+            [row.value.low / middle, row.value.high / middle],
+            [place, place],
+            lw=7,
+            color="#b9c6d2",
+            solid_capstyle="butt",
+        )
+        for name, value in row.answers.known().items():
+            mark, colour = _MARKS[name]
+            axis.plot(value / middle, place, mark, color=colour, ms=5, label=name)
+    axis.set_xscale("log")
+    axis.set_yticks(range(len(rows)), [f"{row.publication.topic}: {row.value.label}" for row in rows], fontsize=7)
+    axis.set_xlabel("over the middle of the published range (bar)")
+    handles = {label: handle for handle, label in zip(*axis.get_legend_handles_labels(), strict=True)}
+    axis.legend(handles.values(), handles.keys(), fontsize=8, loc="lower right")
+    return figure
+
+
+def _energies(found: Evidence) -> Any:
+    """Energies of the four blocks by every explanation, and the band in which all of the paper's lie."""
+    from stepblocks.figure_file import new_figure
+
+    figure, axis = new_figure(width=8.0, height=4.2)
+    axis.axhspan(BAND[0] * 1e6, BAND[1] * 1e6, color="#dfe7ee", label="the paper: 10 to 20 uJ")
+    for number, one in enumerate(found.explanations):
+        style = {"lw": 2.4, "color": "#1d2a36"} if number == 0 else {"lw": 1.3}
+        axis.plot([h * 1e6 for h in HEIGHTS], [e * 1e6 for e in one.energies], "o-", ms=4, label=one.name, **style)
+    axis.set_yscale("log")
+    axis.set_xlabel("step height, um")
+    axis.set_ylabel("vibration energy, uJ")
+    axis.legend(fontsize=7)
+    return figure

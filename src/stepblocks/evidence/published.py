@@ -1,0 +1,117 @@
+"""Published figures as data: one TOML each, with its citation, its condition and its spread."""
+
+from __future__ import annotations
+
+import tomllib
+from dataclasses import dataclass
+from importlib.resources import files
+from pathlib import Path
+from typing import Annotated, Any
+
+from pydantic import BaseModel, ConfigDict, Field, ValidationError
+
+from stepblocks.errors import StimulusError
+from stepblocks.evidence.questions import AT, QUESTIONS
+from stepblocks.quantities import parse_quantity
+
+_LARGEST = 100_000  # bytes
+
+
+class _Value(BaseModel):
+    model_config = ConfigDict(extra="forbid")
+
+    label: Annotated[str, Field(min_length=1)]
+    at: dict[str, Any] = {}
+    low: str
+    high: str
+    spread: str = ""
+
+
+class _File(BaseModel):
+    model_config = ConfigDict(extra="forbid")
+
+    order: int
+    topic: Annotated[str, Field(min_length=1)]
+    citation: Annotated[str, Field(min_length=1)]
+    says: Annotated[str, Field(min_length=1)]
+    question: str
+    note: str = ""
+    value: Annotated[list[_Value], Field(min_length=1)]
+
+
+@dataclass(frozen=True, eq=False)
+class Value:
+    """One published figure as a range, in SI."""
+
+    label: str
+    at: dict[str, Any]  # condition under which the model is asked, SI
+    low: float
+    high: float
+    spread: str  # whose the range is, where the publication gives none
+
+
+@dataclass(frozen=True, eq=False)
+class Published:
+    """What one publication says."""
+
+    name: str
+    order: int  # on the page
+    topic: str
+    citation: str
+    says: str
+    question: str  # what the model is asked: a key of `stepblocks.evidence.questions.QUESTIONS`
+    note: str  # how it is asked
+    values: tuple[Value, ...]
+
+
+def read_published(path: Path) -> Published:
+    """Read one publication."""
+    try:
+        if path.stat().st_size > _LARGEST:
+            raise StimulusError(f"a publication must be at most {_LARGEST} bytes, got {path.stat().st_size} [{path}]")
+        return _parse(path.stem, path.read_text(encoding="utf-8"), str(path))
+    except OSError as error:
+        raise StimulusError(f"cannot be read: {error.strerror} [{path}]") from error
+
+
+def shipped() -> list[Published]:
+    """All publications of the package, in the order of the page."""
+    folder = files("stepblocks.evidence").joinpath("published")
+    names = sorted(entry.name for entry in folder.iterdir() if entry.name.endswith(".toml"))
+    found = [
+        _parse(name.removesuffix(".toml"), folder.joinpath(name).read_text(encoding="utf-8"), name) for name in names
+    ]
+    return sorted(found, key=lambda one: one.order)
+
+
+def _parse(name: str, text: str, place: str) -> Published:
+    try:
+        raw = _File.model_validate(tomllib.loads(text))
+    except ValidationError as error:
+        first = error.errors(include_url=False)[0]
+        field = ".".join(str(part) for part in first["loc"])
+        raise StimulusError(f"{field}: {first['msg'].lower()}, got {first['input']!r:.60} [{place}]") from error
+    except ValueError as error:
+        raise StimulusError(f"must be TOML: {error} [{place}]") from error
+    if raw.question not in QUESTIONS:
+        raise StimulusError(f"question must be one of {', '.join(QUESTIONS)}, got {raw.question!r} [{place}]")
+    values = tuple(_value(one, QUESTIONS[raw.question].dimension, place) for one in raw.value)
+    return Published(name, raw.order, raw.topic, raw.citation, raw.says, raw.question, raw.note, values)
+
+
+def _value(raw: _Value, dimension: str, place: str) -> Value:
+    unknown = sorted(set(raw.at) - set(AT))
+    if unknown:
+        raise StimulusError(f"at.{unknown[0]} is not one of {', '.join(AT)} [{place}, {raw.label!r}]")
+    try:
+        at = {key: parse_quantity(text, AT[key]) if AT[key] else text for key, text in raw.at.items()}
+        asked = raw.at.get("figure")
+        low, high = (parse_quantity(text, FIGURES.get(str(asked), dimension)) for text in (raw.low, raw.high))
+    except ValueError as error:
+        raise StimulusError(f"{error} [{place}, {raw.label!r}]") from error
+    if not low <= high:
+        raise StimulusError(f"low must not exceed high, got {raw.low} and {raw.high} [{place}, {raw.label!r}]")
+    return Value(raw.label, at, low, high, raw.spread)
+
+
+FIGURES = {"decay_time": "time", "share": "ratio", "frequency": "frequency"}  # dimensions of the figures of a ring

@@ -1,0 +1,195 @@
+"""What the model is asked: by equations (1) and (2), by the drag in time, and by the drag in time of a rod.
+
+Each question takes the condition of a published figure in SI and returns up to three answers; not-a-number where the
+model says nothing, and words where it says that something cannot be.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, replace
+from functools import lru_cache
+from typing import Any
+
+from stepblocks.contact.counterface import Counterface, Margin, Step
+from stepblocks.contact.energy import Status
+from stepblocks.contact.operating_point import PAPER, OperatingPoint
+
+# Conditions that a published figure may name, and their dimension; words have none
+AT = {
+    "height": "length", "gap": "length", "tip_radius": "length", "load": "force", "friction": "ratio", "energy": "energy",
+    "phase": "", "figure": "",
+}  # fmt: skip
+At = Mapping[str, Any]
+_LEAST_GAP = 10e-9  # smaller ones are roughness [m]
+
+
+@dataclass(frozen=True)
+class Answers:
+    """What the model says, in the SI unit of the question."""
+
+    formula: float = math.nan  # equations (1) and (2)
+    drag: float = math.nan  # the drag in time, the load on the tip
+    rod: float = math.nan  # the drag in time of a round rod, the load on a carrier behind it
+    said: str = ""  # where there is no figure: locked, beyond reach, an input
+
+    def known(self) -> dict[str, float]:
+        """Return the answers that are figures, by whom."""
+        return {name: value for name in ("formula", "drag", "rod") if math.isfinite(value := getattr(self, name))}
+
+
+@dataclass(frozen=True)
+class Question:
+    """A question with the dimension of its answer."""
+
+    dimension: str
+    ask: Callable[[At], Answers]
+
+
+def _point(at: At) -> OperatingPoint:
+    return replace(
+        PAPER,
+        ball_radius=at.get("tip_radius", PAPER.ball_radius),
+        normal_load=at.get("load", PAPER.normal_load),
+        friction=at.get("friction", PAPER.friction),
+    )
+
+
+def _face(at: At) -> Counterface:
+    return Margin(at["gap"], at["gap"], 0.0) if "gap" in at else Step(at["height"])
+
+
+@dataclass(frozen=True)
+class Dragged:
+    """What a drag in time says."""
+
+    status: Status
+    energy: float = math.nan  # [J]
+    share: float = math.nan  # of the stored energy that rings [1]
+    decay_time: float = math.nan  # to 1/e [s]
+    loading: float = math.nan  # share of the energy of the loading phase in 0 to 100 Hz [1]
+    vibration: float = math.nan  # share of the energy of the vibration in 250 to 350 Hz [1]
+
+
+@lru_cache(maxsize=256)
+def dragged(face: Counterface, point: OperatingPoint, rod: bool = False, pull: float = 0.0) -> Dragged:
+    """Drag in time over a counterface: the setting of docs/drag.md for figures 3 to 5.
+
+    A rod is as stiff along the normal as along the drag and carries 10 g of holder beside its weight; `pull` [N] pulls the
+    handle with a constant force instead of moving it.
+    """
+    from stepblocks.drag.ring import ring_of
+    from stepblocks.drag.simulate import DragSettings, probe_for, simulate
+    from stepblocks.drag.track import track_over
+
+    changes = {"damping_ratio": 0.033 if rod else 0.01}
+    if rod:
+        changes |= {"normal_stiffness": point.tool.stiffness, "carrier_mass": point.normal_load / 9.81 + 10e-3}
+    probe = probe_for(point.tool, point.ball_radius, **changes)
+    how = {"speed": 0.0, "pulling_force": pull, "handle_mass": 0.1} if pull else {}
+    trace = simulate(track_over(face, point.ball_radius), probe, DragSettings.under(point, **how))
+    if trace.status is not Status.RELEASES:
+        return Dragged(trace.status)
+    ring = ring_of(trace)
+    return Dragged(trace.status, ring.energy, ring.share, ring.decay_time, ring.loading_share, ring.ring_band_share)
+
+
+def _energy(at: At) -> Answers:
+    face, point = _face(at), _point(at)
+    release = face.release(point)
+    if release.status is not Status.RELEASES:
+        return Answers(said=str(release.status))
+    return Answers(release.vibration_energy, dragged(face, point).energy, dragged(face, point, rod=True).energy)
+
+
+def _power_of_energy(at: At) -> Answers:
+    return Answers(at["energy"] / PAPER.tool.ring_duration)
+
+
+def _band_share(at: At) -> Answers:
+    face, point = _face(at), _point(at)
+    light, rod = dragged(face, point), dragged(face, point, rod=True)
+    # the line of a decaying sine: its decay was chosen from this very figure, so the formula says nothing of its own
+    return Answers(drag=getattr(light, at["phase"]), rod=getattr(rod, at["phase"]))
+
+
+def _ring(at: At) -> Answers:
+    if at["figure"] == "frequency":
+        return Answers(said="an input of the model")
+    face, point = _face(at), _point(at)
+    light, rod = dragged(face, point), dragged(face, point, rod=True)
+    return Answers(drag=getattr(light, at["figure"]), rod=getattr(rod, at["figure"]))
+
+
+def _radius_of_paper(at: At) -> Answers:
+    return Answers(PAPER.ball_radius)
+
+
+def _pull_force(at: At) -> Answers:
+    face, point = _face(at), _point(at)
+    release = face.release(point)
+    return Answers(release.pull_force, said="" if release.status is Status.RELEASES else str(release.status))
+
+
+def _detectable_groove(at: At) -> Answers:
+    """Find the least gap whose ring is felt, by bisection: what rings grows with the gap until the tip is held."""
+    point = _point(at)
+    threshold = PAPER.tool.detection_threshold * PAPER.tool.ring_duration
+
+    def by_formula(gap: float) -> bool:
+        release = Margin(gap, gap, 0.0).release(point)
+        return release.status in (Status.LOCKED, Status.TOO_HIGH) or release.vibration_energy >= threshold
+
+    def by_drag(gap: float, rod: bool) -> bool:
+        found = dragged(Margin(gap, gap, 0.0), point, rod)
+        return found.status in (Status.LOCKED, Status.TOO_HIGH) or found.energy >= threshold
+
+    least = _least_felt(by_formula, point.ball_radius)
+    return Answers(
+        least,
+        _least_felt(lambda gap: by_drag(gap, False), point.ball_radius),
+        _least_felt(lambda gap: by_drag(gap, True), point.ball_radius),
+        said="equation (1) keeps the energy of the friction that it pulls against, at any gap"
+        if least <= _LEAST_GAP
+        else "",
+    )
+
+
+def _least_felt(felt: Callable[[float], bool], ball_radius: float) -> float:
+    if felt(_LEAST_GAP):
+        return _LEAST_GAP
+    low, high = _LEAST_GAP, 1.99 * ball_radius
+    while high > 1.01 * low:
+        middle = math.sqrt(low * high)
+        low, high = (low, middle) if felt(middle) else (middle, high)
+    return high
+
+
+def _energy_ratio_of_tips(at: At) -> Answers:
+    face, point = _face(at), replace(_point(at), normal_load=0.1)
+    sharp, blunt = (face.release(replace(point, ball_radius=radius)) for radius in (29e-6, 125e-6))
+    for release in (sharp, blunt):
+        if release.status is not Status.RELEASES:
+            return Answers(said=str(release.status))
+    return Answers(sharp.vibration_energy / blunt.vibration_energy)
+
+
+def _gap_found(at: At) -> Answers:
+    loads = (0.1, 0.2, 0.5, 1.0, 2.0, 3.4)
+    releases = [_face(at).release(replace(_point(at), normal_load=load)) for load in loads]
+    found = [r.status is Status.LOCKED or r.threshold_ratio >= 1.0 for r in releases]
+    return Answers(sum(found) / len(found))
+
+
+QUESTIONS: dict[str, Question] = {
+    "energy": Question("energy", _energy),
+    "power_of_energy": Question("power", _power_of_energy),
+    "band_share": Question("ratio", _band_share),
+    "ring": Question("ratio", _ring),
+    "radius_of_paper": Question("length", _radius_of_paper),
+    "pull_force": Question("force", _pull_force),
+    "detectable_groove": Question("length", _detectable_groove),
+    "energy_ratio_of_tips": Question("ratio", _energy_ratio_of_tips),
+    "gap_found": Question("ratio", _gap_found),
+}

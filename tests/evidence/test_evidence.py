@@ -1,0 +1,186 @@
+"""The model beside what others published: each expected value is the paper's own arithmetic, a closed form, or said by it."""
+
+import csv
+import json
+import math
+from dataclasses import replace
+
+import pytest
+
+from stepblocks.cli import main
+from stepblocks.contact.counterface import Step
+from stepblocks.contact.energy import Status
+from stepblocks.contact.operating_point import PAPER
+from stepblocks.errors import StimulusError
+from stepblocks.evidence.compare import Row, Verdict, hold_against_evidence
+from stepblocks.evidence.contradiction import BAND, HEIGHTS, explanations, missed
+from stepblocks.evidence.published import read_published, shipped
+from stepblocks.evidence.questions import QUESTIONS, Answers, dragged
+
+VALUE = '[[value]]\nlabel = "x"\nat = { height = "25 um" }\nlow = "10 uJ"\nhigh = "20 uJ"\n'
+HEAD = 'order = 1\ntopic = "t"\ncitation = "c"\nsays = "s"\nquestion = "energy"\n'
+
+
+@pytest.fixture(scope="module")
+def found():
+    return hold_against_evidence()
+
+
+def row(found, topic, figure):
+    (one,) = (r for r in found.rows if r.publication.topic.startswith(topic) and r.value.label == figure)
+    return one
+
+
+def test_every_publication_says_who_and_what():
+    for one in shipped():
+        assert len(one.citation) > 20
+        assert one.says.endswith(".")
+        assert one.values
+        assert one.question in QUESTIONS
+
+
+def test_the_paper_s_power_is_its_energy_over_its_duration(found):
+    for energy, power in ((10, 625e-6), (20, 1250e-6)):  # the paper: 10-20 uJ over 16 ms = 625-1250 uW
+        one = row(found, "Power", f"power of {energy} uJ")
+        assert one.answers.formula == pytest.approx(power, rel=1e-12)
+        assert one.verdict is Verdict.AGREES
+
+
+@pytest.mark.parametrize(("height", "energy"), [(25, 10.5), (50, 35.0), (75, 141.0), (100, 3696.0)])
+def test_equation_one_at_one_load_gives_what_it_gives_by_hand(found, height, energy):
+    # E_v = C_v (F tan(a + atan mu))^2 / 2k at 1 N, mu 0.15, R 125 um, worked out by hand
+    one = row(found, "Energies", f"step of {height} um")
+    assert one.answers.formula == pytest.approx(energy * 1e-6, rel=5e-3)
+    assert one.verdict is (Verdict.AGREES if height == 25 else Verdict.DISAGREES)
+
+
+def test_nothing_is_said_of_what_the_model_takes_as_given(found):
+    one = row(found, "Duration", "natural frequency")
+    assert one.verdict is Verdict.NOT_SAID
+    assert one.answers.said == "an input of the model"
+
+
+def test_a_row_agrees_only_where_every_answer_lies_in_the_published_range():
+    publication = shipped()[0]
+    value = publication.values[0]
+
+    def verdict(**answers):
+        return Row(publication, value, "energy", Answers(**answers)).verdict
+
+    assert verdict(formula=15e-6, drag=12e-6) is Verdict.AGREES
+    assert verdict(formula=15e-6, drag=22e-6) is Verdict.DISAGREES
+    assert verdict() is Verdict.NOT_SAID
+
+
+def test_the_radius_matters_for_steps_by_equation_two_though_dentists_do_not_feel_it(found):
+    assert row(found, "The tip's diameter", "step of 20 um").verdict is Verdict.DISAGREES
+    assert row(found, "The tip's diameter", "gap of 40 um").verdict is Verdict.AGREES
+
+
+def test_the_rod_keeps_the_figures_it_was_set_for_and_no_others(found):
+    assert row(found, "Spectra", "vibration, share of 250 to 350 Hz").verdict is Verdict.AGREES
+    assert row(found, "Spectra", "vibration, step of 25 um under 1 N").verdict is Verdict.DISAGREES
+
+
+def test_what_misses_a_band_is_a_factor():
+    low, high = BAND
+    assert missed([low, high, 15e-6, 12e-6]) == 1.0
+    assert missed([2.0 * high] * 4) == pytest.approx(2.0)
+    assert missed([low / 3.0, high, high, high]) == pytest.approx(math.exp(math.log(3.0) / 2.0))
+    assert missed([0.0, high]) == math.inf
+
+
+def test_the_contradiction_is_told_before_and_after():
+    before, *rivals = explanations()
+    assert before.spread == pytest.approx(353.0, rel=0.01)  # equation (1) at one load, mu 0.15: 10.5 to 3696 uJ
+    by_name = {one.name: one for one in rivals}
+    assert by_name["the same without friction"].spread == pytest.approx(43.0, rel=0.01)
+    loads = by_name["a load of its own for each block"]
+    assert loads.missed == 1.0
+    assert [one.missed for one in rivals] == sorted(one.missed for one in rivals)
+    # the loads that give the middle of the band lie in the disjoint ranges that equation (1) inverts to
+    ranges = [(0.98, 1.38), (0.53, 0.76), (0.27, 0.38), (0.05, 0.07)]
+    assert all(
+        low <= point.normal_load <= high for (low, high), (_, point, _) in zip(ranges, loads.points, strict=True)
+    )
+
+
+def test_a_weight_that_pulls_gives_every_block_the_same_energy():
+    (one,) = (e for e in explanations() if e.name.startswith("pulled"))
+    (_, point, pull), *_ = one.points
+    energy = PAPER.tool.conversion * pull**2 / (2.0 * PAPER.tool.stiffness)
+    assert one.energies == pytest.approx([energy] * 4)
+    assert all(Step(h).release(point).pull_force <= pull for h in HEIGHTS)
+
+
+def test_a_small_step_rings_less_in_time_than_the_formula_keeps():
+    # what rings is what is released above the sliding friction, which equation (1) keeps as H goes to 0
+    point = replace(PAPER, normal_load=0.5)
+    found = dragged(Step(10e-6), point)
+    assert found.status is Status.RELEASES
+    assert found.energy < 0.2 * Step(10e-6).release(point).vibration_energy
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        (HEAD, "value: field required"),
+        (HEAD + VALUE + "what = 1\n", "what: extra inputs are not permitted"),
+        (HEAD.replace('"energy"', '"colour"') + VALUE, "question must be one of energy"),
+        (HEAD + VALUE.replace("10 uJ", "30 uJ"), "low must not exceed high, got 30 uJ and 20 uJ"),
+        (HEAD + VALUE.replace("10 uJ", "10 um"), "must be a energy such as '10 uJ', got '10 um'"),
+        (HEAD + VALUE.replace("height", "hight"), "at.hight is not one of height"),
+        ("order = ", "must be TOML"),
+    ],
+)
+def test_a_publication_that_is_wrong_says_where(tmp_path, text, message):
+    path = tmp_path / "mine.toml"
+    path.write_text(text)
+    with pytest.raises(StimulusError, match=r"mine\.toml") as caught:
+        read_published(path)
+    assert message in str(caught.value)
+
+
+def test_a_publication_that_is_not_there_or_too_large_is_refused(tmp_path):
+    with pytest.raises(StimulusError, match="cannot be read: No such file"):
+        read_published(tmp_path / "none.toml")
+    (tmp_path / "big.toml").write_text("#" * 200_000)
+    with pytest.raises(StimulusError, match="at most 100000 bytes"):
+        read_published(tmp_path / "big.toml")
+
+
+def test_the_command_leaves_a_page_with_every_row_and_honest_verdicts(tmp_path, capsys):
+    assert main(["evidence", "-o", str(tmp_path), "--json"]) == 0
+    told = json.loads(capsys.readouterr().out)
+    assert {one["verdict"] for one in told["evidence"]} == {"agrees", "disagrees", "not said"}
+    with (tmp_path / "evidence.csv").open() as file:
+        assert [one["figure"] for one in csv.DictReader(file)] == [one["figure"] for one in told["evidence"]]
+    page = (tmp_path / "evidence.html").read_text()
+    assert all(one["figure"] in page for one in told["evidence"])
+    assert all(one.citation.split(",")[0] in page for one in shipped())
+    assert "http" not in page.split("<h1>")[1]
+    assert (tmp_path / "evidence.svg").stat().st_size > 1000
+    assert main(["evidence", "-o", str(tmp_path)]) == 0
+    assert "disagrees with" in capsys.readouterr().out
+
+
+def test_a_publication_of_one_s_own_stands_beside_the_others(tmp_path):
+    path = tmp_path / "mine.toml"
+    path.write_text(HEAD.replace('"t"', '"My bench"') + VALUE)
+    found = hold_against_evidence(also=[path])
+    (mine,) = (r for r in found.rows if r.publication.topic == "My bench")
+    assert mine.verdict is Verdict.AGREES  # 10.5 uJ by equation (1), 17.7 and 10.0 uJ in time
+    assert len(found.rows) == 1 + sum(len(one.values) for one in shipped())
+
+
+def test_the_same_page_comes_out_twice(tmp_path):
+    hold_against_evidence(tmp_path / "a")
+    hold_against_evidence(tmp_path / "b")
+    names = sorted(path.name for path in (tmp_path / "a").iterdir())
+    assert all((tmp_path / "a" / name).read_bytes() == (tmp_path / "b" / name).read_bytes() for name in names)
+
+
+def test_a_notebook_shows_the_finding_and_both_tables(found):
+    shown = found._repr_html_()
+    assert shown.count("<table") == 2
+    assert "disagrees with" in shown
