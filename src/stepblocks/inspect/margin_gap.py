@@ -39,6 +39,13 @@ class Margin:
         """Absolute marginal discrepancy, the hypotenuse of opening and rise [m]."""
         return float(np.hypot(self.opening, self.rise))
 
+    @property
+    def absolute_noise(self) -> NoiseUncertainty:
+        """Its uncertainty from noise [m]; the degrees of freedom are those of the rise, which carries them."""
+        share, slope = self.opening / self.absolute, self.rise / self.absolute
+        std = float(np.hypot(share * self.opening_noise.std, slope * self.rise_noise.std))
+        return NoiseUncertainty(std, self.rise_noise.dof)
+
 
 def fit_margin(x: Array, z: Array) -> Margin:
     """Measure opening and rise of a margin from a profile [m], nan where nothing was measured.

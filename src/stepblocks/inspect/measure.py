@@ -196,14 +196,14 @@ def measure_margin(scan: Profile | HeightMap, instrument: Instrument) -> Inspect
     sampling = float(np.mean([one.opening_sampling for one in ones]))
 
     how = "one interval at either edge, rectangular; the same in every profile"
-    sizes = {  # the name of each in the fit, its share in what lies between samples, and the axes that it answers to
-        "vertical_discrepancy": ("opening", 1.0, (0.0, 1.0)),
-        "horizontal_discrepancy": ("rise", None, (1.0, 0.0)),
-        "absolute_discrepancy": ("absolute", share, (1.0 - share**2, share**2)),
+    sizes = {  # length and noise of each, its share in what lies between samples, and the axes that it answers to
+        "vertical_discrepancy": ([(m.opening, m.opening_noise) for m in ones], 1.0, (0.0, 1.0)),
+        "horizontal_discrepancy": ([(m.rise, m.rise_noise) for m in ones], None, (1.0, 0.0)),
+        "absolute_discrepancy": ([(m.absolute, m.absolute_noise) for m in ones], share, (1.0 - share**2, share**2)),
     }
     values = {}
-    for key, (name, part, axes) in sizes.items():
-        lengths, noise = ([getattr(one, field) for one in ones] for field in (name, f"{name}_noise"))
+    for key, (found, part, axes) in sizes.items():
+        lengths, noise = [length for length, _ in found], [own for _, own in found]
         others = [] if part is None else [Component("sampling", part * sampling, how=how)]
         values[key] = measured_from_profiles(key.replace("_", " "), lengths, noise, instrument, others, axes)
     first = results[0][0]
