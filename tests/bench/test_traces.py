@@ -222,3 +222,32 @@ def test_text_among_numbers_and_tables_are_no_samples(tmp_path):
         read(tmp_path, "all.h5")
     with pytest.raises(TraceError, match=r"is a table of shape \(5, 5\)"):
         read(tmp_path, "all.h5", channels='tangential = "y", normal = "t"')
+
+
+@pytest.mark.parametrize("way", ["external link", "external group", "external storage", "virtual"])
+def test_nothing_outside_the_session_is_read_through_an_hdf5_file(tmp_path, way):
+    from types import SimpleNamespace
+
+    from stepblocks.bench.traces.hdf5 import hdf5_columns, open_hdf5
+
+    with h5py.File(tmp_path / "secret.h5", "w") as secret:
+        secret["group/fx"] = np.arange(8.0)
+    (tmp_path / "raw.bin").write_bytes(np.arange(8.0).tobytes())
+    path = tmp_path / "traces.h5"
+    with h5py.File(path, "w") as file:
+        if way == "external group":
+            file["0001"] = h5py.ExternalLink("secret.h5", "/group")
+        else:
+            group = file.create_group("0001")
+            if way == "external link":
+                group["fx"] = h5py.ExternalLink("secret.h5", "/group/fx")
+            elif way == "external storage":
+                raw = [(str(tmp_path / "raw.bin"), 0, h5py.h5f.UNLIMITED)]
+                group.create_dataset("fx", (8,), "f8", external=raw)
+            else:
+                layout = h5py.VirtualLayout((8,), "f8")
+                layout[:] = h5py.VirtualSource(str(tmp_path / "secret.h5"), "group/fx", (8,))
+                group.create_virtual_dataset("fx", layout)
+    place = SimpleNamespace(is_file=False, groups=("0001",), trial="1")
+    with open_hdf5(path, None) as file, pytest.raises(TraceError, match="lies in another file, which is not read"):
+        hdf5_columns(file, place, ("fx",))

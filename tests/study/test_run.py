@@ -7,7 +7,7 @@ import pandas as pd
 import pytest
 
 from stepblocks.declare import load_declared
-from stepblocks.errors import ContactError, PipelineError
+from stepblocks.errors import ContactError, PipelineError, StudyError
 from stepblocks.study.run import (
     analyse_study,
     block_energies,
@@ -117,3 +117,15 @@ def test_power_is_one_row_per_size_and_the_same_in_its_file(tmp_path):
     assert written["power_ratio"].tolist() == pytest.approx(table["power_ratio"].tolist(), abs=5e-4)
     (alone,) = study_power(FOUR, participants=(3,), repetitions=(2,), **options).to_dict("records")
     assert alone == table.to_dict("records")[3]
+
+
+@pytest.mark.parametrize("name", ["x/../../../evil", "..\\\\evil", "/tmp/evil", "a b", "p" * 41])
+def test_a_participant_is_one_word_and_leads_no_sheet_out_of_its_folder(folder, name):
+    design = Path(folder) / "design.csv"
+    table = pd.read_csv(design, dtype=str, keep_default_na=False)
+    table["participant"] = table["participant"].replace("1", name)
+    table.to_csv(design, index=False)
+    before = sorted(Path(folder).rglob("*"))
+    with pytest.raises(StudyError, match="participant must be one word of at most 40 characters"):
+        write_sheets(folder)
+    assert sorted(Path(folder).rglob("*")) == before

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import itertools
 import math
+import re
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -12,7 +13,7 @@ from stepblocks.atomic import replace_text
 from stepblocks.contact.energy import Status, release_at
 from stepblocks.contact.operating_point import OperatingPoint
 from stepblocks.declare import load_declared
-from stepblocks.errors import PipelineError
+from stepblocks.errors import PipelineError, StudyError
 from stepblocks.parts.kinds.step_block import StepBlock
 from stepblocks.parts.lettering import engraved_text
 from stepblocks.parts.set import StimulusSet
@@ -112,6 +113,11 @@ def write_sheets(folder: str | Path) -> int:
     design = read_design(folder / "design.csv")
     for row in sheet_rows(design):
         by_person.setdefault(row["participant"], []).append(row)
+    for person in by_person:  # it becomes the name of a file
+        if not re.fullmatch(r"[\w.-]{1,40}", person):
+            raise StudyError(
+                f"participant must be one word of at most 40 characters, got {person!r:.60} [{folder / 'design.csv'}]"
+            )
     digits = len(str(len(by_person)))
     sheets = {f"participant-{person:0>{digits}}.csv": csv_text(rows) for person, rows in by_person.items()}
     write_new(folder / "sheets", sheets)

@@ -32,8 +32,9 @@ def hdf5_columns(file: Any, place: Place, names: tuple[str | int, ...]) -> dict[
         group = file if place.is_file else next((file[name] for name in place.groups if name in file), None)
         if group is None:
             raise TraceError(f"missing: no group {place.groups[0]!r} among the traces")
+        _require_own(group, file)
         return {name: _column(group, name) for name in names}
-    except (OSError, RuntimeError, ValueError) as error:
+    except (OSError, RuntimeError, ValueError, KeyError) as error:
         raise TraceError(f"unreadable: trial {place.trial}: {str(error)[:120]}") from error
 
 
@@ -48,8 +49,19 @@ def _column(group: Any, name: str | int) -> Any:
     dataset = group[name]
     if not isinstance(dataset, h5py.Dataset):
         raise TraceError(f"channel {name!r} is a group, no dataset")
+    _require_own(dataset, group)
     check_size(dataset.size, name)
     return dataset[()]
+
+
+def _require_own(item: Any, container: Any) -> None:
+    """Refuse what lies in another file, by a link or by storage outside: a session is what its folder holds."""
+    import h5py
+
+    if item.file.filename != container.file.filename or (
+        isinstance(item, h5py.Dataset) and (item.external or item.is_virtual)
+    ):
+        raise TraceError(f"{item.name} lies in another file, which is not read")
 
 
 def _column_of_table(table: Any, name: str | int) -> Any:
