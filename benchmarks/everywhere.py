@@ -105,7 +105,7 @@ def run(stage: Stage, work: Path) -> tuple[str, str]:
         return "not run", f"no Python {stage.python} here"
     started = time.monotonic()
     asked = [str(ROOT / "tests" / folder) for folder in stage.folders] or [str(ROOT / "tests")]
-    command = [python, "-m", "pytest", "-q", "-n", "auto", "--dist", "loadfile", "-p", "no:cacheprovider", *asked]
+    command = [python, "-m", "pytest", "-n", "auto", "--dist", "loadfile", "-p", "no:cacheprovider", *asked]
     settings = {**os.environ, **stage.settings, "NUMBA_CACHE_DIR": str(work / "numba" / stage.name)}
     done = subprocess.run(command, cwd=ROOT, env=settings, capture_output=True, text=True, check=False)
     last = next((line for line in reversed(done.stdout.splitlines()) if " in " in line), "").strip("= ")
