@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 from stepblocks.atomic import replace_text
 from stepblocks.contact import kernels
 from stepblocks.contact.energy import Status
+from stepblocks.page_file import render_page
 from stepblocks.parts.kinds.step_block import StepBlock
 from stepblocks.parts.set import StimulusSet
 from stepblocks.predict.predictions import Prediction, Predictions, as_row
@@ -36,7 +37,6 @@ class Section:
 
 def write_page(sections: Sequence[Section], output: Path) -> list[Path]:
     """Write ``index.html`` and the script of plotly beside it, so that the page works without a network."""
-    import jinja2
     from plotly.offline import get_plotlyjs
 
     script, page = output / "assets" / "plotly.min.js", output / "index.html"
@@ -44,18 +44,10 @@ def write_page(sections: Sequence[Section], output: Path) -> list[Path]:
     source = str(get_plotlyjs())
     if not script.is_file() or script.read_text(encoding="utf-8") != source:
         replace_text(script, source)
-    environment = jinja2.Environment(
-        loader=jinja2.PackageLoader("stepblocks.build", "templates"),
-        autoescape=True,
-        trim_blocks=True,
-        lstrip_blocks=True,
-        undefined=jinja2.StrictUndefined,
-        keep_trailing_newline=True,
-    )
     shown = [_section(section) for section in sections]
     rows = [row for section in shown for row in section["rows"]]
     failed = sum(bool(row["failed"]) for row in rows)
-    replace_text(page, environment.get_template("index.html").render(sections=shown, total=len(rows), failed=failed))
+    replace_text(page, render_page("build", "index.html", sections=shown, total=len(rows), failed=failed))
     return [script, page]
 
 

@@ -13,6 +13,7 @@ from stepblocks.atomic import replace_text
 from stepblocks.evidence.contradiction import BAND, HEIGHTS, Explanation, explanations
 from stepblocks.evidence.published import Published, Value, read_published, shipped
 from stepblocks.evidence.questions import QUESTIONS, Answers
+from stepblocks.page_file import render_page
 from stepblocks.quantities import format_quantity
 
 if TYPE_CHECKING:
@@ -169,16 +170,10 @@ def write_evidence(found: Evidence, folder: Path) -> list[Path]:
 
 
 def _page(found: Evidence) -> str:
-    from jinja2 import Environment, PackageLoader, StrictUndefined
-
-    environment = Environment(
-        loader=PackageLoader("stepblocks.evidence", "templates"),
-        autoescape=True,
-        undefined=StrictUndefined,
-        trim_blocks=True,
-    )
     publications = list(dict.fromkeys(row.publication for row in found.rows))
-    return environment.get_template("evidence.html.j2").render(
+    return render_page(
+        "evidence",
+        "evidence.html.j2",
         finding=found.finding(),
         publications=[(one, [row for row in found.rows if row.publication is one]) for one in publications],
         resolutions=found.resolutions.to_dict("records"),

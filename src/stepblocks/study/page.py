@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from stepblocks.page_file import render_page
 from stepblocks.study.analysis.results import StudyResult
 from stepblocks.study.experiments import EXPERIMENTS
 from stepblocks.tables import csv_text
@@ -49,7 +50,8 @@ def render_study(result: StudyResult) -> str:
     table = result.table()
     for name, form in shown.items():
         table[name] = ["" if value != value else form.format(value) for value in table[name]]
-    return _render(
+    return render_page(
+        "study",
         "study.html",
         title=EXPERIMENTS[result.experiment].title,
         notes=[*result.notes, *(result.mixed.remarks if result.mixed is not None else ())],
@@ -69,13 +71,15 @@ def render_table(frame: pd.DataFrame, float_format: str) -> str:
 
 def render_key(rows: Sequence[Mapping[str, str]], note: str) -> str:
     """Draw the key for who loads the blocks."""
-    return _render("run_key.html", rows=rows, balance=note)
+    return render_page("study", "run_key.html", rows=rows, balance=note)
 
 
 def render_sheets(experiment: str, sheets: Sheets) -> str:
     """Draw the blinded run sheets."""
     columns = [name for name in next(iter(sheets.values()))[0] if name != "participant"]
-    return _render("run_sheet.html", title=EXPERIMENTS[experiment].sheet_title, columns=columns, sheets=sheets)
+    return render_page(
+        "study", "run_sheet.html", title=EXPERIMENTS[experiment].sheet_title, columns=columns, sheets=sheets
+    )
 
 
 def render_sheets_pdf(experiment: str, sheets: Sheets) -> bytes:
@@ -133,20 +137,6 @@ def _page(title: str, foot: str, rows: Sequence[Mapping[str, str]]) -> Any:
             if row[name]:
                 axes.text(place + 2.0, _TOP - _ROW * (number + 0.5), row[name], fontsize=10, va="center", **font)
     return figure
-
-
-def _render(template: str, **values: object) -> str:
-    import jinja2
-
-    environment = jinja2.Environment(
-        loader=jinja2.PackageLoader("stepblocks.study", "templates"),
-        autoescape=True,
-        trim_blocks=True,
-        lstrip_blocks=True,
-        undefined=jinja2.StrictUndefined,
-        keep_trailing_newline=True,
-    )
-    return environment.get_template(template).render(**values)
 
 
 def study_figures(result: StudyResult) -> Iterator[tuple[str, str]]:
