@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from stepblocks.contact.domain import require_positive
 from stepblocks.contact.energy import Release, release_at
 from stepblocks.contact.operating_point import PAPER, Tool
-from stepblocks.contact.path.profile import TipPath, TipProfile
+from stepblocks.contact.path.profile import TipPath
 from stepblocks.contact.path.profile_kernels import steepest_in_each
 from stepblocks.errors import ContactError
 
@@ -36,8 +36,7 @@ class Catch:
 def steepest(path: TipPath, direction: Direction = "forward") -> Catch:
     """Find the critical angle of a path: its steepest rise towards growing x (forward) or falling x.
 
-    For a convex tip it is exact to rounding and does not depend on the positions of the path; for any other tip it is the
-    steepest of those positions.
+    It is exact to rounding and does not depend on the positions of the path.
     """
     slopes = interval_slopes(path, direction, _grid_maximum(path, direction))
     if np.isnan(slopes[:, 0]).all():
@@ -80,21 +79,15 @@ def interval_slopes(path: TipPath, direction: Direction, floor: float) -> NDArra
         return slopes
     if path.position.size < 2:
         raise ContactError("a drag needs a path of at least 2 positions")
-    tip = path.tip.shape
-    if not tip.convex:
-        rise = np.diff(path.height) / np.diff(path.position)
-        return np.column_stack([rise, path.position[:-1], path.contact[1:]])
-    tolerance = max(1e-13 * (tip.high - tip.low), 4.0 * float(np.spacing(np.abs(path.position).max())))
-    slopes = steepest_in_each(
-        path.position, path.height, path.contact, path.element, floor, path.elements, tip, tolerance
+    radius = path.tip.radius
+    tolerance = max(1e-13 * (2.0 * radius), 4.0 * float(np.spacing(np.abs(path.position).max())))
+    found = steepest_in_each(
+        path.position, path.height, path.contact, path.element, floor, path.elements, radius, tolerance
     )
-    return np.asarray(slopes)
+    return np.asarray(found)
 
 
 def _mirrored(path: TipPath) -> TipPath:
-    tip = path.tip
-    if isinstance(tip, TipProfile):
-        tip = TipProfile(-tip.distance[::-1], tip.elevation[::-1])
     e = path.elements[::-1]
     elements = np.ascontiguousarray(np.column_stack([-e[:, 2], e[:, 3], -e[:, 0], e[:, 1], -e[:, 4]]))
     return replace(
@@ -106,5 +99,4 @@ def _mirrored(path: TipPath) -> TipPath:
         supported=path.supported[::-1],
         element=np.where(path.element < 0, -1, len(path.elements) - 1 - path.element)[::-1].copy(),
         elements=elements,
-        tip=tip,
     )

@@ -1,15 +1,15 @@
 """Compiled kernels of the exact dilation of a profile; nothing is checked here, see `stepblocks.contact.path.profile`.
 
 The surface is a row of elements, segments from (x0, z0) to (x1, z1) in order of x; a lone sample is a segment of no
-length. The tip rests where ``z(u) - t(u - x)`` is greatest. For a convex tip the contact moves to the right with the
-tip (the difference of two shifted concave functions is monotone), so halving the positions and narrowing the
-candidates by the contacts already found costs N log N. Any other tip looks at every element under it.
+length. The ball rests where ``z(u) - t(u - x)`` is greatest, ``t(v)`` the height of its lower side. The contact moves to
+the right with the ball (the difference of two shifted concave functions is monotone), so halving the positions and
+narrowing the candidates by the contacts already found costs N log N.
 """
 
 from __future__ import annotations
 
 import math
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 from numba import njit
@@ -19,96 +19,54 @@ _CHUNK = 512
 _JUMP = 1e6  # slope of 89.99994 deg
 
 
-class TipShape(NamedTuple):
-    """A tip as the kernels take it: a ball, or a polyline whose `radius` is 0."""
-
-    radius: float  # m
-    low: float  # lateral distances between which it exists [m]
-    high: float
-    distance: Array  # shape (n,); of the polyline's corners from the axis [m]
-    elevation: Array  # shape (n,); over the lowest point [m]
-    convex: bool
-
-
 @njit(cache=True)
-def _tip_height(v: float, tip: TipShape) -> float:
-    """t(v); `v` lies within the reach but for rounding."""
-    radius, at, t = tip.radius, tip.distance, tip.elevation
-    if radius > 0.0:
-        squared = min(v * v, radius * radius)
-        return squared / (radius + math.sqrt(radius * radius - squared))
-    if v <= tip.low:
-        return t[0]
-    if v >= tip.high:
-        return t[-1]
-    k = np.searchsorted(at, v, side="right") - 1
-    return t[k] + (t[k + 1] - t[k]) * (v - at[k]) / (at[k + 1] - at[k])
-
-
-@njit(cache=True)
-def _rest_at(u: float, x: float, x0: float, z0: float, x1: float, z1: float, tip: TipShape) -> float:
+def _rest_at(u: float, x: float, x0: float, z0: float, x1: float, z1: float, radius: float) -> float:
+    """Height at which the ball at `x` rests on a segment's point `u`, within its reach but for rounding."""
     z = z0 + (z1 - z0) * ((u - x0) / (x1 - x0)) if x1 > x0 else max(z0, z1)
-    return z - _tip_height(u - x, tip)
+    squared = min((u - x) * (u - x), radius * radius)
+    return z - squared / (radius + math.sqrt(radius * radius - squared))
 
 
 @njit(cache=True)
-def _rest_on_any(x: float, x0: float, z0: float, x1: float, z1: float, tip: TipShape) -> tuple[float, float]:
-    """Rest of a tip that need not be convex on one segment: a corner of one of the two touches."""
-    left, right = max(x0, x + tip.low), min(x1, x + tip.high)
-    best, where = _rest_at(left, x, x0, z0, x1, z1, tip), left
-    top = _rest_at(right, x, x0, z0, x1, z1, tip)
-    if top > best:
-        best, where = top, right
-    for k in range(np.searchsorted(tip.distance, left - x), np.searchsorted(tip.distance, right - x, side="right")):
-        u = min(max(x + tip.distance[k], left), right)
-        rest = _rest_at(u, x, x0, z0, x1, z1, tip)
-        if rest > best:
-            best, where = rest, u
-    return best, where
-
-
-@njit(cache=True)
-def best_contact(x: float, first: int, last: int, elements: Array, tip: TipShape) -> tuple[float, float, int]:
+def best_contact(x: float, first: int, last: int, elements: Array, radius: float) -> tuple[float, float, int]:
     """Height of the tip at `x`, contact position and element (-1 for none) among elements `first` to `last`."""
-    low, high = x + tip.low, x + tip.high
+    low, high = x - radius, x + radius
     best, where, which = -np.inf, math.nan, -1
     for e in range(first, last + 1):
         x0, z0, x1, z1 = elements[e, 0], elements[e, 1], elements[e, 2], elements[e, 3]
         # t is never negative: an element below the best rest cannot carry the tip
         if (z0 <= best and z1 <= best) or x1 < low or x0 > high:
             continue
-        if tip.convex:  # elements[e, 4] is where the tip is as steep as the element
-            u = min(max(x + elements[e, 4], max(x0, low)), min(x1, high))
-            rest = _rest_at(u, x, x0, z0, x1, z1, tip)
-        else:
-            rest, u = _rest_on_any(x, x0, z0, x1, z1, tip)
+        # elements[e, 4] is where the ball is as steep as the element
+        u = min(max(x + elements[e, 4], max(x0, low)), min(x1, high))
+        rest = _rest_at(u, x, x0, z0, x1, z1, radius)
         if rest > best:
             best, where, which = rest, u, e
     return best, where, which
 
 
 @njit(cache=True)
-def _under_tip(positions: Array, elements: Array, low: float, high: float) -> Array:
+def _under_tip(positions: Array, elements: Array, radius: float) -> Array:
     """First and last element within the tip's reach at each position, by one sweep; shape (n, 2)."""
     spans = np.empty((positions.size, 2), np.int64)
     m = elements.shape[0]
     first = last = 0
     for k in range(positions.size):
-        while first < m and elements[first, 2] < positions[k] + low:
+        while first < m and elements[first, 2] < positions[k] - radius:
             first += 1
         last = max(last, first)
-        while last < m and elements[last, 0] <= positions[k] + high:
+        while last < m and elements[last, 0] <= positions[k] + radius:
             last += 1
         spans[k, 0], spans[k, 1] = first, last - 1
     return spans
 
 
 @njit(cache=True)
-def dilate_profile(positions: Array, elements: Array, tip: TipShape) -> tuple[Array, Array, Array]:
+def dilate_profile(positions: Array, elements: Array, radius: float) -> tuple[Array, Array, Array]:
     """Height of the tip, contact position and contact element at each of the increasing `positions`."""
     n = positions.size
     height, contact, which = np.empty(n), np.empty(n), np.empty(n, np.int64)
-    spans = _under_tip(positions, elements, tip.low, tip.high)
+    spans = _under_tip(positions, elements, radius)
     stack = np.empty((128, 4), np.int64)
     for start in range(0, n, _CHUNK):  # chunks keep the candidates in the cache
         stop = min(start + _CHUNK, n) - 1
@@ -119,41 +77,34 @@ def dilate_profile(positions: Array, elements: Array, tip: TipShape) -> tuple[Ar
             a, b, first, last = stack[depth]
             middle = (a + b) // 2
             begin, end = max(first, spans[middle, 0]), min(last, spans[middle, 1])
-            rest, u, e = best_contact(positions[middle], begin, end, elements, tip)
+            rest, u, e = best_contact(positions[middle], begin, end, elements, radius)
             height[middle] = rest if e >= 0 else math.nan
             contact[middle], which[middle] = u, e
-            split = tip.convex and e >= 0
             if a < middle:
-                stack[depth] = (a, middle - 1, first, e if split else last)
+                stack[depth] = (a, middle - 1, first, e if e >= 0 else last)
                 depth += 1
             if middle < b:
-                stack[depth] = (middle + 1, b, e if split else first, last)
+                stack[depth] = (middle + 1, b, e if e >= 0 else first, last)
                 depth += 1
     return height, contact, which
 
 
 @njit(cache=True)
-def _slope(x: float, u: float, e: int, elements: Array, tip: TipShape) -> float:
-    """Slope of the path just ahead of the tip that touches element `e` at `u`."""
+def _slope(x: float, u: float, radius: float) -> float:
+    """Slope of the path just ahead of the ball that touches at `u`."""
     v = u - x
-    if tip.radius > 0.0:
-        if abs(v) >= tip.radius:
-            return math.copysign(np.inf, v)
-        return v / math.sqrt((tip.radius - v) * (tip.radius + v))
-    x0, z0, x1, z1, inner = elements[e]
-    if x1 > x0 and u < x1 and abs(v - inner) <= 1e-12 * (tip.high - tip.low):
-        return (z1 - z0) / (x1 - x0)  # a corner of the tip slides along the segment
-    k = min(max(np.searchsorted(tip.distance, v, side="left") - 1, 0), tip.distance.size - 2)
-    return (tip.elevation[k + 1] - tip.elevation[k]) / (tip.distance[k + 1] - tip.distance[k])
+    if abs(v) >= radius:
+        return math.copysign(np.inf, v)
+    return v / math.sqrt((radius - v) * (radius + v))
 
 
 @njit(cache=True)
-def path_slopes(positions: Array, contact: Array, which: Array, elements: Array, tip: TipShape) -> Array:
+def path_slopes(positions: Array, contact: Array, which: Array, radius: float) -> Array:
     """Slope of the path at each position, from the contact found there; NaN where nothing is touched."""
     slopes = np.full(positions.size, np.nan)
     for k in range(positions.size):
         if which[k] >= 0:
-            slopes[k] = _slope(positions[k], contact[k], which[k], elements, tip)
+            slopes[k] = _slope(positions[k], contact[k], radius)
     return slopes
 
 
@@ -163,10 +114,10 @@ def _steepest_between(
     touched: tuple[int, int],
     best: float,
     elements: Array,
-    tip: TipShape,
+    radius: float,
     tolerance: float,
 ) -> tuple[float, float, float]:
-    """Greatest slope over `best` of a convex tip's path between two `ends` (x, h, x, h), where, and the contact there.
+    """Greatest slope over `best` of the path between two `ends` (x, h, x, h), where, and the contact there.
 
     While one element is touched the path is concave and steepest at its left end, so only brackets whose ends touch
     different elements are halved. A bracket of the width `tolerance` that still climbs is a jump of infinite slope.
@@ -186,9 +137,9 @@ def _steepest_between(
             if h1 - h0 > _JUMP * (x1 - x0):
                 best, where, touch = np.inf, x1, elements[e1, 0]
             continue
-        h, u, e = best_contact(middle, e0, e1, elements, tip)
+        h, u, e = best_contact(middle, e0, e1, elements, radius)
         if e >= 0:
-            s = _slope(middle, u, e, elements, tip)
+            s = _slope(middle, u, radius)
             if s >= best:  # right brackets come first, so that among equals the leftmost stays: the break itself
                 best, where, touch = s, middle, u
         stack[depth], marks[depth] = (x0, h0, middle, h), (e0, e)
@@ -205,7 +156,7 @@ def steepest_in_each(
     which: Array,
     floor: float,
     elements: Array,
-    tip: TipShape,
+    radius: float,
     tolerance: float,
 ) -> Array:
     """Steepest rise between neighbouring positions, where, and the contact there; shape (n - 1, 3).
@@ -214,7 +165,7 @@ def steepest_in_each(
     """
     n = positions.size
     found = np.full((n - 1, 3), np.nan)
-    right_slope = path_slopes(positions, contact, which, elements, tip)
+    right_slope = path_slopes(positions, contact, which, radius)
     for k in range(n - 1):
         a, b = which[k], which[k + 1]
         if a < 0 or b < 0:
@@ -223,11 +174,11 @@ def steepest_in_each(
         if a == b:
             continue
         # the contact of the right end, seen from the left end, is steeper than all between
-        bound = _slope(positions[k], contact[k + 1], b, elements, tip) if tip.radius > 0.0 else np.inf
+        bound = _slope(positions[k], contact[k + 1], radius)
         if bound <= floor:
             continue
         ends = (positions[k], height[k], positions[k + 1], height[k + 1])
-        best, where, touch = _steepest_between(ends, (a, b), found[k, 0], elements, tip, tolerance)
+        best, where, touch = _steepest_between(ends, (a, b), found[k, 0], elements, radius, tolerance)
         if best > found[k, 0]:
             found[k, 0], found[k, 1], found[k, 2] = best, where, touch
         if right_slope[k + 1] > found[k, 0]:
