@@ -91,22 +91,12 @@ class DragState:
 
 
 def observe(state: DragState) -> Floats:
-    """Show all channels of n trials.
+    """Show the `CHANNELS` of n trials, shape (n, 7).
 
     The energy is what an amplitude of force A shows, ``A^2 / 2k`` with the nominal k: the square of the gauge's gain
     enters, and a spring that is stiffer in load and ring stores less but shows the same amplitude. A gauge of
     first order shows a ramp late by its time constant, so the peak falls short by ``k v tau (1 - exp(-t / tau))``, and
     the ring with its amplitude over ``sqrt(1 + (2 pi f tau)^2)``.
-
-    Parameters
-    ----------
-    state : DragState
-        Slots, each of shape (n,).
-
-    Returns
-    -------
-    ndarray
-        Shape (n, 7), in the order of `CHANNELS`.
     """
     force, sliding = state.peak_force(), state.sliding_force()
     linear, stored = _spring(state, force)

@@ -258,18 +258,17 @@ def tolerances_for_energy(
     *,
     finest: Mapping[str, float] | None = None,
     fixed: Mapping[str, float] | None = None,
-    weights: Mapping[str, float] | None = None,
 ) -> TolerancePlan:
     """Find the widest tolerances of height, edge radius and tip radius whose worst corner keeps E_v within +-`energy_tolerance`.
 
     By name, `finest` are the half-widths that the workshop holds, `fixed` those that are given, of any input: those of
-    friction and load spend the budget before the block does. What remains is split in the shares of `weights`, equal by
-    default; where a share is finer than the workshop holds, that dimension keeps to what it holds and the others give way.
+    friction and load spend the budget before the block does. What remains is split in equal shares; where a share is finer
+    than the workshop holds, that dimension keeps to what it holds and the others give way.
     """
-    finest, fixed = dict(finest or {}), dict(fixed or {})
-    weights = dict.fromkeys(_DIMENSIONS, 1.0) | dict(weights or {})
-    _check(face, point, energy_tolerance, finest=finest, fixed=fixed, weights=weights)
-    free = [name for name in _DIMENSIONS if name not in fixed and weights[name] > 0.0]
+    finest, fixed = finest or {}, dict(fixed or {})
+    if face.release(point).status is not Status.RELEASES:
+        raise ContactError(f"a step of {face.height:g} m that is {face.release(point).status} has no energy to keep")
+    free = [name for name in _DIMENSIONS if name not in fixed]
     at_finest: dict[str, float] = {}  # what cannot be made as fine as its share keeps to what can, the others give way
     while True:
         low, high = energy_at_corners(face, point, fixed | at_finest)
@@ -279,7 +278,7 @@ def tolerances_for_energy(
             cause = f"the workshop holds {held}, which" if held else f"the given uncertainty of {given}"
             reason = f"{cause} alone changes the energy by {low:+.1%} to {high:+.1%}"
             return TolerancePlan(False, reason, 0.0, 0.0, 0.0, low, high)
-        found = _in_shares(face, point, energy_tolerance, fixed | at_finest, {name: weights[name] for name in free})
+        found = _in_shares(face, point, energy_tolerance, fixed | at_finest, free)
         tight = [name for name in free if found[name] < finest.get(name, 0.0)]
         if not tight:
             break
@@ -293,14 +292,13 @@ def tolerances_for_energy(
 
 
 def _in_shares(
-    face: Step, point: OperatingPoint, energy_tolerance: float, fixed: dict[str, float], weights: dict[str, float]
+    face: Step, point: OperatingPoint, energy_tolerance: float, fixed: dict[str, float], free: list[str]
 ) -> dict[str, float]:
-    """Find the widest half-widths in the shares of `weights` whose worst corner keeps the energy."""
+    """Find the widest half-widths in equal shares whose worst corner keeps the energy."""
     from scipy.optimize import brentq
 
-    slopes = sensitivities(face, point, weights)
-    total = sum(weights.values())
-    unit = {name: weight / total / abs(slopes[name][1]) for name, weight in weights.items()}
+    slopes = sensitivities(face, point, dict.fromkeys(free, 1.0))
+    unit = {name: 1.0 / len(free) / abs(slopes[name][1]) for name in free}
 
     def excess(scale: float) -> float:
         low, high = energy_at_corners(face, point, fixed | {name: scale * width for name, width in unit.items()})
@@ -309,22 +307,6 @@ def _in_shares(
     # half the tolerance is inside by linearity; four times is outside, since the energy grows faster than linearly
     scale = float(brentq(excess, 0.0, 4.0 * energy_tolerance, xtol=1e-9 * energy_tolerance))
     return {name: scale * width for name, width in unit.items()}
-
-
-def _check(face: Step, point: OperatingPoint, tolerance: float, **tables: dict[str, float]) -> None:
-    if not 0.0 < tolerance < 1.0:
-        raise ContactError(f"energy_tolerance must lie between 0 and 1, got {tolerance:g}")
-    for name, table in tables.items():
-        known = _DIMENSIONS if name != "fixed" else tuple(inputs_of(face, point))
-        for key, value in table.items():
-            if key not in known:
-                raise ContactError(f"{name} must name one of {', '.join(known)}, got {key!r}")
-            require_not_negative(f"{name} of {key}", value)
-    if not any(tables["weights"][name] > 0.0 for name in _DIMENSIONS if name not in tables["fixed"]):
-        raise ContactError("weights must leave at least one of height, edge_radius and ball_radius to be toleranced")
-    status = face.release(point).status
-    if status is not Status.RELEASES:
-        raise ContactError(f"a step of {face.height:g} m that is {status} has no energy to keep")
 
 
 def energy_at_corners(face: Step, point: OperatingPoint, widths: Mapping[str, float]) -> tuple[float, float]:

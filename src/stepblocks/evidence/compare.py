@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any
 from stepblocks.atomic import replace_text
 from stepblocks.evidence.contradiction import BAND, HEIGHTS, Explanation, explanations
 from stepblocks.evidence.published import Published, Value, read_published, shipped
-from stepblocks.evidence.questions import QUESTIONS, Answers
+from stepblocks.evidence.questions import QUESTIONS, Answers, dimension_of
 from stepblocks.page_file import render_page
 from stepblocks.quantities import format_quantity
 
@@ -136,7 +136,7 @@ def hold_against_evidence(output: str | Path | None = None, *, also: Iterable[st
     "equation (1) at one load spreads the paper's four energies by a factor of 353"
     """
     rows = tuple(
-        Row(one, value, _dimension(one, value), QUESTIONS[one.question].ask(value.at))
+        Row(one, value, dimension_of(one.question, value.at), QUESTIONS[one.question].ask(value.at))
         for one in (*shipped(), *(read_published(Path(path)) for path in also))
         for value in one.values
     )
@@ -146,13 +146,7 @@ def hold_against_evidence(output: str | Path | None = None, *, also: Iterable[st
     return found
 
 
-def _dimension(one: Published, value: Value) -> str:
-    from stepblocks.evidence.published import FIGURES
-
-    return FIGURES.get(str(value.at.get("figure")), QUESTIONS[one.question].dimension)
-
-
-def write_evidence(found: Evidence, folder: Path) -> list[Path]:
+def write_evidence(found: Evidence, folder: Path) -> None:
     """Write tables, pictures and the page."""
     from stepblocks.figure_file import save_figure
     from stepblocks.tables import write_table
@@ -163,10 +157,6 @@ def write_evidence(found: Evidence, folder: Path) -> list[Path]:
     save_figure(_ratios(found), folder / "evidence.svg")
     save_figure(_energies(found), folder / "resolutions.svg")
     replace_text(folder / "evidence.html", _page(found))
-    return [
-        folder / name
-        for name in ("evidence.html", "evidence.csv", "resolutions.csv", "evidence.svg", "resolutions.svg")
-    ]
 
 
 def _page(found: Evidence) -> str:

@@ -8,7 +8,7 @@ that rings, the duration, both spectra. The best explanation fits all of it with
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -75,11 +75,13 @@ def _energy(step: Step, load: float, friction: float = PAPER.friction) -> float:
     return math.inf if release.status is not Status.RELEASES else release.vibration_energy
 
 
-def _best(name: str, numbers: int, tried: Sequence[tuple[str, Sequence[float], Callable[[], object]]]) -> Explanation:
-    setting, energies, points = min(tried, key=lambda one: missed(one[1]))
-    found = points()
-    assert isinstance(found, tuple)
-    return Explanation(name, numbers, setting, tuple(energies), found)
+def _best(
+    name: str, numbers: int, tried: Sequence[tuple[str, Sequence[float], list[Step], float, float]]
+) -> Explanation:
+    """Choose of what was tried (words, energies, steps, load, friction) what misses the band least."""
+    setting, energies, steps, load, friction = min(tried, key=lambda one: missed(one[1]))
+    point = replace(PAPER, normal_load=load, friction=friction)
+    return Explanation(name, numbers, setting, tuple(energies), tuple((step, point, 0.0) for step in steps))
 
 
 def _one_load(name: str, friction: float, radii: Sequence[float] = (0.0,)) -> Explanation:
@@ -88,11 +90,8 @@ def _one_load(name: str, friction: float, radii: Sequence[float] = (0.0,)) -> Ex
         steps = [Step(height, radius) for height in HEIGHTS]
         unit = [_energy(step, 1.0, friction) for step in steps]
         for load in _LOADS:
-            point = replace(PAPER, normal_load=float(load), friction=friction)
             words = f"load {load:.2g} N" + (f", edges rounded by {radius * 1e6:.0f} um" if radius else "")
-            tried.append(
-                (words, [e * load * load for e in unit], lambda s=steps, p=point: tuple((one, p, 0.0) for one in s))
-            )
+            tried.append((words, [e * load * load for e in unit], steps, float(load), friction))
     return _best(name, 1 + (len(radii) > 1), tried)
 
 
@@ -126,8 +125,7 @@ def _lost_to_the_lift() -> Explanation:
     for load in _LOADS:
         stored = [_energy(step, load) / _CV for step in steps]
         left = [max(_CV * (s - load * h), 0.0) for s, h in zip(stored, HEIGHTS, strict=True)]
-        point = replace(PAPER, normal_load=float(load))
-        tried.append((f"load {load:.2g} N", left, lambda p=point: tuple((one, p, 0.0) for one in steps)))
+        tried.append((f"load {load:.2g} N", left, steps, float(load), PAPER.friction))
     return _best("energy lost to the lift", 1, tried)
 
 

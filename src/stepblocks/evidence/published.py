@@ -11,7 +11,7 @@ from typing import Annotated, Any
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
 from stepblocks.errors import StimulusError
-from stepblocks.evidence.questions import AT, QUESTIONS
+from stepblocks.evidence.questions import AT, QUESTIONS, dimension_of
 from stepblocks.quantities import parse_quantity
 
 _LARGEST = 100_000  # bytes
@@ -95,7 +95,7 @@ def _parse(name: str, text: str, place: str) -> Published:
         raise StimulusError(f"must be TOML: {error} [{place}]") from error
     if raw.question not in QUESTIONS:
         raise StimulusError(f"question must be one of {', '.join(QUESTIONS)}, got {raw.question!r} [{place}]")
-    values = tuple(_value(one, QUESTIONS[raw.question].dimension, place) for one in raw.value)
+    values = tuple(_value(one, dimension_of(raw.question, one.at), place) for one in raw.value)
     return Published(name, raw.order, raw.topic, raw.citation, raw.says, raw.question, raw.note, values)
 
 
@@ -105,13 +105,9 @@ def _value(raw: _Value, dimension: str, place: str) -> Value:
         raise StimulusError(f"at.{unknown[0]} is not one of {', '.join(AT)} [{place}, {raw.label!r}]")
     try:
         at = {key: parse_quantity(text, AT[key]) if AT[key] else text for key, text in raw.at.items()}
-        asked = raw.at.get("figure")
-        low, high = (parse_quantity(text, FIGURES.get(str(asked), dimension)) for text in (raw.low, raw.high))
+        low, high = (parse_quantity(text, dimension) for text in (raw.low, raw.high))
     except ValueError as error:
         raise StimulusError(f"{error} [{place}, {raw.label!r}]") from error
     if not low <= high:
         raise StimulusError(f"low must not exceed high, got {raw.low} and {raw.high} [{place}, {raw.label!r}]")
     return Value(raw.label, at, low, high, raw.spread)
-
-
-FIGURES = {"decay_time": "time", "share": "ratio", "frequency": "frequency"}  # dimensions of the figures of a ring

@@ -103,27 +103,13 @@ def _energy(at: At) -> Answers:
     return Answers(release.vibration_energy, dragged(face, point).energy, dragged(face, point, rod=True).energy)
 
 
-def _power_of_energy(at: At) -> Answers:
-    return Answers(at["energy"] / PAPER.tool.ring_duration)
-
-
-def _band_share(at: At) -> Answers:
-    face, point = _face(at), _point(at)
-    light, rod = dragged(face, point), dragged(face, point, rod=True)
-    # the line of a decaying sine: its decay was chosen from this very figure, so the formula says nothing of its own
-    return Answers(drag=getattr(light, at["phase"]), rod=getattr(rod, at["phase"]))
-
-
 def _ring(at: At) -> Answers:
-    if at["figure"] == "frequency":
+    # the formula says nothing of its own: its decay was chosen from the share of the band
+    name = at["phase"] if "phase" in at else at["figure"]
+    if name == "frequency":
         return Answers(said="an input of the model")
-    face, point = _face(at), _point(at)
-    light, rod = dragged(face, point), dragged(face, point, rod=True)
-    return Answers(drag=getattr(light, at["figure"]), rod=getattr(rod, at["figure"]))
-
-
-def _radius_of_paper(at: At) -> Answers:
-    return Answers(PAPER.ball_radius)
+    light, rod = (dragged(_face(at), _point(at), rod) for rod in (False, True))
+    return Answers(drag=getattr(light, name), rod=getattr(rod, name))
 
 
 def _pull_force(at: At) -> Answers:
@@ -145,15 +131,10 @@ def _detectable_groove(at: At) -> Answers:
         found = dragged(Margin(gap, gap, 0.0), point, rod)
         return found.status in (Status.LOCKED, Status.TOO_HIGH) or found.energy >= threshold
 
-    least = _least_felt(by_formula, point.ball_radius)
-    return Answers(
-        least,
-        _least_felt(lambda gap: by_drag(gap, False), point.ball_radius),
-        _least_felt(lambda gap: by_drag(gap, True), point.ball_radius),
-        said="equation (1) keeps the energy of the friction that it pulls against, at any gap"
-        if least <= _LEAST_GAP
-        else "",
-    )
+    ways = by_formula, lambda gap: by_drag(gap, False), lambda gap: by_drag(gap, True)
+    least = [_least_felt(felt, point.ball_radius) for felt in ways]
+    kept = "equation (1) keeps the energy of the friction that it pulls against, at any gap"
+    return Answers(least[0], least[1], least[2], kept if least[0] <= _LEAST_GAP else "")
 
 
 def _least_felt(felt: Callable[[float], bool], ball_radius: float) -> float:
@@ -184,12 +165,18 @@ def _gap_found(at: At) -> Answers:
 
 QUESTIONS: dict[str, Question] = {
     "energy": Question("energy", _energy),
-    "power_of_energy": Question("power", _power_of_energy),
-    "band_share": Question("ratio", _band_share),
+    "power_of_energy": Question("power", lambda at: Answers(at["energy"] / PAPER.tool.ring_duration)),
+    "band_share": Question("ratio", _ring),
     "ring": Question("ratio", _ring),
-    "radius_of_paper": Question("length", _radius_of_paper),
+    "radius_of_paper": Question("length", lambda at: Answers(PAPER.ball_radius)),
     "pull_force": Question("force", _pull_force),
     "detectable_groove": Question("length", _detectable_groove),
     "energy_ratio_of_tips": Question("ratio", _energy_ratio_of_tips),
     "gap_found": Question("ratio", _gap_found),
 }
+_FIGURES = {"decay_time": "time", "share": "ratio", "frequency": "frequency"}  # of a ring
+
+
+def dimension_of(question: str, at: At) -> str:
+    """Return the dimension of the answers."""
+    return _FIGURES.get(str(at.get("figure")), QUESTIONS[question].dimension)

@@ -29,14 +29,12 @@ _BLUE, _RED = "#1f4e79", "#b03030"
 
 @dataclass(frozen=True)
 class MarginMap:
-    """Forces and energies over a grid of margins, each of shape (gaps, discrepancies)."""
+    """Forces over a grid of margins, each of shape (gaps, discrepancies)."""
 
     gap: Floats  # shape (gaps,) [m]
     discrepancy: Floats  # shape (discrepancies,) [m]; positive is a tooth that stands higher than the crown
     crown_to_tooth: Floats  # peak force F_px [N]; 0 where nothing catches, infinite where the tip is held
     tooth_to_crown: Floats
-    energy_crown_to_tooth: Floats  # vibration energy E_v [J]; NaN where the tip does not release
-    energy_tooth_to_crown: Floats
 
 
 def margin_map(gap: ArrayLike, discrepancy: ArrayLike, point: OperatingPoint, *, edge_radius: float = 0.0) -> MarginMap:
@@ -49,13 +47,8 @@ def margin_map(gap: ArrayLike, discrepancy: ArrayLike, point: OperatingPoint, *,
         raise ContactError("gap and discrepancy must each be a row of at least one value")
     require_not_negative("edge_radius", edge_radius, "m")
     angles = margin_angles(gaps[:, None] + 2.0 * edge_radius, rises, point.ball_radius + edge_radius)
-    tool = point.tool
-    found = [
-        kernels.release(angle, point.friction, point.normal_load, tool.stiffness, tool.conversion) for angle in angles
-    ]
-    forces = [force for force, _ in found]
-    energies = [np.where(np.isfinite(energy) & (energy > 0.0), energy, np.nan) for _, energy in found]
-    return MarginMap(gaps, rises, *forces, *energies)
+    forces = [kernels.release(angle, point.friction, point.normal_load, 1.0, 1.0)[0] for angle in angles]
+    return MarginMap(gaps, rises, *forces)
 
 
 def write_plots(stimuli: StimulusSet, folder: Path) -> Iterator[Path]:

@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 from stepblocks.artefacts.model_file import WIDE, LearnedFit, LearnedModel, read_model
 from stepblocks.atomic import replace_text
 from stepblocks.contact.energy import Status
+from stepblocks.contact.event import Learned
 from stepblocks.contact.forward import (
     LOADING_TIME,
     PEAK_FORCE,
@@ -36,8 +37,6 @@ if TYPE_CHECKING:
     import pandas as pd
 
     from stepblocks.parts.set import StimulusSet
-
-Interval = tuple[float, float, float]  # a value and its 95 % interval for a single trial
 
 _POSITIVE = ("height_um", "load_n", "speed_mm_s")
 _FIGURES = {"peak_force{}_n": 1, "vibration_energy{}_j": 0}  # columns of the result, and their channels
@@ -172,13 +171,9 @@ def _channels(design: BenchDesign, fitted: LearnedFit, learned: LearnedModel) ->
 
 
 @dataclass(frozen=True)
-class LearnedDrag:
-    """One drag as the extended model sees it."""
+class LearnedDrag(Learned):
+    """One drag as the extended model sees it: ``ok``, ``locked``, or ``outside-range(columns)``."""
 
-    # ``ok``, ``locked``, or ``outside-range(...)`` with the columns that lie beyond the session's data
-    status: str
-    peak_force: Interval  # N
-    energy: Interval  # J
     friction: float
     tool: Tool  # with the learnt spring, conversion and ring
     edge_radius: float  # what the model adds to the ball's radius [m]; 0 where it has no such effect
@@ -203,7 +198,7 @@ def learned_drag(learned: LearnedModel, block: str, height: float, condition: Op
     found = table.iloc[0]
     shown = dict(zip(CHANNELS, observe(state)[0], strict=True))
 
-    def interval(name: str) -> Interval:
+    def interval(name: str) -> tuple[float, float, float]:
         value, low, high = (float(found[name.format(end)]) for end in ("", "_low", "_high"))
         return value, low, high
 

@@ -18,7 +18,7 @@ from pydantic import ValidationError
 from stepblocks.artefacts.model_file import LearnedModel
 from stepblocks.contact.counterface import Counterface
 from stepblocks.contact.energy import Status
-from stepblocks.contact.event import Events, Learned, VibrationEvent, Waveform, ring_energy, vibration_events
+from stepblocks.contact.event import Events, VibrationEvent, Waveform, ring_energy, vibration_events
 from stepblocks.contact.operating_point import OperatingPoint
 from stepblocks.contact.path.centre import CentrePath
 from stepblocks.errors import HapticsError
@@ -146,7 +146,7 @@ def _told(learned: LearnedModel, event: VibrationEvent, surface: Part, point: Op
         return event
     known = _ask(learned, surface, point, event.direction)
     energy = known.energy[0] if math.isfinite(known.energy[0]) else event.energy
-    return replace(event, energy=energy, learned=Learned(known.status, known.peak_force, known.energy))
+    return replace(event, energy=energy, learned=known)
 
 
 def _ask(learned: LearnedModel, surface: Part, point: OperatingPoint, direction: int) -> LearnedDrag:
