@@ -1,11 +1,12 @@
 """Dimensions as people write them: deviations in three forms, ISO 2768-m where none is given, sources kept."""
 
 import math
+from typing import Annotated
 
 import pytest
 from pydantic import TypeAdapter, ValidationError
 
-from stepblocks.parts.declared import MATERIALS, SourcedDensity, SourcedTime, Table, Zone, face_demands, material_named
+from stepblocks.parts.declared import MATERIALS, Sourced, Table, Zone, face_demands, material_named, sourced
 from stepblocks.parts.tolerance import (
     Angle,
     Dimension,
@@ -15,6 +16,8 @@ from stepblocks.parts.tolerance import (
     SignedLength,
     general_deviation,
 )
+
+DENSITY, TIME = (Annotated[Sourced, sourced(quantity)] for quantity in ("density", "time"))
 
 
 def read(kind, raw):
@@ -79,10 +82,10 @@ def test_deviations_may_be_written_in_three_ways(tolerance, limits_um):
         (Length, {"nominal": "1 mm", "source": 7}, "source must be text, got 7"),
         (Length, {"nominal": "1 mm", "tolerance": "by energy"}, "is for height, edge_radius and ball_radius"),
         (Zone, "0 um", "must be positive, got 0"),
-        (SourcedDensity, "7 kg/m^3", "must be a table with value and source"),
-        (SourcedDensity, {"value": "0 kg/m^3", "source": "x"}, "value must be positive"),
-        (SourcedDensity, {"value": "7 kg/m^3", "source": ""}, "source must say where the value comes from"),
-        (SourcedTime, {"value": "7 kg", "source": "x"}, "must be a time"),
+        (DENSITY, "7 kg/m^3", "must be a table with value and source"),
+        (DENSITY, {"value": "0 kg/m^3", "source": "x"}, "value must be positive"),
+        (DENSITY, {"value": "7 kg/m^3", "source": ""}, "source must say where the value comes from"),
+        (TIME, {"value": "7 kg", "source": "x"}, "must be a time"),
     ],
 )
 def test_what_is_no_dimension_is_refused_with_its_rule(kind, raw, said):
@@ -133,7 +136,7 @@ def test_the_record_says_whose_tolerance_it_is(one, told):
 
 
 def test_a_record_of_a_value_carries_unit_and_source():
-    one = read(SourcedDensity, {"value": "1.41 g/cm^3", "source": "data sheet"})
+    one = read(DENSITY, {"value": "1.41 g/cm^3", "source": "data sheet"})
     assert one.record() == {"value_kg_per_m3": pytest.approx(1410.0), "source": "data sheet"}
 
 

@@ -15,7 +15,7 @@ from stepblocks.cad import kernel
 from stepblocks.contact.counterface import Profile
 from stepblocks.declare import load_set
 from stepblocks.errors import StimulusError
-from stepblocks.parts.characteristics import FaceRule, doubled, plane, toleranced
+from stepblocks.parts.characteristics import FaceRule, plane, toleranced
 from stepblocks.parts.declared import MaterialField
 from stepblocks.parts.kind import CONTACT_DEFLECTION, FITTING_DEFLECTION, Finding
 from stepblocks.parts.revolution import Turned, stack
@@ -64,7 +64,7 @@ class CollaredPin(Turned):
         yield toleranced("diameter", "diameter", self.diameter, FaceRule("CYLINDER", radius=R))
         yield toleranced("length", "distance", self.length, plane(2, -end), plane(2, end))
         crest, size = FaceRule("CYLINDER", radius=R + H), replace(self.collar_height, nominal=R + H)
-        yield doubled(toleranced("collar_diameter", "diameter", size, crest))
+        yield toleranced("collar_diameter", "diameter", size, crest).doubled
 
     def measured(self, body, mesh):
         yield Finding("collar", self.collar_height.nominal, float(mesh.radii.max() - self.turn_radius), 2e-9)

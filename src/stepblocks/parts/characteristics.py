@@ -69,6 +69,17 @@ class Characteristic:
     method: str = CALIPER  # how it is measured
     quantity: str = "length"  # ``length`` or ``angle``
 
+    @property
+    def doubled(self) -> Characteristic:
+        """The diameter of a radius, or the whole of a half angle."""
+        return replace(self, nominal=2.0 * self.nominal, lower=2.0 * self.lower, upper=2.0 * self.upper)
+
+    @property
+    def unsigned(self) -> Characteristic:
+        """The distance that a workshop sees, which has no sign: the limits of a length below zero change places."""
+        negative = self.nominal < 0.0
+        return replace(self, nominal=-self.nominal, lower=-self.upper, upper=-self.lower) if negative else self
+
 
 def find_face(faces: tuple[Face, ...], rule: FaceRule, place: str) -> int:
     """Find the one face that a rule describes, the largest where the rule fits several."""
@@ -117,16 +128,6 @@ def broken_edges(edge_break: Dimension, *faces: Rule) -> Characteristic:
     if edge_break.nominal == 0.0:
         return toleranced("edge_break", "note", edge_break, label=BREAK)
     return toleranced("edge_break", "distance", edge_break, *faces, label=BREAK)
-
-
-def doubled(one: Characteristic) -> Characteristic:
-    """State the diameter of a radius, or the whole of a half angle."""
-    return replace(one, nominal=2.0 * one.nominal, lower=2.0 * one.lower, upper=2.0 * one.upper)
-
-
-def unsigned(one: Characteristic) -> Characteristic:
-    """State a length below zero as the distance that a workshop sees, which has no sign: its limits change places."""
-    return one if one.nominal >= 0.0 else replace(one, nominal=-one.nominal, lower=-one.upper, upper=-one.lower)
 
 
 def plane(axis: int, at: float, body: int | None = None, **holds: float) -> FaceRule:

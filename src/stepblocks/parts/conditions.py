@@ -7,17 +7,7 @@ from typing import TYPE_CHECKING, Annotated
 from pydantic import Field
 
 from stepblocks.contact.operating_point import PAPER
-from stepblocks.parts.declared import (
-    SourcedDensity,
-    SourcedFrequency,
-    SourcedLength,
-    SourcedModulus,
-    SourcedRatio,
-    SourcedStiffness,
-    SourcedTime,
-    Table,
-    positive,
-)
+from stepblocks.parts.declared import Sourced, Table, positive, sourced
 
 if TYPE_CHECKING:
     from stepblocks.contact.rod import Rod, RodRing, Sleeve
@@ -61,12 +51,12 @@ class PredictionGrid(Table):
 class ProbeSpec(Table):
     """The probe as a clamped rod with a mass at its tip; its free length follows from the stiffness, the mass from the frequency."""
 
-    stiffness: SourcedStiffness  # of the tip along the drag
-    frequency: SourcedFrequency  # at which it rings
-    decay_time: SourcedTime  # in which its amplitude falls to 1/e
-    shank_diameter: SourcedLength
-    modulus: SourcedModulus  # Young's modulus of the rod
-    density: SourcedDensity  # of the rod
+    stiffness: Annotated[Sourced, sourced("stiffness")]  # of the tip along the drag
+    frequency: Annotated[Sourced, sourced("frequency")]  # at which it rings
+    decay_time: Annotated[Sourced, sourced("time")]  # in which its amplitude falls to 1/e
+    shank_diameter: Annotated[Sourced, sourced("length")]
+    modulus: Annotated[Sourced, sourced("pressure")]  # Young's modulus of the rod
+    density: Annotated[Sourced, sourced("density")]  # of the rod
 
     def rod(self) -> Rod:
         """Return the rod that it is taken for."""
@@ -84,7 +74,9 @@ class ProbeSpec(Table):
 class DampingRig(Table):
     """The rig that moves a tip by a fixed distance and lets it go."""
 
-    displacement: SourcedLength  # that distance
-    noise: SourcedLength  # standard deviation of one sample of the displacement
-    sample_rate: SourcedFrequency
-    uncertainty: SourcedRatio  # relative standard uncertainty wanted of the logarithmic decrement
+    displacement: Annotated[Sourced, sourced("length")]  # that distance
+    noise: Annotated[Sourced, sourced("length")]  # standard deviation of one sample of the displacement
+    sample_rate: Annotated[Sourced, sourced("frequency")]
+    uncertainty: Annotated[
+        Sourced, sourced("ratio")
+    ]  # relative standard uncertainty wanted of the logarithmic decrement

@@ -68,7 +68,9 @@ class Sourced:
         return {f"value_{unit}" if unit else "value": self.value, "source": self.source}
 
 
-def _sourced(quantity: str) -> BeforeValidator:
+def sourced(quantity: str) -> BeforeValidator:
+    """Read a positive value with its source."""
+
     def read(raw: object) -> Sourced:
         if isinstance(raw, Sourced):
             return raw
@@ -82,15 +84,6 @@ def _sourced(quantity: str) -> BeforeValidator:
         return Sourced(value, quantity, raw["source"])
 
     return BeforeValidator(read)
-
-
-SourcedDensity = Annotated[Sourced, _sourced("density")]
-SourcedFrequency = Annotated[Sourced, _sourced("frequency")]
-SourcedLength = Annotated[Sourced, _sourced("length")]
-SourcedModulus = Annotated[Sourced, _sourced("pressure")]
-SourcedRatio = Annotated[Sourced, _sourced("ratio")]
-SourcedStiffness = Annotated[Sourced, _sourced("stiffness")]
-SourcedTime = Annotated[Sourced, _sourced("time")]
 
 
 @dataclass(frozen=True)

@@ -10,16 +10,7 @@ from typing import TYPE_CHECKING, Any, ClassVar, Literal
 
 from pydantic import model_validator
 
-from stepblocks.parts.characteristics import (
-    Characteristic,
-    EdgeRule,
-    FaceRule,
-    Rule,
-    doubled,
-    plane,
-    toleranced,
-    unsigned,
-)
+from stepblocks.parts.characteristics import Characteristic, EdgeRule, FaceRule, Rule, plane, toleranced
 from stepblocks.parts.declared import Table, require, require_above, require_below
 from stepblocks.parts.kind import CONTACT_DEFLECTION, FITTING_DEFLECTION, NANOMETRE, Finding, MeasuredMesh
 from stepblocks.parts.kinds.margin import CrownMargin
@@ -161,7 +152,7 @@ class CrownOnTooth(CrownMargin, Turned):
     def characteristics(self) -> Iterator[Characteristic]:
         R, h, root, height = self.margin_radius, self.horizontal_discrepancy, self.root_length, self.preparation_height
         at = FaceRule("CYLINDER", radius=R.nominal)
-        yield doubled(toleranced("margin_diameter", "diameter", R, at, label="diameter at the margin"))
+        yield toleranced("margin_diameter", "diameter", R, at, label="diameter at the margin").doubled
         top, base = plane(2, height.nominal), plane(2, -root.nominal)
         if self.finish_line.kind == "shoulder":
             shoulder = plane(2, 0.0)
@@ -172,7 +163,7 @@ class CrownOnTooth(CrownMargin, Turned):
             yield Characteristic("tooth_length", "tooth, whole length", "distance", *length, 0, (base, top))
         outside = replace(h, nominal=self.outer_radius)
         at, label = FaceRule("CYLINDER", radius=self.outer_radius), "diameter of the crown"
-        yield doubled(toleranced("crown_diameter", "diameter", outside, at, label=label, body=1))
+        yield toleranced("crown_diameter", "diameter", outside, at, label=label, body=1).doubled
         ceiling = height.nominal + self.internal_gap.nominal
         shell = plane(2, ceiling), plane(2, ceiling + self.shell_thickness.nominal)
         yield toleranced("shell_thickness", "distance", self.shell_thickness, *shell, body=1)
@@ -199,7 +190,7 @@ class CrownOnTooth(CrownMargin, Turned):
             label = "internal gap, roof"
             yield toleranced("internal_gap_roof", "distance", inner, *roof, label=label, method=_SEATED)
         if self.taper.nominal > 0.0:
-            yield doubled(toleranced("taper", "angle", self.taper, walls[0], label="total taper", method=_SEATED))
+            yield toleranced("taper", "angle", self.taper, walls[0], label="total taper", method=_SEATED).doubled
 
     def _walls(self) -> tuple[FaceRule, FaceRule]:
         """Axial walls of tooth and crown: cones, or cylinders where there is no taper."""
@@ -214,7 +205,7 @@ class CrownOnTooth(CrownMargin, Turned):
         """From the cavosurface angle along the path of draw to the margin of the crown."""
         v, g, finish, key = self.opening, self.marginal_gap.nominal, self.finish_line.kind, "vertical_discrepancy"
         if v.nominal < 0.0:
-            lip = unsigned(toleranced(key, "distance", v, cavosurface, end, method=_SEATED))
+            lip = toleranced(key, "distance", v, cavosurface, end, method=_SEATED).unsigned
             return replace(lip, label="vertical discrepancy, lip over the tooth")
         if v.nominal == g or finish == "feather-edge":
             return toleranced(key, "distance", v, cavosurface, end, method=_SEATED)

@@ -9,15 +9,7 @@ from typing import TYPE_CHECKING, Any, ClassVar
 
 from pydantic import model_validator
 
-from stepblocks.parts.characteristics import (
-    Characteristic,
-    EdgeRule,
-    FaceRule,
-    broken_edges,
-    doubled,
-    plane,
-    toleranced,
-)
+from stepblocks.parts.characteristics import Characteristic, EdgeRule, FaceRule, broken_edges, plane, toleranced
 from stepblocks.parts.declared import MaterialField, require, require_below
 from stepblocks.parts.kind import CONTACT_DEFLECTION, FITTING_DEFLECTION, NANOMETRE, Finding, MeasuredMesh
 from stepblocks.parts.revolution import Outline, Turned, stack
@@ -86,7 +78,7 @@ class GroovedCylinder(Turned):
         flank = self.flank_angle
         cone = replace(flank, nominal=0.5 * math.pi - flank.nominal, lower=-flank.upper, upper=-flank.lower)
         label = "cone of either flank, included"
-        yield doubled(toleranced("flank_cone", "angle", cone, falling, label=label, method=how))
+        yield toleranced("flank_cone", "angle", cone, falling, label=label, method=how).doubled
         yield toleranced("diameter", "diameter", self.diameter, near)
         yield toleranced("length", "distance", self.length, plane(2, -end), plane(2, end))
         edge = EdgeRule(FaceRule("CONE", holds={2: 0.5 * self.edge_break.nominal - end}), near)

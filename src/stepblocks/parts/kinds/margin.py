@@ -23,16 +23,7 @@ from typing import TYPE_CHECKING, Any, ClassVar
 from pydantic import model_validator
 
 from stepblocks.parts.body import Block, Body, body_cuts, half_points, half_volume, section_outline, strip_volume
-from stepblocks.parts.characteristics import (
-    PROFILE,
-    Characteristic,
-    EdgeRule,
-    FaceRule,
-    form_of,
-    plane,
-    toleranced,
-    unsigned,
-)
+from stepblocks.parts.characteristics import PROFILE, Characteristic, EdgeRule, FaceRule, form_of, plane, toleranced
 from stepblocks.parts.declared import MaterialField, WorkingFaces, require, require_below
 from stepblocks.parts.kind import NANOMETRE, Finding, MeasuredMesh, Part, exaggeration
 from stepblocks.parts.shapes import hull, split
@@ -191,7 +182,7 @@ class MarginBlock(CrownMargin, Block):
         low = -0.5 * depth.nominal
         wall = plane(0, 0.0, z=low)
         yield toleranced("marginal_gap", "distance", g, wall, plane(0, g.nominal, z=low), method=_ACROSS)
-        yield unsigned(toleranced("horizontal_discrepancy", "distance", h, tooth, crown, method=PROFILE))
+        yield toleranced("horizontal_discrepancy", "distance", h, tooth, crown, method=PROFILE).unsigned
         yield from self._opening(wall, crown)
         yield from form_of(self.face_demands, tooth, crown, "tooth", "crown")
         floor = plane(2, -depth.nominal, x=0.5 * g.nominal)
@@ -209,7 +200,7 @@ class MarginBlock(CrownMargin, Block):
             yield toleranced("bevel_angle", "angle", angle, bevel, crown, label=label, method=_ACROSS)
         elif v.nominal < 0.0:
             end = plane(0, v.nominal, z=0.5 * (g + h))
-            lip = unsigned(toleranced(key, "distance", v, wall, end, method=_ACROSS))
+            lip = toleranced(key, "distance", v, wall, end, method=_ACROSS).unsigned
             yield replace(lip, label="vertical discrepancy, lip over the tooth")
         elif v.nominal != g:
             yield toleranced(key, "note", v, method=_ACROSS)

@@ -11,16 +11,7 @@ from pydantic import BeforeValidator, Field, ValidationError, model_validator
 
 from stepblocks.errors import QuantityError
 from stepblocks.parts.characteristics import Characteristic, EdgeRule, FaceRule, broken_edges, plane, toleranced
-from stepblocks.parts.declared import (
-    Identity,
-    Material,
-    SourcedDensity,
-    SourcedModulus,
-    SourcedRatio,
-    Table,
-    require_above,
-    require_below,
-)
+from stepblocks.parts.declared import Identity, Material, Sourced, Table, require_above, require_below, sourced
 from stepblocks.parts.kind import FITTING_DEFLECTION, Finding, HeldPart, MeasuredMesh
 from stepblocks.parts.revolution import Outline, Point, Turned, sectors
 from stepblocks.parts.tolerance import Length, PositiveLength
@@ -53,10 +44,10 @@ class SheathMaterial(Material):
 class _MaterialTable(Table):
     name: Identity
     designation: Annotated[str, Field(min_length=1, max_length=60, pattern=r"^[ -&(-~]+$")]
-    density: SourcedDensity
-    modulus: SourcedModulus
-    poisson: SourcedRatio
-    loss_factor: SourcedRatio
+    density: Annotated[Sourced, sourced("density")]
+    modulus: Annotated[Sourced, sourced("pressure")]
+    poisson: Annotated[Sourced, sourced("ratio")]
+    loss_factor: Annotated[Sourced, sourced("ratio")]
 
 
 def _material(raw: object) -> SheathMaterial:

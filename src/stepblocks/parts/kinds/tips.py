@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any, ClassVar
 import numpy as np
 from pydantic import model_validator
 
-from stepblocks.parts.characteristics import Characteristic, EdgeRule, FaceRule, doubled, plane, toleranced
+from stepblocks.parts.characteristics import Characteristic, EdgeRule, FaceRule, plane, toleranced
 from stepblocks.parts.declared import MaterialField, require, require_above
 from stepblocks.parts.energy_tolerance import EnergyToleranceField, described, require_energy_tolerance
 from stepblocks.parts.kind import COARSE_DEFLECTION, CONTACT_DEFLECTION, Finding, HeldPart, MeasuredMesh
@@ -69,9 +69,9 @@ class Tip(Turned, HeldPart):
         ball = FaceRule("SPHERE", radius=self.ball_radius.nominal)
         yield toleranced("ball_radius", "radius", self.ball_radius, ball, method=how)
         shank = FaceRule("CYLINDER", radius=self.shank_radius.nominal)
-        yield doubled(toleranced("shank_diameter", "diameter", self.shank_radius, shank))
+        yield toleranced("shank_diameter", "diameter", self.shank_radius, shank).doubled
         cone, label = FaceRule("CONE"), "cone angle, included"
-        yield doubled(toleranced("cone_angle", "angle", self.cone_angle, cone, label=label, method="microscope"))
+        yield toleranced("cone_angle", "angle", self.cone_angle, cone, label=label, method="microscope").doubled
 
     def measured(self, body: int, mesh: MeasuredMesh) -> Iterator[Finding]:
         R = self.ball_radius.nominal
