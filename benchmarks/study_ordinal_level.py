@@ -34,7 +34,7 @@ def main() -> None:
                 ratings(response, np.random.default_rng([run, 1])), "rating", ["condition"], "participant"
             )
             assert fit.participants is not None
-            hits += np.array([fit.p < 0.05, fit.participants.p < 0.05])
+            hits += np.array([fit.p < 0.05, fit.participants["p"] < 0.05])
         cells = []
         for count in hits.tolist():
             low, high = proportion_confint(count, runs, method="wilson")

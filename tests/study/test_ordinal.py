@@ -53,18 +53,18 @@ def test_the_test_over_participants_keeps_its_level_where_the_likelihood_ratio_l
     runs = 60
     found = [ordinal_model(ratings(seed, 6, 9, 1.5), "rating", ["condition"], "participant") for seed in range(runs)]
     most = binom.ppf(0.9995, runs, 0.05)
-    assert sum(fit.participants.p < 0.05 for fit in found) <= most
+    assert sum(fit.participants["p"] < 0.05 for fit in found) <= most
     assert sum(fit.p < 0.05 for fit in found) > most
 
 
 def test_intervals_are_those_of_student_over_participants_and_the_test_is_the_same_statement():
     fit = ordinal_model(ratings(4, 7, 6, 0.4), "rating", ["condition"], "participant")
     (effect,) = fit.effects
-    assert fit.participants.statistic == pytest.approx((effect.log_odds / effect.error) ** 2, rel=1e-9)
-    assert (fit.participants.df, fit.participants.df_error) == (1.0, 6.0)
+    assert fit.participants["statistic"] == pytest.approx((effect.log_odds / effect.error) ** 2, rel=1e-9)
+    assert (fit.participants["df"], fit.participants["df_error"]) == (1.0, 6.0)
     # two-sided 95 % point of Student's t with 6 degrees of freedom: 2.4469 (any table)
     assert np.log(effect.high / effect.low) == pytest.approx(2.0 * 2.446912 * effect.error, rel=1e-6)
-    assert (effect.low < 1.0 < effect.high) == (fit.participants.p > 0.05)
+    assert (effect.low < 1.0 < effect.high) == (fit.participants["p"] > 0.05)
 
 
 def test_too_few_participants_are_refused():

@@ -3,6 +3,7 @@
 import pytest
 
 from stepblocks.study.design import Item, constant_stimuli, experiment_one, experiment_two
+from stepblocks.study.experiments import EXPERIMENTS
 from stepblocks.study.page import render_sheets_pdf, sheet_pages
 from stepblocks.study.sheet import design_rows, sheet_rows
 
@@ -23,7 +24,7 @@ def sheets(experiment):
 def test_every_trial_stands_once_on_the_pages_of_its_participant_and_nothing_unblinds_it(experiment):
     given = sheets(experiment)
     printed = {"1": [], "2": []}
-    for page in sheet_pages(experiment, given):
+    for page in sheet_pages("A study", given):
         texts = [text.get_text() for text in page.axes[0].texts]
         printed[texts[0][-1]] += texts
     for who, rows in given.items():
@@ -51,7 +52,7 @@ def test_no_text_leaves_its_cell_or_the_page():
     from matplotlib.backends.backend_agg import FigureCanvasAgg
 
     for experiment in DESIGNS:
-        page = next(iter(sheet_pages(experiment, sheets(experiment))))
+        page = next(iter(sheet_pages(EXPERIMENTS[experiment].sheet_title, sheets(experiment))))
         renderer = FigureCanvasAgg(page).get_renderer()
         axes = page.axes[0]
         boxes = [(t, t.get_window_extent(renderer).transformed(axes.transData.inverted())) for t in axes.texts]

@@ -69,42 +69,27 @@ def render_table(frame: pd.DataFrame, float_format: str) -> str:
     return "".join(f"{line.rstrip()}\n" for line in lines)
 
 
-def render_key(rows: Sequence[Mapping[str, str]], note: str) -> str:
-    """Draw the key for who loads the blocks."""
-    return render_page("study", "run_key.html", rows=rows, balance=note)
-
-
-def render_sheets(experiment: str, sheets: Sheets) -> str:
-    """Draw the blinded run sheets."""
-    columns = [name for name in next(iter(sheets.values()))[0] if name != "participant"]
-    return render_page(
-        "study", "run_sheet.html", title=EXPERIMENTS[experiment].sheet_title, columns=columns, sheets=sheets
-    )
-
-
-def render_sheets_pdf(experiment: str, sheets: Sheets) -> bytes:
+def render_sheets_pdf(title: str, sheets: Sheets) -> bytes:
     """Draw the blinded run sheets as A4 pages."""
     import matplotlib as mpl
     from matplotlib.backends.backend_pdf import PdfPages
 
     stream = io.BytesIO()
     settings = {"pdf.fonttype": 42, "pdf.compression": 6, "font.family": "DejaVu Sans"}
-    title = f"Run sheets: {EXPERIMENTS[experiment].sheet_title}"
-    metadata = {"CreationDate": None, "ModDate": None, "Title": title}
+    metadata = {"CreationDate": None, "ModDate": None, "Title": f"Run sheets: {title}"}
     with mpl.rc_context(settings), PdfPages(stream, metadata=metadata) as pages:
-        for page in sheet_pages(experiment, sheets):
+        for page in sheet_pages(title, sheets):
             pages.savefig(page)
     return stream.getvalue()
 
 
-def sheet_pages(experiment: str, sheets: Sheets) -> Iterator[Any]:
+def sheet_pages(title: str, sheets: Sheets) -> Iterator[Any]:
     """Draw the pages of the run sheets, each a matplotlib figure."""
     for participant, rows in sheets.items():
         count = -(-len(rows) // _ROWS)
         for number in range(count):
-            title = f"{EXPERIMENTS[experiment].sheet_title}   participant {participant}"
             part = rows[number * _ROWS : (number + 1) * _ROWS]
-            yield _page(title, f"page {number + 1} of {count}", part)
+            yield _page(f"{title}   participant {participant}", f"page {number + 1} of {count}", part)
 
 
 def _page(title: str, foot: str, rows: Sequence[Mapping[str, str]]) -> Any:

@@ -14,6 +14,7 @@ from stepblocks.contact.energy import Status, release_at
 from stepblocks.contact.operating_point import OperatingPoint
 from stepblocks.declare import load_declared
 from stepblocks.errors import PipelineError, StudyError
+from stepblocks.page_file import render_page
 from stepblocks.parts.kinds.step_block import StepBlock
 from stepblocks.parts.lettering import engraved_text
 from stepblocks.parts.set import StimulusSet
@@ -22,7 +23,7 @@ from stepblocks.select import matches
 from stepblocks.study.analysis.results import StudyResult
 from stepblocks.study.design import Design, Item
 from stepblocks.study.experiments import EXPERIMENTS, LARGEST_ESTIMATE, RATINGS
-from stepblocks.study.page import render_sheets, render_sheets_pdf, render_study
+from stepblocks.study.page import render_sheets_pdf, render_study
 from stepblocks.study.sheet import (
     design_files,
     join_answers,
@@ -121,9 +122,10 @@ def write_sheets(folder: str | Path) -> int:
     digits = len(str(len(by_person)))
     sheets = {f"participant-{person:0>{digits}}.csv": csv_text(rows) for person, rows in by_person.items()}
     write_new(folder / "sheets", sheets)
-    experiment = design[0]["experiment"]
-    html, pdf = render_sheets(experiment, by_person), render_sheets_pdf(experiment, by_person)
-    write_new(folder, {"run-sheets.html": html, "run-sheets.pdf": pdf})
+    title = EXPERIMENTS[design[0]["experiment"]].sheet_title
+    columns = [name for name in next(iter(by_person.values()))[0] if name != "participant"]
+    html = render_page("study", "run_sheet.html", title=title, columns=columns, sheets=by_person)
+    write_new(folder, {"run-sheets.html": html, "run-sheets.pdf": render_sheets_pdf(title, by_person)})
     return len(by_person)
 
 

@@ -13,11 +13,11 @@ import numpy as np
 
 from stepblocks.atomic import replace_bytes
 from stepblocks.errors import PipelineError, StudyError
+from stepblocks.page_file import render_page
 from stepblocks.study import require
 from stepblocks.study.analysis.results import StudyResult
 from stepblocks.study.design import Design, Item
 from stepblocks.study.experiments import EXPERIMENTS, LARGEST_ESTIMATE, RATINGS, Row, number
-from stepblocks.study.page import render_key
 from stepblocks.study.simulate import Observer
 from stepblocks.tables import csv_text
 
@@ -72,7 +72,10 @@ def key_files(items: Mapping[str, Item], note: str) -> dict[str, str]:
     """Write key.csv and key.html, which tell the block behind each code."""
     rows = [{"code": code, **items[code].told()} for code in sorted(items)]
     columns = ("code", "engraved", "stimulus", "height_um")
-    return {"key.csv": csv_text(rows, columns), "key.html": render_key(rows, note)}
+    return {
+        "key.csv": csv_text(rows, columns),
+        "key.html": render_page("study", "run_key.html", rows=rows, balance=note),
+    }
 
 
 def design_files(design: Design) -> dict[str, str]:

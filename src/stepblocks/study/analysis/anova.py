@@ -176,16 +176,16 @@ def residual_checks(residuals: Any, groups: Sequence[str], participant_effects: 
 
     values, names = np.asarray(residuals, dtype=np.float64), np.asarray(groups)
     sample = values if values.size <= 5000 else np.sort(values)[np.linspace(0, values.size - 1, 5000).astype(int)]
-    checks = [_check("residuals are normal", "Shapiro-Wilk", _shapiro(sample))]
     parts = [values[names == name] for name in dict.fromkeys(names.tolist())]
-    found = (math.nan, math.nan)
-    if len(parts) > 1 and min(len(part) for part in parts) > 2:
-        statistic, p = stats.levene(*parts, center="median")
-        found = (float(statistic), float(p))
-    checks.append(_check("conditions have one residual spread", "Levene (median)", found))
+    enough = len(parts) > 1 and min(len(part) for part in parts) > 2
+    levene = stats.levene(*parts, center="median") if enough else (math.nan, math.nan)
+    checks = [
+        _check("residuals are normal", "Shapiro-Wilk", *_shapiro(sample)),
+        _check("conditions have one residual spread", "Levene (median)", *map(float, levene)),
+    ]
     effects = np.asarray(participant_effects, dtype=np.float64)
     if effects.size:
-        checks.append(_check("participants are a normal sample", "Shapiro-Wilk", _shapiro(effects)))
+        checks.append(_check("participants are a normal sample", "Shapiro-Wilk", *_shapiro(effects)))
     return checks
 
 
@@ -198,7 +198,6 @@ def _shapiro(values: Any) -> tuple[float, float]:
     return float(statistic), float(p)
 
 
-def _check(assumption: str, test: str, found: tuple[float, float]) -> Check:
-    statistic, p = found
+def _check(assumption: str, test: str, statistic: float, p: float) -> Check:
     verdict = "not tested" if math.isnan(p) else "in doubt" if p < _DOUBT else "no objection"
     return Check(assumption, test, statistic, p, verdict, _ADVICE[assumption] if verdict == "in doubt" else "")

@@ -33,16 +33,6 @@ class OddsRatio:
 
 
 @dataclass(frozen=True)
-class Wald:
-    """A test of all predictors with the participants as the units that are independent."""
-
-    statistic: float  # F [1]
-    df: float  # predictors
-    df_error: float  # participants less predictors
-    p: float  # probability of it or more under no effect [1]
-
-
-@dataclass(frozen=True)
 class OrdinalFit:
     """A proportional-odds model."""
 
@@ -50,7 +40,9 @@ class OrdinalFit:
     statistic: float  # likelihood ratio of the predictors; keeps its level only where participants take to them alike
     df: int
     p: float
-    participants: Wald | None  # lets participants differ in how they take to the predictors; None without participants
+    # statistic, df, df_error and p of an F-test with the participants as the units that are independent, so that they may
+    # differ in how they take to the predictors; None without participants
+    participants: dict[str, float] | None
     log_likelihood: float  # at the optimum
 
 
@@ -81,7 +73,7 @@ def ordinal_model(frame: Any, rating: str, predictors: Sequence[str], participan
     )
 
 
-def _errors(fit: Any, number: int, participants: Any) -> tuple[list[float], float, Wald | None]:
+def _errors(fit: Any, number: int, participants: Any) -> tuple[list[float], float, dict[str, float] | None]:
     """Return standard errors of the predictors, how many of them make a 95 % interval, and the test over participants."""
     from scipy.stats import f, t
 
@@ -94,7 +86,8 @@ def _errors(fit: Any, number: int, participants: Any) -> tuple[list[float], floa
     values = fit.params.iloc[:number].to_numpy()
     # Hotelling: as many independent values as participants estimate the covariance
     statistic = float(values @ np.linalg.solve(covariance, values)) * (people - number) / (number * (people - 1))
-    wald = Wald(statistic, float(number), float(people - number), float(f.sf(statistic, number, people - number)))
+    tail, left = float(f.sf(statistic, number, people - number)), float(people - number)
+    wald = {"statistic": statistic, "df": float(number), "df_error": left, "p": tail}
     return np.sqrt(np.diag(covariance)).tolist(), float(t.ppf(0.975, people - 1)), wald
 
 

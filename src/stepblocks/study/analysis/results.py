@@ -134,7 +134,7 @@ def _ratings(result: StudyResult) -> Iterator[Row]:
         return
     yield _row(analysis, "all predictors, likelihood ratio", statistic=fit.statistic, df=fit.df, p=fit.p)
     if fit.participants is not None:
-        yield _row(analysis, "all predictors, F over participants") | vars(fit.participants)
+        yield _row(analysis, "all predictors, F over participants") | fit.participants
     for effect in fit.effects:
         ends = (effect.ratio, effect.low, effect.high)
         yield _span(analysis, f"odds of a higher rating, {effect.name}", ends)
