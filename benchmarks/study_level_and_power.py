@@ -30,7 +30,7 @@ def main() -> None:
                 observer = Observer(
                     weber=0.0, response_noise=NOISE, participant_spread=spread, condition_spread=response
                 )
-                plan = SimulatedStudy(8, 2, HEIGHTS, ENERGIES, (("a", 1.0), ("b", share)), observer)
+                plan = SimulatedStudy(8, 2, HEIGHTS, ENERGIES, (("a", 1.0), ("b", share)), observer, measure="bias")
                 found = estimate_power(plan, analysis, runs, seed=1, jobs=jobs)
                 means = {"a": 0.0, "b": (1.0 - share) * 80e-6}
                 if analysis == "mixed":

@@ -42,14 +42,15 @@ def test_from_the_block_set_to_the_report(folder, capsys):
     code, out, _ = run(capsys, "analyse", folder, answers, "-o", folder / "report")
     assert code == 0
     assert "144 judgements of 6 participants" in out
-    found = {(row["analysis"], row["quantity"]): row for row in table(folder / "report" / "results.csv")}
+    rows = [row for row in table(folder / "report" / "results.csv") if row["measure"] == "bias"]
+    found = {(row["analysis"], row["quantity"]): row for row in rows}
     assert float(found["tukey", "bare minus soft"]["low_95"]) > 5.0
     assert (
         float(found["tukey", "bare minus hard"]["low_95"]) < 0.0 < float(found["tukey", "bare minus hard"]["high_95"])
     )
     assert float(found["mixed model", "condition, partial eta squared"]["p"]) < 1e-3
     page = (folder / "report" / "report.html").read_text()
-    assert page.count("<svg") == 3
+    assert page.count("<svg") == 4
     assert not re.findall(r'(?:src|href)="(?!#)', page)  # nothing is loaded, from the network or elsewhere
     first = {path.name: path.read_bytes() for path in (folder / "report").iterdir()}
     assert run(capsys, "analyse", folder, answers, "-o", folder / "again")[0] == 0
@@ -84,7 +85,7 @@ def test_filled_in_sheets_are_analysed_and_never_overwritten(folder, capsys):
 @pytest.mark.parametrize(
     ("options", "figures", "quantity"),
     [
-        (["--experiment", "virtual", "--repetitions", "1"], 4, "odds of a higher rating, vibration-on"),
+        (["--experiment", "virtual", "--repetitions", "1"], 5, "odds of a higher rating, vibration-on"),
         (
             ["--experiment", "constant", "--standard", "step-050", "--repetitions", "2"],
             1,

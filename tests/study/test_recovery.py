@@ -113,7 +113,9 @@ def test_no_effect_is_found_in_five_of_a_hundred_studies(analysis, runs, partici
     # participants differ in nothing for the F-test, which assumes so; in level and in their response to a condition for the mixed model
     spread = 0.0 if analysis == "f-test" else 6e-6
     observer = Observer(weber=0.1, response_noise=6e-6, participant_spread=spread, condition_spread=spread)
-    plan = SimulatedStudy(participants, 2, (60e-6, 80e-6), (3e-5, 4e-5), (("a", 1.0), ("b", 1.0)), observer)
+    plan = SimulatedStudy(
+        participants, 2, (60e-6, 80e-6), (3e-5, 4e-5), (("a", 1.0), ("b", 1.0)), observer, measure="bias"
+    )
     low, high = binomial_band(runs)
     p = np.array(p_values(plan, analysis, range(runs)))
     assert low <= np.mean(p < 0.05) <= high
@@ -130,8 +132,8 @@ def test_power_of_the_f_test_is_that_of_the_noncentral_f():
     # Energy in proportion to height without sensory noise: condition "b" lowers every estimate by a tenth
     noise = 8e-6
     observer = Observer(weber=0.0, response_noise=noise, participant_spread=0.0)
-    plan = SimulatedStudy(4, 2, (80e-6,), (1e-5,), (("a", 1.0), ("b", 0.9)), observer)
-    plan = SimulatedStudy(4, 2, (70e-6, 90e-6), (0.7e-5, 0.9e-5), plan.factors, observer)
+    plan = SimulatedStudy(4, 2, (80e-6,), (1e-5,), (("a", 1.0), ("b", 0.9)), observer, measure="bias")
+    plan = SimulatedStudy(4, 2, (70e-6, 90e-6), (0.7e-5, 0.9e-5), plan.factors, observer, measure="bias")
     exact = closed_form_power({"a": 0.0, "b": 8e-6}, 4 * 2 * 2, noise, 32 - 4)
     assert 0.5 < exact < 0.95
     found = np.mean(np.array(p_values(plan, "f-test", range(150))) < 0.05)
@@ -143,7 +145,7 @@ def test_power_of_the_mixed_model_is_that_of_the_noncentral_f():
     # Differences within participants have the variance 2 (condition_spread^2 + noise^2 / judgements per cell),
     # on participants - 1 degrees of freedom
     observer = Observer(weber=0.0, response_noise=6e-6, participant_spread=5e-6, condition_spread=6e-6)
-    plan = SimulatedStudy(8, 2, (70e-6, 90e-6), (0.7e-5, 0.9e-5), (("a", 1.0), ("b", 0.9)), observer)
+    plan = SimulatedStudy(8, 2, (70e-6, 90e-6), (0.7e-5, 0.9e-5), (("a", 1.0), ("b", 0.9)), observer, measure="bias")
     exact = closed_form_power({"a": 0.0, "b": 8e-6}, 8, math.hypot(6e-6, 6e-6 / 2), 7)
     assert 0.4 < exact < 0.9
     found = np.mean(np.array(p_values(plan, "mixed", range(80))) < 0.05)
@@ -152,7 +154,7 @@ def test_power_of_the_mixed_model_is_that_of_the_noncentral_f():
 
 
 def test_power_is_the_same_in_one_process_and_in_two():
-    plan = SimulatedStudy(3, 1, *FLAT.values(), (("a", 1.0), ("b", 0.5)), Observer())
+    plan = SimulatedStudy(3, 1, *FLAT.values(), (("a", 1.0), ("b", 0.5)), Observer(), measure="bias")
     one, two = (estimate_power(plan, "f-test", runs=12, seed=4, jobs=jobs) for jobs in (1, 2))
     assert (one.power, one.low, one.high) == (two.power, two.low, two.high)
     assert one.low <= one.power <= one.high

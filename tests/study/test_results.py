@@ -31,25 +31,26 @@ def virtual():
     return result_of(experiment_two(5, BLOCKS, 2, seed=1))
 
 
-def row_of(result, analysis, quantity):
+def row_of(result, analysis, quantity, measure="bias"):
     table = result.table()
-    (row,) = table[(table["analysis"] == analysis) & (table["quantity"] == quantity)].to_dict("records")
+    asked = {"measure": measure, "analysis": analysis, "quantity": quantity}
+    (row,) = table[(table[list(asked)] == asked).all(axis=1)].to_dict("records")
     return row
 
 
 def test_lengths_are_in_micrometres_and_shares_are_not(estimates):
-    row, one = row_of(estimates, "tukey", "bare minus soft <b>"), estimates.f_test.intervals[0]
+    row, one = row_of(estimates, "tukey", "bare minus soft <b>"), estimates.measure("bias").f_test.intervals[0]
     assert row["unit"] == "um"
     assert (row["estimate"], row["low_95"], row["high_95"]) == (one.difference * 1e6, one.low * 1e6, one.high * 1e6)
-    row, term = row_of(estimates, "f-test", "condition, partial eta squared"), estimates.f_test.terms[0]
+    row, term = row_of(estimates, "f-test", "condition, partial eta squared"), estimates.measure("bias").f_test.terms[0]
     assert (row["unit"], row["estimate"], row["p"]) == ("1", term.eta_squared, term.p)
     row = row_of(estimates, "mixed model", "standard deviation between judgements")
-    assert (row["unit"], row["estimate"]) == ("um", estimates.mixed.sd_residual * 1e6)
+    assert (row["unit"], row["estimate"]) == ("um", estimates.measure("bias").mixed.sd_residual * 1e6)
 
 
 def test_a_mean_has_the_normal_s_95_percent_interval(estimates):
     row = row_of(estimates, "mixed model", "mean error with bare")
-    _, mean, error = estimates.mixed.means[0]
+    _, mean, error = estimates.measure("bias").mixed.means[0]
     assert row["estimate"] == pytest.approx(mean * 1e6)
     assert row["high_95"] - row["low_95"] == pytest.approx(2.0 * 1.959964 * error * 1e6, rel=1e-6)
 
@@ -57,7 +58,7 @@ def test_a_mean_has_the_normal_s_95_percent_interval(estimates):
 def test_the_csv_has_the_table_to_eight_digits_and_is_blank_where_it_has_no_figure(estimates):
     table = estimates.table()
     for row, line in zip(table.to_dict("records"), csv.DictReader(io.StringIO(estimates.results_csv())), strict=True):
-        for name in COLUMNS[3:]:
+        for name in COLUMNS[4:]:
             if line[name]:
                 assert float(line[name]) == pytest.approx(row[name], rel=1e-7)
             else:
@@ -65,9 +66,9 @@ def test_the_csv_has_the_table_to_eight_digits_and_is_blank_where_it_has_no_figu
 
 
 def test_ratings_are_tested_over_participants_and_shown_cut_by_cut(virtual):
-    row = row_of(virtual, "ordinal model", "all predictors, F over participants")
+    row = row_of(virtual, "ordinal model", "all predictors, F over participants", "")
     wald = virtual.ordinal.participants
-    assert (row["statistic"], row["df"], row["df_error"], row["p"]) == (wald.statistic, 1.0, 4.0, wald.p)
+    assert (row["statistic"], row["df"], row["df_error"], row["p"]) == (wald["statistic"], 1.0, 4.0, wald["p"])
     (effect,) = virtual.ordinal.effects
     cuts = [row for row in virtual.table().to_dict("records") if "log odds at cut" in row["quantity"]]
     assert len(cuts) == len(effect.by_cut) == virtual.frame["rating"].nunique() - 1

@@ -91,7 +91,9 @@ def test_a_block_without_energy_is_refused_by_name():
 
 def plan(**changes):
     given = {"participants": 3, "repetitions": 2, "heights": (20e-6, 40e-6), "energies": (1e-5, 2e-5)}
-    return SimulatedStudy(**given | {"factors": (("bare", 1.0), ("soft", 0.5)), "observer": STILL} | changes)
+    return SimulatedStudy(
+        **given | {"factors": (("bare", 1.0), ("soft", 0.5)), "observer": STILL, "measure": "bias"} | changes
+    )
 
 
 def test_a_simulated_study_has_every_judgement_once_and_its_errors_in_closed_form():

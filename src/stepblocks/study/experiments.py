@@ -14,8 +14,7 @@ import numpy as np
 
 from stepblocks.errors import StudyError
 from stepblocks.study import require
-from stepblocks.study.analysis.anova import f_test, residual_checks
-from stepblocks.study.analysis.mixed import mixed_model
+from stepblocks.study.analysis.accuracy import MEASURES, analyse_measure
 from stepblocks.study.analysis.ordinal import ordinal_model
 from stepblocks.study.analysis.psychometric import fit_psychometric
 from stepblocks.study.analysis.results import Curve, PowerLaw
@@ -42,7 +41,8 @@ class Experiment:
     read: Callable[[Row, Row, float, tuple[int, int]], dict[str, Any]]
     # of the trials (the design, with what `simulate_answers` adds), observer and generator: texts for `answers`
     simulate: Callable[[Any, Observer, np.random.Generator], Texts]
-    analyse: Callable[[Any], dict[str, Any]]  # of the tidy table: fields of `StudyResult`
+    # of the tidy table and the margin within which conditions count as equivalent [m]: fields of `StudyResult`
+    analyse: Callable[[Any, float], dict[str, Any]]
     needs: tuple[str, ...] = ()  # options beside the size: "probes", "standard"
     paired: bool = False  # each block is compared with a standard, given before or after it
 
@@ -86,18 +86,23 @@ def _simulate_virtual(trials: Any, observer: Observer, generator: np.random.Gene
     return [(estimate, f"{rating:.0f}") for (estimate,), rating in zip(estimates, ratings, strict=True)]
 
 
-def _analyse_estimates(frame: Any) -> dict[str, Any]:
+def _analyse_estimates(frame: Any, margin: float) -> dict[str, Any]:
     if frame["condition"].nunique() < 2:
         raise StudyError("errors of estimates are compared between conditions; this study has one")
-    block = "stimulus" if frame["stimulus"].nunique() > 1 else ""
-    tested = f_test(frame, "error", ["condition", block] if block else ["condition"])
-    mixed = mixed_model(frame, "error", "condition", "participant", block)
-    checks = tuple(residual_checks(mixed.residuals, frame["condition"].tolist(), mixed.participant_effects))
-    return {"f_test": tested, "mixed": mixed, "checks": checks}
+    found, lacking = [], list[str]()
+    for name in MEASURES:
+        try:
+            found.append(analyse_measure(frame, name, margin))
+        except StudyError as error:
+            if name != "spread":
+                raise
+            lacking.append(f"Not analysed: {error}.")
+    return {"measures": tuple(found), "remarks": tuple(lacking)}
 
 
-def _analyse_virtual(frame: Any) -> dict[str, Any]:
-    return {**_analyse_estimates(frame), "ordinal": ordinal_model(frame, "rating", ["condition"], "participant")}
+def _analyse_virtual(frame: Any, margin: float) -> dict[str, Any]:
+    ordinal = ordinal_model(frame, "rating", ["condition"], "participant")
+    return {**_analyse_estimates(frame, margin), "ordinal": ordinal}
 
 
 def _read_comparison(planned: Row, answer: Row, top: float, ratings: tuple[int, int]) -> dict[str, Any]:
@@ -117,7 +122,7 @@ def _simulate_comparisons(trials: Any, observer: Observer, generator: np.random.
     return answers
 
 
-def _analyse_comparisons(frame: Any) -> dict[str, Any]:
+def _analyse_comparisons(frame: Any, margin: float) -> dict[str, Any]:
     curves = [_curve(str(name), own) for name, own in frame.groupby("participant", sort=False)]
     return {"curves": (*curves, _curve("all", frame)) if len(curves) > 1 else tuple(curves)}
 
@@ -206,6 +211,6 @@ EXPERIMENTS: dict[str, Experiment] = {
         design=magnitude_estimation,
         read=_read_magnitude,
         simulate=_simulate_magnitudes,
-        analyse=lambda frame: {"power_law": power_law(frame, "magnitude", "height", "participant")},
+        analyse=lambda frame, margin: {"power_law": power_law(frame, "magnitude", "height", "participant")},
     ),
 }

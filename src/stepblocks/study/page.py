@@ -12,6 +12,7 @@ import numpy as np
 from stepblocks.page_file import render_page
 from stepblocks.study.analysis.results import StudyResult
 from stepblocks.study.experiments import EXPERIMENTS
+from stepblocks.study.prose import headline, journal_table, methods
 from stepblocks.tables import csv_text
 
 if TYPE_CHECKING:
@@ -24,8 +25,15 @@ _LEFT, _TOP, _ROW, _ROWS = 15.0, 262.0, 6.4, 38  # margin, top of the table and 
 _ANSWER_SHARE = 1.8  # an answer is written by hand and gets more room than what is printed
 _NOTE = "Write every answer in its row; leave a row that was not run empty."
 
+_MEASURES = {
+    "bias": "Signed error: what the paper's F-test takes. Noise leaves it where it is.",
+    "absolute error": "Distance from the height: this answers whether heights are estimated less accurately.",
+    "spread": "Standard deviation of a participant's judgements of a block, as logarithm: noise without bias.",
+}
 _WHAT = {
-    "f-test": "The paper's analysis: an F-test on the errors of the estimates, blocks as second factor. It takes every judgement for "
+    "equivalence": "Two one-sided tests on the contrasts of the mixed model: the bound holds at the 5 % level.",
+    "groups": "Groups of participants by a split-plot analysis of their means; the intervals are Student's, each by itself.",
+    "f-test": "The paper's analysis: an F-test, blocks as second factor. It takes every judgement for "
     "independent of all others, which judgements of one participant are not; the mixed model below does not.",
     "tukey": "Tukey's family: all intervals hold together with 95 %.",
     "mixed model": "Participants and their response to each condition are random; restricted maximum likelihood; the F-test of the "
@@ -48,16 +56,24 @@ def render_study(result: StudyResult) -> str:
         ("estimate", "low_95", "high_95", "statistic", "p"), "{:.4g}"
     )
     table = result.table()
+    mixed = [one.mixed for one in result.measures]
     for name, form in shown.items():
         table[name] = ["" if value != value else form.format(value) for value in table[name]]
     return render_page(
         "study",
         "study.html",
         title=EXPERIMENTS[result.experiment].title,
-        notes=[*result.notes, *(result.mixed.remarks if result.mixed is not None else ())],
+        headline=headline(result),
+        notes=[*result.notes, *result.remarks, *dict.fromkeys(said for one in mixed for said in one.remarks)],
         figures=study_figures(result),
-        tables=[(name, _WHAT[name], own.to_dict("records")) for name, own in table.groupby("analysis", sort=False)],
-        checks=result.checks,
+        tables=[
+            (": ".join(filter(None, name)), _MEASURES.get(name[0], ""), _WHAT[name[1]], own.to_dict("records"))
+            for name, own in table.groupby(["measure", "analysis"], sort=False)
+        ],
+        checks=[(one.name, check) for one in result.measures for check in one.checks],
+        conditions=sorted(result.frame["condition"].unique()),
+        journal=journal_table(result),
+        methods=methods(result),
     )
 
 
@@ -132,12 +148,13 @@ def study_figures(result: StudyResult) -> Iterator[tuple[str, str]]:
     from matplotlib.rcsetup import cycler
 
     for draw, found, caption in (
-        (_estimates, result.mixed, "Estimates against height; bars: standard deviation of the judgements."),
-        (_intervals, result.mixed, "Differences between conditions with the intervals of both analyses."),
+        (_estimates, result.measures, "Estimates against height; bars: standard deviation of the judgements."),
+        (_participants, result.measures, "Every participant: a line each; black: the mean."),
+        (_intervals, result.measures, "Differences between conditions with the intervals of both analyses."),
         (
             _residuals,
-            result.mixed,
-            "Residuals of the mixed model: against fitted values, and their quantiles against the normal's.",
+            result.measures,
+            "Residuals of the mixed model of the absolute error: against fitted values, and their quantiles against the normal's.",
         ),
         (_ratings, result.ordinal, "Share of each rating of realism."),
         (_curves, result.curves, 'Share of answers "higher", with the fitted functions; area of a dot: trials.'),
@@ -169,31 +186,57 @@ def _estimates(figure: Any, result: Any) -> None:
     axes.legend(frameon=False)
 
 
+def _shown(measure: Any) -> tuple[float, str]:
+    return (1.0, "ln um") if measure.logarithmic else (1e6, "um")
+
+
+def _participants(figure: Any, result: Any) -> None:
+    for axes, measure in zip(_panels(figure, result), result.measures, strict=True):
+        factor, unit = _shown(measure)
+        shift = np.log(1e6) if measure.logarithmic else 0.0
+        table = measure.frame.groupby(["participant", "condition"])["value"].mean().unstack() * factor + shift
+        x = np.arange(table.shape[1])
+        groups = measure.frame.groupby("participant")["group"].first() if "group" in measure.frame else None
+        names = [] if groups is None else sorted(groups.unique())
+        for who, row in table.iterrows():
+            colour = _COLOURS[0] if groups is None else _COLOURS[names.index(groups[who]) % len(_COLOURS)]
+            axes.plot(x, row, "o-", color=colour, ms=3, lw=0.8, alpha=0.7)
+        axes.plot(x, table.mean(), "s-", color=_INK, ms=5, lw=2)
+        axes.set_xticks(x, table.columns)
+        axes.set(title=f"{measure.name}, {unit}", xlim=(-0.4, len(x) - 0.6))
+
+
+def _panels(figure: Any, result: Any) -> Any:
+    return np.atleast_1d(figure.subplots(1, len(result.measures)))
+
+
 def _intervals(figure: Any, result: Any) -> None:
-    axes = figure.subplots()
-    names = [f"{one.first} - {one.second}" for one in result.f_test.intervals]
-    for offset, label, family in (
-        (0.12, "Tukey after the F-test", result.f_test.intervals),
-        (-0.12, "mixed model", result.mixed.intervals),
-    ):
-        middle = np.array([one.difference for one in family]) * 1e6
-        reach = np.array([[one.difference - one.low, one.high - one.difference] for one in family]).T * 1e6
-        axes.errorbar(middle, np.arange(len(family)) + offset, xerr=reach, fmt="o", capsize=4, label=label)
-    axes.axvline(0.0, color=_LINE, lw=1)
-    axes.set_yticks(range(len(names)), names)
-    axes.set(ylim=(-0.6, len(names) - 0.4), xlabel="difference of errors, um")
-    axes.legend(frameon=False)
+    for axes, measure in zip(_panels(figure, result), result.measures, strict=True):
+        factor, unit = _shown(measure)
+        names = [f"{one.first} - {one.second}" for one in measure.f_test.intervals]
+        for offset, label, family in (
+            (0.12, "Tukey after the F-test", measure.f_test.intervals),
+            (-0.12, "mixed model", measure.mixed.intervals),
+        ):
+            middle = np.array([one.difference for one in family]) * factor
+            reach = np.array([[one.difference - one.low, one.high - one.difference] for one in family]).T * factor
+            axes.errorbar(middle, np.arange(len(family)) + offset, xerr=reach, fmt="o", capsize=4, label=label)
+        axes.axvline(0.0, color=_LINE, lw=1)
+        axes.set_yticks(range(len(names)), names)
+        axes.set(ylim=(-0.6, len(names) - 0.4), xlabel=f"difference of {measure.name}, {unit}")
+    axes.legend(frameon=False, fontsize=8)
 
 
 def _residuals(figure: Any, result: Any) -> None:
     from scipy.stats import probplot
 
     left, right = figure.subplots(1, 2)
+    mixed = result.measure().mixed
     dots = {"ms": 3, "alpha": 0.6, "color": _COLOURS[0]}
-    left.plot(result.mixed.fitted * 1e6, result.mixed.residuals * 1e6, "o", **dots)
+    left.plot(mixed.fitted * 1e6, mixed.residuals * 1e6, "o", **dots)
     left.axhline(0.0, color=_LINE, lw=1)
-    left.set(xlabel="fitted error, um", ylabel="residual, um")
-    (quantiles, ordered), (slope, intercept, _) = probplot(result.mixed.residuals * 1e6)
+    left.set(xlabel="fitted absolute error, um", ylabel="residual, um")
+    (quantiles, ordered), (slope, intercept, _) = probplot(mixed.residuals * 1e6)
     right.plot(quantiles, ordered, "o", **dots)
     right.plot(quantiles, intercept + slope * quantiles, color=_LINE, lw=1)
     right.set(xlabel="normal quantile", ylabel="residual, um")

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import csv
+import math
 from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
@@ -147,9 +148,9 @@ class Judgements:
             )
         return said
 
-    def analyse(self) -> StudyResult:
-        """Analyse the study as its design asks for."""
-        found = EXPERIMENTS[self.experiment].analyse(self.frame)
+    def analyse(self, margin: float = math.nan) -> StudyResult:
+        """Analyse the study as its design asks for; conditions that differ by less than a margin [m] count as equivalent."""
+        found = EXPERIMENTS[self.experiment].analyse(self.frame, margin)
         return StudyResult(self.experiment, tuple(self.notes()), self.frame, **found)
 
 

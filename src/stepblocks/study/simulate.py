@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from stepblocks.errors import StudyError
 from stepblocks.study import require
+from stepblocks.study.analysis.accuracy import ANSWER, MEASURES, measured
 from stepblocks.study.analysis.anova import Term, f_test
 from stepblocks.study.analysis.mixed import mixed_model
 from stepblocks.study.analysis.psychometric import Z75
@@ -73,7 +74,8 @@ def estimate_heights(
     estimates += observer.participant_spread * generator.standard_normal(person.max() + 1)[person]
     own = generator.standard_normal((person.max() + 1, setting.max() + 1))
     estimates += observer.condition_spread * own[person, setting]
-    estimates += observer.response_noise * generator.standard_normal(len(heights))
+    noisier = trials["noisier"].to_numpy() if "noisier" in trials else 1.0
+    estimates += observer.response_noise * noisier * generator.standard_normal(len(heights))
     lapsed = generator.random(len(heights)) < observer.lapse
     estimates[lapsed] = generator.permutation(heights)[lapsed]
     return np.maximum(estimates, 0.0)
@@ -101,8 +103,11 @@ class SimulatedStudy:
     energies: tuple[float, ...]  # of each block, undamped [J]
     factors: tuple[tuple[str, float], ...]  # condition, and the share of the energy that it lets through [1]
     observer: Observer
+    noise: tuple[float, ...] = ()  # times the response noise, by condition [1]; alike where left out
+    measure: str = ANSWER  # what is tested, one of `MEASURES`
 
     def __post_init__(self) -> None:
+        require(self.measure in MEASURES, f"measure must be one of {', '.join(MEASURES)}, got {self.measure!r}")
         require(
             self.participants >= 2 and self.repetitions >= 1,
             f"a study needs at least 2 participants and 1 repetition, got {self.participants} and {self.repetitions}",
@@ -126,15 +131,14 @@ class PowerEstimate:
 
 def p_values(plan: SimulatedStudy, analysis: str, seeds: Sequence[int]) -> list[float]:
     """Simulate studies and test the conditions of each."""
-    block = "stimulus" if len(plan.heights) > 1 else ""
     found = []
     for seed in seeds:
-        frame = simulated_frame(plan, seed)
+        frame, block = measured(simulated_frame(plan, seed), plan.measure)
         if analysis == "f-test":
             factors = ["condition", block] if block else ["condition"]
-            term: Term | None = f_test(frame, "error", factors, intervals=False).terms[0]
+            term: Term | None = f_test(frame, "value", factors, intervals=False).terms[0]
         else:
-            term = mixed_model(frame, "error", "condition", "participant", block, intervals=False).condition
+            term = mixed_model(frame, "value", "condition", "participant", block, intervals=False).condition
         assert term is not None  # a plan has two conditions
         found.append(term.p)
     return found
@@ -150,6 +154,7 @@ def simulated_frame(plan: SimulatedStudy, seed: int) -> Any:
     names, shares = zip(*plan.factors, strict=True)
     frame = pd.DataFrame({"person": person, "setting": setting, "height": heights[block]})
     frame["energy"] = energies[block] * np.array(shares)[setting]
+    frame["noisier"] = np.array(plan.noise or [1.0] * len(shares))[setting]
     estimates = estimate_heights(frame, (heights, energies), plan.observer, np.random.default_rng(seed))
     texts = {"participant": person.astype(str), "condition": np.array(names)[setting], "stimulus": block.astype(str)}
     return frame.assign(**texts, estimate=estimates, error=estimates - heights[block])

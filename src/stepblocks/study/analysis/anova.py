@@ -49,6 +49,7 @@ class Interval:
     high: float
     p: float  # probability under no difference, adjusted for the family
     effect_size: float  # difference over the residual standard deviation
+    error: float  # standard error of the difference
 
 
 @dataclass(frozen=True)
@@ -158,7 +159,8 @@ def tukey_family(
         p = float(studentized_range.sf(abs(difference) / error, len(levels), df_error))
         reach = quantile * error
         ends = (difference * scale, (difference - reach) * scale, (difference + reach) * scale)
-        found.append(Interval(levels[one], levels[two], *ends, p, difference / spread))
+        apart = math.sqrt(2.0) * error * scale
+        found.append(Interval(levels[one], levels[two], *ends, p, difference / spread, apart))
     return found
 
 

@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 import html
+import math
 from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
-from stepblocks.study.analysis.anova import Check, FTest, Interval, Term
-from stepblocks.study.analysis.mixed import MixedFit
+from stepblocks.study.analysis.accuracy import ANSWER, Measure
+from stepblocks.study.analysis.anova import Interval, Term
 from stepblocks.study.analysis.ordinal import OrdinalFit
 from stepblocks.study.analysis.psychometric import Z975, Psychometric
 from stepblocks.tables import csv_text
@@ -17,7 +18,19 @@ if TYPE_CHECKING:
     import pandas as pd
 
 # Columns of results.csv; the unit of estimate, low and high stands in each row
-COLUMNS = ("analysis", "quantity", "unit", "estimate", "low_95", "high_95", "statistic", "df", "df_error", "p")
+COLUMNS = (
+    "measure",
+    "analysis",
+    "quantity",
+    "unit",
+    "estimate",
+    "low_95",
+    "high_95",
+    "statistic",
+    "df",
+    "df_error",
+    "p",
+)
 _IN_UM = ("height", "estimate", "error", "standard")  # columns of the judgements that are lengths [m]
 
 Row = dict[str, Any]
@@ -53,18 +66,21 @@ class StudyResult:
     experiment: str
     notes: tuple[str, ...]  # how many judgements, what is missing and what was done about it
     frame: Any  # the tidy table
-    f_test: FTest | None = None  # the paper's analysis of the errors
-    mixed: MixedFit | None = None  # the mixed model of the errors
-    checks: tuple[Check, ...] = ()  # of the residuals of the mixed model
+    measures: tuple[Measure, ...] = ()  # of the accuracy of estimates: bias, absolute error, spread
+    remarks: tuple[str, ...] = ()  # on what could not be analysed
     ordinal: OrdinalFit | None = None  # of the ratings of realism
     curves: tuple[Curve, ...] = ()  # of the comparisons with a standard
     power_law: PowerLaw | None = None  # of the magnitudes
+
+    def measure(self, name: str = ANSWER) -> Measure | None:
+        """Return one measure of accuracy, if it was analysed."""
+        return next((one for one in self.measures if one.name == name), None)
 
     def table(self) -> pd.DataFrame:
         """Lay out every figure with its unit, in `COLUMNS`; not-a-number where a row has none."""
         import pandas as pd
 
-        return pd.DataFrame([*_errors(self), *_ratings(self), *_curves(self), *_magnitudes(self)], columns=COLUMNS)
+        return pd.DataFrame([*_accuracy(self), *_ratings(self), *_curves(self), *_magnitudes(self)], columns=COLUMNS)
 
     def results_csv(self) -> str:
         """Write the table."""
@@ -83,7 +99,7 @@ class StudyResult:
 
 
 def _row(analysis: str, quantity: str, unit: str = "1", **figures: float) -> Row:
-    return {"analysis": analysis, "quantity": quantity, "unit": unit, **figures}
+    return {"measure": "", "analysis": analysis, "quantity": quantity, "unit": unit, **figures}
 
 
 def _span(analysis: str, quantity: str, ends: Ends, unit: str = "1", **more: float) -> Row:
@@ -97,33 +113,60 @@ def _term(analysis: str, term: Term) -> Row:
     return _span(analysis, name, ends, statistic=term.f, df=term.df, df_error=term.df_error, p=term.p)
 
 
-def _intervals(analysis: str, intervals: tuple[Interval, ...], df_error: float) -> Iterator[Row]:
+def _ratio(ends: Ends) -> Ends:
+    middle, low, high = map(math.exp, ends)
+    return middle, low, high
+
+
+def _intervals(analysis: str, intervals: tuple[Interval, ...], df_error: float, logarithmic: bool) -> Iterator[Row]:
     for one in intervals:
         name, ends = f"{one.first} minus {one.second}", (one.difference, one.low, one.high)
-        yield _span(analysis, name, ends, "um", df_error=df_error, p=one.p)
+        shown = (f"{one.first} over {one.second}", _ratio(ends), "1") if logarithmic else (name, ends, "um")
+        yield _span(analysis, *shown, df_error=df_error, p=one.p)
         yield _row(analysis, f"{name}, over the residual standard deviation", estimate=one.effect_size)
 
 
-def _errors(result: StudyResult) -> Iterator[Row]:
-    if result.f_test is None or result.mixed is None:
-        return
-    mixed = result.mixed
-    for term in result.f_test.terms:
+def _accuracy(result: StudyResult) -> Iterator[Row]:
+    for measure in result.measures:
+        for row in _measure(measure):
+            yield row | {"measure": measure.name}
+
+
+def _measure(measure: Measure) -> Iterator[Row]:
+    mixed, log = measure.mixed, measure.logarithmic
+    for term in measure.f_test.terms:
         yield _term("f-test", term)
-    yield from _intervals("tukey", result.f_test.intervals, result.f_test.df_error)
+    yield from _intervals("tukey", measure.f_test.intervals, measure.f_test.df_error, log)
     if mixed.condition is not None:
         yield _term("mixed model", mixed.condition)
-        yield from _intervals("mixed model", mixed.intervals, mixed.condition.df_error)
+        yield from _intervals("mixed model", mixed.intervals, mixed.condition.df_error, log)
     for name, mean, error in mixed.means:
         ends = (mean, mean - Z975 * error, mean + Z975 * error)
-        yield _span("mixed model", f"mean error with {name}", ends, "um")
+        said = f"mean {'error' if measure.name == 'bias' else measure.name} with {name}"
+        yield _span("mixed model", said, _ratio(ends) if log else ends, "um")
+    unit, factor = ("1", 1.0) if log else ("um", 1e6)
     for name, spread in (
         ("participants", mixed.sd_participant),
         ("participants by condition", mixed.sd_condition),
         ("judgements", mixed.sd_residual),
     ):
-        yield _row("mixed model", f"standard deviation between {name}", "um", estimate=spread * 1e6)
-    for check in result.checks:
+        yield _row("mixed model", f"standard deviation between {name}", unit, estimate=spread * factor)
+    for one in measure.equivalence:
+        name, bound = f"{one.first} and {one.second}", math.exp(one.bound) if log else one.bound * 1e6
+        said = f"{name} differ by less than{' a factor of' if log else ''}"
+        yield _row("equivalence", said, unit, high_95=bound, df_error=one.df)
+        if math.isfinite(one.margin):
+            said = f"{name} differ by less than the margin"
+            yield _row("equivalence", said, unit, estimate=one.margin * 1e6) | {
+                "statistic": one.statistic,
+                "df_error": one.df,
+                "p": one.p,
+            }
+    for term in measure.groups:
+        yield _term("groups", term)
+    df_error = measure.groups[0].df_error if measure.groups else math.nan
+    yield from _intervals("groups", measure.group_intervals, df_error, log)
+    for check in measure.checks:
         name = f"{check.assumption} ({check.test}): {check.verdict}"
         yield _row("check", name, statistic=check.statistic, p=check.p)
 
