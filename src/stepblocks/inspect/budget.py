@@ -70,8 +70,7 @@ class Measured:
         """Half width of the two-sided interval at `level` [m]."""
         from scipy import stats
 
-        law = stats.norm if math.isinf(self.dof) else stats.t(df=self.dof)
-        return float(law.ppf(0.5 + 0.5 * level)) * self.std
+        return float(stats.t.ppf(0.5 + 0.5 * level, self.dof)) * self.std
 
 
 def with_budget(
@@ -183,33 +182,21 @@ def decide(
         raise MetrologyError(f"value and std must be finite and std not negative, got {value:g} and {std:g}")
     if not lower <= upper:
         raise MetrologyError(f"limits must be in order, got {lower:g} to {upper:g}")
-    factor = GUARD_FACTOR
-    if math.isfinite(dof):
-        from scipy import stats
+    from scipy import stats
 
-        factor = max(GUARD_FACTOR, float(stats.t.ppf(0.95, dof)))
-    guard = factor * std
+    guard = max(GUARD_FACTOR, float(stats.t.ppf(0.95, dof))) * std
     if lower + guard <= value <= upper - guard:
         verdict = Outcome.CONFORMS
     elif value < lower - guard or value > upper + guard:
         verdict = Outcome.DOES_NOT_CONFORM
     else:
         verdict = Outcome.NOT_PROVEN
-    return Decision(verdict, value, std, lower, upper, guard, _between(value, std, lower, upper, dof))
-
-
-def _between(value: float, std: float, lower: float, upper: float, dof: float) -> float:
-    """Probability that the truth lies within the limits, under a normal law or Student's (JCGM 106:2012, 7.2)."""
     if std == 0.0:
-        return 1.0 if lower <= value <= upper else 0.0
-    ends = (upper - value) / std, (lower - value) / std
-    if math.isinf(dof):
-        above, below = (0.5 * math.erfc(-end / math.sqrt(2.0)) for end in ends)
-    else:
-        from scipy import stats
-
-        above, below = (float(stats.t.cdf(end, dof)) for end in ends)
-    return above - below
+        probability = 1.0 if lower <= value <= upper else 0.0
+    else:  # JCGM 106:2012, 7.2
+        above, below = (float(stats.t.cdf((end - value) / std, dof)) for end in (upper, lower))
+        probability = above - below
+    return Decision(verdict, value, std, lower, upper, guard, probability)
 
 
 def judge(measured: Measured, nominal: float, lower: float, upper: float) -> Decision:

@@ -32,7 +32,6 @@ class Plane:
     slope_y: float  # 1
     offset: float  # height at the origin [m]
     zone: float  # width of the zone around it that holds every point, along the normal [m]
-    zone_least_squares: float  # the same about the least-squares plane [m]
 
 
 def flatness(points: Array) -> Plane:
@@ -50,7 +49,7 @@ def flatness(points: Array) -> Plane:
     residual = cloud[:, 2] - centre[2] - design @ solution
     unit = float(np.ptp(residual))
     if unit <= 1e-15:
-        return _plane(solution, centre, scale, 0.0, 0.0)
+        return _plane(solution, centre, scale, 0.0)
     try:
         corners = ConvexHull(np.column_stack([design[:, :2], residual / unit])).vertices
     except QhullError:
@@ -61,7 +60,7 @@ def flatness(points: Array) -> Plane:
     result = linprog([0, 0, 0, 1], A_ub=bounds, b_ub=np.concatenate([-r, r]), bounds=[(None, None)] * 3 + [(0, None)])
     if not result.success:
         raise MetrologyError(f"minimum zone must be solvable, got: {result.message}")
-    return _plane(solution + result.x[:3] * unit, centre, scale, 2.0 * float(result.x[3]) * unit, unit)
+    return _plane(solution + result.x[:3] * unit, centre, scale, 2.0 * float(result.x[3]) * unit)
 
 
 def parallelism(points: Array, datum: Plane) -> float:
@@ -71,25 +70,20 @@ def parallelism(points: Array, datum: Plane) -> float:
     return float(np.ptp(above) / (1.0 + datum.slope_x**2 + datum.slope_y**2) ** 0.5)
 
 
-def known_points(points: Array) -> Array:
-    """Return points without those that have a nan."""
+def _points(points: Array) -> Array:
     if points.ndim != 2 or points.shape[1] != 3:
         raise MetrologyError(f"points must be rows of x, y, z, got shape {points.shape}")
-    return points[np.isfinite(points).all(axis=1)]
-
-
-def _points(points: Array) -> Array:
-    cloud = known_points(points)
+    cloud = points[np.isfinite(points).all(axis=1)]
     if len(cloud) < 4 or np.linalg.matrix_rank(cloud[:, :2] - cloud[:, :2].mean(axis=0), tol=1e-12) < 2:
         raise MetrologyError(f"points must span a face: at least 4 that are not on one line, got {len(cloud)}")
     return cloud
 
 
-def _plane(solution: Array, centre: Array, scale: float, zone: float, least_squares: float) -> Plane:
+def _plane(solution: Array, centre: Array, scale: float, zone: float) -> Plane:
     slope_x, slope_y = float(solution[0]) / scale, float(solution[1]) / scale
     offset = float(solution[2] + centre[2] - slope_x * centre[0] - slope_y * centre[1])
     normal = (1.0 + slope_x**2 + slope_y**2) ** 0.5
-    return Plane(slope_x, slope_y, offset, zone / normal, least_squares / normal)
+    return Plane(slope_x, slope_y, offset, zone / normal)
 
 
 @dataclass(frozen=True)
