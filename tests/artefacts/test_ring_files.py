@@ -9,7 +9,8 @@ import numpy as np
 import pytest
 
 from oracles.hjif_decoder import decode_hjif
-from stepblocks.artefacts.rings import WAV_RATES, check_hjif, write_ahap, write_hjif, write_wav
+from oracles.hjif_rules import check_hjif
+from stepblocks.artefacts.rings import WAV_RATES, write_ahap, write_hjif, write_wav
 from stepblocks.contact.event import Waveform, as_record, ring, ring_energy, vibration_events
 from stepblocks.contact.operating_point import PAPER, OperatingPoint
 from stepblocks.declare import load_set

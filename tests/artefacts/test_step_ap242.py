@@ -1,6 +1,6 @@
 """AP242 files conform, hold what was asked for, and a falsified one is caught with the right line.
 
-The checker parses the text with steputils; it shares no code with OpenCASCADE, which wrote the file.
+The checker parses the text itself; it shares no code with OpenCASCADE, which wrote the file.
 """
 
 import math

@@ -15,6 +15,7 @@ from stepblocks.contact.counterface import Counterface
 from stepblocks.contact.path.centre import CentrePath
 from stepblocks.declare import load_declared
 from stepblocks.errors import PipelineError
+from stepblocks.page_file import render_page
 from stepblocks.predict.predictions import tool_of
 from stepblocks.select import stimulus_files
 
@@ -43,8 +44,6 @@ def feel(files: str | Path | Sequence[str | Path], page: str | Path) -> int:
     StepblocksError
         If a file is wrong, none has a block, or the page cannot be written.
     """
-    import jinja2
-
     sets = [load_declared(path) for path in stimulus_files(files)]
     found = [(stimuli, s) for stimuli in sets for s in stimuli.stimuli if s.crossed and s.turn_radius is None]
     if not found:
@@ -52,9 +51,9 @@ def feel(files: str | Path | Sequence[str | Path], page: str | Path) -> int:
     grid = found[0][0].prediction
     radius, tool = grid.tip_radii[0], tool_of(grid)
     blocks = [{"name": block.id, **_felt(block.counterface(), radius)} for _, block in found]
-    loader = jinja2.PackageLoader("stepblocks.simulators")
-    environment = jinja2.Environment(loader=loader, autoescape=True, undefined=jinja2.StrictUndefined)
-    text = environment.get_template("feel.html").render(
+    text = render_page(
+        "simulators",
+        "feel.html",
         blocks=blocks,
         # names are lower-case words by the rules of the stimulus file; "<" is escaped all the same
         data=json.dumps(blocks, allow_nan=False, separators=(",", ":")).replace("<", "\\u003c"),

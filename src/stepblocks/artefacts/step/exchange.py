@@ -1,7 +1,8 @@
-"""The instances of a Part 21 file, parsed by steputils and looked up by name."""
+"""The instances of a Part 21 file (ISO 10303-21), in time that grows with its length, looked up by name."""
 
 from __future__ import annotations
 
+import json
 import re
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -91,29 +92,28 @@ def read_exchange(path: Path) -> Exchange:
         text = path.read_text(encoding="latin-1")
     if not text.lstrip().startswith("ISO-10303-21;"):
         raise MetrologyError(f"STEP file must begin with ISO-10303-21; [{path.name}]")
-    head, raw = _raw_instances(text, path)
-    wanted = _with_references(raw, [ref for ref, body in raw.items() if not _SHAPE.fullmatch(_entity(body))])
-    from steputils import p21
-
-    part = head + "DATA;\n" + "".join(f"{ref}={raw[ref]};\n" for ref in wanted) + "ENDSEC;\nEND-ISO-10303-21;\n"
     try:
-        file = p21.loads(part)
-    except Exception as error:  # a parser of hostile text may fail in any way; each is one line
-        reason = " ".join(str(error).split())[:120] or type(error).__name__
+        header, raw = _raw_instances(text)
+        wanted = _with_references(raw, [ref for ref, body in raw.items() if not _SHAPE.fullmatch(_entity(body))])
+        instances = {ref: _parsed(raw[ref]) for ref in wanted}
+        stated = next((_parsed(one)["FILE_SCHEMA"] for one in header if _entity(one) == "FILE_SCHEMA"), ())
+    except (ValueError, RecursionError) as error:
+        reason = " ".join(str(error).split())[:120]
         raise MetrologyError(f"STEP file must be sound Part 21 text, got: {reason} [{path.name}]") from error
-    stated = file.header["FILE_SCHEMA"].params if "FILE_SCHEMA" in file.header else ()
-    schema = tuple(str(name) for names in stated for name in (names if isinstance(names, tuple | list) else (names,)))
-    instances: dict[str, dict[str, tuple[Any, ...]]] = {}
-    for section in file.data:
-        for instance in section.instances.values():
-            entities = getattr(instance, "entities", None) or [instance.entity]
-            instances[str(instance.ref)] = {str(one.name).upper(): _plain(one.params) for one in entities}
+    schema = tuple(str(name) for names in stated for name in (names if isinstance(names, tuple) else (names,)))
     return Exchange(path.name, schema, instances)
 
 
-_INSTANCE = re.compile(r"\s*(#\d+)\s*=((?:'(?:[^']|'')*'|[^';])*);")
-_STRING = re.compile(r"'(?:[^']|'')*'")
-_COMMENT = re.compile(r"/\*.*?\*/", re.DOTALL)
+# every repetition is possessive: a quote that is lost costs one pass, not one for each character after it
+_STATEMENT = re.compile(r"((?:'[^']*+'|[^';])++);")
+_STRING = re.compile(r"'[^']*+'")
+_COMMENT = re.compile(r"('[^']*+')|/\*(?:[^*]++|\*(?!/))*+(?:\*/)?")
+_TOKEN = re.compile(
+    r"""(?P<text>'[^']*+'(?:'[^']*+')*+)|(?P<number>[-+]?\d++(?:\.\d*+(?:E[-+]?\d++)?)?)|(?P<word>!?[A-Z_][\w-]*+)\s*+\("""
+    r"""|(?P<name>\#\d++|\.\w++\.|"[0-9A-F]*+"|[$*])|(?P<mark>[(),])|\s++|(?P<other>.)""",
+    re.IGNORECASE,
+)
+_EXTENDED = re.compile(r"\\X([24])\\([0-9A-F]*+)\\X0\\")
 # thousands of instances are shape; of them only what a dimension leads to is parsed
 _SHAPE = re.compile(
     r"(CARTESIAN|VERTEX)_POINT|DIRECTION|VECTOR|LINE|CIRCLE|ELLIPSE|POLYLINE"
@@ -133,29 +133,26 @@ def _entity(body: str) -> str:
     return body.lstrip().partition("(")[0].strip().upper()
 
 
-def _raw_instances(text: str, path: Path) -> tuple[str, dict[str, str]]:
-    """Split the data section into instances, each checked to be whole; the header stays text."""
-
-    def broken(reason: str) -> MetrologyError:
-        return MetrologyError(f"STEP file must be sound Part 21 text, got: {reason} [{path.name}]")
-
-    text = _COMMENT.sub("", text) if "/*" in text else text
-    head, mark, data = text.partition("DATA;")
-    if not mark or not re.search(r"ENDSEC;\s*END-ISO-10303-21;\s*$", data):
-        raise broken("no whole DATA section")
+def _raw_instances(text: str) -> tuple[list[str], dict[str, str]]:
+    """Split a file into the statements of its header and its instances, each checked to be whole."""
+    text = _COMMENT.sub(lambda found: found[1] or "", text) if "/*" in text else text
+    statements, at = [], 0
+    while found := _STATEMENT.match(text, at):
+        statements.append(found[1].strip())
+        at = found.end()
+    if text[at:].strip() or "DATA" not in statements or statements[-2:] != ["ENDSEC", "END-ISO-10303-21"]:
+        raise ValueError("no whole DATA section")
+    start = statements.index("DATA")
     raw: dict[str, str] = {}
-    at = 0
-    for match in _INSTANCE.finditer(data):
-        if match.start() != at:
-            break
-        at = match.end()
-        plain = _STRING.sub("", match[2])
-        if plain.count("(") != plain.count(")") or not plain.rstrip().endswith(")") or match[1] in raw:
-            raise broken(f"instance {match[1]} is not whole or not unique")
-        raw[match[1]] = match[2].strip()
-    if re.fullmatch(r"\s*ENDSEC;\s*END-ISO-10303-21;\s*", data[at:]) is None:
-        raise broken(f"what is no instance after {next(reversed(raw), 'DATA')}")
-    return head, raw
+    for statement in statements[start + 1 : -2]:
+        name, _, body = statement.partition("=")
+        ref, plain = name.rstrip(), _STRING.sub("", body)
+        if re.fullmatch(r"#\d++", ref) is None:
+            raise ValueError(f"what is no instance after {next(reversed(raw), 'DATA')}")
+        if plain.count("(") != plain.count(")") or not plain.endswith(")") or ref in raw:
+            raise ValueError(f"instance {ref} is not whole or not unique")
+        raw[ref] = body.lstrip()
+    return statements[:start], raw
 
 
 def _with_references(raw: dict[str, str], start: list[str]) -> list[str]:
@@ -172,10 +169,47 @@ def _with_references(raw: dict[str, str], start: list[str]) -> list[str]:
     return list(wanted)
 
 
+def _parsed(body: str) -> dict[str, tuple[Any, ...]]:
+    """Read the entities of an instance, one or several in brackets, each with its parameters: as JSON, whose parser is strict."""
+    closing: list[str] = []
+    several = body.startswith("(")
+
+    def as_json(found: re.Match[str]) -> str:
+        kind, token = found.lastgroup, found[found.lastgroup or 0]
+        if kind == "word":
+            between = "," if several and len(closing) == 1 and body[1 : found.start()].strip() else ""
+            closing.append("]}")
+            return f'{between}{{"{token.upper()}":['
+        if kind == "number":
+            return repr(float(token) if "." in token else int(token))
+        if token in ("(", ")") and kind == "mark":
+            if token == ")":
+                return closing.pop() if closing else token
+            closing.append("]")
+            return "["
+        if kind == "other":
+            raise ValueError(f"no parameter: {body[found.start() :][:20]!r}")
+        return json.dumps(_decoded(token) if kind == "text" else token) if kind in ("text", "name") else token
+
+    found = json.loads(_TOKEN.sub(as_json, body), object_pairs_hook=lambda pairs: Typed(*pairs[0]))
+    entities = found if several else [found]
+    if not entities or not all(isinstance(one, Typed) for one in entities):
+        raise ValueError(f"instance must hold whole entities, got {body[:40]!r}")
+    return {one.type: tuple(map(_plain, one.value)) for one in entities}
+
+
+def _decoded(token: str) -> str:
+    plain = _EXTENDED.sub(_extended, token[1:-1].replace("''", "'"))
+    return plain.replace("\\\\", "\\")
+
+
+def _extended(found: re.Match[str]) -> str:
+    return bytes.fromhex(found[2]).decode("utf-16-be" if found[1] == "2" else "utf-32-be")
+
+
 def _plain(value: Any) -> Any:
-    """Turn what the parser gives into tuples, numbers, texts and `Typed`."""
-    if hasattr(value, "type_name"):
-        return Typed(str(value.type_name).upper(), _plain(value.param))
-    if isinstance(value, tuple | list):
-        return tuple(_plain(one) for one in value)
-    return str(value) if isinstance(value, str) else value
+    """Turn lists into tuples; what has a type has one value."""
+    if isinstance(value, Typed):
+        (inner,) = value.value
+        return Typed(value.type, _plain(inner))
+    return tuple(map(_plain, value)) if isinstance(value, list) else value
