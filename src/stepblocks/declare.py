@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import tomllib
 from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any
@@ -12,6 +11,7 @@ from pydantic import ValidationError
 from stepblocks.errors import PipelineError, StepblocksError, StimulusError
 from stepblocks.parts.series import MAX_SERIES, expand, merged
 from stepblocks.parts.set import StimulusSet, kinds, set_of, with_energy_tolerances
+from stepblocks.text_file import read_document
 
 SCHEMA = 1  # version of the stimulus file format
 MAX_FILE_BYTES = 1_000_000  # largest stimulus file that is read [bytes]
@@ -36,7 +36,7 @@ def load_set(path: str | Path) -> StimulusSet:
         With file, stanza, field, rule and value, if the file cannot be read or asks for something impossible.
     """
     path = Path(path)
-    raw = _read(path)
+    raw = read_document(path, "a stimulus file", StimulusError, MAX_FILE_BYTES)
     schema = raw.pop("schema", None)
     if schema != SCHEMA:
         raise StimulusError(f"schema must be {SCHEMA}, got {schema!r} [{path}]")
@@ -66,22 +66,6 @@ def load_declared(path: str | Path) -> StimulusSet:
         return with_energy_tolerances(stimuli)
     except StepblocksError as error:
         raise PipelineError(f"{error}".replace(f"[{stimuli.name},", f"[{path},")) from error
-
-
-def _read(path: Path) -> dict[str, Any]:
-    try:
-        if path.stat().st_size > MAX_FILE_BYTES:
-            got = path.stat().st_size
-            raise StimulusError(f"a stimulus file must be at most {MAX_FILE_BYTES} bytes, got {got} [{path}]")
-        return tomllib.loads(path.read_text(encoding="utf-8"))
-    except OSError as error:
-        raise StimulusError(f"cannot be read: {error.strerror} [{path}]") from error
-    except UnicodeDecodeError as error:
-        raise StimulusError(f"must be UTF-8 text: byte {error.start} is not [{path}]") from error
-    except tomllib.TOMLDecodeError as error:
-        raise StimulusError(f"must be TOML: {error} [{path}]") from error
-    except RecursionError as error:
-        raise StimulusError(f"must be TOML of reasonable depth [{path}]") from error
 
 
 def _stanzas(path: Path, kind: str, raw: object, defaults: object) -> Iterator[dict[str, Any]]:

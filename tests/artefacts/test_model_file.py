@@ -107,5 +107,5 @@ def test_a_missing_file_and_a_huge_one_are_refused(tmp_path):
     huge = tmp_path / "huge.json"
     with huge.open("wb") as file:
         file.truncate(30_000_000)
-    with pytest.raises(PipelineError, match="smaller than"):
+    with pytest.raises(PipelineError, match="must be at most"):
         read_model(huge)

@@ -142,7 +142,7 @@ def test_where_the_drag_in_time_rings_its_conversion_cannot_be_planted(tmp_path)
         read_plan(path)
 
 
-@pytest.mark.parametrize(("content", "message"), [(None, "cannot be read"), (b"a = ", "TOML"), (b"\xff", "TOML")])
+@pytest.mark.parametrize(("content", "message"), [(None, "cannot be read"), (b"a = ", "TOML"), (b"\xff", "UTF-8")])
 def test_a_plan_that_is_no_file_or_no_toml_is_said_to_be_none(content, message, tmp_path):
     path = tmp_path / "plan.toml"
     if content is not None:

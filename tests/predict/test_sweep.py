@@ -247,7 +247,7 @@ def test_a_sweep_over_crowns_takes_their_discrepancies(tmp_path):
 @pytest.mark.parametrize(
     ("text", "message"),
     [
-        ("not toml", "not TOML"),
+        ("not toml", "must be TOML"),
         ("[parameters]\nheight = '10 um'", "friction must be given"),
         ("[parameters]\nheight = '10 N'\nfriction = 0.1", "height must be a length"),
         ("[parameters]\nheight = 10\nfriction = 0.1", "needs its unit"),

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import hashlib
 import io
-import tomllib
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -17,9 +16,9 @@ from stepblocks.artefacts.scans.text import read_text_scan
 from stepblocks.atomic import replace_text
 from stepblocks.errors import MetrologyError, PipelineError, QuantityError
 from stepblocks.quantities import format_quantity, parse_quantity
+from stepblocks.text_file import read_document
 
 _SCHEMA = 1  # of the record's format
-_MOST_BYTES = 1_000_000
 _TEXTS = ("stimulus", "scan", "scan_sha256", "convention")
 
 
@@ -94,12 +93,7 @@ def read_as_built(path: str | Path) -> AsBuilt:
         If the file is no such record, or the profile is missing or not the one that was inspected.
     """
     path = Path(path)
-    try:
-        if path.stat().st_size > _MOST_BYTES:
-            raise MetrologyError(f"record must not exceed {_MOST_BYTES} bytes [{path}]")
-        raw = tomllib.loads(path.read_text(encoding="utf-8"))
-    except (OSError, UnicodeDecodeError, tomllib.TOMLDecodeError) as error:
-        raise MetrologyError(f"record must be a TOML file, got: {error} [{path}]") from error
+    raw = read_document(path, "record", MetrologyError)
     if raw.get("schema") != _SCHEMA:
         raise MetrologyError(f"schema must be {_SCHEMA}, got {raw.get('schema')!r} [{path}]")
     texts: dict[str, Any] = {key: raw.get(key) for key in _TEXTS}

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass
 from pathlib import Path
@@ -18,6 +17,7 @@ from stepblocks.contact.forward import Active
 from stepblocks.contact.operating_point import Tool
 from stepblocks.contact.state import CHANNELS, Floats
 from stepblocks.errors import ContactError, PipelineError
+from stepblocks.text_file import read_document
 
 WIDE = 1.959964  # standard deviations either side of a 95 % interval
 _FORMAT = "stepblocks-model-1"
@@ -107,14 +107,7 @@ def read_model(path: str | Path) -> LearnedModel:
         If the file cannot be read, is of another format, incomplete or damaged.
     """
     path = Path(path)
-    try:
-        if path.stat().st_size > _LARGEST:
-            raise PipelineError(f"model must be smaller than {_LARGEST} bytes [{path}]")
-        document = json.loads(path.read_text(encoding="utf-8"))
-    except OSError as error:
-        raise PipelineError(f"model cannot be read: {error.strerror} [{path}]") from error
-    except (ValueError, RecursionError) as error:
-        raise PipelineError(f"model must be JSON [{path}]") from error
+    document = read_document(path, "model", PipelineError, _LARGEST, "JSON")
     if not isinstance(document, dict) or document.get("format") != _FORMAT:
         raise PipelineError(f"model must have the format {_FORMAT} [{path}]")
     try:

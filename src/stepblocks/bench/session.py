@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import re
-import tomllib
 from pathlib import Path, PurePosixPath
 from typing import Annotated, Literal, NamedTuple
 
@@ -12,6 +11,7 @@ from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, ValidationEr
 from stepblocks.bench.signal import TraceError
 from stepblocks.errors import BenchError, QuantityError
 from stepblocks.quantities import parse_quantity, quantity_parser
+from stepblocks.text_file import read_document
 
 TraceFormat = Literal["csv", "hdf5", "tdms", "mat"]
 # with the suffixes of their files
@@ -178,17 +178,11 @@ def open_session(folder: str | Path) -> Session:
     path = folder / "session.toml"
     if not folder.is_dir():
         raise BenchError(f"session must be a folder with a session.toml, got {str(folder)!r}")
+    if not path.exists():
+        raise BenchError(f"session.toml is missing [{folder}]")
     try:
-        if path.stat().st_size > _MOST_BYTES:
-            raise BenchError(f"session.toml must be under {_MOST_BYTES} bytes [{path}]")
-        declared = tomllib.loads(path.read_text(encoding="utf-8"))
+        declared = read_document(path, "session.toml", BenchError, _MOST_BYTES)
         session = Session.model_validate({**declared, "folder": folder})
-    except FileNotFoundError as error:
-        raise BenchError(f"session.toml is missing [{folder}]") from error
-    except OSError as error:
-        raise BenchError(f"session.toml cannot be read: {error.strerror} [{path}]") from error
-    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
-        raise BenchError(f"session.toml must be TOML: {error} [{path}]") from error
     except ValidationError as error:
         rule, got = first_of(error)
         shown = f", got {got!r}" if isinstance(got, str | int | float) and "got" not in rule.split(": ", 1)[1] else ""

@@ -7,7 +7,6 @@ step q then makes a force step of k q / S, and its rounding an error of half of 
 from __future__ import annotations
 
 import math
-import tomllib
 from dataclasses import asdict, dataclass, replace
 from enum import StrEnum
 from pathlib import Path
@@ -20,6 +19,7 @@ from stepblocks.contact.event import VibrationEvent
 from stepblocks.contact.operating_point import OperatingPoint
 from stepblocks.errors import HapticsError
 from stepblocks.quantities import parse_quantity
+from stepblocks.text_file import read_document
 
 _MAX_FILE_BYTES = 200_000
 # largest error of a force by rounded positions that a plan accepts, relative to the smaller of load and release force [1]
@@ -96,15 +96,7 @@ def load_devices(path: str | Path | None = None) -> tuple[Device, ...]:
 
 def _read(path: Path) -> tuple[Device, ...]:
     try:
-        if path.stat().st_size > _MAX_FILE_BYTES:
-            raise HapticsError(f"a device file must be at most {_MAX_FILE_BYTES} bytes, got more [{path}]")
-        return _DeviceFile.model_validate(tomllib.loads(path.read_text(encoding="utf-8"))).device
-    except OSError as error:
-        raise HapticsError(f"cannot be read: {error.strerror} [{path}]") from error
-    except UnicodeDecodeError as error:
-        raise HapticsError(f"must be UTF-8 text: byte {error.start} is not [{path}]") from error
-    except (tomllib.TOMLDecodeError, RecursionError) as error:
-        raise HapticsError(f"must be TOML: {error} [{path}]") from error
+        return _DeviceFile.model_validate(read_document(path, "a device file", HapticsError, _MAX_FILE_BYTES)).device
     except ValidationError as error:
         first = error.errors(include_url=False)[0]
         where = ".".join(map(str, first["loc"]))

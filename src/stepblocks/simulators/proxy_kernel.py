@@ -20,44 +20,21 @@ Hand = tuple[float, float]  # across the edge and up [m]
 Records = Any  # an array with one of the types below: what compiled code is handed fastest
 _BISECTIONS = 40
 
-# The path of the ball's centre: one record per knot; what belongs to a piece stands at the knot where it begins
-PATH = np.dtype(
-    [
-        ("x", np.float64),  # ascending [m]
-        ("z", np.float64),  # [m]
-        ("first", np.float64),  # slope where the piece begins [1]
-        ("last", np.float64),  # and where it ends [1]
-        ("up", np.bool_),  # whether the knot is a notch that holds a drag towards +x
-        ("down", np.bool_),  # and towards -x
-    ]
-)
-# With which springs, friction and ring: one record
-SETTING = np.dtype(
-    [
-        ("stiffness", np.float64),  # tangential spring [N/m]
-        ("wall", np.float64),  # spring along the normal load [N/m]
-        ("friction", np.float64),  # mu [1]
-        ("damping", np.float64),  # of the hand's velocity in contact [N s/m]
-        ("period", np.float64),  # of a tick [s]
-        ("ring", np.float64),  # amplitude of the ring over the force at release [1]; 0 switches the event off
-        ("omega", np.float64),  # of the ring [rad/s]
-        ("decay", np.float64),  # time constant of its amplitude [s]
-    ]
-)
-# What changes from tick to tick: one record
+_FLOAT, _TRUTH = np.float64, np.bool_
+
+# The path of the ball's centre: one record per knot; what belongs to a piece stands at the knot where it begins. Place, x
+# ascending [m], slopes where the piece begins and ends [1], and whether the knot is a notch that holds a drag up and down x
+PATH = np.dtype([(name, _FLOAT) for name in ("x", "z", "first", "last")] + [("up", _TRUTH), ("down", _TRUTH)])
+# One record: springs along the drag and along the load [N/m], mu [1], damping of the hand's velocity in contact [N s/m],
+# period of a tick [s]; of the ring its amplitude over the force at release [1] (0 switches the event off), [rad/s] and decay [s]
+_SETTINGS = ("stiffness", "wall", "friction", "damping", "period", "ring", "omega", "decay")
+SETTING = np.dtype([(name, _FLOAT) for name in _SETTINGS])
+# What changes from tick to tick, one record: the proxy across and along the edge, the height of a free one [m], the spring force
+# of the last tick [N]; since the last event [s], negative before the first, its signed amplitude and the spring force at it [N];
+# the piece of the path that the proxy is on, how many events there were
+_STATES = ("x", "y", "height", "pull", "ring_time", "ring_force", "release")
 STATE = np.dtype(
-    [
-        ("x", np.float64),  # proxy across the edge [m]
-        ("y", np.float64),  # proxy along the edge [m]
-        ("height", np.float64),  # of a free proxy [m]
-        ("pull", np.float64),  # spring force of the last tick [N]
-        ("ring_time", np.float64),  # since the last event [s]; negative before the first
-        ("ring_force", np.float64),  # signed amplitude of the last event [N]
-        ("release", np.float64),  # spring force at the last event [N]
-        ("piece", np.int64),  # of the path that the proxy is on
-        ("events", np.int64),  # how many there were
-        ("touching", np.bool_),
-    ]
+    [(name, _FLOAT) for name in _STATES] + [("piece", np.int64), ("events", np.int64), ("touching", _TRUTH)]
 )
 
 

@@ -89,25 +89,16 @@ class Renderer:
         self.stiffness = point.tool.stiffness / scale
         self.wall = self.stiffness if wall is None else wall
         self.force: Array = np.zeros(3)
-        self._settings = np.zeros(1, kernel.SETTING)
-        self._settings[0] = (
-            self.stiffness,
-            self.wall,
-            point.friction,
-            damping,
-            self.period,
-            math.sqrt(point.tool.conversion) if event else 0.0,
-            math.tau * point.tool.frequency,
-            point.tool.decay_time,
-        )
+        ring = math.sqrt(point.tool.conversion) if event else 0.0
+        held = (self.stiffness, self.wall, point.friction, damping, self.period)
+        rung = (ring, math.tau * point.tool.frequency, point.tool.decay_time)
+        self._settings = np.array([held + rung], kernel.SETTING)
         first, last = self.path.slope_start, self.path.slope_end
         before, after = np.concatenate([first[:1], last]), np.concatenate([first, last[-1:]])
         notch = after - before > _KINK
-        self._path = np.zeros(len(notch), kernel.PATH)
         up, down = notch & (after > _KINK), notch & (before < -_KINK)
         columns = (self.path.x, self.path.z, after, np.append(last, 0.0), up, down)
-        for name, values in zip(kernel.PATH.fields or (), columns, strict=True):
-            self._path[name] = values
+        self._path = np.array(list(zip(*columns, strict=True)), kernel.PATH)
         self._states = np.zeros(1, kernel.STATE)
         self.reset(np.array([self.path.x[0], 0.0, float(self.path.z.max()) + 1.0]))
 
@@ -115,10 +106,7 @@ class Renderer:
         """Put the proxy where the hand is [m], free."""
         x = float(np.clip(position[0], self.path.x[0], self.path.x[-1]))
         piece = int(np.clip(np.searchsorted(self.path.x, x, side="right") - 1, 0, len(self.path.x) - 2))
-        self._states[0] = np.zeros((), kernel.STATE)
-        fresh = {"x": x, "y": position[1], "height": position[2], "piece": piece, "ring_time": -1.0}
-        for name, value in fresh.items():
-            self._states[name] = value
+        self._states[0] = (x, position[1], position[2], 0.0, -1.0, 0.0, 0.0, piece, 0, False)
         self.force[:] = 0.0
 
     def tick(self, position: Array, velocity: Array) -> Array:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-import tomllib
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Annotated, Literal
@@ -17,6 +16,7 @@ from stepblocks.contact.effects import named_laws
 from stepblocks.contact.operating_point import PAPER
 from stepblocks.errors import PipelineError
 from stepblocks.quantities import quantity_parser
+from stepblocks.text_file import read_document
 
 _MOST_TRIALS = 1_000_000
 NUMBERS = ("height_um", "load_n", "speed_mm_s", "run_order", "temperature_c", "humidity_pct", "peak_force_n")
@@ -206,11 +206,7 @@ def block_name(height: float) -> str:
 def read_plan(path: Path) -> SessionPlan:
     """Read a plan, or say in one line what is wrong with it."""
     try:
-        plan = SessionPlan.model_validate(tomllib.loads(path.read_text(encoding="utf-8")))
-    except OSError as error:
-        raise PipelineError(f"plan cannot be read: {error.strerror} [{path}]") from error
-    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
-        raise PipelineError(f"plan must be TOML: {error} [{path}]") from error
+        plan = SessionPlan.model_validate(read_document(path, "plan", PipelineError))
     except ValidationError as error:
         raise PipelineError(f"{first_of(error)[0]} [{path}]") from error
     for number, effect in enumerate(plan.effects, start=1):

@@ -5,7 +5,6 @@ from __future__ import annotations
 import hashlib
 import json
 import math
-import tomllib
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
@@ -20,6 +19,7 @@ from stepblocks.parts.conditions import PredictionGrid
 from stepblocks.parts.kind import Part
 from stepblocks.predict.predictions import half_width, middle_of
 from stepblocks.quantities import parse_quantity
+from stepblocks.text_file import read_document
 
 # dimensions of a counterface, and the parameters of a sweep that stand for them
 SURFACES: dict[str, dict[str, str]] = {
@@ -95,14 +95,7 @@ class SweepPlan:
 
 def load_sweep(path: Path) -> SweepPlan:
     """Read a sweep from a TOML file."""
-    try:
-        if path.stat().st_size > _LARGEST_FILE:
-            raise PipelineError(f"sweep must be smaller than {_LARGEST_FILE} bytes [{path}]")
-        data = tomllib.loads(path.read_text(encoding="utf-8"))
-    except OSError as error:
-        raise PipelineError(f"sweep cannot be read: {error.strerror} [{path}]") from error
-    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
-        raise PipelineError(f"sweep is not TOML: {error} [{path}]") from error
+    data = read_document(path, "sweep", PipelineError, _LARGEST_FILE)
     try:
         return _resolved(data, path.parent)
     except StepblocksError as error:

@@ -1,0 +1,42 @@
+"""How a small text file that a user hands us is read: a plain file, of bounded size, UTF-8, TOML or JSON; else one line."""
+
+from __future__ import annotations
+
+import errno
+import json
+import os
+import stat
+import tomllib
+from pathlib import Path
+from typing import Any
+
+from stepblocks.errors import StepblocksError
+
+
+def plain_size(path: Path) -> int:
+    """Return the size of a plain file [bytes]; a pipe or a device would block or never end, so it is an OSError as a folder is."""
+    found = path.stat()
+    if stat.S_ISDIR(found.st_mode):
+        raise IsADirectoryError(errno.EISDIR, os.strerror(errno.EISDIR), str(path))
+    if not stat.S_ISREG(found.st_mode):
+        raise OSError(errno.EINVAL, "Not a plain file", str(path))
+    return found.st_size
+
+
+def read_document(
+    path: Path, what: str, raises: type[StepblocksError], most: int = 1_000_000, form: str = "TOML"
+) -> Any:
+    """Read TOML or JSON."""
+    parse = {"TOML": tomllib.loads, "JSON": json.loads}[form]
+    try:
+        if (size := plain_size(path)) > most:
+            raise raises(f"{what} must be at most {most} bytes, got {size} [{path}]")
+        return parse(path.read_text(encoding="utf-8"))
+    except OSError as error:
+        raise raises(f"{what} cannot be read: {error.strerror} [{path}]") from error
+    except UnicodeDecodeError as error:
+        raise raises(f"{what} must be UTF-8 text: byte {error.start} is not [{path}]") from error
+    except ValueError as error:  # of either parser, and of whole numbers of thousands of digits
+        raise raises(f"{what} must be {form}: {str(error).partition(';')[0]} [{path}]") from error
+    except RecursionError as error:
+        raise raises(f"{what} must be {form} of reasonable depth [{path}]") from error
