@@ -9,11 +9,27 @@ import os
 import secrets
 import shutil
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
+from contextvars import ContextVar
 from pathlib import Path
 
+from stepblocks.errors import PipelineError
+
+# tells what must not be replaced; nothing is kept where nobody asked
+_kept: ContextVar[Callable[[Path], bool]] = ContextVar("kept", default=lambda _: False)
+
 _STALE = 86_400.0  # a draft this old was left by a run that was killed [s]
+
+
+@contextmanager
+def keeping(theirs: Callable[[Path], bool]) -> Iterator[None]:
+    """Replace no file, within the block, that belongs to somebody else."""
+    before = _kept.set(theirs)
+    try:
+        yield
+    finally:
+        _kept.reset(before)
 
 
 @contextmanager
@@ -31,6 +47,8 @@ def beside(path: Path) -> Iterator[Path]:
     ...     before, target.read_text()
     (False, 'height_m')
     """
+    if path.is_file() and _kept.get()(path):
+        raise PipelineError(f"the file is not ours, or was changed since; --force replaces it [{path}]")
     draft = _draft(path)
     try:
         yield draft

@@ -9,8 +9,9 @@ from typing import Any
 from pydantic import ValidationError
 
 from stepblocks.errors import PipelineError, StepblocksError, StimulusError
-from stepblocks.parts.series import MAX_SERIES, expand, merged
-from stepblocks.parts.set import StimulusSet, kinds, set_of, with_energy_tolerances
+from stepblocks.mistakes import Mistake, brief, mistakes_in, told
+from stepblocks.parts.series import MAX_SERIES, completed, expand, merged, usual
+from stepblocks.parts.set import StimulusSet, file_model, kinds, set_of, with_energy_tolerances
 from stepblocks.text_file import read_document
 
 SCHEMA = 1  # version of the stimulus file format
@@ -36,27 +37,44 @@ def load_set(path: str | Path) -> StimulusSet:
         With file, stanza, field, rule and value, if the file cannot be read or asks for something impossible.
     """
     path = Path(path)
-    raw = read_document(path, "a stimulus file", StimulusError, MAX_FILE_BYTES)
-    schema = raw.pop("schema", None)
-    if schema != SCHEMA:
-        raise StimulusError(f"schema must be {SCHEMA}, got {schema!r} [{path}]")
-    name = raw.pop("set", None)
+    raw, known, usually = read_document(path, "a stimulus file", StimulusError, MAX_FILE_BYTES), kinds(), usual()
+    name = raw.pop("set", path.stem)
+    mistakes: list[Mistake] = []
+    if (schema := raw.pop("schema", SCHEMA)) != SCHEMA:
+        mistakes.append(("", f"schema must be {SCHEMA}, got {schema!r}"))
     if name != path.stem:
-        raise StimulusError(f"set must be the name of its file, {path.stem!r}, got {name!r} [{path}]")
+        mistakes.append(("", f"set must be the name of its file, {path.stem!r}, or be left out, got {name!r}"))
     defaults = raw.pop("defaults", {})
-    known = kinds()
     if not isinstance(defaults, dict) or not set(defaults) <= set(known):
-        raise StimulusError(f"defaults must be tables named {', '.join(known)}, got {_brief(defaults)} [{path}]")
-    declared = [kind for kind in known if kind in raw]
-    for kind in declared:
-        raw[kind] = list(_stanzas(path, kind, raw[kind], defaults.get(kind, {})))
-    total = sum(len(raw[kind]) for kind in declared)
+        mistakes.append(("", f"defaults must be tables named {', '.join(known)}, got {brief(defaults)}"))
+        defaults = {}
+    for kind in [kind for kind in known if kind in raw]:
+        raw[kind] = list(_stanzas(kind, raw[kind], defaults.get(kind, {}), usually.get(kind, {}), mistakes))
+    total = sum(len(raw.get(kind, ())) for kind in known)
     if total > MAX_SERIES:
         raise StimulusError(f"a set must have at most {MAX_SERIES} stimuli, got {total} [{path}]")
+    declared = {"name": path.stem, "title": path.stem, **raw}
+
+    def locate(location: tuple[Any, ...]) -> tuple[str, tuple[Any, ...]]:
+        if len(location) < 2 or location[0] not in known or not isinstance(location[1], int):
+            return "", location
+        kind, number, *rest = location
+        return f"{kind} {brief(declared[kind][number].get('id', number + 1))}", tuple(rest)
+
+    def filled(data: dict[str, Any]) -> dict[str, Any]:
+        return data | {
+            kind: [completed(one, usually.get(kind, {})) for one in data[kind]] for kind in known if kind in data
+        }
+
     try:
-        return set_of({"name": name, **raw})
+        found = set_of(declared)
     except ValidationError as error:
-        raise StimulusError(_one_line(error, raw, path)) from error
+        # where stanzas could not be read, a set without any is no mistake of its own
+        if total or not mistakes:
+            mistakes += mistakes_in(error, file_model(), declared, locate, filled)
+    if mistakes:
+        raise StimulusError(told(mistakes, path))
+    return found
 
 
 def load_declared(path: str | Path) -> StimulusSet:
@@ -68,48 +86,21 @@ def load_declared(path: str | Path) -> StimulusSet:
         raise PipelineError(f"{error}".replace(f"[{stimuli.name},", f"[{path},")) from error
 
 
-def _stanzas(path: Path, kind: str, raw: object, defaults: object) -> Iterator[dict[str, Any]]:
+def _stanzas(
+    kind: str, raw: object, defaults: object, usually: Mapping[str, Any], mistakes: list[Mistake]
+) -> Iterator[dict[str, Any]]:
+    """Expand the stanzas of a kind, with what they leave out; those that cannot be are among the mistakes."""
     if not isinstance(raw, list) or not all(isinstance(stanza, dict) for stanza in raw):
-        raise StimulusError(f"{kind} must be written as [[{kind}]], got {_brief(raw)} [{path}]")
+        mistakes.append(("", f"{kind} must be written as [[{kind}]], got {brief(raw)}"))
+        return
     if not isinstance(defaults, dict):
-        raise StimulusError(f"defaults.{kind} must be a table, got {_brief(defaults)} [{path}]")
+        mistakes.append(("", f"defaults.{kind} must be a table, got {brief(defaults)}"))
+        return
     for number, stanza in enumerate(raw, start=1):
+        place = f"{kind} {brief(stanza.get('id', f'number {number}'))}"
         try:
-            yield from expand(merged(defaults, stanza))
+            yield from expand(completed(merged(defaults, stanza), usually))
         except (ValueError, StepblocksError) as error:
-            place = stanza.get("id", f"number {number}")
-            raise StimulusError(f"{error} [{path}, {kind} {_brief(place)}]") from error
-        except RecursionError as error:
-            raise StimulusError(f"tables must not nest so deep [{path}, {kind} number {number}]") from error
-
-
-def _one_line(error: ValidationError, raw: Mapping[str, Any], path: Path) -> str:
-    """Say the first of pydantic's findings as name, rule, value and place."""
-    first, *others = error.errors(include_url=False)
-    location, place = list(first["loc"]), str(path)
-    if len(location) >= 2 and location[0] in kinds() and isinstance(location[1], int):
-        stanza = raw[str(location[0])][location[1]]
-        place += f", {location[0]} {_brief(stanza.get('id', location[1] + 1))}"
-        location = location[2:]
-    more = f" (and {len(others)} more)" if others else ""
-    return f"{_rule(first, '.'.join(map(str, location)))}{more} [{place}]"
-
-
-def _rule(finding: Mapping[str, Any], name: str) -> str:
-    kind, value = finding["type"], finding.get("input")
-    if kind == "missing":
-        return f"{name} is missing"
-    if kind == "extra_forbidden":
-        return f"{name} is not a known field, got {_brief(value)}"
-    if kind in ("value_error", "quantity"):
-        text = str(finding["ctx"]["error"]) if "ctx" in finding else finding["msg"]
-        return f"{name}: {text}" if name and not text.startswith(name.rsplit(".", 1)[-1]) else text
-    if kind == "string_pattern_mismatch":
-        return f"{name} must be lower-case words and digits joined by hyphens, got {_brief(value)}"
-    text = finding["msg"]
-    return f"{name}: {text[:1].lower()}{text[1:]}, got {_brief(value)}"
-
-
-def _brief(value: object) -> str:
-    text = repr(value)
-    return text if len(text) <= 60 else text[:57] + "..."
+            mistakes.append((place, str(error)))
+        except RecursionError:
+            mistakes.append((place, "tables must not nest so deep"))

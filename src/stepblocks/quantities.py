@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from functools import cache
 from typing import TYPE_CHECKING, Any
 
@@ -216,3 +216,81 @@ def format_quantity(value: float, dimension: str, digits: int = 4) -> str:
     if value == 0.0:
         factor, symbol = scales[min(1, len(scales) - 1)]
     return f"{value / factor:.{digits}g} {symbol}".strip()
+
+
+# endings of column names, the longest first, and the unit as people write it
+_ENDINGS = {
+    "n_per_mm": "N/mm",
+    "n_per_m": "N/m",
+    "kg_m3": "kg/m³",
+    "n_mm": "N/mm",
+    "n_m": "N/m",
+    "mm_s": "mm/s",
+    "m_s": "m/s",
+    **{name: name for name in ("nm", "mm", "m", "ms", "s", "kg", "g", "h")},
+    **{
+        "um": "µm",
+        "uj": "µJ",
+        "uw": "µW",
+        "us": "µs",
+        "mn": "mN",
+        "n": "N",
+        "j": "J",
+        "w": "W",
+        "hz": "Hz",
+        "khz": "kHz",
+    },
+    **{"deg": "°", "rad": "rad", "pct": "%", "c": "°C", "pa": "Pa", "db": "dB"},
+}
+
+
+def column_label(name: str) -> str:
+    """Say a column's name as people do, its unit at the end.
+
+    Examples
+    --------
+    >>> column_label("vibration_energy_95_low_uj"), column_label("ln_peak_force"), column_label("status")
+    ('vibration energy 95 low, µJ', 'ln peak force', 'status')
+    """
+    for ending, unit in _ENDINGS.items():
+        if name.endswith(f"_{ending}"):
+            return f"{name.removesuffix(f'_{ending}').replace('_', ' ')}, {unit}"
+    return name.replace("_", " ")
+
+
+def figure(value: float, digits: int = 3) -> str:
+    """Write a number as people read it: significant digits, no exponent between a thousandth and a million.
+
+    Examples
+    --------
+    >>> figure(29612.3), figure(0.00012345), figure(-0.0), figure(1234567.0), figure(1.5e-9), figure(float("nan"))
+    ('29600', '0.000123', '0', '1.23e6', '1.5e-9', '-')
+    """
+    if math.isnan(value):
+        return "-"
+    if math.isinf(value):
+        return "∞" if value > 0 else "-∞"
+    text = f"{value:.{digits}g}"
+    number = float(text)
+    if number == 0.0:
+        return "0"
+    if 1e-4 <= abs(number) < 1e6:
+        places = max(digits - 1 - math.floor(math.log10(abs(number))), 0)
+        text = f"{number:.{places}f}"
+        return text.rstrip("0").rstrip(".") if "." in text else text
+    mantissa, _, power = f"{number:.{digits - 1}e}".partition("e")
+    return f"{mantissa.rstrip('0').rstrip('.') if '.' in mantissa else mantissa}e{int(power)}"
+
+
+def column_of_figures(values: Sequence[object]) -> list[str]:
+    """Write the cells of a column, its fractions to three digits; text and whole numbers stay as they are."""
+    texts = ["-" if value is None else str(value) for value in values]
+    try:
+        numbers = [math.nan if text in ("", "-") else float(text) for text in texts]
+    except ValueError:
+        return texts
+    if all(number.is_integer() or math.isnan(number) for number in numbers):
+        return [
+            text.removesuffix(".0") if number == number else "-" for text, number in zip(texts, numbers, strict=True)
+        ]
+    return [figure(number) for number in numbers]

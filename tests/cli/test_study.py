@@ -156,20 +156,18 @@ def test_help_of_the_study_imports_nothing_heavy():
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [
-        (["design", "f", "--seed", "1.5", "-o", "x"], "must be a whole number, got '1.5'"),
+        (["design", "f", "--seed", "1.5", "-o", "x"], "argument --seed: must be a whole number"),
         (["design", "f", "--seed", "1", "--participants", "0", "-o", "x"], "a whole number from 1 to 100000, got '0'"),
         (["design", "f", "--seed", "1", "--probes", "a,,b", "-o", "x"], "names of letters, digits and hyphens"),
         (["analyse", "d", "a.csv", "-o", "x", "--ratings", "7-1"], "must be LOW-HIGH such as 1-7, got '7-1'"),
         (["power", "f", "--seed", "1", "--damping", "bare"], "must be name=share, separated by commas, got 'bare'"),
-        (["power", "f", "--seed", "1", "--participants", "4,x"], "must be a whole number, got 'x'"),
+        (["power", "f", "--seed", "1", "--participants", "4,x"], "got 'x'"),
         (["power", "f", "--seed", "1", "--noise", "5"], "must be a length such as '25 um', got '5'"),
-        (["simulate", "d", "f", "--seed", "1"], "the following arguments are required: -o/--output"),
+        (["simulate", "d", "f"], "the following arguments are required: --seed"),
     ],
 )
 def test_an_option_that_cannot_be_read_is_named(arguments, message, capsys):
-    with pytest.raises(SystemExit) as caught:
-        main(["study", *arguments])
-    assert caught.value.code == 2
+    assert main(["study", *arguments]) == 2
     assert message in capsys.readouterr().err
 
 

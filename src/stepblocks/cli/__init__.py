@@ -15,21 +15,30 @@ import threading
 import traceback
 from collections.abc import Sequence
 from importlib import import_module
-from typing import NoReturn
+from typing import Any, NoReturn
 
 from stepblocks import __version__
+from stepblocks.cli.arguments import Parser
+from stepblocks.cli.outcome import show, writing
 from stepblocks.errors import StepblocksError
 
 __all__ = ["main"]
 
-# Modules of this package, one per command or family of commands, in the order of the help text
-_COMMANDS = ("build", "predict", "inspect", "bench", "evidence", "workshop", "export", "study")
+# Modules of this package, one per command or family of commands
+_MODULES = ("build", "workshop", "inspect", "predict", "export", "bench", "evidence", "study", "help")
+# Commands by what they are for, in the order of the help text; those that stand nowhere come last
+_GROUPS = {
+    "to begin": ("new", "help", "completion"),
+    "stimuli": ("build", "check", "workshop", "inspect"),
+    "what will be felt": ("predict", "drag", "sweep", "evidence"),
+    "simulators": ("export", "feel"),
+    "the bench": ("simulate-session", "measure", "loop"),
+    "people": ("study",),
+}
 
 
 def main(argv: Sequence[str] | None = None) -> int:
     """Run one command and return its exit code."""
-    parser = _parser()
-    arguments = parser.parse_args(argv)
     for stream in (sys.stdout, sys.stderr):
         if isinstance(stream, io.TextIOWrapper):  # a file's name need not be text
             stream.reconfigure(errors="backslashreplace")
@@ -40,9 +49,12 @@ def main(argv: Sequence[str] | None = None) -> int:
         # asked to end, a command takes its workers with it and leaves no draft behind
         signal.signal(signal.SIGTERM, _end)
     try:
-        code = int(arguments.run(arguments))
+        arguments = make_parser().parse_args(argv)
+        with writing(arguments.output, arguments.force) as written:
+            outcome = arguments.run(arguments)
+        show(outcome, arguments, written)
         sys.stdout.flush()
-        return code
+        return int(outcome.code)
     except BrokenPipeError:
         # who reads our output has seen enough; what is left is flushed into nothing
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
@@ -83,13 +95,43 @@ def _end(number: int, _: object) -> NoReturn:
     raise SystemExit(128 + number)
 
 
-def _parser() -> argparse.ArgumentParser:
-    parser = argparse.ArgumentParser(
+class _Top(Parser):
+    """The program itself, whose help shows its commands in groups."""
+
+    def format_help(self) -> str:
+        from rich_argparse import RawDescriptionRichHelpFormatter
+
+        (commands,) = (action for action in self._actions if isinstance(action, argparse._SubParsersAction))
+        said = {action.dest: action.help or "" for action in commands._choices_actions}
+        grouped = {name for names in _GROUPS.values() for name in names}
+        groups: dict[str, Any] = {**_GROUPS, "more": [name for name in said if name not in grouped]}
+        formatter = self._get_formatter()
+        assert isinstance(formatter, RawDescriptionRichHelpFormatter)
+        formatter.add_usage(self.usage, [], [])
+        formatter.add_text(self.description)
+        for title, names in groups.items():
+            formatter.start_section(title)
+            formatter.add_arguments(
+                [argparse.Action([], name, metavar=name, help=said[name]) for name in names if name in said]
+            )
+            formatter.end_section()
+        formatter.add_text(self.epilog)
+        return formatter.format_help()
+
+
+def make_parser() -> argparse.ArgumentParser:
+    """Return the parser of the whole command line."""
+    parser = _Top(
         prog="stepblocks",
+        usage="stepblocks COMMAND ... | COMMAND --help | --version",
         description="Haptic step stimuli: from a declaration to proven artefacts, predictions and the closed loop.",
+        epilog="exit codes: 0 done, 1 out of tolerance, 2 wrong input, 3 not proven, 70 a fault of ours\n"
+        "start with: stepblocks new block mine.toml && stepblocks build mine.toml",
     )
     parser.add_argument("--version", action="version", version=f"stepblocks {__version__}")
-    commands = parser.add_subparsers(title="commands", metavar="COMMAND", required=True)
-    for name in _COMMANDS:
+    commands = parser.add_subparsers(
+        title="commands", metavar="COMMAND", required=True, prog="stepblocks", parser_class=Parser
+    )
+    for name in _MODULES:
         import_module(f"stepblocks.cli.{name}").add_to(commands)
     return parser

@@ -1,39 +1,104 @@
-"""What several commands take alike, and how each is read."""
+"""How a command is declared: what several take alike, how each option is read, and what every command takes."""
 
 from __future__ import annotations
 
 import argparse
+import difflib
 import sys
-from collections.abc import Callable, Mapping
+import textwrap
+from collections.abc import Callable, Sequence
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any, NoReturn
+
+from stepblocks.errors import PipelineError
+
+if TYPE_CHECKING:
+    from stepblocks.cli.outcome import Outcome
+
+_WIDTH = 98  # of help, as of tables
+
+
+class Parser(argparse.ArgumentParser):
+    """A parser that says a mistake in one line, with what was probably meant."""
+
+    def __init__(self, **settings: Any) -> None:
+        super().__init__(formatter_class=_formatter, **settings)
+
+    def error(self, message: str) -> NoReturn:
+        """Say what is wrong in one line, and what was probably meant."""
+        meant, parser = [], self
+        for word in (word.partition("=")[0] for word in sys.argv[1:]):
+            commands = parser.commands
+            known = [*parser._option_string_actions] if word.startswith("-") else [*commands]
+            if word not in known:
+                meant += difflib.get_close_matches(word, known, 1, 0.7)
+            parser = commands.get(word, parser)
+        hint = f"; did you mean {' '.join(meant)}?" if meant else f" (see {parser.prog} --help)"
+        raise PipelineError(f"{message}{hint}")
+
+    @property
+    def commands(self) -> dict[str, Parser]:
+        """Parsers of its commands, by name."""
+        return {name: one for a in self._actions if isinstance(a.choices, dict) for name, one in a.choices.items()}
+
+
+def _formatter(prog: str) -> argparse.HelpFormatter:
+    from rich_argparse import RawDescriptionRichHelpFormatter
+
+    class Formatter(RawDescriptionRichHelpFormatter):
+        group_name_formatter = str
+
+    return Formatter(prog, max_help_position=30, width=_WIDTH)
 
 
 def add_command(
-    commands: Any, name: str, run: Callable[[argparse.Namespace], int], said: str, description: str
-) -> argparse.ArgumentParser:
-    """Register a command with what it runs."""
-    parser: argparse.ArgumentParser = commands.add_parser(name, help=said, description=description)
-    parser.set_defaults(run=run)
+    commands: Any,
+    name: str,
+    run: Callable[[argparse.Namespace], Outcome],
+    said: str,
+    description: str = "",
+    *,
+    examples: Sequence[str] = (),
+    leave_out: bool = False,
+) -> Parser:
+    """Register a command with what it runs and how it is called; `leave_out` drops options that are not given."""
+    shown = "\n".join(["examples:", *(f"  stepblocks {one}" for one in examples)]) if examples else None
+    parser: Parser = commands.add_parser(
+        name,
+        help=said,
+        description=textwrap.fill(description or f"{said}.", _WIDTH),
+        epilog=shown,
+        argument_default=argparse.SUPPRESS if leave_out else None,
+    )
+    every = parser.add_argument_group("in every command")
+    every.add_argument("--quiet", action="store_true", default=False, help="say nothing but errors")
+    every.add_argument("--json", action="store_true", default=False, help="print what was done and found as JSON")
+    every.add_argument("--wide", action="store_true", default=False, help="print all columns of a table")
+    every.add_argument("--force", action="store_true", default=False, help="replace files that are not ours")
+    parser.set_defaults(run=run, output=None)
     return parser
 
 
-def add_files(parser: argparse.ArgumentParser, metavar: str = "FILE", more: str = "") -> None:
+def add_files(parser: argparse.ArgumentParser, more: str = "") -> None:
     """Take stimulus files, or folders of them."""
     said = f"stimulus files or folders (default: stimuli){more}"
-    parser.add_argument("files", nargs="*", type=Path, metavar=metavar, help=said)
+    parser.add_argument("files", nargs="*", type=Path, metavar="FILE", help=said)
+
+
+def add_stimuli(parser: argparse.ArgumentParser) -> None:
+    """Take where a stimulus that is named by its identity is declared; ``--set`` is its old name."""
+    said = "stimulus file or folder where it is declared (default: stimuli)"
+    parser.add_argument("--stimuli", type=Path, default=Path("stimuli"), metavar="FILE", help=said)
+    parser.add_argument("--set", dest="stimuli", type=Path, default=argparse.SUPPRESS, help=argparse.SUPPRESS)
 
 
 def add_output(
-    parser: argparse.ArgumentParser, default: str | None = None, metavar: str = "DIR", said: str | None = None
+    parser: argparse.ArgumentParser, default: str | None = None, metavar: str = "DIR", said: str = "where to write"
 ) -> None:
-    """Take where to write to; without a default it must be said."""
-    place = (
-        {"required": True, "help": said}
-        if default is None
-        else {"default": Path(default), "help": f"default: {default}"}
-    )
-    parser.add_argument("-o", "--output", type=Path, metavar=metavar, **place)
+    """Take where to write to."""
+    shown = f"{said} (default: {default})" if default else said
+    place = Path(default) if default else None
+    parser.add_argument("-o", "--output", type=Path, default=place, metavar=metavar, help=shown)
 
 
 def add_only(parser: argparse.ArgumentParser) -> None:
@@ -41,40 +106,41 @@ def add_only(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--only", metavar="PATTERN", help="only these stimuli, such as 'step-0?0' or 'paper-ten/*'")
 
 
-def quantities(arguments: argparse.Namespace, wanted: Mapping[str, str], said: str = "--{} {}") -> dict[str, float]:
-    """Read those options that were given, by name and dimension; an error says the option as `said` does."""
-    from stepblocks.errors import PipelineError, QuantityError
-    from stepblocks.quantities import parse_quantity
+def add_jobs(parser: argparse.ArgumentParser, default: int | None = None) -> None:
+    """Take a number of processes."""
+    said = f"processes (default: {default or 'one per core'})"
+    place = argparse.SUPPRESS if parser.argument_default is argparse.SUPPRESS else default
+    parser.add_argument("-j", "--jobs", type=number(1, 1024), metavar="N", help=said, default=place)
 
-    found = {}
-    for name, dimension in wanted.items():
-        text = getattr(arguments, name)
-        if text is None:
-            continue
+
+def given(arguments: argparse.Namespace, *names: str) -> dict[str, Any]:
+    """Pick the options that were given, as a default has one home, the function called."""
+    return {name: value for name, value in vars(arguments).items() if name in names and value is not None}
+
+
+def number(least: int, most: int) -> Callable[[str], int]:
+    """Return a reader of whole numbers."""
+
+    def read(text: str) -> int:
+        if not text.isdecimal() or len(text) > 18 or not least <= int(text) <= most:
+            raise argparse.ArgumentTypeError(f"must be a whole number from {least} to {most}, got {text!r:.40}")
+        return int(text)
+
+    return read
+
+
+def quantity(dimension: str, *, above_zero: bool = False) -> Callable[[str], float]:
+    """Return a reader of quantities of one dimension."""
+
+    def read(text: str) -> float:
+        from stepblocks.quantities import parse_quantity
+
         try:
-            found[name] = parse_quantity(text, dimension)
-        except QuantityError as error:
-            raise PipelineError(said.format(name.replace("_", "-"), error)) from error
-    return found
+            value = parse_quantity(text, dimension)
+        except ValueError as error:
+            raise argparse.ArgumentTypeError(str(error)) from error
+        if above_zero and value <= 0.0:
+            raise argparse.ArgumentTypeError(f"must be positive, got {text}")
+        return value
 
-
-def progress(did: str, unit: str, *, lines: int = 0) -> Callable[[int, int], None]:
-    """Show what is done of how many: a bar on a terminal, elsewhere so many plain lines."""
-    if sys.stderr.isatty():
-        from tqdm import tqdm
-
-        bar = tqdm(unit=unit, desc=did)
-
-        def on_terminal(done: int, total: int) -> None:
-            bar.total = total
-            bar.update(done - bar.n)
-            if done == total:
-                bar.close()
-
-        return on_terminal
-
-    def in_lines(done: int, total: int) -> None:
-        if lines and (done % max(total // lines, 1) == 0 or done == total):
-            print(f"{did} {done} of {total}", file=sys.stderr, flush=True)
-
-    return in_lines
+    return read

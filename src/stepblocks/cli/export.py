@@ -6,13 +6,20 @@ import argparse
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from stepblocks.cli.arguments import add_command, add_files, add_only, add_output, quantities
+from stepblocks.cli.arguments import add_command, add_files, add_only, add_output, given, quantity
+from stepblocks.cli.outcome import Outcome, telling
 
 if TYPE_CHECKING:
     from stepblocks.simulators.export import Exported
 
 _SIMULATORS = ("mujoco", "chai3d", "sofa", "usd", "gltf", "x3d", "urdf", "forcelaw")
-_DIMENSIONS = {"load": "force", "friction": "ratio", "tip_radius": "length", "step_height": "length", "speed": "speed"}
+# Options, what the function calls them, dimensions and examples
+_QUANTITIES = (
+    ("load", "normal_load", "force", "1 N"),
+    ("friction", "friction", "ratio", "0.15"),
+    ("tip-radius", "ball_radius", "length", "125 um"),
+    ("step-height", "step_height", "length", "50 um"),
+)
 
 
 def add_to(commands: Any) -> None:
@@ -21,9 +28,16 @@ def add_to(commands: Any) -> None:
     description = (
         "Write one self-contained folder per block, crown or tip: scene, event, rings, and a README on how to run it."
     )
-    parser = add_command(commands, "export", _export, said, description)
-    add_files(parser, "SET")
-    parser.add_argument("--for", dest="simulator", required=True, choices=_SIMULATORS, help="simulator")
+    examples = (
+        "export mine.toml --for mujoco",
+        "export --for chai3d --device touch --only step-050",
+        "export --list-devices",
+    )
+    parser = add_command(commands, "export", _export, said, description, examples=examples)
+    add_files(parser)
+    way = parser.add_mutually_exclusive_group(required=True)
+    way.add_argument("--for", dest="simulator", choices=_SIMULATORS, help="simulator")
+    way.add_argument("--list-devices", action="store_true", help="print the device profiles that there are, and stop")
     add_output(parser, "out/scenes")
     parser.add_argument("--device", metavar="NAME", help="force-feedback device; its rendering plan sets the scale")
     parser.add_argument("--devices", type=Path, metavar="FILE", help="device profiles of your own")
@@ -33,56 +47,67 @@ def add_to(commands: Any) -> None:
     parser.add_argument("--ring", choices=("exponential", "drag"), default="exponential", help=said)
     said = "model.json of stepblocks loop: friction, spring, edge and ring as a session taught"
     parser.add_argument("--model", type=Path, metavar="JSON", help=said)
-    parser.add_argument("--speed", metavar="Q", help="of the handle, for --ring drag and --model (default 5 mm/s)")
-    examples = (("load", "1 N"), ("friction", "0.15"), ("tip-radius", "125 um"), ("step-height", "50 um"))
-    for name, example in examples:
+    said = "of the handle, for --ring drag and --model (default 5 mm/s)"
+    parser.add_argument("--speed", type=quantity("speed"), metavar="Q", help=said)
+    for name, called, dimension, example in _QUANTITIES:
         said = f"such as '{example}' (default: the first of the set's prediction)"
-        parser.add_argument(f"--{name}", metavar="Q", help=said)
+        parser.add_argument(f"--{name}", dest=called, type=quantity(dimension), metavar="Q", help=said)
 
     said = "a page on which the mouse drags the probe over a block"
     description = "Write one page that needs no network, and open it: force, spectrum, locking, and the ring as sound."
-    page = add_command(commands, "feel", _feel, said, description)
-    add_files(page, "SET")
+    page = add_command(commands, "feel", _feel, said, description, examples=("feel", "feel mine.toml --no-open"))
+    add_files(page)
     add_output(page, "out/feel.html", "HTML")
     page.add_argument("--no-open", action="store_true", help="write the page and leave it")
 
 
-def _export(arguments: argparse.Namespace) -> int:
+def _export(arguments: argparse.Namespace) -> Outcome:
+    if arguments.list_devices:
+        return _devices(arguments.devices)
     from stepblocks.simulators.export import export
 
-    asked = quantities(arguments, _DIMENSIONS, "--{}: {}")
+    told, done = telling(arguments, "written", lines=1000), 0
 
-    def say(done: Exported) -> None:
-        print(f"{done.name}: {done.folder}" + (f"\n  {done.plan}" if done.plan else ""), flush=True)
+    def announce(one: Exported) -> None:
+        nonlocal done
+        done += 1
+        if told:
+            told(done, None, one.name)
 
-    written = export(
-        arguments.files,
-        arguments.simulator,
-        arguments.output,
-        device=arguments.device,
-        devices=arguments.devices,
-        only=arguments.only,
-        normal_load=asked.get("load"),
-        friction=asked.get("friction"),
-        ball_radius=asked.get("tip_radius"),
-        step_height=asked.get("step_height"),
-        speed=asked.get("speed"),
-        scale=arguments.scale,
-        ring=arguments.ring,
-        model=arguments.model,
-        progress=say,
+    names = ("device", "devices", "only", "scale", "ring", "model", "speed", *(called for _, called, *_ in _QUANTITIES))
+    asked = given(arguments, *names)
+    written = export(arguments.files, arguments.simulator, arguments.output, **asked, progress=announce)
+    return Outcome(
+        f"{len(written)} folder{'s' if len(written) != 1 else ''} for {arguments.simulator}",
+        notes=[f"{one.name}: {one.folder}" + (f"\n  {one.plan}" if one.plan else "") for one in written],
+        record={one.name: {"folder": str(one.folder), "plan": str(one.plan or "")} for one in written},
     )
-    print(f"{len(written)} folder{'s' if len(written) != 1 else ''} for {arguments.simulator}")
-    return 0
 
 
-def _feel(arguments: argparse.Namespace) -> int:
+def _devices(own: Path | None) -> Outcome:
+    from stepblocks.simulators.devices import load_devices
+
+    rows = [
+        {
+            "device": one.id,
+            "name": one.name,
+            "maker": one.maker,
+            "resolution_mm": one.position_resolution.value * 1e3,
+            "peak_force_n": one.peak_force.value,
+            "stiffness_limit_n_mm": one.stiffness_limit and one.stiffness_limit.value * 1e-3,
+            "update_rate_hz": one.update_rate.value,
+        }
+        for one in load_devices(own)
+    ]
+    return Outcome(f"{len(rows)} devices; sources stand in simulators/devices.toml", {"devices": rows})
+
+
+def _feel(arguments: argparse.Namespace) -> Outcome:
     from stepblocks.simulators.feel import feel
 
     count = feel(arguments.files, arguments.output)
-    print(f"{arguments.output}: {count} blocks")
     if not arguments.no_open:
         import webbrowser
 
         webbrowser.open(arguments.output.resolve().as_uri())
-    return 0
+    return Outcome(f"{arguments.output}: {count} blocks", look=arguments.output)

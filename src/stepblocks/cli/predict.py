@@ -8,17 +8,18 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from stepblocks.cli.arguments import add_command, add_files, add_output, quantities
+from stepblocks.cli.arguments import add_command, add_files, add_jobs, add_output, add_stimuli, given, quantity
+from stepblocks.cli.outcome import Outcome, telling
 
 if TYPE_CHECKING:
     from stepblocks.predict.predictions import Prediction
 
-# Options, their dimensions, their defaults or None where what is dragged over brings one, and what the help says
-_QUANTITIES: tuple[tuple[str, str, str | None, str], ...] = (
-    ("static-friction", "ratio", "0", "coefficient at rest; 0: as while sliding (default 0)"),
-    ("handle-mass", "mass", "100 g", "inertia of a pulled handle (default 100 g)"),
-    ("ring-time", "time", "40 ms", "time recorded after the release (default 40 ms)"),
-    ("sample-rate", "frequency", "10 kHz", "rows of the trace per second (default 10 kHz)"),
+# Options, their dimensions, their defaults or None where what is dragged over brings one [SI], and what the help says
+_QUANTITIES: tuple[tuple[str, str, float | None, str], ...] = (
+    ("static-friction", "ratio", 0.0, "coefficient at rest; 0: as while sliding (default 0)"),
+    ("handle-mass", "mass", 0.1, "inertia of a pulled handle (default 100 g)"),
+    ("ring-time", "time", 40e-3, "time recorded after the release (default 40 ms)"),
+    ("sample-rate", "frequency", 10e3, "rows of the trace per second (default 10 kHz)"),
     ("tip-radius", "length", None, "radius of the ball R (default: the set's first, or 125 um)"),
     ("edge-radius", "length", None, "radius of a plain step's edge r (default 0 um)"),
     ("step-height", "length", None, "step under a declared tip (default: the set's first)"),
@@ -38,7 +39,6 @@ _QUANTITIES: tuple[tuple[str, str, str | None, str], ...] = (
         "share of critical damping (default: 0.037, from the decay of the paper's ring, or of the sheath)",
     ),
 )
-_DIMENSIONS = {name.replace("-", "_"): dimension for name, dimension, *_ in _QUANTITIES}
 
 
 def add_to(commands: Any) -> None:
@@ -54,25 +54,32 @@ def _add_predict(commands: Any) -> None:
         "Predict every stimulus under every tip, load and friction that its file asks for; or each row of a "
         "table (CSV with units in its header); or unseen trials by a model that a measured session has taught."
     )
-    parser = add_command(commands, "predict", _predict, said, description)
-    add_files(parser, more=", or one CSV table")
+    examples = (
+        "predict mine.toml",
+        "predict mine.toml -o predictions.csv --plots plots",
+        "predict table.csv -o out.csv",
+        "predict trials.csv --model out/loop/model.json -o out.csv",
+    )
+    parser = add_command(commands, "predict", _predict, said, description, examples=examples)
+    add_files(parser, ", or one CSV table")
     said = "as-built records of inspect, or folders of them, to predict with instead of the nominal"
     parser.add_argument("--as-built", nargs="+", type=Path, default=[], metavar="RECORD", help=said)
-    parser.add_argument("-o", "--output", type=Path, metavar="CSV", help="write a table with units in its header")
+    add_output(parser, metavar="CSV", said="write a table with units in its header")
     said = "model.json of stepblocks loop; FILE is a trials.csv"
     parser.add_argument("--model", type=Path, metavar="JSON", help=said)
     said = "draw energy against height, and maps of margins, there"
     parser.add_argument("--plots", type=Path, metavar="DIR", help=said)
     said = "share of the stored energy that rings: C_v of the set (default), or that of a drag in time at --speed"
     parser.add_argument("--conversion", choices=("constant", "simulated"), default="constant", help=said)
-    parser.add_argument("--speed", default="5 mm/s", metavar="Q", help="handle speed of those drags (default 5 mm/s)")
+    said = "handle speed of those drags (default 5 mm/s)"
+    parser.add_argument("--speed", type=quantity("speed"), default=5e-3, metavar="Q", help=said)
     said = "write how well neighbouring blocks are told apart"
     parser.add_argument("--perception", type=Path, metavar="CSV", help=said)
     said = "write to -o NEW.toml a set of N blocks that are equally spaced in predicted sensation instead of predicting"
     parser.add_argument("--equally-felt", type=int, metavar="N", help=said)
 
 
-def _predict(arguments: argparse.Namespace) -> int:
+def _predict(arguments: argparse.Namespace) -> Outcome:
     if arguments.equally_felt is not None:
         return _write_equally_felt(arguments.files, arguments.equally_felt, arguments.output)
     tables = [path for path in arguments.files if path.suffix.lower() == ".csv"]
@@ -81,19 +88,21 @@ def _predict(arguments: argparse.Namespace) -> int:
     return _predict_sets(arguments)
 
 
-def _write_equally_felt(files: list[Path], count: int, output: Path | None) -> int:
+def _write_equally_felt(files: list[Path], count: int, output: Path | None) -> Outcome:
     from stepblocks.errors import PipelineError
     from stepblocks.predict.perception import write_equally_felt
 
     if len(files) != 1 or output is None:
         raise PipelineError("--equally-felt needs one stimulus file and -o NEW.toml")
     heights, spacing = write_equally_felt(files[0], count, output)
-    print(f"{output}: {', '.join(f'{height * 1e6:.2f}' for height in heights)} um")
-    print(f"neighbours are {spacing:.1f} just noticeable differences apart")
-    return 0
+    return Outcome(
+        f"neighbours are {spacing:.1f} just noticeable differences apart",
+        notes=[f"{output}: {', '.join(f'{height * 1e6:.2f}' for height in heights)} um"],
+        record={"heights_m": list(heights), "spacing_jnd": spacing},
+    )
 
 
-def _predict_table(files: list[Path], output: Path | None, model: Path | None) -> int:
+def _predict_table(files: list[Path], output: Path | None, model: Path | None) -> Outcome:
     from stepblocks.errors import PipelineError
 
     if len(files) != 1 or files[0].suffix.lower() != ".csv":
@@ -103,16 +112,14 @@ def _predict_table(files: list[Path], output: Path | None, model: Path | None) -
     if model is None:
         from stepblocks.predict.table import predict_table
 
-        print(f"{output}: {len(predict_table(files[0], output))} predictions")
-        return 0
+        return Outcome(f"{output}: {len(predict_table(files[0], output))} predictions")
     from stepblocks.predict.trials import predict_trials
 
     flagged = predict_trials(files[0], model, output)["status"] != "ok"
-    print(f"{output}: {int(flagged.sum())} trials flagged, see the column status")
-    return 0
+    return Outcome(f"{output}: {int(flagged.sum())} trials flagged, see the column status")
 
 
-def _predict_sets(arguments: argparse.Namespace) -> int:
+def _predict_sets(arguments: argparse.Namespace) -> Outcome:
     from stepblocks.atomic import replace_text
     from stepblocks.declare import load_declared
     from stepblocks.predict.predictions import Predictions, shown
@@ -139,9 +146,9 @@ def _predict_sets(arguments: argparse.Namespace) -> int:
     if arguments.conversion == "simulated":
         from stepblocks.predict.predictions import predicted_in_time
 
-        speed = quantities(arguments, {"speed": "speed"}, "{1}")["speed"]
-        by_name = {name: predicted_in_time(predictions, speed) for name, predictions in by_name.items()}
+        by_name = {name: predicted_in_time(found, arguments.speed) for name, found in by_name.items()}
     predictions = Predictions(tuple(one for predictions in by_name.values() for one in predictions))
+    notes = []
     if arguments.perception:
         import pandas as pd
 
@@ -150,29 +157,19 @@ def _predict_sets(arguments: argparse.Namespace) -> int:
 
         tables = [neighbours(s, by_name[s.name]) for s in sets]
         write_table(pd.concat(tables, ignore_index=True), arguments.perception)
-        print(f"{arguments.perception}: {sum(map(len, tables))} pairs of neighbours")
+        notes.append(f"{arguments.perception}: {sum(map(len, tables))} pairs of neighbours")
     if arguments.plots:
         from stepblocks.predict.figures import write_plots
 
-        for path in (path for stimuli in sets for path in write_plots(stimuli, arguments.plots)):
-            print(path)
-    rings = [(stimuli.name, rows) for stimuli in sets if (rows := ring_rows(stimuli))]
+        notes += [str(path) for stimuli in sets for path in write_plots(stimuli, arguments.plots)]
+    rows = predictions.rows(more)
+    names = list(rows[0]) if arguments.wide else shown(list(rows[0]))
+    said, told = "", {"": [{name: row[name] for name in names} for row in rows]}
     if arguments.output:
         replace_text(arguments.output, predictions.csv(more))
-        print(f"{arguments.output}: {len(predictions)} predictions")
-    else:
-        rows = predictions.rows(more)
-        _print_table(rows, shown(list(rows[0])))
-    for name, rows in rings:
-        print(f"\nring of the probe of {name}")
-        _print_table(rows, tuple(rows[0]))
-    return 0
-
-
-def _print_table(rows: list[dict[str, str]], columns: tuple[str, ...]) -> None:
-    widths = {name: max(len(name), *(len(row[name]) for row in rows)) for name in columns}
-    for row in ({name: name for name in columns}, *rows):
-        sys.stdout.write("  ".join(row[name].ljust(widths[name]) for name in columns).rstrip() + "\n")
+        said, told = f"{arguments.output}: {len(predictions)} predictions", {}
+    rings = {f"ring of the probe of {one.name}": found for one in sets if (found := ring_rows(one))}
+    return Outcome(said, {**told, **rings}, notes=notes, record={"predictions": rows, **rings})
 
 
 def _add_drag(commands: Any) -> None:
@@ -181,77 +178,73 @@ def _add_drag(commands: Any) -> None:
         "STIMULUS is a step height such as '25 um', a CSV with the columns x_um and z_um, or a declared block, "
         "crown margin or tip: ID, SET/ID or FILE.toml/ID."
     )
-    parser = add_command(commands, "drag", _drag, said, description)
+    examples = (
+        "drag '25 um' --load '0.5 N'",
+        "drag mine.toml/step-050 -o out/drag --backward",
+        "drag profile.csv --pull '0.4 N'",
+    )
+    parser = add_command(commands, "drag", _drag, said, description, examples=examples)
     parser.add_argument("stimulus", metavar="STIMULUS")
-    add_output(parser)
-    for name, _, default, said in _QUANTITIES:
-        parser.add_argument(f"--{name}", default=default, metavar="Q", help=said)
-    said = "stimulus file or folder of them (default: stimuli)"
-    parser.add_argument("--stimuli", type=Path, metavar="PATH", help=said)
+    add_output(parser, "out/drag")
+    for name, dimension, default, said in _QUANTITIES:
+        parser.add_argument(f"--{name}", type=quantity(dimension), default=default, metavar="Q", help=said)
+    add_stimuli(parser)
     ways = parser.add_mutually_exclusive_group()
-    ways.add_argument("--speed", metavar="Q", help="constant speed of the handle (default 5 mm/s)")
-    ways.add_argument("--pull", metavar="Q", help="constant pulling force on the handle instead")
+    speed, force = quantity("speed", above_zero=True), quantity("force", above_zero=True)
+    ways.add_argument("--speed", type=speed, metavar="Q", help="constant speed of the handle (default 5 mm/s)")
+    ways.add_argument("--pull", type=force, metavar="Q", help="constant pulling force on the handle instead")
     said = "drag towards falling x: from the crown to the tooth, or down a step"
     parser.add_argument("--backward", action="store_true", help=said)
 
 
-def _drag(arguments: argparse.Namespace) -> int:
+def _drag(arguments: argparse.Namespace) -> Outcome:
     from stepblocks.drag.run import drag_from_options
-    from stepblocks.errors import PipelineError
     from stepblocks.quantities import format_quantity
 
-    given = quantities(arguments, {**_DIMENSIONS, "speed": "speed", "pull": "force"})
-    for name in ("pull", "speed"):
-        if given.get(name, 1.0) <= 0.0:
-            raise PipelineError(f"--{name} must be positive, got {getattr(arguments, name)}")
-    summary = drag_from_options(arguments.stimulus, given, arguments.backward, arguments.output, arguments.stimuli)
+    asked = given(arguments, *(name.replace("-", "_") for name, *_ in _QUANTITIES), "speed", "pull")
+    summary = drag_from_options(arguments.stimulus, asked, arguments.backward, arguments.output, arguments.stimuli)
     settings, probe = summary["settings"], summary["probe"]
-    print(
+    notes = [
         f"{summary['subject']}: {format_quantity(settings['normal_load'], 'force')}, mu {settings['friction']:g}, "
         f"k {probe['stiffness'] * 1e-3:g} N/mm"
-    )
-    print(f"{summary['status']}; ledger closes to {summary['ledger_error']:.1e} [{arguments.output}]")
+    ]
     if "peak_force_n" in summary:
         formula = summary.get("equation_1", {}).get("peak_force_n")
         beside = f", equation (1) {formula:.4g} N" if formula else ""
-        print(
+        notes.append(
             f"peak {summary['peak_force_n']:.4g} N{beside}; "
             f"rings with {format_quantity(summary['vibration_energy_j'], 'energy')} "
             f"({summary['ring_share']:.0%} of the stored energy) for {summary['ring_duration_s'] * 1e3:.1f} ms"
         )
-    return 0
+    closes = f"ledger closes to {summary['ledger_error']:.1e}"
+    return Outcome(f"{summary['status']}; {closes} [{arguments.output}]", notes=notes, record=summary)
 
 
 def _add_sweep(commands: Any) -> None:
     said = "predict a grid or random design of steps, tips and settings into partitioned Parquet"
     description = "Compute SWEEP.toml into DIR, one Parquet file per partition; finished ones are kept."
-    parser = add_command(commands, "sweep", _sweep, said, description)
+    examples = ("sweep sweep.toml", "sweep sweep.toml -o out/sweep --jobs 4")
+    parser = add_command(commands, "sweep", _sweep, said, description, examples=examples)
     parser.add_argument("sweep", type=Path, metavar="SWEEP.toml")
-    add_output(parser)
-    parser.add_argument("--jobs", type=int, default=1, metavar="N", help="local worker processes (default 1)")
+    add_output(parser, "out/sweep")
+    add_jobs(parser, 1)
     parser.add_argument("--scheduler", metavar="ADDRESS", help="a running Dask scheduler, such as tcp://host:8786")
-    parser.add_argument("--quiet", action="store_true", help="no progress")
 
 
-def _sweep(arguments: argparse.Namespace) -> int:
-    from stepblocks.errors import PipelineError
+def _sweep(arguments: argparse.Namespace) -> Outcome:
     from stepblocks.predict.sweep.plan import load_sweep
     from stepblocks.predict.sweep.run import sweep
 
-    if not 1 <= arguments.jobs <= 1024:
-        raise PipelineError(f"--jobs must lie between 1 and 1024, got {arguments.jobs}")
     plan = load_sweep(arguments.sweep)
-    report = None
-    if not arguments.quiet:
-        from tqdm import tqdm
+    told, done = telling(arguments, "partitions"), 0
 
-        bar = tqdm(total=plan.partitions, unit="partition", disable=not sys.stderr.isatty())
-        report = lambda _: bar.update(1)  # noqa: E731
-    computed, found = sweep(
-        plan, arguments.output, jobs=arguments.jobs, scheduler=arguments.scheduler, on_partition=report
-    )
-    if not arguments.quiet:
-        print(
-            f"{plan.rows} rows in {plan.partitions} partitions: {computed} computed, {found} found [{arguments.output}]"
-        )
-    return 0
+    def report(_: int) -> None:
+        nonlocal done
+        done += 1
+        if told:
+            told(done, plan.partitions)
+
+    output, address = arguments.output, arguments.scheduler
+    computed, found = sweep(plan, output, jobs=arguments.jobs, scheduler=address, on_partition=report)
+    said = f"{plan.rows} rows in {plan.partitions} partitions: {computed} computed, {found} found [{output}]"
+    return Outcome(said, record={"rows": plan.rows, "computed": computed, "found": found})

@@ -7,7 +7,11 @@ import sys
 from pathlib import Path
 from typing import Any
 
-from stepblocks.cli.study_options import add_command, add_observer, count, counts, given, names, observed, scale, whole
+from stepblocks.cli.arguments import add_jobs, add_output, given
+from stepblocks.cli.outcome import Outcome
+from stepblocks.cli.study_options import add_command, add_observer, count, counts, names, observed, scale, whole
+
+_ADAPTIVE = "study adaptive"
 
 
 def add_to(commands: Any) -> None:
@@ -29,7 +33,7 @@ def add_to(commands: Any) -> None:
     design.add_argument("--standard", metavar="ID", help="block that all others are compared with (constant)")
     design.add_argument("--only", metavar="PATTERN", help="only these blocks")
     design.add_argument("--seed", type=whole, required=True, metavar="N", help="seed of all random choices")
-    design.add_argument("-o", "--output", type=Path, required=True, metavar="DIR", help="folder of the study")
+    add_output(design, "out/study", said="folder of the study")
 
     add_command(jobs, "sheet", _sheet, "blinded run sheets, to print and as CSV to fill in", "folder")
 
@@ -37,11 +41,11 @@ def add_to(commands: Any) -> None:
     simulate = add_command(jobs, "simulate", _simulate, said, "folder", "energies")
     add_observer(simulate)
     simulate.add_argument("--seed", type=whole, required=True, metavar="N", help="seed of all chance")
-    simulate.add_argument("-o", "--output", type=Path, required=True, metavar="CSV", help="answers to write")
+    add_output(simulate, metavar="CSV", said="answers to write (default: answers.csv in the folder)")
 
     analyse = add_command(jobs, "analyse", _analyse, "answers to results.csv and report.html", "folder")
     analyse.add_argument("answers", type=Path, nargs="+", metavar="CSV", help="filled-in run sheets")
-    analyse.add_argument("-o", "--output", type=Path, required=True, metavar="DIR", help="folder of the report")
+    add_output(analyse, said="folder of the report (default: report in the folder)")
     said = "an estimate above X times the highest block is an error (default: 20)"
     analyse.add_argument("--largest-estimate", type=float, metavar="X", help=said)
     analyse.add_argument("--ratings", type=scale, metavar="LOW-HIGH", help="scale of the ratings (default: 1-7)")
@@ -54,72 +58,70 @@ def add_to(commands: Any) -> None:
     power.add_argument("--analysis", choices=("mixed", "f-test"), help="default: mixed")
     power.add_argument("--runs", type=count, metavar="N", help="simulated studies per size (default: 200)")
     power.add_argument("--seed", type=whole, required=True, metavar="N", help="seed of all chance")
-    power.add_argument("--jobs", type=count, metavar="N", help="processes (default: 1)")
+    add_jobs(power, 1)
     power.add_argument("--only", metavar="PATTERN", help="only these blocks")
-    power.add_argument("-o", "--output", type=Path, metavar="CSV", help="write a table with units in its header")
+    add_output(power, metavar="CSV", said="write a table with units in its header")
 
     _add_adaptive(jobs)
 
 
-def _design(arguments: argparse.Namespace) -> int:
+def _design(arguments: argparse.Namespace) -> Outcome:
     from stepblocks.study.run import design_study
 
     asked = given(arguments, "experiment", "participants", "probes", "repetitions", "standard", "only", "seed")
     design = design_study(arguments.file, arguments.output, **asked)
-    people = design.trials[-1].participant
-    print(f"{arguments.output / 'design.csv'}: {len(design.trials)} trials of {people} participants; {design.balance}")
-    return 0
+    trials, people = len(design.trials), design.trials[-1].participant
+    said = f"{arguments.output / 'design.csv'}: {trials} trials of {people} participants; {design.balance}"
+    return Outcome(said, record={"trials": trials, "participants": people, "balance": design.balance})
 
 
-def _sheet(arguments: argparse.Namespace) -> int:
+def _sheet(arguments: argparse.Namespace) -> Outcome:
     from stepblocks.study.run import write_sheets
 
     number = write_sheets(arguments.folder)
-    print(f"{arguments.folder / 'sheets'}: {number} run sheets; print {arguments.folder / 'run-sheets.pdf'}")
-    return 0
+    said = f"{arguments.folder / 'sheets'}: {number} run sheets; print {arguments.folder / 'run-sheets.pdf'}"
+    return Outcome(said, record={"sheets": number})
 
 
-def _simulate(arguments: argparse.Namespace) -> int:
+def _simulate(arguments: argparse.Namespace) -> Outcome:
     from stepblocks.study.run import simulate_study
 
+    output = arguments.output or arguments.folder / "answers.csv"
     asked = {**observed(arguments), **given(arguments, "damping", "seed")}
-    number = simulate_study(arguments.folder, arguments.file, arguments.output, **asked)
-    print(f"{arguments.output}: {number} simulated answers")
-    return 0
+    number = simulate_study(arguments.folder, arguments.file, output, **asked)
+    return Outcome(f"{output}: {number} simulated answers", record={"answers": number})
 
 
-def _analyse(arguments: argparse.Namespace) -> int:
+def _analyse(arguments: argparse.Namespace) -> Outcome:
     from stepblocks.study.run import analyse_study
 
+    output = arguments.output or arguments.folder / "report"
     asked = given(arguments, "largest_estimate", "ratings")
-    for note in analyse_study(arguments.folder, arguments.answers, arguments.output, **asked).notes:
-        print(note)
-    print(f"open {arguments.output / 'report.html'}")
-    return 0
+    notes = analyse_study(arguments.folder, arguments.answers, output, **asked).notes
+    return Outcome("", notes=notes, look=output / "report.html", record={"notes": list(notes)})
 
 
-def _power(arguments: argparse.Namespace) -> int:
-    from stepblocks.study.page import render_table
+def _power(arguments: argparse.Namespace) -> Outcome:
     from stepblocks.study.run import study_power
 
     asked = ("damping", "participants", "repetitions", "analysis", "runs", "seed", "jobs", "only", "output")
     table = study_power(arguments.file, **observed(arguments), **given(arguments, *asked))
-    sys.stdout.write(render_table(table, "%.3f"))
-    return 0
+    return Outcome("", {"power": table.to_dict("records")})
 
 
 def _add_adaptive(jobs: Any) -> None:
     parser = jobs.add_parser("adaptive", help="QUEST+ or a staircase, trial by trial, resumable and blinded")
     steps = parser.add_subparsers(title="commands", metavar="COMMAND", required=True)
 
-    start = add_command(steps, "start", _start, "setup.json and the key of the blinding codes", "blocks")
+    said = "setup.json and the key of the blinding codes"
+    start = add_command(steps, "start", _start, said, "blocks", within=_ADAPTIVE)
     start.add_argument("--standard", required=True, metavar="ID", help="block that the others are compared with")
     start.add_argument("--method", choices=("quest", "staircase"), help="default: quest")
     start.add_argument("--participants", type=count, metavar="N", help="default: 10")
     start.add_argument("--trials", type=count, metavar="N", help="most per participant (default: 60)")
     start.add_argument("--reversals", type=count, metavar="N", help="a staircase ends after so many (default: 12)")
     start.add_argument("--seed", type=whole, required=True, metavar="N", help="seed of codes and orders")
-    start.add_argument("-o", "--output", type=Path, required=True, metavar="DIR", help="folder of the study")
+    add_output(start, "out/study", said="folder of the study")
 
     for name, said, run in (
         ("next", "say which pair comes next", _next),
@@ -128,7 +130,8 @@ def _add_adaptive(jobs: Any) -> None:
         ("simulate", "let simulated participants answer", _simulate_adaptive),
         ("result", "thresholds and Weber fractions; writes what study analyse reads", _result),
     ):
-        step = add_command(steps, name, run, said, "folder", *(["energies"] if name == "simulate" else []))
+        takes = ("folder", "energies") if name == "simulate" else ("folder",)
+        step = add_command(steps, name, run, said, *takes, within=_ADAPTIVE)
         if name in ("next", "answer", "run"):
             step.add_argument("--participant", type=count, required=True, metavar="N", help="number of the participant")
         if name == "answer":
@@ -139,33 +142,30 @@ def _add_adaptive(jobs: Any) -> None:
             step.add_argument("--seed", type=whole, required=True, metavar="N", help="seed of all chance")
 
 
-def _start(arguments: argparse.Namespace) -> int:
+def _start(arguments: argparse.Namespace) -> Outcome:
     from stepblocks.study.adaptive import start_adaptive
 
     asked = given(arguments, "standard", "method", "participants", "trials", "reversals", "seed")
     study = start_adaptive(arguments.file, arguments.output, **asked)
-    print(
+    return Outcome(
         f"{arguments.output / 'setup.json'}: {study.plan.method} with {len(study.plan.compared)} blocks against the standard, "
         f"{study.participants} participants, at most {study.plan.trials} trials each"
     )
-    return 0
 
 
-def _next(arguments: argparse.Namespace) -> int:
+def _next(arguments: argparse.Namespace) -> Outcome:
     from stepblocks.study.adaptive import open_adaptive
 
-    print(open_adaptive(arguments.folder).session(arguments.participant))
-    return 0
+    return Outcome(str(open_adaptive(arguments.folder).session(arguments.participant)))
 
 
-def _answer(arguments: argparse.Namespace) -> int:
+def _answer(arguments: argparse.Namespace) -> Outcome:
     from stepblocks.study.adaptive import answer
 
-    print(answer(arguments.folder, arguments.participant, arguments.trial, arguments.answer == "y"))
-    return 0
+    return Outcome(str(answer(arguments.folder, arguments.participant, arguments.trial, arguments.answer == "y")))
 
 
-def _run(arguments: argparse.Namespace) -> int:
+def _run(arguments: argparse.Namespace) -> Outcome:
     from stepblocks.study.adaptive import answer, next_pair
 
     while (pair := next_pair(arguments.folder, arguments.participant)) is not None:
@@ -174,25 +174,21 @@ def _run(arguments: argparse.Namespace) -> int:
         line = sys.stdin.readline()
         text = line.strip().lower()
         if not line or text == "q":
-            print(f"stopped after {pair.trial - 1} trials; the same command goes on")
-            return 0
+            return Outcome(f"stopped after {pair.trial - 1} trials; the same command goes on")
         if text in ("y", "n"):
             answer(arguments.folder, arguments.participant, pair.trial, text == "y")
     return _next(arguments)
 
 
-def _simulate_adaptive(arguments: argparse.Namespace) -> int:
+def _simulate_adaptive(arguments: argparse.Namespace) -> Outcome:
     from stepblocks.study.adaptive import simulate_adaptive
 
     number = simulate_adaptive(arguments.folder, arguments.file, **observed(arguments), **given(arguments, "seed"))
-    print(f"{arguments.folder / 'answers'}: {number} simulated answers")
-    return 0
+    return Outcome(f"{arguments.folder / 'answers'}: {number} simulated answers", record={"answers": number})
 
 
-def _result(arguments: argparse.Namespace) -> int:
+def _result(arguments: argparse.Namespace) -> Outcome:
     from stepblocks.study.adaptive import results
-    from stepblocks.study.page import render_table
 
-    sys.stdout.write(render_table(results(arguments.folder), "%.4g"))
-    print(f"then: stepblocks study analyse {arguments.folder} {arguments.folder / 'answers.csv'} -o REPORT")
-    return 0
+    then = f"then: stepblocks study analyse {arguments.folder} {arguments.folder / 'answers.csv'}"
+    return Outcome(then, {"thresholds": results(arguments.folder).to_dict("records")})

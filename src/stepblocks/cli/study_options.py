@@ -7,25 +7,42 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
+from stepblocks.cli.arguments import add_command as add_leaf
+from stepblocks.cli.arguments import given, number, quantity
+from stepblocks.cli.outcome import Outcome
+
 _TAKEN = {
-    "blocks": ("file", "FILE", "stimulus file with the blocks"),
-    "folder": ("folder", "DIR", "folder of the study"),
-    "energies": ("file", "FILE", "stimulus file, for the predicted energies"),
+    "blocks": ("file", "FILE", "stimulus file with the blocks", "mine.toml"),
+    "folder": ("folder", "DIR", "folder of the study", "study"),
+    "energies": ("file", "FILE", "stimulus file, for the predicted energies", "mine.toml"),
+}
+
+_EXAMPLES = {
+    "design": "--seed 7 -o study",
+    "simulate": "--seed 7",
+    "analyse": "study/answers.csv",
+    "power": "--damping bare=1,soft=0.5 --seed 7",
+    "start": "--standard step-050 --seed 7 -o study",
+    "next": "--participant 1",
+    "answer": "--participant 1 --trial 1 y",
+    "run": "--participant 1",
 }
 
 
-def add_command(commands: Any, name: str, run: Callable[[argparse.Namespace], int], said: str, *takes: str) -> Any:
-    """Register a command with the files it takes; an option not given is left out, as its default has one home, the function called."""
-    parser = commands.add_parser(name, help=said, argument_default=argparse.SUPPRESS)
-    for argument, metavar, what in (_TAKEN[one] for one in takes):
+def add_command(
+    commands: Any,
+    name: str,
+    run: Callable[[argparse.Namespace], Outcome],
+    said: str,
+    *takes: str,
+    within: str = "study",
+) -> Any:
+    """Register a command with the files it takes; an option not given is left out: its default stands in the function."""
+    words = [within, name, *(_TAKEN[one][3] for one in takes), _EXAMPLES.get(name, "")]
+    parser = add_leaf(commands, name, run, said, examples=(" ".join(words).strip(),), leave_out=True)
+    for argument, metavar, what, _ in (_TAKEN[one] for one in takes):
         parser.add_argument(argument, type=Path, metavar=metavar, help=what)
-    parser.set_defaults(run=run)
     return parser
-
-
-def given(arguments: argparse.Namespace, *names: str) -> dict[str, Any]:
-    """Pick the options that were given."""
-    return {name: value for name, value in vars(arguments).items() if name in names}
 
 
 def add_observer(parser: Any) -> None:
@@ -43,7 +60,7 @@ def add_observer(parser: Any) -> None:
     said = "between participants in their response to a condition (default: 0)"
     add("--condition-spread", "condition_spread", length, "L", said)
     add("--lapse", "lapse", ratio, "X", "rate of lapses (default: 0)")
-    add("--tip", "ball_radius", length, "L", "tip radius (default: the file's first)")
+    add("--tip-radius", "ball_radius", length, "L", "tip radius (default: the file's first)")
     add("--load", "normal_load", quantity("force"), "F", "normal load (default: the file's first)")
     add("--friction", "friction", ratio, "X", "friction (default: the file's first)")
 
@@ -56,19 +73,8 @@ def observed(arguments: argparse.Namespace) -> dict[str, Any]:
     return {"observer": observer, **given(arguments, "ball_radius", "normal_load", "friction")}
 
 
-def whole(text: str) -> int:
-    """Read a whole number."""
-    if not text.isdecimal() or len(text) > 18:
-        raise argparse.ArgumentTypeError(f"must be a whole number, got {text!r:.40}")
-    return int(text)
-
-
-def count(text: str) -> int:
-    """Read a number of people, trials or processes."""
-    number = whole(text)
-    if not 1 <= number <= 100_000:
-        raise argparse.ArgumentTypeError(f"must be a whole number from 1 to 100000, got {text!r:.40}")
-    return number
+whole = number(0, 10**18 - 1)
+count = number(1, 100_000)
 
 
 def counts(text: str) -> tuple[int, ...]:
@@ -102,17 +108,3 @@ def _shares(text: str) -> dict[str, float]:
             raise argparse.ArgumentTypeError(f"must be name=share, separated by commas, got {text!r:.60}")
         shares[name] = quantity("ratio")(value)
     return shares
-
-
-def quantity(dimension: str) -> Callable[[str], float]:
-    """Return a reader of quantities of one dimension."""
-
-    def parse(text: str) -> float:
-        from stepblocks.quantities import parse_quantity
-
-        try:
-            return parse_quantity(text, dimension)
-        except ValueError as error:
-            raise argparse.ArgumentTypeError(str(error)) from error
-
-    return parse

@@ -6,6 +6,7 @@ import argparse
 from typing import Any
 
 from stepblocks.cli.arguments import add_command, add_files, add_only, add_output
+from stepblocks.cli.outcome import Outcome, telling
 
 
 def add_to(commands: Any) -> None:
@@ -15,7 +16,8 @@ def add_to(commands: Any) -> None:
         "Drawings (DXF, SVG, PDF) and inspection sheets (CSV, PDF) of every part, the two-piece variant of "
         "step blocks, and a table of the ways to make them."
     )
-    parser = add_command(commands, "workshop", _run, said, description)
+    examples = ("workshop mine.toml", "workshop --only 'paper-ten/*' --capability '1 um'")
+    parser = add_command(commands, "workshop", _run, said, description, examples=examples)
     add_files(parser)
     add_output(parser, "out")
     add_only(parser)
@@ -23,16 +25,22 @@ def add_to(commands: Any) -> None:
     parser.add_argument("--capability", metavar="LENGTH", help=said)
 
 
-def _run(arguments: argparse.Namespace) -> int:
-    from stepblocks.workshop.run import order_parts, route_table
+def _run(arguments: argparse.Namespace) -> Outcome:
+    from stepblocks.workshop.run import Order, order_parts, route_table
+
+    told, done = telling(arguments, "drawn", lines=1000), 0
+
+    def announce(order: Order) -> None:
+        nonlocal done
+        done += 1
+        if told:
+            told(done, None, f"{order.name}: {len(order.files)} files")
 
     orders = order_parts(
-        arguments.files,
-        arguments.output,
-        only=arguments.only,
-        capability=arguments.capability,
-        announce=lambda order: print(f"{order.name}: {len(order.files)} files", flush=True),
+        arguments.files, arguments.output, only=arguments.only, capability=arguments.capability, announce=announce
     )
-    if any(order.routes for order in orders):
-        print("\n" + route_table(orders))
-    return 0
+    return Outcome(
+        f"{sum(len(order.files) for order in orders)} files of {len(orders)} parts in {arguments.output}",
+        notes=[route_table(orders)] if any(order.routes for order in orders) else [],
+        record={order.name: [str(path) for path in order.files] for order in orders},
+    )

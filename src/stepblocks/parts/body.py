@@ -10,10 +10,9 @@ from typing import TYPE_CHECKING, ClassVar, Literal
 
 import numpy as np
 from numpy.typing import NDArray
-from pydantic import model_validator
 
 from stepblocks.parts.characteristics import Characteristic, EdgeRule, FaceRule, broken_edges, plane, toleranced
-from stepblocks.parts.declared import Table, WorkingFaces, require, require_below
+from stepblocks.parts.declared import Table, WorkingFaces, every_rule, require, require_below
 from stepblocks.parts.kind import Part
 from stepblocks.parts.lettering import engraved_text, letters, text_width
 from stepblocks.parts.tolerance import Length, PositiveLength
@@ -73,8 +72,8 @@ class Body(Table):
     mounting: Mounting
     engraving: Engraving
 
-    @model_validator(mode="after")
-    def _fits(self) -> Body:
+    @every_rule
+    def _fits(self) -> None:
         length, width, thickness = self.length.nominal, self.width.nominal, self.thickness.nominal
         holes, chamfer = self.mounting, self.edge_break.nominal
         spacing, entry = holes.spacing.nominal, holes.entry_diameter
@@ -86,7 +85,6 @@ class Body(Table):
         tip = 0.5 * holes.hole_diameter / math.tan(0.5 * DRILL_POINT) if holes.kind == "tapped" else 0.0
         require_below("mounting.depth", "leave a floor over the drill point", holes.depth.nominal, thickness - tip)
         require_below("engraving.depth", "be below a tenth of the width", self.engraving.depth.nominal, 0.1 * width)
-        return self
 
 
 class Block(Part):

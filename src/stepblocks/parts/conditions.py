@@ -13,6 +13,7 @@ if TYPE_CHECKING:
     from stepblocks.contact.rod import Rod, RodRing, Sleeve
 
 
+PAPER_STEPS = (25e-6, 50e-6, 75e-6, 100e-6)  # H of the four blocks of the apparatus [m]
 Ratio = Annotated[float, positive("ratio", or_zero=True)]
 Lengths = Annotated[tuple[Annotated[float, positive("length")], ...], Field(max_length=100)]  # m
 
@@ -41,8 +42,10 @@ class PredictionGrid(Table):
 
     tip_radii: Lengths = ()  # R [m]
     # F_py [N]
-    normal_loads: Annotated[tuple[Annotated[float, positive("force")], ...], Field(min_length=1, max_length=100)]
-    frictions: Annotated[tuple[Ratio, ...], Field(min_length=1, max_length=100)]  # mu [1]
+    normal_loads: Annotated[tuple[Annotated[float, positive("force")], ...], Field(min_length=1, max_length=100)] = (
+        PAPER.normal_load,
+    )
+    frictions: Annotated[tuple[Ratio, ...], Field(min_length=1, max_length=100)] = (PAPER.friction,)  # mu [1]
     step_heights: Lengths = ()  # H of the sharp steps on which tips and sheaths are predicted [m]
     tool: ToolSpec = ToolSpec()
     tolerances: SettingTolerances = SettingTolerances()

@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+from contextvars import ContextVar
 from dataclasses import asdict, dataclass
 from typing import Annotated, Any
 
-from pydantic import BaseModel, BeforeValidator, ConfigDict, Field
+from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, model_validator
 
 from stepblocks.parts.tolerance import Dimension
 from stepblocks.quantities import DIMENSIONS, format_quantity, parse_quantity
@@ -14,11 +16,42 @@ from stepblocks.quantities import DIMENSIONS, format_quantity, parse_quantity
 Identity = Annotated[str, Field(pattern=r"^[a-z][a-z0-9]*(-[a-z0-9]+)*$", max_length=40)]
 
 
+# the rules that a table breaks, while all of them are looked at
+_broken: ContextVar[list[str] | None] = ContextVar("broken", default=None)
+
+
+def every_rule(check: Callable[[Any], Any]) -> Any:
+    """Make of a check of a whole table a validator that tells every rule that is broken, not only the first."""
+
+    def checked(self: Any) -> Any:
+        broken: list[str] = []
+        before = _broken.set(broken)
+        try:
+            check(self)
+        except ValueError as error:
+            broken.append(str(error))
+        finally:
+            _broken.reset(before)
+        if broken:
+            raise ValueError("\n".join(broken))
+        return self
+
+    return model_validator(mode="after")(checked)
+
+
+def break_rule(text: str) -> None:
+    """Say that a rule is broken: at the end of the check, or at once where nobody gathers."""
+    broken = _broken.get()
+    if broken is None:
+        raise ValueError(text)
+    broken.append(text)
+
+
 def require(holds: bool, field: str, rule: str, limit: float, value: float) -> None:
     """Refuse a length that breaks a rule, naming field, rule, limit and value."""
     if not holds:
         least, got = format_quantity(limit, "length"), format_quantity(value, "length")
-        raise ValueError(f"{field} must {rule} ({least}), got {got}")
+        break_rule(f"{field} must {rule} ({least}), got {got}")
 
 
 def require_below(field: str, rule: str, value: float, limit: float) -> None:

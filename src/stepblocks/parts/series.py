@@ -6,12 +6,15 @@ import copy
 import itertools
 import math
 import re
+import tomllib
 from collections.abc import Iterator, Mapping
+from pathlib import Path
 from typing import Any
 
 from stepblocks.errors import QuantityError
 from stepblocks.quantities import parse_quantity
 
+_BESIDE = ("tolerance", "otherwise", "source")  # what a dimension has besides its nominal
 MAX_SERIES = 20_000  # most stimuli that one stanza may stand for
 
 _PLACEHOLDER = re.compile(r"\{(?P<field>[a-z_]+?)(?:_(?P<unit>um|nm|mm|deg))?(?::0(?P<digits>[1-9]))?\}")
@@ -24,6 +27,27 @@ def merged(defaults: Mapping[str, Any], stanza: Mapping[str, Any]) -> dict[str, 
     for key, value in stanza.items():
         both = _is_plain(result.get(key)) and _is_plain(value)
         result[key] = merged(result[key], value) if both else copy.deepcopy(value)
+    return result
+
+
+def usual() -> dict[str, dict[str, Any]]:
+    """Tables of what stands in the place of fields that are left out, by stanza."""
+    return tomllib.loads(Path(__file__).with_name("usual.toml").read_text(encoding="utf-8"))
+
+
+def completed(stanza: Mapping[str, Any], usually: Mapping[str, Any]) -> dict[str, Any]:
+    """Fill what a stanza leaves out; a tolerance only where none is stated, and a table by its fields."""
+    result = dict(stanza)
+    for key, default in usually.items():
+        given = result.get(key)
+        tolerance = {"otherwise": default["otherwise"]} if isinstance(default, dict) and "otherwise" in default else {}
+        if given is None:
+            if tolerance.keys() != (default.keys() if tolerance else None):
+                result[key] = copy.deepcopy(default)
+        elif tolerance:
+            result[key] = {**tolerance, **given} if isinstance(given, dict) else {"nominal": given, **tolerance}
+        elif _is_plain(default) and _is_plain(given):
+            result[key] = completed(given, default)
     return result
 
 
@@ -44,7 +68,7 @@ def expand(stanza: Mapping[str, Any]) -> Iterator[dict[str, Any]]:
             table = one
             for key in path[:-1]:
                 table = table[key]
-            kept = {key: value for key, value in table[path[-1]].items() if key in ("tolerance", "source")}
+            kept = {key: value for key, value in table[path[-1]].items() if key in _BESIDE}
             table[path[-1]] = {"nominal": nominal, **kept}
         one["id"] = _named(one)
         yield one
@@ -61,7 +85,7 @@ def _series_tables(table: Mapping[str, Any], path: tuple[str, ...]) -> Iterator[
 
 def _values(path: tuple[str, ...], table: Mapping[str, Any]) -> list[str]:
     name = ".".join(path)
-    unknown = set(table) - {"from", "to", "step", "values", "tolerance", "source"}
+    unknown = set(table) - {"from", "to", "step", "values", *_BESIDE}
     if unknown:
         raise ValueError(f"{name}: a series has from, to and step, or values; got also {', '.join(sorted(unknown))}")
     if "values" in table:

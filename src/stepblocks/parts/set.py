@@ -6,11 +6,12 @@ from collections.abc import Iterable, Iterator, Mapping
 from contextlib import contextmanager
 from typing import TYPE_CHECKING, Annotated, Any, TypeVar
 
-from pydantic import BeforeValidator, Field, create_model, model_validator
+from pydantic import BeforeValidator, Field, create_model
 
+from stepblocks.contact.operating_point import PAPER
 from stepblocks.errors import StimulusError
-from stepblocks.parts.conditions import DampingRig, PredictionGrid, ProbeSpec
-from stepblocks.parts.declared import Identity, Table
+from stepblocks.parts.conditions import PAPER_STEPS, DampingRig, PredictionGrid, ProbeSpec
+from stepblocks.parts.declared import Identity, Table, break_rule, every_rule
 from stepblocks.parts.energy_tolerance import toleranced
 from stepblocks.parts.kind import Part
 from stepblocks.parts.kinds.crown_on_tooth import CrownOnTooth
@@ -69,7 +70,7 @@ class StimulusSet(Table):
     name: Identity  # of the set and of its file
     title: Annotated[str, Field(min_length=1, max_length=200)]  # for the page: what it is
     source: Annotated[str, Field(max_length=500)] = ""  # where it comes from
-    prediction: PredictionGrid
+    prediction: PredictionGrid = PredictionGrid()
     stimuli: tuple[Part, ...]  # in the order of the kinds
     probe: ProbeSpec | None = None  # that the sheaths are made for
     damping_rig: DampingRig | None = None  # on which its ring is measured
@@ -101,26 +102,25 @@ class StimulusSet(Table):
         tool = self.prediction.tool.model_copy(update={"stiffness": ring.stiffness})
         return self.prediction.model_copy(update={"tool": tool})
 
-    @model_validator(mode="after")
-    def _parts_suit_the_conditions(self) -> StimulusSet:
+    @every_rule
+    def _parts_suit_the_conditions(self) -> None:
         seen: set[str] = set()
         for part in self.stimuli:
             if part.id in seen:
-                raise ValueError(f"id must be unique in its set, got {part.id!r} twice")
+                break_rule(f"id must be unique in its set, got {part.id!r} twice")
             seen.add(part.id)
         if not all(part.crossed for part in self.stimuli) and not self.prediction.step_heights:
-            raise ValueError("prediction.step_heights must be given for a set with tips or sheaths, got none")
+            break_rule("prediction.step_heights must be given for a set with tips or sheaths, got none")
         if any(part.ball is None for part in self.stimuli) and not self.prediction.tip_radii:
-            raise ValueError("prediction.tip_radii must be given for a set with blocks, crowns or sheaths, got none")
+            break_rule("prediction.tip_radii must be given for a set with blocks, crowns or sheaths, got none")
         for part in self.stimuli:
             part.require_in({"probe": self.probe, "damping_rig": self.damping_rig})
         if not seen:
-            raise ValueError("a set must declare at least one stimulus, got none")
-        return self
+            break_rule("a set must declare at least one stimulus, got none")
 
 
-def set_of(declared: Mapping[str, Any]) -> StimulusSet:
-    """Validate what a file declares: the fields of a set, and a list of tables for each kind under the name of its stanza."""
+def file_model() -> type[Table]:
+    """Model of a file: the fields of a set, and a list of tables for each kind under the name of its stanza."""
     known = kinds()
     fields: dict[str, Any] = {}
     for name, field in StimulusSet.model_fields.items():
@@ -129,10 +129,21 @@ def set_of(declared: Mapping[str, Any]) -> StimulusSet:
             continue
         for stanza, kind in known.items():
             fields[stanza] = (Annotated[tuple[kind, ...], BeforeValidator(kind.prepared)], ())  # type: ignore[valid-type]
-    read = create_model("StimulusFile", __base__=Table, **fields).model_validate(declared)
-    values = {name: getattr(read, name) for name in fields}
-    parts = tuple(part for stanza in known for part in values.pop(stanza))
-    return StimulusSet(**values, stimuli=parts)
+    return create_model("StimulusFile", __base__=Table, **fields)
+
+
+def set_of(declared: Mapping[str, Any]) -> StimulusSet:
+    """Validate what a file declares; tips and steps that it leaves out are those of the paper."""
+    read = file_model().model_validate(declared)
+    values = dict(read)
+    parts = tuple(part for stanza in kinds() for part in values.pop(stanza))
+    grid: PredictionGrid = values["prediction"]
+    more: dict[str, tuple[float, ...]] = {}
+    if any(part.ball is None for part in parts) and not grid.tip_radii:
+        more["tip_radii"] = (PAPER.ball_radius,)
+    if not all(part.crossed for part in parts) and not grid.step_heights:
+        more["step_heights"] = PAPER_STEPS
+    return StimulusSet(**values | {"prediction": grid.model_copy(update=more)}, stimuli=parts)
 
 
 def with_energy_tolerances(stimuli: StimulusSet) -> StimulusSet:

@@ -28,6 +28,7 @@ class Dimension:
     lower: float  # permitted deviation, signed, at most `upper` [m or rad]
     quantity: str = "length"  # ``"length"`` or ``"angle"``
     source: str = ""  # of the nominal; empty where the file does not say
+    usual: bool = False  # whether the deviations are those that this program takes where none are stated
     general: bool = False  # whether the deviations are the general ones of ISO 2768-1 rather than stated
     by_energy: bool = False  # whether they follow from the energy tolerance; both are 0 until that is resolved
 
@@ -48,7 +49,13 @@ class Dimension:
             f"nominal_{unit}": self.nominal,
             f"upper_deviation_{unit}": self.upper,
             f"lower_deviation_{unit}": self.lower,
-            "tolerance": "by energy" if self.by_energy else "ISO 2768-m" if self.general else "stated",
+            "tolerance": "by energy"
+            if self.by_energy
+            else "ISO 2768-m"
+            if self.general
+            else "default"
+            if self.usual
+            else "stated",
         }
         return {**told, "source": self.source} if self.source else told
 
@@ -96,7 +103,7 @@ def _dimension(raw: object, quantity: str, felt: bool = False) -> Dimension:
     if isinstance(raw, Dimension):
         return raw
     table: dict[str, Any] = raw if isinstance(raw, dict) else {"nominal": raw}
-    unknown = set(table) - {"nominal", "tolerance", "source"}
+    unknown = set(table) - {"nominal", "tolerance", "otherwise", "source"}
     if unknown or "nominal" not in table:
         what = f"unknown {', '.join(sorted(unknown))}" if unknown else "nominal is missing"
         raise ValueError(f"a dimension has nominal, tolerance and source: {what}")
@@ -112,6 +119,9 @@ def _dimension(raw: object, quantity: str, felt: bool = False) -> Dimension:
         upper, lower = _deviations(table["tolerance"], quantity)
         return Dimension(nominal, upper, lower, quantity, source)
     general = ANGULAR_DEVIATION if quantity == "angle" else general_deviation(abs(nominal))
+    if general is None and "otherwise" in table:
+        upper, lower = _deviations(table["otherwise"], quantity)
+        return Dimension(nominal, upper, lower, quantity, source, usual=True)
     if general is None:
         length = format_quantity(nominal, quantity)
         raise ValueError(f"a tolerance must be stated: general tolerances (ISO 2768-m) do not cover {length}")

@@ -8,10 +8,8 @@ from collections.abc import Iterator
 from dataclasses import replace
 from typing import TYPE_CHECKING, Any, ClassVar, Literal
 
-from pydantic import model_validator
-
 from stepblocks.parts.characteristics import Characteristic, EdgeRule, FaceRule, Rule, plane, toleranced
-from stepblocks.parts.declared import Table, require, require_above, require_below
+from stepblocks.parts.declared import Table, every_rule, require, require_above, require_below
 from stepblocks.parts.kind import CONTACT_DEFLECTION, FITTING_DEFLECTION, NANOMETRE, Finding, MeasuredMesh
 from stepblocks.parts.kinds.margin import CrownMargin
 from stepblocks.parts.revolution import Outline, Point, Turned, outline_points, ring, sectors, stack
@@ -31,12 +29,11 @@ class FinishLine(Table):
     kind: Literal["shoulder", "chamfer", "feather-edge"]  # a square ledge, a quarter round, or no ledge
     width: Length  # width of the ledge, or radius of the quarter round [m]; 0 for the feather edge
 
-    @model_validator(mode="after")
-    def _has_the_width_of_its_kind(self) -> FinishLine:
+    @every_rule
+    def _has_the_width_of_its_kind(self) -> None:
         if (self.width.nominal == 0.0) != (self.kind == "feather-edge"):
             rule = "be 0 for a feather-edge" if self.kind == "feather-edge" else f"be above 0 for a {self.kind}"
             raise ValueError(f"width must {rule}, got {format_quantity(self.width.nominal, 'length')}")
-        return self
 
 
 class CrownOnTooth(CrownMargin, Turned):
@@ -243,8 +240,8 @@ class CrownOnTooth(CrownMargin, Turned):
         inner = -finish.width.nominal - height * math.tan(self.taper.nominal) + gap / math.cos(self.taper.nominal)
         return self.horizontal_discrepancy.nominal - inner
 
-    @model_validator(mode="after")
-    def _fits_the_tooth(self) -> CrownOnTooth:
+    @every_rule
+    def _fits_the_tooth(self) -> None:
         h, g, v = self.horizontal_discrepancy.nominal, self.marginal_gap.nominal, self.opening.nominal
         R, finish, height = self.margin_radius.nominal, self.finish_line, self.preparation_height.nominal
         if self.taper.nominal >= math.radians(45.0):
@@ -266,7 +263,6 @@ class CrownOnTooth(CrownMargin, Turned):
             raise ValueError(f"vertical_discrepancy must {rule}, got {format_quantity(v, 'length')}")
         least = max(g, v) + finish.width.nominal
         require_above("preparation_height", "exceed the finish line", height, least)
-        return self
 
 
 def _fitting_arc(start: Point, end: Point, radius: float) -> tuple[Point, Point]:

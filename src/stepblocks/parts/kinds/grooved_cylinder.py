@@ -7,10 +7,8 @@ from collections.abc import Iterator
 from dataclasses import replace
 from typing import TYPE_CHECKING, Any, ClassVar
 
-from pydantic import model_validator
-
 from stepblocks.parts.characteristics import Characteristic, EdgeRule, FaceRule, broken_edges, plane, toleranced
-from stepblocks.parts.declared import MaterialField, require, require_below
+from stepblocks.parts.declared import MaterialField, every_rule, require, require_below
 from stepblocks.parts.kind import CONTACT_DEFLECTION, FITTING_DEFLECTION, NANOMETRE, Finding, MeasuredMesh
 from stepblocks.parts.revolution import Outline, Turned, stack
 from stepblocks.parts.tolerance import Angle, Length, PositiveLength
@@ -101,8 +99,8 @@ class GroovedCylinder(Turned):
     def derived(self) -> list[list[str]]:
         return [["depth of the groove", format_quantity(self.groove_depth, "length")]]
 
-    @model_validator(mode="after")
-    def _is_possible(self) -> GroovedCylinder:
+    @every_rule
+    def _is_possible(self) -> None:
         R, flank, width = 0.5 * self.diameter.nominal, self.flank_angle.nominal, self.groove_width.nominal
         if not 0.0 < flank < math.radians(80.0):
             raise ValueError(f"flank_angle must lie between 0 and 80 deg, got {format_quantity(flank, 'angle')}")
@@ -111,4 +109,3 @@ class GroovedCylinder(Turned):
         widest = 0.5 * R / math.tan(flank)
         require_below("groove_width", "not cut deeper than an eighth of the diameter", width, widest)
         require_below("edge_break", "be below a quarter of the diameter", chamfer, 0.5 * R)
-        return self

@@ -20,11 +20,9 @@ from collections.abc import Iterator
 from dataclasses import replace
 from typing import TYPE_CHECKING, Any, ClassVar
 
-from pydantic import model_validator
-
 from stepblocks.parts.body import Block, Body, body_cuts, half_points, half_volume, section_outline, strip_volume
 from stepblocks.parts.characteristics import PROFILE, Characteristic, EdgeRule, FaceRule, form_of, plane, toleranced
-from stepblocks.parts.declared import MaterialField, WorkingFaces, require, require_below
+from stepblocks.parts.declared import MaterialField, WorkingFaces, every_rule, require, require_below
 from stepblocks.parts.kind import NANOMETRE, Finding, MeasuredMesh, Part, exaggeration
 from stepblocks.parts.shapes import hull, split
 from stepblocks.parts.tolerance import ANGULAR_DEVIATION, Dimension, PositiveLength, SignedLength
@@ -82,14 +80,13 @@ class CrownMargin(Part):
             return [(g, g), (v, g), (v, h)]
         return [(g, h)] if v == g else [(g, h - abs(v - g)), (v, h)]
 
-    @model_validator(mode="after")
-    def _lip_clears_the_tooth(self) -> CrownMargin:
+    @every_rule
+    def _lip_clears_the_tooth(self) -> None:
         v, g, h = self.opening.nominal, self.marginal_gap.nominal, self.horizontal_discrepancy.nominal
         if v < 0.0 and h <= g:
             gap, got = format_quantity(g, "length"), format_quantity(h, "length")
             rule = f"exceed marginal_gap ({gap}) where vertical_discrepancy is negative"
             raise ValueError(f"horizontal_discrepancy must {rule}, got {got}")
-        return self
 
     def derived(self) -> list[list[str]]:
         accepted = self.absolute_discrepancy <= _CLINICAL_LIMIT * (1.0 + 1e-12)
@@ -219,8 +216,8 @@ class MarginBlock(CrownMargin, Block):
         wide = 2.5 * max(rise, gap, abs(self.opening.nominal))
         return (exaggeration(rise) if rise else 1.0), wide, (0.5 * gap, 0.0, 0.0)
 
-    @model_validator(mode="after")
-    def _fits_the_body(self) -> MarginBlock:
+    @every_rule
+    def _fits_the_body(self) -> None:
         body, g, v = self.body, self.marginal_gap.nominal, self.opening.nominal
         h, depth, chamfer = self.horizontal_discrepancy.nominal, self.gap_depth.nominal, self.body.edge_break.nominal
         room = 0.5 * body.length.nominal - chamfer
@@ -232,4 +229,3 @@ class MarginBlock(CrownMargin, Block):
         require(deepest < depth, "gap_depth", "reach below the margin", deepest, depth)
         below = abs(h) < chamfer or chamfer == 0.0
         require(below, "horizontal_discrepancy", "be smaller than edge_break", chamfer, abs(h))
-        return self

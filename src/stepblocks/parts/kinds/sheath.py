@@ -7,11 +7,20 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Annotated, Any, ClassVar
 
-from pydantic import BeforeValidator, Field, ValidationError, model_validator
+from pydantic import BeforeValidator, Field, ValidationError
 
 from stepblocks.errors import QuantityError
 from stepblocks.parts.characteristics import Characteristic, EdgeRule, FaceRule, broken_edges, plane, toleranced
-from stepblocks.parts.declared import Identity, Material, Sourced, Table, require_above, require_below, sourced
+from stepblocks.parts.declared import (
+    Identity,
+    Material,
+    Sourced,
+    Table,
+    every_rule,
+    require_above,
+    require_below,
+    sourced,
+)
 from stepblocks.parts.kind import FITTING_DEFLECTION, Finding, HeldPart, MeasuredMesh
 from stepblocks.parts.revolution import Outline, Point, Turned, sectors
 from stepblocks.parts.tolerance import Length, PositiveLength
@@ -169,13 +178,12 @@ class Sheath(Turned, HeldPart):
             rule = f"not be less than the shank ({format_quantity(shank, 'length')}) within its tolerance"
             raise ValueError(f"bore must {rule}, got {self.bore} [{self.place}]")
 
-    @model_validator(mode="after")
-    def _is_possible(self) -> Sheath:
+    @every_rule
+    def _is_possible(self) -> None:
         bore, outer, broken = self.bore.nominal, self.outer_diameter.nominal, self.edge_break.nominal
         require_above("outer_diameter", "exceed bore", outer, bore)
         room = min(self.wall, 0.5 * self.length.nominal)
         require_below("edge_break", "be smaller than the wall and half the length", broken, room)
-        return self
 
 
 def _volume(bore: float, outer: float, length: float, broken: float) -> float:

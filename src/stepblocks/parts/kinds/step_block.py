@@ -6,11 +6,9 @@ import math
 from collections.abc import Iterator
 from typing import TYPE_CHECKING, Any, ClassVar, Literal
 
-from pydantic import model_validator
-
 from stepblocks.parts.body import Block, Body, body_cuts, half_points, half_volume, section_outline
 from stepblocks.parts.characteristics import PROFILE, Characteristic, EdgeRule, FaceRule, form_of, plane, toleranced
-from stepblocks.parts.declared import MaterialField, Table, WorkingFaces, require, require_below
+from stepblocks.parts.declared import MaterialField, Table, WorkingFaces, every_rule, require, require_below
 from stepblocks.parts.energy_tolerance import EnergyToleranceField, described, require_energy_tolerance
 from stepblocks.parts.kind import COARSE_DEFLECTION, CONTACT_DEFLECTION, NANOMETRE, Finding, MeasuredMesh, exaggeration
 from stepblocks.parts.shapes import hull, split
@@ -201,8 +199,8 @@ class StepBlock(Block):
     def derived(self) -> list[list[str]]:
         return described(self.energy_tolerance)
 
-    @model_validator(mode="after")
-    def _is_possible(self) -> StepBlock:
+    @every_rule
+    def _is_possible(self) -> None:
         height, radius, body, feature = self.height.nominal, self.edge_radius.nominal, self.body, self.metrology
         tip_is_free = self.energy_tolerance is not None and self.energy_tolerance.ball_radius is None
         require_energy_tolerance(self.energy_tolerance, self.sizes, tip_is_free)
@@ -220,4 +218,3 @@ class StepBlock(Block):
             require(half - lane > bore, "metrology.lane", "keep clear of the counterbores", half - bore, lane)
         self.require_engravable()
         require_below("metrology.lane", "leave half the width to the drag", lane, half)
-        return self

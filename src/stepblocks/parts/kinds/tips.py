@@ -8,10 +8,9 @@ from collections.abc import Iterator
 from typing import TYPE_CHECKING, Any, ClassVar
 
 import numpy as np
-from pydantic import model_validator
 
 from stepblocks.parts.characteristics import Characteristic, EdgeRule, FaceRule, plane, toleranced
-from stepblocks.parts.declared import MaterialField, require, require_above
+from stepblocks.parts.declared import MaterialField, every_rule, require, require_above
 from stepblocks.parts.energy_tolerance import EnergyToleranceField, described, require_energy_tolerance
 from stepblocks.parts.kind import COARSE_DEFLECTION, CONTACT_DEFLECTION, Finding, HeldPart, MeasuredMesh
 from stepblocks.parts.revolution import Outline, Point3, Turned, revolution_volume, ring, turned_hull
@@ -87,8 +86,8 @@ class Tip(Turned, HeldPart):
     def derived(self) -> list[list[str]]:
         return described(self.energy_tolerance)
 
-    @model_validator(mode="after")
-    def _is_possible(self) -> Tip:
+    @every_rule
+    def _is_possible(self) -> None:
         R, shank, half = self.ball_radius.nominal, self.shank_radius.nominal, self.cone_angle.nominal
         require_energy_tolerance(self.energy_tolerance, {"ball_radius": self.ball_radius}, False)
         if self.energy_tolerance is not None and self.energy_tolerance.ball_radius is not None:
@@ -96,7 +95,6 @@ class Tip(Turned, HeldPart):
         if not 0.0 < half < 0.25 * math.pi:
             raise ValueError(f"cone_angle must lie between 0 and 45 deg, got {format_quantity(half, 'angle')}")
         require(shank > R, "ball_radius", "be smaller than shank_radius", shank, R)
-        return self
 
 
 class StraightTip(Tip):
@@ -120,10 +118,9 @@ class StraightTip(Tip):
         at = plane(2, self.length.nominal), FaceRule("SPHERE", radius=self.ball_radius.nominal)
         yield toleranced("length", "distance", self.length, *at, label="length from the contact point")
 
-    @model_validator(mode="after")
-    def _has_a_shank(self) -> StraightTip:
+    @every_rule
+    def _has_a_shank(self) -> None:
         require_above("length", "exceed the end of the cone", self.length.nominal, self.cone_end)
-        return self
 
 
 class HookTip(Tip):
@@ -182,8 +179,8 @@ class HookTip(Tip):
         end = plane(0, x, z=z) if square else FaceRule("SLOPE", holds={0: x, 1: 0.0, 2: z})
         yield toleranced("straight_length", "distance", self.straight_length, end, EdgeRule(ring, wire))
 
-    @model_validator(mode="after")
-    def _can_be_bent(self) -> HookTip:
+    @every_rule
+    def _can_be_bent(self) -> None:
         if self.bend_angle.nominal <= 0.0:
             raise ValueError("bend_angle must be above 0 deg, got 0 deg")
         shank, bend, angle = self.shank_radius.nominal, self.bend_radius.nominal, self.bend_angle.nominal
@@ -193,7 +190,6 @@ class HookTip(Tip):
         if lowest <= 0.0:
             got = f"got {format_quantity(angle, 'angle')}, which brings it to {format_quantity(lowest, 'length')}"
             raise ValueError(f"bend_angle must keep the shank above the contact point, {got}")
-        return self
 
 
 def _circle(centre: Point3, radial: Point3, radius: float) -> list[Any]:

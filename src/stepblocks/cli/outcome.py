@@ -1,0 +1,215 @@
+"""What a command tells when it is done, how it is shown, and what it may replace."""
+
+from __future__ import annotations
+
+import argparse
+import atexit
+import hashlib
+import json
+import os
+import sys
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+from stepblocks.errors import PipelineError
+
+_WIDTH = 100  # columns of a table where nobody asked for more
+_MEMORY = ".stepblocks.json"  # in a folder: hashes of the files that commands wrote there
+
+
+@dataclass
+class Outcome:
+    """What a command did and found."""
+
+    said: str  # one sentence
+    tables: dict[str, Sequence[Mapping[str, Any]]] = field(default_factory=dict)  # rows by title
+    notes: Sequence[str] = ()
+    look: Path | None = None  # what to open
+    code: int = 0
+    record: Any = None  # what ``--json`` prints, where it is not all of the above
+    failures: Sequence[str] = ()  # printed whatever was asked, to the error stream
+
+
+def show(outcome: Outcome, arguments: argparse.Namespace, written: Sequence[Path]) -> None:
+    """Print an outcome: as JSON, as nothing, or as tables with what was written where."""
+    if getattr(arguments, "json", False):
+        told = outcome.record
+        if told is None:
+            told = {"said": outcome.said, **outcome.tables, "written": [str(path) for path in written]}
+        print(json.dumps(told, indent=1, allow_nan=False, default=str))
+        return
+    if not getattr(arguments, "quiet", False):
+        for title, rows in outcome.tables.items():
+            print_table(title, rows, wide=getattr(arguments, "wide", False))
+        console = _console()
+        for note in outcome.notes:
+            console.print(note, markup=False)
+        if outcome.said:
+            console.print(outcome.said, markup=False, style="bold" if outcome.code == 0 else "bold red")
+        if written:
+            console.print(_where(written), markup=False, style="dim")
+        if outcome.look is not None:
+            console.print(f"open {outcome.look}", markup=False, style="cyan")
+    for failure in outcome.failures:
+        print(failure, file=sys.stderr)
+
+
+def _where(written: Sequence[Path]) -> str:
+    """Say files by their folders."""
+    folders: dict[Path, int] = {}
+    for path in written:
+        folders[path.parent] = folders.get(path.parent, 0) + 1
+    top = Path(os.path.commonpath(folders))
+    if len(written) <= 4:
+        return "written: " + " ".join(map(str, written))
+    return f"written: {len(written)} files in {top}" + (f", {len(folders)} folders" if len(folders) > 1 else "")
+
+
+def _console(width: int | None = None) -> Any:
+    from rich.console import Console
+
+    class Plain(Console):
+        def on_broken_pipe(self) -> None:
+            raise  # `main` knows what to do
+
+    return Plain(width=width, highlight=False, soft_wrap=width is None)
+
+
+def print_table(title: str, rows: Sequence[Mapping[str, Any]], *, wide: bool = False) -> None:
+    """Print rows as columns; of what is alike in all of them and of what does not fit, a line tells."""
+    from rich.table import Table
+    from rich.text import Text
+
+    from stepblocks.quantities import column_label, column_of_figures
+
+    if not rows:
+        return
+    cells = {name: column_of_figures([row.get(name) for row in rows]) for name in rows[0]}
+    heads = {name: column_label(name) for name in cells}
+    alike = {} if wide or len(rows) < 2 else {name: column[0] for name, column in cells.items() if len({*column}) == 1}
+    room = 10_000 if wide else int(os.environ.get("COLUMNS", "0") or 0) or _WIDTH
+    left, names = room + 2, list[str]()
+    for name in (name for name in cells if name not in alike):
+        left -= max(map(len, (*heads[name].split(), *cells[name]))) + 2
+        if left >= 0 or not names:
+            names.append(name)
+    same = ", ".join(
+        f"{heads[name].replace(',', '')} {value}" for name, value in alike.items() if value not in ("", "-")
+    )
+    for line in (title, same):
+        if line:
+            _console().print(line, markup=False, style="bold" if line is title else "dim")
+    table = Table(box=None, pad_edge=False, header_style="bold", padding=(0, 2, 0, 0))
+    for name in names:
+        head = Text(heads[name].replace(" ", "\n"))
+        table.add_column(head, justify="right" if _is_number(cells[name]) else "left", no_wrap=True, vertical="bottom")
+    for row in zip(*(cells[name] for name in names), strict=True):
+        table.add_row(*map(Text, row))
+    _console(room).print(table)
+    if more := len(cells) - len(alike) - len(names):
+        print(f"({more} more columns: --wide)", file=sys.stderr)
+
+
+def _is_number(cells: Sequence[str]) -> bool:
+    return not any(cell.strip("-+.e∞0123456789") for cell in cells)
+
+
+def telling(arguments: argparse.Namespace, did: str, *, lines: int = 0) -> Callable[..., None] | None:
+    """Return what shows how far a command is, called with done, total and a name: a bar on a terminal, elsewhere so many lines."""
+    if getattr(arguments, "quiet", False) or getattr(arguments, "json", False):
+        return None
+    if not sys.stderr.isatty():
+
+        def in_lines(done: int, total: int | None, name: str = "") -> None:
+            if lines and (total is None or total <= lines or done % (total // lines) == 0 or done == total):
+                of = "" if total is None else f"/{total}"
+                print(f"[{done}{of}] {did} {name}".rstrip(), file=sys.stderr, flush=True)
+
+        return in_lines
+
+    from rich.console import Console
+    from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
+
+    columns = BarColumn(), MofNCompleteColumn(), TimeRemainingColumn(), TextColumn("{task.description}", markup=False)
+    bar = Progress(*columns, console=Console(stderr=True), transient=True)
+    task = bar.add_task(did, total=None)
+    atexit.register(bar.stop)  # also where the command fails: a terminal must get its cursor back
+
+    def on_terminal(done: int, total: int | None, name: str = "") -> None:
+        bar.start()
+        bar.update(task, completed=done, total=total, description=f"{did} {name}")
+        if done == total:
+            bar.stop()
+
+    return on_terminal
+
+
+@contextmanager
+def writing(place: Path | None, force: bool) -> Iterator[list[Path]]:
+    """Let a command write to a place, but replace nothing there that is not ours; gives the list of what it wrote.
+
+    What a build wrote stands in its ``manifest.json``; what another command wrote in ``.stepblocks.json`` with its hash, so
+    that a table somebody filled in since is theirs.
+    """
+    from stepblocks.atomic import keeping
+
+    written: list[Path] = []
+    if place is None:
+        yield written
+        return
+    folder = place.parent if place.suffix and not place.is_dir() else place
+    before = {path: _stamp(path) for path in _files(place)}
+    built, known = _names(folder / "manifest.json", "outputs"), _names(folder / _MEMORY, "written")
+
+    def theirs(path: Path) -> bool:
+        if force or path not in before:
+            return False
+        name = path.relative_to(folder).as_posix()
+        return name not in built and name != "manifest.json" and known.get(name) != _hash(path)
+
+    if place.is_file() and theirs(place):
+        raise PipelineError(f"the file is not ours, or was changed since; --force replaces it [{place}]")
+    try:
+        with keeping(theirs):
+            yield written
+    finally:
+        written += sorted(path for path in _files(place) if before.get(path) != _stamp(path))
+        _remember(folder, known, written)
+
+
+def _files(place: Path) -> list[Path]:
+    found = place.rglob("*") if place.is_dir() else [place]
+    return [path for path in found if path.is_file() and path.name != _MEMORY]
+
+
+def _stamp(path: Path) -> tuple[int, int]:
+    found = path.stat()
+    return found.st_mtime_ns, found.st_size
+
+
+def _names(file: Path, key: str) -> dict[str, str]:
+    """Read hashes of files by their names."""
+    try:
+        return dict(json.loads(file.read_text(encoding="utf-8"))[key])
+    except (OSError, ValueError, KeyError, TypeError):
+        return {}
+
+
+def _hash(path: Path) -> str:
+    with path.open("rb") as stream:
+        return hashlib.file_digest(stream, "sha256").hexdigest()
+
+
+def _remember(folder: Path, known: Mapping[str, str], written: Sequence[Path]) -> None:
+    """Keep the hashes of what was written, where no manifest of a build does."""
+    from stepblocks.atomic import replace_text
+
+    built = _names(folder / "manifest.json", "outputs") | {"manifest.json": ""}
+    names = {path.relative_to(folder).as_posix(): path for path in written}
+    fresh = {name: _hash(path) for name, path in names.items() if name not in built}
+    if fresh and not fresh.items() <= known.items():
+        total = {name: one for name, one in (dict(known) | fresh).items() if (folder / name).is_file()}
+        replace_text(folder / _MEMORY, json.dumps({"written": dict(sorted(total.items()))}, indent=1) + "\n")

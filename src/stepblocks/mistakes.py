@@ -1,0 +1,150 @@
+"""Everything that is wrong with a file that people write, told at once."""
+
+from __future__ import annotations
+
+import difflib
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from copy import deepcopy
+from typing import Any, TypeVar, get_args
+
+from pydantic import BaseModel, ValidationError
+
+from stepblocks.errors import StepblocksError
+
+Model = TypeVar("Model", bound=BaseModel)
+Mistake = tuple[str, str]  # where in the file, empty for the file itself; name, rule and value
+Located = Callable[
+    [tuple[Any, ...]], tuple[str, tuple[Any, ...]]
+]  # from a location to the place, and what is left of it
+
+
+def validated(model: type[Model], data: object, place: object, raised: type[StepblocksError]) -> Model:
+    """Validate what a file holds, or tell all that is wrong with it."""
+    try:
+        return model.model_validate(data)
+    except ValidationError as error:
+        raise raised(told(mistakes_in(error, model, data), place)) from error
+
+
+def told(mistakes: Iterable[Mistake], file: object) -> str:
+    """Write mistakes by their places, one a line, those that are alike once."""
+    by_text: dict[str, list[str]] = {}
+    places = dict.fromkeys(place for place, _ in mistakes)
+    for place in places:
+        for text in (text for where, text in mistakes if where == place):
+            by_text.setdefault(text, []).append(place)
+    lines = []
+    for text, (first, *others) in by_text.items():
+        more = f" and {len(set(others) - {first})} more" if set(others) - {first} else ""
+        lines.append((text, f"{first}{more}"))
+    if len(lines) == 1:
+        ((text, where),) = lines
+        return f"{text} [{', '.join(filter(None, (str(file), where)))}]"
+    shown = (f"  {text} [{where}]" if where else f"  {text}" for text, where in lines)
+    return "\n".join([f"{len(lines)} mistakes [{file}]", *shown])
+
+
+def mistakes_in(
+    error: ValidationError,
+    model: type[BaseModel],
+    data: object,
+    locate: Located = lambda place: ("", place),
+    completed: Callable[[Any], Any] = lambda data: data,
+) -> list[Mistake]:
+    """List what is wrong by its places, unknown names first; what depends on them is looked at as if they were mended."""
+    found: dict[tuple[Any, ...], Mapping[str, Any]] = {}
+    for again in (True, False):
+        new = {(*one["loc"], one["type"], one["msg"]): one for one in error.errors(include_url=False)}
+        found = {key: one for key, one in found.items() if one["type"] == "extra_forbidden" or key in new}
+        found.update(new)
+        unknown = [one for one in new.values() if one["type"] == "extra_forbidden"]
+        if not (again and unknown):
+            break
+        data = completed(_mended(data, model, unknown))
+        try:
+            model.model_validate(data)
+            found = {key: one for key, one in found.items() if one["type"] == "extra_forbidden"}
+            break
+        except ValidationError as other:
+            error = other
+    mistakes = []
+    for one in sorted(found.values(), key=lambda one: one["type"] != "extra_forbidden"):
+        place, rest = locate(one["loc"])
+        meant = _meant(model, one["loc"]) if one["type"] == "extra_forbidden" else None
+        hint = f"; did you mean {'.'.join(map(str, (*rest[:-1], meant)))}?" if meant else ""
+        mistakes += [(place, f"{text}{hint}") for text in _rules(one, ".".join(map(str, rest)))]
+    order = ["", *dict.fromkeys(place for place, _ in mistakes)]
+    return sorted(mistakes, key=lambda one: order.index(one[0]))
+
+
+def _rules(finding: Mapping[str, Any], name: str) -> list[str]:
+    """Say name, rule and value of one of pydantic's findings, which may tell several rules."""
+    kind, value = finding["type"], finding.get("input")
+    if kind == "missing":
+        return [f"{name} is missing"]
+    if kind == "extra_forbidden":
+        return [f"{name} is not a known field, got {brief(value)}"]
+    if kind in ("value_error", "quantity"):
+        text = str(finding["ctx"]["error"]) if "ctx" in finding else finding["msg"]
+        last = name.rsplit(".", 1)[-1]
+        return [f"{name}: {line}" if name and not line.startswith(last) else line for line in text.splitlines()]
+    if kind == "string_pattern_mismatch":
+        return [f"{name} must be lower-case words and digits joined by hyphens, got {brief(value)}"]
+    text = finding["msg"]
+    return [f"{name}: {text[:1].lower()}{text[1:]}, got {brief(value)}"]
+
+
+def brief(value: object) -> str:
+    """Write a value in at most sixty letters."""
+    text = repr(value)
+    return text if len(text) <= 60 else text[:57] + "..."
+
+
+def similar(word: str, known: Iterable[str]) -> str | None:
+    """Find the name that was probably meant."""
+    return next(iter(difflib.get_close_matches(word, list(known), 1, 0.7)), None)
+
+
+def _meant(model: type[BaseModel], place: Sequence[Any]) -> str | None:
+    """Find what was meant by a name: one like it in the same table, or the same in a table below."""
+    tables = [model]
+    for step in place[:-1]:
+        found = [below for table in tables for below in _below(table, step)]
+        tables = found or tables
+    word = str(place[-1])
+    fields = {field.alias or name: field for table in tables for name, field in table.model_fields.items()}
+    deeper = [
+        f"{name}.{word}"
+        for name, field in fields.items()
+        for below in _models(field.annotation)
+        if word in below.model_fields
+    ]
+    return similar(word, fields) or next(iter(deeper), None)
+
+
+def _below(table: type[BaseModel], name: object) -> list[type[BaseModel]]:
+    field = table.model_fields.get(str(name))
+    return [] if field is None else list(_models(field.annotation))
+
+
+def _models(annotation: object) -> Iterator[type[BaseModel]]:
+    if isinstance(annotation, type) and issubclass(annotation, BaseModel):
+        yield annotation
+    for part in get_args(annotation):
+        yield from _models(part)
+
+
+def _mended(data: object, model: type[BaseModel], unknown: Sequence[Mapping[str, Any]]) -> object:
+    """Take a misspelt name for what was meant, where that is missing, and leave the others out."""
+    data = deepcopy(data)
+    for one in unknown:
+        *way, name = one["loc"]
+        table: Any = data
+        for step in way:
+            if isinstance(table, Mapping | list | tuple) and not (isinstance(table, Mapping) and step not in table):
+                table = table[step]
+        if isinstance(table, dict) and name in table:
+            value, meant = table.pop(name), _meant(model, one["loc"])
+            if meant is not None and "." not in meant:
+                table[meant] = value
+    return data
