@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from stepblocks.cli import _parser
+from stepblocks.cli import make_parser
 
 ROOT = Path(__file__).resolve().parents[1]
 HOUSE = ROOT / "src" / "stepblocks"
@@ -65,7 +65,7 @@ def all_options():
                 for word, child in action.choices.items():
                     walk(child, (*words, word))
 
-    walk(_parser(), ())
+    walk(make_parser(), ())
     return found
 
 
