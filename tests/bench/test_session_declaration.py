@@ -6,6 +6,7 @@ from pathlib import Path
 import pytest
 
 from stepblocks.bench.session import FORMATS, Channel, check_pattern, fill_pattern, inside, open_session, unit_of_name
+from stepblocks.bench.signal import TraceError
 from stepblocks.errors import BenchError
 
 TEXT = """schema = 1
@@ -124,7 +125,7 @@ def test_words_that_are_not_ours_are_left_to_the_laboratory(tmp_path):
 
 def test_patterns_are_filled_as_python_formats_numbers():
     assert fill_pattern("{trial}/run{trial:3d}.{trial:05d}", trial="-7") == "-7/run -7.-0007"
-    with pytest.raises(ValueError, match=r"no whole number, as \{trial:04d\} needs"):
+    with pytest.raises(TraceError, match=r"no whole number, as \{trial:04d\} needs"):
         fill_pattern("{trial:04d}", trial="7b")
 
 

@@ -75,7 +75,12 @@ def _draw(title: str, trial: Trial, examined: tuple[Trace, Measurement | None, s
     start = float(trace.time[0])
     release = start if measured is None else measured.peak.time + start
     near.set_xlim(1e3 * (release - 12e-3), 1e3 * (release + 40e-3))
-    told = f"excluded: {reason}" if measured is None else _notes(measured.features)
+    features = {} if measured is None else measured.features
+    notes = [
+        f"{name} {features[value] * scale:.4g} ± {features[std] * scale:.2g} {unit}".rstrip()
+        for name, (value, std, scale, unit) in (_NOTES if features else {}).items()
+    ]
+    told = "\n".join(notes) if notes else f"excluded: {reason}"
     box = {"facecolor": "white", "edgecolor": _FAINT, "alpha": 0.9}
     near.text(0.99, 0.97, told, transform=near.transAxes, ha="right", va="top", fontsize=8, bbox=box)
     whole.legend(loc="upper right", fontsize=8, frameon=False)
@@ -112,10 +117,3 @@ def _draw_fit(axes: Any, trace: Trace, measured: Measurement) -> None:
     for name, at, height in (("onset", approach.onset, approach.level), ("release", peak.time, peak.force)):
         axes.plot([1e3 * (at + start)], [height], marker="o", color=_FIT, markersize=4, fillstyle="none")
         axes.annotate(name, (1e3 * (at + start), height), textcoords="offset points", xytext=(5, 4), fontsize=8)
-
-
-def _notes(features: dict[str, float]) -> str:
-    return "\n".join(
-        f"{name} {features[value] * scale:.4g} ± {features[std] * scale:.2g} {unit}".rstrip()
-        for name, (value, std, scale, unit) in _NOTES.items()
-    )

@@ -110,7 +110,12 @@ def write_features(
         jobs = len(os.sched_getaffinity(0))
     elif not 1 <= jobs <= _MOST_JOBS:
         raise PipelineError(f"`jobs` must lie between 1 and {_MOST_JOBS}, got {jobs}")
-    _check_output(output, folder)
+    if output.is_dir():
+        raise PipelineError(f"output must be a file, got the folder {str(output)!r}")
+    if not output.parent.is_dir():
+        raise PipelineError(f"folder of the output does not exist: {str(output.parent)!r}")
+    if output.exists() and folder.resolve() in output.resolve().parents:
+        raise PipelineError(f"output must not replace a file of the session, got {str(output)!r}")
     check = LabelCheck()
     with tempfile.TemporaryDirectory(prefix="stepblocks-measure-") as scratch:
         draft = Path(scratch) / "draft.csv"
@@ -124,15 +129,6 @@ def write_features(
                 if progress is not None:
                     progress(done, table.count)
         return _finish(draft, output, table, check.faults())
-
-
-def _check_output(output: Path, folder: Path) -> None:
-    if output.is_dir():
-        raise PipelineError(f"output must be a file, got the folder {str(output)!r}")
-    if not output.parent.is_dir():
-        raise PipelineError(f"folder of the output does not exist: {str(output.parent)!r}")
-    if output.exists() and folder.resolve() in output.resolve().parents:
-        raise PipelineError(f"output must not replace a file of the session, got {str(output)!r}")
 
 
 def measure_trial(traces: Traces, trial: Trial, tool: Tool | None = None) -> TrialResult:
@@ -239,13 +235,8 @@ def _finish(draft: Path, output: Path, table: TrialTable, faults: dict[int, str]
                 raise PipelineError(f"no trial of {table.count} could be measured; {told} [{table.session.folder}]")
     except OSError as error:
         raise PipelineError(f"output cannot be written: {error.strerror} [{output}]") from error
-    return MeasureSummary(table.count, reasons.total(), dict(reasons), _design_notes(table))
-
-
-def _design_notes(table: TrialTable) -> tuple[str, ...]:
-    """Conditions that the session does not vary, so that no effect of theirs can be seen."""
-    trials = iter(table)
-    first, alike = next(trials), {"block", "speed", "load"}
-    for trial in trials:
-        alike -= {name for name in alike if str(getattr(trial, name)) != str(getattr(first, name))}
-    return tuple(f"all trials have one {name}" for name in ("block", "speed", "load") if name in alike)
+    one, alike = next(iter(table)), {"block", "speed", "load"}  # what the session does not vary shows no effect
+    for trial in table:
+        alike -= {name for name in alike if str(getattr(trial, name)) != str(getattr(one, name))}
+    notes = tuple(f"all trials have one {name}" for name in ("block", "speed", "load") if name in alike)
+    return MeasureSummary(table.count, reasons.total(), dict(reasons), notes)

@@ -9,6 +9,7 @@ from typing import Annotated, Literal, NamedTuple
 
 from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, ValidationError, model_validator
 
+from stepblocks.bench.signal import TraceError
 from stepblocks.errors import BenchError, QuantityError
 from stepblocks.quantities import parse_quantity, quantity_parser
 
@@ -38,7 +39,9 @@ _Delimiter = Annotated[str, Field(min_length=1, max_length=1)]
 _Decimal = Literal[".", ","]
 
 
-class _Strict(BaseModel):
+class Strict(BaseModel):
+    """A table that may hold nothing but its fields."""
+
     model_config = ConfigDict(extra="forbid", frozen=True)
 
 
@@ -46,7 +49,7 @@ class _Open(BaseModel):
     model_config = ConfigDict(extra="ignore", frozen=True)
 
 
-class Channel(_Strict):
+class Channel(Strict):
     """One column of a trace or of the table of trials."""
 
     column: str | int  # name, or index from 0 where the columns have no names
@@ -65,7 +68,7 @@ class Channel(_Strict):
         return self.factor * (scale_of(unit, dimension, place) if unit else 1.0)
 
 
-class Channels(_Strict):
+class Channels(Strict):
     """Columns of a trace; without `time` the sample rate gives the instants."""
 
     tangential: Channel
@@ -76,11 +79,6 @@ class Channels(_Strict):
         """Return the declared channels, each with its dimension."""
         forces = {"tangential": (self.tangential, "force"), "normal": (self.normal, "force")}
         return forces if self.time is None else forces | {"time": (self.time, "time")}
-
-    @property
-    def named(self) -> bool:
-        """Whether the columns have names."""
-        return not any(isinstance(channel.column, int) for channel, _ in self.parts().values())
 
 
 class Probe(_Open):
@@ -118,7 +116,7 @@ class Acquisition(_Open):
         return "{" in self.traces
 
 
-class TrialColumns(_Strict):
+class TrialColumns(Strict):
     """Which column of the table of trials plays which part."""
 
     trial: Channel = Channel(column="trial")
@@ -127,7 +125,7 @@ class TrialColumns(_Strict):
     block: Channel = Channel(column="block")
 
 
-class Trials(_Strict):
+class Trials(Strict):
     """The table of trials."""
 
     file: str = "trials.csv"
@@ -164,14 +162,14 @@ class Session(_Open):
     stimuli: Stimuli = Stimuli()
 
     @property
-    def table(self) -> Path:
-        """File of the table of trials."""
-        return inside(self.folder, self.trials.file, "trials.file")
-
-    @property
     def scans(self) -> str | None:
         """Pattern of the scans of the blocks, with ``{block}``."""
         return self.stimuli.scans
+
+    @property
+    def table(self) -> Path:
+        """File of the table of trials."""
+        return inside(self.folder, self.trials.file, "trials.file")
 
 
 def open_session(folder: str | Path) -> Session:
@@ -197,10 +195,8 @@ def open_session(folder: str | Path) -> Session:
         raise BenchError(f"{rule}{shown} [{path}]") from error
     acquisition = session.acquisition
     check_pattern(acquisition.traces, "trial", "acquisition.traces")
-    if acquisition.group is not None:
-        check_pattern(acquisition.group, "trial", "acquisition.group")
-    if session.scans is not None:
-        check_pattern(session.scans, "block", "stimuli.scans")
+    check_pattern(acquisition.group, "trial", "acquisition.group")
+    check_pattern(session.stimuli.scans, "block", "stimuli.scans")
     for part, (channel, dimension) in acquisition.channels.parts().items():
         channel.scale(dimension, f"acquisition.channels.{part}")
     if acquisition.kind == "csv" and not acquisition.per_trial:
@@ -220,15 +216,17 @@ def first_of(error: ValidationError) -> tuple[str, object]:
     return f"`{place}`: {first['msg'].removeprefix('Value error, ')}", first.get("input")
 
 
-def check_pattern(pattern: str, field: str, place: str) -> None:
-    """Allow no braces in `pattern` but those of `field`, such as ``{trial}`` or ``{trial:04d}``."""
+def check_pattern(pattern: str | None, field: str, place: str) -> None:
+    """Allow no braces in `pattern` but those of `field`, such as ``{trial}`` or ``{trial:04d}``; it may be missing."""
+    if pattern is None:
+        return
     rest = _FIELD.sub(lambda m: "" if m.group(1) == field else m.group(0), pattern)
     if "{" in rest or "}" in rest or not pattern.strip():
         raise BenchError(f"`{place}` may hold {{{field}}}, {{{field}:04d}} and no other braces, got {pattern!r}")
 
 
 def fill_pattern(pattern: str, **values: str) -> str:
-    """Fill a checked pattern; ``ValueError`` where it wants a whole number and the value is none."""
+    """Fill a checked pattern; `TraceError` where it wants a whole number and the value is none."""
 
     def fill(match: re.Match[str]) -> str:
         name, zero, width = match.groups()
@@ -236,7 +234,7 @@ def fill_pattern(pattern: str, **values: str) -> str:
         if width is None:
             return value
         if not re.fullmatch(r"[+-]?\d{1,18}", value):
-            raise ValueError(f"{name} {value!r} is no whole number, as {match.group(0)} needs")
+            raise TraceError(f"{name} {value!r} is no whole number, as {match.group(0)} needs")
         return format(int(value), f"{zero}{width}d")
 
     return _FIELD.sub(fill, pattern)

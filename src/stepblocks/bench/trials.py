@@ -5,7 +5,7 @@ from __future__ import annotations
 import csv
 import math
 from array import array
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
 from hashlib import blake2b
 
@@ -57,8 +57,7 @@ class TrialTable:
         return tuple(column for column in self.header if column != self.key)
 
     def __iter__(self) -> Iterator[Trial]:
-        for number, cells in _rows(self.session):
-            yield self._trial(number, cells)
+        return (self._trial(number, cells) for number, cells in _rows(self.session))
 
     def _trial(self, number: int, cells: list[str]) -> Trial:
         named = dict(zip(self.header, cells + [""] * len(self.header), strict=False))
@@ -68,8 +67,7 @@ class TrialTable:
             return Trial(name, number, named, fault=fault)
         fault = self.repeated.get(number, "" if name else f"row {number} of the table names no trial")
         try:
-            speed = self._number(named, "speed", "speed")
-            load = self._number(named, "load", "force")
+            speed, load = self._number(named, "speed", "speed"), self._number(named, "load", "force")
         except ValueError as error:
             return Trial(name, number, named, fault=fault or str(error))
         block = named.get(str(self.session.trials.columns.block.column), "").strip()
@@ -94,7 +92,14 @@ def open_trials(session: Session, reserved: frozenset[str] = frozenset()) -> Tri
 
     Nothing of a row is held but 24 bytes, so that a table of any length fits.
     """
-    header, columns = _header(session), session.trials.columns
+    columns, header = session.trials.columns, tuple(cell.strip() for cell in next(_lines(session), []))
+    if not any(header):
+        raise BenchError(f"table of trials is empty [{session.table}]")
+    if len(header) > _MOST_COLUMNS:
+        raise BenchError(f"table of trials must have at most {_MOST_COLUMNS} columns, got {len(header)}")
+    twice = sorted({name for name in header if header.count(name) > 1})
+    if twice:
+        raise BenchError(f"table of trials names the column {twice[0]!r} twice [{session.table}]")
     key = _column_name(columns.trial.column, header, "trial")
     for part in _CONDITIONS:
         if part in columns.model_fields_set:
@@ -102,36 +107,32 @@ def open_trials(session: Session, reserved: frozenset[str] = frozenset()) -> Tri
     taken = sorted(set(header) & reserved - {key})
     if taken:
         raise BenchError(f"column `{taken[0]}` of the table of trials has a name that features use [{session.table}]")
-    count, index = 0, header.index(key)
-    trials, wholes, numbers = array("Q"), array("Q"), array("q")
+    count, index, noted = 0, header.index(key), array("Q")
     for number, cells in _rows(session):
         count = number
-        name = cells[index].strip() if index < len(cells) else ""
-        if name:
-            trials.append(_digest(name))
-            wholes.append(_digest("\x1f".join(cells)))
-            numbers.append(number)
+        if index < len(cells) and (name := cells[index].strip()):
+            digests = (blake2b(text.encode(), digest_size=8).digest() for text in (name, "\x1f".join(cells)))
+            noted.extend((*(int.from_bytes(digest, "little") for digest in digests), number))
     if count == 0:
         raise BenchError(f"table of trials has no rows [{session.table}]")
-    return TrialTable(session, header, key, count, _duplicates(trials, wholes, numbers))
+    return TrialTable(session, header, key, count, _duplicates(np.array(noted, dtype=np.uint64).reshape(-1, 3)))
 
 
-def _digest(text: str) -> int:
-    return int.from_bytes(blake2b(text.encode(), digest_size=8).digest(), "little")
-
-
-def _duplicates(trials: array[int], wholes: array[int], numbers: array[int]) -> dict[int, str]:
+def _duplicates(noted: NDArray[np.uint64]) -> dict[int, str]:
     """Rows that repeat an earlier row of their trial, and rows of one trial that contradict one another."""
-    _, first, which = np.unique(np.array(trials, dtype=np.uint64), return_index=True, return_inverse=True)
-    row, whole, home = np.array(numbers), np.array(wholes, dtype=np.uint64), first[which]
+    trial, whole, row = noted.T
+    _, first, which = np.unique(trial, return_index=True, return_inverse=True)
+    home = first[which]
     again = home != np.arange(len(row))
     same = whole == whole[home]
     other = again & ~same
-    repeat = dict.fromkeys(
-        row[again & same].tolist(), "duplicate: an earlier row has this trial with the same conditions"
-    )
     apart = [*row[other].tolist(), *row[home[other]].tolist()]
-    return repeat | dict.fromkeys(apart, "duplicate: another row has this trial with other conditions")
+    return {
+        **dict.fromkeys(
+            row[again & same].tolist(), "duplicate: an earlier row has this trial with the same conditions"
+        ),
+        **dict.fromkeys(apart, "duplicate: another row has this trial with other conditions"),
+    }
 
 
 def _column_name(column: str | int, header: tuple[str, ...], part: str) -> str:
@@ -141,18 +142,6 @@ def _column_name(column: str | int, header: tuple[str, ...], part: str) -> str:
         return column
     listed = ", ".join(header[:12])
     raise BenchError(f"table of trials must have a column {column!r} for the {part}, it has {listed}")
-
-
-def _header(session: Session) -> tuple[str, ...]:
-    header = tuple(cell.strip() for cell in next(_lines(session), []))
-    if not any(header):
-        raise BenchError(f"table of trials is empty [{session.table}]")
-    if len(header) > _MOST_COLUMNS:
-        raise BenchError(f"table of trials must have at most {_MOST_COLUMNS} columns, got {len(header)}")
-    twice = sorted({name for name in header if header.count(name) > 1})
-    if twice:
-        raise BenchError(f"table of trials names the column {twice[0]!r} twice [{session.table}]")
-    return header
 
 
 def _rows(session: Session) -> Iterator[tuple[int, list[str]]]:
@@ -174,103 +163,79 @@ def _lines(session: Session) -> Iterator[list[str]]:
 class LabelCheck:
     """Collects 72 bytes per trial and names the trials whose trace belongs elsewhere."""
 
-    rows: array[int] = field(default_factory=lambda: array("q"))
-    blocks: array[int] = field(default_factory=lambda: array("q"))
-    digests: array[int] = field(default_factory=lambda: array("Q"))
+    labels: array[int] = field(default_factory=lambda: array("Q"))  # row, block and digest of each trial
     numbers: array[float] = field(default_factory=lambda: array("d"))
     names: dict[str, int] = field(default_factory=dict)
 
     def add(self, trial: Trial, features: dict[str, float], digest: int) -> None:
         """Take note of one measured trial; `digest` identifies the samples of its trace."""
-        self.rows.append(trial.row)
-        self.blocks.append(self.names.setdefault(trial.block, len(self.names)))
-        self.digests.append(digest)
+        self.labels.extend((trial.row, self.names.setdefault(trial.block, len(self.names)), digest))
         self.numbers.extend((trial.load, trial.speed, *(features.get(name, math.nan) for name in _FEATURES)))
 
     def faults(self) -> dict[int, str]:
         """Reasons by row, for every trial whose trace belongs elsewhere."""
-        if not self.rows:
-            return {}
+        rows, blocks, digests = np.array(self.labels, dtype=np.uint64).reshape(-1, 3).T
         load, speed, normal, slope, peak, friction = np.array(self.numbers, dtype=float).reshape(-1, 6).T
         found: dict[int, str] = {}
-        self._loads(load, normal, found)
-        self._speeds(speed, slope, found)
-        self._copies(found)
-        # inverse of equation (1): a = atan(F_px / F_py) - atan(mu)
-        self._angles(np.arctan(peak / normal) - np.arctan(friction), found)
-        return found
 
-    def _loads(self, load: Array, normal: Array, found: dict[int, str]) -> None:
-        def told(index: int) -> str:
+        def compare(ratio: Array, factor: float, told: Callable[[int, float], str]) -> float:
+            finite = ratio[np.isfinite(ratio)]
+            usual = float(np.median(finite)) if finite.size else math.nan
+            units = _off(ratio, usual, _UNIT_FACTOR)
+            for index in np.flatnonzero(_off(ratio, usual, factor)).tolist():
+                wrong = "units changed or mislabelled" if units[index] else "mislabelled"
+                found.setdefault(int(rows[index]), f"{wrong}: {told(index, usual)}")
+            return usual
+
+        def told_load(index: int, _: float) -> str:
             return f"the normal force is {normal[index]:.3g} N, the load of this row is {load[index]:.3g} N"
 
+        def told_speed(index: int, usual: float) -> str:
+            means = f"the ramp of {slope[index]:.3g} N/s means {slope[index] / usual * 1e3:.3g} mm/s"
+            return f"{means}, the speed of this row is {speed[index] * 1e3:.3g} mm/s"
+
         ratio = normal / load
-        usual = _median(ratio)
-        for index, wrong in _outliers(ratio, usual, _LOAD_FACTOR):
-            found.setdefault(self.rows[index], f"{wrong}: {told(index)}")
+        usual = compare(ratio, _LOAD_FACTOR, told_load)
         if _off(np.array([usual]), 1.0, _WILD_FACTOR)[0]:
             found |= {
-                self.rows[index]: f"units: {told(index)}" for index in np.flatnonzero(np.isfinite(ratio)).tolist()
+                int(rows[i]): f"units: {told_load(i, usual)}" for i in np.flatnonzero(np.isfinite(ratio)).tolist()
             }
-
-    def _speeds(self, speed: Array, slope: Array, found: dict[int, str]) -> None:
-        ratio = slope / speed
-        usual = _median(ratio)
-        for index, wrong in _outliers(ratio, usual, _SLOPE_FACTOR):
-            found.setdefault(
-                self.rows[index],
-                f"{wrong}: the ramp of {slope[index]:.3g} N/s means {slope[index] / usual * 1e3:.3g} mm/s, "
-                f"the speed of this row is {speed[index] * 1e3:.3g} mm/s",
-            )
-
-    def _copies(self, found: dict[int, str]) -> None:
-        clean = np.array([i for i in np.argsort(self.rows, kind="stable") if self.rows[i] not in found], dtype=np.intp)
-        digests = np.array(self.digests, dtype=np.uint64)[clean]
-        _, first, which = np.unique(digests, return_index=True, return_inverse=True)
+        compare(slope / speed, _SLOPE_FACTOR, told_speed)
+        clean = np.array([i for i in np.argsort(rows, kind="stable") if rows[i] not in found], dtype=np.intp)
+        _, first, which = np.unique(digests[clean], return_index=True, return_inverse=True)
         for copy in np.flatnonzero(first[which] != np.arange(len(clean))):
-            index, earlier = clean[copy], clean[first[which[copy]]]
-            for one, other in ((index, earlier), (earlier, index)):
-                found[self.rows[one]] = f"duplicate: the same samples stand for row {self.rows[other]}"
-
-    def _angles(self, angle: Array, found: dict[int, str]) -> None:
-        """Compare sin(a/2), which is sqrt(H / 2R) by equation (2), of each trial with the blocks.
-
-        Only a trace that fits another block goes.
-        """
-        size, block = np.sin(0.5 * angle), np.array(self.blocks)
-        known = np.isfinite(size) & ~np.isin(self.rows, list(found))
-        groups = {int(name): size[known & (block == name)] for name in np.unique(block)}
-        groups = {name: sizes for name, sizes in groups.items() if sizes.size >= _FEWEST}
-        if len(groups) < 2:
-            return
-        medians = {name: float(np.median(sizes)) for name, sizes in groups.items()}
-        deviations = [np.abs(sizes - medians[name]) / 0.6745 for name, sizes in groups.items()]
-        spread = float(np.median(np.concatenate(deviations)))
-        labels = {number: name for name, number in self.names.items()}
-        for index in np.flatnonzero(known):
-            own = int(block[index])
-            if own not in medians:
-                continue
-            miss = abs(size[index] - medians[own])
-            nearest = min(medians, key=lambda name: abs(medians[name] - size[index]))
-            fits = abs(size[index] - medians[nearest]) < 0.25 * miss
-            if nearest != own and fits and miss > max(_ANGLE_SIGMAS * spread, _ANGLE_SHARE * medians[own]):
-                found.setdefault(
-                    self.rows[index],
-                    f"mislabelled: the forces are those of block {labels[nearest]}, the row says {labels[own]}",
-                )
+            pair = int(rows[clean[copy]]), int(rows[clean[first[which[copy]]]])
+            for one, other in (pair, pair[::-1]):
+                found[one] = f"duplicate: the same samples stand for row {other}"
+        # inverse of equation (1): a = atan(F_px / F_py) - atan(mu)
+        angle = np.where(np.isin(rows, list(found)), math.nan, np.arctan(peak / normal) - np.arctan(friction))
+        names = list(self.names)
+        for index, other in _of_other_blocks(angle, blocks).items():
+            said = f"the forces are those of block {names[other]}, the row says {names[int(blocks[index])]}"
+            found.setdefault(int(rows[index]), f"mislabelled: {said}")
+        return found
 
 
-def _median(ratio: Array) -> float:
-    finite = ratio[np.isfinite(ratio)]
-    return float(np.median(finite)) if finite.size else math.nan
-
-
-def _outliers(ratio: Array, usual: float, factor: float) -> list[tuple[int, str]]:
-    """Trials whose ratio is not the usual one, each with what may be wrong."""
-    units = _off(ratio, usual, _UNIT_FACTOR)
-    wrong = np.flatnonzero(_off(ratio, usual, factor)).tolist()
-    return [(index, "units changed or mislabelled" if units[index] else "mislabelled") for index in wrong]
+def _of_other_blocks(angle: Array, block: NDArray[np.uint64]) -> dict[int, int]:
+    """Trials whose sin(a/2), which is sqrt(H / 2R) by equation (2), fits another block and not their own."""
+    size = np.sin(0.5 * angle)
+    known = np.isfinite(size)
+    groups = {int(name): size[known & (block == name)] for name in np.unique(block)}
+    groups = {name: sizes for name, sizes in groups.items() if sizes.size >= _FEWEST}
+    if len(groups) < 2:
+        return {}
+    medians = {name: float(np.median(sizes)) for name, sizes in groups.items()}
+    deviations = [np.abs(sizes - medians[name]) / 0.6745 for name, sizes in groups.items()]
+    spread = float(np.median(np.concatenate(deviations)))
+    found = {}
+    for index in np.flatnonzero(known & np.isin(block, list(medians))).tolist():
+        own = medians[int(block[index])]
+        miss = abs(size[index] - own)
+        nearest = min(medians, key=lambda name: abs(medians[name] - size[index]))
+        fits = abs(size[index] - medians[nearest]) < 0.25 * miss
+        if nearest != block[index] and fits and miss > max(_ANGLE_SIGMAS * spread, _ANGLE_SHARE * own):
+            found[index] = nearest
+    return found
 
 
 def _off(ratio: Array, usual: float, factor: float) -> NDArray[np.bool_]:

@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,9 +14,6 @@ from stepblocks.contact.operating_point import PAPER
 from stepblocks.drag.simulate import DragTrace
 from stepblocks.errors import ContactError
 from stepblocks.figure_file import new_figure, save_figure
-
-if TYPE_CHECKING:
-    from matplotlib.axes import Axes
 
 LOADING_BAND = (0.0, 100.0)
 RING_BAND = (250.0, 350.0)
@@ -155,21 +151,18 @@ def draw_force(trace: DragTrace, path: Path, title: str) -> None:
 def draw_spectra(trace: DragTrace, path: Path, title: str) -> None:
     """Draw the spectra of the loading and of the vibration phase of both forces, as figures 4 and 5 do."""
     figure, axes = new_figure(2, 2, sharex=True, height=5.0)
-    for row, channel in enumerate(("fx_n", "fy_n")):
-        for column, (phase, band) in enumerate((("loading", LOADING_BAND), ("vibration", RING_BAND))):
-            _draw_phase(axes[row][column], trace, phase, channel, band)
+    for row, (channel, label) in enumerate((("fx_n", "$F_x$"), ("fy_n", "$F_y$"))):
+        for axis, (phase, band) in zip(axes[row], (("loading", LOADING_BAND), ("vibration", RING_BAND)), strict=True):
+            frequency, energy = phase_spectrum(trace, phase, channel)
+            shown = frequency <= 600.0
+            axis.plot(
+                frequency[shown], energy[shown] / max(float(energy[shown].max()), 1e-300), lw=0.9, color="#1f4e79"
+            )
+            axis.axvspan(*band, color="#f0c040", alpha=0.25, lw=0)
+            share = band_share(frequency, energy, band)
+            axis.set_title(f"{phase}, {label}: {share:.0%} in {band[0]:.0f}-{band[1]:.0f} Hz", fontsize=9)
+            axis.set_ylabel("relative energy")
     for axis in axes[1]:
         axis.set_xlabel("frequency [Hz]")
     figure.suptitle(title, fontsize=10)
     save_figure(figure, path)
-
-
-def _draw_phase(axis: Axes, trace: DragTrace, phase: str, channel: str, band: tuple[float, float]) -> None:
-    frequency, energy = phase_spectrum(trace, phase, channel)
-    shown = frequency <= 600.0
-    axis.plot(frequency[shown], energy[shown] / max(float(energy[shown].max()), 1e-300), lw=0.9, color="#1f4e79")
-    axis.axvspan(*band, color="#f0c040", alpha=0.25, lw=0)
-    share = band_share(frequency, energy, band)
-    label = "$F_x$" if channel == "fx_n" else "$F_y$"
-    axis.set_title(f"{phase}, {label}: {share:.0%} in {band[0]:.0f}-{band[1]:.0f} Hz", fontsize=9)
-    axis.set_ylabel("relative energy")

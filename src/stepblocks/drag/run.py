@@ -34,6 +34,7 @@ _OF_POINT = {"tip_radius": "ball_radius", "load": "normal_load", "friction": "fr
 _OF_TOOL = ("stiffness", "frequency")
 _OF_SUBJECT = (*_OF_POINT, *_OF_TOOL, "edge_radius", "step_height")
 _OF_SETTINGS: tuple[str, ...] = ("static_friction", "ring_time", "sample_rate", "speed")
+_WANTED = "stimulus must be a step height such as '25 um', a CSV"
 _GUIDE_DAMPING = 20.0  # of a pulled handle [N s/m]; assumed
 
 
@@ -53,8 +54,15 @@ def subject_of(
     """Understand what is to be dragged over; `values` [SI] take the place of what the paper or the set says."""
     if isinstance(given, Counterface):
         return Subject("a counterface", given, _changed(PAPER, values))
-    if Path(given).suffix.lower() == ".csv":
-        return _profile(Path(given), values)
+    if (path := Path(given)).suffix.lower() == ".csv":
+        if "edge_radius" in values:
+            raise PipelineError(f"--edge-radius is for a plain step; a profile has its own [{path}]")
+        frame = read_table(path)
+        x, z = (si_column(frame, (name,), "length", None, path) for name in ("x", "z"))
+        try:
+            return Subject(path.name, Profile(x, z), _changed(PAPER, values), f"[{path}]")
+        except ContactError as error:
+            raise PipelineError(f"{error} [{path}]") from error
     try:
         height = parse_quantity(str(given), "length")
     except QuantityError:
@@ -91,26 +99,13 @@ def _changed(point: OperatingPoint, values: Mapping[str, float]) -> OperatingPoi
     return replace(point, tool=tool, **{field: values[name] for name, field in _OF_POINT.items() if name in values})
 
 
-def _profile(path: Path, values: Mapping[str, float]) -> Subject:
-    if "edge_radius" in values:
-        raise PipelineError(f"--edge-radius is for a plain step; a profile has its own [{path}]")
-    frame = read_table(path)
-    x, z = (si_column(frame, (name,), "length", None, path) for name in ("x", "z"))
-    try:
-        return Subject(path.name, Profile(x, z), _changed(PAPER, values), f"[{path}]")
-    except ContactError as error:
-        raise PipelineError(f"{error} [{path}]") from error
-
-
 def _find(text: str, where: Path | None) -> tuple[StimulusSet, Part]:
     """Find a stimulus by ``ID``, ``SET/ID`` or ``FILE.toml/ID``."""
     head, _, identity = text.rpartition("/")
     if head.endswith(".toml"):
         files, wanted = [Path(head)], ""
     elif where is None and not Path("stimuli").is_dir():
-        raise PipelineError(
-            f"stimulus must be a step height such as '25 um', a CSV, or FILE.toml/ID (no folder stimuli here), got {text!r}"
-        )
+        raise PipelineError(f"{_WANTED}, or FILE.toml/ID (no folder stimuli here), got {text!r}")
     else:
         files, wanted = stimulus_files([where] if where else []), head
     found = [
@@ -123,10 +118,8 @@ def _find(text: str, where: Path | None) -> tuple[StimulusSet, Part]:
         names = ", ".join(f"{stimuli.name}/{identity}" for stimuli, _ in found)
         raise PipelineError(f"stimulus must be one, {identity!r} is several: {names}")
     if not found:
-        places = ", ".join(str(file) for file in files)
-        raise PipelineError(
-            f"stimulus must be a step height such as '25 um', a CSV, or declared in {places}, got {text!r}"
-        )
+        places = ", ".join(map(str, files))
+        raise PipelineError(f"{_WANTED}, or declared in {places}, got {text!r}")
     return found[0]
 
 
@@ -176,13 +169,12 @@ class Drag:
                 "loading_share_0_100_hz": ring.loading_share,
                 "vibration_share_250_350_hz": ring.ring_band_share,
             }
-        if self.formula.status is not Status.NO_CATCH:
-            told["equation_1"] = {"status": str(self.formula.status)}
-        if self.formula.status is Status.RELEASES:
-            told["equation_1"] |= {
-                "peak_force_n": self.formula.pull_force,
-                "vibration_energy_j": self.formula.vibration_energy,
-            }
+        formula = self.formula
+        if formula.status is not Status.NO_CATCH:
+            told["equation_1"] = {"status": str(formula.status)}
+        if formula.status is Status.RELEASES:
+            figures = {"peak_force_n": formula.pull_force, "vibration_energy_j": formula.vibration_energy}
+            told["equation_1"] |= figures
         return told
 
     def write(self, folder: Path) -> None:
@@ -198,10 +190,8 @@ class Drag:
         from html import escape
 
         rows = {name: value for name, value in self.summary.items() if not isinstance(value, dict)}
-        cells = "".join(
-            f"<tr><th>{escape(name)}</th><td>{escape(str(value))}</td></tr>" for name, value in rows.items()
-        )
-        return f"<table>{cells}</table>"
+        cells = (f"<tr><th>{escape(name)}</th><td>{escape(str(value))}</td></tr>" for name, value in rows.items())
+        return f"<table>{''.join(cells)}</table>"
 
 
 def drag_over(

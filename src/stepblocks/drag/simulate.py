@@ -177,9 +177,11 @@ def simulate(track: Track, probe: Probe, settings: DragSettings) -> DragTrace:
     force, time, position, overloaded = map(float, peak)
     passed = reachable and float(rows[count - 1, 3]) >= position + 1e-3 * track.ball_radius
     caught = track.steepest_angle >= math.radians(0.5) and force > 1.02 * mu_s * settings.normal_load
+    # a pulled handle may also be too weak for a climb that is possible
+    held = bool(overloaded) or (settings.speed == 0.0 and (not reachable or (caught and not passed)))
     return DragTrace(
         rows=rows[:count].copy(),
-        status=_status(settings.speed > 0.0, bool(overloaded), reachable, caught, passed),
+        status=Status.LOCKED if held else Status.RELEASES if caught else Status.NO_CATCH,
         peak_force=force,
         release_time=time,
         release_position=position,
@@ -188,15 +190,6 @@ def simulate(track: Track, probe: Probe, settings: DragSettings) -> DragTrace:
         probe=probe,
         settings=settings,
     )
-
-
-def _status(driven: bool, overloaded: bool, reachable: bool, caught: bool, passed: bool) -> Status:
-    """Judge a drag: a pulled handle may also be too weak for a climb that is possible."""
-    if overloaded or (not driven and not reachable):
-        return Status.LOCKED
-    if not caught:
-        return Status.NO_CATCH
-    return Status.RELEASES if driven or passed else Status.LOCKED
 
 
 def _force_limit(track: Track, settings: DragSettings, mu: float) -> tuple[float, bool]:

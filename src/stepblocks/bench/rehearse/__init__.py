@@ -111,7 +111,14 @@ def record(truth: Truth, rig: Rig, random: np.random.Generator, gain: float = 1.
     after = time >= release
     since = time[after] - release
     rest = truth.peak_force - truth.sliding_force - truth.amplitude
-    force[after] = _ring(since, truth) + rest * np.exp(-since / truth.release_decay)
+    if truth.gap > 0.0:
+        start = (truth.sliding_force + truth.amplitude, -truth.amplitude / truth.decay_time)
+        tool = truth.frequency, truth.decay_time
+        ring = rubbing_force(since, truth.sliding_force, truth.gap, tool, start, truth.slope)
+    else:
+        swing = truth.amplitude * np.exp(-since / truth.decay_time) * np.cos(2.0 * math.pi * truth.frequency * since)
+        ring = truth.sliding_force + swing
+    force[after] = ring + rest * np.exp(-since / truth.release_decay)
     normal = np.full(count, truth.load)
     phase = 2.0 * np.pi * truth.frequency * since + 0.25 * np.pi
     size = truth.sympathetic * truth.amplitude
@@ -123,15 +130,6 @@ def _start_up(time: Array, frequency: float, decay_time: float, random: np.rando
     """Ring of amplitude 1 when the handle starts."""
     phase = float(random.uniform(0.0, 2.0 * math.pi))
     return np.asarray(np.exp(-time / decay_time) * np.cos(2.0 * np.pi * frequency * time + phase), dtype=float)
-
-
-def _ring(since: Array, truth: Truth) -> Array:
-    if truth.gap > 0.0:
-        start = (truth.sliding_force + truth.amplitude, -truth.amplitude / truth.decay_time)
-        tool = truth.frequency, truth.decay_time
-        return rubbing_force(since, truth.sliding_force, truth.gap, tool, start, truth.slope)
-    swing = truth.amplitude * np.exp(-since / truth.decay_time) * np.cos(2.0 * math.pi * truth.frequency * since)
-    return np.asarray(truth.sliding_force + swing, dtype=float)
 
 
 def drag_trial(

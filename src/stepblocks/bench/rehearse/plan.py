@@ -9,10 +9,10 @@ from pathlib import Path
 from typing import Annotated, Literal
 
 import numpy as np
-from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, ValidationError
+from pydantic import BeforeValidator, Field, ValidationError
 
 from stepblocks.bench.rehearse import Rig, Truth
-from stepblocks.bench.session import Frequency, Stiffness, TraceFormat, first_of
+from stepblocks.bench.session import Frequency, Stiffness, Strict, TraceFormat, first_of
 from stepblocks.contact.effects import named_laws
 from stepblocks.contact.operating_point import PAPER
 from stepblocks.errors import PipelineError
@@ -31,11 +31,7 @@ _Ratio = Annotated[float, BeforeValidator(quantity_parser("ratio")), Field(ge=0.
 _Finite = Annotated[float, Field(allow_inf_nan=False)]
 
 
-class _Part(BaseModel):
-    model_config = ConfigDict(extra="forbid", frozen=True)
-
-
-class Model(_Part):
+class Model(Strict):
     """The nominal model: equations (1) and (2) and the ring; what is not given is the paper's."""
 
     spring_constant: Stiffness = PAPER.tool.stiffness
@@ -48,7 +44,7 @@ class Model(_Part):
     ring: Literal["damped", "rubbing"] = "damped"
 
 
-class Design(_Part):
+class Design(Strict):
     """Conditions: the full factorial of heights, loads and speeds, `repeats` times, of which `trials` are drawn."""
 
     heights: list[_Length] = Field(min_length=1)
@@ -56,10 +52,10 @@ class Design(_Part):
     speeds: list[_Speed] = Field(min_length=1)
     repeats: int = Field(default=1, ge=1, le=_MOST_TRIALS)
     trials: int | None = Field(default=None, ge=1, le=_MOST_TRIALS)
-    operators: list[str] = ["A", "B"]
+    operators: tuple[str, ...] = ("A", "B")
 
 
-class Scatter(_Part):
+class Scatter(Strict):
     """Standard deviations from trial to trial, and from block to block."""
 
     energy: _Ratio = 0.05  # of ln E_v [1]
@@ -68,7 +64,7 @@ class Scatter(_Part):
     height: _Length = 0.5e-6  # of the blocks [m]
 
 
-class RigPart(_Part):
+class RigPart(Strict):
     """What the rig adds to a trace; see `Rig`."""
 
     sample_rate: Frequency = Rig.sample_rate
@@ -81,11 +77,11 @@ class RigPart(_Part):
     bandwidth: Frequency | None = None
 
 
-class PlantedEffect(_Part):
+class PlantedEffect(Strict):
     """A change of one slot of the model: a law of the catalogue, or a named form of one covariate."""
 
     law: str = ""  # of the catalogue, such as ``running_in``; slot and form are its own then
-    parameters: dict[str, float] = {}  # of the law, in SI; those not given keep the value at which a search begins
+    parameters: dict[str, float] = Field(default_factory=dict)  # of the law, in SI; else where a search begins
     # part of the model: ``contact_geometry`` (radius of the ball plus that of the edge [m]), ``friction`` [1],
     # ``normal_load`` [N], ``stiffness`` [N/m], ``conversion`` [1], ``drag`` (a force on the pull [N]), ``sensor``
     # (gain of the tangential channel [1])
@@ -100,7 +96,7 @@ class PlantedEffect(_Part):
     reference: _Finite = 0.0
     span: _Finite = 1.0
     exponent: _Finite = 1.0
-    levels: dict[str, float] = {}  # change at each label of a covariate, 0 at one not named
+    levels: dict[str, float] = Field(default_factory=dict)  # change at each label of a covariate, 0 at one not named
 
     def apply(self, value: float, conditions: Mapping[str, float | str]) -> float:
         """Return the slot's value after the effect."""
@@ -151,7 +147,7 @@ class PlantedEffect(_Part):
         return f"slot of effect {number} must be left out where a law is named" if self.slot else ""
 
 
-class SessionPlan(_Part):
+class SessionPlan(Strict):
     """A whole simulated session."""
 
     schema_: Literal[1] = Field(alias="schema")
@@ -163,7 +159,7 @@ class SessionPlan(_Part):
     design: Design
     scatter: Scatter = Scatter()
     rig: RigPart = RigPart()
-    effects: list[PlantedEffect] = []
+    effects: tuple[PlantedEffect, ...] = ()
 
     def blocks(self) -> list[str]:
         """Names of the blocks."""

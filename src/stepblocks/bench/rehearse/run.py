@@ -85,10 +85,14 @@ def simulate_session(plan: str | Path, output: str | Path) -> SimulationSummary:
 def _fill(plan: SessionPlan, folder: Path) -> SimulationSummary:
     random = np.random.default_rng([plan.seed, 2])
     heights = {h: max(h + plan.scatter.height * random.standard_normal(), 1e-7) for h in sorted(plan.design.heights)}
-    edge_radius = _edge_radius(plan)
+    # the rounding that a scan would show: what is added to the contact geometry as a constant
+    added = [e.size for e in plan.effects if e.slot == "contact_geometry" and (e.change, e.form) == ("add", "constant")]
+    added += [e.parameters.get("edge_radius_m", 0.0) for e in plan.effects if e.law == "edge_rounding"]
     (folder / "scans").mkdir()
     for number, (nominal, true) in enumerate(heights.items()):
-        _write_scan(folder / "scans" / f"{block_name(nominal)}.csv", Step(true, edge_radius), [plan.seed, 3, number])
+        _write_scan(
+            folder / "scans" / f"{block_name(nominal)}.csv", Step(true, max(sum(added), 0.0)), [plan.seed, 3, number]
+        )
     (folder / "session.toml").write_text(_declaration(plan), encoding="utf-8")
     rows = plan.rows()
     locked = 0
@@ -141,13 +145,6 @@ def _trial(
     return done.trace, (sliding / load, load, done.peak_force, energy, done.release)
 
 
-def _edge_radius(plan: SessionPlan) -> float:
-    """Return the rounding that a scan would show: what is added to the contact geometry as a constant [m]."""
-    added = [e.size for e in plan.effects if e.slot == "contact_geometry" and (e.change, e.form) == ("add", "constant")]
-    added += [e.parameters.get("edge_radius_m", 0.0) for e in plan.effects if e.law == "edge_rounding"]
-    return max(sum(added), 0.0)
-
-
 def _write_scan(path: Path, step: Step, seed: list[int]) -> None:
     """Write a profilometer line across the edge, with its own tilt and offset, as an instrument does."""
     random = np.random.default_rng(seed)
@@ -183,14 +180,26 @@ def planted_state(
     """Slots of one trial with its effects and its scatter, or None where the probe locks."""
     scatter = plan.scatter
     nominal = min(heights, key=lambda height: abs(height * 1e6 - float(row["height_um"])))
-    design, values = _design(plan, row, nominal), _constants(plan)
+    design = _design(plan, row, nominal)
+    values = {
+        "friction": plan.model.friction,
+        "ln_conversion": math.log(plan.model.conversion),
+        "stiffness_ratio": 1.0,
+        "ln_ring_frequency": math.log(plan.model.ring_frequency),
+        "ln_decay_time": math.log(plan.model.decay_time),
+    }
     bare = nominal_state(design, values)
     if bool(bare.locked()[0]):
         return None
     conditions: dict[str, Any] = dict(row) | {"peak_force_n": float(bare.peak_force()[0])}
     state = nominal_state(design, values | {height_name(row["block"]): heights[nominal] - nominal})
     for effect in plan.effects:
-        state = _with_law(plan, effect, state, design) if effect.law else _with_form(effect, state, conditions)
+        if effect.law:
+            law = next(one for one in named_laws(plan.blocks()) if one.id == effect.law)
+            given = {p.name: p.start for p in law.parameters} | effect.parameters
+            state = law.apply(state, covariate_of(design, state, law.covariate), given)
+        else:
+            state = _with_form(effect, state, conditions)
     stray = scatter.friction * chance.standard_normal(), scatter.load * chance.standard_normal()
     state = state.changed(
         friction=state.friction + stray[0],
@@ -214,16 +223,6 @@ def _design(plan: SessionPlan, row: Mapping[str, str], nominal: float) -> BenchD
     )
 
 
-def _constants(plan: SessionPlan) -> dict[str, float]:
-    return {
-        "friction": plan.model.friction,
-        "ln_conversion": math.log(plan.model.conversion),
-        "stiffness_ratio": 1.0,
-        "ln_ring_frequency": math.log(plan.model.ring_frequency),
-        "ln_decay_time": math.log(plan.model.decay_time),
-    }
-
-
 def _with_form(effect: PlantedEffect, state: DragState, conditions: Mapping[str, Any]) -> DragState:
     changed: dict[str, Any] = {
         name: np.array([effect.apply(float(getattr(state, name)[0]), conditions)])
@@ -233,12 +232,6 @@ def _with_form(effect: PlantedEffect, state: DragState, conditions: Mapping[str,
         # a load that is not the one set is weighed by the gauge all the same
         changed["sensed_offset"] = state.sensed_offset + changed["load"] - state.load
     return state.changed(**changed)
-
-
-def _with_law(plan: SessionPlan, effect: PlantedEffect, state: DragState, design: BenchDesign) -> DragState:
-    law = next(one for one in named_laws(plan.blocks()) if one.id == effect.law)
-    values = {p.name: p.start for p in law.parameters} | effect.parameters
-    return law.apply(state, covariate_of(design, state, law.covariate), values)
 
 
 def rig_of(plan: SessionPlan, state: DragState) -> Rig:

@@ -125,9 +125,9 @@ def _of_bell(bell: Ring, top: float) -> Aftermath:
         kind="damped",
         start=top,
         amplitude=bell.amplitude(top),
-        frequency=(bell.frequency, bell.frequency_std),
-        decay_time=(bell.decay_time, bell.decay_time_std),
-        level=(bell.level, bell.level_std),
+        frequency=bell.frequency,
+        decay_time=bell.decay_time,
+        level=bell.level,
         friction_decay=bell.linear_decay(),
         ring=bell,
     )

@@ -145,11 +145,12 @@ class Approach:
 
 def mains_of(time: Array, values: Array) -> float:
     """Mains frequency that explains more of `values` [Hz]."""
-    left = {}
-    for mains in _MAINS:
+
+    def left(mains: float) -> float:
         rest = fit_linear(np.column_stack([np.ones_like(time), wave(time, mains)]), values)[1]
-        left[mains] = float(rest @ rest)
-    return min(left, key=left.__getitem__)
+        return float(rest @ rest)
+
+    return min(_MAINS, key=left)
 
 
 def _columns(time: Array, onset: float, center: float, mains: float) -> Array:
@@ -204,23 +205,19 @@ def _fit_until(
         decay = np.where(t < shape[0], np.exp(-(t - t[0]) / shape[2]), 0.0)
         return np.column_stack([plain(shape), decay[:, None] * wave(t - t[0], float(shape[1]))])
 
+    # does what sliding and ramp leave over hold a ring that begins with the record?
     frequency, decay_time = start_up
-    if not _rings(t, fit, frequency, decay_time):
+    before = t < fit.shape[0]
+    since, left = t[before] - t[0], fit.residuals[before]
+    rest = fit_linear(damped_wave(since, frequency, decay_time), left)[1]
+    had, has = float(left @ left), float(rest @ rest)
+    # two parameters more explain 2/n of white noise by chance
+    if not had - has > max(_START_UP_GAIN, 20.0 / max(since.size, 1)) * had:
         return fit
     guess = np.array([fit.shape[0], frequency, decay_time])
     lower = np.array([guess[0] - reach, 0.8 * frequency, 0.2 * decay_time])
     upper = np.array([guess[0] + reach, 1.25 * frequency, 5.0 * decay_time])
     return fit_separable(ringing, y, guess, lower, upper, np.array([reach, 0.02 * frequency, 0.3 * decay_time]))
-
-
-def _rings(time: Array, fit: SeparableFit, frequency: float, decay_time: float) -> bool:
-    """Whether what sliding and ramp leave over holds a ring that begins with the record."""
-    before = time < fit.shape[0]
-    t, left = time[before] - time[0], fit.residuals[before]
-    rest = fit_linear(damped_wave(t, frequency, decay_time), left)[1]
-    had, has = float(left @ left), float(rest @ rest)
-    # two parameters more explain 2/n of white noise by chance
-    return bool(had - has > max(_START_UP_GAIN, 20.0 / max(t.size, 1)) * had)
 
 
 def _leaves_line(miss: Array, noise: float) -> int | None:

@@ -34,12 +34,9 @@ _DECAYS = (5e-3, 12e-3, 25e-3, 60e-3)  # [s] first guesses of the decay time
 class Ring:
     """A damped ring and its uncertainties."""
 
-    frequency: float  # [Hz]
-    frequency_std: float  # [Hz]
-    decay_time: float  # in which the amplitude falls to 1/e [s]
-    decay_time_std: float  # [s]
-    level: float  # about which it rings at `origin` [N]
-    level_std: float  # [N]
+    frequency: Estimate  # [Hz]
+    decay_time: Estimate  # in which the amplitude falls to 1/e [s]
+    level: Estimate  # about which it rings at `origin` [N]
     origin: float  # instant that the fit counts from [s]
     mains: float  # mains frequency fitted along [Hz]
     time: Array  # instants that were fitted [s]
@@ -64,12 +61,12 @@ class Ring:
         The uncertainty holds what is uncertain in the decay time as far as the amplitude is carried back by it.
         """
         cosine, sine = self.fit.weights[5:7]
-        reach = instant - self.origin
-        growth = float(np.exp(-reach / self.decay_time))
+        reach, decay = instant - self.origin, self.decay_time[0]
+        growth = float(np.exp(-reach / decay))
         size = float(np.hypot(cosine, sine))
         carried = size * growth
         gradient = np.zeros(self.fit.covariance.shape[0])
-        gradient[1] = carried * reach / self.decay_time**2
+        gradient[1] = carried * reach / decay**2
         if size > 0.0:
             gradient[8], gradient[9] = growth * cosine / size, growth * sine / size
         return carried, propagated(gradient, self.fit.covariance)
@@ -85,8 +82,8 @@ class Ring:
         size = float(np.hypot(*amplitudes))
         if size == 0.0:
             return float("nan"), float("nan")
-        lost = -self.decay_time * (1.0 - np.exp(-since / self.decay_time))
-        cosine, sine = wave(since, self.frequency).T
+        lost = -self.decay_time[0] * (1.0 - np.exp(-since / self.decay_time[0]))
+        cosine, sine = wave(since, self.frequency[0]).T
         loss = lost * (amplitudes[0] * cosine + amplitudes[1] * sine) / size
         slopes = numeric_jacobian(lambda shape: self._model(since, shape), fit.shape, np.array([1e-4, 1e-6, 1e-8]))
         jacobian = np.column_stack([slopes, _columns(since, self.origin, self.mains, fit.shape), loss])
@@ -131,12 +128,9 @@ def fit_ring(time: Array, force: Array, origin: float, mains: float, noise: floa
         scale=np.array([1.0, 5e-3, 1e-4]),
     )
     return Ring(
-        frequency=float(fit.shape[0]),
-        frequency_std=fit.std(0),
-        decay_time=float(fit.shape[1]),
-        decay_time_std=fit.std(1),
-        level=float(fit.weights[0]),
-        level_std=fit.std(3),
+        frequency=(float(fit.shape[0]), fit.std(0)),
+        decay_time=(float(fit.shape[1]), fit.std(1)),
+        level=(float(fit.weights[0]), fit.std(3)),
         origin=origin,
         mains=mains,
         time=time,

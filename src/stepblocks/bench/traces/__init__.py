@@ -37,7 +37,7 @@ def _open_text(path: Path, layout: Acquisition) -> nullcontext[Any]:
             sep=layout.delimiter,
             decimal=layout.decimal,
             skiprows=layout.skip_lines,
-            header=0 if layout.channels.named else None,
+            header=None if any(isinstance(c.column, int) for c, _ in layout.channels.parts().values()) else 0,
             skipinitialspace=True,
             float_precision="round_trip",
         )
@@ -68,15 +68,15 @@ READERS: dict[str, tuple[Any, Any]] = {
 }
 
 
-class Traces:
+class Traces(ExitStack):
     """Traces of a session, open for reading: one container that stays open, or one file per trial."""
 
     def __init__(self, session: Session) -> None:
+        super().__init__()
         self.session = session
         acquisition = session.acquisition
         self._open_file, self._columns = READERS[acquisition.kind]
         self._channels = acquisition.channels.parts()
-        self._open = ExitStack()
         self._container: Any = None
         if acquisition.per_trial:
             return
@@ -84,15 +84,9 @@ class Traces:
         if not path.is_file():
             raise BenchError(f"traces are missing, expected {acquisition.traces} [{session.folder}]")
         try:
-            self._container = self._open.enter_context(self._open_file(path, acquisition))
+            self._container = self.enter_context(self._open_file(path, acquisition))
         except TraceError as error:
             raise BenchError(f"traces cannot be read: {error} [{path}]") from error
-
-    def __enter__(self) -> Traces:
-        return self
-
-    def __exit__(self, *_: object) -> None:
-        self._open.close()
 
     def read(self, trial: str) -> Trace:
         """Read one trace in SI; `TraceError` where the trial has none that can be used."""
@@ -128,15 +122,8 @@ def _samples(values: object, name: str | int) -> NDArray[np.float64]:
     return np.asarray(array, dtype=float).ravel()
 
 
-def _filled(pattern: str, trial: str) -> str:
-    try:
-        return fill_pattern(pattern, trial=trial)
-    except ValueError as error:
-        raise TraceError(str(error)) from error
-
-
 def _trial_file(session: Session, trial: str) -> Path:
-    relative = _filled(session.acquisition.traces, trial)
+    relative = fill_pattern(session.acquisition.traces, trial=trial)
     if "/" in trial or "\\" in trial or ".." in trial:
         raise TraceError(f"trial {trial!r} is no part of a file name")
     path = inside(session.folder, relative, "acquisition.traces")
@@ -150,9 +137,9 @@ def _trial_file(session: Session, trial: str) -> Path:
 def _groups(pattern: str | None, trial: str) -> tuple[str, ...]:
     """Names that the group of a trial may have, the likeliest first."""
     if pattern is not None:
-        return (_filled(pattern, trial),)
+        return (fill_pattern(pattern, trial=trial),)
     found = []
     for usual in _USUAL_GROUPS:
-        with suppress(ValueError):
+        with suppress(TraceError):
             found.append(fill_pattern(usual, trial=trial))
     return tuple(dict.fromkeys(found))
