@@ -164,10 +164,10 @@ def _drag(
                         if abs(pull) <= kinetic * ratio * press:
                             new, mode, rest = 0.0, 1, 0.0
                         else:
-                            told[5] += new < 0.0 and told[0] >= 0.0
+                            told[5] += new < 0.0 and told[8] > 0.0
                     before, u = x, new
                     x += dt * u * cosine
-                    told[6] = max(told[6], abs(u)) if told[0] >= 0.0 else told[6]
+                    told[6] = max(told[6], abs(u)) if told[8] > 0.0 else told[6]
                     impulse = dt * (press * cosine - math.copysign(grip, u if u != 0.0 else 1.0) * sine)
                     if before < begin <= x:
                         x, u, mode = begin, 0.0, 2
@@ -181,8 +181,8 @@ def _drag(
                 impulse = dt * weight
                 if abs(pull) > hold:
                     mode, u = 0, math.copysign(1e-9, pull)
-                    told[4] += told[0] < 0.0
-                    told[5] += told[0] >= 0.0 and pull < 0.0
+                    told[4] += told[8] == 0.0
+                    told[5] += told[8] > 0.0 and pull < 0.0
             elif mode == 2:
                 f = spring + c * v
                 impulse = dt * weight
@@ -193,16 +193,13 @@ def _drag(
                 elif f < -mu * ratio * weight:
                     mode, u, x = 0, -1e-9, begin - 1e-12
         fx[n], fy[n] = spring, impulse / dt
-        if mode == 2 and told[0] < 0.0:
-            told[1] = -1e9  # a stick before the edge is no release
-        if spring > told[1] and told[7] == 0.0:
-            told[1] = spring
-            if mode != 1 and x >= begin:
-                told[0] = n * dt
-        if told[0] >= 0.0 and told[7] == 0.0 and spring <= level:
-            told[7] = n * dt - told[0]
-        if told[0] >= 0.0 and n * dt < told[0] + 12e-3:
-            told[2] = min(told[2], spring)
+        if told[8] > 0.0:  # it has left the corner
+            if spring > told[1] and told[7] == 0.0:
+                told[0], told[1] = n * dt, spring
+            if told[7] == 0.0 and spring <= level:
+                told[7] = n * dt - told[0]
+            if n * dt < told[0] + 12e-3:
+                told[2] = min(told[2], spring)
         hand += dt * v
     return fx, fy, told
 
