@@ -198,7 +198,8 @@ def _drag(
                 told[0], told[1] = n * dt, spring
             if told[7] == 0.0 and spring <= level:
                 told[7] = n * dt - told[0]
-            if n * dt < told[0] + 12e-3:
+            # the first swing, and no later drop of a tip that sticks and slips again
+            if told[7] == 0.0 or n * dt < told[0] + told[7] + 0.5 * math.pi * math.sqrt(m / k) * 3.0:
                 told[2] = min(told[2], spring)
         hand += dt * v
     return fx, fy, told

@@ -1,0 +1,161 @@
+"""What the tip did, told on the waveform before an E_v is quoted: it snapped, climbed down, flew, rubbed, or stuck and slipped.
+
+A tip that sticks and slips before the edge draws a saw: it is loaded along the ramp ``k v`` up to static friction, slips, and
+sticks again as far below the sliding force as it was above. What lies before the edge then is no sliding, and no ring either.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+
+from stepblocks.bench.signal import Array, Estimate, Tool
+from stepblocks.bench.signal.approach import Landmarks, white_noise
+from stepblocks.bench.signal.separable import propagated, weighed
+
+REGIMES = ("snap", "climb-down", "flight", "rubbing", "stick-slip")
+USUAL_TOOL = (300.0, 21e-3)  # where nothing is known of the ring yet: frequency [Hz] and decay time [s]
+
+_TEETH = 2  # a saw has at least so many
+_TOOTH_NOISE = 9.0  # a tooth stands out by this many standard deviations of the noise
+_SLOPE_SHARE = 0.4  # a tooth climbs as the ramp does, to this share
+_ALIKE = 0.5  # and is at least this high beside the usual one: a ring that dies is no saw
+_FLIGHT_SAMPLES = 2  # fewer samples without load are no flight that a record can show
+_NO_LOAD = 5.0  # standard deviations of the noise about the lowest normal force that count as none
+_LIGHT = 0.25  # of the load: a tip that presses more has not flown
+_SWING_SHARE = 0.14  # of a period about the bottom of a swing, in which a quartic follows it
+_BACK_NOISE = 6.0  # a way back of the tip that is longer than this many standard deviations is one
+_FAINT = 6.0  # a swing less deep than this many standard deviations has no bottom that noise would not choose
+
+
+@dataclass(frozen=True)
+class Saw:
+    """A limit cycle of sticking and slipping before the edge."""
+
+    amplitude: Estimate  # from bottom to top [N]
+    stick_time: Estimate  # from a bottom to the next top [s]
+    static: Estimate  # force at which the tip lets go [N]
+    kinetic: Estimate  # force of sliding, about which it slips [N]
+    onset: int  # sample at which the ramp of the edge passes the force of sliding
+
+    def calmed(self, force: Array) -> Array:
+        """Return the force as if the tip had slid up to the edge; the noise stays."""
+        calm = force.copy()
+        noise = (force - np.convolve(force, np.full(5, 0.2), mode="same"))[: self.onset] / math.sqrt(0.8)
+        calm[: self.onset] = self.kinetic[0] + noise
+        return calm
+
+
+def find_saw(time: Array, force: Array, marks: Landmarks, tool: Tool) -> Saw | None:
+    """Look for teeth before the edge; None where the tip slides."""
+    from scipy.signal import find_peaks
+
+    smooth = np.convolve(force, np.full(3, 1.0 / 3.0), mode="same")[: marks.peak]
+    share = (smooth - marks.level) / marks.rise
+    climb = slice(int(np.flatnonzero(share < 0.4)[-1]), int(np.flatnonzero(share < 0.85)[-1]) + 1)
+    slope = float(np.polyfit(time[climb], force[climb], 1)[0]) if climb.stop - climb.start > 2 else 0.0
+    least = _TOOTH_NOISE * marks.noise
+    tops, bottoms = (find_peaks(sign * smooth[2:], prominence=least)[0] + 2 for sign in (1.0, -1.0))
+    # a tooth is a bottom with a top after it and no bottom between
+    teeth = [(b, int(tops[tops > b][0])) for b in bottoms if np.any(tops > b)]
+    teeth = [(b, top) for b, top in teeth if not np.any((bottoms > b) & (bottoms < top))]
+    if slope <= 0.0 or len(tops) < _TEETH or not teeth or bottoms[-1] < tops[-1]:
+        return None
+    rises = np.array([(smooth[top] - smooth[b], time[top] - time[b]) for b, top in teeth])
+    if abs(float(np.median(rises[:, 0] / rises[:, 1])) / slope - 1.0) > _SLOPE_SHARE:
+        return None
+    if rises[-1, 0] < _ALIKE * float(np.median(rises[:, 0])):
+        return None
+    (frequency, decay), root = tool, math.sqrt(len(teeth))
+    low, high = (
+        np.array([_extremum(time, force, i, 0.1 / frequency)[0] for i in where]) for where in zip(*teeth, strict=True)
+    )
+    top, bottom = float(np.median(high)), float(np.median(low))
+    top_std, bottom_std = (max(float(np.std(one)), marks.noise) / root for one in (high, low))
+    # it swings about the force of sliding and loses what the damper takes in half a period
+    kept = math.exp(-0.5 / (frequency * decay))
+    kinetic = (top * kept + bottom) / (1.0 + kept)
+    kinetic_std = 0.5 * math.hypot(top_std, bottom_std)
+    # the handle moves on while it lets go, so that the top lies over static friction
+    late = slope / (2.0 * math.pi * frequency)
+    static = kinetic + math.sqrt(max((top - kinetic) ** 2 - late**2, 0.0))
+    last = int(bottoms[-1])
+    onset = int(np.searchsorted(time, time[last] + max(kinetic - float(smooth[last]), 0.0) / slope))
+    return Saw(
+        amplitude=(top - bottom, math.hypot(top_std, bottom_std)),
+        stick_time=(float(np.median(rises[:, 1])), float(np.std(rises[:, 1])) / root + float(np.median(np.diff(time)))),
+        static=(static, math.hypot(top_std, kinetic_std)),
+        kinetic=(kinetic, kinetic_std),
+        onset=min(onset, marks.peak - 3),
+    )
+
+
+def _extremum(time: Array, force: Array, index: int, reach: float, fixed: bool = False) -> tuple[float, float, float]:
+    """Value, standard uncertainty [N] and instant [s] of a bottom or top, by a quartic about it."""
+    near = np.abs(time - time[index]) <= max(reach, 4.0 * float(np.median(np.diff(time))))
+    t = (time[near] - time[index]) / reach
+    weights, covariance = weighed(np.vander(t, 5, increasing=True), force[near])
+    grid = np.linspace(-0.9, 0.9, 361)
+    curve = np.vander(grid, 5, increasing=True) @ weights
+    turned = np.argmin(curve) if weights[2] > 0.0 else np.argmax(curve)
+    at = 0.0 if fixed else float(grid[turned])
+    gradient = np.asarray(at ** np.arange(5), dtype=float)
+    return float(gradient @ weights), propagated(gradient, covariance), float(time[index]) + at * reach
+
+
+def first_swing(time: Array, clean: Array, start: int, level: float, frequency: float) -> tuple[float, float, float]:
+    """Bottom of the first swing below the sliding level after a slip: depth, its standard uncertainty [N], instant [s].
+
+    The tip runs forward all through that swing, so that friction is part of the level, whatever comes after it.
+    """
+    smooth = np.convolve(clean, np.full(5, 0.2), mode="same")
+    below = np.flatnonzero(smooth[start : smooth.size - 2] <= level)
+    crossing = start + (int(below[0]) if below.size else int(np.argmin(smooth[start : smooth.size - 2])))
+    end = int(np.searchsorted(time, time[crossing] + 1.0 / frequency))
+    lowest = min(crossing + int(np.argmin(smooth[crossing : max(end, crossing + 1)])), time.size - 3)
+    reach = _SWING_SHARE / frequency
+    force, std, instant = _extremum(time, clean, lowest, reach)
+    if level - force < _FAINT * std:
+        quarter = min(int(np.searchsorted(time, time[crossing] + 0.25 / frequency)), time.size - 3)
+        force, std, instant = _extremum(time, clean, quarter, reach, fixed=True)
+    return level - force, std, instant
+
+
+@dataclass(frozen=True)
+class Motion:
+    """What a regime is told from."""
+
+    time: Array  # shape (n,) [s]
+    force: Array  # shape (n,), tangential, hum taken off [N]
+    normal: Array  # shape (n,) [N]
+    peak: int  # sample of the release
+    level: float  # tangential force of sliding [N]
+    load: float  # normal force of sliding [N]
+    slope: float  # k v [N/s]
+    noise: float  # of the tangential force [N]
+    frequency: float  # of the tool [Hz]
+
+
+def regime_of(motion: Motion, saw: Saw | None, bell: bool) -> str:
+    """Say what the tip did; `bell` where a damped cosine explains the ring, as of a tool whose tip hangs free."""
+    if saw is not None:
+        return "stick-slip"
+    if bell:
+        return "snap"
+    time, peak = motion.time, motion.peak
+    smooth = np.convolve(motion.force, np.full(5, 0.2), mode="same")
+    below = np.flatnonzero(smooth[peak : smooth.size - 2] <= motion.level + 2.0 * motion.noise / math.sqrt(5.0))
+    fallen = peak + int(below[0]) if below.size else smooth.size - 3
+    after = motion.normal[peak : int(np.searchsorted(time, time[fallen] + 5.0 / motion.frequency))]
+    unloaded = after < min(float(after.min()) + _NO_LOAD * white_noise(motion.normal), _LIGHT * motion.load)
+    if np.count_nonzero(unloaded) >= _FLIGHT_SAMPLES:
+        return "flight"
+    if (time[fallen] - time[peak]) * motion.frequency > 1.0:
+        return "climb-down"
+    # where the tip stands, but for the stiffness: it slips back where that falls
+    swing = slice(fallen, int(np.searchsorted(time, time[fallen] + 1.5 / motion.frequency)))
+    place = motion.slope * time[swing] - smooth[swing]
+    back = float(np.max(np.maximum.accumulate(place) - place)) if place.size else 0.0
+    return "rubbing" if back > _BACK_NOISE * motion.noise / math.sqrt(5.0) else "snap"
