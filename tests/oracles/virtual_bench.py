@@ -272,7 +272,7 @@ def _regime(bench: Bench, truth: Mapping[str, Any]) -> str:
     """What the motion was: the tip stuck and slipped before the edge, flew, climbed down without a snap, or rubbed."""
     if truth["sticks_before"] >= 2.0 + (bench.unloaded > 0.0):
         return "stick-slip"
-    if truth["flight_s"] > 2.0 / RATE:
+    if truth["flight_s"] > 3.0 / RATE:  # shorter ones no record of this rate can show
         return "flight"
     if bench.conversion is None and truth["fall_s"] * bench.frequency > 1.0:
         return "climb-down"

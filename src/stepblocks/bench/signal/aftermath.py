@@ -9,7 +9,7 @@ import numpy as np
 
 from stepblocks.bench.signal import Array, Estimate, Tool
 from stepblocks.bench.signal.approach import Approach, Landmarks
-from stepblocks.bench.signal.regimes import first_swing
+from stepblocks.bench.signal.regimes import Motion, Saw, first_swing
 from stepblocks.bench.signal.ring import Ring, fit_ring, guess_ring
 from stepblocks.bench.signal.rubbing_ring import GUESSED, TOLD, RubbingRing, fit_rubbing_ring
 from stepblocks.bench.signal.separable import damped_wave, propagated, wave, weighed
@@ -79,7 +79,7 @@ class Aftermath:
 
 
 def settle(
-    time: Array, force: Array, marks: Landmarks, approach: Approach, tool: Tool | None = None, *, sticks: bool = False
+    time: Array, force: Array, marks: Landmarks, approach: Approach, tool: Tool | None = None, *, saw: Saw | None = None
 ) -> Aftermath:
     """Fit the ring after a slip as that of a bell and, where that fails, as that of a tool whose tip rubs.
 
@@ -87,12 +87,12 @@ def settle(
     """
     marks = replace(marks, noise=_whole_noise(time, approach, marks))
     top = float(time[marks.peak])
-    if sticks:
+    if saw is not None:
         end = int(np.searchsorted(time, top + _FIRST_SWINGS))
         time, force = time[:end], force[:end]
     first = int(np.searchsorted(time, top + _RELEASE_TIME))
     bell = fit_ring(time[first:], force[first:], top, approach.mains, marks.noise)
-    if bell.misfit < _GOOD and not sticks:
+    if bell.misfit < _GOOD and saw is None:
         return _of_bell(bell, top)
     rubbing = _best_rubbing(time, force, marks, approach, tool)
     if rubbing is None:
@@ -101,15 +101,17 @@ def settle(
     common = time[first:] >= fitted.origin
     left = float(np.sum(bell.fit.residuals[common] ** 2))
     # what misses a bell in its first swing alone hardly weighs in the sum
-    if not sticks and fitted.misfit > _GOOD and float(np.sum(fitted.residuals**2)) > _BETTER * left:
+    if saw is None and fitted.misfit > _GOOD and float(np.sum(fitted.residuals**2)) > _BETTER * left:
         return _of_bell(bell, top)
     fit = rubbing
     frequency, decay = tool or (float(fit.values[2]), float(fit.values[3]))
     spread = min(TOLD[1] * decay, fit.std(3)) if tool else fit.std(3)
     clean = force - approach.hum(time)
     drift = float(approach.fit.weights[1]) * (top - approach.center)
-    depth, std, instant = first_swing(time, clean, marks.peak, approach.level + drift, frequency)
-    swing = Swing(depth, math.hypot(std, approach.level_std), instant, (decay, spread))
+    slid = Motion(time, clean, clean, marks.peak, approach.level + drift, 0.0, approach.slope, marks.noise, frequency)
+    depth, std, instant = first_swing(slid)
+    level_std = approach.level_std if saw is None else saw.kinetic[1]
+    swing = Swing(depth, math.hypot(std, level_std), instant, (decay, spread))
     return _of_rubbing(fit, swing, float(np.median(np.diff(time))), tool)
 
 

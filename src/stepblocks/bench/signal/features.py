@@ -13,7 +13,7 @@ import numpy as np
 from stepblocks.bench.signal import Array, Estimate, Tool, Trace, set_down
 from stepblocks.bench.signal.aftermath import Aftermath, normal_level, settle, settle_from, sympathetic_force
 from stepblocks.bench.signal.approach import Approach, Landmarks, find_landmarks, fit_approach
-from stepblocks.bench.signal.regimes import USUAL_TOOL, Motion, Saw, find_saw, regime_of
+from stepblocks.bench.signal.regimes import USUAL_TOOL, Motion, Saw, extremum, find_saw, regime_of
 from stepblocks.bench.signal.ring import Ring, guess_ring
 from stepblocks.bench.signal.separable import propagated, weighed
 
@@ -177,7 +177,8 @@ class Measurement:
         """Sliding over normal force, and its standard uncertainty [1]."""
         load, load_std = self.load
         friction = self.approach.level / load if load > 0.0 else float("nan")
-        return friction, float(np.hypot(self.approach.level_std, friction * load_std) / load)
+        own = self.approach.level_std if self.saw is None else self.saw.kinetic[1]
+        return friction, float(np.hypot(own, friction * load_std) / load)
 
     def energy(self) -> tuple[float, float, float]:
         """Energy of the amplitude at the release on the declared spring, its standard uncertainty [J], their ratio."""
@@ -237,8 +238,11 @@ def measure_trace(
         marks = find_landmarks(time, force)
     late = marks.peak + (time.size - marks.peak) // 4
     approach = fit_approach(time, force, marks, tool or guess_ring(time[late:], force[late:]))
-    after = settle(time, force, marks, approach, tool or (USUAL_TOOL if saw else None), sticks=saw is not None)
+    after = settle(time, force, marks, approach, tool or (USUAL_TOOL if saw else None), saw=saw)
     peak = peak_of(time, force, marks, approach, after)
+    if saw is not None:  # static friction gives way at once, and no straight ramp led up to it
+        top, std, instant = extremum(time, force, marks.peak, 0.1 / after.frequency[0], marks.noise)
+        peak = Peak(instant, top, std, corner=False)
     if peak.corner and after.kind == "damped":
         after = settle_from(time, force, marks, approach, peak.time, after)
         peak = peak_of(time, force, marks, approach, after)

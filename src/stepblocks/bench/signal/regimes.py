@@ -8,12 +8,13 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 
 from stepblocks.bench.signal import Array, Estimate, Tool
 from stepblocks.bench.signal.approach import Landmarks, white_noise
-from stepblocks.bench.signal.separable import propagated, weighed
+from stepblocks.bench.signal.separable import fit_linear, propagated
 
 REGIMES = ("snap", "climb-down", "flight", "rubbing", "stick-slip")
 USUAL_TOOL = (300.0, 21e-3)  # where nothing is known of the ring yet: frequency [Hz] and decay time [s]
@@ -22,11 +23,12 @@ _TEETH = 2  # a saw has at least so many
 _TOOTH_NOISE = 9.0  # a tooth stands out by this many standard deviations of the noise
 _SLOPE_SHARE = 0.4  # a tooth climbs as the ramp does, to this share
 _ALIKE = 0.5  # and is at least this high beside the usual one: a ring that dies is no saw
-_FLIGHT_SAMPLES = 2  # fewer samples without load are no flight that a record can show
+_FLIGHT_SAMPLES = 3  # fewer samples without load are no flight that a record can show
 _NO_LOAD = 5.0  # standard deviations of the noise about the lowest normal force that count as none
 _LIGHT = 0.25  # of the load: a tip that presses more has not flown
 _SWING_SHARE = 0.14  # of a period about the bottom of a swing, in which a quartic follows it
 _BACK_NOISE = 6.0  # a way back of the tip that is longer than this many standard deviations is one
+_FALL_SHARE = 0.09  # of static over kinetic friction: how friction falls with speed takes its part of a slip, unseen
 _FAINT = 6.0  # a swing less deep than this many standard deviations has no bottom that noise would not choose
 
 
@@ -70,17 +72,18 @@ def find_saw(time: Array, force: Array, marks: Landmarks, tool: Tool) -> Saw | N
         return None
     (frequency, decay), root = tool, math.sqrt(len(teeth))
     low, high = (
-        np.array([_extremum(time, force, i, 0.1 / frequency)[0] for i in where]) for where in zip(*teeth, strict=True)
+        np.array([extremum(time, force, i, 0.1 / frequency, marks.noise)[0] for i in where])
+        for where in zip(*teeth, strict=True)
     )
     top, bottom = float(np.median(high)), float(np.median(low))
     top_std, bottom_std = (max(float(np.std(one)), marks.noise) / root for one in (high, low))
     # it swings about the force of sliding and loses what the damper takes in half a period
     kept = math.exp(-0.5 / (frequency * decay))
     kinetic = (top * kept + bottom) / (1.0 + kept)
-    kinetic_std = 0.5 * math.hypot(top_std, bottom_std)
     # the handle moves on while it lets go, so that the top lies over static friction
     late = slope / (2.0 * math.pi * frequency)
     static = kinetic + math.sqrt(max((top - kinetic) ** 2 - late**2, 0.0))
+    kinetic_std = math.hypot(0.5 * math.hypot(top_std, bottom_std), _FALL_SHARE * (static - kinetic))
     last = int(bottoms[-1])
     onset = int(np.searchsorted(time, time[last] + max(kinetic - float(smooth[last]), 0.0) / slope))
     return Saw(
@@ -92,35 +95,45 @@ def find_saw(time: Array, force: Array, marks: Landmarks, tool: Tool) -> Saw | N
     )
 
 
-def _extremum(time: Array, force: Array, index: int, reach: float, fixed: bool = False) -> tuple[float, float, float]:
-    """Value, standard uncertainty [N] and instant [s] of a bottom or top, by a quartic about it."""
+def extremum(time: Array, force: Array, index: int, reach: float, noise: float) -> tuple[float, float, float]:
+    """Value, standard uncertainty [N] and instant [s] of a bottom or top, by a quartic about it.
+
+    One that hardly stands out of the noise stays where it was looked for: noise would choose its own.
+    """
     near = np.abs(time - time[index]) <= max(reach, 4.0 * float(np.median(np.diff(time))))
     t = (time[near] - time[index]) / reach
-    weights, covariance = weighed(np.vander(t, 5, increasing=True), force[near])
+    columns = np.vander(t, 5, increasing=True)
+    weights, residuals = fit_linear(columns, force[near])
+    # so few samples do not tell their own noise
+    excess = float(residuals @ residuals) / noise**2
+    unit = (
+        np.linalg.inv(columns.T @ columns)
+        * noise**2
+        * max(excess / (t.size - 5), 1.0 if t.size > 9 else excess / 5.0, 1.0)
+    )
     grid = np.linspace(-0.9, 0.9, 361)
     curve = np.vander(grid, 5, increasing=True) @ weights
     turned = np.argmin(curve) if weights[2] > 0.0 else np.argmax(curve)
-    at = 0.0 if fixed else float(grid[turned])
+    at = float(grid[turned]) if np.ptp(curve) > _FAINT * noise else 0.0
     gradient = np.asarray(at ** np.arange(5), dtype=float)
-    return float(gradient @ weights), propagated(gradient, covariance), float(time[index]) + at * reach
+    return float(gradient @ weights), propagated(gradient, unit), float(time[index]) + at * reach
 
 
-def first_swing(time: Array, clean: Array, start: int, level: float, frequency: float) -> tuple[float, float, float]:
+def first_swing(motion: Motion) -> tuple[float, float, float]:
     """Bottom of the first swing below the sliding level after a slip: depth, its standard uncertainty [N], instant [s].
 
     The tip runs forward all through that swing, so that friction is part of the level, whatever comes after it.
     """
-    smooth = np.convolve(clean, np.full(5, 0.2), mode="same")
-    below = np.flatnonzero(smooth[start : smooth.size - 2] <= level)
-    crossing = start + (int(below[0]) if below.size else int(np.argmin(smooth[start : smooth.size - 2])))
-    end = int(np.searchsorted(time, time[crossing] + 1.0 / frequency))
-    lowest = min(crossing + int(np.argmin(smooth[crossing : max(end, crossing + 1)])), time.size - 3)
-    reach = _SWING_SHARE / frequency
-    force, std, instant = _extremum(time, clean, lowest, reach)
-    if level - force < _FAINT * std:
-        quarter = min(int(np.searchsorted(time, time[crossing] + 0.25 / frequency)), time.size - 3)
-        force, std, instant = _extremum(time, clean, quarter, reach, fixed=True)
-    return level - force, std, instant
+    time, force, period = motion.time, motion.force, 1.0 / motion.frequency
+    fallen = motion.fallen
+    reach = (1.0 if time[fallen] - time[motion.peak] < period else 1.5) * period
+    end, smooth = max(int(np.searchsorted(time, time[fallen] + reach)), fallen + 1), motion.smooth
+    if motion.level - float(smooth[fallen:end].min()) < _FAINT * motion.noise:
+        width = max(int(0.2 * period / float(np.median(np.diff(time)))), 1)
+        smooth = np.convolve(force, np.full(width, 1.0 / width), mode="same")
+    lowest = min(fallen + int(np.argmin(smooth[fallen:end])), time.size - 6)
+    bottom, std, instant = extremum(time, force, lowest, _SWING_SHARE * period, motion.noise)
+    return motion.level - bottom, std, instant
 
 
 @dataclass(frozen=True)
@@ -137,6 +150,17 @@ class Motion:
     noise: float  # of the tangential force [N]
     frequency: float  # of the tool [Hz]
 
+    @cached_property
+    def smooth(self) -> Array:
+        """Tangential force, five samples averaged [N]."""
+        return np.convolve(self.force, np.full(5, 0.2), mode="same")
+
+    @cached_property
+    def fallen(self) -> int:
+        """First sample after the release at which the force is down at that of sliding, to the noise."""
+        below = np.flatnonzero(self.smooth[self.peak : -2] <= self.level + 2.0 * self.noise / math.sqrt(5.0))
+        return self.peak + int(below[0]) if below.size else self.force.size - 3
+
 
 def regime_of(motion: Motion, saw: Saw | None, bell: bool) -> str:
     """Say what the tip did; `bell` where a damped cosine explains the ring, as of a tool whose tip hangs free."""
@@ -144,10 +168,7 @@ def regime_of(motion: Motion, saw: Saw | None, bell: bool) -> str:
         return "stick-slip"
     if bell:
         return "snap"
-    time, peak = motion.time, motion.peak
-    smooth = np.convolve(motion.force, np.full(5, 0.2), mode="same")
-    below = np.flatnonzero(smooth[peak : smooth.size - 2] <= motion.level + 2.0 * motion.noise / math.sqrt(5.0))
-    fallen = peak + int(below[0]) if below.size else smooth.size - 3
+    time, peak, fallen = motion.time, motion.peak, motion.fallen
     after = motion.normal[peak : int(np.searchsorted(time, time[fallen] + 5.0 / motion.frequency))]
     unloaded = after < min(float(after.min()) + _NO_LOAD * white_noise(motion.normal), _LIGHT * motion.load)
     if np.count_nonzero(unloaded) >= _FLIGHT_SAMPLES:
@@ -156,6 +177,6 @@ def regime_of(motion: Motion, saw: Saw | None, bell: bool) -> str:
         return "climb-down"
     # where the tip stands, but for the stiffness: it slips back where that falls
     swing = slice(fallen, int(np.searchsorted(time, time[fallen] + 1.5 / motion.frequency)))
-    place = motion.slope * time[swing] - smooth[swing]
+    place = motion.slope * time[swing] - motion.smooth[swing]
     back = float(np.max(np.maximum.accumulate(place) - place)) if place.size else 0.0
     return "rubbing" if back > _BACK_NOISE * motion.noise / math.sqrt(5.0) else "snap"
