@@ -201,13 +201,13 @@ def _measure_chunk(session: Session, tool: Tool | None, trials: list[Trial]) -> 
 
 def _cells(result: TrialResult, covariates: Iterable[str]) -> list[str]:
     """One row of the table; a feature that is not a number is an empty cell."""
-    values = [result.features.get(name, math.nan) for name in FEATURE_COLUMNS]
+    values = [result.features.get(name, "") for name in FEATURE_COLUMNS]
     return [
         result.trial.name,
         _EXCLUDED if result.reason else _OK,
         result.reason,
         *(result.trial.cells.get(name, "") for name in covariates),
-        *(f"{value:.9g}" if math.isfinite(value) else "" for value in values),
+        *(value if isinstance(value, str) else f"{value:.9g}" if math.isfinite(value) else "" for value in values),
     ]
 
 

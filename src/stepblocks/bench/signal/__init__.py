@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterable
 from dataclasses import dataclass
 from itertools import islice
@@ -19,6 +20,9 @@ _RATE_TOLERANCE = 0.01
 _GAP_STEPS = 1.6  # a step of the clock this many times the usual one is a gap
 _FLAT_SAMPLES = 6  # equal samples in a row at the extreme of a record that was still moving
 _FLAT_STEPS = 4.0  # steps of the converter that the movement would have made meanwhile
+_FEWEST_STILL = 40  # samples before the tip is set down, fewer say nothing of a zero
+_EDGE = 8  # samples at which the load is coming on
+_LOADED = 10.0  # the load is at least this many times the scatter without one
 _LOWEST_RATE = 1500.0  # [Hz] five samples per cycle of a ring at 300 Hz
 
 
@@ -107,3 +111,28 @@ def _longest_run(mask: NDArray[np.bool_]) -> tuple[int, int]:
         return 0, 0
     longest = int(np.argmax(ends - starts))
     return int(ends[longest] - starts[longest]), int(starts[longest])
+
+
+def set_down(trace: Trace) -> tuple[int, tuple[Estimate, Estimate]]:
+    """First sample from which the tip lies on the block and slides, and the zeros of both gauges from what was before.
+
+    Most records begin under load: then that is the first sample, and the zeros are not known.
+    """
+    unknown = (math.nan, math.nan)
+    normal = np.convolve(trace.normal, np.full(5, 0.2), mode="same")
+    low, high = np.percentile(normal[2:-2], (0.5, 50.0))
+    on = int(np.argmax(normal[2:] > 0.5 * (low + high))) + 2
+    still, spread = slice(0, max(on - _EDGE, 0)), float(np.std(trace.normal[: max(on - _EDGE, 1)]))
+    if on < _FEWEST_STILL + _EDGE or high - low < _LOADED * max(spread, 1e-12):
+        return 0, (unknown, unknown)
+    zeros = [(float(np.mean(one[still])), _mean_std(one[still])) for one in (trace.tangential, trace.normal)]
+    # what is pulled from rest slides once the force has come up to its usual level
+    level = float(np.median(trace.tangential[on : on + (trace.time.size - on) // 4]))
+    smooth = np.convolve(trace.tangential, np.full(5, 0.2), mode="same")
+    return on + int(np.argmax(smooth[on:] >= level)), (zeros[0], zeros[1])
+
+
+def _mean_std(values: Array) -> float:
+    """Return the standard uncertainty of a mean whose samples hang together, by the means of eighths."""
+    parts = np.array([part.mean() for part in np.array_split(values, 8)])
+    return float(np.std(parts, ddof=1) / math.sqrt(8.0))

@@ -2,15 +2,17 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, replace
 
 import numpy as np
 
 from stepblocks.bench.signal import Array, Estimate, Tool
 from stepblocks.bench.signal.approach import Approach, Landmarks
+from stepblocks.bench.signal.regimes import Motion, Saw, first_swing
 from stepblocks.bench.signal.ring import Ring, fit_ring, guess_ring
 from stepblocks.bench.signal.rubbing_ring import GUESSED, TOLD, RubbingRing, fit_rubbing_ring
-from stepblocks.bench.signal.separable import damped_wave, fit_linear, propagated, wave, weighed
+from stepblocks.bench.signal.separable import damped_wave, propagated, wave, weighed
 
 _RELEASE_TIME = 0.25e-3  # [s] first samples after the peak, in which the sensor itself follows; no tie with a sample
 _GOOD = 5.0  # misfit up to which a fit is taken at once
@@ -21,7 +23,6 @@ _MUCH_BETTER = 0.5  # a later trough must leave this share at most: some of the 
 _MOST_COLOUR = 3.0  # the noise while sliding counts up to this many times the white noise
 _MOST_TROUGHS = 8
 _FAR = 2.5  # spreads of the tool's figures within which a fit is still of that tool
-_TROUGH_SHARE = 0.18  # of a period about the bottom of a swing, in which it is a piece of a cosine
 _FIRST_SWINGS = 25e-3  # [s]
 _HEARD = 1.3
 _USUAL_DECAY = 25e-3  # [s] first guess where nothing says better
@@ -59,20 +60,17 @@ class Aftermath:
     level: Estimate  # [N]
     friction_decay: Estimate  # loss of amplitude per time beside the exponential decay [N/s]
     ring: Ring | RubbingRing  # the fit
-    # first swing after the slip, where it tells the amplitude better than the fit: the ring could only be fitted from
-    # a later one on, or the fit is not that of the tool
-    swing: Swing | None = None
+    swing: Swing | None = None  # first after the slip, which tells the amplitude of a ring that is no bell's
     sample: float = 0.0  # time between two samples [s]
 
     def carried_to(self, instant: float) -> Aftermath:
         """Return the same with the amplitude at another instant [s]."""
-        ring = self.ring
-        if isinstance(ring, Ring):
-            return replace(self, start=instant, amplitude=ring.amplitude(instant))
-        amplitude, std = self.swing.amplitude(instant) if self.swing else ring.amplitude(instant)
-        # when the tip lets go is seen to a sample, and friction costs amplitude from then on
-        unseen = amplitude * self.sample / self.decay_time[0] if self.decay_time[0] > 0.0 else 0.0
-        return replace(self, start=instant, amplitude=(amplitude, float(np.hypot(std, unseen))))
+        if isinstance(self.ring, Ring):
+            return replace(self, start=instant, amplitude=self.ring.amplitude(instant))
+        assert self.swing is not None
+        # a tip that took its time to fall has rung for half a period all the same when it has swung through
+        instant = max(instant, self.swing.instant - 0.5 / self.frequency[0])
+        return replace(self, start=instant, amplitude=self.swing.amplitude(instant))
 
     @property
     def origin(self) -> float:
@@ -80,24 +78,41 @@ class Aftermath:
         return self.ring.origin
 
 
-def settle(time: Array, force: Array, marks: Landmarks, approach: Approach, tool: Tool | None = None) -> Aftermath:
-    """Fit the ring after a slip as that of a bell and, where that fails, as that of a tool whose tip rubs."""
+def settle(
+    time: Array, force: Array, marks: Landmarks, approach: Approach, tool: Tool | None = None, *, saw: Saw | None = None
+) -> Aftermath:
+    """Fit the ring after a slip as that of a bell and, where that fails, as that of a tool whose tip rubs.
+
+    A tip that sticks and slips is no bell, and what it draws when the ring has died is no part of that.
+    """
     marks = replace(marks, noise=_whole_noise(time, approach, marks))
     top = float(time[marks.peak])
+    if saw is not None:
+        end = int(np.searchsorted(time, top + _FIRST_SWINGS))
+        time, force = time[:end], force[:end]
     first = int(np.searchsorted(time, top + _RELEASE_TIME))
     bell = fit_ring(time[first:], force[first:], top, approach.mains, marks.noise)
-    if bell.misfit < _GOOD:
+    if bell.misfit < _GOOD and saw is None:
         return _of_bell(bell, top)
     rubbing = _best_rubbing(time, force, marks, approach, tool)
     if rubbing is None:
         return _of_bell(bell, top)
-    fitted = rubbing[0]
+    fitted = rubbing
     common = time[first:] >= fitted.origin
     left = float(np.sum(bell.fit.residuals[common] ** 2))
     # what misses a bell in its first swing alone hardly weighs in the sum
-    if fitted.misfit > _GOOD and float(np.sum(fitted.residuals**2)) > _BETTER * left:
+    if saw is None and fitted.misfit > _GOOD and float(np.sum(fitted.residuals**2)) > _BETTER * left:
         return _of_bell(bell, top)
-    return _of_rubbing(*rubbing, float(np.median(np.diff(time))), tool)
+    fit = rubbing
+    frequency, decay = tool or (float(fit.values[2]), float(fit.values[3]))
+    spread = min(TOLD[1] * decay, fit.std(3)) if tool else fit.std(3)
+    clean = force - approach.hum(time)
+    drift = float(approach.fit.weights[1]) * (top - approach.center)
+    slid = Motion(time, clean, clean, marks.peak, approach.level + drift, 0.0, approach.slope, marks.noise, frequency)
+    depth, std, instant = first_swing(slid)
+    level_std = approach.level_std if saw is None else saw.kinetic[1]
+    swing = Swing(depth, math.hypot(std, level_std), instant, (decay, spread))
+    return _of_rubbing(fit, swing, float(np.median(np.diff(time))), tool)
 
 
 def settle_from(
@@ -133,7 +148,7 @@ def _of_bell(bell: Ring, top: float) -> Aftermath:
     )
 
 
-def _of_rubbing(fit: RubbingRing, start: float, swing: Swing | None, sample: float, tool: Tool | None) -> Aftermath:
+def _of_rubbing(fit: RubbingRing, swing: Swing, sample: float, tool: Tool | None) -> Aftermath:
     level, gap, frequency, decay = (float(v) for v in fit.values[:4])
     far = (0.0, 0.0)
     if tool is not None and not _is_of(tool, fit):
@@ -142,7 +157,7 @@ def _of_rubbing(fit: RubbingRing, start: float, swing: Swing | None, sample: flo
     known = fit.knows_gap and not any(far)
     return Aftermath(
         kind="rubbing",
-        start=start,
+        start=-math.inf,
         amplitude=(np.nan, np.nan),
         frequency=(frequency, float(np.hypot(fit.std(2), far[0]))),
         decay_time=(decay, float(np.hypot(fit.std(3), far[1]))),
@@ -151,7 +166,7 @@ def _of_rubbing(fit: RubbingRing, start: float, swing: Swing | None, sample: flo
         ring=fit,
         swing=swing,
         sample=sample,
-    ).carried_to(start)
+    ).carried_to(-math.inf)
 
 
 def _is_of(tool: Tool, fit: RubbingRing) -> bool:
@@ -160,43 +175,23 @@ def _is_of(tool: Tool, fit: RubbingRing) -> bool:
 
 def _best_rubbing(
     time: Array, force: Array, marks: Landmarks, approach: Approach, tool: Tool | None
-) -> tuple[RubbingRing, float, Swing | None] | None:
-    """Fit from one trough after the other, until the tip no longer climbs; with the begin of the ring."""
+) -> RubbingRing | None:
+    """Fit from one trough after the other, until the tip no longer climbs."""
     clean = force - approach.hum(time)
     after = clean[marks.peak :]
     level = float(np.median(after[int(after.size * (1.0 - _TAIL_SHARE)) :]))
     spread = TOLD if tool else GUESSED
-    best: tuple[RubbingRing, float, Swing | None] | None = None
+    best: RubbingRing | None = None
     for guess in _tool_guesses(time, clean, marks, approach, tool):
         troughs = _troughs(time, clean, marks, level, guess[0])
-        for number, (trough, _) in enumerate(troughs):
+        for trough in troughs:
             t, y = time[trough:], clean[trough:]
             fit = fit_rubbing_ring(t, y, level, guess, approach.slope, marks.noise, spread=spread)
-            if best is None or fit.misfit < _MUCH_BETTER * best[0].misfit:
-                start = max(float(time[marks.peak]), troughs[0][1] - 0.25 / fit.values[2])
-                # the release is that of the first swing, whichever swing the free ring begins with
-                clear = number == 0 and fit.misfit < _GOOD and _is_of(guess, fit)
-                best = (fit, start, None if clear else _first_swing(time, clean, troughs[0][0], fit, tool))
-            if best[0].misfit < _SETTLED:
+            if best is None or fit.misfit < _MUCH_BETTER * best.misfit:
+                best = fit
+            if best.misfit < _SETTLED:
                 return best
     return best
-
-
-def _first_swing(time: Array, clean: Array, trough: int, fit: RubbingRing, tool: Tool | None) -> Swing:
-    """Bottom of the first swing, by a piece of a cosine about it."""
-    level, gap = (float(v) for v in fit.values[:2])
-    frequency, decay = tool or (float(fit.values[2]), float(fit.values[3]))
-    near = np.abs(time - time[trough]) < _TROUGH_SHARE / frequency
-    t, y = time[near] - time[trough], clean[near]
-    columns = np.column_stack([np.ones_like(t), wave(t, frequency)])
-    curve = columns @ fit_linear(columns, y)[0]
-    lowest = int(np.argmin(curve))
-    own = float(np.sqrt(np.mean((y - curve) ** 2) * 3.0 / max(t.size - 3, 1)))
-    # a tip that has left the surface swings about no force, one that slides about the level: which, is not seen
-    unseen = 0.25 * gap if fit.knows_gap else 0.5 * abs(level)
-    spread = TOLD[1] * decay if tool else fit.std(3)
-    depth = level - float(curve[lowest])
-    return Swing(depth, float(np.hypot(own, unseen)), float(time[trough] + t[lowest]), (decay, spread))
 
 
 def _tool_guesses(time: Array, clean: Array, marks: Landmarks, approach: Approach, tool: Tool | None) -> list[Tool]:
@@ -214,12 +209,12 @@ def _tool_guesses(time: Array, clean: Array, marks: Landmarks, approach: Approac
     return [(frequency, decay), (swings, decay)] if heard else [(swings, _USUAL_DECAY), (frequency, _USUAL_DECAY)]
 
 
-def _troughs(time: Array, clean: Array, marks: Landmarks, level: float, frequency: float) -> list[tuple[int, float]]:
-    """Troughs after the slip, each with the instant at which the force fell through the level before it."""
+def _troughs(time: Array, clean: Array, marks: Landmarks, level: float, frequency: float) -> list[int]:
+    """Troughs after the slip."""
     rate = (time.size - 1) / (time[-1] - time[0])
     half = max(int(0.5 * rate / frequency), 2)
     smooth = np.convolve(clean, np.full(5, 0.2), mode="same")
-    found: list[tuple[int, float]] = []
+    found: list[int] = []
     index = marks.peak
     while len(found) < _MOST_TROUGHS:
         below = np.flatnonzero(smooth[index : smooth.size - 2] < level)
@@ -227,9 +222,7 @@ def _troughs(time: Array, clean: Array, marks: Landmarks, level: float, frequenc
             break
         crossing = index + int(below[0])
         trough = crossing + int(np.argmin(smooth[crossing : crossing + half]))
-        high, low = smooth[crossing - 1] - level, smooth[crossing] - level
-        share = np.clip(high / (high - low), 0.0, 1.0) if high > low else 1.0
-        found.append((trough, float(time[crossing - 1] + share * (time[crossing] - time[crossing - 1]))))
+        found.append(trough)
         above = np.flatnonzero(smooth[trough : smooth.size - 2] > level)
         if not above.size or trough + int(above[0]) + 4 * half >= time.size:
             break

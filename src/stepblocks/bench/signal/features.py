@@ -6,12 +6,14 @@ import math
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 
-from stepblocks.bench.signal import Array, Estimate, Tool, Trace
+from stepblocks.bench.signal import Array, Estimate, Tool, Trace, set_down
 from stepblocks.bench.signal.aftermath import Aftermath, normal_level, settle, settle_from, sympathetic_force
 from stepblocks.bench.signal.approach import Approach, Landmarks, find_landmarks, fit_approach
+from stepblocks.bench.signal.regimes import USUAL_TOOL, Motion, Saw, extremum, find_saw, regime_of
 from stepblocks.bench.signal.ring import Ring, guess_ring
 from stepblocks.bench.signal.separable import propagated, weighed
 
@@ -145,21 +147,38 @@ class Measurement:
     load: Estimate  # normal force while sliding, and its standard uncertainty [N]
     sympathetic: Estimate  # amplitude of the normal force that rings along, and its standard uncertainty [N]
     shares: tuple[float, float]  # of the energy of loading and of vibration in their bands [1]
+    regime: str  # what the tip did, one of `REGIMES`
+    saw: Saw | None  # what it drew before the edge where it stuck and slipped
+    zeros: tuple[Estimate, Estimate]  # of both gauges while nothing was loaded [N]
     spring_constant: float  # of the explorer, as declared [N/m]
     speed: float  # of the handle [m/s]; not-a-number where it is not known
 
     @cached_property
-    def features(self) -> dict[str, float]:
+    def features(self) -> dict[str, Any]:
         """One value for each of `FEATURE_COLUMNS`; not-a-number where the trace does not show it."""
         return {
             name: value for names, figures in _FIGURES.items() for name, value in zip(names, figures(self), strict=True)
         }
 
+    def sticking(self) -> tuple[float, ...]:
+        """Amplitude and time of sticking, and static friction, from the saw before the edge; else not-a-number."""
+        if self.saw is None:
+            return (math.nan,) * 6
+        load, load_std = self.load
+        static = self.saw.static[0] / load
+        return (
+            *self.saw.amplitude,
+            *self.saw.stick_time,
+            static,
+            math.hypot(self.saw.static[1], static * load_std) / load,
+        )
+
     def friction(self) -> Estimate:
         """Sliding over normal force, and its standard uncertainty [1]."""
         load, load_std = self.load
         friction = self.approach.level / load if load > 0.0 else float("nan")
-        return friction, float(np.hypot(self.approach.level_std, friction * load_std) / load)
+        own = self.approach.level_std if self.saw is None else self.saw.kinetic[1]
+        return friction, float(np.hypot(own, friction * load_std) / load)
 
     def energy(self) -> tuple[float, float, float]:
         """Energy of the amplitude at the release on the declared spring, its standard uncertainty [J], their ratio."""
@@ -170,7 +189,7 @@ class Measurement:
 
 
 # columns, and what stands in them
-_FIGURES: dict[tuple[str, ...], Callable[[Measurement], tuple[float, ...]]] = {
+_FIGURES: dict[tuple[str, ...], Callable[[Measurement], tuple[Any, ...]]] = {
     ("sliding_friction", "sliding_friction_std"): Measurement.friction,
     ("normal_load_n", "normal_load_std_n"): lambda m: m.load,
     ("loading_onset_s",): lambda m: (m.approach.onset + m.start,),
@@ -189,6 +208,17 @@ _FIGURES: dict[tuple[str, ...], Callable[[Measurement], tuple[float, ...]]] = {
     ("vibration_energy_j", "vibration_energy_std_j", "ln_vibration_energy_std"): Measurement.energy,
     ("sympathetic_force_n", "sympathetic_force_std_n"): lambda m: m.sympathetic,
     ("loading_share_0_100hz", "vibration_share_250_350hz"): lambda m: m.shares,
+    (
+        "stick_slip_amplitude_n",
+        "stick_slip_amplitude_std_n",
+        "stick_time_s",
+        "stick_time_std_s",
+        "static_friction",
+        "static_friction_std",
+    ): Measurement.sticking,
+    ("tangential_zero_n", "tangential_zero_std_n"): lambda m: m.zeros[0],
+    ("normal_zero_n", "normal_zero_std_n"): lambda m: m.zeros[1],
+    ("regime",): lambda m: (m.regime,),
 }
 # of a table of features, after trial, status, reason and the covariates
 FEATURE_COLUMNS = tuple(name for names in _FIGURES for name in names)
@@ -198,25 +228,43 @@ def measure_trace(
     trace: Trace, spring_constant: float, speed: float = float("nan"), tool: Tool | None = None
 ) -> Measurement:
     """Measure one trace."""
+    loaded, zeros = set_down(trace)
+    trace = Trace(trace.time[loaded:], trace.tangential[loaded:], trace.normal[loaded:])
     time, force = trace.time - trace.time[0], trace.tangential
     marks = find_landmarks(time, force)
+    saw = find_saw(time, force, marks, tool or USUAL_TOOL)
+    if saw is not None:
+        force = saw.calmed(force)
+        marks = find_landmarks(time, force)
     late = marks.peak + (time.size - marks.peak) // 4
     approach = fit_approach(time, force, marks, tool or guess_ring(time[late:], force[late:]))
-    after = settle(time, force, marks, approach, tool)
+    after = settle(time, force, marks, approach, tool or (USUAL_TOOL if saw else None), saw=saw)
     peak = peak_of(time, force, marks, approach, after)
+    if saw is not None:  # static friction gives way at once, and no straight ramp led up to it
+        top, std, instant = extremum(time, force, marks.peak, 0.1 / after.frequency[0], marks.noise)
+        peak = Peak(instant, top, std, corner=False)
     if peak.corner and after.kind == "damped":
         after = settle_from(time, force, marks, approach, peak.time, after)
         peak = peak_of(time, force, marks, approach, after)
     if peak.corner:
         after = after.carried_to(peak.time)
+    load = normal_level(time, trace.normal, approach)
+    clean = force - approach.hum(time)
+    bell, frequency = after.kind == "damped", (tool or after.frequency)[0]
+    motion = Motion(
+        time, clean, trace.normal, marks.peak, approach.level, load[0], approach.slope, marks.noise, frequency
+    )
     return Measurement(
         start=float(trace.time[0]),
         approach=approach,
         peak=peak,
         aftermath=after,
-        load=normal_level(time, trace.normal, approach),
+        load=load,
         sympathetic=sympathetic_force(time, trace.normal, approach, after),
         shares=_shares(time, force, approach, after, peak),
+        regime=regime_of(motion, saw, bell),
+        saw=saw,
+        zeros=zeros,
         spring_constant=spring_constant,
         speed=speed if speed > 0.0 else float("nan"),  # a handle at rest has no ramp
     )

@@ -1,0 +1,182 @@
+"""What the tip did, told on the waveform before an E_v is quoted: it snapped, climbed down, flew, rubbed, or stuck and slipped.
+
+A tip that sticks and slips before the edge draws a saw: it is loaded along the ramp ``k v`` up to static friction, slips, and
+sticks again as far below the sliding force as it was above. What lies before the edge then is no sliding, and no ring either.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+
+from stepblocks.bench.signal import Array, Estimate, Tool
+from stepblocks.bench.signal.approach import Landmarks, white_noise
+from stepblocks.bench.signal.separable import fit_linear, propagated
+
+REGIMES = ("snap", "climb-down", "flight", "rubbing", "stick-slip")
+USUAL_TOOL = (300.0, 21e-3)  # where nothing is known of the ring yet: frequency [Hz] and decay time [s]
+
+_TEETH = 2  # a saw has at least so many
+_TOOTH_NOISE = 9.0  # a tooth stands out by this many standard deviations of the noise
+_SLOPE_SHARE = 0.4  # a tooth climbs as the ramp does, to this share
+_ALIKE = 0.5  # and is at least this high beside the usual one: a ring that dies is no saw
+_FLIGHT_SAMPLES = 3  # fewer samples without load are no flight that a record can show
+_NO_LOAD = 5.0  # standard deviations of the noise about the lowest normal force that count as none
+_LIGHT = 0.25  # of the load: a tip that presses more has not flown
+_SWING_SHARE = 0.14  # of a period about the bottom of a swing, in which a quartic follows it
+_BACK_NOISE = 6.0  # a way back of the tip that is longer than this many standard deviations is one
+_FALL_SHARE = 0.09  # of static over kinetic friction: how friction falls with speed takes its part of a slip, unseen
+_FAINT = 6.0  # a swing less deep than this many standard deviations has no bottom that noise would not choose
+
+
+@dataclass(frozen=True)
+class Saw:
+    """A limit cycle of sticking and slipping before the edge."""
+
+    amplitude: Estimate  # from bottom to top [N]
+    stick_time: Estimate  # from a bottom to the next top [s]
+    static: Estimate  # force at which the tip lets go [N]
+    kinetic: Estimate  # force of sliding, about which it slips [N]
+    onset: int  # sample at which the ramp of the edge passes the force of sliding
+
+    def calmed(self, force: Array) -> Array:
+        """Return the force as if the tip had slid up to the edge; the noise stays."""
+        calm = force.copy()
+        noise = (force - np.convolve(force, np.full(5, 0.2), mode="same"))[: self.onset] / math.sqrt(0.8)
+        calm[: self.onset] = self.kinetic[0] + noise
+        return calm
+
+
+def find_saw(time: Array, force: Array, marks: Landmarks, tool: Tool) -> Saw | None:
+    """Look for teeth before the edge; None where the tip slides."""
+    from scipy.signal import find_peaks
+
+    smooth = np.convolve(force, np.full(3, 1.0 / 3.0), mode="same")[: marks.peak]
+    share = (smooth - marks.level) / marks.rise
+    climb = slice(int(np.flatnonzero(share < 0.4)[-1]), int(np.flatnonzero(share < 0.85)[-1]) + 1)
+    slope = float(np.polyfit(time[climb], force[climb], 1)[0]) if climb.stop - climb.start > 2 else 0.0
+    least = _TOOTH_NOISE * marks.noise
+    tops, bottoms = (find_peaks(sign * smooth[2:], prominence=least)[0] + 2 for sign in (1.0, -1.0))
+    # a tooth is a bottom with a top after it and no bottom between
+    teeth = [(b, int(tops[tops > b][0])) for b in bottoms if np.any(tops > b)]
+    teeth = [(b, top) for b, top in teeth if not np.any((bottoms > b) & (bottoms < top))]
+    if slope <= 0.0 or len(tops) < _TEETH or not teeth or bottoms[-1] < tops[-1]:
+        return None
+    rises = np.array([(smooth[top] - smooth[b], time[top] - time[b]) for b, top in teeth])
+    if abs(float(np.median(rises[:, 0] / rises[:, 1])) / slope - 1.0) > _SLOPE_SHARE:
+        return None
+    if rises[-1, 0] < _ALIKE * float(np.median(rises[:, 0])):
+        return None
+    (frequency, decay), root = tool, math.sqrt(len(teeth))
+    low, high = (
+        np.array([extremum(time, force, i, 0.1 / frequency, marks.noise)[0] for i in where])
+        for where in zip(*teeth, strict=True)
+    )
+    top, bottom = float(np.median(high)), float(np.median(low))
+    top_std, bottom_std = (max(float(np.std(one)), marks.noise) / root for one in (high, low))
+    # it swings about the force of sliding and loses what the damper takes in half a period
+    kept = math.exp(-0.5 / (frequency * decay))
+    kinetic = (top * kept + bottom) / (1.0 + kept)
+    # the handle moves on while it lets go, so that the top lies over static friction
+    late = slope / (2.0 * math.pi * frequency)
+    static = kinetic + math.sqrt(max((top - kinetic) ** 2 - late**2, 0.0))
+    kinetic_std = math.hypot(0.5 * math.hypot(top_std, bottom_std), _FALL_SHARE * (static - kinetic))
+    last = int(bottoms[-1])
+    onset = int(np.searchsorted(time, time[last] + max(kinetic - float(smooth[last]), 0.0) / slope))
+    return Saw(
+        amplitude=(top - bottom, math.hypot(top_std, bottom_std)),
+        stick_time=(float(np.median(rises[:, 1])), float(np.std(rises[:, 1])) / root + float(np.median(np.diff(time)))),
+        static=(static, math.hypot(top_std, kinetic_std)),
+        kinetic=(kinetic, kinetic_std),
+        onset=min(onset, marks.peak - 3),
+    )
+
+
+def extremum(time: Array, force: Array, index: int, reach: float, noise: float) -> tuple[float, float, float]:
+    """Value, standard uncertainty [N] and instant [s] of a bottom or top, by a quartic about it.
+
+    One that hardly stands out of the noise stays where it was looked for: noise would choose its own.
+    """
+    near = np.abs(time - time[index]) <= max(reach, 4.0 * float(np.median(np.diff(time))))
+    t = (time[near] - time[index]) / reach
+    columns = np.vander(t, 5, increasing=True)
+    weights, residuals = fit_linear(columns, force[near])
+    # so few samples do not tell their own noise
+    excess = float(residuals @ residuals) / noise**2
+    unit = (
+        np.linalg.inv(columns.T @ columns)
+        * noise**2
+        * max(excess / (t.size - 5), 1.0 if t.size > 9 else excess / 5.0, 1.0)
+    )
+    grid = np.linspace(-0.9, 0.9, 361)
+    curve = np.vander(grid, 5, increasing=True) @ weights
+    turned = np.argmin(curve) if weights[2] > 0.0 else np.argmax(curve)
+    at = float(grid[turned]) if np.ptp(curve) > _FAINT * noise else 0.0
+    gradient = np.asarray(at ** np.arange(5), dtype=float)
+    return float(gradient @ weights), propagated(gradient, unit), float(time[index]) + at * reach
+
+
+def first_swing(motion: Motion) -> tuple[float, float, float]:
+    """Bottom of the first swing below the sliding level after a slip: depth, its standard uncertainty [N], instant [s].
+
+    The tip runs forward all through that swing, so that friction is part of the level, whatever comes after it.
+    """
+    time, force, period = motion.time, motion.force, 1.0 / motion.frequency
+    fallen = motion.fallen
+    reach = (1.0 if time[fallen] - time[motion.peak] < period else 1.5) * period
+    end, smooth = max(int(np.searchsorted(time, time[fallen] + reach)), fallen + 1), motion.smooth
+    if motion.level - float(smooth[fallen:end].min()) < _FAINT * motion.noise:
+        width = max(int(0.2 * period / float(np.median(np.diff(time)))), 1)
+        smooth = np.convolve(force, np.full(width, 1.0 / width), mode="same")
+    lowest = min(fallen + int(np.argmin(smooth[fallen:end])), time.size - 6)
+    bottom, std, instant = extremum(time, force, lowest, _SWING_SHARE * period, motion.noise)
+    return motion.level - bottom, std, instant
+
+
+@dataclass(frozen=True)
+class Motion:
+    """What a regime is told from."""
+
+    time: Array  # shape (n,) [s]
+    force: Array  # shape (n,), tangential, hum taken off [N]
+    normal: Array  # shape (n,) [N]
+    peak: int  # sample of the release
+    level: float  # tangential force of sliding [N]
+    load: float  # normal force of sliding [N]
+    slope: float  # k v [N/s]
+    noise: float  # of the tangential force [N]
+    frequency: float  # of the tool [Hz]
+
+    @cached_property
+    def smooth(self) -> Array:
+        """Tangential force, five samples averaged [N]."""
+        return np.convolve(self.force, np.full(5, 0.2), mode="same")
+
+    @cached_property
+    def fallen(self) -> int:
+        """First sample after the release at which the force is down at that of sliding, to the noise."""
+        below = np.flatnonzero(self.smooth[self.peak : -2] <= self.level + 2.0 * self.noise / math.sqrt(5.0))
+        return self.peak + int(below[0]) if below.size else self.force.size - 3
+
+
+def regime_of(motion: Motion, saw: Saw | None, bell: bool) -> str:
+    """Say what the tip did; `bell` where a damped cosine explains the ring, as of a tool whose tip hangs free."""
+    if saw is not None:
+        return "stick-slip"
+    if bell:
+        return "snap"
+    time, peak, fallen = motion.time, motion.peak, motion.fallen
+    after = motion.normal[peak : int(np.searchsorted(time, time[fallen] + 5.0 / motion.frequency))]
+    unloaded = after < min(float(after.min()) + _NO_LOAD * white_noise(motion.normal), _LIGHT * motion.load)
+    if np.count_nonzero(unloaded) >= _FLIGHT_SAMPLES:
+        return "flight"
+    if (time[fallen] - time[peak]) * motion.frequency > 1.0:
+        return "climb-down"
+    # where the tip stands, but for the stiffness: it slips back where that falls
+    swing = slice(fallen, int(np.searchsorted(time, time[fallen] + 1.5 / motion.frequency)))
+    place = motion.slope * time[swing] - motion.smooth[swing]
+    back = float(np.max(np.maximum.accumulate(place) - place)) if place.size else 0.0
+    return "rubbing" if back > _BACK_NOISE * motion.noise / math.sqrt(5.0) else "snap"
