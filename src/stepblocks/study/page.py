@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import csv
 import io
 from collections.abc import Iterator, Mapping, Sequence
 from typing import TYPE_CHECKING, Any
@@ -13,10 +12,9 @@ from stepblocks.page_file import render_page
 from stepblocks.study.analysis.results import StudyResult
 from stepblocks.study.experiments import EXPERIMENTS
 from stepblocks.study.prose import headline, journal_table, methods
-from stepblocks.tables import csv_text
 
 if TYPE_CHECKING:
-    import pandas as pd
+    pass
 
 _COLOURS = ("#1f6f8b", "#c8553d", "#588157", "#7b4fa3", "#b08900", "#5b6b79")
 _INK, _LINE = "#1d2a36", "#999999"
@@ -75,14 +73,6 @@ def render_study(result: StudyResult) -> str:
         journal=journal_table(result),
         methods=methods(result),
     )
-
-
-def render_table(frame: pd.DataFrame, float_format: str) -> str:
-    """Write a table for a terminal, in the figures of its CSV."""
-    rows = list(csv.reader(io.StringIO(csv_text(frame, float_format=float_format))))
-    widths = [max(map(len, column)) for column in zip(*rows, strict=True)]
-    lines = ("  ".join(cell.ljust(width) for cell, width in zip(row, widths, strict=True)) for row in rows)
-    return "".join(f"{line.rstrip()}\n" for line in lines)
 
 
 def render_sheets_pdf(title: str, sheets: Sheets) -> bytes:
