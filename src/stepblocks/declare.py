@@ -61,17 +61,18 @@ def load_set(path: str | Path) -> StimulusSet:
         kind, number, *rest = location
         return f"{kind} {brief(declared[kind][number].get('id', number + 1))}", tuple(rest)
 
-    def filled(data: dict[str, Any]) -> dict[str, Any]:
-        return data | {
+    def mended(data: dict[str, Any]) -> StimulusSet:
+        stanzas = {
             kind: [completed(one, usually.get(kind, {})) for one in data[kind]] for kind in known if kind in data
         }
+        return set_of(data | stanzas)
 
     try:
         found = set_of(declared)
     except ValidationError as error:
         # where stanzas could not be read, a set without any is no mistake of its own
         if total or not mistakes:
-            mistakes += mistakes_in(error, file_model(), declared, locate, filled)
+            mistakes += mistakes_in(error, file_model(), declared, locate, mended)
     if mistakes:
         raise StimulusError(told(mistakes, path))
     return found

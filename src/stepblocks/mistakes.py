@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import difflib
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from copy import deepcopy
 from typing import Any, TypeVar, get_args
 
@@ -13,9 +14,8 @@ from stepblocks.errors import StepblocksError
 
 Model = TypeVar("Model", bound=BaseModel)
 Mistake = tuple[str, str]  # where in the file, empty for the file itself; name, rule and value
-Located = Callable[
-    [tuple[Any, ...]], tuple[str, tuple[Any, ...]]
-]  # from a location to the place, and what is left of it
+# from a location to the place in the file, and what is left of it
+Located = Callable[[tuple[Any, ...]], tuple[str, tuple[Any, ...]]]
 
 
 def validated(model: type[Model], data: object, place: object, raised: type[StepblocksError]) -> Model:
@@ -24,6 +24,25 @@ def validated(model: type[Model], data: object, place: object, raised: type[Step
         return model.model_validate(data)
     except ValidationError as error:
         raise raised(told(mistakes_in(error, model, data), place)) from error
+
+
+@contextmanager
+def noted(mistakes: list[Mistake], place: str = "") -> Iterator[None]:
+    """Note what the block refuses, and go on after it."""
+    try:
+        yield
+    except StepblocksError as error:
+        mistakes.append((place, str(error)))
+
+
+def unknown_names(table: Iterable[str], known: Sequence[str], place: str = "") -> list[Mistake]:
+    """List names that nobody knows, with what was probably meant."""
+    found = [name for name in table if name not in known]
+    hints = [
+        f"did you mean {meant}?" if (meant := similar(name, known)) else f"known are {', '.join(known)}"
+        for name in found
+    ]
+    return [(place, f"{name!r} is not known; {hint}") for name, hint in zip(found, hints, strict=True)]
 
 
 def told(mistakes: Iterable[Mistake], file: object) -> str:
@@ -49,7 +68,7 @@ def mistakes_in(
     model: type[BaseModel],
     data: object,
     locate: Located = lambda place: ("", place),
-    completed: Callable[[Any], Any] = lambda data: data,
+    validate: Callable[[Any], object] | None = None,
 ) -> list[Mistake]:
     """List what is wrong by its places, unknown names first; what depends on them is looked at as if they were mended."""
     found: dict[tuple[Any, ...], Mapping[str, Any]] = {}
@@ -60,9 +79,9 @@ def mistakes_in(
         unknown = [one for one in new.values() if one["type"] == "extra_forbidden"]
         if not (again and unknown):
             break
-        data = completed(_mended(data, model, unknown))
+        data = _mended(data, model, unknown)
         try:
-            model.model_validate(data)
+            (validate or model.model_validate)(data)
             found = {key: one for key, one in found.items() if one["type"] == "extra_forbidden"}
             break
         except ValidationError as other:
@@ -87,7 +106,8 @@ def _rules(finding: Mapping[str, Any], name: str) -> list[str]:
     if kind in ("value_error", "quantity"):
         text = str(finding["ctx"]["error"]) if "ctx" in finding else finding["msg"]
         last = name.rsplit(".", 1)[-1]
-        return [f"{name}: {line}" if name and not line.startswith(last) else line for line in text.splitlines()]
+        said = (last, f"`{name}")
+        return [f"{name}: {line}" if name and not line.startswith(said) else line for line in text.splitlines()]
     if kind == "string_pattern_mismatch":
         return [f"{name} must be lower-case words and digits joined by hyphens, got {brief(value)}"]
     text = finding["msg"]

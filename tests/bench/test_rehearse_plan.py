@@ -109,11 +109,11 @@ def test_no_number_that_is_none_may_be_planted():
 @pytest.mark.parametrize(
     ("text", "message"),
     [
-        ("trials = 0\n", "`design.trials`: Input should be greater than or equal to 1"),
-        ("repeats = 2000000\n", "`design.repeats`"),
-        ("[rig]\nnoise = 4.5\n", "`rig.noise`: must be a force .* in quotes"),
-        ("[rig]\nnoice = '4 mN'\n", "`rig.noice`: Extra inputs are not permitted"),
-        ("[model]\nring = 'square'\n", "`model.ring`"),
+        ("trials = 0\n", "design.trials: input should be greater than or equal to 1"),
+        ("repeats = 2000000\n", "design.repeats"),
+        ("[rig]\nnoise = 4.5\n", "rig.noise: must be a force .* in quotes"),
+        ("[rig]\nnoice = '4 mN'\n", "rig.noice is not a known field.*did you mean rig.noise"),
+        ("[model]\nring = 'square'\n", "model.ring"),
         ("[[effects]]\nsize = 1.0\n", "slot of effect 1 or law must be given"),
         ("[[effects]]\nslot = 'drag'\ncovariate = 'block'\n", "must be one of none where its form is constant"),
         ("[[effects]]\nslot = 'drag'\nform = 'levels'\ncovariate = 'load_n'\n", "must be one of block, operator, tip"),

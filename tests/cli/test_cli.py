@@ -161,7 +161,8 @@ def test_check_names_the_artefact_that_is_wrong_and_exits_with_one(shipped_outpu
     assert json.loads(capsys.readouterr().out)["failed"] == ["paper-ten/step-010/step-010.ply"]
 
 
-def test_predict_prints_a_table_and_writes_the_same_as_csv(tmp_path, capsys):
+def test_predict_prints_a_table_and_writes_the_same_as_csv(tmp_path, capsys, monkeypatch):
+    monkeypatch.delenv("COLUMNS", raising=False)
     source = str(ROOT / "stimuli" / "paper-four.toml")
     assert main(["predict", source]) == 0
     lines = capsys.readouterr().out.splitlines()

@@ -7,7 +7,7 @@ import pytest
 
 from stepblocks.study.analysis.results import COLUMNS
 from stepblocks.study.design import Item, constant_stimuli, experiment_one, experiment_two
-from stepblocks.study.page import render_study, render_table
+from stepblocks.study.page import render_study
 from stepblocks.study.sheet import design_rows, join_answers, simulate_answers
 from stepblocks.study.simulate import Observer
 
@@ -109,10 +109,3 @@ def test_a_notebook_shows_notes_and_figures(estimates):
     assert "<p>48 judgements of 4 participants.</p>" in shown
     assert "soft &lt;b&gt;" in shown
     assert "NaN" not in shown
-
-
-def test_a_terminal_shows_what_the_csv_says_in_columns():
-    import pandas as pd
-
-    frame = pd.DataFrame({"name": ["a", "a, longer"], "figure": [0.5, float("nan")], "count": [3, 12]})
-    assert render_table(frame, "%.3f") == "name       figure  count\na          0.500   3\na, longer          12\n"

@@ -10,6 +10,7 @@ from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, ValidationEr
 
 from stepblocks.bench.signal import TraceError
 from stepblocks.errors import BenchError, QuantityError
+from stepblocks.mistakes import Mistake, mistakes_in, noted, told
 from stepblocks.quantities import parse_quantity, quantity_parser
 from stepblocks.text_file import read_document
 
@@ -74,6 +75,16 @@ class Channels(Strict):
     tangential: Channel
     normal: Channel
     time: Channel | None = None
+
+    @model_validator(mode="after")
+    def _units_fit(self) -> Channels:
+        mistakes: list[Mistake] = []
+        for part, (channel, dimension) in self.parts().items():
+            with noted(mistakes):
+                channel.scale(dimension, f"acquisition.channels.{part}")
+        if mistakes:
+            raise ValueError("\n".join(text for _, text in mistakes))
+        return self
 
     def parts(self) -> dict[str, tuple[Channel, str]]:
         """Return the declared channels, each with its dimension."""
@@ -173,41 +184,33 @@ class Session(_Open):
 
 
 def open_session(folder: str | Path) -> Session:
-    """Read ``session.toml`` of a folder and look whether all that it names is there; else `BenchError` in one line."""
+    """Read ``session.toml`` of a folder and look whether all that it names is there; else `BenchError` with all that is wrong."""
     folder = Path(folder)
     path = folder / "session.toml"
     if not folder.is_dir():
         raise BenchError(f"session must be a folder with a session.toml, got {str(folder)!r}")
     if not path.exists():
         raise BenchError(f"session.toml is missing [{folder}]")
+    declared = read_document(path, "session.toml", BenchError, _MOST_BYTES)
+    mistakes: list[Mistake] = []
     try:
-        declared = read_document(path, "session.toml", BenchError, _MOST_BYTES)
         session = Session.model_validate({**declared, "folder": folder})
+        if not session.table.is_file():
+            mistakes.append(("", f"table of trials is missing, expected {session.trials.file} beside session.toml"))
     except ValidationError as error:
-        rule, got = first_of(error)
-        shown = f", got {got!r}" if isinstance(got, str | int | float) and "got" not in rule.split(": ", 1)[1] else ""
-        raise BenchError(f"{rule}{shown} [{path}]") from error
-    acquisition = session.acquisition
-    check_pattern(acquisition.traces, "trial", "acquisition.traces")
-    check_pattern(acquisition.group, "trial", "acquisition.group")
-    check_pattern(session.stimuli.scans, "block", "stimuli.scans")
-    for part, (channel, dimension) in acquisition.channels.parts().items():
-        channel.scale(dimension, f"acquisition.channels.{part}")
-    if acquisition.kind == "csv" and not acquisition.per_trial:
-        raise BenchError(
-            f"`acquisition.traces` must hold {{trial}} for CSV traces, got {acquisition.traces!r} [{path}]"
-        )
-    inside(folder, acquisition.traces, "acquisition.traces")
-    if not session.table.is_file():
-        raise BenchError(f"table of trials is missing, expected {session.trials.file} [{folder}]")
+        mistakes += mistakes_in(error, Session, {**declared, "folder": folder})
+    for name, field in (("acquisition.traces", "trial"), ("acquisition.group", "trial"), ("stimuli.scans", "block")):
+        table, _, key = name.partition(".")
+        given = declared.get(table, {}).get(key) if isinstance(declared.get(table), dict) else None
+        if isinstance(given, str):
+            with noted(mistakes):
+                check_pattern(given, field, name)
+                inside(folder, given, name)
+                if key == "traces" and given.lower().endswith(".csv") and "{" not in given:
+                    raise BenchError(f"`{name}` must hold {{trial}} for CSV traces, got {given!r}")
+    if mistakes:
+        raise BenchError(told(mistakes, path))
     return session
-
-
-def first_of(error: ValidationError) -> tuple[str, object]:
-    """Field and rule of the first mistake, and what was given."""
-    first = error.errors()[0]
-    place = ".".join(str(part) for part in first["loc"])
-    return f"`{place}`: {first['msg'].removeprefix('Value error, ')}", first.get("input")
 
 
 def check_pattern(pattern: str | None, field: str, place: str) -> None:

@@ -44,15 +44,14 @@ def show(outcome: Outcome, arguments: argparse.Namespace, written: Sequence[Path
     if not getattr(arguments, "quiet", False):
         for title, rows in outcome.tables.items():
             print_table(title, rows, wide=getattr(arguments, "wide", False))
-        console = _console()
         for note in outcome.notes:
-            console.print(note, markup=False)
+            _print(note)
         if outcome.said:
-            console.print(outcome.said, markup=False, style="bold" if outcome.code == 0 else "bold red")
+            _print(outcome.said, "bold" if outcome.code == 0 else "bold red")
         if written:
-            console.print(_where(written), markup=False, style="dim")
+            _print(_where(written), "dim")
         if outcome.look is not None:
-            console.print(f"open {outcome.look}", markup=False, style="cyan")
+            _print(f"open {outcome.look}", "cyan")
     for failure in outcome.failures:
         print(failure, file=sys.stderr)
 
@@ -68,14 +67,14 @@ def _where(written: Sequence[Path]) -> str:
     return f"written: {len(written)} files in {top}" + (f", {len(folders)} folders" if len(folders) > 1 else "")
 
 
-def _console(width: int | None = None) -> Any:
+def _print(shown: Any, style: str | None = None, width: int | None = None) -> None:
+    """Print something through rich, but by our own stream, whose end `main` knows to meet."""
     from rich.console import Console
 
-    class Plain(Console):
-        def on_broken_pipe(self) -> None:
-            raise  # `main` knows what to do
-
-    return Plain(width=width, highlight=False, soft_wrap=width is None)
+    console = Console(width=width, highlight=False, soft_wrap=width is None)
+    with console.capture() as captured:
+        console.print(shown, style=style, markup=False)
+    sys.stdout.write(captured.get())
 
 
 def print_table(title: str, rows: Sequence[Mapping[str, Any]], *, wide: bool = False) -> None:
@@ -101,14 +100,14 @@ def print_table(title: str, rows: Sequence[Mapping[str, Any]], *, wide: bool = F
     )
     for line in (title, same):
         if line:
-            _console().print(line, markup=False, style="bold" if line is title else "dim")
+            _print(line, "bold" if line is title else "dim")
     table = Table(box=None, pad_edge=False, header_style="bold", padding=(0, 2, 0, 0))
     for name in names:
         head = Text(heads[name].replace(" ", "\n"))
         table.add_column(head, justify="right" if _is_number(cells[name]) else "left", no_wrap=True, vertical="bottom")
     for row in zip(*(cells[name] for name in names), strict=True):
         table.add_row(*map(Text, row))
-    _console(room).print(table)
+    _print(table, width=room)
     if more := len(cells) - len(alike) - len(names):
         print(f"({more} more columns: --wide)", file=sys.stderr)
 

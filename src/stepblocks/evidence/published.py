@@ -8,10 +8,11 @@ from importlib.resources import files
 from pathlib import Path
 from typing import Annotated, Any
 
-from pydantic import BaseModel, ConfigDict, Field, ValidationError
+from pydantic import BaseModel, ConfigDict, Field
 
 from stepblocks.errors import StimulusError
 from stepblocks.evidence.questions import AT, QUESTIONS, dimension_of
+from stepblocks.mistakes import validated
 from stepblocks.quantities import parse_quantity
 
 _LARGEST = 100_000  # bytes
@@ -86,11 +87,7 @@ def shipped() -> list[Published]:
 
 def _parse(name: str, text: str, place: str) -> Published:
     try:
-        raw = _File.model_validate(tomllib.loads(text))
-    except ValidationError as error:
-        first = error.errors(include_url=False)[0]
-        field = ".".join(str(part) for part in first["loc"])
-        raise StimulusError(f"{field}: {first['msg'].lower()}, got {first['input']!r:.60} [{place}]") from error
+        raw = validated(_File, tomllib.loads(text), place, StimulusError)
     except ValueError as error:
         raise StimulusError(f"must be TOML: {error} [{place}]") from error
     if raw.question not in QUESTIONS:

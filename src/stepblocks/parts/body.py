@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from stepblocks.parts.characteristics import Characteristic, EdgeRule, FaceRule, broken_edges, plane, toleranced
-from stepblocks.parts.declared import Table, WorkingFaces, every_rule, require, require_below
+from stepblocks.parts.declared import Table, WorkingFaces, require, require_below, rules_validator
 from stepblocks.parts.kind import Part
 from stepblocks.parts.lettering import engraved_text, letters, text_width
 from stepblocks.parts.tolerance import Length, PositiveLength
@@ -72,7 +72,7 @@ class Body(Table):
     mounting: Mounting
     engraving: Engraving
 
-    @every_rule
+    @rules_validator
     def _fits(self) -> None:
         length, width, thickness = self.length.nominal, self.width.nominal, self.thickness.nominal
         holes, chamfer = self.mounting, self.edge_break.nominal

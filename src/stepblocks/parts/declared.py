@@ -20,7 +20,7 @@ Identity = Annotated[str, Field(pattern=r"^[a-z][a-z0-9]*(-[a-z0-9]+)*$", max_le
 _broken: ContextVar[list[str] | None] = ContextVar("broken", default=None)
 
 
-def every_rule(check: Callable[[Any], Any]) -> Any:
+def rules_validator(check: Callable[[Any], Any]) -> Any:
     """Make of a check of a whole table a validator that tells every rule that is broken, not only the first."""
 
     def checked(self: Any) -> Any:

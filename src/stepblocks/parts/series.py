@@ -17,6 +17,7 @@ from stepblocks.quantities import parse_quantity
 _BESIDE = ("tolerance", "otherwise", "source")  # what a dimension has besides its nominal
 MAX_SERIES = 20_000  # most stimuli that one stanza may stand for
 
+USUAL = Path(__file__).with_name("usual.toml")  # what stands in the place of fields that are left out
 _PLACEHOLDER = re.compile(r"\{(?P<field>[a-z_]+?)(?:_(?P<unit>um|nm|mm|deg))?(?::0(?P<digits>[1-9]))?\}")
 _UNITS = {"um": 1e6, "nm": 1e9, "mm": 1e3, "deg": 57.29577951308232}
 
@@ -32,7 +33,7 @@ def merged(defaults: Mapping[str, Any], stanza: Mapping[str, Any]) -> dict[str, 
 
 def usual() -> dict[str, dict[str, Any]]:
     """Tables of what stands in the place of fields that are left out, by stanza."""
-    return tomllib.loads(Path(__file__).with_name("usual.toml").read_text(encoding="utf-8"))
+    return tomllib.loads(USUAL.read_text(encoding="utf-8"))
 
 
 def completed(stanza: Mapping[str, Any], usually: Mapping[str, Any]) -> dict[str, Any]:

@@ -11,7 +11,7 @@ from pydantic import BeforeValidator, Field, create_model
 from stepblocks.contact.operating_point import PAPER
 from stepblocks.errors import StimulusError
 from stepblocks.parts.conditions import PAPER_STEPS, DampingRig, PredictionGrid, ProbeSpec
-from stepblocks.parts.declared import Identity, Table, break_rule, every_rule
+from stepblocks.parts.declared import Identity, Table, break_rule, rules_validator
 from stepblocks.parts.energy_tolerance import toleranced
 from stepblocks.parts.kind import Part
 from stepblocks.parts.kinds.crown_on_tooth import CrownOnTooth
@@ -102,7 +102,7 @@ class StimulusSet(Table):
         tool = self.prediction.tool.model_copy(update={"stiffness": ring.stiffness})
         return self.prediction.model_copy(update={"tool": tool})
 
-    @every_rule
+    @rules_validator
     def _parts_suit_the_conditions(self) -> None:
         seen: set[str] = set()
         for part in self.stimuli:

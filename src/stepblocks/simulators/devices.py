@@ -12,12 +12,13 @@ from enum import StrEnum
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
-from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, ValidationError
+from pydantic import BaseModel, BeforeValidator, ConfigDict, Field
 
 from stepblocks.contact.energy import Status
 from stepblocks.contact.event import VibrationEvent
 from stepblocks.contact.operating_point import OperatingPoint
 from stepblocks.errors import HapticsError
+from stepblocks.mistakes import validated
 from stepblocks.quantities import parse_quantity
 from stepblocks.text_file import read_document
 
@@ -95,12 +96,8 @@ def load_devices(path: str | Path | None = None) -> tuple[Device, ...]:
 
 
 def _read(path: Path) -> tuple[Device, ...]:
-    try:
-        return _DeviceFile.model_validate(read_document(path, "a device file", HapticsError, _MAX_FILE_BYTES)).device
-    except ValidationError as error:
-        first = error.errors(include_url=False)[0]
-        where = ".".join(map(str, first["loc"]))
-        raise HapticsError(f"{where}: {first['msg']}, got {first.get('input')!r:.60} [{path}]") from error
+    raw = read_document(path, "a device file", HapticsError, _MAX_FILE_BYTES)
+    return validated(_DeviceFile, raw, path, HapticsError).device
 
 
 def device_named(name: str, devices: tuple[Device, ...]) -> Device:

@@ -8,13 +8,14 @@ from pathlib import Path
 from typing import Annotated, Literal
 
 import numpy as np
-from pydantic import BeforeValidator, Field, ValidationError
+from pydantic import BeforeValidator, Field
 
 from stepblocks.bench.rehearse import Rig, Truth
-from stepblocks.bench.session import Frequency, Stiffness, Strict, TraceFormat, first_of
+from stepblocks.bench.session import Frequency, Stiffness, Strict, TraceFormat
 from stepblocks.contact.effects import named_laws
 from stepblocks.contact.operating_point import PAPER
 from stepblocks.errors import PipelineError
+from stepblocks.mistakes import told, validated
 from stepblocks.quantities import quantity_parser
 from stepblocks.text_file import read_document
 
@@ -204,12 +205,9 @@ def block_name(height: float) -> str:
 
 
 def read_plan(path: Path) -> SessionPlan:
-    """Read a plan, or say in one line what is wrong with it."""
-    try:
-        plan = SessionPlan.model_validate(read_document(path, "plan", PipelineError))
-    except ValidationError as error:
-        raise PipelineError(f"{first_of(error)[0]} [{path}]") from error
-    for number, effect in enumerate(plan.effects, start=1):
-        if fault := effect.fault(plan, number):
-            raise PipelineError(f"{fault} [{path}]")
+    """Read a plan, or say all that is wrong with it."""
+    plan = validated(SessionPlan, read_document(path, "plan", PipelineError), path, PipelineError)
+    faults = [fault for number, one in enumerate(plan.effects, start=1) if (fault := one.fault(plan, number))]
+    if faults:
+        raise PipelineError(told([("", fault) for fault in faults], path))
     return plan

@@ -9,7 +9,7 @@ from dataclasses import replace
 from typing import TYPE_CHECKING, Any, ClassVar, Literal
 
 from stepblocks.parts.characteristics import Characteristic, EdgeRule, FaceRule, Rule, plane, toleranced
-from stepblocks.parts.declared import Table, every_rule, require, require_above, require_below
+from stepblocks.parts.declared import Table, require, require_above, require_below, rules_validator
 from stepblocks.parts.kind import CONTACT_DEFLECTION, FITTING_DEFLECTION, NANOMETRE, Finding, MeasuredMesh
 from stepblocks.parts.kinds.margin import CrownMargin
 from stepblocks.parts.revolution import Outline, Point, Turned, outline_points, ring, sectors, stack
@@ -29,7 +29,7 @@ class FinishLine(Table):
     kind: Literal["shoulder", "chamfer", "feather-edge"]  # a square ledge, a quarter round, or no ledge
     width: Length  # width of the ledge, or radius of the quarter round [m]; 0 for the feather edge
 
-    @every_rule
+    @rules_validator
     def _has_the_width_of_its_kind(self) -> None:
         if (self.width.nominal == 0.0) != (self.kind == "feather-edge"):
             rule = "be 0 for a feather-edge" if self.kind == "feather-edge" else f"be above 0 for a {self.kind}"
@@ -240,7 +240,7 @@ class CrownOnTooth(CrownMargin, Turned):
         inner = -finish.width.nominal - height * math.tan(self.taper.nominal) + gap / math.cos(self.taper.nominal)
         return self.horizontal_discrepancy.nominal - inner
 
-    @every_rule
+    @rules_validator
     def _fits_the_tooth(self) -> None:
         h, g, v = self.horizontal_discrepancy.nominal, self.marginal_gap.nominal, self.opening.nominal
         R, finish, height = self.margin_radius.nominal, self.finish_line, self.preparation_height.nominal

@@ -8,7 +8,7 @@ from dataclasses import replace
 from typing import TYPE_CHECKING, Any, ClassVar
 
 from stepblocks.parts.characteristics import Characteristic, EdgeRule, FaceRule, broken_edges, plane, toleranced
-from stepblocks.parts.declared import MaterialField, every_rule, require, require_below
+from stepblocks.parts.declared import MaterialField, require, require_below, rules_validator
 from stepblocks.parts.kind import CONTACT_DEFLECTION, FITTING_DEFLECTION, NANOMETRE, Finding, MeasuredMesh
 from stepblocks.parts.revolution import Outline, Turned, stack
 from stepblocks.parts.tolerance import Angle, Length, PositiveLength
@@ -99,7 +99,7 @@ class GroovedCylinder(Turned):
     def derived(self) -> list[list[str]]:
         return [["depth of the groove", format_quantity(self.groove_depth, "length")]]
 
-    @every_rule
+    @rules_validator
     def _is_possible(self) -> None:
         R, flank, width = 0.5 * self.diameter.nominal, self.flank_angle.nominal, self.groove_width.nominal
         if not 0.0 < flank < math.radians(80.0):

@@ -22,7 +22,7 @@ from typing import TYPE_CHECKING, Any, ClassVar
 
 from stepblocks.parts.body import Block, Body, body_cuts, half_points, half_volume, section_outline, strip_volume
 from stepblocks.parts.characteristics import PROFILE, Characteristic, EdgeRule, FaceRule, form_of, plane, toleranced
-from stepblocks.parts.declared import MaterialField, WorkingFaces, every_rule, require, require_below
+from stepblocks.parts.declared import MaterialField, WorkingFaces, require, require_below, rules_validator
 from stepblocks.parts.kind import NANOMETRE, Finding, MeasuredMesh, Part, exaggeration
 from stepblocks.parts.shapes import hull, split
 from stepblocks.parts.tolerance import ANGULAR_DEVIATION, Dimension, PositiveLength, SignedLength
@@ -80,7 +80,7 @@ class CrownMargin(Part):
             return [(g, g), (v, g), (v, h)]
         return [(g, h)] if v == g else [(g, h - abs(v - g)), (v, h)]
 
-    @every_rule
+    @rules_validator
     def _lip_clears_the_tooth(self) -> None:
         v, g, h = self.opening.nominal, self.marginal_gap.nominal, self.horizontal_discrepancy.nominal
         if v < 0.0 and h <= g:
@@ -216,7 +216,7 @@ class MarginBlock(CrownMargin, Block):
         wide = 2.5 * max(rise, gap, abs(self.opening.nominal))
         return (exaggeration(rise) if rise else 1.0), wide, (0.5 * gap, 0.0, 0.0)
 
-    @every_rule
+    @rules_validator
     def _fits_the_body(self) -> None:
         body, g, v = self.body, self.marginal_gap.nominal, self.opening.nominal
         h, depth, chamfer = self.horizontal_discrepancy.nominal, self.gap_depth.nominal, self.body.edge_break.nominal

@@ -16,9 +16,9 @@ from stepblocks.parts.declared import (
     Material,
     Sourced,
     Table,
-    every_rule,
     require_above,
     require_below,
+    rules_validator,
     sourced,
 )
 from stepblocks.parts.kind import FITTING_DEFLECTION, Finding, HeldPart, MeasuredMesh
@@ -178,7 +178,7 @@ class Sheath(Turned, HeldPart):
             rule = f"not be less than the shank ({format_quantity(shank, 'length')}) within its tolerance"
             raise ValueError(f"bore must {rule}, got {self.bore} [{self.place}]")
 
-    @every_rule
+    @rules_validator
     def _is_possible(self) -> None:
         bore, outer, broken = self.bore.nominal, self.outer_diameter.nominal, self.edge_break.nominal
         require_above("outer_diameter", "exceed bore", outer, bore)

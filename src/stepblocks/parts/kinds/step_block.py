@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any, ClassVar, Literal
 
 from stepblocks.parts.body import Block, Body, body_cuts, half_points, half_volume, section_outline
 from stepblocks.parts.characteristics import PROFILE, Characteristic, EdgeRule, FaceRule, form_of, plane, toleranced
-from stepblocks.parts.declared import MaterialField, Table, WorkingFaces, every_rule, require, require_below
+from stepblocks.parts.declared import MaterialField, Table, WorkingFaces, require, require_below, rules_validator
 from stepblocks.parts.energy_tolerance import EnergyToleranceField, described, require_energy_tolerance
 from stepblocks.parts.kind import COARSE_DEFLECTION, CONTACT_DEFLECTION, NANOMETRE, Finding, MeasuredMesh, exaggeration
 from stepblocks.parts.shapes import hull, split
@@ -199,7 +199,7 @@ class StepBlock(Block):
     def derived(self) -> list[list[str]]:
         return described(self.energy_tolerance)
 
-    @every_rule
+    @rules_validator
     def _is_possible(self) -> None:
         height, radius, body, feature = self.height.nominal, self.edge_radius.nominal, self.body, self.metrology
         tip_is_free = self.energy_tolerance is not None and self.energy_tolerance.ball_radius is None

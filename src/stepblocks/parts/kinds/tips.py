@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any, ClassVar
 import numpy as np
 
 from stepblocks.parts.characteristics import Characteristic, EdgeRule, FaceRule, plane, toleranced
-from stepblocks.parts.declared import MaterialField, every_rule, require, require_above
+from stepblocks.parts.declared import MaterialField, require, require_above, rules_validator
 from stepblocks.parts.energy_tolerance import EnergyToleranceField, described, require_energy_tolerance
 from stepblocks.parts.kind import COARSE_DEFLECTION, CONTACT_DEFLECTION, Finding, HeldPart, MeasuredMesh
 from stepblocks.parts.revolution import Outline, Point3, Turned, revolution_volume, ring, turned_hull
@@ -86,7 +86,7 @@ class Tip(Turned, HeldPart):
     def derived(self) -> list[list[str]]:
         return described(self.energy_tolerance)
 
-    @every_rule
+    @rules_validator
     def _is_possible(self) -> None:
         R, shank, half = self.ball_radius.nominal, self.shank_radius.nominal, self.cone_angle.nominal
         require_energy_tolerance(self.energy_tolerance, {"ball_radius": self.ball_radius}, False)
@@ -118,7 +118,7 @@ class StraightTip(Tip):
         at = plane(2, self.length.nominal), FaceRule("SPHERE", radius=self.ball_radius.nominal)
         yield toleranced("length", "distance", self.length, *at, label="length from the contact point")
 
-    @every_rule
+    @rules_validator
     def _has_a_shank(self) -> None:
         require_above("length", "exceed the end of the cone", self.length.nominal, self.cone_end)
 
@@ -179,7 +179,7 @@ class HookTip(Tip):
         end = plane(0, x, z=z) if square else FaceRule("SLOPE", holds={0: x, 1: 0.0, 2: z})
         yield toleranced("straight_length", "distance", self.straight_length, end, EdgeRule(ring, wire))
 
-    @every_rule
+    @rules_validator
     def _can_be_bent(self) -> None:
         if self.bend_angle.nominal <= 0.0:
             raise ValueError("bend_angle must be above 0 deg, got 0 deg")

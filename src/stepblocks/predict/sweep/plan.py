@@ -15,6 +15,7 @@ from stepblocks.contact.operating_point import PAPER
 from stepblocks.contact.uncertainty import rectangular
 from stepblocks.declare import load_declared
 from stepblocks.errors import PipelineError, QuantityError, StepblocksError
+from stepblocks.mistakes import Mistake, noted, told, unknown_names
 from stepblocks.parts.conditions import PredictionGrid
 from stepblocks.parts.kind import Part
 from stepblocks.predict.predictions import half_width, middle_of
@@ -93,64 +94,84 @@ class SweepPlan:
         return hashlib.sha256(json.dumps(asdict(self), sort_keys=True).encode()).hexdigest()
 
 
+_HEAD = ("kind", "mode", "surface", "set", "rows", "seed", "rows_per_partition")
+
+
 def load_sweep(path: Path) -> SweepPlan:
     """Read a sweep from a TOML file."""
     data = read_document(path, "sweep", PipelineError, _LARGEST_FILE)
+    mistakes: list[Mistake] = []
     try:
-        return _resolved(data, path.parent)
+        plan = _resolved(data, path.parent, mistakes)
     except StepblocksError as error:
-        raise PipelineError(f"{error} [{path}]") from error
+        mistakes.append(("", str(error)))
+    if mistakes:
+        raise PipelineError(told(mistakes, path))
+    return plan
 
 
-def _resolved(data: dict[str, Any], folder: Path) -> SweepPlan:
-    _known("the file", data, ("sweep", "parameters", "draws"))
+def _resolved(data: dict[str, Any], folder: Path, mistakes: list[Mistake]) -> SweepPlan:
+    """Read all that can be read, noting what is wrong on the way."""
+    mistakes += unknown_names(data, ("sweep", "parameters", "draws"))
     head, parameters, draws = (_table(data, name) for name in ("sweep", "parameters", "draws"))
-    _known("[sweep]", head, ("kind", "mode", "surface", "set", "rows", "seed", "rows_per_partition"))
-    kind, mode = _one_of(head, "kind", ("grid", "random")), _one_of(head, "mode", ("static", "drag"))
-    surface = _one_of(head, "surface", ("step", "margin"))
+    mistakes += unknown_names(head, _HEAD, "[sweep]")
+    kind, mode, surface, size, points, count = "grid", "static", "step", 1, 0, 1
+    with noted(mistakes):
+        kind = _one_of(head, "kind", ("grid", "random"))
+    with noted(mistakes):
+        mode = _one_of(head, "mode", ("static", "drag"))
+    with noted(mistakes):
+        surface = _one_of(head, "surface", ("step", "margin"))
     stimuli: list[dict[str, Any]] = []
     declared: dict[str, list[float]] = {}
     drawn: tuple[dict[str, float], dict[str, float]] = {}, {}
     if "set" in head:
         surface, stimuli, declared, drawn = _of_set(head, parameters, draws, folder)
     elif "tolerances" in draws:
-        raise PipelineError("tolerances are those of a set: name it with set [draws]")
+        mistakes.append(("[draws]", "tolerances are those of a set: name it with set"))
     names = PARAMETERS[surface]
     taken = set(stimuli[0]["values"]) | {"height", "edge_radius", "vertical_discrepancy"} if stimuli else set()
     open_names = [name for name in names if name not in taken]
-    _known("[parameters]", parameters, (*(["stimulus"] if stimuli else []), *open_names))
-    _known("[draws]", draws, ("count", *(["tolerances"] if stimuli else []), *names))
+    mistakes += unknown_names(parameters, (*(["stimulus"] if stimuli else []), *open_names), "[parameters]")
+    mistakes += unknown_names(draws, ("count", "tolerances", *names), "[draws]")
     values: dict[str, list[float]] = {}
     ranges: dict[str, list[float]] = {}
     for name in open_names:
         dimension, default = names[name]
         if name in parameters:
-            _read(name, parameters[name], dimension, kind, values, ranges)
+            with noted(mistakes):
+                _read(name, parameters[name], dimension, kind, values, ranges)
         elif name in declared:
             values[name] = declared[name]
         elif default is None:
-            raise PipelineError(f"{name} must be given [parameters]")
+            mistakes.append(("[parameters]", f"{name} must be given"))
         elif default != _SQUARE:
             values[name] = [default]
-    points = math.prod(len(v) for v in values.values()) * max(len(stimuli), 1)
-    if kind == "random":
-        points = _count("rows", head.get("rows"), "sweep")
-    elif "rows" in head:
-        raise PipelineError("rows must not be given for a grid, its axes say how many there are [sweep]")
-    count = _count("count", draws.get("count", 1), "draws")
-    spreads = drawn[0] | {n: _quantity(n, draws[n], names[n][0], "draws") for n in names if n in draws}
+    with noted(mistakes):
+        points = math.prod(len(v) for v in values.values()) * max(len(stimuli), 1)
+        if kind == "random":
+            points = _count("rows", head.get("rows"), "sweep")
+        elif "rows" in head:
+            raise PipelineError("rows must not be given for a grid, its axes say how many there are [sweep]")
+    with noted(mistakes):
+        count = _count("count", draws.get("count", 1), "draws")
+    spreads = dict(drawn[0])
+    for name in (name for name in names if name in draws):
+        with noted(mistakes):
+            spreads[name] = _quantity(name, draws[name], names[name][0], "draws")
     if any(value < 0.0 for value in spreads.values()):
-        raise PipelineError("standard uncertainties must not be negative [draws]")
-    for name in spreads:
-        if name == "direction" or (not stimuli and name not in values and name not in ranges):
-            raise PipelineError(f"{name} cannot be drawn about a value that is not given [draws]")
+        mistakes.append(("[draws]", "standard uncertainties must not be negative"))
+    given = {*values, *ranges, *parameters}
+    for name in (name for name in spreads if name == "direction" or (not stimuli and name not in given)):
+        mistakes.append(("[draws]", f"{name} cannot be drawn about a value that is not given"))
     shares = {name: share for name, share in drawn[1].items() if name not in spreads}
     seed = head.get("seed", 0)
     if not isinstance(seed, int) or isinstance(seed, bool) or not 0 <= seed < 2**63:
-        raise PipelineError(f"seed must be a whole number of 0 or more, got {seed!r} [sweep]")
+        mistakes.append(("[sweep]", f"seed must be a whole number of 0 or more, got {seed!r}"))
     if points * count > _MOST_ROWS:
-        raise PipelineError(f"sweep has {points * count} rows and must not have more than {_MOST_ROWS}")
-    size = _count("rows_per_partition", head.get("rows_per_partition", 1000), "sweep", _MOST_ROWS_OF_PARTITION)
+        mistakes.append(("", f"sweep has {points * count} rows and must not have more than {_MOST_ROWS}"))
+    with noted(mistakes):
+        size = _count("rows_per_partition", head.get("rows_per_partition", 1000), "sweep", _MOST_ROWS_OF_PARTITION)
     return SweepPlan(kind, mode, surface, points, count, seed, size, values, ranges, spreads, shares, stimuli)
 
 
@@ -184,7 +205,8 @@ def _read(
             raise PipelineError(f"{name} must list 1 to {_MOST_VALUES} values, got {len(given)} [parameters]")
         values[name] = [_quantity(name, item, dimension, "parameters") for item in given]
     elif isinstance(given, dict):
-        _known(f"{name} [parameters]", given, ("from", "to", "count"))
+        if unknown := unknown_names(given, ("from", "to", "count")):
+            raise PipelineError(f"{name}: {unknown[0][1]} [parameters]")
         if not {"from", "to"} <= set(given):
             raise PipelineError(f"{name} must have from and to [parameters]")
         if dimension == "direction":
@@ -223,12 +245,6 @@ def _table(data: dict[str, Any], name: str) -> dict[str, Any]:
     if not isinstance(table, dict):
         raise PipelineError(f"{name} must be a table, got {table!r}")
     return table
-
-
-def _known(place: str, table: dict[str, Any], names: tuple[str, ...]) -> None:
-    unknown = [key for key in table if key not in names]
-    if unknown:
-        raise PipelineError(f"{unknown[0]!r} is not known in {place}; known are {', '.join(names)}")
 
 
 def stimuli_of(path: Path, wanted: Any, tolerances: bool) -> tuple[str, list[dict[str, Any]], PredictionGrid]:

@@ -1,0 +1,278 @@
+"""Promise: all that is wrong with a file is told in one go, each mistake once, with its place and a remedy."""
+
+from pathlib import Path
+
+import pytest
+
+from stepblocks.cli import main
+from stepblocks.declare import load_set
+from stepblocks.errors import StepblocksError
+
+ROOT = Path(__file__).resolve().parents[2]
+BLOCK = """
+[prediction]
+normal_loads = ["0.5 N"]
+[[step_block]]
+id = "one"
+height = "25 um"
+[[margin_block]]
+id = "two"
+marginal_gap = "50 um"
+[[straight_tip]]
+id = "three"
+ball_radius = "125 um"
+"""
+SESSION = """
+schema = 1
+[probe]
+spring_constant = "9.81 N/mm"
+[acquisition]
+sample_rate = "10 kHz"
+traces = "{trial}.csv"
+[acquisition.channels]
+tangential = "fx_n"
+normal = "fy_n"
+"""
+SWEEP = """
+[sweep]
+kind = "grid"
+seed = 1
+[parameters]
+height = "25 um"
+friction = 0.15
+[draws]
+count = 2
+"""
+DEVICE = """
+[[device]]
+id = "mine"
+name = "Mine"
+maker = "Me"
+position_resolution = { value = "0.01 mm", source = "own", confidence = "assumed" }
+peak_force = { value = "8 N", source = "own", confidence = "assumed" }
+update_rate = { value = "1 kHz", source = "own", confidence = "assumed" }
+actuated_axes = 3
+sensed_axes = 6
+"""
+PLAN = """
+schema = 1
+seed = 5
+[design]
+heights = ["10 um", "20 um"]
+loads = ["0.5 N"]
+"""
+# what is broken, by what, and what must be said of it
+SLIPS = {
+    "block": [
+        ('id = "one"', 'id = "One!"', "id must be lower-case words"),
+        ('height = "25 um"', 'heigth = "25 um"', "did you mean height?"),
+        ('height = "25 um"', 'height = "25 N"', "height: must be a length"),
+        ('height = "25 um"', "height = 25", "a number needs its unit"),
+        ('height = "25 um"', 'height = "25 um"\nlength = "30 mm"', "did you mean body.length?"),
+        ('height = "25 um"', 'height = "25 um"\nbody = { width = "1 kg" }', "body.width: must be a length"),
+        ('height = "25 um"', 'height = "25 um"\nmaterial = "stel"', "material: must be one of"),
+        ('height = "25 um"', 'height = "25 um"\nedge_radius = "40 um"', "edge_radius must not exceed height"),
+        ("[prediction]", "[predictions]", "did you mean prediction?"),
+        ('["0.5 N"]', '["-0.5 N"]', "must be positive"),
+        ('["0.5 N"]', '["0.5 N"]\nfriction = [0.1]', "did you mean prediction.frictions?"),
+        ('id = "two"', 'id = "one"', "id must be unique"),
+        ('marginal_gap = "50 um"', 'marginal_gap = "12 mm"', "marginal_gap must"),
+        ('ball_radius = "125 um"', 'ball_radius = "2 mm"', "ball_radius must be smaller"),
+        ('ball_radius = "125 um"', 'ball_radius = "125 um"\ncone_angel = "3 deg"', "did you mean cone_angle?"),
+        ("[[straight_tip]]", "[[strait_tip]]", "did you mean straight_tip?"),
+    ],
+    "session": [
+        ('"9.81 N/mm"', '"9.81"', "probe.spring_constant: must be a stiffness"),
+        ('"9.81 N/mm"', "9.81", "a number needs its unit"),
+        ("spring_constant", "spring_konstant", "probe.spring_constant is missing"),
+        ('"10 kHz"', '"10 s"', "acquisition.sample_rate: must be a frequency"),
+        ("{trial}", "{run}", "may hold {trial}"),
+        ("{trial}.csv", "../{trial}.csv", "must lie inside the session"),
+        ("{trial}", "all", "must hold {trial} for CSV traces"),
+        ('"fx_n"', '{ column = "f", unit = "mm" }', "must have a unit of force"),
+        ('"fx_n"', '{ column = "f", gain = 2 }', "gain"),
+        ("schema = 1", "schema = 3", "schema: input should be 1"),
+        ("normal =", "norml =", "did you mean acquisition.channels.normal?"),
+    ],
+    "sweep": [
+        ('kind = "grid"', 'kind = "gird"', "kind must be grid or random"),
+        ('kind = "grid"', 'kind = "grid"\nmod = "drag"', "did you mean mode?"),
+        ("seed = 1", "seed = -1", "seed must be a whole number"),
+        ('height = "25 um"', 'height = "25 s"', "height must be a length"),
+        ('height = "25 um"', "height = []", "must list 1 to"),
+        ('height = "25 um"', 'heigth = "25 um"', "did you mean height?"),
+        ("friction = 0.15", 'friction = "a lot"', "friction must be a ratio"),
+        ("friction = 0.15", "friction = 0.15\nspeeed = '5 mm/s'", "did you mean speed?"),
+        ("count = 2", "count = 0", "count must be a whole number"),
+        ("count = 2", "count = 2\nnormal_load = '-1 N'", "must not be negative"),
+        ("[draws]", "[drawz]", "did you mean draws?"),
+    ],
+    "device": [
+        ('id = "mine"', 'id = "Mine"', "id"),
+        ('value = "8 N"', 'value = "8 mm"', "peak_force: must be a force"),
+        ('value = "8 N"', 'value = "-8 N"', "peak_force: value must be positive"),
+        ('"8 N", source', '"8 N", sauce', "did you mean device.0.peak_force.source?"),
+        ("actuated_axes = 3", "actuated_axes = 30", "actuated_axes"),
+        ("sensed_axes = 6", "sensed_axis = 6", "did you mean device.0.sensed_axes?"),
+        ('maker = "Me"', 'maker = ""', "maker"),
+        (
+            '"1 kHz", source = "own", confidence = "assumed"',
+            '"1 kHz", source = "own", confidence = "sure"',
+            "confidence",
+        ),
+        ("[[device]]", "[[devise]]", "did you mean device?"),
+        ('name = "Mine"', "", "name is missing"),
+        ('value = "0.01 mm"', 'value = "0.01"', "position_resolution: must be a length"),
+    ],
+    "plan": [
+        ("seed = 5", "seeds = 5", "did you mean seed?"),
+        ('"20 um"', '"20 N"', "design.heights.1: must be a length"),
+        ('["0.5 N"]', '["0.5 m"]', "design.loads.0: must be a force"),
+        ('loads = ["0.5 N"]', 'loads = ["0.5 N"]\noperator = ["a"]', "did you mean design.operators?"),
+        ("schema = 1", "schema = 9", "schema"),
+        ("[design]", "[desing]", "did you mean design?"),
+    ],
+}
+TEXTS = {"block": BLOCK, "session": SESSION, "sweep": SWEEP, "device": DEVICE, "plan": PLAN}
+SINGLE = [(kind, *slip) for kind, slips in SLIPS.items() for slip in slips]
+# two slips that do not touch each other's words, of every kind: each file has both
+PAIRS = [
+    (kind, first, second)
+    for kind, slips in SLIPS.items()
+    for first, second in zip(slips, slips[3:] + slips[:3], strict=True)
+    if first[0] not in second[0]
+    and second[0] not in first[0]
+    and not first[0].startswith("[")
+    and not second[0].startswith("[")
+]
+
+
+def said_of(kind, text, folder, capsys):
+    """What the command that reads such a file says of it, and its exit code."""
+    path = folder / "broken.toml"
+    path.write_text(text)
+    command = {
+        "block": ["predict", str(path)],
+        "sweep": ["sweep", str(path), "-o", str(folder / "out")],
+        "device": ["export", "--list-devices", "--devices", str(path)],
+        "plan": ["simulate-session", str(path), "-o", str(folder / "out")],
+        "session": ["measure", str(folder), "-o", str(folder / "out.csv")],
+    }[kind]
+    if kind == "session":
+        path.rename(folder / "session.toml")
+        (folder / "trials.csv").write_text("trial,block,height_um,load_n,speed_mm_s\n1,a,25,0.5,5\n")
+    code = main(command)
+    assert not list(folder.glob("out*"))
+    return code, capsys.readouterr().err
+
+
+def test_there_are_sixty_of_them():
+    assert len(SINGLE) + len(PAIRS) >= 60
+
+
+@pytest.mark.parametrize(("kind", "old", "new", "message"), SINGLE)
+def test_a_slip_is_said_with_its_place(kind, old, new, message, tmp_path, capsys):
+    assert old in TEXTS[kind]
+    code, error = said_of(kind, TEXTS[kind].replace(old, new, 1), tmp_path, capsys)
+    assert code == 2
+    assert message in error
+    assert "Traceback" not in error
+    assert "broken.toml" in error or "session.toml" in error
+
+
+@pytest.mark.parametrize(("kind", "first", "second"), PAIRS)
+def test_two_slips_are_said_at_once_each_in_a_line(kind, first, second, tmp_path, capsys):
+    text = TEXTS[kind].replace(*first[:2], 1).replace(*second[:2], 1)
+    code, error = said_of(kind, text, tmp_path, capsys)
+    assert code == 2
+    assert first[2] in error
+    assert second[2] in error
+    head, *lines = error.splitlines()
+    assert head.startswith(f"stepblocks: error: {len(lines)} mistakes [")
+    assert len(set(lines)) == len(lines)
+
+
+def test_what_a_series_repeats_is_said_once_and_unknown_names_come_first(tmp_path):
+    path = tmp_path / "mine.toml"
+    path.write_text(
+        '[defaults.step_block]\nmaterial = "stel"\ncolor = "red"\n[[step_block]]\nid = "s-{height_um:03}"\n'
+        'height = { from = "10 um", to = "100 um", step = "10 um" }\n'
+    )
+    with pytest.raises(StepblocksError) as caught:
+        load_set(path)
+    head, first, second = str(caught.value).splitlines()
+    assert head == f"2 mistakes [{path}]"
+    assert first == "  color is not a known field, got 'red' [step_block 's-010' and 9 more]"
+    assert second.startswith("  material: must be one of steel, stainless")
+
+
+def test_what_hangs_on_a_misspelt_name_is_looked_at_as_if_it_were_right(tmp_path):
+    path = tmp_path / "mine.toml"
+    path.write_text('[[step_block]]\nid = "a"\nheigth = "25 um"\nedge_radius = "40 um"\n')
+    with pytest.raises(StepblocksError, match=r"2 mistakes") as caught:
+        load_set(path)
+    assert "edge_radius must not exceed height (25 um)" in str(caught.value)
+
+
+@pytest.mark.parametrize(
+    ("stanza", "size"),
+    [
+        ('[[step_block]]\nid = "a"\nheight = "13 um"', ("height", 13e-6, 1e-6)),
+        ('[[margin_block]]\nid = "a"\nmarginal_gap = "50 um"', ("marginal_gap", 50e-6, 2e-6)),
+        ('[[crown_on_tooth]]\nid = "a"\nmarginal_gap = "50 um"', ("marginal_gap", 50e-6, 10e-6)),
+        ('[[grooved_cylinder]]\nid = "a"\ngroove_width = "36 um"', ("groove_width", 36e-6, 2e-6)),
+        ('[[straight_tip]]\nid = "a"\nball_radius = "125 um"', ("ball_radius", 125e-6, 2e-6)),
+        ('[[hook_tip]]\nid = "a"\nball_radius = "60 um"', ("ball_radius", 60e-6, 2e-6)),
+    ],
+)
+def test_three_lines_are_a_valid_file_of_every_kind(stanza, size, tmp_path):
+    # the tolerances are those that docs/stimuli.md states for what a file leaves out
+    path = tmp_path / "mine.toml"
+    path.write_text(stanza)
+    (part,) = load_set(path).stimuli
+    name, nominal, deviation = size
+    found = getattr(part, name)
+    assert (found.nominal, found.upper, found.lower) == pytest.approx((nominal, deviation, -deviation))
+    assert found.record()["tolerance"] == "default"
+
+
+def test_what_a_file_states_is_not_touched_by_what_is_usual(tmp_path):
+    path = tmp_path / "mine.toml"
+    path.write_text(
+        '[[step_block]]\nid = "a"\nheight = "0.6 mm"\nbody = { edge_break = "1 mm", length = "30 mm" }\n'
+        'edge_radius = { nominal = "5 um", tolerance = "1 um" }\n'
+    )
+    (block,) = load_set(path).stimuli
+    # ISO 2768-1, class m: 0.1 mm up to 6 mm, 0.2 mm up to 30 mm
+    assert block.height.upper == pytest.approx(0.1e-3)
+    assert block.body.edge_break.upper == pytest.approx(0.1e-3)
+    assert block.body.length.upper == pytest.approx(0.2e-3)
+    assert block.edge_radius.limits == pytest.approx((4e-6, 6e-6))
+    assert block.body.width.nominal == pytest.approx(24e-3)
+
+
+@pytest.mark.parametrize("thing", ["block", "crown", "tip", "study"])
+def test_what_new_writes_is_valid_with_its_comments_and_without(thing, tmp_path, capsys):
+    path = tmp_path / "mine.toml"
+    assert main(["new", thing, str(path)]) == 0
+    plain = load_set(path)
+    text = path.read_text()
+    assert main(["new", thing, str(path)]) == 2
+    shown = [line.removeprefix("# ") if line.startswith("# [") or " = " in line else line for line in text.splitlines()]
+    path.write_text("\n".join(line for line in shown if not line.startswith("#   stepblocks")))
+    # the values that the comments show are those in force
+    values = [part.model_dump_json(exclude={"material"}) for part in load_set(path).stimuli]
+    stated = [
+        part.model_dump_json(exclude={"material"}).replace('"usual":true', '"usual":false') for part in plain.stimuli
+    ]
+    assert [one.replace('"usual":true', '"usual":false') for one in values] == stated
+
+
+def test_new_sessions_and_sweeps_are_read_by_their_commands(tmp_path, capsys):
+    from stepblocks.bench.session import open_session
+    from stepblocks.predict.sweep.plan import load_sweep
+
+    assert main(["new", "session", str(tmp_path / "s")]) == 0
+    assert open_session(tmp_path / "s").probe.tip_radius == pytest.approx(125e-6)
+    assert main(["new", "sweep", str(tmp_path / "w.toml")]) == 0
+    assert load_sweep(tmp_path / "w.toml").rows == 100
