@@ -42,17 +42,21 @@ class Verdict:
         elif self.dimension == "count":
             text = f"{self.measured:g}, {self.nominal:g} expected"
         else:
-            text = f"{self.deviation:+.1e} relative (limit {self.limit:g})"
+            text = f"{round(self.deviation, 12):+.1e} relative (limit {self.limit:g})"
         return f"{'ok  ' if self.passed else 'FAIL'} {self.artefact}: {self.quantity} {text}".rstrip()
 
     def as_record(self) -> dict[str, Any]:
-        """Return the verdict as plain values for JSON, with units in the names."""
+        """Return the verdict as plain values for JSON, with units in the names, to a picometre or nine digits.
+
+        What lies below is rounding, and another number on another processor.
+        """
         suffix = {"length": "_m", "volume": "_m3", "mass": "_kg"}.get(self.dimension, "")
+        measured = round(self.measured, 12) if suffix == "_m" else float(f"{self.measured:.9g}")
         return {
             "artefact": self.artefact,
             "quantity": self.quantity,
             f"nominal{suffix}": self.nominal,
-            f"measured{suffix}": self.measured if math.isfinite(self.measured) else None,
+            f"measured{suffix}": measured if math.isfinite(self.measured) else None,
             "limit_relative" if self.relative else f"limit{suffix}": self.limit,
             "passed": self.passed,
         }

@@ -6,6 +6,7 @@ where an arc leads on; it closes by itself.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -76,12 +77,16 @@ def _arc(start: cq.Vector, middle: cq.Vector, end: cq.Vector) -> cq.Edge:
     """Arc through three points about a centre of our own: the kernel's answer varies by 1e-18 from run to run."""
     a, b = np.subtract(middle.toTuple(), start.toTuple()), np.subtract(end.toTuple(), start.toTuple())
     normal = np.cross(a, b)
-    # circumcentre relative to the start, by products alone
-    offset = np.cross((a @ a) * b - (b @ b) * a, normal) / (2.0 * (normal @ normal))
+    # circumcentre relative to the start, by products alone; their sums are exact, for `@` is another number on another processor
+    offset = np.cross(_squared(a) * b - _squared(b) * a, normal) / (2.0 * _squared(normal))
     centre = np.add(start.toTuple(), offset)
     frame = gp_Ax2(gp_Pnt(*centre.tolist()), gp_Dir(*normal.tolist()), gp_Dir(*(-offset).tolist()))
-    circle = gp_Circ(frame, float(np.sqrt(offset @ offset)))
+    circle = gp_Circ(frame, math.sqrt(_squared(offset)))
     return cq.Edge(BRepBuilderAPI_MakeEdge(circle, start.toPnt(), end.toPnt()).Edge())
+
+
+def _squared(vector: NDArray[np.float64]) -> float:
+    return math.fsum((vector * vector).tolist())
 
 
 def extruded(outline: Outline, direction: Point, holes: Sequence[Outline] = ()) -> Body:

@@ -242,16 +242,16 @@ def cut_volume(body: Body, identity: str, rise: float) -> float:
         holes = 2.0 * (frustum + math.pi * drill * drill * (depth - sink) + point)
     else:
         bore = body.thickness.nominal - depth
-        holes = sum(math.pi * (drill * drill * bore + entry * entry * (depth + top)) for top in (0.0, rise))
+        holes = math.fsum(math.pi * (drill * drill * bore + entry * entry * (depth + top)) for top in (0.0, rise))
     area = 0.0
     for outer, *inner in letters(engraved_text(identity), body.engraving.height.nominal):
-        area += _shoelace(outer) - sum(map(_shoelace, inner))
+        area += _shoelace(outer) - math.fsum(map(_shoelace, inner))
     return holes + area * body.engraving.depth.nominal
 
 
 def _shoelace(points: NDArray[np.float64]) -> float:
     x, y = points[:, 0], points[:, 1]
-    return 0.5 * abs(float(np.dot(x, np.roll(y, -1)) - np.dot(y, np.roll(x, -1))))
+    return 0.5 * abs(math.fsum((x * np.roll(y, -1) - y * np.roll(x, -1)).tolist()))
 
 
 def strip_volume(body: Body, top: float, polygon: list[Point]) -> float:

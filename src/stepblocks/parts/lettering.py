@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from functools import lru_cache
 from pathlib import Path
 
@@ -45,7 +46,7 @@ def _glyph(character: str) -> tuple[float, tuple[Letter, ...]]:
 
 def text_width(text: str, height: float) -> float:
     """Length of a line of text."""
-    return height * sum(_glyph(character)[0] for character in text)
+    return height * math.fsum(_glyph(character)[0] for character in text)
 
 
 def letters(text: str, height: float) -> list[Letter]:

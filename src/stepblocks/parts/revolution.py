@@ -80,8 +80,10 @@ def _circle(start: Point, middle: Point, end: Point, squares: list[float]) -> tu
 
     `squares` are by how much middle and end lie further from the origin than the start, squared [m^2].
     """
-    matrix = 2.0 * (np.array([middle, end]) - start)
-    x, z = (float(value) for value in np.linalg.solve(matrix, squares))
+    # by Cramer's rule: a library's solver gives other last bits on another processor
+    (a, b), (c, d) = ((2.0 * (p[0] - start[0]), 2.0 * (p[1] - start[1])) for p in (middle, end))
+    double = a * d - b * c
+    x, z = (squares[0] * d - b * squares[1]) / double, (a * squares[1] - squares[0] * c) / double
     first, half, last = (math.atan2(p[1] - z, p[0] - x) for p in (start, middle, end))
     half = first + math.remainder(half - first, math.tau)
     return (x, z), math.hypot(start[0] - x, start[1] - z), first, half + math.remainder(last - half, math.tau)

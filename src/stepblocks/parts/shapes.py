@@ -7,6 +7,7 @@ than their chordal error, until the enclosed volume is that of the solid; those 
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
@@ -122,7 +123,7 @@ def enclosed_volume(vertices: NDArray[np.float64], triangles: NDArray[np.int64])
     """Volume that a closed mesh encloses, by the divergence theorem."""
     centred = vertices - vertices.mean(axis=0)
     a, b, c = (centred[triangles[:, corner]] for corner in range(3))
-    return float(np.einsum("ij,ij->", a, np.cross(b, c))) / 6.0
+    return math.fsum((a * np.cross(b, c)).ravel().tolist()) / 6.0
 
 
 def _lifted(raw: Tessellation, deflection: NDArray[np.float64], volume: float) -> NDArray[np.float64]:
@@ -144,9 +145,9 @@ def _lifted(raw: Tessellation, deflection: NDArray[np.float64], volume: float) -
     for index in np.flatnonzero(~curved):  # stay within the plane faces that a vertex also lies on
         on_face = raw.face == index
         area = areas[on_face].sum(axis=0)
-        plane = area / np.linalg.norm(area)
+        plane = area / math.sqrt(math.fsum((area * area).tolist()))
         touched = np.unique(raw.triangles[on_face])
-        normals[touched] -= np.outer(normals[touched] @ plane, plane)
+        normals[touched] -= (normals[touched] * plane).sum(axis=1, keepdims=True) * plane
     normals[kept] = 0.0
     return _with_volume(raw, normals, volume)
 

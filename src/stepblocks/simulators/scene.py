@@ -32,7 +32,7 @@ class Frame:
 
     def of(self, mesh: Mesh, scale: float) -> Mesh:
         """Turn, shift and magnify a mesh."""
-        return Mesh(mesh.name, (mesh.vertices @ self.turn.T + self.shift) * scale, mesh.triangles)
+        return Mesh(mesh.name, (mesh.vertices @ self.turn.T + self.shift + 0.0) * scale, mesh.triangles)
 
 
 @dataclass(frozen=True)

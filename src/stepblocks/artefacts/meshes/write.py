@@ -77,7 +77,8 @@ def _counted(text: bytes) -> bytes:
 
 def write_glb(path: Path, mesh: Mesh) -> None:
     """Write GLB in metres, y up, float32."""
-    turned = Mesh(mesh.name, mesh.vertices @ GLB_FROM_PART.T, mesh.triangles)
+    x, y, z = mesh.vertices.T + 0.0  # no zero keeps a sign
+    turned = Mesh(mesh.name, np.column_stack([x, z, 0.0 - y]), mesh.triangles)
     path.write_bytes(_trimesh(turned, 1.0).export(file_type="glb", include_normals=False))
 
 
