@@ -72,6 +72,24 @@ def folder_beside(path: Path) -> Iterator[Path]:
     _sweep(path)
 
 
+@contextmanager
+def alone_in(folder: Path) -> Iterator[None]:
+    """Hold a folder for one run: a second one that would write into it is told so, and its lock ends with its process."""
+    import fcntl
+
+    number = os.open(folder, os.O_RDONLY)
+    try:
+        with suppress(OSError):  # a file system without locks: drafts are unique all the same
+            try:
+                fcntl.flock(number, fcntl.LOCK_EX | fcntl.LOCK_NB)
+            except BlockingIOError:
+                rule = "another run is writing into this folder: wait until it has ended, or choose another"
+                raise PipelineError(f"{rule} [{folder}]") from None
+        yield
+    finally:
+        os.close(number)
+
+
 def inside(folder: Path, name: str) -> Path | None:
     """Follow a name that was read from a file, if it leads to something in the folder itself.
 

@@ -6,12 +6,23 @@ import subprocess
 import sys
 from pathlib import Path
 
+import numpy as np
 import pytest
 
-from stepblocks.atomic import folder_beside, inside
+from stepblocks.atomic import alone_in, folder_beside, inside
 from stepblocks.build import manifest as manifests
 from stepblocks.build import run as building
-from stepblocks.build.manifest import RECORD, digest, hash_file, intact, load_json, load_record, unchanged, written
+from stepblocks.build.manifest import (
+    RECORD,
+    digest,
+    hash_file,
+    intact,
+    load_json,
+    load_record,
+    unchanged,
+    write_sealed,
+    written,
+)
 from stepblocks.build.run import BuildReport, build_sets, check_output
 from stepblocks.cli import main
 from stepblocks.errors import PipelineError
@@ -93,10 +104,10 @@ def test_a_manifest_that_names_a_file_outside_does_not_delete_it(place, copy, tm
     victim.parent.mkdir()
     victim.write_text("mine")
     name = str(victim) if place == "absolute" else "../precious/notes.txt"
-    content = json.loads((copy / "manifest.json").read_text())
+    content = load_json(copy / "manifest.json")
     content["outputs"][name] = hash_file(victim)
     content["code"] = "an older one"
-    (copy / "manifest.json").write_text(json.dumps(content))
+    write_sealed(copy / "manifest.json", content)
     build_sets(SHEATHS, copy, jobs=1)
     assert victim.read_text() == "mine"
     assert name not in written(load_json(copy / "manifest.json"))
@@ -107,12 +118,42 @@ def test_a_record_that_names_a_file_outside_does_not_delete_it(place, copy, tmp_
     victim = tmp_path / "out" / "mine.txt"
     victim.write_text("mine")
     path = copy / "sheaths" / "sheath-soft" / RECORD
-    content = json.loads(path.read_text())
+    content = load_json(path)
     content["outputs"][str(victim) if place == "absolute" else "../../mine.txt"] = hash_file(victim)
-    path.write_text(json.dumps(content))
+    write_sealed(path, content)
     report = build_sets(SHEATHS, copy, jobs=1)
     assert report.built == ["sheaths/sheath-soft"]  # its record is not believed, so it is made again
     assert victim.read_text() == "mine"
+
+
+@pytest.mark.parametrize("lost", ["stimuli", "failures", "outputs", "seal"])
+def test_a_manifest_that_was_altered_by_hand_is_made_again(lost, copy):
+    path = copy / "manifest.json"
+    whole = path.read_text()
+    content = json.loads(whole)
+    del content[lost]
+    path.write_text(json.dumps(content))
+    assert load_json(path) == {}
+    assert build_sets(SHEATHS, copy, jobs=1).current == 2
+    assert path.read_text() == whole
+
+
+def test_the_manifest_says_with_what_it_was_made(copy):
+    made = load_json(copy / "manifest.json")["made_with"]
+    assert made["python"] == ".".join(map(str, sys.version_info[:3]))
+    assert made["platform"].startswith("Linux ")
+    assert made["libraries"]["numpy"] == np.__version__
+
+
+def test_a_second_run_into_the_same_folder_is_told_so_and_writes_nothing(tmp_path, capsys):
+    output = tmp_path / "out"
+    output.mkdir()
+    with alone_in(output):
+        assert main(["build", str(SHEATHS), "-o", str(output)]) == 2
+    assert "another run is writing into this folder" in capsys.readouterr().err
+    assert list(output.iterdir()) == []
+    with alone_in(output):  # the lock is gone with its holder
+        pass
 
 
 @pytest.mark.parametrize("lost", ["verdicts", "kind"])

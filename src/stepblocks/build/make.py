@@ -15,8 +15,8 @@ from pathlib import Path
 from types import ModuleType
 from typing import Any
 
-from stepblocks.atomic import folder_beside, replace_text
-from stepblocks.build.manifest import RECORD, hash_file, load_json, unchanged, written
+from stepblocks.atomic import folder_beside
+from stepblocks.build.manifest import RECORD, hash_file, load_json, unchanged, write_sealed, written
 from stepblocks.errors import PipelineError
 from stepblocks.parts.kind import Part
 
@@ -138,4 +138,4 @@ def _move_in(workshop: Path, folder: Path, record: Mapping[str, Any]) -> None:
     for name in set(before) - set(outputs):
         if (left := unchanged(folder, name, before[name])) is not None:
             left.unlink()
-    replace_text(folder / RECORD, json.dumps(record, indent=1, allow_nan=False) + "\n")
+    write_sealed(folder / RECORD, record)

@@ -4,16 +4,20 @@ from __future__ import annotations
 
 import hashlib
 import json
+import platform
 from collections.abc import Mapping
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from typing import Any
 
 import stepblocks
-from stepblocks.atomic import inside
+from stepblocks.atomic import inside, replace_text
+from stepblocks.text_file import plain_size
 
 MANIFEST = "manifest.json"  # in the output folder
 RECORD = "record.json"  # in the folder of each stimulus
+
+_MOST_BYTES = 500_000_000  # of a manifest
 
 # libraries whose version can change a byte that is written
 _SHAPING = (
@@ -43,21 +47,45 @@ def code_fingerprint() -> str:
     for path in sorted(root.rglob("*")):
         if path.suffix in {".py", ".html", ".j2", ".toml"}:
             total.update(path.relative_to(root).as_posix().encode() + b"\0" + path.read_bytes())
+    for name, known in _libraries().items():
+        total.update(f"{name}=={known}\n".encode() if known else f"{name} missing\n".encode())
+    return total.hexdigest()
+
+
+def _libraries() -> dict[str, str]:
+    found = {}
     for name in _SHAPING:
         try:
-            total.update(f"{name}=={version(name)}\n".encode())
+            found[name] = version(name)
         except PackageNotFoundError:
-            total.update(f"{name} missing\n".encode())
-    return total.hexdigest()
+            found[name] = ""
+    return found
+
+
+def surroundings() -> dict[str, Any]:
+    """Say with what this process makes files: Python, platform, C library, whose sine has last bits of its own, and libraries."""
+    system = " ".join(filter(None, (platform.system(), platform.machine(), *platform.libc_ver())))
+    return {"python": platform.python_version(), "platform": system, "libraries": _libraries()}
+
+
+def write_sealed(path: Path, content: Mapping[str, Any]) -> None:
+    """Write what this program alone reads back, with a hash of itself: what was altered since is not believed."""
+    sealed = {**content, "seal": _seal(content)}
+    replace_text(path, json.dumps(sealed, indent=1, allow_nan=False) + "\n")
+
+
+def _seal(content: Mapping[str, Any]) -> str:
+    return digest(json.dumps(content, sort_keys=True).encode())
 
 
 def load_json(path: Path) -> dict[str, Any]:
     """Read a JSON object that this program wrote; empty for anything else."""
     try:
-        content = json.loads(path.read_text(encoding="utf-8"))
-    except (OSError, ValueError):
+        content = json.loads(path.read_text(encoding="utf-8")) if plain_size(path) < _MOST_BYTES else {}
+    except (OSError, ValueError, RecursionError):
         return {}
-    return content if isinstance(content, dict) else {}
+    seal = content.pop("seal", None) if isinstance(content, dict) else None
+    return content if seal == _seal(content) else {}
 
 
 def written(record: Mapping[str, Any]) -> dict[str, str]:
@@ -69,8 +97,7 @@ def written(record: Mapping[str, Any]) -> dict[str, str]:
 def load_record(folder: Path) -> dict[str, Any]:
     """Read the record of a stimulus that was made; empty where it was not, or where the record is not whole."""
     record = load_json(folder / RECORD)
-    whole = {"key", "stimulus", "kind", "dimensions", "derived", "verdicts"} <= record.keys()
-    return record if whole and written(record) else {}
+    return record if written(record) else {}
 
 
 def unchanged(folder: Path, name: str, known: str) -> Path | None:

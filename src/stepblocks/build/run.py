@@ -15,7 +15,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from stepblocks import __version__
-from stepblocks.atomic import inside, replace_text
+from stepblocks.atomic import alone_in, inside, replace_text
 from stepblocks.build.manifest import (
     MANIFEST,
     RECORD,
@@ -25,7 +25,9 @@ from stepblocks.build.manifest import (
     intact,
     load_json,
     load_record,
+    surroundings,
     unchanged,
+    write_sealed,
     written,
 )
 from stepblocks.errors import PipelineError
@@ -109,24 +111,26 @@ def build_sets(
     learned = read_model(Path(model)) if model else None
     _require_folder(folder, sets)
     report = BuildReport(str(folder))
-    wanted = _not_current(_selected(sets, only), folder, code, report)
-    for number, made in enumerate(make_all(wanted, folder, jobs), start=1):
-        report.built.append(made.name)
-        if announce:
-            announce(made, number, len(wanted))
-    outputs, total = _tables_and_page(sets, folder, report, learned)
-    manifest = {
-        "schema": 1,
-        "stepblocks": __version__,
-        "code": code,
-        "inputs": inputs if only is None else {},
-        "stimuli": total,
-        "failures": report.failures,
-        "outputs": dict(sorted(outputs.items())),
-    }
-    before = written(load_json(folder / MANIFEST))
-    replace_text(folder / MANIFEST, json.dumps(manifest, indent=1) + "\n")
-    _remove_stale(folder, before, outputs)
+    with alone_in(folder):
+        wanted = _not_current(_selected(sets, only), folder, code, report)
+        for number, made in enumerate(make_all(wanted, folder, jobs), start=1):
+            report.built.append(made.name)
+            if announce:
+                announce(made, number, len(wanted))
+        outputs, total = _tables_and_page(sets, folder, report, learned)
+        manifest = {
+            "schema": 1,
+            "stepblocks": __version__,
+            "code": code,
+            "made_with": surroundings(),
+            "inputs": inputs if only is None else {},
+            "stimuli": total,
+            "failures": report.failures,
+            "outputs": dict(sorted(outputs.items())),
+        }
+        before = written(load_json(folder / MANIFEST))
+        write_sealed(folder / MANIFEST, manifest)
+        _remove_stale(folder, before, outputs)
     return report
 
 
