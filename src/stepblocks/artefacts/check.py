@@ -4,8 +4,6 @@ from __future__ import annotations
 
 import json
 import math
-import zipfile
-import zlib
 from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
@@ -17,6 +15,7 @@ from stepblocks.artefacts.meshes.measures import MeshMeasures
 from stepblocks.artefacts.meshes.read import MESH_READERS, read_mesh, read_pieces
 from stepblocks.artefacts.step.read import step_verdicts
 from stepblocks.artefacts.verdict import Verdict
+from stepblocks.confined import read_confined
 from stepblocks.errors import MetrologyError
 from stepblocks.parts.body import Block
 from stepblocks.parts.kind import NANOMETRE, Part
@@ -82,30 +81,30 @@ def _pieces(part: Part, path: Path) -> Iterator[Verdict]:
     yield Verdict(name, "volume of the pieces", whole, total, limit, "volume", relative=True)
 
 
-def _image(path: Path, kind: str, mode: str | None = None) -> NDArray[Any]:
+def image_in(path: Path, mode: str = "") -> dict[str, Any]:
+    """Read an image; called in the confined process, as `arrays_in` is."""
     from PIL import Image
 
-    try:
-        with Image.open(path) as image:
-            return np.asarray(image.convert(mode) if mode else image)
-    except (OSError, ValueError, Image.DecompressionBombError) as error:
-        raise MetrologyError(f"must be a {kind}: {error} [{path}]") from error
+    with Image.open(path) as image:
+        return {"pixels": np.asarray(image.convert(mode) if mode else image)}
+
+
+def arrays_in(path: Path) -> dict[str, Any]:
+    """Read the heights and positions of an npz."""
+    with path.open("rb") as stream, np.load(stream, allow_pickle=False) as archive:
+        return {name: np.asarray(archive[name], dtype=np.float64) for name in ("height_m", "x_m", "y_m")}
 
 
 def _tiff(part: Part, path: Path) -> Iterator[Verdict]:
-    heights = _image(path, "TIFF")
+    heights = read_confined(f"{__name__}:image_in", path, raises=MetrologyError)["pixels"]
     bits = 8.0 * heights.dtype.itemsize * (heights.dtype.kind == "f")
     yield Verdict(path.name, "bits per height, floating point", 32.0, bits, 0.0, "count")
     yield from _field(part, path, heights.astype(np.float64) * 1e-6)
 
 
 def _npz(part: Part, path: Path) -> Iterator[Verdict]:
-    try:
-        with path.open("rb") as stream, np.load(stream, allow_pickle=False) as archive:
-            names = ("height_m", "x_m", "y_m")
-            heights, columns, rows = (np.asarray(archive[name], dtype=np.float64) for name in names)
-    except (OSError, ValueError, KeyError, EOFError, zipfile.BadZipFile, zlib.error) as error:
-        raise MetrologyError(f"must be an npz with height_m, x_m and y_m: {error} [{path}]") from error
+    found = read_confined(f"{__name__}:arrays_in", path, raises=MetrologyError)
+    heights, columns, rows = (found[name] for name in ("height_m", "x_m", "y_m"))
     yield from _field(part, path, heights)
     # heights that are equal along y cannot tell swapped rows; the positions that the archive gives them can
     side = json.loads(path.with_suffix(".json").read_text(encoding="utf-8"))
@@ -136,7 +135,8 @@ def _field(part: Part, path: Path, heights: NDArray[np.float64]) -> Iterator[Ver
 
 
 def _picture(part: Part, path: Path) -> Iterator[Verdict]:
-    pixels = _image(path, "PNG", "L").astype(np.float64)
+    found = read_confined(f"{__name__}:image_in", path, "L", raises=MetrologyError)
+    pixels = found["pixels"].astype(np.float64)
     drawn = float(np.mean(np.abs(pixels - np.median(pixels)) > 8.0) > 0.02)
     yield Verdict(path.name, "something is drawn", 1.0, drawn, 0.0, "count")
 

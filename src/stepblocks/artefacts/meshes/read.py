@@ -6,10 +6,12 @@ import contextlib
 import io
 from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from stepblocks.confined import read_confined
 from stepblocks.errors import MetrologyError
 
 Arrays = tuple[NDArray[np.float64], NDArray[np.int64]]
@@ -21,7 +23,7 @@ def _with_meshio(path: Path) -> Arrays:
     import meshio
 
     if path.suffix == ".ply" and b"end_header" not in path.read_bytes():
-        raise MetrologyError(f"must have a header that ends [{path}]")  # meshio would look for it for ever
+        raise ValueError("a header that does not end")  # meshio would look for it for ever
     with contextlib.redirect_stdout(io.StringIO()):
         mesh = meshio.read(path)
     triangles = np.asarray(mesh.cells_dict["triangle"], dtype=np.int64)
@@ -34,7 +36,7 @@ def _with_lib3mf(path: Path) -> Arrays:
     model = get_wrapper().CreateModel()
     model.QueryReader("3mf").ReadFromFile(str(path))
     if model.GetUnit() != Lib3MF.ModelUnit.MilliMeter:
-        raise MetrologyError(f"unit must be the millimetre [{path}]")
+        raise ValueError("another unit than the millimetre")
     objects = model.GetMeshObjects()
     objects.MoveNext()
     mesh = objects.GetCurrentMeshObject()
@@ -50,7 +52,7 @@ def _with_pygltflib(path: Path) -> Arrays:
     blob = document.binary_blob()
     nodes = [node for node in document.nodes if node.mesh is not None]
     if len(nodes) != 1 or any(getattr(nodes[0], name) for name in ("matrix", "translation", "rotation", "scale")):
-        raise MetrologyError(f"must hold one mesh without a transformation [{path}]")
+        raise ValueError("not one mesh without a transformation")
     primitive = document.meshes[nodes[0].mesh].primitives[0]
 
     def array(index: int) -> NDArray[np.generic]:
@@ -75,21 +77,18 @@ MESH_READERS: dict[str, Callable[[Path], Arrays]] = {
 
 def read_mesh(path: Path) -> Arrays:
     """Read a mesh file."""
-    try:
-        if path.stat().st_size > _MAX_BYTES:
-            raise MetrologyError(f"a mesh file must be at most {_MAX_BYTES} bytes, got {path.stat().st_size} [{path}]")
-        vertices, triangles = MESH_READERS[path.suffix](path)
-    except MetrologyError:
-        raise
-    except OSError as error:
-        raise MetrologyError(f"cannot be read: {error.strerror} [{path}]") from error
-    except BaseException as error:  # readers fail in many ways, one of them by leaving the interpreter
-        if isinstance(error, KeyboardInterrupt):
-            raise
-        raise MetrologyError(f"must be a readable {path.suffix} mesh: {_first_line(error)} [{path}]") from error
+    found = read_confined(f"{__name__}:mesh_in", path, raises=MetrologyError)
+    return found["vertices"], found["triangles"]
+
+
+def mesh_in(path: Path) -> dict[str, Any]:
+    """Read a mesh file; called in the confined process, as `pieces_in` is."""
+    if path.stat().st_size > _MAX_BYTES:
+        raise MetrologyError(f"a mesh file must be at most {_MAX_BYTES} bytes, got {path.stat().st_size} [{path.name}]")
+    vertices, triangles = MESH_READERS[path.suffix](path)
     if not _whole(vertices, triangles):
-        raise MetrologyError(f"must hold triangles between finite vertices [{path}]")
-    return vertices, triangles
+        raise ValueError("no triangles between finite vertices")
+    return {"vertices": vertices, "triangles": triangles}
 
 
 def _whole(vertices: NDArray[np.float64], triangles: NDArray[np.int64]) -> bool:
@@ -97,26 +96,26 @@ def _whole(vertices: NDArray[np.float64], triangles: NDArray[np.int64]) -> bool:
     return bool(within and np.isfinite(vertices).all())
 
 
-def _first_line(error: BaseException) -> str:
-    return (str(error).splitlines() or [type(error).__name__])[0][:120]
-
-
 def read_pieces(path: Path) -> list[Arrays]:
     """Read an OBJ of several objects."""
-    try:
-        text = path.read_text(encoding="ascii")
-        pieces: list[Arrays] = []
-        first = 1
-        for block in text.split("\no ")[1:]:
-            lines = [line.split() for line in block.splitlines()[1:]]
-            vertices = np.array([line[1:4] for line in lines if line and line[0] == "v"], dtype=np.float64)
-            triangles = np.array([line[1:4] for line in lines if line and line[0] == "f"], dtype=np.int64) - first
-            if vertices.shape[1:] != (3,) or triangles.shape[1:] != (3,) or not _whole(vertices, triangles):
-                raise ValueError("a piece needs vertices and the triangles between them")
-            first += len(vertices)
-            pieces.append((vertices * _MM, triangles))
-    except (OSError, ValueError, IndexError) as error:
-        raise MetrologyError(f"must be an OBJ of convex pieces: {_first_line(error)} [{path}]") from error
-    if not pieces:
-        raise MetrologyError(f"must hold at least one piece, got none [{path}]")
-    return pieces
+    found = read_confined(f"{__name__}:pieces_in", path, raises=MetrologyError)
+    return [(found[f"vertices {number}"], found[f"triangles {number}"]) for number in range(found["count"])]
+
+
+def pieces_in(path: Path) -> dict[str, Any]:
+    """Read the objects of an OBJ."""
+    found: dict[str, Any] = {}
+    first = count = 1
+    for count, block in enumerate(path.read_text(encoding="ascii").split("\no ")):
+        if count == 0:  # the head of the file
+            continue
+        lines = [line.split() for line in block.splitlines()[1:]]
+        vertices = np.array([line[1:4] for line in lines if line and line[0] == "v"], dtype=np.float64)
+        triangles = np.array([line[1:4] for line in lines if line and line[0] == "f"], dtype=np.int64) - first
+        if vertices.shape[1:] != (3,) or triangles.shape[1:] != (3,) or not _whole(vertices, triangles):
+            raise ValueError("a piece needs vertices and the triangles between them")
+        first += len(vertices)
+        found |= {f"vertices {count - 1}": vertices * _MM, f"triangles {count - 1}": triangles}
+    if not found:
+        raise ValueError("no convex pieces")
+    return {**found, "count": count}

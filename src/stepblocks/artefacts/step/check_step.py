@@ -4,13 +4,18 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from pathlib import Path
+from typing import Any
+
+from pydantic import TypeAdapter
 
 from stepblocks.artefacts.step.characteristics import Characteristic, dimensions_of, tolerances_of
 from stepblocks.artefacts.step.exchange import Exchange, read_exchange
 from stepblocks.artefacts.step.faces import faces_of
 from stepblocks.artefacts.step.units import density_findings, measure_of, untyped_measures
+from stepblocks.confined import read_confined
+from stepblocks.errors import MetrologyError
 
 ALLOWED = 1e-9  # largest difference between a dimension and its faces [m], and [rad] for angles
 
@@ -55,7 +60,13 @@ def check_step(path: str | Path, *, require_ap242: bool = False) -> StepReport:
     MetrologyError
         If the file is not whole ISO 10303-21 text, or is larger than 128 MiB.
     """
-    file = read_exchange(Path(path))
+    found = read_confined(f"{__name__}:report_in", Path(path), require_ap242, raises=MetrologyError)
+    return TypeAdapter(StepReport).validate_python(found)
+
+
+def report_in(path: Path, require_ap242: bool) -> dict[str, Any]:
+    """Check a file, in the confined process."""
+    file = read_exchange(path)
     dimensions, tolerances = dimensions_of(file), tolerances_of(file)
     densities, wrong = density_findings(file)
     findings = [*untyped_measures(file), *wrong]
@@ -67,7 +78,7 @@ def check_step(path: str | Path, *, require_ap242: bool = False) -> StepReport:
             findings.append(f"{one.ref} {one.kind}: {one.problem}")
         if require_ap242 and not one.faces:
             findings.append(f"{one.ref} {one.kind}: names no face")
-    return StepReport(
+    report = StepReport(
         name=file.name,
         schema=file.schema,
         dimensions=tuple(dimensions),
@@ -77,6 +88,7 @@ def check_step(path: str | Path, *, require_ap242: bool = False) -> StepReport:
         textures=_textures(file),
         findings=tuple(findings),
     )
+    return asdict(report)
 
 
 def shown_in(angular: bool) -> tuple[float, str]:

@@ -5,10 +5,13 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator
 from pathlib import Path
+from typing import Any
 
 from stepblocks.artefacts.step.characteristics import Characteristic
 from stepblocks.artefacts.step.check_step import StepReport, check_step, shown_in
 from stepblocks.artefacts.verdict import Verdict
+from stepblocks.confined import read_confined
+from stepblocks.errors import MetrologyError
 from stepblocks.parts.characteristics import Characteristic as Wanted
 from stepblocks.parts.kind import Part
 from stepblocks.parts.shapes import solid_volumes
@@ -19,16 +22,14 @@ _ALLOWED = 1e-9
 
 def step_verdicts(stimulus: Part, path: Path) -> Iterator[Verdict]:
     """Check the STEP file of a part."""
-    from stepblocks.cad import kernel
-
     name = path.name
     report, findings = check_part_step(path, stimulus)
     yield Verdict(name, "schema AP242", 1.0, float(any("AP242" in schema for schema in report.schema)), 0.0, "count")
-    bodies = kernel.read_step(path)
+    found_volumes = read_confined(f"{__name__}:volumes_in", path, raises=MetrologyError)["volumes"]
     volumes = solid_volumes(stimulus)
-    yield Verdict(name, "solids", len(volumes), len(bodies), 0.0, "count")
-    for index, (volume, body) in enumerate(zip(volumes, bodies, strict=False), start=1):
-        yield Verdict(name, f"volume of solid {index}", volume, kernel.volume(body), 1e-6, "volume", relative=True)
+    yield Verdict(name, "solids", len(volumes), len(found_volumes), 0.0, "count")
+    for index, (volume, found_volume) in enumerate(zip(volumes, found_volumes, strict=False), start=1):
+        yield Verdict(name, f"volume of solid {index}", volume, found_volume, 1e-6, "volume", relative=True)
     for one, found in matched(report, stimulus):
         if one.kind not in ("flatness", "parallelism"):
             measured = math.nan if found is None or found.geometry is None else found.geometry
@@ -36,6 +37,13 @@ def step_verdicts(stimulus: Part, path: Path) -> Iterator[Verdict]:
             yield Verdict(name, quantity, one.nominal, measured, _ALLOWED, one.quantity, relative=angular)
     first = f" ({findings[0]})" if findings else ""
     yield Verdict(name, f"tolerances, material and types as asked for{first}", 0.0, len(findings), 0.0, "count")
+
+
+def volumes_in(path: Path) -> dict[str, Any]:
+    """Integrate the volume of each solid by the kernel, in the confined process."""
+    from stepblocks.cad import kernel
+
+    return {"volumes": [kernel.volume(body) for body in kernel.read_step(path)]}
 
 
 def check_part_step(path: Path, stimulus: Part) -> tuple[StepReport, list[str]]:

@@ -1,20 +1,25 @@
-"""The traces of a session: opened where they lie, as CSV or in any of the formats beside, and one read in SI."""
+"""The traces of a session: read in a confined process, as CSV or in any of the formats beside, and one given in SI."""
 
 from __future__ import annotations
 
+import json
+from collections.abc import Mapping
 from contextlib import ExitStack, nullcontext, suppress
+from functools import lru_cache
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from stepblocks.bench.session import Acquisition, Place, Session, fill_pattern, inside
+from stepblocks.bench.session import Place, Session, fill_pattern, inside
 from stepblocks.bench.signal import Trace, TraceError, check_size, listed
 from stepblocks.bench.traces import hdf5, mat, tdms
+from stepblocks.confined import read_confined
 from stepblocks.errors import BenchError
 
 _MOST_BYTES = 1 << 30  # of the file of one trial
+Layout = Mapping[str, Any]  # how the text of traces is written
 _USUAL_GROUPS = (
     "{trial:04d}",
     "trial_{trial:04d}",
@@ -27,17 +32,17 @@ _USUAL_GROUPS = (
 )
 
 
-def _open_text(path: Path, layout: Acquisition) -> nullcontext[Any]:
+def _open_text(path: Path, layout: Layout) -> nullcontext[Any]:
     # columns without names are counted from 0
     import pandas as pd
 
     try:
         table = pd.read_csv(
             path,
-            sep=layout.delimiter,
-            decimal=layout.decimal,
-            skiprows=layout.skip_lines,
-            header=None if any(isinstance(c.column, int) for c, _ in layout.channels.parts().values()) else 0,
+            sep=layout["delimiter"],
+            decimal=layout["decimal"],
+            skiprows=layout["skip_lines"],
+            header=0 if layout["named"] else None,
             skipinitialspace=True,
             float_precision="round_trip",
         )
@@ -68,6 +73,45 @@ READERS: dict[str, tuple[Any, Any]] = {
 }
 
 
+@lru_cache(maxsize=1)
+def _container(kind: str, path: Path, _stamp: tuple[int, ...], layout: str) -> tuple[Any, ExitStack]:
+    """Open a file that stays open for the trials that follow, as long as what holds it is kept."""
+    holder = ExitStack()
+    return holder.enter_context(READERS[kind][0](path, json.loads(layout))), holder
+
+
+def open_traces(path: Path, kind: str, layout: Layout) -> dict[str, Any]:
+    """Open a container, or say what is wrong with it; called in the confined process, as the two below."""
+    _opened(path, kind, layout)
+    return {}
+
+
+def _opened(path: Path, kind: str, layout: Layout) -> Any:
+    found = path.stat()
+    return _container(kind, path, (found.st_ino, found.st_size, found.st_mtime_ns), json.dumps(layout))[0]
+
+
+def close_traces(path: Path) -> dict[str, Any]:
+    """Let a container go."""
+    _container.cache_clear()
+    return {}
+
+
+def read_columns(
+    path: Path, kind: str, layout: Layout, place: list[Any], names: tuple[str | int, ...]
+) -> dict[str, Any]:
+    """Read columns of one trial, by their number."""
+    where, columns = Place(*place), READERS[kind][1]
+    try:
+        with READERS[kind][0](path, layout) if where.own_file else nullcontext(_opened(path, kind, layout)) as file:
+            raw = columns(file, where, names)
+            return {str(number): _samples(raw[name], name) for number, name in enumerate(names)}
+    except (TraceError, MemoryError):
+        raise
+    except Exception as error:  # the readers of damaged files raise whatever they meet
+        raise TraceError(f"unreadable: trial {where.trial}: {str(error)[:120] or type(error).__name__}") from error
+
+
 class Traces(ExitStack):
     """Traces of a session, open for reading: one container that stays open, or one file per trial."""
 
@@ -75,33 +119,36 @@ class Traces(ExitStack):
         super().__init__()
         self.session = session
         acquisition = session.acquisition
-        self._open_file, self._columns = READERS[acquisition.kind]
         self._channels = acquisition.channels.parts()
-        self._container: Any = None
+        self._layout = {
+            **{name: getattr(acquisition, name) for name in ("delimiter", "decimal", "skip_lines")},
+            "named": not any(isinstance(channel.column, int) for channel, _ in self._channels.values()),
+        }
+        self._container: Path | None = None
         if acquisition.per_trial:
             return
         path = inside(session.folder, acquisition.traces, "acquisition.traces")
         if not path.is_file():
             raise BenchError(f"traces are missing, expected {acquisition.traces} [{session.folder}]")
         try:
-            self._container = self.enter_context(self._open_file(path, acquisition))
+            read_confined(f"{__name__}:open_traces", path, acquisition.kind, self._layout, raises=TraceError)
         except TraceError as error:
             raise BenchError(f"traces cannot be read: {error} [{path}]") from error
+        self._container = path
+        self.callback(read_confined, f"{__name__}:close_traces", path, raises=TraceError)
 
     def read(self, trial: str) -> Trace:
         """Read one trace in SI; `TraceError` where the trial has none that can be used."""
         acquisition = self.session.acquisition
-        if self._container is None:
-            opened = self._open_file(_trial_file(self.session, trial), acquisition)
-        else:
-            opened = nullcontext(self._container)
-        with opened as file:
-            own = acquisition.per_trial
-            place = Place(trial, _groups(acquisition.group, trial), own, own and acquisition.group is None)
-            raw = self._columns(file, place, tuple(channel.column for channel, _ in self._channels.values()))
+        path = self._container or _trial_file(self.session, trial)
+        own = acquisition.per_trial
+        place = Place(trial, _groups(acquisition.group, trial), own, own and acquisition.group is None)
+        names = [channel.column for channel, _ in self._channels.values()]
+        asked = acquisition.kind, self._layout, place, names
+        raw = read_confined(f"{__name__}:read_columns", path, *asked, raises=TraceError)
         found = {
-            part: _samples(raw[c.column], c.column) * c.scale(dimension, part)
-            for part, (c, dimension) in self._channels.items()
+            part: raw[str(number)] * channel.scale(dimension, part)
+            for number, (part, (channel, dimension)) in enumerate(self._channels.items())
         }
         sizes = {part: values.size for part, values in found.items()}
         if len(set(sizes.values())) > 1:

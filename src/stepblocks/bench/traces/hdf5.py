@@ -5,13 +5,13 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any
 
-from stepblocks.bench.session import Acquisition, Place
+from stepblocks.bench.session import Place
 from stepblocks.bench.signal import MOST_SAMPLES, TraceError, check_size, listed
 
 _CACHE = 256 * 2**10  # descriptions of groups that are kept, in their size on disk [bytes]
 
 
-def open_hdf5(path: Path, layout: Acquisition) -> Any:
+def open_hdf5(path: Path, layout: Any) -> Any:
     """Open a file, of a MATLAB file from version 7.3 on too."""
     import h5py
 

@@ -16,7 +16,7 @@ from typing import Any
 
 import numpy as np
 
-from stepblocks.bench.session import Acquisition, Place
+from stepblocks.bench.session import Place
 from stepblocks.bench.signal import TraceError, listed
 from stepblocks.bench.traces.hdf5 import hdf5_columns, open_hdf5
 
@@ -53,7 +53,7 @@ class Variables:
             raise TraceError(f"unreadable: variable {name!r}: {str(error)[:120]}") from error
 
 
-def open_mat(path: Path, layout: Acquisition) -> AbstractContextManager[Any]:
+def open_mat(path: Path, layout: Any) -> AbstractContextManager[Any]:
     """Open a file of any version."""
     with path.open("rb") as file:
         head = file.read(8)

@@ -7,12 +7,12 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
-from stepblocks.bench.session import Acquisition, Place
+from stepblocks.bench.session import Place
 from stepblocks.bench.signal import TraceError, check_size, listed
 
 
 @contextmanager
-def open_tdms(path: Path, layout: Acquisition) -> Iterator[Any]:
+def open_tdms(path: Path, layout: Any) -> Iterator[Any]:
     """Open a file and read its index."""
     from nptdms import TdmsFile
 

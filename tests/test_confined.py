@@ -1,0 +1,140 @@
+"""A file that somebody else made costs one line, whatever its reader does with it."""
+
+import os
+import signal
+import subprocess
+import sys
+import textwrap
+import time
+
+import numpy as np
+import pytest
+
+from stepblocks import confined
+from stepblocks.confined import read_confined, written_by_us
+from stepblocks.errors import MetrologyError
+
+READERS = """
+import ctypes, os, time
+import numpy as np
+from stepblocks.errors import StimulusError
+
+def good(path, factor):
+    print("libraries print")
+    return {"x": np.arange(6.0).reshape(2, 3) * factor, "flag": np.array([True]), "none": np.zeros((0, 3)), "name": path.name}
+
+def loops(path):
+    while True:
+        pass
+
+def sleeps(path):
+    time.sleep(60)
+
+def fills(path):
+    return {"x": np.ones(2**29)}
+
+def dies(path):
+    ctypes.string_at(0)
+
+def leaves(path):
+    raise SystemExit(3)
+
+def fails(path):
+    raise KeyError("a\\nb")
+
+def says(path):
+    raise StimulusError("height must be given [x.bin]")
+
+def objects(path):
+    return {"x": np.array([{}])}
+
+def number(path):
+    return {"pid": os.getpid()}
+"""
+
+
+@pytest.fixture
+def file(tmp_path, monkeypatch):
+    (tmp_path / "hostile_readers.py").write_text(READERS)
+    monkeypatch.setenv("PYTHONPATH", str(tmp_path), prepend=os.pathsep)
+    monkeypatch.syspath_prepend(tmp_path)
+    confined._reader(os.getpid()).close()
+    path = tmp_path / "x.bin"
+    path.write_bytes(b"bytes")
+    yield path
+    confined._reader(os.getpid()).close()
+
+
+def call(path, name, *arguments):
+    return read_confined(f"hostile_readers:{name}", path, *arguments, raises=MetrologyError)
+
+
+def test_arrays_and_values_come_back_as_they_were(file):
+    found = call(file, "good", 0.1)
+    np.testing.assert_array_equal(found["x"], np.arange(6.0).reshape(2, 3) * 0.1)
+    assert (found["flag"].dtype, found["none"].shape, found["name"]) == (np.bool_, (0, 3), "x.bin")
+    assert call(file, "number") == call(file, "number") != {"pid": os.getpid()}  # one other process for all calls
+
+
+@pytest.mark.parametrize(
+    ("reader", "words"),
+    [
+        ("loops", r"got: it must be readable within 0 s \[x.bin\]"),
+        ("sleeps", r"got: it must be readable within 0 s \[x.bin\]"),
+        ("fills", r"got: it needs more than 2 GiB of memory \[x.bin\]"),
+        ("dies", r"got: its reader ended with -11 \[x.bin\]"),
+        ("leaves", r"file must be a sound BIN file, got: 3 \[x.bin\]"),
+        ("fails", r"file must be a sound BIN file, got: .* \[x.bin\]"),
+        ("objects", r"got: objects where numbers should be \[x.bin\]"),
+        ("says", r"^height must be given \[x.bin\]$"),
+    ],
+)
+def test_whatever_a_reader_does_is_one_line_and_the_next_file_is_read(reader, words, file, monkeypatch):
+    with monkeypatch.context() as hurried:
+        if reader in ("loops", "sleeps"):
+            call(file, "number")  # its start does not count
+            hurried.setattr(confined, "_SECONDS", 0.3)
+        with pytest.raises(MetrologyError, match=words) as caught:
+            call(file, reader)
+    assert "\n" not in str(caught.value)
+    assert call(file, "good", 1.0)["name"] == "x.bin"
+
+
+def test_what_we_have_just_written_is_read_here(file):
+    with written_by_us():
+        assert call(file, "number") == {"pid": os.getpid()}
+        with pytest.raises(MetrologyError, match="'a"):
+            call(file, "fails")
+
+
+@pytest.mark.parametrize(
+    ("kind", "words"), [("pipe", "Not a plain file"), ("folder", "Is a directory"), ("none", "No such")]
+)
+def test_a_pipe_a_folder_and_nothing_are_no_files(kind, words, file, tmp_path):
+    path = tmp_path / "odd.bin"
+    if kind == "pipe":
+        os.mkfifo(path)
+    elif kind == "folder":
+        path.mkdir()
+    with pytest.raises(MetrologyError, match=words):
+        call(path, "good", 1.0)
+
+
+def test_a_reader_ends_with_the_process_that_asked(file, tmp_path):
+    code = f"""
+        import os, signal
+        from pathlib import Path
+        from stepblocks.confined import read_confined
+        found = read_confined("hostile_readers:number", Path({str(file)!r}), raises=ValueError)
+        print(found["pid"], flush=True)
+        os.kill(os.getpid(), signal.SIGKILL)
+    """
+    done = subprocess.run([sys.executable, "-c", textwrap.dedent(code)], capture_output=True, text=True, check=False)
+    assert done.returncode == -signal.SIGKILL
+    for _ in range(100):
+        try:
+            os.kill(int(done.stdout), 0)
+        except ProcessLookupError:
+            return
+        time.sleep(0.05)
+    pytest.fail("the reader lives on")
