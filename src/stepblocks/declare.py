@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
+from itertools import islice
 from pathlib import Path
 from typing import Any
 
@@ -41,15 +42,16 @@ def load_set(path: str | Path) -> StimulusSet:
     name = raw.pop("set", path.stem)
     mistakes: list[Mistake] = []
     if (schema := raw.pop("schema", SCHEMA)) != SCHEMA:
-        mistakes.append(("", f"schema must be {SCHEMA}, got {schema!r}"))
+        mistakes.append(("", f"schema must be {SCHEMA}, got {brief(schema)}"))
     if name != path.stem:
-        mistakes.append(("", f"set must be the name of its file, {path.stem!r}, or be left out, got {name!r}"))
+        mistakes.append(("", f"set must be the name of its file, {path.stem!r}, or be left out, got {brief(name)}"))
     defaults = raw.pop("defaults", {})
     if not isinstance(defaults, dict) or not set(defaults) <= set(known):
         mistakes.append(("", f"defaults must be tables named {', '.join(known)}, got {brief(defaults)}"))
         defaults = {}
     for kind in [kind for kind in known if kind in raw]:
-        raw[kind] = list(_stanzas(kind, raw[kind], defaults.get(kind, {}), usually.get(kind, {}), mistakes))
+        stanzas = _stanzas(kind, raw[kind], defaults.get(kind, {}), usually.get(kind, {}), mistakes)
+        raw[kind] = list(islice(stanzas, MAX_SERIES + 1))
     total = sum(len(raw.get(kind, ())) for kind in known)
     if total > MAX_SERIES:
         raise StimulusError(f"a set must have at most {MAX_SERIES} stimuli, got {total} [{path}]")

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+import difflib
+from collections.abc import Iterable, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -12,6 +13,7 @@ from numpy.typing import NDArray
 from stepblocks.atomic import beside
 from stepblocks.errors import PipelineError
 from stepblocks.quantities import parse_quantity
+from stepblocks.text_file import plain_size
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -34,7 +36,7 @@ def read_table(path: Path) -> pd.DataFrame:
     import pandas as pd
 
     try:
-        if path.stat().st_size > _LARGEST_FILE:
+        if plain_size(path) > _LARGEST_FILE:
             raise PipelineError(f"table must be smaller than {_LARGEST_FILE} bytes [{path}]")
         with path.open(encoding="utf-8-sig") as file:
             names = [name.strip() for name in file.readline().split(",")]
@@ -87,11 +89,43 @@ def si_column(
     return np.asarray(numbers / inverse if exact else numbers * factor)
 
 
+def refuse_misspelt(frame: pd.DataFrame, known: Iterable[str], place: Any) -> None:
+    """Refuse a column that is nearly one of the known: else its default would be taken without a word."""
+    names = sorted(known)
+    for column in map(str, frame.columns):
+        near = [] if column in names else difflib.get_close_matches(column, names, 1, 0.8)
+        if near:
+            raise PipelineError(f"column {column!r} is not known, is it {near[0]!r}? [{place}]")
+
+
+def harmless(cell: object) -> object:
+    """Return a text that a spreadsheet would run as a formula with an apostrophe before it, which keeps it text.
+
+    It is one that begins with ``=``, ``+``, ``-``, ``@``, a tab or a return (OWASP, CSV injection) and is no number.
+    """
+    if not isinstance(cell, str) or not cell.startswith(("=", "+", "-", "@", "\t", "\r")):
+        return cell
+    try:
+        float(cell)
+    except ValueError:
+        return "'" + cell.replace("\r", "\n")  # a bare return would not be quoted
+    return cell
+
+
+def _harmless(frame: pd.DataFrame) -> pd.DataFrame:
+    texts = [name for name in frame.columns if frame[name].dtype.kind not in "biufcM"]
+    return frame.assign(**{str(name): frame[name].map(harmless) for name in texts}).rename(columns=harmless)
+
+
 def csv_text(table: Any, columns: Sequence[str] | None = None, float_format: str | None = None) -> str:
     """Write a table, or rows as mappings, as the text of a CSV."""
     import pandas as pd
 
-    return str(pd.DataFrame(table, columns=columns).to_csv(index=False, lineterminator="\n", float_format=float_format))
+    return str(
+        _harmless(pd.DataFrame(table, columns=columns)).to_csv(
+            index=False, lineterminator="\n", float_format=float_format
+        )
+    )
 
 
 def write_table(frame: pd.DataFrame, path: Path, float_format: str | None = None) -> None:
@@ -99,6 +133,6 @@ def write_table(frame: pd.DataFrame, path: Path, float_format: str | None = None
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
         with beside(path) as draft:
-            frame.to_csv(draft, index=False, lineterminator="\n", float_format=float_format)
+            _harmless(frame).to_csv(draft, index=False, lineterminator="\n", float_format=float_format)
     except OSError as error:
         raise PipelineError(f"table cannot be written: {error.strerror} [{path}]") from error

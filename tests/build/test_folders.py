@@ -156,6 +156,23 @@ def test_a_second_run_into_the_same_folder_is_told_so_and_writes_nothing(tmp_pat
         pass
 
 
+def test_check_looks_at_tables_specifications_and_views_too(copy):
+    folder = copy / "sheaths" / "sheath-soft"
+    table, view, asked = copy / "sheaths" / "predictions.csv", folder / "view.js", folder / "specification.json"
+    rows = [line.split(",") for line in table.read_text().splitlines()]
+    at = rows[0].index("pull_force_n")
+    rows[3][at] = str(1.001 * float(rows[3][at]))
+    table.write_text("\n".join(map(",".join, rows)) + "\n")
+    data = json.loads(view.read_text().removeprefix("stepblocksView(").removesuffix(");\n"))
+    data["bodies"][0]["z"] = [1.001 * z for z in data["bodies"][0]["z"]]
+    view.write_text(f"stepblocksView({json.dumps(data)});\n")
+    asked.write_text(asked.read_text().replace("1410", "1411").replace("0.0005", "0.0006"))
+    failed = {name for name, verdicts in check_output(SHEATHS, copy) if not all(one.passed for one in verdicts)}
+    assert failed == {
+        f"sheaths/{name}" for name in ("predictions.csv", "sheath-soft/view.js", "sheath-soft/specification.json")
+    }
+
+
 @pytest.mark.parametrize("lost", ["verdicts", "kind"])
 def test_a_record_that_has_lost_a_part_counts_as_not_built(lost, copy):
     path = copy / "sheaths" / "sheath-soft" / RECORD

@@ -12,13 +12,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from stepblocks.artefacts.meshes.measures import MeshMeasures
-from stepblocks.artefacts.meshes.read import MESH_READERS, read_mesh, read_pieces
+from stepblocks.artefacts.meshes.read import MESH_READERS, is_whole, read_mesh, read_pieces
 from stepblocks.artefacts.step.read import step_verdicts
 from stepblocks.artefacts.verdict import Verdict
 from stepblocks.confined import read_confined
 from stepblocks.errors import MetrologyError
 from stepblocks.parts.body import Block
 from stepblocks.parts.kind import NANOMETRE, Part
+from stepblocks.text_file import read_document
 
 VOLUME_LIMIT = 1e-6  # volume against its closed form, relative
 _PIECES_LIMIT = 2e-3  # pieces of a body of revolution are polygons of 96 sides: 1 - sin(t)/t
@@ -141,11 +142,50 @@ def _picture(part: Part, path: Path) -> Iterator[Verdict]:
     yield Verdict(path.name, "something is drawn", 1.0, drawn, 0.0, "count")
 
 
+def _specification(part: Part, path: Path) -> Iterator[Verdict]:
+    found = set(_leaves(read_document(path, "specification", MetrologyError, form="JSON")))
+    wrong = len(found ^ set(_leaves(json.loads(json.dumps(part.record())))))
+    yield Verdict(path.name, "entries that differ from what was asked for", 0.0, wrong, 0.0, "count")
+
+
+def _leaves(content: object, place: str = "") -> Iterator[tuple[str, str]]:
+    pairs = content.items() if isinstance(content, dict) else enumerate(content) if isinstance(content, list) else ()
+    for key, value in pairs:
+        yield from _leaves(value, f"{place}/{key}")
+    if not isinstance(content, dict | list):
+        yield place, repr(content)
+
+
+def _view(part: Part, path: Path) -> Iterator[Verdict]:
+    found = read_confined(f"{__name__}:view_in", path, raises=MetrologyError)
+    yield Verdict(path.name, "bodies", len(part.volumes()), found["count"], 0.0, "count")
+    for number, volume in enumerate(part.volumes()[: found["count"]]):
+        mesh = MeshMeasures(found[f"vertices {number}"], found[f"triangles {number}"])
+        yield Verdict(path.name, "edges without exactly one neighbour", 0.0, mesh.bad_edges(), 0.0, "count")
+        yield Verdict(path.name, "volume", volume, mesh.volume, VOLUME_LIMIT, "volume", relative=True)
+
+
+def view_in(path: Path) -> dict[str, Any]:
+    """Read the bodies that the page turns in 3-D, in the confined process."""
+    text = path.read_text(encoding="ascii")
+    bodies = json.loads(text.removeprefix("stepblocksView(").removesuffix(");\n"))["bodies"]
+    found: dict[str, Any] = {"count": len(bodies)}
+    for number, body in enumerate(bodies):
+        vertices = np.array([body[axis] for axis in "xyz"], dtype=np.float64).T * 1e-3
+        triangles = np.array([body[corner] for corner in "ijk"], dtype=np.int64).T
+        if not is_whole(vertices, triangles):
+            raise ValueError("no triangles between finite vertices")
+        found |= {f"vertices {number}": vertices, f"triangles {number}": triangles}
+    return found
+
+
 _CHECKERS: dict[str, Callable[[Part, Path], Iterator[Verdict]]] = {
     ".step": step_verdicts,
     ".convex.obj": _pieces,
     ".tiff": _tiff,
     ".npz": _npz,
     ".png": _picture,
+    ".json": _specification,
+    ".js": _view,
     **dict.fromkeys(MESH_READERS, _mesh),
 }

@@ -42,7 +42,7 @@ class Verdict:
         elif self.dimension == "count":
             text = f"{self.measured:g}, {self.nominal:g} expected"
         else:
-            text = f"{round(self.deviation, 12):+.1e} relative (limit {self.limit:g})"
+            text = f"{round(self.deviation, 12) + 0.0:+.1e} relative (limit {self.limit:g})"
         return f"{'ok  ' if self.passed else 'FAIL'} {self.artefact}: {self.quantity} {text}".rstrip()
 
     def as_record(self) -> dict[str, Any]:

@@ -23,6 +23,7 @@ from stepblocks.bench.signal.features import FEATURE_COLUMNS, Measurement, measu
 from stepblocks.bench.traces import Traces
 from stepblocks.bench.trials import LabelCheck, Trial, TrialTable, open_trials
 from stepblocks.errors import PipelineError
+from stepblocks.tables import harmless
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -206,7 +207,7 @@ def _cells(result: TrialResult, covariates: Iterable[str]) -> list[str]:
         result.trial.name,
         _EXCLUDED if result.reason else _OK,
         result.reason,
-        *(result.trial.cells.get(name, "") for name in covariates),
+        *(str(harmless(result.trial.cells.get(name, ""))) for name in covariates),
         *(value if isinstance(value, str) else f"{value:.9g}" if math.isfinite(value) else "" for value in values),
     ]
 

@@ -80,7 +80,7 @@ def checked_files(stimulus: Part, folder: Path) -> list[Path]:
     names.append(f"{stimulus.id}.convex.obj")
     if stimulus.has_working_faces:
         names += [f"{stimulus.id}.heightfield.tiff", f"{stimulus.id}.heightfield.npz"]
-    names.append(f"{stimulus.id}.png")
+    names += [f"{stimulus.id}.png", "view.js", "specification.json"]
     return [folder / name for name in names]
 
 

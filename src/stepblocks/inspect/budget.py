@@ -40,6 +40,15 @@ class Instrument:
     resolution: float = 0.0  # least difference of height that it shows [m]
     lateral_std: float | None = None  # relative, of the lateral scale [1]; None where it is not stated
 
+    def __post_init__(self) -> None:
+        for name, value, most in (
+            ("calibration", self.calibration_std, 1.0),
+            ("lateral calibration", self.lateral_std, 1.0),
+            ("resolution", self.resolution, 1e-3),
+        ):
+            if value is not None and not 0.0 <= value < most:
+                raise MetrologyError(f"{name} must be at least 0 and below {most:g}, got {value:g}")
+
 
 @dataclass(frozen=True)
 class Measured:

@@ -15,6 +15,9 @@ if TYPE_CHECKING:
 
 PAPER_STEPS = (25e-6, 50e-6, 75e-6, 100e-6)  # H of the four blocks of the apparatus [m]
 Ratio = Annotated[float, positive("ratio", or_zero=True)]
+_Share = Annotated[
+    float, positive("ratio", or_zero=True), Field(lt=1.0)
+]  # a tolerance of all that there is leaves nothing
 Lengths = Annotated[tuple[Annotated[float, positive("length")], ...], Field(max_length=100)]  # m
 
 
@@ -32,9 +35,9 @@ class SettingTolerances(Table):
 
     tip_radius: Annotated[float, positive("length", or_zero=True)] = 0.0  # of `PredictionGrid.tip_radii` [m]
     friction: Ratio = 0.0  # 1
-    normal_load: Ratio = 0.0  # as a share of the load [1]
-    stiffness: Ratio = 0.0  # as a share of the stiffness [1]
-    conversion: Ratio = 0.0  # as a share of C_v [1]
+    normal_load: _Share = 0.0  # of the load [1]
+    stiffness: _Share = 0.0  # of the stiffness [1]
+    conversion: _Share = 0.0  # of C_v [1]
 
 
 class PredictionGrid(Table):

@@ -9,7 +9,7 @@ from typing import Annotated, Any
 
 from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, model_validator
 
-from stepblocks.parts.tolerance import Dimension
+from stepblocks.parts.tolerance import Dimension, parse_sensible
 from stepblocks.quantities import DIMENSIONS, format_quantity, parse_quantity
 
 # Name of a stimulus: lower-case words and digits joined by hyphens; it becomes a folder and an engraving
@@ -68,7 +68,7 @@ def positive(dimension: str, *, or_zero: bool = False) -> BeforeValidator:
     """Read a quantity in SI that must be positive, or may be zero."""
 
     def read(raw: object) -> float:
-        value = parse_quantity(raw, dimension)
+        value = parse_sensible(raw, dimension)
         if value < 0.0 or (value == 0.0 and not or_zero):
             raise ValueError(f"must {'not be negative' if or_zero else 'be positive'}, got {raw!r}")
         return value
@@ -111,7 +111,7 @@ def sourced(quantity: str) -> BeforeValidator:
             raise ValueError(f"must be a table with value and source, got {raw!r:.60}")
         if not isinstance(raw["source"], str) or not raw["source"].strip():
             raise ValueError(f"source must say where the value comes from, got {raw['source']!r:.60}")
-        value = parse_quantity(raw["value"], quantity)
+        value = parse_sensible(raw["value"], quantity)
         if value <= 0.0:
             raise ValueError(f"value must be positive, got {raw['value']!r:.60}")
         return Sourced(value, quantity, raw["source"])

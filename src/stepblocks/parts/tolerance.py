@@ -13,10 +13,35 @@ from stepblocks.quantities import format_quantity, parse_quantity
 
 BY_ENERGY = "by energy"  # what stands in place of a tolerance that follows from the energy that shall be felt
 
+# What a bench and what is dragged on it can have, in SI: beyond lies a slip of the unit, which shall not be built first
+_LARGEST = {
+    "length": 1.0,
+    "force": 1e3,
+    "stiffness": 1e9,
+    "time": 10.0,
+    "frequency": 1e7,
+    "pressure": 1e13,
+    "density": 1e5,
+}
+_SMALLEST = (
+    10e-9  # of a length that is not zero: what lies below is neither cut nor measured, the check itself tells 1 nm [m]
+)
+
 # ISO 2768-1:1989, table 1 (linear dimensions, from 0.5 mm): up to, permissible deviation of class m [m]
 _LINEAR = ((3e-3, 0.1e-3), (6e-3, 0.1e-3), (30e-3, 0.2e-3), (120e-3, 0.3e-3), (400e-3, 0.5e-3))
 # ISO 2768-1:1989, table 3 (angles), shorter side up to 10 mm, classes f and m.
 ANGULAR_DEVIATION = math.radians(1.0)
+
+
+def parse_sensible(raw: object, quantity: str) -> float:
+    """Read a quantity of a size that a bench can have."""
+    value = parse_quantity(raw, quantity)
+    largest = _LARGEST.get(quantity, math.inf)
+    if abs(value) > largest:
+        raise ValueError(f"must not exceed {format_quantity(largest, quantity)}, got {raw!r:.60}")
+    if quantity == "length" and 0.0 < abs(value) < _SMALLEST:
+        raise ValueError(f"must be 0 or at least {format_quantity(_SMALLEST, 'length')}, got {raw!r:.60}")
+    return value
 
 
 @dataclass(frozen=True)
@@ -107,7 +132,7 @@ def _dimension(raw: object, quantity: str, felt: bool = False) -> Dimension:
     if unknown or "nominal" not in table:
         what = f"unknown {', '.join(sorted(unknown))}" if unknown else "nominal is missing"
         raise ValueError(f"a dimension has nominal, tolerance and source: {what}")
-    nominal = parse_quantity(table["nominal"], quantity)
+    nominal = parse_sensible(table["nominal"], quantity)
     source = table.get("source", "")
     if not isinstance(source, str):
         raise ValueError(f"source must be text, got {source!r}")
@@ -138,6 +163,9 @@ def _read(
         value = dimension.nominal
         if value < least or (above and value == least) or (quantity == "angle" and value >= math.pi):
             raise ValueError(f"must {rule}, got {format_quantity(value, quantity)}")
+        if quantity == "length" and least == 0.0 < value < -dimension.lower:
+            below = format_quantity(-dimension.lower, "length")
+            raise ValueError(f"tolerance must not exceed the nominal {format_quantity(value, 'length')}, got -{below}")
         return dimension
 
     return BeforeValidator(read)

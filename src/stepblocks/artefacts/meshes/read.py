@@ -86,12 +86,13 @@ def mesh_in(path: Path) -> dict[str, Any]:
     if path.stat().st_size > _MAX_BYTES:
         raise MetrologyError(f"a mesh file must be at most {_MAX_BYTES} bytes, got {path.stat().st_size} [{path.name}]")
     vertices, triangles = MESH_READERS[path.suffix](path)
-    if not _whole(vertices, triangles):
+    if not is_whole(vertices, triangles):
         raise ValueError("no triangles between finite vertices")
     return {"vertices": vertices, "triangles": triangles}
 
 
-def _whole(vertices: NDArray[np.float64], triangles: NDArray[np.int64]) -> bool:
+def is_whole(vertices: NDArray[np.float64], triangles: NDArray[np.int64]) -> bool:
+    """Tell whether there are triangles, all between finite vertices."""
     within = len(triangles) and triangles.min() >= 0 and triangles.max() < len(vertices)
     return bool(within and np.isfinite(vertices).all())
 
@@ -112,7 +113,7 @@ def pieces_in(path: Path) -> dict[str, Any]:
         lines = [line.split() for line in block.splitlines()[1:]]
         vertices = np.array([line[1:4] for line in lines if line and line[0] == "v"], dtype=np.float64)
         triangles = np.array([line[1:4] for line in lines if line and line[0] == "f"], dtype=np.int64) - first
-        if vertices.shape[1:] != (3,) or triangles.shape[1:] != (3,) or not _whole(vertices, triangles):
+        if vertices.shape[1:] != (3,) or triangles.shape[1:] != (3,) or not is_whole(vertices, triangles):
             raise ValueError("a piece needs vertices and the triangles between them")
         first += len(vertices)
         found |= {f"vertices {count - 1}": vertices * _MM, f"triangles {count - 1}": triangles}
