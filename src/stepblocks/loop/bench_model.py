@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
+from itertools import combinations
 from typing import cast
 
 import numpy as np
@@ -13,7 +14,7 @@ from stepblocks.contact import forward
 from stepblocks.contact.effects import named_laws
 from stepblocks.contact.effects.law import Law, Parameter
 from stepblocks.contact.effects.smooth import CovariateRange, smooth_laws
-from stepblocks.contact.forward import LOADING_TIME, PEAK_FORCE, BenchDesign
+from stepblocks.contact.forward import PEAK_FORCE, TOGETHER, BenchDesign
 from stepblocks.contact.operating_point import Tool
 from stepblocks.contact.state import CHANNELS, DragState, observe
 from stepblocks.loop.search.forward_model import Active, Floats, Systematic, Trials
@@ -30,6 +31,8 @@ _COMMON = {
     "normal_load_ratio": 0.002,
 }
 
+_SET = ("height_um", "load_n", "speed_mm_s", "run_order", PEAK_FORCE)
+_INTERACTING = 3  # readings of the surroundings that are asked for pair by pair
 _SHARP = 1.5e-6  # m, an edge that a scan shows to be no rounder
 # friction imitates a tilt exactly; a search would only find the rounding between the two
 _SAME_BY_DEFINITION = frozenset({"block_tilt"})
@@ -48,6 +51,22 @@ class SessionModel:
     height_std: float = 1e-6  # of blocks that are not scanned [m]
     scanned: Mapping[str, tuple[float, float]] | None = None  # block to height and standard uncertainty [m]
     scanned_radius: float | None = None  # mean of the edges from their scans [m]
+
+    @property
+    def quantities(self) -> tuple[str, ...]:
+        """What scatters from trial to trial, under the name of its slot."""
+        return "friction", "normal_load", "conversion"
+
+    def order(self, trials: Trials) -> Floats:
+        """Order in time: the run order where it is told, else that of the table."""
+        told = trials.numeric("run_order") if "run_order" in trials.covariates else None
+        return np.arange(float(len(trials))) if told is None else told
+
+    def cells(self, trials: Trials) -> list[tuple[object, ...]]:
+        """Trials of one block, load and speed, under the same labels, are replicates."""
+        labels = [n for n in trials.covariates if trials.numeric(n) is None]
+        columns = (trials.covariates[name].tolist() for name in ("load_n", "speed_mm_s", *labels))
+        return list(zip(trials.block.tolist(), *columns, strict=True))
 
     def parameters(self, trials: Trials) -> tuple[Parameter, ...]:
         """Constants of the nominal model and the height errors of the blocks of a table."""
@@ -110,6 +129,12 @@ def covariate_ranges(trials: Trials) -> tuple[CovariateRange, ...]:
         force = np.exp(force[np.isfinite(force)])
         if force.size > 10 and force.max() > 1.001 * force.min():
             found.append(CovariateRange(PEAK_FORCE, float(force.min()), float(force.max()), True))
+    climate = [place for place in found if not place.labels and place.distinct > 2 and place.name not in _SET]
+    for one, other in combinations(climate[:_INTERACTING], 2):
+        found.append(CovariateRange(TOGETHER.join((one.name, other.name)), pair=(one, other)))
+    blocks = tuple(str(block) for block in np.unique(trials.block))
+    if 2 < len(blocks) <= len(trials) / 6:
+        found.append(CovariateRange("block", labels=blocks, distinct=len(blocks)))
     return tuple(found)
 
 
@@ -117,7 +142,7 @@ def candidates(
     trials: Trials, ranges: Sequence[CovariateRange], with_imitated: bool = False, scanned_radius: float | None = None
 ) -> tuple[Law, ...]:
     """Return every effect that may be asked of a table: laws whose covariate varies, and all smooths."""
-    names = {place.name for place in ranges} | {"none", "block", LOADING_TIME}
+    names = {place.name for place in ranges} | {"none", "block"}
     sharp = scanned_radius is not None and scanned_radius < _SHARP
     ruled_out = _SAME_BY_DEFINITION | {"edge_rounding" if sharp else "tip_radius_error"}
     blocks = [str(block) for block in np.unique(trials.block)]

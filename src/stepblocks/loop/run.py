@@ -24,6 +24,7 @@ from stepblocks.loop.search.explain import (
     Explanation,
     Holdout,
     Rules,
+    earned,
     explain,
     folds_of_blocks,
     folds_within_blocks,
@@ -134,11 +135,10 @@ def _chosen(trials: Trials, *, model: SessionModel, rules: Rules) -> Sequence[Ef
 def _explained(table: SessionTable, rules: Rules, jobs: int) -> tuple[Explanation, tuple[Holdout, Holdout]]:
     """Explain all trials, and hold out trials within blocks and whole blocks; every fold chooses its own effects."""
     model, trials = table.model, table.trials
-    quick = replace(rules, most=min(rules.most, 3), draws=min(rules.draws, 200), fits=4, exchange=False)
     inside = folds_within_blocks(trials, _WITHIN, rules.seed)
     outside = folds_of_blocks(trials, _BETWEEN) if len(set(trials.block.tolist())) > 2 else []
     inside, outside = ([rows for rows in folds if len(trials) - len(rows) >= _FEWEST] for folds in (inside, outside))
-    one_fold = partial(hold_out, model, trials, select=partial(_chosen, model=model, rules=quick))
+    one_fold = partial(hold_out, model, trials, select=partial(_chosen, model=model, rules=rules))
     with ExitStack() as stack:
         run: Callable[..., Any] = map
         if jobs > 1:
@@ -151,7 +151,8 @@ def _explained(table: SessionTable, rules: Rules, jobs: int) -> tuple[Explanatio
         waiting = run(one_fold, [*inside, *outside])
         found = explain(model, trials, model.candidates(trials), rules)
         done = list(waiting)
-    return found, (gather(trials, inside, done[: len(inside)]), gather(trials, outside, done[len(inside) :]))
+    holdouts = gather(trials, inside, done[: len(inside)]), gather(trials, outside, done[len(inside) :])
+    return earned(found, holdouts, model.cells(trials)), holdouts
 
 
 def write_loop(result: LoopResult, output: Path) -> None:
