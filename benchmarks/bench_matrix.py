@@ -151,7 +151,8 @@ def run_one(name: str, trials: int, seed: int) -> dict[str, Any]:
         "verdict": str(found.verdict),
         "found": [[f.effect.id, str(f.verdict), [r[0].id for r in f.rivals]] for f in found.findings],
         "told": [[h.kind, h.quantity] for h in found.told],
-        "false geometry": ("contact_geometry" not in {slot for slot, _ in places}) and _claims(found, "contact_geometry"),
+        "false geometry": ("contact_geometry" not in {slot for slot, _ in places})
+        and _claims(found, "contact_geometry"),
         "named law": any(f.verdict is Verdict.EFFECT for f in found.findings) and found.verdict is Verdict.EFFECT,
         "values": {k: [v, shown.values[k], shown.std[k]] for k, v in values.items() if k in shown.values},
         "seconds": time.process_time() - began,

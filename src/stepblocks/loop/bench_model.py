@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field, replace
 from functools import lru_cache
 from itertools import combinations
 from typing import cast
@@ -14,6 +14,7 @@ from stepblocks.contact import forward
 from stepblocks.contact.effects import named_laws
 from stepblocks.contact.effects.law import Law, Parameter
 from stepblocks.contact.effects.smooth import CovariateRange, smooth_laws
+from stepblocks.contact.effects.tool import set_instrument
 from stepblocks.contact.forward import PEAK_FORCE, TOGETHER, BenchDesign
 from stepblocks.contact.operating_point import Tool
 from stepblocks.contact.state import CHANNELS, DragState, observe
@@ -51,6 +52,9 @@ class SessionModel:
     height_std: float = 1e-6  # of blocks that are not scanned [m]
     scanned: Mapping[str, tuple[float, float]] | None = None  # block to height and standard uncertainty [m]
     scanned_radius: float | None = None  # mean of the edges from their scans [m]
+    known: Mapping[str, tuple[float, float]] = field(
+        default_factory=dict
+    )  # constants of the gauges, certified or tared
 
     @property
     def quantities(self) -> tuple[str, ...]:
@@ -73,11 +77,16 @@ class SessionModel:
         return forward.constants(_design(trials, self.tool.stiffness), self.tool, self.height_std, self.scanned)
 
     def systematics(self, trials: Trials) -> list[Systematic]:
-        """Errors that the evaluation of traces may share among trials: along height, load, speed and their squares."""
+        """Errors that the evaluation of traces may share among trials: along height, load, speed and their squares; and the damper."""
         design = _design(trials, self.tool.stiffness)
         height, load, speed = (_standard(np.log(column)) for column in (design.height, design.load, design.speed))
         columns = (height, load, speed, height**2, height * load, load * speed, height * speed)
-        return [
+        # while the tip is held and the handle goes on the tool's damper pulls too; whether the gauge sees it nobody knows
+        pull = 2.0 * self.tool.stiffness / ((2.0 * np.pi * self.tool.frequency) ** 2 * self.tool.decay_time)
+        starts = {p.name: p.start for p in self.parameters(trials)}
+        share = pull * design.speed / forward.nominal_state(design, starts).peak_force()
+        damper = [Systematic("ln_peak_force", share, 0.5)] if "ln_peak_force" in trials.channels else []
+        return damper + [
             Systematic(channel, column, _COMMON[channel])
             for channel in CHANNELS
             for column in columns
@@ -88,11 +97,21 @@ class SessionModel:
         """Fill all slots, effects applied."""
         # the search hands back the laws that `candidates` gave it
         laws = cast("forward.Active", effects)
-        return forward.extended_state(_design(trials, self.tool.stiffness), values, laws)
+        state = forward.extended_state(_design(trials, self.tool.stiffness), values, laws)
+        told = {name: value for name, (value, _) in self.known.items()}
+        return set_instrument(state, None, told) if told else state
 
     def candidates(self, trials: Trials) -> tuple[Law, ...]:
         """Return every effect that may be asked of a table, knowing what the scans have ruled out."""
-        return candidates(trials, covariate_ranges(trials), scanned_radius=self.scanned_radius)
+        laws = candidates(trials, covariate_ranges(trials), scanned_radius=self.scanned_radius)
+        return tuple(self._informed(law) if law.slot == "sensor" else law for law in laws)
+
+    def _informed(self, law: Law) -> Law:
+        """Hold the constants of a law to what a calibration leaves open: they are what is added to the known ones."""
+        parameters = (
+            replace(p, prior_std=self.known[p.name][1]) if p.name in self.known else p for p in law.parameters
+        )
+        return replace(law, parameters=tuple(parameters))
 
     def predict(self, trials: Trials, values: Mapping[str, float], effects: Active = ()) -> Floats:
         """Predict all channels."""

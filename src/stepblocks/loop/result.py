@@ -114,6 +114,7 @@ def result_document(
             | {"heaps": [[str(table.names[row]) for row in heap] for heap in h.heaps]}
             for h in found.told
         ],
+        "known_of_the_gauges": {n: {"value": v, "std": s} for n, (v, s) in table.model.known.items()},
         "could_have_shown": _could_have_shown(found),
         "excluded": [{"trial": trial, "reason": reason} for trial, reason in table.excluded],
         "next_experiment": next_experiment(found),

@@ -19,6 +19,7 @@ from stepblocks.artefacts.model_file import model_document
 from stepblocks.atomic import replace_text
 from stepblocks.errors import PipelineError
 from stepblocks.loop.bench_model import SessionModel, covariate_ranges
+from stepblocks.loop.calibration import Known, read_calibration
 from stepblocks.loop.result import LoopResult, block_stimulus, learned_model, result_document
 from stepblocks.loop.search.explain import (
     Explanation,
@@ -84,6 +85,7 @@ def loop_session(
     session = Path(session)
     inspected = measured_edges(read_records([Path(path) for path in as_built])) if as_built else {}
     declared = open_session(session)
+    known = read_calibration(session)
     radius = declared.probe.tip_radius
     if radius is None:
         raise PipelineError(f"`probe.tip_radius` must be given to explain a session [{session / 'session.toml'}]")
@@ -102,7 +104,7 @@ def loop_session(
         blocks = sorted(set(features["block"].dropna()))
         scans, failed = scan_blocks(session, declared.scans, [block for block in blocks if block not in inspected])
         scans = scans | {block: dict(inspected[block]) for block in blocks if block in inspected}
-    result = analyse_features(features, declared.probe.spring_constant, radius, scans, jobs=cores)
+    result = analyse_features(features, declared.probe.spring_constant, radius, scans, jobs=cores, known=known)
     result.document["scans"]["left_out"] = [{"block": block, "reason": reason} for block, reason in failed.items()]
     result = replace(result, title=declared.title or session.name)
     if output is not None:
@@ -118,10 +120,11 @@ def analyse_features(
     *,
     jobs: int = 1,
     rules: Rules | None = None,
+    known: Known | None = None,
 ) -> LoopResult:
-    """Find what the nominal model lacks for a table of features."""
+    """Find what the nominal model lacks for a table of features; of the gauges `known` constants, else any."""
     rules = rules or Rules()
-    table = trials_of(features, spring_constant, tip_radius, scans)
+    table = trials_of(features, spring_constant, tip_radius, scans, known)
     found, holdouts = _explained(table, rules, jobs)
     document = result_document(table, found, holdouts, scans or {}, rules)
     model = learned_model(table, found, covariate_ranges(table.trials))

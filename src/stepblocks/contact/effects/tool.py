@@ -116,7 +116,7 @@ _CROSS_TALK = Parameter("cross_talk", "1", 0.0, -0.2, 0.2, 5e-3)
 _GAIN = Parameter("ln_gain", "1", 0.0, -1.5, 1.5, 0.02)
 
 
-def _instrument(state: DragState, _: Any, values: Mapping[str, float]) -> DragState:
+def set_instrument(state: DragState, _: Any, values: Mapping[str, float]) -> DragState:
     """Set whichever constants of the two gauges are given."""
     given = values.get
     return state.changed(
@@ -135,7 +135,7 @@ SENSOR = (
         "none",
         "F_x -> G F_x",
         (_GAIN,),
-        _instrument,
+        set_instrument,
         said="the tangential gauge reads by ln G of",
         settled="hang a known weight on the tangential gauge",
     ),
@@ -145,7 +145,7 @@ SENSOR = (
         "none",
         "F_x shown + z; a tare enters no stored energy",
         (_ZERO,),
-        _instrument,
+        set_instrument,
         said="the tangential gauge reads without force",
         settled="tare: record both gauges unloaded before and after the drags",
     ),
@@ -155,7 +155,7 @@ SENSOR = (
         "none",
         "F_y shown + z",
         (_NORMAL_ZERO,),
-        _instrument,
+        set_instrument,
         said="the normal gauge reads without force",
         settled="tare: record both gauges unloaded before and after the drags",
     ),
@@ -165,7 +165,7 @@ SENSOR = (
         "none",
         "F_y shown times G",
         (_NORMAL_GAIN,),
-        _instrument,
+        set_instrument,
         said="the normal gauge reads by ln G of",
         settled="put a known weight on the normal gauge",
     ),
@@ -175,7 +175,7 @@ SENSOR = (
         "none",
         "F_x shown + c F_y; it enters no stored energy",
         (_CROSS_TALK,),
-        _instrument,
+        set_instrument,
         said="the tangential gauge also shows of the normal force",
         settled="drag in the other direction: friction changes its sign, cross-talk does not",
     ),
@@ -185,7 +185,7 @@ SENSOR = (
         "none",
         "F_x shown G F_x + z + c F_y, F_y shown G' F_y + z'",
         (_ZERO, _NORMAL_ZERO, _NORMAL_GAIN, _CROSS_TALK, _GAIN),
-        _instrument,
+        set_instrument,
         rank=9,
         said="several constants of the gauges are off: zeros, gain, cross-talk, gain",
         settled="tare both gauges, hang known weights on each, drag in both directions",
