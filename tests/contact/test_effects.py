@@ -56,7 +56,6 @@ def _covariate(law: Law, state: DragState) -> object:
         "operator": np.array(["A", "B"] * (n // 2)),
         "block": _design().block,
         "peak_force_n": state.peak_force(),
-        "loading_time_s": state.loading_time(),
     }
     return columns.get(law.covariate)
 
@@ -93,7 +92,7 @@ def test_a_slot_shows_only_in_its_channels(law: Law) -> None:
         "stiffness": {_ENERGY, _SPRING, _RING},
         "conversion": {_ENERGY, _FORCE} if law.id == "real_release" else {_ENERGY},
         "drag": {_ENERGY, _FORCE, _FRICTION},
-        "sensor": {_ENERGY, _FORCE, _FRICTION, _SPRING},
+        "sensor": {_ENERGY, _FORCE, _FRICTION, _SPRING, _LOAD},
     }[law.slot]
     assert set(np.flatnonzero(moved).tolist()) <= seen
 
@@ -144,7 +143,7 @@ def test_gain_squared_conversion_and_stiffness_act_on_energy_as_one_product() ->
 
 
 def test_hardening_stores_the_integral_of_its_own_force() -> None:
-    state = _law("hardening_spring").apply(_state(), None, {"cubic_per_n2": 0.2})
+    state = _law("hardening_spring").apply(_state(), None, {"cubic_per_n2": 0.2, "pitch_share": 0.0})
     force = state.peak_force()
     # origin: the real root of u + g u^3 = F, by numpy's companion matrix
     roots = [np.roots([0.2, 0.0, 1.0, -f]) for f in force]
@@ -152,7 +151,50 @@ def test_hardening_stores_the_integral_of_its_own_force() -> None:
     k = 1.05 * 9500.0
     x = np.linspace(0.0, 1.0, 20001)[:, None] * linear / k
     integral = np.trapezoid(k * x + 0.2 * (k * x) ** 3, x, axis=0)
-    assert np.exp(observe(state)[:, _ENERGY]) == pytest.approx(0.23 * integral, rel=1e-6)
+    # what rings shows as the force at the amplitude that holds that energy about the level it rings about
+    rest = np.array(
+        [float(r[np.abs(r.imag) < 1e-9].real[0]) for r in (np.roots([0.2, 0, 1, -0.17 * n]) for n in state.load)]
+    )
+    level = 1.0 + 3.0 * 0.2 * rest**2
+    swing = [np.roots([0.05, 0.0, 0.5 * c, 0.0, -0.23 * e * 9500.0]) for c, e in zip(level, integral, strict=True)]
+    size = np.array([float(r[(np.abs(r.imag) < 1e-9) & (r.real > 0)].real[0]) for r in swing])
+    shown = (level * size + 0.2 * size**3) ** 2 / 2.0 / 9500.0
+    assert np.exp(observe(state)[:, _ENERGY]) == pytest.approx(shown, rel=1e-6)
+
+
+def test_zeros_and_cross_talk_enter_no_energy_and_move_the_readings_by_themselves() -> None:
+    nominal = observe(_state())
+    shown = np.exp(nominal[:, _FORCE])
+    zero = observe(_law("tangential_zero").apply(_state(), None, {"zero_n": 0.02}))
+    cross = observe(_law("cross_talk").apply(_state(), None, {"cross_talk": 0.03}))
+    for moved, added in ((zero, 0.02), (cross, 0.03 * _state().set_load)):
+        assert moved[:, _ENERGY] == pytest.approx(nominal[:, _ENERGY], abs=1e-12)
+        assert np.exp(moved[:, _FORCE]) - shown == pytest.approx(added)
+        assert moved[:, _FRICTION] - nominal[:, _FRICTION] == pytest.approx(added / _state().set_load)
+    gain = observe(_law("normal_gain").apply(_state(), None, {"normal_ln_gain": math.log(0.96)}))
+    assert gain[:, _LOAD] == pytest.approx(np.full(24, 0.96))
+    assert gain[:, _FRICTION] == pytest.approx(np.full(24, 0.17 / 0.96))
+    assert gain[:, :2] == pytest.approx(nominal[:, :2])
+
+
+def test_friction_on_the_edge_moves_the_peak_and_not_the_sliding_force() -> None:
+    edge = observe(_law("edge_friction").apply(_state(), None, {"edge_over_face": 0.8}))
+    other = observe(nominal_state(_design(), _VALUES | {"friction": 0.8 * 0.17}))
+    assert edge[:, [_ENERGY, _FORCE]] == pytest.approx(other[:, [_ENERGY, _FORCE]])
+    assert edge[:, _FRICTION] == pytest.approx(np.full(24, 0.17))
+
+
+def test_a_hardening_ramp_is_as_steep_as_the_line_through_it() -> None:
+    state = _law("hardening_spring").apply(_state(), None, {"cubic_per_n2": 0.2, "pitch_share": 0.0})
+    force, sliding = state.peak_force(), state.sliding_force()
+    # origin: numpy's least-squares line through the ramp from sliding to nine tenths of the rise
+    for i in (0, 7, 20):
+        ends = [
+            float(r[np.abs(r.imag) < 1e-9].real[0])
+            for r in (np.roots([0.2, 0, 1, -f]) for f in (sliding[i], sliding[i] + 0.9 * (force[i] - sliding[i])))
+        ]
+        u = np.linspace(*ends, 20001)
+        assert observe(state)[i, _SPRING] == pytest.approx(1.05 * np.polyfit(u, u + 0.2 * u**3, 1)[0], rel=1e-5)
 
 
 def test_running_in_is_forgotten_in_the_end() -> None:

@@ -100,7 +100,7 @@ def test_a_height_error_moves_the_trials_of_its_block_alone(design):
     assert moved - design.height == pytest.approx([0.0, 2e-6, 0.0, 2e-6])
 
 
-def test_what_gives_way_acts_before_the_peak_is_known_and_hardening_after(design):
+def test_what_follows_the_peak_acts_when_all_else_has_acted(design):
     seen = []
 
     def noting(name, covariate):
@@ -110,13 +110,12 @@ def test_what_gives_way_acts_before_the_peak_is_known_and_hardening_after(design
 
         return Law(name, "normal_load", covariate, name, (Parameter("share", "1", 0.0, -1.0, 1.0, 0.1),), apply)
 
-    laws = [noting("late", "peak_force_n"), noting("plain", "none"), noting("early", "loading_time_s")]
+    laws = [noting("late", "peak_force_n"), noting("plain", "none")]
     state = extended_state(design, _VALUES, [(law, {"share": 0.1}) for law in laws])
-    assert [name for name, _ in seen] == ["early", "plain", "late"]
+    assert [name for name, _ in seen] == ["plain", "late"]
     nominal = nominal_state(design, _VALUES)
-    assert seen[0][1] == pytest.approx(nominal.loading_time())
-    assert seen[2][1] == pytest.approx(nominal.changed(load=nominal.load * 1.21).peak_force())
-    assert state.load == pytest.approx(nominal.load * 1.331)
+    assert seen[1][1] == pytest.approx(nominal.changed(load=nominal.load * 1.1).peak_force())
+    assert state.load == pytest.approx(nominal.load * 1.21)
 
 
 def test_an_effect_follows_its_column_or_the_block(design):
@@ -126,12 +125,6 @@ def test_an_effect_follows_its_column_or_the_block(design):
     assert extended_state(design, _VALUES, [(error, {"height_error_m": 3e-6})]).height == pytest.approx(
         design.height + 3e-6 * (_BLOCK == "step-050")
     )
-
-
-def test_loading_time_is_the_rise_of_the_force_over_that_of_the_spring(design):
-    state = nominal_state(design, _VALUES)
-    rise = state.peak_force() - 0.17 * design.load
-    assert state.loading_time() == pytest.approx(rise / (1.05 * 9500.0 * design.speed))
 
 
 def test_scatter_shows_in_the_channels_as_the_equations_say(design):

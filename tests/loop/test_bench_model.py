@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from oracles.feature_bench import bench_trials, design_columns, noise_free
-from stepblocks.contact.forward import LOADING_TIME, PEAK_FORCE
+from stepblocks.contact.forward import PEAK_FORCE
 from stepblocks.contact.operating_point import Tool
 from stepblocks.contact.state import CHANNELS
 from stepblocks.loop.bench_model import SessionModel, candidates, covariate_ranges
@@ -44,10 +44,9 @@ def test_laws_are_asked_for_by_what_they_follow(trials):
     asked = candidates(trials, covariate_ranges(trials))
     followed = {law.covariate for law in asked if law.named}
     assert followed == {
-        *("none", "block", "load_n", "speed_mm_s", "run_order", "temperature_c"),
-        *(PEAK_FORCE, LOADING_TIME),
+        *("none", "block", "load_n", "speed_mm_s", "run_order", "temperature_c", "operator", PEAK_FORCE)
     }
-    heights = [law.id for law in asked if law.covariate == "block"]
+    heights = [law.id for law in asked if law.covariate == "block" and law.named]
     assert heights == [f"block_height_error~{block}" for block in np.unique(trials.block)]
 
 
@@ -64,8 +63,11 @@ def test_edge_and_tip_imitate_each_other_so_a_scan_decides_which_is_asked_for(tr
 def test_common_errors_run_along_the_settings_and_have_unit_spread(trials):
     found = _MODEL.systematics(trials)
     assert {term.channel for term in found} == set(CHANNELS)
-    assert len(found) == 7 * len(CHANNELS)
-    first = found[0]
+    # and what the tool's damper holds of the peak, beside the gauge or in it
+    assert len(found) == 1 + 7 * len(CHANNELS)
+    damper, first = found[:2]
+    assert damper.channel == "ln_peak_force"
+    assert np.corrcoef(damper.column, trials.covariates["speed_mm_s"])[0, 1] > 0.3
     assert np.std(first.column) == pytest.approx(1.0)
     assert (
         np.argsort(first.column, kind="stable").tolist()
@@ -76,7 +78,7 @@ def test_common_errors_run_along_the_settings_and_have_unit_spread(trials):
 def test_a_setting_that_never_changed_has_no_common_error(trials):
     still = trials.covariates | {"speed_mm_s": np.full(len(trials), 5.0)}
     same = type(trials)(still, trials.channels, trials.values, trials.std, trials.block)
-    assert len(_MODEL.systematics(same)) == 4 * len(CHANNELS)
+    assert len(_MODEL.systematics(same)) == 1 + 4 * len(CHANNELS)
 
 
 def test_the_model_predicts_what_the_bench_shows_without_scatter():

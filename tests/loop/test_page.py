@@ -61,9 +61,6 @@ def test_an_effect_that_follows_nothing_is_drawn_over_the_height(result):
     laws = {law.id: law for law in named_laws()}
     assert _followed(result, laws["edge_rounding"])[1] == "height_um"
     assert _followed(result, laws["hardening_spring"])[1] == "peak_force_n"
-    along, name = _followed(result, laws["contact_creep"])
-    assert name == "loading_time_s"
-    assert np.all(along > 0.0)
 
 
 def test_few_settings_are_averaged_one_by_one_and_many_in_groups_of_equal_size():

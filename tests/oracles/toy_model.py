@@ -56,6 +56,13 @@ class Toy:
     """first = a + b x, second = 2 a: the level scatters from trial to trial and moves both."""
 
     channels: tuple[str, ...] = ("first", "second")
+    quantities: tuple[str, ...] = ("level",)
+
+    def order(self, trials: Trials) -> Floats:
+        return np.arange(float(len(trials)))
+
+    def cells(self, trials: Trials) -> Sequence[object]:
+        return range(len(trials))
 
     def parameters(self, trials: Trials) -> tuple[Parameter, ...]:
         return (Parameter("a", "1", 0.5, -10.0, 10.0, 0.1), Parameter("b", "1", 0.5, -10.0, 10.0, 0.1))

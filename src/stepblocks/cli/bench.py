@@ -85,7 +85,7 @@ def _loop(arguments: argparse.Namespace) -> Outcome:
     for scan in result.document["scans"]["left_out"]:
         print(f"scan of {scan['block']} left out: {scan['reason']}", file=sys.stderr)
     page = arguments.output / "report.html"
-    return Outcome(f"{result.verdict}: see {page}", look=page, record=result.document)
+    return Outcome(f"{result.document['finding']} ({result.verdict})", look=page, record=result.document)
 
 
 def _simulate_session(arguments: argparse.Namespace) -> Outcome:

@@ -16,12 +16,13 @@ from stepblocks.contact.operating_point import PAPER, Tool
 from stepblocks.contact.state import DragState, Floats, observe
 from stepblocks.errors import ContactError
 
-# quantities of the model that an effect may follow like a column
-PEAK_FORCE, LOADING_TIME = "peak_force_n", "loading_time_s"
+TOGETHER = " * "  # between the names of two covariates that act together
+PEAK_FORCE = "peak_force_n"  # a quantity of the model that an effect may follow like a column
 
-_ORDER = {LOADING_TIME: 0, PEAK_FORCE: 2}  # what gives way under load does so before the peak is known
-
-_ABSENT = ("tilt", "climb_load", "sensed_offset", "hardening", "lost_energy", "drag", "climb_drag", "lag")
+_ABSENT = (
+    *("tilt", "climb_load", "sensed_offset", "hardening", "pitch_share", "lost_energy", "drag", "climb_drag", "lag"),
+    *("zero", "cross_talk", "normal_zero"),
+)
 
 Active = Sequence[tuple[Law, Mapping[str, float]]]  # laws with values of their parameters
 
@@ -120,8 +121,10 @@ def nominal_state(design: BenchDesign, values: Mapping[str, float]) -> DragState
         stiffness=design.spring_constant * values["stiffness_ratio"] * one,
         ring_stiffness=design.spring_constant * one,
         conversion=np.exp(values["ln_conversion"]) * one,
+        edge_factor=one,
         damping=one,
         gain=one,
+        normal_gain=one,
         frequency=np.exp(values["ln_ring_frequency"]) * one,
         decay_time=np.exp(values["ln_decay_time"]) * one,
         nominal_stiffness=design.spring_constant,
@@ -130,11 +133,16 @@ def nominal_state(design: BenchDesign, values: Mapping[str, float]) -> DragState
 
 
 def extended_state(design: BenchDesign, values: Mapping[str, float], active: Active = ()) -> DragState:
-    """Fill the slots from the constants and apply the effects in the order in which they act."""
+    """Fill the slots from the constants and apply the effects; what follows the peak comes when the peak is known."""
     state = nominal_state(design, values)
-    for law, own in sorted(active, key=lambda pair: _ORDER.get(pair[0].covariate, 1)):
+    for law, own in sorted(active, key=lambda pair: pair[0].covariate == PEAK_FORCE):
         state = law.apply(state, covariate_of(design, state, law.covariate), own)
     return state
+
+
+def columns_of(covariate: str) -> tuple[str, ...]:
+    """Columns of the table of trials that an effect over a covariate needs."""
+    return () if covariate in ("none", "block", PEAK_FORCE) else tuple(covariate.split(TOGETHER))
 
 
 def covariate_of(design: BenchDesign, state: DragState, covariate: str) -> Any:
@@ -145,8 +153,8 @@ def covariate_of(design: BenchDesign, state: DragState, covariate: str) -> Any:
         return design.block
     if covariate == PEAK_FORCE:
         return state.peak_force()
-    if covariate == LOADING_TIME:
-        return state.loading_time()
+    if TOGETHER in covariate:
+        return np.stack([design.covariates[name] for name in columns_of(covariate)], axis=1)
     return design.covariates[covariate]
 
 

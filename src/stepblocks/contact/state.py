@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -25,6 +25,7 @@ CHANNELS = (
 
 _STEEPEST = np.deg2rad(89.0)  # beyond it the tip locks; a fit needs a finite slope back into the domain
 _LEAST_LOAD, _LEAST_FORCE = 1e-3, 1e-4  # N, where a fit strays
+_LINE_SHARE = 0.9  # of the rise, to which the evaluation of a trace fits the line of a bent ramp
 
 
 @dataclass(frozen=True)
@@ -35,6 +36,7 @@ class DragState:
     radius: Floats  # of ball and edge together, R + r [m]
     tilt: Floats  # slope added to the path of the tip [rad]
     friction: Floats  # coefficient [1]
+    edge_factor: Floats  # friction on the edge over that on the faces [1]
     load: Floats  # at the contact [N]
     set_load: Floats  # by the weights [N]
     climb_load: Floats  # appears only while the tip is lifted [N]
@@ -43,12 +45,17 @@ class DragState:
     stiffness: Floats  # of the ramp [N/m]
     ring_stiffness: Floats  # of the ring [N/m]
     hardening: Floats  # g of ``F = u + g u^3`` with u = k x [1/N^2]
+    pitch_share: Floats  # of the first amplitude squared that the pitch of the fitted ring shows [1]
     conversion: Floats  # share C_v of the stored energy that rings [1]
     lost_energy: Floats  # spent before the ring [J]
     drag: Floats  # tangential force beside friction, at any time [N]
     climb_drag: Floats  # the same while the tip climbs [N]
     damping: Floats  # factor on the rate of decay [1]
     gain: Floats  # of the tangential gauge [1]
+    zero: Floats  # what that gauge reads without force [N]
+    cross_talk: Floats  # share of the normal force that it also shows [1]
+    normal_gain: Floats  # of the normal gauge [1]
+    normal_zero: Floats  # what that one reads without force [N]
     lag: Floats  # time constant of that gauge [s]
     frequency: Floats  # of the ring on the nominal spring [Hz]
     decay_time: Floats  # of the ring's amplitude without further damping [s]
@@ -56,7 +63,7 @@ class DragState:
 
     def _slope(self) -> Floats:
         share = np.clip(self.height / self.radius, 1e-9, 1.0)
-        return np.asarray(kernels.angle_on_step(share, 1.0) + (self.tilt + np.arctan(self.friction)))
+        return np.asarray(kernels.angle_on_step(share, 1.0) + (self.tilt + np.arctan(self.friction * self.edge_factor)))
 
     def angle(self) -> Floats:
         """Slope of the path at release plus angle of friction [rad], held below locking."""
@@ -77,11 +84,6 @@ class DragState:
         """Tangential force on the tool before the edge [N]."""
         return np.asarray(kernels.pull_force(np.maximum(self.load, _LEAST_LOAD), self.tilt, self.friction) + self.drag)
 
-    def loading_time(self) -> Floats:
-        """Time from the first load on the edge to release [s]: the ramp from sliding to the peak."""
-        rise = np.maximum(self.peak_force() - self.sliding_force(), 0.0)
-        return np.asarray(rise / (self.stiffness * self.speed))
-
     def changed(self, **slots: Any) -> DragState:
         """Return a copy with some slots changed; cheaper than ``dataclasses.replace`` in inner loops."""
         copy = object.__new__(DragState)
@@ -94,43 +96,68 @@ def observe(state: DragState) -> Floats:
     """Show the `CHANNELS` of n trials, shape (n, 7).
 
     The energy is what an amplitude of force A shows, ``A^2 / 2k`` with the nominal k: the square of the gauge's gain
-    enters, and a spring that is stiffer in load and ring stores less but shows the same amplitude. A gauge of
-    first order shows a ramp late by its time constant, so the peak falls short by ``k v tau (1 - exp(-t / tau))``, and
-    the ring with its amplitude over ``sqrt(1 + (2 pi f tau)^2)``.
+    enters, its zero and what it shows of the normal force do not, and a spring that is stiffer in load and ring stores
+    less but shows the same amplitude. A gauge of first order shows a ramp late by its time constant, so the peak falls
+    short by ``k v tau (1 - exp(-t / tau))``, and the ring with its amplitude over ``sqrt(1 + (2 pi f tau)^2)``.
     """
     force, sliding = state.peak_force(), state.sliding_force()
-    linear, stored = _spring(state, force)
-    energy = _ringing(state.conversion * stored, state.lost_energy)
+    spring = _spring(state, force, sliding)
+    energy = _ringing(state.conversion * spring.stored, state.lost_energy)
     # an amplitude of force counts as A^2 / 2k with the nominal k, whatever k it rings with
     energy = energy * (state.ring_stiffness / state.nominal_stiffness)
+    if np.any(state.hardening):
+        # 2 k E = c A^2 + g A^4 / 2 about the level that it rings about; the force at A is A (c + g A^2)
+        double = 2.0 * state.nominal_stiffness * energy
+        root = np.sqrt(spring.level**2 + 2.0 * state.hardening * double)
+        square = 2.0 * double / (spring.level + root)
+        energy = square * (spring.level + state.hardening * square) ** 2 / (2.0 * state.nominal_stiffness)
+        spring = spring._replace(pitch=spring.level + 0.75 * state.pitch_share * state.hardening * square)
     peak = force
     if np.any(state.lag):
         slope, late = state.stiffness * state.speed, np.maximum(state.lag, 1e-18)
         ramp = np.maximum(force - sliding, 0.0) / slope
         peak = np.maximum(force - slope * late * (1.0 - np.exp(-np.minimum(ramp / late, 50.0))), _LEAST_FORCE)
         energy = energy / (1.0 + (2.0 * np.pi * state.frequency * late) ** 2)
-    sensed = np.maximum(state.set_load + state.sensed_offset, _LEAST_LOAD)
+    pressed = np.maximum(state.set_load + state.sensed_offset, _LEAST_LOAD)
+    sensed = np.maximum(state.normal_gain * pressed + state.normal_zero, _LEAST_LOAD)
+    beside = state.zero + state.cross_talk * pressed
+    ring = state.ring_stiffness * spring.pitch / state.nominal_stiffness
     shown = (
         np.log(state.gain**2 * energy),
-        np.log(state.gain * peak),
-        state.gain * sliding / sensed,
-        state.gain * state.stiffness * (force / linear) / state.nominal_stiffness,
-        np.log(state.frequency * np.sqrt(state.ring_stiffness / state.nominal_stiffness)),
+        np.log(np.maximum(state.gain * peak + beside, _LEAST_FORCE)),
+        (state.gain * sliding + beside) / sensed,
+        state.gain * state.stiffness * spring.slope / state.nominal_stiffness,
+        np.log(state.frequency * np.sqrt(ring)),
         np.log(state.decay_time / state.damping),
         sensed / state.set_load,
     )
     return np.stack(shown, axis=1)
 
 
-def _spring(state: DragState, force: Floats) -> tuple[Floats, Floats]:
-    """Force ``u = k x`` of the spring had it not hardened [N], and the energy that it stores [J]."""
-    if not np.any(state.hardening > 1e-8):
-        return force, kernels.stored_energy(force, state.stiffness)
-    root = np.sqrt(3.0 * np.maximum(state.hardening, 1e-9))
-    solved = 2.0 / root * np.sinh(np.arcsinh(1.5 * force * root) / 3.0)  # the real root of u + g u^3 = F
-    linear = np.where(state.hardening > 1e-8, solved, force)
-    stored = kernels.stored_energy(linear, state.stiffness) + 0.25 * state.hardening * linear**4 / state.stiffness
-    return linear, stored
+class _Spring(NamedTuple):
+    """What a spring ``F = u + g u^3`` is at one deflection ``u = k x`` [N], each of shape (n,)."""
+
+    stored: Floats  # energy at the peak [J]
+    slope: Floats  # of the straight line through its ramp, over k
+    level: Floats  # its stiffness at the sliding force, over k
+    pitch: Floats  # the stiffness that it rings with, over k
+
+
+def _spring(state: DragState, force: Floats, sliding: Floats) -> _Spring:
+    if not np.any(state.hardening):
+        one = np.ones_like(force)
+        return _Spring(kernels.stored_energy(force, state.stiffness), one, one, one)
+    cubic = np.maximum(state.hardening, 1e-9)
+    root = np.sqrt(3.0 * cubic)
+    # where a line is fitted to the ramp: sliding, the line's end, the peak
+    ends = sliding, sliding + _LINE_SHARE * np.maximum(force - sliding, 0.0), force
+    low, high, top = (2.0 / root * np.sinh(np.arcsinh(1.5 * one * root) / 3.0) for one in ends)
+    # the least-squares line through u + g u^3 over a stretch of u, in closed form
+    middle, half = 0.5 * (low + high), 0.5 * (high - low)
+    slope = 1.0 + cubic * (3.0 * middle**2 + 0.6 * half**2)
+    level = 1.0 + 3.0 * cubic * low**2
+    stored = kernels.stored_energy(top, state.stiffness) + 0.25 * cubic * top**4 / state.stiffness
+    return _Spring(stored, slope, level, level)
 
 
 def _ringing(ringing: Floats, lost: Floats) -> Floats:

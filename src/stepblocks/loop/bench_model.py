@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field, replace
 from functools import lru_cache
+from itertools import combinations
 from typing import cast
 
 import numpy as np
@@ -13,7 +14,8 @@ from stepblocks.contact import forward
 from stepblocks.contact.effects import named_laws
 from stepblocks.contact.effects.law import Law, Parameter
 from stepblocks.contact.effects.smooth import CovariateRange, smooth_laws
-from stepblocks.contact.forward import LOADING_TIME, PEAK_FORCE, BenchDesign
+from stepblocks.contact.effects.tool import set_instrument
+from stepblocks.contact.forward import PEAK_FORCE, TOGETHER, BenchDesign
 from stepblocks.contact.operating_point import Tool
 from stepblocks.contact.state import CHANNELS, DragState, observe
 from stepblocks.loop.search.forward_model import Active, Floats, Systematic, Trials
@@ -30,6 +32,8 @@ _COMMON = {
     "normal_load_ratio": 0.002,
 }
 
+_SET = ("height_um", "load_n", "speed_mm_s", "run_order", PEAK_FORCE)
+_INTERACTING = 3  # readings of the surroundings that are asked for pair by pair
 _SHARP = 1.5e-6  # m, an edge that a scan shows to be no rounder
 # friction imitates a tilt exactly; a search would only find the rounding between the two
 _SAME_BY_DEFINITION = frozenset({"block_tilt"})
@@ -48,17 +52,41 @@ class SessionModel:
     height_std: float = 1e-6  # of blocks that are not scanned [m]
     scanned: Mapping[str, tuple[float, float]] | None = None  # block to height and standard uncertainty [m]
     scanned_radius: float | None = None  # mean of the edges from their scans [m]
+    known: Mapping[str, tuple[float, float]] = field(
+        default_factory=dict
+    )  # constants of the gauges, certified or tared
+
+    @property
+    def quantities(self) -> tuple[str, ...]:
+        """What scatters from trial to trial, under the name of its slot."""
+        return "friction", "normal_load", "conversion"
+
+    def order(self, trials: Trials) -> Floats:
+        """Order in time: the run order where it is told, else that of the table."""
+        told = trials.numeric("run_order") if "run_order" in trials.covariates else None
+        return np.arange(float(len(trials))) if told is None else told
+
+    def cells(self, trials: Trials) -> list[tuple[object, ...]]:
+        """Trials of one block, load and speed, under the same labels, are replicates."""
+        labels = [n for n in trials.covariates if trials.numeric(n) is None]
+        columns = (trials.covariates[name].tolist() for name in ("load_n", "speed_mm_s", *labels))
+        return list(zip(trials.block.tolist(), *columns, strict=True))
 
     def parameters(self, trials: Trials) -> tuple[Parameter, ...]:
         """Constants of the nominal model and the height errors of the blocks of a table."""
         return forward.constants(_design(trials, self.tool.stiffness), self.tool, self.height_std, self.scanned)
 
     def systematics(self, trials: Trials) -> list[Systematic]:
-        """Errors that the evaluation of traces may share among trials: along height, load, speed and their squares."""
+        """Errors that the evaluation of traces may share among trials: along height, load, speed and their squares; and the damper."""
         design = _design(trials, self.tool.stiffness)
         height, load, speed = (_standard(np.log(column)) for column in (design.height, design.load, design.speed))
         columns = (height, load, speed, height**2, height * load, load * speed, height * speed)
-        return [
+        # while the tip is held and the handle goes on the tool's damper pulls too; whether the gauge sees it nobody knows
+        pull = 2.0 * self.tool.stiffness / ((2.0 * np.pi * self.tool.frequency) ** 2 * self.tool.decay_time)
+        starts = {p.name: p.start for p in self.parameters(trials)}
+        share = pull * design.speed / forward.nominal_state(design, starts).peak_force()
+        damper = [Systematic("ln_peak_force", share, 0.5)] if "ln_peak_force" in trials.channels else []
+        return damper + [
             Systematic(channel, column, _COMMON[channel])
             for channel in CHANNELS
             for column in columns
@@ -69,11 +97,21 @@ class SessionModel:
         """Fill all slots, effects applied."""
         # the search hands back the laws that `candidates` gave it
         laws = cast("forward.Active", effects)
-        return forward.extended_state(_design(trials, self.tool.stiffness), values, laws)
+        state = forward.extended_state(_design(trials, self.tool.stiffness), values, laws)
+        told = {name: value for name, (value, _) in self.known.items()}
+        return set_instrument(state, None, told) if told else state
 
     def candidates(self, trials: Trials) -> tuple[Law, ...]:
         """Return every effect that may be asked of a table, knowing what the scans have ruled out."""
-        return candidates(trials, covariate_ranges(trials), scanned_radius=self.scanned_radius)
+        laws = candidates(trials, covariate_ranges(trials), scanned_radius=self.scanned_radius)
+        return tuple(self._informed(law) if law.slot == "sensor" else law for law in laws)
+
+    def _informed(self, law: Law) -> Law:
+        """Hold the constants of a law to what a calibration leaves open: they are what is added to the known ones."""
+        parameters = (
+            replace(p, prior_std=self.known[p.name][1]) if p.name in self.known else p for p in law.parameters
+        )
+        return replace(law, parameters=tuple(parameters))
 
     def predict(self, trials: Trials, values: Mapping[str, float], effects: Active = ()) -> Floats:
         """Predict all channels."""
@@ -110,6 +148,12 @@ def covariate_ranges(trials: Trials) -> tuple[CovariateRange, ...]:
         force = np.exp(force[np.isfinite(force)])
         if force.size > 10 and force.max() > 1.001 * force.min():
             found.append(CovariateRange(PEAK_FORCE, float(force.min()), float(force.max()), True))
+    climate = [place for place in found if not place.labels and place.distinct > 2 and place.name not in _SET]
+    for one, other in combinations(climate[:_INTERACTING], 2):
+        found.append(CovariateRange(TOGETHER.join((one.name, other.name)), pair=(one, other)))
+    blocks = tuple(str(block) for block in np.unique(trials.block))
+    if 2 < len(blocks) <= len(trials) / 6:
+        found.append(CovariateRange("block", labels=blocks, distinct=len(blocks)))
     return tuple(found)
 
 
@@ -117,7 +161,7 @@ def candidates(
     trials: Trials, ranges: Sequence[CovariateRange], with_imitated: bool = False, scanned_radius: float | None = None
 ) -> tuple[Law, ...]:
     """Return every effect that may be asked of a table: laws whose covariate varies, and all smooths."""
-    names = {place.name for place in ranges} | {"none", "block", LOADING_TIME}
+    names = {place.name for place in ranges} | {"none", "block"}
     sharp = scanned_radius is not None and scanned_radius < _SHARP
     ruled_out = _SAME_BY_DEFINITION | {"edge_rounding" if sharp else "tip_radius_error"}
     blocks = [str(block) for block in np.unique(trials.block)]

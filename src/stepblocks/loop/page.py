@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from stepblocks.artefacts.model_file import WIDE
-from stepblocks.contact.forward import LOADING_TIME, PEAK_FORCE
+from stepblocks.contact.forward import PEAK_FORCE
 from stepblocks.loop.result import LoopResult
 from stepblocks.loop.search.explain import Explanation
 from stepblocks.loop.search.forward_model import Effect, Floats
@@ -134,8 +134,6 @@ def _followed(result: LoopResult, effect: Effect) -> tuple[Floats, str]:
     trials, fitted = result.table.trials, result.found.extended
     if effect.covariate == PEAK_FORCE:
         return np.exp(fitted.predicted[:, trials.channels.index("ln_peak_force")]), PEAK_FORCE
-    if effect.covariate == LOADING_TIME:
-        return result.table.model.state(trials, fitted.values, fitted.active).loading_time(), LOADING_TIME
     name = effect.covariate if effect.covariate in trials.covariates else "height_um"
     return _positions(trials.covariates[name])[0], name
 

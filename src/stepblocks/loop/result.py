@@ -15,10 +15,12 @@ from stepblocks.artefacts.model_file import WIDE, LearnedFit, LearnedModel
 from stepblocks.contact.effects.law import Law
 from stepblocks.contact.effects.smooth import CovariateRange
 from stepblocks.loop.bench_model import candidates, covariate_ranges
+from stepblocks.loop.finding import calibration_moves, sentence
 from stepblocks.loop.search.adequacy import identifiability, propose, pure_error
 from stepblocks.loop.search.explain import Explanation, Finding, Holdout, Rules, Verdict, without
 from stepblocks.loop.search.fit import Fit
 from stepblocks.loop.search.forward_model import Effect, Trials
+from stepblocks.loop.search.gate import smallest_shown
 from stepblocks.loop.search.noise import flexible_residual
 from stepblocks.loop.session_table import Scans, SessionTable
 
@@ -97,7 +99,8 @@ def result_document(
         }
         for which, (name, fitted) in enumerate((("nominal", found.nominal), ("extended", found.extended)))
     }
-    return {
+    document = {
+        "finding": "",
         "verdict": str(found.verdict),
         **models,
         "effects": [_finding(finding, found.extended) for finding in found.findings],
@@ -106,6 +109,13 @@ def result_document(
             for f in found.findings
             for e, fitted, behind in f.rivals
         ],
+        "unwritten": [
+            {"kind": h.kind, "quantity": h.quantity, "p_value": h.p_value, "said": h.said}
+            | {"heaps": [[str(table.names[row]) for row in heap] for heap in h.heaps]}
+            for h in found.told
+        ],
+        "known_of_the_gauges": {n: {"value": v, "std": s} for n, (v, s) in table.model.known.items()},
+        "could_have_shown": _could_have_shown(found),
         "excluded": [{"trial": trial, "reason": reason} for trial, reason in table.excluded],
         "next_experiment": next_experiment(found),
         "adequacy": adequacy,
@@ -114,6 +124,21 @@ def result_document(
         "selected_in_folds": [names for holdout in holdouts for names in holdout.selected],
         "trials_analysed": len(table.trials),
     }
+    return document | {"finding": sentence(found, document)}
+
+
+def _could_have_shown(found: Explanation) -> list[dict[str, Any]]:
+    """List the smallest effect of each slot that the last gate would have let through nine times in ten."""
+    trials = found.problem.trials
+    laws = [law for law in candidates(trials, covariate_ranges(trials)) if law.named and law.covariate != "block"]
+    shown = smallest_shown(found.problem, found.extended, laws, found.needed)
+    entries: dict[str, dict[str, Any]] = {}
+    for law in laws:
+        if law.id in shown and law.slot not in entries and np.isfinite(shown[law.id]):
+            unit = next(p.unit for p in law.parameters if p.name == law.amplitudes[0])
+            entry = {"id": law.id, "slot": law.slot, "covariate": law.covariate, "parameter": law.amplitudes[0]}
+            entries[law.slot] = entry | {"value": shown[law.id], "unit": unit, "said": law.id.replace("_", " ")}
+    return list(entries.values())
 
 
 def _entry(value: float, unit: str, std: float, log: bool = False) -> dict[str, Any]:
@@ -183,7 +208,7 @@ def _noise_floor(table: SessionTable, adequacy: Mapping[str, Any]) -> list[float
 
 def _adequacy(table: SessionTable, found: Explanation, rules: Rules) -> dict[str, Any]:
     trials = table.trials
-    cells = list(zip(trials.block.tolist(), trials.covariates["load_n"], trials.covariates["speed_mm_s"], strict=True))
+    cells = table.model.cells(trials)
     tests = {}
     for j, channel in ((0, "ln_energy"), (1, "ln_peak_force")):
         residual = np.where(trials.seen[:, j], trials.values[:, j] - found.extended.predicted[:, j], np.nan)
@@ -233,18 +258,28 @@ def _scans(found: Explanation, scans: Scans) -> dict[str, Any]:
 
 def next_experiment(found: Explanation) -> dict[str, Any] | None:
     """Return settings that separate the rivals best, with the expected gain; None where nothing is open."""
+    moves = calibration_moves(
+        [law for f in found.findings for law in (f.effect, *(r[0] for r in f.rivals)) if f.rivals]
+    )
     pair = _pair(found)
     if pair is None:
-        return None
+        note = "write down what differs between these trials: who, when, which tip and which batch"
+        return {"separates": [h.said for h in found.told], "trials": [], "note": note} if found.told else None
     names, first, second = pair
     trials = found.problem.trials
     extra = sorted({e.covariate for e in (*first.effects, *second.effects)} & set(trials.covariates) - set(_SHOWN))
     grid = _grid(trials, extra)
     proposal = propose(found.problem, first, second, grid, (*_SHOWN, *extra))
     if proposal is None:
-        return {"separates": names, "trials": [], "note": "no setting within reach tells these apart"}
+        return {
+            "separates": names,
+            "trials": [],
+            "calibration": moves,
+            "note": "no setting within reach tells these apart",
+        }
     document: dict[str, Any] = {
         "separates": names,
+        "calibration": moves,
         "criterion": "T-optimality: expected difference of twice the log likelihood per trial",
         "trials": [s | {"expected_gain": g} for s, g in zip(proposal.settings, proposal.gain, strict=True)],
         "repeats": proposal.trials,
@@ -277,7 +312,7 @@ def block_stimulus(experiment: Mapping[str, Any] | None) -> str | None:
 
 def _pair(found: Explanation) -> tuple[list[str], Fit, Fit] | None:
     """Names of two models that are to be told apart, and the models."""
-    if found.verdict is Verdict.NONE:
+    if not found.findings:
         return None
     current = found.extended
     for finding in found.findings:

@@ -19,11 +19,13 @@ from stepblocks.artefacts.model_file import model_document
 from stepblocks.atomic import replace_text
 from stepblocks.errors import PipelineError
 from stepblocks.loop.bench_model import SessionModel, covariate_ranges
+from stepblocks.loop.calibration import Known, read_calibration
 from stepblocks.loop.result import LoopResult, block_stimulus, learned_model, result_document
 from stepblocks.loop.search.explain import (
     Explanation,
     Holdout,
     Rules,
+    earned,
     explain,
     folds_of_blocks,
     folds_within_blocks,
@@ -83,6 +85,7 @@ def loop_session(
     session = Path(session)
     inspected = measured_edges(read_records([Path(path) for path in as_built])) if as_built else {}
     declared = open_session(session)
+    known = read_calibration(session)
     radius = declared.probe.tip_radius
     if radius is None:
         raise PipelineError(f"`probe.tip_radius` must be given to explain a session [{session / 'session.toml'}]")
@@ -101,7 +104,7 @@ def loop_session(
         blocks = sorted(set(features["block"].dropna()))
         scans, failed = scan_blocks(session, declared.scans, [block for block in blocks if block not in inspected])
         scans = scans | {block: dict(inspected[block]) for block in blocks if block in inspected}
-    result = analyse_features(features, declared.probe.spring_constant, radius, scans, jobs=cores)
+    result = analyse_features(features, declared.probe.spring_constant, radius, scans, jobs=cores, known=known)
     result.document["scans"]["left_out"] = [{"block": block, "reason": reason} for block, reason in failed.items()]
     result = replace(result, title=declared.title or session.name)
     if output is not None:
@@ -117,10 +120,11 @@ def analyse_features(
     *,
     jobs: int = 1,
     rules: Rules | None = None,
+    known: Known | None = None,
 ) -> LoopResult:
-    """Find what the nominal model lacks for a table of features."""
+    """Find what the nominal model lacks for a table of features; of the gauges `known` constants, else any."""
     rules = rules or Rules()
-    table = trials_of(features, spring_constant, tip_radius, scans)
+    table = trials_of(features, spring_constant, tip_radius, scans, known)
     found, holdouts = _explained(table, rules, jobs)
     document = result_document(table, found, holdouts, scans or {}, rules)
     model = learned_model(table, found, covariate_ranges(table.trials))
@@ -134,11 +138,10 @@ def _chosen(trials: Trials, *, model: SessionModel, rules: Rules) -> Sequence[Ef
 def _explained(table: SessionTable, rules: Rules, jobs: int) -> tuple[Explanation, tuple[Holdout, Holdout]]:
     """Explain all trials, and hold out trials within blocks and whole blocks; every fold chooses its own effects."""
     model, trials = table.model, table.trials
-    quick = replace(rules, most=min(rules.most, 3), draws=min(rules.draws, 200), fits=4, exchange=False)
     inside = folds_within_blocks(trials, _WITHIN, rules.seed)
     outside = folds_of_blocks(trials, _BETWEEN) if len(set(trials.block.tolist())) > 2 else []
     inside, outside = ([rows for rows in folds if len(trials) - len(rows) >= _FEWEST] for folds in (inside, outside))
-    one_fold = partial(hold_out, model, trials, select=partial(_chosen, model=model, rules=quick))
+    one_fold = partial(hold_out, model, trials, select=partial(_chosen, model=model, rules=rules))
     with ExitStack() as stack:
         run: Callable[..., Any] = map
         if jobs > 1:
@@ -151,7 +154,8 @@ def _explained(table: SessionTable, rules: Rules, jobs: int) -> tuple[Explanatio
         waiting = run(one_fold, [*inside, *outside])
         found = explain(model, trials, model.candidates(trials), rules)
         done = list(waiting)
-    return found, (gather(trials, inside, done[: len(inside)]), gather(trials, outside, done[len(inside) :]))
+    holdouts = gather(trials, inside, done[: len(inside)]), gather(trials, outside, done[len(inside) :])
+    return earned(found, holdouts, model.cells(trials)), holdouts
 
 
 def write_loop(result: LoopResult, output: Path) -> None:

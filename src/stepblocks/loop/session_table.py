@@ -16,6 +16,7 @@ from stepblocks.contact.operating_point import PAPER, Tool
 from stepblocks.contact.state import CHANNELS
 from stepblocks.errors import PipelineError, StepblocksError
 from stepblocks.loop.bench_model import SessionModel
+from stepblocks.loop.calibration import Known, unloaded_zeros
 from stepblocks.loop.search.forward_model import Floats, Trials
 from stepblocks.loop.search.noise import outliers
 
@@ -56,7 +57,11 @@ class SessionTable:
 
 
 def trials_of(
-    features: pd.DataFrame, spring_constant: float, tip_radius: float, scans: Scans | None = None
+    features: pd.DataFrame,
+    spring_constant: float,
+    tip_radius: float,
+    scans: Scans | None = None,
+    known: Known | None = None,
 ) -> SessionTable:
     """Turn a table of features into trials with channels."""
     missing = [name for name in _REQUIRED if name not in features.columns]
@@ -87,6 +92,7 @@ def trials_of(
         ),
         scanned=heights or None,
         scanned_radius=float(np.mean(radii)) if radii else None,
+        known=unloaded_zeros(features) | dict(known or {}),
     )
     return SessionTable(replace(trials, values=values), names, excluded, model, tip_radius * 1e6)
 

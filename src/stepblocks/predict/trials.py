@@ -17,9 +17,9 @@ from stepblocks.atomic import replace_text
 from stepblocks.contact.energy import Status
 from stepblocks.contact.event import Learned
 from stepblocks.contact.forward import (
-    LOADING_TIME,
     PEAK_FORCE,
     BenchDesign,
+    columns_of,
     design_of,
     extended_state,
     height_name,
@@ -90,7 +90,7 @@ def predicted(table: pd.DataFrame, learned: LearnedModel) -> tuple[pd.DataFrame,
     """Predict a table of trials; beside the figures the slots of the extended model."""
     import pandas as pd
 
-    used = {law.covariate for law in learned.extended.laws} - {"none", "block", LOADING_TIME, PEAK_FORCE}
+    used = {name for law in learned.extended.laws for name in columns_of(law.covariate)}
     needed = ("trial", "block", *_POSITIVE, *sorted(used))
     missing = [name for name in needed if name not in table.columns]
     if missing:
@@ -192,7 +192,7 @@ def learned_drag(learned: LearnedModel, block: str, height: float, condition: Op
         "tip": f"tip-{condition.ball_radius * 1e6:.6f}",
     }
     for place in learned.ranges:
-        if place.name not in row and place.name != PEAK_FORCE:
+        if place.name not in row and not place.pair and place.name != PEAK_FORCE:
             row[place.name] = place.labels[0] if place.labels else 0.5 * (place.low + place.high)
     table, state = predicted(pd.DataFrame([row]), learned)
     found = table.iloc[0]

@@ -38,6 +38,14 @@ class LinearOscillator:
 
     channels: tuple[str, ...] = ("output",)
 
+    quantities: tuple[str, ...] = ()
+
+    def order(self, trials: Trials) -> Floats:
+        return np.arange(float(len(trials)))
+
+    def cells(self, trials: Trials) -> Sequence[object]:
+        return range(len(trials))
+
     def parameters(self, trials: Trials) -> tuple[Parameter, ...]:
         return tuple(Parameter(n, "1", 0.0, -5.0, 5.0, 0.1) for n in (*_NAMES, "offset"))
 

@@ -53,6 +53,7 @@ LAWS = (
         "C_v (v / 6 mm/s)^q",
         (Parameter("exponent", "1", 0.0, -2.0, 2.0, 0.03),),
         lambda state, _, v: state.changed(conversion=state.conversion * (state.speed / 6e-3) ** v["exponent"]),
+        said="the share that rings follows the speed: exponent",
     ),
     Law(
         "temperature_dependent_conversion",
@@ -63,6 +64,7 @@ LAWS = (
         lambda state, celsius, v: state.changed(
             conversion=state.conversion * np.exp(v["rate_per_k"] * (celsius - 22.0))
         ),
+        said="the share that rings follows the temperature, per K by",
     ),
     Law(
         "real_release",
@@ -71,6 +73,7 @@ LAWS = (
         "C_v and peak from (1 + T tan a) x'' = F - T (1 + y'' x'^2), T = tan(a + atan mu), to the power w",
         (Parameter("weight", "1", 0.0, 0.0, 1.5, 0.05),),
         _motion,
+        said="the tip must be moved and lifted over the step: weight of that motion",
     ),
     Law(
         "real_release~work",
@@ -80,5 +83,6 @@ LAWS = (
         (Parameter("share", "1", 0.0, -1.0, 3.0, 0.02),),
         _work,
         rank=1,
+        said="the tip must be moved and lifted over the step: weight of that motion",
     ),
 )

@@ -1,4 +1,4 @@
-"""How friction may follow the load, the speed, or the trials made before."""
+"""How friction may follow the load, the speed, the place, or the trials made before."""
 
 from __future__ import annotations
 
@@ -36,6 +36,17 @@ LAWS = (
         "mu (F_py / 0.6 N)^-p",
         (Parameter("exponent", "1", 0.0, -3.0, 3.0, 0.05),),
         lambda state, _, v: state.changed(friction=state.friction * (state.load / 0.6) ** -v["exponent"]),
+        said="friction falls with load: exponent",
+    ),
+    Law(
+        "edge_friction",  # an edge is ground, coated or worn otherwise than the faces
+        SLOT,
+        "none",
+        "e mu while the tip climbs, mu on the faces",
+        (Parameter("edge_over_face", "1", 1.0, 0.1, 4.0, 0.03),),
+        lambda state, _, v: state.changed(edge_factor=state.edge_factor * v["edge_over_face"]),
+        said="friction on the edge over that on the faces is",
+        settled="turn the blocks round, and drag a block with a fresh edge",
     ),
     Law(
         "stribeck_friction",  # falls from rest to sliding
@@ -48,6 +59,7 @@ LAWS = (
         ),
         _stribeck,
         shapes=tuple({"stribeck_speed_m_per_s": v} for v in (1.5e-3, 4e-3, 9e-3, 2.5e-2)),
+        said="friction falls with speed: excess at rest and speed",
     ),
     Law(
         "stribeck_friction~logarithmic",  # the law of dry contacts
@@ -57,6 +69,7 @@ LAWS = (
         (Parameter("slope", "1", 0.0, -2.0, 2.0, 0.03),),
         _logarithmic,
         rank=1,
+        said="friction falls with speed: excess at rest and speed",
     ),
     Law(
         "running_in",
@@ -66,5 +79,6 @@ LAWS = (
         (Parameter("excess", "1", 0.0, -0.95, 20.0, 0.05), Parameter("settling_trials", "1", 50.0, 3.0, 1000.0, 10.0)),
         _running_in,
         shapes=tuple({"settling_trials": n} for n in (15.0, 40.0, 100.0, 400.0)),
+        said="friction runs in: excess at first and trials to settle",
     ),
 )

@@ -47,6 +47,8 @@ class Law:
     shapes: tuple[Mapping[str, float], ...] = ({},)
     named: bool = True  # False for a smooth, which claims no law
     rank: int = 0  # order of preference among laws that predict the same
+    said: str = ""  # what it is in the words of a sentence that ends in its figures
+    settled: str = ""  # what to do on the bench to tell it from its rivals
 
     @property
     def amplitudes(self) -> tuple[str, ...]:

@@ -63,12 +63,10 @@ def _kernel() -> Any:
 
 
 @lru_cache(maxsize=1)
-def _release_table() -> Any:
+def _release_table() -> Floats:
     """Tabulate the climb: ln of the peak's excess, ln of the ringing share of the stored energy."""
-    from scipy.interpolate import RegularGridInterpolator
-
     climb = _kernel()
-    table = np.zeros((_HEIGHT.size, _FRICTION.size, _LN_STIFFNESS.size, _LN_SPEED.size, 2))
+    table = np.zeros((*(axis.size for axis in _AXES), 2))
     for i, height in enumerate(_HEIGHT):
         for j, friction in enumerate(_FRICTION):
             start = np.tan(np.arccos(1.0 - height) + np.arctan(friction))
@@ -81,7 +79,34 @@ def _release_table() -> Any:
                     peak, amplitude = climb(height, friction, stiffness, speed)
                     share = max((amplitude / (start * peak)) ** 2, _LEAST_SHARE)
                     table[i, j, k, m] = np.log(peak), np.log(share)
-    return RegularGridInterpolator(_AXES, table)
+    return table
+
+
+@lru_cache(maxsize=1)
+def _interpolator() -> Any:
+    """Linear between the points of the table, beyond it at its end; compiled, as a fit asks for it thousands of times."""
+    from numba import njit
+
+    @njit(cache=True)  # type: ignore[untyped-decorator]
+    def between(points: Floats, first: Floats, second: Floats, third: Floats, fourth: Floats, table: Floats) -> Floats:
+        found = np.zeros((points.shape[1], 2))
+        cell, share = np.zeros(4, np.int64), np.zeros(4)
+        for n in range(points.shape[1]):
+            for d, axis in enumerate((first, second, third, fourth)):
+                held = min(max(points[d, n], axis[0]), axis[-1])
+                cell[d] = min(np.searchsorted(axis, held, side="right") - 1, axis.size - 2)
+                share[d] = (held - axis[cell[d]]) / (axis[cell[d] + 1] - axis[cell[d]])
+            for corner in range(16):
+                weight = 1.0
+                for d in range(4):
+                    weight *= share[d] if corner >> d & 1 else 1.0 - share[d]
+                a, b, c, d4 = corner & 1, corner >> 1 & 1, corner >> 2 & 1, corner >> 3 & 1
+                own = table[cell[0] + a, cell[1] + b, cell[2] + c, cell[3] + d4]
+                found[n, 0] += weight * own[0]
+                found[n, 1] += weight * own[1]
+        return found
+
+    return between
 
 
 def released(height: Floats, friction: Floats, stiffness: Floats, speed: Floats) -> tuple[Floats, Floats]:
@@ -99,6 +124,5 @@ def released(height: Floats, friction: Floats, stiffness: Floats, speed: Floats)
         Both of shape (n,), interpolated in a table.
     """
     asked = (height, friction, np.log(stiffness), np.log(speed))
-    points = [np.clip(column, axis[0], axis[-1]) for column, axis in zip(asked, _AXES, strict=True)]
-    excess, share = _release_table()(np.stack(points, axis=1)).T
+    excess, share = _interpolator()(np.stack(asked), *_AXES, _release_table()).T
     return excess, share

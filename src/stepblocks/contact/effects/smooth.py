@@ -27,6 +27,7 @@ class CovariateRange:
     log: bool = False  # laid out by its logarithm, as where it spans a decade
     labels: tuple[str, ...] = ()  # empty for numbers
     distinct: int = 100  # how many different numbers it takes
+    pair: tuple[CovariateRange, ...] = ()  # two that act together, of which it is the product
 
     @property
     def freedom(self) -> int:
@@ -42,7 +43,10 @@ class CovariateRange:
         return np.asarray(np.clip((numbers - low) / (high - low), 0.0, 1.0))
 
     def line(self, column: NDArray[Any]) -> Floats:
-        """Return the one column of a straight line, from -1 to 1 over the range."""
+        """Return the one column of a straight line, from -1 to 1 over the range; of a pair the product of two."""
+        if self.pair:
+            first, second = self.pair
+            return first.line(column[:, 0]) * second.line(column[:, 1])
         return (2.0 * self.unit(column) - 1.0)[:, None]
 
     def basis(self, column: NDArray[Any]) -> Floats:
@@ -92,6 +96,11 @@ SLOT_MOVES = {
     ),
     "load": Move("normal_load", _scaled("load"), "F_py exp g, unseen by the gauge"),
     "seen_load": Move("normal_load", _seen_load, "F_py exp g, seen by the gauge"),
+    "load_offset": Move(
+        "normal_load",
+        lambda s, g: s.changed(load=s.load + 0.1 * g, sensed_offset=s.sensed_offset + 0.1 * g),
+        "F_py + 0.1 N g",
+    ),
     "climb_load": Move(
         "normal_load",
         lambda s, g: s.changed(climb_load=s.climb_load + s.set_load * np.expm1(g)),
@@ -107,15 +116,70 @@ SLOT_MOVES = {
 }
 
 
+_STEPPING = ("radius", "friction", "conversion", "seen_load", "gain")
+_BY_BLOCK = ("radius", "friction", "conversion")  # what a batch of blocks may have of its own
+_STEP_SHAPES = 12  # places along the run at which a search looks for a sudden change
+
+
 def smooth_laws(covariates: Sequence[CovariateRange]) -> tuple[Law, ...]:
-    """Return every slot over every covariate, as a straight line and as a smooth."""
+    """Return every slot over every covariate, as a straight line, a smooth, and along the run as a step."""
     laws: list[Law] = []
     for where in covariates:
-        for name in SLOT_MOVES:
-            if not where.labels and where.distinct > 2:
+        for name in _BY_BLOCK if where.name == "block" else SLOT_MOVES:
+            if where.pair or (not where.labels and where.distinct > 2):
                 laws.append(_law("trend", name, where))
-            laws.append(_law("smooth", name, where))
+            if not where.pair:
+                laws.append(_law("smooth", name, where))
+        if where.labels and where.name != "block":
+            laws.append(_offset(where))
+        if where.name == "run_order" and where.distinct > 4 * _STEP_SHAPES // 2:
+            laws += [_step(name, where) for name in _STEPPING]
     return tuple(laws)
+
+
+def _offset(where: CovariateRange) -> Law:
+    """Each label presses by its own force more than the weights."""
+    names = tuple(f"added_n[{label}]" for label in where.labels)
+
+    def apply(state: DragState, column: NDArray[Any], values: Mapping[str, float]) -> DragState:
+        added = np.select([np.asarray(column) == label for label in where.labels], [values[n] for n in names], 0.0)
+        return state.changed(load=state.load + added, sensed_offset=state.sensed_offset + added)
+
+    parameters = tuple(Parameter(name, "N", 0.0, -0.3, 0.6, 0.01) for name in names)
+    form = f"F_py + b, by {where.name}"
+    said = f"the load differs from the weights by {where.name}:"
+    return Law(f"added_load_{where.name}", "normal_load", where.name, form, parameters, apply, said=said)
+
+
+def _step(name: str, where: CovariateRange) -> Law:
+    """Change a slot at one trial: of the radius a chipped tip, of others nothing that has a name."""
+    move, chip = SLOT_MOVES[name], name == "radius"
+    reach = where.high - where.low
+    width = 2e-3 * reach  # a hundredth of the spacing would leave a fit no way to move
+    at = Parameter("at_trial", "1", where.low + 0.5 * reach, where.low, where.high, 0.02 * reach)
+    size = (
+        Parameter("radius_step_m", "m", 0.0, -1e-4, 3e-4, 3e-6) if chip else Parameter("step", "1", 0.0, -3.0, 3.0, 0.1)
+    )
+
+    def apply(state: DragState, order: NDArray[Any], values: Mapping[str, float]) -> DragState:
+        after = 0.5 * (1.0 + np.tanh((np.asarray(order, dtype=np.float64) - values["at_trial"]) / (2.0 * width)))
+        g = values[size.name] * after
+        return state.changed(radius=state.radius + g) if chip else move.change(state, g)
+
+    shapes = tuple({"at_trial": where.low + reach * (i + 0.5) / _STEP_SHAPES} for i in range(_STEP_SHAPES))
+    form = "R + w from one trial on" if chip else f"{move.form}, g from one trial on"
+    return Law(
+        "tip_chip" if chip else f"step_{name}_{where.name}",
+        move.slot,
+        where.name,
+        form,
+        (size, at),
+        apply,
+        shapes=shapes,
+        named=chip,
+        rank=2 if chip else 15,
+        said="the tip chipped: its radius changed by, at trial" if chip else "",
+    )
 
 
 def _law(kind: str, name: str, where: CovariateRange) -> Law:

@@ -10,6 +10,7 @@ import numpy as np
 from stepblocks.contact.effects.law import Law, Parameter
 from stepblocks.contact.state import DragState
 
+INSTRUMENT = "instrument"
 _BIAS = (Parameter("load_bias_n", "N", 0.0, -0.25, 0.6, 0.01),)
 _COEFFICIENT = (Parameter("coefficient_n_s_per_m", "N s/m", 0.0, -20.0, 100.0, 0.5),)
 
@@ -20,7 +21,16 @@ def _seen_bias(state: DragState, _: Any, values: Mapping[str, float]) -> DragSta
 
 
 LOAD = (
-    Law("load_bias", "normal_load", "none", "F_py -> F_py + b, as the gauge sees it", _BIAS, _seen_bias),
+    Law(
+        "load_bias",
+        "normal_load",
+        "none",
+        "F_py -> F_py + b, as the gauge sees it",
+        _BIAS,
+        _seen_bias,
+        said="the load differs from the weights by",
+        settled="weigh the arm without weights",
+    ),
     Law(
         "load_bias~unseen",
         "normal_load",
@@ -29,6 +39,8 @@ LOAD = (
         _BIAS,
         lambda state, _, v: state.changed(load=state.load + v["load_bias_n"]),
         rank=1,
+        said="the load differs from the weights by",
+        settled="weigh the arm without weights",
     ),
     Law(
         "pivot_friction",
@@ -38,6 +50,8 @@ LOAD = (
         (Parameter("pivot_share", "1", 0.0, -0.6, 2.0, 0.02),),
         lambda state, _, v: state.changed(climb_load=state.climb_load + v["pivot_share"] * state.set_load),
         rank=2,
+        said="a pivot rubs while the tip is lifted: share of the load, or force,",
+        settled="lift the arm slowly by a scale",
     ),
     Law(
         "pivot_friction~constant",
@@ -47,17 +61,27 @@ LOAD = (
         (Parameter("pivot_force_n", "N", 0.0, -0.25, 0.6, 0.01),),
         lambda state, _, v: state.changed(climb_load=state.climb_load + v["pivot_force_n"]),
         rank=3,
+        said="a pivot rubs while the tip is lifted: share of the load, or force,",
+        settled="lift the arm slowly by a scale",
     ),
 )
 
 STIFFNESS = (
     Law(
-        "hardening_spring",
+        "hardening_spring",  # after Duffing
         "stiffness",
         "peak_force_n",
-        "F = u + g u^3, u = k x, stored energy (u^2/2 + g u^4/4) / k",
-        (Parameter("cubic_per_n2", "1/N^2", 0.0, 0.0, 5.0, 0.02),),
-        lambda state, _, v: state.changed(hardening=state.hardening + v["cubic_per_n2"]),
+        "F = u + g u^3, u = k x: energy (u^2/2 + g u^4/4) / k, ramp k (1 + 3 g u^2), pitch with 3/4 g A^2 at amplitude A",
+        (
+            Parameter("cubic_per_n2", "1/N^2", 0.0, 0.0, 5.0, 0.02),
+            # a ring that rubs has died away where its pitch is fitted best: what it shows of A^2 is found with it
+            Parameter("pitch_share", "1", 0.2, -0.5, 1.0, 0.1),
+        ),
+        lambda state, _, v: state.changed(
+            hardening=state.hardening + v["cubic_per_n2"], pitch_share=state.pitch_share + v["pitch_share"]
+        ),
+        shapes=({"pitch_share": 0.0}, {"pitch_share": 0.4}),
+        said="the spring hardens: g and the share of the first swing that its pitch shows",
     ),
 )
 
@@ -69,6 +93,8 @@ DRAG = (
         "F_x + c v",
         _COEFFICIENT,
         lambda state, _, v: state.changed(drag=state.drag + v["coefficient_n_s_per_m"] * state.speed),
+        said="a viscous drag acts: coefficient",
+        settled="drag without touching a block",
     ),
     Law(
         "viscous_drag~climbing",
@@ -78,8 +104,29 @@ DRAG = (
         _COEFFICIENT,
         lambda state, _, v: state.changed(climb_drag=state.climb_drag + v["coefficient_n_s_per_m"] * state.speed),
         rank=1,
+        said="a viscous drag acts: coefficient",
+        settled="drag without touching a block",
     ),
 )
+
+_ZERO = Parameter("zero_n", "N", 0.0, -0.2, 0.2, 5e-3)
+_NORMAL_ZERO = Parameter("normal_zero_n", "N", 0.0, -0.2, 0.2, 5e-3)
+_NORMAL_GAIN = Parameter("normal_ln_gain", "1", 0.0, -0.5, 0.5, 0.01)
+_CROSS_TALK = Parameter("cross_talk", "1", 0.0, -0.2, 0.2, 5e-3)
+_GAIN = Parameter("ln_gain", "1", 0.0, -1.5, 1.5, 0.02)
+
+
+def set_instrument(state: DragState, _: Any, values: Mapping[str, float]) -> DragState:
+    """Set whichever constants of the two gauges are given."""
+    given = values.get
+    return state.changed(
+        zero=state.zero + given("zero_n", 0.0),
+        cross_talk=state.cross_talk + given("cross_talk", 0.0),
+        normal_zero=state.normal_zero + given("normal_zero_n", 0.0),
+        normal_gain=state.normal_gain * np.exp(given("normal_ln_gain", 0.0)),
+        gain=state.gain * np.exp(given("ln_gain", 0.0)),
+    )
+
 
 SENSOR = (
     Law(
@@ -87,8 +134,61 @@ SENSOR = (
         "sensor",
         "none",
         "F_x -> G F_x",
-        (Parameter("ln_gain", "1", 0.0, -1.5, 1.5, 0.02),),
-        lambda state, _, v: state.changed(gain=state.gain * np.exp(v["ln_gain"])),
+        (_GAIN,),
+        set_instrument,
+        said="the tangential gauge reads by ln G of",
+        settled="hang a known weight on the tangential gauge",
+    ),
+    Law(
+        "tangential_zero",
+        "sensor",
+        "none",
+        "F_x shown + z; a tare enters no stored energy",
+        (_ZERO,),
+        set_instrument,
+        said="the tangential gauge reads without force",
+        settled="tare: record both gauges unloaded before and after the drags",
+    ),
+    Law(
+        "normal_zero",
+        "sensor",
+        "none",
+        "F_y shown + z",
+        (_NORMAL_ZERO,),
+        set_instrument,
+        said="the normal gauge reads without force",
+        settled="tare: record both gauges unloaded before and after the drags",
+    ),
+    Law(
+        "normal_gain",
+        "sensor",
+        "none",
+        "F_y shown times G",
+        (_NORMAL_GAIN,),
+        set_instrument,
+        said="the normal gauge reads by ln G of",
+        settled="put a known weight on the normal gauge",
+    ),
+    Law(
+        "cross_talk",
+        "sensor",
+        "none",
+        "F_x shown + c F_y; it enters no stored energy",
+        (_CROSS_TALK,),
+        set_instrument,
+        said="the tangential gauge also shows of the normal force",
+        settled="drag in the other direction: friction changes its sign, cross-talk does not",
+    ),
+    Law(
+        INSTRUMENT,  # several constants of one instrument off together: the rival of whatever looks like geometry
+        "sensor",
+        "none",
+        "F_x shown G F_x + z + c F_y, F_y shown G' F_y + z'",
+        (_ZERO, _NORMAL_ZERO, _NORMAL_GAIN, _CROSS_TALK, _GAIN),
+        set_instrument,
+        rank=9,
+        said="several constants of the gauges are off: zeros, gain, cross-talk, gain",
+        settled="tare both gauges, hang known weights on each, drag in both directions",
     ),
     Law(
         "sensor_bandwidth",
@@ -97,5 +197,7 @@ SENSOR = (
         "gauge of first order: peak short by k v tau (1 - exp(-t_ramp / tau))",
         (Parameter("time_constant_s", "s", 0.0, 0.0, 5e-3, 1e-4),),
         lambda state, _, v: state.changed(lag=state.lag + v["time_constant_s"]),
+        said="the gauge is slow: time constant",
+        settled="tap the tool: the ring of a free tool shows the bandwidth",
     ),
 )

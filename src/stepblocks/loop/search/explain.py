@@ -9,13 +9,16 @@ from enum import StrEnum
 import numpy as np
 from numpy.typing import NDArray
 
-from stepblocks.loop.search.adequacy import independence
+from stepblocks.loop.search.adequacy import independence, pure_error
 from stepblocks.loop.search.fit import Fit, Problem, fit, problem_of
 from stepblocks.loop.search.forward_model import Effect, Floats, ForwardModel, Trials
 from stepblocks.loop.search.gate import Choice, choose, gate
-from stepblocks.loop.search.noise import estimate_scatter, whitener
+from stepblocks.loop.search.structure import Hint, hints, quantity_errors, walk, wandering, wandering_hint
 
 _LEAST_SHARE = 0.3  # of the whole gain, below which an effect only stands in for what is left
+_DRIFTS = 0.5  # correlation of a reading with the one before, from which it counts as going with the hour
+_OVER_WALK = 8.0  # of the criterion, by which a law along the hour must beat a walk
+_LACKING = 0.005  # level of the lack of fit against replicates
 _WORTH = 4.0  # of the criterion, below which an exchange is not made
 
 Deployed = Callable[[Fit], float]  # error of a fit where it will be used
@@ -36,7 +39,7 @@ class Verdict(StrEnum):
 class Rules:
     """When to claim what."""
 
-    alpha: float = 0.02  # chance of a false alarm of one gate, over all candidates
+    alpha: float = 0.01  # chance of a false alarm of one gate, over all candidates
     margin: float = 8.0  # of the criterion (cost + p ln n), within which two effects count as rivals
     most: int = 4  # effects to add
     draws: int = 500  # of the bootstrap of a gate
@@ -69,6 +72,8 @@ class Explanation:
     last_gate_p: float
     checks: tuple[tuple[str, str, float], ...] = ()  # channel, covariate, p value after Holm
     adequate: bool = True
+    told: tuple[Hint, ...] = ()  # what nobody wrote down
+    needed: float = float("inf")  # gain of one amplitude that opens the last gate
 
 
 def explain(
@@ -80,12 +85,13 @@ def explain(
 ) -> Explanation:
     """Find what a model lacks."""
     rules = rules or Rules()
-    return _conclude(_search(model, trials, candidates, rules, deployed), candidates, rules)
+    grown = _searched(model, trials, candidates, rules, deployed)
+    return _conclude(grown, candidates, rules)
 
 
 def select(model: ForwardModel, trials: Trials, candidates: Sequence[Effect], rules: Rules) -> tuple[Effect, ...]:
     """Return the effects that trials would choose, without verdicts and rivals; see `explain`."""
-    return _search(model, trials, candidates, rules).current.effects
+    return _searched(model, trials, candidates, rules).current.effects
 
 
 @dataclass(frozen=True)
@@ -94,17 +100,71 @@ class _Grown:
     current: Fit
     gates: dict[str, float]
     p_value: float
+    needed: float = float("inf")
+    told: tuple[Hint, ...] = ()
 
 
-def _search(
+def _searched(
     model: ForwardModel, trials: Trials, candidates: Sequence[Effect], rules: Rules, deployed: Deployed | None = None
 ) -> _Grown:
+    """Search, ask what nobody wrote down, and search again where trials that follow one another err together."""
     problem = problem_of(model, trials)
+    grown = _search(problem, candidates, rules, deployed)
+    order, names = model.order(trials), list(model.quantities)
+    told = hints(grown.problem, grown.current, names, order)
+    mistaken = _mistaken(grown, names)
+    wanders = sorted({names.index(h.quantity) for h in told if h.kind in ("neighbours", "change")} | mistaken)
+    if not wanders:
+        return replace(grown, told=told)
+    # a law that a walk does as well counts as walk: its quantity is looked at without what goes with the hour
+    plain = tuple(e for e in grown.current.effects if not _timely(e, trials, order))
+    base = fit(grown.problem, plain, grown.current.values) if mistaken else grown.current
+    rows = np.argsort(order, kind="stable")
+    seen = {}
+    for k in wanders:
+        errors = quantity_errors(grown.problem, base if k in mistaken else grown.current)[0][rows, k]
+        seen[k] = errors[np.isfinite(errors)]
+    again = _search(problem.sharing(wandering(problem, base, seen), base), candidates, rules, deployed)
+    known = {names.index(h.quantity) for h in told}
+    told += tuple(wandering_hint(names[k]) for k in sorted(mistaken - known))
+    return replace(again, told=told)
+
+
+def _timely(effect: Effect, trials: Trials, order: Floats) -> bool:
+    """Whether an effect follows what drifts with the hour: the run itself, or a reading that goes along with it."""
+    numbers = trials.numeric(effect.covariate) if effect.covariate in trials.covariates else None
+    if numbers is None or np.ptp(numbers) == 0.0:
+        return False
+    sorted_ = numbers[np.argsort(order, kind="stable")]
+    return float(np.corrcoef(sorted_[:-1], sorted_[1:])[0, 1]) > _DRIFTS
+
+
+def _mistaken(grown: _Grown, names: Sequence[str]) -> set[int]:
+    """Quantities whose law along the hour explains no more than a walk would: neighbours erring together, no law."""
+    problem, current = grown.problem, grown.current
+    trials, order = problem.trials, problem.model.order(problem.trials)
+    rows = np.argsort(order, kind="stable")
+    found = set()
+    for effect in current.effects:
+        if effect.slot not in names or not _timely(effect, trials, order):
+            continue
+        k = names.index(effect.slot)
+        own, bare = (
+            (e := quantity_errors(problem, f)[0][rows, k])[np.isfinite(e)]
+            for f in (current, without(problem, current, effect))
+        )
+        law = len(own) * float(np.log(np.var(own) / np.var(bare))) + np.log(len(own)) * len(effect.parameters)
+        if law > -walk(bare)[0] + np.log(len(own)) - _OVER_WALK:
+            found.add(k)
+    return found
+
+
+def _search(problem: Problem, candidates: Sequence[Effect], rules: Rules, deployed: Deployed | None = None) -> _Grown:
     current, p_value = fit(problem), 1.0
     gates: dict[str, float] = {}
     error = deployed(current) if deployed else 0.0
     for step in range(rules.most + 1):
-        opened = gate(problem, current, _left(candidates, current), rules.draws, rules.seed + step)
+        opened = gate(problem, current, _left(candidates, current), rules.draws, rules.seed + step, rules.alpha)
         p_value = opened.p_value
         if p_value > rules.alpha or step == rules.most:
             break
@@ -118,10 +178,10 @@ def _search(
             before, error = error, deployed(grown)
             if not error < before:
                 break
-        problem = _tighten(problem, grown)
+        problem = problem.tightened(grown)
         current = fit(problem, grown.effects, grown.values)
         gates = {e.id: gates.get(e.id, p_value) for e in current.effects}
-    return _Grown(problem, current, gates, p_value)
+    return _Grown(problem, current, gates, p_value, opened.least_gain)
 
 
 def _left(candidates: Sequence[Effect], current: Fit) -> list[Effect]:
@@ -132,17 +192,6 @@ def _left(candidates: Sequence[Effect], current: Fit) -> list[Effect]:
 def without(problem: Problem, current: Fit, effect: Effect) -> Fit:
     """Fit again without one of the effects."""
     return fit(problem, tuple(e for e in current.effects if e is not effect), current.values)
-
-
-def _tighten(problem: Problem, current: Fit) -> Problem:
-    """Take the scatter about the current model where that is less than about the flexible regression."""
-    trials = problem.trials
-    dof = max(len(trials) - len(current.parameters), len(trials) // 2)
-    residual = np.where(trials.seen, trials.values - current.predicted, np.nan)
-    responses = problem.model.responses(trials, current.values, current.active)
-    own = estimate_scatter(residual, trials.std, responses, dof)
-    noise = whitener(trials, problem.model.systematics(trials), responses, own)
-    return replace(problem, noise=noise) if noise.precision > problem.noise.precision else problem
 
 
 def _grow(problem: Problem, current: Fit, choice: Choice, candidates: Sequence[Effect]) -> Fit | None:
@@ -201,7 +250,12 @@ def _conclude(grown: _Grown, candidates: Sequence[Effect], rules: Rules) -> Expl
         if findings and verdict is not Verdict.NONE:
             leading = max(findings, key=lambda f: f.gain)
             verdict = Verdict.AMBIGUOUS if leading.verdict is Verdict.AMBIGUOUS else Verdict.UNEXPLAINED
-    return Explanation(problem, nominal, current, findings, verdict, grown.p_value, checks, adequate)
+    if grown.told and verdict in (Verdict.NONE, Verdict.EFFECT):
+        # something differs between trials that no column names
+        verdict = Verdict.UNEXPLAINED
+    return Explanation(
+        problem, nominal, current, findings, verdict, grown.p_value, checks, adequate, grown.told, grown.needed
+    )
 
 
 def _finding(grown: _Grown, effect: Effect, candidates: Sequence[Effect], rules: Rules) -> Finding:
@@ -223,6 +277,38 @@ def _finding(grown: _Grown, effect: Effect, candidates: Sequence[Effect], rules:
     verdict = Verdict.AMBIGUOUS if elsewhere else Verdict.EFFECT if effect.named else Verdict.UNEXPLAINED
     p_value = grown.gates.get(effect.id, grown.p_value)
     return Finding(effect, verdict, p_value, base.cost - current.cost, tuple(rivals))
+
+
+def earned(found: Explanation, holdouts: Sequence[Holdout], cells: Sequence[object]) -> Explanation:
+    """Leave `effect` to what the scatter of replicates allows and what every fold chose for itself."""
+    misfit = [
+        pure_error(column, cells, len(found.extended.parameters)).p_value
+        for column in np.where(
+            found.problem.trials.seen, found.extended.residual.reshape(found.extended.predicted.shape), np.nan
+        ).T
+    ]
+    known = [p for p in misfit if np.isfinite(p)]
+    lacking = bool(known) and min(known) * len(known) < _LACKING
+    folds = [set(names) for holdout in holdouts for names in holdout.selected]
+    findings = tuple(
+        replace(f, verdict=_agreed(f, folds)) if f.verdict is Verdict.EFFECT else f for f in found.findings
+    )
+    verdict = found.verdict
+    if verdict is Verdict.EFFECT:
+        doubts = {f.verdict for f in findings} - {Verdict.EFFECT}
+        verdict = Verdict.UNEXPLAINED if lacking else min(doubts, default=verdict, key=list(Verdict).index)
+    return replace(found, findings=findings, verdict=verdict, adequate=found.adequate and not lacking)
+
+
+def _agreed(finding: Finding, folds: Sequence[set[str]]) -> Verdict:
+    """Say what may be claimed of a law beside the choices of the folds, each made of fewer trials."""
+    family = finding.effect.id.split("~")[0]
+    same = [any(name.split("~")[0] == family for name in names) for names in folds]
+    if all(same):
+        return Verdict.EFFECT
+    # a fold that is blind to it agrees with nothing; one that puts another in its place contradicts it
+    others = [names for names, agrees in zip(folds, same, strict=True) if not agrees and names]
+    return Verdict.AMBIGUOUS if others else Verdict.UNEXPLAINED
 
 
 def _family(effect: Effect) -> str:

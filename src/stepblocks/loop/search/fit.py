@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import zip_longest
 from typing import Any
 
@@ -11,8 +11,8 @@ import numpy as np
 from scipy.optimize import least_squares
 
 from stepblocks.errors import ClosureError
-from stepblocks.loop.search.forward_model import Active, Effect, Floats, ForwardModel, Parameter, Trials
-from stepblocks.loop.search.noise import Noise, estimate_scatter, flexible_residual, whitener
+from stepblocks.loop.search.forward_model import Active, Effect, Floats, ForwardModel, Parameter, Systematic, Trials
+from stepblocks.loop.search.noise import Noise, estimate_scatter, flexible_residual, least, replicate_residual, whitener
 
 
 @dataclass(frozen=True)
@@ -22,6 +22,23 @@ class Problem:
     model: ForwardModel
     trials: Trials
     noise: Noise
+    common: tuple[Systematic, ...] = ()  # errors that trials share beside those that the model names
+
+    def tightened(self, fitted: Fit) -> Problem:
+        """Take the scatter about a fitted model where that is less than about the flexible regression."""
+        trials = self.trials
+        dof = max(len(trials) - len(fitted.parameters), len(trials) // 2)
+        residual = np.where(trials.seen, trials.values - fitted.predicted, np.nan)
+        responses = self.model.responses(trials, fitted.values, fitted.active)
+        own = estimate_scatter(residual, trials.std, responses, dof)
+        noise = whitener(trials, [*self.model.systematics(trials), *self.common], responses, own)
+        return replace(self, noise=noise) if noise.precision > self.noise.precision else self
+
+    def sharing(self, common: Sequence[Systematic], fitted: Fit) -> Problem:
+        """Return the same with errors that trials share in the noise."""
+        responses = self.model.responses(self.trials, fitted.values, fitted.active)
+        every = [*self.model.systematics(self.trials), *common]
+        return replace(self, noise=whitener(self.trials, every, responses, self.noise.scatter), common=tuple(common))
 
     def layout(self, effects: Sequence[Effect]) -> tuple[Parameter, ...]:
         """Parameters of model and effects in one row; those of an effect are called ``effect.parameter``."""
@@ -157,12 +174,13 @@ def problem_of(model: ForwardModel, trials: Trials) -> Problem:
     if len(trials) < 12:
         raise ClosureError(f"trials must be at least 12 to be explained, got {len(trials)}")
     systematics = model.systematics(trials)
-    residual, dof = flexible_residual(trials)
+    # replicates hold a drift between them, a flexible regression what it cannot follow: each scatter is the less of both
+    told = [r for r in (flexible_residual(trials), replicate_residual(trials, model.cells(trials))) if r]
     start = {p.name: p.start for p in model.parameters(trials)}
     for _ in range(2):
         # the responses depend on the constants, the constants a little on the weights
         responses = model.responses(trials, start)
-        scatter = estimate_scatter(residual, trials.std, responses, dof)
+        scatter = least([estimate_scatter(residual, trials.std, responses, dof) for residual, dof in told])
         problem = Problem(model, trials, whitener(trials, systematics, responses, scatter))
         start = fit(problem).values
     return problem

@@ -61,8 +61,8 @@ class Trials:
 class Systematic:
     """An error common to many trials: `column` times an unknown factor of standard deviation `std`."""
 
-    channel: str
-    column: Floats  # shape (n,)
+    channel: str  # empty where it shows in all
+    column: Floats  # shape (n,), or (n, c) where it shows in all channels
     std: float  # in the unit of the channel
 
 
@@ -119,6 +119,11 @@ Active = Sequence[tuple[Effect, Mapping[str, float]]]  # effects with values of 
 
 class ForwardModel(Protocol):
     """What the search asks of a model."""
+
+    @property
+    def quantities(self) -> Sequence[str]: ...  # names of what scatters among trials, those of `responses`
+    def order(self, trials: Trials) -> Floats: ...  # of the trials in time, shape (n,)
+    def cells(self, trials: Trials) -> Sequence[object]: ...  # trials of one cell are replicates
 
     def parameters(self, trials: Trials) -> Sequence[Parameter]: ...  # of the nominal model
     def systematics(self, trials: Trials) -> Sequence[Systematic]: ...

@@ -15,6 +15,10 @@ from scipy import stats
 from stepblocks.loop.search.fit import Fit, Problem, fit
 from stepblocks.loop.search.forward_model import Effect, Floats
 
+_HOPELESS, _SURPRISE = (
+    0.4,
+    30.0,
+)  # share of a leader's gain, and gain beside it, that a fit may find over its first order
 _UNSEEN = 2e-3  # a direction of which less is left beside the nominal model is its derivative, up to rounding
 
 
@@ -25,6 +29,7 @@ class Score:
     effect: Effect
     shape: Mapping[str, float]  # values of its other parameters that did best
     log_p: float  # logarithm of its own p value
+    gain: float  # fall of the cost
     step: Floats  # of the amplitudes
 
 
@@ -34,6 +39,7 @@ class Gate:
 
     p_value: float
     scores: tuple[Score, ...]
+    least_gain: float = float("inf")  # of one amplitude, that opens the gate at a level
 
 
 @dataclass(frozen=True)
@@ -126,7 +132,9 @@ def _least_log_p(gains: Floats, freedom: Floats, noise_dof: float) -> Floats:
     return np.asarray(_log_p(largest, kinds, noise_dof).min(axis=0))
 
 
-def gate(problem: Problem, base: Fit, effects: Sequence[Effect], draws: int = 400, seed: int = 0) -> Gate:
+def gate(
+    problem: Problem, base: Fit, effects: Sequence[Effect], draws: int = 400, seed: int = 0, alpha: float = 0.01
+) -> Gate:
     """Score every candidate and judge the best against what noise would do."""
     known = _null_basis(base)
     directions = _directions(problem, base, effects, known)
@@ -141,15 +149,30 @@ def gate(problem: Problem, base: Fit, effects: Sequence[Effect], draws: int = 40
     freedom = np.array([d.basis.shape[1] for d in directions], dtype=float)
     own = _log_p(gains / spread, freedom, dof)[:, 0]
     best: dict[str, Score] = {}
-    for d, log_p, part in zip(directions, own.tolist(), projected, strict=True):
+    for d, log_p, gain, part in zip(directions, own.tolist(), gains[:, 0].tolist(), projected, strict=True):
         if d.effect.id not in best or log_p < best[d.effect.id].log_p:
-            best[d.effect.id] = Score(d.effect, d.shape, log_p, d.root @ part[:, 0])
-    p_value = 1.0
+            best[d.effect.id] = Score(d.effect, d.shape, log_p, gain, d.root @ part[:, 0])
+    p_value, needed = 1.0, float("inf")
     if draws:
         null, _ = _evaluate(directions, _draw(problem, base, draws, seed))
         least = _least_log_p(null, freedom, dof)
         p_value = float((1 + np.sum(least <= own.min())) / (draws + 1))
-    return Gate(p_value, tuple(sorted(best.values(), key=lambda s: s.log_p)))
+        needed = float(stats.f.isf(np.exp(np.quantile(least, alpha)), 1.0, dof)) * spread
+    return Gate(p_value, tuple(sorted(best.values(), key=lambda s: s.log_p)), needed)
+
+
+def smallest_shown(problem: Problem, base: Fit, effects: Sequence[Effect], needed: float) -> dict[str, float]:
+    """Return the amplitude of each effect of one amplitude that opens the gate nine times in ten.
+
+    The root of its expected gain must exceed that of the gain that opens the gate by 1.28 standard deviations.
+    """
+    asked = [e for e in effects if len(e.amplitudes) == 1]
+    found: dict[str, float] = {}
+    for direction in _directions(problem, base, asked, _null_basis(base)):
+        scale = next(p.scale for p in direction.effect.parameters if p.name == direction.effect.amplitudes[0])
+        size = (np.sqrt(needed) + 1.2816) * float(np.linalg.norm(direction.root)) * scale
+        found[direction.effect.id] = min(size, found.get(direction.effect.id, np.inf))
+    return found
 
 
 def _robust_variance(residual: Floats) -> float:
@@ -196,8 +219,16 @@ def choose(
     problem: Problem, base: Fit, opened: Gate, most: int = 14, tie: float = 6.0, keep: Sequence[str] = ()
 ) -> Choice | None:
     """Fit the candidates that score best and choose among them."""
-    fits = [(s.effect, _refine(problem, base, s)) for s in _shortlist(opened.scores, most, keep)]
-    tried = [Trial(e, f, problem.criterion(f)) for e, f in fits if f is not None and not _driven_out(e, f)]
+    tried: list[Trial] = []
+    leading = 0.0
+    for score in sorted(_shortlist(opened.scores, most, keep), key=lambda s: -s.gain):
+        # what gains far less to first order than another gained in full cannot lead
+        if score.gain + _SURPRISE < _HOPELESS * leading and score.effect.id not in keep:
+            continue
+        fitted = _refine(problem, base, score)
+        if fitted is not None and not _driven_out(score.effect, fitted):
+            tried.append(Trial(score.effect, fitted, problem.criterion(fitted)))
+            leading = max(leading, base.cost - fitted.cost)
     tried.sort(key=lambda t: (t.criterion, t.effect.rank))
     if not tried or tried[0].criterion >= problem.criterion(base):
         return None

@@ -16,6 +16,7 @@ from scipy.optimize import minimize
 
 from stepblocks.loop.search.forward_model import Floats, Systematic, Trials
 
+_REPLICATES = 30  # degrees of freedom from which replicates alone say how trials scatter
 _INTERACTING = 3  # numeric covariates that get products with one another
 
 
@@ -105,6 +106,24 @@ def flexible_residual(trials: Trials) -> tuple[Floats, int]:
     return residual, max(1, len(trials) - basis.shape[1])
 
 
+def replicate_residual(trials: Trials, cells: Sequence[object]) -> tuple[Floats, int] | None:
+    """Return the same about the mean of each cell of replicates; None where they are too few to know a scatter by."""
+    _, inverse, counts = np.unique([str(cell) for cell in cells], return_inverse=True, return_counts=True)
+    dof = len(trials) - len(counts)
+    if dof < _REPLICATES:
+        return None
+    residual = np.full(trials.values.shape, np.nan)
+    for j in range(residual.shape[1]):
+        seen = trials.seen[:, j]
+        own = np.bincount(inverse[seen], minlength=len(counts))
+        mean = np.bincount(inverse[seen], trials.values[seen, j], minlength=len(counts)) / np.maximum(own, 1)
+        rows = seen & (own[inverse] > 1)
+        # each is stretched by what the mean of its own cell took of it, and shrunk by what an estimate will stretch all
+        stretch = np.sqrt(own[inverse[rows]] / (own[inverse[rows]] - 1.0) * dof / len(trials))
+        residual[rows, j] = (trials.values[rows, j] - mean[inverse[rows]]) * stretch
+    return residual, dof
+
+
 def outliers(trials: Trials, threshold: float = 6.0) -> NDArray[np.bool_]:
     """Mark single values that no smooth function of the conditions comes near."""
     residual, _ = flexible_residual(trials)
@@ -159,6 +178,15 @@ def estimate_scatter(residual: Floats, std: Floats, responses: Floats, dof: int)
     return Scatter(variance[:count] / size**2, variance[count:] * unit**2, dof)
 
 
+def least(scatters: Sequence[Scatter]) -> Scatter:
+    """Return of every quantity and channel the least scatter of several estimates."""
+    return Scatter(
+        np.min([s.quantities for s in scatters], axis=0),
+        np.min([s.channels for s in scatters], axis=0),
+        min(s.dof for s in scatters),
+    )
+
+
 def whitener(trials: Trials, systematics: Sequence[Systematic], responses: Floats, scatter: Scatter) -> Noise:
     """Build the whitening for a table of trials."""
     n, c = trials.values.shape
@@ -175,6 +203,8 @@ def whitener(trials: Trials, systematics: Sequence[Systematic], responses: Float
         return bare
     stack = np.zeros((n, c, len(systematics)))
     for i, term in enumerate(systematics):
-        stack[:, trials.channels.index(term.channel), i] = term.column * term.std
+        shown = trials.channels.index(term.channel) if term.channel else slice(None)
+        stack[:, shown, i] = term.column * term.std
     left, singular, _ = np.linalg.svd(bare.whiten(stack), full_matrices=False)
+    level -= float(np.sum(np.log1p(singular**2)))
     return Noise(factors, left, 1.0 / np.sqrt(1.0 + singular**2), scatter, level)

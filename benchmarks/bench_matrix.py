@@ -1,0 +1,232 @@
+"""Confusion matrix of the closed loop on traces of a bench that is not the one that fits.
+
+Run ``python benchmarks/bench_matrix.py [FAMILY ...] [--sessions N] [--trials 96] [--record FILE]``. Every session is
+drawn by ``tests/oracles/virtual_bench.py`` (its own contact, its own integrator, nothing of the program), written to
+a folder, measured from its traces and explained. The folds are left out: they can only take a claim back, so what is
+counted here as falsely claimed is no less than what the command claims. Intervals are exact binomial ones (Clopper and
+Pearson), 95 %. With ``--record`` a second run goes on where the first stopped.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import math
+import tempfile
+import time
+from collections import defaultdict
+from collections.abc import Callable, Iterator
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from scipy.stats import binomtest
+
+from oracles.virtual_bench import Bench, Plan, write_session
+from stepblocks.bench.measure import measure
+from stepblocks.loop.search.explain import Explanation, Rules, Verdict, explain
+from stepblocks.loop.session_table import scan_blocks, trials_of
+
+_FREE = Bench(conversion=0.2)
+Truth = tuple[set[tuple[str, str]], dict[str, float]]  # places that count as right, and parameters with their values
+Family = Callable[[np.random.Generator, Plan], tuple[Plan, Truth]]
+
+
+def _bench(plan: Plan, **changes: Any) -> Plan:
+    return replace(plan, bench=replace(plan.bench, **changes))
+
+
+def _sign(random: np.random.Generator) -> float:
+    return float(random.choice([-1.0, 1.0]))
+
+
+def _null(random: np.random.Generator, plan: Plan) -> tuple[Plan, Truth]:
+    return plan, (set(), {})
+
+
+def _constant(name: str, low: float, high: float, law: str, parameter: str, around: float = 0.0) -> Family:
+    """One constant of the gauges, of either sign."""
+
+    def draw(random: np.random.Generator, plan: Plan) -> tuple[Plan, Truth]:
+        size = around + _sign(random) * float(random.uniform(low, high))
+        shown = math.log(size) if around else size
+        return _bench(plan, **{name: size}), ({("sensor", "none")}, {f"{law}.{parameter}": shown})
+
+    return draw
+
+
+def _edge(random: np.random.Generator, plan: Plan) -> tuple[Plan, Truth]:
+    ratio = 1.0 + _sign(random) * float(random.uniform(0.05, 0.4))
+    return _bench(plan, edge_friction_ratio=ratio), ({("friction", "none")}, {"edge_friction.edge_over_face": ratio})
+
+
+def _operator_load(random: np.random.Generator, plan: Plan) -> tuple[Plan, Truth]:
+    added = float(random.uniform(0.03, 0.1))
+    truth = {"added_load_operator.added_n[A]": added, "added_load_operator.added_n[B]": 0.0}
+    return replace(plan, operator_load={"A": added}), ({("normal_load", "operator")}, truth)
+
+
+def _duffing(random: np.random.Generator, plan: Plan) -> tuple[Plan, Truth]:
+    cubic = float(random.uniform(5e6, 2e7))
+    truth = {"hardening_spring.cubic_per_n2": cubic / plan.bench.stiffness**2}
+    return _bench(plan, hardening=cubic * plan.bench.stiffness), ({("stiffness", "peak_force_n")}, truth)
+
+
+def _chip(random: np.random.Generator, plan: Plan) -> tuple[Plan, Truth]:
+    radius, at = float(random.choice([90e-6, 105e-6, 145e-6, 165e-6])), int(random.uniform(0.25, 0.75) * plan.trials)
+    return replace(plan, chip_at=at, chip_radius=radius), (
+        {("contact_geometry", "run_order")},
+        {"tip_chip.radius_step_m": radius - 125e-6},
+    )
+
+
+def _batch(random: np.random.Generator, plan: Plan) -> tuple[Plan, Truth]:
+    blocks = random.choice(np.arange(10, 90, 10), 4, replace=False)
+    changed = replace(plan, batch_blocks=tuple(int(b) for b in blocks), batch_friction=float(random.uniform(1.2, 1.5)))
+    return changed, ({("friction", "block"), ("friction", "height_um"), ("told", "friction")}, {})
+
+
+def _wander(random: np.random.Generator, plan: Plan) -> tuple[Plan, Truth]:
+    places = {("told", "friction"), ("friction", "run_order")}
+    return replace(plan, wandering_friction=float(random.uniform(0.03, 0.15))), (places, {})
+
+
+def _hidden(quantity: str) -> Family:
+    def draw(random: np.random.Generator, plan: Plan) -> tuple[Plan, Truth]:
+        factor = {"B": float(random.uniform(1.2, 1.5))}
+        return replace(plan, hide_operator=True, **{f"operator_{quantity}": factor}), ({("told", quantity)}, {})
+
+    return draw
+
+
+def _running_in(random: np.random.Generator, plan: Plan) -> tuple[Plan, Truth]:
+    size, settling = float(random.uniform(0.3, 0.9)), float(random.uniform(10.0, 30.0))
+    truth = {"running_in.excess": size, "running_in.settling_trials": settling}
+    return replace(plan, running_in=size, running_in_trials=settling), ({("friction", "run_order")}, truth)
+
+
+def _rounded(random: np.random.Generator, plan: Plan) -> tuple[Plan, Truth]:
+    radius = float(random.uniform(4e-6, 20e-6))
+    return _bench(plan, edge_radius=radius), ({("contact_geometry", "none")}, {"edge_rounding.edge_radius_m": radius})
+
+
+FAMILIES: dict[str, Family] = {
+    "nothing": _null,
+    "cross-talk 1-5 %": _constant("normal_in_tangential", 0.01, 0.05, "cross_talk", "cross_talk"),
+    "tangential zero 5-30 mN": _constant("tangential_zero", 5e-3, 30e-3, "tangential_zero", "zero_n"),
+    "normal zero 5-30 mN": _constant("normal_zero", 5e-3, 30e-3, "normal_zero", "normal_zero_n"),
+    "tangential gain 1-6 %": _constant("tangential_gain", 0.01, 0.06, "sensor_gain", "ln_gain", 1.0),
+    "normal gain 1-6 %": _constant("normal_gain", 0.01, 0.06, "normal_gain", "normal_ln_gain", 1.0),
+    "edge friction 5-40 %": _edge,
+    "operator presses 30-100 mN more": _operator_load,
+    "Duffing spring": _duffing,
+    "chipped tip": _chip,
+    "batch of blocks": _batch,
+    "wandering friction 3-15 %": _wander,
+    "hidden operator, friction +20-50 %": _hidden("friction"),
+    "hidden operator, conversion +20-50 %": _hidden("conversion"),
+    "running-in": _running_in,
+    "rounded edges": _rounded,
+}
+
+
+def run_one(name: str, trials: int, seed: int) -> dict[str, Any]:
+    """One session: what was drawn, what was found."""
+    random = np.random.default_rng([seed, list(FAMILIES).index(name)])
+    plan, (places, values) = FAMILIES[name](random, Plan(bench=_FREE, trials=trials))
+    with tempfile.TemporaryDirectory(prefix="stepblocks-matrix-") as scratch:
+        folder = Path(scratch) / "session"
+        write_session(folder, plan, seed)
+        features = measure(folder, jobs=1)
+        blocks = sorted(set(features["block"].dropna()))
+        scans, _ = scan_blocks(folder, "scans/{block}.csv", blocks)
+    began = time.process_time()
+    table = trials_of(features, plan.bench.stiffness, plan.bench.tip_radius, scans)
+    found = explain(table.model, table.trials, table.model.candidates(table.trials), Rules())
+    shown = found.extended
+    return {
+        "task": [name, trials, seed],
+        "outcome": judge(found, places),
+        "verdict": str(found.verdict),
+        "found": [[f.effect.id, str(f.verdict), [r[0].id for r in f.rivals]] for f in found.findings],
+        "told": [[h.kind, h.quantity] for h in found.told],
+        "false geometry": ("contact_geometry" not in {slot for slot, _ in places})
+        and _claims(found, "contact_geometry"),
+        "named law": any(f.verdict is Verdict.EFFECT for f in found.findings) and found.verdict is Verdict.EFFECT,
+        "values": {k: [v, shown.values[k], shown.std[k]] for k, v in values.items() if k in shown.values},
+        "seconds": time.process_time() - began,
+    }
+
+
+def _claims(found: Explanation, slot: str) -> bool:
+    return any(f.effect.slot == slot and f.effect.named and f.verdict is Verdict.EFFECT for f in found.findings)
+
+
+def judge(found: Explanation, places: set[tuple[str, str]]) -> str:
+    """Right place, a group of at most three with the right place, right beside something else, wrong, or none."""
+    told = {("told", h.quantity) for h in found.told}
+    if found.verdict is Verdict.NONE:
+        return "none"
+    own = [({f.effect.place} | {r[0].place for r in f.rivals}, f) for f in found.findings]
+    hits = [bool(group & places) and len(f.rivals) <= 2 for group, f in own]
+    if not any(hits) and not told & places:
+        return "wrong"
+    return "right" if all(hits) else "right and more"
+
+
+def _recorded(record: Path | None) -> dict[str, dict[str, Any]]:
+    if record is None or not record.is_file():
+        return {}
+    return {json.dumps(r["task"]): r for r in map(json.loads, record.read_text(encoding="utf-8").splitlines())}
+
+
+def results(names: list[str], sessions: int, trials: int, record: Path | None) -> Iterator[dict[str, Any]]:
+    """Results of all sessions, one of each family in turn; those in the record are not run again."""
+    known = _recorded(record)
+    for seed in range(sessions):
+        for name in names:
+            done = known.get(json.dumps([name, trials, seed])) or run_one(name, trials, seed)
+            if record and json.dumps(done["task"]) not in known:
+                with record.open("a", encoding="utf-8") as file:
+                    file.write(json.dumps(done) + "\n")
+            yield done
+
+
+def _share(count: int, of: int) -> str:
+    ends = binomtest(count, of).proportion_ci(0.95, method="exact")
+    return f"{count} of {of} ({100.0 * ends.low:.0f} to {100.0 * ends.high:.0f} %)"
+
+
+def main() -> None:
+    """Run the families and print a row for each."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("families", nargs="*", default=list(FAMILIES), metavar="FAMILY", help="all where omitted")
+    parser.add_argument("--sessions", type=int, default=20, help="of each family")
+    parser.add_argument("--trials", type=int, default=96)
+    parser.add_argument("--record", type=Path, help="file of results, one JSON line per session; gone on with")
+    options = parser.parse_args()
+    rows: dict[str, list[dict[str, Any]]] = defaultdict(list)
+    for done in results(options.families, options.sessions, options.trials, options.record):
+        rows[done["task"][0]].append(done)
+    print(f"{'planted':38s} right place; median error of the amplitude; 95 % intervals that hold it; seconds")
+    every = [r for own in rows.values() for r in own]
+    for name, own in rows.items():
+        good = "none" if name == "nothing" else "right"
+        right = sum(r["outcome"].startswith(good) for r in own)
+        values = [v for r in own for v in r["values"].values()]
+        errors = [abs(found / true - 1.0) for true, found, _ in values if true]
+        inside = sum(abs(found - true) < 1.96 * std for true, found, std in values)
+        told = f"{100.0 * float(np.median(errors)):.1f} %; {_share(inside, len(values))}" if errors else "-; -"
+        print(f"{name:38s} {_share(right, len(own))}; {told}; {np.mean([r['seconds'] for r in own]):.1f} s")
+    print("laws of geometry claimed where there is none:", _share(sum(r["false geometry"] for r in every), len(every)))
+    pooled = [v for r in every for v in r["values"].values()]
+    if pooled:
+        inside = sum(abs(found - true) < 1.96 * std for true, found, std in pooled)
+        print("95 % intervals that hold the truth:", _share(inside, len(pooled)))
+    if wandering := rows.get("wandering friction 3-15 %"):
+        print("named laws of wandering friction:", _share(sum(r["named law"] for r in wandering), len(wandering)))
+
+
+if __name__ == "__main__":
+    main()

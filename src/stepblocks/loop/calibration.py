@@ -1,0 +1,80 @@
+"""What is known of the gauges before the trials: certificates in session.toml, and the unloaded samples of every trace."""
+
+from __future__ import annotations
+
+import tomllib
+from collections.abc import Mapping
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import numpy as np
+from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, ValidationError
+
+from stepblocks.errors import PipelineError
+from stepblocks.quantities import quantity_parser
+
+if TYPE_CHECKING:
+    import pandas as pd
+
+Known = Mapping[str, tuple[float, float]]  # a parameter of the instrument to its value and standard uncertainty
+
+_Force = Annotated[float, BeforeValidator(quantity_parser("force"))]
+_Ratio = Annotated[float, BeforeValidator(quantity_parser("ratio"))]
+_FEWEST = 5  # traces with unloaded samples
+_LEAST_STD = 1e-4  # N, of a zero: a gauge creeps by more between two tares
+
+
+class _Calibration(BaseModel):
+    """Value and standard uncertainty of each constant; what is not given is not known."""
+
+    model_config = ConfigDict(extra="forbid", frozen=True)
+
+    tangential_zero: tuple[_Force, Annotated[_Force, Field(gt=0.0)]] | None = None
+    normal_zero: tuple[_Force, Annotated[_Force, Field(gt=0.0)]] | None = None
+    tangential_gain: tuple[Annotated[_Ratio, Field(gt=0.0)], Annotated[_Ratio, Field(gt=0.0)]] | None = None
+    normal_gain: tuple[Annotated[_Ratio, Field(gt=0.0)], Annotated[_Ratio, Field(gt=0.0)]] | None = None
+    cross_talk: tuple[_Ratio, Annotated[_Ratio, Field(gt=0.0)]] | None = None
+
+
+# the parameter of a law of the sensor that each constant is; of gains the law has the logarithm
+_PARAMETERS = {
+    "tangential_zero": "zero_n",
+    "normal_zero": "normal_zero_n",
+    "tangential_gain": "ln_gain",
+    "normal_gain": "normal_ln_gain",
+    "cross_talk": "cross_talk",
+}
+
+
+def read_calibration(session: Path) -> dict[str, tuple[float, float]]:
+    """Read the optional table ``[calibration]`` of a session, all mistakes told at once, each in a line."""
+    path = session / "session.toml"
+    declared = tomllib.loads(path.read_text(encoding="utf-8")).get("calibration", {})
+    if not isinstance(declared, Mapping):
+        raise PipelineError(f"`calibration` must be a table [{path}]")
+    try:
+        known = _Calibration.model_validate(declared)
+    except ValidationError as error:
+        lines = []
+        for one in error.errors():
+            place = ".".join(str(part) for part in one["loc"])
+            rule = one["msg"].removeprefix("Value error, ")
+            lines.append(f"`calibration.{place}`: {rule}, got {one['input']!r} [{path}]")
+        raise PipelineError("\n".join(lines)) from error
+    found = {}
+    for name, (value, std) in ((n, pair) for n, pair in known if pair is not None):
+        gain = name.endswith("gain")
+        found[_PARAMETERS[name]] = (float(np.log(value)), std / value) if gain else (value, std)
+    return found
+
+
+def unloaded_zeros(features: pd.DataFrame) -> dict[str, tuple[float, float]]:
+    """Zeros of both gauges from the samples before contact, where traces have such; their spread counts as creep."""
+    found = {}
+    for column, name in (("tangential_zero_n", "zero_n"), ("normal_zero_n", "normal_zero_n")):
+        values = features[column].to_numpy(dtype=np.float64) if column in features else np.empty(0)
+        values = values[np.isfinite(values)]
+        if values.size >= _FEWEST:
+            spread = 1.4826 * float(np.median(np.abs(values - np.median(values))))
+            found[name] = (float(np.median(values)), max(spread, _LEAST_STD))
+    return found

@@ -1,0 +1,79 @@
+"""The finding in one sentence, as a terminal, a report and result.json open with it."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+from stepblocks.contact.effects.law import Law
+from stepblocks.loop.search.explain import Explanation, Finding, Verdict
+
+# a factor and a unit that people read, by the unit that a parameter has; beyond the limit the plain one
+_READ = {"m": (1e6, "um"), "N": (1e3, "mN"), "s": (1e3, "ms"), "m/s": (1e3, "mm/s"), "rad": (1e3, "mrad")}
+
+
+def read_as(value: float, unit: str) -> str:
+    """Write a figure of a parameter with three digits in the unit that people read."""
+    factor, shown = _READ.get(unit, (1.0, "" if unit == "1" else unit))
+    text = f"{value * factor:.3g}"
+    return f"{text} {shown}".rstrip()
+
+
+def sentence(found: Explanation, document: Mapping[str, Any]) -> str:
+    """Say what was found, how large, how far the error fell, and what noise leaves."""
+    errors = _errors(document)
+    if found.verdict is Verdict.NONE:
+        smallest = "; ".join(
+            f"{e['said']} of {read_as(e['value'], e['unit'])}" for e in document["could_have_shown"][:3]
+        )
+        shown = f"; {smallest} would have shown" if smallest else ""
+        return (
+            f"Nothing is there that noise would not do{shown}; error of E_v {errors['before']}, noise {errors['noise']}"
+        )
+    parts = [_of(f, found, entry) for f, entry in zip(found.findings, document["effects"], strict=True)]
+    parts += [f"{hint.said}: write down what differs between them" for hint in found.told]
+    text = "; ".join(parts) or "The trials differ by more than noise would do, and no law is claimed"
+    change = f"{errors['before']} -> {errors['after']}" if found.findings else errors["before"]
+    text = f"{text}; error of E_v {change}, noise {errors['noise']}"
+    return text[0].upper() + text[1:]
+
+
+def _errors(document: Mapping[str, Any]) -> dict[str, str]:
+    extended = document["extended"]["error"]
+    figures = {
+        "before": document["nominal"]["error"]["ln_energy_rms"],
+        "after": extended["ln_energy_rms"],
+        "noise": extended["noise_floor"]["ln_energy_rms"],
+    }
+    # of a logarithm: 0.05 is 5 %
+    return {name: f"{100.0 * math.expm1(v):.0f} %" if math.isfinite(v) else "unknown" for name, v in figures.items()}
+
+
+def _of(finding: Finding, found: Explanation, entry: Mapping[str, Any]) -> str:
+    law = finding.effect
+    name = law.said if isinstance(law, Law) and law.said and finding.verdict is not Verdict.UNEXPLAINED else ""
+    if not name:
+        along = (
+            ""
+            if law.covariate == "none"
+            else f" follows {law.covariate}"
+            if law.covariate != "block"
+            else " differs by block"
+        )
+        return f"{law.slot.replace('_', ' ')}{along or ' is another'}, no law claimed"
+    figures = [
+        f"{read_as(p['value'], p['unit'])} ({read_as(p['low'], p['unit'])} to {read_as(p['high'], p['unit'])})"
+        for p in entry["parameters"].values()
+    ]
+    labels = [key[key.index("[") + 1 : -1] + " " if "[" in key else "" for key in entry["parameters"]]
+    text = f"{name} " + ", ".join(label + figure for label, figure in zip(labels, figures, strict=True))
+    if finding.verdict is not Verdict.AMBIGUOUS:
+        return text
+    rivals = [r.said or r.id for r, _, _ in finding.rivals if isinstance(r, Law)]
+    return f"{text}, or " + ", or ".join(rivals[:2] or ["what some folds chose instead"]) + ": these trials cannot tell"
+
+
+def calibration_moves(laws: Sequence[Any]) -> list[str]:
+    """Say which moves on the bench would settle a group of laws, in their order, each once."""
+    return list(dict.fromkeys(law.settled for law in laws if isinstance(law, Law) and law.settled))

@@ -1,0 +1,217 @@
+"""What nobody wrote down: how trials err beside the model, each by itself and beside its neighbours.
+
+Friction, load and conversion of a trial differ a little from those of the next. If only chance is behind it these
+differences fall into one heap, spread alike under every label, and remember neither the trial before nor the hour.
+Each of that is tested on the estimates of every trial; what is not so was caused by something that has no column.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from scipy import stats
+from scipy.fft import dct
+from statsmodels.stats.multitest import multipletests
+
+from stepblocks.loop.search.fit import Fit, Problem
+from stepblocks.loop.search.forward_model import Floats, Systematic, Trials
+
+LEVEL = 0.002  # of all tests of a session together, after Holm
+_FEWEST = 24  # trials
+_HEAP_BIC = 12.0  # by which two heaps must beat one: odds of 400 to 1
+_APART = 2.2  # of the middles of two heaps, in their pooled spread times the root of two (Ashman's D)
+_LEAST_HEAP = 0.1  # share of the trials
+_DIRECTIONS = 24  # slow waves that make up a wandering quantity in the noise
+_RATIOS = np.concatenate([[0.0], np.geomspace(1e-5, 30.0, 40)])  # of a walk's step to the scatter, squared
+
+
+@dataclass(frozen=True)
+class Hint:
+    """Something that chance alone does not do."""
+
+    kind: str  # ``heaps``, ``spread``, ``change``, ``carry-over`` or ``neighbours``
+    quantity: str  # which quantity of the model differs
+    p_value: float  # after Holm over all tests; of heaps the odds by the criterion
+    said: str  # one sentence
+    heaps: tuple[tuple[int, ...], ...] = ()  # rows of the trials of each heap, where they fall apart
+
+
+def quantity_errors(problem: Problem, fitted: Fit) -> tuple[Floats, Floats]:
+    """Estimate for every trial by how much its quantities differ from the model, and the uncertainty, both (n, k)."""
+    trials, scatter = problem.trials, problem.noise.scatter
+    responses = problem.model.responses(trials, fitted.values, fitted.active)
+    seen = trials.seen
+    weight = np.where(seen, 1.0 / (np.where(seen, trials.std, 1.0) ** 2 + scatter.channels), 0.0)
+    residual = np.where(seen, trials.values - fitted.predicted, 0.0)
+    filled = np.where(seen[:, :, None], responses, 0.0)
+    # a quantity that no channel of a trial shows stays near zero with a deviation of its scatter
+    prior = 1.0 / np.maximum(100.0 * scatter.quantities, 1e-10)
+    normal = np.einsum("nci,nc,ncj->nij", filled, weight, filled) + np.diag(prior)
+    inverse = np.linalg.inv(normal)
+    found = np.einsum("nij,ncj,nc,nc->ni", inverse, filled, weight, residual)
+    std = np.sqrt(np.einsum("nii->ni", inverse))
+    known = std < 5.0 * np.sqrt(scatter.quantities + np.nanmedian(std, axis=0) ** 2)
+    return np.where(known, found, np.nan), std
+
+
+def hints(problem: Problem, fitted: Fit, names: Sequence[str], order: Floats) -> tuple[Hint, ...]:
+    """Ask what nobody wrote down."""
+    errors, _ = quantity_errors(problem, fitted)
+    found: list[Hint] = []
+    tests: list[Hint] = []
+    for k, name in enumerate(names):
+        rows = np.flatnonzero(np.isfinite(errors[:, k]))
+        if len(rows) < _FEWEST or np.ptp(errors[rows, k]) < 1e-9:
+            continue
+        rows = rows[np.argsort(order[rows], kind="stable")]
+        values = errors[rows, k]
+        heap = _heaps(name, values, rows)
+        found += [heap] if heap else []
+        tests += _spreads(name, values, problem.trials.take(rows))
+        tests += [_change(name, values, rows, order), _neighbours(name, values)]
+        tests += _carried(name, values, problem.trials.take(rows))
+    if tests:
+        corrected = multipletests([t.p_value for t in tests], method="holm")[1]
+        for test, p_value in zip(tests, corrected.tolist(), strict=True):
+            if p_value < LEVEL:
+                found.append(Hint(test.kind, test.quantity, p_value, test.said, test.heaps))
+    return _plainest(found)
+
+
+def _plainest(found: Sequence[Hint]) -> tuple[Hint, ...]:
+    """One cause shows in several tests: a walk changes, spreads unequally and has heaps; a heap may look like a change."""
+    kept = []
+    for name in dict.fromkeys(hint.quantity for hint in found):
+        own = [hint for hint in found if hint.quantity == name]
+        timely = [h for h in own if h.kind in ("change", "neighbours")]
+        chosen = min(timely, key=lambda h: (h.p_value, h.kind == "neighbours")) if timely else None
+        rest = [h for h in own if h.kind not in ("change", "neighbours", "heaps") and chosen is None]
+        heaps = [h for h in own if h.kind == "heaps" and chosen is None]
+        kept += [chosen] if chosen else heaps or rest
+    return tuple(kept)
+
+
+def _heaps(name: str, values: Floats, rows: Floats) -> Hint | None:
+    """Two heaps instead of one, by the criterion of Schwarz, and well apart."""
+    from sklearn.mixture import GaussianMixture
+
+    scaled = ((values - np.median(values)) / np.std(values))[:, None]
+    one, two = (GaussianMixture(n, n_init=4, random_state=0).fit(scaled) for n in (1, 2))
+    gain = float(one.bic(scaled) - two.bic(scaled))
+    spread = np.sqrt(two.covariances_[:, 0, 0])
+    apart = abs(float(two.means_[0, 0] - two.means_[1, 0])) * np.sqrt(2.0 / float(np.sum(spread**2)))
+    if gain < _HEAP_BIC or apart < _APART or float(two.weights_.min()) < _LEAST_HEAP:
+        return None
+    low = int(np.argmin(two.means_[:, 0]))
+    member = two.predict(scaled) == low
+    heaps = tuple(tuple(sorted(rows[m].tolist())) for m in (member, ~member))
+    step = float(values[~member].mean() - values[member].mean())
+    said = f"{name} falls into two heaps of {len(heaps[0])} and {len(heaps[1])} trials, {step:.3g} apart"
+    return Hint("heaps", name, float(np.exp(-0.5 * min(gain, 600.0))), said, heaps)
+
+
+def _spreads(name: str, values: Floats, trials: Trials) -> list[Hint]:
+    """Brown and Forsythe's test under every label."""
+    found = []
+    for label, column in trials.covariates.items():
+        kinds = np.unique(column)
+        if trials.numeric(label) is not None or not 1 < len(kinds) <= 6:
+            continue
+        groups = [values[column == kind] for kind in kinds]
+        if min(len(group) for group in groups) < 8:
+            continue
+        p_value = float(stats.levene(*groups, center="median").pvalue)
+        wide = max(range(len(groups)), key=lambda i: float(np.std(groups[i])))
+        said = f"{name} scatters more with {label} {kinds[wide]} than with others"
+        found.append(Hint("spread", name, p_value, said))
+    return found
+
+
+def _change(name: str, values: Floats, rows: Floats, order: Floats) -> Hint:
+    """One sudden change along the run."""
+    import ruptures
+
+    n = len(values)
+    at = int(ruptures.Binseg(model="l2", min_size=6, jump=1).fit(values).predict(n_bkps=1)[0])
+    first, second = values[:at], values[at:]
+    inside = float(np.sum((first - first.mean()) ** 2) + np.sum((second - second.mean()) ** 2))
+    whole = float(np.sum((values - values.mean()) ** 2))
+    ratio = (whole - inside) / max(inside / (n - 2), 1e-300)
+    step = float(second.mean() - first.mean())
+    said = f"{name} changes by {step:.3g} at trial {order[rows[at]]:g} of the run"
+    # the place was sought: Bonferroni over all of them
+    p_value = min(1.0, (n - 12) * float(stats.f.sf(ratio, 1, n - 2)))
+    return Hint("change", name, p_value, said, tuple(tuple(sorted(part.tolist())) for part in (rows[:at], rows[at:])))
+
+
+def _carried(name: str, values: Floats, trials: Trials) -> list[Hint]:
+    """Ask whether what was set at the trial before shows."""
+    columns = [numbers for label in trials.covariates if (numbers := _setting(trials, label)) is not None]
+    if not columns:
+        return []
+    before = np.column_stack([np.ones(len(values) - 1), *(column[:-1] for column in columns)])
+    own = values[1:]
+    solution, _, rank, _ = np.linalg.lstsq(before, own, rcond=None)
+    left, whole = float(np.sum((own - before @ solution) ** 2)), float(np.sum((own - own.mean()) ** 2))
+    if rank < 2 or left <= 0.0:
+        return []
+    dof = len(own) - rank
+    p_value = float(stats.f.sf((whole - left) / (rank - 1) / (left / dof), rank - 1, dof))
+    return [Hint("carry-over", name, p_value, f"{name} remembers the settings of the trial before")]
+
+
+def _setting(trials: Trials, label: str) -> Floats | None:
+    """Ranks of a setting that goes from trial to trial as it likes, not of a reading that drifts."""
+    numbers = trials.numeric(label)
+    if numbers is None or not 1 < len(np.unique(numbers)) <= 20:
+        return None
+    ranks = stats.rankdata(numbers)
+    return np.asarray((ranks - ranks.mean()) / np.std(ranks))
+
+
+def walk(values: Floats) -> tuple[float, float, float]:
+    """Fit a walk beside scatter: twice the log likelihood that it gains, step and scatter (standard deviations).
+
+    The cosine transform diagonalises a walk whose mean is taken off, so that the likelihood costs one transform.
+    """
+    n = len(values)
+    power = np.asarray(dct(values - values.mean(), type=2, norm="ortho"))[1:] ** 2
+    shape = 1.0 / (4.0 * np.sin(0.5 * np.pi * np.arange(1, n) / n) ** 2)
+    spectrum = 1.0 + _RATIOS[:, None] * shape
+    variance = np.mean(power / spectrum, axis=1)
+    cost = (n - 1) * np.log(np.maximum(variance, 1e-300)) + np.sum(np.log(spectrum), axis=1)
+    best = int(np.argmin(cost))
+    scatter = float(np.sqrt(variance[best]))
+    return float(cost[0] - cost[best]), scatter * float(np.sqrt(_RATIOS[best])), scatter
+
+
+def _neighbours(name: str, values: Floats) -> Hint:
+    from statsmodels.stats.diagnostic import acorr_ljungbox
+
+    gain, _, _ = walk(values)
+    lags = min(5, len(values) // 8)
+    together = float(acorr_ljungbox(values, lags=[lags])["lb_pvalue"].iloc[0])
+    p_value = min(1.0, 2.0 * min(together, 0.5 * float(stats.chi2.sf(gain, 1))))
+    return wandering_hint(name, p_value)
+
+
+def wandering_hint(name: str, p_value: float = 0.0) -> Hint:
+    """Say that a quantity goes its own way along the run."""
+    return Hint("neighbours", name, p_value, f"{name} wanders: trials that follow one another err together")
+
+
+def wandering(problem: Problem, fitted: Fit, wanders: Mapping[int, Floats]) -> list[Systematic]:
+    """Directions of the noise in which quantities wander along the run; `wanders` gives the values they were seen in."""
+    trials = problem.trials
+    responses = problem.model.responses(trials, fitted.values, fitted.active)
+    place = np.argsort(np.argsort(problem.model.order(trials), kind="stable"), kind="stable")
+    n, found = len(trials), []
+    for k, values in wanders.items():
+        _, step, _ = walk(values)
+        for wave in range(1, min(_DIRECTIONS, n // 3)):
+            column = np.sqrt(2.0 / n) * np.cos(np.pi * wave * (place + 0.5) / n)
+            std = step / (2.0 * np.sin(0.5 * np.pi * wave / n))
+            found.append(Systematic("", responses[:, :, k] * column[:, None], std))
+    return found
