@@ -207,7 +207,7 @@ def test_where_it_is_felt_can_be_chosen_and_is_checked(folder, capsys):
     ):
         code, _, err = run(capsys, *simulate, *options)
         assert (code, message in err) == (2, True)
-    assert run(capsys, *simulate, "--tip", "0.2 mm", "--load", "0.5 N", "--friction", "10 %")[0] == 0
+    assert run(capsys, *simulate, "--tip", "0.2 mm", "--load", "1.5 N", "--friction", "10 %")[0] == 0
 
 
 def test_every_kind_of_experiment_can_be_asked_for(capsys):

@@ -35,7 +35,8 @@ def test_what_a_setting_may_be_off_by_is_plain_for_lengths_and_a_share_for_force
     grid = load_set(STIMULI / "paper-ten.toml").prediction
     values, plain, shares = setting_of(grid)
     assert values["normal_load"] == list(grid.normal_loads)
-    assert set(plain) <= {"tip_radius", "friction"}
+    assert set(plain) == {"tip_radius", "friction", "frequency"}
+    assert plain["frequency"] == pytest.approx(50.0 / math.sqrt(3))  # the paper's band of 250 to 350 Hz
     assert shares["normal_load"] == pytest.approx(grid.tolerances.normal_load / math.sqrt(3))
 
 

@@ -23,22 +23,24 @@ def small(tmp_path, source, old, new):
     return path
 
 
-def test_the_simulated_share_takes_the_place_of_the_constant(tmp_path):
+def test_the_simulated_share_stands_beside_the_constant(tmp_path):
     # Origin: the drag in time itself, and energy = share times F^2 / 2k with equation (1)'s force.
     path = small(tmp_path, "paper-four", '["25 um", "50 um", "75 um", "100 um"]', '["50 um"]')
-    assert main(["predict", str(path), "-o", str(tmp_path / "constant.csv")]) == 0
+    assert main(["predict", str(path), "--conversion", "constant", "-o", str(tmp_path / "constant.csv")]) == 0
     arguments = ["--conversion", "simulated", "--speed", "3 mm/s"]
     assert main(["predict", str(path), *arguments, "-o", str(tmp_path / "simulated.csv")]) == 0
     constant, simulated = (pd.read_csv(tmp_path / f"{name}.csv") for name in ("constant", "simulated"))
-    assert (constant.conversion == 0.2).all()
-    assert (simulated.pull_force_n == constant.pull_force_n).all()
-    assert simulated.conversion.std() > 0.05
+    assert (simulated.conversion == 0.2).all()
+    assert constant.drag_conversion.isna().all()
+    assert (simulated.vibration_energy_uj == constant.vibration_energy_uj).all()
+    assert simulated.drag_conversion.std() > 0.05
     for _, row in simulated.iterrows():
         settings = DragSettings(row.normal_load_n, row.friction, speed=3e-3)
         share = ring_of(simulate(step_track(50e-6, 125e-6), PAPER_DRAG, settings)).share
-        assert row.conversion == pytest.approx(share, rel=1e-5)
-        assert row.vibration_energy_uj == pytest.approx(share * row.pull_force_n**2 / (2 * 9810) * 1e6, rel=1e-4)
-        assert row.vibration_energy_95_low_uj < row.vibration_energy_uj < row.vibration_energy_95_high_uj
+        assert row.drag_conversion == pytest.approx(share, rel=1e-5)
+        assert row.drag_vibration_energy_uj == pytest.approx(
+            share * row.drag_pull_force_n**2 / (2 * 9810) * 1e6, rel=1e-4
+        )
 
 
 def test_a_crown_margin_rings_in_either_direction_by_its_own_share(tmp_path):
@@ -47,7 +49,7 @@ def test_a_crown_margin_rings_in_either_direction_by_its_own_share(tmp_path):
     table = pd.read_csv(tmp_path / "p.csv")
     released = table[table.status == "releases"]
     assert set(released.drag) == {"tooth-to-crown", "crown-to-tooth"}
-    assert ((released.conversion >= 0) & (released.conversion <= 1)).all()
+    assert ((released.drag_conversion >= 0) & (released.drag_conversion <= 1)).all()
     assert (table[table.status != "releases"].vibration_energy_uj.isna()).all()
 
 
@@ -87,12 +89,13 @@ def test_a_set_is_written_whose_blocks_are_equally_far_apart_in_sensation(tmp_pa
     assert main(["predict", str(target), "--perception", str(tmp_path / "n.csv"), "-o", str(tmp_path / "p.csv")]) == 0
     table = pd.read_csv(tmp_path / "n.csv")
     first = table[(table.friction == 0.15) & (table.normal_load_n == 0.3)]
+    assert (first.felt_by == "drag").all()
     energies = 10 ** (0.1 * first[["lower_level_db", "higher_level_db"]].to_numpy()) * 0.08e-6 * 16e-3
     ratios = energies[:, 1] / energies[:, 0]
-    # heights are written to 0.01 um, d ln E / dH is up to 0.6 per um at 100 um
-    assert ratios == pytest.approx([ratios.mean()] * 5, rel=0.02)
+    # the drag is asked at 81 heights between the ends
+    assert ratios == pytest.approx([ratios.mean()] * 5, rel=0.15)
     assert first.just_noticeable_differences.to_numpy() == pytest.approx(
-        [10 * math.log10(ratios.mean()) / 1.5] * 5, rel=0.01
+        [10 * math.log10(ratios.mean()) / 1.5] * 5, rel=0.1
     )
     assert (first.correct > 0.99).all()
 

@@ -1,48 +1,96 @@
-"""The simulated share in place of the constant: what it scales, and what it leaves alone."""
+"""The drag's figure beside the formula's: what it says, what it leaves alone, and whose energy is felt where they differ."""
 
 import math
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
 
+from stepblocks.contact.counterface import Step
 from stepblocks.contact.energy import Status
+from stepblocks.contact.operating_point import PAPER
 from stepblocks.declare import load_set
 from stepblocks.drag.ring import ring_of
 from stepblocks.drag.simulate import DragSettings, probe_for, simulate
 from stepblocks.drag.track import track_over
 from stepblocks.errors import PipelineError
-from stepblocks.predict.predictions import Predictions, predicted_in_time
+from stepblocks.predict import predictions
+from stepblocks.predict.perception import felt_energies
+from stepblocks.predict.predictions import DIFFERS, Predictions, figures_of, predict_one
 
 STIMULI = Path(__file__).resolve().parents[2] / "stimuli"
-SHEATHS = load_set(STIMULI / "sheaths.toml")
-CONSTANT = Predictions.of(SHEATHS)
-SIMULATED = predicted_in_time(CONSTANT, 5e-3)
+SHEATHS, FOUR = load_set(STIMULI / "sheaths.toml"), load_set(STIMULI / "paper-four.toml")
+ALONE, BESIDE = Predictions.of(SHEATHS, dragged=False), Predictions.of(SHEATHS)
 
 
-def test_forces_and_statuses_stay_and_energies_go_with_the_share():
-    for a, b in zip(CONSTANT, SIMULATED, strict=True):
-        assert (a.release.status, a.stimulus, a.point) == (b.release.status, b.stimulus, b.point)
-        if a.release.status is Status.RELEASES:
-            assert b.release.pull_force == a.release.pull_force
-            factor = b.conversion / a.conversion
-            assert b.release.vibration_energy == pytest.approx(factor * a.release.vibration_energy)
-            assert b.release.threshold_ratio == pytest.approx(factor * a.release.threshold_ratio)
-            if math.isinf(a.interval.energy_high):
-                assert math.isinf(b.interval.energy_high)
-            else:
-                assert b.interval.energy_high == pytest.approx(factor * a.interval.energy_high)
+def test_the_drag_stands_beside_the_formula_and_changes_none_of_its_columns():
+    added = {"drag_", "felt_"}
+    for a, b in zip(ALONE, BESIDE, strict=True):
+        assert a.in_time is None
+        formula, both = figures_of(a), figures_of(b)
+        same = {name for name in formula if name[:5] not in added}
+        assert {name: str(formula[name]) for name in same} == {name: str(both[name]) for name in same}
+        assert formula["felt_by"] in ("formula", "")
 
 
 def test_under_a_sheath_the_drag_rings_as_the_probe_in_it():
     # Origin: the drag in time of the probe that wears the sheath, set up here by hand.
-    one = next(p for p in SIMULATED if p.release.status is Status.RELEASES and p.conversion > 0.05)
+    one = next(p for p in BESIDE if p.in_time is not None and p.in_time.share > 0.05)
     part = next(part for part in SHEATHS.stimuli if part.id == one.stimulus)
     probe = probe_for(SHEATHS.ring_of(part).as_tool(), one.point.ball_radius)
     settings = DragSettings(one.point.normal_load, one.point.friction, speed=5e-3)
     trace = simulate(track_over(one.face, one.point.ball_radius), probe, settings)
-    assert one.conversion == pytest.approx(ring_of(trace, spectra=False).share, rel=1e-12)
+    assert one.in_time.share == pytest.approx(ring_of(trace, spectra=False).share, rel=1e-12)
+    assert one.in_time.peak_force == trace.peak_force
+
+
+def test_a_small_step_keeps_an_energy_by_the_formula_that_the_drag_does_not_release():
+    # Origin: project facts, "Ends of the model": 0.5 N, mu 0.15, 10 um; the drag's figure there at a damping ratio of 0.02
+    point = replace(PAPER, normal_load=0.5)
+    found = predict_one(Step(10e-6), point)
+    assert found.release.vibration_energy == pytest.approx(0.965e-6, rel=2e-3)
+    assert predictions.dragged(Step(10e-6), point, False, 5e-3, damping_ratio=0.02)[1].energy == pytest.approx(
+        0.095e-6, rel=0.01
+    )
+    assert found.differs
+    assert found.in_time.energy < 0.1e-6
+
+
+def test_at_25_um_and_a_quarter_newton_the_formula_gives_an_energy_and_the_drag_none():
+    # Origin: project facts: 0.66 uJ against none
+    found = predict_one(Step(25e-6), replace(PAPER, normal_load=0.25))
+    assert found.release.vibration_energy == pytest.approx(0.66e-6, rel=0.01)
+    assert found.in_time.energy == 0.0
+    assert found.differs
+    assert felt_energies([found, predict_one(Step(25e-6), PAPER)])[1] == "drag"
+
+
+def test_as_the_step_vanishes_the_formula_keeps_fifty_thresholds_of_which_the_drag_leaves_a_tenth():
+    # Origin: project facts: 0.01 um at 0.5 N keeps 0.068 uJ, 53 times the threshold of 0.08 uW over 16 ms
+    found = predict_one(Step(0.01e-6), replace(PAPER, normal_load=0.5))
+    assert found.release.vibration_energy == pytest.approx(0.068e-6, rel=0.01)
+    assert found.release.threshold_ratio == pytest.approx(53.0, rel=0.01)
+    assert found.over_formula < 0.11
+    # what is left is the blow of the edge, which a slower hand does not give
+    slow = predict_one(Step(0.01e-6), replace(PAPER, normal_load=0.5, speed=0.5e-3))
+    assert slow.felt_energy / PAPER.tool.ring_duration < PAPER.tool.detection_threshold
+
+
+def test_where_both_agree_the_formula_is_felt_and_the_flag_is_the_factor():
+    made = [p for p in Predictions.of(FOUR) if p.release.status is Status.RELEASES]
+    assert {figures_of(p)["felt_by"] for p in made} == {"formula", "drag"}
+    for p in made:
+        apart = max(p.over_formula, 1.0 / p.over_formula) if p.over_formula > 0.0 else math.inf
+        assert p.differs == (apart > DIFFERS)
+        assert p.felt_energy == (p.in_time.energy if p.differs else p.release.vibration_energy)
+
+
+def test_a_set_of_too_many_rows_is_dragged_only_when_asked(monkeypatch):
+    monkeypatch.setattr(predictions, "MOST_DRAGGED", len(ALONE) - 1)
+    assert all(p.in_time is None for p in Predictions.of(SHEATHS))
+    assert any(p.in_time is not None for p in Predictions.of(SHEATHS, dragged=True))
 
 
 def test_a_handle_at_rest_drags_nothing():
     with pytest.raises(PipelineError, match="speed must be positive"):
-        predicted_in_time(CONSTANT, 0.0)
+        Predictions.of(SHEATHS, speed=0.0)

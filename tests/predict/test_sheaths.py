@@ -44,6 +44,8 @@ def test_the_same_force_stores_less_in_a_stiffer_probe():
     felt = {(p.stimulus, p.point.normal_load, p.face.far_side): p.release for p in predictions_of(SET)}
     rings = {one.sheath: one.ring for one in conditions_of(SET) if one.use == "on the shank"}
     for (sheath, _, _), release in felt.items():
+        if release.status.beyond:
+            continue
         assert release.vibration_energy == pytest.approx(
             0.2 * release.pull_force**2 / (2.0 * rings[sheath].stiffness), rel=1e-12
         )

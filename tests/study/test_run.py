@@ -1,6 +1,7 @@
 """The functions of the study as a notebook calls them: paths as text, defaults of the paper, tables back."""
 
 import math
+from dataclasses import replace
 from pathlib import Path
 
 import pandas as pd
@@ -8,6 +9,7 @@ import pytest
 
 from stepblocks.declare import load_declared
 from stepblocks.errors import ContactError, PipelineError, StudyError
+from stepblocks.predict.predictions import predict_one
 from stepblocks.study.run import (
     analyse_study,
     block_energies,
@@ -50,21 +52,27 @@ def test_an_unknown_experiment_is_refused_with_those_that_there_are(tmp_path):
         design_study(FOUR, tmp_path, seed=1, experiment="paired")
 
 
-def test_energies_are_those_of_equation_one():
+def test_energies_are_those_of_equation_one_unless_the_drag_in_time_says_otherwise():
     stimuli = load_declared(Path(FOUR))
-    point = felt_at(stimuli, {"ball_radius": 150e-6, "normal_load": 0.5, "friction": 0.1})
-    found = block_energies(step_blocks(stimuli, None), point)
-    for block in stimuli.step_block:
-        # a = arccos(1 - H/(R + r)), F = N tan(a + atan mu), E = C F^2 / 2k with the k and C_v of the paper
-        angle = math.acos(1.0 - block.height.nominal / (150e-6 + block.edge_radius.nominal))
-        force = 0.5 * math.tan(angle + math.atan(0.1))
-        assert found[block.id] == pytest.approx(0.20 * 0.5 * force**2 / 9.81e3, rel=1e-9)
+    blocks, load = step_blocks(stimuli, "*-025"), 1.0
+    point = felt_at(stimuli, {"ball_radius": 150e-6, "normal_load": load, "friction": 0.1})
+    (found,) = block_energies(blocks, point).values()
+    # a = arccos(1 - H/(R + r)), F = N tan(a + atan mu), E = C F^2 / 2k with the k and C_v of the paper
+    force = load * math.tan(math.acos(1.0 - 25e-6 / 150e-6) + math.atan(0.1))
+    assert found == pytest.approx(0.20 * 0.5 * force**2 / 9.81e3, rel=1e-9)
+    # with the higher blocks, of whose energy the drag keeps more than twice as much, the drag speaks for all
+    asked = [predict_one(block.counterface(), point) for block in stimuli.step_block]
+    assert [one.differs for one in asked] == [False, True, True, True]
+    assert list(block_energies(stimuli.step_block, point).values()) == [one.in_time.energy for one in asked]
 
 
-def test_what_is_left_out_is_the_first_of_the_file():
+def test_what_is_left_out_is_the_first_of_the_file_under_which_every_block_rings():
     stimuli = load_declared(Path(FOUR))
     point, grid = felt_at(stimuli, {"friction": 0.05}), stimuli.prediction
-    assert (point.ball_radius, point.normal_load, point.friction) == (grid.tip_radii[0], grid.normal_loads[0], 0.05)
+    assert (point.ball_radius, point.friction) == (grid.tip_radii[0], 0.05)
+    # under 0.25 N the drag walks over the step of 25 um: not the first load, the second
+    assert point.normal_load == grid.normal_loads[1]
+    assert predict_one(stimuli.step_block[0].counterface(), replace(point, normal_load=0.25)).felt_energy == 0.0
     assert point.tool.stiffness == grid.tool.stiffness
     with pytest.raises(ContactError, match="ball_radius must be positive"):
         felt_at(stimuli, {"ball_radius": 0.0})
@@ -99,10 +107,10 @@ def test_a_damper_must_be_a_condition_of_the_design(folder):
         simulate_study(folder, FOUR, f"{folder}/answers.csv", seed=2, damping={"wood": 0.5})
 
 
-def test_a_harder_press_is_not_felt_where_energy_only_scales(folder):
-    # E is as the square of the load on every block, so the height that has this energy stays the same
+def test_a_harder_press_is_not_taken_for_a_higher_block(folder):
+    # who connects each block with what it rings with under this load reads its height off, whatever the load
     quiet = Observer(weber=0.0, response_noise=0.0, participant_spread=0.0)
-    for name, load in (("one", 0.2), ("two", 0.4)):
+    for name, load in (("one", 0.5), ("two", 1.0)):
         simulate_study(folder, FOUR, f"{folder}/{name}.csv", seed=2, observer=quiet, normal_load=load)
     assert Path(folder, "one.csv").read_bytes() == Path(folder, "two.csv").read_bytes()
 

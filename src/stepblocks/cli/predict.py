@@ -69,8 +69,10 @@ def _add_predict(commands: Any) -> None:
     parser.add_argument("--model", type=Path, metavar="JSON", help=said)
     said = "draw energy against height, and maps of margins, there"
     parser.add_argument("--plots", type=Path, metavar="DIR", help=said)
-    said = "share of the stored energy that rings: C_v of the set (default), or that of a drag in time at --speed"
-    parser.add_argument("--conversion", choices=("constant", "simulated"), default="constant", help=said)
+    said = (
+        "constant: the formula's energy alone; simulated: that of a drag in time beside it (default: up to 10,000 rows)"
+    )
+    parser.add_argument("--conversion", choices=("constant", "simulated"), help=said)
     said = "handle speed of those drags (default 5 mm/s)"
     parser.add_argument("--speed", type=quantity("speed"), default=5e-3, metavar="Q", help=said)
     said = "write how well neighbouring blocks are told apart"
@@ -94,11 +96,11 @@ def _write_equally_felt(files: list[Path], count: int, output: Path | None) -> O
 
     if len(files) != 1 or output is None:
         raise PipelineError("--equally-felt needs one stimulus file and -o NEW.toml")
-    heights, spacing = write_equally_felt(files[0], count, output)
+    heights, spacing, by = write_equally_felt(files[0], count, output)
     return Outcome(
-        f"neighbours are {spacing:.1f} just noticeable differences apart",
+        f"neighbours are {spacing:.1f} just noticeable differences apart, by the {by}",
         notes=[f"{output}: {', '.join(f'{height * 1e6:.2f}' for height in heights)} um"],
-        record={"heights_m": list(heights), "spacing_jnd": spacing},
+        record={"heights_m": list(heights), "spacing_jnd": spacing, "felt_by": by},
     )
 
 
@@ -122,7 +124,7 @@ def _predict_table(files: list[Path], output: Path | None, model: Path | None) -
 def _predict_sets(arguments: argparse.Namespace) -> Outcome:
     from stepblocks.atomic import replace_text
     from stepblocks.declare import load_declared
-    from stepblocks.predict.predictions import Predictions, shown
+    from stepblocks.predict.predictions import Predictions, left_out, shown
     from stepblocks.predict.sheaths import ring_rows
     from stepblocks.select import stimulus_files
 
@@ -142,13 +144,10 @@ def _predict_sets(arguments: argparse.Namespace) -> Outcome:
         for sentence in (sentence for stimuli in sets for sentence in moved_energies(stimuli, records)):
             print(sentence, file=sys.stderr)
         sets = [with_as_built(stimuli, records) for stimuli in sets]
-    by_name = {stimuli.name: Predictions.of(stimuli) for stimuli in sets}
-    if arguments.conversion == "simulated":
-        from stepblocks.predict.predictions import predicted_in_time
-
-        by_name = {name: predicted_in_time(found, arguments.speed) for name, found in by_name.items()}
+    in_time = None if arguments.conversion is None else arguments.conversion == "simulated"
+    by_name = {stimuli.name: Predictions.of(stimuli, in_time, arguments.speed) for stimuli in sets}
     predictions = Predictions(tuple(one for predictions in by_name.values() for one in predictions))
-    notes = []
+    notes = left_out(predictions)
     if arguments.perception:
         import pandas as pd
 

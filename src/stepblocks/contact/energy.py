@@ -26,6 +26,15 @@ class Status(StrEnum):
     LOCKED = "locked"  # ``a + atan mu`` is a right angle or more: no pulling force lifts it
     TOO_HIGH = "too-high"  # the step is as high as the ball or higher: the ball meets the riser, not the edge
     NO_CATCH = "no-catch"  # the path of the ball's centre never rises in this direction
+    BEYOND_STRENGTH = "beyond-strength"  # the pull that it takes is more than the tool bears,
+    BEYOND_SPRING = "beyond-spring"  # than its spring is linear to,
+    BEYOND_GAUGE = "beyond-gauge"  # than the gauge shows,
+    BEYOND_HAND = "beyond-hand"  # or than a hand exerts
+
+    @property
+    def beyond(self) -> bool:
+        """Whether it is a limit, and no geometry, that keeps the tip from slipping."""
+        return self.value.startswith("beyond-")
 
 
 _KINDS = (Status.NO_CATCH, Status.TOO_HIGH, Status.LOCKED, Status.RELEASES)
@@ -35,9 +44,9 @@ _KINDS = (Status.NO_CATCH, Status.TOO_HIGH, Status.LOCKED, Status.RELEASES)
 class Release:
     """What is felt when the probe slips over an edge; of many drags at once, each field is an array over them."""
 
-    status: Status  # whether it slips at all, as text in an array; the figures below are not-a-number unless it does
+    status: Status  # whether it slips at all, as text in an array; the energies below are not-a-number unless it does
     angle: float  # critical angle a [rad]
-    pull_force: float = math.nan  # tangential force at release F_px [N]
+    pull_force: float = math.nan  # tangential force at release F_px [N]; beyond a limit what it would take
     vibration_energy: float = math.nan  # energy of the ring E_v [J]
     mean_power: float = math.nan  # E_v over the duration of the ring [W]
     threshold_ratio: float = math.nan  # mean power over the detection threshold [1]
@@ -55,13 +64,13 @@ def release_at(angle: Real, normal_load: Real, friction: Real, tool: Tool = PAPE
     friction : float or array_like
         Coefficient of friction mu [1], not negative.
     tool : Tool
-        Spring and ring of the explorer.
+        Spring, ring and limits of the explorer; the default has no limits.
 
     Returns
     -------
     Release
-        Status and, where the probe slips, force, energy and power: a `Status` and floats, or arrays of the shape to
-        which the arguments broadcast, the status as text.
+        Status and, where the probe slips, force, energy and power; beyond a limit the force that it would take. One drag has
+        a `Status` and floats, several have arrays of the shape to which the arguments broadcast, the status as text.
 
     Raises
     ------
@@ -92,10 +101,14 @@ def release_at(angle: Real, normal_load: Real, friction: Real, tool: Tool = PAPE
     kind = where(a == 0.0, 0, where(a == 0.5 * math.pi, 1, where(a + np.arctan(mu) >= 0.5 * math.pi, 2, 3)))
     released = kind == 3
     force = where(released, kernels.pull_force(load, where(released, a, 0.0), mu), math.nan * (a + load + mu))
-    energy = tool.conversion * kernels.stored_energy(force, tool.stiffness)
+    limit, most = tool.limits.first
+    beyond = released & (force > most)
+    energy = where(beyond, math.nan, tool.conversion * kernels.stored_energy(force, tool.stiffness))
     power = energy / tool.ring_duration
     figures = (a, force, energy, power, power / tool.detection_threshold)
+    kinds = (*_KINDS, Status(f"beyond-{limit}"))
+    kind = where(beyond, len(_KINDS), kind)
     if np.ndim(force) == 0:
-        return Release(_KINDS[kind], *map(float, figures))
-    together: Any = np.broadcast_arrays(np.array(_KINDS)[kind], *figures)
+        return Release(kinds[kind], *map(float, figures))
+    together: Any = np.broadcast_arrays(np.array(kinds)[kind], *figures)
     return Release(*together)

@@ -6,8 +6,29 @@ import math
 from dataclasses import dataclass
 
 from stepblocks.contact.domain import require_not_negative, require_positive
+from stepblocks.errors import ContactError
 
 _BAND_SHARE, _HALF_BAND = 0.86, 50.0  # figure 5: 86 % of the energy of the ring lies in 250 to 350 Hz [1], [Hz]
+
+
+@dataclass(frozen=True)
+class Limits:
+    """Greatest tangential forces [N] that something holds or gives; infinite where the equations alone are asked."""
+
+    strength: float = math.inf  # at which the tool yields
+    spring: float = math.inf  # to which its spring is linear
+    gauge: float = math.inf  # that the gauge shows
+    hand: float = math.inf  # that a hand pulls
+
+    def __post_init__(self) -> None:
+        for name, value in vars(self).items():
+            if not value > 0.0:
+                raise ContactError(f"limit of the {name} must be positive, got {value:g} N")
+
+    @property
+    def first(self) -> tuple[str, float]:
+        """Name and force of the one that a growing pull meets first."""
+        return min(vars(self).items(), key=lambda one: one[1])
 
 
 @dataclass(frozen=True)
@@ -26,9 +47,15 @@ class Tool:
         Vibration power that a fingertip just detects [W]; 0.08 uW in the paper.
     frequency : float
         Of the ring [Hz]; 300 Hz, the middle of the band of 250 to 350 Hz that figure 5 shows.
+        It also says "approximately 250 Hz" and "the 250 Hz vibration"; but of a line at 250 Hz less than half lies above
+        250 Hz, and figure 5 has 86 % there.
     decay_time : float
         Time constant of the ring's amplitude [s]; 14.2 ms, whose spectrum, a Lorentzian line, has the paper's 86 % of its
         energy in that band. 89 % of the energy is then spent in the paper's 16 ms.
+    frequency_deviation : float
+        How far the frequency may be off to either side [Hz]; 50 Hz, the paper's band, at whose lower end its 250 Hz lies.
+    limits : Limits
+        Forces beyond which the tip does not slip; none by default. Sets and tables bring `SHIPPED_LIMITS` or their own.
 
     Raises
     ------
@@ -42,10 +69,15 @@ class Tool:
     detection_threshold: float = 0.08e-6
     frequency: float = 300.0
     decay_time: float = math.tan(0.5 * math.pi * _BAND_SHARE) / (math.tau * _HALF_BAND)
+    frequency_deviation: float = _HALF_BAND
+    limits: Limits = Limits()
 
     def __post_init__(self) -> None:
         for name, value in vars(self).items():
-            require_positive(name, value)
+            if name == "frequency_deviation":
+                require_not_negative(name, value, "Hz")
+            elif name != "limits":
+                require_positive(name, value)
 
     @property
     def effective_mass(self) -> float:
@@ -97,3 +129,18 @@ class OperatingPoint:
 # The blunt tip and the spring of the paper. It states a band of loads and no friction: 1 N and 0.15, steel on steel with a
 # trace of grease, stand for them; 5 mm/s is a speed of the hand.
 PAPER = OperatingPoint(ball_radius=125e-6, normal_load=1.0, friction=0.15)
+
+# What sets and tables are held to unless they say otherwise, with where each comes from [N]
+LIMIT_SOURCES = {
+    "strength": (
+        13.0,
+        "assumed: a steel shank of 4 mm on 91.6 mm (stimuli/sheaths.toml) yields at its clamp from 190 MPa",
+    ),
+    "spring": (90.0, "a deflection of a tenth of that free length, to which the elastica is linear within 1 %"),
+    "gauge": (
+        20.0,
+        "assumed: twice the greatest force that the gauges of Caries Res 2003;37:365 saw; take your gauge's",
+    ),
+    "hand": (9.87, "1006 g, the greatest of five dentists: Caries Res 2003;37:365, doi 10.1159/000072169"),
+}
+SHIPPED_LIMITS = Limits(**{name: value for name, (value, _) in LIMIT_SOURCES.items()})

@@ -87,7 +87,13 @@ class RodRing:
 
     def as_tool(self, like: Tool = PAPER.tool) -> Tool:
         """Return the tool that rings so, like another in all else."""
-        return replace(like, stiffness=self.stiffness, frequency=self.frequency, decay_time=self.decay_time)
+        return replace(
+            like,
+            stiffness=self.stiffness,
+            frequency=self.frequency,
+            frequency_deviation=like.frequency_deviation * self.frequency / like.frequency,  # the same share
+            decay_time=self.decay_time,
+        )
 
     def mean_energy(self, duration: float) -> float:
         """Return the mean over a time of the ring's energy, that at the start taken as 1."""

@@ -69,8 +69,8 @@ def moved_releases(
 ) -> tuple[Floats, Floats]:
     """Compute F_px [N] and E_v [J] where the inputs deviate by so much, each in its unit, alone or in arrays that broadcast.
 
-    Both are infinite where the tip is held and 0 where nothing catches. An input is kept where it makes sense: a ball
-    above nothing, what may not be negative at 0 or above.
+    Both are infinite where the tip is held, by geometry or a limit, and 0 where nothing catches. An input is kept where it
+    makes sense: a ball above nothing, what may not be negative at 0 or above.
     """
     sizes = face.moved(deviations)
     nominal = inputs_of(face, point)
@@ -78,7 +78,9 @@ def moved_releases(
     ball = np.maximum(at["ball_radius"], _SMALLEST_BALL * point.ball_radius)
     angle = face.angles(ball, **sizes)[backward]
     force, energy = kernels.release(angle, at["friction"], at["normal_load"], at["stiffness"], at["conversion"])
-    return np.broadcast_to(force, energy.shape), energy
+    force = np.broadcast_to(force, energy.shape)
+    held = force > point.tool.limits.first[1]
+    return np.where(held, np.inf, force), np.where(held, np.inf, energy)
 
 
 def sensitivities(

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any
 from stepblocks.atomic import replace_text
 from stepblocks.contact.counterface import Counterface, Profile, Step
 from stepblocks.contact.energy import Release, Status
-from stepblocks.contact.operating_point import PAPER, OperatingPoint, Tool
+from stepblocks.contact.operating_point import PAPER, OperatingPoint
 from stepblocks.declare import load_declared
 from stepblocks.drag.kernels import COLUMNS
 from stepblocks.drag.ring import Ring, draw_force, draw_spectra, ring_of
@@ -82,7 +82,7 @@ def _declared(stimuli: StimulusSet, part: Part, values: Mapping[str, float], bac
         raise PipelineError(f"--step-height is for a declared tip; a block declares its own {place}")
     ball = grid.tip_radii[0] if part.ball is None else part.ball.nominal
     height = None if part.crossed else values.get("step_height", grid.step_heights[0])
-    tool, ring = Tool(**grid.tool.model_dump()), stimuli.ring_of(part)
+    tool, ring = grid.as_tool(), stimuli.ring_of(part)
     tool = tool if ring is None else ring.as_tool(tool)
     point = OperatingPoint(ball, grid.normal_loads[0], grid.frictions[0], tool)
     face, name = part.counterface(height), part.id
@@ -95,7 +95,8 @@ def _declared(stimuli: StimulusSet, part: Part, values: Mapping[str, float], bac
 
 
 def _changed(point: OperatingPoint, values: Mapping[str, float]) -> OperatingPoint:
-    tool = replace(point.tool, **{name: values[name] for name in _OF_TOOL if name in values})
+    changes: dict[str, Any] = {name: values[name] for name in _OF_TOOL if name in values}
+    tool = replace(point.tool, **changes)
     return replace(point, tool=tool, **{field: values[name] for name, field in _OF_POINT.items() if name in values})
 
 

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Annotated
 
 from pydantic import Field
 
-from stepblocks.contact.operating_point import PAPER
+from stepblocks.contact.operating_point import LIMIT_SOURCES, PAPER, Limits, Tool
 from stepblocks.parts.declared import Sourced, Table, positive, sourced
 
 if TYPE_CHECKING:
@@ -14,6 +14,7 @@ if TYPE_CHECKING:
 
 
 PAPER_STEPS = (25e-6, 50e-6, 75e-6, 100e-6)  # H of the four blocks of the apparatus [m]
+Force = Annotated[Sourced, sourced("force")]
 Ratio = Annotated[float, positive("ratio", or_zero=True)]
 _Share = Annotated[
     float, positive("ratio", or_zero=True), Field(lt=1.0)
@@ -28,6 +29,22 @@ class ToolSpec(Table):
     conversion: Annotated[float, positive("ratio")] = PAPER.tool.conversion  # C_v [1]
     ring_duration: Annotated[float, positive("time")] = PAPER.tool.ring_duration  # s
     detection_threshold: Annotated[float, positive("power")] = PAPER.tool.detection_threshold  # W
+    frequency: Annotated[float, positive("frequency")] = PAPER.tool.frequency  # of the ring [Hz]
+    decay_time: Annotated[float, positive("time")] = PAPER.tool.decay_time  # of its amplitude [s]
+
+
+def _limit(name: str) -> Sourced:
+    value, source = LIMIT_SOURCES[name]
+    return Sourced(value, "force", source)
+
+
+class LimitsSpec(Table):
+    """Tangential forces beyond which a tip does not slip, each with its source; what is left out is that of `LIMIT_SOURCES`."""
+
+    strength: Force = _limit("strength")  # of the tool
+    spring: Force = _limit("spring")  # to which it is linear
+    gauge: Force = _limit("gauge")  # that is shown
+    hand: Force = _limit("hand")  # that a hand, or the drive of a bench, pulls
 
 
 class SettingTolerances(Table):
@@ -35,9 +52,11 @@ class SettingTolerances(Table):
 
     tip_radius: Annotated[float, positive("length", or_zero=True)] = 0.0  # of `PredictionGrid.tip_radii` [m]
     friction: Ratio = 0.0  # 1
-    normal_load: _Share = 0.0  # of the load [1]
-    stiffness: _Share = 0.0  # of the stiffness [1]
-    conversion: _Share = 0.0  # of C_v [1]
+    normal_load: _Share = 0.0  # as a share of the load [1]
+    stiffness: _Share = 0.0  # as a share of the stiffness [1]
+    conversion: _Share = 0.0  # as a share of C_v [1]
+    # of the ring [Hz]; left out, the paper's band
+    frequency: Annotated[float, positive("frequency", or_zero=True)] = PAPER.tool.frequency_deviation
 
 
 class PredictionGrid(Table):
@@ -52,6 +71,12 @@ class PredictionGrid(Table):
     step_heights: Lengths = ()  # H of the sharp steps on which tips and sheaths are predicted [m]
     tool: ToolSpec = ToolSpec()
     tolerances: SettingTolerances = SettingTolerances()
+    limits: LimitsSpec = LimitsSpec()
+
+    def as_tool(self) -> Tool:
+        """Return the declared tool, with the tolerance of its ring and its limits."""
+        limits = Limits(**{name: one.value for name, one in self.limits})
+        return Tool(**dict(self.tool), frequency_deviation=self.tolerances.frequency, limits=limits)
 
 
 class ProbeSpec(Table):

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 from itertools import groupby, pairwise
 from pathlib import Path
@@ -27,14 +27,14 @@ from stepblocks.declare import load_declared
 from stepblocks.errors import ContactError, PipelineError, StepblocksError
 from stepblocks.parts.set import StimulusSet
 from stepblocks.parts.tolerance import Dimension
-from stepblocks.predict.predictions import Prediction, tool_of
+from stepblocks.predict.predictions import Prediction, predict_one, tool_of
 
 if TYPE_CHECKING:
     import pandas as pd
 
 # columns of a table of neighbours, which may have no rows
 _NEIGHBOURS = ["set", "tip_radius_um", "normal_load_n", "friction", "lower", "higher"]
-_NEIGHBOURS += ["lower_level_db", "higher_level_db", "just_noticeable_differences", "correct"]
+_NEIGHBOURS += ["lower_level_db", "higher_level_db", "just_noticeable_differences", "correct", "felt_by"]
 
 
 @dataclass(frozen=True)
@@ -83,6 +83,17 @@ def discriminability(first: float, second: float, observer: Observer = PAPER_OBS
     return steps, float(norm.cdf(steps * norm.ppf(0.75)))
 
 
+def felt_energies(compared: Sequence[Prediction]) -> tuple[list[float], str]:
+    """Energies [J] of drags that a person compares, NaN where nothing slips, and who says them.
+
+    The formula says them, or the drag in time where for one of them the two differ by more than a factor of `DIFFERS`: a
+    change of model between two blocks would be felt as a difference.
+    """
+    if any(one.differs for one in compared):
+        return [math.nan if one.in_time is None else one.in_time.energy for one in compared], "drag"
+    return [one.release.vibration_energy for one in compared], "formula"
+
+
 def height_of_energy(energy: float, point: OperatingPoint, edge_radius: float = 0.0) -> float:
     """Height H [m] of the step that rings with `energy` [J], the exact inverse of equations (1) and (2)."""
     require_positive("energy", energy, "J")
@@ -95,6 +106,11 @@ def height_of_energy(energy: float, point: OperatingPoint, edge_radius: float = 
     return float((point.ball_radius + edge_radius) * 2.0 * math.sin(0.5 * angle) ** 2)
 
 
+_CURVE = (
+    81  # heights at which the drag is asked between the lowest and the highest block: 2 % of the energy between two
+)
+
+
 def equally_felt_heights(
     count: int,
     lowest: float,
@@ -102,26 +118,45 @@ def equally_felt_heights(
     point: OperatingPoint,
     edge_radius: float = 0.0,
     observer: Observer = PAPER_OBSERVER,
-) -> tuple[NDArray[np.float64], float]:
-    """Heights of a set whose blocks are equally spaced in predicted sensation instead of in micrometres.
+) -> tuple[NDArray[np.float64], float, str]:
+    """Heights of a set whose blocks are equally spaced in predicted sensation instead of in micrometres, and by whom it is said.
 
-    Sensation is taken to grow with the logarithm of the energy (Fechner), as a constant Weber fraction implies.
+    Sensation is taken to grow with the logarithm of the energy (Fechner), as a constant Weber fraction implies. Where the
+    drag in time differs from the formula by more than a factor of `DIFFERS` on the way, the drag's energies count on all of it.
     """
     if count < 2 or not 0.0 < lowest < highest:
         raise ContactError(
             f"a set needs at least 2 blocks and increasing heights, got {count}, {lowest:g}, {highest:g}"
         )
-    ends = []
     for height in (lowest, highest):
         release = Step(height, edge_radius).release(point)
         if release.status is not Status.RELEASES:
             limit = kernels.locking_height(point.ball_radius + edge_radius, point.friction)
-            raise ContactError(f"a step of {height:g} m is {release.status}; it locks from {limit:g} m on")
-        ends.append(release.vibration_energy)
-    energies = np.geomspace(ends[0], ends[1], count)
-    heights = np.array([height_of_energy(float(energy), point, edge_radius) for energy in energies])
-    spacing, _ = discriminability(float(energies[0]), float(energies[1]), observer)
-    return heights, spacing
+            takes = (
+                f"it would take {release.pull_force:.3g} N"
+                if release.status.beyond
+                else f"it locks from {limit:g} m on"
+            )
+            raise ContactError(f"a step of {height:g} m is {release.status}; {takes}")
+    curve = np.geomspace(lowest, highest, _CURVE)
+    asked = [predict_one(Step(float(height), edge_radius), point) for height in curve]
+    curve_energies, by = felt_energies(asked)
+    if by == "formula":
+        energies = np.geomspace(curve_energies[0], curve_energies[-1], count)
+        heights = np.array([height_of_energy(float(energy), point, edge_radius) for energy in energies])
+        return heights, discriminability(float(energies[0]), float(energies[1]), observer)[0], by
+    rings = np.maximum.accumulate(curve_energies)
+    if not rings[0] > 0.0:
+        least = curve[np.argmax(rings > 0.0)] if rings[-1] > 0.0 else math.nan
+        raise ContactError(
+            f"a step of {lowest * 1e6:g} um does not ring in time under {point.normal_load:g} N: the tip walks over it; "
+            f"the lowest that rings is {least * 1e6:.3g} um"
+        )
+    levels = np.linspace(math.log(rings[0]), math.log(rings[-1]), count)
+    rising = np.concatenate([[True], np.diff(rings) > 0.0])
+    heights = np.exp(np.interp(levels, np.log(rings[rising]), np.log(curve[rising])))
+    first, second = math.exp(levels[0]), math.exp(levels[1])
+    return heights, discriminability(first, second, observer)[0], by
 
 
 def observer_of(stimuli: StimulusSet) -> Observer:
@@ -143,15 +178,17 @@ def neighbours(stimuli: StimulusSet, predictions: Iterable[Prediction]) -> pd.Da
     rows = []
     felt.sort(key=lambda p: (*condition(p), p.face.far_side))
     for (tip, friction, load), group in groupby(felt, condition):
-        for low, high in pairwise(p for p in group if p.release.vibration_energy > 0.0):
-            energies = low.release.vibration_energy, high.release.vibration_energy
-            levels = (sensation_level(energy, observer) for energy in energies)
-            told = discriminability(*energies, observer)
-            rows.append((stimuli.name, tip * 1e6, load, friction, low.stimulus, high.stimulus, *levels, *told))
+        compared = list(group)
+        energies, by = felt_energies(compared)
+        ringing = [(one.stimulus, energy) for one, energy in zip(compared, energies, strict=True) if energy > 0.0]
+        for (lower, low), (higher, high) in pairwise(ringing):
+            levels = (sensation_level(energy, observer) for energy in (low, high))
+            told = discriminability(low, high, observer)
+            rows.append((stimuli.name, tip * 1e6, load, friction, lower, higher, *levels, *told, by))
     return pd.DataFrame(rows, columns=_NEIGHBOURS)
 
 
-def write_equally_felt(source: Path, count: int, target: Path) -> tuple[list[float], float]:
+def write_equally_felt(source: Path, count: int, target: Path) -> tuple[list[float], float, str]:
     """Write a set whose step blocks are equally spaced in predicted sensation, between the lowest and the highest of another."""
     stimuli = load_declared(source)
     if not stimuli.step_block:
@@ -163,7 +200,7 @@ def write_equally_felt(source: Path, count: int, target: Path) -> tuple[list[flo
     grid, first = stimuli.prediction, stimuli.step_block[0]
     given = [block.height.nominal for block in stimuli.step_block]
     point = OperatingPoint(grid.tip_radii[0], grid.normal_loads[0], grid.frictions[0], tool_of(grid))
-    heights, spacing = equally_felt_heights(
+    heights, spacing, by = equally_felt_heights(
         count, min(given), max(given), point, first.edge_radius.nominal, observer_of(stimuli)
     )
     rounded = [round(float(height) * 1e6, 2) for height in heights]
@@ -182,7 +219,7 @@ def write_equally_felt(source: Path, count: int, target: Path) -> tuple[list[flo
         beside.unlink(missing_ok=True)
         if beside.parent.is_dir():
             beside.parent.rmdir()
-    return [value * 1e-6 for value in rounded], spacing
+    return [value * 1e-6 for value in rounded], spacing, by
 
 
 def _with_heights(text: str, name: str, heights_um: list[float], height: Dimension) -> str:

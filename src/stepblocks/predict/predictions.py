@@ -5,18 +5,19 @@ from __future__ import annotations
 import csv
 import io
 import math
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
+from functools import lru_cache, partial
 from itertools import product
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from stepblocks.contact.counterface import Counterface
 from stepblocks.contact.energy import Release, Status, release_at
 from stepblocks.contact.kernels import locking_height
-from stepblocks.contact.operating_point import OperatingPoint, Tool
+from stepblocks.contact.operating_point import PAPER, OperatingPoint, Tool
 from stepblocks.contact.uncertainty import Interval, interval_of, rectangular
-from stepblocks.errors import PipelineError
+from stepblocks.errors import ContactError, PipelineError
 from stepblocks.parts.conditions import PredictionGrid
 from stepblocks.parts.kind import Part
 from stepblocks.parts.set import StimulusSet, with_energy_tolerances
@@ -27,8 +28,21 @@ if TYPE_CHECKING:
 
     from stepblocks.drag.ring import Ring
     from stepblocks.drag.simulate import DragTrace
+    from stepblocks.drag.track import Track
 
 _DRAWS = 2000  # of each interval: its ends scatter by 2 % of its width, and a thousand blocks still take seconds
+MOST_DRAGGED = 10_000  # rows of a set that are dragged in time without being asked: a few seconds
+DIFFERS = 1.5  # factor between the formula's energy and the drag's beyond which the drag's is what is felt [1]
+
+
+@dataclass(frozen=True)
+class InTime:
+    """What the drag in time says of the same condition."""
+
+    status: str  # "releases", "no-catch", "locked", or why it could not be dragged
+    peak_force: float = math.nan  # N
+    energy: float = 0.0  # of the ring [J]; 0 where the tip walks over the edge and nothing rings
+    share: float = 0.0  # of the stored energy that rings [1]
 
 
 @dataclass(frozen=True)
@@ -42,18 +56,36 @@ class Prediction:
     backward: bool
     release: Release  # at the nominal dimensions
     limits: tuple[Release, Release]  # at the least and the greatest angle within the tolerances of the stimulus
-    interval: Interval  # of 95 %, from the tolerances of the stimulus and of the setting
-    conversion: float  # share of the stored energy that rings: C_v of the set, or the simulated one [1]
+    interval: (
+        Interval | None
+    )  # of 95 %, from the tolerances of the stimulus and of the setting; None where there are none
+    in_time: InTime | None = None  # None where it was not dragged
 
     @property
     def drag(self) -> str:
         """Direction: ``"up"`` a step, ``"tooth-to-crown"`` or ``"crown-to-tooth"``."""
         return self.face.ways[self.backward]
 
+    @property
+    def over_formula(self) -> float:
+        """Energy of the drag over that of the formula [1]; NaN where one of them is not known."""
+        known = self.release.status is Status.RELEASES and self.in_time is not None
+        return self.in_time.energy / self.release.vibration_energy if known and self.in_time else math.nan
+
+    @property
+    def differs(self) -> bool:
+        """Whether drag and formula are further apart than a factor of `DIFFERS`."""
+        return self.over_formula > DIFFERS or self.over_formula < 1.0 / DIFFERS
+
+    @property
+    def felt_energy(self) -> float:
+        """Energy that is felt [J]: the formula's, and the drag's where they differ; NaN where nothing slips."""
+        return self.in_time.energy if self.differs and self.in_time else self.release.vibration_energy
+
 
 def tool_of(grid: PredictionGrid) -> Tool:
     """Return the tool that a grid declares."""
-    return Tool(**grid.tool.model_dump())
+    return grid.as_tool()
 
 
 def predictions_of(stimuli: StimulusSet) -> Iterator[Prediction]:
@@ -62,6 +94,7 @@ def predictions_of(stimuli: StimulusSet) -> Iterator[Prediction]:
     for part in stimuli.stimuli:
         grid, ring = stimuli.grid_of(part), stimuli.ring_of(part)
         tool = tool_of(grid) if ring is None else ring.as_tool(tool_of(grid))
+        worn = rectangular({"stiffness": _worn_deviation(stimuli, part)})["stiffness"]
         balls = [tip_of(grid, radius) for radius in grid.tip_radii] if part.ball is None else [part.ball]
         for ball, step_height in product(balls, (None,) if part.crossed else grid.step_heights):
             faces = list(part.corners(step_height))
@@ -73,18 +106,16 @@ def predictions_of(stimuli: StimulusSet) -> Iterator[Prediction]:
             sizes = {name: middle_of(one) for name, one in part.sizes.items()}
             middle = part.sized(**sizes) if part.crossed else part.counterface(step_height)
             for backward in range(len(faces[0].ways)):
-                spread = [angles[backward] for angles in corners]
-                angles = nominal[backward], min(spread), max(spread)
+                reached = [angles[backward] for angles in corners]
+                angles = nominal[backward], min(reached), max(reached)
                 for friction, load in product(grid.frictions, grid.normal_loads):
                     point = OperatingPoint(ball.nominal, load, friction, tool)
                     release, low, high = (release_at(angle, load, friction, tool) for angle in angles)
-                    interval = interval_of(
-                        middle,
-                        replace(point, ball_radius=middle_of(ball)),
-                        uncertainty_of(part, grid, ball, load),
-                        backward=bool(backward),
-                        draws=_DRAWS,
-                    )
+                    spread = uncertainty_of(part, grid, ball, load)
+                    spread["stiffness"] = math.hypot(spread["stiffness"], worn)
+                    at = replace(point, ball_radius=middle_of(ball))
+                    drawn = partial(interval_of, middle, at, spread, backward=bool(backward), draws=_DRAWS)
+                    interval = drawn() if any(spread.values()) else None
                     yield Prediction(
                         set_name=stimuli.name,
                         stimulus=part.id,
@@ -94,8 +125,20 @@ def predictions_of(stimuli: StimulusSet) -> Iterator[Prediction]:
                         release=release,
                         limits=(low, high),
                         interval=interval,
-                        conversion=tool.conversion,
                     )
+
+
+def _worn_deviation(stimuli: StimulusSet, part: Part) -> float:
+    """How far the tolerances of what is worn move the spring to either side [N/m], each alone, summed in quadrature."""
+    if stimuli.probe is None or part.sleeve is None:
+        return 0.0
+    moved = 0.0
+    for name, one in part:
+        if isinstance(one, Dimension) and one.upper > one.lower:
+            ends = (part.model_copy(update={name: replace(one, nominal=end)}).sleeve for end in one.limits)
+            low, high = (stimuli.probe.ring(sleeve).stiffness for sleeve in ends if sleeve is not None)
+            moved = math.hypot(moved, 0.5 * (high - low))
+    return moved
 
 
 def tip_of(grid: PredictionGrid, radius: float) -> Dimension:
@@ -135,9 +178,20 @@ def figures_of(prediction: Prediction) -> dict[str, float | str]:
     """Put a prediction into the columns of ``predictions.csv``, units in their names; NaN where there is no figure.
 
     ``low`` and ``high`` are the worst cases within the tolerances, ``95_low`` and ``95_high`` the ends of the drawn 95 %
-    interval, ``analytic_95`` the same by first-order sensitivities.
+    interval, ``analytic_95`` the same by first-order sensitivities; beyond a limit there is no energy. ``drag`` is what the
+    drag in time says, ``felt`` the formula's or, where they differ by more than `DIFFERS`, the drag's.
     """
     release, (low, high), interval = prediction.release, prediction.limits, prediction.interval
+    tool, dragged = prediction.point.tool, prediction.in_time
+    power = prediction.felt_energy / tool.ring_duration
+
+    def within(name: str) -> float:
+        unknown = interval is None or (release.status.beyond and "force" not in name)
+        return math.nan if unknown else float(getattr(interval, name))
+
+    def corner(one: Release) -> float:
+        return math.nan if release.status.beyond else one.vibration_energy * 1e6
+
     locking = float(locking_height(prediction.point.ball_radius, prediction.point.friction))
     return {
         "set": prediction.set_name,
@@ -154,20 +208,32 @@ def figures_of(prediction: Prediction) -> dict[str, float | str]:
         "pull_force_low_n": low.pull_force,
         "pull_force_high_n": high.pull_force,
         "vibration_energy_uj": release.vibration_energy * 1e6,
-        "vibration_energy_low_uj": low.vibration_energy * 1e6,
-        "vibration_energy_high_uj": high.vibration_energy * 1e6,
-        "conversion": prediction.conversion,
+        "vibration_energy_low_uj": corner(low),
+        "vibration_energy_high_uj": corner(high),
+        "conversion": tool.conversion,
         "mean_power_uw": release.mean_power * 1e6,
         "threshold_ratio": release.threshold_ratio,
         "locking_height_um": math.nan if release.status is Status.NO_CATCH else locking * 1e6,
-        "pull_force_95_low_n": interval.force_low,
-        "pull_force_95_high_n": interval.force_high,
-        "vibration_energy_95_low_uj": interval.energy_low * 1e6,
-        "vibration_energy_95_high_uj": interval.energy_high * 1e6,
-        "vibration_energy_analytic_95_low_uj": interval.analytic_energy_low * 1e6,
-        "vibration_energy_analytic_95_high_uj": interval.analytic_energy_high * 1e6,
-        "held_probability": interval.held_probability,
-        "intervals_agree": "yes" if interval.agrees else "no",
+        "pull_force_95_low_n": within("force_low"),
+        "pull_force_95_high_n": within("force_high"),
+        "vibration_energy_95_low_uj": within("energy_low") * 1e6,
+        "vibration_energy_95_high_uj": within("energy_high") * 1e6,
+        "vibration_energy_analytic_95_low_uj": within("analytic_energy_low") * 1e6,
+        "vibration_energy_analytic_95_high_uj": within("analytic_energy_high") * 1e6,
+        "held_probability": interval.held_probability if interval else math.nan,
+        "intervals_agree": "" if interval is None or release.status.beyond else "yes" if interval.agrees else "no",
+        "limit_n": tool.limits.first[1] if release.status.beyond else math.nan,
+        "frequency_hz": tool.frequency,
+        "frequency_low_hz": tool.frequency - tool.frequency_deviation,
+        "frequency_high_hz": tool.frequency + tool.frequency_deviation,
+        "drag_status": dragged.status if dragged else "",
+        "drag_pull_force_n": dragged.peak_force if dragged else math.nan,
+        "drag_vibration_energy_uj": dragged.energy * 1e6 if dragged else math.nan,
+        "drag_conversion": dragged.share if dragged else math.nan,
+        "drag_over_formula": prediction.over_formula,
+        "felt_by": "" if math.isnan(power) else "drag" if prediction.differs else "formula",
+        "felt_energy_uj": prediction.felt_energy * 1e6,
+        "felt_power_uw": power * 1e6,
     }
 
 
@@ -188,9 +254,14 @@ class Predictions:
     made: tuple[Prediction, ...]
 
     @classmethod
-    def of(cls, stimuli: StimulusSet) -> Predictions:
-        """Predict a set."""
-        return cls(tuple(predictions_of(stimuli)))
+    def of(cls, stimuli: StimulusSet, dragged: bool | None = None, speed: float = PAPER.speed) -> Predictions:
+        """Predict a set and drag its conditions in time at a speed [m/s]: all, none, or (None) all of up to `MOST_DRAGGED`."""
+        if not (math.isfinite(speed) and speed > 0.0):
+            raise PipelineError(f"speed must be positive and finite, got {speed:g} m/s")
+        made = tuple(predictions_of(stimuli))
+        if dragged is None:
+            dragged = len(made) <= MOST_DRAGGED
+        return cls(tuple(replace(one, in_time=_in_time(one, speed)) for one in made) if dragged else made)
 
     def __iter__(self) -> Iterator[Prediction]:
         """Go through them, in the order of `predictions_of`."""
@@ -220,13 +291,19 @@ class Predictions:
         return pd.DataFrame([figures_of(one) for one in self.made])
 
 
-def predict_set(stimuli: StimulusSet | str | Path) -> pd.DataFrame:
+def predict_set(
+    stimuli: StimulusSet | str | Path, *, dragged: bool | None = None, speed: float = PAPER.speed
+) -> pd.DataFrame:
     """Predict every stimulus of a set under every tip, load and friction that it asks for.
 
     Parameters
     ----------
     stimuli : StimulusSet, str or Path
         The set, or its file.
+    dragged : bool, optional
+        Whether each row is dragged in time as well; by default up to 10,000 rows.
+    speed : float
+        Of the handle in those drags [m/s].
 
     Returns
     -------
@@ -248,7 +325,7 @@ def predict_set(stimuli: StimulusSet | str | Path) -> pd.DataFrame:
         from stepblocks.declare import load_set
 
         stimuli = load_set(Path(stimuli))
-    return Predictions.of(stimuli).frame
+    return Predictions.of(stimuli, dragged, speed).frame
 
 
 def as_csv(rows: Sequence[dict[str, str]]) -> str:
@@ -262,15 +339,27 @@ def as_csv(rows: Sequence[dict[str, str]]) -> str:
 
 def shown(columns: Sequence[str]) -> tuple[str, ...]:
     """Choose the columns that fit a terminal: of the intervals only the drawn one of the energy."""
-    ends = ("_low_n", "_high_n", "_low_uj", "_high_uj")
+    ends = ("_low_n", "_high_n", "_low_uj", "_high_uj", "_hz", "drag_status", "drag_pull_force_n", "drag_conversion")
     return tuple(name for name in columns if not name.endswith(ends) or "energy_95" in name)
 
 
-def predicted_in_time(predictions: Predictions, speed: float) -> Predictions:
-    """Drag every condition in time once [m/s] to see what share of the stored energy rings."""
-    if not (math.isfinite(speed) and speed > 0.0):
-        raise PipelineError(f"speed must be positive and finite, got {speed:g} m/s")
-    return Predictions(tuple(_in_time(one, speed) for one in predictions))
+def left_out(predictions: Iterable[Prediction]) -> list[str]:
+    """Say by name what lies beyond a limit, and so in no mean, range or pair of neighbours."""
+    found: dict[tuple[Status, float], list[str]] = {}
+    for one in predictions:
+        if one.release.status.beyond:
+            found.setdefault((one.release.status, one.point.tool.limits.first[1]), []).append(one.stimulus)
+    return [
+        f"{status} ({limit:g} N), no energy, left out of every mean: {len(names)} rows of {', '.join(dict.fromkeys(names))}"
+        for (status, limit), names in found.items()
+    ]
+
+
+@lru_cache(maxsize=16)  # a track is long to compute and serves every load and friction
+def _track(face: Counterface, ball_radius: float, backward: bool) -> Track:
+    from stepblocks.drag.track import track_over
+
+    return track_over(face, ball_radius, backward)
 
 
 def dragged(
@@ -279,25 +368,25 @@ def dragged(
     """Drag in time, with what of the probe is other than the tool says, and measure the ring of a tip that releases."""
     from stepblocks.drag.ring import ring_of
     from stepblocks.drag.simulate import DragSettings, probe_for, simulate
-    from stepblocks.drag.track import track_over
 
     own = probe_for(point.tool, point.ball_radius, **probe)
-    trace = simulate(track_over(face, point.ball_radius, backward), own, DragSettings.under(point, speed=speed))
+    track = _track(face, point.ball_radius, backward)
+    trace = simulate(track, own, DragSettings.under(point, speed=speed))
     return trace, ring_of(trace, spectra=False) if trace.status is Status.RELEASES else None
 
 
-def _in_time(one: Prediction, speed: float) -> Prediction:
+def predict_one(face: Counterface, point: OperatingPoint, backward: bool = False) -> Prediction:
+    """Predict one drag by the formula and in time, without tolerances."""
+    release = face.release(point, backward)
+    made = Prediction("", "", face, point, backward, release, (release, release), None)
+    return replace(made, in_time=_in_time(made, point.speed))
+
+
+def _in_time(one: Prediction, speed: float) -> InTime | None:
     if one.release.status is not Status.RELEASES:
-        return one
-    _, ring = dragged(one.face, one.point, one.backward, speed)
-    share = ring.share if ring else 0.0
-    factor = share / one.point.tool.conversion
-    release, low, high, interval = (_scaled(found, factor) for found in (one.release, *one.limits, one.interval))
-    return replace(one, release=release, limits=(low, high), interval=interval, conversion=share)
-
-
-def _scaled(found: Any, factor: float) -> Any:
-    of_energy = [name for name in vars(found) if "energy" in name or name in ("mean_power", "threshold_ratio")]
-    # an end that is infinite, because draws are held, stays so
-    scaled = {name: value if math.isinf(value := getattr(found, name)) else factor * value for name in of_energy}
-    return replace(found, **scaled)
+        return None
+    try:
+        trace, ring = dragged(one.face, one.point, one.backward, speed)
+    except ContactError as error:
+        return InTime(f"not dragged: {error}", energy=math.nan, share=math.nan)
+    return InTime(str(trace.status), trace.peak_force, *((ring.energy, ring.share) if ring else ()))

@@ -3,14 +3,13 @@
 from __future__ import annotations
 
 import itertools
-import math
 import re
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 from stepblocks.atomic import replace_text
-from stepblocks.contact.energy import Status, release_at
+from stepblocks.contact.energy import Status
 from stepblocks.contact.operating_point import OperatingPoint
 from stepblocks.declare import load_declared
 from stepblocks.errors import PipelineError, StudyError
@@ -18,7 +17,8 @@ from stepblocks.page_file import render_page
 from stepblocks.parts.kinds.step_block import StepBlock
 from stepblocks.parts.lettering import engraved_text
 from stepblocks.parts.set import StimulusSet
-from stepblocks.predict.predictions import tool_of
+from stepblocks.predict.perception import felt_energies
+from stepblocks.predict.predictions import predict_one, tool_of
 from stepblocks.select import matches
 from stepblocks.study.analysis.results import StudyResult
 from stepblocks.study.design import Design, Item
@@ -152,7 +152,8 @@ def simulate_study(
     observer : Observer
         What the participants are like.
     **felt : float
-        Where the energies are taken: `ball_radius` [m], `normal_load` [N], `friction` [1]; by default the first of the file's grid.
+        Where the energies are taken: `ball_radius` [m], `normal_load` [N], `friction` [1]; by default the first of the file's
+        grid, of its loads the first under which every block rings.
 
     Returns
     -------
@@ -300,22 +301,33 @@ def step_blocks(stimuli: StimulusSet, only: str | None) -> list[StepBlock]:
 
 
 def felt_at(stimuli: StimulusSet, given: Mapping[str, float]) -> OperatingPoint:
-    """Complete an operating point by the first of a set's grid."""
+    """Complete an operating point by the first of a set's grid; the load by the first under which every block rings, and rises."""
     grid = stimuli.prediction
-    firsts = {"ball_radius": grid.tip_radii[0], "normal_load": grid.normal_loads[0], "friction": grid.frictions[0]}
-    return OperatingPoint(**{**firsts, **given}, tool=tool_of(grid))
+    firsts = {"ball_radius": grid.tip_radii[0], "friction": grid.frictions[0]}
+    loads = [given["normal_load"]] if "normal_load" in given else grid.normal_loads
+    points = [OperatingPoint(**{**firsts, **given, "normal_load": load}, tool=tool_of(grid)) for load in loads]
+    blocks = sorted(stimuli.step_block, key=lambda one: one.height.nominal)
+    return next((point for point in points[:-1] if _rise(_felt(blocks, point)[0])), points[-1])
+
+
+def _felt(blocks: Sequence[StepBlock], point: OperatingPoint) -> tuple[list[float], str]:
+    return felt_energies([predict_one(block.counterface(), point) for block in blocks])
+
+
+def _rise(energies: Sequence[float]) -> bool:
+    return energies[0] > 0.0 and all(low < high for low, high in itertools.pairwise(energies))
 
 
 def block_energies(blocks: Sequence[StepBlock], point: OperatingPoint) -> dict[str, float]:
-    """Predict the vibration energy [J] of blocks, each of which must release the probe."""
-    found = {}
+    """Predict the felt energy [J] of blocks, the drag's where one differs from the formula; each must release the probe."""
+    energies, _ = _felt(blocks, point)
+    found = {block.id: energy for block, energy in zip(blocks, energies, strict=True)}
     for block in blocks:
-        angle, _ = block.counterface().angles(point.ball_radius)
-        release = release_at(angle, point.normal_load, point.friction, point.tool)
-        if release.status is not Status.RELEASES or not math.isfinite(release.vibration_energy):
+        if not found[block.id] > 0.0:
+            status = block.counterface().release(point).status
+            said = "walked over in time" if status is Status.RELEASES else status.value
             raise PipelineError(
                 f"every block must release the probe to be felt by its vibration; "
-                f"{block.id} is {release.status.value} at friction {point.friction:g}"
+                f"{block.id} is {said} at friction {point.friction:g}"
             )
-        found[block.id] = release.vibration_energy
     return found

@@ -281,9 +281,10 @@ def setting_of(grid: PredictionGrid) -> tuple[dict[str, list[float]], dict[str, 
         "friction": list(grid.frictions),
         "stiffness": [grid.tool.stiffness],
         "conversion": [grid.tool.conversion],
+        "frequency": [grid.tool.frequency],
     }
     off = rectangular({name: width for name, width in grid.tolerances if width > 0.0})
-    plain: dict[str, float] = {name: off.pop(name) for name in ("tip_radius", "friction") if name in off}
+    plain: dict[str, float] = {name: off.pop(name) for name in ("tip_radius", "friction", "frequency") if name in off}
     return values, plain, off
 
 
