@@ -70,7 +70,7 @@ def test_the_view_holds_the_bodies_in_millimetres_as_one_call(tmp_path):
     (body,) = shown["bodies"]
     corners = np.array([np.frombuffer(base64.b64decode(body[axis]), "<f4") for axis in "xyz"]).T
     assert corners == pytest.approx(BOX_CORNERS * 1e3, rel=1e-7)  # a nanometre in 20 mm
-    faces = np.array([np.frombuffer(base64.b64decode(body[corner]), "<u4") for corner in "ijk"]).T
+    faces = np.array([np.frombuffer(base64.b64decode(body[corner]), "<u2") for corner in "ijk"]).T
     assert faces.tolist() == BOX_FACES.tolist()
 
 

@@ -89,7 +89,7 @@ def write_view(
 ) -> None:
     """Write the bodies in millimetres as a call of the page's function ``stepblocksView``: a script loads from a folder.
 
-    Coordinates are float32 and corners uint32, in base64: half the size of digits, and a nanometre in 20 mm.
+    Coordinates are float32, a nanometre in 20 mm, and corners uint16 where that is enough, in base64: half the size of digits.
     """
 
     def packed(values: NDArray[Any], kind: str) -> str:
@@ -97,8 +97,10 @@ def write_view(
 
     bodies = [
         {name: packed(column * 1e3, "<f4") for name, column in zip("xyz", vertices.T, strict=True)}
-        | {name: packed(column, "<u4") for name, column in zip("ijk", triangles.T, strict=True)}
+        | {name: packed(column, f"<u{wide}") for name, column in zip("ijk", triangles.T, strict=True)}
+        | {"bytes_of_a_corner": wide}
         for vertices, triangles in meshes
+        for wide in (2 if len(vertices) <= 1 << 16 else 4,)
     ]
     data = {
         **{"id": identity, "unit": "mm", "exaggeration": exaggeration, "half_width": half_width * 1e3},
