@@ -1,11 +1,15 @@
-"""How a page of a room is filled from its template: everything escaped, nothing left undefined."""
+"""How a page of a room is filled from its template: everything escaped, nothing left undefined, one look for all of them."""
 
 from __future__ import annotations
 
+from importlib.resources import files
+
 
 def render_page(room: str, template: str, **values: object) -> str:
-    """Fill a template of a room."""
+    """Fill a template of a room; ``style`` is the look that all pages share, ``readable`` writes units as people do."""
     import jinja2
+
+    from stepblocks.quantities import column_label, readable
 
     environment = jinja2.Environment(
         loader=jinja2.PackageLoader(f"stepblocks.{room}"),
@@ -15,4 +19,6 @@ def render_page(room: str, template: str, **values: object) -> str:
         undefined=jinja2.StrictUndefined,
         keep_trailing_newline=True,
     )
+    environment.filters |= {"readable": readable, "label": column_label}
+    environment.globals["style"] = files("stepblocks").joinpath("page.css").read_text(encoding="utf-8")
     return environment.get_template(template).render(**values)

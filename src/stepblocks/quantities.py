@@ -208,13 +208,7 @@ def format_quantity(value: float, dimension: str, digits: int = 4) -> str:
     >>> format_quantity(3.86e-6, "energy", 3)
     '3.86 uJ'
     """
-    scales = _SCALES.get(dimension, ((1.0, DIMENSIONS[dimension]),))
-    factor, symbol = scales[0]
-    for candidate, name in scales:
-        if abs(value) >= candidate * 0.9999995:
-            factor, symbol = candidate, name
-    if value == 0.0:
-        factor, symbol = scales[min(1, len(scales) - 1)]
+    factor, symbol = _scale(abs(value), dimension)
     return f"{value / factor:.{digits}g} {symbol}".strip()
 
 
@@ -294,3 +288,68 @@ def column_of_figures(values: Sequence[object]) -> list[str]:
             text.removesuffix(".0") if number == number else "-" for text, number in zip(texts, numbers, strict=True)
         ]
     return [figure(number) for number in numbers]
+
+
+_SIGNS = {"um": "µm", "uJ": "µJ", "uW": "µW", "us": "µs", "uN": "µN", "deg": "°"}
+_WRITTEN = re.compile(r"(?<=\d)( ?)(um|uJ|uW|us|uN|deg)\b")
+
+
+def readable(text: object) -> str:
+    """Write the units in a text as people do.
+
+    Examples
+    --------
+    >>> readable("25 um ±1 um at 6 deg"), readable("E_v 3.86 uJ")
+    ('25 µm ±1 µm at 6°', 'E_v 3.86 µJ')
+    """
+    return _WRITTEN.sub(lambda found: ("" if found[2] == "deg" else found[1]) + _SIGNS[found[2]], str(text))
+
+
+def format_span(low: float, high: float, dimension: str) -> str:
+    """Write a range in one unit, or a single figure where its ends read alike.
+
+    Examples
+    --------
+    >>> format_span(0.23, 1.853, "force"), format_span(1.241e-6, 1.239e-6, "energy")
+    ('0.23 to 1.85 N', '1.24 µJ')
+    >>> format_span(18.5e-6, 2.08e-3, "energy")
+    '18.5 µJ to 2.08 mJ'
+    """
+    factor, symbol = _scale(max(abs(low), abs(high)), dimension)
+    if 0.0 < low < 0.1 * factor:
+        return f"{format_span(low, low, dimension)} to {format_span(high, high, dimension)}"
+    ends = dict.fromkeys((figure(low / factor), figure(high / factor)))
+    return f"{' to '.join(ends)} {_SIGNS.get(symbol, symbol)}".strip()
+
+
+def format_uncertain(value: float, std: float, dimension: str) -> str:
+    """Write a value with its standard uncertainty, both in the value's unit and to the same decimal place.
+
+    Examples
+    --------
+    >>> format_uncertain(50.234e-6, 0.0812e-6, "length"), format_uncertain(296.0, 12.4, "frequency")
+    ('50.234 ± 0.081 µm', '296 ± 12 Hz')
+    """
+    factor, symbol = _scale(abs(value), dimension)
+    if not (math.isfinite(std) and std > 0.0):
+        return f"{figure(value / factor)} {_SIGNS.get(symbol, symbol)}".strip()
+    places = max(1 - math.floor(math.log10(std / factor)), 0)
+    return f"{value / factor:.{places}f} ± {std / factor:.{places}f} {_SIGNS.get(symbol, symbol)}".strip()
+
+
+def format_p(p: float) -> str:
+    """Write a probability of an error of the first kind.
+
+    Examples
+    --------
+    >>> format_p(0.0342), format_p(3e-9)
+    ('p = 0.034', 'p < 0.001')
+    """
+    return "p < 0.001" if p < 0.001 else f"p = {p:.3f}"
+
+
+def _scale(value: float, dimension: str) -> tuple[float, str]:
+    """Find the unit in which people write a value, and its size in SI."""
+    scales = _SCALES.get(dimension, ((1.0, DIMENSIONS[dimension]),))
+    fitting = [scale for scale in scales if value >= scale[0] * 0.9999995]
+    return fitting[-1] if fitting else scales[min(1, len(scales) - 1) if value == 0.0 else 0]

@@ -1,7 +1,9 @@
 """What is shown of a build is what is true of it: close-ups are closed solids, curves are equations (1) and (2), the page escapes."""
 
+import base64
 import json
 import math
+import re
 from types import SimpleNamespace
 
 import numpy as np
@@ -66,9 +68,10 @@ def test_the_view_holds_the_bodies_in_millimetres_as_one_call(tmp_path):
     assert (shown["id"], shown["unit"], shown["exaggeration"]) == ("box", "mm", 30.0)
     assert (shown["half_width"], shown["centre"]) == (0.25, [1.0, 0.0, -2.0])
     (body,) = shown["bodies"]
-    corners = np.array([body[axis] for axis in "xyz"]).T
-    assert corners == pytest.approx(BOX_CORNERS * 1e3, abs=1e-9)
-    assert np.array([body[corner] for corner in "ijk"]).T.tolist() == BOX_FACES.tolist()
+    corners = np.array([np.frombuffer(base64.b64decode(body[axis]), "<f4") for axis in "xyz"]).T
+    assert corners == pytest.approx(BOX_CORNERS * 1e3, rel=1e-7)  # a nanometre in 20 mm
+    faces = np.array([np.frombuffer(base64.b64decode(body[corner]), "<u2") for corner in "ijk"]).T
+    assert faces.tolist() == BOX_FACES.tolist()
 
 
 @pytest.fixture(scope="module")
@@ -85,7 +88,7 @@ def test_the_curves_are_equations_1_and_2_of_the_paper(blocks):
     expected = [math.degrees(math.acos(1.0 - height * 1e-6 / radius)) for height in angles["x"]]
     assert angles["y"] == pytest.approx(expected, rel=1e-4)  # six digits of a height near 0
     for friction in grid.frictions:
-        trace = by_name[f"E<sub>v</sub>, mu {friction:g}"]
+        trace = by_name[f"E<sub>v</sub>, µ {friction:g}"]
         for height, energy in list(zip(trace["x"], trace["y"], strict=True))[10::50]:
             a = math.acos(1.0 - height * 1e-6 / radius)
             pull = load * (math.sin(a) + friction * math.cos(a)) / (math.cos(a) - friction * math.sin(a))
@@ -118,10 +121,37 @@ def release(status, force=0.0, energy=0.0):
 def test_the_summary_says_what_is_felt_and_what_is_not():
     felt = [release(Status.RELEASES, 0.5, 1e-6), release(Status.RELEASES, 2.0, 30e-6)]
     locked, flat = release(Status.LOCKED), release(Status.NO_CATCH)
-    assert list(_summary(felt)) == ["up: 0.5 to 2 N, 1 to 30 uJ"]
-    assert list(_summary([*felt, locked, locked])) == ["up: 0.5 to 2 N, 1 to 30 uJ; locked in 2 of 4"]
+    assert list(_summary(felt)) == ["up: 0.5 to 2 N, 1 to 30 µJ"]
+    assert list(_summary([*felt, locked, locked])) == ["up: 0.5 to 2 N, 1 to 30 µJ; locked in 2 of 4"]
     assert list(_summary([locked, flat])) == ["up: locked in 1 of 2; no catch in 1 of 2"]
     assert list(_summary([])) == []
+
+
+def test_the_page_opens_with_the_steps_of_the_paper_and_else_keeps_the_order_of_the_user(blocks, tmp_path):
+    others = [blocks.model_copy(update={"name": name}) for name in ("zebra", "apple")]
+    sections = [Section(one, Predictions(()), {}) for one in (*others, blocks)]
+    _, page = write_page(sections, tmp_path)
+    assert re.findall(r'<section id="(.*?)"', page.read_text()) == ["overview", "paper-ten", "zebra", "apple"]
+
+
+def test_the_page_links_what_other_commands_left_and_nothing_else(blocks, tmp_path):
+    record = {
+        "stimulus": "step-010",
+        "kind": "step block",
+        "dimensions": [["height", "10 um"]],
+        "derived": [],
+        "verdicts": [],
+    }
+    sections = [Section(blocks, Predictions(()), {"step-010": record | {"outputs": {"a.step": ""}}})]
+    assert "evidence.html" not in write_page(sections, tmp_path)[1].read_text()
+    for name in (
+        "evidence/evidence.html",
+        "paper-ten/step-010/step-010.drawing.pdf",
+        "scenes/paper-ten/step-010/mujoco/README.md",
+    ):
+        (tmp_path / name).parent.mkdir(parents=True, exist_ok=True)
+        (tmp_path / name).write_text("x")
+        assert f'href="{name}"' in write_page(sections, tmp_path)[1].read_text()
 
 
 def test_the_page_escapes_what_a_file_says_and_shows_what_failed(blocks, tmp_path):
@@ -142,7 +172,7 @@ def test_the_page_escapes_what_a_file_says_and_shows_what_failed(blocks, tmp_pat
     assert "1 of 2 checks failed" in text
     assert "1 out of tolerance" in text
     assert 'href="paper-ten/step-010/step-010.step"' in text
-    assert "10 um &lt;x&gt;" in text
+    assert "10 µm &lt;x&gt;" in text
     before = script.stat().st_mtime_ns
     write_page([], tmp_path)
     assert script.stat().st_mtime_ns == before  # the script of plotly is left where it is the same

@@ -3,6 +3,7 @@
 import json
 import math
 import os
+import re
 import shutil
 from pathlib import Path
 
@@ -127,6 +128,7 @@ def test_a_mouse_drags_the_probe_over_the_edge(browser):
     from selenium.webdriver.common.action_chains import ActionChains
     from selenium.webdriver.support.ui import WebDriverWait
 
+    browser.execute_script("document.getElementById('block').value = 0; choose('block')")
     scene = browser.find_element("id", "scene")
     ActionChains(browser).move_to_element_with_offset(scene, -200, 0).click_and_hold().perform()
     for _ in range(15):
@@ -134,3 +136,61 @@ def test_a_mouse_drags_the_probe_over_the_edge(browser):
     ActionChains(browser).release().perform()
     WebDriverWait(browser, 30).until(lambda window: "last release at 0.6" in window.find_element("id", "state").text)
     assert [entry for entry in browser.get_log("browser") if entry["level"] == "SEVERE"] == []
+
+
+@pytest.mark.browser
+def test_the_hand_reaches_the_release_of_every_block_and_the_middle_is_to_scale(browser):
+    reached = browser.execute_script(
+        "return BLOCKS.map((_, i) => { document.getElementById('block').value = i; choose('block');"
+        " return K * (toHand(1) - block.trigger); })"
+    )
+    # equations (1) and (2) at 1 N and mu 0.15, the sliders' first values
+    needed = [math.tan(math.acos(1 - height * 1e-5 / R) + math.atan(0.15)) for height in range(1, 11)]
+    assert all(have > need for have, need in zip(reached, needed, strict=True))
+    assert browser.execute_script("return toHand(0.25)") == pytest.approx(0.25 * 0.5 * 12 * R)
+
+
+@pytest.mark.browser
+def test_the_arrow_keys_drag_and_the_last_release_stands_with_its_energy(browser):
+    from selenium.webdriver.common.keys import Keys
+    from selenium.webdriver.support.ui import WebDriverWait
+
+    browser.execute_script("document.getElementById('block').value = 4; choose('block')")
+    scene = browser.find_element("id", "scene")
+    for _ in range(40):
+        scene.send_keys(Keys.ARROW_RIGHT)
+    # E_v of 50 um at 1 N and mu 0.15: 35.0 uJ (the facts of the paper's equations)
+    told = r"last release at 1\.8[45]\d N, E_v 3[45]\.\d µJ"
+    WebDriverWait(browser, 30).until(lambda window: re.search(told, window.find_element("id", "state").text))
+    WebDriverWait(browser, 30).until(lambda window: window.execute_script("return kept !== null"))
+    force = browser.execute_script("return Array.from(kept.force)")
+    assert np.argmax(np.abs(force)) == pytest.approx(0.02 * 10_000, abs=30)  # the release stands 20 ms from the left
+
+
+@pytest.mark.browser
+def test_blind_neither_shows_nor_says_what_is_felt_and_keeps_the_score(browser):
+    browser.execute_script("document.getElementById('blind').click()")
+    assert browser.find_element("id", "state").text.startswith("Feel A and B") or browser.execute_script(
+        "return new Promise(done => setTimeout(() => done($('state').textContent), 300))"
+    ).startswith("Feel A and B")
+    higher = browser.execute_script(
+        "return answer.map(i => Math.max(...BLOCKS[i].profile.map(point => point[1]))).reduce((a, b) => a > b ? 0 : 1)"
+    )
+    browser.find_element("id", "say-a" if higher == 0 else "say-b").click()
+    assert browser.find_element("id", "score").text.startswith("1 of 1 right; A was step-")
+    browser.execute_script("document.getElementById('blind').click()")
+
+
+@pytest.mark.parametrize("width", [390, 1400])
+@pytest.mark.browser
+def test_the_page_to_feel_fits_every_screen(browser, width):
+    size = {"width": width, "height": 900, "deviceScaleFactor": 1, "mobile": False}
+    browser.execute_cdp_cmd("Emulation.setDeviceMetricsOverride", size)
+    wide = browser.execute_script("return [document.documentElement.scrollWidth, innerWidth]")
+    browser.execute_cdp_cmd("Emulation.clearDeviceMetricsOverride", {})
+    assert wide[0] <= wide[1] == width
+
+
+def test_the_page_begins_with_the_block_of_50_um_and_has_its_suffix(tmp_path):
+    assert main(["feel", str(ROOT / "stimuli" / "paper-ten.toml"), "-o", str(tmp_path / "mine"), "--no-open"]) == 0
+    assert '<option value="4" selected>step-050</option>' in (tmp_path / "mine.html").read_text()

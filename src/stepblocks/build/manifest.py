@@ -5,7 +5,7 @@ from __future__ import annotations
 import hashlib
 import json
 import platform
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from typing import Any
@@ -24,6 +24,21 @@ _SHAPING = (
     *("cadquery", "cadquery-ocp", "jinja2", "manifold3d", "matplotlib", "numpy"),
     *("plotly", "pyvista", "shapely", "tifffile", "trimesh", "vtk"),
 )
+
+# what other commands leave beside a build: title, and where; {} stands for set and stimulus
+_BESIDE = {
+    "the page to feel": "feel.html",
+    "evidence": "evidence/evidence.html",
+    "the closed loop": "loop/report.html",
+    "the study": "study/report/report.html",
+}
+_OF_A_PART = {
+    "drawing": "{}/*.drawing.pdf",
+    "drawing, SVG": "{}/*.drawing.svg",
+    "inspection sheet": "{}/*.inspection-sheet.pdf",
+    "inspection": "inspect/*{id}*.inspection.svg",
+    "scene": "scenes/{}/*/README.md",
+}
 
 
 def digest(content: bytes) -> str:
@@ -45,7 +60,7 @@ def code_fingerprint() -> str:
     root = Path(stepblocks.__file__).parent
     total = hashlib.sha256()
     for path in sorted(root.rglob("*")):
-        if path.suffix in {".py", ".html", ".j2", ".toml"}:
+        if path.suffix in {".py", ".html", ".css", ".j2", ".toml"}:
             total.update(path.relative_to(root).as_posix().encode() + b"\0" + path.read_bytes())
     for name, known in _libraries().items():
         total.update(f"{name}=={known}\n".encode() if known else f"{name} missing\n".encode())
@@ -109,3 +124,15 @@ def unchanged(folder: Path, name: str, known: str) -> Path | None:
 def intact(folder: Path, outputs: Mapping[str, str]) -> bool:
     """Tell whether there are files listed, all in the folder and as they were written."""
     return bool(outputs) and all(unchanged(folder, name, known) for name, known in outputs.items())
+
+
+def linked(output: Path, outputs: Iterable[str]) -> dict[str, list[list[str]]]:
+    """Find what other commands left beside the outputs of a build: of the whole under the empty name, of a part under ``set/id``."""
+    parts = [name.removesuffix(f"/{RECORD}") for name in outputs if name.endswith(f"/{RECORD}")]
+    found = {"": [[title, name] for title, name in _BESIDE.items() if (output / name).is_file()]}
+    for part in sorted(parts):
+        for title, pattern in _OF_A_PART.items():
+            for path in sorted(output.glob(pattern.format(part, id=Path(part).name))):
+                more = f": {path.parent.name}" if title == "scene" else ""
+                found.setdefault(part, []).append([f"{title}{more}", path.relative_to(output).as_posix()])
+    return found

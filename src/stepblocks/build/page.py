@@ -13,16 +13,25 @@ import numpy as np
 from numpy.typing import NDArray
 
 from stepblocks.atomic import replace_text
+from stepblocks.build.manifest import RECORD, linked
 from stepblocks.contact import kernels
 from stepblocks.contact.energy import Status
 from stepblocks.page_file import render_page
 from stepblocks.parts.kinds.step_block import StepBlock
 from stepblocks.parts.set import StimulusSet
-from stepblocks.predict.predictions import Prediction, Predictions, as_row
+from stepblocks.predict.predictions import Prediction, Predictions, figures_of
 from stepblocks.predict.sheaths import conditions_of, decay_test_rows, ring_rows
+from stepblocks.quantities import figure, format_span
 
+_MATERIALS = {
+    "brass": "#d8b44e",
+    "pmma": "#bfe3ee",
+    "zirconia": "#f1ead8",
+    "stainless": "#bcc6ce",
+}  # colours of the view
 _LINKED = {".step", ".stl", ".obj", ".ply", ".3mf", ".glb", ".tiff", ".npz", ".json"}  # files that the page links
-_INK, _COLOURS = "#1d2a36", ("#1f6f8b", "#c8553d", "#588157", "#7b4fa3", "#b08900")
+_INK, _COLOURS = "#71828f", ("#1f6f8b", "#c8553d", "#588157", "#7b4fa3", "#b08900")
+_MOST_FELT = 1e4  # µJ: a release of 10 mJ takes 31 N at C_v 20 % and 9.81 N/mm, and bends the tool by 3 mm
 _WORDS = {Status.LOCKED: "locked", Status.TOO_HIGH: "too high", Status.NO_CATCH: "no catch"}
 
 
@@ -44,20 +53,36 @@ def write_page(sections: Sequence[Section], output: Path) -> list[Path]:
     source = str(get_plotlyjs())
     if not script.is_file() or script.read_text(encoding="utf-8") != source:
         replace_text(script, source)
-    shown = [_section(section) for section in sections]
+    links = linked(output, [f"{one.stimuli.name}/{name}/{RECORD}" for one in sections for name in one.records])
+    # the steps of the paper come first, else the user's own order
+    shown = [_section(section, links) for section in sorted(sections, key=lambda one: one.stimuli.name != "paper-ten")]
     rows = [row for section in shown for row in section["rows"]]
-    failed = sum(bool(row["failed"]) for row in rows)
-    replace_text(page, render_page("build", "index.html", sections=shown, total=len(rows), failed=failed))
+    values = {
+        "total": len(rows),
+        "failed": sum(bool(row["failed"]) for row in rows),
+        "checks": sum(len(row["verdicts"]) for row in rows),
+        "kinds": sorted({row["kind"] for row in rows}),
+        "links": links[""],
+    }
+    replace_text(page, render_page("build", "index.html", sections=shown, rows=rows, **values))
     return [script, page]
 
 
-def _section(section: Section) -> dict[str, Any]:
+def _section(section: Section, links: Mapping[str, Sequence[Sequence[str]]]) -> dict[str, Any]:
     stimuli, rings = section.stimuli, _ring_lines(section.stimuli)
+    materials = {part.id: part.material for part in stimuli.stimuli}
     rows = []
     for identity, record in section.records.items():
-        predictions = section.predictions.by_stimulus(identity)
-        summary = [*_summary(predictions), *rings.get(identity, [])]
-        rows.append(_row(f"{stimuli.name}/{identity}", record, predictions) | {"summary": summary})
+        predictions, folder = section.predictions.by_stimulus(identity), f"{stimuli.name}/{identity}"
+        material = materials.get(identity)
+        more = {
+            "summary": [*_summary(predictions), *rings.get(identity, [])],
+            "material": material.designation if material else "",
+            "colour": _MATERIALS.get(material.name, "#b9c4ce") if material else "#b9c4ce",
+            "links": links.get(folder, []),
+            "set": stimuli.name,
+        }
+        rows.append(_row(folder, record, predictions) | _overview(predictions) | more)
     tables = [
         {"title": title, "file": f"{stimuli.name}/{name}", "rows": found}
         for title, name, found in (
@@ -68,6 +93,16 @@ def _section(section: Section) -> dict[str, Any]:
     ]
     head = {"name": stimuli.name, "title": stimuli.title, "source": stimuli.source}
     return head | {"rows": rows, "figure": _figure(stimuli), "tables": tables}
+
+
+def _overview(predictions: Sequence[Prediction]) -> dict[str, str]:
+    """Say of a stimulus what a line of the overview holds: force, energy, and how often it locks."""
+    releases = [prediction.release for prediction in predictions]
+    felt = [one for one in releases if one.status is Status.RELEASES]
+    held = sum(one.status is Status.LOCKED for one in releases)
+    spans = {"force": [one.pull_force for one in felt], "energy": [one.vibration_energy for one in felt]}
+    said = {name: format_span(min(values), max(values), name) if values else "-" for name, values in spans.items()}
+    return said | {"locks": f"{held} of {len(releases)}" if held else "never" if felt else "does not catch"}
 
 
 def _ring_lines(stimuli: StimulusSet) -> dict[str, list[str]]:
@@ -90,8 +125,27 @@ def _row(folder: str, record: Mapping[str, Any], predictions: Sequence[Predictio
         "folder": folder,
         "failed": [verdict for verdict in record["verdicts"] if not verdict["passed"]],
         "files": [name for name in record["outputs"] if Path(name).suffix in _LINKED],
-        "predictions": [as_row(prediction) for prediction in predictions],
+        "predictions": [_cells(figures_of(prediction)) for prediction in predictions],
     }
+
+
+def _cells(p: Mapping[str, float | str]) -> list[str]:
+    """Write a line of the table of predictions, its figures to three digits."""
+
+    def shown(*names: str) -> list[str]:
+        return [one if isinstance(one := p[name], str) else figure(one) for name in names]
+
+    def between(low: str, high: str) -> str:
+        ends = [figure(float(p[name])) for name in (low, high)]
+        return " to ".join(("locked" if end in ("∞", "-") else end) for end in ends) if ends[0] != "-" else ""
+
+    settings = shown(
+        "drag", "tip_radius_um", "step_height_um", "normal_load_n", "friction", "critical_angle_deg", "status"
+    )
+    felt = shown("pull_force_n", "vibration_energy_uj")
+    interval = between("vibration_energy_95_low_uj", "vibration_energy_95_high_uj") if felt[1] != "-" else ""
+    worst = between("vibration_energy_low_uj", "vibration_energy_high_uj")
+    return [*settings, *felt, interval, worst, *shown("mean_power_uw", "threshold_ratio")]
 
 
 def _summary(predictions: Sequence[Prediction]) -> Iterator[str]:
@@ -101,8 +155,12 @@ def _summary(predictions: Sequence[Prediction]) -> Iterator[str]:
         felt = [release for release in releases if release.status is Status.RELEASES]
         parts = []
         if felt:
-            forces, energies = [one.pull_force for one in felt], [one.vibration_energy * 1e6 for one in felt]
-            parts.append(f"{min(forces):.3g} to {max(forces):.3g} N, {min(energies):.3g} to {max(energies):.3g} uJ")
+            forces, energies = [one.pull_force for one in felt], [one.vibration_energy for one in felt]
+            spans = (
+                format_span(min(forces), max(forces), "force"),
+                format_span(min(energies), max(energies), "energy"),
+            )
+            parts.append(", ".join(spans))
         for status, words in _WORDS.items():
             if count := sum(release.status is status for release in releases):
                 parts.append(f"{words} in {count} of {len(releases)}")
@@ -137,23 +195,32 @@ def _figure(stimuli: StimulusSet) -> str | None:
     for index, friction in enumerate(grid.frictions):
         colour, locking = _COLOURS[index % len(_COLOURS)], float(kernels.locking_height(radius, friction))
         below, felt = curve[curve < 0.9995 * locking], marks[marks < locking]
-        traces.append(_line(below * 1e6, energy(below, friction), f"E<sub>v</sub>, mu {friction:g}", colour, "y2"))
+        traces.append(_line(below * 1e6, energy(below, friction), f"E<sub>v</sub>, µ {friction:g}", colour, "y2"))
         traces.append(_dots(felt * 1e6, energy(felt, friction), names, colour, "y2"))
         if locking < 1.02 * top:
             ends = {"x0": locking * 1e6, "x1": locking * 1e6, "yref": "paper", "y0": 0, "y1": 1}
             shapes.append({"type": "line", **ends, "line": {"color": colour, "dash": "dot", "width": 1.5}})
-    title = f"Tip {radius * 1e6:g} um, load {load:g} N; dotted: locking height"
+    marked = [
+        value for trace in traces if trace["yaxis"] == "y2" and trace["mode"] == "markers" for value in trace["y"]
+    ]
+    # what is felt, not the pole of the formula at the locking height, where a tool breaks
+    felt_range = [math.log10(0.3 * min(marked)), math.log10(min(3.0 * max(marked), _MOST_FELT))] if marked else None
+    decades = [10.0**power for power in range(-3, 5)]
+    ticks = {"tickvals": decades, "ticktext": [format_span(1e-6 * one, 1e-6 * one, "energy") for one in decades]}
+    title = f"Tip {radius * 1e6:g} µm, load {load:g} N; dotted: above it the tip locks"
     layout = {
         "height": 400,
         "margin": {"l": 70, "r": 20, "t": 40, "b": 80},
         "title": {"text": title, "font": {"size": 14}, "x": 0.01, "xanchor": "left"},
-        "xaxis": _axis("step height, um", domain=[0.0, 0.44], range=[0, top * 1e6]),
-        "yaxis": _axis("critical angle, deg"),
-        "xaxis2": _axis("step height, um", domain=[0.56, 1.0], range=[0, top * 1e6], anchor="y2"),
-        "yaxis2": _axis("vibration energy, uJ", type="log", anchor="x2", exponentformat="none"),
+        "xaxis": _axis("step height, µm", domain=[0.0, 0.44], range=[0, top * 1e6]),
+        "yaxis": _axis("critical angle, °"),
+        "xaxis2": _axis("step height, µm", domain=[0.56, 1.0], range=[0, top * 1e6], anchor="y2"),
+        "yaxis2": _axis("vibration energy", type="log", anchor="x2", range=felt_range, **ticks),
         "shapes": [shape | {"xref": axis} for shape in shapes for axis in ("x", "x2")],
         "legend": {"orientation": "h", "y": -0.22, "x": 0.56},
         "hovermode": "closest",
+        "paper_bgcolor": "rgba(0,0,0,0)",
+        "plot_bgcolor": "rgba(0,0,0,0)",
         "template": "none",
     }
     return json.dumps({"data": traces, "layout": layout}, allow_nan=False)

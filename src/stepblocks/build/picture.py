@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import base64
 import json
 import os
 from collections.abc import Callable, Sequence
@@ -86,11 +87,21 @@ def write_view(
     half_width: float,
     centre: tuple[float, float, float],
 ) -> None:
-    """Write the bodies in millimetres as a call of the page's function ``stepblocksView``: a script loads from a folder."""
-    bodies = []
-    for vertices, triangles in meshes:
-        columns = [[float(f"{value:.9g}") for value in column] for column in (vertices * 1e3).T]
-        bodies.append(dict(zip("xyzijk", (*columns, *triangles.T.tolist()), strict=True)))
+    """Write the bodies in millimetres as a call of the page's function ``stepblocksView``: a script loads from a folder.
+
+    Coordinates are float32, a nanometre in 20 mm, and corners uint16 where that is enough, in base64: half the size of digits.
+    """
+
+    def packed(values: NDArray[Any], kind: str) -> str:
+        return base64.b64encode(np.ascontiguousarray(values, dtype=kind).tobytes()).decode("ascii")
+
+    bodies = [
+        {name: packed(column * 1e3, "<f4") for name, column in zip("xyz", vertices.T, strict=True)}
+        | {name: packed(column, f"<u{wide}") for name, column in zip("ijk", triangles.T, strict=True)}
+        | {"bytes_of_a_corner": wide}
+        for vertices, triangles in meshes
+        for wide in (2 if len(vertices) <= 1 << 16 else 4,)
+    ]
     data = {
         **{"id": identity, "unit": "mm", "exaggeration": exaggeration, "half_width": half_width * 1e3},
         "centre": [value * 1e3 for value in centre],

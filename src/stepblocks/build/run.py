@@ -26,6 +26,7 @@ from stepblocks.build.manifest import (
     digest,
     hash_file,
     intact,
+    linked,
     load_json,
     load_record,
     surroundings,
@@ -106,7 +107,9 @@ def build_sets(
     inputs = {path.name: hash_file(path) for path in sources} | ({"--model": hash_file(Path(model))} if model else {})
     code = code_fingerprint()
     manifest = load_json(folder / MANIFEST)
-    known = (manifest.get("inputs"), manifest.get("code")) == (inputs, code) and all(inputs.values())
+    beside = linked(folder, written(manifest))
+    before = tuple(manifest.get(name) for name in ("inputs", "code", "linked"))
+    known = before == (inputs, code, beside) and all(inputs.values())
     if only is None and known and intact(folder, written(manifest)):
         return BuildReport(str(folder), [], manifest["stimuli"], list(manifest["failures"]))
 
@@ -133,6 +136,7 @@ def build_sets(
             "inputs": inputs if only is None else {},
             "stimuli": total,
             "failures": report.failures,
+            "linked": linked(folder, outputs),
             "outputs": dict(sorted(outputs.items())),
         }
         before = written(load_json(folder / MANIFEST))

@@ -105,6 +105,7 @@ def _devices(own: Path | None) -> Outcome:
 def _feel(arguments: argparse.Namespace) -> Outcome:
     from stepblocks.simulators.feel import feel
 
+    arguments.output = arguments.output if arguments.output.suffix else arguments.output.with_suffix(".html")
     count = feel(arguments.files, arguments.output)
     if not arguments.no_open:
         import webbrowser

@@ -55,6 +55,7 @@ def feel(files: str | Path | Sequence[str | Path], page: str | Path) -> int:
         "simulators",
         "feel.html",
         blocks=blocks,
+        first=next((one["name"] for one in blocks if one["name"].endswith("-050")), blocks[0]["name"]),
         # names are lower-case words by the rules of the stimulus file; "<" is escaped all the same
         data=json.dumps(blocks, allow_nan=False, separators=(",", ":")).replace("<", "\\u003c"),
         stiffness_n_per_m=tool.stiffness,

@@ -1,0 +1,125 @@
+"""Promise to five users: from an empty folder, with the commands of docs/first-hour.md and nothing else, each gets what they came for.
+
+The pages are opened in a real browser: links lead somewhere, nothing overflows, no error, no request leaves.
+"""
+
+import json
+import os
+import re
+import shlex
+import shutil
+from pathlib import Path
+
+import pytest
+
+from stepblocks.cli import main
+
+PAGE = Path(__file__).resolve().parents[1] / "docs" / "first-hour.md"
+
+
+def path_of(user):
+    """The files and commands that the tutorial gives a user, in its order."""
+    text = PAGE.read_text(encoding="utf-8").split(f"\n## {user}\n")[1].split("\n## ")[0]
+    for language, body in re.findall(r"^```(\w*)\n(.*?)^```", text, re.M | re.S):
+        if language == "toml":
+            name = body.splitlines()[0].removeprefix("# ").strip()
+            yield "file", (name, body)
+        elif language == "":
+            yield from (("command", line) for line in body.replace("\\\n", " ").splitlines() if line.strip())
+
+
+def walk(user, folder, monkeypatch):
+    """Do what the tutorial says, from an empty folder."""
+    monkeypatch.chdir(folder)
+    for kind, what in path_of(user):
+        if kind == "file":
+            (folder / what[0]).write_text(what[1])
+            continue
+        program, *words = shlex.split(what.split("  #")[0])
+        assert program == "stepblocks"
+        wanted = 1 if "# exit code 1" in what else 0
+        assert main([*words, *(["--no-open"] if words[0] == "feel" and "--no-open" not in words else [])]) == wanted, what
+
+
+@pytest.fixture(scope="module")
+def browser(tmp_path_factory):
+    chromium, driver = shutil.which("chromium") or shutil.which("google-chrome"), shutil.which("chromedriver")
+    if not (chromium and driver):
+        if os.environ.get("STEPBLOCKS_REQUIRE_BROWSER"):
+            pytest.fail("a browser is required here and there is none")
+        pytest.skip("no chromium with chromedriver")
+    from selenium import webdriver
+    from selenium.webdriver.chrome.service import Service
+
+    options = webdriver.ChromeOptions()
+    options.binary_location = chromium
+    profile = tmp_path_factory.mktemp("profile")
+    for argument in ("headless", "no-sandbox", "enable-unsafe-swiftshader", "use-angle=swiftshader", "use-gl=angle"):
+        options.add_argument(f"--{argument}")
+    options.add_argument(f"--user-data-dir={profile}")
+    options.set_capability("goog:loggingPrefs", {"browser": "ALL"})
+    window = webdriver.Chrome(options=options, service=Service(driver))
+    window.set_network_conditions(offline=True, latency=0, throughput=1)
+    yield window
+    window.quit()
+
+
+def look_at(browser, page):
+    """Open a page on a narrow and on a wide screen and hold it to what every page of ours promises."""
+    for width in (390, 1400):
+        size = {"width": width, "height": 900, "deviceScaleFactor": 1, "mobile": False}
+        browser.execute_cdp_cmd("Emulation.setDeviceMetricsOverride", size)
+        browser.get(page.as_uri())
+        wide = browser.execute_script("return document.documentElement.scrollWidth")
+        assert wide <= width, f"{page.name} is {wide} wide on {width}"
+    assert [entry for entry in browser.get_log("browser") if entry["level"] == "SEVERE"] == []
+    loaded = browser.execute_script("return performance.getEntriesByType('resource').map(e => e.name)")
+    assert [name for name in loaded if not name.startswith(("file:", "data:", "blob:"))] == []
+    links = browser.execute_script("return [...document.querySelectorAll('a[href]')].map(a => a.getAttribute('href'))")
+    for link in links:
+        if link.startswith("#"):
+            assert browser.execute_script("return document.getElementById(arguments[0]) !== null", link[1:]), link
+        elif "://" not in link:
+            assert (page.parent / link.partition("#")[0]).exists(), link
+    return browser.find_element("tag name", "body").text
+
+
+@pytest.mark.browser
+def test_the_machinist_gets_a_drawing_a_sheet_and_a_verdict(tmp_path, monkeypatch, browser):
+    walk("The machinist", tmp_path, monkeypatch)
+    part = tmp_path / "out" / "mine" / "step-013"
+    assert {"step-013.step", "step-013.drawing.pdf", "step-013.inspection-sheet.pdf"} <= {one.name for one in part.iterdir()}
+    text = look_at(browser, tmp_path / "out" / "index.html")
+    assert "13 µm ±1 µm" in text
+    assert "drawing" in text
+
+
+@pytest.mark.browser
+def test_the_simulator_programmer_gets_scenes_and_feels_the_block(tmp_path, monkeypatch, browser):
+    walk("The simulator programmer", tmp_path, monkeypatch)
+    scene = tmp_path / "out" / "scenes" / "mine" / "step-050"
+    assert (scene / "mujoco" / "scene.xml").is_file()
+    assert "step-050" in look_at(browser, tmp_path / "out" / "feel.html")
+
+
+@pytest.mark.browser
+def test_the_metrologist_reads_what_is_felt_with_its_uncertainty(tmp_path, monkeypatch):
+    walk("The metrologist", tmp_path, monkeypatch)
+    rows = (tmp_path / "predictions.csv").read_text().splitlines()
+    assert "vibration_energy_95_low_uj" in rows[0]
+    assert (tmp_path / "out" / "index.html").is_file()
+
+
+@pytest.mark.browser
+def test_the_psychophysicist_gets_run_sheets_and_a_report(tmp_path, monkeypatch, browser):
+    walk("The psychophysicist", tmp_path, monkeypatch)
+    assert (tmp_path / "study" / "run-sheets.pdf").stat().st_size > 1000
+    assert "judgements" in look_at(browser, tmp_path / "study" / "report" / "report.html")
+
+
+@pytest.mark.browser
+def test_the_bench_gets_features_and_what_its_model_lacks(tmp_path, monkeypatch, browser):
+    walk("The bench", tmp_path, monkeypatch)
+    result = json.loads((tmp_path / "out" / "loop" / "result.json").read_text())
+    assert result["verdict"] in {"none", "effect", "ambiguous", "unexplained"}
+    assert "Verdict" in look_at(browser, tmp_path / "out" / "loop" / "report.html")
