@@ -139,9 +139,9 @@ def build_sets(
             "linked": linked(folder, outputs),
             "outputs": dict(sorted(outputs.items())),
         }
-        before = written(load_json(folder / MANIFEST))
+        replaced = written(load_json(folder / MANIFEST))
         write_sealed(folder / MANIFEST, manifest)
-        _remove_stale(folder, before, outputs)
+        _remove_stale(folder, replaced, outputs)
     return report
 
 

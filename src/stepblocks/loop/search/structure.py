@@ -11,6 +11,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy import stats
 from scipy.fft import dct
 from statsmodels.stats.multitest import multipletests
@@ -93,7 +94,7 @@ def _plainest(found: Sequence[Hint]) -> tuple[Hint, ...]:
     return tuple(kept)
 
 
-def _heaps(name: str, values: Floats, rows: Floats) -> Hint | None:
+def _heaps(name: str, values: Floats, rows: NDArray[np.intp]) -> Hint | None:
     """Two heaps instead of one, by the criterion of Schwarz, and well apart."""
     from sklearn.mixture import GaussianMixture
 
@@ -129,7 +130,7 @@ def _spreads(name: str, values: Floats, trials: Trials) -> list[Hint]:
     return found
 
 
-def _change(name: str, values: Floats, rows: Floats, order: Floats) -> Hint:
+def _change(name: str, values: Floats, rows: NDArray[np.intp], order: Floats) -> Hint:
     """One sudden change along the run."""
     import ruptures
 
