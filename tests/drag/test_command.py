@@ -90,8 +90,8 @@ def test_a_crown_margin_is_dragged_over_in_either_direction(name):
 
 
 def test_a_declared_tip_is_dragged_over_the_steps_of_its_set(tmp_path):
-    found = drag_summary(tmp_path, "tip-200", "--step-height", "50 um")
-    formula = 0.5 * math.tan(math.acos(1 - 50 / 200) + math.atan(0.15))
+    found = drag_summary(tmp_path, "tip-125", "--step-height", "50 um")
+    formula = 0.5 * math.tan(math.acos(1 - 50 / 125) + math.atan(0.15))
     assert found["equation_1"]["peak_force_n"] == pytest.approx(formula, rel=1e-12)
 
 
@@ -158,7 +158,7 @@ def test_points_at_any_distance_are_the_same_profile(tmp_path):
         (["step-999", "--stimuli", str(STIMULI)], "declared in"),
         (["other/step-050", "--stimuli", str(STIMULI)], "declared in"),
         (["step-050", "--stimuli", str(STIMULI), "--edge-radius", "1 um"], "--edge-radius is for a plain step"),
-        (["tip-060", "--stimuli", str(STIMULI), "--tip-radius", "1 um"], "--tip-radius must not be given"),
+        (["tip-029", "--stimuli", str(STIMULI), "--tip-radius", "1 um"], "--tip-radius must not be given"),
         (["step-050", "--stimuli", str(STIMULI), "--step-height", "1 um"], "--step-height is for a declared tip"),
         (["step-050", "--stimuli", "nowhere"], "a stimulus file or a folder of them"),
         (["25 um", "--friction", "-0.1"], "friction must be finite and not negative"),
@@ -209,9 +209,9 @@ def test_a_stimulus_keeps_its_own_dimensions_and_is_named_with_its_direction():
     margin = subject_of(f"{STIMULI}/crown-margins.toml/gap-100", {}, backward=True)
     assert isinstance(margin.face, Margin)
     assert margin.name == "gap-100, crown-to-tooth"
-    tip = subject_of(f"{STIMULI}/probe-tips.toml/tip-060", {"step_height": 40e-6})
-    assert (tip.point.ball_radius, tip.face) == (60e-6, Step(40e-6))
-    assert tip.name == "tip-060 over a step of 40 um"
+    tip = subject_of(f"{STIMULI}/probe-tips.toml/tip-125", {"step_height": 40e-6})
+    assert (tip.point.ball_radius, tip.face) == (125e-6, Step(40e-6))
+    assert tip.name == "tip-125 over a step of 40 um"
 
 
 def test_an_identity_in_two_sets_must_be_told_apart(tmp_path):

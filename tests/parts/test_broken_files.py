@@ -79,8 +79,11 @@ CASES = {
         swap('kind = "feather-edge"', 'kind = "shoulder"', MARGIN),
         "width must be above 0 for a shoulder",
     ),
-    "tip of no radius": (swap('"60 um", "125 um", "200 um"', '"0 um"', TIPS), "ball_radius: must be positive"),
-    "tip thicker than its shank": (swap('"60 um", "125 um", "200 um"', '"2 mm"', TIPS), "ball_radius must be smaller"),
+    "tip of no radius": (swap('nominal = "28.8 um"', 'nominal = "0 um"', TIPS), "ball_radius: must be positive"),
+    "tip thicker than its shank": (
+        swap('nominal = "28.8 um"', 'nominal = "2 mm"', TIPS),
+        "ball_radius must be smaller",
+    ),
     "hook through the surface": (
         swap('nominal = "75 deg"', 'nominal = "150 deg"', TIPS),
         "bend_angle must keep the shank",

@@ -31,7 +31,7 @@ FORMS = [
     "gap-050-bevelled",
     "crown-shoulder",
     "groove-036",
-    "tip-060",
+    "tip-029",
     "hook-125",
     "sheath-soft",
 ]

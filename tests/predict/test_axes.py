@@ -45,7 +45,7 @@ def test_what_a_setting_may_be_off_by_is_plain_for_lengths_and_a_share_for_force
     [
         ("paper-ten", "step-050", "must be a list of identities"),
         ("paper-ten", ["step-999"], "must be declared in"),
-        ("probe-tips", ["tip-060"], "give tips as tip_radius"),
+        ("probe-tips", ["tip-029"], "give tips as tip_radius"),
         ("sheaths", ["sheath-hard"], "what a sheath makes of the probe as stiffness"),
         ("probe-tips", None, "got none"),
     ],

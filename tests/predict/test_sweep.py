@@ -83,7 +83,8 @@ normal_load = ["0.5 N", "1 N"]
     assert len({(r["height"], r["friction"], r["normal_load"]) for r in rows}) == plan.rows == 60
     sweep(plan, tmp_path / "out")
     frame = table(tmp_path / "out")
-    assert set(frame.status) == {"releases", "locked"}
+    assert set(frame.status) == {"releases", "locked", "beyond-hand"}
+    assert frame[frame.status == "beyond-hand"].vibration_energy_j.isna().all()
 
 
 def test_draws_of_one_point_scatter_by_their_uncertainty(tmp_path):

@@ -140,11 +140,11 @@ def test_crowns_and_tips_are_written_for_every_simulator(simulator, name, only, 
 
 def test_the_step_under_a_tip_is_asked_for(tmp_path, capsys):
     tips = str(ROOT / "stimuli" / "probe-tips.toml")
-    options = ["--for", "forcelaw", "-o", str(tmp_path), "--only", "tip-200"]
+    options = ["--for", "forcelaw", "-o", str(tmp_path), "--only", "tip-125"]
     assert main(["export", tips, *options, "--step-height", "60 um", "--load", "1 N", "--friction", "0.15"]) == 0
-    event = json.loads((tmp_path / "probe-tips" / "tip-200" / "forcelaw" / "event.json").read_text())["events"][0]
-    # equations (1) and (2) with the tip's own ball of 200 um
-    assert event["critical_force_n"] == pytest.approx(math.tan(math.acos(1 - 60 / 200) + math.atan(0.15)), rel=1e-9)
+    event = json.loads((tmp_path / "probe-tips" / "tip-125" / "forcelaw" / "event.json").read_text())["events"][0]
+    # equations (1) and (2) with the tip's own ball of 125 um
+    assert event["critical_force_n"] == pytest.approx(math.tan(math.acos(1 - 60 / 125) + math.atan(0.15)), rel=1e-9)
     assert main(["export", tips, *options, "--step-height", "5 mm"]) == 2
     assert "the step under a tip is impossible" in capsys.readouterr().err
 

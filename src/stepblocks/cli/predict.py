@@ -192,6 +192,8 @@ def _add_drag(commands: Any) -> None:
     speed, force = quantity("speed", above_zero=True), quantity("force", above_zero=True)
     ways.add_argument("--speed", type=speed, metavar="Q", help="constant speed of the handle (default 5 mm/s)")
     ways.add_argument("--pull", type=force, metavar="Q", help="constant pulling force on the handle instead")
+    said = "carry the load as figures 3 to 5 of the paper need it: on a carrier behind a round rod, 0.1 N, mu 0.1 (docs/drag.md)"
+    parser.add_argument("--setting", choices=("figures-3-to-5",), help=said)
     said = "drag towards falling x: from the crown to the tooth, or down a step"
     parser.add_argument("--backward", action="store_true", help=said)
 
@@ -201,12 +203,15 @@ def _drag(arguments: argparse.Namespace) -> Outcome:
     from stepblocks.quantities import format_quantity
 
     asked = given(arguments, *(name.replace("-", "_") for name, *_ in _QUANTITIES), "speed", "pull")
-    summary = drag_from_options(arguments.stimulus, asked, arguments.backward, arguments.output, arguments.stimuli)
+    places = arguments.output, arguments.stimuli, arguments.setting
+    summary = drag_from_options(arguments.stimulus, asked, arguments.backward, *places)
     settings, probe = summary["settings"], summary["probe"]
     notes = [
         f"{summary['subject']}: {format_quantity(settings['normal_load'], 'force')}, mu {settings['friction']:g}, "
         f"k {probe['stiffness'] * 1e-3:g} N/mm"
     ]
+    if "setting" in summary:
+        notes.append(f"{summary['setting']['source']}; it fails: {summary['setting']['fails']}")
     if "peak_force_n" in summary:
         formula = summary.get("equation_1", {}).get("peak_force_n")
         beside = f", equation (1) {formula:.4g} N" if formula else ""

@@ -13,11 +13,11 @@ from typing import TYPE_CHECKING, Any
 from stepblocks.atomic import replace_text
 from stepblocks.contact.counterface import Counterface, Profile, Step
 from stepblocks.contact.energy import Release, Status
-from stepblocks.contact.operating_point import PAPER, OperatingPoint
+from stepblocks.contact.operating_point import PAPER, OperatingPoint, Tool
 from stepblocks.declare import load_declared
 from stepblocks.drag.kernels import COLUMNS
 from stepblocks.drag.ring import Ring, draw_force, draw_spectra, ring_of
-from stepblocks.drag.simulate import DragSettings, DragTrace, probe_for, simulate
+from stepblocks.drag.simulate import SETTINGS, DragSettings, DragTrace, Setting, probe_for, simulate
 from stepblocks.drag.track import track_over
 from stepblocks.errors import ContactError, PipelineError, QuantityError
 from stepblocks.parts.kind import Part
@@ -131,6 +131,8 @@ class Drag:
     title: str
     trace: DragTrace
     formula: Release
+    tool: Tool
+    setting: Setting | None = None  # by which its load is carried
 
     @cached_property
     def ring(self) -> Ring | None:
@@ -156,7 +158,11 @@ class Drag:
             "time_step_s": trace.time_step,
             "probe": asdict(trace.probe),
             "settings": asdict(trace.settings),
+            "tool_frequency_hz": self.tool.frequency,
+            "tool_frequency_deviation_hz": self.tool.frequency_deviation,
         }
+        if self.setting is not None:
+            told["setting"] = asdict(self.setting)
         if ring is not None:
             told |= {
                 "peak_force_n": trace.peak_force,
@@ -202,6 +208,7 @@ def drag_over(
     backward: bool = False,
     stimuli: Path | None = None,
     damping_ratio: float | None = None,
+    setting: str | None = None,
     **settings: float,
 ) -> Drag:
     """Drag a tip over something in time, until it has slipped and rung.
@@ -220,6 +227,9 @@ def drag_over(
         Stimulus file or folder in which identities are looked up; by default the folder ``stimuli``.
     damping_ratio : float, optional
         Share of critical damping [1]; by default from the decay of the tool's ring.
+    setting : str, optional
+        Name of a way of carrying the load, ``"figures-3-to-5"``: how figures 3 to 5 of the paper come out, with load,
+        friction and damping unless they are given.
     **settings : float
         Fields of `DragSettings`, such as `speed` [m/s], `pulling_force` [N] or `ring_time` [s].
 
@@ -241,20 +251,30 @@ def drag_over(
     >>> done.summary["status"], done.summary["ledger_error"] < 1e-3
     ('releases', True)
     """
-    found = subject_of(subject, values or {}, backward, stimuli)
+    if setting is not None and setting not in SETTINGS:
+        raise PipelineError(f"setting must be one of {', '.join(SETTINGS)}, got {setting!r}")
+    named = SETTINGS[setting] if setting else None
+    usual = {"load": named.normal_load, "friction": named.friction} if named else {}
+    found = subject_of(subject, {**usual, **(values or {})}, backward, stimuli)
     point = found.point
     try:
         track = track_over(found.face, point.ball_radius, backward)
         formula = found.face.release(point, backward)
     except ContactError as error:
         raise (PipelineError(f"{error} {found.place}") if found.place else error) from error
-    changes = {} if damping_ratio is None else {"damping_ratio": damping_ratio}
-    probe = probe_for(point.tool, point.ball_radius, **changes)
-    return Drag(f"Drag over {found.name}", simulate(track, probe, DragSettings.under(point, **settings)), formula)
+    changes = named.changes(point.tool, point.normal_load) if named else {}
+    changes |= {} if damping_ratio is None else {"damping_ratio": damping_ratio}
+    trace = simulate(track, probe_for(point.tool, point.ball_radius, **changes), DragSettings.under(point, **settings))
+    return Drag(f"Drag over {found.name}", trace, formula, point.tool, named)
 
 
 def drag_from_options(
-    stimulus: str, given: dict[str, float], backward: bool, folder: Path, where: Path | None = None
+    stimulus: str,
+    given: dict[str, float],
+    backward: bool,
+    folder: Path,
+    where: Path | None = None,
+    setting: str | None = None,
 ) -> dict[str, Any]:
     """Run a drag by the options of the command line, write its folder and return its summary."""
     settings = {name: given[name] for name in _OF_SETTINGS if name in given}
@@ -267,6 +287,7 @@ def drag_from_options(
         backward=backward,
         stimuli=where,
         damping_ratio=given.get("damping_ratio"),
+        setting=setting,
         **settings,
     )
     done.write(folder)

@@ -80,12 +80,11 @@ def dragged(face: Counterface, point: OperatingPoint, rod: bool = False, pull: f
     handle with a constant force instead of moving it.
     """
     from stepblocks.drag.ring import ring_of
-    from stepblocks.drag.simulate import DragSettings, probe_for, simulate
+    from stepblocks.drag.simulate import SETTINGS, DragSettings, probe_for, simulate
     from stepblocks.drag.track import track_over
 
-    changes = {"damping_ratio": 0.033 if rod else 0.01}
-    if rod:
-        changes |= {"normal_stiffness": point.tool.stiffness, "carrier_mass": point.normal_load / 9.81 + 10e-3}
+    light = {"damping_ratio": 0.01}
+    changes = SETTINGS["figures-3-to-5"].changes(point.tool, point.normal_load) if rod else light
     probe = probe_for(point.tool, point.ball_radius, **changes)
     how = {"speed": 0.0, "pulling_force": pull, "handle_mass": 0.1} if pull else {}
     trace = simulate(track_over(face, point.ball_radius), probe, DragSettings.under(point, **how))

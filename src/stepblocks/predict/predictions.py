@@ -337,10 +337,16 @@ def as_csv(rows: Sequence[dict[str, str]]) -> str:
     return text.getvalue()
 
 
+_HIDDEN = (
+    *("set", "critical_angle_deg", "status_at_limits", "conversion", "mean_power_uw", "threshold_ratio"),
+    *("locking_height_um", "held_probability", "intervals_agree", "drag_status", "drag_over_formula", "felt_power_uw"),
+    *("_low_n", "_high_n", "_low_uj", "_high_uj", "_hz", "drag_pull_force_n"),
+)
+
+
 def shown(columns: Sequence[str]) -> tuple[str, ...]:
-    """Choose the columns that fit a terminal: of the intervals only the drawn one of the energy."""
-    ends = ("_low_n", "_high_n", "_low_uj", "_high_uj", "_hz", "drag_status", "drag_pull_force_n", "drag_conversion")
-    return tuple(name for name in columns if not name.endswith(ends) or "energy_95" in name)
+    """Choose the columns that fit a terminal: what slips with which force and energy, by formula and drag, and who is felt."""
+    return tuple(name for name in columns if not name.endswith(_HIDDEN) or "energy_95" in name)
 
 
 def left_out(predictions: Iterable[Prediction]) -> list[str]:

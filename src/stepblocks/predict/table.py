@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from stepblocks.contact.counterface import Step
-from stepblocks.contact.operating_point import PAPER, OperatingPoint, Tool
+from stepblocks.contact.operating_point import PAPER, SHIPPED_LIMITS, OperatingPoint, Tool
 from stepblocks.contact.uncertainty import interval_of
 from stepblocks.errors import ContactError
 from stepblocks.tables import SUFFIXES, read_table, refuse_misspelt, si_column, write_table
@@ -53,7 +53,8 @@ def predict_table(
     -------
     pandas.DataFrame
         The table with ``critical_angle_deg``, ``status``, ``peak_force_n``, ``vibration_energy_j`` and their ends ``_low``
-        and ``_high``, ``held_probability`` and ``problem``, which says why a row is ``invalid``.
+        and ``_high``, ``held_probability`` and ``problem``, which says why a row is ``invalid``; beyond one of the limits
+        of docs/model.md its ``status`` names it, and there is no energy.
 
     Raises
     ------
@@ -81,7 +82,7 @@ def predict_table(
         spread = {name: float(values[k]) for name, values in spreads.items()}
         stream = int(np.random.SeedSequence([seed, k]).generate_state(1)[0])
         try:
-            tool = Tool(at["stiffness"], at["conversion"])
+            tool = Tool(at["stiffness"], at["conversion"], limits=SHIPPED_LIMITS)
             point = OperatingPoint(at["ball_radius"], at["normal_load"], at["friction"], tool)
             face = Step(at["height"], at["edge_radius"])
             interval = interval_of(face, point, spread, confidence=confidence, draws=draws, seed=stream)
@@ -99,8 +100,8 @@ def predict_table(
                 "peak_force_low_n": interval.force_low,
                 "peak_force_high_n": interval.force_high,
                 "vibration_energy_j": interval.energy,
-                "vibration_energy_low_j": interval.energy_low,
-                "vibration_energy_high_j": interval.energy_high,
+                "vibration_energy_low_j": math.nan if interval.status.beyond else interval.energy_low,
+                "vibration_energy_high_j": math.nan if interval.status.beyond else interval.energy_high,
                 "held_probability": interval.held_probability,
                 "problem": "",
             }

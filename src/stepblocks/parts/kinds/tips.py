@@ -9,6 +9,8 @@ from typing import TYPE_CHECKING, Any, ClassVar
 
 import numpy as np
 
+from stepblocks.contact.kernels import locking_height
+from stepblocks.contact.operating_point import PAPER
 from stepblocks.parts.characteristics import Characteristic, EdgeRule, FaceRule, plane, toleranced
 from stepblocks.parts.declared import MaterialField, require, require_above, rules_validator
 from stepblocks.parts.energy_tolerance import EnergyToleranceField, described, require_energy_tolerance
@@ -84,7 +86,10 @@ class Tip(Turned, HeldPart):
         return 1.0, 2.0 * radius, (0.0, 0.0, 1.5 * radius)
 
     def derived(self) -> list[list[str]]:
-        return described(self.energy_tolerance)
+        ball, mu = self.ball_radius.nominal, PAPER.friction
+        sticks, riser = (format_quantity(height, "length", 3) for height in (float(locking_height(ball, mu)), ball))
+        held = [["locks", f"on steps from {sticks} at mu {mu:g}; from {riser} its ball meets the riser"]]
+        return held + described(self.energy_tolerance)
 
     @rules_validator
     def _is_possible(self) -> None:

@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from stepblocks.contact.operating_point import PAPER
+from stepblocks.contact.operating_point import PAPER, SHIPPED_LIMITS
 from stepblocks.contact.uncertainty import rectangular
 from stepblocks.declare import load_declared
 from stepblocks.errors import PipelineError, QuantityError, StepblocksError
@@ -77,6 +77,7 @@ class SweepPlan:
     spreads: dict[str, float]  # by name: standard uncertainty of a draw [SI]
     shares: dict[str, float]  # by name: standard uncertainty of a draw as a share of the value [1]
     stimuli: list[dict[str, Any]]  # of a set that the sweep goes over, see `axes.stimuli_of`; empty without a set
+    limits: dict[str, float]  # tangential forces beyond which a tip does not slip, by name [N]
 
     @property
     def rows(self) -> int:
@@ -125,8 +126,10 @@ def _resolved(data: dict[str, Any], folder: Path, mistakes: list[Mistake]) -> Sw
     stimuli: list[dict[str, Any]] = []
     declared: dict[str, list[float]] = {}
     drawn: tuple[dict[str, float], dict[str, float]] = {}, {}
+    limits = dict(vars(SHIPPED_LIMITS))
     if "set" in head:
-        surface, stimuli, declared, drawn = _of_set(head, parameters, draws, folder)
+        surface, stimuli, grid, drawn = _of_set(head, parameters, draws, folder)
+        declared, limits = setting_of(grid)[0], dict(vars(grid.as_tool().limits))
     elif "tolerances" in draws:
         mistakes.append(("[draws]", "tolerances are those of a set: name it with set"))
     names = PARAMETERS[surface]
@@ -172,21 +175,21 @@ def _resolved(data: dict[str, Any], folder: Path, mistakes: list[Mistake]) -> Sw
         mistakes.append(("", f"sweep has {points * count} rows and must not have more than {_MOST_ROWS}"))
     with noted(mistakes):
         size = _count("rows_per_partition", head.get("rows_per_partition", 1000), "sweep", _MOST_ROWS_OF_PARTITION)
-    return SweepPlan(kind, mode, surface, points, count, seed, size, values, ranges, spreads, shares, stimuli)
+    return SweepPlan(kind, mode, surface, points, count, seed, size, values, ranges, spreads, shares, stimuli, limits)
 
 
 def _of_set(
     head: dict[str, Any], parameters: dict[str, Any], draws: dict[str, Any], folder: Path
-) -> tuple[str, list[dict[str, Any]], dict[str, list[float]], tuple[dict[str, float], dict[str, float]]]:
-    """Surface, stimuli, declared conditions, and uncertainties of the setting of a sweep over a set."""
+) -> tuple[str, list[dict[str, Any]], PredictionGrid, tuple[dict[str, float], dict[str, float]]]:
+    """Surface, stimuli, conditions, and uncertainties of the setting of a sweep over a set."""
     if "surface" in head:
         raise PipelineError("surface must not be given beside set, which says what its stimuli are [sweep]")
     tolerances = draws.get("tolerances", False)
     if not isinstance(head["set"], str) or not isinstance(tolerances, bool):
         raise PipelineError("set must be the path of a stimulus file and tolerances true or false [sweep], [draws]")
     surface, stimuli, grid = stimuli_of(folder / head["set"], parameters.get("stimulus"), tolerances)
-    declared, plain, shares = setting_of(grid)
-    return surface, stimuli, declared, (plain, shares) if tolerances else ({}, {})
+    _, plain, shares = setting_of(grid)
+    return surface, stimuli, grid, (plain, shares) if tolerances else ({}, {})
 
 
 def _one_of(table: dict[str, Any], name: str, known: tuple[str, str]) -> str:

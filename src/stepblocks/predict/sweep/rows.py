@@ -10,7 +10,7 @@ import numpy as np
 
 from stepblocks.contact.counterface import Counterface, Margin, Step
 from stepblocks.contact.energy import Status
-from stepblocks.contact.operating_point import OperatingPoint, Tool
+from stepblocks.contact.operating_point import Limits, OperatingPoint, Tool
 from stepblocks.errors import ContactError
 from stepblocks.predict.predictions import dragged
 from stepblocks.predict.sweep.plan import DIRECTIONS, PARAMETERS, SURFACES, SweepPlan
@@ -89,7 +89,7 @@ def sweep_row(plan: SweepPlan, row: int) -> dict[str, Any]:
         result |= dict.fromkeys(DRAG_COLUMNS, math.nan) | {"drag_status": "invalid"}
     try:
         face = _face(plan.surface, inputs)
-        tool = Tool(inputs["stiffness"], inputs["conversion"])
+        tool = Tool(inputs["stiffness"], inputs["conversion"], limits=Limits(**plan.limits))
         point = OperatingPoint(inputs["tip_radius"], inputs["normal_load"], inputs["friction"], tool)
         backward = bool(inputs.get("direction", 0.0))
         release = face.release(point, backward)
@@ -99,7 +99,7 @@ def sweep_row(plan: SweepPlan, row: int) -> dict[str, Any]:
             "peak_force_n": release.pull_force,
             "vibration_energy_j": release.vibration_energy,
         }
-        if plan.mode == "drag" and release.status in (Status.TOO_HIGH, Status.NO_CATCH):
+        if plan.mode == "drag" and (release.status.beyond or release.status in (Status.TOO_HIGH, Status.NO_CATCH)):
             result["drag_status"] = str(release.status)
         elif plan.mode == "drag":
             result |= _dragged(face, point, backward, inputs)
