@@ -52,7 +52,7 @@ def add_observer(parser: Any) -> None:
     def add(option: str, name: str, kind: Callable[[str], Any], metavar: str, said: str) -> None:
         parser.add_argument(option, dest=name, type=kind, metavar=metavar, help=said)
 
-    said = "share of the vibration energy that each condition lets through, such as bare=1,hard=0.9,soft=0.5"
+    said = "share of the vibration energy that each condition lets through, such as bare=1,hard=0.9,soft=0.5, or a set of sheaths"
     add("--damping", "damping", _shares, "A=X,B=Y", said)
     add("--weber", "weber", ratio, "X", "Weber fraction of the energy (default: 0.2)")
     add("--noise", "response_noise", length, "L", "response noise (default: '5 um')")
@@ -101,6 +101,10 @@ def scale(text: str) -> tuple[int, int]:
 
 
 def _shares(text: str) -> dict[str, float]:
+    if text.endswith(".toml"):
+        from stepblocks.predict.sheaths import damping_of
+
+        return damping_of(text)
     shares = {}
     for part in text.split(","):
         name, equals, value = part.strip().partition("=")

@@ -144,8 +144,8 @@ def ring_of(rod: Rod, sleeves: Sequence[Sleeve] = (), hold: Hold | None = None) 
                 f"a sheath must lie on the free length of the shank, 0 to {rod.length * 1e3:.4g} mm from the clamp, "
                 f"got {sleeve.start * 1e3:.4g} to {(sleeve.start + sleeve.length) * 1e3:.4g} mm"
             )
-    nodes = _nodes(rod, sleeves, hold)
-    parts, mass = _assembled(nodes, rod, sleeves, hold)
+    nodes = nodes_of(rod, sleeves, hold)
+    parts, mass = assembled(nodes, rod, sleeves, hold)
     losses = [rod.loss_factor, *(sleeve.loss_factor for sleeve in sleeves), hold.loss_factor if hold else 0.0]
     free = slice(0 if hold else 2, 2 * nodes.size)
     parts, mass = [part[free, free] for part in parts], mass[free, free]
@@ -164,7 +164,7 @@ def ring_of(rod: Rod, sleeves: Sequence[Sleeve] = (), hold: Hold | None = None) 
     return RodRing(stiffness, frequency, float(shares @ np.asarray(losses)), float(shares[1:].sum()))
 
 
-def _assembled(nodes: Array, rod: Rod, sleeves: Sequence[Sleeve], hold: Hold | None) -> tuple[list[Array], Array]:
+def assembled(nodes: Array, rod: Rod, sleeves: Sequence[Sleeve], hold: Hold | None) -> tuple[list[Array], Array]:
     """Stiffness of the rod, of each sheath and of the bedding, and the mass of all, in units of the rod."""
     shape = (2 * nodes.size, 2 * nodes.size)
     own, mass = np.zeros(shape), np.zeros(shape)
@@ -187,7 +187,7 @@ def _assembled(nodes: Array, rod: Rod, sleeves: Sequence[Sleeve], hold: Hold | N
     return [own, *theirs], mass
 
 
-def _nodes(rod: Rod, sleeves: Sequence[Sleeve], hold: Hold | None) -> Array:
+def nodes_of(rod: Rod, sleeves: Sequence[Sleeve], hold: Hold | None) -> Array:
     """Places of the nodes in units of the free length; every end of a sheath is one."""
     ends = {0.0, 1.0, *(min(place / rod.length, 1.0) for s in sleeves for place in (s.start, s.start + s.length))}
     if hold is not None:

@@ -23,6 +23,7 @@ from stepblocks.contact.counterface import Step
 from stepblocks.contact.domain import require_not_negative, require_positive
 from stepblocks.contact.energy import Status
 from stepblocks.contact.operating_point import PAPER, OperatingPoint
+from stepblocks.contact.transfer import finger_share, modes_of
 from stepblocks.declare import load_declared
 from stepblocks.errors import ContactError, PipelineError, StepblocksError
 from stepblocks.parts.set import StimulusSet
@@ -45,9 +46,10 @@ class Observer:
     ring_duration: float  # over which the energy of a ring is spent [s]
     level_difference: float  # just noticeable [dB of power]; 75 % correct in two-alternative choice
     masking: float  # share of a masking vibration's power that adds to the threshold [1]
+    reach: float = 1.0  # share of the ring's energy at the tip that arrives at the finger [1]
 
     def __post_init__(self) -> None:
-        for name in ("threshold_power", "ring_duration", "level_difference"):
+        for name in ("threshold_power", "ring_duration", "level_difference", "reach"):
             require_positive(name, getattr(self, name))
         require_not_negative("masking", self.masking)
 
@@ -67,7 +69,7 @@ def sensation_level(energy: float, observer: Observer = PAPER_OBSERVER, masker_p
     require_positive("energy", energy, "J")
     require_not_negative("masker_power", masker_power, "W")
     threshold = observer.threshold_power + observer.masking * masker_power
-    return 10.0 * math.log10(energy / observer.ring_duration / threshold)
+    return 10.0 * math.log10(energy * observer.reach / observer.ring_duration / threshold)
 
 
 def discriminability(first: float, second: float, observer: Observer = PAPER_OBSERVER) -> tuple[float, float]:
@@ -160,9 +162,13 @@ def equally_felt_heights(
 
 
 def observer_of(stimuli: StimulusSet) -> Observer:
-    """Return the person of a set: its threshold and ring duration, else the paper's figures."""
-    tool = stimuli.prediction.tool
-    return replace(PAPER_OBSERVER, threshold_power=tool.detection_threshold, ring_duration=tool.ring_duration)
+    """Return the person of a set: its threshold and ring duration, else the paper's; at the finger where it declares the probe."""
+    tool, probe = stimuli.prediction.tool, stimuli.probe
+    person = replace(PAPER_OBSERVER, threshold_power=tool.detection_threshold, ring_duration=tool.ring_duration)
+    if probe is None:
+        return person
+    share = finger_share(probe.rod(), probe.stiffness.value, modes_of(probe.rod()), duration=tool.ring_duration)
+    return replace(person, reach=share / tool.conversion)
 
 
 def neighbours(stimuli: StimulusSet, predictions: Iterable[Prediction]) -> pd.DataFrame:

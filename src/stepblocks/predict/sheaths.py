@@ -8,7 +8,9 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from stepblocks.atomic import replace_text
-from stepblocks.contact.rod import DecayTest, Hold, RodRing, bush_stiffness, plan_decay_test, ring_of
+from stepblocks.contact.rod import DecayTest, Hold, RodRing, Sleeve, bush_stiffness, plan_decay_test, ring_of
+from stepblocks.contact.transfer import finger_share, modes_of, sensed
+from stepblocks.errors import PipelineError
 from stepblocks.parts.conditions import ProbeSpec
 from stepblocks.parts.kinds.sheath import Sheath
 from stepblocks.parts.set import StimulusSet
@@ -26,12 +28,37 @@ class Condition:
     use: str  # how the probe is used
     mass: float  # of the sheath [kg]
     ring: RodRing
+    sensed: float  # square of the force at a sensor between rod or sheath and clamp, over the ring [s]
+    finger: float  # share of the stored energy that the grasp takes up as vibration [1]
 
 
-def _held_ring(probe: ProbeSpec, sheath: Sheath) -> RodRing:
-    material = sheath.material
-    bedding = bush_stiffness(sheath.bore.nominal, sheath.outer_diameter.nominal, material.modulus, material.poisson)
-    return ring_of(probe.rod(), hold=Hold(sheath.length.nominal, bedding, material.loss_factor))
+def _condition(probe: ProbeSpec, use: str, sheath: Sheath | None = None) -> Condition:
+    sleeves: list[Sleeve] = []
+    hold = None
+    if sheath is not None and use == ON_SHANK and sheath.sleeve:
+        sleeves = [sheath.sleeve]
+    elif sheath is not None:
+        material, bore, outer = sheath.material, sheath.bore.nominal, sheath.outer_diameter.nominal
+        bedding = bush_stiffness(bore, outer, material.modulus, material.poisson)
+        hold = Hold(sheath.length.nominal, bedding, material.loss_factor)
+    rod = probe.rod()
+    ring, modes = ring_of(rod, sleeves, hold), modes_of(rod, sleeves, hold)
+    what = (sheath.id, use, sheath.mass) if sheath else ("", use, 0.0)
+    return Condition(*what, ring, sensed(modes), finger_share(rod, ring.stiffness, modes))
+
+
+def damping_of(source: str | Path) -> dict[str, float]:
+    """Share of the bare probe's energy that a set's sheaths let through to a sensor between them and the clamp, as the paper reads it.
+
+    By the names of experiment 1: ``bare``, and of ``sheath-hard`` what follows the hyphen. An equal pull is let go.
+    """
+    from stepblocks.declare import load_set
+
+    found = conditions_of(load_set(Path(source)))
+    if not found:
+        raise PipelineError(f"damping needs a set with a probe and sheaths, got none [{source}]")
+    held = {one.sheath.removeprefix("sheath-"): one.sensed / found[0].sensed for one in found if one.use == HELD}
+    return {"bare": 1.0, **held}
 
 
 def conditions_of(stimuli: StimulusSet) -> list[Condition]:
@@ -39,9 +66,8 @@ def conditions_of(stimuli: StimulusSet) -> list[Condition]:
     probe = stimuli.probe
     if probe is None or not stimuli.sheath:
         return []
-    found = [Condition("", BARE, 0.0, ring_of(probe.rod()))]
-    found += [Condition(one.id, ON_SHANK, one.mass, probe.ring(one.sleeve)) for one in stimuli.sheath]
-    return [*found, *(Condition(one.id, HELD, one.mass, _held_ring(probe, one)) for one in stimuli.sheath)]
+    worn = [_condition(probe, use, one) for use in (ON_SHANK, HELD) for one in stimuli.sheath]
+    return [_condition(probe, BARE), *worn]
 
 
 def ring_rows(stimuli: StimulusSet) -> list[dict[str, str]]:
@@ -49,23 +75,31 @@ def ring_rows(stimuli: StimulusSet) -> list[dict[str, str]]:
     conditions = conditions_of(stimuli)
     if not conditions:
         return []
-    bare, duration = conditions[0].ring, stimuli.prediction.tool.ring_duration
+    bare, tool = conditions[0].ring, stimuli.prediction.as_tool()
 
     def row(one: Condition) -> dict[str, str]:
         ring = one.ring
-        energy = bare.stiffness / ring.stiffness * ring.mean_energy(duration) / bare.mean_energy(duration)
+        energy = (
+            bare.stiffness
+            / ring.stiffness
+            * ring.mean_energy(tool.ring_duration)
+            / bare.mean_energy(tool.ring_duration)
+        )
         return {
             "sheath": one.sheath or "none",
             "use": one.use,
             "mass_g": f"{one.mass * 1e3:.4g}",
             "stiffness_n_mm": f"{ring.stiffness * 1e-3:.4g}",
             "frequency_hz": f"{ring.frequency:.1f}",
+            "frequency_deviation_hz": f"{tool.frequency_deviation * ring.frequency / tool.frequency:.1f}",
             "frequency_shift_hz": f"{ring.frequency - bare.frequency:+.1f}",
             "decay_time_ms": f"{ring.decay_time * 1e3:.2f}",
             "decay_shift_ms": f"{(ring.decay_time - bare.decay_time) * 1e3:+.2f}",
             "log_decrement": f"{ring.log_decrement:.4f}",
             "sheath_share_of_strain_energy": f"{ring.sheath_share:.2g}",
             "ring_energy_ratio": f"{energy:.3f}",
+            "sensor_energy_ratio": f"{one.sensed / conditions[0].sensed:.3f}",
+            "finger_share": f"{one.finger:.4f}",
         }
 
     return [row(one) for one in conditions]
