@@ -91,6 +91,19 @@ class Tool:
 
 
 @dataclass(frozen=True)
+class Tissue:
+    """A soft wall along which the tool rubs: a spring and a damper (Kelvin, Voigt) between both, until it slips; none by default."""
+
+    stiffness: float = 0.0  # along the drag [N/m]
+    damping: float = 0.0  # N s/m
+    friction: float = 0.0  # at which the tool slides along it [N]
+
+    def __post_init__(self) -> None:
+        for name, value in vars(self).items():
+            require_not_negative(f"{name} of the tissue", value)
+
+
+@dataclass(frozen=True)
 class OperatingPoint:
     """Ball, load, friction, speed and tool.
 
@@ -106,6 +119,8 @@ class OperatingPoint:
         Spring and ring of the explorer.
     speed : float
         Speed of the handle along the drag [m/s]; equations (1) and (2) do not depend on it.
+    tissue : Tissue
+        What the tool rubs along beside the edge; the equations know none of it, the drag in time does.
 
     Raises
     ------
@@ -118,6 +133,7 @@ class OperatingPoint:
     friction: float
     tool: Tool = Tool()
     speed: float = 5e-3
+    tissue: Tissue = Tissue()
 
     def __post_init__(self) -> None:
         require_positive("ball_radius", self.ball_radius, "m")

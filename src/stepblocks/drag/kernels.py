@@ -28,6 +28,7 @@ LEDGER = (
     "friction_loss",
     "damping_loss",
     "impact_loss",
+    "tissue_loss",
 )
 
 
@@ -105,7 +106,9 @@ def integrate(
     """
     nodes, height, left, right, kinks = track
     k, mass, ratio, kn, power, loss, ky, carrier_mass = probe
-    load, mu_k, speed, pull, hand_mass, hand_damping, _, v_s, viscous, _, after, _, _ = settings
+    load, mu_k, speed, pull, hand_mass, hand_damping, _, v_s, viscous, _, after, _, _, wall_k, wall_c, wall_most = (
+        settings
+    )
     mu_s, kt, limit = contact
     x, y, near = start
     dt, steps, every = pace
@@ -113,10 +116,13 @@ def integrate(
     # in steady sliding at the speed of the handle, or at rest where a force pulls that
     driven, carried = speed > 0.0, ky > 0.0
     vx, vy, vh, vc = speed, 0.0, speed, 0.0
-    hand = x + mu_k * load / k if driven else x
+    walled = wall_k > 0.0
+    stretch = wall_most / wall_k if walled and driven else 0.0  # of the soft wall that the tool carries along
+    level = mu_k * load + wall_most
+    hand = x + level / k if driven else x
     carrier = y - load / ky if carried else 0.0
     rows = np.empty((steps // every + 2, 10))
-    ledger, peak = np.zeros(9), np.array([-np.inf, 0.0, x, 0.0])
+    ledger, peak = np.zeros(10), np.array([-np.inf, 0.0, x, 0.0])
     table = _cubics(nodes, height, left, right)
     ends = _branches(nodes, kinks, table)
     kinked, varied, give = kinks.size > 0, mu_s != mu_k or viscous > 0.0, 1.0 / kt
@@ -185,12 +191,15 @@ def integrate(
             t2, there = _grip(there, rate2 * travel, rate2, mu2 * n2, kt, give, ct)
         else:
             there = 0.0
+        wall, wall_before = 0.0, stretch
+        if walled:
+            wall, stretch = _grip(stretch, vx * travel, vx, wall_most, wall_k, 1.0 / wall_k, wall_c)
         # ---- forces on the tip (elastic and lossy contact, friction, springs)
         loss_x, loss_y = -d1 * sx * q1 - d2 * s2 * q2, d1 * q1 + d2 * q2
         grip_x, grip_y = -t1 * q1 - t2 * q2, -t1 * sx * q1 - t2 * s2 * q2
         spring = k * (hand - x)
         hold = ky * (carrier - y) if carried else -load
-        force_x, force_y = fx1 + fx2 + loss_x + grip_x + spring, fy1 + fy2 + loss_y + grip_y + hold
+        force_x, force_y = fx1 + fx2 + loss_x + grip_x + spring - wall, fy1 + fy2 + loss_y + grip_y + hold
         # ---- kick, with half a step at the start so that velocities live between the positions
         h = 0.5 * dt if first else dt
         hm, keep_x, gain_x, keep_y, gain_y = kicks[0 if first else 1]
@@ -213,8 +222,8 @@ def integrate(
         gauge, t = spring + tug, n * dt
         if not released and gauge > peak[0]:
             peak[0], peak[1], peak[2] = gauge, t, x
-        slipped = gauge - mu_k * load < 0.75 * (peak[0] - mu_k * load)
-        released = released or (slipped and peak[0] > mu_s * load + 0.02 * load)
+        slipped = gauge - level < 0.75 * (peak[0] - level)
+        released = released or (slipped and peak[0] > mu_s * load + wall_most + 0.02 * load)
         if gauge > limit:
             peak[3] = 1.0
         leaves = x + dt * vx >= nodes[-1] or x + dt * vx <= nodes[0]
@@ -230,6 +239,10 @@ def integrate(
         ledger[7] += cy * (old_c - old_y) * (mc - my) * w if carried else cy * my * my * w
         grip = 0.5 * kt * (here * here + there * there)
         ledger[6] -= (grip_x * mx + grip_y * my) * w + grip - stored_before
+        if walled:
+            held = 0.5 * wall_k * (stretch * stretch - wall_before * wall_before)
+            ledger[5] += held
+            ledger[9] += wall * mx * w - held
         ledger[8] -= (loss_x * mx + loss_y * my) * w
         if first or ended:
             sign = -1.0 if first else 1.0

@@ -45,7 +45,7 @@ def ring_of(trace: DragTrace, *, spectra: bool = True) -> Ring:
         raise ContactError(f"a ring needs {_PAPER_RING:g} s after the release, got {time[-1] - trace.release_time:g} s")
     after = time >= trace.release_time
     swing = force[after]
-    level = trace.settings.friction * trace.settings.normal_load
+    level = trace.settings.sliding_force
     # the lowest point of the first swing lies within one period of the release, after the fall itself
     first = swing[: max(np.searchsorted(time[after], trace.release_time + 2.0 / trace.probe.frequency), 3)]
     amplitude = max(level - float(first.min()), 0.0)
@@ -113,7 +113,7 @@ def _fallen(trace: DragTrace) -> float:
     """First time after the release at which the force is down at that of sliding forward [s]."""
     time, force = trace.column("time_s"), trace.column("fx_n")
     after = np.flatnonzero(time >= trace.release_time)
-    below = after[force[after] <= trace.settings.friction * trace.settings.normal_load]
+    below = after[force[after] <= trace.settings.sliding_force]
     return float(time[below[0]]) if below.size else trace.release_time
 
 

@@ -84,7 +84,7 @@ def _declared(stimuli: StimulusSet, part: Part, values: Mapping[str, float], bac
     height = None if part.crossed else values.get("step_height", grid.step_heights[0])
     tool, ring = grid.as_tool(), stimuli.ring_of(part)
     tool = tool if ring is None else ring.as_tool(tool)
-    point = OperatingPoint(ball, grid.normal_loads[0], grid.frictions[0], tool)
+    point = OperatingPoint(ball, grid.normal_loads[0], grid.frictions[0], tool, tissue=part.tissue(tool))
     face, name = part.counterface(height), part.id
     if height is not None:
         probe = name if part.ball is not None else f"probe in {name}"
@@ -97,7 +97,8 @@ def _declared(stimuli: StimulusSet, part: Part, values: Mapping[str, float], bac
 def _changed(point: OperatingPoint, values: Mapping[str, float]) -> OperatingPoint:
     changes: dict[str, Any] = {name: values[name] for name in _OF_TOOL if name in values}
     tool = replace(point.tool, **changes)
-    return replace(point, tool=tool, **{field: values[name] for name, field in _OF_POINT.items() if name in values})
+    moved: dict[str, Any] = {field: values[name] for name, field in _OF_POINT.items() if name in values}
+    return replace(point, tool=tool, **moved)
 
 
 def _find(text: str, where: Path | None) -> tuple[StimulusSet, Part]:

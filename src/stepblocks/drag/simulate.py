@@ -62,6 +62,9 @@ class DragSettings:
     ring_time: float = 40e-3  # recorded after the release [s]
     sample_rate: float = 10e3  # rows of the trace per second [Hz]
     resolution: float = 20.0  # steps per period of the stiffest contact mode [1]
+    tissue_stiffness: float = 0.0  # of a soft wall along which the tool rubs [N/m]; 0: there is none
+    tissue_damping: float = 0.0  # N s/m
+    tissue_friction: float = 0.0  # at which the tool slides along it [N]
 
     def __post_init__(self) -> None:
         for name in ("normal_load", "stribeck_speed", "ring_time", "sample_rate"):
@@ -80,7 +83,14 @@ class DragSettings:
     @classmethod
     def under(cls, point: OperatingPoint, **changes: float) -> DragSettings:
         """Take load, friction and speed from an operating point."""
-        return cls(**{"normal_load": point.normal_load, "friction": point.friction, "speed": point.speed} | changes)
+        wall = {f"tissue_{name}": value for name, value in vars(point.tissue).items()}
+        known = {"normal_load": point.normal_load, "friction": point.friction, "speed": point.speed}
+        return cls(**known | wall | changes)
+
+    @property
+    def sliding_force(self) -> float:
+        """Tangential force while the tip slides on a level face [N]."""
+        return self.friction * self.normal_load + self.tissue_friction
 
 
 def hertz_stiffness(ball_radius: float, modulus: float = 210e9, poisson: float = 0.3) -> float:
@@ -207,7 +217,10 @@ def simulate(track: Track, probe: Probe, settings: DragSettings) -> DragTrace:
     )
     force, time, position, overloaded = map(float, peak)
     passed = reachable and float(rows[count - 1, 3]) >= position + 1e-3 * track.ball_radius
-    caught = track.steepest_angle >= math.radians(0.5) and force > 1.02 * mu_s * settings.normal_load
+    caught = (
+        track.steepest_angle >= math.radians(0.5)
+        and force > 1.02 * mu_s * settings.normal_load + settings.tissue_friction
+    )
     # a pulled handle may also be too weak for a climb that is possible
     held = bool(overloaded) or (settings.speed == 0.0 and (not reachable or (caught and not passed)))
     return DragTrace(
@@ -228,7 +241,8 @@ def _force_limit(track: Track, settings: DragSettings, mu: float) -> tuple[float
     total = track.steepest_angle + math.atan(mu)
     if total >= 0.5 * math.pi - 1e-6:
         return 50.0 * settings.normal_load, False
-    return max(3.0 * settings.normal_load * math.tan(total), 3.0 * settings.normal_load), True
+    climb = max(3.0 * settings.normal_load * math.tan(total), 3.0 * settings.normal_load)
+    return climb + settings.tissue_friction, True
 
 
 def _time_step(probe: Probe, settings: DragSettings, limit: float) -> tuple[float, float]:

@@ -12,6 +12,7 @@ from collections.abc import Iterator, Mapping
 from itertools import product
 from typing import TYPE_CHECKING, Any, ClassVar, NamedTuple, TypeAlias
 
+from stepblocks.contact.operating_point import Tissue, Tool
 from stepblocks.errors import ContactError
 from stepblocks.parts.declared import FaceDemands, Identity, Material, Table, face_demands
 from stepblocks.parts.tolerance import Dimension
@@ -96,6 +97,10 @@ class Part(Table, ABC):
     def ball(self) -> Dimension | None:
         """Radius of the ball that it brings; None where the balls are those of the conditions."""
         return getattr(self, "ball_radius", None)
+
+    def tissue(self, tool: Tool) -> Tissue:
+        """Return what a tool rubs along beside its edge."""
+        return Tissue()
 
     @property
     def turn_radius(self) -> float | None:

@@ -109,7 +109,7 @@ def predictions_of(stimuli: StimulusSet) -> Iterator[Prediction]:
                 reached = [angles[backward] for angles in corners]
                 angles = nominal[backward], min(reached), max(reached)
                 for friction, load in product(grid.frictions, grid.normal_loads):
-                    point = OperatingPoint(ball.nominal, load, friction, tool)
+                    point = OperatingPoint(ball.nominal, load, friction, tool, tissue=part.tissue(tool))
                     release, low, high = (release_at(angle, load, friction, tool) for angle in angles)
                     spread = uncertainty_of(part, grid, ball, load)
                     spread["stiffness"] = math.hypot(spread["stiffness"], worn)

@@ -173,7 +173,7 @@ def with_drag_ring(event: VibrationEvent, path: CentrePath, point: OperatingPoin
     if event.status is not Status.RELEASES:
         return event
     probe = probe_for(point.tool, point.ball_radius)
-    settings = DragSettings(point.normal_load, point.friction, speed=point.speed, sample_rate=_RATE, ring_time=_LENGTH)
+    settings = DragSettings.under(point, sample_rate=_RATE, ring_time=_LENGTH)
     trace = simulate(track_along(path, point.ball_radius, event.direction < 0), probe, settings)
     if trace.status is not Status.RELEASES:
         raise HapticsError(
@@ -187,7 +187,7 @@ def with_drag_ring(event: VibrationEvent, path: CentrePath, point: OperatingPoin
 
 def _swings(trace: DragTrace) -> tuple[NDArray[np.float64], float]:
     time, pull = trace.column("time_s"), trace.column("fx_n")
-    level = trace.settings.friction * trace.settings.normal_load
+    level = trace.settings.sliding_force
     after = np.flatnonzero((time >= trace.release_time) & (pull <= level))
     if len(after) < 2:
         raise HapticsError(f"the pulling force must fall to that of sliding ({level:g} N) to ring, got none that low")

@@ -132,7 +132,13 @@ def _point(stimuli: StimulusSet, part: Part, given: Mapping[str, Any]) -> Operat
     tool = tool_of(grid)
     if worn is not None:  # how the probe rings with this part on its shank
         tool = replace(tool, frequency=worn.frequency, decay_time=worn.decay_time)
-    values = {"normal_load": grid.normal_loads[0], "friction": grid.frictions[0], "tool": tool, **given}
+    values = {
+        "normal_load": grid.normal_loads[0],
+        "friction": grid.frictions[0],
+        "tool": tool,
+        "tissue": part.tissue(tool),
+        **given,
+    }
     if part.ball is not None:
         values["ball_radius"] = part.ball.nominal
     elif "ball_radius" not in values:

@@ -305,7 +305,9 @@ def felt_at(stimuli: StimulusSet, given: Mapping[str, float]) -> OperatingPoint:
     grid = stimuli.prediction
     firsts = {"ball_radius": grid.tip_radii[0], "friction": grid.frictions[0]}
     loads = [given["normal_load"]] if "normal_load" in given else grid.normal_loads
-    points = [OperatingPoint(**{**firsts, **given, "normal_load": load}, tool=tool_of(grid)) for load in loads]
+    at = {**firsts, **given}
+    balls = at["ball_radius"], at["friction"]
+    points = [OperatingPoint(balls[0], load, balls[1], tool_of(grid)) for load in loads]
     blocks = sorted(stimuli.step_block, key=lambda one: one.height.nominal)
     return next((point for point in points[:-1] if _rise(_felt(blocks, point)[0])), points[-1])
 

@@ -18,11 +18,22 @@ import math
 from abc import abstractmethod
 from collections.abc import Iterator
 from dataclasses import replace
-from typing import TYPE_CHECKING, Any, ClassVar
+from typing import TYPE_CHECKING, Annotated, Any, ClassVar
 
+from stepblocks.contact.operating_point import Tissue, Tool
 from stepblocks.parts.body import Block, Body, body_cuts, half_points, half_volume, section_outline, strip_volume
 from stepblocks.parts.characteristics import PROFILE, Characteristic, EdgeRule, FaceRule, form_of, plane, toleranced
-from stepblocks.parts.declared import MaterialField, WorkingFaces, require, require_below, rules_validator
+from stepblocks.parts.declared import (
+    MaterialField,
+    Sourced,
+    Table,
+    WorkingFaces,
+    positive,
+    require,
+    require_below,
+    rules_validator,
+    sourced,
+)
 from stepblocks.parts.kind import NANOMETRE, Finding, MeasuredMesh, Part, exaggeration
 from stepblocks.parts.shapes import hull, split
 from stepblocks.parts.tolerance import ANGULAR_DEVIATION, Dimension, PositiveLength, SignedLength
@@ -37,6 +48,35 @@ _ACROSS = "profilometer or microscope"
 _CLINICAL_LIMIT = 100e-6
 
 
+def _sourced(value: float, quantity: str, source: str) -> Sourced:
+    return Sourced(value, quantity, source)
+
+
+class Gum(Table):
+    """Gum beside the margin: a soft wall, Kelvin and Voigt's, that the flank of the tool presses in and rubs along."""
+
+    indentation: Annotated[float, positive("length")] = 0.2e-3  # by the tool; a gentle touch, assumed [m]
+    contact: Annotated[float, positive("length")] = 1e-3  # of the flank with the gum along the tool; assumed [m]
+    shear_modulus: Annotated[Sourced, sourced("pressure")] = _sourced(
+        83e3, "pressure", "masticatory mucosa, mean of patients: Wakabayashi, Suzuki 2013, doi 10.1177/1758736013483298"
+    )
+    loss_factor: Annotated[Sourced, sourced("ratio")] = _sourced(
+        0.3, "ratio", "assumed at 300 Hz; the relaxation that is published takes minutes"
+    )
+    friction: Annotated[Sourced, sourced("ratio")] = _sourced(0.1, "ratio", "assumed: wet with saliva")
+
+    def tissue(self, frequency: float) -> Tissue:
+        """Return the wall at the frequency of a ring [Hz].
+
+        A long tool on an incompressible half space: ``N = pi/4 E* L d`` with ``E* = 4 G`` (Popov 2017, Contact Mechanics and
+        Friction, 2.3.2), tangential over normal stiffness ``2 (1 - nu) / (2 - nu) = 2/3`` (Mindlin); damping ``eta k / w``.
+        """
+        normal = math.pi * self.shear_modulus.value * self.contact
+        stiffness = 2.0 / 3.0 * normal
+        damping = self.loss_factor.value * stiffness / (math.tau * frequency)
+        return Tissue(stiffness, damping, self.friction.value * normal * self.indentation)
+
+
 class CrownMargin(Part):
     """What both forms share."""
 
@@ -49,7 +89,11 @@ class CrownMargin(Part):
     marginal_gap: PositiveLength  # g
     horizontal_discrepancy: SignedLength  # h; positive where the crown is overextended
     vertical_discrepancy: SignedLength | None = None  # v; the marginal gap where the file does not give it
+    gum: Gum | None = None  # beside the margin; none where the file does not say
     material: MaterialField
+
+    def tissue(self, tool: Tool) -> Tissue:
+        return Tissue() if self.gum is None else self.gum.tissue(tool.frequency)
 
     @property
     @abstractmethod
