@@ -4,10 +4,36 @@ VENV ?= .venv
 PYTHON ?= python3
 BIN := $(VENV)/bin
 
-.PHONY: run test lint everywhere graphics clean
+.PHONY: run run-all test lint docs package everywhere graphics clean
 
 run: $(VENV)/ready graphics
 	@$(BIN)/stepblocks build
+
+# All that the program makes: the build with its drawings, the page to feel, a rehearsed loop, the evidence, the scene of every simulator.
+run-all: $(VENV)/ready-all graphics
+	$(BIN)/stepblocks workshop
+	$(BIN)/stepblocks feel --no-open
+	printf 'schema = 1\nseed = 5\n[design]\nheights = ["20 um", "30 um", "40 um", "50 um"]\nloads = ["0.3 N", "0.5 N"]\nspeeds = ["5 mm/s"]\ntrials = 48\n' > out/plan.toml
+	rm -rf out/session
+	$(BIN)/stepblocks simulate-session out/plan.toml -o out/session
+	$(BIN)/stepblocks loop out/session -o out/loop
+	$(BIN)/stepblocks evidence
+	for name in mujoco chai3d sofa usd gltf x3d urdf forcelaw; do $(BIN)/stepblocks export --for $$name --quiet || exit 1; done
+	$(BIN)/stepblocks build
+
+# The site of the documentation, in out/site; a warning is a fault.
+docs: $(VENV)/ready-dev
+	NO_MKDOCS_2_WARNING=1 $(BIN)/mkdocs build --quiet --strict
+	@echo open out/site/index.html
+
+# What is handed on: wheel and sdist, installed by itself and begun from an empty folder outside the checkout.
+package: $(VENV)/ready-dev
+	rm -rf dist build $(VENV)-package && mkdir dist
+	$(BIN)/python -c 'import setuptools.build_meta as b; b.build_sdist("dist"); b.build_wheel("dist")'
+	$(PYTHON) -m venv $(VENV)-package
+	$(VENV)-package/bin/python -m pip install --quiet --disable-pip-version-check -c constraints.txt dist/*.whl
+	here=$$(cd $(VENV)-package/bin && pwd) && cd "$$(mktemp -d)" && "$$here/stepblocks" new block mine.toml \
+	  && "$$here/stepblocks" build mine.toml && "$$here/stepblocks" check mine.toml --quiet
 
 test: $(VENV)/ready-dev graphics
 	$(BIN)/python -m pytest -n auto --dist loadfile
@@ -29,6 +55,10 @@ $(VENV)/ready: pyproject.toml constraints.txt
 	$(BIN)/python -m pip install --quiet --disable-pip-version-check -c constraints.txt -e .
 	@touch $@
 
+$(VENV)/ready-all: $(VENV)/ready
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check -c constraints.txt -e '.[sim,sweep]'
+	@touch $@
+
 $(VENV)/ready-dev: $(VENV)/ready
 	$(BIN)/python -m pip install --quiet --disable-pip-version-check -c constraints.txt -e '.[dev]'
 	@touch $@
@@ -41,4 +71,4 @@ graphics:
 	  || { echo 'OpenGL is missing: install libGL and libEGL, on Debian: apt-get install libgl1 libegl1 libgl1-mesa-dri' >&2; exit 1; }
 
 clean:
-	rm -rf $(VENV) build *.egg-info src/*.egg-info
+	rm -rf $(VENV) $(VENV)-package build dist *.egg-info src/*.egg-info

@@ -117,8 +117,8 @@ def test_the_metrologist_reads_what_is_felt_with_its_uncertainty(tmp_path, monke
 @pytest.mark.browser
 def test_the_psychophysicist_gets_run_sheets_and_a_report(tmp_path, monkeypatch, browser):
     walk("The psychophysicist", tmp_path, monkeypatch)
-    assert (tmp_path / "study" / "run-sheets.pdf").stat().st_size > 1000
-    assert "judgements" in look_at(browser, tmp_path / "study" / "report" / "report.html")
+    assert (tmp_path / "people" / "run-sheets.pdf").stat().st_size > 1000
+    assert "judgements" in look_at(browser, tmp_path / "people" / "report" / "report.html")
 
 
 @pytest.mark.browser

@@ -14,6 +14,12 @@ def test_every_public_name_is_described_and_there():
         assert f"`{name}`" in stepblocks.__doc__
 
 
+def test_every_public_name_stands_in_the_reference():
+    text = (Path(__file__).resolve().parents[1] / "docs" / "reference.md").read_text(encoding="utf-8")
+    written = {line.rsplit(".", 1)[1] for line in text.splitlines() if line.startswith("::: ")}
+    assert written == set(stepblocks.__all__)
+
+
 def test_importing_the_package_loads_nothing_else():
     code = "import sys, stepblocks; print(sorted({'numpy', 'pydantic', 'pint', 'OCP'} & set(sys.modules)))"
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)

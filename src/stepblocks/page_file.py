@@ -19,6 +19,15 @@ def render_page(room: str, template: str, **values: object) -> str:
         undefined=jinja2.StrictUndefined,
         keep_trailing_newline=True,
     )
-    environment.filters |= {"readable": readable, "label": column_label}
+    environment.filters |= {"readable": readable, "label": column_label, "figure": _figure}
     environment.globals["style"] = files("stepblocks").joinpath("page.css").read_text(encoding="utf-8")
     return environment.get_template(template).render(**values)
+
+
+def _figure(value: object) -> str:
+    """Three digits; a dash for what does not exist."""
+    from stepblocks.quantities import figure
+
+    if isinstance(value, bool) or value is None:
+        return "-" if value is None else str(value).lower()
+    return str(value) if isinstance(value, str | int) else figure(float(str(value)))

@@ -3,7 +3,8 @@
 import numpy as np
 import pytest
 
-from stepblocks.loop.page import _averaged, _change, _figure, _followed, _positions, _worst, page_of
+from stepblocks.loop.page import _averaged, _change, _followed, _positions, _worst, page_of
+from stepblocks.page_file import _figure
 
 
 @pytest.fixture(scope="module")
@@ -35,9 +36,9 @@ def test_a_title_from_a_session_cannot_break_the_page(result):
 
 @pytest.mark.parametrize(
     ("value", "shown"),
-    [(0.123456, "0.1235"), (12, "12"), (float("nan"), "-"), (None, "-"), (True, "true"), ("ln_energy", "ln_energy")],
+    [(0.123456, "0.123"), (12, "12"), (float("nan"), "-"), (None, "-"), (True, "true"), ("ln_energy", "ln_energy")],
 )
-def test_figures_have_four_digits_and_what_does_not_exist_is_a_dash(value, shown):
+def test_figures_have_three_digits_and_what_does_not_exist_is_a_dash(value, shown):
     assert _figure(value) == shown
 
 

@@ -56,6 +56,7 @@ def _measure(arguments: argparse.Namespace) -> Outcome:
     from stepblocks.bench.measure import write_features
 
     told = telling(arguments, "measured trials", lines=10)
+    arguments.output.parent.mkdir(parents=True, exist_ok=True)
     summary = write_features(arguments.session, arguments.output, jobs=arguments.jobs, progress=told)
     if arguments.plots is not None:
         from stepblocks.bench.figures import draw_trials
@@ -91,6 +92,7 @@ def _loop(arguments: argparse.Namespace) -> Outcome:
 def _simulate_session(arguments: argparse.Namespace) -> Outcome:
     from stepblocks.bench.rehearse.run import simulate_session
 
+    arguments.output.parent.mkdir(parents=True, exist_ok=True)
     summary = simulate_session(arguments.plan, arguments.output)
     made, left = summary.planned - summary.locked, f", {summary.locked} locked" if summary.locked else ""
     return Outcome(

@@ -15,6 +15,7 @@ from stepblocks.contact.forward import PEAK_FORCE
 from stepblocks.loop.result import LoopResult
 from stepblocks.loop.search.explain import Explanation
 from stepblocks.loop.search.forward_model import Effect, Floats
+from stepblocks.page_file import render_page
 
 _BEFORE, _AFTER = "#b0506a", "#2f6f9f"
 _WORST = 10  # trials shown
@@ -24,28 +25,17 @@ _FINE = 12  # settings that are averaged one by one, not in groups
 
 def page_of(result: LoopResult) -> str:
     """Render the page."""
-    from jinja2 import Environment, PackageLoader
-
-    environment = Environment(loader=PackageLoader("stepblocks.loop"), autoescape=True, trim_blocks=True)
-    environment.filters["figure"] = _figure
     # the names are those of the result: one that was withdrawn there is not claimed here
     named = zip(result.found.findings, result.document["effects"], strict=True)
-    return environment.get_template("loop.html.j2").render(
+    return render_page(
+        "loop",
+        "loop.html.j2",
         title=result.title,
         r=result.document,
         residuals=[_residuals(result.found, channel) for channel in _SHOWN_CHANNELS],
         curves=[_curve(result, finding.effect, str(entry["id"])) for finding, entry in named],
         worst=_worst(result),
     )
-
-
-def _figure(value: Any) -> str:
-    """Four digits; a dash for what does not exist."""
-    if isinstance(value, bool) or value is None:
-        return "-" if value is None else str(value).lower()
-    if isinstance(value, int | float):
-        return f"{value:.4g}" if np.isfinite(value) else "-"
-    return str(value)
 
 
 def _png(figure: Any) -> str:

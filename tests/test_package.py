@@ -1,0 +1,70 @@
+"""What is handed on works outside the checkout: wheel and sdist hold every file, and begin from an empty folder."""
+
+import os
+import shutil
+import subprocess
+import sys
+import tarfile
+import zipfile
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).resolve().parents[1]
+HOUSE = ROOT / "src" / "stepblocks"
+
+
+@pytest.fixture(scope="module")
+def built(tmp_path_factory):
+    """Wheel and sdist of a copy of the sources, made by the build backend that pyproject names."""
+    folder = tmp_path_factory.mktemp("package")
+    source = folder / "source"
+    shutil.copytree(HOUSE, source / "src" / "stepblocks", ignore=shutil.ignore_patterns("__pycache__", "*.nb?"))
+    for name in ("pyproject.toml", "README.md", "LICENSE"):
+        shutil.copy(ROOT / name, source / name)
+    code = "import sys, setuptools.build_meta as b; to = sys.argv[1]; b.build_sdist(to); b.build_wheel(to)"
+    done = subprocess.run([sys.executable, "-c", code, str(folder)], cwd=source, capture_output=True, text=True)
+    assert done.returncode == 0, done.stderr
+    return next(folder.glob("*.whl")), next(folder.glob("*.tar.gz"))
+
+
+def ours():
+    files = (path for path in HOUSE.rglob("*") if path.is_file() and "__pycache__" not in path.parts)
+    return {path.relative_to(HOUSE).as_posix() for path in files if path.suffix not in {".nbi", ".nbc"}}
+
+
+def test_the_wheel_and_the_sdist_hold_every_file_of_the_package(built):
+    wheel, sdist = built
+    with zipfile.ZipFile(wheel) as archive:
+        names = {name.removeprefix("stepblocks/") for name in archive.namelist() if name.startswith("stepblocks/")}
+    assert ours() - names == set()
+    with tarfile.open(sdist) as archive:
+        names = {name.split("/src/stepblocks/")[1] for name in archive.getnames() if "/src/stepblocks/" in name}
+    assert ours() - names == set()
+
+
+def test_the_wheel_begins_from_an_empty_folder_without_the_checkout(built, tmp_path):
+    wheel, _ = built
+    with zipfile.ZipFile(wheel) as archive:
+        archive.extractall(tmp_path / "site")
+    here = tmp_path / "empty"
+    here.mkdir()
+    environment = {**os.environ, "PYTHONPATH": str(tmp_path / "site")}
+
+    def run(*words):
+        command = [sys.executable, "-m", "stepblocks", *words]
+        return subprocess.run(command, cwd=here, env=environment, capture_output=True, text=True)
+
+    where = [sys.executable, "-c", "import stepblocks; print(stepblocks.__file__)"]
+    found = subprocess.run(where, cwd=here, env=environment, capture_output=True, text=True, check=True).stdout
+    assert found.startswith(str(tmp_path))
+    for words in (
+        ("new", "block", "mine.toml"),
+        ("predict", "mine.toml", "-o", "predictions.csv"),
+        ("feel", "mine.toml", "--no-open"),
+        ("export", "--list-devices"),
+        ("evidence", "-o", "evidence"),
+    ):
+        done = run(*words)
+        assert done.returncode == 0, done.stderr
+    assert "<style>\n:root" in (here / "evidence" / "evidence.html").read_text()
