@@ -74,20 +74,33 @@ def folder_beside(path: Path) -> Iterator[Path]:
 
 @contextmanager
 def alone_in(folder: Path) -> Iterator[None]:
-    """Hold a folder for one run: a second one that would write into it is told so, and its lock ends with its process."""
+    """Hold a folder for one run: a second one that would write into it is told so, and its lock ends with its process.
+
+    Who holds it knows that the folders of drafts in it were left by runs that are dead, or are those of its own dead workers.
+    """
     import fcntl
 
-    number = os.open(folder, os.O_RDONLY)
+    number, held = os.open(folder, os.O_RDONLY), False
     try:
         with suppress(OSError):  # a file system without locks: drafts are unique all the same
             try:
                 fcntl.flock(number, fcntl.LOCK_EX | fcntl.LOCK_NB)
+                held = True
             except BlockingIOError:
                 rule = "another run is writing into this folder: wait until it has ended, or choose another"
                 raise PipelineError(f"{rule} [{folder}]") from None
+            _clear(folder)
         yield
     finally:
+        if held:
+            _clear(folder)
         os.close(number)
+
+
+def _clear(folder: Path) -> None:
+    for left in folder.glob(".partial-*/"):
+        if not left.is_symlink():
+            shutil.rmtree(left, ignore_errors=True)
 
 
 def inside(folder: Path, name: str) -> Path | None:

@@ -24,6 +24,7 @@ from stepblocks.bench.traces import Traces
 from stepblocks.bench.trials import LabelCheck, Trial, TrialTable, open_trials
 from stepblocks.errors import PipelineError
 from stepblocks.tables import harmless
+from stepblocks.workers import die_with_parent
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -184,7 +185,7 @@ def _results(table: TrialTable, jobs: int) -> Iterator[TrialResult]:
     trials = iter(table)
     waiting: deque[Any] = deque()
     environment = {name: "1" for name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS") if name not in os.environ}
-    with ProcessPoolExecutor(jobs, env=environment) as pool:
+    with ProcessPoolExecutor(jobs, initializer=die_with_parent, env=environment) as pool:
         while True:
             while len(waiting) < jobs * _AHEAD and (chunk := list(islice(trials, _CHUNK))):
                 waiting.append(pool.submit(_measure_chunk, table.session, tool, chunk))

@@ -20,6 +20,7 @@ from stepblocks.build.manifest import RECORD, hash_file, load_json, unchanged, w
 from stepblocks.confined import written_by_us
 from stepblocks.errors import PipelineError
 from stepblocks.parts.kind import Part
+from stepblocks.workers import die_with_parent
 
 _TASKS_PER_WORKER = 64  # the kernel's memory creeps; a worker is replaced before it shows
 
@@ -43,7 +44,7 @@ def make_all(wanted: Sequence[tuple[str, Part, str]], output: Path, jobs: int | 
     context = _Workers()
     context.set_forkserver_preload(["stepblocks.cad.kernel", "stepblocks.build.make"])
     most = min(-(-len(wanted) // workers), _TASKS_PER_WORKER)
-    with ProcessPoolExecutor(workers, context, max_tasks_per_child=most) as pool:
+    with ProcessPoolExecutor(workers, context, die_with_parent, max_tasks_per_child=most) as pool:
         try:
             tasks = [pool.submit(make, set_name, stimulus, output, key) for set_name, stimulus, key in wanted]
             yield from (future.result() for future in as_completed(tasks))

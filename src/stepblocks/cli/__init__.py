@@ -21,9 +21,11 @@ from stepblocks import __version__
 from stepblocks.cli.arguments import Parser
 from stepblocks.cli.outcome import show, writing
 from stepblocks.errors import StepblocksError
+from stepblocks.workers import kill_workers
 
 __all__ = ["main"]
 
+_GRACE = 5.0  # for what is open to be closed, when asked to end [s]
 # Modules of this package, one per command or family of commands
 _MODULES = ("build", "workshop", "inspect", "predict", "export", "bench", "evidence", "study", "help")
 # Commands by what they are for, in the order of the help text; those that stand nowhere come last
@@ -47,7 +49,9 @@ def main(argv: Sequence[str] | None = None) -> int:
         os.environ.setdefault(library, "1")
     if threading.current_thread() is threading.main_thread():
         # asked to end, a command takes its workers with it and leaves no draft behind
-        signal.signal(signal.SIGTERM, _end)
+        for number in (signal.SIGTERM, signal.SIGINT, signal.SIGHUP):
+            if signal.getsignal(number) in (signal.SIG_DFL, signal.default_int_handler):  # not under nohup
+                signal.signal(number, _end)
     try:
         arguments = make_parser().parse_args(argv)
         with writing(arguments.output, arguments.force) as written:
@@ -92,7 +96,11 @@ def _fault(error: Exception) -> str:
 
 
 def _end(number: int, _: object) -> NoReturn:
-    raise SystemExit(128 + number)
+    kill_workers()
+    late = threading.Timer(_GRACE, os._exit, (128 + number,))  # where a library waits for a worker that is no more
+    late.daemon = True
+    late.start()
+    raise KeyboardInterrupt if number == signal.SIGINT else SystemExit(128 + number)
 
 
 class _Top(Parser):

@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-import tomllib
 from dataclasses import dataclass
-from importlib.resources import files
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -14,6 +12,7 @@ from stepblocks.errors import StimulusError
 from stepblocks.evidence.questions import AT, QUESTIONS, dimension_of
 from stepblocks.mistakes import validated
 from stepblocks.quantities import parse_quantity
+from stepblocks.text_file import read_document
 
 _LARGEST = 100_000  # bytes
 
@@ -67,33 +66,18 @@ class Published:
 
 def read_published(path: Path) -> Published:
     """Read one publication."""
-    try:
-        if path.stat().st_size > _LARGEST:
-            raise StimulusError(f"a publication must be at most {_LARGEST} bytes, got {path.stat().st_size} [{path}]")
-        return _parse(path.stem, path.read_text(encoding="utf-8"), str(path))
-    except OSError as error:
-        raise StimulusError(f"cannot be read: {error.strerror} [{path}]") from error
-
-
-def shipped() -> list[Published]:
-    """All publications of the package, in the order of the page."""
-    folder = files("stepblocks.evidence").joinpath("published")
-    names = sorted(entry.name for entry in folder.iterdir() if entry.name.endswith(".toml"))
-    found = [
-        _parse(name.removesuffix(".toml"), folder.joinpath(name).read_text(encoding="utf-8"), name) for name in names
-    ]
-    return sorted(found, key=lambda one: one.order)
-
-
-def _parse(name: str, text: str, place: str) -> Published:
-    try:
-        raw = validated(_File, tomllib.loads(text), place, StimulusError)
-    except ValueError as error:
-        raise StimulusError(f"must be TOML: {error} [{place}]") from error
+    place, name = str(path), path.stem
+    raw = validated(_File, read_document(path, "a publication", StimulusError, _LARGEST), place, StimulusError)
     if raw.question not in QUESTIONS:
         raise StimulusError(f"question must be one of {', '.join(QUESTIONS)}, got {raw.question!r} [{place}]")
     values = tuple(_value(one, dimension_of(raw.question, one.at), place) for one in raw.value)
     return Published(name, raw.order, raw.topic, raw.citation, raw.says, raw.question, raw.note, values)
+
+
+def shipped() -> list[Published]:
+    """All publications of the package, in the order of the page."""
+    found = map(read_published, sorted(Path(__file__).with_name("published").glob("*.toml")))
+    return sorted(found, key=lambda one: one.order)
 
 
 def _value(raw: _Value, dimension: str, place: str) -> Value:

@@ -147,9 +147,11 @@ def _explained(table: SessionTable, rules: Rules, jobs: int) -> tuple[Explanatio
         if jobs > 1:
             from joblib.externals.loky import ProcessPoolExecutor
 
+            from stepblocks.workers import die_with_parent
+
             # these workers load no main module: a script or a notebook needs no guard
             threads = {name: "1" for name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS") if name not in os.environ}
-            run = stack.enter_context(ProcessPoolExecutor(jobs - 1, env=threads)).map
+            run = stack.enter_context(ProcessPoolExecutor(jobs - 1, initializer=die_with_parent, env=threads)).map
         # the folds do not wait for what all trials say
         waiting = run(one_fold, [*inside, *outside])
         found = explain(model, trials, model.candidates(trials), rules)

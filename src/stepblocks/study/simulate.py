@@ -167,13 +167,17 @@ def estimate_power(
     from joblib import Parallel, delayed
     from statsmodels.stats.proportion import proportion_confint
 
+    from stepblocks.workers import die_with_parent
+
     require(analysis in ANALYSES, f"analysis must be one of {', '.join(ANALYSES)}, got {analysis!r}")
     require(10 <= runs <= 100_000, f"runs must lie between 10 and 100000, got {runs}")
     require(seed >= 0 and jobs >= 1, f"seed and jobs must be at least 0 and at least 1, got {seed} and {jobs}")
     seeds = [int(child.generate_state(1, np.uint64)[0]) for child in np.random.SeedSequence(seed).spawn(runs)]
     share = max(1, math.ceil(runs / (4 * jobs)))
     parts = [seeds[start : start + share] for start in range(0, runs, share)]
-    found = Parallel(n_jobs=jobs)(delayed(p_values)(plan, analysis, part) for part in parts)
+    found = Parallel(n_jobs=jobs, initializer=die_with_parent)(
+        delayed(p_values)(plan, analysis, part) for part in parts
+    )
     hits = sum(p < 0.05 for part in found for p in part)
     low, high = proportion_confint(hits, runs, method="wilson")
     return PowerEstimate(hits / runs, float(low), float(high))

@@ -1,0 +1,311 @@
+"""Strange files for every reader: each answers, or refuses in our own words; none takes long, much memory, or a traceback.
+
+``python benchmarks/fuzz.py`` mutates 2,000 inputs of each kind; ``python benchmarks/fuzz.py step mesh --count 500 --seed 3``
+fewer of some. What fails is kept in ``--keep``, one file each. Exit code 1 if one did. Inputs depend on kind, seed and number
+alone. Foreign formats are read as the commands read them, in their confined process.
+"""
+
+from __future__ import annotations
+
+import argparse
+import resource
+import signal
+import sys
+import tempfile
+import time
+import traceback
+from collections.abc import Callable, Iterator
+from pathlib import Path
+
+import numpy as np
+
+ROOT = Path(__file__).resolve().parents[1]
+sys.path.insert(0, str(ROOT / "tests"))  # for what a session might have taught
+
+from stepblocks.bench.signal import TraceError  # noqa: E402
+from stepblocks.confined import MEMORY  # noqa: E402
+from stepblocks.errors import StepblocksError  # noqa: E402
+
+SECONDS = 20  # for one input
+TOKENS = [
+    *(
+        b"0",
+        b"-1",
+        b"1e300",
+        b"1e-300",
+        b"nan",
+        b"inf",
+        b"-inf",
+        b"9" * 5000,
+        b"''",
+        b"'",
+        b'"',
+        b"[" * 3000,
+        b"{" * 3000,
+    ),
+    *(
+        b"(" * 3000,
+        b"../../../etc/passwd",
+        b"/dev/zero",
+        b"\0",
+        b"\xff\xfe",
+        b"=cmd|' /C calc'!A0",
+        b"1 m^9^9^9",
+        b"1 m/0",
+    ),
+    *(b"a" * 5000, b"\n", b"\r", b",", b";", b"#1", b"$", b"\xe2\x80\xae", b"1000 km", b"1e-12 m", b"\xff\xff\xff\xff"),
+    *(b"\x00\x00\x00\x80", b"\x7f\xff\xff\xff", b"true", b"{}", b"[]", b"null"),
+]
+Read = Callable[[Path], object]
+
+
+def mutated(whole: bytes, random: np.random.Generator) -> bytes:
+    """One to four changes: bits, bytes, cuts, copies, tokens that have done harm elsewhere, or a number turned into one."""
+    data = bytearray(whole)
+    for _ in range(int(random.integers(1, 5))):
+        at = int(random.integers(0, len(data) + 1))
+        length = int(min(len(data) - at, random.geometric(0.05)))
+        way = int(random.integers(0, 7))
+        if way == 0 and length:
+            data[at] ^= 1 << int(random.integers(0, 8))
+        elif way == 1:
+            data[at : at + length] = random.bytes(length)
+        elif way == 2:
+            del data[at : at + length]
+        elif way == 3:
+            data[at:at] = data[at : at + length] * int(random.integers(1, 20))
+        elif way == 4:
+            data[at:at] = TOKENS[int(random.integers(0, len(TOKENS)))]
+        elif way == 5:
+            digits = [i for i in range(at, min(at + 200, len(data))) if 48 <= data[i] <= 57]
+            if digits:
+                data[digits[0] : digits[0] + 1] = TOKENS[int(random.integers(0, len(TOKENS)))]
+        elif random.random() < 0.2:
+            del data[at:]
+    return bytes(data)
+
+
+def kinds(work: Path) -> dict[str, tuple[list[tuple[str, bytes]], Read]]:
+    """Honest files of each kind, by the name that they must have, and what reads them."""
+    return {name: found for source in (_texts, _tables, _traces, _parts) for name, found in source(work)}
+
+
+Kind = tuple[str, tuple[list[tuple[str, bytes]], Read]]
+
+
+def _texts(work: Path) -> Iterator[Kind]:
+    import json
+
+    from oracles.taught import taught_model
+    from stepblocks.artefacts.as_built import AsBuilt, AsBuiltValue, read_as_built, write_as_built
+    from stepblocks.artefacts.model_file import model_document, read_model
+    from stepblocks.bench.rehearse.plan import read_plan
+    from stepblocks.build.manifest import load_json, load_record, write_sealed
+    from stepblocks.declare import load_declared
+    from stepblocks.evidence.published import read_published
+    from stepblocks.predict.sweep.plan import load_sweep
+    from stepblocks.simulators.devices import load_devices
+
+    yield (
+        "stimuli",
+        ([(path.name, path.read_bytes()) for path in sorted((ROOT / "stimuli").glob("*.toml"))], load_declared),
+    )
+    source = ROOT / "src" / "stepblocks"
+    yield "devices", ([("d.toml", (source / "simulators" / "devices.toml").read_bytes())], load_devices)
+    published = sorted((source / "evidence" / "published").glob("*.toml"))
+    yield "publications", ([(path.name, path.read_bytes()) for path in published], read_published)
+    head = b'[sweep]\nkind = "random"\nrows = 40\nseed = 11\nmode = "drag"\n[parameters]\nheight = { from = "12 um", to = "80 um" }\n'
+    rest = b'normal_load = ["0.3 N", "0.7 N"]\nfriction = { from = 0.1, to = 0.2 }\n[draws]\ncount = 3\nheight = "0.5 um"\n'
+    yield "sweeps", ([("s.toml", head + rest)], load_sweep)
+    plan = b'schema = 1\nseed = 5\nformat = "hdf5"\n[design]\nheights = ["10 um", "20 um"]\nloads = ["0.3 N"]\nspeeds = ["2 mm/s"]\n'
+    effects = b'trials = 24\n[scatter]\nenergy = 0.05\n[[effects]]\nslot = "friction"\nchange = "multiply"\nform = "exponential"\n'
+    yield "plans", ([("p.toml", plan + effects + b'covariate = "run_order"\nsize = 0.5\nspan = 40\n')], read_plan)
+    model = json.dumps(model_document(taught_model(std=0.1))).encode()
+    yield "models", ([("model.json", model)], read_model)
+    value = AsBuiltValue(50e-6, 1e-7, "conforms")
+    write_as_built(work / "x.as-built.toml", AsBuilt("step-050", "x.csv", "0" * 64, "c", {"step_height": value}))
+    yield "as-built", ([("x.as-built.toml", (work / "x.as-built.toml").read_bytes())], read_as_built)
+    write_sealed(work / "record.json", {"outputs": {"a.stl": "0" * 64}, "verdicts": [], "kind": "x"})
+
+    def records(path: Path) -> object:
+        return load_record(path.parent), load_json(path)
+
+    yield "records", ([("record.json", (work / "record.json").read_bytes())], records)
+
+
+def _tables(work: Path) -> Iterator[Kind]:
+    from stepblocks.artefacts.scans.read import read_scan
+    from stepblocks.bench.session import open_session
+    from stepblocks.bench.trials import open_trials
+    from stepblocks.predict.table import predict_table
+    from stepblocks.quantities import DIMENSIONS, parse_quantity
+    from stepblocks.study.run import design_study, simulate_study
+    from stepblocks.study.sheet import read_answers
+
+    table = b"block,height_um,load_n,friction,edge_radius_um,u_height_um\na,25,1,0.15,0,0.1\nb,50,0.5,0.2,3,0.2\n"
+    yield "tables", ([("t.csv", table)], lambda path: predict_table(path, draws=100))
+    units = [b"25 um", b"9.81 N/mm", b"7850 kg/m^3", b"0.15", b"10 %", b"-3.5e-6 m", b"20 degC"]
+
+    def quantities(path: Path) -> object:
+        text = path.read_text(errors="replace")
+        return [_refused(parse_quantity, text, dimension) for dimension in DIMENSIONS]
+
+    yield "quantities", ([("q.txt", unit) for unit in units], quantities)
+    four = ROOT / "stimuli" / "paper-four.toml"
+    design_study(four, work / "study", seed=1)
+    simulate_study(work / "study", four, work / "study" / "answers.csv", seed=2)
+    answers = (work / "study" / "answers.csv").read_bytes()
+    yield "answers", ([("a.csv", answers[:3000])], lambda path: read_answers(path, "estimates"))
+    session = (
+        b'schema = 1\n[probe]\nspring_constant = "9810 N/m"\n[acquisition]\nsample_rate = "10 kHz"\ntraces = "t.h5"\n'
+        b'channels = { tangential = "x", normal = "y" }\n[trials]\nfile = "trials.csv"\n'
+    )
+
+    def sessions(path: Path) -> object:
+        (path.parent / "trials.csv").write_text("trial,speed_mm_s,load_n,block\n1,2,0.5,a\n2,2,0.5,b\n")
+        return list(open_trials(open_session(path.parent)))
+
+    def trials(path: Path) -> object:
+        (path.parent / "session.toml").write_bytes(session)
+        return list(open_trials(open_session(path.parent)))
+
+    yield "sessions", ([("session.toml", session)], sessions)
+    yield "trials", ([("trials.csv", b"trial,speed_mm_s,load_n,block,note\n1,2,0.5,a,x\n2,2,0.5,b,y\n" * 5)], trials)
+    x = np.linspace(0.0, 400.0, 300)
+    lines = "".join(f"{a:.3f},{b:.4f}\n" for a, b in zip(x, np.where(x > 200.0, 50.0, 0.0), strict=True))
+    scans = [
+        ("s.csv", b"x_um,z_um\n" + lines.encode()),
+        ("s.txt", b"x [mm]\tz [nm]\n" + lines.replace(",", "\t").encode()),
+    ]
+    shared = ROOT.parent / "shared" / "real"
+    endings = (".x3p", ".sdf", ".sur", ".nid", ".plux", ".gwy", ".opdx")
+    real = sorted(path for path in shared.rglob("*") if path.suffix in endings and path.stat().st_size < 200_000)[:8]
+    yield "scans", (scans + [(f"s{path.suffix}", path.read_bytes()) for path in real], read_scan)
+
+
+def _refused(call: Callable[..., object], *arguments: object) -> object:
+    try:
+        return call(*arguments)
+    except StepblocksError as error:
+        return error
+
+
+def _traces(work: Path) -> Iterator[Kind]:
+    from stepblocks.bench.rehearse import TRACE_FILES, open_writer
+    from stepblocks.bench.session import open_session
+    from stepblocks.bench.signal import Trace
+    from stepblocks.bench.traces import Traces
+
+    time = np.arange(600) / 1e4
+    trace = Trace(time, np.sin(60.0 * time), np.cos(50.0 * time))
+    for kind in TRACE_FILES:
+        folder = work / f"traces-{kind}"
+        folder.mkdir()
+        with open_writer(folder, kind) as write:
+            for trial in (1, 2):
+                write(trial, trace)
+        (file,) = [path for path in folder.rglob("*") if path.is_file() and "2" in path.stem] or [
+            path for path in folder.rglob("*") if path.is_file()
+        ]
+        names = 'time = "time_s", tangential = "fx_n", normal = "fy_n"'
+        told = f'schema = 1\n[probe]\nspring_constant = "9810 N/m"\n[acquisition]\nsample_rate = "10 kHz"\ntraces = "{file.name}"\n'
+
+        def read(path: Path, told: str = told, names: str = names) -> object:
+            (path.parent / "session.toml").write_text(f"{told}channels = {{ {names} }}\n")
+            (path.parent / "trials.csv").write_text("trial\n2\n")
+            with Traces(open_session(path.parent)) as source:
+                return source.read("2")
+
+        yield kind, ([(file.name, file.read_bytes())], read)
+
+
+def _parts(work: Path) -> Iterator[Kind]:
+    from stepblocks.artefacts.check import check_artefact
+    from stepblocks.artefacts.step.check_step import check_step, step_table
+    from stepblocks.build.run import build_sets
+    from stepblocks.declare import load_declared
+
+    sheaths = ROOT / "stimuli" / "sheaths.toml"
+    build_sets(sheaths, work / "out", only="sheath-hard", jobs=1)
+    part = next(one for one in load_declared(sheaths).stimuli if one.id == "sheath-hard")
+    folder = work / "out" / "sheaths" / "sheath-hard"
+
+    def check(path: Path) -> object:
+        return [str(verdict) for verdict in check_artefact(part, path)]
+
+    yield (
+        "step",
+        ([("sheath-hard.step", (folder / "sheath-hard.step").read_bytes())], lambda path: step_table(check_step(path))),
+    )
+    for ending in ("stl", "obj", "ply", "3mf", "glb", "convex.obj", "png"):
+        yield ending, ([(f"sheath-hard.{ending}", (folder / f"sheath-hard.{ending}").read_bytes())], check)
+    yield "view", ([("view.js", (folder / "view.js").read_bytes())], check)
+    yield "specification", ([("specification.json", (folder / "specification.json").read_bytes())], check)
+
+
+def _late(*_: object) -> None:
+    raise TimeoutError(f"longer than {SECONDS} s")
+
+
+def fuzz(name: str, seeds: list[tuple[str, bytes]], read: Read, count: int, seed: int, keep: Path) -> tuple[str, int]:
+    """Try so many inputs of a kind; a line of the table, and how many failed."""
+    random = np.random.default_rng([seed, *name.encode()])
+    faults = accepted = 0
+    slowest = 0.0
+    with tempfile.TemporaryDirectory() as folder:
+        for file, whole in seeds:
+            (Path(folder) / file).write_bytes(whole)
+            read(Path(folder) / file)  # an honest file is read
+        for number in range(count):
+            file, whole = seeds[number % len(seeds)]
+            content = mutated(whole, random)
+            path = Path(folder) / file
+            path.write_bytes(content)
+            started = time.perf_counter()
+            signal.alarm(SECONDS)
+            try:
+                read(path)
+                accepted += 1
+            except (StepblocksError, TraceError):
+                pass
+            except Exception:
+                faults += 1
+                keep.mkdir(parents=True, exist_ok=True)
+                (keep / f"{name}-{number}-{file}").write_bytes(content)
+                (keep / f"{name}-{number}.txt").write_text(traceback.format_exc())
+            finally:
+                signal.alarm(0)
+            slowest = max(slowest, time.perf_counter() - started)
+        left = sorted(path.name for path in Path(folder).iterdir())
+        assert set(left) <= {file for file, _ in seeds} | {"session.toml", "trials.csv"}, left
+    peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 2**20
+    return (
+        f"| {name} | {count} | {accepted} | {count - accepted - faults} | {faults} | {slowest:.1f} | {peak:.1f} |",
+        faults,
+    )
+
+
+def main(argv: list[str] | None = None) -> int:
+    """Fuzz the kinds that are asked for and print the table."""
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("kind", nargs="*", help="kinds (default: all)")
+    parser.add_argument("--count", type=int, default=2000, help="inputs of each kind")
+    parser.add_argument("--seed", type=int, default=1)
+    parser.add_argument("--keep", type=Path, default=Path("fuzz-faults"), help="folder for what failed")
+    arguments = parser.parse_args(argv)
+    resource.setrlimit(resource.RLIMIT_DATA, (MEMORY, resource.getrlimit(resource.RLIMIT_DATA)[1]))
+    signal.signal(signal.SIGALRM, _late)
+    failed = 0
+    print("| kind | inputs | read | refused | faults | slowest s | peak GiB |\n|---|---|---|---|---|---|---|")
+    with tempfile.TemporaryDirectory() as work:
+        for name, (seeds, read) in kinds(Path(work)).items():
+            if arguments.kind and name not in arguments.kind:
+                continue
+            line, faults = fuzz(name, seeds, read, arguments.count, arguments.seed, arguments.keep)
+            failed += faults
+            print(line, flush=True)
+    return int(failed > 0)
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,50 @@
+"""No process outlives the one that started it: neither when that is asked to end, nor when it is killed."""
+
+from __future__ import annotations
+
+import os
+import signal
+import threading
+from contextlib import suppress
+from pathlib import Path
+
+_PARENT_DIED = 1  # PR_SET_PDEATHSIG of prctl(2)
+
+
+def die_with_parent() -> None:
+    """Let the kernel kill this process when the one that started it ends, however it ends; for the start of a worker."""
+    import ctypes
+    import multiprocessing
+
+    if (
+        asked := multiprocessing.parent_process()
+    ) is not None:  # a fork server stands between, and lives as long as we do
+        threading.Thread(target=_end_with, args=(asked.sentinel,), daemon=True).start()
+    parent = os.getppid()
+    with suppress(OSError, AttributeError):  # another system than Linux
+        ctypes.CDLL(None).prctl(_PARENT_DIED, int(signal.SIGKILL), 0, 0, 0)
+    if os.getppid() != parent:  # it ended meanwhile
+        os._exit(1)
+
+
+def _end_with(sentinel: int) -> None:
+    from multiprocessing.connection import wait
+
+    wait([sentinel])
+    os.kill(os.getpid(), signal.SIGKILL)
+
+
+def kill_workers() -> None:
+    """Kill every process that this one has started, and theirs, at once; the trackers of shared memory end by themselves."""
+    for number in _children(os.getpid()):
+        with suppress(OSError):
+            if b"resource_tracker" not in Path(f"/proc/{number}/cmdline").read_bytes():
+                os.kill(number, signal.SIGKILL)
+
+
+def _children(of: int) -> list[int]:
+    found: list[int] = []
+    for tasks in Path(f"/proc/{of}/task").glob("*/children"):
+        with suppress(OSError):
+            found += map(int, tasks.read_text().split())
+    return [deeper for child in found for deeper in (*_children(child), child)]
