@@ -31,8 +31,8 @@ _MATERIALS = {
 }  # colours of the view
 _LINKED = {".step", ".stl", ".obj", ".ply", ".3mf", ".glb", ".tiff", ".npz", ".json"}  # files that the page links
 _INK, _COLOURS = "#71828f", ("#1f6f8b", "#c8553d", "#588157", "#7b4fa3", "#b08900")
-_MOST_FELT = 1e4  # µJ: a release of 10 mJ takes 31 N at C_v 20 % and 9.81 N/mm, and bends the tool by 3 mm
 _WORDS = {Status.LOCKED: "locked", Status.TOO_HIGH: "too high", Status.NO_CATCH: "no catch"}
+_WORDS |= {status: f"beyond the {status.removeprefix('beyond-')}, no energy," for status in Status if status.beyond}
 
 
 @dataclass(frozen=True)
@@ -102,7 +102,9 @@ def _overview(predictions: Sequence[Prediction]) -> dict[str, str]:
     held = sum(one.status is Status.LOCKED for one in releases)
     spans = {"force": [one.pull_force for one in felt], "energy": [one.vibration_energy for one in felt]}
     said = {name: format_span(min(values), max(values), name) if values else "-" for name, values in spans.items()}
-    return said | {"locks": f"{held} of {len(releases)}" if held else "never" if felt else "does not catch"}
+    beyond = sum(one.status.beyond for one in releases)
+    told = f"{held} of {len(releases)}" if held else "never" if felt or beyond else "does not catch"
+    return said | {"locks": told + (f"; {beyond} beyond a limit" if beyond else "")}
 
 
 def _ring_lines(stimuli: StimulusSet) -> dict[str, list[str]]:
@@ -145,7 +147,13 @@ def _cells(p: Mapping[str, float | str]) -> list[str]:
     felt = shown("pull_force_n", "vibration_energy_uj")
     interval = between("vibration_energy_95_low_uj", "vibration_energy_95_high_uj") if felt[1] != "-" else ""
     worst = between("vibration_energy_low_uj", "vibration_energy_high_uj")
-    return [*settings, *felt, interval, worst, *shown("mean_power_uw", "threshold_ratio")]
+    return [
+        *settings,
+        *felt,
+        interval,
+        worst,
+        *shown("mean_power_uw", "threshold_ratio", "drag_vibration_energy_uj", "felt_by"),
+    ]
 
 
 def _summary(predictions: Sequence[Prediction]) -> Iterator[str]:
@@ -173,7 +181,8 @@ def _figure(stimuli: StimulusSet) -> str | None:
     if not blocks:
         return None
     grid = stimuli.prediction
-    radius, load, tool = grid.tip_radii[0], max(grid.normal_loads), grid.tool
+    radius, load, tool = grid.tip_radii[0], max(grid.normal_loads), grid.as_tool()
+    limit, most = tool.limits.first
     marks = np.array([block.height.nominal for block in blocks])
     names = [block.id for block in blocks]
     top = min(1.25 * marks[-1], radius)
@@ -194,7 +203,9 @@ def _figure(stimuli: StimulusSet) -> str | None:
     shapes = []
     for index, friction in enumerate(grid.frictions):
         colour, locking = _COLOURS[index % len(_COLOURS)], float(kernels.locking_height(radius, friction))
-        below, felt = curve[curve < 0.9995 * locking], marks[marks < locking]
+        # where the pull reaches the limit: F = N tan(a + atan mu); beyond it there is no energy
+        least = float(kernels.height_at_angle(math.atan2(most, load) - math.atan(friction), radius))
+        below, felt = curve[curve <= least], marks[marks <= least]
         traces.append(_line(below * 1e6, energy(below, friction), f"E<sub>v</sub>, µ {friction:g}", colour, "y2"))
         traces.append(_dots(felt * 1e6, energy(felt, friction), names, colour, "y2"))
         if locking < 1.02 * top:
@@ -203,11 +214,10 @@ def _figure(stimuli: StimulusSet) -> str | None:
     marked = [
         value for trace in traces if trace["yaxis"] == "y2" and trace["mode"] == "markers" for value in trace["y"]
     ]
-    # what is felt, not the pole of the formula at the locking height, where a tool breaks
-    felt_range = [math.log10(0.3 * min(marked)), math.log10(min(3.0 * max(marked), _MOST_FELT))] if marked else None
+    felt_range = [math.log10(0.3 * min(marked)), math.log10(3.0 * max(marked))] if marked else None
     decades = [10.0**power for power in range(-3, 5)]
     ticks = {"tickvals": decades, "ticktext": [format_span(1e-6 * one, 1e-6 * one, "energy") for one in decades]}
-    title = f"Tip {radius * 1e6:g} µm, load {load:g} N; dotted: above it the tip locks"
+    title = f"Tip {radius * 1e6:g} µm, load {load:g} N; dotted: above it the tip locks; no energy beyond {most:g} N ({limit})"
     layout = {
         "height": 400,
         "margin": {"l": 70, "r": 20, "t": 40, "b": 80},
