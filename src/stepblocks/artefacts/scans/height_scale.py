@@ -109,7 +109,7 @@ def _nid(head: bytes, channel: str) -> HeightScale | None:
     raise ValueError("no channel in units of length")
 
 
-def _sur(head: bytes, _: str) -> HeightScale | None:
+def _sur(head: bytes, channel: str) -> HeightScale | None:
     """Digital Surf: Z spacing as float32 at byte 128, its unit as text at byte 212, limits in counts at byte 100."""
     if head[:12] not in (b"DIGITAL SURF", b"DSCOMPRESSED"):
         return None
@@ -121,7 +121,7 @@ def _sur(head: bytes, _: str) -> HeightScale | None:
     return HeightScale(count, -reach, reach, "Z spacing of the header")
 
 
-def _sdf(head: bytes, _: str) -> HeightScale | None:
+def _sdf(head: bytes, channel: str) -> HeightScale | None:
     """ISO 25178-71: Zscale in metres per count; floating types have no counts."""
     if head[:8] == b"bISO-1.0":
         count, kind = struct.unpack_from("<d", head, 62)[0], head[79]
@@ -134,14 +134,14 @@ def _sdf(head: bytes, _: str) -> HeightScale | None:
     return None if kind in (3, 7) else HeightScale(count, -(2**32) * count, 2**32 * count, "Zscale of the header")
 
 
-def _opdx(head: bytes, _: str) -> HeightScale | None:
+def _opdx(head: bytes, channel: str) -> HeightScale | None:
     """Dektak: the quantity DataScale of a channel, value as float64, then name and symbol of its unit, each with its length."""
     mark = struct.pack("<I", 9) + b"DataScale\x13"
     at = head.find(mark) + len(mark)
     if at < len(mark):
         raise ValueError("no DataScale")
     at += 1 + head[at]  # length of the item, in as many bytes as its first says
-    (value,) = struct.unpack_from("<d", head, at)
+    value: float = struct.unpack_from("<d", head, at)[0]
     at, symbol = at + 8, ""
     for _ in range(2):
         (size,) = struct.unpack_from("<I", head, at)

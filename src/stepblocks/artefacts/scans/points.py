@@ -104,7 +104,8 @@ def read_points(path: Path, sizes: dict[str, tuple[float, float]]) -> HeightMap:
             points = np.asarray(meshio.read(path).points, dtype=np.float64)
     if points.ndim != 2 or points.shape[1] != 3:
         raise MetrologyError(f"points must be rows of x, y, z, got shape {points.shape}")
-    return gridded(*(np.unique(points, axis=0) * per).T, path.name, "unit as given")
+    x, y, z = (np.unique(points, axis=0) * per).T
+    return gridded(x, y, z, path.name, "unit as given")
 
 
 def _json_image(path: Path, per: Array) -> HeightMap:
@@ -139,5 +140,5 @@ def _pcd(path: Path) -> Array:
         raise MetrologyError(f"data must be ascii or binary, got {coding[:40]!r}")
     parts = zip(names, kinds, sizes, counts, strict=True)
     kind = np.dtype([(name, f"<{letter.lower()}{size}", (int(count),)) for name, letter, size, count in parts])
-    table = np.frombuffer(body, kind, int(fields["POINTS"]))
-    return np.column_stack([table[axis][:, 0].astype(np.float64) for axis in "xyz"])
+    packed = np.frombuffer(body, kind, int(fields["POINTS"]))
+    return np.column_stack([packed[axis][:, 0].astype(np.float64) for axis in "xyz"])

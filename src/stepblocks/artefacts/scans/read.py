@@ -246,14 +246,15 @@ def _unpacked_sur(raw: bytes) -> bytes:
 def _load_sdf(path: Path) -> dict[str, Any]:
     import sdfio
 
-    (stated,) = [one for one in (stated_height_scale(path, "sdf", ""),) if one] or [None]
+    stated = stated_height_scale(path, "sdf", "")
     read = sdfio.read(str(path))
     _check_size(read.data.shape)
     header, scale = read.header, "ISO 25178-71: heights in metres"
-    content = {"height": np.atleast_2d(read.data), "scale": scale, "count": abs(header.z_scale) if stated else 1.0}
-    if content["height"].shape[0] == 1:
-        return content | {"height": content["height"][0], "position": np.arange(read.data.size) * header.x_scale}
-    return content | {"dx": header.x_scale, "dy": header.y_scale}
+    height, count = np.atleast_2d(read.data), abs(header.z_scale) if stated else 1.0
+    if len(height) == 1:
+        position = np.arange(height.size) * header.x_scale
+        return {"height": height[0], "position": position, "scale": scale, "count": count}
+    return {"height": height, "dx": header.x_scale, "dy": header.y_scale, "scale": scale, "count": count}
 
 
 def _load_x3p(path: Path) -> dict[str, Any]:
@@ -268,9 +269,8 @@ def _load_x3p(path: Path) -> dict[str, Any]:
         return {"height": layer.z, "position": position, "scale": scale, "count": count}
     steps = header.x.increment, header.y.increment
     if layer.x is not None or None in steps:  # a point cloud, or absolute axes
-        found = gridded(
-            *(np.ravel(np.asarray(one, dtype=np.float64)) for one in (layer.x, layer.y, layer.z)), path.name, scale
-        )
+        x, y, z = (np.ravel(np.asarray(one, dtype=np.float64)) for one in (layer.x, layer.y, layer.z))
+        found = gridded(x, y, z, path.name, scale)
         return {"height": found.height, "dx": found.dx, "dy": found.dy, "scale": found.scale, "count": count}
     return {"height": layer.z, "dx": steps[0], "dy": steps[1], "scale": scale, "count": count}
 

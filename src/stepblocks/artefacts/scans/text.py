@@ -68,8 +68,8 @@ def holds_matrix(path: Path) -> bool:
 
 def read_text_scan(path: Path, unit: str | None = None) -> Profile | HeightMap:
     """Read a profile (two columns), a grid of points (three) or a matrix of heights (any more) from text."""
-    if (size := path.stat().st_size) > _MOST_BYTES:
-        raise MetrologyError(f"text must not exceed {_MOST_BYTES >> 20} MiB, got {size} bytes [{path.name}]")
+    if (length := path.stat().st_size) > _MOST_BYTES:
+        raise MetrologyError(f"text must not exceed {_MOST_BYTES >> 20} MiB, got {length} bytes [{path.name}]")
     raw = path.read_bytes()
     text = _decoded(raw)
     if "\0" in text[:4096]:
