@@ -8,8 +8,9 @@ from stepblocks.artefacts.scans.scan import HeightMap, Profile
 from stepblocks.errors import MetrologyError
 from stepblocks.inspect.budget import Instrument
 from stepblocks.inspect.edge_arc import arc_radius, edge_profile
-from stepblocks.inspect.masked_step import masked_step
-from stepblocks.inspect.measure import measure_edge, measure_groove, measure_margin, measure_tip
+from stepblocks.inspect.map_levels import masked_step
+from stepblocks.inspect.grooves import measure_groove
+from stepblocks.inspect.measure import How, measure_edge, measure_margin, measure_tip
 
 X = np.arange(-200, 200) * 1e-6
 EXACT = Instrument(0.0, 0.0, 0.0)
@@ -110,7 +111,7 @@ def test_many_features_in_a_row_are_a_masked_step_and_one_is_type_a1():
         groove_gauge(x, -10e-6, 300e-6, 600e-6, 20e-6) + correlated_noise(1001, 1e-6, 9e-9, 0.0, 1e-6, random)
         for random in map(np.random.default_rng, range(3))
     ]
-    one = measure_groove(HeightMap(np.stack(rows), 1e-6, 50e-6), EXACT, "ridge_height")
+    one = measure_groove(HeightMap(np.stack(rows), 1e-6, 50e-6), EXACT, key="ridge_height")
     assert one.values["ridge_height"].value == pytest.approx(10e-6, abs=10e-9)  # a height has no sign
     assert one.values["ridge_height"].name == "ridge height"
     assert [name for *_, name in one.shown.windows] == ["A", "C", "B"]

@@ -92,7 +92,11 @@ def two_levels(levelled: Array) -> tuple[float, float]:
 
 def weighted(design: Array, z: Array, used: Mask) -> tuple[Array, Array]:
     """Return with which weights each point counts in a least-squares fit over those used, and its solution."""
-    weights = np.where(used, np.linalg.inv(design[:, used] @ design[:, used].T) @ design, 0.0)
+    try:
+        inverse = np.linalg.inv(design[:, used] @ design[:, used].T)
+    except np.linalg.LinAlgError as error:
+        raise MetrologyError(f"points must determine what is fitted to them, got {int(used.sum())} of one face") from error
+    weights = np.where(used, inverse @ design, 0.0)
     return weights, weights[:, used] @ z[used]
 
 
