@@ -110,7 +110,7 @@ def tip(radius: float, rough: float, length: float) -> Draw:
         yield (
             "tip radius, map",
             radius,
-            measure_tip(HeightMap(z, spacing, spacing), EXACT, radius).values["ball_radius"],
+            measure_tip(HeightMap(z, spacing, spacing), EXACT, nominal=radius).values["ball_radius"],
         )
 
     return draw

@@ -203,7 +203,7 @@ def _pitch_of(label: str, rows: list[_Row], spacing: float, instrument: Instrume
         dof,
         "over the pitches, and one interval",
     )
-    return {"pitch": with_budget("pitch", float(pitches.mean()), [part], instrument, axes=(0.0, 1.0))}
+    return {"feature_pitch": with_budget("pitch", float(pitches.mean()), [part], instrument, axes=(0.0, 1.0))}
 
 
 def _widths(label: str, rows: list[_Row], spacing: float, instrument: Instrument) -> dict[str, Measured]:
@@ -215,7 +215,7 @@ def _widths(label: str, rows: list[_Row], spacing: float, instrument: Instrument
         "sampling", float(np.hypot(spacing / np.sqrt(6.0), scatter)), how="one interval at either edge, rectangular"
     )
     return {
-        "width": with_budget(
+        "feature_width": with_budget(
             f"width W of the {label.split()[0]}, at half its height",
             float(widths.mean()),
             [part],
@@ -253,7 +253,7 @@ def _grating(scan: Profile | HeightMap, instrument: Instrument, how: How, key: s
     pitch = Component("sampling", found.pitch_std, how="a part of a sampling interval over all periods")
     values = {
         key: with_budget(key.replace("_", " "), found.depth, [noise], instrument),
-        "pitch": with_budget("pitch, across the lines", found.pitch, [pitch], instrument, axes=(0.0, 1.0)),
+        "feature_pitch": with_budget("pitch, across the lines", found.pitch, [pitch], instrument, axes=(0.0, 1.0)),
     }
     convention = f"grating: from the lowest to the highest point of the mean shape, which repeats in {found.share:.0%} of the variance"
     note = f"lines at {np.degrees(found.angle):.1f} deg from the y axis"

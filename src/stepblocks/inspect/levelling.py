@@ -95,7 +95,9 @@ def weighted(design: Array, z: Array, used: Mask) -> tuple[Array, Array]:
     try:
         inverse = np.linalg.inv(design[:, used] @ design[:, used].T)
     except np.linalg.LinAlgError as error:
-        raise MetrologyError(f"points must determine what is fitted to them, got {int(used.sum())} of one face") from error
+        raise MetrologyError(
+            f"points must determine what is fitted to them, got {int(used.sum())} of one face"
+        ) from error
     weights = np.where(used, inverse @ design, 0.0)
     return weights, weights[:, used] @ z[used]
 

@@ -27,6 +27,9 @@ _GAP = 0.6  # part of the points of the lesser of two levels that may lie betwee
 _HARMONICS = 8  # of a grating's period that are kept
 _PHASES = 48  # into which the period of a grating is folded
 _REPEATS = 0.7  # part of the variance that repeats, from which a map is a grating [1]
+_OWN_HEIGHTS = (
+    1.5  # interval by the scatter over features above that over rows, from which each has a height of its own [1]
+)
 _LEAST_BANDS = 4  # of rows, over which a scatter is taken
 
 
@@ -47,16 +50,20 @@ def masked_step(scan: HeightMap, exclusion: float | None = None) -> MaskedStep:
 
     `exclusion` is the distance to keep to every edge [m]; by default that at which both sides have settled.
     """
-    from scipy import ndimage
+    from scipy import ndimage, stats
 
     z, known_points = scan.height, np.isfinite(scan.height)
     inside = _features(scan)
     pitch = min(scan.dx, scan.dy)
-    sides = inside & known_points, ~inside & known_points
-    within, outside = (ndimage.distance_transform_edt(one, sampling=(scan.dy, scan.dx)) for one in sides)
+    # a missing point lies where its nearest neighbour does
+    nearest = ndimage.distance_transform_edt(~known_points, return_distances=False, return_indices=True)
+    inside = inside[tuple(nearest)]
+    within, outside = (ndimage.distance_transform_edt(one, sampling=(scan.dy, scan.dx)) for one in (inside, ~inside))
     if exclusion is None:
-        exclusion = _settling_distance(_plane_levelled(z, outside > 3.0 * pitch), within, outside, pitch)
-    floor, reference = within > exclusion, outside > exclusion
+        exclusion = _settling_distance(
+            _plane_levelled(z, (outside > 3.0 * pitch) & known_points), within, outside, pitch
+        )
+    floor, reference = (within > exclusion) & known_points, (outside > exclusion) & known_points
     depths, weights = _row_depths(scan.x, z, floor, reference)
     known = np.isfinite(depths)
     if known.sum() < 3:
@@ -66,11 +73,15 @@ def masked_step(scan: HeightMap, exclusion: float | None = None) -> MaskedStep:
     share /= share.sum()
     depth = float(np.sum(share[known] * depths[known]))
     noise = _by_bands(depths, share, depth, known)
+    labels, features = ndimage.label(inside)
+    apart = _by_features(_rows_levelled(z, reference), np.where(floor, labels, 0))
+    reach = [float(stats.t.ppf(0.975, one.dof)) * one.std for one in (noise, apart)]
+    if reach[1] > _OWN_HEIGHTS * reach[0]:
+        noise = apart
     shown = int(np.argmax(np.where(known, weights, -1.0)))
     line = np.polynomial.Polynomial.fit(scan.x[reference[shown]], z[shown, reference[shown]], 1)
     profile = scan.x, z[shown] - line(scan.x)
-    features = int(ndimage.label(inside)[1])
-    return MaskedStep(depth, noise, exclusion, int(known.sum()), features, profile)
+    return MaskedStep(depth, noise, exclusion, int(known.sum()), int(features), profile)
 
 
 def _by_bands(depths: Array, share: Array, depth: float, known: Mask) -> NoiseUncertainty:
@@ -85,6 +96,19 @@ def _by_bands(depths: Array, share: Array, depth: float, known: Mask) -> NoiseUn
         return noise_uncertainty(share, depths - depth, known, [np.ones(len(depths))])
     parts = [np.sum(share[band] * (depths[band] - depth)) ** 2 / np.sum(share[band]) for band in bands]
     return NoiseUncertainty(float(np.sqrt(np.sum(parts) / (len(bands) - 1))), len(bands) - 1.0)
+
+
+def _by_features(level: Array, labels: NDArray[np.intp]) -> NoiseUncertainty:
+    """Scatter over features, each weighted by its floor: sheets and islands have heights of their own; none of a single one."""
+    area = np.bincount(labels.ravel())[1:].astype(np.float64)
+    kept = area >= _LEAST_FLOOR
+    share = area[kept] / area[kept].sum()
+    number = 1.0 / float(np.sum(share**2)) if kept.any() else 1.0
+    if number < 1.5:
+        return NoiseUncertainty(0.0, np.inf)
+    means = np.bincount(labels.ravel(), np.where(labels > 0, level, 0.0).ravel())[1:][kept] / area[kept]
+    variance = float(np.sum(share * (means - np.sum(share * means)) ** 2)) / (number - 1.0)
+    return NoiseUncertainty(float(np.sqrt(variance)), max(number - 1.0, 1.0))
 
 
 def _without_slivers(bands: list[NDArray[np.intp]], share: Array) -> list[NDArray[np.intp]]:
@@ -156,7 +180,7 @@ def _two_modes(heights: Array, source: str) -> tuple[float, float]:
 def _rows_levelled(z: Array, reference: Mask) -> Array:
     """Level each row by a line through its reference; a row with too little of it keeps its heights less the median."""
     t = np.linspace(-1.0, 1.0, z.shape[1])
-    level = z - np.nanmedian(np.where(reference, z, np.nan)) if reference.any() else z.copy()
+    level = z - float(np.median(z[reference])) if reference.any() else z.copy()
     for row, used in enumerate(reference):
         if used.sum() >= _LEAST_REFERENCE:
             slope, offset = np.polyfit(t[used], z[row, used], 1)
@@ -168,13 +192,14 @@ def _settling_distance(level: Array, within: Array, outside: Array, pitch: float
     # both sides are judged within the half width of the features, since bows of the scan show beyond it
     reach = float(within.max())
     near = [(distance > 0.5 * reach) & (distance <= reach) for distance in (within, outside)]
-    plateau = [float(np.median(level[mask])) for mask in near]
+    plateau = [float(np.nanmedian(level[mask])) for mask in near]
     limit = _SETTLED * abs(plateau[0] - plateau[1])
     settled = 1
     for distance, target in zip((within, outside), plateau, strict=True):
         for ring in range(1, int(0.5 * reach / pitch) + 1):
             points = level[(distance > (ring - 0.5) * pitch) & (distance <= (ring + 0.5) * pitch)]
-            if points.size and abs(np.nanmedian(points) - target) > limit:
+            points = points[np.isfinite(points)]
+            if points.size and abs(np.median(points) - target) > limit:
                 settled = max(settled, ring)
     # one ring more, since a ring is judged by its median and half of its points lie nearer to the edge
     return (settled + 1.5) * pitch

@@ -66,10 +66,10 @@ def evaluate_a1(x: Array, z: Array, edges: Span) -> TypeA1:
         )
     masks = [(x >= begin) & (x <= end) & np.isfinite(z) for begin, end in spans]
     feature = f"the feature from {left * 1e6:.4g} to {right * 1e6:.4g} um"
-    domed = _domed(x, z, masks)
+    cuts = {name: _flank_points(x, z, mask, masks) for name, mask in zip("ACB", masks, strict=True)}
+    domed = None if cuts["A"] or cuts["B"] else _domed(x, z, masks)
     if domed is not None:
         return domed
-    cuts = {name: _flank_points(x, z, mask, masks) for name, mask in zip("ACB", masks, strict=True)}
     if any(cuts.values()):
         reached = f"{', '.join(name for name, cut in cuts.items() if cut)} ({sum(cuts.values())} points) of {feature}"
         rule = "windows of type A1 must lie on the faces"
