@@ -8,8 +8,8 @@ from stepblocks.artefacts.scans.scan import HeightMap, Profile
 from stepblocks.errors import MetrologyError
 from stepblocks.inspect.budget import Instrument
 from stepblocks.inspect.edge_arc import arc_radius, edge_profile
-from stepblocks.inspect.map_levels import masked_step
 from stepblocks.inspect.grooves import measure_groove
+from stepblocks.inspect.map_levels import masked_step
 from stepblocks.inspect.measure import measure_edge, measure_margin, measure_tip
 
 X = np.arange(-200, 200) * 1e-6

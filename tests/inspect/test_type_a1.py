@@ -12,9 +12,9 @@ from stepblocks.artefacts.scans.read import read_scan
 from stepblocks.artefacts.scans.scan import HeightMap
 from stepblocks.errors import MetrologyError
 from stepblocks.inspect.budget import Component, Instrument, Measured, measured_from_profiles
-from stepblocks.inspect.map_levels import masked_step
 from stepblocks.inspect.grooves import measure_groove
 from stepblocks.inspect.levelling import find_edges
+from stepblocks.inspect.map_levels import masked_step
 from stepblocks.inspect.noise import NoiseUncertainty
 from stepblocks.inspect.type_a1 import evaluate_a1
 

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from stepblocks.errors import MetrologyError
-from stepblocks.inspect.edge_arc import Arc, arc_radius
+from stepblocks.inspect.edge_arc import Arc, Flank, arc_radius, sloped_flank
 from stepblocks.inspect.levelling import (
     LEAST_FACE,
     STAND_OUT,
@@ -29,6 +29,7 @@ _SUSPECT = 4.0  # mean square of whitened residuals on the arc beyond which one 
 # factor by which that falls when the spike is left out [1]; form of the edge is in all points and falls by less
 _BY_FAR = 2.5
 _LEAST_EXCLUSION = 16.0  # sampling intervals kept out of the faces where the edge is sharp [1]
+_MOST_DROPPED = 0.2  # part of the points of a face, or at an edge, that may be spikes [1]
 _MOST_ON_ARC = 3  # spikes that are sought on an arc
 
 
@@ -47,6 +48,8 @@ class Edge:
     exclusion: float  # half width that was kept out of the faces [m]
     rejected: int  # points taken for spikes or missing
     rising: bool  # whether the higher face lies at larger positions
+    flank: Flank | None  # where the flank slopes and the edge is no arc
+    dropped: Mask  # shape (n,); points left out as spikes, along the profile as given
 
 
 def fit_edge(position: Array, height: Array, exclusion: float | None = None) -> Edge:
@@ -87,20 +90,47 @@ def fit_edge(position: Array, height: Array, exclusion: float | None = None) -> 
     # over the whole profile, so that the points at the ends of the window have their neighbours too
     spikes[known] = _beyond_neighbours(z[known] - planes.tilt * x[known], 6.0 * max(roughness, LEAST_SCATTER))
     arc, on_arc = _arc_without_spikes(x, z, spacing, faces, np.flatnonzero(near & ~spikes))
+    flank = _flank_of(x, z, spacing, faces, near, arc)
+    if (share := float((near & spikes).sum()) / max(int(near.sum()), 1)) > _MOST_DROPPED:
+        got = f"{share:.0%} of those within {half_width * 1e6:.3g} um of it"
+        raise MetrologyError(f"at most {_MOST_DROPPED:.0%} of the points at an edge may be spikes, got {got}")
+    if (lost := planes.rejected / max(int(planes.used.sum()) + planes.rejected, 1)) > _MOST_DROPPED:
+        raise MetrologyError(f"at most {_MOST_DROPPED:.0%} of the points of the faces may be spikes, got {lost:.0%}")
+    off = known & ~planes.used & (np.abs(x - middle) > half_width) | (near & spikes)
+    dropped = np.zeros(len(position), dtype=bool)
+    dropped[np.flatnonzero(own)] = off if rising else off[::-1]
     sign = 1.0 if rising else -1.0
+    corner = (arc.radius, arc.radius_std, arc.radius_limit)
+    if flank is not None:
+        corner = (flank.radius, flank.radius_std, flank.radius + 1.645 * flank.radius_std)
     return Edge(
         height=planes.height,
         height_std=planes.noise.std,
         height_dof=planes.noise.dof,
-        radius=arc.radius,
-        radius_std=arc.radius_std,
-        radius_limit=arc.radius_limit,
+        radius=corner[0],
+        radius_std=corner[1],
+        radius_limit=corner[2],
         position=sign * arc.riser,
         tilt=sign * planes.tilt,
         exclusion=half_width,
         rejected=planes.rejected + int((near & spikes).sum()) + on_arc + int((~known).sum()),
         rising=rising,
+        flank=flank,
+        dropped=dropped,
     )
+
+
+def _flank_of(x: Array, z: Array, spacing: float, faces: _Faces, near: Mask, arc: Arc) -> Flank | None:
+    """Sloped flank of an edge, where the circle of a vertical one does not hold and a flank is seen."""
+    height = faces.planes.height
+    levelled = z - faces.offset - faces.planes.tilt * x
+    flank = sloped_flank(x[near], levelled[near], height, spacing, faces.gamma)
+    if flank is None:
+        return None
+    # of a quarter of a circle the surface is this steep at half the height
+    upright = float(np.arccos(np.clip(1.0 - 0.5 * height / max(arc.radius, 0.5 * height), 0.0, 1.0)))
+    gentler = upright - flank.angle > 3.0 * flank.angle_std + np.radians(5.0)
+    return flank if arc.excess > _SUSPECT and gentler else None
 
 
 @dataclass(frozen=True)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Literal, TypeVar
 
 import numpy as np
@@ -33,6 +33,7 @@ class Shown:
     height: Array  # m
     windows: tuple[Window, ...] = ()  # the stretches that were evaluated
     fitted: Array | None = None  # what was fitted to it [m]
+    dropped: Mask | None = None  # points left out as spikes
 
 
 @dataclass(frozen=True)
@@ -60,6 +61,7 @@ class Inspected:
     convention: str  # how the values are defined
     notes: tuple[str, ...]  # what was left out or cut
     shown: Shown
+    arc: bool = True  # whether the edge is an arc, which its radius then says all of
 
 
 def measure_edge(scan: Profile | HeightMap, instrument: Instrument, how: How = AS_FOUND) -> Inspected:
@@ -72,7 +74,21 @@ def measure_edge(scan: Profile | HeightMap, instrument: Instrument, how: How = A
     # the noise that the radius is whitened with is as well known as that of the height
     radii = [NoiseUncertainty(e.radius_std, e.height_dof) for e in edges]
     height = measured_from_profiles("step height", [e.height for e in edges], heights, instrument, [form])
-    radius = measured_from_profiles("edge radius", [e.radius for e in edges], radii, instrument, axes=(1.0, 1.0))
+    flanks = [e.flank for e in edges if e.flank is not None]
+    sloped = 2 * len(flanks) > len(edges)
+    # a stylus rounds a corner by its own radius
+    corners = [e.radius - how.stylus_radius for e in edges if (e.flank is not None) == sloped]
+    radii = [noise for noise, e in zip(radii, edges, strict=True) if (e.flank is not None) == sloped]
+    radius = measured_from_profiles("edge radius", corners, radii, instrument, axes=(1.0, 1.0))
+    if how.stylus_radius > 0.0:
+        notes.append(f"the stylus radius of {how.stylus_radius * 1e6:.3g} um is taken off the edge radius")
+    if sloped:
+        angle, off = np.mean([one.angle for one in flanks]), np.mean([one.angle_std for one in flanks])
+        slope = f"{np.degrees(angle):.1f} +-{np.degrees(2.0 * off):.1f} deg"
+        said = f"the edge is no arc: its flank slopes by {slope}, its radius is that of the corner"
+        if how.stylus_cone > 0.0 and angle > 0.5 * np.pi - 0.5 * how.stylus_cone - 2.0 * off - np.radians(1.0):
+            said += ", and the flank may be steeper: it is as steep as the cone of the stylus"
+        notes.append(said)
     values = {"step_height": height, "edge_radius": radius}
     first, edge = results[0]
     if isinstance(scan, HeightMap):
@@ -83,10 +99,13 @@ def measure_edge(scan: Profile | HeightMap, instrument: Instrument, how: How = A
         limit = max(e.radius_limit for e in edges)
         notes.append(f"edge sharper than the sampling resolves; radius below {limit * 1e6:.2g} um at 95 %")
     convention = f"two planes with a common slope, {edge.exclusion * 1e6:.4g} um excluded on either side of the edge; radius by arc"
+    if sloped:
+        convention = f"{convention} of the corner beside its flank"
     x, before, behind = first.position, edge.position - edge.exclusion, edge.position + edge.exclusion
     windows = (float(x[0]), before, "face"), (behind, float(x[-1]), "face")
     shown = _shown(first, edge.tilt, (x < before) if edge.rising else (x > behind), windows)
-    return Inspected(values, convention, tuple(notes), shown)
+    shown = replace(shown, dropped=edge.dropped if len(edge.dropped) == len(x) else None)
+    return Inspected(values, convention, tuple(notes), shown, arc=not sloped)
 
 
 def sampled(scan: Profile | HeightMap, how: How = AS_FOUND) -> tuple[list[Profile], list[str]]:

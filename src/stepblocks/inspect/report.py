@@ -150,7 +150,7 @@ def write_inspection(result: InspectionResult, folder: str | Path) -> list[Path]
     digest = hashlib.sha256(result.source.read_bytes()).hexdigest()
     inspected, shown = result.inspected, result.inspected.shown
     surface = Profile(shown.position, shown.height) if result.felt else None
-    record = AsBuilt(result.identity, result.source.name, digest, inspected.convention, values, surface)
+    record = AsBuilt(result.identity, result.source.name, digest, inspected.convention, values, surface, inspected.arc)
     paths = [*write_as_built(record_path, record), data, table, plot]
     replace_text(data, json.dumps(result.as_record(), indent=2, allow_nan=False) + "\n")
     replace_text(table, f"{result}\n")
@@ -188,11 +188,19 @@ def _draw_scan(axis: Any, result: InspectionResult) -> None:
     x, z = shown.position[::thin] * 1e6, shown.height[::thin] * 1e6
     axis.plot(x, z, color="#1d2a36", linewidth=0.9)
     if shown.fitted is not None:
-        axis.plot(x, shown.fitted[::thin] * 1e6, color="#c07a00", linewidth=0.9, label="fitted")
-    for begin, end, name in shown.windows:
-        axis.axvspan(begin * 1e6, end * 1e6, color="#1f6f8b", alpha=0.12, linewidth=0)
-        place = (0.5e6 * (begin + end), 0.96)
-        axis.annotate(name, place, xycoords=("data", "axes fraction"), ha="center", va="top", color="#1f6f8b")
+        fitted = shown.fitted[::thin] * 1e6
+        axis.plot(x, fitted, color="#c07a00", linewidth=0.9, label="fitted")
+        rest = axis.inset_axes((0.0, -0.42, 1.0, 0.2), sharex=axis)
+        rest.plot(x, z - fitted, color="#5a6b7a", linewidth=0.6)
+        reach = max(2.0 * float(np.nanpercentile(np.abs(z - fitted), 90)), 1e-9)
+        rest.set(ylim=(-reach, reach), ylabel="residual / um")
+    if shown.dropped is not None and shown.dropped.any():
+        off = shown.dropped
+        axis.plot(
+            shown.position[off] * 1e6, shown.height[off] * 1e6, "x", color="#b3261e", markersize=4, label="left out"
+        )
+    if axis.get_legend_handles_labels()[0]:
+        axis.legend(loc="lower right", fontsize=7, frameon=False)
     low, high = np.nanmin(z), np.nanmax(z)
     # of a feature that lies below the faces the limits are drawn below them
     falls = np.nanmedian(z) > 0.5 * (low + high) and low < -0.5 * np.ptp(z)

@@ -211,5 +211,8 @@ def _felt_sentence(result: InspectionResult, grid: PredictionGrid) -> str:
     if angle is not None:
         scanned = release_at(angle, point.normal_load, point.friction, point.tool)
         if scanned.status is Status.RELEASES:
-            sentence += f"; by the scanned surface itself {energy_change(asked, scanned, point) * 100:+.1f} %"
+            by_surface = f"by the scanned surface itself {energy_change(asked, scanned, point) * 100:+.1f} %"
+            if not result.inspected.arc:  # its radius says little of it
+                return f"{verdict}; the edge is no arc; {by_surface}, to {float(scanned.vibration_energy) * 1e6:.3g} uJ {where}"
+            sentence += f"; {by_surface}"
     return f"{sentence} {where}"

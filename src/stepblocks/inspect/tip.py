@@ -71,6 +71,11 @@ def fit_cap(scan: Profile | HeightMap, nominal: float, reach: float = _CAP) -> C
         state += step
         if np.abs(step).max() < 1e-9 * state[3] and not spikes.any():
             break
+    if used.sum() < 2 * len(design) or not 0.2 < state[3] / nominal < 5.0:
+        got = f"{int(used.sum())} points on one of {state[3] * 1e6:.4g} um"
+        raise MetrologyError(
+            f"tip must show a cap of a ball of about {nominal * 1e6:.4g} um, got {got} [{scan.source}]"
+        )
     residuals = np.where(used, residuals - np.tensordot(solution, design, 1), np.nan)
     spread = np.zeros(z.shape)
     spread[used] = weights[2]
