@@ -31,7 +31,7 @@ from stepblocks.errors import MetrologyError
 from stepblocks.inspect.budget import Component, Instrument, Measured
 from stepblocks.inspect.edge import fit_edge
 from stepblocks.inspect.form import fit_face, flatness, zone_of_flatness
-from stepblocks.inspect.masked_step import masked_step
+from stepblocks.inspect.map_levels import masked_step
 from stepblocks.inspect.measure import measure_edge, measure_margin, measure_tip
 from stepblocks.inspect.type_a1 import evaluate_a1
 
@@ -110,7 +110,7 @@ def tip(radius: float, rough: float, length: float) -> Draw:
         yield (
             "tip radius, map",
             radius,
-            measure_tip(HeightMap(z, spacing, spacing), EXACT, radius).values["ball_radius"],
+            measure_tip(HeightMap(z, spacing, spacing), EXACT, nominal=radius).values["ball_radius"],
         )
 
     return draw

@@ -2,6 +2,7 @@ from .artefacts.as_built import read_as_built as read_as_built
 from .artefacts.check import check_artefact as check_artefact
 from .artefacts.heightfield import height_field as height_field
 from .artefacts.model_file import read_model as read_model
+from .artefacts.scans.read import list_channels as list_channels
 from .artefacts.scans.read import read_scan as read_scan
 from .artefacts.step.check_step import check_step as check_step
 from .artefacts.verdict import Verdict as Verdict
@@ -31,6 +32,7 @@ from .declare import load_set as load_set
 from .drag.run import drag_over as drag_over
 from .errors import StepblocksError as StepblocksError
 from .evidence.compare import hold_against_evidence as hold_against_evidence
+from .inspect.measure import How as How
 from .inspect.report import write_inspection as write_inspection
 from .inspect.run import inspect_scan as inspect_scan
 from .inspect.run import inspect_standard as inspect_standard

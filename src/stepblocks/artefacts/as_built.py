@@ -42,6 +42,7 @@ class AsBuilt:
     values: dict[str, AsBuiltValue]  # by key of the characteristic, such as ``step_height``
     # levelled profile across the edge, for what the values do not say of its form
     surface: Profile | None = field(default=None, compare=False)
+    arc: bool = True  # whether the edge is an arc; where not, its surface says what its radius cannot
 
     @property
     def height(self) -> AsBuiltValue | None:
@@ -53,6 +54,7 @@ class AsBuilt:
 def write_as_built(path: Path, record: AsBuilt) -> list[Path]:
     """Write a record as TOML with units, and its surface beside it as CSV; return the paths of both."""
     lines = [f"schema = {_SCHEMA}", *(f"{name} = {_quoted(getattr(record, name))}" for name in _TEXTS)]
+    lines += [] if record.arc else ["edge_is_arc = false"]
     written = [path]
     if record.surface is not None:
         table = io.StringIO()
@@ -104,7 +106,12 @@ def read_as_built(path: str | Path) -> AsBuilt:
     if not isinstance(tables, dict) or not tables:
         raise MetrologyError(f"values must hold at least one characteristic [{path}]")
     values = {key: _value(path, key, table) for key, table in tables.items()}
-    return AsBuilt(**texts, values=values, surface=_surface(path, raw.get("profile"), raw.get("profile_sha256")))
+    arc = raw.get("edge_is_arc", True)
+    if not isinstance(arc, bool):
+        raise MetrologyError(f"edge_is_arc must be true or false, got {arc!r} [{path}]")
+    return AsBuilt(
+        **texts, values=values, surface=_surface(path, raw.get("profile"), raw.get("profile_sha256")), arc=arc
+    )
 
 
 def read_records(paths: Sequence[Path]) -> dict[str, AsBuilt]:

@@ -132,7 +132,13 @@ def _predict_sets(arguments: argparse.Namespace) -> Outcome:
     more: Callable[[Prediction], dict[str, str]] | None = None
     if arguments.as_built:
         from stepblocks.artefacts.as_built import read_records
-        from stepblocks.predict.as_built import moved_energies, surface_columns, surface_releases, with_as_built
+        from stepblocks.predict.as_built import (
+            by_surface,
+            moved_energies,
+            surface_columns,
+            surface_releases,
+            with_as_built,
+        )
 
         records = read_records(arguments.as_built)
         if any(record.surface is not None for record in records.values()):
@@ -146,6 +152,8 @@ def _predict_sets(arguments: argparse.Namespace) -> Outcome:
         sets = [with_as_built(stimuli, records) for stimuli in sets]
     in_time = None if arguments.conversion is None else arguments.conversion == "simulated"
     by_name = {stimuli.name: Predictions.of(stimuli, in_time, arguments.speed) for stimuli in sets}
+    if arguments.as_built:
+        by_name = {s.name: Predictions(tuple(by_surface(by_name[s.name], s, records))) for s in sets}
     predictions = Predictions(tuple(one for predictions in by_name.values() for one in predictions))
     notes = left_out(predictions)
     if arguments.perception:

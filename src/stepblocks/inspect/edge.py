@@ -13,21 +13,23 @@ import numpy as np
 from numpy.typing import NDArray
 
 from stepblocks.errors import MetrologyError
-from stepblocks.inspect.edge_arc import Arc, arc_radius
+from stepblocks.inspect.edge_arc import Arc, Flank, arc_radius, sloped_flank
 from stepblocks.inspect.levelling import (
     LEAST_FACE,
+    STAND_OUT,
     TwoPlanes,
     check_profile,
     despiked,
+    find_edges,
     fit_two_planes,
-    roughly_levelled,
-    split_gains,
 )
 from stepblocks.inspect.noise import LEAST_SCATTER, Array, Mask, autocovariance, covariance_root, estimator_covariance
 
 _SUSPECT = 4.0  # mean square of whitened residuals on the arc beyond which one of its points may be a spike [1]
 # factor by which that falls when the spike is left out [1]; form of the edge is in all points and falls by less
 _BY_FAR = 2.5
+_LEAST_EXCLUSION = 16.0  # sampling intervals kept out of the faces where the edge is sharp [1]
+_MOST_DROPPED = 0.2  # part of the points of a face, or at an edge, that may be spikes [1]
 _MOST_ON_ARC = 3  # spikes that are sought on an arc
 
 
@@ -46,23 +48,36 @@ class Edge:
     exclusion: float  # half width that was kept out of the faces [m]
     rejected: int  # points taken for spikes or missing
     rising: bool  # whether the higher face lies at larger positions
+    flank: Flank | None  # where the flank slopes and the edge is no arc
+    dropped: Mask  # shape (n,); points left out as spikes, along the profile as given
 
 
 def fit_edge(position: Array, height: Array, exclusion: float | None = None) -> Edge:
     """Height of a step and radius of its edge from one profile across it [m], nan where nothing was measured.
 
-    `exclusion` is the half width that is kept out of the faces [m]; a twelfth of the shorter face by default, more where
-    the edge is rounded further.
+    `exclusion` is the half width that is kept out of the faces [m]; half as much again as the edge is rounded by default.
     """
     check_profile(position, height, 2 * LEAST_FACE)
     x, z = position, np.where(np.isfinite(height), height, np.nan)
     if np.isfinite(z).sum() < 2 * LEAST_FACE:
         raise MetrologyError(f"profile must have at least {2 * LEAST_FACE} measured points")
-    middle, rising = _locate(x, z)
+    found = find_edges(x, z)
+    if not found:
+        rule = f"profile must show a step above its noise, one that stands out {STAND_OUT:g} times over what is usual along it"
+        raise MetrologyError(f"{rule}, got none")
+    chosen = max(range(len(found)), key=lambda index: abs(found[index].rise))
+    # what stands beside the edge is not its face
+    before, behind = [one.end for one in found[:chosen]], [one.begin for one in found[chosen + 1 :]]
+    own = (x > before[-1] if before else x >= x[0]) & (x < behind[0] if behind else x <= x[-1])
+    x, z, middle, rising = x[own], z[own], found[chosen].position, found[chosen].rise > 0.0
     if not rising:
         x, z, middle = -x[::-1], z[::-1], -middle
     spacing = (x[-1] - x[0]) / (len(x) - 1)
-    half_width = exclusion if exclusion is not None else min(middle - x[0], x[-1] - middle) / 12.0
+    half_width = (
+        exclusion
+        if exclusion is not None
+        else min(_LEAST_EXCLUSION * spacing, min(middle - x[0], x[-1] - middle) / 3.0)
+    )
     faces = _fit_faces(x, z, middle, half_width)
     if exclusion is None and (wider := 1.5 * _rounding_width(x, z, spacing, faces)) > half_width:
         half_width, faces = wider, _fit_faces(x, z, middle, wider)
@@ -75,20 +90,47 @@ def fit_edge(position: Array, height: Array, exclusion: float | None = None) -> 
     # over the whole profile, so that the points at the ends of the window have their neighbours too
     spikes[known] = _beyond_neighbours(z[known] - planes.tilt * x[known], 6.0 * max(roughness, LEAST_SCATTER))
     arc, on_arc = _arc_without_spikes(x, z, spacing, faces, np.flatnonzero(near & ~spikes))
+    flank = _flank_of(x, z, spacing, faces, near, arc)
+    if (share := float((near & spikes).sum()) / max(int(near.sum()), 1)) > _MOST_DROPPED:
+        got = f"{share:.0%} of those within {half_width * 1e6:.3g} um of it"
+        raise MetrologyError(f"at most {_MOST_DROPPED:.0%} of the points at an edge may be spikes, got {got}")
+    if (lost := planes.rejected / max(int(planes.used.sum()) + planes.rejected, 1)) > _MOST_DROPPED:
+        raise MetrologyError(f"at most {_MOST_DROPPED:.0%} of the points of the faces may be spikes, got {lost:.0%}")
+    off = known & ~planes.used & (np.abs(x - middle) > half_width) | (near & spikes)
+    dropped = np.zeros(len(position), dtype=bool)
+    dropped[np.flatnonzero(own)] = off if rising else off[::-1]
     sign = 1.0 if rising else -1.0
+    corner = (arc.radius, arc.radius_std, arc.radius_limit)
+    if flank is not None:
+        corner = (flank.radius, flank.radius_std, flank.radius + 1.645 * flank.radius_std)
     return Edge(
         height=planes.height,
         height_std=planes.noise.std,
         height_dof=planes.noise.dof,
-        radius=arc.radius,
-        radius_std=arc.radius_std,
-        radius_limit=arc.radius_limit,
+        radius=corner[0],
+        radius_std=corner[1],
+        radius_limit=corner[2],
         position=sign * arc.riser,
         tilt=sign * planes.tilt,
         exclusion=half_width,
         rejected=planes.rejected + int((near & spikes).sum()) + on_arc + int((~known).sum()),
         rising=rising,
+        flank=flank,
+        dropped=dropped,
     )
+
+
+def _flank_of(x: Array, z: Array, spacing: float, faces: _Faces, near: Mask, arc: Arc) -> Flank | None:
+    """Sloped flank of an edge, where the circle of a vertical one does not hold and a flank is seen."""
+    height = faces.planes.height
+    levelled = z - faces.offset - faces.planes.tilt * x
+    flank = sloped_flank(x[near], levelled[near], height, spacing, faces.gamma)
+    if flank is None:
+        return None
+    # of a quarter of a circle the surface is this steep at half the height
+    upright = float(np.arccos(np.clip(1.0 - 0.5 * height / max(arc.radius, 0.5 * height), 0.0, 1.0)))
+    gentler = upright - flank.angle > 3.0 * flank.angle_std + np.radians(5.0)
+    return flank if arc.excess > _SUSPECT and gentler else None
 
 
 @dataclass(frozen=True)
@@ -106,17 +148,6 @@ class _Faces:
     def offset(self) -> float:
         """Height of the lower face at position 0 [m]."""
         return self.planes.offset - self.planes.tilt * self.middle
-
-
-def _locate(x: Array, z: Array) -> tuple[float, bool]:
-    """Find the split that explains most variance about one line per side: where the riser is, and its direction."""
-    known = np.isfinite(z)
-    u = x[known]
-    w = despiked(roughly_levelled(u, z[known]))
-    gain, gap = split_gains(w)
-    guard = max(len(w) // 20, 1)
-    best = guard + int(np.argmax(gain[guard : len(w) - guard]))
-    return float(0.5 * (u[best] + u[best + 1])), bool(gap[best] > 0.0)
 
 
 def _fit_faces(x: Array, z: Array, middle: float, exclusion: float) -> _Faces:

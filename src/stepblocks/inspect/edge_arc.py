@@ -26,6 +26,7 @@ _UNRESOLVED = 3.0  # sampling intervals below which a radius is not resolved [1]
 _BETWEEN = 25  # positions of the riser that are tried between the two points beside it
 _STARTS = 4  # points of the coarse grid that are followed
 _SUSPECTS = 4  # points of either kind that are named as suspects
+_LEAST_ON_FLANK = 6  # points between a quarter and three quarters of the height
 _NORMAL_95 = 1.6448536269514722  # 95th percentile of the standard normal law [1]
 
 
@@ -188,3 +189,53 @@ def _summary(window: _Window, radii: Array, risers: Array, costs: Array) -> Arc:
     leading = range(max(first - 1, 0), min(first + _SUSPECTS, len(across)))
     suspects = tuple(sorted({*leading, *(int(index) for index in np.argsort(-np.abs(across))[:_SUSPECTS])}))
     return Arc(mean, std, limit, riser, excess, float(costs.min()), suspects)
+
+
+@dataclass(frozen=True)
+class Flank:
+    """Edge whose flank slopes: a line, tangent to the arc of its corner, tangent to the upper face."""
+
+    angle: float  # of the flank from the face [rad]
+    angle_std: float  # rad
+    radius: float  # of the corner, by the region of the corner alone [m]
+    radius_std: float  # m
+
+
+def sloped_flank(position: Array, levelled: Array, height: float, spacing: float, gamma: Array) -> Flank | None:
+    """Fit flank and corner to the upper three quarters of an edge; None where fewer than six points lie on its flank.
+
+    The arguments are those of `arc_radius`. Errors of flank and radius go together through the autocovariance of the faces.
+    """
+    from scipy.optimize import least_squares
+
+    inside = (levelled > 0.25 * height) & (levelled < 0.75 * height)
+    if inside.sum() < _LEAST_ON_FLANK:
+        return None
+    slope, offset = np.polyfit(position[inside], levelled[inside], 1)
+    if not slope > 0.0:
+        return None
+    crossing = (height - offset) / slope
+    used = (position >= position[inside][0]) & (levelled > 0.2 * height)
+
+    def shape(state: Array) -> Array:
+        place, angle, radius = state[0] * spacing, state[1], abs(state[2]) * spacing
+        u, reach = position[used] - place, radius * np.tan(0.5 * angle)
+        arc = height - radius + np.sqrt(np.maximum(radius**2 - (u - reach) ** 2, 0.0))
+        return np.where(u < -reach * np.cos(angle), height + u * np.tan(angle), np.where(u < reach, arc, height))
+
+    scale = max(float(np.sqrt(gamma[0])), 1e-4 * height)
+    start = np.array([crossing / spacing, float(np.arctan(slope)), 0.3 * height / spacing])
+    bounds = [-np.inf, 0.02, 0.0], [np.inf, 0.5 * np.pi - 0.01, 20.0 * height / spacing]
+    found = least_squares(
+        lambda state: (shape(state) - levelled[used]) / scale, start, bounds=bounds, loss="soft_l1", x_scale="jac"
+    )
+    jacobian = found.jac * scale
+    inverse = np.linalg.pinv(jacobian.T @ jacobian)
+    # what the model leaves counts as noise where it is more than that of the faces
+    excess = max(1.0, float(np.mean(found.fun**2)) * scale**2 / max(float(gamma[0]), 1e-30)) if gamma[0] > 0.0 else 1.0
+    coloured = toeplitz(padded(gamma, len(jacobian)))
+    covariance = excess * inverse @ jacobian.T @ coloured @ jacobian @ inverse
+    stds = np.sqrt(np.maximum(np.diag(covariance), 0.0))
+    # nothing is known of a corner between two samples
+    radius_std = float(np.hypot(stds[2] * spacing, spacing / np.sqrt(12.0)))
+    return Flank(float(found.x[1]), float(stds[1]), float(found.x[2]) * spacing, radius_std)

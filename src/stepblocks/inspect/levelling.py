@@ -1,19 +1,42 @@
-"""Levelling: roughly, just good enough to find a feature, and by two planes with a common slope beside one.
+"""Levelling: roughly, just good enough to find a feature; by two planes beside one; and by a polynomial beside all of them.
 
 A line through the whole profile would level through the feature. The median of the slopes over a fiftieth of the
 profile does not see a feature that covers less than half of it; heights are never taken from it.
+
+An edge is where two windows side by side differ by far more than such windows do elsewhere: the noise, the roughness and the
+bow of the surface itself are the yardstick. What is found must then beat a smooth curve with as many parameters. Heights come
+from one least-squares fit of a polynomial (line, parabola or cubic, as the data or the user say) and one height per feature.
 """
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 
 from stepblocks.errors import MetrologyError
-from stepblocks.inspect.noise import Array, Mask, NoiseUncertainty, noise_uncertainty, outlier_mask
+from stepblocks.inspect.noise import (
+    LEAST_SCATTER,
+    Array,
+    Mask,
+    NoiseUncertainty,
+    autocovariance,
+    noise_uncertainty,
+    outlier_mask,
+    robust_scale,
+)
 
 LEAST_FACE = 20  # points of a face or shoulder that is fitted
+STAND_OUT = 7.0  # difference of two windows over the usual one, from which it is an edge [1]
+BEAT = 10.0  # by which twice the logarithm of the likelihood, less the parameters, must gain on a smooth curve (Kass and Raftery 1995)
+_ALIKE = 0.3  # of the largest edge, from which another counts [1]
+_PAIR = 0.35  # relative difference of the two edges of one ridge or groove, at most [1]
+_MOST_EDGES = 400
+_DEGREES = (1, 2, 3)
+_SIGNIFICANT = 4.0  # of the last coefficient of a polynomial over its uncertainty, from which it is kept [1]
+LEVELS = {"line": 1, "parabola": 2, "cubic": 3}
 
 
 def check_profile(x: Array, z: Array, least: int) -> None:
@@ -69,7 +92,13 @@ def two_levels(levelled: Array) -> tuple[float, float]:
 
 def weighted(design: Array, z: Array, used: Mask) -> tuple[Array, Array]:
     """Return with which weights each point counts in a least-squares fit over those used, and its solution."""
-    weights = np.where(used, np.linalg.inv(design[:, used] @ design[:, used].T) @ design, 0.0)
+    try:
+        inverse = np.linalg.inv(design[:, used] @ design[:, used].T)
+    except np.linalg.LinAlgError as error:
+        raise MetrologyError(
+            f"points must determine what is fitted to them, got {int(used.sum())} of one face"
+        ) from error
+    weights = np.where(used, inverse @ design, 0.0)
     return weights, weights[:, used] @ z[used]
 
 
@@ -106,3 +135,230 @@ def fit_two_planes(x: Array, z: Array, middle: float, used: Mask) -> TwoPlanes:
     weights[0] /= scale
     tilt, offset, height = float(solution[0]) / scale, float(solution[1]), float(solution[2])
     return TwoPlanes(tilt, offset, height, noise, weights, residuals, used, whole - int(used.sum()))
+
+
+@dataclass(frozen=True)
+class Found:
+    """One edge of a profile."""
+
+    position: float  # where half of its height is crossed [m]
+    rise: float  # height behind it less height before it [m]
+    begin: float  # where its flank leaves the face before it [m]
+    end: float  # where its flank reaches the face behind it [m]
+
+
+@dataclass(frozen=True)
+class Feature:
+    """A ridge, a groove, or a single step."""
+
+    begin: float  # first edge [m]
+    end: float  # second edge [m]; of a single step infinite
+    height: float  # over the reference, or behind less before the edge [m]
+    noise: NoiseUncertainty  # m
+
+
+@dataclass(frozen=True)
+class Levels:
+    """All features of a profile, and how it was levelled."""
+
+    features: tuple[Feature, ...]
+    degree: int  # of the polynomial
+    level: Array  # shape (n,); polynomial and heights, as fitted [m]
+    used: Mask  # shape (n,); points that took part
+    rejected: int  # left out as spikes
+    gain: float  # by which it beats a smooth curve, as BEAT [1]
+    edges: tuple[Found, ...]
+
+
+def find_edges(x: Array, z: Array) -> list[Found]:
+    """Find the edges of a profile in equal steps [m], nan where nothing was measured; none where no difference stands out."""
+    check_profile(x, z, 2 * LEAST_FACE)
+    known = np.isfinite(z)
+    calm = without_spikes(z)
+    best: tuple[float, int, Array] = (STAND_OUT, 0, calm)
+    reach = 4
+    while 3 * reach <= len(x) // 4:
+        gap = _differences(calm, known, reach)
+        scale = max(robust_scale(gap[np.isfinite(gap)]), LEAST_SCATTER) if np.isfinite(gap).any() else np.inf
+        ratio = float(np.nanmax(np.abs(gap), initial=0.0)) / scale
+        if ratio > best[0] * 1.05:
+            best = ratio, reach, gap
+        reach = int(np.ceil(1.5 * reach))
+    ratio, reach, gap = best
+    if reach == 0:
+        return []
+    size = np.where(np.isfinite(gap), np.abs(gap), 0.0)
+    least = max(_ALIKE * size.max(), STAND_OUT / ratio * size.max())
+    from scipy.ndimage import maximum_filter1d
+
+    peaks = np.flatnonzero((size >= least) & (size == maximum_filter1d(size, 2 * reach + 1)))
+    places = [int(one) for one in peaks[np.diff(peaks, prepend=-reach) > reach]][:_MOST_EDGES]
+    return _flanks(x, calm, known, places, gap)
+
+
+def _differences(z: Array, known: Mask, reach: int) -> Array:
+    """Difference of the means of two windows beside a gap, less what is usual around it: the slope and bow of the surface."""
+    from scipy.ndimage import median_filter
+
+    filled = np.where(known, z, 0.0)
+    count, total = (np.concatenate([[0.0], np.cumsum(one)]) for one in (known.astype(float), filled))
+    at, gap = np.arange(1, len(z)), reach // 2
+
+    def mean(begin: NDArray[np.intp]) -> tuple[Array, Array]:
+        low, high = (np.clip(one, 0, len(z)).astype(int) for one in (begin, begin + reach))
+        number = count[high] - count[low]
+        return number, (total[high] - total[low]) / np.maximum(number, 1.0)
+
+    (before, low), (behind, high) = mean(at - gap - reach), mean(at + gap)
+    whole = np.minimum(before, behind) >= 0.6 * reach
+    gaps = np.where(whole, high - low, np.nan)
+    if not whole.any():
+        return gaps
+    usual = median_filter(np.interp(at, at[whole], gaps[whole]), min(9 * reach, len(gaps)), mode="nearest")
+    return np.asarray(gaps - usual)
+
+
+def _flanks(x: Array, z: Array, known: Mask, places: list[int], gap: Array) -> list[Found]:
+    """Where the flank of each edge begins and ends: off the line through the middle of the faces on either side."""
+    found = []
+    ends = [0, *places, len(x) - 1]
+    for before, at, behind in zip(ends, places, ends[2:], strict=False):
+        rise = float(gap[at])
+        faces = [_face(x, z, known, *span) for span in ((before, at, before > 0), (at, behind, behind < len(x) - 1))]
+        if any(face is None for face in faces):
+            continue
+        (low, rough_low), (high, rough_high) = (face for face in faces if face is not None)
+        rise = float(high(x[at]) - low(x[at])) if np.sign(high(x[at]) - low(x[at])) == np.sign(rise) else rise
+        limits = [max(6.0 * rough, 0.02 * abs(rise)) for rough in (rough_low, rough_high)]
+        on_low, on_high = np.abs(z - low(x)) <= limits[0], np.abs(z - high(x)) <= limits[1]
+        begin, end = at, at
+        while begin > before and not (on_low[begin] and on_low[max(begin - 2, before)]):
+            begin -= 1
+        while end < behind and not (on_high[end] and on_high[min(end + 2, behind)]):
+            end += 1
+        part = slice(begin, end + 1)
+        middle = 0.5 * (low(x[part]) + high(x[part]))
+        above = np.where(known[part], (z[part] - middle) * np.sign(rise), 0.0)
+        over = np.flatnonzero(above > 0.0)
+        first = begin + int(over[0]) if over.size else at
+        position = float(x[first])
+        if first > begin and known[first - 1] and over.size:
+            low_part, high_part = above[first - 1 - begin], above[first - begin]
+            position -= float(x[1] - x[0]) * float(high_part / max(high_part - low_part, 1e-30))
+        found.append(Found(position, rise, float(x[begin]), float(x[end])))
+    return found
+
+
+def _face(
+    x: Array, z: Array, known: Mask, begin: int, end: int, both: bool
+) -> tuple[np.polynomial.Polynomial, float] | None:
+    """Line through a face without its ends at edges, and its scatter; None where nothing of it was measured."""
+    cut = max((end - begin) // 5, 1)
+    inner = np.zeros_like(known)
+    inner[begin + cut : end - cut] = True
+    inner &= known
+    if inner.sum() < 4:
+        return None
+    line = np.polynomial.Polynomial.fit(x[inner], z[inner], 1 if inner.sum() > 10 else 0)
+    return line, robust_scale(z[inner] - line(x[inner]))
+
+
+def measured_features(x: Array, z: Array, degree: int | None = None, exclusion: float | None = None) -> Levels:
+    """Find and fit all features of a profile [m]; refused, with the figure, where no step stands out or a smooth curve does as well."""
+    edges = find_edges(x, z)
+    while edges:
+        levels = fit_features(x, z, edges, degree, exclusion)
+        weak = [one for one in levels.features if abs(one.height) < _SIGNIFICANT * one.noise.std]
+        if not weak:
+            if levels.gain < BEAT:
+                got = f"a likelihood gain of {levels.gain:.1f} on a smooth curve ({BEAT:g} needed)"
+                raise MetrologyError(f"profile must show a step that a smooth curve does not explain, got {got}")
+            return levels
+        gone = {end for one in weak for end in (one.begin, one.end)}
+        edges = [edge for edge in edges if edge.position not in gone]
+    raise MetrologyError(
+        f"profile must show a step, got none that stands out {STAND_OUT:g} times over what is usual along it"
+    )
+
+
+def fit_features(
+    x: Array, z: Array, edges: Sequence[Found], degree: int | None = None, exclusion: float | None = None
+) -> Levels:
+    """Heights of all features between `edges` in one fit; the polynomial's degree is that of its last significant term.
+
+    `exclusion` is the half width [m] kept out at every edge; where its flank is, and half as much again, by default.
+    """
+    known = np.isfinite(z)
+    used = known.copy()
+    for edge in edges:
+        slack = 0.25 * (edge.end - edge.begin) + 1.5 * float(x[1] - x[0])
+        span = (edge.begin - slack, edge.end + slack)
+        begin, end = span if exclusion is None else (edge.position - exclusion, edge.position + exclusion)
+        used &= (x < begin) | (x > end)
+    spans = paired(edges)
+    steps = [((x > begin) & (x < end)).astype(np.float64) for begin, end, _ in spans]
+    short = [int((used & (one > 0.5)).sum()) for one in steps] + [
+        int((used & (sum(steps, np.zeros_like(x)) < 0.5)).sum())
+    ]
+    if min(short) < 5:
+        raise MetrologyError(
+            f"each feature and its surroundings must keep 5 points beside the flanks, got {min(short)}"
+        )
+    t = 2.0 * (x - x[0]) / (x[-1] - x[0]) - 1.0
+    fits = {}
+    for power in _DEGREES if degree is None else (degree,):
+        design = np.stack([*(t**k for k in range(power + 1)), *steps])
+        if np.linalg.matrix_rank(design[:, used]) < len(design):
+            break
+        weights, solution, residuals, kept = _without_outliers(design, z, used)
+        fits[power] = design, weights, solution, residuals, kept
+    if not fits:
+        raise MetrologyError("features must leave enough of a reference to level the profile on, got too little")
+
+    def significant(power: int) -> bool:
+        design, weights, solution, residuals, kept = fits[power]
+        noise = noise_uncertainty(weights[power], residuals, kept, list(design))
+        return bool(abs(solution[power]) > _SIGNIFICANT * noise.std)
+
+    power = max((one for one in fits if one == min(fits) or significant(one)), default=1)
+    design, weights, solution, residuals, kept = fits[power]
+    features = tuple(
+        Feature(begin, end, float(height), noise_uncertainty(row, residuals, kept, list(design)))
+        for (begin, end, _), height, row in zip(spans, solution[power + 1 :], weights[power + 1 :], strict=True)
+    )
+    smooth = np.stack([t, *(np.cos(0.5 * np.pi * k * (t + 1.0)) for k in range(power + 1 + 2 * len(edges)))])
+    fair = np.linalg.lstsq(smooth[:, kept].T, z[kept], rcond=None)[0]
+    rest = np.where(kept, residuals, np.nan)
+    gamma = autocovariance([rest], len(design))
+    together = max(1.0, float(2.0 * gamma.sum() / gamma[0] - 1.0)) if gamma[0] > 0.0 else 1.0
+    floor = LEAST_SCATTER**2 * kept.sum()
+    squares = [float(np.sum(one[kept] ** 2)) + floor for one in (z - fair @ smooth, residuals)]
+    gain = float(kept.sum()) / together * float(np.log(squares[0] / squares[1]))
+    return Levels(features, power, solution @ design, kept, int(used.sum() - kept.sum()), gain, tuple(edges))
+
+
+def paired(edges: Sequence[Found]) -> list[tuple[float, float, float]]:
+    """Join two edges of opposite sign and like size to a ridge or groove; others are single steps, without an end."""
+    spans, index = [], 0
+    while index < len(edges):
+        one = edges[index]
+        other = edges[index + 1] if index + 1 < len(edges) else None
+        if other is not None and abs(one.rise + other.rise) < _PAIR * max(abs(one.rise), abs(other.rise)):
+            spans.append((one.position, other.position, one.rise))
+            index += 2
+        else:
+            spans.append((one.position, np.inf, one.rise))
+            index += 1
+    return spans
+
+
+def _without_outliers(design: Array, z: Array, used: Mask) -> tuple[Array, Array, Array, Mask]:
+    calm = without_spikes(z)
+    for turn in range(6):
+        weights, solution = weighted(design, z if turn else calm, used)
+        residuals = z - solution @ design
+        spikes = outlier_mask(residuals, used)
+        if turn > 0 and not spikes.any():
+            break
+        used = used & ~spikes
+    return weights, solution, residuals, used

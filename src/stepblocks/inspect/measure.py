@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable
-from dataclasses import dataclass
-from typing import TypeVar
+from dataclasses import dataclass, replace
+from typing import Literal, TypeVar
 
 import numpy as np
 
@@ -14,15 +14,14 @@ from stepblocks.inspect.budget import Component, Instrument, Measured, measured_
 from stepblocks.inspect.edge import Edge, fit_edge
 from stepblocks.inspect.form import fit_face, zone_of_flatness, zone_of_parallelism
 from stepblocks.inspect.margin_gap import fit_margin
-from stepblocks.inspect.masked_step import masked_step
 from stepblocks.inspect.noise import Array, Mask, NoiseUncertainty
-from stepblocks.inspect.tip import fit_cap
-from stepblocks.inspect.type_a1 import evaluate_a1, find_features
+from stepblocks.inspect.tip import Cap, fit_cap
 
 Window = tuple[float, float, str]  # begin, end [m] and name
 S = TypeVar("S")
 T = TypeVar("T")
 
+_NARROWER = 0.7  # of the cap of a tip, over which its radius is fitted again [1]
 _MOST_PROFILES = 60  # of a map that are evaluated; of more, as many are taken evenly over the map
 
 
@@ -33,6 +32,25 @@ class Shown:
     position: Array  # m
     height: Array  # m
     windows: tuple[Window, ...] = ()  # the stretches that were evaluated
+    fitted: Array | None = None  # what was fitted to it [m]
+    dropped: Mask | None = None  # points left out as spikes
+
+
+@dataclass(frozen=True)
+class How:
+    """How a scan is to be evaluated; what is not said follows the data."""
+
+    exclusion: float | None = None  # half width kept out at every edge [m]; where the flank is
+    degree: int | None = None  # of the polynomial that a profile is levelled by, 1 to 3; as the data carry
+    begin: float | None = None  # of the part of each profile that is looked at [m]; all of it
+    end: float | None = None  # likewise [m]
+    edges: tuple[int, ...] | None = None  # which features, counted from 1; all
+    along: Literal["x", "y"] | None = None  # direction of the profiles of a map; whichever shows features
+    stylus_radius: float = 0.0  # m
+    stylus_cone: float = 0.0  # full angle of the stylus [rad]
+
+
+AS_FOUND = How()
 
 
 @dataclass(frozen=True)
@@ -43,19 +61,34 @@ class Inspected:
     convention: str  # how the values are defined
     notes: tuple[str, ...]  # what was left out or cut
     shown: Shown
+    arc: bool = True  # whether the edge is an arc, which its radius then says all of
 
 
-def measure_edge(scan: Profile | HeightMap, instrument: Instrument, exclusion: float | None = None) -> Inspected:
+def measure_edge(scan: Profile | HeightMap, instrument: Instrument, how: How = AS_FOUND) -> Inspected:
     """Height and edge radius of a step; of a map also flatness and parallelism of the faces."""
-    rows, notes = _sampled(scan)
-    results = _evaluated(rows, lambda row: fit_edge(row.position, row.height, exclusion), notes)
+    rows, notes = sampled(scan, how)
+    results = _evaluated(rows, lambda row: fit_edge(row.position, row.height, how.exclusion), notes)
     edges = [edge for _, edge in results]
     form = Component("form", _form_of(results), how="change with twice the exclusion, rectangular")
     heights = [NoiseUncertainty(e.height_std, e.height_dof) for e in edges]
     # the noise that the radius is whitened with is as well known as that of the height
     radii = [NoiseUncertainty(e.radius_std, e.height_dof) for e in edges]
     height = measured_from_profiles("step height", [e.height for e in edges], heights, instrument, [form])
-    radius = measured_from_profiles("edge radius", [e.radius for e in edges], radii, instrument, axes=(1.0, 1.0))
+    flanks = [e.flank for e in edges if e.flank is not None]
+    sloped = 2 * len(flanks) > len(edges)
+    # a stylus rounds a corner by its own radius
+    corners = [e.radius - how.stylus_radius for e in edges if (e.flank is not None) == sloped]
+    radii = [noise for noise, e in zip(radii, edges, strict=True) if (e.flank is not None) == sloped]
+    radius = measured_from_profiles("edge radius", corners, radii, instrument, axes=(1.0, 1.0))
+    if how.stylus_radius > 0.0:
+        notes.append(f"the stylus radius of {how.stylus_radius * 1e6:.3g} um is taken off the edge radius")
+    if sloped:
+        angle, off = np.mean([one.angle for one in flanks]), np.mean([one.angle_std for one in flanks])
+        slope = f"{np.degrees(angle):.1f} +-{np.degrees(2.0 * off):.1f} deg"
+        said = f"the edge is no arc: its flank slopes by {slope}, its radius is that of the corner"
+        if how.stylus_cone > 0.0 and angle > 0.5 * np.pi - 0.5 * how.stylus_cone - 2.0 * off - np.radians(1.0):
+            said += ", and the flank may be steeper: it is as steep as the cone of the stylus"
+        notes.append(said)
     values = {"step_height": height, "edge_radius": radius}
     first, edge = results[0]
     if isinstance(scan, HeightMap):
@@ -66,24 +99,46 @@ def measure_edge(scan: Profile | HeightMap, instrument: Instrument, exclusion: f
         limit = max(e.radius_limit for e in edges)
         notes.append(f"edge sharper than the sampling resolves; radius below {limit * 1e6:.2g} um at 95 %")
     convention = f"two planes with a common slope, {edge.exclusion * 1e6:.4g} um excluded on either side of the edge; radius by arc"
+    if sloped:
+        convention = f"{convention} of the corner beside its flank"
     x, before, behind = first.position, edge.position - edge.exclusion, edge.position + edge.exclusion
     windows = (float(x[0]), before, "face"), (behind, float(x[-1]), "face")
     shown = _shown(first, edge.tilt, (x < before) if edge.rising else (x > behind), windows)
-    return Inspected(values, convention, tuple(notes), shown)
+    shown = replace(shown, dropped=edge.dropped if len(edge.dropped) == len(x) else None)
+    return Inspected(values, convention, tuple(notes), shown, arc=not sloped)
 
 
-def _sampled(scan: Profile | HeightMap) -> tuple[list[Profile], list[str]]:
-    """Return the profiles of a scan that are evaluated, and a note if not all are."""
-    rows = rows_of(scan)
-    if len(rows) <= _MOST_PROFILES:
-        return rows, []
-    chosen = np.unique(np.linspace(0, len(rows) - 1, _MOST_PROFILES).round().astype(int))
-    return [rows[index] for index in chosen], [f"{len(chosen)} of {len(rows)} profiles evaluated"]
+def sampled(scan: Profile | HeightMap, how: How = AS_FOUND) -> tuple[list[Profile], list[str]]:
+    """Return the profiles of a scan that are evaluated, cropped and in equal steps, and notes on what that took."""
+    rows, notes = rows_of(scan), []
+    if len(rows) > _MOST_PROFILES:
+        chosen = np.unique(np.linspace(0, len(rows) - 1, _MOST_PROFILES).round().astype(int))
+        notes = [f"{len(chosen)} of {len(rows)} profiles evaluated"]
+        rows = [rows[index] for index in chosen]
+    begin, end = -np.inf if how.begin is None else how.begin, np.inf if how.end is None else how.end
+    if how.begin is not None or how.end is not None:
+        inside = (rows[0].position >= begin) & (rows[0].position <= end)
+        if inside.sum() < 3:
+            raise MetrologyError(f"the part from {begin:g} to {end:g} m must hold 3 points, got {int(inside.sum())}")
+        kept = [(row, row.height[inside]) for row in rows]
+        rows = [Profile(row.position[inside], z, row.source, row.scale) for row, z in kept if np.isfinite(z).any()]
+    steps = np.diff(rows[0].position)
+    if np.ptp(steps) > 0.01 * steps.mean():
+        x = np.arange(rows[0].position[0], rows[0].position[-1], float(np.median(steps)))
+        # across a gap of several steps nothing is known
+        far = np.abs(x - rows[0].position[np.searchsorted(rows[0].position, x).clip(0, len(steps))]) > 3.0 * np.median(
+            steps
+        )
+        rows = [Profile(x, np.where(far, np.nan, np.interp(x, row.position, row.height)), row.source) for row in rows]
+        notes.append(
+            f"positions set to equal steps of {np.median(steps) * 1e6:.4g} um, between which heights are interpolated"
+        )
+    return rows, notes
 
 
 def _evaluated(rows: list[Profile], evaluate: Callable[[Profile], T], notes: list[str]) -> list[tuple[Profile, T]]:
     """Evaluate profile by profile; refused ones are named, and all refused is an error."""
-    results, refused = _tried(evaluate, rows)
+    results, refused = tried(evaluate, rows)
     if not results:
         raise MetrologyError(f"no profile can be evaluated: {refused[0]}")
     if refused:
@@ -91,7 +146,7 @@ def _evaluated(rows: list[Profile], evaluate: Callable[[Profile], T], notes: lis
     return results
 
 
-def _tried(evaluate: Callable[[S], T], asked: Iterable[S]) -> tuple[list[tuple[S, T]], list[str]]:
+def tried(evaluate: Callable[[S], T], asked: Iterable[S]) -> tuple[list[tuple[S, T]], list[str]]:
     """Return what can be evaluated with its result, and why the others were refused."""
     results, refused = [], []
     for one in asked:
@@ -109,13 +164,20 @@ def _form_of(results: list[tuple[Profile, Edge]]) -> float:
         row, edge = result
         return fit_edge(row.position, row.height, 2.0 * edge.exclusion)
 
-    pairs = [(edge, wide) for (_, edge), wide in _tried(wider, results[:: max(len(results) // 10, 1)])[0]]
+    pairs = [(edge, wide) for (_, edge), wide in tried(wider, results[:: max(len(results) // 10, 1)])[0]]
     if not pairs:
         return 0.0
     # a fit through fewer of the same points differs by what its variance has grown
     noise = np.mean([max(wide.height_std**2 - edge.height_std**2, 0.0) for edge, wide in pairs]) / len(pairs)
     beyond = float(np.mean([wide.height - edge.height for edge, wide in pairs])) ** 2 - float(noise)
     return float(np.sqrt(max(beyond, 0.0) / 3.0))
+
+
+def drawn(profile: Profile, fitted: Array, windows: tuple[Window, ...]) -> Shown:
+    """Show a profile and its fit, both levelled by the line through the ends of the fit."""
+    x = profile.position
+    line = np.polynomial.Polynomial.fit(x[[0, -1]], fitted[[0, -1]], 1)(x)
+    return Shown(x, profile.height - line, windows, fitted - line)
 
 
 def _shown(profile: Profile, tilt: float, face: Mask, windows: tuple[Window, ...]) -> Shown:
@@ -139,63 +201,22 @@ def _faces(scan: HeightMap, edge: Edge, instrument: Instrument, notes: list[str]
         "was scanned; zones of all points, noise included: "
         + ", ".join(f"{label} {zone.all_points * 1e6:.3g} um" for label, zone in zones.values())
     )
-    how = "draws from the covariance of the form"
+    origin = "draws from the covariance of the form"
     return {
-        key: with_budget(label, zone.zone, [Component("noise", zone.std, zone.dof, how)], instrument)
+        key: with_budget(label, zone.zone, [Component("noise", zone.std, zone.dof, origin)], instrument)
         for key, (label, zone) in zones.items()
     }
 
 
-def measure_groove(scan: Profile | HeightMap, instrument: Instrument, key: str = "groove_depth") -> Inspected:
-    """Depth of a groove or height of a ridge by type A1; of a grating, where its windows lie on neighbours, by a masked step."""
-    rows, notes = _sampled(scan)
-    if isinstance(scan, HeightMap) and _is_grating(rows):
-        return _masked(scan, instrument, key)
-    results = _evaluated(rows, lambda row: evaluate_a1(row.position, row.height), notes)
-    noise = [one.noise for _, one in results]
-    value = measured_from_profiles(key.replace("_", " "), [abs(one.depth) for _, one in results], noise, instrument)
-    if outliers := sum(one.outliers for _, one in results):
-        notes.append(f"{outliers} points left out as spikes")
-    first, best = results[0]
-    windows = tuple((*span, name) for span, name in zip(best.windows, "ACB", strict=True))
-    outer = (first.position >= best.windows[0][0]) & (first.position <= best.windows[0][1])
-    convention = "ISO 5436-1 type A1, profile by profile, unfiltered"
-    return Inspected({key: value}, convention, tuple(notes), _shown(first, best.tilt, outer, windows))
-
-
-def _is_grating(rows: list[Profile]) -> bool:
-    found, _ = _tried(lambda row: find_features(row.position, row.height), rows)
-    crossed = [len(features) for _, features in found if features]  # rows between the holes of a grating cross none
-    return len(crossed) >= 3 and float(np.median(crossed)) >= 2.0
-
-
-def _masked(scan: HeightMap, instrument: Instrument, key: str) -> Inspected:
-    step = masked_step(scan)
-    try:
-        form = abs(masked_step(scan, 1.5 * step.exclusion).depth - step.depth) / np.sqrt(3.0)
-    except MetrologyError:
-        form = np.nan
-    how = "scatter over rows, with the correlation of neighbours"
-    noise = Component("noise", step.noise.std, step.noise.dof, how)
-    change = Component("form", float(form), how="change with one and a half times the exclusion, rectangular")
-    value = with_budget(key.replace("_", " "), abs(step.depth), [noise], instrument, [change])
-    convention = (
-        f"masked step over {step.features} features and {step.rows} rows: each row levelled on the reference between the "
-        f"features, {step.exclusion * 1e6:.3g} um kept from every edge"
-    )
-    note = "type A1 not used: the profiles cross several features, so its windows would lie on the neighbours"
-    return Inspected({key: value}, convention, (note,), Shown(*step.profile))
-
-
-def measure_margin(scan: Profile | HeightMap, instrument: Instrument) -> Inspected:
+def measure_margin(scan: Profile | HeightMap, instrument: Instrument, how: How = AS_FOUND) -> Inspected:
     """Measure opening and rise of a margin, and the absolute discrepancy."""
-    rows, notes = _sampled(scan)
+    rows, notes = sampled(scan, how)
     results = _evaluated(rows, lambda row: fit_margin(row.position, row.height), notes)
     ones = [one for _, one in results]
     share = float(np.mean([one.opening / one.absolute for one in ones]))
     sampling = float(np.mean([one.opening_sampling for one in ones]))
 
-    how = "one interval at either edge, rectangular; the same in every profile"
+    origin = "one interval at either edge, rectangular; the same in every profile"
     sizes = {  # length and noise of each, its share in what lies between samples, and the axes that it answers to
         "vertical_discrepancy": ([(m.opening, m.opening_noise) for m in ones], 1.0, (0.0, 1.0)),
         "horizontal_discrepancy": ([(m.rise, m.rise_noise) for m in ones], None, (1.0, 0.0)),
@@ -204,7 +225,7 @@ def measure_margin(scan: Profile | HeightMap, instrument: Instrument) -> Inspect
     values = {}
     for key, (found, part, axes) in sizes.items():
         lengths, noise = [length for length, _ in found], [own for _, own in found]
-        others = [] if part is None else [Component("sampling", part * sampling, how=how)]
+        others = [] if part is None else [Component("sampling", part * sampling, how=origin)]
         values[key] = measured_from_profiles(key.replace("_", " "), lengths, noise, instrument, others, axes)
     first = results[0][0]
     left = np.nanmedian(first.height[: len(first.height) // 4])
@@ -212,17 +233,39 @@ def measure_margin(scan: Profile | HeightMap, instrument: Instrument) -> Inspect
     return Inspected(values, convention, tuple(notes), Shown(first.position, first.height - left))
 
 
-def measure_tip(scan: Profile | HeightMap, instrument: Instrument, nominal: float) -> Inspected:
-    """Radius of a probe tip [m] from a height map that looks at it along its axis."""
-    if not isinstance(scan, HeightMap):
-        raise MetrologyError(f"a tip needs a height map, got a profile [{scan.source}]")
+def measure_tip(
+    scan: Profile | HeightMap, instrument: Instrument, how: How = AS_FOUND, nominal: float = 0.0
+) -> Inspected:
+    """Radius of a probe tip of about `nominal` [m]: from a height map that looks at it along its axis, or a profile over it."""
+    notes: list[str] = []
+    if isinstance(scan, Profile):
+        (scan,), notes = sampled(scan, how)
     cap = fit_cap(scan, nominal)
+    narrower = [
+        found.radius for _, found in tried(lambda part: fit_cap(scan, nominal, part), _NARROWER * _reached(cap))[0]
+    ]
+    change = max((abs(one - cap.radius) for one in narrower), default=0.0)
+    how_form = "change over a cap of seven tenths of it, less its noise, rectangular"
+    # a cap of 0.7 of the angle knows its radius by a quarter as well
+    beyond = float(np.sqrt(max(change**2 - (3.0 * cap.noise.std) ** 2, 0.0) / 3.0))
+    parts = [Component("form", beyond, how=how_form)]
+    radius = cap.radius - how.stylus_radius
+    if how.stylus_radius > 0.0:
+        notes.append(f"the stylus radius of {how.stylus_radius * 1e6:.4g} um is taken off")
     # of a cap, height h over width a, R is a^2 / 2h: twice the lateral error, once the vertical
-    value = measured_from_profiles("ball radius", [cap.radius], [cap.noise], instrument, axes=(1.0, 2.0))
-    middle = scan.height[scan.height.shape[0] // 2]
+    value = measured_from_profiles("ball radius", [radius], [cap.noise], instrument, parts, axes=(1.0, 2.0))
     covered = f"over a cap of {np.degrees(cap.cap_angle):.3g} deg"
-    notes = [f"form of the ball {cap.form * 1e6:.3g} um, noise included, {covered}"]
+    notes.append(f"form of the ball {cap.form * 1e6:.3g} um, noise included, {covered}")
     if cap.rejected:
         notes.append(f"{cap.rejected} points left out as spikes")
     convention = "least-squares sphere through the cap, in heights"
-    return Inspected({"ball_radius": value}, convention, tuple(notes), Shown(scan.x, middle - np.nanmin(middle)))
+    if isinstance(scan, Profile):
+        convention = "least-squares circle through the cap of the profile, in heights"
+    x, z, fitted = cap.drawn
+    low = float(np.nanmin(z))
+    return Inspected({"ball_radius": value}, convention, tuple(notes), Shown(x, z - low, (), fitted - low))
+
+
+def _reached(cap: Cap) -> Array:
+    """Reach of the cap that the points cover, as a part of the radius."""
+    return np.array([np.sin(cap.cap_angle)])

@@ -21,7 +21,11 @@ from stepblocks.inspect.measure import Inspected
 from stepblocks.parts.characteristics import Characteristic
 from stepblocks.parts.kind import Part
 
-_COLOUR = {Outcome.CONFORMS: "#2e7d4f", Outcome.DOES_NOT_CONFORM: "#b3261e", Outcome.NOT_PROVEN: "#b07d00"}
+_COLOUR: dict[Outcome | None, str] = {
+    Outcome.CONFORMS: "#2e7d4f",
+    Outcome.DOES_NOT_CONFORM: "#b3261e",
+    Outcome.NOT_PROVEN: "#b07d00",
+}
 _MOST_DRAWN = 4000
 _HEIGHTS = ("step_height", "ridge_height", "horizontal_discrepancy", "groove_depth")  # limits drawn beside the scan
 
@@ -34,15 +38,20 @@ class InspectionResult:
     stimulus: Part | None  # what was asked for; None for a depth standard
     inspected: Inspected  # what was measured
     judged: tuple[tuple[Characteristic, Decision], ...]  # each value that has limits
-    verdict: Outcome  # over all of them
+    verdict: Outcome | None  # over all of them; None where nothing was asked
     felt: str  # how far the felt energy moved; empty where it does not follow from the values
     source: Path  # the scan
+
+    @property
+    def said(self) -> str:
+        """The verdict in words."""
+        return "measured" if self.verdict is None else self.verdict.value
 
     def __str__(self) -> str:
         """Every value with its limits and guard band, the budgets, convention and notes."""
         names = f"{'value um':>10} {'u um':>8} {'U95 um':>8} {'lower um':>10} {'upper um':>10} {'guard um':>9}"
         head = f"{'characteristic':30} {names}  verdict"
-        lines = [f"{self.identity}: {self.verdict.value}", "", head, "-" * len(head)]
+        lines = [f"{self.identity}: {self.said}", "", head, "-" * len(head)]
         inspected, values = self.inspected, self.inspected.values
         for one, decision in self.judged:
             low, high = ("-" if math.isinf(x) else f"{x * 1e6:.4f}" for x in (decision.lower, decision.upper))
@@ -80,7 +89,7 @@ class InspectionResult:
         return {
             "stimulus": self.identity,
             "scan": self.source.name,
-            "verdict": self.verdict.value,
+            "verdict": self.said,
             "convention": self.inspected.convention,
             "notes": list(self.inspected.notes),
             "felt": self.felt,
@@ -141,7 +150,7 @@ def write_inspection(result: InspectionResult, folder: str | Path) -> list[Path]
     digest = hashlib.sha256(result.source.read_bytes()).hexdigest()
     inspected, shown = result.inspected, result.inspected.shown
     surface = Profile(shown.position, shown.height) if result.felt else None
-    record = AsBuilt(result.identity, result.source.name, digest, inspected.convention, values, surface)
+    record = AsBuilt(result.identity, result.source.name, digest, inspected.convention, values, surface, inspected.arc)
     paths = [*write_as_built(record_path, record), data, table, plot]
     replace_text(data, json.dumps(result.as_record(), indent=2, allow_nan=False) + "\n")
     replace_text(table, f"{result}\n")
@@ -165,8 +174,8 @@ def _draw(path: Path, result: InspectionResult) -> None:
         FigureCanvasAgg(figure)
         axes = figure.subplots(1 + count, 1, height_ratios=[5.0, *[1.0] * count], squeeze=False)[:, 0]
         _draw_scan(axes[0], result)
-        title = f"{result.identity}: {result.verdict.value}"
-        axes[0].set_title(title, color=_COLOUR[result.verdict], fontweight="bold", loc="left")
+        title = f"{result.identity}: {result.said}"
+        axes[0].set_title(title, color=_COLOUR.get(result.verdict, "#1d2a36"), fontweight="bold", loc="left")
         for axis, (one, decision) in zip(axes[1:], result.judged, strict=True):
             _draw_limits(axis, one, decision)
         with beside(path) as draft:
@@ -178,10 +187,20 @@ def _draw_scan(axis: Any, result: InspectionResult) -> None:
     thin = max(len(shown.position) // _MOST_DRAWN, 1)
     x, z = shown.position[::thin] * 1e6, shown.height[::thin] * 1e6
     axis.plot(x, z, color="#1d2a36", linewidth=0.9)
-    for begin, end, name in shown.windows:
-        axis.axvspan(begin * 1e6, end * 1e6, color="#1f6f8b", alpha=0.12, linewidth=0)
-        place = (0.5e6 * (begin + end), 0.96)
-        axis.annotate(name, place, xycoords=("data", "axes fraction"), ha="center", va="top", color="#1f6f8b")
+    if shown.fitted is not None:
+        fitted = shown.fitted[::thin] * 1e6
+        axis.plot(x, fitted, color="#c07a00", linewidth=0.9, label="fitted")
+        rest = axis.inset_axes((0.0, -0.42, 1.0, 0.2), sharex=axis)
+        rest.plot(x, z - fitted, color="#5a6b7a", linewidth=0.6)
+        reach = max(2.0 * float(np.nanpercentile(np.abs(z - fitted), 90)), 1e-9)
+        rest.set(ylim=(-reach, reach), ylabel="residual / um")
+    if shown.dropped is not None and shown.dropped.any():
+        off = shown.dropped
+        axis.plot(
+            shown.position[off] * 1e6, shown.height[off] * 1e6, "x", color="#b3261e", markersize=4, label="left out"
+        )
+    if axis.get_legend_handles_labels()[0]:
+        axis.legend(loc="lower right", fontsize=7, frameon=False)
     low, high = np.nanmin(z), np.nanmax(z)
     # of a feature that lies below the faces the limits are drawn below them
     falls = np.nanmedian(z) > 0.5 * (low + high) and low < -0.5 * np.ptp(z)

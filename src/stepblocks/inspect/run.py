@@ -6,30 +6,33 @@ from collections.abc import Callable, Iterable
 from dataclasses import replace
 from pathlib import Path
 
+import numpy as np
+
 from stepblocks.artefacts.scans.read import read_scan
 from stepblocks.artefacts.scans.scan import HeightMap, Profile
 from stepblocks.contact.counterface import Step, energy_change, scanned_angle
 from stepblocks.contact.energy import Status, release_at
 from stepblocks.contact.operating_point import OperatingPoint
 from stepblocks.declare import load_declared
-from stepblocks.errors import PipelineError
+from stepblocks.errors import MetrologyError, PipelineError
 from stepblocks.inspect.budget import Instrument, Outcome, judge, verdict_of
-from stepblocks.inspect.measure import Inspected, measure_edge, measure_groove, measure_margin, measure_tip
+from stepblocks.inspect.grooves import measure_groove
+from stepblocks.inspect.measure import AS_FOUND, How, Inspected, measure_edge, measure_margin, measure_tip
 from stepblocks.inspect.report import InspectionResult
 from stepblocks.parts.characteristics import Characteristic
 from stepblocks.parts.conditions import PredictionGrid
 from stepblocks.parts.kind import Part
 from stepblocks.predict.predictions import tool_of
 
-Evaluation = Callable[[Profile | HeightMap, Instrument, Characteristic, float | None], Inspected]
+Evaluation = Callable[[Profile | HeightMap, Instrument, Characteristic, How], Inspected]
 
 # What is scanned of a part, by the characteristic that it shows: a part that has one can be inspected.
 EVALUATIONS: dict[str, Evaluation] = {
-    "step_height": lambda scan, instrument, asked, exclusion: measure_edge(scan, instrument, exclusion),
-    "groove_depth": lambda scan, instrument, asked, exclusion: measure_groove(scan, instrument, asked.key),
-    "ridge_height": lambda scan, instrument, asked, exclusion: measure_groove(scan, instrument, asked.key),
-    "horizontal_discrepancy": lambda scan, instrument, asked, exclusion: measure_margin(scan, instrument),
-    "ball_radius": lambda scan, instrument, asked, exclusion: measure_tip(scan, instrument, asked.nominal),
+    "step_height": lambda scan, instrument, asked, how: measure_edge(scan, instrument, how),
+    "groove_depth": lambda scan, instrument, asked, how: measure_groove(scan, instrument, how, asked.key),
+    "ridge_height": lambda scan, instrument, asked, how: measure_groove(scan, instrument, how, asked.key),
+    "horizontal_discrepancy": lambda scan, instrument, asked, how: measure_margin(scan, instrument, how),
+    "ball_radius": lambda scan, instrument, asked, how: measure_tip(scan, instrument, how, asked.nominal),
 }
 # what a scan of a feature does not show
 _BESIDE = {"edge": ("groove_depth", "ridge_height"), "groove": ("step_height",)}
@@ -44,8 +47,9 @@ def inspect_scan(
     stimuli: str | Path = "stimuli",
     instrument: Instrument = _NOTHING_KNOWN,
     feature: str = "edge",
-    exclusion: float | None = None,
+    how: How = AS_FOUND,
     unit: str | None = None,
+    channel: str | None = None,
 ) -> InspectionResult:
     """Evaluate a scan of a machined stimulus and judge it by ISO 14253-1.
 
@@ -61,10 +65,10 @@ def inspect_scan(
         Calibration and resolution; what is not stated counts as zero and is named.
     feature : {"edge", "groove"}
         What of a step block was scanned; the groove stands also for a ridge.
-    exclusion : float, optional
-        Edge exclusion of the two-plane convention [m]; a twelfth of the shorter face by default, more for a rounded edge.
-    unit : str, optional
-        Unit of a text table that does not say it.
+    how : How
+        Exclusion, levelling, part of the profile, edges, direction and stylus; what is not said follows the data.
+    unit, channel : str, optional
+        As `read_scan` takes them.
 
     Returns
     -------
@@ -81,12 +85,12 @@ def inspect_scan(
     if feature not in _BESIDE:
         raise PipelineError(f"feature must be one of {', '.join(_BESIDE)}, got {feature!r}")
     part, grid = _declared(stimulus, Path(stimuli))
-    read = read_scan(scan, unit)
+    read = read_scan(scan, unit, channel)
     asked = list(part.characteristics())
     shown = [one for one in asked if one.key in EVALUATIONS and one.key not in _BESIDE[feature]]
     if not shown:
         raise PipelineError(f"a scan of {part.id} cannot be inspected: only blocks, margins and tips can")
-    inspected = EVALUATIONS[shown[0].key](read, _resolving(instrument, read), shown[0], exclusion)
+    inspected = EVALUATIONS[shown[0].key](read, _resolving(instrument, read), shown[0], how)
     result = _judged(part.id, part, inspected, asked, Path(scan))
     if not result.judged:
         raise PipelineError(f"scan of {part.id} must measure at least one characteristic with limits, got none")
@@ -95,39 +99,57 @@ def inspect_scan(
 
 def inspect_standard(
     scan: str | Path,
-    depth: float,
+    depth: float | None = None,
     tolerance: float = 0.0,
     *,
+    feature: str = "groove",
     instrument: Instrument = _NOTHING_KNOWN,
+    how: How = AS_FOUND,
     unit: str | None = None,
+    channel: str | None = None,
 ) -> InspectionResult:
-    """Evaluate a depth standard or grating, to prove an instrument before blocks are measured with it.
+    """Evaluate a depth standard, a grating or a ball, to prove an instrument before blocks are measured with it.
 
     Parameters
     ----------
     scan : str or Path
         Profile or height map, of any format that `read_scan` reads.
     depth, tolerance : float
-        Certified depth and its tolerance [m]; with a tolerance of 0 nothing can be proven but a deviation.
+        Certified depth or radius and its tolerance [m]; with a tolerance of 0 nothing can be proven but a deviation. Without a
+        depth the scan is measured and nothing is judged.
+    feature : {"groove", "edge", "ball"}
+        What was scanned; grooves stand also for ridges, single steps and gratings.
     instrument : Instrument
         Calibration and resolution.
-    unit : str, optional
-        Unit of a text table that does not say it.
+    how : How
+        Exclusion, levelling, part of the profile, edges, direction and stylus; what is not said follows the data.
+    unit, channel : str, optional
+        As `read_scan` takes them.
 
     Returns
     -------
     InspectionResult
-        Depth by type A1, or by a masked step where profiles cross several features.
+        Depth by type A1 or A2, by a masked polynomial, a masked step or as a grating; or radius of a ball.
 
     Raises
     ------
     MetrologyError
-        If the scan cannot be read or evaluated.
+        If the scan cannot be read or evaluated, or does not show a feature that a smooth curve does not explain.
     """
-    read = read_scan(scan, unit)
-    inspected = measure_groove(read, _resolving(instrument, read), "depth")
-    asked = Characteristic("depth", "depth", "distance", depth, -tolerance, tolerance)
-    return _judged(Path(scan).stem, None, inspected, [asked], Path(scan))
+    read = read_scan(scan, unit, channel)
+    known = _resolving(instrument, read)
+    if feature == "ball":
+        if depth is None:
+            raise MetrologyError("a ball needs its radius as the standard, such as '500 um'")
+        inspected, key = measure_tip(read, known, how, depth), "ball_radius"
+    elif feature == "edge":
+        inspected, key = measure_edge(read, known, how), "step_height"
+    else:
+        inspected, key = measure_groove(read, known, how, "depth"), "depth"
+    limits = (-tolerance, tolerance) if depth is not None else (-np.inf, np.inf)
+    asked = Characteristic(key, key.replace("_", " "), "distance", depth or 0.0, *limits)
+    result = _judged(Path(scan).stem, None, inspected, [asked] if depth is not None else [], Path(scan))
+    return result if depth is not None else replace(result, verdict=None)
 
 
 def _declared(identity: str, where: Path) -> tuple[Part, PredictionGrid]:
@@ -166,7 +188,7 @@ def _felt_sentence(result: InspectionResult, grid: PredictionGrid) -> str:
     made = Step(height, max(radius, 0.0))
     by_radius, by_height = Step(asked.height, made.edge_radius), Step(made.height, asked.edge_radius)
     releases = [face.release(point) for face in (asked, made, by_radius, by_height)]
-    verdict = f"{result.identity} {result.verdict.value}"
+    verdict = f"{result.identity} {result.said}"
     where = f"(tip {point.ball_radius * 1e6:g} um, {point.normal_load:g} N, friction {point.friction:g})"
     if any(release.status is not Status.RELEASES for release in releases):
         return f"{verdict}; nominal {releases[0].status.value}, as built {releases[1].status.value} {where}"
@@ -189,5 +211,8 @@ def _felt_sentence(result: InspectionResult, grid: PredictionGrid) -> str:
     if angle is not None:
         scanned = release_at(angle, point.normal_load, point.friction, point.tool)
         if scanned.status is Status.RELEASES:
-            sentence += f"; by the scanned surface itself {energy_change(asked, scanned, point) * 100:+.1f} %"
+            by_surface = f"by the scanned surface itself {energy_change(asked, scanned, point) * 100:+.1f} %"
+            if not result.inspected.arc:  # its radius says little of it
+                return f"{verdict}; the edge is no arc; {by_surface}, to {float(scanned.vibration_energy) * 1e6:.3g} uJ {where}"
+            sentence += f"; {by_surface}"
     return f"{sentence} {where}"

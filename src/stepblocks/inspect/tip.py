@@ -1,7 +1,8 @@
-"""Radius and form of a probe tip: a sphere through the heights of the cap of a map along the tip's axis.
+"""Radius and form of a probe tip: a sphere through the heights of the cap of a map, or a circle through those of a profile.
 
-The noise of a map is along z and correlated from pixel to pixel. So the sphere is fitted to heights, and its uncertainty
-goes through the autocovariance of the residual map.
+The noise of a scan is along z and correlated from point to point. So the sphere is fitted to heights, with the forms that leave its
+curvature alone (astigmatism, coma), and its uncertainty goes through the autocovariance of the residuals. What a ball that is
+not round does to its radius shows as the change of it over a narrower cap.
 """
 
 from __future__ import annotations
@@ -10,12 +11,15 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from stepblocks.artefacts.scans.scan import HeightMap
+from stepblocks.artefacts.scans.scan import HeightMap, Profile
 from stepblocks.errors import MetrologyError
 from stepblocks.inspect.noise import Array, NoiseUncertainty, noise_uncertainty, outlier_mask
 
 # reach of the cap that is fitted, as a part of the nominal radius [1]: 44 degrees of the ball, clear of the cone
 _CAP = 0.7
+_MOST_ACROSS = 256  # points of a map along either side that are fitted; of more, every so many
+_CENTRINGS = 4
+_SECTORS = 16
 
 
 @dataclass(frozen=True)
@@ -27,15 +31,25 @@ class Cap:
     form: float  # peak to valley of the distances from the sphere, noise included [m]
     cap_angle: float  # half angle of the cap [rad]
     rejected: int  # points left out as spikes
+    drawn: tuple[Array, Array, Array]  # position, height and fit along the row with most of the cap [m]
 
 
-def fit_cap(scan: HeightMap, nominal: float) -> Cap:
-    """Fit a sphere to the heights of the cap of a tip, within 0.7 of its nominal radius [m] around the apex."""
-    x, y = np.meshgrid(scan.x, scan.y)
-    z = scan.height
+def fit_cap(scan: Profile | HeightMap, nominal: float, reach: float = _CAP) -> Cap:
+    """Fit a sphere, or a circle, to the heights within `reach` of the nominal radius [m] around the apex."""
+    if isinstance(scan, Profile):
+        x, y, z = scan.position[np.newaxis, :], np.zeros((1, len(scan.position))), scan.height[np.newaxis, :]
+    else:
+        thin = tuple(max(size // _MOST_ACROSS, 1) for size in scan.height.shape)
+        (x, y), z = np.meshgrid(scan.x[:: thin[1]], scan.y[:: thin[0]]), scan.height[:: thin[0], :: thin[1]]
+    flat = len(z) == 1
     top = z > np.nanmax(z) - 0.02 * nominal
-    face = (np.hypot(x - x[top].mean(), y - y[top].mean()) < _CAP * nominal) & np.isfinite(z)
-    state = _algebraic(np.stack([x[face], y[face], z[face]], axis=1), nominal)
+    place = float(np.median(x[top])), float(np.median(y[top]))
+    state = np.append([*place, 0.0], nominal)
+    for _ in range(_CENTRINGS):  # the apex by the fit, since the highest points lie on a slope of noise
+        face = (np.hypot(x - state[0], y - state[1]) < reach * nominal) & np.isfinite(z)
+        if face.sum() < 10:
+            raise MetrologyError(f"tip must show at least 10 points of its cap, got {int(face.sum())} [{scan.source}]")
+        state = _algebraic(np.stack([x[face], y[face], z[face]], axis=1), nominal, flat)
     used = face.copy()
     for _ in range(20):
         across = state[3] ** 2 - (x - state[0]) ** 2 - (y - state[1]) ** 2
@@ -46,31 +60,52 @@ def fit_cap(scan: HeightMap, nominal: float) -> Cap:
         residuals = np.where(used, z - state[2] - rise, np.nan)
         spikes = outlier_mask(residuals, used)
         used &= ~spikes
-        columns = (x - state[0]) / rise, (y - state[1]) / rise, np.ones_like(rise), state[3] / rise
-        design = [np.where(used, column, 0.0) for column in columns]
-        inverse = np.linalg.inv(np.array([[np.sum(a * b) for b in design] for a in design]))
-        weights = np.tensordot(inverse, np.stack(design), 1)
-        step = np.sum(weights[:, used] * residuals[used], axis=1)
+        u, v = (x - state[0]) / (reach * nominal), (y - state[1]) / (reach * nominal)
+        columns = [(x - state[0]) / rise, np.ones_like(rise), state[3] / rise]
+        if not flat:
+            columns += [(y - state[1]) / rise, u * u - v * v, u * v, u * (u * u + v * v), v * (u * u + v * v)]
+        design = np.stack([np.where(used, column, 0.0) for column in columns])
+        weights = np.linalg.pinv(design[:, used].T)
+        solution = weights @ residuals[used]
+        step = np.array([solution[0], 0.0 if flat else solution[3], solution[1], solution[2]])
         state += step
-        if np.abs(step).max() < 1e-12 * state[3] and not spikes.any():
+        if np.abs(step).max() < 1e-9 * state[3] and not spikes.any():
             break
-    noise = noise_uncertainty(weights[3], residuals, used, design)
+    if used.sum() < 2 * len(design) or not 0.2 < state[3] / nominal < 5.0:
+        got = f"{int(used.sum())} points on one of {state[3] * 1e6:.4g} um"
+        raise MetrologyError(
+            f"tip must show a cap of a ball of about {nominal * 1e6:.4g} um, got {got} [{scan.source}]"
+        )
+    residuals = np.where(used, residuals - np.tensordot(solution, design, 1), np.nan)
+    spread = np.zeros(z.shape)
+    spread[used] = weights[2]
+    noise = noise_uncertainty(spread, residuals, used, list(design))
+    if noise.dof < _SECTORS / 4 and not flat:
+        # too smooth to tell its form from noise: what sixteen sectors of the cap say of the radius, one term of the fit each
+        sector = (
+            np.floor(_SECTORS * (np.arctan2(y - state[1], x - state[0]) / (2.0 * np.pi) + 0.5)).astype(int) % _SECTORS
+        )
+        said = _SECTORS * np.bincount(sector[used], (spread * residuals)[used], _SECTORS)
+        dof = float(_SECTORS - len(design))
+        noise = NoiseUncertainty(float(np.sqrt(np.sum(said**2) / dof / _SECTORS)), dof)
     outward = np.stack([x - state[0], y - state[1], z - state[2]])[:, used]
     distance = np.linalg.norm(outward, axis=0)
-    unit = outward / distance
-    axis = unit.mean(axis=1) / np.linalg.norm(unit.mean(axis=1))
-    cap_angle = float(np.arccos(np.clip((axis @ unit).min(), -1.0, 1.0)))
-    return Cap(float(state[3]), noise, float(np.ptp(distance)), cap_angle, int(face.sum() - used.sum()))
+    axis = outward.mean(axis=1) / np.linalg.norm(outward.mean(axis=1))
+    cap_angle = float(np.arccos(np.clip((axis @ (outward / distance)).min(), -1.0, 1.0)))
+    circle = float(state[2]) + np.sqrt(np.maximum(state[3] ** 2 - (x - state[0]) ** 2 - (y - state[1]) ** 2, 0.0))
+    shown = int(np.argmax(used.sum(axis=1)))
+    drawn = x[shown], z[shown], np.where(used[shown], circle[shown], np.nan)
+    return Cap(float(state[3]), noise, float(np.ptp(distance)), cap_angle, int(face.sum() - used.sum()), drawn)
 
 
-def _algebraic(points: Array, unit: float) -> Array:
-    """Centre and radius [m] of the sphere ``|p|^2 = 2 c p + q`` through points of shape (n, 3)."""
+def _algebraic(points: Array, unit: float, flat: bool) -> Array:
+    """Centre and radius [m] of the sphere ``|p|^2 = 2 c p + q`` through points of shape (n, 3), or of a circle over x."""
     origin = points.mean(axis=0)
     p = (points - origin) / unit
-    solution, _, rank, _ = np.linalg.lstsq(
-        np.column_stack([2.0 * p, np.ones(len(p))]), np.sum(p**2, axis=1), rcond=1e-10
-    )
-    squared = float(solution[3] + solution[:3] @ solution[:3])
-    if rank < 4 or squared <= 0.0 or squared > 1e8:
+    design = np.column_stack([2.0 * (p[:, ::2] if flat else p), np.ones(len(p))])
+    solution, _, rank, _ = np.linalg.lstsq(design, np.sum(p**2, axis=1), rcond=1e-10)
+    squared = float(solution[-1] + solution[:-1] @ solution[:-1])
+    if rank < design.shape[1] or squared <= 0.0 or squared > 1e8:
         raise MetrologyError("points must determine a sphere, got points on a plane or a line")
-    return np.append(solution[:3] * unit + origin, np.sqrt(squared) * unit)
+    centre = np.array([solution[0], 0.0, solution[1]]) if flat else solution[:3]
+    return np.append(centre * unit + origin, np.sqrt(squared) * unit)

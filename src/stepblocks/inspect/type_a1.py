@@ -12,7 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from stepblocks.errors import MetrologyError
-from stepblocks.inspect.levelling import despiked, roughly_levelled, two_levels, weighted, without_spikes
+from stepblocks.inspect.levelling import weighted, without_spikes
 from stepblocks.inspect.noise import (
     LEAST_SCATTER,
     SPIKE,
@@ -28,6 +28,8 @@ Span = tuple[float, float]
 
 _LEAST_POINTS = 5  # of a window
 _TOLERATED = 0.01  # deviation of a window's points that is no flank, as a part of the depth [1]
+_SIGNIFICANT = 4.0  # of the bow of the middle over its uncertainty, from which it is domed [1]
+_DOMED = 0.03  # least bow of a domed middle, as a part of the depth [1]
 _MOST_OUTLIERS = 0.1  # part of a window's points that may be spikes [1]
 
 
@@ -40,32 +42,17 @@ class TypeA1:
     windows: tuple[Span, Span, Span]  # begin and end of A, C and B as evaluated [m]
     tilt: float  # slope a [1]
     outliers: int  # points left out as spikes
+    kind: str  # A1, or A2 where the middle is domed
+    scatter: float  # root mean square of the residuals [m]
+    near: float  # depth with the outer windows cut to the half that is nearer to the feature [m]
 
 
-def find_features(x: Array, z: Array) -> list[Span]:
-    """Edges L and R of every groove or ridge that lies wholly inside a profile."""
-    known = np.isfinite(z)
-    x, z = x[known], z[known]
-    if len(x) < 4 * _LEAST_POINTS:
-        raise MetrologyError(f"profile must have at least {4 * _LEAST_POINTS} measured points, got {len(x)}")
-    level = despiked(roughly_levelled(x, z))
-    lower, upper = two_levels(level)
-    middle = 0.5 * (lower + upper)
-    inside = level < middle if (level < middle).sum() <= 0.5 * len(level) else level > middle
-    change = np.flatnonzero(np.diff(inside.astype(np.int8)))
-    # `interp` asks for rising levels
-    pairs = [np.array([level[i : i + 2], x[i : i + 2]])[:, :: 1 if level[i] <= level[i + 1] else -1] for i in change]
-    crossings = [float(np.interp(middle, *pair)) for pair in pairs]
-    begin = 1 if inside[0] else 0
-    return list(zip(crossings[begin::2], crossings[begin + 1 :: 2], strict=False))
+def evaluate_a1(x: Array, z: Array, edges: Span) -> TypeA1:
+    """Depth of one groove or ridge between `edges` L and R [m] in one profile (ISO 5436-1:2000, 5.2 and figure 7).
 
-
-def evaluate_a1(x: Array, z: Array, edges: Span | None = None) -> TypeA1:
-    """Depth of one groove or ridge in one profile [m], nan where nothing was measured (ISO 5436-1:2000, 5.2 and figure 7).
-
-    `edges` are L and R [m]; found where not given, and then there must be one feature.
+    Where the middle third is domed by more than its noise, the depth is that of type A2: to the apex of the arc through it.
     """
-    left, right = edges if edges is not None else _only_feature(x, z)
+    left, right = edges
     width = right - left
     if not width > 0.0:
         raise MetrologyError(f"edges must be in order, got {left:g} and {right:g} m")
@@ -80,6 +67,9 @@ def evaluate_a1(x: Array, z: Array, edges: Span | None = None) -> TypeA1:
     masks = [(x >= begin) & (x <= end) & np.isfinite(z) for begin, end in spans]
     feature = f"the feature from {left * 1e6:.4g} to {right * 1e6:.4g} um"
     cuts = {name: _flank_points(x, z, mask, masks) for name, mask in zip("ACB", masks, strict=True)}
+    domed = None if cuts["A"] or cuts["B"] else _domed(x, z, masks)
+    if domed is not None:
+        return domed
     if any(cuts.values()):
         reached = f"{', '.join(name for name, cut in cuts.items() if cut)} ({sum(cuts.values())} points) of {feature}"
         rule = "windows of type A1 must lie on the faces"
@@ -89,13 +79,6 @@ def evaluate_a1(x: Array, z: Array, edges: Span | None = None) -> TypeA1:
             rule = f"window {name} must keep at least half of its points and {_LEAST_POINTS}"
             raise MetrologyError(f"{rule}, got {mask.sum()} of {mask.sum()} for {feature}")
     return _solve(x, z, masks, feature)
-
-
-def _only_feature(x: Array, z: Array) -> Span:
-    found = find_features(x, z)
-    if len(found) != 1:
-        raise MetrologyError(f"profile must hold exactly one ridge or groove with both flanks, got {len(found)}")
-    return found[0]
 
 
 def _fit(x: Array, z: Array, masks: list[Mask]) -> tuple[Array, Array, Array, Mask, Array]:
@@ -165,4 +148,52 @@ def _solve(x: Array, z: Array, masks: list[Mask], feature: str) -> TypeA1:
     noise = noise_uncertainty(2.0 * weights[2], residuals, used, list(design))
     first, middle, last = ((float(x[mask][0]), float(x[mask][-1])) for mask in masks)
     tilt, depth = float(solution[0]), 2.0 * float(solution[2])
-    return TypeA1(depth, noise, (first, middle, last), tilt, whole - int(used.sum()))
+    near = [
+        mask & (x >= 0.5 * (first[0] + first[1])) if mask is masks[0] else mask & (x <= 0.5 * (last[0] + last[1]))
+        for mask in masks[::2]
+    ]
+    close = 2.0 * float(weighted(design, z, near[0] | masks[1] | near[1])[1][2])
+    scatter = float(np.sqrt(np.mean(residuals[used] ** 2)))
+    return TypeA1(depth, noise, (first, middle, last), tilt, whole - int(used.sum()), "A1", scatter, close)
+
+
+def _domed(x: Array, z: Array, masks: list[Mask]) -> TypeA1 | None:
+    """Type A2, to the apex of the parabola through the middle third; None where that is not domed."""
+    if min(int(mask.sum()) for mask in masks) < 2 * _LEAST_POINTS:
+        return None
+    flat, _, _, used, design = _fit(x, without_spikes(z), masks)
+    begin, end = x[masks[1]][0], x[masks[1]][-1]
+    t = np.where(masks[1], 2.0 * (x - begin) / (end - begin) - 1.0, 0.0)
+    columns = np.stack([*design, t, np.where(masks[1], t**2 - 1.0 / 3.0, 0.0)])
+    for _ in range(4):
+        weights, solution = weighted(columns, z, used)
+        residuals = z - solution @ columns
+        spikes = outlier_mask(residuals, used)
+        if not spikes.any() or spikes.sum() > _MOST_OUTLIERS * used.sum():
+            break
+        used = used & ~spikes
+    depth, slant, bow = 2.0 * float(solution[2]), float(solution[3]), float(solution[4])
+    bows = noise_uncertainty(weights[4], residuals, used, list(columns))
+    if (
+        abs(bow) < max(_SIGNIFICANT * bows.std, _DOMED * abs(depth), LEAST_SCATTER)
+        or bow * depth < 0.0
+        or abs(slant) > abs(bow)
+    ):
+        return None
+    # the middle lies below the line by the depth; its apex is lower by a third of the bow and by what the slant adds
+    apex = depth + bow / 3.0 + slant**2 / (4.0 * bow)
+    half = slant / (2.0 * bow)
+    noise = noise_uncertainty(
+        2.0 * weights[2] + half * weights[3] + (1.0 / 3.0 - half**2) * weights[4], residuals, used, list(columns)
+    )
+    first, middle, last = ((float(x[mask][0]), float(x[mask][-1])) for mask in masks)
+    return TypeA1(
+        apex,
+        noise,
+        (first, middle, last),
+        float(flat[0]),
+        int(sum(int(mask.sum()) for mask in masks) - used.sum()),
+        "A2",
+        apex,
+        apex,
+    )

@@ -36,19 +36,20 @@ class HeightScale:
     highest: float  # likewise [m]
     field: str  # where the file says so
     integral: bool = True  # whether counts are stored, so that heights come in steps of one
+    extent: bool = False  # whether the file states no count but how far its heights reach
 
 
-def stated_height_scale(path: Path) -> HeightScale | None:
-    """Read the height scale from a NID, SUR, SDF, OPDX, GWY, X3P or PLUX file; None for another format."""
-    ending, scale = path.suffix.lower(), None
+def stated_height_scale(path: Path, form: str, channel: str) -> HeightScale | None:
+    """Read the height scale of a channel from the file itself; None for a format that states none that is read here."""
+    scale = None
     try:
-        if ending in _PACKED:
+        if form in _PACKED:
             with zipfile.ZipFile(path) as archive:
-                scale = _PACKED[ending](archive)
-        elif ending in _HEADERS:
-            scale = _HEADERS[ending](_head(path))
+                scale = _PACKED[form](archive)
+        elif form in _HEADERS:
+            scale = _HEADERS[form](_head(path), channel)
     except _BROKEN as error:
-        part = "index" if ending in _PACKED else "header"
+        part = "index" if form in _PACKED else "header"
         raise MetrologyError(f"{part} must state the height scale, got {error} [{path.name}]") from error
     if scale is not None and not (np.isfinite(scale.count) and scale.count > 0.0):
         raise MetrologyError(f"{scale.field} must be positive and finite, got {scale.count:g} m [{path.name}]")
@@ -57,6 +58,13 @@ def stated_height_scale(path: Path) -> HeightScale | None:
 
 def check_height_scale(height: NDArray[np.float64], scale: HeightScale, place: str, used: float | None = None) -> str:
     """Compare heights with the scale of the header."""
+    if scale.extent:
+        found = float(np.nanmax(height) - np.nanmin(height))
+        if abs(found / scale.count - 1.0) > 1e-3:
+            raise MetrologyError(
+                f"heights must reach over {scale.count:g} m ({scale.field}), got {found:g} m [{place}]"
+            )
+        return f"{scale.field}: {scale.count:.6g} m, checked"
     if used is not None and abs(abs(used) / scale.count - 1.0) > 1e-6:
         raise MetrologyError(f"reader must use {scale.count:g} m per count ({scale.field}), got {used:g} m [{place}]")
     if not scale.integral and used is None:
@@ -86,11 +94,12 @@ def _head(path: Path) -> bytes:
         return head
 
 
-def _nid(head: bytes) -> HeightScale | None:
-    """Nanosurf: the sections of channels state Dim2Unit, Dim2Range, Dim2Min and SaveBits."""
+def _nid(head: bytes, channel: str) -> HeightScale | None:
+    """Nanosurf: the sections of channels state Frame, Dim2Name, Dim2Unit, Dim2Range, Dim2Min and SaveBits."""
     for section in head.decode("latin-1").split("\r\n["):
         fields = dict(line.split("=", 1) for line in section.splitlines() if "=" in line)
-        if "Dim2Range" in fields and fields["Dim2Unit"].strip() in LENGTH_UNITS:
+        named = not channel or f"{fields.get('Frame', '').strip()} ({fields.get('Dim2Name', '').strip()})" == channel
+        if "Dim2Range" in fields and named and fields["Dim2Unit"].strip() in LENGTH_UNITS:
             per_metre = LENGTH_UNITS[fields["Dim2Unit"].strip()]
             span, lowest = float(fields["Dim2Range"]) / per_metre, float(fields["Dim2Min"]) / per_metre
             count = span / 2 ** int(fields["SaveBits"])
@@ -100,9 +109,9 @@ def _nid(head: bytes) -> HeightScale | None:
     raise ValueError("no channel in units of length")
 
 
-def _sur(head: bytes) -> HeightScale | None:
+def _sur(head: bytes, channel: str) -> HeightScale | None:
     """Digital Surf: Z spacing as float32 at byte 128, its unit as text at byte 212, limits in counts at byte 100."""
-    if head[:12] != b"DIGITAL SURF":
+    if head[:12] not in (b"DIGITAL SURF", b"DSCOMPRESSED"):
         return None
     lowest, highest = struct.unpack_from("<ii", head, 100)
     (spacing,) = struct.unpack_from("<f", head, 128)
@@ -112,7 +121,7 @@ def _sur(head: bytes) -> HeightScale | None:
     return HeightScale(count, -reach, reach, "Z spacing of the header")
 
 
-def _sdf(head: bytes) -> HeightScale | None:
+def _sdf(head: bytes, channel: str) -> HeightScale | None:
     """ISO 25178-71: Zscale in metres per count; floating types have no counts."""
     if head[:8] == b"bISO-1.0":
         count, kind = struct.unpack_from("<d", head, 62)[0], head[79]
@@ -125,14 +134,14 @@ def _sdf(head: bytes) -> HeightScale | None:
     return None if kind in (3, 7) else HeightScale(count, -(2**32) * count, 2**32 * count, "Zscale of the header")
 
 
-def _opdx(head: bytes) -> HeightScale | None:
+def _opdx(head: bytes, channel: str) -> HeightScale | None:
     """Dektak: the quantity DataScale of a channel, value as float64, then name and symbol of its unit, each with its length."""
     mark = struct.pack("<I", 9) + b"DataScale\x13"
     at = head.find(mark) + len(mark)
     if at < len(mark):
         raise ValueError("no DataScale")
     at += 1 + head[at]  # length of the item, in as many bytes as its first says
-    (value,) = struct.unpack_from("<d", head, at)
+    value: float = struct.unpack_from("<d", head, at)[0]
     at, symbol = at + 8, ""
     for _ in range(2):
         (size,) = struct.unpack_from("<I", head, at)
@@ -142,7 +151,7 @@ def _opdx(head: bytes) -> HeightScale | None:
     return HeightScale(count, -np.inf, np.inf, "DataScale of the channel", integral=False)
 
 
-def _gwy(head: bytes) -> HeightScale | None:
+def _gwy(head: bytes, _: str) -> HeightScale | None:
     """Gwyddion: heights are float64 in the unit that the object si_unit_z spells out; an empty one is none."""
     at = head.find(b"si_unit_z\0o")
     text = head.find(b"unitstr\0s", at)
@@ -150,6 +159,33 @@ def _gwy(head: bytes) -> HeightScale | None:
         raise ValueError("no si_unit_z")
     unit = head[text + 9 : text + 41].split(b"\0")[0].decode("utf-8").strip()
     return HeightScale(1.0 / LENGTH_UNITS[unit], -np.inf, np.inf, f"si_unit_z {unit!r}", integral=False)
+
+
+def _mi(head: bytes, channel: str) -> HeightScale | None:
+    """Agilent: each buffer states its label, range and unit; counts of 16 or 32 bits, or text, reach over the range."""
+    text = head.split(b"\ndata", 1)
+    fields = [line.split(None, 1) for line in text[0].decode("latin-1").splitlines() if len(line.split(None, 1)) == 2]
+    at = fields.index(["bufferLabel", channel])
+    stated = dict(reversed(fields[at + 1 :]))  # the first of each that follows
+    span, bits = float(stated["bufferRange"]), 31 if b"BINARY_32" in text[1][:20] else 15
+    reach = span / LENGTH_UNITS[stated["bufferUnit"].strip()]
+    return HeightScale(reach / 2.0**bits, -reach, reach, "bufferRange of the header", integral=True)
+
+
+def _wsxm(head: bytes, _: str) -> HeightScale | None:
+    """WSxM: "Z Amplitude" states how far the heights of the image reach from the lowest to the highest."""
+    text = head.decode("latin-1")
+    amount, unit = text.split("Z Amplitude: ", 1)[1].split(None, 2)[:2]
+    reach = float(amount) / LENGTH_UNITS[unit]
+    return HeightScale(reach, -np.inf, np.inf, "Z Amplitude of the header", False, extent=True)
+
+
+def _metropro(head: bytes, _: str) -> HeightScale | None:
+    """Zygo: a count is wavelength times obliquity times scale factor over the resolution of the phase."""
+    (scale, wavelength), (obliquity,) = struct.unpack_from(">ff", head, 164), struct.unpack_from(">f", head, 176)
+    per_wave = (4096, 32768, 131072)[struct.unpack_from(">h", head, 218)[0]]
+    count = float(scale) * float(wavelength) * float(obliquity) / per_wave
+    return HeightScale(count, -(2**31) * count, 2**31 * count, "wavelength and factors of the header")
 
 
 def _x3p(archive: zipfile.ZipFile) -> HeightScale:
@@ -211,5 +247,14 @@ def _range(archive: zipfile.ZipFile, name: str, kind: str) -> tuple[float, float
     return lowest, highest
 
 
-_HEADERS = {".nid": _nid, ".sur": _sur, ".sdf": _sdf, ".opdx": _opdx, ".gwy": _gwy}
-_PACKED = {".x3p": _x3p, ".plux": _plux}
+_HEADERS = {
+    "ezd": _nid,
+    "sur": _sur,
+    "sdf": _sdf,
+    "opdx": _opdx,
+    "gwy": _gwy,
+    "mi": _mi,
+    "wsxm": _wsxm,
+    "metropro": _metropro,
+}
+_PACKED = {"x3p": _x3p, "plux": _plux}

@@ -1,139 +1,266 @@
 """Profiles and maps from plain text: CSV, TSV and XYZ, whose columns say their units or are refused.
 
-A column is accepted with its unit in the name (``x_um``, ``z [nm]``, ``Lateral um``, ``Raw Micrometer``). A file that
-does not say its unit is not guessed: the unit must then be given.
+A column is accepted with its unit in the name (``x_um``, ``z [nm]``, ``Lateral um``, ``Raw (Å)``), in a line of units under the
+names, or with the unit that the user gives, for all or by axis (``x=mm,z=um``). A unit that nobody says is not guessed.
 """
 
 from __future__ import annotations
 
-import csv
 import io
 import re
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
-from stepblocks.artefacts.scans.scan import HeightMap, Profile
+from stepblocks.artefacts.scans.points import gridded
+from stepblocks.artefacts.scans.scan import Array, HeightMap, Profile
 from stepblocks.errors import MetrologyError
 
-Array = NDArray[np.float64]
-
-LENGTH_UNITS = {"pm": 1e12, "nm": 1e9, "um": 1e6, "µm": 1e6, "μm": 1e6, "mm": 1e3, "cm": 1e2, "m": 1.0}  # per metre
+LENGTH_UNITS = {
+    "pm": 1e12,
+    "å": 1e10,
+    "nm": 1e9,
+    "um": 1e6,
+    "µm": 1e6,
+    "μm": 1e6,
+    "mm": 1e3,
+    "cm": 1e2,
+    "m": 1.0,
+}  # per metre
 LENGTH_UNITS |= {"nanometer": 1e9, "micrometer": 1e6, "micron": 1e6, "microns": 1e6, "millimeter": 1e3, "meter": 1.0}
+LENGTH_UNITS |= {"angstrom": 1e10, "Å": 1e10, "\u212b": 1e10}
 
 _MOST_BYTES = 256 * 2**20
 _MOST_HEADER_LINES = 400
 _MOST_COLUMNS = 64
-_MISSING = {"", "nan", "bad", "-", "***"}  # how instruments write a point that was not measured
-_UNIT_IN_NAME = re.compile(r"(?:^|[\s_\[\(/])(" + "|".join(sorted(LENGTH_UNITS, key=len, reverse=True)) + r")[\]\)]?$")
+_MISSING = {"", "nan", "bad", "-", "***", "---"}  # how instruments write a point that was not measured
+_UNIT = "(" + "|".join(sorted(LENGTH_UNITS, key=len, reverse=True)) + ")"
+_UNIT_IN_NAME = re.compile(rf"(?:^|[\s_\[\(/,]){_UNIT}[\]\)]?$")
+_GIVEN = re.compile(rf"(?:([xyz])\s*=)?\s*([0-9.]+)?\s*{_UNIT}")
+_INDEX = {"index", "#", "no", "no.", "nr", "n", "point", "points", "sample"}
+_ROLES = {  # how instruments call the columns of an axis
+    "x": ("x", "lateral", "pos", "length", "distance", "scan", "travel"),
+    "y": ("y",),
+    "z": ("z", "height", "raw", "profile", "total", "depth", "level", "deviation"),
+}
+_MATRIX = re.compile(r"pixel size|value units|^#?\s*(width|breite|kanal|channel|h=\d+)", re.IGNORECASE | re.MULTILINE)
+_MOST_BACK = 0.1  # part of the points of a profile that may lie behind one before them [1]
+_CONSTANT = 1e-3  # extent of a column as a part of the others [1], below which it says where a profile was taken
+
+
+def given_units(unit: str | None) -> dict[str, tuple[float, float]]:
+    """Read ``um`` or ``x=mm,z=0.5 um``: by axis the length of a stored 1 as a number and its units per metre."""
+    found: dict[str, tuple[float, float]] = {}
+    for one in (unit or "").split(",") if unit else ():
+        match = _GIVEN.fullmatch(one.strip().lower())
+        if match is None:
+            raise MetrologyError(f"unit must be one of nm, um, mm, m, or by axis as x=mm,z=um, got {unit!r}")
+        size = float(match[2] or 1.0), LENGTH_UNITS[match[3]]
+        found |= {match[1]: size} if match[1] else dict.fromkeys("xyz", size)
+    return found
+
+
+def holds_matrix(path: Path) -> bool:
+    """Whether a text states the size of a matrix of heights in its head, as SPIP, Gwyddion and others write it."""
+    with path.open("rb") as file:
+        return _MATRIX.search(_decoded(file.read(4000))) is not None
 
 
 def read_text_scan(path: Path, unit: str | None = None) -> Profile | HeightMap:
-    """Read a profile (two columns) or a grid of points (three columns) from text."""
-    header, rows = _table(_decode(path), path)
-    if len(rows[0]) not in (2, 3):
-        raise MetrologyError(f"table must have 2 columns (x, z) or 3 (x, y, z), got {len(rows[0])} [{path.name}]")
-    factors = _factors(header, len(rows[0]), unit, path)
-    values = np.array(rows, dtype=np.float64) / factors
-    said = ", ".join(header) if header else f"unit {unit} as given"
-    if values.shape[1] == 2:
-        x, snapped = _equal_steps(values[:, 0], _last_digit(rows) / factors[0])
-        note = "; positions set to equal steps within their last digit" if snapped else ""
-        return Profile(x, values[:, 1], source=path.name, scale=f"columns {said}{note}")
-    return _grid(values, path, f"columns {said}")
-
-
-def _decode(path: Path) -> str:
-    if (size := path.stat().st_size) > _MOST_BYTES:
-        raise MetrologyError(f"text must not exceed {_MOST_BYTES >> 20} MiB, got {size} bytes [{path.name}]")
+    """Read a profile (two columns), a grid of points (three) or a matrix of heights (any more) from text."""
+    if (length := path.stat().st_size) > _MOST_BYTES:
+        raise MetrologyError(f"text must not exceed {_MOST_BYTES >> 20} MiB, got {length} bytes [{path.name}]")
     raw = path.read_bytes()
-    if b"\0" in raw[:4096]:
+    text = _decoded(raw)
+    if "\0" in text[:4096]:
         raise MetrologyError(f"file must be text, got zero bytes [{path.name}]")
+    head, values = _table(text, path)
+    names, common = _names(head, values.shape[1])
+    given = given_units(unit)
+    if values.shape[1] > 3 and not names:
+        return _matrix(values, given, path)
+    columns = _columns(names, values, path)
+    factors = {
+        axis: _factor(names[column] if names else None, axis, common, given, path) for axis, column in columns.items()
+    }
+    said = (
+        ", ".join(names[column] for column in columns.values()) if names else f"unit {unit or 'of the head'} as given"
+    )
+    axes = {axis: values[:, column] * factors[axis][0] / factors[axis][1] for axis, column in columns.items()}
+    if "y" in axes:
+        return gridded(axes["x"], axes["y"], axes["z"], path.name, f"columns {said}")
+    x, z, notes = _forward(axes["x"], axes["z"], path)
+    size, per = factors["x"]
+    x, snapped = _equal_steps(x, _last_digit(values[:, columns["x"]]) * size / per)
+    notes += ["positions set to equal steps within their last digit"] if snapped else []
+    return Profile(x, z, source=path.name, scale="; ".join([f"columns {said}", *notes]))
+
+
+def _decoded(raw: bytes) -> str:
+    wide = {b"\xff\xfe": "utf-16", b"\xfe\xff": "utf-16"}.get(raw[:2])
     try:
-        return raw.decode("utf-8-sig")
+        return raw[: len(raw) - len(raw) % 2].decode(wide) if wide else raw.decode("utf-8-sig")
     except UnicodeDecodeError:
         return raw.decode("latin-1")  # profilometers write the micro sign so
 
 
-def _table(text: str, path: Path) -> tuple[list[str], list[list[float]]]:
-    """Names of the columns, and the numbers below them; empty names where the first line already holds numbers."""
-    reader = csv.reader(io.StringIO(text), delimiter=_separator(text.splitlines()), skipinitialspace=True)
-    header: list[str] = []
+def _table(text: str, path: Path) -> tuple[list[list[str]], Array]:
+    """Fields of the lines above the first table of numbers, and the table; text after it is a footer."""
+    lines = text.splitlines()
+    begin, mark, comma, width = _beginning(lines, path)
+    head = [[field.lstrip("# ").strip('"') for field in _fields(line, mark)] for line in lines[:begin]]
+    if width > _MOST_COLUMNS and any(len(fields) == width for fields in head):
+        raise MetrologyError(f"table must have at most {_MOST_COLUMNS} columns [{path.name}, {begin + 1}]")
+    body = "\n".join(lines[begin:])
+    try:
+        fast = np.loadtxt(
+            io.StringIO(body.replace(",", ".") if comma else body), delimiter=mark, comments=None, ndmin=2
+        )
+        if fast.shape[1] == width:
+            return head, np.asarray(fast, dtype=np.float64)
+    except ValueError:
+        pass  # missing points, a footer or a fault: line by line
     rows: list[list[float]] = []
-    try:
-        for number, record in enumerate(reader, start=1):
-            fields = [field.strip() for field in record if field.strip()] if not rows else _trim(record, len(rows[0]))
-            if not fields:
-                continue
-            values = _numbers(fields)
-            if values is not None and (not rows or len(values) == len(rows[0])):
-                if not rows and len(values) < 2:
-                    continue
-                if len(values) > _MOST_COLUMNS:
-                    raise MetrologyError(f"table must have at most {_MOST_COLUMNS} columns [{path.name}, {number}]")
-                rows.append(values)
-            elif rows:
-                raise MetrologyError(
-                    f"line must hold {len(rows[0])} numbers, got {','.join(record)[:60]!r} [{path.name}, line {number}]"
-                )
-            elif number > _MOST_HEADER_LINES:
-                raise MetrologyError(f"table must begin within {_MOST_HEADER_LINES} lines [{path.name}]")
-            else:
-                header = [field.lstrip("# ") for field in fields]
-    except csv.Error as error:
-        raise MetrologyError(f"text must be a table, got {error} [{path.name}]") from error
-    if not rows:
-        raise MetrologyError(f"text must hold a table of numbers, got none [{path.name}]")
-    return (header if len(header) == len(rows[0]) else []), rows
+    failed = 0
+    for number, line in enumerate(lines[begin:], start=begin + 1):
+        fields = _fields(line, mark)
+        values = _numbers(fields + [""] * (width - len(fields)), comma) if len(fields) <= width else None
+        missing = bool(fields) and values is not None and len(_split(line, mark)) < width
+        if fields and (failed or missing or values is None):
+            failed = failed or number
+            # a footer holds words: a line that begins with numbers belongs to the table
+            if _numbers(fields[:1], comma) or missing:
+                shown = ",".join(_fields(lines[failed - 1], mark))[:60]
+                raise MetrologyError(f"line must hold {width} numbers, got {shown!r} [{path.name}, line {failed}]")
+        elif fields and values:
+            rows.append(values)
+    return head, np.array(rows, dtype=np.float64)
 
 
-def _trim(record: list[str], width: int) -> list[str]:
-    """Fields without the empty ones that some instruments append; an empty field inside is a missing point."""
-    fields = [field.strip() for field in record]
-    while len(fields) > width and not fields[-1]:
+def _split(line: str, mark: str | None) -> list[str]:
+    return [field.strip() for field in line.split(mark)]
+
+
+def _fields(line: str, mark: str | None) -> list[str]:
+    """Return fields without the empty ones that some instruments append."""
+    fields = _split(line, mark)
+    while fields and not fields[-1]:
         fields.pop()
-    return [] if not any(fields) else fields
+    return fields
 
 
-def _numbers(fields: list[str]) -> list[float] | None:
+def _beginning(lines: list[str], path: Path) -> tuple[int, str | None, bool, int]:
+    """Where the table begins, what divides its fields, whether commas are decimal, and how many columns it has."""
+    sample = [line for line in lines[: _MOST_HEADER_LINES + 50] if line.strip()][-50:]
+    best: tuple[int, str | None, bool] = (0, None, False)
+    for mark in (";", "\t", ",", None):
+        for comma in (False,) if mark == "," else (False, True):
+            parsed = [fields for line in sample if len(fields := _fields(line, mark)) > 1 and _numbers(fields, comma)]
+            best = max(best, (len(parsed), mark, comma), key=lambda one: one[0])
+    _, mark, comma = best
+    for number, line in enumerate(lines[: _MOST_HEADER_LINES + 1]):
+        if best[0] and len(fields := _fields(line, mark)) > 1 and _numbers(fields, comma):
+            return number, mark, comma, len(fields)
+    if len(lines) > _MOST_HEADER_LINES:
+        raise MetrologyError(f"table must begin within {_MOST_HEADER_LINES} lines [{path.name}]")
+    raise MetrologyError(f"text must hold a table of numbers, got none [{path.name}]")
+
+
+def _numbers(fields: list[str], comma: bool) -> list[float] | None:
     try:
-        values = [np.nan if field.lower() in _MISSING else float(field) for field in fields]
+        texts = [field.replace(",", ".") if comma else field for field in fields]
+        values = [np.nan if text.lower() in _MISSING else float(text) for text in texts]
     except ValueError:
         return None
     return None if all(np.isnan(value) for value in values) else values
 
 
-def _separator(lines: list[str]) -> str:
-    sample = [line for line in lines[: _MOST_HEADER_LINES + 50] if line.strip()][-50:]
-    counts = {mark: sum(mark in line for line in sample) for mark in (";", "\t", ",")}
-    best = max(counts, key=lambda mark: counts[mark])
-    return best if counts[best] > len(sample) // 2 else " "
+def _names(head: list[list[str]], width: int) -> tuple[list[str], tuple[float, float] | None]:
+    """Names of the columns, with the units of a line of units under them; and a unit that stands alone in a line."""
+    kept = [[field for field in fields if field] for fields in head if any(fields)]
+    alone = [
+        LENGTH_UNITS[fields[0].lower()] for fields in kept if len(fields) == 1 and fields[0].lower() in LENGTH_UNITS
+    ]
+    common = (1.0, alone[-1]) if alone else None
+    if not kept or len(kept[-1]) != width:
+        return [], common
+    if (
+        len(kept) > 1
+        and len(kept[-2]) == width
+        and all(re.fullmatch(rf"[\[(]?{_UNIT}[\])]?", one.lower()) for one in kept[-1])
+    ):
+        return [f"{name} {unit}" for name, unit in zip(kept[-2], kept[-1], strict=True)], common
+    return kept[-1], common
 
 
-def _factors(header: list[str], width: int, unit: str | None, path: Path) -> Array:
-    if unit is not None and unit not in LENGTH_UNITS:
-        raise MetrologyError(f"unit must be one of nm, um, mm, m, got {unit!r}")
-    if not header:
-        if unit is None:
-            rule = "columns must name their unit (x_um, z [nm], ...) or a unit must be given"
-            raise MetrologyError(f"{rule}, got none [{path.name}]")
-        return np.full(width, LENGTH_UNITS[unit])
-    factors = []
-    for name in header:
-        found = _UNIT_IN_NAME.search(name.lower())
-        said = found.group(1) if found else unit
-        if said is None:
-            raise MetrologyError(f"column {name!r} must name its unit (x_um, z [nm], ...) [{path.name}]")
-        factors.append(LENGTH_UNITS[said])
-        if unit is not None and factors[-1] != LENGTH_UNITS[unit]:
-            raise MetrologyError(f"unit given is {unit}, but column {name!r} says another [{path.name}]")
-    return np.array(factors)
+def _columns(names: list[str], values: Array, path: Path) -> dict[str, int]:
+    """Return which column holds which axis: by name, else in the order x, z or x, y, z; what counts the points is none."""
+    left = [index for index in range(values.shape[1]) if not names or names[index].lower() not in _INDEX]
+    if len(left) > 3:
+        named = {axis: [i for i in left if names[i].lower().startswith(starts)] for axis, starts in _ROLES.items()}
+        if len(named["x"]) != 1 or len(named["z"]) != 1 or len(named["y"]) > 1:
+            rule = "table must have 2 columns (x, z) or 3 (x, y, z), or name one of each"
+            raise MetrologyError(f"{rule}, got {len(left)} [{path.name}]")
+        return {axis: found[0] for axis, found in named.items() if found}
+    if len(left) == 2:
+        return {"x": left[0], "z": left[1]}
+    if len(left) == 3:
+        extent = np.nanmax(values[:, left], axis=0) - np.nanmin(values[:, left], axis=0)
+        flat = extent < _CONSTANT * np.sort(extent)[1]
+        single = [len(np.unique(values[:, one])) > 0.5 * len(values) for one in left[:2]]
+        if (flat[2] and all(single)) or (flat[1] and single[0]) or (flat[0] and single[1]):
+            x, z = (one for one, still in zip(left, flat, strict=True) if not still)
+            return {"x": x, "z": z}
+        return dict(zip("xyz", left, strict=True))
+    raise MetrologyError(f"table must have 2 columns (x, z) or 3 (x, y, z), got {len(left)} [{path.name}]")
 
 
-def _last_digit(rows: list[list[float]]) -> float:
+def _factor(
+    name: str | None, axis: str, common: tuple[float, float] | None, given: dict[str, tuple[float, float]], path: Path
+) -> tuple[float, float]:
+    """Length of a stored 1 in a column: as its name says, as the head or the user does."""
+    found = _UNIT_IN_NAME.search(name.lower()) if name else None
+    asked = given.get(axis)
+    if found is not None:
+        own = (1.0, LENGTH_UNITS[found.group(1)])
+        if asked not in (None, own):
+            raise MetrologyError(
+                f"unit given for {axis} is not that of column {name!r}, which says another [{path.name}]"
+            )
+        return own
+    if asked is None and common is None:
+        rule = f"column {name!r} must name its unit" if name else "columns must name their unit"
+        raise MetrologyError(f"{rule} (x_um, z [nm], ...) or a unit must be given [{path.name}]")
+    return asked or common  # type: ignore[return-value]
+
+
+def _forward(x: Array, z: Array, path: Path) -> tuple[Array, Array, list[str]]:
+    """Turn a profile that runs backwards, and leave out the few points at which it goes back."""
+    if x[-1] < x[0]:
+        x, z = x[::-1], z[::-1]
+    ahead = (
+        np.concatenate([[True], x[1:] > np.maximum.accumulate(x)[:-1]])
+        if np.isfinite(x).all()
+        else np.ones(len(x), bool)
+    )
+    lost = int((~ahead).sum())
+    if lost == 0 or lost > _MOST_BACK * len(x):
+        return x, z, []
+    return x[ahead], z[ahead], [f"{lost} points left out where the profile goes back"]
+
+
+def _matrix(values: Array, given: dict[str, tuple[float, float]], path: Path) -> HeightMap:
+    """Heights without a head: their unit and the step along x (and y) must be given, as ``x=0.5um,z=nm``."""
+    if not {"x", "z"} <= set(given):
+        rule = "table must have 2 columns (x, z) or 3 (x, y, z); a matrix of heights needs a step and a unit, as x=0.5um,z=nm"
+        raise MetrologyError(f"{rule}, got {values.shape[1]} columns [{path.name}]")
+    dx, dy, one = (size / per for size, per in (given["x"], given.get("y", given["x"]), given["z"]))
+    return HeightMap(values * one, dx, dy, source=path.name, scale="matrix with the step and unit given")
+
+
+def _last_digit(x: Array) -> float:
     """Value of the last digit that positions are printed with, from the shortest decimal that gives each back."""
-    decimals = max((len(repr(row[0]).partition(".")[2]) if "e" not in repr(row[0]) else 17) for row in rows[:2000])
+    decimals = max((len(repr(one).partition(".")[2]) if "e" not in repr(one) else 17) for one in x[:2000].tolist())
     return float(10.0 ** -min(decimals, 17))
 
 
@@ -145,19 +272,3 @@ def _equal_steps(x: Array, digit: float) -> tuple[Array, bool]:
     if off == 0.0 or off > 0.75 * digit:
         return x, False
     return even, off > 1e-9 * abs(float(x[-1] - x[0]))
-
-
-def _grid(values: Array, path: Path, said: str) -> HeightMap:
-    x, column = np.unique(values[:, 0], return_inverse=True)
-    y, row = np.unique(values[:, 1], return_inverse=True)
-    if not (np.isfinite(x).all() and np.isfinite(y).all()):
-        raise MetrologyError(f"positions must be finite numbers [{path.name}]")
-    if len(x) < 2 or len(y) < 2 or len(x) * len(y) > 4 * len(values):
-        got = f"{len(values)} points on {len(x)} columns and {len(y)} rows"
-        raise MetrologyError(f"points must lie on a grid, got {got} [{path.name}]")
-    for name, axis in (("x", x), ("y", y)):
-        if np.ptp(np.diff(axis)) > 0.02 * np.diff(axis).mean():
-            raise MetrologyError(f"grid must have equal steps along {name} [{path.name}]")
-    height = np.full((len(y), len(x)), np.nan)
-    height[row, column] = values[:, 2]
-    return HeightMap(height, float(np.diff(x).mean()), float(np.diff(y).mean()), source=path.name, scale=said)

@@ -1,0 +1,118 @@
+"""What the program says of real scans beside what others found in them, read and evaluated as ``stepblocks inspect`` does.
+
+Run from the root of the repository: ``python benchmarks/real_scans.py FOLDER``, FOLDER a place below which the files of the table
+lie under their own names; files that are not there are left out. One line per file: what was asked, the answer with its 95 %
+interval, the independent value, and how the two compare. Exit code 1 if a value is wrong, a step is a phantom, or a file is not
+read as a second reader does; a refusal is no fault, but at least 60 % of the files with a step must be answered.
+"""
+
+import sys
+import time
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from stepblocks.artefacts.scans.read import read_scan
+from stepblocks.errors import MetrologyError
+from stepblocks.inspect.run import inspect_standard
+
+NM, UM, MM = 1e-9, 1e-6, 1e-3
+
+
+@dataclass(frozen=True)
+class Known:
+    """What is known of a scan: its feature, and where the value comes from (public repository, licence, how)."""
+
+    feature: str  # groove, edge, ball; none; reader
+    low: float = np.nan  # spread of the independent estimates [m]; of a reader peak to valley or width
+    high: float = np.nan  # likewise [m]
+    source: str = ""
+    unit: str | None = None
+    nominal: float | None = None  # of a ball [m]
+
+
+NSFOPEN, TOPOGRAPHY = "syrupface/NSFopen, MIT", "ContactEngineering/SurfaceTopography, MIT"
+SCANS: dict[str, Known] = {
+    "squares_holes.nid": Known("groove", 500.0 * NM, 500.0 * NM, NSFOPEN),
+    "circles_holes.nid": Known("groove", 499.5 * NM, 499.5 * NM, NSFOPEN),
+    "grid.nid": Known("groove", 51 * NM, 59 * NM, NSFOPEN),
+    "SBS-PMMA.nid": Known("groove", 25 * NM, 30 * NM, NSFOPEN),
+    "sapphire.nid": Known("none", source=NSFOPEN),
+    "mi-1.mi": Known("groove", 2 * NM, 8 * NM, TOPOGRAPHY),
+    "stp-1.stp": Known("groove", 3.7 * NM, 4.0 * NM, TOPOGRAPHY),
+    "mnt-2.mnt": Known("ball", 496.6 * UM, 498.3 * UM, TOPOGRAPHY, nominal=500 * UM),
+    "dektak-1.csv": Known("none", source=TOPOGRAPHY),
+    "sur-2.sur": Known("none", source=TOPOGRAPHY),
+    "x3p-2.x3p": Known("none", source=TOPOGRAPHY),
+    "opdx-3.opdx": Known("none", source=TOPOGRAPHY),
+    "metropro-1.dat": Known("none", source=TOPOGRAPHY),
+    "test1.txt": Known("none", source="nanovea sample, MIT", unit="x=mm,y=mm,z=um"),
+    "image_9.json": Known("groove", 12.243 * MM, 12.306 * MM, "SICK sample, Unlicense", unit="mm"),
+    "csv-2.csv": Known("reader", 0.0, 0.0, TOPOGRAPHY),
+    "matrix-2.txt": Known("reader", 3.4023004581841994e-6, 3.4023004581841994e-6, TOPOGRAPHY),
+    "mm11_iso1_binary_binary64.sdf": Known("reader", 599 * NM, 599 * NM, "thomas-ascher/sdfio, MIT"),
+    "surface_irregular_binary.x3p": Known("reader", 2.5703 * UM, 2.5703 * UM, "thomas-ascher/x3pio, MIT"),
+    "D906-1.csv": Known("reader", 634.231 * UM, 634.231 * UM, "Mitaka MLP-3, MIT", unit="mm"),
+    "1021-contour.DAT": Known("reader", 5.407985 * MM, 5.407985 * MM, "contour, MIT"),
+}
+LEAST_ANSWERED = 0.6
+WIDEST = 3.0  # interval over the spread of the independent estimates
+
+
+def shown(value: float) -> str:
+    """Write a length in the unit that suits it."""
+    size = abs(value)
+    factor, unit = (1e9, "nm") if size < UM else (1e6, "um") if size < MM else (1e3, "mm")
+    return f"{value * factor:.5g} {unit}"
+
+
+def compared(path: Path, known: Known) -> tuple[str, str, str, str]:
+    """Answer, interval, independent value and verdict of one file."""
+    spread = "-" if np.isnan(known.low) else f"{shown(known.low)} to {shown(known.high)}"
+    try:
+        if known.feature == "reader":
+            height = read_scan(path, known.unit).height
+            got = float(np.nanmax(height) - np.nanmin(height))
+            right = np.isclose(got, known.low, rtol=1e-4, atol=1e-12)
+            return f"{shown(got)} peak to valley", "-", spread, "as the second reader" if right else "WRONG"
+        feature = "groove" if known.feature == "none" else known.feature
+        result = inspect_standard(path, known.nominal, feature=feature, unit=known.unit)
+    except MetrologyError as error:
+        return f"refused: {str(error)[:110]}", "-", spread, "rightly" if known.feature == "none" else "no answer"
+    one = next(iter(result.inspected.values.values()))
+    half = one.expanded()
+    interval = f"{shown(one.value - half)} to {shown(one.value + half)}"
+    if known.feature == "none":
+        return shown(one.value), interval, "no step", "PHANTOM"
+    holds = one.value - half <= known.high and known.low <= one.value + half
+    wide = known.high > known.low and 2.0 * half > WIDEST * (known.high - known.low)
+    return shown(one.value), interval, spread, "WRONG" if not holds else "holds, wide" if wide else "holds"
+
+
+def main() -> int:
+    """Print the table; 1 if a statement does not hold."""
+    files = sorted(path for path in Path(sys.argv[1]).rglob("*") if path.name in SCANS)
+    print("| file | asked | answer | 95 % interval | independent | comparison | s |\n|---|---|---|---|---|---|---|")
+    verdicts = []
+    for path in files:
+        began = time.perf_counter()
+        known = SCANS[path.name]
+        answer, interval, independent, verdict = compared(path, known)
+        verdicts.append((known.feature, verdict))
+        seconds = time.perf_counter() - began
+        print(
+            f"| {path.name} | {known.feature} | {answer} | {interval} | {independent} | {verdict} | {seconds:.1f} |",
+            flush=True,
+        )
+    steps = [verdict for feature, verdict in verdicts if feature not in ("none", "reader")]
+    answered = sum(verdict.startswith("holds") for verdict in steps)
+    print(
+        f"\n{answered} of {len(steps)} with a step answered rightly; {sum(v == 'PHANTOM' for _, v in verdicts)} phantoms"
+    )
+    wrong = any(verdict in ("WRONG", "PHANTOM") for _, verdict in verdicts)
+    return 1 if wrong or answered < LEAST_ANSWERED * len(steps) else 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,144 @@
+"""Clouds of points as height maps, and the files that hold them: meshes, PCD, height images in JSON, X3P with absolute axes."""
+
+from __future__ import annotations
+
+import base64
+import json
+from pathlib import Path
+
+import numpy as np
+
+from stepblocks.artefacts.scans.scan import Array, HeightMap
+from stepblocks.errors import MetrologyError
+
+_MOST_EMPTY = 0.75  # part of a grid that may stay without a point [1]
+_EVEN = 0.02  # scatter of steps that are equal, as a part of the step [1]
+_MOST_CELLS = 64_000_000
+
+
+def gridded(x: Array, y: Array, z: Array, source: str, said: str) -> HeightMap:
+    """Put points [m] on the grid they lie on, or the nearest one that holds each within half a step, and say which."""
+    known = np.isfinite(x) & np.isfinite(y)
+    if not known.all() and np.isfinite(z[~known]).any():
+        raise MetrologyError(f"positions must be finite numbers [{source}]")
+    x, y, z = x[known], y[known], z[known]
+    if len(x) < 4:
+        raise MetrologyError(f"points must lie on a grid, got {len(x)} points [{source}]")
+    axes = _axes(x, y)
+    shape = tuple(len(axis) for axis in axes)
+    if min(shape) < 2 or (1.0 - _MOST_EMPTY) * shape[0] * shape[1] > len(x) or max(shape) > _MOST_CELLS / min(shape):
+        got = f"{len(x)} points on {shape[0]} columns and {shape[1]} rows"
+        raise MetrologyError(f"points must lie on a grid, got {got} [{source}]")
+    steps = [(axis[-1] - axis[0]) / (len(axis) - 1) for axis in axes]
+    column, row = (
+        np.rint((one - axis[0]) / step).astype(int) for one, axis, step in zip((x, y), axes, steps, strict=True)
+    )
+    off = max(float(np.abs(x - axes[0][column]).max() / steps[0]), float(np.abs(y - axes[1][row]).max() / steps[1]))
+    height, count = np.zeros(shape[::-1]), np.zeros(shape[::-1])
+    seen = np.isfinite(z)
+    np.add.at(height, (row[seen], column[seen]), z[seen])
+    np.add.at(count, (row[seen], column[seen]), 1.0)
+    height = np.where(count > 0.0, height / np.maximum(count, 1.0), np.nan)
+    if off > _EVEN:
+        said += (
+            f"; points set on a grid of {steps[0] * 1e6:.4g} x {steps[1] * 1e6:.4g} um, up to {off:.2f} of a step off"
+        )
+    return HeightMap(height, steps[0], steps[1], source=source, scale=said)
+
+
+def _axes(x: Array, y: Array) -> list[Array]:
+    """Columns and rows of a grid: exact where positions repeat, else as many equal steps as the points themselves take."""
+    exact = [_exact_axis(one) for one in (x, y)]
+    counts = [0 if one is None else len(one) for one in exact]
+    if not any(counts):
+        # points come line by line: along a line they step evenly
+        along = [np.abs(np.diff(one)) for one in (x, y)]
+        uneven = [float(np.median(np.abs(step - np.median(step))) / max(np.median(step), 1e-15)) for step in along]
+        fast = int(np.argmin(uneven))
+        extents = [float(np.ptp(one)) for one in (x, y)]
+        even = (
+            float(np.median(along[fast])) if uneven[fast] < _EVEN else float(np.sqrt(extents[0] * extents[1] / len(x)))
+        )
+        counts[fast] = round(extents[fast] / even) + 1
+    counts = [count or max(round(len(x) / max(counts)), 1) for count in counts]
+    pairs = zip(exact, counts, (x, y), strict=True)
+    return [np.linspace(one.min(), one.max(), count) if axis is None else axis for axis, count, one in pairs]
+
+
+def _exact_axis(positions: Array) -> Array | None:
+    """Positions that repeat in equal steps, columns that are missing everywhere put in; None where there are none."""
+    values = np.unique(positions)
+    extent = float(values[-1] - values[0])
+    steps = np.diff(values)
+    real = steps > 1e-6 * extent
+    if not real.any():
+        return values[:1]
+    merged = values[np.concatenate([[True], steps > 0.1 * float(np.median(steps[real]))])]
+    gaps = np.diff(merged)
+    whole = np.maximum(np.rint(gaps / np.median(gaps)), 1.0)
+    step = extent / float(whole.sum())
+    if len(merged) > 0.5 * len(positions) or (np.abs(gaps - whole * step) > _EVEN * step * whole).any():
+        return None
+    return np.linspace(values[0], values[-1], int(whole.sum()) + 1)
+
+
+def read_points(path: Path, sizes: dict[str, tuple[float, float]]) -> HeightMap:
+    """Read a file whose numbers have no unit of their own, with the size of a stored 1 per axis: PLY, STL, OBJ, PCD, JSON."""
+    missing = [axis for axis in "xyz" if axis not in sizes]
+    if missing:
+        raise MetrologyError(
+            f"a unit must be given for a {path.suffix} file, which states none, as mm or x=mm,y=mm,z=um [{path.name}]"
+        )
+    per = np.array([sizes[axis][0] / sizes[axis][1] for axis in "xyz"])
+    if path.suffix.lower() == ".json":
+        return _json_image(path, per)
+    if path.suffix.lower() == ".pcd":
+        points = _pcd(path)
+    else:
+        import contextlib
+        import io
+
+        import meshio
+
+        with contextlib.redirect_stdout(io.StringIO()):
+            points = np.asarray(meshio.read(path).points, dtype=np.float64)
+    if points.ndim != 2 or points.shape[1] != 3:
+        raise MetrologyError(f"points must be rows of x, y, z, got shape {points.shape}")
+    x, y, z = (np.unique(points, axis=0) * per).T
+    return gridded(x, y, z, path.name, "unit as given")
+
+
+def _json_image(path: Path, per: Array) -> HeightMap:
+    """Height image of a line camera: size of a pixel, and big- or little-endian counts in base64, of which 0 is missing."""
+    found = [one["data"] for one in json.loads(path.read_text(encoding="utf-8")) if one.get("class") == "Image"]
+    image = next(one for one in found if one["Data"]["ImageType"] in ("uint16", "float32"))
+    data, size, origin = image["Data"], image["PixelSize"], image["Origin"]
+    kind = ("<" if data["Pixels"]["endian"] == "little" else ">") + {"uint16": "u2", "float32": "f4"}[data["ImageType"]]
+    raw = np.frombuffer(base64.b64decode(data["Pixels"]["data"]), kind).reshape(data["Height"], data["Width"])
+    counts = raw.astype(np.float64)
+    if image.get("HandleZeroPixels") == "MissingData":
+        counts[counts == 0.0] = np.nan
+    z = (counts * size["z"] + origin["z"]) * per[2]
+    return HeightMap(
+        z, size["x"] * per[0], size["y"] * per[1], path.name, "height image in the unit given", size["z"] * per[2]
+    )
+
+
+def _pcd(path: Path) -> Array:
+    """Points of a PCD file 0.7, ASCII or binary: header lines, then rows of fields."""
+    raw = path.read_bytes()
+    head, _, rest = raw.partition(b"\nDATA ")
+    fields = dict(line.split(" ", 1) for line in head.decode("ascii").splitlines() if " " in line and line[0] != "#")
+    names, sizes, kinds = (fields[key].split() for key in ("FIELDS", "SIZE", "TYPE"))
+    counts = fields.get("COUNT", " ".join(["1"] * len(names))).split()
+    coding, _, body = rest.partition(b"\n")
+    if coding.strip() == b"ascii":
+        table = np.loadtxt(body.decode("ascii").splitlines(), ndmin=2)
+        first = dict(zip(names, np.cumsum([0, *map(int, counts[:-1])]), strict=True))
+        return np.column_stack([table[:, first[axis]] for axis in "xyz"])
+    if coding.strip() != b"binary":
+        raise MetrologyError(f"data must be ascii or binary, got {coding[:40]!r}")
+    parts = zip(names, kinds, sizes, counts, strict=True)
+    kind = np.dtype([(name, f"<{letter.lower()}{size}", (int(count),)) for name, letter, size, count in parts])
+    packed = np.frombuffer(body, kind, int(fields["POINTS"]))
+    return np.column_stack([packed[axis][:, 0].astype(np.float64) for axis in "xyz"])

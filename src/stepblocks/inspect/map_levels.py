@@ -1,0 +1,297 @@
+"""Depth of many small features in one map: by two levels of height, or by the shape that repeats.
+
+Holes of a grating are too short for the windows of type A1. Here each row gets its own slope and offset (the drift of a
+scanning instrument), from points that keep a stated distance to every edge; the feature never takes part in levelling. A map
+has levels only where its heights gather at two of them with a gap between. Where they do not, but one shape repeats along a
+direction, whatever its profile, that shape is folded out of all points.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from stepblocks.artefacts.scans.scan import HeightMap
+from stepblocks.errors import MetrologyError
+from stepblocks.inspect.noise import Array, Mask, NoiseUncertainty, noise_uncertainty, robust_scale
+
+_LEAST_FLOOR = 5  # points of a row in the features
+_LEAST_REFERENCE = 20  # points of a row beside them
+_SETTLED = 0.005  # deviation from the plateau that is no edge, as a part of the depth [1]
+_LEAST_LEVEL = 0.02  # density of the lesser of two levels over that of the greater [1]
+_TURNS = 6  # of levelling and looking again
+_BINS = 400  # of the histogram of heights
+_GAP = 0.6  # part of the points of the lesser of two levels that may lie between them [1]
+_HARMONICS = 8  # of a grating's period that are kept
+_PHASES = 48  # into which the period of a grating is folded
+_REPEATS = 0.7  # part of the variance that repeats, from which a map is a grating [1]
+_OWN_HEIGHTS = (
+    1.5  # interval by the scatter over features above that over rows, from which each has a height of its own [1]
+)
+_LEAST_BANDS = 4  # of rows, over which a scatter is taken
+
+
+@dataclass(frozen=True)
+class MaskedStep:
+    """Depth of the features of a map."""
+
+    depth: float  # weighted mean over rows [m]; negative for ridges
+    noise: NoiseUncertainty  # of the depth, from their scatter [m]
+    exclusion: float  # distance that was kept to every edge [m]
+    rows: int  # that took part
+    features: int  # separate ones in the map
+    profile: tuple[Array, Array]  # positions and levelled heights of the row with most floor [m], to be shown
+
+
+def masked_step(scan: HeightMap, exclusion: float | None = None) -> MaskedStep:
+    """Depth of holes, or height of bumps, over a map; missing points take no part.
+
+    `exclusion` is the distance to keep to every edge [m]; by default that at which both sides have settled.
+    """
+    from scipy import ndimage, stats
+
+    z, known_points = scan.height, np.isfinite(scan.height)
+    inside = _features(scan)
+    pitch = min(scan.dx, scan.dy)
+    # a missing point lies where its nearest neighbour does
+    nearest = ndimage.distance_transform_edt(~known_points, return_distances=False, return_indices=True)
+    inside = inside[tuple(nearest)]
+    within, outside = (ndimage.distance_transform_edt(one, sampling=(scan.dy, scan.dx)) for one in (inside, ~inside))
+    if exclusion is None:
+        exclusion = _settling_distance(
+            _plane_levelled(z, (outside > 3.0 * pitch) & known_points), within, outside, pitch
+        )
+    floor, reference = (within > exclusion) & known_points, (outside > exclusion) & known_points
+    depths, weights = _row_depths(scan.x, z, floor, reference)
+    known = np.isfinite(depths)
+    if known.sum() < 3:
+        rule = f"map must keep at least 3 rows with floor and reference beyond {exclusion * 1e6:.3g} um"
+        raise MetrologyError(f"{rule}, got {int(known.sum())} [{scan.source}]")
+    share = np.where(known, weights, 0.0)
+    share /= share.sum()
+    depth = float(np.sum(share[known] * depths[known]))
+    noise = _by_bands(depths, share, depth, known)
+    labels, features = ndimage.label(inside)
+    apart = _by_features(_rows_levelled(z, reference), np.where(floor, labels, 0))
+    reach = [float(stats.t.ppf(0.975, one.dof)) * one.std for one in (noise, apart)]
+    if reach[1] > _OWN_HEIGHTS * reach[0]:
+        noise = apart
+    shown = int(np.argmax(np.where(known, weights, -1.0)))
+    line = np.polynomial.Polynomial.fit(scan.x[reference[shown]], z[shown, reference[shown]], 1)
+    profile = scan.x, z[shown] - line(scan.x)
+    return MaskedStep(depth, noise, exclusion, int(known.sum()), int(features), profile)
+
+
+def _by_bands(depths: Array, share: Array, depth: float, known: Mask) -> NoiseUncertainty:
+    """Scatter over bands of rows that cross the same features; rows within a band are not independent of one another.
+
+    Bands whose variance goes as one over their share give ``sum(share deviation^2) / (bands - 1)`` without bias and with
+    exactly one degree of freedom less than bands; a band that the map cuts to a sliver counts with its neighbour.
+    """
+    rows = np.flatnonzero(known)
+    bands = _without_slivers(np.split(rows, np.flatnonzero(np.diff(rows) > 1) + 1), share)
+    if len(bands) < _LEAST_BANDS:
+        return noise_uncertainty(share, depths - depth, known, [np.ones(len(depths))])
+    parts = [np.sum(share[band] * (depths[band] - depth)) ** 2 / np.sum(share[band]) for band in bands]
+    return NoiseUncertainty(float(np.sqrt(np.sum(parts) / (len(bands) - 1))), len(bands) - 1.0)
+
+
+def _by_features(level: Array, labels: NDArray[np.intp]) -> NoiseUncertainty:
+    """Scatter over features, each weighted by its floor: sheets and islands have heights of their own; none of a single one."""
+    area = np.bincount(labels.ravel())[1:].astype(np.float64)
+    kept = area >= _LEAST_FLOOR
+    share = area[kept] / area[kept].sum()
+    number = 1.0 / float(np.sum(share**2)) if kept.any() else 1.0
+    if number < 1.5:
+        return NoiseUncertainty(0.0, np.inf)
+    means = np.bincount(labels.ravel(), np.where(labels > 0, level, 0.0).ravel())[1:][kept] / area[kept]
+    variance = float(np.sum(share * (means - np.sum(share * means)) ** 2)) / (number - 1.0)
+    return NoiseUncertainty(float(np.sqrt(variance)), max(number - 1.0, 1.0))
+
+
+def _without_slivers(bands: list[NDArray[np.intp]], share: Array) -> list[NDArray[np.intp]]:
+    """Join bands at either end that hold less than half of the usual share to their neighbours."""
+    least = 0.5 * float(np.median([share[band].sum() for band in bands]))
+    if len(bands) > 1 and share[bands[0]].sum() < least:
+        bands = [np.concatenate(bands[:2]), *bands[2:]]
+    if len(bands) > 1 and share[bands[-1]].sum() < least:
+        bands = [*bands[:-2], np.concatenate(bands[-2:])]
+    return bands
+
+
+def _plane_levelled(z: Array, reference: Mask) -> Array:
+    rows, columns = np.mgrid[: z.shape[0], : z.shape[1]].astype(np.float64)
+    design = np.stack([columns[reference], rows[reference], np.ones(int(reference.sum()))], axis=1)
+    across, along, offset = np.linalg.lstsq(design, z[reference], rcond=None)[0]
+    return np.asarray(z - across * columns - along * rows - offset)
+
+
+def _features(scan: HeightMap) -> Mask:
+    """Mask of the level that covers less of the map; the rows are levelled without it until it stays."""
+    from scipy import ndimage
+
+    z, known = scan.height, np.isfinite(scan.height)
+    level = _plane_levelled(z, known)
+    for _ in range(_TURNS):
+        off = np.abs(level - np.median(level[known]))
+        level = _rows_levelled(z, known & (off < 3.0 * np.median(off[known])))
+    inside = np.zeros(z.shape, dtype=bool)
+    for _ in range(2 * _TURNS):
+        low, high = _two_modes(level[known], scan.source)
+        middle, reach = 0.5 * (low + high), high - low
+        # what towers over a level by as much as it is away from the other is a third
+        upper = (level > middle) & (level < high + 0.5 * reach) & known
+        lower = (level <= middle) & (level > low - 0.5 * reach) & known
+        following = lower if lower.sum() <= upper.sum() else upper
+        if (following == inside).all():
+            break
+        inside = following
+        near = ~ndimage.binary_dilation(inside, iterations=3)
+        level = _rows_levelled(z, near & (upper | lower))
+    return inside
+
+
+def _two_modes(heights: Array, source: str) -> tuple[float, float]:
+    """Return the two heights at which most points gather with a gap between; refused, with the figure, where they do not."""
+    from scipy.ndimage import gaussian_filter1d
+    from scipy.signal import find_peaks
+
+    ends = np.percentile(heights, [0.3, 99.7])
+    counts, bins = np.histogram(heights, _BINS, (float(ends[0]), float(ends[1]) + 1e-15))
+    bulk = robust_scale(heights) / float(ends[1] - ends[0] + 1e-15)
+    density = gaussian_filter1d(np.pad(counts.astype(np.float64), 1), float(np.clip(0.12 * bulk, 0.004, 0.012)) * _BINS)
+    peaks = find_peaks(density, height=_LEAST_LEVEL * density.max())[0]
+    main = int(np.argmax(density))
+    between = {
+        one: float(density[min(one, main) : max(one, main) + 1].min() / density[one]) for one in peaks if one != main
+    }
+    apart = [one for one, part in between.items() if part < _GAP]
+    if not apart:
+        rule = f"heights of a map must gather at two levels, with less than {_GAP:.0%} as many between as at the lesser"
+        raise MetrologyError(f"{rule}, got {min(between.values(), default=1.0):.0%} [{source}]")
+    best = max(apart, key=lambda one: density[one])
+    centres = np.concatenate([[bins[0]], 0.5 * (bins[1:] + bins[:-1]), [bins[-1]]])
+    low, high = sorted((float(centres[main]), float(centres[best])))
+    return low, high
+
+
+def _rows_levelled(z: Array, reference: Mask) -> Array:
+    """Level each row by a line through its reference; a row with too little of it keeps its heights less the median."""
+    t = np.linspace(-1.0, 1.0, z.shape[1])
+    level = z - float(np.median(z[reference])) if reference.any() else z.copy()
+    for row, used in enumerate(reference):
+        if used.sum() >= _LEAST_REFERENCE:
+            slope, offset = np.polyfit(t[used], z[row, used], 1)
+            level[row] = z[row] - slope * t - offset
+    return np.asarray(level)
+
+
+def _settling_distance(level: Array, within: Array, outside: Array, pitch: float) -> float:
+    # both sides are judged within the half width of the features, since bows of the scan show beyond it
+    reach = float(within.max())
+    near = [(distance > 0.5 * reach) & (distance <= reach) for distance in (within, outside)]
+    plateau = [float(np.nanmedian(level[mask])) for mask in near]
+    limit = _SETTLED * abs(plateau[0] - plateau[1])
+    settled = 1
+    for distance, target in zip((within, outside), plateau, strict=True):
+        for ring in range(1, int(0.5 * reach / pitch) + 1):
+            points = level[(distance > (ring - 0.5) * pitch) & (distance <= (ring + 0.5) * pitch)]
+            points = points[np.isfinite(points)]
+            if points.size and abs(np.median(points) - target) > limit:
+                settled = max(settled, ring)
+    # one ring more, since a ring is judged by its median and half of its points lie nearer to the edge
+    return (settled + 1.5) * pitch
+
+
+def _row_depths(x: Array, z: Array, floor: Mask, reference: Mask) -> tuple[Array, Array]:
+    depths, weights = np.full(len(z), np.nan), np.zeros(len(z))
+    for row in range(len(z)):
+        low, high = floor[row], reference[row]
+        if low.sum() < _LEAST_FLOOR or high.sum() < _LEAST_REFERENCE:
+            continue
+        used = low | high
+        design = np.stack([x[used] / x[-1], np.ones(int(used.sum())), -low[used].astype(float)], axis=1)
+        depths[row] = np.linalg.lstsq(design, z[row, used], rcond=None)[0][2]
+        weights[row] = low.sum()
+    return depths, weights
+
+
+@dataclass(frozen=True)
+class Grating:
+    """Shape that repeats in a map or a profile."""
+
+    depth: float  # from the lowest to the highest point of the mean shape [m]
+    pitch: float  # m
+    angle: float  # of the direction in which it repeats, from x [rad]
+    noise: NoiseUncertainty  # of the depth [m]
+    pitch_std: float  # standard uncertainty of the pitch from the scatter of the parts [m]
+    share: float  # part of the variance that repeats [1]
+    shape: tuple[Array, Array]  # position within a period and mean height [m]
+
+
+def fit_grating(x: Array, y: Array, z: Array) -> Grating:
+    """Fold the shape that repeats out of heights, shape (ny, nx), over columns `x` and rows `y` [m]; one row is a profile."""
+    from scipy.optimize import minimize
+
+    known = np.isfinite(z)
+    level = np.where(known, z - _surface(x, y, z, known), 0.0)
+    tapers = [np.hanning(n + 2)[1:-1] if n > 3 else np.ones(n) for n in z.shape]
+    power = np.abs(np.fft.rfft2(level * np.outer(*tapers), [max(4 * n, 1) if n > 3 else 1 for n in z.shape])) ** 2
+    extents = float(x[-1] - x[0]), float(y[-1] - y[0]) if len(y) > 1 else 0.0
+    fx = np.fft.rfftfreq(4 * len(x), float(x[1] - x[0]))
+    fy = np.fft.fftfreq(4 * len(y), float(y[1] - y[0])) if len(y) > 3 else np.zeros(1)
+    periods = np.hypot(fx[np.newaxis, :] * extents[0], fy[:, np.newaxis] * extents[1])
+    at = np.unravel_index(int(np.argmax(np.where(periods >= 2.5, power, 0.0))), power.shape)
+    first = np.array([fx[at[1]], fy[at[0]]])
+    gx, gy = np.meshgrid(x - x[0], y - y[0])
+    points, heights = np.stack([gx[known], gy[known]]), level[known]
+    thin = max(len(heights) // 40_000, 1)
+
+    def unexplained(scaled: Array, part: slice | Mask = slice(None, None, thin)) -> float:
+        shape, phase = _folded((first + scaled * unit) @ points[:, part], heights[part])
+        return float(np.mean((heights[part] - shape[phase]) ** 2) / np.var(heights[part]))
+
+    unit = 0.25 / np.array([extents[0], extents[1] or np.inf])
+    options = {"initial_simplex": [[0.0, 0.0], [1.0, 0.0], [0.0, 1.0]], "xatol": 1e-3, "fatol": 1e-6, "maxfev": 200}
+    moved = minimize(unexplained, np.zeros(2), method="Nelder-Mead", options=options).x
+    frequency, share = first + moved * unit, 1.0 - unexplained(moved)
+    pitch, angle = 1.0 / float(np.hypot(*frequency)), float(np.arctan2(frequency[1], frequency[0]))
+    if share < _REPEATS:
+        rule = f"one shape must repeat in at least {_REPEATS:.0%} of the variance of a grating"
+        raise MetrologyError(f"{rule}, got {share:.0%}")
+    along = frequency @ points
+    depth, shape = _depth(along, heights)
+    parts = np.array_split(np.argsort(along, kind="stable"), int(min(8, max(np.ptp(along) // 1.5, 2))))
+    depths = np.array([_depth(along[part], heights[part])[0] for part in parts])
+    scatter = float(depths.std(ddof=1) / np.sqrt(len(parts)))
+    position = (np.arange(_PHASES) + 0.5) / _PHASES * pitch
+    noise = NoiseUncertainty(scatter, len(parts) - 1.0)
+    step = float(x[1] - x[0]) / np.sqrt(12.0) / max(float(np.ptp(along)), 1.0)
+    return Grating(depth, pitch, angle, noise, step, share, (position, shape))
+
+
+def _folded(along: Array, heights: Array) -> tuple[Array, NDArray[np.intp]]:
+    """Mean height in each phase of the period, and the phase of each point."""
+    phase = (np.floor(_PHASES * (along - np.floor(along))).astype(np.intp)) % _PHASES
+    count = np.bincount(phase, minlength=_PHASES)
+    return np.bincount(phase, heights, _PHASES) / np.maximum(count, 1), phase
+
+
+def _depth(along: Array, heights: Array) -> tuple[float, Array]:
+    """Peak to valley of the mean shape, its noise kept out by five harmonics."""
+    shape, _ = _folded(along, heights)
+    terms = np.fft.rfft(shape)
+    terms[_HARMONICS + 1 :] = 0.0
+    fine = np.fft.irfft(np.pad(terms, (0, 8 * _PHASES - len(terms))), 16 * _PHASES - 2) * (16 * _PHASES - 2) / _PHASES
+    return float(np.ptp(fine)), shape
+
+
+def _surface(x: Array, y: Array, z: Array, known: Mask) -> Array:
+    """Polynomial of second degree through all points."""
+    t, u = (2.0 * (one - one[0]) / max(float(one[-1] - one[0]), 1e-30) - 1.0 for one in (x, y))
+    gx, gy = np.meshgrid(t, u)
+    terms = np.stack([np.ones_like(gx), gx, gx**2, *([gy, gy**2, gx * gy] if len(y) > 2 else [])])
+    solution = np.linalg.lstsq(terms[:, known].T, z[known], rcond=None)[0]
+    return np.asarray(np.tensordot(solution, terms, 1))
