@@ -18,12 +18,22 @@ def stimulus_files(meant: str | Path | Sequence[str | Path] | None = None) -> li
         if argument.is_dir():
             what, found = "a folder with stimulus files (*.toml)", sorted(argument.glob("*.toml"))
         if not found or not found[0].is_file():
-            raise PipelineError(f"expected {what} [{argument}]")
+            other = "name files or folders as FILE" if not several else _near(argument)
+            raise PipelineError(f"expected {what}; {other} [{argument}]")
         files += found
     stems = [path.stem for path in files]
     if len(set(stems)) < len(stems):
         raise PipelineError(f"sets must have different names, got {', '.join(sorted(stems))}")
     return files
+
+
+def _near(path: Path) -> str:
+    """Say what there is in place of a file that is not, and how one begins."""
+    from difflib import get_close_matches
+
+    there = [str(path.parent / one.name) for one in path.parent.glob("*.toml")] if path.parent.is_dir() else []
+    near = get_close_matches(str(path), there, 1, 0.6)
+    return f"did you mean {near[0]}?" if near else f"'stepblocks new block {path}' writes one"
 
 
 def matches(only: str, set_name: str, identity: str) -> bool:

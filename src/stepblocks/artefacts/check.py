@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import math
+from base64 import b64decode
 from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
@@ -171,8 +172,10 @@ def view_in(path: Path) -> dict[str, Any]:
     bodies = json.loads(text.removeprefix("stepblocksView(").removesuffix(");\n"))["bodies"]
     found: dict[str, Any] = {"count": len(bodies)}
     for number, body in enumerate(bodies):
-        vertices = np.array([body[axis] for axis in "xyz"], dtype=np.float64).T * 1e-3
-        triangles = np.array([body[corner] for corner in "ijk"], dtype=np.int64).T
+        whole = f"<u{int(body['bytes_of_a_corner'])}"
+        columns = {name: np.frombuffer(b64decode(body[name]), "<f4" if name in "xyz" else whole) for name in "xyzijk"}
+        vertices = np.array([columns[axis] for axis in "xyz"], dtype=np.float64).T * 1e-3
+        triangles = np.array([columns[corner] for corner in "ijk"], dtype=np.int64).T
         if not is_whole(vertices, triangles):
             raise ValueError("no triangles between finite vertices")
         found |= {f"vertices {number}": vertices, f"triangles {number}": triangles}
