@@ -38,7 +38,9 @@ def walk(user, folder, monkeypatch):
         program, *words = shlex.split(what.split("  #")[0])
         assert program == "stepblocks"
         wanted = 1 if "# exit code 1" in what else 0
-        assert main([*words, *(["--no-open"] if words[0] == "feel" and "--no-open" not in words else [])]) == wanted, what
+        assert main([*words, *(["--no-open"] if words[0] == "feel" and "--no-open" not in words else [])]) == wanted, (
+            what
+        )
 
 
 @pytest.fixture(scope="module")
@@ -88,7 +90,9 @@ def look_at(browser, page):
 def test_the_machinist_gets_a_drawing_a_sheet_and_a_verdict(tmp_path, monkeypatch, browser):
     walk("The machinist", tmp_path, monkeypatch)
     part = tmp_path / "out" / "mine" / "step-013"
-    assert {"step-013.step", "step-013.drawing.pdf", "step-013.inspection-sheet.pdf"} <= {one.name for one in part.iterdir()}
+    assert {"step-013.step", "step-013.drawing.pdf", "step-013.inspection-sheet.pdf"} <= {
+        one.name for one in part.iterdir()
+    }
     text = look_at(browser, tmp_path / "out" / "index.html")
     assert "13 µm ±1 µm" in text
     assert "drawing" in text

@@ -29,8 +29,8 @@ FORMATS = {f".{name}": name for name in _NAMED} | {".nid": "ezd", ".vk4": "vk"} 
 
 _MOST_POINTS = 64_000_000
 _MOST_UNPACKED = 2**30
-_MEMORY = 4 * 2**30
-_SECONDS = 120
+_MEMORY = 2 * 2**30
+_SECONDS = 20
 
 
 def read_scan(path: str | Path, unit: str | None = None) -> Profile | HeightMap:
