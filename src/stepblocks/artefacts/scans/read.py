@@ -66,8 +66,8 @@ _NO_HEIGHT = re.compile(
 _LIST = "--list--"  # asked for as a channel, its answer is the names of all
 _MOST_POINTS = 64_000_000
 _MOST_UNPACKED = 2**30
-_MEMORY = 4 * 2**30
-_SECONDS = 120
+_MEMORY = 2 * 2**30
+_SECONDS = 20
 
 
 def read_scan(path: str | Path, unit: str | None = None, channel: str | None = None) -> Profile | HeightMap:
