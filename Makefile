@@ -4,10 +4,16 @@ VENV ?= .venv
 PYTHON ?= python3
 BIN := $(VENV)/bin
 
-.PHONY: run test lint everywhere graphics clean
+.PHONY: run example test lint everywhere graphics clean
 
 run: $(VENV)/ready graphics
 	@$(BIN)/stepblocks build
+
+# A simulated session with an effect that it does not declare, made from its recipe, and what the loop says of it.
+example: $(VENV)/ready
+	rm -rf out/example-session
+	$(BIN)/stepblocks simulate-session examples/undeclared.toml -o out/example-session
+	$(BIN)/stepblocks loop out/example-session -o out/example-loop
 
 test: $(VENV)/ready-dev graphics
 	$(BIN)/python -m pytest -n auto --dist loadfile
