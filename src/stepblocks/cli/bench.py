@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 import sys
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -34,8 +35,8 @@ def add_to(commands: Any) -> None:
     )
     examples = ("loop session", "loop session -o out/loop --as-built out/inspect")
     loop = add_command(commands, "loop", _loop, said, description, examples=examples)
-    words = "folder with session.toml, trials.csv and traces; several are fitted in one hierarchy"
-    loop.add_argument("session", type=Path, nargs="+", metavar="SESSION", help=words)
+    said = "folder with session.toml, trials.csv and traces; several are fitted in one hierarchy"
+    loop.add_argument("session", type=Path, nargs="+", metavar="SESSION", help=said)
     add_output(loop, "out/loop")
     add_jobs(loop)
     loop.add_argument("--forces-only", action="store_true", help="leave the scans of the blocks out")
@@ -90,7 +91,7 @@ def _loop(arguments: argparse.Namespace) -> Outcome:
             for name, p in document["parameters"].items()
             if len(p["sessions"]) > 1 and not name.startswith("height_error")
         ]
-        tables = {"in the next session, 95 %": rows}
+        tables: dict[str, Sequence[Mapping[str, Any]]] = {"in the next session, 95 %": rows}
         return Outcome(
             "; ".join(f"{n}: {s['verdict']}" for n, s in document["sessions"].items()), tables, record=document
         )
