@@ -4,7 +4,7 @@ VENV ?= .venv
 PYTHON ?= python3
 BIN := $(VENV)/bin
 
-.PHONY: run run-all test lint docs package everywhere graphics clean
+.PHONY: run run-all example test lint docs package everywhere graphics clean
 
 run: $(VENV)/ready graphics
 	@$(BIN)/stepblocks build
@@ -13,10 +13,7 @@ run: $(VENV)/ready graphics
 run-all: $(VENV)/ready-all graphics
 	$(BIN)/stepblocks workshop
 	$(BIN)/stepblocks feel --no-open
-	printf 'schema = 1\nseed = 5\n[design]\nheights = ["20 um", "30 um", "40 um", "50 um"]\nloads = ["0.3 N", "0.5 N"]\nspeeds = ["5 mm/s"]\ntrials = 48\n' > out/plan.toml
-	rm -rf out/session
-	$(BIN)/stepblocks simulate-session out/plan.toml -o out/session
-	$(BIN)/stepblocks loop out/session -o out/loop
+	$(MAKE) --no-print-directory example
 	$(BIN)/stepblocks evidence
 	for name in mujoco chai3d sofa usd gltf x3d urdf forcelaw; do $(BIN)/stepblocks export --for $$name --quiet || exit 1; done
 	$(BIN)/stepblocks build
@@ -34,6 +31,12 @@ package: $(VENV)/ready-dev
 	$(VENV)-package/bin/python -m pip install --quiet --disable-pip-version-check -c constraints.txt dist/*.whl
 	here=$$(cd $(VENV)-package/bin && pwd) && cd "$$(mktemp -d)" && "$$here/stepblocks" new block mine.toml \
 	  && "$$here/stepblocks" build mine.toml && "$$here/stepblocks" check mine.toml --quiet
+
+# A simulated session with an effect that it does not declare, made from its recipe, and what the loop says of it.
+example: $(VENV)/ready
+	rm -rf out/session
+	$(BIN)/stepblocks simulate-session examples/undeclared.toml -o out/session
+	$(BIN)/stepblocks loop out/session -o out/loop
 
 test: $(VENV)/ready-dev graphics
 	$(BIN)/python -m pytest -n auto --dist loadfile

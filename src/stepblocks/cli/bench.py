@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 import sys
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -34,7 +35,8 @@ def add_to(commands: Any) -> None:
     )
     examples = ("loop session", "loop session -o out/loop --as-built out/inspect")
     loop = add_command(commands, "loop", _loop, said, description, examples=examples)
-    loop.add_argument("session", type=Path, metavar="SESSION", help="folder with session.toml, trials.csv and traces")
+    said = "folder with session.toml, trials.csv and traces; several are fitted in one hierarchy"
+    loop.add_argument("session", type=Path, nargs="+", metavar="SESSION", help=said)
     add_output(loop, "out/loop")
     add_jobs(loop)
     loop.add_argument("--forces-only", action="store_true", help="leave the scans of the blocks out")
@@ -74,15 +76,27 @@ def _measure(arguments: argparse.Namespace) -> Outcome:
 
 def _loop(arguments: argparse.Namespace) -> Outcome:
     from stepblocks.loop.run import loop_session
+    from stepblocks.loop.several import loop_sessions
 
-    result = loop_session(
-        arguments.session,
-        arguments.output,
-        jobs=arguments.jobs,
-        forces_only=arguments.forces_only,
-        as_built=arguments.as_built,
-        progress=telling(arguments, "measured trials"),
-    )
+    asked: dict[str, Any] = {
+        "jobs": arguments.jobs,
+        "forces_only": arguments.forces_only,
+        "as_built": arguments.as_built,
+    }
+    asked["progress"] = telling(arguments, "measured trials")
+    if len(arguments.session) > 1:
+        document = loop_sessions(arguments.session, arguments.output, **asked)
+        rows = [
+            {"parameter": name, "unit": p["unit"], "mean": p["mean"], "among sessions": p["among_sessions_std"]}
+            | p["next"]
+            for name, p in document["parameters"].items()
+            if len(p["sessions"]) > 1 and not name.startswith("height_error")
+        ]
+        tables: dict[str, Sequence[Mapping[str, Any]]] = {"in the next session, 95 %": rows}
+        return Outcome(
+            "; ".join(f"{n}: {s['verdict']}" for n, s in document["sessions"].items()), tables, record=document
+        )
+    result = loop_session(arguments.session[0], arguments.output, **asked)
     for scan in result.document["scans"]["left_out"]:
         print(f"scan of {scan['block']} left out: {scan['reason']}", file=sys.stderr)
     page = arguments.output / "report.html"

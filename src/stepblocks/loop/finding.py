@@ -31,8 +31,10 @@ def sentence(found: Explanation, document: Mapping[str, Any]) -> str:
         return (
             f"Nothing is there that noise would not do{shown}; error of E_v {errors['before']}, noise {errors['noise']}"
         )
-    parts = [_of(f, found, entry) for f, entry in zip(found.findings, document["effects"], strict=True)]
-    parts += [f"{hint.said}: write down what differs between them" for hint in found.told]
+    parts = [hint.said for hint in found.told]
+    parts += [_of(f, entry) for f, entry in zip(found.findings, document["effects"], strict=True)]
+    if any(hint.kind != "stick-slip" for hint in found.told):
+        parts.append("write down what differs between these trials")
     text = "; ".join(parts) or "The trials differ by more than noise would do, and no law is claimed"
     change = f"{errors['before']} -> {errors['after']}" if found.findings else errors["before"]
     text = f"{text}; error of E_v {change}, noise {errors['noise']}"
@@ -50,7 +52,7 @@ def _errors(document: Mapping[str, Any]) -> dict[str, str]:
     return {name: f"{100.0 * math.expm1(v):.0f} %" if math.isfinite(v) else "unknown" for name, v in figures.items()}
 
 
-def _of(finding: Finding, found: Explanation, entry: Mapping[str, Any]) -> str:
+def _of(finding: Finding, entry: Mapping[str, Any]) -> str:
     law = finding.effect
     name = law.said if isinstance(law, Law) and law.said and finding.verdict is not Verdict.UNEXPLAINED else ""
     if not name:

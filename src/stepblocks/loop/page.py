@@ -32,6 +32,7 @@ def page_of(result: LoopResult) -> str:
         "loop.html.j2",
         title=result.title,
         r=result.document,
+        agreement=_agreement(result.found),
         residuals=[_residuals(result.found, channel) for channel in _SHOWN_CHANNELS],
         curves=[_curve(result, finding.effect, str(entry["id"])) for finding, entry in named],
         worst=_worst(result),
@@ -42,6 +43,28 @@ def _png(figure: Any) -> str:
     buffer = BytesIO()
     figure.savefig(buffer, format="png", dpi=110, metadata={"Software": None})
     return "data:image/png;base64," + base64.b64encode(buffer.getvalue()).decode("ascii")
+
+
+def _agreement(found: Explanation) -> str:
+    """Draw measured against predicted, energy and peak force, by the nominal model and by the extended one."""
+    from matplotlib.figure import Figure
+
+    figure = Figure(figsize=(10.0, 4.4), layout="constrained")
+    named = (("ln_energy", 1e6, "vibration energy [uJ]"), ("ln_peak_force", 1.0, "peak force [N]"))
+    for axis, (channel, scale, title) in zip(figure.subplots(1, 2), named, strict=True):
+        j = found.problem.trials.channels.index(channel)
+        measured = scale * np.exp(found.problem.trials.values[:, j])
+        for fitted, colour, label in ((found.nominal, _BEFORE, "nominal"), (found.extended, _AFTER, "extended")):
+            axis.loglog(
+                scale * np.exp(fitted.predicted[:, j]), measured, ".", ms=4, color=colour, alpha=0.6, label=label
+            )
+        if np.any(np.isfinite(measured)):
+            ends = [np.nanmin(measured), np.nanmax(measured)]
+            axis.plot(ends, ends, color="0.4", lw=0.8)
+        axis.set_xlabel(f"predicted {title}")
+        axis.set_ylabel(f"measured {title}")
+        axis.legend(fontsize=8)
+    return _png(figure)
 
 
 def _residuals(found: Explanation, channel: str) -> dict[str, str]:

@@ -117,6 +117,9 @@ def result_document(
         "known_of_the_gauges": {n: {"value": v, "std": s} for n, (v, s) in table.model.known.items()},
         "could_have_shown": _could_have_shown(found),
         "excluded": [{"trial": trial, "reason": reason} for trial, reason in table.excluded],
+        "flagged": [{"trial": trial, "reason": reason} for trial, reason in table.flagged],
+        "regimes": table.regimes,
+        "censored": _censored(table, found),
         "next_experiment": next_experiment(found),
         "adequacy": adequacy,
         "identifiability": _identifiability(found),
@@ -125,6 +128,16 @@ def result_document(
         "trials_analysed": len(table.trials),
     }
     return document | {"finding": sentence(found, document)}
+
+
+def _censored(table: SessionTable, found: Explanation) -> dict[str, Any]:
+    """Trials whose peak is known as a bound alone, and those whose predicted peak stays below it by 3 deviations."""
+    rows = np.isfinite(table.bound)
+    scatter, fitted = found.problem.noise.scatter, found.extended
+    moved = table.model.responses(table.trials, fitted.values, fitted.active)[:, 1]
+    spread = np.sqrt(scatter.channels[1] + moved**2 @ scatter.quantities)
+    below = rows & (found.extended.predicted[:, 1] < table.bound - 3.0 * spread)
+    return {"trials": table.names[rows].tolist(), "predicted_below_their_bound": table.names[below].tolist()}
 
 
 def _could_have_shown(found: Explanation) -> list[dict[str, Any]]:

@@ -32,9 +32,10 @@ from stepblocks.loop.search.explain import (
     gather,
     hold_out,
     select,
+    withdrawn,
 )
 from stepblocks.loop.search.forward_model import Effect, Trials
-from stepblocks.loop.session_table import Scans, SessionTable, scan_blocks, trials_of
+from stepblocks.loop.session_table import Scans, SessionTable, regime_hints, scan_blocks, trials_of
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -157,7 +158,7 @@ def _explained(table: SessionTable, rules: Rules, jobs: int) -> tuple[Explanatio
         found = explain(model, trials, model.candidates(trials), rules)
         done = list(waiting)
     holdouts = gather(trials, inside, done[: len(inside)]), gather(trials, outside, done[len(inside) :])
-    return earned(found, holdouts, model.cells(trials)), holdouts
+    return withdrawn(earned(found, holdouts, model.cells(trials)), regime_hints(table)), holdouts
 
 
 def write_loop(result: LoopResult, output: Path) -> None:

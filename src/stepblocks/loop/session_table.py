@@ -19,6 +19,7 @@ from stepblocks.loop.bench_model import SessionModel
 from stepblocks.loop.calibration import Known, unloaded_zeros
 from stepblocks.loop.search.forward_model import Floats, Trials
 from stepblocks.loop.search.noise import outliers
+from stepblocks.loop.search.structure import Hint
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -30,6 +31,8 @@ _POSITIVE = ("height_um", "load_n", "speed_mm_s")
 _REQUIRED = ("block", *_POSITIVE)
 _FEATURES_BEGIN = "sliding_friction"
 _FEWEST = 12
+_CENSORED = "censored"
+_KEPT = ("ok", "flagged", _CENSORED)
 _MARKS = ["peak_force_n", "vibration_energy_j", "sliding_friction", "spring_constant_n_per_m"]
 
 # columns of features.csv behind each channel, in the order of the channels, and how they become it
@@ -52,6 +55,10 @@ class SessionTable:
     names: NDArray[np.str_]  # shape (n,)
     # trial and reason; single values far from all others are named with their channel
     excluded: list[tuple[str, str]]
+    flagged: list[tuple[str, str]]  # measured and used, but unlike their label
+    bound: Floats  # shape (n,), ln of what the peak force of a censored trial exceeds; elsewhere not-a-number
+    regimes: dict[str, int]  # how many of the trials moved how
+    static_friction: float  # of tips that stuck before the edge, median; not-a-number where none did
     model: SessionModel  # starts from the data
     tip_radius_um: float  # of trials whose tip has no number in its name
 
@@ -75,6 +82,7 @@ def trials_of(
         raise PipelineError(f"at least {_FEWEST} good trials are needed, got {int(good.sum())} of {len(features)}")
     table = features.loc[good]
     values, std = _channels(table, spring_constant)
+    bound = _bounds(table, values)
     covariates = _covariates(table) | {"tip_radius_um": radius[good]}
     trials = Trials(covariates, CHANNELS, values, std, table["block"].astype(str).to_numpy())
     names = table["trial"].to_numpy()
@@ -94,7 +102,46 @@ def trials_of(
         scanned_radius=float(np.mean(radii)) if radii else None,
         known=unloaded_zeros(features) | dict(known or {}),
     )
-    return SessionTable(replace(trials, values=values), names, excluded, model, tip_radius * 1e6)
+    flagged = (
+        table[table["status"] == "flagged"]
+        if {"status", "reason"} <= set(table)
+        else table[["trial"]][:0].assign(reason="")
+    )
+    regimes = table["regime"].dropna().astype(str).value_counts() if "regime" in table else {}
+    return SessionTable(
+        trials=replace(trials, values=values),
+        names=names,
+        excluded=excluded,
+        flagged=list(flagged[["trial", "reason"]].astype(str).itertuples(index=False, name=None)),
+        bound=bound,
+        regimes={str(name): int(count) for name, count in dict(regimes).items()},
+        static_friction=float(table["static_friction"].median()) if "static_friction" in table else float("nan"),
+        model=model,
+        tip_radius_um=tip_radius * 1e6,
+    )
+
+
+_STICKING = 0.1  # share of the trials from which sticking is the rule of a session
+
+
+def regime_hints(table: SessionTable) -> tuple[Hint, ...]:
+    """Say where the tip moved before the edge otherwise than the model has it: no law of sliding is read off that."""
+    stuck, n = table.regimes.get("stick-slip", 0), len(table.trials)
+    if stuck < _STICKING * n:
+        return ()
+    seen = f" of {table.static_friction:.2g}" if np.isfinite(table.static_friction) else ""
+    said = f"static friction{seen} above the kinetic: the tip sticks and slips before the edge in {stuck} of {n} trials"
+    return (Hint("stick-slip", "friction", 0.0, said),)
+
+
+def _bounds(table: pd.DataFrame, values: Floats) -> Floats:
+    """Take the peaks of censored trials for what they are: bounds, and no measurements of peak and energy."""
+    bound = np.full(len(table), np.nan)
+    if "status" in table:
+        rows = table["status"].to_numpy() == _CENSORED
+        bound[rows] = values[rows, 1]
+        values[rows, :2] = np.nan
+    return bound
 
 
 def _good(features: pd.DataFrame, radius_um: Floats) -> tuple[NDArray[np.bool_], list[tuple[str, str]]]:
@@ -112,7 +159,8 @@ def _good(features: pd.DataFrame, radius_um: Floats) -> tuple[NDArray[np.bool_],
     if "status" in features:
         status = features["status"].astype(str).to_numpy()
         reason = features["reason"].fillna("").astype(str).to_numpy() if "reason" in features else status
-        leave_out(status != "ok", np.where(reason == "", status, reason))
+        # what is unlike its label is data, and so is what a saturated gauge or a locked tip still shows
+        leave_out(~np.isin(status, _KEPT), np.where(reason == "", status, reason))
     for name in _POSITIVE:
         numbers = _numbers(features, name)
         leave_out(~(np.isfinite(numbers) & (numbers > 0.0)), f"{name} must be a positive number")

@@ -72,6 +72,9 @@ def by_surface(
         if release is None:
             yield one
             continue
+        if one.interval is None:
+            yield replace(one, release=release)
+            continue
         # the tolerances of setting and block move it as they move the declared edge
         names = [(f"{kind}_{end}", kind) for kind in ("force", "energy") for end in ("low", "high")]
         names += [(f"analytic_{name}", kind) for name, kind in names]

@@ -300,6 +300,14 @@ def earned(found: Explanation, holdouts: Sequence[Holdout], cells: Sequence[obje
     return replace(found, findings=findings, verdict=verdict, adequate=found.adequate and not lacking)
 
 
+def withdrawn(found: Explanation, told: tuple[Hint, ...]) -> Explanation:
+    """Take back every name where something outside the model's reach is known to have gone on."""
+    if not told:
+        return found
+    findings = tuple(replace(f, verdict=Verdict.UNEXPLAINED) for f in found.findings)
+    return replace(found, findings=findings, verdict=Verdict.UNEXPLAINED, told=(*told, *found.told))
+
+
 def _agreed(finding: Finding, folds: Sequence[set[str]]) -> Verdict:
     """Say what may be claimed of a law beside the choices of the folds, each made of fewer trials."""
     family = finding.effect.id.split("~")[0]

@@ -113,7 +113,7 @@ def replicate_residual(trials: Trials, cells: Sequence[object]) -> tuple[Floats,
     if dof < _REPLICATES:
         return None
     residual = np.full(trials.values.shape, np.nan)
-    for j in range(trials.values.shape[1]):
+    for j in range(len(trials.channels)):
         seen = trials.seen[:, j]
         own = np.bincount(inverse[seen], minlength=len(counts))
         mean = np.bincount(inverse[seen], trials.values[seen, j], minlength=len(counts)) / np.maximum(own, 1)

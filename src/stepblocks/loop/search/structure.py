@@ -8,7 +8,7 @@ Each of that is tested on the estimates of every trial; what is not so was cause
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -37,6 +37,7 @@ class Hint:
     p_value: float  # after Holm over all tests; of heaps the odds by the criterion
     said: str  # one sentence
     heaps: tuple[tuple[int, ...], ...] = ()  # rows of the trials of each heap, where they fall apart
+    gain: float = 0.0  # of the criterion over scatter alone, by which a change and a walk are compared
 
 
 def quantity_errors(problem: Problem, fitted: Fit) -> tuple[Floats, Floats]:
@@ -77,7 +78,7 @@ def hints(problem: Problem, fitted: Fit, names: Sequence[str], order: Floats) ->
         corrected = multipletests([t.p_value for t in tests], method="holm")[1]
         for test, p_value in zip(tests, corrected.tolist(), strict=True):
             if p_value < LEVEL:
-                found.append(Hint(test.kind, test.quantity, p_value, test.said, test.heaps))
+                found.append(replace(test, p_value=p_value))
     return _plainest(found)
 
 
@@ -87,7 +88,7 @@ def _plainest(found: Sequence[Hint]) -> tuple[Hint, ...]:
     for name in dict.fromkeys(hint.quantity for hint in found):
         own = [hint for hint in found if hint.quantity == name]
         timely = [h for h in own if h.kind in ("change", "neighbours")]
-        chosen = min(timely, key=lambda h: (h.p_value, h.kind == "neighbours")) if timely else None
+        chosen = max(timely, key=lambda h: h.gain) if timely else None
         rest = [h for h in own if h.kind not in ("change", "neighbours", "heaps") and chosen is None]
         heaps = [h for h in own if h.kind == "heaps" and chosen is None]
         kept += [chosen] if chosen else heaps or rest
@@ -144,7 +145,9 @@ def _change(name: str, values: Floats, rows: NDArray[np.intp], order: Floats) ->
     said = f"{name} changes by {step:.3g} at trial {order[rows[at]]:g} of the run"
     # the place was sought: Bonferroni over all of them
     p_value = min(1.0, (n - 12) * float(stats.f.sf(ratio, 1, n - 2)))
-    return Hint("change", name, p_value, said, tuple(tuple(sorted(part.tolist())) for part in (rows[:at], rows[at:])))
+    gain = n * float(np.log(whole / max(inside, 1e-300))) - 2.0 * float(np.log(n))
+    heaps = tuple(tuple(sorted(part.tolist())) for part in (rows[:at], rows[at:]))
+    return Hint("change", name, p_value, said, heaps, gain)
 
 
 def _carried(name: str, values: Floats, trials: Trials) -> list[Hint]:
@@ -195,12 +198,13 @@ def _neighbours(name: str, values: Floats) -> Hint:
     lags = min(5, len(values) // 8)
     together = float(acorr_ljungbox(values, lags=[lags])["lb_pvalue"].iloc[0])
     p_value = min(1.0, 2.0 * min(together, 0.5 * float(stats.chi2.sf(gain, 1))))
-    return wandering_hint(name, p_value)
+    return wandering_hint(name, p_value, gain - float(np.log(len(values))))
 
 
-def wandering_hint(name: str, p_value: float = 0.0) -> Hint:
+def wandering_hint(name: str, p_value: float = 0.0, gain: float = 0.0) -> Hint:
     """Say that a quantity goes its own way along the run."""
-    return Hint("neighbours", name, p_value, f"{name} wanders: trials that follow one another err together")
+    said = f"{name} wanders: trials that follow one another err together"
+    return Hint("neighbours", name, p_value, said, gain=gain)
 
 
 def wandering(problem: Problem, fitted: Fit, wanders: Mapping[int, Floats]) -> list[Systematic]:

@@ -1,0 +1,100 @@
+"""What nobody wrote down: each kind is told by its own test, and chance by none."""
+
+import numpy as np
+import pytest
+from scipy.stats import multivariate_normal
+
+from oracles.toy_model import Toy, toy_effects, toy_trials
+from stepblocks.loop.search.explain import Rules, Verdict, explain
+from stepblocks.loop.search.fit import fit, problem_of
+from stepblocks.loop.search.structure import hints, quantity_errors, walk
+
+_MODEL = Toy()
+
+
+def _shifted(n: int, seed: int, shift: np.ndarray):
+    """Trials of the toy whose level is another by `shift`: first by one, second by two of it."""
+    trials = toy_trials(n, seed)
+    trials.values[:] += shift[:, None] * np.array([1.0, 2.0])
+    return trials
+
+
+def _hints(trials):
+    problem = problem_of(_MODEL, trials)
+    return hints(problem, fit(problem), _MODEL.quantities, _MODEL.order(trials))
+
+
+def test_chance_alone_is_told_as_nothing():
+    assert [_hints(toy_trials(90, seed)) for seed in range(12)] == [()] * 12
+
+
+def test_two_heaps_are_told_with_the_trials_of_each():
+    second = np.random.default_rng(5).integers(0, 2, 90).astype(bool)
+    (hint,) = _hints(_shifted(90, 5, 0.7 * second))
+    assert (hint.kind, hint.quantity) == ("heaps", "level")
+    low, high = hint.heaps
+    assert sorted((*low, *high)) == list(range(90))
+    assert np.mean(second[list(high)]) > 0.97
+    assert np.mean(second[list(low)]) < 0.03
+
+
+def test_a_sudden_change_is_told_with_its_trial():
+    (hint,) = _hints(_shifted(90, 6, 0.35 * (np.arange(90) >= 40)))
+    assert hint.kind == "change"
+    assert abs(len(hint.heaps[0]) - 40) <= 4
+
+
+def test_neighbours_that_err_together_are_told_and_no_law_is_read_off_them():
+    random = np.random.default_rng(8)
+    trials = _shifted(160, 8, 0.12 * np.cumsum(random.standard_normal(160)))
+    found = explain(_MODEL, trials, toy_effects(), Rules(draws=150))
+    assert [hint.kind for hint in found.told] == ["neighbours"]
+    assert found.findings == ()
+    assert found.verdict is Verdict.UNEXPLAINED
+
+
+def test_a_trial_that_remembers_the_settings_of_the_one_before_is_told():
+    trials = toy_trials(120, 9)
+    setting = np.random.default_rng(9).choice([1.0, 2.0, 3.0], 120)
+    columns = trials.covariates | {"setting": setting}
+    before = np.concatenate([[0.0], setting[:-1] - 2.0])
+    values = trials.values + 0.15 * before[:, None] * np.array([1.0, 2.0])
+    (hint,) = _hints(type(trials)(columns, trials.channels, values, trials.std, trials.block))
+    assert hint.kind == "carry-over"
+
+
+def test_a_label_under_which_trials_scatter_more_is_named():
+    trials = toy_trials(120, 10)
+    who = np.where(np.arange(120) % 2 == 0, "A", "B")
+    added = 0.35 * np.random.default_rng(10).standard_normal(120) * (who == "B")
+    columns = trials.covariates | {"operator": who}
+    values = trials.values + added[:, None] * np.array([1.0, 2.0])
+    (hint,) = _hints(type(trials)(columns, trials.channels, values, trials.std, trials.block))
+    assert hint.kind == "spread"
+    assert "operator B" in hint.said
+
+
+def test_the_estimate_of_a_trial_is_what_moved_all_its_channels_alike():
+    shift = np.zeros(60)
+    shift[7] = 1.5
+    trials = _shifted(60, 3, shift)
+    problem = problem_of(_MODEL, trials)
+    errors, std = quantity_errors(problem, fit(problem))
+    assert errors[7, 0] == pytest.approx(1.5, abs=0.5)
+    assert np.all(std > 0.0)
+
+
+def test_the_likelihood_of_a_walk_is_that_of_its_covariance():
+    n = 40
+    values = np.random.default_rng(2).standard_normal(n)
+    # origin: scipy's multivariate normal on n - 1 contrasts, with the covariance of a walk written out
+    order = np.arange(1, n + 1)
+    contrast = np.linalg.svd(np.eye(n) - 1.0 / n)[2][: n - 1]
+
+    def dense(s: float, e: float) -> float:
+        own = contrast @ (s**2 * np.minimum.outer(order, order) + e**2 * np.eye(n)) @ contrast.T
+        return float(multivariate_normal(np.zeros(n - 1), own).logpdf(contrast @ values))
+
+    gain, found_step, found_scatter = walk(values)
+    alone = float(np.sqrt(np.var(values) * n / (n - 1)))
+    assert gain == pytest.approx(2.0 * (dense(found_step, found_scatter) - dense(0.0, alone)), abs=1e-6)
