@@ -10,7 +10,7 @@ import pytest
 
 from oracles.hjif_decoder import decode_hjif
 from oracles.hjif_rules import check_hjif
-from stepblocks.artefacts.rings import WAV_RATES, write_ahap, write_hjif, write_wav
+from stepblocks.artefacts.rings import WAV_RATES, largest_force, write_ahap, write_hjif, write_wav
 from stepblocks.contact.event import Waveform, as_record, ring, ring_energy, vibration_events
 from stepblocks.contact.operating_point import PAPER, OperatingPoint
 from stepblocks.declare import load_set
@@ -73,7 +73,8 @@ def test_most_of_the_ring_lies_where_the_paper_found_it():
 def test_wav_read_by_another_library_holds_the_energy(tmp_path, event, rate):
     soundfile = pytest.importorskip("soundfile")
     path = tmp_path / "ring.wav"
-    full_scale = write_wav(path, event, rate)
+    full_scale = 1.5 * largest_force(event)  # as in a set that holds a louder one
+    write_wav(path, event, rate, full_scale)
     samples, read_rate = soundfile.read(path, dtype="float64")
     info = soundfile.info(path)
     assert (read_rate, info.channels, info.subtype) == (rate, 1, "FLOAT")
@@ -94,7 +95,8 @@ def test_a_simulated_waveform_replaces_the_exponential(tmp_path):
 
     samples = 3.0 * np.sin(np.linspace(0.0, 20.0, 500))
     simulated = replace(RINGING[0], waveform=Waveform(samples, 10_000, 0.0, 1.0, 1.0, 1.0))
-    full_scale = write_wav(tmp_path / "drag.wav", simulated, 10_000)
+    full_scale = largest_force(simulated)
+    write_wav(tmp_path / "drag.wav", simulated, 10_000, full_scale)
     _, read = wavfile.read(tmp_path / "drag.wav")
     assert read * full_scale == pytest.approx(samples, abs=1e-6)
 
@@ -217,7 +219,7 @@ def test_the_same_ring_gives_the_same_bytes(tmp_path):
     for name, write in (
         ("a.hjif", write_hjif),
         ("a.ahap", write_ahap),
-        ("a.wav", lambda p, e: write_wav(p, e, 10_000)),
+        ("a.wav", lambda p, e: write_wav(p, e, 10_000, 3.0)),
     ):
         write(tmp_path / name, RINGING[3])
         write(tmp_path / f"again-{name}", RINGING[3])
@@ -236,7 +238,7 @@ def test_the_previews_intensity_decays_with_the_ring(tmp_path):
 def test_a_locked_probe_has_no_ring_to_write(tmp_path):
     locked = vibration_events(TEN[9].counterface(), OperatingPoint(125e-6, 1.0, 0.3))[0]
     assert as_record(locked)["energy_j"] is None
-    for write in (lambda path: write_wav(path, locked, 10_000), lambda path: write_hjif(path, locked)):
+    for write in (lambda path: write_wav(path, locked, 10_000, 3.0), lambda path: write_hjif(path, locked)):
         with pytest.raises(HapticsError):
             write(tmp_path / "none")
     assert not list(tmp_path.iterdir())

@@ -117,7 +117,9 @@ def test_a_new_format_is_one_object_and_gets_all_that_every_folder_has(plain, tm
     )
     write_scene(tmp_path, plain, form)
     names = {path.name for path in tmp_path.iterdir()}
-    rings = {f"ring-up{end}" for end in ("-10khz.wav", "-48khz.wav", ".hjif", ".ahap", ".json")}
+    full = f"full-scale-{plain.loudest():.4g}n"
+    waves = [f"-{rate}khz-{full}{kind}.wav" for rate in (10, 48) for kind in ("", "-int16")]
+    rings = {f"ring-up{end}" for end in (*waves, ".hjif", ".ahap", ".json")}
     assert names == {"mine.json", "event.json", "README.md"} | rings  # nothing rings on the way down
     readme = (tmp_path / "README.md").read_text()
     assert all(word in readme for word in ("# step-030 for Mine", "furlongs", "Open it.", "Verified: never."))

@@ -20,16 +20,21 @@ _TIMESCALE = 1000  # ticks per second that the reference software assumes for a 
 _HIGHEST = 1000  # of the band [Hz]
 
 
-def write_wav(path: Path, event: VibrationEvent, rate: int) -> float:
-    """Write a ring as mono float32 WAV; the force that stands for 1 is returned [N]."""
+def largest_force(event: VibrationEvent) -> float:
+    """Return the force that a WAV file of a ring must be able to hold [N]."""
+    return max(event.amplitude, *(float(np.abs(ring(event, rate)).max(initial=0.0)) for rate in WAV_RATES))
+
+
+def write_wav(path: Path, event: VibrationEvent, rate: int, full: float) -> None:
+    """Write a ring as mono WAV, `full` [N] standing for full scale: 1 in float32, 32767 in int16 where the name ends so."""
     from scipy.io import wavfile
 
     force = ring(event, rate)
-    full = max(event.amplitude, float(np.abs(force).max(initial=0.0)))
-    if not (math.isfinite(full) and full > 0.0):
+    if not (math.isfinite(full) and full > 0.0 and np.isfinite(force).all()):
         raise HapticsError(f"a ring must have finite samples, got none from {event.stimulus} {event.drag} [{path}]")
-    wavfile.write(path, rate, (force / full).astype(np.float32))
-    return full
+    share = force / full
+    whole = path.stem.endswith("int16")
+    wavfile.write(path, rate, np.round(share * 32767.0).astype(np.int16) if whole else share.astype(np.float32))
 
 
 def write_hjif(path: Path, event: VibrationEvent) -> None:

@@ -39,10 +39,15 @@ def add_to(commands: Any) -> None:
     way.add_argument("--for", dest="simulator", choices=_SIMULATORS, help="simulator")
     way.add_argument("--list-devices", action="store_true", help="print the device profiles that there are, and stop")
     add_output(parser, "out/scenes")
-    parser.add_argument("--device", metavar="NAME", help="force-feedback device; its rendering plan sets the scale")
+    parser.add_argument(
+        "--device", metavar="NAME", help="force-feedback device; its plans for the set decide its one scale"
+    )
     parser.add_argument("--devices", type=Path, metavar="FILE", help="device profiles of your own")
     add_only(parser)
-    parser.add_argument("--scale", type=float, metavar="S", help="magnification (default: the plan's, or 1)")
+    said = "magnification (default: one that all of the set can have, or 1); per-block: each its own, which tells heights apart"
+    parser.add_argument(
+        "--scale", type=lambda text: text if text == "per-block" else float(text), metavar="S", help=said
+    )
     said = "waveform of the WAV files: a decaying sine, or the ring of the time-domain drag with the same energy"
     parser.add_argument("--ring", choices=("exponential", "drag"), default="exponential", help=said)
     said = "model.json of stepblocks loop: friction, spring, edge and ring as a session taught"

@@ -25,7 +25,7 @@ from stepblocks.errors import HapticsError
 from stepblocks.parts.kind import Part
 from stepblocks.parts.kinds.step_block import StepBlock
 from stepblocks.parts.shapes import Mesh, build_solids, convex_pieces, mesh_solid
-from stepblocks.simulators.devices import Device, plan_rendering
+from stepblocks.simulators.devices import Device, RenderingPlan, plan_rendering
 from stepblocks.simulators.scene import Frame, ProbeShape, Scene
 
 if TYPE_CHECKING:
@@ -65,6 +65,7 @@ def scene_of(
     ring: str = "exponential",
     learned: LearnedModel | None = None,
     keep_friction: bool = False,
+    own_scale: bool = False,
 ) -> Scene:
     """Gather what a scene needs; under a tip lies a plain step, and what a session taught changes surface, point and events."""
     if scale is not None and not (math.isfinite(scale) and scale > 0.0):
@@ -91,7 +92,17 @@ def scene_of(
         events=events,
         plan=plan,
         probe=None if ball is None else _probe(stimulus, ball.nominal, size),
+        own_scale=own_scale,
     )
+
+
+def plan_of(stimulus: Part, point: OperatingPoint, device: Device, **options: Any) -> RenderingPlan:
+    """Plan how a device renders a stimulus; of the options of `scene_of` those that concern its surface, events and scale."""
+    surface = surface_of(stimulus, options.get("step_height"))
+    events = vibration_events(surface.counterface(), point, surface.id)
+    if options.get("learned") is not None:
+        _, point, events = teach(options["learned"], surface, point, keep_friction=options["keep_friction"])
+    return plan_rendering(device, events[0], point, options.get("scale"))
 
 
 def surface_of(stimulus: Part, step_height: float | None = None) -> Part:

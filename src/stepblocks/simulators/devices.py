@@ -7,6 +7,8 @@ step q then makes a force step of k q / S, and its rounding an error of half of 
 from __future__ import annotations
 
 import math
+import re
+from collections.abc import Callable
 from dataclasses import asdict, dataclass, replace
 from enum import StrEnum
 from pathlib import Path
@@ -175,6 +177,29 @@ def plan_rendering(
     lost = _deviations(device, plan, event, point.normal_load)
     verdict = Faithfulness.IMPOSSIBLE if refused else Faithfulness.DEVIATES if lost else Faithfulness.FAITHFUL
     return replace(plan, verdict=verdict, reasons=(*refused, *lost))
+
+
+def one_scale(of_one: Callable[[float | None], list[RenderingPlan]]) -> float:
+    """Choose one magnification for a set: the largest that one of its stimuli needs, if all others bear it.
+
+    `of_one` returns the plans of the set at a scale, or each at its own. With a scale of its own each block would have
+    another spring, and the hand another travel, by which heights can be told without feeling the step.
+    """
+    own = of_one(None)
+    needy = max(own, key=lambda plan: plan.scale)
+    for alone, together in zip(own, of_one(needy.scale), strict=True):
+        known = {_kind(reason) for reason in alone.reasons}
+        lost = [reason for reason in together.reasons if _kind(reason) not in known]
+        if lost:
+            raise HapticsError(
+                f"the set must have one scale on {alone.device}, got none: {needy.stimulus} needs {needy.scale:g}, at which "
+                f"{'; '.join(lost)} [{alone.stimulus}]; leave one of them out (--only), or ask for --scale per-block"
+            )
+    return needy.scale
+
+
+def _kind(reason: str) -> str:
+    return re.sub(r"[\d.e+-]+", "#", reason)
 
 
 def _finite(value: float, otherwise: float) -> float:

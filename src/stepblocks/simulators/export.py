@@ -43,7 +43,7 @@ def export(
     ball_radius: float | None = None,
     speed: float | None = None,
     step_height: float | None = None,
-    scale: float | None = None,
+    scale: float | Literal["per-block"] | None = None,
     ring: Literal["exponential", "drag"] = "exponential",
     model: str | Path | None = None,
     progress: Callable[[Exported], object] | None = None,
@@ -70,8 +70,9 @@ def export(
         Of the handle, for the simulated ring and for what was learnt [m/s]; 5 mm/s if left out.
     step_height : float, optional
         Of the step under a declared tip [m]; the first of the set's prediction if left out.
-    scale : float, optional
-        Magnification of the scene [1]; that of the device's plan, or 1, if left out.
+    scale : float or "per-block", optional
+        Magnification of every scene [1]; if left out 1, or with a device the one that all stimuli of a set can have. Each stimulus
+        at the scale of its own plan (``"per-block"``) is confounded: springs and travels then tell heights apart.
     ring : str
         Waveform of the WAV files: ``"exponential"``, or ``"drag"`` for that of the time-domain drag with the same energy.
     model : str or Path, optional
@@ -90,8 +91,8 @@ def export(
         If a file, a device or a value is wrong, or nothing matches.
     """
     from stepblocks.artefacts.model_file import read_model
-    from stepblocks.simulators.assemble import scene_of
-    from stepblocks.simulators.devices import device_named, load_devices
+    from stepblocks.simulators.assemble import plan_of, scene_of
+    from stepblocks.simulators.devices import device_named, load_devices, one_scale
     from stepblocks.simulators.scenes import SCENE_FORMATS
 
     if simulator not in SCENE_FORMATS:
@@ -103,21 +104,24 @@ def export(
     given = {name: value for name, value in asked.items() if value is not None}
     done: list[Exported] = []
     for stimuli in [load_declared(path) for path in stimulus_files(files)]:
-        for part in stimuli.stimuli:
-            if only is not None and not matches(only, stimuli.name, part.id):
-                continue
-            scene = scene_of(
-                part,
-                _point(stimuli, part, given),
-                step_height=step_height or next(iter(stimuli.prediction.step_heights), None),
-                device=chosen,
-                scale=scale,
-                ring=ring,
-                learned=learned,
-                keep_friction=friction is not None,
-            )
+        meant = [part for part in stimuli.stimuli if only is None or matches(only, stimuli.name, part.id)]
+        points = {part.id: _point(stimuli, part, given) for part in meant}
+        height = step_height or next(iter(stimuli.prediction.step_heights), None)
+        options: dict[str, Any] = {"step_height": height, "learned": learned, "keep_friction": friction is not None}
+
+        def plans(at: float | None, meant: Any = meant, points: Any = points, options: Any = options) -> Any:
+            return [plan_of(part, points[part.id], chosen, scale=at, **options) for part in meant if chosen]
+
+        own = scale == "per-block"
+        shared = None if scale == "per-block" else scale
+        if chosen is not None and scale is None and meant:
+            shared = one_scale(plans)
+        options |= {"device": chosen, "scale": shared, "ring": ring, "own_scale": own}
+        scenes = [scene_of(part, points[part.id], **options) for part in meant]
+        loudest = max((scene.loudest() for scene in scenes), default=0.0)
+        for part, scene in zip(meant, scenes, strict=True):
             folder = Path(output) / stimuli.name / part.id / simulator
-            _write(folder, scene, SCENE_FORMATS[simulator])
+            _write(folder, replace(scene, full_scale=loudest), SCENE_FORMATS[simulator])
             done.append(Exported(f"{stimuli.name}/{part.id}", folder, scene.plan))
             if progress is not None:
                 progress(done[-1])

@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from stepblocks.artefacts.rings import WAV_RATES, write_ahap, write_hjif, write_wav
+from stepblocks.artefacts.rings import WAV_RATES, largest_force, write_ahap, write_hjif, write_wav
 from stepblocks.contact.energy import Status
 from stepblocks.contact.event import Events, as_record, ring, ring_energy
 from stepblocks.contact.operating_point import OperatingPoint
@@ -58,6 +58,12 @@ class Scene:
     events: Events  # of the drags towards +x and -x, unscaled
     plan: RenderingPlan | None = None  # where a device was named
     probe: ProbeShape | None = None  # where a tip was declared; else the probe is a ball
+    own_scale: bool = False  # whether the scale is this block's alone: the hand's travel then tells blocks apart
+    full_scale: float = 0.0  # force at full scale of the WAV files, one for a set [N]; the ring's own where 0
+
+    def loudest(self) -> float:
+        """Return the largest force of any ring [N]; 0 where nothing rings."""
+        return max((largest_force(event) for event in self.events if event.status is Status.RELEASES), default=0.0)
 
     @property
     def ball_radius(self) -> float:
@@ -85,6 +91,7 @@ class Scene:
             "stimulus": self.stimulus.id,
             "surface": self.surface.id,
             "scale": self.scale,
+            "scale_is_of": "this block alone: confounded with its height" if self.own_scale else "the set",
             "ball_radius_m": self.ball_radius,
             "normal_load_n": self.point.normal_load,
             "friction": self.point.friction,
@@ -120,9 +127,13 @@ def write_scene(folder: Path, scene: Scene, form: SceneFormat) -> None:
         if event.status is not Status.RELEASES:
             continue
         stem = f"ring-{'up' if event.direction > 0 else 'down'}"
-        waves = {f"{stem}-{rate // 1000}khz.wav": rate for rate in WAV_RATES}
+        full = scene.full_scale or largest_force(event)
+        ends = (f"full-scale-{full:.4g}n.wav", f"full-scale-{full:.4g}n-int16.wav")
+        waves = {f"{stem}-{rate // 1000}khz-{end}": rate for rate in WAV_RATES for end in ends}
+        for name, rate in waves.items():
+            write_wav(folder / name, event, rate, full)
         told = {
-            "full_scale_n": {name: write_wav(folder / name, event, rate) for name, rate in waves.items()},
+            "full_scale_n": dict.fromkeys(waves, full),
             "energy_j": event.energy,
             "energy_in_file_j": {
                 name: ring_energy(ring(event, rate), rate, event.tool) for name, rate in waves.items()

@@ -55,7 +55,7 @@ MUJOCO = SceneFormat(
         "with the defaults the tip falls through",
         "ccd_tolerance 1 nm times S: its default of 1 um is a tenth of a step",
         "the tip's mass and inertia are explicit; mass and spring ring at the event's frequency",
-        "the joint's damping spends the tip's own ring; to hear the event of the formula, play `ring-up-48khz.wav` at the release",
+        "the joint's damping spends the tip's own ring; to hear the event of the formula, play the `ring-up` WAV at the release",
         "`heightfield.bin` is MuJoCo's own binary in float32; its PNG path has 8 bits, which are coarser than a step",
     ),
     verified="run in MuJoCo by the test suite and by the table of docs/simulators.md, pieces and height field.",
