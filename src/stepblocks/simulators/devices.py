@@ -190,7 +190,7 @@ def one_scale(of_one: Callable[[float | None], list[RenderingPlan]]) -> float:
     for alone, together in zip(own, of_one(needy.scale), strict=True):
         known = {_kind(reason) for reason in alone.reasons}
         lost = [reason for reason in together.reasons if _kind(reason) not in known]
-        if lost:
+        if lost and alone.verdict is not Faithfulness.IMPOSSIBLE:  # which no scale would help
             raise HapticsError(
                 f"the set must have one scale on {alone.device}, got none: {needy.stimulus} needs {needy.scale:g}, at which "
                 f"{'; '.join(lost)} [{alone.stimulus}]; leave one of them out (--only), or ask for --scale per-block"
