@@ -215,4 +215,4 @@ def test_every_kind_of_experiment_can_be_asked_for(capsys):
 
     with pytest.raises(SystemExit):
         main(["study", "design", "--help"])
-    assert f"{{{','.join(EXPERIMENTS)}}}" in capsys.readouterr().out
+    assert f"{{{','.join(EXPERIMENTS)},2afc}}" in capsys.readouterr().out

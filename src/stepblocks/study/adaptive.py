@@ -4,19 +4,18 @@ from __future__ import annotations
 
 import json
 import math
-from collections.abc import Mapping
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from stepblocks.atomic import replace_text
-from stepblocks.declare import load_declared
 from stepblocks.errors import PipelineError, StudyError
-from stepblocks.parts.lettering import engraved_text
+from stepblocks.study import require
+from stepblocks.study.blocks import blocks_of, too_coarse
 from stepblocks.study.design import Design, Item, Trial, balance_of, blinding_codes
-from stepblocks.study.run import block_energies, felt_at, step_blocks
 from stepblocks.study.session import Estimate, Pair, Plan, Session
 from stepblocks.study.sheet import answer_columns, design_rows, key_files, read_answers, write_new
 from stepblocks.study.simulate import TYPICAL_OBSERVER, Observer, feels_higher
@@ -36,6 +35,7 @@ class AdaptiveStudy:
     plan: Plan  # method, blocks by code, standard
     participants: int
     blocks: Mapping[str, Item]  # by code; only for who loads the blocks
+    advice: str = field(default="", compare=False)  # on levels that are too coarse to tell a threshold
 
     def record_of(self, participant: int) -> Path:
         """Return where a participant's answers stand."""
@@ -62,6 +62,9 @@ class AdaptiveStudy:
     def save(self, session: Session) -> None:
         """Write a participant's record anew."""
         path = self.record_of(session.participant)
+        if not session.answers:  # the only one was taken back
+            path.unlink()
+            return
         path.parent.mkdir(exist_ok=True)
         replace_text(path, csv_text(_record(session), answer_columns("constant")))
 
@@ -74,7 +77,7 @@ def _record(session: Session) -> list[tuple[str, ...]]:
 
 
 def start_adaptive(
-    source: str | Path,
+    source: str | Path | Sequence[float],
     folder: str | Path,
     *,
     standard: str,
@@ -88,8 +91,10 @@ def start_adaptive(
 
     Parameters
     ----------
-    source, folder : str or Path
-        Stimulus file with the blocks, and where setup.json, key.csv and key.html go.
+    source : str, Path or sequence of float
+        Stimulus file with the blocks, or heights [m].
+    folder : str or Path
+        Where setup.json, key.csv and key.html go.
     standard : str
         Block that the others are compared with.
     seed : int
@@ -109,19 +114,19 @@ def start_adaptive(
     StepblocksError
         If the blocks do not carry the method, or another study stands there already.
     """
-    blocks = step_blocks(load_declared(Path(source)), None)
-    known = [block.id for block in blocks]
+    found = blocks_of(source)
+    known = [item.identity for item in found.items]
     if standard not in known:
         raise PipelineError(f"standard must be one of {', '.join(known)}, got {standard!r}")
     codes = blinding_codes(known, np.random.default_rng([seed, 0]))
-    items = {codes[block.id]: Item(block.id, engraved_text(block.id), block.height.nominal) for block in blocks}
+    items = {codes[item.identity]: item for item in found.items}
     size = {"participants": participants, "trials": trials, "reversals": reversals}
     setup = {"schema": _SCHEMA, "experiment": "adaptive", "method": method, **size, "seed": seed}
     setup |= {"standard": codes[standard], "blocks": {code: items[code].told() for code in sorted(items)}}
     study = _study(Path(folder), setup)
     keys = key_files(study.blocks, f"which of a pair comes first is drawn by seed {seed}")
     write_new(study.folder, {_SETUP: json.dumps(setup, indent=1) + "\n", **keys})
-    return study
+    return replace(study, advice=too_coarse(found, standard))
 
 
 def open_adaptive(folder: str | Path) -> AdaptiveStudy:
@@ -160,12 +165,24 @@ def answer(folder: str | Path, participant: int, trial: int, second_is_higher: b
     return session
 
 
+def undo(folder: str | Path, participant: int) -> Session:
+    """Take the last answer of a participant back; the same pair is asked again."""
+    study = open_adaptive(folder)
+    session = study.session(participant)
+    require(session.answers, f"participant {participant} must have answered before an answer can be undone, got none")
+    again = Session(study.plan, participant)
+    for pair, second in session.answers[:-1]:
+        again.record(pair.trial, second)
+    study.save(again)
+    return again
+
+
 def simulate_adaptive(
     folder: str | Path, source: str | Path, *, seed: int, observer: Observer = TYPICAL_OBSERVER, **felt: float
 ) -> int:
     """Let simulated participants run through the procedure; `felt` as in `simulate_study`; return the number of answers."""
-    study, stimuli = open_adaptive(folder), load_declared(Path(source))
-    energies = block_energies(step_blocks(stimuli, None), felt_at(stimuli, felt))
+    study = open_adaptive(folder)
+    energies = blocks_of(source, felt).energies()
     if not {block.identity for block in study.blocks.values()} <= set(energies):
         raise PipelineError(f"the blocks of the study must be in the stimulus file [{source}]")
     by_code = {code: energies[block.identity] for code, block in study.blocks.items()}

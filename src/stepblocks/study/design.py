@@ -143,6 +143,7 @@ class Design:
     experiment: str  # a name of `stepblocks.study.experiments.EXPERIMENTS`
     trials: tuple[Trial, ...]  # by participant, in the order in which they are run
     balance: Balance  # of the order of conditions over participants
+    advice: str = ""  # on levels that are too coarse to tell a threshold
 
 
 def experiment_one(

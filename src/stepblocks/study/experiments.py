@@ -173,6 +173,7 @@ def power_law(frame: Any, magnitude: str, level: str, participant: str) -> Power
     return PowerLaw(mean, mean - reach, mean + reach, tuple(found))
 
 
+ALIASES = {"2afc": "constant"}
 EXPERIMENTS: dict[str, Experiment] = {
     "estimates": Experiment(
         title="Errors of height estimates",

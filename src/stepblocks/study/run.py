@@ -5,24 +5,22 @@ from __future__ import annotations
 import itertools
 import re
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING
+from types import MappingProxyType
+from typing import TYPE_CHECKING, Any
 
 from stepblocks.atomic import replace_text
-from stepblocks.contact.energy import Status
-from stepblocks.contact.operating_point import OperatingPoint
-from stepblocks.declare import load_declared
+from stepblocks.contact.counterface import Step
 from stepblocks.errors import PipelineError, StudyError
 from stepblocks.page_file import render_page
-from stepblocks.parts.kinds.step_block import StepBlock
-from stepblocks.parts.lettering import engraved_text
-from stepblocks.parts.set import StimulusSet
-from stepblocks.predict.perception import felt_energies
-from stepblocks.predict.predictions import predict_one, tool_of
-from stepblocks.select import matches
+from stepblocks.study import require
+from stepblocks.study.analysis.accuracy import ANSWER
 from stepblocks.study.analysis.results import StudyResult
-from stepblocks.study.design import Design, Item
-from stepblocks.study.experiments import EXPERIMENTS, LARGEST_ESTIMATE, RATINGS
+from stepblocks.study.blocks import blocks_of, too_coarse
+from stepblocks.study.design import Design
+from stepblocks.study.exchange import judgements_of_table
+from stepblocks.study.experiments import ALIASES, EXPERIMENTS, LARGEST_ESTIMATE, RATINGS
 from stepblocks.study.page import render_sheets_pdf, render_study
 from stepblocks.study.sheet import (
     design_files,
@@ -30,18 +28,29 @@ from stepblocks.study.sheet import (
     read_answers,
     read_design,
     sheet_rows,
+    sheets_of,
     simulate_answers,
     write_new,
 )
-from stepblocks.study.simulate import TYPICAL_OBSERVER, Observer, SimulatedStudy, estimate_power
+from stepblocks.study.simulate import (
+    TYPICAL_OBSERVER,
+    Observer,
+    PowerEstimate,
+    SimulatedStudy,
+    detection_power,
+    estimate_power,
+)
 from stepblocks.tables import csv_text, write_table
 
 if TYPE_CHECKING:
     import pandas as pd
 
 
+_NAMED = (("stimulus", "height_um"), ("standard", "standard_height_um"))
+
+
 def design_study(
-    source: str | Path,
+    source: str | Path | Sequence[float],
     folder: str | Path,
     *,
     seed: int,
@@ -52,16 +61,19 @@ def design_study(
     standard: str = "",
     only: str | None = None,
 ) -> Design:
-    """Design a study with the blocks of a set.
+    """Design a study with the blocks of a set, or of some heights.
 
     Parameters
     ----------
-    source, folder : str or Path
-        Stimulus file, and where design.csv, key.csv and key.html go.
+    source : str, Path or sequence of float
+        Stimulus file, or heights [m] of blocks that are not ours.
+    folder : str or Path
+        Where design.csv, key.csv and key.html go.
     seed : int
         Seed of all random choices.
     experiment : str
-        ``"estimates"`` (experiment 1), ``"virtual"`` (experiment 2), ``"constant"`` stimuli or ``"magnitude"`` estimation.
+        ``"estimates"`` (experiment 1), ``"virtual"`` (experiment 2), ``"constant"`` stimuli, which is also ``"2afc"``, or
+        ``"magnitude"`` estimation.
     participants, repetitions : int
         How many, and how often each judges each block in each condition.
     probes : sequence of str
@@ -74,21 +86,21 @@ def design_study(
     Returns
     -------
     Design
-        As written.
+        As written; its `advice` says where levels are too coarse.
 
     Raises
     ------
     StepblocksError
         If the set has no step blocks, the design is impossible, or another design stands there already.
     """
+    experiment = ALIASES.get(experiment, experiment)
     if experiment not in EXPERIMENTS:
         raise PipelineError(f"experiment must be one of {', '.join(EXPERIMENTS)}, got {experiment!r}")
-    blocks = step_blocks(load_declared(Path(source)), only)
-    items = [Item(block.id, engraved_text(block.id), block.height.nominal) for block in blocks]
+    blocks = blocks_of(source, only=only)
     kind, options = EXPERIMENTS[experiment], {"probes": probes, "standard": standard}
-    design = kind.design(participants, *(options[name] for name in kind.needs), items, repetitions, seed)
+    design = kind.design(participants, *(options[name] for name in kind.needs), blocks.items, repetitions, seed)
     write_new(Path(folder), design_files(design))
-    return design
+    return replace(design, advice=too_coarse(blocks, standard)) if kind.paired else design
 
 
 def write_sheets(folder: str | Path) -> int:
@@ -131,11 +143,12 @@ def write_sheets(folder: str | Path) -> int:
 
 def simulate_study(
     folder: str | Path,
-    source: str | Path,
+    source: str | Path | None,
     output: str | Path,
     *,
     seed: int,
     damping: Mapping[str, float] | None = None,
+    noise: Mapping[str, float] | None = None,
     observer: Observer = TYPICAL_OBSERVER,
     **felt: float,
 ) -> int:
@@ -144,11 +157,14 @@ def simulate_study(
     Parameters
     ----------
     folder, source, output : str or Path
-        Folder with design.csv, stimulus file for the predicted energies, CSV of answers to write.
+        Folder with design.csv, stimulus file for the predicted energies (without one its blocks are sharp steps), CSV of answers
+        to write.
     seed : int
         Seed of all chance.
     damping : mapping of float, optional
         Share of the energy that each condition lets through [1]; 1 for what is not named.
+    noise : mapping of float, optional
+        How many times the response noise each condition has [1]; once for what is not named.
     observer : Observer
         What the participants are like.
     **felt : float
@@ -167,14 +183,17 @@ def simulate_study(
     """
     design, output = read_design(Path(folder) / "design.csv"), Path(output)
     known = sorted({row["condition"] for row in design})
-    unknown = sorted(set(damping or {}) - set(known))
-    if unknown:
-        raise PipelineError(f"damping must name conditions of the design ({', '.join(known)}), got {unknown[0]!r}")
-    wanted = {row[name] for row in design for name in ("stimulus", "standard")}
-    stimuli = load_declared(Path(source))
-    blocks = [block for block in step_blocks(stimuli, None) if block.id in wanted]
-    energies = block_energies(blocks, felt_at(stimuli, felt))
-    answers = simulate_answers(design, energies, damping or {}, observer, seed)
+    for said, given in (("damping", damping), ("noise", noise)):
+        unknown = sorted(set(given or {}) - set(known))
+        if unknown:
+            raise PipelineError(f"{said} must name conditions of the design ({', '.join(known)}), got {unknown[0]!r}")
+    pairs = [(row[name], row[height]) for row in design for name, height in _NAMED if row[name]]
+    heights = {name: float(height) * 1e-6 for name, height in pairs}
+    blocks = blocks_of(sorted(set(heights.values())) if source is None else source, felt)
+    if source is None:  # whatever their names
+        blocks = replace(blocks, faces={name: Step(height) for name, height in heights.items()})
+    wanted = replace(blocks, faces={name: face for name, face in blocks.faces.items() if name in heights})
+    answers = simulate_answers(design, wanted.energies(), damping or {}, observer, seed, noise or {})
     write_new(output.parent, {output.name: csv_text(answers)})
     return len(answers)
 
@@ -186,6 +205,8 @@ def analyse_study(
     *,
     largest_estimate: float = LARGEST_ESTIMATE,
     ratings: tuple[int, int] = RATINGS,
+    equivalent: float = math.nan,
+    groups: str | Path | None = None,
 ) -> StudyResult:
     """Analyse filled-in run sheets.
 
@@ -194,13 +215,17 @@ def analyse_study(
     folder : str or Path
         Holds design.csv.
     answers : sequence of str or Path
-        CSV files of answers.
+        CSV files of answers, or folders of them; commas, semicolons or tabs, decimal points or commas.
     output : str or Path, optional
         Folder for report.html, results.csv and judgements.csv.
     largest_estimate : float
         An estimate above so many times the highest block is an error [1].
     ratings : tuple of int
         Lowest and highest rating.
+    equivalent : float, optional
+        Conditions that differ by less than this count as equivalent [m]; the bound that can be told stands there without it.
+    groups : str or Path, optional
+        CSV with ``participant`` and ``group``, such as dentists and students, which are then compared.
 
     Returns
     -------
@@ -214,8 +239,52 @@ def analyse_study(
     """
     design = read_design(Path(folder) / "design.csv")
     experiment = design[0]["experiment"]
-    rows = [row for path in answers for row in read_answers(Path(path), experiment)]
-    result = join_answers(design, rows, largest_estimate, ratings).analyse()
+    rows = [row for path in sheets_of(answers) for row in read_answers(path, experiment)]
+    return write_report(
+        join_answers(design, rows, largest_estimate, ratings).in_groups(groups).analyse(equivalent), output
+    )
+
+
+def analyse_table(
+    tables: Sequence[str | Path],
+    output: str | Path | None = None,
+    *,
+    columns: Mapping[str, str] = MappingProxyType({}),
+    experiment: str = "estimates",
+    largest_estimate: float = LARGEST_ESTIMATE,
+    ratings: tuple[int, int] = RATINGS,
+    equivalent: float = math.nan,
+    groups: str | Path | None = None,
+) -> StudyResult:
+    """Analyse judgements that were not planned here.
+
+    Parameters
+    ----------
+    tables : sequence of str or Path
+        Tables (comma, semicolon or tab; decimal point or comma), folders of them, or a dataset as `share_study` writes it.
+    output, largest_estimate, ratings, equivalent, groups
+        As in `analyse_study`; a column ``group`` of the table does as well.
+    columns : mapping of str
+        Their names for ours: ``{"participant": "subject", "condition": "probe", "height_um": "h", "estimate_um": "answer"}``.
+    experiment : str
+        Of which kind the judgements are, as in `design_study`.
+
+    Returns
+    -------
+    StudyResult
+        As of `analyse_study`.
+
+    Raises
+    ------
+    StepblocksError
+        If a column lacks or a cell cannot be read.
+    """
+    found = judgements_of_table([Path(path) for path in tables], columns, experiment, largest_estimate, ratings)
+    return write_report(found.in_groups(groups).analyse(equivalent), output)
+
+
+def write_report(result: StudyResult, output: str | Path | None) -> StudyResult:
+    """Write report.html, results.csv and judgements.csv, where somewhere is given."""
     if output is not None:
         page, output = render_study(result), Path(output)
         output.mkdir(parents=True, exist_ok=True)
@@ -226,11 +295,16 @@ def analyse_study(
 
 
 def study_power(
-    source: str | Path,
+    source: str | Path | Sequence[float],
     output: str | Path | None = None,
     *,
     seed: int,
+    experiment: str = "estimates",
+    probes: Sequence[str] = (),
     damping: Mapping[str, float] | None = None,
+    noise: Mapping[str, float] | None = None,
+    measure: str = ANSWER,
+    standard: str = "",
     participants: Sequence[int] = (10,),
     repetitions: Sequence[int] = (3,),
     observer: Observer = TYPICAL_OBSERVER,
@@ -244,14 +318,23 @@ def study_power(
 
     Parameters
     ----------
-    source : str or Path
-        Stimulus file.
+    source : str, Path or sequence of float
+        Stimulus file, or heights [m].
     output : str or Path, optional
         CSV to write.
+    experiment : str
+        ``"estimates"``, or ``"constant"``, also as ``"2afc"``: each block against `standard`, by a t-test of the participants'
+        shares of right answers against one half.
     seed, runs, jobs : int
         Seed of all chance, simulated studies per size, processes (on which the outcome does not depend).
-    damping : mapping of float
-        The conditions that are compared: share of the energy that each lets through [1].
+    probes : sequence of str
+        The conditions that are compared; those of `damping` and `noise` if left out.
+    damping, noise : mapping of float
+        Share of the energy that a condition lets through, and how many times the response noise it has [1]; 1 where not named.
+    measure : str
+        ``"absolute error"``, which the report reads for accuracy, ``"bias"`` or ``"spread"``.
+    standard : str
+        Block of ``"constant"`` that all others are compared with.
     participants, repetitions : sequence of int
         Sizes; every combination.
     observer, **felt
@@ -273,63 +356,41 @@ def study_power(
     """
     import pandas as pd
 
-    stimuli = load_declared(Path(source))
-    blocks = step_blocks(stimuli, only)
-    energies = block_energies(blocks, felt_at(stimuli, felt))
-    heights = tuple(block.height.nominal for block in blocks)
-    conditions = tuple((damping or {}).items())
+    blocks = blocks_of(source, felt, only)
+    energies = blocks.energies()
+    heights = {item.identity: item.height for item in blocks.items}
     rows = []
     for people, times in itertools.product(participants, repetitions):
-        plan = SimulatedStudy(people, times, heights, tuple(energies.values()), conditions, observer)
+        size: dict[str, Any] = {"participants": people, "repetitions": times}
+        if ALIASES.get(experiment, experiment) == "constant":
+            require(standard in energies, f"standard must be one of the blocks {', '.join(energies)}, got {standard!r}")
+            for name in (name for name in energies if name != standard):
+                ratio = energies[name] / energies[standard]
+                found = detection_power(people, 2 * times, ratio, observer, runs, seed)
+                size |= {"judgements_each": 2 * times, "stimulus": name, "height_um": heights[name] * 1e6}
+                rows.append({"analysis": "2afc"} | size | _power_columns(found) | {"runs": runs})
+            continue
+        names = tuple(dict.fromkeys((*probes, *(damping or {}), *(noise or {}))))
+        factors = tuple((name, (damping or {}).get(name, 1.0)) for name in names)
+        noises = tuple((noise or {}).get(name, 1.0) for name in names)
+        plan = SimulatedStudy(
+            people,
+            times,
+            tuple(heights.values()),
+            tuple(energies.values()),
+            factors,
+            observer,
+            noise=noises,
+            measure=measure,
+        )
         found = estimate_power(plan, analysis, runs, seed, jobs)
-        size = {"participants": people, "repetitions": times, "judgements_each": times * len(heights) * len(conditions)}
-        power = {"power_ratio": found.power, "low_95_ratio": found.low, "high_95_ratio": found.high}
-        rows.append({"analysis": analysis, **size, **power, "runs": runs})
+        size["judgements_each"] = times * len(heights) * len(names)
+        rows.append({"measure": measure, "analysis": analysis} | size | _power_columns(found) | {"runs": runs})
     table = pd.DataFrame(rows)
     if output is not None:
         write_table(table, Path(output), "%.3f")
     return table
 
 
-def step_blocks(stimuli: StimulusSet, only: str | None) -> list[StepBlock]:
-    """Choose the blocks of a study."""
-    blocks = [block for block in stimuli.step_block if only is None or matches(only, stimuli.name, block.id)]
-    if not blocks:
-        chosen = f" that match {only!r}" if only else ""
-        raise PipelineError(f"a study needs step blocks; the set {stimuli.name} has none{chosen}")
-    return blocks
-
-
-def felt_at(stimuli: StimulusSet, given: Mapping[str, float]) -> OperatingPoint:
-    """Complete an operating point by the first of a set's grid; the load by the first under which every block rings, and rises."""
-    grid = stimuli.prediction
-    firsts = {"ball_radius": grid.tip_radii[0], "friction": grid.frictions[0]}
-    loads = [given["normal_load"]] if "normal_load" in given else grid.normal_loads
-    at = {**firsts, **given}
-    balls = at["ball_radius"], at["friction"]
-    points = [OperatingPoint(balls[0], load, balls[1], tool_of(grid)) for load in loads]
-    blocks = sorted(stimuli.step_block, key=lambda one: one.height.nominal)
-    return next((point for point in points[:-1] if _rise(_felt(blocks, point)[0])), points[-1])
-
-
-def _felt(blocks: Sequence[StepBlock], point: OperatingPoint) -> tuple[list[float], str]:
-    return felt_energies([predict_one(block.counterface(), point) for block in blocks])
-
-
-def _rise(energies: Sequence[float]) -> bool:
-    return energies[0] > 0.0 and all(low < high for low, high in itertools.pairwise(energies))
-
-
-def block_energies(blocks: Sequence[StepBlock], point: OperatingPoint) -> dict[str, float]:
-    """Predict the felt energy [J] of blocks, the drag's where one differs from the formula; each must release the probe."""
-    energies, _ = _felt(blocks, point)
-    found = {block.id: energy for block, energy in zip(blocks, energies, strict=True)}
-    for block in blocks:
-        if not found[block.id] > 0.0:
-            status = block.counterface().release(point).status
-            said = "walked over in time" if status is Status.RELEASES else status.value
-            raise PipelineError(
-                f"every block must release the probe to be felt by its vibration; "
-                f"{block.id} is {said} at friction {point.friction:g}"
-            )
-    return found
+def _power_columns(found: PowerEstimate) -> dict[str, float]:
+    return {"power_ratio": found.power, "low_95_ratio": found.low, "high_95_ratio": found.high}

@@ -4,10 +4,12 @@ from __future__ import annotations
 
 import csv
 import math
+import re
 from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
+from types import MappingProxyType
 from typing import Any
 
 import numpy as np
@@ -24,6 +26,7 @@ from stepblocks.tables import csv_text
 
 _MAX_BYTES = 100_000_000
 _MAX_ROWS = 300_000
+_COMMA = re.compile(r"^(-?\d+),(\d+)$")  # a decimal comma, as spreadsheets of half of Europe write it
 
 Key = tuple[str, str]  # participant and trial
 
@@ -93,13 +96,18 @@ def write_new(folder: Path, texts: Mapping[str, str | bytes]) -> None:
         path = folder / name
         if path.exists() and path.read_bytes() != content:
             raise PipelineError(f"{path} has another content already; move it away or choose another folder")
-    folder.mkdir(parents=True, exist_ok=True)
     for name, content in contents.items():
+        (folder / name).parent.mkdir(parents=True, exist_ok=True)
         replace_bytes(folder / name, content)
 
 
 def simulate_answers(
-    design: Sequence[Row], energies: Mapping[str, float], damping: Mapping[str, float], observer: Observer, seed: int
+    design: Sequence[Row],
+    energies: Mapping[str, float],
+    damping: Mapping[str, float],
+    observer: Observer,
+    seed: int,
+    noise: Mapping[str, float] = MappingProxyType({}),
 ) -> list[dict[str, str]]:
     """Fill in the run sheets of a design, from each block's energy [J] and the share of it that a condition lets through."""
     import pandas as pd
@@ -114,6 +122,7 @@ def simulate_answers(
     shares = [damping.get(condition, 1.0) for condition in trials["condition"]]
     trials["undamped"], trials["standard_energy"] = (trials[name].map(energies) for name in ("stimulus", "standard"))
     trials["energy"] = trials["undamped"] * shares
+    trials["noisier"] = [noise.get(condition, 1.0) for condition in trials["condition"]]
     kind = EXPERIMENTS[design[0]["experiment"]]
     answers = kind.simulate(trials, observer, np.random.default_rng(seed))
     filled = zip(sheet_rows(design), answers, strict=True)
@@ -148,6 +157,15 @@ class Judgements:
             )
         return said
 
+    def in_groups(self, path: str | Path | None) -> Judgements:
+        """Say of which group each participant is, by a table of participants and groups."""
+        if path is None:
+            return self
+        group = {row["participant"]: row["group"] for row in read_rows(Path(path), ("participant", "group"))}
+        lacking = sorted(set(self.frame["participant"]) - set(group))
+        require(not lacking, f"every participant must have a group, got none for {', '.join(lacking[:5])} [{path}]")
+        return replace(self, frame=self.frame.assign(group=self.frame["participant"].map(group)))
+
     def analyse(self, margin: float = math.nan) -> StudyResult:
         """Analyse the study as its design asks for; conditions that differ by less than a margin [m] count as equivalent."""
         found = EXPERIMENTS[self.experiment].analyse(self.frame, margin)
@@ -156,7 +174,7 @@ class Judgements:
 
 def read_design(path: Path) -> list[dict[str, str]]:
     """Read design.csv."""
-    rows = _read(path, DESIGN_COLUMNS)
+    rows = read_rows(path, DESIGN_COLUMNS)
     experiments = sorted({row["experiment"] for row in rows})
     require(
         len(experiments) == 1 and experiments[0] in EXPERIMENTS,
@@ -169,9 +187,16 @@ def read_design(path: Path) -> list[dict[str, str]]:
     return rows
 
 
+def sheets_of(paths: Sequence[str | Path]) -> list[Path]:
+    """Follow folders to the CSV files in them."""
+    found = [file for path in map(Path, paths) for file in (sorted(path.glob("*.csv")) if path.is_dir() else [path])]
+    require(found, f"a folder of sheets must hold CSV files, got none [{', '.join(map(str, paths))}]")
+    return found
+
+
 def read_answers(path: Path, experiment: str) -> list[dict[str, str]]:
     """Read filled-in run sheets."""
-    return _read(path, answer_columns(experiment))
+    return read_rows(path, answer_columns(experiment))
 
 
 def join_answers(
@@ -181,25 +206,43 @@ def join_answers(
     ratings: tuple[int, int] = RATINGS,
 ) -> Judgements:
     """Put the answers to the trials that they belong to."""
-    import pandas as pd
-
     experiment = design[0]["experiment"]
-    kind = EXPERIMENTS[experiment]
     planned = {(row["participant"], row["trial"]): row for row in design}
-    top = largest_estimate * max(number(row["height_um"]) for row in design)
-    answered: dict[Key, dict[str, Any]] = {}
+    pairs = []
     for key, answer in _by_trial(answers).items():
         try:
             _require_planned(planned, key, answer)
+        except StudyError as error:
+            raise StudyError(f"{error} [{answer['line']}]") from error
+        pairs.append((planned[key], answer))
+    return join_rows(experiment, pairs, largest_estimate, ratings, planned)
+
+
+def join_rows(
+    experiment: str,
+    pairs: Sequence[tuple[Row, Row]],
+    largest_estimate: float,
+    ratings: tuple[int, int],
+    asked: Mapping[Key, Row] | None = None,
+) -> Judgements:
+    """Check judgements, each a planned trial and its answer; what was `asked` and not answered is missing."""
+    import pandas as pd
+
+    kind, planned = EXPERIMENTS[experiment], asked or _by_trial([row for row, _ in pairs])
+    top = largest_estimate * max(number(row["height_um"]) for row in planned.values())
+    answered: dict[Key, dict[str, Any]] = {}
+    for row, answer in pairs:
+        try:
             if all(answer[name] for name in kind.answers):
-                answered[key] = kind.read(planned[key], answer, top, ratings)
+                answered[row["participant"], row["trial"]] = kind.read(row, answer, top, ratings)
         except StudyError as error:
             raise StudyError(f"{error} [{answer['line']}]") from error
     left = _who_left(planned, answered)
     stayed = {key: row for key, row in planned.items() if key[0] not in left}
     missing = tuple(key for key in stayed if key not in answered)
+    kept = [name for name in (*_WHEN, "stimulus", "group") if name in next(iter(planned.values()))]
     frame = pd.DataFrame(
-        {name: row[name] for name in (*_WHEN, "stimulus")} | {"height": number(row["height_um"]) / 1e6} | answered[key]
+        {name: row[name] for name in kept} | {"height": number(row["height_um"]) / 1e6} | answered[key]
         for key, row in stayed.items()
         if key in answered
     )
@@ -207,7 +250,7 @@ def join_answers(
     return Judgements(experiment, frame, missing, left)
 
 
-def _read(path: Path, columns: Sequence[str]) -> list[dict[str, str]]:
+def read_rows(path: Path, columns: Sequence[str]) -> list[dict[str, str]]:
     """Read rows of texts, each with its `line`; a general reader of tables would not know the lines."""
     try:
         require(
@@ -215,8 +258,12 @@ def _read(path: Path, columns: Sequence[str]) -> list[dict[str, str]]:
             f"a table must be below {_MAX_BYTES // 1_000_000} MB, got {path.stat().st_size} bytes [{path}]",
         )
         with path.open(encoding="utf-8-sig", newline="") as stream:
-            reader = csv.DictReader(stream, strict=True)
-            names = reader.fieldnames or []
+            head = stream.readline()
+            stream.seek(0)
+            separator = max(",;\t", key=head.count)
+            reader = csv.DictReader(stream, strict=True, delimiter=separator)
+            names = [name.strip() for name in reader.fieldnames or []]
+            reader.fieldnames = names
             lacking = [name for name in columns if name not in names]
             if lacking:
                 raise StudyError(f"columns must include {', '.join(columns)}; got no {', '.join(lacking)} [{path}]")
@@ -228,7 +275,10 @@ def _read(path: Path, columns: Sequence[str]) -> list[dict[str, str]]:
                     None not in row and None not in row.values(),
                     f"a row must have {len(names)} cells, as the header [{path}, line {reader.line_num}]",
                 )
-                rows.append({name: row[name].strip() for name in names} | {"line": f"{path}, line {reader.line_num}"})
+                cells = {name: row[name].strip() for name in names}
+                if separator != ",":
+                    cells = {name: _COMMA.sub(r"\1.\2", text) for name, text in cells.items()}
+                rows.append(cells | {"line": f"{path}, line {reader.line_num}"})
                 require(len(rows) <= _MAX_ROWS, f"a table must have at most {_MAX_ROWS} rows [{path}]")
     except (OSError, UnicodeDecodeError, csv.Error) as error:
         reason = error.strerror if isinstance(error, OSError) else str(error)

@@ -18,6 +18,7 @@ from stepblocks.study.analysis.mixed import mixed_model
 from stepblocks.study.analysis.psychometric import Z75
 
 Array = NDArray[np.float64]
+Z95 = 1.6448536269514722  # standard normal quantile of 0.95
 
 
 @dataclass(frozen=True)
@@ -90,6 +91,32 @@ def feels_higher(energy: float, standard: float, observer: Observer, generator: 
     return higher
 
 
+@dataclass(frozen=True)
+class PowerEstimate:
+    """Share of simulated studies that find a difference."""
+
+    power: float  # share of studies with p below the level [1]
+    low: float  # ends of its 95 % interval by Wilson
+    high: float
+
+
+def detection_power(
+    participants: int, trials: int, ratio: float, observer: Observer, runs: int, seed: int
+) -> PowerEstimate:
+    """Estimate how often a pair of blocks, whose energies have a ratio, is told apart: participants' shares right against one half."""
+    from scipy import stats
+    from statsmodels.stats.proportion import proportion_confint
+
+    require(participants >= 2, f"a t-test over participants needs at least 2, got {participants}")
+    noise = max(math.sqrt(2.0) * observer.sensation_noise, 1e-12)
+    right = (1.0 - observer.lapse) * float(stats.norm.cdf(abs(math.log(ratio)) / noise)) + 0.5 * observer.lapse
+    shares = np.random.default_rng(seed).binomial(trials, right, (runs, participants)) / trials
+    mean, spread = shares.mean(axis=1) - 0.5, shares.std(axis=1, ddof=1) / math.sqrt(participants)
+    hits = int(np.sum(mean > stats.t.ppf(0.95, participants - 1) * spread))
+    low, high = proportion_confint(hits, runs, method="wilson")
+    return PowerEstimate(hits / runs, float(low), float(high))
+
+
 ANALYSES = ("f-test", "mixed")  # the paper's F-test, and the mixed model
 
 
@@ -118,15 +145,6 @@ class SimulatedStudy:
             require(math.isfinite(share) and share > 0.0, said)
         if len(self.heights) != len(self.energies):
             raise StudyError(f"every block must have an energy, got {len(self.heights)} and {len(self.energies)}")
-
-
-@dataclass(frozen=True)
-class PowerEstimate:
-    """Share of simulated studies that find a difference."""
-
-    power: float  # share of studies with p below the level [1]
-    low: float  # ends of its 95 % interval by Wilson
-    high: float
 
 
 def p_values(plan: SimulatedStudy, analysis: str, seeds: Sequence[int]) -> list[float]:

@@ -1,0 +1,91 @@
+"""Which blocks a study has, where they are felt, and whether they lie near enough to each other to tell a threshold."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from types import MappingProxyType
+from typing import Any
+
+from stepblocks.contact.counterface import Counterface, Step
+from stepblocks.contact.energy import Status, release_at
+from stepblocks.contact.operating_point import PAPER, OperatingPoint
+from stepblocks.declare import load_declared
+from stepblocks.errors import PipelineError
+from stepblocks.parts.lettering import engraved_text
+from stepblocks.predict.predictions import tool_of
+from stepblocks.select import matches
+from stepblocks.study.design import Item
+from stepblocks.study.simulate import TYPICAL_OBSERVER, Z95, Observer
+
+
+@dataclass(frozen=True)
+class Blocks:
+    """The blocks of a study and where they are felt."""
+
+    items: tuple[Item, ...]
+    faces: Mapping[str, Counterface]  # by identity
+    point: OperatingPoint  # the first of the set's grid, as far as nothing else is asked for
+
+    def energies(self) -> dict[str, float]:
+        """Predict the vibration energy [J] of each block, which must release the probe."""
+        found = {}
+        for name, face in self.faces.items():
+            angle, _ = face.angles(self.point.ball_radius)
+            release = release_at(angle, self.point.normal_load, self.point.friction, self.point.tool)
+            if release.status is not Status.RELEASES or not math.isfinite(release.vibration_energy):
+                raise PipelineError(
+                    f"every block must release the probe to be felt by its vibration; "
+                    f"{name} is {release.status.value} at friction {self.point.friction:g}"
+                )
+            found[name] = release.vibration_energy
+        return found
+
+
+def blocks_of(
+    source: str | Path | Sequence[float], felt: Mapping[str, Any] = MappingProxyType({}), only: str | None = None
+) -> Blocks:
+    """Choose the blocks of a study: those of a stimulus file, or sharp steps of some heights [m], felt as in the paper."""
+    if not isinstance(source, str | Path):
+        named = {f"step-{height * 1e6:03.6g}": height for height in source}
+        items = tuple(Item(name, engraved_text(name), height) for name, height in named.items())
+        return Blocks(items, {name: Step(height) for name, height in named.items()}, replace(PAPER, **felt))
+    stimuli = load_declared(Path(source))
+    blocks = [block for block in stimuli.step_block if only is None or matches(only, stimuli.name, block.id)]
+    if not blocks:
+        chosen = f" that match {only!r}" if only else ""
+        raise PipelineError(f"a study needs step blocks; the set {stimuli.name} has none{chosen}")
+    grid = stimuli.prediction
+    firsts = {"ball_radius": grid.tip_radii[0], "normal_load": grid.normal_loads[0], "friction": grid.frictions[0]}
+    point = OperatingPoint(**{**firsts, **felt}, tool=tool_of(grid))
+    items = tuple(Item(block.id, engraved_text(block.id), block.height.nominal) for block in blocks)
+    return Blocks(items, {block.id: block.counterface() for block in blocks}, point)
+
+
+def too_coarse(blocks: Blocks, standard: str, observer: Observer = TYPICAL_OBSERVER) -> str:
+    """Say where too few blocks lie so near to a standard that answers can differ; empty where a fit can be expected."""
+    try:
+        energies = blocks.energies()
+    except PipelineError:
+        return ""  # a block that locks is felt by something else than its vibration
+    heights = {item.identity: item.height for item in blocks.items}
+    noise = math.sqrt(2.0) * observer.sensation_noise
+    near = [
+        name
+        for name in energies
+        if name != standard and abs(math.log(energies[name] / energies[standard])) < Z95 * noise
+    ]
+    if len(near) >= 2 or len(heights) < 2:
+        return ""
+    face, around = blocks.faces[standard], (0.99, 1.01)
+    faces = {f"{share}": replace(face, height=heights[standard] * share) for share in around if isinstance(face, Step)}
+    low, high = replace(blocks, faces=faces).energies().values()
+    reach = Z95 * noise * 0.02 * heights[standard] / math.log(high / low) * 1e6
+    ends = (heights[standard] * 1e6 - reach, heights[standard] * 1e6 + reach)
+    return (
+        f"levels are coarse: at a Weber fraction of the energy of {observer.weber:g} only {len(near)} of {len(heights) - 1} blocks "
+        f"are mistaken for {standard} now and then, and a threshold needs two or more; add heights between {ends[0]:.3g} and "
+        f"{ends[1]:.3g} um"
+    )

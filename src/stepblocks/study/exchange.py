@@ -1,0 +1,216 @@
+"""Studies of others and for others: tables with columns of their own, BIDS, psych-DS and the conditions files of PsychoPy."""
+
+from __future__ import annotations
+
+import json
+import re
+from collections import Counter
+from collections.abc import Mapping, Sequence
+from importlib.metadata import version
+from pathlib import Path
+from typing import Any
+
+from stepblocks.errors import StudyError
+from stepblocks.study import require
+from stepblocks.study.experiments import ALIASES, EXPERIMENTS, LARGEST_ESTIMATE, RATINGS, Row, number
+from stepblocks.study.sheet import (
+    Judgements,
+    join_rows,
+    read_answers,
+    read_design,
+    read_rows,
+    sheet_rows,
+    sheets_of,
+    write_new,
+)
+from stepblocks.tables import csv_text
+
+FORMATS = ("bids", "psych-ds", "psychopy")
+_UNITS = {"um": 1.0, "mm": 1e3, "m": 1e6}  # micrometres in one
+_DEFAULTS = {"estimates": "", "virtual": "", "constant": "standard-first", "magnitude": "free-modulus"}
+_ROWS = "Judgements of step blocks, one file per participant, one row per trial."
+_SAID = {
+    "participant": "participant",
+    "trial": "number of the trial in the participant's session",
+    "condition": "probe, vibration, or which block of a pair came first",
+    "repetition": "set of blocks within the condition",
+    "stimulus": "identity of the block",
+    "height_um": "height of its step, micrometres",
+    "standard_height_um": "height of the block that it was compared with, micrometres",
+    "estimate_um": "height that the participant estimated, micrometres",
+    "realism_rating": "rating of realism",
+    "second_is_higher": "whether the second block of the pair was called higher, y or n",
+    "magnitude_ratio": "number given to the felt magnitude",
+    "group": "group of the participant",
+}
+
+
+def judgements_of_table(
+    tables: Sequence[Path],
+    columns: Mapping[str, str],
+    experiment: str,
+    largest_estimate: float = LARGEST_ESTIMATE,
+    ratings: tuple[int, int] = RATINGS,
+) -> Judgements:
+    """Read judgements from tables, or a dataset, that no design of ours stands behind; `columns` gives their name for ours.
+
+    The lengths may be in um, mm or m: ``height_mm=h`` reads the column ``h`` in millimetres. What is not there is numbered
+    (trial, repetition) or told from the height (stimulus).
+    """
+    experiment = ALIASES.get(experiment, experiment)
+    require(experiment in EXPERIMENTS, f"experiment must be one of {', '.join(EXPERIMENTS)}, got {experiment!r}")
+    kind, named = EXPERIMENTS[experiment], dict(columns)
+    for mine in named:
+        if re.sub("_(mm|m)$", "_um", mine) not in _SAID:
+            raise StudyError(f"columns must be named for {', '.join(_SAID)}, got {mine!r}")
+    rows = [row for path in _data_files(tables) for row in read_rows(path, [named.get("participant", "participant")])]
+    keys: Counter[tuple[str, ...]] = Counter()
+    planned = []
+    for row in rows:
+        one = {mine: text for mine in _SAID if (text := _cell(row, mine, named)) is not None} | {"line": row["line"]}
+        one.setdefault("condition", _DEFAULTS[experiment])
+        needed = ["participant", "condition", "height_um", *kind.answers]
+        lacking = [name for name in needed if not one.get(name) and (name not in one or name not in kind.answers)]
+        require(
+            not lacking,
+            f"a table must have {', '.join(needed)} (name yours by --columns), got no {', '.join(lacking)} [{row['line']}]",
+        )
+        require(
+            number(one["height_um"]) > 0.0,
+            f"height_um must be a positive number, got {one['height_um']!r} [{row['line']}]",
+        )
+        one.setdefault("stimulus", f"step-{number(one['height_um']):03.6g}")
+        one.setdefault("standard_height_um", one["height_um"])
+        own, cell = (one["participant"],), (one["participant"], one["condition"], one["stimulus"])
+        keys.update([own, cell])
+        planned.append({"trial": str(keys[own]), "repetition": str(keys[cell])} | one)
+    return join_rows(experiment, [(row, row) for row in planned], largest_estimate, ratings)
+
+
+def _cell(row: Row, mine: str, named: Mapping[str, str]) -> str | None:
+    """Text of one of our columns in a foreign row; lengths in micrometres."""
+    stem, _, unit = mine.rpartition("_")
+    for end, factor in _UNITS.items() if unit == "um" else (("", 1.0),):
+        ours = f"{stem}_{end}" if end else mine
+        text = row.get(named.get(ours, ours))
+        if text is not None:
+            text = "" if text == "n/a" else text
+            return text if factor == 1.0 or not text else f"{number(text) * factor:.12g}"
+    return None
+
+
+def _data_files(tables: Sequence[Path]) -> list[Path]:
+    found = []
+    for path in tables:
+        described = path.is_dir() and (path / "dataset_description.json").exists()
+        inside = [*path.glob("sub-*/beh/*_beh.tsv"), *path.glob("data/**/*_data.csv")] if described else []
+        found += sorted(inside) or sheets_of([path])
+    return found
+
+
+def share_study(folder: str | Path, answers: Sequence[str | Path], output: str | Path, form: str = "bids") -> list[str]:
+    """Write a study in a form that others read.
+
+    Parameters
+    ----------
+    folder : str or Path
+        Holds design.csv.
+    answers : sequence of str or Path
+        CSV files of answers, or folders of them; none for ``"psychopy"``, which has the conditions before they are run.
+    output : str or Path
+        Folder to write; `analyse_table` reads what ``"bids"`` and ``"psych-ds"`` write back to the same judgements.
+    form : str
+        ``"bids"`` (BIDS 1.9, behavioural), ``"psych-ds"`` (0.4) or ``"psychopy"``.
+
+    Returns
+    -------
+    list of str
+        Names of the files.
+
+    Raises
+    ------
+    StepblocksError
+        If the form is unknown, answers do not belong to the design, or another dataset stands there.
+    """
+    require(form in FORMATS, f"form must be one of {', '.join(FORMATS)}, got {form!r}")
+    design = read_design(Path(folder) / "design.csv")
+    experiment = design[0]["experiment"]
+    if form == "psychopy":
+        files = _psychopy(design)
+    else:
+        rows = [row for path in sheets_of(answers) for row in read_answers(path, experiment)]
+        given = {(row["participant"], row["trial"]): row for row in rows}
+        kind = EXPERIMENTS[experiment]
+        shown = [name for name in _SAID if name in design[0] and (kind.paired or not name.startswith("standard"))]
+        table = [
+            {name: row[name] for name in shown} | {name: answer[name] for name in kind.answers}
+            for row in design
+            if (answer := given.get((row["participant"], row["trial"]))) is not None
+        ]
+        require(table, "the answers must belong to the design, got none that does")
+        people: dict[str, list[dict[str, str]]] = {}
+        for one in table:
+            people.setdefault(one["participant"], []).append(one)
+        files = (_bids if form == "bids" else _psych_ds)(experiment, people)
+    write_new(Path(output), files)
+    return sorted(files)
+
+
+def _described(experiment: str) -> dict[str, Any]:
+    return {
+        "Name": EXPERIMENTS[experiment].title,
+        "BIDSVersion": "1.9.0",
+        "DatasetType": "raw",
+        "GeneratedBy": [{"Name": "stepblocks", "Version": version("stepblocks")}],
+    }
+
+
+def _labels(people: Mapping[str, Any]) -> dict[str, str]:
+    """Return names of participants as both forms allow them."""
+    labels = {who: re.sub(r"[^0-9A-Za-z]", "", who) for who in people}
+    alike = len(set(labels.values())) < len(labels) or not all(labels.values())
+    require(not alike, f"participants must differ in letters and digits, got {list(people)[:5]}")
+    return labels
+
+
+def _bids(experiment: str, people: Mapping[str, Sequence[Mapping[str, str]]]) -> dict[str, str]:
+    labels = _labels(people)
+    columns = list(next(iter(people.values()))[0])
+    said = {name: {"Description": _SAID[name], **({"Units": "um"} if name.endswith("_um") else {})} for name in columns}
+    files = {
+        "dataset_description.json": json.dumps(_described(experiment), indent=1),
+        "README": f"{EXPERIMENTS[experiment].title}. {_ROWS} Lengths are in micrometres.\n",
+        "participants.tsv": "participant_id\tname\n"
+        + "".join(f"sub-{label}\t{who}\n" for who, label in labels.items()),
+        "participants.json": json.dumps({"name": {"Description": "name of the participant in the design"}}, indent=1),
+        f"task-{experiment}_beh.json": json.dumps({"TaskName": experiment, **said}, indent=1),
+    }
+    for who, rows in people.items():
+        lines = ["\t".join(columns), *("\t".join(row[name] or "n/a" for name in columns) for row in rows)]
+        files[f"sub-{labels[who]}/beh/sub-{labels[who]}_task-{experiment}_beh.tsv"] = "\n".join(lines) + "\n"
+    return files
+
+
+def _psych_ds(experiment: str, people: Mapping[str, Sequence[Mapping[str, str]]]) -> dict[str, str]:
+    columns = list(next(iter(people.values()))[0])
+    described = {
+        "@context": "https://schema.org/",
+        "@type": "Dataset",
+        "name": EXPERIMENTS[experiment].title,
+        "description": _ROWS,
+        "variableMeasured": [{"@type": "PropertyValue", "name": name, "description": _SAID[name]} for name in columns],
+    }
+    files = {"dataset_description.json": json.dumps(described, indent=1)}
+    for who, rows in people.items():
+        files[f"data/study-{experiment}_subject-{_labels(people)[who]}_data.csv"] = csv_text(rows, columns)
+    return files
+
+
+def _psychopy(design: Sequence[Row]) -> dict[str, str]:
+    """One blinded conditions file per participant: rows in order, for a loop with ``sequential``; headers are Python names."""
+    sheets: dict[str, list[Row]] = {}
+    kind = EXPERIMENTS[design[0]["experiment"]]
+    for row in sheet_rows(design):
+        shown = {name: text for name, text in row.items() if name not in kind.answers}
+        sheets.setdefault(row["participant"], []).append(shown)
+    return {f"conditions-{who}.csv": csv_text(rows) for who, rows in sheets.items()}

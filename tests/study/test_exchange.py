@@ -1,0 +1,154 @@
+"""Tables and datasets of others: read under their names, with semicolons and decimal commas, and read back the same."""
+
+import json
+import shutil
+import subprocess
+
+import pandas as pd
+import pytest
+
+from stepblocks.cli import main
+from stepblocks.errors import StudyError
+from stepblocks.study.adaptive import answer, next_pair, start_adaptive, undo
+from stepblocks.study.exchange import share_study
+from stepblocks.study.prose import apa_p, headline, journal_table, methods
+from stepblocks.study.run import analyse_study, analyse_table, design_study, simulate_study, study_power
+
+HEIGHTS = (20e-6, 40e-6, 60e-6, 80e-6)
+COLUMNS = {"participant": "subject", "condition": "probe", "height_mm": "h", "estimate_um": "answer"}
+
+
+@pytest.fixture(scope="module")
+def study(tmp_path_factory):
+    """A study of heights alone, without CAD, with three times the noise in one condition."""
+    folder = tmp_path_factory.mktemp("study")
+    design_study(HEIGHTS, folder, seed=1, participants=6)
+    simulate_study(folder, None, folder / "sheets" / "answers.csv", seed=2, noise={"soft": 3.0})
+    return folder
+
+
+@pytest.fixture(scope="module")
+def result(study):
+    return analyse_study(study, [study / "sheets"])
+
+
+def test_a_table_of_somebody_else_is_read_with_its_names_and_decimal_commas(study, result, tmp_path):
+    judged = pd.read_csv(__import__("io").StringIO(result.judgements_csv()))
+    lines = ["subject;probe;h;answer;remark"]
+    for row in judged.itertuples():
+        lines.append(
+            f"{row.participant};{row.condition};{row.height_um / 1000:.3f};{row.estimate_um};x".replace(".", ",")
+        )
+    (tmp_path / "my.csv").write_text("\n".join(lines) + "\n", encoding="utf-8-sig")
+    theirs = analyse_table([tmp_path / "my.csv"], columns=COLUMNS)
+    assert theirs.results_csv() == result.results_csv()
+    code = main(["study", "analyse", "--data", str(tmp_path / "my.csv"), "--columns",
+                 ",".join(f"{ours}={yours}" for ours, yours in COLUMNS.items()), "-o", str(tmp_path / "out")])  # fmt: skip
+    assert (code, (tmp_path / "out" / "results.csv").read_text()) == (0, result.results_csv())
+
+
+def test_what_a_table_lacks_is_named_with_its_place(tmp_path):
+    path = tmp_path / "my.csv"
+    path.write_text("subject,probe,h,answer\n1,bare,0.02,20\n")
+    for columns, message in (
+        (COLUMNS | {"condition": "sonde"}, r"got no condition \[.*my.csv, line 2\]"),
+        (COLUMNS | {"probe": "x"}, "columns must be named for participant, .* got 'probe'"),
+        (
+            COLUMNS | {"height_um": "answer", "height_mm": "answer", "estimate_um": "probe"},
+            "estimate_um must be a number",
+        ),
+    ):
+        with pytest.raises(StudyError, match=message):
+            analyse_table([path], columns=columns)
+
+
+@pytest.mark.parametrize("form", ["bids", "psych-ds"])
+def test_a_dataset_is_read_back_to_the_same_figures(study, result, tmp_path, form):
+    share_study(study, [study / "sheets"], tmp_path / form, form)
+    again = analyse_table([tmp_path / form])
+    assert again.results_csv() == result.results_csv()
+    assert again.judgements_csv() == result.judgements_csv()
+
+
+def test_bids_says_what_every_column_is_and_its_validator_has_no_error(study, tmp_path):
+    share_study(study, [study / "sheets"], tmp_path / "bids")
+    said = json.loads((tmp_path / "bids" / "task-estimates_beh.json").read_text())
+    (first, *_) = sorted(tmp_path.glob("bids/sub-*/beh/*.tsv"))
+    assert set(first.read_text().splitlines()[0].split("\t")) <= set(said)
+    assert said["estimate_um"]["Units"] == "um"
+    validator = shutil.which("bids-validator")
+    if validator is None:
+        pytest.skip("bids-validator (an npm package) is not installed")
+    found = subprocess.run([validator, "--json", str(tmp_path / "bids")], capture_output=True, text=True, check=False)
+    assert json.loads(found.stdout)["issues"]["errors"] == []
+
+
+def test_conditions_for_psychopy_are_blinded_python_names_in_the_order_of_the_design(study, tmp_path):
+    share_study(study, [], tmp_path, "psychopy")
+    conditions = pd.read_csv(tmp_path / "conditions-1.csv")
+    assert all(name.isidentifier() for name in conditions.columns)
+    design = pd.read_csv(study / "design.csv")
+    assert conditions["code"].tolist() == design[design["participant"] == 1]["code"].tolist()
+    assert not {"height_um", "stimulus", "engraved"} & set(conditions.columns)
+
+
+def test_the_report_opens_with_what_was_found_and_ends_as_a_journal_wants_it(result):
+    said = headline(result)
+    assert said.startswith("With soft estimates scatter 2.")
+    assert "no difference was found between bare and hard, which differ by less than" in said
+    assert [row["measure"] for row in journal_table(result)] == ["bias, um", "absolute error, um", "spread, ln um"]
+    assert "F(2, 10) = " in journal_table(result)[1]["F"]
+    assert "6 participants gave 216 judgements of 4 blocks in 3 conditions (bare, hard, soft)" in methods(result)
+    assert [apa_p(p) for p in (0.0004, 0.0312, 0.5)] == ["< .001", "= .031", "= .500"]
+
+
+def test_groups_of_participants_are_compared(study, tmp_path):
+    people = tmp_path / "people.csv"
+    people.write_text(
+        "participant,group\n" + "".join(f"{n},{'dentist' if n < 4 else 'student'}\n" for n in range(1, 7))
+    )
+    table = analyse_study(study, [study / "sheets"], groups=people, equivalent=2e-6).table()
+    assert {"group, partial eta squared", "condition:group, partial eta squared"} <= set(table["quantity"])
+    assert "bare and hard differ by less than the margin" in set(table["quantity"])
+    people.write_text("participant,group\n1,dentist\n")
+    with pytest.raises(StudyError, match="every participant must have a group, got none for 2, 3, 4, 5, 6"):
+        analyse_study(study, [study / "sheets"], groups=people)
+
+
+def test_levels_too_coarse_to_tell_a_threshold_are_told_at_design_time(tmp_path):
+    coarse = design_study((20e-6, 50e-6, 80e-6), tmp_path / "a", seed=1, experiment="2afc", standard="step-050")
+    assert coarse.experiment == "constant"
+    assert "only 0 of 2 blocks are mistaken for step-050 now and then" in coarse.advice
+    low, high = (float(text) for text in coarse.advice.split("between ")[1].removesuffix(" um").split(" and "))
+    fine = (20e-6, (0.8 * low + 10.0) * 1e-6, 50e-6, (0.8 * high + 10.0) * 1e-6, 80e-6)
+    assert design_study(fine, tmp_path / "b", seed=1, experiment="2afc", standard="step-050").advice == ""
+
+
+def test_power_of_pairs_is_that_of_the_binomial():
+    """Closed form of 1 participant pair more: at chance a one-sided 5 % test finds 5 %, far apart it always finds."""
+    table = study_power((49.999e-6, 50e-6, 90e-6), seed=3, experiment="2afc", standard="step-050", participants=(12,),
+                        repetitions=(10,), runs=2000)  # fmt: skip
+    level, certain = table["power_ratio"]
+    assert level == pytest.approx(0.05, abs=0.015)
+    assert certain == 1.0
+
+
+def test_power_takes_its_conditions_from_the_probes_bare_included():
+    options = {"seed": 1, "participants": (4,), "repetitions": (2,), "runs": 10, "analysis": "f-test"}
+    (row,) = study_power(HEIGHTS, probes=("bare", "hard", "soft"), noise={"soft": 4.0}, **options).to_dict("records")
+    assert (row["judgements_each"], row["measure"]) == (2 * 4 * 3, "absolute error")
+    assert row["power_ratio"] > 0.5
+
+
+def test_an_answer_can_be_taken_back_and_the_same_pair_is_asked_again(tmp_path, capsys):
+    start_adaptive((30e-6, 40e-6, 50e-6, 60e-6), tmp_path, standard="step-040", seed=1, participants=1, trials=5)
+    pair = next_pair(tmp_path, 1)
+    answer(tmp_path, 1, 1, True)
+    second = next_pair(tmp_path, 1)
+    answer(tmp_path, 1, 2, False)
+    assert main(["study", "adaptive", "undo", str(tmp_path), "--participant", "1"]) == 0
+    assert next_pair(tmp_path, 1) == second
+    undo(tmp_path, 1)
+    assert next_pair(tmp_path, 1) == pair
+    with pytest.raises(StudyError, match="must have answered before an answer can be undone"):
+        undo(tmp_path, 1)
