@@ -1,0 +1,264 @@
+"""One participant's run of a design, trial by trial: what is next, what was answered; on the disk before the next trial is shown.
+
+Whatever happens, the trial that was running is asked again, those that were answered stay, and the order is the design's.
+"""
+
+from __future__ import annotations
+
+import fcntl
+import math
+import os
+import threading
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from stepblocks.atomic import inside, replace_text
+from stepblocks.contact.counterface import Step
+from stepblocks.contact.energy import Status, release_at
+from stepblocks.errors import PipelineError, StudyError
+from stepblocks.simulators.renderer import Renderer
+from stepblocks.study import require
+from stepblocks.study.blocks import Blocks, blocks_of
+from stepblocks.study.experiments import EXPERIMENTS, LARGEST_ESTIMATE, RATINGS, Row, number
+from stepblocks.study.hands import VENDORS, Hand, Mouse
+from stepblocks.study.servo import RATE, Limits, Servo, write_motion
+from stepblocks.study.sheet import answer_columns, read_answers, read_design, sheet_rows
+from stepblocks.tables import csv_text
+
+MAGNIFICATION = 100.0  # of a virtual block: the hand of a mouse travels centimetres [1]
+
+
+@dataclass
+class Run:
+    """A participant's run; `state`, `begin` and `answer` are what a page needs of it."""
+
+    folder: Path
+    participant: str
+    blocks: Blocks | None  # of virtual blocks
+    hand: Hand | None = None  # of virtual blocks; a mouse where none is given
+    scale: float = MAGNIFICATION  # of all blocks alike
+    limits: Limits = field(default_factory=Limits)
+    ratings: tuple[int, int] = RATINGS
+
+    def __post_init__(self) -> None:
+        design = read_design(self.folder / "design.csv")
+        self.planned = [row for row in design if row["participant"] == self.participant]
+        known = list(dict.fromkeys(row["participant"] for row in design))
+        require(self.planned, f"participant must be one of {', '.join(known)}, got {self.participant!r}")
+        self.kind = EXPERIMENTS[design[0]["experiment"]]
+        self.virtual = design[0]["experiment"] == "virtual"
+        if self.virtual and self.blocks is None:
+            raise PipelineError(
+                "virtual blocks need the stimulus file that they stand in, or heights alone in the design, got none"
+            )
+        self._top = LARGEST_ESTIMATE * max(number(row["height_um"]) for row in design)
+        runs = self.folder / "runs"
+        path = inside(runs, f"participant-{self.participant}.csv")
+        require(path is not None, f"participant must be a plain name, got {self.participant!r}")
+        assert path is not None
+        runs.mkdir(exist_ok=True)
+        self.path, self._guard = path, threading.RLock()
+        self._running: Servo | None = None
+        self._lock = (runs / f".{path.stem}.lock").open("w")
+        try:
+            fcntl.flock(self._lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except OSError as error:
+            raise PipelineError(
+                f"participant {self.participant} must be run once at a time, another run is open [{path}]"
+            ) from error
+        self.answered = self._resume(design[0]["experiment"])
+
+    def _resume(self, experiment: str) -> int:
+        """Return how many trials are answered; a last line that a crash cut short is dropped."""
+        columns = answer_columns(experiment)
+        if not self.path.exists():
+            replace_text(self.path, ",".join(columns) + "\n")
+            return 0
+        text = self.path.read_text(encoding="utf-8")
+        if not text.endswith("\n"):
+            text = text[: text.rfind("\n") + 1]
+            replace_text(self.path, text or ",".join(columns) + "\n")
+        rows = read_answers(self.path, experiment) if text.count("\n") > 1 else []
+        for row, planned in zip(rows, self.planned, strict=False):
+            if row["trial"] != planned["trial"]:
+                raise StudyError(
+                    f"trial must be {planned['trial']} here, as planned, got {row['trial']} [{row['line']}]"
+                )
+        require(
+            len(rows) <= len(self.planned), f"at most {len(self.planned)} trials are planned, got more [{self.path}]"
+        )
+        return len(rows)
+
+    @property
+    def now(self) -> Row | None:
+        """Return the trial that is next, with all that it hides; None when the run is done."""
+        return self.planned[self.answered] if self.answered < len(self.planned) else None
+
+    def state(self) -> dict[str, Any]:
+        """Say what a page may show: neither identity nor height, and of a virtual block not even its condition."""
+        row = self.now
+        said: dict[str, Any] = {
+            "participant": self.participant,
+            "of": len(self.planned),
+            "answers": list(self.kind.answers),
+        }
+        said |= {
+            "virtual": self.virtual,
+            "ratings": list(self.ratings),
+            "done": row is None,
+            "running": self._running is not None,
+        }
+        if row is not None:
+            hidden = ("participant", *self.kind.answers, *(("condition", "code") if self.virtual else ()))
+            said |= {name: text for name, text in sheet_rows([row])[0].items() if name not in hidden}
+        return said
+
+    def begin(self) -> None:
+        """Start the servo loop of a virtual block; one that still runs is ended and begun anew."""
+        with self._guard:
+            row = self.now
+            if row is None or not self.virtual or self.blocks is None:
+                return
+            self.end()
+            face, point = self.blocks.faces[row["stimulus"]], self.blocks.point
+            path = face.centre_path(point.ball_radius)
+            renderer = Renderer(path, point, scale=self.scale, rate=RATE, event=row["condition"] == "vibration-on")
+            renderer.tick(np.array([0.0, 0.0, 1.0]), np.zeros(3))  # compiled before it is felt
+            if self.hand is None or isinstance(self.hand, Mouse):
+                self.hand = Mouse(point.normal_load, renderer.wall, float(renderer.path.z.max()))
+            self._running = Servo(renderer, self.hand, limits=self.limits)
+            self._running.start()
+
+    def felt(self) -> dict[str, float]:
+        """Return where the probe is [m] and what rings: releases so far and the last one's amplitude over the largest of the study."""
+        servo = self._running
+        if servo is None or self.blocks is None:
+            return {"x": 0.0, "events": 0, "loudness": 0.0}
+        tool = self.blocks.point.tool
+        amplitude = math.sqrt(tool.conversion) * abs(servo.renderer.release_force)
+        ring = {"frequency": tool.frequency, "decay": tool.decay_time}
+        return {
+            "x": servo.renderer.proxy[0],
+            "events": servo.renderer.events,
+            "loudness": amplitude / self.loudest(),
+        } | ring
+
+    def loudest(self) -> float:
+        """Return the amplitude of the loudest ring of the study [N]: all blocks share one full scale."""
+        assert self.blocks is not None
+        point, found = self.blocks.point, [1e-9]
+        for face in self.blocks.faces.values():
+            release = release_at(face.angles(point.ball_radius)[0], point.normal_load, point.friction, point.tool)
+            if release.status is Status.RELEASES:
+                found.append(math.sqrt(point.tool.conversion) * release.pull_force)
+        return max(found)
+
+    def end(self) -> str:
+        """Stop the servo loop, if one runs, and return why it ended."""
+        if self._running is None:
+            return ""
+        self._running.stop()
+        ended, self._running = self._running.ended, None
+        return ended
+
+    def answer(self, trial: str, texts: Mapping[str, str]) -> None:
+        """Take the answer to the trial that is next: checked, its motion written, then itself, both on the disk before this returns."""
+        with self._guard:
+            row = self.now
+            require(row is not None and trial == row["trial"], f"trial must be the one that is next, got {trial!r}")
+            assert row is not None
+            given = {name: texts.get(name, "").strip() for name in self.kind.answers}
+            self.kind.read(row, given, self._top, self.ratings)  # says what cannot be read
+            if self.virtual:
+                servo = self._running
+                if servo is None:
+                    raise StudyError(f"trial {trial} must be felt before it is answered")
+                servo.stop()
+                name = f"trial-{int(trial):04}.h5"
+                told = {
+                    name: row[name]
+                    for name in ("participant", "trial", "condition", "repetition", "stimulus", "height_um")
+                }
+                write_motion(self.path.with_suffix("") / name, servo, told | {"scale": self.scale})
+                self._running = None
+            line = csv_text([sheet_rows([row])[0] | given]).splitlines()[1]
+            number_of_file = os.open(self.path, os.O_WRONLY | os.O_APPEND)
+            try:
+                os.write(number_of_file, f"{line}\n".encode())
+                os.fsync(number_of_file)
+            finally:
+                os.close(number_of_file)
+            self.answered += 1
+
+    def close(self) -> None:
+        """Let go of the hand and of the run."""
+        self.end()
+        if self.hand is not None:
+            self.hand.close()
+        self._lock.close()
+
+
+def open_run(
+    folder: str | Path,
+    participant: str,
+    source: str | Path | None = None,
+    *,
+    device: str = "mouse",
+    library: str = "",
+    scale: float = MAGNIFICATION,
+    ratings: tuple[int, int] = RATINGS,
+    **felt: float,
+) -> Run:
+    """Open a participant's run of a design, where it was left.
+
+    Parameters
+    ----------
+    folder : str or Path
+        Holds design.csv; answers go to ``runs/participant-N.csv``, motions and forces of virtual blocks to ``runs/participant-N``.
+    participant : str
+        Whose run it is, as in the design.
+    source : str or Path, optional
+        Stimulus file of the virtual blocks; without one they are sharp steps of the design's heights.
+    device : str
+        ``"mouse"`` (and the loudspeaker of the browser), ``"openhaptics"`` or ``"dhd"``.
+    library : str
+        Path of the device's library, where the system does not find it.
+    scale : float
+        Magnification of all blocks [1].
+    ratings : tuple of int
+        Lowest and highest rating.
+    **felt : float
+        As in `simulate_study`.
+
+    Returns
+    -------
+    Run
+        To be asked for its `state`, begun, answered, and closed.
+
+    Raises
+    ------
+    StepblocksError
+        If there is no such participant, block or device, or the run is open already.
+    """
+    require(math.isfinite(scale) and scale > 0.0, f"scale must be positive and finite, got {scale:g}")
+    if device not in ("mouse", *VENDORS):
+        raise PipelineError(f"device must be one of mouse, {', '.join(VENDORS)}, got {device!r}")
+    design = read_design(Path(folder) / "design.csv")
+    blocks = _virtual(design, source, felt) if design[0]["experiment"] == "virtual" else None
+    hand = VENDORS[device](library) if blocks is not None and device in VENDORS else None
+    return Run(Path(folder), participant, blocks, hand, scale, ratings=ratings)
+
+
+def _virtual(design: Sequence[Row], source: str | Path | None, felt: Mapping[str, float]) -> Blocks:
+    heights = {row["stimulus"]: number(row["height_um"]) / 1e6 for row in design}
+    blocks = blocks_of(sorted(set(heights.values())) if source is None else source, felt)
+    faces = dict(blocks.faces) if source is not None else {name: Step(height) for name, height in heights.items()}
+    lacking = sorted(set(heights) - set(faces))
+    require(
+        not lacking, f"the blocks of the design must be in the stimulus file, got no {', '.join(lacking)} [{source}]"
+    )
+    return Blocks(blocks.items, {name: faces[name] for name in heights}, blocks.point)

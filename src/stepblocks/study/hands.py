@@ -1,0 +1,215 @@
+"""Who moves the probe: a mouse, a recorded hand, or a device through its maker's C library, loaded when it is asked for.
+
+A hand says where it is [m], how fast it moves [m/s] and whether its dead-man switch is held, and takes a force [N]; axes are
+those of the scene: x along the drag, y along the edge, z up, magnified. Constants and signatures of the makers' libraries are
+those of their public headers: OpenHaptics 3.5 (HD/hd.h, hdDefines.h), Force Dimension SDK 3 (dhdc.h).
+"""
+
+from __future__ import annotations
+
+import ctypes
+import threading
+import time
+from collections.abc import Callable
+from ctypes.util import find_library
+from pathlib import Path
+from typing import Any, Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from stepblocks.errors import PipelineError
+from stepblocks.study import require
+
+Array = NDArray[np.float64]
+_SILENCE = 0.25  # a page that sends nothing for so long has let go [s]
+_SMOOTH = 0.008  # time constant with which the hand follows what a page sends in steps [s]
+_FASTEST = 0.5  # of a mouse's hand in the magnified frame [m/s]
+
+
+class Hand(Protocol):
+    """What a servo loop asks of a device."""
+
+    def read(self) -> tuple[Array, Array, bool]:
+        """Return position [m], velocity [m/s], and whether the dead-man switch is held."""
+
+    def apply(self, force: Array) -> None:
+        """Put a force on the hand [N]."""
+
+    def close(self) -> None:
+        """Let go of the device."""
+
+
+class Mouse:
+    """A mouse whose page sends positions now and then; its virtual hand keeps the load, as the weights of the bench do."""
+
+    def __init__(self, load: float, wall: float, top: float, period: float = 1e-3) -> None:
+        self._load, self._wall, self._top, self._period = load, wall, top, period
+        self._position, self._velocity = np.array([0.0, 0.0, top]), np.zeros(3)
+        self._target, self._held, self._heard, self._down = 0.0, False, -1.0, False
+
+    def post(self, x: float, held: bool) -> None:
+        """Take where the page says that the mouse is [m]."""
+        self._target, self._held, self._heard = x, held, time.monotonic()
+
+    def read(self) -> tuple[Array, Array, bool]:
+        """Follow the last position smoothly; a hand that takes hold comes down from above where it is."""
+        held = self._held and time.monotonic() - self._heard < _SILENCE
+        if held and not self._down:
+            self._position[:] = (self._target, 0.0, self._top)
+        self._down = held
+        step = (self._target - self._position[0]) * self._period / _SMOOTH
+        step = min(max(step, -_FASTEST * self._period), _FASTEST * self._period)
+        self._position[0] += step
+        self._velocity[0] = step / self._period
+        return self._position, self._velocity, held
+
+    def apply(self, force: Array) -> None:
+        """Keep the load: the wall is a known spring."""
+        if self._down:
+            self._position[2] += (force[2] - self._load) / self._wall
+
+    def close(self) -> None:
+        """Nothing is held."""
+
+
+class Replay:
+    """A recorded hand, one position per tick; it lets go at its end."""
+
+    def __init__(self, positions: Array, period: float = 1e-3) -> None:
+        self._positions, self._period, self._tick = np.asarray(positions, dtype=np.float64), period, 0
+        self.forces: list[Array] = []  # that it felt
+
+    def read(self) -> tuple[Array, Array, bool]:
+        """Return the next position."""
+        index = min(self._tick, len(self._positions) - 1)
+        before = self._positions[max(index - 1, 0)]
+        held = self._tick < len(self._positions)
+        self._tick += 1
+        return self._positions[index], (self._positions[index] - before) / self._period, held
+
+    def apply(self, force: Array) -> None:
+        """Remember what was felt."""
+        self.forces.append(force.copy())
+
+    def close(self) -> None:
+        """Nothing is held."""
+
+
+def _load(library: str, *names: str) -> ctypes.CDLL:
+    """Load a maker's library by path or by the first of its names that the system finds."""
+    found = library or next((path for name in names if (path := find_library(name))), "")
+    try:
+        require(
+            found, f"the library {' or '.join(names)} must be installed to use this device, got none; or say --library"
+        )
+        return ctypes.CDLL(str(Path(found)) if library else found)
+    except OSError as error:
+        raise PipelineError(f"the library cannot be loaded: {error} [{found}]") from error
+
+
+class ForceDimension:
+    """omega, delta, sigma and Falcon through ``libdhd``; button 0 is the dead-man switch."""
+
+    def __init__(self, library: str = "") -> None:
+        self._lib = lib = _load(library, "dhd", "drd")
+        pointer, real, byte = ctypes.POINTER(ctypes.c_double), ctypes.c_double, ctypes.c_char
+        lib.dhdGetPosition.argtypes = lib.dhdGetLinearVelocity.argtypes = [pointer, pointer, pointer, byte]
+        lib.dhdSetForce.argtypes = [real, real, real, byte]
+        lib.dhdGetButton.argtypes = [ctypes.c_int, byte]
+        lib.dhdEnableForce.argtypes, lib.dhdClose.argtypes = [ctypes.c_ubyte, byte], [byte]
+        lib.dhdErrorGetLastStr.restype = ctypes.c_char_p
+        self._one = ctypes.c_char(b"\xff")  # -1: the device that was opened last
+        self._values = [ctypes.c_double() for _ in range(6)]
+        self._said(lib.dhdOpen() >= 0, "be opened")
+        self._said(lib.dhdEnableForce(1, self._one) >= 0, "switch its forces on")
+
+    def _said(self, done: bool, wanted: str) -> None:
+        if not done:
+            raise PipelineError(f"the device must {wanted}: {self._lib.dhdErrorGetLastStr().decode()}")
+
+    def read(self) -> tuple[Array, Array, bool]:
+        """Its x points to the operator, its y to the right."""
+        places = [ctypes.byref(value) for value in self._values]
+        self._said(self._lib.dhdGetPosition(*places[:3], self._one) >= 0, "tell its position")
+        self._said(self._lib.dhdGetLinearVelocity(*places[3:], self._one) >= 0, "tell its velocity")
+        x, y, z, u, v, w = (value.value for value in self._values)
+        return np.array([y, -x, z]), np.array([v, -u, w]), bool(self._lib.dhdGetButton(0, self._one) == 1)
+
+    def apply(self, force: Array) -> None:
+        """Turn the force back into its axes."""
+        self._said(self._lib.dhdSetForce(-force[1], force[0], force[2], self._one) >= 0, "take a force")
+
+    def close(self) -> None:
+        """Switch its forces off."""
+        self._lib.dhdSetForce(0.0, 0.0, 0.0, self._one)
+        self._lib.dhdEnableForce(0, self._one)
+        self._lib.dhdClose(self._one)
+
+
+class _HDError(ctypes.Structure):
+    _fields_ = (("code", ctypes.c_uint), ("internal", ctypes.c_int), ("device", ctypes.c_uint))
+
+
+class OpenHaptics:
+    """Touch and Phantom through ``libHD``, whose scheduler calls back a thousand times a second; button 1 is the dead-man switch."""
+
+    _POSITION, _VELOCITY, _BUTTONS, _FORCE, _OUTPUT = 0x2050, 0x2051, 0x2000, 0x2700, 0x4000
+
+    def __init__(self, library: str = "") -> None:
+        self._lib = lib = _load(library, "HD")
+        lib.hdInitDevice.restype, lib.hdInitDevice.argtypes = ctypes.c_uint, [ctypes.c_char_p]
+        lib.hdGetError.restype = _HDError
+        lib.hdGetErrorString.restype, lib.hdGetErrorString.argtypes = ctypes.c_char_p, [ctypes.c_uint]
+        lib.hdGetDoublev.argtypes = lib.hdSetDoublev.argtypes = [ctypes.c_uint, ctypes.POINTER(ctypes.c_double)]
+        lib.hdGetIntegerv.argtypes = [ctypes.c_uint, ctypes.POINTER(ctypes.c_int)]
+        self._callback = ctypes.CFUNCTYPE(ctypes.c_uint, ctypes.c_void_p)(self._frame)
+        lib.hdScheduleAsynchronous.restype = ctypes.c_ulong
+        lib.hdScheduleAsynchronous.argtypes = [type(self._callback), ctypes.c_void_p, ctypes.c_ushort]
+        lib.hdUnschedule.argtypes = [ctypes.c_ulong]
+        self._device = lib.hdInitDevice(None)
+        self._check("be opened")
+        self._state, self._given, self._lock = np.zeros(7), np.zeros(3), threading.Lock()
+        lib.hdEnable(self._OUTPUT)
+        self._handle = lib.hdScheduleAsynchronous(self._callback, None, 0xFFFF // 2)
+        lib.hdStartScheduler()
+        self._check("start its scheduler")
+
+    def _check(self, wanted: str) -> None:
+        error = self._lib.hdGetError()
+        if error.code:
+            raise PipelineError(f"the device must {wanted}: {self._lib.hdGetErrorString(error.code).decode()}")
+
+    def _frame(self, _: Any) -> int:
+        values, buttons = (ctypes.c_double * 6)(), ctypes.c_int()
+        pointer = ctypes.POINTER(ctypes.c_double)
+        self._lib.hdBeginFrame(self._device)
+        self._lib.hdGetDoublev(self._POSITION, ctypes.cast(values, pointer))
+        self._lib.hdGetDoublev(self._VELOCITY, ctypes.cast(ctypes.byref(values, 24), pointer))
+        self._lib.hdGetIntegerv(self._BUTTONS, ctypes.byref(buttons))
+        with self._lock:
+            self._state[:] = (*values, buttons.value & 1)
+            x, y, z = self._given
+        self._lib.hdSetDoublev(self._FORCE, (ctypes.c_double * 3)(x, z, -y))
+        self._lib.hdEndFrame(self._device)
+        return 1  # HD_CALLBACK_CONTINUE
+
+    def read(self) -> tuple[Array, Array, bool]:
+        """Its lengths are millimetres, its y is up, its z points to the operator."""
+        with self._lock:
+            x, y, z, u, v, w, held = self._state.tolist()
+        return np.array([x, -z, y]) * 1e-3, np.array([u, -w, v]) * 1e-3, held > 0.0
+
+    def apply(self, force: Array) -> None:
+        """Leave the force for the next frame."""
+        with self._lock:
+            self._given[:] = force
+
+    def close(self) -> None:
+        """Stop the scheduler and let go."""
+        self._lib.hdStopScheduler()
+        self._lib.hdUnschedule(self._handle)
+        self._lib.hdDisableDevice(self._device)
+
+
+VENDORS: dict[str, Callable[[str], Hand]] = {"openhaptics": OpenHaptics, "dhd": ForceDimension}

@@ -1,0 +1,165 @@
+"""The servo loop: read the hand, tick the renderer, hold the force within limits, give it back; a thousand times a second."""
+
+from __future__ import annotations
+
+import ctypes
+import os
+import sys
+import threading
+import time
+from contextlib import suppress
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from stepblocks.atomic import beside
+from stepblocks.simulators.renderer import Renderer
+from stepblocks.study.hands import Hand
+
+RATE = 1000.0  # Hz
+# What is written of every tick; `force` is the renderer's, `applied` what the limits left of it
+COLUMNS = (
+    *(
+        "time_s",
+        "x_m",
+        "y_m",
+        "z_m",
+        "force_x_n",
+        "force_y_n",
+        "force_z_n",
+        "applied_x_n",
+        "applied_y_n",
+        "applied_z_n",
+    ),
+    *("pull_n", "held", "events", "late_s"),
+)
+
+
+_WATCHED = 60e-6  # before a tick is due the clock is watched instead of slept through [s]
+
+
+def _hurry() -> None:
+    """Ask the system, where it lets us, to wake this thread first and on time: a sleep may else last 50 us longer."""
+    with suppress(OSError, AttributeError):
+        ctypes.CDLL(None).prctl(29, 1, 0, 0, 0)  # PR_SET_TIMERSLACK, in nanoseconds, of this thread
+    with suppress(OSError, AttributeError):
+        os.sched_setscheduler(0, os.SCHED_FIFO, os.sched_param(20))
+
+
+@dataclass(frozen=True)
+class Limits:
+    """What a hand is never asked to bear, and when it is let go."""
+
+    force: float = 7.0  # N; above the peak of most desk-top devices
+    growth: float = 5e3  # how fast a force may grow [N/s]; it may fall at once, as it does at a release
+    late: float = 200e-6  # a tick this late is logged [s]
+    dead: float = 0.05  # after so long without a tick, or with a hand that does not answer, the force is taken off [s]
+
+
+class Servo(threading.Thread):
+    """One trial's loop in a thread of its own; `stop` ends it, and it ends by itself when it is in doubt."""
+
+    def __init__(
+        self, renderer: Renderer, hand: Hand, *, limits: Limits = Limits(), seconds: float = 120.0, waits: bool = True
+    ) -> None:
+        super().__init__(name="servo", daemon=True)
+        self.renderer, self.hand, self.limits, self._waits = renderer, hand, limits, waits
+        self._period = renderer.period
+        self._log = np.zeros((max(1, round(seconds / self._period)), len(COLUMNS)))
+        self._over = threading.Event()
+        self.ticks, self.ended = 0, ""  # why it ended: "", "stopped", "time is up", or what went wrong
+
+    def run(self) -> None:
+        """Tick until stopped; whatever happens, the last force is zero."""
+        # the loop shares the interpreter with the page's server, which must not keep it for long
+        interval = sys.getswitchinterval()
+        sys.setswitchinterval(50e-6)
+        if self._waits:
+            _hurry()
+        try:
+            self.ended = self._loop()
+        except Exception as error:  # a hand that fails must not leave its force standing
+            self.ended = f"{type(error).__name__}: {error}"
+        finally:
+            sys.setswitchinterval(interval)
+            self.hand.apply(np.zeros(3))
+
+    def _loop(self) -> str:
+        limits, renderer, period, clock = self.limits, self.renderer, self._period, time.perf_counter
+        zero, applied, held_before = np.zeros(3), np.zeros(3), False
+        start = clock()
+        for tick, row in enumerate(self._log):
+            late = self._wait(start + tick * period)
+            if late > limits.dead:
+                return f"watchdog: a tick came {late * 1e3:.0f} ms late"
+            if late > period:
+                start += late  # no burst of ticks to catch up with
+            asked = clock()
+            position, velocity, held = self.hand.read()
+            if self._waits and clock() - asked > limits.dead:
+                return "watchdog: the hand did not answer"
+            if held and not held_before:
+                renderer.reset(position)
+            held_before = held
+            force = renderer.tick(position, velocity) if held else zero
+            applied = self._limited(force, applied) if held else zero
+            row[:] = (
+                tick * period,
+                *position,
+                *force,
+                *applied,
+                renderer.pull if held else 0.0,
+                held,
+                renderer.events,
+                late,
+            )
+            self.hand.apply(applied)  # after the log: a virtual hand moves its own position here
+            self.ticks = tick + 1
+            if self._over.is_set():
+                return "stopped"
+        return "time is up"
+
+    def _wait(self, due: float) -> float:
+        """Sleep until shortly before a tick is due, then watch the clock; return how late it is [s]."""
+        if not self._waits:
+            return 0.0
+        left = due - time.perf_counter()
+        if left > _WATCHED:
+            time.sleep(left - _WATCHED)
+        while (late := time.perf_counter() - due) < 0.0:
+            pass
+        return late
+
+    def _limited(self, force: Any, before: Any) -> Any:
+        size, was = float(np.linalg.norm(force)), float(np.linalg.norm(before))
+        most = min(self.limits.force, was + self.limits.growth * self._period)
+        return force * (most / size) if size > most else force.copy()
+
+    def stop(self) -> None:
+        """End the loop and wait for it."""
+        self._over.set()
+        if self.is_alive():
+            self.join()
+
+    def record(self) -> dict[str, Any]:
+        """Return the columns of all ticks so far."""
+        return dict(zip(COLUMNS, self._log[: self.ticks].T.copy(), strict=True))
+
+    def summary(self) -> dict[str, float]:
+        """Return how many ticks there were, how many came late, and the 99.9 % quantile of lateness [s]."""
+        late = self._log[: self.ticks, -1]
+        worst = float(np.quantile(late, 0.999)) if self.ticks else 0.0
+        return {"ticks": self.ticks, "late_ticks": int((late > self.limits.late).sum()), "late_999_s": worst}
+
+
+def write_motion(path: Path, servo: Servo, told: dict[str, Any]) -> None:
+    """Write a trial's motion and forces as HDF5, one dataset per column, beside its place and renamed."""
+    import h5py
+
+    path.parent.mkdir(parents=True, exist_ok=True)
+    with beside(path) as draft, h5py.File(draft, "w", track_order=True) as file:
+        for name, values in servo.record().items():
+            file.create_dataset(name, data=values, compression="gzip", shuffle=True)
+        file.attrs.update({"rate_hz": RATE, "ended": servo.ended, **servo.summary(), **told})
