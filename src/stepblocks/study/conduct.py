@@ -66,11 +66,13 @@ class Run:
         self._lock = (runs / f".{path.stem}.lock").open("w")
         try:
             fcntl.flock(self._lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
-        except OSError as error:
-            raise PipelineError(
-                f"participant {self.participant} must be run once at a time, another run is open [{path}]"
-            ) from error
-        self.answered = self._resume(design[0]["experiment"])
+            self.answered = self._resume(design[0]["experiment"])
+        except BaseException as error:
+            self._lock.close()
+            if not isinstance(error, OSError):
+                raise
+            said = f"participant {self.participant} must be run once at a time, another run is open [{path}]"
+            raise PipelineError(said) from error
 
     def _resume(self, experiment: str) -> int:
         """Return how many trials are answered; a last line that a crash cut short is dropped."""

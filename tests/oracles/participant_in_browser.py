@@ -1,0 +1,111 @@
+"""A participant as a program: reads the page of a run in headless Chromium, drags over the edge, answers; and is killed on the way."""
+
+import shutil
+import signal
+import subprocess
+import sys
+import time
+from contextlib import contextmanager
+
+
+@contextmanager
+def browser():
+    """A headless Chromium, or None where there is none."""
+    chromium, driver = shutil.which("chromium") or shutil.which("google-chrome"), shutil.which("chromedriver")
+    if not (chromium and driver):
+        yield None
+        return
+    from selenium import webdriver
+    from selenium.webdriver.chrome.service import Service
+
+    options = webdriver.ChromeOptions()
+    options.binary_location = chromium
+    for argument in (
+        "--headless=new",
+        "--no-sandbox",
+        "--window-size=1000,900",
+        "--autoplay-policy=no-user-gesture-required",
+    ):
+        options.add_argument(argument)
+    window = webdriver.Chrome(options=options, service=Service(driver))
+    try:
+        yield window
+    finally:
+        window.quit()
+
+
+@contextmanager
+def running(folder, participant, *options):
+    """The command ``study run`` in a process of its own, and the address of its page."""
+    command = [sys.executable, "-m", "stepblocks", "study", "run", str(folder), *options]
+    process = subprocess.Popen(
+        [*command, "--participant", participant, "--no-open"],
+        stdout=subprocess.PIPE,
+        stderr=subprocess.STDOUT,
+        text=True,
+    )
+    try:
+        said = [process.stdout.readline() for _ in range(2)]
+        assert said[1].startswith("open http://127.0.0.1:"), said
+        yield process, said[1].split()[1]
+    finally:
+        if process.poll() is None:
+            process.send_signal(signal.SIGKILL)
+        process.wait(20.0)
+        process.stdout.close()
+
+
+def wait_for(window, script, seconds=30.0):
+    """Wait until a script on the page says something true, and return it."""
+    end = time.monotonic() + seconds
+    while time.monotonic() < end:
+        if found := window.execute_script(f"return {script}"):
+            return found
+        time.sleep(0.02)
+    raise AssertionError(f"the page never said {script}; it says {window.find_element('tag name', 'body').text!r}")
+
+
+def drag(window, pixels):
+    """Hold the mouse button, drag over the edge, and let go."""
+    from selenium.webdriver.common.action_chains import ActionChains
+
+    field = window.find_element("id", "field")
+    wait_for(window, "state.running")
+    held = ActionChains(window, duration=10).move_to_element_with_offset(field, -200, 0).click_and_hold()
+    for _ in range(pixels // 20):
+        held = held.move_by_offset(20, 0)
+    held.perform()
+    wait_for(window, "probe > 0")  # the probe has followed over the edge's place
+    ActionChains(window).release().perform()
+
+
+def answer(window, estimate, rating=None):
+    """Answer the trial that is shown, and wait for the next."""
+    shown = window.execute_script("return state.trial")
+    window.find_element("name", "estimate_um").send_keys(str(estimate))
+    if rating is not None:
+        window.find_elements("name", "realism_rating")[rating - 1].click()
+    window.find_element("id", "answer").click()
+    wait_for(window, f"state.done || state.trial !== {shown!r}")
+    return window.execute_script("return state.done")
+
+
+def whole_run(window, folder, participant, kills, *options, pixels=400):
+    """Run all trials of a participant, the program killed in the middle of the trials `kills`; return the trials as shown."""
+    shown, waiting = [], list(kills)
+    while True:
+        with running(folder, participant, *options) as (process, url):
+            window.get(url)
+            while True:
+                wait_for(window, "state && state.trial")
+                shown.append(int(window.execute_script("return state.trial")))
+                virtual = window.execute_script("return state.virtual")
+                if virtual:
+                    drag(window, pixels)
+                if waiting and shown[-1] == waiting[0]:
+                    waiting.pop(0)
+                    process.kill()
+                    break
+                if answer(window, 10 + 5 * (shown[-1] % 7), 1 + shown[-1] % 7 if virtual else None):
+                    assert process.wait(20.0) == 0
+                    return shown
