@@ -7,11 +7,25 @@ import sys
 from pathlib import Path
 from typing import Any
 
-from stepblocks.cli.arguments import add_jobs, add_output, given
+from stepblocks.cli.arguments import add_jobs, add_output, given, quantity
 from stepblocks.cli.outcome import Outcome
-from stepblocks.cli.study_options import add_command, add_observer, count, counts, names, observed, scale, whole
+from stepblocks.cli.study_options import (
+    add_command,
+    add_observer,
+    add_place,
+    count,
+    counts,
+    named,
+    names,
+    observed,
+    scale,
+    source_of,
+    whole,
+)
+from stepblocks.errors import PipelineError
 
 _ADAPTIVE = "study adaptive"
+_EXPERIMENTS = ("estimates", "virtual", "constant", "magnitude", "2afc")
 
 
 def add_to(commands: Any) -> None:
@@ -24,9 +38,9 @@ def add_to(commands: Any) -> None:
     jobs = parser.add_subparsers(title="commands", metavar="COMMAND", required=True)
 
     said = "design.csv with every trial, and the key of the blinding codes"
-    design = add_command(jobs, "design", _design, said, "blocks")
+    design = add_command(jobs, "design", _design, said, "blocks", instead="heights")
     said = "experiment 1 (default), experiment 2, constant stimuli, or magnitude estimation"
-    design.add_argument("--experiment", choices=("estimates", "virtual", "constant", "magnitude"), help=said)
+    design.add_argument("--experiment", choices=_EXPERIMENTS, help=f"{said}; 2afc is constant")
     design.add_argument("--participants", type=count, metavar="N", help="default: 10")
     design.add_argument("--probes", type=names, metavar="A,B,...", help="default: bare,hard,soft")
     design.add_argument("--repetitions", type=count, metavar="N", help="default: 3")
@@ -37,21 +51,56 @@ def add_to(commands: Any) -> None:
 
     add_command(jobs, "sheet", _sheet, "blinded run sheets, to print and as CSV to fill in", "folder")
 
+    said = (
+        "lead a participant through the trials, in the browser or with a device; the same command goes on after a stop"
+    )
+    run = add_command(jobs, "run", _conduct, said, "folder", "energies", instead="nothing")
+    run.add_argument("--participant", required=True, metavar="N", help="whose run it is, as in the design")
+    said = "what moves the probe over virtual blocks (default: mouse, with the loudspeaker)"
+    run.add_argument("--device", choices=("mouse", "openhaptics", "dhd"), help=said)
+    run.add_argument("--library", metavar="PATH", help="the device's library, where the system does not find it")
+    run.add_argument("--scale", type=float, metavar="S", help="magnification of all virtual blocks (default: 100)")
+    run.add_argument("--ratings", type=scale, metavar="LOW-HIGH", help="scale of the ratings (default: 1-7)")
+    add_place(run)
+    run.add_argument(
+        "--port", type=whole, default=0, metavar="N", help="of the page on this machine (default: a free one)"
+    )
+    run.add_argument("--no-open", action="store_true", default=False, help="print the address and open no browser")
+
     said = "let simulated participants fill in the run sheets"
-    simulate = add_command(jobs, "simulate", _simulate, said, "folder", "energies")
+    simulate = add_command(jobs, "simulate", _simulate, said, "folder", "energies", instead="nothing")
     add_observer(simulate)
     simulate.add_argument("--seed", type=whole, required=True, metavar="N", help="seed of all chance")
     add_output(simulate, metavar="CSV", said="answers to write (default: answers.csv in the folder)")
 
-    analyse = add_command(jobs, "analyse", _analyse, "answers to results.csv and report.html", "folder")
-    analyse.add_argument("answers", type=Path, nargs="+", metavar="CSV", help="filled-in run sheets")
+    analyse = add_command(jobs, "analyse", _analyse, "answers to results.csv and report.html")
+    analyse.add_argument("folder", type=Path, nargs="?", default=None, metavar="DIR", help="folder of the study")
+    said = "filled-in run sheets, or a folder of them"
+    analyse.add_argument("answers", type=Path, nargs="*", default=[], metavar="CSV", help=said)
+    said = "a table of your own, a folder of them, or a BIDS or psych-DS dataset; without DIR"
+    analyse.add_argument("--data", type=Path, nargs="+", metavar="PATH", help=said)
+    said = "your names of columns, such as participant=subject,condition=probe,height_mm=h,estimate_um=answer"
+    analyse.add_argument("--columns", type=named, metavar="OURS=YOURS,...", help=said)
+    analyse.add_argument(
+        "--experiment", choices=_EXPERIMENTS, help="kind of the judgements of --data (default: estimates)"
+    )
+    said = "conditions that differ by less than this count as equivalent"
+    analyse.add_argument("--equivalent", type=quantity("length"), metavar="L", help=said)
+    said = "table of participant and group, such as dentists and students, to compare"
+    analyse.add_argument("--groups", type=Path, metavar="CSV", help=said)
     add_output(analyse, said="folder of the report (default: report in the folder)")
     said = "an estimate above X times the highest block is an error (default: 20)"
     analyse.add_argument("--largest-estimate", type=float, metavar="X", help=said)
     analyse.add_argument("--ratings", type=scale, metavar="LOW-HIGH", help="scale of the ratings (default: 1-7)")
 
     said = "share of simulated studies that find a difference between conditions"
-    power = add_command(jobs, "power", _power, said, "blocks")
+    power = add_command(jobs, "power", _power, said, "blocks", instead="heights")
+    power.add_argument("--experiment", choices=("estimates", "constant", "2afc"), help="default: estimates")
+    power.add_argument("--standard", metavar="ID", help="block that all others are compared with (constant)")
+    said = "conditions compared (default: those of --damping and --noisier)"
+    power.add_argument("--probes", type=names, metavar="A,B,...", help=said)
+    said = "what is tested (default: absolute error)"
+    power.add_argument("--measure", choices=("absolute error", "bias", "spread"), help=said)
     power.add_argument("--participants", type=counts, metavar="N,N,...", help="default: 10")
     power.add_argument("--repetitions", type=counts, metavar="N,N,...", help="default: 3")
     add_observer(power)
@@ -62,6 +111,14 @@ def add_to(commands: Any) -> None:
     power.add_argument("--only", metavar="PATTERN", help="only these blocks")
     add_output(power, metavar="CSV", said="write a table with units in its header")
 
+    said = "the study as BIDS, psych-DS, or conditions files of PsychoPy"
+    share = add_command(jobs, "share", _share, said, "folder")
+    share.add_argument(
+        "answers", type=Path, nargs="*", default=[], metavar="CSV", help="run sheets, or a folder of them"
+    )
+    share.add_argument("--as", dest="form", choices=("bids", "psych-ds", "psychopy"), help="default: bids")
+    add_output(share, "out/dataset", said="folder of the dataset")
+
     _add_adaptive(jobs)
 
 
@@ -69,10 +126,11 @@ def _design(arguments: argparse.Namespace) -> Outcome:
     from stepblocks.study.run import design_study
 
     asked = given(arguments, "experiment", "participants", "probes", "repetitions", "standard", "only", "seed")
-    design = design_study(arguments.file, arguments.output, **asked)
+    design = design_study(source_of(arguments), arguments.output, **asked)
     trials, people = len(design.trials), design.trials[-1].participant
     said = f"{arguments.output / 'design.csv'}: {trials} trials of {people} participants; {design.balance}"
-    return Outcome(said, record={"trials": trials, "participants": people, "balance": design.balance})
+    record = {"trials": trials, "participants": people, "balance": design.balance, "advice": design.advice}
+    return Outcome(said, notes=[design.advice] if design.advice else [], record=record)
 
 
 def _sheet(arguments: argparse.Namespace) -> Outcome:
@@ -87,25 +145,72 @@ def _simulate(arguments: argparse.Namespace) -> Outcome:
     from stepblocks.study.run import simulate_study
 
     output = arguments.output or arguments.folder / "answers.csv"
-    asked = {**observed(arguments), **given(arguments, "damping", "seed")}
+    asked = {**observed(arguments), **given(arguments, "damping", "noise", "seed")}
     number = simulate_study(arguments.folder, arguments.file, output, **asked)
     return Outcome(f"{output}: {number} simulated answers", record={"answers": number})
 
 
 def _analyse(arguments: argparse.Namespace) -> Outcome:
-    from stepblocks.study.run import analyse_study
+    from stepblocks.study.prose import headline
+    from stepblocks.study.run import analyse_study, analyse_table
 
-    output = arguments.output or arguments.folder / "report"
-    asked = given(arguments, "largest_estimate", "ratings")
-    notes = analyse_study(arguments.folder, arguments.answers, output, **asked).notes
-    return Outcome("", notes=notes, look=output / "report.html", record={"notes": list(notes)})
+    asked = given(arguments, "largest_estimate", "ratings", "equivalent", "groups")
+    tables = given(arguments, "data", "columns", "experiment")
+    if ("data" in tables) == bool(arguments.answers) or ("data" in tables and arguments.folder):
+        raise PipelineError("a folder of a study with its answers must be given, or --data with a table of your own")
+    output = arguments.output or (arguments.folder or Path("out/study")) / "report"
+    if "data" in tables:
+        result = analyse_table(tables.pop("data"), output, **tables, **asked)
+    else:
+        result = analyse_study(arguments.folder, arguments.answers, output, **asked)
+    notes = [*result.notes, *result.remarks]
+    said = headline(result)
+    return Outcome(said, notes=notes, look=output / "report.html", record={"said": said, "notes": notes})
+
+
+def _share(arguments: argparse.Namespace) -> Outcome:
+    from stepblocks.study.exchange import share_study
+
+    files = share_study(arguments.folder, arguments.answers, arguments.output, **given(arguments, "form"))
+    return Outcome(f"{arguments.output}: {len(files)} files", record={"files": files})
+
+
+def _conduct(arguments: argparse.Namespace) -> Outcome:
+    from stepblocks.study.conduct import open_run
+    from stepblocks.study.serve import RunServer
+
+    asked = given(arguments, "device", "library", "scale", "ratings", "ball_radius", "normal_load", "friction")
+    server = RunServer(open_run(arguments.folder, arguments.participant, arguments.file, **asked), arguments.port)
+    run = server.experiment
+    print(f"{run.path}: {run.answered} of {len(run.planned)} trials are answered")
+    print(f"open {server.url}", flush=True)
+    if not arguments.no_open:
+        import webbrowser
+
+        webbrowser.open(server.url)
+    try:
+        server.until_done()
+    except KeyboardInterrupt:
+        return Outcome("stopped; the same command goes on", record={"answered": run.answered, "of": len(run.planned)})
+    return Outcome("all trials are answered", record={"answered": run.answered, "of": len(run.planned)})
 
 
 def _power(arguments: argparse.Namespace) -> Outcome:
     from stepblocks.study.run import study_power
 
-    asked = ("damping", "participants", "repetitions", "analysis", "runs", "seed", "jobs", "only", "output")
-    table = study_power(arguments.file, **observed(arguments), **given(arguments, *asked))
+    asked = (
+        "damping",
+        "noise",
+        "probes",
+        "measure",
+        "experiment",
+        "standard",
+        "participants",
+        "repetitions",
+        "analysis",
+    )
+    sizes = ("runs", "seed", "jobs", "only", "output")
+    table = study_power(source_of(arguments), **observed(arguments), **given(arguments, *asked, *sizes))
     return Outcome("", {"power": table.to_dict("records")})
 
 
@@ -114,7 +219,7 @@ def _add_adaptive(jobs: Any) -> None:
     steps = parser.add_subparsers(title="commands", metavar="COMMAND", required=True)
 
     said = "setup.json and the key of the blinding codes"
-    start = add_command(steps, "start", _start, said, "blocks", within=_ADAPTIVE)
+    start = add_command(steps, "start", _start, said, "blocks", within=_ADAPTIVE, instead="heights")
     start.add_argument("--standard", required=True, metavar="ID", help="block that the others are compared with")
     start.add_argument("--method", choices=("quest", "staircase"), help="default: quest")
     start.add_argument("--participants", type=count, metavar="N", help="default: 10")
@@ -127,12 +232,13 @@ def _add_adaptive(jobs: Any) -> None:
         ("next", "say which pair comes next", _next),
         ("answer", "take the answer to a trial and say which pair comes next", _answer),
         ("run", "ask trial after trial at the keyboard; q stops, the same command goes on", _run),
+        ("undo", "take the last answer back; the same pair is asked again", _undo),
         ("simulate", "let simulated participants answer", _simulate_adaptive),
         ("result", "thresholds and Weber fractions; writes what study analyse reads", _result),
     ):
         takes = ("folder", "energies") if name == "simulate" else ("folder",)
         step = add_command(steps, name, run, said, *takes, within=_ADAPTIVE)
-        if name in ("next", "answer", "run"):
+        if name in ("next", "answer", "run", "undo"):
             step.add_argument("--participant", type=count, required=True, metavar="N", help="number of the participant")
         if name == "answer":
             step.add_argument("--trial", type=count, required=True, metavar="N", help="number of the trial")
@@ -146,10 +252,11 @@ def _start(arguments: argparse.Namespace) -> Outcome:
     from stepblocks.study.adaptive import start_adaptive
 
     asked = given(arguments, "standard", "method", "participants", "trials", "reversals", "seed")
-    study = start_adaptive(arguments.file, arguments.output, **asked)
+    study = start_adaptive(source_of(arguments), arguments.output, **asked)
     return Outcome(
         f"{arguments.output / 'setup.json'}: {study.plan.method} with {len(study.plan.compared)} blocks against the standard, "
-        f"{study.participants} participants, at most {study.plan.trials} trials each"
+        f"{study.participants} participants, at most {study.plan.trials} trials each",
+        notes=[study.advice] if study.advice else [],
     )
 
 
@@ -178,6 +285,12 @@ def _run(arguments: argparse.Namespace) -> Outcome:
         if text in ("y", "n"):
             answer(arguments.folder, arguments.participant, pair.trial, text == "y")
     return _next(arguments)
+
+
+def _undo(arguments: argparse.Namespace) -> Outcome:
+    from stepblocks.study.adaptive import undo
+
+    return Outcome(str(undo(arguments.folder, arguments.participant)))
 
 
 def _simulate_adaptive(arguments: argparse.Namespace) -> Outcome:

@@ -10,6 +10,7 @@ from typing import Any
 from stepblocks.cli.arguments import add_command as add_leaf
 from stepblocks.cli.arguments import given, number, quantity
 from stepblocks.cli.outcome import Outcome
+from stepblocks.errors import PipelineError
 
 _TAKEN = {
     "blocks": ("file", "FILE", "stimulus file with the blocks", "mine.toml"),
@@ -26,6 +27,8 @@ _EXAMPLES = {
     "next": "--participant 1",
     "answer": "--participant 1 --trial 1 y",
     "run": "--participant 1",
+    "undo": "--participant 1",
+    "share": "study/answers.csv --as bids -o dataset",
 }
 
 
@@ -36,12 +39,20 @@ def add_command(
     said: str,
     *takes: str,
     within: str = "study",
+    instead: str = "",
 ) -> Any:
-    """Register a command with the files it takes; an option not given is left out: its default stands in the function."""
+    """Register a command with the files it takes; an option not given is left out: its default stands in the function.
+
+    Where something can stand in place of a FILE, `instead` says so: ``"heights"``, or ``"nothing"``.
+    """
     words = [within, name, *(_TAKEN[one][3] for one in takes), _EXAMPLES.get(name, "")]
     parser = add_leaf(commands, name, run, said, examples=(" ".join(words).strip(),), leave_out=True)
     for argument, metavar, what, _ in (_TAKEN[one] for one in takes):
-        parser.add_argument(argument, type=Path, metavar=metavar, help=what)
+        either: dict[str, Any] = {"nargs": "?", "default": None} if argument == "file" and instead else {}
+        parser.add_argument(argument, type=Path, metavar=metavar, help=what, **either)
+    if instead == "heights":
+        said = "in place of a FILE: heights in micrometres, such as 20,40,60,80"
+        parser.add_argument("--heights", type=heights, metavar="H,H,...", help=said)
     return parser
 
 
@@ -54,15 +65,47 @@ def add_observer(parser: Any) -> None:
 
     said = "share of the vibration energy that each condition lets through, such as bare=1,hard=0.9,soft=0.5, or a set of sheaths"
     add("--damping", "damping", _shares, "A=X,B=Y", said)
+    said = "how many times the response noise each condition has, such as soft=3"
+    add("--noisier", "noise", _shares, "A=X,B=Y", said)
     add("--weber", "weber", ratio, "X", "Weber fraction of the energy (default: 0.2)")
     add("--noise", "response_noise", length, "L", "response noise (default: '5 um')")
     add("--spread", "participant_spread", length, "L", "between participants (default: '3 um')")
     said = "between participants in their response to a condition (default: 0)"
     add("--condition-spread", "condition_spread", length, "L", said)
     add("--lapse", "lapse", ratio, "X", "rate of lapses (default: 0)")
-    add("--tip-radius", "ball_radius", length, "L", "tip radius (default: the file's first)")
-    add("--load", "normal_load", quantity("force"), "F", "normal load (default: the file's first)")
-    add("--friction", "friction", ratio, "X", "friction (default: the file's first)")
+    add_place(parser)
+
+
+def add_place(parser: Any) -> None:
+    """Ask for where blocks are felt."""
+    for option, name, dimension, metavar in (
+        ("--tip-radius", "ball_radius", "length", "L"),
+        ("--load", "normal_load", "force", "F"),
+        ("--friction", "friction", "ratio", "X"),
+    ):
+        said = f"{option[2:].replace('-', ' ').replace('load', 'normal load')} (default: the file's first)"
+        parser.add_argument(option, dest=name, type=quantity(dimension), metavar=metavar, help=said)
+
+
+def heights(text: str) -> tuple[float, ...]:
+    """Read heights in micrometres [m]."""
+    return tuple(quantity("length")(part if part.strip(" 0123456789.") else f"{part} um") for part in text.split(","))
+
+
+def source_of(arguments: argparse.Namespace) -> Any:
+    """Return the stimulus file or the heights, of which one must be given."""
+    asked = getattr(arguments, "heights", None)
+    if (arguments.file is None) == (asked is None):
+        raise PipelineError("a stimulus FILE or --heights must be given, got " + ("both" if asked else "neither"))
+    return asked or arguments.file
+
+
+def named(text: str) -> dict[str, str]:
+    """Read names for columns."""
+    parts = [part.strip().partition("=") for part in text.split(",")]
+    if not all(ours and equals and theirs for ours, equals, theirs in parts):
+        raise argparse.ArgumentTypeError(f"must be ours=theirs, separated by commas, got {text!r:.60}")
+    return {ours: theirs for ours, _, theirs in parts}
 
 
 def observed(arguments: argparse.Namespace) -> dict[str, Any]:
