@@ -71,7 +71,7 @@ def test_a_notebook_exports_what_the_command_exports(tmp_path):
         ("paper-ten/step-020", tmp_path / "b" / "paper-ten" / "step-020" / "gltf")
     ]
     assert done[0].plan.device == "sigma-7"
-    for path in (tmp_path / "a").rglob("*.*"):
+    for path in (tmp_path / "a").rglob("[!.]*.*"):
         assert path.read_bytes() == (tmp_path / "b" / path.relative_to(tmp_path / "a")).read_bytes()
 
 

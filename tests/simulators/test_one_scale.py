@@ -1,7 +1,10 @@
 """A set has one magnification, one spring and one full scale, so that nothing but the step tells its blocks apart."""
 
 import json
+import os
 import re
+import shutil
+import subprocess
 from pathlib import Path
 
 import numpy as np
@@ -105,3 +108,29 @@ def test_rings_of_a_set_are_as_loud_to_each_other_as_their_forces(tmp_path):
         forces[block] = json.loads((folder / "event.json").read_text())["events"][0]["amplitude_n"]
     assert peaks["step-050"] / peaks["step-010"] == pytest.approx(forces["step-050"] / forces["step-010"], rel=1e-5)
     assert max(peaks.values()) < 1.0
+
+
+def test_a_set_for_chai3d_brings_a_program_that_switches_its_blocks(tmp_path):
+    export(SET, "chai3d", tmp_path, only=ENDS, device="omega-3")
+    program = tmp_path / "paper-ten" / "chai3d-blocks"
+    text = (program / "blocks.cpp").read_text()
+    for block in ("step-010", "step-100"):
+        assert (program / f"../{block}/chai3d/block.obj").exists()
+        assert f'"../{block}/chai3d/block.obj"' in text
+    assert {path.name for path in program.iterdir()} == {"CMakeLists.txt", "ReleaseRing.h", "blocks.cpp"}
+    built, cmake = os.environ.get("CHAI3D_BUILD"), shutil.which("cmake")
+    if not (built and cmake):
+        pytest.skip("CHAI3D_BUILD names no build tree of CHAI3D 3.3")
+    build = program / "build"
+    subprocess.run([cmake, "-S", program, "-B", build, f"-DCMAKE_PREFIX_PATH={built}"], check=True, capture_output=True)
+    subprocess.run([cmake, "--build", build], check=True, capture_output=True)
+    command = [build / "blocks", "--blocks", program]
+    found = subprocess.run(command, input="1\n2\nv\n2\nq\n", capture_output=True, text=True, check=True).stdout
+    felt = re.findall(r"block (\d), vibration (\w+)\npeak ([\d.]+) N, formula ([\d.]+), releases (\d)", found)
+    assert [(number, ring, releases) for number, ring, _, _, releases in felt] == [
+        ("1", "on", "1"),
+        ("2", "on", "1"),
+        ("2", "off", "0"),
+    ]
+    for *_, peak, formula, _ in felt:
+        assert float(peak) == pytest.approx(float(formula), rel=0.01)

@@ -125,6 +125,9 @@ def export(
             done.append(Exported(f"{stimuli.name}/{part.id}", folder, scene.plan))
             if progress is not None:
                 progress(done[-1])
+        write_set = SCENE_FORMATS[simulator].write_set
+        if scenes and write_set is not None:
+            write_set(Path(output) / stimuli.name, scenes)
     if not done:
         raise PipelineError(f"--only must match at least one stimulus, got {only!r}")
     return done

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -115,6 +115,8 @@ class SceneFormat:
     run: str  # how to run or load it, a line of Markdown
     settings: tuple[str, ...]  # what is set and why, one line of Markdown each
     verified: str  # what of it was run or read back by another program, and what was not
+    # takes a folder of a set and its scenes: a program over all of them
+    write_set: Callable[[Path, Sequence[Scene]], None] | None = None
 
 
 def write_scene(folder: Path, scene: Scene, form: SceneFormat) -> None:

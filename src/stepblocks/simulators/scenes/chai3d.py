@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from pathlib import Path
 
 from stepblocks.artefacts.meshes.write import write_obj, write_pieces, write_stl
@@ -32,16 +33,30 @@ def _write(folder: Path, scene: Scene) -> None:
     fill(folder / "drag.cpp", scene=scene, top=top, nothing=nothing)
 
 
+def _write_set(folder: Path, scenes: Sequence[Scene]) -> None:
+    """Write a program that takes a device and switches blocks, where they share ball and spring."""
+    alike = {(scene.ball_radius, scene.stiffness, scene.point.friction) for scene in scenes}
+    if len(scenes) < 2 or len(alike) > 1 or any(scene.probe for scene in scenes):
+        return
+    program = folder / "chai3d-blocks"
+    program.mkdir(parents=True, exist_ok=True)
+    fill(program / "ReleaseRing.h")
+    fill(program / "CMakeLists.txt")
+    fill(program / "blocks.cpp", name=folder.name, first=scenes[0], scenes=scenes, Status=Status)
+
+
 CHAI3D = SceneFormat(
     name="chai3d",
     title="CHAI3D 3.3",
     unit="millimetres",
     write=_write,
+    write_set=_write_set,
     run=(
         "Compile `drag.cpp` against your CHAI3D (its first line says how) and run it: a virtual hand drags the proxy over the edge "
         "and the peak is printed beside the formula. In a program of your own load `block.obj` into a `cMultiMesh`, "
         '`#include "StepBlock.h"` and '
-        "call `stepblock::prepare(object, tool)` once: it sets the contact and attaches the ring."
+        "call `stepblock::prepare(object, tool)` once: it sets the contact and attaches the ring. `chai3d-blocks` beside the blocks of "
+        "a set is such a program, with a CMakeLists.txt: it takes a device and switches blocks by keys."
     ),
     settings=(
         "millimetres, and a proxy epsilon of 1e-6: in metres with its default the proxy is wrong by up to 75 %",
