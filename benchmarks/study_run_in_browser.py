@@ -28,7 +28,7 @@ def main() -> None:
         design_study(SET, folder, seed=1, experiment="virtual", participants=people)
         for participant in range(1, people + 1):
             start = time.monotonic()
-            shown = whole_run(window, folder, str(participant), [17, 42], str(SET), pixels=400)
+            shown = whole_run(window, folder, str(participant), [17, 42], str(SET))
             expected = sorted([*range(1, 61), 17, 42])
             lines = (folder / "runs" / f"participant-{participant}.csv").read_text().splitlines()[1:]
             motions = sorted((folder / "runs" / f"participant-{participant}").glob("*.h5"))

@@ -90,7 +90,7 @@ def answer(window, estimate, rating=None):
     return window.execute_script("return state.done")
 
 
-def whole_run(window, folder, participant, kills, *options, pixels=400):
+def whole_run(window, folder, participant, kills, *options, pixels=560):
     """Run all trials of a participant, the program killed in the middle of the trials `kills`; return the trials as shown."""
     shown, waiting = [], list(kills)
     while True:

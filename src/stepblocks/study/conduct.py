@@ -140,24 +140,30 @@ class Run:
         servo = self._running
         if servo is None or self.blocks is None:
             return {"x": 0.0, "events": 0, "loudness": 0.0}
-        tool = self.blocks.point.tool
-        amplitude = math.sqrt(tool.conversion) * abs(servo.renderer.release_force)
-        ring = {"frequency": tool.frequency, "decay": tool.decay_time}
-        return {
-            "x": servo.renderer.proxy[0],
-            "events": servo.renderer.events,
-            "loudness": amplitude / self.loudest(),
-        } | ring
+        tool, renderer = self.blocks.point.tool, servo.renderer
+        felt = {
+            "x": renderer.proxy[0],
+            "events": renderer.events,
+            "frequency": tool.frequency,
+            "decay": tool.decay_time,
+        }
+        return felt | {"loudness": abs(renderer.release_force) / self.strongest()}
 
-    def loudest(self) -> float:
-        """Return the amplitude of the loudest ring of the study [N]: all blocks share one full scale."""
-        assert self.blocks is not None
+    def strongest(self) -> float:
+        """Return the largest release force of the study's blocks [N]: they share one full scale of sound, and of the page."""
+        if self.blocks is None:
+            return 1.0
         point, found = self.blocks.point, [1e-9]
         for face in self.blocks.faces.values():
             release = release_at(face.angles(point.ball_radius)[0], point.normal_load, point.friction, point.tool)
             if release.status is Status.RELEASES:
-                found.append(math.sqrt(point.tool.conversion) * release.pull_force)
+                found.append(release.pull_force)
         return max(found)
+
+    @property
+    def reach(self) -> float:
+        """Return how far the hand must pull before the last of the blocks releases, in the magnified frame [m]."""
+        return 0.0 if self.blocks is None else self.scale * self.strongest() / self.blocks.point.tool.stiffness
 
     def end(self) -> str:
         """Stop the servo loop, if one runs, and return why it ended."""

@@ -15,6 +15,7 @@ from stepblocks.study.hands import Mouse
 
 _LARGEST = 20_000  # bytes of a request
 _POLICY = "default-src 'none'; style-src 'unsafe-inline'; script-src 'unsafe-inline'; connect-src 'self'"
+_PULL = 400  # pixels to the right of the edge that are there on every screen
 _LINGER = 1.5  # the page still shows that the run is done [s]
 
 
@@ -49,9 +50,12 @@ class _Handler(BaseHTTPRequestHandler):
         if not self._ours(None):
             return
         if self.path == "/":
-            page = render_page(
-                "study", "run.html", token=self.server.token, participant=run.participant, virtual=run.virtual
-            )
+            told = {
+                "participant": run.participant,
+                "virtual": run.virtual,
+                "metres": max(1e-4, 1.2 * run.reach / _PULL),
+            }
+            page = render_page("study", "run.html", token=self.server.token, **told)
             self._send(200, page, "text/html; charset=utf-8")
         elif self.path == "/state":
             self._json(200, run.state())
