@@ -88,3 +88,26 @@ def test_a_guess_tied_to_lapses_makes_the_two_answers_mirror_images():
 def test_an_impossible_session_is_refused(make, said):
     with pytest.raises(StudyError, match=said):
         make()
+
+
+def test_training_keeps_a_trainee_at_three_of_four():
+    """Kaernbach's weighted up-down: one step down for a right answer, three up for a wrong one, rest where p = 3/4."""
+    generator = np.random.default_rng(5)
+    ease = {f"B{n:02}": 0.05 * n for n in range(1, 41)}  # fine levels, so that no end of the list is reached
+    heights = {code: 50e-6 + (n % 2 * 2 - 1) * 1e-6 * (n + 1) for n, code in enumerate(ease)} | {"S": 50e-6}
+    plan = Plan("training", heights, "S", trials=4000, reversals=4, seed=1, ease=ease)
+    assert plan.compared == tuple(
+        ease
+    )  # in the order of the predicted discriminability, whichever side of the standard
+    session, right = Session(plan, 1), []
+    while (pair := session.next_pair()) is not None:
+        code = pair.beside("S")
+        known = generator.random() < 0.5 + 0.5 * (1.0 - np.exp(-ease[code]))
+        truth = (heights[code] > heights["S"]) == (code == pair.second)
+        session.record(pair.trial, truth if known else not truth)
+        right.append(known)
+        assert session.right == known
+    assert len(right) == 4000  # it does not end by reversals
+    assert np.mean(right[500:]) == pytest.approx(0.75, abs=0.02)
+    with pytest.raises(StudyError, match="training keeps a trainee at 75 %"):
+        session.estimate()

@@ -33,7 +33,7 @@ _GROUPS = {
     "to begin": ("new", "help", "completion"),
     "stimuli": ("build", "check", "workshop", "inspect"),
     "what will be felt": ("predict", "drag", "sweep", "evidence"),
-    "simulators": ("export", "feel"),
+    "simulators": ("export", "feel", "compare"),
     "the bench": ("simulate-session", "measure", "loop"),
     "people": ("study",),
 }

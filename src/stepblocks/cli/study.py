@@ -221,7 +221,7 @@ def _add_adaptive(jobs: Any) -> None:
     said = "setup.json and the key of the blinding codes"
     start = add_command(steps, "start", _start, said, "blocks", within=_ADAPTIVE, instead="heights")
     start.add_argument("--standard", required=True, metavar="ID", help="block that the others are compared with")
-    start.add_argument("--method", choices=("quest", "staircase"), help="default: quest")
+    start.add_argument("--method", choices=("quest", "staircase", "training"), help="default: quest")
     start.add_argument("--participants", type=count, metavar="N", help="default: 10")
     start.add_argument("--trials", type=count, metavar="N", help="most per participant (default: 60)")
     start.add_argument("--reversals", type=count, metavar="N", help="a staircase ends after so many (default: 12)")
@@ -269,7 +269,9 @@ def _next(arguments: argparse.Namespace) -> Outcome:
 def _answer(arguments: argparse.Namespace) -> Outcome:
     from stepblocks.study.adaptive import answer
 
-    return Outcome(str(answer(arguments.folder, arguments.participant, arguments.trial, arguments.answer == "y")))
+    session = answer(arguments.folder, arguments.participant, arguments.trial, arguments.answer == "y")
+    told = ("right; " if session.right else "wrong; ") if session.plan.method == "training" else ""
+    return Outcome(f"{told}{session}")
 
 
 def _run(arguments: argparse.Namespace) -> Outcome:

@@ -100,7 +100,7 @@ def start_adaptive(
     seed : int
         Seed of codes and orders.
     method : str
-        ``"quest"`` or ``"staircase"``.
+        ``"quest"``, ``"staircase"``, or ``"training"``: pairs in order of their predicted discriminability, at 75 % right.
     participants, trials, reversals : int
         How many, most comparisons of each, and after how many reversals a staircase ends.
 
@@ -122,6 +122,9 @@ def start_adaptive(
     items = {codes[item.identity]: item for item in found.items}
     size = {"participants": participants, "trials": trials, "reversals": reversals}
     setup = {"schema": _SCHEMA, "experiment": "adaptive", "method": method, **size, "seed": seed}
+    if method == "training":
+        energies = found.energies()
+        setup["ease"] = {codes[name]: abs(math.log(value / energies[standard])) for name, value in energies.items()}
     setup |= {"standard": codes[standard], "blocks": {code: items[code].told() for code in sorted(items)}}
     study = _study(Path(folder), setup)
     keys = key_files(study.blocks, f"which of a pair comes first is drawn by seed {seed}")
@@ -148,7 +151,8 @@ def _study(folder: Path, setup: Mapping[str, Any]) -> AdaptiveStudy:
     told = setup["blocks"].items()
     blocks = {code: Item(one["stimulus"], one["engraved"], float(one["height_um"]) / 1e6) for code, one in told}
     heights = {code: block.height for code, block in blocks.items()}
-    plan = Plan(setup["method"], heights, setup["standard"], setup["trials"], setup["reversals"], setup["seed"])
+    sizes = {name: setup[name] for name in ("trials", "reversals", "seed")}
+    plan = Plan(setup["method"], heights, setup["standard"], **sizes, ease=setup.get("ease", {}))
     return AdaptiveStudy(folder, plan, setup["participants"], blocks)
 
 

@@ -10,7 +10,7 @@ import math
 import os
 import threading
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
@@ -29,6 +29,7 @@ from stepblocks.study.servo import RATE, Limits, Servo, write_motion
 from stepblocks.study.sheet import answer_columns, read_answers, read_design, sheet_rows
 from stepblocks.tables import csv_text
 
+_SLOW = 1.0  # s
 MAGNIFICATION = 100.0  # of a virtual block: the hand of a mouse travels centimetres [1]
 
 
@@ -132,7 +133,9 @@ class Run:
             renderer.tick(np.array([0.0, 0.0, 1.0]), np.zeros(3))  # compiled before it is felt
             if self.hand is None or isinstance(self.hand, Mouse):
                 self.hand = Mouse(point.normal_load, renderer.wall, float(renderer.path.z.max()))
-            self._running = Servo(renderer, self.hand, limits=self.limits)
+            # a mouse has no motors: a page that is slow for a moment needs no new start
+            limits = replace(self.limits, dead=_SLOW) if isinstance(self.hand, Mouse) else self.limits
+            self._running = Servo(renderer, self.hand, limits=limits)
             self._running.start()
 
     def felt(self) -> dict[str, float]:
@@ -147,6 +150,7 @@ class Run:
             "frequency": tool.frequency,
             "decay": tool.decay_time,
         }
+        felt["over"] = float(servo.ended != "")  # the watchdog took the force off
         return felt | {"loudness": abs(renderer.release_force) / self.strongest()}
 
     def strongest(self) -> float:

@@ -19,7 +19,8 @@ from stepblocks.study.analysis.psychometric import Z75
 Array = NDArray[np.float64]
 
 # QUEST+ on point of subjective equality, spread and lapse rate; two down, one up on blocks higher than the standard
-METHODS = ("quest", "staircase")
+# training: one down, three up on pairs in order of their difficulty, which keeps three of four answers right
+METHODS = ("quest", "staircase", "training")
 _Z707 = 0.5449521356173604  # standard normal quantile of 0.5 ** 0.5, on which two down, one up converges
 _SHIFTS = np.linspace(-0.5, 0.5, 31)
 _SPREADS = np.geomspace(0.02, 1.5, 21)
@@ -33,6 +34,8 @@ class Staircase:
 
     levels: Sequence[float]  # intensities of the stimuli that exist, ascending, for instance heights [m]
     hits_down: int = 2  # hits in a row that lead down: 1, 2 and 3 converge on 50, 70.7 and 79.4 % hits
+    # levels up after a miss; 3 with one hit down converges on 75 %: Kaernbach, C. (1991), Perception & Psychophysics 49, 227-229
+    up: int = 1
     start: int = -1  # index of the first level; the highest where omitted
     reversals: list[float] = field(default_factory=list, init=False)
     _index: int = field(init=False)
@@ -61,7 +64,7 @@ class Staircase:
         if self._direction == -direction:
             self.reversals.append(self.level)
         self._direction, self._run = direction, 0
-        self._index = min(max(self._index + direction, 0), len(self.levels) - 1)
+        self._index = min(max(self._index + direction * (1 if hit else self.up), 0), len(self.levels) - 1)
 
     def threshold(self, skip: int = 2) -> float:
         """Estimate the threshold from the reversals."""
@@ -142,6 +145,8 @@ class Plan:
     trials: int  # most comparisons of a participant
     reversals: int  # a staircase ends after so many
     seed: int  # decides which of a pair comes first
+    # predicted discriminability of each block from the standard [1]; of training
+    ease: Mapping[str, float] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
         require(self.method in METHODS, f"method must be one of {', '.join(METHODS)}, got {self.method!r}")
@@ -163,6 +168,10 @@ class Plan:
         codes = sorted(self.heights, key=lambda code: self.heights[code])
         if self.method == "staircase":
             return tuple(code for code in codes if self.heights[code] > base)
+        if self.method == "training":
+            return tuple(
+                sorted((code for code in codes if code != self.standard), key=lambda code: self.ease.get(code, 0.0))
+            )
         return tuple(code for code in codes if code != self.standard)
 
 
@@ -196,13 +205,15 @@ class Session:
 
     def __init__(self, plan: Plan, participant: int) -> None:
         self.plan, self.participant = plan, participant
+        self.right: bool | None = None  # whether the last answer was, of a staircase
         self.answers: list[tuple[Pair, bool]] = []  # and whether the second was called higher
         self._next: Pair | None = None
         base = plan.heights[plan.standard]
-        self._levels = {code: math.log(plan.heights[code] / base) for code in plan.compared}
+        self._levels = {code: plan.ease.get(code, math.log(plan.heights[code] / base)) for code in plan.compared}
         self._by_level = {level: code for code, level in self._levels.items()}
         levels = list(self._levels.values())
-        self._stairs = Staircase(levels, _HITS_DOWN) if plan.method == "staircase" else None
+        steps = {"staircase": (_HITS_DOWN, 1), "training": (1, 3)}.get(plan.method)
+        self._stairs = Staircase(levels, steps[0], up=steps[1]) if steps else None
         self._quest = None if self._stairs else QuestPlus(levels, list(_SHIFTS), list(_SPREADS), _LAPSES, guess=None)
 
     def __str__(self) -> str:
@@ -216,7 +227,11 @@ class Session:
         done = len(self.answers)
         if self._next is not None and self._next.trial == done + 1:
             return self._next
-        over = self._stairs is not None and len(self._stairs.reversals) >= self.plan.reversals
+        over = (
+            self.plan.method == "staircase"
+            and self._stairs is not None
+            and len(self._stairs.reversals) >= self.plan.reversals
+        )
         if done >= self.plan.trials or over:
             return None
         level = self._stairs.level if self._stairs else self._quest.next_level() if self._quest else 0.0
@@ -236,7 +251,9 @@ class Session:
         compared = pair.beside(self.plan.standard)
         higher = second_is_higher == (compared == pair.second)
         if self._stairs:
-            self._stairs.record(higher)
+            truly = self.plan.heights[compared] > self.plan.heights[self.plan.standard]
+            self._stairs.record(higher == truly)
+            self.right = higher == truly
         elif self._quest:
             self._quest.record(self._levels[compared], higher)
         self.answers.append((pair, second_is_higher))
@@ -244,6 +261,8 @@ class Session:
     def estimate(self) -> Estimate:
         """Return what the answers say."""
         base = self.plan.heights[self.plan.standard]
+        if self.plan.method == "training":
+            raise StudyError("training keeps a trainee at 75 % and estimates nothing")
         if quest := self._quest:
             equal = [base * math.exp(quest.quantile(0, share)) for share in (0.5, 0.025, 0.975)]
             weber = [math.expm1(Z75 * quest.quantile(1, share)) for share in (0.5, 0.025, 0.975)]

@@ -1,0 +1,96 @@
+"""Realism in just noticeable differences: the ideal is none away, what is off is told by the part that is off."""
+
+import math
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from stepblocks.cli import main
+from stepblocks.errors import HapticsError
+from stepblocks.simulators.compare import JND, compare
+from stepblocks.simulators.export import export
+
+SET = Path(__file__).resolve().parents[2] / "stimuli" / "paper-ten.toml"
+STEP = SET / "step-050"
+RATE, TOOL = 10e3, {"frequency": 300.0, "decay": 15e-3}
+
+
+def ideal():
+    from stepblocks.simulators.compare import _event_of
+
+    return _event_of(STEP, {})
+
+
+def recorded(path, energy=1.0, frequency=1.0, decay=1.0, force=1.0, noise=0.0):
+    """A drag in closed form: the pull rises, falls at the release, and the ring follows."""
+    event = ideal()
+    tool = event.tool
+    time = np.arange(-0.2, 0.12, 1.0 / RATE)
+    after = time >= 0.0
+    tau, own = tool.decay_time * decay, tool.frequency * frequency
+    amplitude = event.amplitude * math.sqrt(energy / decay)  # the energy of a ring goes with the square times its decay
+    ring = amplitude * np.exp(-time / tau) * np.sin(math.tau * own * time)
+    pull = np.where(after, ring, event.critical_force * force * (1.0 + time / 0.2))
+    pull += noise * np.random.default_rng(1).standard_normal(len(time))
+    path.write_text("time_s,force_n\n" + "".join(f"{t:.6f},{f:.9g}\n" for t, f in zip(time + 0.2, pull, strict=True)))
+    return path
+
+
+def parts(result):
+    return {name: apart for name, _, _, apart in result.parts}
+
+
+def test_the_ideal_is_less_than_a_tenth_of_a_difference_away(tmp_path):
+    result = compare(recorded(tmp_path / "a.csv"), STEP)
+    assert set(parts(result)) == set(JND)
+    assert result.score < 0.1
+
+
+@pytest.mark.parametrize(
+    ("change", "part", "expected"),
+    [
+        ({"force": 1.07}, "peak force", 1.0),
+        ({"energy": 10.0**0.15}, "ring energy", 1.0),
+        ({"frequency": 1.2}, "ring frequency", 1.0),
+        ({"energy": 0.25}, "ring energy", math.log(4.0) / math.log(10.0**0.15)),
+    ],
+)
+def test_a_part_that_is_off_by_a_just_noticeable_difference_counts_one(tmp_path, change, part, expected):
+    found = parts(compare(recorded(tmp_path / "a.csv", **change, noise=1e-4), STEP))
+    assert found[part] == pytest.approx(expected, abs=0.12)
+    for other in {"peak force", "ring energy", "ring frequency"} - {part}:
+        assert found[other] < 0.2
+
+
+def test_a_shorter_ring_is_found_by_its_decay(tmp_path):
+    result = compare(recorded(tmp_path / "a.csv", decay=0.4), STEP)
+    got = {name: value for name, value, _, _ in result.parts}
+    assert got["ring decay"] == pytest.approx(0.4 * ideal().tool.decay_time, rel=0.05)
+
+
+def test_an_exported_ring_is_its_own_ideal_at_the_full_scale_of_its_name(tmp_path, capsys):
+    export(SET, "forcelaw", tmp_path, only="step-050")
+    (wav,) = (tmp_path / "paper-ten" / "step-050" / "forcelaw").glob("ring-up-48khz-full-scale-*-int16.wav")
+    full = wav.stem.split("full-scale-")[1].split("n-")[0]
+    assert (
+        main(["compare", str(wav), "--to", str(STEP), "--full-scale", f"{full} N", "-o", str(tmp_path / "c.csv")]) == 0
+    )
+    score = float((tmp_path / "c.csv").read_text().splitlines()[-1].split(",")[3])
+    assert score < 0.1
+    assert compare(wav, STEP, full_scale=0.5 * float(full)).score == pytest.approx(
+        math.log(4.0) / math.log(10.0**0.15), rel=0.02
+    )
+
+
+def test_what_cannot_be_compared_is_said(tmp_path):
+    path = tmp_path / "a.csv"
+    for text, to, message in (
+        ("time_s,force_n\n0,1\n1,2\n", STEP, "time_s must rise in at least 16 rows, got 2"),
+        ("time_s,force_n\n0,1\n1,2\n", SET / "step-5", "the stimulus must be one of step-010, .* got 'step-5'"),
+    ):
+        path.write_text(text)
+        with pytest.raises(HapticsError, match=message):
+            compare(path, to)
+    with pytest.raises(HapticsError, match="the stimulus must release the probe to be compared, it is locked"):
+        compare(path, SET / "step-100", friction=0.6)
