@@ -10,10 +10,11 @@ Everything a command does, a notebook can. The names below are the public face, 
   is `PAPER`;
 - predicted: `step_angle`, `groove_angle`, `margin_angles`, `release_at`, `Release`, `Status`, `interval_of`, `energy_change`,
   `predict_set`, `predict_table`, `predict_trials`, `sweep`, `drag_over`, `vibration_events`;
-- felt: `export`, `feel`, `Renderer`;
+- felt: `export`, `feel`, `compare`, `Renderer`;
 - measured: `read_scan`, `inspect_scan`, `inspect_standard`, `write_inspection`, `read_as_built`, `measure`, `simulate_session`;
 - explained: `loop_session`, `loop_sessions`, `read_model`; held against what others published: `hold_against_evidence`;
-- judged by people: `design_study`, `write_sheets`, `simulate_study`, `analyse_study`, `study_power`, `start_adaptive`;
+- judged by people: `design_study`, `write_sheets`, `open_run`, `simulate_study`, `analyse_study`, `analyse_table`, `share_study`,
+  `study_power`, `start_adaptive`;
 - and when something is wrong: `StepblocksError`; at the border of units: `parse_quantity`, `format_quantity`.
 
 Importing this package imports nothing heavy; each name is loaded when it is first used (its home stands in ``__init__.pyi``).

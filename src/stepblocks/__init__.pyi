@@ -58,11 +58,15 @@ from .predict.table import predict_table as predict_table
 from .predict.trials import predict_trials as predict_trials
 from .quantities import format_quantity as format_quantity
 from .quantities import parse_quantity as parse_quantity
+from .simulators.compare import compare as compare
 from .simulators.export import export as export
 from .simulators.feel import feel as feel
 from .simulators.renderer import Renderer as Renderer
 from .study.adaptive import start_adaptive as start_adaptive
+from .study.conduct import open_run as open_run
+from .study.exchange import share_study as share_study
 from .study.run import analyse_study as analyse_study
+from .study.run import analyse_table as analyse_table
 from .study.run import design_study as design_study
 from .study.run import simulate_study as simulate_study
 from .study.run import study_power as study_power

@@ -57,8 +57,8 @@ def add_to(commands: Any) -> None:
     run = add_command(jobs, "run", _conduct, said, "folder", "energies", instead="nothing")
     run.add_argument("--participant", required=True, metavar="N", help="whose run it is, as in the design")
     said = "what moves the probe over virtual blocks (default: mouse, with the loudspeaker)"
-    run.add_argument("--device", choices=("mouse", "openhaptics", "dhd"), help=said)
-    run.add_argument("--library", metavar="PATH", help="the device's library, where the system does not find it")
+    run.add_argument("--device", choices=("mouse", "openhaptics", "dhd", "replay"), help=said)
+    run.add_argument("--library", metavar="PATH", help="the device's library, or the HDF5 that is replayed")
     run.add_argument("--scale", type=float, metavar="S", help="magnification of all virtual blocks (default: 100)")
     run.add_argument("--ratings", type=scale, metavar="LOW-HIGH", help="scale of the ratings (default: 1-7)")
     add_place(run)

@@ -24,7 +24,7 @@ from stepblocks.simulators.renderer import Renderer
 from stepblocks.study import require
 from stepblocks.study.blocks import Blocks, blocks_of
 from stepblocks.study.experiments import EXPERIMENTS, LARGEST_ESTIMATE, RATINGS, Row, number
-from stepblocks.study.hands import VENDORS, Hand, Mouse
+from stepblocks.study.hands import HANDS, Hand, Mouse, Replay
 from stepblocks.study.servo import RATE, Limits, Servo, write_motion
 from stepblocks.study.sheet import answer_columns, read_answers, read_design, sheet_rows
 from stepblocks.tables import csv_text
@@ -133,6 +133,8 @@ class Run:
             renderer.tick(np.array([0.0, 0.0, 1.0]), np.zeros(3))  # compiled before it is felt
             if self.hand is None or isinstance(self.hand, Mouse):
                 self.hand = Mouse(point.normal_load, renderer.wall, float(renderer.path.z.max()))
+            if isinstance(self.hand, Replay):
+                self.hand.rewind()
             # a mouse has no motors: a page that is slow for a moment needs no new start
             limits = replace(self.limits, dead=_SLOW) if isinstance(self.hand, Mouse) else self.limits
             self._running = Servo(renderer, self.hand, limits=limits)
@@ -236,9 +238,9 @@ def open_run(
     source : str or Path, optional
         Stimulus file of the virtual blocks; without one they are sharp steps of the design's heights.
     device : str
-        ``"mouse"`` (and the loudspeaker of the browser), ``"openhaptics"`` or ``"dhd"``.
+        ``"mouse"`` (and the loudspeaker of the browser), ``"openhaptics"``, ``"dhd"``, or ``"replay"`` of a recorded hand.
     library : str
-        Path of the device's library, where the system does not find it.
+        Path of the device's library, where the system does not find it, or of the record.
     scale : float
         Magnification of all blocks [1].
     ratings : tuple of int
@@ -257,11 +259,11 @@ def open_run(
         If there is no such participant, block or device, or the run is open already.
     """
     require(math.isfinite(scale) and scale > 0.0, f"scale must be positive and finite, got {scale:g}")
-    if device not in ("mouse", *VENDORS):
-        raise PipelineError(f"device must be one of mouse, {', '.join(VENDORS)}, got {device!r}")
+    if device not in ("mouse", *HANDS):
+        raise PipelineError(f"device must be one of mouse, {', '.join(HANDS)}, got {device!r}")
     design = read_design(Path(folder) / "design.csv")
     blocks = _virtual(design, source, felt) if design[0]["experiment"] == "virtual" else None
-    hand = VENDORS[device](library) if blocks is not None and device in VENDORS else None
+    hand = HANDS[device](library) if blocks is not None and device in HANDS else None
     return Run(Path(folder), participant, blocks, hand, scale, ratings=ratings)
 
 

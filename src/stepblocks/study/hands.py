@@ -80,6 +80,10 @@ class Replay:
         self._positions, self._period, self._tick = np.asarray(positions, dtype=np.float64), period, 0
         self.forces: list[Array] = []  # that it felt
 
+    def rewind(self) -> None:
+        """Begin anew, as every trial does."""
+        self._tick = 0
+
     def read(self) -> tuple[Array, Array, bool]:
         """Return the next position."""
         index = min(self._tick, len(self._positions) - 1)
@@ -212,4 +216,19 @@ class OpenHaptics:
         self._lib.hdDisableDevice(self._device)
 
 
-VENDORS: dict[str, Callable[[str], Hand]] = {"openhaptics": OpenHaptics, "dhd": ForceDimension}
+def recorded(path: str) -> Replay:
+    """Read the hand of a trial that ``study run`` has written."""
+    import h5py
+
+    try:
+        with h5py.File(path) as file:
+            held = file["held"][:] > 0.0
+            return Replay(
+                np.column_stack([file[f"{axis}_m"][:][held] for axis in "xyz"]), 1.0 / float(file.attrs["rate_hz"])
+            )
+    except (OSError, KeyError, ValueError) as error:
+        raise PipelineError(f"a recorded hand must be the HDF5 of a trial: {error} [{path}]") from error
+
+
+# by name: what opens a hand, from the path of its library, or of its record
+HANDS: dict[str, Callable[[str], Hand]] = {"openhaptics": OpenHaptics, "dhd": ForceDimension, "replay": recorded}

@@ -40,16 +40,15 @@ def _estimates(result: StudyResult) -> Iterator[str]:
         scatter = None if spread is None else _facing(spread, name, best[0])
         if scatter is not None and scatter.p < _LEVEL:
             ratio, low, high = (math.exp(v) for v in (scatter.difference, scatter.low, scatter.high))
-            said.append(f"scatter {ratio:.2g} times as much (95 % {low:.2g} to {high:.2g})")
+            said.append(f"scatter {ratio:#.2g} times as much (95 % {low:#.2g} to {high:#.2g})")
         farther, moved = _facing(absolute, name, best[0]), _facing(bias, name, best[0])
         if farther.p < _LEVEL:
             said.append(f"are farther from the height by {_um(farther)}")
         if moved.p < _LEVEL:
             said.append(f"are {'higher' if moved.difference > 0.0 else 'lower'} by {_um(moved, abs(moved.difference))}")
         if said:
-            clauses.append(
-                f"with {name} estimates {', '.join(said[:-1])}{' and ' if said[:-1] else ''}{said[-1]} than with {best[0]}"
-            )
+            listed = f"{', '.join(said[:-1])}{' and ' if said[:-1] else ''}{said[-1]}"
+            clauses.append(f"compared with {best[0]}, estimates with {name} {listed}")
     by_pair = {frozenset((one.first, one.second)): one for one in bias.equivalence}
     for one in absolute.equivalence:
         families = [_facing(part, one.first, one.second).p for part in (absolute, bias, spread) if part is not None]
