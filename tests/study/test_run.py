@@ -9,6 +9,7 @@ import pytest
 
 from stepblocks.declare import load_declared
 from stepblocks.errors import ContactError, PipelineError, StudyError
+from stepblocks.predict.predictions import predict_one
 from stepblocks.study.blocks import blocks_of
 from stepblocks.study.run import analyse_study, design_study, simulate_study, study_power, write_sheets
 from stepblocks.study.simulate import Observer
@@ -45,18 +46,25 @@ def test_an_unknown_experiment_is_refused_with_those_that_there_are(tmp_path):
 
 def test_energies_are_those_of_equation_one_unless_the_drag_in_time_says_otherwise():
     stimuli = load_declared(Path(FOUR))
-    found = blocks_of(FOUR, {"ball_radius": 150e-6, "normal_load": 0.5, "friction": 0.1}).energies()
-    for block in stimuli.step_block:
-        # a = arccos(1 - H/(R + r)), F = N tan(a + atan mu), E = C F^2 / 2k with the k and C_v of the paper
-        angle = math.acos(1.0 - block.height.nominal / (150e-6 + block.edge_radius.nominal))
-        force = 0.5 * math.tan(angle + math.atan(0.1))
-        assert found[block.id] == pytest.approx(0.20 * 0.5 * force**2 / 9.81e3, rel=1e-9)
+    place = {"ball_radius": 150e-6, "normal_load": 1.0, "friction": 0.1}
+    load, point = 1.0, blocks_of(FOUR, place).point
+    (found,) = blocks_of(FOUR, place, "*-025").energies().values()
+    # a = arccos(1 - H/(R + r)), F = N tan(a + atan mu), E = C F^2 / 2k with the k and C_v of the paper
+    force = load * math.tan(math.acos(1.0 - 25e-6 / 150e-6) + math.atan(0.1))
+    assert found == pytest.approx(0.20 * 0.5 * force**2 / 9.81e3, rel=1e-9)
+    # with the higher blocks, of whose energy the drag keeps more than twice as much, the drag speaks for all
+    asked = [predict_one(block.counterface(), point) for block in stimuli.step_block]
+    assert [one.differs for one in asked] == [False, True, True, True]
+    assert list(blocks_of(FOUR, place).energies().values()) == [one.in_time.energy for one in asked]
 
 
 def test_what_is_left_out_is_the_first_of_the_file_under_which_every_block_rings():
     stimuli = load_declared(Path(FOUR))
     point, grid = blocks_of(FOUR, {"friction": 0.05}).point, stimuli.prediction
-    assert (point.ball_radius, point.normal_load, point.friction) == (grid.tip_radii[0], grid.normal_loads[0], 0.05)
+    assert (point.ball_radius, point.friction) == (grid.tip_radii[0], 0.05)
+    # under 0.25 N the drag walks over the step of 25 um: not the first load, the second
+    assert point.normal_load == grid.normal_loads[1]
+    assert predict_one(stimuli.step_block[0].counterface(), replace(point, normal_load=0.25)).felt_energy == 0.0
     assert point.tool.stiffness == grid.tool.stiffness
     with pytest.raises(ContactError, match="ball_radius must be positive"):
         blocks_of(FOUR, {"ball_radius": 0.0})

@@ -2,20 +2,22 @@
 
 from __future__ import annotations
 
+import itertools
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from types import MappingProxyType
 from typing import Any
 
 from stepblocks.contact.counterface import Counterface, Step
-from stepblocks.contact.energy import Status, release_at
+from stepblocks.contact.energy import Status
 from stepblocks.contact.operating_point import PAPER, OperatingPoint
 from stepblocks.declare import load_declared
 from stepblocks.errors import PipelineError
 from stepblocks.parts.lettering import engraved_text
-from stepblocks.predict.predictions import tool_of
+from stepblocks.predict.perception import felt_energies
+from stepblocks.predict.predictions import predict_one, tool_of
 from stepblocks.select import matches
 from stepblocks.study.design import Item
 from stepblocks.study.simulate import TYPICAL_OBSERVER, Z95, Observer
@@ -27,21 +29,30 @@ class Blocks:
 
     items: tuple[Item, ...]
     faces: Mapping[str, Counterface]  # by identity
-    point: OperatingPoint  # the first of the set's grid, as far as nothing else is asked for
+    point: (
+        OperatingPoint  # the first of the set's grid under which every block rings, as far as nothing else is asked for
+    )
 
     def energies(self) -> dict[str, float]:
-        """Predict the vibration energy [J] of each block, which must release the probe."""
-        found = {}
+        """Predict the felt energy [J] of each block, the drag's where one differs from the formula; each must release the probe."""
+        found = dict(zip(self.faces, _felt(self.faces.values(), self.point), strict=True))
         for name, face in self.faces.items():
-            angle, _ = face.angles(self.point.ball_radius)
-            release = release_at(angle, self.point.normal_load, self.point.friction, self.point.tool)
-            if release.status is not Status.RELEASES or not math.isfinite(release.vibration_energy):
+            if not found[name] > 0.0:
+                status = face.release(self.point).status
+                said = "walked over in time" if status is Status.RELEASES else status.value
                 raise PipelineError(
                     f"every block must release the probe to be felt by its vibration; "
-                    f"{name} is {release.status.value} at friction {self.point.friction:g}"
+                    f"{name} is {said} at friction {self.point.friction:g}"
                 )
-            found[name] = release.vibration_energy
         return found
+
+
+def _felt(faces: Iterable[Counterface], point: OperatingPoint) -> list[float]:
+    return list(felt_energies([predict_one(face, point) for face in faces])[0])
+
+
+def _rise(energies: Sequence[float]) -> bool:
+    return energies[0] > 0.0 and all(low < high for low, high in itertools.pairwise(energies))
 
 
 def blocks_of(
@@ -58,8 +69,12 @@ def blocks_of(
         chosen = f" that match {only!r}" if only else ""
         raise PipelineError(f"a study needs step blocks; the set {stimuli.name} has none{chosen}")
     grid = stimuli.prediction
-    firsts = {"ball_radius": grid.tip_radii[0], "normal_load": grid.normal_loads[0], "friction": grid.frictions[0]}
-    point = OperatingPoint(**{**firsts, **felt}, tool=tool_of(grid))
+    at = {"ball_radius": grid.tip_radii[0], "friction": grid.frictions[0], **felt}
+    loads = [felt["normal_load"]] if "normal_load" in felt else grid.normal_loads
+    points = [OperatingPoint(at["ball_radius"], load, at["friction"], tool_of(grid)) for load in loads]
+    faces = [block.counterface() for block in sorted(stimuli.step_block, key=lambda one: one.height.nominal)]
+    # of the loads the first under which every block rings, and rises
+    point = next((point for point in points[:-1] if _rise(_felt(faces, point))), points[-1])
     items = tuple(Item(block.id, engraved_text(block.id), block.height.nominal) for block in blocks)
     return Blocks(items, {block.id: block.counterface() for block in blocks}, point)
 
