@@ -86,6 +86,9 @@ def mistakes_in(
             break
         except ValidationError as other:
             error = other
+    # that too few are left is no mistake of its own where those that fell out are told
+    deeper = {one["loc"][:end] for one in found.values() for end in range(len(one["loc"]))}
+    found = {key: one for key, one in found.items() if one["type"] != "too_short" or one["loc"] not in deeper}
     mistakes = []
     for one in sorted(found.values(), key=lambda one: one["type"] != "extra_forbidden"):
         place, rest = locate(one["loc"])

@@ -108,19 +108,7 @@ def without(text, *lines):
 
 @pytest.mark.parametrize(
     ("name", "cut", "said"),
-    [
-        (
-            "paper-ten",
-            'tip_radii = ["125 um"]',
-            "prediction.tip_radii must be given for a set with blocks, crowns or sheaths",
-        ),
-        (
-            "probe-tips",
-            "step_heights",
-            "prediction.step_heights must be given for a set with tips or sheaths, got none",
-        ),
-        ("sheaths", "[damping_rig]", "damping_rig must be declared for a set with sheaths, got none"),
-    ],
+    [("sheaths", "[damping_rig]", "damping_rig must be declared for a set with sheaths, got none")],
 )
 def test_a_set_says_what_it_needs(tmp_path, name, cut, said):
     lines = (STIMULI / f"{name}.toml").read_text().splitlines()
@@ -132,6 +120,23 @@ def test_a_set_says_what_it_needs(tmp_path, name, cut, said):
     path.write_text("\n".join(lines[:start] + lines[end:]))
     with pytest.raises(StimulusError, match=said):
         load_set(path)
+
+
+@pytest.mark.parametrize(
+    ("stanza", "field", "paper"),
+    [
+        # R of the paper; the steps of its apparatus; a load and a friction stand for the band that it states
+        ('[[step_block]]\nid = "a"\nheight = "25 um"', "tip_radii", (125e-6,)),
+        ('[[straight_tip]]\nid = "a"\nball_radius = "60 um"', "step_heights", (25e-6, 50e-6, 75e-6, 100e-6)),
+        ('[[straight_tip]]\nid = "a"\nball_radius = "60 um"', "tip_radii", ()),
+        ('[[step_block]]\nid = "a"\nheight = "25 um"', "normal_loads", (1.0,)),
+        ('[[step_block]]\nid = "a"\nheight = "25 um"', "frictions", (0.15,)),
+    ],
+)
+def test_conditions_that_a_file_leaves_out_are_those_of_the_paper(tmp_path, stanza, field, paper):
+    path = tmp_path / "mine.toml"
+    path.write_text(stanza)
+    assert getattr(load_set(path).prediction, field) == paper
 
 
 def test_only_parts_that_bring_their_ball_need_no_tips(tmp_path):

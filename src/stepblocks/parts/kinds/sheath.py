@@ -182,6 +182,8 @@ class Sheath(Turned, HeldPart):
     def _is_possible(self) -> None:
         bore, outer, broken = self.bore.nominal, self.outer_diameter.nominal, self.edge_break.nominal
         require_above("outer_diameter", "exceed bore", outer, bore)
+        if outer <= bore:
+            return  # without a wall, nothing can be said of what is cut into it
         room = min(self.wall, 0.5 * self.length.nominal)
         require_below("edge_break", "be smaller than the wall and half the length", broken, room)
 
@@ -212,7 +214,7 @@ def _validated(stanza: Mapping[str, Any], place: str) -> Sheath:
     try:
         return Sheath.model_validate(dict(stanza))
     except ValidationError as error:
-        raise ValueError(f"{_first(error)} [{place}]") from error
+        raise ValueError("\n".join(f"{line} [{place}]" for line in _first(error).splitlines())) from error
 
 
 def _first(error: ValidationError) -> str:
