@@ -15,7 +15,9 @@ def result(worn):
 def test_the_page_holds_every_claim_and_its_grounds(result):
     page = page_of(result)
     for text in (
-        "Verdict: effect",
+        "Verdict: <b>effect</b>",
+        "Friction runs in",
+        "measured against predicted",
         "running_in",
         "95 % low",
         "mu (1 + s exp(-n / n0))",
@@ -23,7 +25,9 @@ def test_the_page_holds_every_claim_and_its_grounds(result):
         "truncated",
     ):
         assert text in page
-    assert page.count("data:image/png;base64,") == 3 + 1  # residuals of three channels, one curve
+    assert (
+        page.count("data:image/png;base64,") == 1 + 3 + 1
+    )  # measured against predicted, residuals of three channels, one curve
 
 
 def test_a_title_from_a_session_cannot_break_the_page(result):

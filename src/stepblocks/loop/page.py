@@ -18,6 +18,7 @@ from stepblocks.loop.search.forward_model import Effect, Floats
 from stepblocks.page_file import render_page
 
 _BEFORE, _AFTER = "#b0506a", "#2f6f9f"
+_UNASKED = {"calibration": [], "note": "", "trials": [], "channel": "", "repeats": 0, "block": None}
 _WORST = 10  # trials shown
 _SHOWN_CHANNELS = ("ln_energy", "ln_peak_force", "sliding_friction")
 _FINE = 12  # settings that are averaged one by one, not in groups
@@ -27,10 +28,12 @@ def page_of(result: LoopResult) -> str:
     """Render the page."""
     # the names are those of the result: one that was withdrawn there is not claimed here
     named = zip(result.found.findings, result.document["effects"], strict=True)
+    asked = result.document["next_experiment"]
     return render_page(
         "loop",
         "loop.html.j2",
         title=result.title,
+        asked=_UNASKED | asked if asked else None,
         r=result.document,
         agreement=_agreement(result.found),
         residuals=[_residuals(result.found, channel) for channel in _SHOWN_CHANNELS],
