@@ -24,9 +24,10 @@ _LEAST_LEVEL = 0.02  # density of the lesser of two levels over that of the grea
 _TURNS = 6  # of levelling and looking again
 _BINS = 400  # of the histogram of heights
 _GAP = 0.6  # part of the points of the lesser of two levels that may lie between them [1]
+_LEAST_PERIODS = 4.0  # that a grating must show [1]: a wandering surface bends twice or thrice
 _HARMONICS = 8  # of a grating's period that are kept
 _PHASES = 48  # into which the period of a grating is folded
-_REPEATS = 0.7  # part of the variance that repeats, from which a map is a grating [1]
+_REPEATS = 0.8  # part of the variance that repeats, from which a map is a grating [1]
 _OWN_HEIGHTS = (
     1.5  # interval by the scatter over features above that over rows, from which each has a height of its own [1]
 )
@@ -243,7 +244,7 @@ def fit_grating(x: Array, y: Array, z: Array) -> Grating:
     fx = np.fft.rfftfreq(4 * len(x), float(x[1] - x[0]))
     fy = np.fft.fftfreq(4 * len(y), float(y[1] - y[0])) if len(y) > 3 else np.zeros(1)
     periods = np.hypot(fx[np.newaxis, :] * extents[0], fy[:, np.newaxis] * extents[1])
-    at = np.unravel_index(int(np.argmax(np.where(periods >= 2.5, power, 0.0))), power.shape)
+    at = np.unravel_index(int(np.argmax(np.where(periods >= _LEAST_PERIODS, power, 0.0))), power.shape)
     first = np.array([fx[at[1]], fy[at[0]]])
     gx, gy = np.meshgrid(x - x[0], y - y[0])
     points, heights = np.stack([gx[known], gy[known]]), level[known]

@@ -11,6 +11,7 @@ from typing import Any
 from stepblocks.artefacts.as_built import AsBuilt
 from stepblocks.contact.counterface import energy_change, scanned_angle
 from stepblocks.contact.energy import Release, release_at
+from stepblocks.contact.uncertainty import Interval
 from stepblocks.parts.kind import Part
 from stepblocks.parts.set import StimulusSet
 from stepblocks.predict.predictions import Prediction, predictions_of, six_digits, tool_of
@@ -72,17 +73,19 @@ def by_surface(
         if release is None:
             yield one
             continue
-        if one.interval is None:
-            yield replace(one, release=release)
-            continue
-        # the tolerances of setting and block move it as they move the declared edge
-        names = [(f"{kind}_{end}", kind) for kind in ("force", "energy") for end in ("low", "high")]
-        names += [(f"analytic_{name}", kind) for name, kind in names]
-        found = {"force": float(release.pull_force), "energy": float(release.vibration_energy)}
-        moved = {kind: value / getattr(one.interval, kind) for kind, value in found.items()}
-        limits = {name: getattr(one.interval, name) * moved[kind] for name, kind in names}
-        changes: dict[str, Any] = {"status": release.status, **found, **limits}
-        yield replace(one, release=release, interval=replace(one.interval, **changes))
+        yield replace(one, release=release, interval=_moved_with(one.interval, release))
+
+
+def _moved_with(interval: Interval | None, release: Release) -> Interval | None:
+    """Move an interval with its value: the tolerances of setting and block move both alike."""
+    if interval is None:
+        return None
+    names = [(f"{kind}_{end}", kind) for kind in ("force", "energy") for end in ("low", "high")]
+    names += [(f"analytic_{name}", kind) for name, kind in names]
+    found = {"force": float(release.pull_force), "energy": float(release.vibration_energy)}
+    limits = {name: getattr(interval, name) * found[kind] / getattr(interval, kind) for name, kind in names}
+    changes: dict[str, Any] = {"status": release.status, **found, **limits}
+    return replace(interval, **changes)
 
 
 def surface_columns(release: Release | None) -> dict[str, str]:

@@ -1,0 +1,97 @@
+"""All features of a profile or map, and none where there is none: closed forms of the gauges, and real scans."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from oracles.softgauge import correlated_noise, groove_gauge
+from stepblocks.artefacts.scans.read import list_channels, read_scan
+from stepblocks.artefacts.scans.scan import HeightMap, Profile
+from stepblocks.errors import MetrologyError
+from stepblocks.inspect.budget import Instrument
+from stepblocks.inspect.edge import fit_edge
+from stepblocks.inspect.grooves import measure_groove
+from stepblocks.inspect.measure import How
+
+EXACT = Instrument(0.0, 0.0, 0.0)
+UM, NM = 1e-6, 1e-9
+REAL = Path(__file__).parents[3] / "shared" / "real"
+
+
+def noise(x, seed, rough=30 * NM, length=3 * UM):
+    return correlated_noise(len(x), float(x[1] - x[0]), 5 * NM, rough, length, np.random.default_rng(seed))
+
+
+@pytest.mark.parametrize("seed", range(6))
+def test_rough_bowed_and_wandering_surfaces_show_no_step(seed):
+    x = np.arange(1500) * UM
+    wander = np.cumsum(np.random.default_rng(seed).normal(size=1500)) * NM
+    for z in (noise(x, seed), noise(x, seed, 50 * NM, 20 * UM) + 3 * UM * (x / x[-1]) ** 2, wander):
+        with pytest.raises(MetrologyError, match="must"):
+            measure_groove(Profile(x, z), EXACT)
+
+
+def test_four_ridges_have_four_heights_a_mean_and_a_pitch():
+    x = np.arange(9000) * 0.5 * UM
+    z = sum(groove_gauge(x, -37.4 * UM, a * UM, (a + 300) * UM, 52 * UM) for a in (500, 1500, 2500, 3500))
+    found = measure_groove(Profile(x, z + noise(x, 1, 100 * NM)), EXACT).values
+    for key in ("groove_depth", *(f"groove_depth_{index}" for index in (1, 2, 3, 4))):
+        assert abs(found[key].value - 37.4 * UM) < found[key].expanded(0.99)
+    assert found["feature_pitch"].value == pytest.approx(1e-3, rel=1e-3)
+    chosen = measure_groove(Profile(x, z + noise(x, 1, 100 * NM)), EXACT, How(edges=(2,))).values
+    assert "groove_depth_1" not in chosen
+
+
+def test_a_film_on_a_bowed_wafer_is_levelled_by_the_bow_and_its_height_is_held():
+    x = np.arange(5000) * UM
+    found = []
+    for seed in range(12):
+        z = np.where(x > 2e-3, 56 * NM, 0.0) + 3 * UM * (x / 5e-3 - 0.4) ** 2 + noise(x, seed, 3 * NM, 10 * UM)
+        try:
+            found.append(measure_groove(Profile(x, z), EXACT).values["groove_depth"])
+        except MetrologyError:
+            continue  # some draws hide the edge: refused, not wrong
+    assert len(found) >= 8
+    assert sum(abs(got.value - 56 * NM) < got.expanded() for got in found) >= len(found) - 2
+    assert np.median([got.expanded() for got in found]) < 10 * NM  # 48 nm before the bow was levelled
+
+
+def test_a_domed_ridge_is_type_a2_to_its_apex():
+    x = np.arange(2000) * UM
+    z = np.maximum(10.6 * UM * (1.0 - ((x - 1e-3) / 250e-6) ** 2), 0.0) + noise(x, 3, 10 * NM)
+    found = measure_groove(Profile(x, z), EXACT)
+    assert "A2" in found.convention
+    assert found.values["groove_depth"].value == pytest.approx(10.6 * UM, abs=0.03 * UM)
+
+
+def test_an_oblique_sawtooth_is_folded_along_its_own_direction():
+    y, x = np.mgrid[:200, :200] * 12 * NM
+    along = (x * np.cos(0.7) + y * np.sin(0.7)) / (320 * NM)
+    z = 50 * NM * np.interp(along % 1.0, [0.0, 0.7, 1.0], [0.0, 1.0, 0.0])
+    found = measure_groove(HeightMap(z + np.random.default_rng(1).normal(0.0, NM, z.shape), 12 * NM, 12 * NM), EXACT)
+    assert found.values["feature_pitch"].value == pytest.approx(320 * NM, rel=3e-3)
+    assert found.values["groove_depth"].value == pytest.approx(50 * NM, rel=0.06)  # eight harmonics round the tips
+
+
+def test_a_sloped_flank_is_no_arc_and_its_corner_is_measured_by_itself():
+    # flank of 55 degrees, corner of 12 um tangent to both: closed form of the tangent arc
+    x, height, angle, radius = np.arange(-400, 400) * 0.5 * UM, 37.4 * UM, np.radians(55.0), 12 * UM
+    reach = radius * np.tan(0.5 * angle)
+    arc = height - radius + np.sqrt(np.maximum(radius**2 - (x - reach) ** 2, 0.0))
+    z = np.where(x < -reach * np.cos(angle), height + x * np.tan(angle), np.where(x < reach, arc, height))
+    edge = fit_edge(x, np.maximum(z, 0.0) + noise(x, 5, 20 * NM))
+    assert edge.flank is not None
+    assert edge.flank.angle == pytest.approx(angle, abs=0.01)
+    assert edge.radius == pytest.approx(radius, abs=max(3.0 * edge.radius_std, 0.5 * UM))
+    assert edge.height == pytest.approx(height, abs=0.05 * UM)
+
+
+def test_the_channel_of_heights_is_chosen_by_name():
+    path = REAL / "nsfopen" / "SBS-PMMA.nid"
+    if not path.is_file():
+        pytest.skip("shared real data is not here")
+    assert len(list_channels(path)) == 6
+    assert "Scan forward (Z-Axis)" in read_scan(path).scale
+    with pytest.raises(MetrologyError, match="channel must name one of"):
+        read_scan(path, channel="temperature")
