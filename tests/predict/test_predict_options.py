@@ -79,7 +79,7 @@ def test_a_set_is_written_whose_blocks_are_equally_far_apart_in_sensation(tmp_pa
     target = tmp_path / "fair.toml"
     assert main(["predict", str(STIMULI / "paper-ten.toml"), "--equally-felt", "6", "-o", str(target)]) == 0
     assert "just noticeable differences apart" in capsys.readouterr().out
-    assert [path.name for path in tmp_path.iterdir()] == ["fair.toml"]
+    assert [path.name for path in tmp_path.iterdir() if path.name[0] != "."] == ["fair.toml"]
     stimuli = load_set(target)
     heights = [block.height.nominal for block in stimuli.step_block]
     assert heights[0] == pytest.approx(10e-6)

@@ -132,7 +132,7 @@ class Drag:
     title: str
     trace: DragTrace
     formula: Release
-    tool: Tool
+    tool: Tool = PAPER.tool
     setting: Setting | None = None  # by which its load is carried
 
     @cached_property
