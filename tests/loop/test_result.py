@@ -103,7 +103,7 @@ def test_forces_and_scans_speak_of_the_same_edge():
     rounding = next(e for e in candidates(bench_trials(columns, 0), ()) if e.id == "edge_rounding")
     features = features_of(bench_trials(columns, 5, ((rounding, {"edge_radius_m": 14e-6}),)))
     scans = {b: {"height_m": h, "height_std_m": s} for b, (h, s) in block_scans(columns, 5).items()}
-    shown = analyse_features(features, 9810.0, 125e-6, scans, rules=Rules(draws=60, most=1)).document["scans"]
+    shown = analyse_features(features, 9810.0, 125e-6, scans, rules=Rules(draws=150, most=1)).document["scans"]
     assert shown["edge_radius_from_forces_m"] == pytest.approx(14e-6, abs=4.0 * shown["edge_radius_from_forces_std_m"])
 
 

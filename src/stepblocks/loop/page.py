@@ -51,6 +51,7 @@ def _png(figure: Any) -> str:
 def _agreement(found: Explanation) -> str:
     """Draw measured against predicted, energy and peak force, by the nominal model and by the extended one."""
     from matplotlib.figure import Figure
+    from matplotlib.ticker import NullFormatter
 
     figure = Figure(figsize=(10.0, 4.4), layout="constrained")
     named = (("ln_energy", 1e6, "vibration energy [uJ]"), ("ln_peak_force", 1.0, "peak force [N]"))
@@ -64,6 +65,7 @@ def _agreement(found: Explanation) -> str:
         if np.any(np.isfinite(measured)):
             ends = [np.nanmin(measured), np.nanmax(measured)]
             axis.plot(ends, ends, color="0.4", lw=0.8)
+        axis.xaxis.set_minor_formatter(NullFormatter())
         axis.set_xlabel(f"predicted {title}")
         axis.set_ylabel(f"measured {title}")
         axis.legend(fontsize=8)
