@@ -57,6 +57,7 @@ TOKENS = [
     *(b"\x00\x00\x00\x80", b"\x7f\xff\xff\xff", b"true", b"{}", b"[]", b"null"),
 ]
 Read = Callable[[Path], object]
+Kind = tuple[str, tuple[list[tuple[str, bytes]], Read]]
 
 
 def mutated(whole: bytes, random: np.random.Generator) -> bytes:
@@ -85,12 +86,16 @@ def mutated(whole: bytes, random: np.random.Generator) -> bytes:
     return bytes(data)
 
 
-def kinds(work: Path) -> dict[str, tuple[list[tuple[str, bytes]], Read]]:
-    """Honest files of each kind, by the name that they must have, and what reads them."""
-    return {name: found for source in (_texts, _tables, _traces, _parts) for name, found in source(work)}
-
-
-Kind = tuple[str, tuple[list[tuple[str, bytes]], Read]]
+def kinds(work: Path, wanted: list[str]) -> Iterator[Kind]:
+    """Honest files of each kind that is asked for, by the name that they must have, and what reads them."""
+    left = set(wanted)
+    for source in (_texts, _tables, _traces, _parts):  # the last one builds
+        if wanted and not left:
+            return
+        for name, found in source(work):
+            if not wanted or name in wanted:
+                left.discard(name)
+                yield name, found
 
 
 def _texts(work: Path) -> Iterator[Kind]:
@@ -298,9 +303,7 @@ def main(argv: list[str] | None = None) -> int:
     failed = 0
     print("| kind | inputs | read | refused | faults | slowest s | peak GiB |\n|---|---|---|---|---|---|---|")
     with tempfile.TemporaryDirectory() as work:
-        for name, (seeds, read) in kinds(Path(work)).items():
-            if arguments.kind and name not in arguments.kind:
-                continue
+        for name, (seeds, read) in kinds(Path(work), arguments.kind):
             line, faults = fuzz(name, seeds, read, arguments.count, arguments.seed, arguments.keep)
             failed += faults
             print(line, flush=True)
