@@ -160,7 +160,10 @@ def _tables(work: Path) -> Iterator[Kind]:
     design_study(four, work / "study", seed=1)
     simulate_study(work / "study", four, work / "study" / "answers.csv", seed=2)
     answers = (work / "study" / "answers.csv").read_bytes()
-    yield "answers", ([("a.csv", answers[: answers.rindex(b"\n", 0, 3000) + 1])], lambda path: read_answers(path, "estimates"))
+    yield (
+        "answers",
+        ([("a.csv", answers[: answers.rindex(b"\n", 0, 3000) + 1])], lambda path: read_answers(path, "estimates")),
+    )
     session = (
         b'schema = 1\n[probe]\nspring_constant = "9810 N/m"\n[acquisition]\nsample_rate = "10 kHz"\ntraces = "t.h5"\n'
         b'channels = { tangential = "x", normal = "y" }\n[trials]\nfile = "trials.csv"\n'
