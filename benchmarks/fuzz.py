@@ -215,8 +215,9 @@ def _traces(work: Path) -> Iterator[Kind]:
         (file,) = [path for path in folder.rglob("*") if path.is_file() and "2" in path.stem] or [
             path for path in folder.rglob("*") if path.is_file()
         ]
+        traces = Path(TRACE_FILES[kind]).name if "{" in TRACE_FILES[kind] else file.name
         names = 'time = "time_s", tangential = "fx_n", normal = "fy_n"'
-        told = f'schema = 1\n[probe]\nspring_constant = "9810 N/m"\n[acquisition]\nsample_rate = "10 kHz"\ntraces = "{file.name}"\n'
+        told = f'schema = 1\n[probe]\nspring_constant = "9810 N/m"\n[acquisition]\nsample_rate = "10 kHz"\ntraces = "{traces}"\n'
 
         def read(path: Path, told: str = told, names: str = names) -> object:
             (path.parent / "session.toml").write_text(f"{told}channels = {{ {names} }}\n")
