@@ -4,7 +4,7 @@ VENV ?= .venv
 PYTHON ?= python3
 BIN := $(VENV)/bin
 
-.PHONY: run run-all example test lint docs package everywhere graphics clean
+.PHONY: run run-all example test lint docs package everywhere fuzz licences graphics clean
 
 run: $(VENV)/ready graphics
 	@$(BIN)/stepblocks build
@@ -51,6 +51,14 @@ lint: $(VENV)/ready-dev
 # The same answers under other processors, threads, Pythons and library versions; `make everywhere STAGES=Nehalem` for some.
 everywhere: $(VENV)/ready-dev graphics
 	$(BIN)/python benchmarks/everywhere.py $(STAGES)
+
+# Strange files for every reader, and faults at every point of what is written.
+fuzz: $(VENV)/ready-dev graphics
+	$(BIN)/python benchmarks/fuzz.py
+	$(BIN)/python benchmarks/faults.py
+
+licences: $(VENV)/ready-dev
+	$(BIN)/python benchmarks/licences.py
 
 $(VENV)/ready: pyproject.toml constraints.txt
 	$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11) and "stepblocks needs Python 3.11 or newer")'

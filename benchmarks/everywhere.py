@@ -22,7 +22,25 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 ROOT = Path(__file__).resolve().parents[1]
+BYTES = "bytes of a build"
 NUMERIC = ("contact", "drag", "predict", "inspect", "bench", "loop", "study")  # folders of tests that compute
+
+
+# makes one stimulus of each kind and prints the hash of every file
+MAKE = """
+import json, sys
+from pathlib import Path
+from stepblocks.build.make import make
+from stepblocks.declare import load_declared
+folder, chosen = Path(sys.argv[1]), {"step-050", "gap-050-bevelled", "crown-chamfer-over", "tip-125", "hook-125", "sheath-hard"}
+for file in sorted(Path("stimuli").glob("*.toml")):
+    stimuli = load_declared(file)
+    for part in (one for one in stimuli.stimuli if one.id in chosen):
+        make(stimuli.name, part, folder, "key")
+        for path in sorted((folder / stimuli.name / part.id).iterdir()):
+            import hashlib
+            print(part.id, path.name, hashlib.sha256(path.read_bytes()).hexdigest())
+"""
 
 
 @dataclass(frozen=True)
@@ -61,7 +79,27 @@ def stages() -> list[Stage]:
         Stage("oldest libraries allowed", one, python="3.11", resolution="lowest-direct", folders=()),
         Stage("newest libraries", one, python="3.13", resolution="highest", folders=()),
     ]
-    return [*kernels, Stage("no vector loops", one | plain), *threads, *pythons, *libraries]
+    return [*kernels, Stage("no vector loops", one | plain), *threads, Stage(BYTES), *pythons, *libraries]
+
+
+def same_bytes(work: Path) -> tuple[str, str]:
+    """Make one stimulus of each kind as each processor that is imitated would, and on each Python, and compare every file."""
+    found: dict[str, set[str]] = {}
+    machines = [one for one in stages() if one.name != BYTES and not one.resolution]
+    for stage in machines:
+        python = environment(stage, work)
+        if python is None:
+            continue
+        command = [python, "-c", MAKE, str(work / "bytes" / stage.name)]
+        settings = {**os.environ, **stage.settings, "NUMBA_CACHE_DIR": str(work / "numba" / stage.name)}
+        done = subprocess.run(command, cwd=ROOT, env=settings, capture_output=True, text=True, check=False)
+        if done.returncode:
+            return "FAILS", f"{stage.name}: {done.stderr.strip()[-200:]}"
+        found[stage.name] = set(done.stdout.splitlines())
+    first = next(iter(found.values()))
+    differing = {name: sorted(line.rsplit(" ", 1)[0] for line in lines - first) for name, lines in found.items()}
+    wrong = [f"{name}: {', '.join(files[:3])}" for name, files in differing.items() if files]
+    return ("FAILS", "; ".join(wrong)) if wrong else ("passes", f"{len(first)} files alike on {len(found)} machines")
 
 
 def interpreter(version: str) -> str | None:
@@ -98,6 +136,8 @@ def environment(stage: Stage, work: Path) -> str | None:
 def run(stage: Stage, work: Path) -> tuple[str, str]:
     """Outcome and last line of the tests of a stage."""
     try:
+        if stage.name == BYTES:
+            return same_bytes(work)
         python = environment(stage, work)
     except subprocess.CalledProcessError as error:
         return "not installed", str(error)[:80]

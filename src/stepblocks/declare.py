@@ -61,11 +61,15 @@ def load_set(path: str | Path) -> StimulusSet:
         if len(location) < 2 or location[0] not in known or not isinstance(location[1], int):
             return "", location
         kind, number, *rest = location
-        return f"{kind} {brief(declared[kind][number].get('id', number + 1))}", tuple(rest)
+        stanzas = declared.get(kind, ())  # none where the name of the kind was mended
+        identity = stanzas[number].get("id", number + 1) if number < len(stanzas) else number + 1
+        return f"{kind} {brief(identity)}", tuple(rest)
 
     def mended(data: dict[str, Any]) -> StimulusSet:
+        listed = [kind for kind in known if isinstance(data.get(kind), list)]
         stanzas = {
-            kind: [completed(one, usually.get(kind, {})) for one in data[kind]] for kind in known if kind in data
+            kind: [completed(one, usually.get(kind, {})) if isinstance(one, dict) else one for one in data[kind]]
+            for kind in listed
         }
         return set_of(data | stanzas)
 

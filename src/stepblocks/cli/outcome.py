@@ -14,8 +14,6 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-from stepblocks.errors import PipelineError
-
 _WIDTH = 100  # columns of a table where nobody asked for more
 _MEMORY = ".stepblocks.json"  # in a folder: hashes of the files that commands wrote there
 
@@ -169,8 +167,6 @@ def writing(place: Path | None, force: bool) -> Iterator[list[Path]]:
         name = path.relative_to(folder).as_posix()
         return name not in built and name != "manifest.json" and known.get(name) != _hash(path)
 
-    if place.is_file() and theirs(place):
-        raise PipelineError(f"the file is not ours, or was changed since; --force replaces it [{place}]")
     try:
         with keeping(theirs):
             yield written

@@ -26,6 +26,7 @@ from stepblocks.errors import ContactError
 
 Floats = NDArray[np.float64]
 _SMALLEST_BALL = 1e-3  # a drawn ball keeps this share of its nominal radius [1]
+_KNOWN = 300.0  # logarithm of a factor beyond which nothing is known
 
 
 @dataclass(frozen=True)
@@ -224,6 +225,8 @@ def _analytic(
     wide, wider = (
         factor * math.sqrt(sum((slopes[name][k] * width) ** 2 for name, width in uncertainty.items())) for k in (0, 1)
     )
+    if not max(wide, wider) < _KNOWN:
+        raise ContactError("uncertainties must leave the energy known to a factor, got spreads as large as the values")
     return force * math.exp(-wide), force * math.exp(wide), energy * math.exp(-wider), energy * math.exp(wider)
 
 

@@ -1,0 +1,43 @@
+"""Licences of everything that is installed beside us: ``make licences``, or ``python benchmarks/licences.py``.
+
+One line each; those with a copyleft are marked. Exit code 1 where one is GPL or AGPL, which nothing of ours may need.
+"""
+
+from __future__ import annotations
+
+import re
+import sys
+from importlib.metadata import Distribution, distributions
+
+_TROVE = "License :: "
+_NAMES = re.compile(r"Lesser General|\bLGPL|Mozilla|\bMPL", re.IGNORECASE)
+_REFUSED = re.compile(r"\bA?GPL|(?<!Lesser )General Public|Affero", re.IGNORECASE)
+_CHOICE = re.compile(r"\bOR\b|dual|exception|or later;", re.IGNORECASE)
+
+
+def licence(one: Distribution) -> str:
+    """Find what a distribution says of its licence, the shortest true form first."""
+    data = one.metadata
+    listed = [name.rsplit(" :: ", 1)[-1] for name in data.get_all("Classifier", []) if name.startswith(_TROVE)]
+    stated = (data.get("License-Expression") or "").strip()
+    free = (data.get("License") or "").strip().splitlines()
+    return stated or ", ".join(listed) or (free[0][:60] if free else "not stated")
+
+
+def main() -> int:
+    """Print the table."""
+    found = sorted(
+        {(one.metadata["Name"], one.version, licence(one)) for one in distributions() if one.metadata["Name"]}
+    )
+    refused = [
+        row for row in found if _REFUSED.search(row[2]) and not _NAMES.search(row[2]) and not _CHOICE.search(row[2])
+    ]
+    print("| package | version | licence | copyleft |\n|---|---|---|---|")
+    for name, version, said in found:
+        mark = "GPL" if (name, version, said) in refused else "weak" if _NAMES.search(said) else ""
+        print(f"| {name} | {version} | {said} | {mark} |")
+    return int(bool(refused))
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,90 @@
+"""A slice of what `benchmarks/fuzz.py` and `benchmarks/faults.py` run at length."""
+
+import errno
+import hashlib
+import os
+import signal
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from stepblocks.cli import main
+
+ROOT = Path(__file__).resolve().parents[1]
+FOUR = str(ROOT / "stimuli" / "paper-four.toml")
+
+
+def tree(folder):
+    return {path.name: hashlib.sha256(path.read_bytes()).hexdigest() for path in folder.iterdir()}
+
+
+def test_strange_files_are_read_or_refused_in_our_own_words(tmp_path):
+    texts = (
+        "stimuli",
+        "devices",
+        "publications",
+        "sweeps",
+        "plans",
+        "models",
+        "as-built",
+        "records",
+        "tables",
+        "trials",
+    )
+    command = [sys.executable, str(ROOT / "benchmarks" / "fuzz.py"), *texts, "hdf5", "mat", "tdms", "--count", "20"]
+    done = subprocess.run([*command, "--keep", str(tmp_path)], capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stdout + done.stderr
+    assert len(done.stdout.splitlines()) == 2 + 13  # head and kinds
+
+
+@pytest.fixture(scope="module")
+def whole(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("whole")
+    assert main(["study", "design", FOUR, "--seed", "1", "-o", str(folder)]) == 0
+    return tree(folder)
+
+
+@pytest.mark.parametrize("point", range(1, 5))
+@pytest.mark.parametrize("fault", ["sync", "rename", "memory"])
+def test_whatever_fails_while_a_study_is_written_the_next_run_gives_the_same_bytes(
+    fault, point, whole, tmp_path, monkeypatch, capsys
+):
+    owner, name = (Path, "replace") if fault == "rename" else (os, "fsync")
+    call, count = getattr(owner, name), 0
+
+    def failing(*arguments):
+        nonlocal count
+        count += 1
+        if count == point:
+            raise MemoryError if fault == "memory" else OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+        return call(*arguments)
+
+    command = ["study", "design", FOUR, "--seed", "1", "-o", str(tmp_path)]
+    with monkeypatch.context() as disturbed:
+        disturbed.setattr(owner, name, failing)
+        assert main(command) == 2
+    assert capsys.readouterr().err.count("\n") == 1
+    assert main(command) == 0
+    assert tree(tmp_path) == whole
+
+
+def test_a_study_that_is_killed_while_it_is_written_is_written_by_the_next_run(whole, tmp_path):
+    code = """
+import os, signal, sys
+from stepblocks.cli import main
+fsync, count = os.fsync, []
+def killing(number):
+    count.append(number)
+    if len(count) == 4:
+        os.kill(os.getpid(), signal.SIGKILL)
+    return fsync(number)
+os.fsync = killing
+main(sys.argv[1:])
+"""
+    command = ["study", "design", FOUR, "--seed", "1", "-o", str(tmp_path)]
+    assert subprocess.run([sys.executable, "-c", code, *command], check=False).returncode == -signal.SIGKILL
+    assert 0 < len(tree(tmp_path)) < len(whole)
+    assert main(command) == 0
+    assert {name: value for name, value in tree(tmp_path).items() if not name.startswith(".partial")} == whole
