@@ -16,12 +16,13 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from stepblocks.atomic import beside
+from stepblocks.bench.labels import LabelCheck, together
 from stepblocks.bench.session import Session, open_session
 from stepblocks.bench.signal import Tool, Trace, TraceError, screen_trace
 from stepblocks.bench.signal.approach import LandmarkError
-from stepblocks.bench.signal.features import FEATURE_COLUMNS, Measurement, measure_trace, tool_of
+from stepblocks.bench.signal.features import FEATURE_COLUMNS, Measurement, censored_features, measure_trace, tool_of
 from stepblocks.bench.traces import Traces
-from stepblocks.bench.trials import LabelCheck, Trial, TrialTable, open_trials
+from stepblocks.bench.trials import Trial, TrialTable, open_trials
 from stepblocks.errors import PipelineError
 from stepblocks.tables import harmless
 from stepblocks.workers import die_with_parent
@@ -34,7 +35,7 @@ _AHEAD = 4  # chunks per worker that wait for it at most
 _PILOTS = 16  # trials that tell of the tool
 _MOST_JOBS = 256
 _LEADING = ("trial", "status", "reason")
-_OK, _EXCLUDED = "ok", "excluded"
+_OK, _FLAGGED, _CENSORED, _EXCLUDED = "ok", "flagged", "censored", "excluded"
 # the blank cells of an excluded trial must not turn names that look like numbers into numbers
 _TEXT_COLUMNS = {"trial": str, "block": str, "tip": str, "reason": str}
 
@@ -56,9 +57,14 @@ class TrialResult:
     """What became of one trial."""
 
     trial: Trial
-    reason: str = ""  # why it is excluded; empty where it was measured
+    reason: str = ""  # why it is excluded or censored; empty where it was measured whole
     features: dict[str, float] = field(default_factory=dict)  # empty where it is excluded
     digest: int = 0  # two traces share it only if they have the same samples
+
+    @property
+    def status(self) -> str:
+        """What the table says of it."""
+        return _OK if not self.reason else _CENSORED if self.features else _EXCLUDED
 
 
 def measure(
@@ -80,9 +86,10 @@ def measure(
     Returns
     -------
     DataFrame
-        One row per trial in the order of the table of trials: ``trial``, ``status`` (``ok`` or ``excluded``), ``reason``,
-        the conditions as written, then `FEATURE_COLUMNS` in SI, each with its standard uncertainty; not-a-number where a
-        trial was excluded or does not show it.
+        One row per trial in the order of the table of trials: ``trial``, ``status``, ``reason``, the conditions as written,
+        then `FEATURE_COLUMNS` in SI, each with its standard uncertainty; not-a-number where a trial does not show it.
+        ``flagged``: measured, but unlike its label; ``censored``: saturated or locked, so that its peak force is a lower
+        bound; ``excluded``: not measured.
 
     Raises
     ------
@@ -142,7 +149,10 @@ def measure_trial(traces: Traces, trial: Trial, tool: Tool | None = None) -> Tri
     except TraceError as fault:
         return TrialResult(trial, " ".join(str(fault).split()))
     if measured is None:
-        return TrialResult(trial, reason)
+        known = "saturated" in reason or reason.startswith("no release")
+        session = traces.session
+        seen = censored_features(trace, session.probe.spring_constant, trial.speed, reason) if known else {}
+        return TrialResult(trial, reason, seen)
     samples = blake2b(trace.tangential.tobytes() + trace.normal.tobytes(), digest_size=7)
     return TrialResult(trial, "", measured.features, int.from_bytes(samples.digest()))
 
@@ -206,30 +216,42 @@ def _cells(result: TrialResult, covariates: Iterable[str]) -> list[str]:
     values = [result.features.get(name, "") for name in FEATURE_COLUMNS]
     return [
         result.trial.name,
-        _EXCLUDED if result.reason else _OK,
+        result.status,
         result.reason,
         *(str(harmless(result.trial.cells.get(name, ""))) for name in covariates),
         *(value if isinstance(value, str) else f"{value:.9g}" if math.isfinite(value) else "" for value in values),
     ]
 
 
+def _measured(draft: Iterable[str], covariates: Iterable[str]) -> Iterator[tuple[int, dict[str, str]]]:
+    """Rows of the draft that were measured whole, each with its conditions."""
+    for row, cells in enumerate(csv.reader(draft)):
+        if cells[1] == _OK:
+            yield row, dict(zip(covariates, cells[len(_LEADING) :], strict=False))
+
+
 def _finish(draft: Path, output: Path, table: TrialTable, faults: dict[int, str]) -> MeasureSummary:
     """Put the faults of labels into the draft, and the draft into its place."""
-    reasons: Counter[str] = Counter()
+    counts: Counter[tuple[str, str]] = Counter()
     try:
         with beside(output) as whole:
             with (
                 draft.open(newline="", encoding="utf-8") as source,
                 whole.open("w", newline="", encoding="utf-8") as sink,
             ):
+                data = together(_measured(source, table.covariates), faults)
+                source.seek(0)
                 writer = csv.writer(sink, lineterminator="\n")
                 for row, cells in enumerate(csv.reader(source)):
-                    if row in faults and cells[1] == _OK:
-                        cells[1:3] = [_EXCLUDED, faults[row]]
-                        cells[-len(FEATURE_COLUMNS) :] = [""] * len(FEATURE_COLUMNS)
-                    if row and cells[1] == _EXCLUDED:
-                        reasons[cells[2].split(":")[0][:60]] += 1
+                    if row in faults and cells[1] == _OK and row not in data:
+                        throw = not faults[row].startswith("mislabelled")
+                        cells[1:3] = [_EXCLUDED if throw else _FLAGGED, faults[row]]
+                        if throw:
+                            cells[-len(FEATURE_COLUMNS) :] = [""] * len(FEATURE_COLUMNS)
+                    if row:
+                        counts[cells[1], cells[2].split(":")[0][:60]] += 1
                     writer.writerow(cells)
+            reasons = Counter({kind: n for (status, kind), n in counts.items() if status == _EXCLUDED})
             if reasons.total() == table.count:
                 commonest, times = reasons.most_common(1)[0]
                 first = next(iter(faults.values()), commonest)
@@ -240,5 +262,10 @@ def _finish(draft: Path, output: Path, table: TrialTable, faults: dict[int, str]
     one, alike = next(iter(table)), {"block", "speed", "load"}  # what the session does not vary shows no effect
     for trial in table:
         alike -= {name for name in alike if str(getattr(trial, name)) != str(getattr(one, name))}
-    notes = tuple(f"all trials have one {name}" for name in ("block", "speed", "load") if name in alike)
+    kept = Counter(data.values())
+    notes = (
+        *(f"all trials have one {name}" for name in ("block", "speed", "load") if name in alike),
+        *(f"{n} {status}: {kind}" for (status, kind), n in counts.items() if status in (_FLAGGED, _CENSORED)),
+        *(f"{n} {shared} are unlike their labels together and stay as data" for shared, n in kept.items()),
+    )
     return MeasureSummary(table.count, reasons.total(), dict(reasons), notes)

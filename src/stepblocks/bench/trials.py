@@ -1,11 +1,11 @@
-"""The table of trials, row by row, and whether each trace belongs to its row."""
+"""The table of trials, row by row."""
 
 from __future__ import annotations
 
 import csv
 import math
 from array import array
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from dataclasses import dataclass, field
 from hashlib import blake2b
 
@@ -13,19 +13,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from stepblocks.bench.session import Session
-from stepblocks.bench.signal import Array
 from stepblocks.errors import BenchError
 
 _MOST_COLUMNS = 1000
 _CONDITIONS = ("speed", "load", "block")
-_LOAD_FACTOR = 1.25  # measured over declared load, against the median of the session
-_SLOPE_FACTOR = 1.5  # ramp over speed, against the median of the session
-_WILD_FACTOR = 3.0  # the session as a whole: more than this is a matter of units
-_UNIT_FACTOR = 100.0  # one trial: more than this may be a matter of units
-_ANGLE_SIGMAS = 8.0
-_ANGLE_SHARE = 0.12  # least relative deviation of the sine of half the angle
-_FEWEST = 5  # trials of a block, to know its angle
-_FEATURES = ("normal_load_n", "loading_slope_n_per_s", "peak_force_n", "sliding_friction")
 
 
 @dataclass(frozen=True)
@@ -157,87 +148,3 @@ def _lines(session: Session) -> Iterator[list[str]]:
             yield from csv.reader(file, delimiter=session.trials.delimiter)
         except (csv.Error, UnicodeDecodeError) as error:
             raise BenchError(f"table of trials must be CSV in UTF-8: {error} [{session.table}]") from error
-
-
-@dataclass
-class LabelCheck:
-    """Collects 72 bytes per trial and names the trials whose trace belongs elsewhere."""
-
-    labels: array[int] = field(default_factory=lambda: array("Q"))  # row, block and digest of each trial
-    numbers: array[float] = field(default_factory=lambda: array("d"))
-    names: dict[str, int] = field(default_factory=dict)
-
-    def add(self, trial: Trial, features: dict[str, float], digest: int) -> None:
-        """Take note of one measured trial; `digest` identifies the samples of its trace."""
-        self.labels.extend((trial.row, self.names.setdefault(trial.block, len(self.names)), digest))
-        self.numbers.extend((trial.load, trial.speed, *(features.get(name, math.nan) for name in _FEATURES)))
-
-    def faults(self) -> dict[int, str]:
-        """Reasons by row, for every trial whose trace belongs elsewhere."""
-        rows, blocks, digests = np.array(self.labels, dtype=np.uint64).reshape(-1, 3).T
-        load, speed, normal, slope, peak, friction = np.array(self.numbers, dtype=float).reshape(-1, 6).T
-        found: dict[int, str] = {}
-
-        def compare(ratio: Array, factor: float, told: Callable[[int, float], str]) -> float:
-            finite = ratio[np.isfinite(ratio)]
-            usual = float(np.median(finite)) if finite.size else math.nan
-            units = _off(ratio, usual, _UNIT_FACTOR)
-            for index in np.flatnonzero(_off(ratio, usual, factor)).tolist():
-                wrong = "units changed or mislabelled" if units[index] else "mislabelled"
-                found.setdefault(int(rows[index]), f"{wrong}: {told(index, usual)}")
-            return usual
-
-        def told_load(index: int, _: float) -> str:
-            return f"the normal force is {normal[index]:.3g} N, the load of this row is {load[index]:.3g} N"
-
-        def told_speed(index: int, usual: float) -> str:
-            means = f"the ramp of {slope[index]:.3g} N/s means {slope[index] / usual * 1e3:.3g} mm/s"
-            return f"{means}, the speed of this row is {speed[index] * 1e3:.3g} mm/s"
-
-        ratio = normal / load
-        usual = compare(ratio, _LOAD_FACTOR, told_load)
-        if _off(np.array([usual]), 1.0, _WILD_FACTOR)[0]:
-            found |= {
-                int(rows[i]): f"units: {told_load(i, usual)}" for i in np.flatnonzero(np.isfinite(ratio)).tolist()
-            }
-        compare(slope / speed, _SLOPE_FACTOR, told_speed)
-        clean = np.array([i for i in np.argsort(rows, kind="stable") if rows[i] not in found], dtype=np.intp)
-        _, first, which = np.unique(digests[clean], return_index=True, return_inverse=True)
-        for copy in np.flatnonzero(first[which] != np.arange(len(clean))):
-            pair = int(rows[clean[copy]]), int(rows[clean[first[which[copy]]]])
-            for one, other in (pair, pair[::-1]):
-                found[one] = f"duplicate: the same samples stand for row {other}"
-        # inverse of equation (1): a = atan(F_px / F_py) - atan(mu)
-        angle = np.where(np.isin(rows, list(found)), math.nan, np.arctan(peak / normal) - np.arctan(friction))
-        names = list(self.names)
-        for index, other in _of_other_blocks(angle, blocks).items():
-            said = f"the forces are those of block {names[other]}, the row says {names[int(blocks[index])]}"
-            found.setdefault(int(rows[index]), f"mislabelled: {said}")
-        return found
-
-
-def _of_other_blocks(angle: Array, block: NDArray[np.uint64]) -> dict[int, int]:
-    """Trials whose sin(a/2), which is sqrt(H / 2R) by equation (2), fits another block and not their own."""
-    size = np.sin(0.5 * angle)
-    known = np.isfinite(size)
-    groups = {int(name): size[known & (block == name)] for name in np.unique(block)}
-    groups = {name: sizes for name, sizes in groups.items() if sizes.size >= _FEWEST}
-    if len(groups) < 2:
-        return {}
-    medians = {name: float(np.median(sizes)) for name, sizes in groups.items()}
-    deviations = [np.abs(sizes - medians[name]) / 0.6745 for name, sizes in groups.items()]
-    spread = float(np.median(np.concatenate(deviations)))
-    found = {}
-    for index in np.flatnonzero(known & np.isin(block, list(medians))).tolist():
-        own = medians[int(block[index])]
-        miss = abs(size[index] - own)
-        nearest = min(medians, key=lambda name: abs(medians[name] - size[index]))
-        fits = abs(size[index] - medians[nearest]) < 0.25 * miss
-        if nearest != block[index] and fits and miss > max(_ANGLE_SIGMAS * spread, _ANGLE_SHARE * own):
-            found[index] = nearest
-    return found
-
-
-def _off(ratio: Array, usual: float, factor: float) -> NDArray[np.bool_]:
-    with np.errstate(invalid="ignore", divide="ignore"):
-        return np.isfinite(ratio) & ((ratio > usual * factor) | (ratio < usual / factor))
