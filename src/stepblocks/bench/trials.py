@@ -16,7 +16,7 @@ from stepblocks.bench.session import Session
 from stepblocks.errors import BenchError
 
 _MOST_COLUMNS = 1000
-_CONDITIONS = ("speed", "load", "block")
+_CONDITIONS = ("speed", "load", "block", "height")
 
 
 @dataclass(frozen=True)
@@ -75,7 +75,8 @@ class TrialTable:
             raise ValueError(f"{channel.column} must be a number, got {text[:40]!r}") from None
         if not math.isfinite(value) or value <= 0.0:
             raise ValueError(f"{channel.column} must be positive and finite, got {text[:40]}")
-        return value * float(channel.scale(dimension, f"trials.columns.{part}"))
+        place = f"trials.columns.{part}"
+        return value * float(channel.scale(dimension, place)) - float(channel.taken_off(dimension, place))
 
 
 def open_trials(session: Session, reserved: frozenset[str] = frozenset()) -> TrialTable:
@@ -91,10 +92,10 @@ def open_trials(session: Session, reserved: frozenset[str] = frozenset()) -> Tri
     twice = sorted({name for name in header if header.count(name) > 1})
     if twice:
         raise BenchError(f"table of trials names the column {twice[0]!r} twice [{session.table}]")
-    key = _column_name(columns.trial.column, header, "trial")
+    key = column_name(columns.trial.column, header, "trial")
     for part in _CONDITIONS:
         if part in columns.model_fields_set:
-            _column_name(getattr(columns, part).column, header, part)
+            column_name(getattr(columns, part).column, header, part)
     taken = sorted(set(header) & reserved - {key})
     if taken:
         raise BenchError(f"column `{taken[0]}` of the table of trials has a name that features use [{session.table}]")
@@ -126,7 +127,8 @@ def _duplicates(noted: NDArray[np.uint64]) -> dict[int, str]:
     }
 
 
-def _column_name(column: str | int, header: tuple[str, ...], part: str) -> str:
+def column_name(column: str | int, header: tuple[str, ...], part: str) -> str:
+    """Name of a declared column, or say which there are."""
     if isinstance(column, int) and 0 <= column < len(header):
         return header[column]
     if isinstance(column, str) and column in header:

@@ -80,6 +80,7 @@ def loop_session(
     StepblocksError
         If the session cannot be read, holds too few good trials, or the output cannot be written.
     """
+    from stepblocks.bench.conditions import conditions_of, with_conditions
     from stepblocks.bench.measure import measure
     from stepblocks.bench.session import open_session
 
@@ -87,6 +88,7 @@ def loop_session(
     inspected = measured_edges(read_records([Path(path) for path in as_built])) if as_built else {}
     declared = open_session(session)
     known = read_calibration(session)
+    conditions = conditions_of(declared)
     radius = declared.probe.tip_radius
     if radius is None:
         raise PipelineError(f"`probe.tip_radius` must be given to explain a session [{session / 'session.toml'}]")
@@ -97,7 +99,7 @@ def loop_session(
         except OSError as error:
             raise PipelineError(f"output must be a folder that can be written: {error.strerror} [{output}]") from error
     table = None if output is None else Path(output) / "features.csv"
-    features = measure(session, table, jobs=cores, progress=progress)
+    features = with_conditions(measure(session, table, jobs=cores, progress=progress), conditions)
     scans: Scans = {}
     failed: dict[str, str] = {}
     if not forces_only:
