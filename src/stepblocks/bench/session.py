@@ -43,6 +43,7 @@ Stiffness = Annotated[float, BeforeValidator(quantity_parser("stiffness")), Fiel
 Frequency = Annotated[float, BeforeValidator(quantity_parser("frequency")), Field(gt=0.0)]
 _Length = Annotated[float, BeforeValidator(quantity_parser("length")), Field(gt=0.0)]
 _Force = Annotated[float, BeforeValidator(quantity_parser("force")), Field(gt=0.0)]
+_Finite = Annotated[float, Field(allow_inf_nan=False)]
 _Delimiter = Annotated[str, Field(min_length=1, max_length=1)]
 _Decimal = Literal[".", ","]
 
@@ -62,7 +63,9 @@ class Channel(Strict):
 
     column: str | int  # name, or index from 0 where the columns have no names
     unit: str | None = None  # of its numbers; by default what the end of the name says (``fx_mn``), else SI
-    factor: float | str = 1.0  # gain or sign that the numbers are multiplied with; ``"2.35 N/V"`` of a gauge in volts
+    factor: Annotated[float, Field(allow_inf_nan=False)] | str = (
+        1.0  # gain or sign that the numbers are multiplied with; ``"2.35 N/V"`` of a gauge in volts
+    )
     offset: float | str = (
         0.0  # what it reads at none, taken off: in the numbers' own unit, or a quantity such as ``"5 mN"``
     )
