@@ -320,8 +320,11 @@ def test_a_hard_spring_leaves_the_peak_where_it_is_stores_less_and_keeps_the_led
     assert hard.peak_force == pytest.approx(soft.peak_force, rel=0.02)  # but for what a tip with mass lags
     assert hard.stored_energy < 0.9 * soft.stored_energy
     assert hard.ledger_error < 1e-3
-    # origin: the ramp is F(v t), not k v t
-    time, force = hard.column("time_s"), hard.column("fx_n")
-    ramp = (force > 0.4) & (force < 1.0) & (time < hard.release_time)
-    stretch = np.array([hard.probe.stretch(f) for f in force[ramp]])
-    assert np.polyfit(time[ramp], stretch, 1)[0] == pytest.approx(10e-3, rel=2e-3)
+    # origin: the ramp is F(v t), not k v t; a tip in the corner gives way as much with either spring
+    rates = []
+    for trace in (soft, hard):
+        time, force = trace.column("time_s"), trace.column("fx_n")
+        ramp = (force > 0.4) & (force < 1.0) & (time < trace.release_time)
+        rates.append(np.polyfit(time[ramp], [trace.probe.stretch(f) for f in force[ramp]], 1)[0])
+    assert rates[1] == pytest.approx(rates[0], rel=5e-3)
+    assert rates[1] == pytest.approx(10e-3, rel=0.03)
