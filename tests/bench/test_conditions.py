@@ -8,11 +8,11 @@ import pandas as pd
 import pytest
 
 from oracles.virtual_bench import Bench, drag
-from stepblocks.bench.conditions import conditions_of, with_conditions
 from stepblocks.bench.figures import draw_trials
 from stepblocks.bench.measure import measure
 from stepblocks.bench.session import open_session
 from stepblocks.bench.traces import Traces
+from stepblocks.bench.trials import conditions_of, with_conditions
 from stepblocks.cli import main
 from stepblocks.errors import BenchError
 

@@ -22,7 +22,10 @@ from stepblocks.bench.signal import Tool, Trace, TraceError, screen_trace
 from stepblocks.bench.signal.approach import LandmarkError
 from stepblocks.bench.signal.features import FEATURE_COLUMNS, Measurement, censored_features, measure_trace, tool_of
 from stepblocks.bench.traces import Traces
-from stepblocks.bench.trials import Trial, TrialTable, open_trials
+from stepblocks.bench.trials import Trial, TrialTable, heights_of, open_trials
+from stepblocks.bench.waveform import WAVEFORM_COLUMNS, fit_waveform
+from stepblocks.contact.operating_point import PAPER
+from stepblocks.contact.operating_point import Tool as PointTool
 from stepblocks.errors import PipelineError
 from stepblocks.tables import harmless
 from stepblocks.workers import die_with_parent
@@ -68,7 +71,12 @@ class TrialResult:
 
 
 def measure(
-    session: str | Path, output: str | Path | None = None, *, jobs: int | None = None, progress: Progress | None = None
+    session: str | Path,
+    output: str | Path | None = None,
+    *,
+    jobs: int | None = None,
+    waveform: bool = False,
+    progress: Progress | None = None,
 ) -> pd.DataFrame:
     """Measure every trial of a session.
 
@@ -80,6 +88,8 @@ def measure(
         File that the table is also written to, CSV.
     jobs : int, optional
         Processes; as many as cores where omitted. The script that calls needs no main guard for them.
+    waveform : bool
+        Also fit the drag in time to every trace: `WAVEFORM_COLUMNS` after the others.
     progress : callable, optional
         Told how many of how many trials are done.
 
@@ -102,19 +112,26 @@ def measure(
 
     with tempfile.TemporaryDirectory(prefix="stepblocks-features-") as scratch:
         table = Path(output) if output is not None else Path(scratch) / "features.csv"
-        write_features(session, table, jobs=jobs, progress=progress)
+        write_features(session, table, jobs=jobs, waveform=waveform, progress=progress)
         return pd.read_csv(table, dtype=_TEXT_COLUMNS).fillna({"reason": ""})
 
 
 def write_features(
-    session: str | Path, output: str | Path, *, jobs: int | None = None, progress: Progress | None = None
+    session: str | Path,
+    output: str | Path,
+    *,
+    jobs: int | None = None,
+    waveform: bool = False,
+    progress: Progress | None = None,
 ) -> MeasureSummary:
     """Measure every trial of a session into a file, however many there are; see `measure`, which also reads it back.
 
     The file is replaced whole when all is done.
     """
     folder, output = Path(session), Path(output)
-    table = open_trials(open_session(folder), frozenset((*_LEADING, *FEATURE_COLUMNS)))
+    table = open_trials(open_session(folder), frozenset((*_LEADING, *FEATURE_COLUMNS, *WAVEFORM_COLUMNS)))
+    columns = (*FEATURE_COLUMNS, *WAVEFORM_COLUMNS) if waveform else FEATURE_COLUMNS
+    heights = dict(enumerate(heights_of(table.session, table.header, list(table))[1], start=1)) if waveform else {}
     if jobs is None:
         jobs = len(os.sched_getaffinity(0))
     elif not 1 <= jobs <= _MOST_JOBS:
@@ -130,18 +147,18 @@ def write_features(
         draft = Path(scratch) / "draft.csv"
         with draft.open("w", newline="", encoding="utf-8") as file:
             writer = csv.writer(file, lineterminator="\n")
-            writer.writerow([*_LEADING, *table.covariates, *FEATURE_COLUMNS])
-            for done, result in enumerate(_results(table, jobs), start=1):
+            writer.writerow([*_LEADING, *table.covariates, *columns])
+            for done, result in enumerate(_results(table, jobs, heights), start=1):
                 if not result.reason:
                     check.add(result.trial, result.features, result.digest)
-                writer.writerow(_cells(result, table.covariates))
+                writer.writerow(_cells(result, table.covariates, columns))
                 if progress is not None:
                     progress(done, table.count)
-        return _finish(draft, output, table, check.faults())
+        return _finish(draft, output, table, check.faults(), len(columns))
 
 
-def measure_trial(traces: Traces, trial: Trial, tool: Tool | None = None) -> TrialResult:
-    """Read, screen and measure one trial."""
+def measure_trial(traces: Traces, trial: Trial, tool: Tool | None = None, height: float = math.nan) -> TrialResult:
+    """Read, screen and measure one trial; where its height [m] is given, fit the drag in time too."""
     if trial.fault:
         return TrialResult(trial, trial.fault)
     try:
@@ -154,7 +171,13 @@ def measure_trial(traces: Traces, trial: Trial, tool: Tool | None = None) -> Tri
         seen = censored_features(trace, session.probe.spring_constant, trial.speed, reason) if known else {}
         return TrialResult(trial, reason, seen)
     samples = blake2b(trace.tangential.tobytes() + trace.normal.tobytes(), digest_size=7)
-    return TrialResult(trial, "", measured.features, int.from_bytes(samples.digest()))
+    features, probe = measured.features, traces.session.probe
+    if math.isfinite(height):
+        radius = probe.tip_radius or PAPER.ball_radius
+        usual = (PAPER.tool.frequency, PAPER.tool.decay_time) if tool is None else tool
+        fitted = fit_waveform(trace, measured, height, radius, PointTool(probe.spring_constant, *usual))
+        features = features | (fitted.features if fitted else {})
+    return TrialResult(trial, "", features, int.from_bytes(samples.digest()))
 
 
 def examine(traces: Traces, trial: Trial, tool: Tool | None) -> tuple[Trace, Measurement | None, str]:
@@ -181,13 +204,13 @@ def pilot(traces: Traces, table: TrialTable) -> Tool | None:
     return tool_of(result.features for result in results if not result.reason)
 
 
-def _results(table: TrialTable, jobs: int) -> Iterator[TrialResult]:
+def _results(table: TrialTable, jobs: int, heights: dict[int, float]) -> Iterator[TrialResult]:
     """Results in the order of the table; no more than a few chunks per worker are under way at any time."""
     with Traces(table.session) as traces:  # what is wrong with the whole is said here, once
         tool = pilot(traces, table)
         if jobs == 1 or table.count <= _CHUNK:
             for trial in table:
-                yield measure_trial(traces, trial, tool)
+                yield measure_trial(traces, trial, tool, 1e-6 * heights.get(trial.row, math.nan))
             return
     # its workers do not load the calling script again, which then needs no main guard, and share no open file
     from joblib.externals.loky import ProcessPoolExecutor
@@ -198,7 +221,8 @@ def _results(table: TrialTable, jobs: int) -> Iterator[TrialResult]:
     with ProcessPoolExecutor(jobs, initializer=die_with_parent, env=environment) as pool:
         while True:
             while len(waiting) < jobs * _AHEAD and (chunk := list(islice(trials, _CHUNK))):
-                waiting.append(pool.submit(_measure_chunk, table.session, tool, chunk))
+                known = [1e-6 * heights.get(trial.row, math.nan) for trial in chunk]
+                waiting.append(pool.submit(_measure_chunk, table.session, tool, chunk, known))
             if not waiting:
                 return
             yield from waiting.popleft().result()
@@ -207,13 +231,14 @@ def _results(table: TrialTable, jobs: int) -> Iterator[TrialResult]:
 _opened = cache(Traces)  # of the one session of a worker
 
 
-def _measure_chunk(session: Session, tool: Tool | None, trials: list[Trial]) -> list[TrialResult]:
-    return [measure_trial(_opened(session), trial, tool) for trial in trials]
+def _measure_chunk(session: Session, tool: Tool | None, trials: list[Trial], heights: list[float]) -> list[TrialResult]:
+    pairs = zip(trials, heights, strict=True)
+    return [measure_trial(_opened(session), trial, tool, height) for trial, height in pairs]
 
 
-def _cells(result: TrialResult, covariates: Iterable[str]) -> list[str]:
+def _cells(result: TrialResult, covariates: Iterable[str], columns: Iterable[str]) -> list[str]:
     """One row of the table; a feature that is not a number is an empty cell."""
-    values = [result.features.get(name, "") for name in FEATURE_COLUMNS]
+    values = [result.features.get(name, "") for name in columns]
     return [
         result.trial.name,
         result.status,
@@ -230,7 +255,7 @@ def _measured(draft: Iterable[str], covariates: Iterable[str]) -> Iterator[tuple
             yield row, dict(zip(covariates, cells[len(_LEADING) :], strict=False))
 
 
-def _finish(draft: Path, output: Path, table: TrialTable, faults: dict[int, str]) -> MeasureSummary:
+def _finish(draft: Path, output: Path, table: TrialTable, faults: dict[int, str], width: int) -> MeasureSummary:
     """Put the faults of labels into the draft, and the draft into its place."""
     counts: Counter[tuple[str, str]] = Counter()
     try:
@@ -247,7 +272,7 @@ def _finish(draft: Path, output: Path, table: TrialTable, faults: dict[int, str]
                         throw = not faults[row].startswith("mislabelled")
                         cells[1:3] = [_EXCLUDED if throw else _FLAGGED, faults[row]]
                         if throw:
-                            cells[-len(FEATURE_COLUMNS) :] = [""] * len(FEATURE_COLUMNS)
+                            cells[-width:] = [""] * width
                     if row:
                         counts[cells[1], cells[2].split(":")[0][:60]] += 1
                     writer.writerow(cells)

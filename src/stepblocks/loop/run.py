@@ -80,9 +80,9 @@ def loop_session(
     StepblocksError
         If the session cannot be read, holds too few good trials, or the output cannot be written.
     """
-    from stepblocks.bench.conditions import conditions_of, with_conditions
     from stepblocks.bench.measure import measure
     from stepblocks.bench.session import open_session
+    from stepblocks.bench.trials import conditions_of, with_conditions
 
     session = Path(session)
     inspected = measured_edges(read_records([Path(path) for path in as_built])) if as_built else {}

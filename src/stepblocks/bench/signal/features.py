@@ -159,6 +159,7 @@ class Measurement:
     zeros: tuple[Estimate, Estimate]  # of both gauges while nothing was loaded [N]
     spring_constant: float  # of the explorer, as declared [N/m]
     speed: float  # of the handle [m/s]; not-a-number where it is not known
+    noise: float  # white, of the tangential force [N]
 
     @cached_property
     def features(self) -> dict[str, Any]:
@@ -274,6 +275,7 @@ def measure_trace(
         zeros=zeros,
         spring_constant=spring_constant,
         speed=speed if speed > 0.0 else float("nan"),  # a handle at rest has no ramp
+        noise=marks.noise,
     )
 
 
