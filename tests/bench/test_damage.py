@@ -71,7 +71,7 @@ SESSION_DAMAGE = {
     "no folder": (lambda f: shutil.rmtree(f), "must be a folder"),
     "no session.toml": (lambda f: (f / "session.toml").unlink(), "session.toml is missing"),
     "session.toml is no TOML": (lambda f: (f / "session.toml").write_text("= ="), "must be TOML"),
-    "session.toml is empty": (lambda f: (f / "session.toml").write_text(""), "Field required"),
+    "session.toml without a probe": (lambda f: edit(f / "session.toml", "[probe]", "[sonde]"), "probe is missing"),
     "spring constant without unit": (lambda f: edit(f / "session.toml", '"9810 N/m"', "9810"), "spring_constant"),
     "sample rate is a length": (lambda f: edit(f / "session.toml", "10 kHz", "10 mm"), "sample_rate"),
     "no normal channel declared": (lambda f: edit(f / "session.toml", ', normal = "fy_n"', ""), "channels.normal"),

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import re
 from collections.abc import Mapping
 from pathlib import Path, PurePosixPath
@@ -43,7 +44,6 @@ Stiffness = Annotated[float, BeforeValidator(quantity_parser("stiffness")), Fiel
 Frequency = Annotated[float, BeforeValidator(quantity_parser("frequency")), Field(gt=0.0)]
 _Length = Annotated[float, BeforeValidator(quantity_parser("length")), Field(gt=0.0)]
 _Force = Annotated[float, BeforeValidator(quantity_parser("force")), Field(gt=0.0)]
-_Finite = Annotated[float, Field(allow_inf_nan=False)]
 _Delimiter = Annotated[str, Field(min_length=1, max_length=1)]
 _Decimal = Literal[".", ","]
 
@@ -58,17 +58,44 @@ class _Open(BaseModel):
     model_config = ConfigDict(extra="ignore", frozen=True)
 
 
+def unit_of_name(name: str, dimension: str) -> str | None:
+    """Return the unit at the end of a column name, or None."""
+    lowered = name.lower().rsplit("/", 1)[-1]
+    fits = [suffix for suffix in _SUFFIX_UNITS[dimension] if f"_{lowered}".endswith(f"_{suffix}")]
+    return _SUFFIX_UNITS[dimension][max(fits, key=len)] if fits else None
+
+
+def scale_of(unit: str, dimension: str, place: str) -> float:
+    """Factor that turns a number in `unit` into SI."""
+    try:
+        return parse_quantity(f"1 {_WEIGHTS.get(unit, unit) if dimension == 'force' else unit}", dimension)
+    except QuantityError as error:
+        raise BenchError(f"`{place}` must have a unit of {dimension}, got {unit!r}") from error
+
+
+def _quantity(text: str, dimension: str, place: str) -> float:
+    try:
+        return parse_quantity(text, dimension)
+    except QuantityError as error:
+        raise BenchError(f"`{place}` {error}") from error
+
+
+def _finite(value: object) -> object:
+    if isinstance(value, float) and not math.isfinite(value):
+        raise ValueError("input should be a finite number")
+    return value
+
+
+_Gain = Annotated[float | str, BeforeValidator(_finite)]
+
+
 class Channel(Strict):
     """One column of a trace or of the table of trials."""
 
     column: str | int  # name, or index from 0 where the columns have no names
     unit: str | None = None  # of its numbers; by default what the end of the name says (``fx_mn``), else SI
-    factor: Annotated[float, Field(allow_inf_nan=False)] | str = (
-        1.0  # gain or sign that the numbers are multiplied with; ``"2.35 N/V"`` of a gauge in volts
-    )
-    offset: float | str = (
-        0.0  # what it reads at none, taken off: in the numbers' own unit, or a quantity such as ``"5 mN"``
-    )
+    factor: _Gain = 1.0  # gain or sign that the numbers are multiplied with; ``"2.35 N/V"`` of a gauge in volts
+    offset: _Gain = 0.0  # what it reads at none, taken off: in the numbers' own unit, or a quantity such as ``"5 mN"``
     tare: str | None = None  # ``"first 0.1 s"``: the mean of what is recorded then counts as none
 
     @model_validator(mode="before")
@@ -110,13 +137,6 @@ class Channel(Strict):
         if found is None:
             raise BenchError(f"`{place}.tare` must say how long, such as 'first 0.1 s', got {self.tare!r}")
         return _quantity(found[1], "time", f"{place}.tare")
-
-
-def _quantity(text: str, dimension: str, place: str) -> float:
-    try:
-        return parse_quantity(text, dimension)
-    except QuantityError as error:
-        raise BenchError(f"`{place}` {error}") from error
 
 
 def check_channels(channels: Mapping[str, tuple[Channel, str]]) -> None:
@@ -314,18 +334,3 @@ def inside(folder: Path, relative: str, place: str) -> Path:
     if parts.is_absolute() or ".." in parts.parts or "\0" in relative or _DRIVE.match(relative):
         raise BenchError(f"`{place}` must lie inside the session, got {relative!r}")
     return folder.joinpath(*parts.parts)
-
-
-def unit_of_name(name: str, dimension: str) -> str | None:
-    """Return the unit at the end of a column name, or None."""
-    lowered = name.lower().rsplit("/", 1)[-1]
-    fits = [suffix for suffix in _SUFFIX_UNITS[dimension] if f"_{lowered}".endswith(f"_{suffix}")]
-    return _SUFFIX_UNITS[dimension][max(fits, key=len)] if fits else None
-
-
-def scale_of(unit: str, dimension: str, place: str) -> float:
-    """Factor that turns a number in `unit` into SI."""
-    try:
-        return parse_quantity(f"1 {_WEIGHTS.get(unit, unit) if dimension == 'force' else unit}", dimension)
-    except QuantityError as error:
-        raise BenchError(f"`{place}` must have a unit of {dimension}, got {unit!r}") from error

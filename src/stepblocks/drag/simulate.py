@@ -228,7 +228,7 @@ def simulate(track: Track, probe: Probe, settings: DragSettings) -> DragTrace:
         (track.x, track.z, *track.slopes, track.kinks),
         *(tuple(map(float, astuple(one))) for one in (probe, settings)),
         (float(mu_s), bristle, limit),
-        (x, y, 0.1 * track.ball_radius, probe.stretch(settings.friction * settings.normal_load + settings.tissue_friction)),
+        (x, y, 0.1 * track.ball_radius, probe.stretch(settings.sliding_force)),
         (dt, steps, every),
     )
     force, time, position, overloaded = map(float, peak)
