@@ -192,8 +192,12 @@ class Acquisition(_Open):
     split: Literal["drags"] | None = None  # one record of all trials, cut into drags in the order of the table
 
     @model_validator(mode="after")
-    def _is_one_record(self) -> Acquisition:
-        if self.split and (self.per_trial or self.group):
+    def _can_be_read(self) -> Acquisition:
+        try:
+            known = self.kind in FORMATS
+        except BenchError as error:
+            raise ValueError(str(error)) from error
+        if known and self.split and (self.per_trial or self.group):
             raise ValueError("`acquisition.split` is for one record of all trials, without {trial} and group")
         return self
 
