@@ -157,7 +157,9 @@ def predict_energies(features: pd.DataFrame, spring_constant: float) -> dict[str
     if len(good) < 2 * _FOLDS:
         return {"trials": len(features), "fitted": len(good)}
     shown = np.log(good["vibration_energy_j"].to_numpy())
+    # a tip that climbs down hardly rings: by what its start left over, which no drag knows
     known = good["vibration_energy_std_j"].to_numpy() < 0.5 * good["vibration_energy_j"].to_numpy()
+    known &= (good["regime"] != "climb-down").to_numpy()
     stored = np.log(good["peak_force_n"].to_numpy() ** 2 / (2.0 * spring_constant))
     fold, names = np.arange(len(good)) % _FOLDS, list(WAVEFORM_COLUMNS[3:7])
     drag, formula = np.full(len(good), np.nan), np.full(len(good), np.nan)
@@ -170,9 +172,8 @@ def predict_energies(features: pd.DataFrame, spring_constant: float) -> dict[str
             load, height, speed = row["load_n"], row["height_um"] * 1e-6, row["speed_mm_s"] * 1e-3
             rise = (row["peak_force_n"] - row["sliding_friction"] * load) / (others[0] * speed)
             time = np.arange(0.0, rise + _AFTER, 1e-4)
-            swing = (
-                row["sliding_friction"] * load - drag_force(values, load, height, speed, time)[len(time) // 4 :].min()
-            )
+            force = drag_force(values, load, height, speed, time)
+            swing = row["sliding_friction"] * load - float(force[int(np.argmax(force)) :].min())
             drag[i] = 2.0 * math.log(max(swing, 1e-4)) + 2.0 * math.pi * others[2] - math.log(2.0 * spring_constant)
     used = known & np.isfinite(drag)
     return {
