@@ -5,7 +5,8 @@ import math
 import numpy as np
 import pytest
 
-from stepblocks.bench.trials import LabelCheck, Trial
+from stepblocks.bench.labels import LabelCheck, together
+from stepblocks.bench.trials import Trial
 
 HEIGHTS = {"low": 20e-6, "middle": 40e-6, "high": 70e-6}
 R, MU, K = 125e-6, 0.17, 9810.0
@@ -111,4 +112,33 @@ def test_what_is_not_known_is_not_held_against_a_trial():
     check = LabelCheck()
     for row in range(1, 11):
         check.add(Trial(str(row), row), {"normal_load_n": float(row)}, row)
+    assert check.faults() == {}
+
+
+def test_a_group_that_fails_together_is_data_and_a_trial_that_fails_alone_is_not():
+    faults = dict.fromkeys(
+        [4, 8, 12, 16, 20, 31], "mislabelled: the normal force is 0.39 N, the load of this row is 0.3 N"
+    )
+    rows = [(n, {"operator": "B" if n % 4 == 0 and n <= 24 else "A", "load_n": "0.3"}) for n in range(1, 61)]
+    assert together(rows, faults) == dict.fromkeys([4, 8, 12, 16, 20], "trials of operator B")
+
+
+def test_what_fails_where_two_labels_meet_is_data_too():
+    rows = [(n, {"operator": "AB"[n % 2], "load_n": ("0.3", "0.8")[n // 2 % 2]}) for n in range(1, 61)]
+    like = [n for n, cells in rows if cells == {"operator": "B", "load_n": "0.3"}]
+    assert set(together(rows, dict.fromkeys(like, "mislabelled: x")).values()) == {"trials of load_n 0.3, operator B"}
+
+
+def test_trials_that_fail_one_after_the_other_are_data():
+    rows = [(n, {"run_order": str(n)}) for n in range(1, 41)]
+    faults = dict.fromkeys(range(20, 27), "mislabelled: x")
+    assert set(together(rows, faults)) == set(range(20, 27))
+    assert together(rows, {5: "duplicate: x", 6: "duplicate: x", 7: "duplicate: x", 8: "duplicate: x"}) == {}
+
+
+def test_a_zero_offset_of_the_gauge_is_no_mislabelling():
+    check, loads = LabelCheck(), (0.3, 0.5, 0.8, 1.1)
+    for row in range(1, 41):
+        load = loads[row % 4]
+        check.add(Trial(str(row), row, load=load), {"normal_load_n": load + 0.09}, row)
     assert check.faults() == {}

@@ -298,3 +298,33 @@ def test_a_probe_is_as_heavy_as_damped_and_as_hard_as_its_tool_and_ball_say():
     assert (probe.contact_stiffness, probe.contact_loss) == (hertz_stiffness(83e-6), 2.0)
     reduced = 71e9 / (2.0 * (1.0 - 0.21**2))
     assert hertz_stiffness(83e-6, 71e9, 0.21) == pytest.approx(4.0 / 3.0 * reduced * math.sqrt(83e-6), rel=1e-12)
+
+
+HARD = 9810.0 * 1.5e7  # cubic stiffness of a spring that is a fifth stiffer at a stretch of 0.1 mm [N/m^3]
+
+
+def test_a_hard_spring_stretches_by_the_real_root_of_its_cubic():
+    probe = replace(PAPER_DRAG, hardening=HARD)
+    for force in (-2.0, 0.03, 1.7):
+        x = probe.stretch(force)
+        assert probe.stiffness * x + HARD * x**3 == pytest.approx(force, rel=1e-12)
+    # origin: integral of the force over the stretch
+    x = probe.stretch(1.7)
+    assert probe.energy(1.7) == pytest.approx(0.5 * probe.stiffness * x**2 + 0.25 * HARD * x**4, rel=1e-12)
+
+
+def test_a_hard_spring_leaves_the_peak_where_it_is_stores_less_and_keeps_the_ledger():
+    track, settings = step_track(40e-6, 125e-6), DragSettings(0.8, 0.15, speed=10e-3)
+    soft, hard = (simulate(track, probe, settings) for probe in (PAPER_DRAG, replace(PAPER_DRAG, hardening=HARD)))
+    # the force that lifts the tip over the edge knows nothing of the spring
+    assert hard.peak_force == pytest.approx(soft.peak_force, rel=0.02)  # but for what a tip with mass lags
+    assert hard.stored_energy < 0.9 * soft.stored_energy
+    assert hard.ledger_error < 1e-3
+    # origin: the ramp is F(v t), not k v t; a tip in the corner gives way as much with either spring
+    rates = []
+    for trace in (soft, hard):
+        time, force = trace.column("time_s"), trace.column("fx_n")
+        ramp = (force > 0.4) & (force < 1.0) & (time < trace.release_time)
+        rates.append(np.polyfit(time[ramp], [trace.probe.stretch(f) for f in force[ramp]], 1)[0])
+    assert rates[1] == pytest.approx(rates[0], rel=5e-3)
+    assert rates[1] == pytest.approx(10e-3, rel=0.03)

@@ -17,6 +17,7 @@ from stepblocks.bench.signal import Trace, TraceError
 from stepblocks.bench.signal.features import Measurement
 from stepblocks.bench.signal.ring import Ring
 from stepblocks.bench.traces import Traces
+from stepblocks.bench.traces.split import draw_cuts
 from stepblocks.bench.trials import Trial, open_trials
 from stepblocks.errors import PipelineError
 
@@ -48,6 +49,9 @@ def draw_trials(session: str | Path, output: str | Path, trials: list[str] | Non
         raise PipelineError(f"folder for figures cannot be made: {error.strerror} [{output}]") from error
     drawn = []
     with Traces(declared) as traces:
+        if declared.acquisition.split:
+            drawn.append(output / "cuts.png")
+            draw_cuts(traces.drags[0], list(traces.drags[1].values()), list(traces.drags[1]), drawn[-1])
         tool = pilot(traces, table)
         for trial in chosen:
             with suppress(TraceError):

@@ -16,12 +16,16 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from stepblocks.atomic import beside
+from stepblocks.bench.labels import LabelCheck, together
 from stepblocks.bench.session import Session, open_session
 from stepblocks.bench.signal import Tool, Trace, TraceError, screen_trace
 from stepblocks.bench.signal.approach import LandmarkError
-from stepblocks.bench.signal.features import FEATURE_COLUMNS, Measurement, measure_trace, tool_of
+from stepblocks.bench.signal.features import FEATURE_COLUMNS, Measurement, censored_features, measure_trace, tool_of
 from stepblocks.bench.traces import Traces
-from stepblocks.bench.trials import LabelCheck, Trial, TrialTable, open_trials
+from stepblocks.bench.trials import Trial, TrialTable, heights_of, open_trials
+from stepblocks.bench.waveform import WAVEFORM_COLUMNS, fit_waveform
+from stepblocks.contact.operating_point import PAPER
+from stepblocks.contact.operating_point import Tool as PointTool
 from stepblocks.errors import PipelineError
 from stepblocks.tables import harmless
 from stepblocks.workers import die_with_parent
@@ -34,7 +38,7 @@ _AHEAD = 4  # chunks per worker that wait for it at most
 _PILOTS = 16  # trials that tell of the tool
 _MOST_JOBS = 256
 _LEADING = ("trial", "status", "reason")
-_OK, _EXCLUDED = "ok", "excluded"
+_OK, _FLAGGED, _CENSORED, _EXCLUDED = "ok", "flagged", "censored", "excluded"
 # the blank cells of an excluded trial must not turn names that look like numbers into numbers
 _TEXT_COLUMNS = {"trial": str, "block": str, "tip": str, "reason": str}
 
@@ -56,13 +60,23 @@ class TrialResult:
     """What became of one trial."""
 
     trial: Trial
-    reason: str = ""  # why it is excluded; empty where it was measured
+    reason: str = ""  # why it is excluded or censored; empty where it was measured whole
     features: dict[str, float] = field(default_factory=dict)  # empty where it is excluded
     digest: int = 0  # two traces share it only if they have the same samples
 
+    @property
+    def status(self) -> str:
+        """What the table says of it."""
+        return _OK if not self.reason else _CENSORED if self.features else _EXCLUDED
+
 
 def measure(
-    session: str | Path, output: str | Path | None = None, *, jobs: int | None = None, progress: Progress | None = None
+    session: str | Path,
+    output: str | Path | None = None,
+    *,
+    jobs: int | None = None,
+    waveform: bool = False,
+    progress: Progress | None = None,
 ) -> pd.DataFrame:
     """Measure every trial of a session.
 
@@ -74,15 +88,18 @@ def measure(
         File that the table is also written to, CSV.
     jobs : int, optional
         Processes; as many as cores where omitted. The script that calls needs no main guard for them.
+    waveform : bool
+        Also fit the drag in time to every trace: `WAVEFORM_COLUMNS` after the others.
     progress : callable, optional
         Told how many of how many trials are done.
 
     Returns
     -------
     DataFrame
-        One row per trial in the order of the table of trials: ``trial``, ``status`` (``ok`` or ``excluded``), ``reason``,
-        the conditions as written, then `FEATURE_COLUMNS` in SI, each with its standard uncertainty; not-a-number where a
-        trial was excluded or does not show it.
+        One row per trial in the order of the table of trials: ``trial``, ``status``, ``reason``, the conditions as written,
+        then `FEATURE_COLUMNS` in SI, each with its standard uncertainty; not-a-number where a trial does not show it.
+        ``flagged``: measured, but unlike its label; ``censored``: saturated or locked, so that its peak force is a lower
+        bound; ``excluded``: not measured.
 
     Raises
     ------
@@ -95,19 +112,26 @@ def measure(
 
     with tempfile.TemporaryDirectory(prefix="stepblocks-features-") as scratch:
         table = Path(output) if output is not None else Path(scratch) / "features.csv"
-        write_features(session, table, jobs=jobs, progress=progress)
+        write_features(session, table, jobs=jobs, waveform=waveform, progress=progress)
         return pd.read_csv(table, dtype=_TEXT_COLUMNS).fillna({"reason": ""})
 
 
 def write_features(
-    session: str | Path, output: str | Path, *, jobs: int | None = None, progress: Progress | None = None
+    session: str | Path,
+    output: str | Path,
+    *,
+    jobs: int | None = None,
+    waveform: bool = False,
+    progress: Progress | None = None,
 ) -> MeasureSummary:
     """Measure every trial of a session into a file, however many there are; see `measure`, which also reads it back.
 
     The file is replaced whole when all is done.
     """
     folder, output = Path(session), Path(output)
-    table = open_trials(open_session(folder), frozenset((*_LEADING, *FEATURE_COLUMNS)))
+    table = open_trials(open_session(folder), frozenset((*_LEADING, *FEATURE_COLUMNS, *WAVEFORM_COLUMNS)))
+    columns = (*FEATURE_COLUMNS, *WAVEFORM_COLUMNS) if waveform else FEATURE_COLUMNS
+    heights = dict(enumerate(heights_of(table.session, table.header, list(table))[1], start=1)) if waveform else {}
     if jobs is None:
         jobs = len(os.sched_getaffinity(0))
     elif not 1 <= jobs <= _MOST_JOBS:
@@ -123,18 +147,18 @@ def write_features(
         draft = Path(scratch) / "draft.csv"
         with draft.open("w", newline="", encoding="utf-8") as file:
             writer = csv.writer(file, lineterminator="\n")
-            writer.writerow([*_LEADING, *table.covariates, *FEATURE_COLUMNS])
-            for done, result in enumerate(_results(table, jobs), start=1):
+            writer.writerow([*_LEADING, *table.covariates, *columns])
+            for done, result in enumerate(_results(table, jobs, heights), start=1):
                 if not result.reason:
                     check.add(result.trial, result.features, result.digest)
-                writer.writerow(_cells(result, table.covariates))
+                writer.writerow(_cells(result, table.covariates, columns))
                 if progress is not None:
                     progress(done, table.count)
-        return _finish(draft, output, table, check.faults())
+        return _finish(draft, output, table, check.faults(), len(columns))
 
 
-def measure_trial(traces: Traces, trial: Trial, tool: Tool | None = None) -> TrialResult:
-    """Read, screen and measure one trial."""
+def measure_trial(traces: Traces, trial: Trial, tool: Tool | None = None, height: float = math.nan) -> TrialResult:
+    """Read, screen and measure one trial; where its height [m] is given, fit the drag in time too."""
     if trial.fault:
         return TrialResult(trial, trial.fault)
     try:
@@ -142,9 +166,18 @@ def measure_trial(traces: Traces, trial: Trial, tool: Tool | None = None) -> Tri
     except TraceError as fault:
         return TrialResult(trial, " ".join(str(fault).split()))
     if measured is None:
-        return TrialResult(trial, reason)
+        known = "saturated" in reason or reason.startswith("no release")
+        session = traces.session
+        seen = censored_features(trace, session.probe.spring_constant, trial.speed, reason) if known else {}
+        return TrialResult(trial, reason, seen)
     samples = blake2b(trace.tangential.tobytes() + trace.normal.tobytes(), digest_size=7)
-    return TrialResult(trial, "", measured.features, int.from_bytes(samples.digest()))
+    features, probe = measured.features, traces.session.probe
+    if math.isfinite(height):
+        radius = probe.tip_radius or PAPER.ball_radius
+        usual = (PAPER.tool.frequency, PAPER.tool.decay_time) if tool is None else tool
+        fitted = fit_waveform(trace, measured, height, radius, PointTool(probe.spring_constant, *usual))
+        features = features | (fitted.features if fitted else {})
+    return TrialResult(trial, "", features, int.from_bytes(samples.digest()))
 
 
 def examine(traces: Traces, trial: Trial, tool: Tool | None) -> tuple[Trace, Measurement | None, str]:
@@ -171,13 +204,13 @@ def pilot(traces: Traces, table: TrialTable) -> Tool | None:
     return tool_of(result.features for result in results if not result.reason)
 
 
-def _results(table: TrialTable, jobs: int) -> Iterator[TrialResult]:
+def _results(table: TrialTable, jobs: int, heights: dict[int, float]) -> Iterator[TrialResult]:
     """Results in the order of the table; no more than a few chunks per worker are under way at any time."""
     with Traces(table.session) as traces:  # what is wrong with the whole is said here, once
         tool = pilot(traces, table)
         if jobs == 1 or table.count <= _CHUNK:
             for trial in table:
-                yield measure_trial(traces, trial, tool)
+                yield measure_trial(traces, trial, tool, 1e-6 * heights.get(trial.row, math.nan))
             return
     # its workers do not load the calling script again, which then needs no main guard, and share no open file
     from joblib.externals.loky import ProcessPoolExecutor
@@ -188,7 +221,8 @@ def _results(table: TrialTable, jobs: int) -> Iterator[TrialResult]:
     with ProcessPoolExecutor(jobs, initializer=die_with_parent, env=environment) as pool:
         while True:
             while len(waiting) < jobs * _AHEAD and (chunk := list(islice(trials, _CHUNK))):
-                waiting.append(pool.submit(_measure_chunk, table.session, tool, chunk))
+                known = [1e-6 * heights.get(trial.row, math.nan) for trial in chunk]
+                waiting.append(pool.submit(_measure_chunk, table.session, tool, chunk, known))
             if not waiting:
                 return
             yield from waiting.popleft().result()
@@ -197,39 +231,52 @@ def _results(table: TrialTable, jobs: int) -> Iterator[TrialResult]:
 _opened = cache(Traces)  # of the one session of a worker
 
 
-def _measure_chunk(session: Session, tool: Tool | None, trials: list[Trial]) -> list[TrialResult]:
-    return [measure_trial(_opened(session), trial, tool) for trial in trials]
+def _measure_chunk(session: Session, tool: Tool | None, trials: list[Trial], heights: list[float]) -> list[TrialResult]:
+    pairs = zip(trials, heights, strict=True)
+    return [measure_trial(_opened(session), trial, tool, height) for trial, height in pairs]
 
 
-def _cells(result: TrialResult, covariates: Iterable[str]) -> list[str]:
+def _cells(result: TrialResult, covariates: Iterable[str], columns: Iterable[str]) -> list[str]:
     """One row of the table; a feature that is not a number is an empty cell."""
-    values = [result.features.get(name, "") for name in FEATURE_COLUMNS]
+    values = [result.features.get(name, "") for name in columns]
     return [
         result.trial.name,
-        _EXCLUDED if result.reason else _OK,
+        result.status,
         result.reason,
         *(str(harmless(result.trial.cells.get(name, ""))) for name in covariates),
         *(value if isinstance(value, str) else f"{value:.9g}" if math.isfinite(value) else "" for value in values),
     ]
 
 
-def _finish(draft: Path, output: Path, table: TrialTable, faults: dict[int, str]) -> MeasureSummary:
+def _measured(draft: Iterable[str], covariates: Iterable[str]) -> Iterator[tuple[int, dict[str, str]]]:
+    """Rows of the draft that were measured whole, each with its conditions."""
+    for row, cells in enumerate(csv.reader(draft)):
+        if cells[1] == _OK:
+            yield row, dict(zip(covariates, cells[len(_LEADING) :], strict=False))
+
+
+def _finish(draft: Path, output: Path, table: TrialTable, faults: dict[int, str], width: int) -> MeasureSummary:
     """Put the faults of labels into the draft, and the draft into its place."""
-    reasons: Counter[str] = Counter()
+    counts: Counter[tuple[str, str]] = Counter()
     try:
         with beside(output) as whole:
             with (
                 draft.open(newline="", encoding="utf-8") as source,
                 whole.open("w", newline="", encoding="utf-8") as sink,
             ):
+                data = together(_measured(source, table.covariates), faults)
+                source.seek(0)
                 writer = csv.writer(sink, lineterminator="\n")
                 for row, cells in enumerate(csv.reader(source)):
-                    if row in faults and cells[1] == _OK:
-                        cells[1:3] = [_EXCLUDED, faults[row]]
-                        cells[-len(FEATURE_COLUMNS) :] = [""] * len(FEATURE_COLUMNS)
-                    if row and cells[1] == _EXCLUDED:
-                        reasons[cells[2].split(":")[0][:60]] += 1
+                    if row in faults and cells[1] == _OK and row not in data:
+                        throw = not faults[row].startswith("mislabelled")
+                        cells[1:3] = [_EXCLUDED if throw else _FLAGGED, faults[row]]
+                        if throw:
+                            cells[-width:] = [""] * width
+                    if row:
+                        counts[cells[1], cells[2].split(":")[0][:60]] += 1
                     writer.writerow(cells)
+            reasons = Counter({kind: n for (status, kind), n in counts.items() if status == _EXCLUDED})
             if reasons.total() == table.count:
                 commonest, times = reasons.most_common(1)[0]
                 first = next(iter(faults.values()), commonest)
@@ -240,5 +287,10 @@ def _finish(draft: Path, output: Path, table: TrialTable, faults: dict[int, str]
     one, alike = next(iter(table)), {"block", "speed", "load"}  # what the session does not vary shows no effect
     for trial in table:
         alike -= {name for name in alike if str(getattr(trial, name)) != str(getattr(one, name))}
-    notes = tuple(f"all trials have one {name}" for name in ("block", "speed", "load") if name in alike)
+    kept = Counter(data.values())
+    notes = (
+        *(f"all trials have one {name}" for name in ("block", "speed", "load") if name in alike),
+        *(f"{n} {status}: {kind}" for (status, kind), n in counts.items() if status in (_FLAGGED, _CENSORED)),
+        *(f"{n} {shared} are unlike their labels together and stay as data" for shared, n in kept.items()),
+    )
     return MeasureSummary(table.count, reasons.total(), dict(reasons), notes)

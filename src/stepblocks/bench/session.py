@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import math
 import re
+from collections.abc import Mapping
 from pathlib import Path, PurePosixPath
 from typing import Annotated, Literal, NamedTuple
 
@@ -22,14 +24,20 @@ FORMATS: dict[TraceFormat, tuple[str, ...]] = {
     "tdms": (".tdms",),
     "mat": (".mat",),
 }
+_DIMENSIONS = {"speed": "speed", "load": "force", "height": "length"}  # of conditions
 _FIELD = re.compile(r"\{([a-z_]+)(?::(0?)(\d{1,2})d)?\}")
 _DRIVE = re.compile(r"\s*[A-Za-z]:")
-# unit that a column has by the end of its name; `gf` is a gram-force
+# unit that a column has by the end of its name; the gram of a weight is a gram-force
 _SUFFIX_UNITS = {
-    "force": {"n": "N", "mn": "mN", "un": "uN", "kn": "kN", "gf": "gf"},
+    "force": {"n": "N", "mn": "mN", "un": "uN", "kn": "kN", "gf": "gf", "g": "gf", "kg": "kgf", "v": "V", "mv": "mV"},
+    "length": {"um": "um", "mm": "mm", "nm": "nm", "m": "m"},
     "time": {"s": "s", "ms": "ms", "us": "us"},
     "speed": {"mm_s": "mm/s", "m_s": "m/s", "um_s": "um/s", "mm_per_s": "mm/s", "m_per_s": "m/s", "um_per_s": "um/s"},
 }
+_WEIGHTS = {"g": "gf", "kg": "kgf", "mg": "mgf"}
+_VOLTS = {"V": 1.0, "mV": 1e-3, "uV": 1e-6}
+_PER_VOLT = re.compile(r"\s*(\S.*?)\s*/\s*(V|mV|uV)\s*")
+_TARE = re.compile(r"\s*first\s+(\S.*?)\s*")
 _MOST_BYTES = 1 << 20  # a longer session.toml is none
 
 Stiffness = Annotated[float, BeforeValidator(quantity_parser("stiffness")), Field(gt=0.0)]
@@ -50,12 +58,45 @@ class _Open(BaseModel):
     model_config = ConfigDict(extra="ignore", frozen=True)
 
 
+def unit_of_name(name: str, dimension: str) -> str | None:
+    """Return the unit at the end of a column name, or None."""
+    lowered = name.lower().rsplit("/", 1)[-1]
+    fits = [suffix for suffix in _SUFFIX_UNITS[dimension] if f"_{lowered}".endswith(f"_{suffix}")]
+    return _SUFFIX_UNITS[dimension][max(fits, key=len)] if fits else None
+
+
+def scale_of(unit: str, dimension: str, place: str) -> float:
+    """Factor that turns a number in `unit` into SI."""
+    try:
+        return parse_quantity(f"1 {_WEIGHTS.get(unit, unit) if dimension == 'force' else unit}", dimension)
+    except QuantityError as error:
+        raise BenchError(f"`{place}` must have a unit of {dimension}, got {unit!r}") from error
+
+
+def _quantity(text: str, dimension: str, place: str) -> float:
+    try:
+        return parse_quantity(text, dimension)
+    except QuantityError as error:
+        raise BenchError(f"`{place}` {error}") from error
+
+
+def _finite(value: object) -> object:
+    if isinstance(value, float) and not math.isfinite(value):
+        raise ValueError("input should be a finite number")
+    return value
+
+
+_Gain = Annotated[float | str, BeforeValidator(_finite)]
+
+
 class Channel(Strict):
     """One column of a trace or of the table of trials."""
 
     column: str | int  # name, or index from 0 where the columns have no names
     unit: str | None = None  # of its numbers; by default what the end of the name says (``fx_mn``), else SI
-    factor: float = Field(default=1.0, allow_inf_nan=False)  # gain or sign that the numbers are multiplied with
+    factor: _Gain = 1.0  # gain or sign that the numbers are multiplied with; ``"2.35 N/V"`` of a gauge in volts
+    offset: _Gain = 0.0  # what it reads at none, taken off: in the numbers' own unit, or a quantity such as ``"5 mN"``
+    tare: str | None = None  # ``"first 0.1 s"``: the mean of what is recorded then counts as none
 
     @model_validator(mode="before")
     @classmethod
@@ -66,7 +107,49 @@ class Channel(Strict):
         """Factor from the numbers in the file to SI."""
         name = self.column if isinstance(self.column, str) else ""
         unit = self.unit or unit_of_name(name, dimension)
+        if isinstance(self.factor, str):
+            found = _PER_VOLT.fullmatch(self.factor)
+            if found is None or (unit or "V") not in _VOLTS:
+                raise BenchError(
+                    f"`{place}.factor` must be a number, or a {dimension} per volt such as '2.35 N/V' of a "
+                    f"column in V or mV, got {self.factor!r}"
+                )
+            return _quantity(found[1], dimension, f"{place}.factor") / _VOLTS[found[2]] * _VOLTS[unit or "V"]
+        if unit in _VOLTS:
+            raise BenchError(f"`{place}.factor` must say what a volt is, such as '2.35 N/V', for a column in {unit}")
         return self.factor * (scale_of(unit, dimension, place) if unit else 1.0)
+
+    def taken_off(self, dimension: str, place: str) -> float:
+        """Return what the channel reads at none, in SI."""
+        if not isinstance(self.offset, str):
+            return self.offset * self.scale(dimension, place)
+        volts = re.fullmatch(r"\s*([-+.\deE]+)\s*(V|mV|uV)\s*", self.offset)
+        if volts and isinstance(self.factor, str):
+            own = self.unit or unit_of_name(str(self.column), dimension) or "V"
+            return float(volts[1]) * _VOLTS[volts[2]] / _VOLTS[own] * self.scale(dimension, place)
+        return _quantity(self.offset, dimension, f"{place}.offset")
+
+    def tare_time(self, place: str) -> float:
+        """Seconds at the begin of a record that count as none; 0 for no tare."""
+        if self.tare is None:
+            return 0.0
+        found = _TARE.fullmatch(self.tare)
+        if found is None:
+            raise BenchError(f"`{place}.tare` must say how long, such as 'first 0.1 s', got {self.tare!r}")
+        return _quantity(found[1], "time", f"{place}.tare")
+
+
+def check_channels(channels: Mapping[str, tuple[Channel, str]]) -> None:
+    """Refuse units, factors, offsets and tares that say nothing, all at once; by place, each channel with its dimension."""
+    mistakes: list[Mistake] = []
+    for place, (channel, dimension) in channels.items():
+        with noted(mistakes):
+            channel.scale(dimension, place)
+            channel.taken_off(dimension, place)
+            if channel.tare_time(place) and place.startswith("trials"):
+                raise BenchError(f"`{place}` has no time to take a tare from")
+    if mistakes:
+        raise ValueError("\n".join(text for _, text in mistakes))
 
 
 class Channels(Strict):
@@ -78,12 +161,7 @@ class Channels(Strict):
 
     @model_validator(mode="after")
     def _units_fit(self) -> Channels:
-        mistakes: list[Mistake] = []
-        for part, (channel, dimension) in self.parts().items():
-            with noted(mistakes):
-                channel.scale(dimension, f"acquisition.channels.{part}")
-        if mistakes:
-            raise ValueError("\n".join(text for _, text in mistakes))
+        check_channels({f"acquisition.channels.{part}": one for part, one in self.parts().items()})
         return self
 
     def parts(self) -> dict[str, tuple[Channel, str]]:
@@ -111,6 +189,17 @@ class Acquisition(_Open):
     decimal: _Decimal = "."
     skip_lines: int = Field(default=0, ge=0, le=10_000)  # before the header of CSV traces
     range: _Force | None = None  # at which the sensor saturates [N]
+    split: Literal["drags"] | None = None  # one record of all trials, cut into drags in the order of the table
+
+    @model_validator(mode="after")
+    def _can_be_read(self) -> Acquisition:
+        try:
+            known = self.kind in FORMATS
+        except BenchError as error:
+            raise ValueError(str(error)) from error
+        if known and self.split and (self.per_trial or self.group):
+            raise ValueError("`acquisition.split` is for one record of all trials, without {trial} and group")
+        return self
 
     @property
     def kind(self) -> TraceFormat:
@@ -134,6 +223,12 @@ class TrialColumns(Strict):
     speed: Channel = Channel(column="speed_mm_s")
     load: Channel = Channel(column="load_n")
     block: Channel = Channel(column="block")
+    height: Channel = Channel(column="height_um")
+
+    @model_validator(mode="after")
+    def _units_fit(self) -> TrialColumns:
+        check_channels({f"trials.columns.{part}": (getattr(self, part), one) for part, one in _DIMENSIONS.items()})
+        return self
 
 
 class Trials(Strict):
@@ -149,6 +244,7 @@ class Stimuli(_Open):
     """The blocks that were crossed."""
 
     set: str | None = None  # name of the stimulus set
+    file: str | None = None  # its file, from the session; by default ``stimuli/<set>.toml`` beside where one works
     scans: str | None = None  # pattern of their scans, with ``{block}``
 
 
@@ -206,17 +302,16 @@ def open_session(folder: str | Path) -> Session:
             with noted(mistakes):
                 check_pattern(given, field, name)
                 inside(folder, given, name)
-                if key == "traces" and given.lower().endswith(".csv") and "{" not in given:
+                split = (declared.get("acquisition") or {}).get("split")
+                if key == "traces" and given.lower().endswith(".csv") and "{" not in given and not split:
                     raise BenchError(f"`{name}` must hold {{trial}} for CSV traces, got {given!r}")
     if mistakes:
         raise BenchError(told(mistakes, path))
     return session
 
 
-def check_pattern(pattern: str | None, field: str, place: str) -> None:
-    """Allow no braces in `pattern` but those of `field`, such as ``{trial}`` or ``{trial:04d}``; it may be missing."""
-    if pattern is None:
-        return
+def check_pattern(pattern: str, field: str, place: str) -> None:
+    """Allow no braces in `pattern` but those of `field`, such as ``{trial}`` or ``{trial:04d}``."""
     rest = _FIELD.sub(lambda m: "" if m.group(1) == field else m.group(0), pattern)
     if "{" in rest or "}" in rest or not pattern.strip():
         raise BenchError(f"`{place}` may hold {{{field}}}, {{{field}:04d}} and no other braces, got {pattern!r}")
@@ -243,18 +338,3 @@ def inside(folder: Path, relative: str, place: str) -> Path:
     if parts.is_absolute() or ".." in parts.parts or "\0" in relative or _DRIVE.match(relative):
         raise BenchError(f"`{place}` must lie inside the session, got {relative!r}")
     return folder.joinpath(*parts.parts)
-
-
-def unit_of_name(name: str, dimension: str) -> str | None:
-    """Return the unit at the end of a column name, or None."""
-    lowered = name.lower().rsplit("/", 1)[-1]
-    fits = [suffix for suffix in _SUFFIX_UNITS[dimension] if f"_{lowered}".endswith(f"_{suffix}")]
-    return _SUFFIX_UNITS[dimension][max(fits, key=len)] if fits else None
-
-
-def scale_of(unit: str, dimension: str, place: str) -> float:
-    """Factor that turns a number in `unit` into SI."""
-    try:
-        return parse_quantity(f"1 {unit}", dimension)
-    except QuantityError as error:
-        raise BenchError(f"`{place}` must have a unit of {dimension}, got {unit!r}") from error

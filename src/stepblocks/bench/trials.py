@@ -1,31 +1,32 @@
-"""The table of trials, row by row, and whether each trace belongs to its row."""
+"""The table of trials: row by row, and under the names and in the units that an analysis asks for."""
 
 from __future__ import annotations
 
 import csv
 import math
+import re
 from array import array
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from dataclasses import dataclass, field
 from hashlib import blake2b
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from stepblocks.bench.session import Session
-from stepblocks.bench.signal import Array
+from stepblocks.bench.session import Channel, Session, TrialColumns, inside, unit_of_name
 from stepblocks.errors import BenchError
 
+if TYPE_CHECKING:
+    import pandas as pd
+
+_HEIGHT = re.compile(r"(step_?)?height", re.IGNORECASE)
+_STAMP = r"\d{4}-\d\d?-\d\d?|\d\d?[./]\d\d?[./]\d{2,4}|\d\d?:\d\d"  # how a date or a time of day begins
+_STAMPS = 0.9  # share of the cells of a column that must be date and time
+_NAMES = {"block": "block", "load": "load_n", "speed": "speed_mm_s", "height": "height_um"}
 _MOST_COLUMNS = 1000
-_CONDITIONS = ("speed", "load", "block")
-_LOAD_FACTOR = 1.25  # measured over declared load, against the median of the session
-_SLOPE_FACTOR = 1.5  # ramp over speed, against the median of the session
-_WILD_FACTOR = 3.0  # the session as a whole: more than this is a matter of units
-_UNIT_FACTOR = 100.0  # one trial: more than this may be a matter of units
-_ANGLE_SIGMAS = 8.0
-_ANGLE_SHARE = 0.12  # least relative deviation of the sine of half the angle
-_FEWEST = 5  # trials of a block, to know its angle
-_FEATURES = ("normal_load_n", "loading_slope_n_per_s", "peak_force_n", "sliding_friction")
+_CONDITIONS = ("speed", "load", "block", "height")
 
 
 @dataclass(frozen=True)
@@ -84,7 +85,8 @@ class TrialTable:
             raise ValueError(f"{channel.column} must be a number, got {text[:40]!r}") from None
         if not math.isfinite(value) or value <= 0.0:
             raise ValueError(f"{channel.column} must be positive and finite, got {text[:40]}")
-        return value * float(channel.scale(dimension, f"trials.columns.{part}"))
+        place = f"trials.columns.{part}"
+        return value * float(channel.scale(dimension, place)) - float(channel.taken_off(dimension, place))
 
 
 def open_trials(session: Session, reserved: frozenset[str] = frozenset()) -> TrialTable:
@@ -100,10 +102,10 @@ def open_trials(session: Session, reserved: frozenset[str] = frozenset()) -> Tri
     twice = sorted({name for name in header if header.count(name) > 1})
     if twice:
         raise BenchError(f"table of trials names the column {twice[0]!r} twice [{session.table}]")
-    key = _column_name(columns.trial.column, header, "trial")
+    key = column_name(columns.trial.column, header, "trial")
     for part in _CONDITIONS:
         if part in columns.model_fields_set:
-            _column_name(getattr(columns, part).column, header, part)
+            column_name(getattr(columns, part).column, header, part)
     taken = sorted(set(header) & reserved - {key})
     if taken:
         raise BenchError(f"column `{taken[0]}` of the table of trials has a name that features use [{session.table}]")
@@ -135,7 +137,8 @@ def _duplicates(noted: NDArray[np.uint64]) -> dict[int, str]:
     }
 
 
-def _column_name(column: str | int, header: tuple[str, ...], part: str) -> str:
+def column_name(column: str | int, header: tuple[str, ...], part: str) -> str:
+    """Name of a declared column, or say which there are."""
     if isinstance(column, int) and 0 <= column < len(header):
         return header[column]
     if isinstance(column, str) and column in header:
@@ -159,85 +162,92 @@ def _lines(session: Session) -> Iterator[list[str]]:
             raise BenchError(f"table of trials must be CSV in UTF-8: {error} [{session.table}]") from error
 
 
-@dataclass
-class LabelCheck:
-    """Collects 72 bytes per trial and names the trials whose trace belongs elsewhere."""
+def conditions_of(session: Session) -> dict[str, tuple[str, pd.Series]]:
+    """Read what an analysis needs beside the forces: by name, the column it takes the place of and one value per trial.
 
-    labels: array[int] = field(default_factory=lambda: array("Q"))  # row, block and digest of each trial
-    numbers: array[float] = field(default_factory=lambda: array("d"))
-    names: dict[str, int] = field(default_factory=dict)
+    What the table already has under that name and in that unit is left out. Raises `BenchError` where block, load, speed
+    or height are neither in the table nor, for the height, known of the stimulus set.
+    """
+    import pandas as pd
 
-    def add(self, trial: Trial, features: dict[str, float], digest: int) -> None:
-        """Take note of one measured trial; `digest` identifies the samples of its trace."""
-        self.labels.extend((trial.row, self.names.setdefault(trial.block, len(self.names)), digest))
-        self.numbers.extend((trial.load, trial.speed, *(features.get(name, math.nan) for name in _FEATURES)))
-
-    def faults(self) -> dict[int, str]:
-        """Reasons by row, for every trial whose trace belongs elsewhere."""
-        rows, blocks, digests = np.array(self.labels, dtype=np.uint64).reshape(-1, 3).T
-        load, speed, normal, slope, peak, friction = np.array(self.numbers, dtype=float).reshape(-1, 6).T
-        found: dict[int, str] = {}
-
-        def compare(ratio: Array, factor: float, told: Callable[[int, float], str]) -> float:
-            finite = ratio[np.isfinite(ratio)]
-            usual = float(np.median(finite)) if finite.size else math.nan
-            units = _off(ratio, usual, _UNIT_FACTOR)
-            for index in np.flatnonzero(_off(ratio, usual, factor)).tolist():
-                wrong = "units changed or mislabelled" if units[index] else "mislabelled"
-                found.setdefault(int(rows[index]), f"{wrong}: {told(index, usual)}")
-            return usual
-
-        def told_load(index: int, _: float) -> str:
-            return f"the normal force is {normal[index]:.3g} N, the load of this row is {load[index]:.3g} N"
-
-        def told_speed(index: int, usual: float) -> str:
-            means = f"the ramp of {slope[index]:.3g} N/s means {slope[index] / usual * 1e3:.3g} mm/s"
-            return f"{means}, the speed of this row is {speed[index] * 1e3:.3g} mm/s"
-
-        ratio = normal / load
-        usual = compare(ratio, _LOAD_FACTOR, told_load)
-        if _off(np.array([usual]), 1.0, _WILD_FACTOR)[0]:
-            found |= {
-                int(rows[i]): f"units: {told_load(i, usual)}" for i in np.flatnonzero(np.isfinite(ratio)).tolist()
-            }
-        compare(slope / speed, _SLOPE_FACTOR, told_speed)
-        clean = np.array([i for i in np.argsort(rows, kind="stable") if rows[i] not in found], dtype=np.intp)
-        _, first, which = np.unique(digests[clean], return_index=True, return_inverse=True)
-        for copy in np.flatnonzero(first[which] != np.arange(len(clean))):
-            pair = int(rows[clean[copy]]), int(rows[clean[first[which[copy]]]])
-            for one, other in (pair, pair[::-1]):
-                found[one] = f"duplicate: the same samples stand for row {other}"
-        # inverse of equation (1): a = atan(F_px / F_py) - atan(mu)
-        angle = np.where(np.isin(rows, list(found)), math.nan, np.arctan(peak / normal) - np.arctan(friction))
-        names = list(self.names)
-        for index, other in _of_other_blocks(angle, blocks).items():
-            said = f"the forces are those of block {names[other]}, the row says {names[int(blocks[index])]}"
-            found.setdefault(int(rows[index]), f"mislabelled: {said}")
-        return found
-
-
-def _of_other_blocks(angle: Array, block: NDArray[np.uint64]) -> dict[int, int]:
-    """Trials whose sin(a/2), which is sqrt(H / 2R) by equation (2), fits another block and not their own."""
-    size = np.sin(0.5 * angle)
-    known = np.isfinite(size)
-    groups = {int(name): size[known & (block == name)] for name in np.unique(block)}
-    groups = {name: sizes for name, sizes in groups.items() if sizes.size >= _FEWEST}
-    if len(groups) < 2:
-        return {}
-    medians = {name: float(np.median(sizes)) for name, sizes in groups.items()}
-    deviations = [np.abs(sizes - medians[name]) / 0.6745 for name, sizes in groups.items()]
-    spread = float(np.median(np.concatenate(deviations)))
-    found = {}
-    for index in np.flatnonzero(known & np.isin(block, list(medians))).tolist():
-        own = medians[int(block[index])]
-        miss = abs(size[index] - own)
-        nearest = min(medians, key=lambda name: abs(medians[name] - size[index]))
-        fits = abs(size[index] - medians[nearest]) < 0.25 * miss
-        if nearest != block[index] and fits and miss > max(_ANGLE_SIGMAS * spread, _ANGLE_SHARE * own):
-            found[index] = nearest
+    table, columns = open_trials(session), session.trials.columns
+    rows = list(table)
+    named = {
+        part: column_name(getattr(columns, part).column, table.header, part) for part in ("block", "load", "speed")
+    }
+    values: dict[str, list[Any]] = {
+        "block": [row.block for row in rows],
+        "load": [row.load for row in rows],
+        "speed": [1e3 * row.speed for row in rows],
+    }
+    named["height"], values["height"] = heights_of(session, table.header, rows)
+    found = {
+        name: (named[part], pd.Series(values[part]))
+        for part, name in _NAMES.items()
+        if named[part] != name
+        or getattr(columns, part) != getattr(TrialColumns(), part)
+        or session.trials.decimal != "."
+    }
+    for column in table.covariates:
+        if column in named.values():
+            continue
+        text = pd.Series([row.cells.get(column, "").strip() for row in rows])
+        if session.trials.decimal == "," and text.str.fullmatch(r"[-+]?\d*,?\d+([eE][-+]?\d+)?|").all():
+            found[column] = (column, pd.to_numeric(text.str.replace(",", ".")))
+        elif text.str.match(_STAMP).mean() > _STAMPS:
+            stamps = pd.to_datetime(
+                text, errors="coerce", format="mixed", dayfirst=bool(text.str.match(r"\d\d?\.").any())
+            )
+            if stamps.notna().mean() > _STAMPS:
+                found[f"{column}_elapsed_s"] = (column, (stamps - stamps.min()).dt.total_seconds())
     return found
 
 
-def _off(ratio: Array, usual: float, factor: float) -> NDArray[np.bool_]:
-    with np.errstate(invalid="ignore", divide="ignore"):
-        return np.isfinite(ratio) & ((ratio > usual * factor) | (ratio < usual / factor))
+def with_conditions(features: pd.DataFrame, conditions: dict[str, tuple[str, pd.Series]]) -> pd.DataFrame:
+    """Return a table of features of all trials with `conditions` in the places of the columns they come from."""
+    table = features.copy()
+    for name, (source, values) in conditions.items():
+        place = list(table.columns).index(source) if source in table else list(table.columns).index("sliding_friction")
+        table = table.drop(columns=[column for column in {source, name} if column in table])
+        table.insert(min(place, len(table.columns)), name, values.to_numpy())
+    return table
+
+
+def heights_of(session: Session, header: tuple[str, ...], rows: list[Trial]) -> tuple[str, list[float]]:
+    """Column of the heights and their values [um]; of the stimulus set where the table has none."""
+    channel = session.trials.columns.height
+    if "height" in session.trials.columns.model_fields_set:
+        column_name(channel.column, header, "height")
+    elif channel.column not in header:
+        others = [name for name in header if _HEIGHT.match(name) and unit_of_name(name, "length")]
+        if not others:
+            heights = _declared_heights(session)
+            return "", [heights.get(row.block, math.nan) for row in rows]
+        channel = Channel(column=others[0])
+    name, place = column_name(channel.column, header, "height"), "trials.columns.height"
+    scale, off = (1e6 * one("length", place) for one in (channel.scale, channel.taken_off))
+    values: list[float] = []
+    for row in rows:
+        try:
+            values.append(float(row.cells.get(name, "").strip().replace(session.trials.decimal, ".")) * scale - off)
+        except ValueError:
+            values.append(math.nan)
+    return name, values
+
+
+def _declared_heights(session: Session) -> dict[str, float]:
+    """Heights of the blocks of the stimulus set by their names [um]."""
+    from stepblocks.contact.counterface import Step
+    from stepblocks.declare import load_declared
+
+    stimuli = session.stimuli
+    beside = Path("stimuli") / f"{stimuli.set}.toml"
+    path = inside(session.folder, stimuli.file, "stimuli.file") if stimuli.file else beside
+    if not (stimuli.set or stimuli.file) or not path.is_file():
+        missing = f", and there is no {path}" if stimuli.set or stimuli.file else ""
+        raise BenchError(
+            f"table of trials must have a column 'height_um' or another length that begins with height, or "
+            f"`stimuli.file` the stimulus set{missing} [{session.table}]"
+        )
+    faces = {part.id: part.counterface() for part in load_declared(path).stimuli if part.crossed}
+    return {name: 1e6 * face.height for name, face in faces.items() if isinstance(face, Step)}

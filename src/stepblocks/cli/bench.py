@@ -24,6 +24,7 @@ def add_to(commands: Any) -> None:
     measure.add_argument("session", type=Path, metavar="SESSION", help="folder with session.toml")
     add_output(measure, "out/features.csv", "CSV", "table of features")
     add_jobs(measure)
+    _add_waveform(measure)
     measure.add_argument("--plots", type=Path, metavar="DIR", help="also draw trials with what was fitted")
     said = "trials to draw, separated by commas (default: the first twelve)"
     measure.add_argument("--trials", metavar="LIST", help=said)
@@ -39,6 +40,7 @@ def add_to(commands: Any) -> None:
     loop.add_argument("session", type=Path, nargs="+", metavar="SESSION", help=said)
     add_output(loop, "out/loop")
     add_jobs(loop)
+    _add_waveform(loop)
     loop.add_argument("--forces-only", action="store_true", help="leave the scans of the blocks out")
     said = "as-built records of inspected blocks, or folders of them, instead of the session's scans"
     loop.add_argument("--as-built", nargs="+", type=Path, default=[], metavar="RECORD", help=said)
@@ -54,12 +56,17 @@ def add_to(commands: Any) -> None:
     add_output(rehearse, "out/session", said="session to make")
 
 
+def _add_waveform(command: argparse.ArgumentParser) -> None:
+    command.add_argument("--waveform", action="store_true", help="also fit the drag in time to every whole trace")
+
+
 def _measure(arguments: argparse.Namespace) -> Outcome:
     from stepblocks.bench.measure import write_features
 
     told = telling(arguments, "measured trials", lines=10)
     arguments.output.parent.mkdir(parents=True, exist_ok=True)
-    summary = write_features(arguments.session, arguments.output, jobs=arguments.jobs, progress=told)
+    given = {"jobs": arguments.jobs, "waveform": arguments.waveform}
+    summary = write_features(arguments.session, arguments.output, progress=told, **given)
     if arguments.plots is not None:
         from stepblocks.bench.figures import draw_trials
 
@@ -96,7 +103,7 @@ def _loop(arguments: argparse.Namespace) -> Outcome:
         return Outcome(
             "; ".join(f"{n}: {s['verdict']}" for n, s in document["sessions"].items()), tables, record=document
         )
-    result = loop_session(arguments.session[0], arguments.output, **asked)
+    result = loop_session(arguments.session[0], arguments.output, waveform=arguments.waveform, **asked)
     for scan in result.document["scans"]["left_out"]:
         print(f"scan of {scan['block']} left out: {scan['reason']}", file=sys.stderr)
     page = arguments.output / "report.html"

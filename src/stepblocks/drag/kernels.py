@@ -101,16 +101,17 @@ def integrate(
     """Integrate a drag; `probe` and `settings` hold the fields of `Probe` and `DragSettings` in their order.
 
     `contact` is static friction, stiffness of the bristles and the force past which the tip counts as locked; `start` is x,
-    y and the distance from a kink within which both its sides are touched; `pace` is step, steps and steps per row.
+    y, the distance from a kink within which both its sides are touched, and the stretch of the spring in steady sliding;
+    `pace` is step, steps and steps per row.
     Returned are the rows, their count, the peak (force, time, x, 1 where it was too great) and the ledger.
     """
     nodes, height, left, right, kinks = track
-    k, mass, ratio, kn, power, loss, ky, carrier_mass = probe
+    k, mass, ratio, kn, power, loss, ky, carrier_mass, cubic = probe
     load, mu_k, speed, pull, hand_mass, hand_damping, _, v_s, viscous, _, after, _, _, wall_k, wall_c, wall_most = (
         settings
     )
     mu_s, kt, limit = contact
-    x, y, near = start
+    x, y, near, rest = start
     dt, steps, every = pace
     c, cy, ct = 2.0 * ratio * math.sqrt(k * mass), 2.0 * ratio * math.sqrt(ky * mass), 0.3 * math.sqrt(kt * mass)
     # in steady sliding at the speed of the handle, or at rest where a force pulls that
@@ -119,7 +120,7 @@ def integrate(
     walled = wall_k > 0.0
     stretch = wall_most / wall_k if walled and driven else 0.0  # of the soft wall that the tool carries along
     level = mu_k * load + wall_most
-    hand = x + level / k if driven else x
+    hand = x + rest if driven else x
     carrier = y - load / ky if carried else 0.0
     rows = np.empty((steps // every + 2, 10))
     ledger, peak = np.zeros(10), np.array([-np.inf, 0.0, x, 0.0])
@@ -197,7 +198,8 @@ def integrate(
         # ---- forces on the tip (elastic and lossy contact, friction, springs)
         loss_x, loss_y = -d1 * sx * q1 - d2 * s2 * q2, d1 * q1 + d2 * q2
         grip_x, grip_y = -t1 * q1 - t2 * q2, -t1 * sx * q1 - t2 * s2 * q2
-        spring = k * (hand - x)
+        pulled = hand - x
+        spring = k * pulled + cubic * pulled * pulled * pulled
         hold = ky * (carrier - y) if carried else -load
         force_x, force_y = fx1 + fx2 + loss_x + grip_x + spring - wall, fy1 + fy2 + loss_y + grip_y + hold
         # ---- kick, with half a step at the start so that velocities live between the positions
@@ -248,7 +250,7 @@ def integrate(
             sign = -1.0 if first else 1.0
             kinetic = 0.5 * mass * (mx * mx + my * my) + 0.5 * carrier_mass * mc * mc
             ledger[1] += sign * (kinetic if driven else kinetic + 0.5 * hand_mass * mh * mh)
-            ledger[2] += sign * 0.5 * k * (hand - x) ** 2
+            ledger[2] += sign * (0.5 * k * (hand - x) ** 2 + 0.25 * cubic * (hand - x) ** 4)
             ledger[3] += sign * (load * carrier + 0.5 * ky * (carrier - y) ** 2 if carried else load * y)
             ledger[4] += sign * (u1 + u2)
             ledger[5] += sign * grip

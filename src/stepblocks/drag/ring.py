@@ -51,7 +51,8 @@ def ring_of(trace: DragTrace, *, spectra: bool = True) -> Ring:
     amplitude = max(level - float(first.min()), 0.0)
     loud = np.flatnonzero(np.abs(swing - _settled(trace)) > _QUIET * amplitude)
     duration = float(time[after][loud[-1]] - trace.release_time) if loud.size else 0.0
-    energy = 0.5 * amplitude * amplitude / trace.probe.stiffness
+    hard = trace.probe.hardening > 0.0
+    energy = trace.probe.energy(level - amplitude, level) if hard else trace.probe.energy(amplitude)
     ring = Ring(amplitude, level, energy, energy / trace.stored_energy, duration, _decay_time(trace))
     if not spectra:
         return ring

@@ -210,6 +210,7 @@ def drag_over(
     stimuli: Path | None = None,
     damping_ratio: float | None = None,
     setting: str | None = None,
+    hardening: float = 0.0,
     **settings: float,
 ) -> Drag:
     """Drag a tip over something in time, until it has slipped and rung.
@@ -231,6 +232,8 @@ def drag_over(
     setting : str, optional
         Name of a way of carrying the load, ``"figures-3-to-5"``: how figures 3 to 5 of the paper come out, with load,
         friction and damping unless they are given.
+    hardening : float
+        Cubic stiffness k3 of a spring that hardens, ``F = k x + k3 x^3`` (Duffing) [N/m^3].
     **settings : float
         Fields of `DragSettings`, such as `speed` [m/s], `pulling_force` [N] or `ring_time` [s].
 
@@ -265,7 +268,8 @@ def drag_over(
         raise (PipelineError(f"{error} {found.place}") if found.place else error) from error
     changes = named.changes(point.tool, point.normal_load) if named else {}
     changes |= {} if damping_ratio is None else {"damping_ratio": damping_ratio}
-    trace = simulate(track, probe_for(point.tool, point.ball_radius, **changes), DragSettings.under(point, **settings))
+    probe = probe_for(point.tool, point.ball_radius, **{"hardening": hardening} | changes)
+    trace = simulate(track, probe, DragSettings.under(point, **settings))
     return Drag(f"Drag over {found.name}", trace, formula, point.tool, named)
 
 

@@ -28,11 +28,12 @@ class Probe:
     contact_loss: float = 5.0  # Hunt and Crossley: share of the contact force lost per speed of approach [s/m]; assumed
     normal_stiffness: float = 0.0  # between the tip and the carrier of the weight [N/m]; 0: the load acts on the tip
     carrier_mass: float = 0.0  # that is lifted with the carrier [kg]; used where `normal_stiffness` is not 0
+    hardening: float = 0.0  # k3 of ``F = k x + k3 x^3``, Duffing's spring [N/m^3]
 
     def __post_init__(self) -> None:
         for name in ("stiffness", "mass", "contact_stiffness"):
             require_positive(name, getattr(self, name))
-        for name in ("damping_ratio", "contact_loss", "normal_stiffness", "carrier_mass"):
+        for name in ("damping_ratio", "contact_loss", "normal_stiffness", "carrier_mass", "hardening"):
             require_not_negative(name, getattr(self, name))
         if self.contact_power not in (1.0, 1.5):
             raise ContactError(f"contact_power must be 1 (linear) or 1.5 (Hertz), got {self.contact_power:g}")
@@ -43,6 +44,21 @@ class Probe:
     def frequency(self) -> float:
         """Natural frequency along the drag [Hz]."""
         return math.sqrt(self.stiffness / self.mass) / (2.0 * math.pi)
+
+    def stretch(self, force: float) -> float:
+        """Stretch of the spring under a force [m]: the real root of the depressed cubic, by Viete's hyperbolic sine."""
+        if self.hardening == 0.0:
+            return force / self.stiffness
+        scale = math.sqrt(self.stiffness / (3.0 * self.hardening))
+        return 2.0 * scale * math.sinh(math.asinh(1.5 * force / (self.stiffness * scale)) / 3.0)
+
+    def energy(self, force: float, rest: float = 0.0) -> float:
+        """Energy of the spring at a force above that at its rest, another force that pulls steadily [J]."""
+        if self.hardening == 0.0:
+            return 0.5 * (force - rest) * (force - rest) / self.stiffness
+        x, r = self.stretch(force), self.stretch(rest)
+        own, at_rest = (0.5 * self.stiffness * s**2 + 0.25 * self.hardening * s**4 for s in (x, r))
+        return own - at_rest - rest * (x - r)
 
 
 @dataclass(frozen=True)
@@ -161,7 +177,7 @@ class DragTrace:
     @property
     def stored_energy(self) -> float:
         """Energy of the spring at the release [J]."""
-        return 0.5 * self.peak_force**2 / self.probe.stiffness
+        return self.probe.energy(self.peak_force)
 
     @property
     def ledger_error(self) -> float:
@@ -212,7 +228,7 @@ def simulate(track: Track, probe: Probe, settings: DragSettings) -> DragTrace:
         (track.x, track.z, *track.slopes, track.kinks),
         *(tuple(map(float, astuple(one))) for one in (probe, settings)),
         (float(mu_s), bristle, limit),
-        (x, y, 0.1 * track.ball_radius),
+        (x, y, 0.1 * track.ball_radius, probe.stretch(settings.sliding_force)),
         (dt, steps, every),
     )
     force, time, position, overloaded = map(float, peak)

@@ -50,6 +50,7 @@ def loop_session(
     *,
     jobs: int | None = None,
     forces_only: bool = False,
+    waveform: bool = False,
     as_built: Sequence[str | Path] = (),
     progress: Callable[[int, int], None] | None = None,
 ) -> LoopResult:
@@ -63,6 +64,8 @@ def loop_session(
         Folder for features.csv, result.json, model.json, report.html and, where a block is asked for, next-block.toml.
     jobs : int, optional
         Processes; as many as cores where omitted.
+    waveform : bool
+        Also fit the drag in time to every whole trace, and say in ``document["waveform"]`` how well one drag foretells E_v.
     forces_only : bool
         Leave the scans of the blocks out and let the forces speak alone.
     as_built : sequence of str or Path
@@ -82,11 +85,14 @@ def loop_session(
     """
     from stepblocks.bench.measure import measure
     from stepblocks.bench.session import open_session
+    from stepblocks.bench.trials import conditions_of, with_conditions
+    from stepblocks.bench.waveform import predict_energies
 
     session = Path(session)
     inspected = measured_edges(read_records([Path(path) for path in as_built])) if as_built else {}
     declared = open_session(session)
     known = read_calibration(session)
+    conditions = conditions_of(declared)
     radius = declared.probe.tip_radius
     if radius is None:
         raise PipelineError(f"`probe.tip_radius` must be given to explain a session [{session / 'session.toml'}]")
@@ -97,7 +103,8 @@ def loop_session(
         except OSError as error:
             raise PipelineError(f"output must be a folder that can be written: {error.strerror} [{output}]") from error
     table = None if output is None else Path(output) / "features.csv"
-    features = measure(session, table, jobs=cores, progress=progress)
+    measured = measure(session, table, jobs=cores, waveform=waveform, progress=progress)
+    features = with_conditions(measured, conditions)
     scans: Scans = {}
     failed: dict[str, str] = {}
     if not forces_only:
@@ -107,6 +114,8 @@ def loop_session(
         scans = scans | {block: dict(inspected[block]) for block in blocks if block in inspected}
     result = analyse_features(features, declared.probe.spring_constant, radius, scans, jobs=cores, known=known)
     result.document["scans"]["left_out"] = [{"block": block, "reason": reason} for block, reason in failed.items()]
+    if waveform:
+        result.document["waveform"] = predict_energies(features, declared.probe.spring_constant)
     result = replace(result, title=declared.title or session.name)
     if output is not None:
         write_loop(result, Path(output))

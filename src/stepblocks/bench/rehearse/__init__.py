@@ -37,7 +37,7 @@ class Truth:
 
     load: float  # normal force [N]
     sliding_force: float  # tangential force while sliding [N]
-    slope: float  # of the loading ramp [N/s]
+    slope: float  # of the loading ramp [N/s]; of one that hardens, that of the unstretched spring
     peak_force: float  # tangential force at release [N]
     amplitude: float  # of the ring at release [N]
     frequency: float  # of the ring [Hz]
@@ -45,6 +45,14 @@ class Truth:
     sympathetic: float = 0.25  # amplitude of the normal force that rings along, per amplitude of the tangential one [1]
     gap: float = 0.0  # twice the friction that turns with the tip [N]; 0 for a ring without
     release_decay: float = 0.4e-3  # time in which the rest of the peak dies [s]
+    hardening: float = 0.0  # g of ``F = u + g u^3``, where u is the force had the spring not hardened [1/N^2]
+
+    def softened(self, force: float) -> float:
+        """Return the force had the spring not hardened [N]: the real root, by Viete's hyperbolic sine."""
+        if not self.hardening:
+            return force
+        root = math.sqrt(3.0 * self.hardening)
+        return 2.0 / root * math.sinh(math.asinh(1.5 * force * root) / 3.0)
 
 
 @dataclass(frozen=True)
@@ -101,17 +109,21 @@ class Rig:
 def record(truth: Truth, rig: Rig, random: np.random.Generator, gain: float = 1.0) -> tuple[Trace, float, float]:
     """Record a trial; with the instants of its onset and release [s]."""
     onset = float(random.uniform(_LEAST_SLIDE, _MOST_SLIDE))
-    release = onset + (truth.peak_force - truth.sliding_force) / truth.slope
+    sliding = truth.softened(truth.sliding_force)
+    release = onset + (truth.softened(truth.peak_force) - sliding) / truth.slope
     # the clock does not know of the events: their phase against it is any
     count = math.ceil((release + rig.tail * truth.decay_time) * rig.sample_rate) * rig.oversampling
     time = np.arange(count) / (rig.sample_rate * rig.oversampling)
-    force = truth.sliding_force + truth.slope * np.maximum(time - onset, 0.0)
+    force = sliding + truth.slope * np.maximum(time - onset, 0.0)
+    force = force + truth.hardening * force**3 if truth.hardening else force
     start_up = rig.start_up * _start_up(time, truth.frequency, truth.decay_time, random)
     force = force + np.where(time < onset, start_up, 0.0)
     after = time >= release
     since = time[after] - release
     rest = truth.peak_force - truth.sliding_force - truth.amplitude
-    if truth.gap > 0.0:
+    if truth.hardening:
+        ring = _duffing_ring(since, truth)
+    elif truth.gap > 0.0:
         start = (truth.sliding_force + truth.amplitude, -truth.amplitude / truth.decay_time)
         tool = truth.frequency, truth.decay_time
         ring = rubbing_force(since, truth.sliding_force, truth.gap, tool, start, truth.slope)
@@ -126,6 +138,23 @@ def record(truth: Truth, rig: Rig, random: np.random.Generator, gain: float = 1.
     return rig.disturb(gain * force, normal, random), onset, release
 
 
+def _duffing_ring(since: Array, truth: Truth) -> Array:
+    """Force of a tool that hardens, let go at its amplitude, by the equation of motion."""
+    from scipy.integrate import solve_ivp
+
+    square, loss = (2.0 * math.pi * truth.frequency) ** 2, 2.0 / truth.decay_time
+
+    def motion(_: float, state: Array) -> list[float]:
+        force = state[0] + truth.hardening * state[0] ** 3
+        return [state[1], -square * (force - truth.sliding_force) - loss * state[1]]
+
+    rest = truth.softened(truth.sliding_force)
+    begin = truth.softened(truth.sliding_force + truth.amplitude)
+    start = [begin, -(begin - rest) / truth.decay_time]
+    u = solve_ivp(motion, (0.0, float(since[-1])), start, "DOP853", since, rtol=1e-9, atol=1e-9).y[0]
+    return np.asarray(u + truth.hardening * u**3, dtype=float)
+
+
 def _start_up(time: Array, frequency: float, decay_time: float, random: np.random.Generator) -> Array:
     """Ring of amplitude 1 when the handle starts."""
     phase = float(random.uniform(0.0, 2.0 * math.pi))
@@ -133,12 +162,19 @@ def _start_up(time: Array, frequency: float, decay_time: float, random: np.rando
 
 
 def drag_trial(
-    step: Step, point: OperatingPoint, rig: Rig, random: np.random.Generator, *, gain: float = 1.0, pull: float = 0.0
+    step: Step,
+    point: OperatingPoint,
+    rig: Rig,
+    random: np.random.Generator,
+    *,
+    gain: float = 1.0,
+    pull: float = 0.0,
+    hardening: float = 0.0,
 ) -> RecordedTrial | None:
     """Record a drag in time over a step; None where the tip does not slip over.
 
     The tool's frequency is that without damping; `pull` is a steady force along the drag that the gauge reads beside the
-    tip's [N].
+    tip's [N]; `hardening` is the cubic stiffness of its spring [N/m^3].
     """
     from stepblocks.drag.ring import ring_of
     from stepblocks.drag.simulate import DragSettings, probe_for, simulate
@@ -152,7 +188,8 @@ def drag_trial(
         ring_time=rig.tail * tool.decay_time,
         sample_rate=rig.sample_rate * rig.oversampling,
     )
-    done = simulate(track_over(step, point.ball_radius), probe_for(tool, point.ball_radius), settings)
+    probe = probe_for(tool, point.ball_radius, hardening=hardening)
+    done = simulate(track_over(step, point.ball_radius), probe, settings)
     if done.status is not Status.RELEASES:
         return None
     ring = ring_of(done, spectra=False)

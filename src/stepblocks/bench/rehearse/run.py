@@ -24,7 +24,7 @@ from stepblocks.errors import PipelineError
 
 _SCAN_REACH, _SCAN_STEP, _SCAN_NOISE = 600.0, 0.25, 0.05  # [um]
 _LEAST_RISE = 0.02  # [N] a lower peak is no catch
-_NOT_IN_TIME = ("tilt", "climb_load", "hardening", "lost_energy", "climb_drag")
+_NOT_IN_TIME = ("tilt", "climb_load", "lost_energy", "climb_drag")
 # slots of the state, where they are not named like those of an effect
 _SLOTS = {
     "contact_geometry": ("radius",),
@@ -130,7 +130,8 @@ def _trial(
     rig, gain = rig_of(plan, state), float(state.gain[0])
     if plan.source == "drag":
         step, point, pull = true_drag(plan, state)
-        done = drag_trial(step, point, rig, chance, gain=gain, pull=pull)
+        cubic = float(state.hardening[0]) * point.tool.stiffness**3
+        done = drag_trial(step, point, rig, chance, gain=gain, pull=pull, hardening=cubic)
         load, sliding = float(state.load[0]), float(state.friction[0] * state.load[0] + state.drag[0])
     else:
         truth = truth_of(plan, state)
@@ -249,15 +250,17 @@ def truth_of(plan: SessionPlan, state: DragState) -> Truth | None:
     energy, peak, sliding = math.exp(shown[0]), math.exp(shown[1]), float(shown[2]) * load
     if peak - sliding < _LEAST_RISE or not energy > 0.0:
         return None
-    spring = plan.model.spring_constant
+    spring, hardening = plan.model.spring_constant, float(state.hardening[0])
+    ring = float(state.frequency[0]) * math.sqrt(float(state.ring_stiffness[0]) / spring)
     return Truth(
         load=load,
         sliding_force=sliding,
-        slope=float(shown[3]) * spring * float(state.speed[0]),
+        slope=(float(state.stiffness[0]) if hardening else float(shown[3]) * spring) * float(state.speed[0]),
         peak_force=peak,
         amplitude=math.sqrt(2.0 * spring * energy),
-        frequency=math.exp(shown[4]),
+        frequency=ring if hardening else math.exp(shown[4]),
         decay_time=math.exp(shown[5]),
+        hardening=hardening,
         sympathetic=plan.model.sympathetic,
         gap=2.0 * float(state.friction[0]) * load if plan.model.ring == "rubbing" else 0.0,
     )

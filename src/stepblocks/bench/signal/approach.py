@@ -73,6 +73,19 @@ def find_landmarks(time: Array, force: Array) -> Landmarks:
     return Landmarks(onset=onset, peak=peak, level=level, rise=rise, noise=noise)
 
 
+def bounded_landmarks(time: Array, force: Array) -> Landmarks:
+    """Find sliding and loading up to the first sample at the top, be that the end of a gauge or of the record."""
+    noise, peak = white_noise(force), int(np.argmax(force))
+    level = float(np.median(force[: max(peak // 4, 1)]))
+    rise = float(force[peak]) - level
+    if rise < _RISE_OVER_NOISE * noise or peak < 4 * _SLIDE_SAMPLES:
+        raise LandmarkError("no ramp")
+    onset = _line_onset(time, force, peak, level, rise)
+    if np.searchsorted(time, onset) < _SLIDE_SAMPLES:
+        raise LandmarkError("no sliding before the edge")
+    return Landmarks(onset, peak, level, rise, noise)
+
+
 def _peak_sample(force: Array, smooth: Array, noise: float) -> int:
     """Last sample before the fall: on a gentle ramp noise lifts an earlier one over it."""
     coarse = int(np.argmax(smooth))

@@ -12,7 +12,14 @@ import numpy as np
 
 from stepblocks.bench.signal import Array, Estimate, Tool, Trace, set_down
 from stepblocks.bench.signal.aftermath import Aftermath, normal_level, settle, settle_from, sympathetic_force
-from stepblocks.bench.signal.approach import Approach, Landmarks, find_landmarks, fit_approach
+from stepblocks.bench.signal.approach import (
+    Approach,
+    LandmarkError,
+    Landmarks,
+    bounded_landmarks,
+    find_landmarks,
+    fit_approach,
+)
 from stepblocks.bench.signal.regimes import USUAL_TOOL, Motion, Saw, extremum, find_saw, regime_of
 from stepblocks.bench.signal.ring import Ring, guess_ring
 from stepblocks.bench.signal.separable import propagated, weighed
@@ -152,6 +159,7 @@ class Measurement:
     zeros: tuple[Estimate, Estimate]  # of both gauges while nothing was loaded [N]
     spring_constant: float  # of the explorer, as declared [N/m]
     speed: float  # of the handle [m/s]; not-a-number where it is not known
+    noise: float  # white, of the tangential force [N]
 
     @cached_property
     def features(self) -> dict[str, Any]:
@@ -267,7 +275,55 @@ def measure_trace(
         zeros=zeros,
         spring_constant=spring_constant,
         speed=speed if speed > 0.0 else float("nan"),  # a handle at rest has no ramp
+        noise=marks.noise,
     )
+
+
+def censored_features(trace: Trace, spring_constant: float, speed: float, reason: str) -> dict[str, Any]:
+    """Say what a record shows whose gauge saturated or whose tip never slipped: its peak force is a lower bound.
+
+    Empty where it does not even show a ramp. What saturates after the slip, or only along the normal, leaves the peak whole.
+    """
+    try:
+        if "normal force" in reason or "lowest" in reason:
+            features = measure_trace(trace, spring_constant, speed).features
+            spared = (
+                "sliding",
+                "normal_load",
+                "loading",
+                "spring",
+                "peak",
+                "release_time",
+                "tangential",
+                "normal_zero",
+            )
+            return {n: v for n, v in features.items() if "normal force" in reason or n.startswith(spared)}
+        loaded, zeros = set_down(trace)
+        time, force = trace.time[loaded:] - trace.time[loaded], trace.tangential[loaded:]
+        marks = bounded_landmarks(time, force)
+        approach = fit_approach(time, force, marks, None)
+        load = normal_level(time, trace.normal[loaded:], approach)
+    except (LandmarkError, ValueError, np.linalg.LinAlgError):
+        return {}
+    friction = approach.level / load[0]
+    return {
+        "sliding_friction": friction,
+        "sliding_friction_std": math.hypot(approach.level_std, friction * load[1]) / load[0],
+        **dict(zip(("normal_load_n", "normal_load_std_n"), load, strict=True)),
+        "loading_onset_s": approach.onset + float(trace.time[loaded]),
+        **dict(
+            zip(
+                ("loading_slope_n_per_s", "loading_slope_std_n_per_s"),
+                (approach.slope, approach.slope_std),
+                strict=True,
+            )
+        ),
+        "spring_constant_n_per_m": approach.slope / speed,
+        "spring_constant_std_n_per_m": approach.slope_std / speed,
+        "peak_force_n": float(force[marks.peak]),
+        **dict(zip(("tangential_zero_n", "tangential_zero_std_n"), zeros[0], strict=True)),
+        **dict(zip(("normal_zero_n", "normal_zero_std_n"), zeros[1], strict=True)),
+    }
 
 
 def _shares(time: Array, force: Array, approach: Approach, after: Aftermath, peak: Peak) -> tuple[float, float]:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 from collections.abc import Mapping
 from contextlib import ExitStack, nullcontext, suppress
-from functools import lru_cache
+from functools import cached_property, lru_cache
 from pathlib import Path
 from typing import Any
 
@@ -140,16 +140,34 @@ class Traces(ExitStack):
     def read(self, trial: str) -> Trace:
         """Read one trace in SI; `TraceError` where the trial has none that can be used."""
         acquisition = self.session.acquisition
+        if acquisition.split:
+            whole, cuts = self.drags
+            if trial not in cuts:
+                raise TraceError(f"missing: trial {trial!r} is not in the table of trials")
+            return Trace(whole.time[cuts[trial]], whole.tangential[cuts[trial]], whole.normal[cuts[trial]])
+        return self._read(trial)
+
+    @cached_property
+    def drags(self) -> tuple[Trace, dict[str, slice]]:
+        """The one record of all trials, and which part of it each trial is."""
+        from stepblocks.bench.traces.split import cut_drags
+        from stepblocks.bench.trials import open_trials
+
+        names = [one.name for one in open_trials(self.session)]
+        try:
+            whole = self._read("")
+        except TraceError as error:
+            raise BenchError(f"traces cannot be read: {error} [{self.session.folder}]") from error
+        return whole, dict(zip(names, cut_drags(whole, len(names)), strict=True))
+
+    def _read(self, trial: str) -> Trace:
+        acquisition = self.session.acquisition
         path = self._container or _trial_file(self.session, trial)
-        own = acquisition.per_trial
+        own = acquisition.per_trial or bool(acquisition.split)
         place = Place(trial, _groups(acquisition.group, trial), own, own and acquisition.group is None)
         names = [channel.column for channel, _ in self._channels.values()]
         asked = acquisition.kind, self._layout, place, names
-        raw = read_confined(f"{__name__}:read_columns", path, *asked, raises=TraceError)
-        found = {
-            part: raw[str(number)] * channel.scale(dimension, part)
-            for number, (part, (channel, dimension)) in enumerate(self._channels.items())
-        }
+        found = self._in_si(read_confined(f"{__name__}:read_columns", path, *asked, raises=TraceError))
         sizes = {part: values.size for part, values in found.items()}
         if len(set(sizes.values())) > 1:
             told = ", ".join(f"{part} {size}" for part, size in sizes.items())
@@ -157,6 +175,20 @@ class Traces(ExitStack):
         if "time" not in found:
             found["time"] = np.arange(sizes["tangential"]) / acquisition.sample_rate
         return Trace(**found)
+
+    def _in_si(self, raw: Mapping[str, Any]) -> dict[str, NDArray[np.float64]]:
+        found, rate = {}, self.session.acquisition.sample_rate
+        for number, (part, (channel, dimension)) in enumerate(self._channels.items()):
+            values = raw[str(number)] * channel.scale(dimension, part)
+            values = values - off if (off := channel.taken_off(dimension, part)) else values
+            if still := round(channel.tare_time(part) * rate):
+                if still >= values.size:
+                    raise TraceError(
+                        f"truncated: the tare of {part} takes {still} samples, the record has {values.size}"
+                    )
+                values = values - values[:still].mean()
+            found[part] = values
+        return found
 
 
 def _samples(values: object, name: str | int) -> NDArray[np.float64]:

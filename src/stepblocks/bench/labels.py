@@ -1,0 +1,172 @@
+"""Whether each trace belongs to its row: a trial that contradicts its session is flagged, a group that does is data."""
+
+from __future__ import annotations
+
+import itertools
+import math
+from array import array
+from collections.abc import Callable, Iterable, Mapping
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
+
+from stepblocks.bench.signal import Array
+from stepblocks.bench.trials import Trial
+
+_LOAD_FACTOR = 1.25  # measured over declared load, against the median of the session
+_SLOPE_FACTOR = 1.5  # ramp over speed, against the median of the session
+_WILD_FACTOR = 3.0  # the session as a whole: more than this is a matter of units
+_UNIT_FACTOR = 100.0  # one trial: more than this may be a matter of units
+_ANGLE_SIGMAS = 8.0
+_ANGLE_SHARE = 0.12  # least relative deviation of the sine of half the angle
+_FEWEST = 5  # trials of a block, to know its angle
+_FEATURES = ("normal_load_n", "loading_slope_n_per_s", "peak_force_n", "sliding_friction")
+_FEW = 3  # trials under a load, to know its usual force
+_MOST_LEVELS = 12  # of a column whose trials may have something in common
+_RUN = 4  # trials that fail together
+_TOGETHER = 0.5  # share of a group
+
+
+@dataclass
+class LabelCheck:
+    """Collects 72 bytes per trial and names the trials whose trace belongs elsewhere."""
+
+    labels: array[int] = field(default_factory=lambda: array("Q"))  # row, block and digest of each trial
+    numbers: array[float] = field(default_factory=lambda: array("d"))
+    names: dict[str, int] = field(default_factory=dict)
+
+    def add(self, trial: Trial, features: dict[str, float], digest: int) -> None:
+        """Take note of one measured trial; `digest` identifies the samples of its trace."""
+        self.labels.extend((trial.row, self.names.setdefault(trial.block, len(self.names)), digest))
+        self.numbers.extend((trial.load, trial.speed, *(features.get(name, math.nan) for name in _FEATURES)))
+
+    def faults(self) -> dict[int, str]:
+        """Reasons by row, for every trial whose trace belongs elsewhere."""
+        rows, blocks, digests = np.array(self.labels, dtype=np.uint64).reshape(-1, 3).T
+        load, speed, normal, slope, peak, friction = np.array(self.numbers, dtype=float).reshape(-1, 6).T
+        found: dict[int, str] = {}
+
+        def compare(ratio: Array, factor: float, told: Callable[[int, float], str]) -> float:
+            finite = ratio[np.isfinite(ratio)]
+            usual = float(np.median(finite)) if finite.size else math.nan
+            units = _off(ratio, usual, _UNIT_FACTOR)
+            for index in np.flatnonzero(_off(ratio, usual, factor)).tolist():
+                wrong = "units changed or mislabelled" if units[index] else "mislabelled"
+                found.setdefault(int(rows[index]), f"{wrong}: {told(index, usual)}")
+            return usual
+
+        def told_load(index: int, _: float) -> str:
+            return f"the normal force is {normal[index]:.3g} N, the load of this row is {load[index]:.3g} N"
+
+        def told_speed(index: int, usual: float) -> str:
+            means = f"the ramp of {slope[index]:.3g} N/s means {slope[index] / usual * 1e3:.3g} mm/s"
+            return f"{means}, the speed of this row is {speed[index] * 1e3:.3g} mm/s"
+
+        ratio = normal / load
+        finite = ratio[np.isfinite(ratio)]
+        usual = float(np.median(finite)) if finite.size else math.nan
+        # a zero or a gain of the gauge shifts all trials along one line, and is no matter of labels
+        compare(normal / line_of(load, normal)(load), _LOAD_FACTOR, told_load)
+        if _off(np.array([usual]), 1.0, _WILD_FACTOR)[0]:
+            found |= {
+                int(rows[i]): f"units: {told_load(i, usual)}" for i in np.flatnonzero(np.isfinite(ratio)).tolist()
+            }
+        compare(slope / speed, _SLOPE_FACTOR, told_speed)
+        clean = np.array([i for i in np.argsort(rows, kind="stable") if rows[i] not in found], dtype=np.intp)
+        _, first, which = np.unique(digests[clean], return_index=True, return_inverse=True)
+        for copy in np.flatnonzero(first[which] != np.arange(len(clean))):
+            pair = int(rows[clean[copy]]), int(rows[clean[first[which[copy]]]])
+            for one, other in (pair, pair[::-1]):
+                found[one] = f"duplicate: the same samples stand for row {other}"
+        # inverse of equation (1): a = atan(F_px / F_py) - atan(mu)
+        angle = np.where(np.isin(rows, list(found)), math.nan, np.arctan(peak / normal) - np.arctan(friction))
+        names = list(self.names)
+        for index, other in _of_other_blocks(angle, blocks).items():
+            said = f"the forces are those of block {names[other]}, the row says {names[int(blocks[index])]}"
+            found.setdefault(int(rows[index]), f"mislabelled: {said}")
+        return found
+
+
+def line_of(load: Array, normal: Array) -> Callable[[Array], Array]:
+    """Return the line that the normal forces of a session lie on against their loads, whatever some of them do."""
+    from scipy.stats import theilslopes
+
+    known = np.isfinite(load) & np.isfinite(normal)
+    levels, counts = np.unique(load[known], return_counts=True)
+    levels = levels[counts >= _FEW]
+    if levels.size > _MOST_LEVELS:
+        levels = np.quantile(load[known], np.linspace(0.0, 1.0, _MOST_LEVELS))
+    if levels.size < 3:
+        gain = float(np.median(normal[known] / load[known])) if known.any() else 1.0
+        return lambda at: gain * at
+    nearest = np.abs(load[:, None] - levels).argmin(axis=1)
+    middles = [
+        (np.median(load[one]), np.median(normal[one])) for one in (known & (nearest == i) for i in range(levels.size))
+    ]
+    gain, zero = theilslopes(*np.array(middles).T[::-1])[:2]
+    return lambda at: np.maximum(zero + gain * at, 0.2 * gain * at)
+
+
+def together(rows: Iterable[tuple[int, Mapping[str, str]]], faults: Mapping[int, str]) -> dict[int, str]:
+    """Rows whose faults they share with their like, each with what they have in common: those are data.
+
+    `rows` are the measured ones in their order with their cells. Like are trials that share a label (an operator, a load,
+    a block) or two, or that follow one another.
+    """
+    flagged = {row for row, reason in faults.items() if reason.startswith("mislabelled")}
+    counts: dict[tuple[tuple[str, str], ...], list[int]] = {}
+    levels: dict[str, set[str]] = {}
+    cells: dict[int, dict[str, str]] = {}
+    run: list[int] = []
+    found: dict[int, str] = {}
+    for row, named in rows:
+        for name, value in named.items():
+            levels.setdefault(name, set()).add(value)
+        if row in flagged:
+            cells[row], run = dict(named), [*run, row]
+        else:
+            run = []
+        if len(run) >= _RUN:
+            found |= dict.fromkeys(run, f"trials of the rows {run[0]} to {run[-1]}")
+        usable = sorted(name for name in named if len(levels[name]) <= _MOST_LEVELS)
+        for size in (1, 2):
+            for names in itertools.combinations(usable, size):
+                count = counts.setdefault(tuple((name, named[name]) for name in names), [0, 0])
+                count[0] += 1
+                count[1] += row in flagged
+    for labels, (total, failing) in sorted(counts.items(), key=lambda item: (-item[1][1] / item[1][0], len(item[0]))):
+        apart = all(1 < len(levels[name]) <= _MOST_LEVELS for name, _ in labels)
+        if apart and failing >= max(_RUN, _TOGETHER * total):
+            shared = ", ".join(f"{name} {value}" for name, value in labels)
+            for row in flagged & set(cells):
+                if row not in found and all(cells[row].get(name) == value for name, value in labels):
+                    found[row] = f"trials of {shared}"
+    return found
+
+
+def _of_other_blocks(angle: Array, block: NDArray[np.uint64]) -> dict[int, int]:
+    """Trials whose sin(a/2), which is sqrt(H / 2R) by equation (2), fits another block and not their own."""
+    size = np.sin(0.5 * angle)
+    known = np.isfinite(size)
+    groups = {int(name): size[known & (block == name)] for name in np.unique(block)}
+    groups = {name: sizes for name, sizes in groups.items() if sizes.size >= _FEWEST}
+    if len(groups) < 2:
+        return {}
+    medians = {name: float(np.median(sizes)) for name, sizes in groups.items()}
+    deviations = [np.abs(sizes - medians[name]) / 0.6745 for name, sizes in groups.items()]
+    spread = float(np.median(np.concatenate(deviations)))
+    found = {}
+    for index in np.flatnonzero(known & np.isin(block, list(medians))).tolist():
+        own = medians[int(block[index])]
+        miss = abs(size[index] - own)
+        nearest = min(medians, key=lambda name: abs(medians[name] - size[index]))
+        fits = abs(size[index] - medians[nearest]) < 0.25 * miss
+        if nearest != block[index] and fits and miss > max(_ANGLE_SIGMAS * spread, _ANGLE_SHARE * own):
+            found[index] = nearest
+    return found
+
+
+def _off(ratio: Array, usual: float, factor: float) -> NDArray[np.bool_]:
+    with np.errstate(invalid="ignore", divide="ignore"):
+        return np.isfinite(ratio) & ((ratio > usual * factor) | (ratio < usual / factor))

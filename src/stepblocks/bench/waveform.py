@@ -1,0 +1,186 @@
+"""The whole waveform as evidence: the drag in time fitted to a trace, and the trace held against what the fit would draw.
+
+Seven figures of a trace leave out most of it. Here mass, damping, stiffness, friction and the radius that the tip rolls over
+are fitted to every sample from the ramp to the end of the ring, whatever the tip did there: the equation of motion decides
+whether it flew, rubbed or stuck. The check draws parameters from their covariance and noise from the record's (posterior
+predictive, Gelman, Meng and Stern 1996, Statistica Sinica 6:733), and asks how often such a record would miss by as much.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from stepblocks.bench.signal import Array, Estimate, Trace
+from stepblocks.bench.signal.features import Measurement
+from stepblocks.bench.signal.separable import covariance_of, numeric_jacobian, propagated
+from stepblocks.contact.operating_point import Tool
+from stepblocks.errors import ContactError
+
+if TYPE_CHECKING:
+    import pandas as pd
+
+# of a fit: friction [1], stiffness [N/m], frequency [Hz], damping ratio [1], R + r [m], instant of the onset [s]
+_NAMES = ("friction", "stiffness", "frequency", "damping", "radius", "onset")
+_SCALE = np.array([5e-3, 100.0, 3.0, 3e-3, 1e-6, 1e-4])  # in which they move
+_BEFORE, _AFTER = 4e-3, 18e-3  # [s] of sliding before the ramp and of ring after the peak that are fitted
+_RATE = 4.0  # rows of the drag per sample
+_DRAWS = 200
+_FOLDS = 5
+_FIRST = 4e-3  # [s] after the peak in which the first swing lies
+_NEAR = 2.0  # times the noise: a fit that misses by less is taken at once
+WAVEFORM_COLUMNS = (
+    *("waveform_energy_j", "waveform_energy_std_j", "waveform_friction", "waveform_stiffness_n_per_m"),
+    *("waveform_frequency_hz", "waveform_damping_ratio", "waveform_radius_m", "waveform_misfit", "waveform_p"),
+)
+
+
+@dataclass(frozen=True)
+class Waveform:
+    """A drag in time fitted to a trace."""
+
+    values: Array  # shape (6,), as in `_NAMES`
+    covariance: Array  # shape (6, 6)
+    energy: Estimate  # of the first swing below sliding, carried back over half a period, on the declared spring [J]
+    misfit: float  # rms of the residuals over the noise [1]
+    p: float  # how often a record of this drag would miss by as much [1]
+
+    @property
+    def features(self) -> dict[str, float]:
+        """One value for each of `WAVEFORM_COLUMNS`."""
+        return dict(
+            zip(WAVEFORM_COLUMNS, (*self.energy, *map(float, self.values[:5]), self.misfit, self.p), strict=True)
+        )
+
+
+def drag_force(values: Array, load: float, height: float, speed: float, time: Array) -> Array:
+    """Tangential force of a drag with these values at some instants [N]."""
+    from stepblocks.drag.kernels import COLUMNS
+    from stepblocks.drag.simulate import DragSettings, probe_for, simulate
+    from stepblocks.drag.track import step_track
+
+    friction, stiffness, frequency, damping, radius, onset = map(float, values)
+    tool = Tool(stiffness=stiffness, frequency=frequency, decay_time=1.0 / (2.0 * math.pi * frequency * damping))
+    lead, end = 1.2 * _BEFORE, 1.5 * _AFTER
+    rate = _RATE * (time.size - 1) / float(time[-1] - time[0])
+    settings = DragSettings(load, friction, speed, lead=lead * speed, ring_time=end, sample_rate=rate, resolution=10.0)
+    done = simulate(step_track(height, radius), probe_for(tool, radius, damping_ratio=damping), settings)
+    clock = done.rows[:, 0] + onset - lead
+    return np.asarray(np.interp(time, clock, done.rows[:, COLUMNS.index("fx_n")]), dtype=float)
+
+
+def fit_waveform(trace: Trace, measured: Measurement, height: float, radius: float, usual: Tool) -> Waveform | None:
+    """Fit a drag in time to a measured trace over a step of known height; None where none comes near it."""
+    from scipy.optimize import least_squares
+
+    approach, after, load, speed = measured.approach, measured.aftermath, measured.load[0], measured.speed
+    time = trace.time - measured.start
+    window = (time > approach.onset - _BEFORE) & (time < measured.peak.time + _AFTER)
+    time, force = time[window], (trace.tangential - approach.hum(trace.time - measured.start))[window]
+    noise = measured.noise
+    angle = math.atan(measured.peak.force / load) - math.atan(approach.level / load)
+    seen = height / (1.0 - math.cos(angle)) if angle > 0.0 else radius
+    decay = max(after.decay_time[0], 1e-3)
+    start = np.array([approach.level / load, approach.slope / speed, after.frequency[0], 0.0, seen, approach.onset])
+    start[3] = min(max(1.0 / (2.0 * math.pi * start[2] * decay), 2e-3), 0.2)
+    lower = np.array([1e-3, 0.5 * start[1], 0.7 * start[2], 1e-4, 1.001 * height, start[5] - 5e-3])
+    upper = np.array([2.0, 2.0 * start[1], 1.4 * start[2], 0.4, 20.0 * radius, start[5] + 5e-3])
+
+    def miss(values: Array) -> Array:
+        try:
+            return np.asarray((force - drag_force(values, load, height, speed, time)) / noise)
+        except ContactError:
+            return np.full(time.size, 1e3)
+
+    # the force of a release turns within a sample: what a millisecond misplaces must not outweigh the rest. A ring of many
+    # swings has many minima, so the first swing is fitted before the whole, and from what the session says of its tool too
+    found: Any = None
+    for tool in (np.array([usual.frequency, usual.damping_ratio]), start[2:4]):
+        begin = np.clip(np.concatenate([start[:2], tool, start[4:]]), lower, upper)
+        for span in (_FIRST, _AFTER):
+            near = time < measured.peak.time + span
+            found_now = least_squares(
+                lambda v, near=near: miss(v)[near],
+                begin,
+                bounds=(lower, upper),
+                x_scale=_SCALE,
+                diff_step=1e-4,
+                loss="soft_l1",
+                f_scale=5.0,
+                max_nfev=20,
+            )
+            begin = found_now.x
+        found = found_now if found is None or found_now.cost < found.cost else found
+        if math.sqrt(float(np.mean(miss(found.x) ** 2))) < _NEAR:
+            break
+    values, residuals = np.asarray(found.x), miss(found.x)
+    if not np.isfinite(residuals).all() or float(np.median(np.abs(residuals))) > 50.0:
+        return None
+    slopes = numeric_jacobian(miss, values, 0.02 * _SCALE, lower, upper)
+    covariance = covariance_of(slopes, residuals)
+
+    def amplitude(values: Array) -> Array:
+        model = drag_force(values, load, height, speed, time)
+        swing = values[0] * load - model[int(np.argmax(model)) :].min()
+        return np.array([max(swing, 0.0) * math.exp(math.pi * values[3])])
+
+    size = float(amplitude(values)[0])
+    std = propagated(numeric_jacobian(amplitude, values, 0.02 * _SCALE, lower, upper)[0], covariance)
+    energy = size**2 / (2.0 * measured.spring_constant)
+    spread = math.sqrt(4.0 * size**2 * std**2 + 2.0 * std**4) / (2.0 * measured.spring_constant)
+    rms = math.sqrt(float(np.mean(residuals**2)))
+    return Waveform(values, covariance, (energy, spread), rms, _predictive(slopes, covariance, rms))
+
+
+def _predictive(slopes: Array, covariance: Array, rms: float) -> float:
+    """Share of records drawn from the posterior that miss the fit by as much, to first order in the parameters."""
+    random = np.random.default_rng(0)
+    values, vectors = np.linalg.eigh(covariance)
+    root = vectors * np.sqrt(np.maximum(values, 0.0))
+    moved = slopes @ root @ random.standard_normal((covariance.shape[0], _DRAWS))
+    drawn = np.sqrt(np.mean((moved + random.standard_normal(moved.shape)) ** 2, axis=0))
+    return float(np.mean(drawn >= rms))
+
+
+def predict_energies(features: pd.DataFrame, spring_constant: float) -> dict[str, Any]:
+    """Say how well one drag in time foretells the E_v of trials that it was not fitted to.
+
+    Trials are left out by fifths; the others' fits give stiffness, frequency, damping and R + r (medians), friction is that
+    of the trial's own sliding. Beside it stands equation (1) with the one C_v that suits the same others best.
+    """
+    good = features[
+        (features["status"] == "ok") & (features["waveform_misfit"] < _NEAR) & (features["vibration_energy_j"] > 0.0)
+    ]
+    if len(good) < 2 * _FOLDS:
+        return {"trials": len(features), "fitted": len(good)}
+    shown = np.log(good["vibration_energy_j"].to_numpy())
+    # a tip that climbs down hardly rings: by what its start left over, which no drag knows
+    known = good["vibration_energy_std_j"].to_numpy() < 0.5 * good["vibration_energy_j"].to_numpy()
+    known &= (good["regime"] != "climb-down").to_numpy()
+    stored = np.log(good["peak_force_n"].to_numpy() ** 2 / (2.0 * spring_constant))
+    fold, names = np.arange(len(good)) % _FOLDS, list(WAVEFORM_COLUMNS[3:7])
+    drag, formula = np.full(len(good), np.nan), np.full(len(good), np.nan)
+    for one in range(_FOLDS):
+        others = good[fold != one][names].median().to_numpy()
+        formula[fold == one] = stored[fold == one] + np.median((shown - stored)[(fold != one) & known])
+        for i in np.flatnonzero((fold == one) & known):
+            row = good.iloc[i]
+            values = np.array([row["sliding_friction"], *others, 0.0])
+            load, height, speed = row["load_n"], row["height_um"] * 1e-6, row["speed_mm_s"] * 1e-3
+            rise = (row["peak_force_n"] - row["sliding_friction"] * load) / (others[0] * speed)
+            time = np.arange(0.0, rise + _AFTER, 1e-4)
+            force = drag_force(values, load, height, speed, time)
+            swing = row["sliding_friction"] * load - float(force[int(np.argmax(force)) :].min())
+            drag[i] = 2.0 * math.log(max(swing, 1e-4)) + 2.0 * math.pi * others[2] - math.log(2.0 * spring_constant)
+    used = known & np.isfinite(drag)
+    return {
+        "trials": len(features),
+        "fitted": len(good),
+        "explained": float(np.mean(good["waveform_p"] > 0.01)),
+        "ln_energy_error_of_drag": float(np.sqrt(np.mean((drag - shown)[used] ** 2))),
+        "ln_energy_error_of_equation_1": float(np.sqrt(np.mean((formula - shown)[used] ** 2))),
+        **dict(zip(names, map(float, good[names].median()), strict=True)),
+    }

@@ -1,0 +1,80 @@
+"""What the tip did, on records of another bench that integrates the motion and tells the truth."""
+
+import numpy as np
+import pytest
+
+from oracles.virtual_bench import Bench, drag
+from stepblocks.bench.signal import Trace
+from stepblocks.bench.signal.features import measure_trace
+
+K, TOOL = 9810.0, (300.0, 1.0 / (0.025 * 2.0 * np.pi * 300.0))
+
+# regime, how the bench differs, height [m], load [N], speed [m/s]
+CASES = [
+    ("snap", {"conversion": 0.2}, 40e-6, 0.8, 5e-3),
+    ("snap", {}, 10e-6, 0.3, 10e-3),
+    ("climb-down", {}, 30e-6, 0.3, 2e-3),
+    ("rubbing", {}, 30e-6, 1.1, 5e-3),
+    ("rubbing", {}, 20e-6, 0.8, 10e-3),
+    ("flight", {}, 80e-6, 0.5, 5e-3),
+    ("flight", {}, 70e-6, 1.1, 20e-3),
+    ("stick-slip", {"static_ratio": 2.0}, 40e-6, 0.8, 1e-3),
+    ("stick-slip", {"static_ratio": 2.0}, 70e-6, 0.5, 3e-3),
+]
+
+
+def made(changes, height, load, speed, seed=1):
+    done = drag(Bench(**changes), height, load, speed, np.random.default_rng(seed))
+    assert done is not None
+    return measure_trace(Trace(*done[:3]), K, speed, TOOL), done[3]
+
+
+@pytest.mark.parametrize("case", CASES, ids=lambda case: f"{case[0]}-{case[2] * 1e6:.0f}um")
+def test_the_regime_is_that_of_the_motion_and_the_ring_counts_by_its_first_swing(case):
+    regime, changes, *condition = case
+    measured, truth = made(changes, *condition)
+    assert truth["regime"] == regime
+    assert measured.regime == regime
+    size, std = measured.aftermath.amplitude
+    # origin: first swing of the integrated motion below sliding, carried back over half a period
+    assert size == pytest.approx(truth["amplitude_n"], abs=3.5 * std)
+    assert std < max(0.03 * size, 6e-3)
+
+
+def test_pulls_of_the_ring_s_amplitude_are_those_of_its_stated_uncertainty():
+    pulls, random = [], np.random.default_rng(5)
+    for seed in range(24):
+        height, load, speed = 1e-6 * random.integers(2, 9) * 10, random.choice([0.5, 1.1]), random.choice([5e-3, 10e-3])
+        measured, truth = made({}, height, load, speed, seed)
+        size, std = measured.aftermath.amplitude
+        pulls.append((size - truth["amplitude_n"]) / std)
+    assert abs(np.mean(pulls)) < 0.7
+    assert 0.6 < np.std(pulls) < 1.5
+
+
+def test_a_saw_before_the_edge_tells_static_friction_and_how_long_the_tip_sticks():
+    measured, _ = made({"static_ratio": 2.0}, 40e-6, 1.1, 1e-3)
+    features = measured.features
+    assert features["static_friction"] == pytest.approx(0.30, abs=4.0 * features["static_friction_std"])
+    assert features["sliding_friction"] == pytest.approx(0.15, abs=4.0 * features["sliding_friction_std"])
+    # the handle loads the spring by k v while the tip stands
+    rise = features["stick_slip_amplitude_n"]
+    assert features["stick_time_s"] == pytest.approx(rise / (K * 1e-3), rel=0.1)
+    twice_as_fast = made({"static_ratio": 2.0}, 40e-6, 1.1, 2e-3)[0].features
+    assert twice_as_fast["stick_time_s"] == pytest.approx(0.5 * features["stick_time_s"], rel=0.1)
+
+
+def test_a_ring_of_the_start_is_no_saw():
+    measured, _ = made({"unloaded": 0.03}, 40e-6, 0.8, 5e-3)
+    assert measured.regime == "rubbing"
+    assert np.isnan(measured.features["static_friction"])
+
+
+def test_what_the_gauges_read_before_the_tip_is_set_down_is_their_zero():
+    odd = {"tangential_zero": -18e-3, "normal_zero": 25e-3, "unloaded": 0.05}
+    features = made(odd, 40e-6, 0.8, 5e-3)[0].features
+    for gauge, zero in (("tangential", -18e-3), ("normal", 25e-3)):
+        std = features[f"{gauge}_zero_std_n"]
+        assert features[f"{gauge}_zero_n"] == pytest.approx(zero, abs=4.0 * std)
+        assert std < 2e-3
+    assert np.isnan(made({}, 40e-6, 0.8, 5e-3)[0].features["normal_zero_n"])
