@@ -132,7 +132,7 @@ def test_the_command_looks_at_a_step_file_that_lies_there_and_says_what_is_missi
     assert main(arguments) == 0
     (folder / "tip-125.step").write_text(step.read_text().replace("'length from the contact point'", "'x'"))
     assert main(arguments) == 1
-    assert "MISSING tip-125.step: length from the contact point" in capsys.readouterr().out
+    assert "MISSING tip-125.step: length from the contact point" in capsys.readouterr().err
 
 
 def boxes(path):

@@ -46,25 +46,7 @@ class _Line:
 
 
 def write_certificate(base: Path, part: Part, record: Mapping[str, Any], order: OrderSpec, digest: str) -> list[Path]:
-    """Write ``<base>.dcc.xml`` and ``<base>.certificate.html``.
-
-    Parameters
-    ----------
-    base : Path
-        Folder and stem of the files.
-    part : Part
-        What was inspected.
-    record : Mapping
-        Result of an inspection as plain data, with `characteristics`, `verdict`, `convention` and `notes`.
-    order : OrderSpec
-        Author, who is the customer, and date.
-    digest : str
-        Of the measurement, for the identifier of the draft.
-
-    Returns
-    -------
-    list of Path
-    """
+    """Write ``<base>.dcc.xml`` and ``<base>.certificate.html`` of an inspection; the author of the order is the customer."""
     from stepblocks import __version__
 
     numbers = {one.key: number for number, one in enumerate(part.characteristics(), start=1)}

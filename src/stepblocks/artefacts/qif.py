@@ -39,19 +39,7 @@ _E = ElementMaker(namespace=NAMESPACE, nsmap={None: NAMESPACE})
 
 
 def write_qif(path: Path, part: Part, order: OrderSpec | None = None, measured: Values | None = None) -> None:
-    """Write the plan of a part, with results where there are any.
-
-    Parameters
-    ----------
-    path : Path
-        The file, ``*.qif``.
-    part : Part
-        Whose characteristics they are.
-    order : OrderSpec, optional
-        Author and date for the header.
-    measured : Values, optional
-        Value [m or rad], standard uncertainty and outcome by key; left out, the file is a plan.
-    """
+    """Write the plan of a part; with values, their standard uncertainties and outcomes by key also its results."""
     document = _document(part, order or OrderSpec(), measured)
     text = etree.tostring(document, xml_declaration=True, encoding="UTF-8", pretty_print=True)
     with beside(path) as draft:

@@ -30,28 +30,7 @@ class QifResult:
 
 
 def read_qif_results(path: str | Path) -> list[QifResult]:
-    """Read what was measured.
-
-    Parameters
-    ----------
-    path : str or Path
-        A QIF 3.0 document with results.
-
-    Returns
-    -------
-    list of QifResult
-        In the order of the file; characteristics that were measured as attributes only are left out.
-
-    Raises
-    ------
-    MetrologyError
-        If the file is too large, no QIF 3.0, holds no results, or says a value that is no finite number.
-
-    Notes
-    -----
-    Units are those of the file: metres and radians where it names none (QIF 3.0, FileUnits). Entities and external files
-    that the document asks for are not loaded.
-    """
+    """Read what was measured, in the order of the file; entities and files that the document asks for are not loaded."""
     path = Path(path)
     root = _root(path)
     by_id = {one.get("id"): one for one in root.iter() if isinstance(one.tag, str) and one.get("id")}
@@ -147,20 +126,7 @@ def _limits(definition: Any, factor: float, nominal: float, path: Path) -> tuple
 
 
 def matched_by(results: list[QifResult], keys: Mapping[str, str]) -> dict[str, QifResult]:
-    """Find results by the names or numbers of characteristics.
-
-    Parameters
-    ----------
-    results : list of QifResult
-        As read.
-    keys : Mapping
-        Key of a characteristic by everything that it may be called: its key, its label, its number on the drawing.
-
-    Returns
-    -------
-    dict
-        By key; a name that is known goes before a number, and the last measurement of a characteristic counts.
-    """
+    """Find results by all that a characteristic may be called: key, label, number on the drawing; the last one counts."""
     found: dict[str, QifResult] = {}
     for one in results:
         key = keys.get(one.name) or keys.get(one.designator)

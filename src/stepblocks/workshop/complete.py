@@ -25,27 +25,7 @@ _SAME = 1e-9  # between a value read back and the one asked for [m or rad]
 def missing_from(
     part: Part, drawing: Path | None = None, step: Path | None = None, sheet: Path | None = None
 ) -> list[str]:
-    """Say what is missing, wrong or there twice.
-
-    Parameters
-    ----------
-    part : Part
-        What was declared.
-    drawing, step, sheet : Path, optional
-        DXF file, STEP file and CSV of the inspection sheet; one that is left out is not looked at.
-
-    Returns
-    -------
-    list of str
-        One line for each; none where the files are complete.
-
-    Raises
-    ------
-    MachiningError
-        If the drawing cannot be read.
-    MetrologyError
-        If the STEP file cannot be read.
-    """
+    """Say what is missing, wrong or there twice, a line each; a file that is left out is not looked at."""
     listed = list(part.characteristics())
     states = [one for each in listed for one in each.states]
     found = [

@@ -39,22 +39,7 @@ _SCREWS = (
 
 
 def write_kit(folder: Path, kit: Apparatus, order: OrderSpec) -> tuple[list[Path], list[str]]:
-    """Write everything of a kit.
-
-    Parameters
-    ----------
-    folder : Path
-        Made where it is missing; each part that is made gets a folder of its own in it.
-    kit : Apparatus
-        What was declared.
-    order : OrderSpec
-        For the title blocks.
-
-    Returns
-    -------
-    list of Path, list of str
-        What was written, and what is wrong: parts that interfere, dimensions that a workshop would have to ask for.
-    """
+    """Write everything of a kit; return the files, and what is wrong: parts in the way, dimensions that would be asked for."""
     parts = kit.parts()
     bodies = {part.id: part.solids()[0] for part in parts}
     written: list[Path] = []
