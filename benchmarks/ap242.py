@@ -12,6 +12,7 @@ from stepblocks.artefacts.step.read import check_part_step
 from stepblocks.artefacts.step.write import write_step_ap242
 from stepblocks.declare import load_set
 from stepblocks.parts.shapes import build_solids
+from stepblocks.select import stimulus_files
 
 
 def main() -> int:
@@ -19,7 +20,7 @@ def main() -> int:
     wrong = 0
     print(f"{'part':24} {'KiB':>6} {'write s':>8} {'check s':>8} {'dims':>5} {'tols':>5} {'worst nm':>10}  findings")
     with tempfile.TemporaryDirectory() as folder:
-        for source in sorted(Path("stimuli").glob("*.toml")):
+        for source in stimulus_files(Path("stimuli")):
             for stimulus in load_set(source).stimuli:
                 bodies = build_solids(stimulus)
                 path = Path(folder) / f"{stimulus.id}.step"

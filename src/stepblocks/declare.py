@@ -10,7 +10,8 @@ from typing import Any
 from pydantic import ValidationError
 
 from stepblocks.errors import PipelineError, StepblocksError, StimulusError
-from stepblocks.mistakes import Mistake, brief, mistakes_in, told
+from stepblocks.mistakes import Mistake, brief, mistakes_in, told, validated
+from stepblocks.parts.apparatus import Kit
 from stepblocks.parts.series import MAX_SERIES, completed, expand, merged, usual
 from stepblocks.parts.set import StimulusSet, file_model, kinds, set_of, with_energy_tolerances
 from stepblocks.text_file import read_document
@@ -39,6 +40,8 @@ def load_set(path: str | Path) -> StimulusSet:
     """
     path = Path(path)
     raw, known, usually = read_document(path, "a stimulus file", StimulusError, MAX_FILE_BYTES), kinds(), usual()
+    if "apparatus" in raw:
+        raise StimulusError(f"apparatus is no stimulus: stepblocks workshop makes it, not build [{path}]")
     name = raw.pop("set", path.stem)
     mistakes: list[Mistake] = []
     if (schema := raw.pop("schema", SCHEMA)) != SCHEMA:
@@ -82,6 +85,16 @@ def load_set(path: str | Path) -> StimulusSet:
     if mistakes:
         raise StimulusError(told(mistakes, path))
     return found
+
+
+def load_kit(path: Path) -> Kit | None:
+    """Read a file with apparatus; None where it declares none."""
+    raw = read_document(path, "a file with apparatus", StimulusError, MAX_FILE_BYTES)
+    if "apparatus" not in raw:
+        return None
+    if raw.pop("schema", SCHEMA) != SCHEMA or raw.pop("set", path.stem) != path.stem:
+        raise StimulusError(f"schema must be {SCHEMA} and set the name of the file, {path.stem!r} [{path}]")
+    return validated(Kit, raw, path, StimulusError)
 
 
 def load_declared(path: str | Path) -> StimulusSet:

@@ -16,7 +16,8 @@ def stimulus_files(meant: str | Path | Sequence[str | Path] | None = None) -> li
     for argument in map(Path, several or ("stimuli",)):
         what, found = "a stimulus file or a folder of them", [argument]
         if argument.is_dir():
-            what, found = "a folder with stimulus files (*.toml)", sorted(argument.glob("*.toml"))
+            what = "a folder with stimulus files (*.toml)"
+            found = [path for path in sorted(argument.glob("*.toml")) if not _is_kit(path)]
         if not found or not found[0].is_file():
             other = "name files or folders as FILE" if not several else _near(argument)
             raise PipelineError(f"expected {what}; {other} [{argument}]")
@@ -34,6 +35,14 @@ def _near(path: Path) -> str:
     there = [str(path.parent / one.name) for one in path.parent.glob("*.toml")] if path.parent.is_dir() else []
     near = get_close_matches(str(path), there, 1, 0.6)
     return f"did you mean {near[0]}?" if near else f"'stepblocks new block {path}' writes one"
+
+
+def _is_kit(path: Path) -> bool:
+    """Tell apparatus from stimuli: it is made where it is named, not with all that lies in a folder."""
+    if not path.is_file():
+        return False
+    with path.open("rb") as file:
+        return b"\n[[apparatus]]" in file.read(1_000_000)
 
 
 def matches(only: str, set_name: str, identity: str) -> bool:

@@ -13,9 +13,10 @@ from stepblocks.artefacts.meshes.write import MESH_FORMATS
 from stepblocks.build.make import checked_files
 from stepblocks.declare import load_set
 from stepblocks.parts.shapes import Mesh
+from stepblocks.select import stimulus_files
 
 ROOT = Path(__file__).resolve().parents[2]
-SETS = {path.stem: load_set(path) for path in sorted((ROOT / "stimuli").glob("*.toml"))}
+SETS = {path.stem: load_set(path) for path in stimulus_files(ROOT / "stimuli")}
 ARTEFACTS = [
     pytest.param(name, stimulus, path.name, id=f"{name}/{path.name}")
     for name, stimuli in SETS.items()

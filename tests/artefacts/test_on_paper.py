@@ -14,6 +14,7 @@ from stepblocks.cad.kernel import Face
 from stepblocks.declare import load_declared
 from stepblocks.errors import MachiningError
 from stepblocks.parts.characteristics import Characteristic
+from stepblocks.select import stimulus_files
 
 STIMULI = Path(__file__).parents[2] / "stimuli"
 
@@ -165,7 +166,7 @@ def test_notes_and_texture_need_something_to_belong_to():
 
 
 def test_every_kind_of_part_has_texts_that_part_21_may_hold():
-    for path in sorted(STIMULI.glob("*.toml")):
+    for path in stimulus_files(STIMULI):
         for stimulus in load_declared(path).stimuli:
             for number, one in enumerate(stimulus.characteristics(), start=1):
                 assert _callout_text(one, number).replace("±", "+-").isascii()

@@ -21,10 +21,11 @@ from stepblocks.declare import load_set
 from stepblocks.errors import MachiningError, MetrologyError, StimulusError
 from stepblocks.parts.characteristics import EdgeRule, FaceRule, find_face
 from stepblocks.parts.shapes import build_solids, mesh_solid
+from stepblocks.select import stimulus_files
 
 ROOT = Path(__file__).parents[2]
 SHARED = Path(os.environ.get("STEPBLOCKS_SHARED", ROOT / ".." / "shared"))
-STIMULI = {one.id: one for path in sorted((ROOT / "stimuli").glob("*.toml")) for one in load_set(path).stimuli}
+STIMULI = {one.id: one for path in stimulus_files(ROOT / "stimuli") for one in load_set(path).stimuli}
 
 
 def written(identity, folder):
@@ -159,9 +160,12 @@ def test_angles_are_measured_on_cones_and_between_planes(tmp_path):
     assert opening.geometry == pytest.approx(80e-6, abs=1e-12)  # from a wall to the edge of the bevel
 
 
-def test_only_where_a_part_sits_on_another_is_a_requirement_left_without_a_face():
+def test_only_what_no_face_carries_is_a_requirement_without_one():
+    # where a sheath sits, how high letters are, what a rounded or missing ledge has no edge for
     notes = {(one.id, line.key) for one in STIMULI.values() for line in one.characteristics() if line.kind == "note"}
-    assert notes == {("sheath-hard", "position"), ("sheath-soft", "position")}
+    ledges = {("crown-chamfer-over", "finish_line_width"), ("crown-feather", "finish_line_width")}
+    letters = {(one.id, "engraving_height") for one in STIMULI.values() if one.has_working_faces}
+    assert notes == {("sheath-hard", "position"), ("sheath-soft", "position"), *ledges, *letters}
 
 
 def test_a_tip_reaches_to_the_far_side_of_its_ball_and_a_hook_is_bent_about_a_ring(tmp_path):
@@ -256,7 +260,9 @@ def test_texture_stands_typed_at_every_working_face_and_what_is_by_default_is_sa
     open_block = STIMULI["step-010"].model_copy(update={"working_faces": None})
     path = tmp_path / "open.step"
     write_step_ap242(path, open_block, build_solids(open_block))
-    assert "by default: flatness, parallelism, roughness" in re.sub(r"\s*\n\s*", "", path.read_text())
+    assert "by default from the tolerance of the height: flatness, parallelism, roughness" in re.sub(
+        r"\s*\n\s*", "", path.read_text()
+    )
 
 
 def falsified(block, folder, change):

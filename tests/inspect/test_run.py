@@ -16,6 +16,7 @@ from stepblocks.inspect.budget import Component, Instrument, Measured, Outcome, 
 from stepblocks.inspect.report import write_inspection
 from stepblocks.inspect.run import EVALUATIONS, inspect_scan, inspect_standard
 from stepblocks.parts.set import StimulusSet
+from stepblocks.select import stimulus_files
 
 STIMULI = Path(__file__).parents[2] / "stimuli"
 KNOWN = Instrument(1e-3)
@@ -51,7 +52,7 @@ def test_a_scan_is_judged_in_one_call_wherever_the_stimulus_is_declared(result, 
 def test_every_characteristic_that_a_scan_shows_belongs_to_some_shipped_part():
     from stepblocks.declare import load_declared
 
-    sets: list[StimulusSet] = [load_declared(path) for path in sorted(STIMULI.glob("*.toml"))]
+    sets: list[StimulusSet] = [load_declared(path) for path in stimulus_files(STIMULI)]
     keys = {one.key for stimuli in sets for part in stimuli.stimuli for one in part.characteristics()}
     assert set(EVALUATIONS) - {"ridge_height"} <= keys
 
@@ -153,6 +154,9 @@ def test_what_is_written_agrees_with_the_result_and_is_named_in_order(result, tm
         "inspection.txt",
         "inspection.svg",
         "inspection-sheet.csv",
+        "qif",
+        "dcc.xml",
+        "certificate.html",
     ]
     assert paths[3].read_text() == f"{result}\n"
     record = read_as_built(str(paths[0]))

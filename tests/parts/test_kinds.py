@@ -17,10 +17,11 @@ from stepblocks.parts.characteristics import EdgeRule, find_face
 from stepblocks.parts.kind import NANOMETRE, exaggeration
 from stepblocks.parts.set import SHIPPED
 from stepblocks.parts.shapes import build_solids, convex_pieces, mesh_solid, solid_volumes
+from stepblocks.select import stimulus_files
 
 ROOT = Path(__file__).resolve().parents[2]
 GROOVES = Path(__file__).with_name("grooves.toml")
-SETS = [load_set(path) for path in (*sorted((ROOT / "stimuli").glob("*.toml")), GROOVES)]
+SETS = [load_set(path) for path in (*stimulus_files(ROOT / "stimuli"), GROOVES)]
 PARTS = [pytest.param(part, id=f"{stimuli.name}/{part.id}") for stimuli in SETS for part in stimuli.stimuli]
 CROSSED = [one for one in PARTS if one.values[0].crossed]
 BLOCKS = [one for one in PARTS if isinstance(one.values[0], Block)]

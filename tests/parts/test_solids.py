@@ -8,11 +8,12 @@ import pytest
 from stepblocks.cad import kernel
 from stepblocks.declare import load_set
 from stepblocks.parts.shapes import build_solids, solid_volumes
+from stepblocks.select import stimulus_files
 
 ROOT = Path(__file__).resolve().parents[2]
 SHIPPED = [
     pytest.param(stimulus, id=f"{path.stem}/{stimulus.id}")
-    for path in sorted((ROOT / "stimuli").glob("*.toml"))
+    for path in stimulus_files(ROOT / "stimuli")
     for stimulus in load_set(path).stimuli
 ]
 

@@ -11,10 +11,11 @@ from oracles.drawn_dimensions import drawn_dimensions
 from stepblocks.artefacts.on_paper import COLUMNS, decimals_for, limits_text, write_sheet_csv, write_sheet_pdf
 from stepblocks.declare import load_set
 from stepblocks.errors import MachiningError
+from stepblocks.select import stimulus_files
 from stepblocks.workshop.drawing import write_drawing
 
 ROOT = Path(__file__).parents[2]
-STIMULI = {one.id: one for path in sorted((ROOT / "stimuli").glob("*.toml")) for one in load_set(path).stimuli}
+STIMULI = {one.id: one for path in stimulus_files(ROOT / "stimuli") for one in load_set(path).stimuli}
 
 
 @pytest.fixture(scope="module", params=sorted(STIMULI))

@@ -6,7 +6,7 @@ import pytest
 
 from stepblocks.parts.characteristics import Characteristic
 from stepblocks.workshop.sheet import HEIGHT, WIDTH, Sheet, View, round_scale
-from stepblocks.workshop.turned import _arc, _flattened
+from stepblocks.workshop.turned import _points
 
 STEP = Characteristic("step", "step height", "distance", 10e-6, -1e-6, 1e-6)
 SHANK = Characteristic("shank", "shank", "diameter", 2.35e-3, -32e-6, 0.0)
@@ -71,7 +71,7 @@ def test_a_diameter_says_so_with_unequal_deviations(sheet):
     sheet.dimension("shank", (0.0, 0.0), (94.0, 0.0), (47.0, 10.0), 40.0)
     (one,) = dimensions(sheet)
     style = one.override()
-    assert style.get("dimpost") == "dia. <>"
+    assert style.get("dimpost") == "⌀<>"
     assert style.get("dimdec") == 3
     assert (style.get("dimtp"), style.get("dimtm")) == pytest.approx((0.0, 0.032), abs=1e-12)
 
@@ -109,10 +109,10 @@ def test_an_arrow_points_from_its_tail_to_its_tip(sheet):
 
 
 def test_the_title_block_lies_in_the_lower_right_corner_inside_the_frame(sheet):
-    sheet.border("Step block", "STEP-010", "steel")
+    sheet.border("Step block", {"identity": "STEP-010", "material": "steel", "mass": "29.1 g"})
     said = texts(sheet)
     assert said[0] == "Step block"
-    for name, value in (("identity", "STEP-010"), ("material", "steel"), ("unit", "mm")):
+    for name, value in (("identity", "STEP-010"), ("mass", "29.1 g"), ("general tolerances", "ISO 2768-m")):
         assert said[said.index(name) + 1] == value
     for entity in sheet.space.query("TEXT"):
         x, y = entity.get_placement()[1].vec2
@@ -124,23 +124,40 @@ def test_notes_go_down_line_by_line(sheet):
     sheet.notes((20.0, 100.0), ["one", "two", "three"])
     heights = [entity.dxf.insert.y for entity in sheet.space.query("TEXT")]
     assert heights == [100.0, 95.0, 90.0]
+    sheet.notes((20.0, 50.0), ["4  one that states a characteristic"], {0: "shank"})
+    assert sheet.numbers == {2}
+
+
+def test_the_symbol_of_a_surface_stands_on_it_with_its_roughness_in_micrometres():
+    rough = Sheet([Characteristic("rough", "roughness", "roughness", 0.0, 0.0, 0.1e-6)])
+    rough.texture((50.0, 40.0), "rough")
+    assert texts(rough) == ["Ra 0.1", "1"]
+    lowest = min(y for line in rough.space.query("LWPOLYLINE") for _, y in line.get_points("xy"))
+    assert lowest == 40.0
+
+
+def test_what_was_drawn_since_can_be_measured_and_moved(sheet):
+    sheet.line((0.0, 0.0), (5.0, 5.0))
+    start = len(sheet.space)
+    sheet.rectangle((10.0, 20.0), (30.0, 25.0))
+    sheet.dimension("step", (10.0, 25.0), (30.0, 25.0), (20.0, 40.0), 1.0)
+    before = sheet.extents(start)
+    sheet.shift(start, (100.0, -10.0))
+    assert sheet.extents(start) == pytest.approx([a + b for a, b in zip(before, (100, -10, 100, -10), strict=True)])
+    assert sheet.extents()[:2] == pytest.approx((0.0, 0.0))
 
 
 @pytest.mark.parametrize("middle", [45.0, -135.0])
 def test_an_arc_is_drawn_through_its_middle_point_the_short_way_or_the_long(middle):
     def on(degrees):
-        return 3.0 + 2.0 * math.cos(math.radians(degrees)), -1.0 + 2.0 * math.sin(math.radians(degrees))
+        return 3e-3 + 2e-3 * math.cos(math.radians(degrees)), -1e-3 + 2e-3 * math.sin(math.radians(degrees))
 
-    points = list(_arc(on(0.0), on(middle), on(90.0)))
-    assert len(points) == 96
+    points = _points([on(0.0), (on(middle), on(90.0))])
     assert points[-1] == pytest.approx(on(90.0))
-    assert all(math.hypot(x - 3.0, y + 1.0) == pytest.approx(2.0) for x, y in points)
-    assert min(math.dist(point, on(middle)) for point in points) < 0.05
+    assert all(math.hypot(x - 3e-3, y + 1e-3) == pytest.approx(2e-3) for x, y in points)
+    assert min(math.dist(point, on(middle)) for point in points) < 0.05e-3
 
 
 def test_an_outline_of_lines_stays_as_it_is():
-    outline = [(0.0, 0.0), (1.0, 0.0), ((2.0, 1.0), (1.0, 2.0)), (0.0, 2.0)]
-    points = list(_flattened(outline))
-    assert points[:2] == outline[:2]
-    assert points[-1] == (0.0, 2.0)
-    assert len(points) == 3 + 96
+    outline = [(0.0, 0.0), (1.0, 0.0), (2.0, 1.0), (0.0, 2.0)]
+    assert _points(outline) == outline

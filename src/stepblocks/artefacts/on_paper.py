@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from stepblocks.atomic import beside
-from stepblocks.parts.characteristics import Characteristic
+from stepblocks.parts.characteristics import FORM, Characteristic
 from stepblocks.parts.kind import Part
 from stepblocks.tables import write_table
 
@@ -51,8 +51,11 @@ def millimetres(length: float, decimals: int) -> str:
     return text.lstrip("-") if float(text) == 0.0 else text
 
 
-def limits_text(nominal: float, lower: float, upper: float) -> str:
-    """Return nominal and deviations as on a drawing: ``0.010 ±0.001``, or ``0.000 +0.002/0``."""
+def limits_text(nominal: float, lower: float, upper: float, quantity: str = "length") -> str:
+    """Return nominal and deviations as on a drawing: ``0.010 ±0.001``, ``0.000 +0.002/0``, or ``16° ±1°``."""
+    if quantity == "angle":
+        value, low, high = (f"{math.degrees(one):.6g}°" for one in (nominal, lower, upper))
+        return f"{value} ±{high}" if abs(upper + lower) < 1e-12 else f"{value} +{high}/{low}"
     decimals = decimals_for(nominal, lower, upper)
     value = millimetres(nominal, decimals)
     if abs(upper + lower) < 1e-12:
@@ -64,6 +67,12 @@ def limits_text(nominal: float, lower: float, upper: float) -> str:
 def zone_text(zone: float) -> str:
     """Return the zone of a geometric tolerance as in its frame: three decimals at least."""
     return millimetres(zone, max(decimals_for(zone), 3))
+
+
+def demands_by_default(stimulus: Part) -> str:
+    """Say which demands on the working faces nobody has stated."""
+    named, field = ", ".join(stimulus.face_demands.defaults), stimulus.governed_by.replace("_", " ")
+    return f"Not stated in the order, so by default from the tolerance of the {field}: {named}."
 
 
 def sheet_table(stimulus: Part, measured: Values | None = None) -> pd.DataFrame:
@@ -81,7 +90,7 @@ def _row(number: int, one: Characteristic, value: tuple[float, float, str] | Non
         f"{math.degrees(size):g}" if angular else millimetres(size, decimals)
         for size in (one.nominal, one.nominal + one.lower, one.nominal + one.upper)
     )
-    if one.kind in ("flatness", "parallelism"):
+    if one.kind in FORM:
         nominal, lower = "", ""
     got = ("", "", "") if value is None else (f"{value[0] * 1e3:.6f}", f"{value[1] * 1e3:.6f}", value[2])
     unit = "deg" if angular else "mm"

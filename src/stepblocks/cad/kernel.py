@@ -133,6 +133,23 @@ def volume(body: Body) -> float:
     return float(body.Volume()) / _MM**3
 
 
+def moved(body: Body, by: Point) -> Body:
+    """Translate a body."""
+    return body.translate(_vector(by))
+
+
+def common_volume(a: Body, b: Body) -> float:
+    """Volume that two bodies share [m^3], by the kernel's exact intersection; 0 where they only touch."""
+    first, second = a.BoundingBox(), b.BoundingBox()
+    if any(
+        getattr(first, f"{k}max") <= getattr(second, f"{k}min")
+        or getattr(second, f"{k}max") <= getattr(first, f"{k}min")
+        for k in "xyz"
+    ):
+        return 0.0
+    return sum(float(solid.Volume()) for solid in a.intersect(b).Solids()) / _MM**3
+
+
 def _describe(face: cq.Face) -> Face:
     kind, adaptor = str(face.geomType()), face._geomAdaptor()
     shape = {"SPHERE": "Sphere", "CYLINDER": "Cylinder"}.get(kind)

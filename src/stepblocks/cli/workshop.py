@@ -39,8 +39,11 @@ def _run(arguments: argparse.Namespace) -> Outcome:
     orders = order_parts(
         arguments.files, arguments.output, only=arguments.only, capability=arguments.capability, announce=announce
     )
+    missing = [f"MISSING {line}" for order in orders for line in order.missing]
     return Outcome(
         f"{sum(len(order.files) for order in orders)} files of {len(orders)} parts in {arguments.output}",
         notes=[route_table(orders)] if any(order.routes for order in orders) else [],
+        code=1 if missing else 0,
+        failures=missing,
         record={order.name: [str(path) for path in order.files] for order in orders},
     )

@@ -60,7 +60,7 @@ class Inspected:
     values: dict[str, Measured]  # by key of the characteristic
     convention: str  # how the values are defined
     notes: tuple[str, ...]  # what was left out or cut
-    shown: Shown
+    shown: Shown | None = None  # none of what another program measured
     arc: bool = True  # whether the edge is an arc, which its radius then says all of
 
 

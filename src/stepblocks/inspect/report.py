@@ -6,19 +6,22 @@ import hashlib
 import html
 import json
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from stepblocks.artefacts.as_built import AsBuilt, AsBuiltValue, write_as_built
+from stepblocks.artefacts.certificate import write_certificate
 from stepblocks.artefacts.on_paper import write_sheet_csv
+from stepblocks.artefacts.qif import write_qif
 from stepblocks.artefacts.scans.scan import Profile
 from stepblocks.atomic import beside, replace_text
 from stepblocks.inspect.budget import Decision, Measured, Outcome
-from stepblocks.inspect.measure import Inspected
+from stepblocks.inspect.measure import Inspected, Shown
 from stepblocks.parts.characteristics import Characteristic
+from stepblocks.parts.conditions import OrderSpec
 from stepblocks.parts.kind import Part
 
 _COLOUR: dict[Outcome | None, str] = {
@@ -40,7 +43,8 @@ class InspectionResult:
     judged: tuple[tuple[Characteristic, Decision], ...]  # each value that has limits
     verdict: Outcome | None  # over all of them; None where nothing was asked
     felt: str  # how far the felt energy moved; empty where it does not follow from the values
-    source: Path  # the scan
+    source: Path  # the scan, or the results of another program
+    order: OrderSpec = field(default_factory=OrderSpec)  # who asks for it, for QIF and the certificate
 
     @property
     def said(self) -> str:
@@ -144,12 +148,12 @@ def write_inspection(result: InspectionResult, folder: str | Path) -> list[Path]
     """
     base = Path(folder) / result.identity
     base.parent.mkdir(parents=True, exist_ok=True)
-    endings = ("as-built.toml", "inspection.json", "inspection.txt", "inspection.svg", "inspection-sheet.csv")
-    record_path, data, table, plot, sheet = (base.with_name(f"{base.name}.{ending}") for ending in endings)
+    endings = ("as-built.toml", "inspection.json", "inspection.txt", "inspection.svg", "inspection-sheet.csv", "qif")
+    record_path, data, table, plot, sheet, qif = (base.with_name(f"{base.name}.{ending}") for ending in endings)
     values = {one.key: AsBuiltValue(d.value, d.std, d.verdict.value) for one, d in result.judged}
     digest = hashlib.sha256(result.source.read_bytes()).hexdigest()
     inspected, shown = result.inspected, result.inspected.shown
-    surface = Profile(shown.position, shown.height) if result.felt else None
+    surface = Profile(shown.position, shown.height) if result.felt and shown is not None else None
     record = AsBuilt(result.identity, result.source.name, digest, inspected.convention, values, surface, inspected.arc)
     paths = [*write_as_built(record_path, record), data, table, plot]
     replace_text(data, json.dumps(result.as_record(), indent=2, allow_nan=False) + "\n")
@@ -158,7 +162,9 @@ def write_inspection(result: InspectionResult, folder: str | Path) -> list[Path]
     if result.stimulus is not None:
         filled = {key: (one.value, one.std, one.verdict) for key, one in values.items()}
         write_sheet_csv(sheet, result.stimulus, filled)
-        paths.append(sheet)
+        write_qif(qif, result.stimulus, result.order, filled)
+        certificate = write_certificate(base, result.stimulus, result.as_record(), result.order, digest)
+        paths += [sheet, qif, *certificate]
     return paths
 
 
@@ -170,20 +176,21 @@ def _draw(path: Path, result: InspectionResult) -> None:
 
     count = len(result.judged)
     with mpl.rc_context({"svg.hashsalt": "stepblocks", "font.family": "DejaVu Sans", "font.size": 9}):
-        figure = Figure(figsize=(9.0, 4.6 + 0.62 * count), layout="constrained")
+        scan = [] if result.inspected.shown is None else [5.0]  # what others measured comes without a profile
+        figure = Figure(figsize=(9.0, 0.9 + 0.74 * sum(scan) + 0.62 * count), layout="constrained")
         FigureCanvasAgg(figure)
-        axes = figure.subplots(1 + count, 1, height_ratios=[5.0, *[1.0] * count], squeeze=False)[:, 0]
-        _draw_scan(axes[0], result)
+        axes = figure.subplots(len(scan) + count, 1, height_ratios=[*scan, *[1.0] * count], squeeze=False)[:, 0]
+        if result.inspected.shown is not None:
+            _draw_scan(axes[0], result, result.inspected.shown)
         title = f"{result.identity}: {result.said}"
         axes[0].set_title(title, color=_COLOUR.get(result.verdict, "#1d2a36"), fontweight="bold", loc="left")
-        for axis, (one, decision) in zip(axes[1:], result.judged, strict=True):
+        for axis, (one, decision) in zip(axes[len(scan) :], result.judged, strict=True):
             _draw_limits(axis, one, decision)
         with beside(path) as draft:
             figure.savefig(draft, metadata={"Date": None}, dpi=120)
 
 
-def _draw_scan(axis: Any, result: InspectionResult) -> None:
-    shown = result.inspected.shown
+def _draw_scan(axis: Any, result: InspectionResult, shown: Shown) -> None:
     thin = max(len(shown.position) // _MOST_DRAWN, 1)
     x, z = shown.position[::thin] * 1e6, shown.height[::thin] * 1e6
     axis.plot(x, z, color="#1d2a36", linewidth=0.9)

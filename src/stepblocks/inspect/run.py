@@ -8,6 +8,7 @@ from pathlib import Path
 
 import numpy as np
 
+from stepblocks.artefacts.qif_read import matched_by, read_qif_results
 from stepblocks.artefacts.scans.read import read_scan
 from stepblocks.artefacts.scans.scan import HeightMap, Profile
 from stepblocks.contact.counterface import Step, energy_change, scanned_angle
@@ -15,14 +16,16 @@ from stepblocks.contact.energy import Status, release_at
 from stepblocks.contact.operating_point import OperatingPoint
 from stepblocks.declare import load_declared
 from stepblocks.errors import MetrologyError, PipelineError
-from stepblocks.inspect.budget import Instrument, Outcome, judge, verdict_of
+from stepblocks.inspect.budget import Component, Instrument, Measured, Outcome, judge, verdict_of
 from stepblocks.inspect.grooves import measure_groove
 from stepblocks.inspect.measure import AS_FOUND, How, Inspected, measure_edge, measure_margin, measure_tip
 from stepblocks.inspect.report import InspectionResult
 from stepblocks.parts.characteristics import Characteristic
-from stepblocks.parts.conditions import PredictionGrid
+from stepblocks.parts.conditions import OrderSpec, PredictionGrid
 from stepblocks.parts.kind import Part
+from stepblocks.parts.set import StimulusSet
 from stepblocks.predict.predictions import tool_of
+from stepblocks.select import stimulus_files
 
 Evaluation = Callable[[Profile | HeightMap, Instrument, Characteristic, How], Inspected]
 
@@ -37,6 +40,7 @@ EVALUATIONS: dict[str, Evaluation] = {
 # what a scan of a feature does not show
 _BESIDE = {"edge": ("groove_depth", "ridge_height"), "groove": ("step_height",)}
 _NOTHING_KNOWN = Instrument()
+_NO_ORDER = OrderSpec()
 _WORTH_SAYING = 0.01  # relative change of the energy from which a cause is named [1]
 
 
@@ -56,7 +60,7 @@ def inspect_scan(
     Parameters
     ----------
     scan : str or Path
-        Profile or height map, of any format that `read_scan` reads.
+        Profile or height map, of any format that `read_scan` reads; or results of another program, ``*.qif``.
     stimulus : str
         Identity of the part, such as ``"step-050"``.
     stimuli : str or Path
@@ -84,17 +88,43 @@ def inspect_scan(
     """
     if feature not in _BESIDE:
         raise PipelineError(f"feature must be one of {', '.join(_BESIDE)}, got {feature!r}")
-    part, grid = _declared(stimulus, Path(stimuli))
-    read = read_scan(scan, unit, channel)
+    part, declared = _declared(stimulus, Path(stimuli))
     asked = list(part.characteristics())
+    if Path(scan).suffix.lower() == ".qif":
+        result = _judged(part, _from_qif(Path(scan), asked), asked, Path(scan), declared.order)
+        return replace(result, felt=_felt_sentence(result, declared.prediction))
+    read = read_scan(scan, unit, channel)
     shown = [one for one in asked if one.key in EVALUATIONS and one.key not in _BESIDE[feature]]
     if not shown:
         raise PipelineError(f"a scan of {part.id} cannot be inspected: only blocks, margins and tips can")
     inspected = EVALUATIONS[shown[0].key](read, _resolving(instrument, read), shown[0], how)
-    result = _judged(part.id, part, inspected, asked, Path(scan))
+    result = _judged(part, inspected, asked, Path(scan), declared.order)
     if not result.judged:
         raise PipelineError(f"scan of {part.id} must measure at least one characteristic with limits, got none")
-    return replace(result, felt=_felt_sentence(result, grid)) if "step_height" in inspected.values else result
+    return replace(result, felt=_felt_sentence(result, declared.prediction))
+
+
+def _from_qif(path: Path, asked: list[Characteristic]) -> Inspected:
+    """Take lengths that another program measured, found by key, label or number on the drawing, with the uncertainty it states."""
+    called = {name: one.key for n, one in enumerate(asked, start=1) for name in (str(n), one.label, one.key)}
+    angles = {one.key for one in asked if one.quantity == "angle"}
+    results = read_qif_results(path)
+    found = {key: one for key, one in matched_by(results, called).items() if key not in angles}
+    if not found:
+        names = ", ".join(dict.fromkeys(one.name or one.designator or "?" for one in results))
+        rule = "must measure a characteristic by its name or number on the drawing"
+        raise PipelineError(f"QIF results {rule}, got {names:.120} [{path}]")
+    source = (
+        Component("as stated in the file", one.std, how="combined standard uncertainty") for one in found.values()
+    )
+    values = {
+        key: Measured(key.replace("_", " "), one.value, (own,))
+        for (key, one), own in zip(found.items(), source, strict=True)
+    }
+    other = [key for key, one in found.items() if one.status not in ("PASS", "FAIL")]
+    notes = [f"{len(results)} measured in the file, {len(found)} of them asked for"]
+    notes += [f"the file itself passes no judgement on {', '.join(other)}"] if other else []
+    return Inspected(values, f"as another program measured it, QIF 3.0, {path.name}", tuple(notes))
 
 
 def inspect_standard(
@@ -148,17 +178,17 @@ def inspect_standard(
         inspected, key = measure_groove(read, known, how, "depth"), "depth"
     limits = (-tolerance, tolerance) if depth is not None else (-np.inf, np.inf)
     asked = Characteristic(key, key.replace("_", " "), "distance", depth or 0.0, *limits)
-    result = _judged(Path(scan).stem, None, inspected, [asked] if depth is not None else [], Path(scan))
+    result = _judged(None, inspected, [asked] if depth is not None else [], Path(scan))
     return result if depth is not None else replace(result, verdict=None)
 
 
-def _declared(identity: str, where: Path) -> tuple[Part, PredictionGrid]:
+def _declared(identity: str, where: Path) -> tuple[Part, StimulusSet]:
     """Find a stimulus by its identity in a file or in all files of a folder."""
-    for path in sorted(where.glob("*.toml")) if where.is_dir() else [where]:
+    for path in stimulus_files(where):
         declared = load_declared(path)
         for stimulus in declared.stimuli:
             if stimulus.id == identity:
-                return stimulus, declared.prediction
+                return stimulus, declared
     raise PipelineError(f"stimulus must be declared in {where}, got {identity!r}")
 
 
@@ -168,19 +198,23 @@ def _resolving(instrument: Instrument, scan: Profile | HeightMap) -> Instrument:
 
 
 def _judged(
-    identity: str, part: Part | None, inspected: Inspected, asked: Iterable[Characteristic], source: Path
+    part: Part | None, inspected: Inspected, asked: Iterable[Characteristic], source: Path, order: OrderSpec = _NO_ORDER
 ) -> InspectionResult:
     found = [(one, inspected.values[one.key]) for one in asked if one.key in inspected.values]
     judged = tuple((one, judge(value, one.nominal, one.lower, one.upper)) for one, value in found)
     verdict = verdict_of(decision for _, decision in judged)
-    return InspectionResult(identity, part, inspected, judged, verdict, "", source)
+    identity = source.stem if part is None else part.id
+    return InspectionResult(identity, part, inspected, judged, verdict, "", source, order)
 
 
 def _felt_sentence(result: InspectionResult, grid: PredictionGrid) -> str:
     """Say how the energy that the edge releases differs from the nominal block's, and why.
 
-    Compared under the first tip, load and friction of the grid: the nominal step, as built, and the scanned surface.
+    Compared under the first tip, load and friction of the grid: the nominal step, as built, and the scanned surface. Empty
+    where height and edge radius were not both measured.
     """
+    if not {"step_height", "edge_radius"} <= set(result.inspected.values):
+        return ""
     point = OperatingPoint(grid.tip_radii[0], grid.normal_loads[0], grid.frictions[0], tool_of(grid))
     nominal = {one.key: one.nominal for one, _ in result.judged}
     height, radius = (result.inspected.values[key].value for key in ("step_height", "edge_radius"))
@@ -207,7 +241,8 @@ def _felt_sentence(result: InspectionResult, grid: PredictionGrid) -> str:
         sentence = f"{verdict}{', but ' if result.verdict is Outcome.CONFORMS else ': '}{named}"
     change, energy = energy_change(asked, made, point), float(releases[1].vibration_energy)
     sentence += f"; together {change * 100:+.1f} %, to {energy * 1e6:.3g} uJ"
-    angle = scanned_angle(result.inspected.shown.position, result.inspected.shown.height, point.ball_radius)
+    shown = result.inspected.shown
+    angle = None if shown is None else scanned_angle(shown.position, shown.height, point.ball_radius)
     if angle is not None:
         scanned = release_at(angle, point.normal_load, point.friction, point.tool)
         if scanned.status is Status.RELEASES:

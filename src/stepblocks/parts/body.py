@@ -11,7 +11,17 @@ from typing import TYPE_CHECKING, ClassVar, Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from stepblocks.parts.characteristics import Characteristic, EdgeRule, FaceRule, broken_edges, plane, toleranced
+from stepblocks.parts.characteristics import (
+    Characteristic,
+    EdgeRule,
+    FaceRule,
+    Rule,
+    broken_edges,
+    located,
+    plane,
+    texture_of,
+    toleranced,
+)
 from stepblocks.parts.declared import Table, WorkingFaces, require, require_below, rules_validator
 from stepblocks.parts.kind import Part
 from stepblocks.parts.lettering import engraved_text, letters, text_width
@@ -110,8 +120,8 @@ class Block(Part):
         """Volume of holes and engraving [m^3]."""
         return cut_volume(self.body, self.id, self.rise)
 
-    def body_characteristics(self, lower: FaceRule) -> Iterator[Characteristic]:
-        """List what a workshop must hold of the block itself, `lower` being its lower working face."""
+    def body_characteristics(self, lower: FaceRule, upper: FaceRule, edge: Rule | None) -> Iterator[Characteristic]:
+        """List what a workshop must hold of the block itself, by its working faces and the wall of its edge, if it has one."""
         body = self.body
         half, side, base = 0.5 * body.length.nominal, 0.5 * body.width.nominal, -body.thickness.nominal
         yield toleranced("length", "distance", body.length, plane(0, -half), plane(0, half))
@@ -126,6 +136,26 @@ class Block(Part):
         yield broken_edges(body.edge_break, plane(0, half), EdgeRule(slope, plane(2, base)))
         depth = body.engraving.depth
         yield toleranced("engraving_depth", "distance", depth, plane(1, -side), plane(1, -side + depth.nominal))
+        said = "height of the engraved letters, middle of the front"
+        yield toleranced("engraving_height", "note", body.engraving.height, label=said)
+        yield from self._mounting_characteristics(lower, holes[0])
+        if edge is not None:
+            yield located("edge_position", "working edge from the left side", half, plane(0, -half), edge)
+        yield texture_of(self.face_demands, lower, upper)
+
+    def _mounting_characteristics(self, lower: FaceRule, hole: FaceRule) -> Iterator[Characteristic]:
+        """List depth and place of the fixing holes, measured at the left one."""
+        body, holes = self.body, self.body.mounting
+        half, side, base = 0.5 * body.length.nominal, 0.5 * body.width.nominal, -body.thickness.nominal
+        at, depth = -0.5 * holes.spacing.nominal, holes.depth.nominal
+        ends: tuple[Rule, Rule] = lower, plane(2, -depth, x=at + 0.5 * holes.hole_diameter)
+        if holes.kind == "tapped":  # down to where the drill's point begins
+            point = FaceRule("CONE", holds={0: at, 2: base + depth + 0.1 * holes.hole_diameter})
+            ends = plane(2, base), EdgeRule(hole, point)
+        label = "depth of the core holes" if holes.kind == "tapped" else "depth of the counterbores"
+        yield toleranced("hole_depth", "distance", holes.depth, *ends, label=label)
+        yield located("hole_position", "left hole from the left side", half + at, plane(0, -half), hole)
+        yield located("hole_row", "holes from the front", side, plane(1, -side), hole)
 
     def require_engravable(self) -> None:
         """Refuse an identity that does not fit the front of the block."""

@@ -11,13 +11,14 @@ from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, Literal
 
 from stepblocks.errors import MachiningError
-from stepblocks.parts.tolerance import Dimension
+from stepblocks.parts.tolerance import Dimension, general_deviation
 
 if TYPE_CHECKING:
     from stepblocks.cad.kernel import Face
     from stepblocks.parts.declared import FaceDemands
 
-Kind = Literal["distance", "diameter", "radius", "angle", "flatness", "parallelism", "note"]
+Kind = Literal["distance", "diameter", "radius", "angle", "flatness", "parallelism", "roughness", "note"]
+FORM = ("flatness", "parallelism", "roughness")  # kinds with a largest value and no nominal
 BREAK = "edge break, 45 deg, all edges"
 PROFILE = "profilometer, two planes with edge exclusion"
 CALIPER = "caliper or micrometer"
@@ -68,6 +69,9 @@ class Characteristic:
     faces: tuple[Rule, ...] = ()  # two of a distance or of an angle between planes, one of the others
     method: str = CALIPER  # how it is measured
     quantity: str = "length"  # ``length`` or ``angle``
+    states: tuple[
+        Dimension, ...
+    ] = ()  # what the file declares and it holds; empty where it follows from other dimensions
 
     @property
     def doubled(self) -> Characteristic:
@@ -120,7 +124,8 @@ def toleranced(
         )
     nominal, lower, upper = dimension.nominal, dimension.lower, dimension.upper
     name = label or key.replace("_", " ")
-    return Characteristic(key, name, kind, nominal, lower, upper, body, faces, method, dimension.quantity)
+    states = (dimension,)
+    return Characteristic(key, name, kind, nominal, lower, upper, body, faces, method, dimension.quantity, states)
 
 
 def broken_edges(edge_break: Dimension, *faces: Rule) -> Characteristic:
@@ -138,10 +143,26 @@ def plane(axis: int, at: float, body: int | None = None, **holds: float) -> Face
 def form_of(demands: FaceDemands, low: FaceRule, high: FaceRule, lower: str, upper: str) -> Iterator[Characteristic]:
     """State flatness and parallelism of the two working faces."""
     how = "interferometer, form of the face, minimum zone"
-    for key, label, zone, faces in (
-        ("flatness_lower", f"flatness, {lower}", demands.flatness, (low,)),
-        ("flatness_upper", f"flatness, {upper}", demands.flatness, (high,)),
-        ("parallelism", f"parallelism, {upper} to A", demands.parallelism, (high, low)),
-    ):
-        kind: Kind = "parallelism" if key == "parallelism" else "flatness"
-        yield Characteristic(key, label, kind, 0.0, 0.0, zone, 0, faces, how)
+    flat, level = demands.states("flatness"), demands.states("parallelism")
+    lengths: tuple[tuple[Kind, str, str, float, tuple[FaceRule, ...], tuple[Dimension, ...]], ...] = (
+        ("flatness", "flatness_lower", f"flatness, {lower}", demands.flatness, (low,), flat),
+        ("flatness", "flatness_upper", f"flatness, {upper}", demands.flatness, (high,), flat),
+        ("parallelism", "parallelism", f"parallelism, {upper} to A", demands.parallelism, (high, low), level),
+    )
+    for kind, key, label, zone, faces, states in lengths:
+        yield Characteristic(key, label, kind, 0.0, 0.0, zone, 0, faces, how, states=states)
+
+
+def texture_of(demands: FaceDemands, low: FaceRule, high: FaceRule) -> Characteristic:
+    """State the largest roughness of the working faces."""
+    label, how = "roughness Ra, working faces", "profilometer or interferometer, ISO 21920-2"
+    states = demands.states("roughness")
+    return Characteristic(
+        "roughness", label, "roughness", 0.0, 0.0, demands.roughness, 0, (low, high), how, states=states
+    )
+
+
+def located(key: str, label: str, at: float, *faces: Rule) -> Characteristic:
+    """State where a feature lies [m], which follows from symmetry, with the general tolerance of ISO 2768-m."""
+    deviation = general_deviation(at) or 0.0
+    return Characteristic(key, label, "distance", at, -deviation, deviation, 0, faces)

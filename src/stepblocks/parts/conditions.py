@@ -16,6 +16,7 @@ if TYPE_CHECKING:
 PAPER_STEPS = (25e-6, 50e-6, 75e-6, 100e-6)  # H of the four blocks of the apparatus [m]
 Force = Annotated[Sourced, sourced("force")]
 Ratio = Annotated[float, positive("ratio", or_zero=True)]
+Said = Annotated[str, Field(max_length=60)]
 _Share = Annotated[
     float, positive("ratio", or_zero=True), Field(lt=1.0)
 ]  # a tolerance of all that there is leaves nothing
@@ -77,6 +78,15 @@ class PredictionGrid(Table):
         """Return the declared tool, with the tolerance of its ring and its limits."""
         limits = Limits(**{name: one.value for name, one in self.limits})
         return Tool(**dict(self.tool), frequency_deviation=self.tolerances.frequency, limits=limits)
+
+
+class OrderSpec(Table):
+    """What title blocks and certificates say of the order; what is left out stays blank for a hand to fill in."""
+
+    author: Said = ""
+    date: Annotated[str, Field(pattern=r"^(\d{4}-[01]\d-[0-3]\d)?$")] = ""  # of the drawings
+    revision: Said = ""
+    quantity: Annotated[int, Field(ge=1, le=9999)] = 1  # of each part
 
 
 class ProbeSpec(Table):

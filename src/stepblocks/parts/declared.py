@@ -138,6 +138,7 @@ class Material:
 MATERIALS = (
     Material("steel", "X90CrMoV18 (1.4112), hardened", 7700.0, "EN 10088-1:2014, table E.2"),
     Material("stainless", "X5CrNi18-10 (1.4301)", 7900.0, "EN 10088-1:2014, table E.3"),
+    Material("aluminium", "EN AW-6082 T6", 2700.0, "EN 573-3 data sheet, nominal"),
     Material("brass", "CuZn39Pb3 (CW614N)", 8470.0, "DIN EN 12164 data sheet, nominal"),
     Material("pmma", "PMMA, cast", 1190.0, "ISO 7823-1 data sheets, nominal"),
     Material("zirconia", "3Y-TZP zirconia", 6050.0, "ISO 13356, minimum 6.00 g/cm3, nominal"),
@@ -186,6 +187,12 @@ class FaceDemands:
     parallelism: float  # m
     roughness: float  # m
     defaults: tuple[str, ...]  # names of those that the file leaves to their default
+    stated: WorkingFaces | None = None  # those that it does not
+
+    def states(self, name: str) -> tuple[Dimension, ...]:
+        """Return what the file declares of one of them."""
+        one = getattr(self.stated, name, None)
+        return () if one is None else (one,)
 
 
 def face_demands(stated: WorkingFaces | None, band: float) -> FaceDemands:
@@ -197,4 +204,5 @@ def face_demands(stated: WorkingFaces | None, band: float) -> FaceDemands:
     }
     said = {name: getattr(stated, name) for name in usual if stated is not None}
     values = {name: one.upper for name, one in said.items() if one is not None}
-    return FaceDemands(**{**usual, **values}, defaults=tuple(name for name in usual if name not in values))
+    defaults = tuple(name for name in usual if name not in values)
+    return FaceDemands(**{**usual, **values}, defaults=defaults, stated=stated)

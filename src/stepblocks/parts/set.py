@@ -10,7 +10,7 @@ from pydantic import BeforeValidator, Field, create_model
 
 from stepblocks.contact.operating_point import PAPER
 from stepblocks.errors import StimulusError
-from stepblocks.parts.conditions import PAPER_STEPS, DampingRig, PredictionGrid, ProbeSpec
+from stepblocks.parts.conditions import PAPER_STEPS, DampingRig, OrderSpec, PredictionGrid, ProbeSpec
 from stepblocks.parts.declared import Identity, Table, break_rule, rules_validator
 from stepblocks.parts.energy_tolerance import toleranced
 from stepblocks.parts.kind import Part
@@ -72,6 +72,7 @@ class StimulusSet(Table):
     source: Annotated[str, Field(max_length=500)] = ""  # where it comes from
     prediction: PredictionGrid = PredictionGrid()
     stimuli: tuple[Part, ...]  # in the order of the kinds
+    order: OrderSpec = OrderSpec()  # author, date, revision and quantity for the drawings
     probe: ProbeSpec | None = None  # that the sheaths are made for
     damping_rig: DampingRig | None = None  # on which its ring is measured
 

@@ -4,16 +4,17 @@ from __future__ import annotations
 
 import math
 
-from stepblocks.artefacts.on_paper import limits_text, millimetres
-from stepblocks.parts.body import Body
-from stepblocks.parts.characteristics import Characteristic
+from stepblocks.artefacts.on_paper import millimetres
+from stepblocks.parts.body import DRILL_POINT, Body
+from stepblocks.parts.characteristics import toleranced
 from stepblocks.parts.kinds.margin import MarginBlock
 from stepblocks.parts.kinds.step_block import StepBlock
+from stepblocks.parts.lettering import text_width
 from stepblocks.workshop.gauge_route import GRADES, SECTION, WRINGING, GaugePair
-from stepblocks.workshop.sheet import Point, Sheet, View, round_scale
+from stepblocks.workshop.sheet import HEIGHT, TOP_OF_TITLE, Point, Sheet, View, round_scale
 
-_FRONT: Point = (95.0, 240.0)
-_TOP: Point = (95.0, 140.0)
+_FRONT: Point = (95.0, 242.0)
+_TOP: Point = (95.0, 137.0)
 _DETAIL: Point = (235.0, 215.0)
 _SECOND: Point = (352.0, 215.0)
 _SCALES = (10.0, 5.0, 4.0, 3.0, 2.5, 2.0, 1.5, 1.0, 0.5, 0.25, 0.1)
@@ -35,7 +36,7 @@ def margin_block_views(sheet: Sheet, margin: MarginBlock) -> list[str]:
     hy = 0.5 * margin.body.width.nominal * k
     for x in (0.0, margin.marginal_gap.nominal * k):
         sheet.line((tx + x, ty - hy), (tx + x, ty + hy))
-    text_at = (tx + 0.5 * margin.body.length.nominal * k + 6.0, ty + 0.4 * hy)
+    text_at = (tx + 0.5 * margin.body.length.nominal * k + 20.0, ty + 0.4 * hy)
     sheet.leader((tx, ty + 0.3 * hy), text_at, "margin, detail A")
     _margin_detail(sheet, margin)
     return ["Edges of the margin without burr; do not break them."]
@@ -50,14 +51,15 @@ def _octagon(low: Point, high: Point, cut: float) -> list[Point]:
 
 def _body_views(sheet: Sheet, body: Body, identity: str) -> float:
     """Draw the body from the front and from above; return the scale of both views."""
-    largest = max(body.length.nominal, body.width.nominal) * 1e3
+    largest = 1e3 * max(body.length.nominal, body.width.nominal, 75.0 / 45.0 * body.thickness.nominal)
     scale = max(s for s in _SCALES if s * largest <= 75.0 or s == _SCALES[-1])
     k = 1e3 * scale
     hx, hy = 0.5 * body.length.nominal * k, 0.5 * body.width.nominal * k
     t, c = body.thickness.nominal * k, body.edge_break.nominal * k
     (tx, ty), fx, fz = _TOP, _FRONT[0], _FRONT[1] + 0.5 * t
     sheet.polyline([(fx + x, fz + z) for x, z in _octagon((-hx, -t), (hx, 0.0), c)], closed=True)
-    sheet.text((fx, fz - 0.5 * t), identity.upper(), max(body.engraving.height.nominal * k * 0.8, 2.5), "MIDDLE_CENTER")
+    letter = max(0.8 * body.engraving.height.nominal * k, 2.5)
+    sheet.text((fx, fz - 0.5 * t), identity.upper(), letter, "MIDDLE_CENTER")
     sheet.polyline([(tx + x, ty + y) for x, y in _octagon((-hx, -hy), (hx, hy), c)], closed=True)
     sheet.rectangle((tx - hx + c, ty - hy + c), (tx + hx - c, ty + hy - c), "DIMENSION")
     mounting = body.mounting
@@ -71,16 +73,43 @@ def _body_views(sheet: Sheet, body: Body, identity: str) -> float:
     sheet.dimension("width", (left + c, below), (left + c, ty + hy), (left - 12.0, ty), scale, upright=True)
     sheet.dimension("thickness", (front + c, fz - t), (front + c, fz), (front - 12.0, fz), scale, upright=True)
     sheet.dimension("hole_spacing", (tx - half, ty - hole), (tx + half, ty - hole), (tx, below - 10.0), scale)
-    deep = f"{mounting.depth.nominal * 1e3:g} deep"
-    made = (
-        f"{mounting.thread}, {deep}"
-        if mounting.kind == "tapped"
-        else f"{mounting.thread} clearance, counterbore {deep}"
-    )
-    sheet.leader((tx + half + 0.7 * hole, ty - 0.7 * hole), (tx + hx + 6.0, ty - 0.5 * hy), f"2 x {made}")
-    sheet.text((fx, fz + 8.0), f"front {scale:g}:1", 2.5, "BOTTOM_CENTER")
+    sheet.dimension("hole_position", (left, below + c), (tx - half, ty - hole), (tx, below - 28.0), scale)
+    sheet.dimension("hole_row", (left + c, below), (tx - half, ty), (left - 24.0, ty), scale, upright=True)
+    if "edge_position" in sheet.listed:
+        sheet.dimension("edge_position", (left, ty + hy - c), (tx, ty + hy), (tx, ty + hy + 16.0), scale)
+    bored = f"⌀{mounting.hole_diameter * 1e3:g} through, counterbored ⌀{mounting.entry_diameter * 1e3:g}"
+    made = mounting.thread if mounting.kind == "tapped" else bored
+    sheet.leader((tx + half + 0.7 * hole, ty - 0.7 * hole), (tx + hx + 20.0, ty - 0.5 * hy), f"2 x {made}")
+    _holes_from_the_front(sheet, body, (fx, fz), scale)
+    end = fx + 0.5 * text_width(identity.upper(), letter) + 0.5, fz - 0.5 * t
+    sheet.leader(end, (fx + hx + 17.0, fz - 2.0), "letters {} high", "engraving_height")
+    sheet.leader(end, (fx + hx + 17.0, fz - 8.0), "engraved {} deep", "engraving_depth")
+    corner = (fx - hx + 0.5 * c, fz - t + 0.5 * c)
+    sheet.leader(corner, (fx - hx + 8.0, fz - t - 8.0), "{} x 45°, all edges but the working ones", "edge_break")
+    sheet.text((fx, fz - t - 18.0), f"front {scale:g}:1", 2.5, "BOTTOM_CENTER")
     sheet.text((tx + hx + 4.0, ty - hy), f"top {scale:g}:1", 2.5, "BOTTOM_LEFT")
     return scale
+
+
+def _holes_from_the_front(sheet: Sheet, body: Body, at: Point, scale: float) -> None:
+    """Draw the fixing holes as hidden lines, with their depth beside the view."""
+    (fx, fz), k, holes = at, 1e3 * scale, body.mounting
+    drill, entry, depth = 0.5 * holes.hole_diameter * k, 0.5 * holes.entry_diameter * k, holes.depth.nominal * k
+    base, half = fz - body.thickness.nominal * k, 0.5 * holes.spacing.nominal * k
+    for x in (fx - half, fx + half):
+        if holes.kind == "tapped":
+            sink, tip = base + entry - drill, base + depth + drill / math.tan(0.5 * DRILL_POINT)
+            outline = [(entry, base), (drill, sink), (drill, base + depth), (0.0, tip)]
+        else:
+            outline = [(drill, base), (drill, fz - depth), (entry, fz - depth), (entry, fz)]
+        for side in (-1.0, 1.0):
+            sheet.polyline([(x + side * r, z) for r, z in outline], "HIDDEN")
+        floor = base + depth if holes.kind == "tapped" else fz - depth
+        sheet.line((x - drill, floor), (x + drill, floor), "HIDDEN")
+        sheet.line((x, base - 2.0), (x, fz + 2.0), "CENTRE")
+    right = fx + 0.5 * body.length.nominal * k
+    ends = sorted([floor, base if holes.kind == "tapped" else fz])
+    sheet.dimension("hole_depth", (x + drill, ends[0]), (x + drill, ends[1]), (right + 10.0, fz), scale, upright=True)
 
 
 def _edge_in_top_view(sheet: Sheet, block: StepBlock, scale: float) -> None:
@@ -94,7 +123,9 @@ def _edge_in_top_view(sheet: Sheet, block: StepBlock, scale: float) -> None:
     if (key := f"{feature.kind}_distance") in sheet.listed:
         ends = sorted([(tx, ty + hy), (tx + near, ty + hy)])
         sheet.dimension(key, ends[0], ends[1], (tx, ty + hy + 8.0), scale)
-    beyond = tx + 0.5 * block.body.length.nominal * k + 6.0
+    right = tx + 0.5 * block.body.length.nominal * k
+    long, beyond = f"{feature.kind}_length", right + 20.0
+    sheet.dimension(long, (tx + far, ty + low), (tx + far, ty + hy), (right + 10.0, ty), scale, upright=True)
     sheet.leader((tx, ty - 0.3 * hy), (beyond, ty - 0.15 * hy), "working edge, detail A")
     sheet.leader((tx + far, ty + low + 2.0), (beyond, ty + low + 6.0), f"{feature.kind}, detail B")
 
@@ -115,6 +146,7 @@ def _step_detail(sheet: Sheet, block: StepBlock) -> None:
     sheet.point_to((cx - 21.0, cz), sheet.frame("flatness_lower", (cx - 16.0, cz - 17.0)))
     sheet.point_to((cx + 4.0, top), sheet.frame("flatness_upper", (cx + 8.0, top + 7.0)))
     sheet.frame("parallelism", (cx + 8.0, top + 13.0), "A")
+    sheet.texture((cx + 46.0, top), "roughness", " (2 x)")
     said = f"A   lengths {xs:g}:1, heights {zs:g}:1 (heights exaggerated {zs / xs:g} times)"
     sheet.text((cx, cz - 27.0), said, 2.5, "BOTTOM_CENTER")
 
@@ -170,57 +202,76 @@ def _margin_detail(sheet: Sheet, margin: MarginBlock) -> None:
     sheet.point_to((beyond, level), sheet.frame("flatness_upper", (beyond + 4.0, top + 18.0)))
     sheet.frame("parallelism", (beyond + 4.0, top + 24.0), "A")
     sheet.text((cx - 58.0, cz + 3.0), "tooth", 2.5)
-    sheet.text((cx + 60.0, level + 3.0), "crown", 2.5)
+    sheet.text((cx + 60.0, level - 5.0), "crown", 2.5)
+    sheet.texture((max(cx + 62.0, beyond + 3.0), level), "roughness", " (2 x)")
     sheet.leader((cx + 0.4 * g * 1e3 * s, floor + 2.0), (cx - 24.0, floor + 8.0), "depth {}", "gap_depth")
     sheet.text((cx, floor - 30.0), f"A   {s:g}:1", 2.5, "BOTTOM_CENTER")
 
 
-def gauge_sheet(block: StepBlock, pair: GaugePair) -> Sheet:
+def gauge_sheet(block: StepBlock, pair: GaugePair, ordered: dict[str, str]) -> Sheet:
     """Draw the two-piece block: base, two gauge blocks wrung onto it, and the step that is their difference."""
     height = block.height
-    step = Characteristic("step_height", "step height", "distance", height.nominal, height.lower, height.upper)
-    sheet = Sheet([step])
-    _gauge_section(sheet, block, pair)
-    zs = round_scale(40.0 / (height.nominal * 1e3))
-    dx, dz = 320.0, 205.0
-    top = dz + height.nominal * 1e3 * zs
-    sheet.polyline([(dx - 50.0, dz), (dx, dz), (dx, top), (dx + 50.0, top)])
-    sheet.line((dx, dz), (dx, dz - 10.0))
-    sheet.break_line(dx - 50.0, dz - 10.0, dz)
-    sheet.break_line(dx + 50.0, dz - 10.0, top)
-    sheet.dimension("step_height", (dx - 26.0, dz), (dx, top), (dx - 14.0, dz), zs, upright=True)
-    sheet.text((dx, dz - 20.0), f"A   edge, heights {zs:g}:1, lengths not to scale", 2.5, "BOTTOM_CENTER")
+    sheet = Sheet([toleranced("step_height", "distance", height)])
     deviation, variation = GRADES[pair.grade]
     size = f"ISO 3650 grade {pair.grade}, {SECTION[0] * 1e3:g} x {SECTION[1] * 1e3:g} mm"
-    lines = f"""Parts
+    text = f"""Parts
 1  base, {block.material.designation}, top lapped flat within 0.1 um where blocks are wrung
 2  gauge block {millimetres(pair.lower, 4)} mm, {size}
 3  gauge block {millimetres(pair.upper, 4)} mm, {size}
 
 Stack-up of the step
-lengths of two blocks: +-{deviation * 1e6:g} um each
-variation of length, half of it at the edge: +-{0.5 * variation * 1e6:g} um each
-wringing: +-{WRINGING * 1e6:g} um each
-worst case +-{pair.worst * 1e6:.2f} um, 95 % within +-{pair.expected * 1e6:.2f} um
-permitted: {limits_text(height.nominal, height.lower, height.upper)} mm
+lengths of two blocks: ±{deviation * 1e6:g} um each
+variation of length, half of it at the edge: ±{0.5 * variation * 1e6:g} um each
+wringing: ±{WRINGING * 1e6:g} um each
+worst case ±{pair.worst * 1e6:.2f} um, 95 % within ±{pair.expected * 1e6:.2f} um
+permitted: {sheet.limits("step_height")} mm
 
 Wring parts 2 and 3 side by side, long sides together, edges of the upper one not broken.
 The chamfer of a gauge block (0.1 to 0.3 mm) lies at the working edge: order part 3 without it, or lap it off."""
-    sheet.notes((30.0, 150.0), lines.split("\n"))
-    sheet.border("Step block from gauge blocks", f"{block.id.upper()}-GAUGE", "base as noted, gauge blocks steel")
+    lines = text.splitlines()
+    rows = {"identity": f"{block.id.upper()}-GAUGE", "material": "base as noted, gauge blocks steel"}
+    sheet.border("Step block from gauge blocks", rows | ordered)
+    foot = 20.0 + 5.0 * (len(lines) - 1)
+    sheet.notes((20.0, foot), lines)
+    # whatever their sizes, the views stand over what was written, beside one another, each by what it covers
+    left, low, high = 20.0, max(foot, TOP_OF_TITLE) + 10.0, HEIGHT - 16.0
+    for draw in (_gauge_section, _gauge_edge):
+        start = len(sheet.space)
+        draw(sheet, block, pair, high - low)
+        x0, y0, x1, y1 = sheet.extents(start)
+        sheet.shift(start, (left - x0, 0.5 * (low + high - y0 - y1)))
+        left += x1 - x0 + 12.0
     return sheet
 
 
-def _gauge_section(sheet: Sheet, block: StepBlock, pair: GaugePair) -> None:
-    s, (cx, cz) = 4.0, (130.0, 215.0)
-    wide, rim, thick = 9.0 * s, 5.0 * s, block.body.thickness.nominal * 1e3 * s
+def _gauge_edge(sheet: Sheet, block: StepBlock, pair: GaugePair, room: float) -> None:
+    """Draw the edge with its heights enlarged."""
+    zs = round_scale(40.0 / (block.height.nominal * 1e3))
+    top = block.height.nominal * 1e3 * zs
+    sheet.polyline([(-50.0, 0.0), (0.0, 0.0), (0.0, top), (50.0, top)])
+    sheet.line((0.0, 0.0), (0.0, -10.0))
+    sheet.break_line(-50.0, -10.0, 0.0)
+    sheet.break_line(50.0, -10.0, top)
+    sheet.dimension("step_height", (-26.0, 0.0), (0.0, top), (-14.0, 0.0), zs, upright=True)
+    sheet.text((0.0, -20.0), f"A   edge, heights {zs:g}:1, lengths not to scale", 2.5, "BOTTOM_CENTER")
+
+
+def _gauge_section(sheet: Sheet, block: StepBlock, pair: GaugePair, room: float) -> None:
+    """Draw base and blocks as large as they fit, what each is called on the left, apart whatever their thickness."""
+    thick = block.body.thickness.nominal * 1e3
+    across, tall = 2e3 * SECTION[1] + 10.0, thick + pair.upper * 1e3
+    s = max(one for one in _SCALES if (one * tall <= room - 12.0 and one * across <= 120.0) or one == _SCALES[-1])
+    wide, rim = 1e3 * SECTION[1] * s, 5.0 * s
     low, high = pair.lower * 1e3 * s, pair.upper * 1e3 * s
-    base = cz - low
-    sheet.rectangle((cx - wide - rim, base - thick), (cx + wide + rim, base))
-    sheet.rectangle((cx - wide, base), (cx, cz))
-    sheet.rectangle((cx, base), (cx + wide, base + high))
-    left, right = cx - 0.5 * wide, cx + 0.5 * wide
-    sheet.leader((left, base - 0.5 * thick), (left - 22.0, cz + (-low - thick - 14.0)), "part 1, base")
-    sheet.leader((left, base + 0.5 * low), (left - 22.0, cz + 12.0), "part 2, lower")
-    sheet.leader((right, base + 0.5 * high), (right + 22.0, cz + 12.0), "part 3, upper")
-    sheet.text((cx, base - thick - 24.0), f"section {s:g}:1", 2.5, "BOTTOM_CENTER")
+    sheet.rectangle((-wide - rim, -thick * s), (wide + rim, 0.0))
+    sheet.rectangle((-wide, 0.0), (0.0, low))
+    sheet.rectangle((0.0, 0.0), (wide, high))
+    shelf, at = -wide - rim - 10.0, max(high, 12.0)
+    for tip, said in (
+        ((0.5 * wide, 0.8 * high), "part 3, upper"),
+        ((-0.7 * wide, 0.4 * low), "part 2, lower"),
+        ((-wide - 0.5 * rim, -0.3 * thick * s), "part 1, base"),
+    ):
+        sheet.leader(tip, (shelf, at), said)
+        at = min(at - 8.0, -0.3 * thick * s) if said.startswith("part 2") else at - 8.0
+    sheet.text((0.0, -thick * s - 8.0), f"section {s:g}:1", 2.5, "BOTTOM_CENTER")

@@ -7,15 +7,20 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from stepblocks.artefacts.on_paper import write_sheet_csv, write_sheet_pdf
+from stepblocks.artefacts.qif import write_qif
 from stepblocks.atomic import inside
-from stepblocks.declare import load_declared
+from stepblocks.declare import load_declared, load_kit
 from stepblocks.errors import PipelineError
+from stepblocks.parts.apparatus import Kit
+from stepblocks.parts.conditions import OrderSpec
 from stepblocks.parts.kind import Part
 from stepblocks.parts.kinds.step_block import StepBlock
 from stepblocks.quantities import parse_quantity
 from stepblocks.select import matches, stimulus_files
+from stepblocks.workshop.complete import missing_from
 from stepblocks.workshop.drawing import write_drawing, write_gauge_drawing
 from stepblocks.workshop.gauge_route import Route, choose_pair, routes_for, write_gauge_assembly
+from stepblocks.workshop.kit import write_kit
 
 GROUND = "2 um"  # deviation of a height in one piece that is ground, not lapped
 
@@ -27,6 +32,7 @@ class Order:
     name: str  # ``"set/id"``
     files: tuple[Path, ...]  # drawings, for a step block also of the two-piece variant, and sheets
     routes: tuple[Route, ...]  # ways to make a step block; empty for other parts
+    missing: tuple[str, ...] = ()  # from drawing and sheet, and from the STEP file where the part has been built
 
 
 def order_parts(
@@ -67,10 +73,15 @@ def order_parts(
     held = parse_quantity(held, "length") if isinstance(held, str) else held
     orders = []
     for path in stimulus_files(files):
+        if (kit := load_kit(path)) is not None:
+            orders += _order_kits(path.stem, kit, Path(output), only)
+            if announce is not None and orders:
+                announce(orders[-1])
+            continue
         declared = load_declared(path)
         for stimulus in declared.stimuli:
             if only is None or matches(only, declared.name, stimulus.id):
-                orders.append(_order(f"{declared.name}/{stimulus.id}", stimulus, Path(output), held))
+                orders.append(_order(f"{declared.name}/{stimulus.id}", stimulus, Path(output), held, declared.order))
                 if announce is not None:
                     announce(orders[-1])
     if not orders:
@@ -78,12 +89,27 @@ def order_parts(
     return orders
 
 
-def _order(name: str, stimulus: Part, output: Path, capability: float) -> Order:
+def _order_kits(set_name: str, kit: Kit, output: Path, only: str | None) -> list[Order]:
+    orders = []
+    for one in kit.apparatus:
+        if only is None or matches(only, set_name, one.id):
+            files, wrong = write_kit(_folder(output, f"{set_name}/{one.id}"), one, kit.order)
+            orders.append(Order(f"{set_name}/{one.id}", tuple(files), (), tuple(wrong)))
+    return orders
+
+
+def _folder(output: Path, name: str) -> Path:
     folder = inside(output, name)
     if folder is None:
         raise PipelineError(f"the folder must lie in the output folder, with no link on the way [{output / name}]")
     folder.mkdir(parents=True, exist_ok=True)
-    written = write_drawing(folder, stimulus)
+    return folder
+
+
+def _order(name: str, stimulus: Part, output: Path, capability: float, said: OrderSpec) -> Order:
+    folder = _folder(output, name)
+    written = [*write_drawing(folder, stimulus, order=said), folder / f"{stimulus.id}.plan.qif"]
+    write_qif(written[-1], stimulus, said)
     routes: list[Route] = []
     if isinstance(stimulus, StepBlock):
         routes = routes_for(stimulus, capability)
@@ -91,11 +117,13 @@ def _order(name: str, stimulus: Part, output: Path, capability: float) -> Order:
             pair = choose_pair(stimulus.height.nominal)
             assembly = folder / f"{stimulus.id}.gauge.step"
             write_gauge_assembly(assembly, stimulus, pair)
-            written += [assembly, *write_gauge_drawing(folder, stimulus, pair)]
+            written += [assembly, *write_gauge_drawing(folder, stimulus, pair, said)]
     sheets = [folder / f"{stimulus.id}.inspection-sheet.{form}" for form in ("csv", "pdf")]
     write_sheet_csv(sheets[0], stimulus)
     write_sheet_pdf(sheets[1], stimulus)
-    return Order(name, (*written, *sheets), tuple(routes))
+    step = folder / f"{stimulus.id}.step"
+    missing = missing_from(stimulus, written[0], step if step.is_file() else None, sheets[0])
+    return Order(name, (*written, *sheets), tuple(routes), tuple(missing))
 
 
 def route_table(orders: Iterable[Order]) -> str:

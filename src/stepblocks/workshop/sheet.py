@@ -7,7 +7,7 @@ prints is the part; the DIMENSION entity keeps value and tolerance, where they c
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -17,12 +17,12 @@ from ezdxf.math import Vec2
 
 from stepblocks.artefacts.on_paper import decimals_for, limits_text, zone_text
 from stepblocks.parts.characteristics import Characteristic
+from stepblocks.parts.lettering import text_width
 
 Point = tuple[float, float]
 WIDTH, HEIGHT = 420.0, 297.0  # A3, landscape [mm]
 FONT = "DejaVuSans.ttf"  # as the DXF names it
 _TEXT = 2.5
-_WIDE = 0.87  # mean advance of a character over its height, for DejaVu Sans
 _LAYERS = {  # colour, weight of the lines [0.01 mm] and their type
     "OUTLINE": (7, 50, "Continuous"),
     "HIDDEN": (8, 25, "DASHED"),
@@ -38,7 +38,8 @@ _STYLE = {
     **dict.fromkeys(("dimtad", "dimtofl"), 1),
     **dict.fromkeys(("dimzin", "dimtzin", "dimtih", "dimtoh"), 0),
 }
-_PREFIX = {"diameter": "dia. <>", "radius": "R<>"}  # of a dimension's text, by kind
+_PREFIX = {"diameter": "⌀<>", "radius": "R<>"}  # of a dimension's text, by kind
+TOP_OF_TITLE = 73.0  # y of the upper side of the title block [mm]
 
 
 def round_scale(wanted: float) -> float:
@@ -95,10 +96,35 @@ class Sheet:
         """Draw a circle."""
         self.space.add_circle(centre, radius, dxfattribs={"layer": layer})
 
-    def text(self, at: Point, text: str, height: float = _TEXT, align: str = "LEFT", layer: str = "TEXT") -> None:
-        """Write one line of text; `align` is a name of ezdxf's TextEntityAlignment."""
-        entity = self.space.add_text(text, height=height, dxfattribs={"layer": layer, "style": "LETTERS"})
+    def text(self, at: Point, text: str, height: float = _TEXT, align: str = "LEFT", key: str = "") -> None:
+        """Write one line of text; `align` is a name of ezdxf's TextEntityAlignment, `key` says which characteristic it states."""
+        entity = self.space.add_text(text, height=height, dxfattribs={"layer": "TEXT", "style": "LETTERS"})
         entity.set_placement(at, align=TextEntityAlignment[align])
+        if key:
+            self._states(entity, key)
+
+    def _states(self, entity: Any, key: str) -> None:
+        """Mark what states a characteristic on paper, for whoever checks that all are there."""
+        number, _ = self.listed[key]
+        self.numbers.add(number)
+        entity.set_xdata("STEPBLOCKS", [(1000, key), (1070, number)])
+
+    def limits(self, key: str) -> str:
+        """Return nominal and deviations of a characteristic."""
+        _, one = self.listed[key]
+        return limits_text(one.nominal, one.lower, one.upper, one.quantity)
+
+    def extents(self, start: int = 0) -> tuple[float, float, float, float]:
+        """Return left, lower, right and upper end of all that was drawn since there were `start` entities."""
+        from ezdxf import bbox
+
+        box = bbox.extents(list(self.space)[start:], fast=False)
+        return box.extmin.x, box.extmin.y, box.extmax.x, box.extmax.y
+
+    def shift(self, start: int, by: Point) -> None:
+        """Move all that was drawn since there were `start` entities."""
+        for entity in list(self.space)[start:]:
+            entity.translate(*by, 0.0)
 
     def break_line(self, x: float, low: float, high: float) -> None:
         """Draw a vertical break with a zigzag in its middle."""
@@ -133,8 +159,7 @@ class Sheet:
         # along the line of the dimension: its ends, and the length of its text; `side` leads away from it
         axis, side = (1, -1.0) if upright else (0, 1.0)
         start, end = sorted((a[axis], b[axis]))
-        printed = limits_text(one.nominal, one.lower, one.upper).replace(" ", "")
-        needed = _WIDE * _TEXT * (len(printed) + len(prefix.replace("<>", ""))) + 2.0
+        needed = text_width(prefix.replace("<>", "") + self.limits(key).replace(" ", ""), _TEXT) + 2.0
         narrow = end - start < needed + 10.0
         reach = 0.5 * needed + 3.0
         middle = list(along)
@@ -144,7 +169,7 @@ class Sheet:
         else:
             middle[axis] = 0.5 * (a[axis] + b[axis])
         dimension.render()
-        dimension.dimension.set_xdata("STEPBLOCKS", [(1000, one.key), (1070, number)])
+        self._states(dimension.dimension, key)
         after, beside = (reach, 0.0) if narrow else (0.5 * needed + 2.6, 3.4)
         middle[axis] += after
         middle[1 - axis] += side * beside
@@ -152,22 +177,20 @@ class Sheet:
 
     def balloon(self, number: int, at: Point) -> None:
         """Draw the number of a characteristic in a circle."""
-        self.numbers.add(number)
         self.circle(at, 2.6, "DIMENSION")
         self.text(at, str(number), 2.2, "MIDDLE_CENTER")
 
     def leader(self, tip: Point, elbow: Point, text: str, key: str = "") -> None:
         """Draw an arrow to `tip` from a text at `elbow`, on the side away from the tip; ``{}`` are the limits of `key`."""
-        number, one = self.listed.get(key, (None, None))
-        if one is not None:
-            text = text.format(limits_text(one.nominal, one.lower, one.upper))
+        if key:
+            text = text.format(self.limits(key))
         side = 1.0 if elbow[0] >= tip[0] else -1.0
         shelf = elbow[0] + side * 3.0
         self.polyline([tip, elbow, (shelf, elbow[1])], "DIMENSION")
         self.arrow(tip, elbow)
-        self.text((shelf + side, elbow[1]), text, _TEXT, "MIDDLE_LEFT" if side > 0.0 else "MIDDLE_RIGHT")
-        if number is not None:
-            self.balloon(number, (shelf + side * (5.0 + _WIDE * _TEXT * len(text)), elbow[1]))
+        self.text((shelf + side, elbow[1]), text, _TEXT, "MIDDLE_LEFT" if side > 0.0 else "MIDDLE_RIGHT", key)
+        if key:
+            self.balloon(self.listed[key][0], (shelf + side * (5.0 + text_width(text, _TEXT)), elbow[1]))
 
     def arrow(self, tip: Point, tail: Point, size: float = 2.5) -> None:
         """Draw a filled arrow head at `tip`, coming from `tail`."""
@@ -184,7 +207,7 @@ class Sheet:
         x, y = at
         high, cell = 6.0, 7.0
         value = zone_text(one.upper)
-        wide = 3.0 + _WIDE * _TEXT * len(value)
+        wide = 4.0 + text_width(value, _TEXT)
         ends = [x + cell, x + cell + wide, *([x + cell + wide + cell] if datum else [])]  # of the cells
         self.rectangle(at, (ends[-1], y + high), "FRAME")
         for end in ends[:-1]:
@@ -195,7 +218,7 @@ class Sheet:
         else:
             for shift in (0.0, 1.8):
                 self.line((x + 1.8 + shift, y + 1.4), (x + 3.4 + shift, y + 4.6), "FRAME")
-        self.text((x + cell + 0.5 * wide, y + 0.5 * high), value, _TEXT, "MIDDLE_CENTER")
+        self.text((x + cell + 0.5 * wide, y + 0.5 * high), value, _TEXT, "MIDDLE_CENTER", key)
         if datum:
             self.text((ends[-1] - 0.5 * cell, y + 0.5 * high), datum, _TEXT, "MIDDLE_CENTER")
         self.balloon(number, (ends[-1] + 4.0, y + 0.5 * high))
@@ -215,32 +238,51 @@ class Sheet:
         self.rectangle((x - 3.0, y - 12.0), (x + 3.0, y - 6.0), "FRAME")
         self.text((x, y - 9.0), letter, 3.0, "MIDDLE_CENTER")
 
-    def border(self, title: str, identity: str, material: str) -> None:
-        """Draw the frame of the sheet and the title block in its lower right corner."""
-        rows = [
-            ("identity", identity),
-            ("material", material),
-            ("unit", "mm"),
-            ("general tolerances", "ISO 2768-m"),
-            ("tolerancing", "ISO 8015, ISO 1101"),
-            ("reference temperature", "20 deg C (ISO 1)"),
-            ("edges", "ISO 13715"),
-            ("projection, size", "first angle, A3"),
-        ]
-        self.rectangle((10.0, 10.0), (WIDTH - 10.0, HEIGHT - 10.0), "FRAME")
-        left, high, half = WIDTH - 190.0, 8.0, len(rows) // 2
-        top = 20.0 + high * half
-        self.rectangle((left, 10.0), (WIDTH - 10.0, top), "FRAME")
-        self.line((left, top - 10.0), (WIDTH - 10.0, top - 10.0), "FRAME")
-        self.text((left + 3.0, top - 5.0), title, 4.5, "MIDDLE_LEFT")
-        for index, (name, value) in enumerate(rows):
-            column, row = divmod(index, half)
-            x, y = left + 90.0 * column, top - 10.0 - high * row
-            self.rectangle((x, y - high), (x + 90.0, y), "FRAME")
-            self.text((x + 2.0, y - 2.2), name, 1.6, "MIDDLE_LEFT")
-            self.text((x + 2.0, y - 5.4), value, 2.5, "MIDDLE_LEFT")
+    def texture(self, foot: Point, key: str, said: str = "") -> None:
+        """Draw the symbol of a machined surface (ISO 21920-1) on a face, its largest Ra in micrometres under the bar."""
+        (x, y), text = foot, f"Ra {self.listed[key][1].upper * 1e6:g}{said}"
+        self.polyline([(x - 2.0, y + 3.5), (x, y), (x + 2.0, y + 3.5)], "DIMENSION", closed=True)
+        end = x + 6.0 + text_width(text, _TEXT)
+        self.polyline([(x + 2.0, y + 3.5), (x + 4.3, y + 7.5), (end, y + 7.5)], "DIMENSION")
+        self.text((x + 5.0, y + 5.3), text, _TEXT, "MIDDLE_LEFT", key)
+        self.balloon(self.listed[key][0], (end + 3.6, y + 5.6))
 
-    def notes(self, at: Point, lines: Iterable[str]) -> None:
-        """Write notes downwards from a point."""
+    def border(self, title: str, rows: dict[str, str]) -> None:
+        """Draw the frame of the sheet and the title block in its lower right corner, with the symbol of first-angle projection."""
+        standard = {
+            "unit": "mm; scales stand at the views",
+            "general tolerances": "ISO 2768-m",
+            "tolerancing": "ISO 8015, ISO 1101",
+            "edges, surfaces": "ISO 13715, ISO 21920-1",
+            "reference temperature": "20 °C (ISO 1)",
+            "projection, size": "first angle (ISO 5456-2), A3",
+        }
+        told = list((rows | standard).items())
+        self.rectangle((10.0, 10.0), (WIDTH - 10.0, HEIGHT - 10.0), "FRAME")
+        left, half = WIDTH - 190.0, -(-len(told) // 2)
+        high = (TOP_OF_TITLE - 20.0) / half
+        self.rectangle((left, 10.0), (WIDTH - 10.0, TOP_OF_TITLE), "FRAME")
+        self.text((left + 3.0, TOP_OF_TITLE - 5.0), title, 4.5, "MIDDLE_LEFT")
+        for index, (name, value) in enumerate(told):
+            column, row = divmod(index, half)
+            x, y = left + 90.0 * column, TOP_OF_TITLE - 10.0 - high * row
+            self.rectangle((x, y - high), (x + 90.0, y), "FRAME")
+            self.text((x + 2.0, y - 1.9), name, 1.6, "MIDDLE_LEFT")
+            self.text((x + 2.0, y - 4.9), value, 2.5, "MIDDLE_LEFT")
+        self._first_angle((WIDTH - 26.0, 10.0 + 0.5 * high))
+
+    def _first_angle(self, at: Point) -> None:
+        """Draw the truncated cone from its side and, on the right of it, from its narrow end (ISO 5456-2)."""
+        x, y = at
+        self.polyline(
+            [(x - 4.0, y - 1.2), (x + 2.0, y - 2.4), (x + 2.0, y + 2.4), (x - 4.0, y + 1.2)], "DIMENSION", closed=True
+        )
+        for radius in (1.2, 2.4):
+            self.circle((x + 8.0, y), radius, "DIMENSION")
+        self.line((x - 5.0, y), (x + 3.0, y), "CENTRE")
+        self.line((x + 5.0, y), (x + 11.0, y), "CENTRE")
+
+    def notes(self, at: Point, lines: Iterable[str], keys: Mapping[int, str] | None = None) -> None:
+        """Write notes downwards from a point; `keys` says which characteristic a line states."""
         for index, line in enumerate(lines):
-            self.text((at[0], at[1] - 5.0 * index), line)
+            self.text((at[0], at[1] - 5.0 * index), line, key=(keys or {}).get(index, ""))

@@ -3,41 +3,18 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Iterator, Sequence
-from typing import Any
+from collections.abc import Iterable
 
 from stepblocks.parts.kinds.crown_on_tooth import CrownOnTooth
 from stepblocks.parts.kinds.sheath import MASS_MATCH, Sheath, format_mass
 from stepblocks.parts.kinds.tips import HookTip, StraightTip, Tip
-from stepblocks.parts.revolution import Turned
+from stepblocks.parts.revolution import Outline, Turned, outline_points
 from stepblocks.workshop.sheet import Point, Sheet, View, round_scale
 
-_CHORDS = 96  # of an arc
 
-
-def _flattened(outline: Sequence[Any]) -> Iterator[Point]:
-    """Points of an outline, arcs as chords."""
-    here: Point = outline[0]
-    yield here
-    for item in outline[1:]:
-        middle, end = item if isinstance(item[0], tuple) else (None, item)
-        yield from _arc(here, middle, end) if middle else [end]
-        here = end
-
-
-def _arc(a: Point, b: Point, c: Point) -> Iterator[Point]:
-    d = 2.0 * (a[0] * (b[1] - c[1]) + b[0] * (c[1] - a[1]) + c[0] * (a[1] - b[1]))
-    sa, sb, sc = (p[0] ** 2 + p[1] ** 2 for p in (a, b, c))
-    x = (sa * (b[1] - c[1]) + sb * (c[1] - a[1]) + sc * (a[1] - b[1])) / d
-    y = (sa * (c[0] - b[0]) + sb * (a[0] - c[0]) + sc * (b[0] - a[0])) / d
-    start, middle, end = (math.atan2(p[1] - y, p[0] - x) for p in (a, b, c))
-    radius = math.hypot(a[0] - x, a[1] - y)
-    turn = (end - start) % math.tau
-    if (middle - start) % math.tau > turn:
-        turn -= math.tau
-    for step in range(1, _CHORDS + 1):
-        angle = start + turn * step / _CHORDS
-        yield x + radius * math.cos(angle), y + radius * math.sin(angle)
+def _points(outline: Outline) -> list[Point]:
+    """Outline as points; a chord is off its arc by less than a sheet at the scale of an enlarged ball shows."""
+    return outline_points(outline, 0.05e-6)
 
 
 def _draw_mirrored(sheet: Sheet, view: View, outline: Iterable[Point], closed: bool = False) -> None:
@@ -64,16 +41,19 @@ def hook_tip_views(sheet: Sheet, tip: HookTip) -> list[str]:
     view = _side_view(sheet, tip, tip.cone_end, bent)
     start, end = bent[1][-2:]  # of the straight run of the shank
     middle = view.at(0.5 * (start[0] + end[0]), 0.5 * (start[1] + end[1]))
-    sheet.leader(middle, (middle[0] + 14.0, middle[1] - 6.0), "dia. {}", "shank_diameter")
+    sheet.leader(middle, (middle[0] + 14.0, middle[1] - 6.0), "⌀{}", "shank_diameter")
     half, wire = 0.5 * tip.bend_angle.nominal, tip.bend_radius.nominal
     axis = view.at(tip.cone_end + wire * math.sin(half), wire * (1.0 - math.cos(half)))
     sheet.leader(axis, (axis[0] + 18.0, axis[1] - 10.0), "R {}, axis of the wire", "bend_radius")
+    sheet.leader(axis, (axis[0] + 18.0, axis[1] - 18.0), "bent by {}", "bend_angle")
+    along = view.at(0.2 * start[0] + 0.8 * end[0], 0.2 * start[1] + 0.8 * end[1])
+    sheet.leader(along, (along[0] + 14.0, along[1] - 6.0), "straight over {} from the bend", "straight_length")
     return _ball(sheet, tip, view, min(-tip.shank_radius.nominal, *(y for line in bent for _, y in line)))
 
 
 def _side_view(sheet: Sheet, tip: Tip, end: float, more: list[list[Point]]) -> View:
     """Draw ball, cone and shank about their axis, and more lines; return the view."""
-    lines = [*([(z, side * r) for r, z in _flattened(tip.outline())] for side in (1.0, -1.0)), *more]
+    lines = [*([(z, side * r) for r, z in _points(tip.outline())] for side in (1.0, -1.0)), *more]
     low, high = ([pick(point[k] for line in lines for point in line) for k in (0, 1)] for pick in (min, max))
     wide, tall, shank = (1e3 * size for size in (high[0] - low[0], high[1] - low[1], tip.shank_radius.nominal))
     s = round_scale(min(180.0 / wide, 150.0 / tall, 40.0 / shank))
@@ -103,7 +83,7 @@ def _ball(sheet: Sheet, tip: Tip, side: View, lowest: float) -> list[str]:
     sheet.text((side.origin[0], side.at(0.0, lowest)[1] - 26.0), f"side {side.scale:g}:1", 2.5)
     (cx, cy), R = (320.0, 215.0), tip.ball_radius.nominal
     view, height = View((cx - 40.0, cy), round_scale(22.0 / (R * 1e3))), 3.2 * R
-    outline = [(r, z) for r, z in _flattened(tip.outline()) if z <= height]
+    outline = [(r, z) for r, z in _points(tip.outline()) if z <= height]
     start = tip.cone_start
     outline.append((start[0] + (height - start[1]) * math.tan(tip.cone_angle.nominal), height))
     _draw_mirrored(sheet, view, outline)
@@ -112,13 +92,15 @@ def _ball(sheet: Sheet, tip: Tip, side: View, lowest: float) -> list[str]:
     sheet.line((cx - 45.0, cy), (cx + 45.0, cy), "CENTRE")
     tipped = (cx - 40.0 + on_paper * (1.0 - math.cos(1.0)), cy + on_paper * math.sin(1.0))
     sheet.leader(tipped, (cx - 34.0, cy + 40.0), "SR {}", "ball_radius")
-    sheet.text((cx - 20.0, cy - 40.0), f"ball {view.scale:g}:1", 2.5, "BOTTOM_CENTER")
+    flank = view.at(2.6 * R, start[0] + (2.6 * R - start[1]) * math.tan(tip.cone_angle.nominal))
+    sheet.leader(flank, (flank[0] + 6.0, cy - 34.0), "{} included", "cone_angle")
+    sheet.text((cx - 20.0, cy - 48.0), f"ball {view.scale:g}:1", 2.5, "BOTTOM_CENTER")
     return []
 
 
 def turned_views(sheet: Sheet, part: Turned) -> list[str]:
     """Draw the half sections of any turned part, mirrored, its axis along the sheet; return the lines of its notes."""
-    outlines = [list(_flattened(outline)) for outline in part.outlines()]
+    outlines = [_points(outline) for outline in part.outlines()]
     low, high = (chosen(z for outline in outlines for _, z in outline) for chosen in (min, max))
     widest = max(r for outline in outlines for r, _ in outline)
     s = round_scale(min(150.0 / (1e3 * (high - low)), 45.0 / (1e3 * widest)))
@@ -152,7 +134,7 @@ def crown_views(sheet: Sheet, margin: CrownOnTooth) -> list[str]:
     s = round_scale(min(150.0 / (tall * 1e3), 90.0 / (2.2 * R * 1e3)))
     view = View((110.0, 150.0), s)
     (cx, cy), at = view.origin, view.at
-    tooth, crown = list(_flattened(margin.tooth_outline())), list(_flattened(margin.crown_outline()))
+    tooth, crown = _points(margin.tooth_outline()), _points(margin.crown_outline())
     for outline in (tooth, crown):
         for side in (1.0, -1.0):
             sheet.polyline([at(side * r, z) for r, z in outline])
@@ -207,6 +189,9 @@ def sheath_views(sheet: Sheet, part: Sheath) -> list[str]:
     view = View((60.0, 190.0), s)
     (left, cy), at = view.origin, view.at
     _draw_mirrored(sheet, view, part.outline(), closed=True)
+    if "edge_break" in sheet.listed:
+        corner = at(length - 0.5 * c, 0.5 * outer - 0.5 * c)
+        sheet.leader(corner, (corner[0] - 12.0, corner[1] + 12.0), "{} x 45°, both ends", "edge_break")
     for z in (0.0, length):
         sheet.line(at(z, -0.5 * bore), at(z, 0.5 * bore))
     for z in (c, length - c):

@@ -12,6 +12,7 @@ from stepblocks.artefacts.step.check_step import StepReport, check_step, shown_i
 from stepblocks.artefacts.verdict import Verdict
 from stepblocks.confined import read_confined
 from stepblocks.errors import MetrologyError
+from stepblocks.parts.characteristics import FORM
 from stepblocks.parts.characteristics import Characteristic as Wanted
 from stepblocks.parts.kind import Part
 from stepblocks.parts.shapes import solid_volumes
@@ -31,7 +32,7 @@ def step_verdicts(stimulus: Part, path: Path) -> Iterator[Verdict]:
     for index, (volume, found_volume) in enumerate(zip(volumes, found_volumes, strict=False), start=1):
         yield Verdict(name, f"volume of solid {index}", volume, found_volume, 1e-6, "volume", relative=True)
     for one, found in matched(report, stimulus):
-        if one.kind not in ("flatness", "parallelism"):
+        if one.kind not in FORM:
             measured = math.nan if found is None or found.geometry is None else found.geometry
             quantity, angular = f"{one.label}, of its faces", one.quantity == "angle"
             yield Verdict(name, quantity, one.nominal, measured, _ALLOWED, one.quantity, relative=angular)
@@ -80,7 +81,7 @@ def matched(report: StepReport, stimulus: Part) -> list[tuple[Wanted, Characteri
     """Find every characteristic of a part in its file."""
     left = [*report.dimensions, *report.tolerances]
     pairs: list[tuple[Wanted, Characteristic | None]] = []
-    for one in (one for one in stimulus.characteristics() if one.kind != "note"):
+    for one in (one for one in stimulus.characteristics() if one.kind not in ("note", "roughness")):
         label = one.label if one.kind in ("distance", "angle") else ""
         found = next((item for item in left if item.name == label and _agrees(item, one.kind, _wanted(one))), None)
         if found is not None:
@@ -90,7 +91,7 @@ def matched(report: StepReport, stimulus: Part) -> list[tuple[Wanted, Characteri
 
 
 def _wanted(one: Wanted) -> tuple[float, ...]:
-    return (one.upper,) if one.kind in ("flatness", "parallelism") else (one.nominal, one.lower, one.upper)
+    return (one.upper,) if one.kind in FORM else (one.nominal, one.lower, one.upper)
 
 
 # What a kind of ours is called in the file, after the surface that carries it

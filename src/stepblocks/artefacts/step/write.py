@@ -15,7 +15,7 @@ from typing import Any
 
 import numpy as np
 
-from stepblocks.artefacts.on_paper import limits_text, zone_text
+from stepblocks.artefacts.on_paper import demands_by_default, limits_text, zone_text
 from stepblocks.atomic import beside
 from stepblocks.cad import kernel
 from stepblocks.cad.pmi import Callout, PmiDimension, PmiItem, PmiKind, PmiTolerance, write_step_with_tolerances
@@ -59,6 +59,7 @@ def write_step_ap242(path: Path, stimulus: Part, bodies: Sequence[tuple[str, ker
     for number, one in enumerate(stimulus.characteristics(), start=1):
         if one.kind == "note":
             notes.append((one.label, _limits(one)))
+        if one.kind in ("note", "roughness"):  # the texture of the faces is written apart
             continue
         items = tuple(_item(described, rule, one.body, stimulus.id) for rule in one.faces)
         text = _callout_text(one, number)
@@ -76,7 +77,7 @@ def write_step_ap242(path: Path, stimulus: Part, bodies: Sequence[tuple[str, ker
         demands = stimulus.face_demands
         texture = demands.roughness
         if demands.defaults:
-            notes.append(("defaults", f"not stated in the order, so by default: {', '.join(demands.defaults)}"))
+            notes.append(("defaults", demands_by_default(stimulus)))
     more: dict[str, Any] = {"tolerances": tolerances, "notes": notes, "texture": texture}
     write_conforming(path, stimulus.id, bodies, stimulus.material, dimensions, **more)
 
@@ -124,7 +125,8 @@ def _callout_text(one: Characteristic, number: int) -> str:
     if one.kind in ("flatness", "parallelism"):
         return f"{number}  {one.label} {zone_text(one.upper)}"
     sign = {"diameter": "dia. ", "radius": "R "}.get(one.kind, "")
-    return f"{number}  {one.label} {sign}{limits_text(one.nominal, one.lower, one.upper)}"
+    limits = limits_text(one.nominal, one.lower, one.upper, one.quantity).replace("°", " deg")
+    return f"{number}  {one.label} {sign}{limits}"
 
 
 def _callout_lines(text: str, place: int, part: Sequence[kernel.Face], face: kernel.Face) -> list[tuple[Point, Point]]:

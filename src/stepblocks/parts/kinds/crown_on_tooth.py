@@ -14,7 +14,7 @@ from stepblocks.parts.kind import CONTACT_DEFLECTION, FITTING_DEFLECTION, NANOME
 from stepblocks.parts.kinds.margin import CrownMargin
 from stepblocks.parts.revolution import Outline, Point, Turned, outline_points, ring, sectors, stack
 from stepblocks.parts.shapes import hull
-from stepblocks.parts.tolerance import Angle, Length, PositiveLength
+from stepblocks.parts.tolerance import Angle, Dimension, Length, PositiveLength
 from stepblocks.quantities import format_quantity
 
 if TYPE_CHECKING:
@@ -156,15 +156,31 @@ class CrownOnTooth(CrownMargin, Turned):
             yield toleranced("preparation_height", "distance", height, shoulder, top)
             yield toleranced("root_length", "distance", root, base, shoulder)
         else:
-            length = root.nominal + height.nominal, root.lower + height.lower, root.upper + height.upper
-            yield Characteristic("tooth_length", "tooth, whole length", "distance", *length, 0, (base, top))
+            whole = Dimension(root.nominal + height.nominal, root.upper + height.upper, root.lower + height.lower)
+            tooth = toleranced("tooth_length", "distance", whole, base, top, label="tooth, whole length")
+            yield replace(tooth, states=(root, height))
         outside = replace(h, nominal=self.outer_radius)
         at, label = FaceRule("CYLINDER", radius=self.outer_radius), "diameter of the crown"
-        yield toleranced("crown_diameter", "diameter", outside, at, label=label, body=1).doubled
+        yield replace(toleranced("crown_diameter", "diameter", outside, at, label=label, body=1).doubled, states=(h,))
         ceiling = height.nominal + self.internal_gap.nominal
         shell = plane(2, ceiling), plane(2, ceiling + self.shell_thickness.nominal)
         yield toleranced("shell_thickness", "distance", self.shell_thickness, *shell, body=1)
+        yield self._ledge()
         yield from self._seated(ceiling)
+
+    def _ledge(self) -> Characteristic:
+        """Width of a shoulder between its two edges; of a quarter round its radius, of a feather edge none: no face is as wide."""
+        outside, width = FaceRule("CYLINDER", radius=self.margin_radius.nominal), self.finish_line.width
+        kind, key = self.finish_line.kind, "finish_line_width"
+        if kind != "shoulder":
+            label = (
+                "finish line, radius of the quarter round" if kind == "chamfer" else "finish line, width of its edge"
+            )
+            return toleranced(key, "note", width, label=label, method="microscope")
+        edges = EdgeRule(outside, plane(2, 0.0)), EdgeRule(plane(2, 0.0), self._walls()[0])
+        return toleranced(
+            key, "distance", width, *edges, label="finish line, width of the shoulder", method="microscope"
+        )
 
     def _seated(self, ceiling: float) -> Iterator[Characteristic]:
         """Gaps between the two bodies, the crown seated on its tooth."""

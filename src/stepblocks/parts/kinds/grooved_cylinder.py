@@ -76,7 +76,9 @@ class GroovedCylinder(Turned):
         flank = self.flank_angle
         cone = replace(flank, nominal=0.5 * math.pi - flank.nominal, lower=-flank.upper, upper=-flank.lower)
         label = "cone of either flank, included"
-        yield toleranced("flank_cone", "angle", cone, falling, label=label, method=how).doubled
+        yield replace(
+            toleranced("flank_cone", "angle", cone, falling, label=label, method=how).doubled, states=(flank,)
+        )
         yield toleranced("diameter", "diameter", self.diameter, near)
         yield toleranced("length", "distance", self.length, plane(2, -end), plane(2, end))
         edge = EdgeRule(FaceRule("CONE", holds={2: 0.5 * self.edge_break.nominal - end}), near)

@@ -228,7 +228,7 @@ class MarginBlock(CrownMargin, Block):
         yield from form_of(self.face_demands, tooth, crown, "tooth", "crown")
         floor = plane(2, -depth.nominal, x=0.5 * g.nominal)
         yield toleranced("gap_depth", "distance", depth, floor, tooth, label="depth of the gap", method="microscope")
-        yield from self.body_characteristics(tooth)
+        yield from self.body_characteristics(tooth, crown, wall)
 
     def _opening(self, wall: FaceRule, crown: FaceRule) -> Iterator[Characteristic]:
         """From the tooth's wall to the margin of the crown."""
@@ -243,7 +243,7 @@ class MarginBlock(CrownMargin, Block):
             end = plane(0, v.nominal, z=0.5 * (g + h))
             lip = toleranced(key, "distance", v, wall, end, method=_ACROSS).unsigned
             yield replace(lip, label="vertical discrepancy, lip over the tooth")
-        elif v.nominal != g:
+        elif self.vertical_discrepancy is not None:
             yield toleranced(key, "note", v, method=_ACROSS)
 
     def measured(self, body: int, mesh: MeasuredMesh) -> Iterator[Finding]:

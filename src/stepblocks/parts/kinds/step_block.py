@@ -166,7 +166,8 @@ class StepBlock(Block):
         yield toleranced("edge_radius", "radius", self.edge_radius, edge, method="profilometer, arc fit")
         yield from form_of(self.face_demands, lower, upper, "lower face", "upper face")
         yield from self._feature_characteristics(lower, upper)
-        yield from self.body_characteristics(lower)
+        wall = plane(0, 0.0, y=-0.25 * self.body.width.nominal) if r < H else None
+        yield from self.body_characteristics(lower, upper, wall)
 
     def _feature_characteristics(self, lower: FaceRule, upper: FaceRule) -> Iterator[Characteristic]:
         H, feature, back = self.height.nominal, self.metrology, 0.5 * self.body.width.nominal
@@ -182,6 +183,9 @@ class StepBlock(Block):
             yield toleranced("ridge_height", "distance", self.height, lower, top, method=how)
         walls = plane(0, near, y=lane), plane(0, near + width, y=lane)
         yield toleranced(f"{kind}_width", "distance", feature.width, *walls, method="profilometer")
+        yield toleranced(
+            f"{kind}_length", "distance", feature.lane, plane(1, back), plane(1, 2.0 * lane - back, x=middle)
+        )
         if self.edge_radius.nominal < H:
             at = plane(0, 0.0, y=-0.5 * back), walls[0]
             name = f"{kind} from edge"

@@ -1,0 +1,135 @@
+"""Results in QIF 3.0, whoever wrote them: each measured characteristic with its value, uncertainty, limits and outcome in SI."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from stepblocks.errors import MetrologyError
+
+_MOST_BYTES = 64 * 2**20
+_NS = "{http://qifstandards.org/xsd/qif3}"
+_ANGULAR = ("Angle", "AngleBetween", "AngleFrom", "ConicalTaper", "AngularCoordinate", "UserDefinedAngular")
+
+
+@dataclass(frozen=True)
+class QifResult:
+    """One measured characteristic."""
+
+    name: str  # of its item in the file, else empty
+    designator: str  # number on the drawing, else empty
+    kind: str  # ``DistanceBetween``, ``Flatness``
+    value: float  # m or rad
+    std: float  # combined standard uncertainty [m or rad]; nan where the file states none
+    status: str  # ``PASS``, ``FAIL``, ``UNDEFINED``, ...
+    nominal: float  # m or rad; nan where the file states none
+    limits: tuple[float, float]  # signed deviations, or 0 and the zone [m or rad]; nan where the file states none
+
+
+def read_qif_results(path: str | Path) -> list[QifResult]:
+    """Read what was measured, in the order of the file; entities and files that the document asks for are not loaded."""
+    path = Path(path)
+    root = _root(path)
+    by_id = {one.get("id"): one for one in root.iter() if isinstance(one.tag, str) and one.get("id")}
+    units = {kind: _factor(root, kind) for kind in ("Linear", "Angular")}
+    found = []
+    for entry in root.iter(f"{_NS}CharacteristicMeasurements"):
+        for one in entry:
+            kind = str(one.tag).removeprefix(_NS).removesuffix("CharacteristicMeasurement")
+            shown = next(
+                (one.find(_NS + tag) for tag in ("Value", "RoughnessAverageValue") if one.find(_NS + tag) is not None),
+                None,
+            )
+            if shown is None:
+                continue
+            item = by_id.get(_text(one, "CharacteristicItemId"))
+            nominal = None if item is None else by_id.get(_text(item, "CharacteristicNominalId"))
+            definition = None if nominal is None else by_id.get(_text(nominal, "CharacteristicDefinitionId"))
+            factor = _factor_of(root, shown, units["Angular" if kind in _ANGULAR else "Linear"])
+            std = shown.get("combinedUncertainty")
+            target = math.nan if nominal is None else _number(_text(nominal, "TargetValue"), path) * factor
+            found.append(
+                QifResult(
+                    name="" if item is None else _text(item, "Name"),
+                    designator="" if item is None else _text(item, "CharacteristicDesignator/Designator"),
+                    kind=kind,
+                    value=_number(shown.text or "", path, must=True) * factor,
+                    std=_number(std or "", path) * factor,
+                    status=_text(one, "Status/CharacteristicStatusEnum"),
+                    nominal=target,
+                    limits=_limits(definition, factor, target, path),
+                )
+            )
+    if not found:
+        raise MetrologyError(f"QIF results must hold at least one measured value, got none [{path}]")
+    return found
+
+
+def _root(path: Path) -> Any:
+    from lxml import etree
+
+    try:
+        if path.stat().st_size > _MOST_BYTES:
+            raise MetrologyError(f"QIF results must not exceed {_MOST_BYTES} bytes [{path}]")
+        parser = etree.XMLParser(resolve_entities=False, no_network=True, load_dtd=False, huge_tree=False)
+        root = etree.parse(path, parser).getroot()
+    except (OSError, etree.XMLSyntaxError) as error:
+        raise MetrologyError(f"QIF results must be a readable XML file: {error} [{path}]") from error
+    version = root.get("versionQIF", "")
+    if root.tag != f"{_NS}QIFDocument" or not version.startswith("3."):
+        raise MetrologyError(f"QIF results must be a QIFDocument of version 3, got {root.tag} {version} [{path}]")
+    return root
+
+
+def _text(node: Any, where: str) -> str:
+    found = node.find("/".join(_NS + step for step in where.split("/")))
+    return "" if found is None else (found.text or "").strip()
+
+
+def _number(text: str, path: Path, must: bool = False) -> float:
+    try:
+        value = float(text) if text or must else math.nan
+    except ValueError as error:
+        raise MetrologyError(f"QIF results must hold numbers, got {text!r:.40} [{path}]") from error
+    if must and not math.isfinite(value):
+        raise MetrologyError(f"QIF results must hold finite numbers, got {text!r:.40} [{path}]")
+    return value
+
+
+def _factor(root: Any, kind: str) -> float:
+    """How many SI units make the primary unit of a kind; 1 where the file names none."""
+    factor = root.find(f"{_NS}FileUnits/{_NS}PrimaryUnits/{_NS}{kind}Unit/{_NS}UnitConversion/{_NS}Factor")
+    return 1.0 if factor is None else float(factor.text)
+
+
+def _factor_of(root: Any, shown: Any, primary: float) -> float:
+    """Return the factor of the unit that a value names for itself, else of the primary one."""
+    name = shown.get("linearUnit") or shown.get("angularUnit")
+    for unit in root.find(f"{_NS}FileUnits").iter() if name else ():
+        if _text(unit, "UnitName") == name:
+            return float(_text(unit, "UnitConversion/Factor") or 1.0)
+    return primary
+
+
+def _limits(definition: Any, factor: float, nominal: float, path: Path) -> tuple[float, float]:
+    if definition is None:
+        return math.nan, math.nan
+    for zone in ("ToleranceValue", "RoughnessAverage"):
+        if text := _text(definition, zone):
+            return 0.0, _number(text, path) * factor
+    low, high = (_number(_text(definition, f"Tolerance/{side}Value"), path) * factor for side in ("Min", "Max"))
+    whole = _text(definition, "Tolerance/DefinedAsLimit") in ("true", "1")
+    return (low - nominal, high - nominal) if whole else (low, high)
+
+
+def matched_by(results: list[QifResult], keys: Mapping[str, str]) -> dict[str, QifResult]:
+    """Find results by all that a characteristic may be called: key, label, number on the drawing; the last one counts."""
+    found: dict[str, QifResult] = {}
+    for one in results:
+        key = keys.get(one.name) or keys.get(one.designator)
+        if key is not None:
+            found[key] = one
+    return found

@@ -1,0 +1,285 @@
+"""The apparatus of the paper's figure 2 as a kit: what a file declares of it, and the parts that follow.
+
+A carriage runs on two shafts across the edge. Under it hangs a pair of leaves, the flexure that strain gauges read, and under that a
+pivot parallel to the edge, at the height of the tip: a pull there has no lever about it, so pull and load do not mix. The arm is
+balanced about the pivot; a dead weight on the explorer's shank stands over the tip, and the cord of the pull runs at the tip's
+height through the tip. Beside it stands the rig of experiment 1: a clamp for the shank, jaws for the sheath, a slide that lets go.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+from typing import Annotated, Any
+
+from pydantic import Field
+
+from stepblocks.parts.conditions import OrderSpec
+from stepblocks.parts.declared import Identity, Sourced, Table, positive, require_below, rules_validator, sourced
+from stepblocks.parts.kinds.machined import Between, Box, Machined, Point3, Round, bore
+from stepblocks.parts.tolerance import Dimension, PositiveLength
+
+Masses = Annotated[tuple[Annotated[float, positive("mass")], ...], Field(min_length=1, max_length=50)]  # kg
+ARM = 40e-3  # from the pivot, whose axis is parallel to the edge and at the height of the tip, to the tip [m]
+_FLEXURE_FOOT = 42e-3  # height of the lower ends of the leaves over the tip
+_COUNTERWEIGHT = (14e-3, -85e-3)  # its diameter, and where its middle stands along the drag [m]
+
+
+class Flexure(Table):
+    """Two parallel leaves, clamped at both ends, that bend along the drag; four gauges at their roots make a full bridge."""
+
+    length: PositiveLength  # of a leaf between its ends [m]
+    width: PositiveLength  # along the edge [m]
+    thickness: PositiveLength  # along the drag [m]
+    spacing: PositiveLength  # of the two leaves [m]
+    gauge_place: PositiveLength  # middle of a gauge from the end of its leaf [m]
+    modulus: Annotated[Sourced, sourced("pressure")]  # Young's
+    gauge_factor: Annotated[Sourced, sourced("ratio")]
+
+
+class Friction(Table):
+    """What bearings and cord take, as coefficients."""
+
+    pivot: Annotated[Sourced, sourced("ratio")]  # of its two ball bearings, at half their bore
+    pulley: Annotated[Sourced, sourced("ratio")]  # likewise
+    carriage: Annotated[Sourced, sourced("ratio")]  # of the linear ball bearings, of the weight they carry
+
+
+class Apparatus(Table):
+    """A kit: its dimensions, weights and what is known of its friction."""
+
+    id: Identity
+    travel: PositiveLength  # of the tip, half of it to either side of the edge [m]
+    flexure: Flexure
+    friction: Friction
+    normal_weights: Masses
+    pulling_weights: Masses
+    weight_tolerance: Annotated[Sourced, sourced("ratio")]  # largest relative deviation of a weight
+    balance: PositiveLength  # how far off the counterweight may be set [m]
+    gravity: Annotated[Sourced, sourced("acceleration")]
+    gravity_tolerance: Annotated[Sourced, sourced("ratio")]  # largest relative deviation at the place of use
+    displacement: Annotated[Sourced, sourced("length")]  # by which the slide of the damping rig lifts the tip
+
+    @rules_validator
+    def _has_room(self) -> None:
+        travel, leaf = self.travel.nominal, self.flexure
+        require_below("travel", "keep the hook of the cord clear of block and portal", travel, 14e-3)
+        require_below(
+            "flexure.thickness", "be thin against its length", leaf.thickness.nominal, 0.1 * leaf.length.nominal
+        )
+        require_below("flexure.spacing", "fit the flexure's ends", leaf.spacing.nominal, 30e-3 - leaf.thickness.nominal)
+        require_below("flexure.width", "fit the flexure's ends", leaf.width.nominal, 20e-3)
+        require_below(
+            "flexure.gauge_place", "lie on the half of a leaf", leaf.gauge_place.nominal, 0.5 * leaf.length.nominal
+        )
+
+    def parts(self, weight: float | None = None) -> list[Machined]:
+        """List the parts where they are at the middle of the travel, with a weight on the explorer [kg], the largest if none."""
+        top = _FLEXURE_FOOT + self.flexure.length.nominal + 6e-3  # lower face of the carriage
+        arm = [*_arm(), _dead_weight(max(self.normal_weights) if weight is None else weight)]
+        fixed, moving = _frame(top), [*_carriage(top), self._flexure(top), *_yoke(), *arm, *self.balanced(arm[:-1])]
+        return [*fixed, *moving, *_pull(), *_damping_rig(self.displacement.value)]
+
+    def balanced(self, arm: list[Machined]) -> list[Machined]:
+        """Set rod and counterweight so that the arm without its weight has its centre of mass over the pivot."""
+        rod = _part("balance-rod", "Rod of the counterweight", "steel", moving=True)
+        rod = rod.model_copy(update={"rods": (Round("x", mm(-98, 0, 18), 4e-3, 60e-3, 0.0, -8e-6),)})
+        slug, (wide, place) = _part("counterweight", "Counterweight", "brass", moving=True), _COUNTERWEIGHT
+
+        def of(thick: float) -> Machined:
+            start = (place - 0.5 * thick, 0.0, 18e-3)
+            hole = bore("x", start, 4e-3, thick, "H7")
+            return slug.model_copy(update={"rods": (Round("x", start, wide, thick),), "bores": (hole,)})
+
+        moment = math.fsum(one.mass * (float(one.centre[0]) + ARM) for one in (*arm, rod))
+        return [rod, of(moment / (of(1e-3).mass * 1e3 * (-ARM - place)))]
+
+    def _flexure(self, top: float) -> Machined:
+        leaf, foot = self.flexure, _FLEXURE_FOOT
+        half, wide = 0.5 * leaf.thickness.nominal, 0.5 * leaf.width.nominal
+        leaves = [
+            Box((x - half, -wide, foot), (x + half, wide, top - 6e-3))
+            for x in (-ARM + side * 0.5 * leaf.spacing.nominal for side in (-1.0, 1.0))
+        ]
+        ends = (
+            box((-56, -10, foot * 1e3 - 6), (-24, 10, foot * 1e3)),
+            box((-56, -10, top * 1e3 - 6), (-24, 10, top * 1e3)),
+        )
+        screws = [
+            bore("z", mm(x, 0, z), 2.5e-3, 6e-3, "M3") for x in (-52, -28) for z in (foot * 1e3 - 6, top * 1e3 - 6)
+        ]
+        first, second = (one.low for one in leaves)
+        held = [
+            Between("leaf_length", "length of the leaves", 2, foot, leaf.length, (first[0] - 1e-3, 0.0, 0.0)),
+            Between(
+                "leaf_width", "width of the leaves", 1, first[1], leaf.width, (first[0] + half, 0.0, first[2] + 1e-3)
+            ),
+            Between("leaf_1", "thickness of the left leaf", 0, first[0], leaf.thickness, (0.0, 0.0, first[2] + 1e-3)),
+            Between("leaf_2", "thickness of the right leaf", 0, second[0], leaf.thickness, (0.0, 0.0, first[2] + 1e-3)),
+            Between("leaf_spacing", "from leaf to leaf", 0, first[0], leaf.spacing, (0.0, 0.0, first[2] + 1e-3)),
+        ]
+        made = _part("flexure", "Flexure with strain gauges", "stainless", *ends, *leaves, bores=screws, moving=True)
+        return made.model_copy(update={"between": tuple(held)})
+
+
+class Kit(Table):
+    """A file with apparatus."""
+
+    title: Annotated[str, Field(min_length=1, max_length=200)]
+    source: Annotated[str, Field(max_length=500)] = ""
+    order: OrderSpec = OrderSpec()
+    apparatus: tuple[Apparatus, ...]
+
+
+def mm(*lengths: float) -> Point3:
+    """Take millimetres for metres."""
+    x, y, z = (1e-3 * length for length in lengths)
+    return x, y, z
+
+
+def box(low: Point3, high: Point3) -> Box:
+    """Describe a box by two corners in millimetres."""
+    return Box(mm(*low), mm(*high))
+
+
+def _part(name: str, title: str, material: str, *boxes: Box, bores: list[Round] | None = None, **more: Any) -> Machined:
+    solid = {"boxes": boxes, "bores": tuple(bores or ()), "title": title}
+    return Machined.model_validate({"id": name, "material": material, **solid, **more})
+
+
+def _bought(name: str, title: str, rod: Round, hole: float = 0.0, *, material: str = "steel", **more: Any) -> Machined:
+    holes = (replace(rod, diameter=hole, upper=0.0, lower=0.0),) if hole else ()
+    return Machined.model_validate(
+        {"id": name, "title": title, "material": material, "rods": (rod,), "bores": holes, **more}
+    )
+
+
+def _frame(top: float) -> list[Machined]:
+    """Make base, seat of the blocks, two portals and the shafts between them; `top` is the lower face of the carriage."""
+    shaft, feet = top * 1e3 + 11.0, [(x, y) for x in (-110.0, 50.0) for y in (-44.0, 44.0)]
+    jaws = [(x, y) for x in (-52.0, -20.0) for y in (72.0, 88.0)]
+    through = [*feet, (0.0, -10.0), (0.0, 10.0), (70.0, -6.0), (70.0, 6.0), *jaws, (46.0, 80.0)]
+    holes = [bore("z", mm(x, y, -40), 4.5e-3, 10e-3) for x, y in through]
+    holes += [bore("z", mm(x, 0, -40), 7e-3, 10e-3) for x in (-6.0, 6.0)]  # to the screws of the block
+    base = _part("base", "Base plate", "aluminium", box((-130, -60, -40), (80, 100, -30)), bores=holes)
+    seat_holes = [bore("z", mm(x, 0, -26), 3.4e-3, 18e-3) for x in (-6.0, 6.0)]
+    seat_holes += [bore("z", mm(x, 0, -30), 6.5e-3, 4e-3) for x in (-6.0, 6.0)]
+    seat_holes += [bore("z", mm(0, y, -30), 3.3e-3, 12e-3, "M4") for y in (-10.0, 10.0)]
+    boxes = box((-17, -14, -30), (12, 14, -8)), box((-17, -14, -8), (-10, 14, -2))
+    found = [base, _part("block-seat", "Seat of the blocks", "aluminium", *boxes, bores=seat_holes, printable=True)]
+    for name, x in (("portal-rear", -116.0), ("portal-front", 44.0)):
+        columns = [box((x, y, -18), (x + 12, y + 16, shaft + 11)) for y in (-38.0, 22.0)]
+        bores = [bore("x", mm(x, y, shaft), 8e-3, 12e-3, "H7") for y in (-30.0, 30.0)]
+        bores += [bore("z", mm(x + 6, y, -30), 3.3e-3, 10e-3, "M4") for y in (-44.0, 44.0)]
+        foot = box((x, -50, -30), (x + 12, 50, -18))
+        found.append(_part(name, "Portal of the shafts", "aluminium", foot, *columns, bores=bores, printable=True))
+    for name, y in (("shaft-left", -30.0), ("shaft-right", 30.0)):
+        rod = Round("x", mm(-116, y, shaft), 8e-3, 172e-3, 0.0, -9e-6)
+        found.append(_bought(name, "Shaft", rod, standard="precision shaft 8 h6 x 172, hardened (ISO 286-2)"))
+    block = box((-10, -12, -8), (10, 12, 0))
+    screws = [bore("z", mm(x, 0, -8), 2.5e-3, 5e-3, "M3") for x in (-6.0, 6.0)]
+    return [*found, _part("block", "Step block", "steel", block, bores=screws, standard="any block of paper-ten")]
+
+
+def _carriage(top: float) -> list[Machined]:
+    """Make the carriage with its linear bearings, and the hook that takes the cord to the height of the tip."""
+    low, shaft = top * 1e3, top * 1e3 + 11.0
+    bores = [bore("x", mm(-63, y, shaft), 15e-3, 46e-3, "H7") for y in (-30.0, 30.0)]
+    bores += [bore("z", mm(x, 0, low), 3.4e-3, 22e-3) for x in (-52.0, -28.0)]
+    hook = box((-17, -4, low + 2), (29, 4, low + 10)), box((21, -4, -4), (29, 4, low + 2))
+    found = [
+        _part("carriage", "Carriage", "aluminium", box((-63, -42, low), (-17, 42, low + 22)), bores=bores, moving=True)
+    ]
+    eye = [bore("x", mm(21, 0, 0), 1.5e-3, 8e-3)]
+    found.append(_part("hook", "Hook of the cord", "aluminium", *hook, bores=eye, moving=True, printable=True))
+    for name, y in (("bearing-left", -30.0), ("bearing-right", 30.0)):
+        rod, said = Round("x", mm(-62.5, y, shaft), 15e-3, 45e-3), "linear ball bearing 8 x 15 x 45 (ISO 10285)"
+        found.append(_bought(name, "Linear ball bearing", rod, 8e-3, standard=said, moving=True))
+    return found
+
+
+def _yoke() -> list[Machined]:
+    """Make two ears with the ball bearings of the pivot, and its axle."""
+    boxes = box((-56, -11, 28), (-24, 11, 36)), box((-48, -11, -6), (-32, -5, 28)), box((-48, 5, -6), (-32, 11, 28))
+    bores = [bore("z", mm(x, 0, 28), 3.4e-3, 8e-3) for x in (-52.0, -28.0)]
+    bores += [bore("y", mm(-40, y, 0), 10e-3, 4e-3, "H7") for y in (-11.0, 7.0)]
+    bores += [bore("y", mm(-40, y, 0), 7e-3, 2e-3) for y in (-7.0, 5.0)]
+    found = [_part("yoke", "Yoke of the pivot", "aluminium", *boxes, bores=bores, moving=True)]
+    for name, y in (("pivot-bearing-left", -11.0), ("pivot-bearing-right", 7.0)):
+        rod, said = Round("y", mm(-40, y, 0), 10e-3, 4e-3), "ball bearing 623, 3 x 10 x 4 (ISO 15)"
+        found.append(_bought(name, "Ball bearing", rod, 3e-3, standard=said, moving=True))
+    axle = Round("y", mm(-40, -11, 0), 3e-3, 22e-3, 0.0, -6e-6)
+    return [
+        *found,
+        _bought("axle", "Axle of the pivot", axle, standard="parallel pin 3 h6 x 22 (ISO 8734)", moving=True),
+    ]
+
+
+def _arm() -> list[Machined]:
+    """Make the arm with the clamp for the explorer, and the explorer itself, its tip at the origin."""
+    grip = Round("z", mm(0, 0, 14), 2.35e-3, 8e-3, 10e-6, 0.0)
+    boxes = box((-46, -4, -5), (-34, 4, 22)), box((-34, -4, 14), (-8, 4, 22)), box((-8, -8, 14), (0, 8, 22))
+    bores = [bore("y", mm(-40, -4, 0), 3e-3, 8e-3, "H7"), bore("x", mm(-46, 0, 18), 4e-3, 8e-3, "H7")]
+    bores += [bore("x", mm(-8, y, 18), 2.05e-3, 8e-3, "M2.5") for y in (-5.0, 5.0)]
+    arm = _part("arm", "Arm", "aluminium", *boxes, bores=[*bores, replace(grip, inward=(-1.0, 0.0, 0.0))], moving=True)
+    holes = [bore("x", mm(0, y, 18), 2.9e-3, 5e-3) for y in (-5.0, 5.0)]
+    cap = box((0, -8, 14), (5, 8, 22))
+    holes.append(replace(grip, inward=(1.0, 0.0, 0.0)))
+    clamp = _part("explorer-clamp", "Clamp of the explorer", "aluminium", cap, bores=holes, moving=True, printable=True)
+    rods = Round("z", mm(0, 0, 0), 0.25e-3, 8e-3), Round("z", mm(0, 0, 8), 2.35e-3, 32e-3)
+    explorer = _part("explorer", "Explorer", "stainless", standard="tip-125 of probe-tips", moving=True)
+    return [arm, clamp, explorer.model_copy(update={"rods": rods})]
+
+
+def _dead_weight(mass: float) -> Machined:
+    """Make a disc over the tip, on the shank of the explorer."""
+    area = 0.25 * math.pi * (24e-3**2 - 2.5e-3**2)
+    rod = Round("z", mm(0, 0, 22), 24e-3, mass / (8470.0 * area))
+    said = f"weight {mass * 1e3:g} g, class M1 (OIML R 111-1), bored 2.5"
+    return _bought("weight", "Weight", rod, 2.5e-3, material="brass", standard=said, moving=True)
+
+
+def _pull() -> list[Machined]:
+    """Make pulley, its bracket and axle, and the hanger; the cord leaves the pulley at the height of the tip."""
+    cheeks = box((64, -8, -30), (80, -4, -2)), box((64, 4, -30), (80, 8, -2)), box((64, -4, -30), (80, 4, -24))
+    holes = [bore("y", mm(72, y, -10), 3e-3, 4e-3, "H7") for y in (-8.0, 4.0)]
+    holes += [bore("z", mm(70, y, -30), 3.3e-3, 10e-3, "M4") for y in (-6.0, 6.0)]
+    bracket = _part("pulley-bracket", "Bracket of the pulley", "aluminium", *cheeks, bores=holes, printable=True)
+    wheel, said = Round("y", mm(72, -2, -10), 20e-3, 4e-3), "pulley, groove 20, on ball bearing 623 (ISO 15)"
+    pulley = _bought("pulley", "Pulley", wheel, 3e-3, standard=said)
+    axle = Round("y", mm(72, -8, -10), 3e-3, 16e-3, 0.0, -6e-6)
+    pin = _bought("pulley-axle", "Axle of the pulley", axle, standard="parallel pin 3 h6 x 16 (ISO 8734)")
+    hanger = _part("weight-hanger", "Weight hanger", "brass")
+    rods = Round("z", mm(82, 0, -160), 24e-3, 3e-3), Round("z", mm(82, 0, -157), 3e-3, 60e-3)
+    return [bracket, pulley, pin, hanger.model_copy(update={"rods": rods})]
+
+
+def _damping_rig(displacement: float) -> list[Machined]:
+    """Make the shank's clamp, the sheath's jaws with a pocket for the sensor, and the slide that lifts the tip and lets go."""
+    found = []
+    for name, title, x0, x1, hole in (
+        ("shank-clamp", "Clamp of the shank", -60.0, -44.0, 4e-3),
+        ("sheath-jaw", "Jaw of the sheath", -30.0, -10.0, 8e-3),
+    ):
+        middle, long = 0.5 * (x0 + x1), (x1 - x0) * 1e-3
+        groove = Round("x", mm(x0, 80, 0), hole, long, 20e-6, 0.0)
+        screws = [(middle, y) for y in (72.0, 88.0)]
+        low = [bore("z", mm(x, y, -30), 3.3e-3, 30e-3, "M4") for x, y in screws]
+        high = [bore("z", mm(x, y, 0), 4.5e-3, 12e-3) for x, y in screws]
+        if name == "sheath-jaw":
+            high.append(bore("z", mm(middle, 80, 10), 10e-3, 2e-3))  # pocket of the pressure sensor
+        low.append(replace(groove, inward=(0.0, 0.0, -1.0)))
+        high.append(replace(groove, inward=(0.0, 0.0, 1.0)))
+        ends = ("lower", box((x0, 66, -30), (x1, 94, 0)), low), ("upper", box((x0, 66, 0), (x1, 94, 12)), high)
+        found += [
+            _part(f"{name}-{which}", f"{title}, {which}", "aluminium", body, bores=holes) for which, body, holes in ends
+        ]
+    post = bore("z", mm(46, 80, -30), 3.3e-3, 12e-3, "M4")
+    found.append(
+        _part("release-post", "Post of the release", "aluminium", box((40, 74, -30), (52, 86, -6)), bores=[post])
+    )
+    lift = -2.0 + 1e3 * displacement  # under the shank of 4 mm, which it lifts
+    slide = _part("release-slide", "Slide that lets the tip go", "steel", box((42, 70, -6), (50, 90, lift)))
+    thick = Dimension(1e-3 * (lift + 6.0), 5e-6, -5e-6, source="a twentieth of the displacement")
+    held = Between("lift", "thickness, which lifts the tip", 2, -6e-3, thick, mm(46, 80, 0))
+    return [*found, slide.model_copy(update={"between": (held,)})]

@@ -1,0 +1,258 @@
+"""Parts of the apparatus: boxes and rods, less bores, so that volume and centre of mass have closed forms that no kernel made."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any, ClassVar, Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from stepblocks.parts.characteristics import Characteristic, FaceRule, located, plane, toleranced
+from stepblocks.parts.declared import MaterialField
+from stepblocks.parts.kind import COARSE_DEFLECTION, Finding, HeldPart, MeasuredMesh
+from stepblocks.parts.shapes import hull
+from stepblocks.parts.tolerance import Dimension, general_deviation
+
+if TYPE_CHECKING:
+    from stepblocks.cad import kernel
+
+Point3 = tuple[float, float, float]
+_SIDES = ("left", "front", "base")  # where coordinates are counted from
+
+
+@dataclass(frozen=True)
+class Box:
+    """A block with faces square to the axes."""
+
+    low: Point3  # m
+    high: Point3  # m
+
+
+@dataclass(frozen=True)
+class Round:
+    """A cylinder along an axis: a rod, or a bore that takes it away."""
+
+    axis: Literal["x", "y", "z"]
+    start: Point3  # middle of the end with the lower coordinate [m]
+    diameter: float  # m
+    length: float  # m
+    upper: float = 0.0  # permitted deviations of the diameter [m]; the general ones where both are 0
+    lower: float = 0.0
+    inward: Point3 | None = None  # into the part, where the axis lies in a face of it and half of the cylinder outside
+    thread: str = ""  # designation of the thread that is cut in it
+
+    @property
+    def end(self) -> Point3:
+        """Middle of the other end [m]."""
+        x, y, z = (s + self.length * (name == self.axis) for name, s in zip("xyz", self.start, strict=True))
+        return x, y, z
+
+    @property
+    def volume(self) -> float:
+        """Volume that lies in the part [m^3]."""
+        whole = math.pi * 0.25 * self.diameter**2 * self.length
+        return whole if self.inward is None else 0.5 * whole
+
+    @property
+    def middle(self) -> NDArray[np.float64]:
+        """Centre of the whole cylinder [m]."""
+        return 0.5 * (np.array(self.start) + self.end)
+
+
+@dataclass(frozen=True)
+class Between:
+    """A distance of two plane faces that a file declares or that must be held closer than in general."""
+
+    key: str
+    label: str
+    axis: int  # that the faces are square to
+    start: float  # coordinate of the one [m]
+    size: Dimension  # to the other, which lies higher
+    near: Point3  # a point that both contain but for that coordinate [m]
+
+    def characteristic(self) -> Characteristic:
+        """State it."""
+        holds = {k: self.near[k] for k in range(3) if k != self.axis}
+        low, high = (
+            FaceRule("PLANE", self.axis, at, holds=holds) for at in (self.start, self.start + self.size.nominal)
+        )
+        return toleranced(self.key, "distance", self.size, low, high, label=self.label, method="micrometer")
+
+
+def bore(axis: Literal["x", "y", "z"], start: Point3, diameter: float, length: float, fit: str = "") -> Round:
+    """Describe a bore; H7 is that of ISO 286-2 for 3 to 18 mm, a thread is drilled by its core (ISO 261)."""
+    fits = {"H7": (12e-6 if diameter <= 6e-3 else 15e-6 if diameter <= 10e-3 else 18e-6, 0.0)}
+    upper, lower = fits.get(fit, (0.0, 0.0))
+    return Round(axis, start, diameter, length, upper, lower, thread=fit if fit.startswith("M") else "")
+
+
+class Machined(HeldPart):
+    """A part of the apparatus, in the frame of the assembly at the middle of the travel."""
+
+    stanza: ClassVar[str] = "machined"
+    called: ClassVar[str] = "part of the apparatus"
+    governed_by: ClassVar[str] = ""
+    axes: ClassVar[str] = "x along the drag, y along the edge, z up; the tip at the middle of its travel is the origin"
+
+    boxes: tuple[Box, ...] = ()
+    rods: tuple[Round, ...] = ()
+    bores: tuple[Round, ...] = ()
+    between: tuple[Between, ...] = ()
+    material: MaterialField
+    title: str
+    moving: bool = False  # whether it travels with the probe
+    printable: bool = False
+    standard: str = ""  # designation where it is bought, not made
+    count: int = 1
+
+    @property
+    def titled(self) -> str:  # type: ignore[override]
+        """What its drawing is called."""
+        return self.title
+
+    def solids(self) -> list[kernel.Body]:
+        from stepblocks.cad import kernel
+
+        made = [_box(one) for one in self.boxes] + [_cylinder(one) for one in self.rods]
+        body = kernel.fused(made) if len(made) > 1 else made[0]
+        return [kernel.cut(body, [_cylinder(one) for one in self.bores]) if self.bores else body]
+
+    def _masses(self) -> list[tuple[float, NDArray[np.float64]]]:
+        """Signed volumes of what it is made of, with their centres; that of half a disc lies 4 r / 3 pi off its diameter."""
+        found = [(math.prod(_sides(one)), 0.5 * (np.array(one.low) + one.high)) for one in self.boxes]
+        found += [(one.volume, one.middle) for one in self.rods]
+        for one in self.bores:
+            inward = np.array(one.inward or (0.0, 0.0, 0.0))
+            found.append((-one.volume, one.middle + 2.0 * one.diameter / (3.0 * math.pi) * inward))
+        return found
+
+    def volumes(self) -> tuple[float, ...]:
+        return (math.fsum(volume for volume, _ in self._masses()),)
+
+    @property
+    def mass(self) -> float:
+        """Mass [kg]."""
+        return self.material.density * self.volumes()[0]
+
+    @property
+    def centre(self) -> NDArray[np.float64]:
+        """Centre of mass [m]."""
+        parts = self._masses()
+        return sum((volume * at for volume, at in parts), start=np.zeros(3)) / math.fsum(volume for volume, _ in parts)
+
+    def hulls(self) -> list[Any]:
+        return [hull((x, y, z) for x in ends[0] for y in ends[1] for z in ends[2]) for ends in map(_ends, self.boxes)]
+
+    @property
+    def extent(self) -> tuple[Point3, Point3]:
+        """Lower and upper corner of the box around it [m]."""
+        low = [one.low for one in self.boxes] + [_around(one)[0] for one in self.rods]
+        high = [one.high for one in self.boxes] + [_around(one)[1] for one in self.rods]
+        return tuple(np.min(low, axis=0).tolist()), tuple(np.max(high, axis=0).tolist())
+
+    def characteristics(self) -> Iterator[Characteristic]:
+        low, high = self.extent
+        flat = {k: {end for one in self.boxes for end in (one.low[k], one.high[k])} for k in range(3)}
+        for k, name in enumerate(("length", "width", "height")):
+            ends = plane(k, low[k]), plane(k, high[k])
+            if self.rods and not {low[k], high[k]} <= flat[k] and not any("xyz"[k] == one.axis for one in self.rods):
+                continue  # round from there: its diameter says it
+            if any(one.axis == k and abs(one.size.nominal - high[k] + low[k]) < 1e-9 for one in self.between):
+                continue
+            yield toleranced(name, "distance", _general(high[k] - low[k]), *ends, label=f"{name} over all")
+            held = [one.start + one.size.nominal for one in self.between if one.axis == k]
+            inner = sorted(end for end in flat[k] if not any(abs(end - at) < 1e-9 for at in (low[k], high[k], *held)))
+            for index, at in enumerate(inner, start=1):
+                faces = plane(k, low[k]), plane(k, at)
+                label = f"{name}, face {index} from the {_SIDES[k]}"
+                yield located(f"{name}_{index}", label, at - low[k], *faces)
+        yield from (one.characteristic() for one in self.between)
+        for index, one in enumerate((*self.rods, *self.bores), start=1):
+            yield from self._round(one, index, low)
+
+    def _round(self, one: Round, index: int, low: Point3) -> Iterator[Characteristic]:
+        across = [k for k in range(3) if "xyz"[k] != one.axis]
+        kind = "rod" if one in self.rods else "bore"
+        face = FaceRule("CYLINDER", radius=0.5 * one.diameter, holds={k: one.middle[k] for k in across})
+        size = Dimension(one.diameter, one.upper, one.lower) if one.upper > one.lower else _general(one.diameter)
+        along = "xyz".index(one.axis)
+        ends = one.start[along], one.end[along]
+        through = any(math.dist(ends, (box.low[along], box.high[along])) < 1e-12 for box in self.boxes)
+        deep = "" if kind == "rod" or through else f", {one.length * 1e3:g} mm long"
+        said = (f" for {one.thread}" if one.thread else "") + deep
+        yield toleranced(f"{kind}_{index}", "diameter", size, face, label=f"{kind} {index}, along {one.axis}{said}")
+        for k in across if self.boxes else ():
+            away = float(one.start[k] - low[k])
+            if away > 0.5e-3 and any(abs(one_.low[k] - low[k]) < 1e-12 for one_ in self.boxes):
+                name = f"{kind} {index} from the {_SIDES[k]}"
+                yield located(f"{kind}_{index}_{'xyz'[k]}", name, away, plane(k, low[k]), face)
+
+    def measured(self, body: int, mesh: MeasuredMesh) -> Iterator[Finding]:
+        low, high = self.extent
+        for k, name in enumerate(("length", "width", "height")):
+            found = float(mesh.vertices[:, k].max() - mesh.vertices[:, k].min())
+            yield Finding(f"{name} over all", high[k] - low[k], found, 2.0 * COARSE_DEFLECTION)
+
+    def close_up(self) -> tuple[float, float, tuple[float, float, float]]:
+        low, high = self.extent
+        return 1.0, max(b - a for a, b in zip(low, high, strict=True)), (0.0, 0.0, 0.0)
+
+    def carried(self, by: Sequence[float]) -> Machined:
+        """Return it moved [m]; what does not travel stays."""
+        if not self.moving:
+            return self
+        boxes = tuple(Box(_shifted(one.low, by), _shifted(one.high, by)) for one in self.boxes)
+        rods, bores = (
+            tuple(Round(**{**vars(one), "start": _shifted(one.start, by)}) for one in several)
+            for several in (self.rods, self.bores)
+        )
+        return self.model_copy(update={"boxes": boxes, "rods": rods, "bores": bores})
+
+
+def _general(length: float) -> Dimension:
+    deviation = general_deviation(length) or 0.05e-3
+    return Dimension(length, deviation, -deviation, general=True)
+
+
+def _shifted(point: Point3, by: Sequence[float]) -> Point3:
+    x, y, z = (a + b for a, b in zip(point, by, strict=True))
+    return x, y, z
+
+
+def _ends(box: Box) -> list[tuple[float, float]]:
+    return list(zip(box.low, box.high, strict=True))
+
+
+def _sides(box: Box) -> list[float]:
+    return [high - low for low, high in _ends(box)]
+
+
+def _around(one: Round) -> tuple[Point3, Point3]:
+    half = [0.0 if name == one.axis else 0.5 * one.diameter for name in "xyz"]
+    low, high = np.array(one.start) - half, np.array(one.end) + half
+    return tuple(low.tolist()), tuple(high.tolist())
+
+
+def _box(box: Box) -> kernel.Body:
+    from stepblocks.cad import kernel
+
+    (x0, y0, z0), (x1, y1, _) = box.low, box.high
+    return kernel.extruded([(x0, y0, z0), (x1, y0, z0), (x1, y1, z0), (x0, y1, z0)], (0.0, 0.0, box.high[2] - z0))
+
+
+def _cylinder(one: Round) -> kernel.Body:
+    from stepblocks.cad import kernel
+
+    across, along = [k for k in range(3) if "xyz"[k] != one.axis], "xyz".index(one.axis)
+
+    def at(u: float, v: float) -> Point3:
+        point = list(one.start)
+        point[across[0]] += 0.5 * one.diameter * u
+        point[across[1]] += 0.5 * one.diameter * v
+        return point[0], point[1], point[2]
+
+    outline = [at(1.0, 0.0), (at(0.0, 1.0), at(-1.0, 0.0)), (at(0.0, -1.0), at(1.0, 0.0))]
+    return kernel.extruded(outline, tuple(one.length * (k == along) for k in range(3)))

@@ -1,0 +1,107 @@
+"""Whether a workshop can make a part without asking: every dimension declared stands on the drawing, in the STEP file and on the sheet.
+
+The three files are read back, each by another library than wrote it. What a characteristic states is known by the
+dimension that it took from the declaration; one that states none follows from others, and says so by having none.
+"""
+
+from __future__ import annotations
+
+import csv
+from collections import Counter
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+from stepblocks.artefacts.on_paper import limits_text, zone_text
+from stepblocks.artefacts.step.exchange import read_exchange
+from stepblocks.artefacts.step.read import check_part_step
+from stepblocks.errors import MachiningError
+from stepblocks.parts.characteristics import FORM, Characteristic
+from stepblocks.parts.kind import Part
+
+_SAME = 1e-9  # between a value read back and the one asked for [m or rad]
+
+
+def missing_from(
+    part: Part, drawing: Path | None = None, step: Path | None = None, sheet: Path | None = None
+) -> list[str]:
+    """Say what is missing, wrong or there twice, a line each; a file that is left out is not looked at."""
+    listed = list(part.characteristics())
+    states = [one for each in listed for one in each.states]
+    found = [
+        f"{part.id}: {field} ({one}) is stated by no characteristic"
+        for field, one in part.dimensions()
+        if not any(one is stated for stated in states)
+    ]
+    keys = Counter(each.key for each in listed)
+    found += [f"{part.id}: {key} is listed {count} times" for key, count in keys.items() if count > 1]
+    places = (
+        (drawing, _missing_on_drawing),
+        (step, lambda path, _: _missing_in_step(path, part)),
+        (sheet, _missing_on_sheet),
+    )
+    return [*found, *(f"{path.name}: {line}" for path, missing in places if path for line in missing(path, listed))]
+
+
+def _missing_on_drawing(path: Path, listed: list[Characteristic]) -> Iterator[str]:
+    import ezdxf
+
+    try:
+        space = ezdxf.readfile(path).modelspace()
+    except (OSError, ezdxf.DXFError) as error:
+        raise MachiningError(f"drawing must be a DXF file: {error} [{path}]") from error
+    drawn: dict[str, list[Any]] = {}
+    for entity in space:
+        if entity.has_xdata("STEPBLOCKS"):
+            drawn.setdefault(str(entity.get_xdata("STEPBLOCKS")[0].value), []).append(entity)
+    for number, one in enumerate(listed, start=1):
+        entities = drawn.get(one.key, [])
+        if len(entities) != 1:
+            yield f"{number}  {one.label} must stand once, got {len(entities)} times"
+        elif not _says(entities[0], one):
+            yield f"{number}  {one.label} must say {_said(one)}"
+    yield from (f"{key} was not asked for" for key in drawn if key not in {one.key for one in listed})
+
+
+def _said(one: Characteristic) -> str:
+    if one.kind == "roughness":
+        return f"Ra {one.upper * 1e6:g}"
+    return zone_text(one.upper) if one.kind in FORM else limits_text(one.nominal, one.lower, one.upper, one.quantity)
+
+
+def _says(entity: Any, one: Characteristic) -> bool:
+    """Compare a dimension by what it measures at its scale and by its deviations, any other text by its words."""
+    if entity.dxftype() != "DIMENSION":
+        return _said(one) in entity.dxf.text
+    style = entity.override()
+    measured = float(entity.get_measurement()) * float(style.get("dimlfac", 1.0))
+    got = [value / 1e3 for value in (measured, -float(style.get("dimtm", 0.0)), float(style.get("dimtp", 0.0)))]
+    return all(abs(a - b) <= _SAME for a, b in zip(got, (one.nominal, one.lower, one.upper), strict=True))
+
+
+def _missing_in_step(path: Path, part: Part) -> Iterator[str]:
+    yield from check_part_step(path, part)[1]
+    noted = {str(values[0]) for _, values in read_exchange(path).named("DESCRIPTIVE_REPRESENTATION_ITEM")}
+    for number, one in enumerate(part.characteristics(), start=1):
+        if one.kind == "note" and one.label not in noted:
+            yield f"{number}  {one.label} must stand as a requirement of the product"
+
+
+def _missing_on_sheet(path: Path, listed: list[Characteristic]) -> Iterator[str]:
+    with path.open(encoding="utf-8", newline="") as file:
+        rows = list(csv.DictReader(file))
+    for number, one in enumerate(listed, start=1):
+        mine = [row for row in rows if row.get("characteristic") == one.label]
+        if len(mine) != 1 or mine[0].get("number") != str(number):
+            yield f"{number}  {one.label} must have one line with its number, got {len(mine)}"
+            continue
+        scale = 57.29577951308232 if one.quantity == "angle" else 1e3
+        for column, value in (("lower", one.lower), ("upper", one.upper)):
+            text = mine[0].get(f"{column}_limit_mm_or_deg", "")
+            if (one.kind in FORM and column == "lower") or (
+                text and abs(float(text) / scale - one.nominal - value) <= 1e-7
+            ):
+                continue
+            yield f"{number}  {one.label} must have the {column} limit {(one.nominal + value) * scale:.6g}, got {text!r}"
+    if len(rows) > len(listed):
+        yield f"{len(rows) - len(listed)} lines were not asked for"

@@ -1,0 +1,185 @@
+"""A workshop can make every shipped part without asking; what is taken from drawing, STEP file or sheet is missed."""
+
+import csv
+import re
+from dataclasses import replace
+from pathlib import Path
+
+import ezdxf
+import pytest
+import shapely
+from ezdxf import bbox
+
+from stepblocks.artefacts.on_paper import write_sheet_csv
+from stepblocks.artefacts.step.write import write_step_ap242
+from stepblocks.cli import main
+from stepblocks.declare import load_declared
+from stepblocks.parts.shapes import build_solids
+from stepblocks.parts.tolerance import Dimension
+from stepblocks.select import stimulus_files
+from stepblocks.workshop.complete import missing_from
+from stepblocks.workshop.drawing import write_drawing, write_gauge_drawing
+from stepblocks.workshop.gauge_route import choose_pair
+
+STIMULI = {
+    one.id: one for path in stimulus_files(Path(__file__).parents[2] / "stimuli") for one in load_declared(path).stimuli
+}
+# one of every layout: blocks alike but for their height are read on paper, not built each
+BUILT = ("step-050", "gap-050-bevelled", "crown-chamfer-over", "crown-shoulder", "tip-125", "hook-125", "sheath-hard")
+
+
+@pytest.fixture(scope="module")
+def written(tmp_path_factory):
+    folder, found = tmp_path_factory.mktemp("complete"), {}
+
+    def write(identity):
+        if identity not in found:
+            part = STIMULI[identity]
+            (drawing,) = write_drawing(folder, part, ("dxf",))
+            sheet, step = folder / f"{identity}.csv", folder / f"{identity}.step"
+            write_sheet_csv(sheet, part)
+            write_step_ap242(step, part, build_solids(part))
+            found[identity] = part, drawing, step, sheet
+        return found[identity]
+
+    return write
+
+
+@pytest.mark.parametrize("identity", sorted(STIMULI))
+def test_every_shipped_part_is_complete_on_paper(identity, tmp_path):
+    part = STIMULI[identity]
+    (drawing,) = write_drawing(tmp_path, part, ("dxf",))
+    write_sheet_csv(tmp_path / "sheet.csv", part)
+    assert missing_from(part, drawing, None, tmp_path / "sheet.csv") == []
+
+
+@pytest.mark.parametrize("identity", BUILT)
+def test_every_layout_is_complete_in_all_three_places(identity, written):
+    assert missing_from(*written(identity)) == []
+
+
+def test_a_dimension_taken_from_the_drawing_is_missed(written, tmp_path):
+    part, drawing, _, _ = written("step-050")
+    for number, one in list(enumerate(part.characteristics(), start=1))[::2]:
+        document = ezdxf.readfile(drawing)
+        space = document.modelspace()
+        (mine,) = [e for e in space if e.has_xdata("STEPBLOCKS") and e.get_xdata("STEPBLOCKS")[0].value == one.key]
+        space.delete_entity(mine)
+        document.saveas(tmp_path / "less.dxf")
+        assert missing_from(part, tmp_path / "less.dxf") == [
+            f"less.dxf: {number}  {one.label} must stand once, got 0 times"
+        ]
+
+
+def test_each_line_taken_from_the_sheet_is_missed_and_a_wrong_limit_is_seen(written, tmp_path):
+    part, _, _, sheet = written("crown-shoulder")
+    rows = list(csv.reader(sheet.read_text(encoding="utf-8").splitlines()))
+    for row in range(1, len(rows)):
+        less = tmp_path / "less.csv"
+        with less.open("w", newline="", encoding="utf-8") as file:
+            csv.writer(file).writerows(rows[:row] + rows[row + 1 :])
+        (line,) = missing_from(part, sheet=less)
+        assert rows[row][1] in line
+    rows[1][5] = "9.9"
+    with less.open("w", newline="", encoding="utf-8") as file:
+        csv.writer(file).writerows(rows)
+    assert "upper limit" in missing_from(part, sheet=less)[0]
+
+
+@pytest.mark.parametrize("identity", ["crown-chamfer-over", "tip-125"])
+def test_each_dimension_taken_from_the_step_file_is_missed(identity, written, tmp_path):
+    part, _, step, _ = written(identity)
+    text, taken = step.read_text(), []
+    for one in part.characteristics():
+        for entity in ("DIMENSIONAL_LOCATION('linear distance", "DESCRIPTIVE_REPRESENTATION_ITEM("):
+            found = re.search(re.escape(entity) + r"[^;]*'" + re.escape(one.label) + "'", text)
+            if found:
+                taken.append(one.key)
+                less = text.replace(found[0], found[0].replace(f"'{one.label}'", "'gone'"))
+                (tmp_path / "less.step").write_text(less)
+                assert any(one.label in line for line in missing_from(part, step=tmp_path / "less.step")), one.label
+    assert len(taken) >= 1
+
+
+def test_a_surface_without_its_texture_is_missed(written, tmp_path):
+    part, _, step, _ = written("step-050")
+    (tmp_path / "less.step").write_text(step.read_text().replace("'surface texture'", "'gone'"))
+    assert any("surface texture" in line for line in missing_from(part, step=tmp_path / "less.step"))
+
+
+def test_a_declared_dimension_that_no_characteristic_states_is_named():
+    part = STIMULI["tip-125"]
+    more = part.model_copy(update={"length": replace(part.length)})
+    assert missing_from(more) == []
+    listed = [one for one in part.characteristics() if one.key != "length"]
+
+    class Forgetful(type(part)):
+        def characteristics(self):
+            return iter(listed)
+
+    assert missing_from(Forgetful.model_construct(**dict(part))) == [
+        f"tip-125: length ({part.length}) is stated by no characteristic"
+    ]
+
+
+def test_the_command_looks_at_a_step_file_that_lies_there_and_says_what_is_missing(tmp_path, capsys, written):
+    _, _, step, _ = written("tip-125")
+    folder = tmp_path / "probe-tips" / "tip-125"
+    folder.mkdir(parents=True)
+    stimuli = str(Path(__file__).parents[2] / "stimuli" / "probe-tips.toml")
+    arguments = ["workshop", stimuli, "--only", "tip-125", "-o", str(tmp_path)]
+    (folder / "tip-125.step").write_text(step.read_text())
+    assert main(arguments) == 0
+    (folder / "tip-125.step").write_text(step.read_text().replace("'length from the contact point'", "'x'"))
+    assert main(arguments) == 1
+    assert "MISSING tip-125.step: length from the contact point" in capsys.readouterr().err
+
+
+def boxes(path):
+    """Boxes of all texts, and of everything else that is drawn, read back from the file."""
+    texts, rest = [], []
+    for entity in ezdxf.readfile(path).modelspace():
+        for part in entity.virtual_entities() if entity.dxftype() == "DIMENSION" else [entity]:
+            extent = bbox.extents([part], fast=False)
+            if extent.has_data:
+                (texts if part.dxftype() in ("TEXT", "MTEXT") else rest).append((extent, part))
+    return texts, rest
+
+
+def apart(a, b, by=0.05):
+    return (
+        a.extmax.x < b.extmin.x + by
+        or b.extmax.x < a.extmin.x + by
+        or a.extmax.y < b.extmin.y + by
+        or b.extmax.y < a.extmin.y + by
+    )
+
+
+@pytest.mark.parametrize("thickness_mm", [8, 12, 18, 25, 32, 40])
+@pytest.mark.parametrize("identity", ["step-010", "step-100"])
+def test_nothing_collides_on_a_gauge_sheet_whatever_the_thickness_of_its_base(identity, thickness_mm, tmp_path):
+    block = STIMULI[identity]
+    thickness = Dimension(thickness_mm * 1e-3, 0.2e-3, -0.2e-3)
+    block = block.model_copy(update={"body": block.body.model_copy(update={"thickness": thickness})})
+    texts, rest = boxes(write_gauge_drawing(tmp_path, block, choose_pair(block.height.nominal))[0])
+    for extent, part in (*texts, *rest):
+        assert 9.9 < extent.extmin.x < extent.extmax.x + 1e-9 < 410.2, part
+        assert 9.9 < extent.extmin.y < extent.extmax.y + 1e-9 < 287.2, part
+    for index, (one, text) in enumerate(texts):
+        for other, another in texts[index + 1 :]:
+            assert apart(one, other), (text.plain_text(), another.plain_text())
+    # no line of a view runs through a text
+    for _, part in rest:
+        if part.dxf.layer in ("OUTLINE", "HIDDEN", "CENTRE"):
+            points = part.get_points("xy") if part.dxftype() == "LWPOLYLINE" else [part.dxf.start, part.dxf.end]
+            line = shapely.LineString([(point[0], point[1]) for point in points])
+            for extent, text in texts:
+                assert not line.intersects(shapely.box(*extent.extmin.vec2, *extent.extmax.vec2)), text.plain_text()
+
+
+def test_letters_stay_letters_in_svg_and_pdf(tmp_path):
+    _, svg, pdf = write_drawing(tmp_path, STIMULI["step-010"])
+    text = svg.read_text(encoding="utf-8")
+    for said in ("STEP-010", "working edge, detail A", "0.010", "first angle (ISO 5456-2), A3"):
+        assert f">{said}</text>" in text, said
+    assert b"/Type0" in pdf.read_bytes()  # an embedded typeface with a map to characters, not outlines
