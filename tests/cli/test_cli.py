@@ -166,12 +166,12 @@ def test_predict_prints_a_table_and_writes_the_same_as_csv(tmp_path, capsys, mon
     source = str(ROOT / "stimuli" / "paper-four.toml")
     assert main(["predict", source]) == 0
     lines = capsys.readouterr().out.splitlines()
-    assert lines[0].startswith("set paper-four, drag up")
+    assert "drag up" in lines[0]
     assert main(["predict", source, "-o", str(tmp_path / "table.csv")]) == 0
     table = list(csv.DictReader((tmp_path / "table.csv").read_text().splitlines()))
     shown = [line.split() for line in lines if line.startswith("apparatus")]
     assert [line[0] for line in shown] == [row["stimulus"] for row in table]
-    assert float(shown[0][6]) == pytest.approx(float(table[0]["pull_force_n"]), rel=5e-3)  # three digits
+    assert f"{float(table[0]['pull_force_n']):.3g}" in shown[0]  # three digits, wherever the column stands
 
 
 @pytest.mark.parametrize(
