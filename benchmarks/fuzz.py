@@ -113,7 +113,14 @@ def _texts(work: Path) -> Iterator[Kind]:
 
     yield (
         "stimuli",
-        ([(path.name, path.read_bytes()) for path in sorted((ROOT / "stimuli").glob("*.toml"))], load_declared),
+        (
+            [
+                (path.name, path.read_bytes())
+                for path in sorted((ROOT / "stimuli").glob("*.toml"))
+                if path.stem != "apparatus"
+            ],
+            load_declared,
+        ),
     )
     source = ROOT / "src" / "stepblocks"
     yield "devices", ([("d.toml", (source / "simulators" / "devices.toml").read_bytes())], load_devices)

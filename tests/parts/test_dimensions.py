@@ -161,7 +161,9 @@ def test_every_material_says_where_its_density_comes_from():
         assert 1000.0 < one.density < 13534.0
         assert one.source
         assert one.record()["density_kg_m3"] == one.density
-    with pytest.raises(ValueError, match="must be one of steel, stainless, brass, pmma, zirconia, got 'mithril'"):
+    with pytest.raises(
+        ValueError, match="must be one of steel, stainless, aluminium, brass, pmma, zirconia, got 'mithril'"
+    ):
         material_named("mithril")
 
 

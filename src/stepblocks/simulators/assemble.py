@@ -51,8 +51,8 @@ def plain_step(height: float, name: str = "step") -> StepBlock:
     try:
         return StepBlock.model_validate({"id": name, "material": "steel", "body": body, "metrology": groove, **edge})
     except ValidationError as error:
-        first = error.errors(include_url=False)[0]
-        raise HapticsError(f"the step under a tip is impossible: {first['msg']} [{name}]") from error
+        rule = error.errors(include_url=False)[0]["msg"].removeprefix("Value error, ").splitlines()[0]
+        raise HapticsError(f"the step under a tip is impossible: {rule} [{name}]") from error
 
 
 def scene_of(
