@@ -26,6 +26,7 @@ Mask = NDArray[np.bool_]
 LEAST_SCATTER = 1e-12
 _GAUSS_PER_MAD = 1.482602218505602  # standard deviation of a normal law over its median absolute deviation
 SPIKE = 5.0  # robust standard deviations beyond which a point is a spike
+_LEAST_SPAN = 1e-10  # of columns' products, as a share of the largest: below lies rounding
 _MOST_RESTORED = 4.0  # by which a variance is raised for what the fit swallowed; beyond it, nothing is known
 # least part of the low frequencies that a fit may leave [1]; with less, the correlation cannot be told from the form
 _LEAST_LEFT = 0.25
@@ -175,7 +176,11 @@ def _expectations(
     """Traces of Q Gamma and of M Q M Gamma; the projection has few columns, so no large matrix is ever formed."""
     trace = float(np.sum(lags.back(form) * pairs * lags.back(spectrum)))
     columns = [column * inside for column in design]
-    inverse = np.linalg.inv(_products(columns, columns))
+    # the projection is that of the columns' span: of columns that depend on each other where outliers fell out, one counts
+    size = np.sqrt(np.diag(_products(columns, columns)))
+    size = np.where(size > 0.0, size, 1.0)
+    columns = [column / own for column, own in zip(columns, size, strict=True)]
+    inverse = np.linalg.pinv(_products(columns, columns), rcond=_LEAST_SPAN, hermitian=True)
     by_noise = [lags.convolved(spectrum, column) * inside for column in columns]
     by_form = [lags.convolved(form, column) * inside for column in columns]
     swallowed = 2.0 * np.trace(inverse @ _products(by_form, by_noise))
