@@ -279,7 +279,7 @@ def test_check_output_measures_every_file_again_and_says_which_is_off(copy):
 def test_a_notebook_sees_what_a_build_did_with_nothing_left_unescaped():
     report = BuildReport("out<1>", ["a/b"], 3, ["a/b/FAIL <x> & y"])
     shown = report._repr_html_()
-    assert "1 stimuli built, 3 up to date, 1 checks failed" in shown
+    assert "1 built, 3 up to date, 1 checks failed" in shown
     assert "out&lt;1&gt;/index.html" in shown
     assert "<li>a/b/FAIL &lt;x&gt; &amp; y</li>" in shown
 

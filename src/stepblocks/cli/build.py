@@ -51,7 +51,7 @@ def _build(arguments: argparse.Namespace) -> Outcome:
     )
     said = f"{report.output}: {report.current} stimuli, all up to date; nothing to do"
     if report.built:
-        said = f"{report.output}: {len(report.built)} stimuli built, {report.current} up to date"
+        said = f"{report.output}: {len(report.built)} built, {report.current} up to date"
     return Outcome(
         said,
         notes=[f"{len(report.failures)} checks failed"] if report.failures else [],
