@@ -324,32 +324,6 @@ def format_span(low: float, high: float, dimension: str) -> str:
     return f"{' to '.join(ends)} {_SIGNS.get(symbol, symbol)}".strip()
 
 
-def format_uncertain(value: float, std: float, dimension: str) -> str:
-    """Write a value with its standard uncertainty, both in the value's unit and to the same decimal place.
-
-    Examples
-    --------
-    >>> format_uncertain(50.234e-6, 0.0812e-6, "length"), format_uncertain(296.0, 12.4, "frequency")
-    ('50.234 ± 0.081 µm', '296 ± 12 Hz')
-    """
-    factor, symbol = _scale(abs(value), dimension)
-    if not (math.isfinite(std) and std > 0.0):
-        return f"{figure(value / factor)} {_SIGNS.get(symbol, symbol)}".strip()
-    places = max(1 - math.floor(math.log10(std / factor)), 0)
-    return f"{value / factor:.{places}f} ± {std / factor:.{places}f} {_SIGNS.get(symbol, symbol)}".strip()
-
-
-def format_p(p: float) -> str:
-    """Write a probability of an error of the first kind.
-
-    Examples
-    --------
-    >>> format_p(0.0342), format_p(3e-9)
-    ('p = 0.034', 'p < 0.001')
-    """
-    return "p < 0.001" if p < 0.001 else f"p = {p:.3f}"
-
-
 def _scale(value: float, dimension: str) -> tuple[float, str]:
     """Find the unit in which people write a value, and its size in SI."""
     scales = _SCALES.get(dimension, ((1.0, DIMENSIONS[dimension]),))

@@ -116,14 +116,8 @@ class TwoPlanes:
     rejected: int  # points left out as spikes
 
 
-def fit_two_planes(x: Array, z: Array, middle: float, used: Mask) -> TwoPlanes:
-    """Fit ``z = a (x - middle) + b + h s(x)``, s = 0 before and 1 behind the middle, by least squares without spikes.
-
-    Source: ISO 5436-1 leaves a single edge to convention; this is the two-plane one, which has no feature to level through.
-    """
-    scale = float(max(abs(x[0] - middle), abs(x[-1] - middle)))
-    design = np.stack([(x - middle) / scale, np.ones_like(x), (x > middle).astype(float)])
-    calm, whole = without_spikes(z), int(used.sum())
+def _without_outliers(design: Array, z: Array, used: Mask) -> tuple[Array, Array, Array, Mask]:
+    calm = without_spikes(z)
     for turn in range(6):
         weights, solution = weighted(design, z if turn else calm, used)
         residuals = z - solution @ design
@@ -131,6 +125,18 @@ def fit_two_planes(x: Array, z: Array, middle: float, used: Mask) -> TwoPlanes:
         if turn > 0 and not spikes.any():
             break
         used = used & ~spikes
+    return weights, solution, residuals, used
+
+
+def fit_two_planes(x: Array, z: Array, middle: float, used: Mask) -> TwoPlanes:
+    """Fit ``z = a (x - middle) + b + h s(x)``, s = 0 before and 1 behind the middle, by least squares without spikes.
+
+    Source: ISO 5436-1 leaves a single edge to convention; this is the two-plane one, which has no feature to level through.
+    """
+    scale = float(max(abs(x[0] - middle), abs(x[-1] - middle)))
+    design = np.stack([(x - middle) / scale, np.ones_like(x), (x > middle).astype(float)])
+    whole = int(used.sum())
+    weights, solution, residuals, used = _without_outliers(design, z, used)
     noise = noise_uncertainty(weights[2], residuals, used, list(design))
     weights[0] /= scale
     tilt, offset, height = float(solution[0]) / scale, float(solution[1]), float(solution[2])
@@ -350,15 +356,3 @@ def paired(edges: Sequence[Found]) -> list[tuple[float, float, float]]:
             spans.append((one.position, np.inf, one.rise))
             index += 1
     return spans
-
-
-def _without_outliers(design: Array, z: Array, used: Mask) -> tuple[Array, Array, Array, Mask]:
-    calm = without_spikes(z)
-    for turn in range(6):
-        weights, solution = weighted(design, z if turn else calm, used)
-        residuals = z - solution @ design
-        spikes = outlier_mask(residuals, used)
-        if turn > 0 and not spikes.any():
-            break
-        used = used & ~spikes
-    return weights, solution, residuals, used
