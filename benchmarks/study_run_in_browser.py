@@ -14,7 +14,8 @@ from pathlib import Path
 import h5py
 import numpy as np
 
-from oracles.participant_in_browser import browser, whole_run
+from oracles.browser import browser
+from oracles.participant_in_browser import LOOKS, whole_run
 from stepblocks.study.prose import headline
 from stepblocks.study.run import analyse_study, design_study
 
@@ -23,7 +24,7 @@ SET = Path(__file__).resolve().parents[1] / "stimuli" / "paper-ten.toml"
 
 def main() -> None:
     people = int(sys.argv[1]) if len(sys.argv) > 1 else 2
-    with tempfile.TemporaryDirectory() as name, browser() as window:
+    with tempfile.TemporaryDirectory() as name, browser(*LOOKS) as window:
         folder = Path(name)
         design_study(SET, folder, seed=1, experiment="virtual", participants=people)
         for participant in range(1, people + 1):

@@ -4,14 +4,13 @@ The pages are opened in a real browser: links lead somewhere, nothing overflows,
 """
 
 import json
-import os
 import re
 import shlex
-import shutil
 from pathlib import Path
 
 import pytest
 
+from oracles.browser import browser_without_network
 from stepblocks.cli import main
 
 PAGE = Path(__file__).resolve().parents[1] / "docs" / "first-hour.md"
@@ -45,25 +44,10 @@ def walk(user, folder, monkeypatch):
 
 @pytest.fixture(scope="module")
 def browser(tmp_path_factory):
-    chromium, driver = shutil.which("chromium") or shutil.which("google-chrome"), shutil.which("chromedriver")
-    if not (chromium and driver):
-        if os.environ.get("STEPBLOCKS_REQUIRE_BROWSER"):
-            pytest.fail("a browser is required here and there is none")
-        pytest.skip("no chromium with chromedriver")
-    from selenium import webdriver
-    from selenium.webdriver.chrome.service import Service
-
-    options = webdriver.ChromeOptions()
-    options.binary_location = chromium
     profile = tmp_path_factory.mktemp("profile")
-    for argument in ("headless", "no-sandbox", "enable-unsafe-swiftshader", "use-angle=swiftshader", "use-gl=angle"):
-        options.add_argument(f"--{argument}")
-    options.add_argument(f"--user-data-dir={profile}")
-    options.set_capability("goog:loggingPrefs", {"browser": "ALL"})
-    window = webdriver.Chrome(options=options, service=Service(driver))
-    window.set_network_conditions(offline=True, latency=0, throughput=1)
-    yield window
-    window.quit()
+    drawn_by = ("enable-unsafe-swiftshader", "use-angle=swiftshader", "use-gl=angle")
+    with browser_without_network(*drawn_by, f"user-data-dir={profile}") as window:
+        yield window
 
 
 def look_at(browser, page):

@@ -1,29 +1,15 @@
 """The page, opened from disk in a real browser without a network."""
 
-import os
-import shutil
-
 import pytest
+
+from oracles.browser import browser_without_network
 
 pytestmark = pytest.mark.browser
 
 
 @pytest.fixture(scope="module")
 def browser(tmp_path_factory):
-    chromium, driver = shutil.which("chromium") or shutil.which("google-chrome"), shutil.which("chromedriver")
-    if not (chromium and driver):
-        if os.environ.get("STEPBLOCKS_REQUIRE_BROWSER"):
-            pytest.fail("a browser is required here and there is none")
-        pytest.skip("no chromium with chromedriver")
-    from selenium import webdriver
-    from selenium.webdriver.chrome.service import Service
-
-    options = webdriver.ChromeOptions()
-    options.binary_location = chromium
-    profile = tmp_path_factory.mktemp("profile")
-    for argument in (
-        "headless",
-        "no-sandbox",
+    with browser_without_network(
         "disable-quic",
         "no-first-run",
         "disable-background-networking",
@@ -33,14 +19,9 @@ def browser(tmp_path_factory):
         "enable-unsafe-swiftshader",
         "use-angle=swiftshader",
         "use-gl=angle",
-        f"user-data-dir={profile}",
-    ):
-        options.add_argument(f"--{argument}")
-    options.set_capability("goog:loggingPrefs", {"browser": "ALL"})
-    driver = webdriver.Chrome(options=options, service=Service(driver))
-    driver.set_network_conditions(offline=True, latency=0, throughput=1)
-    yield driver
-    driver.quit()
+        f"user-data-dir={tmp_path_factory.mktemp('profile')}",
+    ) as window:
+        yield window
 
 
 @pytest.fixture

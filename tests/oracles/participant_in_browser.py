@@ -1,37 +1,13 @@
 """A participant as a program: reads the page of a run in headless Chromium, drags over the edge, answers; and is killed on the way."""
 
-import shutil
 import signal
 import subprocess
 import sys
 import time
 from contextlib import contextmanager
 
-
-@contextmanager
-def browser():
-    """A headless Chromium, or None where there is none."""
-    chromium, driver = shutil.which("chromium") or shutil.which("google-chrome"), shutil.which("chromedriver")
-    if not (chromium and driver):
-        yield None
-        return
-    from selenium import webdriver
-    from selenium.webdriver.chrome.service import Service
-
-    options = webdriver.ChromeOptions()
-    options.binary_location = chromium
-    for argument in (
-        "--headless=new",
-        "--no-sandbox",
-        "--window-size=1000,900",
-        "--autoplay-policy=no-user-gesture-required",
-    ):
-        options.add_argument(argument)
-    window = webdriver.Chrome(options=options, service=Service(driver))
-    try:
-        yield window
-    finally:
-        window.quit()
+# of the browser: a laboratory's screen, and sound without a click
+LOOKS = ("window-size=1000,900", "autoplay-policy=no-user-gesture-required")
 
 
 @contextmanager

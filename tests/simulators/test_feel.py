@@ -2,14 +2,13 @@
 
 import json
 import math
-import os
 import re
-import shutil
 from pathlib import Path
 
 import numpy as np
 import pytest
 
+from oracles.browser import browser_without_network
 from stepblocks.cli import main
 from stepblocks.declare import load_set
 from stepblocks.simulators.feel import feel
@@ -84,31 +83,12 @@ def test_the_profile_that_is_drawn_is_the_parts_own(tmp_path):
 
 @pytest.fixture(scope="module")
 def browser(page, tmp_path_factory):
-    chromium, driver = shutil.which("chromium") or shutil.which("google-chrome"), shutil.which("chromedriver")
-    if not (chromium and driver):
-        if os.environ.get("STEPBLOCKS_REQUIRE_BROWSER"):
-            pytest.fail("a browser is required here and there is none")
-        pytest.skip("no chromium with chromedriver")
-    from selenium import webdriver
-    from selenium.webdriver.chrome.service import Service
-
-    options = webdriver.ChromeOptions()
-    options.binary_location = chromium
     profile = tmp_path_factory.mktemp("profile")
-    for argument in (
-        "headless",
-        "no-sandbox",
-        "disable-background-networking",
-        "window-size=1200,1100",
-        f"user-data-dir={profile}",
-    ):
-        options.add_argument(f"--{argument}")
-    options.set_capability("goog:loggingPrefs", {"browser": "ALL"})
-    window = webdriver.Chrome(options=options, service=Service(driver))
-    window.set_network_conditions(offline=True, latency=0, throughput=1)
-    window.get(page.as_uri())
-    yield window
-    window.quit()
+    with browser_without_network(
+        "disable-background-networking", "window-size=1200,1100", f"user-data-dir={profile}"
+    ) as window:
+        window.get(page.as_uri())
+        yield window
 
 
 @pytest.mark.browser

@@ -7,7 +7,8 @@ import threading
 
 import pytest
 
-from oracles.participant_in_browser import browser, whole_run
+from oracles.browser import browser
+from oracles.participant_in_browser import LOOKS, whole_run
 from stepblocks.errors import PipelineError, StudyError
 from stepblocks.study.conduct import open_run
 from stepblocks.study.hands import Replay
@@ -31,7 +32,7 @@ def virtual(tmp_path):
 
 @pytest.fixture(scope="module")
 def window():
-    with browser() as found:
+    with browser(*LOOKS) as found:
         if found is None:
             pytest.skip("no chromium with chromedriver")
         yield found
