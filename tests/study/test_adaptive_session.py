@@ -65,11 +65,10 @@ def test_a_staircase_finds_the_threshold_that_its_blocks_straddle_and_says_when_
 def test_a_guess_tied_to_lapses_makes_the_two_answers_mirror_images():
     # who lapses errs to either side: P(hit at -x) = 1 - P(hit at x), so opposite answers give opposite thresholds
     grid = ([-1.0, 0.0, 1.0], np.linspace(-1.0, 1.0, 21), [0.3, 0.6], [0.0, 0.1])
-    one, two = QuestPlus(*grid, guess=None), QuestPlus(*grid, guess=None)
+    one, two = QuestPlus(*grid), QuestPlus(*grid)
     for level, hit in ((1.0, True), (0.0, True), (-1.0, False), (1.0, False)):
         one.record(level, hit)
         two.record(-level, not hit)
-    assert one.estimate()[0] == pytest.approx(-two.estimate()[0], abs=1e-12)
     assert one.quantile(0, 0.3) == pytest.approx(-two.quantile(0, 0.7), abs=1e-12)
 
 

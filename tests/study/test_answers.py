@@ -7,16 +7,9 @@ import pytest
 
 from stepblocks.errors import StudyError
 from stepblocks.study.analysis.results import COLUMNS
-from stepblocks.study.design import Item, constant_stimuli, experiment_one, experiment_two
-from stepblocks.study.sheet import (
-    design_files,
-    design_rows,
-    join_answers,
-    read_answers,
-    read_design,
-    sheet_rows,
-    simulate_answers,
-)
+from stepblocks.study.design import Item, constant_stimuli, crossover
+from stepblocks.study.experiments import EXPERIMENTS
+from stepblocks.study.sheet import design_files, join_answers, read_answers, read_design, sheet_rows, simulate_answers
 from stepblocks.study.simulate import Observer
 from stepblocks.tables import csv_text
 
@@ -30,7 +23,7 @@ def lined(rows):
 
 @pytest.fixture
 def study():
-    design = design_rows(experiment_one(4, ("bare", "soft"), BLOCKS, 2, seed=1))
+    design = crossover("estimates", 4, BLOCKS, 2, 1, ("bare", "soft")).trials
     return design, lined(simulate_answers(design, ENERGIES, {"soft": 0.5}, Observer(), seed=2))
 
 
@@ -116,7 +109,7 @@ def test_a_block_that_nobody_judged_is_refused(study):
 
 @pytest.mark.parametrize("value", ["0", "8", "2.5", "good"])
 def test_a_rating_off_its_scale_is_refused(value):
-    design = design_rows(experiment_two(2, BLOCKS, 1, seed=1))
+    design = EXPERIMENTS["virtual"].design(2, BLOCKS, 1, 1).trials
     answers = lined(simulate_answers(design, ENERGIES, {}, Observer(), seed=2))
     answers[0]["realism_rating"] = value
     refused(design, answers, "realism_rating must be a whole number from 1 to 7")
@@ -146,19 +139,19 @@ def test_a_damaged_file_is_refused_by_name(study, tmp_path, damage, message):
 
 
 def test_files_come_back_as_they_were_written(tmp_path):
-    design = constant_stimuli(2, "step-050", BLOCKS, 2, seed=3)
+    design = constant_stimuli(2, BLOCKS, 2, 3, "step-050")
     path = tmp_path / "design.csv"
     path.write_text(design_files(design)["design.csv"])
     rows = read_design(path)
-    assert [{name: row[name] for name in row if name != "line"} for row in rows] == design_rows(design)
+    assert [{name: row[name] for name in row if name != "line"} for row in rows] == design.trials
     sheet = tmp_path / "sheet.csv"
     sheet.write_text(csv_text(sheet_rows(rows)))
     assert len(read_answers(sheet, "constant")) == len(rows)
 
 
 def test_run_sheets_are_blind_and_the_key_opens_them():
-    design = constant_stimuli(3, "step-050", BLOCKS, 2, seed=3)
-    rows = design_rows(design)
+    design = constant_stimuli(3, BLOCKS, 2, 3, "step-050")
+    rows = design.trials
     sheet, key = csv_text(sheet_rows(rows)), list(csv.DictReader(io.StringIO(design_files(design)["key.csv"])))
     for item in BLOCKS:
         assert item.identity not in sheet

@@ -10,8 +10,9 @@ from stepblocks.errors import StudyError
 from stepblocks.study.analysis.anova import residual_checks
 from stepblocks.study.analysis.ordinal import ordinal_model
 from stepblocks.study.analysis.psychometric import MAX_LAPSE, fit_psychometric
-from stepblocks.study.design import Item, constant_stimuli, experiment_two
-from stepblocks.study.sheet import design_rows, join_answers, simulate_answers
+from stepblocks.study.design import Item, constant_stimuli
+from stepblocks.study.experiments import EXPERIMENTS
+from stepblocks.study.sheet import join_answers, simulate_answers
 from stepblocks.study.simulate import Observer, SimulatedStudy, estimate_power, p_values, read_off_height
 
 HEIGHTS = np.arange(30, 75, 5)
@@ -43,7 +44,7 @@ def test_a_known_weber_fraction_is_recovered_without_bias():
 
 
 def test_simulated_pairs_carry_the_weber_fraction_through_sheets_and_table():
-    design = design_rows(constant_stimuli(8, "step-050", BLOCKS, 6, seed=1))
+    design = constant_stimuli(8, BLOCKS, 6, 1, "step-050").trials
     energies = {item.identity: item.height for item in BLOCKS}
     table = join_answers(design, lined(simulate_answers(design, energies, {}, Observer(weber=0.15), seed=5)))
     curve = table.analyse().curves[-1]
@@ -183,7 +184,7 @@ def test_impossible_plans_are_refused(make, message):
 
 
 def test_realism_gain_is_recovered_by_the_ordinal_model():
-    design = design_rows(experiment_two(16, BLOCKS, 3, seed=2))
+    design = EXPERIMENTS["virtual"].design(16, BLOCKS, 3, 2).trials
     energies = {item.identity: item.height for item in BLOCKS}
     observer = Observer(realism_gain=1.0)
     table = join_answers(design, lined(simulate_answers(design, energies, {}, observer, seed=8)))

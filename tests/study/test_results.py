@@ -6,9 +6,10 @@ import io
 import pytest
 
 from stepblocks.study.analysis.results import COLUMNS
-from stepblocks.study.design import Item, constant_stimuli, experiment_one, experiment_two
+from stepblocks.study.design import Item, constant_stimuli, crossover
+from stepblocks.study.experiments import EXPERIMENTS
 from stepblocks.study.page import render_study
-from stepblocks.study.sheet import design_rows, join_answers, simulate_answers
+from stepblocks.study.sheet import join_answers, simulate_answers
 from stepblocks.study.simulate import Observer
 
 BLOCKS = [Item(f"step-{h:03}", f"STEP-{h:03}", h * 1e-6) for h in (25, 50, 75)]
@@ -16,19 +17,19 @@ ENERGIES = {item.identity: item.height for item in BLOCKS}
 
 
 def result_of(design):
-    rows = design_rows(design)
+    rows = design.trials
     answers = simulate_answers(rows, ENERGIES, {"soft <b>": 0.5}, Observer(), seed=2)
     return join_answers(rows, [row | {"line": f"line {n}"} for n, row in enumerate(answers, start=2)]).analyse()
 
 
 @pytest.fixture(scope="module")
 def estimates():
-    return result_of(experiment_one(4, ("bare", "soft <b>"), BLOCKS, 2, seed=1))
+    return result_of(crossover("estimates", 4, BLOCKS, 2, 1, ("bare", "soft <b>")))
 
 
 @pytest.fixture(scope="module")
 def virtual():
-    return result_of(experiment_two(5, BLOCKS, 2, seed=1))
+    return result_of(EXPERIMENTS["virtual"].design(5, BLOCKS, 2, 1))
 
 
 def row_of(result, analysis, quantity, measure="bias"):
@@ -84,7 +85,7 @@ def test_judgements_keep_every_column_and_say_the_unit_of_lengths(virtual):
 
 
 def test_who_cannot_be_fitted_is_named_with_the_reason():
-    rows = design_rows(constant_stimuli(2, "step-050", BLOCKS, 2, seed=1))
+    rows = constant_stimuli(2, BLOCKS, 2, 1, "step-050").trials
     sure = Observer(weber=0.0)
     answers = [row | {"line": "line"} for row in simulate_answers(rows, ENERGIES, {}, sure, seed=2)]
     result = join_answers(rows, answers).analyse()

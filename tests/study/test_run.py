@@ -28,13 +28,13 @@ def test_without_options_a_study_is_experiment_one_of_the_paper(tmp_path):
     design = design_study(FOUR, tmp_path, seed=1)
     # ten participants, three probes, four blocks, three repetitions
     assert (design.experiment, len(design.trials)) == ("estimates", 10 * 3 * 4 * 3)
-    assert {trial.condition for trial in design.trials} == {"bare", "hard", "soft"}
+    assert {trial["condition"] for trial in design.trials} == {"bare", "hard", "soft"}
     assert sorted(path.name for path in tmp_path.iterdir()) == ["design.csv", "key.csv", "key.html"]
 
 
 def test_a_pattern_chooses_the_blocks(tmp_path):
     design = design_study(FOUR, tmp_path, seed=1, only="apparatus-0*")
-    assert {trial.item.identity for trial in design.trials} == {"apparatus-025", "apparatus-050", "apparatus-075"}
+    assert {trial["stimulus"] for trial in design.trials} == {"apparatus-025", "apparatus-050", "apparatus-075"}
     with pytest.raises(PipelineError, match="has none that match 'x'"):
         design_study(FOUR, tmp_path, seed=1, only="x")
 

@@ -2,21 +2,21 @@
 
 import pytest
 
-from stepblocks.study.design import Item, constant_stimuli, experiment_one, experiment_two
+from stepblocks.study.design import Item, constant_stimuli, crossover
 from stepblocks.study.experiments import EXPERIMENTS
 from stepblocks.study.page import render_sheets_pdf, sheet_pages
-from stepblocks.study.sheet import design_rows, sheet_rows
+from stepblocks.study.sheet import sheet_rows
 
 BLOCKS = [Item(f"step-{h:03}", f"STEP-{h:03}", h * 1e-6) for h in (25, 50, 75)]
 DESIGNS = {
-    "estimates": lambda: experiment_one(2, ("bare", "hard", "soft"), BLOCKS, 5, seed=1),
-    "virtual": lambda: experiment_two(2, BLOCKS, 2, seed=1),
-    "constant": lambda: constant_stimuli(2, "step-050", BLOCKS, 20, seed=1),
+    "estimates": lambda: crossover("estimates", 2, BLOCKS, 5, 1, ("bare", "hard", "soft")),
+    "virtual": lambda: EXPERIMENTS["virtual"].design(2, BLOCKS, 2, 1),
+    "constant": lambda: constant_stimuli(2, BLOCKS, 20, 1, "step-050"),
 }
 
 
 def sheets(experiment):
-    rows = design_rows(DESIGNS[experiment]())
+    rows = DESIGNS[experiment]().trials
     return {who: sheet_rows([row for row in rows if row["participant"] == who]) for who in ("1", "2")}
 
 

@@ -6,36 +6,27 @@ import io
 import pytest
 
 from stepblocks.errors import PipelineError
-from stepblocks.study.design import Item, constant_stimuli, experiment_one
+from stepblocks.study.design import DESIGN_COLUMNS, Item, constant_stimuli, crossover
 from stepblocks.study.experiments import EXPERIMENTS
-from stepblocks.study.sheet import (
-    DESIGN_COLUMNS,
-    answer_columns,
-    design_files,
-    design_rows,
-    key_files,
-    sheet_rows,
-    write_new,
-)
+from stepblocks.study.sheet import answer_columns, design_files, key_files, sheet_rows, write_new
 
 BLOCKS = [Item(f"step-{h:03}", f"STEP-{h:03}", h * 1e-6) for h in (10, 25, 50)]
 BY_CODE = {"VTK": BLOCKS[2], "ABE": BLOCKS[0]}
 
 
 def test_every_trial_is_a_row_that_tells_all():
-    design = experiment_one(2, ("bare", "soft"), BLOCKS, 2, seed=1)
-    rows = design_rows(design)
-    assert len(rows) == len(design.trials) == 2 * 2 * 3 * 2
-    for row, trial in zip(rows, design.trials, strict=True):
+    design = crossover("estimates", 2, BLOCKS, 2, 1, ("bare", "soft"))
+    assert len(design.trials) == 2 * 2 * 3 * 2
+    for row in design.trials:
         assert tuple(row) == DESIGN_COLUMNS
-        assert (row["participant"], row["trial"]) == (str(trial.participant), str(trial.trial))
-        assert (row["stimulus"], row["code"], row["condition"]) == (trial.item.identity, trial.code, trial.condition)
-        assert float(row["height_um"]) == pytest.approx(trial.item.height * 1e6, rel=1e-8)
+        item = design.blocks[row["code"]]
+        assert (row["stimulus"], row["engraved"]) == (item.identity, item.engraved)
+        assert float(row["height_um"]) == pytest.approx(item.height * 1e6, rel=1e-8)
         assert row["standard"] == row["standard_code"] == row["standard_height_um"] == ""
 
 
 def test_in_a_pair_the_standard_is_named_and_the_sheet_keeps_its_place():
-    rows = design_rows(constant_stimuli(1, "step-025", BLOCKS, 1, seed=1))
+    rows = constant_stimuli(1, BLOCKS, 1, 1, "step-025").trials
     assert {row["standard"] for row in rows} == {"step-025"}
     for row, shown in zip(rows, sheet_rows(rows), strict=True):
         places = {"standard-first": "first_code", "standard-second": "second_code"}
@@ -63,7 +54,7 @@ def test_the_key_is_in_the_order_of_its_codes():
 
 
 def test_the_key_of_a_comparison_names_the_standard_too():
-    files = design_files(constant_stimuli(1, "step-025", BLOCKS, 1, seed=1))
+    files = design_files(constant_stimuli(1, BLOCKS, 1, 1, "step-025"))
     assert {row["stimulus"] for row in csv.DictReader(io.StringIO(files["key.csv"]))} == {b.identity for b in BLOCKS}
 
 

@@ -5,13 +5,12 @@ import pytest
 
 from stepblocks.errors import StudyError
 from stepblocks.study.analysis.results import COLUMNS
-from stepblocks.study.design import Item, constant_stimuli, experiment_one, magnitude_estimation
+from stepblocks.study.design import Item, constant_stimuli, crossover
 from stepblocks.study.experiments import EXPERIMENTS
 from stepblocks.study.page import render_study
 from stepblocks.study.sheet import (
     answer_columns,
     design_files,
-    design_rows,
     join_answers,
     read_answers,
     read_design,
@@ -28,7 +27,7 @@ OPTIONS = {"probes": ("bare", "soft"), "standard": "step-050"}
 
 def designed(name, participants=4, repetitions=2):
     kind = EXPERIMENTS[name]
-    return kind.design(participants, *(OPTIONS[need] for need in kind.needs), BLOCKS, repetitions, 1)
+    return kind.design(participants, BLOCKS, repetitions, 1, **{need: OPTIONS[need] for need in kind.needs})
 
 
 @pytest.mark.parametrize("name", EXPERIMENTS)
@@ -49,28 +48,28 @@ def test_every_experiment_goes_round(name, tmp_path):
 
 @pytest.mark.parametrize("name", EXPERIMENTS)
 def test_the_same_seed_gives_the_same_answers_and_another_seed_others(name):
-    rows = design_rows(designed(name))
+    rows = designed(name).trials
     one, again, other = (simulate_answers(rows, ENERGIES, {}, Observer(weber=0.5), seed) for seed in (1, 1, 2))
     assert one == again
     assert one != other
 
 
 def test_without_noise_estimates_are_the_heights_and_a_damper_takes_its_share():
-    rows = design_rows(experiment_one(2, ("bare", "soft"), BLOCKS, 1, seed=1))
+    rows = crossover("estimates", 2, BLOCKS, 1, 1, ("bare", "soft")).trials
     for row, answer in zip(rows, simulate_answers(rows, ENERGIES, {"soft": 0.5}, STILL, 3), strict=True):
         share = 0.5 if row["condition"] == "soft" else 1.0
         assert float(answer["estimate_um"]) == pytest.approx(share * float(row["height_um"]), abs=0.051)
 
 
 def test_without_noise_the_higher_of_two_is_always_named():
-    rows = design_rows(constant_stimuli(1, "step-050", BLOCKS, 1, seed=1))
+    rows = constant_stimuli(1, BLOCKS, 1, 1, "step-050").trials
     for row, answer in zip(rows, simulate_answers(rows, ENERGIES, {}, STILL, 3), strict=True):
         higher = float(row["height_um"]) > 50.0
         assert answer["second_is_higher"] == ("y" if higher == (row["condition"] == "standard-first") else "n")
 
 
 def test_without_noise_magnitudes_grow_with_the_square_root_of_the_energy():
-    rows = design_rows(magnitude_estimation(3, BLOCKS, 1, seed=1))
+    rows = EXPERIMENTS["magnitude"].design(3, BLOCKS, 1, 1).trials
     answers = simulate_answers(rows, ENERGIES, {}, STILL, 3)
     table = join_answers(rows, [row | {"line": "line"} for row in answers])
     law = table.analyse().power_law
@@ -79,14 +78,14 @@ def test_without_noise_magnitudes_grow_with_the_square_root_of_the_energy():
 
 
 def test_a_block_without_energy_is_refused_by_name():
-    rows = design_rows(designed("magnitude"))
+    rows = designed("magnitude").trials
     with pytest.raises(StudyError, match="got none for step-070"):
         simulate_answers(rows, ENERGIES | {"step-070": 0.0}, {}, STILL, 3)
     without = {name: energy for name, energy in ENERGIES.items() if name != "step-050"}
     with pytest.raises(
         StudyError, match="got none for step-050"
     ):  # the standard, which is never the block that is judged
-        simulate_answers(design_rows(designed("constant")), without, {}, STILL, 3)
+        simulate_answers(designed("constant").trials, without, {}, STILL, 3)
 
 
 def plan(**changes):

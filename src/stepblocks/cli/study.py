@@ -127,7 +127,7 @@ def _design(arguments: argparse.Namespace) -> Outcome:
 
     asked = given(arguments, "experiment", "participants", "probes", "repetitions", "standard", "only", "seed")
     design = design_study(source_of(arguments), arguments.output, **asked)
-    trials, people = len(design.trials), design.trials[-1].participant
+    trials, people = len(design.trials), int(design.trials[-1]["participant"])
     said = f"{arguments.output / 'design.csv'}: {trials} trials of {people} participants; {design.balance}"
     record = {"trials": trials, "participants": people, "balance": design.balance, "advice": design.advice}
     return Outcome(said, notes=[design.advice] if design.advice else [], record=record)

@@ -15,9 +15,9 @@ from stepblocks.atomic import replace_text
 from stepblocks.errors import PipelineError, StudyError
 from stepblocks.study import require
 from stepblocks.study.blocks import blocks_of, too_coarse
-from stepblocks.study.design import Design, Item, Trial, balance_of, blinding_codes
+from stepblocks.study.design import Item, by_codes, trial_row
 from stepblocks.study.session import Estimate, Pair, Plan, Session
-from stepblocks.study.sheet import answer_columns, design_rows, key_files, read_answers, write_new
+from stepblocks.study.sheet import answer_columns, key_files, read_answers, write_new
 from stepblocks.study.simulate import TYPICAL_OBSERVER, Observer, feels_higher
 from stepblocks.tables import csv_text, write_table
 
@@ -118,8 +118,8 @@ def start_adaptive(
     known = [item.identity for item in found.items]
     if standard not in known:
         raise PipelineError(f"standard must be one of {', '.join(known)}, got {standard!r}")
-    codes = blinding_codes(known, np.random.default_rng([seed, 0]))
-    items = {codes[item.identity]: item for item in found.items}
+    items = by_codes(found.items, np.random.default_rng([seed, 0]))
+    codes = {item.identity: code for code, item in items.items()}
     size = {"participants": participants, "trials": trials, "reversals": reversals}
     setup = {"schema": _SCHEMA, "experiment": "adaptive", "method": method, **size, "seed": seed}
     if method == "training":
@@ -215,10 +215,9 @@ def results(folder: str | Path) -> pd.DataFrame:
     if not sessions:
         raise PipelineError(f"at least one participant must have answered, got none [{study.folder / 'answers'}]")
     table = pd.DataFrame([_result(session) for session in sessions])
-    trials = tuple(_trial(study, session, pair) for session in sessions for pair, _ in session.answers)
-    design = Design("constant", trials, balance_of(np.zeros((1, 1), dtype=np.int64)))
+    trials = [_trial(study, session, pair) for session in sessions for pair, _ in session.answers]
     write_table(table, study.folder / "adaptive-results.csv", "%.4g")
-    replace_text(study.folder / "design.csv", csv_text(design_rows(design)))
+    replace_text(study.folder / "design.csv", csv_text(trials))
     records = [line for session in sessions for line in _record(session)]
     replace_text(study.folder / "answers.csv", csv_text(records, answer_columns("constant")))
     return table
@@ -237,9 +236,8 @@ def _result(session: Session) -> dict[str, Any]:
     return row | {"state": state}
 
 
-def _trial(study: AdaptiveStudy, session: Session, pair: Pair) -> Trial:
+def _trial(study: AdaptiveStudy, session: Session, pair: Pair) -> dict[str, str]:
     standard = study.plan.standard
-    compared = pair.beside(standard)
     order = "standard-first" if pair.first == standard else "standard-second"
-    items = study.blocks[compared], study.blocks[standard]
-    return Trial(session.participant, pair.trial, order, 1, items[0], compared, items[1], standard)
+    when = (session.participant, pair.trial, order, 1)
+    return trial_row("constant", when, study.blocks, pair.beside(standard), standard)

@@ -19,7 +19,13 @@ MAX_TRIALS = 200_000
 _ALPHABET = "ABCDEFHKLMNPRTUVWXY"  # no I, O, Q, S, Z, G, J: a hand writes them like others; 19 is prime
 MAX_CODES = len(_ALPHABET) ** 2  # blocks that one study can tell apart
 
+# Columns of design.csv, which tells all
+WHEN = ("participant", "trial", "condition", "repetition")
+_BLOCK = ("stimulus", "engraved", "code", "height_um")
+DESIGN_COLUMNS = ("experiment", *WHEN, *_BLOCK, "standard", *(f"standard_{name}" for name in _BLOCK[1:]))
+
 Orders = NDArray[np.int64]
+Sets = Sequence[tuple[int, Sequence[tuple[str, str]]]]  # repetition, and codes of blocks with their condition
 
 
 def williams_square(conditions: int) -> Orders:
@@ -84,25 +90,10 @@ class Balance:
 def balance_of(orders: Orders) -> Balance:
     """Count positions and neighbours."""
     count = orders.shape[1]
-    positions = np.zeros((count, count), dtype=np.int64)
-    followers = np.zeros((count, count), dtype=np.int64)
-    for number, row in enumerate(orders, start=1):
-        if sorted(row) != list(range(count)):
-            raise StudyError(f"every participant must meet every condition once, got {list(row)} [order {number}]")
-        positions[row, np.arange(count)] += 1
-        followers[row[:-1], row[1:]] += 1
+    positions, followers = np.zeros((2, count, count), dtype=np.int64)
+    np.add.at(positions, (orders, np.arange(count)), 1)
+    np.add.at(followers, (orders[:, :-1], orders[:, 1:]), 1)
     return Balance(positions, followers)
-
-
-def blinding_codes(identities: Sequence[str], generator: np.random.Generator) -> dict[str, str]:
-    """Give every block a code of two random letters and a check letter, which says nothing about the block."""
-    require(len(identities) <= MAX_CODES, f"a study must have at most {MAX_CODES} blocks, got {len(identities)}")
-    size = len(_ALPHABET)
-    codes = {}
-    for identity, number in zip(identities, generator.permutation(MAX_CODES), strict=False):
-        first, second = divmod(int(number), size)
-        codes[identity] = _ALPHABET[first] + _ALPHABET[second] + _ALPHABET[-(2 * first + 3 * second) % size]
-    return codes
 
 
 @dataclass(frozen=True)
@@ -122,18 +113,15 @@ class Item:
         return {"stimulus": self.identity, "engraved": self.engraved, "height_um": f"{self.height * 1e6:.9g}"}
 
 
-@dataclass(frozen=True)
-class Trial:
-    """One judgement to be made."""
-
-    participant: int  # from 1
-    trial: int  # from 1, through a participant's session
-    condition: str  # probe, or vibration, or which of a pair comes first
-    repetition: int  # set of blocks within the condition, from 1
-    item: Item  # the block that is judged
-    code: str  # its blinding code
-    standard: Item | None = None  # the block it is compared with
-    standard_code: str = ""
+def by_codes(items: Sequence[Item], generator: np.random.Generator) -> dict[str, Item]:
+    """Give every block a code of two random letters and a check letter, which says nothing about the block."""
+    require(len(items) <= MAX_CODES, f"a study must have at most {MAX_CODES} blocks, got {len(items)}")
+    size = len(_ALPHABET)
+    codes = {}
+    for item, number in zip(items, generator.permutation(MAX_CODES), strict=False):
+        first, second = divmod(int(number), size)
+        codes[_ALPHABET[first] + _ALPHABET[second] + _ALPHABET[-(2 * first + 3 * second) % size]] = item
+    return codes
 
 
 @dataclass(frozen=True)
@@ -141,77 +129,66 @@ class Design:
     """A whole experiment."""
 
     experiment: str  # a name of `stepblocks.study.experiments.EXPERIMENTS`
-    trials: tuple[Trial, ...]  # by participant, in the order in which they are run
+    trials: Sequence[Mapping[str, str]]  # rows of design.csv, by participant, in the order in which they are run
+    blocks: Mapping[str, Item]  # by code
     balance: Balance  # of the order of conditions over participants
     advice: str = ""  # on levels that are too coarse to tell a threshold
 
 
-def experiment_one(
-    participants: int, probes: Sequence[str], items: Sequence[Item], repetitions: int, seed: int
+def trial_row(
+    experiment: str, when: Sequence[object], blocks: Mapping[str, Item], code: str, standard: str = ""
+) -> dict[str, str]:
+    """Write a trial as its row of design.csv: when (in `WHEN`), and the codes of its block and its standard."""
+    cells = [experiment, *map(str, when)]
+    for one in (code, standard):
+        told = blocks[one].told() | {"code": one} if one else {}
+        cells += [told.get(name, "") for name in _BLOCK]
+    return dict(zip(DESIGN_COLUMNS, cells, strict=True))
+
+
+def crossover(
+    experiment: str, participants: int, items: Sequence[Item], repetitions: int, seed: int, probes: Sequence[str]
 ) -> Design:
-    """Design experiment 1: every participant estimates every block with every probe."""
-    return _crossover("estimates", participants, probes, items, repetitions, seed)
+    """Design an experiment in which every participant judges every block under every condition, conditions balanced."""
+    blocks, generator = _prepare(participants, probes, items, repetitions, seed)
+    orders = allocate_orders(participants, len(probes), generator)
+    cells = [[(code, name) for code in blocks] for name in probes]
+    sets = [[(time + 1, cells[one]) for one in order for time in range(repetitions)] for order in orders]
+    return Design(experiment, _shuffled(experiment, sets, blocks, generator), blocks, balance_of(orders))
 
 
-def experiment_two(participants: int, items: Sequence[Item], repetitions: int, seed: int) -> Design:
-    """Design experiment 2: virtual blocks without and with the vibration of the edge; height and realism are rated."""
-    return _crossover("virtual", participants, ("vibration-off", "vibration-on"), items, repetitions, seed)
-
-
-def magnitude_estimation(participants: int, items: Sequence[Item], repetitions: int, seed: int) -> Design:
-    """Design a magnitude estimation: every block gets a number, without a prescribed modulus.
-
-    Source: Stevens, S. S. (1957), Psychological Review 64, 153-181, doi:10.1037/h0046162.
-    """
-    return _crossover("magnitude", participants, ("free-modulus",), items, repetitions, seed)
-
-
-def constant_stimuli(participants: int, standard: str, items: Sequence[Item], repetitions: int, seed: int) -> Design:
+def constant_stimuli(participants: int, items: Sequence[Item], repetitions: int, seed: int, standard: str) -> Design:
     """Design a comparison with a standard by constant stimuli, in two intervals."""
     orders = ("standard-first", "standard-second")
-    generator, codes = _prepare(participants, orders, items, repetitions, seed)
-    base = next((item for item in items if item.identity == standard), None)
+    blocks, generator = _prepare(participants, orders, items, repetitions, seed)
+    base = next((code for code, item in blocks.items() if item.identity == standard), None)
     if base is None:
         raise StudyError(f"standard must be one of the blocks {', '.join(i.identity for i in items)}, got {standard!r}")
-    pairs = [(item, order) for item in items if item is not base for order in orders]
+    pairs = [(code, order) for code in blocks if code != base for order in orders]
     require(len(pairs) >= 4, f"constant stimuli need at least two blocks besides the standard, got {len(pairs) // 2}")
-    sets = [(repetition, pairs) for repetition in range(1, repetitions + 1)]
-    trials = _shuffled([sets] * participants, codes, generator, base)
-    return Design("constant", trials, balance_of(np.zeros((participants, 1), dtype=np.int64)))
-
-
-def _crossover(
-    experiment: str, participants: int, conditions: Sequence[str], items: Sequence[Item], repetitions: int, seed: int
-) -> Design:
-    generator, codes = _prepare(participants, conditions, items, repetitions, seed)
-    orders = allocate_orders(participants, len(conditions), generator)
-    of_condition = [[(item, name) for item in items] for name in conditions]
-    sets = [[(time + 1, of_condition[one]) for one in order for time in range(repetitions)] for order in orders]
-    return Design(experiment, _shuffled(sets, codes, generator), balance_of(orders))
+    sets = [[(repetition, pairs) for repetition in range(1, repetitions + 1)]] * participants
+    trials = _shuffled("constant", sets, blocks, generator, base)
+    return Design("constant", trials, blocks, balance_of(np.zeros((participants, 1), dtype=np.int64)))
 
 
 def _shuffled(
-    sets: Sequence[Sequence[tuple[int, Sequence[tuple[Item, str]]]]],
-    codes: Mapping[str, str],
-    generator: np.random.Generator,
-    base: Item | None = None,
-) -> tuple[Trial, ...]:
-    """Make trials of each participant's sets (repetition, and blocks with their condition), each set in an order of its own."""
+    experiment: str, sets: Sequence[Sets], blocks: Mapping[str, Item], generator: np.random.Generator, base: str = ""
+) -> list[dict[str, str]]:
+    """Make trials of each participant's sets, each set in an order of its own."""
     trials = []
-    against = (base, codes[base.identity]) if base else ()
     for participant, own in enumerate(sets, start=1):
         number = itertools.count(1)
         for repetition, cells in own:
-            for item, condition in (cells[index] for index in generator.permutation(len(cells))):
-                code = codes[item.identity]
-                trials.append(Trial(participant, next(number), condition, repetition, item, code, *against))
-    return tuple(trials)
+            for code, condition in (cells[index] for index in generator.permutation(len(cells))):
+                when = (participant, next(number), condition, repetition)
+                trials.append(trial_row(experiment, when, blocks, code, base))
+    return trials
 
 
 def _prepare(
     participants: int, conditions: Sequence[str], items: Sequence[Item], repetitions: int, seed: int
-) -> tuple[np.random.Generator, dict[str, str]]:
-    """Refuse what is impossible; return the source of all chance and the codes of the blocks."""
+) -> tuple[dict[str, Item], np.random.Generator]:
+    """Refuse what is impossible; return the blocks by their codes and the source of all chance."""
     for name, values in (("conditions", list(conditions)), ("blocks", [item.identity for item in items])):
         require(values, f"{name} must be at least one, got none")
         twice = sorted({value for value in values if values.count(value) > 1})
@@ -225,4 +202,4 @@ def _prepare(
     require(total <= MAX_TRIALS, f"a design must have at most {MAX_TRIALS} trials, got {total}")
     require(participants >= 1, f"participants must be at least 1, got {participants}")
     generator = np.random.default_rng(seed)
-    return generator, blinding_codes([item.identity for item in items], generator)
+    return by_codes(items, generator), generator

@@ -8,6 +8,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -18,7 +19,7 @@ from stepblocks.study.analysis.accuracy import MEASURES, analyse_measure
 from stepblocks.study.analysis.ordinal import ordinal_model
 from stepblocks.study.analysis.psychometric import fit_psychometric
 from stepblocks.study.analysis.results import Curve, PowerLaw
-from stepblocks.study.design import Design, constant_stimuli, experiment_one, experiment_two, magnitude_estimation
+from stepblocks.study.design import Design, constant_stimuli, crossover
 from stepblocks.study.simulate import Observer, estimate_heights, feel, feels_higher
 
 Row = Mapping[str, str]
@@ -36,7 +37,7 @@ class Experiment:
     title: str  # of the report
     sheet_title: str  # of the run sheets, which must not tell too much
     answers: tuple[str, ...]  # columns that are written down
-    design: Callable[..., Design]  # of participants, what it `needs`, blocks, repetitions, seed
+    design: Callable[..., Design]  # of participants, blocks, repetitions, seed, and by name what it `needs`
     # of a planned trial, its answer, the largest estimate [um] and the ends of the ratings: columns of the tidy table, in SI
     read: Callable[[Row, Row, float, tuple[int, int]], dict[str, Any]]
     # of the trials (the design, with what `simulate_answers` adds), observer and generator: texts for `answers`
@@ -179,7 +180,7 @@ EXPERIMENTS: dict[str, Experiment] = {
         title="Errors of height estimates",
         sheet_title="Height estimates",
         answers=("estimate_um",),
-        design=experiment_one,
+        design=partial(crossover, "estimates"),
         read=_read_estimate,
         simulate=_simulate_estimates,
         analyse=_analyse_estimates,
@@ -189,7 +190,7 @@ EXPERIMENTS: dict[str, Experiment] = {
         title="Virtual blocks: errors and realism",
         sheet_title="Virtual blocks: height and realism",
         answers=("estimate_um", "realism_rating"),
-        design=experiment_two,
+        design=partial(crossover, "virtual", probes=("vibration-off", "vibration-on")),
         read=_read_virtual,
         simulate=_simulate_virtual,
         analyse=_analyse_virtual,
@@ -209,7 +210,7 @@ EXPERIMENTS: dict[str, Experiment] = {
         title="Magnitude estimation",
         sheet_title="Magnitude estimation",
         answers=("magnitude_ratio",),
-        design=magnitude_estimation,
+        design=partial(crossover, "magnitude", probes=("free-modulus",)),
         read=_read_magnitude,
         simulate=_simulate_magnitudes,
         analyse=lambda frame, margin: {"power_law": power_law(frame, "magnitude", "height", "participant")},

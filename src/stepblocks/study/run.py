@@ -99,7 +99,8 @@ def design_study(
         raise PipelineError(f"experiment must be one of {', '.join(EXPERIMENTS)}, got {experiment!r}")
     blocks = blocks_of(source, only=only)
     kind, options = EXPERIMENTS[experiment], {"probes": probes, "standard": standard}
-    design = kind.design(participants, *(options[name] for name in kind.needs), blocks.items, repetitions, seed)
+    needed = {name: options[name] for name in kind.needs}
+    design = kind.design(participants, blocks.items, repetitions, seed, **needed)
     write_new(Path(folder), design_files(design))
     return replace(design, advice=too_coarse(blocks, standard)) if kind.paired else design
 

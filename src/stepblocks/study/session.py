@@ -22,10 +22,10 @@ Array = NDArray[np.float64]
 # training: one down, three up on pairs in order of their difficulty, which keeps three of four answers right
 METHODS = ("quest", "staircase", "training")
 _Z707 = 0.5449521356173604  # standard normal quantile of 0.5 ** 0.5, on which two down, one up converges
-_SHIFTS = np.linspace(-0.5, 0.5, 31)
-_SPREADS = np.geomspace(0.02, 1.5, 21)
+_SHIFTS = np.linspace(-0.5, 0.5, 31).tolist()
+_SPREADS = np.geomspace(0.02, 1.5, 21).tolist()
 _LAPSES = (0.0, 0.02, 0.05)
-_HITS_DOWN, _SKIPPED = 2, 2
+_SKIPPED = 2  # first reversals, which still search
 
 
 @dataclass
@@ -36,7 +36,6 @@ class Staircase:
     hits_down: int = 2  # hits in a row that lead down: 1, 2 and 3 converge on 50, 70.7 and 79.4 % hits
     # levels up after a miss; 3 with one hit down converges on 75 %: Kaernbach, C. (1991), Perception & Psychophysics 49, 227-229
     up: int = 1
-    start: int = -1  # index of the first level; the highest where omitted
     reversals: list[float] = field(default_factory=list, init=False)
     _index: int = field(init=False)
     _run: int = field(default=0, init=False)
@@ -45,10 +44,7 @@ class Staircase:
     def __post_init__(self) -> None:
         if len(self.levels) < 2 or any(b <= a for a, b in zip(self.levels, self.levels[1:], strict=False)):
             raise StudyError(f"levels must be at least two and ascend, got {list(self.levels)}")
-        require(self.hits_down >= 1, f"hits_down must be at least 1, got {self.hits_down}")
-        if not -len(self.levels) <= self.start < len(self.levels):
-            raise StudyError(f"start must be the index of one of {len(self.levels)} levels, got {self.start}")
-        self._index = self.start % len(self.levels)
+        self._index = len(self.levels) - 1
 
     @property
     def level(self) -> float:
@@ -66,7 +62,7 @@ class Staircase:
         self._direction, self._run = direction, 0
         self._index = min(max(self._index + direction * (1 if hit else self.up), 0), len(self.levels) - 1)
 
-    def threshold(self, skip: int = 2) -> float:
+    def threshold(self, skip: int = _SKIPPED) -> float:
         """Estimate the threshold from the reversals."""
         later = self.reversals[skip:]
         later = later[len(later) % 2 :]
@@ -78,29 +74,16 @@ class QuestPlus:
     """Choose the next stimulus so that the expected entropy of threshold, slope and lapse rate is least."""
 
     def __init__(
-        self,
-        levels: Sequence[float],
-        thresholds: Sequence[float],
-        slopes: Sequence[float],
-        lapses: Sequence[float] = (0.02,),
-        guess: float | None = 0.0,
+        self, levels: Sequence[float], thresholds: Sequence[float], slopes: Sequence[float], lapses: Sequence[float]
     ) -> None:
         from scipy.special import ndtr
 
-        for name, values in (("levels", levels), ("thresholds", thresholds), ("slopes", slopes), ("lapses", lapses)):
-            if not len(values) or not all(math.isfinite(value) for value in values):
-                raise StudyError(f"{name} must be at least one finite number, got {list(values)}")
-        require(min(slopes) > 0.0, f"slopes must be positive, got {min(slopes):g}")
-        most = max(lapses) if guess is None else guess
-        if not (0.0 <= most < 1.0 and min(lapses) >= 0.0 and max(lapses) + most < 1.0):
-            raise StudyError(f"guess and lapses must be rates whose sum is below 1, got {most:g} and {list(lapses)}")
         self._levels = np.asarray(levels, dtype=np.float64)
         grids = np.meshgrid(*(np.asarray(v, dtype=np.float64) for v in (thresholds, slopes, lapses)), indexing="ij")
         self._grid = tuple(grid.ravel() for grid in grids)
-        threshold, slope, lapse = self._grid
+        threshold, slope, lapse = self._grid  # who lapses errs to either side
         rising = ndtr((self._levels[:, np.newaxis] - threshold) / slope)
-        base = lapse if guess is None else guess
-        self._hit: Array = base + (1.0 - base - lapse) * rising
+        self._hit: Array = lapse + (1.0 - lapse - lapse) * rising
         self.posterior: Array = np.full(threshold.size, 1.0 / threshold.size)
 
     def next_level(self) -> float:
@@ -116,17 +99,9 @@ class QuestPlus:
 
     def record(self, level: float, hit: bool) -> None:
         """Take an answer."""
-        found = np.flatnonzero(self._levels == level)
-        require(found.size, f"level must be one of {self._levels.tolist()}, got {level:g}")
-        likelihood = self._hit[found[0]] if hit else 1.0 - self._hit[found[0]]
-        posterior = likelihood * self.posterior
-        require(posterior.sum() > 0.0, f"the answer {hit} at {level:g} is impossible under every parameter of the grid")
+        (share,) = self._hit[self._levels == level]
+        posterior = (share if hit else 1.0 - share) * self.posterior
         self.posterior = posterior / posterior.sum()
-
-    def estimate(self) -> tuple[float, float, float]:
-        """Return the posterior means."""
-        threshold, slope, lapse = (float(self.posterior @ values) for values in self._grid)
-        return threshold, slope, lapse
 
     def quantile(self, which: int, share: float) -> float:
         """Return a quantile of one parameter's posterior."""
@@ -168,11 +143,8 @@ class Plan:
         codes = sorted(self.heights, key=lambda code: self.heights[code])
         if self.method == "staircase":
             return tuple(code for code in codes if self.heights[code] > base)
-        if self.method == "training":
-            return tuple(
-                sorted((code for code in codes if code != self.standard), key=lambda code: self.ease.get(code, 0.0))
-            )
-        return tuple(code for code in codes if code != self.standard)
+        others = (code for code in codes if code != self.standard)
+        return tuple(sorted(others, key=lambda code: self.ease.get(code, 0.0)))
 
 
 @dataclass(frozen=True)
@@ -212,9 +184,9 @@ class Session:
         self._levels = {code: plan.ease.get(code, math.log(plan.heights[code] / base)) for code in plan.compared}
         self._by_level = {level: code for code, level in self._levels.items()}
         levels = list(self._levels.values())
-        steps = {"staircase": (_HITS_DOWN, 1), "training": (1, 3)}.get(plan.method)
-        self._stairs = Staircase(levels, steps[0], up=steps[1]) if steps else None
-        self._quest = None if self._stairs else QuestPlus(levels, list(_SHIFTS), list(_SPREADS), _LAPSES, guess=None)
+        steps = {"staircase": (2, 1), "training": (1, 3)}.get(plan.method)
+        self._stairs = Staircase(levels, *steps) if steps else None
+        self._quest = QuestPlus(levels, _SHIFTS, _SPREADS, _LAPSES)
 
     def __str__(self) -> str:
         pair = self.next_pair()
@@ -227,14 +199,10 @@ class Session:
         done = len(self.answers)
         if self._next is not None and self._next.trial == done + 1:
             return self._next
-        over = (
-            self.plan.method == "staircase"
-            and self._stairs is not None
-            and len(self._stairs.reversals) >= self.plan.reversals
-        )
-        if done >= self.plan.trials or over:
+        ended = self._stairs and self.plan.method == "staircase" and len(self._stairs.reversals) >= self.plan.reversals
+        if done >= self.plan.trials or ended:
             return None
-        level = self._stairs.level if self._stairs else self._quest.next_level() if self._quest else 0.0
+        level = self._stairs.level if self._stairs else self._quest.next_level()
         pair = (self.plan.standard, self._by_level[level])
         chance = np.random.default_rng([self.plan.seed, self.participant, done])
         first, second = pair if chance.random() < 0.5 else pair[::-1]
@@ -251,10 +219,9 @@ class Session:
         compared = pair.beside(self.plan.standard)
         higher = second_is_higher == (compared == pair.second)
         if self._stairs:
-            truly = self.plan.heights[compared] > self.plan.heights[self.plan.standard]
-            self._stairs.record(higher == truly)
-            self.right = higher == truly
-        elif self._quest:
+            self.right = higher == (self.plan.heights[compared] > self.plan.heights[self.plan.standard])
+            self._stairs.record(self.right)
+        else:
             self._quest.record(self._levels[compared], higher)
         self.answers.append((pair, second_is_higher))
 
@@ -263,13 +230,12 @@ class Session:
         base = self.plan.heights[self.plan.standard]
         if self.plan.method == "training":
             raise StudyError("training keeps a trainee at 75 % and estimates nothing")
-        if quest := self._quest:
-            equal = [base * math.exp(quest.quantile(0, share)) for share in (0.5, 0.025, 0.975)]
-            weber = [math.expm1(Z75 * quest.quantile(1, share)) for share in (0.5, 0.025, 0.975)]
+        if self._stairs is None:
+            equal = [base * math.exp(self._quest.quantile(0, share)) for share in (0.5, 0.025, 0.975)]
+            weber = [math.expm1(Z75 * self._quest.quantile(1, share)) for share in (0.5, 0.025, 0.975)]
             return Estimate(*equal, *weber)
-        assert self._stairs is not None
         later = self._stairs.reversals[_SKIPPED:]
         if sum(level == self._stairs.levels[0] for level in later) > len(later) // 3:  # two of three troughs
             raise StudyError("the staircase rests on its lowest block: the threshold is below what the blocks can tell")
-        spread = self._stairs.threshold(_SKIPPED) / _Z707
+        spread = self._stairs.threshold() / _Z707
         return Estimate(base, base, base, math.expm1(Z75 * spread), math.nan, math.nan)

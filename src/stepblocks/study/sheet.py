@@ -19,7 +19,7 @@ from stepblocks.errors import PipelineError, StudyError
 from stepblocks.page_file import render_page
 from stepblocks.study import require
 from stepblocks.study.analysis.results import StudyResult
-from stepblocks.study.design import Design, Item
+from stepblocks.study.design import DESIGN_COLUMNS, WHEN, Design, Item
 from stepblocks.study.experiments import EXPERIMENTS, LARGEST_ESTIMATE, RATINGS, Row, number
 from stepblocks.study.simulate import Observer
 from stepblocks.tables import csv_text
@@ -30,32 +30,12 @@ _COMMA = re.compile(r"^(-?\d+),(\d+)$")  # a decimal comma, as spreadsheets of h
 
 Key = tuple[str, str]  # participant and trial
 
-# Columns of design.csv, which tells all
-_WHEN = ("participant", "trial", "condition", "repetition")
-_BLOCK = ("stimulus", "engraved", "code", "height_um")
-DESIGN_COLUMNS = ("experiment", *_WHEN, *_BLOCK, "standard", *(f"standard_{name}" for name in _BLOCK[1:]))
-
 
 def answer_columns(experiment: str) -> tuple[str, ...]:
     """Return the columns of a blinded run sheet."""
     kind = EXPERIMENTS[experiment]
     shown = ("first_code", "second_code") if kind.paired else ("condition", "code")
     return ("participant", "trial", *shown, *kind.answers)
-
-
-def design_rows(design: Design) -> list[dict[str, str]]:
-    """Write a design as texts, one row of design.csv per trial."""
-    rows = []
-    for one in design.trials:
-        when = (str(one.participant), str(one.trial), one.condition, str(one.repetition))
-        cells = (design.experiment, *when, *_cells(one.item, one.code), *_cells(one.standard, one.standard_code))
-        rows.append(dict(zip(DESIGN_COLUMNS, cells, strict=True)))
-    return rows
-
-
-def _cells(item: Item | None, code: str) -> tuple[str, ...]:
-    told = item.told() | {"code": code} if item else {}
-    return tuple(told.get(name, "") for name in _BLOCK)
 
 
 def sheet_rows(rows: Iterable[Row]) -> list[dict[str, str]]:
@@ -84,9 +64,7 @@ def key_files(items: Mapping[str, Item], note: str) -> dict[str, str]:
 
 def design_files(design: Design) -> dict[str, str]:
     """Write design.csv and the key of its codes."""
-    coded = {trial.code: trial.item for trial in design.trials}
-    coded |= {trial.standard_code: trial.standard for trial in design.trials if trial.standard}
-    return {"design.csv": csv_text(design_rows(design)), **key_files(coded, str(design.balance))}
+    return {"design.csv": csv_text(design.trials), **key_files(design.blocks, str(design.balance))}
 
 
 def write_new(folder: Path, texts: Mapping[str, str | bytes]) -> None:
@@ -206,16 +184,18 @@ def join_answers(
     ratings: tuple[int, int] = RATINGS,
 ) -> Judgements:
     """Put the answers to the trials that they belong to."""
-    experiment = design[0]["experiment"]
     planned = {(row["participant"], row["trial"]): row for row in design}
     pairs = []
     for key, answer in _by_trial(answers).items():
-        try:
-            _require_planned(planned, key, answer)
-        except StudyError as error:
-            raise StudyError(f"{error} [{answer['line']}]") from error
+        at = f"[{answer['line']}]"
+        require(key in planned, f"participant and trial must be in the design, got {key[0]!r} and {key[1]!r} {at}")
+        (shown,) = sheet_rows([planned[key]])
+        for name in ("first_code", "second_code", "code", "condition"):
+            if name in shown and answer[name] != shown[name]:
+                said = f"{name} must be {shown[name]!r} in this trial, as planned, got {answer[name]!r}"
+                raise StudyError(f"{said} {at}")
         pairs.append((planned[key], answer))
-    return join_rows(experiment, pairs, largest_estimate, ratings, planned)
+    return join_rows(design[0]["experiment"], pairs, largest_estimate, ratings, planned)
 
 
 def join_rows(
@@ -237,17 +217,24 @@ def join_rows(
                 answered[row["participant"], row["trial"]] = kind.read(row, answer, top, ratings)
         except StudyError as error:
             raise StudyError(f"{error} [{answer['line']}]") from error
-    left = _who_left(planned, answered)
+    got = Counter((planned[key]["participant"], planned[key]["condition"]) for key in answered)
+    left = dict.fromkeys(
+        row["participant"] for row in planned.values() if not got[row["participant"], row["condition"]]
+    )
     stayed = {key: row for key, row in planned.items() if key[0] not in left}
     missing = tuple(key for key in stayed if key not in answered)
-    kept = [name for name in (*_WHEN, "stimulus", "group") if name in next(iter(planned.values()))]
+    kept = [name for name in (*WHEN, "stimulus", "group") if name in next(iter(planned.values()))]
     frame = pd.DataFrame(
         {name: row[name] for name in kept} | {"height": number(row["height_um"]) / 1e6} | answered[key]
         for key, row in stayed.items()
         if key in answered
     )
-    _require_enough(frame, planned)
-    return Judgements(experiment, frame, missing, left)
+    require(not frame.empty, "at least one participant must have answered in every condition, got none")
+    cells = {(row["condition"], row["stimulus"]) for row in planned.values()}
+    for condition, stimulus in sorted(cells - set(zip(frame["condition"], frame["stimulus"], strict=True))):
+        said = f"got no answer for {stimulus} with {condition}"
+        raise StudyError(f"every block must be judged in every condition, {said}")
+    return Judgements(experiment, frame, missing, tuple(left))
 
 
 def read_rows(path: Path, columns: Sequence[str]) -> list[dict[str, str]]:
@@ -298,28 +285,3 @@ def _by_trial(rows: Sequence[Row]) -> dict[Key, Row]:
             )
         found[key] = row
     return found
-
-
-def _require_planned(planned: Mapping[Key, Row], key: Key, answer: Row) -> None:
-    require(key in planned, f"participant and trial must be in the design, got {key[0]!r} and {key[1]!r}")
-    (shown,) = sheet_rows([planned[key]])
-    for name in ("first_code", "second_code", "code", "condition"):
-        if name in shown and answer[name] != shown[name]:
-            raise StudyError(f"{name} must be {shown[name]!r} in this trial, as planned, got {answer[name]!r}")
-
-
-def _who_left(planned: Mapping[Key, Row], answered: Mapping[Key, Any]) -> tuple[str, ...]:
-    got = Counter((planned[key]["participant"], planned[key]["condition"]) for key in answered)
-    gone = {row["participant"] for row in planned.values() if not got[row["participant"], row["condition"]]}
-    return tuple(dict.fromkeys(row["participant"] for row in planned.values() if row["participant"] in gone))
-
-
-def _require_enough(frame: Any, planned: Mapping[Key, Row]) -> None:
-    require(not frame.empty, "at least one participant must have answered in every condition, got none")
-    cells = {(row["condition"], row["stimulus"]) for row in planned.values()}
-    empty = sorted(cells - set(zip(frame["condition"], frame["stimulus"], strict=True)))
-    if empty:
-        condition, stimulus = empty[0]
-        raise StudyError(
-            f"every block must be judged in every condition, got no answer for {stimulus} with {condition}"
-        )
