@@ -19,8 +19,11 @@ from stepblocks.parts.lettering import engraved_text
 from stepblocks.predict.perception import felt_energies
 from stepblocks.predict.predictions import predict_one, tool_of
 from stepblocks.select import matches
+from stepblocks.study import require
 from stepblocks.study.design import Item
 from stepblocks.study.simulate import TYPICAL_OBSERVER, Z95, Observer
+
+_NAMED = (("stimulus", "height_um"), ("standard", "standard_height_um"))  # columns of a design
 
 
 @dataclass(frozen=True)
@@ -29,9 +32,8 @@ class Blocks:
 
     items: tuple[Item, ...]
     faces: Mapping[str, Counterface]  # by identity
-    point: (
-        OperatingPoint  # the first of the set's grid under which every block rings, as far as nothing else is asked for
-    )
+    # the first of the set's grid under which every block rings, as far as nothing else is asked for
+    point: OperatingPoint
 
     def energies(self) -> dict[str, float]:
         """Predict the felt energy [J] of each block, the drag's where one differs from the formula; each must release the probe."""
@@ -40,10 +42,8 @@ class Blocks:
             if not found[name] > 0.0:
                 status = face.release(self.point).status
                 said = "walked over in time" if status is Status.RELEASES else status.value
-                raise PipelineError(
-                    f"every block must release the probe to be felt by its vibration; "
-                    f"{name} is {said} at friction {self.point.friction:g}"
-                )
+                rule = "every block must release the probe to be felt by its vibration"
+                raise PipelineError(f"{rule}; {name} is {said} at friction {self.point.friction:g}")
         return found
 
 
@@ -79,6 +79,19 @@ def blocks_of(
     return Blocks(items, {block.id: block.counterface() for block in blocks}, point)
 
 
+def designed_blocks(
+    design: Sequence[Mapping[str, str]], source: str | Path | None, felt: Mapping[str, float]
+) -> Blocks:
+    """Find the blocks of a design, standards included, in a stimulus file; without one they are sharp steps."""
+    named = [(row[name], row[height]) for row in design for name, height in _NAMED]
+    heights = {name: float(height) / 1e6 for name, height in named if name}
+    blocks = blocks_of(sorted(set(heights.values())) if source is None else source, felt)
+    faces = {name: Step(height) for name, height in heights.items()} if source is None else blocks.faces
+    lacking = ", ".join(sorted(set(heights) - set(faces)))
+    require(not lacking, f"the blocks of the design must be in the stimulus file, got no {lacking} [{source}]")
+    return replace(blocks, faces={name: face for name, face in faces.items() if name in heights})
+
+
 def too_coarse(blocks: Blocks, standard: str, observer: Observer = TYPICAL_OBSERVER) -> str:
     """Say where too few blocks lie so near to a standard that answers can differ; empty where a fit can be expected."""
     try:
@@ -87,20 +100,17 @@ def too_coarse(blocks: Blocks, standard: str, observer: Observer = TYPICAL_OBSER
         return ""  # a block that locks is felt by something else than its vibration
     heights = {item.identity: item.height for item in blocks.items}
     noise = math.sqrt(2.0) * observer.sensation_noise
-    near = [
-        name
-        for name in energies
-        if name != standard and abs(math.log(energies[name] / energies[standard])) < Z95 * noise
-    ]
-    if len(near) >= 2 or len(heights) < 2:
+    apart = [abs(math.log(energies[name] / energies[standard])) for name in energies if name != standard]
+    near = sum(distance < Z95 * noise for distance in apart)
+    if near >= 2 or len(heights) < 2:
         return ""
     face, around = blocks.faces[standard], (0.99, 1.01)
     faces = {f"{share}": replace(face, height=heights[standard] * share) for share in around if isinstance(face, Step)}
     low, high = replace(blocks, faces=faces).energies().values()
     reach = Z95 * noise * 0.02 * heights[standard] / math.log(high / low) * 1e6
-    ends = (heights[standard] * 1e6 - reach, heights[standard] * 1e6 + reach)
+    middle = heights[standard] * 1e6
     return (
-        f"levels are coarse: at a Weber fraction of the energy of {observer.weber:g} only {len(near)} of {len(heights) - 1} blocks "
-        f"are mistaken for {standard} now and then, and a threshold needs two or more; add heights between {ends[0]:.3g} and "
-        f"{ends[1]:.3g} um"
+        f"levels are coarse: at a Weber fraction of the energy of {observer.weber:g} only {near} of {len(heights) - 1} blocks "
+        f"are mistaken for {standard} now and then, and a threshold needs two or more; add heights between "
+        f"{middle - reach:.3g} and {middle + reach:.3g} um"
     )

@@ -10,19 +10,19 @@ import math
 import os
 import threading
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from stepblocks.atomic import inside, replace_text
-from stepblocks.contact.counterface import Step
 from stepblocks.contact.energy import Status, release_at
 from stepblocks.errors import PipelineError, StudyError
 from stepblocks.simulators.renderer import Renderer
 from stepblocks.study import require
-from stepblocks.study.blocks import Blocks, blocks_of
+from stepblocks.study.blocks import Blocks, designed_blocks
+from stepblocks.study.design import WHEN
 from stepblocks.study.experiments import EXPERIMENTS, LARGEST_ESTIMATE, RATINGS, Row, number
 from stepblocks.study.hands import HANDS, Hand, Mouse, Replay
 from stepblocks.study.servo import RATE, Limits, Servo, write_motion
@@ -39,24 +39,18 @@ class Run:
 
     folder: Path
     participant: str
+    design: Sequence[Row]
     blocks: Blocks | None  # of virtual blocks
     hand: Hand | None = None  # of virtual blocks; a mouse where none is given
     scale: float = MAGNIFICATION  # of all blocks alike
-    limits: Limits = field(default_factory=Limits)
     ratings: tuple[int, int] = RATINGS
 
     def __post_init__(self) -> None:
-        design = read_design(self.folder / "design.csv")
-        self.planned = [row for row in design if row["participant"] == self.participant]
-        known = list(dict.fromkeys(row["participant"] for row in design))
-        require(self.planned, f"participant must be one of {', '.join(known)}, got {self.participant!r}")
-        self.kind = EXPERIMENTS[design[0]["experiment"]]
-        self.virtual = design[0]["experiment"] == "virtual"
-        if self.virtual and self.blocks is None:
-            raise PipelineError(
-                "virtual blocks need the stimulus file that they stand in, or heights alone in the design, got none"
-            )
-        self._top = LARGEST_ESTIMATE * max(number(row["height_um"]) for row in design)
+        self.planned = [row for row in self.design if row["participant"] == self.participant]
+        known = ", ".join(dict.fromkeys(row["participant"] for row in self.design))
+        require(self.planned, f"participant must be one of {known}, got {self.participant!r}")
+        experiment = self.planned[0]["experiment"]
+        self.kind, self.virtual = EXPERIMENTS[experiment], self.blocks is not None
         runs = self.folder / "runs"
         path = inside(runs, f"participant-{self.participant}.csv")
         require(path is not None, f"participant must be a plain name, got {self.participant!r}")
@@ -67,7 +61,7 @@ class Run:
         self._lock = (runs / f".{path.stem}.lock").open("w")
         try:
             fcntl.flock(self._lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
-            self.answered = self._resume(design[0]["experiment"])
+            self.answered = self._resume(experiment)
         except BaseException as error:
             self._lock.close()
             if not isinstance(error, OSError):
@@ -103,18 +97,9 @@ class Run:
 
     def state(self) -> dict[str, Any]:
         """Say what a page may show: neither identity nor height, and of a virtual block not even its condition."""
-        row = self.now
-        said: dict[str, Any] = {
-            "participant": self.participant,
-            "of": len(self.planned),
-            "answers": list(self.kind.answers),
-        }
-        said |= {
-            "virtual": self.virtual,
-            "ratings": list(self.ratings),
-            "done": row is None,
-            "running": self._running is not None,
-        }
+        row, running = self.now, self._running is not None
+        said = {"participant": self.participant, "of": len(self.planned), "answers": list(self.kind.answers)}
+        said |= {"virtual": self.virtual, "ratings": list(self.ratings), "done": row is None, "running": running}
         if row is not None:
             hidden = ("participant", *self.kind.answers, *(("condition", "code") if self.virtual else ()))
             said |= {name: text for name, text in sheet_rows([row])[0].items() if name not in hidden}
@@ -124,7 +109,7 @@ class Run:
         """Start the servo loop of a virtual block; one that still runs is ended and begun anew."""
         with self._guard:
             row = self.now
-            if row is None or not self.virtual or self.blocks is None:
+            if row is None or self.blocks is None:
                 return
             self.end()
             face, point = self.blocks.faces[row["stimulus"]], self.blocks.point
@@ -136,7 +121,7 @@ class Run:
             if isinstance(self.hand, Replay):
                 self.hand.rewind()
             # a mouse has no motors: a page that is slow for a moment needs no new start
-            limits = replace(self.limits, dead=_SLOW) if isinstance(self.hand, Mouse) else self.limits
+            limits = Limits(dead=_SLOW) if isinstance(self.hand, Mouse) else Limits()
             self._running = Servo(renderer, self.hand, limits=limits)
             self._running.start()
 
@@ -146,14 +131,10 @@ class Run:
         if servo is None or self.blocks is None:
             return {"x": 0.0, "events": 0, "loudness": 0.0}
         tool, renderer = self.blocks.point.tool, servo.renderer
-        felt = {
-            "x": renderer.proxy[0],
-            "events": renderer.events,
-            "frequency": tool.frequency,
-            "decay": tool.decay_time,
-        }
-        felt["over"] = float(servo.ended != "")  # the watchdog took the force off
-        return felt | {"loudness": abs(renderer.release_force) / self.strongest()}
+        over = float(servo.ended != "")  # the watchdog took the force off
+        rung = {"frequency": tool.frequency, "decay": tool.decay_time}
+        loudness = abs(renderer.release_force) / self.strongest()
+        return {"x": renderer.proxy[0], "events": renderer.events, "over": over, "loudness": loudness, **rung}
 
     def strongest(self) -> float:
         """Return the largest release force of the study's blocks [N]: they share one full scale of sound, and of the page."""
@@ -186,18 +167,16 @@ class Run:
             require(row is not None and trial == row["trial"], f"trial must be the one that is next, got {trial!r}")
             assert row is not None
             given = {name: texts.get(name, "").strip() for name in self.kind.answers}
-            self.kind.read(row, given, self._top, self.ratings)  # says what cannot be read
+            top = LARGEST_ESTIMATE * max(number(one["height_um"]) for one in self.design)
+            self.kind.read(row, given, top, self.ratings)  # says what cannot be read
             if self.virtual:
                 servo = self._running
                 if servo is None:
                     raise StudyError(f"trial {trial} must be felt before it is answered")
                 servo.stop()
                 name = f"trial-{int(trial):04}.h5"
-                told = {
-                    name: row[name]
-                    for name in ("participant", "trial", "condition", "repetition", "stimulus", "height_um")
-                }
-                write_motion(self.path.with_suffix("") / name, servo, told | {"scale": self.scale})
+                told = {name: row[name] for name in (*WHEN, "stimulus", "height_um")} | {"scale": self.scale}
+                write_motion(self.path.with_suffix("") / name, servo, told)
                 self._running = None
             line = csv_text([sheet_rows([row])[0] | given]).splitlines()[1]
             number_of_file = os.open(self.path, os.O_WRONLY | os.O_APPEND)
@@ -262,17 +241,6 @@ def open_run(
     if device not in ("mouse", *HANDS):
         raise PipelineError(f"device must be one of mouse, {', '.join(HANDS)}, got {device!r}")
     design = read_design(Path(folder) / "design.csv")
-    blocks = _virtual(design, source, felt) if design[0]["experiment"] == "virtual" else None
+    blocks = designed_blocks(design, source, felt) if design[0]["experiment"] == "virtual" else None
     hand = HANDS[device](library) if blocks is not None and device in HANDS else None
-    return Run(Path(folder), participant, blocks, hand, scale, ratings=ratings)
-
-
-def _virtual(design: Sequence[Row], source: str | Path | None, felt: Mapping[str, float]) -> Blocks:
-    heights = {row["stimulus"]: number(row["height_um"]) / 1e6 for row in design}
-    blocks = blocks_of(sorted(set(heights.values())) if source is None else source, felt)
-    faces = dict(blocks.faces) if source is not None else {name: Step(height) for name, height in heights.items()}
-    lacking = sorted(set(heights) - set(faces))
-    require(
-        not lacking, f"the blocks of the design must be in the stimulus file, got no {', '.join(lacking)} [{source}]"
-    )
-    return Blocks(blocks.items, {name: faces[name] for name in heights}, blocks.point)
+    return Run(Path(folder), participant, design, blocks, hand, scale, ratings)

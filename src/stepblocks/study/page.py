@@ -4,17 +4,14 @@ from __future__ import annotations
 
 import io
 from collections.abc import Iterator, Mapping, Sequence
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
 from stepblocks.page_file import render_page
-from stepblocks.study.analysis.results import StudyResult
+from stepblocks.study.analysis.results import FIGURES, StudyResult
 from stepblocks.study.experiments import EXPERIMENTS
 from stepblocks.study.prose import headline, journal_table, methods
-
-if TYPE_CHECKING:
-    pass
 
 _COLOURS = ("#1f6f8b", "#c8553d", "#588157", "#7b4fa3", "#b08900", "#5b6b79")
 _INK, _LINE = "#1d2a36", "#999999"
@@ -49,14 +46,11 @@ Sheets = Mapping[str, Sequence[Mapping[str, str]]]  # rows of a blinded run shee
 
 def render_study(result: StudyResult) -> str:
     """Draw the report: figures, tables, checks; one file that needs no network."""
-    # four digits are read; all of them stand in results.csv
-    shown = {"df": "{:.8g}", "df_error": "{:.8g}"} | dict.fromkeys(
-        ("estimate", "low_95", "high_95", "statistic", "p"), "{:.4g}"
-    )
     table = result.table()
     mixed = [one.mixed for one in result.measures]
-    for name, form in shown.items():
-        table[name] = ["" if value != value else form.format(value) for value in table[name]]
+    for name in FIGURES:  # four digits are read; all of them stand in results.csv
+        digits = 8 if name.startswith("df") else 4
+        table[name] = ["" if value != value else f"{value:.{digits}g}" for value in table[name]]
     return render_page(
         "study",
         "study.html",
@@ -92,10 +86,9 @@ def render_sheets_pdf(title: str, sheets: Sheets) -> bytes:
 def sheet_pages(title: str, sheets: Sheets) -> Iterator[Any]:
     """Draw the pages of the run sheets, each a matplotlib figure."""
     for participant, rows in sheets.items():
-        count = -(-len(rows) // _ROWS)
-        for number in range(count):
-            part = rows[number * _ROWS : (number + 1) * _ROWS]
-            yield _page(f"{title}   participant {participant}", f"page {number + 1} of {count}", part)
+        parts = [rows[start : start + _ROWS] for start in range(0, len(rows), _ROWS)]
+        for number, part in enumerate(parts, start=1):
+            yield _page(f"{title}   participant {participant}", f"page {number} of {len(parts)}", part)
 
 
 def _page(title: str, foot: str, rows: Sequence[Mapping[str, str]]) -> Any:
@@ -113,8 +106,7 @@ def _page(title: str, foot: str, rows: Sequence[Mapping[str, str]]) -> Any:
     axes.text(_LEFT, 267.0, _NOTE, fontsize=9, va="center")
     axes.text(_A4[0] - _LEFT, 12.0, foot, fontsize=9, ha="right", va="center")
     columns = [name for name in rows[0] if name != "participant"]
-    blank = [not any(row[name] for row in rows) for name in columns]
-    shares = [_ANSWER_SHARE if empty else 1.0 for empty in blank]
+    shares = [1.0 if any(row[name] for row in rows) else _ANSWER_SHARE for name in columns]
     wide = (_A4[0] - 2.0 * _LEFT) / sum(shares)
     edges = [_LEFT + wide * sum(shares[:index]) for index in range(len(columns) + 1)]
     low = _TOP - _ROW * (len(rows) + 1)
@@ -137,20 +129,8 @@ def study_figures(result: StudyResult) -> Iterator[tuple[str, str]]:
     from matplotlib.figure import Figure
     from matplotlib.rcsetup import cycler
 
-    for draw, found, caption in (
-        (_estimates, result.measures, "Estimates against height; bars: standard deviation of the judgements."),
-        (_participants, result.measures, "Every participant: a line each; black: the mean."),
-        (_intervals, result.measures, "Differences between conditions with the intervals of both analyses."),
-        (
-            _residuals,
-            result.measures,
-            "Residuals of the mixed model of the absolute error: against fitted values, and their quantiles against the normal's.",
-        ),
-        (_ratings, result.ordinal, "Share of each rating of realism."),
-        (_curves, result.curves, 'Share of answers "higher", with the fitted functions; area of a dot: trials.'),
-        (_magnitudes, result.power_law, "Magnitudes against height, one line per participant."),
-    ):
-        if not found:
+    for draw, found, caption in _FIGURES:
+        if not getattr(result, found):
             continue
         style = {"svg.fonttype": "path", "font.size": 10, "axes.prop_cycle": cycler(color=_COLOURS)}
         with mpl.rc_context({"svg.hashsalt": draw.__name__, **style}):
@@ -176,13 +156,14 @@ def _estimates(figure: Any, result: Any) -> None:
     axes.legend(frameon=False)
 
 
-def _shown(measure: Any) -> tuple[float, str]:
-    return (1.0, "ln um") if measure.logarithmic else (1e6, "um")
+def _panels(figure: Any, result: Any) -> Iterator[tuple[Any, Any, float, str]]:
+    """Give axes to each measure, with the factor and the unit in which it is shown."""
+    for axes, measure in zip(np.atleast_1d(figure.subplots(1, len(result.measures))), result.measures, strict=True):
+        yield axes, measure, *((1.0, "ln um") if measure.logarithmic else (1e6, "um"))
 
 
 def _participants(figure: Any, result: Any) -> None:
-    for axes, measure in zip(_panels(figure, result), result.measures, strict=True):
-        factor, unit = _shown(measure)
+    for axes, measure, factor, unit in _panels(figure, result):
         shift = np.log(1e6) if measure.logarithmic else 0.0
         table = measure.frame.groupby(["participant", "condition"])["value"].mean().unstack() * factor + shift
         x = np.arange(table.shape[1])
@@ -196,13 +177,8 @@ def _participants(figure: Any, result: Any) -> None:
         axes.set(title=f"{measure.name}, {unit}", xlim=(-0.4, len(x) - 0.6))
 
 
-def _panels(figure: Any, result: Any) -> Any:
-    return np.atleast_1d(figure.subplots(1, len(result.measures)))
-
-
 def _intervals(figure: Any, result: Any) -> None:
-    for axes, measure in zip(_panels(figure, result), result.measures, strict=True):
-        factor, unit = _shown(measure)
+    for axes, measure, factor, unit in _panels(figure, result):
         names = [f"{one.first} - {one.second}" for one in measure.f_test.intervals]
         for offset, label, family in (
             (0.12, "Tukey after the F-test", measure.f_test.intervals),
@@ -235,12 +211,11 @@ def _residuals(figure: Any, result: Any) -> None:
 def _ratings(figure: Any, result: Any) -> None:
     axes, frame = figure.subplots(), result.frame
     ratings = np.arange(int(frame["rating"].min()), int(frame["rating"].max()) + 1)
-    groups = list(frame.groupby("condition"))
+    groups = list(frame.groupby("condition")["rating"])
     width = 0.8 / len(groups)
     for index, (name, own) in enumerate(groups):
-        share = [float((own["rating"] == rating).mean()) for rating in ratings]
         x = ratings + (index - 0.5 * (len(groups) - 1)) * width
-        axes.bar(x, share, width, label=str(name))
+        axes.bar(x, [float((own == rating).mean()) for rating in ratings], width, label=str(name))
     axes.set_xticks(ratings)
     axes.set(xlabel="rating of realism", ylabel="share")
     axes.legend(frameon=False)
@@ -274,3 +249,20 @@ def _magnitudes(figure: Any, result: Any) -> None:
         means = own.assign(log=np.log(own["magnitude"])).groupby("height")["log"].mean()
         axes.loglog(means.index.to_numpy() * 1e6, np.exp(means), "o-", ms=3, lw=1)
     axes.set(xlabel="height, um", ylabel="geometric mean of magnitudes")
+
+
+# what draws, the part of the result that it needs, and its caption
+_FIGURES = (
+    (_estimates, "measures", "Estimates against height; bars: standard deviation of the judgements."),
+    (_participants, "measures", "Every participant: a line each; black: the mean."),
+    (_intervals, "measures", "Differences between conditions with the intervals of both analyses."),
+    (
+        _residuals,
+        "measures",
+        "Residuals of the mixed model of the absolute error: against fitted values, and their "
+        "quantiles against the normal's.",
+    ),
+    (_ratings, "ordinal", "Share of each rating of realism."),
+    (_curves, "curves", 'Share of answers "higher", with the fitted functions; area of a dot: trials.'),
+    (_magnitudes, "power_law", "Magnitudes against height, one line per participant."),
+)

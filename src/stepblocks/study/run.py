@@ -12,13 +12,12 @@ from types import MappingProxyType
 from typing import TYPE_CHECKING, Any
 
 from stepblocks.atomic import replace_text
-from stepblocks.contact.counterface import Step
 from stepblocks.errors import PipelineError, StudyError
 from stepblocks.page_file import render_page
 from stepblocks.study import require
 from stepblocks.study.analysis.accuracy import ANSWER
 from stepblocks.study.analysis.results import StudyResult
-from stepblocks.study.blocks import blocks_of, too_coarse
+from stepblocks.study.blocks import blocks_of, designed_blocks, too_coarse
 from stepblocks.study.design import Design
 from stepblocks.study.exchange import judgements_of_table
 from stepblocks.study.experiments import ALIASES, EXPERIMENTS, LARGEST_ESTIMATE, RATINGS
@@ -33,21 +32,11 @@ from stepblocks.study.sheet import (
     simulate_answers,
     write_new,
 )
-from stepblocks.study.simulate import (
-    TYPICAL_OBSERVER,
-    Observer,
-    PowerEstimate,
-    SimulatedStudy,
-    detection_power,
-    estimate_power,
-)
+from stepblocks.study.simulate import TYPICAL_OBSERVER, Observer, SimulatedStudy, detection_power, estimate_power
 from stepblocks.tables import csv_text, write_table
 
 if TYPE_CHECKING:
     import pandas as pd
-
-
-_NAMED = (("stimulus", "height_um"), ("standard", "standard_height_um"))
 
 
 def design_study(
@@ -189,13 +178,8 @@ def simulate_study(
         unknown = sorted(set(given or {}) - set(known))
         if unknown:
             raise PipelineError(f"{said} must name conditions of the design ({', '.join(known)}), got {unknown[0]!r}")
-    pairs = [(row[name], row[height]) for row in design for name, height in _NAMED if row[name]]
-    heights = {name: float(height) * 1e-6 for name, height in pairs}
-    blocks = blocks_of(sorted(set(heights.values())) if source is None else source, felt)
-    if source is None:  # whatever their names
-        blocks = replace(blocks, faces={name: Step(height) for name, height in heights.items()})
-    wanted = replace(blocks, faces={name: face for name, face in blocks.faces.items() if name in heights})
-    answers = simulate_answers(design, wanted.energies(), damping or {}, observer, seed, noise or {})
+    energies = designed_blocks(design, source, felt).energies()
+    answers = simulate_answers(design, energies, damping or {}, observer, seed, noise or {})
     write_new(output.parent, {output.name: csv_text(answers)})
     return len(answers)
 
@@ -362,6 +346,10 @@ def study_power(
     energies = blocks.energies()
     heights = {item.identity: item.height for item in blocks.items}
     rows = []
+    names = tuple(dict.fromkeys((*probes, *(damping or {}), *(noise or {}))))
+    factors = tuple((name, (damping or {}).get(name, 1.0)) for name in names)
+    noises = tuple((noise or {}).get(name, 1.0) for name in names)
+    sizes = (tuple(heights.values()), tuple(energies.values()), factors, observer, noises, measure)
     for people, times in itertools.product(participants, repetitions):
         size: dict[str, Any] = {"participants": people, "repetitions": times}
         if ALIASES.get(experiment, experiment) == "constant":
@@ -370,29 +358,12 @@ def study_power(
                 ratio = energies[name] / energies[standard]
                 found = detection_power(people, 2 * times, ratio, observer, runs, seed)
                 size |= {"judgements_each": 2 * times, "stimulus": name, "height_um": heights[name] * 1e6}
-                rows.append({"analysis": "2afc"} | size | _power_columns(found) | {"runs": runs})
+                rows.append({"analysis": "2afc"} | size | found.columns() | {"runs": runs})
             continue
-        names = tuple(dict.fromkeys((*probes, *(damping or {}), *(noise or {}))))
-        factors = tuple((name, (damping or {}).get(name, 1.0)) for name in names)
-        noises = tuple((noise or {}).get(name, 1.0) for name in names)
-        plan = SimulatedStudy(
-            people,
-            times,
-            tuple(heights.values()),
-            tuple(energies.values()),
-            factors,
-            observer,
-            noise=noises,
-            measure=measure,
-        )
-        found = estimate_power(plan, analysis, runs, seed, jobs)
+        found = estimate_power(SimulatedStudy(people, times, *sizes), analysis, runs, seed, jobs)
         size["judgements_each"] = times * len(heights) * len(names)
-        rows.append({"measure": measure, "analysis": analysis} | size | _power_columns(found) | {"runs": runs})
+        rows.append({"measure": measure, "analysis": analysis} | size | found.columns() | {"runs": runs})
     table = pd.DataFrame(rows)
     if output is not None:
         write_table(table, Path(output), "%.3f")
     return table
-
-
-def _power_columns(found: PowerEstimate) -> dict[str, float]:
-    return {"power_ratio": found.power, "low_95_ratio": found.low, "high_95_ratio": found.high}

@@ -99,22 +99,30 @@ class PowerEstimate:
     low: float  # ends of its 95 % interval by Wilson
     high: float
 
+    def columns(self) -> dict[str, float]:
+        """Lay it out as columns of a table."""
+        return {"power_ratio": self.power, "low_95_ratio": self.low, "high_95_ratio": self.high}
+
+
+def _of_hits(hits: int, runs: int) -> PowerEstimate:
+    from statsmodels.stats.proportion import proportion_confint
+
+    low, high = proportion_confint(hits, runs, method="wilson")
+    return PowerEstimate(hits / runs, float(low), float(high))
+
 
 def detection_power(
     participants: int, trials: int, ratio: float, observer: Observer, runs: int, seed: int
 ) -> PowerEstimate:
     """Estimate how often a pair of blocks, whose energies have a ratio, is told apart: participants' shares right against one half."""
     from scipy import stats
-    from statsmodels.stats.proportion import proportion_confint
 
     require(participants >= 2, f"a t-test over participants needs at least 2, got {participants}")
     noise = max(math.sqrt(2.0) * observer.sensation_noise, 1e-12)
     right = (1.0 - observer.lapse) * float(stats.norm.cdf(abs(math.log(ratio)) / noise)) + 0.5 * observer.lapse
     shares = np.random.default_rng(seed).binomial(trials, right, (runs, participants)) / trials
     mean, spread = shares.mean(axis=1) - 0.5, shares.std(axis=1, ddof=1) / math.sqrt(participants)
-    hits = int(np.sum(mean > stats.t.ppf(0.95, participants - 1) * spread))
-    low, high = proportion_confint(hits, runs, method="wilson")
-    return PowerEstimate(hits / runs, float(low), float(high))
+    return _of_hits(int(np.sum(mean > stats.t.ppf(0.95, participants - 1) * spread)), runs)
 
 
 ANALYSES = ("f-test", "mixed")  # the paper's F-test, and the mixed model
@@ -183,7 +191,6 @@ def estimate_power(
 ) -> PowerEstimate:
     """Estimate the power of a study at the 5 % level by simulation; `analysis` is one of `ANALYSES`."""
     from joblib import Parallel, delayed
-    from statsmodels.stats.proportion import proportion_confint
 
     from stepblocks.workers import die_with_parent
 
@@ -196,6 +203,4 @@ def estimate_power(
     found = Parallel(n_jobs=jobs, initializer=die_with_parent)(
         delayed(p_values)(plan, analysis, part) for part in parts
     )
-    hits = sum(p < 0.05 for part in found for p in part)
-    low, high = proportion_confint(hits, runs, method="wilson")
-    return PowerEstimate(hits / runs, float(low), float(high))
+    return _of_hits(sum(p < 0.05 for part in found for p in part), runs)

@@ -18,23 +18,12 @@ if TYPE_CHECKING:
     import pandas as pd
 
 # Columns of results.csv; the unit of estimate, low and high stands in each row
-COLUMNS = (
-    "measure",
-    "analysis",
-    "quantity",
-    "unit",
-    "estimate",
-    "low_95",
-    "high_95",
-    "statistic",
-    "df",
-    "df_error",
-    "p",
-)
+FIGURES = ("estimate", "low_95", "high_95", "statistic", "df", "df_error", "p")
+COLUMNS = ("measure", "analysis", "quantity", "unit", *FIGURES)
 _IN_UM = ("height", "estimate", "error", "standard")  # columns of the judgements that are lengths [m]
 
 Row = dict[str, Any]
-Ends = tuple[float, float, float]  # estimate, low, high
+Ends = tuple[float, ...]  # estimate, low, high
 
 
 @dataclass(frozen=True)
@@ -80,7 +69,8 @@ class StudyResult:
         """Lay out every figure with its unit, in `COLUMNS`; not-a-number where a row has none."""
         import pandas as pd
 
-        return pd.DataFrame([*_accuracy(self), *_ratings(self), *_curves(self), *_magnitudes(self)], columns=COLUMNS)
+        accuracy = [row | {"measure": one.name} for one in self.measures for row in _measure(one)]
+        return pd.DataFrame([*accuracy, *_ratings(self), *_curves(self), *_magnitudes(self)], columns=COLUMNS)
 
     def results_csv(self) -> str:
         """Write the table."""
@@ -113,23 +103,14 @@ def _term(analysis: str, term: Term) -> Row:
     return _span(analysis, name, ends, statistic=term.f, df=term.df, df_error=term.df_error, p=term.p)
 
 
-def _ratio(ends: Ends) -> Ends:
-    middle, low, high = map(math.exp, ends)
-    return middle, low, high
-
-
 def _intervals(analysis: str, intervals: tuple[Interval, ...], df_error: float, logarithmic: bool) -> Iterator[Row]:
     for one in intervals:
         name, ends = f"{one.first} minus {one.second}", (one.difference, one.low, one.high)
-        shown = (f"{one.first} over {one.second}", _ratio(ends), "1") if logarithmic else (name, ends, "um")
+        shown = (
+            (f"{one.first} over {one.second}", tuple(map(math.exp, ends)), "1") if logarithmic else (name, ends, "um")
+        )
         yield _span(analysis, *shown, df_error=df_error, p=one.p)
         yield _row(analysis, f"{name}, over the residual standard deviation", estimate=one.effect_size)
-
-
-def _accuracy(result: StudyResult) -> Iterator[Row]:
-    for measure in result.measures:
-        for row in _measure(measure):
-            yield row | {"measure": measure.name}
 
 
 def _measure(measure: Measure) -> Iterator[Row]:
@@ -143,7 +124,7 @@ def _measure(measure: Measure) -> Iterator[Row]:
     for name, mean, error in mixed.means:
         ends = (mean, mean - Z975 * error, mean + Z975 * error)
         said = f"mean {'error' if measure.name == 'bias' else measure.name} with {name}"
-        yield _span("mixed model", said, _ratio(ends) if log else ends, "um")
+        yield _span("mixed model", said, tuple(map(math.exp, ends)) if log else ends, "um")
     unit, factor = ("1", 1.0) if log else ("um", 1e6)
     for name, spread in (
         ("participants", mixed.sd_participant),
@@ -157,11 +138,8 @@ def _measure(measure: Measure) -> Iterator[Row]:
         yield _row("equivalence", said, unit, high_95=bound, df_error=one.df)
         if math.isfinite(one.margin):
             said = f"{name} differ by less than the margin"
-            yield _row("equivalence", said, unit, estimate=one.margin * 1e6) | {
-                "statistic": one.statistic,
-                "df_error": one.df,
-                "p": one.p,
-            }
+            tested = {"statistic": one.statistic, "df_error": one.df, "p": one.p}
+            yield _row("equivalence", said, unit, estimate=one.margin * 1e6, **tested)
     for term in measure.groups:
         yield _term("groups", term)
     df_error = measure.groups[0].df_error if measure.groups else math.nan
@@ -179,8 +157,7 @@ def _ratings(result: StudyResult) -> Iterator[Row]:
     if fit.participants is not None:
         yield _row(analysis, "all predictors, F over participants") | fit.participants
     for effect in fit.effects:
-        ends = (effect.ratio, effect.low, effect.high)
-        yield _span(analysis, f"odds of a higher rating, {effect.name}", ends)
+        yield _span(analysis, f"odds of a higher rating, {effect.name}", (effect.ratio, effect.low, effect.high))
         for cut, value in enumerate(effect.by_cut, start=1):
             yield _row("check", f"log odds at cut {cut} alone, {effect.name}", estimate=value)
 
@@ -191,10 +168,12 @@ def _curves(result: StudyResult) -> Iterator[Row]:
         if fit is None:
             yield _row(analysis, f"{name}: not fitted, {curve.reason}")
             continue
-        ends = (fit.threshold, fit.threshold_low, fit.threshold_high)
-        yield _span(analysis, f"{name}, point of subjective equality", ends, "um")
-        ends = (fit.weber, fit.weber_low, fit.weber_high)
-        yield _span(analysis, f"{name}, Weber fraction of the height", ends)
+        equal, weber = (
+            (fit.threshold, fit.threshold_low, fit.threshold_high),
+            (fit.weber, fit.weber_low, fit.weber_high),
+        )
+        yield _span(analysis, f"{name}, point of subjective equality", equal, "um")
+        yield _span(analysis, f"{name}, Weber fraction of the height", weber)
         yield _row(analysis, f"{name}, lapse rate", estimate=fit.lapse)
         yield _row(analysis, f"{name}, deviance", statistic=fit.deviance, df=fit.df)
 
@@ -203,8 +182,7 @@ def _magnitudes(result: StudyResult) -> Iterator[Row]:
     law = result.power_law
     if law is None:
         return
-    ends = (law.exponent, law.low, law.high)
-    yield _span("power law", "exponent of the height, mean of participants", ends)
+    yield _span("power law", "exponent of the height, mean of participants", (law.exponent, law.low, law.high))
     for person, exponent, correlation in law.by_participant:
         yield _row("power law", f"participant {person}, exponent", estimate=exponent)
         yield _row("power law", f"participant {person}, correlation of the logarithms", estimate=correlation)
