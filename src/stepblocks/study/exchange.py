@@ -71,15 +71,11 @@ def judgements_of_table(
         one.setdefault("condition", _DEFAULTS[experiment])
         needed = ["participant", "condition", "height_um", *kind.answers]
         lacking = [name for name in needed if not one.get(name) and (name not in one or name not in kind.answers)]
-        require(
-            not lacking,
-            f"a table must have {', '.join(needed)} (name yours by --columns), got no {', '.join(lacking)} [{row['line']}]",
-        )
-        require(
-            number(one["height_um"]) > 0.0,
-            f"height_um must be a positive number, got {one['height_um']!r} [{row['line']}]",
-        )
-        one.setdefault("stimulus", f"step-{number(one['height_um']):03.6g}")
+        wanted, at = f"{', '.join(needed)} (name yours by --columns)", f"[{row['line']}]"
+        require(not lacking, f"a table must have {wanted}, got no {', '.join(lacking)} {at}")
+        height = number(one["height_um"])
+        require(height > 0.0, f"height_um must be a positive number, got {one['height_um']!r} {at}")
+        one.setdefault("stimulus", f"step-{height:03.6g}")
         one.setdefault("standard_height_um", one["height_um"])
         own, cell = (one["participant"],), (one["participant"], one["condition"], one["stimulus"])
         keys.update([own, cell])
@@ -135,53 +131,39 @@ def share_study(folder: str | Path, answers: Sequence[str | Path], output: str |
     require(form in FORMATS, f"form must be one of {', '.join(FORMATS)}, got {form!r}")
     design = read_design(Path(folder) / "design.csv")
     experiment = design[0]["experiment"]
-    if form == "psychopy":
-        files = _psychopy(design)
+    kind, people = EXPERIMENTS[experiment], dict[str, list[Row]]()
+    if form == "psychopy":  # blinded, in order, for a loop with ``sequential``; headers are Python names
+        for row in sheet_rows(design):
+            shown = {name: text for name, text in row.items() if name not in kind.answers}
+            people.setdefault(row["participant"], []).append(shown)
+        files = {f"conditions-{who}.csv": csv_text(rows) for who, rows in people.items()}
     else:
         rows = [row for path in sheets_of(answers) for row in read_answers(path, experiment)]
         given = {(row["participant"], row["trial"]): row for row in rows}
-        kind = EXPERIMENTS[experiment]
-        shown = [name for name in _SAID if name in design[0] and (kind.paired or not name.startswith("standard"))]
-        table = [
-            {name: row[name] for name in shown} | {name: answer[name] for name in kind.answers}
-            for row in design
-            if (answer := given.get((row["participant"], row["trial"]))) is not None
-        ]
-        require(table, "the answers must belong to the design, got none that does")
-        people: dict[str, list[dict[str, str]]] = {}
-        for one in table:
-            people.setdefault(one["participant"], []).append(one)
-        files = (_bids if form == "bids" else _psych_ds)(experiment, people)
+        columns = [name for name in _SAID if name in design[0] and (kind.paired or not name.startswith("standard"))]
+        for row in design:
+            if answer := given.get((row["participant"], row["trial"])):
+                one = {name: row[name] for name in columns} | {name: answer[name] for name in kind.answers}
+                people.setdefault(row["participant"], []).append(one)
+        require(people, "the answers must belong to the design, got none that does")
+        labels = {who: re.sub(r"[^0-9A-Za-z]", "", who) for who in people}  # as both forms allow them
+        alike = len(set(labels.values())) < len(labels) or not all(labels.values())
+        require(not alike, f"participants must differ in letters and digits, got {list(people)[:5]}")
+        files = (_bids if form == "bids" else _psych_ds)(experiment, people, labels)
     write_new(Path(output), files)
     return sorted(files)
 
 
-def _described(experiment: str) -> dict[str, Any]:
-    return {
-        "Name": EXPERIMENTS[experiment].title,
-        "BIDSVersion": "1.9.0",
-        "DatasetType": "raw",
-        "GeneratedBy": [{"Name": "stepblocks", "Version": version("stepblocks")}],
-    }
-
-
-def _labels(people: Mapping[str, Any]) -> dict[str, str]:
-    """Return names of participants as both forms allow them."""
-    labels = {who: re.sub(r"[^0-9A-Za-z]", "", who) for who in people}
-    alike = len(set(labels.values())) < len(labels) or not all(labels.values())
-    require(not alike, f"participants must differ in letters and digits, got {list(people)[:5]}")
-    return labels
-
-
-def _bids(experiment: str, people: Mapping[str, Sequence[Mapping[str, str]]]) -> dict[str, str]:
-    labels = _labels(people)
-    columns = list(next(iter(people.values()))[0])
+def _bids(experiment: str, people: Mapping[str, Sequence[Row]], labels: Mapping[str, str]) -> dict[str, str]:
+    columns, title = list(next(iter(people.values()))[0]), EXPERIMENTS[experiment].title
     said = {name: {"Description": _SAID[name], **({"Units": "um"} if name.endswith("_um") else {})} for name in columns}
+    described = {"Name": title, "BIDSVersion": "1.9.0", "DatasetType": "raw"}
+    made = {"GeneratedBy": [{"Name": "stepblocks", "Version": version("stepblocks")}]}
+    listed = "".join(f"sub-{label}\t{who}\n" for who, label in labels.items())
     files = {
-        "dataset_description.json": json.dumps(_described(experiment), indent=1),
-        "README": f"{EXPERIMENTS[experiment].title}. {_ROWS} Lengths are in micrometres.\n",
-        "participants.tsv": "participant_id\tname\n"
-        + "".join(f"sub-{label}\t{who}\n" for who, label in labels.items()),
+        "dataset_description.json": json.dumps(described | made, indent=1),
+        "README": f"{title}. {_ROWS} Lengths are in micrometres.\n",
+        "participants.tsv": f"participant_id\tname\n{listed}",
         "participants.json": json.dumps({"name": {"Description": "name of the participant in the design"}}, indent=1),
         f"task-{experiment}_beh.json": json.dumps({"TaskName": experiment, **said}, indent=1),
     }
@@ -191,26 +173,16 @@ def _bids(experiment: str, people: Mapping[str, Sequence[Mapping[str, str]]]) ->
     return files
 
 
-def _psych_ds(experiment: str, people: Mapping[str, Sequence[Mapping[str, str]]]) -> dict[str, str]:
-    columns = list(next(iter(people.values()))[0])
-    described = {
+def _psych_ds(experiment: str, people: Mapping[str, Sequence[Row]], labels: Mapping[str, str]) -> dict[str, str]:
+    columns, title = list(next(iter(people.values()))[0]), EXPERIMENTS[experiment].title
+    described: dict[str, Any] = {
         "@context": "https://schema.org/",
         "@type": "Dataset",
-        "name": EXPERIMENTS[experiment].title,
+        "name": title,
         "description": _ROWS,
-        "variableMeasured": [{"@type": "PropertyValue", "name": name, "description": _SAID[name]} for name in columns],
     }
-    files = {"dataset_description.json": json.dumps(described, indent=1)}
+    variables = [{"@type": "PropertyValue", "name": name, "description": _SAID[name]} for name in columns]
+    files = {"dataset_description.json": json.dumps(described | {"variableMeasured": variables}, indent=1)}
     for who, rows in people.items():
-        files[f"data/study-{experiment}_subject-{_labels(people)[who]}_data.csv"] = csv_text(rows, columns)
+        files[f"data/study-{experiment}_subject-{labels[who]}_data.csv"] = csv_text(rows, columns)
     return files
-
-
-def _psychopy(design: Sequence[Row]) -> dict[str, str]:
-    """One blinded conditions file per participant: rows in order, for a loop with ``sequential``; headers are Python names."""
-    sheets: dict[str, list[Row]] = {}
-    kind = EXPERIMENTS[design[0]["experiment"]]
-    for row in sheet_rows(design):
-        shown = {name: text for name, text in row.items() if name not in kind.answers}
-        sheets.setdefault(row["participant"], []).append(shown)
-    return {f"conditions-{who}.csv": csv_text(rows) for who, rows in sheets.items()}

@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator
 from importlib.metadata import version
-from typing import Any
 
 from stepblocks.study.analysis.accuracy import ANSWER, Measure
 from stepblocks.study.analysis.anova import Interval
@@ -16,7 +15,7 @@ _LEVEL = 0.05
 
 def headline(result: StudyResult) -> str:
     """Say what was found in one sentence, or one for the estimates and one for the ratings."""
-    said = [*_estimates(result), *_ratings(result), *_comparisons(result), *_magnitudes(result)]
+    said = [*_estimates(result), *_others(result)]
     return " ".join(f"{text[0].upper()}{text[1:]}." for text in said)
 
 
@@ -66,13 +65,10 @@ def _um(one: Interval, shown: float | None = None) -> str:
     return f"{difference * 1e6:.2g} um (95 % {low * 1e6:.2g} to {high * 1e6:.2g})"
 
 
-def _ratings(result: StudyResult) -> Iterator[str]:
+def _others(result: StudyResult) -> Iterator[str]:
     for effect in result.ordinal.effects if result.ordinal else ():
         ends = f"(95 % {effect.low:.2g} to {effect.high:.2g})"
         yield f"the odds of a higher rating of realism are {effect.ratio:.2g} times those without {effect.name} {ends}"
-
-
-def _comparisons(result: StudyResult) -> Iterator[str]:
     for curve in result.curves[-1:]:
         fit = curve.fit
         if fit is None:
@@ -83,9 +79,6 @@ def _comparisons(result: StudyResult) -> Iterator[str]:
             f"{fit.threshold_high * 1e6:.3g}), and a height must differ by {fit.weber * 100.0:.2g} % to be told apart "
             f"(95 % {fit.weber_low * 100.0:.2g} to {fit.weber_high * 100.0:.2g})"
         )
-
-
-def _magnitudes(result: StudyResult) -> Iterator[str]:
     if law := result.power_law:
         yield f"the felt magnitude grows with the height to the power of {law.exponent:.2g} (95 % {law.low:.2g} to {law.high:.2g})"
 
@@ -127,29 +120,17 @@ def journal_table(result: StudyResult) -> list[dict[str, str]]:
     """Lay out means and tests as the Publication Manual of the APA (7th ed., 6.36, 6.43, 7.21) asks for."""
     rows = []
     for measure in result.measures:
-        data, unit = measure.frame, "ln um" if measure.logarithmic else "um"
-        means = data.groupby(["condition", "participant"])["value"].mean().groupby("condition").agg(["mean", "std"])
-        shown = {name: _mean_and_sd(measure, row) for name, row in means.iterrows()}
-        term = measure.mixed.condition
-        tested = (
-            {}
-            if term is None
-            else {
-                "F": f"F({term.df:g}, {term.df_error:g}) = {term.f:.2f}",
-                "p": apa_p(term.p),
-                "eta": f"{term.eta_squared:.2f}".lstrip("0")
-                + f" [{term.eta_low:.2f}, {term.eta_high:.2f}]".replace("0.", "."),
-            }
-        )
-        rows.append({"measure": f"{measure.name}, {unit}"} | shown | tested)
+        factor, shift, unit = (1.0, math.log(1e6), "ln um") if measure.logarithmic else (1e6, 0.0, "um")
+        means = measure.frame.groupby(["condition", "participant"])["value"].mean().groupby("condition")
+        row = {"measure": f"{measure.name}, {unit}"}
+        for name, own in means:
+            row[name] = f"{own.mean() * factor + shift:.2f} ({own.std() * factor:.2f})"
+        if (term := measure.mixed.condition) is not None:
+            ends = f"[{term.eta_low:.2f}, {term.eta_high:.2f}]".replace("0.", ".")
+            row["F"] = f"F({term.df:g}, {term.df_error:g}) = {term.f:.2f}"
+            row |= {"p": apa_p(term.p), "eta": f"{term.eta_squared:.2f}".lstrip("0") + f" {ends}"}
+        rows.append(row)
     return rows
-
-
-def _mean_and_sd(measure: Measure, row: Any) -> str:
-    mean, spread = float(row["mean"]), float(row["std"])
-    if measure.logarithmic:
-        return f"{mean + math.log(1e6):.2f} ({spread:.2f})"
-    return f"{mean * 1e6:.2f} ({spread * 1e6:.2f})"
 
 
 def apa_p(p: float) -> str:

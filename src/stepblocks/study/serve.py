@@ -50,12 +50,8 @@ class _Handler(BaseHTTPRequestHandler):
         if not self._ours(None):
             return
         if self.path == "/":
-            told = {
-                "participant": run.participant,
-                "virtual": run.virtual,
-                "metres": max(1e-4, 1.2 * run.reach / _PULL),
-            }
-            page = render_page("study", "run.html", token=self.server.token, **told)
+            told = {"participant": run.participant, "virtual": run.virtual, "token": self.server.token}
+            page = render_page("study", "run.html", metres=max(1e-4, 1.2 * run.reach / _PULL), **told)
             self._send(200, page, "text/html; charset=utf-8")
         elif self.path == "/state":
             self._json(200, run.state())
@@ -106,8 +102,7 @@ class _Handler(BaseHTTPRequestHandler):
         body = text.encode()
         self.send_response(status)
         headers = {"Content-Type": kind, "Content-Length": str(len(body)), "Cache-Control": "no-store"}
-        headers["Content-Security-Policy"] = _POLICY
-        for name, value in headers.items():
+        for name, value in (headers | {"Content-Security-Policy": _POLICY}).items():
             self.send_header(name, value)
         self.end_headers()
         self.wfile.write(body)

@@ -20,21 +20,8 @@ from stepblocks.study.hands import Hand
 
 RATE = 1000.0  # Hz
 # What is written of every tick; `force` is the renderer's, `applied` what the limits left of it
-COLUMNS = (
-    *(
-        "time_s",
-        "x_m",
-        "y_m",
-        "z_m",
-        "force_x_n",
-        "force_y_n",
-        "force_z_n",
-        "applied_x_n",
-        "applied_y_n",
-        "applied_z_n",
-    ),
-    *("pull_n", "held", "events", "late_s"),
-)
+COLUMNS = ("time_s", "x_m", "y_m", "z_m", *(f"{name}_{axis}_n" for name in ("force", "applied") for axis in "xyz"))
+COLUMNS += ("pull_n", "held", "events", "late_s")
 
 
 _WATCHED = 60e-6  # before a tick is due the clock is watched instead of slept through [s]
@@ -105,16 +92,8 @@ class Servo(threading.Thread):
             held_before = held
             force = renderer.tick(position, velocity) if held else zero
             applied = self._limited(force, applied) if held else zero
-            row[:] = (
-                tick * period,
-                *position,
-                *force,
-                *applied,
-                renderer.pull if held else 0.0,
-                held,
-                renderer.events,
-                late,
-            )
+            pull = renderer.pull if held else 0.0
+            row[:] = (tick * period, *position, *force, *applied, pull, held, renderer.events, late)
             self.hand.apply(applied)  # after the log: a virtual hand moves its own position here
             self.ticks = tick + 1
             if self._over.is_set():
