@@ -31,7 +31,7 @@ def higher(compared: str, spread: float, generator: np.random.Generator) -> bool
 def fitted(hits: dict[str, list[bool]]) -> float:
     levels = sorted(hits, key=lambda code: HEIGHTS[code])
     counts, totals = [sum(hits[code]) for code in levels], [len(hits[code]) for code in levels]
-    return fit_psychometric([HEIGHTS[code] for code in levels], counts, totals, guess=None, lapse=None).weber
+    return fit_psychometric([HEIGHTS[code] for code in levels], counts, totals).weber
 
 
 def constant(trials: int, spread: float, generator: np.random.Generator) -> float:

@@ -7,16 +7,17 @@ import pytest
 from scipy.special import ndtr
 
 from stepblocks.errors import StudyError
-from stepblocks.study.analysis.psychometric import MAX_LAPSE, crossing, fit_psychometric
+from stepblocks.study.analysis.psychometric import MAX_LAPSE, fit_psychometric
 
 LEVELS = np.geomspace(20e-6, 80e-6, 7)
-TOTALS = [400] * 7
+EACH = 40_000
+TOTALS = [EACH] * 7
 
 
 def exact_hits(threshold=40e-6, spread=0.35, guess=0.0, lapse=0.0):
     """Answers as an observer of the model gives them on average, rounded to whole ones."""
     p = guess + (1.0 - guess - lapse) * ndtr(np.log(LEVELS / threshold) / spread)
-    return np.round(400 * p).astype(int)
+    return np.round(EACH * p).astype(int)
 
 
 def test_the_model_s_own_answers_give_the_model_back():
@@ -25,17 +26,12 @@ def test_the_model_s_own_answers_give_the_model_back():
     assert fit.weber == pytest.approx(math.expm1(0.6744897501960817 * fit.spread), rel=1e-9)
     assert fit.weber_low < fit.weber < fit.weber_high
     assert fit.threshold_low < 40e-6 < fit.threshold_high
-    assert (fit.df, fit.trials) == (5, 2800)
-
-
-def test_a_guess_rate_of_two_alternatives_is_taken_out():
-    fit = fit_psychometric(LEVELS, exact_hits(guess=0.5), TOTALS, guess=0.5)
-    assert (fit.threshold, fit.spread) == pytest.approx((40e-6, 0.35), rel=0.02)
+    assert (fit.df, fit.trials) == (4, 7 * EACH)
 
 
 def test_the_unit_of_the_levels_moves_the_threshold_alone():
-    one = fit_psychometric(LEVELS, exact_hits(), TOTALS, None, None)
-    other = fit_psychometric(LEVELS * 1e6, exact_hits(), TOTALS, None, None)
+    one = fit_psychometric(LEVELS, exact_hits(), TOTALS)
+    other = fit_psychometric(LEVELS * 1e6, exact_hits(), TOTALS)
     assert other.threshold == pytest.approx(one.threshold * 1e6, rel=1e-4)
     assert (other.weber, other.lapse, other.deviance) == pytest.approx((one.weber, one.lapse, one.deviance), abs=2e-4)
 
@@ -44,39 +40,27 @@ def test_answers_mirrored_about_the_threshold_mirror_the_fit():
     # levels and answers turned round in the logarithm about 40 um
     hits = exact_hits(36e-6)
     one = fit_psychometric(LEVELS, hits, TOTALS)
-    other = fit_psychometric((40e-6**2 / LEVELS)[::-1], (400 - hits)[::-1], TOTALS)
-    assert other.threshold * one.threshold == pytest.approx(40e-6**2, rel=1e-9)
-    assert other.spread == pytest.approx(one.spread, rel=1e-9)
+    other = fit_psychometric((40e-6**2 / LEVELS)[::-1], (EACH - hits)[::-1], TOTALS)
+    assert other.threshold * one.threshold == pytest.approx(40e-6**2, rel=1e-6)  # as far as the optimiser goes
+    assert other.spread == pytest.approx(one.spread, rel=1e-5)
 
 
 def test_the_lapse_rate_stays_below_its_bound():
-    fit = fit_psychometric(LEVELS, exact_hits(spread=0.1, lapse=0.2, guess=0.2), TOTALS, None, None)
+    fit = fit_psychometric(LEVELS, exact_hits(spread=0.1, lapse=0.2, guess=0.2), TOTALS)
     assert fit.lapse == pytest.approx(MAX_LAPSE, abs=1e-6)
 
 
 def test_four_times_the_trials_halve_the_interval():
     # the error of a maximum-likelihood estimate falls with the square root of the number of trials
     one = fit_psychometric(LEVELS, exact_hits(), TOTALS)
-    four = fit_psychometric(LEVELS, 4 * exact_hits(), [1600] * 7)
+    four = fit_psychometric(LEVELS, 4 * exact_hits(), [4 * EACH] * 7)
     widths = [math.log(fit.threshold_high / fit.threshold_low) for fit in (one, four)]
-    assert widths[0] == pytest.approx(2.0 * widths[1], rel=1e-6)
+    assert widths[0] == pytest.approx(2.0 * widths[1], rel=1e-3)  # differentiated numerically
 
 
 def test_levels_without_trials_say_nothing():
     fit = fit_psychometric([*LEVELS, 1.0], [*exact_hits(), 0], [*TOTALS, 0])
     assert fit.threshold == pytest.approx(fit_psychometric(LEVELS, exact_hits(), TOTALS).threshold, rel=1e-12)
-
-
-def test_the_delta_method_is_the_gradient_of_the_crossing():
-    covariance = np.array([[0.04, -0.01], [-0.01, 0.09]])
-    x, error = crossing(-2.0, 4.0, covariance, 0.6)
-    steps = [
-        (crossing(-2.0 + h, 4.0, covariance, 0.6)[0] - x, crossing(-2.0, 4.0 + h, covariance, 0.6)[0] - x)
-        for h in (1e-6,)
-    ]
-    gradient = np.array(steps[0]) / 1e-6
-    assert x == pytest.approx(0.65)
-    assert error == pytest.approx(math.sqrt(gradient @ covariance @ gradient), rel=1e-5)
 
 
 @pytest.mark.parametrize(
@@ -86,8 +70,6 @@ def test_the_delta_method_is_the_gradient_of_the_crossing():
         (([0.0, 2.0, 3.0], [1, 2, 3], [4, 4, 4]), "levels must be positive and finite"),
         (([1.0, 2.0, 3.0], [1, 2, 3.5], [4, 4, 4]), "hits must be whole numbers"),
         (([1.0, 2.0, 2.0], [1, 2, 3], [4, 4, 4]), "needs trials at three levels, got 2"),
-        (([1.0, 2.0, 3.0], [1, 2, 3], [4, 4, 4], 1.0), "guess must be a rate"),
-        (([1.0, 2.0, 3.0], [1, 2, 3], [4, 4, 4], 0.6, 0.5), "must sum to less than 1"),
     ],
 )
 def test_a_malformed_table_is_refused(given, message):

@@ -60,10 +60,9 @@ def test_a_lapse_rate_is_told_from_a_shallow_slope():
     levels, total = np.geomspace(10e-6, 200e-6, 15), 4000
     p = 0.04 + 0.92 * ndtr(np.log(levels / 45e-6) / 0.3)
     hits, totals = np.round(total * p).astype(int), [total] * 15
-    fit = fit_psychometric(levels, hits, totals, guess=None, lapse=None)
+    fit = fit_psychometric(levels, hits, totals)
     assert (fit.lapse, fit.spread) == (pytest.approx(0.04, abs=2e-3), pytest.approx(0.3, rel=0.02))
     assert fit.threshold == pytest.approx(45e-6, rel=0.01)
-    assert fit_psychometric(levels, hits, totals).spread > 1.3 * fit.spread
     assert fit.lapse <= MAX_LAPSE
 
 
@@ -85,8 +84,7 @@ def test_a_spread_that_a_lapse_explains_away_is_not_reported():
     # one slip at 30 um and a jump between 50 and 70 um: with a lapse rate any steep function fits
     levels = [10e-6, 20e-6, 30e-6, 40e-6, 60e-6, 70e-6, 80e-6, 90e-6, 100e-6]
     with pytest.raises(StudyError, match="no spread can be told from 72 trials"):
-        fit_psychometric(levels, [0, 0, 1, 0, 6, 8, 8, 8, 8], [8] * 9, guess=None, lapse=None)
-    assert fit_psychometric(levels, [0, 0, 1, 0, 6, 8, 8, 8, 8], [8] * 9).weber < 0.5
+        fit_psychometric(levels, [0, 0, 1, 0, 6, 8, 8, 8, 8], [8] * 9)
 
 
 def test_height_of_energy_inverts_the_prediction():
@@ -211,4 +209,4 @@ def test_checks_doubt_what_is_wrong_and_let_pass_what_is_not():
 def test_answers_that_leave_the_threshold_open_are_said_to_and_give_no_infinite_interval():
     heights = [10.0, 20.0, 30.0, 40.0, 60.0, 70.0, 80.0, 90.0, 100.0]
     with pytest.raises(StudyError, match="leave the threshold open: it cannot be told from 18 trials"):
-        fit_psychometric(heights, [1, 0, 0, 0, 2, 1, 2, 2, 2], [2] * 9, guess=None, lapse=None)
+        fit_psychometric(heights, [1, 0, 0, 0, 2, 1, 2, 2, 2], [2] * 9)

@@ -13,11 +13,13 @@ from stepblocks.cli.study_options import (
     add_command,
     add_observer,
     add_place,
+    asked,
     count,
     counts,
     named,
     names,
     observed,
+    place_of,
     scale,
     source_of,
     whole,
@@ -39,8 +41,8 @@ def add_to(commands: Any) -> None:
 
     said = "design.csv with every trial, and the key of the blinding codes"
     design = add_command(jobs, "design", _design, said, "blocks", instead="heights")
-    said = "experiment 1 (default), experiment 2, constant stimuli, or magnitude estimation"
-    design.add_argument("--experiment", choices=_EXPERIMENTS, help=f"{said}; 2afc is constant")
+    said = "experiment 1 (default), experiment 2, constant stimuli, or magnitude estimation; 2afc is constant"
+    design.add_argument("--experiment", choices=_EXPERIMENTS, help=said)
     design.add_argument("--participants", type=count, metavar="N", help="default: 10")
     design.add_argument("--probes", type=names, metavar="A,B,...", help="default: bare,hard,soft")
     design.add_argument("--repetitions", type=count, metavar="N", help="default: 3")
@@ -51,9 +53,7 @@ def add_to(commands: Any) -> None:
 
     add_command(jobs, "sheet", _sheet, "blinded run sheets, to print and as CSV to fill in", "folder")
 
-    said = (
-        "lead a participant through the trials, in the browser or with a device; the same command goes on after a stop"
-    )
+    said = "lead a participant through the trials, in the browser or with a device; the same command goes on"
     run = add_command(jobs, "run", _conduct, said, "folder", "energies", instead="nothing")
     run.add_argument("--participant", required=True, metavar="N", help="whose run it is, as in the design")
     said = "what moves the probe over virtual blocks (default: mouse, with the loudspeaker)"
@@ -62,9 +62,8 @@ def add_to(commands: Any) -> None:
     run.add_argument("--scale", type=float, metavar="S", help="magnification of all virtual blocks (default: 100)")
     run.add_argument("--ratings", type=scale, metavar="LOW-HIGH", help="scale of the ratings (default: 1-7)")
     add_place(run)
-    run.add_argument(
-        "--port", type=whole, default=0, metavar="N", help="of the page on this machine (default: a free one)"
-    )
+    said = "of the page on this machine (default: a free one)"
+    run.add_argument("--port", type=whole, default=0, metavar="N", help=said)
     run.add_argument("--no-open", action="store_true", default=False, help="print the address and open no browser")
 
     said = "let simulated participants fill in the run sheets"
@@ -81,9 +80,8 @@ def add_to(commands: Any) -> None:
     analyse.add_argument("--data", type=Path, nargs="+", metavar="PATH", help=said)
     said = "your names of columns, such as participant=subject,condition=probe,height_mm=h,estimate_um=answer"
     analyse.add_argument("--columns", type=named, metavar="OURS=YOURS,...", help=said)
-    analyse.add_argument(
-        "--experiment", choices=_EXPERIMENTS, help="kind of the judgements of --data (default: estimates)"
-    )
+    said = "kind of the judgements of --data (default: estimates)"
+    analyse.add_argument("--experiment", choices=_EXPERIMENTS, help=said)
     said = "conditions that differ by less than this count as equivalent"
     analyse.add_argument("--equivalent", type=quantity("length"), metavar="L", help=said)
     said = "table of participant and group, such as dentists and students, to compare"
@@ -113,9 +111,8 @@ def add_to(commands: Any) -> None:
 
     said = "the study as BIDS, psych-DS, or conditions files of PsychoPy"
     share = add_command(jobs, "share", _share, said, "folder")
-    share.add_argument(
-        "answers", type=Path, nargs="*", default=[], metavar="CSV", help="run sheets, or a folder of them"
-    )
+    said = "run sheets, or a folder of them"
+    share.add_argument("answers", type=Path, nargs="*", default=[], metavar="CSV", help=said)
     share.add_argument("--as", dest="form", choices=("bids", "psych-ds", "psychopy"), help="default: bids")
     add_output(share, "out/dataset", said="folder of the dataset")
 
@@ -125,12 +122,11 @@ def add_to(commands: Any) -> None:
 def _design(arguments: argparse.Namespace) -> Outcome:
     from stepblocks.study.run import design_study
 
-    asked = given(arguments, "experiment", "participants", "probes", "repetitions", "standard", "only", "seed")
-    design = design_study(source_of(arguments), arguments.output, **asked)
+    design = design_study(source_of(arguments), arguments.output, **asked(arguments, design_study))
     trials, people = len(design.trials), int(design.trials[-1]["participant"])
     said = f"{arguments.output / 'design.csv'}: {trials} trials of {people} participants; {design.balance}"
     record = {"trials": trials, "participants": people, "balance": design.balance, "advice": design.advice}
-    return Outcome(said, notes=[design.advice] if design.advice else [], record=record)
+    return Outcome(said, notes=list(filter(None, [design.advice])), record=record)
 
 
 def _sheet(arguments: argparse.Namespace) -> Outcome:
@@ -145,8 +141,8 @@ def _simulate(arguments: argparse.Namespace) -> Outcome:
     from stepblocks.study.run import simulate_study
 
     output = arguments.output or arguments.folder / "answers.csv"
-    asked = {**observed(arguments), **given(arguments, "damping", "noise", "seed")}
-    number = simulate_study(arguments.folder, arguments.file, output, **asked)
+    options = asked(arguments, simulate_study) | observed(arguments)
+    number = simulate_study(arguments.folder, arguments.file, output, **options)
     return Outcome(f"{output}: {number} simulated answers", record={"answers": number})
 
 
@@ -154,15 +150,14 @@ def _analyse(arguments: argparse.Namespace) -> Outcome:
     from stepblocks.study.prose import headline
     from stepblocks.study.run import analyse_study, analyse_table
 
-    asked = given(arguments, "largest_estimate", "ratings", "equivalent", "groups")
-    tables = given(arguments, "data", "columns", "experiment")
-    if ("data" in tables) == bool(arguments.answers) or ("data" in tables and arguments.folder):
+    data, folder = given(arguments, "data").get("data"), arguments.folder
+    if bool(data) == bool(arguments.answers) or (data and folder):
         raise PipelineError("a folder of a study with its answers must be given, or --data with a table of your own")
-    output = arguments.output or (arguments.folder or Path("out/study")) / "report"
-    if "data" in tables:
-        result = analyse_table(tables.pop("data"), output, **tables, **asked)
+    output = arguments.output or (folder or Path("out/study")) / "report"
+    if data:
+        result = analyse_table(data, output, **asked(arguments, analyse_table))
     else:
-        result = analyse_study(arguments.folder, arguments.answers, output, **asked)
+        result = analyse_study(folder, arguments.answers, output, **asked(arguments, analyse_study))
     notes = [*result.notes, *result.remarks]
     said = headline(result)
     return Outcome(said, notes=notes, look=output / "report.html", record={"said": said, "notes": notes})
@@ -179,38 +174,28 @@ def _conduct(arguments: argparse.Namespace) -> Outcome:
     from stepblocks.study.conduct import open_run
     from stepblocks.study.serve import RunServer
 
-    asked = given(arguments, "device", "library", "scale", "ratings", "ball_radius", "normal_load", "friction")
-    server = RunServer(open_run(arguments.folder, arguments.participant, arguments.file, **asked), arguments.port)
-    run = server.experiment
+    options = asked(arguments, open_run) | place_of(arguments)
+    run = open_run(arguments.folder, arguments.participant, arguments.file, **options)
+    server = RunServer(run, arguments.port)
     print(f"{run.path}: {run.answered} of {len(run.planned)} trials are answered")
     print(f"open {server.url}", flush=True)
     if not arguments.no_open:
         import webbrowser
 
         webbrowser.open(server.url)
+    said = "all trials are answered"
     try:
         server.until_done()
     except KeyboardInterrupt:
-        return Outcome("stopped; the same command goes on", record={"answered": run.answered, "of": len(run.planned)})
-    return Outcome("all trials are answered", record={"answered": run.answered, "of": len(run.planned)})
+        said = "stopped; the same command goes on"
+    return Outcome(said, record={"answered": run.answered, "of": len(run.planned)})
 
 
 def _power(arguments: argparse.Namespace) -> Outcome:
     from stepblocks.study.run import study_power
 
-    asked = (
-        "damping",
-        "noise",
-        "probes",
-        "measure",
-        "experiment",
-        "standard",
-        "participants",
-        "repetitions",
-        "analysis",
-    )
-    sizes = ("runs", "seed", "jobs", "only", "output")
-    table = study_power(source_of(arguments), **observed(arguments), **given(arguments, *asked, *sizes))
+    options = asked(arguments, study_power) | observed(arguments)
+    table = study_power(source_of(arguments), arguments.output, **options)
     return Outcome("", {"power": table.to_dict("records")})
 
 
@@ -251,13 +236,10 @@ def _add_adaptive(jobs: Any) -> None:
 def _start(arguments: argparse.Namespace) -> Outcome:
     from stepblocks.study.adaptive import start_adaptive
 
-    asked = given(arguments, "standard", "method", "participants", "trials", "reversals", "seed")
-    study = start_adaptive(source_of(arguments), arguments.output, **asked)
-    return Outcome(
-        f"{arguments.output / 'setup.json'}: {study.plan.method} with {len(study.plan.compared)} blocks against the standard, "
-        f"{study.participants} participants, at most {study.plan.trials} trials each",
-        notes=[study.advice] if study.advice else [],
-    )
+    study = start_adaptive(source_of(arguments), arguments.output, **asked(arguments, start_adaptive))
+    said = f"{study.plan.method} with {len(study.plan.compared)} blocks against the standard, {study.participants} participants"
+    most = f"at most {study.plan.trials} trials each"
+    return Outcome(f"{arguments.output / 'setup.json'}: {said}, {most}", notes=list(filter(None, [study.advice])))
 
 
 def _next(arguments: argparse.Namespace) -> Outcome:
@@ -298,7 +280,8 @@ def _undo(arguments: argparse.Namespace) -> Outcome:
 def _simulate_adaptive(arguments: argparse.Namespace) -> Outcome:
     from stepblocks.study.adaptive import simulate_adaptive
 
-    number = simulate_adaptive(arguments.folder, arguments.file, **observed(arguments), **given(arguments, "seed"))
+    options = asked(arguments, simulate_adaptive) | observed(arguments)
+    number = simulate_adaptive(arguments.folder, arguments.file, **options)
     return Outcome(f"{arguments.folder / 'answers'}: {number} simulated answers", record={"answers": number})
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import inspect
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -59,20 +60,19 @@ def add_command(
 def add_observer(parser: Any) -> None:
     """Ask for simulated participants and for where they feel."""
     length, ratio = quantity("length"), quantity("ratio")
-
-    def add(option: str, name: str, kind: Callable[[str], Any], metavar: str, said: str) -> None:
+    shares = "share of the vibration energy that each condition lets through, such as bare=1,hard=0.9,soft=0.5, or a set of sheaths"
+    noisier = "how many times the response noise each condition has, such as soft=3"
+    condition = "between participants in their response to a condition (default: 0)"
+    for option, name, kind, metavar, said in (
+        ("--damping", "damping", _shares, "A=X,B=Y", shares),
+        ("--noisier", "noise", _shares, "A=X,B=Y", noisier),
+        ("--weber", "weber", ratio, "X", "Weber fraction of the energy (default: 0.2)"),
+        ("--noise", "response_noise", length, "L", "response noise (default: '5 um')"),
+        ("--spread", "participant_spread", length, "L", "between participants (default: '3 um')"),
+        ("--condition-spread", "condition_spread", length, "L", condition),
+        ("--lapse", "lapse", ratio, "X", "rate of lapses (default: 0)"),
+    ):
         parser.add_argument(option, dest=name, type=kind, metavar=metavar, help=said)
-
-    said = "share of the vibration energy that each condition lets through, such as bare=1,hard=0.9,soft=0.5, or a set of sheaths"
-    add("--damping", "damping", _shares, "A=X,B=Y", said)
-    said = "how many times the response noise each condition has, such as soft=3"
-    add("--noisier", "noise", _shares, "A=X,B=Y", said)
-    add("--weber", "weber", ratio, "X", "Weber fraction of the energy (default: 0.2)")
-    add("--noise", "response_noise", length, "L", "response noise (default: '5 um')")
-    add("--spread", "participant_spread", length, "L", "between participants (default: '3 um')")
-    said = "between participants in their response to a condition (default: 0)"
-    add("--condition-spread", "condition_spread", length, "L", said)
-    add("--lapse", "lapse", ratio, "X", "rate of lapses (default: 0)")
     add_place(parser)
 
 
@@ -100,12 +100,15 @@ def source_of(arguments: argparse.Namespace) -> Any:
     return asked or arguments.file
 
 
-def named(text: str) -> dict[str, str]:
-    """Read names for columns."""
-    parts = [part.strip().partition("=") for part in text.split(",")]
-    if not all(ours and equals and theirs for ours, equals, theirs in parts):
-        raise argparse.ArgumentTypeError(f"must be ours=theirs, separated by commas, got {text!r:.60}")
-    return {ours: theirs for ours, _, theirs in parts}
+def asked(arguments: argparse.Namespace, function: Callable[..., Any]) -> dict[str, Any]:
+    """Return the options that were given and that a function takes by their names."""
+    takes = inspect.signature(function).parameters.values()
+    return given(arguments, *(one.name for one in takes if one.kind is one.KEYWORD_ONLY))
+
+
+def place_of(arguments: argparse.Namespace) -> dict[str, float]:
+    """Return what `add_place` asked for."""
+    return given(arguments, "ball_radius", "normal_load", "friction")
 
 
 def observed(arguments: argparse.Namespace) -> dict[str, Any]:
@@ -113,7 +116,7 @@ def observed(arguments: argparse.Namespace) -> dict[str, Any]:
     from stepblocks.study.simulate import Observer
 
     observer = Observer(**given(arguments, *vars(Observer())))
-    return {"observer": observer, **given(arguments, "ball_radius", "normal_load", "friction")}
+    return {"observer": observer, **place_of(arguments)}
 
 
 whole = number(0, 10**18 - 1)
@@ -143,15 +146,21 @@ def scale(text: str) -> tuple[int, int]:
     return whole(low), whole(high)
 
 
+def _pairs(text: str, what: str) -> dict[str, str]:
+    parts = [part.strip().partition("=") for part in text.split(",")]
+    if not all(name and equals and value for name, equals, value in parts):
+        raise argparse.ArgumentTypeError(f"must be {what}, separated by commas, got {text!r:.60}")
+    return {name: value for name, _, value in parts}
+
+
+def named(text: str) -> dict[str, str]:
+    """Read names for columns."""
+    return _pairs(text, "ours=theirs")
+
+
 def _shares(text: str) -> dict[str, float]:
     if text.endswith(".toml"):
         from stepblocks.predict.sheaths import damping_of
 
         return damping_of(text)
-    shares = {}
-    for part in text.split(","):
-        name, equals, value = part.strip().partition("=")
-        if not (name and equals):
-            raise argparse.ArgumentTypeError(f"must be name=share, separated by commas, got {text!r:.60}")
-        shares[name] = quantity("ratio")(value)
-    return shares
+    return {name: quantity("ratio")(value) for name, value in _pairs(text, "name=share").items()}

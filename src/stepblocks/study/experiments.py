@@ -132,8 +132,7 @@ def _curve(who: str, own: Any) -> Curve:
     by_level = own.groupby("height")["higher"].agg(["sum", "count"])
     levels, hits, totals = (tuple(column.tolist()) for column in (by_level.index, by_level["sum"], by_level["count"]))
     try:
-        # who lapses in a comparison errs to either side: the lower and the upper end share one rate
-        fit, reason = fit_psychometric(levels, hits, totals, guess=None, lapse=None), ""
+        fit, reason = fit_psychometric(levels, hits, totals), ""
     except StudyError as error:
         fit, reason = None, str(error)
     return Curve(who, levels, hits, totals, fit, reason)

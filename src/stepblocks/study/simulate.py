@@ -161,8 +161,7 @@ def p_values(plan: SimulatedStudy, analysis: str, seeds: Sequence[int]) -> list[
     for seed in seeds:
         frame, block = measured(simulated_frame(plan, seed), plan.measure)
         if analysis == "f-test":
-            factors = ["condition", block] if block else ["condition"]
-            term: Term | None = f_test(frame, "value", factors, intervals=False).terms[0]
+            term: Term | None = f_test(frame, "value", "condition", block, intervals=False).terms[0]
         else:
             term = mixed_model(frame, "value", "condition", "participant", block, intervals=False).condition
         assert term is not None  # a plan has two conditions

@@ -74,15 +74,14 @@ def measured(frame: Any, name: str) -> tuple[Any, str]:
         raise StudyError(
             "spread needs judgements of a block that are repeated and differ, by every participant in every condition"
         )
-    groups = cells["group"].first() if "group" in frame else None
-    table = (0.5 * np.log(variance)).rename("value").to_frame()
-    return (table if groups is None else table.assign(group=groups)).reset_index(), ""
+    group = {"group": cells["group"].first()} if "group" in frame else {}
+    return (0.5 * np.log(variance)).rename("value").to_frame().assign(**group).reset_index(), ""
 
 
 def analyse_measure(frame: Any, name: str, margin: float = math.nan) -> Measure:
     """Analyse one measure; `margin` [m] is what two conditions may differ by and still count as equivalent."""
     data, block = measured(frame, name)
-    tested = f_test(data, "value", ["condition", block] if block else ["condition"])
+    tested = f_test(data, "value", "condition", block)
     mixed = mixed_model(data, "value", "condition", "participant", block)
     checks = residual_checks(mixed.residuals, data["condition"].tolist(), mixed.participant_effects)
     asked = math.nan if name == "spread" else margin

@@ -74,15 +74,19 @@ class Check:
 
 
 def f_test(
-    frame: Any, response: str, factors: Sequence[str], interaction: bool = True, intervals: bool = True
+    frame: Any, response: str, first: str, second: str = "", *, interaction: bool = True, intervals: bool = True
 ) -> FTest:
     """Test one or two factors and compare the levels of the first."""
     import statsmodels.formula.api as smf
     from statsmodels.stats.anova import anova_lm
 
-    data, names = _renamed(frame, response, factors)
-    shift, scale = float(data["y"].mean()), float(data["y"].std()) or 1.0
-    data["y"] = (data["y"] - shift) / scale  # a large common offset would cost the digits of the squares
+    names = {letter: name for letter, name in (("a", first), ("b", second)) if name}
+    data, scale, _ = unit_free(frame, response, **names)
+    for letter, name in names.items():
+        if data[letter].nunique() < 2:
+            raise StudyError(f"{name} must have at least two levels to be tested, got {data[letter].nunique()}")
+    if len(data.groupby(list(names))) != math.prod(data[letter].nunique() for letter in names):
+        raise StudyError(f"every combination of {first} and {second} must have a judgement; at least one has none")
     formula = "y ~ " + (" * " if interaction else " + ").join(f"C({letter}, Sum)" for letter in names)
     fit = smf.ols(formula, data).fit()
     require(
@@ -104,20 +108,15 @@ def f_test(
     return FTest(tuple(terms), float(fit.df_resid), tuple(family))
 
 
-def _renamed(frame: Any, response: str, factors: Sequence[str]) -> tuple[Any, dict[str, str]]:
+def unit_free(frame: Any, response: str, **names: str) -> tuple[Any, float, float]:
+    """Rename columns, and take scale and shift, also returned, off the response: a large offset costs the digits of squares."""
     import pandas as pd
 
-    require(1 <= len(factors) <= 2, f"one or two factors can be tested, got {len(factors)}")
-    names = dict(zip("ab", factors, strict=False))
-    data = pd.DataFrame({letter: frame[name].astype(str).to_numpy() for letter, name in names.items()})
-    data["y"] = frame[response].to_numpy(dtype=np.float64)
-    require(np.isfinite(data["y"]).all(), f"{response} must be finite in every row")
-    for letter, name in names.items():
-        if data[letter].nunique() < 2:
-            raise StudyError(f"{name} must have at least two levels to be tested, got {data[letter].nunique()}")
-    if len(data.groupby(list(names))) != math.prod(data[letter].nunique() for letter in names):
-        raise StudyError(f"every combination of {' and '.join(factors)} must have a judgement; at least one has none")
-    return data, names
+    data = pd.DataFrame({letter: frame[name].astype(str).to_numpy() for letter, name in names.items() if name})
+    values = frame[response].to_numpy(dtype=np.float64)
+    require(np.isfinite(values).all(), f"{response} must be finite in every row")
+    scale, shift = float(values.std(ddof=1)), float(values.mean())
+    return data.assign(y=(values - shift) / (scale or 1.0)), scale, shift
 
 
 def effect_of(name: str, df: float, df_error: float, squares: float, f: float) -> Term:

@@ -10,9 +10,8 @@ from typing import Any
 
 import numpy as np
 
-from stepblocks.errors import StudyError
 from stepblocks.study import require
-from stepblocks.study.analysis.anova import Interval, Term, effect_of, mean_rows, tukey_family
+from stepblocks.study.analysis.anova import Interval, Term, effect_of, mean_rows, tukey_family, unit_free
 
 _ZERO = 1e-6  # a variance below this share of the residual one is at its boundary
 _ALIKE = 1e-4  # log likelihoods closer than this are one
@@ -46,8 +45,10 @@ def mixed_model(
 
     Source: Laird, N. M., Ware, J. H. (1982), Biometrics 38, 963-974, doi:10.2307/2529876.
     """
-    data, scale, shift = _scaled(frame, response, condition, participant, block)
+    data, scale, shift = unit_free(frame, response, a=condition, b=block, g=participant)
     people, conditions = data["g"].nunique(), sorted(data["a"].unique())
+    require(people >= 2, f"{participant}: a mixed model needs at least two participants, got {people}")
+    require(scale > 0.0, f"{response} must not be the same in all {len(data)} rows")
     fit, said, factor = _fit(data, bool(block), len(conditions) > 1)
     rows, count = mean_rows(fit, data, conditions), len(fit.fe_params)
     covariance = np.asarray(fit.cov_params())[:count, :count]
@@ -79,23 +80,6 @@ def mixed_model(
 def _root(variance: float, residual: float) -> float:
     """Root of a variance; zero at its boundary, where only the optimiser's last step would show."""
     return math.sqrt(variance) if variance > _ZERO * residual else 0.0
-
-
-def _scaled(frame: Any, response: str, condition: str, participant: str, block: str) -> tuple[Any, float, float]:
-    """Plain names, and a response without unit: the optimiser's tolerances are absolute."""
-    import pandas as pd
-
-    data = pd.DataFrame({"a": frame[condition].astype(str).to_numpy(), "g": frame[participant].astype(str).to_numpy()})
-    if block:
-        data["b"] = frame[block].astype(str).to_numpy()
-    values = frame[response].to_numpy(dtype=np.float64)
-    require(np.isfinite(values).all(), f"{response} must be finite in every row")
-    if data["g"].nunique() < 2:
-        raise StudyError(f"{participant}: a mixed model needs at least two participants, got {data['g'].nunique()}")
-    scale, shift = float(values.std(ddof=1)), float(values.mean())
-    require(scale > 0.0, f"{response} must not be the same in all {len(values)} rows")
-    data["y"] = (values - shift) / scale
-    return data, scale, shift
 
 
 def _fit(data: Any, blocks: bool, compared: bool) -> tuple[Any, tuple[str, ...], float]:
