@@ -16,7 +16,6 @@ from stepblocks.study.design import (
     by_codes,
     constant_stimuli,
     crossover,
-    exact_period,
     williams_square,
 )
 from stepblocks.study.experiments import EXPERIMENTS
@@ -31,7 +30,7 @@ PROBES = ("bare", "hard", "soft")
 def test_in_williams_orders_every_condition_follows_every_other_equally_often(conditions):
     balance = balance_of(williams_square(conditions))
     assert balance.exact
-    assert exact_period(conditions) == (2 * conditions if conditions % 2 and conditions > 1 else conditions)
+    assert len(williams_square(conditions)) == (2 * conditions if conditions % 2 and conditions > 1 else conditions)
 
 
 def test_williams_square_of_four_is_the_published_one_up_to_labels():
@@ -48,7 +47,7 @@ def test_any_number_of_participants_is_balanced_to_the_stated_bounds(conditions)
         balance = balance_of(allocate_orders(participants, conditions, generator))
         assert balance.position_spread <= 1
         assert balance.follower_spread <= (2 if conditions % 2 else 1)
-        assert balance.exact == (participants % exact_period(conditions) == 0)
+        assert balance.exact == (participants % len(williams_square(conditions)) == 0)
 
 
 def test_experiment_one_is_the_paper_s():

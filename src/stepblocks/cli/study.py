@@ -7,6 +7,7 @@ import sys
 from pathlib import Path
 from typing import Any
 
+import stepblocks
 from stepblocks.cli.arguments import add_jobs, add_output, given, quantity
 from stepblocks.cli.outcome import Outcome
 from stepblocks.cli.study_options import (
@@ -120,9 +121,9 @@ def add_to(commands: Any) -> None:
 
 
 def _design(arguments: argparse.Namespace) -> Outcome:
-    from stepblocks.study.run import design_study
-
-    design = design_study(source_of(arguments), arguments.output, **asked(arguments, design_study))
+    design = stepblocks.design_study(
+        source_of(arguments), arguments.output, **asked(arguments, stepblocks.design_study)
+    )
     trials, people = len(design.trials), int(design.trials[-1]["participant"])
     said = f"{arguments.output / 'design.csv'}: {trials} trials of {people} participants; {design.balance}"
     record = {"trials": trials, "participants": people, "balance": design.balance, "advice": design.advice}
@@ -130,52 +131,45 @@ def _design(arguments: argparse.Namespace) -> Outcome:
 
 
 def _sheet(arguments: argparse.Namespace) -> Outcome:
-    from stepblocks.study.run import write_sheets
-
-    number = write_sheets(arguments.folder)
+    number = stepblocks.write_sheets(arguments.folder)
     said = f"{arguments.folder / 'sheets'}: {number} run sheets; print {arguments.folder / 'run-sheets.pdf'}"
     return Outcome(said, record={"sheets": number})
 
 
 def _simulate(arguments: argparse.Namespace) -> Outcome:
-    from stepblocks.study.run import simulate_study
-
     output = arguments.output or arguments.folder / "answers.csv"
-    options = asked(arguments, simulate_study) | observed(arguments)
-    number = simulate_study(arguments.folder, arguments.file, output, **options)
+    options = asked(arguments, stepblocks.simulate_study) | observed(arguments)
+    number = stepblocks.simulate_study(arguments.folder, arguments.file, output, **options)
     return Outcome(f"{output}: {number} simulated answers", record={"answers": number})
 
 
 def _analyse(arguments: argparse.Namespace) -> Outcome:
     from stepblocks.study.prose import headline
-    from stepblocks.study.run import analyse_study, analyse_table
 
     data, folder = given(arguments, "data").get("data"), arguments.folder
     if bool(data) == bool(arguments.answers) or (data and folder):
         raise PipelineError("a folder of a study with its answers must be given, or --data with a table of your own")
     output = arguments.output or (folder or Path("out/study")) / "report"
     if data:
-        result = analyse_table(data, output, **asked(arguments, analyse_table))
+        result = stepblocks.analyse_table(data, output, **asked(arguments, stepblocks.analyse_table))
     else:
-        result = analyse_study(folder, arguments.answers, output, **asked(arguments, analyse_study))
-    notes = [*result.notes, *result.remarks]
-    said = headline(result)
+        result = stepblocks.analyse_study(
+            folder, arguments.answers, output, **asked(arguments, stepblocks.analyse_study)
+        )
+    notes, said = [*result.notes, *result.remarks], headline(result)
     return Outcome(said, notes=notes, look=output / "report.html", record={"said": said, "notes": notes})
 
 
 def _share(arguments: argparse.Namespace) -> Outcome:
-    from stepblocks.study.exchange import share_study
-
-    files = share_study(arguments.folder, arguments.answers, arguments.output, **given(arguments, "form"))
+    files = stepblocks.share_study(arguments.folder, arguments.answers, arguments.output, **given(arguments, "form"))
     return Outcome(f"{arguments.output}: {len(files)} files", record={"files": files})
 
 
 def _conduct(arguments: argparse.Namespace) -> Outcome:
-    from stepblocks.study.conduct import open_run
     from stepblocks.study.serve import RunServer
 
-    options = asked(arguments, open_run) | place_of(arguments)
-    run = open_run(arguments.folder, arguments.participant, arguments.file, **options)
+    options = asked(arguments, stepblocks.open_run) | place_of(arguments)
+    run = stepblocks.open_run(arguments.folder, arguments.participant, arguments.file, **options)
     server = RunServer(run, arguments.port)
     print(f"{run.path}: {run.answered} of {len(run.planned)} trials are answered")
     print(f"open {server.url}", flush=True)
@@ -192,10 +186,8 @@ def _conduct(arguments: argparse.Namespace) -> Outcome:
 
 
 def _power(arguments: argparse.Namespace) -> Outcome:
-    from stepblocks.study.run import study_power
-
-    options = asked(arguments, study_power) | observed(arguments)
-    table = study_power(source_of(arguments), arguments.output, **options)
+    options = asked(arguments, stepblocks.study_power) | observed(arguments)
+    table = stepblocks.study_power(source_of(arguments), arguments.output, **options)
     return Outcome("", {"power": table.to_dict("records")})
 
 
@@ -234,9 +226,9 @@ def _add_adaptive(jobs: Any) -> None:
 
 
 def _start(arguments: argparse.Namespace) -> Outcome:
-    from stepblocks.study.adaptive import start_adaptive
-
-    study = start_adaptive(source_of(arguments), arguments.output, **asked(arguments, start_adaptive))
+    study = stepblocks.start_adaptive(
+        source_of(arguments), arguments.output, **asked(arguments, stepblocks.start_adaptive)
+    )
     said = f"{study.plan.method} with {len(study.plan.compared)} blocks against the standard, {study.participants} participants"
     most = f"at most {study.plan.trials} trials each"
     return Outcome(f"{arguments.output / 'setup.json'}: {said}, {most}", notes=list(filter(None, [study.advice])))
@@ -260,8 +252,11 @@ def _run(arguments: argparse.Namespace) -> Outcome:
     from stepblocks.study.adaptive import answer, next_pair
 
     while (pair := next_pair(arguments.folder, arguments.participant)) is not None:
-        asked = f"trial {pair.trial}: first {pair.first}, then {pair.second}. Second higher? y, n or q: "
-        print(asked, end="", flush=True)
+        print(
+            f"trial {pair.trial}: first {pair.first}, then {pair.second}. Second higher? y, n or q: ",
+            end="",
+            flush=True,
+        )
         line = sys.stdin.readline()
         text = line.strip().lower()
         if not line or text == "q":

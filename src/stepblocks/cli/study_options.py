@@ -78,13 +78,13 @@ def add_observer(parser: Any) -> None:
 
 def add_place(parser: Any) -> None:
     """Ask for where blocks are felt."""
-    for option, name, dimension, metavar in (
-        ("--tip-radius", "ball_radius", "length", "L"),
-        ("--load", "normal_load", "force", "F"),
-        ("--friction", "friction", "ratio", "X"),
+    for option, name, dimension, metavar, said in (
+        ("--tip-radius", "ball_radius", "length", "L", "tip radius"),
+        ("--load", "normal_load", "force", "F", "normal load"),
+        ("--friction", "friction", "ratio", "X", "friction"),
     ):
-        said = f"{option[2:].replace('-', ' ').replace('load', 'normal load')} (default: the file's first)"
-        parser.add_argument(option, dest=name, type=quantity(dimension), metavar=metavar, help=said)
+        shown = f"{said} (default: the file's first)"
+        parser.add_argument(option, dest=name, type=quantity(dimension), metavar=metavar, help=shown)
 
 
 def heights(text: str) -> tuple[float, ...]:

@@ -17,7 +17,7 @@ from typing import Any
 import numpy as np
 
 from stepblocks.atomic import inside, replace_text
-from stepblocks.contact.energy import Status, release_at
+from stepblocks.contact.energy import Status
 from stepblocks.errors import PipelineError, StudyError
 from stepblocks.simulators.renderer import Renderer
 from stepblocks.study import require
@@ -140,12 +140,8 @@ class Run:
         """Return the largest release force of the study's blocks [N]: they share one full scale of sound, and of the page."""
         if self.blocks is None:
             return 1.0
-        point, found = self.blocks.point, [1e-9]
-        for face in self.blocks.faces.values():
-            release = release_at(face.angles(point.ball_radius)[0], point.normal_load, point.friction, point.tool)
-            if release.status is Status.RELEASES:
-                found.append(release.pull_force)
-        return max(found)
+        releases = [face.release(self.blocks.point) for face in self.blocks.faces.values()]
+        return max((one.pull_force for one in releases if one.status is Status.RELEASES), default=1e-9)
 
     @property
     def reach(self) -> float:

@@ -40,11 +40,6 @@ def williams_square(conditions: int) -> Orders:
     return np.vstack([square, square[:, ::-1]]) if conditions % 2 and conditions > 1 else square
 
 
-def exact_period(conditions: int) -> int:
-    """Return the number of participants of whose multiples the balance is exact."""
-    return len(williams_square(conditions))
-
-
 def allocate_orders(participants: int, conditions: int, generator: np.random.Generator) -> Orders:
     """Give every participant an order, whole Williams designs first, the rest from one more."""
     if not 1 <= participants <= MAX_PARTICIPANTS:
@@ -57,21 +52,11 @@ def allocate_orders(participants: int, conditions: int, generator: np.random.Gen
 
 @dataclass(frozen=True)
 class Balance:
-    """How often what stood where."""
+    """How evenly conditions stand over positions and behind each other."""
 
-    positions: Orders  # shape (n, n); how often condition i stood in position j
-    followers: Orders  # shape (n, n); how often condition j followed condition i at once
-
-    @property
-    def position_spread(self) -> int:
-        """Largest minus smallest count of a condition in a position."""
-        return int(np.ptp(self.positions))
-
-    @property
-    def follower_spread(self) -> int:
-        """Largest minus smallest count of an ordered pair of different neighbours."""
-        apart = ~np.eye(len(self.followers), dtype=bool)
-        return int(np.ptp(self.followers[apart])) if apart.any() else 0
+    conditions: int
+    position_spread: int  # largest minus smallest count of a condition in a position
+    follower_spread: int  # the same of an ordered pair of different neighbours
 
     @property
     def exact(self) -> bool:
@@ -83,7 +68,7 @@ class Balance:
             return "order of conditions balanced exactly, for position and for carry-over"
         return (
             f"order of conditions balanced to within {self.position_spread} per position and {self.follower_spread} per "
-            f"neighbour; exact at multiples of {exact_period(len(self.positions))} participants"
+            f"neighbour; exact at multiples of {len(williams_square(self.conditions))} participants"
         )
 
 
@@ -93,7 +78,8 @@ def balance_of(orders: Orders) -> Balance:
     positions, followers = np.zeros((2, count, count), dtype=np.int64)
     np.add.at(positions, (orders, np.arange(count)), 1)
     np.add.at(followers, (orders[:, :-1], orders[:, 1:]), 1)
-    return Balance(positions, followers)
+    apart = followers[~np.eye(count, dtype=bool)]
+    return Balance(count, int(np.ptp(positions)), int(np.ptp(apart)) if apart.size else 0)
 
 
 @dataclass(frozen=True)
