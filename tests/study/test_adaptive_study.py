@@ -7,12 +7,16 @@ from pathlib import Path
 import pytest
 
 from stepblocks.errors import PipelineError, StudyError
-from stepblocks.study.adaptive import answer, next_pair, open_adaptive, results, simulate_adaptive, start_adaptive
+from stepblocks.study.adaptive import answer, open_adaptive, results, simulate_adaptive, start_adaptive
 from stepblocks.study.run import analyse_study
 from stepblocks.study.sheet import read_answers, read_design
 from stepblocks.study.simulate import Observer
 
 TEN = str(Path(__file__).resolve().parents[2] / "stimuli" / "paper-ten.toml")
+
+
+def next_pair(folder, participant):
+    return open_adaptive(folder).session(participant).next_pair()
 
 
 @pytest.fixture

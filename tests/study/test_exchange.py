@@ -10,13 +10,17 @@ import pytest
 
 from stepblocks.cli import main
 from stepblocks.errors import StudyError
-from stepblocks.study.adaptive import answer, next_pair, start_adaptive, undo
+from stepblocks.study.adaptive import answer, open_adaptive, start_adaptive, undo
 from stepblocks.study.exchange import share_study
 from stepblocks.study.prose import apa_p, headline, journal_table, methods
 from stepblocks.study.run import analyse_study, analyse_table, design_study, simulate_study, study_power
 
 HEIGHTS = (20e-6, 40e-6, 60e-6, 80e-6)
 COLUMNS = {"participant": "subject", "condition": "probe", "height_mm": "h", "estimate_um": "answer"}
+
+
+def next_pair(folder, participant):
+    return open_adaptive(folder).session(participant).next_pair()
 
 
 @pytest.fixture(scope="module")

@@ -249,9 +249,10 @@ def _answer(arguments: argparse.Namespace) -> Outcome:
 
 
 def _run(arguments: argparse.Namespace) -> Outcome:
-    from stepblocks.study.adaptive import answer, next_pair
+    from stepblocks.study.adaptive import answer, open_adaptive
 
-    while (pair := next_pair(arguments.folder, arguments.participant)) is not None:
+    session = open_adaptive(arguments.folder).session(arguments.participant)
+    while (pair := session.next_pair()) is not None:
         print(
             f"trial {pair.trial}: first {pair.first}, then {pair.second}. Second higher? y, n or q: ",
             end="",
@@ -262,8 +263,8 @@ def _run(arguments: argparse.Namespace) -> Outcome:
         if not line or text == "q":
             return Outcome(f"stopped after {pair.trial - 1} trials; the same command goes on")
         if text in ("y", "n"):
-            answer(arguments.folder, arguments.participant, pair.trial, text == "y")
-    return _next(arguments)
+            session = answer(arguments.folder, arguments.participant, pair.trial, text == "y")
+    return Outcome(str(session))
 
 
 def _undo(arguments: argparse.Namespace) -> Outcome:

@@ -156,11 +156,6 @@ def _study(folder: Path, setup: Mapping[str, Any]) -> AdaptiveStudy:
     return AdaptiveStudy(folder, plan, setup["participants"], blocks)
 
 
-def next_pair(folder: str | Path, participant: int) -> Pair | None:
-    """Say which pair of blocks a participant compares next, by their codes; None when the session is done."""
-    return open_adaptive(folder).session(participant).next_pair()
-
-
 def answer(folder: str | Path, participant: int, trial: int, second_is_higher: bool) -> Session:
     """Take the answer to the trial that is next and write the record anew."""
     session = (study := open_adaptive(folder)).session(participant)

@@ -171,7 +171,7 @@ def mean_rows(fit: Any, data: Any, levels: Sequence[str]) -> list[Any]:
     return [exog[first.index[first["a"] == one]].mean(axis=0) for one in levels]
 
 
-def residual_checks(residuals: Any, groups: Sequence[str], participant_effects: Any = ()) -> list[Check]:
+def residual_checks(residuals: Any, groups: Sequence[str], participant_effects: Any) -> list[Check]:
     """Test the residuals of a linear model."""
     from scipy import stats
 
@@ -180,13 +180,15 @@ def residual_checks(residuals: Any, groups: Sequence[str], participant_effects: 
     parts = [values[names == name] for name in dict.fromkeys(names.tolist())]
     enough = len(parts) > 1 and min(len(part) for part in parts) > 2
     levene = stats.levene(*parts, center="median") if enough else (math.nan, math.nan)
-    checks = [
-        _check("residuals are normal", "Shapiro-Wilk", *_shapiro(sample)),
-        _check("conditions have one residual spread", "Levene (median)", *map(float, levene)),
-    ]
-    effects = np.asarray(participant_effects, dtype=np.float64)
-    if effects.size:
-        checks.append(_check("participants are a normal sample", "Shapiro-Wilk", *_shapiro(effects)))
+    checks = []
+    for assumption, test, (statistic, p) in (
+        ("residuals are normal", "Shapiro-Wilk", _shapiro(sample)),
+        ("conditions have one residual spread", "Levene (median)", levene),
+        ("participants are a normal sample", "Shapiro-Wilk", _shapiro(np.asarray(participant_effects))),
+    ):
+        verdict = "not tested" if math.isnan(p) else "in doubt" if p < _DOUBT else "no objection"
+        advice = _ADVICE[assumption] if verdict == "in doubt" else ""
+        checks.append(Check(assumption, test, float(statistic), float(p), verdict, advice))
     return checks
 
 
@@ -197,8 +199,3 @@ def _shapiro(values: Any) -> tuple[float, float]:
         return math.nan, math.nan
     statistic, p = stats.shapiro(values / np.abs(values).max())
     return float(statistic), float(p)
-
-
-def _check(assumption: str, test: str, statistic: float, p: float) -> Check:
-    verdict = "not tested" if math.isnan(p) else "in doubt" if p < _DOUBT else "no objection"
-    return Check(assumption, test, statistic, p, verdict, _ADVICE[assumption] if verdict == "in doubt" else "")
