@@ -41,7 +41,7 @@ def add_to(commands: Any) -> None:
     jobs = parser.add_subparsers(title="commands", metavar="COMMAND", required=True)
 
     said = "design.csv with every trial, and the key of the blinding codes"
-    design = add_command(jobs, "design", _design, said, "blocks", instead="heights")
+    design = add_command(jobs, "design", _design, said, "blocks")
     said = "experiment 1 (default), experiment 2, constant stimuli, or magnitude estimation; 2afc is constant"
     design.add_argument("--experiment", choices=_EXPERIMENTS, help=said)
     design.add_argument("--participants", type=count, metavar="N", help="default: 10")
@@ -55,7 +55,7 @@ def add_to(commands: Any) -> None:
     add_command(jobs, "sheet", _sheet, "blinded run sheets, to print and as CSV to fill in", "folder")
 
     said = "lead a participant through the trials, in the browser or with a device; the same command goes on"
-    run = add_command(jobs, "run", _conduct, said, "folder", "energies", instead="nothing")
+    run = add_command(jobs, "run", _conduct, said, "folder", "faces")
     run.add_argument("--participant", required=True, metavar="N", help="whose run it is, as in the design")
     said = "what moves the probe over virtual blocks (default: mouse, with the loudspeaker)"
     run.add_argument("--device", choices=("mouse", "openhaptics", "dhd", "replay"), help=said)
@@ -68,7 +68,7 @@ def add_to(commands: Any) -> None:
     run.add_argument("--no-open", action="store_true", default=False, help="print the address and open no browser")
 
     said = "let simulated participants fill in the run sheets"
-    simulate = add_command(jobs, "simulate", _simulate, said, "folder", "energies", instead="nothing")
+    simulate = add_command(jobs, "simulate", _simulate, said, "folder", "faces")
     add_observer(simulate)
     simulate.add_argument("--seed", type=whole, required=True, metavar="N", help="seed of all chance")
     add_output(simulate, metavar="CSV", said="answers to write (default: answers.csv in the folder)")
@@ -93,7 +93,7 @@ def add_to(commands: Any) -> None:
     analyse.add_argument("--ratings", type=scale, metavar="LOW-HIGH", help="scale of the ratings (default: 1-7)")
 
     said = "share of simulated studies that find a difference between conditions"
-    power = add_command(jobs, "power", _power, said, "blocks", instead="heights")
+    power = add_command(jobs, "power", _power, said, "blocks")
     power.add_argument("--experiment", choices=("estimates", "constant", "2afc"), help="default: estimates")
     power.add_argument("--standard", metavar="ID", help="block that all others are compared with (constant)")
     said = "conditions compared (default: those of --damping and --noisier)"
@@ -196,7 +196,7 @@ def _add_adaptive(jobs: Any) -> None:
     steps = parser.add_subparsers(title="commands", metavar="COMMAND", required=True)
 
     said = "setup.json and the key of the blinding codes"
-    start = add_command(steps, "start", _start, said, "blocks", within=_ADAPTIVE, instead="heights")
+    start = add_command(steps, "start", _start, said, "blocks", within=_ADAPTIVE)
     start.add_argument("--standard", required=True, metavar="ID", help="block that the others are compared with")
     start.add_argument("--method", choices=("quest", "staircase", "training"), help="default: quest")
     start.add_argument("--participants", type=count, metavar="N", help="default: 10")

@@ -13,10 +13,12 @@ from stepblocks.cli.arguments import given, number, quantity
 from stepblocks.cli.outcome import Outcome
 from stepblocks.errors import PipelineError
 
+# argument, metavar, what it is, how it stands in an example; ? where it may be left out
 _TAKEN = {
-    "blocks": ("file", "FILE", "stimulus file with the blocks", "mine.toml"),
-    "folder": ("folder", "DIR", "folder of the study", "study"),
-    "energies": ("file", "FILE", "stimulus file, for the predicted energies", "mine.toml"),
+    "blocks": ("file", "FILE", "stimulus file with the blocks", "mine.toml", "?"),
+    "folder": ("folder", "DIR", "folder of the study", "study", None),
+    "faces": ("file", "FILE", "stimulus file, for the predicted energies", "mine.toml", "?"),
+    "energies": ("file", "FILE", "stimulus file, for the predicted energies", "mine.toml", None),
 }
 
 _EXAMPLES = {
@@ -40,18 +42,13 @@ def add_command(
     said: str,
     *takes: str,
     within: str = "study",
-    instead: str = "",
 ) -> Any:
-    """Register a command with the files it takes; an option not given is left out: its default stands in the function.
-
-    Where something can stand in place of a FILE, `instead` says so: ``"heights"``, or ``"nothing"``.
-    """
+    """Register a command with the files it takes; an option not given is left out: its default stands in the function."""
     words = [within, name, *(_TAKEN[one][3] for one in takes), _EXAMPLES.get(name, "")]
     parser = add_leaf(commands, name, run, said, examples=(" ".join(words).strip(),), leave_out=True)
-    for argument, metavar, what, _ in (_TAKEN[one] for one in takes):
-        either: dict[str, Any] = {"nargs": "?", "default": None} if argument == "file" and instead else {}
-        parser.add_argument(argument, type=Path, metavar=metavar, help=what, **either)
-    if instead == "heights":
+    for argument, metavar, what, _, nargs in (_TAKEN[one] for one in takes):
+        parser.add_argument(argument, type=Path, metavar=metavar, help=what, nargs=nargs, default=None)
+    if "blocks" in takes:
         said = "in place of a FILE: heights in micrometres, such as 20,40,60,80"
         parser.add_argument("--heights", type=heights, metavar="H,H,...", help=said)
     return parser
