@@ -24,7 +24,7 @@ from stepblocks.study import require
 from stepblocks.study.blocks import Blocks, designed_blocks
 from stepblocks.study.design import WHEN
 from stepblocks.study.experiments import EXPERIMENTS, LARGEST_ESTIMATE, RATINGS, Row, number
-from stepblocks.study.hands import HANDS, Hand, Mouse, Replay
+from stepblocks.study.hands import HANDS, Hand, Mouse
 from stepblocks.study.servo import RATE, Limits, Servo, write_motion
 from stepblocks.study.sheet import answer_columns, read_answers, read_design, sheet_rows
 from stepblocks.tables import csv_text
@@ -79,15 +79,12 @@ class Run:
         if not text.endswith("\n"):
             text = text[: text.rfind("\n") + 1]
             replace_text(self.path, text or ",".join(columns) + "\n")
-        rows = read_answers(self.path, experiment) if text.count("\n") > 1 else []
+        rows, most = read_answers(self.path, experiment) if text.count("\n") > 1 else [], len(self.planned)
         for row, planned in zip(rows, self.planned, strict=False):
             if row["trial"] != planned["trial"]:
-                raise StudyError(
-                    f"trial must be {planned['trial']} here, as planned, got {row['trial']} [{row['line']}]"
-                )
-        require(
-            len(rows) <= len(self.planned), f"at most {len(self.planned)} trials are planned, got more [{self.path}]"
-        )
+                said = f"trial must be {planned['trial']} here, as planned"
+                raise StudyError(f"{said}, got {row['trial']} [{row['line']}]")
+        require(len(rows) <= most, f"at most {most} trials are planned, got more [{self.path}]")
         return len(rows)
 
     @property
@@ -118,8 +115,7 @@ class Run:
             renderer.tick(np.array([0.0, 0.0, 1.0]), np.zeros(3))  # compiled before it is felt
             if self.hand is None or isinstance(self.hand, Mouse):
                 self.hand = Mouse(point.normal_load, renderer.wall, float(renderer.path.z.max()))
-            if isinstance(self.hand, Replay):
-                self.hand.rewind()
+            self.hand.begin()
             # a mouse has no motors: a page that is slow for a moment needs no new start
             limits = Limits(dead=_SLOW) if isinstance(self.hand, Mouse) else Limits()
             self._running = Servo(renderer, self.hand, limits=limits)
@@ -166,8 +162,7 @@ class Run:
             top = LARGEST_ESTIMATE * max(number(one["height_um"]) for one in self.design)
             self.kind.read(row, given, top, self.ratings)  # says what cannot be read
             if self.virtual:
-                servo = self._running
-                if servo is None:
+                if (servo := self._running) is None:
                     raise StudyError(f"trial {trial} must be felt before it is answered")
                 servo.stop()
                 name = f"trial-{int(trial):04}.h5"

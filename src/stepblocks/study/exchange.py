@@ -15,6 +15,8 @@ from stepblocks.study import require
 from stepblocks.study.experiments import ALIASES, EXPERIMENTS, LARGEST_ESTIMATE, RATINGS, Row, number
 from stepblocks.study.sheet import (
     Judgements,
+    answer_columns,
+    by_person,
     join_rows,
     read_answers,
     read_design,
@@ -131,20 +133,20 @@ def share_study(folder: str | Path, answers: Sequence[str | Path], output: str |
     require(form in FORMATS, f"form must be one of {', '.join(FORMATS)}, got {form!r}")
     design = read_design(Path(folder) / "design.csv")
     experiment = design[0]["experiment"]
-    kind, people = EXPERIMENTS[experiment], dict[str, list[Row]]()
+    kind = EXPERIMENTS[experiment]
     if form == "psychopy":  # blinded, in order, for a loop with ``sequential``; headers are Python names
-        for row in sheet_rows(design):
-            shown = {name: text for name, text in row.items() if name not in kind.answers}
-            people.setdefault(row["participant"], []).append(shown)
-        files = {f"conditions-{who}.csv": csv_text(rows) for who, rows in people.items()}
+        columns = [name for name in answer_columns(experiment) if name not in kind.answers]
+        sheets = by_person(sheet_rows(design))
+        files = {f"conditions-{who}.csv": csv_text(rows, columns) for who, rows in sheets.items()}
     else:
         rows = [row for path in sheets_of(answers) for row in read_answers(path, experiment)]
         given = {(row["participant"], row["trial"]): row for row in rows}
         columns = [name for name in _SAID if name in design[0] and (kind.paired or not name.startswith("standard"))]
-        for row in design:
-            if answer := given.get((row["participant"], row["trial"])):
-                one = {name: row[name] for name in columns} | {name: answer[name] for name in kind.answers}
-                people.setdefault(row["participant"], []).append(one)
+        people = by_person(
+            {name: row[name] for name in columns} | {name: answer[name] for name in kind.answers}
+            for row in design
+            if (answer := given.get((row["participant"], row["trial"])))
+        )
         require(people, "the answers must belong to the design, got none that does")
         labels = {who: re.sub(r"[^0-9A-Za-z]", "", who) for who in people}  # as both forms allow them
         alike = len(set(labels.values())) < len(labels) or not all(labels.values())

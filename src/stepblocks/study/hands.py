@@ -12,8 +12,7 @@ import threading
 import time
 from collections.abc import Callable
 from ctypes.util import find_library
-from pathlib import Path
-from typing import Any, Protocol
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -22,29 +21,34 @@ from stepblocks.errors import PipelineError
 from stepblocks.study import require
 
 Array = NDArray[np.float64]
+_PERIOD = 1e-3  # of a servo loop [s]
 _SILENCE = 0.25  # a page that sends nothing for so long has let go [s]
 _SMOOTH = 0.008  # time constant with which the hand follows what a page sends in steps [s]
 _FASTEST = 0.5  # of a mouse's hand in the magnified frame [m/s]
 
 
-class Hand(Protocol):
+class Hand:
     """What a servo loop asks of a device."""
 
     def read(self) -> tuple[Array, Array, bool]:
         """Return position [m], velocity [m/s], and whether the dead-man switch is held."""
+        raise NotImplementedError
 
     def apply(self, force: Array) -> None:
         """Put a force on the hand [N]."""
+
+    def begin(self) -> None:
+        """Begin a trial."""
 
     def close(self) -> None:
         """Let go of the device."""
 
 
-class Mouse:
+class Mouse(Hand):
     """A mouse whose page sends positions now and then; its virtual hand keeps the load, as the weights of the bench do."""
 
-    def __init__(self, load: float, wall: float, top: float, period: float = 1e-3) -> None:
-        self._load, self._wall, self._top, self._period = load, wall, top, period
+    def __init__(self, load: float, wall: float, top: float) -> None:
+        self._load, self._wall, self._top = load, wall, top
         self._position, self._velocity = np.array([0.0, 0.0, top]), np.zeros(3)
         self._target, self._held, self._heard, self._down = 0.0, False, -1.0, False
 
@@ -58,10 +62,10 @@ class Mouse:
         if held and not self._down:
             self._position[:] = (self._target, 0.0, self._top)
         self._down = held
-        step = (self._target - self._position[0]) * self._period / _SMOOTH
-        step = min(max(step, -_FASTEST * self._period), _FASTEST * self._period)
+        step = (self._target - self._position[0]) * _PERIOD / _SMOOTH
+        step = min(max(step, -_FASTEST * _PERIOD), _FASTEST * _PERIOD)
         self._position[0] += step
-        self._velocity[0] = step / self._period
+        self._velocity[0] = step / _PERIOD
         return self._position, self._velocity, held
 
     def apply(self, force: Array) -> None:
@@ -69,19 +73,16 @@ class Mouse:
         if self._down:
             self._position[2] += (force[2] - self._load) / self._wall
 
-    def close(self) -> None:
-        """Nothing is held."""
 
-
-class Replay:
+class Replay(Hand):
     """A recorded hand, one position per tick; it lets go at its end."""
 
-    def __init__(self, positions: Array, period: float = 1e-3) -> None:
+    def __init__(self, positions: Array, period: float = _PERIOD) -> None:
         self._positions, self._period, self._tick = np.asarray(positions, dtype=np.float64), period, 0
         self.forces: list[Array] = []  # that it felt
 
-    def rewind(self) -> None:
-        """Begin anew, as every trial does."""
+    def begin(self) -> None:
+        """Begin anew."""
         self._tick = 0
 
     def read(self) -> tuple[Array, Array, bool]:
@@ -96,23 +97,19 @@ class Replay:
         """Remember what was felt."""
         self.forces.append(force.copy())
 
-    def close(self) -> None:
-        """Nothing is held."""
-
 
 def _load(library: str, *names: str) -> ctypes.CDLL:
     """Load a maker's library by path or by the first of its names that the system finds."""
     found = library or next((path for name in names if (path := find_library(name))), "")
+    said = f"the library {' or '.join(names)} must be installed to use this device"
+    require(found, f"{said}, got none; or say --library")
     try:
-        require(
-            found, f"the library {' or '.join(names)} must be installed to use this device, got none; or say --library"
-        )
-        return ctypes.CDLL(str(Path(found)) if library else found)
+        return ctypes.CDLL(found)
     except OSError as error:
         raise PipelineError(f"the library cannot be loaded: {error} [{found}]") from error
 
 
-class ForceDimension:
+class ForceDimension(Hand):
     """omega, delta, sigma and Falcon through ``libdhd``; button 0 is the dead-man switch."""
 
     def __init__(self, library: str = "") -> None:
@@ -155,7 +152,7 @@ class _HDError(ctypes.Structure):
     _fields_ = (("code", ctypes.c_uint), ("internal", ctypes.c_int), ("device", ctypes.c_uint))
 
 
-class OpenHaptics:
+class OpenHaptics(Hand):
     """Touch and Phantom through ``libHD``, whose scheduler calls back a thousand times a second; button 1 is the dead-man switch."""
 
     _POSITION, _VELOCITY, _BUTTONS, _FORCE, _OUTPUT = 0x2050, 0x2051, 0x2000, 0x2700, 0x4000
@@ -222,10 +219,8 @@ def recorded(path: str) -> Replay:
 
     try:
         with h5py.File(path) as file:
-            held = file["held"][:] > 0.0
-            return Replay(
-                np.column_stack([file[f"{axis}_m"][:][held] for axis in "xyz"]), 1.0 / float(file.attrs["rate_hz"])
-            )
+            held, period = file["held"][:] > 0.0, 1.0 / float(file.attrs["rate_hz"])
+            return Replay(np.column_stack([file[f"{axis}_m"][:][held] for axis in "xyz"]), period)
     except (OSError, KeyError, ValueError) as error:
         raise PipelineError(f"a recorded hand must be the HDF5 of a trial: {error} [{path}]") from error
 

@@ -12,7 +12,7 @@ from types import MappingProxyType
 from typing import TYPE_CHECKING, Any
 
 from stepblocks.atomic import replace_text
-from stepblocks.errors import PipelineError, StudyError
+from stepblocks.errors import PipelineError
 from stepblocks.page_file import render_page
 from stepblocks.study import require
 from stepblocks.study.analysis.accuracy import ANSWER
@@ -23,6 +23,7 @@ from stepblocks.study.exchange import judgements_of_table
 from stepblocks.study.experiments import ALIASES, EXPERIMENTS, LARGEST_ESTIMATE, RATINGS
 from stepblocks.study.page import render_sheets_pdf, render_study
 from stepblocks.study.sheet import (
+    by_person,
     design_files,
     join_answers,
     read_answers,
@@ -113,23 +114,20 @@ def write_sheets(folder: str | Path) -> int:
         If there is no design, or somebody has written into a sheet already.
     """
     folder = Path(folder)
-    by_person: dict[str, list[dict[str, str]]] = {}
     design = read_design(folder / "design.csv")
-    for row in sheet_rows(design):
-        by_person.setdefault(row["participant"], []).append(row)
-    for person in by_person:  # it becomes the name of a file
-        if not re.fullmatch(r"[\w.-]{1,40}", person):
-            raise StudyError(
-                f"participant must be one word of at most 40 characters, got {person!r:.60} [{folder / 'design.csv'}]"
-            )
-    digits = len(str(len(by_person)))
-    sheets = {f"participant-{person:0>{digits}}.csv": csv_text(rows) for person, rows in by_person.items()}
-    write_new(folder / "sheets", sheets)
+    sheets = by_person(sheet_rows(design))
+    for person in sheets:  # it becomes the name of a file
+        said = f"participant must be one word of at most 40 characters, got {person!r:.60}"
+        require(re.fullmatch(r"[\w.-]{1,40}", person), f"{said} [{folder / 'design.csv'}]")
+    digits = len(str(len(sheets)))
+    write_new(
+        folder / "sheets", {f"participant-{person:0>{digits}}.csv": csv_text(rows) for person, rows in sheets.items()}
+    )
     title = EXPERIMENTS[design[0]["experiment"]].sheet_title
-    columns = [name for name in next(iter(by_person.values()))[0] if name != "participant"]
-    html = render_page("study", "run_sheet.html", title=title, columns=columns, sheets=by_person)
-    write_new(folder, {"run-sheets.html": html, "run-sheets.pdf": render_sheets_pdf(title, by_person)})
-    return len(by_person)
+    columns = [name for name in next(iter(sheets.values()))[0] if name != "participant"]
+    html = render_page("study", "run_sheet.html", title=title, columns=columns, sheets=sheets)
+    write_new(folder, {"run-sheets.html": html, "run-sheets.pdf": render_sheets_pdf(title, sheets)})
+    return len(sheets)
 
 
 def simulate_study(

@@ -52,6 +52,14 @@ def sheet_rows(rows: Iterable[Row]) -> list[dict[str, str]]:
     return blinded
 
 
+def by_person(rows: Iterable[Row]) -> dict[str, list[Row]]:
+    """Sort rows by their participants."""
+    found: dict[str, list[Row]] = {}
+    for row in rows:
+        found.setdefault(row["participant"], []).append(row)
+    return found
+
+
 def key_files(items: Mapping[str, Item], note: str) -> dict[str, str]:
     """Write key.csv and key.html, which tell the block behind each code."""
     rows = [{"code": code, **items[code].told()} for code in sorted(items)]
