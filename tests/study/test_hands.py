@@ -17,19 +17,25 @@ from stepblocks.study.servo import RATE, Servo
 # signatures as in dhdc.h; the hand moves along the device's y, which points to the right
 DHD = """
 #include <string.h>
-static double force[3]; static int enabled, ticks, fails;
+#include <unistd.h>
+static double force[3]; static int enabled, ticks, fails, hangs; static volatile int pressed = -1;
 int dhdOpen(void) { return fails ? -1 : 0; }
 int dhdClose(char ID) { enabled = -1; return 0; }
 int dhdEnableForce(unsigned char on, char ID) { if (ID != -1) return -1; enabled = on; return 0; }
 int dhdGetPosition(double *x, double *y, double *z, char ID)
-{ *x = 0.003; *y = -0.004 + 2e-5 * ticks++; *z = 0.0115; return ID == -1 ? 0 : -1; }
+{ *x = 0.003; *y = -0.004 + 2e-5 * ticks++; *z = 0.0115;
+  if (hangs) { usleep(1000 * hangs); hangs = 0; }
+  if (pressed >= 0) *y = -0.004; /* it stays before the edge */
+  return fails || ID != -1 ? -1 : 0; }
 int dhdGetLinearVelocity(double *x, double *y, double *z, char ID) { *x = 0; *y = 0.02; *z = 0; return 0; }
 int dhdSetForce(double x, double y, double z, char ID) { force[0] = x; force[1] = y; force[2] = z; return ID == -1 ? 0 : -1; }
-int dhdGetButton(int index, char ID) { return index == 0 && ticks < 400; }
+int dhdGetButton(int index, char ID) { return index == 0 && (pressed < 0 ? ticks > 5 && ticks < 400 : pressed); }
 const char *dhdErrorGetLastStr(void) { return "no device found"; }
 void stub_force(double *out) { memcpy(out, force, sizeof force); }
 int stub_enabled(void) { return enabled; }
 void stub_fail(int on) { fails = on; }
+void stub_hang(int ms) { hangs = ms; }
+void stub_press(int on) { pressed = on; }
 """
 
 # types as in hd.h and hdDefines.h: the scheduler calls back from a thread of its own
@@ -89,7 +95,7 @@ def test_force_dimension_is_felt_along_its_own_axes(stubs):
     position, velocity, held = hand.read()
     assert position == pytest.approx([-0.004, -0.003, 0.0115])
     assert velocity == pytest.approx([0.02, 0.0, 0.0])
-    assert held
+    assert not held
     hand.apply(np.array([1.0, 2.0, 3.0]))
     assert force_of(hand) == [-2.0, 1.0, 3.0]
     renderer = Renderer(Step(50e-6).centre_path(PAPER.ball_radius), PAPER, scale=100.0, rate=RATE)
@@ -102,6 +108,45 @@ def test_force_dimension_is_felt_along_its_own_axes(stubs):
     assert force_of(hand) == [0.0, 0.0, 0.0]
     hand.close()
     assert hand._lib.stub_enabled() == -1
+
+
+def until(holds, seconds=20.0):
+    end = time.monotonic() + seconds
+    while not holds():
+        assert time.monotonic() < end
+        time.sleep(0.002)
+
+
+@pytest.mark.parametrize(("trouble", "said"), [("hang", "the hand did not answer"), ("fail", "must tell its position")])
+def test_a_device_in_doubt_pushes_again_when_its_switch_was_let_go_and_taken(stubs, trouble, said):
+    """No page and no mouse has a part in it; the press before the trial does not count either."""
+    hand = ForceDimension(str(stubs / "libdhd.so"))
+    lib = hand._lib
+    lib.stub_press(1)
+    servo = Servo(Renderer(Step(50e-6).centre_path(PAPER.ball_radius), PAPER, scale=100.0, rate=RATE), hand)
+    servo.start()
+    try:
+        until(lambda: servo.ticks > 50)
+        assert not any(force_of(hand))  # held since before the trial began
+        for _ in range(2):
+            while not any(force_of(hand)):  # a busy machine may be late, and be let go by the watchdog, on the way
+                lib.stub_press(0)
+                until(lambda: servo.trusted)
+                lib.stub_press(1)
+                time.sleep(0.02)
+            lib.stub_hang(120) if trouble == "hang" else lib.stub_fail(1)
+            until(lambda: said in " ".join(servo.doubts[-2:]) and not servo.trusted)
+            assert not any(force_of(hand))
+            lib.stub_fail(0)
+            until(lambda after=servo.ticks + 50: servo.ticks > after)
+            assert not any(force_of(hand))  # still held: it was not let go
+    finally:
+        lib.stub_fail(0)
+        lib.stub_press(-1)
+        servo.stop()
+        hand.close()
+    assert servo.ended == "stopped"
+    assert len(servo.doubts) >= 2
 
 
 def test_openhaptics_calls_back_and_every_frame_is_begun_and_ended(stubs):

@@ -94,16 +94,21 @@ def test_who_lets_go_feels_nothing(hand):
     assert record["applied_z_n"][record["held"] == 1.0].max() > 0.5
 
 
-def test_a_hand_that_fails_or_hangs_is_let_go(hand):
+def test_a_hand_that_fails_or_hangs_is_let_go_until_it_has_let_go_itself(hand):
     class Broken(Replay):
         def read(self):
-            if self._tick == 50:
+            position, velocity, held = super().read()
+            if 50 < self._tick < 60:
                 raise OSError("cable")
-            return super().read()
+            return position, velocity, held and self._tick not in range(300, 320)
 
-    servo = Servo(renderer(), Broken(hand), waits=False)
+    servo = Servo(renderer(), Broken(hand), waits=False, seconds=0.5)
     servo.run()
-    assert (servo.ticks, servo.ended) == (50, "OSError: cable")
+    assert (servo.ticks, servo.ended, servo.doubts) == (500, "time is up", ["OSError: cable"])
+    applied = servo.record()["applied_z_n"]
+    assert applied[40:50].min() > 0.5
+    assert not applied[50:319].any()  # the cable was mended at once, the hand let go much later
+    assert applied[340:].min() > 0.5
     assert not servo.hand.forces[-1].any()
 
     class Hanging(Replay):
@@ -112,9 +117,10 @@ def test_a_hand_that_fails_or_hangs_is_let_go(hand):
                 __import__("time").sleep(0.08)
             return super().read()
 
-    servo = Servo(renderer(), Hanging(hand))
+    servo = Servo(renderer(), Hanging(hand), seconds=0.2)
     servo.run()
-    assert servo.ended.startswith("watchdog")
+    assert servo.doubts[0].startswith("watchdog")
+    assert not servo.record()["applied_z_n"][6:].any()
     assert not servo.hand.forces[-1].any()
 
 

@@ -116,21 +116,21 @@ class Run:
             if self.hand is None or isinstance(self.hand, Mouse):
                 self.hand = Mouse(point.normal_load, renderer.wall, float(renderer.path.z.max()))
             self.hand.begin()
-            # a mouse has no motors: a page that is slow for a moment needs no new start
-            limits = Limits(dead=_SLOW) if isinstance(self.hand, Mouse) else Limits()
+            # without motors a machine that is slow for a moment needs no new start
+            limits = Limits() if self.hand.motors else Limits(dead=_SLOW)
             self._running = Servo(renderer, self.hand, limits=limits)
             self._running.start()
 
-    def felt(self) -> dict[str, float]:
-        """Return where the probe is [m] and what rings: releases so far and the last one's amplitude over the largest of the study."""
+    def felt(self) -> dict[str, Any]:
+        """Return where the probe is [m], what rings (releases, amplitude of the last over the study's largest), what is in doubt."""
         servo = self._running
         if servo is None or self.blocks is None:
             return {"x": 0.0, "events": 0, "loudness": 0.0}
         tool, renderer = self.blocks.point.tool, servo.renderer
-        over = float(servo.ended != "")  # the watchdog took the force off
-        rung = {"frequency": tool.frequency, "decay": tool.decay_time}
         loudness = abs(renderer.release_force) / self.strongest()
-        return {"x": renderer.proxy[0], "events": renderer.events, "over": over, "loudness": loudness, **rung}
+        rung = {"frequency": tool.frequency, "decay": tool.decay_time, "loudness": loudness}
+        doubts = {"over": servo.ended != "", "doubt": "" if servo.trusted else "".join(servo.doubts[-1:])}
+        return {"x": renderer.proxy[0], "events": renderer.events, **rung, **doubts}
 
     def strongest(self) -> float:
         """Return the largest release force of the study's blocks [N]: they share one full scale of sound, and of the page."""

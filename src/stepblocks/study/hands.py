@@ -30,6 +30,8 @@ _FASTEST = 0.5  # of a mouse's hand in the magnified frame [m/s]
 class Hand:
     """What a servo loop asks of a device."""
 
+    motors = False  # whether it can push: then its switch must be let go before a trial begins
+
     def read(self) -> tuple[Array, Array, bool]:
         """Return position [m], velocity [m/s], and whether the dead-man switch is held."""
         raise NotImplementedError
@@ -112,6 +114,8 @@ def _load(library: str, *names: str) -> ctypes.CDLL:
 class ForceDimension(Hand):
     """omega, delta, sigma and Falcon through ``libdhd``; button 0 is the dead-man switch."""
 
+    motors = True
+
     def __init__(self, library: str = "") -> None:
         self._lib = lib = _load(library, "dhd", "drd")
         pointer, real, byte = ctypes.POINTER(ctypes.c_double), ctypes.c_double, ctypes.c_char
@@ -155,6 +159,7 @@ class _HDError(ctypes.Structure):
 class OpenHaptics(Hand):
     """Touch and Phantom through ``libHD``, whose scheduler calls back a thousand times a second; button 1 is the dead-man switch."""
 
+    motors = True
     _POSITION, _VELOCITY, _BUTTONS, _FORCE, _OUTPUT = 0x2050, 0x2051, 0x2000, 0x2700, 0x4000
 
     def __init__(self, library: str = "") -> None:

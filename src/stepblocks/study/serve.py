@@ -12,6 +12,7 @@ from stepblocks.errors import StepblocksError
 from stepblocks.page_file import render_page
 from stepblocks.study.conduct import Run
 from stepblocks.study.hands import Mouse
+from stepblocks.study.servo import hurry
 
 _LARGEST = 20_000  # bytes of a request
 _POLICY = "default-src 'none'; style-src 'unsafe-inline'; script-src 'unsafe-inline'; connect-src 'self'"
@@ -31,6 +32,8 @@ class RunServer(ThreadingHTTPServer):
 
     def until_done(self) -> None:
         """Serve until the last answer is given."""
+        if self.experiment.virtual:
+            hurry(10)
         try:
             self.serve_forever(poll_interval=0.1)
         finally:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import ctypes
+import gc
 import os
 import sys
 import threading
@@ -27,12 +28,16 @@ COLUMNS += ("pull_n", "held", "events", "late_s")
 _WATCHED = 60e-6  # before a tick is due the clock is watched instead of slept through [s]
 
 
-def _hurry() -> None:
-    """Ask the system, where it lets us, to wake this thread first and on time: a sleep may else last 50 us longer."""
+def hurry(priority: int) -> None:
+    """Ask the system, where it lets us, to wake this thread before others and on time: a sleep may else last 50 us longer.
+
+    Threads that it starts take the priority over. Who holds the interpreter while the servo waits for it needs one too, though
+    a lower one: any other program could else put both off.
+    """
     with suppress(OSError, AttributeError):
         ctypes.CDLL(None).prctl(29, 1, 0, 0, 0)  # PR_SET_TIMERSLACK, in nanoseconds, of this thread
     with suppress(OSError, AttributeError):
-        os.sched_setscheduler(0, os.SCHED_FIFO, os.sched_param(20))
+        os.sched_setscheduler(0, os.SCHED_FIFO, os.sched_param(priority))
 
 
 @dataclass(frozen=True)
@@ -42,11 +47,16 @@ class Limits:
     force: float = 7.0  # N; above the peak of most desk-top devices
     growth: float = 5e3  # how fast a force may grow [N/s]; it may fall at once, as it does at a release
     late: float = 200e-6  # a tick this late is logged [s]
-    dead: float = 0.05  # after so long without a tick, or with a hand that does not answer, the force is taken off [s]
+    dead: float = (
+        0.05  # after so long without a tick, or an answer of the hand, the force is off until the hand has let go [s]
+    )
 
 
 class Servo(threading.Thread):
-    """One trial's loop in a thread of its own; `stop` ends it, and it ends by itself when it is in doubt."""
+    """One trial's loop in a thread of its own; `stop` ends it.
+
+    In doubt it takes the force off, says why in `doubts`, and goes on when the hand has let go and takes hold again.
+    """
 
     def __init__(
         self, renderer: Renderer, hand: Hand, *, limits: Limits = Limits(), seconds: float = 120.0, waits: bool = True
@@ -55,50 +65,68 @@ class Servo(threading.Thread):
         self.renderer, self.hand, self.limits, self._waits = renderer, hand, limits, waits
         self._period = renderer.period
         self._log = np.zeros((max(1, round(seconds / self._period)), len(COLUMNS)))
-        self._over = threading.Event()
-        self.ticks, self.ended = 0, ""  # why it ended: "", "stopped", "time is up", or what went wrong
+        self._over, self._applied, self._held = threading.Event(), np.zeros(3), False
+        self.trusted, self.doubts = not hand.motors, list[str]()
+        self.ticks, self.ended = 0, ""  # why it ended: "", "stopped" or "time is up"
 
     def run(self) -> None:
         """Tick until stopped; whatever happens, the last force is zero."""
-        # the loop shares the interpreter with the page's server, which must not keep it for long
-        interval = sys.getswitchinterval()
+        # the loop shares the interpreter with the page's server, which must not keep it for long, nor a collection of garbage
+        interval, collects = sys.getswitchinterval(), gc.isenabled()
         sys.setswitchinterval(50e-6)
+        gc.disable()
         if self._waits:
-            _hurry()
+            hurry(20)
         try:
             self.ended = self._loop()
-        except Exception as error:  # a hand that fails must not leave its force standing
-            self.ended = f"{type(error).__name__}: {error}"
         finally:
             sys.setswitchinterval(interval)
-            self.hand.apply(np.zeros(3))
+            if collects:
+                gc.enable()
+            self._let_go()
 
     def _loop(self) -> str:
-        limits, renderer, period, clock = self.limits, self.renderer, self._period, time.perf_counter
-        zero, applied, held_before = np.zeros(3), np.zeros(3), False
-        start = clock()
+        start = time.perf_counter()
         for tick, row in enumerate(self._log):
-            late = self._wait(start + tick * period)
-            if late > limits.dead:
-                return f"watchdog: a tick came {late * 1e3:.0f} ms late"
-            if late > period:
+            late = self._wait(start + tick * self._period)
+            doubt = f"watchdog: a tick came {late * 1e3:.0f} ms late" if late > self.limits.dead else ""
+            if late > self._period:
                 start += late  # no burst of ticks to catch up with
-            asked = clock()
-            position, velocity, held = self.hand.read()
-            if self._waits and clock() - asked > limits.dead:
-                return "watchdog: the hand did not answer"
-            if held and not held_before:
-                renderer.reset(position)
-            held_before = held
-            force = renderer.tick(position, velocity) if held else zero
-            applied = self._limited(force, applied) if held else zero
-            pull = renderer.pull if held else 0.0
-            row[:] = (tick * period, *position, *force, *applied, pull, held, renderer.events, late)
-            self.hand.apply(applied)  # after the log: a virtual hand moves its own position here
+            row[0], row[-1] = tick * self._period, late
+            try:
+                doubt = doubt or self._tick(row)
+            except Exception as error:  # a hand that fails must not leave its force standing
+                doubt = f"{type(error).__name__}: {error}"
+            if doubt:
+                self._let_go()
+                self.doubts += [doubt] if self.trusted else []
+                self.trusted = False
             self.ticks = tick + 1
             if self._over.is_set():
                 return "stopped"
         return "time is up"
+
+    def _tick(self, row: Any) -> str:
+        """Feel once; return what is in doubt."""
+        asked, renderer = time.perf_counter(), self.renderer
+        position, velocity, held = self.hand.read()
+        if self._waits and time.perf_counter() - asked > self.limits.dead:
+            return "watchdog: the hand did not answer"
+        self.trusted = self.trusted or not held
+        held = held and self.trusted
+        if held and not self._held:
+            renderer.reset(position)
+        self._held = held
+        force = renderer.tick(position, velocity) if held else np.zeros(3)
+        self._applied = self._limited(force, self._applied) if held else force
+        row[1:-1] = (*position, *force, *self._applied, renderer.pull if held else 0.0, held, renderer.events)
+        self.hand.apply(self._applied)  # after the log: a virtual hand moves its own position here
+        return ""
+
+    def _let_go(self) -> None:
+        self._applied, self._held = np.zeros(3), False
+        with suppress(Exception):  # it failed before, and is asked again at the next tick
+            self.hand.apply(self._applied)
 
     def _wait(self, due: float) -> float:
         """Sleep until shortly before a tick is due, then watch the clock; return how late it is [s]."""
@@ -141,4 +169,5 @@ def write_motion(path: Path, servo: Servo, told: dict[str, Any]) -> None:
     with beside(path) as draft, h5py.File(draft, "w", track_order=True) as file:
         for name, values in servo.record().items():
             file.create_dataset(name, data=values, compression="gzip", shuffle=True)
-        file.attrs.update({"rate_hz": RATE, "ended": servo.ended, **servo.summary(), **told})
+        doubts = "; ".join(servo.doubts)
+        file.attrs.update({"rate_hz": RATE, "ended": servo.ended, "doubts": doubts, **servo.summary(), **told})
