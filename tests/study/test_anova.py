@@ -90,7 +90,7 @@ def test_checks_are_scipy_s_tests_in_any_unit():
 
 def test_a_doubt_comes_with_advice_and_few_data_with_none():
     wide = np.concatenate([np.linspace(-1.0, 1.0, 40), np.linspace(-9.0, 9.0, 40)])
-    _, spread = residual_checks(wide, ["a"] * 40 + ["b"] * 40)
+    _, spread, _ = residual_checks(wide, ["a"] * 40 + ["b"] * 40, [])
     assert (spread.verdict, "too wide for some conditions" in spread.advice) == ("in doubt", True)
-    _, few = residual_checks([1.0, 2.0, 4.0, 1.5], ["a", "a", "b", "b"])
+    _, few, _ = residual_checks([1.0, 2.0, 4.0, 1.5], ["a", "a", "b", "b"], [])
     assert (few.verdict, few.advice, np.isnan(few.p)) == ("not tested", "", True)
