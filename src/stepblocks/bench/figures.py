@@ -99,7 +99,7 @@ def _draw_fit(axes: Any, trace: Trace, measured: Measurement) -> None:
     start = float(trace.time[0])
     time = trace.time - start
     approach, after, peak, ring = measured.approach, measured.aftermath, measured.peak, measured.aftermath.ring
-    ringing = time >= after.origin
+    ringing = time >= after.ring.origin
     fitted = ring.curve(time[ringing])
     if isinstance(ring, Ring):
         # the levels of a rubbing ring change with every half cycle; it has no one envelope

@@ -5,6 +5,7 @@ from __future__ import annotations
 import itertools
 import math
 from array import array
+from collections import Counter
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field
 
@@ -47,14 +48,13 @@ class LabelCheck:
         load, speed, normal, slope, peak, friction = np.array(self.numbers, dtype=float).reshape(-1, 6).T
         found: dict[int, str] = {}
 
-        def compare(ratio: Array, factor: float, told: Callable[[int, float], str]) -> float:
+        def compare(ratio: Array, factor: float, told: Callable[[int, float], str]) -> None:
             finite = ratio[np.isfinite(ratio)]
             usual = float(np.median(finite)) if finite.size else math.nan
             units = _off(ratio, usual, _UNIT_FACTOR)
             for index in np.flatnonzero(_off(ratio, usual, factor)).tolist():
                 wrong = "units changed or mislabelled" if units[index] else "mislabelled"
                 found.setdefault(int(rows[index]), f"{wrong}: {told(index, usual)}")
-            return usual
 
         def told_load(index: int, _: float) -> str:
             return f"the normal force is {normal[index]:.3g} N, the load of this row is {load[index]:.3g} N"
@@ -63,15 +63,12 @@ class LabelCheck:
             means = f"the ramp of {slope[index]:.3g} N/s means {slope[index] / usual * 1e3:.3g} mm/s"
             return f"{means}, the speed of this row is {speed[index] * 1e3:.3g} mm/s"
 
-        ratio = normal / load
-        finite = ratio[np.isfinite(ratio)]
-        usual = float(np.median(finite)) if finite.size else math.nan
         # a zero or a gain of the gauge shifts all trials along one line, and is no matter of labels
         compare(normal / line_of(load, normal)(load), _LOAD_FACTOR, told_load)
+        known = np.flatnonzero(np.isfinite(normal / load))
+        usual = np.median((normal / load)[known]) if known.size else math.nan
         if _off(np.array([usual]), 1.0, _WILD_FACTOR)[0]:
-            found |= {
-                int(rows[i]): f"units: {told_load(i, usual)}" for i in np.flatnonzero(np.isfinite(ratio)).tolist()
-            }
+            found |= {int(rows[i]): f"units: {told_load(i, usual)}" for i in known.tolist()}
         compare(slope / speed, _SLOPE_FACTOR, told_speed)
         clean = np.array([i for i in np.argsort(rows, kind="stable") if rows[i] not in found], dtype=np.intp)
         _, first, which = np.unique(digests[clean], return_index=True, return_inverse=True)
@@ -111,11 +108,11 @@ def line_of(load: Array, normal: Array) -> Callable[[Array], Array]:
 def together(rows: Iterable[tuple[int, Mapping[str, str]]], faults: Mapping[int, str]) -> dict[int, str]:
     """Rows whose faults they share with their like, each with what they have in common: those are data.
 
-    `rows` are the measured ones in their order with their cells. Like are trials that share a label (an operator, a load,
-    a block) or two, or that follow one another.
+    `rows` are the measured ones with their cells. Like are trials that share a label or two, or that follow one another.
     """
     flagged = {row for row, reason in faults.items() if reason.startswith("mislabelled")}
-    counts: dict[tuple[tuple[str, str], ...], list[int]] = {}
+    counts: Counter[tuple[tuple[str, str], ...]] = Counter()
+    failing = counts.copy()
     levels: dict[str, set[str]] = {}
     cells: dict[int, dict[str, str]] = {}
     run: list[int] = []
@@ -131,13 +128,12 @@ def together(rows: Iterable[tuple[int, Mapping[str, str]]], faults: Mapping[int,
             found |= dict.fromkeys(run, f"trials of the rows {run[0]} to {run[-1]}")
         usable = sorted(name for name in named if len(levels[name]) <= _MOST_LEVELS)
         for size in (1, 2):
-            for names in itertools.combinations(usable, size):
-                count = counts.setdefault(tuple((name, named[name]) for name in names), [0, 0])
-                count[0] += 1
-                count[1] += row in flagged
-    for labels, (total, failing) in sorted(counts.items(), key=lambda item: (-item[1][1] / item[1][0], len(item[0]))):
+            shared_by = [tuple((name, named[name]) for name in names) for names in itertools.combinations(usable, size)]
+            counts.update(shared_by)
+            failing.update(shared_by if row in flagged else ())
+    for labels in sorted(counts, key=lambda labels: (-failing[labels] / counts[labels], len(labels))):
         apart = all(1 < len(levels[name]) <= _MOST_LEVELS for name, _ in labels)
-        if apart and failing >= max(_RUN, _TOGETHER * total):
+        if apart and failing[labels] >= max(_RUN, _TOGETHER * counts[labels]):
             shared = ", ".join(f"{name} {value}" for name, value in labels)
             for row in flagged & set(cells):
                 if row not in found and all(cells[row].get(name) == value for name, value in labels):
