@@ -21,14 +21,8 @@ from stepblocks.errors import BenchError
 _MOST_BYTES = 1 << 30  # of the file of one trial
 Layout = Mapping[str, Any]  # how the text of traces is written
 _USUAL_GROUPS = (
-    "{trial:04d}",
-    "trial_{trial:04d}",
-    "{trial}",
-    "trial_{trial}",
-    "trial{trial:04d}",
-    "trial{trial}",
-    "trial-{trial:04d}",
-    "trial {trial}",
+    *("{trial:04d}", "trial_{trial:04d}", "{trial}", "trial_{trial}"),
+    *("trial{trial:04d}", "trial{trial}", "trial-{trial:04d}", "trial {trial}"),
 )
 
 
@@ -55,11 +49,9 @@ def _open_text(path: Path, layout: Layout) -> nullcontext[Any]:
 
 
 def _text_columns(table: Any, place: Place, names: tuple[str | int, ...]) -> dict[str | int, Any]:
-    for name in names:
-        if name not in table.columns:
-            raise TraceError(
-                f"unknown channel: {table.attrs['file']} has no {name!r}, it has {listed(map(str, table.columns))}"
-            )
+    for name in (name for name in names if name not in table.columns):
+        told = listed(map(str, table.columns))
+        raise TraceError(f"unknown channel: {table.attrs['file']} has no {name!r}, it has {told}")
     return {name: table[name].to_numpy() for name in names}
 
 
@@ -165,8 +157,7 @@ class Traces(ExitStack):
         path = self._container or _trial_file(self.session, trial)
         own = acquisition.per_trial or bool(acquisition.split)
         place = Place(trial, _groups(acquisition.group, trial), own, own and acquisition.group is None)
-        names = [channel.column for channel, _ in self._channels.values()]
-        asked = acquisition.kind, self._layout, place, names
+        asked = acquisition.kind, self._layout, place, [channel.column for channel, _ in self._channels.values()]
         found = self._in_si(read_confined(f"{__name__}:read_columns", path, *asked, raises=TraceError))
         sizes = {part: values.size for part, values in found.items()}
         if len(set(sizes.values())) > 1:
@@ -181,13 +172,10 @@ class Traces(ExitStack):
         for number, (part, (channel, dimension)) in enumerate(self._channels.items()):
             values = raw[str(number)] * channel.scale(dimension, part)
             values = values - off if (off := channel.taken_off(dimension, part)) else values
-            if still := round(channel.tare_time(part) * rate):
-                if still >= values.size:
-                    raise TraceError(
-                        f"truncated: the tare of {part} takes {still} samples, the record has {values.size}"
-                    )
-                values = values - values[:still].mean()
-            found[part] = values
+            still = round(channel.tare_time(part) * rate)
+            if still >= max(values.size, 1):
+                raise TraceError(f"truncated: the tare of {part} takes {still} samples, the record has {values.size}")
+            found[part] = values - values[:still].mean() if still else values
         return found
 
 
@@ -217,8 +205,8 @@ def _groups(pattern: str | None, trial: str) -> tuple[str, ...]:
     """Names that the group of a trial may have, the likeliest first."""
     if pattern is not None:
         return (fill_pattern(pattern, trial=trial),)
-    found = []
+    found: dict[str, None] = {}
     for usual in _USUAL_GROUPS:
         with suppress(TraceError):
-            found.append(fill_pattern(usual, trial=trial))
-    return tuple(dict.fromkeys(found))
+            found[fill_pattern(usual, trial=trial)] = None
+    return tuple(found)
