@@ -56,12 +56,12 @@ class LabelCheck:
                 wrong = "units changed or mislabelled" if units[index] else "mislabelled"
                 found.setdefault(int(rows[index]), f"{wrong}: {told(index, usual)}")
 
-        def told_load(index: int, _: float) -> str:
-            return f"the normal force is {normal[index]:.3g} N, the load of this row is {load[index]:.3g} N"
+        def told_load(i: int, _: float) -> str:
+            return f"the normal force is {normal[i]:.3g} N, the load of this row is {load[i]:.3g} N"
 
-        def told_speed(index: int, usual: float) -> str:
-            means = f"the ramp of {slope[index]:.3g} N/s means {slope[index] / usual * 1e3:.3g} mm/s"
-            return f"{means}, the speed of this row is {speed[index] * 1e3:.3g} mm/s"
+        def told_speed(i: int, usual: float) -> str:
+            means = f"the ramp of {slope[i]:.3g} N/s means {slope[i] / usual * 1e3:.3g} mm/s"
+            return f"{means}, the speed of this row is {speed[i] * 1e3:.3g} mm/s"
 
         # a zero or a gain of the gauge shifts all trials along one line, and is no matter of labels
         compare(normal / line_of(load, normal)(load), _LOAD_FACTOR, told_load)
@@ -90,17 +90,16 @@ def line_of(load: Array, normal: Array) -> Callable[[Array], Array]:
     from scipy.stats import theilslopes
 
     known = np.isfinite(load) & np.isfinite(normal)
-    levels, counts = np.unique(load[known], return_counts=True)
+    load, normal = load[known], normal[known]
+    levels, counts = np.unique(load, return_counts=True)
     levels = levels[counts >= _FEW]
     if levels.size > _MOST_LEVELS:
-        levels = np.quantile(load[known], np.linspace(0.0, 1.0, _MOST_LEVELS))
+        levels = np.quantile(load, np.linspace(0.0, 1.0, _MOST_LEVELS))
     if levels.size < 3:
-        gain = float(np.median(normal[known] / load[known])) if known.any() else 1.0
+        gain = float(np.median(normal / load)) if known.any() else 1.0
         return lambda at: gain * at
     nearest = np.abs(load[:, None] - levels).argmin(axis=1)
-    middles = [
-        (np.median(load[one]), np.median(normal[one])) for one in (known & (nearest == i) for i in range(levels.size))
-    ]
+    middles = [(np.median(load[nearest == i]), np.median(normal[nearest == i])) for i in range(levels.size)]
     gain, zero = theilslopes(*np.array(middles).T[::-1])[:2]
     return lambda at: np.maximum(zero + gain * at, 0.2 * gain * at)
 
@@ -145,22 +144,19 @@ def _of_other_blocks(angle: Array, block: NDArray[np.uint64]) -> dict[int, int]:
     """Trials whose sin(a/2), which is sqrt(H / 2R) by equation (2), fits another block and not their own."""
     size = np.sin(0.5 * angle)
     known = np.isfinite(size)
-    groups = {int(name): size[known & (block == name)] for name in np.unique(block)}
-    groups = {name: sizes for name, sizes in groups.items() if sizes.size >= _FEWEST}
-    if len(groups) < 2:
+    names, counts = np.unique(block[known], return_counts=True)
+    names = names[counts >= _FEWEST]
+    if len(names) < 2:
         return {}
-    medians = {name: float(np.median(sizes)) for name, sizes in groups.items()}
-    deviations = [np.abs(sizes - medians[name]) / 0.6745 for name, sizes in groups.items()]
-    spread = float(np.median(np.concatenate(deviations)))
-    found = {}
-    for index in np.flatnonzero(known & np.isin(block, list(medians))).tolist():
-        own = medians[int(block[index])]
-        miss = abs(size[index] - own)
-        nearest = min(medians, key=lambda name: abs(medians[name] - size[index]))
-        fits = abs(size[index] - medians[nearest]) < 0.25 * miss
-        if nearest != block[index] and fits and miss > max(_ANGLE_SIGMAS * spread, _ANGLE_SHARE * own):
-            found[index] = nearest
-    return found
+    medians = np.array([np.median(size[known & (block == name)]) for name in names])
+    rows = np.flatnonzero(known & np.isin(block, names))
+    own = medians[np.searchsorted(names, block[rows])]
+    miss = np.abs(size[rows] - own)
+    spread = float(np.median(miss / 0.6745))
+    apart = np.abs(size[rows, None] - medians)
+    nearest, fits = names[apart.argmin(axis=1)], apart.min(axis=1) < 0.25 * miss
+    other = (nearest != block[rows]) & fits & (miss > np.maximum(_ANGLE_SIGMAS * spread, _ANGLE_SHARE * own))
+    return dict(zip(rows[other].tolist(), map(int, nearest[other]), strict=True))
 
 
 def _off(ratio: Array, usual: float, factor: float) -> NDArray[np.bool_]:

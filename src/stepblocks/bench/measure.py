@@ -61,7 +61,7 @@ class TrialResult:
 
     trial: Trial
     reason: str = ""  # why it is excluded or censored; empty where it was measured whole
-    features: dict[str, float] = field(default_factory=dict)  # empty where it is excluded
+    features: dict[str, Any] = field(default_factory=dict)  # empty where it is excluded
     digest: int = 0  # two traces share it only if they have the same samples
 
     @property

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import csv
 import math
-import shutil
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -12,6 +11,7 @@ from typing import Any
 
 import numpy as np
 
+from stepblocks.atomic import folder_beside
 from stepblocks.bench.rehearse import TRACE_FILES, RecordedTrial, Rig, Truth, drag_trial, open_writer, record
 from stepblocks.bench.rehearse.plan import NUMBERS, SessionPlan, block_name, read_plan
 from stepblocks.bench.signal import Trace
@@ -68,17 +68,11 @@ def simulate_session(plan: str | Path, output: str | Path) -> SimulationSummary:
         raise PipelineError(f"output must be a new or empty folder, got {str(output)!r}")
     if not output.parent.is_dir():
         raise PipelineError(f"folder of the output does not exist: {str(output.parent)!r}")
-    beside = output.with_name(output.name + ".part")
-    if beside.exists():
-        raise PipelineError(f"an unfinished run is in the way, remove {str(beside)!r}")
-    beside.mkdir()
-    try:
-        summary = _fill(declared, beside)
+    with folder_beside(output) as draft:
+        summary = _fill(declared, draft)
         if output.exists():
             output.rmdir()
-        beside.rename(output)
-    finally:
-        shutil.rmtree(beside, ignore_errors=True)
+        draft.rename(output)
     return summary
 
 

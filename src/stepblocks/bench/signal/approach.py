@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+import math
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -54,8 +55,7 @@ def find_landmarks(time: Array, force: Array) -> Landmarks:
     level = float(np.median(lead))
     rise = float(force[peak]) - level
     # a start-up ring is as old as the record; a slip stands out over it
-    floor = max(_RISE_OVER_NOISE * noise, _RISE_OVER_LEAD * float(np.abs(lead - level).max()))
-    if rise < floor:
+    if rise < max(_RISE_OVER_NOISE * noise, _RISE_OVER_LEAD * float(np.abs(lead - level).max())):
         raise LandmarkError(
             f"no slip: the tangential force never rises over sliding (by {rise:.3g} N in noise {noise:.2g} N)"
         )
@@ -65,10 +65,7 @@ def find_landmarks(time: Array, force: Array) -> Landmarks:
         raise LandmarkError("no release: the tangential force does not fall after its peak")
     if time[-1] - time[peak] < _LEAST_RING:
         raise LandmarkError(f"truncated: the record ends {(time[-1] - time[peak]) * 1e3:.3g} ms after the slip")
-    onset = _line_onset(time, smooth, peak, level, rise)
-    if np.searchsorted(time, onset) < _SLIDE_SAMPLES:
-        raise LandmarkError(f"no sliding before the edge: loading begins {onset - time[0]:.3g} s into the record")
-    return Landmarks(onset=onset, peak=peak, level=level, rise=rise, noise=noise)
+    return _with_onset(time, smooth, Landmarks(math.nan, peak, level, rise, noise))
 
 
 def bounded_landmarks(time: Array, force: Array) -> Landmarks:
@@ -78,10 +75,7 @@ def bounded_landmarks(time: Array, force: Array) -> Landmarks:
     rise = float(force[peak]) - level
     if rise < _RISE_OVER_NOISE * noise or peak < 4 * _SLIDE_SAMPLES:
         raise LandmarkError("no ramp")
-    onset = _line_onset(time, force, peak, level, rise)
-    if np.searchsorted(time, onset) < _SLIDE_SAMPLES:
-        raise LandmarkError("no sliding before the edge")
-    return Landmarks(onset, peak, level, rise, noise)
+    return _with_onset(time, force, Landmarks(math.nan, peak, level, rise, noise))
 
 
 def _peak_sample(force: Array, smooth: Array, noise: float) -> int:
@@ -93,16 +87,18 @@ def _peak_sample(force: Array, smooth: Array, noise: float) -> int:
     return peak + (int(np.argmin(high)) if not high.all() else high.size) - 1
 
 
-def _line_onset(time: Array, smooth: Array, peak: int, level: float, rise: float) -> float:
-    """Where the line through the middle of the ramp meets the sliding level."""
-    climb = smooth[: peak + 1] - level
-    low = int(np.flatnonzero(climb < 0.25 * rise)[-1])
-    high = int(np.flatnonzero(climb < 0.75 * rise)[-1]) + 1
-    high = max(high, low + 2)
+def _with_onset(time: Array, smooth: Array, marks: Landmarks) -> Landmarks:
+    """Put the onset where the line through the middle of the ramp meets the sliding level."""
+    climb = smooth[: marks.peak + 1] - marks.level
+    low = int(np.flatnonzero(climb < 0.25 * marks.rise)[-1])
+    high = max(int(np.flatnonzero(climb < 0.75 * marks.rise)[-1]) + 1, low + 2)
     slope = (smooth[high] - smooth[low]) / (time[high] - time[low])
     if slope <= 0.0:
         raise LandmarkError("no loading: the tangential force does not climb steadily to its peak")
-    return float(time[low] - climb[low] / slope)
+    onset = float(time[low] - climb[low] / slope)
+    if np.searchsorted(time, onset) < _SLIDE_SAMPLES:
+        raise LandmarkError(f"no sliding before the edge: loading begins {onset - time[0]:.3g} s into the record")
+    return replace(marks, onset=onset)
 
 
 @dataclass
