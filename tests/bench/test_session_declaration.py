@@ -44,7 +44,7 @@ def test_quantities_are_read_into_si(tmp_path):
     assert session.probe.tip_radius == pytest.approx(125e-6)
     assert session.acquisition.sample_rate == 10e3
     assert session.acquisition.range == 5.0
-    assert session.scans == "scans/{block}.csv"
+    assert session.stimuli.scans == "scans/{block}.csv"
     assert session.table == tmp_path / "trials.csv"
 
 

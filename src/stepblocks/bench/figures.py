@@ -24,15 +24,15 @@ from stepblocks.errors import PipelineError
 _FIRST = 12  # trials that are drawn where none are named
 _LINE, _FIT, _SECOND, _FAINT = "#1f4e79", "#c0392b", "#7f8c8d", "#b0b7bd"
 # each feature that is told beside the curves, with its standard uncertainty, the scale and unit to tell it in
-_NOTES = {
-    "friction": ("sliding_friction", "sliding_friction_std", 1.0, ""),
-    "spring": ("spring_constant_n_per_m", "spring_constant_std_n_per_m", 1e-3, "N/mm"),
-    "peak": ("peak_force_n", "peak_force_std_n", 1.0, "N"),
-    "ring": ("ring_frequency_hz", "ring_frequency_std_hz", 1.0, "Hz"),
-    "decay": ("decay_time_s", "decay_time_std_s", 1e3, "ms"),
-    "amplitude": ("ring_amplitude_n", "ring_amplitude_std_n", 1.0, "N"),
-    "energy": ("vibration_energy_j", "vibration_energy_std_j", 1e6, "uJ"),
-}
+_NOTES = (
+    ("friction", "sliding_friction", "sliding_friction_std", 1.0, ""),
+    ("spring", "spring_constant_n_per_m", "spring_constant_std_n_per_m", 1e-3, "N/mm"),
+    ("peak", "peak_force_n", "peak_force_std_n", 1.0, "N"),
+    ("ring", "ring_frequency_hz", "ring_frequency_std_hz", 1.0, "Hz"),
+    ("decay", "decay_time_s", "decay_time_std_s", 1e3, "ms"),
+    ("amplitude", "ring_amplitude_n", "ring_amplitude_std_n", 1.0, "N"),
+    ("energy", "vibration_energy_j", "vibration_energy_std_j", 1e6, "uJ"),
+)
 
 
 def draw_trials(session: str | Path, output: str | Path, trials: list[str] | None = None) -> list[Path]:
@@ -76,15 +76,12 @@ def _draw(title: str, trial: Trial, examined: tuple[Trace, Measurement | None, s
         if measured is not None:
             _draw_fit(axes, trace, measured)
         axes.set_ylabel("tangential force / N")
-    start = float(trace.time[0])
-    release = start if measured is None else measured.peak.time + start
+    release, told = float(trace.time[0]), f"excluded: {reason}"
+    if measured is not None:
+        release, seen = release + measured.peak.time, measured.features
+        notes = (f"{name} {seen[of] * by:.4g} ± {seen[std] * by:.2g} {unit}" for name, of, std, by, unit in _NOTES)
+        told = "\n".join(note.rstrip() for note in notes)
     near.set_xlim(1e3 * (release - 12e-3), 1e3 * (release + 40e-3))
-    features = {} if measured is None else measured.features
-    notes = [
-        f"{name} {features[value] * scale:.4g} ± {features[std] * scale:.2g} {unit}".rstrip()
-        for name, (value, std, scale, unit) in (_NOTES if features else {}).items()
-    ]
-    told = "\n".join(notes) if notes else f"excluded: {reason}"
     box = {"facecolor": "white", "edgecolor": _FAINT, "alpha": 0.9}
     near.text(0.99, 0.97, told, transform=near.transAxes, ha="right", va="top", fontsize=8, bbox=box)
     whole.legend(loc="upper right", fontsize=8, frameon=False)
@@ -99,7 +96,7 @@ def _draw_fit(axes: Any, trace: Trace, measured: Measurement) -> None:
     start = float(trace.time[0])
     time = trace.time - start
     approach, after, peak, ring = measured.approach, measured.aftermath, measured.peak, measured.aftermath.ring
-    ringing = time >= after.origin
+    ringing = time >= after.ring.origin
     fitted = ring.curve(time[ringing])
     if isinstance(ring, Ring):
         # the levels of a rubbing ring change with every half cycle; it has no one envelope

@@ -5,6 +5,7 @@ from __future__ import annotations
 import itertools
 import math
 from array import array
+from collections import Counter
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field
 
@@ -47,31 +48,27 @@ class LabelCheck:
         load, speed, normal, slope, peak, friction = np.array(self.numbers, dtype=float).reshape(-1, 6).T
         found: dict[int, str] = {}
 
-        def compare(ratio: Array, factor: float, told: Callable[[int, float], str]) -> float:
+        def compare(ratio: Array, factor: float, told: Callable[[int, float], str]) -> None:
             finite = ratio[np.isfinite(ratio)]
             usual = float(np.median(finite)) if finite.size else math.nan
             units = _off(ratio, usual, _UNIT_FACTOR)
             for index in np.flatnonzero(_off(ratio, usual, factor)).tolist():
                 wrong = "units changed or mislabelled" if units[index] else "mislabelled"
                 found.setdefault(int(rows[index]), f"{wrong}: {told(index, usual)}")
-            return usual
 
-        def told_load(index: int, _: float) -> str:
-            return f"the normal force is {normal[index]:.3g} N, the load of this row is {load[index]:.3g} N"
+        def told_load(i: int, _: float) -> str:
+            return f"the normal force is {normal[i]:.3g} N, the load of this row is {load[i]:.3g} N"
 
-        def told_speed(index: int, usual: float) -> str:
-            means = f"the ramp of {slope[index]:.3g} N/s means {slope[index] / usual * 1e3:.3g} mm/s"
-            return f"{means}, the speed of this row is {speed[index] * 1e3:.3g} mm/s"
+        def told_speed(i: int, usual: float) -> str:
+            means = f"the ramp of {slope[i]:.3g} N/s means {slope[i] / usual * 1e3:.3g} mm/s"
+            return f"{means}, the speed of this row is {speed[i] * 1e3:.3g} mm/s"
 
-        ratio = normal / load
-        finite = ratio[np.isfinite(ratio)]
-        usual = float(np.median(finite)) if finite.size else math.nan
         # a zero or a gain of the gauge shifts all trials along one line, and is no matter of labels
         compare(normal / line_of(load, normal)(load), _LOAD_FACTOR, told_load)
+        known = np.flatnonzero(np.isfinite(normal / load))
+        usual = np.median((normal / load)[known]) if known.size else math.nan
         if _off(np.array([usual]), 1.0, _WILD_FACTOR)[0]:
-            found |= {
-                int(rows[i]): f"units: {told_load(i, usual)}" for i in np.flatnonzero(np.isfinite(ratio)).tolist()
-            }
+            found |= {int(rows[i]): f"units: {told_load(i, usual)}" for i in known.tolist()}
         compare(slope / speed, _SLOPE_FACTOR, told_speed)
         clean = np.array([i for i in np.argsort(rows, kind="stable") if rows[i] not in found], dtype=np.intp)
         _, first, which = np.unique(digests[clean], return_index=True, return_inverse=True)
@@ -93,17 +90,16 @@ def line_of(load: Array, normal: Array) -> Callable[[Array], Array]:
     from scipy.stats import theilslopes
 
     known = np.isfinite(load) & np.isfinite(normal)
-    levels, counts = np.unique(load[known], return_counts=True)
+    load, normal = load[known], normal[known]
+    levels, counts = np.unique(load, return_counts=True)
     levels = levels[counts >= _FEW]
     if levels.size > _MOST_LEVELS:
-        levels = np.quantile(load[known], np.linspace(0.0, 1.0, _MOST_LEVELS))
+        levels = np.quantile(load, np.linspace(0.0, 1.0, _MOST_LEVELS))
     if levels.size < 3:
-        gain = float(np.median(normal[known] / load[known])) if known.any() else 1.0
+        gain = float(np.median(normal / load)) if known.any() else 1.0
         return lambda at: gain * at
     nearest = np.abs(load[:, None] - levels).argmin(axis=1)
-    middles = [
-        (np.median(load[one]), np.median(normal[one])) for one in (known & (nearest == i) for i in range(levels.size))
-    ]
+    middles = [(np.median(load[nearest == i]), np.median(normal[nearest == i])) for i in range(levels.size)]
     gain, zero = theilslopes(*np.array(middles).T[::-1])[:2]
     return lambda at: np.maximum(zero + gain * at, 0.2 * gain * at)
 
@@ -111,11 +107,11 @@ def line_of(load: Array, normal: Array) -> Callable[[Array], Array]:
 def together(rows: Iterable[tuple[int, Mapping[str, str]]], faults: Mapping[int, str]) -> dict[int, str]:
     """Rows whose faults they share with their like, each with what they have in common: those are data.
 
-    `rows` are the measured ones in their order with their cells. Like are trials that share a label (an operator, a load,
-    a block) or two, or that follow one another.
+    `rows` are the measured ones with their cells. Like are trials that share a label or two, or that follow one another.
     """
     flagged = {row for row, reason in faults.items() if reason.startswith("mislabelled")}
-    counts: dict[tuple[tuple[str, str], ...], list[int]] = {}
+    counts: Counter[tuple[tuple[str, str], ...]] = Counter()
+    failing = counts.copy()
     levels: dict[str, set[str]] = {}
     cells: dict[int, dict[str, str]] = {}
     run: list[int] = []
@@ -131,13 +127,12 @@ def together(rows: Iterable[tuple[int, Mapping[str, str]]], faults: Mapping[int,
             found |= dict.fromkeys(run, f"trials of the rows {run[0]} to {run[-1]}")
         usable = sorted(name for name in named if len(levels[name]) <= _MOST_LEVELS)
         for size in (1, 2):
-            for names in itertools.combinations(usable, size):
-                count = counts.setdefault(tuple((name, named[name]) for name in names), [0, 0])
-                count[0] += 1
-                count[1] += row in flagged
-    for labels, (total, failing) in sorted(counts.items(), key=lambda item: (-item[1][1] / item[1][0], len(item[0]))):
+            shared_by = [tuple((name, named[name]) for name in names) for names in itertools.combinations(usable, size)]
+            counts.update(shared_by)
+            failing.update(shared_by if row in flagged else ())
+    for labels in sorted(counts, key=lambda labels: (-failing[labels] / counts[labels], len(labels))):
         apart = all(1 < len(levels[name]) <= _MOST_LEVELS for name, _ in labels)
-        if apart and failing >= max(_RUN, _TOGETHER * total):
+        if apart and failing[labels] >= max(_RUN, _TOGETHER * counts[labels]):
             shared = ", ".join(f"{name} {value}" for name, value in labels)
             for row in flagged & set(cells):
                 if row not in found and all(cells[row].get(name) == value for name, value in labels):
@@ -149,22 +144,19 @@ def _of_other_blocks(angle: Array, block: NDArray[np.uint64]) -> dict[int, int]:
     """Trials whose sin(a/2), which is sqrt(H / 2R) by equation (2), fits another block and not their own."""
     size = np.sin(0.5 * angle)
     known = np.isfinite(size)
-    groups = {int(name): size[known & (block == name)] for name in np.unique(block)}
-    groups = {name: sizes for name, sizes in groups.items() if sizes.size >= _FEWEST}
-    if len(groups) < 2:
+    names, counts = np.unique(block[known], return_counts=True)
+    names = names[counts >= _FEWEST]
+    if len(names) < 2:
         return {}
-    medians = {name: float(np.median(sizes)) for name, sizes in groups.items()}
-    deviations = [np.abs(sizes - medians[name]) / 0.6745 for name, sizes in groups.items()]
-    spread = float(np.median(np.concatenate(deviations)))
-    found = {}
-    for index in np.flatnonzero(known & np.isin(block, list(medians))).tolist():
-        own = medians[int(block[index])]
-        miss = abs(size[index] - own)
-        nearest = min(medians, key=lambda name: abs(medians[name] - size[index]))
-        fits = abs(size[index] - medians[nearest]) < 0.25 * miss
-        if nearest != block[index] and fits and miss > max(_ANGLE_SIGMAS * spread, _ANGLE_SHARE * own):
-            found[index] = nearest
-    return found
+    medians = np.array([np.median(size[known & (block == name)]) for name in names])
+    rows = np.flatnonzero(known & np.isin(block, names))
+    own = medians[np.searchsorted(names, block[rows])]
+    miss = np.abs(size[rows] - own)
+    spread = float(np.median(miss / 0.6745))
+    apart = np.abs(size[rows, None] - medians)
+    nearest, fits = names[apart.argmin(axis=1)], apart.min(axis=1) < 0.25 * miss
+    other = (nearest != block[rows]) & fits & (miss > np.maximum(_ANGLE_SIGMAS * spread, _ANGLE_SHARE * own))
+    return dict(zip(rows[other].tolist(), map(int, nearest[other]), strict=True))
 
 
 def _off(ratio: Array, usual: float, factor: float) -> NDArray[np.bool_]:

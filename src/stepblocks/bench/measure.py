@@ -7,7 +7,7 @@ import math
 import os
 import tempfile
 from collections import Counter, deque
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
 from functools import cache
 from hashlib import blake2b
@@ -61,7 +61,7 @@ class TrialResult:
 
     trial: Trial
     reason: str = ""  # why it is excluded or censored; empty where it was measured whole
-    features: dict[str, float] = field(default_factory=dict)  # empty where it is excluded
+    features: dict[str, Any] = field(default_factory=dict)  # empty where it is excluded
     digest: int = 0  # two traces share it only if they have the same samples
 
     @property
@@ -124,17 +124,13 @@ def write_features(
     waveform: bool = False,
     progress: Progress | None = None,
 ) -> MeasureSummary:
-    """Measure every trial of a session into a file, however many there are; see `measure`, which also reads it back.
-
-    The file is replaced whole when all is done.
-    """
+    """Measure every trial of a session into a file, however many there are; see `measure`, which also reads it back."""
     folder, output = Path(session), Path(output)
     table = open_trials(open_session(folder), frozenset((*_LEADING, *FEATURE_COLUMNS, *WAVEFORM_COLUMNS)))
     columns = (*FEATURE_COLUMNS, *WAVEFORM_COLUMNS) if waveform else FEATURE_COLUMNS
     heights = dict(enumerate(heights_of(table.session, table.header, list(table))[1], start=1)) if waveform else {}
-    if jobs is None:
-        jobs = len(os.sched_getaffinity(0))
-    elif not 1 <= jobs <= _MOST_JOBS:
+    jobs = len(os.sched_getaffinity(0)) if jobs is None else jobs
+    if not 1 <= jobs <= _MOST_JOBS:
         raise PipelineError(f"`jobs` must lie between 1 and {_MOST_JOBS}, got {jobs}")
     if output.is_dir():
         raise PipelineError(f"output must be a file, got the folder {str(output)!r}")
@@ -151,7 +147,14 @@ def write_features(
             for done, result in enumerate(_results(table, jobs, heights), start=1):
                 if not result.reason:
                     check.add(result.trial, result.features, result.digest)
-                writer.writerow(_cells(result, table.covariates, columns))
+                seen = [result.features.get(name, math.nan) for name in columns]
+                writer.writerow(
+                    [
+                        *(result.trial.name, result.status, result.reason),
+                        *(str(harmless(result.trial.cells.get(name, ""))) for name in table.covariates),
+                        *(v if isinstance(v, str) else f"{v:.9g}" if math.isfinite(v) else "" for v in seen),
+                    ]
+                )
                 if progress is not None:
                     progress(done, table.count)
         return _finish(draft, output, table, check.faults(), len(columns))
@@ -165,13 +168,13 @@ def measure_trial(traces: Traces, trial: Trial, tool: Tool | None = None, height
         trace, measured, reason = examine(traces, trial, tool)
     except TraceError as fault:
         return TrialResult(trial, " ".join(str(fault).split()))
+    probe = traces.session.probe
     if measured is None:
         known = "saturated" in reason or reason.startswith("no release")
-        session = traces.session
-        seen = censored_features(trace, session.probe.spring_constant, trial.speed, reason) if known else {}
+        seen = censored_features(trace, probe.spring_constant, trial.speed, reason) if known else {}
         return TrialResult(trial, reason, seen)
     samples = blake2b(trace.tangential.tobytes() + trace.normal.tobytes(), digest_size=7)
-    features, probe = measured.features, traces.session.probe
+    features = measured.features
     if math.isfinite(height):
         radius = probe.tip_radius or PAPER.ball_radius
         usual = (PAPER.tool.frequency, PAPER.tool.decay_time) if tool is None else tool
@@ -194,10 +197,8 @@ def examine(traces: Traces, trial: Trial, tool: Tool | None) -> tuple[Trace, Mea
 
 
 def pilot(traces: Traces, table: TrialTable) -> Tool | None:
-    """Learn the tool's frequency [Hz] and decay time [s] from trials spread evenly over the session.
-
-    Which trials depends on their number alone, so that every run and any number of workers measure alike.
-    """
+    """Learn the tool's frequency [Hz] and decay time [s] from trials spread evenly over the session."""
+    # which trials depends on their number alone, so that every run and any number of workers measure alike
     stride = max(table.count // _PILOTS, 1)
     chosen = (trial for trial in table if (trial.row - 1) % stride == 0)
     results = (measure_trial(traces, trial) for trial in islice(chosen, _PILOTS))
@@ -208,21 +209,19 @@ def _results(table: TrialTable, jobs: int, heights: dict[int, float]) -> Iterato
     """Results in the order of the table; no more than a few chunks per worker are under way at any time."""
     with Traces(table.session) as traces:  # what is wrong with the whole is said here, once
         tool = pilot(traces, table)
+        pairs = ((trial, 1e-6 * heights.get(trial.row, math.nan)) for trial in table)
         if jobs == 1 or table.count <= _CHUNK:
-            for trial in table:
-                yield measure_trial(traces, trial, tool, 1e-6 * heights.get(trial.row, math.nan))
+            yield from (measure_trial(traces, trial, tool, height) for trial, height in pairs)
             return
     # its workers do not load the calling script again, which then needs no main guard, and share no open file
     from joblib.externals.loky import ProcessPoolExecutor
 
-    trials = iter(table)
     waiting: deque[Any] = deque()
     environment = {name: "1" for name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS") if name not in os.environ}
     with ProcessPoolExecutor(jobs, initializer=die_with_parent, env=environment) as pool:
         while True:
-            while len(waiting) < jobs * _AHEAD and (chunk := list(islice(trials, _CHUNK))):
-                known = [1e-6 * heights.get(trial.row, math.nan) for trial in chunk]
-                waiting.append(pool.submit(_measure_chunk, table.session, tool, chunk, known))
+            while len(waiting) < jobs * _AHEAD and (chunk := list(islice(pairs, _CHUNK))):
+                waiting.append(pool.submit(_measure_chunk, table.session, tool, chunk))
             if not waiting:
                 return
             yield from waiting.popleft().result()
@@ -231,28 +230,8 @@ def _results(table: TrialTable, jobs: int, heights: dict[int, float]) -> Iterato
 _opened = cache(Traces)  # of the one session of a worker
 
 
-def _measure_chunk(session: Session, tool: Tool | None, trials: list[Trial], heights: list[float]) -> list[TrialResult]:
-    pairs = zip(trials, heights, strict=True)
+def _measure_chunk(session: Session, tool: Tool | None, pairs: list[tuple[Trial, float]]) -> list[TrialResult]:
     return [measure_trial(_opened(session), trial, tool, height) for trial, height in pairs]
-
-
-def _cells(result: TrialResult, covariates: Iterable[str], columns: Iterable[str]) -> list[str]:
-    """One row of the table; a feature that is not a number is an empty cell."""
-    values = [result.features.get(name, "") for name in columns]
-    return [
-        result.trial.name,
-        result.status,
-        result.reason,
-        *(str(harmless(result.trial.cells.get(name, ""))) for name in covariates),
-        *(value if isinstance(value, str) else f"{value:.9g}" if math.isfinite(value) else "" for value in values),
-    ]
-
-
-def _measured(draft: Iterable[str], covariates: Iterable[str]) -> Iterator[tuple[int, dict[str, str]]]:
-    """Rows of the draft that were measured whole, each with its conditions."""
-    for row, cells in enumerate(csv.reader(draft)):
-        if cells[1] == _OK:
-            yield row, dict(zip(covariates, cells[len(_LEADING) :], strict=False))
 
 
 def _finish(draft: Path, output: Path, table: TrialTable, faults: dict[int, str], width: int) -> MeasureSummary:
@@ -264,7 +243,11 @@ def _finish(draft: Path, output: Path, table: TrialTable, faults: dict[int, str]
                 draft.open(newline="", encoding="utf-8") as source,
                 whole.open("w", newline="", encoding="utf-8") as sink,
             ):
-                data = together(_measured(source, table.covariates), faults)
+                rows = ((row, cells) for row, cells in enumerate(csv.reader(source)) if cells[1] == _OK)
+                named = (
+                    (row, dict(zip(table.covariates, cells[len(_LEADING) :], strict=False))) for row, cells in rows
+                )
+                data = together(named, faults)
                 source.seek(0)
                 writer = csv.writer(sink, lineterminator="\n")
                 for row, cells in enumerate(csv.reader(source)):

@@ -65,14 +65,6 @@ def unit_of_name(name: str, dimension: str) -> str | None:
     return _SUFFIX_UNITS[dimension][max(fits, key=len)] if fits else None
 
 
-def scale_of(unit: str, dimension: str, place: str) -> float:
-    """Factor that turns a number in `unit` into SI."""
-    try:
-        return parse_quantity(f"1 {_WEIGHTS.get(unit, unit) if dimension == 'force' else unit}", dimension)
-    except QuantityError as error:
-        raise BenchError(f"`{place}` must have a unit of {dimension}, got {unit!r}") from error
-
-
 def _quantity(text: str, dimension: str, place: str) -> float:
     try:
         return parse_quantity(text, dimension)
@@ -110,14 +102,19 @@ class Channel(Strict):
         if isinstance(self.factor, str):
             found = _PER_VOLT.fullmatch(self.factor)
             if found is None or (unit or "V") not in _VOLTS:
-                raise BenchError(
-                    f"`{place}.factor` must be a number, or a {dimension} per volt such as '2.35 N/V' of a "
-                    f"column in V or mV, got {self.factor!r}"
-                )
+                rule = f"a number, or a {dimension} per volt such as '2.35 N/V' of a column in V or mV"
+                raise BenchError(f"`{place}.factor` must be {rule}, got {self.factor!r}")
             return _quantity(found[1], dimension, f"{place}.factor") / _VOLTS[found[2]] * _VOLTS[unit or "V"]
         if unit in _VOLTS:
             raise BenchError(f"`{place}.factor` must say what a volt is, such as '2.35 N/V', for a column in {unit}")
-        return self.factor * (scale_of(unit, dimension, place) if unit else 1.0)
+        if unit is None:
+            return self.factor
+        try:
+            return self.factor * parse_quantity(
+                f"1 {_WEIGHTS.get(unit, unit) if dimension == 'force' else unit}", dimension
+            )
+        except QuantityError as error:
+            raise BenchError(f"`{place}` must have a unit of {dimension}, got {unit!r}") from error
 
     def taken_off(self, dimension: str, place: str) -> float:
         """Return what the channel reads at none, in SI."""
@@ -167,7 +164,7 @@ class Channels(Strict):
     def parts(self) -> dict[str, tuple[Channel, str]]:
         """Return the declared channels, each with its dimension."""
         forces = {"tangential": (self.tangential, "force"), "normal": (self.normal, "force")}
-        return forces if self.time is None else forces | {"time": (self.time, "time")}
+        return forces | ({} if self.time is None else {"time": (self.time, "time")})
 
 
 class Probe(_Open):
@@ -193,22 +190,17 @@ class Acquisition(_Open):
 
     @model_validator(mode="after")
     def _can_be_read(self) -> Acquisition:
-        try:
-            known = self.kind in FORMATS
-        except BenchError as error:
-            raise ValueError(str(error)) from error
-        if known and self.split and (self.per_trial or self.group):
+        if self.kind is None:
+            raise ValueError(f"`acquisition.format` must be given, {self.traces!r} has no suffix that is known")
+        if self.split and (self.per_trial or self.group):
             raise ValueError("`acquisition.split` is for one record of all trials, without {trial} and group")
         return self
 
     @property
-    def kind(self) -> TraceFormat:
+    def kind(self) -> TraceFormat | None:
         """Format of the traces."""
         suffix = Path(self.traces).suffix.lower()
-        kind = self.format or next((name for name, one in FORMATS.items() if suffix in one), None)
-        if kind is None:
-            raise BenchError(f"`acquisition.format` must be given, {self.traces!r} has no suffix that is known")
-        return kind
+        return self.format or next((name for name, one in FORMATS.items() if suffix in one), None)
 
     @property
     def per_trial(self) -> bool:
@@ -269,11 +261,6 @@ class Session(_Open):
     stimuli: Stimuli = Stimuli()
 
     @property
-    def scans(self) -> str | None:
-        """Pattern of the scans of the blocks, with ``{block}``."""
-        return self.stimuli.scans
-
-    @property
     def table(self) -> Path:
         """File of the table of trials."""
         return inside(self.folder, self.trials.file, "trials.file")
@@ -323,11 +310,9 @@ def fill_pattern(pattern: str, **values: str) -> str:
     def fill(match: re.Match[str]) -> str:
         name, zero, width = match.groups()
         value = values[name]
-        if width is None:
-            return value
-        if not re.fullmatch(r"[+-]?\d{1,18}", value):
+        if width and not re.fullmatch(r"[+-]?\d{1,18}", value):
             raise TraceError(f"{name} {value!r} is no whole number, as {match.group(0)} needs")
-        return format(int(value), f"{zero}{width}d")
+        return format(int(value), f"{zero}{width}d") if width else value
 
     return _FIELD.sub(fill, pattern)
 

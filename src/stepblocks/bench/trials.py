@@ -5,15 +5,10 @@ from __future__ import annotations
 import csv
 import math
 import re
-from array import array
 from collections.abc import Iterator
 from dataclasses import dataclass, field
-from hashlib import blake2b
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
-
-import numpy as np
-from numpy.typing import NDArray
+from typing import TYPE_CHECKING
 
 from stepblocks.bench.session import Channel, Session, TrialColumns, inside, unit_of_name
 from stepblocks.errors import BenchError
@@ -26,7 +21,6 @@ _STAMP = r"\d{4}-\d\d?-\d\d?|\d\d?[./]\d\d?[./]\d{2,4}|\d\d?:\d\d"  # how a date
 _STAMPS = 0.9  # share of the cells of a column that must be date and time
 _NAMES = {"block": "block", "load": "load_n", "speed": "speed_mm_s", "height": "height_um"}
 _MOST_COLUMNS = 1000
-_CONDITIONS = ("speed", "load", "block", "height")
 
 
 @dataclass(frozen=True)
@@ -90,10 +84,7 @@ class TrialTable:
 
 
 def open_trials(session: Session, reserved: frozenset[str] = frozenset()) -> TrialTable:
-    """Look through the table of trials once: header, number of rows, duplicates.
-
-    Nothing of a row is held but 24 bytes, so that a table of any length fits.
-    """
+    """Look through the table of trials once: header, number of rows, duplicates; of a row nothing but its name is held."""
     columns, header = session.trials.columns, tuple(cell.strip() for cell in next(_lines(session), []))
     if not any(header):
         raise BenchError(f"table of trials is empty [{session.table}]")
@@ -103,48 +94,37 @@ def open_trials(session: Session, reserved: frozenset[str] = frozenset()) -> Tri
     if twice:
         raise BenchError(f"table of trials names the column {twice[0]!r} twice [{session.table}]")
     key = column_name(columns.trial.column, header, "trial")
-    for part in _CONDITIONS:
+    for part in ("speed", "load", "block", "height"):
         if part in columns.model_fields_set:
             column_name(getattr(columns, part).column, header, part)
     taken = sorted(set(header) & reserved - {key})
     if taken:
         raise BenchError(f"column `{taken[0]}` of the table of trials has a name that features use [{session.table}]")
-    count, index, noted = 0, header.index(key), array("Q")
-    for number, cells in _rows(session):
-        count = number
-        if index < len(cells) and (name := cells[index].strip()):
-            digests = (blake2b(text.encode(), digest_size=8).digest() for text in (name, "\x1f".join(cells)))
-            noted.extend((*(int.from_bytes(digest, "little") for digest in digests), number))
+    count, index = 0, header.index(key)
+    homes: dict[str, tuple[int, int]] = {}  # of a trial its first row, and what tells that from another
+    repeated: dict[int, str] = {}
+    for count, cells in _rows(session):
+        if index >= len(cells) or not (name := cells[index].strip()):
+            continue
+        whole = hash(tuple(cells))
+        home, first = homes.setdefault(name, (count, whole))
+        if home != count and first == whole:
+            repeated[count] = "duplicate: an earlier row has this trial with the same conditions"
+        elif home != count:
+            repeated |= dict.fromkeys((home, count), "duplicate: another row has this trial with other conditions")
     if count == 0:
         raise BenchError(f"table of trials has no rows [{session.table}]")
-    return TrialTable(session, header, key, count, _duplicates(np.array(noted, dtype=np.uint64).reshape(-1, 3)))
-
-
-def _duplicates(noted: NDArray[np.uint64]) -> dict[int, str]:
-    """Rows that repeat an earlier row of their trial, and rows of one trial that contradict one another."""
-    trial, whole, row = noted.T
-    _, first, which = np.unique(trial, return_index=True, return_inverse=True)
-    home = first[which]
-    again = home != np.arange(len(row))
-    same = whole == whole[home]
-    other = again & ~same
-    apart = [*row[other].tolist(), *row[home[other]].tolist()]
-    return {
-        **dict.fromkeys(
-            row[again & same].tolist(), "duplicate: an earlier row has this trial with the same conditions"
-        ),
-        **dict.fromkeys(apart, "duplicate: another row has this trial with other conditions"),
-    }
+    return TrialTable(session, header, key, count, repeated)
 
 
 def column_name(column: str | int, header: tuple[str, ...], part: str) -> str:
     """Name of a declared column, or say which there are."""
     if isinstance(column, int) and 0 <= column < len(header):
         return header[column]
-    if isinstance(column, str) and column in header:
-        return column
-    listed = ", ".join(header[:12])
-    raise BenchError(f"table of trials must have a column {column!r} for the {part}, it has {listed}")
+    if column not in header:
+        told = ", ".join(header[:12])
+        raise BenchError(f"table of trials must have a column {column!r} for the {part}, it has {told}")
+    return str(column)
 
 
 def _rows(session: Session) -> Iterator[tuple[int, list[str]]]:
@@ -165,39 +145,30 @@ def _lines(session: Session) -> Iterator[list[str]]:
 def conditions_of(session: Session) -> dict[str, tuple[str, pd.Series]]:
     """Read what an analysis needs beside the forces: by name, the column it takes the place of and one value per trial.
 
-    What the table already has under that name and in that unit is left out. Raises `BenchError` where block, load, speed
-    or height are neither in the table nor, for the height, known of the stimulus set.
+    What the table already has under that name and in that unit is left out.
     """
     import pandas as pd
 
-    table, columns = open_trials(session), session.trials.columns
+    table, columns, usual = open_trials(session), session.trials.columns, TrialColumns()
     rows = list(table)
     named = {
-        part: column_name(getattr(columns, part).column, table.header, part) for part in ("block", "load", "speed")
+        part: column_name(getattr(columns, part).column, table.header, part) for part in _NAMES if part != "height"
     }
-    values: dict[str, list[Any]] = {
-        "block": [row.block for row in rows],
-        "load": [row.load for row in rows],
-        "speed": [1e3 * row.speed for row in rows],
-    }
-    named["height"], values["height"] = heights_of(session, table.header, rows)
+    named["height"], heights = heights_of(session, table.header, rows)
+    values = pd.DataFrame({"block": [row.block for row in rows], "load": [row.load for row in rows], "height": heights})
+    values["speed"] = [1e3 * row.speed for row in rows]
     found = {
-        name: (named[part], pd.Series(values[part]))
+        name: (named[part], values[part])
         for part, name in _NAMES.items()
-        if named[part] != name
-        or getattr(columns, part) != getattr(TrialColumns(), part)
-        or session.trials.decimal != "."
+        if named[part] != name or getattr(columns, part) != getattr(usual, part) or session.trials.decimal != "."
     }
-    for column in table.covariates:
-        if column in named.values():
-            continue
+    for column in (name for name in table.covariates if name not in named.values()):
         text = pd.Series([row.cells.get(column, "").strip() for row in rows])
         if session.trials.decimal == "," and text.str.fullmatch(r"[-+]?\d*,?\d+([eE][-+]?\d+)?|").all():
             found[column] = (column, pd.to_numeric(text.str.replace(",", ".")))
         elif text.str.match(_STAMP).mean() > _STAMPS:
-            stamps = pd.to_datetime(
-                text, errors="coerce", format="mixed", dayfirst=bool(text.str.match(r"\d\d?\.").any())
-            )
+            day_first = bool(text.str.match(r"\d\d?\.").any())
+            stamps = pd.to_datetime(text, errors="coerce", format="mixed", dayfirst=day_first)
             if stamps.notna().mean() > _STAMPS:
                 found[f"{column}_elapsed_s"] = (column, (stamps - stamps.min()).dt.total_seconds())
     return found
@@ -225,11 +196,11 @@ def heights_of(session: Session, header: tuple[str, ...], rows: list[Trial]) -> 
             return "", [heights.get(row.block, math.nan) for row in rows]
         channel = Channel(column=others[0])
     name, place = column_name(channel.column, header, "height"), "trials.columns.height"
-    scale, off = (1e6 * one("length", place) for one in (channel.scale, channel.taken_off))
+    scale, off = 1e6 * channel.scale("length", place), 1e6 * channel.taken_off("length", place)
     values: list[float] = []
-    for row in rows:
+    for text in (row.cells.get(name, "").strip().replace(session.trials.decimal, ".") for row in rows):
         try:
-            values.append(float(row.cells.get(name, "").strip().replace(session.trials.decimal, ".")) * scale - off)
+            values.append(float(text) * scale - off)
         except ValueError:
             values.append(math.nan)
     return name, values

@@ -1,9 +1,7 @@
 """The whole waveform as evidence: the drag in time fitted to a trace, and the trace held against what the fit would draw.
 
-Seven figures of a trace leave out most of it. Here mass, damping, stiffness, friction and the radius that the tip rolls over
-are fitted to every sample from the ramp to the end of the ring, whatever the tip did there: the equation of motion decides
-whether it flew, rubbed or stuck. The check draws parameters from their covariance and noise from the record's (posterior
-predictive, Gelman, Meng and Stern 1996, Statistica Sinica 6:733), and asks how often such a record would miss by as much.
+The check is posterior predictive (Gelman, Meng and Stern 1996, Statistica Sinica 6:733): parameters are drawn from their
+covariance and noise from the record's, and it asks how often such a record would miss by as much.
 """
 
 from __future__ import annotations
@@ -26,6 +24,7 @@ if TYPE_CHECKING:
 # of a fit: friction [1], stiffness [N/m], frequency [Hz], damping ratio [1], R + r [m], instant of the onset [s]
 _NAMES = ("friction", "stiffness", "frequency", "damping", "radius", "onset")
 _SCALE = np.array([5e-3, 100.0, 3.0, 3e-3, 1e-6, 1e-4])  # in which they move
+_SEARCH: dict[str, Any] = {"x_scale": _SCALE, "diff_step": 1e-4, "loss": "soft_l1", "f_scale": 5.0, "max_nfev": 20}
 _BEFORE, _AFTER = 4e-3, 18e-3  # [s] of sliding before the ramp and of ring after the peak that are fitted
 _RATE = 4.0  # rows of the drag per sample
 _DRAWS = 200
@@ -51,9 +50,8 @@ class Waveform:
     @property
     def features(self) -> dict[str, float]:
         """One value for each of `WAVEFORM_COLUMNS`."""
-        return dict(
-            zip(WAVEFORM_COLUMNS, (*self.energy, *map(float, self.values[:5]), self.misfit, self.p), strict=True)
-        )
+        told = (*self.energy, *map(float, self.values[:5]), self.misfit, self.p)
+        return dict(zip(WAVEFORM_COLUMNS, told, strict=True))
 
 
 def drag_force(values: Array, load: float, height: float, speed: float, time: Array) -> Array:
@@ -83,9 +81,9 @@ def fit_waveform(trace: Trace, measured: Measurement, height: float, radius: flo
     noise = measured.noise
     angle = math.atan(measured.peak.force / load) - math.atan(approach.level / load)
     seen = height / (1.0 - math.cos(angle)) if angle > 0.0 else radius
-    decay = max(after.decay_time[0], 1e-3)
-    start = np.array([approach.level / load, approach.slope / speed, after.frequency[0], 0.0, seen, approach.onset])
-    start[3] = min(max(1.0 / (2.0 * math.pi * start[2] * decay), 2e-3), 0.2)
+    frequency, decay = after.frequency[0], max(after.decay_time[0], 1e-3)
+    damping = min(max(1.0 / (2.0 * math.pi * frequency * decay), 2e-3), 0.2)
+    start = np.array([approach.level / load, approach.slope / speed, frequency, damping, seen, approach.onset])
     lower = np.array([1e-3, 0.5 * start[1], 0.7 * start[2], 1e-4, 1.001 * height, start[5] - 5e-3])
     upper = np.array([2.0, 2.0 * start[1], 1.4 * start[2], 0.4, 20.0 * radius, start[5] + 5e-3])
 
@@ -102,16 +100,7 @@ def fit_waveform(trace: Trace, measured: Measurement, height: float, radius: flo
         begin = np.clip(np.concatenate([start[:2], tool, start[4:]]), lower, upper)
         for span in (_FIRST, _AFTER):
             near = time < measured.peak.time + span
-            found_now = least_squares(
-                lambda v, near=near: miss(v)[near],
-                begin,
-                bounds=(lower, upper),
-                x_scale=_SCALE,
-                diff_step=1e-4,
-                loss="soft_l1",
-                f_scale=5.0,
-                max_nfev=20,
-            )
+            found_now = least_squares(lambda v, near=near: miss(v)[near], begin, bounds=(lower, upper), **_SEARCH)
             begin = found_now.x
         found = found_now if found is None or found_now.cost < found.cost else found
         if math.sqrt(float(np.mean(miss(found.x) ** 2))) < _NEAR:
@@ -146,14 +135,9 @@ def _predictive(slopes: Array, covariance: Array, rms: float) -> float:
 
 
 def predict_energies(features: pd.DataFrame, spring_constant: float) -> dict[str, Any]:
-    """Say how well one drag in time foretells the E_v of trials that it was not fitted to.
-
-    Trials are left out by fifths; the others' fits give stiffness, frequency, damping and R + r (medians), friction is that
-    of the trial's own sliding. Beside it stands equation (1) with the one C_v that suits the same others best.
-    """
-    good = features[
-        (features["status"] == "ok") & (features["waveform_misfit"] < _NEAR) & (features["vibration_energy_j"] > 0.0)
-    ]
+    """Say how well one drag in time, the medians of the other fifths, foretells the E_v of trials, beside equation (1)."""
+    whole = (features["status"] == "ok") & (features["vibration_energy_j"] > 0.0)
+    good = features[whole & (features["waveform_misfit"] < _NEAR)]
     if len(good) < 2 * _FOLDS:
         return {"trials": len(features), "fitted": len(good)}
     shown = np.log(good["vibration_energy_j"].to_numpy())

@@ -110,7 +110,9 @@ def loop_session(
     if not forces_only:
         # what was inspected needs no scan
         blocks = sorted(set(features["block"].dropna()))
-        scans, failed = scan_blocks(session, declared.scans, [block for block in blocks if block not in inspected])
+        scans, failed = scan_blocks(
+            session, declared.stimuli.scans, [block for block in blocks if block not in inspected]
+        )
         scans = scans | {block: dict(inspected[block]) for block in blocks if block in inspected}
     result = analyse_features(features, declared.probe.spring_constant, radius, scans, jobs=cores, known=known)
     result.document["scans"]["left_out"] = [{"block": block, "reason": reason} for block, reason in failed.items()]

@@ -1,8 +1,4 @@
-"""Sessions of known truth, as a rig would have written them: records of trials, in the layouts that laboratories keep.
-
-The same course as on the bench: sliding, ramp, slip, ring, with hum, drift, start-up ring, noise, a sensor of finite
-bandwidth and a converter of finite steps on top. Nothing here knows where the figures come from.
-"""
+"""Records of trials of known truth, as a rig would have written them, in the layouts that laboratories keep."""
 
 from __future__ import annotations
 
@@ -16,7 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from stepblocks.bench.signal import Array, Trace
+from stepblocks.bench.signal import Array, Tool, Trace
 from stepblocks.bench.signal.rubbing_ring import rubbing_force
 from stepblocks.contact.counterface import Step
 from stepblocks.contact.energy import Status
@@ -86,24 +82,21 @@ class Rig:
 
     def disturb(self, tangential: Array, normal: Array, random: np.random.Generator) -> Trace:
         """Put on true forces what the rig adds: the sensor's lag, hum, drift, noise, the steps of the converter."""
-        if self.oversampling > 1:
-            tangential, normal = self._followed(tangential), self._followed(normal)
-        count = tangential.size
+        from scipy.signal import lfilter
+
+        keep = math.exp(-2.0 * math.pi * self.bandwidth / (self.sample_rate * self.oversampling))
+        count = tangential.size // self.oversampling
         time = np.round(np.arange(count) / self.sample_rate, 9)
         channels = []
         for values in (tangential, normal):
+            if self.oversampling > 1:
+                values = lfilter([1.0 - keep], [1.0, -keep], values, zi=np.array([keep * values[0]]))[0]
+                values = values[:: self.oversampling]
             phase = random.uniform(0.0, 2.0 * math.pi)
             hum = self.hum * np.sin(2.0 * np.pi * self.mains * time + phase)
             noisy = values + hum + self.drift * time + self.noise * random.standard_normal(count)
             channels.append(np.round(noisy / self.quantum) * self.quantum if self.quantum > 0.0 else noisy)
-        return Trace(time, channels[0], channels[1])
-
-    def _followed(self, values: Array) -> Array:
-        from scipy.signal import lfilter
-
-        keep = math.exp(-2.0 * math.pi * self.bandwidth / (self.sample_rate * self.oversampling))
-        followed = lfilter([1.0 - keep], [1.0, -keep], values, zi=np.array([keep * values[0]]))[0]
-        return np.asarray(followed[:: self.oversampling], dtype=float)
+        return Trace(time, *channels)
 
 
 def record(truth: Truth, rig: Rig, random: np.random.Generator, gain: float = 1.0) -> tuple[Trace, float, float]:
@@ -116,8 +109,7 @@ def record(truth: Truth, rig: Rig, random: np.random.Generator, gain: float = 1.
     time = np.arange(count) / (rig.sample_rate * rig.oversampling)
     force = sliding + truth.slope * np.maximum(time - onset, 0.0)
     force = force + truth.hardening * force**3 if truth.hardening else force
-    start_up = rig.start_up * _start_up(time, truth.frequency, truth.decay_time, random)
-    force = force + np.where(time < onset, start_up, 0.0)
+    force = force + _start_up(rig, time, (truth.frequency, truth.decay_time), onset, random)
     after = time >= release
     since = time[after] - release
     rest = truth.peak_force - truth.sliding_force - truth.amplitude
@@ -155,10 +147,11 @@ def _duffing_ring(since: Array, truth: Truth) -> Array:
     return np.asarray(u + truth.hardening * u**3, dtype=float)
 
 
-def _start_up(time: Array, frequency: float, decay_time: float, random: np.random.Generator) -> Array:
-    """Ring of amplitude 1 when the handle starts."""
-    phase = float(random.uniform(0.0, 2.0 * math.pi))
-    return np.asarray(np.exp(-time / decay_time) * np.cos(2.0 * np.pi * frequency * time + phase), dtype=float)
+def _start_up(rig: Rig, time: Array, tool: Tool, end: float, random: np.random.Generator) -> Array:
+    """Ring when the handle starts, up to the edge."""
+    (frequency, decay_time), phase = tool, float(random.uniform(0.0, 2.0 * math.pi))
+    ring = np.exp(-time / decay_time) * np.cos(2.0 * np.pi * frequency * time + phase)
+    return np.where(time < end, rig.start_up * ring, 0.0)
 
 
 def drag_trial(
@@ -173,8 +166,7 @@ def drag_trial(
 ) -> RecordedTrial | None:
     """Record a drag in time over a step; None where the tip does not slip over.
 
-    The tool's frequency is that without damping; `pull` is a steady force along the drag that the gauge reads beside the
-    tip's [N]; `hardening` is the cubic stiffness of its spring [N/m^3].
+    `pull` is a steady force along the drag beside the tip's [N]; `hardening` the cubic stiffness of the spring [N/m^3].
     """
     from stepblocks.drag.ring import ring_of
     from stepblocks.drag.simulate import DragSettings, probe_for, simulate
@@ -195,8 +187,8 @@ def drag_trial(
     ring = ring_of(done, spectra=False)
     count = done.rows.shape[0] // rig.oversampling * rig.oversampling
     time = done.column("time_s")[:count]
-    start_up = rig.start_up * np.where(time < slide, _start_up(time, tool.frequency, tool.decay_time, random), 0.0)
-    force = done.column("fx_n")[:count] + pull + start_up
+    force = done.column("fx_n")[:count] + pull
+    force = force + _start_up(rig, time, (tool.frequency, tool.decay_time), slide, random)
     trace = rig.disturb(gain * force, done.column("fy_n")[:count], random)
     amplitude = ring.amplitude * math.exp(math.pi / (omega * tool.decay_time))
     return RecordedTrial(trace, done.peak_force + pull, amplitude, done.release_time)

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+import itertools
 import math
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Annotated, Literal
 
@@ -102,27 +103,31 @@ class PlantedEffect(Strict):
 
     def apply(self, value: float, conditions: Mapping[str, float | str]) -> float:
         """Return the slot's value after the effect."""
-        change = self._change(conditions)
+        size, reference, at = self.size, self.reference, conditions.get(self.covariate, 0.0)
+        changes: dict[str, Callable[[], float]] = {
+            "constant": lambda: size,
+            "levels": lambda: self.levels.get(str(at), 0.0),
+            "linear": lambda: size * (float(at) - reference) / self.span,
+            "power": lambda: float(size * (float(at) / reference) ** self.exponent),
+            "exponential": lambda: size * math.exp(-(float(at) - reference) / self.span),
+        }
+        change = changes[self.form]()
         if self.change == "add":
             return value + change
         return value * (change if self.form == "power" else 1.0 + change)
 
-    def _change(self, conditions: Mapping[str, float | str]) -> float:
-        if self.form == "constant":
-            return self.size
-        if self.form == "levels":
-            return self.levels.get(str(conditions[self.covariate]), 0.0)
-        c = float(conditions[self.covariate])
-        if self.form == "linear":
-            return self.size * (c - self.reference) / self.span
-        if self.form == "power":
-            return float(self.size * (c / self.reference) ** self.exponent)
-        return self.size * math.exp(-(c - self.reference) / self.span)
-
     def fault(self, plan: SessionPlan, number: int) -> str:
         """Say which field breaks which rule; empty where all is well."""
         if self.law:
-            return self._fault_of_law(plan, number)
+            laws = {law.id: law for law in named_laws(plan.blocks())}
+            if self.law not in laws:
+                return f"law of effect {number} must be one of {', '.join(laws)}, got {self.law!r}"
+            names = [p.name for p in laws[self.law].parameters]
+            unknown = sorted(set(self.parameters) - set(names))
+            if unknown or not self.parameters:
+                got = ", ".join(unknown) or "none"
+                return f"parameters of effect {number} must be among {', '.join(names)}, got {got}"
+            return f"slot of effect {number} must be left out where a law is named" if self.slot else ""
         if self.slot is None:
             return f"slot of effect {number} or law must be given"
         if plan.source == "drag" and self.slot == "conversion":
@@ -136,17 +141,6 @@ class PlantedEffect(Strict):
         if self.span == 0.0 or (self.form == "power" and self.reference == 0.0):
             return f"span and, of a power, reference of effect {number} must not be 0"
         return ""
-
-    def _fault_of_law(self, plan: SessionPlan, number: int) -> str:
-        laws = {law.id: law for law in named_laws(plan.blocks())}
-        if self.law not in laws:
-            return f"law of effect {number} must be one of {', '.join(laws)}, got {self.law!r}"
-        names = [p.name for p in laws[self.law].parameters]
-        unknown = sorted(set(self.parameters) - set(names))
-        if unknown or not self.parameters:
-            got = ", ".join(unknown) or "none"
-            return f"parameters of effect {number} must be among {', '.join(names)}, got {got}"
-        return f"slot of effect {number} must be left out where a law is named" if self.slot else ""
 
 
 class SessionPlan(Strict):
@@ -172,7 +166,7 @@ class SessionPlan(Strict):
         """Conditions of every trial in the order of the run, as the table writes them."""
         random = np.random.default_rng([self.seed, 1])
         design = self.design
-        full = [(h, n, v) for h in design.heights for n in design.loads for v in design.speeds]
+        full = list(itertools.product(design.heights, design.loads, design.speeds))
         count = design.trials or len(full) * design.repeats
         # every combination comes before any comes again
         order = np.concatenate([random.permutation(len(full)) for _ in range(math.ceil(count / len(full)))])[:count]
@@ -216,7 +210,7 @@ def read_plan(path: Path) -> SessionPlan:
 
 
 def _loaded(plan: SessionPlan, path: Path) -> SessionPlan:
-    """Take the loads that the apparatus has for those that are asked for, and the largest of their uncertainties for the scatter."""
+    """Take the loads that the apparatus has for those asked for, and the largest of their uncertainties for the scatter."""
     table = read_table(path)
     if not {"axis", "force_n", "std_n"} <= set(table.columns):
         raise PipelineError(f"load_table must have the columns axis, force_n and std_n [{path}]")

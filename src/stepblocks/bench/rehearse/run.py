@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import csv
 import math
-import shutil
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -12,8 +11,9 @@ from typing import Any
 
 import numpy as np
 
+from stepblocks.atomic import folder_beside
 from stepblocks.bench.rehearse import TRACE_FILES, RecordedTrial, Rig, Truth, drag_trial, open_writer, record
-from stepblocks.bench.rehearse.plan import NUMBERS, PlantedEffect, SessionPlan, block_name, read_plan
+from stepblocks.bench.rehearse.plan import NUMBERS, SessionPlan, block_name, read_plan
 from stepblocks.bench.signal import Trace
 from stepblocks.contact.counterface import Step
 from stepblocks.contact.effects import named_laws
@@ -68,17 +68,11 @@ def simulate_session(plan: str | Path, output: str | Path) -> SimulationSummary:
         raise PipelineError(f"output must be a new or empty folder, got {str(output)!r}")
     if not output.parent.is_dir():
         raise PipelineError(f"folder of the output does not exist: {str(output.parent)!r}")
-    beside = output.with_name(output.name + ".part")
-    if beside.exists():
-        raise PipelineError(f"an unfinished run is in the way, remove {str(beside)!r}")
-    beside.mkdir()
-    try:
-        summary = _fill(declared, beside)
+    with folder_beside(output) as draft:
+        summary = _fill(declared, draft)
         if output.exists():
             output.rmdir()
-        beside.rename(output)
-    finally:
-        shutil.rmtree(beside, ignore_errors=True)
+        draft.rename(output)
     return summary
 
 
@@ -90,9 +84,8 @@ def _fill(plan: SessionPlan, folder: Path) -> SimulationSummary:
     added += [e.parameters.get("edge_radius_m", 0.0) for e in plan.effects if e.law == "edge_rounding"]
     (folder / "scans").mkdir()
     for number, (nominal, true) in enumerate(heights.items()):
-        _write_scan(
-            folder / "scans" / f"{block_name(nominal)}.csv", Step(true, max(sum(added), 0.0)), [plan.seed, 3, number]
-        )
+        step, chance = Step(true, max(sum(added), 0.0)), np.random.default_rng([plan.seed, 3, number])
+        _write_scan(folder / "scans" / f"{block_name(nominal)}.csv", step, chance)
     (folder / "session.toml").write_text(_declaration(plan), encoding="utf-8")
     rows = plan.rows()
     locked = 0
@@ -146,9 +139,8 @@ def _trial(
     return done.trace, (sliding / load, load, done.peak_force, energy, done.release)
 
 
-def _write_scan(path: Path, step: Step, seed: list[int]) -> None:
+def _write_scan(path: Path, step: Step, random: np.random.Generator) -> None:
     """Write a profilometer line across the edge, with its own tilt and offset, as an instrument does."""
-    random = np.random.default_rng(seed)
     x = np.arange(-_SCAN_REACH, _SCAN_REACH + _SCAN_STEP / 2.0, _SCAN_STEP)
     z = 1e6 * np.maximum(step.heights(1e-6 * x), 0.0)
     z = z + random.uniform(-3.0, 3.0) + random.normal(0.0, 3e-4) * x + random.normal(0.0, _SCAN_NOISE, x.size)
@@ -181,7 +173,10 @@ def planted_state(
     """Slots of one trial with its effects and its scatter, or None where the probe locks."""
     scatter = plan.scatter
     nominal = min(heights, key=lambda height: abs(height * 1e6 - float(row["height_um"])))
-    design = _design(plan, row, nominal)
+    numbers = {name: np.array([float(row[name])]) for name in NUMBERS if name in row}
+    radius, speed = np.array([plan.model.tip_radius]), numbers["speed_mm_s"] / 1e3
+    conditions = np.array([row["block"]]), np.array([nominal]), numbers["load_n"], speed, radius
+    design = BenchDesign(*conditions, plan.model.spring_constant, numbers)
     values = {
         "friction": plan.model.friction,
         "ln_conversion": math.log(plan.model.conversion),
@@ -192,7 +187,7 @@ def planted_state(
     bare = nominal_state(design, values)
     if bool(bare.locked()[0]):
         return None
-    conditions: dict[str, Any] = dict(row) | {"peak_force_n": float(bare.peak_force()[0])}
+    told: dict[str, Any] = dict(row) | {"peak_force_n": float(bare.peak_force()[0])}
     state = nominal_state(design, values | {height_name(row["block"]): heights[nominal] - nominal})
     for effect in plan.effects:
         if effect.law:
@@ -200,7 +195,12 @@ def planted_state(
             given = {p.name: p.start for p in law.parameters} | effect.parameters
             state = law.apply(state, covariate_of(design, state, law.covariate), given)
         else:
-            state = _with_form(effect, state, conditions)
+            names = _SLOTS.get(str(effect.slot), (str(effect.slot),))
+            changed: dict[str, Any] = {n: np.array([effect.apply(float(getattr(state, n)[0]), told)]) for n in names}
+            if effect.slot == "normal_load":
+                # a load that is not the one set is weighed by the gauge all the same
+                changed["sensed_offset"] = state.sensed_offset + changed["load"] - state.load
+            state = state.changed(**changed)
     stray = scatter.friction * chance.standard_normal(), scatter.load * chance.standard_normal()
     state = state.changed(
         friction=state.friction + stray[0],
@@ -210,29 +210,6 @@ def planted_state(
     )
     positive = np.stack([state.load, state.friction, state.stiffness, state.conversion, state.height])
     return None if bool(state.locked()[0]) or not bool(np.all(positive > 0.0)) else state
-
-
-def _design(plan: SessionPlan, row: Mapping[str, str], nominal: float) -> BenchDesign:
-    return BenchDesign(
-        np.array([row["block"]]),
-        np.array([nominal]),
-        np.array([float(row["load_n"])]),
-        np.array([float(row["speed_mm_s"]) / 1e3]),
-        np.array([plan.model.tip_radius]),
-        plan.model.spring_constant,
-        {name: np.array([float(row[name])]) for name in NUMBERS if name in row},
-    )
-
-
-def _with_form(effect: PlantedEffect, state: DragState, conditions: Mapping[str, Any]) -> DragState:
-    changed: dict[str, Any] = {
-        name: np.array([effect.apply(float(getattr(state, name)[0]), conditions)])
-        for name in _SLOTS.get(str(effect.slot), (str(effect.slot),))
-    }
-    if effect.slot == "normal_load":
-        # a load that is not the one set is weighed by the gauge all the same
-        changed["sensed_offset"] = state.sensed_offset + changed["load"] - state.load
-    return state.changed(**changed)
 
 
 def rig_of(plan: SessionPlan, state: DragState) -> Rig:

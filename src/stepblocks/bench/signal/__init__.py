@@ -107,29 +107,24 @@ def _longest_run(mask: NDArray[np.bool_]) -> tuple[int, int]:
     """Length and first index of the longest run of True; of equal ones, the first."""
     edges = np.flatnonzero(np.diff(mask, prepend=False, append=False))
     starts, ends = edges[::2], edges[1::2]
-    if not starts.size:
-        return 0, 0
     longest = int(np.argmax(ends - starts))
     return int(ends[longest] - starts[longest]), int(starts[longest])
 
 
 def set_down(trace: Trace) -> tuple[int, tuple[Estimate, Estimate]]:
-    """First sample from which the tip lies on the block and slides, and the zeros of both gauges from what was before.
-
-    Most records begin under load: then that is the first sample, and the zeros are not known.
-    """
-    unknown = (math.nan, math.nan)
+    """First sample from which the tip lies on the block and slides, and the zeros of both gauges from what was before."""
+    unknown = (math.nan, math.nan)  # as of most records, which begin under load
     normal = np.convolve(trace.normal, np.full(5, 0.2), mode="same")
     low, high = np.percentile(normal[2:-2], (0.5, 50.0))
     on = int(np.argmax(normal[2:] > 0.5 * (low + high))) + 2
     still, spread = slice(0, max(on - _EDGE, 0)), float(np.std(trace.normal[: max(on - _EDGE, 1)]))
     if on < _FEWEST_STILL + _EDGE or high - low < _LOADED * max(spread, 1e-12):
         return 0, (unknown, unknown)
-    zeros = [(float(np.mean(one[still])), _mean_std(one[still])) for one in (trace.tangential, trace.normal)]
+    pulled, pressed = ((float(np.mean(one[still])), _mean_std(one[still])) for one in (trace.tangential, trace.normal))
     # what is pulled from rest slides once the force has come up to its usual level
     level = float(np.median(trace.tangential[on : on + (trace.time.size - on) // 4]))
     smooth = np.convolve(trace.tangential, np.full(5, 0.2), mode="same")
-    return on + int(np.argmax(smooth[on:] >= level)), (zeros[0], zeros[1])
+    return on + int(np.argmax(smooth[on:] >= level)), (pulled, pressed)
 
 
 def _mean_std(values: Array) -> float:

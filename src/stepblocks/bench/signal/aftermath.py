@@ -72,22 +72,14 @@ class Aftermath:
         instant = max(instant, self.swing.instant - 0.5 / self.frequency[0])
         return replace(self, start=instant, amplitude=self.swing.amplitude(instant))
 
-    @property
-    def origin(self) -> float:
-        """First instant [s] that the fit saw."""
-        return self.ring.origin
-
 
 def settle(
     time: Array, force: Array, marks: Landmarks, approach: Approach, tool: Tool | None = None, *, saw: Saw | None = None
 ) -> Aftermath:
-    """Fit the ring after a slip as that of a bell and, where that fails, as that of a tool whose tip rubs.
-
-    A tip that sticks and slips is no bell, and what it draws when the ring has died is no part of that.
-    """
+    """Fit the ring after a slip as that of a bell and, where that fails, as that of a tool whose tip rubs."""
     marks = replace(marks, noise=_whole_noise(time, approach, marks))
     top = float(time[marks.peak])
-    if saw is not None:
+    if saw is not None:  # it is no bell, and what the tip draws when the ring has died is no part of that
         end = int(np.searchsorted(time, top + _FIRST_SWINGS))
         time, force = time[:end], force[:end]
     first = int(np.searchsorted(time, top + _RELEASE_TIME))
@@ -97,31 +89,25 @@ def settle(
     rubbing = _best_rubbing(time, force, marks, approach, tool)
     if rubbing is None:
         return _of_bell(bell, top)
-    fitted = rubbing
-    common = time[first:] >= fitted.origin
-    left = float(np.sum(bell.fit.residuals[common] ** 2))
+    left = float(np.sum(bell.fit.residuals[time[first:] >= rubbing.origin] ** 2))
     # what misses a bell in its first swing alone hardly weighs in the sum
-    if saw is None and fitted.misfit > _GOOD and float(np.sum(fitted.residuals**2)) > _BETTER * left:
+    if saw is None and rubbing.misfit > _GOOD and float(np.sum(rubbing.residuals**2)) > _BETTER * left:
         return _of_bell(bell, top)
-    fit = rubbing
-    frequency, decay = tool or (float(fit.values[2]), float(fit.values[3]))
-    spread = min(TOLD[1] * decay, fit.std(3)) if tool else fit.std(3)
+    frequency, decay = tool or (float(rubbing.values[2]), float(rubbing.values[3]))
+    spread = min(TOLD[1] * decay, rubbing.std(3)) if tool else rubbing.std(3)
     clean = force - approach.hum(time)
     drift = float(approach.fit.weights[1]) * (top - approach.center)
     slid = Motion(time, clean, clean, marks.peak, approach.level + drift, 0.0, approach.slope, marks.noise, frequency)
     depth, std, instant = first_swing(slid)
     level_std = approach.level_std if saw is None else saw.kinetic[1]
     swing = Swing(depth, math.hypot(std, level_std), instant, (decay, spread))
-    return _of_rubbing(fit, swing, float(np.median(np.diff(time))), tool)
+    return _of_rubbing(rubbing, swing, float(np.median(np.diff(time))), tool)
 
 
 def settle_from(
     time: Array, force: Array, marks: Landmarks, approach: Approach, release: float, before: Aftermath
 ) -> Aftermath:
-    """Fit a damped ring again, counted from the release instant itself and not from the highest sample.
-
-    Which of two samples is the highest is a matter of noise; the corner between ramp and release is not.
-    """
+    """Fit a damped ring again, counted from the release itself: which sample is the highest is a matter of noise."""
     if before.kind != "damped":
         return before
     first = int(np.searchsorted(time, release + _RELEASE_TIME))
@@ -151,7 +137,7 @@ def _of_bell(bell: Ring, top: float) -> Aftermath:
 def _of_rubbing(fit: RubbingRing, swing: Swing, sample: float, tool: Tool | None) -> Aftermath:
     level, gap, frequency, decay = (float(v) for v in fit.values[:4])
     far = (0.0, 0.0)
-    if tool is not None and not _is_of(tool, fit):
+    if tool is not None and any(abs(fit.values[2 + i] - tool[i]) > _FAR * TOLD[i] * tool[i] for i in (0, 1)):
         # a fit of few swings may find another tool: then it knows no better than that
         far = (abs(frequency - tool[0]), abs(decay - tool[1]))
     known = fit.knows_gap and not any(far)
@@ -169,10 +155,6 @@ def _of_rubbing(fit: RubbingRing, swing: Swing, sample: float, tool: Tool | None
     ).carried_to(-math.inf)
 
 
-def _is_of(tool: Tool, fit: RubbingRing) -> bool:
-    return all(abs(fit.values[2 + i] - tool[i]) <= _FAR * TOLD[i] * tool[i] for i in (0, 1))
-
-
 def _best_rubbing(
     time: Array, force: Array, marks: Landmarks, approach: Approach, tool: Tool | None
 ) -> RubbingRing | None:
@@ -180,12 +162,10 @@ def _best_rubbing(
     clean = force - approach.hum(time)
     after = clean[marks.peak :]
     level = float(np.median(after[int(after.size * (1.0 - _TAIL_SHARE)) :]))
-    spread = TOLD if tool else GUESSED
     best: RubbingRing | None = None
     for guess in _tool_guesses(time, clean, marks, approach, tool):
-        troughs = _troughs(time, clean, marks, level, guess[0])
-        for trough in troughs:
-            t, y = time[trough:], clean[trough:]
+        for trough in _troughs(time, clean, marks, level, guess[0]):
+            t, y, spread = time[trough:], clean[trough:], TOLD if tool else GUESSED
             fit = fit_rubbing_ring(t, y, level, guess, approach.slope, marks.noise, spread=spread)
             if best is None or fit.misfit < _MUCH_BETTER * best.misfit:
                 best = fit
@@ -242,11 +222,8 @@ def _still(t: Array, approach: Approach) -> Array:
 
 
 def sympathetic_force(time: Array, normal: Array, approach: Approach, after: Aftermath) -> Estimate:
-    """Amplitude of the normal force that rings along with the tangential one, at the release [N].
-
-    It is the part of the normal force with the frequency and the decay of the tangential ring.
-    """
-    begin = int(np.searchsorted(time, max(after.start + _SETTLE, after.origin)))
+    """Amplitude at the release of what rings in the normal force with the tangential frequency and decay [N]."""
+    begin = int(np.searchsorted(time, max(after.start + _SETTLE, after.ring.origin)))
     still, since = _still(time[begin:], approach), time[begin:] - after.start
 
     def ringing(frequency: float, decay_time: float) -> Estimate:
@@ -255,9 +232,7 @@ def sympathetic_force(time: Array, normal: Array, approach: Approach, after: Aft
         size = float(np.hypot(weights[0], weights[1]))
         if size == 0.0:
             return 0.0, float(np.sqrt(covariance[0, 0]))
-        gradient = np.zeros(6)
-        gradient[:2] = weights[:2] / size
-        return size, propagated(gradient, covariance)
+        return size, propagated(weights[:2] / size, covariance[:2, :2])
 
     (frequency, frequency_std), (decay, decay_std) = after.frequency, after.decay_time
     amplitude, own = ringing(frequency, decay)

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+import math
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -54,23 +55,17 @@ def find_landmarks(time: Array, force: Array) -> Landmarks:
     level = float(np.median(lead))
     rise = float(force[peak]) - level
     # a start-up ring is as old as the record; a slip stands out over it
-    floor = max(_RISE_OVER_NOISE * noise, _RISE_OVER_LEAD * float(np.abs(lead - level).max()))
-    if rise < floor:
+    if rise < max(_RISE_OVER_NOISE * noise, _RISE_OVER_LEAD * float(np.abs(lead - level).max())):
         raise LandmarkError(
             f"no slip: the tangential force never rises over sliding (by {rise:.3g} N in noise {noise:.2g} N)"
         )
-    below = smooth[: peak + 1] - level < 0.5 * rise
-    if not below.any():
+    if not np.any(smooth[: peak + 1] - level < 0.5 * rise):
         raise LandmarkError("no sliding before the edge: the record begins under load")
-    after = smooth[peak:]
-    if float(after.min()) > level + (1.0 - _FALL_SHARE) * rise:
+    if float(smooth[peak:].min()) > level + (1.0 - _FALL_SHARE) * rise:
         raise LandmarkError("no release: the tangential force does not fall after its peak")
     if time[-1] - time[peak] < _LEAST_RING:
         raise LandmarkError(f"truncated: the record ends {(time[-1] - time[peak]) * 1e3:.3g} ms after the slip")
-    onset = _line_onset(time, smooth, peak, level, rise)
-    if np.searchsorted(time, onset) < _SLIDE_SAMPLES:
-        raise LandmarkError(f"no sliding before the edge: loading begins {onset - time[0]:.3g} s into the record")
-    return Landmarks(onset=onset, peak=peak, level=level, rise=rise, noise=noise)
+    return _with_onset(time, smooth, Landmarks(math.nan, peak, level, rise, noise))
 
 
 def bounded_landmarks(time: Array, force: Array) -> Landmarks:
@@ -80,10 +75,7 @@ def bounded_landmarks(time: Array, force: Array) -> Landmarks:
     rise = float(force[peak]) - level
     if rise < _RISE_OVER_NOISE * noise or peak < 4 * _SLIDE_SAMPLES:
         raise LandmarkError("no ramp")
-    onset = _line_onset(time, force, peak, level, rise)
-    if np.searchsorted(time, onset) < _SLIDE_SAMPLES:
-        raise LandmarkError("no sliding before the edge")
-    return Landmarks(onset, peak, level, rise, noise)
+    return _with_onset(time, force, Landmarks(math.nan, peak, level, rise, noise))
 
 
 def _peak_sample(force: Array, smooth: Array, noise: float) -> int:
@@ -95,31 +87,34 @@ def _peak_sample(force: Array, smooth: Array, noise: float) -> int:
     return peak + (int(np.argmin(high)) if not high.all() else high.size) - 1
 
 
-def _line_onset(time: Array, smooth: Array, peak: int, level: float, rise: float) -> float:
-    """Where the line through the middle of the ramp meets the sliding level."""
-    climb = smooth[: peak + 1] - level
-    low = int(np.flatnonzero(climb < 0.25 * rise)[-1])
-    high = int(np.flatnonzero(climb < 0.75 * rise)[-1]) + 1
-    high = max(high, low + 2)
+def _with_onset(time: Array, smooth: Array, marks: Landmarks) -> Landmarks:
+    """Put the onset where the line through the middle of the ramp meets the sliding level."""
+    climb = smooth[: marks.peak + 1] - marks.level
+    low = int(np.flatnonzero(climb < 0.25 * marks.rise)[-1])
+    high = max(int(np.flatnonzero(climb < 0.75 * marks.rise)[-1]) + 1, low + 2)
     slope = (smooth[high] - smooth[low]) / (time[high] - time[low])
     if slope <= 0.0:
         raise LandmarkError("no loading: the tangential force does not climb steadily to its peak")
-    return float(time[low] - climb[low] / slope)
+    onset = float(time[low] - climb[low] / slope)
+    if np.searchsorted(time, onset) < _SLIDE_SAMPLES:
+        raise LandmarkError(f"no sliding before the edge: loading begins {onset - time[0]:.3g} s into the record")
+    return replace(marks, onset=onset)
 
 
-@dataclass(frozen=True)
+@dataclass
 class Approach:
     """What was fitted to a trace up to its peak."""
 
-    level: float  # tangential force while sliding [N]
-    level_std: float  # [N]
-    onset: float  # begin of loading [s]
-    slope: float  # of the ramp [N/s]
-    slope_std: float  # [N/s]
+    fit: SeparableFit  # shape: onset (and start-up ring); weights: level, drift, slope, hum (and start-up ring)
     end: int  # first sample that no longer follows the line of the ramp
     mains: float  # mains frequency that was fitted along [Hz]
-    fit: SeparableFit  # shape: onset (and start-up ring); weights: level, drift, slope, hum (and start-up ring)
     center: float  # instant at which `level` holds [s]
+
+    def __post_init__(self) -> None:
+        fit, first = self.fit, self.fit.shape.size
+        self.onset = float(fit.shape[0])  # begin of loading [s]
+        self.level, self.level_std = float(fit.weights[0]), fit.std(first)  # tangential force while sliding [N]
+        self.slope, self.slope_std = float(fit.weights[2]), fit.std(first + 2)  # of the ramp [N/s]
 
     @property
     def start_up(self) -> Tool | None:
@@ -134,8 +129,7 @@ class Approach:
 
     def line_std(self, time: float) -> float:
         """Return the standard uncertainty of `ramp` at one instant [N]."""
-        size = self.fit.shape.size
-        gradient = np.zeros(self.fit.covariance.shape[0])
+        size, gradient = self.fit.shape.size, np.zeros(self.fit.covariance.shape[0])
         gradient[0], gradient[size], gradient[size + 2] = -self.slope, 1.0, time - self.onset
         return propagated(gradient, self.fit.covariance)
 
@@ -172,8 +166,7 @@ def _columns(time: Array, onset: float, center: float, mains: float) -> Array:
 
 def fit_approach(time: Array, force: Array, marks: Landmarks, start_up: Tool | None) -> Approach:
     """Fit sliding and ramp together."""
-    climb = np.flatnonzero(force[: marks.peak + 1] - marks.level < _RAMP_SHARE * marks.rise)
-    end = int(climb[-1]) + 1
+    end = int(np.flatnonzero(force[: marks.peak + 1] - marks.level < _RAMP_SHARE * marks.rise)[-1]) + 1
     slide_end = int(np.searchsorted(time, marks.onset))
     center = float(time[: max(slide_end, 1)].mean())
     mains = mains_of(time[:slide_end], force[:slide_end])
@@ -188,17 +181,7 @@ def fit_approach(time: Array, force: Array, marks: Landmarks, start_up: Tool | N
     if extended > end:
         end = extended
         fit = _fit_until(time[:end], force[:end], onset, center, mains, start_up, step=step)
-    return Approach(
-        level=float(fit.weights[0]),
-        level_std=fit.std(fit.shape.size),
-        onset=float(fit.shape[0]),
-        slope=float(fit.weights[2]),
-        slope_std=fit.std(fit.shape.size + 2),
-        end=end,
-        mains=mains,
-        fit=fit,
-        center=center,
-    )
+    return Approach(fit, end, mains, center)
 
 
 def _fit_until(

@@ -48,11 +48,8 @@ class Peak:
 
 
 def peak_of(time: Array, force: Array, marks: Landmarks, approach: Approach, after: Aftermath) -> Peak:
-    """Find the peak.
-
-    The highest sample is no measure of it: noise lifts it, and the release falls between two samples. A corner is the
-    intersection of ramp and release, both fitted; a rounded peak is the top of a cubic through its neighbourhood.
-    """
+    """Find the peak: the corner of ramp and release, both fitted, or the top of a cubic through a rounded one."""
+    # the highest sample is no measure of it: noise lifts it, and the release falls between two samples
     corner = None
     if approach.end >= marks.peak - 1:
         if isinstance(after.ring, Ring):
@@ -144,42 +141,21 @@ def _rounded(time: Array, force: Array, marks: Landmarks, approach: Approach) ->
 
 
 @dataclass(frozen=True)
-class Measurement:
-    """Features of one trace with the fits behind them."""
+class Loading:
+    """What a record shows up to its peak, with the fits behind it; alone, of a record whose peak is only a lower bound."""
 
     start: float  # instant of the first sample, from which the fits count [s]
     approach: Approach
     peak: Peak
-    aftermath: Aftermath
     load: Estimate  # normal force while sliding, and its standard uncertainty [N]
-    sympathetic: Estimate  # amplitude of the normal force that rings along, and its standard uncertainty [N]
-    shares: tuple[float, float]  # of the energy of loading and of vibration in their bands [1]
-    regime: str  # what the tip did, one of `REGIMES`
-    saw: Saw | None  # what it drew before the edge where it stuck and slipped
     zeros: tuple[Estimate, Estimate]  # of both gauges while nothing was loaded [N]
-    spring_constant: float  # of the explorer, as declared [N/m]
     speed: float  # of the handle [m/s]; not-a-number where it is not known
-    noise: float  # white, of the tangential force [N]
+    saw: Saw | None = None  # what it drew before the edge where it stuck and slipped
 
-    @cached_property
+    @property
     def features(self) -> dict[str, Any]:
-        """One value for each of `FEATURE_COLUMNS`; not-a-number where the trace does not show it."""
-        return {
-            name: value for names, figures in _FIGURES.items() for name, value in zip(names, figures(self), strict=True)
-        }
-
-    def sticking(self) -> tuple[float, ...]:
-        """Amplitude and time of sticking, and static friction, from the saw before the edge; else not-a-number."""
-        if self.saw is None:
-            return (math.nan,) * 6
-        load, load_std = self.load
-        static = self.saw.static[0] / load
-        return (
-            *self.saw.amplitude,
-            *self.saw.stick_time,
-            static,
-            math.hypot(self.saw.static[1], static * load_std) / load,
-        )
+        """What can be said of `FEATURE_COLUMNS`."""
+        return _figures(_OF_LOADING, self)
 
     def friction(self) -> Estimate:
         """Sliding over normal force, and its standard uncertainty [1]."""
@@ -187,6 +163,32 @@ class Measurement:
         friction = self.approach.level / load if load > 0.0 else float("nan")
         own = self.approach.level_std if self.saw is None else self.saw.kinetic[1]
         return friction, float(np.hypot(own, friction * load_std) / load)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Measurement(Loading):
+    """Features of one whole trace with the fits behind them."""
+
+    aftermath: Aftermath
+    sympathetic: Estimate  # amplitude of the normal force that rings along, and its standard uncertainty [N]
+    shares: tuple[float, float]  # of the energy of loading and of vibration in their bands [1]
+    regime: str  # what the tip did, one of `REGIMES`
+    spring_constant: float  # of the explorer, as declared [N/m]
+    noise: float  # white, of the tangential force [N]
+
+    @cached_property
+    def features(self) -> dict[str, Any]:
+        """One value for each of `FEATURE_COLUMNS`; not-a-number where the trace does not show it."""
+        return _figures(_FIGURES, self)
+
+    def sticking(self) -> tuple[float, ...]:
+        """Amplitude and time of sticking, and static friction, from the saw before the edge; else not-a-number."""
+        if self.saw is None:
+            return (math.nan,) * 6
+        load, load_std = self.load
+        static = self.saw.static[0] / load
+        spread = math.hypot(self.saw.static[1], static * load_std) / load
+        return (*self.saw.amplitude, *self.saw.stick_time, static, spread)
 
     def energy(self) -> tuple[float, float, float]:
         """Energy of the amplitude at the release on the declared spring, its standard uncertainty [J], their ratio."""
@@ -196,9 +198,15 @@ class Measurement:
         return energy, energy * relative, relative
 
 
-# columns, and what stands in them
-_FIGURES: dict[tuple[str, ...], Callable[[Measurement], tuple[Any, ...]]] = {
-    ("sliding_friction", "sliding_friction_std"): Measurement.friction,
+_Figures = dict[tuple[str, ...], Callable[[Any], tuple[Any, ...]]]  # columns, and what stands in them
+
+
+def _figures(of: _Figures, seen: Loading) -> dict[str, Any]:
+    return {name: value for names, told in of.items() for name, value in zip(names, told(seen), strict=True)}
+
+
+_FIGURES: _Figures = {
+    ("sliding_friction", "sliding_friction_std"): Loading.friction,
     ("normal_load_n", "normal_load_std_n"): lambda m: m.load,
     ("loading_onset_s",): lambda m: (m.approach.onset + m.start,),
     ("loading_slope_n_per_s", "loading_slope_std_n_per_s"): lambda m: (m.approach.slope, m.approach.slope_std),
@@ -228,6 +236,10 @@ _FIGURES: dict[tuple[str, ...], Callable[[Measurement], tuple[Any, ...]]] = {
     ("normal_zero_n", "normal_zero_std_n"): lambda m: m.zeros[1],
     ("regime",): lambda m: (m.regime,),
 }
+# what no saturation after the peak spoils
+_SPARED = ("sliding", "normal_", "loading", "spring", "peak", "release_time", "tangential")
+_OF_LOADING = {names: told for names, told in _FIGURES.items() if names[0].startswith(_SPARED)}
+del _OF_LOADING["loading_share_0_100hz", "vibration_share_250_350hz"]
 # of a table of features, after trial, status, reason and the covariates
 FEATURE_COLUMNS = tuple(name for names in _FIGURES for name in names)
 
@@ -262,19 +274,14 @@ def measure_trace(
     motion = Motion(
         time, clean, trace.normal, marks.peak, approach.level, load[0], approach.slope, marks.noise, frequency
     )
+    speed = speed if speed > 0.0 else math.nan  # a handle at rest has no ramp
     return Measurement(
-        start=float(trace.time[0]),
-        approach=approach,
-        peak=peak,
+        *(float(trace.time[0]), approach, peak, load, zeros, speed, saw),
         aftermath=after,
-        load=load,
         sympathetic=sympathetic_force(time, trace.normal, approach, after),
         shares=_shares(time, force, approach, after, peak),
         regime=regime_of(motion, saw, bell),
-        saw=saw,
-        zeros=zeros,
         spring_constant=spring_constant,
-        speed=speed if speed > 0.0 else float("nan"),  # a handle at rest has no ramp
         noise=marks.noise,
     )
 
@@ -287,17 +294,7 @@ def censored_features(trace: Trace, spring_constant: float, speed: float, reason
     try:
         if "normal force" in reason or "lowest" in reason:
             features = measure_trace(trace, spring_constant, speed).features
-            spared = (
-                "sliding",
-                "normal_load",
-                "loading",
-                "spring",
-                "peak",
-                "release_time",
-                "tangential",
-                "normal_zero",
-            )
-            return {n: v for n, v in features.items() if "normal force" in reason or n.startswith(spared)}
+            return {n: v for n, v in features.items() if "normal force" in reason or n.startswith(_SPARED)}
         loaded, zeros = set_down(trace)
         time, force = trace.time[loaded:] - trace.time[loaded], trace.tangential[loaded:]
         marks = bounded_landmarks(time, force)
@@ -305,25 +302,8 @@ def censored_features(trace: Trace, spring_constant: float, speed: float, reason
         load = normal_level(time, trace.normal[loaded:], approach)
     except (LandmarkError, ValueError, np.linalg.LinAlgError):
         return {}
-    friction = approach.level / load[0]
-    return {
-        "sliding_friction": friction,
-        "sliding_friction_std": math.hypot(approach.level_std, friction * load[1]) / load[0],
-        **dict(zip(("normal_load_n", "normal_load_std_n"), load, strict=True)),
-        "loading_onset_s": approach.onset + float(trace.time[loaded]),
-        **dict(
-            zip(
-                ("loading_slope_n_per_s", "loading_slope_std_n_per_s"),
-                (approach.slope, approach.slope_std),
-                strict=True,
-            )
-        ),
-        "spring_constant_n_per_m": approach.slope / speed,
-        "spring_constant_std_n_per_m": approach.slope_std / speed,
-        "peak_force_n": float(force[marks.peak]),
-        **dict(zip(("tangential_zero_n", "tangential_zero_std_n"), zeros[0], strict=True)),
-        **dict(zip(("normal_zero_n", "normal_zero_std_n"), zeros[1], strict=True)),
-    }
+    least = Peak(math.nan, float(force[marks.peak]), math.nan, corner=False)
+    return Loading(float(trace.time[loaded]), approach, least, load, zeros, speed).features
 
 
 def _shares(time: Array, force: Array, approach: Approach, after: Aftermath, peak: Peak) -> tuple[float, float]:
@@ -338,11 +318,8 @@ def _shares(time: Array, force: Array, approach: Approach, after: Aftermath, pea
 
 
 def band_share(values: Array, rate: float, band: tuple[float, float]) -> float:
-    """Share of the energy of a transient that lies in a band, as in figures 4 and 5 of the paper.
-
-    The energy spectrum of the zero-padded transient is integrated (Parseval). No window: a transient ends by itself,
-    and a window would move energy from the release into the band.
-    """
+    """Share of the energy of a transient that lies in a band, as in figures 4 and 5 of the paper, by Parseval's theorem."""
+    # no window: a transient ends by itself, and a window would move energy from the release into the band
     from scipy.signal import periodogram
 
     if values.size < 2 or not np.any(values):
@@ -354,17 +331,11 @@ def band_share(values: Array, rate: float, band: tuple[float, float]) -> float:
 
 
 def tool_of(features: Iterable[dict[str, float]]) -> Tool | None:
-    """Frequency [Hz] and decay time [s] of the tool from some trials that show them well, or None.
-
-    A trial whose ring is faint is fitted the better for knowing them; a clear ring overrules them.
-    """
+    """Frequency [Hz] and decay time [s] of the tool from some trials that show them well, or None."""
     clear = [
         (row["ring_frequency_hz"], row["decay_time_s"])
         for row in features
         if row["ring_frequency_std_hz"] < 0.01 * row["ring_frequency_hz"]
         and row["decay_time_std_s"] < 0.1 * row["decay_time_s"]
     ]
-    if len(clear) < _FEWEST_CLEAR:
-        return None
-    frequency, decay = np.median(np.array(clear), axis=0).tolist()
-    return frequency, decay
+    return tuple(np.median(clear, axis=0).tolist()) if len(clear) >= _FEWEST_CLEAR else None

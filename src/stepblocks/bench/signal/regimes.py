@@ -66,9 +66,8 @@ def find_saw(time: Array, force: Array, marks: Landmarks, tool: Tool) -> Saw | N
     if slope <= 0.0 or len(tops) < _TEETH or not teeth or bottoms[-1] < tops[-1]:
         return None
     rises = np.array([(smooth[top] - smooth[b], time[top] - time[b]) for b, top in teeth])
-    if abs(float(np.median(rises[:, 0] / rises[:, 1])) / slope - 1.0) > _SLOPE_SHARE:
-        return None
-    if rises[-1, 0] < _ALIKE * float(np.median(rises[:, 0])):
+    off = abs(float(np.median(rises[:, 0] / rises[:, 1])) / slope - 1.0)
+    if off > _SLOPE_SHARE or rises[-1, 0] < _ALIKE * float(np.median(rises[:, 0])):
         return None
     (frequency, decay), root = tool, math.sqrt(len(teeth))
     low, high = (
@@ -96,34 +95,27 @@ def find_saw(time: Array, force: Array, marks: Landmarks, tool: Tool) -> Saw | N
 
 
 def extremum(time: Array, force: Array, index: int, reach: float, noise: float) -> tuple[float, float, float]:
-    """Value, standard uncertainty [N] and instant [s] of a bottom or top, by a quartic about it.
-
-    One that hardly stands out of the noise stays where it was looked for: noise would choose its own.
-    """
+    """Value, standard uncertainty [N] and instant [s] of a bottom or top, by a quartic about it."""
     near = np.abs(time - time[index]) <= max(reach, 4.0 * float(np.median(np.diff(time))))
     t = (time[near] - time[index]) / reach
     columns = np.vander(t, 5, increasing=True)
     weights, residuals = fit_linear(columns, force[near])
     # so few samples do not tell their own noise
     excess = float(residuals @ residuals) / noise**2
-    unit = (
-        np.linalg.inv(columns.T @ columns)
-        * noise**2
-        * max(excess / (t.size - 5), 1.0 if t.size > 9 else excess / 5.0, 1.0)
-    )
+    widened = max(excess / (t.size - 5), 1.0 if t.size > 9 else excess / 5.0, 1.0)
+    unit = np.linalg.inv(columns.T @ columns) * noise**2 * widened
     grid = np.linspace(-0.9, 0.9, 361)
     curve = np.vander(grid, 5, increasing=True) @ weights
     turned = np.argmin(curve) if weights[2] > 0.0 else np.argmax(curve)
+    # one that hardly stands out of the noise stays where it was looked for: noise would choose its own
     at = float(grid[turned]) if np.ptp(curve) > _FAINT * noise else 0.0
     gradient = np.asarray(at ** np.arange(5), dtype=float)
     return float(gradient @ weights), propagated(gradient, unit), float(time[index]) + at * reach
 
 
 def first_swing(motion: Motion) -> tuple[float, float, float]:
-    """Bottom of the first swing below the sliding level after a slip: depth, its standard uncertainty [N], instant [s].
-
-    The tip runs forward all through that swing, so that friction is part of the level, whatever comes after it.
-    """
+    """Bottom of the first swing below the sliding level after a slip: depth, its standard uncertainty [N], instant [s]."""
+    # the tip runs forward all through that swing, so that friction is part of the level, whatever comes after it
     time, force, period = motion.time, motion.force, 1.0 / motion.frequency
     fallen = motion.fallen
     reach = (1.0 if time[fallen] - time[motion.peak] < period else 1.5) * period

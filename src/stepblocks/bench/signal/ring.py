@@ -56,10 +56,7 @@ class Ring:
         return propagated(np.concatenate([slopes[0], columns[0]]), self.fit.covariance)
 
     def amplitude(self, instant: float) -> Estimate:
-        """Amplitude of the ring at an instant, and its standard uncertainty [N].
-
-        The uncertainty holds what is uncertain in the decay time as far as the amplitude is carried back by it.
-        """
+        """Amplitude of the ring, carried to an instant by its decay, and its standard uncertainty [N]."""
         cosine, sine = self.fit.weights[5:7]
         reach, decay = instant - self.origin, self.decay_time[0]
         growth = float(np.exp(-reach / decay))
@@ -72,10 +69,9 @@ class Ring:
         return carried, propagated(gradient, self.fit.covariance)
 
     def linear_decay(self) -> Estimate:
-        """Loss of amplitude per time beside the exponential decay, and its standard uncertainty [N/s].
+        """Loss d of amplitude to friction, ``a' = -a / tau - d``, and its standard uncertainty [N/s].
 
-        The part of the decay that friction gives, ``a' = -a / tau - d``, to first order in d: one Gauss-Newton step of
-        the fitted ring with d as one parameter more. It may come out negative by its uncertainty.
+        One Gauss-Newton step of the fitted ring with d as one parameter more; it may come out negative by its uncertainty.
         """
         fit, since = self.fit, self.time - self.origin
         amplitudes = fit.weights[5:7]

@@ -18,9 +18,9 @@ from typing import cast
 
 import numpy as np
 
-from stepblocks.bench.signal import Array, Estimate, Tool
+from stepblocks.bench.signal import Array, Tool
 from stepblocks.bench.signal.ring import BEGIN
-from stepblocks.bench.signal.separable import covariance_of, misfit, numeric_jacobian, propagated
+from stepblocks.bench.signal.separable import covariance_of, misfit, numeric_jacobian
 
 # relative spread of frequency and decay time about a guess from the trial itself, and about what others told
 GUESSED, TOLD = (0.05, 0.4), (0.02, 0.12)
@@ -42,8 +42,7 @@ class RubbingRing:
     covariance: Array  # shape (7, 7), of `values`
     slope: float  # of the force while the tip sticks [N/s]
     origin: float  # instant that the fit counts from [s]
-    # by how many standard errors the residuals miss the noise; see `stepblocks.bench.signal.separable.misfit`
-    misfit: float
+    misfit: float  # by how many standard errors the residuals miss the noise, see `separable.misfit`
     residuals: Array  # shape (n,), data minus fit [N]
     knows_gap: bool  # whether the tip ever slipped back, so that the gap shows
 
@@ -55,28 +54,12 @@ class RubbingRing:
         """Return the standard uncertainty of one of `values`."""
         return float(np.sqrt(max(self.covariance[index, index], 0.0)))
 
-    def amplitude(self, instant: float) -> Estimate:
-        """Amplitude about L+ carried back to `instant`, and its standard uncertainty [N].
-
-        Between the slip and `origin` the tip only slips forward, so the friction is part of L+ and costs nothing;
-        viscous decay is carried back.
-        """
-        reach = instant - self.origin
-
-        def size(values: Array) -> Array:
-            omega = 2.0 * np.pi * values[2]
-            swing = np.hypot(values[4], (values[5] + values[4] / values[3]) / omega)
-            return np.array([swing * np.exp(-reach / values[3])])
-
-        gradient = numeric_jacobian(size, self.values, 1e-4 * _SCALE)[0]
-        return float(size(self.values)[0]), propagated(gradient, self.covariance)
-
 
 def rubbing_force(time: Array, level: float, gap: float, tool: Tool, start: tuple[float, float], slope: float) -> Array:
     """Force of the tool after the slip [N], piece by piece in closed form; 1e6 from where on the tip chatters without end.
 
     `level` holds while the tip slips forward and is lower by `gap` while it slips back [N]; `start` is the force [N] and its
-    rate [N/s] at 0; `slope` is that of the force while the tip sticks [N/s]. Without a gap it is the damped cosine.
+    rate [N/s] at 0; `slope` is that of the force while the tip sticks [N/s].
 
     >>> t = np.linspace(0.0, 0.02, 50)
     >>> w = 2 * np.pi * 300.0
@@ -194,13 +177,11 @@ def fit_rubbing_ring(
         if misfit(best.fun[:-2], 7, begin, noise) < _GOOD and bool(np.any(np.abs(moved) > _ROUNDING)):
             break
     assert best is not None
-    values = np.asarray(best.x, dtype=float)
+    values, residuals = np.asarray(best.x, dtype=float), -np.asarray(best.fun[:-2], dtype=float)
     jacobian = numeric_jacobian(lambda p: _model(p, t, slope), values, 1e-3 * _SCALE, lower, upper)
-    residuals = -np.asarray(best.fun[:-2], dtype=float)
     prior = np.zeros((2, 7))
     prior[0, 2], prior[1, 3] = known
-    covariance = covariance_of(jacobian, residuals, prior)
-    missed = misfit(residuals, 7, begin, noise)
+    covariance, missed = covariance_of(jacobian, residuals, prior), misfit(residuals, 7, begin, noise)
     # a sample between two turns changes by the gap itself; a gap that moves less than one sample was not seen
     knows_gap = bool(np.abs(jacobian[:, 1]).sum() > 1.0 and values[1] > 1e-5)
     return RubbingRing(values, covariance, slope, origin, missed, residuals, knows_gap)

@@ -35,17 +35,7 @@ class SeparableFit:
 def fit_separable(
     basis: Callable[[Array], Array], values: Array, start: Array, lower: Array, upper: Array, scale: Array
 ) -> SeparableFit:
-    """Fit ``values = basis(shape) @ weights``.
-
-    Examples
-    --------
-    >>> t = np.linspace(0.0, 1.0, 200)
-    >>> fit = fit_separable(
-    ...     lambda p: np.column_stack([np.ones_like(t), np.exp(-t / p[0])]),
-    ...     2.0 + 3.0 * np.exp(-t / 0.25), np.array([0.1]), np.array([0.01]), np.array([1.0]), np.array([0.1]))
-    >>> [round(float(v), 6) for v in (*fit.shape, *fit.weights)]
-    [0.25, 2.0, 3.0]
-    """
+    """Fit ``values = basis(shape) @ weights``; the shape moves in steps of `scale` between its bounds."""
     from scipy.optimize import least_squares
 
     def solve(shape: Array) -> tuple[Array, Array]:
@@ -104,10 +94,8 @@ def numeric_jacobian(
 
 
 def covariance_of(jacobian: Array, residuals: Array, known: Array | None = None) -> Array:
-    """Covariance of the parameters.
+    """Covariance of the parameters, widened by the autocorrelation of the residuals: they carry less than their number.
 
-    Residuals that are correlated from sample to sample (hum harmonics, a model a little wrong) carry less
-    information than their number; the covariance is widened by their integrated autocorrelation.
     Rows of `known`, in the unit of the data per parameter, count as further exact measurements.
     """
     count, parameters = jacobian.shape
@@ -125,16 +113,11 @@ def covariance_of(jacobian: Array, residuals: Array, known: Array | None = None)
 
 
 def correlation_inflation(residuals: Array) -> float:
-    """Factor, at least 1, by which correlation between neighbours widens a variance: ``1 + 2 sum rho_k``.
-
-    The sum stops at the first correlation that white noise could have given (two standard errors).
-    """
-    count = residuals.size
-    power = float(residuals @ residuals)
+    """Factor by which correlation between neighbours widens a variance: ``1 + 2 sum rho_k``, up to what noise can give."""
+    count, power, total = residuals.size, float(residuals @ residuals), 0.0
     if count < 16 or power == 0.0:
         return 1.0
     limit = 2.5 / np.sqrt(count)
-    total = 0.0
     for lag in range(1, count // 4):
         rho = float(residuals[:-lag] @ residuals[lag:]) / power
         if rho < limit:
@@ -150,15 +133,13 @@ def propagated(gradient: Array, covariance: Array) -> float:
 
 
 def misfit(residuals: Array, parameters: int, begin: int, noise: float) -> float:
-    """Return by how many standard errors a fit misses its noise: of the whole or of its begin, whichever is worse.
-
-    The squared residuals of n samples of white noise scatter by ``sqrt(2 / n)`` about its variance. A fit of a ring
-    that is wrong is wrong where the ring is largest; over the whole record that goes under.
-    """
+    """Return by how many standard errors a fit misses its noise: of the whole or of its begin, whichever is worse."""
+    # a fit of a ring that is wrong is wrong where the ring is largest; over the whole record that goes under
     if noise <= 0.0:
         return math.inf
-    found = []
-    for part, used in ((residuals, parameters), (residuals[:begin], 0)):
+
+    def missed(part: Array, used: int) -> float:
         freedom = max(part.size - used, 1)
-        found.append((float(part @ part) / freedom / noise**2 - 1.0) / math.sqrt(2.0 / freedom))
-    return max(found)
+        return (float(part @ part) / freedom / noise**2 - 1.0) / math.sqrt(2.0 / freedom)
+
+    return max(missed(residuals, parameters), missed(residuals[:begin], 0))

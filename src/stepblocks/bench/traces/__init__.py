@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from contextlib import ExitStack, nullcontext, suppress
 from functools import cached_property, lru_cache
 from pathlib import Path
@@ -21,14 +21,8 @@ from stepblocks.errors import BenchError
 _MOST_BYTES = 1 << 30  # of the file of one trial
 Layout = Mapping[str, Any]  # how the text of traces is written
 _USUAL_GROUPS = (
-    "{trial:04d}",
-    "trial_{trial:04d}",
-    "{trial}",
-    "trial_{trial}",
-    "trial{trial:04d}",
-    "trial{trial}",
-    "trial-{trial:04d}",
-    "trial {trial}",
+    *("{trial:04d}", "trial_{trial:04d}", "{trial}", "trial_{trial}"),
+    *("trial{trial:04d}", "trial{trial}", "trial-{trial:04d}", "trial {trial}"),
 )
 
 
@@ -55,11 +49,9 @@ def _open_text(path: Path, layout: Layout) -> nullcontext[Any]:
 
 
 def _text_columns(table: Any, place: Place, names: tuple[str | int, ...]) -> dict[str | int, Any]:
-    for name in names:
-        if name not in table.columns:
-            raise TraceError(
-                f"unknown channel: {table.attrs['file']} has no {name!r}, it has {listed(map(str, table.columns))}"
-            )
+    for name in (name for name in names if name not in table.columns):
+        told = listed(map(str, table.columns))
+        raise TraceError(f"unknown channel: {table.attrs['file']} has no {name!r}, it has {told}")
     return {name: table[name].to_numpy() for name in names}
 
 
@@ -74,37 +66,28 @@ READERS: dict[str, tuple[Any, Any]] = {
 
 
 @lru_cache(maxsize=1)
-def _container(kind: str, path: Path, _stamp: tuple[int, ...], layout: str) -> tuple[Any, ExitStack]:
+def _opened(kind: str, path: Path, _stamp: tuple[int, ...], layout: str) -> tuple[Any, ExitStack]:
     """Open a file that stays open for the trials that follow, as long as what holds it is kept."""
     holder = ExitStack()
     return holder.enter_context(READERS[kind][0](path, json.loads(layout))), holder
 
 
-def open_traces(path: Path, kind: str, layout: Layout) -> dict[str, Any]:
-    """Open a container, or say what is wrong with it; called in the confined process, as the two below."""
-    _opened(path, kind, layout)
-    return {}
-
-
-def _opened(path: Path, kind: str, layout: Layout) -> Any:
-    found = path.stat()
-    return _container(kind, path, (found.st_ino, found.st_size, found.st_mtime_ns), json.dumps(layout))[0]
-
-
 def close_traces(path: Path) -> dict[str, Any]:
-    """Let a container go."""
-    _container.cache_clear()
+    """Let a container go; called in the confined process, as the next."""
+    _opened.cache_clear()
     return {}
 
 
 def read_columns(
     path: Path, kind: str, layout: Layout, place: list[Any], names: tuple[str | int, ...]
 ) -> dict[str, Any]:
-    """Read columns of one trial, by their number."""
-    where, columns = Place(*place), READERS[kind][1]
+    """Read columns of one trial, by their number; without names it is only seen whether the file can be read."""
+    where, found = Place(*place), path.stat()
     try:
-        with READERS[kind][0](path, layout) if where.own_file else nullcontext(_opened(path, kind, layout)) as file:
-            raw = columns(file, where, names)
+        stamp = found.st_ino, found.st_size, found.st_mtime_ns
+        kept = None if where.own_file else _opened(kind, path, stamp, json.dumps(layout))[0]
+        with READERS[kind][0](path, layout) if where.own_file else nullcontext(kept) as file:
+            raw = READERS[kind][1](file, where, names)
             return {str(number): _samples(raw[name], name) for number, name in enumerate(names)}
     except (TraceError, MemoryError):
         raise
@@ -130,11 +113,11 @@ class Traces(ExitStack):
         path = inside(session.folder, acquisition.traces, "acquisition.traces")
         if not path.is_file():
             raise BenchError(f"traces are missing, expected {acquisition.traces} [{session.folder}]")
+        self._container, nothing = path, (Place("", (), own_file=False, is_file=True), ())
         try:
-            read_confined(f"{__name__}:open_traces", path, acquisition.kind, self._layout, raises=TraceError)
+            self._columns(path, *nothing)
         except TraceError as error:
             raise BenchError(f"traces cannot be read: {error} [{path}]") from error
-        self._container = path
         self.callback(read_confined, f"{__name__}:close_traces", path, raises=TraceError)
 
     def read(self, trial: str) -> Trace:
@@ -165,9 +148,7 @@ class Traces(ExitStack):
         path = self._container or _trial_file(self.session, trial)
         own = acquisition.per_trial or bool(acquisition.split)
         place = Place(trial, _groups(acquisition.group, trial), own, own and acquisition.group is None)
-        names = [channel.column for channel, _ in self._channels.values()]
-        asked = acquisition.kind, self._layout, place, names
-        found = self._in_si(read_confined(f"{__name__}:read_columns", path, *asked, raises=TraceError))
+        found = self._in_si(self._columns(path, place, [channel.column for channel, _ in self._channels.values()]))
         sizes = {part: values.size for part, values in found.items()}
         if len(set(sizes.values())) > 1:
             told = ", ".join(f"{part} {size}" for part, size in sizes.items())
@@ -176,18 +157,19 @@ class Traces(ExitStack):
             found["time"] = np.arange(sizes["tangential"]) / acquisition.sample_rate
         return Trace(**found)
 
+    def _columns(self, path: Path, place: Place, names: Sequence[str | int]) -> dict[str, Any]:
+        asked = self.session.acquisition.kind, self._layout, place, names
+        return read_confined(f"{__name__}:read_columns", path, *asked, raises=TraceError)
+
     def _in_si(self, raw: Mapping[str, Any]) -> dict[str, NDArray[np.float64]]:
         found, rate = {}, self.session.acquisition.sample_rate
         for number, (part, (channel, dimension)) in enumerate(self._channels.items()):
             values = raw[str(number)] * channel.scale(dimension, part)
             values = values - off if (off := channel.taken_off(dimension, part)) else values
-            if still := round(channel.tare_time(part) * rate):
-                if still >= values.size:
-                    raise TraceError(
-                        f"truncated: the tare of {part} takes {still} samples, the record has {values.size}"
-                    )
-                values = values - values[:still].mean()
-            found[part] = values
+            still = round(channel.tare_time(part) * rate)
+            if still >= max(values.size, 1):
+                raise TraceError(f"truncated: the tare of {part} takes {still} samples, the record has {values.size}")
+            found[part] = values - values[:still].mean() if still else values
         return found
 
 
@@ -217,8 +199,8 @@ def _groups(pattern: str | None, trial: str) -> tuple[str, ...]:
     """Names that the group of a trial may have, the likeliest first."""
     if pattern is not None:
         return (fill_pattern(pattern, trial=trial),)
-    found = []
+    found: dict[str, None] = {}
     for usual in _USUAL_GROUPS:
         with suppress(TraceError):
-            found.append(fill_pattern(usual, trial=trial))
-    return tuple(dict.fromkeys(found))
+            found[fill_pattern(usual, trial=trial)] = None
+    return tuple(found)

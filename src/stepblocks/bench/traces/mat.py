@@ -1,14 +1,9 @@
-"""Traces in MATLAB files: a struct or a matrix per trial, or a variable per channel in a file of the trial's own.
-
-A version 5 file is a row of variables. SciPy reads through all of them to find one, so the places of the variables are
-noted once, and then only the bytes of the wanted variable are handed to SciPy. From version 7.3 on, files are HDF5.
-"""
+"""Traces in MATLAB files: a struct or a matrix per trial, or a variable per channel in a file of the trial's own."""
 
 from __future__ import annotations
 
 import io
 import struct
-import zlib
 from contextlib import AbstractContextManager, nullcontext
 from dataclasses import dataclass
 from pathlib import Path
@@ -28,7 +23,7 @@ _MOST_BYTES = 1 << 30  # of one variable
 
 @dataclass(frozen=True)
 class Variables:
-    """A version 5 file of which it is known where its variables lie."""
+    """A version 5 file, a row of variables, of which it is known where they lie."""
 
     path: Path
     places: dict[str, tuple[int, int]]  # first byte and length of each
@@ -84,37 +79,23 @@ def _column(value: Any, name: str | int) -> Any:
 
 
 def variables_of(path: Path) -> Variables:
-    """Look through a version 5 file for the names of its variables."""
-    places: dict[str, tuple[int, int]] = {}
-    size = path.stat().st_size
+    """Look through a version 5 file for its variables; SciPy reads through all of them to find one, so this is done once."""
+    from scipy.io import whosmat
+
+    places: list[tuple[int, int]] = []
+    size, place = path.stat().st_size, _HEADER
     with path.open("rb") as file:
         mark = file.read(_HEADER)[126:128]
         if mark not in (b"IM", b"MI"):
             raise TraceError(f"{path.name} is no MATLAB file of version 5 to 7.3")
-        order = "<" if mark == b"IM" else ">"
-        place = _HEADER
         while place + 8 <= size:
             file.seek(place)
-            kind, length = struct.unpack(order + "II", file.read(8))
+            kind, length = struct.unpack("<II" if mark == b"IM" else ">II", file.read(8))
             if kind not in (_COMPRESSED, _MATRIX) or place + 8 + length > size:
                 raise TraceError(f"{path.name} is damaged or truncated at byte {place}")
-            places[_name(file.read(min(length, 4096)), kind, order, path)] = (place, 8 + length)
+            places.append((place, 8 + length))
             place += 8 + length
-    return Variables(path, places)
-
-
-def _name(head: bytes, kind: int, order: str, path: Path) -> str:
-    """Name of a variable from the first bytes of its element: flags, dimensions, name."""
     try:
-        if kind == _COMPRESSED:
-            head = zlib.decompressobj().decompress(head, 4096)[8:]
-        place = 16  # past the array flags
-        _, length = struct.unpack_from(order + "II", head, place)
-        place += 8 + (length + 7) // 8 * 8
-        kind_and_length, length = struct.unpack_from(order + "II", head, place)
-        if kind_and_length >> 16:  # a small element holds its data in its own tag
-            length = kind_and_length >> 16
-            return head[place + 4 : place + 4 + length].decode("ascii")
-        return head[place + 8 : place + 8 + length].decode("ascii")
-    except (zlib.error, struct.error, UnicodeDecodeError) as error:
+        return Variables(path, dict(zip((name for name, *_ in whosmat(path)), places, strict=True)))
+    except Exception as error:  # SciPy lets zlib, type and key errors of a damaged file through
         raise TraceError(f"{path.name} is damaged: {str(error)[:80]}") from error

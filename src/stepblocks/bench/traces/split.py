@@ -21,10 +21,13 @@ _SMOOTH = 5
 
 def cut_drags(trace: Trace, count: int) -> list[slice]:
     """Find `count` drags: by the lifted tip where it is lifted between them, else by the releases that fall most."""
+    from scipy.ndimage import uniform_filter1d
+
     rate = (trace.time.size - 1) / float(trace.time[-1] - trace.time[0])
     releases = _releases(trace.tangential, rate, count)
-    # a cut lies in the middle of what is between the ring and the next ramp, at the end of the air where there is some
-    loaded = _loaded(trace.normal, rate)
+    # a cut lies in the middle of what is between the ring and the next ramp, at the end of the air where there is some;
+    # all of the record is loaded where the normal force never rests near none
+    loaded = uniform_filter1d(trace.normal, max(round(_AIR * rate), 1)) > 0.2 * float(np.median(trace.normal))
     smooth = np.convolve(trace.tangential, np.full(_SMOOTH, 1.0 / _SMOOTH), mode="same")
     cuts = [0]
     for one, other in itertools.pairwise(releases):
@@ -56,15 +59,6 @@ def _releases(force: Array, rate: float, count: int) -> list[int]:
             f"the record shows {clear} releases that stand out"
         )
     return sorted(found[order[:count]].tolist())
-
-
-def _loaded(normal: Array, rate: float) -> np.ndarray[tuple[int], np.dtype[np.bool_]]:
-    """Whether the tip lies on a block: all of the record where the normal force never rests near none."""
-    from scipy.ndimage import uniform_filter1d
-
-    calm = uniform_filter1d(normal, max(round(_AIR * rate), 1))
-    usual = float(np.median(normal))
-    return np.asarray(calm > 0.2 * usual)
 
 
 def draw_cuts(trace: Trace, cuts: list[slice], names: list[str], path: Path) -> None:

@@ -27,8 +27,7 @@ def open_tdms(path: Path, layout: Any) -> Iterator[Any]:
 
 def tdms_columns(file: Any, place: Place, names: tuple[str | int, ...]) -> dict[str | int, Any]:
     """Read columns of one trial."""
-    group = _group(file, place)
-    return {name: _samples(group, name) for name in names}
+    return {name: _samples(_group(file, place), name) for name in names}
 
 
 def _samples(group: Any, name: str | int) -> Any:
