@@ -14,7 +14,6 @@ from stepblocks.build.page import Section, _figure, _summary, write_page
 from stepblocks.build.picture import draw, exaggerated, write_view
 from stepblocks.contact.energy import Status
 from stepblocks.declare import load_declared
-from stepblocks.predict.predictions import Predictions
 
 BOX_CORNERS = np.array([(x, y, z) for x in (-1.0, 1.0) for y in (-1.0, 1.0) for z in (-1.0, 1.0)]) * 1e-3
 BOX_FACES = np.array(
@@ -129,7 +128,7 @@ def test_the_summary_says_what_is_felt_and_what_is_not():
 
 def test_the_page_opens_with_the_steps_of_the_paper_and_else_keeps_the_order_of_the_user(blocks, tmp_path):
     others = [blocks.model_copy(update={"name": name}) for name in ("zebra", "apple")]
-    sections = [Section(one, Predictions(()), {}) for one in (*others, blocks)]
+    sections = [Section(one, (), {}) for one in (*others, blocks)]
     _, page = write_page(sections, tmp_path)
     assert re.findall(r'<section id="(.*?)"', page.read_text()) == ["overview", "paper-ten", "zebra", "apple"]
 
@@ -142,7 +141,7 @@ def test_the_page_links_what_other_commands_left_and_nothing_else(blocks, tmp_pa
         "derived": [],
         "verdicts": [],
     }
-    sections = [Section(blocks, Predictions(()), {"step-010": record | {"outputs": {"a.step": ""}}})]
+    sections = [Section(blocks, (), {"step-010": record | {"outputs": {"a.step": ""}}})]
     assert "evidence.html" not in write_page(sections, tmp_path)[1].read_text()
     for name in (
         "evidence/evidence.html",
@@ -165,7 +164,7 @@ def test_the_page_escapes_what_a_file_says_and_shows_what_failed(blocks, tmp_pat
         "outputs": {"step-010.step": "", "step-010.png": "", "view.js": ""},
     }
     named = blocks.model_copy(update={"title": "Ten <b>blocks</b>"})
-    script, page = write_page([Section(named, Predictions(()), {"step-010": record})], tmp_path)
+    script, page = write_page([Section(named, (), {"step-010": record})], tmp_path)
     text = page.read_text()
     assert "Ten &lt;b&gt;blocks&lt;/b&gt;" in text
     assert "&lt;volume&gt; &amp; more" in text

@@ -16,7 +16,7 @@ from stepblocks.contact.operating_point import LIMIT_SOURCES, PAPER, SHIPPED_LIM
 from stepblocks.contact.rod import rod_for
 from stepblocks.declare import load_set
 from stepblocks.errors import ContactError
-from stepblocks.predict.predictions import Predictions, figures_of, left_out
+from stepblocks.predict.predictions import figures_of, left_out, predict_all
 
 STIMULI = Path(__file__).resolve().parents[2] / "stimuli"
 FOUR = load_set(STIMULI / "paper-four.toml")
@@ -84,7 +84,7 @@ def test_a_limit_of_nothing_is_refused():
 
 
 def test_beyond_a_limit_a_row_shows_the_limit_and_no_energy():
-    made = Predictions.of(FOUR)
+    made = predict_all(FOUR)
     beyond = [figures_of(p) for p in made if p.release.status.beyond]
     assert len(beyond) == 4
     for row in beyond:
@@ -104,7 +104,7 @@ def test_a_file_may_declare_its_own_limits_with_a_source(tmp_path):
     hand, gauge = '{ value = "1 kN", source = "pulled by weights" }', '{ value = "3 N", source = "its data sheet" }'
     path = tmp_path / "paper-four.toml"
     path.write_text(text.replace(place, f"limits = {{ hand = {hand}, gauge = {gauge} }}\n{place}", 1))
-    statuses = {str(p.release.status) for p in Predictions.of(load_set(path), dragged=False)}
+    statuses = {str(p.release.status) for p in predict_all(load_set(path), dragged=False)}
     assert statuses == {"releases", "beyond-gauge"}
     path.write_text(text.replace(place, f'limits = {{ hand = {{ value = "1 kN" }} }}\n{place}', 1))
     assert main(["predict", str(path), "-o", str(tmp_path / "p.csv")]) == 2
@@ -140,7 +140,7 @@ def test_the_ring_of_a_file_has_its_frequency_and_tolerance_in_predictions_and_d
             "tolerances = {", 'tolerances = { frequency = "20 Hz",'
         )
     )
-    row = figures_of(next(iter(Predictions.of(load_set(path), dragged=False))))
+    row = figures_of(next(iter(predict_all(load_set(path), dragged=False))))
     assert (row["frequency_hz"], row["frequency_low_hz"], row["frequency_high_hz"]) == (250.0, 230.0, 270.0)
     assert main(["drag", f"{path}/apparatus-050", "--load", "1 N", "-o", str(tmp_path / "d")]) == 0
     told = json.loads((tmp_path / "d" / "drag.json").read_text())

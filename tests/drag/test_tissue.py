@@ -15,7 +15,7 @@ from stepblocks.declare import load_set
 from stepblocks.drag.run import drag_over
 from stepblocks.errors import ContactError, PipelineError
 from stepblocks.parts.kinds.margin import Gum
-from stepblocks.predict.predictions import Predictions, dragged
+from stepblocks.predict.predictions import dragged, predict_all
 
 STIMULI = Path(__file__).resolve().parents[2] / "stimuli"
 GAP = Margin(50e-6, 50e-6, 0.0)
@@ -58,7 +58,7 @@ def test_a_crown_may_have_gum_in_predictions_drags_and_scenes(tmp_path):
 
     def crowns(stimuli):
         parts = [part for part in stimuli.stimuli if part.id == "crown-shoulder"]
-        return Predictions.of(stimuli.with_parts(parts))
+        return predict_all(stimuli.with_parts(parts))
 
     rubbed = 0
     for a, b in zip(crowns(with_gum), crowns(without), strict=True):

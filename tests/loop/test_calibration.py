@@ -32,9 +32,10 @@ def test_every_mistake_of_a_certificate_is_told_in_a_line_of_its_own(tmp_path):
     text = '[calibration]\ntangential_zero = ["3 mm", "1 mN"]\nnormal_zero = ["1 mN", "-1 mN"]\nbandwith = 3\n'
     with pytest.raises(PipelineError) as caught:
         read_calibration(_session(tmp_path, text))
-    lines = str(caught.value).splitlines()
+    said, *lines = str(caught.value).splitlines()
+    assert said.startswith("3 mistakes")
     assert len(lines) == 3
-    assert ["tangential_zero" in lines[0], "normal_zero" in lines[1], "bandwith" in lines[2]] == [True] * 3
+    assert ["bandwith" in lines[0], "tangential_zero" in lines[1], "normal_zero" in lines[2]] == [True] * 3
 
 
 def test_unloaded_samples_give_the_zeros_where_there_are_enough():

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from stepblocks.loop.page import _averaged, _change, _followed, _positions, _worst, page_of
+from stepblocks.loop.page import _averaged, _change, _followed, _positions, page_of
 from stepblocks.page_file import _figure
 
 
@@ -85,11 +85,3 @@ def test_labels_are_drawn_in_a_row_and_numbers_where_they_are():
     x, ticks = _positions(np.array(["B", "A", "B"]))
     assert (x.tolist(), ticks) == ([1.0, 0.0, 1.0], ["A", "B"])
     assert _positions(np.array([3, 1])) == (pytest.approx(np.array([3.0, 1.0])), [])
-
-
-def test_the_trials_that_are_missed_most_come_first(result):
-    worst = _worst(result)
-    distances = [row["distance [std]"] for row in worst]
-    assert len(worst) == 10
-    assert distances == sorted(distances, reverse=True)
-    assert worst[0]["trial"] in result.table.names

@@ -13,7 +13,7 @@ from stepblocks.contact.counterface import Margin, Step
 from stepblocks.contact.energy import Status
 from stepblocks.declare import load_set
 from stepblocks.errors import StepblocksError
-from stepblocks.predict.predictions import Predictions, predict_set, shown
+from stepblocks.predict.predictions import as_row, predict_all, predict_set, predictions_csv, shown
 
 STIMULI = Path(__file__).resolve().parents[2] / "stimuli"
 FOUR, MARGINS, TIPS, SHEATHS = (
@@ -23,13 +23,13 @@ FOUR, MARGINS, TIPS, SHEATHS = (
 
 @pytest.fixture(scope="module")
 def four():
-    return Predictions.of(FOUR)
+    return predict_all(FOUR)
 
 
 def test_file_rows_and_table_of_a_set_hold_the_same_figures(four):
-    rows = list(csv.DictReader(io.StringIO(four.csv())))
-    assert rows == four.rows()
-    frame = four.frame
+    rows = list(csv.DictReader(io.StringIO(predictions_csv(four))))
+    assert rows == [as_row(one) for one in four]
+    frame = predict_set(FOUR)
     assert list(frame.columns) == list(rows[0])
     assert len(rows) == len(frame) == len(four)
     for name in frame.columns:
@@ -42,10 +42,10 @@ def test_file_rows_and_table_of_a_set_hold_the_same_figures(four):
                 assert float(text) == pytest.approx(value, rel=1e-5)
 
 
-def test_a_notebook_predicts_a_set_or_its_file(four):
+def test_a_notebook_predicts_a_set_or_its_file():
     by_file = predict_set(str(STIMULI / "paper-four.toml"))
-    pd.testing.assert_frame_equal(by_file, four.frame)
-    pd.testing.assert_frame_equal(stepblocks.predict_set(FOUR), four.frame)
+    pd.testing.assert_frame_equal(by_file, predict_set(FOUR))
+    pd.testing.assert_frame_equal(stepblocks.predict_set(FOUR), by_file)
     with pytest.raises(StepblocksError):
         predict_set(STIMULI / "nowhere.toml")
 
@@ -60,11 +60,10 @@ def test_every_condition_of_the_grid_is_predicted_once_and_in_order(four):
         for load in grid.normal_loads
     ]
     assert [(p.stimulus, p.point.ball_radius, p.point.friction, p.point.normal_load) for p in four] == expected
-    assert [p.stimulus for p in four.by_stimulus(FOUR.stimuli[1].id)] == [FOUR.stimuli[1].id] * (len(expected) // 4)
 
 
 def test_each_prediction_is_its_counterface_under_its_operating_point(four):
-    for p in (*four, *Predictions.of(MARGINS)):
+    for p in (*four, *predict_all(MARGINS)):
         release = p.face.release(p.point, p.backward)
         assert release.status is p.release.status
         assert release.angle == p.release.angle
@@ -74,7 +73,7 @@ def test_each_prediction_is_its_counterface_under_its_operating_point(four):
 
 
 def test_the_nominal_lies_between_its_limits(four):
-    for p in (*four, *Predictions.of(MARGINS), *Predictions.of(TIPS)):
+    for p in (*four, *predict_all(MARGINS), *predict_all(TIPS)):
         assert p.limits[0].angle <= p.release.angle <= p.limits[1].angle
         if all(one.status is Status.RELEASES for one in (p.release, *p.limits)):
             assert p.limits[0].pull_force <= p.release.pull_force <= p.limits[1].pull_force
@@ -82,7 +81,7 @@ def test_the_nominal_lies_between_its_limits(four):
 
 def test_a_tip_brings_its_own_ball_to_the_steps_of_its_set():
     balls = {part.id: part.ball for part in TIPS.stimuli}
-    for p in Predictions.of(TIPS):
+    for p in predict_all(TIPS):
         assert p.point.ball_radius == balls[p.stimulus].nominal
         assert p.face.far_side in TIPS.prediction.step_heights
         # Origin: equation (2); a step as high as the ball is met at its riser
@@ -91,7 +90,7 @@ def test_a_tip_brings_its_own_ball_to_the_steps_of_its_set():
 
 
 def test_under_a_sheath_the_probe_has_the_spring_and_the_ring_of_that_sheath():
-    for p in Predictions.of(SHEATHS):
+    for p in predict_all(SHEATHS):
         part = next(part for part in SHEATHS.stimuli if part.id == p.stimulus)
         ring = SHEATHS.ring_of(part)
         assert (p.point.tool.stiffness, p.point.tool.frequency) == (ring.stiffness, ring.frequency)
@@ -99,12 +98,13 @@ def test_under_a_sheath_the_probe_has_the_spring_and_the_ring_of_that_sheath():
 
 
 def test_further_columns_stand_behind(four):
-    rows = four.rows(lambda prediction: {"again": prediction.stimulus})
+    text = predictions_csv(four, lambda prediction: {"again": prediction.stimulus})
+    rows = list(csv.DictReader(io.StringIO(text)))
     assert list(rows[0])[-1] == "again"
     assert all(row["again"] == row["stimulus"] for row in rows)
 
 
 def test_a_terminal_is_shown_the_drawn_interval_of_the_energy_alone(four):
-    columns = shown(list(four.rows()[0]))
+    columns = shown(list(as_row(four[0])))
     assert {"vibration_energy_95_low_uj", "vibration_energy_95_high_uj", "status", "pull_force_n"} <= set(columns)
     assert not {"pull_force_low_n", "pull_force_95_high_n", "vibration_energy_low_uj"} & set(columns)

@@ -16,11 +16,11 @@ from stepblocks.drag.track import track_over
 from stepblocks.errors import PipelineError
 from stepblocks.predict import predictions
 from stepblocks.predict.perception import felt_energies
-from stepblocks.predict.predictions import DIFFERS, Predictions, figures_of, predict_one
+from stepblocks.predict.predictions import DIFFERS, figures_of, predict_all, predict_one
 
 STIMULI = Path(__file__).resolve().parents[2] / "stimuli"
 SHEATHS, FOUR = load_set(STIMULI / "sheaths.toml"), load_set(STIMULI / "paper-four.toml")
-ALONE, BESIDE = Predictions.of(SHEATHS, dragged=False), Predictions.of(SHEATHS)
+ALONE, BESIDE = predict_all(SHEATHS, dragged=False), predict_all(SHEATHS)
 
 
 def test_the_drag_stands_beside_the_formula_and_changes_none_of_its_columns():
@@ -77,7 +77,7 @@ def test_as_the_step_vanishes_the_formula_keeps_fifty_thresholds_of_which_the_dr
 
 
 def test_where_both_agree_the_formula_is_felt_and_the_flag_is_the_factor():
-    made = [p for p in Predictions.of(FOUR) if p.release.status is Status.RELEASES]
+    made = [p for p in predict_all(FOUR) if p.release.status is Status.RELEASES]
     assert {figures_of(p)["felt_by"] for p in made} == {"formula", "drag"}
     for p in made:
         apart = max(p.over_formula, 1.0 / p.over_formula) if p.over_formula > 0.0 else math.inf
@@ -87,10 +87,10 @@ def test_where_both_agree_the_formula_is_felt_and_the_flag_is_the_factor():
 
 def test_a_set_of_too_many_rows_is_dragged_only_when_asked(monkeypatch):
     monkeypatch.setattr(predictions, "MOST_DRAGGED", len(ALONE) - 1)
-    assert all(p.in_time is None for p in Predictions.of(SHEATHS))
-    assert any(p.in_time is not None for p in Predictions.of(SHEATHS, dragged=True))
+    assert all(p.in_time is None for p in predict_all(SHEATHS))
+    assert any(p.in_time is not None for p in predict_all(SHEATHS, dragged=True))
 
 
 def test_a_handle_at_rest_drags_nothing():
     with pytest.raises(PipelineError, match="speed must be positive"):
-        Predictions.of(SHEATHS, speed=0.0)
+        predict_all(SHEATHS, speed=0.0)

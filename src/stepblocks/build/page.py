@@ -19,7 +19,7 @@ from stepblocks.contact.energy import Status
 from stepblocks.page_file import render_page
 from stepblocks.parts.kinds.step_block import StepBlock
 from stepblocks.parts.set import StimulusSet
-from stepblocks.predict.predictions import Prediction, Predictions, figures_of
+from stepblocks.predict.predictions import Prediction, figures_of
 from stepblocks.predict.sheaths import conditions_of, decay_test_rows, ring_rows
 from stepblocks.quantities import figure, format_span
 
@@ -40,7 +40,7 @@ class Section:
     """A set with what is predicted of it and what was made of it."""
 
     stimuli: StimulusSet
-    predictions: Predictions
+    predictions: Sequence[Prediction]
     records: Mapping[str, Mapping[str, Any]]  # by stimulus, of those that were made
 
 
@@ -73,7 +73,8 @@ def _section(section: Section, links: Mapping[str, Sequence[Sequence[str]]]) -> 
     materials = {part.id: part.material for part in stimuli.stimuli}
     rows = []
     for identity, record in section.records.items():
-        predictions, folder = section.predictions.by_stimulus(identity), f"{stimuli.name}/{identity}"
+        predictions = [one for one in section.predictions if one.stimulus == identity]
+        folder = f"{stimuli.name}/{identity}"
         material = materials.get(identity)
         more = {
             "summary": [*_summary(predictions), *rings.get(identity, [])],

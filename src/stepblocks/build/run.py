@@ -190,7 +190,7 @@ def _tables_and_page(
 ) -> tuple[dict[str, str], int]:
     """Write tables and page from the records; return the hash of every file of the folder, and how many stimuli there are."""
     from stepblocks.build.page import Section, write_page
-    from stepblocks.predict.predictions import Predictions
+    from stepblocks.predict.predictions import predict_all, predictions_csv
     from stepblocks.predict.sheaths import write_sheath_files
     from stepblocks.predict.trials import learned_columns, taught_set
 
@@ -200,10 +200,9 @@ def _tables_and_page(
         stimuli = taught_set(declared, learned) if learned else declared
         folder = output / stimuli.name
         folder.mkdir(exist_ok=True)
-        predictions = Predictions.of(stimuli)
-        replace_text(
-            folder / "predictions.csv", predictions.csv(partial(learned_columns, learned=learned) if learned else None)
-        )
+        predictions = predict_all(stimuli)
+        more = partial(learned_columns, learned=learned) if learned else None
+        replace_text(folder / "predictions.csv", predictions_csv(predictions, more))
         found = {stimulus.id: load_record(folder / stimulus.id) for stimulus in stimuli.stimuli}
         records = {identity: record for identity, record in found.items() if record}
         sections.append(Section(stimuli, predictions, records))
@@ -274,7 +273,7 @@ def check_output(
 def _table_verdict(stimuli: StimulusSet, folder: Path, name: str) -> Verdict:
     """Predict a set again, cell by cell; where a model taught it, its table must be as the manifest says."""
     from stepblocks.artefacts.verdict import Verdict
-    from stepblocks.predict.predictions import Predictions
+    from stepblocks.predict.predictions import predict_all, predictions_csv
 
     manifest, path = load_json(folder / MANIFEST), folder / name
     if "--model" in manifest.get("inputs", {}):
@@ -284,7 +283,7 @@ def _table_verdict(stimuli: StimulusSet, folder: Path, name: str) -> Verdict:
         found = path.read_text(encoding="utf-8").splitlines() if plain_size(path) < _LARGEST_TABLE else []
     except (OSError, UnicodeDecodeError) as error:
         return Verdict(path.name, f"cannot be read: {' '.join(str(error).split())}", 1.0, 0.0, 0.0, "file")
-    wanted, got = (list(csv.reader(lines)) for lines in (Predictions.of(stimuli).csv().splitlines(), found))
+    wanted, got = (list(csv.reader(lines)) for lines in (predictions_csv(predict_all(stimuli)).splitlines(), found))
     empty: list[str] = []
     rows = zip_longest(wanted, got, fillvalue=empty)
     wrong = sum(not _alike(*cells) for pair in rows for cells in zip_longest(*pair, fillvalue=""))

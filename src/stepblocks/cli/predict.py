@@ -124,9 +124,10 @@ def _predict_table(files: list[Path], output: Path | None, model: Path | None) -
 def _predict_sets(arguments: argparse.Namespace) -> Outcome:
     from stepblocks.atomic import replace_text
     from stepblocks.declare import load_declared
-    from stepblocks.predict.predictions import Predictions, left_out, shown
+    from stepblocks.predict.predictions import as_row, left_out, predict_all, shown
     from stepblocks.predict.sheaths import ring_rows
     from stepblocks.select import stimulus_files
+    from stepblocks.tables import csv_text, write_table
 
     sets = [load_declared(path) for path in stimulus_files(arguments.files)]
     more: Callable[[Prediction], dict[str, str]] | None = None
@@ -151,16 +152,15 @@ def _predict_sets(arguments: argparse.Namespace) -> Outcome:
             print(sentence, file=sys.stderr)
         sets = [with_as_built(stimuli, records) for stimuli in sets]
     in_time = None if arguments.conversion is None else arguments.conversion == "simulated"
-    by_name = {stimuli.name: Predictions.of(stimuli, in_time, arguments.speed) for stimuli in sets}
+    by_name = {stimuli.name: predict_all(stimuli, in_time, arguments.speed) for stimuli in sets}
     if arguments.as_built:
-        by_name = {s.name: Predictions(tuple(by_surface(by_name[s.name], s, records))) for s in sets}
-    predictions = Predictions(tuple(one for predictions in by_name.values() for one in predictions))
+        by_name = {s.name: tuple(by_surface(by_name[s.name], s, records)) for s in sets}
+    predictions = [one for predictions in by_name.values() for one in predictions]
     notes = left_out(predictions)
     if arguments.perception:
         import pandas as pd
 
         from stepblocks.predict.perception import neighbours
-        from stepblocks.tables import write_table
 
         tables = [neighbours(s, by_name[s.name]) for s in sets]
         write_table(pd.concat(tables, ignore_index=True), arguments.perception)
@@ -169,11 +169,11 @@ def _predict_sets(arguments: argparse.Namespace) -> Outcome:
         from stepblocks.predict.figures import write_plots
 
         notes += [str(path) for stimuli in sets for path in write_plots(stimuli, arguments.plots)]
-    rows = predictions.rows(more)
+    rows = [as_row(one) | (more(one) if more else {}) for one in predictions]
     names = list(rows[0]) if arguments.wide else shown(list(rows[0]))
     said, told = "", {"": [{name: row[name] for name in names} for row in rows]}
     if arguments.output:
-        replace_text(arguments.output, predictions.csv(more))
+        replace_text(arguments.output, csv_text(rows))
         said, told = f"{arguments.output}: {len(predictions)} predictions", {}
     rings = {f"ring of the probe of {one.name}": found for one in sets if (found := ring_rows(one))}
     return Outcome(said, {**told, **rings}, notes=notes, record={"predictions": rows, **rings})

@@ -24,7 +24,6 @@ from stepblocks.parts.characteristics import Characteristic
 from stepblocks.parts.conditions import OrderSpec, PredictionGrid
 from stepblocks.parts.kind import Part
 from stepblocks.parts.set import StimulusSet
-from stepblocks.predict.predictions import tool_of
 from stepblocks.select import stimulus_files
 
 Evaluation = Callable[[Profile | HeightMap, Instrument, Characteristic, How], Inspected]
@@ -215,7 +214,7 @@ def _felt_sentence(result: InspectionResult, grid: PredictionGrid) -> str:
     """
     if not {"step_height", "edge_radius"} <= set(result.inspected.values):
         return ""
-    point = OperatingPoint(grid.tip_radii[0], grid.normal_loads[0], grid.frictions[0], tool_of(grid))
+    point = OperatingPoint(grid.tip_radii[0], grid.normal_loads[0], grid.frictions[0], grid.as_tool())
     nominal = {one.key: one.nominal for one, _ in result.judged}
     height, radius = (result.inspected.values[key].value for key in ("step_height", "edge_radius"))
     asked = Step(nominal["step_height"], nominal["edge_radius"])

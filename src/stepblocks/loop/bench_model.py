@@ -6,7 +6,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import lru_cache
 from itertools import combinations
-from typing import cast
+from typing import ClassVar, cast
 
 import numpy as np
 
@@ -52,14 +52,8 @@ class SessionModel:
     height_std: float = 1e-6  # of blocks that are not scanned [m]
     scanned: Mapping[str, tuple[float, float]] | None = None  # block to height and standard uncertainty [m]
     scanned_radius: float | None = None  # mean of the edges from their scans [m]
-    known: Mapping[str, tuple[float, float]] = field(
-        default_factory=dict
-    )  # constants of the gauges, certified or tared
-
-    @property
-    def quantities(self) -> tuple[str, ...]:
-        """What scatters from trial to trial, under the name of its slot."""
-        return "friction", "normal_load", "conversion"
+    known: Mapping[str, tuple[float, float]] = field(default_factory=dict)  # of the gauges, certified or tared
+    quantities: ClassVar = ("friction", "normal_load", "conversion")  # what scatters among trials, by its slot
 
     def order(self, trials: Trials) -> Floats:
         """Order in time: the run order where it is told, else that of the table."""
@@ -104,14 +98,14 @@ class SessionModel:
     def candidates(self, trials: Trials) -> tuple[Law, ...]:
         """Return every effect that may be asked of a table, knowing what the scans have ruled out."""
         laws = candidates(trials, covariate_ranges(trials), scanned_radius=self.scanned_radius)
-        return tuple(self._informed(law) if law.slot == "sensor" else law for law in laws)
+        # the constants of the gauges are what is added to the known ones: a calibration says how much that may be
+        open_to = {name: std for name, (_, std) in self.known.items()}
 
-    def _informed(self, law: Law) -> Law:
-        """Hold the constants of a law to what a calibration leaves open: they are what is added to the known ones."""
-        parameters = (
-            replace(p, prior_std=self.known[p.name][1]) if p.name in self.known else p for p in law.parameters
-        )
-        return replace(law, parameters=tuple(parameters))
+        def informed(law: Law) -> Law:
+            held = (replace(p, prior_std=open_to.get(p.name, p.prior_std)) for p in law.parameters)
+            return replace(law, parameters=tuple(held))
+
+        return tuple(informed(law) if law.slot == "sensor" else law for law in laws)
 
     def predict(self, trials: Trials, values: Mapping[str, float], effects: Active = ()) -> Floats:
         """Predict all channels."""

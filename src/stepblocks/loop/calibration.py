@@ -8,9 +8,10 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import numpy as np
-from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, ValidationError
+from pydantic import BaseModel, BeforeValidator, ConfigDict, Field
 
 from stepblocks.errors import PipelineError
+from stepblocks.mistakes import validated
 from stepblocks.quantities import quantity_parser
 
 if TYPE_CHECKING:
@@ -20,6 +21,8 @@ Known = Mapping[str, tuple[float, float]]  # a parameter of the instrument to it
 
 _Force = Annotated[float, BeforeValidator(quantity_parser("force"))]
 _Ratio = Annotated[float, BeforeValidator(quantity_parser("ratio"))]
+_PositiveForce = Annotated[_Force, Field(gt=0.0)]
+_PositiveRatio = Annotated[_Ratio, Field(gt=0.0)]
 _FEWEST = 5  # traces with unloaded samples
 _LEAST_STD = 1e-4  # N, of a zero: a gauge creeps by more between two tares
 
@@ -29,11 +32,15 @@ class _Calibration(BaseModel):
 
     model_config = ConfigDict(extra="forbid", frozen=True)
 
-    tangential_zero: tuple[_Force, Annotated[_Force, Field(gt=0.0)]] | None = None
-    normal_zero: tuple[_Force, Annotated[_Force, Field(gt=0.0)]] | None = None
-    tangential_gain: tuple[Annotated[_Ratio, Field(gt=0.0)], Annotated[_Ratio, Field(gt=0.0)]] | None = None
-    normal_gain: tuple[Annotated[_Ratio, Field(gt=0.0)], Annotated[_Ratio, Field(gt=0.0)]] | None = None
-    cross_talk: tuple[_Ratio, Annotated[_Ratio, Field(gt=0.0)]] | None = None
+    tangential_zero: tuple[_Force, _PositiveForce] | None = None
+    normal_zero: tuple[_Force, _PositiveForce] | None = None
+    tangential_gain: tuple[_PositiveRatio, _PositiveRatio] | None = None
+    normal_gain: tuple[_PositiveRatio, _PositiveRatio] | None = None
+    cross_talk: tuple[_Ratio, _PositiveRatio] | None = None
+
+
+class _Session(BaseModel):
+    calibration: _Calibration = _Calibration()
 
 
 # the parameter of a law of the sensor that each constant is; of gains the law has the logarithm
@@ -49,23 +56,12 @@ _PARAMETERS = {
 def read_calibration(session: Path) -> dict[str, tuple[float, float]]:
     """Read the optional table ``[calibration]`` of a session, all mistakes told at once, each in a line."""
     path = session / "session.toml"
-    declared = tomllib.loads(path.read_text(encoding="utf-8")).get("calibration", {})
-    if not isinstance(declared, Mapping):
-        raise PipelineError(f"`calibration` must be a table [{path}]")
-    try:
-        known = _Calibration.model_validate(declared)
-    except ValidationError as error:
-        lines = []
-        for one in error.errors():
-            place = ".".join(str(part) for part in one["loc"])
-            rule = one["msg"].removeprefix("Value error, ")
-            lines.append(f"`calibration.{place}`: {rule}, got {one['input']!r} [{path}]")
-        raise PipelineError("\n".join(lines)) from error
-    found = {}
-    for name, (value, std) in ((n, pair) for n, pair in known if pair is not None):
-        gain = name.endswith("gain")
-        found[_PARAMETERS[name]] = (float(np.log(value)), std / value) if gain else (value, std)
-    return found
+    known = validated(_Session, tomllib.loads(path.read_text(encoding="utf-8")), path, PipelineError).calibration
+    given = {_PARAMETERS[name]: pair for name, pair in known if pair is not None}
+    return {
+        name: (float(np.log(value)), std / value) if name.endswith("gain") else (value, std)
+        for name, (value, std) in given.items()
+    }
 
 
 def unloaded_zeros(features: pd.DataFrame) -> dict[str, tuple[float, float]]:

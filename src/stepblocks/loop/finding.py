@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from typing import Any
 
 from stepblocks.contact.effects.law import Law
@@ -24,13 +24,10 @@ def sentence(found: Explanation, document: Mapping[str, Any]) -> str:
     """Say what was found, how large, how far the error fell, and what noise leaves."""
     errors = _errors(document)
     if found.verdict is Verdict.NONE:
-        smallest = "; ".join(
-            f"{e['said']} of {read_as(e['value'], e['unit'])}" for e in document["could_have_shown"][:3]
-        )
-        shown = f"; {smallest} would have shown" if smallest else ""
-        return (
-            f"Nothing is there that noise would not do{shown}; error of E_v {errors['before']}, noise {errors['noise']}"
-        )
+        could = [f"; {e['said']} of {read_as(e['value'], e['unit'])}" for e in document["could_have_shown"][:3]]
+        shown = "".join([*could, " would have shown"]) if could else ""
+        noise = f"error of E_v {errors['before']}, noise {errors['noise']}"
+        return f"Nothing is there that noise would not do{shown}; {noise}"
     parts = [hint.said for hint in found.told]
     parts += [_of(f, entry) for f, entry in zip(found.findings, document["effects"], strict=True)]
     if any(hint.kind != "stick-slip" for hint in found.told):
@@ -56,14 +53,8 @@ def _of(finding: Finding, entry: Mapping[str, Any]) -> str:
     law = finding.effect
     name = law.said if isinstance(law, Law) and law.said and finding.verdict is not Verdict.UNEXPLAINED else ""
     if not name:
-        along = (
-            ""
-            if law.covariate == "none"
-            else f" follows {law.covariate}"
-            if law.covariate != "block"
-            else " differs by block"
-        )
-        return f"{law.slot.replace('_', ' ')}{along or ' is another'}, no law claimed"
+        along = {"none": "is another", "block": "differs by block"}.get(law.covariate, f"follows {law.covariate}")
+        return f"{law.slot.replace('_', ' ')} {along}, no law claimed"
     figures = [
         f"{read_as(p['value'], p['unit'])} ({read_as(p['low'], p['unit'])} to {read_as(p['high'], p['unit'])})"
         for p in entry["parameters"].values()
@@ -74,8 +65,3 @@ def _of(finding: Finding, entry: Mapping[str, Any]) -> str:
         return text
     rivals = [r.said or r.id for r, _, _ in finding.rivals if isinstance(r, Law)]
     return f"{text}, or " + ", or ".join(rivals[:2] or ["what some folds chose instead"]) + ": these trials cannot tell"
-
-
-def calibration_moves(laws: Sequence[Any]) -> list[str]:
-    """Say which moves on the bench would settle a group of laws, in their order, each once."""
-    return list(dict.fromkeys(law.settled for law in laws if isinstance(law, Law) and law.settled))

@@ -19,7 +19,6 @@ from stepblocks.page_file import render_page
 
 _BEFORE, _AFTER = "#b0506a", "#2f6f9f"
 _UNASKED = {"calibration": [], "note": "", "trials": [], "channel": "", "repeats": 0, "block": None}
-_WORST = 10  # trials shown
 _SHOWN_CHANNELS = ("ln_energy", "ln_peak_force", "sliding_friction")
 _FINE = 12  # settings that are averaged one by one, not in groups
 
@@ -38,7 +37,6 @@ def page_of(result: LoopResult) -> str:
         agreement=_agreement(result.found),
         residuals=[_residuals(result.found, channel) for channel in _SHOWN_CHANNELS],
         curves=[_curve(result, finding.effect, str(entry["id"])) for finding, entry in named],
-        worst=_worst(result),
     )
 
 
@@ -165,21 +163,3 @@ def _averaged(along: Floats, values: Floats, std: Floats) -> tuple[Floats, Float
         groups = list(np.array_split(order, min(24, max(2, len(order) // 5))))
     x, mean, spread = (np.array([column[g].mean() for g in groups]) for column in (along, values, std))
     return x, mean, spread
-
-
-def _worst(result: LoopResult) -> list[dict[str, Any]]:
-    trials, fitted = result.table.trials, result.found.extended
-    distance = np.sqrt(np.sum(fitted.residual.reshape(trials.values.shape) ** 2, axis=1))
-    residual = trials.values - fitted.predicted
-    return [
-        {
-            "trial": str(result.table.names[i]),
-            "block": str(trials.block[i]),
-            "load_n": float(trials.covariates["load_n"][i]),
-            "speed_mm_s": float(trials.covariates["speed_mm_s"][i]),
-            "residual ln E_v": float(residual[i, 0]),
-            "residual ln F_px": float(residual[i, 1]),
-            "distance [std]": float(distance[i]),
-        }
-        for i in np.argsort(-distance, kind="stable")[:_WORST]
-    ]

@@ -9,13 +9,12 @@ from html import escape
 from typing import Any, cast
 
 import numpy as np
-from numpy.typing import NDArray
 
 from stepblocks.artefacts.model_file import WIDE, LearnedFit, LearnedModel
 from stepblocks.contact.effects.law import Law
 from stepblocks.contact.effects.smooth import CovariateRange
 from stepblocks.loop.bench_model import candidates, covariate_ranges
-from stepblocks.loop.finding import calibration_moves, sentence
+from stepblocks.loop.finding import sentence
 from stepblocks.loop.search.adequacy import identifiability, propose, pure_error
 from stepblocks.loop.search.explain import Explanation, Finding, Holdout, Rules, Verdict, without
 from stepblocks.loop.search.fit import Fit
@@ -146,11 +145,16 @@ def _could_have_shown(found: Explanation) -> list[dict[str, Any]]:
     laws = [law for law in candidates(trials, covariate_ranges(trials)) if law.named and law.covariate != "block"]
     shown = smallest_shown(found.problem, found.extended, laws, found.needed)
     entries: dict[str, dict[str, Any]] = {}
-    for law in laws:
-        if law.id in shown and law.slot not in entries and np.isfinite(shown[law.id]):
-            unit = next(p.unit for p in law.parameters if p.name == law.amplitudes[0])
-            entry = {"id": law.id, "slot": law.slot, "covariate": law.covariate, "parameter": law.amplitudes[0]}
-            entries[law.slot] = entry | {"value": shown[law.id], "unit": unit, "said": law.id.replace("_", " ")}
+    for law in (law for law in laws if np.isfinite(shown.get(law.id, np.nan))):
+        unit = next(p.unit for p in law.parameters if p.name == law.amplitudes[0])
+        entry: dict[str, Any] = {
+            "id": law.id,
+            "slot": law.slot,
+            "covariate": law.covariate,
+            "parameter": law.amplitudes[0],
+        }
+        entry |= {"value": shown[law.id], "unit": unit, "said": law.id.replace("_", " ")}
+        entries.setdefault(law.slot, entry)
     return list(entries.values())
 
 
@@ -260,10 +264,10 @@ def _scans(found: Explanation, scans: Scans) -> dict[str, Any]:
     if seen:
         weights = [1.0 / max(std, 1e-7) ** 2 for _, std in seen]
         document["mean_edge_radius_m"] = float(np.average([radius for radius, _ in seen], weights=weights))
-    from_forces = found.extended.values.get("edge_rounding.edge_radius_m")
-    if from_forces is not None:
-        document["edge_radius_from_forces_m"] = from_forces
-        document["edge_radius_from_forces_std_m"] = found.extended.std["edge_rounding.edge_radius_m"]
+    name = "edge_rounding.edge_radius_m"
+    if name in found.extended.values:
+        document["edge_radius_from_forces_m"] = found.extended.values[name]
+        document["edge_radius_from_forces_std_m"] = found.extended.std[name]
     elif found.verdict is not Verdict.NONE:
         document["note"] = "the forces ask for no rounded edge"
     return document
@@ -271,9 +275,9 @@ def _scans(found: Explanation, scans: Scans) -> dict[str, Any]:
 
 def next_experiment(found: Explanation) -> dict[str, Any] | None:
     """Return settings that separate the rivals best, with the expected gain; None where nothing is open."""
-    moves = calibration_moves(
-        [law for f in found.findings for law in (f.effect, *(r[0] for r in f.rivals)) if f.rivals]
-    )
+    laws = [law for f in found.findings if f.rivals for law in (f.effect, *(r[0] for r in f.rivals))]
+    # what to do on the bench would settle a group of laws, each move once
+    moves = list(dict.fromkeys(law.settled for law in laws if isinstance(law, Law) and law.settled))
     pair = _pair(found)
     if pair is None:
         note = "write down what differs between these trials: who, when, which tip and which batch"
@@ -281,15 +285,10 @@ def next_experiment(found: Explanation) -> dict[str, Any] | None:
     names, first, second = pair
     trials = found.problem.trials
     extra = sorted({e.covariate for e in (*first.effects, *second.effects)} & set(trials.covariates) - set(_SHOWN))
-    grid = _grid(trials, extra)
-    proposal = propose(found.problem, first, second, grid, (*_SHOWN, *extra))
+    proposal = propose(found.problem, first, second, _grid(trials, extra), (*_SHOWN, *extra))
     if proposal is None:
-        return {
-            "separates": names,
-            "trials": [],
-            "calibration": moves,
-            "note": "no setting within reach tells these apart",
-        }
+        note = "no setting within reach tells these apart"
+        return {"separates": names, "trials": [], "calibration": moves, "note": note}
     document: dict[str, Any] = {
         "separates": names,
         "calibration": moves,
@@ -299,13 +298,13 @@ def next_experiment(found: Explanation) -> dict[str, Any] | None:
         "channel": proposal.channel,
     }
     best = float(proposal.settings[0]["height_um"])
-    if best not in set(np.asarray(trials.covariates["height_um"], dtype=float).tolist()):
+    if best not in trials.covariates["height_um"]:
         document["block"] = {
             "name": f"step-{best:03.0f}",
             "height": f"{best:g} um",
             "edge_radius": "0 um",
-            "tip": f"{float(np.median(np.asarray(trials.covariates['tip_radius_um'], dtype=float))):g} um",
-            "friction": f"{float(np.clip(found.extended.values['friction'], 0.01, 0.9)):.3f}",
+            "tip": f"{np.median(trials.covariates['tip_radius_um']):g} um",
+            "friction": f"{np.clip(found.extended.values['friction'], 0.01, 0.9):.3f}",
         }
     return document
 
@@ -327,14 +326,12 @@ def _pair(found: Explanation) -> tuple[list[str], Fit, Fit] | None:
     """Names of two models that are to be told apart, and the models."""
     if not found.findings:
         return None
-    current = found.extended
-    for finding in found.findings:
-        if finding.rivals:
-            rival, fitted, _ = finding.rivals[0]
-            return [finding.effect.id, rival.id], current, fitted
+    for finding in (finding for finding in found.findings if finding.rivals):
+        rival, fitted, _ = finding.rivals[0]
+        return [finding.effect.id, rival.id], found.extended, fitted
     # where nothing rivals it, ask what would confirm it: with it, against without it
     finding = min(found.findings, key=lambda f: (f.effect.named, f.gain))
-    return [finding.effect.id, "nothing"], current, without(found.problem, current, finding.effect)
+    return [finding.effect.id, "nothing"], found.extended, without(found.problem, found.extended, finding.effect)
 
 
 def _grid(trials: Trials, extra: list[str]) -> Trials:
@@ -347,15 +344,12 @@ def _grid(trials: Trials, extra: list[str]) -> Trials:
     loads = sorted({*np.unique(trials.covariates["load_n"]).tolist(), 1.5})
     speeds = sorted({*np.unique(trials.covariates["speed_mm_s"]).tolist(), 1.0, 40.0})
     rows = list(itertools.product(_HEIGHTS_UM, loads, speeds, *(span(name) for name in extra)))[:20000]
-    columns: dict[str, NDArray[Any]] = {
-        name: np.array([row[i] for row in rows]) for i, name in enumerate((*_SHOWN, *extra))
-    }
+    columns = {name: np.array(column) for name, column in zip((*_SHOWN, *extra), zip(*rows, strict=True), strict=True)}
     for name, column in trials.covariates.items():
-        if name not in columns:
-            numbers = trials.numeric(name)
-            middle: Any = column[0] if numbers is None else float(np.median(numbers))
-            columns[name] = np.full(len(rows), middle)
+        numbers = trials.numeric(name)
+        middle: Any = column[0] if numbers is None else float(np.median(numbers))
+        columns.setdefault(name, np.full(len(rows), middle))
     empty = np.full((len(rows), len(trials.channels)), np.nan)
-    known = dict(zip(np.asarray(trials.covariates["height_um"], float).tolist(), trials.block.tolist(), strict=True))
+    known = dict(zip(trials.covariates["height_um"].tolist(), trials.block.tolist(), strict=True))
     block = np.array([known.get(float(h), f"step-{h:03.0f}") for h in columns["height_um"]])
     return Trials(columns, trials.channels, empty, empty, block)

@@ -3,22 +3,19 @@
 from __future__ import annotations
 
 import json
-import math
 import os
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from contextlib import ExitStack
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-import numpy as np
-
 from stepblocks.artefacts.as_built import measured_edges, read_records
 from stepblocks.artefacts.model_file import model_document
 from stepblocks.atomic import replace_text
 from stepblocks.errors import PipelineError
-from stepblocks.loop.bench_model import SessionModel, covariate_ranges
+from stepblocks.loop.bench_model import covariate_ranges
 from stepblocks.loop.calibration import Known, read_calibration
 from stepblocks.loop.result import LoopResult, block_stimulus, learned_model, result_document
 from stepblocks.loop.search.explain import (
@@ -31,10 +28,8 @@ from stepblocks.loop.search.explain import (
     folds_within_blocks,
     gather,
     hold_out,
-    select,
     withdrawn,
 )
-from stepblocks.loop.search.forward_model import Effect, Trials
 from stepblocks.loop.session_table import Scans, SessionTable, regime_hints, scan_blocks, trials_of
 
 if TYPE_CHECKING:
@@ -143,17 +138,13 @@ def analyse_features(
     return LoopResult("", table, found, *holdouts, document, model)
 
 
-def _chosen(trials: Trials, *, model: SessionModel, rules: Rules) -> Sequence[Effect]:
-    return select(model, trials, model.candidates(trials), rules)
-
-
 def _explained(table: SessionTable, rules: Rules, jobs: int) -> tuple[Explanation, tuple[Holdout, Holdout]]:
     """Explain all trials, and hold out trials within blocks and whole blocks; every fold chooses its own effects."""
     model, trials = table.model, table.trials
     inside = folds_within_blocks(trials, _WITHIN, rules.seed)
     outside = folds_of_blocks(trials, _BETWEEN) if len(set(trials.block.tolist())) > 2 else []
     inside, outside = ([rows for rows in folds if len(trials) - len(rows) >= _FEWEST] for folds in (inside, outside))
-    one_fold = partial(hold_out, model, trials, select=partial(_chosen, model=model, rules=rules))
+    one_fold = partial(hold_out, model, trials, candidates=model.candidates, rules=rules)
     with ExitStack() as stack:
         run: Callable[..., Any] = map
         if jobs > 1:
@@ -178,22 +169,11 @@ def write_loop(result: LoopResult, output: Path) -> None:
 
     output.mkdir(parents=True, exist_ok=True)
     for name, document in (("result.json", result.document), ("model.json", model_document(result.model))):
-        replace_text(output / name, json.dumps(_finite(document), indent=2, allow_nan=False) + "\n")
+        # numbers that JSON cannot hold become null
+        plain = json.loads(json.dumps(document, default=int), parse_constant=lambda _: None)
+        replace_text(output / name, json.dumps(plain, indent=2, allow_nan=False) + "\n")
     # a block that an earlier run asked for is not asked for any more
     (output / "next-block.toml").unlink(missing_ok=True)
     if asked := block_stimulus(result.document["next_experiment"]):
         replace_text(output / "next-block.toml", asked)
     replace_text(output / "report.html", page_of(result))
-
-
-def _finite(value: Any) -> Any:
-    """Numbers that JSON cannot hold become null."""
-    if isinstance(value, Mapping):
-        return {str(k): _finite(v) for k, v in value.items()}
-    if isinstance(value, list | tuple):
-        return [_finite(v) for v in value]
-    if isinstance(value, float | np.floating):
-        return float(value) if math.isfinite(value) else None
-    if isinstance(value, np.integer):
-        return int(value)
-    return value

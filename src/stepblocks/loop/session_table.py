@@ -74,7 +74,11 @@ def trials_of(
     missing = [name for name in _REQUIRED if name not in features.columns]
     if missing:
         raise PipelineError(f"features must have the columns {', '.join(_REQUIRED)}, missing {', '.join(missing)}")
-    features = features.assign(trial=features["trial"].astype(str))
+    features = features.assign(
+        trial=features["trial"].astype(str),
+        status=features["status"].astype(str) if "status" in features else "ok",
+        reason=features["reason"].fillna("").astype(str) if "reason" in features else "",
+    )
     tips = features["tip"].astype(str) if "tip" in features else [""] * len(features)
     radius = np.array([tip_radius_um(tip, tip_radius * 1e6) for tip in tips])
     good, excluded = _good(features, radius)
@@ -82,7 +86,10 @@ def trials_of(
         raise PipelineError(f"at least {_FEWEST} good trials are needed, got {int(good.sum())} of {len(features)}")
     table = features.loc[good]
     values, std = _channels(table, spring_constant)
-    bound = _bounds(table, values)
+    # the peak of a censored trial is a bound, and measures neither peak nor energy
+    censored = (table["status"] == _CENSORED).to_numpy()
+    bound = np.where(censored, values[:, 1], np.nan)
+    values[censored, :2] = np.nan
     covariates = _covariates(table) | {"tip_radius_um": radius[good]}
     trials = Trials(covariates, CHANNELS, values, std, table["block"].astype(str).to_numpy())
     names = table["trial"].to_numpy()
@@ -102,17 +109,13 @@ def trials_of(
         scanned_radius=float(np.mean(radii)) if radii else None,
         known=unloaded_zeros(features) | dict(known or {}),
     )
-    flagged = (
-        table[table["status"] == "flagged"]
-        if {"status", "reason"} <= set(table)
-        else table[["trial"]][:0].assign(reason="")
-    )
+    flagged = table.loc[table["status"] == "flagged", ["trial", "reason"]]
     regimes = table["regime"].dropna().astype(str).value_counts() if "regime" in table else {}
     return SessionTable(
         trials=replace(trials, values=values),
         names=names,
         excluded=excluded,
-        flagged=list(flagged[["trial", "reason"]].astype(str).itertuples(index=False, name=None)),
+        flagged=list(flagged.itertuples(index=False, name=None)),
         bound=bound,
         regimes={str(name): int(count) for name, count in dict(regimes).items()},
         static_friction=float(table["static_friction"].median()) if "static_friction" in table else float("nan"),
@@ -134,16 +137,6 @@ def regime_hints(table: SessionTable) -> tuple[Hint, ...]:
     return (Hint("stick-slip", "friction", 0.0, said),)
 
 
-def _bounds(table: pd.DataFrame, values: Floats) -> Floats:
-    """Take the peaks of censored trials for what they are: bounds, and no measurements of peak and energy."""
-    bound = np.full(len(table), np.nan)
-    if "status" in table:
-        rows = table["status"].to_numpy() == _CENSORED
-        bound[rows] = values[rows, 1]
-        values[rows, :2] = np.nan
-    return bound
-
-
 def _good(features: pd.DataFrame, radius_um: Floats) -> tuple[NDArray[np.bool_], list[tuple[str, str]]]:
     """Which trials can be used, and why the others cannot: each for the first reason that holds."""
     import pandas as pd
@@ -152,15 +145,13 @@ def _good(features: pd.DataFrame, radius_um: Floats) -> tuple[NDArray[np.bool_],
     excluded: list[tuple[str, str]] = []
 
     def leave_out(bad: Any, reasons: Any) -> None:
-        told = pd.DataFrame({"trial": features["trial"], "reason": reasons})[good & bad]
-        excluded.extend(told.itertuples(index=False, name=None))
-        good[good & bad] = False
+        rows = good & np.asarray(bad)
+        excluded.extend(features[["trial"]].assign(reason=reasons)[rows].itertuples(index=False, name=None))
+        good[rows] = False
 
-    if "status" in features:
-        status = features["status"].astype(str).to_numpy()
-        reason = features["reason"].fillna("").astype(str).to_numpy() if "reason" in features else status
-        # what is unlike its label is data, and so is what a saturated gauge or a locked tip still shows
-        leave_out(~np.isin(status, _KEPT), np.where(reason == "", status, reason))
+    # what is unlike its label is data, and so is what a saturated gauge or a locked tip still shows
+    reason = features["reason"].where(features["reason"] != "", features["status"])
+    leave_out(~features["status"].isin(_KEPT), reason)
     for name in _POSITIVE:
         numbers = _numbers(features, name)
         leave_out(~(np.isfinite(numbers) & (numbers > 0.0)), f"{name} must be a positive number")
@@ -169,20 +160,13 @@ def _good(features: pd.DataFrame, radius_um: Floats) -> tuple[NDArray[np.bool_],
     marks = np.stack([_numbers(features, name) for name in _MARKS], axis=1)
     known = np.isfinite(marks)
     leave_out(~known[:, :2].any(axis=1), "neither a peak force nor a vibration energy was measured")
-    copies = _copies(features["trial"], marks, good & (known.sum(axis=1) >= 2))
-    leave_out(copies != "", copies)
+    # forces that are those of an earlier trial to the last digit are a copy, which would count twice
+    asked = good & (known.sum(axis=1) >= 2)
+    forces = pd.DataFrame(marks, index=features.index)[asked]
+    first = features["trial"][asked].groupby([forces[i] for i in forces], dropna=False).transform("first")
+    copied = forces.duplicated().reindex(features.index, fill_value=False)
+    leave_out(copied, ("the same forces as trial " + first).reindex(features.index))
     return good, excluded
-
-
-def _copies(trials: pd.Series[str], marks: Floats, asked: NDArray[np.bool_]) -> NDArray[np.object_]:
-    """Name trials whose forces are those of an earlier one to the last digit: a copy would count twice."""
-    import pandas as pd
-
-    forces = pd.DataFrame(marks[asked])
-    first = pd.Series(trials.to_numpy()[asked]).groupby([forces[i] for i in forces], dropna=False).transform("first")
-    reasons = np.full(len(trials), "", dtype=object)
-    reasons[asked] = np.where(forces.duplicated(), "the same forces as trial " + first, "")
-    return reasons
 
 
 def _numbers(table: pd.DataFrame, name: str) -> Floats:

@@ -21,7 +21,7 @@ from stepblocks.contact.effects.law import Law
 from stepblocks.errors import PipelineError
 from stepblocks.loop.result import LoopResult
 from stepblocks.loop.run import loop_session
-from stepblocks.loop.search.fit import Fit, fit
+from stepblocks.loop.search.fit import fit
 
 _LEVEL = 0.975  # quantile of a 95 % interval
 
@@ -68,33 +68,25 @@ def shared_parameter(name: str, unit: str, sessions: Mapping[str, tuple[float, f
 def hierarchy(results: Mapping[str, LoopResult]) -> tuple[dict[str, Shared], LearnedModel]:
     """Fit the hierarchy of some sessions by name; beside it the model that predicts the next one."""
     wanted = dict.fromkeys(f.effect.id for result in results.values() for f in result.found.findings)
-    fits = {name: _with_all(result, list(wanted)) for name, result in results.items()}
+    fits = {}
+    for name, result in results.items():
+        asked = {law.id: law for law in result.table.model.candidates(result.table.trials)}
+        laws = [asked[effect] for effect in wanted if effect in asked]
+        fits[name] = fit(result.found.problem, laws, result.found.extended.values)
     units = {p.name: p.unit for fitted in fits.values() for p in fitted.parameters}
-    shared = {
-        name: shared_parameter(
-            name, unit, {s: (f.values[name], f.std[name]) for s, f in fits.items() if name in f.values}
-        )
-        for name, unit in units.items()
-    }
-    return shared, _next_model(list(results.values())[-1], list(fits.values())[-1], shared)
-
-
-def _with_all(result: LoopResult, wanted: Sequence[str]) -> Fit:
-    """Fit a session with every effect that any session found and that this one can be asked for."""
-    trials = result.table.trials
-    asked = {law.id: law for law in result.table.model.candidates(trials)}
-    laws = [asked[name] for name in wanted if name in asked]
-    return fit(result.found.problem, laws, result.found.extended.values)
-
-
-def _next_model(result: LoopResult, last: Fit, shared: Mapping[str, Shared]) -> LearnedModel:
-    """Let the parameters of the last session be those of any session, with the doubt about the next."""
-    pooled = [shared[name] for name in last.values]
+    shared = {}
+    for parameter, unit in units.items():
+        own = {s: (f.values[parameter], f.std[parameter]) for s, f in fits.items() if parameter in f.values}
+        shared[parameter] = shared_parameter(parameter, unit, own)
+    # the parameters of the last session become those of any session, with the doubt about the next
+    last = fits[name]
+    pooled = [shared[parameter] for parameter in last.values]
     variance = [p.between**2 + p.mean_std**2 for p in pooled]
     values = {p.name: p.mean for p in pooled}
-    units = tuple(p.unit for p in pooled)
-    extended = LearnedFit(values, units, np.diag(variance), cast("tuple[Law, ...]", last.effects))
-    return replace(result.model, verdict="several sessions", extended=extended)
+    extended = LearnedFit(
+        values, tuple(p.unit for p in pooled), np.diag(variance), cast("tuple[Law, ...]", last.effects)
+    )
+    return shared, replace(results[name].model, verdict="several sessions", extended=extended)
 
 
 def loop_sessions(
@@ -133,12 +125,8 @@ def loop_sessions(
     if twice := sorted({name for name in names if names.count(name) > 1}):
         raise PipelineError(f"sessions must have names of their own, got {twice[0]!r} twice")
     output = Path(output)
-    results = {
-        name: loop_session(
-            folder, output / name, jobs=jobs, forces_only=forces_only, as_built=as_built, progress=progress
-        )
-        for name, folder in zip(names, folders, strict=True)
-    }
+    how: dict[str, Any] = {"jobs": jobs, "forces_only": forces_only, "as_built": as_built, "progress": progress}
+    results = {name: loop_session(at, output / name, **how) for name, at in zip(names, folders, strict=True)}
     shared, model = hierarchy(results)
     document = {
         "sessions": {n: {"verdict": str(r.verdict), "finding": r.document["finding"]} for n, r in results.items()},

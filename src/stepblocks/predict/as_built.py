@@ -14,28 +14,17 @@ from stepblocks.contact.energy import Release, release_at
 from stepblocks.contact.uncertainty import Interval
 from stepblocks.parts.kind import Part
 from stepblocks.parts.set import StimulusSet
-from stepblocks.predict.predictions import Prediction, predictions_of, six_digits, tool_of
-
-_SURFACE_COLUMNS = (
-    "surface_critical_angle_deg",
-    "surface_status",
-    "surface_pull_force_n",
-    "surface_vibration_energy_uj",
-)
+from stepblocks.predict.predictions import Prediction, predictions_of, six_digits
 
 
 def with_as_built(stimuli: StimulusSet, records: Mapping[str, AsBuilt]) -> StimulusSet:
     """Replace the nominal of every step that has a record by what was measured."""
-    return stimuli.with_parts(
-        _as_built(part, records[part.id]) if _recorded(part, records) else part for part in stimuli.stimuli
-    )
+    return stimuli.with_parts(_as_built(part, records.get(part.id)) for part in stimuli.stimuli)
 
 
-def _recorded(part: Part, records: Mapping[str, AsBuilt]) -> bool:
-    return part.id in records and "height" in part.sizes
-
-
-def _as_built(part: Part, record: AsBuilt) -> Part:
+def _as_built(part: Part, record: AsBuilt | None) -> Part:
+    if record is None or "height" not in part.sizes:
+        return part
     measured, source = {}, f"as built, {record.scan}"
     if record.height is not None:
         measured["height"] = record.height.value
@@ -47,7 +36,7 @@ def _as_built(part: Part, record: AsBuilt) -> Part:
 
 def surface_releases(stimuli: StimulusSet, records: Mapping[str, AsBuilt]) -> Callable[[Prediction], Release | None]:
     """Prepare to predict from the scanned surfaces themselves, through the path of the tip over each."""
-    tool = tool_of(stimuli.prediction)
+    tool = stimuli.prediction.as_tool()
 
     @cache  # a path is long to compute and serves every load and friction
     def angle(stimulus: str, ball: float) -> float | None:
@@ -55,8 +44,8 @@ def surface_releases(stimuli: StimulusSet, records: Mapping[str, AsBuilt]) -> Ca
         return None if surface is None else scanned_angle(surface.position, surface.height, ball)
 
     def release(prediction: Prediction) -> Release | None:
-        steepest = angle(prediction.stimulus, prediction.point.ball_radius)
         point = prediction.point
+        steepest = angle(prediction.stimulus, point.ball_radius)
         return None if steepest is None else release_at(steepest, point.normal_load, point.friction, tool)
 
     return release
@@ -70,16 +59,13 @@ def by_surface(
     for one in made:
         record = records.get(one.stimulus)
         release = None if record is None or record.arc else scanned(one)
-        if release is None:
-            yield one
-            continue
-        yield replace(one, release=release, interval=_moved_with(one.interval, release))
+        if release is not None:
+            one = replace(one, release=release, interval=one.interval and _moved_with(one.interval, release))
+        yield one
 
 
-def _moved_with(interval: Interval | None, release: Release) -> Interval | None:
+def _moved_with(interval: Interval, release: Release) -> Interval:
     """Move an interval with its value: the tolerances of setting and block move both alike."""
-    if interval is None:
-        return None
     names = [(f"{kind}_{end}", kind) for kind in ("force", "energy") for end in ("low", "high")]
     names += [(f"analytic_{name}", kind) for name, kind in names]
     found = {"force": float(release.pull_force), "energy": float(release.vibration_energy)}
@@ -90,11 +76,12 @@ def _moved_with(interval: Interval | None, release: Release) -> Interval | None:
 
 def surface_columns(release: Release | None) -> dict[str, str]:
     """Return the further columns of a table of predictions, empty where there is no scanned surface."""
-    if release is None:
-        return dict.fromkeys(_SURFACE_COLUMNS, "")
-    force, energy = six_digits(release.pull_force), six_digits(release.vibration_energy * 1e6)
-    texts = six_digits(math.degrees(release.angle)), release.status.value, force, energy
-    return dict(zip(_SURFACE_COLUMNS, texts, strict=True))
+    return {
+        "surface_critical_angle_deg": six_digits(math.degrees(release.angle)) if release else "",
+        "surface_status": release.status.value if release else "",
+        "surface_pull_force_n": six_digits(release.pull_force) if release else "",
+        "surface_vibration_energy_uj": six_digits(release.vibration_energy * 1e6) if release else "",
+    }
 
 
 def moved_energies(stimuli: StimulusSet, records: Mapping[str, AsBuilt]) -> Iterator[str]:
@@ -103,7 +90,7 @@ def moved_energies(stimuli: StimulusSet, records: Mapping[str, AsBuilt]) -> Iter
     asked, made = list(predictions_of(stimuli)), list(by_surface(predictions_of(built), stimuli, records))
     scanned = surface_releases(stimuli, records)
     for part in built.stimuli:
-        if not _recorded(part, records):
+        if part.id not in records or "height" not in part.sizes:
             continue
         pairs = [(a, b.release) for a, b in zip(asked, made, strict=True) if a.stimulus == part.id]
         verdicts = ", ".join(f"{key} {one.verdict}" for key, one in records[part.id].values.items())

@@ -20,7 +20,7 @@ from stepblocks.contact.uncertainty import interval_of
 from stepblocks.errors import ContactError
 from stepblocks.figure_file import new_figure, save_figure
 from stepblocks.parts.set import StimulusSet, with_energy_tolerances
-from stepblocks.predict.predictions import tip_of, tool_of, uncertainty_of
+from stepblocks.predict.predictions import tip_of, uncertainty_of
 
 Floats = NDArray[np.float64]
 
@@ -54,7 +54,7 @@ def margin_map(gap: ArrayLike, discrepancy: ArrayLike, point: OperatingPoint, *,
 def write_plots(stimuli: StimulusSet, folder: Path) -> Iterator[Path]:
     """Draw what a set predicts, for each of its tips and frictions under its largest load."""
     stimuli = with_energy_tolerances(stimuli)
-    grid, tool = stimuli.prediction, tool_of(stimuli.prediction)
+    grid, tool = stimuli.prediction, stimuli.prediction.as_tool()
     parts = [part for part in stimuli.stimuli if part.crossed]
     faces = {part.id: part.counterface() for part in parts}
     steps = {name: face for name, face in faces.items() if isinstance(face, Step)}

@@ -1,8 +1,4 @@
-"""What a person perceives of a ring: level over threshold, whether two blocks can be told apart, and fair spacings.
-
-The figures are few and their confidence is limited; each constant says where it comes from. None of them was measured
-on a hand-held explorer but the paper's threshold.
-"""
+"""What a person perceives of a ring: level over threshold, whether two blocks can be told apart, and fair spacings."""
 
 from __future__ import annotations
 
@@ -17,7 +13,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from stepblocks.atomic import replace_text
+from stepblocks.atomic import folder_beside, replace_text
 from stepblocks.contact import kernels
 from stepblocks.contact.counterface import Step
 from stepblocks.contact.domain import require_not_negative, require_positive
@@ -28,11 +24,14 @@ from stepblocks.declare import load_declared
 from stepblocks.errors import ContactError, PipelineError, StepblocksError
 from stepblocks.parts.set import StimulusSet
 from stepblocks.parts.tolerance import Dimension
-from stepblocks.predict.predictions import Prediction, predict_one, tool_of
+from stepblocks.predict.predictions import Prediction, predict_one
 
 if TYPE_CHECKING:
     import pandas as pd
 
+_CURVE = (
+    81  # heights at which the drag is asked between the lowest and the highest block: 2 % of the energy between two
+)
 # columns of a table of neighbours, which may have no rows
 _NEIGHBOURS = ["set", "tip_radius_um", "normal_load_n", "friction", "lower", "higher"]
 _NEIGHBOURS += ["lower_level_db", "higher_level_db", "just_noticeable_differences", "correct", "felt_by"]
@@ -54,13 +53,13 @@ class Observer:
         require_not_negative("masking", self.masking)
 
 
-# Threshold and duration: the paper. 1.5 dB (Weber fraction 0.41 of energy, 0.19 of amplitude): a median of 0.20 of
-# amplitude stands in the abstract of "Vibrotactile difference thresholds: effects of vibration frequency, vibration
-# magnitude, contact area, and body location" (thenar, 125 Hz, 10 dB over threshold, 12 subjects; up to 0.58
-# elsewhere). Craig (1972, Perception & Psychophysics 11, 150) is remembered, not checked, for 1.5 dB. The fraction
-# rises towards threshold, which is ignored, and was not measured on a short ring felt through a tool: treat it as a
-# factor of two. Masking: a signal must exceed a masker of the same channel by the Weber fraction; an assumption, not
-# a measurement
+# None of these was measured on a hand-held explorer but the threshold. Threshold and duration: the paper. 1.5 dB
+# (Weber fraction 0.41 of energy, 0.19 of amplitude): a median of 0.20 of amplitude stands in the abstract of
+# "Vibrotactile difference thresholds: effects of vibration frequency, vibration magnitude, contact area, and body
+# location" (thenar, 125 Hz, 10 dB over threshold, 12 subjects; up to 0.58 elsewhere). Craig (1972, Perception &
+# Psychophysics 11, 150) is remembered, not checked, for 1.5 dB. The fraction rises towards threshold, which is
+# ignored, and was not measured on a short ring felt through a tool: treat it as a factor of two. Masking: a signal
+# must exceed a masker of the same channel by the Weber fraction; an assumption, not a measurement
 PAPER_OBSERVER = Observer(PAPER.tool.detection_threshold, PAPER.tool.ring_duration, level_difference=1.5, masking=0.41)
 
 
@@ -73,11 +72,7 @@ def sensation_level(energy: float, observer: Observer = PAPER_OBSERVER, masker_p
 
 
 def discriminability(first: float, second: float, observer: Observer = PAPER_OBSERVER) -> tuple[float, float]:
-    """How well two rings can be told apart.
-
-    Signal detection theory with a decision variable that is linear in decibels: one just noticeable difference is
-    75 % correct, so ``P = Phi(n z(0.75))``.
-    """
+    """How well two rings can be told apart: just noticeable differences n, of 75 % correct each, and P = Phi(n z(0.75))."""
     from scipy.stats import norm
 
     levels = sensation_level(first, observer), sensation_level(second, observer)
@@ -86,11 +81,8 @@ def discriminability(first: float, second: float, observer: Observer = PAPER_OBS
 
 
 def felt_energies(compared: Sequence[Prediction]) -> tuple[list[float], str]:
-    """Energies [J] of drags that a person compares, NaN where nothing slips, and who says them.
-
-    The formula says them, or the drag in time where for one of them the two differ by more than a factor of `DIFFERS`: a
-    change of model between two blocks would be felt as a difference.
-    """
+    """Energies [J] of drags that a person compares, NaN where nothing slips, and who says them: the formula or the drag."""
+    # by the drag where one of them differs: a change of model between two blocks would be felt as a difference
     if any(one.differs for one in compared):
         return [math.nan if one.in_time is None else one.in_time.energy for one in compared], "drag"
     return [one.release.vibration_energy for one in compared], "formula"
@@ -108,11 +100,6 @@ def height_of_energy(energy: float, point: OperatingPoint, edge_radius: float = 
     return float((point.ball_radius + edge_radius) * 2.0 * math.sin(0.5 * angle) ** 2)
 
 
-_CURVE = (
-    81  # heights at which the drag is asked between the lowest and the highest block: 2 % of the energy between two
-)
-
-
 def equally_felt_heights(
     count: int,
     lowest: float,
@@ -121,11 +108,8 @@ def equally_felt_heights(
     edge_radius: float = 0.0,
     observer: Observer = PAPER_OBSERVER,
 ) -> tuple[NDArray[np.float64], float, str]:
-    """Heights of a set whose blocks are equally spaced in predicted sensation instead of in micrometres, and by whom it is said.
-
-    Sensation is taken to grow with the logarithm of the energy (Fechner), as a constant Weber fraction implies. Where the
-    drag in time differs from the formula by more than a factor of `DIFFERS` on the way, the drag's energies count on all of it.
-    """
+    """Heights of a set whose blocks are equally spaced in predicted sensation, their spacing, and by whom it is said."""
+    # sensation is taken to grow with the logarithm of the energy (Fechner), as a constant Weber fraction implies
     if count < 2 or not 0.0 < lowest < highest:
         raise ContactError(
             f"a set needs at least 2 blocks and increasing heights, got {count}, {lowest:g}, {highest:g}"
@@ -205,26 +189,22 @@ def write_equally_felt(source: Path, count: int, target: Path) -> tuple[list[flo
         raise PipelineError(f"-o must name a new file *.toml, got {target}")
     grid, first = stimuli.prediction, stimuli.step_block[0]
     given = [block.height.nominal for block in stimuli.step_block]
-    point = OperatingPoint(grid.tip_radii[0], grid.normal_loads[0], grid.frictions[0], tool_of(grid))
+    point = OperatingPoint(grid.tip_radii[0], grid.normal_loads[0], grid.frictions[0], grid.as_tool())
     heights, spacing, by = equally_felt_heights(
         count, min(given), max(given), point, first.edge_radius.nominal, observer_of(stimuli)
     )
     rounded = [round(float(height) * 1e6, 2) for height in heights]
     text = _with_heights(source.read_text(encoding="utf-8"), target.stem, rounded, first.height)
-    beside = target.parent / f".{target.stem}.part" / target.name
     try:
-        beside.parent.mkdir(parents=True, exist_ok=True)
-        replace_text(beside, text)
-        load_declared(beside)
-        beside.replace(target)
+        with folder_beside(target) as folder:
+            draft = folder / target.name
+            replace_text(draft, text)
+            load_declared(draft)
+            draft.replace(target)
     except StepblocksError as error:
         raise PipelineError(f"the set cannot be written: {error}") from error
     except OSError as error:
         raise PipelineError(f"the set cannot be written: {error.strerror} [{target}]") from error
-    finally:
-        beside.unlink(missing_ok=True)
-        if beside.parent.is_dir():
-            beside.parent.rmdir()
     return [value * 1e-6 for value in rounded], spacing, by
 
 

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import csv
-import io
 import math
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
@@ -15,13 +13,14 @@ from typing import TYPE_CHECKING
 from stepblocks.contact.counterface import Counterface
 from stepblocks.contact.energy import Release, Status, release_at
 from stepblocks.contact.kernels import locking_height
-from stepblocks.contact.operating_point import PAPER, OperatingPoint, Tool
+from stepblocks.contact.operating_point import PAPER, OperatingPoint
 from stepblocks.contact.uncertainty import Interval, interval_of, rectangular
 from stepblocks.errors import ContactError, PipelineError
 from stepblocks.parts.conditions import PredictionGrid
 from stepblocks.parts.kind import Part
 from stepblocks.parts.set import StimulusSet, with_energy_tolerances
 from stepblocks.parts.tolerance import Dimension
+from stepblocks.tables import csv_text
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -83,17 +82,12 @@ class Prediction:
         return self.in_time.energy if self.differs and self.in_time else self.release.vibration_energy
 
 
-def tool_of(grid: PredictionGrid) -> Tool:
-    """Return the tool that a grid declares."""
-    return grid.as_tool()
-
-
 def predictions_of(stimuli: StimulusSet) -> Iterator[Prediction]:
     """Predict a set over its grid, in the order stimulus, tip, step, direction, friction, load."""
     stimuli = with_energy_tolerances(stimuli)
     for part in stimuli.stimuli:
         grid, ring = stimuli.grid_of(part), stimuli.ring_of(part)
-        tool = tool_of(grid) if ring is None else ring.as_tool(tool_of(grid))
+        tool = grid.as_tool() if ring is None else ring.as_tool(grid.as_tool())
         worn = rectangular({"stiffness": _worn_deviation(stimuli, part)})["stiffness"]
         balls = [tip_of(grid, radius) for radius in grid.tip_radii] if part.ball is None else [part.ball]
         for ball, step_height in product(balls, (None,) if part.crossed else grid.step_heights):
@@ -247,48 +241,21 @@ def six_digits(figure: float) -> str:
     return "" if math.isnan(figure) else f"{figure:.6g}"
 
 
-@dataclass(frozen=True)
-class Predictions:
-    """The predictions of a set, made once and handed on."""
+def predict_all(
+    stimuli: StimulusSet, dragged: bool | None = None, speed: float = PAPER.speed
+) -> tuple[Prediction, ...]:
+    """Predict a set and drag its conditions in time at a speed [m/s]: all, none, or (None) all of up to `MOST_DRAGGED`."""
+    if not (math.isfinite(speed) and speed > 0.0):
+        raise PipelineError(f"speed must be positive and finite, got {speed:g} m/s")
+    made = tuple(predictions_of(stimuli))
+    if dragged is None:
+        dragged = len(made) <= MOST_DRAGGED
+    return tuple(replace(one, in_time=_in_time(one, speed)) for one in made) if dragged else made
 
-    made: tuple[Prediction, ...]
 
-    @classmethod
-    def of(cls, stimuli: StimulusSet, dragged: bool | None = None, speed: float = PAPER.speed) -> Predictions:
-        """Predict a set and drag its conditions in time at a speed [m/s]: all, none, or (None) all of up to `MOST_DRAGGED`."""
-        if not (math.isfinite(speed) and speed > 0.0):
-            raise PipelineError(f"speed must be positive and finite, got {speed:g} m/s")
-        made = tuple(predictions_of(stimuli))
-        if dragged is None:
-            dragged = len(made) <= MOST_DRAGGED
-        return cls(tuple(replace(one, in_time=_in_time(one, speed)) for one in made) if dragged else made)
-
-    def __iter__(self) -> Iterator[Prediction]:
-        """Go through them, in the order of `predictions_of`."""
-        return iter(self.made)
-
-    def __len__(self) -> int:
-        """Count them."""
-        return len(self.made)
-
-    def by_stimulus(self, identity: str) -> list[Prediction]:
-        """Those of one stimulus."""
-        return [one for one in self.made if one.stimulus == identity]
-
-    def rows(self, more: Callable[[Prediction], dict[str, str]] | None = None) -> list[dict[str, str]]:
-        """Format them for a table, with further columns behind."""
-        return [as_row(one) | (more(one) if more else {}) for one in self.made]
-
-    def csv(self, more: Callable[[Prediction], dict[str, str]] | None = None) -> str:
-        """Write them as ``predictions.csv``."""
-        return as_csv(self.rows(more))
-
-    @property
-    def frame(self) -> pd.DataFrame:
-        """The same columns with all digits; NaN where there is no figure."""
-        import pandas as pd
-
-        return pd.DataFrame([figures_of(one) for one in self.made])
+def predictions_csv(made: Iterable[Prediction], more: Callable[[Prediction], dict[str, str]] | None = None) -> str:
+    """Write predictions as ``predictions.csv``, with further columns behind."""
+    return csv_text([as_row(one) | (more(one) if more else {}) for one in made])
 
 
 def predict_set(
@@ -321,20 +288,13 @@ def predict_set(
     >>> frame = predict_set("stimuli/paper-four.toml")  # doctest: +SKIP
     >>> frame[frame.status == "releases"].vibration_energy_uj.max()  # doctest: +SKIP
     """
+    import pandas as pd
+
     if not isinstance(stimuli, StimulusSet):
         from stepblocks.declare import load_set
 
         stimuli = load_set(Path(stimuli))
-    return Predictions.of(stimuli, dragged, speed).frame
-
-
-def as_csv(rows: Sequence[dict[str, str]]) -> str:
-    """Write rows of one set of columns as CSV."""
-    text = io.StringIO()
-    writer = csv.DictWriter(text, list(rows[0]), lineterminator="\n")
-    writer.writeheader()
-    writer.writerows(rows)
-    return text.getvalue()
+    return pd.DataFrame([figures_of(one) for one in predict_all(stimuli, dragged, speed)])
 
 
 _HIDDEN = (

@@ -8,13 +8,13 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from stepblocks.atomic import replace_text
-from stepblocks.contact.rod import DecayTest, Hold, RodRing, Sleeve, bush_stiffness, plan_decay_test, ring_of
+from stepblocks.contact.rod import DecayTest, Hold, RodRing, bush_stiffness, plan_decay_test, ring_of
 from stepblocks.contact.transfer import finger_share, modes_of, sensed
 from stepblocks.errors import PipelineError
 from stepblocks.parts.conditions import ProbeSpec
 from stepblocks.parts.kinds.sheath import Sheath
 from stepblocks.parts.set import StimulusSet
-from stepblocks.predict.predictions import as_csv
+from stepblocks.tables import csv_text
 
 # How a probe is used: without a sheath, with one beyond the clamp, clamped by the outside of one
 BARE, ON_SHANK, HELD = "bare", "on the shank", "held through it"
@@ -33,11 +33,9 @@ class Condition:
 
 
 def _condition(probe: ProbeSpec, use: str, sheath: Sheath | None = None) -> Condition:
-    sleeves: list[Sleeve] = []
+    sleeves = [sheath.sleeve] if sheath and use == ON_SHANK and sheath.sleeve else []
     hold = None
-    if sheath is not None and use == ON_SHANK and sheath.sleeve:
-        sleeves = [sheath.sleeve]
-    elif sheath is not None:
+    if sheath and not sleeves:
         material, bore, outer = sheath.material, sheath.bore.nominal, sheath.outer_diameter.nominal
         bedding = bush_stiffness(bore, outer, material.modulus, material.poisson)
         hold = Hold(sheath.length.nominal, bedding, material.loss_factor)
@@ -48,10 +46,7 @@ def _condition(probe: ProbeSpec, use: str, sheath: Sheath | None = None) -> Cond
 
 
 def damping_of(source: str | Path) -> dict[str, float]:
-    """Share of the bare probe's energy that a set's sheaths let through to a sensor between them and the clamp, as the paper reads it.
-
-    By the names of experiment 1: ``bare``, and of ``sheath-hard`` what follows the hyphen. An equal pull is let go.
-    """
+    """Share of the bare probe's energy that sheaths let through to a sensor at the clamp, by the names of experiment 1."""
     from stepblocks.declare import load_set
 
     found = conditions_of(load_set(Path(source)))
@@ -76,16 +71,9 @@ def ring_rows(stimuli: StimulusSet) -> list[dict[str, str]]:
     if not conditions:
         return []
     bare, tool = conditions[0].ring, stimuli.prediction.as_tool()
-
-    def row(one: Condition) -> dict[str, str]:
-        ring = one.ring
-        energy = (
-            bare.stiffness
-            / ring.stiffness
-            * ring.mean_energy(tool.ring_duration)
-            / bare.mean_energy(tool.ring_duration)
-        )
-        return {
+    last = tool.ring_duration
+    return [
+        {
             "sheath": one.sheath or "none",
             "use": one.use,
             "mass_g": f"{one.mass * 1e3:.4g}",
@@ -97,12 +85,12 @@ def ring_rows(stimuli: StimulusSet) -> list[dict[str, str]]:
             "decay_shift_ms": f"{(ring.decay_time - bare.decay_time) * 1e3:+.2f}",
             "log_decrement": f"{ring.log_decrement:.4f}",
             "sheath_share_of_strain_energy": f"{ring.sheath_share:.2g}",
-            "ring_energy_ratio": f"{energy:.3f}",
+            "ring_energy_ratio": f"{bare.stiffness / ring.stiffness * ring.mean_energy(last) / bare.mean_energy(last):.3f}",
             "sensor_energy_ratio": f"{one.sensed / conditions[0].sensed:.3f}",
             "finger_share": f"{one.finger:.4f}",
         }
-
-    return [row(one) for one in conditions]
+        for one, ring in ((one, one.ring) for one in conditions)
+    ]
 
 
 def decay_test_rows(stimuli: StimulusSet) -> list[dict[str, str]]:
@@ -153,8 +141,8 @@ def write_sheath_files(stimuli: StimulusSet, folder: Path) -> list[Path]:
         "damping_rig": stimuli.damping_rig.record(),
     }
     texts = {
-        "rings.csv": as_csv(rings),
-        "damping-test.csv": as_csv(decay_test_rows(stimuli)),
+        "rings.csv": csv_text(rings),
+        "damping-test.csv": csv_text(decay_test_rows(stimuli)),
         "probe.json": json.dumps(told, indent=2, allow_nan=False) + "\n",
     }
     for name, text in texts.items():

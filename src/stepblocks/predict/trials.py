@@ -13,7 +13,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from stepblocks.artefacts.model_file import WIDE, LearnedFit, LearnedModel, read_model
-from stepblocks.atomic import replace_text
 from stepblocks.contact.energy import Status
 from stepblocks.contact.event import Learned
 from stepblocks.contact.forward import (
@@ -31,7 +30,7 @@ from stepblocks.contact.operating_point import OperatingPoint, Tool
 from stepblocks.contact.state import CHANNELS, DragState, Floats, observe
 from stepblocks.errors import PipelineError
 from stepblocks.predict.predictions import Prediction, six_digits
-from stepblocks.tables import csv_text
+from stepblocks.tables import write_table
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -78,11 +77,7 @@ def predict_trials(
             raise PipelineError(f"trials must be a readable CSV table: {error!s:.80} [{trials}]") from error
     result = predicted(trials, learned)[0]
     if output is not None:
-        try:
-            Path(output).parent.mkdir(parents=True, exist_ok=True)
-            replace_text(Path(output), csv_text(result, float_format="%.9g"))
-        except OSError as error:
-            raise PipelineError(f"output cannot be written: {error.strerror} [{output}]") from error
+        write_table(result, Path(output), "%.9g")
     return result
 
 
@@ -183,25 +178,14 @@ def learned_drag(learned: LearnedModel, block: str, height: float, condition: Op
     """Ask a learned model about one step; of the condition its friction and tool are not asked, they are learnt."""
     import pandas as pd
 
-    row: dict[str, Any] = {
-        "trial": "1",
-        "block": block,
-        "height_um": height * 1e6,
-        "load_n": condition.normal_load,
-        "speed_mm_s": condition.speed * 1e3,
-        "tip": f"tip-{condition.ball_radius * 1e6:.6f}",
-    }
+    row: dict[str, Any] = {"trial": "1", "block": block, "tip": f"tip-{condition.ball_radius * 1e6:.6f}"}
+    row |= {"height_um": height * 1e6, "load_n": condition.normal_load, "speed_mm_s": condition.speed * 1e3}
     for place in learned.ranges:
         if place.name not in row and not place.pair and place.name != PEAK_FORCE:
             row[place.name] = place.labels[0] if place.labels else 0.5 * (place.low + place.high)
     table, state = predicted(pd.DataFrame([row]), learned)
     found = table.iloc[0]
     shown = dict(zip(CHANNELS, observe(state)[0], strict=True))
-
-    def interval(name: str) -> tuple[float, float, float]:
-        value, low, high = (float(found[name.format(end)]) for end in ("", "_low", "_high"))
-        return value, low, high
-
     tool = replace(
         condition.tool,
         stiffness=float(state.stiffness[0]),
@@ -210,17 +194,19 @@ def learned_drag(learned: LearnedModel, block: str, height: float, condition: Op
         decay_time=math.exp(shown["ln_decay_time"]),
     )
     edge_radius = max(float(state.radius[0]) - condition.ball_radius, 0.0)
-    force, energy = (interval(name) for name in _FIGURES)
+    # the value, and the ends of its interval
+    force, energy = (
+        (float(found[name.format("")]), float(found[name.format("_low")]), float(found[name.format("_high")]))
+        for name in _FIGURES
+    )
     return LearnedDrag(str(found["status"]), force, energy, float(state.friction[0]), tool, edge_radius)
 
 
 def taught_set(stimuli: StimulusSet, learned: LearnedModel) -> StimulusSet:
     """Predict a set with the constants of a session: its friction, spring and conversion instead of the file's."""
     values, grid = learned.extended.values, stimuli.prediction
-    spring = {
-        "stiffness": learned.tool.stiffness * values["stiffness_ratio"],
-        "conversion": math.exp(values["ln_conversion"]),
-    }
+    stiffness = learned.tool.stiffness * values["stiffness_ratio"]
+    spring = {"stiffness": stiffness, "conversion": math.exp(values["ln_conversion"])}
     taught = {"frictions": (values["friction"],), "tool": grid.tool.model_copy(update=spring)}
     return stimuli.model_copy(update={"prediction": grid.model_copy(update=taught)})
 

@@ -17,7 +17,6 @@ from stepblocks.contact.operating_point import OperatingPoint
 from stepblocks.declare import load_declared
 from stepblocks.errors import HapticsError
 from stepblocks.predict.perception import PAPER_OBSERVER
-from stepblocks.predict.predictions import tool_of
 from stepblocks.tables import read_table, si_column
 
 if TYPE_CHECKING:
@@ -146,7 +145,7 @@ def _event_of(stimulus: Path, felt: dict[str, float]) -> VibrationEvent:
     grid = declared.grid_of(part)
     firsts = {"ball_radius": grid.tip_radii[0], "normal_load": grid.normal_loads[0], "friction": grid.frictions[0]}
     at = {**firsts, **felt}
-    point = OperatingPoint(at["ball_radius"], at["normal_load"], at["friction"], tool_of(grid))
+    point = OperatingPoint(at["ball_radius"], at["normal_load"], at["friction"], grid.as_tool())
     event = vibration_events(part.counterface(), point, part.id)[0]
     if event.status is not Status.RELEASES:
         raise HapticsError(

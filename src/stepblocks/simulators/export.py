@@ -11,7 +11,6 @@ from typing import TYPE_CHECKING, Any, Literal
 from stepblocks.contact.operating_point import OperatingPoint
 from stepblocks.declare import load_declared
 from stepblocks.errors import PipelineError
-from stepblocks.predict.predictions import tool_of
 from stepblocks.select import matches, stimulus_files
 
 if TYPE_CHECKING:
@@ -136,7 +135,7 @@ def export(
 def _point(stimuli: StimulusSet, part: Part, given: Mapping[str, Any]) -> OperatingPoint:
     """Return the first operating point of a set's prediction, as a part changes it and as it was asked for."""
     grid, worn = stimuli.grid_of(part), stimuli.ring_of(part)
-    tool = tool_of(grid)
+    tool = grid.as_tool()
     if worn is not None:  # how the probe rings with this part on its shank
         tool = replace(tool, frequency=worn.frequency, decay_time=worn.decay_time)
     values = {

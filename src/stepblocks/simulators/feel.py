@@ -16,7 +16,6 @@ from stepblocks.contact.path.centre import CentrePath
 from stepblocks.declare import load_declared
 from stepblocks.errors import PipelineError
 from stepblocks.page_file import render_page
-from stepblocks.predict.predictions import tool_of
 from stepblocks.select import stimulus_files
 
 _EVERY = 12  # knots of a circle that the page does without
@@ -49,7 +48,7 @@ def feel(files: str | Path | Sequence[str | Path], page: str | Path) -> int:
     if not found:
         raise PipelineError("stepblocks feel needs at least one step_block or margin_block, got none")
     grid = found[0][0].prediction
-    radius, tool = grid.tip_radii[0], tool_of(grid)
+    radius, tool = grid.tip_radii[0], grid.as_tool()
     blocks = [{"name": block.id, **_felt(block.counterface(), radius)} for _, block in found]
     text = render_page(
         "simulators",

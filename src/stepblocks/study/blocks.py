@@ -17,7 +17,7 @@ from stepblocks.declare import load_declared
 from stepblocks.errors import PipelineError
 from stepblocks.parts.lettering import engraved_text
 from stepblocks.predict.perception import felt_energies
-from stepblocks.predict.predictions import predict_one, tool_of
+from stepblocks.predict.predictions import predict_one
 from stepblocks.select import matches
 from stepblocks.study import require
 from stepblocks.study.design import Item
@@ -71,7 +71,7 @@ def blocks_of(
     grid = stimuli.prediction
     at = {"ball_radius": grid.tip_radii[0], "friction": grid.frictions[0], **felt}
     loads = [felt["normal_load"]] if "normal_load" in felt else grid.normal_loads
-    points = [OperatingPoint(at["ball_radius"], load, at["friction"], tool_of(grid)) for load in loads]
+    points = [OperatingPoint(at["ball_radius"], load, at["friction"], grid.as_tool()) for load in loads]
     faces = [block.counterface() for block in sorted(stimuli.step_block, key=lambda one: one.height.nominal)]
     # of the loads the first under which every block rings, and rises
     point = next((point for point in points[:-1] if _rise(_felt(faces, point))), points[-1])

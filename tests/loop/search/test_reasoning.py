@@ -15,7 +15,6 @@ from stepblocks.loop.search.explain import (
     folds_within_blocks,
     gather,
     hold_out,
-    select,
 )
 from stepblocks.loop.search.fit import fit, problem_of
 from stepblocks.loop.search.forward_model import Trials
@@ -89,7 +88,7 @@ def test_the_same_data_give_the_same_answer() -> None:
 def test_held_out_error_falls_to_the_scatter_once_the_effect_is_in() -> None:
     trials = toy_trials(160, 7, square=0.8)
     folds = folds_within_blocks(trials, 4)
-    parts = [hold_out(Toy(), trials, rows, lambda t: select(Toy(), t, toy_effects(), _RULES)) for rows in folds]
+    parts = [hold_out(Toy(), trials, rows, lambda _: toy_effects(), _RULES) for rows in folds]
     outcome = gather(trials, folds, parts)
     before, after = outcome.rms(0)
     assert np.isfinite(outcome.nominal).all()

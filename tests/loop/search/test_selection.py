@@ -23,12 +23,12 @@ def squared():
 
 def test_the_candidate_that_explains_most_is_chosen_and_the_others_stand_behind_in_order(squared):
     problem, base, choice = _chosen(squared, toy_effects())
-    assert choice.best.effect.id == "square_of_z"
-    criteria = [trial.criterion for trial in choice.tried]
+    assert choice[0].effect.id == "square_of_z"
+    criteria = [trial.criterion for trial in choice[1]]
     assert criteria == sorted(criteria)
     # cost plus the logarithm of the number of trials for every parameter
-    assert choice.best.criterion == pytest.approx(choice.best.fit.cost + np.log(120))
-    assert choice.best.criterion < problem.criterion(base)
+    assert choice[0].criterion == pytest.approx(choice[0].fit.cost + np.log(120))
+    assert choice[0].criterion < problem.criterion(base)
 
 
 def test_nothing_is_chosen_that_does_not_pay_for_its_parameters():
@@ -38,14 +38,14 @@ def test_nothing_is_chosen_that_does_not_pay_for_its_parameters():
 def test_of_laws_that_predict_the_same_the_one_of_lower_rank_gives_its_name(squared):
     law = toy_effects()[0]
     twins = [replace(law, id="twin_second", rank=2), replace(law, id="twin_first", rank=1)]
-    assert _chosen(squared, twins)[2].best.effect.id == "twin_first"
+    assert _chosen(squared, twins)[2][0].effect.id == "twin_first"
 
 
 def test_a_law_leads_before_a_curve_that_follows_the_data_as_well(squared):
     law = toy_effects()[0]
     curve = replace(law, id="curve", named=False)
     named = replace(law, id="law", rank=9)
-    assert _chosen(squared, [curve, named])[2].best.effect.id == "law"
+    assert _chosen(squared, [curve, named])[2][0].effect.id == "law"
 
 
 def test_a_law_driven_to_the_end_of_its_form_is_no_law():
@@ -62,9 +62,9 @@ def test_a_law_driven_to_the_end_of_its_form_is_no_law():
     rise = 0.5 * z + 0.1 * z**2
     trials = replace(trials, values=trials.values + np.stack([rise, 2.0 * rise], axis=1))
     choice = _chosen(trials, [law, toy_effects()[1]])[2]
-    assert [trial.effect.id for trial in choice.tried] == ["line_of_z"]
+    assert [trial.effect.id for trial in choice[1]] == ["line_of_z"]
 
 
 def test_an_effect_that_is_to_be_kept_is_fitted_however_badly_it_scores(squared):
     _, _, choice = _chosen(squared, toy_effects(), most=1, keep=("line_of_w",))
-    assert "line_of_w" in {trial.effect.id for trial in choice.tried}
+    assert "line_of_w" in {trial.effect.id for trial in choice[1]}

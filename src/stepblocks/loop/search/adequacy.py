@@ -55,7 +55,7 @@ def independence(problem: Problem, fitted: Fit) -> tuple[tuple[tuple[str, str, f
             rows = trials.seen[:, j]
             if rows.sum() > columns.shape[1] + 8:
                 named.append((channel, name))
-                raw.append(_smooth_p(by_trial[rows, j], columns[rows]))
+                raw.append(smooth_p(by_trial[rows, j], columns[rows]))
     if not raw:
         return (), True
     corrected = multipletests(raw, method="holm")[1]
@@ -63,7 +63,8 @@ def independence(problem: Problem, fitted: Fit) -> tuple[tuple[tuple[str, str, f
     return checks, bool(corrected.min() > _LEVEL)
 
 
-def _smooth_p(residual: Floats, columns: Floats) -> float:
+def smooth_p(residual: Floats, columns: Floats) -> float:
+    """F-test of what some columns explain of a residual beside its mean; 1 where that cannot be asked."""
     design = np.column_stack([np.ones(len(residual)), columns])
     solution, _, rank, _ = np.linalg.lstsq(design, residual, rcond=None)
     rest = residual - design @ solution

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from stepblocks.loop.search.adequacy import independence, pure_error
 from stepblocks.loop.search.fit import Fit, Problem, fit, problem_of
 from stepblocks.loop.search.forward_model import Effect, Floats, ForwardModel, Trials
-from stepblocks.loop.search.gate import Choice, choose, gate
+from stepblocks.loop.search.gate import Trial, choose, gate
 from stepblocks.loop.search.structure import Hint, hints, quantity_errors, walk, wandering, wandering_hint
 
 _LEAST_SHARE = 0.3  # of the whole gain, below which an effect only stands in for what is left
@@ -23,7 +23,7 @@ _WORTH = 4.0  # of the criterion, below which an exchange is not made
 
 Deployed = Callable[[Fit], float]  # error of a fit where it will be used
 Rows = NDArray[np.intp]
-Select = Callable[[Trials], Sequence[Effect]]
+Asked = Callable[[Trials], Sequence[Effect]]  # candidates of a table
 
 
 class Verdict(StrEnum):
@@ -45,7 +45,6 @@ class Rules:
     draws: int = 500  # of the bootstrap of a gate
     seed: int = 0  # of the bootstrap
     fits: int = 10  # laws, and smooths, that are fitted in full at each step
-    exchange: bool = True  # whether each of several effects is sought again in the presence of the others
 
 
 @dataclass(frozen=True)
@@ -60,20 +59,27 @@ class Finding:
     rivals: tuple[tuple[Effect, Fit, float], ...] = ()
 
 
-@dataclass(frozen=True)
-class Explanation:
-    """The nominal model, the extended one, what was found and on what grounds."""
+@dataclass(frozen=True, kw_only=True)
+class _Grown:
+    """What a search has come to."""
 
     problem: Problem
-    nominal: Fit
     extended: Fit
+    gates: dict[str, float]  # chance of a false alarm of the gate that let each effect in
+    last_gate_p: float
+    needed: float  # gain of one amplitude that opens the last gate
+    told: tuple[Hint, ...] = ()  # what nobody wrote down
+
+
+@dataclass(frozen=True, kw_only=True)
+class Explanation(_Grown):
+    """The nominal model, the extended one, what was found and on what grounds."""
+
+    nominal: Fit
     findings: tuple[Finding, ...]
     verdict: Verdict
-    last_gate_p: float
-    checks: tuple[tuple[str, str, float], ...] = ()  # channel, covariate, p value after Holm
-    adequate: bool = True
-    told: tuple[Hint, ...] = ()  # what nobody wrote down
-    needed: float = float("inf")  # gain of one amplitude that opens the last gate
+    checks: tuple[tuple[str, str, float], ...]  # channel, covariate, p value after Holm
+    adequate: bool
 
 
 def explain(
@@ -85,23 +91,7 @@ def explain(
 ) -> Explanation:
     """Find what a model lacks."""
     rules = rules or Rules()
-    grown = _searched(model, trials, candidates, rules, deployed)
-    return _conclude(grown, candidates, rules)
-
-
-def select(model: ForwardModel, trials: Trials, candidates: Sequence[Effect], rules: Rules) -> tuple[Effect, ...]:
-    """Return the effects that trials would choose, without verdicts and rivals; see `explain`."""
-    return _searched(model, trials, candidates, rules).current.effects
-
-
-@dataclass(frozen=True)
-class _Grown:
-    problem: Problem
-    current: Fit
-    gates: dict[str, float]
-    p_value: float
-    needed: float = float("inf")
-    told: tuple[Hint, ...] = ()
+    return _conclude(_searched(model, trials, candidates, rules, deployed), candidates, rules)
 
 
 def _searched(
@@ -111,18 +101,18 @@ def _searched(
     problem = problem_of(model, trials)
     grown = _search(problem, candidates, rules, deployed)
     order, names = model.order(trials), list(model.quantities)
-    told = hints(grown.problem, grown.current, names, order)
+    told = hints(grown.problem, grown.extended, names, order)
     mistaken = _mistaken(grown, names)
     wanders = sorted({names.index(h.quantity) for h in told if h.kind in ("neighbours", "change")} | mistaken)
     if not wanders:
         return replace(grown, told=told)
     # a law that a walk does as well counts as walk: its quantity is looked at without what goes with the hour
-    plain = tuple(e for e in grown.current.effects if not _timely(e, trials, order))
-    base = fit(grown.problem, plain, grown.current.values) if mistaken else grown.current
+    plain = tuple(e for e in grown.extended.effects if not _timely(e, trials, order))
+    base = fit(grown.problem, plain, grown.extended.values) if mistaken else grown.extended
     rows = np.argsort(order, kind="stable")
     seen = {}
     for k in wanders:
-        errors = quantity_errors(grown.problem, base if k in mistaken else grown.current)[0][rows, k]
+        errors = quantity_errors(grown.problem, base if k in mistaken else grown.extended)[0][rows, k]
         seen[k] = errors[np.isfinite(errors)]
     again = _search(problem.sharing(wandering(problem, base, seen), base), candidates, rules, deployed)
     known = {names.index(h.quantity) for h in told}
@@ -141,7 +131,7 @@ def _timely(effect: Effect, trials: Trials, order: Floats) -> bool:
 
 def _mistaken(grown: _Grown, names: Sequence[str]) -> set[int]:
     """Quantities whose law along the hour explains no more than a walk would: neighbours erring together, no law."""
-    problem, current = grown.problem, grown.current
+    problem, current = grown.problem, grown.extended
     trials, order = problem.trials, problem.model.order(problem.trials)
     rows = np.argsort(order, kind="stable")
     found = set()
@@ -169,11 +159,14 @@ def _search(problem: Problem, candidates: Sequence[Effect], rules: Rules, deploy
         if p_value > rules.alpha or step == rules.most:
             break
         choice = choose(problem, current, opened, rules.fits)
-        grown = _grow(problem, current, choice, candidates) if choice else None
+        grown = _grow(problem, current, choice[0], candidates) if choice else None
         if grown is None:
             break
-        if rules.exchange:
-            grown = _exchange(problem, grown, candidates)
+        for _ in range(2):
+            better = _exchanged(problem, grown, candidates)
+            if better is None:
+                break
+            grown = better
         if deployed:
             before, error = error, deployed(grown)
             if not error < before:
@@ -181,7 +174,7 @@ def _search(problem: Problem, candidates: Sequence[Effect], rules: Rules, deploy
         problem = problem.tightened(grown)
         current = fit(problem, grown.effects, grown.values)
         gates = {e.id: gates.get(e.id, p_value) for e in current.effects}
-    return _Grown(problem, current, gates, p_value, opened.least_gain)
+    return _Grown(problem=problem, extended=current, gates=gates, last_gate_p=p_value, needed=opened.least_gain)
 
 
 def _left(candidates: Sequence[Effect], current: Fit) -> list[Effect]:
@@ -194,12 +187,12 @@ def without(problem: Problem, current: Fit, effect: Effect) -> Fit:
     return fit(problem, tuple(e for e in current.effects if e is not effect), current.values)
 
 
-def _grow(problem: Problem, current: Fit, choice: Choice, candidates: Sequence[Effect]) -> Fit | None:
+def _grow(problem: Problem, current: Fit, chosen: Trial, candidates: Sequence[Effect]) -> Fit | None:
     """Add the chosen effect; where a law already stands at its place, the law is too stiff and a smooth replaces it."""
-    added = choice.best.effect
+    added = chosen.effect
     same = [e for e in current.effects if e.place == added.place and e.covariate not in ("none", "block")]
     if not same:
-        return choice.best.fit
+        return chosen.fit
     others = tuple(e for e in current.effects if e not in same)
     smooth = [e for e in _left(candidates, current) if e.place == added.place and not e.named]
     base = fit(problem, others, current.values)
@@ -207,43 +200,34 @@ def _grow(problem: Problem, current: Fit, choice: Choice, candidates: Sequence[E
     tried = [t for t in tried if problem.criterion(t) < problem.criterion(current) - 10.0]
     if tried:
         return min(tried, key=problem.criterion)
-    return choice.best.fit if not added.named and all(not s.named for s in same) else None
-
-
-def _exchange(problem: Problem, current: Fit, candidates: Sequence[Effect]) -> Fit:
-    """With several effects, look again for each in the presence of the others; drop one that is no longer needed."""
-    for _ in range(2):
-        better = _exchanged(problem, current, candidates) if len(current.effects) > 1 else None
-        if better is None:
-            break
-        current = better
-    return current
+    return chosen.fit if not added.named and all(not s.named for s in same) else None
 
 
 def _exchanged(problem: Problem, current: Fit, candidates: Sequence[Effect]) -> Fit | None:
-    for effect in current.effects:
+    """Look for one of several effects again in the presence of the others, or drop one that is no longer needed."""
+    for effect in current.effects if len(current.effects) > 1 else ():
         base = without(problem, current, effect)
         if problem.criterion(base) <= problem.criterion(current) + _WORTH:
             return base
         choice = choose(problem, base, gate(problem, base, _left(candidates, base), draws=0), most=6)
-        best = choice.best if choice else None
+        best = choice[0] if choice else None
         if best and best.effect.id != effect.id and best.criterion < problem.criterion(current) - _WORTH:
             return best.fit
     return None
 
 
 def _conclude(grown: _Grown, candidates: Sequence[Effect], rules: Rules) -> Explanation:
-    problem, current = grown.problem, grown.current
+    problem, current = grown.problem, grown.extended
     findings = tuple(_finding(grown, e, candidates, rules) for e in current.effects)
     checks, adequate = independence(problem, current)
     kinds = {f.verdict for f in findings}
     order = (Verdict.AMBIGUOUS, Verdict.UNEXPLAINED, Verdict.EFFECT)
     verdict = next((kind for kind in order if kind in kinds), Verdict.NONE)
-    if verdict is Verdict.EFFECT and not (adequate and grown.p_value > rules.alpha):
+    if verdict is Verdict.EFFECT and not (adequate and grown.last_gate_p > rules.alpha):
         # it improves the fit, not the explanation
         verdict = Verdict.UNEXPLAINED
     nominal = fit(problem)
-    if grown.p_value <= rules.alpha:
+    if grown.last_gate_p <= rules.alpha:
         # something is left: what explains little may only stand in for it, and gets no name
         least = _LEAST_SHARE * (nominal.cost - current.cost)
         findings = tuple(f if f.gain >= least else replace(f, verdict=Verdict.UNEXPLAINED) for f in findings)
@@ -254,19 +238,19 @@ def _conclude(grown: _Grown, candidates: Sequence[Effect], rules: Rules) -> Expl
         # something differs between trials that no column names
         verdict = Verdict.UNEXPLAINED
     return Explanation(
-        problem, nominal, current, findings, verdict, grown.p_value, checks, adequate, grown.told, grown.needed
+        **vars(grown), nominal=nominal, findings=findings, verdict=verdict, checks=checks, adequate=adequate
     )
 
 
 def _finding(grown: _Grown, effect: Effect, candidates: Sequence[Effect], rules: Rules) -> Finding:
-    problem, current = grown.problem, grown.current
+    problem, current = grown.problem, grown.extended
     base = without(problem, current, effect)
     opened = gate(problem, base, _left(candidates, base), draws=0)
     choice = choose(problem, base, opened, min(rules.fits, 8), keep=(effect.id,))
     own = problem.criterion(current)
     rivals: list[tuple[Effect, Fit, float]] = []
     seen = {_family(effect)}
-    for trial in choice.tried if choice else ():
+    for trial in choice[1] if choice else ():
         if trial.effect.id == effect.id or _family(trial.effect) in seen or trial.criterion > own + rules.margin:
             continue
         if not trial.effect.named and trial.effect.place == effect.place:
@@ -275,18 +259,15 @@ def _finding(grown: _Grown, effect: Effect, candidates: Sequence[Effect], rules:
         rivals.append((trial.effect, trial.fit, trial.criterion - own))
     elsewhere = [r for r in rivals if r[0].place != effect.place or (r[0].named and effect.named)]
     verdict = Verdict.AMBIGUOUS if elsewhere else Verdict.EFFECT if effect.named else Verdict.UNEXPLAINED
-    p_value = grown.gates.get(effect.id, grown.p_value)
+    p_value = grown.gates.get(effect.id, grown.last_gate_p)
     return Finding(effect, verdict, p_value, base.cost - current.cost, tuple(rivals))
 
 
 def earned(found: Explanation, holdouts: Sequence[Holdout], cells: Sequence[object]) -> Explanation:
     """Leave `effect` to what the scatter of replicates allows and what every fold chose for itself."""
-    misfit = [
-        pure_error(column, cells, len(found.extended.parameters)).p_value
-        for column in np.where(
-            found.problem.trials.seen, found.extended.residual.reshape(found.extended.predicted.shape), np.nan
-        ).T
-    ]
+    seen, free = found.problem.trials.seen, len(found.extended.parameters)
+    residual = np.where(seen, found.extended.residual.reshape(seen.shape), np.nan)
+    misfit = [pure_error(column, cells, free).p_value for column in residual.T]
     known = [p for p in misfit if np.isfinite(p)]
     lacking = bool(known) and min(known) * len(known) < _LACKING
     folds = [set(names) for holdout in holdouts for names in holdout.selected]
@@ -357,10 +338,10 @@ def folds_of_blocks(trials: Trials, most: int) -> list[Rows]:
     return [np.flatnonzero(number % most == i) for i in range(min(most, int(number.max()) + 1))]
 
 
-def hold_out(model: ForwardModel, trials: Trials, rows: Rows, select: Select) -> Holdout:
+def hold_out(model: ForwardModel, trials: Trials, rows: Rows, candidates: Asked, rules: Rules) -> Holdout:
     """Select and fit without one fold, and predict it; the errors of its trials alone."""
     train, test = trials.take(np.setdiff1d(np.arange(len(trials)), rows)), trials.take(rows)
-    effects = tuple(select(train))
+    effects = _searched(model, train, candidates(train), rules).extended.effects
     problem = problem_of(model, train)
     base = fit(problem)
     best = fit(problem, effects, base.values) if effects else base

@@ -15,10 +15,8 @@ from scipy import stats
 from stepblocks.loop.search.fit import Fit, Problem, fit
 from stepblocks.loop.search.forward_model import Effect, Floats
 
-_HOPELESS, _SURPRISE = (
-    0.4,
-    30.0,
-)  # share of a leader's gain, and gain beside it, that a fit may find over its first order
+# share of a leader's gain, and gain beside it, that a fit may find over its first order
+_HOPELESS, _SURPRISE = 0.4, 30.0
 _UNSEEN = 2e-3  # a direction of which less is left beside the nominal model is its derivative, up to rounding
 
 
@@ -60,9 +58,7 @@ def _changes(problem: Problem, base: Fit, effect: Effect, shape: Mapping[str, fl
     """Change of the prediction per unit of each amplitude, in units of its scale, each of shape (n, c)."""
     neutral = {p.name: p.start for p in effect.parameters} | dict(shape)
     columns = []
-    for parameter in effect.parameters:
-        if parameter.name not in effect.amplitudes:
-            continue
+    for parameter in (p for p in effect.parameters if p.name in effect.amplitudes):
         step = 0.02 * parameter.scale
         moved = neutral | {parameter.name: neutral[parameter.name] + step}
         change = problem.model.predict(problem.trials, base.values, [*base.active, (effect, moved)]) - base.predicted
@@ -125,13 +121,6 @@ def _log_p(gains: Floats, freedom: Floats, noise_dof: float) -> Floats:
     return np.where(np.isneginf(found), -745.0 - 0.5 * noise_dof * np.log1p(gains / noise_dof), found)
 
 
-def _least_log_p(gains: Floats, freedom: Floats, noise_dof: float) -> Floats:
-    """Least p of each draw; among directions of equal freedom it is that of the largest gain."""
-    kinds = np.unique(freedom)
-    largest = np.stack([gains[freedom == kind].max(axis=0) for kind in kinds])
-    return np.asarray(_log_p(largest, kinds, noise_dof).min(axis=0))
-
-
 def gate(
     problem: Problem, base: Fit, effects: Sequence[Effect], draws: int = 400, seed: int = 0, alpha: float = 0.01
 ) -> Gate:
@@ -144,7 +133,8 @@ def gate(
     observed -= known @ (known.T @ observed)
     dof = float(max(problem.noise.scatter.dof, 4))
     # scores are relative to the scatter found, never to less than the scatter expected
-    spread = max(1.0, _robust_variance(base.residual))
+    alive = np.abs(base.residual[base.residual != 0.0])
+    spread = max(1.0, float((1.4826 * np.median(alive)) ** 2)) if alive.size else 1.0
     gains, projected = _evaluate(directions, observed[:, None])
     freedom = np.array([d.basis.shape[1] for d in directions], dtype=float)
     own = _log_p(gains / spread, freedom, dof)[:, 0]
@@ -155,17 +145,18 @@ def gate(
     p_value, needed = 1.0, float("inf")
     if draws:
         null, _ = _evaluate(directions, _draw(problem, base, draws, seed))
-        least = _least_log_p(null, freedom, dof)
+        # among directions of equal freedom the least p of a draw is that of the largest gain
+        kinds = np.unique(freedom)
+        largest = np.stack([null[freedom == kind].max(axis=0) for kind in kinds])
+        least = _log_p(largest, kinds, dof).min(axis=0)
         p_value = float((1 + np.sum(least <= own.min())) / (draws + 1))
         needed = float(stats.f.isf(np.exp(np.quantile(least, alpha)), 1.0, dof)) * spread
     return Gate(p_value, tuple(sorted(best.values(), key=lambda s: s.log_p)), needed)
 
 
 def smallest_shown(problem: Problem, base: Fit, effects: Sequence[Effect], needed: float) -> dict[str, float]:
-    """Return the amplitude of each effect of one amplitude that opens the gate nine times in ten.
-
-    The root of its expected gain must exceed that of the gain that opens the gate by 1.28 standard deviations.
-    """
+    """Return the amplitude of each effect of one amplitude that opens the gate nine times in ten."""
+    # the root of its expected gain exceeds that of the gain that opens the gate by 1.28 standard deviations
     asked = [e for e in effects if len(e.amplitudes) == 1]
     found: dict[str, float] = {}
     for direction in _directions(problem, base, asked, _null_basis(base)):
@@ -173,11 +164,6 @@ def smallest_shown(problem: Problem, base: Fit, effects: Sequence[Effect], neede
         size = (np.sqrt(needed) + 1.2816) * float(np.linalg.norm(direction.root)) * scale
         found[direction.effect.id] = min(size, found.get(direction.effect.id, np.inf))
     return found
-
-
-def _robust_variance(residual: Floats) -> float:
-    alive = residual[residual != 0.0]
-    return float((1.4826 * np.median(np.abs(alive))) ** 2) if alive.size else 1.0
 
 
 def _draw(problem: Problem, base: Fit, draws: int, seed: int) -> Floats:
@@ -207,18 +193,10 @@ class Trial:
     criterion: float
 
 
-@dataclass(frozen=True)
-class Choice:
-    """The candidate chosen, and the others in order."""
-
-    best: Trial
-    tried: tuple[Trial, ...]
-
-
 def choose(
     problem: Problem, base: Fit, opened: Gate, most: int = 14, tie: float = 6.0, keep: Sequence[str] = ()
-) -> Choice | None:
-    """Fit the candidates that score best and choose among them."""
+) -> tuple[Trial, list[Trial]] | None:
+    """Fit the candidates that score best and choose among them; beside the choice all of them in order."""
     tried: list[Trial] = []
     leading = 0.0
     for score in sorted(_shortlist(opened.scores, most, keep), key=lambda s: -s.gain):
@@ -234,25 +212,21 @@ def choose(
         return None
     lead = tried[0]
     near = [t for t in tried if t.criterion <= lead.criterion + tie and t.effect.place == lead.effect.place]
-    named = [t for t in near if t.effect.named]
-    if named:
+    if named := [t for t in near if t.effect.named]:
         close = [t for t in named if t.criterion <= named[0].criterion + 1.0]
         lead = min(close, key=lambda t: (t.effect.rank, t.criterion))
-    return Choice(lead, tuple(tried))
+    return lead, tried
 
 
 def _shortlist(scores: Sequence[Score], most: int, keep: Sequence[str]) -> list[Score]:
     named = [s for s in scores if s.effect.named][:most]
-    smooth = [s for s in scores if not s.effect.named][:most]
-    # the first smooth of each place among the leaders stands for that place
-    places = {s.effect.place for s in smooth}
-    extra = [s for s in scores if s.effect.id in keep and s not in named and s not in smooth]
-    more: list[Score] = []
-    for s in scores:
-        if not s.effect.named and s.effect.place not in places and len(more) < most // 2:
-            places.add(s.effect.place)
-            more.append(s)
-    return [*named, *smooth, *more, *extra]
+    smooth = [s for s in scores if not s.effect.named]
+    # the first smooth of each further place stands for that place
+    places = {s.effect.place: s for s in reversed(smooth)}
+    leading = {s.effect.place for s in smooth[:most]}
+    more = [s for s in smooth if s is places[s.effect.place] and s.effect.place not in leading][: most // 2]
+    extra = [s for s in scores if s.effect.id in keep and s not in named and s not in smooth[:most]]
+    return [*named, *smooth[:most], *more, *extra]
 
 
 def _driven_out(effect: Effect, fitted: Fit) -> bool:

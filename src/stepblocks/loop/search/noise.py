@@ -180,11 +180,8 @@ def estimate_scatter(residual: Floats, std: Floats, responses: Floats, dof: int)
 
 def least(scatters: Sequence[Scatter]) -> Scatter:
     """Return of every quantity and channel the least scatter of several estimates."""
-    return Scatter(
-        np.min([s.quantities for s in scatters], axis=0),
-        np.min([s.channels for s in scatters], axis=0),
-        min(s.dof for s in scatters),
-    )
+    quantities, channels = (np.min([getattr(s, name) for s in scatters], axis=0) for name in ("quantities", "channels"))
+    return Scatter(quantities, channels, min(s.dof for s in scatters))
 
 
 def whitener(trials: Trials, systematics: Sequence[Systematic], responses: Floats, scatter: Scatter) -> Noise:

@@ -16,6 +16,7 @@ from scipy import stats
 from scipy.fft import dct
 from statsmodels.stats.multitest import multipletests
 
+from stepblocks.loop.search.adequacy import smooth_p
 from stepblocks.loop.search.fit import Fit, Problem
 from stepblocks.loop.search.forward_model import Floats, Systematic, Trials
 
@@ -88,10 +89,8 @@ def _plainest(found: Sequence[Hint]) -> tuple[Hint, ...]:
     for name in dict.fromkeys(hint.quantity for hint in found):
         own = [hint for hint in found if hint.quantity == name]
         timely = [h for h in own if h.kind in ("change", "neighbours")]
-        chosen = max(timely, key=lambda h: h.gain) if timely else None
-        rest = [h for h in own if h.kind not in ("change", "neighbours", "heaps") and chosen is None]
-        heaps = [h for h in own if h.kind == "heaps" and chosen is None]
-        kept += [chosen] if chosen else heaps or rest
+        heaps = [h for h in own if h.kind == "heaps"]
+        kept += [max(timely, key=lambda h: h.gain)] if timely else heaps or own
     return tuple(kept)
 
 
@@ -155,14 +154,7 @@ def _carried(name: str, values: Floats, trials: Trials) -> list[Hint]:
     columns = [numbers for label in trials.covariates if (numbers := _setting(trials, label)) is not None]
     if not columns:
         return []
-    before = np.column_stack([np.ones(len(values) - 1), *(column[:-1] for column in columns)])
-    own = values[1:]
-    solution, _, rank, _ = np.linalg.lstsq(before, own, rcond=None)
-    left, whole = float(np.sum((own - before @ solution) ** 2)), float(np.sum((own - own.mean()) ** 2))
-    if rank < 2 or left <= 0.0:
-        return []
-    dof = len(own) - rank
-    p_value = float(stats.f.sf((whole - left) / (rank - 1) / (left / dof), rank - 1, dof))
+    p_value = smooth_p(values[1:], np.column_stack(columns)[:-1])
     return [Hint("carry-over", name, p_value, f"{name} remembers the settings of the trial before")]
 
 

@@ -95,7 +95,8 @@ class SweepPlan:
         return hashlib.sha256(json.dumps(asdict(self), sort_keys=True).encode()).hexdigest()
 
 
-_HEAD = ("kind", "mode", "surface", "set", "rows", "seed", "rows_per_partition")
+_CHOICES = {"kind": ("grid", "random"), "mode": ("static", "drag"), "surface": ("step", "margin")}  # defaults first
+_HEAD = (*_CHOICES, "set", "rows", "seed", "rows_per_partition")
 
 
 def load_sweep(path: Path) -> SweepPlan:
@@ -116,13 +117,13 @@ def _resolved(data: dict[str, Any], folder: Path, mistakes: list[Mistake]) -> Sw
     mistakes += unknown_names(data, ("sweep", "parameters", "draws"))
     head, parameters, draws = (_table(data, name) for name in ("sweep", "parameters", "draws"))
     mistakes += unknown_names(head, _HEAD, "[sweep]")
-    kind, mode, surface, size, points, count = "grid", "static", "step", 1, 0, 1
-    with noted(mistakes):
-        kind = _one_of(head, "kind", ("grid", "random"))
-    with noted(mistakes):
-        mode = _one_of(head, "mode", ("static", "drag"))
-    with noted(mistakes):
-        surface = _one_of(head, "surface", ("step", "margin"))
+    size, points, count = 1, 0, 1
+    chosen = dict(head)
+    for name, known in _CHOICES.items():
+        if chosen.setdefault(name, known[0]) not in known:
+            mistakes.append(("", f"{name} must be {known[0]} or {known[1]}, got {chosen[name]!r} [sweep]"))
+            chosen[name] = known[0]
+    kind, mode, surface = (str(chosen[name]) for name in _CHOICES)
     stimuli: list[dict[str, Any]] = []
     declared: dict[str, list[float]] = {}
     drawn: tuple[dict[str, float], dict[str, float]] = {}, {}
@@ -190,13 +191,6 @@ def _of_set(
     surface, stimuli, grid = stimuli_of(folder / head["set"], parameters.get("stimulus"), tolerances)
     _, plain, shares = setting_of(grid)
     return surface, stimuli, grid, (plain, shares) if tolerances else ({}, {})
-
-
-def _one_of(table: dict[str, Any], name: str, known: tuple[str, str]) -> str:
-    value = table.get(name, known[0])
-    if value not in known:
-        raise PipelineError(f"{name} must be {known[0]} or {known[1]}, got {value!r} [sweep]")
-    return str(value)
 
 
 def _read(
