@@ -39,7 +39,7 @@ from stepblocks.errors import SolidError
 
 _MM = 1e3
 PmiKind = Literal["distance", "to_outer", "diameter", "radius", "spherical_radius", "toroidal_radius", "cone", "angle"]
-_DIMENSIONS: dict[PmiKind, str] = {
+_OF_DIMENSION: dict[PmiKind, str] = {
     "distance": "Location_LinearDistance",
     "to_outer": "Location_LinearDistance_FromCenterToOuter",
     "diameter": "Size_Diameter",
@@ -49,11 +49,6 @@ _DIMENSIONS: dict[PmiKind, str] = {
     "cone": "Size_Angular",
     "angle": "Location_Angular",
 }
-
-
-def _typed(kinds: Any, name: str) -> Any:
-    """Find a member of one of the kernel's enumerations, which repeat their own name in each."""
-    return getattr(kinds, f"{kinds.__name__}_{name}")
 
 
 @dataclass(frozen=True)
@@ -176,10 +171,10 @@ class _Document:
     def add_dimension(self, dimension: PmiDimension) -> None:
         label = self._tolerances.AddDimension()
         content = XCAFDimTolObjects_DimensionObject()
-        content.SetType(_typed(XCAFDimTolObjects_DimensionType, _DIMENSIONS[dimension.kind]))
-        unit = (
-            1.0 if dimension.kind in ("cone", "angle") else _MM
-        )  # angles stand in radians, the unit that the kernel writes
+        name = f"XCAFDimTolObjects_DimensionType_{_OF_DIMENSION[dimension.kind]}"
+        content.SetType(getattr(XCAFDimTolObjects_DimensionType, name))
+        # angles stand in radians, the unit that the kernel writes
+        unit = 1.0 if dimension.kind in ("cone", "angle") else _MM
         content.SetValue(dimension.nominal * unit)
         content.SetUpperTolValue(dimension.upper * unit)
         content.SetLowerTolValue(-dimension.lower * unit)  # the kernel keeps it without its sign
@@ -193,7 +188,8 @@ class _Document:
     def add_tolerance(self, tolerance: PmiTolerance) -> None:
         label = self._tolerances.AddGeomTolerance()
         content = XCAFDimTolObjects_GeomToleranceObject()
-        content.SetType(_typed(XCAFDimTolObjects_GeomToleranceType, tolerance.kind.capitalize()))
+        name = f"XCAFDimTolObjects_GeomToleranceType_{tolerance.kind.capitalize()}"
+        content.SetType(getattr(XCAFDimTolObjects_GeomToleranceType, name))
         content.SetValue(tolerance.zone * _MM)
         _present(content, tolerance.callout)
         _attribute(label, XCAFDoc_GeomTolerance).SetObject(content)

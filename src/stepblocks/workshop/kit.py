@@ -6,8 +6,8 @@ import itertools
 from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING
 
+from stepblocks import cad
 from stepblocks.artefacts.meshes.write import write_3mf, write_stl
 from stepblocks.artefacts.step.write import write_conforming, write_step_ap242
 from stepblocks.parts.apparatus import Apparatus
@@ -18,9 +18,6 @@ from stepblocks.tables import write_table
 from stepblocks.workshop.complete import missing_from
 from stepblocks.workshop.drawing import write_drawing
 from stepblocks.workshop.loads import flexure_sensitivity, flexure_stiffness, normal_load, pull
-
-if TYPE_CHECKING:
-    from stepblocks.cad import kernel
 
 POSITIONS = 21  # of the travel at which the assembly is looked at
 _TOUCHING = 1e-15  # volume that the kernel's intersection may leave where faces touch [m^3]
@@ -53,7 +50,7 @@ def write_kit(folder: Path, kit: Apparatus, order: OrderSpec) -> tuple[list[Path
     return [*written, assembly, *_write_tables(folder, kit, parts)], wrong
 
 
-def _write_part(folder: Path, part: Machined, body: kernel.Body, order: OrderSpec) -> tuple[list[Path], list[str]]:
+def _write_part(folder: Path, part: Machined, body: cad.kernel.Body, order: OrderSpec) -> tuple[list[Path], list[str]]:
     folder.mkdir(parents=True, exist_ok=True)
     step = folder / f"{part.id}.step"
     write_step_ap242(step, part, [(part.id, body)])
@@ -67,19 +64,17 @@ def _write_part(folder: Path, part: Machined, body: kernel.Body, order: OrderSpe
     return [step, *drawings, *meshes], missing_from(part, drawings[0], step)
 
 
-def interferences(kit: Apparatus, bodies: Mapping[str, kernel.Body]) -> Iterator[str]:
+def interferences(kit: Apparatus, bodies: Mapping[str, cad.kernel.Body]) -> Iterator[str]:
     """Name every pair of parts that share volume, all of them in the middle of the travel and what moves past what does not."""
-    from stepblocks.cad import kernel
-
     parts, half = kit.parts(), 0.5 * kit.travel.nominal
     for a, b in itertools.combinations(parts, 2):
-        yield from _shared(a, b, kernel.common_volume(bodies[a.id], bodies[b.id]), 0.0)
+        yield from _shared(a, b, cad.kernel.common_volume(bodies[a.id], bodies[b.id]), 0.0)
     for index in range(POSITIONS):
         x = half * (2.0 * index / (POSITIONS - 1) - 1.0)
         for a in (one for one in parts if one.moving):
-            there = kernel.moved(bodies[a.id], (x, 0.0, 0.0))
+            there = cad.kernel.moved(bodies[a.id], (x, 0.0, 0.0))
             for b in (one for one in parts if not one.moving):
-                yield from _shared(a, b, kernel.common_volume(there, bodies[b.id]), x)
+                yield from _shared(a, b, cad.kernel.common_volume(there, bodies[b.id]), x)
 
 
 def _shared(a: Machined, b: Machined, volume: float, x: float) -> Iterator[str]:
@@ -91,11 +86,8 @@ def _write_tables(folder: Path, kit: Apparatus, parts: Sequence[Machined]) -> li
     import pandas as pd
 
     made = [(1, part.title, part.material.designation, part.id) for part in parts if not part.standard]
-    bought = Counter(
-        (part.standard, part.title)
-        for part in parts
-        if part.standard and part.id not in ("block", "explorer", "weight")
-    )
+    given = [part.id in ("block", "explorer", "weight") or not part.standard for part in parts]
+    bought = Counter((part.standard, part.title) for part, has in zip(parts, given, strict=True) if not has)
     said = "weight {:g} g, class M1 (OIML R 111-1)".format
     weights = [(1, f"{said(mass * 1e3)}, bored 2.5", "", "shank of the explorer") for mass in kit.normal_weights]
     weights += [(1, said(mass * 1e3), "", "hanger") for mass in kit.pulling_weights]
@@ -108,11 +100,9 @@ def _write_tables(folder: Path, kit: Apparatus, parts: Sequence[Machined]) -> li
         for load in (of(kit, mass) for mass in several)
     ]
     flexure = [{"stiffness_n_per_m": flexure_stiffness(kit), "sensitivity_v_per_v_per_n": flexure_sensitivity(kit)}]
-    tables = {
-        "bill": pd.DataFrame(lines, columns=["count", "what", "material", "for"]),
-        "loads": pd.DataFrame(loads),
-        "flexure": pd.DataFrame(flexure),
-    }
-    for name, table in tables.items():
-        write_table(table, folder / f"{kit.id}.{name}.csv")
-    return [folder / f"{kit.id}.{name}.csv" for name in tables]
+    bill = pd.DataFrame(lines, columns=["count", "what", "material", "for"])
+    written = []
+    for name, table in (("bill", bill), ("loads", pd.DataFrame(loads)), ("flexure", pd.DataFrame(flexure))):
+        written.append(folder / f"{kit.id}.{name}.csv")
+        write_table(table, written[-1])
+    return written

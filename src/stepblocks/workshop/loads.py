@@ -23,14 +23,8 @@ class Load:
 
 
 def flexure_stiffness(kit: Apparatus) -> float:
-    """Stiffness of the two leaves along the drag [N/m].
-
-    Returns
-    -------
-    float
-        Twice 12 E I / L^3, each leaf being clamped at both ends, which stay parallel (Euler and Bernoulli), less the share of
-        shear, 2.4 (1 + nu) (t/L)^2 with a shear coefficient of 5/6 and nu of 0.3 (Timoshenko).
-    """
+    """Stiffness of the two leaves along the drag [N/m], clamped at both ends, which stay parallel."""
+    # twice 12 E I / L^3 (Euler and Bernoulli), less the share of shear 2.4 (1 + nu) (t/L)^2, nu 0.3 (Timoshenko, 5/6)
     leaf = kit.flexure
     length, width, thick = (one.nominal for one in (leaf.length, leaf.width, leaf.thickness))
     bending = 2.0 * leaf.modulus.value * width * (thick / length) ** 3
@@ -38,13 +32,8 @@ def flexure_stiffness(kit: Apparatus) -> float:
 
 
 def flexure_sensitivity(kit: Apparatus) -> float:
-    """Output of the full bridge over its supply, for a newton along the drag [1/N].
-
-    Returns
-    -------
-    float
-        Gauge factor times the strain 3 F (L/2 - s) / (E b t^2) under a gauge at s from the end of a leaf.
-    """
+    """Output of the full bridge over its supply, for a newton along the drag [1/N]."""
+    # gauge factor times the strain 3 F (L/2 - s) / (E b t^2) under a gauge at s from the end of a leaf
     leaf = kit.flexure
     length, width, thick = (one.nominal for one in (leaf.length, leaf.width, leaf.thickness))
     lever = 0.5 * length - leaf.gauge_place.nominal
@@ -52,20 +41,8 @@ def flexure_sensitivity(kit: Apparatus) -> float:
 
 
 def normal_load(kit: Apparatus, mass: float) -> Load:
-    """Force of a weight over the tip on a level block: the arm is balanced, so it is the weight's alone.
-
-    Parameters
-    ----------
-    kit : Apparatus
-        Its parts, with friction and tolerances.
-    mass : float
-        Of the weight [kg].
-
-    Returns
-    -------
-    Load
-        In N; tolerances count as rectangular, and so does the friction of the pivot, whose sign is that of the last movement.
-    """
+    """Force of a weight [kg] over the tip on a level block: the arm is balanced, so it is the weight's alone."""
+    # tolerances count as rectangular, and so does the friction of the pivot, whose sign is that of the last movement
     gravity, carried = kit.gravity.value, [one for one in kit.parts(mass) if one.id in ON_THE_PIVOT]
     counterweight = next(one for one in carried if one.id == "counterweight")
     pressing = gravity * math.fsum(one.mass for one in carried)
@@ -83,28 +60,16 @@ ON_THE_PIVOT = ("arm", "explorer-clamp", "explorer", "weight", "balance-rod", "c
 
 
 def pull(kit: Apparatus, mass: float) -> Load:
-    """Force along the drag of a weight on the hanger, less what pulley and carriage take.
-
-    Parameters
-    ----------
-    kit : Apparatus
-        Its parts, with friction and tolerances.
-    mass : float
-        Of weight and hanger together [kg].
-
-    Returns
-    -------
-    Load
-        In N. A cord that turns by a right angle presses its pulley with sqrt(2) of its tension; half of each friction is its
-        rectangular uncertainty, since makers' coefficients scatter by that much.
-    """
+    """Force along the drag of a weight with its hanger [kg], less what pulley and carriage take."""
     gravity = kit.gravity.value
     weight = mass * gravity
+    # a cord that turns by a right angle presses its pulley with sqrt(2) of its tension
     pulley = math.sqrt(2.0) * weight * kit.friction.pulley.value * _PULLEY_BORE / _PULLEY
     carriage = kit.friction.carriage.value * gravity * moving_mass(kit.parts())
     parts = {
         "weight": kit.weight_tolerance.value * weight,
         "gravity": kit.gravity_tolerance.value * weight,
+        # makers' coefficients scatter by half
         "friction of the pulley": 0.5 * pulley,
         "friction of the carriage": 0.5 * carriage,
     }

@@ -32,33 +32,26 @@ def machined_views(sheet: Sheet, part: Machined) -> list[str]:
     _over_all(sheet, (left, base, scale), size)
     notes = [f"{part.standard}." if part.standard else "Break all edges by 0.3 mm; no burr."]
     threads = sorted({one.thread for one in part.bores if one.thread})
-    notes += [f"Threads: {', '.join(threads)}, tapped where the bore is said to be for them."] if threads else []
-    return notes if part.count == 1 else [*notes, f"{part.count} of them."]
+    return notes + [f"Threads: {', '.join(threads)}, tapped where the bore is said to be for them."] * bool(threads)
 
 
 def _covered(one: Box, boxes: tuple[Box, ...], axes: tuple[int, int], out: str) -> bool:
     """Tell whether another box stands before it: the top is seen from above, the others from the front and from the left."""
     w = "xyz".index(out)
-    for other in boxes:
-        before = other.high[w] > one.high[w] if out == "z" else other.low[w] < one.low[w]
-        if before and all(other.low[k] <= one.low[k] and other.high[k] >= one.high[k] for k in axes):
-            return True
-    return False
+    before = [each for each in boxes if (each.high[w] > one.high[w] if out == "z" else each.low[w] < one.low[w])]
+    return any(all(each.low[k] <= one.low[k] and each.high[k] >= one.high[k] for k in axes) for each in before)
 
 
-def _draw(
-    sheet: Sheet, one: Round, axes: tuple[int, int], at: tuple[float, float, float], out: str, hidden: bool
-) -> None:
+Placed = tuple[float, float, float]  # where the part's origin lies on the paper, and millimetres of paper to a metre
+
+
+def _draw(sheet: Sheet, one: Round, axes: tuple[int, int], at: Placed, out: str, hidden: bool) -> None:
     (u, v), (x, y, k) = axes, at
     if one.axis == out:
         sheet.circle((x + one.start[u] * k, y + one.start[v] * k), 0.5 * one.diameter * k)
         return
-    half = [0.0 if "xyz"[axis] == one.axis else 0.5 * one.diameter for axis in (u, v)]
-    ends = [
-        (x + (point[u] + s * half[0]) * k, y + (point[v] + s * half[1]) * k)
-        for point, s in ((one.start, -1), (one.end, 1))
-    ]
-    sheet.rectangle(ends[0], ends[1], "HIDDEN" if hidden else "OUTLINE")
+    low, high = ((x + a * k, y + b * k) for a, b in zip(one.ends[u], one.ends[v], strict=True))
+    sheet.rectangle(low, high, "HIDDEN" if hidden else "OUTLINE")
 
 
 def _over_all(sheet: Sheet, at: tuple[float, float, float], size: list[float]) -> None:
@@ -66,9 +59,10 @@ def _over_all(sheet: Sheet, at: tuple[float, float, float], size: list[float]) -
     left, base, scale = at
     wide, deep, tall = (length * scale for length in size)
     top = base - _GAP - deep
-    if "length" in sheet.listed:
-        sheet.dimension("length", (left, top), (left + wide, top), (left, top - 12.0), scale)
-    if "width" in sheet.listed:
-        sheet.dimension("width", (left, top), (left, top + deep), (left - 12.0, top), scale, upright=True)
-    if "height" in sheet.listed:
-        sheet.dimension("height", (left, base), (left, base + tall), (left - 12.0, base), scale, upright=True)
+    for key, start, end, along in (
+        ("length", (left, top), (left + wide, top), (left, top - 12.0)),
+        ("width", (left, top), (left, top + deep), (left - 12.0, top)),
+        ("height", (left, base), (left, base + tall), (left - 12.0, base)),
+    ):
+        if key in sheet.listed:
+            sheet.dimension(key, start, end, along, scale, upright=key != "length")
