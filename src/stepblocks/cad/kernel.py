@@ -4,8 +4,6 @@ Everything that goes in or comes out is in metres. An outline is a list of point
 where an arc leads on; it closes by itself.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass

@@ -4,8 +4,6 @@ What OpenCASCADE writes here does not conform yet (untyped limits, a density tha
 mends it.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path

@@ -6,8 +6,6 @@ balanced about the pivot; a dead weight on the explorer's shank stands over the 
 height through the tip. Beside it stands the rig of experiment 1: a clamp for the shank, jaws for the sheath, a slide that lets go.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Iterator
 from dataclasses import replace

@@ -1,7 +1,5 @@
 """Under what the parts of a set are felt: tips, loads, frictions and steps, the tool, the probe that wears a sheath, its rig."""
 
-from __future__ import annotations
-
 from typing import Annotated
 
 from pydantic import Field

@@ -1,7 +1,5 @@
 """What stanzas are made of beside dimensions: tables, names, values with their source, materials, demands on working faces."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterator
 from dataclasses import asdict, dataclass
 from typing import Annotated, Any

@@ -1,12 +1,10 @@
 """The vibration energy within a share of its nominal, in place of dimensional tolerances: what a file asks, what follows."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Iterator
 from dataclasses import replace
 from itertools import product
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import Annotated, Any, TypeAlias
 
 from pydantic import BeforeValidator
 
@@ -21,8 +19,7 @@ from stepblocks.parts.kind import Part
 from stepblocks.parts.tolerance import Dimension
 from stepblocks.quantities import parse_quantity
 
-if TYPE_CHECKING:
-    Condition = tuple[Step, OperatingPoint]
+Condition: TypeAlias = tuple[Step, OperatingPoint]
 
 
 def _share(raw: object) -> float:
@@ -55,8 +52,10 @@ class EnergyTolerance(Table):
     def record(self) -> dict[str, Any]:
         """Write it out in full for JSON."""
         told = {"within": self.within, "ball_radius_deviation_m": self.ball_radius, "friction_deviation": self.friction}
-        told["normal_load_deviation_share"] = self.normal_load
-        told |= {f"finest_{name}_m": value for name, value in self.finest}
+        told |= {
+            "normal_load_deviation_share": self.normal_load,
+            **{f"finest_{name}_m": one for name, one in self.finest},
+        }
         return {name: value for name, value in told.items() if value is not None}
 
 

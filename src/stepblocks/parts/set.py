@@ -1,11 +1,9 @@
 """A stimulus set: everything one file declares; and the list of the kinds that a file may hold."""
 
-from __future__ import annotations
-
 from collections import Counter
 from collections.abc import Iterable, Iterator, Mapping
 from contextlib import contextmanager
-from typing import Annotated, Any, TypeVar
+from typing import Annotated, Any, Self, TypeVar
 
 from pydantic import BeforeValidator, Field, create_model
 
@@ -85,7 +83,7 @@ class StimulusSet(Table):
         """Parts of one kind."""
         return tuple(part for part in self.stimuli if isinstance(part, kind))
 
-    def with_parts(self, parts: Iterable[Part]) -> StimulusSet:
+    def with_parts(self, parts: Iterable[Part]) -> Self:
         """Return the set with other parts under the same conditions."""
         return self.model_copy(update={"stimuli": tuple(parts)})
 

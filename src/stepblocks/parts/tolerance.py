@@ -1,7 +1,5 @@
 """Nominal values with their permitted deviations, and the general tolerances of ISO 2768-1."""
 
-from __future__ import annotations
-
 import math
 import re
 from dataclasses import dataclass

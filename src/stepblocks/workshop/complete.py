@@ -4,8 +4,6 @@ The three files are read back, each by another library than wrote it. What a cha
 dimension that it took from the declaration; one that states none follows from others, and says so by having none.
 """
 
-from __future__ import annotations
-
 import csv
 from collections import Counter
 from collections.abc import Iterator

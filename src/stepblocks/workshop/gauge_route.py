@@ -4,8 +4,6 @@ Two blocks of a standard set are wrung side by side onto a lapped base; the step
 is machined to a micrometre: the tolerance was bought with the set.
 """
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass
 from pathlib import Path
