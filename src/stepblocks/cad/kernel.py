@@ -85,6 +85,13 @@ def _squared(vector: NDArray[np.float64]) -> float:
     return math.fsum((vector * vector).tolist())
 
 
+def circle(centre: Point, u: Point, v: Point) -> Outline:
+    """Outline a circle by its middle and two radii at right angles, as two half circles."""
+    ways = np.array([u, v, np.negative(u), np.negative(v)])
+    right, back, left, front = map(tuple, (np.array(centre) + ways).tolist())
+    return [right, (back, left), (front, right)]
+
+
 def extruded(outline: Outline, direction: Point, holes: Sequence[Outline] = ()) -> Body:
     """Extrude a plane outline."""
     return cq.Solid.extrudeLinear(_wire(outline), [_wire(hole) for hole in holes], _vector(direction))

@@ -140,11 +140,10 @@ class _Document:
         label = self._shapes.AddShape(body.wrapped, False)
         TDataStd_Name.Set_s(label, TCollection_ExtendedString(name))
         self._bodies.append((label, body.Faces()))
-        text = TCollection_HAsciiString
         # another type than POSITIVE_RATIO_MEASURE is dropped without a word
-        self._materials.SetMaterial(
-            label, text(designation), text(""), density, text("density measure"), text("POSITIVE_RATIO_MEASURE")
-        )
+        said = designation, "", "density measure", "POSITIVE_RATIO_MEASURE"
+        name, note, what, kind = map(TCollection_HAsciiString, said)
+        self._materials.SetMaterial(label, name, note, density, what, kind)
 
     def add_assembly(self, name: str, parts: Sequence[str]) -> None:
         """Put all bodies where they are into one product; they stay products of their own, and so keep their material."""

@@ -107,10 +107,8 @@ class Apparatus(Table):
             Between("leaf_2", "thickness of the right leaf", 0, right, leaf.thickness, on_leaf),
             Between("leaf_spacing", "from leaf to leaf", 0, left, leaf.spacing, on_leaf),
         )
-        solid = [*ends, *leaves]
-        return _part(
-            "flexure", "Flexure with strain gauges", "stainless", *solid, bores=screws, moving=True, between=held
-        )
+        title, boxes = "Flexure with strain gauges", (*ends, *leaves)
+        return _part("flexure", title, "stainless", *boxes, bores=screws, moving=True, between=held)
 
 
 class Kit(Table):
@@ -212,11 +210,8 @@ def _arm() -> list[Machined]:
     holes.append(replace(grip, inward=(1.0, 0.0, 0.0)))
     clamp = _part("explorer-clamp", "Clamp of the explorer", "aluminium", cap, bores=holes, moving=True, printable=True)
     rods = Round("z", mm(0, 0, 0), 0.25e-3, 8e-3), Round("z", mm(0, 0, 8), 2.35e-3, 32e-3)
-    return [
-        arm,
-        clamp,
-        _part("explorer", "Explorer", "stainless", standard="tip-125 of probe-tips", moving=True, rods=rods),
-    ]
+    bought = "tip-125 of probe-tips"
+    return [arm, clamp, _part("explorer", "Explorer", "stainless", standard=bought, moving=True, rods=rods)]
 
 
 def _dead_weight(mass: float) -> Machined:

@@ -219,13 +219,14 @@ def _engraving(body: Body, identity: str) -> Iterator[cad.kernel.Body]:
         yield cad.kernel.extruded(outer, cut, holes)
 
 
-def half_points(
-    body: Body, side: float, top: float, start: float, crest: Sequence[Point]
-) -> list[tuple[float, float, float]]:
+Point3 = tuple[float, float, float]
+
+
+def half_points(body: Body, side: float, top: float, start: float, crest: Sequence[Point]) -> list[Point3]:
     """Corners of one chamfered half: from the section at `start` outwards, with a crest of (x, z) points at the section."""
     out, half = side * 0.5 * body.length.nominal, 0.5 * body.width.nominal
     base, c = -body.thickness.nominal, body.edge_break.nominal
-    points: list[tuple[float, float, float]] = []
+    points: list[Point3] = []
     for y in (-1.0, 1.0):
         for z, inset in ((base, c), (base + c, 0.0), (top - c, 0.0), (top, c)):
             corner = max(c - 2.0 * inset, 0.0)

@@ -142,10 +142,8 @@ def form_of(demands: FaceDemands, low: FaceRule, high: FaceRule, lower: str, upp
     for key, said, face in (("flatness_lower", lower, low), ("flatness_upper", upper, high)):
         label = f"flatness, {said}"
         yield Characteristic(key, label, "flatness", 0.0, 0.0, demands.flatness, 0, (face,), how, states=flat)
-    label, faces = f"parallelism, {upper} to A", (high, low)
-    yield Characteristic(
-        "parallelism", label, "parallelism", 0.0, 0.0, demands.parallelism, 0, faces, how, states=level
-    )
+    label, zone, faces = f"parallelism, {upper} to A", demands.parallelism, (high, low)
+    yield Characteristic("parallelism", label, "parallelism", 0.0, 0.0, zone, 0, faces, how, states=level)
 
 
 def texture_of(demands: FaceDemands, low: FaceRule, high: FaceRule) -> Characteristic:

@@ -29,18 +29,16 @@ class ToolSpec(Table):
     decay_time: Annotated[float, positive("time")] = PAPER.tool.decay_time  # of its amplitude [s]
 
 
-def _limit(name: str) -> Sourced:
-    value, source = LIMIT_SOURCES[name]
-    return Sourced(value, "force", source)
+_USUAL = {name: Sourced(value, "force", said) for name, (value, said) in LIMIT_SOURCES.items()}
 
 
 class LimitsSpec(Table):
     """Tangential forces beyond which a tip does not slip, each with its source; what is left out is that of `LIMIT_SOURCES`."""
 
-    strength: Force = _limit("strength")  # of the tool
-    spring: Force = _limit("spring")  # to which it is linear
-    gauge: Force = _limit("gauge")  # that is shown
-    hand: Force = _limit("hand")  # that a hand, or the drive of a bench, pulls
+    strength: Force = _USUAL["strength"]  # of the tool
+    spring: Force = _USUAL["spring"]  # to which it is linear
+    gauge: Force = _USUAL["gauge"]  # that is shown
+    hand: Force = _USUAL["hand"]  # that a hand, or the drive of a bench, pulls
 
 
 class SettingTolerances(Table):

@@ -52,10 +52,8 @@ class EnergyTolerance(Table):
     def record(self) -> dict[str, Any]:
         """Write it out in full for JSON."""
         told = {"within": self.within, "ball_radius_deviation_m": self.ball_radius, "friction_deviation": self.friction}
-        told |= {
-            "normal_load_deviation_share": self.normal_load,
-            **{f"finest_{name}_m": one for name, one in self.finest},
-        }
+        told["normal_load_deviation_share"] = self.normal_load
+        told |= {f"finest_{name}_m": value for name, value in self.finest}
         return {name: value for name, value in told.items() if value is not None}
 
 

@@ -103,9 +103,8 @@ class StimulusSet(Table):
     @rules_validator
     def _parts_suit_the_conditions(self) -> Iterator[str]:
         counts = Counter(part.id for part in self.stimuli)
-        yield from (
-            f"id must be unique in its set, got {name!r} twice" for name, n in counts.items() for _ in range(n - 1)
-        )
+        for name in (counts - Counter(set(counts))).elements():
+            yield f"id must be unique in its set, got {name!r} twice"
         if not all(part.crossed for part in self.stimuli) and not self.prediction.step_heights:
             yield "prediction.step_heights must be given for a set with tips or sheaths, got none"
         if any(part.ball is None for part in self.stimuli) and not self.prediction.tip_radii:

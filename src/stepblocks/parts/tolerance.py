@@ -12,15 +12,8 @@ from stepblocks.quantities import format_quantity, parse_quantity
 BY_ENERGY = "by energy"  # what stands in place of a tolerance that follows from the energy that shall be felt
 
 # What a bench and what is dragged on it can have, in SI: beyond lies a slip of the unit, which shall not be built first
-_LARGEST = {
-    "length": 1.0,
-    "force": 1e3,
-    "stiffness": 1e9,
-    "time": 10.0,
-    "frequency": 1e7,
-    "pressure": 1e13,
-    "density": 1e5,
-}
+_LARGEST = {"length": 1.0, "force": 1e3, "stiffness": 1e9, "time": 10.0}
+_LARGEST |= {"frequency": 1e7, "pressure": 1e13, "density": 1e5}
 # of a length that is not zero: what lies below is neither cut nor measured, the check itself tells 1 nm [m]
 _SMALLEST = 10e-9
 

@@ -26,11 +26,8 @@ def missing_from(
     """Say what is missing, wrong or there twice, a line each; a file that is left out is not looked at."""
     listed = list(part.characteristics())
     states = [one for each in listed for one in each.states]
-    found = [
-        f"{part.id}: {field} ({one}) is stated by no characteristic"
-        for field, one in part.dimensions()
-        if not any(one is stated for stated in states)
-    ]
+    left = ((field, one) for field, one in part.dimensions() if not any(one is stated for stated in states))
+    found = [f"{part.id}: {field} ({one}) is stated by no characteristic" for field, one in left]
     keys = Counter(each.key for each in listed)
     found += [f"{part.id}: {key} is listed {count} times" for key, count in keys.items() if count > 1]
     for path, missing in ((drawing, _missing_on_drawing), (step, _missing_in_step), (sheet, _missing_on_sheet)):

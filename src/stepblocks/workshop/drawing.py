@@ -208,12 +208,8 @@ def _render(sheet: Sheet, path: Path) -> None:
         axes = figure.add_axes((0.0, 0.0, 1.0, 1.0))
         colours = {"background_policy": BackgroundPolicy.WHITE, "color_policy": ColorPolicy.BLACK}
         # the backend takes millimetres for points
-        lines = {
-            "lineweight_policy": LineweightPolicy.ABSOLUTE,
-            "lineweight_scaling": 72.0 / 25.4,
-            "min_lineweight": 0.2,
-        }
-        configuration = Configuration(**colours, **lines)
+        lines = {"lineweight_policy": LineweightPolicy.ABSOLUTE, "lineweight_scaling": 72.0 / 25.4}
+        configuration = Configuration(**colours, **lines, min_lineweight=0.2)
         font = FontProperties(fname=Path(mpl.get_data_path()) / "fonts" / "ttf" / FONT)
 
         def letters(text: str, transform: Any, properties: Any, cap_height: float, dxftype: str = "TEXT") -> None:

@@ -115,7 +115,9 @@ def route_table(orders: Iterable[Order]) -> str:
     """Return which route reaches each step block's tolerance."""
     head = f"{'part':26} {'route':22} {'deviation um':>12} {'permitted um':>12}  reaches"
     lines = [head, "-" * len(head)]
-    for done, route in ((done, route) for done in orders for route in done.routes):
-        lengths = f"{route.deviation * 1e6:12.2f} {route.tolerance * 1e6:12.2f}"
-        lines.append(f"{done.name:26} {route.name:22} {lengths}  {'yes' if route.reaches else 'no':7} {route.note}")
+    for order in orders:
+        for route in order.routes:
+            lengths = f"{route.deviation * 1e6:12.2f} {route.tolerance * 1e6:12.2f}"
+            reaches = "yes" if route.reaches else "no"
+            lines.append(f"{order.name:26} {route.name:22} {lengths}  {reaches:7} {route.note}")
     return "\n".join(lines)

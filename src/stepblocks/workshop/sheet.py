@@ -30,12 +30,8 @@ _LAYERS = {  # colour, weight of the lines [0.01 mm] and their type
     "TEXT": (7, 18, "Continuous"),
 }
 _STYLE = {"dimtxsty": "LETTERS", "dimdsep": ord("."), "dimtxt": _TEXT, "dimasz": 2.5, "dimexe": 1.2, "dimexo": 0.8}
-_STYLE |= {
-    "dimgap": 0.8,
-    **dict.fromkeys(("dimclrd", "dimclre", "dimclrt"), 7),
-    **dict.fromkeys(("dimtad", "dimtofl"), 1),
-}
-_STYLE |= dict.fromkeys(("dimzin", "dimtzin", "dimtih", "dimtoh"), 0)
+_STYLE |= {"dimgap": 0.8, **dict.fromkeys(("dimclrd", "dimclre", "dimclrt"), 7)}
+_STYLE |= {**dict.fromkeys(("dimtad", "dimtofl"), 1), **dict.fromkeys(("dimzin", "dimtzin", "dimtih", "dimtoh"), 0)}
 _PREFIX = {"diameter": "⌀<>", "radius": "R<>"}  # of a dimension's text, by kind
 TOP_OF_TITLE = 73.0  # y of the upper side of the title block [mm]
 

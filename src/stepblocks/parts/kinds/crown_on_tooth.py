@@ -67,8 +67,7 @@ class CrownOnTooth(CrownMargin, Turned):
         return f"{self.id}-tooth", f"{self.id}-crown"
 
     @property
-    def outer_radius(self) -> float:
-        """Radius of the crown's outside [m]."""
+    def outer_radius(self) -> float:  # of the crown [m]
         return self.margin_radius.nominal + self.horizontal_discrepancy.nominal
 
     def outlines(self) -> list[Outline]:
@@ -122,11 +121,8 @@ class CrownOnTooth(CrownMargin, Turned):
         ceiling, roof, outer = points[0][1], points[-1][1], points[-2][0]
         fitting = points[1 : points.index((outer, roof))]
         pieces = [*stack(self.tooth_outline()), hull([*ring(outer, ceiling), *ring(outer, roof)])]
-        cells = [
-            [(r0, z0), (r1, z1), (outer, z1), (outer, z0)]
-            for (r0, z0), (r1, z1) in itertools.pairwise(fitting)
-            if z0 > z1 and max(r0, r1) <= outer
-        ]
+        walls = ((a, b) for a, b in itertools.pairwise(fitting) if a[1] > b[1] and max(a[0], b[0]) <= outer)
+        cells = [[a, b, (outer, b[1]), (outer, a[1])] for a, b in walls]
         low, gap = min(z for _, z in fitting), self.marginal_gap.nominal
         lip = [r for r, z in fitting if z < gap] if low < 0.0 else []
         if lip:
@@ -255,9 +251,8 @@ class CrownOnTooth(CrownMargin, Turned):
             yield f"taper must be less than 45 deg, got {format_quantity(self.taper.nominal, 'angle')}"
             return
         top = R - finish.width.nominal - height * math.tan(self.taper.nominal)
-        yield must(
-            top > 0.1 * R, "preparation_height", "leave the preparation a top of a tenth of margin_radius", 0.1 * R, top
-        )
+        rule = "leave the preparation a top of a tenth of margin_radius"
+        yield must(top > 0.1 * R, "preparation_height", rule, 0.1 * R, top)
         yield below("internal_gap", "be below half of margin_radius", self.internal_gap.nominal, 0.5 * R)
         wall = self._wall_thickness()
         yield must(wall > 0.0, "horizontal_discrepancy", "leave the crown a wall at its margin", h - wall, h)

@@ -212,8 +212,6 @@ def _box(box: Box) -> cad.kernel.Body:
 
 def _cylinder(one: Round) -> cad.kernel.Body:
 
-    u, v = (0.5 * one.diameter * np.array([name == axis for name in "xyz"]) for axis in "xyz".replace(one.axis, ""))
-    right, back, left, front = (tuple((np.array(one.start) + way).tolist()) for way in (u, v, -u, -v))
-    return cad.kernel.extruded(
-        [right, (back, left), (front, right)], tuple(one.length * (a == one.axis) for a in "xyz")
-    )
+    u, v = ([0.5 * one.diameter * (name == axis) for name in "xyz"] for axis in "xyz".replace(one.axis, ""))
+    along = [one.length * (name == one.axis) for name in "xyz"]
+    return cad.kernel.extruded(cad.kernel.circle(one.start, u, v), along)

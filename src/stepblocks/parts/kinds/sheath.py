@@ -93,11 +93,6 @@ class Sheath(Turned, HeldPart):
         return Sleeve(self.position.nominal, length, bending, self.mass / length, self.material.loss_factor)
 
     @property
-    def wall(self) -> float:
-        """Thickness of the wall [m]."""
-        return 0.5 * (self.outer_diameter.nominal - self.bore.nominal)
-
-    @property
     def mass(self) -> float:
         """Nominal mass [kg]."""
         sizes = self.bore, self.outer_diameter, self.length, self.edge_break
@@ -167,10 +162,9 @@ class Sheath(Turned, HeldPart):
     def _is_possible(self) -> Iterator[str]:
         bore, outer, broken = self.bore.nominal, self.outer_diameter.nominal, self.edge_break.nominal
         yield must(outer > bore, "outer_diameter", "exceed bore", bore, outer)
-        if outer <= bore:
-            return  # without a wall, nothing can be said of what is cut into it
-        room = min(self.wall, 0.5 * self.length.nominal)
-        yield below("edge_break", "be smaller than the wall and half the length", broken, room)
+        if outer > bore:  # without a wall, nothing can be said of what is cut into it
+            room = min(0.5 * (outer - bore), 0.5 * self.length.nominal)
+            yield below("edge_break", "be smaller than the wall and half the length", broken, room)
 
 
 def _volume(bore: float, outer: float, length: float, broken: float) -> float:

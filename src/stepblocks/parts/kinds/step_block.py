@@ -103,9 +103,8 @@ class StepBlock(Block):
         half, c = 0.5 * body.length.nominal, body.edge_break.nominal
         volume = half_volume(body, half, 0.0) + half_volume(body, half, H)
         # the rounding takes u(z) = r - sqrt(r^2 - zeta^2) off a face that is W - 2 (c - r) - 2 zeta wide
-        volume -= (body.width.nominal - 2.0 * max(c - r, 0.0)) * r * r * (1.0 - 0.25 * math.pi) - (
-            r**3 / 3.0 if c > 0.0 else 0.0
-        )
+        corners = r**3 / 3.0 if c > 0.0 else 0.0
+        volume -= (body.width.nominal - 2.0 * max(c - r, 0.0)) * r * r * (1.0 - 0.25 * math.pi) - corners
         lane, w = feature.lane.nominal, feature.width.nominal
         if feature.kind == "groove":  # from the lane's boundary to the chamfered side, z from 0 to H
             volume -= w * (lane * H - (c * H - 0.5 * H * H if c > 0.0 else 0.0))
@@ -116,9 +115,8 @@ class StepBlock(Block):
     def hulls(self) -> list[Any]:
         body, height, feature = self.body, self.height.nominal, self.metrology
         left = hull(half_points(body, -1.0, 0.0, 0.0, [(0.0, 0.0)]))
-        right_points = [
-            p for p in half_points(body, 1.0, height, 0.0, self._rounding()) if not (p[0] == 0.0 and p[2] == height)
-        ]
+        points = half_points(body, 1.0, height, 0.0, self._rounding())
+        right_points = [point for point in points if not (point[0] == 0.0 and point[2] == height)]
         if self.edge_radius.nominal == 0.0:
             side = 0.5 * body.width.nominal - body.edge_break.nominal
             right_points += [(0.0, y * side, height) for y in (-1.0, 1.0)]

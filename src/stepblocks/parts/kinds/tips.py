@@ -123,13 +123,8 @@ class StraightTip(Tip):
 
     @rules_validator
     def _has_a_shank(self) -> Iterator[str]:
-        yield must(
-            self.length.nominal > self.cone_end,
-            "length",
-            "exceed the end of the cone",
-            self.cone_end,
-            self.length.nominal,
-        )
+        length, cone = self.length.nominal, self.cone_end
+        yield must(length > cone, "length", "exceed the end of the cone", cone, length)
 
 
 class HookTip(Tip):
@@ -146,11 +141,13 @@ class HookTip(Tip):
         top, wire = self.cone_end, self.shank_radius.nominal
         bend, angle, length = self.bend_radius.nominal, self.bend_angle.nominal, self.straight_length.nominal
         foot, axis = (bend, 0.0, top), (0.0, 1e-3, 0.0)
-        arc = cad.kernel.revolved(_circle((0.0, 0.0, top), (1.0, 0.0, 0.0), wire), foot, axis, math.degrees(angle))
+        section = cad.kernel.circle((0.0, 0.0, top), (wire, 0.0, 0.0), (0.0, wire, 0.0))
+        arc = cad.kernel.revolved(section, foot, axis, math.degrees(angle))
         end = (bend * (1.0 - math.cos(angle)), 0.0, top + bend * math.sin(angle))
         along = (math.sin(angle), 0.0, math.cos(angle))
-        radial = (math.cos(angle), 0.0, -math.sin(angle))
-        shank = cad.kernel.extruded(_circle(end, radial, wire), tuple(length * a for a in along))
+        radial = (wire * math.cos(angle), 0.0, -wire * math.sin(angle))
+        section = cad.kernel.circle(end, radial, (0.0, wire, 0.0))
+        shank = cad.kernel.extruded(section, tuple(length * a for a in along))
         return [cad.kernel.fused([cad.kernel.turned(self.outline(), (0.0, 0.0, 0.0)), arc, shank])]
 
     def volumes(self) -> tuple[float, ...]:
@@ -163,11 +160,8 @@ class HookTip(Tip):
         top, bend, angle = self.cone_end, self.bend_radius.nominal, self.bend_angle.nominal
 
         def section(turn: float, along: float = 0.0) -> list[Point3]:
-            c, s = math.cos(turn), math.sin(turn)
-            return [
-                (bend - (bend - x) * c + along * s, y, top + (bend - x) * s + along * c)
-                for x, y, _ in ring(self.shank_radius.nominal, 0.0)
-            ]
+            c, s, wire = math.cos(turn), math.sin(turn), ring(self.shank_radius.nominal, 0.0)
+            return [(bend - (bend - x) * c + along * s, y, top + (bend - x) * s + along * c) for x, y, _ in wire]
 
         turns = np.linspace(0.0, angle, _BEND_PIECES + 1)
         bent = [hull([*section(float(a)), *section(float(b))]) for a, b in itertools.pairwise(turns)]
@@ -198,12 +192,3 @@ class HookTip(Tip):
         if lowest <= 0.0:
             got = f"got {format_quantity(angle, 'angle')}, which brings it to {format_quantity(lowest, 'length')}"
             yield f"bend_angle must keep the shank above the contact point, {got}"
-
-
-def _circle(centre: Point3, radial: Point3, radius: float) -> list[Any]:
-    """Circle of the wire in the plane of `radial` and y, as two half circles."""
-
-    def at(u: float, v: float) -> Point3:
-        return (centre[0] + radius * u * radial[0], centre[1] + radius * v, centre[2] + radius * u * radial[2])
-
-    return [at(1.0, 0.0), (at(0.0, 1.0), at(-1.0, 0.0)), (at(0.0, -1.0), at(1.0, 0.0))]
