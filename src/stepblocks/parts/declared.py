@@ -57,6 +57,14 @@ class Table(BaseModel):
         stated = {name: value for name, value in self if value is not None}
         return {name: value.record() if hasattr(value, "record") else value for name, value in stated.items()}
 
+    def dimensions(self, prefix: str = "") -> Iterator[tuple[str, Dimension]]:
+        """Yield every dimension with the name of its field, dotted where it stands in a table."""
+        for name, value in self:
+            if isinstance(value, Dimension):
+                yield prefix + name, value
+            elif isinstance(value, Table):
+                yield from value.dimensions(f"{prefix}{name}.")
+
 
 @dataclass(frozen=True)
 class Sourced:

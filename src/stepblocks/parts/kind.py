@@ -168,10 +168,6 @@ class Part(Table, ABC):
         """Write it out in full for JSON."""
         return {"kind": self.called, **super().record()}
 
-    def dimensions(self) -> list[tuple[str, Dimension]]:
-        """List every dimension with the name of its field, dotted where it stands in a table."""
-        return list(_dimensions(self, ""))
-
     def lacks(self, conditions: Mapping[str, Any]) -> Iterator[str]:
         """Say what a set lacks that it needs; `conditions` are the set's own fields."""
         yield from ()
@@ -202,11 +198,3 @@ def exaggeration(height: float) -> float:
     wanted = 1.5e-3 / height
     decade = 10.0 ** math.floor(math.log10(wanted))
     return max(round(wanted / decade) * decade, 1.0)
-
-
-def _dimensions(table: Table, prefix: str) -> Iterator[tuple[str, Dimension]]:
-    for name, value in table:
-        if isinstance(value, Dimension):
-            yield prefix + name, value
-        elif isinstance(value, Table):
-            yield from _dimensions(value, f"{prefix}{name}.")
