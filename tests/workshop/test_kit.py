@@ -19,7 +19,7 @@ from stepblocks.parts.kinds.machined import Box, Machined, bore
 from stepblocks.parts.shapes import mesh_solid
 from stepblocks.select import stimulus_files
 from stepblocks.workshop.kit import POSITIONS, interferences, write_kit
-from stepblocks.workshop.loads import (
+from stepblocks.workshop.kit import (
     ON_THE_PIVOT,
     flexure_sensitivity,
     flexure_stiffness,

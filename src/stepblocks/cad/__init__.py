@@ -1,1 +1,11 @@
-"""The CAD kernel behind a narrow door: these modules alone import cadquery and OCP, and they alone think in millimetres."""
+"""The only importer of cadquery and OCP, which take a second to load: its two doors open when somebody first asks for them."""
+
+from typing import TYPE_CHECKING
+
+import lazy_loader
+
+if TYPE_CHECKING:
+    from stepblocks.cad import kernel as kernel
+    from stepblocks.cad import pmi as pmi
+
+__getattr__, __dir__, __all__ = lazy_loader.attach(__name__, submodules=["kernel", "pmi"])

@@ -4,8 +4,6 @@ Everything that goes in or comes out is in metres. An outline is a list of point
 where an arc leads on; it closes by itself.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
@@ -38,9 +36,7 @@ Body: TypeAlias = Any  # a solid as the kernel holds it [mm]; opaque to every ot
 class Face:
     """What a tessellation rule may know of a face."""
 
-    kind: (
-        str  # ``"PLANE"``, ``"CYLINDER"``, ``"CONE"``, ``"SPHERE"``, ``"TORUS"`` or another surface type of the kernel
-    )
+    kind: str  # ``"PLANE"``, ``"CYLINDER"``, ``"CONE"``, ``"SPHERE"``, ``"TORUS"`` or another type of the kernel
     radius: float  # of a cylinder or sphere [m]; not-a-number for others
     low: tuple[float, float, float]  # corners of the bounding box [m]
     high: tuple[float, float, float]
@@ -87,6 +83,13 @@ def _arc(start: cq.Vector, middle: cq.Vector, end: cq.Vector) -> cq.Edge:
 
 def _squared(vector: NDArray[np.float64]) -> float:
     return math.fsum((vector * vector).tolist())
+
+
+def circle(centre: Point, u: Point, v: Point) -> Outline:
+    """Outline a circle by its middle and two radii at right angles, as two half circles."""
+    ways = np.array([u, v, np.negative(u), np.negative(v)])
+    right, back, left, front = map(tuple, (np.array(centre) + ways).tolist())
+    return [right, (back, left), (front, right)]
 
 
 def extruded(outline: Outline, direction: Point, holes: Sequence[Outline] = ()) -> Body:
@@ -140,28 +143,27 @@ def moved(body: Body, by: Point) -> Body:
 
 def common_volume(a: Body, b: Body) -> float:
     """Volume that two bodies share [m^3], by the kernel's exact intersection; 0 where they only touch."""
-    first, second = a.BoundingBox(), b.BoundingBox()
-    if any(
-        getattr(first, f"{k}max") <= getattr(second, f"{k}min")
-        or getattr(second, f"{k}max") <= getattr(first, f"{k}min")
-        for k in "xyz"
-    ):
+    (low, high), (other_low, other_high) = _corners(a), _corners(b)
+    if (high <= other_low).any() or (other_high <= low).any():
         return 0.0
     return sum(float(solid.Volume()) for solid in a.intersect(b).Solids()) / _MM**3
 
 
-def _describe(face: cq.Face) -> Face:
-    kind, adaptor = str(face.geomType()), face._geomAdaptor()
-    shape = {"SPHERE": "Sphere", "CYLINDER": "Cylinder"}.get(kind)
-    radius = getattr(adaptor, shape)().Radius() / _MM if shape else np.nan
-    box = face.BoundingBox()
-    low = (box.xmin / _MM, box.ymin / _MM, box.zmin / _MM)
-    return Face(kind, float(radius), low, (box.xmax / _MM, box.ymax / _MM, box.zmax / _MM))
+def _corners(shape: Any) -> NDArray[np.float64]:
+    box = shape.BoundingBox()
+    return np.array([[box.xmin, box.ymin, box.zmin], [box.xmax, box.ymax, box.zmax]]) / _MM
 
 
 def face_kinds(body: Body) -> tuple[Face, ...]:
     """Describe the faces of a body."""
-    return tuple(_describe(face) for face in body.Faces())
+    described = []
+    for face in body.Faces():
+        kind, adaptor = str(face.geomType()), face._geomAdaptor()
+        shape = {"SPHERE": "Sphere", "CYLINDER": "Cylinder"}.get(kind)
+        radius = float(getattr(adaptor, shape)().Radius()) / _MM if shape else math.nan
+        low, high = (tuple(corner) for corner in _corners(face).tolist())
+        described.append(Face(kind, radius, low, high))
+    return tuple(described)
 
 
 def tessellate(body: Body, deflection: Callable[[Face], float]) -> Tessellation:
@@ -170,16 +172,21 @@ def tessellate(body: Body, deflection: Callable[[Face], float]) -> Tessellation:
     cadquery's own ``tessellate`` is relative to the size of each edge: a 3 mm ball at 1e-3 sags 5 um. Here ``Relative`` is off.
     """
     BRepTools.Clean_s(body.wrapped)
-    faces = body.Faces()
-    described = [_describe(face) for face in faces]
-    along_edges = min(deflection(face) for face in described)
+    faces, described = body.Faces(), face_kinds(body)
+    along_edges = min(map(deflection, described))
     for face, description in zip(faces, described, strict=True):
         _mesh(face.wrapped, along_edges, deflection(description))
     nodes, corners = zip(*map(_triangulation, faces), strict=True)
     starts = np.cumsum([0, *map(len, nodes[:-1])])
     triangles = np.concatenate([own + start for own, start in zip(corners, starts, strict=True)])
     owner = np.repeat(np.arange(len(faces)), [len(own) for own in corners])
-    return _joined(np.concatenate(nodes), triangles, owner, tuple(described))
+    # every point gets one index: neighbours share their edge points to far below a nanometre
+    points = np.concatenate(nodes)
+    picometres = np.round(points * 1e12).astype(np.int64)
+    _, first, index = np.unique(picometres, axis=0, return_index=True, return_inverse=True)
+    triangles = index.reshape(-1)[triangles]
+    whole = (triangles != np.roll(triangles, 1, axis=1)).all(axis=1)
+    return Tessellation(points[first], triangles[whole], owner[whole], described)
 
 
 def _mesh(shape: Any, along_edges: float, inside: float) -> None:
@@ -200,22 +207,11 @@ def _triangulation(face: cq.Face) -> tuple[NDArray[np.float64], NDArray[np.int64
     transform = location.Transformation()
     points = (triangulation.Node(i + 1).Transformed(transform) for i in range(triangulation.NbNodes()))
     nodes = np.array([(point.X(), point.Y(), point.Z()) for point in points])
-    count = triangulation.NbTriangles()
-    corners = np.array([triangulation.Triangle(i + 1).Get() for i in range(count)], dtype=np.int64)
+    indices = range(1, triangulation.NbTriangles() + 1)
+    corners = np.array([triangulation.Triangle(i).Get() for i in indices], dtype=np.int64)
     if face.wrapped.Orientation() == TopAbs_Orientation.TopAbs_REVERSED:
         corners = corners[:, [0, 2, 1]]
     return nodes / _MM, corners - 1
-
-
-def _joined(
-    points: NDArray[np.float64], triangles: NDArray[np.int64], owner: NDArray[np.int64], faces: tuple[Face, ...]
-) -> Tessellation:
-    """Give every point one index: neighbours share their edge points to far below a nanometre."""
-    keys = np.round(points * 1e12).astype(np.int64)  # picometres
-    _, first, index = np.unique(keys, axis=0, return_index=True, return_inverse=True)
-    triangles = index.reshape(-1)[triangles]
-    whole = (triangles != np.roll(triangles, 1, axis=1)).all(axis=1)
-    return Tessellation(points[first], triangles[whole], owner[whole], faces)
 
 
 def read_step(path: Path) -> list[Body]:

@@ -4,8 +4,6 @@ What OpenCASCADE writes here does not conform yet (untyped limits, a density tha
 mends it.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -39,7 +37,7 @@ from stepblocks.errors import SolidError
 
 _MM = 1e3
 PmiKind = Literal["distance", "to_outer", "diameter", "radius", "spherical_radius", "toroidal_radius", "cone", "angle"]
-_DIMENSIONS: dict[PmiKind, str] = {
+_OF_DIMENSION: dict[PmiKind, str] = {
     "distance": "Location_LinearDistance",
     "to_outer": "Location_LinearDistance_FromCenterToOuter",
     "diameter": "Size_Diameter",
@@ -49,11 +47,6 @@ _DIMENSIONS: dict[PmiKind, str] = {
     "cone": "Size_Angular",
     "angle": "Location_Angular",
 }
-
-
-def _typed(kinds: Any, name: str) -> Any:
-    """Find a member of one of the kernel's enumerations, which repeat their own name in each."""
-    return getattr(kinds, f"{kinds.__name__}_{name}")
 
 
 @dataclass(frozen=True)
@@ -147,11 +140,10 @@ class _Document:
         label = self._shapes.AddShape(body.wrapped, False)
         TDataStd_Name.Set_s(label, TCollection_ExtendedString(name))
         self._bodies.append((label, body.Faces()))
-        text = TCollection_HAsciiString
         # another type than POSITIVE_RATIO_MEASURE is dropped without a word
-        self._materials.SetMaterial(
-            label, text(designation), text(""), density, text("density measure"), text("POSITIVE_RATIO_MEASURE")
-        )
+        said = designation, "", "density measure", "POSITIVE_RATIO_MEASURE"
+        name, note, what, kind = map(TCollection_HAsciiString, said)
+        self._materials.SetMaterial(label, name, note, density, what, kind)
 
     def add_assembly(self, name: str, parts: Sequence[str]) -> None:
         """Put all bodies where they are into one product; they stay products of their own, and so keep their material."""
@@ -176,10 +168,10 @@ class _Document:
     def add_dimension(self, dimension: PmiDimension) -> None:
         label = self._tolerances.AddDimension()
         content = XCAFDimTolObjects_DimensionObject()
-        content.SetType(_typed(XCAFDimTolObjects_DimensionType, _DIMENSIONS[dimension.kind]))
-        unit = (
-            1.0 if dimension.kind in ("cone", "angle") else _MM
-        )  # angles stand in radians, the unit that the kernel writes
+        name = f"XCAFDimTolObjects_DimensionType_{_OF_DIMENSION[dimension.kind]}"
+        content.SetType(getattr(XCAFDimTolObjects_DimensionType, name))
+        # angles stand in radians, the unit that the kernel writes
+        unit = 1.0 if dimension.kind in ("cone", "angle") else _MM
         content.SetValue(dimension.nominal * unit)
         content.SetUpperTolValue(dimension.upper * unit)
         content.SetLowerTolValue(-dimension.lower * unit)  # the kernel keeps it without its sign
@@ -193,7 +185,8 @@ class _Document:
     def add_tolerance(self, tolerance: PmiTolerance) -> None:
         label = self._tolerances.AddGeomTolerance()
         content = XCAFDimTolObjects_GeomToleranceObject()
-        content.SetType(_typed(XCAFDimTolObjects_GeomToleranceType, tolerance.kind.capitalize()))
+        name = f"XCAFDimTolObjects_GeomToleranceType_{tolerance.kind.capitalize()}"
+        content.SetType(getattr(XCAFDimTolObjects_GeomToleranceType, name))
         content.SetValue(tolerance.zone * _MM)
         _present(content, tolerance.callout)
         _attribute(label, XCAFDoc_GeomTolerance).SetObject(content)

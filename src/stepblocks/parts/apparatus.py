@@ -6,16 +6,15 @@ balanced about the pivot; a dead weight on the explorer's shank stands over the 
 height through the tip. Beside it stands the rig of experiment 1: a clamp for the shank, jaws for the sheath, a slide that lets go.
 """
 
-from __future__ import annotations
-
 import math
+from collections.abc import Iterator
 from dataclasses import replace
 from typing import Annotated, Any
 
 from pydantic import Field
 
 from stepblocks.parts.conditions import OrderSpec
-from stepblocks.parts.declared import Identity, Sourced, Table, positive, require_below, rules_validator, sourced
+from stepblocks.parts.declared import Identity, Sourced, Table, below, positive, rules_validator, sourced
 from stepblocks.parts.kinds.machined import Between, Box, Machined, Point3, Round, bore
 from stepblocks.parts.tolerance import Dimension, PositiveLength
 
@@ -61,17 +60,14 @@ class Apparatus(Table):
     displacement: Annotated[Sourced, sourced("length")]  # by which the slide of the damping rig lifts the tip
 
     @rules_validator
-    def _has_room(self) -> None:
+    def _has_room(self) -> Iterator[str]:
         travel, leaf = self.travel.nominal, self.flexure
-        require_below("travel", "keep the hook of the cord clear of block and portal", travel, 14e-3)
-        require_below(
-            "flexure.thickness", "be thin against its length", leaf.thickness.nominal, 0.1 * leaf.length.nominal
-        )
-        require_below("flexure.spacing", "fit the flexure's ends", leaf.spacing.nominal, 30e-3 - leaf.thickness.nominal)
-        require_below("flexure.width", "fit the flexure's ends", leaf.width.nominal, 20e-3)
-        require_below(
-            "flexure.gauge_place", "lie on the half of a leaf", leaf.gauge_place.nominal, 0.5 * leaf.length.nominal
-        )
+        yield below("travel", "keep the hook of the cord clear of block and portal", travel, 14e-3)
+        length, thick, place = (one.nominal for one in (leaf.length, leaf.thickness, leaf.gauge_place))
+        yield below("flexure.thickness", "be thin against its length", thick, 0.1 * length)
+        yield below("flexure.spacing", "fit the flexure's ends", leaf.spacing.nominal, 30e-3 - thick)
+        yield below("flexure.width", "fit the flexure's ends", leaf.width.nominal, 20e-3)
+        yield below("flexure.gauge_place", "lie on the half of a leaf", place, 0.5 * length)
 
     def parts(self, weight: float | None = None) -> list[Machined]:
         """List the parts where they are at the middle of the travel, with a weight on the explorer [kg], the largest if none."""
@@ -82,14 +78,14 @@ class Apparatus(Table):
 
     def balanced(self, arm: list[Machined]) -> list[Machined]:
         """Set rod and counterweight so that the arm without its weight has its centre of mass over the pivot."""
-        rod = _part("balance-rod", "Rod of the counterweight", "steel", moving=True)
-        rod = rod.model_copy(update={"rods": (Round("x", mm(-98, 0, 18), 4e-3, 60e-3, 0.0, -8e-6),)})
-        slug, (wide, place) = _part("counterweight", "Counterweight", "brass", moving=True), _COUNTERWEIGHT
+        bar = Round("x", mm(-98, 0, 18), 4e-3, 60e-3, 0.0, -8e-6)
+        rod = _part("balance-rod", "Rod of the counterweight", "steel", moving=True, rods=(bar,))
+        wide, place = _COUNTERWEIGHT
 
         def of(thick: float) -> Machined:
             start = (place - 0.5 * thick, 0.0, 18e-3)
-            hole = bore("x", start, 4e-3, thick, "H7")
-            return slug.model_copy(update={"rods": (Round("x", start, wide, thick),), "bores": (hole,)})
+            slug, hole = Round("x", start, wide, thick), bore("x", start, 4e-3, thick, "H7")
+            return _part("counterweight", "Counterweight", "brass", bores=[hole], moving=True, rods=(slug,))
 
         moment = math.fsum(one.mass * (float(one.centre[0]) + ARM) for one in (*arm, rod))
         return [rod, of(moment / (of(1e-3).mass * 1e3 * (-ARM - place)))]
@@ -97,29 +93,22 @@ class Apparatus(Table):
     def _flexure(self, top: float) -> Machined:
         leaf, foot = self.flexure, _FLEXURE_FOOT
         half, wide = 0.5 * leaf.thickness.nominal, 0.5 * leaf.width.nominal
-        leaves = [
-            Box((x - half, -wide, foot), (x + half, wide, top - 6e-3))
-            for x in (-ARM + side * 0.5 * leaf.spacing.nominal for side in (-1.0, 1.0))
-        ]
-        ends = (
-            box((-56, -10, foot * 1e3 - 6), (-24, 10, foot * 1e3)),
-            box((-56, -10, top * 1e3 - 6), (-24, 10, top * 1e3)),
+        middles = [-ARM + side * 0.5 * leaf.spacing.nominal for side in (-1.0, 1.0)]
+        left, right = (x - half for x in middles)
+        leaves = [Box((x - half, -wide, foot), (x + half, wide, top - 6e-3)) for x in middles]
+        highs = foot * 1e3, top * 1e3
+        ends = [box((-56, -10, z - 6), (-24, 10, z)) for z in highs]
+        screws = [bore("z", mm(x, 0, z - 6), 2.5e-3, 6e-3, "M3") for x in (-52, -28) for z in highs]
+        on_leaf = 0.0, 0.0, foot + 1e-3
+        held = (
+            Between("leaf_length", "length of the leaves", 2, foot, leaf.length, (left - 1e-3, 0.0, 0.0)),
+            Between("leaf_width", "width of the leaves", 1, -wide, leaf.width, (left + half, 0.0, foot + 1e-3)),
+            Between("leaf_1", "thickness of the left leaf", 0, left, leaf.thickness, on_leaf),
+            Between("leaf_2", "thickness of the right leaf", 0, right, leaf.thickness, on_leaf),
+            Between("leaf_spacing", "from leaf to leaf", 0, left, leaf.spacing, on_leaf),
         )
-        screws = [
-            bore("z", mm(x, 0, z), 2.5e-3, 6e-3, "M3") for x in (-52, -28) for z in (foot * 1e3 - 6, top * 1e3 - 6)
-        ]
-        first, second = (one.low for one in leaves)
-        held = [
-            Between("leaf_length", "length of the leaves", 2, foot, leaf.length, (first[0] - 1e-3, 0.0, 0.0)),
-            Between(
-                "leaf_width", "width of the leaves", 1, first[1], leaf.width, (first[0] + half, 0.0, first[2] + 1e-3)
-            ),
-            Between("leaf_1", "thickness of the left leaf", 0, first[0], leaf.thickness, (0.0, 0.0, first[2] + 1e-3)),
-            Between("leaf_2", "thickness of the right leaf", 0, second[0], leaf.thickness, (0.0, 0.0, first[2] + 1e-3)),
-            Between("leaf_spacing", "from leaf to leaf", 0, first[0], leaf.spacing, (0.0, 0.0, first[2] + 1e-3)),
-        ]
-        made = _part("flexure", "Flexure with strain gauges", "stainless", *ends, *leaves, bores=screws, moving=True)
-        return made.model_copy(update={"between": tuple(held)})
+        title, boxes = "Flexure with strain gauges", (*ends, *leaves)
+        return _part("flexure", title, "stainless", *boxes, bores=screws, moving=True, between=held)
 
 
 class Kit(Table):
@@ -149,9 +138,8 @@ def _part(name: str, title: str, material: str, *boxes: Box, bores: list[Round] 
 
 def _bought(name: str, title: str, rod: Round, hole: float = 0.0, *, material: str = "steel", **more: Any) -> Machined:
     holes = (replace(rod, diameter=hole, upper=0.0, lower=0.0),) if hole else ()
-    return Machined.model_validate(
-        {"id": name, "title": title, "material": material, "rods": (rod,), "bores": holes, **more}
-    )
+    made = {"id": name, "title": title, "material": material, "rods": (rod,), "bores": holes}
+    return Machined.model_validate({**made, **more})
 
 
 def _frame(top: float) -> list[Machined]:
@@ -187,10 +175,8 @@ def _carriage(top: float) -> list[Machined]:
     bores = [bore("x", mm(-63, y, shaft), 15e-3, 46e-3, "H7") for y in (-30.0, 30.0)]
     bores += [bore("z", mm(x, 0, low), 3.4e-3, 22e-3) for x in (-52.0, -28.0)]
     hook = box((-17, -4, low + 2), (29, 4, low + 10)), box((21, -4, -4), (29, 4, low + 2))
-    found = [
-        _part("carriage", "Carriage", "aluminium", box((-63, -42, low), (-17, 42, low + 22)), bores=bores, moving=True)
-    ]
-    eye = [bore("x", mm(21, 0, 0), 1.5e-3, 8e-3)]
+    block, eye = box((-63, -42, low), (-17, 42, low + 22)), [bore("x", mm(21, 0, 0), 1.5e-3, 8e-3)]
+    found = [_part("carriage", "Carriage", "aluminium", block, bores=bores, moving=True)]
     found.append(_part("hook", "Hook of the cord", "aluminium", *hook, bores=eye, moving=True, printable=True))
     for name, y in (("bearing-left", -30.0), ("bearing-right", 30.0)):
         rod, said = Round("x", mm(-62.5, y, shaft), 15e-3, 45e-3), "linear ball bearing 8 x 15 x 45 (ISO 10285)"
@@ -208,11 +194,8 @@ def _yoke() -> list[Machined]:
     for name, y in (("pivot-bearing-left", -11.0), ("pivot-bearing-right", 7.0)):
         rod, said = Round("y", mm(-40, y, 0), 10e-3, 4e-3), "ball bearing 623, 3 x 10 x 4 (ISO 15)"
         found.append(_bought(name, "Ball bearing", rod, 3e-3, standard=said, moving=True))
-    axle = Round("y", mm(-40, -11, 0), 3e-3, 22e-3, 0.0, -6e-6)
-    return [
-        *found,
-        _bought("axle", "Axle of the pivot", axle, standard="parallel pin 3 h6 x 22 (ISO 8734)", moving=True),
-    ]
+    axle, said = Round("y", mm(-40, -11, 0), 3e-3, 22e-3, 0.0, -6e-6), "parallel pin 3 h6 x 22 (ISO 8734)"
+    return [*found, _bought("axle", "Axle of the pivot", axle, standard=said, moving=True)]
 
 
 def _arm() -> list[Machined]:
@@ -227,8 +210,8 @@ def _arm() -> list[Machined]:
     holes.append(replace(grip, inward=(1.0, 0.0, 0.0)))
     clamp = _part("explorer-clamp", "Clamp of the explorer", "aluminium", cap, bores=holes, moving=True, printable=True)
     rods = Round("z", mm(0, 0, 0), 0.25e-3, 8e-3), Round("z", mm(0, 0, 8), 2.35e-3, 32e-3)
-    explorer = _part("explorer", "Explorer", "stainless", standard="tip-125 of probe-tips", moving=True)
-    return [arm, clamp, explorer.model_copy(update={"rods": rods})]
+    bought = "tip-125 of probe-tips"
+    return [arm, clamp, _part("explorer", "Explorer", "stainless", standard=bought, moving=True, rods=rods)]
 
 
 def _dead_weight(mass: float) -> Machined:
@@ -249,9 +232,8 @@ def _pull() -> list[Machined]:
     pulley = _bought("pulley", "Pulley", wheel, 3e-3, standard=said)
     axle = Round("y", mm(72, -8, -10), 3e-3, 16e-3, 0.0, -6e-6)
     pin = _bought("pulley-axle", "Axle of the pulley", axle, standard="parallel pin 3 h6 x 16 (ISO 8734)")
-    hanger = _part("weight-hanger", "Weight hanger", "brass")
     rods = Round("z", mm(82, 0, -160), 24e-3, 3e-3), Round("z", mm(82, 0, -157), 3e-3, 60e-3)
-    return [bracket, pulley, pin, hanger.model_copy(update={"rods": rods})]
+    return [bracket, pulley, pin, _part("weight-hanger", "Weight hanger", "brass", rods=rods)]
 
 
 def _damping_rig(displacement: float) -> list[Machined]:
@@ -271,15 +253,12 @@ def _damping_rig(displacement: float) -> list[Machined]:
         low.append(replace(groove, inward=(0.0, 0.0, -1.0)))
         high.append(replace(groove, inward=(0.0, 0.0, 1.0)))
         ends = ("lower", box((x0, 66, -30), (x1, 94, 0)), low), ("upper", box((x0, 66, 0), (x1, 94, 12)), high)
-        found += [
-            _part(f"{name}-{which}", f"{title}, {which}", "aluminium", body, bores=holes) for which, body, holes in ends
-        ]
-    post = bore("z", mm(46, 80, -30), 3.3e-3, 12e-3, "M4")
-    found.append(
-        _part("release-post", "Post of the release", "aluminium", box((40, 74, -30), (52, 86, -6)), bores=[post])
-    )
+        for which, body, holes in ends:
+            found.append(_part(f"{name}-{which}", f"{title}, {which}", "aluminium", body, bores=holes))
+    post, holes = box((40, 74, -30), (52, 86, -6)), [bore("z", mm(46, 80, -30), 3.3e-3, 12e-3, "M4")]
+    found.append(_part("release-post", "Post of the release", "aluminium", post, bores=holes))
     lift = -2.0 + 1e3 * displacement  # under the shank of 4 mm, which it lifts
-    slide = _part("release-slide", "Slide that lets the tip go", "steel", box((42, 70, -6), (50, 90, lift)))
     thick = Dimension(1e-3 * (lift + 6.0), 5e-6, -5e-6, source="a twentieth of the displacement")
-    held = Between("lift", "thickness, which lifts the tip", 2, -6e-3, thick, mm(46, 80, 0))
-    return [*found, slide.model_copy(update={"between": (held,)})]
+    held = (Between("lift", "thickness, which lifts the tip", 2, -6e-3, thick, mm(46, 80, 0)),)
+    slide = box((42, 70, -6), (50, 90, lift))
+    return [*found, _part("release-slide", "Slide that lets the tip go", "steel", slide, between=held)]

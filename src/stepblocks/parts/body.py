@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, ClassVar, Literal
 import numpy as np
 from numpy.typing import NDArray
 
+from stepblocks import cad
 from stepblocks.parts.characteristics import (
     Characteristic,
     EdgeRule,
@@ -22,13 +23,10 @@ from stepblocks.parts.characteristics import (
     texture_of,
     toleranced,
 )
-from stepblocks.parts.declared import Table, WorkingFaces, require, require_below, rules_validator
+from stepblocks.parts.declared import Table, WorkingFaces, below, must, rules_validator
 from stepblocks.parts.kind import Part
 from stepblocks.parts.lettering import engraved_text, letters, text_width
 from stepblocks.parts.tolerance import Length, PositiveLength
-
-if TYPE_CHECKING:
-    from stepblocks.cad import kernel
 
 Point = tuple[float, float]
 
@@ -83,18 +81,18 @@ class Body(Table):
     engraving: Engraving
 
     @rules_validator
-    def _fits(self) -> None:
+    def _fits(self) -> Iterator[str]:
         length, width, thickness = self.length.nominal, self.width.nominal, self.thickness.nominal
         holes, chamfer = self.mounting, self.edge_break.nominal
         spacing, entry = holes.spacing.nominal, holes.entry_diameter
         half, room = 0.5 * min(length, width, thickness), length - 2.0 * chamfer
-        require_below("edge_break", "be smaller than half the smallest side", chamfer, half)
+        yield below("edge_break", "be smaller than half the smallest side", chamfer, half)
         inside = spacing + entry < room
-        require(inside, "mounting.spacing", "leave the holes inside the base", room - entry, spacing)
-        require(entry < spacing, "mounting.spacing", "exceed the hole", entry, spacing)
+        yield must(inside, "mounting.spacing", "leave the holes inside the base", room - entry, spacing)
+        yield must(entry < spacing, "mounting.spacing", "exceed the hole", entry, spacing)
         tip = 0.5 * holes.hole_diameter / math.tan(0.5 * DRILL_POINT) if holes.kind == "tapped" else 0.0
-        require_below("mounting.depth", "leave a floor over the drill point", holes.depth.nominal, thickness - tip)
-        require_below("engraving.depth", "be below a tenth of the width", self.engraving.depth.nominal, 0.1 * width)
+        yield below("mounting.depth", "leave a floor over the drill point", holes.depth.nominal, thickness - tip)
+        yield below("engraving.depth", "be below a tenth of the width", self.engraving.depth.nominal, 0.1 * width)
 
 
 class Block(Part):
@@ -157,15 +155,15 @@ class Block(Part):
         yield located("hole_position", "left hole from the left side", half + at, plane(0, -half), hole)
         yield located("hole_row", "holes from the front", side, plane(1, -side), hole)
 
-    def require_engravable(self) -> None:
+    def require_engravable(self) -> Iterator[str]:
         """Refuse an identity that does not fit the front of the block."""
         body, letter = self.body, self.body.engraving.height.nominal
         broken = 2.0 * body.edge_break.nominal
         room = body.length.nominal - broken
         width = text_width(engraved_text(self.id), letter)
-        require(width < room, "engraving.height", f"let {self.id!r} fit the front", letter * room / width, letter)
+        yield must(width < room, "engraving.height", f"let {self.id!r} fit the front", letter * room / width, letter)
         low = 0.6 * (body.thickness.nominal - broken)
-        require_below("engraving.height", "leave room over and under the letters", letter, low)
+        yield below("engraving.height", "leave room over and under the letters", letter, low)
 
 
 def section_outline(body: Body, left_top: float, right_top: float) -> tuple[list[Point], ...]:
@@ -176,15 +174,14 @@ def section_outline(body: Body, left_top: float, right_top: float) -> tuple[list
     return list(dict.fromkeys(right)), list(dict.fromkeys(left))
 
 
-def body_cuts(body: Body, identity: str, left_top: float, right_top: float, edge: float = 0.0) -> list[kernel.Body]:
+def body_cuts(body: Body, identity: str, left_top: float, right_top: float, edge: float = 0.0) -> list[cad.kernel.Body]:
     """Bodies to cut from a block: edge breaks along x and z, holes, engraving."""
     cuts = list(_edge_breaks(body, left_top, right_top, edge)) if body.edge_break.nominal > 0.0 else []
     spacing = body.mounting.spacing.nominal
     return [*cuts, *(_hole(body, x) for x in (-0.5 * spacing, 0.5 * spacing)), *_engraving(body, identity)]
 
 
-def _edge_breaks(body: Body, left_top: float, right_top: float, edge: float) -> Iterator[kernel.Body]:
-    from stepblocks.cad import kernel
+def _edge_breaks(body: Body, left_top: float, right_top: float, edge: float) -> Iterator[cad.kernel.Body]:
 
     length, width, base, c = body.length.nominal, body.width.nominal, -body.thickness.nominal, body.edge_break.nominal
     long, high = 0.5 * length + _OVER, body.thickness.nominal + max(left_top, right_top) + 2.0 * _OVER
@@ -194,43 +191,42 @@ def _edge_breaks(body: Body, left_top: float, right_top: float, edge: float) -> 
         near, far = y - side * (c + _OVER), y + side * _OVER
         for x0, x1, z, up in along:
             section = [(far, z - up * c - up * _OVER), (near, z + up * _OVER), (far, z + up * _OVER)]
-            yield kernel.extruded([(x0, *point) for point in section], (x1 - x0, 0.0, 0.0))
+            yield cad.kernel.extruded([(x0, *point) for point in section], (x1 - x0, 0.0, 0.0))
         for end in (-1.0, 1.0):
             x = end * 0.5 * length
             corner = [(x + end * _OVER, near), (x - end * (c + _OVER), far), (x + end * _OVER, far)]
-            yield kernel.extruded([(*point, base - _OVER) for point in corner], (0.0, 0.0, high))
+            yield cad.kernel.extruded([(*point, base - _OVER) for point in corner], (0.0, 0.0, high))
 
 
-def _hole(body: Body, x: float) -> kernel.Body:
-    from stepblocks.cad import kernel
+def _hole(body: Body, x: float) -> cad.kernel.Body:
 
     holes, base = body.mounting, -body.thickness.nominal
     drill, entry, depth = 0.5 * holes.hole_diameter, 0.5 * holes.entry_diameter, holes.depth.nominal
     if holes.kind == "tapped":
         sink, point = entry - drill, drill / math.tan(0.5 * DRILL_POINT)  # 90 degree countersink
         outline = [(0.0, -_OVER), (entry + _OVER, -_OVER), (drill, sink), (drill, depth), (0.0, depth + point)]
-        return kernel.turned(outline, (x, 0.0, base))
+        return cad.kernel.turned(outline, (x, 0.0, base))
     outline = [(0.0, base - _OVER), (drill, base - _OVER), (drill, -depth), (entry, -depth), (entry, _OVER)]
-    return kernel.turned([*outline, (0.0, _OVER)], (x, 0.0, 0.0))
+    return cad.kernel.turned([*outline, (0.0, _OVER)], (x, 0.0, 0.0))
 
 
-def _engraving(body: Body, identity: str) -> Iterator[kernel.Body]:
-    from stepblocks.cad import kernel
+def _engraving(body: Body, identity: str) -> Iterator[cad.kernel.Body]:
 
     middle, start = -0.5 * body.thickness.nominal, -0.5 * body.width.nominal - 0.1 * _OVER
     cut = (0.0, body.engraving.depth.nominal + 0.1 * _OVER, 0.0)
     for outlines in letters(engraved_text(identity), body.engraving.height.nominal):
         outer, *holes = ([(float(u), start, middle + float(v)) for u, v in outline] for outline in outlines)
-        yield kernel.extruded(outer, cut, holes)
+        yield cad.kernel.extruded(outer, cut, holes)
 
 
-def half_points(
-    body: Body, side: float, top: float, start: float, crest: Sequence[Point]
-) -> list[tuple[float, float, float]]:
+Point3 = tuple[float, float, float]
+
+
+def half_points(body: Body, side: float, top: float, start: float, crest: Sequence[Point]) -> list[Point3]:
     """Corners of one chamfered half: from the section at `start` outwards, with a crest of (x, z) points at the section."""
     out, half = side * 0.5 * body.length.nominal, 0.5 * body.width.nominal
     base, c = -body.thickness.nominal, body.edge_break.nominal
-    points: list[tuple[float, float, float]] = []
+    points: list[Point3] = []
     for y in (-1.0, 1.0):
         for z, inset in ((base, c), (base + c, 0.0), (top - c, 0.0), (top, c)):
             corner = max(c - 2.0 * inset, 0.0)

@@ -10,16 +10,15 @@ from collections.abc import Iterator
 from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, Literal
 
+from stepblocks import cad
 from stepblocks.errors import MachiningError
 from stepblocks.parts.tolerance import Dimension, general_deviation
 
 if TYPE_CHECKING:
-    from stepblocks.cad.kernel import Face
     from stepblocks.parts.declared import FaceDemands
 
 Kind = Literal["distance", "diameter", "radius", "angle", "flatness", "parallelism", "roughness", "note"]
 FORM = ("flatness", "parallelism", "roughness")  # kinds with a largest value and no nominal
-BREAK = "edge break, 45 deg, all edges"
 PROFILE = "profilometer, two planes with edge exclusion"
 CALIPER = "caliper or micrometer"
 _REACH = 1e-7  # how far a bounding box may be off its face [m]: the kernel enlarges boxes by its tolerance
@@ -33,9 +32,8 @@ class FaceRule:
     axis: int = 2  # that a plane is square to
     at: float = 0.0  # coordinate of the plane along it [m]
     radius: float = 0.0  # of a cylinder or sphere [m]
-    holds: dict[int, float] = field(
-        default_factory=dict
-    )  # coordinates [m] by axis within its box; of a slope, its middle
+    # coordinates [m] by axis within its box; of a slope, its middle
+    holds: dict[int, float] = field(default_factory=dict)
     body: int | None = None  # solid it belongs to; that of its characteristic where omitted
 
 
@@ -69,9 +67,8 @@ class Characteristic:
     faces: tuple[Rule, ...] = ()  # two of a distance or of an angle between planes, one of the others
     method: str = CALIPER  # how it is measured
     quantity: str = "length"  # ``length`` or ``angle``
-    states: tuple[
-        Dimension, ...
-    ] = ()  # what the file declares and it holds; empty where it follows from other dimensions
+    # what the file declares and it holds; empty where it follows from other dimensions
+    states: tuple[Dimension, ...] = ()
 
     @property
     def doubled(self) -> Characteristic:
@@ -85,7 +82,7 @@ class Characteristic:
         return replace(self, nominal=-self.nominal, lower=-self.upper, upper=-self.lower) if negative else self
 
 
-def find_face(faces: tuple[Face, ...], rule: FaceRule, place: str) -> int:
+def find_face(faces: tuple[cad.kernel.Face, ...], rule: FaceRule, place: str) -> int:
     """Find the one face that a rule describes, the largest where the rule fits several."""
     found = [index for index, face in enumerate(faces) if _fits(face, rule)]
     if not found:
@@ -98,7 +95,7 @@ def find_face(faces: tuple[Face, ...], rule: FaceRule, place: str) -> int:
     return max(found, key=extent)
 
 
-def _fits(face: Face, rule: FaceRule) -> bool:
+def _fits(face: cad.kernel.Face, rule: FaceRule) -> bool:
     if face.kind != ("PLANE" if rule.kind == "SLOPE" else rule.kind):
         return False
     if rule.kind == "SLOPE":
@@ -119,20 +116,18 @@ def toleranced(
 ) -> Characteristic:
     """State a dimension as declared; its key with spaces is its label where none is given."""
     if dimension.unresolved:
-        raise MachiningError(
-            f"{key} must have its tolerance worked out (load_declared) before it is made, got {dimension}"
-        )
-    nominal, lower, upper = dimension.nominal, dimension.lower, dimension.upper
-    name = label or key.replace("_", " ")
-    states = (dimension,)
-    return Characteristic(key, name, kind, nominal, lower, upper, body, faces, method, dimension.quantity, states)
+        rule = "have its tolerance worked out (load_declared) before it is made"
+        raise MachiningError(f"{key} must {rule}, got {dimension}")
+    name, limits = label or key.replace("_", " "), (dimension.nominal, dimension.lower, dimension.upper)
+    return Characteristic(key, name, kind, *limits, body, faces, method, dimension.quantity, (dimension,))
 
 
 def broken_edges(edge_break: Dimension, *faces: Rule) -> Characteristic:
     """State the chamfer of all edges alike, measured at one; sharp edges have no face to carry it."""
+    label = "edge break, 45 deg, all edges"
     if edge_break.nominal == 0.0:
-        return toleranced("edge_break", "note", edge_break, label=BREAK)
-    return toleranced("edge_break", "distance", edge_break, *faces, label=BREAK)
+        return toleranced("edge_break", "note", edge_break, label=label)
+    return toleranced("edge_break", "distance", edge_break, *faces, label=label)
 
 
 def plane(axis: int, at: float, body: int | None = None, **holds: float) -> FaceRule:
@@ -144,22 +139,18 @@ def form_of(demands: FaceDemands, low: FaceRule, high: FaceRule, lower: str, upp
     """State flatness and parallelism of the two working faces."""
     how = "interferometer, form of the face, minimum zone"
     flat, level = demands.states("flatness"), demands.states("parallelism")
-    lengths: tuple[tuple[Kind, str, str, float, tuple[FaceRule, ...], tuple[Dimension, ...]], ...] = (
-        ("flatness", "flatness_lower", f"flatness, {lower}", demands.flatness, (low,), flat),
-        ("flatness", "flatness_upper", f"flatness, {upper}", demands.flatness, (high,), flat),
-        ("parallelism", "parallelism", f"parallelism, {upper} to A", demands.parallelism, (high, low), level),
-    )
-    for kind, key, label, zone, faces, states in lengths:
-        yield Characteristic(key, label, kind, 0.0, 0.0, zone, 0, faces, how, states=states)
+    for key, said, face in (("flatness_lower", lower, low), ("flatness_upper", upper, high)):
+        label = f"flatness, {said}"
+        yield Characteristic(key, label, "flatness", 0.0, 0.0, demands.flatness, 0, (face,), how, states=flat)
+    label, zone, faces = f"parallelism, {upper} to A", demands.parallelism, (high, low)
+    yield Characteristic("parallelism", label, "parallelism", 0.0, 0.0, zone, 0, faces, how, states=level)
 
 
 def texture_of(demands: FaceDemands, low: FaceRule, high: FaceRule) -> Characteristic:
     """State the largest roughness of the working faces."""
     label, how = "roughness Ra, working faces", "profilometer or interferometer, ISO 21920-2"
-    states = demands.states("roughness")
-    return Characteristic(
-        "roughness", label, "roughness", 0.0, 0.0, demands.roughness, 0, (low, high), how, states=states
-    )
+    faces, states = (low, high), demands.states("roughness")
+    return Characteristic("roughness", label, "roughness", 0.0, 0.0, demands.roughness, 0, faces, how, states=states)
 
 
 def located(key: str, label: str, at: float, *faces: Rule) -> Characteristic:

@@ -1,25 +1,20 @@
 """Under what the parts of a set are felt: tips, loads, frictions and steps, the tool, the probe that wears a sheath, its rig."""
 
-from __future__ import annotations
-
-from typing import TYPE_CHECKING, Annotated
+from typing import Annotated
 
 from pydantic import Field
 
 from stepblocks.contact.operating_point import LIMIT_SOURCES, PAPER, Limits, Tool
+from stepblocks.contact.rod import Rod, RodRing, Sleeve, ring_of, rod_for
 from stepblocks.parts.declared import Sourced, Table, positive, sourced
-
-if TYPE_CHECKING:
-    from stepblocks.contact.rod import Rod, RodRing, Sleeve
-
 
 PAPER_STEPS = (25e-6, 50e-6, 75e-6, 100e-6)  # H of the four blocks of the apparatus [m]
 Force = Annotated[Sourced, sourced("force")]
 Ratio = Annotated[float, positive("ratio", or_zero=True)]
 Said = Annotated[str, Field(max_length=60)]
-_Share = Annotated[
-    float, positive("ratio", or_zero=True), Field(lt=1.0)
-]  # a tolerance of all that there is leaves nothing
+_Newtons = Annotated[float, positive("force")]
+_SOME = Field(min_length=1, max_length=100)
+_Share = Annotated[Ratio, Field(lt=1.0)]  # a tolerance of all that there is leaves nothing
 Lengths = Annotated[tuple[Annotated[float, positive("length")], ...], Field(max_length=100)]  # m
 
 
@@ -34,18 +29,16 @@ class ToolSpec(Table):
     decay_time: Annotated[float, positive("time")] = PAPER.tool.decay_time  # of its amplitude [s]
 
 
-def _limit(name: str) -> Sourced:
-    value, source = LIMIT_SOURCES[name]
-    return Sourced(value, "force", source)
+_USUAL = {name: Sourced(value, "force", said) for name, (value, said) in LIMIT_SOURCES.items()}
 
 
 class LimitsSpec(Table):
     """Tangential forces beyond which a tip does not slip, each with its source; what is left out is that of `LIMIT_SOURCES`."""
 
-    strength: Force = _limit("strength")  # of the tool
-    spring: Force = _limit("spring")  # to which it is linear
-    gauge: Force = _limit("gauge")  # that is shown
-    hand: Force = _limit("hand")  # that a hand, or the drive of a bench, pulls
+    strength: Force = _USUAL["strength"]  # of the tool
+    spring: Force = _USUAL["spring"]  # to which it is linear
+    gauge: Force = _USUAL["gauge"]  # that is shown
+    hand: Force = _USUAL["hand"]  # that a hand, or the drive of a bench, pulls
 
 
 class SettingTolerances(Table):
@@ -64,11 +57,8 @@ class PredictionGrid(Table):
     """Conditions under which each stimulus is predicted: every combination of tip, load and friction."""
 
     tip_radii: Lengths = ()  # R [m]
-    # F_py [N]
-    normal_loads: Annotated[tuple[Annotated[float, positive("force")], ...], Field(min_length=1, max_length=100)] = (
-        PAPER.normal_load,
-    )
-    frictions: Annotated[tuple[Ratio, ...], Field(min_length=1, max_length=100)] = (PAPER.friction,)  # mu [1]
+    normal_loads: Annotated[tuple[_Newtons, ...], _SOME] = (PAPER.normal_load,)  # F_py [N]
+    frictions: Annotated[tuple[Ratio, ...], _SOME] = (PAPER.friction,)  # mu [1]
     step_heights: Lengths = ()  # H of the sharp steps on which tips and sheaths are predicted [m]
     tool: ToolSpec = ToolSpec()
     tolerances: SettingTolerances = SettingTolerances()
@@ -101,14 +91,10 @@ class ProbeSpec(Table):
 
     def rod(self) -> Rod:
         """Return the rod that it is taken for."""
-        from stepblocks.contact.rod import rod_for
-
         return rod_for(*(value.value for _, value in self))
 
     def ring(self, *sleeves: Sleeve) -> RodRing:
         """Predict how it rings, bare or with sleeves on its shank."""
-        from stepblocks.contact.rod import ring_of
-
         return ring_of(self.rod(), sleeves)
 
 
@@ -118,6 +104,5 @@ class DampingRig(Table):
     displacement: Annotated[Sourced, sourced("length")]  # that distance
     noise: Annotated[Sourced, sourced("length")]  # standard deviation of one sample of the displacement
     sample_rate: Annotated[Sourced, sourced("frequency")]
-    uncertainty: Annotated[
-        Sourced, sourced("ratio")
-    ]  # relative standard uncertainty wanted of the logarithmic decrement
+    # relative standard uncertainty wanted of the logarithmic decrement
+    uncertainty: Annotated[Sourced, sourced("ratio")]

@@ -1,9 +1,6 @@
 """What stanzas are made of beside dimensions: tables, names, values with their source, materials, demands on working faces."""
 
-from __future__ import annotations
-
-from collections.abc import Callable
-from contextvars import ContextVar
+from collections.abc import Callable, Iterator
 from dataclasses import asdict, dataclass
 from typing import Annotated, Any
 
@@ -16,52 +13,26 @@ from stepblocks.quantities import DIMENSIONS, format_quantity, parse_quantity
 Identity = Annotated[str, Field(pattern=r"^[a-z][a-z0-9]*(-[a-z0-9]+)*$", max_length=40)]
 
 
-# the rules that a table breaks, while all of them are looked at
-_broken: ContextVar[list[str] | None] = ContextVar("broken", default=None)
-
-
-def rules_validator(check: Callable[[Any], Any]) -> Any:
-    """Make of a check of a whole table a validator that tells every rule that is broken, not only the first."""
+def rules_validator(check: Callable[[Any], Iterator[str]]) -> Any:
+    """Make of a check of a whole table, which yields what is broken (nothing or ``""`` where all holds), a validator."""
 
     def checked(self: Any) -> Any:
-        broken: list[str] = []
-        before = _broken.set(broken)
-        try:
-            check(self)
-        except ValueError as error:
-            broken.append(str(error))
-        finally:
-            _broken.reset(before)
-        if broken:
+        if broken := [text for text in check(self) if text]:
             raise ValueError("\n".join(broken))
         return self
 
     return model_validator(mode="after")(checked)
 
 
-def break_rule(text: str) -> None:
-    """Say that a rule is broken: at the end of the check, or at once where nobody gathers."""
-    broken = _broken.get()
-    if broken is None:
-        raise ValueError(text)
-    broken.append(text)
+def must(holds: bool, field: str, rule: str, limit: float, value: float) -> str:
+    """Say which rule a length breaks, naming field, rule, limit and value; ``""`` where it holds."""
+    least, got = format_quantity(limit, "length"), format_quantity(value, "length")
+    return "" if holds else f"{field} must {rule} ({least}), got {got}"
 
 
-def require(holds: bool, field: str, rule: str, limit: float, value: float) -> None:
-    """Refuse a length that breaks a rule, naming field, rule, limit and value."""
-    if not holds:
-        least, got = format_quantity(limit, "length"), format_quantity(value, "length")
-        break_rule(f"{field} must {rule} ({least}), got {got}")
-
-
-def require_below(field: str, rule: str, value: float, limit: float) -> None:
-    """Refuse a length that is not below a limit."""
-    require(value < limit, field, rule, limit, value)
-
-
-def require_above(field: str, rule: str, value: float, limit: float) -> None:
-    """Refuse a length that is not above a limit."""
-    require(value > limit, field, rule, limit, value)
+def below(field: str, rule: str, value: float, limit: float) -> str:
+    """Say that a length must lie below a limit; ``""`` where it does."""
+    return must(value < limit, field, rule, limit, value)
 
 
 def positive(dimension: str, *, or_zero: bool = False) -> BeforeValidator:
@@ -85,6 +56,14 @@ class Table(BaseModel):
         """Write it out in full for JSON, with the unit in the name of every field."""
         stated = {name: value for name, value in self if value is not None}
         return {name: value.record() if hasattr(value, "record") else value for name, value in stated.items()}
+
+    def dimensions(self, prefix: str = "") -> Iterator[tuple[str, Dimension]]:
+        """Yield every dimension with the name of its field, dotted where it stands in a table."""
+        for name, value in self:
+            if isinstance(value, Dimension):
+                yield prefix + name, value
+            elif isinstance(value, Table):
+                yield from value.dimensions(f"{prefix}{name}.")
 
 
 @dataclass(frozen=True)
@@ -197,11 +176,8 @@ class FaceDemands:
 
 def face_demands(stated: WorkingFaces | None, band: float) -> FaceDemands:
     """Fill up what a file leaves open from the tolerance band [m] of the height."""
-    usual = {
-        "flatness": 0.25 * band,
-        "parallelism": 0.5 * band,
-        "roughness": max(round(band * 1e6 / 20.0, 2), 0.05) / 1e6,
-    }
+    rough = max(round(band * 1e6 / 20.0, 2), 0.05) / 1e6
+    usual = {"flatness": 0.25 * band, "parallelism": 0.5 * band, "roughness": rough}
     said = {name: getattr(stated, name) for name in usual if stated is not None}
     values = {name: one.upper for name, one in said.items() if one is not None}
     defaults = tuple(name for name in usual if name not in values)

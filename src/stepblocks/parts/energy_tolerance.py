@@ -1,16 +1,17 @@
 """The vibration energy within a share of its nominal, in place of dimensional tolerances: what a file asks, what follows."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Iterator
 from dataclasses import replace
 from itertools import product
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import Annotated, Any, TypeAlias
 
 from pydantic import BeforeValidator
 
-from stepblocks.contact.operating_point import PAPER
+from stepblocks.contact.counterface import Step
+from stepblocks.contact.energy import Status
+from stepblocks.contact.operating_point import PAPER, OperatingPoint
+from stepblocks.contact.uncertainty import TolerancePlan, energy_at_corners, tolerances_for_energy
 from stepblocks.errors import ContactError, PipelineError
 from stepblocks.parts.conditions import PredictionGrid, Ratio
 from stepblocks.parts.declared import Table, positive
@@ -18,12 +19,7 @@ from stepblocks.parts.kind import Part
 from stepblocks.parts.tolerance import Dimension
 from stepblocks.quantities import parse_quantity
 
-if TYPE_CHECKING:
-    from stepblocks.contact.counterface import Step
-    from stepblocks.contact.operating_point import OperatingPoint
-    from stepblocks.contact.uncertainty import TolerancePlan
-
-    Condition = tuple[Step, OperatingPoint]
+Condition: TypeAlias = tuple[Step, OperatingPoint]
 
 
 def _share(raw: object) -> float:
@@ -76,22 +72,20 @@ class EnergyBudget(EnergyTolerance):
         return super().record() | {"tips": tips} | found
 
 
-def _table_of(raw: object) -> object:
-    return raw if isinstance(raw, dict | EnergyTolerance) else {"within": raw}
-
-
 # A share such as ``"10 %"``, or a table with `within` and what spends the budget
-EnergyToleranceField = Annotated[EnergyTolerance, BeforeValidator(_table_of)]
+_TABLE = BeforeValidator(lambda raw: raw if isinstance(raw, dict | EnergyTolerance) else {"within": raw})
+EnergyToleranceField = Annotated[EnergyTolerance, _TABLE]
 
 
-def require_energy_tolerance(energy: EnergyTolerance | None, named: dict[str, Dimension], tip_is_free: bool) -> None:
-    """Refuse a dimension toleranced by an energy that is not given, and an energy from which nothing follows."""
+def energy_tolerance_lacks(energy: EnergyTolerance | None, named: dict[str, Dimension], tip_is_free: bool) -> str:
+    """Say that a dimension is toleranced by an energy that is not given, or an energy tolerances nothing; else ``""``."""
     left = [name for name, dimension in named.items() if dimension.by_energy]
     if left and energy is None:
-        raise ValueError(f"energy_tolerance must be given where {left[0]} has tolerance = 'by energy'")
+        return f"energy_tolerance must be given where {left[0]} has tolerance = 'by energy'"
     if energy is not None and not left and not tip_is_free:
         give = f"give {' or '.join(named)} tolerance = 'by energy'"
-        raise ValueError(f"energy_tolerance must leave something to tolerance: {give}")
+        return f"energy_tolerance must leave something to tolerance: {give}"
+    return ""
 
 
 def described(energy: EnergyTolerance | None) -> list[list[str]]:
@@ -107,14 +101,13 @@ def toleranced(part: Part, grid: PredictionGrid, set_name: str) -> Part:
     energy: EnergyTolerance | None = getattr(part, "energy_tolerance", None)
     if energy is None or isinstance(energy, EnergyBudget):
         return part
-    from stepblocks.contact.energy import Status
-    from stepblocks.contact.uncertainty import tolerances_for_energy
 
     place = f"[{set_name}, {part.place}]"
     felt = [(face, at) for face, at in _conditions(part, grid) if face.release(at).status is Status.RELEASES]
     if not felt:
         raise PipelineError(f"energy_tolerance needs a condition of the prediction that releases, got none {place}")
-    free, fixed = _free(part, energy), _fixed(part, energy)
+    free, fixed = [name for name, one in part.sizes.items() if one.by_energy], _fixed(part, energy)
+    free += ["ball_radius"] if energy.ball_radius is None else []
     finest = {name: getattr(energy.finest, name) for name in free}
     plans = []
     for face, at in felt:
@@ -127,25 +120,18 @@ def toleranced(part: Part, grid: PredictionGrid, set_name: str) -> Part:
             asked = f"energy_tolerance of {energy.within * 100.0:.3g} %"
             raise PipelineError(f"{asked} can be kept by no tolerance at {where}: {plan.reason} {place}")
         plans.append(plan)
-    return _with_plans(part, energy, felt, plans)
+    widths = {name: min(_drawn(getattr(plan, name)) for plan in plans) for name in free}
+    return _with_widths(part, energy, felt, plans, widths)
 
 
 def _conditions(part: Part, grid: PredictionGrid) -> Iterator[Condition]:
     """Every block, tip and friction; the load scales all energies alike."""
-    from stepblocks.contact.counterface import Step
-
     balls = grid.tip_radii if part.ball is None else (part.ball.nominal,)
     steps = (None,) if part.crossed else grid.step_heights
     for ball, step, friction in product(balls, steps, grid.frictions):
         face = part.counterface(step)
         assert isinstance(face, Step)  # no other kind may ask for an energy
         yield face, replace(PAPER, ball_radius=ball, friction=friction)
-
-
-def _free(part: Part, energy: EnergyTolerance) -> list[str]:
-    """Names of what is to be toleranced."""
-    named = [name for name, one in part.sizes.items() if one.by_energy]
-    return named + (["ball_radius"] if energy.ball_radius is None else [])
 
 
 def _fixed(part: Part, energy: EnergyTolerance) -> dict[str, float]:
@@ -157,11 +143,10 @@ def _fixed(part: Part, energy: EnergyTolerance) -> dict[str, float]:
     return fixed if energy.ball_radius is None else fixed | {"ball_radius": energy.ball_radius}
 
 
-def _with_plans(part: Part, energy: EnergyTolerance, felt: list[Condition], plans: list[TolerancePlan]) -> Part:
+def _with_widths(
+    part: Part, energy: EnergyTolerance, felt: list[Condition], plans: list[TolerancePlan], widths: dict[str, float]
+) -> Part:
     """Give a part the narrowest of what its conditions ask for, rounded down to what a drawing says."""
-    from stepblocks.contact.uncertainty import energy_at_corners
-
-    widths = {name: min(_drawn(getattr(plan, name)) for plan in plans) for name in _free(part, energy)}
     tips: dict[float, float] = {}
     for (_, at), plan in zip(felt, plans, strict=True):
         given = energy.ball_radius if energy.ball_radius is not None else _drawn(plan.ball_radius)

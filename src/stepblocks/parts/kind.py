@@ -12,15 +12,15 @@ from collections.abc import Iterator, Mapping
 from itertools import product
 from typing import TYPE_CHECKING, Any, ClassVar, NamedTuple, TypeAlias
 
+from stepblocks import cad
+from stepblocks.contact.counterface import Counterface, Step
 from stepblocks.contact.operating_point import Tissue, Tool
+from stepblocks.contact.rod import Sleeve
 from stepblocks.errors import ContactError
 from stepblocks.parts.declared import FaceDemands, Identity, Material, Table, face_demands
 from stepblocks.parts.tolerance import Dimension
 
 if TYPE_CHECKING:
-    from stepblocks.cad.kernel import Body, Face
-    from stepblocks.contact.counterface import Counterface
-    from stepblocks.contact.rod import Sleeve
     from stepblocks.parts.characteristics import Characteristic
 
 CONTACT_DEFLECTION = 0.1e-6  # chordal error of a mesh where the probe touches [m]
@@ -120,7 +120,7 @@ class Part(Table, ABC):
         return (self.id,)
 
     @abstractmethod
-    def solids(self) -> list[Body]:
+    def solids(self) -> list[cad.kernel.Body]:
         """Build its solids."""
 
     @abstractmethod
@@ -136,7 +136,7 @@ class Part(Table, ABC):
     def hulls(self) -> list[Any]:
         """Convex pieces that fill it without overlapping, as manifolds [mm]."""
 
-    def chordal_error(self, face: Face) -> float:
+    def chordal_error(self, face: cad.kernel.Face) -> float:
         """Chordal error that a mesh of this face may have [m]."""
         return COARSE_DEFLECTION
 
@@ -168,12 +168,9 @@ class Part(Table, ABC):
         """Write it out in full for JSON."""
         return {"kind": self.called, **super().record()}
 
-    def dimensions(self) -> list[tuple[str, Dimension]]:
-        """List every dimension with the name of its field, dotted where it stands in a table."""
-        return list(_dimensions(self, ""))
-
-    def require_in(self, conditions: Mapping[str, Any]) -> None:
-        """Refuse a set that lacks what it needs; `conditions` are the set's own fields."""
+    def lacks(self, conditions: Mapping[str, Any]) -> Iterator[str]:
+        """Say what a set lacks that it needs; `conditions` are the set's own fields."""
+        yield from ()
 
 
 class HeldPart(Part):
@@ -183,8 +180,6 @@ class HeldPart(Part):
 
     def sized(self, **sizes: float) -> Counterface:
         """Return a sharp step; `height` is its only size."""
-        from stepblocks.contact.counterface import Step
-
         return Step(**sizes)
 
     def counterface(self, step_height: float | None = None) -> Counterface:
@@ -203,11 +198,3 @@ def exaggeration(height: float) -> float:
     wanted = 1.5e-3 / height
     decade = 10.0 ** math.floor(math.log10(wanted))
     return max(round(wanted / decade) * decade, 1.0)
-
-
-def _dimensions(table: Table, prefix: str) -> Iterator[tuple[str, Dimension]]:
-    for name, value in table:
-        if isinstance(value, Dimension):
-            yield prefix + name, value
-        elif isinstance(value, Table):
-            yield from _dimensions(value, f"{prefix}{name}.")

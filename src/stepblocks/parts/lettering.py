@@ -1,7 +1,5 @@
 """Outlines of the engraved identity, from the typeface that matplotlib ships, so that every machine cuts the same letters."""
 
-from __future__ import annotations
-
 import math
 from functools import lru_cache
 from pathlib import Path

@@ -9,15 +9,13 @@ import itertools
 import math
 from abc import abstractmethod
 from collections.abc import Sequence
-from typing import TYPE_CHECKING, Any, ClassVar
+from typing import Any, ClassVar
 
 import numpy as np
 
+from stepblocks import cad
 from stepblocks.parts.kind import CONTACT_DEFLECTION, Part
 from stepblocks.parts.shapes import hull
-
-if TYPE_CHECKING:
-    from stepblocks.cad.kernel import Body
 
 Point = tuple[float, float]
 Point3 = tuple[float, float, float]
@@ -36,11 +34,9 @@ class Turned(Part):
     def outlines(self) -> list[Outline]:
         """Half section of each body."""
 
-    def solids(self) -> list[Body]:
+    def solids(self) -> list[cad.kernel.Body]:
         """Turn them."""
-        from stepblocks.cad import kernel
-
-        return [kernel.turned(outline, (0.0, 0.0, 0.0)) for outline in self.outlines()]
+        return [cad.kernel.turned(outline, (0.0, 0.0, 0.0)) for outline in self.outlines()]
 
     def volumes(self) -> tuple[float, ...]:
         """By Pappus and Guldin."""

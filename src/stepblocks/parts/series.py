@@ -1,7 +1,5 @@
 """One stanza that stands for many: values from, to and by step, or listed, in any of its dimensions."""
 
-from __future__ import annotations
-
 import copy
 import itertools
 import math

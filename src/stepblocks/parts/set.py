@@ -1,17 +1,17 @@
 """A stimulus set: everything one file declares; and the list of the kinds that a file may hold."""
 
-from __future__ import annotations
-
+from collections import Counter
 from collections.abc import Iterable, Iterator, Mapping
 from contextlib import contextmanager
-from typing import TYPE_CHECKING, Annotated, Any, TypeVar
+from typing import Annotated, Any, Self, TypeVar
 
 from pydantic import BeforeValidator, Field, create_model
 
 from stepblocks.contact.operating_point import PAPER
+from stepblocks.contact.rod import RodRing
 from stepblocks.errors import StimulusError
 from stepblocks.parts.conditions import PAPER_STEPS, DampingRig, OrderSpec, PredictionGrid, ProbeSpec
-from stepblocks.parts.declared import Identity, Table, break_rule, rules_validator
+from stepblocks.parts.declared import Identity, Table, rules_validator
 from stepblocks.parts.energy_tolerance import toleranced
 from stepblocks.parts.kind import Part
 from stepblocks.parts.kinds.crown_on_tooth import CrownOnTooth
@@ -20,9 +20,6 @@ from stepblocks.parts.kinds.margin import MarginBlock
 from stepblocks.parts.kinds.sheath import Sheath
 from stepblocks.parts.kinds.step_block import StepBlock
 from stepblocks.parts.kinds.tips import HookTip, StraightTip
-
-if TYPE_CHECKING:
-    from stepblocks.contact.rod import RodRing
 
 # The kinds, in the order in which a set holds them; a new one stands here
 SHIPPED: tuple[type[Part], ...] = (StepBlock, MarginBlock, CrownOnTooth, GroovedCylinder, StraightTip, HookTip, Sheath)
@@ -86,7 +83,7 @@ class StimulusSet(Table):
         """Parts of one kind."""
         return tuple(part for part in self.stimuli if isinstance(part, kind))
 
-    def with_parts(self, parts: Iterable[Part]) -> StimulusSet:
+    def with_parts(self, parts: Iterable[Part]) -> Self:
         """Return the set with other parts under the same conditions."""
         return self.model_copy(update={"stimuli": tuple(parts)})
 
@@ -104,39 +101,32 @@ class StimulusSet(Table):
         return self.prediction.model_copy(update={"tool": tool})
 
     @rules_validator
-    def _parts_suit_the_conditions(self) -> None:
-        seen: set[str] = set()
-        for part in self.stimuli:
-            if part.id in seen:
-                break_rule(f"id must be unique in its set, got {part.id!r} twice")
-            seen.add(part.id)
+    def _parts_suit_the_conditions(self) -> Iterator[str]:
+        counts = Counter(part.id for part in self.stimuli)
+        for name in (counts - Counter(set(counts))).elements():
+            yield f"id must be unique in its set, got {name!r} twice"
         if not all(part.crossed for part in self.stimuli) and not self.prediction.step_heights:
-            break_rule("prediction.step_heights must be given for a set with tips or sheaths, got none")
+            yield "prediction.step_heights must be given for a set with tips or sheaths, got none"
         if any(part.ball is None for part in self.stimuli) and not self.prediction.tip_radii:
-            break_rule("prediction.tip_radii must be given for a set with blocks, crowns or sheaths, got none")
-        for part in self.stimuli:
-            part.require_in({"probe": self.probe, "damping_rig": self.damping_rig})
-        if not seen:
-            break_rule("a set must declare at least one stimulus, got none")
+            yield "prediction.tip_radii must be given for a set with blocks, crowns or sheaths, got none"
+        given = {"probe": self.probe, "damping_rig": self.damping_rig}
+        yield next((line for part in self.stimuli for line in part.lacks(given)), "")
+        if not self.stimuli:
+            yield "a set must declare at least one stimulus, got none"
 
 
 def file_model() -> type[Table]:
     """Model of a file: the fields of a set, and a list of tables for each kind under the name of its stanza."""
-    known = kinds()
-    fields: dict[str, Any] = {}
-    for name, field in StimulusSet.model_fields.items():
-        if name != "stimuli":
-            fields[name] = (field.annotation, field)
-            continue
-        for stanza, kind in known.items():
-            fields[stanza] = (Annotated[tuple[kind, ...], BeforeValidator(kind.prepared)], ())  # type: ignore[valid-type]
+    fields: dict[str, Any] = {name: (field.annotation, field) for name, field in StimulusSet.model_fields.items()}
+    fields.pop("stimuli")
+    for stanza, kind in kinds().items():
+        fields[stanza] = (Annotated[tuple[kind, ...], BeforeValidator(kind.prepared)], ())  # type: ignore[valid-type]
     return create_model("StimulusFile", __base__=Table, **fields)
 
 
 def set_of(declared: Mapping[str, Any]) -> StimulusSet:
     """Validate what a file declares; tips and steps that it leaves out are those of the paper."""
-    read = file_model().model_validate(declared)
-    values = dict(read)
+    values = dict(file_model().model_validate(declared))
     parts = tuple(part for stanza in kinds() for part in values.pop(stanza))
     grid: PredictionGrid = values["prediction"]
     more: dict[str, tuple[float, ...]] = {}
@@ -150,5 +140,4 @@ def set_of(declared: Mapping[str, Any]) -> StimulusSet:
 def with_energy_tolerances(stimuli: StimulusSet) -> StimulusSet:
     """Work out the tolerances of a set that follow from an energy; the same set where none does."""
     parts = tuple(toleranced(part, stimuli.prediction, stimuli.name) for part in stimuli.stimuli)
-    changed = any(a is not b for a, b in zip(parts, stimuli.stimuli, strict=True))
-    return stimuli.with_parts(parts) if changed else stimuli
+    return stimuli if parts == stimuli.stimuli else stimuli.with_parts(parts)

@@ -10,16 +10,14 @@ from __future__ import annotations
 import math
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from stepblocks import cad
 from stepblocks.errors import HapticsError
 from stepblocks.parts.kind import COARSE_DEFLECTION, CONTACT_DEFLECTION, Part
-
-if TYPE_CHECKING:
-    from stepblocks.cad.kernel import Body, Tessellation
 
 
 @dataclass(frozen=True)
@@ -31,7 +29,7 @@ class Mesh:
     triangles: NDArray[np.int64]  # indices, shape (m, 3), counter-clockwise seen from outside
 
 
-def build_solids(part: Part) -> list[tuple[str, Body]]:
+def build_solids(part: Part) -> list[tuple[str, cad.kernel.Body]]:
     """Build the solids of a part with the CAD kernel.
 
     Parameters
@@ -41,7 +39,7 @@ def build_solids(part: Part) -> list[tuple[str, Body]]:
 
     Returns
     -------
-    list of (str, Body)
+    list of (str, cad.kernel.Body)
         Its named solids, in the frame that its kind documents; opaque but to `stepblocks.cad`.
 
     Raises
@@ -88,7 +86,7 @@ def convex_pieces(part: Part) -> list[Mesh]:
     return [_mesh(f"{part.id}-piece-{number:03}", piece) for number, piece in enumerate(part.hulls(), start=1)]
 
 
-def mesh_solid(part: Part, name: str, body: Body) -> Mesh:
+def mesh_solid(part: Part, name: str, body: cad.kernel.Body) -> Mesh:
     """Mesh one solid of a part, finest where the probe touches.
 
     Parameters
@@ -97,7 +95,7 @@ def mesh_solid(part: Part, name: str, body: Body) -> Mesh:
         What the solid belongs to; it knows where the contact is.
     name : str
         Name of the body.
-    body : Body
+    body : cad.kernel.Body
         The solid, as `build_solids` returns it.
 
     Returns
@@ -110,11 +108,9 @@ def mesh_solid(part: Part, name: str, body: Body) -> Mesh:
     HapticsError
         If the mesh is not a closed, oriented 2-manifold.
     """
-    from stepblocks.cad import kernel
-
-    raw = kernel.tessellate(body, part.chordal_error)
+    raw = cad.kernel.tessellate(body, part.chordal_error)
     deflections = np.array([part.chordal_error(face) for face in raw.faces])
-    mesh = Mesh(name, _lifted(raw, deflections, kernel.volume(body)), raw.triangles)
+    mesh = Mesh(name, _lifted(raw, deflections, cad.kernel.volume(body)), raw.triangles)
     require_manifold(mesh)
     return mesh
 
@@ -126,7 +122,7 @@ def enclosed_volume(vertices: NDArray[np.float64], triangles: NDArray[np.int64])
     return math.fsum((a * np.cross(b, c)).ravel().tolist()) / 6.0
 
 
-def _lifted(raw: Tessellation, deflection: NDArray[np.float64], volume: float) -> NDArray[np.float64]:
+def _lifted(raw: cad.kernel.Tessellation, deflection: NDArray[np.float64], volume: float) -> NDArray[np.float64]:
     """Lift the vertices of coarse curved faces along their normals until the mesh encloses `volume`."""
     curved = np.array([face.kind != "PLANE" for face in raw.faces])
     finest = deflection.min()
@@ -152,7 +148,7 @@ def _lifted(raw: Tessellation, deflection: NDArray[np.float64], volume: float) -
     return _with_volume(raw, normals, volume)
 
 
-def _with_volume(raw: Tessellation, direction: NDArray[np.float64], volume: float) -> NDArray[np.float64]:
+def _with_volume(raw: cad.kernel.Tessellation, direction: NDArray[np.float64], volume: float) -> NDArray[np.float64]:
     """Solve for the lift by Newton's rule; the volume is a cubic of it, and nearly linear."""
     lift, step = 0.0, 1e-7
     for _ in range(6):

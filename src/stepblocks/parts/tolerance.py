@@ -1,7 +1,5 @@
 """Nominal values with their permitted deviations, and the general tolerances of ISO 2768-1."""
 
-from __future__ import annotations
-
 import math
 import re
 from dataclasses import dataclass
@@ -14,18 +12,10 @@ from stepblocks.quantities import format_quantity, parse_quantity
 BY_ENERGY = "by energy"  # what stands in place of a tolerance that follows from the energy that shall be felt
 
 # What a bench and what is dragged on it can have, in SI: beyond lies a slip of the unit, which shall not be built first
-_LARGEST = {
-    "length": 1.0,
-    "force": 1e3,
-    "stiffness": 1e9,
-    "time": 10.0,
-    "frequency": 1e7,
-    "pressure": 1e13,
-    "density": 1e5,
-}
-_SMALLEST = (
-    10e-9  # of a length that is not zero: what lies below is neither cut nor measured, the check itself tells 1 nm [m]
-)
+_LARGEST = {"length": 1.0, "force": 1e3, "stiffness": 1e9, "time": 10.0}
+_LARGEST |= {"frequency": 1e7, "pressure": 1e13, "density": 1e5}
+# of a length that is not zero: what lies below is neither cut nor measured, the check itself tells 1 nm [m]
+_SMALLEST = 10e-9
 
 # ISO 2768-1:1989, table 1 (linear dimensions, from 0.5 mm): up to, permissible deviation of class m [m]
 _LINEAR = ((3e-3, 0.1e-3), (6e-3, 0.1e-3), (30e-3, 0.2e-3), (120e-3, 0.3e-3), (400e-3, 0.5e-3))
@@ -70,18 +60,10 @@ class Dimension:
     def record(self) -> dict[str, Any]:
         """Return plain values for JSON, the unit in the names."""
         unit = "rad" if self.quantity == "angle" else "m"
-        told: dict[str, Any] = {
-            f"nominal_{unit}": self.nominal,
-            f"upper_deviation_{unit}": self.upper,
-            f"lower_deviation_{unit}": self.lower,
-            "tolerance": "by energy"
-            if self.by_energy
-            else "ISO 2768-m"
-            if self.general
-            else "default"
-            if self.usual
-            else "stated",
-        }
+        values = {"nominal": self.nominal, "upper_deviation": self.upper, "lower_deviation": self.lower}
+        origins = {BY_ENERGY: self.by_energy, "ISO 2768-m": self.general, "default": self.usual, "stated": True}
+        told: dict[str, Any] = {f"{name}_{unit}": value for name, value in values.items()}
+        told["tolerance"] = next(origin for origin, holds in origins.items() if holds)
         return {**told, "source": self.source} if self.source else told
 
     def __str__(self) -> str:
@@ -141,22 +123,19 @@ def _dimension(raw: object, quantity: str, felt: bool = False) -> Dimension:
             raise ValueError(f"tolerance {BY_ENERGY!r} is for height, edge_radius and ball_radius, give a length")
         return Dimension(nominal, 0.0, 0.0, quantity, source, by_energy=True)
     if "tolerance" in table:
-        upper, lower = _deviations(table["tolerance"], quantity)
-        return Dimension(nominal, upper, lower, quantity, source)
+        return Dimension(nominal, *_deviations(table["tolerance"], quantity), quantity, source)
     general = ANGULAR_DEVIATION if quantity == "angle" else general_deviation(abs(nominal))
-    if general is None and "otherwise" in table:
-        upper, lower = _deviations(table["otherwise"], quantity)
-        return Dimension(nominal, upper, lower, quantity, source, usual=True)
-    if general is None:
-        length = format_quantity(nominal, quantity)
-        raise ValueError(f"a tolerance must be stated: general tolerances (ISO 2768-m) do not cover {length}")
-    return Dimension(nominal, general, -general, quantity, source, general=True)
+    if general is not None:
+        return Dimension(nominal, general, -general, quantity, source, general=True)
+    if "otherwise" in table:
+        return Dimension(nominal, *_deviations(table["otherwise"], quantity), quantity, source, usual=True)
+    length = format_quantity(nominal, quantity)
+    raise ValueError(f"a tolerance must be stated: general tolerances (ISO 2768-m) do not cover {length}")
 
 
-def _read(
-    quantity: str, rule: str = "", *, least: float = -math.inf, above: bool = False, felt: bool = False
-) -> BeforeValidator:
-    """Make a validator of a dimension that must be at least, or above, a nominal; an angle also below 180 degrees."""
+def _read(quantity: str, rule: str = "", *, above: bool = False, felt: bool = False) -> BeforeValidator:
+    """Make a validator of a dimension; where a rule is given, it must be at least, or above, 0; an angle below 180 degrees."""
+    least = 0.0 if rule else -math.inf
 
     def read(raw: object) -> Dimension:
         dimension = _dimension(raw, quantity, felt)
@@ -171,10 +150,10 @@ def _read(
     return BeforeValidator(read)
 
 
-Length = Annotated[Dimension, _read("length", "not be negative", least=0.0)]
-PositiveLength = Annotated[Dimension, _read("length", "be positive", least=0.0, above=True)]
+Length = Annotated[Dimension, _read("length", "not be negative")]
+PositiveLength = Annotated[Dimension, _read("length", "be positive", above=True)]
 SignedLength = Annotated[Dimension, _read("length")]
 # lengths whose tolerance may follow from the energy that is felt
-FeltLength = Annotated[Dimension, _read("length", "not be negative", least=0.0, felt=True)]
-FeltPositiveLength = Annotated[Dimension, _read("length", "be positive", least=0.0, above=True, felt=True)]
-Angle = Annotated[Dimension, _read("angle", "be at least 0 and less than 180 deg", least=0.0)]
+FeltLength = Annotated[Dimension, _read("length", "not be negative", felt=True)]
+FeltPositiveLength = Annotated[Dimension, _read("length", "be positive", above=True, felt=True)]
+Angle = Annotated[Dimension, _read("angle", "be at least 0 and less than 180 deg")]

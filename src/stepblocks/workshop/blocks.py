@@ -1,7 +1,5 @@
 """Views of the bench blocks and of the block from gauge blocks: front, top, and the details in which microns can be seen."""
 
-from __future__ import annotations
-
 import math
 
 from stepblocks.artefacts.on_paper import millimetres

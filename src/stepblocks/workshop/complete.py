@@ -4,8 +4,6 @@ The three files are read back, each by another library than wrote it. What a cha
 dimension that it took from the declaration; one that states none follows from others, and says so by having none.
 """
 
-from __future__ import annotations
-
 import csv
 from collections import Counter
 from collections.abc import Iterator
@@ -28,22 +26,16 @@ def missing_from(
     """Say what is missing, wrong or there twice, a line each; a file that is left out is not looked at."""
     listed = list(part.characteristics())
     states = [one for each in listed for one in each.states]
-    found = [
-        f"{part.id}: {field} ({one}) is stated by no characteristic"
-        for field, one in part.dimensions()
-        if not any(one is stated for stated in states)
-    ]
+    left = ((field, one) for field, one in part.dimensions() if not any(one is stated for stated in states))
+    found = [f"{part.id}: {field} ({one}) is stated by no characteristic" for field, one in left]
     keys = Counter(each.key for each in listed)
     found += [f"{part.id}: {key} is listed {count} times" for key, count in keys.items() if count > 1]
-    places = (
-        (drawing, _missing_on_drawing),
-        (step, lambda path, _: _missing_in_step(path, part)),
-        (sheet, _missing_on_sheet),
-    )
-    return [*found, *(f"{path.name}: {line}" for path, missing in places if path for line in missing(path, listed))]
+    for path, missing in ((drawing, _missing_on_drawing), (step, _missing_in_step), (sheet, _missing_on_sheet)):
+        found += [f"{path.name}: {line}" for line in missing(path, part)] if path else []
+    return found
 
 
-def _missing_on_drawing(path: Path, listed: list[Characteristic]) -> Iterator[str]:
+def _missing_on_drawing(path: Path, part: Part) -> Iterator[str]:
     import ezdxf
 
     try:
@@ -54,6 +46,7 @@ def _missing_on_drawing(path: Path, listed: list[Characteristic]) -> Iterator[st
     for entity in space:
         if entity.has_xdata("STEPBLOCKS"):
             drawn.setdefault(str(entity.get_xdata("STEPBLOCKS")[0].value), []).append(entity)
+    listed = list(part.characteristics())
     for number, one in enumerate(listed, start=1):
         entities = drawn.get(one.key, [])
         if len(entities) != 1:
@@ -87,10 +80,10 @@ def _missing_in_step(path: Path, part: Part) -> Iterator[str]:
             yield f"{number}  {one.label} must stand as a requirement of the product"
 
 
-def _missing_on_sheet(path: Path, listed: list[Characteristic]) -> Iterator[str]:
-    with path.open(encoding="utf-8", newline="") as file:
-        rows = list(csv.DictReader(file))
-    for number, one in enumerate(listed, start=1):
+def _missing_on_sheet(path: Path, part: Part) -> Iterator[str]:
+    rows = list(csv.DictReader(path.read_text(encoding="utf-8").splitlines()))
+    number = 0
+    for number, one in enumerate(part.characteristics(), start=1):
         mine = [row for row in rows if row.get("characteristic") == one.label]
         if len(mine) != 1 or mine[0].get("number") != str(number):
             yield f"{number}  {one.label} must have one line with its number, got {len(mine)}"
@@ -98,10 +91,9 @@ def _missing_on_sheet(path: Path, listed: list[Characteristic]) -> Iterator[str]
         scale = 57.29577951308232 if one.quantity == "angle" else 1e3
         for column, value in (("lower", one.lower), ("upper", one.upper)):
             text = mine[0].get(f"{column}_limit_mm_or_deg", "")
-            if (one.kind in FORM and column == "lower") or (
-                text and abs(float(text) / scale - one.nominal - value) <= 1e-7
-            ):
-                continue
-            yield f"{number}  {one.label} must have the {column} limit {(one.nominal + value) * scale:.6g}, got {text!r}"
-    if len(rows) > len(listed):
-        yield f"{len(rows) - len(listed)} lines were not asked for"
+            says = text and abs(float(text) / scale - one.nominal - value) <= 1e-7
+            if not says and (one.kind not in FORM or column == "upper"):
+                limit = (one.nominal + value) * scale
+                yield f"{number}  {one.label} must have the {column} limit {limit:.6g}, got {text!r}"
+    if len(rows) > number:
+        yield f"{len(rows) - number} lines were not asked for"

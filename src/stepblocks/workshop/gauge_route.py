@@ -4,12 +4,11 @@ Two blocks of a standard set are wrung side by side onto a lapped base; the step
 is machined to a micrometre: the tolerance was bought with the set.
 """
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass
 from pathlib import Path
 
+from stepblocks import cad
 from stepblocks.errors import MachiningError
 from stepblocks.parts.kinds.step_block import StepBlock
 
@@ -21,9 +20,8 @@ GRADES: dict[str, tuple[float, float]] = {
     "2": (0.45e-6, 0.30e-6),
 }
 
-STANDARD_SET: tuple[float, ...] = tuple(
-    count / 1e7 for count in (10005, *range(10010, 10100, 10), *range(10100, 15000, 100), *range(5000, 100001, 5000))
-)
+_COUNTS = (10005, *range(10010, 10100, 10), *range(10100, 15000, 100), *range(5000, 100001, 5000))
+STANDARD_SET: tuple[float, ...] = tuple(count / 1e7 for count in _COUNTS)
 
 WRINGING = 0.02e-6  # thickness that a wrung joint may add, either block [m]; gauge makers state 0.005 to 0.02 um
 SECTION = (30e-3, 9e-3)  # section of a gauge block up to 10 mm (ISO 3650) [m]
@@ -90,16 +88,15 @@ def routes_for(block: StepBlock, capability: float) -> list[Route]:
 def write_gauge_assembly(path: Path, block: StepBlock, pair: GaugePair) -> None:
     """Write base and gauge blocks as a STEP file of three parts; edge and lower face lie as in the one-piece block."""
     from stepblocks.artefacts.step.write import write_conforming
-    from stepblocks.cad import kernel
     from stepblocks.cad.pmi import PmiDimension, PmiItem
 
     long, wide = SECTION
     thick, rim = block.body.thickness.nominal, 5e-3
     floor = -pair.lower
 
-    def box(x0: float, x1: float, half: float, z0: float, z1: float) -> kernel.Body:
+    def box(x0: float, x1: float, half: float, z0: float, z1: float) -> cad.kernel.Body:
         corners = [(x0, -half, z0), (x1, -half, z0), (x1, half, z0), (x0, half, z0)]
-        return kernel.extruded(corners, (0.0, 0.0, z1 - z0))
+        return cad.kernel.extruded(corners, (0.0, 0.0, z1 - z0))
 
     pieces = [f"{length * 1e3:.4f}".replace(".", "p") + "mm" for length in (pair.lower, pair.upper)]
     bodies = [
@@ -110,7 +107,7 @@ def write_gauge_assembly(path: Path, block: StepBlock, pair: GaugePair) -> None:
     deviation, _ = GRADES[pair.grade]
     dimensions, tops = [], []
     for index, length in ((1, pair.lower), (2, pair.upper)):
-        described = kernel.face_kinds(bodies[index][1])
+        described = cad.kernel.face_kinds(bodies[index][1])
         level = sorted((face.low[2], i) for i, face in enumerate(described) if face.high[2] - face.low[2] < 1e-6)
         bottom, top = (PmiItem(index, i) for _, i in (level[0], level[-1]))
         measured = PmiDimension("distance", (bottom, top), length, -deviation, deviation)

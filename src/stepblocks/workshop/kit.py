@@ -1,26 +1,22 @@
 """A kit of the apparatus: every part as STEP, drawing and printable mesh, the assembly moved through its travel, bill and loads."""
 
-from __future__ import annotations
-
 import itertools
+import math
 from collections import Counter
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING
 
+from stepblocks import cad
 from stepblocks.artefacts.meshes.write import write_3mf, write_stl
 from stepblocks.artefacts.step.write import write_conforming, write_step_ap242
-from stepblocks.parts.apparatus import Apparatus
+from stepblocks.parts.apparatus import ARM, Apparatus
 from stepblocks.parts.conditions import OrderSpec
 from stepblocks.parts.kinds.machined import Machined
 from stepblocks.parts.shapes import mesh_solid
 from stepblocks.tables import write_table
 from stepblocks.workshop.complete import missing_from
 from stepblocks.workshop.drawing import write_drawing
-from stepblocks.workshop.loads import flexure_sensitivity, flexure_stiffness, normal_load, pull
-
-if TYPE_CHECKING:
-    from stepblocks.cad import kernel
 
 POSITIONS = 21  # of the travel at which the assembly is looked at
 _TOUCHING = 1e-15  # volume that the kernel's intersection may leave where faces touch [m^3]
@@ -53,7 +49,7 @@ def write_kit(folder: Path, kit: Apparatus, order: OrderSpec) -> tuple[list[Path
     return [*written, assembly, *_write_tables(folder, kit, parts)], wrong
 
 
-def _write_part(folder: Path, part: Machined, body: kernel.Body, order: OrderSpec) -> tuple[list[Path], list[str]]:
+def _write_part(folder: Path, part: Machined, body: cad.kernel.Body, order: OrderSpec) -> tuple[list[Path], list[str]]:
     folder.mkdir(parents=True, exist_ok=True)
     step = folder / f"{part.id}.step"
     write_step_ap242(step, part, [(part.id, body)])
@@ -67,19 +63,17 @@ def _write_part(folder: Path, part: Machined, body: kernel.Body, order: OrderSpe
     return [step, *drawings, *meshes], missing_from(part, drawings[0], step)
 
 
-def interferences(kit: Apparatus, bodies: Mapping[str, kernel.Body]) -> Iterator[str]:
+def interferences(kit: Apparatus, bodies: Mapping[str, cad.kernel.Body]) -> Iterator[str]:
     """Name every pair of parts that share volume, all of them in the middle of the travel and what moves past what does not."""
-    from stepblocks.cad import kernel
-
     parts, half = kit.parts(), 0.5 * kit.travel.nominal
     for a, b in itertools.combinations(parts, 2):
-        yield from _shared(a, b, kernel.common_volume(bodies[a.id], bodies[b.id]), 0.0)
+        yield from _shared(a, b, cad.kernel.common_volume(bodies[a.id], bodies[b.id]), 0.0)
     for index in range(POSITIONS):
         x = half * (2.0 * index / (POSITIONS - 1) - 1.0)
         for a in (one for one in parts if one.moving):
-            there = kernel.moved(bodies[a.id], (x, 0.0, 0.0))
+            there = cad.kernel.moved(bodies[a.id], (x, 0.0, 0.0))
             for b in (one for one in parts if not one.moving):
-                yield from _shared(a, b, kernel.common_volume(there, bodies[b.id]), x)
+                yield from _shared(a, b, cad.kernel.common_volume(there, bodies[b.id]), x)
 
 
 def _shared(a: Machined, b: Machined, volume: float, x: float) -> Iterator[str]:
@@ -91,11 +85,8 @@ def _write_tables(folder: Path, kit: Apparatus, parts: Sequence[Machined]) -> li
     import pandas as pd
 
     made = [(1, part.title, part.material.designation, part.id) for part in parts if not part.standard]
-    bought = Counter(
-        (part.standard, part.title)
-        for part in parts
-        if part.standard and part.id not in ("block", "explorer", "weight")
-    )
+    given = [part.id in ("block", "explorer", "weight") or not part.standard for part in parts]
+    bought = Counter((part.standard, part.title) for part, has in zip(parts, given, strict=True) if not has)
     said = "weight {:g} g, class M1 (OIML R 111-1)".format
     weights = [(1, f"{said(mass * 1e3)}, bored 2.5", "", "shank of the explorer") for mass in kit.normal_weights]
     weights += [(1, said(mass * 1e3), "", "hanger") for mass in kit.pulling_weights]
@@ -108,11 +99,88 @@ def _write_tables(folder: Path, kit: Apparatus, parts: Sequence[Machined]) -> li
         for load in (of(kit, mass) for mass in several)
     ]
     flexure = [{"stiffness_n_per_m": flexure_stiffness(kit), "sensitivity_v_per_v_per_n": flexure_sensitivity(kit)}]
-    tables = {
-        "bill": pd.DataFrame(lines, columns=["count", "what", "material", "for"]),
-        "loads": pd.DataFrame(loads),
-        "flexure": pd.DataFrame(flexure),
+    bill = pd.DataFrame(lines, columns=["count", "what", "material", "for"])
+    written = []
+    for name, table in (("bill", bill), ("loads", pd.DataFrame(loads)), ("flexure", pd.DataFrame(flexure))):
+        written.append(folder / f"{kit.id}.{name}.csv")
+        write_table(table, written[-1])
+    return written
+
+
+# statics
+
+_PIVOT_BORE, _PULLEY_BORE, _PULLEY = 3e-3, 3e-3, 20e-3  # diameters [m]
+
+
+@dataclass(frozen=True)
+class Load:
+    """A force on the tip."""
+
+    mass: float  # of the weight [kg]
+    force: float  # N
+    std: float  # standard uncertainty [N]
+    budget: tuple[tuple[str, float], ...]  # standard uncertainties by source [N]
+
+
+def flexure_stiffness(kit: Apparatus) -> float:
+    """Stiffness of the two leaves along the drag [N/m], clamped at both ends, which stay parallel."""
+    # twice 12 E I / L^3 (Euler and Bernoulli), less the share of shear 2.4 (1 + nu) (t/L)^2, nu 0.3 (Timoshenko, 5/6)
+    leaf = kit.flexure
+    length, width, thick = (one.nominal for one in (leaf.length, leaf.width, leaf.thickness))
+    bending = 2.0 * leaf.modulus.value * width * (thick / length) ** 3
+    return bending / (1.0 + 2.4 * 1.3 * (thick / length) ** 2)
+
+
+def flexure_sensitivity(kit: Apparatus) -> float:
+    """Output of the full bridge over its supply, for a newton along the drag [1/N]."""
+    # gauge factor times the strain 3 F (L/2 - s) / (E b t^2) under a gauge at s from the end of a leaf
+    leaf = kit.flexure
+    length, width, thick = (one.nominal for one in (leaf.length, leaf.width, leaf.thickness))
+    lever = 0.5 * length - leaf.gauge_place.nominal
+    return leaf.gauge_factor.value * 3.0 * lever / (leaf.modulus.value * width * thick**2)
+
+
+def normal_load(kit: Apparatus, mass: float) -> Load:
+    """Force of a weight [kg] over the tip on a level block: the arm is balanced, so it is the weight's alone."""
+    # tolerances count as rectangular, and so does the friction of the pivot, whose sign is that of the last movement
+    gravity, carried = kit.gravity.value, [one for one in kit.parts(mass) if one.id in ON_THE_PIVOT]
+    counterweight = next(one for one in carried if one.id == "counterweight")
+    pressing = gravity * math.fsum(one.mass for one in carried)
+    parts = {
+        "weight": kit.weight_tolerance.value * mass * gravity,
+        "gravity": kit.gravity_tolerance.value * mass * gravity,
+        "balance": counterweight.mass * gravity * kit.balance.limits[1] / ARM,
+        "friction of the pivot": kit.friction.pivot.value * pressing * 0.5 * _PIVOT_BORE / ARM,
     }
-    for name, table in tables.items():
-        write_table(table, folder / f"{kit.id}.{name}.csv")
-    return [folder / f"{kit.id}.{name}.csv" for name in tables]
+    return _load(mass, mass * gravity, parts)
+
+
+# what turns about the pivot
+ON_THE_PIVOT = ("arm", "explorer-clamp", "explorer", "weight", "balance-rod", "counterweight")
+
+
+def pull(kit: Apparatus, mass: float) -> Load:
+    """Force along the drag of a weight with its hanger [kg], less what pulley and carriage take."""
+    gravity = kit.gravity.value
+    weight = mass * gravity
+    # a cord that turns by a right angle presses its pulley with sqrt(2) of its tension
+    pulley = math.sqrt(2.0) * weight * kit.friction.pulley.value * _PULLEY_BORE / _PULLEY
+    carriage = kit.friction.carriage.value * gravity * moving_mass(kit.parts())
+    parts = {
+        "weight": kit.weight_tolerance.value * weight,
+        "gravity": kit.gravity_tolerance.value * weight,
+        # makers' coefficients scatter by half
+        "friction of the pulley": 0.5 * pulley,
+        "friction of the carriage": 0.5 * carriage,
+    }
+    return _load(mass, weight - pulley - carriage, parts)
+
+
+def moving_mass(parts: Iterable[Machined]) -> float:
+    """Mass that the shafts carry [kg]."""
+    return math.fsum(one.mass for one in parts if one.moving)
+
+
+def _load(mass: float, force: float, rectangular: dict[str, float]) -> Load:
+    budget = tuple((name, half / math.sqrt(3.0)) for name, half in rectangular.items())
+    return Load(mass, force, math.hypot(*(std for _, std in budget)), budget)

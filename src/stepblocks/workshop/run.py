@@ -1,7 +1,5 @@
 """Everything a workshop is sent besides the STEP file: drawings, inspection sheets, and the route that reaches a tolerance."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -11,10 +9,11 @@ from stepblocks.artefacts.qif import write_qif
 from stepblocks.atomic import inside
 from stepblocks.declare import load_declared, load_kit
 from stepblocks.errors import PipelineError
-from stepblocks.parts.apparatus import Kit
+from stepblocks.parts.apparatus import Apparatus
 from stepblocks.parts.conditions import OrderSpec
 from stepblocks.parts.kind import Part
 from stepblocks.parts.kinds.step_block import StepBlock
+from stepblocks.parts.set import StimulusSet
 from stepblocks.quantities import parse_quantity
 from stepblocks.select import matches, stimulus_files
 from stepblocks.workshop.complete import missing_from
@@ -73,15 +72,12 @@ def order_parts(
     held = parse_quantity(held, "length") if isinstance(held, str) else held
     orders = []
     for path in stimulus_files(files):
-        if (kit := load_kit(path)) is not None:
-            orders += _order_kits(path.stem, kit, Path(output), only)
-            if announce is not None and orders:
-                announce(orders[-1])
-            continue
-        declared = load_declared(path)
-        for stimulus in declared.stimuli:
-            if only is None or matches(only, declared.name, stimulus.id):
-                orders.append(_order(f"{declared.name}/{stimulus.id}", stimulus, Path(output), held, declared.order))
+        kit = load_kit(path)
+        declared = kit or load_declared(path)
+        set_name = declared.name if isinstance(declared, StimulusSet) else path.stem
+        for one in declared.stimuli if isinstance(declared, StimulusSet) else declared.apparatus:
+            if only is None or matches(only, set_name, one.id):
+                orders.append(_order(f"{set_name}/{one.id}", one, Path(output), held, declared.order))
                 if announce is not None:
                     announce(orders[-1])
     if not orders:
@@ -89,25 +85,14 @@ def order_parts(
     return orders
 
 
-def _order_kits(set_name: str, kit: Kit, output: Path, only: str | None) -> list[Order]:
-    orders = []
-    for one in kit.apparatus:
-        if only is None or matches(only, set_name, one.id):
-            files, wrong = write_kit(_folder(output, f"{set_name}/{one.id}"), one, kit.order)
-            orders.append(Order(f"{set_name}/{one.id}", tuple(files), (), tuple(wrong)))
-    return orders
-
-
-def _folder(output: Path, name: str) -> Path:
+def _order(name: str, stimulus: Part | Apparatus, output: Path, capability: float, said: OrderSpec) -> Order:
     folder = inside(output, name)
     if folder is None:
         raise PipelineError(f"the folder must lie in the output folder, with no link on the way [{output / name}]")
     folder.mkdir(parents=True, exist_ok=True)
-    return folder
-
-
-def _order(name: str, stimulus: Part, output: Path, capability: float, said: OrderSpec) -> Order:
-    folder = _folder(output, name)
+    if isinstance(stimulus, Apparatus):
+        files, wrong = write_kit(folder, stimulus, said)
+        return Order(name, tuple(files), (), tuple(wrong))
     written = [*write_drawing(folder, stimulus, order=said), folder / f"{stimulus.id}.plan.qif"]
     write_qif(written[-1], stimulus, said)
     routes: list[Route] = []
@@ -132,8 +117,7 @@ def route_table(orders: Iterable[Order]) -> str:
     lines = [head, "-" * len(head)]
     for order in orders:
         for route in order.routes:
-            lines.append(
-                f"{order.name:26} {route.name:22} {route.deviation * 1e6:12.2f} {route.tolerance * 1e6:12.2f}  "
-                f"{'yes' if route.reaches else 'no':7} {route.note}"
-            )
+            lengths = f"{route.deviation * 1e6:12.2f} {route.tolerance * 1e6:12.2f}"
+            reaches = "yes" if route.reaches else "no"
+            lines.append(f"{order.name:26} {route.name:22} {lengths}  {reaches:7} {route.note}")
     return "\n".join(lines)

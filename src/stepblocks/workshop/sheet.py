@@ -4,8 +4,6 @@ Everything is in millimetres of paper. A dimension measures what is drawn and di
 prints is the part; the DIMENSION entity keeps value and tolerance, where they can be read back.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
@@ -31,13 +29,9 @@ _LAYERS = {  # colour, weight of the lines [0.01 mm] and their type
     "FRAME": (7, 35, "Continuous"),
     "TEXT": (7, 18, "Continuous"),
 }
-_STYLE = {
-    **{"dimtxsty": "LETTERS", "dimdsep": ord(".")},
-    **{"dimtxt": _TEXT, "dimasz": 2.5, "dimexe": 1.2, "dimexo": 0.8, "dimgap": 0.8},
-    **dict.fromkeys(("dimclrd", "dimclre", "dimclrt"), 7),
-    **dict.fromkeys(("dimtad", "dimtofl"), 1),
-    **dict.fromkeys(("dimzin", "dimtzin", "dimtih", "dimtoh"), 0),
-}
+_STYLE = {"dimtxsty": "LETTERS", "dimdsep": ord("."), "dimtxt": _TEXT, "dimasz": 2.5, "dimexe": 1.2, "dimexo": 0.8}
+_STYLE |= {"dimgap": 0.8, **dict.fromkeys(("dimclrd", "dimclre", "dimclrt"), 7)}
+_STYLE |= {**dict.fromkeys(("dimtad", "dimtofl"), 1), **dict.fromkeys(("dimzin", "dimtzin", "dimtih", "dimtoh"), 0)}
 _PREFIX = {"diameter": "⌀<>", "radius": "R<>"}  # of a dimension's text, by kind
 TOP_OF_TITLE = 73.0  # y of the upper side of the title block [mm]
 
@@ -139,23 +133,11 @@ class Sheet:
         override: dict[str, Any] = {"dimlfac": 1.0 / scale, "dimdec": decimals, "dimtdec": decimals}
         if prefix := _PREFIX.get(one.kind, ""):
             override["dimpost"] = prefix
-        dimension = self.space.add_linear_dim(
-            base=along,
-            p1=a,
-            p2=b,
-            angle=90.0 if upright else 0.0,
-            dimstyle="PART",
-            override=override,
-            dxfattribs={"layer": "DIMENSION"},
-        )
-        dimension.set_tolerance(
-            one.upper * 1e3,
-            -one.lower * 1e3,
-            hfactor=1.0 if abs(one.upper + one.lower) < 1e-12 else 0.7,
-            dec=decimals,
-            leading_zeros=True,
-            trailing_zeros=True,
-        )
+        said = {"dimstyle": "PART", "override": override, "dxfattribs": {"layer": "DIMENSION"}}
+        dimension = self.space.add_linear_dim(base=along, p1=a, p2=b, angle=90.0 if upright else 0.0, **said)
+        small = 1.0 if abs(one.upper + one.lower) < 1e-12 else 0.7  # height of two unlike deviations
+        zeros = {"leading_zeros": True, "trailing_zeros": True}
+        dimension.set_tolerance(one.upper * 1e3, -one.lower * 1e3, hfactor=small, dec=decimals, **zeros)
         # along the line of the dimension: its ends, and the length of its text; `side` leads away from it
         axis, side = (1, -1.0) if upright else (0, 1.0)
         start, end = sorted((a[axis], b[axis]))
@@ -274,9 +256,8 @@ class Sheet:
     def _first_angle(self, at: Point) -> None:
         """Draw the truncated cone from its side and, on the right of it, from its narrow end (ISO 5456-2)."""
         x, y = at
-        self.polyline(
-            [(x - 4.0, y - 1.2), (x + 2.0, y - 2.4), (x + 2.0, y + 2.4), (x - 4.0, y + 1.2)], "DIMENSION", closed=True
-        )
+        side = [(x - 4.0, y - 1.2), (x + 2.0, y - 2.4), (x + 2.0, y + 2.4), (x - 4.0, y + 1.2)]
+        self.polyline(side, "DIMENSION", closed=True)
         for radius in (1.2, 2.4):
             self.circle((x + 8.0, y), radius, "DIMENSION")
         self.line((x - 5.0, y), (x + 3.0, y), "CENTRE")

@@ -1,20 +1,15 @@
 """Views of what is turned: probe tips, tooth and crown, sheaths."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Iterable
 
 from stepblocks.parts.kinds.crown_on_tooth import CrownOnTooth
 from stepblocks.parts.kinds.sheath import MASS_MATCH, Sheath, format_mass
 from stepblocks.parts.kinds.tips import HookTip, StraightTip, Tip
-from stepblocks.parts.revolution import Outline, Turned, outline_points
+from stepblocks.parts.revolution import Turned, outline_points
 from stepblocks.workshop.sheet import Point, Sheet, View, round_scale
 
-
-def _points(outline: Outline) -> list[Point]:
-    """Outline as points; a chord is off its arc by less than a sheet at the scale of an enlarged ball shows."""
-    return outline_points(outline, 0.05e-6)
+_CHORD = 0.05e-6  # off its arc by less than a sheet at the scale of an enlarged ball shows [m]
 
 
 def _draw_mirrored(sheet: Sheet, view: View, outline: Iterable[Point], closed: bool = False) -> None:
@@ -53,7 +48,8 @@ def hook_tip_views(sheet: Sheet, tip: HookTip) -> list[str]:
 
 def _side_view(sheet: Sheet, tip: Tip, end: float, more: list[list[Point]]) -> View:
     """Draw ball, cone and shank about their axis, and more lines; return the view."""
-    lines = [*([(z, side * r) for r, z in _points(tip.outline())] for side in (1.0, -1.0)), *more]
+    half = outline_points(tip.outline(), _CHORD)
+    lines = [*([(z, side * r) for r, z in half] for side in (1.0, -1.0)), *more]
     low, high = ([pick(point[k] for line in lines for point in line) for k in (0, 1)] for pick in (min, max))
     wide, tall, shank = (1e3 * size for size in (high[0] - low[0], high[1] - low[1], tip.shank_radius.nominal))
     s = round_scale(min(180.0 / wide, 150.0 / tall, 40.0 / shank))
@@ -83,7 +79,7 @@ def _ball(sheet: Sheet, tip: Tip, side: View, lowest: float) -> list[str]:
     sheet.text((side.origin[0], side.at(0.0, lowest)[1] - 26.0), f"side {side.scale:g}:1", 2.5)
     (cx, cy), R = (320.0, 215.0), tip.ball_radius.nominal
     view, height = View((cx - 40.0, cy), round_scale(22.0 / (R * 1e3))), 3.2 * R
-    outline = [(r, z) for r, z in _points(tip.outline()) if z <= height]
+    outline = [(r, z) for r, z in outline_points(tip.outline(), _CHORD) if z <= height]
     start = tip.cone_start
     outline.append((start[0] + (height - start[1]) * math.tan(tip.cone_angle.nominal), height))
     _draw_mirrored(sheet, view, outline)
@@ -100,7 +96,7 @@ def _ball(sheet: Sheet, tip: Tip, side: View, lowest: float) -> list[str]:
 
 def turned_views(sheet: Sheet, part: Turned) -> list[str]:
     """Draw the half sections of any turned part, mirrored, its axis along the sheet; return the lines of its notes."""
-    outlines = [_points(outline) for outline in part.outlines()]
+    outlines = [outline_points(outline, _CHORD) for outline in part.outlines()]
     low, high = (chosen(z for outline in outlines for _, z in outline) for chosen in (min, max))
     widest = max(r for outline in outlines for r, _ in outline)
     s = round_scale(min(150.0 / (1e3 * (high - low)), 45.0 / (1e3 * widest)))
@@ -134,7 +130,7 @@ def crown_views(sheet: Sheet, margin: CrownOnTooth) -> list[str]:
     s = round_scale(min(150.0 / (tall * 1e3), 90.0 / (2.2 * R * 1e3)))
     view = View((110.0, 150.0), s)
     (cx, cy), at = view.origin, view.at
-    tooth, crown = _points(margin.tooth_outline()), _points(margin.crown_outline())
+    tooth, crown = (outline_points(outline, _CHORD) for outline in margin.outlines())
     for outline in (tooth, crown):
         for side in (1.0, -1.0):
             sheet.polyline([at(side * r, z) for r, z in outline])
@@ -210,8 +206,6 @@ def sheath_views(sheet: Sheet, part: Sheath) -> list[str]:
     sheet.line((end[0] - reach, cy), (end[0] + reach, cy), "CENTRE")
     sheet.line((end[0], cy - reach), (end[0], cy + reach), "CENTRE")
     sheet.text((end[0], cy - reach - 6.0), f"end {s:g}:1", 2.5, "BOTTOM_CENTER")
-    lightest, heaviest = part.mass_limits
-    return [
-        f"Mass {format_mass(part.mass)}, {format_mass(lightest)} to {format_mass(heaviest)} within the limits.",
-        f"Weigh the made parts; a pair must agree within {MASS_MATCH:.0%}.",
-    ]
+    lightest, heaviest = map(format_mass, part.mass_limits)
+    mass = f"Mass {format_mass(part.mass)}, {lightest} to {heaviest} within the limits."
+    return [mass, f"Weigh the made parts; a pair must agree within {MASS_MATCH:.0%}."]

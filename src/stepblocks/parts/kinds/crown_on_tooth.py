@@ -6,19 +6,17 @@ import itertools
 import math
 from collections.abc import Iterator
 from dataclasses import replace
-from typing import TYPE_CHECKING, Any, ClassVar, Literal
+from typing import Any, ClassVar, Literal
 
+from stepblocks import cad
 from stepblocks.parts.characteristics import Characteristic, EdgeRule, FaceRule, Rule, plane, toleranced
-from stepblocks.parts.declared import Table, require, require_above, require_below, rules_validator
+from stepblocks.parts.declared import Table, below, must, rules_validator
 from stepblocks.parts.kind import CONTACT_DEFLECTION, FITTING_DEFLECTION, NANOMETRE, Finding, MeasuredMesh
 from stepblocks.parts.kinds.margin import CrownMargin
 from stepblocks.parts.revolution import Outline, Point, Turned, outline_points, ring, sectors, stack
 from stepblocks.parts.shapes import hull
 from stepblocks.parts.tolerance import Angle, Dimension, Length, PositiveLength
 from stepblocks.quantities import format_quantity
-
-if TYPE_CHECKING:
-    from stepblocks.cad import kernel
 
 _SEATED = "section or micro-CT, seated"
 
@@ -30,10 +28,10 @@ class FinishLine(Table):
     width: Length  # width of the ledge, or radius of the quarter round [m]; 0 for the feather edge
 
     @rules_validator
-    def _has_the_width_of_its_kind(self) -> None:
+    def _has_the_width_of_its_kind(self) -> Iterator[str]:
         if (self.width.nominal == 0.0) != (self.kind == "feather-edge"):
             rule = "be 0 for a feather-edge" if self.kind == "feather-edge" else f"be above 0 for a {self.kind}"
-            raise ValueError(f"width must {rule}, got {format_quantity(self.width.nominal, 'length')}")
+            yield f"width must {rule}, got {format_quantity(self.width.nominal, 'length')}"
 
 
 class CrownOnTooth(CrownMargin, Turned):
@@ -69,8 +67,7 @@ class CrownOnTooth(CrownMargin, Turned):
         return f"{self.id}-tooth", f"{self.id}-crown"
 
     @property
-    def outer_radius(self) -> float:
-        """Radius of the crown's outside [m]."""
+    def outer_radius(self) -> float:  # of the crown [m]
         return self.margin_radius.nominal + self.horizontal_discrepancy.nominal
 
     def outlines(self) -> list[Outline]:
@@ -119,26 +116,20 @@ class CrownOnTooth(CrownMargin, Turned):
         return outline
 
     def hulls(self) -> list[Any]:
-        return [*stack(self.tooth_outline()), *self._shell()]
-
-    def _shell(self) -> list[Any]:
-        """Sectors of the crown's wall in horizontal slices, and its roof."""
+        """Frusta of the tooth, the crown's roof, and sectors of its wall in horizontal slices."""
         points = outline_points(self.crown_outline(), 5e-6)
         ceiling, roof, outer = points[0][1], points[-1][1], points[-2][0]
         fitting = points[1 : points.index((outer, roof))]
-        pieces = [hull([*ring(outer, ceiling), *ring(outer, roof)])]
-        cells = [
-            [(r0, z0), (r1, z1), (outer, z1), (outer, z0)]
-            for (r0, z0), (r1, z1) in itertools.pairwise(fitting)
-            if z0 > z1 and max(r0, r1) <= outer
-        ]
+        pieces = [*stack(self.tooth_outline()), hull([*ring(outer, ceiling), *ring(outer, roof)])]
+        walls = ((a, b) for a, b in itertools.pairwise(fitting) if a[1] > b[1] and max(a[0], b[0]) <= outer)
+        cells = [[a, b, (outer, b[1]), (outer, a[1])] for a, b in walls]
         low, gap = min(z for _, z in fitting), self.marginal_gap.nominal
         lip = [r for r, z in fitting if z < gap] if low < 0.0 else []
         if lip:
             cells.append([(min(lip), low), (outer, low), (outer, gap), (min(lip), gap)])
         return [*pieces, *(sector for cell in cells for sector in sectors(cell))]
 
-    def chordal_error(self, face: kernel.Face) -> float:
+    def chordal_error(self, face: cad.kernel.Face) -> float:
         reach = 2.0 * (self.marginal_gap.nominal + abs(self.opening.nominal))
         # an axial wall without taper is a cylinder too, but behind the finish line, where no probe comes
         outside = face.radius >= self.margin_radius.nominal - 0.5 * self.finish_line.width.nominal - 1e-9
@@ -173,23 +164,20 @@ class CrownOnTooth(CrownMargin, Turned):
         outside, width = FaceRule("CYLINDER", radius=self.margin_radius.nominal), self.finish_line.width
         kind, key = self.finish_line.kind, "finish_line_width"
         if kind != "shoulder":
-            label = (
-                "finish line, radius of the quarter round" if kind == "chamfer" else "finish line, width of its edge"
-            )
-            return toleranced(key, "note", width, label=label, method="microscope")
+            what = "radius of the quarter round" if kind == "chamfer" else "width of its edge"
+            return toleranced(key, "note", width, label=f"finish line, {what}", method="microscope")
         edges = EdgeRule(outside, plane(2, 0.0)), EdgeRule(plane(2, 0.0), self._walls()[0])
-        return toleranced(
-            key, "distance", width, *edges, label="finish line, width of the shoulder", method="microscope"
-        )
+        label = "finish line, width of the shoulder"
+        return toleranced(key, "distance", width, *edges, label=label, method="microscope")
 
     def _seated(self, ceiling: float) -> Iterator[Characteristic]:
         """Gaps between the two bodies, the crown seated on its tooth."""
         g, inner, finish = self.marginal_gap, self.internal_gap, self.finish_line.kind
-        below = FaceRule("CYLINDER", radius=self.margin_radius.nominal, body=0)
-        ledge = (
-            plane(2, 0.0, 0) if finish == "shoulder" else FaceRule("TORUS" if finish == "chamfer" else "CONE", body=0)
-        )
-        cavosurface, end, walls = EdgeRule(below, ledge), plane(2, self.opening.nominal, 1), self._walls()
+        outside = FaceRule("CYLINDER", radius=self.margin_radius.nominal, body=0)
+        ledge = FaceRule("TORUS" if finish == "chamfer" else "CONE", body=0)
+        if finish == "shoulder":
+            ledge = plane(2, 0.0, 0)
+        cavosurface, end, walls = EdgeRule(outside, ledge), plane(2, self.opening.nominal, 1), self._walls()
         # between two cones that are not parallel each gap holds at one end of the crown's
         across: tuple[Rule, Rule] = walls[0], EdgeRule(walls[1], end)
         if finish != "feather-edge":
@@ -246,8 +234,7 @@ class CrownOnTooth(CrownMargin, Turned):
         wide = 6.0 * max(self.marginal_gap.nominal, abs(self.horizontal_discrepancy.nominal))
         return 1.0, wide, (self.margin_radius.nominal, wide, 0.0)
 
-    @property
-    def wall_thickness(self) -> float:
+    def _wall_thickness(self) -> float:
         """Thickness of the crown's wall across the path of draw at its fitting end [m]."""
         g, finish = self.marginal_gap.nominal, self.finish_line
         height, gap = g + (finish.width.nominal if finish.kind == "chamfer" else 0.0), self.internal_gap.nominal
@@ -257,28 +244,31 @@ class CrownOnTooth(CrownMargin, Turned):
         return self.horizontal_discrepancy.nominal - inner
 
     @rules_validator
-    def _fits_the_tooth(self) -> None:
+    def _fits_the_tooth(self) -> Iterator[str]:
         h, g, v = self.horizontal_discrepancy.nominal, self.marginal_gap.nominal, self.opening.nominal
         R, finish, height = self.margin_radius.nominal, self.finish_line, self.preparation_height.nominal
         if self.taper.nominal >= math.radians(45.0):
-            raise ValueError(f"taper must be less than 45 deg, got {format_quantity(self.taper.nominal, 'angle')}")
+            yield f"taper must be less than 45 deg, got {format_quantity(self.taper.nominal, 'angle')}"
+            return
         top = R - finish.width.nominal - height * math.tan(self.taper.nominal)
-        require_above("preparation_height", "leave the preparation a top of a tenth of margin_radius", top, 0.1 * R)
-        require_below("internal_gap", "be below half of margin_radius", self.internal_gap.nominal, 0.5 * R)
-        wall = self.wall_thickness
-        require(wall > 0.0, "horizontal_discrepancy", "leave the crown a wall at its margin", h - wall, h)
+        rule = "leave the preparation a top of a tenth of margin_radius"
+        yield must(top > 0.1 * R, "preparation_height", rule, 0.1 * R, top)
+        yield below("internal_gap", "be below half of margin_radius", self.internal_gap.nominal, 0.5 * R)
+        wall = self._wall_thickness()
+        yield must(wall > 0.0, "horizontal_discrepancy", "leave the crown a wall at its margin", h - wall, h)
         shell, rule = self.shell_thickness.nominal, "not exceed the shell (overextension beyond shell_thickness)"
-        require(h <= shell, "horizontal_discrepancy", rule, shell, h)
+        yield must(h <= shell, "horizontal_discrepancy", rule, shell, h)
         if finish.kind == "feather-edge" and self.taper.nominal == 0.0:
             rule = "exceed 0 deg for a feather-edge, whose finish line is where the taper begins"
-            raise ValueError(f"taper must {rule}, got 0 deg")
+            yield f"taper must {rule}, got 0 deg"
+            return
         bevel = abs(v - g) if v >= 0.0 and finish.kind != "feather-edge" else 0.0
-        require(bevel < wall, "vertical_discrepancy", "leave a wall behind the bevel of the margin", g + wall, v)
+        yield must(bevel < wall, "vertical_discrepancy", "leave a wall behind the bevel of the margin", g + wall, v)
         if v < 0.0 and finish.kind == "feather-edge":
-            rule = "not be negative for a feather-edge"
-            raise ValueError(f"vertical_discrepancy must {rule}, got {format_quantity(v, 'length')}")
+            yield f"vertical_discrepancy must not be negative for a feather-edge, got {format_quantity(v, 'length')}"
+            return
         least = max(g, v) + finish.width.nominal
-        require_above("preparation_height", "exceed the finish line", height, least)
+        yield must(height > least, "preparation_height", "exceed the finish line", least, height)
 
 
 def _fitting_arc(start: Point, end: Point, radius: float) -> tuple[Point, Point]:

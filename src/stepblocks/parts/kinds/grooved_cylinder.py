@@ -5,18 +5,16 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator
 from dataclasses import replace
-from typing import TYPE_CHECKING, Any, ClassVar
+from typing import Any, ClassVar
 
+from stepblocks import cad
+from stepblocks.contact.counterface import Groove
 from stepblocks.parts.characteristics import Characteristic, EdgeRule, FaceRule, broken_edges, plane, toleranced
-from stepblocks.parts.declared import MaterialField, require, require_below, rules_validator
+from stepblocks.parts.declared import MaterialField, below, must, rules_validator
 from stepblocks.parts.kind import CONTACT_DEFLECTION, FITTING_DEFLECTION, NANOMETRE, Finding, MeasuredMesh
 from stepblocks.parts.revolution import Outline, Turned, stack
 from stepblocks.parts.tolerance import Angle, Length, PositiveLength
 from stepblocks.quantities import format_quantity
-
-if TYPE_CHECKING:
-    from stepblocks.cad import kernel
-    from stepblocks.contact.counterface import Groove
 
 
 class GroovedCylinder(Turned):
@@ -39,8 +37,6 @@ class GroovedCylinder(Turned):
     material: MaterialField
 
     def sized(self, **sizes: float) -> Groove:
-        from stepblocks.contact.counterface import Groove
-
         return Groove(max(sizes["width"], 0.0), sizes["flank"])
 
     @property
@@ -62,7 +58,7 @@ class GroovedCylinder(Turned):
     def hulls(self) -> list[Any]:
         return stack(*self.outlines())
 
-    def chordal_error(self, face: kernel.Face) -> float:
+    def chordal_error(self, face: cad.kernel.Face) -> float:
         near = face.low[2] >= -1e-6 and face.high[2] <= self.groove_width.nominal + 1e-6
         return CONTACT_DEFLECTION if near and face.kind == "CONE" else FITTING_DEFLECTION
 
@@ -76,9 +72,8 @@ class GroovedCylinder(Turned):
         flank = self.flank_angle
         cone = replace(flank, nominal=0.5 * math.pi - flank.nominal, lower=-flank.upper, upper=-flank.lower)
         label = "cone of either flank, included"
-        yield replace(
-            toleranced("flank_cone", "angle", cone, falling, label=label, method=how).doubled, states=(flank,)
-        )
+        whole = toleranced("flank_cone", "angle", cone, falling, label=label, method=how).doubled
+        yield replace(whole, states=(flank,))
         yield toleranced("diameter", "diameter", self.diameter, near)
         yield toleranced("length", "distance", self.length, plane(2, -end), plane(2, end))
         edge = EdgeRule(FaceRule("CONE", holds={2: 0.5 * self.edge_break.nominal - end}), near)
@@ -102,12 +97,13 @@ class GroovedCylinder(Turned):
         return [["depth of the groove", format_quantity(self.groove_depth, "length")]]
 
     @rules_validator
-    def _is_possible(self) -> None:
+    def _is_possible(self) -> Iterator[str]:
         R, flank, width = 0.5 * self.diameter.nominal, self.flank_angle.nominal, self.groove_width.nominal
         if not 0.0 < flank < math.radians(80.0):
-            raise ValueError(f"flank_angle must lie between 0 and 80 deg, got {format_quantity(flank, 'angle')}")
+            yield f"flank_angle must lie between 0 and 80 deg, got {format_quantity(flank, 'angle')}"
+            return
         room, chamfer = 0.5 * self.length.nominal - self.edge_break.nominal, self.edge_break.nominal
-        require(2.0 * width < room, "groove_width", "leave a shoulder of its own width", 0.5 * room, width)
+        yield must(2.0 * width < room, "groove_width", "leave a shoulder of its own width", 0.5 * room, width)
         widest = 0.5 * R / math.tan(flank)
-        require_below("groove_width", "not cut deeper than an eighth of the diameter", width, widest)
-        require_below("edge_break", "be below a quarter of the diameter", chamfer, 0.5 * R)
+        yield below("groove_width", "not cut deeper than an eighth of the diameter", width, widest)
+        yield below("edge_break", "be below a quarter of the diameter", chamfer, 0.5 * R)

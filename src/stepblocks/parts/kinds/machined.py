@@ -2,22 +2,21 @@
 
 from __future__ import annotations
 
+import itertools
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, ClassVar, Literal
+from typing import Any, ClassVar, Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
+from stepblocks import cad
 from stepblocks.parts.characteristics import Characteristic, FaceRule, located, plane, toleranced
 from stepblocks.parts.declared import MaterialField
 from stepblocks.parts.kind import COARSE_DEFLECTION, Finding, HeldPart, MeasuredMesh
 from stepblocks.parts.shapes import hull
 from stepblocks.parts.tolerance import Dimension, general_deviation
-
-if TYPE_CHECKING:
-    from stepblocks.cad import kernel
 
 Point3 = tuple[float, float, float]
 _SIDES = ("left", "front", "base")  # where coordinates are counted from
@@ -29,6 +28,11 @@ class Box:
 
     low: Point3  # m
     high: Point3  # m
+
+    @property
+    def ends(self) -> list[tuple[float, float]]:
+        """Lower and upper end along each axis [m]."""
+        return list(zip(self.low, self.high, strict=True))
 
 
 @dataclass(frozen=True)
@@ -45,10 +49,10 @@ class Round:
     thread: str = ""  # designation of the thread that is cut in it
 
     @property
-    def end(self) -> Point3:
-        """Middle of the other end [m]."""
-        x, y, z = (s + self.length * (name == self.axis) for name, s in zip("xyz", self.start, strict=True))
-        return x, y, z
+    def ends(self) -> list[tuple[float, float]]:
+        """Lower and upper end along each axis [m]."""
+        half, sides = 0.5 * self.diameter, zip("xyz", self.start, strict=True)
+        return [(at, at + self.length) if name == self.axis else (at - half, at + half) for name, at in sides]
 
     @property
     def volume(self) -> float:
@@ -59,7 +63,8 @@ class Round:
     @property
     def middle(self) -> NDArray[np.float64]:
         """Centre of the whole cylinder [m]."""
-        return 0.5 * (np.array(self.start) + self.end)
+        end = [s + self.length * (name == self.axis) for name, s in zip("xyz", self.start, strict=True)]
+        return 0.5 * (np.array(self.start) + end)
 
 
 @dataclass(frozen=True)
@@ -76,10 +81,9 @@ class Between:
     def characteristic(self) -> Characteristic:
         """State it."""
         holds = {k: self.near[k] for k in range(3) if k != self.axis}
-        low, high = (
-            FaceRule("PLANE", self.axis, at, holds=holds) for at in (self.start, self.start + self.size.nominal)
-        )
-        return toleranced(self.key, "distance", self.size, low, high, label=self.label, method="micrometer")
+        ends = self.start, self.start + self.size.nominal
+        faces = (FaceRule("PLANE", self.axis, at, holds=holds) for at in ends)
+        return toleranced(self.key, "distance", self.size, *faces, label=self.label, method="micrometer")
 
 
 def bore(axis: Literal["x", "y", "z"], start: Point3, diameter: float, length: float, fit: str = "") -> Round:
@@ -106,23 +110,19 @@ class Machined(HeldPart):
     moving: bool = False  # whether it travels with the probe
     printable: bool = False
     standard: str = ""  # designation where it is bought, not made
-    count: int = 1
 
     @property
     def titled(self) -> str:  # type: ignore[override]
-        """What its drawing is called."""
         return self.title
 
-    def solids(self) -> list[kernel.Body]:
-        from stepblocks.cad import kernel
-
+    def solids(self) -> list[cad.kernel.Body]:
         made = [_box(one) for one in self.boxes] + [_cylinder(one) for one in self.rods]
-        body = kernel.fused(made) if len(made) > 1 else made[0]
-        return [kernel.cut(body, [_cylinder(one) for one in self.bores]) if self.bores else body]
+        body = cad.kernel.fused(made) if len(made) > 1 else made[0]
+        return [cad.kernel.cut(body, [_cylinder(one) for one in self.bores]) if self.bores else body]
 
     def _masses(self) -> list[tuple[float, NDArray[np.float64]]]:
         """Signed volumes of what it is made of, with their centres; that of half a disc lies 4 r / 3 pi off its diameter."""
-        found = [(math.prod(_sides(one)), 0.5 * (np.array(one.low) + one.high)) for one in self.boxes]
+        found = [(math.prod(b - a for a, b in one.ends), 0.5 * (np.array(one.low) + one.high)) for one in self.boxes]
         found += [(one.volume, one.middle) for one in self.rods]
         for one in self.bores:
             inward = np.array(one.inward or (0.0, 0.0, 0.0))
@@ -144,14 +144,13 @@ class Machined(HeldPart):
         return sum((volume * at for volume, at in parts), start=np.zeros(3)) / math.fsum(volume for volume, _ in parts)
 
     def hulls(self) -> list[Any]:
-        return [hull((x, y, z) for x in ends[0] for y in ends[1] for z in ends[2]) for ends in map(_ends, self.boxes)]
+        return [hull(itertools.product(*one.ends)) for one in self.boxes]
 
     @property
     def extent(self) -> tuple[Point3, Point3]:
         """Lower and upper corner of the box around it [m]."""
-        low = [one.low for one in self.boxes] + [_around(one)[0] for one in self.rods]
-        high = [one.high for one in self.boxes] + [_around(one)[1] for one in self.rods]
-        return tuple(np.min(low, axis=0).tolist()), tuple(np.max(high, axis=0).tolist())
+        ends = np.array([*(one.ends for one in self.boxes), *(one.ends for one in self.rods)])
+        return tuple(ends[:, :, 0].min(axis=0).tolist()), tuple(ends[:, :, 1].max(axis=0).tolist())
 
     def characteristics(self) -> Iterator[Characteristic]:
         low, high = self.extent
@@ -179,8 +178,7 @@ class Machined(HeldPart):
         face = FaceRule("CYLINDER", radius=0.5 * one.diameter, holds={k: one.middle[k] for k in across})
         size = Dimension(one.diameter, one.upper, one.lower) if one.upper > one.lower else _general(one.diameter)
         along = "xyz".index(one.axis)
-        ends = one.start[along], one.end[along]
-        through = any(math.dist(ends, (box.low[along], box.high[along])) < 1e-12 for box in self.boxes)
+        through = any(math.dist(one.ends[along], box.ends[along]) < 1e-12 for box in self.boxes)
         deep = "" if kind == "rod" or through else f", {one.length * 1e3:g} mm long"
         said = (f" for {one.thread}" if one.thread else "") + deep
         yield toleranced(f"{kind}_{index}", "diameter", size, face, label=f"{kind} {index}, along {one.axis}{said}")
@@ -200,59 +198,20 @@ class Machined(HeldPart):
         low, high = self.extent
         return 1.0, max(b - a for a, b in zip(low, high, strict=True)), (0.0, 0.0, 0.0)
 
-    def carried(self, by: Sequence[float]) -> Machined:
-        """Return it moved [m]; what does not travel stays."""
-        if not self.moving:
-            return self
-        boxes = tuple(Box(_shifted(one.low, by), _shifted(one.high, by)) for one in self.boxes)
-        rods, bores = (
-            tuple(Round(**{**vars(one), "start": _shifted(one.start, by)}) for one in several)
-            for several in (self.rods, self.bores)
-        )
-        return self.model_copy(update={"boxes": boxes, "rods": rods, "bores": bores})
-
 
 def _general(length: float) -> Dimension:
     deviation = general_deviation(length) or 0.05e-3
     return Dimension(length, deviation, -deviation, general=True)
 
 
-def _shifted(point: Point3, by: Sequence[float]) -> Point3:
-    x, y, z = (a + b for a, b in zip(point, by, strict=True))
-    return x, y, z
-
-
-def _ends(box: Box) -> list[tuple[float, float]]:
-    return list(zip(box.low, box.high, strict=True))
-
-
-def _sides(box: Box) -> list[float]:
-    return [high - low for low, high in _ends(box)]
-
-
-def _around(one: Round) -> tuple[Point3, Point3]:
-    half = [0.0 if name == one.axis else 0.5 * one.diameter for name in "xyz"]
-    low, high = np.array(one.start) - half, np.array(one.end) + half
-    return tuple(low.tolist()), tuple(high.tolist())
-
-
-def _box(box: Box) -> kernel.Body:
-    from stepblocks.cad import kernel
+def _box(box: Box) -> cad.kernel.Body:
 
     (x0, y0, z0), (x1, y1, _) = box.low, box.high
-    return kernel.extruded([(x0, y0, z0), (x1, y0, z0), (x1, y1, z0), (x0, y1, z0)], (0.0, 0.0, box.high[2] - z0))
+    return cad.kernel.extruded([(x0, y0, z0), (x1, y0, z0), (x1, y1, z0), (x0, y1, z0)], (0.0, 0.0, box.high[2] - z0))
 
 
-def _cylinder(one: Round) -> kernel.Body:
-    from stepblocks.cad import kernel
+def _cylinder(one: Round) -> cad.kernel.Body:
 
-    across, along = [k for k in range(3) if "xyz"[k] != one.axis], "xyz".index(one.axis)
-
-    def at(u: float, v: float) -> Point3:
-        point = list(one.start)
-        point[across[0]] += 0.5 * one.diameter * u
-        point[across[1]] += 0.5 * one.diameter * v
-        return point[0], point[1], point[2]
-
-    outline = [at(1.0, 0.0), (at(0.0, 1.0), at(-1.0, 0.0)), (at(0.0, -1.0), at(1.0, 0.0))]
-    return kernel.extruded(outline, tuple(one.length * (k == along) for k in range(3)))
+    u, v = ([0.5 * one.diameter * (name == axis) for name in "xyz"] for axis in "xyz".replace(one.axis, ""))
+    along = [one.length * (name == one.axis) for name in "xyz"]
+    return cad.kernel.extruded(cad.kernel.circle(one.start, u, v), along)

@@ -18,8 +18,10 @@ import math
 from abc import abstractmethod
 from collections.abc import Iterator
 from dataclasses import replace
-from typing import TYPE_CHECKING, Annotated, Any, ClassVar
+from typing import Annotated, Any, ClassVar
 
+from stepblocks import cad
+from stepblocks.contact.counterface import Margin
 from stepblocks.contact.operating_point import Tissue, Tool
 from stepblocks.parts.body import Block, Body, body_cuts, half_points, half_volume, section_outline, strip_volume
 from stepblocks.parts.characteristics import PROFILE, Characteristic, EdgeRule, FaceRule, form_of, plane, toleranced
@@ -28,9 +30,9 @@ from stepblocks.parts.declared import (
     Sourced,
     Table,
     WorkingFaces,
+    below,
+    must,
     positive,
-    require,
-    require_below,
     rules_validator,
     sourced,
 )
@@ -39,17 +41,9 @@ from stepblocks.parts.shapes import hull, split
 from stepblocks.parts.tolerance import ANGULAR_DEVIATION, Dimension, PositiveLength, SignedLength
 from stepblocks.quantities import format_quantity
 
-if TYPE_CHECKING:
-    from stepblocks.cad import kernel
-    from stepblocks.contact.counterface import Margin
-
 _ACROSS = "profilometer or microscope"
 # largest clinically acceptable absolute marginal discrepancy [m] (the paper; McLean and von Fraunhofer 1971 say 120 um)
 _CLINICAL_LIMIT = 100e-6
-
-
-def _sourced(value: float, quantity: str, source: str) -> Sourced:
-    return Sourced(value, quantity, source)
 
 
 class Gum(Table):
@@ -57,13 +51,13 @@ class Gum(Table):
 
     indentation: Annotated[float, positive("length")] = 0.2e-3  # by the tool; a gentle touch, assumed [m]
     contact: Annotated[float, positive("length")] = 1e-3  # of the flank with the gum along the tool; assumed [m]
-    shear_modulus: Annotated[Sourced, sourced("pressure")] = _sourced(
+    shear_modulus: Annotated[Sourced, sourced("pressure")] = Sourced(
         83e3, "pressure", "masticatory mucosa, mean of patients: Wakabayashi, Suzuki 2013, doi 10.1177/1758736013483298"
     )
-    loss_factor: Annotated[Sourced, sourced("ratio")] = _sourced(
+    loss_factor: Annotated[Sourced, sourced("ratio")] = Sourced(
         0.3, "ratio", "assumed at 300 Hz; the relaxation that is published takes minutes"
     )
-    friction: Annotated[Sourced, sourced("ratio")] = _sourced(0.1, "ratio", "assumed: wet with saliva")
+    friction: Annotated[Sourced, sourced("ratio")] = Sourced(0.1, "ratio", "assumed: wet with saliva")
 
     def tissue(self, frequency: float) -> Tissue:
         """Return the wall at the frequency of a ring [Hz].
@@ -80,11 +74,7 @@ class Gum(Table):
 class CrownMargin(Part):
     """What both forms share."""
 
-    felt_by: ClassVar[dict[str, str]] = {
-        "gap": "marginal_gap",
-        "rise": "horizontal_discrepancy",
-        "opening": "vertical_discrepancy",
-    }
+    felt_by: ClassVar = {"gap": "marginal_gap", "rise": "horizontal_discrepancy", "opening": "vertical_discrepancy"}
 
     marginal_gap: PositiveLength  # g
     horizontal_discrepancy: SignedLength  # h; positive where the crown is overextended
@@ -101,8 +91,6 @@ class CrownMargin(Part):
         """Depth of the gap [m] where it begins, and how steeply its floor falls from there [1]."""
 
     def sized(self, **sizes: float) -> Margin:
-        from stepblocks.contact.counterface import Margin
-
         gap = sizes["gap"]
         return Margin(max(gap, 0.0), sizes.get("opening", gap), sizes["rise"], *self.floor)
 
@@ -125,12 +113,12 @@ class CrownMargin(Part):
         return [(g, h)] if v == g else [(g, h - abs(v - g)), (v, h)]
 
     @rules_validator
-    def _lip_clears_the_tooth(self) -> None:
+    def _lip_clears_the_tooth(self) -> Iterator[str]:
         v, g, h = self.opening.nominal, self.marginal_gap.nominal, self.horizontal_discrepancy.nominal
         if v < 0.0 and h <= g:
             gap, got = format_quantity(g, "length"), format_quantity(h, "length")
             rule = f"exceed marginal_gap ({gap}) where vertical_discrepancy is negative"
-            raise ValueError(f"horizontal_discrepancy must {rule}, got {got}")
+            yield f"horizontal_discrepancy must {rule}, got {got}"
 
     def derived(self) -> list[list[str]]:
         accepted = self.absolute_discrepancy <= _CLINICAL_LIMIT * (1.0 + 1e-12)
@@ -166,16 +154,14 @@ class MarginBlock(CrownMargin, Block):
         across = [(a, b) for a, b in lines if a[0] != b[0] and min(a[0], b[0]) <= x <= max(a[0], b[0])]
         return max(za + (zb - za) * (x - xa) / (xb - xa) for (xa, za), (xb, zb) in across)
 
-    def solids(self) -> list[kernel.Body]:
-        from stepblocks.cad import kernel
-
+    def solids(self) -> list[cad.kernel.Body]:
         rise, gap, depth = self.rise, self.marginal_gap.nominal, self.gap_depth.nominal
         y = -0.5 * self.body.width.nominal
         right, left = section_outline(self.body, 0.0, rise)
         across = [*reversed(self.corner), (gap, -depth), (0.0, -depth), (0.0, 0.0)]
         outline = [(x, y, z) for x, z in (*right, *across, *left)]
-        body = kernel.extruded(outline, (0.0, self.body.width.nominal, 0.0))
-        return [kernel.cut(body, body_cuts(self.body, self.id, 0.0, rise))]
+        body = cad.kernel.extruded(outline, (0.0, self.body.width.nominal, 0.0))
+        return [cad.kernel.cut(body, body_cuts(self.body, self.id, 0.0, rise))]
 
     def volumes(self) -> tuple[float, ...]:
         """Halves on either side of x = 0 at their own heights, less the gap, corrected at the crown's corner.
@@ -261,15 +247,15 @@ class MarginBlock(CrownMargin, Block):
         return (exaggeration(rise) if rise else 1.0), wide, (0.5 * gap, 0.0, 0.0)
 
     @rules_validator
-    def _fits_the_body(self) -> None:
+    def _fits_the_body(self) -> Iterator[str]:
         body, g, v = self.body, self.marginal_gap.nominal, self.opening.nominal
         h, depth, chamfer = self.horizontal_discrepancy.nominal, self.gap_depth.nominal, self.body.edge_break.nominal
         room = 0.5 * body.length.nominal - chamfer
-        require_below("marginal_gap", "be narrower than a quarter of the body", g, 0.5 * room)
-        require_below("vertical_discrepancy", "be smaller than a quarter of the body", abs(v), 0.5 * room)
-        require_below("gap_depth", "be below a quarter of the thickness", depth, 0.25 * body.thickness.nominal)
-        self.require_engravable()
+        yield below("marginal_gap", "be narrower than a quarter of the body", g, 0.5 * room)
+        yield below("vertical_discrepancy", "be smaller than a quarter of the body", abs(v), 0.5 * room)
+        yield below("gap_depth", "be below a quarter of the thickness", depth, 0.25 * body.thickness.nominal)
+        yield from self.require_engravable()
         deepest = abs(v - g) - h if v >= 0.0 else -h
-        require(deepest < depth, "gap_depth", "reach below the margin", deepest, depth)
-        below = abs(h) < chamfer or chamfer == 0.0
-        require(below, "horizontal_discrepancy", "be smaller than edge_break", chamfer, abs(h))
+        yield must(deepest < depth, "gap_depth", "reach below the margin", deepest, depth)
+        covered = abs(h) < chamfer or chamfer == 0.0
+        yield must(covered, "horizontal_discrepancy", "be smaller than edge_break", chamfer, abs(h))

@@ -5,30 +5,19 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Annotated, Any, ClassVar
+from typing import Annotated, Any, ClassVar
 
 from pydantic import BeforeValidator, Field, ValidationError
 
+from stepblocks import cad
+from stepblocks.contact.rod import Sleeve
 from stepblocks.errors import QuantityError
 from stepblocks.parts.characteristics import Characteristic, EdgeRule, FaceRule, broken_edges, plane, toleranced
-from stepblocks.parts.declared import (
-    Identity,
-    Material,
-    Sourced,
-    Table,
-    require_above,
-    require_below,
-    rules_validator,
-    sourced,
-)
+from stepblocks.parts.declared import Identity, Material, Sourced, Table, below, must, rules_validator, sourced
 from stepblocks.parts.kind import FITTING_DEFLECTION, Finding, HeldPart, MeasuredMesh
 from stepblocks.parts.revolution import Outline, Point, Turned, sectors
 from stepblocks.parts.tolerance import Length, PositiveLength
 from stepblocks.quantities import format_quantity, parse_quantity
-
-if TYPE_CHECKING:
-    from stepblocks.cad import kernel
-    from stepblocks.contact.rod import Sleeve
 
 # Largest relative difference in mass of two sheaths that are to weigh the same (the paper's sheaths: equal weight)
 MASS_MATCH = 0.01
@@ -71,12 +60,11 @@ def _material(raw: object) -> SheathMaterial:
         raise ValueError(_first(error)) from error
     if table.poisson.value > 0.5:
         raise ValueError(f"poisson must not exceed 0.5, got {table.poisson.value:g}")
-    values = [
-        told
-        for one in (table.density, table.modulus, table.poisson, table.loss_factor)
-        for told in (one.value, one.source)
-    ]
-    return SheathMaterial(table.name, table.designation, *values)  # type: ignore[arg-type]
+    values: dict[str, Any] = dict(table)
+    for name in ("modulus", "poisson", "loss_factor"):
+        values[name], values[f"{name}_source"] = values[name].value, values[name].source
+    values["density"], values["source"] = table.density.value, table.density.source
+    return SheathMaterial(**values)
 
 
 class Sheath(Turned, HeldPart):
@@ -100,22 +88,15 @@ class Sheath(Turned, HeldPart):
 
     @property
     def sleeve(self) -> Sleeve | None:
-        from stepblocks.contact.rod import Sleeve
-
         bore, outer, length = self.bore.nominal, self.outer_diameter.nominal, self.length.nominal
         bending = self.material.modulus * math.pi * (outer**4 - bore**4) / 64.0
         return Sleeve(self.position.nominal, length, bending, self.mass / length, self.material.loss_factor)
 
     @property
-    def wall(self) -> float:
-        """Thickness of the wall [m]."""
-        return 0.5 * (self.outer_diameter.nominal - self.bore.nominal)
-
-    @property
     def mass(self) -> float:
         """Nominal mass [kg]."""
-        bore, outer, length = self.bore.nominal, self.outer_diameter.nominal, self.length.nominal
-        return self.material.density * _volume(bore, outer, length, self.edge_break.nominal)
+        sizes = self.bore, self.outer_diameter, self.length, self.edge_break
+        return self.material.density * _volume(*(one.nominal for one in sizes))
 
     @property
     def mass_limits(self) -> tuple[float, float]:
@@ -139,7 +120,7 @@ class Sheath(Turned, HeldPart):
     def hulls(self) -> list[Any]:
         return sectors(self.outline())
 
-    def chordal_error(self, face: kernel.Face) -> float:
+    def chordal_error(self, face: cad.kernel.Face) -> float:
         return FITTING_DEFLECTION
 
     def characteristics(self) -> Iterator[Characteristic]:
@@ -169,23 +150,21 @@ class Sheath(Turned, HeldPart):
         text = f"{format_mass(self.mass)} ({format_mass(low)} to {format_mass(high)} within tolerances)"
         return [["mass", text], ["material", self.material.designation]]
 
-    def require_in(self, conditions: Mapping[str, Any]) -> None:
-        for name in ("probe", "damping_rig"):
-            if conditions[name] is None:
-                raise ValueError(f"{name} must be declared for a set with sheaths, got none")
-        shank = conditions["probe"].shank_diameter.value
+    def lacks(self, conditions: Mapping[str, Any]) -> Iterator[str]:
+        missing = [name for name in ("probe", "damping_rig") if conditions[name] is None]
+        yield from (f"{name} must be declared for a set with sheaths, got none" for name in missing)
+        shank = 0.0 if "probe" in missing else conditions["probe"].shank_diameter.value
         if self.bore.limits[0] < shank:
             rule = f"not be less than the shank ({format_quantity(shank, 'length')}) within its tolerance"
-            raise ValueError(f"bore must {rule}, got {self.bore} [{self.place}]")
+            yield f"bore must {rule}, got {self.bore} [{self.place}]"
 
     @rules_validator
-    def _is_possible(self) -> None:
+    def _is_possible(self) -> Iterator[str]:
         bore, outer, broken = self.bore.nominal, self.outer_diameter.nominal, self.edge_break.nominal
-        require_above("outer_diameter", "exceed bore", outer, bore)
-        if outer <= bore:
-            return  # without a wall, nothing can be said of what is cut into it
-        room = min(self.wall, 0.5 * self.length.nominal)
-        require_below("edge_break", "be smaller than the wall and half the length", broken, room)
+        yield must(outer > bore, "outer_diameter", "exceed bore", bore, outer)
+        if outer > bore:  # without a wall, nothing can be said of what is cut into it
+            room = min(0.5 * (outer - bore), 0.5 * self.length.nominal)
+            yield below("edge_break", "be smaller than the wall and half the length", broken, room)
 
 
 def _volume(bore: float, outer: float, length: float, broken: float) -> float:
@@ -200,13 +179,17 @@ def balanced(raw: object) -> object:
         return raw
     solved = []
     for stanza in raw:
-        wanted = [name for name, value in stanza.items() if isinstance(value, dict) and "mass_of" in value]
+        wanted = _to_solve(stanza)
         place = f"sheath {stanza.get('id')!r}"
         if len(wanted) > 1 or not set(wanted) <= set(_SOLVABLE):
             at = ", ".join(wanted)
             raise ValueError(f"mass_of must stand at one of {', '.join(_SOLVABLE)}, got it at {at} [{place}]")
         solved.append(_solved(stanza, wanted[0], raw, place) if wanted else stanza)
     return solved
+
+
+def _to_solve(stanza: Mapping[str, Any]) -> list[str]:
+    return [name for name, value in stanza.items() if isinstance(value, dict) and "mass_of" in value]
 
 
 def _validated(stanza: Mapping[str, Any], place: str) -> Sheath:
@@ -223,29 +206,22 @@ def _first(error: ValidationError) -> str:
     return f"{where}: {said}" if where and not said.startswith(where) else said
 
 
-def _target(name: object, stanzas: Sequence[Mapping[str, Any]], place: str) -> float:
-    """Mass of another sheath [kg], which must have dimensions of its own."""
-    for other in stanzas:
-        if other.get("id") == name:
-            if any(isinstance(value, dict) and "mass_of" in value for value in other.values()):
-                raise ValueError(f"mass_of must name a sheath with given dimensions, got {name!r} [{place}]")
-            return _validated(other, f"sheath {name!r}").mass
-    raise ValueError(f"mass_of must name a sheath of the set, got {name!r} [{place}]")
-
-
 def _solved(stanza: Mapping[str, Any], field: str, stanzas: Sequence[Mapping[str, Any]], place: str) -> dict[str, Any]:
     """Find the dimension at which a sheath weighs as much as another, rounded to what a drawing states."""
     from scipy.optimize import brentq
 
-    table, other = stanza[field], stanza[field]["mass_of"]
-    mass = _target(other, stanzas, place)
+    table, name = stanza[field], stanza[field]["mass_of"]
+    other = next((one for one in stanzas if one.get("id") == name), None)
+    if other is None or _to_solve(other):
+        rule = "a sheath of the set" if other is None else "a sheath with given dimensions"
+        raise ValueError(f"mass_of must name {rule}, got {name!r} [{place}]")
+    mass = _validated(other, f"sheath {name!r}").mass
     low, high = _bounds(table, field, place)
-    kept = {"tolerance": table["tolerance"]} if "tolerance" in table else {}
-    source = f"solved for the mass of {other}, {format_mass(mass)}"
+    kept = {key: table[key] for key in ("tolerance",) if key in table}
+    kept["source"] = f"solved for the mass of {name}, {format_mass(mass)}"
 
     def tried(value: float) -> Sheath:
-        nominal = {"nominal": f"{value * 1e3:.9g} mm", "source": source, **kept}
-        return _validated(dict(stanza) | {field: nominal}, place)
+        return _validated(dict(stanza) | {field: {"nominal": f"{value * 1e3:.9g} mm", **kept}}, place)
 
     def excess(value: float) -> float:
         return tried(value).mass - mass
@@ -258,7 +234,7 @@ def _solved(stanza: Mapping[str, Any], field: str, stanzas: Sequence[Mapping[str
     found = tried(best)
     if abs(found.mass / mass - 1.0) > MASS_MATCH:
         masses = sorted(format_mass(tried(limit).mass) for limit in (low, high))
-        wish = f"give the mass of {other!r} ({format_mass(mass)}) within {MASS_MATCH:.0%}"
+        wish = f"give the mass of {name!r} ({format_mass(mass)}) within {MASS_MATCH:.0%}"
         room = f"between {table['least']} and {table['most']}"
         raise ValueError(f"{field} must {wish} {room}, got {' to '.join(masses)} [{place}]")
     return dict(stanza) | {field: getattr(found, field)}

@@ -4,19 +4,19 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator
-from typing import TYPE_CHECKING, Any, ClassVar, Literal
+from typing import Any, ClassVar, Literal
 
+import numpy as np
+
+from stepblocks import cad
+from stepblocks.contact.counterface import Step
 from stepblocks.parts.body import Block, Body, body_cuts, half_points, half_volume, section_outline
 from stepblocks.parts.characteristics import PROFILE, Characteristic, EdgeRule, FaceRule, form_of, plane, toleranced
-from stepblocks.parts.declared import MaterialField, Table, WorkingFaces, require, require_below, rules_validator
-from stepblocks.parts.energy_tolerance import EnergyToleranceField, described, require_energy_tolerance
+from stepblocks.parts.declared import MaterialField, Table, WorkingFaces, below, must, rules_validator
+from stepblocks.parts.energy_tolerance import EnergyToleranceField, described, energy_tolerance_lacks
 from stepblocks.parts.kind import COARSE_DEFLECTION, CONTACT_DEFLECTION, NANOMETRE, Finding, MeasuredMesh, exaggeration
 from stepblocks.parts.shapes import hull, split
 from stepblocks.parts.tolerance import FeltLength, FeltPositiveLength, PositiveLength
-
-if TYPE_CHECKING:
-    from stepblocks.cad import kernel
-    from stepblocks.contact.counterface import Step
 
 _OVER = 1e-3  # how far a cutting body stands out of the block [m]
 
@@ -53,8 +53,6 @@ class StepBlock(Block):
     working_faces: WorkingFaces | None = None  # demands on the faces beside the edge, where the file states them
 
     def sized(self, **sizes: float) -> Step:
-        from stepblocks.contact.counterface import Step
-
         return Step(sizes["height"], max(sizes["edge_radius"], 0.0))
 
     @property
@@ -68,9 +66,7 @@ class StepBlock(Block):
             return 0.0
         return H if x >= r else H - r + math.sqrt(x * (2.0 * r - x))
 
-    def solids(self) -> list[kernel.Body]:
-        from stepblocks.cad import kernel
-
+    def solids(self) -> list[cad.kernel.Body]:
         height, radius, y = self.height.nominal, self.edge_radius.nominal, -0.5 * self.body.width.nominal
         right, left = section_outline(self.body, 0.0, height)
         outline: list[Any] = [(x, y, z) for x, z in right]
@@ -82,18 +78,16 @@ class StepBlock(Block):
         if radius < height:
             outline.append((0.0, y, 0.0))
         outline += [(x, y, z) for x, z in left]
-        body = kernel.extruded(outline, (0.0, self.body.width.nominal, 0.0))
+        body = cad.kernel.extruded(outline, (0.0, self.body.width.nominal, 0.0))
         cuts = body_cuts(self.body, self.id, 0.0, height)
         if self.metrology.kind == "ridge":
-            body = kernel.fused([body, self._feature()])
+            body = cad.kernel.fused([body, self._feature()])
         else:
             cuts.append(self._feature())
-        return [kernel.cut(body, cuts)]
+        return [cad.kernel.cut(body, cuts)]
 
-    def _feature(self) -> kernel.Body:
+    def _feature(self) -> cad.kernel.Body:
         """Groove to cut or ridge to add: from z = 0 to the height of the step, from the lane's boundary to the back side."""
-        from stepblocks.cad import kernel
-
         feature, back = self.metrology, 0.5 * self.body.width.nominal
         near, y0 = feature.distance.nominal, back - feature.lane.nominal
         x0, depth, top = near, feature.lane.nominal + _OVER, self.height.nominal + _OVER
@@ -101,7 +95,7 @@ class StepBlock(Block):
             x0, depth, top = -near - feature.width.nominal, feature.lane.nominal, self.height.nominal
         x1 = x0 + feature.width.nominal
         corners = [(x0, y0, 0.0), (x1, y0, 0.0), (x1, y0 + depth, 0.0), (x0, y0 + depth, 0.0)]
-        return kernel.extruded(corners, (0.0, 0.0, top))
+        return cad.kernel.extruded(corners, (0.0, 0.0, top))
 
     def volumes(self) -> tuple[float, ...]:
         """Two halves, less the rounding, the groove or with the ridge, less what the workshop cuts."""
@@ -109,9 +103,8 @@ class StepBlock(Block):
         half, c = 0.5 * body.length.nominal, body.edge_break.nominal
         volume = half_volume(body, half, 0.0) + half_volume(body, half, H)
         # the rounding takes u(z) = r - sqrt(r^2 - zeta^2) off a face that is W - 2 (c - r) - 2 zeta wide
-        volume -= (body.width.nominal - 2.0 * max(c - r, 0.0)) * r * r * (1.0 - 0.25 * math.pi) - (
-            r**3 / 3.0 if c > 0.0 else 0.0
-        )
+        corners = r**3 / 3.0 if c > 0.0 else 0.0
+        volume -= (body.width.nominal - 2.0 * max(c - r, 0.0)) * r * r * (1.0 - 0.25 * math.pi) - corners
         lane, w = feature.lane.nominal, feature.width.nominal
         if feature.kind == "groove":  # from the lane's boundary to the chamfered side, z from 0 to H
             volume -= w * (lane * H - (c * H - 0.5 * H * H if c > 0.0 else 0.0))
@@ -122,9 +115,8 @@ class StepBlock(Block):
     def hulls(self) -> list[Any]:
         body, height, feature = self.body, self.height.nominal, self.metrology
         left = hull(half_points(body, -1.0, 0.0, 0.0, [(0.0, 0.0)]))
-        right_points = [
-            p for p in half_points(body, 1.0, height, 0.0, self._rounding()) if not (p[0] == 0.0 and p[2] == height)
-        ]
+        points = half_points(body, 1.0, height, 0.0, self._rounding())
+        right_points = [point for point in points if not (point[0] == 0.0 and point[2] == height)]
         if self.edge_radius.nominal == 0.0:
             side = 0.5 * body.width.nominal - body.edge_break.nominal
             right_points += [(0.0, y * side, height) for y in (-1.0, 1.0)]
@@ -143,8 +135,6 @@ class StepBlock(Block):
 
     def _rounding(self) -> list[tuple[float, float]]:
         """Points on the rounded edge whose chords keep the contact's chordal error."""
-        import numpy as np
-
         height, radius = self.height.nominal, self.edge_radius.nominal
         if radius == 0.0:
             return [(0.0, height)]
@@ -153,7 +143,7 @@ class StepBlock(Block):
         angles = np.linspace(0.0, 0.5 * math.pi, count)
         return [(float(radius * (1.0 - math.sin(a))), float(height - radius * (1.0 - math.cos(a)))) for a in angles]
 
-    def chordal_error(self, face: kernel.Face) -> float:
+    def chordal_error(self, face: cad.kernel.Face) -> float:
         at_edge = face.kind == "CYLINDER" and abs(face.radius - self.edge_radius.nominal) < 1e-9
         return CONTACT_DEFLECTION if at_edge else COARSE_DEFLECTION
 
@@ -183,9 +173,8 @@ class StepBlock(Block):
             yield toleranced("ridge_height", "distance", self.height, lower, top, method=how)
         walls = plane(0, near, y=lane), plane(0, near + width, y=lane)
         yield toleranced(f"{kind}_width", "distance", feature.width, *walls, method="profilometer")
-        yield toleranced(
-            f"{kind}_length", "distance", feature.lane, plane(1, back), plane(1, 2.0 * lane - back, x=middle)
-        )
+        ends = plane(1, back), plane(1, 2.0 * lane - back, x=middle)
+        yield toleranced(f"{kind}_length", "distance", feature.lane, *ends)
         if self.edge_radius.nominal < H:
             at = plane(0, 0.0, y=-0.5 * back), walls[0]
             name = f"{kind} from edge"
@@ -204,21 +193,21 @@ class StepBlock(Block):
         return described(self.energy_tolerance)
 
     @rules_validator
-    def _is_possible(self) -> None:
+    def _is_possible(self) -> Iterator[str]:
         height, radius, body, feature = self.height.nominal, self.edge_radius.nominal, self.body, self.metrology
         tip_is_free = self.energy_tolerance is not None and self.energy_tolerance.ball_radius is None
-        require_energy_tolerance(self.energy_tolerance, self.sizes, tip_is_free)
-        require(radius <= height, "edge_radius", "not exceed height", height, radius)
+        yield energy_tolerance_lacks(self.energy_tolerance, self.sizes, tip_is_free)
+        yield must(radius <= height, "edge_radius", "not exceed height", height, radius)
         chamfer, rule = body.edge_break.nominal, "be smaller than edge_break, or the chamfers of the two faces part"
-        require(height < chamfer or chamfer == 0.0, "height", rule, chamfer, height)
-        require_below("height", "be below half the thickness", height, 0.5 * body.thickness.nominal)
+        yield must(height < chamfer or chamfer == 0.0, "height", rule, chamfer, height)
+        yield below("height", "be below half the thickness", height, 0.5 * body.thickness.nominal)
         width, distance, lane = feature.width.nominal, feature.distance.nominal, feature.lane.nominal
         room, reach, least = 0.5 * body.length.nominal - chamfer, distance + 2.0 * width, width + radius
-        require(reach <= room, "metrology.width", "leave a plane face of its own width on either side", room, reach)
-        require(distance >= least, "metrology.distance", "be at least its width plus edge_radius", least, distance)
+        yield must(reach <= room, "metrology.width", "leave a plane face of its own width on either side", room, reach)
+        yield must(distance >= least, "metrology.distance", "be at least its width plus edge_radius", least, distance)
         half = 0.5 * body.width.nominal
         if body.mounting.kind == "clearance":
             bore = 0.5 * body.mounting.entry_diameter
-            require(half - lane > bore, "metrology.lane", "keep clear of the counterbores", half - bore, lane)
-        self.require_engravable()
-        require_below("metrology.lane", "leave half the width to the drag", lane, half)
+            yield must(half - lane > bore, "metrology.lane", "keep clear of the counterbores", half - bore, lane)
+        yield from self.require_engravable()
+        yield below("metrology.lane", "leave half the width to the drag", lane, half)

@@ -5,23 +5,21 @@ from __future__ import annotations
 import itertools
 import math
 from collections.abc import Iterator
-from typing import TYPE_CHECKING, Any, ClassVar
+from typing import Any, ClassVar
 
 import numpy as np
 
+from stepblocks import cad
 from stepblocks.contact.kernels import locking_height
 from stepblocks.contact.operating_point import PAPER
 from stepblocks.parts.characteristics import Characteristic, EdgeRule, FaceRule, plane, toleranced
-from stepblocks.parts.declared import MaterialField, require, require_above, rules_validator
-from stepblocks.parts.energy_tolerance import EnergyToleranceField, described, require_energy_tolerance
+from stepblocks.parts.declared import MaterialField, must, rules_validator
+from stepblocks.parts.energy_tolerance import EnergyToleranceField, described, energy_tolerance_lacks
 from stepblocks.parts.kind import COARSE_DEFLECTION, CONTACT_DEFLECTION, Finding, HeldPart, MeasuredMesh
 from stepblocks.parts.revolution import Outline, Point3, Turned, revolution_volume, ring, turned_hull
 from stepblocks.parts.shapes import hull
 from stepblocks.parts.tolerance import Angle, FeltPositiveLength, PositiveLength
 from stepblocks.quantities import format_quantity
-
-if TYPE_CHECKING:
-    from stepblocks.cad import kernel
 
 SPHERE_LIMIT = 0.1e-6  # radius, form and chordal error of the contact sphere [m]
 _BEND_PIECES = 24
@@ -62,7 +60,7 @@ class Tip(Turned, HeldPart):
     def outlines(self) -> list[Outline]:
         return [self.outline()]
 
-    def chordal_error(self, face: kernel.Face) -> float:
+    def chordal_error(self, face: cad.kernel.Face) -> float:
         return CONTACT_DEFLECTION if face.kind == "SPHERE" else COARSE_DEFLECTION
 
     def characteristics(self) -> Iterator[Characteristic]:
@@ -92,14 +90,14 @@ class Tip(Turned, HeldPart):
         return held + described(self.energy_tolerance)
 
     @rules_validator
-    def _is_possible(self) -> None:
+    def _is_possible(self) -> Iterator[str]:
         R, shank, half = self.ball_radius.nominal, self.shank_radius.nominal, self.cone_angle.nominal
-        require_energy_tolerance(self.energy_tolerance, {"ball_radius": self.ball_radius}, False)
+        yield energy_tolerance_lacks(self.energy_tolerance, {"ball_radius": self.ball_radius}, False)
         if self.energy_tolerance is not None and self.energy_tolerance.ball_radius is not None:
-            raise ValueError("energy_tolerance.ball_radius is for blocks; a tip states it in ball_radius itself")
+            yield "energy_tolerance.ball_radius is for blocks; a tip states it in ball_radius itself"
         if not 0.0 < half < 0.25 * math.pi:
-            raise ValueError(f"cone_angle must lie between 0 and 45 deg, got {format_quantity(half, 'angle')}")
-        require(shank > R, "ball_radius", "be smaller than shank_radius", shank, R)
+            yield f"cone_angle must lie between 0 and 45 deg, got {format_quantity(half, 'angle')}"
+        yield must(shank > R, "ball_radius", "be smaller than shank_radius", shank, R)
 
 
 class StraightTip(Tip):
@@ -124,8 +122,9 @@ class StraightTip(Tip):
         yield toleranced("length", "distance", self.length, *at, label="length from the contact point")
 
     @rules_validator
-    def _has_a_shank(self) -> None:
-        require_above("length", "exceed the end of the cone", self.length.nominal, self.cone_end)
+    def _has_a_shank(self) -> Iterator[str]:
+        length, cone = self.length.nominal, self.cone_end
+        yield must(length > cone, "length", "exceed the end of the cone", cone, length)
 
 
 class HookTip(Tip):
@@ -138,18 +137,18 @@ class HookTip(Tip):
     bend_angle: Angle  # through which the wire is bent [rad], in degrees up to below 180
     straight_length: PositiveLength  # of the shank beyond the bend [m]
 
-    def solids(self) -> list[kernel.Body]:
-        from stepblocks.cad import kernel
-
+    def solids(self) -> list[cad.kernel.Body]:
         top, wire = self.cone_end, self.shank_radius.nominal
         bend, angle, length = self.bend_radius.nominal, self.bend_angle.nominal, self.straight_length.nominal
         foot, axis = (bend, 0.0, top), (0.0, 1e-3, 0.0)
-        arc = kernel.revolved(_circle((0.0, 0.0, top), (1.0, 0.0, 0.0), wire), foot, axis, math.degrees(angle))
+        section = cad.kernel.circle((0.0, 0.0, top), (wire, 0.0, 0.0), (0.0, wire, 0.0))
+        arc = cad.kernel.revolved(section, foot, axis, math.degrees(angle))
         end = (bend * (1.0 - math.cos(angle)), 0.0, top + bend * math.sin(angle))
         along = (math.sin(angle), 0.0, math.cos(angle))
-        radial = (math.cos(angle), 0.0, -math.sin(angle))
-        shank = kernel.extruded(_circle(end, radial, wire), tuple(length * a for a in along))
-        return [kernel.fused([kernel.turned(self.outline(), (0.0, 0.0, 0.0)), arc, shank])]
+        radial = (wire * math.cos(angle), 0.0, -wire * math.sin(angle))
+        section = cad.kernel.circle(end, radial, (0.0, wire, 0.0))
+        shank = cad.kernel.extruded(section, tuple(length * a for a in along))
+        return [cad.kernel.fused([cad.kernel.turned(self.outline(), (0.0, 0.0, 0.0)), arc, shank])]
 
     def volumes(self) -> tuple[float, ...]:
         """Add a turned head, a torus by Pappus, and a cylinder."""
@@ -161,11 +160,8 @@ class HookTip(Tip):
         top, bend, angle = self.cone_end, self.bend_radius.nominal, self.bend_angle.nominal
 
         def section(turn: float, along: float = 0.0) -> list[Point3]:
-            c, s = math.cos(turn), math.sin(turn)
-            return [
-                (bend - (bend - x) * c + along * s, y, top + (bend - x) * s + along * c)
-                for x, y, _ in ring(self.shank_radius.nominal, 0.0)
-            ]
+            c, s, wire = math.cos(turn), math.sin(turn), ring(self.shank_radius.nominal, 0.0)
+            return [(bend - (bend - x) * c + along * s, y, top + (bend - x) * s + along * c) for x, y, _ in wire]
 
         turns = np.linspace(0.0, angle, _BEND_PIECES + 1)
         bent = [hull([*section(float(a)), *section(float(b))]) for a, b in itertools.pairwise(turns)]
@@ -185,22 +181,14 @@ class HookTip(Tip):
         yield toleranced("straight_length", "distance", self.straight_length, end, EdgeRule(ring, wire))
 
     @rules_validator
-    def _can_be_bent(self) -> None:
+    def _can_be_bent(self) -> Iterator[str]:
         if self.bend_angle.nominal <= 0.0:
-            raise ValueError("bend_angle must be above 0 deg, got 0 deg")
+            yield "bend_angle must be above 0 deg, got 0 deg"
+            return
         shank, bend, angle = self.shank_radius.nominal, self.bend_radius.nominal, self.bend_angle.nominal
-        require_above("bend_radius", "exceed shank_radius", bend, shank)
+        yield must(bend > shank, "bend_radius", "exceed shank_radius", shank, bend)
         end = self.cone_end + bend * math.sin(angle) + self.straight_length.nominal * math.cos(angle)
         lowest = end - shank * math.sin(angle)
         if lowest <= 0.0:
             got = f"got {format_quantity(angle, 'angle')}, which brings it to {format_quantity(lowest, 'length')}"
-            raise ValueError(f"bend_angle must keep the shank above the contact point, {got}")
-
-
-def _circle(centre: Point3, radial: Point3, radius: float) -> list[Any]:
-    """Circle of the wire in the plane of `radial` and y, as two half circles."""
-
-    def at(u: float, v: float) -> Point3:
-        return (centre[0] + radius * u * radial[0], centre[1] + radius * v, centre[2] + radius * u * radial[2])
-
-    return [at(1.0, 0.0), (at(0.0, 1.0), at(-1.0, 0.0)), (at(0.0, -1.0), at(1.0, 0.0))]
+            yield f"bend_angle must keep the shank above the contact point, {got}"
