@@ -147,8 +147,8 @@ def extra_costs(stimuli: Path) -> None:
             bodies = timed("solid", partial(build_solids, block))
             timed("STEP", partial(write_step_ap242, folder / f"{block.id}.step", block, bodies))
             mesh = timed("tessellation", partial(mesh_solid, block, *bodies[0]))
-            for form in MESH_FORMATS:
-                timed(form.suffix, partial(form.write, folder / f"{block.id}{form.suffix}", mesh))
+            for ending, write in MESH_FORMATS.items():
+                timed(ending, partial(write, folder / f"{block.id}{ending}", mesh))
             pieces = timed("convex pieces", partial(convex_pieces, block))
             timed("convex pieces", partial(write_pieces, folder / f"{block.id}.convex.obj", pieces))
             timed("height field", partial(write_height_field, folder / f"{block.id}.heightfield", block))

@@ -104,6 +104,8 @@ def _texts(work: Path) -> Iterator[Kind]:
     from oracles.taught import taught_model
     from stepblocks.artefacts.as_built import AsBuilt, AsBuiltValue, read_as_built, write_as_built
     from stepblocks.artefacts.model_file import model_document, read_model
+    from stepblocks.artefacts.qif import write_qif
+    from stepblocks.artefacts.qif_read import read_qif_results
     from stepblocks.bench.rehearse.plan import read_plan
     from stepblocks.build.manifest import load_json, load_record, write_sealed
     from stepblocks.declare import load_declared
@@ -137,6 +139,10 @@ def _texts(work: Path) -> Iterator[Kind]:
     value = AsBuiltValue(50e-6, 1e-7, "conforms")
     write_as_built(work / "x.as-built.toml", AsBuilt("step-050", "x.csv", "0" * 64, "c", {"step_height": value}))
     yield "as-built", ([("x.as-built.toml", (work / "x.as-built.toml").read_bytes())], read_as_built)
+    block = load_declared(ROOT / "stimuli" / "paper-four.toml").stimuli[0]
+    said = {one.key: (one.nominal + one.upper, 1e-8, "conforms") for one in block.characteristics()}
+    write_qif(work / "q.qif", block, None, said)
+    yield "qif", ([("q.qif", (work / "q.qif").read_bytes())], read_qif_results)
     write_sealed(work / "record.json", {"outputs": {"a.stl": "0" * 64}, "verdicts": [], "kind": "x"})
 
     def records(path: Path) -> object:

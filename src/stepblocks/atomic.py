@@ -6,6 +6,7 @@ And nothing outside: a name that stands in a file is followed only where it stay
 from __future__ import annotations
 
 import filecmp
+import glob
 import os
 import secrets
 import shutil
@@ -35,19 +36,7 @@ def keeping(theirs: Callable[[Path], bool]) -> Iterator[None]:
 
 @contextmanager
 def beside(path: Path) -> Iterator[Path]:
-    """Give a draft to write to; it takes its place when the block ends well and is removed when it does not.
-
-    Examples
-    --------
-    >>> import tempfile
-    >>> with tempfile.TemporaryDirectory() as folder:
-    ...     target = Path(folder) / "table.csv"
-    ...     with beside(target) as draft:
-    ...         _ = draft.write_text("height_m")
-    ...         before = target.exists()
-    ...     before, target.read_text()
-    (False, 'height_m')
-    """
+    """Give a draft to write to; it takes its place when the block ends well and is removed when it does not."""
     draft = _draft(path)
     try:
         yield draft
@@ -106,25 +95,7 @@ def _clear(folder: Path) -> None:
 
 
 def inside(folder: Path, name: str) -> Path | None:
-    """Follow a name that was read from a file, if it leads to something in the folder itself.
-
-    Parameters
-    ----------
-    folder : Path
-        The folder that the name must not leave.
-    name : str
-        What stands in the file.
-
-    Returns
-    -------
-    Path or None
-        None for what is no plain path (empty, absolute, with ``..``) and where a link lies on the way, or at its end.
-
-    Examples
-    --------
-    >>> inside(Path("out"), "../notes.txt") is None, inside(Path("out"), "/etc/hosts") is None
-    (True, True)
-    """
+    """Follow a name that was read from a file, or None: empty, absolute, with ``..``, or a link on the way or at its end."""
     parts = Path(name).parts
     if not parts or Path(name).anchor or ".." in parts or "\0" in name:
         return None
@@ -143,7 +114,7 @@ def _draft(path: Path) -> Path:
 
 def _sweep(path: Path) -> None:
     """Remove what killed runs left of drafts of a place."""
-    for left in path.parent.glob(f".partial-*-{_escaped(path.name)}"):
+    for left in path.parent.glob(f".partial-*-{glob.escape(path.name)}"):
         with suppress(FileNotFoundError):  # another run may sweep at the same time
             if time.time() - left.lstat().st_mtime <= _STALE:
                 continue
@@ -159,10 +130,6 @@ def _to_disk(path: Path) -> None:
         os.fsync(number)
     finally:
         os.close(number)
-
-
-def _escaped(name: str) -> str:
-    return "".join(f"[{letter}]" if letter in "*?[" else letter for letter in name)
 
 
 def replace_text(path: Path, text: str) -> None:

@@ -74,6 +74,7 @@ class _Reader:
         atexit.register(self.close)
 
     def call(self, request: dict[str, Any], seconds: float) -> Answer:
+        late = f"it must be readable within {seconds:.0f} s"
         with self._one_at_a_time:
             try:
                 process = self._started()
@@ -81,7 +82,8 @@ class _Reader:
                 process.stdin.write(json.dumps({**request, "seconds": seconds}).encode() + b"\n")
                 process.stdin.flush()
                 deadline = time.monotonic() + _WAITING * seconds
-                answer = json.loads(self._received(_number(self._received(8, deadline)), deadline))
+                size = int.from_bytes(self._received(8, deadline), "little")
+                answer = json.loads(self._received(size, deadline, _LARGEST_ANSWER))
                 arrays = [(name, np.dtype(kind), shape) for name, kind, shape in answer["arrays"]]
                 found = {
                     name: np.frombuffer(self._received(kind.itemsize * int(np.prod(shape)), deadline), kind)
@@ -89,15 +91,10 @@ class _Reader:
                 }
             except TimeoutError:
                 self.close()
-                return {}, f"it must be readable within {seconds:.0f} s", False
+                return {}, late, False
             except (EOFError, BrokenPipeError):
                 code = self.close(5.0)
-                late = code == -signal.SIGXCPU
-                return (
-                    {},
-                    f"it must be readable within {seconds:.0f} s" if late else f"its reader ended with {code}",
-                    False,
-                )
+                return {}, late if code == -signal.SIGXCPU else f"its reader ended with {code}", False
             except BaseException:
                 self.close()
                 raise
@@ -109,16 +106,14 @@ class _Reader:
             paths = [str(Path(__file__).parents[1]), *filter(None, [os.environ.get("PYTHONPATH")])]
             own = {"OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1", "PYTHONPATH": os.pathsep.join(paths)}
             command = [sys.executable, "-P", "-W", "ignore", "-m", "stepblocks.confined"]
-            pipe, environment = subprocess.PIPE, {**os.environ, **own}
-            self._process = subprocess.Popen(
-                command, stdin=pipe, stdout=pipe, stderr=subprocess.DEVNULL, env=environment
-            )
+            pipe, null, environment = subprocess.PIPE, subprocess.DEVNULL, {**os.environ, **own}
+            self._process = subprocess.Popen(command, stdin=pipe, stdout=pipe, stderr=null, env=environment)
             self._received(8, time.monotonic() + 120.0)  # it says when it is ready
         return self._process
 
-    def _received(self, count: int, deadline: float) -> bytearray:
+    def _received(self, count: int, deadline: float, most: int = MEMORY) -> bytearray:
         """Read so many bytes of an answer."""
-        if self._process is None or self._process.stdout is None or count > MEMORY:
+        if self._process is None or self._process.stdout is None or count > most:
             raise EOFError
         whole, at, number = bytearray(count), 0, self._process.stdout.fileno()
         while at < count:
@@ -144,13 +139,6 @@ class _Reader:
 
 
 _reader = cache(lambda pid: _Reader())  # one for each process: a fork must not share its parent's
-
-
-def _number(eight: bytearray) -> int:
-    count = int.from_bytes(eight, "little")
-    if count > _LARGEST_ANSWER:
-        raise EOFError
-    return count
 
 
 def _answer(request: dict[str, Any]) -> Answer:

@@ -12,10 +12,7 @@ class StepblocksError(Exception):
 
 
 class QuantityError(StepblocksError, ValueError):
-    """A quantity that cannot be read: no number, no unit, or a unit of the wrong dimension.
-
-    Also a ValueError, so that a validation library reports it with the place of the field.
-    """
+    """A quantity that cannot be read; also a ValueError, so that a validation library reports it with the place of the field."""
 
 
 class StimulusError(StepblocksError):

@@ -45,17 +45,16 @@ def unknown_names(table: Iterable[str], known: Sequence[str], place: str = "") -
     return [(place, f"{name!r} is not known; {hint}") for name, hint in zip(found, hints, strict=True)]
 
 
-def told(mistakes: Iterable[Mistake], file: object) -> str:
+def told(mistakes: Sequence[Mistake], file: object) -> str:
     """Write mistakes by their places, one a line, those that are alike once."""
     by_text: dict[str, list[str]] = {}
-    places = dict.fromkeys(place for place, _ in mistakes)
-    for place in places:
-        for text in (text for where, text in mistakes if where == place):
-            by_text.setdefault(text, []).append(place)
+    order = list(dict.fromkeys(place for place, _ in mistakes))
+    for place, text in sorted(mistakes, key=lambda one: order.index(one[0])):
+        by_text.setdefault(text, []).append(place)
     lines = []
     for text, (first, *others) in by_text.items():
-        more = f" and {len(set(others) - {first})} more" if set(others) - {first} else ""
-        lines.append((text, f"{first}{more}"))
+        more = len(set(others) - {first})
+        lines.append((text, f"{first} and {more} more" if more else first))
     if len(lines) == 1:
         ((text, where),) = lines
         return f"{text} [{', '.join(filter(None, (str(file), where)))}]"
@@ -132,22 +131,17 @@ def _meant(model: type[BaseModel], place: Sequence[Any]) -> str | None:
     """Find what was meant by a name: one like it in the same table, or the same in a table below."""
     tables = [model]
     for step in place[:-1]:
-        found = [below for table in tables for below in _below(table, step)]
-        tables = found or tables
+        fields = [field for table in tables if (field := table.model_fields.get(str(step))) is not None]
+        tables = [below for field in fields for below in _models(field.annotation)] or tables
     word = str(place[-1])
-    fields = {field.alias or name: field for table in tables for name, field in table.model_fields.items()}
+    known = {field.alias or name: field for table in tables for name, field in table.model_fields.items()}
     deeper = [
         f"{name}.{word}"
-        for name, field in fields.items()
+        for name, field in known.items()
         for below in _models(field.annotation)
         if word in below.model_fields
     ]
-    return similar(word, fields) or next(iter(deeper), None)
-
-
-def _below(table: type[BaseModel], name: object) -> list[type[BaseModel]]:
-    field = table.model_fields.get(str(name))
-    return [] if field is None else list(_models(field.annotation))
+    return similar(word, known) or next(iter(deeper), None)
 
 
 def _models(annotation: object) -> Iterator[type[BaseModel]]:

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from stepblocks.atomic import beside
+from stepblocks.atomic import replace_text
 from stepblocks.errors import PipelineError
 from stepblocks.quantities import parse_quantity
 from stepblocks.text_file import plain_size
@@ -69,9 +69,8 @@ def si_column(
             raise PipelineError(f"table must have a column {wanted} [{place}]")
         return np.full(len(frame), default)
     if len(found) > 1:
-        raise PipelineError(
-            f"table must have one of the columns {' and '.join(c for c, _ in found)}, not both [{place}]"
-        )
+        both = " and ".join(column for column, _ in found)
+        raise PipelineError(f"table must have one of the columns {both}, not both [{place}]")
     import pandas as pd
 
     column, unit = found[0]
@@ -121,18 +120,14 @@ def csv_text(table: Any, columns: Sequence[str] | None = None, float_format: str
     """Write a table, or rows as mappings, as the text of a CSV."""
     import pandas as pd
 
-    return str(
-        _harmless(pd.DataFrame(table, columns=columns)).to_csv(
-            index=False, lineterminator="\n", float_format=float_format
-        )
-    )
+    frame = _harmless(pd.DataFrame(table, columns=columns))
+    return str(frame.to_csv(index=False, lineterminator="\n", float_format=float_format))
 
 
 def write_table(frame: pd.DataFrame, path: Path, float_format: str | None = None) -> None:
     """Write a CSV beside its place and rename it; by default 17 digits, so that reading it back gives the same doubles."""
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
-        with beside(path) as draft:
-            _harmless(frame).to_csv(draft, index=False, lineterminator="\n", float_format=float_format)
+        replace_text(path, csv_text(frame, None, float_format))
     except OSError as error:
         raise PipelineError(f"table cannot be written: {error.strerror} [{path}]") from error

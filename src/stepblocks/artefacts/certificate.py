@@ -5,8 +5,7 @@ What the program cannot know (laboratory, equipment, signer, dates) says so in i
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
@@ -23,78 +22,49 @@ RULE = (
 )
 
 
-@dataclass(frozen=True)
-class _Line:
-    """One characteristic, every length as text in metres."""
-
-    number: int
-    label: str
-    value: str
-    expanded: str
-    factor: str  # of coverage
-    nominal: str
-    limits: tuple[tuple[str, str], ...]
-    guard: str
-    budget: tuple[tuple[str, str], ...]
-    verdict: str
-    conformity: str
-
-    @staticmethod
-    def um(length: str) -> str:
-        """Show a length in micrometres."""
-        return f"{float(length) * 1e6:.4f}"
-
-
 def write_certificate(base: Path, part: Part, record: Mapping[str, Any], order: OrderSpec, digest: str) -> list[Path]:
     """Write ``<base>.dcc.xml`` and ``<base>.certificate.html`` of an inspection; the author of the order is the customer."""
     from stepblocks import __version__
 
     numbers = {one.key: number for number, one in enumerate(part.characteristics(), start=1)}
     results = [_line(numbers[one["key"]], one) for one in record["characteristics"] if one["key"] in numbers]
+    worst_first = ("fail", "conditionalFail", "conditionalPass", "pass")
+    whole = min((one["conformity"] for one in results), key=worst_first.index, default="conditionalPass")
     paths = [base.with_name(f"{base.name}.{ending}") for ending in ("dcc.xml", "certificate.html")]
     values = {
         **{"identity": part.id.upper(), "title": part.titled, "material": part.material.designation, "rule": RULE},
         **{"verdict": record["verdict"], "convention": record["convention"], "notes": record["notes"]},
         **{"blank": _BLANK, "author": order.author, "date": order.date or _PINNED, "digest": digest[:16]},
-        **{"results": results, "conformity": _whole(results), "release": __version__, "file": paths[0].name},
+        **{"results": results, "conformity": whole, "release": __version__, "file": paths[0].name, "um": _um},
     }
     for path, template in zip(paths, ("dcc.xml.j2", "certificate.html.j2"), strict=True):
         replace_text(path, render_page("artefacts", template, **values))
     return paths
 
 
-def _line(number: int, one: Mapping[str, Any]) -> _Line:
+def _line(number: int, one: Mapping[str, Any]) -> dict[str, Any]:
+    """One characteristic, every length as text in metres."""
     low, high = one["interval_95_m"]
-    expanded, std = 0.5 * (high - low), one["std_m"]
-    sides = (("lower", one["lower_limit_m"]), ("upper", one["upper_limit_m"]))
-    inside = all(
-        limit is None or (one["value_m"] - limit) * sign >= 0.0 for (_, limit), sign in zip(sides, (1, -1), strict=True)
-    )
+    expanded, std, value = 0.5 * (high - low), one["std_m"], one["value_m"]
+    lower, upper = one["lower_limit_m"], one["upper_limit_m"]
+    inside = (lower is None or value >= lower) and (upper is None or value <= upper)
     status = {"conforms": "pass", "does not conform": "fail"}.get(one["verdict"])
-    budget = [(part["name"], part["std_m"]) for part in one["budget"]]
-    return _Line(
-        number=number,
-        label=one["label"],
-        value=_metres(one["value_m"]),
-        expanded=_metres(expanded),
-        factor=f"{expanded / std if std > 0.0 else 1.96:.3f}",
-        nominal=_metres(one["nominal_m"]),
-        limits=tuple((side, _metres(limit)) for side, limit in sides if limit is not None),
-        guard=_metres(one["guard_band_m"]),
-        budget=tuple(
-            (name if std is not None else f"{name} (not stated)", _metres(std or 0.0)) for name, std in budget
-        ),
-        verdict=one["verdict"],
-        conformity=status or ("conditionalPass" if inside else "conditionalFail"),
-    )
+    parts = [(part["name"], part["std_m"]) for part in one["budget"]]
+    lengths = {"value": value, "expanded": expanded, "nominal": one["nominal_m"], "guard": one["guard_band_m"]}
+    return {
+        **{"number": number, "label": one["label"], "verdict": one["verdict"]},
+        **{name: _metres(length) for name, length in lengths.items()},
+        "factor": f"{expanded / std if std > 0.0 else 1.96:.3f}",  # of coverage
+        "limits": [(side, _metres(end)) for side, end in (("lower", lower), ("upper", upper)) if end is not None],
+        "budget": [(name if std is not None else f"{name} (not stated)", _metres(std or 0.0)) for name, std in parts],
+        "conformity": status or ("conditionalPass" if inside else "conditionalFail"),
+    }
 
 
-def _metres(value: float) -> str:
+def _metres(length: float) -> str:
     """Write a length to a tenth of a picometre, in the notation that D-SI takes for decimals."""
-    return f"{value:.13f}".rstrip("0").rstrip(".")
+    return f"{length:.13f}".rstrip("0").rstrip(".")
 
 
-def _whole(results: Sequence[_Line]) -> str:
-    """Return the worst of the outcomes."""
-    order = ("fail", "conditionalFail", "conditionalPass", "pass")
-    return min((one.conformity for one in results), key=order.index, default="conditionalPass")
+def _um(metres: str) -> str:
+    return f"{float(metres) * 1e6:.4f}"

@@ -101,34 +101,39 @@ def _tiff(part: Part, path: Path) -> Iterator[Verdict]:
     heights = read_confined(f"{__name__}:image_in", path, raises=MetrologyError)["pixels"]
     bits = 8.0 * heights.dtype.itemsize * (heights.dtype.kind == "f")
     yield Verdict(path.name, "bits per height, floating point", 32.0, bits, 0.0, "count")
-    yield from _field(part, path, heights.astype(np.float64) * 1e-6)
+    yield from _field(part, path, heights.astype(np.float64) * 1e-6, _sidecar(path))
 
 
 def _npz(part: Part, path: Path) -> Iterator[Verdict]:
     found = read_confined(f"{__name__}:arrays_in", path, raises=MetrologyError)
     heights, columns, rows = (found[name] for name in ("height_m", "x_m", "y_m"))
-    yield from _field(part, path, heights)
+    side = _sidecar(path)
+    yield from _field(part, path, heights, side)
     # heights that are equal along y cannot tell swapped rows; the positions that the archive gives them can
-    side = json.loads(path.with_suffix(".json").read_text(encoding="utf-8"))
     for name, found in (("x", columns), ("y", rows)):
         expected = side[f"origin_{name}_m"] + side[f"spacing_{name}_m"] * np.arange(found.size)
         worst = np.abs(found - expected).max() if found.ndim == 1 and found.size else math.inf
         yield Verdict(path.name, f"positions along {name}", 0.0, float(worst), NANOMETRE)
 
 
-def _field(part: Part, path: Path, heights: NDArray[np.float64]) -> Iterator[Verdict]:
+def _sidecar(path: Path) -> dict[str, Any]:
+    """Read where the points of a height field lie."""
+    try:
+        side = json.loads(path.with_suffix(".json").read_text(encoding="utf-8"))
+        names = ("origin_x_m", "origin_y_m", "spacing_x_m", "spacing_y_m")
+        return {"shape": side["shape_rows_columns"]} | {name: float(side[name]) for name in names}
+    except (OSError, ValueError, KeyError, TypeError) as error:
+        raise MetrologyError(f"needs its sidecar {path.stem}.json with shape, origin and spacing [{path}]") from error
+
+
+def _field(part: Part, path: Path, heights: NDArray[np.float64], side: dict[str, Any]) -> Iterator[Verdict]:
     """Compare with the profile at the positions that the sidecar gives, and measure the step between the far thirds."""
     if not isinstance(part, Block):
         raise MetrologyError(f"a height field belongs to a block, got {part.id} [{path}]")
-    try:
-        side = json.loads(path.with_suffix(".json").read_text(encoding="utf-8"))
-        shape, origin, spacing = side["shape_rows_columns"], float(side["origin_x_m"]), float(side["spacing_x_m"])
-    except (OSError, ValueError, KeyError, TypeError) as error:
-        raise MetrologyError(f"needs its sidecar {path.stem}.json with shape, origin and spacing [{path}]") from error
-    if heights.ndim != 2 or list(heights.shape) != shape:
-        got = list(heights.shape)
-        raise MetrologyError(f"must have the rows and columns of its sidecar, {shape}, got {got} [{path}]")
-    x: NDArray[np.float64] = np.asarray(origin + spacing * np.arange(heights.shape[1]), dtype=np.float64)
+    if heights.ndim != 2 or list(heights.shape) != side["shape"]:
+        rule = f"must have the rows and columns of its sidecar, {side['shape']}"
+        raise MetrologyError(f"{rule}, got {list(heights.shape)} [{path}]")
+    x = side["origin_x_m"] + side["spacing_x_m"] * np.arange(heights.shape[1])
     worst = np.abs(heights - [part.top(position) for position in x.tolist()]).max()
     yield Verdict(path.name, "largest error of a height", 0.0, float(worst), NANOMETRE)
     third = heights.shape[1] // 3

@@ -1,7 +1,4 @@
-"""The working surface as a height field: float32 TIFF and npz, with a sidecar that leaves nothing to guess.
-
-Integer forms do not exist here: 16 bits over 200 um quantise to 3 nm, 8 bits to 600 nm.
-"""
+"""The working surface as a height field: float32 TIFF and npz (16 bits would quantise to 3 nm), with a sidecar."""
 
 from __future__ import annotations
 
@@ -90,16 +87,11 @@ def write_height_field(stem: Path, part: Part) -> list[Path]:
     said = {"description": "heights in um", "software": "stepblocks"}
     tifffile.imwrite(tiff, (heights * 1e6).astype(np.float32), compression="zlib", **said)
     np.savez_compressed(npz, height_m=heights, x_m=_across(part), y_m=_positions(_HALF_Y))
-    sidecar.write_text(json.dumps(_sidecar(part, heights, tiff.name, npz.name), indent=2) + "\n", encoding="utf-8")
-    return [tiff, npz, sidecar]
-
-
-def _sidecar(part: Part, heights: NDArray[np.float64], tiff: str, npz: str) -> dict[str, Any]:
-    return {
+    described: dict[str, Any] = {
         "stimulus": part.id,
         "files": {
-            tiff: {"unit": "um", "dtype": "float32"},
-            npz: {"unit": "m", "dtype": "float64", "arrays": ["height_m", "x_m", "y_m"]},
+            tiff.name: {"unit": "um", "dtype": "float32"},
+            npz.name: {"unit": "m", "dtype": "float64", "arrays": ["height_m", "x_m", "y_m"]},
         },
         "shape_rows_columns": list(heights.shape),
         "spacing_x_m": SPACING,
@@ -113,3 +105,5 @@ def _sidecar(part: Part, heights: NDArray[np.float64], tiff: str, npz: str) -> d
         "handedness": "right-handed",
         "sampling": "point values; no sample lies on an edge",
     }
+    sidecar.write_text(json.dumps(described, indent=2) + "\n", encoding="utf-8")
+    return [tiff, npz, sidecar]

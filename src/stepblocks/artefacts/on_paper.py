@@ -1,7 +1,4 @@
-"""How a characteristic stands on paper: its limits on a drawing, and its line on the inspection sheet.
-
-The sheet is in the manner of first-article inspection (form 3 of AS9102), filled in where an as-built record is given.
-"""
+"""How a characteristic stands on paper: its limits on a drawing, and its line on a sheet in the manner of form 3 of AS9102."""
 
 from __future__ import annotations
 
@@ -11,7 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from stepblocks.atomic import beside
-from stepblocks.parts.characteristics import FORM, Characteristic
+from stepblocks.parts.characteristics import FORM
 from stepblocks.parts.kind import Part
 from stepblocks.tables import write_table
 
@@ -79,22 +76,20 @@ def sheet_table(stimulus: Part, measured: Values | None = None) -> pd.DataFrame:
     """Return the lines of the sheet, as texts."""
     import pandas as pd
 
-    known = measured or {}
-    rows = [_row(number, one, known.get(one.key)) for number, one in enumerate(stimulus.characteristics(), start=1)]
+    rows = []
+    for number, one in enumerate(stimulus.characteristics(), start=1):
+        sizes = (one.nominal, one.nominal + one.lower, one.nominal + one.upper)
+        if one.quantity == "angle":
+            unit, limits = "deg", [f"{math.degrees(size):g}" for size in sizes]
+        else:
+            decimals = decimals_for(one.nominal, one.lower, one.upper)
+            unit, limits = "mm", [millimetres(size, decimals) for size in sizes]
+        if one.kind in FORM:
+            limits[:2] = "", ""
+        value = (measured or {}).get(one.key)
+        got = ("", "", "") if value is None else (f"{value[0] * 1e3:.6f}", f"{value[1] * 1e3:.6f}", value[2])
+        rows.append((str(number), one.label, one.kind, *limits, unit, one.method, *got))
     return pd.DataFrame(rows, columns=COLUMNS)
-
-
-def _row(number: int, one: Characteristic, value: tuple[float, float, str] | None) -> tuple[str, ...]:
-    angular, decimals = one.quantity == "angle", decimals_for(one.nominal, one.lower, one.upper)
-    nominal, lower, upper = (
-        f"{math.degrees(size):g}" if angular else millimetres(size, decimals)
-        for size in (one.nominal, one.nominal + one.lower, one.nominal + one.upper)
-    )
-    if one.kind in FORM:
-        nominal, lower = "", ""
-    got = ("", "", "") if value is None else (f"{value[0] * 1e3:.6f}", f"{value[1] * 1e3:.6f}", value[2])
-    unit = "deg" if angular else "mm"
-    return (str(number), one.label, one.kind, nominal, lower, upper, unit, one.method, *got)
 
 
 def write_sheet_csv(path: Path, stimulus: Part, measured: Values | None = None) -> None:

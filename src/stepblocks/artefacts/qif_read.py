@@ -33,36 +33,32 @@ def read_qif_results(path: str | Path) -> list[QifResult]:
     """Read what was measured, in the order of the file; entities and files that the document asks for are not loaded."""
     path = Path(path)
     root = _root(path)
-    by_id = {one.get("id"): one for one in root.iter() if isinstance(one.tag, str) and one.get("id")}
-    units = {kind: _factor(root, kind) for kind in ("Linear", "Angular")}
+    by_id = {one.get("id"): one for one in root.iter("{*}*") if one.get("id")}
+    primary, named = _units(root, path)
     found = []
-    for entry in root.iter(f"{_NS}CharacteristicMeasurements"):
-        for one in entry:
-            kind = str(one.tag).removeprefix(_NS).removesuffix("CharacteristicMeasurement")
-            shown = next(
-                (one.find(_NS + tag) for tag in ("Value", "RoughnessAverageValue") if one.find(_NS + tag) is not None),
-                None,
+    for one in root.iterfind(f".//{_NS}CharacteristicMeasurements/{{*}}*"):
+        kind = str(one.tag).removeprefix(_NS).removesuffix("CharacteristicMeasurement")
+        shown = next(one.iterchildren(f"{_NS}Value", f"{_NS}RoughnessAverageValue"), None)
+        if shown is None:
+            continue
+        item = by_id.get(_text(one, "CharacteristicItemId"))
+        nominal = by_id.get(_text(item, "CharacteristicNominalId"))
+        definition = by_id.get(_text(nominal, "CharacteristicDefinitionId"))
+        own = named.get(shown.get("linearUnit") or shown.get("angularUnit"))
+        factor = primary["Angular" if kind in _ANGULAR else "Linear"] if own is None else own
+        target = _number(_text(nominal, "TargetValue"), path) * factor
+        found.append(
+            QifResult(
+                name=_text(item, "Name"),
+                designator=_text(item, "CharacteristicDesignator/Designator"),
+                kind=kind,
+                value=_number(shown.text or "", path, must=True) * factor,
+                std=_number(shown.get("combinedUncertainty") or "", path) * factor,
+                status=_text(one, "Status/CharacteristicStatusEnum"),
+                nominal=target,
+                limits=_limits(definition, factor, target, path),
             )
-            if shown is None:
-                continue
-            item = by_id.get(_text(one, "CharacteristicItemId"))
-            nominal = None if item is None else by_id.get(_text(item, "CharacteristicNominalId"))
-            definition = None if nominal is None else by_id.get(_text(nominal, "CharacteristicDefinitionId"))
-            factor = _factor_of(root, shown, units["Angular" if kind in _ANGULAR else "Linear"])
-            std = shown.get("combinedUncertainty")
-            target = math.nan if nominal is None else _number(_text(nominal, "TargetValue"), path) * factor
-            found.append(
-                QifResult(
-                    name="" if item is None else _text(item, "Name"),
-                    designator="" if item is None else _text(item, "CharacteristicDesignator/Designator"),
-                    kind=kind,
-                    value=_number(shown.text or "", path, must=True) * factor,
-                    std=_number(std or "", path) * factor,
-                    status=_text(one, "Status/CharacteristicStatusEnum"),
-                    nominal=target,
-                    limits=_limits(definition, factor, target, path),
-                )
-            )
+        )
     if not found:
         raise MetrologyError(f"QIF results must hold at least one measured value, got none [{path}]")
     return found
@@ -85,7 +81,7 @@ def _root(path: Path) -> Any:
 
 
 def _text(node: Any, where: str) -> str:
-    found = node.find("/".join(_NS + step for step in where.split("/")))
+    found = None if node is None else node.find("/".join(_NS + step for step in where.split("/")))
     return "" if found is None else (found.text or "").strip()
 
 
@@ -99,24 +95,20 @@ def _number(text: str, path: Path, must: bool = False) -> float:
     return value
 
 
-def _factor(root: Any, kind: str) -> float:
-    """How many SI units make the primary unit of a kind; 1 where the file names none."""
-    factor = root.find(f"{_NS}FileUnits/{_NS}PrimaryUnits/{_NS}{kind}Unit/{_NS}UnitConversion/{_NS}Factor")
-    return 1.0 if factor is None else float(factor.text)
-
-
-def _factor_of(root: Any, shown: Any, primary: float) -> float:
-    """Return the factor of the unit that a value names for itself, else of the primary one."""
-    name = shown.get("linearUnit") or shown.get("angularUnit")
-    for unit in root.find(f"{_NS}FileUnits").iter() if name else ():
-        if _text(unit, "UnitName") == name:
-            return float(_text(unit, "UnitConversion/Factor") or 1.0)
-    return primary
+def _units(root: Any, path: Path) -> tuple[dict[str, float], dict[str, float]]:
+    """How many SI units make the primary unit of a kind, 1 where the file names none, and a unit by its name."""
+    primary = {"Linear": 1.0, "Angular": 1.0}
+    named: dict[str, float] = {}
+    for unit in root.iterfind(f"{_NS}FileUnits//{{*}}*"):
+        if name := _text(unit, "UnitName"):
+            named.setdefault(name, _number(_text(unit, "UnitConversion/Factor") or "1", path, must=True))
+            kind = str(unit.tag).removeprefix(_NS).removesuffix("Unit")
+            if kind in primary and unit.getparent().tag == f"{_NS}PrimaryUnits":
+                primary[kind] = named[name]
+    return primary, named
 
 
 def _limits(definition: Any, factor: float, nominal: float, path: Path) -> tuple[float, float]:
-    if definition is None:
-        return math.nan, math.nan
     for zone in ("ToleranceValue", "RoughnessAverage"):
         if text := _text(definition, zone):
             return 0.0, _number(text, path) * factor

@@ -1,7 +1,4 @@
-"""The ring as files: WAV for a voice coil, MPEG haptics, and AHAP as a preview that says what it loses.
-
-MPEG haptics is ISO/IEC 23090-31; `tests/oracles/hjif_rules.py` holds what is written against the rules of the standard.
-"""
+"""The ring as files: WAV for a voice coil, MPEG haptics (ISO/IEC 23090-31), and AHAP as a preview that says what it loses."""
 
 from __future__ import annotations
 
@@ -38,26 +35,22 @@ def write_wav(path: Path, event: VibrationEvent, rate: int, full: float) -> None
 
 
 def write_hjif(path: Path, event: VibrationEvent) -> None:
-    """Write a ring as MPEG haptics (ISO/IEC 23090-31), interchange form: one VectorialWave band.
-
-    The format holds whole hertz: another frequency is rounded.
-    """
+    """Write a ring as MPEG haptics, interchange form: one VectorialWave band, its frequency rounded to whole hertz."""
     if not math.isfinite(event.amplitude):
         raise HapticsError(f"{event.stimulus} {event.drag} does not ring ({event.status.value}) [{path}]")
-    if not 0 <= round(event.tool.frequency) <= _HIGHEST:
-        got = f"got {event.tool.frequency:g} Hz"
-        raise HapticsError(f"the ring's frequency must lie within the band of 0 to {_HIGHEST} Hz, {got} [{path}]")
-    ticks = np.arange(math.ceil(7.0 * event.tool.decay_time * _TIMESCALE) + 1)
-    x = 1.0 / (event.tool.decay_time * _TIMESCALE)
+    frequency, decay = event.tool.frequency, event.tool.decay_time * _TIMESCALE  # Hz, ticks
+    if not 0 <= round(frequency) <= _HIGHEST:
+        rule = f"the ring's frequency must lie within the band of 0 to {_HIGHEST} Hz"
+        raise HapticsError(f"{rule}, got {frequency:g} Hz [{path}]")
     # straight lines between samples of an exponential lie above it; this factor restores the energy of each stretch
+    x = 1.0 / decay
     chord = (1.0 + math.exp(-x) + math.exp(-2.0 * x)) / 3.0
     factor = math.sqrt((1.0 - math.exp(-2.0 * x)) / (2.0 * x) / chord)
-    levels = np.exp(-ticks / (event.tool.decay_time * _TIMESCALE)) * factor
+    levels = np.exp(-np.arange(math.ceil(7.0 * event.tool.decay_time * _TIMESCALE) + 1) / decay) * factor
     keyframes: list[dict[str, Any]] = [
         {"relative_position": tick, "amplitude_modulation": round(float(level), 9)} for tick, level in enumerate(levels)
     ]
-    for keyframe in (keyframes[0], keyframes[-1]):
-        keyframe["frequency_modulation"] = round(event.tool.frequency)
+    keyframes[0]["frequency_modulation"] = keyframes[-1]["frequency_modulation"] = round(frequency)
     effect = {"effect_type": "Basis", "position": 0, "phase": 0.0, "base_signal": "Sine", "keyframes": keyframes}
     limits = {"lower_frequency_limit": 0, "upper_frequency_limit": _HIGHEST}
     channel = {

@@ -77,7 +77,7 @@ def checked_files(stimulus: Part, folder: Path) -> list[Path]:
     from stepblocks.artefacts.meshes.write import MESH_FORMATS
 
     names = [f"{stimulus.id}.step"]
-    names += [body + form.suffix for body in stimulus.bodies for form in MESH_FORMATS]
+    names += [body + ending for body in stimulus.bodies for ending in MESH_FORMATS]
     names.append(f"{stimulus.id}.convex.obj")
     if stimulus.has_working_faces:
         names += [f"{stimulus.id}.heightfield.tiff", f"{stimulus.id}.heightfield.npz"]
@@ -120,8 +120,8 @@ def _write_artefacts(stimulus: Part, folder: Path) -> None:
     write_step_ap242(folder / f"{stimulus.id}.step", stimulus, bodies)
     meshes = [mesh_solid(stimulus, name, body) for name, body in bodies]
     for mesh in meshes:
-        for form in MESH_FORMATS:
-            form.write(folder / f"{mesh.name}{form.suffix}", mesh)
+        for ending, write in MESH_FORMATS.items():
+            write(folder / f"{mesh.name}{ending}", mesh)
     write_pieces(folder / f"{stimulus.id}.convex.obj", convex_pieces(stimulus))
     if stimulus.has_working_faces:
         write_height_field(folder / f"{stimulus.id}.heightfield", stimulus)

@@ -1,7 +1,4 @@
-"""Dimensions measured on a triangle mesh: levels, walls, spheres, volume, closedness, winding, convexity.
-
-All reductions run in float64 whatever the file stored.
-"""
+"""Dimensions measured on a triangle mesh in float64: levels, walls, spheres, volume, closedness, winding, convexity."""
 
 from __future__ import annotations
 

@@ -83,8 +83,8 @@ def read_mesh(path: Path) -> Arrays:
 
 def mesh_in(path: Path) -> dict[str, Any]:
     """Read a mesh file; called in the confined process, as `pieces_in` is."""
-    if path.stat().st_size > _MAX_BYTES:
-        raise MetrologyError(f"a mesh file must be at most {_MAX_BYTES} bytes, got {path.stat().st_size} [{path.name}]")
+    if (size := path.stat().st_size) > _MAX_BYTES:
+        raise MetrologyError(f"a mesh file must be at most {_MAX_BYTES} bytes, got {size} [{path.name}]")
     vertices, triangles = MESH_READERS[path.suffix](path)
     if not is_whole(vertices, triangles):
         raise ValueError("no triangles between finite vertices")

@@ -1,8 +1,4 @@
-"""Mesh files: one small writer per format, all with the same signature, listed in `MESH_FORMATS`.
-
-STL, OBJ, PLY and 3MF are in millimetres with z up; GLB is in metres with y up, as glTF 2.0 demands. Every byte depends on the mesh
-alone: no dates, no random identifiers.
-"""
+"""Mesh files, one small writer per format in `MESH_FORMATS`: every byte depends on the mesh alone, no dates, no random identifiers."""
 
 from __future__ import annotations
 
@@ -10,7 +6,6 @@ import io
 import re
 import zipfile
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -22,16 +17,6 @@ _MM = 1e3
 _PINNED_DATE = (1980, 1, 1, 0, 0, 0)  # the earliest that a zip archive can hold
 # Rotation from the part's axes (z up) to glTF's (y up): x stays, y becomes -z, z becomes y
 GLB_FROM_PART = np.array([[1.0, 0.0, 0.0], [0.0, 0.0, 1.0], [0.0, -1.0, 0.0]])
-
-
-@dataclass(frozen=True)
-class MeshFormat:
-    """A mesh format."""
-
-    suffix: str
-    write: Callable[[Path, Mesh], None]
-    unit: str  # of the coordinates in the file
-    number: str  # how the file stores a coordinate
 
 
 def _trimesh(mesh: Mesh, scale: float) -> Any:
@@ -67,12 +52,10 @@ def write_3mf(path: Path, mesh: Mesh) -> None:
 
 
 def _counted(text: bytes) -> bytes:
-    seen: dict[bytes, bytes] = {}
-
-    def replace(match: re.Match[bytes]) -> bytes:
-        return seen.setdefault(match[0], b"00000000-0000-4000-8000-%012d" % (len(seen) + 1))
-
-    return re.sub(rb"[0-9a-f]{8}-[0-9a-f]{4}-[0-9a-f]{4}-[0-9a-f]{4}-[0-9a-f]{12}", replace, text)
+    found = dict.fromkeys(re.findall(rb"[0-9a-f]{8}-[0-9a-f]{4}-[0-9a-f]{4}-[0-9a-f]{4}-[0-9a-f]{12}", text))
+    for number, identifier in enumerate(found, start=1):
+        text = text.replace(identifier, b"00000000-0000-4000-8000-%012d" % number)
+    return text
 
 
 def write_glb(path: Path, mesh: Mesh) -> None:
@@ -82,14 +65,9 @@ def write_glb(path: Path, mesh: Mesh) -> None:
     path.write_bytes(_trimesh(turned, 1.0).export(file_type="glb", include_normals=False))
 
 
-# Every mesh format that is written; a new one is tested by standing here
-MESH_FORMATS = (
-    MeshFormat(".stl", write_stl, "mm", "float32"),
-    MeshFormat(".obj", write_obj, "mm", "decimal, 12 places"),
-    MeshFormat(".ply", write_ply, "mm", "float32"),
-    MeshFormat(".3mf", write_3mf, "mm", "decimal"),
-    MeshFormat(".glb", write_glb, "m", "float32"),
-)
+# Every mesh format that is written, by its ending; a new one is tested by standing here
+MESH_FORMATS: dict[str, Callable[[Path, Mesh], None]]
+MESH_FORMATS = {".stl": write_stl, ".obj": write_obj, ".ply": write_ply, ".3mf": write_3mf, ".glb": write_glb}
 
 
 def write_pieces(path: Path, pieces: Sequence[Mesh]) -> None:

@@ -1,9 +1,4 @@
-"""The height scale of a scan, checked against what the file itself says, read by us and not by its reader.
-
-Readers of instrument files disagree by factors. Formats that store counts state how long a count is and how far the
-range goes: heights that are no multiples of it, or lie outside, are refused. Formats that store floating numbers state the
-unit of one (a PLUX is in micrometres by its format): a reader that took another is refused.
-"""
+"""The height scale of a scan, read by us from the file itself, since readers of instrument files disagree by factors."""
 
 from __future__ import annotations
 
@@ -41,13 +36,17 @@ class HeightScale:
 
 def stated_height_scale(path: Path, form: str, channel: str) -> HeightScale | None:
     """Read the height scale of a channel from the file itself; None for a format that states none that is read here."""
-    scale = None
     try:
         if form in _PACKED:
             with zipfile.ZipFile(path) as archive:
-                scale = _PACKED[form](archive)
-        elif form in _HEADERS:
-            scale = _HEADERS[form](_head(path), channel)
+                scale: HeightScale | None = _PACKED[form](archive)
+        else:
+            with path.open("rb") as file:
+                head = file.read(_MOST_HEAD)
+                if form == "gwy":  # its units may stand behind the data
+                    file.seek(max(path.stat().st_size - _MOST_HEAD, _MOST_HEAD))
+                    head += file.read(_MOST_HEAD)
+            scale = _HEADERS[form](head, channel) if form in _HEADERS else None
     except _BROKEN as error:
         part = "index" if form in _PACKED else "header"
         raise MetrologyError(f"{part} must state the height scale, got {error} [{path.name}]") from error
@@ -61,9 +60,8 @@ def check_height_scale(height: NDArray[np.float64], scale: HeightScale, place: s
     if scale.extent:
         found = float(np.nanmax(height) - np.nanmin(height))
         if abs(found / scale.count - 1.0) > 1e-3:
-            raise MetrologyError(
-                f"heights must reach over {scale.count:g} m ({scale.field}), got {found:g} m [{place}]"
-            )
+            rule = f"heights must reach over {scale.count:g} m ({scale.field})"
+            raise MetrologyError(f"{rule}, got {found:g} m [{place}]")
         return f"{scale.field}: {scale.count:.6g} m, checked"
     if used is not None and abs(abs(used) / scale.count - 1.0) > 1e-6:
         raise MetrologyError(f"reader must use {scale.count:g} m per count ({scale.field}), got {used:g} m [{place}]")
@@ -82,16 +80,6 @@ def check_height_scale(height: NDArray[np.float64], scale: HeightScale, place: s
     if np.max(np.abs(counts - np.rint(counts))) > 0.02 + 1e-6 * float(np.max(np.abs(counts))):
         raise MetrologyError(f"heights must be multiples of {scale.count:g} m ({scale.field}) [{place}]")
     return f"{scale.field}: {scale.count:.6g} m per count, checked"
-
-
-def _head(path: Path) -> bytes:
-    """Return the first 64 KiB of a file; of a GWY also the last, since its units may stand behind the data."""
-    with path.open("rb") as file:
-        head = file.read(_MOST_HEAD)
-        if path.suffix.lower() == ".gwy":
-            file.seek(max(path.stat().st_size - _MOST_HEAD, _MOST_HEAD))
-            head += file.read(_MOST_HEAD)
-        return head
 
 
 def _nid(head: bytes, channel: str) -> HeightScale | None:
@@ -141,13 +129,10 @@ def _opdx(head: bytes, channel: str) -> HeightScale | None:
     if at < len(mark):
         raise ValueError("no DataScale")
     at += 1 + head[at]  # length of the item, in as many bytes as its first says
-    value: float = struct.unpack_from("<d", head, at)[0]
-    at, symbol = at + 8, ""
-    for _ in range(2):
-        (size,) = struct.unpack_from("<I", head, at)
-        symbol = head[at + 4 : at + 4 + min(size, 64)].decode("utf-8")
-        at += 4 + size
-    count = float(value) / LENGTH_UNITS[symbol.strip()]
+    value, size = struct.unpack_from("<dI", head, at)
+    (length,) = struct.unpack_from("<I", head, at + 12 + size)
+    symbol = head[at + 16 + size : at + 16 + size + min(length, 64)].decode("utf-8")
+    count = value / LENGTH_UNITS[symbol.strip()]
     return HeightScale(count, -np.inf, np.inf, "DataScale of the channel", integral=False)
 
 
@@ -174,8 +159,7 @@ def _mi(head: bytes, channel: str) -> HeightScale | None:
 
 def _wsxm(head: bytes, _: str) -> HeightScale | None:
     """WSxM: "Z Amplitude" states how far the heights of the image reach from the lowest to the highest."""
-    text = head.decode("latin-1")
-    amount, unit = text.split("Z Amplitude: ", 1)[1].split(None, 2)[:2]
+    amount, unit = head.decode("latin-1").split("Z Amplitude: ", 1)[1].split(None, 2)[:2]
     reach = float(amount) / LENGTH_UNITS[unit]
     return HeightScale(reach, -np.inf, np.inf, "Z Amplitude of the header", False, extent=True)
 
@@ -247,14 +231,6 @@ def _range(archive: zipfile.ZipFile, name: str, kind: str) -> tuple[float, float
     return lowest, highest
 
 
-_HEADERS = {
-    "ezd": _nid,
-    "sur": _sur,
-    "sdf": _sdf,
-    "opdx": _opdx,
-    "gwy": _gwy,
-    "mi": _mi,
-    "wsxm": _wsxm,
-    "metropro": _metropro,
-}
+_HEADERS = {"ezd": _nid, "sur": _sur, "sdf": _sdf, "opdx": _opdx, "gwy": _gwy, "mi": _mi, "wsxm": _wsxm}
+_HEADERS["metropro"] = _metropro
 _PACKED = {"x3p": _x3p, "plux": _plux}

@@ -40,9 +40,8 @@ def gridded(x: Array, y: Array, z: Array, source: str, said: str) -> HeightMap:
     np.add.at(count, (row[seen], column[seen]), 1.0)
     height = np.where(count > 0.0, height / np.maximum(count, 1.0), np.nan)
     if off > _EVEN:
-        said += (
-            f"; points set on a grid of {steps[0] * 1e6:.4g} x {steps[1] * 1e6:.4g} um, up to {off:.2f} of a step off"
-        )
+        cell = f"{steps[0] * 1e6:.4g} x {steps[1] * 1e6:.4g} um"
+        said += f"; points set on a grid of {cell}, up to {off:.2f} of a step off"
     return HeightMap(height, steps[0], steps[1], source=source, scale=said)
 
 
@@ -56,10 +55,8 @@ def _axes(x: Array, y: Array) -> list[Array]:
         uneven = [float(np.median(np.abs(step - np.median(step))) / max(np.median(step), 1e-15)) for step in along]
         fast = int(np.argmin(uneven))
         extents = [float(np.ptp(one)) for one in (x, y)]
-        even = (
-            float(np.median(along[fast])) if uneven[fast] < _EVEN else float(np.sqrt(extents[0] * extents[1] / len(x)))
-        )
-        counts[fast] = round(extents[fast] / even) + 1
+        even = np.median(along[fast]) if uneven[fast] < _EVEN else np.sqrt(extents[0] * extents[1] / len(x))
+        counts[fast] = round(extents[fast] / float(even)) + 1
     counts = [count or max(round(len(x) / max(counts)), 1) for count in counts]
     pairs = zip(exact, counts, (x, y), strict=True)
     return [np.linspace(one.min(), one.max(), count) if axis is None else axis for axis, count, one in pairs]
@@ -86,22 +83,17 @@ def read_points(path: Path, sizes: dict[str, tuple[float, float]]) -> HeightMap:
     """Read a file whose numbers have no unit of their own, with the size of a stored 1 per axis: PLY, STL, OBJ, PCD, JSON."""
     missing = [axis for axis in "xyz" if axis not in sizes]
     if missing:
-        raise MetrologyError(
-            f"a unit must be given for a {path.suffix} file, which states none, as mm or x=mm,y=mm,z=um [{path.name}]"
-        )
+        rule = f"a unit must be given for a {path.suffix} file, which states none"
+        raise MetrologyError(f"{rule}, as mm or x=mm,y=mm,z=um [{path.name}]")
     per = np.array([sizes[axis][0] / sizes[axis][1] for axis in "xyz"])
     if path.suffix.lower() == ".json":
         return _json_image(path, per)
     if path.suffix.lower() == ".pcd":
         points = _pcd(path)
     else:
-        import contextlib
-        import io
-
         import meshio
 
-        with contextlib.redirect_stdout(io.StringIO()):
-            points = np.asarray(meshio.read(path).points, dtype=np.float64)
+        points = np.asarray(meshio.read(path).points, dtype=np.float64)
     if points.ndim != 2 or points.shape[1] != 3:
         raise MetrologyError(f"points must be rows of x, y, z, got shape {points.shape}")
     x, y, z = (np.unique(points, axis=0) * per).T
@@ -119,9 +111,8 @@ def _json_image(path: Path, per: Array) -> HeightMap:
     if image.get("HandleZeroPixels") == "MissingData":
         counts[counts == 0.0] = np.nan
     z = (counts * size["z"] + origin["z"]) * per[2]
-    return HeightMap(
-        z, size["x"] * per[0], size["y"] * per[1], path.name, "height image in the unit given", size["z"] * per[2]
-    )
+    dx, dy, count = (size[axis] * one for axis, one in zip("xyz", per, strict=True))
+    return HeightMap(z, dx, dy, path.name, "height image in the unit given", count)
 
 
 def _pcd(path: Path) -> Array:

@@ -1,8 +1,4 @@
-"""Profiles and maps from plain text: CSV, TSV and XYZ, whose columns say their units or are refused.
-
-A column is accepted with its unit in the name (``x_um``, ``z [nm]``, ``Lateral um``, ``Raw (Å)``), in a line of units under the
-names, or with the unit that the user gives, for all or by axis (``x=mm,z=um``). A unit that nobody says is not guessed.
-"""
+"""Profiles and maps from plain text: CSV, TSV and XYZ, whose columns or user say their units (``x_um``, ``Raw (Å)``) or are refused."""
 
 from __future__ import annotations
 
@@ -80,18 +76,18 @@ def read_text_scan(path: Path, unit: str | None = None) -> Profile | HeightMap:
     if values.shape[1] > 3 and not names:
         return _matrix(values, given, path)
     columns = _columns(names, values, path)
-    factors = {
-        axis: _factor(names[column] if names else None, axis, common, given, path) for axis, column in columns.items()
-    }
-    said = (
-        ", ".join(names[column] for column in columns.values()) if names else f"unit {unit or 'of the head'} as given"
-    )
+    named = {axis: names[column] if names else None for axis, column in columns.items()}
+    factors = {axis: _factor(name, axis, common, given, path) for axis, name in named.items()}
+    said = ", ".join(filter(None, named.values())) or f"unit {unit or 'of the head'} as given"
     axes = {axis: values[:, column] * factors[axis][0] / factors[axis][1] for axis, column in columns.items()}
     if "y" in axes:
         return gridded(axes["x"], axes["y"], axes["z"], path.name, f"columns {said}")
     x, z, notes = _forward(axes["x"], axes["z"], path)
     size, per = factors["x"]
-    x, snapped = _equal_steps(x, _last_digit(values[:, columns["x"]]) * size / per)
+    # value of the last digit that positions are printed with, from the shortest decimal that gives each back
+    printed = [repr(one) for one in values[:2000, columns["x"]].tolist()]
+    decimals = max(17 if "e" in one else len(one.partition(".")[2]) for one in printed)
+    x, snapped = _equal_steps(x, float(10.0 ** -min(decimals, 17)) * size / per)
     notes += ["positions set to equal steps within their last digit"] if snapped else []
     return Profile(x, z, source=path.name, scale="; ".join([f"columns {said}", *notes]))
 
@@ -113,9 +109,8 @@ def _table(text: str, path: Path) -> tuple[list[list[str]], Array]:
         raise MetrologyError(f"table must have at most {_MOST_COLUMNS} columns [{path.name}, {begin + 1}]")
     body = "\n".join(lines[begin:])
     try:
-        fast = np.loadtxt(
-            io.StringIO(body.replace(",", ".") if comma else body), delimiter=mark, comments=None, ndmin=2
-        )
+        stream = io.StringIO(body.replace(",", ".") if comma else body)
+        fast = np.loadtxt(stream, delimiter=mark, comments=None, ndmin=2)
         if fast.shape[1] == width:
             return head, np.asarray(fast, dtype=np.float64)
     except ValueError:
@@ -125,7 +120,7 @@ def _table(text: str, path: Path) -> tuple[list[list[str]], Array]:
     for number, line in enumerate(lines[begin:], start=begin + 1):
         fields = _fields(line, mark)
         values = _numbers(fields + [""] * (width - len(fields)), comma) if len(fields) <= width else None
-        missing = bool(fields) and values is not None and len(_split(line, mark)) < width
+        missing = bool(fields) and values is not None and len(line.split(mark)) < width
         if fields and (failed or missing or values is None):
             failed = failed or number
             # a footer holds words: a line that begins with numbers belongs to the table
@@ -137,13 +132,9 @@ def _table(text: str, path: Path) -> tuple[list[list[str]], Array]:
     return head, np.array(rows, dtype=np.float64)
 
 
-def _split(line: str, mark: str | None) -> list[str]:
-    return [field.strip() for field in line.split(mark)]
-
-
 def _fields(line: str, mark: str | None) -> list[str]:
     """Return fields without the empty ones that some instruments append."""
-    fields = _split(line, mark)
+    fields = [field.strip() for field in line.split(mark)]
     while fields and not fields[-1]:
         fields.pop()
     return fields
@@ -155,7 +146,7 @@ def _beginning(lines: list[str], path: Path) -> tuple[int, str | None, bool, int
     best: tuple[int, str | None, bool] = (0, None, False)
     for mark in (";", "\t", ",", None):
         for comma in (False,) if mark == "," else (False, True):
-            parsed = [fields for line in sample if len(fields := _fields(line, mark)) > 1 and _numbers(fields, comma)]
+            parsed = [1 for line in sample if len(fields := _fields(line, mark)) > 1 and _numbers(fields, comma)]
             best = max(best, (len(parsed), mark, comma), key=lambda one: one[0])
     _, mark, comma = best
     for number, line in enumerate(lines[: _MOST_HEADER_LINES + 1]):
@@ -178,17 +169,13 @@ def _numbers(fields: list[str], comma: bool) -> list[float] | None:
 def _names(head: list[list[str]], width: int) -> tuple[list[str], tuple[float, float] | None]:
     """Names of the columns, with the units of a line of units under them; and a unit that stands alone in a line."""
     kept = [[field for field in fields if field] for fields in head if any(fields)]
-    alone = [
-        LENGTH_UNITS[fields[0].lower()] for fields in kept if len(fields) == 1 and fields[0].lower() in LENGTH_UNITS
-    ]
+    single = [fields[0].lower() for fields in kept if len(fields) == 1]
+    alone = [LENGTH_UNITS[word] for word in single if word in LENGTH_UNITS]
     common = (1.0, alone[-1]) if alone else None
     if not kept or len(kept[-1]) != width:
         return [], common
-    if (
-        len(kept) > 1
-        and len(kept[-2]) == width
-        and all(re.fullmatch(rf"[\[(]?{_UNIT}[\])]?", one.lower()) for one in kept[-1])
-    ):
+    units = all(re.fullmatch(rf"[\[(]?{_UNIT}[\])]?", one.lower()) for one in kept[-1])
+    if units and len(kept) > 1 and len(kept[-2]) == width:
         return [f"{name} {unit}" for name, unit in zip(kept[-2], kept[-1], strict=True)], common
     return kept[-1], common
 
@@ -224,9 +211,8 @@ def _factor(
     if found is not None:
         own = (1.0, LENGTH_UNITS[found.group(1)])
         if asked not in (None, own):
-            raise MetrologyError(
-                f"unit given for {axis} is not that of column {name!r}, which says another [{path.name}]"
-            )
+            rule = f"unit given for {axis} is not that of column {name!r}"
+            raise MetrologyError(f"{rule}, which says another [{path.name}]")
         return own
     if asked is None and common is None:
         rule = f"column {name!r} must name its unit" if name else "columns must name their unit"
@@ -238,13 +224,9 @@ def _forward(x: Array, z: Array, path: Path) -> tuple[Array, Array, list[str]]:
     """Turn a profile that runs backwards, and leave out the few points at which it goes back."""
     if x[-1] < x[0]:
         x, z = x[::-1], z[::-1]
-    ahead = (
-        np.concatenate([[True], x[1:] > np.maximum.accumulate(x)[:-1]])
-        if np.isfinite(x).all()
-        else np.ones(len(x), bool)
-    )
+    ahead = np.concatenate([[True], x[1:] > np.maximum.accumulate(x)[:-1]])
     lost = int((~ahead).sum())
-    if lost == 0 or lost > _MOST_BACK * len(x):
+    if not np.isfinite(x).all() or lost == 0 or lost > _MOST_BACK * len(x):
         return x, z, []
     return x[ahead], z[ahead], [f"{lost} points left out where the profile goes back"]
 
@@ -256,12 +238,6 @@ def _matrix(values: Array, given: dict[str, tuple[float, float]], path: Path) ->
         raise MetrologyError(f"{rule}, got {values.shape[1]} columns [{path.name}]")
     dx, dy, one = (size / per for size, per in (given["x"], given.get("y", given["x"]), given["z"]))
     return HeightMap(values * one, dx, dy, source=path.name, scale="matrix with the step and unit given")
-
-
-def _last_digit(x: Array) -> float:
-    """Value of the last digit that positions are printed with, from the shortest decimal that gives each back."""
-    decimals = max((len(repr(one).partition(".")[2]) if "e" not in repr(one) else 17) for one in x[:2000].tolist())
-    return float(10.0 ** -min(decimals, 17))
 
 
 def _equal_steps(x: Array, digit: float) -> tuple[Array, bool]:

@@ -78,17 +78,11 @@ def report_in(path: Path, require_ap242: bool) -> dict[str, Any]:
             findings.append(f"{one.ref} {one.kind}: {one.problem}")
         if require_ap242 and not one.faces:
             findings.append(f"{one.ref} {one.kind}: names no face")
-    report = StepReport(
-        name=file.name,
-        schema=file.schema,
-        dimensions=tuple(dimensions),
-        tolerances=tuple(tolerances),
-        materials=_materials(file),
-        densities=tuple(value for _, value in densities),
-        textures=_textures(file),
-        findings=tuple(findings),
-    )
-    return asdict(report)
+    return {
+        **{"name": file.name, "schema": file.schema, "findings": findings},
+        **{"dimensions": list(map(asdict, dimensions)), "tolerances": list(map(asdict, tolerances))},
+        **{"materials": _materials(file), "densities": [value for _, value in densities], "textures": _textures(file)},
+    }
 
 
 def shown_in(angular: bool) -> tuple[float, str]:
@@ -139,21 +133,14 @@ def step_table(report: StepReport) -> str:
     kinds = {one.kind for one in report.dimensions}
     for one in (*report.dimensions, *report.tolerances):
         scale, unit = shown_in(one.angular)
-        signed = one.kind in kinds
-        lower, upper = (_signed(value * scale) if signed else "" for value in (one.lower, one.upper))
+        ends = [value * scale for value in (one.lower, one.upper)] if one.kind in kinds else []
+        lower, upper = ["-" if math.isnan(end) else f"{end:+.6g}" for end in ends] or ["", ""]
         value = "-" if math.isnan(one.value) else f"{one.value * scale:.9g}"
-        if one.deviation is None or math.isnan(one.deviation):
-            deviation = "-"
-        else:
-            deviation = f"{one.deviation * scale:.3g} deg" if one.angular else f"{one.deviation * 1e9:.3f} nm"
+        off = math.nan if one.deviation is None else one.deviation
+        deviation = "-" if math.isnan(off) else f"{off * scale:.3g} deg" if one.angular else f"{off * 1e9:.3f} nm"
         name = " ".join([one.name, *(f"|{letter}" for letter in one.datums)]).strip()
-        lines.append(
-            f"{one.ref:>9} {one.kind:18} {value:>13} {lower:>11} {upper:>11} {unit:7} {deviation:>17}  {name}".rstrip()
-        )
+        limits = f"{lower:>11} {upper:>11} {unit:7} {deviation:>17}"
+        lines.append(f"{one.ref:>9} {one.kind:18} {value:>13} {limits}  {name}".rstrip())
     lines.append("")
     lines += [f"WRONG {finding}" for finding in report.findings] or ["nothing wrong found"]
     return "\n".join(lines)
-
-
-def _signed(value: float) -> str:
-    return "-" if math.isnan(value) else f"{value:+.6g}"

@@ -6,6 +6,7 @@ import json
 import re
 from collections.abc import Iterator
 from dataclasses import dataclass
+from functools import cached_property
 from pathlib import Path
 from typing import Any
 
@@ -35,19 +36,21 @@ def number(value: object) -> float | None:
 
 
 class Exchange:
-    """All instances of a file."""
+    """All instances of a file, from their texts; those that are shape, thousands, are parsed where one is asked for."""
 
-    def __init__(self, name: str, schema: tuple[str, ...], instances: dict[str, dict[str, tuple[Any, ...]]]) -> None:
-        self.name, self.schema, self._instances = name, schema, instances
+    def __init__(self, name: str, schema: tuple[str, ...], raw: dict[str, str]) -> None:
+        self.name, self.schema, self._raw = name, schema, raw
+        self._parsed = {ref: _parsed(body) for ref, body in raw.items() if not _SHAPE.fullmatch(_entity(body))}
         self._by_type: dict[str, list[str]] = {}
-        self._users: dict[str, list[str]] | None = None
-        for ref, parts in instances.items():
+        for ref, parts in self._parsed.items():
             for part in parts:
                 self._by_type.setdefault(part, []).append(ref)
 
     def parts(self, ref: object) -> dict[str, tuple[Any, ...]]:
         """Return entity names and parameters of an instance; empty for what is no instance."""
-        return self._instances.get(ref, {}) if isinstance(ref, str) else {}
+        if ref in self._raw and ref not in self._parsed:
+            self._parsed[str(ref)] = _parsed(self._raw[str(ref)])
+        return self._parsed.get(str(ref), {})
 
     def parameters(self, ref: object, entity: str) -> tuple[Any, ...]:
         """Return the parameters of one entity of an instance; empty where it has none."""
@@ -57,15 +60,18 @@ class Exchange:
         """Yield reference and parameters of every instance of the given entities, in the order of the file."""
         for entity in entities:
             for ref in self._by_type.get(entity, ()):
-                yield ref, self._instances[ref][entity]
+                yield ref, self._parsed[ref][entity]
+
+    @cached_property
+    def _users(self) -> dict[str, list[str]]:
+        found: dict[str, list[str]] = {}
+        for user, body in self._raw.items():
+            for target in set(_REFERENCE.findall(_STRING.sub("", body))):
+                found.setdefault(target, []).append(user)
+        return found
 
     def users(self, ref: str) -> list[str]:
         """Return the instances that refer to an instance directly."""
-        if self._users is None:
-            self._users = {}
-            for user, parts in self._instances.items():
-                for target in set(references_in(tuple(parts.values()))):
-                    self._users.setdefault(target, []).append(user)
         return self._users.get(ref, [])
 
 
@@ -94,14 +100,12 @@ def read_exchange(path: Path) -> Exchange:
         raise MetrologyError(f"STEP file must begin with ISO-10303-21; [{path.name}]")
     try:
         header, raw = _raw_instances(text)
-        wanted = _with_references(raw, [ref for ref, body in raw.items() if not _SHAPE.fullmatch(_entity(body))])
-        instances = {ref: _parsed(raw[ref]) for ref in wanted}
         stated = next((_parsed(one)["FILE_SCHEMA"] for one in header if _entity(one) == "FILE_SCHEMA"), ())
+        schema = tuple(str(name) for names in stated for name in (names if isinstance(names, tuple) else (names,)))
+        return Exchange(path.name, schema, raw)
     except (ValueError, RecursionError) as error:
         reason = " ".join(str(error).split())[:120]
         raise MetrologyError(f"STEP file must be sound Part 21 text, got: {reason} [{path.name}]") from error
-    schema = tuple(str(name) for names in stated for name in (names if isinstance(names, tuple) else (names,)))
-    return Exchange(path.name, schema, instances)
 
 
 # every repetition is possessive: a quote that is lost costs one pass, not one for each character after it
@@ -114,7 +118,6 @@ _TOKEN = re.compile(
     re.IGNORECASE,
 )
 _EXTENDED = re.compile(r"\\X([24])\\([0-9A-F]*+)\\X0\\")
-# thousands of instances are shape; of them only what a dimension leads to is parsed
 _SHAPE = re.compile(
     r"(CARTESIAN|VERTEX)_POINT|DIRECTION|VECTOR|LINE|CIRCLE|ELLIPSE|POLYLINE"
     r"|(EDGE|SURFACE|SEAM)_CURVE|PCURVE|ORIENTED_EDGE|(EDGE|POLY)_LOOP|FACE(_OUTER)?_BOUND|ADVANCED_FACE"
@@ -123,10 +126,7 @@ _SHAPE = re.compile(
     r"|COORDINATES_LIST|TESSELLATED_(CURVE_SET|GEOMETRIC_SET|ANNOTATION_OCCURRENCE)"
     r"|DRAUGHTING_(CALLOUT|MODEL)|ANNOTATION_PLANE"
 )
-# instances whose references are not followed
-_LEAVES = re.compile(
-    r"(EDGE|VERTEX)_LOOP|FACE(_OUTER)?_BOUND|(CLOSED|OPEN)_SHELL|MANIFOLD_SOLID_BREP|DRAUGHTING_(CALLOUT|MODEL)"
-)
+_REFERENCE = re.compile(r"#\d+")
 
 
 def _entity(body: str) -> str:
@@ -153,20 +153,6 @@ def _raw_instances(text: str) -> tuple[list[str], dict[str, str]]:
             raise ValueError(f"instance {ref} is not whole or not unique")
         raw[ref] = body.lstrip()
     return statements[:start], raw
-
-
-def _with_references(raw: dict[str, str], start: list[str]) -> list[str]:
-    wanted = dict.fromkeys(start)
-    stack = list(start)
-    while stack:
-        body = raw[stack.pop()]
-        if _LEAVES.fullmatch(_entity(body)):
-            continue
-        for target in re.findall(r"#\d+", _STRING.sub("", body)):
-            if target in raw and target not in wanted:
-                wanted[target] = None
-                stack.append(target)
-    return list(wanted)
 
 
 def _parsed(body: str) -> dict[str, tuple[Any, ...]]:
@@ -199,12 +185,9 @@ def _parsed(body: str) -> dict[str, tuple[Any, ...]]:
 
 
 def _decoded(token: str) -> str:
-    plain = _EXTENDED.sub(_extended, token[1:-1].replace("''", "'"))
-    return plain.replace("\\\\", "\\")
-
-
-def _extended(found: re.Match[str]) -> str:
-    return bytes.fromhex(found[2]).decode("utf-16-be" if found[1] == "2" else "utf-32-be")
+    wide = {"2": "utf-16-be", "4": "utf-32-be"}
+    plain = token[1:-1].replace("''", "'")
+    return _EXTENDED.sub(lambda one: bytes.fromhex(one[2]).decode(wide[one[1]]), plain).replace("\\\\", "\\")
 
 
 def _plain(value: Any) -> Any:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import math
 from dataclasses import dataclass, field, replace
 
@@ -26,9 +27,7 @@ class Surface:
     """Surface of one face, in metres."""
 
     ref: str  # the face
-    # ``PLANE``, ``CYLINDRICAL_SURFACE``, ``SPHERICAL_SURFACE``, ``CONICAL_SURFACE``, ``TOROIDAL_SURFACE`` or another;
-    # of an edge, the kind of its curve, ``LINE`` or ``CIRCLE``
-    kind: str
+    kind: str  # ``PLANE``, ``CYLINDRICAL_SURFACE`` or another; of an edge the kind of its curve, ``LINE`` or ``CIRCLE``
     point: Array = field(default_factory=_NOWHERE.copy)  # location of its placement [m]
     axis: Array = field(default_factory=_NOWHERE.copy)  # direction of its placement
     sizes: tuple[float, ...] = ()  # radius [m]; radius [m] and half angle [rad] of a cone; radii [m] of a torus
@@ -139,7 +138,11 @@ def measured_size(surfaces: list[Surface], name: str) -> float | None:
             return None
         return 2.0 * max(radii) if "diameter" in name else max(radii) if "radius" in name else None
     if len(surfaces) == 1 and surfaces[0].kind == "TOROIDAL_SURFACE" and len(surfaces[0].sizes) == 2:
-        return _size_of_torus(*surfaces[0].sizes, name)
+        # a ring's size is, as its dimension is named, that of its middle, of its wire, or of its inner or outer edge
+        major, minor = surfaces[0].sizes
+        named = {"high major": major + minor, "low major": major - minor, "major": major, "minor": minor}
+        radius = next((value for words, value in named.items() if f"toroidal {words}" in name), None)
+        return None if radius is None else 2.0 * radius if "diameter" in name else radius if "radius" in name else None
     if len(surfaces) == 2 and all(one.kind == "PLANE" for one in surfaces):
         return measured_distance([surfaces[0]], [surfaces[1]])
     if "angle" in name and len(surfaces) == 1 and surfaces[0].kind == "CONICAL_SURFACE":
@@ -147,26 +150,16 @@ def measured_size(surfaces: list[Surface], name: str) -> float | None:
     return None
 
 
-def _size_of_torus(major: float, minor: float, name: str) -> float | None:
-    """Size of a ring as its dimension is named: of its middle, of its wire, or of its inner or outer edge."""
-    radii = {"high major": major + minor, "low major": major - minor, "major": major, "minor": minor}
-    radius = next((value for words, value in radii.items() if f"toroidal {words}" in name), None)
-    return None if radius is None else 2.0 * radius if "diameter" in name else radius if "radius" in name else None
-
-
 def measured_distance(first: list[Surface], second: list[Surface], kind: str = "") -> float | None:
     """Distance between two features: planes, axes of cylinders, centres of spheres."""
     sides = kind.removeprefix("linear distance").split()
     one, other = sides if len(sides) == 2 else ("", "")
-    values = [
-        None if (apart := _distance(a, b)) is None else apart + _beyond_centre(a, one) + _beyond_centre(b, other)
-        for a in first
-        for b in second
-    ]
-    known = [value for value in values if value is not None]
-    if not known or len(known) != len(values) or max(known) - min(known) > 1e-12:
-        return None
-    return known[0]
+    known = []
+    for a, b in itertools.product(first, second):
+        if (apart := _distance(a, b)) is None:
+            return None
+        known.append(apart + _beyond_centre(a, one) + _beyond_centre(b, other))
+    return known[0] if known and max(known) - min(known) <= 1e-12 else None
 
 
 def _beyond_centre(surface: Surface, side: str) -> float:

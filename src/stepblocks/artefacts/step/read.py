@@ -71,9 +71,8 @@ def check_part_step(path: Path, stimulus: Part) -> tuple[StepReport, list[str]]:
     if not report.densities or any(abs(value / density - 1.0) > 1e-9 for value in report.densities):
         findings.append(f"density must be {density:g} kg/m^3, got {', '.join(map(str, report.densities)) or 'none'}")
     if not report.materials or any(name != stimulus.material.designation for name in report.materials):
-        findings.append(
-            f"material must be {stimulus.material.designation!r}, got {', '.join(report.materials) or 'none'}"
-        )
+        got = ", ".join(report.materials) or "none"
+        findings.append(f"material must be {stimulus.material.designation!r}, got {got}")
     return report, findings
 
 

@@ -58,8 +58,7 @@ _UNKNOWN = Unit("?", "unknown", math.nan)
 def unit_of(file: Exchange, ref: object) -> Unit:
     """Resolve a unit, SI or converted."""
     parts = file.parts(ref)
-    if "SI_UNIT" in parts:
-        values = parts["SI_UNIT"]
+    if values := parts.get("SI_UNIT"):
         prefix, base = (str(value).strip(".$*") for value in values[-2:])
         factor = _PREFIX.get(prefix, 1.0)
         symbol, dimension = _BASES.get(base, (base.lower(), "unknown"))
@@ -85,9 +84,10 @@ def untyped_measures(file: Exchange) -> list[str]:
     """List every measure whose value is no typed SELECT, or whose type does not fit its unit."""
     findings = []
     for name, at in _MEASURES.items():
-        for ref, (raw, unit) in (
-            (ref, values[at : at + 2]) for ref, values in file.named(name) if len(values) >= at + 2
-        ):
+        for ref, values in file.named(name):
+            if len(values) < at + 2:
+                continue
+            raw, unit = values[at : at + 2]
             if not isinstance(raw, Typed):
                 findings.append(f"{ref} {name}: value must be typed, such as LENGTH_MEASURE(...), got {raw!r}")
                 continue

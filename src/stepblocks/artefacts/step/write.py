@@ -1,9 +1,4 @@
-"""STEP AP242 with semantic tolerances, made to conform.
-
-OpenCASCADE writes the limits of a dimension as an untyped SELECT, the density in gram^3 centimetre^2, and the time of day
-into the header. They are mended in the text, instance by instance; `stepblocks.artefacts.step.check_step` then proves the
-result without the kernel. Each tolerance is also written out beside the part, with a line to the face it speaks of.
-"""
+"""STEP AP242 with semantic tolerances, in text beside the part too, and what OpenCASCADE writes against the schema mended."""
 
 from __future__ import annotations
 
@@ -58,7 +53,9 @@ def write_step_ap242(path: Path, stimulus: Part, bodies: Sequence[tuple[str, ker
     notes: list[tuple[str, str]] = []
     for number, one in enumerate(stimulus.characteristics(), start=1):
         if one.kind == "note":
-            notes.append((one.label, _limits(one)))
+            ends = (one.nominal, one.nominal + one.lower, one.nominal + one.upper)
+            size, low, high = (format_quantity(end, one.quantity, 9) for end in ends)
+            notes.append((one.label, f"{size}, limits {low} to {high}"))
         if one.kind in ("note", "roughness"):  # the texture of the faces is written apart
             continue
         items = tuple(_item(described, rule, one.body, stimulus.id) for rule in one.faces)
@@ -72,12 +69,10 @@ def write_step_ap242(path: Path, stimulus: Part, bodies: Sequence[tuple[str, ker
         else:
             dimension = PmiDimension(_pmi_kind(one), items, one.nominal, one.lower, one.upper, seen)
             dimensions.append((one.label, dimension))
-    texture = None
-    if stimulus.has_working_faces:
-        demands = stimulus.face_demands
-        texture = demands.roughness
-        if demands.defaults:
-            notes.append(("defaults", demands_by_default(stimulus)))
+    demands = stimulus.face_demands if stimulus.has_working_faces else None
+    if demands is not None and demands.defaults:
+        notes.append(("defaults", demands_by_default(stimulus)))
+    texture = None if demands is None else demands.roughness
     more: dict[str, Any] = {"tolerances": tolerances, "notes": notes, "texture": texture}
     write_conforming(path, stimulus.id, bodies, stimulus.material, dimensions, **more)
 
@@ -146,11 +141,6 @@ def _callout_lines(text: str, place: int, part: Sequence[kernel.Face], face: ker
     return lines
 
 
-def _limits(one: Characteristic) -> str:
-    low, high = (format_quantity(one.nominal + value, one.quantity, 9) for value in (one.lower, one.upper))
-    return f"{format_quantity(one.nominal, one.quantity, 9)}, limits {low} to {high}"
-
-
 def conforming(
     text: str,
     identity: str,
@@ -176,10 +166,18 @@ def conforming(
     if missing:
         raise MachiningError(f"every named dimension must be written, missing {', '.join(missing)} [{identity}]")
     _mend_density_unit(data)
-    if notes:
-        _add_notes(data, notes, identity)
+    # requirements without a face are properties of the product, which every reader shows
+    products = data.matched(_DEFINITION, "PRODUCT_DEFINITION(")[:1]
+    rule = f"notes must have a product to belong to [{identity}]"
+    for name, value in notes:
+        described = f"DESCRIPTIVE_REPRESENTATION_ITEM('{name}','{value}')"
+        _add_property(data, ("requirement", name, name), described, products, rule)
     if texture is not None:
-        _add_texture(data, texture, identity)
+        rule = f"surface texture must have faces with a flatness tolerance, got none [{identity}]"
+        millimetre = next((found[1] for found in data.matched(_MILLIMETRE, ".MILLI.")), "")
+        measure = f"MEASURE_REPRESENTATION_ITEM('Ra',LENGTH_MEASURE({_real(texture * 1e3)}),{millimetre})"
+        flat = data.matched(_FLATNESS, "FLATNESS_TOLERANCE") if millimetre else []
+        _add_property(data, ("surface texture", "Ra, largest", "surface texture"), measure, flat, rule)
     return head + "DATA;\n" + "".join(f"{instance};\n" for instance in data.instances) + "ENDSEC;" + tail
 
 
@@ -200,10 +198,6 @@ class _Data:
         """Match a pattern with all instances that hold a word, their spaces left out."""
         flat = (re.sub(r"\s+", "", one) for one in self.instances if word in one)
         return [found for one in flat if (found := pattern.match(one))]
-
-    def context(self) -> str | None:
-        """Refer to the context of the shape."""
-        return next((found[1] for found in self.matched(_CONTEXT, "REPRESENTATION_CONTEXT(3)")), None)
 
 
 def _reference(instance: str) -> str:
@@ -245,30 +239,18 @@ def _mend_density_unit(data: _Data) -> None:
             instances[index[base[1]]] = f"{base[1]} = {si}"
 
 
-def _add_notes(data: _Data, notes: Sequence[tuple[str, str]], identity: str) -> None:
-    """Write requirements without a face as properties of the product, which every reader shows."""
-    products, context = data.matched(_DEFINITION, "PRODUCT_DEFINITION("), data.context()
-    if not products or context is None:
-        raise MachiningError(f"notes must have a product to belong to [{identity}]")
-    for name, value in notes:
-        item = data.add(f"DESCRIPTIVE_REPRESENTATION_ITEM('{name}','{value}')")
-        shown = data.add(f"REPRESENTATION('{name}',({item}),{context})")
-        owner = data.add(f"PROPERTY_DEFINITION('requirement','{name}',{products[0][1]})")
-        data.add(f"PROPERTY_DEFINITION_REPRESENTATION({owner},{shown})")
-
-
-def _add_texture(data: _Data, roughness: float, identity: str) -> None:
-    """Write Ra as a typed property of every face that has a flatness tolerance."""
-    faces, context = [found[1] for found in data.matched(_FLATNESS, "FLATNESS_TOLERANCE")], data.context()
-    millimetres = data.matched(_MILLIMETRE, ".MILLI.")
-    if not faces or context is None or not millimetres:
-        raise MachiningError(f"surface texture must have faces with a flatness tolerance, got none [{identity}]")
-    measure = f"LENGTH_MEASURE({_real(roughness * 1e3)}),{millimetres[0][1]}"
-    item = data.add(f"MEASURE_REPRESENTATION_ITEM('Ra',{measure})")
-    shown = data.add(f"REPRESENTATION('surface texture',({item}),{context})")
-    for face in faces:
-        owner = data.add(f"PROPERTY_DEFINITION('surface texture','Ra, largest',{face})")
-        data.add(f"PROPERTY_DEFINITION_REPRESENTATION({owner},{shown})")
+def _add_property(
+    data: _Data, names: tuple[str, str, str], item: str, owners: Sequence[re.Match[str]], rule: str
+) -> None:
+    """Write a property under its kind, name and the name of its value, of a product or of the faces that are toleranced."""
+    kind, name, shown_as = names
+    context = next((found[1] for found in data.matched(_CONTEXT, "REPRESENTATION_CONTEXT(3)")), None)
+    if not owners or context is None:
+        raise MachiningError(rule)
+    shown = data.add(f"REPRESENTATION('{shown_as}',({data.add(item)}),{context})")
+    for owner in owners:
+        defined = data.add(f"PROPERTY_DEFINITION('{kind}','{name}',{owner[1]})")
+        data.add(f"PROPERTY_DEFINITION_REPRESENTATION({defined},{shown})")
 
 
 def _real(value: float) -> str:
