@@ -130,7 +130,11 @@ def _event_of(stimulus: Path, felt: dict[str, float]) -> VibrationEvent:
         known = ", ".join(one.id for one in declared.stimuli)
         raise HapticsError(f"the stimulus must be one of {known}, got {stimulus.name!r} [{stimulus.parent}]")
     grid = declared.grid_of(part)
-    firsts = {"ball_radius": grid.tip_radii[0], "normal_load": grid.normal_loads[0], "friction": grid.frictions[0]}
+    firsts: dict[str, Any] = {
+        "ball_radius": grid.tip_radii[0],
+        "normal_load": grid.normal_loads[0],
+        "friction": grid.frictions[0],
+    }
     point = OperatingPoint(**firsts | felt, tool=tool_of(grid))
     event = vibration_events(part.counterface(), point, part.id)[0]
     if event.status is not Status.RELEASES:

@@ -106,13 +106,12 @@ def export(
         meant = [part for part in stimuli.stimuli if only is None or matches(only, stimuli.name, part.id)]
         points = [_point(stimuli, part, given) for part in meant]
         height = step_height or next(iter(stimuli.prediction.step_heights), None)
-        taught = {"step_height": height, "learned": learned, "keep_friction": friction is not None}
+        taught: dict[str, Any] = {"step_height": height, "learned": learned, "keep_friction": friction is not None}
         shared = None if scale == "per-block" else scale
         if chosen is not None and scale is None and meant:
             felt = [met(part, point, **taught) for part, point in zip(meant, points, strict=True)]
             shared = one_scale(chosen, [(events[0], point) for _, point, events in felt])
-        options: dict[str, Any] = {**taught, "device": chosen, "scale": shared, "ring": ring}
-        options["own_scale"] = scale == "per-block"
+        options = taught | {"device": chosen, "scale": shared, "ring": ring, "own_scale": scale == "per-block"}
         scenes = [scene_of(part, point, **options) for part, point in zip(meant, points, strict=True)]
         loudest = max((scene.loudest() for scene in scenes), default=0.0)
         form, place = SCENE_FORMATS[simulator], Path(output) / stimuli.name

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from pathlib import Path
+from typing import Any
 
 from stepblocks.artefacts.meshes.write import write_obj, write_pieces, write_stl
 from stepblocks.contact.energy import Status
@@ -43,8 +44,9 @@ def _write_set(folder: Path, scenes: Sequence[Scene]) -> None:
     program.mkdir(parents=True, exist_ok=True)
     fill(program / "ReleaseRing.h")
     fill(program / "CMakeLists.txt")
-    told = {"scenes": scenes, "contact": _contact(scenes[0]), "release": _release}
-    fill(program / "blocks.cpp", name=folder.name, scale=scenes[0].scale, **told)
+    contact, scale = _contact(scenes[0]), scenes[0].scale
+    told: dict[str, Any] = {"scenes": scenes, "contact": contact, "scale": scale, "release": _release}
+    fill(program / "blocks.cpp", name=folder.name, **told)
 
 
 def _contact(scene: Scene) -> str:
