@@ -9,7 +9,8 @@ from __future__ import annotations
 import math
 import re
 from collections.abc import Callable, Sequence
-from functools import cache
+from decimal import Decimal
+from functools import cache, partial
 from typing import TYPE_CHECKING, Any
 
 from stepblocks.errors import QuantityError
@@ -17,28 +18,30 @@ from stepblocks.errors import QuantityError
 if TYPE_CHECKING:
     import pint
 
-# Name of each dimension a field can have, and the SI unit that its floats are in
-DIMENSIONS: dict[str, str] = {
-    "length": "m",
-    "force": "N",
-    "angle": "rad",
-    "stiffness": "N/m",
-    "energy": "J",
-    "power": "W",
-    "time": "s",
-    "frequency": "Hz",
-    "speed": "m/s",
-    "acceleration": "m/s**2",
-    "mass": "kg",
-    "density": "kg/m**3",
-    "pressure": "Pa",
-    "temperature": "K",
-    "ratio": "",
+# Name of each dimension a field can have, the SI unit that its floats are in, and an example
+_KNOWN = {
+    "length": ("m", "25 um"),
+    "force": ("N", "0.5 N"),
+    "angle": ("rad", "6 deg"),
+    "stiffness": ("N/m", "9.81 N/mm"),
+    "energy": ("J", "10 uJ"),
+    "power": ("W", "0.08 uW"),
+    "time": ("s", "16 ms"),
+    "frequency": ("Hz", "300 Hz"),
+    "speed": ("m/s", "5 mm/s"),
+    "acceleration": ("m/s**2", "9.81 m/s^2"),
+    "mass": ("kg", "3 g"),
+    "density": ("kg/m**3", "7850 kg/m^3"),
+    "pressure": ("Pa", "210 GPa"),
+    "temperature": ("K", "293 K"),
+    "ratio": ("", "0.15"),
 }
+DIMENSIONS = {dimension: unit for dimension, (unit, _) in _KNOWN.items()}
 
 _MAX_TEXT = 64  # longer text is no quantity and must not reach the library
+_NUMBER = r"[-+]?(?:[0-9]+\.?[0-9]*|\.[0-9]+)(?:[eE][-+]?[0-9]+)?"
 _ATOM = r"[A-Za-zµμΩ°%]+(?:\s*(?:\^|\*\*)\s*-?[1-4])?"  # a unit with a small power: no expression is ever evaluated
-_UNITS = re.compile(rf"(?:(?:1\s*/\s*)?{_ATOM}(?:\s*[*/ ]\s*{_ATOM}){{0,3}})?")
+_QUANTITY = re.compile(rf"\s*({_NUMBER})\s*((?:(?:1\s*/\s*)?{_ATOM}(?:\s*[*/ ]\s*{_ATOM}){{0,3}})?)\s*")
 
 
 @cache
@@ -80,8 +83,8 @@ def parse_quantity(text: object, dimension: str) -> float:
     ...
     stepblocks.errors.QuantityError: must be a length such as '25 um', got '25 N'
     """
-    unit = DIMENSIONS[dimension]
-    wanted = f"must be a {dimension} such as {_EXAMPLE[dimension]!r}"
+    unit, example = _KNOWN[dimension]
+    wanted = f"must be a {dimension} such as {example!r}"
     if dimension == "ratio" and isinstance(text, int | float) and not isinstance(text, bool):
         value = float(text)
     elif not isinstance(text, str):
@@ -94,85 +97,32 @@ def parse_quantity(text: object, dimension: str) -> float:
     return value
 
 
-_EXAMPLE = {
-    "length": "25 um",
-    "force": "0.5 N",
-    "angle": "6 deg",
-    "stiffness": "9.81 N/mm",
-    "energy": "10 uJ",
-    "power": "0.08 uW",
-    "time": "16 ms",
-    "frequency": "300 Hz",
-    "speed": "5 mm/s",
-    "acceleration": "9.81 m/s^2",
-    "mass": "3 g",
-    "density": "7850 kg/m^3",
-    "pressure": "210 GPa",
-    "temperature": "293 K",
-    "ratio": "0.15",
-}
-
-
 def _magnitude(text: str, unit: str, wanted: str) -> float:
-    number, symbol = _split_number(text) if len(text) <= _MAX_TEXT else ("", "")
-    if not number or not _UNITS.fullmatch(symbol):
-        raise QuantityError(f"{wanted}, got {_shorten(text)!r}")
+    shown = text if len(text) <= _MAX_TEXT else text[: _MAX_TEXT - 3] + "..."
+    found = _QUANTITY.fullmatch(text) if len(text) <= _MAX_TEXT else None
+    if not found or (unit and not found[2]):
+        raise QuantityError(f"{wanted}, got {shown!r}")
     import pint
 
+    number, symbol = float(found[1]), found[2] or "dimensionless"
     try:
-        quantity = _registry().Quantity(float(number), symbol or "dimensionless")
-        factor = float(_registry().Quantity(1.0, quantity.units).to(unit or "dimensionless").magnitude)
-        offset_free = quantity.units.is_compatible_with(unit or "dimensionless")
+        meant = _registry().Quantity(1.0, symbol).units
+        factor = float(_registry().Quantity(1.0, meant).to(unit or "dimensionless").magnitude)
+        offset_free = meant.is_compatible_with(unit or "dimensionless")
     except (pint.PintError, ValueError, AttributeError, TypeError, KeyError, SyntaxError, OverflowError) as error:
-        raise QuantityError(f"{wanted}, got {_shorten(text)!r}") from error
-    if not offset_free or (unit and not symbol):
-        raise QuantityError(f"{wanted}, got {_shorten(text)!r}")
+        raise QuantityError(f"{wanted}, got {shown!r}") from error
+    if not offset_free:
+        raise QuantityError(f"{wanted}, got {shown!r}")
     # 25 / 1e6 is the double nearest to 25e-6; 25 * 1e-6 is not.
     inverse = round(1.0 / factor) if factor < 1.0 else 0
     if inverse and abs(factor * inverse - 1.0) < 1e-12:
-        return float(number) / inverse
-    return float(number) * factor
-
-
-def _split_number(text: str) -> tuple[str, str]:
-    stripped = text.strip()
-    end = 0
-    while end < len(stripped) and (stripped[end] in "+-.0123456789" or _is_exponent(stripped, end)):
-        end += 1
-    return stripped[:end], stripped[end:].strip()
-
-
-def _is_exponent(text: str, index: int) -> bool:
-    return text[index] in "eE" and index > 0 and index + 1 < len(text) and text[index + 1] in "+-0123456789"
-
-
-def _shorten(text: str) -> str:
-    return text if len(text) <= _MAX_TEXT else text[: _MAX_TEXT - 3] + "..."
+        return number / inverse
+    return number * factor
 
 
 def quantity_parser(dimension: str) -> Callable[[object], float]:
-    """Return a function of one argument that reads quantities of one dimension, for use as a validator.
-
-    Parameters
-    ----------
-    dimension : str
-        One of `DIMENSIONS`.
-
-    Returns
-    -------
-    callable
-        ``parse_quantity`` with its dimension fixed.
-
-    Examples
-    --------
-    >>> quantity_parser("force")("500 mN")
-    0.5
-    """
-
-    def parse(text: object) -> float:
-        return parse_quantity(text, dimension)
-
-    return parse
+    """Return a function of one argument that reads quantities of one dimension, for use as a validator."""
+    return partial(parse_quantity, dimension=dimension)
 
 
 _SCALES: dict[str, tuple[tuple[float, str], ...]] = {
@@ -215,29 +165,10 @@ def format_quantity(value: float, dimension: str, digits: int = 4) -> str:
 
 
 # endings of column names, the longest first, and the unit as people write it
-_ENDINGS = {
-    "n_per_mm": "N/mm",
-    "n_per_m": "N/m",
-    "kg_m3": "kg/m³",
-    "n_mm": "N/mm",
-    "n_m": "N/m",
-    "mm_s": "mm/s",
-    "m_s": "m/s",
-    **{name: name for name in ("nm", "mm", "m", "ms", "s", "kg", "g", "h")},
-    **{
-        "um": "µm",
-        "uj": "µJ",
-        "uw": "µW",
-        "us": "µs",
-        "mn": "mN",
-        "n": "N",
-        "j": "J",
-        "w": "W",
-        "hz": "Hz",
-        "khz": "kHz",
-    },
-    **{"deg": "°", "rad": "rad", "pct": "%", "c": "°C", "pa": "Pa", "db": "dB"},
-}
+_ENDINGS = {"n_per_mm": "N/mm", "n_per_m": "N/m", "kg_m3": "kg/m³", "n_mm": "N/mm", "n_m": "N/m", "mm_s": "mm/s"}
+_ENDINGS |= {"m_s": "m/s"} | {name: name for name in ("nm", "mm", "m", "ms", "s", "kg", "g", "h", "rad")}
+_ENDINGS |= {"um": "µm", "uj": "µJ", "uw": "µW", "us": "µs", "mn": "mN", "n": "N", "j": "J", "w": "W", "hz": "Hz"}
+_ENDINGS |= {"khz": "kHz", "deg": "°", "pct": "%", "c": "°C", "pa": "Pa", "db": "dB"}
 
 
 def column_label(name: str) -> str:
@@ -254,8 +185,8 @@ def column_label(name: str) -> str:
     return name.replace("_", " ")
 
 
-def figure(value: float, digits: int = 3) -> str:
-    """Write a number as people read it: significant digits, no exponent between a thousandth and a million.
+def figure(value: float) -> str:
+    """Write a number as people read it: three digits, no exponent between a ten-thousandth and a million.
 
     Examples
     --------
@@ -266,16 +197,11 @@ def figure(value: float, digits: int = 3) -> str:
         return "-"
     if math.isinf(value):
         return "∞" if value > 0 else "-∞"
-    text = f"{value:.{digits}g}"
-    number = float(text)
-    if number == 0.0:
-        return "0"
-    if 1e-4 <= abs(number) < 1e6:
-        places = max(digits - 1 - math.floor(math.log10(abs(number))), 0)
-        text = f"{number:.{places}f}"
-        return text.rstrip("0").rstrip(".") if "." in text else text
-    mantissa, _, power = f"{number:.{digits - 1}e}".partition("e")
-    return f"{mantissa.rstrip('0').rstrip('.') if '.' in mantissa else mantissa}e{int(power)}"
+    text = f"{value:.3g}"
+    if 1e-4 <= abs(float(text)) < 1e6:
+        return f"{Decimal(text):f}"
+    mantissa, _, power = text.partition("e")
+    return f"{mantissa}e{int(power)}" if power else "0"
 
 
 def column_of_figures(values: Sequence[object]) -> list[str]:

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from stepblocks.atomic import replace_text
 from stepblocks.build.manifest import RECORD, linked
 from stepblocks.contact import kernels
-from stepblocks.contact.energy import Status
+from stepblocks.contact.energy import Release, Status
 from stepblocks.page_file import render_page
 from stepblocks.parts.kinds.step_block import StepBlock
 from stepblocks.parts.set import StimulusSet
@@ -23,12 +23,8 @@ from stepblocks.predict.predictions import Prediction, figures_of
 from stepblocks.predict.sheaths import conditions_of, decay_test_rows, ring_rows
 from stepblocks.quantities import figure, format_span
 
-_MATERIALS = {
-    "brass": "#d8b44e",
-    "pmma": "#bfe3ee",
-    "zirconia": "#f1ead8",
-    "stainless": "#bcc6ce",
-}  # colours of the view
+# colours of the view
+_MATERIALS = {"brass": "#d8b44e", "pmma": "#bfe3ee", "zirconia": "#f1ead8", "stainless": "#bcc6ce"}
 _LINKED = {".step", ".stl", ".obj", ".ply", ".3mf", ".glb", ".tiff", ".npz", ".json"}  # files that the page links
 _INK, _COLOURS = "#71828f", ("#1f6f8b", "#c8553d", "#588157", "#7b4fa3", "#b08900")
 _WORDS = {Status.LOCKED: "locked", Status.TOO_HIGH: "too high", Status.NO_CATCH: "no catch"}
@@ -48,9 +44,8 @@ def write_page(sections: Sequence[Section], output: Path) -> list[Path]:
     """Write ``index.html`` and the script of plotly beside it, so that the page works without a network."""
     from plotly.offline import get_plotlyjs
 
-    script, page = output / "assets" / "plotly.min.js", output / "index.html"
+    script, page, source = output / "assets" / "plotly.min.js", output / "index.html", get_plotlyjs()
     script.parent.mkdir(exist_ok=True)
-    source = str(get_plotlyjs())
     if not script.is_file() or script.read_text(encoding="utf-8") != source:
         replace_text(script, source)
     links = linked(output, [f"{one.stimuli.name}/{name}/{RECORD}" for one in sections for name in one.records])
@@ -76,36 +71,49 @@ def _section(section: Section, links: Mapping[str, Sequence[Sequence[str]]]) -> 
         predictions = [one for one in section.predictions if one.stimulus == identity]
         folder = f"{stimuli.name}/{identity}"
         material = materials.get(identity)
-        more = {
+        row = {
+            "id": identity,
+            "set": stimuli.name,
+            "folder": folder,
+            "links": links.get(folder, []),
+            "files": [name for name in record["outputs"] if Path(name).suffix in _LINKED],
+            "failed": [verdict for verdict in record["verdicts"] if not verdict["passed"]],
+            "predictions": [_cells(figures_of(prediction)) for prediction in predictions],
             "summary": [*_summary(predictions), *rings.get(identity, [])],
             "material": material.designation if material else "",
-            "colour": _MATERIALS.get(material.name, "#b9c4ce") if material else "#b9c4ce",
-            "links": links.get(folder, []),
-            "set": stimuli.name,
+            "colour": _MATERIALS.get(material.name if material else "", "#b9c4ce"),
         }
-        rows.append(_row(folder, record, predictions) | _overview(predictions) | more)
-    tables = [
-        {"title": title, "file": f"{stimuli.name}/{name}", "rows": found}
-        for title, name, found in (
-            ("How the probe rings", "rings.csv", ring_rows(stimuli)),
-            ("What the damping test will measure", "damping-test.csv", decay_test_rows(stimuli)),
-        )
-        if found
-    ]
-    head = {"name": stimuli.name, "title": stimuli.title, "source": stimuli.source}
-    return head | {"rows": rows, "figure": _figure(stimuli), "tables": tables}
+        same = {name: record[name] for name in ("kind", "dimensions", "derived", "verdicts")}
+        rows.append(row | same | _overview(predictions))
+    tables = {
+        ("How the probe rings", "rings.csv"): ring_rows(stimuli),
+        ("What the damping test will measure", "damping-test.csv"): decay_test_rows(stimuli),
+    }
+    return {
+        **{"name": stimuli.name, "title": stimuli.title, "source": stimuli.source, "rows": rows},
+        "figure": _figure(stimuli),
+        "tables": [
+            {"title": t, "file": f"{stimuli.name}/{file}", "rows": found}
+            for (t, file), found in tables.items()
+            if found
+        ],
+    }
+
+
+def _spans(releases: Sequence[Release]) -> dict[str, str]:
+    """Say the range of forces and energies of what slips; nothing where nothing does."""
+    felt = [one for one in releases if one.status is Status.RELEASES]
+    figures = {"force": [one.pull_force for one in felt], "energy": [one.vibration_energy for one in felt]}
+    return {name: format_span(min(values), max(values), name) for name, values in figures.items() if values}
 
 
 def _overview(predictions: Sequence[Prediction]) -> dict[str, str]:
     """Say of a stimulus what a line of the overview holds: force, energy, and how often it locks."""
     releases = [prediction.release for prediction in predictions]
-    felt = [one for one in releases if one.status is Status.RELEASES]
-    held = sum(one.status is Status.LOCKED for one in releases)
-    spans = {"force": [one.pull_force for one in felt], "energy": [one.vibration_energy for one in felt]}
-    said = {name: format_span(min(values), max(values), name) if values else "-" for name, values in spans.items()}
+    spans, held = _spans(releases), sum(one.status is Status.LOCKED for one in releases)
     beyond = sum(one.status.beyond for one in releases)
-    told = f"{held} of {len(releases)}" if held else "never" if felt or beyond else "does not catch"
-    return said | {"locks": told + (f"; {beyond} beyond a limit" if beyond else "")}
+    told = f"{held} of {len(releases)}" if held else "never" if spans or beyond else "does not catch"
+    return {"force": "-", "energy": "-", **spans, "locks": told + (f"; {beyond} beyond a limit" if beyond else "")}
 
 
 def _ring_lines(stimuli: StimulusSet) -> dict[str, list[str]]:
@@ -121,17 +129,6 @@ def _ring_lines(stimuli: StimulusSet) -> dict[str, list[str]]:
     return lines
 
 
-def _row(folder: str, record: Mapping[str, Any], predictions: Sequence[Prediction]) -> dict[str, Any]:
-    return {
-        **{name: record[name] for name in ("kind", "dimensions", "derived", "verdicts")},
-        "id": record["stimulus"],
-        "folder": folder,
-        "failed": [verdict for verdict in record["verdicts"] if not verdict["passed"]],
-        "files": [name for name in record["outputs"] if Path(name).suffix in _LINKED],
-        "predictions": [_cells(figures_of(prediction)) for prediction in predictions],
-    }
-
-
 def _cells(p: Mapping[str, float | str]) -> list[str]:
     """Write a line of the table of predictions, its figures to three digits."""
 
@@ -142,38 +139,23 @@ def _cells(p: Mapping[str, float | str]) -> list[str]:
         ends = [figure(float(p[name])) for name in (low, high)]
         return " to ".join(("locked" if end in ("∞", "-") else end) for end in ends) if ends[0] != "-" else ""
 
-    settings = shown(
-        "drag", "tip_radius_um", "step_height_um", "normal_load_n", "friction", "critical_angle_deg", "status"
-    )
-    felt = shown("pull_force_n", "vibration_energy_uj")
-    interval = between("vibration_energy_95_low_uj", "vibration_energy_95_high_uj") if felt[1] != "-" else ""
+    names = "drag tip_radius_um step_height_um normal_load_n friction critical_angle_deg status pull_force_n vibration_energy_uj"
+    felt = shown(*names.split())
+    interval = between("vibration_energy_95_low_uj", "vibration_energy_95_high_uj") if felt[-1] != "-" else ""
     worst = between("vibration_energy_low_uj", "vibration_energy_high_uj")
-    return [
-        *settings,
-        *felt,
-        interval,
-        worst,
-        *shown("mean_power_uw", "threshold_ratio", "drag_vibration_energy_uj", "felt_by"),
-    ]
+    more = shown("mean_power_uw", "threshold_ratio", "drag_vibration_energy_uj", "felt_by")
+    return [*felt, interval, worst, *more]
 
 
 def _summary(predictions: Sequence[Prediction]) -> Iterator[str]:
     """Range of what is felt in each direction, and what locks."""
     for drag in dict.fromkeys(prediction.drag for prediction in predictions):
         releases = [prediction.release for prediction in predictions if prediction.drag == drag]
-        felt = [release for release in releases if release.status is Status.RELEASES]
-        parts = []
-        if felt:
-            forces, energies = [one.pull_force for one in felt], [one.vibration_energy for one in felt]
-            spans = (
-                format_span(min(forces), max(forces), "force"),
-                format_span(min(energies), max(energies), "energy"),
-            )
-            parts.append(", ".join(spans))
+        parts = [", ".join(_spans(releases).values())]
         for status, words in _WORDS.items():
             if count := sum(release.status is status for release in releases):
                 parts.append(f"{words} in {count} of {len(releases)}")
-        yield f"{drag}: " + "; ".join(parts)
+        yield f"{drag}: " + "; ".join(filter(None, parts))
 
 
 def _figure(stimuli: StimulusSet) -> str | None:
@@ -212,9 +194,7 @@ def _figure(stimuli: StimulusSet) -> str | None:
         if locking < 1.02 * top:
             ends = {"x0": locking * 1e6, "x1": locking * 1e6, "yref": "paper", "y0": 0, "y1": 1}
             shapes.append({"type": "line", **ends, "line": {"color": colour, "dash": "dot", "width": 1.5}})
-    marked = [
-        value for trace in traces if trace["yaxis"] == "y2" and trace["mode"] == "markers" for value in trace["y"]
-    ]
+    marked = [y for trace in traces if trace["yaxis"] == "y2" and trace["mode"] == "markers" for y in trace["y"]]
     felt_range = [math.log10(0.3 * min(marked)), math.log10(3.0 * max(marked))] if marked else None
     decades = [10.0**power for power in range(-3, 5)]
     ticks = {"tickvals": decades, "ticktext": [format_span(1e-6 * one, 1e-6 * one, "energy") for one in decades]}

@@ -35,9 +35,9 @@ def draw(
     plotter = pv.Plotter(off_screen=True, shape=(1, 2), window_size=(960, 400), border=False)
     try:
         plotter.subplot(0, 0)
-        whole = _opened([(exaggerated(vertices, exaggeration), triangles) for vertices, triangles in meshes])
+        whole = [(exaggerated(vertices, exaggeration), triangles) for vertices, triangles in meshes]
         caption = "whole part" if exaggeration == 1.0 else f"heights over the lower face x {exaggeration:g}"
-        _show(plotter, whole, caption)
+        _show(plotter, _opened(whole), caption)
         plotter.subplot(0, 1)
         close = [_boxed(mesh, half_width, centre) for mesh in meshes]
         _show(plotter, close, f"true scale, {2e6 * half_width:.4g} um wide")
@@ -65,11 +65,8 @@ def _boxed(mesh: Arrays, half_width: float, centre: tuple[float, float, float]) 
     """Cut out what of a body lies in a box."""
     import manifold3d
 
-    size = 2e3 * half_width
-    return _cut(
-        mesh,
-        lambda solid: solid ^ manifold3d.Manifold.cube((size, size, size), True).translate([1e3 * c for c in centre]),
-    )
+    box = manifold3d.Manifold.cube([2e3 * half_width] * 3, True).translate([1e3 * c for c in centre])
+    return _cut(mesh, lambda solid: solid ^ box)
 
 
 def _opened(meshes: Sequence[Arrays]) -> list[Any]:

@@ -9,7 +9,7 @@ import csv
 import json
 import math
 import os
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import partial
 from html import escape
@@ -172,11 +172,8 @@ def _not_current(
     """List the stimuli to build, each with its set and key; count the others."""
     wanted: list[tuple[str, Part, str]] = []
     for name, stimulus in selected:
-        # what it would be built from
-        key, folder = (
-            digest((json.dumps(stimulus.record(), sort_keys=True) + code).encode()),
-            output / name / stimulus.id,
-        )
+        folder = output / name / stimulus.id
+        key = digest((json.dumps(stimulus.record(), sort_keys=True) + code).encode())  # of what it would be built from
         record = load_record(folder)
         if record.get("key") == key and intact(folder, written(record)):
             report.current += 1
@@ -194,6 +191,10 @@ def _tables_and_page(
     from stepblocks.predict.sheaths import write_sheath_files
     from stepblocks.predict.trials import learned_columns, taught_set
 
+    def hashes(paths: Iterable[Path]) -> dict[str, str]:
+        return {path.relative_to(output).as_posix(): hash_file(path) for path in paths}
+
+    more = partial(learned_columns, learned=learned) if learned else None
     outputs: dict[str, str] = {}
     sections = []
     for declared in sets:
@@ -201,19 +202,17 @@ def _tables_and_page(
         folder = output / stimuli.name
         folder.mkdir(exist_ok=True)
         predictions = predict_all(stimuli)
-        more = partial(learned_columns, learned=learned) if learned else None
         replace_text(folder / "predictions.csv", predictions_csv(predictions, more))
         found = {stimulus.id: load_record(folder / stimulus.id) for stimulus in stimuli.stimuli}
         records = {identity: record for identity, record in found.items() if record}
         sections.append(Section(stimuli, predictions, records))
-        listed = [folder / "predictions.csv", *write_sheath_files(stimuli, folder)]
         for identity, record in records.items():
             place = f"{stimuli.name}/{identity}"
             outputs |= {f"{place}/{name}": value for name, value in written(record).items()}
-            listed.append(folder / identity / RECORD)
             report.failures += [f"{place}/{verdict['text']}" for verdict in record["verdicts"] if not verdict["passed"]]
-        outputs |= {path.relative_to(output).as_posix(): hash_file(path) for path in listed}
-    outputs |= {path.relative_to(output).as_posix(): hash_file(path) for path in write_page(sections, output)}
+        made = [folder / "predictions.csv", *write_sheath_files(stimuli, folder)]
+        outputs |= hashes([*made, *(folder / identity / RECORD for identity in records)])
+    outputs |= hashes(write_page(sections, output))
     return outputs, sum(len(section.records) for section in sections)
 
 
@@ -284,8 +283,7 @@ def _table_verdict(stimuli: StimulusSet, folder: Path, name: str) -> Verdict:
     except (OSError, UnicodeDecodeError) as error:
         return Verdict(path.name, f"cannot be read: {' '.join(str(error).split())}", 1.0, 0.0, 0.0, "file")
     wanted, got = (list(csv.reader(lines)) for lines in (predictions_csv(predict_all(stimuli)).splitlines(), found))
-    empty: list[str] = []
-    rows = zip_longest(wanted, got, fillvalue=empty)
+    rows = zip_longest(wanted, got, fillvalue=())
     wrong = sum(not _alike(*cells) for pair in rows for cells in zip_longest(*pair, fillvalue=""))
     return Verdict(path.name, "cells that differ from the prediction", 0.0, wrong, 0.0, "count")
 

@@ -15,7 +15,7 @@ import threading
 import traceback
 from collections.abc import Sequence
 from importlib import import_module
-from typing import Any, NoReturn
+from typing import NoReturn
 
 from stepblocks import __version__
 from stepblocks.cli.arguments import Parser
@@ -109,19 +109,16 @@ class _Top(Parser):
     def format_help(self) -> str:
         from rich_argparse import RawDescriptionRichHelpFormatter
 
-        (commands,) = (action for action in self._actions if isinstance(action, argparse._SubParsersAction))
+        commands = next(action for action in self._actions if isinstance(action, argparse._SubParsersAction))
         said = {action.dest: action.help or "" for action in commands._choices_actions}
         grouped = {name for names in _GROUPS.values() for name in names}
-        groups: dict[str, Any] = {**_GROUPS, "more": [name for name in said if name not in grouped]}
         formatter = self._get_formatter()
         assert isinstance(formatter, RawDescriptionRichHelpFormatter)
         formatter.add_usage(self.usage, [], [])
         formatter.add_text(self.description)
-        for title, names in groups.items():
+        for title, names in (*_GROUPS.items(), ("more", said.keys() - grouped)):
             formatter.start_section(title)
-            formatter.add_arguments(
-                [argparse.Action([], name, metavar=name, help=said[name]) for name in names if name in said]
-            )
+            formatter.add_arguments([argparse.Action([], name, metavar=name, help=said[name]) for name in names])
             formatter.end_section()
         formatter.add_text(self.epilog)
         return formatter.format_help()
@@ -137,9 +134,7 @@ def make_parser() -> argparse.ArgumentParser:
         "start with: stepblocks new block mine.toml && stepblocks build mine.toml",
     )
     parser.add_argument("--version", action="version", version=f"stepblocks {__version__}")
-    commands = parser.add_subparsers(
-        title="commands", metavar="COMMAND", required=True, prog="stepblocks", parser_class=Parser
-    )
+    commands = parser.add_subparsers(metavar="COMMAND", required=True, prog="stepblocks", parser_class=Parser)
     for name in _MODULES:
         import_module(f"stepblocks.cli.{name}").add_to(commands)
     return parser

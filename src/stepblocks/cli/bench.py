@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import argparse
 import sys
-from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -85,11 +84,7 @@ def _loop(arguments: argparse.Namespace) -> Outcome:
     from stepblocks.loop.run import loop_session
     from stepblocks.loop.several import loop_sessions
 
-    asked: dict[str, Any] = {
-        "jobs": arguments.jobs,
-        "forces_only": arguments.forces_only,
-        "as_built": arguments.as_built,
-    }
+    asked: dict[str, Any] = {name: getattr(arguments, name) for name in ("jobs", "forces_only", "as_built")}
     asked["progress"] = telling(arguments, "measured trials")
     if len(arguments.session) > 1:
         document = loop_sessions(arguments.session, arguments.output, **asked)
@@ -99,10 +94,8 @@ def _loop(arguments: argparse.Namespace) -> Outcome:
             for name, p in document["parameters"].items()
             if len(p["sessions"]) > 1 and not name.startswith("height_error")
         ]
-        tables: dict[str, Sequence[Mapping[str, Any]]] = {"in the next session, 95 %": rows}
-        return Outcome(
-            "; ".join(f"{n}: {s['verdict']}" for n, s in document["sessions"].items()), tables, record=document
-        )
+        verdicts = "; ".join(f"{name}: {found['verdict']}" for name, found in document["sessions"].items())
+        return Outcome(verdicts, {"in the next session, 95 %": rows}, record=document)
     result = loop_session(arguments.session[0], arguments.output, waveform=arguments.waveform, **asked)
     for scan in result.document["scans"]["left_out"]:
         print(f"scan of {scan['block']} left out: {scan['reason']}", file=sys.stderr)

@@ -40,13 +40,13 @@ def add_to(commands: Any) -> None:
 def _build(arguments: argparse.Namespace) -> Outcome:
     from stepblocks.build.run import build_sets
 
-    announce = telling(arguments, "built", lines=1000)
+    told = telling(arguments, "built", lines=1000)
     report = build_sets(
         arguments.files,
         arguments.output,
         only=arguments.only,
         jobs=arguments.jobs,
-        announce=announce and (lambda made, done, total: announce(done, total, f"{made.name} {made.seconds:.1f} s")),
+        announce=lambda made, done, total: told(done, total, f"{made.name} {made.seconds:.1f} s"),
         model=arguments.model,
     )
     said = f"{report.output}: {report.current} stimuli, all up to date; nothing to do"

@@ -4,13 +4,10 @@ from __future__ import annotations
 
 import argparse
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from stepblocks.cli.arguments import add_command, add_files, add_only, add_output, given, quantity
 from stepblocks.cli.outcome import Outcome, telling
-
-if TYPE_CHECKING:
-    from stepblocks.simulators.export import Exported
 
 _SIMULATORS = ("mujoco", "chai3d", "sofa", "usd", "gltf", "x3d", "urdf", "forcelaw")
 # Options, what the function calls them, dimensions and examples
@@ -93,17 +90,11 @@ def _export(arguments: argparse.Namespace) -> Outcome:
         return _devices(arguments.devices)
     from stepblocks.simulators.export import export
 
-    told, done = telling(arguments, "written", lines=1000), 0
-
-    def announce(one: Exported) -> None:
-        nonlocal done
-        done += 1
-        if told:
-            told(done, None, one.name)
-
     names = ("device", "devices", "only", "scale", "ring", "model", "speed", *(called for _, called, *_ in _QUANTITIES))
     asked = given(arguments, *names)
-    written = export(arguments.files, arguments.simulator, arguments.output, **asked, progress=announce)
+    told = telling(arguments, "written", lines=1000)
+    asked["progress"] = lambda one: told(name=one.name)
+    written = export(arguments.files, arguments.simulator, arguments.output, **asked)
     return Outcome(
         f"{len(written)} folder{'s' if len(written) != 1 else ''} for {arguments.simulator}",
         notes=[f"{one.name}: {one.folder}" + (f"\n  {one.plan}" if one.plan else "") for one in written],

@@ -4,15 +4,17 @@ from __future__ import annotations
 
 import argparse
 import atexit
-import hashlib
 import json
 import os
 import sys
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field
+from itertools import count
 from pathlib import Path
 from typing import Any
+
+from stepblocks.build.manifest import hash_file
 
 _WIDTH = 100  # columns of a table where nobody asked for more
 _MEMORY = ".stepblocks.json"  # in a folder: hashes of the files that commands wrote there
@@ -33,15 +35,15 @@ class Outcome:
 
 def show(outcome: Outcome, arguments: argparse.Namespace, written: Sequence[Path]) -> None:
     """Print an outcome: as JSON, as nothing, or as tables with what was written where."""
-    if getattr(arguments, "json", False):
+    if arguments.json:
         told = outcome.record
         if told is None:
             told = {"said": outcome.said, **outcome.tables, "written": [str(path) for path in written]}
         print(json.dumps(told, indent=1, allow_nan=False, default=str))
         return
-    if not getattr(arguments, "quiet", False):
+    if not arguments.quiet:
         for title, rows in outcome.tables.items():
-            print_table(title, rows, wide=getattr(arguments, "wide", False))
+            print_table(title, rows, wide=arguments.wide)
         for note in outcome.notes:
             _print(note)
         if outcome.said:
@@ -56,9 +58,7 @@ def show(outcome: Outcome, arguments: argparse.Namespace, written: Sequence[Path
 
 def _where(written: Sequence[Path]) -> str:
     """Say files by their folders."""
-    folders: dict[Path, int] = {}
-    for path in written:
-        folders[path.parent] = folders.get(path.parent, 0) + 1
+    folders = {path.parent for path in written}
     top = Path(os.path.commonpath(folders))
     if len(written) <= 4:
         return "written: " + " ".join(map(str, written))
@@ -93,16 +93,20 @@ def print_table(title: str, rows: Sequence[Mapping[str, Any]], *, wide: bool = F
         left -= max(map(len, (*heads[name].split(), *cells[name]))) + 2
         if left >= 0 or not names:
             names.append(name)
-    same = ", ".join(
-        f"{heads[name].replace(',', '')} {value}" for name, value in alike.items() if value not in ("", "-")
-    )
+    said = (f"{heads[name].replace(',', '')} {value}" for name, value in alike.items() if value not in ("", "-"))
+    same = ", ".join(said)
     for line in (title, same):
         if line:
             _print(line, "bold" if line is title else "dim")
     table = Table(box=None, pad_edge=False, header_style="bold", padding=(0, 2, 0, 0))
     for name in names:
         head = Text(heads[name].replace(" ", "\n"))
-        table.add_column(head, justify="right" if _is_number(cells[name]) else "left", no_wrap=True, vertical="bottom")
+        table.add_column(
+            head,
+            justify="right" if not any(cell.strip("-+.e∞0123456789") for cell in cells[name]) else "left",
+            no_wrap=True,
+            vertical="bottom",
+        )
     for row in zip(*(cells[name] for name in names), strict=True):
         table.add_row(*map(Text, row))
     _print(table, width=room)
@@ -110,18 +114,21 @@ def print_table(title: str, rows: Sequence[Mapping[str, Any]], *, wide: bool = F
         print(f"({more} more columns: --wide)", file=sys.stderr)
 
 
-def _is_number(cells: Sequence[str]) -> bool:
-    return not any(cell.strip("-+.e∞0123456789") for cell in cells)
+def telling(arguments: argparse.Namespace, did: str, *, lines: int = 0) -> Callable[..., None]:
+    """Return what shows how far a command is, called with done, total and a name: a bar on a terminal, elsewhere so many lines.
 
+    What is done is counted where the caller does not.
+    """
+    quiet, number = arguments.quiet or arguments.json, count(1)
+    if quiet or not sys.stderr.isatty():
 
-def telling(arguments: argparse.Namespace, did: str, *, lines: int = 0) -> Callable[..., None] | None:
-    """Return what shows how far a command is, called with done, total and a name: a bar on a terminal, elsewhere so many lines."""
-    if getattr(arguments, "quiet", False) or getattr(arguments, "json", False):
-        return None
-    if not sys.stderr.isatty():
-
-        def in_lines(done: int, total: int | None, name: str = "") -> None:
-            if lines and (total is None or total <= lines or done % (total // lines) == 0 or done == total):
+        def in_lines(done: int | None = None, total: int | None = None, name: str = "") -> None:
+            done = done or next(number)
+            if (
+                not quiet
+                and lines
+                and (total is None or total <= lines or done % (total // lines) == 0 or done == total)
+            ):
                 of = "" if total is None else f"/{total}"
                 print(f"[{done}{of}] {did} {name}".rstrip(), file=sys.stderr, flush=True)
 
@@ -135,10 +142,10 @@ def telling(arguments: argparse.Namespace, did: str, *, lines: int = 0) -> Calla
     task = bar.add_task(did, total=None)
     atexit.register(bar.stop)  # also where the command fails: a terminal must get its cursor back
 
-    def on_terminal(done: int, total: int | None, name: str = "") -> None:
+    def on_terminal(done: int | None = None, total: int | None = None, name: str = "") -> None:
         bar.start()
-        bar.update(task, completed=done, total=total, description=f"{did} {name}")
-        if done == total:
+        bar.update(task, completed=done or next(number), total=total, description=f"{did} {name}")
+        if bar.finished:
             bar.stop()
 
     return on_terminal
@@ -165,7 +172,7 @@ def writing(place: Path | None, force: bool) -> Iterator[list[Path]]:
         if force or path not in before:
             return False
         name = path.relative_to(folder).as_posix()
-        return name not in built and name != "manifest.json" and known.get(name) != _hash(path)
+        return name not in built and name != "manifest.json" and known.get(name) != hash_file(path)
 
     try:
         with keeping(theirs):
@@ -193,18 +200,13 @@ def _names(file: Path, key: str) -> dict[str, str]:
         return {}
 
 
-def _hash(path: Path) -> str:
-    with path.open("rb") as stream:
-        return hashlib.file_digest(stream, "sha256").hexdigest()
-
-
 def _remember(folder: Path, known: Mapping[str, str], written: Sequence[Path]) -> None:
     """Keep the hashes of what was written, where no manifest of a build does."""
     from stepblocks.atomic import replace_text
 
     built = _names(folder / "manifest.json", "outputs") | {"manifest.json": ""}
     names = {path.relative_to(folder).as_posix(): path for path in written}
-    fresh = {name: _hash(path) for name, path in names.items() if name not in built}
+    fresh = {name: hash_file(path) for name, path in names.items() if name not in built}
     if fresh and not fresh.items() <= known.items():
         total = {name: one for name, one in (dict(known) | fresh).items() if (folder / name).is_file()}
         replace_text(folder / _MEMORY, json.dumps({"written": dict(sorted(total.items()))}, indent=1) + "\n")

@@ -30,25 +30,14 @@ _QUANTITIES: tuple[tuple[str, str, float | None, str], ...] = (
         "frequency",
         "frequency",
         None,
-        "natural frequency, from which the tip's mass follows (default: 300 Hz, or of the sheath)",
+        "natural frequency, which gives the tip's mass (default: 300 Hz, or of the sheath)",
     ),
-    (
-        "damping-ratio",
-        "ratio",
-        None,
-        "share of critical damping (default: 0.037, from the decay of the paper's ring, or of the sheath)",
-    ),
+    ("damping-ratio", "ratio", None, "share of critical damping (default: 0.037, the paper's, or of the sheath)"),
 )
 
 
 def add_to(commands: Any) -> None:
     """Register the commands."""
-    _add_predict(commands)
-    _add_drag(commands)
-    _add_sweep(commands)
-
-
-def _add_predict(commands: Any) -> None:
     said = "critical angle, forces and vibration energy of stimulus sets, tables or unseen trials"
     description = (
         "Predict every stimulus under every tip, load and friction that its file asks for; or each row of a "
@@ -69,9 +58,7 @@ def _add_predict(commands: Any) -> None:
     parser.add_argument("--model", type=Path, metavar="JSON", help=said)
     said = "draw energy against height, and maps of margins, there"
     parser.add_argument("--plots", type=Path, metavar="DIR", help=said)
-    said = (
-        "constant: the formula's energy alone; simulated: that of a drag in time beside it (default: up to 10,000 rows)"
-    )
+    said = "constant: by the formula alone; simulated: a drag in time beside it (default: up to 10,000 rows)"
     parser.add_argument("--conversion", choices=("constant", "simulated"), help=said)
     said = "handle speed of those drags (default 5 mm/s)"
     parser.add_argument("--speed", type=quantity("speed"), default=5e-3, metavar="Q", help=said)
@@ -79,13 +66,52 @@ def _add_predict(commands: Any) -> None:
     parser.add_argument("--perception", type=Path, metavar="CSV", help=said)
     said = "write to -o NEW.toml a set of N blocks that are equally spaced in predicted sensation instead of predicting"
     parser.add_argument("--equally-felt", type=int, metavar="N", help=said)
+    _add_drag(commands)
+    _add_sweep(commands)
+
+
+def _add_drag(commands: Any) -> None:
+    said = "drag a tip over a step or a profile in time: force traces, release, ring and energy ledger"
+    description = (
+        "STIMULUS is a step height such as '25 um', a CSV with the columns x_um and z_um, or a declared block, "
+        "crown margin or tip: ID, SET/ID or FILE.toml/ID."
+    )
+    examples = (
+        "drag '25 um' --load '0.5 N'",
+        "drag mine.toml/step-050 -o out/drag --backward",
+        "drag profile.csv --pull '0.4 N'",
+    )
+    parser = add_command(commands, "drag", _drag, said, description, examples=examples)
+    parser.add_argument("stimulus", metavar="STIMULUS")
+    add_output(parser, "out/drag")
+    for name, dimension, default, said in _QUANTITIES:
+        parser.add_argument(f"--{name}", type=quantity(dimension), default=default, metavar="Q", help=said)
+    add_stimuli(parser)
+    ways = parser.add_mutually_exclusive_group()
+    speed, force = quantity("speed", above_zero=True), quantity("force", above_zero=True)
+    ways.add_argument("--speed", type=speed, metavar="Q", help="constant speed of the handle (default 5 mm/s)")
+    ways.add_argument("--pull", type=force, metavar="Q", help="constant pulling force on the handle instead")
+    said = "carry the load as figures 3 to 5 of the paper need it: on a carrier behind a round rod, 0.1 N, mu 0.1 (docs/drag.md)"
+    parser.add_argument("--setting", choices=("figures-3-to-5",), help=said)
+    said = "drag towards falling x: from the crown to the tooth, or down a step"
+    parser.add_argument("--backward", action="store_true", help=said)
+
+
+def _add_sweep(commands: Any) -> None:
+    said = "predict a grid or random design of steps, tips and settings into partitioned Parquet"
+    description = "Compute SWEEP.toml into DIR, one Parquet file per partition; finished ones are kept."
+    examples = ("sweep sweep.toml", "sweep sweep.toml -o out/sweep --jobs 4")
+    parser = add_command(commands, "sweep", _sweep, said, description, examples=examples)
+    parser.add_argument("sweep", type=Path, metavar="SWEEP.toml")
+    add_output(parser, "out/sweep")
+    add_jobs(parser, 1)
+    parser.add_argument("--scheduler", metavar="ADDRESS", help="a running Dask scheduler, such as tcp://host:8786")
 
 
 def _predict(arguments: argparse.Namespace) -> Outcome:
     if arguments.equally_felt is not None:
         return _write_equally_felt(arguments.files, arguments.equally_felt, arguments.output)
-    tables = [path for path in arguments.files if path.suffix.lower() == ".csv"]
-    if tables or arguments.model:
+    if arguments.model or any(path.suffix.lower() == ".csv" for path in arguments.files):
         return _predict_table(arguments.files, arguments.output, arguments.model)
     return _predict_sets(arguments)
 
@@ -133,28 +159,22 @@ def _predict_sets(arguments: argparse.Namespace) -> Outcome:
     more: Callable[[Prediction], dict[str, str]] | None = None
     if arguments.as_built:
         from stepblocks.artefacts.as_built import read_records
-        from stepblocks.predict.as_built import (
-            by_surface,
-            moved_energies,
-            surface_columns,
-            surface_releases,
-            with_as_built,
-        )
+        from stepblocks.predict import as_built
 
         records = read_records(arguments.as_built)
         if any(record.surface is not None for record in records.values()):
-            by_set = {stimuli.name: surface_releases(stimuli, records) for stimuli in sets}
+            by_set = {stimuli.name: as_built.surface_releases(stimuli, records) for stimuli in sets}
 
             def more(prediction: Prediction) -> dict[str, str]:
-                return surface_columns(by_set[prediction.set_name](prediction))
+                return as_built.surface_columns(by_set[prediction.set_name](prediction))
 
-        for sentence in (sentence for stimuli in sets for sentence in moved_energies(stimuli, records)):
+        for sentence in (sentence for stimuli in sets for sentence in as_built.moved_energies(stimuli, records)):
             print(sentence, file=sys.stderr)
-        sets = [with_as_built(stimuli, records) for stimuli in sets]
+        sets = [as_built.with_as_built(stimuli, records) for stimuli in sets]
     in_time = None if arguments.conversion is None else arguments.conversion == "simulated"
     by_name = {stimuli.name: predict_all(stimuli, in_time, arguments.speed) for stimuli in sets}
     if arguments.as_built:
-        by_name = {s.name: tuple(by_surface(by_name[s.name], s, records)) for s in sets}
+        by_name = {s.name: tuple(as_built.by_surface(by_name[s.name], s, records)) for s in sets}
     predictions = [one for predictions in by_name.values() for one in predictions]
     notes = left_out(predictions)
     if arguments.perception:
@@ -177,33 +197,6 @@ def _predict_sets(arguments: argparse.Namespace) -> Outcome:
         said, told = f"{arguments.output}: {len(predictions)} predictions", {}
     rings = {f"ring of the probe of {one.name}": found for one in sets if (found := ring_rows(one))}
     return Outcome(said, {**told, **rings}, notes=notes, record={"predictions": rows, **rings})
-
-
-def _add_drag(commands: Any) -> None:
-    said = "drag a tip over a step or a profile in time: force traces, release, ring and energy ledger"
-    description = (
-        "STIMULUS is a step height such as '25 um', a CSV with the columns x_um and z_um, or a declared block, "
-        "crown margin or tip: ID, SET/ID or FILE.toml/ID."
-    )
-    examples = (
-        "drag '25 um' --load '0.5 N'",
-        "drag mine.toml/step-050 -o out/drag --backward",
-        "drag profile.csv --pull '0.4 N'",
-    )
-    parser = add_command(commands, "drag", _drag, said, description, examples=examples)
-    parser.add_argument("stimulus", metavar="STIMULUS")
-    add_output(parser, "out/drag")
-    for name, dimension, default, said in _QUANTITIES:
-        parser.add_argument(f"--{name}", type=quantity(dimension), default=default, metavar="Q", help=said)
-    add_stimuli(parser)
-    ways = parser.add_mutually_exclusive_group()
-    speed, force = quantity("speed", above_zero=True), quantity("force", above_zero=True)
-    ways.add_argument("--speed", type=speed, metavar="Q", help="constant speed of the handle (default 5 mm/s)")
-    ways.add_argument("--pull", type=force, metavar="Q", help="constant pulling force on the handle instead")
-    said = "carry the load as figures 3 to 5 of the paper need it: on a carrier behind a round rod, 0.1 N, mu 0.1 (docs/drag.md)"
-    parser.add_argument("--setting", choices=("figures-3-to-5",), help=said)
-    said = "drag towards falling x: from the crown to the tooth, or down a step"
-    parser.add_argument("--backward", action="store_true", help=said)
 
 
 def _drag(arguments: argparse.Namespace) -> Outcome:
@@ -232,31 +225,14 @@ def _drag(arguments: argparse.Namespace) -> Outcome:
     return Outcome(f"{summary['status']}; {closes} [{arguments.output}]", notes=notes, record=summary)
 
 
-def _add_sweep(commands: Any) -> None:
-    said = "predict a grid or random design of steps, tips and settings into partitioned Parquet"
-    description = "Compute SWEEP.toml into DIR, one Parquet file per partition; finished ones are kept."
-    examples = ("sweep sweep.toml", "sweep sweep.toml -o out/sweep --jobs 4")
-    parser = add_command(commands, "sweep", _sweep, said, description, examples=examples)
-    parser.add_argument("sweep", type=Path, metavar="SWEEP.toml")
-    add_output(parser, "out/sweep")
-    add_jobs(parser, 1)
-    parser.add_argument("--scheduler", metavar="ADDRESS", help="a running Dask scheduler, such as tcp://host:8786")
-
-
 def _sweep(arguments: argparse.Namespace) -> Outcome:
     from stepblocks.predict.sweep.plan import load_sweep
     from stepblocks.predict.sweep.run import sweep
 
     plan = load_sweep(arguments.sweep)
-    told, done = telling(arguments, "partitions"), 0
-
-    def report(_: int) -> None:
-        nonlocal done
-        done += 1
-        if told:
-            told(done, plan.partitions)
-
-    output, address = arguments.output, arguments.scheduler
-    computed, found = sweep(plan, output, jobs=arguments.jobs, scheduler=address, on_partition=report)
+    told = telling(arguments, "partitions")
+    how = {"jobs": arguments.jobs, "scheduler": arguments.scheduler}
+    output = arguments.output
+    computed, found = sweep(plan, output, **how, on_partition=lambda _: told(total=plan.partitions))
     said = f"{plan.rows} rows in {plan.partitions} partitions: {computed} computed, {found} found [{output}]"
     return Outcome(said, record={"rows": plan.rows, "computed": computed, "found": found})

@@ -26,18 +26,11 @@ def add_to(commands: Any) -> None:
 
 
 def _run(arguments: argparse.Namespace) -> Outcome:
-    from stepblocks.workshop.run import Order, order_parts, route_table
+    from stepblocks.workshop.run import order_parts, route_table
 
-    told, done = telling(arguments, "drawn", lines=1000), 0
-
-    def announce(order: Order) -> None:
-        nonlocal done
-        done += 1
-        if told:
-            told(done, None, f"{order.name}: {len(order.files)} files")
-
+    told, how = telling(arguments, "drawn", lines=1000), {"only": arguments.only, "capability": arguments.capability}
     orders = order_parts(
-        arguments.files, arguments.output, only=arguments.only, capability=arguments.capability, announce=announce
+        arguments.files, arguments.output, **how, announce=lambda one: told(name=f"{one.name}: {len(one.files)} files")
     )
     missing = [f"MISSING {line}" for order in orders for line in order.missing]
     return Outcome(

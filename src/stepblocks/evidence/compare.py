@@ -34,7 +34,6 @@ class Row:
 
     publication: Published
     value: Value
-    dimension: str
     answers: Answers
 
     @property
@@ -48,8 +47,9 @@ class Row:
 
     def texts(self) -> dict[str, str]:
         """Say the row in words, units in the values."""
-        known = {name: format_quantity(value, self.dimension, 3) for name, value in self.answers.known().items()}
-        low, high = (format_quantity(value, self.dimension, 3) for value in (self.value.low, self.value.high))
+        dimension = dimension_of(self.publication.question, self.value.at)
+        known = {name: format_quantity(value, dimension, 3) for name, value in self.answers.known().items()}
+        low, high = (format_quantity(value, dimension, 3) for value in (self.value.low, self.value.high))
         return {
             "topic": self.publication.topic,
             "figure": self.value.label,
@@ -79,7 +79,18 @@ class Evidence:
         """What would resolve the contradiction: error before (first row) and after, in the order of how well each fits."""
         import pandas as pd
 
-        return pd.DataFrame([_resolution(one) for one in self.explanations])
+        rows = [
+            {
+                "explanation": one.name,
+                "fitted": str(one.numbers),
+                "setting": one.setting,
+                "energies": ", ".join(f"{energy * 1e6:.3g}" for energy in one.energies) + " uJ",
+                "misses the band by a factor of": f"{one.missed:.2f}",
+                "other statements kept": "{} of {}".format(*one.facts()),
+            }
+            for one in self.explanations
+        ]
+        return pd.DataFrame(rows)
 
     def finding(self) -> str:
         """Say the outcome in two sentences."""
@@ -95,18 +106,6 @@ class Evidence:
 
     def _repr_html_(self) -> str:
         return f"<p>{html.escape(self.finding())}</p>{self.table.to_html(index=False)}{self.resolutions.to_html(index=False)}"
-
-
-def _resolution(one: Explanation) -> dict[str, str]:
-    held, of = one.facts()
-    return {
-        "explanation": one.name,
-        "fitted": str(one.numbers),
-        "setting": one.setting,
-        "energies": ", ".join(f"{energy * 1e6:.3g}" for energy in one.energies) + " uJ",
-        "misses the band by a factor of": f"{one.missed:.2f}",
-        "other statements kept": f"{held} of {of}",
-    }
 
 
 def hold_against_evidence(output: str | Path | None = None, *, also: Iterable[str | Path] = ()) -> Evidence:
@@ -136,7 +135,7 @@ def hold_against_evidence(output: str | Path | None = None, *, also: Iterable[st
     "equation (1) at one load spreads the paper's four energies by a factor of 353"
     """
     rows = tuple(
-        Row(one, value, dimension_of(one.question, value.at), QUESTIONS[one.question].ask(value.at))
+        Row(one, value, QUESTIONS[one.question][0](value.at))
         for one in (*shipped(), *(read_published(Path(path)) for path in also))
         for value in one.values
     )
@@ -156,18 +155,10 @@ def write_evidence(found: Evidence, folder: Path) -> None:
     write_table(found.resolutions, folder / "resolutions.csv")
     save_figure(_ratios(found), folder / "evidence.svg")
     save_figure(_energies(found), folder / "resolutions.svg")
-    replace_text(folder / "evidence.html", _page(found))
-
-
-def _page(found: Evidence) -> str:
-    publications = list(dict.fromkeys(row.publication for row in found.rows))
-    return render_page(
-        "evidence",
-        "evidence.html.j2",
-        finding=found.finding(),
-        publications=[(one, [row for row in found.rows if row.publication is one]) for one in publications],
-        resolutions=found.resolutions.to_dict("records"),
-    )
+    publications = {id(row.publication): row.publication for row in found.rows}.values()
+    topics = [(one, [row for row in found.rows if row.publication is one]) for one in publications]
+    told = {"finding": found.finding(), "publications": topics, "resolutions": found.resolutions.to_dict("records")}
+    replace_text(folder / "evidence.html", render_page("evidence", "evidence.html.j2", **told))
 
 
 _MARKS = {"formula": ("o", "#1d2a36"), "drag": ("s", "#1f6f8b"), "rod": ("^", "#c8553d")}

@@ -2,11 +2,10 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Any
 
-from pydantic import BaseModel, ConfigDict, Field
+from pydantic import BaseModel, ConfigDict, Field, ValidationInfo, field_validator
 
 from stepblocks.errors import StimulusError
 from stepblocks.evidence.questions import AT, QUESTIONS, dimension_of
@@ -15,80 +14,70 @@ from stepblocks.quantities import parse_quantity
 from stepblocks.text_file import read_document
 
 _LARGEST = 100_000  # bytes
+_Words = Annotated[str, Field(min_length=1)]
 
 
-class _Value(BaseModel):
-    model_config = ConfigDict(extra="forbid")
+class Value(BaseModel):
+    """One published figure as a range; quantities in the file, in SI once its publication is read."""
 
-    label: Annotated[str, Field(min_length=1)]
-    at: dict[str, Any] = {}
-    low: str
-    high: str
-    spread: str = ""
+    model_config = ConfigDict(frozen=True, extra="forbid")
 
+    label: _Words
+    at: dict[str, Any] = {}  # condition under which the model is asked
+    low: Any
+    high: Any
+    spread: str = ""  # whose the range is, where the publication gives none
 
-class _File(BaseModel):
-    model_config = ConfigDict(extra="forbid")
-
-    order: int
-    topic: Annotated[str, Field(min_length=1)]
-    citation: Annotated[str, Field(min_length=1)]
-    says: Annotated[str, Field(min_length=1)]
-    question: str
-    note: str = ""
-    value: Annotated[list[_Value], Field(min_length=1)]
-
-
-@dataclass(frozen=True, eq=False)
-class Value:
-    """One published figure as a range, in SI."""
-
-    label: str
-    at: dict[str, Any]  # condition under which the model is asked, SI
-    low: float
-    high: float
-    spread: str  # whose the range is, where the publication gives none
+    def in_si(self, question: str) -> Value:
+        """Return the figure in SI, or say what is wrong with it."""
+        place = f"[{self.label!r}]"
+        if unknown := sorted(set(self.at) - set(AT)):
+            raise ValueError(f"at.{unknown[0]} is not one of {', '.join(AT)} {place}")
+        try:
+            at = {key: parse_quantity(text, AT[key]) if AT[key] else text for key, text in self.at.items()}
+            low, high = (parse_quantity(text, dimension_of(question, at)) for text in (self.low, self.high))
+        except ValueError as error:
+            raise ValueError(f"{error} {place}") from error
+        if not low <= high:
+            raise ValueError(f"low must not exceed high, got {self.low} and {self.high} {place}")
+        return self.model_copy(update={"at": at, "low": low, "high": high})
 
 
-@dataclass(frozen=True, eq=False)
-class Published:
+class Published(BaseModel):
     """What one publication says."""
 
-    name: str
+    model_config = ConfigDict(frozen=True, extra="forbid")
+
+    name: str  # of its file
     order: int  # on the page
-    topic: str
-    citation: str
-    says: str
+    topic: _Words
+    citation: _Words
+    says: _Words
     question: str  # what the model is asked: a key of `stepblocks.evidence.questions.QUESTIONS`
-    note: str  # how it is asked
-    values: tuple[Value, ...]
+    note: str = ""  # how it is asked
+    values: Annotated[tuple[Value, ...], Field(min_length=1, alias="value")]
+
+    @field_validator("question")
+    @classmethod
+    def _is_asked(cls, question: str) -> str:
+        if question not in QUESTIONS:
+            raise ValueError(f"question must be one of {', '.join(QUESTIONS)}, got {question!r}")
+        return question
+
+    @field_validator("values")
+    @classmethod
+    def _in_si(cls, values: tuple[Value, ...], info: ValidationInfo) -> tuple[Value, ...]:
+        question = info.data.get("question")
+        return tuple(value.in_si(question) for value in values) if question else values
 
 
 def read_published(path: Path) -> Published:
     """Read one publication."""
-    place, name = str(path), path.stem
-    raw = validated(_File, read_document(path, "a publication", StimulusError, _LARGEST), place, StimulusError)
-    if raw.question not in QUESTIONS:
-        raise StimulusError(f"question must be one of {', '.join(QUESTIONS)}, got {raw.question!r} [{place}]")
-    values = tuple(_value(one, dimension_of(raw.question, one.at), place) for one in raw.value)
-    return Published(name, raw.order, raw.topic, raw.citation, raw.says, raw.question, raw.note, values)
+    raw = read_document(path, "a publication", StimulusError, _LARGEST)
+    return validated(Published, raw | {"name": path.stem}, path, StimulusError)
 
 
 def shipped() -> list[Published]:
     """All publications of the package, in the order of the page."""
-    found = map(read_published, sorted(Path(__file__).with_name("published").glob("*.toml")))
-    return sorted(found, key=lambda one: one.order)
-
-
-def _value(raw: _Value, dimension: str, place: str) -> Value:
-    unknown = sorted(set(raw.at) - set(AT))
-    if unknown:
-        raise StimulusError(f"at.{unknown[0]} is not one of {', '.join(AT)} [{place}, {raw.label!r}]")
-    try:
-        at = {key: parse_quantity(text, AT[key]) if AT[key] else text for key, text in raw.at.items()}
-        low, high = (parse_quantity(text, dimension) for text in (raw.low, raw.high))
-    except ValueError as error:
-        raise StimulusError(f"{error} [{place}, {raw.label!r}]") from error
-    if not low <= high:
-        raise StimulusError(f"low must not exceed high, got {raw.low} and {raw.high} [{place}, {raw.label!r}]")
-    return Value(raw.label, at, low, high, raw.spread)
+    found = map(read_published, Path(__file__).with_name("published").glob("*.toml"))
+    return sorted(found, key=lambda one: (one.order, one.name))

@@ -15,12 +15,13 @@ from typing import Any
 from stepblocks.contact.counterface import Counterface, Margin, Step
 from stepblocks.contact.energy import Status
 from stepblocks.contact.operating_point import PAPER, OperatingPoint
+from stepblocks.drag.ring import Ring, ring_of
+from stepblocks.drag.simulate import SETTINGS, DragSettings, probe_for, simulate
+from stepblocks.drag.track import track_over
 
 # Conditions that a published figure may name, and their dimension; words have none
-AT = {
-    "height": "length", "gap": "length", "tip_radius": "length", "load": "force", "friction": "ratio", "energy": "energy",
-    "phase": "", "figure": "",
-}  # fmt: skip
+AT = dict.fromkeys(("height", "gap", "tip_radius"), "length")
+AT |= {"load": "force", "friction": "ratio", "energy": "energy", "phase": "", "figure": ""}
 At = Mapping[str, Any]
 _LEAST_GAP = 10e-9  # smaller ones are roughness [m]
 
@@ -39,59 +40,28 @@ class Answers:
         return {name: value for name in ("formula", "drag", "rod") if math.isfinite(value := getattr(self, name))}
 
 
-@dataclass(frozen=True)
-class Question:
-    """A question with the dimension of its answer."""
-
-    dimension: str
-    ask: Callable[[At], Answers]
-
-
 def _point(at: At) -> OperatingPoint:
-    return replace(
-        PAPER,
-        ball_radius=at.get("tip_radius", PAPER.ball_radius),
-        normal_load=at.get("load", PAPER.normal_load),
-        friction=at.get("friction", PAPER.friction),
-    )
+    asked = {"ball_radius": "tip_radius", "normal_load": "load", "friction": "friction"}
+    return replace(PAPER, **{field: at[name] for field, name in asked.items() if name in at})
 
 
 def _face(at: At) -> Counterface:
     return Margin(at["gap"], at["gap"], 0.0) if "gap" in at else Step(at["height"])
 
 
-@dataclass(frozen=True)
-class Dragged:
-    """What a drag in time says."""
-
-    status: Status
-    energy: float = math.nan  # [J]
-    share: float = math.nan  # of the stored energy that rings [1]
-    decay_time: float = math.nan  # to 1/e [s]
-    loading: float = math.nan  # share of the energy of the loading phase in 0 to 100 Hz [1]
-    vibration: float = math.nan  # share of the energy of the vibration in 250 to 350 Hz [1]
-
-
 @lru_cache(maxsize=256)
-def dragged(face: Counterface, point: OperatingPoint, rod: bool = False, pull: float = 0.0) -> Dragged:
-    """Drag in time over a counterface: the setting of docs/drag.md for figures 3 to 5.
+def dragged(face: Counterface, point: OperatingPoint, rod: bool = False, pull: float = 0.0) -> tuple[Status, Ring]:
+    """Drag in time over a counterface, in the setting of docs/drag.md for figures 3 to 5; without a ring all is not-a-number.
 
     A rod is as stiff along the normal as along the drag and carries 10 g of holder beside its weight; `pull` [N] pulls the
     handle with a constant force instead of moving it.
     """
-    from stepblocks.drag.ring import ring_of
-    from stepblocks.drag.simulate import SETTINGS, DragSettings, probe_for, simulate
-    from stepblocks.drag.track import track_over
-
     light = {"damping_ratio": 0.01}
     changes = SETTINGS["figures-3-to-5"].changes(point.tool, point.normal_load) if rod else light
     probe = probe_for(point.tool, point.ball_radius, **changes)
     how = {"speed": 0.0, "pulling_force": pull, "handle_mass": 0.1} if pull else {}
     trace = simulate(track_over(face, point.ball_radius), probe, DragSettings.under(point, **how))
-    if trace.status is not Status.RELEASES:
-        return Dragged(trace.status)
-    ring = ring_of(trace)
-    return Dragged(trace.status, ring.energy, ring.share, ring.decay_time, ring.loading_share, ring.ring_band_share)
+    return trace.status, ring_of(trace) if trace.status is Status.RELEASES else Ring(*[math.nan] * 6)
 
 
 def _energy(at: At) -> Answers:
@@ -99,15 +69,16 @@ def _energy(at: At) -> Answers:
     release = face.release(point)
     if release.status is not Status.RELEASES:
         return Answers(said=str(release.status))
-    return Answers(release.vibration_energy, dragged(face, point).energy, dragged(face, point, rod=True).energy)
+    (_, light), (_, rod) = dragged(face, point), dragged(face, point, rod=True)
+    return Answers(release.vibration_energy, light.energy, rod.energy)
 
 
 def _ring(at: At) -> Answers:
     # the formula says nothing of its own: its decay was chosen from the share of the band
-    name = at["phase"] if "phase" in at else at["figure"]
-    if name == "frequency":
+    if at.get("figure") == "frequency":
         return Answers(said="an input of the model")
-    light, rod = (dragged(_face(at), _point(at), rod) for rod in (False, True))
+    name = {"loading": "loading_share", "vibration": "ring_band_share"}[at["phase"]] if "phase" in at else at["figure"]
+    (_, light), (_, rod) = (dragged(_face(at), _point(at), rod) for rod in (False, True))
     return Answers(drag=getattr(light, name), rod=getattr(rod, name))
 
 
@@ -127,8 +98,8 @@ def _detectable_groove(at: At) -> Answers:
         return release.status in (Status.LOCKED, Status.TOO_HIGH) or release.vibration_energy >= threshold
 
     def by_drag(gap: float, rod: bool) -> bool:
-        found = dragged(Margin(gap, gap, 0.0), point, rod)
-        return found.status in (Status.LOCKED, Status.TOO_HIGH) or found.energy >= threshold
+        status, ring = dragged(Margin(gap, gap, 0.0), point, rod)
+        return status in (Status.LOCKED, Status.TOO_HIGH) or ring.energy >= threshold
 
     ways = by_formula, lambda gap: by_drag(gap, False), lambda gap: by_drag(gap, True)
     least = [_least_felt(felt, point.ball_radius) for felt in ways]
@@ -162,20 +133,21 @@ def _gap_found(at: At) -> Answers:
     return Answers(sum(found) / len(found))
 
 
-QUESTIONS: dict[str, Question] = {
-    "energy": Question("energy", _energy),
-    "power_of_energy": Question("power", lambda at: Answers(at["energy"] / PAPER.tool.ring_duration)),
-    "band_share": Question("ratio", _ring),
-    "ring": Question("ratio", _ring),
-    "radius_of_paper": Question("length", lambda at: Answers(PAPER.ball_radius)),
-    "pull_force": Question("force", _pull_force),
-    "detectable_groove": Question("length", _detectable_groove),
-    "energy_ratio_of_tips": Question("ratio", _energy_ratio_of_tips),
-    "gap_found": Question("ratio", _gap_found),
+# What each asks, and the dimension of its answer
+QUESTIONS: dict[str, tuple[Callable[[At], Answers], str]] = {
+    "energy": (_energy, "energy"),
+    "power_of_energy": (lambda at: Answers(at["energy"] / PAPER.tool.ring_duration), "power"),
+    "band_share": (_ring, "ratio"),
+    "ring": (_ring, "ratio"),
+    "radius_of_paper": (lambda at: Answers(PAPER.ball_radius), "length"),
+    "pull_force": (_pull_force, "force"),
+    "detectable_groove": (_detectable_groove, "length"),
+    "energy_ratio_of_tips": (_energy_ratio_of_tips, "ratio"),
+    "gap_found": (_gap_found, "ratio"),
 }
 _FIGURES = {"decay_time": "time", "share": "ratio", "frequency": "frequency"}  # of a ring
 
 
 def dimension_of(question: str, at: At) -> str:
     """Return the dimension of the answers."""
-    return _FIGURES.get(str(at.get("figure")), QUESTIONS[question].dimension)
+    return _FIGURES.get(str(at.get("figure")), QUESTIONS[question][1])

@@ -12,11 +12,9 @@ from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from numpy.typing import NDArray
 from pydantic import ValidationError
 
 from stepblocks.artefacts.model_file import LearnedModel
-from stepblocks.contact.counterface import Counterface
 from stepblocks.contact.energy import Status
 from stepblocks.contact.event import Events, VibrationEvent, Waveform, ring_energy, vibration_events
 from stepblocks.contact.operating_point import OperatingPoint
@@ -25,11 +23,10 @@ from stepblocks.errors import HapticsError
 from stepblocks.parts.kind import Part
 from stepblocks.parts.kinds.step_block import StepBlock
 from stepblocks.parts.shapes import Mesh, build_solids, convex_pieces, mesh_solid
-from stepblocks.simulators.devices import Device, RenderingPlan, plan_rendering
+from stepblocks.simulators.devices import Device, plan_rendering
 from stepblocks.simulators.scene import Frame, ProbeShape, Scene
 
 if TYPE_CHECKING:
-    from stepblocks.drag.simulate import DragTrace
     from stepblocks.predict.trials import LearnedDrag
 
 _RATE = 96e3  # of the simulated force [Hz]; WAV files are interpolated from it
@@ -70,13 +67,11 @@ def scene_of(
     """Gather what a scene needs; under a tip lies a plain step, and what a session taught changes surface, point and events."""
     if scale is not None and not (math.isfinite(scale) and scale > 0.0):
         raise HapticsError(f"scale must be positive and finite, got {scale:g}")
-    surface = surface_of(stimulus, step_height)
-    events = vibration_events(surface.counterface(), point, surface.id)
-    if learned is not None:
-        surface, point, events = teach(learned, surface, point, keep_friction=keep_friction)
+    surface, point, events = met(stimulus, point, step_height, learned, keep_friction)
     path = surface.counterface().centre_path(point.ball_radius)
     if ring == "drag":
-        events = (with_drag_ring(events[0], path, point), with_drag_ring(events[1], path, point))
+        up, down = (with_drag_ring(event, path, point) for event in events)
+        events = up, down
     plan = None if device is None else plan_rendering(device, events[0], point, scale)
     size = plan.scale if plan else scale or 1.0
     frame, ball = _frame(surface), stimulus.ball
@@ -86,7 +81,7 @@ def scene_of(
         point=point,
         scale=size,
         frame=frame,
-        whole=_joined(surface.id, [frame.of(mesh_solid(surface, *solid), size) for solid in build_solids(surface)]),
+        whole=_joined([frame.of(mesh_solid(surface, *solid), size) for solid in build_solids(surface)]),
         pieces=tuple(frame.of(piece, size) for piece in convex_pieces(surface)),
         path=path.scaled(size),
         events=events,
@@ -96,13 +91,14 @@ def scene_of(
     )
 
 
-def plan_of(stimulus: Part, point: OperatingPoint, device: Device, **options: Any) -> RenderingPlan:
-    """Plan how a device renders a stimulus; of the options of `scene_of` those that concern its surface, events and scale."""
-    surface = surface_of(stimulus, options.get("step_height"))
-    events = vibration_events(surface.counterface(), point, surface.id)
-    if options.get("learned") is not None:
-        _, point, events = teach(options["learned"], surface, point, keep_friction=options["keep_friction"])
-    return plan_rendering(device, events[0], point, options.get("scale"))
+def met(
+    stimulus: Part, point: OperatingPoint, step_height: float | None, learned: LearnedModel | None, keep_friction: bool
+) -> tuple[Part, OperatingPoint, Events]:
+    """Say what is dragged over, under what, and how it rings: by the formula, or as a session taught."""
+    surface = surface_of(stimulus, step_height)
+    if learned is not None:
+        return teach(learned, surface, point, keep_friction=keep_friction)
+    return surface, point, vibration_events(surface.counterface(), point, surface.id)
 
 
 def surface_of(stimulus: Part, step_height: float | None = None) -> Part:
@@ -129,13 +125,11 @@ def _probe(tip: Part, ball_radius: float, size: float) -> ProbeShape:
     return ProbeShape(centre.of(whole, size), tuple(centre.of(piece, size) for piece in convex_pieces(tip)))
 
 
-def _joined(name: str, meshes: Sequence[Mesh]) -> Mesh:
+def _joined(meshes: Sequence[Mesh]) -> Mesh:
     """Put separate closed bodies into one mesh."""
-    if len(meshes) == 1:
-        return meshes[0]
     first = np.cumsum([0, *(len(mesh.vertices) for mesh in meshes)])
     triangles = [mesh.triangles + start for mesh, start in zip(meshes, first, strict=False)]
-    return Mesh(name, np.concatenate([mesh.vertices for mesh in meshes]), np.concatenate(triangles))
+    return Mesh(meshes[0].name, np.concatenate([mesh.vertices for mesh in meshes]), np.concatenate(triangles))
 
 
 def teach(
@@ -161,18 +155,14 @@ def _told(learned: LearnedModel, event: VibrationEvent, surface: Part, point: Op
 
 
 def _ask(learned: LearnedModel, surface: Part, point: OperatingPoint, direction: int) -> LearnedDrag:
+    """Ask of the step that this edge is for the ball: as high as itself, or as that of the same critical angle."""
     from stepblocks.predict.trials import learned_drag
 
-    height = _height(surface.counterface(), point.ball_radius, direction)
+    face = surface.counterface()
+    height = face.far_side
+    if direction < 0 or face.ways[0] != "up":
+        height = point.ball_radius * (1.0 - math.cos(face.centre_path(point.ball_radius).notch(float(direction))[2]))
     return learned_drag(learned, surface.id, height, point)
-
-
-def _height(face: Counterface, ball_radius: float, direction: int) -> float:
-    """Height of the step that this edge is for the ball [m]: its own, or that of the same critical angle."""
-    if direction > 0 and face.ways[0] == "up":
-        return face.far_side
-    angle = face.centre_path(ball_radius).notch(float(direction))[2]
-    return ball_radius * (1.0 - math.cos(angle))
 
 
 def with_drag_ring(event: VibrationEvent, path: CentrePath, point: OperatingPoint) -> VibrationEvent:
@@ -186,21 +176,14 @@ def with_drag_ring(event: VibrationEvent, path: CentrePath, point: OperatingPoin
     probe = probe_for(point.tool, point.ball_radius)
     settings = DragSettings.under(point, sample_rate=_RATE, ring_time=_LENGTH)
     trace = simulate(track_along(path, point.ball_radius, event.direction < 0), probe, settings)
+    name = f"[{event.stimulus} {event.drag}]"
     if trace.status is not Status.RELEASES:
-        raise HapticsError(
-            f"the time-domain drag must release to give a ring, got {trace.status.value} [{event.stimulus} {event.drag}]"
-        )
-    force, delay = _swings(trace)
-    factor = math.sqrt(event.energy / ring_energy(force, _RATE, event.tool))
-    own = ring_of(trace, spectra=False)
-    return replace(event, waveform=Waveform(force * factor, _RATE, delay, trace.peak_force, own.energy, factor))
-
-
-def _swings(trace: DragTrace) -> tuple[NDArray[np.float64], float]:
-    time, pull = trace.column("time_s"), trace.column("fx_n")
-    level = trace.settings.sliding_force
+        raise HapticsError(f"the time-domain drag must release to give a ring, got {trace.status.value} {name}")
+    time, pull, level = trace.column("time_s"), trace.column("fx_n"), settings.sliding_force
     after = np.flatnonzero((time >= trace.release_time) & (pull <= level))
     if len(after) < 2:
         raise HapticsError(f"the pulling force must fall to that of sliding ({level:g} N) to ring, got none that low")
-    begin = int(after[0])
-    return np.asarray(level - pull[begin:]), float(time[begin] - trace.release_time)
+    force, delay = level - pull[after[0] :], float(time[after[0]] - trace.release_time)
+    factor = math.sqrt(event.energy / ring_energy(force, _RATE, event.tool))
+    own = ring_of(trace, spectra=False)
+    return replace(event, waveform=Waveform(force * factor, _RATE, delay, trace.peak_force, own.energy, factor))

@@ -24,20 +24,16 @@ if TYPE_CHECKING:
 
 Array = NDArray[np.float64]
 _LENGTH = 5.0  # of the ring that is compared, in time constants
+_HAPTIC = "doi 10.1109/HAPTIC.2006.1627110"
 # Just noticeable differences as shares of the value, and where they stand. That of a decay was not found for rings this
 # short: an assumption, twice that of the energy which it changes
+_POWER = 10.0 ** (PAPER_OBSERVER.level_difference / 10.0) - 1.0
 JND = {
     "peak force": (0.07, "Pang, Tan, Durlach (1991), Perception & Psychophysics 49, 531: about 7 % of 2.5 to 10 N"),
-    "ring energy": (
-        10.0 ** (PAPER_OBSERVER.level_difference / 10.0) - 1.0,
-        "1.5 dB of power, as `predict.perception` takes it",
-    ),
-    "ring frequency": (
-        0.2,
-        "HAPTIC 2006, doi 10.1109/HAPTIC.2006.1627110: 0.18 to 0.25 at the index finger up to 200 Hz, 0.2 taken",
-    ),
+    "ring energy": (_POWER, "1.5 dB of power, as `predict.perception` takes it"),
+    "ring frequency": (0.2, f"HAPTIC 2006, {_HAPTIC}: 0.18 to 0.25 at the index finger up to 200 Hz, 0.2 taken"),
     "ring decay": (0.8, "assumed"),
-    "energy in the ring's band": (10.0 ** (PAPER_OBSERVER.level_difference / 10.0) - 1.0, "as the energy"),
+    "energy in the ring's band": (_POWER, "as the energy"),
 }
 
 
@@ -54,27 +50,16 @@ class Record:
 class Realism:
     """A record beside its stimulus."""
 
-    parts: tuple[
-        tuple[str, float, float, float], ...
-    ]  # what, recorded and ideal in SI, difference in just noticeable ones
+    # what, recorded and ideal in SI, difference in just noticeable ones
+    parts: tuple[tuple[str, float, float, float], ...]
     score: float  # root of the sum of their squares; below 1 the two can hardly be told apart
 
     def table(self) -> pd.DataFrame:
         """Lay the parts out, one row each, and the score."""
         import pandas as pd
 
-        rows = [
-            {
-                "part": name,
-                "recorded": got,
-                "ideal": meant,
-                "difference_jnd": apart,
-                "jnd_ratio": JND[name][0],
-                "source": JND[name][1],
-            }
-            for name, got, meant, apart in self.parts
-        ]
-        return pd.DataFrame([*rows, {"part": "score", "difference_jnd": self.score}])
+        rows = [(*part, *JND[part[0]]) for part in self.parts] + [("score", None, None, self.score, None, None)]
+        return pd.DataFrame(rows, columns=["part", "recorded", "ideal", "difference_jnd", "jnd_ratio", "source"])
 
 
 def compare(
@@ -113,7 +98,8 @@ def compare(
     """
     event = _event_of(Path(stimulus), felt)
     found = _read(Path(record), event, full_scale)
-    start = 0 if found.alone else _release(found.force)
+    # the ring begins behind the sharpest fall of the force's size
+    start = 0 if found.alone else int(np.argmin(np.diff(np.abs(found.force)))) + 1
     tail = found.force[start : start + math.ceil(_LENGTH * event.tool.decay_time * found.rate)]
     if len(tail) < 16 or not np.ptp(tail) > 0.0:
         raise HapticsError(
@@ -148,9 +134,8 @@ def _event_of(stimulus: Path, felt: dict[str, float]) -> VibrationEvent:
     point = OperatingPoint(at["ball_radius"], at["normal_load"], at["friction"], grid.as_tool())
     event = vibration_events(part.counterface(), point, part.id)[0]
     if event.status is not Status.RELEASES:
-        raise HapticsError(
-            f"the stimulus must release the probe to be compared, it is {event.status.value} [{stimulus}]"
-        )
+        rule = "the stimulus must release the probe to be compared"
+        raise HapticsError(f"{rule}, it is {event.status.value} [{stimulus}]")
     return event
 
 
@@ -162,11 +147,8 @@ def _read(path: Path, event: VibrationEvent, full_scale: float) -> Record:
             rate, samples = wavfile.read(path)
             full = full_scale if math.isfinite(full_scale) else largest_force(event)
             whole = np.iinfo(samples.dtype).max if np.issubdtype(samples.dtype, np.integer) else 1.0
-            return Record(
-                np.asarray(samples, dtype=np.float64).reshape(len(samples), -1)[:, 0] * (full / whole),
-                float(rate),
-                True,
-            )
+            force = np.asarray(samples, dtype=np.float64).reshape(len(samples), -1)[:, 0] * (full / whole)
+            return Record(force, float(rate), True)
         if path.suffix in (".h5", ".hdf5"):
             import h5py
 
@@ -184,12 +166,6 @@ def _read(path: Path, event: VibrationEvent, full_scale: float) -> Record:
         mass = event.tool.effective_mass
         return Record(frame["acceleration_m_s2"].to_numpy(dtype=np.float64) * mass, rate, False)
     return Record(si_column(frame, ("force",), "force", None, path), rate, False)
-
-
-def _release(force: Array) -> int:
-    """Find where the ring begins: behind the sharpest fall of the force's size."""
-    fall = np.abs(force[:-1]) - np.abs(force[1:])
-    return int(np.argmax(fall)) + 1
 
 
 def _figures(force: Array, rate: float, event: VibrationEvent) -> dict[str, Any]:
@@ -210,9 +186,8 @@ def _figures(force: Array, rate: float, event: VibrationEvent) -> dict[str, Any]
     best = min((least_squares(misfit, start, x_scale=(10.0, 0.1)) for start in starts), key=lambda one: float(one.cost))
     power = np.abs(np.fft.rfft(force, 2 ** math.ceil(math.log2(len(force)) + 2))) ** 2
     band = np.fft.rfftfreq(2 * (len(power) - 1), 1.0 / rate)
-    inside = (band >= 250.0 / 300.0 * tool.frequency) & (
-        band <= 350.0 / 300.0 * tool.frequency
-    )  # the paper's 250 to 350 Hz
+    low, high = (share / 300.0 * tool.frequency for share in (250.0, 350.0))  # the paper's 250 to 350 Hz
+    inside = (band >= low) & (band <= high)
     return {
         "ring energy": ring_energy(force, rate, tool),
         "ring frequency": float(best.x[0]),

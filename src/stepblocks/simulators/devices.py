@@ -8,13 +8,13 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Callable
+from collections.abc import Sequence
 from dataclasses import asdict, dataclass, replace
 from enum import StrEnum
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
-from pydantic import BaseModel, BeforeValidator, ConfigDict, Field
+from pydantic import BaseModel, BeforeValidator, Field
 
 from stepblocks.contact.energy import Status
 from stepblocks.contact.event import VibrationEvent
@@ -29,22 +29,19 @@ _MAX_FILE_BYTES = 200_000
 FORCE_ERROR = 0.01
 _SAMPLES_PER_CYCLE = 10.0  # of the ring through the device's servo loop (Choi and Tan advise 5 to 10 kHz for textures)
 _SCALES = tuple(m * 10.0**e for e in range(4) for m in (1.0, 2.0, 5.0))
+# Units of a plan's figures, at the end of their names
 _UNITS = {
     "ball_radius": "_m",
-    "stiffness": "_n_per_m",
-    "critical_force": "_n",
-    "ring_energy": "_j",
-    "force_step": "_n",
-    "force_error": "_relative",
     "hand_travel": "_m",
+    "stiffness": "_n_per_m",
+    "ring_energy": "_j",
     "ring_samples": "_per_cycle",
 }
+_UNITS |= {"critical_force": "_n", "force_step": "_n", "force_error": "_relative"}
 
 
-class Figure(BaseModel):
+class Figure(BaseModel, frozen=True, extra="forbid"):
     """One figure of a device."""
-
-    model_config = ConfigDict(frozen=True, extra="forbid")
 
     value: float  # in SI
     source: Annotated[str, Field(min_length=1, max_length=200)]
@@ -67,10 +64,8 @@ Length = Annotated[Figure, _figure("length")]
 Force = Annotated[Figure, _figure("force")]
 
 
-class Device(BaseModel):
+class Device(BaseModel, frozen=True, extra="forbid"):
     """A force-feedback device; a figure that nobody stated is None."""
-
-    model_config = ConfigDict(frozen=True, extra="forbid")
 
     id: Annotated[str, Field(pattern=r"^[a-z][a-z0-9]*(-[a-z0-9]+)*$", max_length=40)]
     name: Annotated[str, Field(min_length=1, max_length=60)]
@@ -85,21 +80,16 @@ class Device(BaseModel):
     sensed_axes: Annotated[int, Field(ge=1, le=12)]
 
 
-class _DeviceFile(BaseModel):
-    model_config = ConfigDict(frozen=True, extra="forbid")
-
+class _DeviceFile(BaseModel, extra="forbid"):
     device: Annotated[tuple[Device, ...], Field(min_length=1, max_length=500)]
 
 
 def load_devices(path: str | Path | None = None) -> tuple[Device, ...]:
     """Read device profiles: the shipped ones, and those of a file of the user's."""
     sources = [Path(__file__).with_name("devices.toml"), *([] if path is None else [Path(path)])]
-    return tuple({device.id: device for source in sources for device in _read(source)}.values())
-
-
-def _read(path: Path) -> tuple[Device, ...]:
-    raw = read_document(path, "a device file", HapticsError, _MAX_FILE_BYTES)
-    return validated(_DeviceFile, raw, path, HapticsError).device
+    raw = {source: read_document(source, "a device file", HapticsError, _MAX_FILE_BYTES) for source in sources}
+    files = [validated(_DeviceFile, content, source, HapticsError) for source, content in raw.items()]
+    return tuple({device.id: device for file in files for device in file.device}.values())
 
 
 def device_named(name: str, devices: tuple[Device, ...]) -> Device:
@@ -179,16 +169,17 @@ def plan_rendering(
     return replace(plan, verdict=verdict, reasons=(*refused, *lost))
 
 
-def one_scale(of_one: Callable[[float | None], list[RenderingPlan]]) -> float:
-    """Choose one magnification for a set: the largest that one of its stimuli needs, if all others bear it.
+def one_scale(device: Device, drags: Sequence[tuple[VibrationEvent, OperatingPoint]]) -> float:
+    """Choose one magnification for a set: the largest that one of its drags needs, if all others bear it.
 
-    `of_one` returns the plans of the set at a scale, or each at its own. With a scale of its own each block would have
-    another spring, and the hand another travel, by which heights can be told without feeling the step.
+    With a scale of its own each block would have another spring, and the hand another travel, by which heights can be told
+    without feeling the step.
     """
-    own = of_one(None)
+    own = [plan_rendering(device, *drag) for drag in drags]
     needy = max(own, key=lambda plan: plan.scale)
-    for alone, together in zip(own, of_one(needy.scale), strict=True):
+    for alone, drag in zip(own, drags, strict=True):
         known = {_kind(reason) for reason in alone.reasons}
+        together = plan_rendering(device, *drag, needy.scale)
         lost = [reason for reason in together.reasons if _kind(reason) not in known]
         if lost and alone.verdict is not Faithfulness.IMPOSSIBLE:  # which no scale would help
             raise HapticsError(
@@ -222,38 +213,31 @@ def _choose(device: Device, event: VibrationEvent, point: OperatingPoint) -> flo
     return next((scale for scale in fitting if scale >= wanted * (1.0 - 1e-9)), fitting[-1])
 
 
-def _told(*rules: tuple[bool, str]) -> list[str]:
-    return [text for holds, text in rules if holds]
-
-
 def _refusals(device: Device, plan: RenderingPlan, load: float) -> list[str]:
     peak, limit, force = device.peak_force.value, _limit(device.stiffness_limit), plan.critical_force
-    return _told(
-        (load > peak, f"the load of {load:g} N exceeds its peak force of {peak:g} N"),
-        (force > peak, f"the release force of {force:.3g} N exceeds its peak force of {peak:g} N: it would slip early"),
-        (
-            plan.stiffness > limit * (1.0 + 1e-9),
-            f"the spring of {plan.stiffness:.4g} N/m exceeds its stiffness limit of {limit:.4g} N/m: a larger scale is needed",
+    rules = {
+        f"the load of {load:g} N exceeds its peak force of {peak:g} N": load > peak,
+        f"the release force of {force:.3g} N exceeds its peak force of {peak:g} N: it would slip early": force > peak,
+        f"the spring of {plan.stiffness:.4g} N/m exceeds its stiffness limit of {limit:.4g} N/m: a larger scale is needed": (
+            plan.stiffness > limit * (1.0 + 1e-9)
         ),
-    )
+    }
+    return [said for said, holds in rules.items() if holds]
 
 
 def _deviations(device: Device, plan: RenderingPlan, event: VibrationEvent, load: float) -> list[str]:
     resolution, peak, rate = device.position_resolution.value, device.peak_force.value, device.update_rate.value
     held, lasting = max(load, _finite(event.critical_force, 0.0)), _limit(device.continuous_force)
     travel, most = plan.hand_travel, _limit(device.travel)
-    frequency = event.tool.frequency
-    return _told(
-        (
-            plan.force_error > FORCE_ERROR * (1.0 + 1e-9),
-            f"positions rounded to {resolution * 1e6:g} um err by {100.0 * plan.force_error:.2g} % of the force",
+    samples, cycle = f"{plan.ring_samples:.1f} samples a cycle", f"the ring of {event.tool.frequency:g} Hz"
+    rules = {
+        f"positions rounded to {resolution * 1e6:g} um err by {100.0 * plan.force_error:.2g} % of the force": (
+            plan.force_error > FORCE_ERROR * (1.0 + 1e-9)
         ),
-        (event.status in (Status.LOCKED, Status.TOO_HIGH), f"the probe locks: the wall gives way above {peak:g} N"),
-        (held > lasting, f"{held:.3g} N exceed its continuous force of {lasting:g} N: short drags only"),
-        (travel > most, f"the hand must travel {travel * 1e3:.3g} mm, more than its {most * 1e3:g} mm"),
-        (
-            plan.ring_route == "voice coil",
-            f"the ring of {frequency:g} Hz gets {plan.ring_samples:.1f} samples a cycle at {rate:g} Hz and needs a voice coil",
-        ),
-        (device.stiffness_limit is None, "its stiffness limit is unknown"),
-    )
+        f"the probe locks: the wall gives way above {peak:g} N": event.status in (Status.LOCKED, Status.TOO_HIGH),
+        f"{held:.3g} N exceed its continuous force of {lasting:g} N: short drags only": held > lasting,
+        f"the hand must travel {travel * 1e3:.3g} mm, more than its {most * 1e3:g} mm": travel > most,
+        f"{cycle} gets {samples} at {rate:g} Hz and needs a voice coil": plan.ring_route == "voice coil",
+        "its stiffness limit is unknown": device.stiffness_limit is None,
+    }
+    return [said for said, holds in rules.items() if holds]

@@ -90,43 +90,37 @@ def export(
         If a file, a device or a value is wrong, or nothing matches.
     """
     from stepblocks.artefacts.model_file import read_model
-    from stepblocks.simulators.assemble import plan_of, scene_of
+    from stepblocks.simulators.assemble import met, scene_of
     from stepblocks.simulators.devices import device_named, load_devices, one_scale
     from stepblocks.simulators.scenes import SCENE_FORMATS
 
     if simulator not in SCENE_FORMATS:
         raise PipelineError(f"--for must be one of {', '.join(SCENE_FORMATS)}, got {simulator!r}")
-    known = load_devices(devices)
-    chosen = None if device is None else device_named(device, known)
+    chosen = None if device is None else device_named(device, load_devices(devices))
     learned = None if model is None else read_model(Path(model))
     asked = {"normal_load": normal_load, "friction": friction, "ball_radius": ball_radius, "speed": speed}
     given = {name: value for name, value in asked.items() if value is not None}
     done: list[Exported] = []
     for stimuli in [load_declared(path) for path in stimulus_files(files)]:
         meant = [part for part in stimuli.stimuli if only is None or matches(only, stimuli.name, part.id)]
-        points = {part.id: _point(stimuli, part, given) for part in meant}
+        points = [_point(stimuli, part, given) for part in meant]
         height = step_height or next(iter(stimuli.prediction.step_heights), None)
-        options: dict[str, Any] = {"step_height": height, "learned": learned, "keep_friction": friction is not None}
-
-        def plans(at: float | None, meant: Any = meant, points: Any = points, options: Any = options) -> Any:
-            return [plan_of(part, points[part.id], chosen, scale=at, **options) for part in meant if chosen]
-
-        own = scale == "per-block"
+        taught: dict[str, Any] = {"step_height": height, "learned": learned, "keep_friction": friction is not None}
         shared = None if scale == "per-block" else scale
         if chosen is not None and scale is None and meant:
-            shared = one_scale(plans)
-        options |= {"device": chosen, "scale": shared, "ring": ring, "own_scale": own}
-        scenes = [scene_of(part, points[part.id], **options) for part in meant]
+            felt = [met(part, point, **taught) for part, point in zip(meant, points, strict=True)]
+            shared = one_scale(chosen, [(events[0], point) for _, point, events in felt])
+        options = taught | {"device": chosen, "scale": shared, "ring": ring, "own_scale": scale == "per-block"}
+        scenes = [scene_of(part, point, **options) for part, point in zip(meant, points, strict=True)]
         loudest = max((scene.loudest() for scene in scenes), default=0.0)
+        form, place = SCENE_FORMATS[simulator], Path(output) / stimuli.name
         for part, scene in zip(meant, scenes, strict=True):
-            folder = Path(output) / stimuli.name / part.id / simulator
-            _write(folder, replace(scene, full_scale=loudest), SCENE_FORMATS[simulator])
-            done.append(Exported(f"{stimuli.name}/{part.id}", folder, scene.plan))
+            _write(place / part.id / simulator, replace(scene, full_scale=loudest), form)
+            done.append(Exported(f"{stimuli.name}/{part.id}", place / part.id / simulator, scene.plan))
             if progress is not None:
                 progress(done[-1])
-        write_set = SCENE_FORMATS[simulator].write_set
-        if scenes and write_set is not None:
-            write_set(Path(output) / stimuli.name, scenes)
+        if scenes and form.write_set is not None:
+            form.write_set(place, scenes)
     if not done:
         raise PipelineError(f"--only must match at least one stimulus, got {only!r}")
     return done
@@ -138,19 +132,12 @@ def _point(stimuli: StimulusSet, part: Part, given: Mapping[str, Any]) -> Operat
     tool = grid.as_tool()
     if worn is not None:  # how the probe rings with this part on its shank
         tool = replace(tool, frequency=worn.frequency, decay_time=worn.decay_time)
-    values = {
-        "normal_load": grid.normal_loads[0],
-        "friction": grid.frictions[0],
-        "tool": tool,
-        "tissue": part.tissue(tool),
-        **given,
-    }
-    if part.ball is not None:
-        values["ball_radius"] = part.ball.nominal
-    elif "ball_radius" not in values:
-        if not grid.tip_radii:
-            raise PipelineError("--tip-radius must be given for a set whose prediction names no tip_radii, got none")
-        values["ball_radius"] = grid.tip_radii[0]
+    ball = next(iter(grid.tip_radii), None) if part.ball is None else part.ball.nominal
+    if ball is None and "ball_radius" not in given:
+        raise PipelineError("--tip-radius must be given for a set whose prediction names no tip_radii, got none")
+    own = {"ball_radius": ball, "normal_load": grid.normal_loads[0], "friction": grid.frictions[0]}
+    asked = given if part.ball is None else {**given, "ball_radius": ball}
+    values: dict[str, Any] = {**own, "tool": tool, "tissue": part.tissue(tool), **asked}
     return OperatingPoint(**values)
 
 

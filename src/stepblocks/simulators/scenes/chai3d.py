@@ -4,9 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from pathlib import Path
+from typing import Any
 
 from stepblocks.artefacts.meshes.write import write_obj, write_pieces, write_stl
 from stepblocks.contact.energy import Status
+from stepblocks.contact.event import VibrationEvent
 from stepblocks.simulators.scene import Scene, SceneFormat, fill, write_json
 
 
@@ -26,7 +28,7 @@ def _write(folder: Path, scene: Scene) -> None:
         "stiffness_n_per_mm": scene.stiffness * 1e-3,
     }
     write_json(folder / "parameters.json", parameters)
-    fill(folder / "StepBlock.h", scene=scene, Status=Status)
+    fill(folder / "StepBlock.h", scene=scene, contact=_contact(scene), release=_release)
     fill(folder / "ReleaseRing.h")
     top = float(scene.path.z.max()) * 1e3
     nothing = scene.events[0].status is Status.NO_CATCH
@@ -42,7 +44,23 @@ def _write_set(folder: Path, scenes: Sequence[Scene]) -> None:
     program.mkdir(parents=True, exist_ok=True)
     fill(program / "ReleaseRing.h")
     fill(program / "CMakeLists.txt")
-    fill(program / "blocks.cpp", name=folder.name, first=scenes[0], scenes=scenes, Status=Status)
+    contact, scale = _contact(scenes[0]), scenes[0].scale
+    told: dict[str, Any] = {"scenes": scenes, "contact": contact, "scale": scale, "release": _release}
+    fill(program / "blocks.cpp", name=folder.name, **told)
+
+
+def _contact(scene: Scene) -> str:
+    """Write ball, friction, spring and load as C++ does."""
+    figures = scene.ball_radius * 1e3, scene.point.friction, scene.stiffness * 1e-3, scene.point.normal_load
+    return ", ".join(f"{figure:.9g}" for figure in figures)
+
+
+def _release(event: VibrationEvent, scale: float) -> str:
+    """Write an event as C++ does: direction, place, strength, frequency and decay."""
+    strength = (event.amplitude, event.critical_force) if event.status is Status.RELEASES else (0.0, 0.0)
+    place = (event.trigger_position * scale * 1e3, event.trigger_height * scale * 1e3)
+    figures = (*place, *strength, event.tool.frequency, event.tool.decay_time)
+    return ", ".join([f"{event.direction}.0", *(f"{figure:.9g}" for figure in figures)])
 
 
 CHAI3D = SceneFormat(
