@@ -96,7 +96,8 @@ def export(
 
     if simulator not in SCENE_FORMATS:
         raise PipelineError(f"--for must be one of {', '.join(SCENE_FORMATS)}, got {simulator!r}")
-    chosen = None if device is None else device_named(device, load_devices(devices))
+    known = load_devices(devices)  # a file that is missing is told also where no device is asked for
+    chosen = None if device is None else device_named(device, known)
     learned = None if model is None else read_model(Path(model))
     asked = {"normal_load": normal_load, "friction": friction, "ball_radius": ball_radius, "speed": speed}
     given = {name: value for name, value in asked.items() if value is not None}
