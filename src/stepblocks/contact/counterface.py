@@ -316,8 +316,7 @@ def scanned_angle(position: NDArray[np.float64], height: NDArray[np.float64], ba
 def _steepest(x: Array, z: Array, ball: float, edges: Literal["strict", "flat"]) -> tuple[float, float]:
     """Critical angles over a profile by exact dilation [rad], forward and backward."""
     # compiled kernels, loaded where they are used
-    from stepblocks.contact.path.catches import steepest
-    from stepblocks.contact.path.profile import Ball, profile_path
+    from stepblocks.contact.path.profile import profile_path, steepest
 
-    path = profile_path(x, z, Ball(ball), edges=edges)
+    path = profile_path(x, z, ball, edges=edges)
     return steepest(path).angle, steepest(path, "backward").angle
