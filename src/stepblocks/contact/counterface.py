@@ -31,9 +31,7 @@ class Counterface(ABC):
     """A surface across the drag: x along the drag, z up, the working edge at x = 0, the near side at z = 0."""
 
     ways: ClassVar[tuple[str, ...]] = ("forward", "backward")  # names of the directions that are felt, forward first
-    _dimensions: ClassVar[
-        tuple[str, ...]
-    ] = ()  # fields on which the angles depend; none where they have no closed form
+    _dimensions: ClassVar[tuple[str, ...]] = ()  # fields on which the angles depend, where they have a closed form
 
     @property
     def far_side(self) -> float:

@@ -168,7 +168,6 @@ class DragTrace:
     status: Status  # ``RELEASES``, ``LOCKED`` (the force grew past any climb), or ``NO_CATCH``
     peak_force: float  # greatest tangential force of the first catch F_px [N]
     release_time: float  # when it was reached [s]
-    release_position: float  # where the tip stood then [m]
     ledger: dict[str, float]  # energies [J], see `stepblocks.drag.kernels.LEDGER`
     time_step: float  # of the integration [s]
     probe: Probe  # what was dragged
@@ -244,7 +243,6 @@ def simulate(track: Track, probe: Probe, settings: DragSettings) -> DragTrace:
         status=Status.LOCKED if held else Status.RELEASES if caught else Status.NO_CATCH,
         peak_force=force,
         release_time=time,
-        release_position=position,
         ledger=dict(zip(kernels.LEDGER, map(float, ledger), strict=True)),
         time_step=dt,
         probe=probe,

@@ -34,7 +34,7 @@ class Track(CentrePath):
     @cached_property
     def slopes(self) -> tuple[Array, Array]:
         """Slopes to the left and to the right of each knot [1]; they differ at a kink."""
-        return np.concatenate([[0.0], self.slope_end]), np.concatenate([self.slope_start, [0.0]])
+        return np.pad(self.slope_end, (1, 0)), np.pad(self.slope_start, (0, 1))
 
     @cached_property
     def steepest_angle(self) -> float:
@@ -71,11 +71,11 @@ def track_of(x: ArrayLike, z: ArrayLike, ball_radius: float, *, backward: bool =
     xs, zs = np.asarray(x, dtype=np.float64), np.asarray(z, dtype=np.float64)
     if backward:
         xs, zs = -xs[::-1], zs[::-1]
-    span = float(np.nanmax(xs) - np.nanmin(xs)) if xs.size else 0.0
+    span = float(xs.max() - xs.min())
     count = max(math.ceil(span / (0.01 * ball_radius)), 8)
     if count > 2_000_000:
         raise ContactError(f"profile of {span:g} m is too long to drag over with a ball of {ball_radius:g} m")
-    grid = np.linspace(float(xs.min()), float(xs.max()), count + 1) if xs.size else xs
+    grid = np.linspace(xs.min(), xs.max(), count + 1)
     path = profile_path(xs, zs, ball_radius, positions=grid, edges="flat")
     if np.isnan(path.height).any():
         raise ContactError("profile has a gap that is wider than the tip; it cannot be dragged over")
@@ -96,12 +96,12 @@ def track_of(x: ArrayLike, z: ArrayLike, ball_radius: float, *, backward: bool =
     kinks = np.flatnonzero(np.isin(nodes, breaks))
     slope_left = right.slope.copy()
     slope_left[kinks] = left.slope[np.maximum(kinks - 1, 0)]
-    far, level = _LEVEL * ball_radius, [0.0]
+    far = _LEVEL * ball_radius
     return Track(
         np.concatenate([[nodes[0] - far], nodes, [nodes[-1] + far]]),
-        np.concatenate([right.height[:1], right.height, right.height[-1:]]),
-        np.concatenate([level, right.slope[:-1], level]),
-        np.concatenate([level, slope_left[1:], level]),
+        np.pad(right.height, 1, "edge"),
+        np.pad(right.slope[:-1], 1),
+        np.pad(slope_left[1:], 1),
         (kinks + 1).astype(np.int64),
         ball_radius,
     )

@@ -39,7 +39,7 @@ class CentrePath:
 
     def notch(self, direction: float) -> tuple[float, float, float]:
         """Find where the probe catches: x, z and the critical angle, 0 for none."""
-        if direction > 0.0:
+        if direction > 0:
             index = int(np.argmax(self.slope_start))
             rise, knot = self.slope_start[index], index
         else:
