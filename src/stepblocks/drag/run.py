@@ -23,7 +23,7 @@ from stepblocks.errors import ContactError, PipelineError, QuantityError
 from stepblocks.parts.kind import Part
 from stepblocks.parts.set import StimulusSet
 from stepblocks.quantities import format_quantity, parse_quantity
-from stepblocks.select import stimulus_files
+from stepblocks.select import matches, stimulus_files
 from stepblocks.tables import read_table, si_column, write_table
 
 if TYPE_CHECKING:
@@ -106,17 +106,13 @@ def _find(text: str, where: Path | None) -> tuple[StimulusSet, Part]:
     """Find a stimulus by ``ID``, ``SET/ID`` or ``FILE.toml/ID``."""
     head, _, identity = text.rpartition("/")
     if head.endswith(".toml"):
-        files, wanted = [Path(head)], ""
+        files, wanted = [Path(head)], identity
     elif where is None and not Path("stimuli").is_dir():
         raise PipelineError(f"{_WANTED}, or FILE.toml/ID (no folder stimuli here), got {text!r}")
     else:
-        files, wanted = stimulus_files([where] if where else []), head
-    found = [
-        (stimuli, part)
-        for stimuli in map(load_declared, files)
-        for part in stimuli.stimuli
-        if part.id == identity and wanted in ("", stimuli.name)
-    ]
+        files, wanted = stimulus_files(where), text
+    sets = [load_declared(file) for file in files]
+    found = [(one, part) for one in sets for part in one.stimuli if matches(wanted, one.name, part.id)]
     if len(found) > 1:
         names = ", ".join(f"{stimuli.name}/{identity}" for stimuli, _ in found)
         raise PipelineError(f"stimulus must be one, {identity!r} is several: {names}")

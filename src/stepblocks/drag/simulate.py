@@ -224,7 +224,7 @@ def simulate(track: Track, probe: Probe, settings: DragSettings) -> DragTrace:
         )
     y = float(np.interp(x, track.x, track.z)) - dent
     rows, count, peak, ledger = kernels.integrate(
-        (track.x, track.z, *track.slopes, track.kinks),
+        (track.x, track.cubics, track.kinks, track.branches),
         *(tuple(map(float, astuple(one))) for one in (probe, settings)),
         (float(mu_s), bristle, limit),
         (x, y, 0.1 * track.ball_radius, probe.stretch(settings.sliding_force)),

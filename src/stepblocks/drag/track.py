@@ -37,6 +37,21 @@ class Track(CentrePath):
         return np.pad(self.slope_end, (1, 0)), np.pad(self.slope_start, (0, 1))
 
     @cached_property
+    def cubics(self) -> Array:
+        """Coefficients of each piece in powers of the distance from its left knot; shape (n - 1, 4)."""
+        h, a, b = np.diff(self.x), self.slope_start, self.slope_end
+        d = np.diff(self.z) / h
+        return np.column_stack([self.z[:-1], a, (3.0 * d - 2.0 * a - b) / h, (a + b - 2.0 * d) / (h * h)])
+
+    @cached_property
+    def branches(self) -> Array:
+        """Height, slope and half the curvature at each kink of the branch that ends and of the one that begins; shape (m, 2, 3)."""
+        h = np.diff(self.x)[self.kinks - 1]
+        k0, k1, k2, k3 = self.cubics[self.kinks - 1].T
+        ends = k0 + h * (k1 + h * (k2 + h * k3)), k1 + h * (2.0 * k2 + 3.0 * h * k3), k2 + 3.0 * h * k3
+        return np.stack([np.column_stack(ends), self.cubics[self.kinks, :3]], axis=1)
+
+    @cached_property
     def steepest_angle(self) -> float:
         """Critical angle towards growing x [rad]."""
         return self.notch(+1.0)[2]
