@@ -264,6 +264,19 @@ class Profile(Counterface):
         return corner_path(np.column_stack([self.x, self.z]), ball_radius)
 
 
+@dataclass(frozen=True, eq=False)
+class ProfiledMargin(Profile):
+    """A margin between sides that are not level, as those of a scan."""
+
+    corners: tuple[float, ...]  # walls of the gap and outer corner of the crown [m]
+    ways = Margin.ways
+
+    @property
+    def breakpoints(self) -> tuple[float, ...]:
+        """The corners alone: the sides bend by less than anything that catches."""
+        return self.corners
+
+
 def energy_change(
     before: Counterface | Release, after: Counterface | Release, point: OperatingPoint, backward: bool = False
 ) -> float:

@@ -1,0 +1,191 @@
+"""The margin of a scanned tooth or crown, station by station: the scan gives the shape of both sides, the gap is injected."""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Iterator, Mapping
+from functools import lru_cache
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal
+
+from pydantic import Field, ValidationError
+
+from stepblocks.atomic import inside
+from stepblocks.confined import read_confined
+from stepblocks.errors import StimulusError
+from stepblocks.parts.characteristics import Characteristic, plane, toleranced
+from stepblocks.parts.declared import Table, require, require_below, rules_validator
+from stepblocks.parts.kind import NANOMETRE, Finding, MeasuredMesh, exaggeration
+from stepblocks.parts.kinds.margin import CrownMargin
+from stepblocks.parts.margin_line import REACH
+from stepblocks.parts.shapes import hull
+from stepblocks.parts.tolerance import PositiveLength
+
+if TYPE_CHECKING:
+    from stepblocks.cad import kernel
+    from stepblocks.contact.counterface import ProfiledMargin
+
+_UNITS = {"um": 1e-6, "mm": 1e-3, "cm": 1e-2, "m": 1.0}
+_CHORDS = 20  # of either side: they keep within 20 nm of a curvature of 0.2 per mm
+_USUAL_STATIONS = 50  # round a crown's margin: Groten et al. 2000, J Prosthet Dent 83:40
+_ACROSS = "profilometer or microscope"
+Point = Annotated[tuple[float, ...], Field(min_length=3, max_length=3)]
+
+
+class Station(Table):
+    """What a scan says at one place of the margin; worked out, never written in a file."""
+
+    number: int
+    place_m: tuple[float, ...]  # in the frame of the mesh
+    tooth_curvature_per_m: float  # positive where it bends outwards
+    crown_slope_rad: float  # against the tooth
+    crown_curvature_per_m: float
+    scatter_m: float  # of the scan about these
+
+
+class ScanDemand(Table):
+    """What a stanza says of its scan."""
+
+    mesh: str
+    unit: Literal["um", "mm", "cm", "m"]  # of the mesh; such files do not say
+    margin: Literal["rim"] | Annotated[tuple[Point, ...], Field(min_length=6, max_length=10_000)] = "rim"
+    stations: Annotated[int, Field(ge=3, le=1000)] = _USUAL_STATIONS
+    crown_towards: Point = (0.0, 0.0, 1.0)
+    shows: Literal["tooth", "crown", "both"] = "both"
+
+
+class ScannedMargin(ScanDemand, CrownMargin):
+    """A bar with the section of a scanned margin, the tooth level at x = 0."""
+
+    stanza: ClassVar[str] = "scanned_margin"
+    called: ClassVar[str] = "scanned margin"
+    titled: ClassVar[str] = "Margin of a scan"
+    governed_by: ClassVar[str] = "horizontal_discrepancy"
+
+    station: Station
+    gap_depth: PositiveLength  # of the gap below the tooth's surface [m]
+    length: PositiveLength  # of the bar, along x [m]
+    width: PositiveLength  # along y [m]
+    thickness: PositiveLength  # from the base to the tooth at the margin [m]
+
+    @classmethod
+    def followed(cls, stanza: Mapping[str, Any], folder: Path) -> Iterator[Mapping[str, Any]]:
+        if "station" in stanza:
+            raise ValueError("station is worked out from the mesh, and not a field of a file")
+        try:
+            asked = ScanDemand.model_validate(
+                {name: stanza[name] for name in ScanDemand.model_fields if name in stanza}
+            )
+        except ValidationError:  # told with the stanza's other mistakes, when all of it is validated
+            yield {**stanza, "station": dict.fromkeys(Station.model_fields, 0) | {"place_m": (0.0,)}}
+            return
+        path = inside(folder, asked.mesh)
+        if path is None or path.suffix.lower() not in (".stl", ".ply"):
+            raise ValueError(f"mesh must be an STL or PLY file in the folder of the set, got {asked.mesh!r:.80}")
+        digits = len(str(asked.stations))
+        changed = path.stat().st_mtime_ns if path.is_file() else 0
+        for number, row in enumerate(_stations(path, changed, asked), start=1):
+            names = list(Station.model_fields)[2:]
+            station = {"number": number, "place_m": row[:3], **dict(zip(names, row[3:], strict=True))}
+            yield {**stanza, "id": f"{stanza.get('id')}-{number:0{digits}}", "station": station}
+
+    @property
+    def floor(self) -> tuple[float, float]:
+        return self.gap_depth.nominal, 0.0
+
+    def sized(self, **sizes: float) -> ProfiledMargin:
+        """Both sides as scanned, the crown moved along by the opening and out by the rise; level beyond what was measured."""
+        import numpy as np
+
+        from stepblocks.contact.counterface import ProfiledMargin
+
+        gap, rise, depth, scan = max(sizes["gap"], 0.0), sizes["rise"], self.gap_depth.nominal, self.station
+        opening = max(sizes.get("opening", gap), gap)
+        along = np.linspace(0.0, REACH, _CHORDS + 1)
+        tooth = 0.5 * scan.tooth_curvature_per_m * along[::-1] ** 2
+        crown = rise + np.tan(scan.crown_slope_rad) * along + 0.5 * scan.crown_curvature_per_m * along**2
+        across = [(0.0, -depth), (gap, -depth), (gap, rise - (opening - gap))] if gap > 0.0 else []
+        middle = np.array(across[: 2 if opening == gap else 3]).reshape(-1, 2)
+        x = np.concatenate([-along[::-1], middle[:, 0], opening + along])
+        return ProfiledMargin(x, np.concatenate([tooth, middle[:, 1], crown]), tuple(sorted({0.0, gap, opening})))
+
+    def _section(self) -> list[tuple[float, float]]:
+        """Upper outline from end to end (x, z) [m]."""
+        x, z = self.counterface().section(0.0)
+        points, half = list(zip(x.tolist(), z.tolist(), strict=True)), 0.5 * self.length.nominal
+        return [(-half, points[0][1]), *points, (half, points[-1][1])]
+
+    def solids(self) -> list[kernel.Body]:
+        from stepblocks.cad import kernel
+
+        half, y, base = 0.5 * self.length.nominal, -0.5 * self.width.nominal, -self.thickness.nominal
+        outline = [(half, base), *reversed(self._section()), (-half, base)]
+        return [kernel.extruded([(x, y, z) for x, z in outline], (0.0, self.width.nominal, 0.0))]
+
+    def volumes(self) -> tuple[float, ...]:
+        lines = itertools.pairwise(self._section())
+        area = sum((xb - xa) * (0.5 * (za + zb) + self.thickness.nominal) for (xa, za), (xb, zb) in lines)
+        return (area * self.width.nominal,)
+
+    def hulls(self) -> list[Any]:
+        base, side = -self.thickness.nominal, 0.5 * self.width.nominal
+        columns = [(a, b) for a, b in itertools.pairwise(self._section()) if b[0] > a[0]]
+        return [hull((x, y, z) for x, top in ends for z in (base, top) for y in (-side, side)) for ends in columns]
+
+    def characteristics(self) -> Iterator[Characteristic]:
+        g, low = self.marginal_gap, -0.5 * self.gap_depth.nominal
+        yield toleranced(
+            "marginal_gap", "distance", g, plane(0, 0.0, z=low), plane(0, g.nominal, z=low), method=_ACROSS
+        )
+        for name in ("horizontal_discrepancy", "vertical_discrepancy", "gap_depth", "thickness"):
+            if (one := getattr(self, name)) is not None:
+                yield toleranced(name, "note", one, method=_ACROSS)
+        for axis, one in enumerate((self.length, self.width)):
+            name, half = ("length", "width")[axis], 0.5 * one.nominal
+            yield toleranced(name, "distance", one, plane(axis, -half), plane(axis, half))
+
+    def measured(self, body: int, mesh: MeasuredMesh) -> Iterator[Finding]:
+        reach, corner = 0.25 * self.length.nominal, abs(mesh.vertices[:, 0] - self.opening.nominal) < 5.0 * NANOMETRE
+        gap = mesh.wall_position(-1, reach) - mesh.wall_position(+1, reach)
+        yield Finding("marginal gap", self.marginal_gap.nominal, gap, NANOMETRE)
+        top = float(mesh.vertices[corner, 2].max())
+        yield Finding("margin of the crown", self.horizontal_discrepancy.nominal, top, NANOMETRE)
+
+    def close_up(self) -> tuple[float, float, tuple[float, float, float]]:
+        rise, gap = abs(self.horizontal_discrepancy.nominal), self.marginal_gap.nominal
+        wide = 2.5 * max(rise, gap, self.opening.nominal)
+        return (exaggeration(rise) if rise else 1.0), wide, (0.5 * gap, 0.0, 0.0)
+
+    def derived(self) -> list[list[str]]:
+        scan = self.station
+        shape = (
+            f"crown {scan.crown_slope_rad * 57.2958:+.1f} deg against the tooth, scatter {scan.scatter_m * 1e6:.2g} um"
+        )
+        gap = "injected; scans err by more than a gap, so there is no verdict on the scanned one"
+        return [*super().derived(), [f"station {scan.number}", shape], ["marginal gap", gap]]
+
+    @rules_validator
+    def _can_be_made(self) -> None:
+        g, v, h, depth = (
+            one.nominal for one in (self.marginal_gap, self.opening, self.horizontal_discrepancy, self.gap_depth)
+        )
+        require(v >= g, "vertical_discrepancy", "not be less than marginal_gap on a scan", g, v)
+        require(v - g - h < depth, "gap_depth", "reach below the margin", v - g - h, depth)
+        room = 0.5 * self.length.nominal - REACH
+        require_below("vertical_discrepancy", "leave the crown on the bar", v, room)
+        lowest = max(depth, *(-z for _, z in self._section()))
+        require(
+            2.0 * lowest < self.thickness.nominal,
+            "thickness",
+            "be over twice the depth",
+            2.0 * lowest,
+            self.thickness.nominal,
+        )
+
+
+@lru_cache(maxsize=8)
+def _stations(path: Path, changed: int, asked: ScanDemand) -> tuple[tuple[float, ...], ...]:
+    """Read each state of a file once."""
+    asks = _UNITS[asked.unit], asked.margin, asked.stations, asked.crown_towards, asked.shows
+    found = read_confined("stepblocks.parts.margin_line:stations_in", path, *asks, raises=StimulusError)
+    return tuple(tuple(map(float, row)) for row in found["stations"])
