@@ -9,7 +9,7 @@ from __future__ import annotations
 import math
 from abc import ABC, abstractmethod
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import ClassVar, Literal
 
 import numpy as np
@@ -24,6 +24,7 @@ from stepblocks.contact.path.centre import CentrePath, corner_path, envelope_pat
 from stepblocks.errors import ContactError
 
 Array = NDArray[np.float64]
+SIDE = 0.5e-3  # of a margin that was scanned [m]
 REACH = 5e-3  # half length of a centre path on either side of the edge [m]
 
 
@@ -264,17 +265,45 @@ class Profile(Counterface):
         return corner_path(np.column_stack([self.x, self.z]), ball_radius)
 
 
-@dataclass(frozen=True, eq=False)
-class ProfiledMargin(Profile):
-    """A margin between sides that are not level, as those of a scan."""
+@dataclass(frozen=True)
+class ProfiledMargin(Margin):
+    """A margin between sides that are not level, as those of a scan: each a parabola over `SIDE`, level beyond."""
 
-    corners: tuple[float, ...]  # walls of the gap and outer corner of the crown [m]
-    ways = Margin.ways
+    tooth_curvature: float = 0.0  # 1/m
+    crown_slope: float = 0.0  # against the tooth at the margin [1]
+    crown_curvature: float = 0.0  # 1/m
 
-    @property
-    def breakpoints(self) -> tuple[float, ...]:
-        """The corners alone: the sides bend by less than anything that catches."""
-        return self.corners
+    def angles(self, ball_radius: Real, **dimensions: Real) -> tuple[Real, Real]:
+        """By exact dilation; draws about their mean by as much more or less as between level sides."""
+        at = {"ball_radius": ball_radius, **self.dimensions, **dimensions}
+        mean = {name: float(np.mean(one)) for name, one in at.items()}
+        ball = mean.pop("ball_radius")
+        found = _steepest(*replace(self, **mean).section(REACH), ball, "flat")
+        if all(np.ndim(one) == 0 for one in at.values()):
+            return found
+        level, drawn = super().angles(ball, **mean), super().angles(**at)
+        ways = zip(found, level, drawn, strict=True)
+        forward, backward = (
+            np.where((now > 0.0) & (now < 0.5 * np.pi), np.clip(own + now - once, 0.0, 0.5 * np.pi), now)
+            for own, once, now in ways
+        )
+        return forward, backward
+
+    def heights(self, x: Array) -> Array:
+        """Of the section."""
+        return Profile(*self.section(REACH)).heights(x)
+
+    def section(self, run: float) -> tuple[Array, Array]:
+        """Tooth, floor of the gap, bevel, crown; either side by chords within 20 nm of a curvature of 0.2 per mm."""
+        x, z = super().section(0.0)
+        along = np.linspace(SIDE, 0.0, 21)
+        tooth = 0.5 * self.tooth_curvature * along**2
+        crown = self.rise + (self.crown_slope * along + 0.5 * self.crown_curvature * along**2)[::-1]
+        before, behind = x[0] - along, x[-1] + along[::-1]
+        return (
+            np.concatenate([before[:1] - run, before, x[2:-2], behind, behind[-1:] + run]),
+            np.concatenate([tooth[:1], tooth, z[2:-2], crown, crown[-1:]]),
+        )
 
 
 def energy_change(

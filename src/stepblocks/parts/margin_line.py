@@ -18,7 +18,6 @@ from stepblocks.errors import StimulusError
 
 Array = NDArray[np.float64]
 Margin = str | Sequence[Sequence[float]]
-REACH = 0.5e-3  # of tooth and crown that a stimulus has on either side of the margin [m]
 _FITTED = 1e-3  # of either side from which their shape is taken, and along the margin: a scan's noise averages out [m]
 RIM = "rim"  # the margin is where the mesh ends
 _MOST_BYTES, _MOST_TRIANGLES = 500_000_000, 5_000_000
@@ -76,7 +75,12 @@ def stations_in(
             rule = f"must show a third of the {hole} within {_FITTED * 1e3:g} mm of the margin"
             raise StimulusError(f"the scan {rule}, got a hole at station {number + 1} [{path.name}]")
         found.append([*place, *sides])
-    return {"stations": np.array(found)}
+    # far below what a scan tells, and the same digits on every processor
+    return {
+        "stations": np.array(
+            [[round(value, 6 if k in (3, 4, 5) else 9) + 0.0 for k, value in enumerate(row)] for row in found]
+        )
+    }
 
 
 def _rim(mesh: Any, path: Path) -> Array:

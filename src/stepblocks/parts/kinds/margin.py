@@ -41,7 +41,7 @@ from stepblocks.quantities import format_quantity
 
 if TYPE_CHECKING:
     from stepblocks.cad import kernel
-    from stepblocks.contact.counterface import Counterface
+    from stepblocks.contact.counterface import Margin
 
 _ACROSS = "profilometer or microscope"
 # largest clinically acceptable absolute marginal discrepancy [m] (the paper; McLean and von Fraunhofer 1971 say 120 um)
@@ -100,7 +100,7 @@ class CrownMargin(Part):
     def floor(self) -> tuple[float, float]:
         """Depth of the gap [m] where it begins, and how steeply its floor falls from there [1]."""
 
-    def sized(self, **sizes: float) -> Counterface:
+    def sized(self, **sizes: float) -> Margin:
         from stepblocks.contact.counterface import Margin
 
         gap = sizes["gap"]

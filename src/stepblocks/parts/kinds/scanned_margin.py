@@ -3,33 +3,50 @@
 from __future__ import annotations
 
 import itertools
+import math
 from collections.abc import Iterator, Mapping
 from functools import lru_cache
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal
 
-from pydantic import Field, ValidationError
+import numpy as np
+from pydantic import BeforeValidator, Field, ValidationError
 
 from stepblocks.atomic import inside
 from stepblocks.confined import read_confined
+from stepblocks.contact.counterface import SIDE
 from stepblocks.errors import StimulusError
 from stepblocks.parts.characteristics import Characteristic, plane, toleranced
 from stepblocks.parts.declared import Table, require, require_below, rules_validator
 from stepblocks.parts.kind import NANOMETRE, Finding, MeasuredMesh, exaggeration
 from stepblocks.parts.kinds.margin import CrownMargin
-from stepblocks.parts.margin_line import REACH
+from stepblocks.parts.margin_line import RIM
 from stepblocks.parts.shapes import hull
 from stepblocks.parts.tolerance import PositiveLength
 
 if TYPE_CHECKING:
     from stepblocks.cad import kernel
-    from stepblocks.contact.counterface import ProfiledMargin
+    from stepblocks.contact.counterface import Margin
 
 _UNITS = {"um": 1e-6, "mm": 1e-3, "cm": 1e-2, "m": 1.0}
-_CHORDS = 20  # of either side: they keep within 20 nm of a curvature of 0.2 per mm
+_LEAST_POINTS = 6  # a line through fewer cuts the corners of a tooth
 _USUAL_STATIONS = 50  # round a crown's margin: Groten et al. 2000, J Prosthet Dent 83:40
 _ACROSS = "profilometer or microscope"
-Point = Annotated[tuple[float, ...], Field(min_length=3, max_length=3)]
+Point = tuple[float, float, float]
+
+
+def _line(raw: object) -> object:
+    """Read a margin line; in one message what it may be."""
+    if raw == RIM:
+        return raw
+    try:
+        points = np.array(raw, dtype=np.float64)
+    except (TypeError, ValueError):
+        points = np.empty(0)
+    if points.ndim != 2 or points.shape[1] != 3 or len(points) < _LEAST_POINTS or not np.isfinite(points).all():
+        rule = f"be 'rim', or a list of {_LEAST_POINTS} or more points [x, y, z] in order round the tooth, in the unit of the mesh"
+        raise ValueError(f"must {rule}, got {raw!r:.60}")
+    return tuple(map(tuple, points.tolist()))
 
 
 class Station(Table):
@@ -48,8 +65,8 @@ class ScanDemand(Table):
 
     mesh: str
     unit: Literal["um", "mm", "cm", "m"]  # of the mesh; such files do not say
-    margin: Literal["rim"] | Annotated[tuple[Point, ...], Field(min_length=6, max_length=10_000)] = "rim"
-    stations: Annotated[int, Field(ge=3, le=1000)] = _USUAL_STATIONS
+    margin: Annotated[Any, BeforeValidator(_line)]
+    stations: Annotated[int, Field(ge=1, le=1000)] = _USUAL_STATIONS
     crown_towards: Point = (0.0, 0.0, 1.0)
     shows: Literal["tooth", "crown", "both"] = "both"
 
@@ -79,6 +96,10 @@ class ScannedMargin(ScanDemand, CrownMargin):
         except ValidationError:  # told with the stanza's other mistakes, when all of it is validated
             yield {**stanza, "station": dict.fromkeys(Station.model_fields, 0) | {"place_m": (0.0,)}}
             return
+        if asked.margin == RIM and asked.shows == "both":
+            raise ValueError(
+                "shows must be 'tooth' or 'crown' where the margin is the rim, at which the mesh ends, got 'both'"
+            )
         path = inside(folder, asked.mesh)
         if path is None or path.suffix.lower() not in (".stl", ".ply"):
             raise ValueError(f"mesh must be an STL or PLY file in the folder of the set, got {asked.mesh!r:.80}")
@@ -93,27 +114,18 @@ class ScannedMargin(ScanDemand, CrownMargin):
     def floor(self) -> tuple[float, float]:
         return self.gap_depth.nominal, 0.0
 
-    def sized(self, **sizes: float) -> ProfiledMargin:
-        """Both sides as scanned, the crown moved along by the opening and out by the rise; level beyond what was measured."""
-        import numpy as np
-
+    def sized(self, **sizes: float) -> Margin:
         from stepblocks.contact.counterface import ProfiledMargin
 
-        gap, rise, depth, scan = max(sizes["gap"], 0.0), sizes["rise"], self.gap_depth.nominal, self.station
-        opening = max(sizes.get("opening", gap), gap)
-        along = np.linspace(0.0, REACH, _CHORDS + 1)
-        tooth = 0.5 * scan.tooth_curvature_per_m * along[::-1] ** 2
-        crown = rise + np.tan(scan.crown_slope_rad) * along + 0.5 * scan.crown_curvature_per_m * along**2
-        across = [(0.0, -depth), (gap, -depth), (gap, rise - (opening - gap))] if gap > 0.0 else []
-        middle = np.array(across[: 2 if opening == gap else 3]).reshape(-1, 2)
-        x = np.concatenate([-along[::-1], middle[:, 0], opening + along])
-        return ProfiledMargin(x, np.concatenate([tooth, middle[:, 1], crown]), tuple(sorted({0.0, gap, opening})))
+        scan, level = self.station, vars(super().sized(**sizes))
+        bent = {"tooth_curvature": scan.tooth_curvature_per_m, "crown_curvature": scan.crown_curvature_per_m}
+        return ProfiledMargin(**level, **bent, crown_slope=math.tan(scan.crown_slope_rad))
 
     def _section(self) -> list[tuple[float, float]]:
         """Upper outline from end to end (x, z) [m]."""
-        x, z = self.counterface().section(0.0)
-        points, half = list(zip(x.tolist(), z.tolist(), strict=True)), 0.5 * self.length.nominal
-        return [(-half, points[0][1]), *points, (half, points[-1][1])]
+        half = 0.5 * self.length.nominal
+        x, z = self.counterface().section(half - SIDE)
+        return list(zip(np.minimum(x, half).tolist(), z.tolist(), strict=True))
 
     def solids(self) -> list[kernel.Body]:
         from stepblocks.cad import kernel
@@ -158,9 +170,7 @@ class ScannedMargin(ScanDemand, CrownMargin):
 
     def derived(self) -> list[list[str]]:
         scan = self.station
-        shape = (
-            f"crown {scan.crown_slope_rad * 57.2958:+.1f} deg against the tooth, scatter {scan.scatter_m * 1e6:.2g} um"
-        )
+        shape = f"crown {math.degrees(scan.crown_slope_rad):+.1f} deg against the tooth, scatter {scan.scatter_m * 1e6:.2g} um"
         gap = "injected; scans err by more than a gap, so there is no verdict on the scanned one"
         return [*super().derived(), [f"station {scan.number}", shape], ["marginal gap", gap]]
 
@@ -171,7 +181,7 @@ class ScannedMargin(ScanDemand, CrownMargin):
         )
         require(v >= g, "vertical_discrepancy", "not be less than marginal_gap on a scan", g, v)
         require(v - g - h < depth, "gap_depth", "reach below the margin", v - g - h, depth)
-        room = 0.5 * self.length.nominal - REACH
+        room = 0.5 * self.length.nominal - SIDE
         require_below("vertical_discrepancy", "leave the crown on the bar", v, room)
         lowest = max(depth, *(-z for _, z in self._section()))
         require(
