@@ -119,10 +119,7 @@ def test_it_is_dragged_over_in_both_directions(built, tmp_path):
         ({"unit": "m"}, "unit must make the mesh a tooth of 2 to 150 mm, got"),
         ({"mesh": "gone.stl"}, "file cannot be read: No such file or directory [gone.stl]"),
         ({"mesh": "../tooth.stl"}, "mesh must be an STL or PLY file in the folder of the set"),
-        (
-            {"margin": "rim", "shows": "crown"},
-            "margin must be a closed rim of the mesh, or points picked on it, got none",
-        ),
+        ({"margin": "rim", "shows": "crown"}, "margin must close round the tooth, a rim or points of which"),
         ({"margin": [*MARGIN[:4], [-4.0, -0.1, 0.0], [-4.0, -0.2, 0.0]]}, "margin must close round the tooth"),
         ({"margin": [[x, y, 8.0] for x, y, _ in MARGIN]}, "margin must lie on the mesh within 0.5 mm, got"),
         ({"margin": MARGIN[:4]}, "margin: must be 'rim', or a list of 6 or more points [x, y, z] in order"),

@@ -18,7 +18,7 @@ from stepblocks.contact.counterface import SIDE
 from stepblocks.errors import StimulusError
 from stepblocks.parts.characteristics import Characteristic, plane, toleranced
 from stepblocks.parts.declared import Table, require, require_below, rules_validator
-from stepblocks.parts.kind import NANOMETRE, Finding, MeasuredMesh, exaggeration
+from stepblocks.parts.kind import NANOMETRE, Finding, MeasuredMesh
 from stepblocks.parts.kinds.margin import CrownMargin
 from stepblocks.parts.margin_line import RIM
 from stepblocks.parts.shapes import hull
@@ -32,7 +32,6 @@ _UNITS = {"um": 1e-6, "mm": 1e-3, "cm": 1e-2, "m": 1.0}
 _LEAST_POINTS = 6  # a line through fewer cuts the corners of a tooth
 _USUAL_STATIONS = 50  # round a crown's margin: Groten et al. 2000, J Prosthet Dent 83:40
 _ACROSS = "profilometer or microscope"
-Point = tuple[float, float, float]
 
 
 def _line(raw: object) -> object:
@@ -52,26 +51,15 @@ def _line(raw: object) -> object:
 class Station(Table):
     """What a scan says at one place of the margin; worked out, never written in a file."""
 
-    number: int
-    place_m: tuple[float, ...]  # in the frame of the mesh
-    tooth_curvature_per_m: float  # positive where it bends outwards
-    crown_slope_rad: float  # against the tooth
-    crown_curvature_per_m: float
-    scatter_m: float  # of the scan about these
+    number: int = 1
+    place_m: tuple[float, ...] = (0.0, 0.0, 0.0)  # in the frame of the mesh
+    tooth_curvature_per_m: float = 0.0  # negative where it bulges
+    crown_slope_rad: float = 0.0  # against the tooth
+    crown_curvature_per_m: float = 0.0
+    scatter_m: float = 0.0  # of the scan about these
 
 
-class ScanDemand(Table):
-    """What a stanza says of its scan."""
-
-    mesh: str
-    unit: Literal["um", "mm", "cm", "m"]  # of the mesh; such files do not say
-    margin: Annotated[Any, BeforeValidator(_line)]
-    stations: Annotated[int, Field(ge=1, le=1000)] = _USUAL_STATIONS
-    crown_towards: Point = (0.0, 0.0, 1.0)
-    shows: Literal["tooth", "crown", "both"] = "both"
-
-
-class ScannedMargin(ScanDemand, CrownMargin):
+class ScannedMargin(CrownMargin):
     """A bar with the section of a scanned margin, the tooth level at x = 0."""
 
     stanza: ClassVar[str] = "scanned_margin"
@@ -79,7 +67,13 @@ class ScannedMargin(ScanDemand, CrownMargin):
     titled: ClassVar[str] = "Margin of a scan"
     governed_by: ClassVar[str] = "horizontal_discrepancy"
 
-    station: Station
+    mesh: str
+    unit: Literal["um", "mm", "cm", "m"]  # of the mesh; such files do not say
+    margin: Annotated[Any, BeforeValidator(_line)]
+    stations: Annotated[int, Field(ge=1, le=1000)] = _USUAL_STATIONS
+    crown_towards: tuple[float, float, float] = (0.0, 0.0, 1.0)  # roughly, from the root, in the frame of the mesh
+    shows: Literal["tooth", "crown", "both"] = "both"
+    station: Station = Station()
     gap_depth: PositiveLength  # of the gap below the tooth's surface [m]
     length: PositiveLength  # of the bar, along x [m]
     width: PositiveLength  # along y [m]
@@ -90,25 +84,19 @@ class ScannedMargin(ScanDemand, CrownMargin):
         if "station" in stanza:
             raise ValueError("station is worked out from the mesh, and not a field of a file")
         try:
-            asked = ScanDemand.model_validate(
-                {name: stanza[name] for name in ScanDemand.model_fields if name in stanza}
-            )
-        except ValidationError:  # told with the stanza's other mistakes, when all of it is validated
-            yield {**stanza, "station": dict.fromkeys(Station.model_fields, 0) | {"place_m": (0.0,)}}
+            one = cls.model_validate(stanza)
+        except ValidationError:  # whose mistakes are told where all stanzas are validated
+            yield stanza
             return
-        if asked.margin == RIM and asked.shows == "both":
-            raise ValueError(
-                "shows must be 'tooth' or 'crown' where the margin is the rim, at which the mesh ends, got 'both'"
-            )
-        path = inside(folder, asked.mesh)
+        path = inside(folder, one.mesh)
         if path is None or path.suffix.lower() not in (".stl", ".ply"):
-            raise ValueError(f"mesh must be an STL or PLY file in the folder of the set, got {asked.mesh!r:.80}")
-        digits = len(str(asked.stations))
+            raise ValueError(f"mesh must be an STL or PLY file in the folder of the set, got {one.mesh!r:.80}")
         changed = path.stat().st_mtime_ns if path.is_file() else 0
-        for number, row in enumerate(_stations(path, changed, asked), start=1):
-            names = list(Station.model_fields)[2:]
-            station = {"number": number, "place_m": row[:3], **dict(zip(names, row[3:], strict=True))}
-            yield {**stanza, "id": f"{stanza.get('id')}-{number:0{digits}}", "station": station}
+        rows = _stations(path, changed, _UNITS[one.unit], one.margin, one.stations, one.crown_towards, one.shows)
+        for number, row in enumerate(rows, start=1):
+            values = number, row[:3], *row[3:]
+            station = dict(zip(Station.model_fields, values, strict=True))
+            yield {**stanza, "id": f"{one.id}-{number:0{len(str(one.stations))}}", "station": station}
 
     @property
     def floor(self) -> tuple[float, float]:
@@ -163,11 +151,6 @@ class ScannedMargin(ScanDemand, CrownMargin):
         top = float(mesh.vertices[corner, 2].max())
         yield Finding("margin of the crown", self.horizontal_discrepancy.nominal, top, NANOMETRE)
 
-    def close_up(self) -> tuple[float, float, tuple[float, float, float]]:
-        rise, gap = abs(self.horizontal_discrepancy.nominal), self.marginal_gap.nominal
-        wide = 2.5 * max(rise, gap, self.opening.nominal)
-        return (exaggeration(rise) if rise else 1.0), wide, (0.5 * gap, 0.0, 0.0)
-
     def derived(self) -> list[list[str]]:
         scan = self.station
         shape = f"crown {math.degrees(scan.crown_slope_rad):+.1f} deg against the tooth, scatter {scan.scatter_m * 1e6:.2g} um"
@@ -176,26 +159,21 @@ class ScannedMargin(ScanDemand, CrownMargin):
 
     @rules_validator
     def _can_be_made(self) -> None:
-        g, v, h, depth = (
-            one.nominal for one in (self.marginal_gap, self.opening, self.horizontal_discrepancy, self.gap_depth)
-        )
-        require(v >= g, "vertical_discrepancy", "not be less than marginal_gap on a scan", g, v)
-        require(v - g - h < depth, "gap_depth", "reach below the margin", v - g - h, depth)
-        room = 0.5 * self.length.nominal - SIDE
-        require_below("vertical_discrepancy", "leave the crown on the bar", v, room)
+        if self.margin == RIM and self.shows == "both":
+            raise ValueError(
+                "shows must be 'tooth' or 'crown' where the margin is the rim, at which the mesh ends, got 'both'"
+            )
+        g, v, depth, thickness = self.marginal_gap.nominal, self.opening.nominal, self.floor[0], self.thickness.nominal
         lowest = max(depth, *(-z for _, z in self._section()))
-        require(
-            2.0 * lowest < self.thickness.nominal,
-            "thickness",
-            "be over twice the depth",
-            2.0 * lowest,
-            self.thickness.nominal,
-        )
+        below = v - g - self.horizontal_discrepancy.nominal
+        require(v >= g, "vertical_discrepancy", "not be less than marginal_gap on a scan", g, v)
+        require_below("vertical_discrepancy", "leave the crown on the bar", v, 0.5 * self.length.nominal - SIDE)
+        require(below < depth, "gap_depth", "reach below the margin", below, depth)
+        require(2.0 * lowest < thickness, "thickness", "be over twice the depth", 2.0 * lowest, thickness)
 
 
 @lru_cache(maxsize=8)
-def _stations(path: Path, changed: int, asked: ScanDemand) -> tuple[tuple[float, ...], ...]:
+def _stations(path: Path, changed: int, *asked: Any) -> list[list[float]]:
     """Read each state of a file once."""
-    asks = _UNITS[asked.unit], asked.margin, asked.stations, asked.crown_towards, asked.shows
-    found = read_confined("stepblocks.parts.margin_line:stations_in", path, *asks, raises=StimulusError)
-    return tuple(tuple(map(float, row)) for row in found["stations"])
+    found = read_confined("stepblocks.parts.margin_line:stations_in", path, *asked, raises=StimulusError)
+    return [list(map(float, row)) for row in found["stations"]]
