@@ -1,8 +1,4 @@
-"""What a slider meets: the surface across which a tip is dragged, in the plane of the drag.
-
-A counterface knows the critical angles of a ball in either direction, its own profile, and the path of the ball's
-centre. Whoever predicts, drags, exports or renders asks it, and never of what kind a part is.
-"""
+"""What a slider meets: the surface across which a tip is dragged, in the plane of the drag."""
 
 from __future__ import annotations
 
@@ -52,10 +48,7 @@ class Counterface(ABC):
 
     @abstractmethod
     def angles(self, ball_radius: Real, **dimensions: Real) -> tuple[Real, Real]:
-        """Critical angles of a ball [rad], forward and backward: 0 where nothing catches, a right angle at a riser.
-
-        The ball's radius and any of the `dimensions` may be arrays, such as draws within their tolerances.
-        """
+        """Critical angles [rad], forward and backward, of balls and `dimensions`: 0 where nothing catches, a right angle at a riser."""
 
     def angle_slopes(self, ball_radius: float) -> dict[str, float]:
         """Differentiate the forward angle by the dimensions and the ball's radius [rad/m], where that is a closed form."""

@@ -1,9 +1,4 @@
-"""The vibration as an event: what rings, how strongly, in which direction, where and at which force.
-
-After the release the tool is a spring that rings freely: its force is ``A exp(-t/T) sin(w t)`` with
-``A = sqrt(2 k E_v)``, which by equation (1) is ``sqrt(C_v) F_px``. The damper spends ``E_v`` in all, so that a
-recorded ring can be measured: ``E_v = 2 / (k T) (1 + 1/(w T)^2)`` times the integral of the force squared.
-"""
+"""The vibration as an event: after the release the tool is a spring that rings freely, its damper spends E_v in all."""
 
 from __future__ import annotations
 

@@ -76,12 +76,9 @@ def constants(
     design: BenchDesign,
     tool: Tool = PAPER.tool,
     height_std: float = 1e-6,
-    scanned: Mapping[str, tuple[float, float]] | None = None,
+    scanned: Mapping[str, tuple[float, float]] | None = None,  # height and standard uncertainty of blocks [m]
 ) -> tuple[Parameter, ...]:
-    """List the constants fitted to a session, as the paper did, and the height error of each block.
-
-    The ring of `tool` is where their fit begins; `scanned` holds height and standard uncertainty of blocks [m].
-    """
+    """List the constants fitted to a session from the ring of `tool` on, and the height error of each block, which may be `scanned`."""
     found = [
         Parameter("friction", "1", PAPER.friction, 0.005, 0.9, 0.02),
         Parameter("ln_conversion", "1", float(np.log(tool.conversion)), -9.0, 4.0, 0.1),

@@ -196,13 +196,6 @@ def simulate(track: Track, probe: Probe, settings: DragSettings) -> DragTrace:
     With a constant speed the tip starts in steady sliding; a pulled handle starts at rest with its spring relaxed. The run
     ends `ring_time` after the first release, or where the force exceeds twice what any climb on this track needs (locked).
     It is refused where it would take more steps or rows than can be afforded.
-
-    Examples
-    --------
-    >>> from stepblocks.drag.track import step_track
-    >>> trace = simulate(step_track(25e-6, 125e-6), PAPER_DRAG, DragSettings(1.0, 0.15, speed=20e-3))
-    >>> str(trace.status), trace.ledger_error < 1e-3
-    ('releases', True)
     """
     mu_s = settings.static_friction or settings.friction
     x = max(track.features[0] - settings.lead, float(track.x[0]))

@@ -42,14 +42,6 @@ def profile_path(
     Points [m] come in order of `x`, two equal ones are a riser, straight lines join them; NaN heights were not measured.
     ``strict`` keeps to positions at which nothing beyond the ends could be touched, ``flat`` lets the surface go on level.
     Without `positions`, which must increase, those of the profile are taken, and points at most a 25th of the ball's width apart.
-
-    Examples
-    --------
-    A ball meets a sharp step of 25 um at the critical angle of equation (2).
-
-    >>> path = profile_path([-1e-3, 0, 0, 1e-3], [0, 0, 25e-6, 25e-6], 125e-6)
-    >>> round(float(np.degrees(steepest(path).angle)), 6)
-    36.869898
     """
     require_positive("ball radius", ball_radius, "m")
     xs, zs = _checked(x, z)
@@ -145,10 +137,7 @@ class Catch:
 
 
 def steepest(path: TipPath, direction: Direction = "forward") -> Catch:
-    """Find the critical angle of a path: its steepest rise towards growing x (forward) or falling x.
-
-    It is exact to rounding and does not depend on the positions of the path.
-    """
+    """Find the critical angle of a path, its steepest rise towards growing x or falling x, exact whatever its positions."""
     slopes = interval_slopes(path, direction, _grid_maximum(path, direction))
     if np.isnan(slopes[:, 0]).all():
         raise ContactError("path has no two neighbouring positions with a surface under the tip")
