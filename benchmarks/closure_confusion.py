@@ -87,7 +87,7 @@ PAIRS = (
 def foreign_effect(name: str, columns: dict[str, Any]) -> Effect:
     """Effect outside the catalogue with one amplitude called ``size``."""
     move, covariate, shape = FOREIGN[name]
-    slot, change, _ = SLOT_MOVES[move]
+    slot, _, change = SLOT_MOVES[move]
     column = columns[covariate]
     labels = None if np.issubdtype(column.dtype, np.number) else sorted(set(column.tolist()))
     low, high = (0.0, 1.0) if labels else (float(column.min()), float(column.max()))
@@ -97,7 +97,7 @@ def foreign_effect(name: str, columns: dict[str, Any]) -> Effect:
         return change(state, own["size"] * shape(x))
 
     size = Parameter("size", "1", 0.0, -3.0, 3.0, 0.1)
-    return Law(f"foreign {name}", slot, covariate, name, (size,), apply)
+    return Law(f"foreign {name}", name, (size,), apply, slot, covariate)
 
 
 def sized(effect: Effect, amplitude: str, first: float, rest: dict[str, float], columns: Any, target: float) -> Planted:

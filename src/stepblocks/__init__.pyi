@@ -41,6 +41,7 @@ from .loop.several import loop_sessions as loop_sessions
 from .parts.kinds.crown_on_tooth import CrownOnTooth as CrownOnTooth
 from .parts.kinds.grooved_cylinder import GroovedCylinder as GroovedCylinder
 from .parts.kinds.margin import MarginBlock as MarginBlock
+from .parts.kinds.scanned_margin import ScannedMargin as ScannedMargin
 from .parts.kinds.sheath import Sheath as Sheath
 from .parts.kinds.step_block import StepBlock as StepBlock
 from .parts.kinds.tips import HookTip as HookTip

@@ -53,7 +53,7 @@ def load_set(path: str | Path) -> StimulusSet:
         mistakes.append(("", f"defaults must be tables named {', '.join(known)}, got {brief(defaults)}"))
         defaults = {}
     for kind in [kind for kind in known if kind in raw]:
-        stanzas = _stanzas(kind, raw[kind], defaults.get(kind, {}), usually.get(kind, {}), mistakes)
+        stanzas = _stanzas(kind, raw[kind], defaults.get(kind, {}), usually.get(kind, {}), mistakes, path.parent)
         raw[kind] = list(islice(stanzas, MAX_SERIES + 1))
     total = sum(len(raw.get(kind, ())) for kind in known)
     if total > MAX_SERIES:
@@ -107,8 +107,8 @@ def load_declared(path: str | Path) -> StimulusSet:
 
 
 def _stanzas(
-    kind: str, raw: object, defaults: object, usually: Mapping[str, Any], mistakes: list[Mistake]
-) -> Iterator[dict[str, Any]]:
+    kind: str, raw: object, defaults: object, usually: Mapping[str, Any], mistakes: list[Mistake], folder: Path
+) -> Iterator[Mapping[str, Any]]:
     """Expand the stanzas of a kind, with what they leave out; those that cannot be are among the mistakes."""
     if not isinstance(raw, list) or not all(isinstance(stanza, dict) for stanza in raw):
         mistakes.append(("", f"{kind} must be written as [[{kind}]], got {brief(raw)}"))
@@ -119,7 +119,8 @@ def _stanzas(
     for number, stanza in enumerate(raw, start=1):
         place = f"{kind} {brief(stanza.get('id', f'number {number}'))}"
         try:
-            yield from expand(completed(merged(defaults, stanza), usually))
+            for one in expand(completed(merged(defaults, stanza), usually)):
+                yield from kinds()[kind].followed(one, folder)
         except (ValueError, StepblocksError) as error:
             mistakes.append((place, str(error)))
         except RecursionError:

@@ -5,8 +5,7 @@ import math
 import numpy as np
 import pytest
 
-from stepblocks.contact.path.catches import catches, steepest
-from stepblocks.contact.path.profile import Ball, profile_path
+from stepblocks.contact.path.profile import catches, profile_path, steepest
 
 R = 125e-6
 
@@ -18,7 +17,7 @@ def radius_seen_by_the_ball(path):
     faces = low | high
     columns = np.column_stack([x, low, high]).astype(float)[faces]
     tilt, lower, upper = np.linalg.lstsq(columns, z[faces], rcond=None)[0]
-    rolled = profile_path(x, z - tilt * x - lower, Ball(R))
+    rolled = profile_path(x, z - tilt * x - lower, R)
     assert len(catches(rolled, smallest=math.radians(5))) == 1
     return (upper - lower) / (1.0 - math.cos(steepest(rolled).angle)) - R
 

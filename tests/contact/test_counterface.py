@@ -11,8 +11,7 @@ from stepblocks.contact.counterface import Groove, Margin, Profile, Step
 from stepblocks.contact.critical_angle import bevelled_margin_angles, margin_angles, step_angle
 from stepblocks.contact.energy import Status, release_at
 from stepblocks.contact.operating_point import PAPER, OperatingPoint
-from stepblocks.contact.path.catches import steepest
-from stepblocks.contact.path.profile import Ball, profile_path
+from stepblocks.contact.path.profile import profile_path, steepest
 from stepblocks.errors import ContactError
 
 R = 117e-6
@@ -29,7 +28,7 @@ MARGINS = [
 # Expected values: the exact dilation of the section, which knows no closed form.
 @pytest.mark.parametrize("face", [*STEPS, *MARGINS, Groove(60e-6, 0.7), Groove(200e-6, 0.4)])
 def test_the_closed_form_is_the_steepest_slope_of_the_path_over_the_section(face):
-    path = profile_path(*face.section(6.0 * R), Ball(R), edges="flat")
+    path = profile_path(*face.section(6.0 * R), R, edges="flat")
     # a rounding of 12 um by 400 chords turns by a quarter of a degree at each
     tolerance = 3e-3 if getattr(face, "edge_radius", 0.0) else 1e-8
     expected = [steepest(path, way).angle for way in ("forward", "backward")]

@@ -108,7 +108,7 @@ def test_what_follows_the_peak_acts_when_all_else_has_acted(design):
             seen.append((name, None if column is None else np.asarray(column).copy()))
             return state.changed(load=state.load * (1.0 + values["share"]))
 
-        return Law(name, "normal_load", covariate, name, (Parameter("share", "1", 0.0, -1.0, 1.0, 0.1),), apply)
+        return Law(name, name, (Parameter("share", "1", 0.0, -1.0, 1.0, 0.1),), apply, "normal_load", covariate)
 
     laws = [noting("late", "peak_force_n"), noting("plain", "none")]
     state = extended_state(design, _VALUES, [(law, {"share": 0.1}) for law in laws])

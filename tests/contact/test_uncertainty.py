@@ -21,17 +21,15 @@ SMALL = dict(zip(NAMES, (0.1e-6, 0.3e-6, 0.7e-6, 0.002, 0.004, 40.0, 0.001), str
 def test_each_sensitivity_is_the_derivative(name):
     value = inputs_of(STEP, POINT)[name]
     step = 1e-5 * (value or 1e-6)
-    ends = moved_releases(STEP, POINT, {name: np.array([step, -step])})
-    slopes = sensitivities(STEP, POINT, {name: 1.0})[name]
-    for k, (up, down) in enumerate(ends):
-        numeric = (math.log(up) - math.log(down)) / (2 * step)
-        assert slopes[k] == pytest.approx(numeric, rel=1e-6, abs=1e-9 / value)
+    up, down = moved_releases(STEP, POINT, {name: np.array([step, -step])})[1]
+    numeric = (math.log(up) - math.log(down)) / (2 * step)
+    assert sensitivities(STEP, POINT, {name: 1.0})[name] == pytest.approx(numeric, rel=1e-6, abs=1e-9 / value)
 
 
 def test_the_energy_changes_by_five_to_twenty_percent_per_micrometre():
     # Origin: project facts, d ln E / dH is 0.05 to 0.20 per um for mu 0.15, R 125 um.
     for height in (15e-6, 25e-6, 50e-6, 75e-6, 85e-6):
-        slope = sensitivities(Step(height), PAPER, {"height": 1e-6})["height"][1] * 1e-6
+        slope = sensitivities(Step(height), PAPER, {"height": 1e-6})["height"] * 1e-6
         assert 0.045 < slope < 0.21
 
 

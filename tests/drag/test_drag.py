@@ -11,7 +11,6 @@ from oracles.tip_paths import step_path
 from stepblocks.contact.critical_angle import margin_angles, step_angle
 from stepblocks.contact.energy import Status, release_at
 from stepblocks.contact.operating_point import Tool
-from stepblocks.contact.path.profile import Ball
 from stepblocks.drag.ring import LOADING_BAND, RING_BAND, band_share, phase_spectrum, ring_of
 from stepblocks.drag.simulate import PAPER_DRAG, DragSettings, hertz_stiffness, probe_for, simulate
 from stepblocks.drag.track import step_track, track_of
@@ -154,7 +153,7 @@ def test_a_locked_tip_loads_without_release():
 
 
 def test_a_flat_surface_gives_steady_sliding_and_no_catch():
-    track = track_of(np.linspace(0, 3e-3, 40), np.zeros(40), Ball(R))
+    track = track_of(np.linspace(0, 3e-3, 40), np.zeros(40), R)
     trace = simulate(track, PAPER_DRAG, DragSettings(0.9, 0.2, speed=20e-3))
     assert trace.status is Status.NO_CATCH
     assert np.abs(trace.column("fx_n") - 0.18).max() < 1e-3 * 0.18 + 1e-6
@@ -207,7 +206,7 @@ def test_the_track_of_a_profile_is_the_track_in_closed_form():
     closed = step_track(height, R)
     x = np.linspace(-1.5e-3, 1.5e-3, 3001)
     z = np.where(x < 0, 0.0, height)
-    track = track_of(np.insert(x, 1500, 0.0), np.insert(z, 1500, 0.0), Ball(R))
+    track = track_of(np.insert(x, 1500, 0.0), np.insert(z, 1500, 0.0), R)
     assert track.kinks.size == 1
     assert track.x[track.kinks[0]] == pytest.approx(closed.x[closed.kinks[0]], rel=1e-9)
     assert track.steepest_angle == pytest.approx(step_angle(height, R), rel=1e-9)
@@ -224,7 +223,7 @@ def test_a_margin_is_felt_in_both_directions_with_its_own_force():
     z = np.array([0, 0, -1e-3, -1e-3, rise, rise])
     for backward, angle in zip((False, True), margin_angles(gap, rise, R), strict=True):
         settings = DragSettings(0.6, 0.15, speed=1e-3, ring_time=2e-3, lead=30e-6)
-        trace = simulate(track_of(x, z, Ball(R), backward=backward), replace(STIFF, contact_stiffness=1e8), settings)
+        trace = simulate(track_of(x, z, R, backward=backward), replace(STIFF, contact_stiffness=1e8), settings)
         assert trace.peak_force == pytest.approx(release_at(angle, 0.6, 0.15).pull_force, rel=0.03)
 
 
@@ -280,7 +279,7 @@ def test_hertz_by_johnson():
         (lambda: replace(PAPER_DRAG, contact_power=2.0), "contact_power"),
         (lambda: step_track(130e-6, R), "too-high"),
         (lambda: step_track(0.0, R), "height must be positive"),
-        (lambda: track_of([-1e-3, 0, 0, 1e-3], [0, 0, 2e-4, 2e-4], Ball(R)), "too-high"),
+        (lambda: track_of([-1e-3, 0, 0, 1e-3], [0, 0, 2e-4, 2e-4], R), "too-high"),
         (lambda: simulate(step_track(25e-6, R), PAPER_DRAG, DragSettings(1.0, 0.1, speed=1e-9)), "drag faster"),
     ],
 )

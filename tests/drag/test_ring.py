@@ -27,7 +27,7 @@ def trace_of(frequency=300.0, decay=12e-3, amplitude=0.4, length=60e-3, status=S
     rows[:, 0], rows[:, 1] = time, force
     settings = DragSettings(LOAD, MU, sample_rate=RATE)
     probe = replace(PAPER_DRAG, mass=PAPER_DRAG.stiffness / (math.tau * frequency) ** 2)
-    return DragTrace(rows, status, PEAK, RELEASE, 0.0, {"handle_work": 0.0}, 1e-6, probe, settings)
+    return DragTrace(rows, status, PEAK, RELEASE, {"handle_work": 0.0}, 1e-6, probe, settings)
 
 
 @pytest.mark.parametrize(("frequency", "decay", "amplitude"), [(300.0, 12e-3, 0.4), (260.0, 7e-3, 0.2)])

@@ -7,8 +7,7 @@ import pytest
 
 from stepblocks.cad import kernel
 from stepblocks.contact.counterface import Groove
-from stepblocks.contact.path.catches import steepest
-from stepblocks.contact.path.profile import Ball, profile_path
+from stepblocks.contact.path.profile import profile_path, steepest
 from stepblocks.declare import load_set
 from stepblocks.errors import StimulusError
 from stepblocks.parts.shapes import build_solids, solid_volumes
@@ -69,7 +68,7 @@ def test_a_ball_that_sinks_leaves_along_the_flank():
 @pytest.mark.parametrize(("width", "flank", "ball"), [(61e-6, 0.9, 41e-6), (61e-6, 0.3, 41e-6), (165e-6, 0.8, 30e-6)])
 def test_the_closed_form_agrees_with_the_dilation_of_its_section(width, flank, ball):
     face = Groove(width, flank)
-    path = profile_path(*face.section(5e-4), Ball(ball), edges="flat")
+    path = profile_path(*face.section(5e-4), ball, edges="flat")
     for way, angle in zip(("forward", "backward"), face.angles(ball), strict=True):
         assert steepest(path, way).angle == pytest.approx(angle, rel=1e-9)
 

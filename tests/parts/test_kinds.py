@@ -2,11 +2,13 @@
 
 import json
 import math
+import tempfile
 from pathlib import Path
 
 import numpy as np
 import pytest
 
+from oracles.scanned_tooth import scanned_set
 from stepblocks.artefacts.meshes.measures import MeshMeasures
 from stepblocks.cad import kernel
 from stepblocks.contact.counterface import Counterface
@@ -21,7 +23,8 @@ from stepblocks.select import stimulus_files
 
 ROOT = Path(__file__).resolve().parents[2]
 GROOVES = Path(__file__).with_name("grooves.toml")
-SETS = [load_set(path) for path in (*stimulus_files(ROOT / "stimuli"), GROOVES)]
+SCANS = scanned_set(Path(tempfile.mkdtemp()), stations=2, more='vertical_discrepancy = "100 um"')
+SETS = [load_set(path) for path in (*stimulus_files(ROOT / "stimuli"), GROOVES, SCANS)]
 PARTS = [pytest.param(part, id=f"{stimuli.name}/{part.id}") for stimuli in SETS for part in stimuli.stimuli]
 CROSSED = [one for one in PARTS if one.values[0].crossed]
 BLOCKS = [one for one in PARTS if isinstance(one.values[0], Block)]
@@ -32,6 +35,7 @@ FORMS = [
     "gap-050-bevelled",
     "crown-shoulder",
     "groove-036",
+    "molar-1",
     "tip-029",
     "hook-125",
     "sheath-soft",

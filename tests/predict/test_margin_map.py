@@ -6,8 +6,7 @@ import numpy as np
 import pytest
 
 from stepblocks.contact.operating_point import OperatingPoint
-from stepblocks.contact.path.catches import steepest
-from stepblocks.contact.path.profile import Ball, profile_path
+from stepblocks.contact.path.profile import profile_path, steepest
 from stepblocks.errors import ContactError
 from stepblocks.predict.figures import margin_map
 
@@ -34,7 +33,7 @@ def test_the_margin_map_agrees_with_the_path_over_its_own_rounded_profile():
     split = 1 + len(t)
     x = np.concatenate([x[:split], [0.0, gap], x[split:]])
     z = np.concatenate([z[:split], floor, z[split:]])
-    path = profile_path(x, z, Ball(radius), edges="flat")
+    path = profile_path(x, z, radius, edges="flat")
     table = margin_map([gap], [rise], POINT, edge_radius=r)
     assert steepest(path).release(0.7, 0.21).pull_force == pytest.approx(table.crown_to_tooth[0, 0], rel=2e-3)
     assert steepest(path, "backward").release(0.7, 0.21).pull_force == pytest.approx(

@@ -9,8 +9,7 @@ import pytest
 from stepblocks.contact.counterface import Step
 from stepblocks.contact.energy import Status
 from stepblocks.contact.operating_point import OperatingPoint
-from stepblocks.contact.path.catches import steepest
-from stepblocks.contact.path.profile import Ball, profile_path
+from stepblocks.contact.path.profile import profile_path, steepest
 from stepblocks.contact.uncertainty import interval_of, rectangular
 from stepblocks.declare import load_set
 from stepblocks.parts.kinds.margin import MarginBlock
@@ -25,7 +24,7 @@ def test_every_margin_block_catches_as_the_dilation_of_its_profile_says(stimulus
     z = stimulus.counterface().heights(x)
     found = {(p.drag, p.point.ball_radius): p.release.angle for p in predictions_of(SET) if p.stimulus == stimulus.id}
     for (drag, radius), angle in found.items():
-        path = profile_path(x, z, Ball(radius), edges="flat")
+        path = profile_path(x, z, radius, edges="flat")
         sampled = steepest(path, "forward" if drag == "tooth-to-crown" else "backward").angle
         # a riser between two samples is 0.2 um wide instead of upright: the angle moves by less than 0.2 deg
         assert math.degrees(sampled) == pytest.approx(math.degrees(angle), abs=0.2)

@@ -200,12 +200,14 @@ def _predict_sets(arguments: argparse.Namespace) -> Outcome:
 
 
 def _drag(arguments: argparse.Namespace) -> Outcome:
-    from stepblocks.drag.run import drag_from_options
+    from stepblocks.drag.run import drag_over
     from stepblocks.quantities import format_quantity
 
     asked = given(arguments, *(name.replace("-", "_") for name, *_ in _QUANTITIES), "speed", "pull")
-    places = arguments.output, arguments.stimuli, arguments.setting
-    summary = drag_from_options(arguments.stimulus, asked, arguments.backward, *places)
+    backward, where, setting = arguments.backward, arguments.stimuli, arguments.setting
+    done = drag_over(arguments.stimulus, asked, backward=backward, stimuli=where, setting=setting)
+    done.write(arguments.output)
+    summary = done.summary
     settings, probe = summary["settings"], summary["probe"]
     notes = [
         f"{summary['subject']}: {format_quantity(settings['normal_load'], 'force')}, mu {settings['friction']:g}, "

@@ -1,15 +1,11 @@
-"""What a slider meets: the surface across which a tip is dragged, in the plane of the drag.
-
-A counterface knows the critical angles of a ball in either direction, its own profile, and the path of the ball's
-centre. Whoever predicts, drags, exports or renders asks it, and never of what kind a part is.
-"""
+"""What a slider meets: the surface across which a tip is dragged, in the plane of the drag."""
 
 from __future__ import annotations
 
 import math
 from abc import ABC, abstractmethod
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import ClassVar, Literal
 
 import numpy as np
@@ -24,6 +20,7 @@ from stepblocks.contact.path.centre import CentrePath, corner_path, envelope_pat
 from stepblocks.errors import ContactError
 
 Array = NDArray[np.float64]
+SIDE = 0.5e-3  # of a margin that was scanned [m]
 REACH = 5e-3  # half length of a centre path on either side of the edge [m]
 
 
@@ -31,9 +28,7 @@ class Counterface(ABC):
     """A surface across the drag: x along the drag, z up, the working edge at x = 0, the near side at z = 0."""
 
     ways: ClassVar[tuple[str, ...]] = ("forward", "backward")  # names of the directions that are felt, forward first
-    _dimensions: ClassVar[
-        tuple[str, ...]
-    ] = ()  # fields on which the angles depend; none where they have no closed form
+    _dimensions: ClassVar[tuple[str, ...]] = ()  # fields on which the angles depend, where they have a closed form
 
     @property
     def far_side(self) -> float:
@@ -53,10 +48,7 @@ class Counterface(ABC):
 
     @abstractmethod
     def angles(self, ball_radius: Real, **dimensions: Real) -> tuple[Real, Real]:
-        """Critical angles of a ball [rad], forward and backward: 0 where nothing catches, a right angle at a riser.
-
-        The ball's radius and any of the `dimensions` may be arrays, such as draws within their tolerances.
-        """
+        """Critical angles [rad], forward and backward, of balls and `dimensions`: 0 where nothing catches, a right angle at a riser."""
 
     def angle_slopes(self, ball_radius: float) -> dict[str, float]:
         """Differentiate the forward angle by the dimensions and the ball's radius [rad/m], where that is a closed form."""
@@ -266,6 +258,47 @@ class Profile(Counterface):
         return corner_path(np.column_stack([self.x, self.z]), ball_radius)
 
 
+@dataclass(frozen=True)
+class ProfiledMargin(Margin):
+    """A margin between sides that are not level, as those of a scan: each a parabola over `SIDE`, level beyond."""
+
+    tooth_curvature: float = 0.0  # 1/m
+    crown_slope: float = 0.0  # against the tooth at the margin [1]
+    crown_curvature: float = 0.0  # 1/m
+
+    def angles(self, ball_radius: Real, **dimensions: Real) -> tuple[Real, Real]:
+        """By exact dilation; draws about their mean by as much more or less as between level sides."""
+        at = {"ball_radius": ball_radius, **self.dimensions, **dimensions}
+        mean = {name: float(np.mean(one)) for name, one in at.items()}
+        ball = mean.pop("ball_radius")
+        found = _steepest(*replace(self, **mean).section(REACH), ball, "flat")
+        if all(np.ndim(one) == 0 for one in at.values()):
+            return found
+        level, drawn = super().angles(ball, **mean), super().angles(**at)
+        ways = zip(found, level, drawn, strict=True)
+        forward, backward = (
+            np.where((now > 0.0) & (now < 0.5 * np.pi), np.clip(own + now - once, 0.0, 0.5 * np.pi), now)
+            for own, once, now in ways
+        )
+        return forward, backward
+
+    def heights(self, x: Array) -> Array:
+        """Of the section."""
+        return Profile(*self.section(REACH)).heights(x)
+
+    def section(self, run: float) -> tuple[Array, Array]:
+        """Tooth, floor of the gap, bevel, crown; either side by chords within 20 nm of a curvature of 0.2 per mm."""
+        x, z = super().section(0.0)
+        along = np.linspace(SIDE, 0.0, 21)
+        tooth = 0.5 * self.tooth_curvature * along**2
+        crown = self.rise + (self.crown_slope * along + 0.5 * self.crown_curvature * along**2)[::-1]
+        before, behind = x[0] - along, x[-1] + along[::-1]
+        return (
+            np.concatenate([before[:1] - run, before, x[2:-2], behind, behind[-1:] + run]),
+            np.concatenate([tooth[:1], tooth, z[2:-2], crown, crown[-1:]]),
+        )
+
+
 def energy_change(
     before: Counterface | Release, after: Counterface | Release, point: OperatingPoint, backward: bool = False
 ) -> float:
@@ -316,8 +349,7 @@ def scanned_angle(position: NDArray[np.float64], height: NDArray[np.float64], ba
 def _steepest(x: Array, z: Array, ball: float, edges: Literal["strict", "flat"]) -> tuple[float, float]:
     """Critical angles over a profile by exact dilation [rad], forward and backward."""
     # compiled kernels, loaded where they are used
-    from stepblocks.contact.path.catches import steepest
-    from stepblocks.contact.path.profile import Ball, profile_path
+    from stepblocks.contact.path.profile import profile_path, steepest
 
-    path = profile_path(x, z, Ball(ball), edges=edges)
+    path = profile_path(x, z, ball, edges=edges)
     return steepest(path).angle, steepest(path, "backward").angle

@@ -1,8 +1,4 @@
-"""Critical angle of a ball on a step, a groove and a margin, in closed form.
-
-The critical angle is the steepest slope of the path of the ball's centre in the direction of the drag. These closed
-forms are equation (2) of the paper and what follows from it; a general profile has no closed form.
-"""
+"""Critical angle of a ball on a step, a groove and a margin: the steepest slope of its centre's path, in closed form."""
 
 from __future__ import annotations
 
@@ -45,10 +41,7 @@ def step_angle(height: Real, ball_radius: Real, edge_radius: Real = 0.0) -> Real
     >>> np.degrees(step_angle([25e-6, 125e-6], 125e-6)).round(4).tolist()
     [36.8699, 90.0]
     """
-    height, ball_radius, edge_radius = _arrays(height, ball_radius, edge_radius)
-    require_positive("ball_radius", ball_radius, "m")
-    require_not_negative("height", height, "m")
-    require_not_negative("edge_radius", edge_radius, "m")
+    height, ball_radius, edge_radius = _checked(height=height, ball_radius=ball_radius, edge_radius=edge_radius)
     return plain(kernels.step_angle(height, ball_radius + edge_radius))
 
 
@@ -112,24 +105,26 @@ def margin_angles(opening: Real, rise: Real, ball_radius: Real) -> tuple[Real, R
     >>> margin_angles(0.0, 25e-6, 125e-6) == (step_angle(25e-6, 125e-6), 0.0)
     True
     """
-    opening, rise, ball_radius = _arrays(opening, rise, ball_radius)
-    require_positive("ball_radius", ball_radius, "m")
-    require_not_negative("opening", opening, "m")
-    require_finite("rise", rise, "m")
+    opening, rise, ball_radius = _checked(opening=opening, rise=rise, ball_radius=ball_radius)
     forward, backward = kernels.margin_angles(opening, rise, ball_radius)
     return plain(forward), plain(backward)
 
 
 def bevelled_margin_angles(gap: Real, opening: Real, rise: Real, ball_radius: Real) -> tuple[Real, Real]:
     """`margin_angles` over a far side that is bevelled back at 45 degrees where it opens wider than its gap."""
-    gap, opening, rise, ball_radius = _arrays(gap, opening, rise, ball_radius)
-    require_positive("ball_radius", ball_radius, "m")
-    require_not_negative("gap", gap, "m")
-    require_finite("opening", opening, "m")
-    require_finite("rise", rise, "m")
+    gap, rise, ball_radius = _checked(gap=gap, rise=rise, ball_radius=ball_radius)
+    opening = np.asarray(opening, dtype=np.float64)[()]
+    require_finite("opening", opening, "m")  # below 0 a lip overlaps
     forward, backward = kernels.bevelled_margin_angles(gap, opening, rise, ball_radius)
     return plain(forward), plain(backward)
 
 
-def _arrays(*values: Real) -> list[Real]:
-    return [np.asarray(value, dtype=np.float64)[()] for value in values]  # a number stays a number
+_RULES = {"ball_radius": require_positive, "rise": require_finite}
+
+
+def _checked(**lengths: Real) -> list[Real]:
+    """Convert lengths to arrays, a single one to a number, and refuse what has no angle."""
+    arrays = {name: np.asarray(value, dtype=np.float64)[()] for name, value in lengths.items()}
+    for name, value in arrays.items():
+        _RULES.get(name, require_not_negative)(name, value, "m")
+    return list(arrays.values())

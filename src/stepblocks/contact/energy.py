@@ -1,8 +1,4 @@
-"""Forces and vibration energy of a probe that slips over an edge: equations (1) and (2) of the paper.
-
-A probe that is self-locked never slips; the fraction of equation (1), squared, gives it an energy all the same. Here
-locking is a status and its numbers are not-a-number.
-"""
+"""Force and energy of a probe that slips over an edge, by equation (1), to which a locked probe has an energy too: here it has none."""
 
 from __future__ import annotations
 

@@ -1,9 +1,4 @@
-"""The vibration as an event: what rings, how strongly, in which direction, where and at which force.
-
-After the release the tool is a spring that rings freely: its force is ``A exp(-t/T) sin(w t)`` with
-``A = sqrt(2 k E_v)``, which by equation (1) is ``sqrt(C_v) F_px``. The damper spends ``E_v`` in all, so that a
-recorded ring can be measured: ``E_v = 2 / (k T) (1 + 1/(w T)^2)`` times the integral of the force squared.
-"""
+"""The vibration as an event: after the release the tool is a spring that rings freely, its damper spends E_v in all."""
 
 from __future__ import annotations
 
@@ -78,11 +73,6 @@ class VibrationEvent:
         """Of the force at time 0, before decay [N]."""
         return math.sqrt(2.0 * self.tool.stiffness * self.energy)
 
-    @property
-    def acceleration(self) -> float:
-        """Amplitude of the acceleration of the mass that rings [m/s^2]."""
-        return self.amplitude / self.tool.effective_mass
-
 
 Events = tuple[VibrationEvent, VibrationEvent]  # of the drags towards +x and -x
 
@@ -109,24 +99,15 @@ def vibration_events(face: Counterface, point: OperatingPoint, stimulus: str = "
     ContactError
         If the ball is too large for the profile, or the profile has too many corners.
     """
-    path, found = face.centre_path(point.ball_radius), []
-    for direction in (1, -1):
-        x, z, angle = path.notch(float(direction))
-        release = release_at(angle, point.normal_load, point.friction, point.tool)
-        found.append(
-            VibrationEvent(
-                stimulus=stimulus,
-                status=release.status,
-                direction=direction,
-                trigger_position=x,
-                trigger_height=z,
-                critical_angle=angle,
-                critical_force=release.pull_force,
-                energy=release.vibration_energy,
-                tool=point.tool,
-            )
-        )
-    return found[0], found[1]
+    path = face.centre_path(point.ball_radius)
+
+    def event(direction: int) -> VibrationEvent:
+        notch = path.notch(direction)
+        release = release_at(notch[2], point.normal_load, point.friction, point.tool)
+        felt = release.pull_force, release.vibration_energy, point.tool
+        return VibrationEvent(stimulus, release.status, direction, *notch, *felt)
+
+    return event(+1), event(-1)
 
 
 def ring(event: VibrationEvent, rate: float) -> Array:
@@ -168,7 +149,7 @@ def as_record(event: VibrationEvent, scale: float = 1.0) -> dict[str, Any]:
         "stiffness_n_per_m": tool.stiffness,
         "effective_mass_kg": tool.effective_mass,
         "amplitude_n": event.amplitude,
-        "amplitude_m_per_s2": event.acceleration,
+        "amplitude_m_per_s2": event.amplitude / tool.effective_mass,
         "scale": scale,
         "waveform": _EXPONENTIAL if wave is None else _SIMULATED,
         "energy_rule": _RULE,
@@ -181,10 +162,9 @@ def as_record(event: VibrationEvent, scale: float = 1.0) -> dict[str, Any]:
             "simulated_factor": wave.factor,
         }
     if learned is not None:
-        ends = ("", "_low", "_high")
-        forces = {f"peak_force{end}_n": value for end, value in zip(ends, learned.peak_force, strict=True)}
-        energies = {f"energy{end}_j": value for end, value in zip(ends, learned.energy, strict=True)}
-        record["learned"] = _known({"status": learned.status, **forces, **energies})
+        forces = zip(("peak_force_n", "peak_force_low_n", "peak_force_high_n"), learned.peak_force, strict=True)
+        energies = zip(("energy_j", "energy_low_j", "energy_high_j"), learned.energy, strict=True)
+        record["learned"] = _known({"status": learned.status, **dict(forces), **dict(energies)})
     return _known(record)
 
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, fields
 from functools import cached_property
 from typing import Any
 
@@ -18,11 +18,6 @@ from stepblocks.errors import ContactError
 
 TOGETHER = " * "  # between the names of two covariates that act together
 PEAK_FORCE = "peak_force_n"  # a quantity of the model that an effect may follow like a column
-
-_ABSENT = (
-    *("tilt", "climb_load", "sensed_offset", "hardening", "pitch_share", "lost_energy", "drag", "climb_drag", "lag"),
-    *("zero", "cross_talk", "normal_zero"),
-)
 
 Active = Sequence[tuple[Law, Mapping[str, float]]]  # laws with values of their parameters
 
@@ -81,12 +76,9 @@ def constants(
     design: BenchDesign,
     tool: Tool = PAPER.tool,
     height_std: float = 1e-6,
-    scanned: Mapping[str, tuple[float, float]] | None = None,
+    scanned: Mapping[str, tuple[float, float]] | None = None,  # height and standard uncertainty of blocks [m]
 ) -> tuple[Parameter, ...]:
-    """List the constants fitted to a session, as the paper did, and the height error of each block.
-
-    The ring of `tool` is where their fit begins; `scanned` holds height and standard uncertainty of blocks [m].
-    """
+    """List the constants fitted to a session from the ring of `tool` on, and the height error of each block, which may be `scanned`."""
     found = [
         Parameter("friction", "1", PAPER.friction, 0.005, 0.9, 0.02),
         Parameter("ln_conversion", "1", float(np.log(tool.conversion)), -9.0, 4.0, 0.1),
@@ -109,9 +101,9 @@ def nominal_state(design: BenchDesign, values: Mapping[str, float]) -> DragState
     """Fill the slots from the design and the constants."""
     names, inverse = design.members
     errors = np.array([values.get(name, 0.0) for name in names])
-    one = np.ones(len(design.block))
-    zero = np.zeros(len(design.block))
-    return DragState(
+    one, zero = np.ones(len(design.block)), np.zeros(len(design.block))
+    absent: dict[str, Any] = dict.fromkeys((slot.name for slot in fields(DragState)), zero)
+    return DragState(**absent).changed(
         height=design.height + errors[inverse],
         radius=design.tip_radius,
         friction=values["friction"] * one,
@@ -128,7 +120,6 @@ def nominal_state(design: BenchDesign, values: Mapping[str, float]) -> DragState
         frequency=np.exp(values["ln_ring_frequency"]) * one,
         decay_time=np.exp(values["ln_decay_time"]) * one,
         nominal_stiffness=design.spring_constant,
-        **dict.fromkeys(_ABSENT, zero),
     )
 
 

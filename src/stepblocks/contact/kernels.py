@@ -1,8 +1,4 @@
-"""The formulas alone: SI floats or arrays in, SI floats or arrays out, nothing checked.
-
-`stepblocks.contact.critical_angle` and `stepblocks.contact.energy` are the functions to call; they check the domain
-and say where a formula stops to hold.
-"""
+"""The formulas alone, in SI, of numbers or arrays; `critical_angle` and `energy` check what these take as it comes."""
 
 from __future__ import annotations
 

@@ -33,44 +33,22 @@ class Limits:
 
 @dataclass(frozen=True)
 class Tool:
-    """The explorer as a spring that rings, and what is felt of it; every default is the paper's.
+    """The explorer as a spring that rings, and what is felt of it; every default is the paper's, limits it has none.
 
-    Attributes
-    ----------
-    stiffness : float
-        Tangential stiffness k [N/m]; 9.81e3 N/m in equation (1).
-    conversion : float
-        Share C_v of the stored energy that becomes vibration [1]; 20 %, the paper's regression.
-    ring_duration : float
-        Time over which the vibration energy is spent [s]; 16 ms in the paper.
-    detection_threshold : float
-        Vibration power that a fingertip just detects [W]; 0.08 uW in the paper.
-    frequency : float
-        Of the ring [Hz]; 300 Hz, the middle of the band of 250 to 350 Hz that figure 5 shows.
-        It also says "approximately 250 Hz" and "the 250 Hz vibration"; but of a line at 250 Hz less than half lies above
-        250 Hz, and figure 5 has 86 % there.
-    decay_time : float
-        Time constant of the ring's amplitude [s]; 14.2 ms, whose spectrum, a Lorentzian line, has the paper's 86 % of its
-        energy in that band. 89 % of the energy is then spent in the paper's 16 ms.
-    frequency_deviation : float
-        How far the frequency may be off to either side [Hz]; 50 Hz, the paper's band, at whose lower end its 250 Hz lies.
-    limits : Limits
-        Forces beyond which the tip does not slip; none by default. Sets and tables bring `SHIPPED_LIMITS` or their own.
-
-    Raises
-    ------
-    ContactError
-        If a value is not positive and finite.
+    Of its ring the paper says 250 to 350 Hz (figure 5), "approximately 250 Hz" and "the 250 Hz vibration"; but of a line at
+    250 Hz less than half lies above 250 Hz, and figure 5 has 86 % there. The frequency is the middle of the band, its
+    deviation reaches both ends, and the decay is that of a Lorentzian line with the 86 %: 89 % of the energy is then spent
+    in the paper's 16 ms.
     """
 
-    stiffness: float = 9.81e3
-    conversion: float = 0.20
-    ring_duration: float = 16e-3
-    detection_threshold: float = 0.08e-6
-    frequency: float = 300.0
-    decay_time: float = math.tan(0.5 * math.pi * _BAND_SHARE) / (math.tau * _HALF_BAND)
-    frequency_deviation: float = _HALF_BAND
-    limits: Limits = Limits()
+    stiffness: float = 9.81e3  # tangential, k of equation (1) [N/m]
+    conversion: float = 0.20  # share C_v of the stored energy that becomes vibration, by the paper's regression [1]
+    ring_duration: float = 16e-3  # over which the vibration energy is spent [s]
+    detection_threshold: float = 0.08e-6  # vibration power that a fingertip just detects [W]
+    frequency: float = 300.0  # of the ring [Hz]
+    decay_time: float = math.tan(0.5 * math.pi * _BAND_SHARE) / (math.tau * _HALF_BAND)  # of its amplitude, to 1/e [s]
+    frequency_deviation: float = _HALF_BAND  # how far the frequency may be off to either side [Hz]
+    limits: Limits = Limits()  # beyond which the tip does not slip; sets and tables bring `SHIPPED_LIMITS` or their own
 
     def __post_init__(self) -> None:
         for name, value in vars(self).items():
@@ -105,35 +83,14 @@ class Tissue:
 
 @dataclass(frozen=True)
 class OperatingPoint:
-    """Ball, load, friction, speed and tool.
+    """Ball, load, friction, speed and tool; equations (1) and (2) know nothing of the speed and the tissue, the drag in time does."""
 
-    Attributes
-    ----------
-    ball_radius : float
-        Radius R of the probe tip [m]; 125 um in the paper.
-    normal_load : float
-        Normal load F_py [N].
-    friction : float
-        Coefficient of friction mu [1].
-    tool : Tool
-        Spring and ring of the explorer.
-    speed : float
-        Speed of the handle along the drag [m/s]; equations (1) and (2) do not depend on it.
-    tissue : Tissue
-        What the tool rubs along beside the edge; the equations know none of it, the drag in time does.
-
-    Raises
-    ------
-    ContactError
-        If the friction is negative, another value not positive, or one of them not finite.
-    """
-
-    ball_radius: float
-    normal_load: float
-    friction: float
+    ball_radius: float  # R of the probe tip [m]
+    normal_load: float  # F_py [N]
+    friction: float  # coefficient mu [1]
     tool: Tool = Tool()
-    speed: float = 5e-3
-    tissue: Tissue = Tissue()
+    speed: float = 5e-3  # of the handle along the drag [m/s]
+    tissue: Tissue = Tissue()  # that the tool rubs along beside the edge
 
     def __post_init__(self) -> None:
         require_positive("ball_radius", self.ball_radius, "m")

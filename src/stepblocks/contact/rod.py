@@ -144,11 +144,7 @@ def ring_of(rod: Rod, sleeves: Sequence[Sleeve] = (), hold: Hold | None = None) 
                 f"a sheath must lie on the free length of the shank, 0 to {rod.length * 1e3:.4g} mm from the clamp, "
                 f"got {sleeve.start * 1e3:.4g} to {(sleeve.start + sleeve.length) * 1e3:.4g} mm"
             )
-    nodes = nodes_of(rod, sleeves, hold)
-    parts, mass = assembled(nodes, rod, sleeves, hold)
-    losses = [rod.loss_factor, *(sleeve.loss_factor for sleeve in sleeves), hold.loss_factor if hold else 0.0]
-    free = slice(0 if hold else 2, 2 * nodes.size)
-    parts, mass = [part[free, free] for part in parts], mass[free, free]
+    parts, mass, losses, _ = assembled(rod, sleeves, hold)
     total = np.sum(parts, axis=0)
     # asked for as the largest flexibility, the lowest mode keeps its digits beside short elements
     last = total.shape[0] - 1
@@ -161,11 +157,15 @@ def ring_of(rod: Rod, sleeves: Sequence[Sleeve] = (), hold: Hold | None = None) 
     unit = rod.bending_stiffness / rod.length**3
     frequency = math.sqrt(unit / float(values[0]) / (rod.line_mass * rod.length)) / math.tau
     stiffness = unit / float(solve(total, push, assume_a="pos")[-2])
-    return RodRing(stiffness, frequency, float(shares @ np.asarray(losses)), float(shares[1:].sum()))
+    return RodRing(stiffness, frequency, float(shares @ losses), float(shares[1:].sum()))
 
 
-def assembled(nodes: Array, rod: Rod, sleeves: Sequence[Sleeve], hold: Hold | None) -> tuple[list[Array], Array]:
-    """Stiffness of the rod, of each sheath and of the bedding, and the mass of all, in units of the rod."""
+def assembled(rod: Rod, sleeves: Sequence[Sleeve], hold: Hold | None) -> tuple[list[Array], Array, Array, Array]:
+    """Stiffness of the rod, of each sheath and of the bedding, the mass of all, the loss factor of each, and the pushes.
+
+    All in units of the rod and without what is clamped; a push is what the inertia of the whole rod, shifted, exerts.
+    """
+    nodes = _nodes(rod, sleeves, hold)
     shape = (2 * nodes.size, 2 * nodes.size)
     own, mass = np.zeros(shape), np.zeros(shape)
     theirs = [np.zeros(shape) for _ in (*sleeves, hold)]
@@ -184,10 +184,13 @@ def assembled(nodes: Array, rod: Rod, sleeves: Sequence[Sleeve], hold: Hold | No
         if hold is not None and middle < 0.0:
             theirs[-1][at, at] += hold.line_stiffness * rod.length**4 / rod.bending_stiffness * inertia
     mass[-2, -2] += rod.end_mass / (rod.line_mass * rod.length)
-    return [own, *theirs], mass
+    losses = [rod.loss_factor, *(sleeve.loss_factor for sleeve in sleeves), hold.loss_factor if hold else 0.0]
+    free = slice(0 if hold else 2, None)
+    pushes = np.tile([1.0, 0.0], nodes.size) @ mass
+    return [part[free, free] for part in (own, *theirs)], mass[free, free], np.array(losses), pushes[free]
 
 
-def nodes_of(rod: Rod, sleeves: Sequence[Sleeve], hold: Hold | None) -> Array:
+def _nodes(rod: Rod, sleeves: Sequence[Sleeve], hold: Hold | None) -> Array:
     """Places of the nodes in units of the free length; every end of a sheath is one."""
     ends = {0.0, 1.0, *(min(place / rod.length, 1.0) for s in sleeves for place in (s.start, s.start + s.length))}
     if hold is not None:

@@ -102,7 +102,10 @@ def observe(state: DragState) -> Floats:
     """
     force, sliding = state.peak_force(), state.sliding_force()
     spring = _spring(state, force, sliding)
-    energy = _ringing(state.conversion * spring.stored, state.lost_energy)
+    energy = state.conversion * spring.stored
+    if np.any(state.lost_energy):  # what is left never turns negative: below a tenth it fades out smoothly
+        left, floor = energy - state.lost_energy, 0.1 * energy
+        energy = np.where(left > floor, left, floor * np.exp(np.minimum(left / floor - 1.0, 0.0)))
     # an amplitude of force counts as A^2 / 2k with the nominal k, whatever k it rings with
     energy = energy * (state.ring_stiffness / state.nominal_stiffness)
     if np.any(state.hardening):
@@ -158,11 +161,3 @@ def _spring(state: DragState, force: Floats, sliding: Floats) -> _Spring:
     level = 1.0 + 3.0 * cubic * low**2
     stored = kernels.stored_energy(top, state.stiffness) + 0.25 * cubic * top**4 / state.stiffness
     return _Spring(stored, slope, level, level)
-
-
-def _ringing(ringing: Floats, lost: Floats) -> Floats:
-    """Energy left to ring: it never turns negative, below a tenth of what would ring it fades out smoothly."""
-    if not np.any(lost):
-        return ringing
-    left, floor = ringing - lost, 0.1 * ringing
-    return np.where(left > floor, left, floor * np.exp(np.minimum(left / floor - 1.0, 0.0)))

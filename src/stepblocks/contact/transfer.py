@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from stepblocks.contact.operating_point import PAPER
-from stepblocks.contact.rod import Hold, Rod, Sleeve, assembled, nodes_of
+from stepblocks.contact.rod import Hold, Rod, Sleeve, assembled
 
 Array = NDArray[np.float64]
 _HIGHEST = 1000.0  # of the modes that are felt [Hz]: above it the Pacinian threshold rises steeply
@@ -59,13 +59,8 @@ def modes_of(
     """Return the modes of a rod with sheaths, rigidly clamped or held through a bedding, up to a frequency [Hz]."""
     from scipy.linalg import eigh
 
-    nodes = nodes_of(rod, sleeves, hold)
-    parts, mass = assembled(nodes, rod, sleeves, hold)
-    losses = [rod.loss_factor, *(sleeve.loss_factor for sleeve in sleeves), hold.loss_factor if hold else 0.0]
-    free = slice(0 if hold else 2, 2 * nodes.size)
-    pushed = np.tile([1.0, 0.0], nodes.size) @ mass  # a translation of the whole rod, its clamped end with it
-    parts, inner = [part[free, free] for part in parts], mass[free, free]
-    values, shapes = eigh(np.sum(parts, axis=0), inner)
+    parts, mass, losses, pushes = assembled(rod, sleeves, hold)
+    values, shapes = eigh(np.sum(parts, axis=0), mass)
     unit = math.sqrt(rod.bending_stiffness / (rod.line_mass * rod.length**4)) / math.tau
     scale = math.sqrt(rod.line_mass * rod.length)  # kg^0.5
     found = []
@@ -74,8 +69,8 @@ def modes_of(
         if frequency > highest:
             break
         energies = np.array([shape @ part @ shape for part in parts])
-        momentum, tip = float(pushed[free] @ shape), float(shape[-2])
-        loss = float(energies @ np.asarray(losses) / energies.sum())
+        momentum, tip = float(pushes @ shape), float(shape[-2])
+        loss = float(energies @ losses / energies.sum())
         found.append(Mode(frequency, loss, momentum * tip, momentum * scale, tip / scale))
     return found
 

@@ -40,9 +40,7 @@ class Interval:
     force_high: float
     energy_low: float
     energy_high: float
-    analytic_force_low: float  # the same from sensitivities of the logarithms; NaN unless the nominal releases
-    analytic_force_high: float
-    analytic_energy_low: float
+    analytic_energy_low: float  # the same from sensitivities of the logarithm; NaN unless the nominal releases
     analytic_energy_high: float
     held_probability: float  # share of the draws that lock or meet a riser [1]
     agrees: bool  # whether drawn and analytic ends of the energy interval differ by less than a tenth of its width
@@ -86,8 +84,8 @@ def moved_releases(
 
 def sensitivities(
     face: Counterface, point: OperatingPoint, uncertainty: Mapping[str, float], backward: bool = False
-) -> dict[str, tuple[float, float]]:
-    """Compute the derivatives of ln F_px and of ln E_v with respect to each uncertain input, per unit of the input.
+) -> dict[str, float]:
+    """Compute the derivative of ln E_v with respect to each uncertain input, per unit of the input.
 
     With ``t = a + atan mu``: ``d ln F/da = 2 / sin 2t``, ``d atan mu / dmu = 1 / (1 + mu^2)``; ``ln E = 2 ln F - ln k + ln
     C_v``. Angles without slopes in closed form are differentiated over a thousandth of the uncertainty; NaN where one of
@@ -97,31 +95,22 @@ def sensitivities(
     if release.status is not Status.RELEASES:
         raise ContactError(f"an edge that is {release.status} has no sensitivity")
     by_angle = 2.0 / math.sin(2.0 * (release.angle + math.atan(point.friction)))
-    by_friction = by_angle / (1.0 + point.friction**2)
     slopes = {
-        "friction": (by_friction, 2.0 * by_friction),
-        "normal_load": (1.0 / point.normal_load, 2.0 / point.normal_load),
-        "stiffness": (0.0, -1.0 / point.tool.stiffness),
-        "conversion": (0.0, 1.0 / point.tool.conversion),
+        "friction": 2.0 * (by_angle / (1.0 + point.friction**2)),
+        "normal_load": 2.0 / point.normal_load,
+        "stiffness": -1.0 / point.tool.stiffness,
+        "conversion": 1.0 / point.tool.conversion,
     }
     closed = {} if backward else face.angle_slopes(point.ball_radius)
-    slopes |= {name: (by_angle * slope, 2.0 * by_angle * slope) for name, slope in closed.items()}
-    for name, width in uncertainty.items():
-        if name not in slopes:
-            slopes[name] = _numeric_slopes(face, point, uncertainty, name, backward) if width > 0.0 else (0.0, 0.0)
+    slopes |= {name: 2.0 * by_angle * slope for name, slope in closed.items()}
+    for name in uncertainty.keys() - slopes.keys():
+        slopes[name], step = 0.0, 1e-3 * uncertainty[name]
+        if step > 0.0:
+            deviations: dict[str, Real] = dict.fromkeys(uncertainty, 0.0) | {name: np.array([step, -step])}
+            up, down = moved_releases(face, point, deviations, backward)[1]
+            released = min(up, down) > 0.0 and max(up, down) < math.inf
+            slopes[name] = math.log(up / down) / (2.0 * step) if released else math.nan
     return {name: slopes[name] for name in uncertainty}
-
-
-def _numeric_slopes(
-    face: Counterface, point: OperatingPoint, uncertainty: Mapping[str, float], name: str, backward: bool
-) -> tuple[float, float]:
-    step = 1e-3 * uncertainty[name]
-    deviations: dict[str, Real] = dict.fromkeys(uncertainty, 0.0) | {name: np.array([step, -step])}
-    forces, energies = moved_releases(face, point, deviations, backward)
-    if not (np.isfinite(forces).all() and (forces > 0.0).all()):
-        return math.nan, math.nan
-    by_force, by_energy = (math.log(pair[0] / pair[1]) / (2.0 * step) for pair in (forces, energies))
-    return by_force, by_energy
 
 
 def interval_of(
@@ -193,16 +182,26 @@ def interval_of(
     forces, energies = moved_releases(face, point, deviations, backward)
     tails = 0.5 * (1.0 - confidence), 0.5 * (1.0 + confidence)
     drawn = (*_quantiles(forces, tails, draws), *_quantiles(energies, tails, draws))
-    analytic = _analytic(face, point, uncertainty, backward, NormalDist().inv_cdf(tails[1]))
-    width = max(analytic[3] - analytic[2], 1e-12 * release.vibration_energy)
+    low = high = math.nan  # to first order in the logarithm
+    if release.status is Status.RELEASES:
+        slopes = sensitivities(face, point, uncertainty, backward)
+        spread = math.sqrt(sum((slopes[name] * width) ** 2 for name, width in uncertainty.items()))
+        wide = NormalDist().inv_cdf(tails[1]) * spread
+        if not wide < _KNOWN:
+            raise ContactError(
+                "uncertainties must leave the energy known to a factor, got spreads as large as the values"
+            )
+        low, high = release.vibration_energy * math.exp(-wide), release.vibration_energy * math.exp(wide)
+    width = max(high - low, 1e-12 * release.vibration_energy)
     return Interval(
         release.status,
         release.pull_force,
         release.vibration_energy,
         *drawn,
-        *analytic,
+        low,
+        high,
         held_probability=float(np.isinf(forces).mean()),
-        agrees=bool(max(abs(drawn[2] - analytic[2]), abs(drawn[3] - analytic[3])) < 0.1 * width),
+        agrees=bool(max(abs(drawn[2] - low), abs(drawn[3] - high)) < 0.1 * width),
     )
 
 
@@ -211,23 +210,6 @@ def _quantiles(values: Floats, tails: tuple[float, float], draws: int) -> tuple[
     ends = [max(math.ceil(tail * draws) - 1, 0) for tail in tails]
     low, high = np.partition(np.broadcast_to(values, draws), ends)[ends]
     return float(low), float(high)
-
-
-def _analytic(
-    face: Counterface, point: OperatingPoint, uncertainty: Mapping[str, float], backward: bool, factor: float
-) -> tuple[float, float, float, float]:
-    """Find the ends of force and energy to first order in the logarithms."""
-    release = face.release(point, backward)
-    if release.status is not Status.RELEASES:
-        return math.nan, math.nan, math.nan, math.nan
-    force, energy = release.pull_force, release.vibration_energy
-    slopes = sensitivities(face, point, uncertainty, backward)
-    wide, wider = (
-        factor * math.sqrt(sum((slopes[name][k] * width) ** 2 for name, width in uncertainty.items())) for k in (0, 1)
-    )
-    if not max(wide, wider) < _KNOWN:
-        raise ContactError("uncertainties must leave the energy known to a factor, got spreads as large as the values")
-    return force * math.exp(-wide), force * math.exp(wide), energy * math.exp(-wider), energy * math.exp(wider)
 
 
 @lru_cache(maxsize=4)
@@ -303,7 +285,7 @@ def _in_shares(
     from scipy.optimize import brentq
 
     slopes = sensitivities(face, point, dict.fromkeys(free, 1.0))
-    unit = {name: 1.0 / len(free) / abs(slopes[name][1]) for name in free}
+    unit = {name: 1.0 / len(free) / abs(slopes[name]) for name in free}
 
     def excess(scale: float) -> float:
         low, high = energy_at_corners(face, point, fixed | {name: scale * width for name, width in unit.items()})

@@ -32,30 +32,6 @@ LEDGER = (
 )
 
 
-@njit(cache=True)
-def _cubics(nodes: Array, height: Array, left: Array, right: Array) -> Array:
-    """Coefficients of the cubic of each cell in powers of the distance from its left node; shape (n - 1, 4)."""
-    table = np.empty((nodes.size - 1, 4))
-    for i in range(nodes.size - 1):
-        h = nodes[i + 1] - nodes[i]
-        d, a, b = (height[i + 1] - height[i]) / h, right[i], left[i + 1]
-        table[i] = (height[i], a, (3.0 * d - 2.0 * a - b) / h, (a + b - 2.0 * d) / (h * h))
-    return table
-
-
-@njit(cache=True)
-def _branches(nodes: Array, kinks: Array, table: Array) -> Array:
-    """Height, slope and half the curvature at each kink of the branch that ends and of the one that begins there."""
-    ends = np.empty((kinks.size, 2, 3))
-    for j in range(kinks.size):
-        i = kinks[j]
-        k0, k1, k2, k3 = table[i - 1]
-        h = nodes[i] - nodes[i - 1]
-        ends[j, 0] = (k0 + h * (k1 + h * (k2 + h * k3)), k1 + h * (2.0 * k2 + 3.0 * h * k3), k2 + 3.0 * h * k3)
-        ends[j, 1] = (table[i, 0], table[i, 1], table[i, 2])
-    return ends
-
-
 @njit(cache=True, inline="always")
 def _press(
     gap: float, s: float, bend: float, q: float, vx: float, vy: float, stiffness: float, power: float, loss: float
@@ -100,12 +76,13 @@ def integrate(
 ) -> tuple[Array, int, Array, Array]:
     """Integrate a drag; `probe` and `settings` hold the fields of `Probe` and `DragSettings` in their order.
 
+    `track` is its knots, the cubics between them, which knots are kinks, and what the branches are there (`Track.branches`).
     `contact` is static friction, stiffness of the bristles and the force past which the tip counts as locked; `start` is x,
     y, the distance from a kink within which both its sides are touched, and the stretch of the spring in steady sliding;
     `pace` is step, steps and steps per row.
     Returned are the rows, their count, the peak (force, time, x, 1 where it was too great) and the ledger.
     """
-    nodes, height, left, right, kinks = track
+    nodes, table, kinks, ends = track
     k, mass, ratio, kn, power, loss, ky, carrier_mass, cubic = probe
     load, mu_k, speed, pull, hand_mass, hand_damping, _, v_s, viscous, _, after, _, _, wall_k, wall_c, wall_most = (
         settings
@@ -124,8 +101,6 @@ def integrate(
     carrier = y - load / ky if carried else 0.0
     rows = np.empty((steps // every + 2, 10))
     ledger, peak = np.zeros(10), np.array([-np.inf, 0.0, x, 0.0])
-    table = _cubics(nodes, height, left, right)
-    ends = _branches(nodes, kinks, table)
     kinked, varied, give = kinks.size > 0, mu_s != mu_k or viscous > 0.0, 1.0 / kt
     kicks = np.empty((2, 5))  # of the first half step and of a whole one: h / m, and the damper at the step's middle
     for k_step in range(2):

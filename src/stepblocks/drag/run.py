@@ -23,17 +23,16 @@ from stepblocks.errors import ContactError, PipelineError, QuantityError
 from stepblocks.parts.kind import Part
 from stepblocks.parts.set import StimulusSet
 from stepblocks.quantities import format_quantity, parse_quantity
-from stepblocks.select import stimulus_files
+from stepblocks.select import matches, stimulus_files
 from stepblocks.tables import read_table, si_column, write_table
 
 if TYPE_CHECKING:
     import pandas as pd
 
-# what may be given beside the subject [SI]: where it goes in an operating point, and in its tool
+# what may be given beside the subject [SI]: where it goes in an operating point, in its tool, in the settings
 _OF_POINT = {"tip_radius": "ball_radius", "load": "normal_load", "friction": "friction"}
 _OF_TOOL = ("stiffness", "frequency")
-_OF_SUBJECT = (*_OF_POINT, *_OF_TOOL, "edge_radius", "step_height")
-_OF_SETTINGS: tuple[str, ...] = ("static_friction", "ring_time", "sample_rate", "speed")
+_OF_SETTINGS = ("static_friction", "ring_time", "sample_rate", "speed")
 _WANTED = "stimulus must be a step height such as '25 um', a CSV"
 _GUIDE_DAMPING = 20.0  # of a pulled handle [N s/m]; assumed
 
@@ -73,17 +72,20 @@ def subject_of(
 
 def _declared(stimuli: StimulusSet, part: Part, values: Mapping[str, float], backward: bool) -> Subject:
     """Drag over a part, or with it, under the first tip, load, friction and step of its set unless `values` differ."""
-    grid, place = stimuli.grid_of(part), f"[{stimuli.name}/{part.id}]"
-    if "edge_radius" in values:
-        raise PipelineError(f"--edge-radius is for a plain step; a stimulus declares its own {place}")
-    if part.ball is not None and "tip_radius" in values:
-        raise PipelineError(f"--tip-radius must not be given for a tip, it declares its own {place}")
-    if part.crossed and "step_height" in values:
-        raise PipelineError(f"--step-height is for a declared tip; a block declares its own {place}")
+    grid = stimuli.grid_of(part)
+    own = {
+        "edge_radius": "--edge-radius is for a plain step; a stimulus declares its own",
+        "tip_radius": "--tip-radius must not be given for a tip, it declares its own" if part.ball is not None else "",
+        "step_height": "--step-height is for a declared tip; a block declares its own" if part.crossed else "",
+    }
+    for name, rule in own.items():
+        if rule and name in values:
+            raise PipelineError(f"{rule} [{stimuli.name}/{part.id}]")
     ball = grid.tip_radii[0] if part.ball is None else part.ball.nominal
     height = None if part.crossed else values.get("step_height", grid.step_heights[0])
-    tool, ring = grid.as_tool(), stimuli.ring_of(part)
-    tool = tool if ring is None else ring.as_tool(tool)
+    tool = grid.as_tool()
+    if ring := stimuli.ring_of(part):
+        tool = ring.as_tool(tool)
     point = OperatingPoint(ball, grid.normal_loads[0], grid.frictions[0], tool, tissue=part.tissue(tool))
     face, name = part.counterface(height), part.id
     if height is not None:
@@ -95,27 +97,22 @@ def _declared(stimuli: StimulusSet, part: Part, values: Mapping[str, float], bac
 
 
 def _changed(point: OperatingPoint, values: Mapping[str, float]) -> OperatingPoint:
-    changes: dict[str, Any] = {name: values[name] for name in _OF_TOOL if name in values}
-    tool = replace(point.tool, **changes)
+    of_tool: dict[str, Any] = {name: values[name] for name in _OF_TOOL if name in values}
     moved: dict[str, Any] = {field: values[name] for name, field in _OF_POINT.items() if name in values}
-    return replace(point, tool=tool, **moved)
+    return replace(point, tool=replace(point.tool, **of_tool), **moved)
 
 
 def _find(text: str, where: Path | None) -> tuple[StimulusSet, Part]:
     """Find a stimulus by ``ID``, ``SET/ID`` or ``FILE.toml/ID``."""
     head, _, identity = text.rpartition("/")
     if head.endswith(".toml"):
-        files, wanted = [Path(head)], ""
+        files, wanted = [Path(head)], identity
     elif where is None and not Path("stimuli").is_dir():
         raise PipelineError(f"{_WANTED}, or FILE.toml/ID (no folder stimuli here), got {text!r}")
     else:
-        files, wanted = stimulus_files([where] if where else []), head
-    found = [
-        (stimuli, part)
-        for stimuli in map(load_declared, files)
-        for part in stimuli.stimuli
-        if part.id == identity and wanted in ("", stimuli.name)
-    ]
+        files, wanted = stimulus_files(where), text
+    sets = [load_declared(file) for file in files]
+    found = [(one, part) for one in sets for part in one.stimuli if matches(wanted, one.name, part.id)]
     if len(found) > 1:
         names = ", ".join(f"{stimuli.name}/{identity}" for stimuli, _ in found)
         raise PipelineError(f"stimulus must be one, {identity!r} is several: {names}")
@@ -177,12 +174,11 @@ class Drag:
                 "loading_share_0_100_hz": ring.loading_share,
                 "vibration_share_250_350_hz": ring.ring_band_share,
             }
-        formula = self.formula
-        if formula.status is not Status.NO_CATCH:
-            told["equation_1"] = {"status": str(formula.status)}
-        if formula.status is Status.RELEASES:
-            figures = {"peak_force_n": formula.pull_force, "vibration_energy_j": formula.vibration_energy}
-            told["equation_1"] |= figures
+        by = self.formula
+        if by.status is not Status.NO_CATCH:
+            told["equation_1"] = {"status": str(by.status)}
+        if by.status is Status.RELEASES:
+            told["equation_1"] |= {"peak_force_n": by.pull_force, "vibration_energy_j": by.vibration_energy}
         return told
 
     def write(self, folder: Path) -> None:
@@ -208,7 +204,6 @@ def drag_over(
     *,
     backward: bool = False,
     stimuli: Path | None = None,
-    damping_ratio: float | None = None,
     setting: str | None = None,
     hardening: float = 0.0,
     **settings: float,
@@ -222,13 +217,12 @@ def drag_over(
         ``ID``, ``SET/ID`` or ``FILE.toml/ID``; or a counterface, such as a part's.
     values : mapping of str to float, optional
         What differs from the paper, or from the stimulus's set: `tip_radius`, `edge_radius`, `step_height` [m], `load` [N],
-        `friction` [1], `stiffness` [N/m], `frequency` [Hz].
+        `friction` [1], `stiffness` [N/m], `frequency` [Hz], `damping_ratio`, a share of critical damping [1] that is else
+        that of the tool's ring; `pull`, a force [N] on a handle of `handle_mass` [kg] that else moves at constant speed.
     backward : bool
         Towards falling x: from the crown to the tooth, or down a step.
     stimuli : Path, optional
         Stimulus file or folder in which identities are looked up; by default the folder ``stimuli``.
-    damping_ratio : float, optional
-        Share of critical damping [1]; by default from the decay of the tool's ring.
     setting : str, optional
         Name of a way of carrying the load, ``"figures-3-to-5"``: how figures 3 to 5 of the paper come out, with load,
         friction and damping unless they are given.
@@ -259,41 +253,19 @@ def drag_over(
         raise PipelineError(f"setting must be one of {', '.join(SETTINGS)}, got {setting!r}")
     named = SETTINGS[setting] if setting else None
     usual = {"load": named.normal_load, "friction": named.friction} if named else {}
-    found = subject_of(subject, {**usual, **(values or {})}, backward, stimuli)
+    given = {**usual, **(values or {})}
+    settings = {name: given[name] for name in _OF_SETTINGS if name in given} | settings
+    if pull := given.get("pull"):
+        settings |= {"speed": 0.0, "pulling_force": pull, "handle_mass": given["handle_mass"]}
+        settings["handle_damping"] = _GUIDE_DAMPING
+    found = subject_of(subject, given, backward, stimuli)
     point = found.point
     try:
         track = track_over(found.face, point.ball_radius, backward)
         formula = found.face.release(point, backward)
     except ContactError as error:
         raise (PipelineError(f"{error} {found.place}") if found.place else error) from error
-    changes = named.changes(point.tool, point.normal_load) if named else {}
-    changes |= {} if damping_ratio is None else {"damping_ratio": damping_ratio}
-    probe = probe_for(point.tool, point.ball_radius, **{"hardening": hardening} | changes)
-    trace = simulate(track, probe, DragSettings.under(point, **settings))
+    changes = {"hardening": hardening} | (named.changes(point.tool, point.normal_load) if named else {})
+    changes |= {name: given[name] for name in ("damping_ratio",) if name in given}
+    trace = simulate(track, probe_for(point.tool, point.ball_radius, **changes), DragSettings.under(point, **settings))
     return Drag(f"Drag over {found.name}", trace, formula, point.tool, named)
-
-
-def drag_from_options(
-    stimulus: str,
-    given: dict[str, float],
-    backward: bool,
-    folder: Path,
-    where: Path | None = None,
-    setting: str | None = None,
-) -> dict[str, Any]:
-    """Run a drag by the options of the command line, write its folder and return its summary."""
-    settings = {name: given[name] for name in _OF_SETTINGS if name in given}
-    if pull := given.get("pull"):
-        settings |= {"speed": 0.0, "pulling_force": pull, "handle_mass": given["handle_mass"]}
-        settings["handle_damping"] = _GUIDE_DAMPING
-    done = drag_over(
-        stimulus,
-        {name: given[name] for name in _OF_SUBJECT if name in given},
-        backward=backward,
-        stimuli=where,
-        damping_ratio=given.get("damping_ratio"),
-        setting=setting,
-        **settings,
-    )
-    done.write(folder)
-    return done.summary

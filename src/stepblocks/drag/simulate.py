@@ -168,7 +168,6 @@ class DragTrace:
     status: Status  # ``RELEASES``, ``LOCKED`` (the force grew past any climb), or ``NO_CATCH``
     peak_force: float  # greatest tangential force of the first catch F_px [N]
     release_time: float  # when it was reached [s]
-    release_position: float  # where the tip stood then [m]
     ledger: dict[str, float]  # energies [J], see `stepblocks.drag.kernels.LEDGER`
     time_step: float  # of the integration [s]
     probe: Probe  # what was dragged
@@ -197,13 +196,6 @@ def simulate(track: Track, probe: Probe, settings: DragSettings) -> DragTrace:
     With a constant speed the tip starts in steady sliding; a pulled handle starts at rest with its spring relaxed. The run
     ends `ring_time` after the first release, or where the force exceeds twice what any climb on this track needs (locked).
     It is refused where it would take more steps or rows than can be afforded.
-
-    Examples
-    --------
-    >>> from stepblocks.drag.track import step_track
-    >>> trace = simulate(step_track(25e-6, 125e-6), PAPER_DRAG, DragSettings(1.0, 0.15, speed=20e-3))
-    >>> str(trace.status), trace.ledger_error < 1e-3
-    ('releases', True)
     """
     mu_s = settings.static_friction or settings.friction
     x = max(track.features[0] - settings.lead, float(track.x[0]))
@@ -225,7 +217,7 @@ def simulate(track: Track, probe: Probe, settings: DragSettings) -> DragTrace:
         )
     y = float(np.interp(x, track.x, track.z)) - dent
     rows, count, peak, ledger = kernels.integrate(
-        (track.x, track.z, *track.slopes, track.kinks),
+        (track.x, track.cubics, track.kinks, track.branches),
         *(tuple(map(float, astuple(one))) for one in (probe, settings)),
         (float(mu_s), bristle, limit),
         (x, y, 0.1 * track.ball_radius, probe.stretch(settings.sliding_force)),
@@ -244,7 +236,6 @@ def simulate(track: Track, probe: Probe, settings: DragSettings) -> DragTrace:
         status=Status.LOCKED if held else Status.RELEASES if caught else Status.NO_CATCH,
         peak_force=force,
         release_time=time,
-        release_position=position,
         ledger=dict(zip(kernels.LEDGER, map(float, ledger), strict=True)),
         time_step=dt,
         probe=probe,

@@ -15,9 +15,8 @@ from numpy.typing import ArrayLike, NDArray
 
 from stepblocks.contact.counterface import Counterface, Step
 from stepblocks.contact.domain import require_not_negative, require_positive
-from stepblocks.contact.path.catches import interval_slopes
 from stepblocks.contact.path.centre import Array, CentrePath
-from stepblocks.contact.path.profile import Ball, profile_path
+from stepblocks.contact.path.profile import interval_slopes, profile_path
 from stepblocks.errors import ContactError
 
 _KINK = math.radians(2.0)  # a turn at which two contacts share the load, on a surface that may be rough
@@ -35,7 +34,22 @@ class Track(CentrePath):
     @cached_property
     def slopes(self) -> tuple[Array, Array]:
         """Slopes to the left and to the right of each knot [1]; they differ at a kink."""
-        return np.concatenate([[0.0], self.slope_end]), np.concatenate([self.slope_start, [0.0]])
+        return np.pad(self.slope_end, (1, 0)), np.pad(self.slope_start, (0, 1))
+
+    @cached_property
+    def cubics(self) -> Array:
+        """Coefficients of each piece in powers of the distance from its left knot; shape (n - 1, 4)."""
+        h, a, b = np.diff(self.x), self.slope_start, self.slope_end
+        d = np.diff(self.z) / h
+        return np.column_stack([self.z[:-1], a, (3.0 * d - 2.0 * a - b) / h, (a + b - 2.0 * d) / (h * h)])
+
+    @cached_property
+    def branches(self) -> Array:
+        """Height, slope and half the curvature at each kink of the branch that ends and of the one that begins; shape (m, 2, 3)."""
+        h = np.diff(self.x)[self.kinks - 1]
+        k0, k1, k2, k3 = self.cubics[self.kinks - 1].T
+        ends = k0 + h * (k1 + h * (k2 + h * k3)), k1 + h * (2.0 * k2 + 3.0 * h * k3), k2 + 3.0 * h * k3
+        return np.stack([np.column_stack(ends), self.cubics[self.kinks, :3]], axis=1)
 
     @cached_property
     def steepest_angle(self) -> float:
@@ -56,7 +70,7 @@ def track_over(face: Counterface, ball_radius: float, backward: bool = False) ->
     """Track over a counterface: up a step in closed form, over anything else by dilating its section."""
     if isinstance(face, Step) and not backward:
         return step_track(face.height, ball_radius, face.edge_radius)
-    return track_of(*face.section(4.0 * ball_radius), Ball(ball_radius), backward=backward)
+    return track_of(*face.section(4.0 * ball_radius), ball_radius, backward=backward)
 
 
 def track_along(path: CentrePath, ball_radius: float, backward: bool = False) -> Track:
@@ -67,17 +81,17 @@ def track_along(path: CentrePath, ball_radius: float, backward: bool = False) ->
     return Track(path.x, path.z - ball_radius, path.slope_start, path.slope_end, kinks, ball_radius)
 
 
-def track_of(x: ArrayLike, z: ArrayLike, ball: Ball, *, backward: bool = False) -> Track:
+def track_of(x: ArrayLike, z: ArrayLike, ball_radius: float, *, backward: bool = False) -> Track:
     """Track of a ball over any profile."""
     xs, zs = np.asarray(x, dtype=np.float64), np.asarray(z, dtype=np.float64)
     if backward:
         xs, zs = -xs[::-1], zs[::-1]
-    span = float(np.nanmax(xs) - np.nanmin(xs)) if xs.size else 0.0
-    count = max(math.ceil(span / (0.01 * ball.radius)), 8)
+    span = float(xs.max() - xs.min())
+    count = max(math.ceil(span / (0.01 * ball_radius)), 8)
     if count > 2_000_000:
-        raise ContactError(f"profile of {span:g} m is too long to drag over with a ball of {ball.radius:g} m")
-    grid = np.linspace(float(xs.min()), float(xs.max()), count + 1) if xs.size else xs
-    path = profile_path(xs, zs, ball, positions=grid, edges="flat")
+        raise ContactError(f"profile of {span:g} m is too long to drag over with a ball of {ball_radius:g} m")
+    grid = np.linspace(xs.min(), xs.max(), count + 1)
+    path = profile_path(xs, zs, ball_radius, positions=grid, edges="flat")
     if np.isnan(path.height).any():
         raise ContactError("profile has a gap that is wider than the tip; it cannot be dragged over")
     steep = interval_slopes(path, "forward", -math.inf)
@@ -87,30 +101,31 @@ def track_of(x: ArrayLike, z: ArrayLike, ball: Ball, *, backward: bool = False) 
     breaks = steep[turns > _KINK, 1]
     nodes = np.unique(np.concatenate([grid, breaks]))
     # two nodes closer than a millionth of the radius would make a cubic of rounding errors
-    keep = np.concatenate([[True], np.diff(nodes) > 1e-6 * ball.radius]) | np.isin(nodes, breaks)
+    keep = np.concatenate([[True], np.diff(nodes) > 1e-6 * ball_radius]) | np.isin(nodes, breaks)
     nodes = nodes[keep]
-    crowded = np.flatnonzero(np.diff(nodes) <= 1e-6 * ball.radius)
+    crowded = np.flatnonzero(np.diff(nodes) <= 1e-6 * ball_radius)
     nodes = np.delete(nodes, crowded[~np.isin(nodes[crowded], breaks)])
-    right = profile_path(xs, zs, ball, positions=nodes, edges="flat")
-    before = np.maximum(nodes[1:] - 1e-9 * ball.radius, nodes[:-1] + 1e-12 * ball.radius)
-    left = profile_path(xs, zs, ball, positions=before, edges="flat")
+    right = profile_path(xs, zs, ball_radius, positions=nodes, edges="flat")
+    before = np.maximum(nodes[1:] - 1e-9 * ball_radius, nodes[:-1] + 1e-12 * ball_radius)
+    left = profile_path(xs, zs, ball_radius, positions=before, edges="flat")
     kinks = np.flatnonzero(np.isin(nodes, breaks))
     slope_left = right.slope.copy()
     slope_left[kinks] = left.slope[np.maximum(kinks - 1, 0)]
-    far, level = _LEVEL * ball.radius, [0.0]
+    far = _LEVEL * ball_radius
     return Track(
         np.concatenate([[nodes[0] - far], nodes, [nodes[-1] + far]]),
-        np.concatenate([right.height[:1], right.height, right.height[-1:]]),
-        np.concatenate([level, right.slope[:-1], level]),
-        np.concatenate([level, slope_left[1:], level]),
+        np.pad(right.height, 1, "edge"),
+        np.pad(right.slope[:-1], 1),
+        np.pad(slope_left[1:], 1),
         (kinks + 1).astype(np.int64),
-        ball.radius,
+        ball_radius,
     )
 
 
 def step_track(height: float, ball_radius: float, edge_radius: float = 0.0) -> Track:
     """Track over one step up at x = 0, in closed form."""
-    radius = Ball(ball_radius).radius + edge_radius
+    radius = ball_radius + edge_radius
+    require_positive("ball radius", ball_radius, "m")
     require_positive("height", height, "m")
     require_not_negative("edge_radius", edge_radius, "m")
     if height >= radius:

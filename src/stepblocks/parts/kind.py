@@ -8,8 +8,9 @@ from __future__ import annotations
 
 import math
 from abc import ABC, abstractmethod
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from itertools import product
+from pathlib import Path
 from typing import TYPE_CHECKING, Any, ClassVar, NamedTuple, TypeAlias
 
 from stepblocks import cad
@@ -65,6 +66,11 @@ class Part(Table, ABC):
     def prepared(cls, stanzas: object) -> object:
         """Change the stanzas of a file before they are validated, where one depends on another."""
         return stanzas
+
+    @classmethod
+    def followed(cls, stanza: Mapping[str, Any], folder: Path) -> Iterable[Mapping[str, Any]]:
+        """Follow what a stanza names in the folder of its file; the stanza may then stand for several parts."""
+        return [stanza]
 
     @property
     def place(self) -> str:

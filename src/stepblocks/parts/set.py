@@ -17,12 +17,16 @@ from stepblocks.parts.kind import Part
 from stepblocks.parts.kinds.crown_on_tooth import CrownOnTooth
 from stepblocks.parts.kinds.grooved_cylinder import GroovedCylinder
 from stepblocks.parts.kinds.margin import MarginBlock
+from stepblocks.parts.kinds.scanned_margin import ScannedMargin
 from stepblocks.parts.kinds.sheath import Sheath
 from stepblocks.parts.kinds.step_block import StepBlock
 from stepblocks.parts.kinds.tips import HookTip, StraightTip
 
 # The kinds, in the order in which a set holds them; a new one stands here
-SHIPPED: tuple[type[Part], ...] = (StepBlock, MarginBlock, CrownOnTooth, GroovedCylinder, StraightTip, HookTip, Sheath)
+SHIPPED: tuple[type[Part], ...] = (
+    *(StepBlock, MarginBlock, CrownOnTooth, ScannedMargin, GroovedCylinder),
+    *(StraightTip, HookTip, Sheath),
+)
 _more: list[type[Part]] = []
 P = TypeVar("P", bound=Part)
 

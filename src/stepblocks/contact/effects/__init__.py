@@ -7,17 +7,8 @@ from collections.abc import Sequence
 from stepblocks.contact.effects import contact_geometry, conversion, friction, tool
 from stepblocks.contact.effects.law import Law
 
-_LAWS = (
-    *contact_geometry.LAWS,
-    *friction.LAWS,
-    *tool.STIFFNESS,
-    *tool.LOAD,
-    *tool.DRAG,
-    *conversion.LAWS,
-    *tool.SENSOR,
-)
-
 
 def named_laws(blocks: Sequence[str] = ()) -> tuple[Law, ...]:
     """Return the laws with names (smooths are in `smooth`); the height error of each of `blocks` among them."""
-    return (*_LAWS, *(contact_geometry.height_error(block) for block in blocks))
+    laws = (*contact_geometry.LAWS, *friction.LAWS, *tool.LAWS, *conversion.LAWS, *tool.SENSOR)
+    return (*laws, *(contact_geometry.height_error(block) for block in blocks))

@@ -8,31 +8,29 @@ the handle moves on meanwhile. A second law keeps to energies: C_v less the work
 from __future__ import annotations
 
 from collections.abc import Mapping
+from functools import partial
 from typing import Any
 
 import numpy as np
 
 from stepblocks.contact.effects.law import Law, Parameter
-from stepblocks.contact.effects.release_motion import released
 from stepblocks.contact.operating_point import PAPER
 from stepblocks.contact.state import DragState
 
-SLOT = "conversion"
+_conversion = partial(Law, slot="conversion")
 
 
 def _motion(state: DragState, _: Any, values: Mapping[str, float]) -> DragState:
     weight = values["weight"]
     if weight == 0.0:
         return state
+    from stepblocks.contact.effects.release_motion import released  # compiled kernels, loaded where they are used
+
     load = np.maximum(state.load, 1e-3)
     # k m = (k / omega)^2: the ring itself tells the mass that moves
     momentum = state.stiffness / (2.0 * np.pi * state.frequency)
-    excess, share = released(
-        state.height / state.radius,
-        state.friction,
-        state.stiffness * state.radius / load,
-        state.speed * momentum / load,
-    )
+    stiffness, speed = state.stiffness * state.radius / load, state.speed * momentum / load
+    excess, share = released(state.height / state.radius, state.friction, stiffness, speed)
     return state.changed(
         climb_load=state.climb_load + load * np.expm1(weight * excess),
         conversion=state.conversion * np.exp(weight * (share - np.log(PAPER.tool.conversion))),
@@ -46,39 +44,33 @@ def _work(state: DragState, _: Any, values: Mapping[str, float]) -> DragState:
 
 
 LAWS = (
-    Law(
+    _conversion(
         "speed_dependent_conversion",
-        SLOT,
-        "speed_mm_s",
         "C_v (v / 6 mm/s)^q",
         (Parameter("exponent", "1", 0.0, -2.0, 2.0, 0.03),),
         lambda state, _, v: state.changed(conversion=state.conversion * (state.speed / 6e-3) ** v["exponent"]),
+        covariate="speed_mm_s",
         said="the share that rings follows the speed: exponent",
     ),
-    Law(
+    _conversion(
         "temperature_dependent_conversion",
-        SLOT,
-        "temperature_c",
         "C_v exp(g (T - 22 C))",
         (Parameter("rate_per_k", "1/K", 0.0, -1.0, 1.0, 0.01),),
         lambda state, celsius, v: state.changed(
             conversion=state.conversion * np.exp(v["rate_per_k"] * (celsius - 22.0))
         ),
+        covariate="temperature_c",
         said="the share that rings follows the temperature, per K by",
     ),
-    Law(
+    _conversion(
         "real_release",
-        SLOT,
-        "none",
         "C_v and peak from (1 + T tan a) x'' = F - T (1 + y'' x'^2), T = tan(a + atan mu), to the power w",
         (Parameter("weight", "1", 0.0, 0.0, 1.5, 0.05),),
         _motion,
         said="the tip must be moved and lifted over the step: weight of that motion",
     ),
-    Law(
+    _conversion(
         "real_release~work",
-        SLOT,
-        "none",
         "E_v = C_v F_px^2 / 2k - s F_py (H + mu sqrt(H (2R - H)))",
         (Parameter("share", "1", 0.0, -1.0, 3.0, 0.02),),
         _work,

@@ -38,11 +38,11 @@ class Law:
     """An effect: one slot changed as a function of nothing or of one covariate."""
 
     id: str  # what follows a ``~`` tells variants of one effect apart
-    slot: str  # one of `SLOTS`
-    covariate: str  # a column of trials.csv, a model quantity (``peak_force_n``), ``block``, or ``none``
     form: str  # the law written out
     parameters: tuple[Parameter, ...]
     apply: Apply
+    slot: str  # one of `SLOTS`
+    covariate: str = "none"  # a column of trials.csv, a model quantity (``peak_force_n``), or ``block``
     # values at which a search looks of the parameters that are no amplitudes
     shapes: tuple[Mapping[str, float], ...] = ({},)
     named: bool = True  # False for a smooth, which claims no law

@@ -11,6 +11,7 @@ from functools import lru_cache
 from typing import Any
 
 import numpy as np
+from numba import njit
 from numpy.typing import NDArray
 
 Floats = NDArray[np.float64]
@@ -25,47 +26,40 @@ _MOST_STEPS = 400_000
 _LEAST_SHARE = 1e-3  # below it the tip climbs down instead of jumping, and what rings is not the release
 
 
-@lru_cache(maxsize=1)
-def _kernel() -> Any:
-    from numba import njit
-
-    @njit(cache=True)  # type: ignore[untyped-decorator]
-    def climb(height: float, friction: float, stiffness: float, speed: float) -> tuple[float, float]:
-        """Peak force over its quasi-static value, and amplitude of the ring as a force over the load."""
-        turn = np.arctan(friction)
-        angle = np.arccos(1.0 - height)
-        reach = np.sin(angle)
-        force = np.tan(angle + turn)
-        start, peak = force, force
-        # time in 1/omega, positions in R: x'' = stiffness-scaled forces with k R / N = stiffness
-        x, velocity, handle = 0.0, 0.0, force / stiffness
-        step = 1.0 / _STEPS_PER_RADIAN
-        drive = speed / stiffness
-        for _ in range(_MOST_STEPS):
-            slope_angle = np.arcsin(min(max(reach - x, 0.0), 1.0))
-            resist = np.tan(slope_angle + turn)
-            rise = np.tan(slope_angle)
-            bend = -1.0 / np.cos(slope_angle) ** 3
-            lifted = max(1.0 + stiffness * bend * velocity * velocity, 0.0)
-            acceleration = (force - resist * lifted) / stiffness
-            if lifted > 0.0:
-                acceleration /= 1.0 + resist * rise
-            velocity = max(velocity + acceleration * step, 0.0)
-            x += velocity * step
-            handle += drive * step
-            force = stiffness * (handle - x)
-            peak = max(peak, force)
-            if x >= reach:
-                break
-        return peak / start, np.hypot(force - friction, (velocity - drive) * stiffness)
-
-    return climb
+@njit(cache=True)
+def _climb(height: float, friction: float, stiffness: float, speed: float) -> tuple[float, float]:
+    """Peak force over its quasi-static value, and amplitude of the ring as a force over the load."""
+    turn = np.arctan(friction)
+    angle = np.arccos(1.0 - height)
+    reach = np.sin(angle)
+    force = np.tan(angle + turn)
+    start, peak = force, force
+    # time in 1/omega, positions in R: x'' = stiffness-scaled forces with k R / N = stiffness
+    x, velocity, handle = 0.0, 0.0, force / stiffness
+    step = 1.0 / _STEPS_PER_RADIAN
+    drive = speed / stiffness
+    for _ in range(_MOST_STEPS):
+        slope_angle = np.arcsin(min(max(reach - x, 0.0), 1.0))
+        resist = np.tan(slope_angle + turn)
+        rise = np.tan(slope_angle)
+        bend = -1.0 / np.cos(slope_angle) ** 3
+        lifted = max(1.0 + stiffness * bend * velocity * velocity, 0.0)
+        acceleration = (force - resist * lifted) / stiffness
+        if lifted > 0.0:
+            acceleration /= 1.0 + resist * rise
+        velocity = max(velocity + acceleration * step, 0.0)
+        x += velocity * step
+        handle += drive * step
+        force = stiffness * (handle - x)
+        peak = max(peak, force)
+        if x >= reach:
+            break
+    return peak / start, np.hypot(force - friction, (velocity - drive) * stiffness)
 
 
 @lru_cache(maxsize=1)
 def _release_table() -> Floats:
     """Tabulate the climb: ln of the peak's excess, ln of the ringing share of the stored energy."""
-    climb = _kernel()
     table = np.zeros((*(axis.size for axis in _AXES), 2))
     for i, height in enumerate(_HEIGHT):
         for j, friction in enumerate(_FRICTION):
@@ -76,53 +70,39 @@ def _release_table() -> Floats:
                 continue
             for k, stiffness in enumerate(np.exp(_LN_STIFFNESS)):
                 for m, speed in enumerate(np.exp(_LN_SPEED)):
-                    peak, amplitude = climb(height, friction, stiffness, speed)
+                    peak, amplitude = _climb(height, friction, stiffness, speed)
                     share = max((amplitude / (start * peak)) ** 2, _LEAST_SHARE)
                     table[i, j, k, m] = np.log(peak), np.log(share)
     return table
 
 
-@lru_cache(maxsize=1)
-def _interpolator() -> Any:
+@njit(cache=True)
+def _between(points: Floats, axes: Any, table: Floats) -> Floats:
     """Linear between the points of the table, beyond it at its end; compiled, as a fit asks for it thousands of times."""
-    from numba import njit
-
-    @njit(cache=True)  # type: ignore[untyped-decorator]
-    def between(points: Floats, first: Floats, second: Floats, third: Floats, fourth: Floats, table: Floats) -> Floats:
-        found = np.zeros((points.shape[1], 2))
-        cell, share = np.zeros(4, np.int64), np.zeros(4)
-        for n in range(points.shape[1]):
-            for d, axis in enumerate((first, second, third, fourth)):
-                held = min(max(points[d, n], axis[0]), axis[-1])
-                cell[d] = min(np.searchsorted(axis, held, side="right") - 1, axis.size - 2)
-                share[d] = (held - axis[cell[d]]) / (axis[cell[d] + 1] - axis[cell[d]])
-            for corner in range(16):
-                weight = 1.0
-                for d in range(4):
-                    weight *= share[d] if corner >> d & 1 else 1.0 - share[d]
-                a, b, c, d4 = corner & 1, corner >> 1 & 1, corner >> 2 & 1, corner >> 3 & 1
-                own = table[cell[0] + a, cell[1] + b, cell[2] + c, cell[3] + d4]
-                found[n, 0] += weight * own[0]
-                found[n, 1] += weight * own[1]
-        return found
-
-    return between
+    found = np.zeros((points.shape[1], 2))
+    cell, share = np.zeros(4, np.int64), np.zeros(4)
+    for n in range(points.shape[1]):
+        for d in range(4):
+            held = min(max(points[d, n], axes[d][0]), axes[d][-1])
+            cell[d] = min(np.searchsorted(axes[d], held, side="right") - 1, axes[d].size - 2)
+            share[d] = (held - axes[d][cell[d]]) / (axes[d][cell[d] + 1] - axes[d][cell[d]])
+        for corner in range(16):
+            weight = 1.0
+            for d in range(4):
+                weight *= share[d] if corner >> d & 1 else 1.0 - share[d]
+            a, b, c, e = corner & 1, corner >> 1 & 1, corner >> 2 & 1, corner >> 3 & 1
+            own = table[cell[0] + a, cell[1] + b, cell[2] + c, cell[3] + e]
+            found[n, 0] += weight * own[0]
+            found[n, 1] += weight * own[1]
+    return found
 
 
 def released(height: Floats, friction: Floats, stiffness: Floats, speed: Floats) -> tuple[Floats, Floats]:
     """Logarithms of the peak's excess over its quasi-static value and of the ringing share of the stored energy.
 
-    Parameters
-    ----------
-    height, friction, stiffness, speed : ndarray
-        Shape (n,): ``H/R``, the coefficient of friction, ``k R / N`` and ``v k / (omega N)``; beyond the table they count
-        as its end.
-
-    Returns
-    -------
-    tuple of ndarray
-        Both of shape (n,), interpolated in a table.
+    Of ``H/R``, the coefficient of friction, ``k R / N`` and ``v k / (omega N)``, all of shape (n,); beyond the table they
+    count as its end.
     """
-    asked = (height, friction, np.log(stiffness), np.log(speed))
-    excess, share = _interpolator()(np.stack(asked), *_AXES, _release_table()).T
+    asked = np.stack([height, friction, np.log(stiffness), np.log(speed)])
+    excess, share = _between(asked, _AXES, _release_table()).T
     return excess, share

@@ -63,8 +63,16 @@ class CovariateRange:
         return np.asarray((design[:-1] - design[-1])[:, [0, 1, 3, 4]])
 
 
-def _scaled(*slots: str) -> Change:
-    return lambda state, g: state.changed(**{slot: getattr(state, slot) * np.exp(g) for slot in slots})
+def _scaled(*slots: str, between: tuple[float, float] | None = None) -> Change:
+    def change(state: DragState, g: Floats) -> DragState:
+        factor = np.exp(g if between is None else np.clip(g, *between))
+        return state.changed(**{slot: getattr(state, slot) * factor for slot in slots})
+
+    return change
+
+
+def _moved(*slots: str, by: float = 0.1) -> Change:
+    return lambda state, g: state.changed(**{slot: getattr(state, slot) + by * g for slot in slots})
 
 
 def _seen_load(state: DragState, g: Floats) -> DragState:
@@ -81,38 +89,30 @@ class Move(NamedTuple):
     """How a smooth g enters a slot."""
 
     slot: str
-    change: Change
     form: str
+    change: Change
 
 
 # several ways where the bench may show a slot in several ways
 SLOT_MOVES = {
-    "radius": Move(
-        "contact_geometry", lambda s, g: s.changed(radius=s.radius * np.exp(np.clip(g, -1.0, 1.5))), "(R + r) exp g"
-    ),
-    "height": Move("contact_geometry", lambda s, g: s.changed(height=s.height + 1e-5 * g), "H + 10 um g"),
-    "friction": Move(
-        "friction", lambda s, g: s.changed(friction=s.friction * np.exp(np.clip(g, -4.0, 2.0))), "mu exp g"
-    ),
-    "load": Move("normal_load", _scaled("load"), "F_py exp g, unseen by the gauge"),
-    "seen_load": Move("normal_load", _seen_load, "F_py exp g, seen by the gauge"),
-    "load_offset": Move(
-        "normal_load",
-        lambda s, g: s.changed(load=s.load + 0.1 * g, sensed_offset=s.sensed_offset + 0.1 * g),
-        "F_py + 0.1 N g",
-    ),
+    "radius": Move("contact_geometry", "(R + r) exp g", _scaled("radius", between=(-1.0, 1.5))),
+    "height": Move("contact_geometry", "H + 10 um g", _moved("height", by=1e-5)),
+    "friction": Move("friction", "mu exp g", _scaled("friction", between=(-4.0, 2.0))),
+    "load": Move("normal_load", "F_py exp g, unseen by the gauge", _scaled("load")),
+    "seen_load": Move("normal_load", "F_py exp g, seen by the gauge", _seen_load),
+    "load_offset": Move("normal_load", "F_py + 0.1 N g", _moved("load", "sensed_offset")),
     "climb_load": Move(
         "normal_load",
-        lambda s, g: s.changed(climb_load=s.climb_load + s.set_load * np.expm1(g)),
         "F_py exp g while climbing",
+        lambda s, g: s.changed(climb_load=s.climb_load + s.set_load * np.expm1(g)),
     ),
-    "stiffness": Move("stiffness", _scaled("stiffness", "ring_stiffness"), "k exp g"),
-    "weighed_stiffness": Move("stiffness", _weighed_stiffness, "k exp g, energies weighed with it"),
-    "ramp_stiffness": Move("stiffness", _scaled("stiffness"), "k exp g, ring unchanged"),
-    "conversion": Move("conversion", _scaled("conversion"), "C_v exp g"),
-    "drag": Move("drag", lambda s, g: s.changed(drag=s.drag + 0.1 * g), "F_x + 0.1 N g"),
-    "climb_drag": Move("drag", lambda s, g: s.changed(climb_drag=s.climb_drag + 0.1 * g), "F_px + 0.1 N g"),
-    "gain": Move("sensor", _scaled("gain"), "gauge gain exp g"),
+    "stiffness": Move("stiffness", "k exp g", _scaled("stiffness", "ring_stiffness")),
+    "weighed_stiffness": Move("stiffness", "k exp g, energies weighed with it", _weighed_stiffness),
+    "ramp_stiffness": Move("stiffness", "k exp g, ring unchanged", _scaled("stiffness")),
+    "conversion": Move("conversion", "C_v exp g", _scaled("conversion")),
+    "drag": Move("drag", "F_x + 0.1 N g", _moved("drag")),
+    "climb_drag": Move("drag", "F_px + 0.1 N g", _moved("climb_drag")),
+    "gain": Move("sensor", "gauge gain exp g", _scaled("gain")),
 }
 
 
@@ -148,7 +148,7 @@ def _offset(where: CovariateRange) -> Law:
     parameters = tuple(Parameter(name, "N", 0.0, -0.3, 0.6, 0.01) for name in names)
     form = f"F_py + b, by {where.name}"
     said = f"the load differs from the weights by {where.name}:"
-    return Law(f"added_load_{where.name}", "normal_load", where.name, form, parameters, apply, said=said)
+    return Law(f"added_load_{where.name}", form, parameters, apply, "normal_load", where.name, said=said)
 
 
 def _step(name: str, where: CovariateRange) -> Law:
@@ -170,12 +170,12 @@ def _step(name: str, where: CovariateRange) -> Law:
     form = "R + w from one trial on" if chip else f"{move.form}, g from one trial on"
     return Law(
         "tip_chip" if chip else f"step_{name}_{where.name}",
-        move.slot,
-        where.name,
         form,
         (size, at),
         apply,
-        shapes=shapes,
+        move.slot,
+        where.name,
+        shapes,
         named=chip,
         rank=2 if chip else 15,
         said="the tip chipped: its radius changed by, at trial" if chip else "",
@@ -196,11 +196,11 @@ def _law(kind: str, name: str, where: CovariateRange) -> Law:
 
     return Law(
         f"{kind}_{name}_{where.name}",
-        move.slot,
-        where.name,
         f"{move.form}, g {'a straight line' if trend else 'smooth'} over {where.name}",
         tuple(Parameter(name, "1", 0.0, -3.0, 3.0, 0.1) for name in names),
         apply,
+        move.slot,
+        where.name,
         named=False,
         rank=10 if trend else 20,
     )

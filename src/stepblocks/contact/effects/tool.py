@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -10,7 +11,22 @@ import numpy as np
 from stepblocks.contact.effects.law import Law, Parameter
 from stepblocks.contact.state import DragState
 
-INSTRUMENT = "instrument"
+_stiffness, _load, _sensor = (partial(Law, slot=slot) for slot in ("stiffness", "normal_load", "sensor"))
+_bias = partial(_load, said="the load differs from the weights by", settled="weigh the arm without weights")
+_pivot = partial(
+    _load,
+    said="a pivot rubs while the tip is lifted: share of the load, or force,",
+    settled="lift the arm slowly by a scale",
+)
+_drag = partial(
+    Law,
+    slot="drag",
+    covariate="speed_mm_s",
+    said="a viscous drag acts: coefficient",
+    settled="drag without touching a block",
+)
+_zero = partial(_sensor, settled="tare: record both gauges unloaded before and after the drags")
+
 _BIAS = (Parameter("load_bias_n", "N", 0.0, -0.25, 0.6, 0.01),)
 _COEFFICIENT = (Parameter("coefficient_n_s_per_m", "N s/m", 0.0, -20.0, 100.0, 0.5),)
 
@@ -20,57 +36,9 @@ def _seen_bias(state: DragState, _: Any, values: Mapping[str, float]) -> DragSta
     return state.changed(load=state.load + bias, sensed_offset=state.sensed_offset + bias)
 
 
-LOAD = (
-    Law(
-        "load_bias",
-        "normal_load",
-        "none",
-        "F_py -> F_py + b, as the gauge sees it",
-        _BIAS,
-        _seen_bias,
-        said="the load differs from the weights by",
-        settled="weigh the arm without weights",
-    ),
-    Law(
-        "load_bias~unseen",
-        "normal_load",
-        "none",
-        "F_py -> F_py + b at the contact, unseen by the gauge",
-        _BIAS,
-        lambda state, _, v: state.changed(load=state.load + v["load_bias_n"]),
-        rank=1,
-        said="the load differs from the weights by",
-        settled="weigh the arm without weights",
-    ),
-    Law(
-        "pivot_friction",
-        "normal_load",
-        "none",
-        "F_py (1 + p) while the tip climbs",
-        (Parameter("pivot_share", "1", 0.0, -0.6, 2.0, 0.02),),
-        lambda state, _, v: state.changed(climb_load=state.climb_load + v["pivot_share"] * state.set_load),
-        rank=2,
-        said="a pivot rubs while the tip is lifted: share of the load, or force,",
-        settled="lift the arm slowly by a scale",
-    ),
-    Law(
-        "pivot_friction~constant",
-        "normal_load",
-        "none",
-        "F_py + f while the tip climbs",
-        (Parameter("pivot_force_n", "N", 0.0, -0.25, 0.6, 0.01),),
-        lambda state, _, v: state.changed(climb_load=state.climb_load + v["pivot_force_n"]),
-        rank=3,
-        said="a pivot rubs while the tip is lifted: share of the load, or force,",
-        settled="lift the arm slowly by a scale",
-    ),
-)
-
-STIFFNESS = (
-    Law(
+LAWS = (
+    _stiffness(
         "hardening_spring",  # after Duffing
-        "stiffness",
-        "peak_force_n",
         "F = u + g u^3, u = k x: energy (u^2/2 + g u^4/4) / k, ramp k (1 + 3 g u^2), pitch with 3/4 g A^2 at amplitude A",
         (
             Parameter("cubic_per_n2", "1/N^2", 0.0, 0.0, 5.0, 0.02),
@@ -80,32 +48,44 @@ STIFFNESS = (
         lambda state, _, v: state.changed(
             hardening=state.hardening + v["cubic_per_n2"], pitch_share=state.pitch_share + v["pitch_share"]
         ),
+        covariate="peak_force_n",
         shapes=({"pitch_share": 0.0}, {"pitch_share": 0.4}),
         said="the spring hardens: g and the share of the first swing that its pitch shows",
     ),
-)
-
-DRAG = (
-    Law(
+    _bias("load_bias", "F_py -> F_py + b, as the gauge sees it", _BIAS, _seen_bias),
+    _bias(
+        "load_bias~unseen",
+        "F_py -> F_py + b at the contact, unseen by the gauge",
+        _BIAS,
+        lambda state, _, v: state.changed(load=state.load + v["load_bias_n"]),
+        rank=1,
+    ),
+    _pivot(
+        "pivot_friction",
+        "F_py (1 + p) while the tip climbs",
+        (Parameter("pivot_share", "1", 0.0, -0.6, 2.0, 0.02),),
+        lambda state, _, v: state.changed(climb_load=state.climb_load + v["pivot_share"] * state.set_load),
+        rank=2,
+    ),
+    _pivot(
+        "pivot_friction~constant",
+        "F_py + f while the tip climbs",
+        (Parameter("pivot_force_n", "N", 0.0, -0.25, 0.6, 0.01),),
+        lambda state, _, v: state.changed(climb_load=state.climb_load + v["pivot_force_n"]),
+        rank=3,
+    ),
+    _drag(
         "viscous_drag",
-        "drag",
-        "speed_mm_s",
         "F_x + c v",
         _COEFFICIENT,
         lambda state, _, v: state.changed(drag=state.drag + v["coefficient_n_s_per_m"] * state.speed),
-        said="a viscous drag acts: coefficient",
-        settled="drag without touching a block",
     ),
-    Law(
+    _drag(
         "viscous_drag~climbing",
-        "drag",
-        "speed_mm_s",
         "F_px + c v, while the tip climbs",
         _COEFFICIENT,
         lambda state, _, v: state.changed(climb_drag=state.climb_drag + v["coefficient_n_s_per_m"] * state.speed),
         rank=1,
-        said="a viscous drag acts: coefficient",
-        settled="drag without touching a block",
     ),
 )
 
@@ -129,60 +109,40 @@ def set_instrument(state: DragState, _: Any, values: Mapping[str, float]) -> Dra
 
 
 SENSOR = (
-    Law(
+    _sensor(
         "sensor_gain",
-        "sensor",
-        "none",
         "F_x -> G F_x",
         (_GAIN,),
         set_instrument,
         said="the tangential gauge reads by ln G of",
         settled="hang a known weight on the tangential gauge",
     ),
-    Law(
+    _zero(
         "tangential_zero",
-        "sensor",
-        "none",
         "F_x shown + z; a tare enters no stored energy",
         (_ZERO,),
         set_instrument,
         said="the tangential gauge reads without force",
-        settled="tare: record both gauges unloaded before and after the drags",
     ),
-    Law(
-        "normal_zero",
-        "sensor",
-        "none",
-        "F_y shown + z",
-        (_NORMAL_ZERO,),
-        set_instrument,
-        said="the normal gauge reads without force",
-        settled="tare: record both gauges unloaded before and after the drags",
-    ),
-    Law(
+    _zero("normal_zero", "F_y shown + z", (_NORMAL_ZERO,), set_instrument, said="the normal gauge reads without force"),
+    _sensor(
         "normal_gain",
-        "sensor",
-        "none",
         "F_y shown times G",
         (_NORMAL_GAIN,),
         set_instrument,
         said="the normal gauge reads by ln G of",
         settled="put a known weight on the normal gauge",
     ),
-    Law(
+    _sensor(
         "cross_talk",
-        "sensor",
-        "none",
         "F_x shown + c F_y; it enters no stored energy",
         (_CROSS_TALK,),
         set_instrument,
         said="the tangential gauge also shows of the normal force",
         settled="drag in the other direction: friction changes its sign, cross-talk does not",
     ),
-    Law(
-        INSTRUMENT,  # several constants of one instrument off together: the rival of whatever looks like geometry
-        "sensor",
-        "none",
+    _sensor(
+        "instrument",  # several constants of one instrument off together: the rival of whatever looks like geometry
         "F_x shown G F_x + z + c F_y, F_y shown G' F_y + z'",
         (_ZERO, _NORMAL_ZERO, _NORMAL_GAIN, _CROSS_TALK, _GAIN),
         set_instrument,
@@ -190,13 +150,12 @@ SENSOR = (
         said="several constants of the gauges are off: zeros, gain, cross-talk, gain",
         settled="tare both gauges, hang known weights on each, drag in both directions",
     ),
-    Law(
+    _sensor(
         "sensor_bandwidth",
-        "sensor",
-        "speed_mm_s",
         "gauge of first order: peak short by k v tau (1 - exp(-t_ramp / tau))",
         (Parameter("time_constant_s", "s", 0.0, 0.0, 5e-3, 1e-4),),
         lambda state, _, v: state.changed(lag=state.lag + v["time_constant_s"]),
+        covariate="speed_mm_s",
         said="the gauge is slow: time constant",
         settled="tap the tool: the ring of a free tool shows the bandwidth",
     ),

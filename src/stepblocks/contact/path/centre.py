@@ -1,8 +1,6 @@
-"""The path of the ball's centre over a stimulus: what a point-like proxy slides on.
+"""The path of the ball's centre over a stimulus, what a point-like proxy slides on: corners become circles, planes lines.
 
-The path is the upper envelope of the surface dilated by the ball. Every corner of the surface becomes a circle of
-radius R, every plane piece a line; where two of them cross, the path has a notch, and a notch is where a probe
-catches. The notch's slopes are kept exactly, since the force at release depends on them alone.
+Where two of them cross in the upper envelope the path has a notch, and there a probe catches: its slopes are kept exactly.
 """
 
 from __future__ import annotations
@@ -27,10 +25,7 @@ _CATCH = 1e-6  # a change of slope that counts as a notch
 
 @dataclass(frozen=True)
 class CentrePath:
-    """Path of one point of a ball as pieces between knots, whose slopes are known at both ends.
-
-    A notch stays a notch: the piece that ends there and the one that begins have slopes of their own.
-    """
+    """Path of one point of a ball as pieces between knots, each with slopes of its own at both ends."""
 
     x: Array  # shape (n,); knots [m], ascending
     z: Array  # shape (n,); height of that point: of the centre, unless a subclass says otherwise [m]
@@ -39,7 +34,7 @@ class CentrePath:
 
     def notch(self, direction: float) -> tuple[float, float, float]:
         """Find where the probe catches: x, z and the critical angle, 0 for none."""
-        if direction > 0.0:
+        if direction > 0:
             index = int(np.argmax(self.slope_start))
             rise, knot = self.slope_start[index], index
         else:
@@ -58,11 +53,9 @@ class CentrePath:
 
 
 def corner_path(points: ArrayLike, ball_radius: float) -> CentrePath:
-    """Path of the ball's centre over the range of a profile, shape (n, 2) [m]; equal x make a vertical wall.
-
-    At most 2000 corners: every corner becomes a circle, and every circle is compared with every other.
-    """
+    """Path of the ball's centre over the range of a profile, shape (n, 2) [m]; equal x make a vertical wall."""
     flat = np.asarray(points, dtype=np.float64)
+    # every corner becomes a circle, and every circle is compared with every other
     if not (2 <= len(flat) <= 2000 and np.isfinite(flat).all() and (np.diff(flat[:, 0]) >= 0.0).all()):
         raise ContactError(f"a profile must have 2 to 2000 finite points that do not descend in x, got {len(flat)}")
     corners = [(float(x), float(z)) for x, z in flat]

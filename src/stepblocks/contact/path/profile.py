@@ -1,29 +1,23 @@
-"""The path of a probe tip over a profile: exact dilation by a ball, contact points and the slope that a drag meets."""
+"""The path of a probe tip over a profile: exact dilation by a ball, what it touches, and where the tip catches."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+import math
+from dataclasses import dataclass, replace
 from typing import Literal
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from stepblocks.contact.domain import require_positive
+from stepblocks.contact.energy import Release, release_at
+from stepblocks.contact.operating_point import PAPER, Tool
 from stepblocks.contact.path import profile_kernels as kernels
 from stepblocks.errors import ContactError
 
 Floats = NDArray[np.float64]
 Edges = Literal["strict", "flat"]
-
-
-@dataclass(frozen=True)
-class Ball:
-    """A spherical tip; its arcs are handled in closed form."""
-
-    radius: float  # R [m]
-
-    def __post_init__(self) -> None:
-        require_positive("ball radius", self.radius, "m")
+Direction = Literal["forward", "backward"]
 
 
 @dataclass(frozen=True)
@@ -37,44 +31,37 @@ class TipPath:
     supported: NDArray[np.bool_]  # shape (n,); False where missing samples or a levelled end lie within the tip's reach
     element: NDArray[np.int64]  # shape (n,); which row of `elements` is touched; -1 for none
     elements: Floats  # shape (m, 5); the surface as segments (x0, z0, x1, z1, contact offset) [m]
-    tip: Ball
+    ball_radius: float  # R [m]
 
 
 def profile_path(
-    x: ArrayLike, z: ArrayLike, tip: Ball, *, positions: ArrayLike | None = None, edges: Edges = "strict"
+    x: ArrayLike, z: ArrayLike, ball_radius: float, *, positions: Floats | None = None, edges: Edges = "strict"
 ) -> TipPath:
-    """Path of a tip over a profile by exact dilation, ``h(x) = max_u z(u) - t(u - x)``.
+    """Path of a ball [m] over a profile by exact dilation, ``h(x) = max_u z(u) - t(u - x)``.
 
     Points [m] come in order of `x`, two equal ones are a riser, straight lines join them; NaN heights were not measured.
     ``strict`` keeps to positions at which nothing beyond the ends could be touched, ``flat`` lets the surface go on level.
-    Without `positions` those of the profile are taken, and points between them at most a 25th of the ball's width apart.
-
-    Examples
-    --------
-    A ball meets a sharp step of 25 um at the critical angle of equation (2).
-
-    >>> path = profile_path([-1e-3, 0, 0, 1e-3], [0, 0, 25e-6, 25e-6], Ball(125e-6))
-    >>> from stepblocks.contact.path.catches import steepest
-    >>> round(float(np.degrees(steepest(path).angle)), 6)
-    36.869898
+    Without `positions`, which must increase, those of the profile are taken, and points at most a 25th of the ball's width apart.
     """
+    require_positive("ball radius", ball_radius, "m")
     xs, zs = _checked(x, z)
-    finite, width = np.isfinite(zs), 2.0 * tip.radius
-    elements = _elements(xs, zs, tip.radius)
-    used = _effective_reach(tip.radius, float(np.ptp(zs[finite])))
+    finite, width = np.isfinite(zs), 2.0 * ball_radius
+    elements = _elements(xs, zs, ball_radius)
+    span = float(np.ptp(zs[finite]))  # of the heights: it says how much of the ball can touch
+    reach = ball_radius if span >= ball_radius else float(np.sqrt(span * (2.0 * ball_radius - span)))
     if edges == "flat":
         (first, last), (start, end) = xs[finite][[0, -1]], zs[finite][[0, -1]]
         before = [first - 2.0 * width, start, first, start, 0.0]
         elements = np.vstack([before, elements, [last, end, last + 2.0 * width, end, 0.0]])
-    elif xs[-1] - xs[0] < used[1] - used[0]:
+    elif xs[-1] - xs[0] < reach + reach:
         raise ContactError(
-            f"tip reaches over {used[1] - used[0]:.3g} m and must not be larger than the profile "
+            f"tip reaches over {reach + reach:.3g} m and must not be larger than the profile "
             f"({xs[-1] - xs[0]:.3g} m); shorten it or use edges='flat'"
         )
-    where = _positions(xs, positions, width, used, edges)
-    height, contact, which = kernels.dilate_profile(where, elements, tip.radius)
-    slope = kernels.path_slopes(where, contact, which, tip.radius)
-    return TipPath(where, height, contact, slope, _supported(xs, finite, where, used), which, elements, tip)
+    where = _positions(xs, width, reach, edges) if positions is None else positions
+    height, contact, which = kernels.dilate_profile(where, elements, ball_radius)
+    slope = kernels.path_slopes(where, contact, which, ball_radius)
+    return TipPath(where, height, contact, slope, _supported(xs, finite, where, reach), which, elements, ball_radius)
 
 
 def _elements(x: Floats, z: Floats, radius: float) -> Floats:
@@ -110,43 +97,106 @@ def _checked(x: ArrayLike, z: ArrayLike) -> tuple[Floats, Floats]:
     return xs, zs
 
 
-def _effective_reach(radius: float, span: float) -> tuple[float, float]:
-    """Find the part of the ball that can touch a surface of this height range."""
-    half = radius if span >= radius else float(np.sqrt(span * (2.0 * radius - span)))
-    return -half, half
+def _positions(x: Floats, width: float, reach: float, edges: Edges) -> Floats:
+    pieces = np.maximum(np.ceil(np.diff(x) / (0.04 * width)), 1).astype(int)
+    if pieces.max() == 1:
+        where = np.unique(x)
+    else:
+        parts = [np.linspace(a, b, n, endpoint=False) for a, b, n in zip(x[:-1], x[1:], pieces, strict=True)]
+        where = np.unique(np.concatenate([*parts, x[-1:]]))
+    if edges == "strict":
+        # the first and last tip positions that the profile fully decides are always among them
+        ends = [x[0] + reach, x[-1] - reach]
+        inner = (where > ends[0]) & (where < ends[1])
+        where = np.unique(np.concatenate([ends[:1], where[inner], ends[1:]]))
+    return where
 
 
-def _positions(x: Floats, wanted: ArrayLike | None, reach: float, used: tuple[float, float], edges: Edges) -> Floats:
-    if wanted is None:
-        pieces = np.maximum(np.ceil(np.diff(x) / (0.04 * reach)), 1).astype(int)
-        if pieces.max() == 1:
-            where = np.unique(x)
-        else:
-            parts = [np.linspace(a, b, n, endpoint=False) for a, b, n in zip(x[:-1], x[1:], pieces, strict=True)]
-            where = np.unique(np.concatenate([*parts, x[-1:]]))
-        if edges == "strict":
-            # the first and last tip positions that the profile fully decides are always among them
-            ends = [x[0] - used[0], x[-1] - used[1]]
-            inner = (where > ends[0]) & (where < ends[1])
-            where = np.unique(np.concatenate([ends[:1], where[inner], ends[1:]]))
-        return np.ascontiguousarray(where)
-    given = np.asarray(wanted, dtype=np.float64)
-    if given.ndim != 1 or given.size == 0 or not np.isfinite(given).all() or (np.diff(given) <= 0.0).any():
-        raise ContactError("positions must be finite and increase strictly, and there must be at least one")
-    first, last = (x[0] - used[0], x[-1] - used[1]) if edges == "strict" else (x[0], x[-1])
-    if given[0] < first or given[-1] > last:
-        raise ContactError(
-            f"positions must lie between {first:.6g} m and {last:.6g} m with edges={edges!r}, "
-            f"got {given[0]:.6g} m to {given[-1]:.6g} m"
-        )
-    return np.ascontiguousarray(given)
-
-
-def _supported(x: Floats, finite: NDArray[np.bool_], where: Floats, used: tuple[float, float]) -> NDArray[np.bool_]:
-    inside = (where + used[0] >= x[0] * (1 - 1e-12 * np.sign(x[0]))) & (where + used[1] <= x[-1] + 1e-12 * abs(x[-1]))
+def _supported(x: Floats, finite: NDArray[np.bool_], where: Floats, reach: float) -> NDArray[np.bool_]:
+    inside = (where - reach >= x[0] * (1 - 1e-12 * np.sign(x[0]))) & (where + reach <= x[-1] + 1e-12 * abs(x[-1]))
     if finite.all():
         return np.asarray(inside)
     holes = x[~finite]
-    first = np.searchsorted(holes, where + used[0], side="left")
-    last = np.searchsorted(holes, where + used[1], side="right")
+    first = np.searchsorted(holes, where - reach, side="left")
+    last = np.searchsorted(holes, where + reach, side="right")
     return np.asarray(inside & (first == last))
+
+
+@dataclass(frozen=True)
+class Catch:
+    """A place where the path of the tip is steepest in the direction of the drag."""
+
+    position: float  # of the tip's axis [m]
+    contact: float  # of the edge that is touched [m]
+    angle: float  # slope of the path there [rad]; 0 where it never rises, a right angle where the tip meets a riser
+    supported: bool = True  # False where missing data under the tip could hide a higher contact
+
+    def release(self, normal_load: float, friction: float, tool: Tool = PAPER.tool) -> Release:
+        """Force and energy by equation (1); locking and too high a step are a status (see `release_at`)."""
+        return release_at(self.angle, normal_load, friction, tool)
+
+
+def steepest(path: TipPath, direction: Direction = "forward") -> Catch:
+    """Find the critical angle of a path, its steepest rise towards growing x or falling x, exact whatever its positions."""
+    slopes = interval_slopes(path, direction, _grid_maximum(path, direction))
+    if np.isnan(slopes[:, 0]).all():
+        raise ContactError("path has no two neighbouring positions with a surface under the tip")
+    return _catch(path, slopes, int(np.nanargmax(slopes[:, 0])))
+
+
+def catches(path: TipPath, direction: Direction = "forward", *, smallest: float = math.radians(1.0)) -> list[Catch]:
+    """Every local catch along a drag, in the order in which it is met; a rise by less than `smallest` [rad] is roughness."""
+    from scipy.signal import find_peaks
+
+    require_positive("smallest", smallest, "rad")
+    slopes = interval_slopes(path, direction, math.tan(smallest))
+    angles = np.arctan(np.nan_to_num(np.maximum(slopes[:, 0], 0.0), nan=0.0, posinf=1e300))
+    padded = np.concatenate([[0.0], angles, [0.0]])
+    found = find_peaks(padded, prominence=smallest)[0] - 1
+    order = found if direction == "forward" else found[::-1]
+    return [_catch(path, slopes, int(k)) for k in order]
+
+
+def _catch(path: TipPath, slopes: NDArray[np.float64], k: int) -> Catch:
+    slope, where, contact = slopes[k]
+    angle = 0.5 * math.pi if np.isposinf(slope) else math.atan(max(slope, 0.0))
+    return Catch(float(where), float(contact), angle, bool(path.supported[k] and path.supported[k + 1]))
+
+
+def _grid_maximum(path: TipPath, direction: Direction) -> float:
+    """Find a slope that the path surely reaches, so that only steeper intervals need be searched."""
+    rise = np.diff(path.height) / np.diff(path.position) * (1.0 if direction == "forward" else -1.0)
+    finite = rise[np.isfinite(rise)]
+    # the mean slope of an interval is never more than its greatest; a little less guards against rounding
+    return float(finite.max()) * (1.0 - 1e-9) - 1e-9 if finite.size else 0.0
+
+
+def interval_slopes(path: TipPath, direction: Direction, floor: float) -> NDArray[np.float64]:
+    """Steepest rise between neighbouring positions, where, and the contact there; shape (n - 1, 3)."""
+    if direction == "backward":
+        slopes = interval_slopes(_mirrored(path), "forward", floor)[::-1].copy()
+        slopes[:, 1:] *= -1.0
+        return slopes
+    if path.position.size < 2:
+        raise ContactError("a drag needs a path of at least 2 positions")
+    radius = path.ball_radius
+    tolerance = max(1e-13 * (2.0 * radius), 4.0 * float(np.spacing(np.abs(path.position).max())))
+    found = kernels.steepest_in_each(
+        path.position, path.height, path.contact, path.element, floor, path.elements, radius, tolerance
+    )
+    return np.asarray(found)
+
+
+def _mirrored(path: TipPath) -> TipPath:
+    e = path.elements[::-1]
+    elements = np.ascontiguousarray(np.column_stack([-e[:, 2], e[:, 3], -e[:, 0], e[:, 1], -e[:, 4]]))
+    return replace(
+        path,
+        position=np.ascontiguousarray(-path.position[::-1]),
+        height=np.ascontiguousarray(path.height[::-1]),
+        contact=np.ascontiguousarray(-path.contact[::-1]),
+        slope=path.slope[::-1],
+        supported=path.supported[::-1],
+        element=np.where(path.element < 0, -1, len(path.elements) - 1 - path.element)[::-1].copy(),
+        elements=elements,
+    )

@@ -46,37 +46,23 @@ def best_contact(x: float, first: int, last: int, elements: Array, radius: float
 
 
 @njit(cache=True)
-def _under_tip(positions: Array, elements: Array, radius: float) -> Array:
-    """First and last element within the tip's reach at each position, by one sweep; shape (n, 2)."""
-    spans = np.empty((positions.size, 2), np.int64)
-    m = elements.shape[0]
-    first = last = 0
-    for k in range(positions.size):
-        while first < m and elements[first, 2] < positions[k] - radius:
-            first += 1
-        last = max(last, first)
-        while last < m and elements[last, 0] <= positions[k] + radius:
-            last += 1
-        spans[k, 0], spans[k, 1] = first, last - 1
-    return spans
-
-
-@njit(cache=True)
 def dilate_profile(positions: Array, elements: Array, radius: float) -> tuple[Array, Array, Array]:
     """Height of the tip, contact position and contact element at each of the increasing `positions`."""
     n = positions.size
     height, contact, which = np.empty(n), np.empty(n), np.empty(n, np.int64)
-    spans = _under_tip(positions, elements, radius)
+    # first and last element within the tip's reach at each position
+    under = np.searchsorted(elements[:, 2], positions - radius)
+    until = np.searchsorted(elements[:, 0], positions + radius, side="right") - 1
     stack = np.empty((128, 4), np.int64)
     for start in range(0, n, _CHUNK):  # chunks keep the candidates in the cache
         stop = min(start + _CHUNK, n) - 1
-        stack[0] = (start, stop, spans[start, 0], spans[stop, 1])
+        stack[0] = (start, stop, under[start], until[stop])
         depth = 1
         while depth > 0:
             depth -= 1
             a, b, first, last = stack[depth]
             middle = (a + b) // 2
-            begin, end = max(first, spans[middle, 0]), min(last, spans[middle, 1])
+            begin, end = max(first, under[middle]), min(last, until[middle])
             rest, u, e = best_contact(positions[middle], begin, end, elements, radius)
             height[middle] = rest if e >= 0 else math.nan
             contact[middle], which[middle] = u, e

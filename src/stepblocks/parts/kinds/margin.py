@@ -120,6 +120,11 @@ class CrownMargin(Part):
             rule = f"exceed marginal_gap ({gap}) where vertical_discrepancy is negative"
             yield f"horizontal_discrepancy must {rule}, got {got}"
 
+    def close_up(self) -> tuple[float, float, tuple[float, float, float]]:
+        rise, gap = abs(self.horizontal_discrepancy.nominal), self.marginal_gap.nominal
+        wide = 2.5 * max(rise, gap, abs(self.opening.nominal))
+        return (exaggeration(rise) if rise else 1.0), wide, (0.5 * gap, 0.0, 0.0)
+
     def derived(self) -> list[list[str]]:
         accepted = self.absolute_discrepancy <= _CLINICAL_LIMIT * (1.0 + 1e-12)
         grade = "clinically acceptable" if accepted else "above the clinical limit of 100 um"
@@ -240,11 +245,6 @@ class MarginBlock(CrownMargin, Block):
         tooth = mesh.level_beside(self.body.edge_break.nominal - 0.5 * self.body.length.nominal, +1)
         yield Finding("horizontal discrepancy", self.rise, crown - tooth, NANOMETRE)
         yield Finding("vertical discrepancy", self.opening.nominal, mesh.start_of_level(crown), NANOMETRE)
-
-    def close_up(self) -> tuple[float, float, tuple[float, float, float]]:
-        rise, gap = abs(self.rise), self.marginal_gap.nominal
-        wide = 2.5 * max(rise, gap, abs(self.opening.nominal))
-        return (exaggeration(rise) if rise else 1.0), wide, (0.5 * gap, 0.0, 0.0)
 
     @rules_validator
     def _fits_the_body(self) -> Iterator[str]:

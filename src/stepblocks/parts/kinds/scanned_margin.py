@@ -1,0 +1,179 @@
+"""The margin of a scanned tooth or crown, station by station: the scan gives the shape of both sides, the gap is injected."""
+
+from __future__ import annotations
+
+import itertools
+import math
+from collections.abc import Iterator, Mapping
+from functools import lru_cache
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal
+
+import numpy as np
+from pydantic import BeforeValidator, Field, ValidationError
+
+from stepblocks.atomic import inside
+from stepblocks.confined import read_confined
+from stepblocks.contact.counterface import SIDE
+from stepblocks.errors import StimulusError
+from stepblocks.parts.characteristics import Characteristic, plane, toleranced
+from stepblocks.parts.declared import Table, require, require_below, rules_validator
+from stepblocks.parts.kind import NANOMETRE, Finding, MeasuredMesh
+from stepblocks.parts.kinds.margin import CrownMargin
+from stepblocks.parts.margin_line import RIM
+from stepblocks.parts.shapes import hull
+from stepblocks.parts.tolerance import PositiveLength
+
+if TYPE_CHECKING:
+    from stepblocks.cad import kernel
+    from stepblocks.contact.counterface import Margin
+
+_UNITS = {"um": 1e-6, "mm": 1e-3, "cm": 1e-2, "m": 1.0}
+_LEAST_POINTS = 6  # a line through fewer cuts the corners of a tooth
+_USUAL_STATIONS = 50  # round a crown's margin: Groten et al. 2000, J Prosthet Dent 83:40
+_ACROSS = "profilometer or microscope"
+
+
+def _line(raw: object) -> object:
+    """Read a margin line; in one message what it may be."""
+    if raw == RIM:
+        return raw
+    try:
+        points = np.array(raw, dtype=np.float64)
+    except (TypeError, ValueError):
+        points = np.empty(0)
+    if points.ndim != 2 or points.shape[1] != 3 or len(points) < _LEAST_POINTS or not np.isfinite(points).all():
+        rule = f"be 'rim', or a list of {_LEAST_POINTS} or more points [x, y, z] in order round the tooth, in the unit of the mesh"
+        raise ValueError(f"must {rule}, got {raw!r:.60}")
+    return tuple(map(tuple, points.tolist()))
+
+
+class Station(Table):
+    """What a scan says at one place of the margin; worked out, never written in a file."""
+
+    number: int = 1
+    place_m: tuple[float, ...] = (0.0, 0.0, 0.0)  # in the frame of the mesh
+    tooth_curvature_per_m: float = 0.0  # negative where it bulges
+    crown_slope_rad: float = 0.0  # against the tooth
+    crown_curvature_per_m: float = 0.0
+    scatter_m: float = 0.0  # of the scan about these
+
+
+class ScannedMargin(CrownMargin):
+    """A bar with the section of a scanned margin, the tooth level at x = 0."""
+
+    stanza: ClassVar[str] = "scanned_margin"
+    called: ClassVar[str] = "scanned margin"
+    titled: ClassVar[str] = "Margin of a scan"
+    governed_by: ClassVar[str] = "horizontal_discrepancy"
+
+    mesh: str
+    unit: Literal["um", "mm", "cm", "m"]  # of the mesh; such files do not say
+    margin: Annotated[Any, BeforeValidator(_line)]
+    stations: Annotated[int, Field(ge=1, le=1000)] = _USUAL_STATIONS
+    crown_towards: tuple[float, float, float] = (0.0, 0.0, 1.0)  # roughly, from the root, in the frame of the mesh
+    shows: Literal["tooth", "crown", "both"] = "both"
+    station: Station = Station()
+    gap_depth: PositiveLength  # of the gap below the tooth's surface [m]
+    length: PositiveLength  # of the bar, along x [m]
+    width: PositiveLength  # along y [m]
+    thickness: PositiveLength  # from the base to the tooth at the margin [m]
+
+    @classmethod
+    def followed(cls, stanza: Mapping[str, Any], folder: Path) -> Iterator[Mapping[str, Any]]:
+        if "station" in stanza:
+            raise ValueError("station is worked out from the mesh, and not a field of a file")
+        try:
+            one = cls.model_validate(stanza)
+        except ValidationError:  # whose mistakes are told where all stanzas are validated
+            yield stanza
+            return
+        path = inside(folder, one.mesh)
+        if path is None or path.suffix.lower() not in (".stl", ".ply"):
+            raise ValueError(f"mesh must be an STL or PLY file in the folder of the set, got {one.mesh!r:.80}")
+        changed = path.stat().st_mtime_ns if path.is_file() else 0
+        rows = _stations(path, changed, _UNITS[one.unit], one.margin, one.stations, one.crown_towards, one.shows)
+        for number, row in enumerate(rows, start=1):
+            values = number, row[:3], *row[3:]
+            station = dict(zip(Station.model_fields, values, strict=True))
+            yield {**stanza, "id": f"{one.id}-{number:0{len(str(one.stations))}}", "station": station}
+
+    @property
+    def floor(self) -> tuple[float, float]:
+        return self.gap_depth.nominal, 0.0
+
+    def sized(self, **sizes: float) -> Margin:
+        from stepblocks.contact.counterface import ProfiledMargin
+
+        scan, level = self.station, vars(super().sized(**sizes))
+        bent = {"tooth_curvature": scan.tooth_curvature_per_m, "crown_curvature": scan.crown_curvature_per_m}
+        return ProfiledMargin(**level, **bent, crown_slope=math.tan(scan.crown_slope_rad))
+
+    def _section(self) -> list[tuple[float, float]]:
+        """Upper outline from end to end (x, z) [m]."""
+        half = 0.5 * self.length.nominal
+        x, z = self.counterface().section(half - SIDE)
+        return list(zip(np.minimum(x, half).tolist(), z.tolist(), strict=True))
+
+    def solids(self) -> list[kernel.Body]:
+        from stepblocks.cad import kernel
+
+        half, y, base = 0.5 * self.length.nominal, -0.5 * self.width.nominal, -self.thickness.nominal
+        outline = [(half, base), *reversed(self._section()), (-half, base)]
+        return [kernel.extruded([(x, y, z) for x, z in outline], (0.0, self.width.nominal, 0.0))]
+
+    def volumes(self) -> tuple[float, ...]:
+        lines = itertools.pairwise(self._section())
+        area = sum((xb - xa) * (0.5 * (za + zb) + self.thickness.nominal) for (xa, za), (xb, zb) in lines)
+        return (area * self.width.nominal,)
+
+    def hulls(self) -> list[Any]:
+        base, side = -self.thickness.nominal, 0.5 * self.width.nominal
+        columns = [(a, b) for a, b in itertools.pairwise(self._section()) if b[0] > a[0]]
+        return [hull((x, y, z) for x, top in ends for z in (base, top) for y in (-side, side)) for ends in columns]
+
+    def characteristics(self) -> Iterator[Characteristic]:
+        g, low = self.marginal_gap, -0.5 * self.gap_depth.nominal
+        yield toleranced(
+            "marginal_gap", "distance", g, plane(0, 0.0, z=low), plane(0, g.nominal, z=low), method=_ACROSS
+        )
+        for name in ("horizontal_discrepancy", "vertical_discrepancy", "gap_depth", "thickness"):
+            if (one := getattr(self, name)) is not None:
+                yield toleranced(name, "note", one, method=_ACROSS)
+        for axis, one in enumerate((self.length, self.width)):
+            name, half = ("length", "width")[axis], 0.5 * one.nominal
+            yield toleranced(name, "distance", one, plane(axis, -half), plane(axis, half))
+
+    def measured(self, body: int, mesh: MeasuredMesh) -> Iterator[Finding]:
+        reach, corner = 0.25 * self.length.nominal, abs(mesh.vertices[:, 0] - self.opening.nominal) < 5.0 * NANOMETRE
+        gap = mesh.wall_position(-1, reach) - mesh.wall_position(+1, reach)
+        yield Finding("marginal gap", self.marginal_gap.nominal, gap, NANOMETRE)
+        top = float(mesh.vertices[corner, 2].max())
+        yield Finding("margin of the crown", self.horizontal_discrepancy.nominal, top, NANOMETRE)
+
+    def derived(self) -> list[list[str]]:
+        scan = self.station
+        shape = f"crown {math.degrees(scan.crown_slope_rad):+.1f} deg against the tooth, scatter {scan.scatter_m * 1e6:.2g} um"
+        gap = "injected; scans err by more than a gap, so there is no verdict on the scanned one"
+        return [*super().derived(), [f"station {scan.number}", shape], ["marginal gap", gap]]
+
+    @rules_validator
+    def _can_be_made(self) -> None:
+        if self.margin == RIM and self.shows == "both":
+            raise ValueError(
+                "shows must be 'tooth' or 'crown' where the margin is the rim, at which the mesh ends, got 'both'"
+            )
+        g, v, depth, thickness = self.marginal_gap.nominal, self.opening.nominal, self.floor[0], self.thickness.nominal
+        lowest = max(depth, *(-z for _, z in self._section()))
+        below = v - g - self.horizontal_discrepancy.nominal
+        require(v >= g, "vertical_discrepancy", "not be less than marginal_gap on a scan", g, v)
+        require_below("vertical_discrepancy", "leave the crown on the bar", v, 0.5 * self.length.nominal - SIDE)
+        require(below < depth, "gap_depth", "reach below the margin", below, depth)
+        require(2.0 * lowest < thickness, "thickness", "be over twice the depth", 2.0 * lowest, thickness)
+
+
+@lru_cache(maxsize=8)
+def _stations(path: Path, changed: int, *asked: Any) -> list[list[float]]:
+    """Read each state of a file once."""
+    found = read_confined("stepblocks.parts.margin_line:stations_in", path, *asked, raises=StimulusError)
+    return [list(map(float, row)) for row in found["stations"]]

@@ -1,0 +1,162 @@
+"""The margin line of a scanned tooth or crown: stations along it, and how tooth and crown run on from it on either side.
+
+A scan errs by more than a gap: what is taken from it is the slope and the curvature of either side, least squares over a
+millimetre; whatever it shows of a gap or of a step is not.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from stepblocks.errors import StimulusError
+
+Array = NDArray[np.float64]
+RIM = "rim"  # the margin is where the mesh ends
+_MOST_TRIANGLES = 5_000_000
+_SMALLEST, _LARGEST = 2e-3, 0.15  # of what is scanned, from a short crown to a whole arch [m]
+_BESIDE = 0.5e-3  # how far a picked point may lie from the scan [m]
+_MOST_KNOTS = 60  # of the margin line: between them it is smooth
+_FITTED = 1e-3  # of either side from which their shape is taken, and along the margin: a scan's noise averages out [m]
+_SAMPLES, _SECTIONS = 51, 9  # of either side of a section, and beside each other at a station
+_COVERED = 1.0 / 3.0  # share of a side that must be there: a hole beside the margin is bridged [1]
+_OUTLYING = 4.0  # robust standard deviations beyond which a sample is debris or the edge of a hole
+
+
+def stations_in(
+    path: Path, scale: float, margin: str | list[list[float]], count: int, towards: Sequence[float], shows: str
+) -> dict[str, Any]:
+    """Measure `count` sections across a margin; called in the confined process.
+
+    Lengths of the file and of picked points times `scale` are metres; `towards` points roughly from the root to the crown, and
+    the scan `shows` the tooth, the crown or both. Each row of ``stations`` is place x, y, z [m], curvature of the tooth [1/m],
+    slope against the tooth [rad] and curvature of the crown, and scatter of the scan about both [m].
+    """
+    import trimesh
+
+    mesh = trimesh.load_mesh(path, file_type=path.suffix[1:].lower())
+    if not 0 < len(mesh.faces) <= _MOST_TRIANGLES or not np.isfinite(mesh.vertices).all():
+        rule = f"1 to {_MOST_TRIANGLES} triangles between finite points"
+        raise StimulusError(f"a mesh must have {rule}, got {len(mesh.faces)} triangles [{path.name}]")
+    mesh.apply_scale(scale)
+    size = float(mesh.extents.max())
+    if not _SMALLEST <= size <= _LARGEST:
+        rule = f"a tooth of {_SMALLEST * 1e3:g} to {_LARGEST * 1e3:g} mm"
+        raise StimulusError(f"unit must make the mesh {rule}, got {size * 1e3:.4g} mm [{path.name}]")
+    mesh.merge_vertices()
+    mesh.update_faces(mesh.nondegenerate_faces())
+    pieces = trimesh.graph.connected_components(mesh.face_adjacency, nodes=np.arange(len(mesh.faces)))
+    least = 0.05 * max(map(len, pieces))  # smaller ones are debris
+    mesh.update_faces(np.concatenate([piece for piece in pieces if len(piece) > least]))
+    line = _closed(_rim(mesh) if margin == RIM else _on(mesh, np.asarray(margin, dtype=np.float64) * scale, path), path)
+    around = line(np.linspace(0.0, line.x[-1], 500))
+    middle = around.mean(axis=0)
+    draw = np.linalg.svd(around - middle, full_matrices=False)[2][2]
+    draw *= math.copysign(1.0, float(draw @ towards))
+    if draw @ towards < 0.5 * np.linalg.norm(towards):
+        raise StimulusError(f"crown_towards must leave the plane of the margin by 30 deg or more [{path.name}]")
+    radii = np.linalg.norm(mesh.triangles - mesh.triangles_center[:, None], axis=2).max(axis=1)
+    found = []
+    for number in range(count):
+        where = line.x[-1] * number / count + np.linspace(-0.5 * _FITTED, 0.5 * _FITTED, _SECTIONS)
+        place = line(where[_SECTIONS // 2])
+        near = np.flatnonzero(np.linalg.norm(mesh.triangles_center - place, axis=1) < 3.0 * _FITTED + radii)
+        frames = zip(line(where), line(where, 1), strict=True)
+        hole, sides = _sides([_section(mesh, near, *frame, middle, draw) for frame in frames], shows)
+        if hole:
+            rule = f"must show a third of the {hole} within {_FITTED * 1e3:g} mm of the margin"
+            raise StimulusError(f"the scan {rule}, got a hole at station {number + 1} [{path.name}]")
+        found.append([*place, *sides])
+    # digits far below what a scan tells, which are the same on every processor
+    return {"stations": np.where([0, 0, 0, 1, 1, 1, 0], np.round(found, 6), np.round(found, 9)) + 0.0}
+
+
+def _rim(mesh: Any) -> Array:
+    """Points of the longest closed border of an open mesh, if there is one; holes have shorter ones."""
+    loops = [np.asarray(loop) for loop in mesh.outline().discrete] if not mesh.is_watertight else []
+    closed = [loop[:-1] for loop in loops if np.allclose(loop[0], loop[-1])]
+    return max(closed, key=lambda loop: float(np.ptp(loop, axis=0).sum()), default=np.empty((0, 3)))
+
+
+def _on(mesh: Any, points: Array, path: Path) -> Array:
+    """Pass picked points on where they lie on the mesh."""
+    from scipy.spatial import cKDTree
+
+    beside = cKDTree(mesh.vertices).query(points)[0] - float(mesh.edges_unique_length.max())
+    if beside.max() > _BESIDE:
+        got = f"{beside.max() * 1e3:.3g} mm off at point {int(beside.argmax()) + 1}"
+        raise StimulusError(f"margin must lie on the mesh within {_BESIDE * 1e3:g} mm, got {got} [{path.name}]")
+    return points
+
+
+def _closed(points: Array, path: Path) -> Any:
+    """Smooth closed line through points, over the length of their chords."""
+    from scipy.interpolate import CubicSpline
+
+    line = np.vstack([points, points[:1]])
+    chords = np.linalg.norm(np.diff(line, axis=0), axis=1)
+    if len(points) < 3 or chords.min() == 0.0 or chords.max() > chords.sum() / 3.0:
+        rule = "close round the tooth, a rim or points of which no two neighbours lie further apart than a third of it"
+        raise StimulusError(f"margin must {rule}, got {len(points)} points [{path.name}]")
+    at = np.concatenate([[0.0], np.cumsum(chords)])
+    if len(points) > _MOST_KNOTS:
+        knots = np.linspace(0.0, at[-1], _MOST_KNOTS + 1)
+        line = np.column_stack([np.interp(knots, at, axis, period=at[-1]) for axis in line.T])
+        at = knots
+    return CubicSpline(at, line, bc_type="periodic")
+
+
+def _section(mesh: Any, near: NDArray[np.int64], place: Array, along: Array, middle: Array, draw: Array) -> Array:
+    """Outermost points (x to the crown, z out of the tooth) of the section across the margin, shape (n, 2)."""
+    import trimesh
+
+    outward = np.cross(along, draw)
+    outward *= math.copysign(1.0 / float(np.linalg.norm(outward)), float(outward @ (place - middle)))
+    across = np.cross(outward, along)
+    across *= math.copysign(1.0 / float(np.linalg.norm(across)), float(across @ draw))
+    cut = trimesh.intersections.mesh_plane(mesh, along, place, local_faces=near) - place
+    x, z = cut @ across, cut @ outward
+    upright = x[:, 0] == x[:, 1]
+    (x0, x1), (z0, z1) = x[~upright].T, z[~upright].T
+    where = np.linspace(-2.0 * _FITTED, 2.0 * _FITTED, 4 * _SAMPLES)
+    share = (where[:, None] - x0) / (x1 - x0)
+    crossed = np.where((share >= 0.0) & (share <= 1.0), z0 + share * (z1 - z0), -np.inf)
+    top = crossed.max(axis=1, initial=-np.inf)
+    return np.asarray(np.column_stack([where, top])[top > -2.0 * _FITTED])
+
+
+def _sides(sections: list[Array], shows: str) -> tuple[str, list[float]]:
+    """Name of the side that is not there, if any; curvature of the tooth, slope and curvature of the crown, scatter.
+
+    Sections beside each other share their shape, and each has a level of its own. The frame is turned until the tooth is level at
+    the margin; where only the crown is shown, until that is.
+    """
+    points, which = np.concatenate(sections), np.repeat(np.arange(_SECTIONS), [len(one) for one in sections])
+    fit, scatter = np.zeros(_SECTIONS + 4), 0.0
+    for _ in range(6):  # the turn converges by a factor of a hundred each time
+        within = np.abs(points[:, 0]) <= _FITTED
+        sides = {"tooth": within & (points[:, 0] < 0.0), "crown": within & (points[:, 0] > 0.0)}
+        sides = {name: side for name, side in sides.items() if shows in (name, "both")}
+        for name, side in sides.items():
+            if side.sum() < _COVERED * _SAMPLES * _SECTIONS:
+                return name, []
+        kept = np.any(list(sides.values()), axis=0)
+        (x, z), own = points[kept].T, which[kept][:, None] == np.arange(_SECTIONS)
+        bows = [np.where(side, x**k / k, 0.0) for side in (x < 0.0, x > 0.0) for k in (1, 2)]
+        columns, used = np.column_stack([own, *bows]), np.ones(len(x), dtype=bool)
+        for _ in range(3):
+            fit = np.linalg.lstsq(columns[used], z[used], rcond=None)[0]
+            rest = z - columns @ fit
+            scatter = float(np.std(rest[used]))
+            used = np.abs(rest) <= max(_OUTLYING * 1.4826 * float(np.median(np.abs(rest))), 1e-9)
+        turn = math.atan(fit[-4 if "tooth" in sides else -2])
+        c, s = math.cos(turn), math.sin(turn)
+        points[:, 1] -= fit[which]
+        points = points @ np.array([[c, -s], [s, c]])
+    tooth, slope, crown = map(float, fit[-3:])
+    return "", [tooth, math.atan(slope) if shows == "both" else 0.0, crown, scatter]
