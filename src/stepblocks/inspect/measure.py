@@ -14,7 +14,7 @@ from stepblocks.inspect.budget import Component, Instrument, Measured, measured_
 from stepblocks.inspect.edge import Edge, fit_edge
 from stepblocks.inspect.form import FaceForm, fit_face, flatness, parallelism, zone_of
 from stepblocks.inspect.margin_gap import fit_margin
-from stepblocks.inspect.noise import Array, Mask
+from stepblocks.inspect.noise import Array, Estimate, Mask
 from stepblocks.inspect.tip import fit_cap
 
 Window = tuple[float, float, str]  # begin, end [m] and name
@@ -73,13 +73,18 @@ def measure_edge(scan: Profile | HeightMap, instrument: Instrument, how: How = A
     height = measured_from_profiles("step height", [one.height for one in edges], instrument, [form])
     flanks = [one.flank for one in edges if one.flank is not None]
     sloped = 2 * len(flanks) > len(edges)
-    # a stylus rounds a corner by its own radius
+    corners = [one.radius for one in edges if (one.flank is not None) == sloped]
+    # what lies between two samples of a sharp edge is the same in every profile, and does not average
+    unresolved = (
+        rows[0].spacing / np.sqrt(12.0) if np.mean([one.value for one in corners]) < 3.0 * rows[0].spacing else 0.0
+    )
     corners = [
-        replace(one.radius, value=one.radius.value - how.stylus_radius)
-        for one in edges
-        if (one.flank is not None) == sloped
+        # a stylus rounds a corner by its own radius
+        Estimate(one.value - how.stylus_radius, float(np.sqrt(max(one.std**2 - unresolved**2, 0.0))), one.dof)
+        for one in corners
     ]
-    radius = measured_from_profiles("edge radius", corners, instrument, axes=(1.0, 1.0))
+    sampling = [Component("sampling", unresolved, how="one interval, rectangular")] if unresolved > 0.0 else []
+    radius = measured_from_profiles("edge radius", corners, instrument, sampling, axes=(1.0, 1.0))
     if how.stylus_radius > 0.0:
         notes.append(f"the stylus radius of {how.stylus_radius * 1e6:.3g} um is taken off the edge radius")
     if sloped:
