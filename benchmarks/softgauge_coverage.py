@@ -30,9 +30,10 @@ from stepblocks.artefacts.scans.scan import HeightMap, Profile
 from stepblocks.errors import MetrologyError
 from stepblocks.inspect.budget import Component, Instrument, Measured
 from stepblocks.inspect.edge import fit_edge
-from stepblocks.inspect.form import fit_face, flatness, zone_of_flatness
+from stepblocks.inspect.form import fit_face, flatness, zone_of
 from stepblocks.inspect.map_levels import masked_step
 from stepblocks.inspect.measure import measure_edge, measure_margin, measure_tip
+from stepblocks.inspect.noise import Estimate
 from stepblocks.inspect.type_a1 import evaluate_a1
 
 Draw = Callable[[np.random.Generator], Iterator[tuple[str, float, Measured]]]
@@ -47,8 +48,8 @@ MOST_REFUSED = 0.01
 """Part of the draws that an evaluation may refuse: type A1 takes several spikes side by side for a defect [1]."""
 
 
-def value(name: str, got: float, std: float, dof: float) -> Measured:
-    return Measured(name, got, (Component("noise", std, dof),))
+def value(name: str, got: Estimate) -> Measured:
+    return Measured(name, got.value, (Component("noise", got.std, got.dof),))
 
 
 def a1(rough: float, length: float, depth: float = 10 * UM, missing: int = 0, spikes: int = 0) -> Draw:
@@ -59,7 +60,7 @@ def a1(rough: float, length: float, depth: float = 10 * UM, missing: int = 0, sp
         z = z + correlated_noise(len(x), UM, 10 * NM, rough, length, random)
         z = with_faults(z, random, spikes=spikes, spike_height=20 * UM, missing=missing)
         got = evaluate_a1(x, z, (300 * UM, 600 * UM))
-        yield "depth, type A1", depth, value("depth", got.depth, got.noise.std, got.noise.dof)
+        yield "depth, type A1", depth, value("depth", got.depth)
 
     return draw
 
@@ -73,12 +74,12 @@ def edge(height: float, radius: float, rough: float, length: float, faults: bool
         if faults:
             z = with_faults(z, random, spikes=8, spike_height=20 * UM, missing=40)
         got = fit_edge(x, z)
-        yield "height, two planes", height, value("height", got.height, got.height_std, got.height_dof)
+        yield "height, two planes", height, value("height", got.height)
         if radius > 3.0 * UM:
-            yield "edge radius", radius, value("radius", got.radius, got.radius_std, got.height_dof)
+            yield "edge radius", radius, value("radius", got.radius)
         else:  # below three sampling intervals only the upper limit is a statement
             half = 0.5 * got.radius_limit
-            yield "edge radius, unresolved", radius, value("radius", half, half / 1.9, math.inf)
+            yield "edge radius, unresolved", radius, value("radius", Estimate(half, half / 1.9))
 
     return draw
 
@@ -139,7 +140,7 @@ def grating() -> Draw:
         z = np.where(holes, -500 * NM, 0.0) + 2e-3 * x * UM - 1e-3 * y * UM
         z = z + random.normal(0.0, 2 * NM, z.shape) + random.normal(0.0, 5 * NM, (160, 1))
         got = masked_step(HeightMap(z, 0.2 * UM, 0.2 * UM))
-        yield "depth, masked step", 500 * NM, value("depth", got.depth, got.noise.std, got.noise.dof)
+        yield "depth, masked step", 500 * NM, value("depth", got.depth)
 
     return draw
 
@@ -148,13 +149,13 @@ def form(bow: float, rough: float, saddle: float = 0.0, twist: float = 0.0, cubi
     x, y = np.meshgrid(np.linspace(-1.0, 1.0, 60), np.linspace(-1.0, 1.0, 40))
     shape = bow * x**2 + saddle * y**2 + twist * x * y + cubic * x**3
     # minimum zone of the form itself; heights in units that its linear programme resolves
-    zone = flatness(np.stack([x.ravel(), y.ravel(), shape.ravel() * 1e6], axis=1)).zone * 1e-6
+    zone = flatness(np.stack([x.ravel(), y.ravel(), shape.ravel() * 1e6], axis=1)) * 1e-6
     x, y = np.arange(60) * 10 * UM, np.arange(40) * 10 * UM
 
     def draw(random: np.random.Generator) -> Iterator[tuple[str, float, Measured]]:
         z = shape + correlated_map(shape.shape, 10 * UM, 10 * NM, rough, 20 * UM, random)
-        got = zone_of_flatness(fit_face(x, y, z, np.ones(z.shape, dtype=bool)))
-        yield "flatness of the form", zone, value("flatness", got.zone, got.std, got.dof)
+        got = zone_of(flatness, fit_face(x, y, z, np.ones(z.shape, dtype=bool)))
+        yield "flatness of the form", zone, value("flatness", got)
 
     return draw
 

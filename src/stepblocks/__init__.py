@@ -11,7 +11,7 @@ Everything a command does, a notebook can. The names below are the public face, 
 - predicted: `step_angle`, `groove_angle`, `margin_angles`, `release_at`, `Release`, `Status`, `interval_of`, `energy_change`,
   `predict_set`, `predict_table`, `predict_trials`, `sweep`, `drag_over`, `vibration_events`;
 - felt: `export`, `feel`, `compare`, `Renderer`;
-- measured: `read_scan`, `list_channels`, `inspect_scan`, `inspect_standard`, `How`, `write_inspection`,
+- measured: `read_scan`, `list_channels`, `inspect_scan`, `inspect_standard`, `inspect_many`, `How`, `write_inspection`, `write_many`,
   `read_as_built`, `measure`, `simulate_session`;
 - explained: `loop_session`, `loop_sessions`, `read_model`; held against what others published: `hold_against_evidence`;
 - judged by people: `design_study`, `write_sheets`, `open_run`, `simulate_study`, `analyse_study`, `analyse_table`, `share_study`,

@@ -32,6 +32,8 @@ from .declare import load_set as load_set
 from .drag.run import drag_over as drag_over
 from .errors import StepblocksError as StepblocksError
 from .evidence.compare import hold_against_evidence as hold_against_evidence
+from .inspect.many import inspect_many as inspect_many
+from .inspect.many import write_many as write_many
 from .inspect.measure import How as How
 from .inspect.report import write_inspection as write_inspection
 from .inspect.run import inspect_scan as inspect_scan

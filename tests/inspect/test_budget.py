@@ -7,9 +7,11 @@ import pytest
 
 from stepblocks.errors import MetrologyError
 from stepblocks.inspect.budget import Component, Instrument, Measured, measured_from_profiles, with_budget
-from stepblocks.inspect.noise import NoiseUncertainty
+from stepblocks.inspect.noise import Estimate
 
-QUIET = NoiseUncertainty(10e-9, 60.0)
+
+def quiet(values, std=10e-9):
+    return [Estimate(value, std, 60.0) for value in values]
 
 
 def parts(measured):
@@ -48,8 +50,7 @@ def test_the_interval_is_normal_where_nothing_was_estimated_from_few_values():
 
 def test_profiles_that_differ_by_no_more_than_their_noise_show_no_repeatability():
     random = np.random.default_rng(1)
-    noisy = NoiseUncertainty(1e-6, 60.0)
-    measured = measured_from_profiles("x", random.normal(1e-5, 10e-9, 12), [noisy] * 12, Instrument(0.0))
+    measured = measured_from_profiles("x", quiet(random.normal(1e-5, 10e-9, 12), 1e-6), Instrument(0.0))
     assert parts(measured)["repeatability"] == 0.0
     assert measured.std < 10e-9  # the scatter itself, not the larger noise that was claimed
 
@@ -59,20 +60,18 @@ def test_the_mean_of_independent_profiles_is_as_uncertain_as_their_scatter_over_
     variances = []
     for seed in range(400):
         values = np.random.default_rng(seed).normal(1e-5, 50e-9, count)
-        variances.append(measured_from_profiles("x", values, [QUIET] * count, Instrument(0.0)).std ** 2)
+        variances.append(measured_from_profiles("x", quiet(values), Instrument(0.0)).std ** 2)
     assert np.sqrt(np.mean(variances)) == pytest.approx(50e-9 / math.sqrt(count), rel=0.06)
 
 
 def test_profiles_that_wander_together_are_fewer_than_they_look():
     slow = 1e-5 + 50e-9 * np.cos(np.pi * (np.arange(60) + 0.5) / 60)  # one half wave over the map
     mixed = np.random.default_rng(2).permutation(slow)
-    together, apart = (
-        measured_from_profiles("x", values, [QUIET] * 60, Instrument(0.0)).std for values in (slow, mixed)
-    )
+    together, apart = (measured_from_profiles("x", quiet(values), Instrument(0.0)).std for values in (slow, mixed))
     assert together > 1.5 * apart
 
 
 @pytest.mark.parametrize("values", [[], [math.nan], [1e-5, math.inf]])
 def test_a_mean_over_nothing_is_refused_by_name(values):
     with pytest.raises(MetrologyError, match="step height must come from at least one profile"):
-        measured_from_profiles("step height", values, [QUIET] * len(values), Instrument())
+        measured_from_profiles("step height", quiet(values), Instrument())

@@ -83,8 +83,8 @@ def test_a_sloped_flank_is_no_arc_and_its_corner_is_measured_by_itself():
     edge = fit_edge(x, np.maximum(z, 0.0) + noise(x, 5, 20 * NM))
     assert edge.flank is not None
     assert edge.flank.angle == pytest.approx(angle, abs=0.01)
-    assert edge.radius == pytest.approx(radius, abs=max(3.0 * edge.radius_std, 0.5 * UM))
-    assert edge.height == pytest.approx(height, abs=0.05 * UM)
+    assert edge.radius.value == pytest.approx(radius, abs=max(3.0 * edge.radius.std, 0.5 * UM))
+    assert edge.height.value == pytest.approx(height, abs=0.05 * UM)
 
 
 def test_the_channel_of_heights_is_chosen_by_name():

@@ -10,7 +10,7 @@ from oracles.softgauge import ball_gauge, correlated_map, correlated_noise, groo
 from stepblocks.artefacts.scans.scan import HeightMap, Profile
 from stepblocks.errors import MetrologyError
 from stepblocks.inspect.budget import Instrument
-from stepblocks.inspect.form import fit_face, flatness, parallelism, zone_of_flatness, zone_of_parallelism
+from stepblocks.inspect.form import fit_face, flatness, parallelism, zone_of
 from stepblocks.inspect.margin_gap import fit_margin
 from stepblocks.inspect.measure import measure_margin
 from stepblocks.inspect.tip import fit_cap
@@ -24,13 +24,13 @@ def face(shape, slope=(0.0, 0.0)):
 def test_a_cylindrical_bow_has_its_sagitta_as_flatness_at_any_tilt():
     bow = lambda x, y: 2e-6 * (2.0 * x / 15e-3 - 1.0) ** 2  # noqa: E731
     for slope in [(0.0, 0.0), (0.02, -0.01)]:
-        assert flatness(face(bow, slope)).zone == pytest.approx(2e-6 / np.hypot(1.0, np.hypot(*slope)), rel=1e-6)
+        assert flatness(face(bow, slope)) == pytest.approx(2e-6 / np.hypot(1.0, np.hypot(*slope)), rel=1e-6)
 
 
 def test_a_saddle_over_a_square_has_half_its_range_as_zone():
-    plane = flatness(face(lambda x, y: 1e-6 * (x / 15e-3) * (y / 10e-3)))
+    zone = flatness(face(lambda x, y: 1e-6 * (x / 15e-3) * (y / 10e-3)))
     # z = xy over the unit square: the zone between the planes through opposite edges has half the range
-    assert plane.zone == pytest.approx(0.5e-6, rel=1e-6)
+    assert zone == pytest.approx(0.5e-6, rel=1e-6)
 
 
 @settings(max_examples=60, deadline=None)
@@ -38,16 +38,16 @@ def test_a_saddle_over_a_square_has_half_its_range_as_zone():
 def test_minimum_zone_never_exceeds_least_squares_and_holds_every_point(seed):
     random = np.random.default_rng(seed)
     cloud = face(lambda x, y: random.normal(0.0, 1e-7, x.shape), random.uniform(-0.01, 0.01, 2))
-    plane = flatness(cloud)
-    deviation = cloud[:, 2] - plane.slope_x * cloud[:, 0] - plane.slope_y * cloud[:, 1] - plane.offset
+    zone = flatness(cloud)
     design = np.column_stack([cloud[:, :2], np.ones(len(cloud))])
     residual = cloud[:, 2] - design @ np.linalg.lstsq(design, cloud[:, 2], rcond=None)[0]
-    assert plane.zone <= np.ptp(residual) * (1 + 1e-9)
-    assert np.ptp(deviation) == pytest.approx(plane.zone, rel=2e-4)
+    assert zone <= np.ptp(residual) * (1 + 1e-9)
+    # as its own datum it holds every point of itself
+    assert parallelism(cloud, cloud) == pytest.approx(zone, rel=2e-4)
 
 
 def test_parallelism_of_a_wedge_is_its_rise_over_the_face():
-    datum = flatness(face(lambda x, y: 0.0 * x, (0.003, 0.001)))
+    datum = face(lambda x, y: 0.0 * x, (0.003, 0.001))
     wedge = face(lambda x, y: 10e-6 + 1e-6 * x / 15e-3, (0.003, 0.001))
     assert parallelism(wedge, datum) == pytest.approx(1e-6, rel=1e-4)
 
@@ -62,14 +62,14 @@ def test_form_is_the_lobe_that_was_put_in_and_spikes_are_left_out():
     grid = np.arange(-60, 61) * 1e-6
     exact = ball_gauge(grid, grid, 125e-6)
     fit = fit_cap(HeightMap(exact, 1e-6, 1e-6), 125e-6)
-    assert fit.radius == pytest.approx(125e-6, abs=1e-11)
+    assert fit.radius.value == pytest.approx(125e-6, abs=1e-11)
     assert fit.form < 1e-10
     assert fit.cap_angle == pytest.approx(np.arcsin(60 * 2**0.5 / 125), abs=0.01)
     noisy = exact + np.random.default_rng(3).normal(0.0, 0.1e-6, exact.shape)
     noisy[30:90:15, 40] += 20e-6
     spiked = fit_cap(HeightMap(noisy, 1e-6, 1e-6), 125e-6)
     assert spiked.rejected == 4
-    assert spiked.radius == pytest.approx(125e-6, abs=4.0 * spiked.noise.std)
+    assert spiked.radius.value == pytest.approx(125e-6, abs=4.0 * spiked.radius.std)
 
 
 @pytest.mark.parametrize("height", [np.zeros((20, 20)), np.arange(400.0).reshape(20, 20) * 1e-8])
@@ -93,10 +93,10 @@ def margin(seed, opening, rise, missing=False):
 def test_a_margin_gives_opening_rise_and_their_hypotenuse(rise, missing):
     results = [fit_margin(*margin(seed, 80.25e-6, rise, missing)) for seed in range(30)]
     for result in results:
-        assert result.opening == pytest.approx(80.25e-6, abs=0.6e-6)
-        assert result.rise == pytest.approx(rise, abs=5.0 * result.rise_noise.std)
-        assert result.absolute == pytest.approx(np.hypot(80.25e-6, rise), abs=0.6e-6)
-    assert abs(np.mean([result.rise - rise for result in results])) < 20e-9
+        assert result.opening.value == pytest.approx(80.25e-6, abs=0.6e-6)
+        assert result.rise.value == pytest.approx(rise, abs=5.0 * result.rise.std)
+        assert result.absolute.value == pytest.approx(np.hypot(80.25e-6, rise), abs=0.6e-6)
+    assert abs(np.mean([result.rise.value - rise for result in results])) < 20e-9
 
 
 def test_a_gap_and_its_discrepancies_are_unbiased_and_covered_at_their_rate():
@@ -121,9 +121,9 @@ def test_a_flank_of_several_samples_is_interpolated_and_leaves_no_interval_open(
     x = np.arange(-600, 600) * 0.5e-6
     z = groove_gauge(x, 60e-6, 0.1e-6, 80.35e-6, 20e-6)
     result = fit_margin(x, z + np.random.default_rng(1).normal(0.0, 10e-9, len(x)))
-    assert result.opening == pytest.approx(80.25e-6, abs=20e-9)
-    assert result.opening_sampling == 0.0
-    assert 1e-9 < result.opening_noise.std < 20e-9
+    assert result.opening.value == pytest.approx(80.25e-6, abs=20e-9)
+    assert result.sampling == 0.0
+    assert 1e-9 < result.opening.std < 20e-9
 
 
 def test_the_radius_of_a_tip_under_correlated_noise_is_unbiased_and_covered_at_its_rate():
@@ -134,9 +134,9 @@ def test_the_radius_of_a_tip_under_correlated_noise_is_unbiased_and_covered_at_i
         z = ball_gauge(grid, grid, 125e-6, tuple(random.uniform(-5e-6, 5e-6, 2)))
         z += correlated_map(z.shape, 125e-6 / 80.0, 20e-9, 50e-9, 4e-6, random)
         cap = fit_cap(HeightMap(z, 125e-6 / 80.0, 125e-6 / 80.0), 125e-6)
-        errors.append(cap.radius - 125e-6)
-        stds.append(cap.noise.std)
-        halves.append(cap.noise.std * stats.t.ppf(0.975, cap.noise.dof))
+        errors.append(cap.radius.value - 125e-6)
+        stds.append(cap.radius.std)
+        halves.append(cap.radius.std * stats.t.ppf(0.975, cap.radius.dof))
     assert abs(np.mean(errors)) < 0.1 * np.mean(stds) + 2.0 * np.std(errors) / 120**0.5
     assert np.mean(np.abs(errors) < halves) == pytest.approx(0.95, abs=0.06)
 
@@ -145,17 +145,17 @@ def test_flatness_of_the_form_does_not_grow_with_noise_where_the_zone_of_all_poi
     x, y = np.arange(60) * 10e-6, np.arange(40) * 10e-6
     bow = 200e-9 * ((2.0 * x[np.newaxis, :] / x[-1] - 1.0) ** 2) * np.ones((40, 1)) + 1e-3 * x[np.newaxis, :]
     whole = np.ones(bow.shape, dtype=bool)
-    exact = zone_of_flatness(fit_face(x, y, bow, whole))
-    assert exact.zone == pytest.approx(200e-9, rel=1e-5)  # a parabola over the whole face: its sagitta
+    exact = zone_of(flatness, fit_face(x, y, bow, whole))
+    assert exact.value == pytest.approx(200e-9, rel=1e-5)  # a parabola over the whole face: its sagitta
     zones = []
     for seed in range(40):
         noise = correlated_map(bow.shape, 10e-6, 10e-9, 30e-9, 20e-6, np.random.default_rng(seed))
-        zones.append(zone_of_flatness(fit_face(x, y, bow + noise, whole)))
-    errors, stds = np.array([one.zone for one in zones]) - 200e-9, np.array([one.std for one in zones])
+        zones.append(zone_of(flatness, fit_face(x, y, bow + noise, whole)))
+    errors, stds = np.array([one.value for one in zones]) - 200e-9, np.array([one.std for one in zones])
     assert abs(errors.mean()) < 0.5 * stds.mean()
     halves = stds * stats.t.ppf(0.975, [one.dof for one in zones])
     assert np.mean(np.abs(errors) < halves) >= 0.85  # three standard deviations of a binomial of 40 below 95 %
-    assert min(one.all_points for one in zones) > 260e-9
+    assert flatness(fit_face(x, y, bow + noise, whole).points) > 260e-9
 
 
 def test_parallelism_of_the_form_is_the_wedge_between_the_faces():
@@ -165,7 +165,7 @@ def test_parallelism_of_the_form_is_the_wedge_between_the_faces():
     tilt = 2e-3 * x[np.newaxis, :]
     whole = np.ones(rise.shape, dtype=bool)
     faces = [fit_face(x, y, shape + tilt, whole) for shape in (noise[0], rise + noise[1])]
-    assert zone_of_parallelism(faces[1], faces[0]).zone == pytest.approx(300e-9, abs=10e-9)
+    assert zone_of(parallelism, faces[1], faces[0]).value == pytest.approx(300e-9, abs=10e-9)
 
 
 def test_a_profile_without_a_gap_is_refused():

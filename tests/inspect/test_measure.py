@@ -7,7 +7,7 @@ from oracles.softgauge import ball_gauge, correlated_noise, edge_gauge, groove_g
 from stepblocks.artefacts.scans.scan import HeightMap, Profile
 from stepblocks.errors import MetrologyError
 from stepblocks.inspect.budget import Instrument
-from stepblocks.inspect.edge_arc import arc_radius, edge_profile
+from stepblocks.inspect.edge_arc import Window, arc_radius, edge_profile
 from stepblocks.inspect.grooves import measure_groove
 from stepblocks.inspect.map_levels import masked_step
 from stepblocks.inspect.measure import measure_edge, measure_margin, measure_tip
@@ -85,12 +85,13 @@ def test_the_radius_of_an_arc_is_found_where_only_its_window_is_given(radius):
     x = np.arange(-40, 40) * 1e-6
     random = np.random.default_rng(3)
     levelled = edge_gauge(x, 30e-6, radius, riser=0.3e-6) + random.normal(0.0, 20e-9, len(x))
-    arc = arc_radius(x, levelled, 30e-6, 1e-6, np.array([20e-9**2]))
+    gamma, none = np.array([20e-9**2]), np.zeros((1, len(x)))
+    arc = arc_radius(Window(x, levelled, 30e-6, 1e-6, gamma, none))
     assert arc.radius == pytest.approx(radius, abs=4.0 * arc.radius_std)
     assert arc.riser == pytest.approx(0.3e-6, abs=0.3e-6)
     assert arc.radius_limit > arc.radius
     with pytest.raises(MetrologyError, match="at least 8 points"):
-        arc_radius(x[:5], levelled[:5], 30e-6, 1e-6, np.array([20e-9**2]))
+        Window(x[:5], levelled[:5], 30e-6, 1e-6, gamma, none[:, :5])
 
 
 def grating(missing=False):
@@ -120,11 +121,11 @@ def test_many_features_in_a_row_are_a_masked_step_and_one_is_type_a1():
 
 def test_a_masked_step_takes_missing_points_anywhere_and_needs_room_beside_the_edges():
     whole, part = masked_step(grating()), masked_step(grating(missing=True))
-    assert part.depth == pytest.approx(whole.depth, abs=2.0 * whole.noise.std)
+    assert part.depth.value == pytest.approx(whole.depth.value, abs=2.0 * whole.depth.std)
     with pytest.raises(MetrologyError, match="at least 3 rows with floor and reference beyond"):
         masked_step(grating(), exclusion=3e-6)
     wide, narrow = (masked_step(grating(), exclusion) for exclusion in (0.3e-6, 1.0e-6))
-    assert wide.depth == pytest.approx(narrow.depth, abs=4.0 * narrow.noise.std)
+    assert wide.depth.value == pytest.approx(narrow.depth.value, abs=4.0 * narrow.depth.std)
     assert wide.rows > narrow.rows
 
 

@@ -22,9 +22,13 @@ def add_to(commands: Any) -> None:
         "inspect scan.csv --stimulus step-050 --stimuli mine.toml --unit um",
         "inspect standard.nid --standard '500 nm' --tolerance '10 nm'",
         "inspect profile.csv --units x=mm,z=um",
+        "inspect scans/ --stimulus step-050 -o out/inspect",
     )
     parser = add_command(commands, "inspect", _run, said, description, examples=examples)
-    parser.add_argument("scan", type=Path, metavar="SCAN", help="CSV, XYZ, X3P, SDF, SUR, NID, SPM, PLY, ...")
+    said = (
+        "CSV, XYZ, X3P, SDF, SUR, NID, SPM, PLY, ...; of several, a folder or a table of scans, what they say together"
+    )
+    parser.add_argument("scans", nargs="+", type=Path, metavar="SCAN", help=said)
     wanted = parser.add_mutually_exclusive_group()
     wanted.add_argument("--stimulus", metavar="ID", help="identity of the part, such as step-050")
     said = "a depth standard or grating of this certified depth, such as '500 nm'"
@@ -61,11 +65,12 @@ def _run(arguments: argparse.Namespace) -> Outcome:
     from stepblocks.artefacts.scans.read import list_channels
     from stepblocks.inspect.budget import Instrument
     from stepblocks.inspect.levelling import LEVELS
+    from stepblocks.inspect.many import inspect_many, is_table, write_many
     from stepblocks.inspect.measure import How
     from stepblocks.inspect.report import write_inspection
     from stepblocks.inspect.run import inspect_scan, inspect_standard
 
-    scan, told = arguments.scan, given(arguments, "unit", "channel", "feature")
+    scan, told = arguments.scans[0], given(arguments, "unit", "channel", "feature")
     if arguments.list_channels:
         names = list_channels(scan)
         return Outcome("", notes=names or ["one layer of heights, without channels"], record={"channels": names})
@@ -80,11 +85,20 @@ def _run(arguments: argparse.Namespace) -> Outcome:
         arguments.stylus_radius or 0.0,
         arguments.stylus_cone or 0.0,
     )
+    told["instrument"] = instrument
+    if len(arguments.scans) > 1 or scan.is_dir() or is_table(arguments.scans):
+        told |= given(arguments, "stimulus", "standard", "tolerance" if arguments.standard else "stimuli")
+        together = inspect_many(arguments.scans, **told)
+        written = [] if arguments.output is None else write_many(together, arguments.output)
+        tables = {name: one.to_dict("records") for name, one in together.tables.items() if name != "chart"}
+        look = next((path for path in written if path.suffix == ".html"), None)
+        record, code = together.as_record(), together.verdict.exit_code
+        return Outcome("", tables, together.left_out, look, code, record)
     if arguments.stimulus is None:
-        result = inspect_standard(scan, arguments.standard, arguments.tolerance or 0.0, instrument=instrument, **told)
+        result = inspect_standard(scan, arguments.standard, arguments.tolerance or 0.0, **told)
     else:
         told |= given(arguments, "stimuli")
-        result = inspect_scan(scan, arguments.stimulus, instrument=instrument, **told)
+        result = inspect_scan(scan, arguments.stimulus, **told)
     if arguments.output is not None:
         write_inspection(result, arguments.output)
     code = 0 if result.verdict is None else result.verdict.exit_code

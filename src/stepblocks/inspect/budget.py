@@ -1,8 +1,8 @@
-"""A measured value with its uncertainty budget (GUM), and whether it conforms (ISO 14253-1).
+"""A measured value with its uncertainty budget, and whether it conforms.
 
 JCGM 100:2008: components add in squares (10), degrees of freedom by Welch and Satterthwaite (G.2b), coverage factor
-from Student's law. Inside the limits by more than the guard band, 1.65 u at 95 % conformance probability, the part
-conforms; outside by more than it, it does not; between, neither is proven.
+from Student's law. ISO 14253-1: inside the limits by more than the guard band the part conforms; outside by more than it, it
+does not; between, neither is proven.
 """
 
 from __future__ import annotations
@@ -15,7 +15,7 @@ from enum import StrEnum
 import numpy as np
 
 from stepblocks.errors import MetrologyError
-from stepblocks.inspect.noise import Array, NoiseUncertainty
+from stepblocks.inspect.noise import Array, Estimate
 
 GUARD_FACTOR = 1.65  # guard band over standard uncertainty at 95 % conformance probability (ISO 14253-1:2017, 5.3) [1]
 # slow cosines that are always taken, where there are as many profiles: Student's factor is then 2.8 at 95 %
@@ -107,37 +107,35 @@ def with_budget(
 
 def measured_from_profiles(
     name: str,
-    values: Sequence[float],
-    noise: Sequence[NoiseUncertainty],
+    found: Sequence[Estimate],
     instrument: Instrument,
     others: Sequence[Component] = (),
     axes: tuple[float, float] = (1.0, 0.0),
 ) -> Measured:
-    """Mean over profiles with its budget.
-
-    The scatter of the profiles holds their noise already; repeatability is what it has beyond the noise, and as a difference of
-    two variances it has few degrees of freedom. Neighbouring profiles may err together, so of the scatter only its slow part
-    counts: the lowest cosines over the map (four of up to 37 profiles), whose squares average the variance of the mean with as
-    many degrees of freedom; exact for independent profiles, and little too small for correlated ones (Lazarus, Lewis, Stock
-    and Watson 2018, doi:10.1080/07350015.2018.1506926). One profile shows no repeatability.
-    """
-    heights = np.asarray(values, dtype=np.float64)
-    within = np.array([one.std**2 for one in noise], dtype=np.float64)
-    if len(heights) == 0 or not (np.isfinite(heights).all() and np.isfinite(within).all()):
-        raise MetrologyError(f"{name} must come from at least one profile with a finite value, got {len(heights)}")
-    mean = float(heights.mean())
-    if len(heights) == 1:
+    """Mean over profiles with its budget; one profile shows no repeatability."""
+    values = np.array([one.value for one in found])
+    within = np.array([one.std**2 for one in found])
+    if len(values) == 0 or not (np.isfinite(values).all() and np.isfinite(within).all()):
+        raise MetrologyError(f"{name} must come from at least one profile with a finite value, got {len(values)}")
+    mean = float(values.mean())
+    if len(values) == 1:
         parts = [
-            Component("noise", math.sqrt(within[0]), noise[0].dof, "autocovariance of the residuals"),
+            Component("noise", math.sqrt(within[0]), found[0].dof, "autocovariance of the residuals"),
             Component("repeatability", math.nan, how="one profile: not observed"),
         ]
     else:
-        parts = _scatter(heights - mean, float(within.mean()) / len(heights))
+        parts = _scatter(values - mean, float(within.mean()) / len(values))
     return with_budget(name, mean, parts, instrument, others, axes)
 
 
 def _scatter(deviations: Array, noise: float) -> list[Component]:
-    """Split the variance of a mean over profiles into their noise, itself a variance, and repeatability."""
+    """Split the variance of a mean over profiles into their noise, itself a variance, and repeatability.
+
+    Neighbouring profiles may err together, so of the scatter only its slow part counts: the lowest cosines over the map, whose
+    squares average the variance of the mean with as many degrees of freedom; exact for independent profiles, and little too small
+    for correlated ones (Lazarus, Lewis, Stock and Watson 2018, doi:10.1080/07350015.2018.1506926). Repeatability is what that has
+    beyond the noise; as a difference of two variances it has few degrees of freedom.
+    """
     from scipy.fft import dct
 
     count = len(deviations)

@@ -1,8 +1,7 @@
 """A single edge in a profile: height of the step by two planes, radius of the edge by its arc.
 
-A single edge is not type A1 of ISO 5436-1. The convention here is stated: one common slope and two offsets are fitted
-by least squares to the faces left and right of the edge, without the points nearer to it than the exclusion; the
-height is the difference of the offsets. The radius then comes from the points inside the exclusion.
+A single edge is not type A1 of ISO 5436-1. By the convention here one common slope and two offsets are fitted to the faces
+beyond the exclusion; the height is the difference of the offsets. The radius comes from the points inside the exclusion.
 """
 
 from __future__ import annotations
@@ -13,17 +12,17 @@ import numpy as np
 from numpy.typing import NDArray
 
 from stepblocks.errors import MetrologyError
-from stepblocks.inspect.edge_arc import Arc, Flank, arc_radius, sloped_flank
-from stepblocks.inspect.levelling import (
-    LEAST_FACE,
-    STAND_OUT,
-    TwoPlanes,
-    check_profile,
-    despiked,
-    find_edges,
-    fit_two_planes,
+from stepblocks.inspect.edge_arc import Arc, Flank, Window, arc_radius, sloped_flank
+from stepblocks.inspect.levelling import LEAST_FACE, STAND_OUT, TwoPlanes, despiked, find_edges, fit_two_planes
+from stepblocks.inspect.noise import (
+    LEAST_SCATTER,
+    Array,
+    Estimate,
+    Mask,
+    autocovariance,
+    covariance_root,
+    estimator_covariance,
 )
-from stepblocks.inspect.noise import LEAST_SCATTER, Array, Mask, autocovariance, covariance_root, estimator_covariance
 
 _SUSPECT = 4.0  # mean square of whitened residuals on the arc beyond which one of its points may be a spike [1]
 # factor by which that falls when the spike is left out [1]; form of the edge is in all points and falls by less
@@ -37,11 +36,8 @@ _MOST_ON_ARC = 3  # spikes that are sought on an arc
 class Edge:
     """What one profile across one edge says."""
 
-    height: float  # of the step by the two-plane convention [m]
-    height_std: float  # its standard uncertainty from noise and roughness [m]
-    height_dof: float  # effective degrees of freedom of that uncertainty [1]
-    radius: float  # of the rounded edge [m]; of a sharp one a part of the sampling interval, as is its uncertainty
-    radius_std: float  # m
+    height: Estimate  # of the step by the two-plane convention [m]
+    radius: Estimate  # of the rounded edge [m]; of a sharp one a part of the sampling interval, as is its uncertainty
     radius_limit: float  # upper limit of the radius at 95 % [m]: what a sharp edge of this sampling may still have
     position: float  # of the riser along the profile [m]
     tilt: float  # common slope of the faces [1]
@@ -57,10 +53,7 @@ def fit_edge(position: Array, height: Array, exclusion: float | None = None) -> 
 
     `exclusion` is the half width that is kept out of the faces [m]; half as much again as the edge is rounded by default.
     """
-    check_profile(position, height, 2 * LEAST_FACE)
     x, z = position, np.where(np.isfinite(height), height, np.nan)
-    if np.isfinite(z).sum() < 2 * LEAST_FACE:
-        raise MetrologyError(f"profile must have at least {2 * LEAST_FACE} measured points")
     found = find_edges(x, z)
     if not found:
         rule = f"profile must show a step above its noise, one that stands out {STAND_OUT:g} times over what is usual along it"
@@ -73,64 +66,48 @@ def fit_edge(position: Array, height: Array, exclusion: float | None = None) -> 
     if not rising:
         x, z, middle = -x[::-1], z[::-1], -middle
     spacing = (x[-1] - x[0]) / (len(x) - 1)
-    half_width = (
-        exclusion
-        if exclusion is not None
-        else min(_LEAST_EXCLUSION * spacing, min(middle - x[0], x[-1] - middle) / 3.0)
-    )
+    half_width = exclusion
+    if half_width is None:
+        half_width = min(_LEAST_EXCLUSION * spacing, min(middle - x[0], x[-1] - middle) / 3.0)
     faces = _fit_faces(x, z, middle, half_width)
     if exclusion is None and (wider := 1.5 * _rounding_width(x, z, spacing, faces)) > half_width:
         half_width, faces = wider, _fit_faces(x, z, middle, wider)
-    planes, roughness = faces.planes, faces.roughness
-    if not planes.height > 5.0 * max(planes.noise.std, roughness / np.sqrt(len(x))):
-        got = f"{planes.height * 1e6:.4g} um with roughness {roughness * 1e6:.3g} um"
+    planes, roughness, step = faces.planes, faces.roughness, faces.planes.height
+    if not step.value > 5.0 * max(step.std, roughness / np.sqrt(len(x))):
+        got = f"{step.value * 1e6:.4g} um with roughness {roughness * 1e6:.3g} um"
         raise MetrologyError(f"profile must show a step above its noise, got {got}")
     known = np.isfinite(z)
     near, spikes = known & (np.abs(x - middle) < half_width), np.zeros_like(known)
     # over the whole profile, so that the points at the ends of the window have their neighbours too
     spikes[known] = _beyond_neighbours(z[known] - planes.tilt * x[known], 6.0 * max(roughness, LEAST_SCATTER))
-    arc, on_arc = _arc_without_spikes(x, z, spacing, faces, np.flatnonzero(near & ~spikes))
-    flank = _flank_of(x, z, spacing, faces, near, arc)
-    if (share := float((near & spikes).sum()) / max(int(near.sum()), 1)) > _MOST_DROPPED:
+    spikes &= near
+    levelled = z - planes.offset - planes.tilt * x
+    arc, on_arc = _arc_without_spikes(x, levelled, spacing, faces, np.flatnonzero(near & ~spikes))
+    flank = _flank_of(x[near], levelled[near], spacing, faces, arc)
+    if (share := float(spikes.sum()) / max(int(near.sum()), 1)) > _MOST_DROPPED:
         got = f"{share:.0%} of those within {half_width * 1e6:.3g} um of it"
         raise MetrologyError(f"at most {_MOST_DROPPED:.0%} of the points at an edge may be spikes, got {got}")
-    if (lost := planes.rejected / max(int(planes.used.sum()) + planes.rejected, 1)) > _MOST_DROPPED:
+    if (lost := planes.fit.rejected / int(faces.asked.sum())) > _MOST_DROPPED:
         raise MetrologyError(f"at most {_MOST_DROPPED:.0%} of the points of the faces may be spikes, got {lost:.0%}")
-    off = known & ~planes.used & (np.abs(x - middle) > half_width) | (near & spikes)
+    off = faces.asked & ~planes.fit.used | spikes
     dropped = np.zeros(len(position), dtype=bool)
     dropped[np.flatnonzero(own)] = off if rising else off[::-1]
     sign = 1.0 if rising else -1.0
-    corner = (arc.radius, arc.radius_std, arc.radius_limit)
+    corner, limit = (arc.radius, arc.radius_std), arc.radius_limit
     if flank is not None:
-        corner = (flank.radius, flank.radius_std, flank.radius + 1.645 * flank.radius_std)
+        corner, limit = (flank.radius, flank.radius_std), flank.radius + 1.645 * flank.radius_std
     return Edge(
-        height=planes.height,
-        height_std=planes.noise.std,
-        height_dof=planes.noise.dof,
-        radius=corner[0],
-        radius_std=corner[1],
-        radius_limit=corner[2],
+        height=step,
+        radius=Estimate(*corner, step.dof),  # the noise that it is whitened with is as well known as that of the height
+        radius_limit=limit,
         position=sign * arc.riser,
         tilt=sign * planes.tilt,
         exclusion=half_width,
-        rejected=planes.rejected + int((near & spikes).sum()) + on_arc + int((~known).sum()),
+        rejected=planes.fit.rejected + int(spikes.sum()) + on_arc + int((~known).sum()),
         rising=rising,
         flank=flank,
         dropped=dropped,
     )
-
-
-def _flank_of(x: Array, z: Array, spacing: float, faces: _Faces, near: Mask, arc: Arc) -> Flank | None:
-    """Sloped flank of an edge, where the circle of a vertical one does not hold and a flank is seen."""
-    height = faces.planes.height
-    levelled = z - faces.offset - faces.planes.tilt * x
-    flank = sloped_flank(x[near], levelled[near], height, spacing, faces.gamma)
-    if flank is None:
-        return None
-    # of a quarter of a circle the surface is this steep at half the height
-    upright = float(np.arccos(np.clip(1.0 - 0.5 * height / max(arc.radius, 0.5 * height), 0.0, 1.0)))
-    gentler = upright - flank.angle > 3.0 * flank.angle_std + np.radians(5.0)
-    return flank if arc.excess > _SUSPECT and gentler else None
 
 
 @dataclass(frozen=True)
@@ -138,29 +115,38 @@ class _Faces:
     planes: TwoPlanes
     gamma: Array  # autocovariance of their noise [m^2]
     errors: Array  # shape (3, 3); rows whose products add up to the covariance of tilt, offset and height
+    asked: Mask  # shape (n,); points beside the exclusion
     middle: float  # m
 
     @property
     def roughness(self) -> float:
         return float(np.sqrt(self.gamma[0]))
 
-    @property
-    def offset(self) -> float:
-        """Height of the lower face at position 0 [m]."""
-        return self.planes.offset - self.planes.tilt * self.middle
-
 
 def _fit_faces(x: Array, z: Array, middle: float, exclusion: float) -> _Faces:
     lower, upper = x < middle - exclusion, x > middle + exclusion
     finite = np.isfinite(z)
     for name, side in (("left", lower), ("right", upper)):
-        if (side & finite).sum() < LEAST_FACE:
+        if (count := int((side & finite).sum())) < LEAST_FACE:
             rule = f"must keep {LEAST_FACE} points outside the exclusion of {exclusion * 1e6:.4g} um"
-            raise MetrologyError(f"face {name} of the edge {rule}, got {int((side & finite).sum())}")
-    planes = fit_two_planes(x, z, middle, (lower | upper) & finite)
-    kept = np.where(planes.used, planes.residuals, np.nan)
+            raise MetrologyError(f"face {name} of the edge {rule}, got {count}")
+    asked = (lower | upper) & finite
+    planes = fit_two_planes(x, z, middle, asked)
+    kept = np.where(planes.fit.used, planes.fit.residuals, np.nan)
     gamma = autocovariance([kept[lower], kept[upper]])
-    return _Faces(planes, gamma, covariance_root(estimator_covariance(planes.weights, gamma)), middle)
+    return _Faces(planes, gamma, covariance_root(estimator_covariance(planes.fit.weights, gamma)), asked, middle)
+
+
+def _flank_of(x: Array, levelled: Array, spacing: float, faces: _Faces, arc: Arc) -> Flank | None:
+    """Sloped flank of an edge, where the circle of a vertical one does not hold and a flank is seen."""
+    height = faces.planes.height.value
+    flank = sloped_flank(x, levelled, height, spacing, faces.gamma)
+    if flank is None:
+        return None
+    # of a quarter of a circle the surface is this steep at half the height
+    upright = float(np.arccos(np.clip(1.0 - 0.5 * height / max(arc.radius, 0.5 * height), 0.0, 1.0)))
+    gentler = upright - flank.angle > 3.0 * flank.angle_std + np.radians(5.0)
+    return flank if arc.excess > _SUSPECT and gentler else None
 
 
 def _beyond_neighbours(heights: Array, limit: float) -> Mask:
@@ -174,14 +160,16 @@ def _beyond_neighbours(heights: Array, limit: float) -> Mask:
     return np.asarray(beyond | below)
 
 
-def _arc_without_spikes(x: Array, z: Array, spacing: float, faces: _Faces, kept: NDArray[np.intp]) -> tuple[Arc, int]:
+def _arc_without_spikes(
+    x: Array, levelled: Array, spacing: float, faces: _Faces, kept: NDArray[np.intp]
+) -> tuple[Arc, int]:
     """Fit the arc; drop a point where the circle fits the others by far better, as it does for a spike and not for form."""
 
     def fitted(points: NDArray[np.intp]) -> Arc:
         u = x[points]
         columns = np.stack([u - faces.middle, np.ones(len(u)), (u > faces.middle).astype(float)])
-        levelled = z[points] - faces.offset - faces.planes.tilt * u
-        return arc_radius(u, levelled, faces.planes.height, spacing, faces.gamma, faces.errors @ columns)
+        height, shared = faces.planes.height.value, faces.errors @ columns
+        return arc_radius(Window(u, levelled[points], height, spacing, faces.gamma, shared))
 
     arc, dropped = fitted(kept), 0
     while arc.excess > _SUSPECT and dropped < _MOST_ON_ARC and len(kept) > 8:
@@ -195,8 +183,8 @@ def _arc_without_spikes(x: Array, z: Array, spacing: float, faces: _Faces, kept:
 
 def _rounding_width(x: Array, z: Array, spacing: float, faces: _Faces) -> float:
     """Distance from the riser to the last point that lies clearly off its own face."""
-    height = faces.planes.height
-    ideal = faces.offset + faces.planes.tilt * x + np.where(x > faces.middle, height, 0.0)
+    height, planes = faces.planes.height.value, faces.planes
+    ideal = planes.offset + planes.tilt * x + np.where(x > faces.middle, height, 0.0)
     deviation = np.abs(despiked(np.where(np.isfinite(z), z, ideal)) - ideal)
     off = deviation > max(6.0 * faces.roughness, 1e-3 * height)
     distance = np.abs(x - faces.middle)

@@ -1,9 +1,8 @@
 """Radius of a rounded edge from the few points that lie on its arc.
 
 The radius is not a least-squares optimum but the posterior of a grid: an edge sharper than the sampling has no
-optimum worth a name, yet a clear upper limit. Residuals are taken across the surface and divided by the cosine of its
-slope, since noise is along z; the cosine is bounded, so that the foot of the arc does not outweigh its crown. They are
-whitened by the roughness of the faces.
+optimum worth a name, yet a clear upper limit. Residuals are taken across the surface, since noise is along z divided by the cosine
+of its slope, bounded lest the foot of the arc outweigh its crown, and whitened by the roughness of the faces.
 """
 
 from __future__ import annotations
@@ -14,7 +13,7 @@ import numpy as np
 from scipy.linalg import cholesky, solve_triangular, toeplitz
 
 from stepblocks.errors import MetrologyError
-from stepblocks.inspect.noise import Array, Mask, padded
+from stepblocks.inspect.noise import Array, estimator_covariance, padded
 
 _MOST_POINTS = 800  # of the window that are whitened together; more are thinned, since the cost grows with their square
 _LOSS = 3.0  # whitened residual beyond which a point is form or spike rather than noise [1]
@@ -26,6 +25,7 @@ _UNRESOLVED = 3.0  # sampling intervals below which a radius is not resolved [1]
 _BETWEEN = 25  # positions of the riser that are tried between the two points beside it
 _STARTS = 4  # points of the coarse grid that are followed
 _SUSPECTS = 4  # points of either kind that are named as suspects
+_LEAST_ANGLE = 0.02  # of a flank [rad]
 _LEAST_ON_FLANK = 6  # points between a quarter and three quarters of the height
 _NORMAL_95 = 1.6448536269514722  # 95th percentile of the standard normal law [1]
 
@@ -50,43 +50,24 @@ def edge_profile(position: Array, riser: float | Array, height: float, radius: f
     return np.where(position < riser, 0.0, np.maximum(arc, 0.0))
 
 
-def arc_radius(
-    position: Array, levelled: Array, height: float, spacing: float, gamma: Array, level_errors: Array | None = None
-) -> Arc:
-    """Radius of the edge in a levelled window: positions and heights over the lower face [m], both of shape (n,).
-
-    `height` is that of the step [m], `spacing` the sampling interval [m], `gamma` the autocovariance of the noise by lag
-    [m^2]; rows of `level_errors`, shape (m, n), have products that add up to the covariance of the levels [m^2].
-    """
-    if len(position) < 8:
-        raise MetrologyError(f"window at the edge must hold at least 8 points, got {len(position)}")
-    shared = np.zeros((1, len(position))) if level_errors is None else level_errors
-    window = _Window(position, levelled, height, spacing, gamma, shared)
-    span = float(position[-1] - position[0])
-    radii = np.concatenate([[0.0], np.geomspace(0.2 * spacing, 0.5 * span, 48)])
-    best = _scan_coarsely(window, radii, *_crossing(position, levelled > 0.5 * height))
-    return _summary(window, *_refine(window, *best))
-
-
-def _crossing(position: Array, upper: Mask) -> tuple[float, float]:
-    """Last point below half the height and first above, where the fewest points lie on the wrong side: spikes may."""
-    wrong = np.concatenate([[0], np.cumsum(upper)]) + np.concatenate([np.cumsum(~upper[::-1])[::-1], [0]])
-    first = min(max(int(np.argmin(wrong)), 1), len(position) - 1)
-    return float(position[first - 1]), float(position[first])
-
-
-class _Window:
-    """Misfit of the ideal edge to the points of one window."""
+class Window:
+    """Levelled points at an edge, and the misfit of the ideal edge to them."""
 
     def __init__(
         self, position: Array, levelled: Array, height: float, spacing: float, gamma: Array, shared: Array
     ) -> None:
+        """Take positions and heights over the lower face [m], of shape (n,), the step and the sampling interval [m].
+
+        `gamma` is the autocovariance of the noise by lag [m^2]; rows of `shared`, shape (m, n), have products that add up to the
+        covariance of the levels [m^2].
+        """
+        if len(position) < 8:
+            raise MetrologyError(f"window at the edge must hold at least 8 points, got {len(position)}")
         thin = -(-len(position) // _MOST_POINTS)
         self.x, self.z, self.height, self.spacing = position[::thin], levelled[::thin], height, spacing
         lags = np.rint((self.x - self.x[0]) / spacing).astype(int)
         column = padded(gamma, int(lags[-1]) + 1)
-        floor = max(gamma[0], (1e-6 * height) ** 2)
-        column[0] = column[0] + 1e-3 * floor
+        column[0] = column[0] + 1e-3 * max(gamma[0], (1e-6 * height) ** 2)
         full = toeplitz(column)[np.ix_(lags, lags)] + shared[:, ::thin].T @ shared[:, ::thin]
         self.whitening = solve_triangular(cholesky(full, lower=True), np.eye(len(full)), lower=True)
 
@@ -113,62 +94,9 @@ class _Window:
         return np.asarray(0.5 * _TEMPER * np.sum(_LOSS**2 * np.log1p((white / _LOSS) ** 2), axis=0))
 
 
-def _scan_coarsely(window: _Window, radii: Array, below: float, start: float) -> tuple[float, float]:
-    """Best radius and riser: a coarse grid, then the few best of it followed downhill, since the valley is narrow and bent."""
-    from scipy.optimize import minimize
-
-    # of an arc lower than the step the riser lies between two points, and the arc is steepest there
-    between = np.linspace(below - 0.5 * window.spacing, start + 0.5 * window.spacing, _BETWEEN)
-    found = []
-    for radius in radii:
-        # the riser lies left of the half-height crossing, at most by the width of the arc below it
-        reach = radius + 2.0 * window.spacing
-        spread = np.linspace(start - reach, start + window.spacing, max(12, min(60, int(reach / window.spacing))))
-        risers = np.concatenate([spread, between])
-        costs = window.costs(risers, float(radius))
-        at = int(np.argmin(costs))
-        found.append((float(costs[at]), float(radius), float(risers[at])))
-    found.sort()
-
-    def cost(scaled: Array) -> float:
-        radius, riser = scaled * window.spacing
-        return float(window.costs(np.array([riser]), radius)[0]) if radius >= 0.0 else np.inf
-
-    best = found[0]
-    for _, radius, riser in found[:_STARTS]:
-        simplex = np.array([[radius, riser], [radius + window.spacing, riser], [radius, riser + 0.3 * window.spacing]])
-        options = {"initial_simplex": simplex / window.spacing, "xatol": 1e-3, "fatol": 1e-3, "maxfev": 200}
-        ended = minimize(cost, simplex[0] / window.spacing, method="Nelder-Mead", options=options)
-        if ended.fun < best[0]:
-            best = (float(ended.fun), float(ended.x[0]) * window.spacing, float(ended.x[1]) * window.spacing)
-    return best[1], best[2]
-
-
-def _refine(window: _Window, radius: float, riser: float) -> tuple[Array, Array, Array]:
-    """Costs on a grid that is narrowed until it resolves the posterior and still holds all of it."""
-    half_r, half_x = max(0.3 * radius, 3.0 * window.spacing), max(0.3 * radius, 2.0 * window.spacing)
-    for _ in range(6):
-        radii = np.linspace(max(radius - half_r, 0.0), radius + half_r, 33)
-        risers = np.linspace(riser - half_x, riser + half_x, 33)
-        costs = np.stack([window.costs(risers, float(r)) for r in radii])
-        at = np.unravel_index(int(np.argmin(costs)), costs.shape)
-        radius, riser = float(radii[at[0]]), float(risers[at[1]])
-        weight = np.exp(costs.min() - costs)
-        marginal_r, marginal_x = weight.sum(axis=1) / weight.sum(), weight.sum(axis=0) / weight.sum()
-        std_r, std_x = _spread(radii, marginal_r), _spread(risers, marginal_x)
-        if half_r <= 8.0 * std_r + window.spacing * 0.02 and half_x <= 10.0 * std_x + window.spacing * 0.02:
-            break
-        half_r = min(half_r, max(6.0 * std_r, 3.0 * float(radii[1] - radii[0])))
-        half_x = min(half_x, max(6.0 * std_x, 3.0 * float(risers[1] - risers[0])))
-    return radii, risers, costs
-
-
-def _spread(values: Array, weight: Array) -> float:
-    mean = float(np.sum(weight * values))
-    return float(np.sqrt(np.sum(weight * (values - mean) ** 2)))
-
-
-def _summary(window: _Window, radii: Array, risers: Array, costs: Array) -> Arc:
+def arc_radius(window: Window) -> Arc:
+    """Radius of the edge in a window."""
+    radii, risers, costs = _refined(window, *_coarsely(window))
     at = np.unravel_index(int(np.argmin(costs)), costs.shape)
     riser, radius = float(risers[at[1]]), float(radii[at[0]])
     across = window.across(risers[at[1] : at[1] + 1], radius)[0]
@@ -191,6 +119,65 @@ def _summary(window: _Window, radii: Array, risers: Array, costs: Array) -> Arc:
     return Arc(mean, std, limit, riser, excess, float(costs.min()), suspects)
 
 
+def _coarsely(window: Window) -> tuple[float, float]:
+    """Best radius and riser: a coarse grid, then the few best of it followed downhill, since the valley is narrow and bent."""
+    from scipy.optimize import minimize
+
+    spacing, upper = window.spacing, window.z > 0.5 * window.height
+    # last point below half the height and first above, where the fewest points lie on the wrong side: spikes may
+    wrong = np.concatenate([[0], np.cumsum(upper)]) + np.concatenate([np.cumsum(~upper[::-1])[::-1], [0]])
+    first = min(max(int(np.argmin(wrong)), 1), len(upper) - 1)
+    below, start = float(window.x[first - 1]), float(window.x[first])
+    # of an arc lower than the step the riser lies between two points, and the arc is steepest there
+    between = np.linspace(below - 0.5 * spacing, start + 0.5 * spacing, _BETWEEN)
+    found = []
+    for radius in [0.0, *np.geomspace(0.2 * spacing, 0.5 * float(window.x[-1] - window.x[0]), 48)]:
+        # the riser lies left of the half-height crossing, at most by the width of the arc below it
+        reach = radius + 2.0 * spacing
+        spread = np.linspace(start - reach, start + spacing, max(12, min(60, int(reach / spacing))))
+        risers = np.concatenate([spread, between])
+        costs = window.costs(risers, float(radius))
+        at = int(np.argmin(costs))
+        found.append((float(costs[at]), float(radius), float(risers[at])))
+    found.sort()
+
+    def cost(scaled: Array) -> float:
+        radius, riser = scaled * spacing
+        return float(window.costs(np.array([riser]), radius)[0]) if radius >= 0.0 else np.inf
+
+    best = found[0]
+    for _, radius, riser in found[:_STARTS]:
+        simplex = np.array([[radius, riser], [radius + spacing, riser], [radius, riser + 0.3 * spacing]])
+        options = {"initial_simplex": simplex / spacing, "xatol": 1e-3, "fatol": 1e-3, "maxfev": 200}
+        ended = minimize(cost, simplex[0] / spacing, method="Nelder-Mead", options=options)
+        if ended.fun < best[0]:
+            best = (float(ended.fun), float(ended.x[0]) * spacing, float(ended.x[1]) * spacing)
+    return best[1], best[2]
+
+
+def _refined(window: Window, radius: float, riser: float) -> tuple[Array, Array, Array]:
+    """Costs on a grid that is narrowed until it resolves the posterior and still holds all of it."""
+    half_r, half_x = max(0.3 * radius, 3.0 * window.spacing), max(0.3 * radius, 2.0 * window.spacing)
+    for _ in range(6):
+        radii = np.linspace(max(radius - half_r, 0.0), radius + half_r, 33)
+        risers = np.linspace(riser - half_x, riser + half_x, 33)
+        costs = np.stack([window.costs(risers, float(r)) for r in radii])
+        at = np.unravel_index(int(np.argmin(costs)), costs.shape)
+        radius, riser = float(radii[at[0]]), float(risers[at[1]])
+        weight = np.exp(costs.min() - costs)
+        std_r, std_x = _spread(radii, weight.sum(axis=1)), _spread(risers, weight.sum(axis=0))
+        if half_r <= 8.0 * std_r + window.spacing * 0.02 and half_x <= 10.0 * std_x + window.spacing * 0.02:
+            break
+        half_r = min(half_r, max(6.0 * std_r, 3.0 * float(radii[1] - radii[0])))
+        half_x = min(half_x, max(6.0 * std_x, 3.0 * float(risers[1] - risers[0])))
+    return radii, risers, costs
+
+
+def _spread(values: Array, weight: Array) -> float:
+    mean = float(np.average(values, weights=weight))
+    return float(np.sqrt(np.average((values - mean) ** 2, weights=weight)))
+
+
 @dataclass(frozen=True)
 class Flank:
     """Edge whose flank slopes: a line, tangent to the arc of its corner, tangent to the upper face."""
@@ -204,7 +191,7 @@ class Flank:
 def sloped_flank(position: Array, levelled: Array, height: float, spacing: float, gamma: Array) -> Flank | None:
     """Fit flank and corner to the upper three quarters of an edge; None where fewer than six points lie on its flank.
 
-    The arguments are those of `arc_radius`. Errors of flank and radius go together through the autocovariance of the faces.
+    The arguments are those of `Window`. Errors of flank and radius go together through the autocovariance of the faces.
     """
     from scipy.optimize import least_squares
 
@@ -212,9 +199,8 @@ def sloped_flank(position: Array, levelled: Array, height: float, spacing: float
     if inside.sum() < _LEAST_ON_FLANK:
         return None
     slope, offset = np.polyfit(position[inside], levelled[inside], 1)
-    if not slope > 0.0:
+    if not _LEAST_ANGLE < np.arctan(slope) < 0.5 * np.pi - 0.01:
         return None
-    crossing = (height - offset) / slope
     used = (position >= position[inside][0]) & (levelled > 0.2 * height)
 
     def shape(state: Array) -> Array:
@@ -223,19 +209,19 @@ def sloped_flank(position: Array, levelled: Array, height: float, spacing: float
         arc = height - radius + np.sqrt(np.maximum(radius**2 - (u - reach) ** 2, 0.0))
         return np.where(u < -reach * np.cos(angle), height + u * np.tan(angle), np.where(u < reach, arc, height))
 
-    scale = max(float(np.sqrt(gamma[0])), 1e-4 * height)
-    start = np.array([crossing / spacing, float(np.arctan(slope)), 0.3 * height / spacing])
-    bounds = [-np.inf, 0.02, 0.0], [np.inf, 0.5 * np.pi - 0.01, 20.0 * height / spacing]
+    variance = max(float(gamma[0]), (1e-4 * height) ** 2)
+    start = [(height - offset) / slope / spacing, float(np.arctan(slope)), 0.3 * height / spacing]
     found = least_squares(
-        lambda state: (shape(state) - levelled[used]) / scale, start, bounds=bounds, loss="soft_l1", x_scale="jac"
+        lambda state: (shape(state) - levelled[used]) / np.sqrt(variance),
+        start,
+        bounds=([-np.inf, _LEAST_ANGLE, 0.0], [np.inf, 0.5 * np.pi - 0.01, 20.0 * height / spacing]),
+        loss="soft_l1",
+        x_scale="jac",
     )
-    jacobian = found.jac * scale
-    inverse = np.linalg.pinv(jacobian.T @ jacobian)
+    gain = np.linalg.pinv(found.jac * np.sqrt(variance))
     # what the model leaves counts as noise where it is more than that of the faces
-    excess = max(1.0, float(np.mean(found.fun**2)) * scale**2 / max(float(gamma[0]), 1e-30)) if gamma[0] > 0.0 else 1.0
-    coloured = toeplitz(padded(gamma, len(jacobian)))
-    covariance = excess * inverse @ jacobian.T @ coloured @ jacobian @ inverse
-    stds = np.sqrt(np.maximum(np.diag(covariance), 0.0))
+    excess = max(1.0, float(np.mean(found.fun**2)) * variance / float(gamma[0])) if gamma[0] > 0.0 else 1.0
+    stds = np.sqrt(excess * np.diag(estimator_covariance(gain, gamma)).clip(min=0.0))
     # nothing is known of a corner between two samples
     radius_std = float(np.hypot(stds[2] * spacing, spacing / np.sqrt(12.0)))
     return Flank(float(found.x[1]), float(stds[1]), float(found.x[2]) * spacing, radius_std)

@@ -1,9 +1,7 @@
 """Flatness of a face and parallelism to a datum, by minimum zone (ISO 1101): of points, and of the form apart from the noise.
 
-The zone that holds all measured points grows with noise and with the number of points, and says little of a face. Stated
-is the zone of the form: of a polynomial of total degree three or less, the filter, fitted by least squares over what was
-scanned. What its coefficients owe to noise is drawn from their covariance: the mean by which the zone grows with it is taken
-off, its scatter is the uncertainty. The zone of all points stands beside it as a note.
+The zone that holds all measured points grows with noise and with their number, and says little of a face. Stated is that
+of the form, a polynomial of total degree three or less over what was scanned; what noise adds to it is drawn and taken off.
 """
 
 from __future__ import annotations
@@ -14,7 +12,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from stepblocks.errors import MetrologyError
-from stepblocks.inspect.noise import Array, Mask, covariance_root, noise_uncertainty, outlier_mask
+from stepblocks.inspect.levelling import fit_without_spikes
+from stepblocks.inspect.noise import Array, Estimate, Mask, estimated
 
 _MOST_DEGREE = 3  # largest total degree of the form [1]; lower along a side with fewer than four points per degree
 _DRAWS = 40
@@ -24,53 +23,17 @@ _SEVERAL = 2.0
 _GRID = 9  # points along either side at which the form is judged
 
 
-@dataclass(frozen=True)
-class Plane:
-    """Plane ``z = slope_x x + slope_y y + offset`` through a face."""
-
-    slope_x: float  # 1
-    slope_y: float  # 1
-    offset: float  # height at the origin [m]
-    zone: float  # width of the zone around it that holds every point, along the normal [m]
+def flatness(points: Array) -> float:
+    """Flatness of a face by minimum zone (ISO 1101) of its points [m], of shape (n, 3); those with a nan are left out."""
+    return _minimum_zone(_known(points))[0]
 
 
-def flatness(points: Array) -> Plane:
-    """Flatness of a face by minimum zone (ISO 1101) of its points [m], of shape (n, 3); those with a nan are left out.
-
-    The zone is a linear programme over the vertices of the convex hull, which alone can touch it.
-    """
-    from scipy.optimize import linprog
-    from scipy.spatial import ConvexHull, QhullError
-
-    cloud = _points(points)
-    centre, scale = cloud.mean(axis=0), float(np.ptp(cloud[:, :2], axis=0).max())
-    design = np.column_stack([(cloud[:, :2] - centre[:2]) / scale, np.ones(len(cloud))])
-    solution = np.linalg.lstsq(design, cloud[:, 2] - centre[2], rcond=None)[0]
-    residual = cloud[:, 2] - centre[2] - design @ solution
-    unit = float(np.ptp(residual))
-    if unit <= 1e-15:
-        return _plane(solution, centre, scale, 0.0)
-    try:
-        corners = ConvexHull(np.column_stack([design[:, :2], residual / unit])).vertices
-    except QhullError:
-        corners = np.arange(len(cloud))
-    d, r = design[corners], residual[corners] / unit
-    ones = np.ones((len(d), 1))
-    bounds = np.vstack([np.hstack([-d, -ones]), np.hstack([d, -ones])])
-    result = linprog([0, 0, 0, 1], A_ub=bounds, b_ub=np.concatenate([-r, r]), bounds=[(None, None)] * 3 + [(0, None)])
-    if not result.success:
-        raise MetrologyError(f"minimum zone must be solvable, got: {result.message}")
-    return _plane(solution + result.x[:3] * unit, centre, scale, 2.0 * float(result.x[3]) * unit)
+def parallelism(points: Array, datum: Array) -> float:
+    """Parallelism of a face to a datum [m], points of shape (n, 3): its width along the normal of the datum's minimum zone."""
+    return float(np.ptp(_known(points) @ _minimum_zone(_known(datum))[1]))
 
 
-def parallelism(points: Array, datum: Plane) -> float:
-    """Parallelism of a face, points of shape (n, 3), to a datum: the width along its normal that holds every point [m]."""
-    cloud = _points(points)
-    above = cloud[:, 2] - datum.slope_x * cloud[:, 0] - datum.slope_y * cloud[:, 1]
-    return float(np.ptp(above) / (1.0 + datum.slope_x**2 + datum.slope_y**2) ** 0.5)
-
-
-def _points(points: Array) -> Array:
+def _known(points: Array) -> Array:
     if points.ndim != 2 or points.shape[1] != 3:
         raise MetrologyError(f"points must be rows of x, y, z, got shape {points.shape}")
     cloud = points[np.isfinite(points).all(axis=1)]
@@ -79,21 +42,32 @@ def _points(points: Array) -> Array:
     return cloud
 
 
-def _plane(solution: Array, centre: Array, scale: float, zone: float) -> Plane:
-    slope_x, slope_y = float(solution[0]) / scale, float(solution[1]) / scale
-    offset = float(solution[2] + centre[2] - slope_x * centre[0] - slope_y * centre[1])
-    normal = (1.0 + slope_x**2 + slope_y**2) ** 0.5
-    return Plane(slope_x, slope_y, offset, zone / normal)
+def _minimum_zone(cloud: Array) -> tuple[float, Array]:
+    """Width of the narrowest zone [m], and its normal: a linear programme over the corners of the convex hull."""
+    from scipy.optimize import linprog
+    from scipy.spatial import ConvexHull, QhullError
 
-
-@dataclass(frozen=True)
-class FormZone:
-    """Width of a zone."""
-
-    zone: float  # of the form [m]
-    std: float  # its standard uncertainty from noise [m]
-    dof: float  # degrees of freedom of that uncertainty, which are those of the noise
-    all_points: float  # zone of every measured point, spikes and noise included [m]
+    centre, scale = cloud.mean(axis=0), float(np.ptp(cloud[:, :2], axis=0).max())
+    design = np.column_stack([(cloud[:, :2] - centre[:2]) / scale, np.ones(len(cloud))])
+    solution = np.linalg.lstsq(design, cloud[:, 2] - centre[2], rcond=None)[0]
+    residual = cloud[:, 2] - centre[2] - design @ solution
+    unit, zone = float(np.ptp(residual)), 0.0
+    if unit > 1e-15:
+        try:
+            corners = ConvexHull(np.column_stack([design[:, :2], residual / unit])).vertices
+        except QhullError:
+            corners = np.arange(len(cloud))
+        d, r = design[corners], residual[corners] / unit
+        ones = np.ones((len(d), 1))
+        bounds = np.vstack([np.hstack([-d, -ones]), np.hstack([d, -ones])])
+        limits = [(None, None)] * 3 + [(0, None)]
+        result = linprog([0, 0, 0, 1], A_ub=bounds, b_ub=np.concatenate([-r, r]), bounds=limits)
+        if not result.success:
+            raise MetrologyError(f"minimum zone must be solvable, got: {result.message}")
+        solution, zone = solution + result.x[:3] * unit, 2.0 * float(result.x[3]) * unit
+    upward = np.array([*(-solution[:2] / scale), 1.0])
+    length = float(np.linalg.norm(upward))
+    return zone / length, upward / length
 
 
 @dataclass(frozen=True)
@@ -134,23 +108,17 @@ def fit_face(x: Array, y: Array, height: Array, face: Mask) -> FaceForm:
     degrees = [min(_MOST_DEGREE, max(len(index) // 4, 1)) for index in (columns, rows)]
     powers = [(i, j) for i in range(degrees[0] + 1) for j in range(degrees[1] + 1) if i + j <= max(degrees)]
     design = _terms((x[np.newaxis, :] - middles[0]) / halves[0], (y[:, np.newaxis] - middles[1]) / halves[1], powers)
-    for _ in range(4):
-        solution = np.linalg.lstsq(design[:, used].T, height[used], rcond=None)[0]
-        residuals = height - np.tensordot(solution, design, 1)
-        spikes = outlier_mask(residuals, used)
-        if not spikes.any():
-            break
-        used &= ~spikes
-    count = float(used.sum())
+    fit = fit_without_spikes(design.reshape(len(design), -1), height.ravel(), used.ravel())
+    kept, residuals = fit.used.reshape(height.shape), fit.residuals.reshape(height.shape)
+    count = float(kept.sum())
     # for terms that vary little over the correlation length, the covariance is that of white noise times one factor
-    mean = noise_uncertainty(used / count, residuals, used, list(design))
-    inverse = np.linalg.inv(design[:, used] @ design[:, used].T)
-    root = covariance_root(np.asarray(inverse * mean.std**2 * count, dtype=np.float64))
+    mean = estimated(0.0, kept / count, residuals, kept, design)
+    # not by eigenvectors, whose signs hang on the last bit: the draws would
+    root = np.linalg.cholesky(fit.weights @ fit.weights.T).T * (mean.std * np.sqrt(count))
     gx, gy = (one.ravel() for one in np.meshgrid(*[np.linspace(-1.0, 1.0, _GRID)] * 2))
     grid = np.array(middles) + np.array(halves) * np.column_stack([gx, gy])
-    coefficients = np.asarray(solution, dtype=np.float64)
     degree = max(i + j for i, j in powers)
-    return FaceForm(points, grid, _terms(gx, gy, powers), coefficients, root, mean.dof, degree)
+    return FaceForm(points, grid, _terms(gx, gy, powers), fit.solution, root, mean.dof, degree)
 
 
 def _terms(at_x: Array, at_y: Array, powers: list[tuple[int, int]]) -> Array:
@@ -159,18 +127,8 @@ def _terms(at_x: Array, at_y: Array, powers: list[tuple[int, int]]) -> Array:
     return np.stack([np.asarray(basis(i)(at_x) * basis(j)(at_y)) for i, j in powers])
 
 
-def zone_of_flatness(face: FaceForm) -> FormZone:
-    """Flatness of the form of a face (ISO 1101, minimum zone)."""
-    return _zone_of(lambda points: flatness(points).zone, face)
-
-
-def zone_of_parallelism(face: FaceForm, datum: FaceForm) -> FormZone:
-    """Parallelism of the form of a face to the minimum-zone plane of the form of another (ISO 1101)."""
-    return _zone_of(lambda points, others: parallelism(points, flatness(others)), face, datum)
-
-
-def _zone_of(width: Callable[..., float], *faces: FaceForm) -> FormZone:
-    """Take off what noise has added to a zone; as much again, as a rectangle, counts beside the scatter.
+def zone_of(width: Callable[..., float], *faces: FaceForm) -> Estimate:
+    """Return the zone of the form of faces: what noise adds to it is taken off, and counts, as a rectangle, beside the scatter.
 
     The fit holds the noise once, draws at the two scales hold it as its root of two and twice. Where one term sets the zone, the
     zone grows with the standard deviation of the noise and the second growth is the first times the root of two; where several
@@ -189,5 +147,4 @@ def _zone_of(width: Callable[..., float], *faces: FaceForm) -> FormZone:
     ratio = second / first if second > _SEVERAL * first > 0.0 else np.sqrt(2.0)
     growth = min(max(first / (ratio - 1.0), 0.0), zone)
     std = float(np.hypot(once.std(ddof=1), growth / np.sqrt(3.0)))
-    all_points = width(*(face.points for face in faces))
-    return FormZone(zone - growth, std, min(face.dof for face in faces), all_points)
+    return Estimate(zone - growth, std, min(face.dof for face in faces))

@@ -1,7 +1,4 @@
-"""Levelling: roughly, just good enough to find a feature; by two planes beside one; and by a polynomial beside all of them.
-
-A line through the whole profile would level through the feature. The median of the slopes over a fiftieth of the
-profile does not see a feature that covers less than half of it; heights are never taken from it.
+"""Levelling: what is an edge, two planes beside one, and a polynomial beside all of them.
 
 An edge is where two windows side by side differ by far more than such windows do elsewhere: the noise, the roughness and the
 bow of the surface itself are the yardstick. What is found must then beat a smooth curve with as many parameters. Heights come
@@ -20,10 +17,10 @@ from stepblocks.errors import MetrologyError
 from stepblocks.inspect.noise import (
     LEAST_SCATTER,
     Array,
+    Estimate,
     Mask,
-    NoiseUncertainty,
     autocovariance,
-    noise_uncertainty,
+    estimated,
     outlier_mask,
     robust_scale,
 )
@@ -40,54 +37,21 @@ LEVELS = {"line": 1, "parabola": 2, "cubic": 3}
 
 
 def check_profile(x: Array, z: Array, least: int) -> None:
-    """Refuse what is no profile of at least `least` points in equal steps."""
-    if x.ndim != 1 or x.shape != z.shape:
-        raise MetrologyError(f"profile must be two equally long rows, got {x.shape} and {z.shape}")
-    if len(x) < least:
-        raise MetrologyError(f"profile must have at least {least} points, got {len(x)}")
+    """Refuse what is no profile with `least` measured points, in equal steps."""
+    if (count := int(np.isfinite(z).sum())) < least:
+        raise MetrologyError(f"profile must have at least {least} measured points, got {count}")
     steps = np.diff(x)
-    if not (np.isfinite(x).all() and (steps > 0.0).all() and np.ptp(steps) < 0.01 * np.mean(steps)):
+    if not ((steps > 0.0).all() and np.ptp(steps) < 0.01 * np.mean(steps)):
         raise MetrologyError("positions of the profile must increase in equal steps within 1 %")
 
 
 def despiked(heights: Array) -> Array:
-    """Return the running median over five points, which removes spikes and keeps edges."""
+    """Return the known heights as their running median over five points, which removes spikes and keeps edges."""
     from scipy.ndimage import median_filter
 
-    return np.asarray(median_filter(heights, size=5, mode="nearest"))
-
-
-def without_spikes(heights: Array) -> Array:
-    """Return heights with the known ones replaced by their running median, to start a fit that spikes must not pull."""
-    calm = np.array(heights, dtype=np.float64)
-    known = np.isfinite(calm)
-    calm[known] = despiked(calm[known])
+    calm, known = np.array(heights, dtype=np.float64), np.isfinite(heights)
+    calm[known] = median_filter(calm[known], size=5, mode="nearest")
     return calm
-
-
-def roughly_levelled(position: Array, heights: Array) -> Array:
-    """Return heights less the median slope."""
-    lag = max(len(heights) // 50, 1)
-    slope = float(np.median((heights[lag:] - heights[:-lag]) / (position[lag:] - position[:-lag])))
-    return np.asarray(heights - slope * (position - position[0]))
-
-
-def split_gains(values: Array) -> tuple[Array, Array]:
-    """Return for every split of a row how much of its variance two means explain, and the second less the first mean."""
-    below, count = np.cumsum(values)[:-1], np.arange(1, len(values))
-    rest = len(values) - count
-    gap = (below[-1] + values[-1] - below) / rest - below / count
-    return gap**2 * count * rest, gap
-
-
-def two_levels(levelled: Array) -> tuple[float, float]:
-    """Return the lower and the upper of the two levels that explain most of the variance of the heights.
-
-    Source: N. Otsu, IEEE Trans. Syst. Man Cybern. 9 (1979) 62, doi:10.1109/TSMC.1979.4310076, on the sorted values.
-    """
-    ordered = np.sort(levelled)
-    split = int(np.argmax(split_gains(ordered)[0])) + 1
-    return float(np.median(ordered[:split])), float(np.median(ordered[split:]))
 
 
 def weighted(design: Array, z: Array, used: Mask) -> tuple[Array, Array]:
@@ -95,29 +59,32 @@ def weighted(design: Array, z: Array, used: Mask) -> tuple[Array, Array]:
     try:
         inverse = np.linalg.inv(design[:, used] @ design[:, used].T)
     except np.linalg.LinAlgError as error:
-        raise MetrologyError(
-            f"points must determine what is fitted to them, got {int(used.sum())} of one face"
-        ) from error
+        rule = "points must determine what is fitted to them"
+        raise MetrologyError(f"{rule}, got {int(used.sum())} of one face") from error
     weights = np.where(used, inverse @ design, 0.0)
     return weights, weights[:, used] @ z[used]
 
 
 @dataclass(frozen=True)
-class TwoPlanes:
-    """Two parallel faces, the one behind the middle of a profile higher by `height`."""
+class Fit:
+    """Least squares over the points that are no spikes."""
 
-    tilt: float  # common slope [1]
-    offset: float  # height of the first face at the middle [m]
-    height: float  # m
-    noise: NoiseUncertainty  # of the height [m]
-    weights: Array  # shape (3, n); with which each point counts in tilt, offset and height
+    design: Array  # shape (k, n)
+    weights: Array  # shape (k, n); with which each point counts in the solution
+    solution: Array  # shape (k,)
     residuals: Array  # shape (n,); m
     used: Mask  # shape (n,); points that took part
     rejected: int  # points left out as spikes
 
+    def estimate(self, index: int, factor: float = 1.0) -> Estimate:
+        """Return one term of the solution, times a factor, with its uncertainty."""
+        value = factor * float(self.solution[index])
+        return estimated(value, factor * self.weights[index], self.residuals, self.used, self.design)
 
-def _without_outliers(design: Array, z: Array, used: Mask) -> tuple[Array, Array, Array, Mask]:
-    calm = without_spikes(z)
+
+def fit_without_spikes(design: Array, z: Array, used: Mask) -> Fit:
+    """Fit the rows of `design` to the heights [m] of those points that are no spikes."""
+    calm, whole = despiked(z), int(used.sum())  # a first fit that spikes must not pull
     for turn in range(6):
         weights, solution = weighted(design, z if turn else calm, used)
         residuals = z - solution @ design
@@ -125,7 +92,17 @@ def _without_outliers(design: Array, z: Array, used: Mask) -> tuple[Array, Array
         if turn > 0 and not spikes.any():
             break
         used = used & ~spikes
-    return weights, solution, residuals, used
+    return Fit(design, weights, solution, residuals, used, whole - int(used.sum()))
+
+
+@dataclass(frozen=True)
+class TwoPlanes:
+    """Two parallel faces, the one behind the middle of a profile higher by a step."""
+
+    tilt: float  # common slope [1]
+    offset: float  # height of the first face at position 0 [m]
+    height: Estimate  # m
+    fit: Fit  # of slope, offset at the middle, and height
 
 
 def fit_two_planes(x: Array, z: Array, middle: float, used: Mask) -> TwoPlanes:
@@ -134,13 +111,11 @@ def fit_two_planes(x: Array, z: Array, middle: float, used: Mask) -> TwoPlanes:
     Source: ISO 5436-1 leaves a single edge to convention; this is the two-plane one, which has no feature to level through.
     """
     scale = float(max(abs(x[0] - middle), abs(x[-1] - middle)))
-    design = np.stack([(x - middle) / scale, np.ones_like(x), (x > middle).astype(float)])
-    whole = int(used.sum())
-    weights, solution, residuals, used = _without_outliers(design, z, used)
-    noise = noise_uncertainty(weights[2], residuals, used, list(design))
-    weights[0] /= scale
-    tilt, offset, height = float(solution[0]) / scale, float(solution[1]), float(solution[2])
-    return TwoPlanes(tilt, offset, height, noise, weights, residuals, used, whole - int(used.sum()))
+    fit = fit_without_spikes(np.stack([(x - middle) / scale, np.ones_like(x), (x > middle).astype(float)]), z, used)
+    height = fit.estimate(2)
+    fit.weights[0] /= scale
+    tilt = float(fit.solution[0]) / scale
+    return TwoPlanes(tilt, float(fit.solution[1]) - tilt * middle, height, fit)
 
 
 @dataclass(frozen=True)
@@ -159,8 +134,7 @@ class Feature:
 
     begin: float  # first edge [m]
     end: float  # second edge [m]; of a single step infinite
-    height: float  # over the reference, or behind less before the edge [m]
-    noise: NoiseUncertainty  # m
+    height: Estimate  # over the reference, or behind less before the edge [m]
 
 
 @dataclass(frozen=True)
@@ -180,7 +154,7 @@ def find_edges(x: Array, z: Array) -> list[Found]:
     """Find the edges of a profile in equal steps [m], nan where nothing was measured; none where no difference stands out."""
     check_profile(x, z, 2 * LEAST_FACE)
     known = np.isfinite(z)
-    calm = without_spikes(z)
+    calm = despiked(z)
     best: tuple[float, int, Array] = (STAND_OUT, 0, calm)
     reach = 4
     while 3 * reach <= len(x) // 4:
@@ -229,43 +203,39 @@ def _flanks(x: Array, z: Array, known: Mask, places: list[int], gap: Array) -> l
     found = []
     ends = [0, *places, len(x) - 1]
     for before, at, behind in zip(ends, places, ends[2:], strict=False):
-        rise = float(gap[at])
-        faces = [_face(x, z, known, *span) for span in ((before, at, before > 0), (at, behind, behind < len(x) - 1))]
-        if any(face is None for face in faces):
+        faces = [_face(x, z, known, *span) for span in ((before, at), (at, behind))]
+        if None in faces:
             continue
         (low, rough_low), (high, rough_high) = (face for face in faces if face is not None)
-        rise = float(high(x[at]) - low(x[at])) if np.sign(high(x[at]) - low(x[at])) == np.sign(rise) else rise
-        limits = [max(6.0 * rough, 0.02 * abs(rise)) for rough in (rough_low, rough_high)]
-        on_low, on_high = np.abs(z - low(x)) <= limits[0], np.abs(z - high(x)) <= limits[1]
+        rise, between = float(gap[at]), float(high(x[at]) - low(x[at]))
+        if np.sign(between) == np.sign(rise):
+            rise = between
+        on_low, on_high = (
+            np.abs(z - line(x)) <= max(6.0 * rough, 0.02 * abs(rise))
+            for line, rough in ((low, rough_low), (high, rough_high))
+        )
         begin, end = at, at
         while begin > before and not (on_low[begin] and on_low[max(begin - 2, before)]):
             begin -= 1
         while end < behind and not (on_high[end] and on_high[min(end + 2, behind)]):
             end += 1
         part = slice(begin, end + 1)
-        middle = 0.5 * (low(x[part]) + high(x[part]))
-        above = np.where(known[part], (z[part] - middle) * np.sign(rise), 0.0)
-        over = np.flatnonzero(above > 0.0)
-        first = begin + int(over[0]) if over.size else at
-        position = float(x[first])
-        if first > begin and known[first - 1] and over.size:
-            low_part, high_part = above[first - 1 - begin], above[first - begin]
-            position -= float(x[1] - x[0]) * float(high_part / max(high_part - low_part, 1e-30))
+        above = np.where(known[part], (z[part] - 0.5 * (low(x[part]) + high(x[part]))) * np.sign(rise), 0.0)
+        first = int(np.argmax(above > 0.0)) if (above > 0.0).any() else at - begin
+        position = float(x[begin + first])
+        if first > 0 and known[begin + first - 1] and above[first] > 0.0:
+            position -= float(x[1] - x[0]) * float(above[first] / max(above[first] - above[first - 1], 1e-30))
         found.append(Found(position, rise, float(x[begin]), float(x[end])))
     return found
 
 
-def _face(
-    x: Array, z: Array, known: Mask, begin: int, end: int, both: bool
-) -> tuple[np.polynomial.Polynomial, float] | None:
+def _face(x: Array, z: Array, known: Mask, begin: int, end: int) -> tuple[np.polynomial.Polynomial, float] | None:
     """Line through a face without its ends at edges, and its scatter; None where nothing of it was measured."""
     cut = max((end - begin) // 5, 1)
-    inner = np.zeros_like(known)
-    inner[begin + cut : end - cut] = True
-    inner &= known
-    if inner.sum() < 4:
+    inner = begin + cut + np.flatnonzero(known[begin + cut : end - cut])
+    if len(inner) < 4:
         return None
-    line = np.polynomial.Polynomial.fit(x[inner], z[inner], 1 if inner.sum() > 10 else 0)
+    line = np.polynomial.Polynomial.fit(x[inner], z[inner], 1 if len(inner) > 10 else 0)
     return line, robust_scale(z[inner] - line(x[inner]))
 
 
@@ -274,7 +244,7 @@ def measured_features(x: Array, z: Array, degree: int | None = None, exclusion: 
     edges = find_edges(x, z)
     while edges:
         levels = fit_features(x, z, edges, degree, exclusion)
-        weak = [one for one in levels.features if abs(one.height) < _SIGNIFICANT * one.noise.std]
+        weak = [one for one in levels.features if abs(one.height.value) < _SIGNIFICANT * one.height.std]
         if not weak:
             if levels.gain < BEAT:
                 got = f"a likelihood gain of {levels.gain:.1f} on a smooth curve ({BEAT:g} needed)"
@@ -294,65 +264,57 @@ def fit_features(
 
     `exclusion` is the half width [m] kept out at every edge; where its flank is, and half as much again, by default.
     """
-    known = np.isfinite(z)
-    used = known.copy()
+    used = np.isfinite(z)
     for edge in edges:
         slack = 0.25 * (edge.end - edge.begin) + 1.5 * float(x[1] - x[0])
         span = (edge.begin - slack, edge.end + slack)
         begin, end = span if exclusion is None else (edge.position - exclusion, edge.position + exclusion)
         used &= (x < begin) | (x > end)
-    spans = paired(edges)
-    steps = [((x > begin) & (x < end)).astype(np.float64) for begin, end, _ in spans]
-    short = [int((used & (one > 0.5)).sum()) for one in steps] + [
-        int((used & (sum(steps, np.zeros_like(x)) < 0.5)).sum())
-    ]
-    if min(short) < 5:
-        raise MetrologyError(
-            f"each feature and its surroundings must keep 5 points beside the flanks, got {min(short)}"
-        )
+    spans = _paired(edges)
+    steps = np.array([(x > begin) & (x < end) for begin, end in spans], dtype=np.float64)
+    least = min(*(used & (steps > 0.5)).sum(axis=1), (used & (steps.sum(axis=0) < 0.5)).sum())
+    if least < 5:
+        raise MetrologyError(f"each feature and its surroundings must keep 5 points beside the flanks, got {least}")
     t = 2.0 * (x - x[0]) / (x[-1] - x[0]) - 1.0
-    fits = {}
+    fits: dict[int, Fit] = {}
     for power in _DEGREES if degree is None else (degree,):
         design = np.stack([*(t**k for k in range(power + 1)), *steps])
         if np.linalg.matrix_rank(design[:, used]) < len(design):
             break
-        weights, solution, residuals, kept = _without_outliers(design, z, used)
-        fits[power] = design, weights, solution, residuals, kept
+        fits[power] = fit_without_spikes(design, z, used)
     if not fits:
         raise MetrologyError("features must leave enough of a reference to level the profile on, got too little")
 
     def significant(power: int) -> bool:
-        design, weights, solution, residuals, kept = fits[power]
-        noise = noise_uncertainty(weights[power], residuals, kept, list(design))
-        return bool(abs(solution[power]) > _SIGNIFICANT * noise.std)
+        last = fits[power].estimate(power)
+        return abs(last.value) > _SIGNIFICANT * last.std
 
-    power = max((one for one in fits if one == min(fits) or significant(one)), default=1)
-    design, weights, solution, residuals, kept = fits[power]
-    features = tuple(
-        Feature(begin, end, float(height), noise_uncertainty(row, residuals, kept, list(design)))
-        for (begin, end, _), height, row in zip(spans, solution[power + 1 :], weights[power + 1 :], strict=True)
-    )
-    smooth = np.stack([t, *(np.cos(0.5 * np.pi * k * (t + 1.0)) for k in range(power + 1 + 2 * len(edges)))])
+    power = max(one for one in fits if one == min(fits) or significant(one))
+    fit = fits[power]
+    features = tuple(Feature(*span, fit.estimate(power + index)) for index, span in enumerate(spans, 1))
+    gain = _gain(t, z, fit, power + 1 + 2 * len(edges))
+    return Levels(features, power, fit.solution @ fit.design, fit.used, fit.rejected, gain, tuple(edges))
+
+
+def _gain(t: Array, z: Array, fit: Fit, terms: int) -> float:
+    """Twice the gain in log-likelihood on a smooth curve of as many parameters, of as many points as are independent."""
+    kept = fit.used
+    smooth = np.stack([t, *(np.cos(0.5 * np.pi * k * (t + 1.0)) for k in range(terms))])
     fair = np.linalg.lstsq(smooth[:, kept].T, z[kept], rcond=None)[0]
-    rest = np.where(kept, residuals, np.nan)
-    gamma = autocovariance([rest], len(design))
+    gamma = autocovariance([np.where(kept, fit.residuals, np.nan)], len(fit.design))
     together = max(1.0, float(2.0 * gamma.sum() / gamma[0] - 1.0)) if gamma[0] > 0.0 else 1.0
     floor = LEAST_SCATTER**2 * kept.sum()
-    squares = [float(np.sum(one[kept] ** 2)) + floor for one in (z - fair @ smooth, residuals)]
-    gain = float(kept.sum()) / together * float(np.log(squares[0] / squares[1]))
-    return Levels(features, power, solution @ design, kept, int(used.sum() - kept.sum()), gain, tuple(edges))
+    squares = [float(np.sum(one[kept] ** 2)) + floor for one in (z - fair @ smooth, fit.residuals)]
+    return float(kept.sum()) / together * float(np.log(squares[0] / squares[1]))
 
 
-def paired(edges: Sequence[Found]) -> list[tuple[float, float, float]]:
+def _paired(edges: Sequence[Found]) -> list[tuple[float, float]]:
     """Join two edges of opposite sign and like size to a ridge or groove; others are single steps, without an end."""
-    spans, index = [], 0
-    while index < len(edges):
-        one = edges[index]
-        other = edges[index + 1] if index + 1 < len(edges) else None
-        if other is not None and abs(one.rise + other.rise) < _PAIR * max(abs(one.rise), abs(other.rise)):
-            spans.append((one.position, other.position, one.rise))
-            index += 2
+    spans, waiting = [], list(edges)
+    while waiting:
+        one = waiting.pop(0)
+        if waiting and abs(one.rise + waiting[0].rise) < _PAIR * max(abs(one.rise), abs(waiting[0].rise)):
+            spans.append((one.position, waiting.pop(0).position))
         else:
-            spans.append((one.position, np.inf, one.rise))
-            index += 1
+            spans.append((one.position, np.inf))
     return spans

@@ -1,9 +1,8 @@
 """Depth of many small features in one map: by two levels of height, or by the shape that repeats.
 
-Holes of a grating are too short for the windows of type A1. Here each row gets its own slope and offset (the drift of a
-scanning instrument), from points that keep a stated distance to every edge; the feature never takes part in levelling. A map
-has levels only where its heights gather at two of them with a gap between. Where they do not, but one shape repeats along a
-direction, whatever its profile, that shape is folded out of all points.
+Holes of a grating are too short for the windows of type A1. Here each row gets its own slope and offset, the drift of a
+scanning instrument, from points away from every edge. A map has levels only where its heights gather at two with a gap between.
+Where they do not, but one shape repeats along a direction, that shape is folded out of all points.
 """
 
 from __future__ import annotations
@@ -15,7 +14,7 @@ from numpy.typing import NDArray
 
 from stepblocks.artefacts.scans.scan import HeightMap
 from stepblocks.errors import MetrologyError
-from stepblocks.inspect.noise import Array, Mask, NoiseUncertainty, noise_uncertainty, robust_scale
+from stepblocks.inspect.noise import Array, Estimate, Mask, estimated, robust_scale
 
 _LEAST_FLOOR = 5  # points of a row in the features
 _LEAST_REFERENCE = 20  # points of a row beside them
@@ -28,9 +27,8 @@ _LEAST_PERIODS = 4.0  # that a grating must show [1]: a wandering surface bends 
 _HARMONICS = 8  # of a grating's period that are kept
 _PHASES = 48  # into which the period of a grating is folded
 _REPEATS = 0.8  # part of the variance that repeats, from which a map is a grating [1]
-_OWN_HEIGHTS = (
-    1.5  # interval by the scatter over features above that over rows, from which each has a height of its own [1]
-)
+# interval by the scatter over features above that over rows, from which each has a height of its own [1]
+_OWN_HEIGHTS = 1.5
 _LEAST_BANDS = 4  # of rows, over which a scatter is taken
 
 
@@ -38,8 +36,7 @@ _LEAST_BANDS = 4  # of rows, over which a scatter is taken
 class MaskedStep:
     """Depth of the features of a map."""
 
-    depth: float  # weighted mean over rows [m]; negative for ridges
-    noise: NoiseUncertainty  # of the depth, from their scatter [m]
+    depth: Estimate  # weighted mean over rows [m]; negative for ridges
     exclusion: float  # distance that was kept to every edge [m]
     rows: int  # that took part
     features: int  # separate ones in the map
@@ -53,80 +50,72 @@ def masked_step(scan: HeightMap, exclusion: float | None = None) -> MaskedStep:
     """
     from scipy import ndimage, stats
 
-    z, known_points = scan.height, np.isfinite(scan.height)
-    inside = _features(scan)
+    z, measured = scan.height, np.isfinite(scan.height)
     pitch = min(scan.dx, scan.dy)
     # a missing point lies where its nearest neighbour does
-    nearest = ndimage.distance_transform_edt(~known_points, return_distances=False, return_indices=True)
-    inside = inside[tuple(nearest)]
+    nearest = ndimage.distance_transform_edt(~measured, return_distances=False, return_indices=True)
+    inside = _features(scan)[tuple(nearest)]
     within, outside = (ndimage.distance_transform_edt(one, sampling=(scan.dy, scan.dx)) for one in (inside, ~inside))
     if exclusion is None:
-        exclusion = _settling_distance(
-            _plane_levelled(z, (outside > 3.0 * pitch) & known_points), within, outside, pitch
-        )
-    floor, reference = (within > exclusion) & known_points, (outside > exclusion) & known_points
+        level = _levelled(z, (outside > 3.0 * pitch) & measured, 1)
+        exclusion = _settling_distance(level, within, outside, pitch)
+    floor, reference = (within > exclusion) & measured, (outside > exclusion) & measured
     depths, weights = _row_depths(scan.x, z, floor, reference)
     known = np.isfinite(depths)
     if known.sum() < 3:
         rule = f"map must keep at least 3 rows with floor and reference beyond {exclusion * 1e6:.3g} um"
         raise MetrologyError(f"{rule}, got {int(known.sum())} [{scan.source}]")
-    share = np.where(known, weights, 0.0)
-    share /= share.sum()
-    depth = float(np.sum(share[known] * depths[known]))
-    noise = _by_bands(depths, share, depth, known)
+    share = weights / weights.sum()
+    value = float(np.sum(share[known] * depths[known]))
     labels, features = ndimage.label(inside)
+    depth = _by_bands(depths, share, value, known)
     apart = _by_features(_rows_levelled(z, reference), np.where(floor, labels, 0))
-    reach = [float(stats.t.ppf(0.975, one.dof)) * one.std for one in (noise, apart)]
+    reach = [float(stats.t.ppf(0.975, dof)) * std for std, dof in ((depth.std, depth.dof), apart)]
     if reach[1] > _OWN_HEIGHTS * reach[0]:
-        noise = apart
-    shown = int(np.argmax(np.where(known, weights, -1.0)))
+        depth = Estimate(value, *apart)
+    shown = int(np.argmax(weights))
     line = np.polynomial.Polynomial.fit(scan.x[reference[shown]], z[shown, reference[shown]], 1)
-    profile = scan.x, z[shown] - line(scan.x)
-    return MaskedStep(depth, noise, exclusion, int(known.sum()), int(features), profile)
+    return MaskedStep(depth, exclusion, int(known.sum()), int(features), (scan.x, z[shown] - line(scan.x)))
 
 
-def _by_bands(depths: Array, share: Array, depth: float, known: Mask) -> NoiseUncertainty:
+def _by_bands(depths: Array, share: Array, depth: float, known: Mask) -> Estimate:
     """Scatter over bands of rows that cross the same features; rows within a band are not independent of one another.
 
     Bands whose variance goes as one over their share give ``sum(share deviation^2) / (bands - 1)`` without bias and with
     exactly one degree of freedom less than bands; a band that the map cuts to a sliver counts with its neighbour.
     """
     rows = np.flatnonzero(known)
-    bands = _without_slivers(np.split(rows, np.flatnonzero(np.diff(rows) > 1) + 1), share)
+    bands = np.split(rows, np.flatnonzero(np.diff(rows) > 1) + 1)
+    least = 0.5 * float(np.median([share[band].sum() for band in bands]))
+    if len(bands) > 1 and share[bands[0]].sum() < least:
+        bands[:2] = [np.concatenate(bands[:2])]
+    if len(bands) > 1 and share[bands[-1]].sum() < least:
+        bands[-2:] = [np.concatenate(bands[-2:])]
     if len(bands) < _LEAST_BANDS:
-        return noise_uncertainty(share, depths - depth, known, [np.ones(len(depths))])
+        return estimated(depth, share, depths - depth, known, np.ones((1, len(depths))))
     parts = [np.sum(share[band] * (depths[band] - depth)) ** 2 / np.sum(share[band]) for band in bands]
-    return NoiseUncertainty(float(np.sqrt(np.sum(parts) / (len(bands) - 1))), len(bands) - 1.0)
+    return Estimate(depth, float(np.sqrt(np.sum(parts) / (len(bands) - 1))), len(bands) - 1.0)
 
 
-def _by_features(level: Array, labels: NDArray[np.intp]) -> NoiseUncertainty:
-    """Scatter over features, each weighted by its floor: sheets and islands have heights of their own; none of a single one."""
+def _by_features(level: Array, labels: NDArray[np.intp]) -> tuple[float, float]:
+    """Scatter and degrees of freedom over features, each weighted by its floor: sheets and islands have heights of their own."""
     area = np.bincount(labels.ravel())[1:].astype(np.float64)
     kept = area >= _LEAST_FLOOR
     share = area[kept] / area[kept].sum()
     number = 1.0 / float(np.sum(share**2)) if kept.any() else 1.0
-    if number < 1.5:
-        return NoiseUncertainty(0.0, np.inf)
+    if number < 1.5:  # of a single one there is none
+        return 0.0, np.inf
     means = np.bincount(labels.ravel(), np.where(labels > 0, level, 0.0).ravel())[1:][kept] / area[kept]
     variance = float(np.sum(share * (means - np.sum(share * means)) ** 2)) / (number - 1.0)
-    return NoiseUncertainty(float(np.sqrt(variance)), max(number - 1.0, 1.0))
+    return float(np.sqrt(variance)), max(number - 1.0, 1.0)
 
 
-def _without_slivers(bands: list[NDArray[np.intp]], share: Array) -> list[NDArray[np.intp]]:
-    """Join bands at either end that hold less than half of the usual share to their neighbours."""
-    least = 0.5 * float(np.median([share[band].sum() for band in bands]))
-    if len(bands) > 1 and share[bands[0]].sum() < least:
-        bands = [np.concatenate(bands[:2]), *bands[2:]]
-    if len(bands) > 1 and share[bands[-1]].sum() < least:
-        bands = [*bands[:-2], np.concatenate(bands[-2:])]
-    return bands
-
-
-def _plane_levelled(z: Array, reference: Mask) -> Array:
-    rows, columns = np.mgrid[: z.shape[0], : z.shape[1]].astype(np.float64)
-    design = np.stack([columns[reference], rows[reference], np.ones(int(reference.sum()))], axis=1)
-    across, along, offset = np.linalg.lstsq(design, z[reference], rcond=None)[0]
-    return np.asarray(z - across * columns - along * rows - offset)
+def _levelled(z: Array, reference: Mask, degree: int) -> Array:
+    """Return heights less a polynomial of total degree `degree` through those of the reference."""
+    t, u = np.meshgrid(*(np.linspace(-1.0, 1.0, size) for size in z.shape[::-1]))
+    terms = np.stack([t**i * u**j for i in range(degree + 1) for j in range(degree + 1 - i)])
+    solution = np.linalg.lstsq(terms[:, reference].T, z[reference], rcond=None)[0]
+    return np.asarray(z - np.tensordot(solution, terms, 1))
 
 
 def _features(scan: HeightMap) -> Mask:
@@ -134,7 +123,7 @@ def _features(scan: HeightMap) -> Mask:
     from scipy import ndimage
 
     z, known = scan.height, np.isfinite(scan.height)
-    level = _plane_levelled(z, known)
+    level = _levelled(z, known, 1)
     for _ in range(_TURNS):
         off = np.abs(level - np.median(level[known]))
         level = _rows_levelled(z, known & (off < 3.0 * np.median(off[known])))
@@ -223,11 +212,9 @@ def _row_depths(x: Array, z: Array, floor: Mask, reference: Mask) -> tuple[Array
 class Grating:
     """Shape that repeats in a map or a profile."""
 
-    depth: float  # from the lowest to the highest point of the mean shape [m]
-    pitch: float  # m
+    depth: Estimate  # from the lowest to the highest point of the mean shape [m]
+    pitch: Estimate  # m; by a part of a sampling interval over all periods
     angle: float  # of the direction in which it repeats, from x [rad]
-    noise: NoiseUncertainty  # of the depth [m]
-    pitch_std: float  # standard uncertainty of the pitch from the scatter of the parts [m]
     share: float  # part of the variance that repeats [1]
     shape: tuple[Array, Array]  # position within a period and mean height [m]
 
@@ -237,7 +224,7 @@ def fit_grating(x: Array, y: Array, z: Array) -> Grating:
     from scipy.optimize import minimize
 
     known = np.isfinite(z)
-    level = np.where(known, z - _surface(x, y, z, known), 0.0)
+    level = np.where(known, _levelled(z, known, 2), 0.0)
     tapers = [np.hanning(n + 2)[1:-1] if n > 3 else np.ones(n) for n in z.shape]
     power = np.abs(np.fft.rfft2(level * np.outer(*tapers), [max(4 * n, 1) if n > 3 else 1 for n in z.shape])) ** 2
     extents = float(x[-1] - x[0]), float(y[-1] - y[0]) if len(y) > 1 else 0.0
@@ -267,10 +254,9 @@ def fit_grating(x: Array, y: Array, z: Array) -> Grating:
     parts = np.array_split(np.argsort(along, kind="stable"), int(min(8, max(np.ptp(along) // 1.5, 2))))
     depths = np.array([_depth(along[part], heights[part])[0] for part in parts])
     scatter = float(depths.std(ddof=1) / np.sqrt(len(parts)))
-    position = (np.arange(_PHASES) + 0.5) / _PHASES * pitch
-    noise = NoiseUncertainty(scatter, len(parts) - 1.0)
     step = float(x[1] - x[0]) / np.sqrt(12.0) / max(float(np.ptp(along)), 1.0)
-    return Grating(depth, pitch, angle, noise, step, share, (position, shape))
+    found = Estimate(depth, scatter, len(parts) - 1.0), Estimate(pitch, step)
+    return Grating(*found, angle, share, ((np.arange(_PHASES) + 0.5) / _PHASES * pitch, shape))
 
 
 def _folded(along: Array, heights: Array) -> tuple[Array, NDArray[np.intp]]:
@@ -287,12 +273,3 @@ def _depth(along: Array, heights: Array) -> tuple[float, Array]:
     terms[_HARMONICS + 1 :] = 0.0
     fine = np.fft.irfft(np.pad(terms, (0, 8 * _PHASES - len(terms))), 16 * _PHASES - 2) * (16 * _PHASES - 2) / _PHASES
     return float(np.ptp(fine)), shape
-
-
-def _surface(x: Array, y: Array, z: Array, known: Mask) -> Array:
-    """Polynomial of second degree through all points."""
-    t, u = (2.0 * (one - one[0]) / max(float(one[-1] - one[0]), 1e-30) - 1.0 for one in (x, y))
-    gx, gy = np.meshgrid(t, u)
-    terms = np.stack([np.ones_like(gx), gx, gx**2, *([gy, gy**2, gx * gy] if len(y) > 2 else [])])
-    solution = np.linalg.lstsq(terms[:, known].T, z[known], rcond=None)[0]
-    return np.asarray(np.tensordot(solution, terms, 1))

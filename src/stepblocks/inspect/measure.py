@@ -12,10 +12,10 @@ from stepblocks.artefacts.scans.scan import HeightMap, Profile, rows_of
 from stepblocks.errors import MetrologyError
 from stepblocks.inspect.budget import Component, Instrument, Measured, measured_from_profiles, with_budget
 from stepblocks.inspect.edge import Edge, fit_edge
-from stepblocks.inspect.form import fit_face, zone_of_flatness, zone_of_parallelism
+from stepblocks.inspect.form import FaceForm, fit_face, flatness, parallelism, zone_of
 from stepblocks.inspect.margin_gap import fit_margin
-from stepblocks.inspect.noise import Array, Mask, NoiseUncertainty
-from stepblocks.inspect.tip import Cap, fit_cap
+from stepblocks.inspect.noise import Array, Estimate, Mask
+from stepblocks.inspect.tip import fit_cap
 
 Window = tuple[float, float, str]  # begin, end [m] and name
 S = TypeVar("S")
@@ -70,16 +70,21 @@ def measure_edge(scan: Profile | HeightMap, instrument: Instrument, how: How = A
     results = _evaluated(rows, lambda row: fit_edge(row.position, row.height, how.exclusion), notes)
     edges = [edge for _, edge in results]
     form = Component("form", _form_of(results), how="change with twice the exclusion, rectangular")
-    heights = [NoiseUncertainty(e.height_std, e.height_dof) for e in edges]
-    # the noise that the radius is whitened with is as well known as that of the height
-    radii = [NoiseUncertainty(e.radius_std, e.height_dof) for e in edges]
-    height = measured_from_profiles("step height", [e.height for e in edges], heights, instrument, [form])
-    flanks = [e.flank for e in edges if e.flank is not None]
+    height = measured_from_profiles("step height", [one.height for one in edges], instrument, [form])
+    flanks = [one.flank for one in edges if one.flank is not None]
     sloped = 2 * len(flanks) > len(edges)
-    # a stylus rounds a corner by its own radius
-    corners = [e.radius - how.stylus_radius for e in edges if (e.flank is not None) == sloped]
-    radii = [noise for noise, e in zip(radii, edges, strict=True) if (e.flank is not None) == sloped]
-    radius = measured_from_profiles("edge radius", corners, radii, instrument, axes=(1.0, 1.0))
+    corners = [one.radius for one in edges if (one.flank is not None) == sloped]
+    # what lies between two samples of a sharp edge is the same in every profile, and does not average
+    unresolved = (
+        rows[0].spacing / np.sqrt(12.0) if np.mean([one.value for one in corners]) < 3.0 * rows[0].spacing else 0.0
+    )
+    corners = [
+        # a stylus rounds a corner by its own radius
+        Estimate(one.value - how.stylus_radius, float(np.sqrt(max(one.std**2 - unresolved**2, 0.0))), one.dof)
+        for one in corners
+    ]
+    sampling = [Component("sampling", unresolved, how="one interval, rectangular")] if unresolved > 0.0 else []
+    radius = measured_from_profiles("edge radius", corners, instrument, sampling, axes=(1.0, 1.0))
     if how.stylus_radius > 0.0:
         notes.append(f"the stylus radius of {how.stylus_radius * 1e6:.3g} um is taken off the edge radius")
     if sloped:
@@ -95,16 +100,17 @@ def measure_edge(scan: Profile | HeightMap, instrument: Instrument, how: How = A
         values |= _faces(scan, edge, instrument, notes)
     if rejected := sum(one.rejected for one in edges):
         notes.append(f"{rejected} points missing or left out as spikes")
-    if any(e.radius < 3.0 * first.spacing for e in edges):
-        limit = max(e.radius_limit for e in edges)
+    if any(one.radius.value < 3.0 * first.spacing for one in edges):
+        limit = max(one.radius_limit for one in edges)
         notes.append(f"edge sharper than the sampling resolves; radius below {limit * 1e6:.2g} um at 95 %")
     convention = f"two planes with a common slope, {edge.exclusion * 1e6:.4g} um excluded on either side of the edge; radius by arc"
     if sloped:
         convention = f"{convention} of the corner beside its flank"
     x, before, behind = first.position, edge.position - edge.exclusion, edge.position + edge.exclusion
     windows = (float(x[0]), before, "face"), (behind, float(x[-1]), "face")
-    shown = _shown(first, edge.tilt, (x < before) if edge.rising else (x > behind), windows)
-    shown = replace(shown, dropped=edge.dropped if len(edge.dropped) == len(x) else None)
+    level = first.height - edge.tilt * x
+    lower = (x < before) if edge.rising else (x > behind)
+    shown = Shown(x, level - np.nanmedian(level[lower]), windows, dropped=edge.dropped)
     return Inspected(values, convention, tuple(notes), shown, arc=not sloped)
 
 
@@ -115,25 +121,23 @@ def sampled(scan: Profile | HeightMap, how: How = AS_FOUND) -> tuple[list[Profil
         chosen = np.unique(np.linspace(0, len(rows) - 1, _MOST_PROFILES).round().astype(int))
         notes = [f"{len(chosen)} of {len(rows)} profiles evaluated"]
         rows = [rows[index] for index in chosen]
-    begin, end = -np.inf if how.begin is None else how.begin, np.inf if how.end is None else how.end
-    if how.begin is not None or how.end is not None:
-        inside = (rows[0].position >= begin) & (rows[0].position <= end)
-        if inside.sum() < 3:
-            raise MetrologyError(f"the part from {begin:g} to {end:g} m must hold 3 points, got {int(inside.sum())}")
-        kept = [(row, row.height[inside]) for row in rows]
-        rows = [Profile(row.position[inside], z, row.source, row.scale) for row, z in kept if np.isfinite(z).any()]
-    steps = np.diff(rows[0].position)
-    if np.ptp(steps) > 0.01 * steps.mean():
-        x = np.arange(rows[0].position[0], rows[0].position[-1], float(np.median(steps)))
+    x = rows[0].position
+    begin, end = x[0] if how.begin is None else how.begin, x[-1] if how.end is None else how.end
+    inside = (x >= begin) & (x <= end)
+    measured = [row for row in rows if np.isfinite(row.height[inside]).any()]
+    if inside.sum() < 3 or not measured:
+        raise MetrologyError(f"the part from {begin:g} to {end:g} m must hold 3 points, got {int(inside.sum())}")
+    x = x[inside]
+    heights = [row.height[inside] for row in measured]
+    step = float(np.median(np.diff(x)))
+    if np.ptp(np.diff(x)) > 0.01 * np.diff(x).mean():
+        even = np.arange(x[0], x[-1], step)
         # across a gap of several steps nothing is known
-        far = np.abs(x - rows[0].position[np.searchsorted(rows[0].position, x).clip(0, len(steps))]) > 3.0 * np.median(
-            steps
-        )
-        rows = [Profile(x, np.where(far, np.nan, np.interp(x, row.position, row.height)), row.source) for row in rows]
-        notes.append(
-            f"positions set to equal steps of {np.median(steps) * 1e6:.4g} um, between which heights are interpolated"
-        )
-    return rows, notes
+        far = np.abs(even - x[np.searchsorted(x, even).clip(0, len(x) - 1)]) > 3.0 * step
+        heights = [np.where(far, np.nan, np.interp(even, x, z)) for z in heights]
+        x = even
+        notes.append(f"positions set to equal steps of {step * 1e6:.4g} um, between which heights are interpolated")
+    return [Profile(x, z, row.source) for z, row in zip(heights, measured, strict=True)], notes
 
 
 def _evaluated(rows: list[Profile], evaluate: Callable[[Profile], T], notes: list[str]) -> list[tuple[Profile, T]]:
@@ -159,53 +163,42 @@ def tried(evaluate: Callable[[S], T], asked: Iterable[S]) -> tuple[list[tuple[S,
 
 def _form_of(results: list[tuple[Profile, Edge]]) -> float:
     """Change of the mean height when twice as much is excluded, beyond what noise alone changes, as a rectangle."""
-
-    def wider(result: tuple[Profile, Edge]) -> Edge:
-        row, edge = result
-        return fit_edge(row.position, row.height, 2.0 * edge.exclusion)
-
-    pairs = [(edge, wide) for (_, edge), wide in tried(wider, results[:: max(len(results) // 10, 1)])[0]]
+    some = results[:: max(len(results) // 10, 1)]
+    wider = tried(lambda one: fit_edge(one[0].position, one[0].height, 2.0 * one[1].exclusion).height, some)[0]
+    pairs = [(edge.height, wide) for (_, edge), wide in wider]
     if not pairs:
         return 0.0
     # a fit through fewer of the same points differs by what its variance has grown
-    noise = np.mean([max(wide.height_std**2 - edge.height_std**2, 0.0) for edge, wide in pairs]) / len(pairs)
-    beyond = float(np.mean([wide.height - edge.height for edge, wide in pairs])) ** 2 - float(noise)
+    noise = np.mean([max(wide.std**2 - edge.std**2, 0.0) for edge, wide in pairs]) / len(pairs)
+    beyond = float(np.mean([wide.value - edge.value for edge, wide in pairs])) ** 2 - float(noise)
     return float(np.sqrt(max(beyond, 0.0) / 3.0))
-
-
-def drawn(profile: Profile, fitted: Array, windows: tuple[Window, ...]) -> Shown:
-    """Show a profile and its fit, both levelled by the line through the ends of the fit."""
-    x = profile.position
-    line = np.polynomial.Polynomial.fit(x[[0, -1]], fitted[[0, -1]], 1)(x)
-    return Shown(x, profile.height - line, windows, fitted - line)
-
-
-def _shown(profile: Profile, tilt: float, face: Mask, windows: tuple[Window, ...]) -> Shown:
-    """Show a profile levelled on one of its faces."""
-    z = profile.height - tilt * profile.position
-    return Shown(profile.position, z - np.nanmedian(z[face]), windows)
 
 
 def _faces(scan: HeightMap, edge: Edge, instrument: Instrument, notes: list[str]) -> dict[str, Measured]:
     x = scan.x
     sides = [x < edge.position - edge.exclusion, x > edge.position + edge.exclusion]
-    low, high = sides if edge.rising else sides[::-1]
-    faces = [fit_face(x, scan.y, scan.height, np.broadcast_to(side, scan.height.shape)) for side in (low, high)]
-    zones = {
-        "flatness_lower": ("flatness, lower face", zone_of_flatness(faces[0])),
-        "flatness_upper": ("flatness, upper face", zone_of_flatness(faces[1])),
-        "parallelism": ("parallelism, upper face to A", zone_of_parallelism(faces[1], faces[0])),
+    low, high = (
+        fit_face(x, scan.y, scan.height, np.broadcast_to(side, scan.height.shape))
+        for side in (sides if edge.rising else sides[::-1])
+    )
+    asked: dict[str, tuple[str, Callable[..., float], tuple[FaceForm, ...]]] = {
+        "flatness_lower": ("flatness, lower face", flatness, (low,)),
+        "flatness_upper": ("flatness, upper face", flatness, (high,)),
+        "parallelism": ("parallelism, upper face to A", parallelism, (high, low)),
     }
     notes.append(
-        f"flatness and parallelism are those of the form, polynomials of degree {max(face.degree for face in faces)}, over what "
-        "was scanned; zones of all points, noise included: "
-        + ", ".join(f"{label} {zone.all_points * 1e6:.3g} um" for label, zone in zones.values())
+        f"flatness and parallelism are those of the form, polynomials of degree {max(low.degree, high.degree)}, over what was "
+        "scanned; zones of all points, noise included: "
+        + ", ".join(
+            f"{name} {zone(*[face.points for face in faces]) * 1e6:.3g} um" for name, zone, faces in asked.values()
+        )
     )
-    origin = "draws from the covariance of the form"
-    return {
-        key: with_budget(label, zone.zone, [Component("noise", zone.std, zone.dof, origin)], instrument)
-        for key, (label, zone) in zones.items()
-    }
+    values = {}
+    for key, (name, zone, faces) in asked.items():
+        form = zone_of(zone, *faces)
+        noise = Component("noise", form.std, form.dof, "draws from the covariance of the form")
+        values[key] = with_budget(name, form.value, [noise], instrument)
+    return values
 
 
 def measure_margin(scan: Profile | HeightMap, instrument: Instrument, how: How = AS_FOUND) -> Inspected:
@@ -213,20 +206,18 @@ def measure_margin(scan: Profile | HeightMap, instrument: Instrument, how: How =
     rows, notes = sampled(scan, how)
     results = _evaluated(rows, lambda row: fit_margin(row.position, row.height), notes)
     ones = [one for _, one in results]
-    share = float(np.mean([one.opening / one.absolute for one in ones]))
-    sampling = float(np.mean([one.opening_sampling for one in ones]))
-
-    origin = "one interval at either edge, rectangular; the same in every profile"
-    sizes = {  # length and noise of each, its share in what lies between samples, and the axes that it answers to
-        "vertical_discrepancy": ([(m.opening, m.opening_noise) for m in ones], 1.0, (0.0, 1.0)),
-        "horizontal_discrepancy": ([(m.rise, m.rise_noise) for m in ones], None, (1.0, 0.0)),
-        "absolute_discrepancy": ([(m.absolute, m.absolute_noise) for m in ones], share, (1.0 - share**2, share**2)),
+    share = float(np.mean([one.opening.value / one.absolute.value for one in ones]))
+    sampling = float(np.mean([one.sampling for one in ones]))
+    sizes = {  # of each its share in what lies between samples, and the axes that it answers to
+        "vertical_discrepancy": ([one.opening for one in ones], 1.0, (0.0, 1.0)),
+        "horizontal_discrepancy": ([one.rise for one in ones], 0.0, (1.0, 0.0)),
+        "absolute_discrepancy": ([one.absolute for one in ones], share, (1.0 - share**2, share**2)),
     }
     values = {}
     for key, (found, part, axes) in sizes.items():
-        lengths, noise = [length for length, _ in found], [own for _, own in found]
-        others = [] if part is None else [Component("sampling", part * sampling, how=origin)]
-        values[key] = measured_from_profiles(key.replace("_", " "), lengths, noise, instrument, others, axes)
+        origin = "one interval at either edge, rectangular; the same in every profile"
+        others = [Component("sampling", part * sampling, how=origin)] if part > 0.0 else []
+        values[key] = measured_from_profiles(key.replace("_", " "), found, instrument, others, axes)
     first = results[0][0]
     left = np.nanmedian(first.height[: len(first.height) // 4])
     convention = "shoulders by two planes with a common slope; edges at half the depth of the gap"
@@ -241,31 +232,24 @@ def measure_tip(
     if isinstance(scan, Profile):
         (scan,), notes = sampled(scan, how)
     cap = fit_cap(scan, nominal)
-    narrower = [
-        found.radius for _, found in tried(lambda part: fit_cap(scan, nominal, part), _NARROWER * _reached(cap))[0]
-    ]
-    change = max((abs(one - cap.radius) for one in narrower), default=0.0)
-    how_form = "change over a cap of seven tenths of it, less its noise, rectangular"
+    radius, reach = cap.radius, float(np.sin(cap.cap_angle))  # of what the points cover, as a part of the radius
+    narrower = tried(lambda part: fit_cap(scan, nominal, part), [_NARROWER * reach])[0]
+    change = max((abs(one.radius.value - radius.value) for _, one in narrower), default=0.0)
     # a cap of 0.7 of the angle knows its radius by a quarter as well
-    beyond = float(np.sqrt(max(change**2 - (3.0 * cap.noise.std) ** 2, 0.0) / 3.0))
-    parts = [Component("form", beyond, how=how_form)]
-    radius = cap.radius - how.stylus_radius
+    beyond = float(np.sqrt(max(change**2 - (3.0 * radius.std) ** 2, 0.0) / 3.0))
+    form = Component("form", beyond, how="change over a cap of seven tenths of it, less its noise, rectangular")
     if how.stylus_radius > 0.0:
+        radius = replace(radius, value=radius.value - how.stylus_radius)
         notes.append(f"the stylus radius of {how.stylus_radius * 1e6:.4g} um is taken off")
     # of a cap, height h over width a, R is a^2 / 2h: twice the lateral error, once the vertical
-    value = measured_from_profiles("ball radius", [radius], [cap.noise], instrument, parts, axes=(1.0, 2.0))
-    covered = f"over a cap of {np.degrees(cap.cap_angle):.3g} deg"
-    notes.append(f"form of the ball {cap.form * 1e6:.3g} um, noise included, {covered}")
+    value = measured_from_profiles("ball radius", [radius], instrument, [form], axes=(1.0, 2.0))
+    notes.append(
+        f"form of the ball {cap.form * 1e6:.3g} um, noise included, over a cap of {np.degrees(cap.cap_angle):.3g} deg"
+    )
     if cap.rejected:
         notes.append(f"{cap.rejected} points left out as spikes")
-    convention = "least-squares sphere through the cap, in heights"
-    if isinstance(scan, Profile):
-        convention = "least-squares circle through the cap of the profile, in heights"
+    through = "circle through the cap of the profile" if isinstance(scan, Profile) else "sphere through the cap"
     x, z, fitted = cap.drawn
     low = float(np.nanmin(z))
-    return Inspected({"ball_radius": value}, convention, tuple(notes), Shown(x, z - low, (), fitted - low))
-
-
-def _reached(cap: Cap) -> Array:
-    """Reach of the cap that the points cover, as a part of the radius."""
-    return np.array([np.sin(cap.cap_angle)])
+    shown = Shown(x, z - low, (), fitted - low)
+    return Inspected({"ball_radius": value}, f"least-squares {through}, in heights", tuple(notes), shown)

@@ -1,16 +1,15 @@
 """What the residuals of a fit say about its noise, and the standard uncertainty that an estimate has from it.
 
-Machined faces carry roughness that is correlated over micrometres, so 4,000 points are not 4,000 observations. Each
-uncertainty of this room is propagated through the autocovariance of the residuals, not divided by the root of n.
-
-A height is a weighted sum ``w . z``. With stationary noise its variance is the sum over lags of ``c(k) gamma(k)``, c the
-autocorrelation of the weights and gamma the autocovariance of the noise. Gamma is estimated from a few hundred
-residuals, so the variance carries degrees of freedom. Two biases are taken out: the taper over lags is flat where the noise
-is correlated, and what the fit has swallowed of the noise is put back by its expectation. Maps go the same way.
+Machined faces carry roughness that is correlated over micrometres, so 4,000 points are not 4,000 observations: each
+uncertainty of this room goes through the autocovariance of the residuals. A height is a weighted sum ``w . z``; with stationary
+noise its variance is the sum over lags of ``c(k) gamma(k)``, c the autocorrelation of the weights and gamma the autocovariance of
+the noise. Gamma is estimated from a few hundred residuals, so the variance carries degrees of freedom. Two biases are taken out: the
+taper over lags is flat where the noise is correlated, and what the fit has swallowed of the noise is put back by its expectation.
 """
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -35,11 +34,12 @@ _LEAST_OF_WHITE = 0.25
 
 
 @dataclass(frozen=True)
-class NoiseUncertainty:
-    """Uncertainty of one estimate."""
+class Estimate:
+    """A value with what noise leaves open of it."""
 
-    std: float  # standard uncertainty, in the unit of the estimate
-    dof: float  # its effective degrees of freedom; infinite where the residuals are zero up to rounding
+    value: float
+    std: float  # standard uncertainty, in the unit of the value
+    dof: float = math.inf  # its effective degrees of freedom; infinite where the residuals are zero up to rounding
 
 
 def robust_scale(residuals: Array) -> float:
@@ -47,16 +47,14 @@ def robust_scale(residuals: Array) -> float:
     return float(_GAUSS_PER_MAD * np.median(np.abs(residuals - np.median(residuals))))
 
 
-def outlier_mask(residuals: Array, used: Mask | None = None) -> Mask:
+def outlier_mask(residuals: Array, used: Mask) -> Mask:
     """Return true for spikes: residuals [m] beyond five robust deviations from the median of those used; none without scatter."""
-    if used is not None:
-        spikes = np.zeros_like(used)
-        spikes[used] = outlier_mask(residuals[used])
-        return spikes
-    scale = robust_scale(residuals)
-    if scale <= LEAST_SCATTER:
-        return np.zeros(residuals.shape, dtype=bool)
-    return np.abs(residuals - np.median(residuals)) > SPIKE * scale
+    own = residuals[used]
+    scale = robust_scale(own)
+    spikes = np.zeros_like(used)
+    if scale > LEAST_SCATTER:
+        spikes[used] = np.abs(own - np.median(own)) > SPIKE * scale
+    return spikes
 
 
 def autocovariance(pieces: Sequence[Array], parameters: int = 3) -> Array:
@@ -104,8 +102,8 @@ def covariance_root(covariance: Array) -> Array:
     return np.asarray((vectors * np.sqrt(np.maximum(values, 0.0))).T, dtype=np.float64)
 
 
-def noise_uncertainty(weights: Array, residuals: Array, used: Mask, design: Sequence[Array]) -> NoiseUncertainty:
-    """Uncertainty of ``sum(weights * z)`` from the residuals of its fit.
+def estimated(value: float, weights: Array, residuals: Array, used: Mask, design: Array) -> Estimate:
+    """State `value`, which is ``sum(weights * z)``, with its uncertainty from the residuals of the fit.
 
     With residuals ``r = M z``, M the projection of the fit, the estimate of the variance is a quadratic form ``r Q r``;
     Q holds ``c(k) taper(k) / pairs(k)``. Its mean is ``tr(M Q M Gamma)``, which gives the correction, and twice the
@@ -121,15 +119,15 @@ def noise_uncertainty(weights: Array, residuals: Array, used: Mask, design: Sequ
     known = pairs > 0.0
     gamma = np.where(known, lags.autocorrelation(r) / np.maximum(pairs, 1.0), 0.0)
     if gamma.flat[0] <= LEAST_SCATTER**2:
-        return NoiseUncertainty(0.0, float("inf"))
-    taper = _taper(gamma, residuals.shape, float(inside.sum()))
+        return Estimate(value, 0.0)
+    count = float(inside.sum())
+    taper = _taper(gamma, residuals.shape, count)
     c = lags.autocorrelation(w)
     white = float(c.flat[0] * gamma.flat[0])
     variance = max(float(np.sum(c * gamma * taper)), _LEAST_OF_WHITE * white)
     # each column of the fit takes the mean power of one frequency: every lag lies too low by the same amount
-    area, count = float(taper.sum()), float(inside.sum())
     share = len(design) / count
-    lifted = gamma + share * float(np.sum(gamma * taper)) / max(1.0 - share * area, _LEAST_LEFT)
+    lifted = gamma + share * float(np.sum(gamma * taper)) / max(1.0 - share * float(taper.sum()), _LEAST_LEFT)
     spectrum = np.maximum(lags.transform(lifted * taper).real, 0.0)
     form = lags.transform(np.where(known, c * taper / np.maximum(pairs, 1.0), 0.0)).real
     trace, seen = _expectations(lags, spectrum, form, pairs, inside, design)
@@ -139,7 +137,7 @@ def noise_uncertainty(weights: Array, residuals: Array, used: Mask, design: Sequ
     squares = lags.mean(both**2)
     dof = count * lags.mean(both) ** 2 / squares if squares > 0.0 else float("inf")
     lost = max(seen / trace, 0.1) if trace > 0.0 else 0.1
-    return NoiseUncertainty(float(np.sqrt(variance * restored)), max(dof * lost, 1.0))
+    return Estimate(value, float(np.sqrt(variance * restored)), max(dof * lost, 1.0))
 
 
 class _Lags:
@@ -147,18 +145,13 @@ class _Lags:
 
     def __init__(self, shape: tuple[int, ...]) -> None:
         self._cut = tuple(slice(0, size) for size in shape)
-        self.shape = tuple(fft.next_fast_len(2 * size, real=True) for size in shape)
-        # a real transform keeps half of the last axis; the other half counts in means over frequencies
-        self._share = np.full(self.shape[-1] // 2 + 1, 2.0)
-        self._share[0] = 1.0
-        if self.shape[-1] % 2 == 0:
-            self._share[-1] = 1.0
+        self._shape = tuple(fft.next_fast_len(2 * size, real=True) for size in shape)
 
     def transform(self, values: Array) -> NDArray[np.complex128]:
-        return np.asarray(fft.rfftn(values, self.shape))
+        return np.asarray(fft.rfftn(values, self._shape))
 
     def back(self, spectrum: Array | NDArray[np.complex128]) -> Array:
-        return np.asarray(fft.irfftn(spectrum, self.shape))
+        return np.asarray(fft.irfftn(spectrum, self._shape))
 
     def autocorrelation(self, values: Array) -> Array:
         return self.back(np.abs(self.transform(values)) ** 2)
@@ -167,11 +160,12 @@ class _Lags:
         return self.back(spectrum * self.transform(values))[self._cut]
 
     def mean(self, spectrum: Array) -> float:
-        return float(np.sum(spectrum * self._share) / np.prod(self.shape))
+        """Mean over frequencies, which is the value at lag zero."""
+        return float(self.back(spectrum).flat[0])
 
 
 def _expectations(
-    lags: _Lags, spectrum: Array, form: Array, pairs: Array, inside: Array, design: Sequence[Array]
+    lags: _Lags, spectrum: Array, form: Array, pairs: Array, inside: Array, design: Array
 ) -> tuple[float, float]:
     """Traces of Q Gamma and of M Q M Gamma; the projection has few columns, so no large matrix is ever formed."""
     trace = float(np.sum(lags.back(form) * pairs * lags.back(spectrum)))

@@ -6,8 +6,6 @@ from collections.abc import Callable, Iterable
 from dataclasses import replace
 from pathlib import Path
 
-import numpy as np
-
 from stepblocks.artefacts.qif_read import matched_by, read_qif_results
 from stepblocks.artefacts.scans.read import read_scan
 from stepblocks.artefacts.scans.scan import HeightMap, Profile
@@ -36,8 +34,9 @@ EVALUATIONS: dict[str, Evaluation] = {
     "horizontal_discrepancy": lambda scan, instrument, asked, how: measure_margin(scan, instrument, how),
     "ball_radius": lambda scan, instrument, asked, how: measure_tip(scan, instrument, how, asked.nominal),
 }
-# what a scan of a feature does not show
+# what a scan of a feature does not show, and which evaluation a standard of a feature needs
 _BESIDE = {"edge": ("groove_depth", "ridge_height"), "groove": ("step_height",)}
+_STANDARDS = {"groove": "groove_depth", "edge": "step_height", "ball": "ball_radius"}
 _NOTHING_KNOWN = Instrument()
 _NO_ORDER = OrderSpec()
 _WORTH_SAYING = 0.01  # relative change of the energy from which a cause is named [1]
@@ -92,11 +91,10 @@ def inspect_scan(
     if Path(scan).suffix.lower() == ".qif":
         result = _judged(part, _from_qif(Path(scan), asked), asked, Path(scan), declared.order)
         return replace(result, felt=_felt_sentence(result, declared.prediction))
-    read = read_scan(scan, unit, channel)
     shown = [one for one in asked if one.key in EVALUATIONS and one.key not in _BESIDE[feature]]
     if not shown:
         raise PipelineError(f"a scan of {part.id} cannot be inspected: only blocks, margins and tips can")
-    inspected = EVALUATIONS[shown[0].key](read, _resolving(instrument, read), shown[0], how)
+    inspected = _evaluated(EVALUATIONS[shown[0].key], read_scan(scan, unit, channel), instrument, shown[0], how)
     result = _judged(part, inspected, asked, Path(scan), declared.order)
     if not result.judged:
         raise PipelineError(f"scan of {part.id} must measure at least one characteristic with limits, got none")
@@ -113,13 +111,10 @@ def _from_qif(path: Path, asked: list[Characteristic]) -> Inspected:
         names = ", ".join(dict.fromkeys(one.name or one.designator or "?" for one in results))
         rule = "must measure a characteristic by its name or number on the drawing"
         raise PipelineError(f"QIF results {rule}, got {names:.120} [{path}]")
-    source = (
-        Component("as stated in the file", one.std, how="combined standard uncertainty") for one in found.values()
-    )
-    values = {
-        key: Measured(key.replace("_", " "), one.value, (own,))
-        for (key, one), own in zip(found.items(), source, strict=True)
-    }
+    values = {}
+    for key, one in found.items():
+        stated = Component("as stated in the file", one.std, how="combined standard uncertainty")
+        values[key] = Measured(key.replace("_", " "), one.value, (stated,))
     other = [key for key, one in found.items() if one.status not in ("PASS", "FAIL")]
     notes = [f"{len(results)} measured in the file, {len(found)} of them asked for"]
     notes += [f"the file itself passes no judgement on {', '.join(other)}"] if other else []
@@ -141,19 +136,13 @@ def inspect_standard(
 
     Parameters
     ----------
-    scan : str or Path
-        Profile or height map, of any format that `read_scan` reads.
+    scan, instrument, how, unit, channel
+        As `inspect_scan` takes them.
     depth, tolerance : float
         Certified depth or radius and its tolerance [m]; with a tolerance of 0 nothing can be proven but a deviation. Without a
         depth the scan is measured and nothing is judged.
     feature : {"groove", "edge", "ball"}
         What was scanned; grooves stand also for ridges, single steps and gratings.
-    instrument : Instrument
-        Calibration and resolution.
-    how : How
-        Exclusion, levelling, part of the profile, edges, direction and stylus; what is not said follows the data.
-    unit, channel : str, optional
-        As `read_scan` takes them.
 
     Returns
     -------
@@ -165,20 +154,13 @@ def inspect_standard(
     MetrologyError
         If the scan cannot be read or evaluated, or does not show a feature that a smooth curve does not explain.
     """
+    if feature == "ball" and depth is None:
+        raise MetrologyError("a ball needs its radius as the standard, such as '500 um'")
+    key = _STANDARDS[feature].removeprefix("groove_")
+    asked = Characteristic(key, key.replace("_", " "), "distance", depth or 0.0, -tolerance, tolerance)
     read = read_scan(scan, unit, channel)
-    known = _resolving(instrument, read)
-    if feature == "ball":
-        if depth is None:
-            raise MetrologyError("a ball needs its radius as the standard, such as '500 um'")
-        inspected, key = measure_tip(read, known, how, depth), "ball_radius"
-    elif feature == "edge":
-        inspected, key = measure_edge(read, known, how), "step_height"
-    else:
-        inspected, key = measure_groove(read, known, how, "depth"), "depth"
-    limits = (-tolerance, tolerance) if depth is not None else (-np.inf, np.inf)
-    asked = Characteristic(key, key.replace("_", " "), "distance", depth or 0.0, *limits)
-    result = _judged(None, inspected, [asked] if depth is not None else [], Path(scan))
-    return result if depth is not None else replace(result, verdict=None)
+    inspected = _evaluated(EVALUATIONS[_STANDARDS[feature]], read, instrument, asked, how)
+    return _judged(None, inspected, [asked] if depth is not None else [], Path(scan))
 
 
 def _declared(identity: str, where: Path) -> tuple[Part, StimulusSet]:
@@ -191,9 +173,12 @@ def _declared(identity: str, where: Path) -> tuple[Part, StimulusSet]:
     raise PipelineError(f"stimulus must be declared in {where}, got {identity!r}")
 
 
-def _resolving(instrument: Instrument, scan: Profile | HeightMap) -> Instrument:
-    """Return the instrument with a resolution of at least one count of the scan."""
-    return replace(instrument, resolution=max(instrument.resolution, scan.count or 0.0))
+def _evaluated(
+    evaluate: Evaluation, read: Profile | HeightMap, instrument: Instrument, asked: Characteristic, how: How
+) -> Inspected:
+    """Evaluate a scan by an instrument that resolves no less than one count of it."""
+    resolution = max(instrument.resolution, read.count or 0.0)
+    return evaluate(read, replace(instrument, resolution=resolution), asked, how)
 
 
 def _judged(
@@ -201,7 +186,7 @@ def _judged(
 ) -> InspectionResult:
     found = [(one, inspected.values[one.key]) for one in asked if one.key in inspected.values]
     judged = tuple((one, judge(value, one.nominal, one.lower, one.upper)) for one, value in found)
-    verdict = verdict_of(decision for _, decision in judged)
+    verdict = verdict_of(decision for _, decision in judged) if judged else None
     identity = source.stem if part is None else part.id
     return InspectionResult(identity, part, inspected, judged, verdict, "", source, order)
 
@@ -212,19 +197,29 @@ def _felt_sentence(result: InspectionResult, grid: PredictionGrid) -> str:
     Compared under the first tip, load and friction of the grid: the nominal step, as built, and the scanned surface. Empty
     where height and edge radius were not both measured.
     """
-    if not {"step_height", "edge_radius"} <= set(result.inspected.values):
+    values, shown = result.inspected.values, result.inspected.shown
+    if not {"step_height", "edge_radius"} <= set(values):
         return ""
     point = OperatingPoint(grid.tip_radii[0], grid.normal_loads[0], grid.frictions[0], grid.as_tool())
     nominal = {one.key: one.nominal for one, _ in result.judged}
-    height, radius = (result.inspected.values[key].value for key in ("step_height", "edge_radius"))
     asked = Step(nominal["step_height"], nominal["edge_radius"])
-    made = Step(height, max(radius, 0.0))
+    made = Step(values["step_height"].value, max(values["edge_radius"].value, 0.0))
     by_radius, by_height = Step(asked.height, made.edge_radius), Step(made.height, asked.edge_radius)
     releases = [face.release(point) for face in (asked, made, by_radius, by_height)]
     verdict = f"{result.identity} {result.said}"
     where = f"(tip {point.ball_radius * 1e6:g} um, {point.normal_load:g} N, friction {point.friction:g})"
     if any(release.status is not Status.RELEASES for release in releases):
         return f"{verdict}; nominal {releases[0].status.value}, as built {releases[1].status.value} {where}"
+    surface = ""
+    angle = None if shown is None else scanned_angle(shown.position, shown.height, point.ball_radius)
+    if angle is not None:
+        scanned = release_at(angle, point.normal_load, point.friction, point.tool)
+        if scanned.status is Status.RELEASES:
+            surface = f"; by the scanned surface itself {energy_change(asked, scanned, point) * 100:+.1f} %"
+            if not result.inspected.arc:  # its radius says little of it
+                return (
+                    f"{verdict}; the edge is no arc{surface}, to {float(scanned.vibration_energy) * 1e6:.3g} uJ {where}"
+                )
     causes = {
         f"its edge radius of {made.edge_radius * 1e6:.3g} um": energy_change(asked, by_radius, point),
         f"its height of {made.height * 1e6:.2f} um": energy_change(asked, by_height, point),
@@ -234,19 +229,8 @@ def _felt_sentence(result: InspectionResult, grid: PredictionGrid) -> str:
         for cause, change in causes.items()
         if abs(change) >= _WORTH_SAYING
     )
-    if not named:
-        sentence = f"{verdict}, and E_v is within {100.0 * _WORTH_SAYING:g} % of the nominal block's"
-    else:
-        sentence = f"{verdict}{', but ' if result.verdict is Outcome.CONFORMS else ': '}{named}"
+    told = f", and E_v is within {100.0 * _WORTH_SAYING:g} % of the nominal block's"
+    if named:
+        told = f"{', but ' if result.verdict is Outcome.CONFORMS else ': '}{named}"
     change, energy = energy_change(asked, made, point), float(releases[1].vibration_energy)
-    sentence += f"; together {change * 100:+.1f} %, to {energy * 1e6:.3g} uJ"
-    shown = result.inspected.shown
-    angle = None if shown is None else scanned_angle(shown.position, shown.height, point.ball_radius)
-    if angle is not None:
-        scanned = release_at(angle, point.normal_load, point.friction, point.tool)
-        if scanned.status is Status.RELEASES:
-            by_surface = f"by the scanned surface itself {energy_change(asked, scanned, point) * 100:+.1f} %"
-            if not result.inspected.arc:  # its radius says little of it
-                return f"{verdict}; the edge is no arc; {by_surface}, to {float(scanned.vibration_energy) * 1e6:.3g} uJ {where}"
-            sentence += f"; {by_surface}"
-    return f"{sentence} {where}"
+    return f"{verdict}{told}; together {change * 100:+.1f} %, to {energy * 1e6:.3g} uJ{surface} {where}"

@@ -1,8 +1,7 @@
 """Radius and form of a probe tip: a sphere through the heights of the cap of a map, or a circle through those of a profile.
 
-The noise of a scan is along z and correlated from point to point. So the sphere is fitted to heights, with the forms that leave its
-curvature alone (astigmatism, coma), and its uncertainty goes through the autocovariance of the residuals. What a ball that is
-not round does to its radius shows as the change of it over a narrower cap.
+The noise of a scan is along z and correlated. So the sphere is fitted to heights, with the forms that leave its curvature
+alone (astigmatism, coma), and its uncertainty goes through the autocovariance of the residuals.
 """
 
 from __future__ import annotations
@@ -13,7 +12,7 @@ import numpy as np
 
 from stepblocks.artefacts.scans.scan import HeightMap, Profile
 from stepblocks.errors import MetrologyError
-from stepblocks.inspect.noise import Array, NoiseUncertainty, noise_uncertainty, outlier_mask
+from stepblocks.inspect.noise import Array, Estimate, estimated, outlier_mask
 
 # reach of the cap that is fitted, as a part of the nominal radius [1]: 44 degrees of the ball, clear of the cone
 _CAP = 0.7
@@ -26,8 +25,7 @@ _SECTORS = 16
 class Cap:
     """Sphere through the cap of a tip."""
 
-    radius: float  # m
-    noise: NoiseUncertainty  # uncertainty of the radius from noise and roughness [m]
+    radius: Estimate  # m
     form: float  # peak to valley of the distances from the sphere, noise included [m]
     cap_angle: float  # half angle of the cap [rad]
     rejected: int  # points left out as spikes
@@ -42,20 +40,20 @@ def fit_cap(scan: Profile | HeightMap, nominal: float, reach: float = _CAP) -> C
         thin = tuple(max(size // _MOST_ACROSS, 1) for size in scan.height.shape)
         (x, y), z = np.meshgrid(scan.x[:: thin[1]], scan.y[:: thin[0]]), scan.height[:: thin[0], :: thin[1]]
     flat = len(z) == 1
+    asked = f"a cap of a ball of about {nominal * 1e6:.4g} um"
     top = z > np.nanmax(z) - 0.02 * nominal
     place = float(np.median(x[top])), float(np.median(y[top]))
-    state = np.append([*place, 0.0], nominal)
     for _ in range(_CENTRINGS):  # the apex by the fit, since the highest points lie on a slope of noise
-        face = (np.hypot(x - state[0], y - state[1]) < reach * nominal) & np.isfinite(z)
+        face = (np.hypot(x - place[0], y - place[1]) < reach * nominal) & np.isfinite(z)
         if face.sum() < 10:
             raise MetrologyError(f"tip must show at least 10 points of its cap, got {int(face.sum())} [{scan.source}]")
         state = _algebraic(np.stack([x[face], y[face], z[face]], axis=1), nominal, flat)
+        place = state[0], state[1]
     used = face.copy()
     for _ in range(20):
         across = state[3] ** 2 - (x - state[0]) ** 2 - (y - state[1]) ** 2
         if not (across[used] > 0.0).all():
-            cap = f"a cap of a ball of about {nominal * 1e6:.4g} um"
-            raise MetrologyError(f"tip must show {cap}, got none [{scan.source}]")
+            raise MetrologyError(f"tip must show {asked}, got none [{scan.source}]")
         rise = np.sqrt(np.where(used, across, 1.0))
         residuals = np.where(used, z - state[2] - rise, np.nan)
         spikes = outlier_mask(residuals, used)
@@ -73,29 +71,26 @@ def fit_cap(scan: Profile | HeightMap, nominal: float, reach: float = _CAP) -> C
             break
     if used.sum() < 2 * len(design) or not 0.2 < state[3] / nominal < 5.0:
         got = f"{int(used.sum())} points on one of {state[3] * 1e6:.4g} um"
-        raise MetrologyError(
-            f"tip must show a cap of a ball of about {nominal * 1e6:.4g} um, got {got} [{scan.source}]"
-        )
+        raise MetrologyError(f"tip must show {asked}, got {got} [{scan.source}]")
     residuals = np.where(used, residuals - np.tensordot(solution, design, 1), np.nan)
     spread = np.zeros(z.shape)
     spread[used] = weights[2]
-    noise = noise_uncertainty(spread, residuals, used, list(design))
-    if noise.dof < _SECTORS / 4 and not flat:
+    radius = estimated(float(state[3]), spread, residuals, used, design)
+    if radius.dof < _SECTORS / 4 and not flat:
         # too smooth to tell its form from noise: what sixteen sectors of the cap say of the radius, one term of the fit each
-        sector = (
-            np.floor(_SECTORS * (np.arctan2(y - state[1], x - state[0]) / (2.0 * np.pi) + 0.5)).astype(int) % _SECTORS
-        )
+        turns = np.arctan2(y - state[1], x - state[0]) / (2.0 * np.pi) + 0.5
+        sector = np.floor(_SECTORS * turns).astype(int) % _SECTORS
         said = _SECTORS * np.bincount(sector[used], (spread * residuals)[used], _SECTORS)
         dof = float(_SECTORS - len(design))
-        noise = NoiseUncertainty(float(np.sqrt(np.sum(said**2) / dof / _SECTORS)), dof)
+        radius = Estimate(radius.value, float(np.sqrt(np.sum(said**2) / dof / _SECTORS)), dof)
     outward = np.stack([x - state[0], y - state[1], z - state[2]])[:, used]
     distance = np.linalg.norm(outward, axis=0)
     axis = outward.mean(axis=1) / np.linalg.norm(outward.mean(axis=1))
     cap_angle = float(np.arccos(np.clip((axis @ (outward / distance)).min(), -1.0, 1.0)))
-    circle = float(state[2]) + np.sqrt(np.maximum(state[3] ** 2 - (x - state[0]) ** 2 - (y - state[1]) ** 2, 0.0))
-    shown = int(np.argmax(used.sum(axis=1)))
-    drawn = x[shown], z[shown], np.where(used[shown], circle[shown], np.nan)
-    return Cap(float(state[3]), noise, float(np.ptp(distance)), cap_angle, int(face.sum() - used.sum()), drawn)
+    row = int(np.argmax(used.sum(axis=1)))
+    circle = state[2] + np.sqrt(np.maximum(state[3] ** 2 - (x[row] - state[0]) ** 2 - (y[row] - state[1]) ** 2, 0.0))
+    drawn = x[row], z[row], np.where(used[row], circle, np.nan)
+    return Cap(radius, float(np.ptp(distance)), cap_angle, int(face.sum() - used.sum()), drawn)
 
 
 def _algebraic(points: Array, unit: float, flat: bool) -> Array:

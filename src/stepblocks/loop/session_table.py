@@ -243,7 +243,7 @@ def _edge_of_scan(path: Path) -> dict[str, float]:
 
     edges = [fit_edge(line.position, line.height) for line in rows_of(read_scan(path))]
     heights, height_stds, radii, radius_stds = np.array(
-        [(edge.height, edge.height_std, edge.radius, edge.radius_std) for edge in edges]
+        [(edge.height.value, edge.height.std, edge.radius.value, edge.radius.std) for edge in edges]
     ).T
     return {
         "height_m": float(np.mean(heights)),
