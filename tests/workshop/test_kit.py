@@ -18,14 +18,16 @@ from stepblocks.errors import PipelineError, StimulusError
 from stepblocks.parts.kinds.machined import Box, Machined, bore
 from stepblocks.parts.shapes import mesh_solid
 from stepblocks.select import stimulus_files
-from stepblocks.workshop.kit import POSITIONS, interferences, write_kit
 from stepblocks.workshop.kit import (
     ON_THE_PIVOT,
+    POSITIONS,
     flexure_sensitivity,
     flexure_stiffness,
+    interferences,
     moving_mass,
     normal_load,
     pull,
+    write_kit,
 )
 
 FILE = Path(__file__).parents[2] / "stimuli" / "apparatus.toml"
