@@ -43,14 +43,13 @@ def choose_pair(height: float, grade: str = "0") -> GaugePair:
     if grade not in GRADES:
         raise MachiningError(f"grade must be one of {', '.join(GRADES)}, got {grade!r}")
     deviation, variation = GRADES[grade]
-    for lower in sorted(STANDARD_SET):
-        for upper in STANDARD_SET if lower >= 1e-3 else ():
-            if abs(upper - lower - height) < 1e-9:
-                # half of the variation: length is stated at the middle, the edge lies beside it
-                parts = [deviation] * 2 + [0.5 * variation] * 2 + [WRINGING] * 2
-                expected = 2.0 * math.sqrt(sum(part * part / 3.0 for part in parts))
-                return GaugePair(lower, upper, grade, sum(parts), min(expected, sum(parts)))
-    raise MachiningError(f"height must be a difference of two gauge blocks of the set, got {height * 1e3:.6g} mm")
+    pairs = ((a, b) for a in sorted(STANDARD_SET) if a >= 1e-3 for b in STANDARD_SET if abs(b - a - height) < 1e-9)
+    if (pair := next(pairs, None)) is None:
+        raise MachiningError(f"height must be a difference of two gauge blocks of the set, got {height * 1e3:.6g} mm")
+    # half of the variation: length is stated at the middle, the edge lies beside it
+    parts = [deviation] * 2 + [0.5 * variation] * 2 + [WRINGING] * 2
+    expected = 2.0 * math.sqrt(sum(part * part / 3.0 for part in parts))
+    return GaugePair(*pair, grade, sum(parts), min(expected, sum(parts)))
 
 
 def write_gauge_assembly(path: Path, block: StepBlock, pair: GaugePair) -> None:

@@ -6,7 +6,7 @@ masks than heights; the etch floor is the lower face, so what is open is the low
 
 import math
 from collections.abc import Iterator, Sequence
-from datetime import UTC, datetime
+from datetime import datetime
 from pathlib import Path
 from typing import Any
 
@@ -15,7 +15,6 @@ import shapely
 import shapely.affinity
 
 from stepblocks.atomic import beside
-from stepblocks.errors import MachiningError
 from stepblocks.parts.kinds.step_block import StepBlock
 from stepblocks.parts.lettering import engraved_text, letters, text_width
 from stepblocks.tables import write_table
@@ -23,13 +22,9 @@ from stepblocks.tables import write_table
 GRID = 1e-3  # to which every corner is rounded; all lengths of this file are micrometres
 LEAST = 10.0  # width of what is open, and of what stays between
 STREET = 500.0  # between blocks, where they are cut apart
-MONITORS = (
-    12.0,
-    40.0,
-    80.0,
-    500.0,
-)  # widths of trenches 2 mm long: narrow ones etch less deep (Franssila 2010, p. 204)
-_PINNED = datetime(2000, 1, 1, tzinfo=UTC)  # equal stimuli give equal bytes
+# widths of trenches 2 mm long: narrow ones etch less deep (Franssila, Introduction to Microfabrication, p. 204)
+MONITORS = (12.0, 40.0, 80.0, 500.0)
+_PINNED = datetime(2000, 1, 1)  # a GDSII header has no zone; equal stimuli give equal bytes
 _MITRED: dict[str, Any] = {"join_style": "mitre", "mitre_limit": 50.0}
 Shape = Any  # a polygon of shapely, or several
 
@@ -48,10 +43,8 @@ def etch_plan(heights: Sequence[float]) -> dict[float, list[int]]:
 
 def write_masks(path: Path, blocks: Sequence[StepBlock]) -> tuple[list[Path], list[str]]:
     """Write the masks of blocks and a table of their etches; return both files, and which design rules are broken."""
-    try:
-        import gdstk
-    except ImportError as error:
-        raise MachiningError("masks need gdstk: pip install 'stepblocks[masks]'") from error
+    import gdstk
+
     library = gdstk.Library("STEPBLOCKS", unit=1e-6, precision=1e-9)
     cell, rows, faults = library.new_cell("MASKS"), [], []
     plan = etch_plan([block.height.nominal for block in blocks])
@@ -70,7 +63,7 @@ def write_masks(path: Path, blocks: Sequence[StepBlock]) -> tuple[list[Path], li
         made = " ".join(blocks[i].id for i in indices)
         rows.append({"layer": layer, "depth_um": depth * 1e6, "open_mm2": shapes.area * 1e-6, "blocks": made})
     with beside(path) as draft:
-        library.write_gds(draft, timestamp=_PINNED.replace(tzinfo=None))
+        library.write_gds(draft, timestamp=_PINNED)
     table = path.with_suffix(".csv")
     write_table(pd.DataFrame(rows), table)
     return [path, table], faults

@@ -3,6 +3,7 @@
 import math
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
+from importlib.util import find_spec
 from pathlib import Path
 
 import pandas as pd
@@ -12,7 +13,7 @@ from stepblocks.artefacts.qif import write_qif
 from stepblocks.atomic import inside
 from stepblocks.contact.operating_point import OperatingPoint
 from stepblocks.declare import load_declared, load_kit
-from stepblocks.errors import PipelineError
+from stepblocks.errors import MachiningError, PipelineError
 from stepblocks.parts.apparatus import Apparatus, Kit
 from stepblocks.parts.body import Block
 from stepblocks.parts.kind import Part
@@ -81,6 +82,8 @@ def order_parts(
     """
     held = GROUND if capability is None else capability
     held = parse_quantity(held, "length") if isinstance(held, str) else held
+    if masks and find_spec("gdstk") is None:
+        raise MachiningError("masks need gdstk: pip install 'stepblocks[masks]'")
     orders = []
     for path in stimulus_files(files):
         declared = load_kit(path) or load_declared(path)

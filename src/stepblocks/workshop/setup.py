@@ -34,14 +34,11 @@ def write_setup(folder: Path, block: Block, routes: Sequence[Route] = ()) -> lis
     page, stock = folder / f"{block.id}.setup.html", folder / f"{block.id}.stock.step"
     low, high = stock_of(block)
     sizes = [b - a for a, b in zip(low, high, strict=True)]
+    burr = getattr(block, block.governed_by).upper
     values: dict[str, Any] = {
-        "identity": block.id.upper(),
-        "material": block.material.designation,
-        "stock": " x ".join(millimetres(size, 1) for size in sizes),
-        "steps": list(_steps(block, routes)),
-        "probed": list(_probed(block)),
-        "burr": f"{getattr(block, block.governed_by).upper * 1e6:.3g} um",
-        "probe": f"{PROBE * 1e6:g} um",
+        **{"identity": block.id.upper(), "material": block.material.designation},
+        **{"stock": " x ".join(millimetres(size, 1) for size in sizes), "steps": list(_steps(block, routes))},
+        **{"probed": list(_probed(block)), "burr": f"{burr * 1e6:.3g} um", "probe": f"{PROBE * 1e6:g} um"},
     }
     replace_text(page, render_page("workshop", "setup.html", **values))
     _write_stock(stock, block, low, sizes)
