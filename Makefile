@@ -11,7 +11,7 @@ run: $(VENV)/ready graphics
 
 # All that the program makes: the build with its drawings, the apparatus as a kit, the page to feel, a rehearsed loop, the evidence, the scene of every simulator.
 run-all: run $(VENV)/ready-all
-	$(BIN)/stepblocks workshop
+	$(BIN)/stepblocks workshop --masks
 	$(BIN)/stepblocks workshop stimuli/apparatus.toml
 	$(BIN)/stepblocks feel --no-open
 	$(MAKE) --no-print-directory example
@@ -68,7 +68,7 @@ $(VENV)/ready: pyproject.toml constraints.txt
 	@touch $@
 
 $(VENV)/ready-all: $(VENV)/ready
-	$(BIN)/python -m pip install --quiet --disable-pip-version-check -c constraints.txt -e '.[sim,sweep]'
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check -c constraints.txt -e '.[masks,sim,sweep]'
 	@touch $@
 
 $(VENV)/ready-dev: $(VENV)/ready

@@ -5,8 +5,8 @@ import math
 import pytest
 
 from stepblocks.parts.characteristics import Characteristic
+from stepblocks.parts.revolution import outline_points
 from stepblocks.workshop.sheet import HEIGHT, WIDTH, Sheet, View, round_scale
-from stepblocks.workshop.turned import _points
 
 STEP = Characteristic("step", "step height", "distance", 10e-6, -1e-6, 1e-6)
 SHANK = Characteristic("shank", "shank", "diameter", 2.35e-3, -32e-6, 0.0)
@@ -152,7 +152,7 @@ def test_an_arc_is_drawn_through_its_middle_point_the_short_way_or_the_long(midd
     def on(degrees):
         return 3e-3 + 2e-3 * math.cos(math.radians(degrees)), -1e-3 + 2e-3 * math.sin(math.radians(degrees))
 
-    points = _points([on(0.0), (on(middle), on(90.0))])
+    points = outline_points([on(0.0), (on(middle), on(90.0))], 0.05e-6)
     assert points[-1] == pytest.approx(on(90.0))
     assert all(math.hypot(x - 3e-3, y + 1e-3) == pytest.approx(2e-3) for x, y in points)
     assert min(math.dist(point, on(middle)) for point in points) < 0.05e-3
@@ -160,4 +160,4 @@ def test_an_arc_is_drawn_through_its_middle_point_the_short_way_or_the_long(midd
 
 def test_an_outline_of_lines_stays_as_it_is():
     outline = [(0.0, 0.0), (1.0, 0.0), (2.0, 1.0), (0.0, 2.0)]
-    assert _points(outline) == outline
+    assert outline_points(outline, 0.05e-6) == outline

@@ -174,8 +174,14 @@ def tessellate(body: Body, deflection: Callable[[Face], float]) -> Tessellation:
     BRepTools.Clean_s(body.wrapped)
     faces, described = body.Faces(), face_kinds(body)
     along_edges = min(map(deflection, described))
+    parameters = IMeshTools_Parameters()
+    parameters.Deflection = along_edges * _MM
+    parameters.Angle = parameters.AngleInterior = 1.0  # rad; wide, so that the chordal error alone decides
+    parameters.Relative = parameters.InParallel = parameters.AllowQualityDecrease = False
+    parameters.MinSize = 1e-7
     for face, description in zip(faces, described, strict=True):
-        _mesh(face.wrapped, along_edges, deflection(description))
+        parameters.DeflectionInterior = deflection(description) * _MM
+        BRepMesh_IncrementalMesh(face.wrapped, parameters)
     nodes, corners = zip(*map(_triangulation, faces), strict=True)
     starts = np.cumsum([0, *map(len, nodes[:-1])])
     triangles = np.concatenate([own + start for own, start in zip(corners, starts, strict=True)])
@@ -187,16 +193,6 @@ def tessellate(body: Body, deflection: Callable[[Face], float]) -> Tessellation:
     triangles = index.reshape(-1)[triangles]
     whole = (triangles != np.roll(triangles, 1, axis=1)).all(axis=1)
     return Tessellation(points[first], triangles[whole], owner[whole], described)
-
-
-def _mesh(shape: Any, along_edges: float, inside: float) -> None:
-    parameters = IMeshTools_Parameters()
-    parameters.Deflection = along_edges * _MM
-    parameters.DeflectionInterior = inside * _MM
-    parameters.Angle = parameters.AngleInterior = 1.0  # rad; wide, so that the chordal error alone decides
-    parameters.Relative = parameters.InParallel = parameters.AllowQualityDecrease = False
-    parameters.MinSize = 1e-7
-    BRepMesh_IncrementalMesh(shape, parameters)
 
 
 def _triangulation(face: cq.Face) -> tuple[NDArray[np.float64], NDArray[np.int64]]:

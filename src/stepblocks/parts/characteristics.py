@@ -138,7 +138,7 @@ def plane(axis: int, at: float, body: int | None = None, **holds: float) -> Face
 def form_of(demands: FaceDemands, low: FaceRule, high: FaceRule, lower: str, upper: str) -> Iterator[Characteristic]:
     """State flatness and parallelism of the two working faces."""
     how = "interferometer, form of the face, minimum zone"
-    flat, level = demands.states("flatness"), demands.states("parallelism")
+    flat, level = demands.states["flatness"], demands.states["parallelism"]
     for key, said, face in (("flatness_lower", lower, low), ("flatness_upper", upper, high)):
         label = f"flatness, {said}"
         yield Characteristic(key, label, "flatness", 0.0, 0.0, demands.flatness, 0, (face,), how, states=flat)
@@ -149,7 +149,7 @@ def form_of(demands: FaceDemands, low: FaceRule, high: FaceRule, lower: str, upp
 def texture_of(demands: FaceDemands, low: FaceRule, high: FaceRule) -> Characteristic:
     """State the largest roughness of the working faces."""
     label, how = "roughness Ra, working faces", "profilometer or interferometer, ISO 21920-2"
-    faces, states = (low, high), demands.states("roughness")
+    faces, states = (low, high), demands.states["roughness"]
     return Characteristic("roughness", label, "roughness", 0.0, 0.0, demands.roughness, 0, faces, how, states=states)
 
 

@@ -1,6 +1,6 @@
 """What stanzas are made of beside dimensions: tables, names, values with their source, materials, demands on working faces."""
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import asdict, dataclass
 from typing import Annotated, Any
 
@@ -166,19 +166,15 @@ class FaceDemands:
     parallelism: float  # m
     roughness: float  # m
     defaults: tuple[str, ...]  # names of those that the file leaves to their default
-    stated: WorkingFaces | None = None  # those that it does not
-
-    def states(self, name: str) -> tuple[Dimension, ...]:
-        """Return what the file declares of one of them."""
-        one = getattr(self.stated, name, None)
-        return () if one is None else (one,)
+    states: Mapping[str, tuple[Dimension, ...]]  # what the file declares of each
 
 
 def face_demands(stated: WorkingFaces | None, band: float) -> FaceDemands:
     """Fill up what a file leaves open from the tolerance band [m] of the height."""
     rough = max(round(band * 1e6 / 20.0, 2), 0.05) / 1e6
     usual = {"flatness": 0.25 * band, "parallelism": 0.5 * band, "roughness": rough}
-    said = {name: getattr(stated, name) for name in usual if stated is not None}
-    values = {name: one.upper for name, one in said.items() if one is not None}
-    defaults = tuple(name for name in usual if name not in values)
-    return FaceDemands(**{**usual, **values}, defaults=defaults, stated=stated)
+    said = {} if stated is None else {name: one for name, one in stated if one is not None}
+    values = {name: said[name].upper if name in said else value for name, value in usual.items()}
+    defaults = tuple(name for name in usual if name not in said)
+    states = {name: (said[name],) if name in said else () for name in usual}
+    return FaceDemands(**values, defaults=defaults, states=states)

@@ -38,51 +38,18 @@ class GaugePair:
     expected: float  # root sum of squares of the same as rectangular laws, times 2: 95 % of the pairs lie within [m]
 
 
-@dataclass(frozen=True)
-class Route:
-    """One way to make a block."""
-
-    name: str  # ``"one piece"`` or ``"gauge blocks, grade 0"``
-    deviation: float  # of the height, the largest to be expected [m]
-    tolerance: float  # that the stimulus permits [m]
-    note: str  # what it takes
-
-    @property
-    def reaches(self) -> bool:
-        """Whether the height stays within its tolerance."""
-        return self.deviation <= self.tolerance
-
-
 def choose_pair(height: float, grade: str = "0") -> GaugePair:
     """Choose the pair of a standard set whose difference is a height."""
     if grade not in GRADES:
         raise MachiningError(f"grade must be one of {', '.join(GRADES)}, got {grade!r}")
     deviation, variation = GRADES[grade]
-    for lower in sorted(STANDARD_SET):
-        for upper in STANDARD_SET if lower >= 1e-3 else ():
-            if abs(upper - lower - height) < 1e-9:
-                # half of the variation: length is stated at the middle, the edge lies beside it
-                parts = [deviation] * 2 + [0.5 * variation] * 2 + [WRINGING] * 2
-                expected = 2.0 * math.sqrt(sum(part * part / 3.0 for part in parts))
-                return GaugePair(lower, upper, grade, sum(parts), min(expected, sum(parts)))
-    raise MachiningError(f"height must be a difference of two gauge blocks of the set, got {height * 1e3:.6g} mm")
-
-
-def routes_for(block: StepBlock, capability: float) -> list[Route]:
-    """Say which route reaches the height's tolerance."""
-    if not capability > 0.0:
-        raise MachiningError(f"capability must be positive, got {capability:g} m")
-    tolerance = min(block.height.upper, -block.height.lower)
-    routes = [Route("one piece", capability, tolerance, "grind, then lap both faces; measure the groove")]
-    for grade in ("2", "1", "0", "K"):
-        try:
-            pair = choose_pair(block.height.nominal, grade)
-        except MachiningError:
-            continue
-        digits = 4 if round(pair.upper * 1e7) % 10 else 3
-        note = f"wring {pair.lower * 1e3:.{digits}f} mm and {pair.upper * 1e3:.{digits}f} mm side by side onto a lapped base"
-        routes.append(Route(f"gauge blocks, grade {grade}", pair.worst, tolerance, note))
-    return routes
+    pairs = ((a, b) for a in sorted(STANDARD_SET) if a >= 1e-3 for b in STANDARD_SET if abs(b - a - height) < 1e-9)
+    if (pair := next(pairs, None)) is None:
+        raise MachiningError(f"height must be a difference of two gauge blocks of the set, got {height * 1e3:.6g} mm")
+    # half of the variation: length is stated at the middle, the edge lies beside it
+    parts = [deviation] * 2 + [0.5 * variation] * 2 + [WRINGING] * 2
+    expected = 2.0 * math.sqrt(sum(part * part / 3.0 for part in parts))
+    return GaugePair(*pair, grade, sum(parts), min(expected, sum(parts)))
 
 
 def write_gauge_assembly(path: Path, block: StepBlock, pair: GaugePair) -> None:

@@ -66,19 +66,14 @@ def _write_part(folder: Path, part: Machined, body: cad.kernel.Body, order: Orde
 def interferences(kit: Apparatus, bodies: Mapping[str, cad.kernel.Body]) -> Iterator[str]:
     """Name every pair of parts that share volume, all of them in the middle of the travel and what moves past what does not."""
     parts, half = kit.parts(), 0.5 * kit.travel.nominal
-    for a, b in itertools.combinations(parts, 2):
-        yield from _shared(a, b, cad.kernel.common_volume(bodies[a.id], bodies[b.id]), 0.0)
+    pairs = [(a, b, 0.0) for a, b in itertools.combinations(parts, 2)]
     for index in range(POSITIONS):
         x = half * (2.0 * index / (POSITIONS - 1) - 1.0)
-        for a in (one for one in parts if one.moving):
-            there = cad.kernel.moved(bodies[a.id], (x, 0.0, 0.0))
-            for b in (one for one in parts if not one.moving):
-                yield from _shared(a, b, cad.kernel.common_volume(there, bodies[b.id]), x)
-
-
-def _shared(a: Machined, b: Machined, volume: float, x: float) -> Iterator[str]:
-    if volume > _TOUCHING:
-        yield f"{a.id} and {b.id} share {volume * 1e9:.4g} mm3 where the tip is at {x * 1e3:+.2f} mm"
+        pairs += [(a, b, x) for a in parts if a.moving for b in parts if not b.moving]
+    for a, b, x in pairs:
+        volume = cad.kernel.common_volume(cad.kernel.moved(bodies[a.id], (x, 0.0, 0.0)), bodies[b.id])
+        if volume > _TOUCHING:
+            yield f"{a.id} and {b.id} share {volume * 1e9:.4g} mm3 where the tip is at {x * 1e3:+.2f} mm"
 
 
 def _write_tables(folder: Path, kit: Apparatus, parts: Sequence[Machined]) -> list[Path]:

@@ -1,25 +1,34 @@
 """Everything a workshop is sent besides the STEP file: drawings, inspection sheets, and the route that reaches a tolerance."""
 
+import math
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
+from importlib.util import find_spec
 from pathlib import Path
+
+import pandas as pd
 
 from stepblocks.artefacts.on_paper import write_sheet_csv, write_sheet_pdf
 from stepblocks.artefacts.qif import write_qif
 from stepblocks.atomic import inside
+from stepblocks.contact.operating_point import OperatingPoint
 from stepblocks.declare import load_declared, load_kit
-from stepblocks.errors import PipelineError
-from stepblocks.parts.apparatus import Apparatus
-from stepblocks.parts.conditions import OrderSpec
+from stepblocks.errors import MachiningError, PipelineError
+from stepblocks.parts.apparatus import Apparatus, Kit
+from stepblocks.parts.body import Block
 from stepblocks.parts.kind import Part
 from stepblocks.parts.kinds.step_block import StepBlock
 from stepblocks.parts.set import StimulusSet
 from stepblocks.quantities import parse_quantity
 from stepblocks.select import matches, stimulus_files
+from stepblocks.tables import write_table
 from stepblocks.workshop.complete import missing_from
 from stepblocks.workshop.drawing import write_drawing, write_gauge_drawing
-from stepblocks.workshop.gauge_route import Route, choose_pair, routes_for, write_gauge_assembly
+from stepblocks.workshop.gauge_route import choose_pair, write_gauge_assembly
 from stepblocks.workshop.kit import write_kit
+from stepblocks.workshop.masks import write_masks
+from stepblocks.workshop.routes import Route, route_row, routes_for
+from stepblocks.workshop.setup import write_setup
 
 GROUND = "2 um"  # deviation of a height in one piece that is ground, not lapped
 
@@ -40,6 +49,7 @@ def order_parts(
     *,
     only: str | None = None,
     capability: str | float | None = None,
+    masks: bool = False,
     announce: Callable[[Order], None] | None = None,
 ) -> list[Order]:
     """Write drawings and sheets of all parts of stimulus files, and say which route reaches each tolerance.
@@ -55,6 +65,8 @@ def order_parts(
     capability : str or float, optional
         Largest deviation of a height that the workshop holds in one piece, such as ``"1 um"``, or in metres; 2 um, ground
         and not lapped, where omitted.
+    masks : bool, optional
+        Whether to write the masks of etched steps too (GDSII; needs gdstk).
     announce : callable, optional
         Called after each part.
 
@@ -70,54 +82,75 @@ def order_parts(
     """
     held = GROUND if capability is None else capability
     held = parse_quantity(held, "length") if isinstance(held, str) else held
+    if masks and find_spec("gdstk") is None:
+        raise MachiningError("masks need gdstk: pip install 'stepblocks[masks]'")
     orders = []
     for path in stimulus_files(files):
-        kit = load_kit(path)
-        declared = kit or load_declared(path)
-        set_name = declared.name if isinstance(declared, StimulusSet) else path.stem
-        for one in declared.stimuli if isinstance(declared, StimulusSet) else declared.apparatus:
-            if only is None or matches(only, set_name, one.id):
-                orders.append(_order(f"{set_name}/{one.id}", one, Path(output), held, declared.order))
-                if announce is not None:
-                    announce(orders[-1])
+        declared = load_kit(path) or load_declared(path)
+        set_name, parts = (
+            (path.stem, declared.apparatus) if isinstance(declared, Kit) else (declared.name, declared.stimuli)
+        )
+        chosen = [one for one in parts if only is None or matches(only, set_name, one.id)]
+        for one in chosen:
+            orders.append(_order(f"{set_name}/{one.id}", one, Path(output), held, declared))
+            if announce is not None:
+                announce(orders[-1])
+        blocks = [one for one in chosen if isinstance(one, StepBlock)]
+        if masks and blocks:
+            written, faults = write_masks(_folder(Path(output), set_name) / f"{set_name}.masks.gds", blocks)
+            orders.append(Order(f"{set_name}/masks", tuple(written), (), tuple(faults)))
     if not orders:
         raise PipelineError(f"selection must match at least one stimulus, got {only!r}")
     return orders
 
 
-def _order(name: str, stimulus: Part | Apparatus, output: Path, capability: float, said: OrderSpec) -> Order:
+def _folder(output: Path, name: str) -> Path:
     folder = inside(output, name)
     if folder is None:
         raise PipelineError(f"the folder must lie in the output folder, with no link on the way [{output / name}]")
     folder.mkdir(parents=True, exist_ok=True)
-    if isinstance(stimulus, Apparatus):
-        files, wrong = write_kit(folder, stimulus, said)
+    return folder
+
+
+def _order(name: str, part: Part | Apparatus, output: Path, capability: float, declared: StimulusSet | Kit) -> Order:
+    folder, said = _folder(output, name), declared.order
+    if isinstance(part, Apparatus):
+        files, wrong = write_kit(folder, part, said)
         return Order(name, tuple(files), (), tuple(wrong))
-    written = [*write_drawing(folder, stimulus, order=said), folder / f"{stimulus.id}.plan.qif"]
-    write_qif(written[-1], stimulus, said)
+    written = [*write_drawing(folder, part, order=said), folder / f"{part.id}.plan.qif"]
+    write_qif(written[-1], part, said)
     routes: list[Route] = []
-    if isinstance(stimulus, StepBlock):
-        routes = routes_for(stimulus, capability)
-        if len(routes) > 1:  # two blocks of the set differ by this height
-            pair = choose_pair(stimulus.height.nominal)
-            assembly = folder / f"{stimulus.id}.gauge.step"
-            write_gauge_assembly(assembly, stimulus, pair)
-            written += [assembly, *write_gauge_drawing(folder, stimulus, pair, said)]
-    sheets = [folder / f"{stimulus.id}.inspection-sheet.{form}" for form in ("csv", "pdf")]
-    write_sheet_csv(sheets[0], stimulus)
-    write_sheet_pdf(sheets[1], stimulus)
-    step = folder / f"{stimulus.id}.step"
-    missing = missing_from(stimulus, written[0], step if step.is_file() else None, sheets[0])
+    if isinstance(part, StepBlock) and isinstance(declared, StimulusSet):
+        grid = declared.prediction
+        point = OperatingPoint(grid.tip_radii[0], grid.normal_loads[0], grid.frictions[0], grid.as_tool())
+        routes = routes_for(part, capability, point)
+        written.append(folder / f"{part.id}.routes.csv")
+        write_table(pd.DataFrame([route_row(name, route) for route in routes]), written[-1])
+        if any(route.process.name == "gauge blocks" for route in routes):  # two blocks of the set differ by this height
+            pair = choose_pair(part.height.nominal)
+            assembly = folder / f"{part.id}.gauge.step"
+            write_gauge_assembly(assembly, part, pair)
+            written += [assembly, *write_gauge_drawing(folder, part, pair, said)]
+    if isinstance(part, Block):
+        written += write_setup(folder, part, routes)
+    sheets = [folder / f"{part.id}.inspection-sheet.{form}" for form in ("csv", "pdf")]
+    write_sheet_csv(sheets[0], part)
+    write_sheet_pdf(sheets[1], part)
+    step = folder / f"{part.id}.step"
+    missing = missing_from(part, written[0], step if step.is_file() else None, sheets[0])
     return Order(name, (*written, *sheets), tuple(routes), tuple(missing))
 
 
 def route_table(orders: Iterable[Order]) -> str:
-    """Return which route reaches each step block's tolerance."""
-    head = f"{'part':26} {'route':22} {'deviation um':>12} {'permitted um':>12}  reaches"
-    lines = [head, "-" * len(head)]
+    """Return what each route leaves of each step block: whether its height is reached, what is felt, how many conform."""
+    head = f"{'part':20} {'route':24} {'deviation':>9} {'permitted':>9} reaches {'E_v':>7} {'95 %':>15} conform"
+    lines = [head, f"{'':45} {'um':>9} {'um':>9} {'':7} {'uJ':>7} {'uJ':>15}", "-" * len(head)]
     for order in orders:
         for route in order.routes:
-            lengths = f"{route.deviation * 1e6:12.2f} {route.tolerance * 1e6:12.2f}"
+            lengths, felt = f"{route.deviation * 1e6:9.2f} {route.tolerance * 1e6:9.2f}", route.felt
+            energy = str(felt.status) if math.isnan(felt.energy) else f"{felt.energy * 1e6:.3g}"
+            ends = f"{felt.energy_low * 1e6:.3g} to {felt.energy_high * 1e6:.3g}"
             reaches = "yes" if route.reaches else "no"
-            lines.append(f"{order.name:26} {route.name:22} {lengths}  {reaches:7} {route.note}")
+            said = f"{lengths} {reaches:7} {energy:>7} {ends:>15} {route.conforming:7.1%}"
+            lines.append(f"{order.name:20} {route.name:24} {said}  {route.note}")
     return "\n".join(lines)

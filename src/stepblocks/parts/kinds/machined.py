@@ -94,12 +94,10 @@ def bore(axis: Literal["x", "y", "z"], start: Point3, diameter: float, length: f
 
 
 class Machined(HeldPart):
-    """A part of the apparatus, in the frame of the assembly at the middle of the travel."""
+    """A part of the apparatus: x along the drag, y along the edge, z up from the tip at the middle of its travel."""
 
     stanza: ClassVar[str] = "machined"
-    called: ClassVar[str] = "part of the apparatus"
     governed_by: ClassVar[str] = ""
-    axes: ClassVar[str] = "x along the drag, y along the edge, z up; the tip at the middle of its travel is the origin"
 
     boxes: tuple[Box, ...] = ()
     rods: tuple[Round, ...] = ()

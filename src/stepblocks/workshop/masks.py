@@ -1,0 +1,126 @@
+"""Masks of etched steps: one GDSII layer for each etch, with depth monitors, alignment marks and labels.
+
+Where the heights are multiples of one depth, etches of 1, 2, 4, ... times that depth add up to each of them, which takes fewer
+masks than heights; the etch floor is the lower face, so what is open is the lower side of a block and its groove.
+"""
+
+import math
+from collections.abc import Iterator, Sequence
+from datetime import datetime
+from pathlib import Path
+from typing import Any
+
+import pandas as pd
+import shapely
+import shapely.affinity
+
+from stepblocks.atomic import beside
+from stepblocks.parts.kinds.step_block import StepBlock
+from stepblocks.parts.lettering import engraved_text, letters, text_width
+from stepblocks.tables import write_table
+
+GRID = 1e-3  # to which every corner is rounded; all lengths of this file are micrometres
+LEAST = 10.0  # width of what is open, and of what stays between
+STREET = 500.0  # between blocks, where they are cut apart
+# widths of trenches 2 mm long: narrow ones etch less deep (Franssila, Introduction to Microfabrication, p. 204)
+MONITORS = (12.0, 40.0, 80.0, 500.0)
+_PINNED = datetime(2000, 1, 1)  # a GDSII header has no zone; equal stimuli give equal bytes
+_MITRED: dict[str, Any] = {"join_style": "mitre", "mitre_limit": 50.0}
+Shape = Any  # a polygon of shapely, or several
+
+
+def etch_plan(heights: Sequence[float]) -> dict[float, list[int]]:
+    """Depth of each etch [m], with the indices of the heights [m] that it adds to."""
+    nanometres = [round(height * 1e9) for height in heights]
+    unit = math.gcd(*nanometres)
+    bits = (max(nanometres) // unit).bit_length()
+    if bits < len(set(nanometres)):
+        adds = {(unit << bit): [i for i, n in enumerate(nanometres) if n // unit >> bit & 1] for bit in range(bits)}
+    else:
+        adds = {depth: [i for i, n in enumerate(nanometres) if n == depth] for depth in sorted(set(nanometres))}
+    return {depth * 1e-9: indices for depth, indices in adds.items() if indices}
+
+
+def write_masks(path: Path, blocks: Sequence[StepBlock]) -> tuple[list[Path], list[str]]:
+    """Write the masks of blocks and a table of their etches; return both files, and which design rules are broken."""
+    import gdstk
+
+    library = gdstk.Library("STEPBLOCKS", unit=1e-6, precision=1e-9)
+    cell, rows, faults = library.new_cell("MASKS"), [], []
+    plan = etch_plan([block.height.nominal for block in blocks])
+    places, named = _places(blocks), set[int]()
+    for layer, (depth, indices) in enumerate(plan.items(), start=1):
+        name = f"ETCH{layer} {depth * 1e6:g}UM"
+        dies = [_open(blocks[i], places[i], named=i not in named) for i in indices]
+        named |= set(indices)
+        shapes = shapely.set_precision(shapely.unary_union([*dies, *_marks(layer, len(plan), name)]), GRID)
+        for polygon in getattr(shapes, "geoms", [shapes]):
+            outer, *holes = (gdstk.Polygon(ring.coords[:-1], layer) for ring in (polygon.exterior, *polygon.interiors))
+            cell.add(*(gdstk.boolean(outer, holes, "not", 0.1 * GRID, layer) if holes else [outer]))
+        cell.add(gdstk.Label(name, (-2000.0, -2600.0 * layer), layer=layer))
+        cell.add(*(gdstk.Label(blocks[i].id.upper(), places[i], layer=layer) for i in indices))
+        faults += [f"{path.name}: {name}: {line}" for line in rule_faults(shapes)]
+        made = " ".join(blocks[i].id for i in indices)
+        rows.append({"layer": layer, "depth_um": depth * 1e6, "open_mm2": shapes.area * 1e-6, "blocks": made})
+    with beside(path) as draft:
+        library.write_gds(draft, timestamp=_PINNED)
+    table = path.with_suffix(".csv")
+    write_table(pd.DataFrame(rows), table)
+    return [path, table], faults
+
+
+def rule_faults(shapes: Shape) -> Iterator[str]:
+    """Say where what is open, or what stays between, is narrower than the least width: it vanishes when it is shrunk and grown."""
+    half = 0.5 * LEAST - GRID
+    for what, way in (("open", -half), ("kept", half)):
+        there_and_back = shapely.buffer(shapely.buffer(shapes, way, **_MITRED), -way, **_MITRED)
+        lost = shapely.difference(shapes, there_and_back) if way < 0.0 else shapely.difference(there_and_back, shapes)
+        for part in getattr(lost, "geoms", [lost]):
+            if part.area > 1.0:  # less is the rounding of slanted edges to the grid
+                x, y = part.centroid.coords[0]
+                yield f"what is {what} must be at least {LEAST:g} um wide, got less at ({x:.1f}, {y:.1f}) um"
+
+
+def _places(blocks: Sequence[StepBlock]) -> list[tuple[float, float]]:
+    """Middles of the blocks, in rows of a nearly square field."""
+    wide = max(1e6 * block.body.length.nominal for block in blocks) + STREET
+    tall = max(1e6 * block.body.width.nominal for block in blocks) + STREET
+    columns = math.ceil(math.sqrt(len(blocks) * tall / wide))
+    return [((0.5 + i % columns) * wide, (0.5 + i // columns) * tall) for i in range(len(blocks))]
+
+
+def _open(block: StepBlock, place: tuple[float, float], named: bool) -> Shape:
+    """Open what is etched of a block: its lower side with the street, and the groove; a ridge stays; its name where it is first."""
+    half, side, feature = 0.5e6 * block.body.length.nominal, 0.5e6 * block.body.width.nominal, block.metrology
+    near, wide, low = (1e6 * one.nominal for one in (feature.distance, feature.width, feature.lane))
+    lane = (side - low, side + 0.5 * STREET)
+    face = shapely.box(-half - 0.5 * STREET, -side - 0.5 * STREET, 0.0, side + 0.5 * STREET)
+    if feature.kind == "groove":
+        face = face.union(shapely.box(near, lane[0], near + wide, lane[1]))
+    else:
+        face = face.difference(shapely.box(-near - wide, lane[0], -near, lane[1]))
+    if named:  # in the corner of the upper face that lies furthest from the lane of the drag
+        text, high = engraved_text(block.id), 1000.0
+        middle = half - 500.0 - 0.5e6 * text_width(text, high * 1e-6), -side + 500.0 + 0.5 * high
+        face = face.union(_lettered(text, high, middle))
+    return shapely.affinity.translate(face, *place)
+
+
+def _lettered(text: str, high: float, middle: tuple[float, float]) -> Shape:
+    found = [shapely.Polygon(outer, holes) for outer, *holes in letters(text, high)]
+    return shapely.affinity.translate(shapely.unary_union(found), *middle)
+
+
+def _marks(layer: int, layers: int, name: str) -> Iterator[Shape]:
+    """Open monitors of one etch in a row of its own, its name, and marks by which later etches find the first."""
+    y = -2600.0 * layer
+    yield _lettered(name, 300.0, (-2000.0, y + 1000.0))
+    for index, wide in enumerate(MONITORS):
+        yield shapely.box(1000.0 * index, y, 1000.0 * index + wide, y + 2000.0)
+    for other in range(2, layers + 1) if layer == 1 else (layer,):
+        x, y = 5000.0 + 400.0 * other, -1600.0
+        if layer == 1:  # a cross
+            yield from (shapely.box(x - u, y - v, x + u, y + v) for u, v in ((10.0, 100.0), (100.0, 10.0)))
+        else:  # four squares between its arms
+            corners = ((x + u, y + v) for u in (25.0, -95.0) for v in (25.0, -95.0))
+            yield from (shapely.box(u, v, u + 70.0, v + 70.0) for u, v in corners)

@@ -1,0 +1,130 @@
+"""Ways to make a step block, each with what it leaves at the edge: what a user will feel, and how many blocks conform."""
+
+import math
+import tomllib
+from collections.abc import Iterator
+from dataclasses import dataclass
+from functools import cache
+from importlib.resources import files
+from statistics import NormalDist
+from typing import Annotated, Any
+
+from stepblocks.contact.counterface import Step
+from stepblocks.contact.operating_point import OperatingPoint
+from stepblocks.contact.uncertainty import Interval, interval_of, rectangular
+from stepblocks.errors import MachiningError
+from stepblocks.parts.declared import Sourced, Table, sourced
+from stepblocks.parts.kinds.step_block import StepBlock
+from stepblocks.workshop.gauge_route import choose_pair
+
+_Length = Annotated[Sourced, sourced("length")]
+_Ratio = Annotated[Sourced, sourced("ratio")]
+_NONE = Sourced(0.0, "length", "")
+
+
+class Process(Table):
+    """What a route leaves; half-widths, each with its source."""
+
+    name: str
+    note: str = ""  # what it takes
+    height: _Length = _NONE  # deviation of the height; of the first two routes it is worked out
+    share: _Ratio = Sourced(0.0, "ratio", "")  # the same as a share of the height
+    roughness: _Length
+    edge_radius: _Length
+    edge_spread: _Length
+    burr: _Length = _NONE  # over the upper face at the working edge
+    burr_spread: _Length = _NONE
+    cost: _Ratio | None = None  # class from 1 to 3, where a source gives one
+
+
+@dataclass(frozen=True)
+class Route:
+    """One way to make one block."""
+
+    process: Process
+    name: str  # ``"one piece"`` or ``"gauge blocks, grade 0"``
+    deviation: float  # of the height, the largest to be expected [m]
+    tolerance: float  # that the stimulus permits [m]
+    note: str  # what it takes
+    felt: Interval  # E_v [J] with the edge that it leaves
+    conforming: float  # share of the blocks whose height, edge radius and burr are within their limits [1]
+
+    @property
+    def reaches(self) -> bool:
+        """Whether the height stays within its tolerance."""
+        return self.deviation <= self.tolerance
+
+
+@cache
+def processes() -> tuple[Process, ...]:
+    """Return the routes that are known, in the order of the file."""
+    text = files("stepblocks.workshop").joinpath("routes.toml").read_text(encoding="utf-8")
+    return tuple(Process.model_validate(one) for one in tomllib.loads(text)["route"])
+
+
+def routes_for(block: StepBlock, capability: float, point: OperatingPoint) -> list[Route]:
+    """Say of each route whether it reaches the height's tolerance and what is felt, cheapest class first where one is known."""
+    if not capability > 0.0:
+        raise MachiningError(f"capability must be positive, got {capability:g} m")
+    found = [
+        _route(block, process, *way, point) for process in processes() for way in _ways(block, process, capability)
+    ]
+    return sorted(found, key=lambda one: one.process.cost.value if one.process.cost else math.inf)
+
+
+def _ways(block: StepBlock, process: Process, capability: float) -> Iterator[tuple[str, float, str]]:
+    """Name, deviation and note of a process for a block; gauge blocks come in grades, and not for every height."""
+    if process.name == "one piece":
+        yield process.name, capability, process.note
+    elif process.name == "gauge blocks":
+        for grade in ("2", "1", "0", "K"):
+            try:
+                pair = choose_pair(block.height.nominal, grade)
+            except MachiningError:
+                continue
+            digits = 4 if round(pair.upper * 1e7) % 10 else 3
+            lengths = f"{pair.lower * 1e3:.{digits}f} mm and {pair.upper * 1e3:.{digits}f} mm"
+            yield f"{process.name}, grade {grade}", pair.worst, f"wring {lengths} side by side onto a lapped base"
+    else:
+        yield process.name, process.height.value + process.share.value * block.height.nominal, process.note
+
+
+def _route(block: StepBlock, process: Process, name: str, deviation: float, note: str, point: OperatingPoint) -> Route:
+    """Predict one way: a burr is climbed as height is, and may stand as high as the upper deviation, which a height allows too."""
+    edge, burr = process.edge_spread.value, process.burr_spread.value
+    spread = rectangular({"height": deviation, "edge_radius": edge, "burr": burr})
+    face = Step(block.height.nominal + process.burr.value, process.edge_radius.value)
+    rough = (
+        math.sqrt(2.0) * 1.25 * process.roughness.value
+    )  # of both faces where the ball touches; Rq of normal heights
+    felt = {"height": math.hypot(spread["height"], spread["burr"], rough), "edge_radius": spread["edge_radius"]}
+    within = _share(0.0, spread["height"], block.height.lower, block.height.upper)
+    low, high = block.edge_radius.limits
+    within *= _share(process.edge_radius.value, spread["edge_radius"], low if low > 0.0 else -math.inf, high)
+    within *= _share(process.burr.value, spread["burr"], -math.inf, block.height.upper)
+    tolerance = min(block.height.upper, -block.height.lower)
+    return Route(process, name, deviation, tolerance, note, interval_of(face, point, felt), within)
+
+
+def _share(middle: float, std: float, low: float, high: float) -> float:
+    """Share of a normal law between two limits; what is known for certain lies within them or not."""
+    if std == 0.0:
+        return float(low <= middle <= high)
+    law = NormalDist(middle, std)
+    return law.cdf(high) - law.cdf(low)
+
+
+def route_row(name: str, route: Route) -> dict[str, Any]:
+    """Put a route into the columns of ``routes.csv``."""
+    made, felt = route.process, route.felt
+    lengths = ("edge_radius", "edge_spread", "burr", "burr_spread")
+    sources = [f"{key}: {one.source}" for key, one in made if isinstance(one, Sourced) and one.source]
+    return {
+        **{"part": name, "route": route.name, "cost_class": "" if made.cost is None else f"{made.cost.value:g}"},
+        **{"height_deviation_um": route.deviation * 1e6, "permitted_um": route.tolerance * 1e6},
+        **{f"{key}_um": getattr(made, key).value * 1e6 for key in lengths},
+        **{"roughness_ra_um": made.roughness.value * 1e6, "status": str(felt.status), "energy_uj": felt.energy * 1e6},
+        **{"energy_95_low_uj": felt.energy_low * 1e6, "energy_95_high_uj": felt.energy_high * 1e6},
+        **{"held_share": felt.held_probability, "conforming_share": route.conforming, "note": route.note},
+        "sources": "; ".join(sources),
+    }

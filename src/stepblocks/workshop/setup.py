@@ -1,0 +1,117 @@
+"""The setup and probing sheet of a bench block: stock, clamping, datums, order of faces, and what is judged on the machine."""
+
+import math
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+from typing import Any
+
+from stepblocks import cad
+from stepblocks.artefacts.on_paper import limits_text, millimetres, zone_text
+from stepblocks.artefacts.step.write import write_conforming
+from stepblocks.atomic import replace_text
+from stepblocks.cad.pmi import PmiDimension, PmiItem
+from stepblocks.page_file import render_page
+from stepblocks.parts.body import Block
+from stepblocks.parts.characteristics import FORM
+from stepblocks.parts.tolerance import general_deviation
+from stepblocks.workshop.routes import Route
+
+STOCK = 1e-3  # on every face, sawn or milled [m]
+GRINDING = 0.3e-3  # left on base and working faces after milling; it also takes what hardening warps [m]
+PROBE = 2.5e-6  # standard uncertainty of a length between two touches on the machine; assumed, state yours [m]
+_GUARD = 1.65  # guard band over standard uncertainty (ISO 14253-1)
+# in which setup a characteristic can be probed
+_SETUPS = {
+    **dict.fromkeys(("hole_spacing", "hole_depth"), 1),
+    **dict.fromkeys(("length", "width", "hole_position", "hole_row", "edge_break"), 2),
+    "engraving_depth": 3,
+    "thickness": 4,
+}
+
+
+def write_setup(folder: Path, block: Block, routes: Sequence[Route] = ()) -> list[Path]:
+    """Write sheet and stock of a block; `routes` say how its step is made."""
+    page, stock = folder / f"{block.id}.setup.html", folder / f"{block.id}.stock.step"
+    low, high = stock_of(block)
+    sizes = [b - a for a, b in zip(low, high, strict=True)]
+    burr = getattr(block, block.governed_by).upper
+    values: dict[str, Any] = {
+        **{"identity": block.id.upper(), "material": block.material.designation},
+        **{"stock": " x ".join(millimetres(size, 1) for size in sizes), "steps": list(_steps(block, routes))},
+        **{"probed": list(_probed(block)), "burr": f"{burr * 1e6:.3g} um", "probe": f"{PROBE * 1e6:g} um"},
+    }
+    replace_text(page, render_page("workshop", "setup.html", **values))
+    _write_stock(stock, block, low, sizes)
+    return [page, stock]
+
+
+def stock_of(block: Block) -> tuple[tuple[float, float, float], tuple[float, float, float]]:
+    """Lower and upper corner of the stock [m] in the frame of the block, its size in half millimetres."""
+    body = block.body
+    sides = body.length.nominal, body.width.nominal, body.thickness.nominal + max(block.rise, 0.0)
+    x, y, z = (math.ceil((side + 2.0 * STOCK) / 0.5e-3 - 1e-9) * 0.5e-3 for side in sides)
+    base = -body.thickness.nominal - STOCK
+    return (-0.5 * x, -0.5 * y, base), (0.5 * x, 0.5 * y, base + z)
+
+
+def _steps(block: Block, routes: Sequence[Route]) -> Iterator[tuple[str, str, str, str]]:
+    """Yield what is done in which order: name, clamping, datum and work."""
+    holes, thick = block.body.mounting, block.body.thickness
+    tapped, left = holes.kind == "tapped", f"{GRINDING * 1e3:g} mm left"
+    made = f"{holes.thread} tapped" if tapped else f"for {holes.thread}, through"
+    vice = "vice on the long sides, base up, 3 mm of the stock in the jaws"
+    stock = "x, y from the middle of the stock, touched on four sides; z from its upper side"
+    work = f"mill the base, {left}; drill both holes, {made}; break the edges of the base"
+    yield "1  base and holes", vice, stock, work
+    free = "two screws into the holes, on a plate: all sides are free"
+    held = free if tapped else "vice, base down on parallels, one pair of sides at a time"
+    by_holes = "z from the base; x along the line of the two holes, their middle is the origin"
+    work = f"mill the four sides to size, the upper side {left}, both working faces level; break all edges but the working ones"
+    yield "2  sides and upper side", held, by_holes, work
+    work = f"engrave {block.id.upper()}, the middle of the letters on the middle of the front"
+    yield "3  engraving", "vice on base and upper side, front up", "z from the front, x from the left side", work
+    if "hardened" in block.material.designation:
+        yield "hardening", "-", "-", "harden and temper; from here on only grind and lap"
+    finished = limits_text(thick.nominal, thick.lower, thick.upper)
+    work = f"grind the base, then both working faces together, {finished} mm and the step over the base"
+    flat = "magnet or vacuum, base first, then turned over; demagnetise"
+    yield "4  base and working faces", flat, "the ground base", work
+    reached = ", ".join(dict.fromkeys(route.name for route in routes if route.reaches))
+    by = f" Its tolerance is reached by: {reached}." if reached else ""
+    work = f"A step of {abs(block.rise) * 1e6:g} um is lapped or wrung, not milled.{by} Lap lower face and groove in one setting."
+    yield (
+        "5  the step",
+        "as in 4, not taken off between lower face and groove",
+        "the upper face; A is the lapped lower one",
+        work,
+    )
+
+
+def _probed(block: Block) -> Iterator[tuple[str, ...]]:
+    """Yield number, name, limits, setup or method, and between what a value on the machine is accepted."""
+    guard = _GUARD * PROBE
+    for number, one in enumerate(block.characteristics(), start=1):
+        text = limits_text(one.nominal, one.lower, one.upper, one.quantity)
+        if one.kind in FORM:
+            text = f"Ra {one.upper * 1e6:g} um" if one.kind == "roughness" else zone_text(one.upper)
+        setup = _SETUPS.get(one.key)
+        # a guard band may take a quarter of the tolerance; else the machine can prove nothing
+        if setup and one.kind not in (*FORM, "note") and 2.0 * guard <= 0.25 * (one.upper - one.lower):
+            ends = (one.nominal + one.lower + guard, one.nominal + one.upper - guard)
+            yield str(number), one.label, text, f"setup {setup}", " to ".join(millimetres(end, 3) for end in ends)
+        else:
+            yield str(number), one.label, text, f"off the machine: {one.method}", "-"
+
+
+def _write_stock(path: Path, block: Block, low: Sequence[float], sizes: Sequence[float]) -> None:
+    x, y, z = low
+    corners = [(x, y, z), (x + sizes[0], y, z), (x + sizes[0], y + sizes[1], z), (x, y + sizes[1], z)]
+    body = cad.kernel.extruded(corners, (0.0, 0.0, sizes[2]))
+    faces = cad.kernel.face_kinds(body)
+    dimensions = []
+    for axis, (name, size) in enumerate(zip(("length", "width", "height"), sizes, strict=True)):
+        flat = sorted((face.low[axis], i) for i, face in enumerate(faces) if face.high[axis] - face.low[axis] < 1e-6)
+        ends = PmiItem(0, flat[0][1]), PmiItem(0, flat[-1][1])
+        deviation = general_deviation(size) or 0.0
+        dimensions.append((f"{name} of the stock", PmiDimension("distance", ends, size, -deviation, deviation)))
+    write_conforming(path, f"{block.id}-stock", [(f"{block.id}-stock", body)], block.material, dimensions)

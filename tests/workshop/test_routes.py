@@ -1,0 +1,105 @@
+"""What a route leaves is felt by equations (1) and (2), conforms by the normal law, and says where each figure comes from."""
+
+import math
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from stepblocks.cli import main
+from stepblocks.contact.operating_point import PAPER
+from stepblocks.declare import load_set
+from stepblocks.errors import MachiningError
+from stepblocks.parts.declared import Sourced
+from stepblocks.workshop.gauge_route import GRADES
+from stepblocks.workshop.routes import processes, routes_for
+
+STIMULI = Path(__file__).parents[2] / "stimuli"
+BLOCK = load_set(STIMULI / "paper-ten.toml").step_block[4]
+ROUTES = {route.name: route for route in routes_for(BLOCK, 2e-6, PAPER)}
+
+
+def test_routes_say_which_reaches_the_tolerance():
+    assert not ROUTES["one piece"].reaches  # 2 um of a workshop against +-1 um asked for
+    assert ROUTES["gauge blocks, grade 0"].reaches
+    assert not ROUTES["gauge blocks, grade 2"].reaches  # 2 (0.45 + 0.15 + 0.02) = 1.24 um
+    assert ROUTES["gauge blocks, grade 2"].deviation == pytest.approx(1.24e-6)
+    assert len(ROUTES) == len(processes()) - 1 + len(GRADES)
+    with pytest.raises(MachiningError, match="capability"):
+        routes_for(BLOCK, 0.0, PAPER)
+
+
+def test_every_route_of_the_issue_is_known_and_every_figure_says_where_it_comes_from():
+    names = " ".join(one.name for one in processes())
+    for word in (
+        "one piece",
+        "gauge",
+        "EDM",
+        "photochemical",
+        "reactive-ion",
+        "milling",
+        "two-photon",
+        "SLA",
+        "forming",
+    ):
+        assert word in names
+    for process in processes():
+        for name, one in process:
+            assert not isinstance(one, Sourced) or one.value == 0.0 or one.source, (process.name, name)
+
+
+@pytest.mark.parametrize("name", ["wire EDM", "micro-milling", "two-photon printing"])
+def test_what_is_felt_follows_from_the_equations_with_the_edge_and_the_burr(name):
+    route = ROUTES[name]
+    made, tool, mu = route.process, PAPER.tool, PAPER.friction
+    height, across = 50e-6 + made.burr.value, PAPER.ball_radius + made.edge_radius.value
+    angle = math.acos((across - height) / across)  # equation (2), the edge rounded
+    pull = PAPER.normal_load * math.tan(angle + math.atan(mu))
+    energy = tool.conversion * 0.5 * pull**2 / tool.stiffness  # equation (1)
+    assert route.felt.energy == pytest.approx(energy, rel=1e-9)
+    assert route.felt.energy_low < energy < route.felt.energy_high
+
+
+def test_a_burr_is_felt_as_height_and_no_burred_block_conforms():
+    assert ROUTES["micro-milling"].felt.energy > 1.5 * ROUTES["two-photon printing"].felt.energy
+    assert ROUTES["micro-milling"].conforming < 0.01  # 15 um of burr over a height of +-1 um
+
+
+@pytest.mark.parametrize("name", ["wire EDM", "deep reactive-ion etching", "one piece"])
+def test_the_share_that_conforms_is_that_of_draws(name):
+    made, random, n = ROUTES[name].process, np.random.default_rng(3), 400_000
+    third = math.sqrt(3.0)  # half-widths are those of rectangular laws
+    height = random.normal(0.0, ROUTES[name].deviation / third, n)
+    radius = random.normal(made.edge_radius.value, made.edge_spread.value / third, n)
+    inside = (abs(height) <= 1e-6) & (radius <= 2e-6)
+    assert ROUTES[name].conforming == pytest.approx(inside.mean(), abs=0.003)
+
+
+def test_a_better_workshop_narrows_the_interval_and_more_blocks_conform():
+    def one_piece(capability):
+        return next(route for route in routes_for(BLOCK, capability, PAPER) if route.name == "one piece")
+
+    fine, coarse = one_piece(0.5e-6), one_piece(2e-6)
+    assert fine.felt.energy_high - fine.felt.energy_low < coarse.felt.energy_high - coarse.felt.energy_low
+    assert fine.conforming > coarse.conforming
+    assert fine.felt.energy == coarse.felt.energy
+
+
+def test_routes_whose_cost_class_is_published_come_first_the_cheaper_before():
+    costs = [route.process.cost for route in routes_for(BLOCK, 2e-6, PAPER)]
+    known = [cost.value for cost in costs if cost]
+    assert known == sorted(known)
+    assert not any(costs[len(known) :])
+
+
+def test_the_command_prints_what_is_felt_and_leaves_a_table_with_the_sources(tmp_path, capsys):
+    arguments = ["workshop", str(STIMULI / "paper-ten.toml"), "--only", "step-050", "-o", str(tmp_path)]
+    assert main(arguments) == 0
+    told = capsys.readouterr().out
+    line = next(line for line in told.splitlines() if "wire EDM" in line)
+    assert " no " in line
+    assert "1.1%" in line
+    rows = (tmp_path / "paper-ten" / "step-050" / "step-050.routes.csv").read_text().splitlines()
+    assert len(rows) == 1 + len(ROUTES)
+    assert "conforming_share" in rows[0]
+    assert sum("assumed" in row for row in rows[1:]) == len(ROUTES)  # none has all its figures from a publication

@@ -1,0 +1,56 @@
+"""A setup sheet: the stock holds the part, the machine accepts only what it can prove, and a step is not milled."""
+
+import re
+from pathlib import Path
+
+import pytest
+
+from stepblocks.artefacts.step.check_step import check_step
+from stepblocks.cad import kernel
+from stepblocks.declare import load_set
+from stepblocks.parts.shapes import build_solids
+from stepblocks.workshop.setup import PROBE, STOCK, stock_of, write_setup
+
+STIMULI = Path(__file__).parents[2] / "stimuli"
+STEP = load_set(STIMULI / "paper-ten.toml").step_block[4]
+MARGIN = load_set(STIMULI / "crown-margins.toml").margin_block[0]
+
+
+@pytest.mark.parametrize("block", [STEP, MARGIN], ids=lambda block: block.id)
+def test_the_stock_holds_the_part_with_its_allowance_on_every_face(block, tmp_path):
+    _, stock = write_setup(tmp_path, block)
+    assert check_step(stock, require_ap242=True).passes
+    (body,) = kernel.read_step(stock)
+    low, high = stock_of(block)
+    ((_, part),) = build_solids(block)
+    around = kernel.face_kinds(part)
+    for axis in range(3):
+        assert min(face.low[axis] for face in around) - low[axis] > STOCK - 1e-6
+        assert high[axis] - max(face.high[axis] for face in around) > STOCK - 1e-6
+    assert kernel.common_volume(body, part) == pytest.approx(kernel.volume(part), rel=1e-9)
+
+
+def cells(page):
+    return [re.findall(r"<td>([^<]*)", row) for row in page.read_text().split("<tr>")]
+
+
+def test_what_the_machine_cannot_prove_is_measured_off_it(tmp_path):
+    page, _ = write_setup(tmp_path, STEP)
+    rows = {row[1]: row for row in cells(page) if len(row) == 6}
+    assert len(rows) == len(list(STEP.characteristics()))
+    # 20 +-0.2 mm less a guard band of 1.65 x 2.5 um on either side (ISO 14253-1)
+    assert rows["length"][3:5] == ["setup 2", "19.804 to 20.196"]
+    assert rows["step height"][3].startswith("off the machine: profilometer")
+    for one in STEP.characteristics():
+        if one.upper - one.lower < 8.0 * 1.65 * PROBE:
+            assert rows[one.label][3].startswith("off the machine")
+
+
+def test_the_sheet_says_that_a_step_is_lapped_or_wrung_and_how_the_burr_is_checked(tmp_path):
+    page, _ = write_setup(tmp_path, load_set(STIMULI / "paper-ten.toml").step_block[0])
+    text = page.read_text()
+    assert "A step of 10 µm is lapped or wrung, not milled." in text
+    assert "Burr check" in text
+    assert "more than 1 µm within" in text.replace("\n", " ")
+    assert "harden and temper" in text
+    assert "Stock 22.0 x 26.0 x 10.5 mm" in text
