@@ -126,7 +126,7 @@ def test_a_set_for_chai3d_brings_a_program_that_switches_its_blocks(tmp_path):
     subprocess.run([cmake, "--build", build], check=True, capture_output=True)
     command = [build / "blocks", "--blocks", program]
     found = subprocess.run(command, input="1\n2\nv\n2\nq\n", capture_output=True, text=True, check=True).stdout
-    felt = re.findall(r"block (\d), vibration (\w+)\npeak ([\d.]+) N, formula ([\d.]+), releases (\d)", found)
+    felt = re.findall(r"block (\d), vibration (\w+)\npeak ([\d.]+) N, formula ([\d.]+), releases (\d), crossed", found)
     assert [(number, ring, releases) for number, ring, _, _, releases in felt] == [
         ("1", "on", "1"),
         ("2", "on", "1"),

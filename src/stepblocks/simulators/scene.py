@@ -134,13 +134,8 @@ def write_scene(folder: Path, scene: Scene, form: SceneFormat) -> None:
         waves = {f"{stem}-{rate // 1000}khz-{end}": rate for rate in WAV_RATES for end in ends}
         for name, rate in waves.items():
             write_wav(folder / name, event, rate, full)
-        told = {
-            "full_scale_n": dict.fromkeys(waves, full),
-            "energy_j": event.energy,
-            "energy_in_file_j": {
-                name: ring_energy(ring(event, rate), rate, event.tool) for name, rate in waves.items()
-            },
-        }
+        energies = {name: ring_energy(ring(event, rate), rate, event.tool) for name, rate in waves.items()}
+        told = {"full_scale_n": dict.fromkeys(waves, full), "energy_j": event.energy, "energy_in_file_j": energies}
         write_hjif(folder / f"{stem}.hjif", event)
         write_ahap(folder / f"{stem}.ahap", event)
         write_json(folder / f"{stem}.json", told)
