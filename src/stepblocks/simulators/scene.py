@@ -19,6 +19,7 @@ from stepblocks.contact.operating_point import OperatingPoint
 from stepblocks.contact.path.centre import CentrePath
 from stepblocks.parts.kind import Part
 from stepblocks.parts.shapes import Mesh
+from stepblocks.quantities import readable
 from stepblocks.simulators.devices import RenderingPlan
 
 
@@ -157,7 +158,7 @@ def fill(path: Path, template: str = "", **values: Any) -> None:
     )
     environment.filters["numbers"] = lambda values: " ".join(f"{value:.12g}" for value in values.ravel())
     text = environment.get_template(f"{template or path.name}.j2").render(**values)
-    path.write_text(text, encoding="utf-8")
+    path.write_text(readable(text) if path.suffix == ".md" else text, encoding="utf-8")
 
 
 def write_json(path: Path, content: Any) -> None:
