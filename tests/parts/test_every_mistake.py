@@ -153,8 +153,8 @@ SLIPS = {
     "record": [
         ("time_s", "time", "table must have a column time_s or time_ms"),
         ("25e-4,0.5", "25e-4,strong", "force_n must be a finite number, got 'strong'"),
-        ("force_n", "force_kn", "table must have a column force_n or force_mn"),
         ("30e-4", "late", "time_s must be a finite number, got 'late'"),
+        ("force_n", "force_kn", "table must have a column force_n or force_mn"),
     ],
 }
 TEXTS = {"block": BLOCK, "session": SESSION, "sweep": SWEEP, "device": DEVICE, "plan": PLAN}
