@@ -116,8 +116,8 @@ class SceneFormat:
     run: str  # how to run or load it, a line of Markdown
     settings: tuple[str, ...]  # what is set and why, one line of Markdown each
     verified: str  # what of it was run or read back by another program, and what was not
-    # takes a folder of a set and its scenes: a program over all of them
-    write_set: Callable[[Path, Sequence[Scene]], None] | None = None
+    # takes a folder, the scenes of a set and what the folder of each is called: all of them in one
+    write_set: Callable[[Path, Sequence[Scene], str], None] | None = None
 
 
 def write_scene(folder: Path, scene: Scene, form: SceneFormat) -> None:

@@ -33,15 +33,15 @@ def _write(folder: Path, scene: Scene) -> None:
     _write_program(folder, scene.stimulus.id, {"block.obj": scene})
 
 
-def _write_set(folder: Path, scenes: Sequence[Scene]) -> None:
+def _write_set(folder: Path, scenes: Sequence[Scene], beside: str) -> None:
     """Write a program that switches the blocks of a set, where they share ball and spring."""
     alike = {(scene.ball_radius, scene.stiffness, scene.point.friction) for scene in scenes}
     if len(scenes) < 2 or len(alike) > 1 or any(scene.probe for scene in scenes):
         return
-    program = folder / "chai3d-blocks"
-    program.mkdir(parents=True, exist_ok=True)
-    fill(program / "ReleaseRing.h")
-    _write_program(program, folder.name, {f"../{scene.stimulus.id}/chai3d/block.obj": scene for scene in scenes})
+    folder.mkdir(parents=True, exist_ok=True)
+    fill(folder / "ReleaseRing.h")
+    files = {f"../{scene.stimulus.id}/{beside}/block.obj": scene for scene in scenes}
+    _write_program(folder, folder.parent.name, files)
 
 
 def _write_program(folder: Path, name: str, scenes: Mapping[str, Scene]) -> None:
@@ -78,7 +78,7 @@ CHAI3D = SceneFormat(
         "Build `blocks.cpp` against your CHAI3D (its second line says how); `echo 1 | build/blocks --blocks .` lets a virtual hand "
         "drag the proxy over the edge and prints the peak beside the formula, `--device 0` takes a device. In a program of your own "
         'load `block.obj` into a `cMultiMesh`, `#include "StepBlock.h"` and call `stepblock::prepare(object, tool)` once: it sets the '
-        "contact and attaches the ring. `chai3d-blocks` beside the blocks of a set is the same program: keys switch the blocks."
+        "contact and attaches the ring. `-blocks` beside the blocks of a set is the same program: keys switch the blocks."
     ),
     settings=(
         "millimetres, and a proxy epsilon of 1e-6: in metres with its default the proxy is wrong by up to 75 %",
