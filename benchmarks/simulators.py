@@ -99,8 +99,9 @@ def in_chai3d(folder: Path, scene: Scene, arguments: argparse.Namespace) -> Resu
         return None
     place = written(folder, scene, "chai3d")
     flags = shlex.split(arguments.chai3d)
-    output(["c++", "-std=c++11", "-O2", "-w", str(place / "drag.cpp"), *flags, "-o", str(place / "drag")])
-    return result([str(place / "drag"), "--json"])
+    output(["c++", "-std=c++11", "-O2", "-w", str(place / "blocks.cpp"), *flags, "-o", str(place / "blocks")])
+    words = output([str(place / "blocks")], "1\nq\n").split()
+    return float(words[words.index("peak") + 1]), words[-1] == "crossed"
 
 
 def in_newton(folder: Path, scene: Scene, arguments: argparse.Namespace) -> Result:
@@ -137,8 +138,8 @@ def written(folder: Path, scene: Scene, name: str) -> Path:
     return place
 
 
-def output(command: list[str]) -> str:
-    return subprocess.run(command, capture_output=True, text=True, check=True, cwd="/").stdout
+def output(command: list[str], said: str = "") -> str:
+    return subprocess.run(command, input=said, capture_output=True, text=True, check=True, cwd="/").stdout
 
 
 def result(command: list[str]) -> Result:

@@ -69,12 +69,10 @@ def load_set(path: str | Path) -> StimulusSet:
         return f"{kind} {brief(identity)}", tuple(rest)
 
     def mended(data: dict[str, Any]) -> StimulusSet:
-        listed = [kind for kind in known if isinstance(data.get(kind), list)]
-        stanzas = {
-            kind: [completed(one, usually.get(kind, {})) if isinstance(one, dict) else one for one in data[kind]]
-            for kind in listed
-        }
-        return set_of(data | stanzas)
+        for kind in (kind for kind in known if isinstance(data.get(kind), list)):
+            stanzas = [completed(one, usually.get(kind, {})) if isinstance(one, dict) else one for one in data[kind]]
+            data = {**data, kind: stanzas}
+        return set_of(data)
 
     try:
         found = set_of(declared)

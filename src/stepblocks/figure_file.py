@@ -6,6 +6,7 @@ from pathlib import Path
 from typing import Any
 
 from stepblocks.atomic import beside
+from stepblocks.quantities import readable
 
 
 def new_figure(
@@ -27,7 +28,10 @@ def new_figure(
 def save_figure(figure: Any, path: Path) -> None:
     """Write a figure as PNG or SVG, the same bytes for the same figure."""
     import matplotlib as mpl
+    from matplotlib.text import Text
 
+    for text in figure.findobj(Text):
+        text.set_text(readable(text.get_text()))
     kind = path.suffix.lstrip(".")
     path.parent.mkdir(parents=True, exist_ok=True)
     metadata = {"Software": None} if kind == "png" else {"Date": None, "Creator": None}

@@ -205,12 +205,12 @@ def figure(value: float) -> str:
 
 
 def column_of_figures(values: Sequence[object]) -> list[str]:
-    """Write the cells of a column, its fractions to three digits; text and whole numbers stay as they are."""
+    """Write the cells of a column, its fractions to three digits, text with the signs of its units."""
     texts = ["-" if value is None else str(value) for value in values]
     try:
         numbers = [math.nan if text in ("", "-") else float(text) for text in texts]
     except ValueError:
-        return texts
+        return list(map(readable, texts))
     if all(number.is_integer() or math.isnan(number) for number in numbers):
         return [
             text.removesuffix(".0") if number == number else "-" for text, number in zip(texts, numbers, strict=True)
@@ -219,18 +219,33 @@ def column_of_figures(values: Sequence[object]) -> list[str]:
 
 
 _SIGNS = {"um": "µm", "uJ": "µJ", "uW": "µW", "us": "µs", "uN": "µN", "deg": "°"}
-_WRITTEN = re.compile(r"(?<=\d)( ?)(um|uJ|uW|us|uN|deg)\b")
+# what a user typed stands in quotes and stays, and so do names and paths; else a unit behind its number, or by itself
+_WRITTEN = re.compile(
+    r"(?<!\w)'[^']*'"
+    r"|(?<![\w-])(?P<number>[-+±]?\d[\d.]*(?:e[-+]?\d+)?)(?P<space> ?)(?P<behind>um|uJ|uW|us|uN|deg)\b(?!\.\w|[/=-])"
+    r"|(?<![\w=./-])(?P<alone>um|uJ|uW|uN)\b(?!\.\w|[/=-])"
+)
 
 
 def readable(text: object) -> str:
-    """Write the units in a text as people do.
+    """Write the units in a text as people do: on pages, in pictures, in a terminal; files for machines keep theirs.
 
     Examples
     --------
-    >>> readable("25 um ±1 um at 6 deg"), readable("E_v 3.86 uJ")
-    ('25 µm ±1 µm at 6°', 'E_v 3.86 µJ')
+    >>> readable("25 um ±1 um at 6 deg"), readable("E_v 3.86 uJ"), readable("height [um]")
+    ('25 µm ±1 µm at 6°', 'E_v 3.86 µJ', 'height [µm]')
+    >>> readable("such as '25 um', got '25um' [um/step-25um.toml, block step-25um]")
+    "such as '25 um', got '25um' [um/step-25um.toml, block step-25um]"
     """
-    return _WRITTEN.sub(lambda found: ("" if found[2] == "deg" else found[1]) + _SIGNS[found[2]], str(text))
+
+    def signed(found: re.Match[str]) -> str:
+        if found["alone"]:
+            return _SIGNS[found["alone"]]
+        if not found["behind"]:
+            return found[0]
+        return found["number"] + ("" if found["behind"] == "deg" else found["space"]) + _SIGNS[found["behind"]]
+
+    return _WRITTEN.sub(signed, str(text))
 
 
 def format_span(low: float, high: float, dimension: str) -> str:

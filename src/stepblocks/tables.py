@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import difflib
-from collections.abc import Iterable, Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from stepblocks.atomic import replace_text
 from stepblocks.errors import PipelineError
+from stepblocks.mistakes import Mistake, told
 from stepblocks.quantities import parse_quantity
 from stepblocks.text_file import plain_size
 
@@ -53,48 +54,56 @@ def read_table(path: Path) -> pd.DataFrame:
     return frame
 
 
-def si_column(
-    frame: pd.DataFrame, names: tuple[str, ...], dimension: str, default: float | None, place: Any
-) -> NDArray[np.float64]:
-    """Find a column by one of its names and any unit of its dimension, and return it in SI."""
-    found = []
-    for name in names:
-        for suffix, unit in SUFFIXES[dimension].items():
-            column = f"{name}_{suffix}" if suffix else name
-            if column in frame.columns:
-                found.append((column, unit))
-    wanted = " or ".join(f"{names[0]}_{s}" if s else names[0] for s in SUFFIXES[dimension])
-    if not found:
-        if default is None:
-            raise PipelineError(f"table must have a column {wanted} [{place}]")
-        return np.full(len(frame), default)
-    if len(found) > 1:
-        both = " and ".join(column for column, _ in found)
-        raise PipelineError(f"table must have one of the columns {both}, not both [{place}]")
+def si_columns(
+    frame: pd.DataFrame, wanted: Mapping[str, tuple[Sequence[str], str, float | None]], place: object
+) -> dict[str, NDArray[np.float64]]:
+    """Find columns, each by one of its names and any unit of its dimension, and return them in SI; all that is wrong is told at once.
+
+    One without a default must be there. Where one has a default, a column that is nearly one of them is refused: else the
+    default would be taken without a word.
+    """
+    mistakes: list[Mistake] = []
+    found: dict[str, NDArray[np.float64]] = {}
+    units = {
+        key: {f"{name}_{suffix}".rstrip("_"): unit for name in names for suffix, unit in SUFFIXES[dimension].items()}
+        for key, (names, dimension, _) in wanted.items()
+    }
+    known = sorted(column for columns in units.values() for column in columns)
+    guessed = set(known) if any(default is not None for *_, default in wanted.values()) else set()
+    near = {column: difflib.get_close_matches(column, guessed, 1, 0.8) for column in set(frame.columns) - guessed}
+    for column in (str(column) for column in frame.columns if near.get(column)):
+        mistakes.append(("", f"column {column!r} is not known, is it {near[column][0]!r}?"))
+    meant = {one for likely in near.values() for one in likely}
+    for key, (_, dimension, default) in wanted.items():
+        here = [column for column in units[key] if column in frame.columns]
+        if len(here) > 1:
+            mistakes.append(("", f"table must have one of the columns {' and '.join(here)}, not both"))
+        elif here:
+            found[key] = _in_si(frame[here[0]], units[key][here[0]], dimension, mistakes)
+        elif default is not None:
+            found[key] = np.full(len(frame), default)
+        elif not meant & set(units[key]):
+            mistakes.append(
+                ("", f"table must have a column {' or '.join(list(units[key])[: len(SUFFIXES[dimension])])}")
+            )
+    if mistakes:
+        raise PipelineError(told(mistakes, place))
+    return found
+
+
+def _in_si(cells: pd.Series, unit: str, dimension: str, mistakes: list[Mistake]) -> NDArray[np.float64]:
+    """Read a column; cells that are no finite number are among the mistakes."""
     import pandas as pd
 
-    column, unit = found[0]
-    numbers = pd.to_numeric(frame[column], errors="coerce").to_numpy(dtype=np.float64)
-    bad = np.flatnonzero(~np.isfinite(numbers))
-    if bad.size:
-        row = int(bad[0])
-        given = frame[column].iloc[row]
-        text = repr(given) if isinstance(given, str) else str(given)
-        raise PipelineError(f"{column} must be a finite number, got {text} [{place}, row {row + 1}]")
+    numbers = pd.to_numeric(cells, errors="coerce").to_numpy(dtype=np.float64)
+    for row in np.flatnonzero(~np.isfinite(numbers)):
+        given = repr(cells.iloc[row]) if isinstance(cells.iloc[row], str) else str(cells.iloc[row])
+        mistakes.append((f"row {row + 1}", f"{cells.name} must be a finite number, got {given}"))
     factor = parse_quantity(f"1 {unit}", dimension) if unit else 1.0
     # 25 / 1e6 is the double nearest to 25e-6; 25 * 1e-6 is not
     inverse = round(1.0 / factor)
     exact = factor < 1.0 and abs(factor * inverse - 1.0) < 1e-12
     return np.asarray(numbers / inverse if exact else numbers * factor)
-
-
-def refuse_misspelt(frame: pd.DataFrame, known: Iterable[str], place: Any) -> None:
-    """Refuse a column that is nearly one of the known: else its default would be taken without a word."""
-    names = sorted(known)
-    for column in map(str, frame.columns):
-        near = [] if column in names else difflib.get_close_matches(column, names, 1, 0.8)
-        if near:
-            raise PipelineError(f"column {column!r} is not known, is it {near[0]!r}? [{place}]")
 
 
 def harmless(cell: object) -> object:

@@ -218,3 +218,18 @@ def test_a_quantity_that_cannot_be_read_is_said_with_its_option_before_anything_
     error = capsys.readouterr().err
     assert f"argument {option}: {said}" in error
     assert not place.exists()
+
+
+def test_the_shipped_stimuli_are_copied_whole_and_nobodys_are_replaced(tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    assert main(["new", "--shipped"]) == 0
+    assert "6 files in stimuli: stepblocks build stimuli" in capsys.readouterr().out
+    shipped = sorted((ROOT / "stimuli").glob("*.toml"))
+    assert [path.name for path in sorted(Path("stimuli").iterdir())] == [path.name for path in shipped]
+    assert all((Path("stimuli") / path.name).read_bytes() == path.read_bytes() for path in shipped)
+    Path("mine").mkdir()
+    Path("mine/sheaths.toml").write_text("mine")
+    assert main(["new", "--shipped", "mine"]) == 2
+    assert "there is one already; --force replaces it [mine/sheaths.toml]" in capsys.readouterr().err
+    assert [path.name for path in Path("mine").iterdir()] == ["sheaths.toml"]
+    assert main(["new", "--shipped", "mine", "--force"]) == 0

@@ -61,6 +61,9 @@ seed = 5
 heights = ["10 um", "20 um"]
 loads = ["0.5 N"]
 """
+TABLE = "height_um,load_n,friction,tip_radius_um\n25,1,0.15,125\n50,0.5,0.2,60\n"
+PROFILE = "x_um,z_um\n-500,0\n0,0\n1,25\n500,25\n"
+RECORD = "time_s,force_n\n" + "".join(f"{row}e-4,0.5\n" for row in range(20, 40))
 # what is broken, by what, and what must be said of it
 SLIPS = {
     "block": [
@@ -132,8 +135,30 @@ SLIPS = {
         ("schema = 1", "schema = 9", "schema"),
         ("[design]", "[desing]", "did you mean design?"),
     ],
+    "table": [
+        ("height_um", "heigth_um", "column 'heigth_um' is not known, is it 'height_um'?"),
+        ("25,1", "tall,1", "height_um must be a finite number, got 'tall'"),
+        ("0.15", "inf", "friction must be a finite number, got inf"),
+        ("tip_radius_um", "tip_radus_um", "is it 'tip_radius_um'?"),
+        ("load_n", "weight", "table must have a column normal_load_n or normal_load_mn"),
+        ("0.5,0.2,60", "0.5,,60", "friction must be a finite number, got nan"),
+        ("25,1,0.15,125", "25,1 N,0.15,125", "load_n must be a finite number, got '1 N'"),
+    ],
+    "profile": [
+        ("x_um", "place", "table must have a column x_nm or x_um"),
+        ("1,25", "1,high", "z_um must be a finite number, got 'high'"),
+        ("-500,0", "left,0", "x_um must be a finite number, got 'left'"),
+        ("z_um", "z_n", "table must have a column z_nm or z_um"),
+    ],
+    "record": [
+        ("time_s", "time", "table must have a column time_s or time_ms"),
+        ("25e-4,0.5", "25e-4,strong", "force_n must be a finite number, got 'strong'"),
+        ("30e-4", "late", "time_s must be a finite number, got 'late'"),
+        ("force_n", "force_kn", "table must have a column force_n or force_mn"),
+    ],
 }
 TEXTS = {"block": BLOCK, "session": SESSION, "sweep": SWEEP, "device": DEVICE, "plan": PLAN}
+TEXTS |= {"table": TABLE, "profile": PROFILE, "record": RECORD}
 SINGLE = [(kind, *slip) for kind, slips in SLIPS.items() for slip in slips]
 # two slips that do not touch each other's words, of every kind: each file has both
 PAIRS = [
@@ -149,13 +174,23 @@ PAIRS = [
 
 def said_of(kind, text, folder, capsys):
     """What the command that reads such a file says of it, and its exit code."""
-    path = folder / "broken.toml"
+    path = folder / ("broken.csv" if kind in ("table", "profile", "record") else "broken.toml")
     path.write_text(text)
     command = {
         "block": ["predict", str(path)],
         "sweep": ["sweep", str(path), "-o", str(folder / "out")],
         "device": ["export", "--list-devices", "--devices", str(path)],
         "plan": ["simulate-session", str(path), "-o", str(folder / "out")],
+        "table": ["predict", str(path), "-o", str(folder / "out.csv")],
+        "profile": ["drag", str(path), "-o", str(folder / "out")],
+        "record": [
+            "compare",
+            str(path),
+            "--to",
+            str(ROOT / "stimuli/paper-ten.toml/step-050"),
+            "-o",
+            str(folder / "out.csv"),
+        ],
         "session": ["measure", str(folder), "-o", str(folder / "out.csv")],
     }[kind]
     if kind == "session":
@@ -177,7 +212,7 @@ def test_a_slip_is_said_with_its_place(kind, old, new, message, tmp_path, capsys
     assert code == 2
     assert message in error
     assert "Traceback" not in error
-    assert "broken.toml" in error or "session.toml" in error
+    assert "broken." in error or "session.toml" in error
 
 
 @pytest.mark.parametrize(("kind", "first", "second"), PAIRS)

@@ -44,7 +44,7 @@ def test_a_folder_is_written_for_a_device_and_runs_from_elsewhere(tmp_path, monk
     ]
     assert main(arguments) == 0
     assert "omega-3, step-030: renders" in capsys.readouterr().out
-    folder = tmp_path / "my scenes" / "paper-ten" / "step-030" / "forcelaw"
+    folder = tmp_path / "my scenes" / "paper-ten" / "step-030" / "forcelaw-omega-3"
     elsewhere = tmp_path / "else where"
     elsewhere.mkdir()
     done = subprocess.run(
@@ -68,7 +68,7 @@ def test_a_notebook_exports_what_the_command_exports(tmp_path):
     )
     assert told == done
     assert [(one.name, one.folder) for one in done] == [
-        ("paper-ten/step-020", tmp_path / "b" / "paper-ten" / "step-020" / "gltf")
+        ("paper-ten/step-020", tmp_path / "b" / "paper-ten" / "step-020" / "gltf-sigma-7")
     ]
     assert done[0].plan.device == "sigma-7"
     for path in (tmp_path / "a").rglob("[!.]*.*"):

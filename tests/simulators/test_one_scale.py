@@ -29,7 +29,7 @@ def test_a_device_gives_the_set_the_scale_that_its_neediest_block_needs(tmp_path
     assert len(together) == 2
     assert {plan["scale"] for plan in together.values()} == {alone["step-010"]["scale"]}
     assert len({plan["stiffness_n_per_m"] for plan in together.values()}) == 1
-    readme = (tmp_path / "together/paper-ten/step-100/forcelaw/README.md").read_text()
+    readme = (tmp_path / "together/paper-ten/step-100/forcelaw-touch/README.md").read_text()
     assert "the same for every stimulus of the set" in readme
     assert "CONFOUNDED" not in readme
 
@@ -57,7 +57,7 @@ def test_rendered_steps_stand_to_each_other_as_the_blocks_do(tmp_path):
     }
     assert steps["one"] == [2.0, 20.0]
     assert steps["each"] == [2.0, 5.0]
-    place = tmp_path / "each/paper-ten/step-010/forcelaw"
+    place = tmp_path / "each/paper-ten/step-010/forcelaw-touch"
     assert "CONFOUNDED" in (place / "README.md").read_text()
     assert "confounded" in json.loads((place / "event.json").read_text())["scale_is_of"]
 
@@ -112,11 +112,11 @@ def test_rings_of_a_set_are_as_loud_to_each_other_as_their_forces(tmp_path):
 
 def test_a_set_for_chai3d_brings_a_program_that_switches_its_blocks(tmp_path):
     export(SET, "chai3d", tmp_path, only=ENDS, device="omega-3")
-    program = tmp_path / "paper-ten" / "chai3d-blocks"
+    program = tmp_path / "paper-ten" / "chai3d-omega-3-blocks"
     text = (program / "blocks.cpp").read_text()
     for block in ("step-010", "step-100"):
-        assert (program / f"../{block}/chai3d/block.obj").exists()
-        assert f'"../{block}/chai3d/block.obj"' in text
+        assert (program / f"../{block}/chai3d-omega-3/block.obj").exists()
+        assert f'"../{block}/chai3d-omega-3/block.obj"' in text
     assert {path.name for path in program.iterdir()} == {"CMakeLists.txt", "ReleaseRing.h", "blocks.cpp"}
     built, cmake = os.environ.get("CHAI3D_BUILD"), shutil.which("cmake")
     if not (built and cmake):
@@ -126,7 +126,7 @@ def test_a_set_for_chai3d_brings_a_program_that_switches_its_blocks(tmp_path):
     subprocess.run([cmake, "--build", build], check=True, capture_output=True)
     command = [build / "blocks", "--blocks", program]
     found = subprocess.run(command, input="1\n2\nv\n2\nq\n", capture_output=True, text=True, check=True).stdout
-    felt = re.findall(r"block (\d), vibration (\w+)\npeak ([\d.]+) N, formula ([\d.]+), releases (\d)", found)
+    felt = re.findall(r"block (\d), vibration (\w+)\npeak ([\d.]+) N, formula ([\d.]+), releases (\d), crossed", found)
     assert [(number, ring, releases) for number, ring, _, _, releases in felt] == [
         ("1", "on", "1"),
         ("2", "on", "1"),

@@ -40,7 +40,7 @@ def draw(
         _show(plotter, _opened(whole), caption)
         plotter.subplot(0, 1)
         close = [_boxed(mesh, half_width, centre) for mesh in meshes]
-        _show(plotter, close, f"true scale, {2e6 * half_width:.4g} um wide")
+        _show(plotter, close, f"true scale, {2e6 * half_width:.4g} µm wide")
         plotter.screenshot(str(path), return_img=False)
     finally:
         plotter.close()

@@ -122,7 +122,9 @@ def build_sets(
     _require_folder(folder, sets)
     report = BuildReport(str(folder))
     with alone_in(folder):
-        wanted = _not_current(_selected(sets, only), folder, code, report)
+        selected = _selected(sets, only)
+        wanted = _not_current(selected, folder, code)
+        report.current = len(selected) - len(wanted)
         for number, made in enumerate(make_all(wanted, folder, jobs), start=1):
             report.built.append(made.name)
             if announce:
@@ -166,18 +168,14 @@ def _selected(sets: Sequence[StimulusSet], only: str | None) -> list[tuple[str, 
     return found
 
 
-def _not_current(
-    selected: Sequence[tuple[str, Part]], output: Path, code: str, report: BuildReport
-) -> list[tuple[str, Part, str]]:
-    """List the stimuli to build, each with its set and key; count the others."""
-    wanted: list[tuple[str, Part, str]] = []
+def _not_current(selected: Sequence[tuple[str, Part]], output: Path, code: str) -> list[tuple[str, Part, str]]:
+    """List the stimuli to build, each with its set and its key, a hash of what it would be built from."""
+    wanted = []
     for name, stimulus in selected:
         folder = output / name / stimulus.id
-        key = digest((json.dumps(stimulus.record(), sort_keys=True) + code).encode())  # of what it would be built from
+        key = digest((json.dumps(stimulus.record(), sort_keys=True) + code).encode())
         record = load_record(folder)
-        if record.get("key") == key and intact(folder, written(record)):
-            report.current += 1
-        else:
+        if record.get("key") != key or not intact(folder, written(record)):
             wanted.append((name, stimulus, key))
     return wanted
 

@@ -21,6 +21,7 @@ from stepblocks import __version__
 from stepblocks.cli.arguments import Parser
 from stepblocks.cli.outcome import show, writing
 from stepblocks.errors import StepblocksError
+from stepblocks.quantities import readable
 from stepblocks.workers import kill_workers
 
 __all__ = ["main"]
@@ -64,7 +65,7 @@ def main(argv: Sequence[str] | None = None) -> int:
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         return 128 + signal.SIGPIPE
     except StepblocksError as error:
-        print(f"stepblocks: error: {error}", file=sys.stderr)
+        print(f"stepblocks: error: {readable(error)}", file=sys.stderr)
         return error.exit_code
     except KeyboardInterrupt:
         print("stepblocks: interrupted", file=sys.stderr)

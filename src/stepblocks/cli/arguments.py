@@ -45,10 +45,8 @@ class Parser(argparse.ArgumentParser):
 def _formatter(prog: str) -> argparse.HelpFormatter:
     from rich_argparse import RawDescriptionRichHelpFormatter
 
-    class Formatter(RawDescriptionRichHelpFormatter):
-        group_name_formatter = str
-
-    return Formatter(prog, max_help_position=30, width=_WIDTH)
+    RawDescriptionRichHelpFormatter.group_name_formatter = str
+    return RawDescriptionRichHelpFormatter(prog, max_help_position=30, width=_WIDTH)
 
 
 def add_command(
@@ -71,10 +69,13 @@ def add_command(
         argument_default=argparse.SUPPRESS if leave_out else None,
     )
     every = parser.add_argument_group("in every command")
-    every.add_argument("--quiet", action="store_true", default=False, help="say nothing but errors")
-    every.add_argument("--json", action="store_true", default=False, help="print what was done and found as JSON")
-    every.add_argument("--wide", action="store_true", default=False, help="print all columns of a table")
-    every.add_argument("--force", action="store_true", default=False, help="replace files that are not ours")
+    for option, meant in (
+        ("quiet", "say nothing but errors"),
+        ("json", "print what was done and found as JSON"),
+        ("wide", "print all columns of a table"),
+        ("force", "replace files that are not ours"),
+    ):
+        every.add_argument(f"--{option}", action="store_true", default=False, help=meant)
     parser.set_defaults(run=run, output=None)
     return parser
 

@@ -83,6 +83,7 @@ def _measure(arguments: argparse.Namespace) -> Outcome:
 def _loop(arguments: argparse.Namespace) -> Outcome:
     from stepblocks.loop.run import loop_session
     from stepblocks.loop.several import loop_sessions
+    from stepblocks.quantities import readable
 
     asked: dict[str, Any] = {name: getattr(arguments, name) for name in ("jobs", "forces_only", "as_built")}
     asked["progress"] = telling(arguments, "measured trials")
@@ -98,7 +99,7 @@ def _loop(arguments: argparse.Namespace) -> Outcome:
         return Outcome(verdicts, {"in the next session, 95 %": rows}, record=document)
     result = loop_session(arguments.session[0], arguments.output, waveform=arguments.waveform, **asked)
     for scan in result.document["scans"]["left_out"]:
-        print(f"scan of {scan['block']} left out: {scan['reason']}", file=sys.stderr)
+        print(readable(f"scan of {scan['block']} left out: {scan['reason']}"), file=sys.stderr)
     page = arguments.output / "report.html"
     return Outcome(f"{result.document['finding']} ({result.verdict})", look=page, record=result.document)
 

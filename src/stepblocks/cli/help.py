@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import argparse
+import sysconfig
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
@@ -18,9 +20,12 @@ def add_to(commands: Any) -> None:
     """Register the commands."""
     said = "a commented file to begin with"
     description = "Write a file that is valid as it stands and says what can be changed; a session is a folder."
-    examples = ("new block mine.toml", "new crown", "new session bench-1")
+    examples = ("new block mine.toml", "new crown", "new session bench-1", "new --shipped")
     new = add_command(commands, "new", _new, said, description, examples=examples)
-    new.add_argument("thing", choices=_THINGS)
+    what = new.add_mutually_exclusive_group(required=True)
+    what.add_argument("thing", nargs="?", choices=_THINGS)
+    said = "copy the stimuli of the paper and all others that are shipped to DIR (default: stimuli) instead"
+    what.add_argument("--shipped", nargs="?", const=Path("stimuli"), type=Path, metavar="DIR", help=said)
     new.add_argument("file", nargs="?", type=Path, metavar="FILE", help="where to (default: my-THING.toml, my-session)")
 
     helped = add_command(commands, "help", _help, "how a command is used", examples=("help", "help export"))
@@ -37,20 +42,39 @@ def add_to(commands: Any) -> None:
 
 
 def _new(arguments: argparse.Namespace) -> Outcome:
+    thing = arguments.thing
+    if arguments.shipped:
+        return _copy_shipped(arguments.shipped, force=arguments.force)
+    file = arguments.file or Path(f"my-{thing}" if thing == "session" else f"my-{thing}.toml")
+    place = file / "session.toml" if thing == "session" else file.with_suffix(".toml")
+    text, then = beginning(thing, file if thing == "session" else place)
+    _write_new({place: text} | ({file / "trials.csv": _TRIALS} if thing == "session" else {}), force=arguments.force)
+    return Outcome(f"{place}: change it, then run: {then}", record={"written": str(place), "then": then})
+
+
+def _write_new(texts: Mapping[Path, str], *, force: bool) -> None:
     from stepblocks.atomic import replace_text
     from stepblocks.errors import PipelineError
 
-    thing = arguments.thing
-    file = arguments.file or Path(f"my-{thing}" if thing == "session" else f"my-{thing}.toml")
-    place = file / "session.toml" if thing == "session" else file.with_suffix(".toml")
-    if place.exists() and not arguments.force:
-        raise PipelineError(f"there is one already; --force replaces it [{place}]")
-    place.parent.mkdir(parents=True, exist_ok=True)
-    text, then = beginning(thing, file if thing == "session" else place)
-    replace_text(place, text)
-    if thing == "session":
-        replace_text(file / "trials.csv", _TRIALS)
-    return Outcome(f"{place}: change it, then run: {then}", record={"written": str(place), "then": then})
+    if there := [str(place) for place in texts if place.exists() and not force]:
+        raise PipelineError(f"there is one already; --force replaces it [{', '.join(there)}]")
+    for place, text in texts.items():
+        place.parent.mkdir(parents=True, exist_ok=True)
+        replace_text(place, text)
+
+
+def _copy_shipped(folder: Path, *, force: bool) -> Outcome:
+    """Copy the shipped stimuli from where a wheel puts them, or from the checkout."""
+    from stepblocks.errors import PipelineError
+
+    installed = Path(sysconfig.get_path("data")) / "share" / "stepblocks" / "stimuli"
+    source = installed if installed.is_dir() else Path(__file__).parents[3] / "stimuli"
+    texts = {folder / path.name: path.read_text(encoding="utf-8") for path in sorted(source.glob("*.toml"))}
+    if not texts:
+        raise PipelineError(f"the shipped stimuli must lie in the installation, found none [{installed}]")
+    _write_new(texts, force=force)
+    then = f"stepblocks build {folder}"
+    return Outcome(f"{len(texts)} files in {folder}: {then}", record={"written": list(map(str, texts)), "then": then})
 
 
 def beginning(thing: str, place: Path) -> tuple[str, str]:

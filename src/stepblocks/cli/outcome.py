@@ -15,6 +15,7 @@ from pathlib import Path
 from typing import Any
 
 from stepblocks.build.manifest import hash_file
+from stepblocks.quantities import column_label, column_of_figures, readable
 
 _WIDTH = 100  # columns of a table where nobody asked for more
 _MEMORY = ".stepblocks.json"  # in a folder: hashes of the files that commands wrote there
@@ -53,7 +54,7 @@ def show(outcome: Outcome, arguments: argparse.Namespace, written: Sequence[Path
         if outcome.look is not None:
             _print(f"open {outcome.look}", "cyan")
     for failure in outcome.failures:
-        print(failure, file=sys.stderr)
+        print(readable(failure), file=sys.stderr)
 
 
 def _where(written: Sequence[Path]) -> str:
@@ -71,7 +72,7 @@ def _print(shown: Any, style: str | None = None, width: int | None = None) -> No
 
     console = Console(width=width, highlight=False, soft_wrap=width is None)
     with console.capture() as captured:
-        console.print(shown, style=style, markup=False)
+        console.print(readable(shown) if isinstance(shown, str) else shown, style=style, markup=False)
     sys.stdout.write(captured.get())
 
 
@@ -79,8 +80,6 @@ def print_table(title: str, rows: Sequence[Mapping[str, Any]], *, wide: bool = F
     """Print rows as columns; of what is alike in all of them and of what does not fit, a line tells."""
     from rich.table import Table
     from rich.text import Text
-
-    from stepblocks.quantities import column_label, column_of_figures
 
     if not rows:
         return

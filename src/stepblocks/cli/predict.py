@@ -152,6 +152,7 @@ def _predict_sets(arguments: argparse.Namespace) -> Outcome:
     from stepblocks.declare import load_declared
     from stepblocks.predict.predictions import as_row, left_out, predict_all, shown
     from stepblocks.predict.sheaths import ring_rows
+    from stepblocks.quantities import readable
     from stepblocks.select import stimulus_files
     from stepblocks.tables import csv_text, write_table
 
@@ -169,7 +170,7 @@ def _predict_sets(arguments: argparse.Namespace) -> Outcome:
                 return as_built.surface_columns(by_set[prediction.set_name](prediction))
 
         for sentence in (sentence for stimuli in sets for sentence in as_built.moved_energies(stimuli, records)):
-            print(sentence, file=sys.stderr)
+            print(readable(sentence), file=sys.stderr)
         sets = [as_built.with_as_built(stimuli, records) for stimuli in sets]
     in_time = None if arguments.conversion is None else arguments.conversion == "simulated"
     by_name = {stimuli.name: predict_all(stimuli, in_time, arguments.speed) for stimuli in sets}

@@ -33,7 +33,10 @@ def _run(arguments: argparse.Namespace) -> Outcome:
     told = telling(arguments, "drawn", lines=1000)
     chosen = {name: getattr(arguments, name) for name in ("only", "capability", "masks")}
     orders = order_parts(
-        arguments.files, arguments.output, **chosen, announce=lambda one: told(name=f"{one.name}: {len(one.files)} files")
+        arguments.files,
+        arguments.output,
+        **chosen,
+        announce=lambda one: told(name=f"{one.name}: {len(one.files)} files"),
     )
     missing = [f"MISSING {line}" for order in orders for line in order.missing]
     return Outcome(

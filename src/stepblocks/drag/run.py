@@ -24,7 +24,7 @@ from stepblocks.parts.kind import Part
 from stepblocks.parts.set import StimulusSet
 from stepblocks.quantities import format_quantity, parse_quantity
 from stepblocks.select import matches, stimulus_files
-from stepblocks.tables import read_table, si_column, write_table
+from stepblocks.tables import read_table, si_columns, write_table
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -57,9 +57,9 @@ def subject_of(
         if "edge_radius" in values:
             raise PipelineError(f"--edge-radius is for a plain step; a profile has its own [{path}]")
         frame = read_table(path)
-        x, z = (si_column(frame, (name,), "length", None, path) for name in ("x", "z"))
+        columns = si_columns(frame, {name: ([name], "length", None) for name in ("x", "z")}, path)
         try:
-            return Subject(path.name, Profile(x, z), _changed(PAPER, values), f"[{path}]")
+            return Subject(path.name, Profile(columns["x"], columns["z"]), _changed(PAPER, values), f"[{path}]")
         except ContactError as error:
             raise PipelineError(f"{error} [{path}]") from error
     try:

@@ -172,13 +172,8 @@ def _ratios(found: Evidence) -> Any:
     figure, axis = new_figure(width=9.0, height=0.32 * len(rows) + 1.2)
     for place, row in enumerate(rows):
         middle = (row.value.low * row.value.high) ** 0.5
-        axis.plot(
-            [row.value.low / middle, row.value.high / middle],
-            [place, place],
-            lw=7,
-            color="#b9c6d2",
-            solid_capstyle="butt",
-        )
+        ends = [row.value.low / middle, row.value.high / middle]
+        axis.plot(ends, [place, place], lw=7, color="#b9c6d2", solid_capstyle="butt")
         for name, value in row.answers.known().items():
             mark, colour = _MARKS[name]
             axis.plot(value / middle, place, mark, color=colour, ms=5, label=name)

@@ -10,7 +10,7 @@ from stepblocks.contact.counterface import Step
 from stepblocks.contact.operating_point import PAPER, SHIPPED_LIMITS, OperatingPoint, Tool
 from stepblocks.contact.uncertainty import interval_of
 from stepblocks.errors import ContactError
-from stepblocks.tables import SUFFIXES, read_table, refuse_misspelt, si_column, write_table
+from stepblocks.tables import read_table, si_columns, write_table
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -68,18 +68,12 @@ def predict_table(
 
     place = "table" if isinstance(table, pd.DataFrame) else Path(table)
     frame = table if isinstance(table, pd.DataFrame) else read_table(Path(table))
-    stems = [(name, how[1]) for how in _COLUMNS.values() for name in how[0]]
-    known = [f"{u}{name}_{s}".rstrip("_") for u in ("", "u_") for name, of in stems for s in SUFFIXES[of]]
-    refuse_misspelt(frame, known, place)
-    columns = {name: si_column(frame, *how, place) for name, how in _COLUMNS.items()}
-    spreads = {
-        name: si_column(frame, tuple(f"u_{n}" for n in names), dimension, 0.0, place)
-        for name, (names, dimension, _) in _COLUMNS.items()
-    }
+    uncertain = {f"u_{name}": ([f"u_{n}" for n in names], of, 0.0) for name, (names, of, _) in _COLUMNS.items()}
+    columns = si_columns(frame, {**_COLUMNS, **uncertain}, place)
     rows: list[dict[str, Any]] = []
     for k in range(len(frame)):
-        at = {name: float(values[k]) for name, values in columns.items()}
-        spread = {name: float(values[k]) for name, values in spreads.items()}
+        at = {name: float(columns[name][k]) for name in _COLUMNS}
+        spread = {name: float(columns[f"u_{name}"][k]) for name in _COLUMNS}
         stream = int(np.random.SeedSequence([seed, k]).generate_state(1)[0])
         try:
             tool = Tool(at["stiffness"], at["conversion"], limits=SHIPPED_LIMITS)

@@ -39,10 +39,9 @@ def plain_step(height: float, name: str = "step") -> StepBlock:
     def exact(**sizes: str) -> dict[str, Any]:
         return {field: {"nominal": size, "tolerance": "1 um"} for field, size in sizes.items()}
 
-    body = exact(length="12 mm", width="12 mm", thickness="4 mm", edge_break="0.3 mm") | {
-        "mounting": {"kind": "tapped", "thread": "M2", **exact(spacing="6 mm", depth="2 mm")},
-        "engraving": exact(height="0.5 mm", depth="0.05 mm"),
-    }
+    mounting = {"kind": "tapped", "thread": "M2", **exact(spacing="6 mm", depth="2 mm")}
+    body: dict[str, Any] = exact(length="12 mm", width="12 mm", thickness="4 mm", edge_break="0.3 mm")
+    body |= {"mounting": mounting, "engraving": exact(height="0.5 mm", depth="0.05 mm")}
     groove = {"kind": "groove", **exact(width="0.4 mm", lane="3 mm", distance="1 mm")}
     edge = exact(height=f"{height * 1e6:.9g} um", edge_radius="0 um")
     try:

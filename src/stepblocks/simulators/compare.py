@@ -17,7 +17,7 @@ from stepblocks.contact.operating_point import OperatingPoint
 from stepblocks.declare import load_declared
 from stepblocks.errors import HapticsError
 from stepblocks.predict.perception import PAPER_OBSERVER
-from stepblocks.tables import read_table, si_column
+from stepblocks.tables import read_table, si_columns
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -157,7 +157,11 @@ def _read(path: Path, event: VibrationEvent, full_scale: float) -> Record:
     except (OSError, ValueError, KeyError) as error:
         raise HapticsError(f"the record cannot be read: {error} [{path}]") from error
     frame = read_table(path)
-    time = si_column(frame, ("time",), "time", None, path)
+    wanted: dict[str, Any] = {"time": (["time"], "time", None)}
+    if "acceleration_m_s2" not in frame:
+        wanted["force"] = (["force"], "force", None)
+    columns = si_columns(frame, wanted, path)
+    time = columns["time"]
     steps = np.diff(time)
     if len(time) < 16 or not (steps > 0.0).all():
         raise HapticsError(f"time_s must rise in at least 16 rows, got {len(time)} [{path}]")
@@ -165,7 +169,7 @@ def _read(path: Path, event: VibrationEvent, full_scale: float) -> Record:
     if "acceleration_m_s2" in frame:
         mass = event.tool.effective_mass
         return Record(frame["acceleration_m_s2"].to_numpy(dtype=np.float64) * mass, rate, False)
-    return Record(si_column(frame, ("force",), "force", None, path), rate, False)
+    return Record(columns["force"], rate, False)
 
 
 def _figures(force: Array, rate: float, event: VibrationEvent) -> dict[str, Any]:

@@ -56,7 +56,7 @@ def export(
     simulator : str
         One of `stepblocks.simulators.scenes.SCENE_FORMATS`.
     output : str or Path
-        Folder for ``set/id/simulator``; what else lies there stays.
+        Folder for ``set/id/simulator``, or ``set/id/simulator-device``; what else lies there stays.
     device : str, optional
         Force-feedback device whose rendering plan sets the scale.
     devices : str or Path, optional
@@ -115,13 +115,14 @@ def export(
         scenes = [scene_of(part, point, **options) for part, point in zip(meant, points, strict=True)]
         loudest = max((scene.loudest() for scene in scenes), default=0.0)
         form, place = SCENE_FORMATS[simulator], Path(output) / stimuli.name
+        called = simulator if chosen is None else f"{simulator}-{chosen.id}"
         for part, scene in zip(meant, scenes, strict=True):
-            _write(place / part.id / simulator, replace(scene, full_scale=loudest), form)
-            done.append(Exported(f"{stimuli.name}/{part.id}", place / part.id / simulator, scene.plan))
+            _write(place / part.id / called, replace(scene, full_scale=loudest), form)
+            done.append(Exported(f"{stimuli.name}/{part.id}", place / part.id / called, scene.plan))
             if progress is not None:
                 progress(done[-1])
         if scenes and form.write_set is not None:
-            form.write_set(place, scenes)
+            form.write_set(place / f"{called}-blocks", scenes, called)
     if not done:
         raise PipelineError(f"--only must match at least one stimulus, got {only!r}")
     return done

@@ -86,11 +86,8 @@ def _thinned(path: CentrePath) -> dict[str, Any]:
     corners = np.flatnonzero(np.abs(after - before) > _KINK) + 1
     flat = np.flatnonzero((after == 0.0) != (before == 0.0)) + 1
     kept = np.unique(np.concatenate([np.arange(0, len(path.x), _EVERY), corners, flat, [len(path.x) - 1]]))
-    notches = [
-        {"x": float(path.x[i]), "up": bool(after[i - 1] > _KINK), "down": bool(before[i - 1] < -_KINK)}
-        for i in corners
-        if after[i - 1] > before[i - 1]
-    ]
+    held = [(float(path.x[i]), before[i - 1], after[i - 1]) for i in corners if after[i - 1] > before[i - 1]]
+    notches = [{"x": x, "up": bool(rise > _KINK), "down": bool(fall < -_KINK)} for x, fall, rise in held]
     return {
         "x": path.x[kept].tolist(),
         "z": path.z[kept].tolist(),

@@ -91,8 +91,9 @@ class Renderer:
         self.force: Array = np.zeros(3)
         ring = math.sqrt(point.tool.conversion) if event else 0.0
         held = (self.stiffness, self.wall, point.friction, damping, self.period)
-        rung = (ring, math.tau * point.tool.frequency, point.tool.decay_time)
-        self._settings = np.array([held + rung], kernel.SETTING)
+        self._settings = np.array(
+            [(*held, ring, math.tau * point.tool.frequency, point.tool.decay_time)], kernel.SETTING
+        )
         first, last = self.path.slope_start, self.path.slope_end
         before, after = np.concatenate([first[:1], last]), np.concatenate([first, last[-1:]])
         notch = after - before > _KINK

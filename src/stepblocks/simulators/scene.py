@@ -19,6 +19,7 @@ from stepblocks.contact.operating_point import OperatingPoint
 from stepblocks.contact.path.centre import CentrePath
 from stepblocks.parts.kind import Part
 from stepblocks.parts.shapes import Mesh
+from stepblocks.quantities import readable
 from stepblocks.simulators.devices import RenderingPlan
 
 
@@ -115,8 +116,8 @@ class SceneFormat:
     run: str  # how to run or load it, a line of Markdown
     settings: tuple[str, ...]  # what is set and why, one line of Markdown each
     verified: str  # what of it was run or read back by another program, and what was not
-    # takes a folder of a set and its scenes: a program over all of them
-    write_set: Callable[[Path, Sequence[Scene]], None] | None = None
+    # takes a folder, the scenes of a set and what the folder of each is called: all of them in one
+    write_set: Callable[[Path, Sequence[Scene], str], None] | None = None
 
 
 def write_scene(folder: Path, scene: Scene, form: SceneFormat) -> None:
@@ -134,13 +135,8 @@ def write_scene(folder: Path, scene: Scene, form: SceneFormat) -> None:
         waves = {f"{stem}-{rate // 1000}khz-{end}": rate for rate in WAV_RATES for end in ends}
         for name, rate in waves.items():
             write_wav(folder / name, event, rate, full)
-        told = {
-            "full_scale_n": dict.fromkeys(waves, full),
-            "energy_j": event.energy,
-            "energy_in_file_j": {
-                name: ring_energy(ring(event, rate), rate, event.tool) for name, rate in waves.items()
-            },
-        }
+        energies = {name: ring_energy(ring(event, rate), rate, event.tool) for name, rate in waves.items()}
+        told = {"full_scale_n": dict.fromkeys(waves, full), "energy_j": event.energy, "energy_in_file_j": energies}
         write_hjif(folder / f"{stem}.hjif", event)
         write_ahap(folder / f"{stem}.ahap", event)
         write_json(folder / f"{stem}.json", told)
@@ -162,7 +158,7 @@ def fill(path: Path, template: str = "", **values: Any) -> None:
     )
     environment.filters["numbers"] = lambda values: " ".join(f"{value:.12g}" for value in values.ravel())
     text = environment.get_template(f"{template or path.name}.j2").render(**values)
-    path.write_text(text, encoding="utf-8")
+    path.write_text(readable(text) if path.suffix == ".md" else text, encoding="utf-8")
 
 
 def write_json(path: Path, content: Any) -> None:

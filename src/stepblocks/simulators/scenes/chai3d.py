@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -30,23 +30,28 @@ def _write(folder: Path, scene: Scene) -> None:
     write_json(folder / "parameters.json", parameters)
     fill(folder / "StepBlock.h", scene=scene, contact=_contact(scene), release=_release)
     fill(folder / "ReleaseRing.h")
-    top = float(scene.path.z.max()) * 1e3
-    nothing = scene.events[0].status is Status.NO_CATCH
-    fill(folder / "drag.cpp", scene=scene, top=top, nothing=nothing)
+    _write_program(folder, scene.stimulus.id, {"block.obj": scene})
 
 
-def _write_set(folder: Path, scenes: Sequence[Scene]) -> None:
-    """Write a program that takes a device and switches blocks, where they share ball and spring."""
+def _write_set(folder: Path, scenes: Sequence[Scene], beside: str) -> None:
+    """Write a program that switches the blocks of a set, where they share ball and spring."""
     alike = {(scene.ball_radius, scene.stiffness, scene.point.friction) for scene in scenes}
     if len(scenes) < 2 or len(alike) > 1 or any(scene.probe for scene in scenes):
         return
-    program = folder / "chai3d-blocks"
-    program.mkdir(parents=True, exist_ok=True)
-    fill(program / "ReleaseRing.h")
-    fill(program / "CMakeLists.txt")
-    contact, scale = _contact(scenes[0]), scenes[0].scale
-    told: dict[str, Any] = {"scenes": scenes, "contact": contact, "scale": scale, "release": _release}
-    fill(program / "blocks.cpp", name=folder.name, **told)
+    folder.mkdir(parents=True, exist_ok=True)
+    fill(folder / "ReleaseRing.h")
+    files = {f"../{scene.stimulus.id}/{beside}/block.obj": scene for scene in scenes}
+    _write_program(folder, folder.parent.name, files)
+
+
+def _write_program(folder: Path, name: str, scenes: Mapping[str, Scene]) -> None:
+    """Write a program that takes a device, or drags by a virtual hand."""
+    first = next(iter(scenes.values()))
+    far = {file: 0.5 if one.events[0].status is Status.NO_CATCH else 10.0 for file, one in scenes.items()}
+    blocks = [(file, far[file] * one.point.normal_load, one) for file, one in scenes.items()]
+    fill(folder / "CMakeLists.txt")
+    told: dict[str, Any] = {"contact": _contact(first), "scale": first.scale, "release": _release}
+    fill(folder / "blocks.cpp", name=name, blocks=blocks, **told)
 
 
 def _contact(scene: Scene) -> str:
@@ -70,11 +75,10 @@ CHAI3D = SceneFormat(
     write=_write,
     write_set=_write_set,
     run=(
-        "Compile `drag.cpp` against your CHAI3D (its first line says how) and run it: a virtual hand drags the proxy over the edge "
-        "and the peak is printed beside the formula. In a program of your own load `block.obj` into a `cMultiMesh`, "
-        '`#include "StepBlock.h"` and '
-        "call `stepblock::prepare(object, tool)` once: it sets the contact and attaches the ring. `chai3d-blocks` beside the blocks of "
-        "a set is such a program, with a CMakeLists.txt: it takes a device and switches blocks by keys."
+        "Build `blocks.cpp` against your CHAI3D (its second line says how); `echo 1 | build/blocks --blocks .` lets a virtual hand "
+        "drag the proxy over the edge and prints the peak beside the formula, `--device 0` takes a device. In a program of your own "
+        'load `block.obj` into a `cMultiMesh`, `#include "StepBlock.h"` and call `stepblock::prepare(object, tool)` once: it sets the '
+        "contact and attaches the ring. `-blocks` beside the blocks of a set is the same program: keys switch the blocks."
     ),
     settings=(
         "millimetres, and a proxy epsilon of 1e-6: in metres with its default the proxy is wrong by up to 75 %",
@@ -83,7 +87,7 @@ CHAI3D = SceneFormat(
         "its own vibration effect is a steady sine; `ReleaseRing.h` is a decaying one, fired when the proxy leaves the notch",
     ),
     verified=(
-        "OBJ and STL are read back and measured by the test suite; `drag.cpp` was compiled against CHAI3D 3.3 and run without device "
+        "OBJ and STL are read back and measured by the test suite; `blocks.cpp` was compiled against CHAI3D 3.3 and run without device "
         "or display for the table of docs/simulators.md; not run on a device."
     ),
 )

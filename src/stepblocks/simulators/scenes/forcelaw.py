@@ -27,23 +27,23 @@ def _write(folder: Path, scene: Scene) -> None:
         columns = {"hand_along_drag_m": record.hand[keep], "pulling_force_n": record.pull[keep]}
         name = f"force-{'up' if event.direction > 0 else 'down'}.csv"
         _table(folder / name, columns | {"normal_load_n": np.full(len(keep), load)})
-    padded = {"slope_start": np.append(path.slope_start, 0.0), "slope_end": np.append(path.slope_end, 0.0)}
+    slopes = {"first": path.slope_start, "last": path.slope_end}
+    padded = {
+        f"slope_{end}": np.append(values, 0.0) for end, values in zip(("start", "end"), slopes.values(), strict=True)
+    }
     _table(folder / "path.csv", {"x_m": path.x, "z_m": path.z} | padded)
-    knots = {"x": path.x, "z": path.z, "first": path.slope_start, "last": path.slope_end}
+    knots = {"x": path.x, "z": path.z} | slopes
     arrays = {name: [f"{value:.17g}" for value in values] for name, values in knots.items()}
+    # amplitude of the ring over the force at release: sqrt(C_v), or what a session has taught
+    ratios = [event.amplitude / event.critical_force for event in scene.events if event.status is Status.RELEASES]
+    ring = next(iter(ratios), math.sqrt(scene.point.tool.conversion))
     for name in ("force_law.py", "force_law.h", "force_law_path.h", "force_law_demo.c"):
-        fill(folder / name, scene=scene, ring=_ring_ratio(scene), arrays=arrays.items())
+        fill(folder / name, scene=scene, ring=ring, arrays=arrays.items())
 
 
 def _table(path: Path, columns: dict[str, Array]) -> None:
     values = np.column_stack(list(columns.values()))
     np.savetxt(path, values, fmt="%.12g", delimiter=",", header=",".join(columns), comments="")
-
-
-def _ring_ratio(scene: Scene) -> float:
-    """Amplitude of the ring over the force at release: sqrt(C_v), or what a session has taught."""
-    event = next((event for event in scene.events if event.status is Status.RELEASES), None)
-    return event.amplitude / event.critical_force if event else math.sqrt(scene.point.tool.conversion)
 
 
 FORCELAW = SceneFormat(

@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import struct
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from stepblocks.artefacts.heightfield import relief
+from stepblocks.contact.energy import Status
 from stepblocks.parts.shapes import Mesh
 from stepblocks.simulators.scene import Scene, SceneFormat, fill
 
@@ -17,10 +19,28 @@ _BASE = 100e-6  # thickness under a height field, unscaled [m]
 
 
 def _write(folder: Path, scene: Scene) -> None:
-    told: dict[str, Any] = {"scene": scene, "shape": scene.probe.pieces if scene.probe else (), "near": _near}
+    told: dict[str, Any] = {"name": scene.stimulus.id, "blocks": [_block(scene)], "near": _near, "reach": None}
     fill(folder / "scene.xml", field=None, **told)
     fill(folder / "scene-heightfield.xml", "scene.xml", **told, field=_height_field(folder / "heightfield.bin", scene))
     fill(folder / "drag.py")
+
+
+def _block(scene: Scene, y: float = 0.0, prefix: str = "") -> dict[str, Any]:
+    return {"scene": scene, "shape": scene.probe.pieces if scene.probe else (), "y": y, "prefix": prefix}
+
+
+def _write_set(folder: Path, scenes: Sequence[Scene], _: str) -> None:
+    """Write one scene with all blocks of a set side by side, where they share ball, spring and friction; each has its tip."""
+    if len(scenes) < 2 or len({(one.ball_radius, one.stiffness, one.point.friction) for one in scenes}) > 1:
+        return
+    folder.mkdir(parents=True, exist_ok=True)
+    wide = 1.2 * max(float(np.ptp(one.whole.vertices[:, 1])) for one in scenes)
+    blocks = [_block(one, -number * wide, f"{one.stimulus.id}-") for number, one in enumerate(scenes)]
+    forces = [one.events[0].critical_force for one in scenes if one.events[0].status is Status.RELEASES]
+    # what the sliders of the viewer span: the spring past every release, the load up to twice its own
+    reach = 1.3 * max(forces, default=scenes[0].point.normal_load) / scenes[0].stiffness + 2.0 * scenes[0].ball_radius
+    fill(folder / "scene.xml", name=folder.parent.name, blocks=blocks, near=_near, field=None, reach=reach)
+    fill(folder / "README.md", "mujoco-blocks.md", name=folder.parent.name, scenes=scenes)
 
 
 def _near(piece: Mesh, scene: Scene) -> bool:
@@ -45,9 +65,12 @@ MUJOCO = SceneFormat(
     title="MuJoCo",
     unit="metres",
     write=_write,
+    write_set=_write_set,
     run=(
-        "`pip install mujoco`, then `python drag.py` (towards +x) or `python drag.py --down`, from any directory; "
-        "`--heightfield` drags over `scene-heightfield.xml` instead of the convex pieces of `scene.xml`."
+        "`pip install mujoco`, then `python -m mujoco.viewer --mjcf=scene.xml` to look at it (the camera `tip` rides with the tip) and "
+        "`python drag.py` (towards +x) or `python drag.py --down`, from any directory; "
+        "`--heightfield` drags over `scene-heightfield.xml` instead of the convex pieces of `scene.xml`. "
+        "`-blocks` beside the blocks of a set is one scene with all of them."
     ),
     settings=(
         "convex pieces: one concave mesh would become its convex hull and the step a ramp",
