@@ -293,7 +293,7 @@ def column_of_figures(values: Sequence[object]) -> list[str]:
 
 
 _SIGNS = {"um": "µm", "uJ": "µJ", "uW": "µW", "us": "µs", "uN": "µN", "deg": "°"}
-_WRITTEN = re.compile(r"(?<=\d)( ?)(um|uJ|uW|us|uN|deg)\b")
+_WRITTEN = re.compile(r"(?:(?<=\d)( ?)|^(?=\w+$))(um|uJ|uW|us|uN|deg)\b")  # after a number, or alone
 
 
 def readable(text: object) -> str:
@@ -301,10 +301,10 @@ def readable(text: object) -> str:
 
     Examples
     --------
-    >>> readable("25 um ±1 um at 6 deg"), readable("E_v 3.86 uJ")
-    ('25 µm ±1 µm at 6°', 'E_v 3.86 µJ')
+    >>> readable("25 um ±1 um at 6 deg"), readable("E_v 3.86 uJ"), readable("um")
+    ('25 µm ±1 µm at 6°', 'E_v 3.86 µJ', 'µm')
     """
-    return _WRITTEN.sub(lambda found: ("" if found[2] == "deg" else found[1]) + _SIGNS[found[2]], str(text))
+    return _WRITTEN.sub(lambda found: ("" if found[2] == "deg" else found[1] or "") + _SIGNS[found[2]], str(text))
 
 
 def format_span(low: float, high: float, dimension: str) -> str:

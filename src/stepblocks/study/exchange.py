@@ -185,6 +185,7 @@ def _psych_ds(experiment: str, people: Mapping[str, Sequence[Row]], labels: Mapp
     }
     variables = [{"@type": "PropertyValue", "name": name, "description": _SAID[name]} for name in columns]
     files = {"dataset_description.json": json.dumps(described | {"variableMeasured": variables}, indent=1)}
+    files["README.md"] = f"# {title}\n\n{_ROWS} Lengths are in micrometres.\n"
     for who, rows in people.items():
         files[f"data/study-{experiment}_subject-{labels[who]}_data.csv"] = csv_text(rows, columns)
     return files

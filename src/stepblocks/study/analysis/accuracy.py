@@ -13,6 +13,7 @@ from typing import Any
 import numpy as np
 
 from stepblocks.errors import StudyError
+from stepblocks.quantities import column_label
 from stepblocks.study import require
 from stepblocks.study.analysis.anova import Check, FTest, Interval, Term, effect_of, f_test, residual_checks
 from stepblocks.study.analysis.mixed import MixedFit, mixed_model
@@ -54,6 +55,11 @@ class Measure:
     def logarithmic(self) -> bool:
         """Whether differences are logarithms of ratios."""
         return self.name == "spread"
+
+    @property
+    def label(self) -> str:
+        """Its name with its unit, as people write it."""
+        return column_label(f"{'ln_' if self.logarithmic else ''}{self.name}_um")
 
 
 def measured(frame: Any, name: str) -> tuple[Any, str]:
