@@ -28,7 +28,7 @@ _MEASURES = {
 }
 _WHAT = {
     "equivalence": "Two one-sided tests on the contrasts of the mixed model: the bound holds at the 5 % level.",
-    "groups": "Groups of participants by a split-plot analysis of their means; the intervals are Student's, each by itself.",
+    "groups": "Groups of participants by a split-plot analysis of their means; all intervals hold together with 95 %.",
     "f-test": "The paper's analysis: an F-test, blocks as second factor. It takes every judgement for "
     "independent of all others, which judgements of one participant are not; the mixed model below does not.",
     "tukey": "Tukey's family: all intervals hold together with 95 %.",
