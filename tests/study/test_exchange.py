@@ -95,16 +95,29 @@ def test_conditions_for_psychopy_are_blinded_python_names_in_the_order_of_the_de
     design = pd.read_csv(study / "design.csv")
     assert conditions["code"].tolist() == design[design["participant"] == 1]["code"].tolist()
     assert not {"height_um", "stimulus", "engraved"} & set(conditions.columns)
+    utils = pytest.importorskip("psychopy.data.utils", reason="PsychoPy reads its conditions where it is installed")
+    read, names = utils.importConditions(str(tmp_path / "conditions-1.csv"), returnFieldNames=True)
+    assert (names, [row["code"] for row in read]) == (list(conditions.columns), conditions["code"].tolist())
 
 
 def test_the_report_opens_with_what_was_found_and_ends_as_a_journal_wants_it(result):
     said = headline(result)
     assert re.match(r"Compared with (bare|hard), estimates with soft scatter 2\.", said)
     assert "no difference was found between bare and hard, which differ by less than" in said
-    assert [row["measure"] for row in journal_table(result)] == ["bias, um", "absolute error, um", "spread, ln um"]
+    assert "µm" in said
+    assert " um" not in said
+    assert [row["measure"] for row in journal_table(result)] == ["bias, µm", "absolute error, µm", "ln spread, µm"]
     assert "F(2, 10) = " in journal_table(result)[1]["F"]
     assert "6 participants gave 216 judgements of 4 blocks in 3 conditions (bare, hard, soft)" in methods(result)
     assert [apa_p(p) for p in (0.0004, 0.0312, 0.5)] == ["< .001", "= .031", "= .500"]
+
+
+def test_the_opening_sentence_says_once_what_is_compared(tmp_path):
+    design_study(HEIGHTS, tmp_path, seed=1, participants=6, probes=("a", "b", "c"))
+    simulate_study(tmp_path, None, tmp_path / "answers.csv", seed=2, noise={"b": 4.0, "c": 4.0})
+    said = headline(analyse_study(tmp_path, [tmp_path / "answers.csv"]))
+    assert re.match("Compared with a, estimates with [bc] scatter .*; those with [bc] scatter ", said)
+    assert said.lower().count("compared with") == 1
 
 
 def test_groups_of_participants_are_compared(study, tmp_path):
@@ -124,7 +137,7 @@ def test_levels_too_coarse_to_tell_a_threshold_are_told_at_design_time(tmp_path)
     coarse = design_study((20e-6, 50e-6, 80e-6), tmp_path / "a", seed=1, experiment="2afc", standard="step-050")
     assert coarse.experiment == "constant"
     assert "only 0 of 2 blocks are mistaken for step-050 now and then" in coarse.advice
-    low, high = (float(text) for text in coarse.advice.split("between ")[1].removesuffix(" um").split(" and "))
+    low, high = (float(text) for text in coarse.advice.split("between ")[1].removesuffix(" µm").split(" and "))
     fine = (20e-6, (0.8 * low + 10.0) * 1e-6, 50e-6, (0.8 * high + 10.0) * 1e-6, 80e-6)
     assert design_study(fine, tmp_path / "b", seed=1, experiment="2afc", standard="step-050").advice == ""
 

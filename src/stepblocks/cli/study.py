@@ -8,23 +8,9 @@ from pathlib import Path
 from typing import Any
 
 import stepblocks
+from stepblocks.cli import study_options as ask
 from stepblocks.cli.arguments import add_jobs, add_output, given, quantity
 from stepblocks.cli.outcome import Outcome
-from stepblocks.cli.study_options import (
-    add_command,
-    add_observer,
-    add_place,
-    asked,
-    count,
-    counts,
-    named,
-    names,
-    observed,
-    place_of,
-    scale,
-    source_of,
-    whole,
-)
 from stepblocks.errors import PipelineError
 
 _ADAPTIVE = "study adaptive"
@@ -41,46 +27,46 @@ def add_to(commands: Any) -> None:
     jobs = parser.add_subparsers(title="commands", metavar="COMMAND", required=True)
 
     said = "design.csv with every trial, and the key of the blinding codes"
-    design = add_command(jobs, "design", _design, said, "blocks")
+    design = ask.add_command(jobs, "design", _design, said, "blocks")
     said = "experiment 1 (default), experiment 2, constant stimuli, or magnitude estimation; 2afc is constant"
     design.add_argument("--experiment", choices=_EXPERIMENTS, help=said)
-    design.add_argument("--participants", type=count, metavar="N", help="default: 10")
-    design.add_argument("--probes", type=names, metavar="A,B,...", help="default: bare,hard,soft")
-    design.add_argument("--repetitions", type=count, metavar="N", help="default: 3")
+    design.add_argument("--participants", type=ask.count, metavar="N", help="default: 10")
+    design.add_argument("--probes", type=ask.names, metavar="A,B,...", help="default: bare,hard,soft")
+    design.add_argument("--repetitions", type=ask.count, metavar="N", help="default: 3")
     design.add_argument("--standard", metavar="ID", help="block that all others are compared with (constant)")
     design.add_argument("--only", metavar="PATTERN", help="only these blocks")
-    design.add_argument("--seed", type=whole, required=True, metavar="N", help="seed of all random choices")
+    design.add_argument("--seed", type=ask.whole, required=True, metavar="N", help="seed of all random choices")
     add_output(design, "out/study", said="folder of the study")
 
-    add_command(jobs, "sheet", _sheet, "blinded run sheets, to print and as CSV to fill in", "folder")
+    ask.add_command(jobs, "sheet", _sheet, "blinded run sheets, to print and as CSV to fill in", "folder")
 
     said = "lead a participant through the trials, in the browser or with a device; the same command goes on"
-    run = add_command(jobs, "run", _conduct, said, "folder", "faces")
+    run = ask.add_command(jobs, "run", _conduct, said, "folder", "faces")
     run.add_argument("--participant", required=True, metavar="N", help="whose run it is, as in the design")
     said = "what moves the probe over virtual blocks (default: mouse, with the loudspeaker)"
     run.add_argument("--device", choices=("mouse", "openhaptics", "dhd", "replay"), help=said)
     run.add_argument("--library", metavar="PATH", help="the device's library, or the HDF5 that is replayed")
     run.add_argument("--scale", type=float, metavar="S", help="magnification of all virtual blocks (default: 100)")
-    run.add_argument("--ratings", type=scale, metavar="LOW-HIGH", help="scale of the ratings (default: 1-7)")
-    add_place(run)
+    run.add_argument("--ratings", type=ask.scale, metavar="LOW-HIGH", help="scale of the ratings (default: 1-7)")
+    ask.add_place(run)
     said = "of the page on this machine (default: a free one)"
-    run.add_argument("--port", type=whole, default=0, metavar="N", help=said)
+    run.add_argument("--port", type=ask.whole, default=0, metavar="N", help=said)
     run.add_argument("--no-open", action="store_true", default=False, help="print the address and open no browser")
 
     said = "let simulated participants fill in the run sheets"
-    simulate = add_command(jobs, "simulate", _simulate, said, "folder", "faces")
-    add_observer(simulate)
-    simulate.add_argument("--seed", type=whole, required=True, metavar="N", help="seed of all chance")
+    simulate = ask.add_command(jobs, "simulate", _simulate, said, "folder", "faces")
+    ask.add_observer(simulate)
+    simulate.add_argument("--seed", type=ask.whole, required=True, metavar="N", help="seed of all chance")
     add_output(simulate, metavar="CSV", said="answers to write (default: answers.csv in the folder)")
 
-    analyse = add_command(jobs, "analyse", _analyse, "answers to results.csv and report.html")
+    analyse = ask.add_command(jobs, "analyse", _analyse, "answers to results.csv and report.html")
     analyse.add_argument("folder", type=Path, nargs="?", default=None, metavar="DIR", help="folder of the study")
     said = "filled-in run sheets, or a folder of them"
     analyse.add_argument("answers", type=Path, nargs="*", default=[], metavar="CSV", help=said)
     said = "a table of your own, a folder of them, or a BIDS or psych-DS dataset; without DIR"
     analyse.add_argument("--data", type=Path, nargs="+", metavar="PATH", help=said)
     said = "your names of columns, such as participant=subject,condition=probe,height_mm=h,estimate_um=answer"
-    analyse.add_argument("--columns", type=named, metavar="OURS=YOURS,...", help=said)
+    analyse.add_argument("--columns", type=ask.named, metavar="OURS=YOURS,...", help=said)
     said = "kind of the judgements of --data (default: estimates)"
     analyse.add_argument("--experiment", choices=_EXPERIMENTS, help=said)
     said = "conditions that differ by less than this count as equivalent"
@@ -90,28 +76,28 @@ def add_to(commands: Any) -> None:
     add_output(analyse, said="folder of the report (default: report in the folder)")
     said = "an estimate above X times the highest block is an error (default: 20)"
     analyse.add_argument("--largest-estimate", type=float, metavar="X", help=said)
-    analyse.add_argument("--ratings", type=scale, metavar="LOW-HIGH", help="scale of the ratings (default: 1-7)")
+    analyse.add_argument("--ratings", type=ask.scale, metavar="LOW-HIGH", help="scale of the ratings (default: 1-7)")
 
     said = "share of simulated studies that find a difference between conditions"
-    power = add_command(jobs, "power", _power, said, "blocks")
+    power = ask.add_command(jobs, "power", _power, said, "blocks")
     power.add_argument("--experiment", choices=("estimates", "constant", "2afc"), help="default: estimates")
     power.add_argument("--standard", metavar="ID", help="block that all others are compared with (constant)")
     said = "conditions compared (default: those of --damping and --noisier)"
-    power.add_argument("--probes", type=names, metavar="A,B,...", help=said)
+    power.add_argument("--probes", type=ask.names, metavar="A,B,...", help=said)
     said = "what is tested (default: absolute error)"
     power.add_argument("--measure", choices=("absolute error", "bias", "spread"), help=said)
-    power.add_argument("--participants", type=counts, metavar="N,N,...", help="default: 10")
-    power.add_argument("--repetitions", type=counts, metavar="N,N,...", help="default: 3")
-    add_observer(power)
+    power.add_argument("--participants", type=ask.counts, metavar="N,N,...", help="default: 10")
+    power.add_argument("--repetitions", type=ask.counts, metavar="N,N,...", help="default: 3")
+    ask.add_observer(power)
     power.add_argument("--analysis", choices=("mixed", "f-test"), help="default: mixed")
-    power.add_argument("--runs", type=count, metavar="N", help="simulated studies per size (default: 200)")
-    power.add_argument("--seed", type=whole, required=True, metavar="N", help="seed of all chance")
+    power.add_argument("--runs", type=ask.count, metavar="N", help="simulated studies per size (default: 200)")
+    power.add_argument("--seed", type=ask.whole, required=True, metavar="N", help="seed of all chance")
     add_jobs(power, 1)
     power.add_argument("--only", metavar="PATTERN", help="only these blocks")
     add_output(power, metavar="CSV", said="write a table with units in its header")
 
     said = "the study as BIDS, psych-DS, or conditions files of PsychoPy"
-    share = add_command(jobs, "share", _share, said, "folder")
+    share = ask.add_command(jobs, "share", _share, said, "folder")
     said = "run sheets, or a folder of them"
     share.add_argument("answers", type=Path, nargs="*", default=[], metavar="CSV", help=said)
     share.add_argument("--as", dest="form", choices=("bids", "psych-ds", "psychopy"), help="default: bids")
@@ -122,7 +108,7 @@ def add_to(commands: Any) -> None:
 
 def _design(arguments: argparse.Namespace) -> Outcome:
     design = stepblocks.design_study(
-        source_of(arguments), arguments.output, **asked(arguments, stepblocks.design_study)
+        ask.source_of(arguments), arguments.output, **ask.options(arguments, stepblocks.design_study)
     )
     trials, people = len(design.trials), int(design.trials[-1]["participant"])
     said = f"{arguments.output / 'design.csv'}: {trials} trials of {people} participants; {design.balance}"
@@ -138,7 +124,7 @@ def _sheet(arguments: argparse.Namespace) -> Outcome:
 
 def _simulate(arguments: argparse.Namespace) -> Outcome:
     output = arguments.output or arguments.folder / "answers.csv"
-    options = asked(arguments, stepblocks.simulate_study) | observed(arguments)
+    options = ask.options(arguments, stepblocks.simulate_study) | ask.observed(arguments)
     number = stepblocks.simulate_study(arguments.folder, arguments.file, output, **options)
     return Outcome(f"{output}: {number} simulated answers", record={"answers": number})
 
@@ -151,10 +137,10 @@ def _analyse(arguments: argparse.Namespace) -> Outcome:
         raise PipelineError("a folder of a study with its answers must be given, or --data with a table of your own")
     output = arguments.output or (folder or Path("out/study")) / "report"
     if data:
-        result = stepblocks.analyse_table(data, output, **asked(arguments, stepblocks.analyse_table))
+        result = stepblocks.analyse_table(data, output, **ask.options(arguments, stepblocks.analyse_table))
     else:
         result = stepblocks.analyse_study(
-            folder, arguments.answers, output, **asked(arguments, stepblocks.analyse_study)
+            folder, arguments.answers, output, **ask.options(arguments, stepblocks.analyse_study)
         )
     notes, said = [*result.notes, *result.remarks], headline(result)
     return Outcome(said, notes=notes, look=output / "report.html", record={"said": said, "notes": notes})
@@ -168,7 +154,7 @@ def _share(arguments: argparse.Namespace) -> Outcome:
 def _conduct(arguments: argparse.Namespace) -> Outcome:
     from stepblocks.study.serve import RunServer
 
-    options = asked(arguments, stepblocks.open_run) | place_of(arguments)
+    options = ask.options(arguments, stepblocks.open_run) | ask.place_of(arguments)
     run = stepblocks.open_run(arguments.folder, arguments.participant, arguments.file, **options)
     server = RunServer(run, arguments.port)
     print(f"{run.path}: {run.answered} of {len(run.planned)} trials are answered")
@@ -186,8 +172,8 @@ def _conduct(arguments: argparse.Namespace) -> Outcome:
 
 
 def _power(arguments: argparse.Namespace) -> Outcome:
-    options = asked(arguments, stepblocks.study_power) | observed(arguments)
-    table = stepblocks.study_power(source_of(arguments), arguments.output, **options)
+    options = ask.options(arguments, stepblocks.study_power) | ask.observed(arguments)
+    table = stepblocks.study_power(ask.source_of(arguments), arguments.output, **options)
     return Outcome("", {"power": table.to_dict("records")})
 
 
@@ -196,13 +182,13 @@ def _add_adaptive(jobs: Any) -> None:
     steps = parser.add_subparsers(title="commands", metavar="COMMAND", required=True)
 
     said = "setup.json and the key of the blinding codes"
-    start = add_command(steps, "start", _start, said, "blocks", within=_ADAPTIVE)
+    start = ask.add_command(steps, "start", _start, said, "blocks", within=_ADAPTIVE)
     start.add_argument("--standard", required=True, metavar="ID", help="block that the others are compared with")
     start.add_argument("--method", choices=("quest", "staircase", "training"), help="default: quest")
-    start.add_argument("--participants", type=count, metavar="N", help="default: 10")
-    start.add_argument("--trials", type=count, metavar="N", help="most per participant (default: 60)")
-    start.add_argument("--reversals", type=count, metavar="N", help="a staircase ends after so many (default: 12)")
-    start.add_argument("--seed", type=whole, required=True, metavar="N", help="seed of codes and orders")
+    start.add_argument("--participants", type=ask.count, metavar="N", help="default: 10")
+    start.add_argument("--trials", type=ask.count, metavar="N", help="most per participant (default: 60)")
+    start.add_argument("--reversals", type=ask.count, metavar="N", help="a staircase ends after so many (default: 12)")
+    start.add_argument("--seed", type=ask.whole, required=True, metavar="N", help="seed of codes and orders")
     add_output(start, "out/study", said="folder of the study")
 
     for name, said, run in (
@@ -214,20 +200,22 @@ def _add_adaptive(jobs: Any) -> None:
         ("result", "thresholds and Weber fractions; writes what study analyse reads", _result),
     ):
         takes = ("folder", "energies") if name == "simulate" else ("folder",)
-        step = add_command(steps, name, run, said, *takes, within=_ADAPTIVE)
+        step = ask.add_command(steps, name, run, said, *takes, within=_ADAPTIVE)
         if name in ("next", "answer", "run", "undo"):
-            step.add_argument("--participant", type=count, required=True, metavar="N", help="number of the participant")
+            step.add_argument(
+                "--participant", type=ask.count, required=True, metavar="N", help="number of the participant"
+            )
         if name == "answer":
-            step.add_argument("--trial", type=count, required=True, metavar="N", help="number of the trial")
+            step.add_argument("--trial", type=ask.count, required=True, metavar="N", help="number of the trial")
             step.add_argument("answer", choices=("y", "n"), help="y if the second of the pair is higher")
         if name == "simulate":
-            add_observer(step)
-            step.add_argument("--seed", type=whole, required=True, metavar="N", help="seed of all chance")
+            ask.add_observer(step)
+            step.add_argument("--seed", type=ask.whole, required=True, metavar="N", help="seed of all chance")
 
 
 def _start(arguments: argparse.Namespace) -> Outcome:
     study = stepblocks.start_adaptive(
-        source_of(arguments), arguments.output, **asked(arguments, stepblocks.start_adaptive)
+        ask.source_of(arguments), arguments.output, **ask.options(arguments, stepblocks.start_adaptive)
     )
     said = f"{study.plan.method} with {len(study.plan.compared)} blocks against the standard, {study.participants} participants"
     most = f"at most {study.plan.trials} trials each"
@@ -276,7 +264,7 @@ def _undo(arguments: argparse.Namespace) -> Outcome:
 def _simulate_adaptive(arguments: argparse.Namespace) -> Outcome:
     from stepblocks.study.adaptive import simulate_adaptive
 
-    options = asked(arguments, simulate_adaptive) | observed(arguments)
+    options = ask.options(arguments, simulate_adaptive) | ask.observed(arguments)
     number = simulate_adaptive(arguments.folder, arguments.file, **options)
     return Outcome(f"{arguments.folder / 'answers'}: {number} simulated answers", record={"answers": number})
 

@@ -97,7 +97,7 @@ def source_of(arguments: argparse.Namespace) -> Any:
     return asked or arguments.file
 
 
-def asked(arguments: argparse.Namespace, function: Callable[..., Any]) -> dict[str, Any]:
+def options(arguments: argparse.Namespace, function: Callable[..., Any]) -> dict[str, Any]:
     """Return the options that were given and that a function takes by their names."""
     takes = inspect.signature(function).parameters.values()
     return given(arguments, *(one.name for one in takes if one.kind is one.KEYWORD_ONLY))

@@ -18,6 +18,7 @@ from stepblocks.errors import PipelineError
 from stepblocks.parts.lettering import engraved_text
 from stepblocks.predict.perception import felt_energies
 from stepblocks.predict.predictions import predict_one
+from stepblocks.quantities import readable
 from stepblocks.select import matches
 from stepblocks.study import require
 from stepblocks.study.design import Item
@@ -109,7 +110,7 @@ def too_coarse(blocks: Blocks, standard: str, observer: Observer = TYPICAL_OBSER
     low, high = replace(blocks, faces=faces).energies().values()
     reach = Z95 * noise * 0.02 * heights[standard] / math.log(high / low) * 1e6
     middle = heights[standard] * 1e6
-    return (
+    return readable(
         f"levels are coarse: at a Weber fraction of the energy of {observer.weber:g} only {near} of {len(heights) - 1} blocks "
         f"are mistaken for {standard} now and then, and a threshold needs two or more; add heights between "
         f"{middle - reach:.3g} and {middle + reach:.3g} um"

@@ -11,20 +11,8 @@ from pathlib import Path
 from typing import Any
 
 from stepblocks.errors import StudyError
-from stepblocks.study import require
+from stepblocks.study import require, sheet
 from stepblocks.study.experiments import ALIASES, EXPERIMENTS, LARGEST_ESTIMATE, RATINGS, Row, number
-from stepblocks.study.sheet import (
-    Judgements,
-    answer_columns,
-    by_person,
-    join_rows,
-    read_answers,
-    read_design,
-    read_rows,
-    sheet_rows,
-    sheets_of,
-    write_new,
-)
 from stepblocks.tables import csv_text
 
 FORMATS = ("bids", "psych-ds", "psychopy")
@@ -53,7 +41,7 @@ def judgements_of_table(
     experiment: str,
     largest_estimate: float = LARGEST_ESTIMATE,
     ratings: tuple[int, int] = RATINGS,
-) -> Judgements:
+) -> sheet.Judgements:
     """Read judgements from tables, or a dataset, that no design of ours stands behind; `columns` gives their name for ours.
 
     The lengths may be in um, mm or m: ``height_mm=h`` reads the column ``h`` in millimetres. What is not there is numbered
@@ -65,7 +53,9 @@ def judgements_of_table(
     for mine in named:
         if re.sub("_(mm|m)$", "_um", mine) not in _SAID:
             raise StudyError(f"columns must be named for {', '.join(_SAID)}, got {mine!r}")
-    rows = [row for path in _data_files(tables) for row in read_rows(path, [named.get("participant", "participant")])]
+    rows = [
+        row for path in _data_files(tables) for row in sheet.read_rows(path, [named.get("participant", "participant")])
+    ]
     keys: Counter[tuple[str, ...]] = Counter()
     planned = []
     for row in rows:
@@ -82,7 +72,7 @@ def judgements_of_table(
         own, cell = (one["participant"],), (one["participant"], one["condition"], one["stimulus"])
         keys.update([own, cell])
         planned.append({"trial": str(keys[own]), "repetition": str(keys[cell])} | one)
-    return join_rows(experiment, [(row, row) for row in planned], largest_estimate, ratings)
+    return sheet.join_rows(experiment, [(row, row) for row in planned], largest_estimate, ratings)
 
 
 def _cell(row: Row, mine: str, named: Mapping[str, str]) -> str | None:
@@ -102,7 +92,7 @@ def _data_files(tables: Sequence[Path]) -> list[Path]:
     for path in tables:
         described = path.is_dir() and (path / "dataset_description.json").exists()
         inside = [*path.glob("sub-*/beh/*_beh.tsv"), *path.glob("data/**/*_data.csv")] if described else []
-        found += sorted(inside) or sheets_of([path])
+        found += sorted(inside) or sheet.sheets_of([path])
     return found
 
 
@@ -131,18 +121,18 @@ def share_study(folder: str | Path, answers: Sequence[str | Path], output: str |
         If the form is unknown, answers do not belong to the design, or another dataset stands there.
     """
     require(form in FORMATS, f"form must be one of {', '.join(FORMATS)}, got {form!r}")
-    design = read_design(Path(folder) / "design.csv")
+    design = sheet.read_design(Path(folder) / "design.csv")
     experiment = design[0]["experiment"]
     kind = EXPERIMENTS[experiment]
     if form == "psychopy":  # blinded, in order, for a loop with ``sequential``; headers are Python names
-        columns = [name for name in answer_columns(experiment) if name not in kind.answers]
-        sheets = by_person(sheet_rows(design))
+        columns = [name for name in sheet.answer_columns(experiment) if name not in kind.answers]
+        sheets = sheet.by_person(sheet.sheet_rows(design))
         files = {f"conditions-{who}.csv": csv_text(rows, columns) for who, rows in sheets.items()}
     else:
-        rows = [row for path in sheets_of(answers) for row in read_answers(path, experiment)]
+        rows = [row for path in sheet.sheets_of(answers) for row in sheet.read_answers(path, experiment)]
         given = {(row["participant"], row["trial"]): row for row in rows}
         columns = [name for name in _SAID if name in design[0] and (kind.paired or not name.startswith("standard"))]
-        people = by_person(
+        people = sheet.by_person(
             {name: row[name] for name in columns} | {name: answer[name] for name in kind.answers}
             for row in design
             if (answer := given.get((row["participant"], row["trial"])))
@@ -152,7 +142,7 @@ def share_study(folder: str | Path, answers: Sequence[str | Path], output: str |
         alike = len(set(labels.values())) < len(labels) or not all(labels.values())
         require(not alike, f"participants must differ in letters and digits, got {list(people)[:5]}")
         files = (_bids if form == "bids" else _psych_ds)(experiment, people, labels)
-    write_new(Path(output), files)
+    sheet.write_new(Path(output), files)
     return sorted(files)
 
 
@@ -185,6 +175,7 @@ def _psych_ds(experiment: str, people: Mapping[str, Sequence[Row]], labels: Mapp
     }
     variables = [{"@type": "PropertyValue", "name": name, "description": _SAID[name]} for name in columns]
     files = {"dataset_description.json": json.dumps(described | {"variableMeasured": variables}, indent=1)}
+    files["README.md"] = f"# {title}\n\n{_ROWS} Lengths are in micrometres.\n"
     for who, rows in people.items():
         files[f"data/study-{experiment}_subject-{labels[who]}_data.csv"] = csv_text(rows, columns)
     return files

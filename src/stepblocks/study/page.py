@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 
 from stepblocks.page_file import render_page
+from stepblocks.quantities import column_label
 from stepblocks.study.analysis.results import FIGURES, StudyResult
 from stepblocks.study.experiments import EXPERIMENTS
 from stepblocks.study.prose import headline, journal_table, methods
@@ -27,7 +28,7 @@ _MEASURES = {
 }
 _WHAT = {
     "equivalence": "Two one-sided tests on the contrasts of the mixed model: the bound holds at the 5 % level.",
-    "groups": "Groups of participants by a split-plot analysis of their means; the intervals are Student's, each by itself.",
+    "groups": "Groups of participants by a split-plot analysis of their means; all intervals hold together with 95 %.",
     "f-test": "The paper's analysis: an F-test, blocks as second factor. It takes every judgement for "
     "independent of all others, which judgements of one participant are not; the mixed model below does not.",
     "tukey": "Tukey's family: all intervals hold together with 95 %.",
@@ -114,7 +115,7 @@ def _page(title: str, foot: str, rows: Sequence[Mapping[str, str]]) -> Any:
     lines += [[(x, _TOP), (x, low)] for x in edges]
     axes.add_collection(LineCollection(lines, colors="#777777", linewidths=0.6))
     for place, name in zip(edges, columns, strict=False):
-        axes.text(place + 2.0, _TOP - 0.5 * _ROW, name.replace("_", " "), fontsize=9, weight="bold", va="center")
+        axes.text(place + 2.0, _TOP - 0.5 * _ROW, column_label(name), fontsize=9, weight="bold", va="center")
         font: dict[str, Any] = {"family": "DejaVu Sans Mono", "weight": "bold"} if name.endswith("code") else {}
         for number, row in enumerate(rows, start=1):
             if row[name]:
@@ -152,18 +153,18 @@ def _estimates(figure: Any, result: Any) -> None:
         x = cells.index.to_numpy() * 1e6 + (index - 0.5 * (len(groups) - 1)) * (0.006 * top)  # beside each other
         style = {"fmt": "o-", "ms": 4, "lw": 1.2, "capsize": 3, "label": str(name)}
         axes.errorbar(x, cells["mean"] * 1e6, cells["std"].fillna(0.0) * 1e6, **style)
-    axes.set(xlabel="height, um", ylabel="estimate, um")
+    axes.set(xlabel=column_label("height_um"), ylabel=column_label("estimate_um"))
     axes.legend(frameon=False)
 
 
-def _panels(figure: Any, result: Any) -> Iterator[tuple[Any, Any, float, str]]:
-    """Give axes to each measure, with the factor and the unit in which it is shown."""
+def _panels(figure: Any, result: Any) -> Iterator[tuple[Any, Any, float]]:
+    """Give axes to each measure, with the factor to the unit in which it is shown."""
     for axes, measure in zip(np.atleast_1d(figure.subplots(1, len(result.measures))), result.measures, strict=True):
-        yield axes, measure, *((1.0, "ln um") if measure.logarithmic else (1e6, "um"))
+        yield axes, measure, 1.0 if measure.logarithmic else 1e6
 
 
 def _participants(figure: Any, result: Any) -> None:
-    for axes, measure, factor, unit in _panels(figure, result):
+    for axes, measure, factor in _panels(figure, result):
         shift = np.log(1e6) if measure.logarithmic else 0.0
         table = measure.frame.groupby(["participant", "condition"])["value"].mean().unstack() * factor + shift
         x = np.arange(table.shape[1])
@@ -174,11 +175,11 @@ def _participants(figure: Any, result: Any) -> None:
             axes.plot(x, row, "o-", color=colour, ms=3, lw=0.8, alpha=0.7)
         axes.plot(x, table.mean(), "s-", color=_INK, ms=5, lw=2)
         axes.set_xticks(x, table.columns)
-        axes.set(title=f"{measure.name}, {unit}", xlim=(-0.4, len(x) - 0.6))
+        axes.set(title=measure.label, xlim=(-0.4, len(x) - 0.6))
 
 
 def _intervals(figure: Any, result: Any) -> None:
-    for axes, measure, factor, unit in _panels(figure, result):
+    for axes, measure, factor in _panels(figure, result):
         names = [f"{one.first} - {one.second}" for one in measure.f_test.intervals]
         for offset, label, family in (
             (0.12, "Tukey after the F-test", measure.f_test.intervals),
@@ -189,7 +190,7 @@ def _intervals(figure: Any, result: Any) -> None:
             axes.errorbar(middle, np.arange(len(family)) + offset, xerr=reach, fmt="o", capsize=4, label=label)
         axes.axvline(0.0, color=_LINE, lw=1)
         axes.set_yticks(range(len(names)), names)
-        axes.set(ylim=(-0.6, len(names) - 0.4), xlabel=f"difference of {measure.name}, {unit}")
+        axes.set(ylim=(-0.6, len(names) - 0.4), xlabel=f"difference of {measure.label}")
     axes.legend(frameon=False, fontsize=8)
 
 
@@ -201,11 +202,11 @@ def _residuals(figure: Any, result: Any) -> None:
     dots = {"ms": 3, "alpha": 0.6, "color": _COLOURS[0]}
     left.plot(mixed.fitted * 1e6, mixed.residuals * 1e6, "o", **dots)
     left.axhline(0.0, color=_LINE, lw=1)
-    left.set(xlabel="fitted absolute error, um", ylabel="residual, um")
+    left.set(xlabel=column_label("fitted_absolute_error_um"), ylabel=column_label("residual_um"))
     (quantiles, ordered), (slope, intercept, _) = probplot(mixed.residuals * 1e6)
     right.plot(quantiles, ordered, "o", **dots)
     right.plot(quantiles, intercept + slope * quantiles, color=_LINE, lw=1)
-    right.set(xlabel="normal quantile", ylabel="residual, um")
+    right.set(xlabel="normal quantile", ylabel=column_label("residual_um"))
 
 
 def _ratings(figure: Any, result: Any) -> None:
@@ -238,7 +239,7 @@ def _curves(figure: Any, result: Any) -> None:
         y = curve.fit.lapse + (1.0 - 2.0 * curve.fit.lapse) * rise
         style = {"color": _INK, "lw": 2.2} if last else {"color": _COLOURS[index % len(_COLOURS)], "lw": 1}
         axes.plot(x * 1e6, y, **style, label=curve.who if len(result.curves) < 15 or last else None)
-    axes.set(xlabel="height, um", ylabel='share "higher"')
+    axes.set(xlabel=column_label("height_um"), ylabel='share "higher"')
     if any(curve.fit for curve in result.curves):
         axes.legend(frameon=False, title="participant", ncols=2, fontsize=8)
 
@@ -248,7 +249,7 @@ def _magnitudes(figure: Any, result: Any) -> None:
     for _, own in result.frame.groupby("participant", sort=False):
         means = own.assign(log=np.log(own["magnitude"])).groupby("height")["log"].mean()
         axes.loglog(means.index.to_numpy() * 1e6, np.exp(means), "o-", ms=3, lw=1)
-    axes.set(xlabel="height, um", ylabel="geometric mean of magnitudes")
+    axes.set(xlabel=column_label("height_um"), ylabel="geometric mean of magnitudes")
 
 
 # what draws, the part of the result that it needs, and its caption

@@ -6,6 +6,7 @@ import math
 from collections.abc import Iterator
 from importlib.metadata import version
 
+from stepblocks.quantities import readable
 from stepblocks.study.analysis.accuracy import ANSWER, Measure
 from stepblocks.study.analysis.anova import Interval
 from stepblocks.study.analysis.results import StudyResult
@@ -16,7 +17,7 @@ _LEVEL = 0.05
 def headline(result: StudyResult) -> str:
     """Say what was found in one sentence, or one for the estimates and one for the ratings."""
     said = [*_estimates(result), *_others(result)]
-    return " ".join(f"{text[0].upper()}{text[1:]}." for text in said)
+    return readable(" ".join(f"{text[0].upper()}{text[1:]}." for text in said))
 
 
 def _facing(measure: Measure, first: str, second: str) -> Interval:
@@ -33,7 +34,7 @@ def _estimates(result: StudyResult) -> Iterator[str]:
     if absolute is None or bias is None:
         return
     best, *others = sorted(absolute.mixed.means, key=lambda mean: mean[1])
-    clauses = []
+    clauses = list[str]()
     for name, _, _ in others:
         said = []
         scatter = None if spread is None else _facing(spread, name, best[0])
@@ -47,7 +48,7 @@ def _estimates(result: StudyResult) -> Iterator[str]:
             said.append(f"are {'higher' if moved.difference > 0.0 else 'lower'} by {_um(moved, abs(moved.difference))}")
         if said:
             listed = f"{', '.join(said[:-1])}{' and ' if said[:-1] else ''}{said[-1]}"
-            clauses.append(f"compared with {best[0]}, estimates with {name} {listed}")
+            clauses.append(f"{'those' if clauses else f'compared with {best[0]}, estimates'} with {name} {listed}")
     by_pair = {frozenset((one.first, one.second)): one for one in bias.equivalence}
     for one in absolute.equivalence:
         families = [_facing(part, one.first, one.second).p for part in (absolute, bias, spread) if part is not None]
@@ -120,9 +121,9 @@ def journal_table(result: StudyResult) -> list[dict[str, str]]:
     """Lay out means and tests as the Publication Manual of the APA (7th ed., 6.36, 6.43, 7.21) asks for."""
     rows = []
     for measure in result.measures:
-        factor, shift, unit = (1.0, math.log(1e6), "ln um") if measure.logarithmic else (1e6, 0.0, "um")
+        factor, shift = (1.0, math.log(1e6)) if measure.logarithmic else (1e6, 0.0)
         means = measure.frame.groupby(["condition", "participant"])["value"].mean().groupby("condition")
-        row = {"measure": f"{measure.name}, {unit}"}
+        row = {"measure": measure.label}
         for name, own in means:
             row[name] = f"{own.mean() * factor + shift:.2f} ({own.std() * factor:.2f})"
         if (term := measure.mixed.condition) is not None:

@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Any
 from stepblocks.atomic import replace_text
 from stepblocks.errors import PipelineError
 from stepblocks.page_file import render_page
-from stepblocks.study import require
+from stepblocks.study import require, sheet
 from stepblocks.study.analysis.accuracy import ANSWER
 from stepblocks.study.analysis.results import StudyResult
 from stepblocks.study.blocks import blocks_of, designed_blocks, too_coarse
@@ -22,17 +22,6 @@ from stepblocks.study.design import Design
 from stepblocks.study.exchange import judgements_of_table
 from stepblocks.study.experiments import ALIASES, EXPERIMENTS, LARGEST_ESTIMATE, RATINGS
 from stepblocks.study.page import render_sheets_pdf, render_study
-from stepblocks.study.sheet import (
-    by_person,
-    design_files,
-    join_answers,
-    read_answers,
-    read_design,
-    sheet_rows,
-    sheets_of,
-    simulate_answers,
-    write_new,
-)
 from stepblocks.study.simulate import TYPICAL_OBSERVER, Observer, SimulatedStudy, detection_power, estimate_power
 from stepblocks.tables import csv_text, write_table
 
@@ -91,7 +80,7 @@ def design_study(
     kind, options = EXPERIMENTS[experiment], {"probes": probes, "standard": standard}
     needed = {name: options[name] for name in kind.needs}
     design = kind.design(participants, blocks.items, repetitions, seed, **needed)
-    write_new(Path(folder), design_files(design))
+    sheet.write_new(Path(folder), sheet.design_files(design))
     return replace(design, advice=too_coarse(blocks, standard)) if kind.paired else design
 
 
@@ -114,19 +103,19 @@ def write_sheets(folder: str | Path) -> int:
         If there is no design, or somebody has written into a sheet already.
     """
     folder = Path(folder)
-    design = read_design(folder / "design.csv")
-    sheets = by_person(sheet_rows(design))
+    design = sheet.read_design(folder / "design.csv")
+    sheets = sheet.by_person(sheet.sheet_rows(design))
     for person in sheets:  # it becomes the name of a file
         said = f"participant must be one word of at most 40 characters, got {person!r:.60}"
         require(re.fullmatch(r"[\w.-]{1,40}", person), f"{said} [{folder / 'design.csv'}]")
     digits = len(str(len(sheets)))
-    write_new(
+    sheet.write_new(
         folder / "sheets", {f"participant-{person:0>{digits}}.csv": csv_text(rows) for person, rows in sheets.items()}
     )
     title = EXPERIMENTS[design[0]["experiment"]].sheet_title
     columns = [name for name in next(iter(sheets.values()))[0] if name != "participant"]
     html = render_page("study", "run_sheet.html", title=title, columns=columns, sheets=sheets)
-    write_new(folder, {"run-sheets.html": html, "run-sheets.pdf": render_sheets_pdf(title, sheets)})
+    sheet.write_new(folder, {"run-sheets.html": html, "run-sheets.pdf": render_sheets_pdf(title, sheets)})
     return len(sheets)
 
 
@@ -170,15 +159,15 @@ def simulate_study(
     StepblocksError
         If a block has no energy there, or a name is unknown.
     """
-    design, output = read_design(Path(folder) / "design.csv"), Path(output)
+    design, output = sheet.read_design(Path(folder) / "design.csv"), Path(output)
     known = sorted({row["condition"] for row in design})
     for said, given in (("damping", damping), ("noise", noise)):
         unknown = sorted(set(given or {}) - set(known))
         if unknown:
             raise PipelineError(f"{said} must name conditions of the design ({', '.join(known)}), got {unknown[0]!r}")
     energies = designed_blocks(design, source, felt).energies()
-    answers = simulate_answers(design, energies, damping or {}, observer, seed, noise or {})
-    write_new(output.parent, {output.name: csv_text(answers)})
+    answers = sheet.simulate_answers(design, energies, damping or {}, observer, seed, noise or {})
+    sheet.write_new(output.parent, {output.name: csv_text(answers)})
     return len(answers)
 
 
@@ -221,12 +210,10 @@ def analyse_study(
     StepblocksError
         If the answers do not belong to the design or cannot carry the analysis.
     """
-    design = read_design(Path(folder) / "design.csv")
-    experiment = design[0]["experiment"]
-    rows = [row for path in sheets_of(answers) for row in read_answers(path, experiment)]
-    return write_report(
-        join_answers(design, rows, largest_estimate, ratings).in_groups(groups).analyse(equivalent), output
-    )
+    design = sheet.read_design(Path(folder) / "design.csv")
+    rows = [row for path in sheet.sheets_of(answers) for row in sheet.read_answers(path, design[0]["experiment"])]
+    found = sheet.join_answers(design, rows, largest_estimate, ratings)
+    return write_report(found.in_groups(groups).analyse(equivalent), output)
 
 
 def analyse_table(

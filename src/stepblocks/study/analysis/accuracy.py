@@ -13,6 +13,7 @@ from typing import Any
 import numpy as np
 
 from stepblocks.errors import StudyError
+from stepblocks.quantities import column_label
 from stepblocks.study import require
 from stepblocks.study.analysis.anova import Check, FTest, Interval, Term, effect_of, f_test, residual_checks
 from stepblocks.study.analysis.mixed import MixedFit, mixed_model
@@ -54,6 +55,11 @@ class Measure:
     def logarithmic(self) -> bool:
         """Whether differences are logarithms of ratios."""
         return self.name == "spread"
+
+    @property
+    def label(self) -> str:
+        """Its name with its unit, as people write it."""
+        return column_label(f"{'ln_' if self.logarithmic else ''}{self.name}_um")
 
 
 def measured(frame: Any, name: str) -> tuple[Any, str]:
@@ -105,8 +111,6 @@ def group_terms(data: Any) -> tuple[tuple[Term, ...], tuple[Interval, ...]]:
 
     Source: Winer, B. J. (1971), Statistical Principles in Experimental Design, 2nd ed., 7.2. Groups may differ in size.
     """
-    from scipy.stats import t
-
     keys = ["participant", "condition"]
     cells = data.groupby([*keys, "stimulus"])["value"].mean() if "stimulus" in data else data.set_index(keys)["value"]
     table = cells.groupby(keys).mean().unstack()
@@ -116,25 +120,13 @@ def group_terms(data: Any) -> tuple[tuple[Term, ...], tuple[Interval, ...]]:
         len(sizes) >= 2 and sizes.min() >= 2 and not table.isna().to_numpy().any(),
         f"groups must be at least two of at least two participants each, got {dict(sizes)}",
     )
-    people, conditions = table.shape
     level = table.mean(axis=1)
-    apart = level - level.groupby(group).transform("mean")
-    df = people - len(sizes)
-    error = float((apart**2).sum()) / df
-    spare = float(((level - level.mean()) ** 2).sum()) - float((apart**2).sum())
-    terms = [effect_of("group", len(sizes) - 1.0, df, conditions * spare, spare / (len(sizes) - 1.0) / error)]
-    if conditions > 1:
-        own = table.sub(level, axis=0)
-        left = float(((own - own.groupby(group).transform("mean")) ** 2).to_numpy().sum())
-        spare = float(((own - own.mean()) ** 2).to_numpy().sum()) - left
-        rows, columns = float((len(sizes) - 1) * (conditions - 1)), float(df * (conditions - 1))
-        terms.append(effect_of("condition:group", rows, columns, spare, spare / rows / (left / columns)))
-    means, intervals = level.groupby(group).mean(), []
-    for i, one in enumerate(sizes.index):
-        for two in sizes.index[i + 1 :]:
-            difference = float(means[one] - means[two])
-            spread = math.sqrt(error * (1.0 / sizes[one] + 1.0 / sizes[two]))
-            reach, p = float(t.ppf(0.975, df)) * spread, 2.0 * float(t.sf(abs(difference) / spread, df))
-            ends = (difference - reach, difference + reach)
-            intervals.append(Interval(str(one), str(two), difference, *ends, p, difference / math.sqrt(error), spread))
-    return tuple(terms), tuple(intervals)
+    between = f_test(level.to_frame("value").assign(group=group), "value", "group")
+    if table.shape[1] == 1:
+        return between.terms, between.intervals
+    own = table.sub(level, axis=0)
+    left = float(((own - own.groupby(group).transform("mean")) ** 2).to_numpy().sum())
+    spare = float(((own - own.mean()) ** 2).to_numpy().sum()) - left
+    rows, columns = ((count - 1.0) * (table.shape[1] - 1) for count in (len(sizes), len(table) - len(sizes) + 1))
+    within = effect_of("condition:group", rows, columns, spare, spare / rows / (left / columns))
+    return (*between.terms, within), between.intervals
