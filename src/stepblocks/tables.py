@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import difflib
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -54,6 +54,12 @@ def read_table(path: Path) -> pd.DataFrame:
     return frame
 
 
+def misspelt(frame: pd.DataFrame, known: Collection[str]) -> dict[str, str]:
+    """Find columns that are nearly one of the known, and which."""
+    near = {str(name): difflib.get_close_matches(str(name), known, 1, 0.8) for name in frame if name not in known}
+    return {name: likely[0] for name, likely in near.items() if likely}
+
+
 def si_columns(
     frame: pd.DataFrame, wanted: Mapping[str, tuple[Sequence[str], str, float | None]], place: object
 ) -> dict[str, NDArray[np.float64]]:
@@ -70,10 +76,9 @@ def si_columns(
     }
     known = sorted(column for columns in units.values() for column in columns)
     guessed = set(known) if any(default is not None for *_, default in wanted.values()) else set()
-    near = {column: difflib.get_close_matches(column, guessed, 1, 0.8) for column in set(frame.columns) - guessed}
-    for column in (str(column) for column in frame.columns if near.get(column)):
-        mistakes.append(("", f"column {column!r} is not known, is it {near[column][0]!r}?"))
-    meant = {one for likely in near.values() for one in likely}
+    near = misspelt(frame, guessed)
+    mistakes += [("", f"column {column!r} is not known, is it {likely!r}?") for column, likely in near.items()]
+    meant = set(near.values())
     for key, (_, dimension, default) in wanted.items():
         here = [column for column in units[key] if column in frame.columns]
         if len(here) > 1:

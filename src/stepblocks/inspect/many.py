@@ -21,7 +21,7 @@ from stepblocks.inspect.budget import Component, Measured, Outcome, judge, verdi
 from stepblocks.inspect.noise import Array
 from stepblocks.inspect.run import inspect_scan, inspect_standard
 from stepblocks.page_file import render_page
-from stepblocks.tables import read_table, refuse_misspelt, write_table
+from stepblocks.tables import misspelt, read_table, write_table
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -149,7 +149,8 @@ def _asked(paths: Sequence[Path], stimulus: str | None) -> pd.DataFrame:
         )
     if is_table(paths):
         frame = read_table(paths[0])
-        refuse_misspelt(frame, _OWN, paths[0])
+        for column, likely in misspelt(frame, _OWN).items():
+            raise PipelineError(f"column {column!r} is not known, is it {likely!r}? [{paths[0]}]")
         found = [inside(paths[0].parent, str(name)) for name in frame["scan"]]
         if None in found:
             name = frame["scan"].iloc[found.index(None)]

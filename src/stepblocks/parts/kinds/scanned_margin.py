@@ -17,7 +17,7 @@ from stepblocks.confined import read_confined
 from stepblocks.contact.counterface import SIDE
 from stepblocks.errors import StimulusError
 from stepblocks.parts.characteristics import Characteristic, plane, toleranced
-from stepblocks.parts.declared import Table, require, require_below, rules_validator
+from stepblocks.parts.declared import Table, below, must, rules_validator
 from stepblocks.parts.kind import NANOMETRE, Finding, MeasuredMesh
 from stepblocks.parts.kinds.margin import CrownMargin
 from stepblocks.parts.margin_line import RIM
@@ -158,18 +158,17 @@ class ScannedMargin(CrownMargin):
         return [*super().derived(), [f"station {scan.number}", shape], ["marginal gap", gap]]
 
     @rules_validator
-    def _can_be_made(self) -> None:
+    def _can_be_made(self) -> Iterator[str]:
         if self.margin == RIM and self.shows == "both":
-            raise ValueError(
-                "shows must be 'tooth' or 'crown' where the margin is the rim, at which the mesh ends, got 'both'"
-            )
+            yield "shows must be 'tooth' or 'crown' where the margin is the rim, at which the mesh ends, got 'both'"
+            return
         g, v, depth, thickness = self.marginal_gap.nominal, self.opening.nominal, self.floor[0], self.thickness.nominal
         lowest = max(depth, *(-z for _, z in self._section()))
-        below = v - g - self.horizontal_discrepancy.nominal
-        require(v >= g, "vertical_discrepancy", "not be less than marginal_gap on a scan", g, v)
-        require_below("vertical_discrepancy", "leave the crown on the bar", v, 0.5 * self.length.nominal - SIDE)
-        require(below < depth, "gap_depth", "reach below the margin", below, depth)
-        require(2.0 * lowest < thickness, "thickness", "be over twice the depth", 2.0 * lowest, thickness)
+        under = v - g - self.horizontal_discrepancy.nominal
+        yield must(v >= g, "vertical_discrepancy", "not be less than marginal_gap on a scan", g, v)
+        yield below("vertical_discrepancy", "leave the crown on the bar", v, 0.5 * self.length.nominal - SIDE)
+        yield must(under < depth, "gap_depth", "reach below the margin", under, depth)
+        yield must(2.0 * lowest < thickness, "thickness", "be over twice the depth", 2.0 * lowest, thickness)
 
 
 @lru_cache(maxsize=8)
