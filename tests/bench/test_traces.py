@@ -228,7 +228,7 @@ def test_text_among_numbers_and_tables_are_no_samples(tmp_path):
 def test_nothing_outside_the_session_is_read_through_an_hdf5_file(tmp_path, way):
     from types import SimpleNamespace
 
-    from stepblocks.bench.traces.hdf5 import hdf5_columns, open_hdf5
+    from stepblocks.bench.traces.hdf5 import hdf5_column, hdf5_group, open_hdf5
 
     with h5py.File(tmp_path / "secret.h5", "w") as secret:
         secret["group/fx"] = np.arange(8.0)
@@ -250,4 +250,4 @@ def test_nothing_outside_the_session_is_read_through_an_hdf5_file(tmp_path, way)
                 group.create_virtual_dataset("fx", layout)
     place = SimpleNamespace(is_file=False, groups=("0001",), trial="1")
     with open_hdf5(path, None) as file, pytest.raises(TraceError, match="lies in another file, which is not read"):
-        hdf5_columns(file, place, ("fx",))
+        hdf5_column(hdf5_group(file, place), "fx")

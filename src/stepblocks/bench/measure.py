@@ -267,12 +267,12 @@ def _finish(draft: Path, output: Path, table: TrialTable, faults: dict[int, str]
                 raise PipelineError(f"no trial of {table.count} could be measured; {told} [{table.session.folder}]")
     except OSError as error:
         raise PipelineError(f"output cannot be written: {error.strerror} [{output}]") from error
-    one, alike = next(iter(table)), {"block", "speed", "load"}  # what the session does not vary shows no effect
-    for trial in table:
-        alike -= {name for name in alike if str(getattr(trial, name)) != str(getattr(one, name))}
+    conditions, names = {(t.block, str(t.speed), str(t.load)) for t in table}, ("block", "speed", "load")
+    # what the session does not vary shows no effect
+    alike = [name for name, values in zip(names, zip(*conditions, strict=True), strict=True) if len(set(values)) == 1]
     kept = Counter(data.values())
     notes = (
-        *(f"all trials have one {name}" for name in ("block", "speed", "load") if name in alike),
+        *(f"all trials have one {name}" for name in alike),
         *(f"{n} {status}: {kind}" for (status, kind), n in counts.items() if status in (_FLAGGED, _CENSORED)),
         *(f"{n} {shared} are unlike their labels together and stay as data" for shared, n in kept.items()),
     )

@@ -122,16 +122,8 @@ def _whole_noise(time: Array, approach: Approach, marks: Landmarks) -> float:
 
 
 def _of_bell(bell: Ring, top: float) -> Aftermath:
-    return Aftermath(
-        kind="damped",
-        start=top,
-        amplitude=bell.amplitude(top),
-        frequency=bell.frequency,
-        decay_time=bell.decay_time,
-        level=bell.level,
-        friction_decay=bell.linear_decay(),
-        ring=bell,
-    )
+    seen = bell.frequency, bell.decay_time, bell.level, bell.linear_decay()
+    return Aftermath("damped", top, bell.amplitude(top), *seen, bell)
 
 
 def _of_rubbing(fit: RubbingRing, swing: Swing, sample: float, tool: Tool | None) -> Aftermath:
@@ -141,18 +133,10 @@ def _of_rubbing(fit: RubbingRing, swing: Swing, sample: float, tool: Tool | None
         # a fit of few swings may find another tool: then it knows no better than that
         far = (abs(frequency - tool[0]), abs(decay - tool[1]))
     known = fit.knows_gap and not any(far)
-    return Aftermath(
-        kind="rubbing",
-        start=-math.inf,
-        amplitude=(np.nan, np.nan),
-        frequency=(frequency, float(np.hypot(fit.std(2), far[0]))),
-        decay_time=(decay, float(np.hypot(fit.std(3), far[1]))),
-        level=(level, fit.std(0)),
-        friction_decay=(2.0 * gap * frequency, 2.0 * frequency * fit.std(1)) if known else (np.nan, np.nan),
-        ring=fit,
-        swing=swing,
-        sample=sample,
-    ).carried_to(-math.inf)
+    seen = (frequency, float(np.hypot(fit.std(2), far[0]))), (decay, float(np.hypot(fit.std(3), far[1])))
+    loss = (2.0 * gap * frequency, 2.0 * frequency * fit.std(1)) if known else (np.nan, np.nan)
+    nowhere = -math.inf, (np.nan, np.nan)
+    return Aftermath("rubbing", *nowhere, *seen, (level, fit.std(0)), loss, fit, swing, sample).carried_to(-math.inf)
 
 
 def _best_rubbing(

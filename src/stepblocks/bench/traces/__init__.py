@@ -48,20 +48,20 @@ def _open_text(path: Path, layout: Layout) -> nullcontext[Any]:
     return nullcontext(table)
 
 
-def _text_columns(table: Any, place: Place, names: tuple[str | int, ...]) -> dict[str | int, Any]:
-    for name in (name for name in names if name not in table.columns):
+def _text_column(table: Any, name: str | int) -> Any:
+    if name not in table.columns:
         told = listed(map(str, table.columns))
         raise TraceError(f"unknown channel: {table.attrs['file']} has no {name!r}, it has {told}")
-    return {name: table[name].to_numpy() for name in names}
+    return table[name].to_numpy()
 
 
-# how a file is opened, and how columns of a trial, each of shape (n,), are read out of it in the units of the file;
-# both raise `TraceError`
-READERS: dict[str, tuple[Any, Any]] = {
-    "csv": (_open_text, _text_columns),
-    "hdf5": (hdf5.open_hdf5, hdf5.hdf5_columns),
-    "tdms": (tdms.open_tdms, tdms.tdms_columns),
-    "mat": (mat.open_mat, mat.mat_columns),
+# how a file is opened, how the group of a trial is found in it, and how a column of that, of shape (n,), is read in the
+# units of the file; all raise `TraceError`
+READERS: dict[str, tuple[Any, Any, Any]] = {
+    "csv": (_open_text, lambda table, _: table, _text_column),
+    "hdf5": (hdf5.open_hdf5, hdf5.hdf5_group, hdf5.hdf5_column),
+    "tdms": (tdms.open_tdms, tdms.tdms_group, tdms.tdms_column),
+    "mat": (mat.open_mat, mat.mat_group, mat.mat_column),
 }
 
 
@@ -83,12 +83,13 @@ def read_columns(
 ) -> dict[str, Any]:
     """Read columns of one trial, by their number; without names it is only seen whether the file can be read."""
     where, found = Place(*place), path.stat()
+    opened, group_of, column = READERS[kind]
     try:
         stamp = found.st_ino, found.st_size, found.st_mtime_ns
         kept = None if where.own_file else _opened(kind, path, stamp, json.dumps(layout))[0]
-        with READERS[kind][0](path, layout) if where.own_file else nullcontext(kept) as file:
-            raw = READERS[kind][1](file, where, names)
-            return {str(number): _samples(raw[name], name) for number, name in enumerate(names)}
+        with opened(path, layout) if where.own_file else nullcontext(kept) as file:
+            group = group_of(file, where) if names else None
+            return {str(number): _samples(column(group, name), name) for number, name in enumerate(names)}
     except (TraceError, MemoryError):
         raise
     except Exception as error:  # the readers of damaged files raise whatever they meet

@@ -26,20 +26,17 @@ def open_hdf5(path: Path, layout: Any) -> Any:
     return file
 
 
-def hdf5_columns(file: Any, place: Place, names: tuple[str | int, ...]) -> dict[str | int, Any]:
-    """Read columns of one trial."""
-    try:
-        group = file if place.is_file else next((file[name] for name in place.groups if name in file), None)
-        if group is None:
-            raise TraceError(f"missing: no group {place.groups[0]!r} among the traces")
-        _require_own(group, file)
-        return {name: _column(group, name) for name in names}
-    except (OSError, RuntimeError, ValueError, KeyError) as error:
-        raise TraceError(f"unreadable: trial {place.trial}: {str(error)[:120]}") from error
+def hdf5_group(file: Any, place: Place) -> Any:
+    """Find the group or the table of one trial."""
+    group = file if place.is_file else next((file[name] for name in place.groups if name in file), None)
+    if group is None:
+        raise TraceError(f"missing: no group {place.groups[0]!r} among the traces")
+    _require_own(group, file)
+    return group
 
 
-def _column(group: Any, name: str | int) -> Any:
-    """One channel of a group of datasets, of a compound table, or of a plain table of numbers."""
+def hdf5_column(group: Any, name: str | int) -> Any:
+    """Read one channel of a group of datasets, of a compound table, or of a plain table of numbers."""
     import h5py
 
     if isinstance(group, h5py.Dataset):

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import io
 import struct
+import zlib
 from contextlib import AbstractContextManager, nullcontext
 from dataclasses import dataclass
 from pathlib import Path
@@ -13,7 +14,7 @@ import numpy as np
 
 from stepblocks.bench.session import Place
 from stepblocks.bench.signal import TraceError, listed
-from stepblocks.bench.traces.hdf5 import hdf5_columns, open_hdf5
+from stepblocks.bench.traces.hdf5 import hdf5_column, hdf5_group, open_hdf5
 
 _HEADER = 128
 _COMPRESSED, _MATRIX = 15, 14
@@ -57,45 +58,61 @@ def open_mat(path: Path, layout: Any) -> AbstractContextManager[Any]:
     return open_hdf5(path, layout) if is_hdf5 else nullcontext(variables_of(path))
 
 
-def mat_columns(file: Any, place: Place, names: tuple[str | int, ...]) -> dict[str | int, Any]:
-    """Read columns of one trial."""
+def mat_group(file: Any, place: Place) -> Any:
+    """Find the struct or the matrix of one trial; a file of its own is the group itself."""
     if not isinstance(file, Variables):
-        return hdf5_columns(file, place, names)
-    if place.is_file:
-        return {name: file.load((str(name),)) for name in names}
-    value = file.load(place.groups)
-    return {name: _column(value, name) for name in names}
+        return hdf5_group(file, place)
+    value = file if place.is_file else file.load(place.groups)
+    return value if isinstance(value, dict | Variables) else np.asarray(value)
 
 
-def _column(value: Any, name: str | int) -> Any:
-    if isinstance(value, dict):
-        if name not in value:
-            raise TraceError(f"unknown channel: no {name!r} in the struct, it has {listed(value)}")
-        return value[name]
-    table = np.asarray(value)
-    if not isinstance(name, int) or table.ndim != 2 or not 0 <= name < table.shape[1]:
-        raise TraceError(f"unknown channel: no column {name!r} in a matrix of shape {table.shape}")
-    return table[:, name]
+def mat_column(group: Any, name: str | int) -> Any:
+    """Read one channel."""
+    if isinstance(group, Variables):
+        return group.load((str(name),))
+    if isinstance(group, dict):
+        if name not in group:
+            raise TraceError(f"unknown channel: no {name!r} in the struct, it has {listed(group)}")
+        return group[name]
+    if not isinstance(group, np.ndarray):
+        return hdf5_column(group, name)
+    if not isinstance(name, int) or group.ndim != 2 or not 0 <= name < group.shape[1]:
+        raise TraceError(f"unknown channel: no column {name!r} in a matrix of shape {group.shape}")
+    return group[:, name]
 
 
 def variables_of(path: Path) -> Variables:
-    """Look through a version 5 file for its variables; SciPy reads through all of them to find one, so this is done once."""
-    from scipy.io import whosmat
-
-    places: list[tuple[int, int]] = []
-    size, place = path.stat().st_size, _HEADER
+    """Look through a version 5 file for the names of its variables, once: SciPy reads through all of them to find one."""
+    places: dict[str, tuple[int, int]] = {}
+    size = path.stat().st_size
     with path.open("rb") as file:
         mark = file.read(_HEADER)[126:128]
         if mark not in (b"IM", b"MI"):
             raise TraceError(f"{path.name} is no MATLAB file of version 5 to 7.3")
+        order = "<" if mark == b"IM" else ">"
+        place = _HEADER
         while place + 8 <= size:
             file.seek(place)
-            kind, length = struct.unpack("<II" if mark == b"IM" else ">II", file.read(8))
+            kind, length = struct.unpack(order + "II", file.read(8))
             if kind not in (_COMPRESSED, _MATRIX) or place + 8 + length > size:
                 raise TraceError(f"{path.name} is damaged or truncated at byte {place}")
-            places.append((place, 8 + length))
+            places[_name(file.read(min(length, 4096)), kind, order, path)] = (place, 8 + length)
             place += 8 + length
+    return Variables(path, places)
+
+
+def _name(head: bytes, kind: int, order: str, path: Path) -> str:
+    """Name of a variable from the first bytes of its element: flags, dimensions, name."""
     try:
-        return Variables(path, dict(zip((name for name, *_ in whosmat(path)), places, strict=True)))
-    except Exception as error:  # SciPy lets zlib, type and key errors of a damaged file through
+        if kind == _COMPRESSED:
+            head = zlib.decompressobj().decompress(head, 4096)[8:]
+        place = 16  # past the array flags
+        _, length = struct.unpack_from(order + "II", head, place)
+        place += 8 + (length + 7) // 8 * 8
+        kind_and_length, length = struct.unpack_from(order + "II", head, place)
+        if kind_and_length >> 16:  # a small element holds its data in its own tag
+            length = kind_and_length >> 16
+            return head[place + 4 : place + 4 + length].decode("ascii")
+        return head[place + 8 : place + 8 + length].decode("ascii")
+    except (zlib.error, struct.error, UnicodeDecodeError) as error:
         raise TraceError(f"{path.name} is damaged: {str(error)[:80]}") from error

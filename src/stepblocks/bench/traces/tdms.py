@@ -25,12 +25,8 @@ def open_tdms(path: Path, layout: Any) -> Iterator[Any]:
         yield file
 
 
-def tdms_columns(file: Any, place: Place, names: tuple[str | int, ...]) -> dict[str | int, Any]:
-    """Read columns of one trial."""
-    return {name: _samples(_group(file, place), name) for name in names}
-
-
-def _samples(group: Any, name: str | int) -> Any:
+def tdms_column(group: Any, name: str | int) -> Any:
+    """Read one channel."""
     try:
         channel = group.channels()[name] if isinstance(name, int) else group[name]
     except (KeyError, IndexError):
@@ -43,7 +39,8 @@ def _samples(group: Any, name: str | int) -> Any:
         raise TraceError(f"unreadable: channel {name!r}: {str(error)[:120]}") from error
 
 
-def _group(file: Any, place: Place) -> Any:
+def tdms_group(file: Any, place: Place) -> Any:
+    """Find the group of one trial; a file of its own may call its one group anything."""
     if place.own_file and len(groups := file.groups()) == 1:
         return groups[0]
     for name in place.groups:
