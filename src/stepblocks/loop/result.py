@@ -24,6 +24,7 @@ from stepblocks.loop.search.noise import flexible_residual
 from stepblocks.loop.session_table import Scans, SessionTable
 
 _REPLICATES = 20  # degrees of freedom from which a scatter among replicates is known to a sixth
+_RENAMED = ("friction", "ln_conversion", "stiffness_ratio", "ln_ring_frequency", "ln_decay_time")
 _SHOWN = ("height_um", "load_n", "speed_mm_s")
 _HEIGHTS_UM = (5.0, 10.0, 15.0, 20.0, 30.0, 40.0, 50.0, 60.0, 70.0, 80.0, 90.0)
 
@@ -173,7 +174,7 @@ def _constants(fitted: Fit, spring: float) -> dict[str, Any]:
         "spring_constant": _entry(v["stiffness_ratio"] * spring, "N/m", s["stiffness_ratio"] * spring),
         "ring_frequency": _entry(v["ln_ring_frequency"], "Hz", s["ln_ring_frequency"], log=True),
         "decay_time": _entry(v["ln_decay_time"], "s", s["ln_decay_time"], log=True),
-    } | {p.name: _entry(v[p.name], p.unit, s[p.name]) for p in fitted.parameters if p.block or "." in p.name}
+    } | {p.name: _entry(v[p.name], p.unit, s[p.name]) for p in fitted.parameters if p.name not in _RENAMED}
 
 
 def _effect(effect: Effect, fitted: Fit, evidence: Mapping[str, Any]) -> dict[str, Any]:

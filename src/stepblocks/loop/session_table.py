@@ -96,7 +96,11 @@ def trials_of(
     alone = outliers(trials)
     excluded += [(str(names[i]), f"{CHANNELS[j]} lies far from all other trials") for i, j in np.argwhere(alone)]
     values = np.where(alone, np.nan, values)
-    radii = [float(scan["edge_radius_m"]) for scan in (scans or {}).values() if "edge_radius_m" in scan]
+    edges = [
+        (scan["edge_radius_m"], scan.get("edge_radius_std_m", 0.0))
+        for scan in (scans or {}).values()
+        if "edge_radius_m" in scan
+    ]
     heights = {block: (float(s["height_m"]), float(s["height_std_m"])) for block, s in (scans or {}).items()}
     model = SessionModel(
         # where no trial rang, these two constants stay where they begin
@@ -106,7 +110,8 @@ def trials_of(
             decay_time=_middle(trials.values[:, 5], PAPER.tool.decay_time),
         ),
         scanned=heights or None,
-        scanned_radius=float(np.mean(radii)) if radii else None,
+        # where the profile cannot resolve an edge all its scans err alike
+        scanned_radius=tuple(np.maximum(np.mean(edges, axis=0), (0.0, 0.05e-6)).tolist()) if edges else None,
         known=unloaded_zeros(features) | dict(known or {}),
     )
     flagged = table.loc[table["status"] == "flagged", ["trial", "reason"]]
