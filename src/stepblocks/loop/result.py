@@ -132,11 +132,12 @@ def result_document(
 
 def _censored(table: SessionTable, found: Explanation) -> dict[str, Any]:
     """Trials whose peak is known as a bound alone, and those whose predicted peak stays below it by 3 deviations."""
-    rows = np.isfinite(table.bound)
+    bound = np.full(len(table.trials), np.nan) if table.trials.floor is None else table.trials.floor[:, 1]
+    rows = np.isfinite(bound)
     scatter, fitted = found.problem.noise.scatter, found.extended
     moved = table.model.responses(table.trials, fitted.values, fitted.active)[:, 1]
     spread = np.sqrt(scatter.channels[1] + moved**2 @ scatter.quantities)
-    below = rows & (found.extended.predicted[:, 1] < table.bound - 3.0 * spread)
+    below = rows & (found.extended.predicted[:, 1] < bound - 3.0 * spread)
     return {"trials": table.names[rows].tolist(), "predicted_below_their_bound": table.names[below].tolist()}
 
 
