@@ -20,7 +20,7 @@ TOGETHER = " * "  # between the names of two covariates that act together
 PEAK_FORCE = "peak_force_n"  # a quantity of the model that an effect may follow like a column
 
 _ABSENT = (
-    *("tilt", "climb_load", "sensed_offset", "hardening", "pitch_share", "lost_energy", "drag", "lag"),
+    *("tilt", "climb_load", "hardening", "pitch_share", "lost_energy", "drag", "lag"),
     *("zero", "cross_talk", "normal_zero"),
 )
 
@@ -112,13 +112,14 @@ def nominal_state(design: BenchDesign, values: Mapping[str, float]) -> DragState
     one = np.ones(len(design.block))
     zero = np.zeros(len(design.block))
     frequency, decay_time = (np.exp(values[f"ln_{name}"]) * one for name in ("ring_frequency", "decay_time"))
+    off = values.get("load_error", 0.0) * one
     # while the tip is held and the handle goes on, the tool's damper 2 k / (omega^2 T) takes its share of the pull
     damper = 2.0 * design.spring_constant / ((2.0 * np.pi * frequency) ** 2 * decay_time)
     return DragState(
         height=design.height + errors[inverse],
         radius=design.tip_radius + values.get("edge_radius", 0.0),
         friction=values["friction"] * one,
-        load=design.load,
+        load=design.load + off,
         set_load=design.load,
         speed=design.speed,
         stiffness=design.spring_constant * values["stiffness_ratio"] * one,
@@ -128,6 +129,7 @@ def nominal_state(design: BenchDesign, values: Mapping[str, float]) -> DragState
         damping=one,
         gain=one,
         normal_gain=one,
+        sensed_offset=off,
         climb_drag=-values.get("damper_share", 0.0) * damper * design.speed,
         frequency=frequency,
         decay_time=decay_time,

@@ -75,6 +75,8 @@ class SessionModel:
             own.append(
                 Parameter("edge_radius", "m", self.scanned_radius[0], 0.0, 3.0 * _SHARP, 1e-7, self.scanned_radius[1])
             )
+        if "load_bias_n" in self.known:
+            own.append(Parameter("load_error", "N", 0.0, -0.25, 0.6, 1e-3, self.known["load_bias_n"][1]))
         return (*found, *own)
 
     def systematics(self, trials: Trials) -> list[Systematic]:
@@ -102,14 +104,14 @@ class SessionModel:
         laws = candidates(
             trials, covariate_ranges(trials), scanned_radius=self.scanned_radius and self.scanned_radius[0]
         )
-        # the constants of the gauges are what is added to the known ones: a calibration says how much that may be
+        # constants of gauges and load are what is added to the known ones: a calibration says how much that may be
         open_to = {name: std for name, (_, std) in self.known.items()}
 
         def informed(law: Law) -> Law:
             held = (replace(p, prior_std=open_to.get(p.name, p.prior_std)) for p in law.parameters)
             return replace(law, parameters=tuple(held))
 
-        return tuple(informed(law) if law.slot == "sensor" else law for law in laws)
+        return tuple(informed(law) if law.slot in ("sensor", "normal_load") else law for law in laws)
 
     def predict(self, trials: Trials, values: Mapping[str, float], effects: Active = ()) -> Floats:
         """Predict all channels."""
