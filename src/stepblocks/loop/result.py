@@ -339,9 +339,8 @@ def _pair(found: Explanation) -> tuple[list[str], Fit, Fit] | None:
 def _grid(trials: Trials, extra: list[str]) -> Trials:
     def span(name: str) -> list[Any]:
         numbers = trials.numeric(name)
-        if numbers is None:
-            return sorted(set(trials.covariates[name].tolist()))
-        return list(np.linspace(numbers.min(), numbers.max(), 5).tolist())
+        labels = sorted(set(trials.covariates[name].tolist()))
+        return labels if numbers is None else np.linspace(numbers.min(), numbers.max(), 5).tolist()
 
     loads = sorted({*np.unique(trials.covariates["load_n"]).tolist(), 1.5})
     speeds = sorted({*np.unique(trials.covariates["speed_mm_s"]).tolist(), 1.0, 40.0})
