@@ -38,6 +38,43 @@ def test_every_mistake_of_a_certificate_is_told_in_a_line_of_its_own(tmp_path):
     assert ["bandwith" in lines[0], "tangential_zero" in lines[1], "normal_zero" in lines[2]] == [True] * 3
 
 
+def test_the_loads_of_an_apparatus_are_known_as_well_as_its_table_says(tmp_path, shifted):
+    rows = "axis,weight_g,force_n,std_n\nnormal,20,0.196,0.002\nnormal,50,0.490,0.003\npull,200,1.945,0.05\n"
+    (tmp_path / "drag-rig.loads.csv").write_text(rows)
+    session = _session(tmp_path, '[calibration]\nload_table = "drag-rig.loads.csv"\n')
+    # the largest of the normal axis; of the pull the handle asks nothing
+    assert read_calibration(session) == {"load_bias_n": (0.0, 0.003)}
+    features, scans = shifted
+    table = trials_of(features, 9810.0, 125e-6, scans, read_calibration(session))
+    model, trials = table.model, table.trials
+    assert {p.name: p.prior_std for p in model.parameters(trials)}["load_error"] == 0.003
+    held = {law.id: law.parameters[0].prior_std for law in model.candidates(trials) if law.id.startswith("load_bias")}
+    assert held == {"load_bias": 0.003, "load_bias~unseen": 0.003}
+    values = {p.name: p.start for p in model.parameters(trials)}
+    plain, heavier = (model.state(trials, values | {"load_error": error}) for error in (0.0, 0.01))
+    # origin: the gauge sees what presses, and equation (1) is proportional to it beside what the damper takes
+    assert heavier.load - plain.load == pytest.approx(np.full(len(trials), 0.01))
+    assert heavier.sliding_force() / plain.sliding_force() == pytest.approx(heavier.load / plain.load)
+    seen = trials.channels.index("normal_load_ratio")
+    moved = model.predict(trials, values | {"load_error": 0.01})[:, seen] - model.predict(trials, values)[:, seen]
+    assert moved == pytest.approx(0.01 / plain.set_load)
+
+
+@pytest.mark.parametrize(
+    ("name", "rows", "said"),
+    [
+        ("../loads.csv", None, "must be a file in the folder"),
+        ("loads.csv", "axis,std_n\npull,0.05\n", "a row normal"),
+        ("loads.csv", "axis,force_n\nnormal,0.5\n", "must have a column std_n"),
+    ],
+)
+def test_a_table_of_loads_that_says_nothing_of_them_is_one_clear_error(tmp_path, name, rows, said):
+    if rows:
+        (tmp_path / "loads.csv").write_text(rows)
+    with pytest.raises(PipelineError, match=said):
+        read_calibration(_session(tmp_path, f'[calibration]\nload_table = "{name}"\n'))
+
+
 def test_unloaded_samples_give_the_zeros_where_there_are_enough():
     zeros = pd.DataFrame(
         {"tangential_zero_n": [0.011, 0.012, 0.013, 0.012, 0.012], "normal_zero_n": [0.01] + [np.nan] * 4}

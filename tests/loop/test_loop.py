@@ -11,7 +11,9 @@ import pytest
 
 from oracles.feature_bench import bench_trials, block_scans, design_columns, noise_free
 from oracles.features_file import features_of
+from oracles.virtual_bench import Bench, Plan, write_session
 from stepblocks.artefacts.model_file import read_model
+from stepblocks.bench.measure import measure
 from stepblocks.contact.forward import tip_radius_um
 from stepblocks.contact.operating_point import Tool
 from stepblocks.declare import load_set
@@ -253,3 +255,25 @@ def test_a_steady_drift_of_friction_is_not_called_running_in() -> None:
     found = explain(model, trials, candidates(trials, covariate_ranges(trials)), _RULES)
     assert [f.effect.place for f in found.findings] == [("friction", "run_order")]
     assert found.verdict is Verdict.UNEXPLAINED
+
+
+@pytest.mark.parametrize("edge", [0.3e-6, 20e-6])
+def test_thirty_trials_at_one_load_without_scans_under_a_gauge_that_saturates_end_in_none_or_an_interval_that_holds(
+    tmp_path, edge
+):
+    # origin: the truth of another bench, which shares no code with what explains it
+    bench = Bench(conversion=0.2, limit=1.0, edge_radius=edge)
+    write_session(tmp_path / "session", Plan(bench=bench, trials=30, loads=(0.5,), scans=False), 1)
+    features = measure(tmp_path / "session", jobs=1)
+    table = trials_of(features, bench.stiffness, bench.tip_radius)
+    censored = np.isfinite(table.trials.floor[:, 1])
+    assert censored.sum() == (features["status"] == "censored").sum() > 5
+    found = explain(table.model, table.trials, table.model.candidates(table.trials), _RULES)
+    fitted = found.extended
+    truths = {"friction": bench.friction, "ln_conversion": math.log(0.2), "stiffness_ratio": 1.0}
+    claimed = {"edge_rounding.edge_radius_m": edge} if edge > 1e-6 and found.verdict is not Verdict.NONE else {}
+    for name, true in (truths | claimed).items():
+        assert abs(fitted.values[name] - true) < 3.0 * fitted.std[name]
+    assert edge > 1e-6 or found.verdict is Verdict.NONE
+    # whoever fits must not foretell what the gauge would have shown in full
+    assert np.all(fitted.predicted[censored, 1] > table.trials.floor[censored, 1] - 0.05)

@@ -163,7 +163,7 @@ def test_scans_give_heights_and_the_mean_of_the_edges(features):
     }
     model = _table(features, scans=scans).model
     assert model.scanned == {"step-020": (20.4e-6, 15e-9), "step-050": (49.7e-6, 20e-9)}
-    assert model.scanned_radius == 12e-6
+    assert model.scanned_radius == (12e-6, 1e-7)
     assert _table(features).model.scanned is None
 
 

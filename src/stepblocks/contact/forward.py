@@ -103,11 +103,15 @@ def nominal_state(design: BenchDesign, values: Mapping[str, float]) -> DragState
     errors = np.array([values.get(name, 0.0) for name in names])
     one, zero = np.ones(len(design.block)), np.zeros(len(design.block))
     absent: dict[str, Any] = dict.fromkeys((slot.name for slot in fields(DragState)), zero)
+    frequency, decay_time = (np.exp(values[f"ln_{name}"]) * one for name in ("ring_frequency", "decay_time"))
+    off = values.get("load_error", 0.0) * one
+    # while the tip is held and the handle goes on, the tool's damper 2 k / (omega^2 T) takes its share of the pull
+    damper = 2.0 * design.spring_constant / ((2.0 * np.pi * frequency) ** 2 * decay_time)
     return DragState(**absent).changed(
         height=design.height + errors[inverse],
-        radius=design.tip_radius,
+        radius=design.tip_radius + values.get("edge_radius", 0.0),
         friction=values["friction"] * one,
-        load=design.load,
+        load=design.load + off,
         set_load=design.load,
         speed=design.speed,
         stiffness=design.spring_constant * values["stiffness_ratio"] * one,
@@ -117,8 +121,10 @@ def nominal_state(design: BenchDesign, values: Mapping[str, float]) -> DragState
         damping=one,
         gain=one,
         normal_gain=one,
-        frequency=np.exp(values["ln_ring_frequency"]) * one,
-        decay_time=np.exp(values["ln_decay_time"]) * one,
+        sensed_offset=off,
+        climb_drag=-values.get("damper_share", 0.0) * damper * design.speed,
+        frequency=frequency,
+        decay_time=decay_time,
         nominal_stiffness=design.spring_constant,
     )
 

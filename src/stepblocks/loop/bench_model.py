@@ -51,7 +51,7 @@ class SessionModel:
     tool: Tool  # the nominal spring, and the ring with which the fit begins
     height_std: float = 1e-6  # of blocks that are not scanned [m]
     scanned: Mapping[str, tuple[float, float]] | None = None  # block to height and standard uncertainty [m]
-    scanned_radius: float | None = None  # mean of the edges from their scans [m]
+    scanned_radius: tuple[float, float] | None = None  # of the edges from their scans: mean and uncertainty [m]
     known: Mapping[str, tuple[float, float]] = field(default_factory=dict)  # of the gauges, certified or tared
     quantities: ClassVar = ("friction", "normal_load", "conversion")  # what scatters among trials, by its slot
 
@@ -68,19 +68,23 @@ class SessionModel:
 
     def parameters(self, trials: Trials) -> tuple[Parameter, ...]:
         """Constants of the nominal model and the height errors of the blocks of a table."""
-        return forward.constants(_design(trials, self.tool.stiffness), self.tool, self.height_std, self.scanned)
+        found = forward.constants(_design(trials, self.tool.stiffness), self.tool, self.height_std, self.scanned)
+        # whether the gauge sees what the tool's damper takes nobody knows
+        own = [Parameter("damper_share", "1", 0.5, -1.0, 2.0, 0.1, 0.5)]
+        if self.scanned_radius and self.scanned_radius[0] < _SHARP:
+            own.append(
+                Parameter("edge_radius", "m", self.scanned_radius[0], 0.0, 3.0 * _SHARP, 1e-7, self.scanned_radius[1])
+            )
+        if "load_bias_n" in self.known:
+            own.append(Parameter("load_error", "N", 0.0, -0.25, 0.6, 1e-3, self.known["load_bias_n"][1]))
+        return (*found, *own)
 
     def systematics(self, trials: Trials) -> list[Systematic]:
-        """Errors that the evaluation of traces may share among trials: along height, load, speed and their squares; and the damper."""
+        """Errors that the evaluation of traces may share among trials: along height, load, speed and their squares."""
         design = _design(trials, self.tool.stiffness)
         height, load, speed = (_standard(np.log(column)) for column in (design.height, design.load, design.speed))
         columns = (height, load, speed, height**2, height * load, load * speed, height * speed)
-        # while the tip is held and the handle goes on the tool's damper pulls too; whether the gauge sees it nobody knows
-        pull = 2.0 * self.tool.stiffness / ((2.0 * np.pi * self.tool.frequency) ** 2 * self.tool.decay_time)
-        starts = {p.name: p.start for p in self.parameters(trials)}
-        share = pull * design.speed / forward.nominal_state(design, starts).peak_force()
-        damper = [Systematic("ln_peak_force", share, 0.5)] if "ln_peak_force" in trials.channels else []
-        return damper + [
+        return [
             Systematic(channel, column, _COMMON[channel])
             for channel in CHANNELS
             for column in columns
@@ -97,15 +101,17 @@ class SessionModel:
 
     def candidates(self, trials: Trials) -> tuple[Law, ...]:
         """Return every effect that may be asked of a table, knowing what the scans have ruled out."""
-        laws = candidates(trials, covariate_ranges(trials), scanned_radius=self.scanned_radius)
-        # the constants of the gauges are what is added to the known ones: a calibration says how much that may be
+        laws = candidates(
+            trials, covariate_ranges(trials), scanned_radius=self.scanned_radius and self.scanned_radius[0]
+        )
+        # constants of gauges and load are what is added to the known ones: a calibration says how much that may be
         open_to = {name: std for name, (_, std) in self.known.items()}
 
         def informed(law: Law) -> Law:
             held = (replace(p, prior_std=open_to.get(p.name, p.prior_std)) for p in law.parameters)
             return replace(law, parameters=tuple(held))
 
-        return tuple(informed(law) if law.slot == "sensor" else law for law in laws)
+        return tuple(informed(law) if law.slot in ("sensor", "normal_load") else law for law in laws)
 
     def predict(self, trials: Trials, values: Mapping[str, float], effects: Active = ()) -> Floats:
         """Predict all channels."""

@@ -10,13 +10,16 @@ from typing import TYPE_CHECKING, Annotated
 import numpy as np
 from pydantic import BaseModel, BeforeValidator, ConfigDict, Field
 
+from stepblocks.atomic import inside
 from stepblocks.errors import PipelineError
 from stepblocks.mistakes import validated
 from stepblocks.quantities import quantity_parser
+from stepblocks.tables import read_table, si_column
 
 if TYPE_CHECKING:
     import pandas as pd
 
+LOAD = "load_bias_n"  # the parameter of a load that is other than set
 Known = Mapping[str, tuple[float, float]]  # a parameter of the instrument to its value and standard uncertainty
 
 _Force = Annotated[float, BeforeValidator(quantity_parser("force"))]
@@ -37,6 +40,7 @@ class _Calibration(BaseModel):
     tangential_gain: tuple[_PositiveRatio, _PositiveRatio] | None = None
     normal_gain: tuple[_PositiveRatio, _PositiveRatio] | None = None
     cross_talk: tuple[_Ratio, _PositiveRatio] | None = None
+    load_table: str | None = None  # of the apparatus, ``*.loads.csv`` in the folder of the session
 
 
 class _Session(BaseModel):
@@ -57,11 +61,24 @@ def read_calibration(session: Path) -> dict[str, tuple[float, float]]:
     """Read the optional table ``[calibration]`` of a session, all mistakes told at once, each in a line."""
     path = session / "session.toml"
     known = validated(_Session, tomllib.loads(path.read_text(encoding="utf-8")), path, PipelineError).calibration
-    given = {_PARAMETERS[name]: pair for name, pair in known if pair is not None}
-    return {
+    given = {_PARAMETERS[name]: pair for name, pair in known if name in _PARAMETERS and pair is not None}
+    found = {
         name: (float(np.log(value)), std / value) if name.endswith("gain") else (value, std)
         for name, (value, std) in given.items()
     }
+    return found if known.load_table is None else found | {LOAD: (0.0, _load_std(session, known.load_table))}
+
+
+def _load_std(session: Path, name: str) -> float:
+    """Largest standard uncertainty of what the weights of an apparatus put on the tip [N]; it is common to all trials."""
+    path = inside(session, name)
+    if path is None:
+        raise PipelineError(f"load_table must be a file in the folder of the session, got {name!r} [{session}]")
+    table = read_table(path)
+    if "axis" not in table or "normal" not in set(table["axis"]):
+        raise PipelineError(f"load_table must have a column axis with a row normal [{path}]")
+    stds = si_column(table[table["axis"] == "normal"], ("std",), "force", None, path)
+    return max(float(stds.max()), _LEAST_STD)
 
 
 def unloaded_zeros(features: pd.DataFrame) -> dict[str, tuple[float, float]]:

@@ -63,5 +63,5 @@ def _of(finding: Finding, entry: Mapping[str, Any]) -> str:
     text = f"{name} " + ", ".join(label + figure for label, figure in zip(labels, figures, strict=True))
     if finding.verdict is not Verdict.AMBIGUOUS:
         return text
-    rivals = [r.said or r.id for r, _, _ in finding.rivals if isinstance(r, Law)]
-    return f"{text}, or " + ", or ".join(rivals[:2] or ["what some folds chose instead"]) + ": these trials cannot tell"
+    rivals = [rival.id.split("~")[0].replace("_", " ") for rival, _, _ in finding.rivals[:2]]
+    return f"{text}, or " + ", or ".join(rivals or ["what some folds chose instead"]) + ": these trials cannot tell"

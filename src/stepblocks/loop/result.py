@@ -24,6 +24,7 @@ from stepblocks.loop.search.noise import flexible_residual
 from stepblocks.loop.session_table import Scans, SessionTable
 
 _REPLICATES = 20  # degrees of freedom from which a scatter among replicates is known to a sixth
+_RENAMED = ("friction", "ln_conversion", "stiffness_ratio", "ln_ring_frequency", "ln_decay_time")
 _SHOWN = ("height_um", "load_n", "speed_mm_s")
 _HEIGHTS_UM = (5.0, 10.0, 15.0, 20.0, 30.0, 40.0, 50.0, 60.0, 70.0, 80.0, 90.0)
 
@@ -131,11 +132,12 @@ def result_document(
 
 def _censored(table: SessionTable, found: Explanation) -> dict[str, Any]:
     """Trials whose peak is known as a bound alone, and those whose predicted peak stays below it by 3 deviations."""
-    rows = np.isfinite(table.bound)
+    bound = np.full(len(table.trials), np.nan) if table.trials.floor is None else table.trials.floor[:, 1]
+    rows = np.isfinite(bound)
     scatter, fitted = found.problem.noise.scatter, found.extended
     moved = table.model.responses(table.trials, fitted.values, fitted.active)[:, 1]
     spread = np.sqrt(scatter.channels[1] + moved**2 @ scatter.quantities)
-    below = rows & (found.extended.predicted[:, 1] < table.bound - 3.0 * spread)
+    below = rows & (found.extended.predicted[:, 1] < bound - 3.0 * spread)
     return {"trials": table.names[rows].tolist(), "predicted_below_their_bound": table.names[below].tolist()}
 
 
@@ -173,7 +175,7 @@ def _constants(fitted: Fit, spring: float) -> dict[str, Any]:
         "spring_constant": _entry(v["stiffness_ratio"] * spring, "N/m", s["stiffness_ratio"] * spring),
         "ring_frequency": _entry(v["ln_ring_frequency"], "Hz", s["ln_ring_frequency"], log=True),
         "decay_time": _entry(v["ln_decay_time"], "s", s["ln_decay_time"], log=True),
-    } | {p.name: _entry(v[p.name], p.unit, s[p.name]) for p in fitted.parameters if p.block or "." in p.name}
+    } | {p.name: _entry(v[p.name], p.unit, s[p.name]) for p in fitted.parameters if p.name not in _RENAMED}
 
 
 def _effect(effect: Effect, fitted: Fit, evidence: Mapping[str, Any]) -> dict[str, Any]:
@@ -337,9 +339,8 @@ def _pair(found: Explanation) -> tuple[list[str], Fit, Fit] | None:
 def _grid(trials: Trials, extra: list[str]) -> Trials:
     def span(name: str) -> list[Any]:
         numbers = trials.numeric(name)
-        if numbers is None:
-            return sorted(set(trials.covariates[name].tolist()))
-        return list(np.linspace(numbers.min(), numbers.max(), 5).tolist())
+        labels = sorted(set(trials.covariates[name].tolist()))
+        return labels if numbers is None else np.linspace(numbers.min(), numbers.max(), 5).tolist()
 
     loads = sorted({*np.unique(trials.covariates["load_n"]).tolist(), 1.5})
     speeds = sorted({*np.unique(trials.covariates["speed_mm_s"]).tolist(), 1.0, 40.0})

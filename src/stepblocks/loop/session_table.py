@@ -56,7 +56,6 @@ class SessionTable:
     # trial and reason; single values far from all others are named with their channel
     excluded: list[tuple[str, str]]
     flagged: list[tuple[str, str]]  # measured and used, but unlike their label
-    bound: Floats  # shape (n,), ln of what the peak force of a censored trial exceeds; elsewhere not-a-number
     regimes: dict[str, int]  # how many of the trials moved how
     static_friction: float  # of tips that stuck before the edge, median; not-a-number where none did
     model: SessionModel  # starts from the data
@@ -88,15 +87,21 @@ def trials_of(
     values, std = _channels(table, spring_constant)
     # the peak of a censored trial is a bound, and measures neither peak nor energy
     censored = (table["status"] == _CENSORED).to_numpy()
-    bound = np.where(censored, values[:, 1], np.nan)
+    floor = np.full(values.shape, np.nan)
+    # such a peak comes without an uncertainty
+    floor[censored, 1] = np.log(_numbers(table, "peak_force_n")[censored])
     values[censored, :2] = np.nan
     covariates = _covariates(table) | {"tip_radius_um": radius[good]}
-    trials = Trials(covariates, CHANNELS, values, std, table["block"].astype(str).to_numpy())
+    trials = Trials(covariates, CHANNELS, values, std, table["block"].astype(str).to_numpy(), floor)
     names = table["trial"].to_numpy()
     alone = outliers(trials)
     excluded += [(str(names[i]), f"{CHANNELS[j]} lies far from all other trials") for i, j in np.argwhere(alone)]
     values = np.where(alone, np.nan, values)
-    radii = [float(scan["edge_radius_m"]) for scan in (scans or {}).values() if "edge_radius_m" in scan]
+    edges = [
+        (scan["edge_radius_m"], scan.get("edge_radius_std_m", 0.0))
+        for scan in (scans or {}).values()
+        if "edge_radius_m" in scan
+    ]
     heights = {block: (float(s["height_m"]), float(s["height_std_m"])) for block, s in (scans or {}).items()}
     model = SessionModel(
         # where no trial rang, these two constants stay where they begin
@@ -106,7 +111,8 @@ def trials_of(
             decay_time=_middle(trials.values[:, 5], PAPER.tool.decay_time),
         ),
         scanned=heights or None,
-        scanned_radius=float(np.mean(radii)) if radii else None,
+        # where the profile cannot resolve an edge all its scans err alike
+        scanned_radius=tuple(np.maximum(np.mean(edges, axis=0), (0.0, 0.05e-6)).tolist()) if edges else None,
         known=unloaded_zeros(features) | dict(known or {}),
     )
     flagged = table.loc[table["status"] == "flagged", ["trial", "reason"]]
@@ -116,7 +122,6 @@ def trials_of(
         names=names,
         excluded=excluded,
         flagged=list(flagged.itertuples(index=False, name=None)),
-        bound=bound,
         regimes={str(name): int(count) for name, count in dict(regimes).items()},
         static_friction=float(table["static_friction"].median()) if "static_friction" in table else float("nan"),
         model=model,

@@ -4,6 +4,8 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from scipy.optimize import minimize
+from scipy.stats import norm
 
 from oracles.toy_model import Effect, Parameter, Toy, toy_effects, toy_trials
 from stepblocks.errors import ClosureError
@@ -108,3 +110,33 @@ def test_too_few_trials_are_refused_by_name_and_number() -> None:
 def test_columns_of_other_length_are_refused() -> None:
     with pytest.raises(ClosureError, match="covariate x"):
         Trials({"x": np.zeros(3)}, ("c",), np.zeros((2, 1)), np.ones((2, 1)), np.array(["a", "b"]))
+
+
+def test_censored_values_count_as_what_they_exceed_and_do_not_bend_the_fit() -> None:
+    trials = toy_trials(400, 6, scatter=0.0, noise=0.3)
+    cut, first = 1.5, trials.values[:, 0]
+    values = np.stack([np.where(first > cut, np.nan, first), np.full(400, np.nan)], axis=1)
+    floor = np.full((400, 2), np.nan)
+    floor[first > cut, 0] = cut
+    scatter = Scatter(np.zeros(1), np.zeros(2), 400)
+
+    def fitted(limits):  # type: ignore[no-untyped-def]
+        told = replace(trials, values=values, floor=limits)
+        noise = whitener(told, (), Toy().responses(told, {}), scatter)
+        return fit(Problem(Toy(), told, noise))
+
+    # origin: Tobin's likelihood written out and minimised by another method; the truth is 1 + 2 x
+    def minus_twice_log_likelihood(beta):  # type: ignore[no-untyped-def]
+        ahead = beta[0] + beta[1] * trials.covariates["x"]
+        seen = np.isfinite(values[:, 0])
+        exceeds = norm.logsf((cut - ahead[~seen]) / 0.3)
+        return np.sum(((values[seen, 0] - ahead[seen]) / 0.3) ** 2) - 2.0 * np.sum(exceeds)
+
+    best = minimize(
+        minus_twice_log_likelihood, [0.5, 0.5], method="Nelder-Mead", options={"xatol": 1e-7, "fatol": 1e-9}
+    )
+    found, dropped = fitted(floor), fitted(None)
+    assert [found.values["a"], found.values["b"]] == pytest.approx(best.x.tolist(), abs=2e-4)
+    assert found.cost == pytest.approx(best.fun, rel=1e-5)
+    assert abs(found.values["b"] - 2.0) < 2.5 * found.std["b"]
+    assert abs(dropped.values["b"] - 2.0) > 3.0 * dropped.std["b"]

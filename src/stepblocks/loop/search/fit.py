@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 from scipy.optimize import least_squares
+from scipy.special import log_ndtr
 
 from stepblocks.errors import ClosureError
 from stepblocks.loop.search.forward_model import Active, Effect, Floats, ForwardModel, Parameter, Systematic, Trials
@@ -64,7 +65,7 @@ class Fit:
     std: dict[str, float]  # standard errors from the curvature
     cost: float  # sum of squared whitened residuals and prior terms
     residual: Floats  # shape (n c,), whitened, without the prior terms
-    departure: Floats  # shape (q,), distance of the parameters with a prior from it, in standard deviations
+    departure: Floats  # shape (q,), of the parameters with a prior from it, of censored values from their floors
     jacobian: Floats  # shape (n c + q, p), whitened derivative of the prediction, prior rows below
     predicted: Floats  # shape (n, c)
     covariance: Floats  # shape (p, p)
@@ -95,6 +96,17 @@ class _Objective:
         self.groups: list[list[int]] = [[i] for i in np.flatnonzero(blocks == "").tolist()]
         self.groups += [[i for i in layer if i is not None] for layer in layers]
         self.last: tuple[Floats, Floats] | None = None
+        # a censored value exceeds its floor: minus twice the logarithm of the chance of that adds to the cost (Tobin 1958,
+        # doi:10.2307/1907382); it scatters as its channel and the quantities behind it do
+        trials, scatter = problem.trials, problem.noise.scatter
+        floor = np.full(trials.values.shape, np.nan) if trials.floor is None else trials.floor
+        self.censored = np.nonzero(np.isfinite(floor))
+        self.floor, self.spread = floor[self.censored], np.zeros(0)
+        if self.floor.size:
+            responses = problem.model.responses(trials, {p.name: p.start for p in self.parameters})
+            measured = np.nansum(trials.std**2, axis=0) / np.maximum(np.isfinite(trials.std).sum(axis=0), 1)
+            variance = measured + scatter.channels + responses**2 @ scatter.quantities
+            self.spread = np.sqrt(variance[self.censored])
 
     def predicted(self, x: Floats) -> Floats:
         # a Jacobian is asked for where the residual was asked for last
@@ -107,8 +119,10 @@ class _Objective:
         return self.problem.predict(self.effects, values)
 
     def residual(self, x: Floats) -> Floats:
-        white = self.problem.noise.whiten(self.problem.trials.values - self.predicted(x))
-        return np.concatenate([white, ((self.start - x) * self.prior)[self.kept]])
+        predicted = self.predicted(x)
+        white = self.problem.noise.whiten(self.problem.trials.values - predicted)
+        above = (predicted[self.censored] - self.floor) / self.spread
+        return np.concatenate([white, ((self.start - x) * self.prior)[self.kept], np.sqrt(-2.0 * log_ndtr(above))])
 
     def jacobian(self, x: Floats) -> Floats:
         base = self.predicted(x)
@@ -123,7 +137,11 @@ class _Objective:
                 rows = self.rows[self.parameters[i].block]
                 stack[rows, :, i] = change[rows] / h
         prior = np.diag(self.prior)[self.kept]
-        return -np.vstack([self.problem.noise.whiten(stack), prior])
+        above = (base[self.censored] - self.floor) / self.spread
+        logarithm = log_ndtr(above)
+        density = np.exp(-0.5 * above**2 - logarithm) / np.sqrt(2.0 * np.pi)
+        slope = density / np.sqrt(np.maximum(-2.0 * logarithm, 1e-24)) / self.spread
+        return -np.vstack([self.problem.noise.whiten(stack), prior, slope[:, None] * stack[self.censored]])
 
 
 def fit(
@@ -154,7 +172,7 @@ def _finish(objective: _Objective, x: Floats, jacobian: Floats, residual: Floats
     root = right.T * inverse
     covariance = (root @ root.T) * np.outer(objective.scale, objective.scale)
     names = [p.name for p in objective.parameters]
-    count = residual.size - objective.kept.size
+    count = objective.problem.trials.values.size
     return Fit(
         effects=objective.effects,
         parameters=objective.parameters,

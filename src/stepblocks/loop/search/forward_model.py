@@ -23,6 +23,7 @@ class Trials:
     values: Floats  # shape (n, c); not-a-number where a channel failed
     std: Floats  # shape (n, c), standard uncertainty of each value from its own measurement
     block: NDArray[Any]  # shape (n,), specimen of each trial; errors of a specimen are common to its trials
+    floor: Floats | None = None  # shape (n, c), what a censored value exceeds; not-a-number elsewhere
 
     def __post_init__(self) -> None:
         shape = (len(self.block), len(self.channels))
@@ -44,7 +45,8 @@ class Trials:
     def take(self, rows: NDArray[Any]) -> Trials:
         """Return the trials of a mask or an index."""
         covariates = {name: column[rows] for name, column in self.covariates.items()}
-        return Trials(covariates, self.channels, self.values[rows], self.std[rows], self.block[rows])
+        floor = None if self.floor is None else self.floor[rows]
+        return Trials(covariates, self.channels, self.values[rows], self.std[rows], self.block[rows], floor)
 
     def numeric(self, name: str) -> Floats | None:
         """Return a covariate as numbers, or None where it holds labels."""

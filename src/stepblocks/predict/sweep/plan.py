@@ -197,11 +197,12 @@ def _read(
     name: str, given: Any, dimension: str, kind: str, values: dict[str, list[float]], ranges: dict[str, list[float]]
 ) -> None:
     """Read a constant, a list, or a range into `values` or `ranges`."""
-    if isinstance(given, list):
-        if not 0 < len(given) <= _MOST_VALUES:
-            raise PipelineError(f"{name} must list 1 to {_MOST_VALUES} values, got {len(given)} [parameters]")
-        values[name] = [_quantity(name, item, dimension, "parameters") for item in given]
-    elif isinstance(given, dict):
+    if not isinstance(given, dict):
+        listed = given if isinstance(given, list) else [given]
+        if not 0 < len(listed) <= _MOST_VALUES:
+            raise PipelineError(f"{name} must list 1 to {_MOST_VALUES} values, got {len(listed)} [parameters]")
+        values[name] = [_quantity(name, item, dimension, "parameters") for item in listed]
+    else:
         if unknown := unknown_names(given, ("from", "to", "count")):
             raise PipelineError(f"{name}: {unknown[0][1]} [parameters]")
         if not {"from", "to"} <= set(given):
@@ -215,9 +216,7 @@ def _read(
             ranges[name] = [low, high]
         else:
             count = _count(f"count of {name}", given.get("count"), "parameters", _MOST_VALUES)
-            values[name] = [float(v) for v in np.linspace(low, high, count)]
-    else:
-        values[name] = [_quantity(name, given, dimension, "parameters")]
+            values[name] = np.linspace(low, high, count).tolist()
 
 
 def _quantity(name: str, given: Any, dimension: str, place: str) -> float:
@@ -249,19 +248,16 @@ def stimuli_of(path: Path, wanted: Any, tolerances: bool) -> tuple[str, list[dic
     declared = load_declared(path)
     known = {part.id: part for part in declared.stimuli}
     if wanted is None:
-        chosen = [part for part in declared.stimuli if part.crossed]
-    else:
-        if not isinstance(wanted, list) or not wanted or not all(isinstance(name, str) for name in wanted):
-            raise PipelineError(f"stimulus must be a list of identities, got {wanted!r} [parameters]")
-        missing = [name for name in wanted if name not in known]
-        if missing:
-            raise PipelineError(f"stimulus must be declared in {path}, got {missing[0]!r} [parameters]")
-        chosen = [known[name] for name in wanted]
+        wanted = [part.id for part in declared.stimuli if part.crossed]
+    elif not isinstance(wanted, list) or not wanted or not all(isinstance(name, str) for name in wanted):
+        raise PipelineError(f"stimulus must be a list of identities, got {wanted!r} [parameters]")
+    if missing := [name for name in wanted if name not in known]:
+        raise PipelineError(f"stimulus must be declared in {path}, got {missing[0]!r} [parameters]")
+    chosen = [known[name] for name in wanted]
     kinds = {_surface(part) for part in chosen}
     if len(kinds) != 1:
-        raise PipelineError(
-            f"stimulus must be of one kind: step blocks, or crown margins; got {', '.join(sorted(kinds)) or 'none'} in {path}"
-        )
+        got = ", ".join(sorted(kinds)) or "none"
+        raise PipelineError(f"stimulus must be of one kind: step blocks, or crown margins; got {got} in {path}")
     (surface,) = kinds
     if surface in _GIVEN_OTHERWISE:
         raise PipelineError(f"a sweep goes over blocks or crowns; give {_GIVEN_OTHERWISE[surface]} [parameters]")
