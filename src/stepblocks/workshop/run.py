@@ -8,7 +8,7 @@ from pathlib import Path
 
 from stepblocks.artefacts.on_paper import write_sheet_csv, write_sheet_pdf
 from stepblocks.artefacts.qif import write_qif
-from stepblocks.atomic import inside
+from stepblocks.atomic import alone_in, inside
 from stepblocks.declare import load_declared, load_kit
 from stepblocks.errors import PipelineError
 from stepblocks.parts.apparatus import Kit
@@ -72,18 +72,20 @@ def order_parts(
     held = GROUND if capability is None else capability
     held = parse_quantity(held, "length") if isinstance(held, str) else held
     orders = []
-    for path in stimulus_files(files):
-        if (kit := load_kit(path)) is not None:
-            orders += _order_kits(path.stem, kit, Path(output), only)
-            if announce is not None and orders:
-                announce(orders[-1])
-            continue
-        declared = load_declared(path)
-        for stimulus in declared.stimuli:
-            if only is None or matches(only, declared.name, stimulus.id):
-                orders.append(_order(f"{declared.name}/{stimulus.id}", stimulus, Path(output), held, declared.order))
-                if announce is not None:
+    with alone_in(Path(output)):
+        for path in stimulus_files(files):
+            if (kit := load_kit(path)) is not None:
+                orders += _order_kits(path.stem, kit, Path(output), only)
+                if announce is not None and orders:
                     announce(orders[-1])
+                continue
+            declared = load_declared(path)
+            for stimulus in declared.stimuli:
+                if only is None or matches(only, declared.name, stimulus.id):
+                    name = f"{declared.name}/{stimulus.id}"
+                    orders.append(_order(name, stimulus, Path(output), held, declared.order))
+                    if announce is not None:
+                        announce(orders[-1])
     if not orders:
         raise PipelineError(f"selection must match at least one stimulus, got {only!r}")
     return orders
