@@ -17,7 +17,7 @@ import tempfile
 from pathlib import Path
 
 ROOT = Path(__file__).resolve().parents[1]
-FAULTS = ("size", "sync", "rename", "memory", "kill")
+FAULTS = ("size", "sync", "rename", "memory", "kill", "kill-rename")
 # runs a command with a fault at the call, or beyond the size of a file, that is asked for
 RUNNER = """
 import errno, os, resource, signal, sys
@@ -27,7 +27,7 @@ def failing(call):
     def counted(*arguments, **named):
         global count
         count += 1
-        if count == point and fault == "kill":
+        if count == point and fault.startswith("kill"):
             os.kill(os.getpid(), signal.SIGKILL)
         if count == point and fault == "memory":
             raise MemoryError
@@ -37,7 +37,7 @@ def failing(call):
     return counted
 if fault in ("sync", "kill", "memory"):
     os.fsync = failing(os.fsync)
-if fault == "rename":
+if fault in ("rename", "kill-rename"):
     Path.replace = failing(Path.replace)
 if fault == "size":
     signal.signal(signal.SIGXFSZ, signal.SIG_IGN)
@@ -53,14 +53,17 @@ def commands(work: Path) -> dict[str, list[str]]:
     four = str(ROOT / "stimuli" / "paper-four.toml")
     grid = 'kind = "grid"\nrows_per_partition = 2\n[parameters]\nheight = ["12 um", "50 um"]\nfriction = [0.1, 0.2]\n'
     (work / "s.toml").write_text(f'[sweep]\n{grid}normal_load = "0.5 N"\n')
-    plan = 'heights = ["20 um", "40 um"]\nloads = ["0.4 N"]\nspeeds = ["5 mm/s"]\ntrials = 6\n'
-    (work / "p.toml").write_text(f'schema = 1\nseed = 5\nformat = "hdf5"\n[design]\n{plan}')
-    run([*_PLAIN, "simulate-session", str(work / "p.toml"), "-o", str(work / "session")])
+    for name, trials in (("session", 6), ("longer", 20)):
+        plan = f'heights = ["20 um", "40 um"]\nloads = ["0.4 N"]\nspeeds = ["5 mm/s"]\ntrials = {trials}\n'
+        (work / "p.toml").write_text(f'schema = 1\nseed = 5\nformat = "hdf5"\n[design]\n{plan}')
+        run([*_PLAIN, "simulate-session", str(work / "p.toml"), "-o", str(work / name)])
     return {
         "study": ["study", "design", four, "--seed", "1", "-o", "OUT"],
         "sweep": ["sweep", str(work / "s.toml"), "-o", "OUT", "--quiet"],
         "measure": ["measure", str(work / "session"), "-o", "OUT/features.csv", "--jobs", "1", "--quiet"],
         "predict": ["predict", four, "-o", "OUT/table.csv"],
+        "workshop": ["workshop", str(ROOT / "stimuli" / "sheaths.toml"), "-o", "OUT", "--only", "sheath-hard"],
+        "loop": ["loop", str(work / "longer"), "-o", "OUT", "--jobs", "1", "--quiet"],
         "build": ["build", str(ROOT / "stimuli" / "sheaths.toml"), "-o", "OUT", "--only", "sheath-hard", "--jobs", "1"],
     }
 
@@ -91,8 +94,8 @@ def disturbed(command: list[str], fault: str, point: int, wanted: dict[str, str]
         return "none"
     said = [line for line in first.stderr.splitlines() if line.startswith(("stepblocks: error", "Traceback"))]
     if (
-        first.returncode != (-9 if fault == "kill" else 2)
-        or len(said) != (fault != "kill")
+        first.returncode != (-9 if fault.startswith("kill") else 2)
+        or len(said) != (not fault.startswith("kill"))
         or "Traceback" in first.stderr
     ):
         return f"ended with {first.returncode}: {first.stderr.strip()[-200:]}"
@@ -109,8 +112,9 @@ def main(argv: list[str] | None = None) -> int:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("command", nargs="*", help="commands (default: all)")
     parser.add_argument("--points", type=int, default=4, help="of each fault")
+    parser.add_argument("--every", type=int, default=3, help="calls from one point to the next")
     arguments = parser.parse_args(argv)
-    failed = 0
+    failed = held = 0
     print("| command | fault | point | outcome |\n|---|---|---|---|")
     with tempfile.TemporaryDirectory() as folder:
         work = Path(folder)
@@ -123,12 +127,14 @@ def main(argv: list[str] | None = None) -> int:
             wanted = tree(whole)
             for fault in FAULTS:
                 for number in range(arguments.points):
-                    point = 10 * 20**number if fault == "size" else 1 + 3 * number
+                    point = 10 * 20**number if fault == "size" else 1 + number * arguments.every
                     said = disturbed(command, fault, point, wanted, work)
                     failed += said not in ("", "none")
+                    held += said == ""
                     print(f"| {name} | {fault} | {point} | {said or 'one line, then the same bytes'} |", flush=True)
                     if said == "none":
                         break
+    print(f"\n{held} faults held, {failed} not")
     return int(failed > 0)
 
 

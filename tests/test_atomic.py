@@ -8,7 +8,8 @@ from pathlib import Path
 
 import pytest
 
-from stepblocks.atomic import beside, replace_text
+from stepblocks.atomic import alone_in, beside, replace_text
+from stepblocks.cli import main
 
 
 def names(folder):
@@ -65,6 +66,60 @@ def test_drafts_of_dead_runs_are_swept_and_those_of_the_living_stay(tmp_path):
         os.utime(path, (0, 0))
     replace_text(target, "whole")
     assert names(tmp_path) == sorted([target.name, fresh.name, other.name])
+
+
+def test_a_draft_of_a_dead_process_of_this_machine_goes_at_once_and_one_of_another_machine_after_a_day(tmp_path):
+    done = subprocess.run(
+        [sys.executable, "-c", "import os; print(os.getpid())"], capture_output=True, text=True, check=True
+    )
+    dead = int(done.stdout)
+    with beside(tmp_path / "other.csv") as ours:
+        ours.write_text("half")
+        machine = ours.name.split("-")[1]
+        drafts = [f".partial-{machine}-{dead}-ab-x.csv", f".partial-00000000-{dead}-ab-x.csv"]
+        for name in drafts:
+            (tmp_path / name).write_text("half")
+        with alone_in(tmp_path):
+            assert names(tmp_path) == sorted([ours.name, drafts[1]])
+    assert names(tmp_path) == sorted([drafts[1], "other.csv"])
+
+
+SWEEP = '[sweep]\nkind = "grid"\n[parameters]\nheight = "12 um"\nnormal_load = "0.3 N"\nfriction = 0.1\n'
+SESSION = """schema = 1
+[probe]
+spring_constant = "9810 N/m"
+tip_radius = "125 um"
+[acquisition]
+sample_rate = "10 kHz"
+traces = "{trial}.csv"
+channels = { tangential = "x", normal = "y" }
+"""
+
+
+@pytest.mark.parametrize("command", ["build", "sweep", "loop", "several", "workshop"])
+def test_one_run_holds_an_output_folder_and_a_second_is_told_so(command, tmp_path, capsys):
+    stimuli = str(Path(__file__).parents[1] / "stimuli" / "sheaths.toml")
+    (tmp_path / "s.toml").write_text(SWEEP)
+    for session in ("a", "b"):
+        (tmp_path / session).mkdir()
+        (tmp_path / session / "session.toml").write_text(SESSION)
+        (tmp_path / session / "trials.csv").write_text("trial,speed_mm_s,load_n,block,height_um\n1,2,0.5,a,20\n")
+    a, b = str(tmp_path / "a"), str(tmp_path / "b")
+    files = {
+        "build": [stimuli],
+        "sweep": [str(tmp_path / "s.toml")],
+        "loop": [a],
+        "several": [a, b],
+        "workshop": [stimuli],
+    }
+    output = tmp_path / "out"
+    name = "loop" if command == "several" else command
+    with alone_in(output):
+        assert main([name, *files[command], "-o", str(output)]) == 2
+    said = capsys.readouterr().err
+    assert "another run is writing into this folder" in said
+    assert str(output) in said
+    assert names(output) == []
 
 
 def test_what_is_renamed_has_reached_the_disk(tmp_path, monkeypatch):

@@ -7,13 +7,16 @@ from __future__ import annotations
 
 import filecmp
 import glob
+import hashlib
 import os
+import platform
 import secrets
 import shutil
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
 from contextvars import ContextVar
+from functools import cache
 from pathlib import Path
 
 from stepblocks.errors import PipelineError
@@ -21,7 +24,7 @@ from stepblocks.errors import PipelineError
 # tells what must not be replaced; nothing is kept where nobody asked
 _kept: ContextVar[Callable[[Path], bool]] = ContextVar("kept", default=lambda _: False)
 
-_STALE = 86_400.0  # a draft this old was left by a run that was killed [s]
+_STALE = 86_400.0  # a draft of another machine this old was left by a run that was killed [s]
 
 
 @contextmanager
@@ -48,7 +51,7 @@ def beside(path: Path) -> Iterator[Path]:
         _to_disk(path.parent)
     finally:
         draft.unlink(missing_ok=True)
-    _sweep(path)
+    _sweep(path.parent, path.name)
 
 
 @contextmanager
@@ -60,38 +63,31 @@ def folder_beside(path: Path) -> Iterator[Path]:
         yield draft
     finally:
         shutil.rmtree(draft, ignore_errors=True)
-    _sweep(path)
+    _sweep(path.parent, path.name)
 
 
 @contextmanager
 def alone_in(folder: Path) -> Iterator[None]:
-    """Hold a folder for one run: a second one that would write into it is told so, and its lock ends with its process.
-
-    Who holds it knows that the folders of drafts in it were left by runs that are dead, or are those of its own dead workers.
-    """
+    """Hold an output folder for one run: a second one is told so; the lock ends with its process, whose drafts are swept."""
     import fcntl
 
-    number, held = os.open(folder, os.O_RDONLY), False
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        number = os.open(folder, os.O_RDONLY)
+    except OSError as error:
+        raise PipelineError(f"the output folder cannot be made: {error.strerror} [{folder}]") from error
     try:
         with suppress(OSError):  # a file system without locks: drafts are unique all the same
             try:
                 fcntl.flock(number, fcntl.LOCK_EX | fcntl.LOCK_NB)
-                held = True
             except BlockingIOError:
                 rule = "another run is writing into this folder: wait until it has ended, or choose another"
                 raise PipelineError(f"{rule} [{folder}]") from None
-            _clear(folder)
+        _sweep(folder)
         yield
+        _sweep(folder)
     finally:
-        if held:
-            _clear(folder)
         os.close(number)
-
-
-def _clear(folder: Path) -> None:
-    for left in folder.glob(".partial-*/"):
-        if not left.is_symlink():
-            shutil.rmtree(left, ignore_errors=True)
 
 
 def inside(folder: Path, name: str) -> Path | None:
@@ -107,21 +103,43 @@ def inside(folder: Path, name: str) -> Path | None:
     return path
 
 
+@cache
+def _machine() -> str:
+    """Name machine, boot and container: where two share a folder, neither knows the processes of the other."""
+    told = [platform.node()]
+    with suppress(OSError):
+        told += [Path("/proc/sys/kernel/random/boot_id").read_text(), str(Path("/proc/self/ns/pid").readlink())]
+    return hashlib.sha256("".join(told).encode()).hexdigest()[:8]
+
+
 def _draft(path: Path) -> Path:
-    # a process id is not unique where two containers share a folder
-    return path.with_name(f".partial-{secrets.token_hex(6)}-{path.name}")
+    return path.with_name(f".partial-{_machine()}-{os.getpid()}-{secrets.token_hex(4)}-{path.name}")
 
 
-def _sweep(path: Path) -> None:
-    """Remove what killed runs left of drafts of a place."""
-    for left in path.parent.glob(f".partial-*-{glob.escape(path.name)}"):
+def _sweep(folder: Path, name: str | None = None) -> None:
+    """Remove what killed runs left of drafts, of one place or of all in a folder."""
+    for left in folder.glob(".partial-*" if name is None else f".partial-*-{glob.escape(name)}"):
         with suppress(FileNotFoundError):  # another run may sweep at the same time
-            if time.time() - left.lstat().st_mtime <= _STALE:
+            if not _abandoned(left):
                 continue
             if left.is_dir() and not left.is_symlink():
                 shutil.rmtree(left, ignore_errors=True)
             else:
                 left.unlink()
+
+
+def _abandoned(draft: Path) -> bool:
+    """Tell whether the process that made a draft has ended; one of another machine, after a day."""
+    machine, process, *_ = [*draft.name.removeprefix(".partial-").split("-"), ""]
+    if machine != _machine() or not process.isdigit():
+        return time.time() - draft.lstat().st_mtime > _STALE
+    try:
+        os.kill(int(process), 0)
+    except ProcessLookupError:
+        return True
+    except (OSError, OverflowError):
+        pass  # it is another user's
+    return False
 
 
 def _to_disk(path: Path) -> None:

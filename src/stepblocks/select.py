@@ -7,6 +7,7 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from stepblocks.errors import PipelineError
+from stepblocks.text_file import is_file
 
 
 def stimulus_files(meant: str | Path | Sequence[str | Path] | None = None) -> list[Path]:
@@ -18,7 +19,7 @@ def stimulus_files(meant: str | Path | Sequence[str | Path] | None = None) -> li
         if argument.is_dir():
             what = "a folder with stimulus files (*.toml)"
             found = [path for path in sorted(argument.glob("*.toml")) if not _is_kit(path)]
-        if not found or not found[0].is_file():
+        if not found or not is_file(found[0]):
             other = "name files or folders as FILE" if not several else _near(argument)
             raise PipelineError(f"expected {what}; {other} [{argument}]")
         files += found
@@ -39,7 +40,7 @@ def _near(path: Path) -> str:
 
 def _is_kit(path: Path) -> bool:
     """Tell apparatus from stimuli: it is made where it is named, not with all that lies in a folder."""
-    if not path.is_file():
+    if not is_file(path):
         return False
     with path.open("rb") as file:
         return b"\n[[apparatus]]" in file.read(1_000_000)

@@ -13,6 +13,11 @@ from typing import Any
 from stepblocks.errors import StepblocksError
 
 
+def is_file(path: Path) -> bool:
+    """Tell whether a path leads to a file; a name that no file can have, of 5,000 letters say, leads to none."""
+    return os.path.isfile(path)  # noqa: PTH113  Path.is_file raises what a name is too long for
+
+
 def plain_size(path: Path) -> int:
     """Return the size of a plain file [bytes]; a pipe or a device would block or never end, so it is an OSError as a folder is."""
     found = path.stat()

@@ -80,6 +80,10 @@ def test_a_record_without_a_height_says_nothing_of_an_edge():
         (lambda text: text.replace('std = "20 nm"', 'std = "-20 nm"'), "std must not be negative"),
         (lambda text: text + " " * 1_000_001, "must be at most 1000000 bytes, got"),
         (lambda text: text.replace("schema = 1", 'schema = 1\nprofile = "a.csv"'), "with profile_sha256"),
+        (
+            lambda text: text.replace("schema = 1", f'schema = 1\nprofile = "{"a" * 5000}"\nprofile_sha256 = "b"'),
+            "must lie beside the record",
+        ),
     ],
 )
 def test_a_record_that_was_changed_by_hand_is_refused_with_its_place(change, rule, tmp_path):

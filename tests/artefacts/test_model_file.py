@@ -43,8 +43,17 @@ def test_other_values_can_be_put_into_the_same_effects():
     assert dict(fitted.active(moved)[0][1]) == {"edge_radius_m": 20e-6}
 
 
+def _give(document, **effects):
+    """Put effects in the place of those that there are, each with values of its parameters."""
+    fit = document["extended"]
+    values = dict(zip(fit["names"], fit["values"], strict=True))
+    values |= {f"{law}.{name}": 0.0 for law, names in effects.items() for name in names}
+    fit |= {"names": list(values), "values": list(values.values()), "effects": [{"id": law} for law in effects]}
+    fit["covariance"] = np.zeros((len(values), len(values))).tolist()
+
+
 def test_smooths_are_found_again_by_their_names(tmp_path, document):
-    document["extended"]["effects"] = [{"id": "smooth_friction_run_order"}, {"id": "trend_gain_load_n"}]
+    _give(document, smooth_friction_run_order=("g1", "g2", "g3", "g4"), trend_gain_load_n=("slope",))
     laws = read_model(_written(tmp_path, document)).extended.laws
     assert [(law.place, len(law.parameters), law.named) for law in laws] == [
         (("friction", "run_order"), 4, False),
@@ -53,7 +62,7 @@ def test_smooths_are_found_again_by_their_names(tmp_path, document):
 
 
 def test_a_height_error_of_a_block_is_found_again(tmp_path, document):
-    document["extended"]["effects"] = [{"id": "block_height_error~step-050"}]
+    _give(document, **{"block_height_error~step-050": ("height_error_m",)})
     (law,) = read_model(_written(tmp_path, document)).extended.laws
     assert law.covariate == "block"
 
@@ -82,6 +91,10 @@ def _set(*keys, value):
         (_set("scatter", "channel_std", value=[0.1]), "channel_std must be 7"),
         (_set("scatter", "quantity_std", value=None), "quantity_std must be 3"),
         (lambda document: document.pop("blocks"), "damaged: 'blocks'"),
+        (_set("nominal", "values", 0, value=1e300), "friction of nominal must lie between 0.005 and 0.9, got 1e\\+300"),
+        (_set("extended", "values", 2, value=0.0), "stiffness_ratio of extended must lie between 0.2 and 5, got 0"),
+        (_set("extended", "values", 7, value=-1.0), "edge_rounding.edge_radius_m of extended must lie between 0 and"),
+        (_set("extended", "names", 0, value="frictoin"), "damaged: 'friction'"),
     ],
 )
 def test_damage_is_named_in_one_line(tmp_path, document, damage, said):

@@ -326,6 +326,31 @@ def test_fuzz_any_header_states_a_scale_or_is_refused_in_one_line(name, seed, tm
         assert scale is None or scale.count > 0.0
 
 
+@pytest.mark.parametrize("damaged", ["3,1e300", "3,inf", "1e300,1"])
+def test_a_value_that_no_surface_has_is_one_line(damaged, tmp_path):
+    path = tmp_path / "a.csv"
+    path.write_text(f"x_um,z_um\n0,0\n1,0\n2,50\n{damaged}\n")
+    with pytest.raises(MetrologyError, match=r"must (lie within 10 m, got|be finite).*\[a.csv\]$"):
+        read_scan(path)
+
+
+def test_a_wrong_unit_that_makes_a_block_of_a_street_is_told(tmp_path):
+    (tmp_path / "a.csv").write_text("x_m,z_m\n0,0\n100,0\n200,50\n")
+    with pytest.raises(MetrologyError, match=r"positions must lie within 10 m, got 200 m \[a.csv\]"):
+        read_scan(tmp_path / "a.csv")
+
+
+def test_a_scan_that_the_system_will_not_open_is_said_to_be_that_and_no_unsound_archive(tmp_path, monkeypatch):
+    write_x3p(tmp_path / "a.x3p")
+
+    def refused(*_, **__):
+        raise PermissionError(13, "Permission denied")
+
+    monkeypatch.setattr(Path, "open", refused)
+    with pytest.raises(MetrologyError, match=r"^scan cannot be read: Permission denied \[a.x3p\]$"):
+        read_scan(tmp_path / "a.x3p")
+
+
 def real(name):
     path = SHARED / "real" / name
     if not path.is_file():

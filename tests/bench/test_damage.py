@@ -3,6 +3,7 @@
 import csv
 import shutil
 
+import h5py
 import numpy as np
 import pandas as pd
 import pytest
@@ -79,6 +80,10 @@ SESSION_DAMAGE = {
     "unknown format": (lambda f: edit(f / "session.toml", ".csv", ".xyz"), "acquisition.format"),
     "code in the pattern": (lambda f: edit(f / "session.toml", "{trial:04d}", "{trial.__class__}"), "no other braces"),
     "traces outside the session": (lambda f: edit(f / "session.toml", "traces/", "../traces/"), "inside the session"),
+    "a table with a name of 5,000 letters": (
+        lambda f: edit(f / "session.toml", "[probe]", f'[trials]\nfile = "{"a" * 5000}.csv"\n[probe]', 1),
+        "table of trials is missing",
+    ),
     "no trials.csv": (lambda f: (f / "trials.csv").unlink(), "table of trials is missing"),
     "empty trials.csv": (lambda f: (f / "trials.csv").write_text(""), "is empty"),
     "trials.csv without rows": (lambda f: (f / "trials.csv").write_text("trial,load_n\n"), "has no rows"),
@@ -116,6 +121,15 @@ def test_a_session_that_cannot_be_read_ends_in_one_line(name, session, tmp_path,
 
 TRIAL_DAMAGE = {
     "missing trace": (lambda f: (f / "traces/0003.csv").unlink(), "missing"),
+    "a name too long for a file": (
+        lambda f: (
+            edit(f / "session.toml", "{trial:04d}", "000{trial}"),
+            edit(f / "trials.csv", "\n3,", f"\n{'a' * 5000},"),
+        ),
+        "missing: there is no",
+    ),
+    "a name of 5,000 letters": (lambda f: edit(f / "trials.csv", "\n3,", f"\n{'a' * 5000},"), "is no whole number"),
+    "a name of 5,000 digits": (lambda f: edit(f / "trials.csv", "\n3,", f"\n{'9' * 5000},"), "is no whole number"),
     "empty file": (lambda f: (f / "traces/0003.csv").write_text(""), "unreadable"),
     "header only": (lambda f: (f / "traces/0003.csv").write_text("time_s,fx_n,fy_n\n"), "truncated|no numbers"),
     "text among numbers": (lambda f: edit(f / "traces/0003.csv", "0.0100", "oops", 1), "no numbers"),
@@ -220,6 +234,20 @@ def test_a_container_that_is_cut_off_or_missing_is_one_clear_error(kind, make_se
     path.unlink()
     with pytest.raises(StepblocksError, match="traces are missing"):
         write_features(folder, tmp_path / "out.csv", jobs=1)
+
+
+def test_a_damaged_group_of_an_hdf5_file_costs_its_own_trial(make_session, tmp_path):
+    folder = make_session(tmp_path / "s", kind="hdf5")
+    (path,) = folder.glob("traces.*")
+    with h5py.File(path) as file:
+        group = next(one for name, one in file.items() if name.endswith("3"))
+        at = h5py.h5o.get_info(group.id).addr
+    data = bytearray(path.read_bytes())
+    data[at : at + 16] = b"\xff" * 16  # the header of its object
+    path.write_bytes(data)
+    summary, rows = run(folder, tmp_path)
+    assert summary.excluded == 1
+    assert [row["trial"] for row in rows if row["status"] != "ok"] == ["3"]
 
 
 def test_nothing_of_the_users_is_written_to(session, tmp_path):

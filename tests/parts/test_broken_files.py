@@ -91,6 +91,8 @@ CASES = {
     "negative load": (swap('"0.3 N"', '"-0.3 N"'), "normal_loads.0: must be positive"),
     "negative friction": (swap("[0.15,", "[-0.15,"), "must not be negative"),
     "deep nesting": ("schema = 1\na = " + "[" * 5000 + "]" * 5000, "must be TOML"),
+    "an integer of 5,000 digits": ("schema = " + "9" * 5000, "must be TOML"),
+    "a name of 5,000 letters": (swap('id = "tip-125"', f'id = "{"a" * 5000}"', TIPS), "id"),
     "too large": ("# " + "x" * 1_000_001, "at most 1000000 bytes"),
 }
 

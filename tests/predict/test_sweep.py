@@ -149,6 +149,30 @@ def test_a_worker_killed_in_mid_run_loses_nothing_and_changes_no_byte(tmp_path):
         assert (tmp_path / "alone" / name).read_bytes() == (tmp_path / "cluster" / name).read_bytes()
 
 
+def flipped(content):
+    middle = len(content) // 2
+    return content[:middle] + bytes([content[middle] ^ 1]) + content[middle + 1 :]
+
+
+@pytest.mark.parametrize("damage", [lambda _: b"", lambda content: content[:-9], lambda _: b"PAR1" * 99, flipped])
+def test_a_part_that_is_empty_cut_or_damaged_is_made_anew(damage, tmp_path):
+    plan = plan_of(tmp_path, RANDOM.format(rows=12, size=9, mode="static"))
+    sweep(plan, tmp_path / "out")
+    whole = {path.name: path.read_bytes() for path in (tmp_path / "out").iterdir()}
+    part = tmp_path / "out" / "part-00000002.parquet"
+    part.write_bytes(damage(whole[part.name]))
+    assert sweep(plan, tmp_path / "out") == (1, 3)
+    assert {path.name: path.read_bytes() for path in (tmp_path / "out").iterdir()} == whole
+
+
+def test_rows_of_another_version_of_the_program_are_not_mixed_with_ours(tmp_path, monkeypatch):
+    plan = plan_of(tmp_path, RANDOM.format(rows=4, size=10, mode="static"))
+    sweep(plan, tmp_path / "out")
+    monkeypatch.setattr("stepblocks.__version__", "0.0.1")
+    with pytest.raises(PipelineError, match="another version of stepblocks"):
+        sweep(plan, tmp_path / "out")
+
+
 def test_a_folder_of_another_sweep_is_left_alone(tmp_path):
     sweep(plan_of(tmp_path, RANDOM.format(rows=4, size=10, mode="static")), tmp_path / "out")
     other = plan_of(tmp_path, RANDOM.format(rows=5, size=10, mode="static"))

@@ -1,6 +1,7 @@
 """Trials that nobody has made: equations (1) and (2) where nothing else was learnt, honest about doubt and about limits."""
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import pandas as pd
@@ -126,3 +127,9 @@ def test_files_that_cannot_be_read_or_written_are_named(tmp_path):
     (tmp_path / "blocked").write_text("a file where a folder should be")
     with pytest.raises(PipelineError, match="cannot be written"):
         predict_trials(_table(), taught_model(), tmp_path / "blocked" / "p.csv")
+
+
+@pytest.mark.filterwarnings("ignore::RuntimeWarning")
+def test_a_model_whose_figures_are_out_of_all_measure_is_refused_and_never_ok_without_an_energy():
+    with pytest.raises(PipelineError, match="model is damaged: it gives no finite"):
+        predict_trials(_table(), replace(taught_model(), channel_std=np.full(7, 1e300)))

@@ -16,7 +16,7 @@ from stepblocks.artefacts.scans.text import read_text_scan
 from stepblocks.atomic import replace_text
 from stepblocks.errors import MetrologyError, PipelineError, QuantityError
 from stepblocks.quantities import format_quantity, parse_quantity
-from stepblocks.text_file import read_document
+from stepblocks.text_file import is_file, read_document
 
 _SCHEMA = 1  # of the record's format
 _TEXTS = ("stimulus", "scan", "scan_sha256", "convention")
@@ -144,7 +144,7 @@ def _surface(record: Path, name: object, digest: object) -> Profile | None:
         rule = "profile must be the name of a file beside the record, with profile_sha256"
         raise MetrologyError(f"{rule}, got {name!r} [{record}]")
     path = record.with_name(name)
-    if not path.is_file():
+    if not is_file(path):
         raise MetrologyError(f"profile must lie beside the record, missing {name!r} [{record}]")
     surface = read_text_scan(path)
     if hashlib.sha256(path.read_bytes()).hexdigest() != digest or not isinstance(surface, Profile):

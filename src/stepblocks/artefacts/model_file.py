@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass
+from functools import cache
 from pathlib import Path
 from typing import Any
 
@@ -11,9 +12,9 @@ import numpy as np
 from pydantic import TypeAdapter
 
 from stepblocks.contact.effects import named_laws
-from stepblocks.contact.effects.law import Law
+from stepblocks.contact.effects.law import Law, Parameter
 from stepblocks.contact.effects.smooth import CovariateRange, smooth_laws
-from stepblocks.contact.forward import Active
+from stepblocks.contact.forward import Active, constants, design_of
 from stepblocks.contact.operating_point import Tool
 from stepblocks.contact.state import CHANNELS, Floats
 from stepblocks.errors import ContactError, PipelineError
@@ -143,11 +144,21 @@ def _from_document(document: Mapping[str, Any]) -> LearnedModel:
 
 def _fit(name: str, part: Mapping[str, Any], laws: Mapping[str, Law]) -> LearnedFit:
     names = [str(n) for n in part["names"]]
-    values = _numbers(f"values of {name}", part["values"], (len(names),)).tolist()
+    values = dict(zip(names, _numbers(f"values of {name}", part["values"], (len(names),)).tolist(), strict=True))
     covariance = _numbers(f"covariance of {name}", part["covariance"], (len(names), len(names)))
     effects = tuple(laws[str(e["id"])] for e in part["effects"])
-    units = tuple(str(unit) for unit in part["units"])
-    return LearnedFit(dict(zip(names, values, strict=True)), units, covariance, effects)
+    own = [(f"{law.id}.{p.name}", p.low, p.high) for law in effects for p in law.parameters]
+    for key, low, high in (*((p.name, p.low, p.high) for p in _constants()), *own):
+        if not low <= values[key] <= high:
+            raise ValueError(f"{key} of {name} must lie between {low:g} and {high:g}, got {values[key]:g}")
+    return LearnedFit(values, tuple(str(unit) for unit in part["units"]), covariance, effects)
+
+
+@cache
+def _constants() -> tuple[Parameter, ...]:
+    """Constants of every session; what a single trial adds is the height of its block, which comes last."""
+    columns = ("height_um", "load_n", "speed_mm_s", "tip_radius_um")
+    return constants(design_of(np.array(["block"]), {name: np.ones(1) for name in columns}, 1.0))[:-1]
 
 
 def _numbers(name: str, given: object, shape: tuple[int, ...]) -> Floats:

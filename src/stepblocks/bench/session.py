@@ -14,7 +14,7 @@ from stepblocks.bench.signal import TraceError
 from stepblocks.errors import BenchError, QuantityError
 from stepblocks.mistakes import Mistake, mistakes_in, noted, told
 from stepblocks.quantities import parse_quantity, quantity_parser
-from stepblocks.text_file import read_document
+from stepblocks.text_file import is_file, read_document
 
 TraceFormat = Literal["csv", "hdf5", "tdms", "mat"]
 # with the suffixes of their files
@@ -278,7 +278,7 @@ def open_session(folder: str | Path) -> Session:
     mistakes: list[Mistake] = []
     try:
         session = Session.model_validate({**declared, "folder": folder})
-        if not session.table.is_file():
+        if not is_file(session.table):
             mistakes.append(("", f"table of trials is missing, expected {session.trials.file} beside session.toml"))
     except ValidationError as error:
         mistakes += mistakes_in(error, Session, {**declared, "folder": folder})

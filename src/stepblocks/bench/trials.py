@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING
 
 from stepblocks.bench.session import Channel, Session, TrialColumns, inside, unit_of_name
 from stepblocks.errors import BenchError
+from stepblocks.text_file import is_file
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -214,7 +215,7 @@ def _declared_heights(session: Session) -> dict[str, float]:
     stimuli = session.stimuli
     beside = Path("stimuli") / f"{stimuli.set}.toml"
     path = inside(session.folder, stimuli.file, "stimuli.file") if stimuli.file else beside
-    if not (stimuli.set or stimuli.file) or not path.is_file():
+    if not (stimuli.set or stimuli.file) or not is_file(path):
         missing = f", and there is no {path}" if stimuli.set or stimuli.file else ""
         raise BenchError(
             f"table of trials must have a column 'height_um' or another length that begins with height, or "

@@ -119,9 +119,9 @@ def build_sets(
 
     sets = [load_declared(path) for path in sources]
     learned = read_model(Path(model)) if model else None
-    _require_folder(folder, sets)
     report = BuildReport(str(folder))
     with alone_in(folder):
+        _require_folder(folder, sets)
         selected = _selected(sets, only)
         wanted = _not_current(selected, folder, code)
         report.current = len(selected) - len(wanted)
@@ -148,10 +148,6 @@ def build_sets(
 
 
 def _require_folder(output: Path, sets: Sequence[StimulusSet]) -> None:
-    try:
-        output.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        raise PipelineError(f"the output folder cannot be made: {error.strerror} [{output}]") from error
     if not os.access(output, os.W_OK):
         raise PipelineError(f"the output folder must be writable [{output}]")
     for name in ("assets", *(f"{stimuli.name}/{stimulus.id}" for stimuli in sets for stimulus in stimuli.stimuli)):

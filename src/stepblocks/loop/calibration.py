@@ -14,7 +14,7 @@ from stepblocks.atomic import inside
 from stepblocks.errors import PipelineError
 from stepblocks.mistakes import validated
 from stepblocks.quantities import quantity_parser
-from stepblocks.tables import read_table, si_column
+from stepblocks.tables import read_table, si_columns
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -77,7 +77,7 @@ def _load_std(session: Path, name: str) -> float:
     table = read_table(path)
     if "axis" not in table or "normal" not in set(table["axis"]):
         raise PipelineError(f"load_table must have a column axis with a row normal [{path}]")
-    stds = si_column(table[table["axis"] == "normal"], ("std",), "force", None, path)
+    stds = si_columns(table[table["axis"] == "normal"], {"std": (("std",), "force", None)}, path)["std"]
     return max(float(stds.max()), _LEAST_STD)
 
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 import os
 from collections.abc import Callable, Sequence
-from contextlib import ExitStack
+from contextlib import ExitStack, nullcontext
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any
 
 from stepblocks.artefacts.as_built import measured_edges, read_records
 from stepblocks.artefacts.model_file import model_document
-from stepblocks.atomic import replace_text
+from stepblocks.atomic import alone_in, replace_text
 from stepblocks.errors import PipelineError
 from stepblocks.loop.bench_model import covariate_ranges
 from stepblocks.loop.calibration import Known, read_calibration
@@ -92,30 +92,26 @@ def loop_session(
     if radius is None:
         raise PipelineError(f"`probe.tip_radius` must be given to explain a session [{session / 'session.toml'}]")
     cores = jobs or len(os.sched_getaffinity(0))
-    if output is not None:
-        try:
-            Path(output).mkdir(parents=True, exist_ok=True)
-        except OSError as error:
-            raise PipelineError(f"output must be a folder that can be written: {error.strerror} [{output}]") from error
-    table = None if output is None else Path(output) / "features.csv"
-    measured = measure(session, table, jobs=cores, waveform=waveform, progress=progress)
-    features = with_conditions(measured, conditions)
-    scans: Scans = {}
-    failed: dict[str, str] = {}
-    if not forces_only:
-        # what was inspected needs no scan
-        blocks = sorted(set(features["block"].dropna()))
-        scans, failed = scan_blocks(
-            session, declared.stimuli.scans, [block for block in blocks if block not in inspected]
-        )
-        scans = scans | {block: dict(inspected[block]) for block in blocks if block in inspected}
-    result = analyse_features(features, declared.probe.spring_constant, radius, scans, jobs=cores, known=known)
-    result.document["scans"]["left_out"] = [{"block": block, "reason": reason} for block, reason in failed.items()]
-    if waveform:
-        result.document["waveform"] = predict_energies(features, declared.probe.spring_constant)
-    result = replace(result, title=declared.title or session.name)
-    if output is not None:
-        write_loop(result, Path(output))
+    with nullcontext() if output is None else alone_in(Path(output)):
+        table = None if output is None else Path(output) / "features.csv"
+        measured = measure(session, table, jobs=cores, waveform=waveform, progress=progress)
+        features = with_conditions(measured, conditions)
+        scans: Scans = {}
+        failed: dict[str, str] = {}
+        if not forces_only:
+            # what was inspected needs no scan
+            blocks = sorted(set(features["block"].dropna()))
+            scans, failed = scan_blocks(
+                session, declared.stimuli.scans, [block for block in blocks if block not in inspected]
+            )
+            scans = scans | {block: dict(inspected[block]) for block in blocks if block in inspected}
+        result = analyse_features(features, declared.probe.spring_constant, radius, scans, jobs=cores, known=known)
+        result.document["scans"]["left_out"] = [{"block": block, "reason": reason} for block, reason in failed.items()]
+        if waveform:
+            result.document["waveform"] = predict_energies(features, declared.probe.spring_constant)
+        result = replace(result, title=declared.title or session.name)
+        if output is not None:
+            write_loop(result, Path(output))
     return result
 
 

@@ -20,6 +20,7 @@ from stepblocks.loop.calibration import Known, unloaded_zeros
 from stepblocks.loop.search.forward_model import Floats, Trials
 from stepblocks.loop.search.noise import outliers
 from stepblocks.loop.search.structure import Hint
+from stepblocks.text_file import is_file
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -228,7 +229,7 @@ def scan_blocks(
     failed: dict[str, str] = {}
     for block in blocks if pattern else ():
         path = folder / str(pattern).replace("{block}", block)
-        if not path.is_file():
+        if not is_file(path):
             failed[block] = f"no file {path.relative_to(folder)}"
         elif folder.resolve() not in path.resolve().parents:
             failed[block] = f"{path.relative_to(folder)} leads out of the session"

@@ -16,7 +16,7 @@ import numpy as np
 from scipy import stats
 
 from stepblocks.artefacts.model_file import LearnedFit, LearnedModel, model_document
-from stepblocks.atomic import replace_text
+from stepblocks.atomic import alone_in, replace_text
 from stepblocks.contact.effects.law import Law
 from stepblocks.errors import PipelineError
 from stepblocks.loop.result import LoopResult
@@ -125,15 +125,16 @@ def loop_sessions(
     if twice := sorted({name for name in names if names.count(name) > 1}):
         raise PipelineError(f"sessions must have names of their own, got {twice[0]!r} twice")
     output = Path(output)
-    how: dict[str, Any] = {"jobs": jobs, "forces_only": forces_only, "as_built": as_built, "progress": progress}
-    results = {name: loop_session(at, output / name, **how) for name, at in zip(names, folders, strict=True)}
-    shared, model = hierarchy(results)
-    document = {
-        "sessions": {n: {"verdict": str(r.verdict), "finding": r.document["finding"]} for n, r in results.items()},
-        "parameters": {name: _entry(parameter) for name, parameter in shared.items()},
-    }
-    replace_text(output / "sessions.json", json.dumps(document, indent=2, allow_nan=False) + "\n")
-    replace_text(output / "model.json", json.dumps(model_document(model), indent=2, allow_nan=False) + "\n")
+    given: dict[str, Any] = {"jobs": jobs, "forces_only": forces_only, "as_built": as_built, "progress": progress}
+    with alone_in(output):
+        results = {name: loop_session(one, output / name, **given) for name, one in zip(names, folders, strict=True)}
+        shared, model = hierarchy(results)
+        document = {
+            "sessions": {n: {"verdict": str(r.verdict), "finding": r.document["finding"]} for n, r in results.items()},
+            "parameters": {name: _entry(parameter) for name, parameter in shared.items()},
+        }
+        for file, content in (("sessions.json", document), ("model.json", model_document(model))):
+            replace_text(output / file, json.dumps(content, indent=2, allow_nan=False) + "\n")
     return document
 
 

@@ -104,8 +104,10 @@ def predicted(table: pd.DataFrame, learned: LearnedModel) -> tuple[pd.DataFrame,
     for ends in ({"": 0.0}, {"_low": -WIDE, "_high": WIDE}):
         each = product(models.items(), _FIGURES.items(), ends.items())
         for (prefix, (mean, std, slots)), (name, channel), (end, shift) in each:
-            value = np.exp(mean[:, channel] + shift * std[:, channel])
-            result[prefix + name.format(end)] = np.where(slots.locked() | wrong, np.nan, value)
+            value = np.where(slots.locked() | wrong, np.nan, np.exp(mean[:, channel] + shift * std[:, channel]))
+            result[prefix + name.format(end)] = value
+            if not np.isfinite(value[~(slots.locked() | wrong)]).all():
+                raise PipelineError(f"model is damaged: it gives no finite {prefix}{name.format(end)} [model.json]")
     return pd.DataFrame(result), state
 
 

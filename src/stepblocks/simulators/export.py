@@ -5,9 +5,9 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from tempfile import TemporaryDirectory
 from typing import TYPE_CHECKING, Any, Literal
 
+from stepblocks.atomic import folder_beside
 from stepblocks.contact.operating_point import OperatingPoint
 from stepblocks.declare import load_declared
 from stepblocks.errors import PipelineError
@@ -148,9 +148,7 @@ def _write(folder: Path, scene: Scene, form: SceneFormat) -> None:
     from stepblocks.simulators.scene import write_scene
 
     try:
-        folder.parent.mkdir(parents=True, exist_ok=True)
-        with TemporaryDirectory(prefix=f".partial-{form.name}-", dir=folder.parent) as name:
-            draft = Path(name)
+        with folder_beside(folder) as draft:
             write_scene(draft, scene, form)
             for path in sorted(file for file in draft.rglob("*") if file.is_file()):
                 target = folder / path.relative_to(draft)

@@ -10,7 +10,7 @@ import pandas as pd
 
 from stepblocks.artefacts.on_paper import write_sheet_csv, write_sheet_pdf
 from stepblocks.artefacts.qif import write_qif
-from stepblocks.atomic import inside
+from stepblocks.atomic import alone_in, inside
 from stepblocks.contact.operating_point import OperatingPoint
 from stepblocks.declare import load_declared, load_kit
 from stepblocks.errors import MachiningError, PipelineError
@@ -85,20 +85,21 @@ def order_parts(
     if masks and find_spec("gdstk") is None:
         raise MachiningError("masks need gdstk: pip install 'stepblocks[masks]'")
     orders = []
-    for path in stimulus_files(files):
-        declared = load_kit(path) or load_declared(path)
-        set_name, parts = (
-            (path.stem, declared.apparatus) if isinstance(declared, Kit) else (declared.name, declared.stimuli)
-        )
-        chosen = [one for one in parts if only is None or matches(only, set_name, one.id)]
-        for one in chosen:
-            orders.append(_order(f"{set_name}/{one.id}", one, Path(output), held, declared))
-            if announce is not None:
-                announce(orders[-1])
-        blocks = [one for one in chosen if isinstance(one, StepBlock)]
-        if masks and blocks:
-            written, faults = write_masks(_folder(Path(output), set_name) / f"{set_name}.masks.gds", blocks)
-            orders.append(Order(f"{set_name}/masks", tuple(written), (), tuple(faults)))
+    with alone_in(Path(output)):
+        for path in stimulus_files(files):
+            declared = load_kit(path) or load_declared(path)
+            set_name, parts = (
+                (path.stem, declared.apparatus) if isinstance(declared, Kit) else (declared.name, declared.stimuli)
+            )
+            chosen = [one for one in parts if only is None or matches(only, set_name, one.id)]
+            for one in chosen:
+                orders.append(_order(f"{set_name}/{one.id}", one, Path(output), held, declared))
+                if announce is not None:
+                    announce(orders[-1])
+            blocks = [one for one in chosen if isinstance(one, StepBlock)]
+            if masks and blocks:
+                written, faults = write_masks(_folder(Path(output), set_name) / f"{set_name}.masks.gds", blocks)
+                orders.append(Order(f"{set_name}/masks", tuple(written), (), tuple(faults)))
     if not orders:
         raise PipelineError(f"selection must match at least one stimulus, got {only!r}")
     return orders

@@ -19,6 +19,7 @@ from stepblocks.artefacts.scans.scan import HeightMap, Profile
 from stepblocks.artefacts.scans.text import LENGTH_UNITS, given_units, holds_matrix, read_text_scan
 from stepblocks.confined import read_confined
 from stepblocks.errors import MetrologyError
+from stepblocks.text_file import is_file
 
 TEXT_ENDINGS = (".csv", ".txt", ".tsv", ".xyz", ".asc", ".dat")
 POINT_ENDINGS = (".ply", ".stl", ".obj", ".pcd", ".json")  # numbers without a unit, which must be given
@@ -109,15 +110,18 @@ def list_channels(path: str | Path) -> list[str]:
 
 def _known_form(path: Path) -> tuple[Path, str]:
     """Return by which reader a file is read: by its first bytes where its ending says little."""
-    if not path.is_file():
+    if not is_file(path):
         raise MetrologyError(f"scan must be a file, got {str(path)!r}")
-    if path.stat().st_size == 0:
+    try:
+        with path.open("rb") as file:
+            begin = file.read(4)
+    except OSError as error:
+        raise MetrologyError(f"scan cannot be read: {error.strerror} [{path.name}]") from error
+    if not begin:
         raise MetrologyError(f"scan must not be empty [{path.name}]")
     ending = path.suffix.lower()
-    with path.open("rb") as file:
-        magic = _MAGIC.get(file.read(4))
-    if magic is not None:
-        return path, magic
+    if begin in _MAGIC:
+        return path, _MAGIC[begin]
     if ending in TEXT_ENDINGS:
         return path, "asc" if holds_matrix(path) else "text"
     if ending in POINT_ENDINGS:

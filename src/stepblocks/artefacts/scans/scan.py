@@ -12,6 +12,13 @@ from stepblocks.errors import MetrologyError
 Array = NDArray[np.float64]
 
 _LEAST_POINTS = 3
+_FARTHEST = 10.0  # a surface that reaches farther was read in a wrong unit, or is damaged [m]
+
+
+def _require_reach(name: str, values: Array, place: str) -> None:
+    farthest = np.nanmax(np.abs(values))
+    if farthest > _FARTHEST:
+        raise MetrologyError(f"{name} must lie within {_FARTHEST:g} m, got {farthest:g} m{place}")
 
 
 @dataclass(frozen=True)
@@ -35,6 +42,8 @@ class Profile:
             raise MetrologyError(f"positions must be finite and increase along the profile{place}")
         if not np.isfinite(self.height).any():
             raise MetrologyError(f"profile must hold at least one measured height, got none{place}")
+        _require_reach("positions", self.position, place)
+        _require_reach("heights", self.height, place)
 
     @property
     def spacing(self) -> float:
@@ -63,6 +72,8 @@ class HeightMap:
                 raise MetrologyError(f"{name} must be positive and finite, got {value:g} m{place}")
         if not np.isfinite(self.height).any():
             raise MetrologyError(f"height map must hold at least one measured height, got none{place}")
+        _require_reach("heights", self.height, place)
+        _require_reach("sides", np.array(self.height.shape) * (self.dy, self.dx), place)
 
     @property
     def x(self) -> Array:

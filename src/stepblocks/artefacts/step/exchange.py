@@ -11,6 +11,7 @@ from pathlib import Path
 from typing import Any
 
 from stepblocks.errors import MetrologyError
+from stepblocks.text_file import is_file
 
 _MOST_BYTES = 128 * 2**20
 
@@ -88,7 +89,7 @@ def references_in(value: object) -> Iterator[str]:
 
 def read_exchange(path: Path) -> Exchange:
     """Parse a STEP file."""
-    if not path.is_file():
+    if not is_file(path):
         raise MetrologyError(f"STEP file must be a file, got {str(path)!r}")
     if path.stat().st_size > _MOST_BYTES:
         raise MetrologyError(f"STEP file must not exceed {_MOST_BYTES >> 20} MiB [{path.name}]")

@@ -17,6 +17,7 @@ from stepblocks.bench.signal import Trace, TraceError, check_size, listed
 from stepblocks.bench.traces import hdf5, mat, tdms
 from stepblocks.confined import read_confined
 from stepblocks.errors import BenchError
+from stepblocks.text_file import is_file
 
 _MOST_BYTES = 1 << 30  # of the file of one trial
 Layout = Mapping[str, Any]  # how the text of traces is written
@@ -112,7 +113,7 @@ class Traces(ExitStack):
         if acquisition.per_trial:
             return
         path = inside(session.folder, acquisition.traces, "acquisition.traces")
-        if not path.is_file():
+        if not is_file(path):
             raise BenchError(f"traces are missing, expected {acquisition.traces} [{session.folder}]")
         self._container, nothing = path, (Place("", (), own_file=False, is_file=True), ())
         try:
@@ -189,7 +190,7 @@ def _trial_file(session: Session, trial: str) -> Path:
     if "/" in trial or "\\" in trial or ".." in trial:
         raise TraceError(f"trial {trial!r} is no part of a file name")
     path = inside(session.folder, relative, "acquisition.traces")
-    if not path.is_file():
+    if not is_file(path):
         raise TraceError(f"missing: there is no {relative}")
     if path.stat().st_size > _MOST_BYTES:
         raise TraceError(f"{relative} has more than {_MOST_BYTES} bytes")

@@ -91,8 +91,11 @@ class SweepPlan:
 
     @property
     def digest(self) -> str:
-        """Hash of everything that the rows and their files depend on."""
-        return hashlib.sha256(json.dumps(asdict(self), sort_keys=True).encode()).hexdigest()
+        """Hash of everything that the rows and their files depend on, the version of the program too."""
+        from stepblocks import __version__
+
+        told = {**asdict(self), "stepblocks": __version__}
+        return hashlib.sha256(json.dumps(told, sort_keys=True).encode()).hexdigest()
 
 
 _CHOICES = {"kind": ("grid", "random"), "mode": ("static", "drag"), "surface": ("step", "margin")}  # defaults first

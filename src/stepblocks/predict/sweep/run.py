@@ -6,6 +6,7 @@ may be interrupted, and what is finished stays. The rows do not depend on how th
 
 from __future__ import annotations
 
+import io
 import json
 from collections.abc import Callable, Iterator
 from dataclasses import asdict
@@ -13,7 +14,7 @@ from itertools import islice
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from stepblocks.atomic import beside, replace_text
+from stepblocks.atomic import alone_in, replace_bytes, replace_text
 from stepblocks.errors import PipelineError
 from stepblocks.predict.sweep.plan import SweepPlan, load_sweep
 from stepblocks.predict.sweep.rows import columns_of, sweep_row
@@ -64,37 +65,59 @@ def sweep(
     plan = plan if isinstance(plan, SweepPlan) else load_sweep(Path(plan))
     folder = Path(output)
     _require_extra(dask=client is not None or scheduler is not None or jobs > 1)
-    folder.mkdir(parents=True, exist_ok=True)
-    _claim(plan, folder)
-    missing = [k for k in range(plan.partitions) if not _path(folder, k).is_file()]
-    found = plan.partitions - len(missing)
     report = on_partition or (lambda _: None)
-    if client is not None:
-        _submit(client, plan, folder, missing, report)
-    elif scheduler is None and jobs <= 1:
-        for k in missing:
-            write_partition(plan, k, folder)
-            report(k)
-    elif missing:
-        with _client(jobs, scheduler) as own:
-            _submit(own, plan, folder, missing, report)
-    return len(missing), found
+    with alone_in(folder):
+        _claim(plan, folder)
+        missing = [k for k in range(plan.partitions) if not _is_whole(plan, k, folder)]
+        if client is not None:
+            _submit(client, plan, folder, missing, report)
+        elif scheduler is None and jobs <= 1:
+            for k in missing:
+                write_partition(plan, k, folder)
+                report(k)
+        elif missing:
+            with _client(jobs, scheduler) as own:
+                _submit(own, plan, folder, missing, report)
+    return len(missing), plan.partitions - len(missing)
+
+
+def _rows_of(plan: SweepPlan, number: int) -> range:
+    start = number * plan.rows_per_partition
+    return range(start, min(start + plan.rows_per_partition, plan.rows))
+
+
+def _is_whole(plan: SweepPlan, number: int, folder: Path) -> bool:
+    """Tell whether a partition is there, and to the byte what is written for the rows that it holds, which have checksums."""
+    import pyarrow as pa
+    import pyarrow.parquet as pq
+
+    try:
+        content = _path(folder, number).read_bytes()
+        table = pq.ParquetFile(pa.BufferReader(content), page_checksum_verification=True).read()
+    except (OSError, ValueError, pa.ArrowException):
+        return False
+    return bool(table.num_rows == len(_rows_of(plan, number)) and _as_parquet(table) == content)
+
+
+def _as_parquet(table: Any) -> bytes:
+    import pyarrow.parquet as pq
+
+    stream = io.BytesIO()
+    pq.write_table(table, stream, compression="zstd", write_page_checksum=True)
+    return stream.getvalue()
 
 
 def write_partition(plan: SweepPlan, number: int, folder: Path) -> int:
     """Compute one partition and put its file in place; returns the number of its rows."""
     import pyarrow as pa
-    import pyarrow.parquet as pq
 
-    start = number * plan.rows_per_partition
-    rows = [sweep_row(plan, row) for row in range(start, min(start + plan.rows_per_partition, plan.rows))]
+    rows = [sweep_row(plan, row) for row in _rows_of(plan, number)]
     columns = columns_of(plan)
     texts = ("stimulus", "direction", "status", "drag_status", "problem")
     kinds = {"row": pa.int64(), "draw": pa.int64(), **dict.fromkeys(texts, pa.string())}
     schema = pa.schema([(name, kinds.get(name, pa.float64())) for name in columns])
     table = pa.table({name: [row[name] for row in rows] for name in columns}, schema=schema)
-    with beside(_path(folder, number)) as draft:
-        pq.write_table(table, draft, compression="zstd")
+    replace_bytes(_path(folder, number), _as_parquet(table))
     return len(rows)
 
 
@@ -143,7 +166,8 @@ def _claim(plan: SweepPlan, folder: Path) -> None:
         except (OSError, ValueError, AttributeError) as error:
             raise PipelineError(f"{_PLAN_FILE} cannot be read; choose another folder [{folder}]") from error
         if known != plan.digest:
-            raise PipelineError(f"folder holds the result of another sweep; choose another folder [{folder}]")
+            whose = "another sweep, or of another version of stepblocks"
+            raise PipelineError(f"folder holds the result of {whose}; choose another folder [{folder}]")
         return
     if any(folder.glob("part-*.parquet")):
         raise PipelineError(f"folder holds partitions without {_PLAN_FILE}; choose another folder [{folder}]")
