@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from oracles.tip_paths import step_path
-from stepblocks.contact.counterface import Groove, Margin, Profile, Step
+from stepblocks.contact.counterface import Groove, Margin, Profile, ProfiledMargin, Step
 from stepblocks.contact.critical_angle import bevelled_margin_angles, margin_angles, step_angle
 from stepblocks.contact.energy import Status, release_at
 from stepblocks.contact.operating_point import PAPER, OperatingPoint
@@ -141,6 +141,24 @@ def test_a_profile_answers_many_balls_at_once():
     assert (down == 0.0).all()
     assert isinstance(profile.angles(R)[0], float)
     assert profile.ways == ("forward", "backward")
+
+
+@pytest.mark.parametrize("margin", MARGINS)
+def test_a_margin_whose_sides_do_not_bend_is_the_margin_between_level_ones(margin):
+    bent = ProfiledMargin(**vars(margin))
+    assert bent.angles(R) == pytest.approx(margin.angles(R), abs=2e-5)
+    assert bent.breakpoints == margin.breakpoints
+    x = np.linspace(-1e-3, 1e-3, 400)
+    assert bent.heights(x) == pytest.approx(margin.heights(x), abs=1e-15)
+
+
+def test_draws_over_a_margin_whose_sides_bend_lie_close_to_the_dilation_of_each():
+    bent = ProfiledMargin(60e-6, 60e-6, 12e-6, 1e-3, 0.0, -150.0, 0.12, -90.0)
+    gaps = np.array([52e-6, 57e-6, 60e-6, 66e-6])
+    drawn = bent.angles(R, gap=gaps, opening=gaps)
+    each = [replace(bent, gap=gap, opening=gap).angles(R) for gap in gaps.tolist()]
+    assert np.transpose(drawn) == pytest.approx(np.array(each), abs=2e-3)
+    assert np.abs(np.array(each)[0] - bent.angles(R)).max() > 0.05  # so much do they differ from the nominal
 
 
 @pytest.mark.parametrize(

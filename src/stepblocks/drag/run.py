@@ -114,7 +114,7 @@ def _find(text: str, where: Path | None) -> tuple[StimulusSet, Part]:
     sets = [load_declared(file) for file in files]
     found = [(one, part) for one in sets for part in one.stimuli if matches(wanted, one.name, part.id)]
     if len(found) > 1:
-        names = ", ".join(f"{stimuli.name}/{identity}" for stimuli, _ in found)
+        names = ", ".join(f"{one.name}/{part.id}" for one, part in found)
         raise PipelineError(f"stimulus must be one, {identity!r} is several: {names}")
     if not found:
         places = ", ".join(map(str, files))

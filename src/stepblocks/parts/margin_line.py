@@ -38,6 +38,7 @@ def stations_in(
     slope against the tooth [rad] and curvature of the crown, and scatter of the scan about both [m].
     """
     import trimesh
+    from scipy.spatial import cKDTree
 
     mesh = trimesh.load_mesh(path, file_type=path.suffix[1:].lower())
     if not 0 < len(mesh.faces) <= _MOST_TRIANGLES or not np.isfinite(mesh.vertices).all():
@@ -48,7 +49,6 @@ def stations_in(
     if not _SMALLEST <= size <= _LARGEST:
         rule = f"a tooth of {_SMALLEST * 1e3:g} to {_LARGEST * 1e3:g} mm"
         raise StimulusError(f"unit must make the mesh {rule}, got {size * 1e3:.4g} mm [{path.name}]")
-    mesh.merge_vertices()
     mesh.update_faces(mesh.nondegenerate_faces())
     pieces = trimesh.graph.connected_components(mesh.face_adjacency, nodes=np.arange(len(mesh.faces)))
     least = 0.05 * max(map(len, pieces))  # smaller ones are debris
@@ -61,11 +61,14 @@ def stations_in(
     if draw @ towards < 0.5 * np.linalg.norm(towards):
         raise StimulusError(f"crown_towards must leave the plane of the margin by 30 deg or more [{path.name}]")
     radii = np.linalg.norm(mesh.triangles - mesh.triangles_center[:, None], axis=2).max(axis=1)
+    beside = cKDTree(around).query(mesh.triangles_center)[0] < 3.0 * _FITTED + radii
+    mesh.update_faces(beside)
+    mesh.remove_unreferenced_vertices()
     found = []
     for number in range(count):
         where = line.x[-1] * number / count + np.linspace(-0.5 * _FITTED, 0.5 * _FITTED, _SECTIONS)
         place = line(where[_SECTIONS // 2])
-        near = np.flatnonzero(np.linalg.norm(mesh.triangles_center - place, axis=1) < 3.0 * _FITTED + radii)
+        near = np.flatnonzero(np.linalg.norm(mesh.triangles_center - place, axis=1) < 3.0 * _FITTED + radii[beside])
         frames = zip(line(where), line(where, 1), strict=True)
         hole, sides = _sides([_section(mesh, near, *frame, middle, draw) for frame in frames], shows)
         if hole:
