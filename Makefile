@@ -4,7 +4,7 @@ VENV ?= .venv
 PYTHON ?= python3
 BIN := $(VENV)/bin
 
-.PHONY: run run-all example test lint docs package everywhere fuzz licences graphics clean
+.PHONY: run run-all example test lint docs notebooks package everywhere fuzz licences graphics clean
 
 run: $(VENV)/ready graphics
 	@$(BIN)/stepblocks build
@@ -23,6 +23,10 @@ run-all: run $(VENV)/ready-all
 docs: $(VENV)/ready-dev
 	NO_MKDOCS_2_WARNING=1 $(BIN)/mkdocs build --quiet --strict
 	@echo open out/site/index.html
+
+# The tutorials as notebooks, run from empty folders; with their outputs they lie in out/tutorials.
+notebooks: $(VENV)/ready-dev graphics
+	$(BIN)/python benchmarks/notebooks.py
 
 # What is handed on: wheel and sdist, installed by itself and begun from an empty folder outside the checkout.
 package: $(VENV)/ready-dev

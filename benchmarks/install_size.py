@@ -1,6 +1,7 @@
 """What `pip install .` puts on a disk: every distribution of the main job, its size, and who demands it.
 
-python benchmarks/install_size.py [EXTRA ...] [--least MB]
+python benchmarks/install_size.py ["stepblocks[sim]"] [--least MB]
+python benchmarks/install_size.py cadquery trimesh manifold3d numpy pyvista
 """
 
 import argparse
@@ -11,10 +12,10 @@ from packaging.requirements import Requirement
 from packaging.utils import canonicalize_name
 
 
-def demanded(root: str, extras: list[str]) -> dict[str, tuple[Distribution, set[str]]]:
-    """Walk from a distribution to all that it demands; by name, each with who demands it."""
+def demanded(roots: list[str]) -> dict[str, tuple[Distribution, set[str]]]:
+    """Walk from distributions to all that they demand; by name, each with who demands it."""
     found: dict[str, tuple[Distribution, set[str]]] = {}
-    queue = deque([(Requirement(f"{root}[{','.join(extras)}]" if extras else root), "you")])
+    queue = deque((Requirement(root), "you") for root in roots)
     seen: set[tuple[str, frozenset[str]]] = set()
     while queue:
         wanted, by = queue.popleft()
@@ -46,10 +47,10 @@ def megabytes(one: Distribution) -> float:
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("extras", nargs="*", help="extras of stepblocks, such as sim")
+    parser.add_argument("roots", nargs="*", default=["stepblocks"], help="what is asked for, such as stepblocks[sim]")
     parser.add_argument("--least", type=float, default=10.0, help="smallest size that has a line [MB]")
     arguments = parser.parse_args()
-    found = demanded("stepblocks", arguments.extras)
+    found = demanded(arguments.roots)
     sizes = {name: megabytes(one) for name, (one, _) in found.items()}
     print("| distribution | MB | demanded by |\n|---|---:|---|")
     for name in sorted(sizes, key=lambda name: -sizes[name]):

@@ -111,3 +111,7 @@ def test_the_bench_gets_features_and_what_its_model_lacks(tmp_path, monkeypatch,
     result = json.loads((tmp_path / "out" / "loop" / "result.json").read_text())
     assert result["verdict"] in {"none", "effect", "ambiguous", "unexplained"}
     assert "Verdict" in look_at(browser, tmp_path / "out" / "loop" / "report.html")
+    assert len(browser.find_elements("css selector", "nav a[href^='#']")) >= 8
+    folded = browser.find_elements("css selector", "details:not([open]) img")
+    assert folded
+    assert all("residual" in one.get_attribute("alt") for one in folded)

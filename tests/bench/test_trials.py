@@ -100,6 +100,7 @@ def test_of_equal_rows_the_first_counts_and_of_contradicting_ones_none(tmp_path)
         ("trial,a,a\n1,2,3\n", "", "names the column 'a' twice"),
         ("id,a\n1,2\n", "", "must have a column 'trial' for the trial, it has id, a"),
         ("trial,a\n1,2\n", '[trials.columns]\nload = "weight"\n', "must have a column 'weight' for the load"),
+        ("trial,a,a\n1,2,3\n", '[trials.columns]\nload = "weight"\n', "2 mistakes"),
         ("trial,a\n1,2\n", "[trials.columns]\ntrial = 2\n", "must have a column 2 for the trial"),
         ("trial," + ",".join(f"c{i}" for i in range(1000)) + "\n1\n", "", "at most 1000 columns, got 1001"),
     ],

@@ -177,3 +177,14 @@ def test_every_figure_of_the_results_has_a_unit(study):
         .splitlines()[0]
         .startswith("participant,trial,condition,repetition,stimulus,height_um,estimate_um,error_um")
     )
+
+
+def test_all_that_is_wrong_with_a_table_of_answers_is_told_at_once_by_its_lines(study):
+    design, answers = study
+    answers[0]["condition"] = "hard"
+    answers[7]["estimate_um"] = answers[9]["estimate_um"] = "fifty"
+    with pytest.raises(StudyError) as caught:
+        join_answers(design, [*answers, answers[3] | {"participant": "99", "line": "answers.csv, line 50"}])
+    head, *lines = str(caught.value).splitlines()
+    assert head == "3 mistakes [answers.csv]"
+    assert [line.rsplit("[", 1)[1] for line in lines] == ["line 2]", "line 50]", "line 9 and 1 more]"]

@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING
 
 from stepblocks.bench.session import Channel, Session, TrialColumns, inside, unit_of_name
 from stepblocks.errors import BenchError
+from stepblocks.mistakes import Mistake, noted, told
 from stepblocks.text_file import is_file
 
 if TYPE_CHECKING:
@@ -91,16 +92,18 @@ def open_trials(session: Session, reserved: frozenset[str] = frozenset()) -> Tri
         raise BenchError(f"table of trials is empty [{session.table}]")
     if len(header) > _MOST_COLUMNS:
         raise BenchError(f"table of trials must have at most {_MOST_COLUMNS} columns, got {len(header)}")
-    twice = sorted({name for name in header if header.count(name) > 1})
-    if twice:
-        raise BenchError(f"table of trials names the column {twice[0]!r} twice [{session.table}]")
-    key = column_name(columns.trial.column, header, "trial")
-    for part in ("speed", "load", "block", "height"):
-        if part in columns.model_fields_set:
-            column_name(getattr(columns, part).column, header, part)
-    taken = sorted(set(header) & reserved - {key})
-    if taken:
-        raise BenchError(f"column `{taken[0]}` of the table of trials has a name that features use [{session.table}]")
+    told_of = ("trial", *(part for part in ("speed", "load", "block", "height") if part in columns.model_fields_set))
+    mistakes, found = list[Mistake](), dict[str, str]()
+    for name in dict.fromkeys(name for name in header if header.count(name) > 1):
+        mistakes.append(("", f"table of trials names the column {name!r} twice"))
+    for part in told_of:
+        with noted(mistakes):
+            found[part] = column_name(getattr(columns, part).column, header, part)
+    for name in sorted(set(header) & reserved - {found.get("trial")}):
+        mistakes.append(("", f"column `{name}` of the table of trials has a name that features use"))
+    if mistakes:
+        raise BenchError(told(mistakes, session.table))
+    key = found["trial"]
     count, index = 0, header.index(key)
     homes: dict[str, tuple[int, int]] = {}  # of a trial its first row, and what tells that from another
     repeated: dict[int, str] = {}

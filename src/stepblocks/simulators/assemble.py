@@ -80,7 +80,7 @@ def scene_of(
         point=point,
         scale=size,
         frame=frame,
-        whole=_joined([frame.of(mesh_solid(surface, *solid), size) for solid in build_solids(surface)]),
+        whole=_joined(surface.id, [frame.of(mesh_solid(surface, *solid), size) for solid in build_solids(surface)]),
         pieces=tuple(frame.of(piece, size) for piece in convex_pieces(surface)),
         path=path.scaled(size),
         events=events,
@@ -124,11 +124,13 @@ def _probe(tip: Part, ball_radius: float, size: float) -> ProbeShape:
     return ProbeShape(centre.of(whole, size), tuple(centre.of(piece, size) for piece in convex_pieces(tip)))
 
 
-def _joined(meshes: Sequence[Mesh]) -> Mesh:
+def _joined(name: str, meshes: Sequence[Mesh]) -> Mesh:
     """Put separate closed bodies into one mesh."""
+    if len(meshes) == 1:
+        return meshes[0]
     first = np.cumsum([0, *(len(mesh.vertices) for mesh in meshes)])
     triangles = [mesh.triangles + start for mesh, start in zip(meshes, first, strict=False)]
-    return Mesh(meshes[0].name, np.concatenate([mesh.vertices for mesh in meshes]), np.concatenate(triangles))
+    return Mesh(name, np.concatenate([mesh.vertices for mesh in meshes]), np.concatenate(triangles))
 
 
 def teach(

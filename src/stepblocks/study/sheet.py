@@ -16,6 +16,7 @@ import numpy as np
 
 from stepblocks.atomic import replace_bytes
 from stepblocks.errors import PipelineError, StudyError
+from stepblocks.mistakes import Mistake, noted, told
 from stepblocks.page_file import render_page
 from stepblocks.study import require
 from stepblocks.study.analysis.results import StudyResult
@@ -193,17 +194,16 @@ def join_answers(
 ) -> Judgements:
     """Put the answers to the trials that they belong to."""
     planned = {(row["participant"], row["trial"]): row for row in design}
-    pairs = []
+    pairs, mistakes = [], list[Mistake]()
     for key, answer in _by_trial(answers).items():
-        at = f"[{answer['line']}]"
-        require(key in planned, f"participant and trial must be in the design, got {key[0]!r} and {key[1]!r} {at}")
-        (shown,) = sheet_rows([planned[key]])
-        for name in ("first_code", "second_code", "code", "condition"):
-            if name in shown and answer[name] != shown[name]:
-                said = f"{name} must be {shown[name]!r} in this trial, as planned, got {answer[name]!r}"
-                raise StudyError(f"{said} {at}")
-        pairs.append((planned[key], answer))
-    return join_rows(design[0]["experiment"], pairs, largest_estimate, ratings, planned)
+        with noted(mistakes, answer["line"]):
+            require(key in planned, f"participant and trial must be in the design, got {key[0]!r} and {key[1]!r}")
+            (shown,) = sheet_rows([planned[key]])
+            for name in ("first_code", "second_code", "code", "condition"):
+                said = f"{name} must be {shown.get(name)!r} in this trial, as planned, got {answer.get(name)!r}"
+                require(name not in shown or answer[name] == shown[name], said)
+            pairs.append((planned[key], answer))
+    return join_rows(design[0]["experiment"], pairs, largest_estimate, ratings, planned, mistakes)
 
 
 def join_rows(
@@ -212,19 +212,22 @@ def join_rows(
     largest_estimate: float,
     ratings: tuple[int, int],
     asked: Mapping[Key, Row] | None = None,
+    mistakes: Sequence[Mistake] = (),
 ) -> Judgements:
-    """Check judgements, each a planned trial and its answer; what was `asked` and not answered is missing."""
+    """Check judgements, each a planned trial and its answer, and tell all mistakes; what was `asked` and not answered is missing."""
     import pandas as pd
 
     kind, planned = EXPERIMENTS[experiment], asked or _by_trial([row for row, _ in pairs])
     top = largest_estimate * max(number(row["height_um"]) for row in planned.values())
     answered: dict[Key, dict[str, Any]] = {}
+    found = list(mistakes)
     for row, answer in pairs:
-        try:
+        with noted(found, answer["line"]):
             if all(answer[name] for name in kind.answers):
                 answered[row["participant"], row["trial"]] = kind.read(row, answer, top, ratings)
-        except StudyError as error:
-            raise StudyError(f"{error} [{answer['line']}]") from error
+    if found:
+        files = ", ".join(dict.fromkeys(place.rpartition(", line ")[0] for place, _ in found))
+        raise StudyError(told([(place.removeprefix(f"{files}, "), text) for place, text in found], files))
     got = Counter((planned[key]["participant"], planned[key]["condition"]) for key in answered)
     left = dict.fromkeys(
         row["participant"] for row in planned.values() if not got[row["participant"], row["condition"]]
