@@ -103,7 +103,7 @@ def test_when_none_will_do_the_command_says_so_in_one_line(tmp_path, capsys, ask
     path = write(tmp_path, asked)
     for command in (["predict", str(path)], ["build", str(path), "-o", str(tmp_path / "out")]):
         assert main(command) == 2
-        error = capsys.readouterr().err
+        error = capsys.readouterr().err.replace("µm", "um")  # a terminal that can write a micro gets one
         assert message in error
         assert "felt.toml" in error
         assert "step_block 'step-0" in error

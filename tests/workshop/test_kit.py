@@ -157,6 +157,8 @@ def test_the_command_makes_the_kit_and_says_what_is_missing(tmp_path, capsys, mo
         *(f"hook.drawing.{form}" for form in ("dxf", "svg", "pdf")),
     }
     assert not (folder / "release-slide" / "release-slide.stl").exists()  # ground steel is not printed
+    assembly = (folder / "drag-rig.assembly.svg").read_text()
+    assert all(word in assembly for word in ("DRAG-RIG", ">front ", ">top ", ">left "))
     bill = pd.read_csv(folder / "drag-rig.bill.csv")
     assert {"screw ISO 4762 M4 x 16", "weight 30 g, class M1 (OIML R 111-1), bored 2.5"} < set(bill["what"])
     assert "apparatus/drag-rig" in capsys.readouterr().out

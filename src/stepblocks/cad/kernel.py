@@ -97,6 +97,18 @@ def extruded(outline: Outline, direction: Point, holes: Sequence[Outline] = ()) 
     return cq.Solid.extrudeLinear(_wire(outline), [_wire(hole) for hole in holes], _vector(direction))
 
 
+def box(low: Point, high: Point) -> Body:
+    """Make a box with faces square to the axes, by two corners."""
+    (x0, y0, z0), (x1, y1, z1) = low, high
+    return extruded([(x0, y0, z0), (x1, y0, z0), (x1, y1, z0), (x0, y1, z0)], (0.0, 0.0, z1 - z0))
+
+
+def ends(body: Body, axis: int) -> tuple[int, int]:
+    """Find the lowest and the highest plane face square to an axis, by their indices."""
+    flat = [(face.low[axis], i) for i, face in enumerate(face_kinds(body)) if face.high[axis] - face.low[axis] < 1e-6]
+    return min(flat)[1], max(flat)[1]
+
+
 def revolved(outline: Outline, foot: Point, axis: Point, angle: float = 360.0) -> Body:
     """Revolve a plane outline about an axis in its plane, by degrees."""
     end = tuple(f + a for f, a in zip(foot, axis, strict=True))

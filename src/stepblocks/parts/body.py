@@ -182,7 +182,6 @@ def body_cuts(body: Body, identity: str, left_top: float, right_top: float, edge
 
 
 def _edge_breaks(body: Body, left_top: float, right_top: float, edge: float) -> Iterator[cad.kernel.Body]:
-
     length, width, base, c = body.length.nominal, body.width.nominal, -body.thickness.nominal, body.edge_break.nominal
     long, high = 0.5 * length + _OVER, body.thickness.nominal + max(left_top, right_top) + 2.0 * _OVER
     along = (-long, edge, left_top, 1.0), (edge, long, right_top, 1.0), (-long, long, base, -1.0)
@@ -199,7 +198,6 @@ def _edge_breaks(body: Body, left_top: float, right_top: float, edge: float) -> 
 
 
 def _hole(body: Body, x: float) -> cad.kernel.Body:
-
     holes, base = body.mounting, -body.thickness.nominal
     drill, entry, depth = 0.5 * holes.hole_diameter, 0.5 * holes.entry_diameter, holes.depth.nominal
     if holes.kind == "tapped":
@@ -211,7 +209,6 @@ def _hole(body: Body, x: float) -> cad.kernel.Body:
 
 
 def _engraving(body: Body, identity: str) -> Iterator[cad.kernel.Body]:
-
     middle, start = -0.5 * body.thickness.nominal, -0.5 * body.width.nominal - 0.1 * _OVER
     cut = (0.0, body.engraving.depth.nominal + 0.1 * _OVER, 0.0)
     for outlines in letters(engraved_text(identity), body.engraving.height.nominal):

@@ -21,7 +21,7 @@ from stepblocks.parts.kinds.tips import HookTip, StraightTip
 from stepblocks.parts.revolution import Turned
 from stepblocks.workshop.blocks import gauge_sheet, margin_block_views, step_block_views
 from stepblocks.workshop.gauge_route import GaugePair
-from stepblocks.workshop.sheet import FONT, HEIGHT, TOP_OF_TITLE, WIDTH, Sheet, round_scale
+from stepblocks.workshop.sheet import FONT, HEIGHT, TOP_OF_TITLE, WIDTH, Point, Sheet, round_scale
 from stepblocks.workshop.turned import crown_views, hook_tip_views, sheath_views, straight_tip_views, turned_views
 
 FORMATS = ("dxf", "svg", "pdf")
@@ -32,12 +32,12 @@ _GAP = 32.0  # between views [mm]
 _CAPITAL = 0.729  # height of a capital of the font over its size
 
 
-def machined_views(sheet: Sheet, part: Machined) -> list[str]:
+def machined_views(sheet: Sheet, part: Machined, room: Point = _ROOM, foot: float = 110.0) -> list[str]:
     """Draw a part; where its bores lie is said in words, by their numbers."""
     low, high = part.extent
     size = [1e3 * (b - a) for a, b in zip(low, high, strict=True)]
-    scale = round_scale(min((_ROOM[0] - _GAP) / (size[0] + size[1]), (_ROOM[1] - _GAP) / (size[1] + size[2])))
-    left, base = 45.0, 110.0 + size[1] * scale + _GAP
+    scale = round_scale(min((room[0] - _GAP) / (size[0] + size[1]), (room[1] - _GAP) / (size[1] + size[2])))
+    left, base = 45.0, foot + size[1] * scale + _GAP
     views = {  # which axes lie along the sheet, the corner of each view, and the axis that looks out of it
         "front": (0, 2, left, base, "y"),
         "top": (0, 1, left, base - _GAP - size[1] * scale, "z"),
@@ -118,6 +118,21 @@ def write_gauge_drawing(
 ) -> list[Path]:
     """Draw the two-piece block of a pair of gauge blocks."""
     return _write_all(folder, f"{block.id}.gauge", FORMATS, lambda: gauge_sheet(block, pair, _ordered(order)))
+
+
+def write_assembly_drawing(folder: Path, name: str, parts: Sequence[Machined], order: OrderSpec) -> list[Path]:
+    """Draw the parts of an assembly where they are, each by its boxes and rods."""
+    boxes, rods = ([one for part in parts for one in getattr(part, kind)] for kind in ("boxes", "rods"))
+    whole = parts[0].model_copy(update={"boxes": tuple(boxes), "rods": tuple(rods), "bores": (), "between": ()})
+    mass = f"{math.fsum(part.mass for part in parts) * 1e3:.4g} g"
+
+    def draw() -> Sheet:
+        sheet = Sheet([])
+        machined_views(sheet, whole, (330.0, 245.0), 35.0)
+        sheet.border("Assembly", {"identity": name.upper(), "material": "by part", "mass": mass} | _ordered(order))
+        return sheet
+
+    return _write_all(folder, f"{name}.assembly", FORMATS, draw)
 
 
 def _ordered(order: OrderSpec) -> dict[str, str]:

@@ -58,25 +58,19 @@ def write_gauge_assembly(path: Path, block: StepBlock, pair: GaugePair) -> None:
     from stepblocks.cad.pmi import PmiDimension, PmiItem
 
     long, wide = SECTION
-    thick, rim = block.body.thickness.nominal, 5e-3
-    floor = -pair.lower
-
-    def box(x0: float, x1: float, half: float, z0: float, z1: float) -> cad.kernel.Body:
-        corners = [(x0, -half, z0), (x1, -half, z0), (x1, half, z0), (x0, half, z0)]
-        return cad.kernel.extruded(corners, (0.0, 0.0, z1 - z0))
-
+    rim, floor, half = 5e-3, -pair.lower, 0.5 * long
+    base = (-wide - rim, -half - rim, floor - block.body.thickness.nominal), (wide + rim, half + rim, floor)
+    lower, upper = (
+        ((-wide, -half, floor), (0.0, half, 0.0)),
+        ((0.0, -half, floor), (wide, half, pair.upper - pair.lower)),
+    )
     pieces = [f"{length * 1e3:.4f}".replace(".", "p") + "mm" for length in (pair.lower, pair.upper)]
-    bodies = [
-        (f"{block.id}-base", box(-wide - rim, wide + rim, 0.5 * long + rim, floor - thick, floor)),
-        (f"gauge-block-{pieces[0]}", box(-wide, 0.0, 0.5 * long, floor, 0.0)),
-        (f"gauge-block-{pieces[1]}", box(0.0, wide, 0.5 * long, floor, pair.upper - pair.lower)),
-    ]
+    names = f"{block.id}-base", *(f"gauge-block-{piece}" for piece in pieces)
+    bodies = [(name, cad.kernel.box(*corners)) for name, corners in zip(names, (base, lower, upper), strict=True)]
     deviation, _ = GRADES[pair.grade]
     dimensions, tops = [], []
     for index, length in ((1, pair.lower), (2, pair.upper)):
-        described = cad.kernel.face_kinds(bodies[index][1])
-        level = sorted((face.low[2], i) for i, face in enumerate(described) if face.high[2] - face.low[2] < 1e-6)
-        bottom, top = (PmiItem(index, i) for _, i in (level[0], level[-1]))
+        bottom, top = (PmiItem(index, face) for face in cad.kernel.ends(bodies[index][1], 2))
         measured = PmiDimension("distance", (bottom, top), length, -deviation, deviation)
         dimensions.append((f"length of gauge block {pieces[index - 1]}", measured))
         tops.append(top)

@@ -16,7 +16,7 @@ from stepblocks.parts.kinds.machined import Machined
 from stepblocks.parts.shapes import mesh_solid
 from stepblocks.tables import write_table
 from stepblocks.workshop.complete import missing_from
-from stepblocks.workshop.drawing import write_drawing
+from stepblocks.workshop.drawing import write_assembly_drawing, write_drawing
 
 POSITIONS = 21  # of the travel at which the assembly is looked at
 _TOUCHING = 1e-15  # volume that the kernel's intersection may leave where faces touch [m^3]
@@ -46,7 +46,8 @@ def write_kit(folder: Path, kit: Apparatus, order: OrderSpec) -> tuple[list[Path
             written, wrong = written + paths, wrong + missing
     assembly = folder / f"{kit.id}.assembly.step"
     write_conforming(assembly, kit.id, [(part.id, bodies[part.id]) for part in parts], parts[0].material, [])
-    return [*written, assembly, *_write_tables(folder, kit, parts)], wrong
+    drawn = write_assembly_drawing(folder, kit.id, parts, order)
+    return [*written, assembly, *drawn, *_write_tables(folder, kit, parts)], wrong
 
 
 def _write_part(folder: Path, part: Machined, body: cad.kernel.Body, order: OrderSpec) -> tuple[list[Path], list[str]]:

@@ -41,7 +41,7 @@ def write_setup(folder: Path, block: Block, routes: Sequence[Route] = ()) -> lis
         **{"probed": list(_probed(block)), "burr": f"{burr * 1e6:.3g} um", "probe": f"{PROBE * 1e6:g} um"},
     }
     replace_text(page, render_page("workshop", "setup.html", **values))
-    _write_stock(stock, block, low, sizes)
+    _write_stock(stock, block, cad.kernel.box(low, high), sizes)
     return [page, stock]
 
 
@@ -103,15 +103,12 @@ def _probed(block: Block) -> Iterator[tuple[str, ...]]:
             yield str(number), one.label, text, f"off the machine: {one.method}", "-"
 
 
-def _write_stock(path: Path, block: Block, low: Sequence[float], sizes: Sequence[float]) -> None:
-    x, y, z = low
-    corners = [(x, y, z), (x + sizes[0], y, z), (x + sizes[0], y + sizes[1], z), (x, y + sizes[1], z)]
-    body = cad.kernel.extruded(corners, (0.0, 0.0, sizes[2]))
-    faces = cad.kernel.face_kinds(body)
+def _write_stock(path: Path, block: Block, body: cad.kernel.Body, sizes: Sequence[float]) -> None:
     dimensions = []
     for axis, (name, size) in enumerate(zip(("length", "width", "height"), sizes, strict=True)):
-        flat = sorted((face.low[axis], i) for i, face in enumerate(faces) if face.high[axis] - face.low[axis] < 1e-6)
-        ends = PmiItem(0, flat[0][1]), PmiItem(0, flat[-1][1])
+        first, last = (PmiItem(0, index) for index in cad.kernel.ends(body, axis))
         deviation = general_deviation(size) or 0.0
-        dimensions.append((f"{name} of the stock", PmiDimension("distance", ends, size, -deviation, deviation)))
+        dimensions.append(
+            (f"{name} of the stock", PmiDimension("distance", (first, last), size, -deviation, deviation))
+        )
     write_conforming(path, f"{block.id}-stock", [(f"{block.id}-stock", body)], block.material, dimensions)

@@ -114,7 +114,7 @@ class Machined(HeldPart):
         return self.title
 
     def solids(self) -> list[cad.kernel.Body]:
-        made = [_box(one) for one in self.boxes] + [_cylinder(one) for one in self.rods]
+        made = [cad.kernel.box(one.low, one.high) for one in self.boxes] + [_cylinder(one) for one in self.rods]
         body = cad.kernel.fused(made) if len(made) > 1 else made[0]
         return [cad.kernel.cut(body, [_cylinder(one) for one in self.bores]) if self.bores else body]
 
@@ -202,14 +202,7 @@ def _general(length: float) -> Dimension:
     return Dimension(length, deviation, -deviation, general=True)
 
 
-def _box(box: Box) -> cad.kernel.Body:
-
-    (x0, y0, z0), (x1, y1, _) = box.low, box.high
-    return cad.kernel.extruded([(x0, y0, z0), (x1, y0, z0), (x1, y1, z0), (x0, y1, z0)], (0.0, 0.0, box.high[2] - z0))
-
-
 def _cylinder(one: Round) -> cad.kernel.Body:
-
     u, v = ([0.5 * one.diameter * (name == axis) for name in "xyz"] for axis in "xyz".replace(one.axis, ""))
     along = [one.length * (name == one.axis) for name in "xyz"]
     return cad.kernel.extruded(cad.kernel.circle(one.start, u, v), along)
