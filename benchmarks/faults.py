@@ -123,8 +123,8 @@ def commands(work: Path) -> dict[str, list[str]]:
 
 
 def tree(folder: Path) -> dict[str, str]:
-    """Hash of every file."""
-    files = sorted(path for path in folder.rglob("*") if path.is_file())
+    """Hash of every file but the note of who wrote what, in which a killed run stands with nothing."""
+    files = sorted(path for path in folder.rglob("*") if path.is_file() and path.name != ".stepblocks.json")
     return {path.relative_to(folder).as_posix(): hashlib.sha256(path.read_bytes()).hexdigest() for path in files}
 
 
