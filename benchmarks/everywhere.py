@@ -32,8 +32,9 @@ import json, sys
 from pathlib import Path
 from stepblocks.build.make import make
 from stepblocks.declare import load_declared
+from stepblocks.select import stimulus_files
 folder, chosen = Path(sys.argv[1]), {"step-050", "gap-050-bevelled", "crown-chamfer-over", "tip-125", "hook-125", "sheath-hard"}
-for file in sorted(Path("stimuli").glob("*.toml")):
+for file in stimulus_files(Path("stimuli")):  # no apparatus: that is a kit
     stimuli = load_declared(file)
     for part in (one for one in stimuli.stimuli if one.id in chosen):
         make(stimuli.name, part, folder, "key")

@@ -8,44 +8,98 @@ Exit code 1 if one does not.
 from __future__ import annotations
 
 import argparse
+import errno
 import hashlib
 import os
+import resource
 import shutil
-import subprocess
+import signal
 import sys
 import tempfile
+import traceback
+from collections.abc import Callable
+from contextlib import suppress
+from dataclasses import dataclass
+from importlib import import_module
 from pathlib import Path
+from typing import Any
 
 ROOT = Path(__file__).resolve().parents[1]
 FAULTS = ("size", "sync", "rename", "memory", "kill", "kill-rename")
-# runs a command with a fault at the call, or beyond the size of a file, that is asked for
-RUNNER = """
-import errno, os, resource, signal, sys
-from pathlib import Path
-fault, point, count = sys.argv[1], int(sys.argv[2]), 0
-def failing(call):
-    def counted(*arguments, **named):
-        global count
-        count += 1
-        if count == point and fault.startswith("kill"):
-            os.kill(os.getpid(), signal.SIGKILL)
-        if count == point and fault == "memory":
-            raise MemoryError
-        if count == point:
-            raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
-        return call(*arguments, **named)
-    return counted
-if fault in ("sync", "kill", "memory"):
-    os.fsync = failing(os.fsync)
-if fault in ("rename", "kill-rename"):
-    Path.replace = failing(Path.replace)
-if fault == "size":
-    signal.signal(signal.SIGXFSZ, signal.SIG_IGN)
-    resource.setrlimit(resource.RLIMIT_FSIZE, (point, point))
-from stepblocks.cli import main
-code = main(sys.argv[3:])
-sys.exit(99 if code == 0 and fault not in ("none", "size") and count < point else code)  # 99: there is no such point
-"""
+# what the commands load: once, and every run is a fork of it
+LOADED = (
+    "pandas",
+    "scipy.optimize",
+    "matplotlib.figure",
+    "jinja2",
+    "h5py",
+    "pyarrow.parquet",
+    "lxml.etree",
+    "cadquery",
+    "ezdxf",
+)
+
+
+@dataclass(frozen=True)
+class Done:
+    """How a command ended."""
+
+    code: int  # negative for a signal; 99 where it has no such point
+    said: str  # on the terminal, errors included
+
+
+def _disturbed(fault: str, point: int) -> list[int]:
+    """Let the call that is asked for fail, or a file end at a size; what is returned counts the calls."""
+    count = [0]
+
+    def failing(call: Callable[..., Any]) -> Callable[..., Any]:
+        def counted(*arguments: Any, **named: Any) -> Any:
+            count[0] += 1
+            if count[0] == point and fault.startswith("kill"):
+                os.kill(os.getpid(), signal.SIGKILL)
+            if count[0] == point and fault == "memory":
+                raise MemoryError
+            if count[0] == point:
+                raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+            return call(*arguments, **named)
+
+        return counted
+
+    if fault in ("sync", "kill", "memory"):
+        os.fsync = failing(os.fsync)
+    if fault in ("rename", "kill-rename"):
+        Path.replace = failing(Path.replace)
+    if fault == "size":
+        signal.signal(signal.SIGXFSZ, signal.SIG_IGN)
+        resource.setrlimit(resource.RLIMIT_FSIZE, (point, point))
+    return count
+
+
+def run(command: list[str], fault: str = "none", point: int = 0) -> Done:
+    """Run a command in a fork of this process, with a fault."""
+    from stepblocks.cli import main as command_line
+
+    terminal, inside = os.pipe()  # a file would end at a size, too
+    child = os.fork()
+    if child == 0:
+        code = 70
+        os.dup2(inside, 1)
+        os.dup2(inside, 2)
+        sys.stdout, sys.stderr = os.fdopen(1, "w"), os.fdopen(2, "w", buffering=1)
+        try:
+            count = _disturbed(fault, point)
+            code = command_line(command)
+            missed = code == 0 and fault not in ("none", "size") and count[0] < point
+            code = 99 if missed else code
+        except BaseException:
+            traceback.print_exc()
+        sys.stdout.flush()
+        sys.stderr.flush()
+        os._exit(code)
+    os.close(inside)
+    with os.fdopen(terminal, "rb") as stream:
+        said = stream.read().decode(errors="replace")
+    return Done(os.waitstatus_to_exitcode(os.waitpid(child, 0)[1]), said)
 
 
 def commands(work: Path) -> dict[str, list[str]]:
@@ -56,7 +110,7 @@ def commands(work: Path) -> dict[str, list[str]]:
     for name, trials in (("session", 6), ("longer", 20)):
         plan = f'heights = ["20 um", "40 um"]\nloads = ["0.4 N"]\nspeeds = ["5 mm/s"]\ntrials = {trials}\n'
         (work / "p.toml").write_text(f'schema = 1\nseed = 5\nformat = "hdf5"\n[design]\n{plan}')
-        run([*_PLAIN, "simulate-session", str(work / "p.toml"), "-o", str(work / name)])
+        run(["simulate-session", str(work / "p.toml"), "-o", str(work / name)])
     return {
         "study": ["study", "design", four, "--seed", "1", "-o", "OUT"],
         "sweep": ["sweep", str(work / "s.toml"), "-o", "OUT", "--quiet"],
@@ -68,18 +122,9 @@ def commands(work: Path) -> dict[str, list[str]]:
     }
 
 
-_PLAIN = [sys.executable, "-c", RUNNER, "none", "0"]
-
-
-def run(command: list[str]) -> subprocess.CompletedProcess[str]:
-    """Run a command, its output kept."""
-    environment = {**os.environ, "OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1"}
-    return subprocess.run(command, capture_output=True, text=True, check=False, env=environment, timeout=600)
-
-
 def tree(folder: Path) -> dict[str, str]:
-    """Hash of every file."""
-    files = sorted(path for path in folder.rglob("*") if path.is_file())
+    """Hash of every file but the note of who wrote what, in which a killed run stands with nothing."""
+    files = sorted(path for path in folder.rglob("*") if path.is_file() and path.name != ".stepblocks.json")
     return {path.relative_to(folder).as_posix(): hashlib.sha256(path.read_bytes()).hexdigest() for path in files}
 
 
@@ -89,19 +134,19 @@ def disturbed(command: list[str], fault: str, point: int, wanted: dict[str, str]
     shutil.rmtree(folder, ignore_errors=True)
     folder.mkdir()
     asked = [part.replace("OUT", str(folder)) for part in command]
-    first = run([sys.executable, "-c", RUNNER, fault, str(point), *asked])
-    if first.returncode == 99 or (first.returncode == 0 and fault == "size"):
+    first = run(asked, fault, point)
+    if first.code == 99 or (first.code == 0 and fault == "size"):
         return "none"
-    said = [line for line in first.stderr.splitlines() if line.startswith(("stepblocks: error", "Traceback"))]
+    said = [line for line in first.said.splitlines() if line.startswith(("stepblocks: error", "Traceback"))]
     if (
-        first.returncode != (-9 if fault.startswith("kill") else 2)
+        first.code != (-9 if fault.startswith("kill") else 2)
         or len(said) != (not fault.startswith("kill"))
-        or "Traceback" in first.stderr
+        or "Traceback" in first.said
     ):
-        return f"ended with {first.returncode}: {first.stderr.strip()[-200:]}"
-    again = run([*_PLAIN, *asked])
-    if again.returncode:
-        return f"the next run ended with {again.returncode}: {again.stderr.strip()[-200:]}"
+        return f"ended with {first.code}: {first.said.strip()[-200:]}"
+    again = run(asked)
+    if again.code:
+        return f"the next run ended with {again.code}: {again.said.strip()[-200:]}"
     found = tree(folder)
     differing = sorted(name for name in wanted.keys() | found.keys() if wanted.get(name) != found.get(name))
     return f"the next run differs in {', '.join(differing[:5])}" if differing else ""
@@ -115,6 +160,10 @@ def main(argv: list[str] | None = None) -> int:
     parser.add_argument("--every", type=int, default=3, help="calls from one point to the next")
     arguments = parser.parse_args(argv)
     failed = held = 0
+    os.environ.setdefault("OMP_NUM_THREADS", "1")
+    for name in LOADED:
+        with suppress(ImportError):
+            import_module(name)
     print("| command | fault | point | outcome |\n|---|---|---|---|")
     with tempfile.TemporaryDirectory() as folder:
         work = Path(folder)
@@ -123,7 +172,8 @@ def main(argv: list[str] | None = None) -> int:
                 continue
             whole = work / f"whole-{name}"
             whole.mkdir()
-            run([*_PLAIN, *(part.replace("OUT", str(whole)) for part in command)])
+            done = run([part.replace("OUT", str(whole)) for part in command])
+            assert done.code == 0, done.said
             wanted = tree(whole)
             for fault in FAULTS:
                 for number in range(arguments.points):

@@ -203,6 +203,12 @@ def test_limits_keep_their_signs_in_every_way_to_write_them(limits, wanted, prob
     assert one.faces == ("#100", "#200")
 
 
+def test_a_damaged_point_under_a_dimension_is_one_line(tmp_path):
+    data = dimensioned(("#301", "")).replace("CARTESIAN_POINT('',(", "CARTESIAN_POINT('',(?")
+    with pytest.raises(MetrologyError, match=r"sound Part 21 text, got: no parameter: .* \[hand.step\]$"):
+        dimensions_of(exchange_of(data, tmp_path))
+
+
 def test_a_flatness_without_a_width_and_a_parallelism_with_its_datum(tmp_path):
     data = (
         SHAPE

@@ -334,6 +334,13 @@ def test_a_value_that_no_surface_has_is_one_line(damaged, tmp_path):
         read_scan(path)
 
 
+@pytest.mark.parametrize("unit", ["0.5.5um", ".um", "x=0um", "um,,", "x=um;z=nm", "y"])
+def test_a_unit_that_is_none_is_one_line(unit, tmp_path):
+    (tmp_path / "a.csv").write_text("0,0\n1,0\n2,50\n")
+    with pytest.raises(MetrologyError, match="unit must be one of nm"):
+        read_scan(tmp_path / "a.csv", unit)
+
+
 def test_a_wrong_unit_that_makes_a_block_of_a_street_is_told(tmp_path):
     (tmp_path / "a.csv").write_text("x_m,z_m\n0,0\n100,0\n200,50\n")
     with pytest.raises(MetrologyError, match=r"positions must lie within 10 m, got 200 m \[a.csv\]"):

@@ -157,12 +157,15 @@ def flipped(content):
 @pytest.mark.parametrize("damage", [lambda _: b"", lambda content: content[:-9], lambda _: b"PAR1" * 99, flipped])
 def test_a_part_that_is_empty_cut_or_damaged_is_made_anew(damage, tmp_path):
     plan = plan_of(tmp_path, RANDOM.format(rows=12, size=9, mode="static"))
-    sweep(plan, tmp_path / "out")
+    command = ["sweep", str(tmp_path / "sweep.toml"), "-o", str(tmp_path / "out"), "--quiet"]
+    assert main(command) == 0
     whole = {path.name: path.read_bytes() for path in (tmp_path / "out").iterdir()}
     part = tmp_path / "out" / "part-00000002.parquet"
     part.write_bytes(damage(whole[part.name]))
-    assert sweep(plan, tmp_path / "out") == (1, 3)
+    assert main(command) == 0
     assert {path.name: path.read_bytes() for path in (tmp_path / "out").iterdir()} == whole
+    part.write_bytes(damage(whole[part.name]))
+    assert sweep(plan, tmp_path / "out") == (1, 3)
 
 
 def test_rows_of_another_version_of_the_program_are_not_mixed_with_ours(tmp_path, monkeypatch):

@@ -32,7 +32,7 @@ _MOST_COLUMNS = 64
 _MISSING = {"", "nan", "bad", "-", "***", "---"}  # how instruments write a point that was not measured
 _UNIT = "(" + "|".join(sorted(LENGTH_UNITS, key=len, reverse=True)) + ")"
 _UNIT_IN_NAME = re.compile(rf"(?:^|[\s_\[\(/,]){_UNIT}[\]\)]?$")
-_GIVEN = re.compile(rf"(?:([xyz])\s*=)?\s*([0-9.]+)?\s*{_UNIT}")
+_GIVEN = re.compile(rf"(?:([xyz])\s*=)?\s*(\d+\.?\d*|\.\d+)?\s*{_UNIT}")
 _INDEX = {"index", "#", "no", "no.", "nr", "n", "point", "points", "sample"}
 _ROLES = {  # how instruments call the columns of an axis
     "x": ("x", "lateral", "pos", "length", "distance", "scan", "travel"),
@@ -49,7 +49,7 @@ def given_units(unit: str | None) -> dict[str, tuple[float, float]]:
     found: dict[str, tuple[float, float]] = {}
     for one in (unit or "").split(",") if unit else ():
         match = _GIVEN.fullmatch(one.strip().lower())
-        if match is None:
+        if match is None or float(match[2] or 1.0) == 0.0:
             raise MetrologyError(f"unit must be one of nm, um, mm, m, or by axis as x=mm,z=um, got {unit!r}")
         size = float(match[2] or 1.0), LENGTH_UNITS[match[3]]
         found |= {match[1]: size} if match[1] else dict.fromkeys("xyz", size)

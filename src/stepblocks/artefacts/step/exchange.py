@@ -50,7 +50,10 @@ class Exchange:
     def parts(self, ref: object) -> dict[str, tuple[Any, ...]]:
         """Return entity names and parameters of an instance; empty for what is no instance."""
         if ref in self._raw and ref not in self._parsed:
-            self._parsed[str(ref)] = _parsed(self._raw[str(ref)])
+            try:
+                self._parsed[str(ref)] = _parsed(self._raw[str(ref)])
+            except (ValueError, RecursionError) as error:
+                raise _unsound(error, self.name) from error
         return self._parsed.get(str(ref), {})
 
     def parameters(self, ref: object, entity: str) -> tuple[Any, ...]:
@@ -105,8 +108,12 @@ def read_exchange(path: Path) -> Exchange:
         schema = tuple(str(name) for names in stated for name in (names if isinstance(names, tuple) else (names,)))
         return Exchange(path.name, schema, raw)
     except (ValueError, RecursionError) as error:
-        reason = " ".join(str(error).split())[:120]
-        raise MetrologyError(f"STEP file must be sound Part 21 text, got: {reason} [{path.name}]") from error
+        raise _unsound(error, path.name) from error
+
+
+def _unsound(error: Exception, name: str) -> MetrologyError:
+    reason = " ".join(str(error).split())[:120]
+    return MetrologyError(f"STEP file must be sound Part 21 text, got: {reason} [{name}]")
 
 
 # every repetition is possessive: a quote that is lost costs one pass, not one for each character after it

@@ -69,6 +69,8 @@ def sweep(
     with alone_in(folder):
         _claim(plan, folder)
         missing = [k for k in range(plan.partitions) if not _is_whole(plan, k, folder)]
+        for k in missing:  # what is damaged is ours, whatever it holds now: the plan beside it says so
+            _path(folder, k).unlink(missing_ok=True)
         if client is not None:
             _submit(client, plan, folder, missing, report)
         elif scheduler is None and jobs <= 1:
