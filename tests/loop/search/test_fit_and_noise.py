@@ -107,11 +107,6 @@ def test_too_few_trials_are_refused_by_name_and_number() -> None:
         problem_of(Toy(), toy_trials(8, 1))
 
 
-def test_columns_of_other_length_are_refused() -> None:
-    with pytest.raises(ClosureError, match="covariate x"):
-        Trials({"x": np.zeros(3)}, ("c",), np.zeros((2, 1)), np.ones((2, 1)), np.array(["a", "b"]))
-
-
 def test_censored_values_count_as_what_they_exceed_and_do_not_bend_the_fit() -> None:
     trials = toy_trials(400, 6, scatter=0.0, noise=0.3)
     cut, first = 1.5, trials.values[:, 0]

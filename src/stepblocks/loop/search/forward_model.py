@@ -9,8 +9,6 @@ from typing import Any, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from stepblocks.errors import ClosureError
-
 Floats = NDArray[np.float64]
 
 
@@ -24,15 +22,6 @@ class Trials:
     std: Floats  # shape (n, c), standard uncertainty of each value from its own measurement
     block: NDArray[Any]  # shape (n,), specimen of each trial; errors of a specimen are common to its trials
     floor: Floats | None = None  # shape (n, c), what a censored value exceeds; not-a-number elsewhere
-
-    def __post_init__(self) -> None:
-        shape = (len(self.block), len(self.channels))
-        for name in ("values", "std"):
-            if getattr(self, name).shape != shape:
-                raise ClosureError(f"{name} must have shape {shape}, got {getattr(self, name).shape}")
-        for name, column in self.covariates.items():
-            if len(column) != shape[0]:
-                raise ClosureError(f"covariate {name} must have {shape[0]} rows, got {len(column)}")
 
     def __len__(self) -> int:
         return len(self.block)
