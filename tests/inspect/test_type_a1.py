@@ -9,7 +9,7 @@ from scipy import stats
 
 from oracles.softgauge import correlated_noise, groove_gauge, with_faults
 from stepblocks.artefacts.scans.read import read_scan
-from stepblocks.artefacts.scans.scan import HeightMap
+from stepblocks.artefacts.scans.scan import HeightMap, Profile
 from stepblocks.errors import MetrologyError
 from stepblocks.inspect.budget import Component, Instrument, Measured, measured_from_profiles
 from stepblocks.inspect.grooves import measure_groove
@@ -108,10 +108,21 @@ def test_flanks_that_reach_into_the_windows_are_refused_by_name():
     # a flank of 230 um reaches 15 um into A, C and B; evaluated blindly it takes 0.5 um off a groove of 37.4 um
     z = groove_gauge(X, 37.4e-6, 300e-6, 600e-6, flank=230e-6)
     z += correlated_noise(len(X), 1e-6, 10e-9, 0.0, 1e-6, np.random.default_rng(1))
-    with pytest.raises(MetrologyError, match="window A of type A1 must lie on a face, but a flank reaches into it"):
-        evaluate_a1(X, z, (300e-6, 600e-6), [(185e-6, 415e-6), (485e-6, 715e-6)])
+    with pytest.raises(
+        MetrologyError, match="window A of type A1 must lie on a face, but a flank or a defect reaches into it"
+    ):
+        evaluate_a1(X, z, (300e-6, 600e-6))
     narrow = evaluate_a1(X, groove_gauge(X, 37.4e-6, 300e-6, 600e-6, flank=20e-6), (300e-6, 600e-6))
     assert narrow.depth.value == pytest.approx(37.4e-6, abs=8e-9)
+
+
+@pytest.mark.parametrize("flank", [100e-6, 150e-6, 200e-6])
+def test_a_long_flank_is_one_edge_and_not_two_steps(flank):
+    z = groove_gauge(X, 37.4e-6, 300e-6, 600e-6, flank=flank)
+    z += correlated_noise(len(X), 1e-6, 10e-9, 0.0, 1e-6, np.random.default_rng(1))
+    found = measure_groove(Profile(X, z), Instrument()).values
+    assert found["groove_depth"].value == pytest.approx(37.4e-6, abs=10e-9)  # two steps of half of it otherwise
+    assert found["feature_width"].value == pytest.approx(300e-6, rel=0.01)
 
 
 def test_missing_points_change_nothing_but_the_uncertainty():

@@ -19,6 +19,30 @@ def edge_gauge(position: Array, height: float, radius: float = 0.0, tilt: float 
     return np.where(position < riser, 0.0, np.maximum(arc, 0.0)) + tilt * position
 
 
+def flank_gauge(position: Array, height: float, angle: float, radius: float) -> Array:
+    """Step up whose flank slopes by `angle` [rad], its corner an arc tangent to flank and upper face; without noise.
+
+    The flank's line and the upper face meet at position 0.
+    """
+    reach = radius * np.tan(0.5 * angle)
+    arc = height - radius + np.sqrt(np.maximum(radius**2 - (position - reach) ** 2, 0.0))
+    line = height + position * np.tan(angle)
+    return np.maximum(np.where(position < -reach * np.cos(angle), line, np.where(position < reach, arc, height)), 0.0)
+
+
+def stylus_trace(position: Array, height: Array, radius: float, cone: float) -> Array:
+    """What a stylus, a ball of `radius` on a cone of this full angle [rad], draws of a fine profile: dilation by its shape."""
+    from scipy.ndimage import grey_dilation
+
+    spacing = float(position[1] - position[0])
+    reach = min(int(np.ceil(np.ptp(height) * np.tan(0.5 * cone) / spacing + radius / spacing)) + 1, len(position) // 2)
+    u = np.abs(np.arange(-reach, reach + 1) * spacing)
+    touch = radius * np.cos(0.5 * cone)  # where the ball passes into the cone
+    ball = radius - np.sqrt(np.maximum(radius**2 - np.minimum(u, touch) ** 2, 0.0))
+    shape = ball + np.maximum(u - touch, 0.0) / np.tan(0.5 * cone)
+    return grey_dilation(height, structure=-shape, mode="nearest")
+
+
 def groove_gauge(
     position: Array, depth: float, left: float, right: float, flank: float = 0.0, tilt: float = 0.0
 ) -> Array:

@@ -82,8 +82,7 @@ def fit_edge(position: Array, height: Array, exclusion: float | None = None) -> 
     spikes[known] = _beyond_neighbours(z[known] - planes.tilt * x[known], 6.0 * max(roughness, LEAST_SCATTER))
     spikes &= near
     levelled = z - planes.offset - planes.tilt * x
-    arc, on_arc = _arc_without_spikes(x, levelled, spacing, faces, np.flatnonzero(near & ~spikes))
-    flank = _flank_of(x[near], levelled[near], spacing, faces, arc)
+    arc, flank, on_arc = _arc_or_flank(x, levelled, spacing, faces, np.flatnonzero(near & ~spikes))
     if (share := float(spikes.sum()) / max(int(near.sum()), 1)) > _MOST_DROPPED:
         got = f"{share:.0%} of those within {half_width * 1e6:.3g} um of it"
         raise MetrologyError(f"at most {_MOST_DROPPED:.0%} of the points at an edge may be spikes, got {got}")
@@ -160,9 +159,9 @@ def _beyond_neighbours(heights: Array, limit: float) -> Mask:
     return np.asarray(beyond | below)
 
 
-def _arc_without_spikes(
+def _arc_or_flank(
     x: Array, levelled: Array, spacing: float, faces: _Faces, kept: NDArray[np.intp]
-) -> tuple[Arc, int]:
+) -> tuple[Arc, Flank | None, int]:
     """Fit the arc; drop a point where the circle fits the others by far better, as it does for a spike and not for form."""
 
     def fitted(points: NDArray[np.intp]) -> Arc:
@@ -172,13 +171,14 @@ def _arc_without_spikes(
         return arc_radius(Window(u, levelled[points], height, spacing, faces.gamma, shared))
 
     arc, dropped = fitted(kept), 0
-    while arc.excess > _SUSPECT and dropped < _MOST_ON_ARC and len(kept) > 8:
+    flank = _flank_of(x[kept], levelled[kept], spacing, faces, arc)
+    while flank is None and arc.excess > _SUSPECT and dropped < _MOST_ON_ARC and len(kept) > 8:
         trials = [np.delete(kept, index) for index in arc.suspects]
         best, points = min(((fitted(points), points) for points in trials), key=lambda trial: trial[0].misfit)
         if best.excess > arc.excess / _BY_FAR:
             break
         arc, kept, dropped = best, points, dropped + 1
-    return arc, dropped
+    return arc, flank, dropped
 
 
 def _rounding_width(x: Array, z: Array, spacing: float, faces: _Faces) -> float:

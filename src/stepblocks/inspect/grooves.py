@@ -12,12 +12,14 @@ from stepblocks.errors import MetrologyError
 from stepblocks.inspect.budget import Component, Instrument, Measured, measured_from_profiles, with_budget
 from stepblocks.inspect.levelling import Feature, Levels, fit_features, measured_features
 from stepblocks.inspect.map_levels import fit_grating, masked_step
-from stepblocks.inspect.measure import AS_FOUND, How, Inspected, Shown, Window, sampled, tried
+from stepblocks.inspect.measure import AS_FOUND, How, Inspected, Shown, ShownMap, Window, sampled, tried
 from stepblocks.inspect.noise import LEAST_SCATTER, Array, Estimate, robust_scale
 from stepblocks.inspect.type_a1 import TypeA1, evaluate_a1
 
 _FITS = 2.0  # scatter about type A1 over that about a polynomial, up to which type A1 is taken [1]
 _LEAST_SHARE = 0.5  # of the profiles of a map that must agree on what they cross [1]
+_LEVEL = 0.1  # of a step that its faces may be off, and of a face over which they may be [1]
+_TAKEN_BACK = 0.5  # of steps in one direction, by the slope between them, from which they may be a sawtooth [1]
 _DEGREE_NAMES = {1: "line", 2: "parabola", 3: "cubic"}
 
 
@@ -69,7 +71,9 @@ def _row(x: Array, z: Array, how: How) -> _Row:
         height, name = feature.height, f"masked {_DEGREE_NAMES[levels.degree]}"
         change = tuple(one.features[index].height.value - height.value for one in others)
         best = None if how.degree is not None or how.exclusion is not None else _by_windows(x, z, levels, feature)
-        if best is not None:
+        if best is None:
+            _check_level(z, levels, height.value)
+        else:
             height, name = replace(best.depth, value=-best.depth.value), f"type {best.kind}"
             windows += [(*span, one) for span, one in zip(best.windows, "ACB", strict=True)]
             change = (np.sqrt(3.0) * (best.depth.value - best.near),)
@@ -81,10 +85,23 @@ def _row(x: Array, z: Array, how: How) -> _Row:
     return _Row(tuple(heights), tuple(spans), tuple(changes), name, tuple(windows), levels.level, rejected)
 
 
+def _check_level(z: Array, levels: Levels, height: float) -> None:
+    """Refuse a step beside which the surface is not level: in a sawtooth its height is where one chooses to take it."""
+    rest = float(np.sqrt(np.mean((z - levels.level)[levels.used] ** 2)))
+    face = float(levels.used.sum()) / (len(levels.edges) + 1)
+    if rest > _LEVEL * abs(height) and levels.together > _LEVEL * face:
+        got = f"{rest * 1e9:.3g} nm that wander together over {levels.together / face:.0%} of a face"
+        raise MetrologyError(f"faces beside a step of {abs(height) * 1e9:.4g} nm must be level, got residuals of {got}")
+    single = np.array([one.height.value for one in levels.features if not np.isfinite(one.end)])
+    back = 1.0 - float(levels.level[-1] - levels.level[0]) / float(single.sum()) if len(single) > 1 else 0.0
+    if abs(back - 1.0) < _TAKEN_BACK and abs(single.sum()) > _TAKEN_BACK * np.abs(single).sum():
+        got = f"{len(single)} in one direction, of which the slope takes back {back:.0%}"
+        raise MetrologyError(f"steps must not be those of a sawtooth, got {got}")
+
+
 def _by_windows(x: Array, z: Array, levels: Levels, feature: Feature) -> TypeA1 | None:
     """Type A1 or A2 of a feature; None where its windows do not fit, or where a bow lets the polynomial fit the same points better."""
-    flanks = [(one.begin, one.end) for one in levels.edges]
-    found = tried(lambda span: evaluate_a1(x, z, span, flanks), [(feature.begin, feature.end)])[0]
+    found = tried(lambda span: evaluate_a1(x, z, span), [(feature.begin, feature.end)])[0]
     if not found:
         return None
     best = found[0][1]
@@ -223,7 +240,10 @@ def _masked(scan: HeightMap, instrument: Instrument, how: How, key: str) -> Insp
         f"features, {step.exclusion * 1e6:.3g} um kept from every edge"
     )
     note = "type A1 not used: the profiles cross several features, so its windows would lie on the neighbours"
-    return Inspected({key: value}, convention, (note,), Shown(*step.profile))
+    rest = np.where(step.reference, step.level, np.where(step.floor, step.level + step.depth.value, np.nan))
+    parts = ("features", step.floor), ("reference", step.reference)
+    drawn = ShownMap(step.level, rest, parts, (float(scan.x[-1]), float(scan.y[-1])))
+    return Inspected({key: value}, convention, (note,), Shown(scan.x, step.level[step.shown], map=drawn))
 
 
 def _grating(scan: Profile | HeightMap, instrument: Instrument, how: How, key: str) -> Inspected:
@@ -234,9 +254,10 @@ def _grating(scan: Profile | HeightMap, instrument: Instrument, how: How, key: s
     else:
         found = fit_grating(scan.x, scan.y, scan.height)
     noise = Component("noise", found.depth.std, found.depth.dof, "scatter over parts of the scan")
+    form = Component("form", found.form, how="change by half as many harmonics, rectangular")
     part = Component("sampling", found.pitch.std, how="a part of a sampling interval over all periods")
     pitch = with_budget("pitch, across the lines", found.pitch.value, [part], instrument, axes=(0.0, 1.0))
-    values = {key: with_budget(key.replace("_", " "), found.depth.value, [noise], instrument), "feature_pitch": pitch}
+    depth = with_budget(key.replace("_", " "), found.depth.value, [noise], instrument, [form])
     convention = f"grating: from the lowest to the highest point of the mean shape, which repeats in {found.share:.0%} of the variance"
     note = f"lines at {np.degrees(found.angle):.1f} deg from the y axis"
-    return Inspected(values, convention, (note,), Shown(*found.shape))
+    return Inspected({key: depth, "feature_pitch": pitch}, convention, (note,), Shown(*found.shape))

@@ -7,6 +7,7 @@ from one least-squares fit of a polynomial (line, parabola or cubic, as the data
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -147,6 +148,7 @@ class Levels:
     used: Mask  # shape (n,); points that took part
     rejected: int  # left out as spikes
     gain: float  # by which it beats a smooth curve, as BEAT [1]
+    together: float  # points of the residuals that wander together [1]
     edges: tuple[Found, ...]
 
 
@@ -173,7 +175,7 @@ def find_edges(x: Array, z: Array) -> list[Found]:
 
     peaks = np.flatnonzero((size >= least) & (size == maximum_filter1d(size, 2 * reach + 1)))
     places = [int(one) for one in peaks[np.diff(peaks, prepend=-reach) > reach]][:_MOST_EDGES]
-    return _flanks(x, calm, known, places, gap)
+    return _flanks(x, calm, known, *_joined(x, calm, known, places, gap))
 
 
 def _differences(z: Array, known: Mask, reach: int) -> Array:
@@ -196,6 +198,22 @@ def _differences(z: Array, known: Mask, reach: int) -> Array:
         return gaps
     usual = median_filter(np.interp(at, at[whole], gaps[whole]), min(9 * reach, len(gaps)), mode="nearest")
     return np.asarray(gaps - usual)
+
+
+def _joined(x: Array, z: Array, known: Mask, places: list[int], gap: Array) -> tuple[list[int], Array]:
+    """Join two edges of one sign between which the surface goes on rising by more than half of the lesser: one long flank."""
+    ends = [0, *places, len(x) - 1]
+    for index, (first, second) in enumerate(itertools.pairwise(places)):
+        faces = [_face(x, z, known, *span) for span in itertools.pairwise(ends[index : index + 4])]
+        slopes = [float(face[0].deriv()(x[first])) for face in faces if face is not None]
+        if len(slopes) < 3 or gap[first] * gap[second] < 0.0:
+            continue
+        rise = (slopes[1] - 0.5 * (slopes[0] + slopes[2])) * float(x[second] - x[first]) * np.sign(gap[first])
+        if rise > 0.5 * min(abs(gap[first]), abs(gap[second])):
+            middle = (first + second) // 2
+            whole = np.where(np.arange(len(gap)) == middle, gap[first] + gap[second], gap)
+            return _joined(x, z, known, [*places[:index], middle, *places[index + 2 :]], whole)
+    return places, gap
 
 
 def _flanks(x: Array, z: Array, known: Mask, places: list[int], gap: Array) -> list[Found]:
@@ -292,12 +310,12 @@ def fit_features(
     power = max(one for one in fits if one == min(fits) or significant(one))
     fit = fits[power]
     features = tuple(Feature(*span, fit.estimate(power + index)) for index, span in enumerate(spans, 1))
-    gain = _gain(t, z, fit, power + 1 + 2 * len(edges))
-    return Levels(features, power, fit.solution @ fit.design, fit.used, fit.rejected, gain, tuple(edges))
+    gain, together = _gain(t, z, fit, power + 1 + 2 * len(edges))
+    return Levels(features, power, fit.solution @ fit.design, fit.used, fit.rejected, gain, together, tuple(edges))
 
 
-def _gain(t: Array, z: Array, fit: Fit, terms: int) -> float:
-    """Twice the gain in log-likelihood on a smooth curve of as many parameters, of as many points as are independent."""
+def _gain(t: Array, z: Array, fit: Fit, terms: int) -> tuple[float, float]:
+    """Return twice the gain in log-likelihood on a smooth curve of as many parameters, and how many points are not independent."""
     kept = fit.used
     smooth = np.stack([t, *(np.cos(0.5 * np.pi * k * (t + 1.0)) for k in range(terms))])
     fair = np.linalg.lstsq(smooth[:, kept].T, z[kept], rcond=None)[0]
@@ -305,7 +323,7 @@ def _gain(t: Array, z: Array, fit: Fit, terms: int) -> float:
     together = max(1.0, float(2.0 * gamma.sum() / gamma[0] - 1.0)) if gamma[0] > 0.0 else 1.0
     floor = LEAST_SCATTER**2 * kept.sum()
     squares = [float(np.sum(one[kept] ** 2)) + floor for one in (z - fair @ smooth, fit.residuals)]
-    return float(kept.sum()) / together * float(np.log(squares[0] / squares[1]))
+    return float(kept.sum()) / together * float(np.log(squares[0] / squares[1])), together
 
 
 def _paired(edges: Sequence[Found]) -> list[tuple[float, float]]:

@@ -24,7 +24,7 @@ _TURNS = 6  # of levelling and looking again
 _BINS = 400  # of the histogram of heights
 _GAP = 0.6  # part of the points of the lesser of two levels that may lie between them [1]
 _LEAST_PERIODS = 4.0  # that a grating must show [1]: a wandering surface bends twice or thrice
-_HARMONICS = 8  # of a grating's period that are kept
+_HARMONICS = 16  # of a grating's period that are kept
 _PHASES = 48  # into which the period of a grating is folded
 _REPEATS = 0.8  # part of the variance that repeats, from which a map is a grating [1]
 # interval by the scatter over features above that over rows, from which each has a height of its own [1]
@@ -40,7 +40,10 @@ class MaskedStep:
     exclusion: float  # distance that was kept to every edge [m]
     rows: int  # that took part
     features: int  # separate ones in the map
-    profile: tuple[Array, Array]  # positions and levelled heights of the row with most floor [m], to be shown
+    level: Array  # shape (ny, nx); heights with each row levelled on the reference [m]
+    floor: Mask  # shape (ny, nx); points of the features that took part
+    reference: Mask  # likewise beside them
+    shown: int  # row with most floor
 
 
 def masked_step(scan: HeightMap, exclusion: float | None = None) -> MaskedStep:
@@ -69,13 +72,13 @@ def masked_step(scan: HeightMap, exclusion: float | None = None) -> MaskedStep:
     value = float(np.sum(share[known] * depths[known]))
     labels, features = ndimage.label(inside)
     depth = _by_bands(depths, share, value, known)
-    apart = _by_features(_rows_levelled(z, reference), np.where(floor, labels, 0))
+    level = _rows_levelled(z, reference)
+    apart = _by_features(level, np.where(floor, labels, 0))
     reach = [float(stats.t.ppf(0.975, dof)) * std for std, dof in ((depth.std, depth.dof), apart)]
     if reach[1] > _OWN_HEIGHTS * reach[0]:
         depth = Estimate(value, *apart)
-    shown = int(np.argmax(weights))
-    line = np.polynomial.Polynomial.fit(scan.x[reference[shown]], z[shown, reference[shown]], 1)
-    return MaskedStep(depth, exclusion, int(known.sum()), int(features), (scan.x, z[shown] - line(scan.x)))
+    counts = int(known.sum()), int(features)
+    return MaskedStep(depth, exclusion, *counts, level, floor, reference, int(np.argmax(weights)))
 
 
 def _by_bands(depths: Array, share: Array, depth: float, known: Mask) -> Estimate:
@@ -213,6 +216,7 @@ class Grating:
     """Shape that repeats in a map or a profile."""
 
     depth: Estimate  # from the lowest to the highest point of the mean shape [m]
+    form: float  # standard uncertainty of it by what the harmonics leave of sharp tips [m]
     pitch: Estimate  # m; by a part of a sampling interval over all periods
     angle: float  # of the direction in which it repeats, from x [rad]
     share: float  # part of the variance that repeats [1]
@@ -250,12 +254,12 @@ def fit_grating(x: Array, y: Array, z: Array) -> Grating:
         rule = f"one shape must repeat in at least {_REPEATS:.0%} of the variance of a grating"
         raise MetrologyError(f"{rule}, got {share:.0%}")
     along = frequency @ points
-    depth, shape = _depth(along, heights)
+    depth, form, shape = _depth(along, heights)
     parts = np.array_split(np.argsort(along, kind="stable"), int(min(8, max(np.ptp(along) // 1.5, 2))))
     depths = np.array([_depth(along[part], heights[part])[0] for part in parts])
     scatter = float(depths.std(ddof=1) / np.sqrt(len(parts)))
     step = float(x[1] - x[0]) / np.sqrt(12.0) / max(float(np.ptp(along)), 1.0)
-    found = Estimate(depth, scatter, len(parts) - 1.0), Estimate(pitch, step)
+    found = Estimate(depth, scatter, len(parts) - 1.0), form, Estimate(pitch, step)
     return Grating(*found, angle, share, ((np.arange(_PHASES) + 0.5) / _PHASES * pitch, shape))
 
 
@@ -266,10 +270,17 @@ def _folded(along: Array, heights: Array) -> tuple[Array, NDArray[np.intp]]:
     return np.bincount(phase, heights, _PHASES) / np.maximum(count, 1), phase
 
 
-def _depth(along: Array, heights: Array) -> tuple[float, Array]:
-    """Peak to valley of the mean shape, its noise kept out by five harmonics."""
+def _depth(along: Array, heights: Array) -> tuple[float, float, Array]:
+    """Peak to valley of the mean shape, its uncertainty, and the shape.
+
+    Noise is kept out by few harmonics. What they round off a sharp tip goes as one over their number, so the change from half as
+    many is added once more, and is the uncertainty too, as a rectangle.
+    """
     shape, _ = _folded(along, heights)
-    terms = np.fft.rfft(shape)
-    terms[_HARMONICS + 1 :] = 0.0
-    fine = np.fft.irfft(np.pad(terms, (0, 8 * _PHASES - len(terms))), 16 * _PHASES - 2) * (16 * _PHASES - 2) / _PHASES
-    return float(np.ptp(fine)), shape
+    terms = np.pad(np.fft.rfft(shape), (0, 7 * _PHASES))
+    ranges = []
+    for kept in (_HARMONICS, _HARMONICS // 2, _HARMONICS // 4):
+        terms[kept + 1 :] = 0.0
+        ranges.append(float(np.ptp(np.fft.irfft(terms, 16 * _PHASES))) * 16.0)
+    change = ranges[0] - ranges[1]
+    return ranges[0] + change, max(abs(change), abs(ranges[1] - ranges[2])) / np.sqrt(3.0), shape

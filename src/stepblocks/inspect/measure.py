@@ -26,14 +26,25 @@ _MOST_PROFILES = 60  # of a map that are evaluated; of more, as many are taken e
 
 
 @dataclass(frozen=True)
+class ShownMap:
+    """What a plot shows of a map; arrays of shape (ny, nx)."""
+
+    height: Array  # levelled [m]
+    residual: Array  # what the evaluation leaves, nan where a point took no part [m]
+    outlines: tuple[tuple[str, Mask], ...]  # name of a part that was evaluated, and its mask
+    size: tuple[float, float]  # along x and y [m]
+
+
+@dataclass(frozen=True)
 class Shown:
-    """What a plot shows: one profile, levelled on its lower or outer face."""
+    """What a plot shows: one profile, levelled on its lower or outer face, and the map that it is of."""
 
     position: Array  # m
     height: Array  # m
     windows: tuple[Window, ...] = ()  # the stretches that were evaluated
     fitted: Array | None = None  # what was fitted to it [m]
     dropped: Mask | None = None  # points left out as spikes
+    map: ShownMap | None = None
 
 
 @dataclass(frozen=True)

@@ -19,7 +19,7 @@ from stepblocks.artefacts.qif import write_qif
 from stepblocks.artefacts.scans.scan import Profile
 from stepblocks.atomic import beside, replace_text
 from stepblocks.inspect.budget import Decision, Measured, Outcome
-from stepblocks.inspect.measure import Inspected, Shown
+from stepblocks.inspect.measure import Inspected, Shown, ShownMap
 from stepblocks.parts.characteristics import Characteristic
 from stepblocks.parts.conditions import OrderSpec
 from stepblocks.parts.kind import Part
@@ -30,6 +30,7 @@ _COLOUR: dict[Outcome | None, str] = {
     Outcome.NOT_PROVEN: "#b07d00",
 }
 _MOST_DRAWN = 4000
+_MOST_ACROSS = 500  # points of a map that is drawn
 _HEIGHTS = ("step_height", "ridge_height", "horizontal_discrepancy", "groove_depth")  # limits drawn beside the scan
 
 
@@ -169,25 +170,46 @@ def write_inspection(result: InspectionResult, folder: str | Path) -> list[Path]
 
 
 def _draw(path: Path, result: InspectionResult) -> None:
-    """Draw scan, windows, limits and guard bands into an SVG file."""
+    """Draw map with its mask and residuals, scan, windows, limits and guard bands into an SVG file."""
     import matplotlib as mpl
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
 
-    count = len(result.judged)
+    count, shown = len(result.judged), result.inspected.shown
     with mpl.rc_context({"svg.hashsalt": "stepblocks", "font.family": "DejaVu Sans", "font.size": 9}):
-        scan = [] if result.inspected.shown is None else [5.0]  # what others measured comes without a profile
-        figure = Figure(figsize=(9.0, 0.9 + 0.74 * sum(scan) + 0.62 * count), layout="constrained")
+        scan = [] if shown is None else [5.0]  # what others measured comes without a profile
+        maps = [] if shown is None or shown.map is None else [5.0, 5.0]
+        figure = Figure(figsize=(9.0, 0.9 + 0.74 * sum(maps + scan) + 0.62 * count), layout="constrained")
         FigureCanvasAgg(figure)
-        axes = figure.subplots(len(scan) + count, 1, height_ratios=[*scan, *[1.0] * count], squeeze=False)[:, 0]
-        if result.inspected.shown is not None:
-            _draw_scan(axes[0], result, result.inspected.shown)
+        heights = [*maps, *scan, *[1.0] * count]
+        axes = figure.subplots(len(heights), 1, height_ratios=heights, squeeze=False)[:, 0]
+        if shown is not None and shown.map is not None:
+            _draw_map(axes[:2], shown.map)
+        if shown is not None:
+            _draw_scan(axes[len(maps)], result, shown)
         title = f"{result.identity}: {result.said}"
         axes[0].set_title(title, color=_COLOUR.get(result.verdict, "#1d2a36"), fontweight="bold", loc="left")
-        for axis, (one, decision) in zip(axes[len(scan) :], result.judged, strict=True):
+        for axis, (one, decision) in zip(axes[len(maps + scan) :], result.judged, strict=True):
             _draw_limits(axis, one, decision)
         with beside(path) as draft:
             figure.savefig(draft, metadata={"Date": None}, dpi=120)
+
+
+def _draw_map(axes: Any, shown: ShownMap) -> None:
+    from matplotlib.lines import Line2D
+
+    thin = max(max(shown.height.shape) // _MOST_ACROSS, 1)
+    extent = (0.0, shown.size[0] * 1e6, 0.0, shown.size[1] * 1e6)
+    for axis, values, label in zip(axes, (shown.height, shown.residual), ("height / um", "residual / um"), strict=True):
+        low, high = np.nanpercentile(values, [1.0, 99.0]) * 1e6
+        image = axis.imshow(values[::thin, ::thin] * 1e6, origin="lower", extent=extent, vmin=low, vmax=high)
+        axis.figure.colorbar(image, cax=axis.inset_axes((1.03, 0.0, 0.03, 1.0)), label=label)
+        axis.set(xlabel="x / um", ylabel="y / um")
+    lines = []
+    for (name, mask), colour in zip(shown.outlines, ("#b3261e", "#ffffff"), strict=True):
+        axes[0].contour(mask[::thin, ::thin], levels=[0.5], colors=colour, linewidths=0.8, extent=extent)
+        lines.append(Line2D([], [], color=colour, label=f"{name}, as evaluated"))
+    axes[0].legend(handles=lines, loc="center left", bbox_to_anchor=(1.35, 0.5), fontsize=7, facecolor="#8a97a3")
 
 
 def _draw_scan(axis: Any, result: InspectionResult, shown: Shown) -> None:

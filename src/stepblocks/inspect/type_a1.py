@@ -7,18 +7,18 @@ The profile is not filtered. A window that holds a part of a flank bends the res
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
 from stepblocks.errors import MetrologyError
-from stepblocks.inspect.levelling import fit_without_spikes, weighted
-from stepblocks.inspect.noise import LEAST_SCATTER, Array, Estimate, Mask, estimated
+from stepblocks.inspect.levelling import Fit, fit_without_spikes, weighted
+from stepblocks.inspect.noise import LEAST_SCATTER, SPIKE, Array, Estimate, Mask, estimated, robust_scale
 
 Span = tuple[float, float]
 
 _LEAST_POINTS = 5  # of a window
+_TOLERATED = 0.01  # deviation of a window's end that is no flank, as a part of the depth [1]
 _SIGNIFICANT = 4.0  # of the bow of the middle over its uncertainty, from which it is domed [1]
 _DOMED = 0.03  # least bow of a domed middle, as a part of the depth [1]
 _MOST_OUTLIERS = 0.1  # part of a window's points that may be spikes [1]
@@ -36,11 +36,10 @@ class TypeA1:
     near: float  # depth with the outer windows cut to the half that is nearer to the feature [m]
 
 
-def evaluate_a1(x: Array, z: Array, edges: Span, flanks: Sequence[Span] = ()) -> TypeA1:
+def evaluate_a1(x: Array, z: Array, edges: Span) -> TypeA1:
     """Depth of one groove or ridge between `edges` L and R [m] in one profile (ISO 5436-1:2000, 5.2 and figure 7).
 
-    No window may hold a part of `flanks`, begin and end [m], of this feature or another. Where the middle third is domed by more
-    than its noise, the depth is that of type A2: to the apex of the arc through it.
+    Where the middle third is domed by more than its noise, the depth is that of type A2: to the apex of the arc through it.
     """
     left, right = edges
     width = right - left
@@ -56,11 +55,7 @@ def evaluate_a1(x: Array, z: Array, edges: Span, flanks: Sequence[Span] = ()) ->
         )
     feature = f"the feature from {left * 1e6:.4g} to {right * 1e6:.4g} um"
     masks = [(x >= begin) & (x <= end) & np.isfinite(z) for begin, end in spans]
-    for name, mask, (begin, end) in zip("ACB", masks, spans, strict=True):
-        if any(first < end and last > begin for first, last in flanks):
-            raise MetrologyError(
-                f"window {name} of type A1 must lie on a face, but a flank reaches into it for {feature}"
-            )
+    for name, mask in zip("ACB", masks, strict=True):
         if mask.sum() < _LEAST_POINTS:
             raise MetrologyError(f"window {name} must keep {_LEAST_POINTS} points, got {mask.sum()} for {feature}")
     return _domed(x, z, masks) or _flat(x, z, masks, feature)
@@ -74,6 +69,10 @@ def _design(x: Array, masks: list[Mask]) -> Array:
 def _flat(x: Array, z: Array, masks: list[Mask], feature: str) -> TypeA1:
     used = masks[0] | masks[1] | masks[2]
     fit = fit_without_spikes(_design(x, masks), z, used)
+    if name := _flank_in(fit, dict(zip("ACB", masks, strict=True))):
+        raise MetrologyError(
+            f"window {name} of type A1 must lie on a face, but a flank or a defect reaches into it for {feature}"
+        )
     if fit.rejected > _MOST_OUTLIERS * used.sum() or any((mask & fit.used).sum() < _LEAST_POINTS for mask in masks):
         got = f"{fit.rejected} of {used.sum()} points for {feature}"
         raise MetrologyError(f"windows of type A1 must hold at most {_MOST_OUTLIERS:.0%} spikes, got {got}")
@@ -82,6 +81,14 @@ def _flat(x: Array, z: Array, masks: list[Mask], feature: str) -> TypeA1:
     near = 2.0 * float(weighted(fit.design, z, fit.used & inner)[1][2])
     scatter = float(np.sqrt(np.mean(fit.residuals[fit.used] ** 2)))
     return TypeA1(fit.estimate(2, 2.0), _ends(kept), fit.rejected, "A1", scatter, near)
+
+
+def _flank_in(fit: Fit, windows: dict[str, Mask]) -> str:
+    """Name the first window whose end lies off the fit, as a flank or a defect does; empty where none does."""
+    noise, depth = robust_scale(fit.residuals[fit.used]), abs(2.0 * float(fit.solution[2]))
+    off = np.abs(fit.residuals) > max(SPIKE * noise, _TOLERATED * depth, LEAST_SCATTER)
+    ends = {name: np.flatnonzero(mask) for name, mask in windows.items()}
+    return next((name for name, own in ends.items() if off[own[:3]].all() or off[own[-3:]].all()), "")
 
 
 def _domed(x: Array, z: Array, masks: list[Mask]) -> TypeA1 | None:
@@ -93,7 +100,7 @@ def _domed(x: Array, z: Array, masks: list[Mask]) -> TypeA1 | None:
     used = masks[0] | masks[1] | masks[2]
     design = np.stack([*_design(x, masks), t, np.where(masks[1], t**2 - 1.0 / 3.0, 0.0)])
     fit = fit_without_spikes(design, z, used)
-    if fit.rejected > _MOST_OUTLIERS * used.sum():
+    if fit.rejected > _MOST_OUTLIERS * used.sum() or _flank_in(fit, {"A": masks[0], "B": masks[2]}):
         return None
     depth, slant, bow = 2.0 * float(fit.solution[2]), float(fit.solution[3]), fit.estimate(4)
     least = max(_SIGNIFICANT * bow.std, _DOMED * abs(depth), LEAST_SCATTER, abs(slant))
