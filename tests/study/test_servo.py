@@ -1,5 +1,7 @@
 """The servo loop: what it logs is what the renderer says, its ring carries E_v, and no hand bears more than its limits."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -78,6 +80,28 @@ def test_no_force_exceeds_the_limit_or_grows_faster_than_allowed(hand):
     assert np.diff(size).max() <= 0.2 + 1e-9  # 200 N/s for a millisecond
     rendered = np.linalg.norm([record[f"force_{name}_n"] for name in "xyz"], axis=0)
     assert rendered.max() > 1.5  # what was asked for is logged beside
+
+
+def test_a_mouse_gets_over_a_block_that_releases_beyond_the_limit_of_force():
+    """100 um at 0.5 N needs 9.5 N, equation (1); a device is asked for 7 N at most, a mouse has no motors."""
+    face, point = Step(100e-6), replace(PAPER, normal_load=0.5)
+    release = face.release(point).pull_force
+    one = Renderer(face.centre_path(point.ball_radius), point, scale=SCALE, rate=RATE)
+
+    class Moved(Mouse):
+        x = -0.03
+
+        def read(self):
+            self.x += 1e-4
+            self.post(min(self.x, 1.2 * SCALE * release / TOOL.stiffness), True)
+            return super().read()
+
+    servo = Servo(one, Moved(0.5, one.wall, float(one.path.z.max())), waits=False, seconds=2.0)
+    servo.run()
+    record = servo.record()
+    assert (record["events"].max(), one.proxy[0] > 0.0) == (1, True)
+    assert record["pull_n"].max() == pytest.approx(release, rel=0.01)
+    assert np.linalg.norm([record[f"applied_{axis}_n"] for axis in "xyz"], axis=0).max() <= Limits().force + 1e-9
 
 
 def test_who_lets_go_feels_nothing(hand):

@@ -11,6 +11,7 @@ import os
 import threading
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from pathlib import Path
 from typing import Any
 
@@ -127,11 +128,12 @@ class Run:
         if servo is None or self.blocks is None:
             return {"x": 0.0, "events": 0, "loudness": 0.0}
         tool, renderer = self.blocks.point.tool, servo.renderer
-        loudness = abs(renderer.release_force) / self.strongest()
+        loudness = abs(renderer.release_force) / self.strongest
         rung = {"frequency": tool.frequency, "decay": tool.decay_time, "loudness": loudness}
         doubts = {"over": servo.ended != "", "doubt": "" if servo.trusted else "".join(servo.doubts[-1:])}
         return {"x": renderer.proxy[0], "events": renderer.events, **rung, **doubts}
 
+    @cached_property
     def strongest(self) -> float:
         """Return the largest release force of the study's blocks [N]: they share one full scale of sound, and of the page."""
         if self.blocks is None:
@@ -142,7 +144,7 @@ class Run:
     @property
     def reach(self) -> float:
         """Return how far the hand must pull before the last of the blocks releases, in the magnified frame [m]."""
-        return 0.0 if self.blocks is None else self.scale * self.strongest() / self.blocks.point.tool.stiffness
+        return 0.0 if self.blocks is None else self.scale * self.strongest / self.blocks.point.tool.stiffness
 
     def end(self) -> str:
         """Stop the servo loop, if one runs, and return why it ended."""
@@ -170,12 +172,10 @@ class Run:
                 write_motion(self.path.with_suffix("") / name, servo, told)
                 self._running = None
             line = csv_text([sheet_rows([row])[0] | given]).splitlines()[1]
-            number_of_file = os.open(self.path, os.O_WRONLY | os.O_APPEND)
-            try:
-                os.write(number_of_file, f"{line}\n".encode())
-                os.fsync(number_of_file)
-            finally:
-                os.close(number_of_file)
+            with self.path.open("a", encoding="utf-8") as file:
+                file.write(f"{line}\n")
+                file.flush()
+                os.fsync(file.fileno())
             self.answered += 1
 
     def close(self) -> None:

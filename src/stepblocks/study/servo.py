@@ -120,7 +120,8 @@ class Servo(threading.Thread):
         force = renderer.tick(position, velocity) if held else np.zeros(3)
         self._applied = self._limited(force, self._applied) if held else force
         row[1:-1] = (*position, *force, *self._applied, renderer.pull if held else 0.0, held, renderer.events)
-        self.hand.apply(self._applied)  # after the log: a virtual hand moves its own position here
+        # after the log: a virtual hand moves its own position here, and keeps its load by what is rendered, not by what is left of it
+        self.hand.apply(self._applied if self.hand.motors else force)
         return ""
 
     def _let_go(self) -> None:
