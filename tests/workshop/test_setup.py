@@ -54,3 +54,11 @@ def test_the_sheet_says_that_a_step_is_lapped_or_wrung_and_how_the_burr_is_check
     assert "more than 1 µm within" in text.replace("\n", " ")
     assert "harden and temper" in text
     assert "Stock 22.0 x 26.0 x 10.5 mm" in text
+
+
+def test_level_faces_have_no_step_to_lap_and_a_gap_is_cut_last(tmp_path):
+    level = next(one for one in load_set(STIMULI / "crown-margins.toml").margin_block if one.rise == 0.0)
+    text = write_setup(tmp_path, level)[0].read_text()
+    assert "The working faces lie level" in text
+    assert "Cut the gap last" in text
+    assert "A step of" not in text

@@ -13,6 +13,7 @@ from stepblocks.cad.pmi import PmiDimension, PmiItem
 from stepblocks.page_file import render_page
 from stepblocks.parts.body import Block
 from stepblocks.parts.characteristics import FORM
+from stepblocks.parts.kinds.margin import MarginBlock
 from stepblocks.parts.tolerance import general_deviation
 from stepblocks.workshop.routes import Route
 
@@ -78,10 +79,15 @@ def _steps(block: Block, routes: Sequence[Route]) -> Iterator[tuple[str, str, st
     yield "4  base and working faces", flat, "the ground base", work
     reached = ", ".join(dict.fromkeys(route.name for route in routes if route.reaches))
     by = f" Its tolerance is reached by: {reached}." if reached else ""
-    work = f"A step of {abs(block.rise) * 1e6:g} um is lapped or wrung, not milled.{by} Lap lower face and groove in one setting."
+    rise = f"A step of {abs(block.rise) * 1e6:g} um is lapped or wrung, not milled.{by}"
+    work = rise if block.rise else "The working faces lie level: lap them together."
+    if isinstance(block, MarginBlock):
+        work += " Cut the gap last, along the whole edge, by finish cuts of wire EDM or with a dressed wheel."
+    else:
+        work += " Lap lower face and groove in one setting."
     yield (
-        "5  the step",
-        "as in 4, not taken off between lower face and groove",
+        "5  the edge",
+        "as in 4, not taken off between the two faces",
         "the upper face; A is the lapped lower one",
         work,
     )
