@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from oracles.toy_model import Toy, toy_effects, toy_trials
+from stepblocks.loop.search import adequacy
 from stepblocks.loop.search.adequacy import identifiability, propose, pure_error
 from stepblocks.loop.search.explain import (
     Rules,
@@ -146,3 +147,11 @@ def test_pure_error_is_the_scatter_among_replicates() -> None:
     assert fine.p_value > 0.01
     assert pure_error(noise + 0.3 * np.sin(np.array(cells)), cells, free=1).p_value < 1e-6
     assert np.isnan(pure_error(noise[:4], [0, 1, 2, 3], free=1).p_value)
+
+
+def test_a_condition_that_never_changes_has_no_smooth_though_its_scatter_is_a_rounded_zero():
+    load = np.full(20, 0.4)  # their mean is 0.4 and 5e-17
+    trials = Trials({"load_n": load}, ("energy",), np.zeros((20, 1)), np.ones((20, 1)), np.array(["a"] * 20))
+    assert adequacy._columns(trials, "load_n") is None
+    changed = np.where(np.arange(20) < 10, 0.4, 0.5)
+    assert adequacy._columns(replace(trials, covariates={"load_n": changed}), "load_n").shape == (20, 1)

@@ -35,10 +35,10 @@ def _columns(trials: Trials, name: str) -> Floats | None:
     if numbers is None:
         dummies = trials.dummies(name, most=8)
         return np.stack(dummies, axis=1) if dummies else None
-    if not 0.0 < float(np.std(numbers)) < np.inf:
+    powers = min(4, len(np.unique(numbers)) - 1)  # twenty times 0.4 scatter by 5e-17, and are one number
+    if powers == 0 or not float(np.std(numbers)) < np.inf:
         return None
     x = (stats.rankdata(numbers) / len(numbers) - 0.5) * 2.0
-    powers = min(4, len(np.unique(numbers)) - 1)
     return np.stack([x ** (i + 1) for i in range(powers)], axis=1)
 
 
