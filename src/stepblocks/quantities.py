@@ -222,7 +222,7 @@ _SIGNS = {"um": "µm", "uJ": "µJ", "uW": "µW", "us": "µs", "uN": "µN", "deg"
 # what a user typed stands in quotes and stays, and so do names and paths; else a unit behind its number, or by itself
 _WRITTEN = re.compile(
     r"(?<!\w)'[^']*'"
-    r"|(?<![\w-])(?P<number>[-+±]?\d[\d.]*(?:e[-+]?\d+)?)(?P<space> ?)(?P<behind>um|uJ|uW|us|uN|deg)\b(?!\.\w|[/=-])"
+    r"|(?<![\w-])(?P<number>[-+±]?\d[\d.]*(?:e[-+]?\d+)?)(?P<space> ?)(?P<behind>um|uJ|uW|us|uN|deg)\b(?!\.\w|[/-][A-Za-z_]|=)"
     r"|(?<![\w=./-])(?P<alone>um|uJ|uW|uN)\b(?!\.\w|[/=-])"
 )
 
@@ -232,8 +232,8 @@ def readable(text: object) -> str:
 
     Examples
     --------
-    >>> readable("25 um ±1 um at 6 deg"), readable("E_v 3.86 uJ"), readable("height [um]")
-    ('25 µm ±1 µm at 6°', 'E_v 3.86 µJ', 'height [µm]')
+    >>> readable("25 um ±1 um at 6 deg"), readable("+2 um/0 um"), readable("E_v 3.86 uJ"), readable("height [um]")
+    ('25 µm ±1 µm at 6°', '+2 µm/0 µm', 'E_v 3.86 µJ', 'height [µm]')
     >>> readable("such as '25 um', got '25um' [um/step-25um.toml, block step-25um]")
     "such as '25 um', got '25um' [um/step-25um.toml, block step-25um]"
     """

@@ -38,6 +38,7 @@ def test_one_scene_holds_all_blocks_of_a_set_and_each_tip_slips_at_the_force_of_
     data = mujoco.MjData(model)
     told = [json.loads((place / f"step-0{n}0/mujoco-sigma-7/event.json").read_text()) for n in (2, 5)]
     assert (model.nq, model.ncam) == (4, 2)
+    assert 2.0 * told[0]["ball_radius_m"] > model.vis.map.znear * model.stat.extent
     scale, stiffness, load = (told[0][name] for name in ("scale", "stiffness_n_per_m", "normal_load_n"))
     events = [scene["events"][0] for scene in told]
     start = np.array([event["trigger_position_m"] - 30e-6 * scale for event in events])

@@ -39,7 +39,9 @@ def _write_set(folder: Path, scenes: Sequence[Scene], _: str) -> None:
     forces = [one.events[0].critical_force for one in scenes if one.events[0].status is Status.RELEASES]
     # what the sliders of the viewer span: the spring past every release, the load up to twice its own
     reach = 1.3 * max(forces, default=scenes[0].point.normal_load) / scenes[0].stiffness + 2.0 * scenes[0].ball_radius
-    fill(folder / "scene.xml", name=folder.parent.name, blocks=blocks, near=_near, field=None, reach=reach)
+    clip = scenes[0].ball_radius / (len(scenes) * wide)  # nearer to a camera nothing is drawn
+    told: dict[str, Any] = {"reach": reach, "clip": clip}
+    fill(folder / "scene.xml", name=folder.parent.name, blocks=blocks, near=_near, field=None, **told)
     fill(folder / "README.md", "mujoco-blocks.md", name=folder.parent.name, scenes=scenes)
 
 
