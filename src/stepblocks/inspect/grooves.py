@@ -107,6 +107,8 @@ def _by_windows(x: Array, z: Array, levels: Levels, feature: Feature) -> TypeA1 
         return None
     best = found[0][1]
     seen = levels.used & np.any([(x >= begin) & (x <= end) for begin, end in best.windows], axis=0)
+    if not seen.any():
+        return None
     polynomial = float(np.sqrt(np.mean((z - levels.level)[seen] ** 2)))
     return best if best.kind == "A2" or best.scatter < _FITS * polynomial else None
 
