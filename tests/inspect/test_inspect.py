@@ -305,4 +305,4 @@ def test_the_stylus_is_taken_off_a_corner_and_a_flank_as_steep_as_its_cone_is_sa
     assert ("as steep as the cone of the stylus" in told) == (angle > 60.0)
     radius, _, half = (float(word) for word in told.split("\nedge radius")[1].split()[:3])
     assert abs(radius - 4.0) < half
-    assert "the stylus radius of 2 um is taken off" in told
+    assert "the stylus radius of 2 µm is taken off" in told
