@@ -229,9 +229,8 @@ def sawtooth(rise: float, missing: bool = False) -> Draw:
 def gaps(random: np.random.Generator) -> Iterator[tuple[str, float, Measured]]:
     """Columns of a map that are missing at a wall, where light is shaded, and anywhere."""
     x = np.arange(-150, 150) * 2 * UM
-    z = np.stack([edge_gauge(x, 40 * UM, 0.0, 1e-4)] * 6) + correlated_map(
-        (6, 300), 2 * UM, 10 * NM, 30 * NM, 5 * UM, random
-    )
+    rough = [correlated_noise(300, 2 * UM, 10 * NM, 30 * NM, 5 * UM, random) for _ in range(6)]
+    z = edge_gauge(x, 40 * UM, 0.0, 1e-4) + np.stack(rough)
     z[:, (x > -8 * UM) & (x < 4 * UM)] = np.nan
     z[:, random.integers(0, 300, 20)] = np.nan
     yield "height, two planes", 40 * UM, measure_edge(HeightMap(z, 2 * UM, 50 * UM), EXACT).values["step_height"]

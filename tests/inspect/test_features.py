@@ -48,12 +48,9 @@ def test_a_film_on_a_bowed_wafer_is_levelled_by_the_bow_and_its_height_is_held()
     found = []
     for seed in range(12):
         z = np.where(x > 2e-3, 56 * NM, 0.0) + 3 * UM * (x / 5e-3 - 0.4) ** 2 + noise(x, seed, 3 * NM, 10 * UM)
-        try:
-            found.append(measure_groove(Profile(x, z), EXACT).values["groove_depth"])
-        except MetrologyError:
-            continue  # some draws hide the edge: refused, not wrong
-    assert len(found) >= 8
-    assert sum(abs(got.value - 56 * NM) < got.expanded() for got in found) >= len(found) - 2
+        found.append(measure_groove(Profile(x, z), EXACT).values["groove_depth"])  # none is refused
+    # the bow made edges at the ends of the profile before it was told from them, and one of twelve was 22 nm off
+    assert sum(abs(got.value - 56 * NM) < got.expanded() for got in found) >= 11
     assert np.median([got.expanded() for got in found]) < 10 * NM  # 48 nm before the bow was levelled
 
 

@@ -3,9 +3,10 @@
 import json
 
 import numpy as np
+import pandas as pd
 import pytest
 
-from oracles.softgauge import correlated_noise, edge_gauge, groove_gauge
+from oracles.softgauge import correlated_noise, edge_gauge, flank_gauge, groove_gauge, stylus_trace
 from stepblocks.artefacts.as_built import (
     AsBuilt,
     AsBuiltValue,
@@ -15,7 +16,9 @@ from stepblocks.artefacts.as_built import (
     write_as_built,
 )
 from stepblocks.cli import main
+from stepblocks.contact.counterface import Profile as SurfaceProfile
 from stepblocks.contact.counterface import scanned_angle
+from stepblocks.drag.run import drag_over
 from stepblocks.errors import MetrologyError
 
 STIMULI = str(__import__("pathlib").Path(__file__).parents[2] / "stimuli")
@@ -259,3 +262,47 @@ def test_the_loop_takes_records_instead_of_scans_and_names_every_scan_that_it_ca
     assert reasons["step-070"] == "no file scans/step-070.csv"
     assert reasons["step-080"] == "scans/step-080.csv leads out of the session"
     assert "leads out of the session" in (tmp_path / "out" / "report.html").read_text()
+
+
+def test_an_edge_that_is_no_arc_is_predicted_and_dragged_by_its_surface(tmp_path, capsys):
+    # a flank of 45 deg with a corner of 12 um, tangent to both: a ball of 125 um that comes from the lower face rolls up the
+    # flank itself, so the steepest slope of its centre's path is that of the flank
+    x = np.arange(-400, 400) * 1e-6
+    z = flank_gauge(x, 50e-6, np.radians(45.0), 12e-6)
+    z = z + correlated_noise(len(x), 1e-6, 1e-9, 1e-9, 2e-6, np.random.default_rng(3))
+    path = tmp_path / "flank.csv"
+    np.savetxt(path, np.stack([x, z], axis=1) * 1e6, delimiter=",", header="x_um,z_um", comments="", fmt="%.5f")
+    assert inspect(str(path), "--stimulus", "step-050", "-o", str(tmp_path / "out")) in (0, 1, 3)
+    assert "the edge is no arc; by the scanned surface itself" in capsys.readouterr().out
+    record = read_as_built(tmp_path / "out" / "step-050.as-built.toml")
+    assert not record.arc
+    table = tmp_path / "predictions.csv"
+    source = f"{STIMULI}/paper-ten.toml"
+    assert main(["predict", source, "--as-built", str(tmp_path / "out"), "-o", str(table)]) == 0
+    rows = pd.read_csv(table).query("stimulus == 'step-050'")
+    np.testing.assert_allclose(rows["surface_critical_angle_deg"], 45.0, atol=1.0)
+    # the tip dragged over the scanned surface pulls as hard as equation (1) says for that slope: F = N tan(a + atan mu)
+    surface = SurfaceProfile(record.surface.position, record.surface.height)
+    dragged = drag_over(surface, {"tip_radius": 125e-6, "load": 1.0, "friction": 0.15})
+    expected = 1.0 * np.tan(np.radians(45.0) + np.arctan(0.15))
+    assert dragged.summary["peak_force_n"] == pytest.approx(expected, rel=0.04)
+
+
+@pytest.mark.parametrize(("angle", "seen"), [(45.0, 45.0), (75.0, 60.0)])
+def test_the_stylus_is_taken_off_a_corner_and_a_flank_as_steep_as_its_cone_is_said(angle, seen, tmp_path, capsys):
+    # a stylus of 2 um and 60 deg: it rounds a corner of 4 um to 6 um, and sees no flank steeper than 90 - 30 = 60 deg
+    fine = np.arange(-8000, 8000) * 0.02e-6
+    x = np.arange(-300, 300) * 0.5e-6
+    z = np.interp(
+        x, fine, stylus_trace(fine, flank_gauge(fine, 50e-6, np.radians(angle), 4e-6), 2e-6, np.radians(60.0))
+    )
+    z = z + correlated_noise(len(x), 0.5e-6, 5e-9, 10e-9, 2e-6, np.random.default_rng(1))
+    path = tmp_path / "traced.csv"
+    np.savetxt(path, np.stack([x, z], axis=1) * 1e6, delimiter=",", header="x_um,z_um", comments="", fmt="%.5f")
+    inspect(str(path), "--stimulus", "step-050", "--stylus-radius", "2 um", "--stylus-cone", "60 deg")
+    told = capsys.readouterr().out
+    assert float(told.split("its flank slopes by ")[1].split()[0]) == pytest.approx(seen, abs=0.5)
+    assert ("as steep as the cone of the stylus" in told) == (angle > 60.0)
+    radius, _, half = (float(word) for word in told.split("\nedge radius")[1].split()[:3])
+    assert abs(radius - 4.0) < half
+    assert "the stylus radius of 2 µm is taken off" in told

@@ -103,7 +103,7 @@ def arc_radius(window: Window) -> Arc:
     white = window.whitening @ across
     zone = (window.x > riser - 2.0 * window.spacing) & (window.x < riser + max(radius, 4.0 * window.spacing))
     # where the edge is no circle, the posterior of a circle is too narrow: widen it by the excess of its residuals
-    excess = max(1.0, float(np.mean(white[zone] ** 2)))
+    excess = max(1.0, float(np.mean(white[zone] ** 2))) if zone.any() else 1.0
     weight = np.exp((costs.min() - costs) / excess).sum(axis=1)
     weight /= weight.sum()
     mean, std = float(np.sum(weight * radii)), _spread(radii, weight)

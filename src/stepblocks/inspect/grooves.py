@@ -17,6 +17,7 @@ from stepblocks.inspect.noise import LEAST_SCATTER, Array, Estimate, robust_scal
 from stepblocks.inspect.type_a1 import TypeA1, evaluate_a1
 
 _FITS = 2.0  # scatter about type A1 over that about a polynomial, up to which type A1 is taken [1]
+_TRIED = 8  # profiles of a map that are evaluated first: of half that agree, two of them do but once in thirty
 _LEAST_SHARE = 0.5  # of the profiles of a map that must agree on what they cross [1]
 _LEVEL = 0.1  # of a step that its faces may be off, and of a face over which they may be [1]
 _TAKEN_BACK = 0.5  # of steps in one direction, by the slope between them, from which they may be a sawtooth [1]
@@ -106,6 +107,8 @@ def _by_windows(x: Array, z: Array, levels: Levels, feature: Feature) -> TypeA1 
         return None
     best = found[0][1]
     seen = levels.used & np.any([(x >= begin) & (x <= end) for begin, end in best.windows], axis=0)
+    if not seen.any():
+        return None
     polynomial = float(np.sqrt(np.mean((z - levels.level)[seen] ** 2)))
     return best if best.kind == "A2" or best.scatter < _FITS * polynomial else None
 
@@ -123,6 +126,11 @@ def _otherwise(x: Array, z: Array, levels: Levels, how: How) -> list[Levels]:
 
 def _by_rows(scan: Profile | HeightMap, instrument: Instrument, how: How, key: str) -> Inspected:
     rows, notes = sampled(scan, how)
+    some = rows[:: max(len(rows) // _TRIED, 1)]
+    if len(some) >= _TRIED and len(tried(lambda row: _row(row.position, row.height, how), some)[0]) < 2:
+        raise MetrologyError(
+            f"profiles must agree on the features that they cross, got less than 2 of {len(some)} tried"
+        )
     results, refused = tried(lambda row: _row(row.position, row.height, how), rows)
     kinds = [(len(one.heights), one.name) for _, one in results]
     kind = max(sorted(set(kinds)), key=kinds.count, default=(0, ""))
@@ -229,7 +237,7 @@ def _width(label: str, spans: Array, spacing: float, instrument: Instrument) -> 
 
 def _masked(scan: HeightMap, instrument: Instrument, how: How, key: str) -> Inspected:
     step = masked_step(scan, how.exclusion)
-    wider = tried(lambda exclusion: masked_step(scan, exclusion), [1.5 * step.exclusion])[0]
+    wider = tried(lambda exclusion: masked_step(scan, exclusion, step.inside), [1.5 * step.exclusion])[0]
     form = max((abs(one.depth.value - step.depth.value) / np.sqrt(3.0) for _, one in wider), default=np.nan)
     how_noise = "scatter over rows, with the correlation of neighbours"
     noise = Component("noise", step.depth.std, step.depth.dof, how_noise)

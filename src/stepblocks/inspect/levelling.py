@@ -196,17 +196,25 @@ def _differences(z: Array, known: Mask, reach: int) -> Array:
     gaps = np.where(whole, high - low, np.nan)
     if not whole.any():
         return gaps
-    usual = median_filter(np.interp(at, at[whole], gaps[whole]), min(9 * reach, len(gaps)), mode="nearest")
-    return np.asarray(gaps - usual)
+    filled, lag = np.interp(at, at[whole], gaps[whole]), len(gaps) // 2
+    # a bow makes them lean, of which the median would lose hold at either end
+    slope = float(np.median(filled[lag:] - filled[:-lag])) / lag
+    lean = min((0.0 * at, slope * at), key=lambda one: robust_scale(filled - one))
+    return np.asarray(gaps - lean - median_filter(filled - lean, min(9 * reach, len(gaps)), mode="nearest"))
 
 
 def _joined(x: Array, z: Array, known: Mask, places: list[int], gap: Array) -> tuple[list[int], Array]:
-    """Join two edges of one sign between which the surface goes on rising by more than half of the lesser: one long flank."""
+    """Join two edges of one sign between which the surface goes on rising by more than half of the lesser: one long flank.
+
+    It rises so if it is steeper than farther out on either side, which a bow is not on average.
+    """
     ends = [0, *places, len(x) - 1]
     for index, (first, second) in enumerate(itertools.pairwise(places)):
-        faces = [_face(x, z, known, *span) for span in itertools.pairwise(ends[index : index + 4])]
+        far = second - first
+        faces = [_face(x, z, known, at, at + far) for at in (first - 2 * far, first, second + far)]
         slopes = [float(face[0].deriv()(x[first])) for face in faces if face is not None]
-        if len(slopes) < 3 or gap[first] * gap[second] < 0.0:
+        room = first - 2 * far >= ends[index] and second + 2 * far <= ends[index + 3]
+        if len(slopes) < 3 or not room or gap[first] * gap[second] < 0.0:
             continue
         rise = (slopes[1] - 0.5 * (slopes[0] + slopes[2])) * float(x[second] - x[first]) * np.sign(gap[first])
         if rise > 0.5 * min(abs(gap[first]), abs(gap[second])):
@@ -249,7 +257,7 @@ def _flanks(x: Array, z: Array, known: Mask, places: list[int], gap: Array) -> l
 
 def _face(x: Array, z: Array, known: Mask, begin: int, end: int) -> tuple[np.polynomial.Polynomial, float] | None:
     """Line through a face without its ends at edges, and its scatter; None where nothing of it was measured."""
-    cut = max((end - begin) // 5, 1)
+    begin, cut = max(begin, 0), max((end - begin) // 5, 1)
     inner = begin + cut + np.flatnonzero(known[begin + cut : end - cut])
     if len(inner) < 4:
         return None

@@ -41,23 +41,26 @@ class MaskedStep:
     rows: int  # that took part
     features: int  # separate ones in the map
     level: Array  # shape (ny, nx); heights with each row levelled on the reference [m]
+    inside: Mask  # shape (ny, nx); features, whole
     floor: Mask  # shape (ny, nx); points of the features that took part
     reference: Mask  # likewise beside them
     shown: int  # row with most floor
 
 
-def masked_step(scan: HeightMap, exclusion: float | None = None) -> MaskedStep:
+def masked_step(scan: HeightMap, exclusion: float | None = None, inside: Mask | None = None) -> MaskedStep:
     """Depth of holes, or height of bumps, over a map; missing points take no part.
 
-    `exclusion` is the distance to keep to every edge [m]; by default that at which both sides have settled.
+    `exclusion` is the distance to keep to every edge [m]; by default that at which both sides have settled. `inside` is the mask of
+    the features; by default they are sought.
     """
     from scipy import ndimage, stats
 
     z, measured = scan.height, np.isfinite(scan.height)
     pitch = min(scan.dx, scan.dy)
-    # a missing point lies where its nearest neighbour does
-    nearest = ndimage.distance_transform_edt(~measured, return_distances=False, return_indices=True)
-    inside = _features(scan)[tuple(nearest)]
+    if inside is None:
+        # a missing point lies where its nearest neighbour does
+        nearest = ndimage.distance_transform_edt(~measured, return_distances=False, return_indices=True)
+        inside = _features(scan)[tuple(nearest)]
     within, outside = (ndimage.distance_transform_edt(one, sampling=(scan.dy, scan.dx)) for one in (inside, ~inside))
     if exclusion is None:
         level = _levelled(z, (outside > 3.0 * pitch) & measured, 1)
@@ -78,7 +81,7 @@ def masked_step(scan: HeightMap, exclusion: float | None = None) -> MaskedStep:
     if reach[1] > _OWN_HEIGHTS * reach[0]:
         depth = Estimate(value, *apart)
     counts = int(known.sum()), int(features)
-    return MaskedStep(depth, exclusion, *counts, level, floor, reference, int(np.argmax(weights)))
+    return MaskedStep(depth, exclusion, *counts, level, inside, floor, reference, int(np.argmax(weights)))
 
 
 def _by_bands(depths: Array, share: Array, depth: float, known: Mask) -> Estimate:

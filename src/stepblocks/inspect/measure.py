@@ -22,6 +22,9 @@ S = TypeVar("S")
 T = TypeVar("T")
 
 _NARROWER = 0.7  # of the cap of a tip, over which its radius is fitted again [1]
+_MOST_ACROSS = (
+    300  # points of a map along either side through which the form of a face is fitted; of more, every so many
+)
 _MOST_PROFILES = 60  # of a map that are evaluated; of more, as many are taken evenly over the map
 
 
@@ -186,11 +189,12 @@ def _form_of(results: list[tuple[Profile, Edge]]) -> float:
 
 
 def _faces(scan: HeightMap, edge: Edge, instrument: Instrument, notes: list[str]) -> dict[str, Measured]:
-    x = scan.x
+    # a form of degree three needs no more
+    across, along = (slice(None, None, max(size // _MOST_ACROSS, 1)) for size in scan.height.shape)
+    x, y, height = scan.x[along], scan.y[across], scan.height[across, along]
     sides = [x < edge.position - edge.exclusion, x > edge.position + edge.exclusion]
     low, high = (
-        fit_face(x, scan.y, scan.height, np.broadcast_to(side, scan.height.shape))
-        for side in (sides if edge.rising else sides[::-1])
+        fit_face(x, y, height, np.broadcast_to(side, height.shape)) for side in (sides if edge.rising else sides[::-1])
     )
     asked: dict[str, tuple[str, Callable[..., float], tuple[FaceForm, ...]]] = {
         "flatness_lower": ("flatness, lower face", flatness, (low,)),
