@@ -67,7 +67,7 @@ def by_surface(
 def _moved_with(interval: Interval, release: Release) -> Interval:
     """Move an interval with its value: the tolerances of setting and block move both alike."""
     names = [(f"{kind}_{end}", kind) for kind in ("force", "energy") for end in ("low", "high")]
-    names += [(f"analytic_{name}", kind) for name, kind in names]
+    names += [(f"analytic_energy_{end}", "energy") for end in ("low", "high")]
     found = {"force": float(release.pull_force), "energy": float(release.vibration_energy)}
     limits = {name: getattr(interval, name) * found[kind] / getattr(interval, kind) for name, kind in names}
     changes: dict[str, Any] = {"status": release.status, **found, **limits}
