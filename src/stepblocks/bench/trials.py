@@ -6,7 +6,7 @@ import csv
 import math
 import re
 from collections.abc import Iterator
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -54,35 +54,35 @@ class TrialTable:
         return tuple(column for column in self.header if column != self.key)
 
     def __iter__(self) -> Iterator[Trial]:
-        return (self._trial(number, cells) for number, cells in _rows(self.session))
+        columns = self.session.trials.columns
+        read = [
+            (str(one.column), one.scale(dimension, "trials.columns"), one.taken_off(dimension, "trials.columns"))
+            for one, dimension in ((columns.speed, "speed"), (columns.load, "force"))
+        ]
+        for number, cells in _rows(self.session):
+            named = dict(zip(self.header, cells + [""] * len(self.header), strict=False))
+            name = named[self.key].strip()
+            fault = self.repeated.get(number, "" if name else f"row {number} of the table names no trial")
+            if len(cells) != len(self.header):
+                fault = f"row {number} of the table has {len(cells)} cells, the header has {len(self.header)}"
+            trial = Trial(name, number, named, block=named.get(str(columns.block.column), "").strip(), fault=fault)
+            try:
+                speed, load = (self._number(named, *one) for one in read)
+                yield replace(trial, speed=speed, load=load)
+            except ValueError as error:
+                yield replace(trial, fault=fault or str(error))
 
-    def _trial(self, number: int, cells: list[str]) -> Trial:
-        named = dict(zip(self.header, cells + [""] * len(self.header), strict=False))
-        name = named[self.key].strip()
-        if len(cells) != len(self.header):
-            fault = f"row {number} of the table has {len(cells)} cells, the header has {len(self.header)}"
-            return Trial(name, number, named, fault=fault)
-        fault = self.repeated.get(number, "" if name else f"row {number} of the table names no trial")
-        try:
-            speed, load = self._number(named, "speed", "speed"), self._number(named, "load", "force")
-        except ValueError as error:
-            return Trial(name, number, named, fault=fault or str(error))
-        block = named.get(str(self.session.trials.columns.block.column), "").strip()
-        return Trial(name, number, named, speed, load, block, fault)
-
-    def _number(self, named: dict[str, str], part: str, dimension: str) -> float:
-        channel = getattr(self.session.trials.columns, part)
-        if channel.column not in named:
+    def _number(self, named: dict[str, str], column: str, scale: float, off: float) -> float:
+        if column not in named:
             return math.nan
-        text = named[channel.column].strip().replace(self.session.trials.decimal, ".")
+        text = named[column].strip().replace(self.session.trials.decimal, ".")
         try:
             value = float(text)
         except ValueError:
-            raise ValueError(f"{channel.column} must be a number, got {text[:40]!r}") from None
+            raise ValueError(f"{column} must be a number, got {text[:40]!r}") from None
         if not math.isfinite(value) or value <= 0.0:
-            raise ValueError(f"{channel.column} must be positive and finite, got {text[:40]}")
-        place = f"trials.columns.{part}"
-        return value * float(channel.scale(dimension, place)) - float(channel.taken_off(dimension, place))
+            raise ValueError(f"{column} must be positive and finite, got {text[:40]}")
+        return value * scale - off
 
 
 def open_trials(session: Session, reserved: frozenset[str] = frozenset()) -> TrialTable:

@@ -18,7 +18,7 @@ MOST_SAMPLES = 20_000_000  # a longer trace is refused; at 10 kHz it lasts half 
 _FEWEST_SAMPLES = 200
 _RATE_TOLERANCE = 0.01
 _GAP_STEPS = 1.6  # a step of the clock this many times the usual one is a gap
-_FLAT_SAMPLES = 6  # equal samples in a row at the extreme of a record that was still moving
+_FLAT_SAMPLES = 4  # equal samples in a row at the extreme of a record that was still moving
 _FLAT_STEPS = 4.0  # steps of the converter that the movement would have made meanwhile
 _FEWEST_STILL = 40  # samples before the tip is set down, fewer say nothing of a zero
 _EDGE = 8  # samples at which the load is coming on
@@ -97,8 +97,8 @@ def _saturation(name: str, values: Array, limit: float | None) -> str:
         run, start = _longest_run(signed >= top)
         if run < _FLAT_SAMPLES or start < _FLAT_SAMPLES:
             continue
-        speed = float(top - signed[start - _FLAT_SAMPLES]) / _FLAT_SAMPLES
-        if speed * run > _FLAT_STEPS * step:
+        # noise may touch the top before it stays there: a stretch twice as long tells how far the force had still to go
+        if top - float(np.median(signed[max(start - 2 * run, 0) : start])) > _FLAT_STEPS * step:
             return f"saturated: {run} samples in a row at the {side} {name} force, {sign * top:.4g} N"
     return ""
 

@@ -96,11 +96,13 @@ def settle(
     frequency, decay = tool or (float(rubbing.values[2]), float(rubbing.values[3]))
     spread = min(TOLD[1] * decay, rubbing.std(3)) if tool else rubbing.std(3)
     clean = force - approach.hum(time)
-    drift = float(approach.fit.weights[1]) * (top - approach.center)
+    reach = top - approach.center
+    drift = float(approach.fit.weights[1]) * reach
     slid = Motion(time, clean, clean, marks.peak, approach.level + drift, 0.0, approach.slope, marks.noise, frequency)
     depth, std, instant = first_swing(slid)
     level_std = approach.level_std if saw is None else saw.kinetic[1]
-    swing = Swing(depth, math.hypot(std, level_std), instant, (decay, spread))
+    drift_std = approach.fit.std(approach.fit.shape.size + 1) * reach
+    swing = Swing(depth, math.hypot(std, level_std, drift_std), instant, (decay, spread))
     return _of_rubbing(rubbing, swing, float(np.median(np.diff(time))), tool)
 
 

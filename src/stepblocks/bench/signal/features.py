@@ -252,7 +252,7 @@ def measure_trace(
     trace = Trace(trace.time[loaded:], trace.tangential[loaded:], trace.normal[loaded:])
     time, force = trace.time - trace.time[0], trace.tangential
     marks = find_landmarks(time, force)
-    saw = find_saw(time, force, marks, tool or USUAL_TOOL)
+    saw = find_saw(time, force, marks, tool or USUAL_TOOL, spring_constant)
     if saw is not None:
         force = saw.calmed(force)
         marks = find_landmarks(time, force)
@@ -270,9 +270,16 @@ def measure_trace(
         after = after.carried_to(peak.time)
     load = normal_level(time, trace.normal, approach)
     clean = force - approach.hum(time)
-    bell, frequency = after.kind == "damped", (tool or after.frequency)[0]
+    bell, (frequency, decay) = after.kind == "damped", tool or (after.frequency[0], after.decay_time[0])
+    forces = approach.level, load[0], approach.slope, marks.noise
     motion = Motion(
-        time, clean, trace.normal, marks.peak, approach.level, load[0], approach.slope, marks.noise, frequency
+        time,
+        clean,
+        trace.normal,
+        int(np.searchsorted(time, peak.time)),
+        *forces,
+        frequency,
+        1.0 / (2.0 * math.pi * frequency * decay),
     )
     speed = speed if speed > 0.0 else math.nan  # a handle at rest has no ramp
     return Measurement(

@@ -28,7 +28,8 @@ _NO_LOAD = 5.0  # standard deviations of the noise about the lowest normal force
 _LIGHT = 0.25  # of the load: a tip that presses more has not flown
 _SWING_SHARE = 0.14  # of a period about the bottom of a swing, in which a quartic follows it
 _BACK_NOISE = 6.0  # a way back of the tip that is longer than this many standard deviations is one
-_FALL_SHARE = 0.09  # of static over kinetic friction: how friction falls with speed takes its part of a slip, unseen
+_STRIBECK = 5e-3  # [m/s] over which static friction falls to kinetic, where `stribeck_friction` of the loop begins too
+_SCATTER = 2.4  # reduced chi squared of four degrees of freedom, 95 %
 _FAINT = 6.0  # a swing less deep than this many standard deviations has no bottom that noise would not choose
 
 
@@ -50,7 +51,7 @@ class Saw:
         return calm
 
 
-def find_saw(time: Array, force: Array, marks: Landmarks, tool: Tool) -> Saw | None:
+def find_saw(time: Array, force: Array, marks: Landmarks, tool: Tool, stiffness: float) -> Saw | None:
     """Look for teeth before the edge; None where the tip slides."""
     from scipy.signal import find_peaks
 
@@ -82,7 +83,12 @@ def find_saw(time: Array, force: Array, marks: Landmarks, tool: Tool) -> Saw | N
     # the handle moves on while it lets go, so that the top lies over static friction
     late = slope / (2.0 * math.pi * frequency)
     static = kinetic + math.sqrt(max((top - kinetic) ** 2 - late**2, 0.0))
-    kinetic_std = math.hypot(0.5 * math.hypot(top_std, bottom_std), _FALL_SHARE * (static - kinetic))
+    # a slip of sine form, U at its fastest, feels exp(-u / V) of static over kinetic friction, on average (V / U)^2 where it
+    # is fast; the handle adds its own speed. How fast friction falls is hardly known: half of that is uncertain
+    fastest = 2.0 * math.pi * frequency * (top - kinetic) / stiffness
+    unseen = (static - kinetic) * min((_STRIBECK / fastest) ** 2, 0.5) * math.exp(-slope / stiffness / _STRIBECK)
+    kinetic_std = math.hypot(0.5 * math.hypot(top_std, bottom_std), 0.5 * unseen)
+    kinetic -= unseen
     last = int(bottoms[-1])
     onset = int(np.searchsorted(time, time[last] + max(kinetic - float(smooth[last]), 0.0) / slope))
     return Saw(
@@ -100,13 +106,12 @@ def extremum(time: Array, force: Array, index: int, reach: float, noise: float) 
     t = (time[near] - time[index]) / reach
     columns = np.vander(t, 5, increasing=True)
     weights, residuals = fit_linear(columns, force[near])
-    # so few samples do not tell their own noise
-    excess = float(residuals @ residuals) / noise**2
-    widened = max(excess / (t.size - 5), 1.0 if t.size > 9 else excess / 5.0, 1.0)
-    unit = np.linalg.inv(columns.T @ columns) * noise**2 * widened
+    # so few samples do not tell their own noise, unless they scatter as noise does in one of twenty cases
+    excess = float(residuals @ residuals) / noise**2 / max(t.size - 5, 1)
+    unit = np.linalg.inv(columns.T @ columns) * noise**2 * (excess if excess > _SCATTER else 1.0)
     grid = np.linspace(-0.9, 0.9, 361)
     curve = np.vander(grid, 5, increasing=True) @ weights
-    turned = np.argmin(curve) if weights[2] > 0.0 else np.argmax(curve)
+    turned = np.argmin(curve) if 2.0 * weights[0] < curve[0] + curve[-1] else np.argmax(curve)
     # one that hardly stands out of the noise stays where it was looked for: noise would choose its own
     at = float(grid[turned]) if np.ptp(curve) > _FAINT * noise else 0.0
     gradient = np.asarray(at ** np.arange(5), dtype=float)
@@ -125,7 +130,16 @@ def first_swing(motion: Motion) -> tuple[float, float, float]:
         smooth = np.convolve(force, np.full(width, 1.0 / width), mode="same")
     lowest = min(fallen + int(np.argmin(smooth[fallen:end])), time.size - 6)
     bottom, std, instant = extremum(time, force, lowest, _SWING_SHARE * period, motion.noise)
-    return motion.level - bottom, std, instant
+    depth, before = motion.level - bottom, instant - period
+    if before < time[motion.peak] + 0.5 * period:
+        return depth, std, instant
+    # a tip that came down slowly rang meanwhile: which dip was the first below sliding is a matter of noise
+    near = slice(*np.searchsorted(time, (before - 0.25 * period, before + 0.25 * period)).tolist())
+    earlier = near.start + int(np.argmin(motion.smooth[near]))
+    bottom, spread, _ = extremum(time, force, earlier, _SWING_SHARE * period, motion.noise)
+    odds = 0.5 * math.erfc((bottom - motion.level) / spread / math.sqrt(2.0))
+    apart = depth - max(motion.level - bottom, 0.0)
+    return depth - odds * apart, math.hypot(std, math.sqrt(odds * (1.0 - odds)) * apart), instant
 
 
 @dataclass(frozen=True)
@@ -141,6 +155,7 @@ class Motion:
     slope: float  # k v [N/s]
     noise: float  # of the tangential force [N]
     frequency: float  # of the tool [Hz]
+    damping: float = 0.0  # its damping ratio [1]
 
     @cached_property
     def smooth(self) -> Array:
@@ -171,4 +186,8 @@ def regime_of(motion: Motion, saw: Saw | None, bell: bool) -> str:
     swing = slice(fallen, int(np.searchsorted(time, time[fallen] + 1.5 / motion.frequency)))
     place = motion.slope * time[swing] - motion.smooth[swing]
     back = float(np.max(np.maximum.accumulate(place) - place)) if place.size else 0.0
-    return "rubbing" if back > _BACK_NOISE * motion.noise / math.sqrt(5.0) else "snap"
+    # it stops where the force is as far from sliding as its swing, but for the ramp, and slips back past friction's other side
+    omega = 2.0 * math.pi * motion.frequency
+    stopped = math.sqrt(max(first_swing(motion)[0] ** 2 - (motion.slope / omega) ** 2, 0.0))
+    turns = stopped > 2.0 * motion.level + 2.0 * motion.damping * motion.slope / omega
+    return "rubbing" if turns or back > _BACK_NOISE * motion.noise / math.sqrt(5.0) else "snap"
