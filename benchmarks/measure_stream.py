@@ -58,19 +58,22 @@ def write(folder: Path, count: int) -> None:
 
 
 def main(counts: list[int], jobs: int = 2) -> None:
-    print(f"{'trials':>8s} {'seconds':>8s} {'trials/s':>9s} {'largest process / MiB':>22s} {'measured':>9s}")
+    print(
+        f"{'trials':>8s} {'seconds':>8s} {'processors / s':>15s} {'ms/trial':>9s} {'largest process / MiB':>22s} {'measured':>9s}"
+    )
     for count in counts:
         with tempfile.TemporaryDirectory() as scratch:
             folder = Path(scratch) / "session"
             folder.mkdir()
             write(folder, count)
-            begin = time.perf_counter()
+            begin, before = time.perf_counter(), resource.getrusage(resource.RUSAGE_CHILDREN)
             subprocess.run([sys.executable, "-c", RUN, str(folder), f"{scratch}/out.csv", str(jobs)], check=True)
             with Path(f"{scratch}/out.csv").open() as table:
                 measured = sum(",ok," in row for row in table)
             spent = time.perf_counter() - begin
-        peak = resource.getrusage(resource.RUSAGE_CHILDREN).ru_maxrss / 1024.0
-        print(f"{count:8d} {spent:8.1f} {count / spent:9.1f} {peak:22.0f} {measured:9d}", flush=True)
+        after = resource.getrusage(resource.RUSAGE_CHILDREN)
+        busy, peak = after.ru_utime + after.ru_stime - before.ru_utime - before.ru_stime, after.ru_maxrss / 1024.0
+        print(f"{count:8d} {spent:8.1f} {busy:15.1f} {1e3 * busy / count:9.1f} {peak:22.0f} {measured:9d}", flush=True)
 
 
 if __name__ == "__main__":

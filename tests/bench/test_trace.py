@@ -98,6 +98,18 @@ def test_a_clipped_peak_is_saturated_and_the_unclipped_one_is_not(sign, side):
     assert screen_trace(changed(tangential=sign * force), RATE) == ""
 
 
+@pytest.mark.parametrize("slope", [10.0, 20.0, 200.0])
+def test_a_top_that_noise_touched_before_it_saturated_is_saturated_on_any_ramp(slope):
+    # a slow ramp nears the end of the gauge by less than its noise from sample to sample
+    time = np.arange(0.0, 0.1 + 1.0 / slope, 1.0 / RATE)
+    for seed in range(20):
+        noisy = slope * np.maximum(time - 0.1, 0.0) + 4e-3 * np.random.default_rng(seed).standard_normal(time.size)
+        read = np.round(noisy / 0.5e-3) * 0.5e-3
+        normal = np.full(time.size, 0.8)
+        assert screen_trace(Trace(time, read, normal), RATE) == ""
+        assert screen_trace(Trace(time, np.minimum(read, 0.7), normal), RATE).startswith("saturated: ")
+
+
 def test_the_declared_range_saturates_before_anything_is_flat():
     force = whole().tangential
     top = float(force.max())

@@ -103,3 +103,16 @@ def test_a_deleted_operator_leaves_no_column(tmp_path):
     write_session(tmp_path / "s", Plan(Bench(conversion=0.2), trials=4, hide_operator=True, scans=False), 5)
     assert "operator" not in (tmp_path / "s" / "trials.csv").read_text().splitlines()[0]
     assert not (tmp_path / "s" / "scans").exists()
+
+
+def test_what_a_gauge_could_not_show_is_a_bound_without_an_uncertainty_and_the_rest_of_it_stands(tmp_path):
+    plan = Plan(Bench(limit=0.9), trials=24, scans=False, loads=(0.5, 0.8), speeds=(2e-3, 10e-3))
+    true = np.array([row["peak_n"] for row in write_session(tmp_path / "s", plan, 5)])
+    table = measure(tmp_path / "s", jobs=1)
+    beyond = (table.status == "censored").to_numpy()
+    np.testing.assert_array_equal(beyond, true > 0.9)
+    assert 5 < beyond.sum() < 20
+    # the loop takes such a peak for what the true one exceeds
+    np.testing.assert_allclose(table.peak_force_n[beyond], 0.9)
+    assert table[["peak_force_std_n", "vibration_energy_j"]][beyond].isna().all(axis=None)
+    assert table.sliding_friction[beyond].between(0.13, 0.17).all()

@@ -9,7 +9,7 @@ import numpy as np
 
 from stepblocks.bench.signal import Array, Estimate, Tool
 from stepblocks.bench.signal.approach import Approach, Landmarks
-from stepblocks.bench.signal.regimes import Motion, Saw, first_swing
+from stepblocks.bench.signal.regimes import USUAL_TOOL, Motion, Saw, first_swing
 from stepblocks.bench.signal.ring import Ring, fit_ring, guess_ring
 from stepblocks.bench.signal.rubbing_ring import GUESSED, TOLD, RubbingRing, fit_rubbing_ring
 from stepblocks.bench.signal.separable import damped_wave, propagated, wave, weighed
@@ -22,6 +22,7 @@ _SETTLED = 7.0  # misfit up to which a trough is taken for the begin of the free
 _MUCH_BETTER = 0.5  # a later trough must leave this share at most: some of the ring is lost with each
 _MOST_COLOUR = 3.0  # the noise while sliding counts up to this many times the white noise
 _MOST_TROUGHS = 8
+_TOLD_DECAY = 0.01  # by which the median of a session's clear trials misses the decay time of its tool
 _FAR = 2.5  # spreads of the tool's figures within which a fit is still of that tool
 _FIRST_SWINGS = 25e-3  # [s]
 _HEARD = 1.3
@@ -38,6 +39,7 @@ class Swing:
     depth_std: float  # [N]
     instant: float  # when the trough was reached [s]
     decay_time: Estimate  # of the tool, and its standard uncertainty [s]
+    half: float = 0.0  # of the tool's period [s]
 
     def amplitude(self, instant: float) -> Estimate:
         """Amplitude carried back to `instant`, and its standard uncertainty [N]; viscous decay alone takes from it."""
@@ -69,7 +71,7 @@ class Aftermath:
             return replace(self, start=instant, amplitude=self.ring.amplitude(instant))
         assert self.swing is not None
         # a tip that took its time to fall has rung for half a period all the same when it has swung through
-        instant = max(instant, self.swing.instant - 0.5 / self.frequency[0])
+        instant = max(instant, self.swing.instant - self.swing.half)
         return replace(self, start=instant, amplitude=self.swing.amplitude(instant))
 
 
@@ -94,7 +96,8 @@ def settle(
     if saw is None and rubbing.misfit > _GOOD and float(np.sum(rubbing.residuals**2)) > _BETTER * left:
         return _of_bell(bell, top)
     frequency, decay = tool or (float(rubbing.values[2]), float(rubbing.values[3]))
-    spread = min(TOLD[1] * decay, rubbing.std(3)) if tool else rubbing.std(3)
+    known = TOLD[1] if tool is USUAL_TOOL else _TOLD_DECAY
+    spread = min(known * decay, rubbing.std(3)) if tool else rubbing.std(3)
     clean = force - approach.hum(time)
     reach = top - approach.center
     drift = float(approach.fit.weights[1]) * reach
@@ -102,7 +105,7 @@ def settle(
     depth, std, instant = first_swing(slid)
     level_std = approach.level_std if saw is None else saw.kinetic[1]
     drift_std = approach.fit.std(approach.fit.shape.size + 1) * reach
-    swing = Swing(depth, math.hypot(std, level_std, drift_std), instant, (decay, spread))
+    swing = Swing(depth, math.hypot(std, level_std, drift_std), instant, (decay, spread), 0.5 / frequency)
     return _of_rubbing(rubbing, swing, float(np.median(np.diff(time))), tool)
 
 

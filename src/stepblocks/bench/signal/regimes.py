@@ -134,8 +134,7 @@ def first_swing(motion: Motion) -> tuple[float, float, float]:
     if before < time[motion.peak] + 0.5 * period:
         return depth, std, instant
     # a tip that came down slowly rang meanwhile: which dip was the first below sliding is a matter of noise
-    near = slice(*np.searchsorted(time, (before - 0.25 * period, before + 0.25 * period)).tolist())
-    earlier = near.start + int(np.argmin(motion.smooth[near]))
+    earlier = int(np.searchsorted(time, before))
     bottom, spread, _ = extremum(time, force, earlier, _SWING_SHARE * period, motion.noise)
     odds = 0.5 * math.erfc((bottom - motion.level) / spread / math.sqrt(2.0))
     apart = depth - max(motion.level - bottom, 0.0)
@@ -188,6 +187,7 @@ def regime_of(motion: Motion, saw: Saw | None, bell: bool) -> str:
     back = float(np.max(np.maximum.accumulate(place) - place)) if place.size else 0.0
     # it stops where the force is as far from sliding as its swing, but for the ramp, and slips back past friction's other side
     omega = 2.0 * math.pi * motion.frequency
-    stopped = math.sqrt(max(first_swing(motion)[0] ** 2 - (motion.slope / omega) ** 2, 0.0))
-    turns = stopped > 2.0 * motion.level + 2.0 * motion.damping * motion.slope / omega
+    depth, std, _ = first_swing(motion)
+    stopped = math.sqrt(max(depth**2 - (motion.slope / omega) ** 2, 0.0))
+    turns = stopped - std > 2.0 * motion.level + 2.0 * motion.damping * motion.slope / omega
     return "rubbing" if turns or back > _BACK_NOISE * motion.noise / math.sqrt(5.0) else "snap"
