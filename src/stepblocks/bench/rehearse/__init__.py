@@ -115,10 +115,13 @@ def record(truth: Truth, rig: Rig, random: np.random.Generator, gain: float = 1.
     rest = truth.peak_force - truth.sliding_force - truth.amplitude
     if truth.hardening:
         ring = _duffing_ring(since, truth)
-    else:
+    elif truth.gap > 0.0:
         start = (truth.sliding_force + truth.amplitude, -truth.amplitude / truth.decay_time)
         tool = truth.frequency, truth.decay_time
         ring = rubbing_force(since, truth.sliding_force, truth.gap, tool, start, truth.slope)
+    else:
+        swing = truth.amplitude * np.exp(-since / truth.decay_time) * np.cos(2.0 * math.pi * truth.frequency * since)
+        ring = truth.sliding_force + swing
     force[after] = ring + rest * np.exp(-since / truth.release_decay)
     normal = np.full(count, truth.load)
     phase = 2.0 * np.pi * truth.frequency * since + 0.25 * np.pi
