@@ -1,6 +1,6 @@
 """Bias, spread and calibration of every feature on records of known truth.
 
-    python benchmarks/trace_bias.py [records per case]
+    python benchmarks/trace_bias.py [records per case [word in the name of the case]]
 
 Prints, for each disturbance and feature, the mean error, its spread and the pull: (measured - true) / stated standard
 uncertainty, whose mean should be 0 and whose standard deviation should be 1.
@@ -142,12 +142,12 @@ def dragged(count: int, seed: int = 7) -> dict[str, tuple[float, float, float, f
     }
 
 
-def main(count: int) -> None:
+def main(count: int, word: str = "") -> None:
     print(f"\ndrag in time, as the shared sessions, {count} records")
     for name, (bias, spread, mean, width, tail) in dragged(count).items():
         print(f"{name:26s} {bias * 100:9.4f}% {spread * 100:9.4f} {mean:10.2f} {width:10.2f} {tail:9.3f}")
     for rubbing in (False, True):
-        for case, rig in CASES.items():
+        for case, rig in ((name, one) for name, one in CASES.items() if word in name):
             print(f"\n{'rubbing' if rubbing else 'damped'} ring, {case}, {count} records")
             print(
                 f"{'feature':26s} {'bias':>10s} {'spread':>10s} {'pull mean':>10s} {'pull std':>10s} {'|pull|>3':>9s}"
@@ -162,4 +162,4 @@ def main(count: int) -> None:
 
 
 if __name__ == "__main__":
-    main(int(sys.argv[1]) if len(sys.argv) > 1 else 400)
+    main(int(sys.argv[1]) if len(sys.argv) > 1 else 400, *sys.argv[2:3])
