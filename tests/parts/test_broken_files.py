@@ -46,7 +46,7 @@ CASES = {
     "inverted tolerance": (swap('"+2 um / -0 um"', '"-2 um / +2 um"'), "upper deviation above the lower"),
     "edge radius beyond height": (
         swap('nominal = "0 um"', 'nominal = "12.5 um"'),
-        "edge_radius must not exceed height (10 µm)",
+        "edge_radius must not exceed height (10 um)",
     ),
     "height beyond edge break": (swap('to = "100 um"', 'to = "400 um"'), "height must be smaller than edge_break"),
     "path as identity": (swap('id = "step-{height_um:03}"', 'id = "../{height_um:03}"'), "must be lower-case words"),
