@@ -43,6 +43,11 @@ def test_conditions_that_change_together_cannot_be_told_apart_and_one_reading_sh
     with pytest.raises(PipelineError, match=r"conditions must not change together, .* got block and day"):
         variance_components(both)
     assert variance_components(pd.DataFrame({"value": [1.0, 2.0], "block": ["a", "b"]})) == []
+    # one scan a day of one block: days and repeats are one, the standard deviation of both together
+    days = pd.DataFrame({"value": [1.0, 2.0, 4.0], "block": ["a"] * 3, "day": ["x", "y", "z"]})
+    (only,) = variance_components(days)
+    assert (only["source"], only["dof"]) == ("repeatability", 2.0)
+    assert only["std"] == pytest.approx(np.std([1.0, 2.0, 4.0], ddof=1))
 
 
 def test_capability_and_its_intervals_are_those_of_the_handbooks():
@@ -58,6 +63,8 @@ def test_capability_and_its_intervals_are_those_of_the_handbooks():
     one_sided = capability(np.array([1.0, 2.0, 3.0]), -np.inf, 6.0)
     assert np.isnan(one_sided["cp"])
     assert one_sided["cpk"] == pytest.approx(4.0 / 3.0)
+    copies = capability(np.full(3, 2.0), 1.0, 3.0)  # one scan under three names
+    assert np.isnan([copies["cp"], copies["cpk_low"]]).all()
 
 
 def test_the_limits_of_a_chart_of_individuals_are_those_of_the_handbook():

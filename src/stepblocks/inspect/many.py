@@ -176,7 +176,8 @@ def is_table(paths: Sequence[Path]) -> bool:
 def variance_components(table: pd.DataFrame) -> list[dict[str, Any]]:
     """Return the standard deviation by source of variation of ``value``: each other column by itself, and what repeats.
 
-    Random effects by their expected mean squares, interactions pooled with the repeatability; nothing where no scan is repeated.
+    Random effects by their expected mean squares, interactions pooled with the repeatability. Where none is repeated under its
+    own conditions, what these change counts as repeatability; nothing where every block was scanned once.
     """
     import numpy as np
     import pandas as pd
@@ -194,7 +195,7 @@ def variance_components(table: pd.DataFrame) -> list[dict[str, Any]]:
         )
     fit = ols(" + ".join(["value ~ 1", *(f"C({short})" for short in varied)]), frame).fit()
     if fit.df_resid < 1.0:
-        return []
+        return variance_components(table[["value", "block"]]) if len(table.columns) > 2 else []
     squares, error = anova_lm(fit, typ=2), float(fit.mse_resid)
     found = [{"source": "repeatability", "std": math.sqrt(error), "dof": float(fit.df_resid), "levels": len(frame)}]
     for short in varied:
@@ -232,10 +233,13 @@ def _of_block(key: str, its: pd.DataFrame, sources: Sequence[Mapping[str, Any]])
 
 
 def capability(values: Array, lower: float, upper: float, level: float = 0.95) -> dict[str, float]:
-    """Cp and Cpk of a batch with their intervals (NIST/SEMATECH e-Handbook, 6.1.6); Cp is nan where a limit is infinite."""
+    """Cp and Cpk of a batch with their intervals (NIST/SEMATECH e-Handbook, 6.1.6); Cp is nan where a limit is infinite.
+
+    Blocks that measure alike to the last digit are copies of one scan: their scatter says nothing, and neither index exists.
+    """
     from scipy import stats
 
-    count, mean, scatter = len(values), float(values.mean()), float(values.std(ddof=1))
+    count, mean, scatter = len(values), float(values.mean()), float(values.std(ddof=1)) or math.nan
     cp = (upper - lower) / (6.0 * scatter) if math.isfinite(upper - lower) else math.nan
     cpk = min(upper - mean, mean - lower) / (3.0 * scatter)
     low, high = (

@@ -94,9 +94,8 @@ def _route(block: StepBlock, process: Process, name: str, deviation: float, note
     edge, burr = process.edge_spread.value, process.burr_spread.value
     spread = rectangular({"height": deviation, "edge_radius": edge, "burr": burr})
     face = Step(block.height.nominal + process.burr.value, process.edge_radius.value)
-    rough = (
-        math.sqrt(2.0) * 1.25 * process.roughness.value
-    )  # of both faces where the ball touches; Rq of normal heights
+    # of both faces where the ball touches; Rq is 1.25 Ra of normal heights
+    rough = math.sqrt(2.0) * 1.25 * process.roughness.value
     felt = {"height": math.hypot(spread["height"], spread["burr"], rough), "edge_radius": spread["edge_radius"]}
     within = _share(0.0, spread["height"], block.height.lower, block.height.upper)
     low, high = block.edge_radius.limits
