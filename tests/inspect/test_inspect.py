@@ -51,6 +51,20 @@ def test_exit_codes_say_the_verdict(height, radius, calibration, code, words, tm
     assert words in capsys.readouterr().out
 
 
+@pytest.mark.parametrize(
+    ("stimulus", "options", "idle"),
+    [
+        ("step-050", ["--level", "line", "--edges", "1"], "step height must leave out --level, --edges"),
+        ("step-050", ["--feature", "groove", "--stylus-radius", "2 um"], "groove depth must leave out --stylus-radius"),
+        ("tip-125", ["--exclusion", "50 um"], "ball radius must leave out --exclusion"),
+    ],
+)
+def test_an_option_that_an_evaluation_does_not_follow_is_refused(stimulus, options, idle, tmp_path, capsys):
+    path = scan(tmp_path / "a.csv", 50.2e-6)
+    assert inspect(path, "--stimulus", stimulus, *options) == 2
+    assert idle in capsys.readouterr().err
+
+
 def test_the_output_holds_table_plot_json_and_a_record_that_reads_back(tmp_path, capsys):
     path = scan(tmp_path / "a.csv", 50.2e-6, 1e-6)
     out = tmp_path / "out"

@@ -36,6 +36,16 @@ EVALUATIONS: dict[str, Evaluation] = {
 }
 # what a scan of a feature does not show, and which evaluation a standard of a feature needs
 _BESIDE = {"edge": ("groove_depth", "ridge_height"), "groove": ("step_height",)}
+# which options, besides the part of a profile (`--from`, `--to`), an evaluation follows; the others are refused
+_STYLUS = {"stylus_radius": "--stylus-radius", "stylus_cone": "--stylus-cone"}
+_FLAT = {"degree": "--level", "edges": "--edges", "along": "--along"}
+_UNFOLLOWED: dict[str, dict[str, str]] = {
+    "step_height": _FLAT,
+    "groove_depth": _STYLUS,
+    "ridge_height": _STYLUS,
+    "horizontal_discrepancy": {"exclusion": "--exclusion"} | _FLAT | _STYLUS,
+    "ball_radius": {"exclusion": "--exclusion", "stylus_cone": "--stylus-cone"} | _FLAT,
+}
 _STANDARDS = {"groove": "groove_depth", "edge": "step_height", "ball": "ball_radius"}
 _NOTHING_KNOWN = Instrument()
 _NO_ORDER = OrderSpec()
@@ -82,7 +92,7 @@ def inspect_scan(
     MetrologyError
         If the scan cannot be read or evaluated.
     PipelineError
-        If the stimulus is not declared there, there is no evaluation for it, or the feature is neither.
+        If the stimulus is not declared there, there is no evaluation for it or none that follows `how`, or the feature is neither.
     """
     if feature not in _BESIDE:
         raise PipelineError(f"feature must be one of {', '.join(_BESIDE)}, got {feature!r}")
@@ -94,6 +104,7 @@ def inspect_scan(
     shown = [one for one in asked if one.key in EVALUATIONS and one.key not in _BESIDE[feature]]
     if not shown:
         raise PipelineError(f"a scan of {part.id} cannot be inspected: only blocks, margins and tips can")
+    _require_followed(shown[0].key, how)
     inspected = _evaluated(EVALUATIONS[shown[0].key], read_scan(scan, unit, channel), instrument, shown[0], how)
     result = _judged(part, inspected, asked, Path(scan), declared.order)
     if not result.judged:
@@ -156,6 +167,7 @@ def inspect_standard(
     """
     if feature == "ball" and depth is None:
         raise MetrologyError("a ball needs its radius as the standard, such as '500 um'")
+    _require_followed(_STANDARDS[feature], how)
     key = _STANDARDS[feature].removeprefix("groove_")
     asked = Characteristic(key, key.replace("_", " "), "distance", depth or 0.0, -tolerance, tolerance)
     read = read_scan(scan, unit, channel)
@@ -171,6 +183,14 @@ def _declared(identity: str, where: Path) -> tuple[Part, StimulusSet]:
             if stimulus.id == identity:
                 return stimulus, declared
     raise PipelineError(f"stimulus must be declared in {where}, got {identity!r}")
+
+
+def _require_followed(key: str, how: How) -> None:
+    """Refuse what an evaluation would leave aside without a word."""
+    idle = [option for name, option in _UNFOLLOWED[key].items() if getattr(how, name) != getattr(AS_FOUND, name)]
+    if idle:
+        rule = f"leave out {', '.join(idle)}, which this evaluation does not follow"
+        raise PipelineError(f"an evaluation of {key.replace('_', ' ')} must {rule}")
 
 
 def _evaluated(
