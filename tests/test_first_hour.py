@@ -8,9 +8,11 @@ import re
 import shlex
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 from oracles.browser import browser_without_network
+from oracles.softgauge import correlated_noise, edge_gauge
 from stepblocks.cli import main
 
 PAGE = Path(__file__).resolve().parents[1] / "docs" / "first-hour.md"
@@ -96,6 +98,21 @@ def test_the_metrologist_reads_what_is_felt_with_its_uncertainty(tmp_path, monke
     rows = (tmp_path / "predictions.csv").read_text().splitlines()
     assert "vibration_energy_95_low_uj" in rows[0]
     assert (tmp_path / "out" / "index.html").is_file()
+
+
+@pytest.mark.browser
+def test_the_page_of_an_inspection_opens_with_its_finding_and_shows_every_budget(tmp_path, browser):
+    x = np.arange(-800, 800) * 0.5e-6
+    z = edge_gauge(x, 50.2e-6, 14e-6, tilt=5e-4)
+    z = z + correlated_noise(len(x), 0.5e-6, 10e-9, 40e-9, 2e-6, np.random.default_rng(1))
+    scan, stimuli = tmp_path / "a.csv", str(Path(__file__).parents[1] / "stimuli")
+    np.savetxt(scan, np.stack([x, z], axis=1) * 1e6, delimiter=",", header="x_um,z_um", comments="", fmt="%.4f")
+    asked = ["--stimulus", "step-050", "--set", stimuli, "--calibration", "0.1 %", "-o", str(tmp_path / "out")]
+    assert main(["inspect", str(scan), *asked]) == 1  # an edge of 14 um is not what was asked for
+    text = look_at(browser, tmp_path / "out" / "step-050.inspection.html")
+    assert "Inspection of step-050: does not conform" in text
+    assert "lowers E_v by" in text
+    assert "lateral calibration" in text
 
 
 @pytest.mark.browser

@@ -28,6 +28,10 @@ if TYPE_CHECKING:
 
 _OWN = ["scan", "stimulus", "block"]  # columns that are no condition
 _SCATTER = ("noise", "repeatability", "scatter")  # of one scan, which several show together
+_LEAD = (
+    "ISO 14253-1. Of a block that was scanned several times the scatter of its scans stands in the budget: repeatability, and what "
+    "each condition adds, by analysis of variance with interactions pooled."
+)
 _D2 = 2.0 / math.sqrt(math.pi)  # mean range of two normal values over their standard deviation [1]
 
 
@@ -286,9 +290,18 @@ def write_many(result: ManyScans, folder: str | Path) -> list[Path]:
         axis.set_title(f"{part}, {key.replace('_', ' ')} / um: chart of individuals", fontsize=9, loc="left")
         axis.tick_params(axis="x", rotation=30)
     save_figure(figure, chart)
-    rows = {name: one.to_dict("records") for name, one in result.tables.items() if len(one)}
-    said = "measured" if result.verdict is None else result.verdict.value
     replace_text(
-        page, render_page("inspect", "many.html.j2", said=said, tables=rows, left_out=result.left_out, chart=chart.name)
+        page,
+        render_page(
+            "inspect",
+            "inspection.html.j2",
+            title=f"Inspection of {len(result.tables['scans'])} measurements",
+            said=result.verdict.value,
+            lead=_LEAD,
+            tables={name: one.to_dict("records") for name, one in result.tables.items() if len(one)},
+            picture=chart.name,
+            alt="Control charts of individuals",
+            notes=[f"left out: {one}" for one in result.left_out],
+        ),
     )
     return [table, page, chart]

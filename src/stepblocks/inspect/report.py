@@ -17,9 +17,11 @@ from stepblocks.artefacts.certificate import write_certificate
 from stepblocks.artefacts.on_paper import write_sheet_csv
 from stepblocks.artefacts.qif import write_qif
 from stepblocks.artefacts.scans.scan import Profile
-from stepblocks.atomic import beside, replace_text
+from stepblocks.atomic import replace_text
+from stepblocks.figure_file import save_figure
 from stepblocks.inspect.budget import Decision, Measured, Outcome
 from stepblocks.inspect.measure import Inspected, Shown, ShownMap
+from stepblocks.page_file import render_page
 from stepblocks.parts.characteristics import Characteristic
 from stepblocks.parts.conditions import OrderSpec
 from stepblocks.parts.kind import Part
@@ -134,7 +136,7 @@ def _known(value: float) -> float | None:
 
 
 def write_inspection(result: InspectionResult, folder: str | Path) -> list[Path]:
-    """Write table, plot, JSON and as-built record of an inspection, and the inspection sheet filled in.
+    """Write page, table, plot, JSON and as-built record of an inspection, and the inspection sheet filled in.
 
     Parameters
     ----------
@@ -149,17 +151,19 @@ def write_inspection(result: InspectionResult, folder: str | Path) -> list[Path]
     """
     base = Path(folder) / result.identity
     base.parent.mkdir(parents=True, exist_ok=True)
-    endings = ("as-built.toml", "inspection.json", "inspection.txt", "inspection.svg", "inspection-sheet.csv", "qif")
-    record_path, data, table, plot, sheet, qif = (base.with_name(f"{base.name}.{ending}") for ending in endings)
+    endings = ("as-built.toml", *(f"inspection.{kind}" for kind in ("json", "txt", "svg", "html")))
+    record_path, data, table, plot, page = (base.with_name(f"{base.name}.{ending}") for ending in endings)
+    sheet, qif = (base.with_name(f"{base.name}.{ending}") for ending in ("inspection-sheet.csv", "qif"))
     values = {one.key: AsBuiltValue(d.value, d.std, d.verdict.value) for one, d in result.judged}
     digest = hashlib.sha256(result.source.read_bytes()).hexdigest()
     inspected, shown = result.inspected, result.inspected.shown
     surface = Profile(shown.position, shown.height) if result.felt and shown is not None else None
     record = AsBuilt(result.identity, result.source.name, digest, inspected.convention, values, surface, inspected.arc)
-    paths = [*write_as_built(record_path, record), data, table, plot]
+    paths = [*write_as_built(record_path, record), data, table, plot, page]
     replace_text(data, json.dumps(result.as_record(), indent=2, allow_nan=False) + "\n")
     replace_text(table, f"{result}\n")
     _draw(plot, result)
+    replace_text(page, _page(result, plot.name))
     if result.stimulus is not None:
         filled = {key: (one.value, one.std, one.verdict) for key, one in values.items()}
         write_sheet_csv(sheet, result.stimulus, filled)
@@ -167,6 +171,37 @@ def write_inspection(result: InspectionResult, folder: str | Path) -> list[Path]
         certificate = write_certificate(base, result.stimulus, result.as_record(), result.order, digest)
         paths += [sheet, qif, *certificate]
     return paths
+
+
+def _page(result: InspectionResult, picture: str) -> str:
+    """Fill the page: the finding, the picture, every value with its limits, every budget."""
+    inspected, limits = result.inspected, {one.key: (one.label, decision) for one, decision in result.judged}
+    rows, budget = [], []
+    for key, measured in inspected.values.items():
+        label, decision = limits.get(key, (measured.name, None))
+        half = measured.expanded() * 1e6
+        digits = max(1 - math.floor(math.log10(half)), 0) if 0.0 < half < math.inf else 4  # two of the uncertainty
+        value, stated = (f"{x:.{digits}f}" for x in (measured.value * 1e6, half))
+        row: dict[str, Any] = {"characteristic": label, "value_um": value, "expanded_uncertainty_95_um": stated}
+        row |= {"lower_um": None, "upper_um": None, "guard_um": None}
+        if decision is not None:
+            ends = {"lower_um": decision.lower, "upper_um": decision.upper, "guard_um": decision.guard}
+            row |= {name: _known(value * 1e6) for name, value in ends.items()}
+        rows.append({**row, "verdict": "no limits" if decision is None else decision.verdict.value})
+        for part in measured.components:
+            said = "not stated" if math.isnan(part.std) else part.std * 1e6
+            budget.append({"characteristic": label, "component": part.name, "u_um": said, "how": part.how})
+    return render_page(
+        "inspect",
+        "inspection.html.j2",
+        title=f"Inspection of {result.identity}",
+        said=result.said,
+        lead=result.felt or f"Measured on {result.source.name}.",
+        tables={"characteristics": rows, "uncertainty budget": budget},
+        picture=picture,
+        alt=f"Scan of {result.identity}, what was fitted, limits and guard bands",
+        notes=[f"Convention: {inspected.convention}.", *inspected.notes],
+    )
 
 
 def _draw(path: Path, result: InspectionResult) -> None:
@@ -179,7 +214,8 @@ def _draw(path: Path, result: InspectionResult) -> None:
     with mpl.rc_context({"svg.hashsalt": "stepblocks", "font.family": "DejaVu Sans", "font.size": 9}):
         scan = [] if shown is None else [5.0]  # what others measured comes without a profile
         maps = [] if shown is None or shown.map is None else [5.0, 5.0]
-        figure = Figure(figsize=(9.0, 0.9 + 0.74 * sum(maps + scan) + 0.62 * count), layout="constrained")
+        height = 0.9 + 0.74 * sum(maps + scan) + 0.62 * count
+        figure = Figure(figsize=(9.0, height), dpi=120, layout="constrained")
         FigureCanvasAgg(figure)
         heights = [*maps, *scan, *[1.0] * count]
         axes = figure.subplots(len(heights), 1, height_ratios=heights, squeeze=False)[:, 0]
@@ -191,8 +227,7 @@ def _draw(path: Path, result: InspectionResult) -> None:
         axes[0].set_title(title, color=_COLOUR.get(result.verdict, "#1d2a36"), fontweight="bold", loc="left")
         for axis, (one, decision) in zip(axes[len(maps + scan) :], result.judged, strict=True):
             _draw_limits(axis, one, decision)
-        with beside(path) as draft:
-            figure.savefig(draft, metadata={"Date": None}, dpi=120)
+        save_figure(figure, path)
 
 
 def _draw_map(axes: Any, shown: ShownMap) -> None:
