@@ -54,7 +54,7 @@ def fit_psychometric(levels: Sequence[float], hits: Sequence[int], totals: Seque
     --------
     >>> fit = fit_psychometric([20e-6, 40e-6, 60e-6, 80e-6], [2, 8, 15, 19], [20, 20, 20, 20])
     >>> f"{fit.threshold * 1e6:.1f} um, Weber fraction {fit.weber:.2f}"
-    '41.6 um, Weber fraction 0.40'
+    '44.2 um, Weber fraction 0.24'
     """
     from scipy.optimize import minimize
     from scipy.special import ndtr, xlog1py, xlogy
