@@ -114,7 +114,13 @@ def test_a_standard_is_judged_against_its_certificate_and_feels_like_nothing(tmp
     bare = inspect_standard(str(path), 10e-6)
     assert bare.verdict is Outcome.NOT_PROVEN  # no tolerance, no proof
     assert (bare.identity, bare.stimulus, bare.felt) == ("standard", None, "")
-    assert [path.suffix for path in write_inspection(bare, tmp_path / "out")] == [".toml", ".json", ".txt", ".svg"]
+    assert [path.suffix for path in write_inspection(bare, tmp_path / "out")] == [
+        ".toml",
+        ".json",
+        ".txt",
+        ".svg",
+        ".html",
+    ]
 
 
 def test_a_notebook_shows_the_table_and_nothing_of_it_is_taken_for_markup(result):
@@ -153,6 +159,7 @@ def test_what_is_written_agrees_with_the_result_and_is_named_in_order(result, tm
         "inspection.json",
         "inspection.txt",
         "inspection.svg",
+        "inspection.html",
         "inspection-sheet.csv",
         "qif",
         "dcc.xml",

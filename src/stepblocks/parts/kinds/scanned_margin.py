@@ -124,7 +124,7 @@ class ScannedMargin(CrownMargin):
 
     def volumes(self) -> tuple[float, ...]:
         lines = itertools.pairwise(self._section())
-        area = sum((xb - xa) * (0.5 * (za + zb) + self.thickness.nominal) for (xa, za), (xb, zb) in lines)
+        area = math.fsum((xb - xa) * (0.5 * (za + zb) + self.thickness.nominal) for (xa, za), (xb, zb) in lines)
         return (area * self.width.nominal,)
 
     def hulls(self) -> list[Any]:
