@@ -169,7 +169,8 @@ def test_what_is_written_agrees_with_the_result_and_is_named_in_order(result, tm
     record = read_as_built(str(paths[0]))
     for one, decision in result.judged:
         assert record.values[one.key].value == pytest.approx(decision.value, rel=1e-8)
-    with paths[5].open() as file:
+    assert f"{result.judged[0][1].value * 1e6:.2f}" in paths[5].read_text()  # the page
+    with paths[6].open() as file:
         filled = {row["characteristic"]: row["measured_mm_or_deg"] for row in csv.DictReader(file)}
     assert float(filled["step height"]) == pytest.approx(result.judged[0][1].value * 1e3, abs=1e-6)
     assert filled["length"] == ""  # not on this scan
