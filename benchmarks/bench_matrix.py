@@ -23,7 +23,8 @@ from typing import Any
 import numpy as np
 from scipy.stats import binomtest
 
-from oracles.virtual_bench import Bench, Plan, write_session
+from oracles.virtual_bench import Bench
+from oracles.virtual_session import Plan, write_session
 from stepblocks.bench.measure import measure
 from stepblocks.loop.search.explain import Explanation, Rules, Verdict, explain
 from stepblocks.loop.session_table import scan_blocks, trials_of

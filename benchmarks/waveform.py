@@ -11,7 +11,7 @@ from pathlib import Path
 
 sys.path.insert(0, str(Path(__file__).parents[1] / "tests"))
 
-from oracles.virtual_bench import Plan, write_session
+from oracles.virtual_session import Plan, write_session
 from stepblocks.bench.measure import measure
 from stepblocks.bench.waveform import predict_energies
 

@@ -8,8 +8,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from oracles import virtual_bench
-from oracles.virtual_bench import Bench, Plan, drag, write_session
+from oracles import virtual_bench, virtual_session
+from oracles.virtual_bench import Bench, drag
+from oracles.virtual_session import Plan, write_session
 from stepblocks.bench.measure import measure
 
 SILENT = Bench(noise=0.0, hum=0.0, quantum=0.0)
@@ -20,9 +21,10 @@ def made(bench=SILENT, height=40e-6, load=0.8, speed=5e-3, seed=3):
 
 
 def test_it_shares_no_line_with_what_it_tests():
-    tree = ast.parse(Path(virtual_bench.__file__).read_text())
-    names = [alias.name for node in ast.walk(tree) if isinstance(node, ast.Import) for alias in node.names]
-    names += [str(node.module) for node in ast.walk(tree) if isinstance(node, ast.ImportFrom)]
+    trees = [ast.parse(Path(module.__file__).read_text()) for module in (virtual_bench, virtual_session)]
+    nodes = [node for tree in trees for node in ast.walk(tree)]
+    names = [alias.name for node in nodes if isinstance(node, ast.Import) for alias in node.names]
+    names += [str(node.module) for node in nodes if isinstance(node, ast.ImportFrom)]
     assert not [name for name in names if name.split(".")[0] == "stepblocks"]
 
 

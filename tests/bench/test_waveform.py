@@ -4,7 +4,8 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from oracles.virtual_bench import Bench, Plan, drag, write_session
+from oracles.virtual_bench import Bench, drag
+from oracles.virtual_session import Plan, write_session
 from stepblocks.bench.measure import measure
 from stepblocks.bench.signal import Trace
 from stepblocks.bench.signal.features import FEATURE_COLUMNS, measure_trace

@@ -5,7 +5,8 @@ import pytest
 
 from oracles.feature_bench import bench_trials, design_columns
 from oracles.features_file import features_of
-from oracles.virtual_bench import Bench, Plan, write_session
+from oracles.virtual_bench import Bench
+from oracles.virtual_session import Plan, write_session
 from stepblocks.loop.finding import read_as
 from stepblocks.loop.run import analyse_features, loop_session
 from stepblocks.loop.search.explain import Rules, Verdict

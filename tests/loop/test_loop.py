@@ -11,7 +11,8 @@ import pytest
 
 from oracles.feature_bench import bench_trials, block_scans, design_columns, noise_free
 from oracles.features_file import features_of
-from oracles.virtual_bench import Bench, Plan, write_session
+from oracles.virtual_bench import Bench
+from oracles.virtual_session import Plan, write_session
 from stepblocks.artefacts.model_file import read_model
 from stepblocks.bench.measure import measure
 from stepblocks.contact.forward import tip_radius_um

@@ -1,6 +1,6 @@
-"""A bench of its own: the motion of a tip over a step, integrated by rigid contact, and whole sessions of it on disk.
+"""A bench of its own: the motion of a tip over a step, integrated by rigid contact, and what its gauges read.
 
-Nothing here comes from the program, so that what the program finds in these sessions it finds against another bench. The tip is
+Nothing here comes from the program, so that what the program finds in its drags it finds against another bench. The tip is
 a point mass on the path of its ball's centre (floor, arc of radius R + r about the rounded edge, upper face). It slides, sticks,
 waits in the corner before the edge, flies and lands; contact is a constraint and no spring, friction is Coulomb's with
 Stribeck's fall and a static part. The tool is a linear or Duffing spring with a viscous damper; a strain gauge reads the spring.
@@ -9,15 +9,11 @@ With `conversion` the release itself is not integrated: the tool then rings free
 
 from __future__ import annotations
 
-import csv
-import json
 import math
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass, field, replace
-from pathlib import Path
+from dataclasses import dataclass
 from typing import Any
 
-import h5py
 import numpy as np
 from numba import njit
 from numpy.typing import NDArray
@@ -62,35 +58,6 @@ class Bench:
     bandwidth: float = math.inf  # first order, of both gauges [Hz]
     limit: float = math.inf  # at which the gauges saturate [N]
     unloaded: float = 0.0  # recorded before the tip is set down [s]
-
-
-@dataclass(frozen=True)
-class Plan:
-    """A session: bench, design, scatter, and what is peculiar. Numbers of trials count the run order from 1."""
-
-    bench: Bench = Bench()
-    trials: int = 96
-    heights: tuple[float, ...] = tuple(1e-6 * h for h in range(10, 90, 10))  # [m]
-    loads: tuple[float, ...] = (0.3, 0.5, 0.8, 1.1)  # [N]
-    speeds: tuple[float, ...] = (2e-3, 5e-3, 10e-3, 20e-3)  # [m/s]
-    combinations: int | None = None  # of height, load and speed that are used, so that each is repeated
-    friction_scatter: float = 0.03  # relative, from trial to trial
-    conversion_scatter: float = 0.05  # of ln C_v, where there is a conversion
-    height_scatter: float = 0.3e-6  # of the blocks about their label [m]
-    scans: bool = True
-    operator_load: Mapping[str, float] = field(default_factory=dict)  # added by an operator [N]
-    operator_friction: Mapping[str, float] = field(default_factory=dict)  # factor of an operator
-    operator_conversion: Mapping[str, float] = field(default_factory=dict)  # factor of an operator
-    hide_operator: bool = False  # the column is left out
-    chip_at: int | None = None  # from this trial on the tip has another radius
-    chip_radius: float = 90e-6  # [m]
-    batch_blocks: tuple[int, ...] = ()  # heights [um] of blocks that came in another batch
-    batch_friction: float = 1.0  # factor on them
-    wandering_friction: float = 0.0  # rms of ln mu at the end of a random walk
-    running_in: float = 0.0  # friction is higher by this share at first
-    running_in_trials: float = 25.0  # over which that falls to 1/e
-    change_at: int | None = None  # from this trial on friction is another
-    change_friction: float = 1.0  # factor
 
 
 @njit(cache=True)
@@ -324,83 +291,3 @@ def _read(bench: Bench, fx: Floats, fy: Floats, random: np.random.Generator) -> 
         stepped = np.round(noisy / bench.quantum) * bench.quantum if bench.quantum else noisy
         read.append(np.clip(stepped, -bench.limit, bench.limit))
     return time, read[0], read[1]
-
-
-def scan(height: float, radius: float, random: np.random.Generator) -> tuple[Floats, Floats]:
-    """A profilometer line across the edge [um], tilted and noisy."""
-    x = np.arange(-600.0, 600.0 + 0.125, 0.25)
-    h, r = 1e6 * height, 1e6 * radius
-    inside = np.clip(x, 0.0, r)
-    z = np.where(x < 0.0, 0.0, np.maximum(h - r + np.sqrt(np.maximum(r * r - (inside - r) ** 2, 0.0)), 0.0))
-    tilt = random.uniform(-3.0, 3.0) + 3e-4 * random.standard_normal() * x
-    return x, z + tilt + 0.05 * random.standard_normal(x.size)
-
-
-def write_session(folder: Path, plan: Plan, seed: int) -> list[dict[str, Any]]:
-    """Write a session as laboratories keep it, and return what is true of each of its trials (also ``truth.json``)."""
-    random = np.random.default_rng([seed, 1])
-    folder.mkdir(parents=True)
-    (folder / "session.toml").write_text(
-        f'schema = 1\ntitle = "{folder.name}"\n\n[probe]\nspring_constant = "{plan.bench.stiffness:g} N/m"\n'
-        f'tip_radius = "{plan.bench.tip_radius * 1e6:g} um"\n\n[acquisition]\nsample_rate = "10 kHz"\n'
-        'traces = "traces.h5"\nchannels = { time = "time_s", tangential = "fx_n", normal = "fy_n" }\n\n[stimuli]\n'
-        'set = "paper-ten"\n' + ('scans = "scans/{block}.csv"\n' if plan.scans else "")
-    )
-    true_heights = {h: h + plan.height_scatter * random.standard_normal() for h in plan.heights}
-    if plan.scans:
-        (folder / "scans").mkdir()
-        for height, true in true_heights.items():
-            table = np.column_stack(scan(true, plan.bench.edge_radius, random))
-            path = folder / "scans" / f"step-{round(height * 1e6):03d}.csv"
-            np.savetxt(path, table, fmt="%.3f", delimiter=",", header="x_um,z_um", comments="")
-    full = [(h, n, v) for h in plan.heights for n in plan.loads for v in plan.speeds]
-    used = [full[i] for i in random.permutation(len(full))[: plan.combinations or len(full)]]
-    order = random.permutation(np.arange(plan.trials) % len(used))
-    walk = np.cumsum(random.standard_normal(plan.trials)) / math.sqrt(plan.trials)
-    warmth, wet = 22.0 + np.cumsum(random.normal(0.0, 0.15, (2, plan.trials)), axis=1)
-    told = []
-    with h5py.File(folder / "traces.h5", "w") as file, (folder / "trials.csv").open("w", newline="") as table:
-        columns = ["trial", "block", "height_um", "load_n", "speed_mm_s", "tip", "run_order", "temperature_c"]
-        columns += ["humidity_pct", *([] if plan.hide_operator else ["operator"])]
-        rows = csv.writer(table, lineterminator="\n")
-        rows.writerow(columns)
-        for number in range(1, plan.trials + 1):
-            height, load, speed = used[order[number - 1]]
-            operator, um = "AB"[int(random.integers(2))], round(height * 1e6)
-            factor = (1.0 + plan.friction_scatter * random.standard_normal()) * plan.operator_friction.get(
-                operator, 1.0
-            )
-            factor *= math.exp(plan.wandering_friction * walk[number - 1])
-            factor *= 1.0 + plan.running_in * math.exp(-number / plan.running_in_trials)
-            factor *= plan.batch_friction if um in plan.batch_blocks else 1.0
-            factor *= plan.change_friction if plan.change_at and number >= plan.change_at else 1.0
-            share = plan.conversion_scatter * random.standard_normal()
-            bench = replace(plan.bench, friction=plan.bench.friction * factor)
-            if bench.conversion is not None:
-                own = plan.operator_conversion.get(operator, 1.0)
-                bench = replace(bench, conversion=bench.conversion * own * math.exp(share))
-            if plan.chip_at and number >= plan.chip_at:
-                bench = replace(bench, tip_radius=plan.chip_radius)
-            added = plan.operator_load.get(operator, 0.0)
-            done = drag(bench, true_heights[height], load + added, speed, np.random.default_rng([seed, 2, number]))
-            if done is None:
-                continue
-            group = file.create_group(f"{number:04d}")
-            for name, values in zip(("time_s", "fx_n", "fy_n"), done[:3], strict=True):
-                group.create_dataset(name, data=values.astype(np.float32), track_times=False)
-            temperature, humidity = f"{warmth[number - 1]:.2f}", f"{50.0 + 6.0 * (wet[number - 1] - 22.0):.1f}"
-            row = [
-                number,
-                f"step-{um:03d}",
-                um,
-                f"{load:g}",
-                f"{speed * 1e3:g}",
-                "tip-125",
-                number,
-                temperature,
-                humidity,
-            ]
-            rows.writerow(row if plan.hide_operator else [*row, operator])
-            told.append({"trial": number, **done[3]})
-    (folder / "truth.json").write_text(json.dumps({"bench": asdict(plan.bench), "trials": told}))
-    return told
