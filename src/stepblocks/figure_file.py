@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -10,15 +11,21 @@ from stepblocks.quantities import readable
 
 
 def new_figure(
-    rows: int = 1, columns: int = 1, *, sharex: bool = False, width: float = 7.0, height: float = 4.0
+    rows: int = 1,
+    columns: int = 1,
+    *,
+    sharex: bool = False,
+    width: float = 7.0,
+    height: float = 4.0,
+    heights: Sequence[float] | None = None,
 ) -> Any:
-    """Make a figure and its axes without touching matplotlib's global state; sizes in inches."""
+    """Make a figure and its axes without touching matplotlib's global state; sizes in inches, `heights` in parts of them."""
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
 
     figure = Figure(figsize=(width, height), dpi=130, layout="constrained")
     FigureCanvasAgg(figure)
-    axes = figure.subplots(rows, columns, sharex=sharex)
+    axes = figure.subplots(rows, columns, sharex=sharex, height_ratios=heights)
     for axis in figure.axes:
         axis.grid(alpha=0.3, lw=0.5)
         axis.tick_params(labelsize=8)

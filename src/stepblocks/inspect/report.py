@@ -18,7 +18,7 @@ from stepblocks.artefacts.on_paper import write_sheet_csv
 from stepblocks.artefacts.qif import write_qif
 from stepblocks.artefacts.scans.scan import Profile
 from stepblocks.atomic import replace_text
-from stepblocks.figure_file import save_figure
+from stepblocks.figure_file import new_figure, save_figure
 from stepblocks.inspect.budget import Decision, Measured, Outcome
 from stepblocks.inspect.measure import Inspected, Shown, ShownMap
 from stepblocks.page_file import render_page
@@ -206,28 +206,22 @@ def _page(result: InspectionResult, picture: str) -> str:
 
 def _draw(path: Path, result: InspectionResult) -> None:
     """Draw map with its mask and residuals, scan, windows, limits and guard bands into an SVG file."""
-    import matplotlib as mpl
-    from matplotlib.backends.backend_agg import FigureCanvasAgg
-    from matplotlib.figure import Figure
-
     count, shown = len(result.judged), result.inspected.shown
-    with mpl.rc_context({"svg.hashsalt": "stepblocks", "font.family": "DejaVu Sans", "font.size": 9}):
-        scan = [] if shown is None else [5.0]  # what others measured comes without a profile
-        maps = [] if shown is None or shown.map is None else [5.0, 5.0]
-        height = 0.9 + 0.74 * sum(maps + scan) + 0.62 * count
-        figure = Figure(figsize=(9.0, height), dpi=120, layout="constrained")
-        FigureCanvasAgg(figure)
-        heights = [*maps, *scan, *[1.0] * count]
-        axes = figure.subplots(len(heights), 1, height_ratios=heights, squeeze=False)[:, 0]
-        if shown is not None and shown.map is not None:
-            _draw_map(axes[:2], shown.map)
-        if shown is not None:
-            _draw_scan(axes[len(maps)], result, shown)
-        title = f"{result.identity}: {result.said}"
-        axes[0].set_title(title, color=_COLOUR.get(result.verdict, "#1d2a36"), fontweight="bold", loc="left")
-        for axis, (one, decision) in zip(axes[len(maps + scan) :], result.judged, strict=True):
-            _draw_limits(axis, one, decision)
-        save_figure(figure, path)
+    scan = [] if shown is None else [5.0]  # what others measured comes without a profile
+    maps = [] if shown is None or shown.map is None else [5.0, 5.0]
+    heights = [*maps, *scan, *[1.0] * count]
+    size = 0.9 + 0.74 * sum(maps + scan) + 0.62 * count
+    figure, _ = new_figure(len(heights), width=9.0, height=size, heights=heights)
+    axes = figure.axes
+    if shown is not None and shown.map is not None:
+        _draw_map(axes[:2], shown.map)
+    if shown is not None:
+        _draw_scan(axes[len(maps)], result, shown)
+    title = f"{result.identity}: {result.said}"
+    axes[0].set_title(title, color=_COLOUR.get(result.verdict, "#1d2a36"), fontweight="bold", loc="left")
+    for axis, (one, decision) in zip(axes[len(maps + scan) :], result.judged, strict=True):
+        _draw_limits(axis, one, decision)
+    save_figure(figure, path)
 
 
 def _draw_map(axes: Any, shown: ShownMap) -> None:
@@ -240,6 +234,7 @@ def _draw_map(axes: Any, shown: ShownMap) -> None:
         image = axis.imshow(values[::thin, ::thin] * 1e6, origin="lower", extent=extent, vmin=low, vmax=high)
         axis.figure.colorbar(image, cax=axis.inset_axes((1.03, 0.0, 0.03, 1.0)), label=label)
         axis.set(xlabel="x / um", ylabel="y / um")
+        axis.grid(visible=False)
     lines = []
     for (name, mask), colour in zip(shown.outlines, ("#b3261e", "#ffffff"), strict=True):
         axes[0].contour(mask[::thin, ::thin], levels=[0.5], colors=colour, linewidths=0.8, extent=extent)
