@@ -1,7 +1,9 @@
-"""The same answers on every machine: the numeric tests under other processors, threads, Pythons and library versions.
+"""The same answers on every machine: the tests under other processors, threads, Pythons and library versions.
 
-``make everywhere`` runs all of it (two hours on two cores); ``python benchmarks/everywhere.py STAGE ...`` some stages;
-``--list`` names them. Prints the table of docs/portability.md. Exit code 1 if a stage fails.
+``make everywhere`` runs all of it (some hours on two cores), in cells of a machine and a folder of tests; ``python
+benchmarks/everywhere.py WORD ...`` those with a word in their name, ``--list`` names them. What passes is noted in
+out/everywhere and not run again while source and tests are the same, so that a run may be broken off and taken up. Prints
+the table of docs/portability.md. Exit code 1 if a cell fails.
 
 A processor is imitated by what its libraries read when they load: OPENBLAS_CORETYPE picks the kernels of the linear
 algebra, NPY_DISABLE_CPU_FEATURES the vector loops of numpy, NUMBA_CPU_NAME those of our compiled kernels. Pythons that
@@ -11,6 +13,8 @@ are not on the machine are left out and named.
 from __future__ import annotations
 
 import argparse
+import hashlib
+import json
 import os
 import re
 import shutil
@@ -20,39 +24,27 @@ import tempfile
 import time
 from dataclasses import dataclass, field
 from pathlib import Path
+from typing import Any
 
 ROOT = Path(__file__).resolve().parents[1]
-BYTES = "bytes of a build"
+KEPT = ROOT / "out" / "everywhere"
+RECORD = KEPT / "record.json"
+BYTES = "bytes"  # the cell that builds every shipped stimulus and compares the files
 NUMERIC = ("contact", "drag", "predict", "inspect", "bench", "loop", "study")  # folders of tests that compute
-
-
-# makes one stimulus of each kind and prints the hash of every file
-MAKE = """
-import json, sys
-from pathlib import Path
-from stepblocks.build.make import make
-from stepblocks.declare import load_declared
-from stepblocks.select import stimulus_files
-folder, chosen = Path(sys.argv[1]), {"step-050", "gap-050-bevelled", "crown-chamfer-over", "tip-125", "hook-125", "sheath-hard"}
-for file in stimulus_files(Path("stimuli")):  # no apparatus: that is a kit
-    stimuli = load_declared(file)
-    for part in (one for one in stimuli.stimuli if one.id in chosen):
-        make(stimuli.name, part, folder, "key")
-        for path in sorted((folder / stimuli.name / part.id).iterdir()):
-            import hashlib
-            print(part.id, path.name, hashlib.sha256(path.read_bytes()).hexdigest())
-"""
+OTHERS = ("artefacts", "build", "cad", "cli", "evidence", "parts", "simulators", "workshop")
+# what names platform, Python or library versions, and a page that shows them
+NAMING = {"manifest.json", "record.json", "index.html"}
 
 
 @dataclass(frozen=True)
-class Stage:
+class Machine:
     """One machine to imitate."""
 
     name: str
     settings: dict[str, str] = field(default_factory=dict)  # environment
-    python: str = ""  # version; a fresh environment with it
+    python: str = ""  # version; an environment with it
     resolution: str = ""  # "lowest-direct" or "highest" of what pyproject.toml allows
-    folders: tuple[str, ...] = NUMERIC
+    cells: tuple[str, ...] = (*NUMERIC, BYTES)
 
 
 def no_simd() -> str:
@@ -64,43 +56,45 @@ def no_simd() -> str:
     return subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True).stdout.strip()
 
 
-def stages() -> list[Stage]:
-    """Every machine, the cheap ones first."""
-    one = {"OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1"}
-    kernels = [
-        Stage(f"OpenBLAS kernels of {core}", one | {"OPENBLAS_CORETYPE": core})
-        for core in ("Nehalem", "Haswell", "Zen", "SkylakeX")
+def machines() -> list[Machine]:
+    """Few machines on which each setting stands at least once, what CI runs first; where one fails, its settings are split."""
+
+    def threads(count: int, **more: str) -> dict[str, str]:
+        return {"OMP_NUM_THREADS": str(count), "OPENBLAS_NUM_THREADS": str(count), **more}
+
+    nehalem, whole = threads(1, OPENBLAS_CORETYPE="Nehalem"), (*NUMERIC, BYTES, *OTHERS)
+    plain = {"NPY_DISABLE_CPU_FEATURES": no_simd(), "NUMBA_CPU_NAME": "generic"}
+    haswell, zen = threads(4, OPENBLAS_CORETYPE="Haswell"), threads(1, OPENBLAS_CORETYPE="Zen")
+    return [
+        Machine("OpenBLAS kernels of Nehalem", nehalem),
+        Machine("no vector loops", nehalem | plain),
+        Machine("Python 3.12, Haswell, 4 threads", haswell, "3.12", cells=whole),
+        Machine("Python 3.13, Zen", zen, "3.13", cells=whole),
+        Machine("oldest libraries, SkylakeX", threads(1, OPENBLAS_CORETYPE="SkylakeX"), "3.11", "lowest-direct", whole),
+        Machine("newest libraries, 4 threads", threads(4), "3.13", "highest", whole),
     ]
-    plain = {"NPY_DISABLE_CPU_FEATURES": no_simd(), "NUMBA_CPU_NAME": "generic", "OPENBLAS_CORETYPE": "Nehalem"}
-    threads = [
-        Stage(f"{count} threads", {"OMP_NUM_THREADS": count, "OPENBLAS_NUM_THREADS": count}) for count in ("1", "4")
-    ]
-    pythons = [Stage(f"Python {version}", one, python=version, folders=()) for version in ("3.11", "3.12", "3.13")]
-    libraries = [
-        Stage("oldest libraries allowed", one, python="3.11", resolution="lowest-direct", folders=()),
-        Stage("newest libraries", one, python="3.13", resolution="highest", folders=()),
-    ]
-    return [*kernels, Stage("no vector loops", one | plain), *threads, Stage(BYTES), *pythons, *libraries]
 
 
-def same_bytes(work: Path) -> tuple[str, str]:
-    """Make one stimulus of each kind as each processor that is imitated would, and on each Python, and compare every file."""
-    found: dict[str, set[str]] = {}
-    machines = [one for one in stages() if one.name != BYTES and not one.resolution]
-    for stage in machines:
-        python = environment(stage, work)
-        if python is None:
-            continue
-        command = [python, "-c", MAKE, str(work / "bytes" / stage.name)]
-        settings = {**os.environ, **stage.settings, "NUMBA_CACHE_DIR": str(work / "numba" / stage.name)}
-        done = subprocess.run(command, cwd=ROOT, env=settings, capture_output=True, text=True, check=False)
-        if done.returncode:
-            return "FAILS", f"{stage.name}: {done.stderr.strip()[-200:]}"
-        found[stage.name] = set(done.stdout.splitlines())
-    first = next(iter(found.values()))
-    differing = {name: sorted(line.rsplit(" ", 1)[0] for line in lines - first) for name, lines in found.items()}
-    wrong = [f"{name}: {', '.join(files[:3])}" for name, files in differing.items() if files]
-    return ("FAILS", "; ".join(wrong)) if wrong else ("passes", f"{len(first)} files alike on {len(found)} machines")
+def state() -> str:
+    """Hash of what the outcome of a cell hangs on."""
+    files = [ROOT / "pyproject.toml", ROOT / "constraints.txt"]
+    files += [path for name in ("src", "tests", "stimuli") for path in (ROOT / name).rglob("*")]
+    known = hashlib.sha256()
+    for path in sorted(path for path in files if path.is_file() and "__pycache__" not in path.parts):
+        known.update(path.relative_to(ROOT).as_posix().encode() + b"\0" + path.read_bytes())
+    return known.hexdigest()[:16]
+
+
+def commit() -> str:
+    """Name the commit, with a star where the tree is another."""
+    told = subprocess.run(
+        ["git", "describe", "--always", "--dirty=*", "--exclude=*"],
+        cwd=ROOT,
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    return told.stdout.strip() or "no repository"
 
 
 def interpreter(version: str) -> str | None:
@@ -114,65 +108,127 @@ def _answers(python: str) -> bool:
     return subprocess.run([python, "--version"], capture_output=True, check=False).returncode == 0
 
 
-def environment(stage: Stage, work: Path) -> str | None:
-    """Python of the stage, in an environment of its own where it asks for one; None where it cannot be had."""
-    if not stage.python:
+def environment(machine: Machine) -> str | None:
+    """Python of the machine, in an environment of its own where it asks for another; None where it cannot be had."""
+    here = f"{sys.version_info.major}.{sys.version_info.minor}"
+    if not machine.resolution and machine.python in ("", here):
         return sys.executable
-    base = interpreter(stage.python)
+    base = interpreter(machine.python)
     if base is None:
         return None
-    folder = work / re.sub(r"\W+", "-", stage.name)
+    wanted = hashlib.sha256(
+        (ROOT / "pyproject.toml").read_bytes() + (ROOT / "constraints.txt").read_bytes()
+    ).hexdigest()
+    folder = KEPT / "environments" / f"{machine.python}-{machine.resolution or 'constraints'}"
+    python, ready = str(folder / "bin" / "python"), folder / "ready"
+    if ready.is_file() and ready.read_text() == wanted:
+        return python
     subprocess.run([base, "-m", "venv", str(folder)], check=True)
-    python = str(folder / "bin" / "python")
-    install = [python, "-m", "pip", "install", "-q", "--disable-pip-version-check"]
-    if stage.resolution:
-        subprocess.run([*install, "uv"], check=True)
-        asked = ["--resolution", stage.resolution, "-e", f"{ROOT}[dev]"]
-        subprocess.run([python, "-m", "uv", "pip", "install", "-q", "--python", python, *asked], check=True)
-    else:
-        subprocess.run([*install, "-c", str(ROOT / "constraints.txt"), "-e", f"{ROOT}[dev]"], check=True)
+    subprocess.run([python, "-m", "pip", "install", "-q", "--disable-pip-version-check", "uv"], check=True)
+    asked = ["--resolution", machine.resolution] if machine.resolution else ["-c", str(ROOT / "constraints.txt")]
+    install = [python, "-m", "uv", "pip", "install", "-q", "--python", python]
+    subprocess.run([*install, *asked, "-e", f"{ROOT}[dev]"], check=True)
+    ready.write_text(wanted)
     return python
 
 
-def run(stage: Stage, work: Path) -> tuple[str, str]:
-    """Outcome and last line of the tests of a stage."""
-    try:
-        if stage.name == BYTES:
-            return same_bytes(work)
-        python = environment(stage, work)
-    except subprocess.CalledProcessError as error:
-        return "not installed", str(error)[:80]
-    if python is None:
-        return "not run", f"no Python {stage.python} here"
-    started = time.monotonic()
-    asked = [str(ROOT / "tests" / folder) for folder in stage.folders] or [str(ROOT / "tests")]
-    command = [python, "-m", "pytest", "-n", "auto", "--dist", "loadfile", "-p", "no:cacheprovider", *asked]
-    settings = {**os.environ, **stage.settings, "NUMBA_CACHE_DIR": str(work / "numba" / stage.name)}
+def tested(python: str, cell: str, settings: dict[str, str]) -> tuple[bool, dict[str, Any]]:
+    """Run the tests of a folder; whether they pass, and how many did."""
+    command = [python, "-m", "pytest", "-n", "auto", "--dist", "loadfile", "-p", "no:cacheprovider", f"tests/{cell}"]
     done = subprocess.run(command, cwd=ROOT, env=settings, capture_output=True, text=True, check=False)
-    last = next((line for line in reversed(done.stdout.splitlines()) if " in " in line), "").strip("= ")
     if done.returncode:
-        print(done.stdout[-4000:], file=sys.stderr)
-    return ("passes" if done.returncode == 0 else "FAILS"), last or f"{time.monotonic() - started:.0f} s"
+        print(done.stdout[-6000:], done.stderr[-2000:], file=sys.stderr)
+    counts = {kind: re.search(rf"(\d+) {kind}", done.stdout) for kind in ("passed", "failed", "skipped", "error")}
+    return done.returncode == 0, {kind: int(found[1]) for kind, found in counts.items() if found}
+
+
+def built(python: str, settings: dict[str, str]) -> tuple[bool, dict[str, Any]]:
+    """Build every shipped stimulus; whether that went well, and the hash of each file that names no machine."""
+    with tempfile.TemporaryDirectory() as work:
+        command = [python, "-m", "stepblocks", "build", "-o", work, "--jobs", "1", "--quiet"]
+        done = subprocess.run(command, cwd=ROOT, env=settings, capture_output=True, text=True, check=False)
+        print(done.stderr[-2000:], file=sys.stderr, end="")
+        files = [path for path in sorted(Path(work).rglob("*")) if path.is_file() and path.name not in NAMING]
+        hashes = {str(path.relative_to(work)): hashlib.sha256(path.read_bytes()).hexdigest() for path in files}
+    return done.returncode == 0, {"files": hashes}
+
+
+def run(machine: Machine, cell: str) -> dict[str, Any]:
+    """Outcome of a cell, and what was found."""
+    try:
+        python = environment(machine)
+    except subprocess.CalledProcessError as error:
+        return {"outcome": "not installed", "why": str(error)[:80]}
+    if python is None:
+        return {"outcome": "not run", "why": f"no Python {machine.python} here"}
+    compiled = KEPT / "compiled" / re.sub(r"\W+", "-", machine.name)
+    own = {"NUMBA_CACHE_DIR": str(compiled), "PYTHONPATH": str(ROOT / "src")}
+    settings = {**os.environ, **machine.settings, **own}
+    started = time.monotonic()
+    good, found = built(python, settings) if cell == BYTES else tested(python, cell, settings)
+    return {"outcome": "passes" if good else "FAILS", **found, "seconds": round(time.monotonic() - started)}
+
+
+def row(machine: Machine, found: dict[str, dict[str, Any]]) -> str:
+    """Line of the table: what was run on a machine and how it ended."""
+    here = {cell: found[f"{machine.name}: {cell}"] for cell in machine.cells if f"{machine.name}: {cell}" in found}
+    wrong = [
+        f"{cell} {one['outcome']} {one.get('why', '')}".strip()
+        for cell, one in here.items()
+        if one["outcome"] != "passes"
+    ]
+    tests = [one for cell, one in here.items() if cell != BYTES]
+    told = [f"{sum(one.get(kind, 0) for one in tests)} {kind}" for kind in ("passed", "failed", "skipped")]
+    if missing := [cell for cell in machine.cells if cell not in here]:
+        told.append(f"not run: {', '.join(missing)}")
+    reference = next((one["files"] for name, one in found.items() if name.endswith(f": {BYTES}")), {})
+    if files := here.get(BYTES, {}).get("files"):
+        other = sorted(name for name in reference.keys() | files.keys() if reference.get(name) != files.get(name))
+        told.append(f"{len(files)} files alike" if not other else f"{len(other)} files differ: {', '.join(other[:3])}")
+        wrong += ["bytes differ"] if other else []
+    return f"| {machine.name} | {'; '.join(wrong) or ('passes' if here else 'not run')} | {', '.join(told)} |"
 
 
 def main() -> int:
-    """Run the stages that are asked for and print the table."""
+    """Run the cells that are asked for and print the table."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("stage", nargs="*", help="parts of names of stages (default: all)")
-    parser.add_argument("--list", action="store_true", help="name the stages")
+    parser.add_argument("word", nargs="*", help="parts of names of cells (default: all)")
+    parser.add_argument("--list", action="store_true", help="name the cells that would be run")
+    parser.add_argument("--minutes", type=float, default=float("inf"), help="begin no cell after so long")
     arguments = parser.parse_args()
-    chosen = [s for s in stages() if not arguments.stage or any(word in s.name for word in arguments.stage)]
+    everything, now = machines(), state()
+    record = json.loads(RECORD.read_text()) if RECORD.is_file() else {}
+    found = {name: one for name, one in record.items() if one["state"] == now and one["outcome"] == "passes"}
+    asked = [(f"{machine.name}: {cell}", machine, cell) for machine in everything for cell in machine.cells]
+    asked = [one for one in asked if not arguments.word or any(word in one[0] for word in arguments.word)]
+    pending = [one for one in asked if one[0] not in found]
     if arguments.list:
-        print("\n".join(stage.name for stage in chosen))
+        print("\n".join(name for name, *_ in pending))
         return 0
-    failed = False
-    print("| machine | outcome | tests |\n|---|---|---|", flush=True)
-    with tempfile.TemporaryDirectory() as work:
-        for stage in chosen:
-            outcome, told = run(stage, Path(work))
-            failed |= outcome in ("FAILS", "not installed")
-            print(f"| {stage.name} | {outcome} | {told} |", flush=True)
-    return int(failed)
+    KEPT.mkdir(parents=True, exist_ok=True)
+    started = time.monotonic()
+    for name, machine, cell in pending:
+        if time.monotonic() - started > 60.0 * arguments.minutes:
+            break
+        print(name, end=" ", file=sys.stderr, flush=True)
+        found[name] = {"state": now, "commit": commit(), **run(machine, cell)}
+        print(found[name]["outcome"], f"{found[name].get('seconds', 0)} s", file=sys.stderr, flush=True)
+        record[name] = found[name]
+        draft = RECORD.with_suffix(".draft")
+        draft.write_text(json.dumps(record, indent=1))
+        draft.replace(RECORD)
+    chosen = {name for name, *_ in asked}
+    print("| machine | outcome | tests |\n|---|---|---|")
+    rows = [
+        row(machine, found)
+        for machine in everything
+        if any(f"{machine.name}: {cell}" in chosen for cell in machine.cells)
+    ]
+    print("\n".join(rows))
+    return int(
+        any(found[name]["outcome"] in ("FAILS", "not installed") for name in chosen & found.keys())
+        or any("differ" in one for one in rows)
+    )
 
 
 if __name__ == "__main__":

@@ -123,8 +123,8 @@ def commands(work: Path) -> dict[str, list[str]]:
 
 
 def tree(folder: Path) -> dict[str, str]:
-    """Hash of every file but the note of who wrote what, in which a killed run stands with nothing."""
-    files = sorted(path for path in folder.rglob("*") if path.is_file() and path.name != ".stepblocks.json")
+    """Hash of every file, also of the note of who wrote what."""
+    files = sorted(path for path in folder.rglob("*") if path.is_file())
     return {path.relative_to(folder).as_posix(): hashlib.sha256(path.read_bytes()).hexdigest() for path in files}
 
 
@@ -156,8 +156,11 @@ def main(argv: list[str] | None = None) -> int:
     """Run the matrix that is asked for and print it."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("command", nargs="*", help="commands (default: all)")
-    parser.add_argument("--points", type=int, default=4, help="of each fault")
-    parser.add_argument("--every", type=int, default=3, help="calls from one point to the next")
+    parser.add_argument("--faults", nargs="+", choices=FAULTS, default=FAULTS)
+    points = (1, 2, 3, 5, 8, 13, 21, 34, 55, 89)
+    parser.add_argument(
+        "--points", type=int, nargs="+", default=points, help="which call fails; of a size, powers of 4"
+    )
     arguments = parser.parse_args(argv)
     failed = held = 0
     os.environ.setdefault("OMP_NUM_THREADS", "1")
@@ -175,9 +178,9 @@ def main(argv: list[str] | None = None) -> int:
             done = run([part.replace("OUT", str(whole)) for part in command])
             assert done.code == 0, done.said
             wanted = tree(whole)
-            for fault in FAULTS:
-                for number in range(arguments.points):
-                    point = 10 * 20**number if fault == "size" else 1 + number * arguments.every
+            for fault in arguments.faults:
+                for number, point in enumerate(arguments.points):
+                    point = 10 * 4**number if fault == "size" else point
                     said = disturbed(command, fault, point, wanted, work)
                     failed += said not in ("", "none")
                     held += said == ""

@@ -40,9 +40,7 @@ def test_two_writers_of_one_file_never_share_a_draft(tmp_path):
     assert target.read_text() == "one"
 
 
-def test_a_killed_writer_leaves_the_old_file(tmp_path):
-    target = tmp_path / "table.csv"
-    target.write_text("old")
+def killed_while_writing(target):
     code = f"""
         import os, signal
         from pathlib import Path
@@ -52,36 +50,35 @@ def test_a_killed_writer_leaves_the_old_file(tmp_path):
             os.kill(os.getpid(), signal.SIGKILL)
     """
     assert subprocess.run([sys.executable, "-c", textwrap.dedent(code)], check=False).returncode == -9
+
+
+def test_a_killed_writer_leaves_the_old_file_and_the_next_one_sweeps_its_draft(tmp_path):
+    target = tmp_path / "[odd] name*.csv"
+    target.write_text("old")
+    killed_while_writing(target)
     assert target.read_text() == "old"
     assert len(names(tmp_path)) == 2
-
-
-def test_drafts_of_dead_runs_are_swept_and_those_of_the_living_stay(tmp_path):
-    target = tmp_path / "[odd] name*.csv"
-    stale, fresh = (tmp_path / f".partial-{word}-{target.name}" for word in ("stale", "fresh"))
-    other = tmp_path / ".partial-stale-other.csv"
-    for path in (stale, fresh, other):
-        path.write_text("half")
-    for path in (stale, other):
-        os.utime(path, (0, 0))
     replace_text(target, "whole")
-    assert names(tmp_path) == sorted([target.name, fresh.name, other.name])
+    assert target.read_text() == "whole"
+    assert names(tmp_path) == [target.name]
 
 
-def test_a_draft_of_a_dead_process_of_this_machine_goes_at_once_and_one_of_another_machine_after_a_day(tmp_path):
-    done = subprocess.run(
-        [sys.executable, "-c", "import os; print(os.getpid())"], capture_output=True, text=True, check=True
-    )
-    dead = int(done.stdout)
-    with beside(tmp_path / "other.csv") as ours:
+def test_what_the_living_prepare_is_not_swept_and_whatever_bears_the_name_of_a_draft_is_not_followed(tmp_path):
+    theirs = tmp_path / "theirs"
+    theirs.mkdir()
+    (theirs / "kept.txt").write_text("kept")
+    output = tmp_path / "out"
+    output.mkdir()
+    (output / ".partial-link").symlink_to(theirs)
+    with beside(output / "x.csv") as ours:
         ours.write_text("half")
-        machine = ours.name.split("-")[1]
-        drafts = [f".partial-{machine}-{dead}-ab-x.csv", f".partial-00000000-{dead}-ab-x.csv"]
-        for name in drafts:
-            (tmp_path / name).write_text("half")
-        with alone_in(tmp_path):
-            assert names(tmp_path) == sorted([ours.name, drafts[1]])
-    assert names(tmp_path) == sorted([drafts[1], "other.csv"])
+        killed_while_writing(output / "y.csv")
+        held = names(output)
+        with alone_in(output):
+            assert set(names(output)) < set(held)
+            assert ours.read_text() == "half"
+    assert names(output) == [".partial-link", "x.csv"]
+    assert (theirs / "kept.txt").read_text() == "kept"
 
 
 SWEEP = '[sweep]\nkind = "grid"\n[parameters]\nheight = "12 um"\nnormal_load = "0.3 N"\nfriction = 0.1\n'

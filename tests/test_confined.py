@@ -30,6 +30,10 @@ def loops(path):
 def sleeps(path):
     time.sleep(60)
 
+def waits(path, seconds):
+    time.sleep(seconds)
+    return {"waited": seconds}
+
 def fills(path):
     return {"x": np.ones(2**29)}
 
@@ -94,10 +98,17 @@ def test_whatever_a_reader_does_is_one_line_and_the_next_file_is_read(reader, wo
         if reader in ("loops", "sleeps"):
             call(file, "number")  # its start does not count
             hurried.setattr(confined, "_SECONDS", 0.3)
+            hurried.setattr(confined, "_WAITING", 8.0)
         with pytest.raises(MetrologyError, match=words) as caught:
             call(file, reader)
     assert "\n" not in str(caught.value)
     assert call(file, "good", 1.0)["name"] == "x.bin"
+
+
+def test_a_sound_file_is_read_however_long_a_busy_machine_keeps_its_reader_waiting(file, monkeypatch):
+    call(file, "number")
+    monkeypatch.setattr(confined, "_SECONDS", 0.3)
+    assert call(file, "waits", 3.0) == {"waited": 3.0}  # ten times what it may compute
 
 
 def test_what_we_have_just_written_is_read_here(file):

@@ -5,26 +5,21 @@ And nothing outside: a name that stands in a file is followed only where it stay
 
 from __future__ import annotations
 
+import fcntl
 import filecmp
-import glob
-import hashlib
 import os
-import platform
 import secrets
 import shutil
-import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
 from contextvars import ContextVar
-from functools import cache
+from functools import lru_cache
 from pathlib import Path
 
 from stepblocks.errors import PipelineError
 
 # tells what must not be replaced; nothing is kept where nobody asked
 _kept: ContextVar[Callable[[Path], bool]] = ContextVar("kept", default=lambda _: False)
-
-_STALE = 86_400.0  # a draft of another machine this old was left by a run that was killed [s]
 
 
 @contextmanager
@@ -40,8 +35,8 @@ def keeping(theirs: Callable[[Path], bool]) -> Iterator[None]:
 @contextmanager
 def beside(path: Path) -> Iterator[Path]:
     """Give a draft to write to; it takes its place when the block ends well and is removed when it does not."""
-    draft = _draft(path)
-    try:
+    with _draft(path.parent) as folder:
+        draft = folder / path.name
         yield draft
         # what a killed run wrote, and had no time to note as ours, is the same again
         if path.is_file() and _kept.get()(path) and not filecmp.cmp(draft, path, shallow=False):
@@ -49,28 +44,39 @@ def beside(path: Path) -> Iterator[Path]:
         _to_disk(draft)
         draft.replace(path)
         _to_disk(path.parent)
-    finally:
-        draft.unlink(missing_ok=True)
-    _sweep(path.parent, path.name)
 
 
 @contextmanager
 def folder_beside(path: Path) -> Iterator[Path]:
     """Give an empty folder beside a place to prepare files in; it is gone when the block ends, whatever is in it."""
-    draft = _draft(path)
-    draft.mkdir(parents=True)
+    path.parent.mkdir(parents=True, exist_ok=True)
+    with _draft(path.parent) as draft:
+        yield draft
+
+
+@contextmanager
+def _draft(folder: Path) -> Iterator[Path]:
+    """Give a new folder that is locked as long as its process lives, so that the next run knows what was left."""
+    _sweep_once(folder)
+    while True:
+        draft = folder / f".partial-{secrets.token_hex(8)}"
+        draft.mkdir()
+        number = os.open(draft, os.O_RDONLY)
+        with suppress(OSError):  # a file system without locks: nobody sweeps there
+            fcntl.flock(number, fcntl.LOCK_EX)
+        if draft.is_dir():  # nobody swept it before it was locked
+            break
+        os.close(number)
     try:
         yield draft
     finally:
         shutil.rmtree(draft, ignore_errors=True)
-    _sweep(path.parent, path.name)
+        os.close(number)
 
 
 @contextmanager
 def alone_in(folder: Path) -> Iterator[None]:
     """Hold an output folder for one run: a second one is told so; the lock ends with its process, whose drafts are swept."""
-    import fcntl
-
     try:
         folder.mkdir(parents=True, exist_ok=True)
         number = os.open(folder, os.O_RDONLY)
@@ -103,43 +109,19 @@ def inside(folder: Path, name: str) -> Path | None:
     return path
 
 
-@cache
-def _machine() -> str:
-    """Name machine, boot and container: where two share a folder, neither knows the processes of the other."""
-    told = [platform.node()]
-    with suppress(OSError):
-        told += [Path("/proc/sys/kernel/random/boot_id").read_text(), str(Path("/proc/self/ns/pid").readlink())]
-    return hashlib.sha256("".join(told).encode()).hexdigest()[:8]
+def _sweep(folder: Path) -> None:
+    """Remove the drafts in a folder that killed runs left: those that nobody holds any more."""
+    for left in folder.glob(".partial-*"):
+        with suppress(OSError):  # it is held, or another run sweeps at the same time
+            number = os.open(left, os.O_RDONLY | os.O_NOFOLLOW)
+            try:
+                fcntl.flock(number, fcntl.LOCK_EX | fcntl.LOCK_NB)
+                shutil.rmtree(left)
+            finally:
+                os.close(number)
 
 
-def _draft(path: Path) -> Path:
-    return path.with_name(f".partial-{_machine()}-{os.getpid()}-{secrets.token_hex(4)}-{path.name}")
-
-
-def _sweep(folder: Path, name: str | None = None) -> None:
-    """Remove what killed runs left of drafts, of one place or of all in a folder."""
-    for left in folder.glob(".partial-*" if name is None else f".partial-*-{glob.escape(name)}"):
-        with suppress(FileNotFoundError):  # another run may sweep at the same time
-            if not _abandoned(left):
-                continue
-            if left.is_dir() and not left.is_symlink():
-                shutil.rmtree(left, ignore_errors=True)
-            else:
-                left.unlink()
-
-
-def _abandoned(draft: Path) -> bool:
-    """Tell whether the process that made a draft has ended; one of another machine, after a day."""
-    machine, process, *_ = [*draft.name.removeprefix(".partial-").split("-"), ""]
-    if machine != _machine() or not process.isdigit():
-        return time.time() - draft.lstat().st_mtime > _STALE
-    try:
-        os.kill(int(process), 0)
-    except ProcessLookupError:
-        return True
-    except (OSError, OverflowError):
-        pass  # it is another user's
-    return False
+_sweep_once = lru_cache(_sweep)  # a process looks through a folder when it first writes there, not at every file
 
 
 def _to_disk(path: Path) -> None:

@@ -10,17 +10,16 @@ from __future__ import annotations
 import atexit
 import json
 import os
-import select
 import signal
 import subprocess
 import sys
 import threading
-import time
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from contextvars import ContextVar
 from functools import cache
 from importlib import import_module
+from io import BufferedReader
 from pathlib import Path
 from typing import Any
 
@@ -33,7 +32,7 @@ Answer = tuple[dict[str, Any], str, bool]  # what was found; else what is wrong,
 MEMORY = 2 * 2**30  # that a reader may fill [bytes]; what its libraries map but do not fill comes on top
 _MAPPED = 4 * 2**30
 _SECONDS, _PER_BYTE = 15.0, 1e-6  # of the processor, and more of it for a large file [s], [s/byte]
-_WAITING = 4.0  # as long as that many times the processor time, on a machine that does something else too
+_WAITING = 40.0  # as long as that many times the processor time: a busy machine is no fault of the file
 _LARGEST_ANSWER = 2**24  # of what is no array [bytes]
 _ours: ContextVar[bool] = ContextVar("ours", default=False)
 
@@ -76,30 +75,30 @@ class _Reader:
     def call(self, request: dict[str, Any], seconds: float) -> Answer:
         late = f"it must be readable within {seconds:.0f} s"
         with self._one_at_a_time:
+            process = self._started()
+            assert process.stdin is not None
+            assert isinstance(process.stdout, BufferedReader)
+            watch = threading.Timer(_WAITING * seconds, process.kill)
+            watch.start()
             try:
-                process = self._started()
-                assert process.stdin is not None
                 process.stdin.write(json.dumps({**request, "seconds": seconds}).encode() + b"\n")
                 process.stdin.flush()
-                deadline = time.monotonic() + _WAITING * seconds
-                size = int.from_bytes(self._received(8, deadline), "little")
-                answer = json.loads(self._received(size, deadline, _LARGEST_ANSWER))
-                arrays = [(name, np.dtype(kind), shape) for name, kind, shape in answer["arrays"]]
-                found = {
-                    name: np.frombuffer(self._received(kind.itemsize * int(np.prod(shape)), deadline), kind)
-                    for name, kind, shape in arrays
-                }
-            except TimeoutError:
-                self.close()
-                return {}, late, False
+                size = int.from_bytes(_received(process.stdout, 8), "little")
+                answer = json.loads(_received(process.stdout, size, _LARGEST_ANSWER))
+                found = answer["values"]
+                for name, kind, shape in answer["arrays"]:
+                    size = np.dtype(kind).itemsize * int(np.prod(shape))
+                    found[name] = np.frombuffer(_received(process.stdout, size), kind).reshape(shape)
             except (EOFError, BrokenPipeError):
                 code = self.close(5.0)
-                return {}, late if code == -signal.SIGXCPU else f"its reader ended with {code}", False
+                too_long = code == -signal.SIGXCPU or watch.finished.is_set()
+                return {}, late if too_long else f"its reader ended with {code}", False
             except BaseException:
                 self.close()
                 raise
-        values = answer["values"] | {name: found[name].reshape(shape) for name, _, shape in arrays}
-        return values, answer["refused"], answer["ours"]
+            finally:
+                watch.cancel()
+        return found, answer["refused"], answer["ours"]
 
     def _started(self) -> subprocess.Popen[bytes]:
         if self._process is None or self._process.poll() is not None:
@@ -108,22 +107,7 @@ class _Reader:
             command = [sys.executable, "-P", "-W", "ignore", "-m", "stepblocks.confined"]
             pipe, null, environment = subprocess.PIPE, subprocess.DEVNULL, {**os.environ, **own}
             self._process = subprocess.Popen(command, stdin=pipe, stdout=pipe, stderr=null, env=environment)
-            self._received(8, time.monotonic() + 120.0)  # it says when it is ready
         return self._process
-
-    def _received(self, count: int, deadline: float, most: int = MEMORY) -> bytearray:
-        """Read so many bytes of an answer."""
-        if self._process is None or self._process.stdout is None or count > most:
-            raise EOFError
-        whole, at, number = bytearray(count), 0, self._process.stdout.fileno()
-        while at < count:
-            if not select.select([number], [], [], max(deadline - time.monotonic(), 0.0))[0]:
-                raise TimeoutError
-            read = os.readv(number, [memoryview(whole)[at:]])
-            if not read:
-                raise EOFError
-            at += read
-        return whole
 
     def close(self, grace: float = 0.0) -> int | None:
         """End the process, after a moment in which it may do so itself; return of what it ended then."""
@@ -136,6 +120,14 @@ class _Reader:
             finally:
                 process.kill()
         return None
+
+
+def _received(stream: BufferedReader, count: int, most: int = MEMORY) -> bytearray:
+    """Read so many bytes of an answer."""
+    whole = bytearray(count if count <= most else 0)
+    if stream.readinto(whole) < count:
+        raise EOFError
+    return whole
 
 
 _reader = cache(lambda pid: _Reader())  # one for each process: a fork must not share its parent's
@@ -168,8 +160,6 @@ def _serve() -> None:
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # who asks is interrupted, and closes the pipe
     answers = os.fdopen(os.dup(1), "wb")
     os.dup2(2, 1)  # libraries print
-    answers.write(bytes(8))
-    answers.flush()
     for line in sys.stdin.buffer:
         request = json.loads(line)
         spent = sum(resource.getrusage(resource.RUSAGE_SELF)[:2])

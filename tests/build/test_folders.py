@@ -214,21 +214,6 @@ def test_two_runs_in_two_containers_never_share_a_draft(tmp_path, monkeypatch):
     assert list(tmp_path.iterdir()) == []
 
 
-def test_draft_folders_of_killed_runs_are_swept_and_those_of_the_living_stay(tmp_path):
-    stale, fresh, link = (tmp_path / f".partial-{word}-set-id" for word in ("stale", "fresh", "link"))
-    for path in (stale, fresh):
-        path.mkdir()
-        (path / "a").write_text("a")
-    outside = tmp_path / "outside"
-    outside.mkdir()
-    link.symlink_to(outside)
-    os.utime(stale, (0, 0))
-    os.utime(link, (0, 0), follow_symlinks=False)
-    with folder_beside(tmp_path / "set-id"):
-        pass
-    assert sorted(path.name for path in tmp_path.iterdir()) == [fresh.name, "outside"]
-
-
 def test_a_script_without_a_main_guard_builds_in_several_processes(tmp_path):
     script = tmp_path / "plain.py"
     script.write_text(f"import stepblocks\nprint(stepblocks.build_sets({str(SHEATHS)!r}, 'out', jobs=2).built)\n")

@@ -57,6 +57,7 @@ def main(argv: Sequence[str] | None = None) -> int:
         arguments = make_parser().parse_args(argv)
         with writing(arguments.output, arguments.force) as written:
             outcome = arguments.run(arguments)
+            written += outcome.kept
         show(outcome, arguments, written)
         sys.stdout.flush()
         return int(outcome.code)

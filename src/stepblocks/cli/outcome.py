@@ -32,6 +32,7 @@ class Outcome:
     code: int = 0
     record: Any = None  # what ``--json`` prints, where it is not all of the above
     failures: Sequence[str] = ()  # printed whatever was asked, to the error stream
+    kept: Sequence[Path] = ()  # files of an earlier run that were found whole
 
 
 def show(outcome: Outcome, arguments: argparse.Namespace, written: Sequence[Path]) -> None:
@@ -154,7 +155,7 @@ def telling(arguments: argparse.Namespace, did: str, *, lines: int = 0) -> Calla
 def writing(place: Path | None, force: bool) -> Iterator[list[Path]]:
     """Let a command write to a place, but replace nothing there that is not ours; gives the list of what it wrote.
 
-    What a build wrote stands in its ``manifest.json``; what another command wrote in ``.stepblocks.json`` with its hash, so
+    To that list the command adds what it found and kept; afterwards it names what was written. What a build wrote stands in its ``manifest.json``; what another command wrote in ``.stepblocks.json`` with its hash, so
     that a table somebody filled in since is theirs.
     """
     from stepblocks.atomic import keeping
@@ -177,8 +178,8 @@ def writing(place: Path | None, force: bool) -> Iterator[list[Path]]:
         with keeping(theirs):
             yield written
     finally:
-        written += sorted(path for path in _files(place) if before.get(path) != _stamp(path))
-        _remember(folder, known, written)
+        kept, written[:] = written[:], sorted(path for path in _files(place) if before.get(path) != _stamp(path))
+        _remember(folder, known, [*written, *kept])
 
 
 def _files(place: Path) -> list[Path]:

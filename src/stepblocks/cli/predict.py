@@ -238,4 +238,5 @@ def _sweep(arguments: argparse.Namespace) -> Outcome:
     output = arguments.output
     computed, found = sweep(plan, output, **how, on_partition=lambda _: told(total=plan.partitions))
     said = f"{plan.rows} rows in {plan.partitions} partitions: {computed} computed, {found} found [{output}]"
-    return Outcome(said, record={"rows": plan.rows, "computed": computed, "found": found})
+    kept = [output / "sweep.json", *output.glob("part-*.parquet")]
+    return Outcome(said, record={"rows": plan.rows, "computed": computed, "found": found}, kept=kept)
