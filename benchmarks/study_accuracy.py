@@ -37,7 +37,7 @@ def main() -> None:
                         1,
                         jobs,
                     )
-                    said = f"{found.power:.3f}  {found.low:.3f} to {found.high:.3f}"
+                    said = f"{found['power_ratio']:.3f}  {found['low_95_ratio']:.3f} to {found['high_95_ratio']:.3f}"
                     alike = "differently" if spread else "alike"
                     print(f"{alike:20}  {change:16}  {measure:14}  {analysis:8}  {said}", flush=True)
 

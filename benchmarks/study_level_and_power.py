@@ -38,9 +38,9 @@ def main() -> None:
                 else:
                     exact = closed_form_power(means, 32, NOISE, 60.0) if spread == response == 0.0 else math.nan
                 kind = "not" if spread == 0.0 else "in level" if response == 0.0 else "in level and response"
-                interval = f"{found.low:.3f} to {found.high:.3f}"
+                interval = f"{found['low_95_ratio']:.3f} to {found['high_95_ratio']:.3f}"
                 print(
-                    f"{analysis:8}  {kind:22}  {1.0 - share:6.2f}  {exact:11.3f}  {found.power:9.3f}  {interval}",
+                    f"{analysis:8}  {kind:22}  {1.0 - share:6.2f}  {exact:11.3f}  {found['power_ratio']:9.3f}  {interval}",
                     flush=True,
                 )
 

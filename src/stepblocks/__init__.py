@@ -14,8 +14,8 @@ Everything a command does, a notebook can. The names below are the public face, 
 - measured: `read_scan`, `list_channels`, `inspect_scan`, `inspect_standard`, `inspect_many`, `How`, `write_inspection`, `write_many`,
   `read_as_built`, `measure`, `simulate_session`;
 - explained: `loop_session`, `loop_sessions`, `read_model`; held against what others published: `hold_against_evidence`;
-- judged by people: `design_study`, `write_sheets`, `open_run`, `simulate_study`, `analyse_study`, `analyse_table`, `share_study`,
-  `study_power`, `start_adaptive`;
+- judged by people: `design_study`, `write_sheets`, `open_run`, `simulate_study`, `analyse_study`, `share_study`, `study_power`,
+  `start_adaptive`;
 - and when something is wrong: `StepblocksError`; at the border of units: `parse_quantity`, `format_quantity`.
 
 Importing this package imports nothing heavy; each name is loaded when it is first used (its home stands in ``__init__.pyi``).

@@ -69,7 +69,6 @@ from .study.adaptive import start_adaptive as start_adaptive
 from .study.conduct import open_run as open_run
 from .study.exchange import share_study as share_study
 from .study.run import analyse_study as analyse_study
-from .study.run import analyse_table as analyse_table
 from .study.run import design_study as design_study
 from .study.run import simulate_study as simulate_study
 from .study.run import study_power as study_power

@@ -128,6 +128,6 @@ def test_noise_bias_and_neither_are_told_apart(change, seen):
 
 def test_power_is_of_the_statistic_that_is_asked_for():
     for name, low, high in (("bias", 0.0, 0.3), ("absolute error", 0.9, 1.0), ("spread", 0.9, 1.0)):
-        assert low <= estimate_power(plan(noise=2.5, measure=name), "mixed", runs=10).power <= high
+        assert low <= estimate_power(plan(noise=2.5, measure=name), "mixed", runs=10)["power_ratio"] <= high
     with pytest.raises(StudyError, match="measure must be one of bias, absolute error, spread, got 'x'"):
         plan(measure="x")

@@ -13,7 +13,7 @@ from stepblocks.errors import StudyError
 from stepblocks.study.adaptive import answer, open_adaptive, start_adaptive, undo
 from stepblocks.study.exchange import share_study
 from stepblocks.study.prose import apa_p, headline, journal_table, methods
-from stepblocks.study.run import analyse_study, analyse_table, design_study, simulate_study, study_power
+from stepblocks.study.run import analyse_study, design_study, simulate_study, study_power
 
 HEIGHTS = (20e-6, 40e-6, 60e-6, 80e-6)
 COLUMNS = {"participant": "subject", "condition": "probe", "height_mm": "h", "estimate_um": "answer"}
@@ -45,7 +45,7 @@ def test_a_table_of_somebody_else_is_read_with_its_names_and_decimal_commas(stud
             f"{row.participant};{row.condition};{row.height_um / 1000:.3f};{row.estimate_um};x".replace(".", ",")
         )
     (tmp_path / "my.csv").write_text("\n".join(lines) + "\n", encoding="utf-8-sig")
-    theirs = analyse_table([tmp_path / "my.csv"], columns=COLUMNS)
+    theirs = analyse_study(None, [tmp_path / "my.csv"], columns=COLUMNS)
     assert theirs.results_csv() == result.results_csv()
     code = main(["study", "analyse", "--data", str(tmp_path / "my.csv"), "--columns",
                  ",".join(f"{ours}={yours}" for ours, yours in COLUMNS.items()), "-o", str(tmp_path / "out")])  # fmt: skip
@@ -64,13 +64,13 @@ def test_what_a_table_lacks_is_named_with_its_place(tmp_path):
         ),
     ):
         with pytest.raises(StudyError, match=message):
-            analyse_table([path], columns=columns)
+            analyse_study(None, [path], columns=columns)
 
 
 @pytest.mark.parametrize("form", ["bids", "psych-ds"])
 def test_a_dataset_is_read_back_to_the_same_figures(study, result, tmp_path, form):
     share_study(study, [study / "sheets"], tmp_path / form, form)
-    again = analyse_table([tmp_path / form])
+    again = analyse_study(None, [tmp_path / form])
     assert again.results_csv() == result.results_csv()
     assert again.judgements_csv() == result.judgements_csv()
 

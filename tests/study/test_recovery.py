@@ -156,8 +156,8 @@ def test_power_of_the_mixed_model_is_that_of_the_noncentral_f():
 def test_power_is_the_same_in_one_process_and_in_two():
     plan = SimulatedStudy(3, 1, *FLAT.values(), (("a", 1.0), ("b", 0.5)), Observer(), measure="bias")
     one, two = (estimate_power(plan, "f-test", runs=12, seed=4, jobs=jobs) for jobs in (1, 2))
-    assert (one.power, one.low, one.high) == (two.power, two.low, two.high)
-    assert one.low <= one.power <= one.high
+    assert one == two
+    assert one["low_95_ratio"] <= one["power_ratio"] <= one["high_95_ratio"]
 
 
 @pytest.mark.parametrize(

@@ -136,12 +136,8 @@ def _analyse(arguments: argparse.Namespace) -> Outcome:
     if bool(data) == bool(arguments.answers) or (data and folder):
         raise PipelineError("a folder of a study with its answers must be given, or --data with a table of your own")
     output = arguments.output or (folder or Path("out/study")) / "report"
-    if data:
-        result = stepblocks.analyse_table(data, output, **ask.options(arguments, stepblocks.analyse_table))
-    else:
-        result = stepblocks.analyse_study(
-            folder, arguments.answers, output, **ask.options(arguments, stepblocks.analyse_study)
-        )
+    options = ask.options(arguments, stepblocks.analyse_study)
+    result = stepblocks.analyse_study(folder, data or arguments.answers, output, **options)
     notes, said = [*result.notes, *result.remarks], headline(result)
     return Outcome(said, notes=notes, look=output / "report.html", record={"said": said, "notes": notes})
 

@@ -11,7 +11,6 @@ from stepblocks.artefacts.scans.read import read_scan
 from stepblocks.artefacts.scans.scan import HeightMap, Profile
 from stepblocks.contact.counterface import Step, energy_change, scanned_angle
 from stepblocks.contact.energy import Status, release_at
-from stepblocks.contact.operating_point import OperatingPoint
 from stepblocks.declare import load_declared
 from stepblocks.errors import MetrologyError, PipelineError
 from stepblocks.inspect.budget import Component, Instrument, Measured, Outcome, judge, verdict_of
@@ -220,7 +219,7 @@ def _felt_sentence(result: InspectionResult, grid: PredictionGrid) -> str:
     values, shown = result.inspected.values, result.inspected.shown
     if not {"step_height", "edge_radius"} <= set(values):
         return ""
-    point = OperatingPoint(grid.tip_radii[0], grid.normal_loads[0], grid.frictions[0], grid.as_tool())
+    point = grid.first_point()
     nominal = {one.key: one.nominal for one, _ in result.judged}
     asked = Step(nominal["step_height"], nominal["edge_radius"])
     made = Step(values["step_height"].value, max(values["edge_radius"].value, 0.0))

@@ -1,10 +1,11 @@
 """Under what the parts of a set are felt: tips, loads, frictions and steps, the tool, the probe that wears a sheath, its rig."""
 
-from typing import Annotated
+from dataclasses import replace
+from typing import Annotated, Any
 
 from pydantic import Field
 
-from stepblocks.contact.operating_point import LIMIT_SOURCES, PAPER, Limits, Tool
+from stepblocks.contact.operating_point import LIMIT_SOURCES, PAPER, Limits, OperatingPoint, Tool
 from stepblocks.contact.rod import Rod, RodRing, Sleeve, ring_of, rod_for
 from stepblocks.parts.declared import Sourced, Table, positive, sourced
 
@@ -68,6 +69,11 @@ class PredictionGrid(Table):
         """Return the declared tool, with the tolerance of its ring and its limits."""
         limits = Limits(**{name: one.value for name, one in self.limits})
         return Tool(**dict(self.tool), frequency_deviation=self.tolerances.frequency, limits=limits)
+
+    def first_point(self, **other: Any) -> OperatingPoint:
+        """Return the first of the conditions, but for what is other in it; a set of tips alone names no tip radius."""
+        ball = next(iter(self.tip_radii), PAPER.ball_radius)
+        return replace(OperatingPoint(ball, self.normal_loads[0], self.frictions[0], self.as_tool()), **other)
 
 
 class OrderSpec(Table):

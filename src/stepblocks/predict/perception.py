@@ -187,9 +187,9 @@ def write_equally_felt(source: Path, count: int, target: Path) -> tuple[list[flo
         raise PipelineError(f"--equally-felt must lie between 2 and 100 blocks, got {count}")
     if target.resolve() == source.resolve() or target.suffix != ".toml":
         raise PipelineError(f"-o must name a new file *.toml, got {target}")
-    grid, first = stimuli.prediction, stimuli.step_block[0]
+    first = stimuli.step_block[0]
     given = [block.height.nominal for block in stimuli.step_block]
-    point = OperatingPoint(grid.tip_radii[0], grid.normal_loads[0], grid.frictions[0], grid.as_tool())
+    point = stimuli.prediction.first_point()
     heights, spacing, by = equally_felt_heights(
         count, min(given), max(given), point, first.edge_radius.nominal, observer_of(stimuli)
     )

@@ -13,7 +13,6 @@ from numpy.typing import NDArray
 from stepblocks.artefacts.rings import largest_force
 from stepblocks.contact.energy import Status
 from stepblocks.contact.event import VibrationEvent, ring, ring_energy, vibration_events
-from stepblocks.contact.operating_point import OperatingPoint
 from stepblocks.declare import load_declared
 from stepblocks.errors import HapticsError
 from stepblocks.predict.perception import PAPER_OBSERVER
@@ -128,10 +127,7 @@ def _event_of(stimulus: Path, felt: dict[str, float]) -> VibrationEvent:
     if part is None:
         known = ", ".join(one.id for one in declared.stimuli)
         raise HapticsError(f"the stimulus must be one of {known}, got {stimulus.name!r} [{stimulus.parent}]")
-    grid = declared.grid_of(part)
-    firsts = {"ball_radius": grid.tip_radii[0], "normal_load": grid.normal_loads[0], "friction": grid.frictions[0]}
-    at = {**firsts, **felt}
-    point = OperatingPoint(at["ball_radius"], at["normal_load"], at["friction"], grid.as_tool())
+    point = declared.grid_of(part).first_point(**felt)
     event = vibration_events(part.counterface(), point, part.id)[0]
     if event.status is not Status.RELEASES:
         rule = "the stimulus must release the probe to be compared"

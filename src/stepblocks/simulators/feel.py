@@ -47,8 +47,8 @@ def feel(files: str | Path | Sequence[str | Path], page: str | Path) -> int:
     found = [(stimuli, s) for stimuli in sets for s in stimuli.stimuli if s.crossed and s.turn_radius is None]
     if not found:
         raise PipelineError("stepblocks feel needs at least one step_block or margin_block, got none")
-    grid = found[0][0].prediction
-    radius, tool = grid.tip_radii[0], grid.as_tool()
+    point = found[0][0].prediction.first_point()
+    radius, tool = point.ball_radius, point.tool
     blocks = [{"name": block.id, **_felt(block.counterface(), radius)} for _, block in found]
     text = render_page(
         "simulators",

@@ -17,7 +17,7 @@ from stepblocks.study import require
 from stepblocks.study.blocks import blocks_of, too_coarse
 from stepblocks.study.design import Item, by_codes, trial_row
 from stepblocks.study.session import Estimate, Pair, Plan, Session
-from stepblocks.study.sheet import answer_columns, key_files, read_answers, write_new
+from stepblocks.study.sheet import answer_columns, key_csv, read_answers, write_new
 from stepblocks.study.simulate import TYPICAL_OBSERVER, Observer, feels_higher
 from stepblocks.tables import csv_text, write_table
 
@@ -94,7 +94,7 @@ def start_adaptive(
     source : str, Path or sequence of float
         Stimulus file with the blocks, or heights [m].
     folder : str or Path
-        Where setup.json, key.csv and key.html go.
+        Where setup.json and key.csv go.
     standard : str
         Block that the others are compared with.
     seed : int
@@ -127,8 +127,7 @@ def start_adaptive(
         setup["ease"] = {codes[name]: abs(math.log(value / energies[standard])) for name, value in energies.items()}
     setup |= {"standard": codes[standard], "blocks": {code: items[code].told() for code in sorted(items)}}
     study = _study(Path(folder), setup)
-    keys = key_files(study.blocks, f"which of a pair comes first is drawn by seed {seed}")
-    write_new(study.folder, {_SETUP: json.dumps(setup, indent=1) + "\n", **keys})
+    write_new(study.folder, {_SETUP: json.dumps(setup, indent=1) + "\n", "key.csv": key_csv(study.blocks)})
     return replace(study, advice=too_coarse(found, standard))
 
 

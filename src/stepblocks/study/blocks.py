@@ -70,9 +70,8 @@ def blocks_of(
         chosen = f" that match {only!r}" if only else ""
         raise PipelineError(f"a study needs step blocks; the set {stimuli.name} has none{chosen}")
     grid = stimuli.prediction
-    at = {"ball_radius": grid.tip_radii[0], "friction": grid.frictions[0], **felt}
     loads = [felt["normal_load"]] if "normal_load" in felt else grid.normal_loads
-    points = [OperatingPoint(at["ball_radius"], load, at["friction"], grid.as_tool()) for load in loads]
+    points = [grid.first_point(**{**felt, "normal_load": load}) for load in loads]
     faces = [block.counterface() for block in sorted(stimuli.step_block, key=lambda one: one.height.nominal)]
     # of the loads the first under which every block rings, and rises
     point = next((point for point in points[:-1] if _rise(_felt(faces, point))), points[-1])

@@ -106,7 +106,7 @@ def share_study(folder: str | Path, answers: Sequence[str | Path], output: str |
     answers : sequence of str or Path
         CSV files of answers, or folders of them; none for ``"psychopy"``, which has the conditions before they are run.
     output : str or Path
-        Folder to write; `analyse_table` reads what ``"bids"`` and ``"psych-ds"`` write back to the same judgements.
+        Folder to write; `analyse_study` without a design reads ``"bids"`` and ``"psych-ds"`` back to the same judgements.
     form : str
         ``"bids"`` (BIDS 1.9, behavioural), ``"psych-ds"`` (0.4) or ``"psychopy"``.
 

@@ -10,6 +10,7 @@ from __future__ import annotations
 import ctypes
 import threading
 import time
+from abc import ABC, abstractmethod
 from collections.abc import Callable
 from ctypes.util import find_library
 from typing import Any
@@ -27,23 +28,26 @@ _SMOOTH = 0.008  # time constant with which the hand follows what a page sends i
 _FASTEST = 0.5  # of a mouse's hand in the magnified frame [m/s]
 
 
-class Hand:
+class Hand(ABC):
     """What a servo loop asks of a device."""
 
-    motors = False  # whether it can push: then its switch must be let go before a trial begins
+    motors: bool = False  # whether it can push: then its switch must be let go before a trial begins
 
+    @abstractmethod
     def read(self) -> tuple[Array, Array, bool]:
         """Return position [m], velocity [m/s], and whether the dead-man switch is held."""
-        raise NotImplementedError
 
+    @abstractmethod
     def apply(self, force: Array) -> None:
         """Put a force on the hand [N]."""
 
     def begin(self) -> None:
         """Begin a trial."""
+        return
 
     def close(self) -> None:
         """Let go of the device."""
+        return
 
 
 class Mouse(Hand):

@@ -1,4 +1,4 @@
-"""What a study prints: the report with its figures, the key of the codes, the run sheets, a table on the terminal."""
+"""What a study prints: the report with its figures, and the run sheets."""
 
 from __future__ import annotations
 
@@ -21,27 +21,6 @@ _LEFT, _TOP, _ROW, _ROWS = 15.0, 262.0, 6.4, 38  # margin, top of the table and 
 _ANSWER_SHARE = 1.8  # an answer is written by hand and gets more room than what is printed
 _NOTE = "Write every answer in its row; leave a row that was not run empty."
 
-_MEASURES = {
-    "bias": "Signed error: what the paper's F-test takes. Noise leaves it where it is.",
-    "absolute error": "Distance from the height: this answers whether heights are estimated less accurately.",
-    "spread": "Standard deviation of a participant's judgements of a block, as logarithm: noise without bias.",
-}
-_WHAT = {
-    "equivalence": "Two one-sided tests on the contrasts of the mixed model: the bound holds at the 5 % level.",
-    "groups": "Groups of participants by a split-plot analysis of their means; all intervals hold together with 95 %.",
-    "f-test": "The paper's analysis: an F-test, blocks as second factor. It takes every judgement for "
-    "independent of all others, which judgements of one participant are not; the mixed model below does not.",
-    "tukey": "Tukey's family: all intervals hold together with 95 %.",
-    "mixed model": "Participants and their response to each condition are random; restricted maximum likelihood; the F-test of the "
-    "condition has (participants - 1)(conditions - 1) degrees of freedom, its intervals hold together with 95 %.",
-    "check": "No objection is no proof. A doubt says what to look at, not that the analysis is void.",
-    "ordinal model": "Proportional odds, each participant with an own level; intervals and the F-test take the participants as "
-    "clusters. Read the F-test: the likelihood ratio keeps its level only where all participants take to the vibration alike.",
-    "psychometric function": "Cumulative normal in the logarithm of the height, maximum likelihood, one lapse rate for both ends. The "
-    "Weber fraction is the step from the middle to three quarters of the rise.",
-    "power law": "Straight lines through logarithms, each participant with an own modulus.",
-}
-
 Sheets = Mapping[str, Sequence[Mapping[str, str]]]  # rows of a blinded run sheet by participant
 
 
@@ -60,7 +39,7 @@ def render_study(result: StudyResult) -> str:
         notes=[*result.notes, *result.remarks, *dict.fromkeys(said for one in mixed for said in one.remarks)],
         figures=study_figures(result),
         tables=[
-            (": ".join(filter(None, name)), _MEASURES.get(name[0], ""), _WHAT[name[1]], own.to_dict("records"))
+            (": ".join(filter(None, name)), own.to_dict("records"))
             for name, own in table.groupby(["measure", "analysis"], sort=False)
         ],
         checks=[(one.name, check) for one in result.measures for check in one.checks],

@@ -95,21 +95,26 @@ def methods(result: StudyResult) -> str:
     if result.measures:
         names = ", ".join(one.name for one in result.measures).capitalize()
         said.append(
-            f"The error of an estimate is the estimate less the height of the block. {names} "
-            "were analysed; the absolute error answers whether heights are estimated less accurately, the bias is the mean signed "
+            f"The error of an estimate is the estimate less the height of the block. {names} were analysed; the absolute error "
+            "answers whether heights are estimated less accurately, the bias, which noise leaves where it is, is the mean signed "
             "error, and the spread the logarithm of a participant's standard deviation about the mean of each block. Each was tested "
-            "by an analysis of variance, condition by block, with Tukey's family of intervals, and by a linear mixed model fitted by "
-            "restricted maximum likelihood with condition, block and their interaction as fixed effects and random intercepts of "
-            "participants and of participants by condition; its test has (participants - 1)(conditions - 1) degrees of freedom. "
-            "Equivalence was tested by two one-sided tests at the 5 % level on the contrasts of the mixed model."
+            "by an analysis of variance, condition by block, with Tukey's family of intervals, which takes judgements of one "
+            "participant for independent, and by a linear mixed model, which does not: it was fitted by restricted maximum "
+            "likelihood with condition, block and their interaction as fixed effects and random intercepts of participants and of "
+            "participants by condition; its test has (participants - 1)(conditions - 1) degrees of freedom, its intervals hold "
+            "together with 95 %. Equivalence was tested by two one-sided tests at the 5 % level on the contrasts of the mixed model."
         )
+    if any(one.groups for one in result.measures):
+        said.append("Groups of participants were compared by a split-plot analysis of the participants' means.")
     if result.ordinal:
         said.append(
-            "Ratings were analysed by a proportional-odds model with a level for each participant and errors clustered by participant."
+            "Ratings were analysed by a proportional-odds model with a level for each participant and errors clustered by participant, "
+            "and tested by an F-test over participants; the likelihood ratio takes them to respond alike."
         )
     if result.curves:
         said.append(
-            "Cumulative normals in the logarithm of the height with one lapse rate were fitted by maximum likelihood."
+            "Cumulative normals in the logarithm of the height with one lapse rate for both ends were fitted by maximum likelihood; "
+            "the Weber fraction is the step from the middle to three quarters of the rise."
         )
     if result.power_law:
         said.append("A power law was fitted to each participant; its mean exponent has an interval by Student's t.")

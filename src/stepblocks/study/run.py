@@ -13,7 +13,6 @@ from typing import TYPE_CHECKING, Any
 
 from stepblocks.atomic import replace_text
 from stepblocks.errors import PipelineError
-from stepblocks.page_file import render_page
 from stepblocks.study import require, sheet
 from stepblocks.study.analysis.accuracy import ANSWER
 from stepblocks.study.analysis.results import StudyResult
@@ -48,7 +47,7 @@ def design_study(
     source : str, Path or sequence of float
         Stimulus file, or heights [m] of blocks that are not ours.
     folder : str or Path
-        Where design.csv, key.csv and key.html go.
+        Where design.csv and key.csv go.
     seed : int
         Seed of all random choices.
     experiment : str
@@ -90,7 +89,7 @@ def write_sheets(folder: str | Path) -> int:
     Parameters
     ----------
     folder : str or Path
-        Holds design.csv; run-sheets.pdf, run-sheets.html and ``sheets/participant-N.csv`` go there.
+        Holds design.csv; run-sheets.pdf and ``sheets/participant-N.csv`` go there.
 
     Returns
     -------
@@ -113,9 +112,7 @@ def write_sheets(folder: str | Path) -> int:
         folder / "sheets", {f"participant-{person:0>{digits}}.csv": csv_text(rows) for person, rows in sheets.items()}
     )
     title = EXPERIMENTS[design[0]["experiment"]].sheet_title
-    columns = [name for name in next(iter(sheets.values()))[0] if name != "participant"]
-    html = render_page("study", "run_sheet.html", title=title, columns=columns, sheets=sheets)
-    sheet.write_new(folder, {"run-sheets.html": html, "run-sheets.pdf": render_sheets_pdf(title, sheets)})
+    sheet.write_new(folder, {"run-sheets.pdf": render_sheets_pdf(title, sheets)})
     return len(sheets)
 
 
@@ -172,52 +169,8 @@ def simulate_study(
 
 
 def analyse_study(
-    folder: str | Path,
+    folder: str | Path | None,
     answers: Sequence[str | Path],
-    output: str | Path | None = None,
-    *,
-    largest_estimate: float = LARGEST_ESTIMATE,
-    ratings: tuple[int, int] = RATINGS,
-    equivalent: float = math.nan,
-    groups: str | Path | None = None,
-) -> StudyResult:
-    """Analyse filled-in run sheets.
-
-    Parameters
-    ----------
-    folder : str or Path
-        Holds design.csv.
-    answers : sequence of str or Path
-        CSV files of answers, or folders of them; commas, semicolons or tabs, decimal points or commas.
-    output : str or Path, optional
-        Folder for report.html, results.csv and judgements.csv.
-    largest_estimate : float
-        An estimate above so many times the highest block is an error [1].
-    ratings : tuple of int
-        Lowest and highest rating.
-    equivalent : float, optional
-        Conditions that differ by less than this count as equivalent [m]; the bound that can be told stands there without it.
-    groups : str or Path, optional
-        CSV with ``participant`` and ``group``, such as dentists and students, which are then compared.
-
-    Returns
-    -------
-    StudyResult
-        Every figure, and in its notes what was done about what is missing; a notebook shows its table.
-
-    Raises
-    ------
-    StepblocksError
-        If the answers do not belong to the design or cannot carry the analysis.
-    """
-    design = sheet.read_design(Path(folder) / "design.csv")
-    rows = [row for path in sheet.sheets_of(answers) for row in sheet.read_answers(path, design[0]["experiment"])]
-    found = sheet.join_answers(design, rows, largest_estimate, ratings)
-    return write_report(found.in_groups(groups).analyse(equivalent), output)
-
-
-def analyse_table(
-    tables: Sequence[str | Path],
     output: str | Path | None = None,
     *,
     columns: Mapping[str, str] = MappingProxyType({}),
@@ -227,35 +180,50 @@ def analyse_table(
     equivalent: float = math.nan,
     groups: str | Path | None = None,
 ) -> StudyResult:
-    """Analyse judgements that were not planned here.
+    """Analyse filled-in run sheets, or judgements that were not planned here.
 
     Parameters
     ----------
-    tables : sequence of str or Path
-        Tables (comma, semicolon or tab; decimal point or comma), folders of them, or a dataset as `share_study` writes it.
-    output, largest_estimate, ratings, equivalent, groups
-        As in `analyse_study`; a column ``group`` of the table does as well.
+    folder : str, Path or None
+        Holds design.csv; None for judgements that no design of ours stands behind.
+    answers : sequence of str or Path
+        CSV files of answers, or folders of them; commas, semicolons or tabs, decimal points or commas. Without a design also a
+        dataset as `share_study` writes it.
+    output : str or Path, optional
+        Folder for report.html, results.csv and judgements.csv.
     columns : mapping of str
-        Their names for ours: ``{"participant": "subject", "condition": "probe", "height_um": "h", "estimate_um": "answer"}``.
+        Without a design, their names for ours:
+        ``{"participant": "subject", "condition": "probe", "height_um": "h", "estimate_um": "answer"}``.
     experiment : str
-        Of which kind the judgements are, as in `design_study`.
+        Without a design, of which kind the judgements are, as in `design_study`.
+    largest_estimate : float
+        An estimate above so many times the highest block is an error [1].
+    ratings : tuple of int
+        Lowest and highest rating.
+    equivalent : float, optional
+        Conditions that differ by less than this count as equivalent [m]; the bound that can be told stands there without it.
+    groups : str or Path, optional
+        CSV with ``participant`` and ``group``, such as dentists and students, which are then compared; without a design a column
+        ``group`` of the table does as well.
 
     Returns
     -------
     StudyResult
-        As of `analyse_study`.
+        Every figure, and in its notes what was done about what is missing; a notebook shows its table.
 
     Raises
     ------
     StepblocksError
-        If a column lacks or a cell cannot be read.
+        If the answers do not belong to the design, a column lacks, or they cannot carry the analysis.
     """
-    found = judgements_of_table([Path(path) for path in tables], columns, experiment, largest_estimate, ratings)
-    return write_report(found.in_groups(groups).analyse(equivalent), output)
-
-
-def write_report(result: StudyResult, output: str | Path | None) -> StudyResult:
-    """Write report.html, results.csv and judgements.csv, where somewhere is given."""
+    if folder is None:
+        paths = [Path(path) for path in answers]
+        found = judgements_of_table(paths, columns, experiment, largest_estimate, ratings)
+    else:
+        design = sheet.read_design(Path(folder) / "design.csv")
+        rows = [row for path in sheet.sheets_of(answers) for row in sheet.read_answers(path, design[0]["experiment"])]
+        found = sheet.join_answers(design, rows, largest_estimate, ratings)
+    result = found.in_groups(groups).analyse(equivalent)
     if output is not None:
         page, output = render_study(result), Path(output)
         output.mkdir(parents=True, exist_ok=True)
@@ -343,11 +311,11 @@ def study_power(
                 ratio = energies[name] / energies[standard]
                 found = detection_power(people, 2 * times, ratio, observer, runs, seed)
                 size |= {"judgements_each": 2 * times, "stimulus": name, "height_um": heights[name] * 1e6}
-                rows.append({"analysis": "2afc"} | size | found.columns() | {"runs": runs})
+                rows.append({"analysis": "2afc"} | size | found | {"runs": runs})
             continue
         found = estimate_power(SimulatedStudy(people, times, *sizes), analysis, runs, seed, jobs)
         size["judgements_each"] = times * len(heights) * len(names)
-        rows.append({"measure": measure, "analysis": analysis} | size | found.columns() | {"runs": runs})
+        rows.append({"measure": measure, "analysis": analysis} | size | found | {"runs": runs})
     table = pd.DataFrame(rows)
     if output is not None:
         write_table(table, Path(output), "%.3f")

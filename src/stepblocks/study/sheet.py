@@ -17,7 +17,6 @@ import numpy as np
 from stepblocks.atomic import replace_bytes
 from stepblocks.errors import PipelineError, StudyError
 from stepblocks.mistakes import Mistake, noted, told
-from stepblocks.page_file import render_page
 from stepblocks.study import require
 from stepblocks.study.analysis.results import StudyResult
 from stepblocks.study.design import DESIGN_COLUMNS, WHEN, Design, Item
@@ -27,6 +26,7 @@ from stepblocks.tables import csv_text
 
 _MAX_BYTES = 100_000_000
 _MAX_ROWS = 300_000
+_KEY = ("code", "engraved", "stimulus", "height_um")
 _COMMA = re.compile(r"^(-?\d+),(\d+)$")  # a decimal comma, as spreadsheets of half of Europe write it
 
 Key = tuple[str, str]  # participant and trial
@@ -61,19 +61,14 @@ def by_person(rows: Iterable[Row]) -> dict[str, list[Row]]:
     return found
 
 
-def key_files(items: Mapping[str, Item], note: str) -> dict[str, str]:
-    """Write key.csv and key.html, which tell the block behind each code."""
-    rows = [{"code": code, **items[code].told()} for code in sorted(items)]
-    columns = ("code", "engraved", "stimulus", "height_um")
-    return {
-        "key.csv": csv_text(rows, columns),
-        "key.html": render_page("study", "run_key.html", rows=rows, balance=note),
-    }
+def key_csv(items: Mapping[str, Item]) -> str:
+    """Tell the block behind each code, for who labels and loads the blocks."""
+    return csv_text([{"code": code, **items[code].told()} for code in sorted(items)], _KEY)
 
 
 def design_files(design: Design) -> dict[str, str]:
     """Write design.csv and the key of its codes."""
-    return {"design.csv": csv_text(design.trials), **key_files(design.blocks, str(design.balance))}
+    return {"design.csv": csv_text(design.trials), "key.csv": key_csv(design.blocks)}
 
 
 def write_new(folder: Path, texts: Mapping[str, str | bytes]) -> None:

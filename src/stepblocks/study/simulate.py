@@ -91,29 +91,17 @@ def feels_higher(energy: float, standard: float, observer: Observer, generator: 
     return higher
 
 
-@dataclass(frozen=True)
-class PowerEstimate:
-    """Share of simulated studies that find a difference."""
-
-    power: float  # share of studies with p below the level [1]
-    low: float  # ends of its 95 % interval by Wilson
-    high: float
-
-    def columns(self) -> dict[str, float]:
-        """Lay it out as columns of a table."""
-        return {"power_ratio": self.power, "low_95_ratio": self.low, "high_95_ratio": self.high}
-
-
-def _of_hits(hits: int, runs: int) -> PowerEstimate:
+def _share_of(hits: int, runs: int) -> dict[str, float]:
+    """Return the share of studies that find a difference, with the ends of its 95 % interval by Wilson."""
     from statsmodels.stats.proportion import proportion_confint
 
     low, high = proportion_confint(hits, runs, method="wilson")
-    return PowerEstimate(hits / runs, float(low), float(high))
+    return {"power_ratio": hits / runs, "low_95_ratio": float(low), "high_95_ratio": float(high)}
 
 
 def detection_power(
     participants: int, trials: int, ratio: float, observer: Observer, runs: int, seed: int
-) -> PowerEstimate:
+) -> dict[str, float]:
     """Estimate how often a pair of blocks, whose energies have a ratio, is told apart: participants' shares right against one half."""
     from scipy import stats
 
@@ -122,7 +110,7 @@ def detection_power(
     right = (1.0 - observer.lapse) * float(stats.norm.cdf(abs(math.log(ratio)) / noise)) + 0.5 * observer.lapse
     shares = np.random.default_rng(seed).binomial(trials, right, (runs, participants)) / trials
     mean, spread = shares.mean(axis=1) - 0.5, shares.std(axis=1, ddof=1) / math.sqrt(participants)
-    return _of_hits(int(np.sum(mean > stats.t.ppf(0.95, participants - 1) * spread)), runs)
+    return _share_of(int(np.sum(mean > stats.t.ppf(0.95, participants - 1) * spread)), runs)
 
 
 ANALYSES = ("f-test", "mixed")  # the paper's F-test, and the mixed model
@@ -187,7 +175,7 @@ def simulated_frame(plan: SimulatedStudy, seed: int) -> Any:
 
 def estimate_power(
     plan: SimulatedStudy, analysis: str = "mixed", runs: int = 200, seed: int = 1, jobs: int = 1
-) -> PowerEstimate:
+) -> dict[str, float]:
     """Estimate the power of a study at the 5 % level by simulation; `analysis` is one of `ANALYSES`."""
     from joblib import Parallel, delayed
 
@@ -202,4 +190,4 @@ def estimate_power(
     found = Parallel(n_jobs=jobs, initializer=die_with_parent)(
         delayed(p_values)(plan, analysis, part) for part in parts
     )
-    return _of_hits(sum(p < 0.05 for part in found for p in part), runs)
+    return _share_of(sum(p < 0.05 for part in found for p in part), runs)

@@ -11,7 +11,6 @@ import pandas as pd
 from stepblocks.artefacts.on_paper import write_sheet_csv, write_sheet_pdf
 from stepblocks.artefacts.qif import write_qif
 from stepblocks.atomic import alone_in, inside
-from stepblocks.contact.operating_point import OperatingPoint
 from stepblocks.declare import load_declared, load_kit
 from stepblocks.errors import MachiningError, PipelineError
 from stepblocks.parts.apparatus import Apparatus, Kit
@@ -122,9 +121,7 @@ def _order(name: str, part: Part | Apparatus, output: Path, capability: float, d
     write_qif(written[-1], part, said)
     routes: list[Route] = []
     if isinstance(part, StepBlock) and isinstance(declared, StimulusSet):
-        grid = declared.prediction
-        point = OperatingPoint(grid.tip_radii[0], grid.normal_loads[0], grid.frictions[0], grid.as_tool())
-        routes = routes_for(part, capability, point)
+        routes = routes_for(part, capability, declared.prediction.first_point())
         written.append(folder / f"{part.id}.routes.csv")
         write_table(pd.DataFrame([route_row(name, route) for route in routes]), written[-1])
         if any(route.process.name == "gauge blocks" for route in routes):  # two blocks of the set differ by this height
