@@ -1,7 +1,7 @@
 """Peak force of every block in every simulator beside the formula: python benchmarks/simulators.py [--load '1 N'] [--friction 0.15].
 
 A cell is what that program printed when its exported folder was run here; what cannot be run here says so. Programs that do
-not come with the extra `[sim]` are named on the command line: an interpreter that has newton or drake, the compile and link
+not come with the extra `[sim]` are named on the command line: an interpreter that has newton, the compile and link
 flags of an installed CHAI3D.
 """
 
@@ -36,7 +36,6 @@ def main() -> None:
     parser.add_argument("--friction", type=float, default=0.15)
     parser.add_argument("--only", default="", help="start of the blocks' names")
     parser.add_argument("--newton", metavar="PYTHON", help="interpreter that has newton[importers,sim]")
-    parser.add_argument("--drake", metavar="PYTHON", help="interpreter that has drake")
     parser.add_argument("--chai3d", metavar="FLAGS", help="compile and link flags of an installed CHAI3D")
     arguments = parser.parse_args()
     point = OperatingPoint(RADIUS, parse_quantity(arguments.load, "force"), arguments.friction)
@@ -111,13 +110,6 @@ def in_newton(folder: Path, scene: Scene, arguments: argparse.Namespace) -> Resu
     return result([arguments.newton, "-I", str(script), str(written(folder, scene, "usd"))])
 
 
-def in_drake(folder: Path, scene: Scene, arguments: argparse.Namespace) -> Result:
-    if not arguments.drake:
-        return None
-    script = ROOT / "benchmarks" / "engines" / "drake_drag.py"
-    return result([arguments.drake, "-I", str(script), str(written(folder, scene, "urdf"))])
-
-
 COLUMNS: dict[str, Callable[[Path, Scene, argparse.Namespace], Result]] = {
     "renderer": on_profile,
     "force law, Python": in_python,
@@ -126,7 +118,6 @@ COLUMNS: dict[str, Callable[[Path, Scene, argparse.Namespace], Result]] = {
     "MuJoCo, height field": in_mujoco_over_heights,
     "CHAI3D": in_chai3d,
     "Newton": in_newton,
-    "Drake": in_drake,
 }
 
 

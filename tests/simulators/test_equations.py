@@ -89,7 +89,7 @@ def test_exported_python_holds_below_the_formula_and_slips_above_it(exported, la
     force_law = law["ForceLaw"]()
     for hand in in_the_notch(exported[1], factor):
         force_law.tick(hand, 1e-4)
-    assert force_law.events == events
+    assert force_law.state.events == events
 
 
 @pytest.mark.parametrize(("factor", "events"), [(HELD, 0), (SLIPS, 1)])
@@ -125,7 +125,7 @@ def test_c_python_and_renderer_give_the_same_forces_on_any_tour(exported, law, i
     """Three implementations, one force; the renderer's is compiled and reads the path in full digits."""
     _, scene = exported
     hands, force_law = tour(scene), law["ForceLaw"]()
-    python = np.array([[*force_law.tick(tuple(hand), 1e-4), force_law.events] for hand in hands])
+    python = np.array([[*force_law.tick(tuple(hand), 1e-4), force_law.state.events] for hand in hands])
     c = in_c(hands)
     assert c[:, 2].max() >= 1  # it does slip over the edge
     assert c == pytest.approx(python, rel=1e-9, abs=1e-9)

@@ -145,17 +145,6 @@ def test_the_force_law_in_c_is_the_one_in_python(folders, tmp_path):
     assert float(printed.split()[1]) == pytest.approx(paper_force(50e-6), rel=5e-3)
 
 
-def test_sdformat_holds_the_pieces_and_the_friction(folders, scenes):
-    from lxml import etree
-
-    root = etree.parse(str(folders["urdf"] / "block.sdf")).getroot()
-    collisions = root.findall(".//collision")
-    assert len(collisions) == len(scenes["step-050"].pieces)
-    for collision in collisions:
-        assert (folders["urdf"] / collision.find(".//uri").text).is_file()
-        assert float(collision.find(".//mu").text) == MU
-
-
 def test_mujoco_feels_a_gap_in_both_directions(scenes, tmp_path):
     pytest.importorskip("mujoco")
     folder = write("mujoco", tmp_path / "scene", scenes["gap-100"])
@@ -267,12 +256,6 @@ def test_sofa_works_in_centimetres_with_distances_below_the_step(folders):
     assert tops == {0.0, 0.005}
     plugins = {plugin.get("name") for plugin in root.iter("RequiredPlugin")}
     assert "Sofa.Component.Collision.Response.Contact" in plugins
-
-
-def test_urdf_loads_in_mujoco_as_convex_pieces(folders, scenes):
-    mujoco = pytest.importorskip("mujoco")
-    model = mujoco.MjModel.from_xml_path(str(folders["urdf"] / "block.urdf"))
-    assert model.nmesh == len(scenes["step-050"].pieces)
 
 
 def test_chai3d_files_are_millimetres_wound_outwards_with_positive_indices(folders):

@@ -9,7 +9,7 @@ from typing import Any
 from stepblocks.cli.arguments import add_command, add_files, add_only, add_output, given, quantity
 from stepblocks.cli.outcome import Outcome, telling
 
-_SIMULATORS = ("mujoco", "chai3d", "sofa", "usd", "gltf", "x3d", "urdf", "forcelaw")
+_SIMULATORS = ("mujoco", "chai3d", "sofa", "usd", "gltf", "x3d", "forcelaw")
 # Options, what the function calls them, dimensions and examples
 _QUANTITIES = (
     ("load", "normal_load", "force", "1 N"),

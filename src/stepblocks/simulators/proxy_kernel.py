@@ -148,21 +148,7 @@ def _move(state: Any, landed: bool, hand: Hand, setting: Any, path: Records) -> 
 
 @numba.njit(cache=True)
 def tick(position: Array, velocity: Array, force: Array, states: Records, settings: Records, path: Records) -> None:
-    """Advance the proxy by one tick and write the force on the hand.
-
-    Parameters
-    ----------
-    position, velocity : ndarray, shape (3,)
-        Of the hand across the edge, along it and up [m], [m/s].
-    force : ndarray, shape (3,)
-        On the hand [N]; it is overwritten.
-    states : ndarray of STATE, shape (1,)
-        It is advanced.
-    settings : ndarray of SETTING, shape (1,)
-        Springs, friction and ring.
-    path : ndarray of PATH, shape (knots,)
-        What the ball's centre slides on.
-    """
+    """Advance the proxy of one record `states` by one tick of the hand (x, y, z), and write the force on the hand."""
     state, setting = states[0], settings[0]
     hand = (min(max(position[0], path.x[0]), path.x[-1]), position[2])
     landed = not state.touching or not _pressed(state.x, state.piece, hand, setting, path)

@@ -99,7 +99,7 @@ class Renderer:
         notch = after - before > _KINK
         up, down = notch & (after > _KINK), notch & (before < -_KINK)
         columns = (self.path.x, self.path.z, after, np.append(last, 0.0), up, down)
-        self._path = np.array(list(zip(*columns, strict=True)), kernel.PATH)
+        self.knots = np.array(list(zip(*columns, strict=True)), kernel.PATH)
         self._states = np.zeros(1, kernel.STATE)
         self.reset(np.array([self.path.x[0], 0.0, float(self.path.z.max()) + 1.0]))
 
@@ -115,7 +115,7 @@ class Renderer:
 
         The force on the hand [N], shape (3,), is overwritten by the next tick.
         """
-        kernel.tick(position, velocity, self.force, self._states, self._settings, self._path)
+        kernel.tick(position, velocity, self.force, self._states, self._settings, self.knots)
         return self.force
 
     def drag(
@@ -147,7 +147,7 @@ class Renderer:
         record = np.zeros((3, int(np.ceil((approach + travel) / abs(step)))))
         self.reset(np.array([start, 0.0, float(self.path.z.max()) + height]))
         hand = np.array([start, 0.0, float(np.interp(start, self.path.x, self.path.z))])
-        kernel.drag(record, hand, step, load, resolution, self._states, self._settings, self._path)
+        kernel.drag(record, hand, step, load, resolution, self._states, self._settings, self.knots)
         place, pull, force = direction * record
         return Drag(
             time=np.asarray(np.arange(record.shape[1]) * self.period, dtype=np.float64),

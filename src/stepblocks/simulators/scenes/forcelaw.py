@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import inspect
 import math
 from pathlib import Path
 
@@ -9,16 +10,18 @@ import numpy as np
 from numpy.typing import NDArray
 
 from stepblocks.contact.energy import Status
+from stepblocks.simulators import proxy_kernel
 from stepblocks.simulators.renderer import Renderer
 from stepblocks.simulators.scene import Scene, SceneFormat, fill
 
 Array = NDArray[np.float64]
 _ROWS = 2000
+_PATH_COLUMNS = ("x_m", "z_m", "slope_start", "slope_end", "holds_up", "holds_down")
 
 
 def _write(folder: Path, scene: Scene) -> None:
-    path, load = scene.path, scene.point.normal_load
-    renderer = Renderer(path.scaled(1.0 / scene.scale), scene.point, scale=scene.scale, event=False)
+    load = scene.point.normal_load
+    renderer = Renderer(scene.path.scaled(1.0 / scene.scale), scene.point, scale=scene.scale, event=False)
     for event in scene.events:
         force = event.critical_force if event.status is Status.RELEASES else 3.0 * load
         travel = 1.3 * force / scene.stiffness + scene.ball_radius
@@ -27,18 +30,22 @@ def _write(folder: Path, scene: Scene) -> None:
         columns = {"hand_along_drag_m": record.hand[keep], "pulling_force_n": record.pull[keep]}
         name = f"force-{'up' if event.direction > 0 else 'down'}.csv"
         _table(folder / name, columns | {"normal_load_n": np.full(len(keep), load)})
-    slopes = {"first": path.slope_start, "last": path.slope_end}
-    padded = {
-        f"slope_{end}": np.append(values, 0.0) for end, values in zip(("start", "end"), slopes.values(), strict=True)
-    }
-    _table(folder / "path.csv", {"x_m": path.x, "z_m": path.z} | padded)
-    knots = {"x": path.x, "z": path.z} | slopes
-    arrays = {name: [f"{value:.17g}" for value in values] for name, values in knots.items()}
+    knots = renderer.knots
+    _table(
+        folder / "path.csv", {told: knots[name] for told, name in zip(_PATH_COLUMNS, knots.dtype.names, strict=True)}
+    )
     # amplitude of the ring over the force at release: sqrt(C_v), or what a session has taught
     ratios = [event.amplitude / event.critical_force for event in scene.events if event.status is Status.RELEASES]
     ring = next(iter(ratios), math.sqrt(scene.point.tool.conversion))
     for name in ("force_law.py", "force_law.h", "force_law_path.h", "force_law_demo.c"):
-        fill(folder / name, scene=scene, ring=ring, arrays=arrays.items())
+        fill(folder / name, scene=scene, ring=ring, knots=knots, kernel=_kernel())
+
+
+def _kernel() -> str:
+    """Source of the compiled tick, as it runs uncompiled."""
+    source = inspect.getsource(proxy_kernel)
+    tick = source[source.index("@numba") : source.index("@numba.njit(cache=True)\ndef drag")]
+    return "".join(line for line in tick.splitlines(keepends=True) if not line.startswith("@numba"))
 
 
 def _table(path: Path, columns: dict[str, Array]) -> None:
