@@ -4,30 +4,34 @@ from __future__ import annotations
 
 import hashlib
 import io
+import json
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Literal
 
 import numpy as np
+from pydantic import BaseModel, BeforeValidator, Field
 
 from stepblocks.artefacts.scans.scan import Profile
 from stepblocks.artefacts.scans.text import read_text_scan
 from stepblocks.atomic import replace_text
-from stepblocks.errors import MetrologyError, PipelineError, QuantityError
-from stepblocks.quantities import format_quantity, parse_quantity
+from stepblocks.errors import MetrologyError, PipelineError
+from stepblocks.mistakes import validated
+from stepblocks.quantities import format_quantity, quantity_parser
 from stepblocks.text_file import is_file, read_document
 
 _SCHEMA = 1  # of the record's format
 _TEXTS = ("stimulus", "scan", "scan_sha256", "convention")
+_LENGTH = BeforeValidator(quantity_parser("length"))
 
 
 @dataclass(frozen=True)
 class AsBuiltValue:
     """One measured characteristic."""
 
-    value: float  # m
-    std: float  # combined standard uncertainty [m]
+    value: Annotated[float, _LENGTH]  # m
+    std: Annotated[float, Field(ge=0.0), _LENGTH]  # combined standard uncertainty [m]
     verdict: str  # against the limits of the stimulus
 
 
@@ -51,6 +55,20 @@ class AsBuilt:
         return next((self.values[key] for key in keys if key in self.values), None)
 
 
+class _Record(BaseModel):
+    """A record as it stands in its file."""
+
+    version: Literal[1] = Field(alias="schema")
+    stimulus: str
+    scan: str
+    scan_sha256: str
+    convention: str
+    values: Annotated[dict[str, AsBuiltValue], Field(min_length=1)]
+    edge_is_arc: bool = True
+    profile: str | None = None
+    profile_sha256: str = ""
+
+
 def write_as_built(path: Path, record: AsBuilt) -> list[Path]:
     """Write a record as TOML with units, and its surface beside it as CSV; return the paths of both."""
     lines = [f"schema = {_SCHEMA}", *(f"{name} = {_quoted(getattr(record, name))}" for name in _TEXTS)]
@@ -72,8 +90,7 @@ def write_as_built(path: Path, record: AsBuilt) -> list[Path]:
 
 
 def _quoted(text: str) -> str:
-    escaped = "".join(c if c >= " " and c not in '\\"' else f"\\u{ord(c):04x}" for c in text)
-    return f'"{escaped}"'
+    return json.dumps(text, ensure_ascii=False)  # its escapes are those of TOML
 
 
 def read_as_built(path: str | Path) -> AsBuilt:
@@ -95,23 +112,9 @@ def read_as_built(path: str | Path) -> AsBuilt:
         If the file is no such record, or the profile is missing or not the one that was inspected.
     """
     path = Path(path)
-    raw = read_document(path, "record", MetrologyError)
-    if raw.get("schema") != _SCHEMA:
-        raise MetrologyError(f"schema must be {_SCHEMA}, got {raw.get('schema')!r} [{path}]")
-    texts: dict[str, Any] = {key: raw.get(key) for key in _TEXTS}
-    for key, value in texts.items():
-        if not isinstance(value, str):
-            raise MetrologyError(f"{key} must be text, got {value!r} [{path}]")
-    tables = raw.get("values")
-    if not isinstance(tables, dict) or not tables:
-        raise MetrologyError(f"values must hold at least one characteristic [{path}]")
-    values = {key: _value(path, key, table) for key, table in tables.items()}
-    arc = raw.get("edge_is_arc", True)
-    if not isinstance(arc, bool):
-        raise MetrologyError(f"edge_is_arc must be true or false, got {arc!r} [{path}]")
-    return AsBuilt(
-        **texts, values=values, surface=_surface(path, raw.get("profile"), raw.get("profile_sha256")), arc=arc
-    )
+    raw = validated(_Record, read_document(path, "record", MetrologyError), path, MetrologyError)
+    texts = (getattr(raw, name) for name in _TEXTS)
+    return AsBuilt(*texts, raw.values, _surface(path, raw.profile, raw.profile_sha256), raw.edge_is_arc)
 
 
 def read_records(paths: Sequence[Path]) -> dict[str, AsBuilt]:
@@ -137,10 +140,10 @@ def measured_edges(records: dict[str, AsBuilt]) -> dict[str, dict[str, float]]:
     return edges
 
 
-def _surface(record: Path, name: object, digest: object) -> Profile | None:
+def _surface(record: Path, name: str | None, digest: str) -> Profile | None:
     if name is None:
         return None
-    if not isinstance(name, str) or not isinstance(digest, str) or Path(name).name != name:
+    if not digest or Path(name).name != name:
         rule = "profile must be the name of a file beside the record, with profile_sha256"
         raise MetrologyError(f"{rule}, got {name!r} [{record}]")
     path = record.with_name(name)
@@ -151,15 +154,3 @@ def _surface(record: Path, name: object, digest: object) -> Profile | None:
         rule = "profile must be the one that was inspected"
         raise MetrologyError(f"{rule}, got another under the name {name!r} [{record}]")
     return surface
-
-
-def _value(path: Path, key: str, table: object) -> AsBuiltValue:
-    if not isinstance(table, dict) or set(table) != {"value", "std", "verdict"}:
-        raise MetrologyError(f"values.{key} must have value, std and verdict [{path}]")
-    try:
-        value, std = parse_quantity(table["value"], "length"), parse_quantity(table["std"], "length")
-    except QuantityError as error:
-        raise MetrologyError(f"values.{key} {error} [{path}]") from error
-    if std < 0.0:
-        raise MetrologyError(f"values.{key}.std must not be negative [{path}]")
-    return AsBuiltValue(value, std, str(table["verdict"]))
