@@ -23,7 +23,7 @@ from stepblocks.parts.characteristics import (
     texture_of,
     toleranced,
 )
-from stepblocks.parts.declared import Table, WorkingFaces, below, must, rules_validator
+from stepblocks.parts.declared import Table, WorkingFaces, below, must, rules_validator, usual
 from stepblocks.parts.kind import Part
 from stepblocks.parts.lettering import engraved_text, letters, text_width
 from stepblocks.parts.tolerance import Length, PositiveLength
@@ -45,10 +45,10 @@ class Mounting(Table):
     """Two holes on the block's long axis."""
 
     # ``"tapped"``: blind from below, the working faces stay whole; ``"clearance"``: through, counterbored from above
-    kind: Literal["tapped", "clearance"]
-    thread: Literal["M2", "M2.5", "M3", "M4"]  # metric coarse
-    spacing: PositiveLength  # of the holes along x [m]
-    depth: PositiveLength  # of the full core hole from the base, or of the counterbore [m]
+    kind: Literal["tapped", "clearance"] = "tapped"
+    thread: Literal["M2", "M2.5", "M3", "M4"] = "M3"  # metric coarse
+    spacing: PositiveLength = usual("12 mm")  # of the holes along x [m]
+    depth: PositiveLength = usual("5 mm")  # of the full core hole from the base, or of the counterbore [m]
 
     @property
     def hole_diameter(self) -> float:
@@ -66,19 +66,20 @@ class Mounting(Table):
 class Engraving(Table):
     """The identity cut into the front side of the block."""
 
-    height: PositiveLength  # of a capital letter [m]
-    depth: PositiveLength  # of the cut [m]
+    height: PositiveLength = usual("1.3 mm")  # of a capital letter [m]
+    depth: PositiveLength = usual("0.15 mm", otherwise="0.05 mm")  # of the cut [m]
 
 
 class Body(Table):
     """The block without its stimulus. The origin lies on the working edge, z = 0 on the lower working face."""
 
-    length: PositiveLength  # along x, across the working edge [m]
-    width: PositiveLength  # along y [m]
-    thickness: PositiveLength  # from the base to the lower working face [m]
-    edge_break: Length  # leg of the 45 degree chamfer on every edge but the working ones [m]
-    mounting: Mounting
-    engraving: Engraving
+    # the usual one fits a 24 mm vice
+    length: PositiveLength = usual("20 mm")  # along x, across the working edge [m]
+    width: PositiveLength = usual("24 mm")  # along y [m]
+    thickness: PositiveLength = usual("8 mm")  # from the base to the lower working face [m]
+    edge_break: Length = usual("0.3 mm", otherwise="0.1 mm")  # leg of the chamfer on all edges but the working ones [m]
+    mounting: Mounting = usual({})
+    engraving: Engraving = usual({})
 
     @rules_validator
     def _fits(self) -> Iterator[str]:

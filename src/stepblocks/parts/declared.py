@@ -47,10 +47,31 @@ def positive(dimension: str, *, or_zero: bool = False) -> BeforeValidator:
     return BeforeValidator(read)
 
 
+def usual(nominal: Any = ..., tolerance: str = "", *, otherwise: str = "", source: str = "") -> Any:
+    """Declare what stands for a field that is left out, and `otherwise` a tolerance where neither file nor ISO 2768-1 has one."""
+    more: dict[str, Any] = {"otherwise": otherwise} if otherwise else {}
+    beside = {"tolerance": tolerance, "source": source, **more}
+    told = {"nominal": nominal, **{name: text for name, text in beside.items() if text}}
+    default = told if len(told) > 1 and isinstance(nominal, str) else nominal
+    return Field(default, validate_default=True, json_schema_extra=more)
+
+
 class Table(BaseModel):
     """Base of everything declared: frozen, and nothing unknown let through."""
 
     model_config = ConfigDict(frozen=True, extra="forbid", arbitrary_types_allowed=True)
+
+    @model_validator(mode="before")
+    @classmethod
+    def _with_usual_tolerances(cls, raw: Any) -> Any:
+        if not isinstance(raw, dict):
+            return raw
+        given = dict(raw)
+        for name, field in cls.model_fields.items():
+            more, one = field.json_schema_extra, given.get(name)
+            if isinstance(more, dict) and more and one is not None:
+                given[name] = {**more, **one} if isinstance(one, dict) else {"nominal": one, **more}
+        return given
 
     def record(self) -> dict[str, Any]:
         """Write it out in full for JSON, with the unit in the name of every field."""

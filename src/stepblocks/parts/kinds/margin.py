@@ -35,6 +35,7 @@ from stepblocks.parts.declared import (
     positive,
     rules_validator,
     sourced,
+    usual,
 )
 from stepblocks.parts.kind import NANOMETRE, Finding, MeasuredMesh, Part, exaggeration
 from stepblocks.parts.shapes import hull, split
@@ -76,11 +77,11 @@ class CrownMargin(Part):
 
     felt_by: ClassVar = {"gap": "marginal_gap", "rise": "horizontal_discrepancy", "opening": "vertical_discrepancy"}
 
-    marginal_gap: PositiveLength  # g
-    horizontal_discrepancy: SignedLength  # h; positive where the crown is overextended
-    vertical_discrepancy: SignedLength | None = None  # v; the marginal gap where the file does not give it
+    marginal_gap: PositiveLength = usual(otherwise="10 um")  # g
+    horizontal_discrepancy: SignedLength = usual("0 um", otherwise="10 um")  # h; positive: overextended
+    vertical_discrepancy: SignedLength | None = usual(None, otherwise="10 um")  # v; left out, it is g
     gum: Gum | None = None  # beside the margin; none where the file does not say
-    material: MaterialField
+    material: MaterialField = usual("zirconia")
 
     def tissue(self, tool: Tool) -> Tissue:
         return Tissue() if self.gum is None else self.gum.tissue(tool.frequency)
@@ -139,8 +140,12 @@ class MarginBlock(CrownMargin, Block):
     titled: ClassVar[str] = "Margin block"
     governed_by: ClassVar[str] = "horizontal_discrepancy"
 
-    gap_depth: PositiveLength  # of the gap below the tooth's surface [m]
-    body: Body
+    marginal_gap: PositiveLength = usual(otherwise="2 um")
+    horizontal_discrepancy: SignedLength = usual("0 um", otherwise="2 um")
+    vertical_discrepancy: SignedLength | None = usual(None, otherwise="3 um")
+    material: MaterialField = usual("steel")
+    gap_depth: PositiveLength = usual("0.4 mm", otherwise="0.05 mm")  # of the gap below the tooth's surface [m]
+    body: Body = usual({})
     working_faces: WorkingFaces | None = None  # demands on tooth and crown face, where the file states them
 
     @property

@@ -12,7 +12,7 @@ from stepblocks import cad
 from stepblocks.contact.counterface import Step
 from stepblocks.parts.body import Block, Body, body_cuts, half_points, half_volume, section_outline
 from stepblocks.parts.characteristics import PROFILE, Characteristic, EdgeRule, FaceRule, form_of, plane, toleranced
-from stepblocks.parts.declared import MaterialField, Table, WorkingFaces, below, must, rules_validator
+from stepblocks.parts.declared import MaterialField, Table, WorkingFaces, below, must, rules_validator, usual
 from stepblocks.parts.energy_tolerance import EnergyToleranceField, described, energy_tolerance_lacks
 from stepblocks.parts.kind import COARSE_DEFLECTION, CONTACT_DEFLECTION, NANOMETRE, Finding, MeasuredMesh, exaggeration
 from stepblocks.parts.shapes import hull, split
@@ -25,10 +25,11 @@ class MetrologyFeature(Table):
     """A groove or ridge that ISO 5436-1 type A1 can evaluate; a single edge cannot be."""
 
     # ``"groove"`` in the upper face, its floor level with the lower face; or ``"ridge"`` on the lower, level with the upper
-    kind: Literal["groove", "ridge"]
-    width: PositiveLength  # W between its edges along x [m]; a plane face of at least W lies on either side
-    lane: PositiveLength  # along y, from the back side of the block [m]
-    distance: PositiveLength  # from the working edge to its nearer edge [m]
+    kind: Literal["groove", "ridge"] = "groove"
+    # W between its edges along x [m]; a plane face of at least W lies on either side
+    width: PositiveLength = usual("0.6 mm", "0.05 mm")
+    lane: PositiveLength = usual("6 mm")  # along y, from the back side of the block [m]
+    distance: PositiveLength = usual("2 mm", "0.1 mm")  # from the working edge to its nearer edge [m]
 
 
 class StepBlock(Block):
@@ -43,11 +44,11 @@ class StepBlock(Block):
     felt_by: ClassVar[dict[str, str]] = {"height": "height", "edge_radius": "edge_radius"}
     governed_by: ClassVar[str] = "height"
 
-    height: FeltPositiveLength  # H of the step [m]
-    edge_radius: FeltLength  # r of the working edge [m]; 0 is sharp
-    body: Body
-    metrology: MetrologyFeature
-    material: MaterialField
+    height: FeltPositiveLength = usual(otherwise="1 um")  # H of the step [m]; as grinding and lapping hold it
+    edge_radius: FeltLength = usual("0 um", otherwise="+2 um / -0 um")  # r of the working edge [m]; 0 is sharp
+    body: Body = usual({})
+    metrology: MetrologyFeature = usual({})
+    material: MaterialField = usual("steel")
     # of the vibration energy, where tolerances of height, edge radius or tip shall follow from it
     energy_tolerance: EnergyToleranceField | None = None
     working_faces: WorkingFaces | None = None  # demands on the faces beside the edge, where the file states them
