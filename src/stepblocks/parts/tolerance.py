@@ -110,8 +110,8 @@ def _deviations(raw: object, quantity: str) -> tuple[float, float]:
 
 def _dimension(raw: object, quantity: str, felt: bool = False) -> Dimension:
     table: dict[str, Any] = raw if isinstance(raw, dict) else {"nominal": raw}
-    if isinstance(table.get("nominal"), Dimension):
-        return table["nominal"]
+    if isinstance(given := table.get("nominal"), Dimension):
+        return given
     unknown = set(table) - {"nominal", "tolerance", "otherwise", "source"}
     if unknown or "nominal" not in table:
         what = f"unknown {', '.join(sorted(unknown))}" if unknown else "nominal is missing"
