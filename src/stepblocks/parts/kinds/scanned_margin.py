@@ -118,9 +118,8 @@ class ScannedMargin(CrownMargin):
     def solids(self) -> list[kernel.Body]:
         from stepblocks.cad import kernel
 
-        half, y, base = 0.5 * self.length.nominal, -0.5 * self.width.nominal, -self.thickness.nominal
-        outline = [(half, base), *reversed(self._section()), (-half, base)]
-        return [kernel.extruded([(x, y, z) for x, z in outline], (0.0, self.width.nominal, 0.0))]
+        half, base = 0.5 * self.length.nominal, -self.thickness.nominal
+        return [kernel.prism([(half, base), *reversed(self._section()), (-half, base)], self.width.nominal)]
 
     def volumes(self) -> tuple[float, ...]:
         lines = itertools.pairwise(self._section())
