@@ -66,7 +66,7 @@ def check_part_step(path: Path, stimulus: Part) -> tuple[StepReport, list[str]]:
         rough = stimulus.face_demands.roughness
         if dict(report.textures).keys() != flat or any(abs(value - rough) > _ALLOWED for _, value in report.textures):
             findings.append(f"surface texture: every working face must have Ra {rough * 1e6:g} um")
-    density = stimulus.material.density
+    density = stimulus.material.density.value
     if not report.densities or any(abs(value / density - 1.0) > 1e-9 for value in report.densities):
         findings.append(f"density must be {density:g} kg/m^3, got {', '.join(map(str, report.densities)) or 'none'}")
     if not report.materials or any(name != stimulus.material.designation for name in report.materials):
