@@ -4,7 +4,7 @@ Everything a command does, a notebook can. The names below are the public face, 
 
 - asked for: `load_set`, `StimulusSet`, `StepBlock`, `MarginBlock`, `CrownOnTooth`, `ScannedMargin`, `GroovedCylinder`, `StraightTip`,
   `HookTip`, `Sheath`, `Dimension`; `registered` for a kind of one's own;
-- shaped: `build_solids`, `mesh_solid`, `convex_pieces`, `height_field`, `solid_volumes`;
+- shaped: `build_solids`, `mesh_solid`, `convex_pieces`, `height_field`;
 - made and checked: `build_sets`, `BuildReport`, `check_output`, `check_artefact`, `check_step`, `Verdict`, `order_parts`;
 - met by a slider: `Counterface`, `Step`, `Margin`, `Groove`, `Profile`, under an `OperatingPoint` with its `Tool`; the paper's
   is `PAPER`;

@@ -53,7 +53,6 @@ from .parts.set import registered as registered
 from .parts.shapes import build_solids as build_solids
 from .parts.shapes import convex_pieces as convex_pieces
 from .parts.shapes import mesh_solid as mesh_solid
-from .parts.shapes import solid_volumes as solid_volumes
 from .parts.tolerance import Dimension as Dimension
 from .predict.predictions import predict_set as predict_set
 from .predict.sweep.run import sweep as sweep

@@ -12,7 +12,7 @@ from pydantic import ValidationError
 from stepblocks.errors import PipelineError, StepblocksError, StimulusError
 from stepblocks.mistakes import Mistake, brief, mistakes_in, told, validated
 from stepblocks.parts.apparatus import Kit
-from stepblocks.parts.series import MAX_SERIES, completed, expand, merged, usual
+from stepblocks.parts.series import MAX_SERIES, expand, merged
 from stepblocks.parts.set import StimulusSet, file_model, kinds, set_of, with_energy_tolerances
 from stepblocks.text_file import read_document
 
@@ -39,7 +39,7 @@ def load_set(path: str | Path) -> StimulusSet:
         With file, stanza, field, rule and value, if the file cannot be read or asks for something impossible.
     """
     path = Path(path)
-    raw, known, usually = read_document(path, "a stimulus file", StimulusError, MAX_FILE_BYTES), kinds(), usual()
+    raw, known = read_document(path, "a stimulus file", StimulusError, MAX_FILE_BYTES), kinds()
     if "apparatus" in raw:
         raise StimulusError(f"apparatus is no stimulus: stepblocks workshop makes it, not build [{path}]")
     name = raw.pop("set", path.stem)
@@ -53,7 +53,7 @@ def load_set(path: str | Path) -> StimulusSet:
         mistakes.append(("", f"defaults must be tables named {', '.join(known)}, got {brief(defaults)}"))
         defaults = {}
     for kind in [kind for kind in known if kind in raw]:
-        stanzas = _stanzas(kind, raw[kind], defaults.get(kind, {}), usually.get(kind, {}), mistakes, path.parent)
+        stanzas = _stanzas(kind, raw[kind], defaults.get(kind, {}), mistakes, path.parent)
         raw[kind] = list(islice(stanzas, MAX_SERIES + 1))
     total = sum(len(raw.get(kind, ())) for kind in known)
     if total > MAX_SERIES:
@@ -68,18 +68,12 @@ def load_set(path: str | Path) -> StimulusSet:
         identity = stanzas[number].get("id", number + 1) if number < len(stanzas) else number + 1
         return f"{kind} {brief(identity)}", tuple(rest)
 
-    def mended(data: dict[str, Any]) -> StimulusSet:
-        for kind in (kind for kind in known if isinstance(data.get(kind), list)):
-            stanzas = [completed(one, usually.get(kind, {})) if isinstance(one, dict) else one for one in data[kind]]
-            data = {**data, kind: stanzas}
-        return set_of(data)
-
     try:
         found = set_of(declared)
     except ValidationError as error:
         # where stanzas could not be read, a set without any is no mistake of its own
         if total or not mistakes:
-            mistakes += mistakes_in(error, file_model(), declared, locate, mended)
+            mistakes += mistakes_in(error, file_model(), declared, locate, set_of)
     if mistakes:
         raise StimulusError(told(mistakes, path))
     return found
@@ -105,9 +99,9 @@ def load_declared(path: str | Path) -> StimulusSet:
 
 
 def _stanzas(
-    kind: str, raw: object, defaults: object, usually: Mapping[str, Any], mistakes: list[Mistake], folder: Path
+    kind: str, raw: object, defaults: object, mistakes: list[Mistake], folder: Path
 ) -> Iterator[Mapping[str, Any]]:
-    """Expand the stanzas of a kind, with what they leave out; those that cannot be are among the mistakes."""
+    """Expand the stanzas of a kind; those that cannot be are among the mistakes."""
     if not isinstance(raw, list) or not all(isinstance(stanza, dict) for stanza in raw):
         mistakes.append(("", f"{kind} must be written as [[{kind}]], got {brief(raw)}"))
         return
@@ -117,7 +111,7 @@ def _stanzas(
     for number, stanza in enumerate(raw, start=1):
         place = f"{kind} {brief(stanza.get('id', f'number {number}'))}"
         try:
-            for one in expand(completed(merged(defaults, stanza), usually)):
+            for one in expand(merged(defaults, stanza)):
                 yield from kinds()[kind].followed(one, folder)
         except (ValueError, StepblocksError) as error:
             mistakes.append((place, str(error)))

@@ -49,7 +49,7 @@ def test_holes_are_those_of_the_standards(kind, thread, hole_mm, entry_mm):
 def test_a_half_is_a_box_with_broken_edges(chamfer):
     body = BODY.model_copy(update={"edge_break": replace(BODY.edge_break, nominal=chamfer)})
     half = 0.5 * body.length.nominal
-    pieces = hull(half_points(body, 1.0, 0.0, 0.0, [(0.0, 0.0)]))
+    pieces = hull(half_points(body, 1.0, 0.0, [(0.0, 0.0)]))
     # the hull of its corners, by a library that knows no closed form
     assert pieces.volume() * 1e-9 == pytest.approx(half_volume(body, half, 0.0), rel=1e-9)
     if chamfer == 0.0:
@@ -72,7 +72,7 @@ def test_holes_and_letters_take_away_what_the_kernel_cuts(kind):
         )
     ]
     whole = kernel.extruded(corners, (0.0, 0.0, thickness))
-    left = kernel.volume(kernel.cut(whole, body_cuts(body, "ab-1", 0.0, 0.0)))
+    left = kernel.volume(kernel.cut(whole, body_cuts(body, "ab-1", 0.0)))
     assert left == pytest.approx(length * width * thickness - cut_volume(body, "ab-1", 0.0), rel=1e-12)
 
 
@@ -92,7 +92,7 @@ def test_a_strip_under_the_chamfers_is_narrower_by_them():
 def test_the_section_has_no_corner_twice():
     for chamfer in (0.0, 0.3e-3):
         body = BODY.model_copy(update={"edge_break": replace(BODY.edge_break, nominal=chamfer)})
-        for side in section_outline(body, 0.0, 50e-6):
+        for side in section_outline(body, 50e-6):
             assert len(side) == len(set(side)) == (2 if chamfer == 0.0 else 4)
 
 

@@ -156,11 +156,11 @@ def test_a_table_leaves_out_what_is_not_given():
 
 def test_every_material_says_where_its_density_comes_from():
     # a steel floats on mercury (13 534 kg/m^3) and sinks in water; so does everything here
-    for one in MATERIALS:
-        assert material_named(one.name) is material_named(one) is one
-        assert 1000.0 < one.density < 13534.0
-        assert one.source
-        assert one.record()["density_kg_m3"] == one.density
+    for name, one in MATERIALS.items():
+        assert material_named(name) is material_named(one) is one
+        assert 1000.0 < one.density.value < 13534.0
+        assert one.density.source
+        assert one.record()["density_kg_m3"] == one.density.value
     with pytest.raises(
         ValueError, match="must be one of steel, stainless, aluminium, brass, pmma, zirconia, got 'mithril'"
     ):

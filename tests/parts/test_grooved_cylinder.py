@@ -10,7 +10,7 @@ from stepblocks.contact.counterface import Groove
 from stepblocks.contact.path.profile import profile_path, steepest
 from stepblocks.declare import load_set
 from stepblocks.errors import StimulusError
-from stepblocks.parts.shapes import build_solids, solid_volumes
+from stepblocks.parts.shapes import build_solids
 
 TEXT = """
 schema = 1
@@ -46,7 +46,7 @@ def test_the_solid_is_a_cylinder_less_what_is_turned_off_by_pappus(tmp_path, bro
     triangle = 2.0 * math.pi * (R - d / 3.0) * 0.5 * w * d
     chamfers = 2.0 * 2.0 * math.pi * (R - c / 3.0) * 0.5 * c * c
     whole = math.pi * R * R * length - triangle - chamfers
-    assert solid_volumes(part)[0] == pytest.approx(whole, rel=1e-12)
+    assert part.volumes()[0] == pytest.approx(whole, rel=1e-12)
     ((name, body),) = build_solids(part)
     assert name == "groove"
     assert kernel.volume(body) == pytest.approx(whole, rel=1e-12)

@@ -18,7 +18,7 @@ from stepblocks.parts.body import Block
 from stepblocks.parts.characteristics import EdgeRule, find_face
 from stepblocks.parts.kind import NANOMETRE, exaggeration
 from stepblocks.parts.set import SHIPPED
-from stepblocks.parts.shapes import build_solids, convex_pieces, mesh_solid, solid_volumes
+from stepblocks.parts.shapes import build_solids, convex_pieces, mesh_solid
 from stepblocks.select import stimulus_files
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -98,12 +98,12 @@ def test_the_surface_that_is_written_is_the_one_that_it_is_checked_by(part):
 @pytest.mark.parametrize("part", PARTS)
 def test_its_solids_carry_the_names_of_its_bodies(part):
     assert part.bodies[0].startswith(part.id)
-    assert len(part.bodies) == len(solid_volumes(part)) == len(set(part.bodies))
+    assert len(part.bodies) == len(part.volumes()) == len(set(part.bodies))
 
 
 @pytest.mark.parametrize("part", SOME)
 def test_its_mesh_is_closed_of_its_volume_and_measures_what_was_declared(part):
-    for body, ((name, solid), volume) in enumerate(zip(build_solids(part), solid_volumes(part), strict=True)):
+    for body, ((name, solid), volume) in enumerate(zip(build_solids(part), part.volumes(), strict=True)):
         mesh = mesh_solid(part, name, solid)
         measured = MeshMeasures(mesh.vertices, mesh.triangles)
         assert measured.bad_edges() == 0
@@ -123,7 +123,7 @@ def test_its_convex_pieces_fill_it(part):
     # a polygon of 96 sides holds sin(t) / t of its circle, t = 2 pi / 96
     t = math.tau / 96.0
     least = math.sin(t) / t - 2e-4 if part.is_turned else 1.0 - 1e-9
-    share = math.fsum(piece.volume for piece in pieces) / (math.fsum(solid_volumes(part)) + part.filled)
+    share = math.fsum(piece.volume for piece in pieces) / (math.fsum(part.volumes()) + part.filled)
     assert least <= share <= 1.0 + 1e-9
 
 

@@ -7,7 +7,7 @@ import pytest
 
 from stepblocks.cad import kernel
 from stepblocks.declare import load_set
-from stepblocks.parts.shapes import build_solids, solid_volumes
+from stepblocks.parts.shapes import build_solids
 from stepblocks.select import stimulus_files
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -20,7 +20,7 @@ SHIPPED = [
 
 @pytest.mark.parametrize("stimulus", SHIPPED)
 def test_every_shipped_solid_has_the_volume_of_its_closed_form(stimulus):
-    for (_, body), volume in zip(build_solids(stimulus), solid_volumes(stimulus), strict=True):
+    for (_, body), volume in zip(build_solids(stimulus), stimulus.volumes(), strict=True):
         assert kernel.volume(body) == pytest.approx(volume, rel=1e-12)
 
 
@@ -72,7 +72,7 @@ metrology = {{ kind = "{feature}", width = "0.7 mm", lane = "2.1 mm", distance =
 """,
     )
     ((_, body),) = build_solids(stimulus)
-    assert kernel.volume(body) == pytest.approx(solid_volumes(stimulus)[0], rel=1e-12)
+    assert kernel.volume(body) == pytest.approx(stimulus.volumes()[0], rel=1e-12)
 
 
 @pytest.mark.parametrize(
@@ -94,7 +94,7 @@ gap_depth = {{ nominal = "0.31 mm", tolerance = "0.05 mm" }}
 """,
     )
     ((_, body),) = build_solids(stimulus)
-    assert kernel.volume(body) == pytest.approx(solid_volumes(stimulus)[0], rel=1e-12)
+    assert kernel.volume(body) == pytest.approx(stimulus.volumes()[0], rel=1e-12)
     assert stimulus.absolute_discrepancy == pytest.approx((vertical**2 + horizontal**2) ** 0.5 * 1e-6)
 
 
@@ -119,7 +119,7 @@ shell_thickness = "1.3 mm"
 """,
     )
     bodies = build_solids(stimulus)
-    for (_, body), volume in zip(bodies, solid_volumes(stimulus), strict=True):
+    for (_, body), volume in zip(bodies, stimulus.volumes(), strict=True):
         assert kernel.volume(body) == pytest.approx(volume, rel=1e-12)
     (_, tooth), (_, crown) = bodies
     assert 1e-3 * tooth.distance(crown) > 0.7 * 47e-6
@@ -141,7 +141,7 @@ straight_length = "9 mm"
 """,
     )
     ((_, body),) = build_solids(stimulus)
-    assert kernel.volume(body) == pytest.approx(solid_volumes(stimulus)[0], rel=1e-12)
+    assert kernel.volume(body) == pytest.approx(stimulus.volumes()[0], rel=1e-12)
     (ball,) = [face for face in kernel.face_kinds(body) if face.kind == "SPHERE"]
     assert ball.radius == pytest.approx(83e-6, rel=1e-12)
     assert ball.low[2] == pytest.approx(0.0, abs=1e-9)

@@ -13,12 +13,14 @@ from stepblocks.atomic import replace_text
 from stepblocks.page_file import render_page
 from stepblocks.parts.conditions import OrderSpec
 from stepblocks.parts.kind import Part
+from stepblocks.parts.tolerance import GUARD_FACTOR
 
 _BLANK = "to be completed by the laboratory"
 _PINNED = "2000-01-01"  # where the order has no date
 RULE = (
-    "ISO 14253-1 with a guard band of 1.65 u, or Student's 95 % point where u has few degrees of freedom: inside the limits by it "
-    "the characteristic conforms, outside by it it does not, between neither is proven (conditional pass or fail, ILAC-G8)."
+    f"ISO 14253-1 with a guard band of {GUARD_FACTOR} u, or Student's 95 % point where u has few degrees of freedom: inside "
+    "the limits by it the characteristic conforms, outside by it it does not, between neither is proven (conditional pass "
+    "or fail, ILAC-G8)."
 )
 
 

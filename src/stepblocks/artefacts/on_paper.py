@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING
 from stepblocks.atomic import beside
 from stepblocks.parts.characteristics import FORM
 from stepblocks.parts.kind import Part
+from stepblocks.parts.tolerance import GUARD_FACTOR
 from stepblocks.tables import write_table
 
 if TYPE_CHECKING:
@@ -107,7 +108,7 @@ def write_sheet_pdf(path: Path, stimulus: Part, measured: Values | None = None) 
     axes = figure.add_axes((0.04, 0.05, 0.92, 0.80))
     axes.set_axis_off()
     figure.text(0.04, 0.93, f"Inspection sheet   {stimulus.id.upper()}", fontsize=15, weight="bold")
-    rules = "lengths at 20 deg C     decision ISO 14253-1, guard band 1.65 u"
+    rules = f"lengths at 20 deg C     decision ISO 14253-1, guard band {GUARD_FACTOR} u"
     figure.text(0.04, 0.89, f"material {stimulus.material.designation}     {rules}", fontsize=9)
     figure.text(0.04, 0.03, (" " * 35).join(("inspector", "instrument", "date", "signature")), fontsize=9)
     shown = {name: heading for name, heading in _COLUMNS.items() if heading is not None}

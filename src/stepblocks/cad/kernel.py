@@ -115,15 +115,20 @@ def revolved(outline: Outline, foot: Point, axis: Point, angle: float = 360.0) -
     return cq.Solid.revolve(_wire(outline), [], angle, _vector(foot), _vector(end))
 
 
+def _placed(outline: Outline, place: Callable[[float, float], Point]) -> Outline:
+    """Lift a plane outline into space."""
+    return [_placed(item, place) if isinstance(item[0], tuple) else place(*item) for item in outline]
+
+
 def turned(outline: Outline, origin: Point) -> Body:
     """Turn an outline given in radius and height about a vertical axis."""
+    x, y, z = origin
+    return revolved(_placed(outline, lambda radius, height: (x + radius, y, z + height)), origin, (0.0, 0.0, 1e-3))
 
-    def lifted(item: Any) -> Any:
-        if isinstance(item[0], tuple):
-            return tuple(lifted(point) for point in item)
-        return origin[0] + item[0], origin[1], origin[2] + item[1]
 
-    return revolved([lifted(item) for item in outline], origin, (0.0, 0.0, 1e-3))
+def prism(outline: Outline, width: float) -> Body:
+    """Extrude an outline given in x and z along y, half of the width to either side."""
+    return extruded(_placed(outline, lambda x, z: (x, -0.5 * width, z)), (0.0, width, 0.0))
 
 
 def _single(shape: Any, what: str) -> Body:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import argparse
 import sysconfig
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -79,24 +79,30 @@ def _copy_shipped(folder: Path, *, force: bool) -> Outcome:
 
 def beginning(thing: str, place: Path) -> tuple[str, str]:
     """Return a file to begin with, with what is usual for its kinds below it, and the command that takes it."""
-    from stepblocks.parts.series import USUAL
+    from stepblocks.parts.set import kinds
 
     sections = Path(__file__).with_name("beginnings.txt").read_text(encoding="utf-8").split("==== ")
     (section,) = (one for one in sections if one.startswith(f"{thing}: "))
     head, _, text = section.replace("{file}", str(place)).replace("{folder}", str(place)).partition("\n")
-    text, _, kinds = text.partition("%usual ")
-    for kind in kinds.split():
+    text, _, shown = text.partition("%usual ")
+    for kind in shown.split():
         text += f"# What a {kind} leaves out; to change it for all of them, take the leading '# ' away.\n"
-        tables = [f"[{table}" for table in USUAL.read_text(encoding="utf-8").split("\n[") if table.startswith(kind)]
-        lines = (
-            "\n".join(tables)
-            .strip()
-            .replace("otherwise", "tolerance")
-            .replace(f"[{kind}", f"[defaults.{kind}")
-            .splitlines()
-        )
-        text += "".join(f"# {line}\n" if line else "#\n" for line in lines if "{ tolerance" not in line) + "\n"
+        text += "".join(f"# {line}\n" for line in _usual(kinds()[kind], f"defaults.{kind}")) + "\n"
     return text.rstrip() + "\n", head.partition(": ")[2]
+
+
+def _usual(model: Any, table: str) -> Iterator[str]:
+    """Write what stands in the place of fields that are left out, those of tables below in tables of their own."""
+    yield f"[{table}]"
+    defaults = {name: field.default for name, field in model.model_fields.items()}
+    for name, default in defaults.items():
+        if isinstance(default, str):
+            yield f'{name} = "{default}"'
+        elif default and isinstance(default, dict):
+            pairs = ", ".join(f'{key} = "{value}"' for key, value in default.items())
+            yield f"{name} = {{ {pairs.replace('otherwise', 'tolerance')} }}"
+    for name in (name for name, default in defaults.items() if default == {}):
+        yield from _usual(model.model_fields[name].annotation, f"{table}.{name}")
 
 
 def _help(arguments: argparse.Namespace) -> Outcome:

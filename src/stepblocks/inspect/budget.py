@@ -16,8 +16,8 @@ import numpy as np
 
 from stepblocks.errors import MetrologyError
 from stepblocks.inspect.noise import Array, Estimate
+from stepblocks.parts.tolerance import GUARD_FACTOR
 
-GUARD_FACTOR = 1.65  # guard band over standard uncertainty at 95 % conformance probability (ISO 14253-1:2017, 5.3) [1]
 # slow cosines that are always taken, where there are as many profiles: Student's factor is then 2.8 at 95 %
 _LEAST_COSINES = 4
 
@@ -181,7 +181,7 @@ class Decision:
 def decide(
     value: float, std: float, lower: float = -math.inf, upper: float = math.inf, dof: float = math.inf
 ) -> Decision:
-    """Judge one measured value; with few degrees of freedom the guard band is Student's 95 % point instead of 1.65.
+    """Judge one measured value; with few degrees of freedom the guard band is Student's 95 % point instead of `GUARD_FACTOR`.
 
     Proof of conformity is impossible where the tolerance is narrower than two guard bands.
     """

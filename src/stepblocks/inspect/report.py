@@ -25,6 +25,7 @@ from stepblocks.page_file import render_page
 from stepblocks.parts.characteristics import Characteristic
 from stepblocks.parts.conditions import OrderSpec
 from stepblocks.parts.kind import Part
+from stepblocks.parts.tolerance import GUARD_FACTOR
 
 _COLOUR: dict[Outcome | None, str] = {
     Outcome.CONFORMS: "#2e7d4f",
@@ -77,7 +78,7 @@ class InspectionResult:
         lines += [
             "",
             f"convention: {inspected.convention}",
-            "decision: ISO 14253-1, guard band 1.65 u, or Student's 95 % point where u has few degrees of freedom",
+            f"decision: ISO 14253-1, guard band {GUARD_FACTOR} u, or Student's 95 % point where u has few degrees of freedom",
             *(f"note: {note}" for note in inspected.notes),
         ]
         return "\n".join([*lines, f"felt: {self.felt}"] if self.felt else lines)

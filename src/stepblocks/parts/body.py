@@ -23,10 +23,10 @@ from stepblocks.parts.characteristics import (
     texture_of,
     toleranced,
 )
-from stepblocks.parts.declared import Table, WorkingFaces, below, must, rules_validator
+from stepblocks.parts.declared import Table, WorkingFaces, below, must, rules_validator, usual
 from stepblocks.parts.kind import Part
 from stepblocks.parts.lettering import engraved_text, letters, text_width
-from stepblocks.parts.tolerance import Length, PositiveLength
+from stepblocks.parts.tolerance import Dimension, Length, PositiveLength
 
 Point = tuple[float, float]
 
@@ -45,10 +45,10 @@ class Mounting(Table):
     """Two holes on the block's long axis."""
 
     # ``"tapped"``: blind from below, the working faces stay whole; ``"clearance"``: through, counterbored from above
-    kind: Literal["tapped", "clearance"]
-    thread: Literal["M2", "M2.5", "M3", "M4"]  # metric coarse
-    spacing: PositiveLength  # of the holes along x [m]
-    depth: PositiveLength  # of the full core hole from the base, or of the counterbore [m]
+    kind: Literal["tapped", "clearance"] = "tapped"
+    thread: Literal["M2", "M2.5", "M3", "M4"] = "M3"  # metric coarse
+    spacing: PositiveLength = usual("12 mm")  # of the holes along x [m]
+    depth: PositiveLength = usual("5 mm")  # of the full core hole from the base, or of the counterbore [m]
 
     @property
     def hole_diameter(self) -> float:
@@ -66,19 +66,20 @@ class Mounting(Table):
 class Engraving(Table):
     """The identity cut into the front side of the block."""
 
-    height: PositiveLength  # of a capital letter [m]
-    depth: PositiveLength  # of the cut [m]
+    height: PositiveLength = usual("1.3 mm")  # of a capital letter [m]
+    depth: PositiveLength = usual("0.15 mm", otherwise="0.05 mm")  # of the cut [m]
 
 
 class Body(Table):
     """The block without its stimulus. The origin lies on the working edge, z = 0 on the lower working face."""
 
-    length: PositiveLength  # along x, across the working edge [m]
-    width: PositiveLength  # along y [m]
-    thickness: PositiveLength  # from the base to the lower working face [m]
-    edge_break: Length  # leg of the 45 degree chamfer on every edge but the working ones [m]
-    mounting: Mounting
-    engraving: Engraving
+    # the usual one fits a 24 mm vice
+    length: PositiveLength = usual("20 mm")  # along x, across the working edge [m]
+    width: PositiveLength = usual("24 mm")  # along y [m]
+    thickness: PositiveLength = usual("8 mm")  # from the base to the lower working face [m]
+    edge_break: Length = usual("0.3 mm", otherwise="0.1 mm")  # leg of the chamfer on all edges but the working ones [m]
+    mounting: Mounting = usual({})
+    engraving: Engraving = usual({})
 
     @rules_validator
     def _fits(self) -> Iterator[str]:
@@ -105,9 +106,10 @@ class Block(Part):
         working_faces: WorkingFaces | None
 
     @property
-    @abstractmethod
     def rise(self) -> float:
         """Height of the right working face over the left one [m], of either sign."""
+        height: Dimension = getattr(self, self.governed_by)
+        return height.nominal
 
     @abstractmethod
     def top(self, x: float) -> float:
@@ -117,6 +119,11 @@ class Block(Part):
     def filled(self) -> float:
         """Volume of holes and engraving [m^3]."""
         return cut_volume(self.body, self.id, self.rise)
+
+    def extruded(self, crest: cad.kernel.Outline) -> cad.kernel.Body:
+        """Extrude the section, its outline between the working faces a crest from the right one to the left one."""
+        right, left = section_outline(self.body, self.rise)
+        return cad.kernel.prism([*right, *crest, *left], self.body.width.nominal)
 
     def body_characteristics(self, lower: FaceRule, upper: FaceRule, edge: Rule | None) -> Iterator[Characteristic]:
         """List what a workshop must hold of the block itself, by its working faces and the wall of its edge, if it has one."""
@@ -136,24 +143,19 @@ class Block(Part):
         yield toleranced("engraving_depth", "distance", depth, plane(1, -side), plane(1, -side + depth.nominal))
         said = "height of the engraved letters, middle of the front"
         yield toleranced("engraving_height", "note", body.engraving.height, label=said)
-        yield from self._mounting_characteristics(lower, holes[0])
+        # depth and place of the fixing holes, measured at the left one
+        at, depth = -0.5 * spacing.nominal, body.mounting.depth.nominal
+        if body.mounting.kind == "tapped":  # down to where the drill's point begins
+            point = FaceRule("CONE", holds={0: at, 2: base + depth + 0.2 * radius})
+            ends, label = (plane(2, base), EdgeRule(holes[0], point)), "depth of the core holes"
+        else:
+            ends, label = (lower, plane(2, -depth, x=at + radius)), "depth of the counterbores"
+        yield toleranced("hole_depth", "distance", body.mounting.depth, *ends, label=label)
+        yield located("hole_position", "left hole from the left side", half + at, plane(0, -half), holes[0])
+        yield located("hole_row", "holes from the front", side, plane(1, -side), holes[0])
         if edge is not None:
             yield located("edge_position", "working edge from the left side", half, plane(0, -half), edge)
         yield texture_of(self.face_demands, lower, upper)
-
-    def _mounting_characteristics(self, lower: FaceRule, hole: FaceRule) -> Iterator[Characteristic]:
-        """List depth and place of the fixing holes, measured at the left one."""
-        body, holes = self.body, self.body.mounting
-        half, side, base = 0.5 * body.length.nominal, 0.5 * body.width.nominal, -body.thickness.nominal
-        at, depth = -0.5 * holes.spacing.nominal, holes.depth.nominal
-        ends: tuple[Rule, Rule] = lower, plane(2, -depth, x=at + 0.5 * holes.hole_diameter)
-        if holes.kind == "tapped":  # down to where the drill's point begins
-            point = FaceRule("CONE", holds={0: at, 2: base + depth + 0.1 * holes.hole_diameter})
-            ends = plane(2, base), EdgeRule(hole, point)
-        label = "depth of the core holes" if holes.kind == "tapped" else "depth of the counterbores"
-        yield toleranced("hole_depth", "distance", holes.depth, *ends, label=label)
-        yield located("hole_position", "left hole from the left side", half + at, plane(0, -half), hole)
-        yield located("hole_row", "holes from the front", side, plane(1, -side), hole)
 
     def require_engravable(self) -> Iterator[str]:
         """Refuse an identity that does not fit the front of the block."""
@@ -166,25 +168,25 @@ class Block(Part):
         yield below("engraving.height", "leave room over and under the letters", letter, low)
 
 
-def section_outline(body: Body, left_top: float, right_top: float) -> tuple[list[Point], ...]:
+def section_outline(body: Body, rise: float) -> tuple[list[Point], ...]:
     """Corners of the section across the edge, without what happens between the two working faces."""
     half, base, c = 0.5 * body.length.nominal, -body.thickness.nominal, body.edge_break.nominal
-    right = [(half - c, base), (half, base + c), (half, right_top - c), (half - c, right_top)]
-    left = [(-half + c, left_top), (-half, left_top - c), (-half, base + c), (-half + c, base)]
+    right = [(half - c, base), (half, base + c), (half, rise - c), (half - c, rise)]
+    left = [(-half + c, 0.0), (-half, -c), (-half, base + c), (-half + c, base)]
     return list(dict.fromkeys(right)), list(dict.fromkeys(left))
 
 
-def body_cuts(body: Body, identity: str, left_top: float, right_top: float, edge: float = 0.0) -> list[cad.kernel.Body]:
+def body_cuts(body: Body, identity: str, rise: float) -> list[cad.kernel.Body]:
     """Bodies to cut from a block: edge breaks along x and z, holes, engraving."""
-    cuts = list(_edge_breaks(body, left_top, right_top, edge)) if body.edge_break.nominal > 0.0 else []
+    cuts = list(_edge_breaks(body, rise)) if body.edge_break.nominal > 0.0 else []
     spacing = body.mounting.spacing.nominal
     return [*cuts, *(_hole(body, x) for x in (-0.5 * spacing, 0.5 * spacing)), *_engraving(body, identity)]
 
 
-def _edge_breaks(body: Body, left_top: float, right_top: float, edge: float) -> Iterator[cad.kernel.Body]:
+def _edge_breaks(body: Body, rise: float) -> Iterator[cad.kernel.Body]:
     length, width, base, c = body.length.nominal, body.width.nominal, -body.thickness.nominal, body.edge_break.nominal
-    long, high = 0.5 * length + _OVER, body.thickness.nominal + max(left_top, right_top) + 2.0 * _OVER
-    along = (-long, edge, left_top, 1.0), (edge, long, right_top, 1.0), (-long, long, base, -1.0)
+    long, high = 0.5 * length + _OVER, body.thickness.nominal + max(rise, 0.0) + 2.0 * _OVER
+    along = (-long, 0.0, 0.0, 1.0), (0.0, long, rise, 1.0), (-long, long, base, -1.0)
     for side in (-1.0, 1.0):
         y = side * 0.5 * width
         near, far = y - side * (c + _OVER), y + side * _OVER
@@ -219,8 +221,8 @@ def _engraving(body: Body, identity: str) -> Iterator[cad.kernel.Body]:
 Point3 = tuple[float, float, float]
 
 
-def half_points(body: Body, side: float, top: float, start: float, crest: Sequence[Point]) -> list[Point3]:
-    """Corners of one chamfered half: from the section at `start` outwards, with a crest of (x, z) points at the section."""
+def half_points(body: Body, side: float, top: float, crest: Sequence[Point]) -> list[Point3]:
+    """Corners of one chamfered half outwards from x = 0, its top there a crest of (x, z) points."""
     out, half = side * 0.5 * body.length.nominal, 0.5 * body.width.nominal
     base, c = -body.thickness.nominal, body.edge_break.nominal
     points: list[Point3] = []
@@ -228,7 +230,9 @@ def half_points(body: Body, side: float, top: float, start: float, crest: Sequen
         for z, inset in ((base, c), (base + c, 0.0), (top - c, 0.0), (top, c)):
             corner = max(c - 2.0 * inset, 0.0)
             x, w = out - side * inset, half - inset
-            points += [(x - side * corner, y * w, z), (x, y * (w - corner), z), (start, y * w, z)]
+            points += [(x - side * corner, y * w, z), (x, y * (w - corner), z)]
+            if z < top:
+                points.append((0.0, y * w, z))
         for x, z in crest:
             points.append((x, y * (half - max(0.0, z - (top - c))), z))
         # where a chamfer's corner triangle closes, half way up

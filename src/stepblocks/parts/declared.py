@@ -1,7 +1,7 @@
 """What stanzas are made of beside dimensions: tables, names, values with their source, materials, demands on working faces."""
 
 from collections.abc import Callable, Iterator, Mapping
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from typing import Annotated, Any
 
 from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, model_validator
@@ -47,10 +47,31 @@ def positive(dimension: str, *, or_zero: bool = False) -> BeforeValidator:
     return BeforeValidator(read)
 
 
+def usual(nominal: Any = ..., tolerance: str = "", *, otherwise: str = "", source: str = "") -> Any:
+    """Declare what stands for a field that is left out, and `otherwise` a tolerance where neither file nor ISO 2768-1 has one."""
+    more: dict[str, Any] = {"otherwise": otherwise} if otherwise else {}
+    beside = {"tolerance": tolerance, "source": source, **more}
+    told = {"nominal": nominal, **{name: text for name, text in beside.items() if text}}
+    default = told if len(told) > 1 and isinstance(nominal, str) else nominal
+    return Field(default, validate_default=True, json_schema_extra=more)
+
+
 class Table(BaseModel):
     """Base of everything declared: frozen, and nothing unknown let through."""
 
     model_config = ConfigDict(frozen=True, extra="forbid", arbitrary_types_allowed=True)
+
+    @model_validator(mode="before")
+    @classmethod
+    def _with_usual_tolerances(cls, raw: Any) -> Any:
+        if not isinstance(raw, dict):
+            return raw
+        given = dict(raw)
+        for name, field in cls.model_fields.items():
+            more, one = field.json_schema_extra, given.get(name)
+            if isinstance(more, dict) and more and one is not None:
+                given[name] = {**more, **one} if isinstance(one, dict) else {"nominal": one, **more}
+        return given
 
     def record(self) -> dict[str, Any]:
         """Write it out in full for JSON, with the unit in the name of every field."""
@@ -98,40 +119,46 @@ def sourced(quantity: str) -> BeforeValidator:
     return BeforeValidator(read)
 
 
-@dataclass(frozen=True)
-class Material:
+class Material(Table):
     """A material as a workshop orders it."""
 
-    name: str  # key in stimulus files
-    designation: str  # what stands on the drawing
-    density: float  # kg/m^3
-    source: str  # of the density
+    name: Identity  # key in stimulus files
+    designation: Annotated[
+        str, Field(min_length=1, max_length=60, pattern=r"^[ -&(-~]+$")
+    ]  # what stands on the drawing
+    density: Annotated[Sourced, sourced("density")]
 
     def record(self) -> dict[str, Any]:
         """Return plain values for JSON, the unit in the name."""
-        units = {"density": "density_kg_m3", "modulus": "modulus_pa"}
-        return {units.get(name, name): value for name, value in asdict(self).items()}
+        told: dict[str, Any] = {}
+        named = {"density": ("density_kg_m3", "source"), "modulus": ("modulus_pa", "modulus_source")}
+        for name, one in self:
+            value, source = named.get(name, (name, f"{name}_source"))
+            told |= {value: one.value, source: one.source} if isinstance(one, Sourced) else {name: one}
+        return told
 
 
-# Materials that stimulus files may name
-MATERIALS = (
-    Material("steel", "X90CrMoV18 (1.4112), hardened", 7700.0, "EN 10088-1:2014, table E.2"),
-    Material("stainless", "X5CrNi18-10 (1.4301)", 7900.0, "EN 10088-1:2014, table E.3"),
-    Material("aluminium", "EN AW-6082 T6", 2700.0, "EN 573-3 data sheet, nominal"),
-    Material("brass", "CuZn39Pb3 (CW614N)", 8470.0, "DIN EN 12164 data sheet, nominal"),
-    Material("pmma", "PMMA, cast", 1190.0, "ISO 7823-1 data sheets, nominal"),
-    Material("zirconia", "3Y-TZP zirconia", 6050.0, "ISO 13356, minimum 6.00 g/cm3, nominal"),
-)
+# Materials that stimulus files may name, with their densities [kg/m^3]
+MATERIALS = {
+    name: Material(name=name, designation=said, density=Sourced(density, "density", source))
+    for name, said, density, source in (
+        ("steel", "X90CrMoV18 (1.4112), hardened", 7700.0, "EN 10088-1:2014, table E.2"),
+        ("stainless", "X5CrNi18-10 (1.4301)", 7900.0, "EN 10088-1:2014, table E.3"),
+        ("aluminium", "EN AW-6082 T6", 2700.0, "EN 573-3 data sheet, nominal"),
+        ("brass", "CuZn39Pb3 (CW614N)", 8470.0, "DIN EN 12164 data sheet, nominal"),
+        ("pmma", "PMMA, cast", 1190.0, "ISO 7823-1 data sheets, nominal"),
+        ("zirconia", "3Y-TZP zirconia", 6050.0, "ISO 13356, minimum 6.00 g/cm3, nominal"),
+    )
+}
 
 
 def material_named(name: object) -> Material:
     """Find a material by its key."""
-    known = {material.name: material for material in MATERIALS}
     if isinstance(name, Material):
         return name
-    if not isinstance(name, str) or name not in known:
-        raise ValueError(f"must be one of {', '.join(known)}, got {name!r}")
-    return known[name]
+    if not isinstance(name, str) or name not in MATERIALS:
+        raise ValueError(f"must be one of {', '.join(MATERIALS)}, got {name!r}")
+    return MATERIALS[name]
 
 
 MaterialField = Annotated[Material, BeforeValidator(material_named)]

@@ -4,18 +4,15 @@ import copy
 import itertools
 import math
 import re
-import tomllib
 from collections.abc import Iterator, Mapping
-from pathlib import Path
 from typing import Any
 
 from stepblocks.errors import QuantityError
 from stepblocks.quantities import parse_quantity
 
-_BESIDE = ("tolerance", "otherwise", "source")  # what a dimension has besides its nominal
+_BESIDE = ("tolerance", "source")  # what a dimension has besides its nominal
 MAX_SERIES = 20_000  # most stimuli that one stanza may stand for
 
-USUAL = Path(__file__).with_name("usual.toml")  # what stands in the place of fields that are left out
 _PLACEHOLDER = re.compile(r"\{(?P<field>[a-z_]+?)(?:_(?P<unit>um|nm|mm|deg))?(?::0(?P<digits>[1-9]))?\}")
 _UNITS = {"um": 1e6, "nm": 1e9, "mm": 1e3, "deg": 57.29577951308232}
 
@@ -26,27 +23,6 @@ def merged(defaults: Mapping[str, Any], stanza: Mapping[str, Any]) -> dict[str, 
     for key, value in stanza.items():
         both = _is_plain(result.get(key)) and _is_plain(value)
         result[key] = merged(result[key], value) if both else copy.deepcopy(value)
-    return result
-
-
-def usual() -> dict[str, dict[str, Any]]:
-    """Tables of what stands in the place of fields that are left out, by stanza."""
-    return tomllib.loads(USUAL.read_text(encoding="utf-8"))
-
-
-def completed(stanza: Mapping[str, Any], usually: Mapping[str, Any]) -> dict[str, Any]:
-    """Fill what a stanza leaves out; a tolerance only where none is stated, and a table by its fields."""
-    result = dict(stanza)
-    for key, default in usually.items():
-        given = result.get(key)
-        tolerance = {"otherwise": default["otherwise"]} if isinstance(default, dict) and "otherwise" in default else {}
-        if given is None:
-            if tolerance.keys() != (default.keys() if tolerance else None):
-                result[key] = copy.deepcopy(default)
-        elif tolerance:
-            result[key] = {**tolerance, **given} if isinstance(given, dict) else {"nominal": given, **tolerance}
-        elif _is_plain(default) and _is_plain(given):
-            result[key] = completed(given, default)
     return result
 
 
@@ -133,11 +109,12 @@ def _named(stanza: Mapping[str, Any]) -> object:
         return template
 
     def fill(match: re.Match[str]) -> str:
-        table = stanza.get(match["field"])
-        if match["unit"] is None or not isinstance(table, dict) or "nominal" not in table:
+        found = stanza.get(match["field"])
+        nominal = found.get("nominal") if isinstance(found, dict) else found
+        if match["unit"] is None or nominal is None:
             rule = "must name a dimension of the stanza with its unit, such as {height_um:03}"
             raise ValueError(f"id: {match[0]} {rule}")
-        value = parse_quantity(table["nominal"], _dimension_of(table["nominal"])) * _UNITS[match["unit"]]
+        value = parse_quantity(nominal, _dimension_of(nominal)) * _UNITS[match["unit"]]
         text = f"{value:.9g}"
         sign, digits = ("m", text[1:]) if text.startswith("-") else ("", text)
         return sign + digits.zfill(int(match["digits"] or 1)).replace(".", "p")

@@ -50,24 +50,6 @@ def build_solids(part: Part) -> list[tuple[str, cad.kernel.Body]]:
     return list(zip(part.bodies, part.solids(), strict=True))
 
 
-def solid_volumes(part: Part) -> tuple[float, ...]:
-    """Volumes of the solids of a part in closed form, derived without the CAD kernel.
-
-    A block is two chamfered halves, integrated in horizontal slices; a body of revolution follows from Pappus and Guldin.
-
-    Parameters
-    ----------
-    part : Part
-        What is asked for.
-
-    Returns
-    -------
-    tuple of float
-        Volume of each solid [m^3], in the order in which they are built.
-    """
-    return part.volumes()
-
-
 def convex_pieces(part: Part) -> list[Mesh]:
     """Cut a part into convex pieces, for simulators that turn one concave mesh into its hull and a step into a ramp.
 

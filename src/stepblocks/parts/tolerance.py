@@ -17,6 +17,8 @@ _LARGEST |= {"frequency": 1e7, "pressure": 1e13, "density": 1e5}
 # of a length that is not zero: what lies below is neither cut nor measured, the check itself tells 1 nm [m]
 _SMALLEST = 10e-9
 
+GUARD_FACTOR = 1.65  # guard band over standard uncertainty at 95 % conformance probability (ISO 14253-1:2017, 5.3) [1]
+
 # ISO 2768-1:1989, table 1 (linear dimensions, from 0.5 mm): up to, permissible deviation of class m [m]
 _LINEAR = ((3e-3, 0.1e-3), (6e-3, 0.1e-3), (30e-3, 0.2e-3), (120e-3, 0.3e-3), (400e-3, 0.5e-3))
 # ISO 2768-1:1989, table 3 (angles), shorter side up to 10 mm, classes f and m.
@@ -107,9 +109,9 @@ def _deviations(raw: object, quantity: str) -> tuple[float, float]:
 
 
 def _dimension(raw: object, quantity: str, felt: bool = False) -> Dimension:
-    if isinstance(raw, Dimension):
-        return raw
     table: dict[str, Any] = raw if isinstance(raw, dict) else {"nominal": raw}
+    if isinstance(given := table.get("nominal"), Dimension):
+        return given
     unknown = set(table) - {"nominal", "tolerance", "otherwise", "source"}
     if unknown or "nominal" not in table:
         what = f"unknown {', '.join(sorted(unknown))}" if unknown else "nominal is missing"

@@ -37,8 +37,8 @@ def _condition(probe: ProbeSpec, use: str, sheath: Sheath | None = None) -> Cond
     hold = None
     if sheath and not sleeves:
         material, bore, outer = sheath.material, sheath.bore.nominal, sheath.outer_diameter.nominal
-        bedding = bush_stiffness(bore, outer, material.modulus, material.poisson)
-        hold = Hold(sheath.length.nominal, bedding, material.loss_factor)
+        bedding = bush_stiffness(bore, outer, material.modulus.value, material.poisson.value)
+        hold = Hold(sheath.length.nominal, bedding, material.loss_factor.value)
     rod = probe.rod()
     ring, modes = ring_of(rod, sleeves, hold), modes_of(rod, sleeves, hold)
     what = (sheath.id, use, sheath.mass) if sheath else ("", use, 0.0)

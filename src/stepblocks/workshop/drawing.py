@@ -159,7 +159,7 @@ def _part_sheet(stimulus: Part, order: OrderSpec) -> Sheet:
         at = 232.0 + 92.0 * (start // _MOST_ROWS), TOP_OF_TITLE - 1.0 + 5.0 * rows
         part = {index - start: key for index, key in keys.items() if start <= index < start + _MOST_ROWS}
         sheet.notes(at, lines[start : start + _MOST_ROWS], part)
-    mass = stimulus.material.density * math.fsum(stimulus.volumes())
+    mass = stimulus.material.density.value * math.fsum(stimulus.volumes())
     told = {"identity": stimulus.id.upper(), "material": stimulus.material.designation, "mass": f"{mass * 1e3:.4g} g"}
     sheet.border(stimulus.titled, told | _ordered(order))
     return sheet

@@ -14,13 +14,12 @@ from stepblocks.page_file import render_page
 from stepblocks.parts.body import Block
 from stepblocks.parts.characteristics import FORM
 from stepblocks.parts.kinds.margin import MarginBlock
-from stepblocks.parts.tolerance import general_deviation
+from stepblocks.parts.tolerance import GUARD_FACTOR, general_deviation
 from stepblocks.workshop.routes import Route
 
 STOCK = 1e-3  # on every face, sawn or milled [m]
 GRINDING = 0.3e-3  # left on base and working faces after milling; it also takes what hardening warps [m]
 PROBE = 2.5e-6  # standard uncertainty of a length between two touches on the machine; assumed, state yours [m]
-_GUARD = 1.65  # guard band over standard uncertainty (ISO 14253-1)
 # in which setup a characteristic can be probed
 _SETUPS = {
     **dict.fromkeys(("hole_spacing", "hole_depth"), 1),
@@ -39,7 +38,8 @@ def write_setup(folder: Path, block: Block, routes: Sequence[Route] = ()) -> lis
     values: dict[str, Any] = {
         **{"identity": block.id.upper(), "material": block.material.designation},
         **{"stock": " x ".join(millimetres(size, 1) for size in sizes), "steps": list(_steps(block, routes))},
-        **{"probed": list(_probed(block)), "burr": f"{burr * 1e6:.3g} um", "probe": f"{PROBE * 1e6:g} um"},
+        **{"probed": list(_probed(block)), "burr": f"{burr * 1e6:.3g} um"},
+        **{"probe": f"{PROBE * 1e6:g} um", "guard": GUARD_FACTOR},
     }
     replace_text(page, render_page("workshop", "setup.html", **values))
     _write_stock(stock, block, cad.kernel.box(low, high), sizes)
@@ -95,7 +95,7 @@ def _steps(block: Block, routes: Sequence[Route]) -> Iterator[tuple[str, str, st
 
 def _probed(block: Block) -> Iterator[tuple[str, ...]]:
     """Yield number, name, limits, setup or method, and between what a value on the machine is accepted."""
-    guard = _GUARD * PROBE
+    guard = GUARD_FACTOR * PROBE
     for number, one in enumerate(block.characteristics(), start=1):
         text = limits_text(one.nominal, one.lower, one.upper, one.quantity)
         if one.kind in FORM:

@@ -15,7 +15,6 @@ from stepblocks.errors import MetrologyError
 from stepblocks.parts.characteristics import FORM
 from stepblocks.parts.characteristics import Characteristic as Wanted
 from stepblocks.parts.kind import Part
-from stepblocks.parts.shapes import solid_volumes
 
 # between what is asked for and what stands in the file or is measured on its faces [m]; of angles relative
 _ALLOWED = 1e-9
@@ -27,7 +26,7 @@ def step_verdicts(stimulus: Part, path: Path) -> Iterator[Verdict]:
     report, findings = check_part_step(path, stimulus)
     yield Verdict(name, "schema AP242", 1.0, float(any("AP242" in schema for schema in report.schema)), 0.0, "count")
     found_volumes = read_confined(f"{__name__}:volumes_in", path, raises=MetrologyError)["volumes"]
-    volumes = solid_volumes(stimulus)
+    volumes = stimulus.volumes()
     yield Verdict(name, "solids", len(volumes), len(found_volumes), 0.0, "count")
     for index, (volume, found_volume) in enumerate(zip(volumes, found_volumes, strict=False), start=1):
         yield Verdict(name, f"volume of solid {index}", volume, found_volume, 1e-6, "volume", relative=True)
@@ -67,7 +66,7 @@ def check_part_step(path: Path, stimulus: Part) -> tuple[StepReport, list[str]]:
         rough = stimulus.face_demands.roughness
         if dict(report.textures).keys() != flat or any(abs(value - rough) > _ALLOWED for _, value in report.textures):
             findings.append(f"surface texture: every working face must have Ra {rough * 1e6:g} um")
-    density = stimulus.material.density
+    density = stimulus.material.density.value
     if not report.densities or any(abs(value / density - 1.0) > 1e-9 for value in report.densities):
         findings.append(f"density must be {density:g} kg/m^3, got {', '.join(map(str, report.densities)) or 'none'}")
     if not report.materials or any(name != stimulus.material.designation for name in report.materials):

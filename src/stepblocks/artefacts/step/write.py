@@ -91,7 +91,9 @@ def write_conforming(
     """Write bodies with their dimensions, each with its name, which the kernel does not write."""
     plain = [one for _, one in dimensions]
     with beside(path) as draft:
-        write_step_with_tolerances(draft, bodies, plain, tolerances, (material.designation, material.density), identity)
+        write_step_with_tolerances(
+            draft, bodies, plain, tolerances, (material.designation, material.density.value), identity
+        )
         names = [(one.kind, name) for name, one in dimensions]
         text = conforming(draft.read_text(encoding="utf-8"), identity, names, notes, texture)
         draft.write_text(text, encoding="utf-8")

@@ -10,7 +10,7 @@ from typing import Any, ClassVar, Literal
 
 from stepblocks import cad
 from stepblocks.parts.characteristics import Characteristic, EdgeRule, FaceRule, Rule, plane, toleranced
-from stepblocks.parts.declared import Table, below, must, rules_validator
+from stepblocks.parts.declared import Table, below, must, rules_validator, usual
 from stepblocks.parts.kind import CONTACT_DEFLECTION, FITTING_DEFLECTION, NANOMETRE, Finding, MeasuredMesh
 from stepblocks.parts.kinds.margin import CrownMargin
 from stepblocks.parts.revolution import Outline, Point, Turned, outline_points, ring, sectors, stack
@@ -24,8 +24,9 @@ _SEATED = "section or micro-CT, seated"
 class FinishLine(Table):
     """How the preparation ends."""
 
-    kind: Literal["shoulder", "chamfer", "feather-edge"]  # a square ledge, a quarter round, or no ledge
-    width: Length  # width of the ledge, or radius of the quarter round [m]; 0 for the feather edge
+    # a square ledge, a quarter round, or no ledge
+    kind: Literal["shoulder", "chamfer", "feather-edge"] = "shoulder"
+    width: Length = usual("1 mm", "0.05 mm")  # of the ledge, or radius of the quarter round [m]; 0 for the feather edge
 
     @rules_validator
     def _has_the_width_of_its_kind(self) -> Iterator[str]:
@@ -35,15 +36,15 @@ class FinishLine(Table):
 
 
 class CrownOnTooth(CrownMargin, Turned):
-    """A prepared tooth and its crown, both bodies of revolution about the path of draw."""
+    """A prepared tooth and its crown, both bodies of revolution about the path of draw; usually a molar's."""
 
-    margin_radius: PositiveLength  # outer radius of the tooth at the finish line [m]
-    finish_line: FinishLine
-    taper: Angle  # between the axial wall and the path of draw, half the total convergence [rad]
-    preparation_height: PositiveLength  # from the finish line to the top of the preparation [m]
-    root_length: PositiveLength  # from the finish line down to the base [m]
-    internal_gap: Length  # between the axial wall and the crown, across the wall [m]
-    shell_thickness: PositiveLength  # thickness of the crown over the top of the preparation [m]
+    margin_radius: PositiveLength = usual("4 mm", "0.02 mm")  # outer radius of the tooth at the finish line [m]
+    finish_line: FinishLine = usual({})
+    taper: Angle = usual("6 deg", "0.5 deg")  # of the axial wall to the path of draw, half the total convergence [rad]
+    preparation_height: PositiveLength = usual("5 mm", "0.1 mm")  # over the finish line [m]
+    root_length: PositiveLength = usual("8 mm")  # below the finish line [m]
+    internal_gap: Length = usual("60 um", otherwise="15 um")  # between axial wall and crown, across the wall [m]
+    shell_thickness: PositiveLength = usual("1.5 mm", "0.1 mm")  # of the crown over the preparation [m]
 
     stanza: ClassVar[str] = "crown_on_tooth"
     called: ClassVar[str] = "crown on tooth"

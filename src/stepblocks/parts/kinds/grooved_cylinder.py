@@ -10,7 +10,7 @@ from typing import Any, ClassVar
 from stepblocks import cad
 from stepblocks.contact.counterface import Groove
 from stepblocks.parts.characteristics import Characteristic, EdgeRule, FaceRule, broken_edges, plane, toleranced
-from stepblocks.parts.declared import MaterialField, below, must, rules_validator
+from stepblocks.parts.declared import MaterialField, below, must, rules_validator, usual
 from stepblocks.parts.kind import CONTACT_DEFLECTION, FITTING_DEFLECTION, NANOMETRE, Finding, MeasuredMesh
 from stepblocks.parts.revolution import Outline, Turned, stack
 from stepblocks.parts.tolerance import Angle, Length, PositiveLength
@@ -29,12 +29,12 @@ class GroovedCylinder(Turned):
         "the cylinder lies on its side: x along its axis, y around, z outwards; the groove begins at x = 0, the surface lies at z = 0"
     )
 
-    groove_width: PositiveLength  # between its edges at the surface [m]
-    flank_angle: Angle  # of either flank against the surface [rad]
-    diameter: PositiveLength  # m
-    length: PositiveLength  # from end to end [m]
-    edge_break: Length  # leg of the 45 degree chamfer on the two ends [m]
-    material: MaterialField
+    groove_width: PositiveLength = usual(otherwise="2 um")  # between its edges at the surface [m]
+    flank_angle: Angle = usual("45 deg")  # of either flank against the surface [rad]
+    diameter: PositiveLength = usual("5 mm")  # m
+    length: PositiveLength = usual("20 mm")  # from end to end [m]
+    edge_break: Length = usual("0.3 mm", otherwise="0.1 mm")  # leg of the 45 degree chamfer on the two ends [m]
+    material: MaterialField = usual("stainless")
 
     def sized(self, **sizes: float) -> Groove:
         return Groove(max(sizes["width"], 0.0), sizes["flank"])

@@ -133,7 +133,7 @@ class Machined(HeldPart):
     @property
     def mass(self) -> float:
         """Mass [kg]."""
-        return self.material.density * self.volumes()[0]
+        return self.material.density.value * self.volumes()[0]
 
     @property
     def centre(self) -> NDArray[np.float64]:

@@ -23,7 +23,7 @@ from typing import Annotated, Any, ClassVar
 from stepblocks import cad
 from stepblocks.contact.counterface import Margin
 from stepblocks.contact.operating_point import Tissue, Tool
-from stepblocks.parts.body import Block, Body, body_cuts, half_points, half_volume, section_outline, strip_volume
+from stepblocks.parts.body import Block, Body, body_cuts, half_points, half_volume, strip_volume
 from stepblocks.parts.characteristics import PROFILE, Characteristic, EdgeRule, FaceRule, form_of, plane, toleranced
 from stepblocks.parts.declared import (
     MaterialField,
@@ -35,6 +35,7 @@ from stepblocks.parts.declared import (
     positive,
     rules_validator,
     sourced,
+    usual,
 )
 from stepblocks.parts.kind import NANOMETRE, Finding, MeasuredMesh, Part, exaggeration
 from stepblocks.parts.shapes import hull, split
@@ -76,11 +77,11 @@ class CrownMargin(Part):
 
     felt_by: ClassVar = {"gap": "marginal_gap", "rise": "horizontal_discrepancy", "opening": "vertical_discrepancy"}
 
-    marginal_gap: PositiveLength  # g
-    horizontal_discrepancy: SignedLength  # h; positive where the crown is overextended
-    vertical_discrepancy: SignedLength | None = None  # v; the marginal gap where the file does not give it
+    marginal_gap: PositiveLength = usual(otherwise="10 um")  # g
+    horizontal_discrepancy: SignedLength = usual("0 um", otherwise="10 um")  # h; positive: overextended
+    vertical_discrepancy: SignedLength | None = usual(None, otherwise="10 um")  # v; left out, it is g
     gum: Gum | None = None  # beside the margin; none where the file does not say
-    material: MaterialField
+    material: MaterialField = usual("zirconia")
 
     def tissue(self, tool: Tool) -> Tissue:
         return Tissue() if self.gum is None else self.gum.tissue(tool.frequency)
@@ -139,17 +140,17 @@ class MarginBlock(CrownMargin, Block):
     titled: ClassVar[str] = "Margin block"
     governed_by: ClassVar[str] = "horizontal_discrepancy"
 
-    gap_depth: PositiveLength  # of the gap below the tooth's surface [m]
-    body: Body
+    marginal_gap: PositiveLength = usual(otherwise="2 um")
+    horizontal_discrepancy: SignedLength = usual("0 um", otherwise="2 um")
+    vertical_discrepancy: SignedLength | None = usual(None, otherwise="3 um")
+    material: MaterialField = usual("steel")
+    gap_depth: PositiveLength = usual("0.4 mm", otherwise="0.05 mm")  # of the gap below the tooth's surface [m]
+    body: Body = usual({})
     working_faces: WorkingFaces | None = None  # demands on tooth and crown face, where the file states them
 
     @property
     def floor(self) -> tuple[float, float]:
         return self.gap_depth.nominal, 0.0
-
-    @property
-    def rise(self) -> float:
-        return self.horizontal_discrepancy.nominal
 
     def top(self, x: float) -> float:
         """Uppermost of the straight lines of the section at x."""
@@ -160,13 +161,9 @@ class MarginBlock(CrownMargin, Block):
         return max(za + (zb - za) * (x - xa) / (xb - xa) for (xa, za), (xb, zb) in across)
 
     def solids(self) -> list[cad.kernel.Body]:
-        rise, gap, depth = self.rise, self.marginal_gap.nominal, self.gap_depth.nominal
-        y = -0.5 * self.body.width.nominal
-        right, left = section_outline(self.body, 0.0, rise)
-        across = [*reversed(self.corner), (gap, -depth), (0.0, -depth), (0.0, 0.0)]
-        outline = [(x, y, z) for x, z in (*right, *across, *left)]
-        body = cad.kernel.extruded(outline, (0.0, self.body.width.nominal, 0.0))
-        return [cad.kernel.cut(body, body_cuts(self.body, self.id, 0.0, rise))]
+        gap, depth = self.marginal_gap.nominal, self.gap_depth.nominal
+        body = self.extruded([*reversed(self.corner), (gap, -depth), (0.0, -depth), (0.0, 0.0)])
+        return [cad.kernel.cut(body, body_cuts(self.body, self.id, self.rise))]
 
     def volumes(self) -> tuple[float, ...]:
         """Halves on either side of x = 0 at their own heights, less the gap, corrected at the crown's corner.
@@ -186,8 +183,8 @@ class MarginBlock(CrownMargin, Block):
 
     def hulls(self) -> list[Any]:
         body, gap, rise, opening = self.body, self.marginal_gap.nominal, self.rise, self.opening.nominal
-        left = hull(half_points(body, -1.0, 0.0, 0.0, [(0.0, 0.0)]))
-        right = hull(half_points(body, 1.0, rise, 0.0, [(0.0, rise)]))
+        left = hull(half_points(body, -1.0, 0.0, [(0.0, 0.0)]))
+        right = hull(half_points(body, 1.0, rise, [(0.0, rise)]))
         under, crown = split(right, "x", gap)
         floor, _ = split(under, "z", -self.gap_depth.nominal)
         half, c = 0.5 * body.width.nominal, body.edge_break.nominal

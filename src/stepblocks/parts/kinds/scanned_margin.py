@@ -17,7 +17,7 @@ from stepblocks.confined import read_confined
 from stepblocks.contact.counterface import SIDE
 from stepblocks.errors import StimulusError
 from stepblocks.parts.characteristics import Characteristic, plane, toleranced
-from stepblocks.parts.declared import Table, below, must, rules_validator
+from stepblocks.parts.declared import Table, below, must, rules_validator, usual
 from stepblocks.parts.kind import NANOMETRE, Finding, MeasuredMesh
 from stepblocks.parts.kinds.margin import CrownMargin
 from stepblocks.parts.margin_line import RIM
@@ -74,10 +74,10 @@ class ScannedMargin(CrownMargin):
     crown_towards: tuple[float, float, float] = (0.0, 0.0, 1.0)  # roughly, from the root, in the frame of the mesh
     shows: Literal["tooth", "crown", "both"] = "both"
     station: Station = Station()
-    gap_depth: PositiveLength  # of the gap below the tooth's surface [m]
-    length: PositiveLength  # of the bar, along x [m]
-    width: PositiveLength  # along y [m]
-    thickness: PositiveLength  # from the base to the tooth at the margin [m]
+    gap_depth: PositiveLength = usual("0.4 mm", otherwise="0.05 mm")  # of the gap below the tooth's surface [m]
+    length: PositiveLength = usual("4 mm")  # of the bar, along x [m]
+    width: PositiveLength = usual("2 mm")  # along y [m]
+    thickness: PositiveLength = usual("3 mm")  # from the base to the tooth at the margin [m]
 
     @classmethod
     def followed(cls, stanza: Mapping[str, Any], folder: Path) -> Iterator[Mapping[str, Any]]:
@@ -118,9 +118,8 @@ class ScannedMargin(CrownMargin):
     def solids(self) -> list[kernel.Body]:
         from stepblocks.cad import kernel
 
-        half, y, base = 0.5 * self.length.nominal, -0.5 * self.width.nominal, -self.thickness.nominal
-        outline = [(half, base), *reversed(self._section()), (-half, base)]
-        return [kernel.extruded([(x, y, z) for x, z in outline], (0.0, self.width.nominal, 0.0))]
+        half, base = 0.5 * self.length.nominal, -self.thickness.nominal
+        return [kernel.prism([(half, base), *reversed(self._section()), (-half, base)], self.width.nominal)]
 
     def volumes(self) -> tuple[float, ...]:
         lines = itertools.pairwise(self._section())

@@ -4,67 +4,38 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
-from typing import Annotated, Any, ClassVar
+from typing import Annotated, Any, ClassVar, TypeVar
 
-from pydantic import BeforeValidator, Field, ValidationError
+from pydantic import ValidationError
 
 from stepblocks import cad
 from stepblocks.contact.rod import Sleeve
-from stepblocks.errors import QuantityError
 from stepblocks.parts.characteristics import Characteristic, EdgeRule, FaceRule, broken_edges, plane, toleranced
-from stepblocks.parts.declared import Identity, Material, Sourced, Table, below, must, rules_validator, sourced
+from stepblocks.parts.declared import Material, Sourced, Table, below, must, positive, rules_validator, sourced
 from stepblocks.parts.kind import FITTING_DEFLECTION, Finding, HeldPart, MeasuredMesh
 from stepblocks.parts.revolution import Outline, Point, Turned, sectors
 from stepblocks.parts.tolerance import Length, PositiveLength
-from stepblocks.quantities import format_quantity, parse_quantity
+from stepblocks.quantities import format_quantity
 
 # Largest relative difference in mass of two sheaths that are to weigh the same (the paper's sheaths: equal weight)
 MASS_MATCH = 0.01
 MASS_LIMIT = 1e-6  # mass of a mesh against the declared one, relative
 _FLOAT32_LIMIT = 10e-9  # of lengths up to 100 mm, which GLB keeps as float32 in metres
-_SOLVABLE = ("bore", "outer_diameter", "length")
+Model = TypeVar("Model", bound=Table)
 _STEP = 10e-6  # a solved dimension is rounded to this, so that a drawing can state it [m]
 
 
-@dataclass(frozen=True)
 class SheathMaterial(Material):
     """A material that bends and damps; modulus and ratios at the frequency of the ring."""
 
-    modulus: float  # Young's [Pa]
-    modulus_source: str
-    poisson: float  # ratio [1]
-    poisson_source: str
-    loss_factor: float  # 1
-    loss_factor_source: str
-
-
-class _MaterialTable(Table):
-    name: Identity
-    designation: Annotated[str, Field(min_length=1, max_length=60, pattern=r"^[ -&(-~]+$")]
-    density: Annotated[Sourced, sourced("density")]
-    modulus: Annotated[Sourced, sourced("pressure")]
+    modulus: Annotated[Sourced, sourced("pressure")]  # Young's
     poisson: Annotated[Sourced, sourced("ratio")]
     loss_factor: Annotated[Sourced, sourced("ratio")]
 
-
-def _material(raw: object) -> SheathMaterial:
-    if isinstance(raw, SheathMaterial):
-        return raw
-    if not isinstance(raw, dict):
-        names = "name, designation, density, modulus, poisson and loss_factor"
-        raise ValueError(f"must be a table with {names}, got {raw!r:.60}")
-    try:
-        table = _MaterialTable.model_validate(raw)
-    except ValidationError as error:
-        raise ValueError(_first(error)) from error
-    if table.poisson.value > 0.5:
-        raise ValueError(f"poisson must not exceed 0.5, got {table.poisson.value:g}")
-    values: dict[str, Any] = dict(table)
-    for name in ("modulus", "poisson", "loss_factor"):
-        values[name], values[f"{name}_source"] = values[name].value, values[name].source
-    values["density"], values["source"] = table.density.value, table.density.source
-    return SheathMaterial(**values)
+    @rules_validator
+    def _is_elastic(self) -> Iterator[str]:
+        if self.poisson.value > 0.5:
+            yield f"poisson must not exceed 0.5, got {self.poisson.value:g}"
 
 
 class Sheath(Turned, HeldPart):
@@ -80,30 +51,33 @@ class Sheath(Turned, HeldPart):
     length: PositiveLength  # from end to end [m]
     edge_break: Length  # leg of the 45 degree chamfer on the two outer edges [m]
     position: Length  # from the clamp to the near end, on the shank [m]
-    material: Annotated[SheathMaterial, BeforeValidator(_material)]
+    material: SheathMaterial
 
     @classmethod
     def prepared(cls, stanzas: object) -> object:
-        return balanced(stanzas)
+        """Solve the sheaths that are to weigh as much as another one."""
+        if not isinstance(stanzas, list | tuple) or not all(isinstance(one, dict) for one in stanzas):
+            return stanzas
+        return [_solved(one, stanzas) if _is_open(one) else one for one in stanzas]
 
     @property
     def sleeve(self) -> Sleeve | None:
         bore, outer, length = self.bore.nominal, self.outer_diameter.nominal, self.length.nominal
-        bending = self.material.modulus * math.pi * (outer**4 - bore**4) / 64.0
-        return Sleeve(self.position.nominal, length, bending, self.mass / length, self.material.loss_factor)
+        bending = self.material.modulus.value * math.pi * (outer**4 - bore**4) / 64.0
+        return Sleeve(self.position.nominal, length, bending, self.mass / length, self.material.loss_factor.value)
 
     @property
     def mass(self) -> float:
         """Nominal mass [kg]."""
         sizes = self.bore, self.outer_diameter, self.length, self.edge_break
-        return self.material.density * _volume(*(one.nominal for one in sizes))
+        return self.material.density.value * _volume(*(one.nominal for one in sizes))
 
     @property
     def mass_limits(self) -> tuple[float, float]:
         """Least and greatest mass within the tolerances [kg]."""
         (thin, wide), (small, large) = self.bore.limits, self.outer_diameter.limits
         (short, long), (sharp, blunt) = self.length.limits, self.edge_break.limits
-        density = self.material.density
+        density = self.material.density.value
         return density * _volume(wide, small, short, blunt), density * _volume(thin, large, long, max(sharp, 0.0))
 
     def outlines(self) -> list[Outline]:
@@ -139,7 +113,7 @@ class Sheath(Turned, HeldPart):
         yield Finding("length", self.length.nominal, float(heights.max() - heights.min()), _FLOAT32_LIMIT)
         yield Finding("radius of the bore", 0.5 * self.bore.nominal, float(radii.min()), FITTING_DEFLECTION)
         yield Finding("outer radius", 0.5 * self.outer_diameter.nominal, float(radii.max()), FITTING_DEFLECTION)
-        yield Finding("mass", self.mass, self.material.density * mesh.volume, MASS_LIMIT, "mass", relative=True)
+        yield Finding("mass", self.mass, self.material.density.value * mesh.volume, MASS_LIMIT, "mass", relative=True)
 
     def close_up(self) -> tuple[float, float, tuple[float, float, float]]:
         outer = self.outer_diameter.nominal
@@ -173,86 +147,64 @@ def _volume(bore: float, outer: float, length: float, broken: float) -> float:
     return tube - 2.0 * math.pi * broken**2 * (0.5 * outer - broken / 3.0)
 
 
-def balanced(raw: object) -> object:
-    """Solve the sheaths that are to weigh as much as another one."""
-    if not isinstance(raw, list | tuple) or not all(isinstance(one, dict) for one in raw):
-        return raw
-    solved = []
-    for stanza in raw:
-        wanted = _to_solve(stanza)
-        place = f"sheath {stanza.get('id')!r}"
-        if len(wanted) > 1 or not set(wanted) <= set(_SOLVABLE):
-            at = ", ".join(wanted)
-            raise ValueError(f"mass_of must stand at one of {', '.join(_SOLVABLE)}, got it at {at} [{place}]")
-        solved.append(_solved(stanza, wanted[0], raw, place) if wanted else stanza)
-    return solved
+class _AsHeavy(Table):
+    """In place of an outer diameter: as heavy as another sheath, between which lengths."""
+
+    mass_of: str
+    least: Annotated[float, positive("length")]  # m
+    most: Annotated[float, positive("length")]  # m
+    tolerance: Any = None
+
+    @rules_validator
+    def _leaves_room(self) -> Iterator[str]:
+        yield must(self.least < self.most, "least", "be below most", self.most, self.least)
 
 
-def _to_solve(stanza: Mapping[str, Any]) -> list[str]:
-    return [name for name, value in stanza.items() if isinstance(value, dict) and "mass_of" in value]
-
-
-def _validated(stanza: Mapping[str, Any], place: str) -> Sheath:
-    """Validate a stanza on its own, with one line and its place where it is wrong."""
+def _validated(model: type[Model], table: object, name: object) -> Model:
+    """Validate a table on its own, with one line and its place where it is wrong."""
     try:
-        return Sheath.model_validate(dict(stanza))
+        return model.model_validate(table)
     except ValidationError as error:
-        raise ValueError("\n".join(f"{line} [{place}]" for line in _first(error).splitlines())) from error
+        first = error.errors(include_url=False)[0]
+        where, said = ".".join(str(part) for part in first["loc"]), first["msg"].removeprefix("Value error, ")
+        text = f"{where}: {said}" if where and not said.startswith(where) else said
+        raise ValueError("\n".join(f"{line} [sheath {name!r}]" for line in text.splitlines())) from error
 
 
-def _first(error: ValidationError) -> str:
-    first = error.errors(include_url=False)[0]
-    where, said = ".".join(str(part) for part in first["loc"]), first["msg"].removeprefix("Value error, ")
-    return f"{where}: {said}" if where and not said.startswith(where) else said
+def _is_open(stanza: Mapping[str, Any]) -> bool:
+    """Tell whether the outer diameter of a sheath follows from the mass of another."""
+    return isinstance(outer := stanza.get("outer_diameter"), dict) and "mass_of" in outer
 
 
-def _solved(stanza: Mapping[str, Any], field: str, stanzas: Sequence[Mapping[str, Any]], place: str) -> dict[str, Any]:
-    """Find the dimension at which a sheath weighs as much as another, rounded to what a drawing states."""
+def _solved(stanza: Mapping[str, Any], stanzas: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
+    """Find the diameter at which a sheath weighs as much as another, rounded to what a drawing states."""
     from scipy.optimize import brentq
 
-    table, name = stanza[field], stanza[field]["mass_of"]
-    other = next((one for one in stanzas if one.get("id") == name), None)
-    if other is None or _to_solve(other):
+    name = stanza.get("id")
+    wish = _validated(_AsHeavy, stanza["outer_diameter"], name)
+    other = next((one for one in stanzas if one.get("id") == wish.mass_of), None)
+    if other is None or _is_open(other):
         rule = "a sheath of the set" if other is None else "a sheath with given dimensions"
-        raise ValueError(f"mass_of must name {rule}, got {name!r} [{place}]")
-    mass = _validated(other, f"sheath {name!r}").mass
-    low, high = _bounds(table, field, place)
-    kept = {key: table[key] for key in ("tolerance",) if key in table}
-    kept["source"] = f"solved for the mass of {name}, {format_mass(mass)}"
+        raise ValueError(f"mass_of must name {rule}, got {wish.mass_of!r} [sheath {name!r}]")
+    mass = _validated(Sheath, other, wish.mass_of).mass
+    kept = {} if wish.tolerance is None else {"tolerance": wish.tolerance}
+    kept["source"] = f"solved for the mass of {wish.mass_of}, {format_mass(mass)}"
 
-    def tried(value: float) -> Sheath:
-        return _validated(dict(stanza) | {field: {"nominal": f"{value * 1e3:.9g} mm", **kept}}, place)
+    def tried(outer: float) -> Sheath:
+        return _validated(Sheath, {**stanza, "outer_diameter": {"nominal": f"{outer * 1e3:.9g} mm", **kept}}, name)
 
-    def excess(value: float) -> float:
-        return tried(value).mass - mass
-
-    if excess(low) * excess(high) > 0.0:
-        best = min((low, high), key=lambda value: abs(excess(value)))
-    else:
-        root = brentq(excess, low, high, xtol=1e-9, rtol=1e-12)
-        best = min(max(round(root / _STEP) * _STEP, low), high)
+    low, high = (tried(outer).mass for outer in (wish.least, wish.most))
+    best = wish.least if abs(low - mass) <= abs(high - mass) else wish.most
+    if low < mass < high:
+        root = brentq(lambda outer: tried(outer).mass - mass, wish.least, wish.most, xtol=1e-9, rtol=1e-12)
+        best = min(max(round(root / _STEP) * _STEP, wish.least), wish.most)
     found = tried(best)
     if abs(found.mass / mass - 1.0) > MASS_MATCH:
-        masses = sorted(format_mass(tried(limit).mass) for limit in (low, high))
-        wish = f"give the mass of {name!r} ({format_mass(mass)}) within {MASS_MATCH:.0%}"
-        room = f"between {table['least']} and {table['most']}"
-        raise ValueError(f"{field} must {wish} {room}, got {' to '.join(masses)} [{place}]")
-    return dict(stanza) | {field: getattr(found, field)}
-
-
-def _bounds(table: Mapping[str, Any], field: str, place: str) -> tuple[float, float]:
-    """Read between which lengths a dimension is sought [m]."""
-    if not {"mass_of", "least", "most"} <= set(table) <= {"mass_of", "least", "most", "tolerance"}:
-        got = ", ".join(sorted(table))
-        raise ValueError(f"{field} must have mass_of, least, most and tolerance, got {got} [{place}]")
-    try:
-        low, high = (parse_quantity(table[name], "length") for name in ("least", "most"))
-    except QuantityError as error:
-        raise ValueError(f"{field}: {error} [{place}]") from error
-    if not 0.0 < low < high:
-        got = f"{table['least']} and {table['most']}"
-        raise ValueError(f"{field}: least must be positive and below most, got {got} [{place}]")
-    return low, high
+        least, most = (format_quantity(one, "length") for one in (wish.least, wish.most))
+        rule = f"give the mass of {wish.mass_of!r} ({format_mass(mass)}) within {MASS_MATCH:.0%}"
+        got = f"between {least} and {most}, got {format_mass(low)} to {format_mass(high)}"
+        raise ValueError(f"outer_diameter must {rule} {got} [sheath {name!r}]")
+    return {**stanza, "outer_diameter": found.outer_diameter}
 
 
 def format_mass(mass: float) -> str:

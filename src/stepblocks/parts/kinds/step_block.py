@@ -10,9 +10,9 @@ import numpy as np
 
 from stepblocks import cad
 from stepblocks.contact.counterface import Step
-from stepblocks.parts.body import Block, Body, body_cuts, half_points, half_volume, section_outline
+from stepblocks.parts.body import Block, Body, body_cuts, half_points, half_volume
 from stepblocks.parts.characteristics import PROFILE, Characteristic, EdgeRule, FaceRule, form_of, plane, toleranced
-from stepblocks.parts.declared import MaterialField, Table, WorkingFaces, below, must, rules_validator
+from stepblocks.parts.declared import MaterialField, Table, WorkingFaces, below, must, rules_validator, usual
 from stepblocks.parts.energy_tolerance import EnergyToleranceField, described, energy_tolerance_lacks
 from stepblocks.parts.kind import COARSE_DEFLECTION, CONTACT_DEFLECTION, NANOMETRE, Finding, MeasuredMesh, exaggeration
 from stepblocks.parts.shapes import hull, split
@@ -25,10 +25,11 @@ class MetrologyFeature(Table):
     """A groove or ridge that ISO 5436-1 type A1 can evaluate; a single edge cannot be."""
 
     # ``"groove"`` in the upper face, its floor level with the lower face; or ``"ridge"`` on the lower, level with the upper
-    kind: Literal["groove", "ridge"]
-    width: PositiveLength  # W between its edges along x [m]; a plane face of at least W lies on either side
-    lane: PositiveLength  # along y, from the back side of the block [m]
-    distance: PositiveLength  # from the working edge to its nearer edge [m]
+    kind: Literal["groove", "ridge"] = "groove"
+    # W between its edges along x [m]; a plane face of at least W lies on either side
+    width: PositiveLength = usual("0.6 mm", "0.05 mm")
+    lane: PositiveLength = usual("6 mm")  # along y, from the back side of the block [m]
+    distance: PositiveLength = usual("2 mm", "0.1 mm")  # from the working edge to its nearer edge [m]
 
 
 class StepBlock(Block):
@@ -43,21 +44,17 @@ class StepBlock(Block):
     felt_by: ClassVar[dict[str, str]] = {"height": "height", "edge_radius": "edge_radius"}
     governed_by: ClassVar[str] = "height"
 
-    height: FeltPositiveLength  # H of the step [m]
-    edge_radius: FeltLength  # r of the working edge [m]; 0 is sharp
-    body: Body
-    metrology: MetrologyFeature
-    material: MaterialField
+    height: FeltPositiveLength = usual(otherwise="1 um")  # H of the step [m]; as grinding and lapping hold it
+    edge_radius: FeltLength = usual("0 um", otherwise="+2 um / -0 um")  # r of the working edge [m]; 0 is sharp
+    body: Body = usual({})
+    metrology: MetrologyFeature = usual({})
+    material: MaterialField = usual("steel")
     # of the vibration energy, where tolerances of height, edge radius or tip shall follow from it
     energy_tolerance: EnergyToleranceField | None = None
     working_faces: WorkingFaces | None = None  # demands on the faces beside the edge, where the file states them
 
     def sized(self, **sizes: float) -> Step:
         return Step(sizes["height"], max(sizes["edge_radius"], 0.0))
-
-    @property
-    def rise(self) -> float:
-        return self.height.nominal
 
     def top(self, x: float) -> float:
         """Circle about (r, H - r) between the two faces."""
@@ -67,19 +64,14 @@ class StepBlock(Block):
         return H if x >= r else H - r + math.sqrt(x * (2.0 * r - x))
 
     def solids(self) -> list[cad.kernel.Body]:
-        height, radius, y = self.height.nominal, self.edge_radius.nominal, -0.5 * self.body.width.nominal
-        right, left = section_outline(self.body, 0.0, height)
-        outline: list[Any] = [(x, y, z) for x, z in right]
+        height, radius = self.height.nominal, self.edge_radius.nominal
+        crest: list[Any] = [(radius, height)]
         if radius > 0.0:
             bow = radius * (1.0 - math.sqrt(0.5))
-            outline += [(radius, y, height), ((bow, y, height - bow), (0.0, y, height - radius))]
-        else:
-            outline.append((0.0, y, height))
+            crest.append(((bow, height - bow), (0.0, height - radius)))
         if radius < height:
-            outline.append((0.0, y, 0.0))
-        outline += [(x, y, z) for x, z in left]
-        body = cad.kernel.extruded(outline, (0.0, self.body.width.nominal, 0.0))
-        cuts = body_cuts(self.body, self.id, 0.0, height)
+            crest.append((0.0, 0.0))
+        body, cuts = self.extruded(crest), body_cuts(self.body, self.id, height)
         if self.metrology.kind == "ridge":
             body = cad.kernel.fused([body, self._feature()])
         else:
@@ -114,13 +106,8 @@ class StepBlock(Block):
 
     def hulls(self) -> list[Any]:
         body, height, feature = self.body, self.height.nominal, self.metrology
-        left = hull(half_points(body, -1.0, 0.0, 0.0, [(0.0, 0.0)]))
-        points = half_points(body, 1.0, height, 0.0, self._rounding())
-        right_points = [point for point in points if not (point[0] == 0.0 and point[2] == height)]
-        if self.edge_radius.nominal == 0.0:
-            side = 0.5 * body.width.nominal - body.edge_break.nominal
-            right_points += [(0.0, y * side, height) for y in (-1.0, 1.0)]
-        right = hull(right_points)
+        left = hull(half_points(body, -1.0, 0.0, [(0.0, 0.0)]))
+        right = hull(half_points(body, 1.0, height, self._rounding()))
         near, lane = feature.distance.nominal, 0.5 * body.width.nominal - feature.lane.nominal
         if feature.kind == "ridge":
             y1 = 0.5 * body.width.nominal - body.edge_break.nominal

@@ -13,7 +13,7 @@ from stepblocks import cad
 from stepblocks.contact.kernels import locking_height
 from stepblocks.contact.operating_point import PAPER
 from stepblocks.parts.characteristics import Characteristic, EdgeRule, FaceRule, plane, toleranced
-from stepblocks.parts.declared import MaterialField, must, rules_validator
+from stepblocks.parts.declared import MaterialField, must, rules_validator, usual
 from stepblocks.parts.energy_tolerance import EnergyToleranceField, described, energy_tolerance_lacks
 from stepblocks.parts.kind import COARSE_DEFLECTION, CONTACT_DEFLECTION, Finding, HeldPart, MeasuredMesh
 from stepblocks.parts.revolution import Outline, Point3, Turned, revolution_volume, ring, turned_hull
@@ -31,10 +31,10 @@ class Tip(Turned, HeldPart):
     titled: ClassVar[str] = "Probe tip"
     governed_by: ClassVar[str] = "ball_radius"
 
-    ball_radius: FeltPositiveLength  # R of the contact sphere [m]
-    cone_angle: Angle  # half angle of the cone, tangent to the ball [rad]
+    ball_radius: FeltPositiveLength = usual(otherwise="2 um")  # R of the contact sphere [m]
+    cone_angle: Angle = usual("8 deg", "0.5 deg")  # half angle of the cone, tangent to the ball [rad]
     shank_radius: PositiveLength  # at the end of the cone [m]
-    material: MaterialField
+    material: MaterialField = usual("stainless")
     # of the vibration energy on the steps of the set, where the ball's tolerance shall follow from it
     energy_tolerance: EnergyToleranceField | None = None
 
@@ -106,7 +106,8 @@ class StraightTip(Tip):
     stanza: ClassVar[str] = "straight_tip"
     called: ClassVar[str] = "straight probe tip"
 
-    length: PositiveLength  # from the contact point to the end of the shank [m]
+    shank_radius: PositiveLength = usual("1.175 mm", "+0 mm / -0.016 mm", source="ISO 1797 type 1 shank, 2.35 mm")
+    length: PositiveLength = usual("40 mm")  # from the contact point to the end of the shank [m]
 
     def outline(self) -> Outline:
         """Half section with the shank."""
@@ -133,9 +134,10 @@ class HookTip(Tip):
     stanza: ClassVar[str] = "hook_tip"
     called: ClassVar[str] = "shepherd's hook"
 
-    bend_radius: PositiveLength  # of the bend at the wire's axis [m]
-    bend_angle: Angle  # through which the wire is bent [rad], in degrees up to below 180
-    straight_length: PositiveLength  # of the shank beyond the bend [m]
+    shank_radius: PositiveLength = usual("0.5 mm", "0.02 mm")
+    bend_radius: PositiveLength = usual("4 mm")  # of the bend at the wire's axis [m]
+    bend_angle: Angle = usual("75 deg", "1 deg")  # through which the wire is bent [rad], in degrees up to below 180
+    straight_length: PositiveLength = usual("20 mm")  # of the shank beyond the bend [m]
 
     def solids(self) -> list[cad.kernel.Body]:
         top, wire = self.cone_end, self.shank_radius.nominal
