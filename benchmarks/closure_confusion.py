@@ -21,10 +21,10 @@ from typing import Any
 import numpy as np
 
 from oracles.feature_bench import BenchScatter, bench_trials, block_scans, design_columns, noise_free
-from stepblocks.contact.effects.law import Law, Parameter
 from stepblocks.contact.effects.smooth import SLOT_MOVES
 from stepblocks.contact.operating_point import Tool
 from stepblocks.contact.state import CHANNELS
+from stepblocks.law import Law, Parameter
 from stepblocks.loop.bench_model import SessionModel, candidates, covariate_ranges
 from stepblocks.loop.search.adequacy import identifiability
 from stepblocks.loop.search.explain import Explanation, Rules, Verdict, explain

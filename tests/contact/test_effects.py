@@ -6,14 +6,14 @@ import numpy as np
 import pytest
 
 from stepblocks.contact.critical_angle import step_angle
-from stepblocks.contact.effects import named_laws
-from stepblocks.contact.effects.law import SLOTS, Law
+from stepblocks.contact.effects import SLOTS, named_laws
 from stepblocks.contact.effects.release_motion import released
 from stepblocks.contact.effects.smooth import CovariateRange, smooth_laws
 from stepblocks.contact.energy import release_at
 from stepblocks.contact.forward import BenchDesign, constants, height_name, nominal_state
 from stepblocks.contact.state import CHANNELS, DragState, observe
 from stepblocks.errors import ContactError
+from stepblocks.law import Law
 
 _ENERGY, _FORCE, _FRICTION, _SPRING, _RING, _DECAY, _LOAD = range(7)
 _VALUES = {

@@ -6,7 +6,6 @@ import numpy as np
 import pytest
 
 from stepblocks.contact.effects import named_laws
-from stepblocks.contact.effects.law import Law, Parameter
 from stepblocks.contact.forward import (
     BenchDesign,
     constants,
@@ -21,6 +20,7 @@ from stepblocks.contact.kernels import angle_on_step, height_at_angle
 from stepblocks.contact.operating_point import PAPER, Tool
 from stepblocks.contact.state import CHANNELS, observe
 from stepblocks.errors import ContactError
+from stepblocks.law import Law, Parameter
 
 _ENERGY, _FORCE, _FRICTION, _SPRING, _RING, _DECAY, _LOAD = range(7)
 _VALUES = {

@@ -12,8 +12,9 @@ from numpy.typing import NDArray
 from stepblocks.contact.forward import height_name
 from stepblocks.contact.operating_point import Tool
 from stepblocks.contact.state import CHANNELS, observe
+from stepblocks.law import Active
 from stepblocks.loop.bench_model import SessionModel
-from stepblocks.loop.search.forward_model import Active, Trials
+from stepblocks.loop.search.forward_model import Trials
 
 __all__ = ["BenchScatter", "bench_trials", "block_errors", "block_scans", "design_columns", "noise_free"]
 

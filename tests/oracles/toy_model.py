@@ -1,54 +1,12 @@
 """A forward model with nothing of the bench in it: two channels that are linear in two covariates."""
 
-from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, replace
-from typing import Any
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 
 import numpy as np
 
-from stepblocks.loop.search.forward_model import Active, Floats, Systematic, Trials
-
-__all__ = ["Effect", "Parameter", "Toy", "toy_effects", "toy_trials"]
-
-
-@dataclass(frozen=True)
-class Parameter:
-    """What the search asks of a parameter, and nothing more."""
-
-    name: str
-    unit: str
-    start: float
-    low: float
-    high: float
-    scale: float
-    prior_std: float = float("inf")
-    block: str = ""
-
-    def renamed(self, name: str) -> "Parameter":
-        return replace(self, name=name)
-
-
-@dataclass(frozen=True)
-class Effect:
-    """What the search asks of an effect; its ``apply(state, trials, values)`` is a matter of the model alone."""
-
-    id: str
-    slot: str
-    covariate: str
-    form: str
-    parameters: tuple[Parameter, ...]
-    amplitudes: tuple[str, ...]
-    apply: Callable[[Any, Trials, Mapping[str, float]], Any]
-    shapes: tuple[Mapping[str, float], ...] = ({},)
-    named: bool = True
-    rank: int = 0
-
-    @property
-    def place(self) -> tuple[str, str]:
-        return self.slot, self.covariate
-
-    def own(self, values: Mapping[str, float]) -> dict[str, float]:
-        return {p.name: values[f"{self.id}.{p.name}"] for p in self.parameters}
+from stepblocks.law import Active, Law, Parameter
+from stepblocks.loop.search.forward_model import Floats, Systematic, Trials
 
 
 @dataclass(frozen=True)
@@ -80,15 +38,15 @@ class Toy:
         return np.tile(np.array([[1.0], [2.0]]), (len(trials), 1, 1))
 
 
-def toy_effects() -> list[Effect]:
+def toy_effects() -> list[Law]:
     """A named square law over z, straight lines over z and w, and one that the constant a imitates."""
 
-    def effect(name: str, covariate: str, shape, named: bool) -> Effect:  # type: ignore[no-untyped-def]
+    def effect(name: str, covariate: str, shape, named: bool) -> Law:  # type: ignore[no-untyped-def]
         def apply(level: Floats, trials: Trials, own: Mapping[str, float]) -> Floats:
             return level + own["size"] * shape(trials)
 
         size = Parameter("size", "1", 0.0, -10.0, 10.0, 0.1)
-        return Effect(name, "level", covariate, name, (size,), ("size",), apply, named=named)
+        return Law(name, name, (size,), apply, "level", covariate, named=named)
 
     return [
         effect("square_of_z", "z", lambda t: t.covariates["z"] ** 2, True),

@@ -12,12 +12,12 @@ import numpy as np
 from pydantic import TypeAdapter
 
 from stepblocks.contact.effects import named_laws
-from stepblocks.contact.effects.law import Law, Parameter
 from stepblocks.contact.effects.smooth import CovariateRange, smooth_laws
-from stepblocks.contact.forward import Active, constants, design_of
+from stepblocks.contact.forward import constants, design_of
 from stepblocks.contact.operating_point import Tool
 from stepblocks.contact.state import CHANNELS, Floats
 from stepblocks.errors import ContactError, PipelineError
+from stepblocks.law import Active, Law, Parameter
 from stepblocks.text_file import read_document
 
 WIDE = 1.959964  # standard deviations either side of a 95 % interval

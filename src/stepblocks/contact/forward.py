@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass, field, fields
 from functools import cached_property
 from typing import Any
@@ -11,15 +11,13 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from stepblocks.contact.effects.law import Law, Parameter
 from stepblocks.contact.operating_point import PAPER, Tool
 from stepblocks.contact.state import DragState, Floats, observe
 from stepblocks.errors import ContactError
+from stepblocks.law import Active, Parameter
 
 TOGETHER = " * "  # between the names of two covariates that act together
 PEAK_FORCE = "peak_force_n"  # a quantity of the model that an effect may follow like a column
-
-Active = Sequence[tuple[Law, Mapping[str, float]]]  # laws with values of their parameters
 
 
 @dataclass(frozen=True)

@@ -6,19 +6,19 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import lru_cache
 from itertools import combinations
-from typing import ClassVar, cast
+from typing import ClassVar
 
 import numpy as np
 
 from stepblocks.contact import forward
 from stepblocks.contact.effects import named_laws
-from stepblocks.contact.effects.law import Law, Parameter
 from stepblocks.contact.effects.smooth import CovariateRange, smooth_laws
 from stepblocks.contact.effects.tool import set_instrument
 from stepblocks.contact.forward import PEAK_FORCE, TOGETHER, BenchDesign
 from stepblocks.contact.operating_point import Tool
 from stepblocks.contact.state import CHANNELS, DragState, observe
-from stepblocks.loop.search.forward_model import Active, Floats, Systematic, Trials
+from stepblocks.law import Active, Law, Parameter
+from stepblocks.loop.search.forward_model import Floats, Systematic, Trials
 
 # what the evaluation of traces may leave as an error common to many trials, one deviation per unit of covariate;
 # benchmarks of the features on synthetic traces show less
@@ -93,9 +93,7 @@ class SessionModel:
 
     def state(self, trials: Trials, values: Mapping[str, float], effects: Active = ()) -> DragState:
         """Fill all slots, effects applied."""
-        # the search hands back the laws that `candidates` gave it
-        laws = cast("forward.Active", effects)
-        state = forward.extended_state(_design(trials, self.tool.stiffness), values, laws)
+        state = forward.extended_state(_design(trials, self.tool.stiffness), values, effects)
         told = {name: value for name, (value, _) in self.known.items()}
         return set_instrument(state, None, told) if told else state
 

@@ -6,7 +6,6 @@ import math
 from collections.abc import Mapping
 from typing import Any
 
-from stepblocks.contact.effects.law import Law
 from stepblocks.loop.search.explain import Explanation, Finding, Verdict
 
 # a factor and a unit that people read, by the unit that a parameter has; beyond the limit the plain one
@@ -51,7 +50,7 @@ def _errors(document: Mapping[str, Any]) -> dict[str, str]:
 
 def _of(finding: Finding, entry: Mapping[str, Any]) -> str:
     law = finding.effect
-    name = law.said if isinstance(law, Law) and law.said and finding.verdict is not Verdict.UNEXPLAINED else ""
+    name = "" if finding.verdict is Verdict.UNEXPLAINED else law.said
     if not name:
         along = {"none": "is another", "block": "differs by block"}.get(law.covariate, f"follows {law.covariate}")
         return f"{law.slot.replace('_', ' ')} {along}, no law claimed"

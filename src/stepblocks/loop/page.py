@@ -12,9 +12,10 @@ from numpy.typing import NDArray
 
 from stepblocks.artefacts.model_file import WIDE
 from stepblocks.contact.forward import PEAK_FORCE
+from stepblocks.law import Law
 from stepblocks.loop.result import LoopResult
 from stepblocks.loop.search.explain import Explanation
-from stepblocks.loop.search.forward_model import Effect, Floats
+from stepblocks.loop.search.forward_model import Floats
 from stepblocks.page_file import render_page
 
 _BEFORE, _AFTER = "#b0506a", "#2f6f9f"
@@ -105,7 +106,7 @@ def _positions(column: NDArray[Any]) -> tuple[Floats, list[str]]:
     return np.asarray(inverse, dtype=np.float64), [str(label) for label in labels]
 
 
-def _curve(result: LoopResult, effect: Effect, name_shown: str) -> dict[str, str]:
+def _curve(result: LoopResult, effect: Law, name_shown: str) -> dict[str, str]:
     """Draw the change that an effect makes in the channel it moves most, over what it follows, with its 95 % band."""
     from matplotlib.figure import Figure
 
@@ -125,7 +126,7 @@ def _curve(result: LoopResult, effect: Effect, name_shown: str) -> dict[str, str
     return {"title": title, "image": _png(figure)}
 
 
-def _change(found: Explanation, effect: Effect) -> tuple[int, Floats, Floats]:
+def _change(found: Explanation, effect: Law) -> tuple[int, Floats, Floats]:
     """Return the channel that an effect moves most, its change trial by trial, and the standard deviation of that."""
     trials, fitted, model = found.problem.trials, found.extended, found.problem.model
     others = [(e, own) for e, own in fitted.active if e is not effect]
@@ -145,7 +146,7 @@ def _change(found: Explanation, effect: Effect) -> tuple[int, Floats, Floats]:
     return j, base[:, j], np.sqrt(np.maximum(variance, 0.0))
 
 
-def _followed(result: LoopResult, effect: Effect) -> tuple[Floats, str]:
+def _followed(result: LoopResult, effect: Law) -> tuple[Floats, str]:
     """Return what an effect follows, as numbers, and its name; the height where it follows nothing."""
     trials, fitted = result.table.trials, result.found.extended
     if effect.covariate == PEAK_FORCE:

@@ -6,19 +6,19 @@ import itertools
 from collections.abc import Mapping
 from dataclasses import dataclass
 from html import escape
-from typing import Any, cast
+from typing import Any
 
 import numpy as np
 
 from stepblocks.artefacts.model_file import WIDE, LearnedFit, LearnedModel
-from stepblocks.contact.effects.law import Law
 from stepblocks.contact.effects.smooth import CovariateRange
+from stepblocks.law import Law
 from stepblocks.loop.bench_model import candidates, covariate_ranges
 from stepblocks.loop.finding import sentence
 from stepblocks.loop.search.adequacy import identifiability, propose, pure_error
 from stepblocks.loop.search.explain import Explanation, Finding, Holdout, Rules, Verdict, without
 from stepblocks.loop.search.fit import Fit
-from stepblocks.loop.search.forward_model import Effect, Trials
+from stepblocks.loop.search.forward_model import Trials
 from stepblocks.loop.search.gate import smallest_shown
 from stepblocks.loop.search.noise import flexible_residual
 from stepblocks.loop.session_table import Scans, SessionTable
@@ -66,8 +66,7 @@ def learned_model(table: SessionTable, found: Explanation, ranges: tuple[Covaria
     """Return what was learnt, as it can be predicted from without the session."""
     model, scatter = table.model, found.problem.noise.scatter
     nominal, extended = (
-        # the search hands back the laws that `candidates` gave it
-        LearnedFit(f.values, tuple(p.unit for p in f.parameters), f.covariance, cast("tuple[Law, ...]", f.effects))
+        LearnedFit(f.values, tuple(p.unit for p in f.parameters), f.covariance, f.effects)
         for f in (found.nominal, found.extended)
     )
     return LearnedModel(
@@ -178,7 +177,7 @@ def _constants(fitted: Fit, spring: float) -> dict[str, Any]:
     } | {p.name: _entry(v[p.name], p.unit, s[p.name]) for p in fitted.parameters if p.name not in _RENAMED}
 
 
-def _effect(effect: Effect, fitted: Fit, evidence: Mapping[str, Any]) -> dict[str, Any]:
+def _effect(effect: Law, fitted: Fit, evidence: Mapping[str, Any]) -> dict[str, Any]:
     own, std = effect.own(fitted.values), effect.own(fitted.std)
     return {
         "id": effect.id.split("~")[0],
@@ -279,7 +278,7 @@ def next_experiment(found: Explanation) -> dict[str, Any] | None:
     """Return settings that separate the rivals best, with the expected gain; None where nothing is open."""
     laws = [law for f in found.findings if f.rivals for law in (f.effect, *(r[0] for r in f.rivals))]
     # what to do on the bench would settle a group of laws, each move once
-    moves = list(dict.fromkeys(law.settled for law in laws if isinstance(law, Law) and law.settled))
+    moves = list(dict.fromkeys(law.settled for law in laws if law.settled))
     pair = _pair(found)
     if pair is None:
         note = "write down what differs between these trials: who, when, which tip and which batch"

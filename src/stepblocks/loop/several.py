@@ -10,14 +10,13 @@ import json
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any, cast
+from typing import Any
 
 import numpy as np
 from scipy import stats
 
 from stepblocks.artefacts.model_file import LearnedFit, LearnedModel, model_document
 from stepblocks.atomic import alone_in, replace_text
-from stepblocks.contact.effects.law import Law
 from stepblocks.errors import PipelineError
 from stepblocks.loop.result import LoopResult
 from stepblocks.loop.run import loop_session
@@ -83,9 +82,7 @@ def hierarchy(results: Mapping[str, LoopResult]) -> tuple[dict[str, Shared], Lea
     pooled = [shared[parameter] for parameter in last.values]
     variance = [p.between**2 + p.mean_std**2 for p in pooled]
     values = {p.name: p.mean for p in pooled}
-    extended = LearnedFit(
-        values, tuple(p.unit for p in pooled), np.diag(variance), cast("tuple[Law, ...]", last.effects)
-    )
+    extended = LearnedFit(values, tuple(p.unit for p in pooled), np.diag(variance), last.effects)
     return shared, replace(results[name].model, verdict="several sessions", extended=extended)
 
 

@@ -7,8 +7,9 @@ import pytest
 from scipy.optimize import minimize
 from scipy.stats import norm
 
-from oracles.toy_model import Effect, Parameter, Toy, toy_effects, toy_trials
+from oracles.toy_model import Toy, toy_effects, toy_trials
 from stepblocks.errors import ClosureError
+from stepblocks.law import Law, Parameter
 from stepblocks.loop.search.fit import Problem, fit, problem_of
 from stepblocks.loop.search.forward_model import Systematic, Trials
 from stepblocks.loop.search.noise import Scatter, estimate_scatter, outliers, whitener
@@ -97,7 +98,7 @@ def test_an_effect_at_its_start_changes_nothing() -> None:
     trials = toy_trials(30, 7)
     problem = problem_of(Toy(), trials)
     base = fit(problem)
-    effects: list[Effect] = toy_effects()
+    effects: list[Law] = toy_effects()
     values = base.values | {f"{e.id}.size": 0.0 for e in effects}
     assert np.array_equal(Problem(Toy(), trials, problem.noise).predict(effects, values), base.predicted)
 

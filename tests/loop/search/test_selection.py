@@ -5,7 +5,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from oracles.toy_model import Effect, Parameter, Toy, toy_effects, toy_trials
+from oracles.toy_model import Toy, toy_effects, toy_trials
+from stepblocks.law import Law, Parameter
 from stepblocks.loop.search.fit import fit, problem_of
 from stepblocks.loop.search.gate import choose, gate
 
@@ -56,7 +57,7 @@ def test_a_law_driven_to_the_end_of_its_form_is_no_law():
     size = Parameter("size", "1", 0.0, -50.0, 50.0, 0.1)
     settling = Parameter("settling", "1", 2.0, 0.1, 3.0, 0.5)
     shapes = ({"settling": 1.0}, {"settling": 2.5})
-    law = Effect("settling", "level", "z", "s exp(-z/s)", (size, settling), ("size",), apply, shapes)
+    law = Law("settling", "s exp(-z/s)", (size, settling), apply, "level", "z", shapes)
     trials = toy_trials(200, 3)
     z = trials.covariates["z"]
     rise = 0.5 * z + 0.1 * z**2

@@ -12,10 +12,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from oracles.toy_model import Effect, Parameter
+from stepblocks.law import Active, Law, Parameter
 from stepblocks.loop.search.explain import Rules, Verdict, explain
 from stepblocks.loop.search.fit import Fit
-from stepblocks.loop.search.forward_model import Active, Floats, Systematic, Trials
+from stepblocks.loop.search.forward_model import Floats, Systematic, Trials
 
 _SHARED = Path(os.environ.get("STEPBLOCKS_SHARED", Path(__file__).parents[3] / ".." / "shared"))
 _RECORD = _SHARED / "real" / "silverbox" / "SNLS80mV.csv"
@@ -62,14 +62,14 @@ class LinearOscillator:
         return np.zeros((len(trials), 1, 0))
 
 
-def _library() -> list[Effect]:
-    def effect(name: str) -> Effect:
+def _library() -> list[Law]:
+    def effect(name: str) -> Law:
         def apply(total: Floats, trials: Trials, own: Mapping[str, float]) -> Floats:
             return total + own["strength"] * _TERMS[name](trials.covariates["y_1"], trials.covariates["y_2"])
 
         slot = "restoring" if name.endswith("spring") else "damping"
         strength = Parameter("strength", "1", 0.0, -200.0, 200.0, 0.1)
-        return Effect(name, slot, "y_1", name, (strength,), ("strength",), apply)
+        return Law(name, name, (strength,), apply, slot, "y_1")
 
     return [effect(name) for name in _TERMS]
 

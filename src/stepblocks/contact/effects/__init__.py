@@ -5,7 +5,10 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 from stepblocks.contact.effects import contact_geometry, conversion, friction, tool
-from stepblocks.contact.effects.law import Law
+from stepblocks.law import Law
+
+# the parts of the model that an effect may change
+SLOTS = ("contact_geometry", "friction", "normal_load", "stiffness", "conversion", "drag", "sensor")
 
 
 def named_laws(blocks: Sequence[str] = ()) -> tuple[Law, ...]:

@@ -6,8 +6,8 @@ from collections.abc import Mapping
 from functools import partial
 from typing import Any
 
-from stepblocks.contact.effects.law import Law, Parameter
 from stepblocks.contact.state import DragState
+from stepblocks.law import Law, Parameter
 
 _geometry = partial(Law, slot="contact_geometry")
 

@@ -13,9 +13,9 @@ from typing import Any
 
 import numpy as np
 
-from stepblocks.contact.effects.law import Law, Parameter
 from stepblocks.contact.operating_point import PAPER
 from stepblocks.contact.state import DragState
+from stepblocks.law import Law, Parameter
 
 _conversion = partial(Law, slot="conversion")
 

@@ -8,8 +8,8 @@ from typing import Any
 
 import numpy as np
 
-from stepblocks.contact.effects.law import Law, Parameter
 from stepblocks.contact.state import DragState, Floats
+from stepblocks.law import Law, Parameter
 
 _friction = partial(Law, slot="friction")
 

@@ -9,8 +9,8 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from stepblocks.contact.effects.law import Law, Parameter
 from stepblocks.contact.state import DragState, Floats
+from stepblocks.law import Law, Parameter
 
 Change = Callable[[DragState, Floats], DragState]
 

@@ -8,8 +8,8 @@ from typing import Any
 
 import numpy as np
 
-from stepblocks.contact.effects.law import Law, Parameter
 from stepblocks.contact.state import DragState
+from stepblocks.law import Law, Parameter
 
 _stiffness, _load, _sensor = (partial(Law, slot=slot) for slot in ("stiffness", "normal_load", "sensor"))
 _bias = partial(_load, said="the load differs from the weights by", settled="weigh the arm without weights")

@@ -11,8 +11,9 @@ import numpy as np
 from scipy import stats
 from statsmodels.stats.multitest import multipletests
 
+from stepblocks.law import Law
 from stepblocks.loop.search.fit import Fit, Problem
-from stepblocks.loop.search.forward_model import Effect, Floats, Trials
+from stepblocks.loop.search.forward_model import Floats, Trials
 from stepblocks.loop.search.gate import tangent
 
 _LEVEL = 0.005  # of the tests of residuals, after Holm
@@ -102,7 +103,7 @@ class Identifiability:
     weak: tuple[str, ...]  # constants that the data leave open: their error stays that of the prior
 
 
-def identifiability(problem: Problem, base: Fit, effects: Sequence[Effect]) -> Identifiability:
+def identifiability(problem: Problem, base: Fit, effects: Sequence[Law]) -> Identifiability:
     """Compare the directions in which effects and constants move the prediction."""
     rows = base.residual.size
     scaled = base.jacobian / np.maximum(np.linalg.norm(base.jacobian, axis=0), 1e-300)

@@ -9,9 +9,10 @@ from enum import StrEnum
 import numpy as np
 from numpy.typing import NDArray
 
+from stepblocks.law import Law
 from stepblocks.loop.search.adequacy import independence, pure_error
 from stepblocks.loop.search.fit import Fit, Problem, fit, problem_of
-from stepblocks.loop.search.forward_model import Effect, Floats, ForwardModel, Trials
+from stepblocks.loop.search.forward_model import Floats, ForwardModel, Trials
 from stepblocks.loop.search.gate import Trial, choose, gate
 from stepblocks.loop.search.structure import Hint, hints, quantity_errors, walk, wandering, wandering_hint
 
@@ -23,7 +24,7 @@ _WORTH = 4.0  # of the criterion, below which an exchange is not made
 
 Deployed = Callable[[Fit], float]  # error of a fit where it will be used
 Rows = NDArray[np.intp]
-Asked = Callable[[Trials], Sequence[Effect]]  # candidates of a table
+Asked = Callable[[Trials], Sequence[Law]]  # candidates of a table
 
 
 class Verdict(StrEnum):
@@ -51,12 +52,12 @@ class Rules:
 class Finding:
     """One effect found."""
 
-    effect: Effect
+    effect: Law
     verdict: Verdict  # what may be claimed of it
     gate_p: float  # chance that noise opens the gate as wide, over the whole family of candidates
     gain: float  # fall of the cost (twice the log likelihood) when it is added to the others
     # effects that do as well within the margin: their fit and how far their criterion is behind
-    rivals: tuple[tuple[Effect, Fit, float], ...] = ()
+    rivals: tuple[tuple[Law, Fit, float], ...] = ()
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -85,7 +86,7 @@ class Explanation(_Grown):
 def explain(
     model: ForwardModel,
     trials: Trials,
-    candidates: Sequence[Effect],
+    candidates: Sequence[Law],
     rules: Rules | None = None,
     deployed: Deployed | None = None,
 ) -> Explanation:
@@ -95,7 +96,7 @@ def explain(
 
 
 def _searched(
-    model: ForwardModel, trials: Trials, candidates: Sequence[Effect], rules: Rules, deployed: Deployed | None = None
+    model: ForwardModel, trials: Trials, candidates: Sequence[Law], rules: Rules, deployed: Deployed | None = None
 ) -> _Grown:
     """Search, ask what nobody wrote down, and search again where trials that follow one another err together."""
     problem = problem_of(model, trials)
@@ -120,7 +121,7 @@ def _searched(
     return replace(again, told=told)
 
 
-def _timely(effect: Effect, trials: Trials, order: Floats) -> bool:
+def _timely(effect: Law, trials: Trials, order: Floats) -> bool:
     """Whether an effect follows what drifts with the hour: the run itself, or a reading that goes along with it."""
     numbers = trials.numeric(effect.covariate) if effect.covariate in trials.covariates else None
     if numbers is None or np.ptp(numbers) == 0.0:
@@ -149,7 +150,7 @@ def _mistaken(grown: _Grown, names: Sequence[str]) -> set[int]:
     return found
 
 
-def _search(problem: Problem, candidates: Sequence[Effect], rules: Rules, deployed: Deployed | None = None) -> _Grown:
+def _search(problem: Problem, candidates: Sequence[Law], rules: Rules, deployed: Deployed | None = None) -> _Grown:
     current, p_value = fit(problem), 1.0
     gates: dict[str, float] = {}
     error = deployed(current) if deployed else 0.0
@@ -177,17 +178,17 @@ def _search(problem: Problem, candidates: Sequence[Effect], rules: Rules, deploy
     return _Grown(problem=problem, extended=current, gates=gates, last_gate_p=p_value, needed=opened.least_gain)
 
 
-def _left(candidates: Sequence[Effect], current: Fit) -> list[Effect]:
+def _left(candidates: Sequence[Law], current: Fit) -> list[Law]:
     taken = {e.id for e in current.effects}
     return [e for e in candidates if e.id not in taken]
 
 
-def without(problem: Problem, current: Fit, effect: Effect) -> Fit:
+def without(problem: Problem, current: Fit, effect: Law) -> Fit:
     """Fit again without one of the effects."""
     return fit(problem, tuple(e for e in current.effects if e is not effect), current.values)
 
 
-def _grow(problem: Problem, current: Fit, chosen: Trial, candidates: Sequence[Effect]) -> Fit | None:
+def _grow(problem: Problem, current: Fit, chosen: Trial, candidates: Sequence[Law]) -> Fit | None:
     """Add the chosen effect; where a law already stands at its place, the law is too stiff and a smooth replaces it."""
     added = chosen.effect
     same = [e for e in current.effects if e.place == added.place and e.covariate not in ("none", "block")]
@@ -203,7 +204,7 @@ def _grow(problem: Problem, current: Fit, chosen: Trial, candidates: Sequence[Ef
     return chosen.fit if not added.named and all(not s.named for s in same) else None
 
 
-def _exchanged(problem: Problem, current: Fit, candidates: Sequence[Effect]) -> Fit | None:
+def _exchanged(problem: Problem, current: Fit, candidates: Sequence[Law]) -> Fit | None:
     """Look for one of several effects again in the presence of the others, or drop one that is no longer needed."""
     for effect in current.effects if len(current.effects) > 1 else ():
         base = without(problem, current, effect)
@@ -216,7 +217,7 @@ def _exchanged(problem: Problem, current: Fit, candidates: Sequence[Effect]) -> 
     return None
 
 
-def _conclude(grown: _Grown, candidates: Sequence[Effect], rules: Rules) -> Explanation:
+def _conclude(grown: _Grown, candidates: Sequence[Law], rules: Rules) -> Explanation:
     problem, current = grown.problem, grown.extended
     findings = tuple(_finding(grown, e, candidates, rules) for e in current.effects)
     checks, adequate = independence(problem, current)
@@ -242,13 +243,13 @@ def _conclude(grown: _Grown, candidates: Sequence[Effect], rules: Rules) -> Expl
     )
 
 
-def _finding(grown: _Grown, effect: Effect, candidates: Sequence[Effect], rules: Rules) -> Finding:
+def _finding(grown: _Grown, effect: Law, candidates: Sequence[Law], rules: Rules) -> Finding:
     problem, current = grown.problem, grown.extended
     base = without(problem, current, effect)
     opened = gate(problem, base, _left(candidates, base), draws=0)
     choice = choose(problem, base, opened, min(rules.fits, 8), keep=(effect.id,))
     own = problem.criterion(current)
-    rivals: list[tuple[Effect, Fit, float]] = []
+    rivals: list[tuple[Law, Fit, float]] = []
     seen = {_family(effect)}
     for trial in choice[1] if choice else ():
         if trial.effect.id == effect.id or _family(trial.effect) in seen or trial.criterion > own + rules.margin:
@@ -300,7 +301,7 @@ def _agreed(finding: Finding, folds: Sequence[set[str]]) -> Verdict:
     return Verdict.AMBIGUOUS if others else Verdict.UNEXPLAINED
 
 
-def _family(effect: Effect) -> str:
+def _family(effect: Law) -> str:
     """Name without the mark of the variant; specimens are no variants of one another."""
     return effect.id if effect.covariate == "block" else effect.id.split("~")[0]
 

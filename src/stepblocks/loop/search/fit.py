@@ -12,7 +12,8 @@ from scipy.optimize import least_squares
 from scipy.special import log_ndtr
 
 from stepblocks.errors import ClosureError
-from stepblocks.loop.search.forward_model import Active, Effect, Floats, ForwardModel, Parameter, Systematic, Trials
+from stepblocks.law import Active, Law, Parameter
+from stepblocks.loop.search.forward_model import Floats, ForwardModel, Systematic, Trials
 from stepblocks.loop.search.noise import Noise, estimate_scatter, flexible_residual, least, replicate_residual, whitener
 
 
@@ -41,12 +42,12 @@ class Problem:
         every = [*self.model.systematics(self.trials), *common]
         return replace(self, noise=whitener(self.trials, every, responses, self.noise.scatter), common=tuple(common))
 
-    def layout(self, effects: Sequence[Effect]) -> tuple[Parameter, ...]:
+    def layout(self, effects: Sequence[Law]) -> tuple[Parameter, ...]:
         """Parameters of model and effects in one row; those of an effect are called ``effect.parameter``."""
         of_effects = (p.renamed(f"{e.id}.{p.name}") for e in effects for p in e.parameters)
         return (*self.model.parameters(self.trials), *of_effects)
 
-    def predict(self, effects: Sequence[Effect], values: Mapping[str, float]) -> Floats:
+    def predict(self, effects: Sequence[Law], values: Mapping[str, float]) -> Floats:
         """Predict all channels with effects, shape (n, c)."""
         return self.model.predict(self.trials, values, [(e, e.own(values)) for e in effects])
 
@@ -59,7 +60,7 @@ class Problem:
 class Fit:
     """A fitted model."""
 
-    effects: tuple[Effect, ...]
+    effects: tuple[Law, ...]
     parameters: tuple[Parameter, ...]  # what was fitted
     values: dict[str, float]
     std: dict[str, float]  # standard errors from the curvature
@@ -79,7 +80,7 @@ class Fit:
 class _Objective:
     """Residuals and Jacobian in units of each parameter's scale."""
 
-    def __init__(self, problem: Problem, effects: Sequence[Effect]) -> None:
+    def __init__(self, problem: Problem, effects: Sequence[Law]) -> None:
         self.problem, self.effects = problem, tuple(effects)
         self.parameters = problem.layout(effects)
         self.scale = np.array([p.scale for p in self.parameters])
@@ -145,7 +146,7 @@ class _Objective:
 
 
 def fit(
-    problem: Problem, effects: Sequence[Effect] = (), start: Mapping[str, float] | None = None, evaluations: int = 40
+    problem: Problem, effects: Sequence[Law] = (), start: Mapping[str, float] | None = None, evaluations: int = 40
 ) -> Fit:
     """Fit the model with some effects."""
     objective = _Objective(problem, effects)

@@ -1,4 +1,4 @@
-"""What the search is told: a table of trials, and a forward model with parameters and effects, of whatever field."""
+"""What the search is told: a table of trials, and a forward model of whatever field."""
 
 from __future__ import annotations
 
@@ -8,6 +8,8 @@ from typing import Any, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
+
+from stepblocks.law import Active, Parameter
 
 Floats = NDArray[np.float64]
 
@@ -55,57 +57,6 @@ class Systematic:
     channel: str  # empty where it shows in all
     column: Floats  # shape (n,), or (n, c) where it shows in all channels
     std: float  # in the unit of the channel
-
-
-class Parameter(Protocol):
-    """A number to be fitted, within `low` and `high`."""
-
-    @property
-    def name(self) -> str: ...  # unique in its model or effect
-    @property
-    def unit(self) -> str: ...
-    @property
-    def start(self) -> float: ...  # middle of the prior; for an amplitude the value where its effect vanishes
-    @property
-    def low(self) -> float: ...
-    @property
-    def high(self) -> float: ...
-    @property
-    def scale(self) -> float: ...  # a change that matters; it sets the step of differences
-    @property
-    def prior_std(self) -> float: ...  # of a normal prior; infinite for none
-    @property
-    def block(self) -> str: ...  # specimen whose trials alone it moves; empty for all
-    def renamed(self, name: str) -> Parameter: ...
-
-
-class Effect(Protocol):
-    """Something a model lacks: one slot of it changed as a function of nothing or of a covariate."""
-
-    @property
-    def id(self) -> str: ...  # what follows a ``~`` tells variants of one effect apart
-    @property
-    def slot(self) -> str: ...  # part of the model that it changes
-    @property
-    def covariate(self) -> str: ...  # that it follows, ``block``, or ``none``
-    @property
-    def form(self) -> str: ...  # the law written out
-    @property
-    def parameters(self) -> Sequence[Parameter]: ...
-    @property
-    def amplitudes(self) -> Sequence[str]: ...  # those parameters at whose start it vanishes
-    @property
-    def shapes(self) -> Sequence[Mapping[str, float]]: ...  # values of the others at which a search looks
-    @property
-    def named(self) -> bool: ...  # False for a smooth, which claims no law
-    @property
-    def rank(self) -> int: ...  # which of several identical laws gives its name: the lowest
-    @property
-    def place(self) -> tuple[str, str]: ...  # slot and covariate: what an attribution is judged by
-    def own(self, values: Mapping[str, float]) -> dict[str, float]: ...  # values called ``effect.parameter`` in a fit
-
-
-Active = Sequence[tuple[Effect, Mapping[str, float]]]  # effects with values of their parameters
 
 
 class ForwardModel(Protocol):

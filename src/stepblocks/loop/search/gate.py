@@ -12,8 +12,9 @@ from dataclasses import dataclass
 import numpy as np
 from scipy import stats
 
+from stepblocks.law import Law
 from stepblocks.loop.search.fit import Fit, Problem, fit
-from stepblocks.loop.search.forward_model import Effect, Floats
+from stepblocks.loop.search.forward_model import Floats
 
 # share of a leader's gain, and gain beside it, that a fit may find over its first order
 _HOPELESS, _SURPRISE = 0.4, 30.0
@@ -24,7 +25,7 @@ _UNSEEN = 2e-3  # a direction of which less is left beside the nominal model is 
 class Score:
     """How a candidate would improve the fit, to first order."""
 
-    effect: Effect
+    effect: Law
     shape: Mapping[str, float]  # values of its other parameters that did best
     log_p: float  # logarithm of its own p value
     gain: float  # fall of the cost
@@ -42,19 +43,19 @@ class Gate:
 
 @dataclass(frozen=True)
 class _Direction:
-    effect: Effect
+    effect: Law
     shape: Mapping[str, float]
     basis: Floats  # of what the design can see of it beside the nominal model
     root: Floats  # from that basis to the amplitudes
     one_sided: bool
 
 
-def tangent(problem: Problem, base: Fit, effect: Effect, shape: Mapping[str, float]) -> Floats:
+def tangent(problem: Problem, base: Fit, effect: Law, shape: Mapping[str, float]) -> Floats:
     """Whitened change of the prediction per unit of each amplitude, in units of its scale, shape (n c, p)."""
     return problem.noise.whiten(np.stack(_changes(problem, base, effect, shape), axis=2))
 
 
-def _changes(problem: Problem, base: Fit, effect: Effect, shape: Mapping[str, float]) -> list[Floats]:
+def _changes(problem: Problem, base: Fit, effect: Law, shape: Mapping[str, float]) -> list[Floats]:
     """Change of the prediction per unit of each amplitude, in units of its scale, each of shape (n, c)."""
     neutral = {p.name: p.start for p in effect.parameters} | dict(shape)
     columns = []
@@ -66,7 +67,7 @@ def _changes(problem: Problem, base: Fit, effect: Effect, shape: Mapping[str, fl
     return columns
 
 
-def _directions(problem: Problem, base: Fit, effects: Sequence[Effect], known: Floats) -> list[_Direction]:
+def _directions(problem: Problem, base: Fit, effects: Sequence[Law], known: Floats) -> list[_Direction]:
     asked = [(effect, shape) for effect in effects for shape in effect.shapes]
     changes = [_changes(problem, base, effect, shape) for effect, shape in asked]
     if not any(changes):
@@ -122,7 +123,7 @@ def _log_p(gains: Floats, freedom: Floats, noise_dof: float) -> Floats:
 
 
 def gate(
-    problem: Problem, base: Fit, effects: Sequence[Effect], draws: int = 400, seed: int = 0, alpha: float = 0.01
+    problem: Problem, base: Fit, effects: Sequence[Law], draws: int = 400, seed: int = 0, alpha: float = 0.01
 ) -> Gate:
     """Score every candidate and judge the best against what noise would do."""
     known = _null_basis(base)
@@ -154,7 +155,7 @@ def gate(
     return Gate(p_value, tuple(sorted(best.values(), key=lambda s: s.log_p)), needed)
 
 
-def smallest_shown(problem: Problem, base: Fit, effects: Sequence[Effect], needed: float) -> dict[str, float]:
+def smallest_shown(problem: Problem, base: Fit, effects: Sequence[Law], needed: float) -> dict[str, float]:
     """Return the amplitude of each effect of one amplitude that opens the gate nine times in ten."""
     # the root of its expected gain exceeds that of the gain that opens the gate by 1.28 standard deviations
     asked = [e for e in effects if len(e.amplitudes) == 1]
@@ -188,7 +189,7 @@ def _draw(problem: Problem, base: Fit, draws: int, seed: int) -> Floats:
 class Trial:
     """A candidate with its full fit and its criterion, cost plus ``p ln n``."""
 
-    effect: Effect
+    effect: Law
     fit: Fit
     criterion: float
 
@@ -229,7 +230,7 @@ def _shortlist(scores: Sequence[Score], most: int, keep: Sequence[str]) -> list[
     return [*named, *smooth[:most], *more, *extra]
 
 
-def _driven_out(effect: Effect, fitted: Fit) -> bool:
+def _driven_out(effect: Law, fitted: Fit) -> bool:
     """Whether a law was driven to the end of its form: a settling that never settles is a drift, not a running-in."""
     own = effect.own(fitted.values)
     shapes = [p for p in effect.parameters if p.name not in effect.amplitudes] if effect.named else []

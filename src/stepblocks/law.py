@@ -1,18 +1,13 @@
-"""The shape that all effects share."""
+"""The shape that all effects share, whatever the model that they change."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
-from stepblocks.contact.state import DragState
-
-# the parts of the model that an effect may change
-SLOTS = ("contact_geometry", "friction", "normal_load", "stiffness", "conversion", "drag", "sensor")
-
-# ``apply(state, covariate, values)``: the covariate's column as in trials.csv, the values by name
-Apply = Callable[[DragState, Any, Mapping[str, float]], DragState]
+# ``apply(state, covariate, values)``: the model's state, what the effect follows, the values by name
+Apply = Callable[[Any, Any, Mapping[str, float]], Any]
 
 
 @dataclass(frozen=True)
@@ -21,12 +16,12 @@ class Parameter:
 
     name: str
     unit: str
-    start: float  # where a fit begins; an amplitude vanishes there
+    start: float  # where a fit begins, the middle of the prior; an amplitude vanishes there
     low: float
     high: float
     scale: float  # a change that matters; it sets the step of differences
     prior_std: float = float("inf")  # of a normal prior about the start
-    block: str = ""  # the block whose trials alone it moves; empty for all
+    block: str = ""  # the specimen whose trials alone it moves; empty for all
 
     def renamed(self, name: str) -> Parameter:
         """Return the same under another name."""
@@ -35,14 +30,14 @@ class Parameter:
 
 @dataclass(frozen=True)
 class Law:
-    """An effect: one slot changed as a function of nothing or of one covariate."""
+    """An effect: one slot of a model changed as a function of nothing or of one covariate."""
 
     id: str  # what follows a ``~`` tells variants of one effect apart
     form: str  # the law written out
     parameters: tuple[Parameter, ...]
     apply: Apply
-    slot: str  # one of `SLOTS`
-    covariate: str = "none"  # a column of trials.csv, a model quantity (``peak_force_n``), or ``block``
+    slot: str  # the part of the model that it changes
+    covariate: str = "none"  # a column of the table of trials, a quantity of the model, or ``block``
     # values at which a search looks of the parameters that are no amplitudes
     shapes: tuple[Mapping[str, float], ...] = ({},)
     named: bool = True  # False for a smooth, which claims no law
@@ -63,3 +58,6 @@ class Law:
     def own(self, values: Mapping[str, float]) -> dict[str, float]:
         """Pick the values of its parameters out of those of a fit, where they are called ``law.parameter``."""
         return {p.name: values[f"{self.id}.{p.name}"] for p in self.parameters}
+
+
+Active = Sequence[tuple[Law, Mapping[str, float]]]  # effects with values of their parameters
