@@ -132,7 +132,7 @@ def test_a_worker_killed_in_mid_run_loses_nothing_and_changes_no_byte(tmp_path):
     sweep(plan, tmp_path / "alone")
     killed = []
     cluster = distributed.LocalCluster(n_workers=2, threads_per_worker=1, processes=True, dashboard_address=None)
-    with cluster, distributed.Client(cluster, set_as_default=False) as client:
+    with cluster:
 
         def kill_one(number):
             if not killed:
@@ -140,7 +140,7 @@ def test_a_worker_killed_in_mid_run_loses_nothing_and_changes_no_byte(tmp_path):
                 os.kill(pid, signal.SIGKILL)
                 killed.append(pid)
 
-        computed, _ = sweep(plan, tmp_path / "cluster", client=client, on_partition=kill_one)
+        computed, _ = sweep(plan, tmp_path / "cluster", scheduler=cluster.scheduler_address, on_partition=kill_one)
     assert killed
     assert computed == plan.partitions == 30
     names = sorted(p.name for p in (tmp_path / "alone").glob("part-*.parquet"))

@@ -188,8 +188,6 @@ def _add_adaptive(jobs: Any) -> None:
     add_output(start, "out/study", said="folder of the study")
 
     for name, said, run in (
-        ("next", "say which pair comes next", _next),
-        ("answer", "take the answer to a trial and say which pair comes next", _answer),
         ("run", "ask trial after trial at the keyboard; q stops, the same command goes on", _run),
         ("undo", "take the last answer back; the same pair is asked again", _undo),
         ("simulate", "let simulated participants answer", _simulate_adaptive),
@@ -197,13 +195,10 @@ def _add_adaptive(jobs: Any) -> None:
     ):
         takes = ("folder", "energies") if name == "simulate" else ("folder",)
         step = ask.add_command(steps, name, run, said, *takes, within=_ADAPTIVE)
-        if name in ("next", "answer", "run", "undo"):
+        if name in ("run", "undo"):
             step.add_argument(
                 "--participant", type=ask.count, required=True, metavar="N", help="number of the participant"
             )
-        if name == "answer":
-            step.add_argument("--trial", type=ask.count, required=True, metavar="N", help="number of the trial")
-            step.add_argument("answer", choices=("y", "n"), help="y if the second of the pair is higher")
         if name == "simulate":
             ask.add_observer(step)
             step.add_argument("--seed", type=ask.whole, required=True, metavar="N", help="seed of all chance")
@@ -216,20 +211,6 @@ def _start(arguments: argparse.Namespace) -> Outcome:
     said = f"{study.plan.method} with {len(study.plan.compared)} blocks against the standard, {study.participants} participants"
     most = f"at most {study.plan.trials} trials each"
     return Outcome(f"{arguments.output / 'setup.json'}: {said}, {most}", notes=list(filter(None, [study.advice])))
-
-
-def _next(arguments: argparse.Namespace) -> Outcome:
-    from stepblocks.study.adaptive import open_adaptive
-
-    return Outcome(str(open_adaptive(arguments.folder).session(arguments.participant)))
-
-
-def _answer(arguments: argparse.Namespace) -> Outcome:
-    from stepblocks.study.adaptive import answer
-
-    session = answer(arguments.folder, arguments.participant, arguments.trial, arguments.answer == "y")
-    told = ("right; " if session.right else "wrong; ") if session.plan.method == "training" else ""
-    return Outcome(f"{told}{session}")
 
 
 def _run(arguments: argparse.Namespace) -> Outcome:
@@ -248,6 +229,8 @@ def _run(arguments: argparse.Namespace) -> Outcome:
             return Outcome(f"stopped after {pair.trial - 1} trials; the same command goes on")
         if text in ("y", "n"):
             session = answer(arguments.folder, arguments.participant, pair.trial, text == "y")
+            if session.plan.method == "training":
+                print("right" if session.right else "wrong")
     return Outcome(str(session))
 
 

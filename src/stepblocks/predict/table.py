@@ -55,13 +55,6 @@ def predict_table(
         The table with ``critical_angle_deg``, ``status``, ``peak_force_n``, ``vibration_energy_j`` and their ends ``_low``
         and ``_high``, ``held_probability`` and ``problem``, which says why a row is ``invalid``; beyond one of the limits
         of docs/model.md its ``status`` names it, and there is no energy.
-
-    Raises
-    ------
-    PipelineError
-        If the table or one of its columns is wrong.
-    ContactError
-        If `confidence` or `draws` is out of range.
     """
     import numpy as np
     import pandas as pd

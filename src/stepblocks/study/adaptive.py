@@ -16,7 +16,7 @@ from stepblocks.errors import PipelineError, StudyError
 from stepblocks.study import require
 from stepblocks.study.blocks import blocks_of, too_coarse
 from stepblocks.study.design import Item, by_codes, trial_row
-from stepblocks.study.session import Estimate, Pair, Plan, Session
+from stepblocks.study.session import ESTIMATED, Pair, Plan, Session
 from stepblocks.study.sheet import answer_columns, key_csv, read_answers, write_new
 from stepblocks.study.simulate import TYPICAL_OBSERVER, Observer, feels_higher
 from stepblocks.tables import csv_text, write_table
@@ -108,11 +108,6 @@ def start_adaptive(
     -------
     AdaptiveStudy
         As written.
-
-    Raises
-    ------
-    StepblocksError
-        If the blocks do not carry the method, or another study stands there already.
     """
     found = blocks_of(source)
     known = [item.identity for item in found.items]
@@ -222,12 +217,8 @@ def _result(session: Session) -> dict[str, Any]:
     try:
         found = session.estimate()
     except StudyError as error:
-        found, state = Estimate(*[math.nan] * 6), f"{state}; {error}"
-    row: dict[str, Any] = {"participant": session.participant, "trials": len(session.answers)}
-    for name, value in vars(found).items():
-        column = f"{name}_95" if name.endswith(("low", "high")) else name
-        row |= {f"{column}_um": value * 1e6} if name.startswith("equal") else {f"{column}_ratio": value}
-    return row | {"state": state}
+        found, state = dict.fromkeys(ESTIMATED, math.nan), f"{state}; {error}"
+    return {"participant": session.participant, "trials": len(session.answers), **found, "state": state}
 
 
 def _trial(study: AdaptiveStudy, session: Session, pair: Pair) -> dict[str, str]:

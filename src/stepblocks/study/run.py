@@ -66,11 +66,6 @@ def design_study(
     -------
     Design
         As written; its `advice` says where levels are too coarse.
-
-    Raises
-    ------
-    StepblocksError
-        If the set has no step blocks, the design is impossible, or another design stands there already.
     """
     experiment = ALIASES.get(experiment, experiment)
     if experiment not in EXPERIMENTS:
@@ -95,11 +90,6 @@ def write_sheets(folder: str | Path) -> int:
     -------
     int
         Number of participants.
-
-    Raises
-    ------
-    StepblocksError
-        If there is no design, or somebody has written into a sheet already.
     """
     folder = Path(folder)
     design = sheet.read_design(folder / "design.csv")
@@ -150,11 +140,6 @@ def simulate_study(
     -------
     int
         Number of answers.
-
-    Raises
-    ------
-    StepblocksError
-        If a block has no energy there, or a name is unknown.
     """
     design, output = sheet.read_design(Path(folder) / "design.csv"), Path(output)
     known = sorted({row["condition"] for row in design})
@@ -210,11 +195,6 @@ def analyse_study(
     -------
     StudyResult
         Every figure, and in its notes what was done about what is missing; a notebook shows its table.
-
-    Raises
-    ------
-    StepblocksError
-        If the answers do not belong to the design, a column lacks, or they cannot carry the analysis.
     """
     if folder is None:
         paths = [Path(path) for path in answers]
@@ -287,11 +267,6 @@ def study_power(
     -------
     DataFrame
         One row per size: share of the studies that find a difference between conditions, and its 95 % interval [1].
-
-    Raises
-    ------
-    StepblocksError
-        If an option is out of range, or a block does not release the probe.
     """
     import pandas as pd
 

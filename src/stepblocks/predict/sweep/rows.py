@@ -35,13 +35,6 @@ DRAG_COLUMNS = (
 )
 
 
-def columns_of(plan: SweepPlan) -> list[str]:
-    """Names of the columns of a sweep's table, units in them."""
-    inputs = [name + _UNITS[dimension] for name, (dimension, _) in PARAMETERS[plan.surface].items()]
-    named = ["stimulus"] if plan.stimuli else []
-    return ["row", "draw", *named, *inputs, *STATIC_COLUMNS, *(DRAG_COLUMNS if plan.mode == "drag" else ())]
-
-
 def design_row(plan: SweepPlan, row: int) -> dict[str, float]:
     """Draw the inputs [SI] of one row; they depend on the plan and the row's number alone."""
     left = point = row // plan.draws
@@ -75,7 +68,7 @@ def design_row(plan: SweepPlan, row: int) -> dict[str, float]:
 
 
 def sweep_row(plan: SweepPlan, row: int) -> dict[str, Any]:
-    """Compute inputs and results of one row; one outside the equations has its reason in ``problem``, no figures."""
+    """Compute a row of the table; one outside the equations has its reason in ``problem``, no figures."""
     inputs = design_row(plan, row)
     result: dict[str, Any] = {"row": row, "draw": row % plan.draws}
     if plan.stimuli:

@@ -17,7 +17,7 @@ from typing import TYPE_CHECKING, Any
 from stepblocks.atomic import alone_in, replace_bytes, replace_text
 from stepblocks.errors import PipelineError
 from stepblocks.predict.sweep.plan import SweepPlan, load_sweep
-from stepblocks.predict.sweep.rows import columns_of, sweep_row
+from stepblocks.predict.sweep.rows import sweep_row
 
 if TYPE_CHECKING:
     from distributed import Client
@@ -31,7 +31,6 @@ def sweep(
     *,
     jobs: int = 1,
     scheduler: str | None = None,
-    client: Client | None = None,
     on_partition: Callable[[int], None] | None = None,
 ) -> tuple[int, int]:
     """Predict a grid or a random design into partitioned Parquet: every partition that is not yet there.
@@ -46,8 +45,6 @@ def sweep(
         Local processes; 1 computes in this one, without Dask.
     scheduler : str, optional
         Address of a Dask scheduler whose workers see `output` under the same path.
-    client : distributed.Client, optional
-        A client to use instead.
     on_partition : callable, optional
         Called with the number of each partition when it is finished.
 
@@ -55,31 +52,23 @@ def sweep(
     -------
     computed, found : int
         Partitions written by this run, and those that were there.
-
-    Raises
-    ------
-    PipelineError
-        If the plan cannot be read, the folder belongs to another one, an extra is not installed, or the scheduler does
-        not answer.
     """
     plan = plan if isinstance(plan, SweepPlan) else load_sweep(Path(plan))
     folder = Path(output)
-    _require_extra(dask=client is not None or scheduler is not None or jobs > 1)
+    _require_extra(dask=scheduler is not None or jobs > 1)
     report = on_partition or (lambda _: None)
     with alone_in(folder):
         _claim(plan, folder)
         missing = [k for k in range(plan.partitions) if not _is_whole(plan, k, folder)]
         for k in missing:  # what is damaged is ours, whatever it holds now: the plan beside it says so
             _path(folder, k).unlink(missing_ok=True)
-        if client is not None:
-            _submit(client, plan, folder, missing, report)
-        elif scheduler is None and jobs <= 1:
+        if scheduler is None and jobs <= 1:
             for k in missing:
                 write_partition(plan, k, folder)
                 report(k)
         elif missing:
-            with _client(jobs, scheduler) as own:
-                _submit(own, plan, folder, missing, report)
+            with _client(jobs, scheduler) as client:
+                _submit(client, plan, folder, missing, report)
     return len(missing), plan.partitions - len(missing)
 
 
@@ -114,12 +103,10 @@ def write_partition(plan: SweepPlan, number: int, folder: Path) -> int:
     import pyarrow as pa
 
     rows = [sweep_row(plan, row) for row in _rows_of(plan, number)]
-    columns = columns_of(plan)
     texts = ("stimulus", "direction", "status", "drag_status", "problem")
     kinds = {"row": pa.int64(), "draw": pa.int64(), **dict.fromkeys(texts, pa.string())}
-    schema = pa.schema([(name, kinds.get(name, pa.float64())) for name in columns])
-    table = pa.table({name: [row[name] for row in rows] for name in columns}, schema=schema)
-    replace_bytes(_path(folder, number), _as_parquet(table))
+    schema = pa.schema([(name, kinds.get(name, pa.float64())) for name in rows[0]])
+    replace_bytes(_path(folder, number), _as_parquet(pa.Table.from_pylist(rows, schema=schema)))
     return len(rows)
 
 
