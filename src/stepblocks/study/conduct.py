@@ -1,7 +1,6 @@
-"""One participant's run of a design, trial by trial: what is next, what was answered; on the disk before the next trial is shown.
+"""One participant's run of a design, trial by trial: what is next, what was answered; on the disk before the next trial is shown."""
 
-Whatever happens, the trial that was running is asked again, those that were answered stay, and the order is the design's.
-"""
+# Whatever happens, the trial that was running is asked again, those that were answered stay, and the order is the design's.
 
 from __future__ import annotations
 

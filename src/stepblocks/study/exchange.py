@@ -42,11 +42,9 @@ def judgements_of_table(
     largest_estimate: float = LARGEST_ESTIMATE,
     ratings: tuple[int, int] = RATINGS,
 ) -> sheet.Judgements:
-    """Read judgements from tables, or a dataset, that no design of ours stands behind; `columns` gives their name for ours.
-
-    The lengths may be in um, mm or m: ``height_mm=h`` reads the column ``h`` in millimetres. What is not there is numbered
-    (trial, repetition) or told from the height (stimulus).
-    """
+    """Read judgements from tables, or a dataset, that no design of ours stands behind; `columns` gives their name for ours."""
+    # The lengths may be in um, mm or m: ``height_mm=h`` reads the column ``h`` in millimetres. What is not there is
+    # numbered (trial, repetition) or told from the height (stimulus).
     experiment = ALIASES.get(experiment, experiment)
     require(experiment in EXPERIMENTS, f"experiment must be one of {', '.join(EXPERIMENTS)}, got {experiment!r}")
     kind, named = EXPERIMENTS[experiment], dict(columns)

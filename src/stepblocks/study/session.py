@@ -1,7 +1,6 @@
-"""One participant's adaptive comparison by a staircase or QUEST+; a session is played again from its answers alone.
+"""One participant's adaptive comparison by a staircase or QUEST+; a session is played again from its answers alone."""
 
-The ``questplus`` package is under the GPL and cannot be a dependency here; the update is Bayes' rule on a grid.
-"""
+# The ``questplus`` package is under the GPL and cannot be a dependency here; the update is Bayes' rule on a grid.
 
 from __future__ import annotations
 
@@ -28,8 +27,8 @@ _LAPSES = (0.0, 0.02, 0.05)
 _SKIPPED = 2  # first reversals, which still search
 # what a participant's answers say: the height that feels as high as the standard (the standard itself for a staircase) and the
 # Weber fraction of the height, each with the ends of its 95 % interval
-ESTIMATED = ("equal_um", "equal_low_95_um", "equal_high_95_um")
-ESTIMATED += ("weber_ratio", "weber_low_95_ratio", "weber_high_95_ratio")
+ESTIMATED = ["equal_um", "equal_low_95_um", "equal_high_95_um"]
+ESTIMATED += ["weber_ratio", "weber_low_95_ratio", "weber_high_95_ratio"]
 
 
 @dataclass

@@ -1,8 +1,7 @@
-"""Run a sweep: a plan in, partitioned Parquet out, on this machine or on a cluster that exists.
+"""Run a sweep: a plan in, partitioned Parquet out, on this machine or on a cluster that exists."""
 
-A partition is a pure function of the plan and its number, written beside its place and renamed: workers may die, runs
-may be interrupted, and what is finished stays. The rows do not depend on how they are partitioned.
-"""
+# A partition is a pure function of the plan and its number, written beside its place and renamed: workers may die, runs may
+# be interrupted, and what is finished stays. The rows do not depend on how they are partitioned.
 
 from __future__ import annotations
 

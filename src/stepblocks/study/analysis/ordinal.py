@@ -1,7 +1,6 @@
-"""Ratings by an ordinal model: categories in order, with no claim that they are equally far apart.
+"""Ratings by an ordinal model: categories in order, with no claim that they are equally far apart."""
 
-The fit is that of statsmodels, with its derivatives in closed form and a sandwich over participants.
-"""
+# The fit is that of statsmodels, with its derivatives in closed form and a sandwich over participants.
 
 from __future__ import annotations
 
@@ -47,10 +46,8 @@ class OrdinalFit:
 
 
 def ordinal_model(frame: Any, rating: str, predictors: Sequence[str], participant: str = "") -> OrdinalFit:
-    """Fit a proportional-odds model.
-
-    Source: McCullagh, P. (1980), J. R. Statist. Soc. B 42, 109-142.
-    """
+    """Fit a proportional-odds model."""
+    # McCullagh, P. (1980), J. R. Statist. Soc. B 42, 109-142.
     ordered, exog, people = _matrices(frame, rating, predictors, participant)
     names = list(exog.columns)
     full = fit_proportional_odds(ordered, exog.join(people))
@@ -158,10 +155,8 @@ def fit_proportional_odds(ordered: Any, exog: Any) -> Any:
 
 
 def cluster_covariance(fit: Any, clusters: Any) -> Any:
-    """Return the covariance of the parameters when only whole clusters are independent.
-
-    Source: Liang, K.-Y., Zeger, S. L. (1986), Biometrika 73, 13-22, doi:10.1093/biomet/73.1.13.
-    """
+    """Return the covariance of the parameters when only whole clusters are independent."""
+    # Liang, K.-Y., Zeger, S. L. (1986), Biometrika 73, 13-22, doi:10.1093/biomet/73.1.13.
     params = np.asarray(fit.params)
     scores = fit.model.score_obs(params)
     count = int(clusters.max()) + 1
