@@ -98,7 +98,7 @@ def test_a_line_that_a_crash_cut_short_is_asked_again(real):
 
 def test_two_runs_of_one_participant_are_refused_and_other_mistakes_named(real):
     run = open_run(real, "1")
-    with pytest.raises(PipelineError, match="participant 1 must be run once at a time"):
+    with pytest.raises(PipelineError, match="another run is writing into this folder"):
         open_run(real, "1")
     open_run(real, "2").close()
     run.close()

@@ -4,11 +4,11 @@
 
 from __future__ import annotations
 
-import fcntl
 import math
 import os
 import threading
 from collections.abc import Mapping, Sequence
+from contextlib import ExitStack
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
@@ -16,7 +16,7 @@ from typing import Any
 
 import numpy as np
 
-from stepblocks.atomic import inside, replace_text
+from stepblocks.atomic import alone_in, inside, replace_text
 from stepblocks.contact.energy import Status
 from stepblocks.errors import PipelineError, StudyError
 from stepblocks.simulators.renderer import Renderer
@@ -53,21 +53,14 @@ class Run:
         self.kind, self.virtual = EXPERIMENTS[experiment], self.blocks is not None
         runs = self.folder / "runs"
         path = inside(runs, f"participant-{self.participant}.csv")
-        require(path is not None, f"participant must be a plain name, got {self.participant!r}")
-        assert path is not None
-        runs.mkdir(exist_ok=True)
+        if path is None:
+            raise StudyError(f"participant must be a plain name, got {self.participant!r}")
         self.path, self._guard = path, threading.RLock()
         self._running: Servo | None = None
-        self._lock = (runs / f".{path.stem}.lock").open("w")
-        try:
-            fcntl.flock(self._lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        with ExitStack() as held:
+            held.enter_context(alone_in(path.with_suffix("")))
             self.answered = self._resume(experiment)
-        except BaseException as error:
-            self._lock.close()
-            if not isinstance(error, OSError):
-                raise
-            said = f"participant {self.participant} must be run once at a time, another run is open [{path}]"
-            raise PipelineError(said) from error
+            self._held = held.pop_all()
 
     def _resume(self, experiment: str) -> int:
         """Return how many trials are answered; a last line that a crash cut short is dropped."""
@@ -157,8 +150,8 @@ class Run:
         """Take the answer to the trial that is next: checked, its motion written, then itself, both on the disk before this returns."""
         with self._guard:
             row = self.now
-            require(row is not None and trial == row["trial"], f"trial must be the one that is next, got {trial!r}")
-            assert row is not None
+            if row is None or trial != row["trial"]:
+                raise StudyError(f"trial must be the one that is next, got {trial!r}")
             given = {name: texts.get(name, "").strip() for name in self.kind.answers}
             top = LARGEST_ESTIMATE * max(number(one["height_um"]) for one in self.design)
             self.kind.read(row, given, top, self.ratings)  # says what cannot be read
@@ -182,7 +175,7 @@ class Run:
         self.end()
         if self.hand is not None:
             self.hand.close()
-        self._lock.close()
+        self._held.close()
 
 
 def open_run(

@@ -74,17 +74,16 @@ class _Handler(BaseHTTPRequestHandler):
             if self.path == "/hand":
                 if isinstance(run.hand, Mouse):
                     run.hand.post(min(max(float(asked["x"]), -1.0), 1.0), bool(asked["held"]))
-                self._json(200, run.felt())
-            elif self.path == "/begin":
+                return self._json(200, run.felt())
+            if self.path == "/begin":
                 run.begin()
-                self._json(200, run.state())
             elif self.path == "/answer":
                 run.answer(str(asked["trial"]), {str(name): str(text) for name, text in asked["answers"].items()})
-                self._json(200, run.state())
                 if run.now is None:
                     threading.Timer(_LINGER, self.server.shutdown).start()
             else:
-                self._json(404, {"error": "there is nothing here"})
+                return self._json(404, {"error": "there is nothing here"})
+            self._json(200, run.state())
         except StepblocksError as error:
             self._json(422, {"error": str(error)})
         except (ValueError, KeyError, TypeError, AttributeError):

@@ -45,9 +45,8 @@ class Limits:
     force: float = 7.0  # N; above the peak of most desk-top devices
     growth: float = 5e3  # how fast a force may grow [N/s]; it may fall at once, as it does at a release
     late: float = 200e-6  # a tick this late is logged [s]
-    dead: float = (
-        0.05  # after so long without a tick, or an answer of the hand, the force is off until the hand has let go [s]
-    )
+    # after so long without a tick, or an answer of the hand, the force is off until the hand has let go [s]
+    dead: float = 0.05
 
 
 class Servo(threading.Thread):
