@@ -8,6 +8,7 @@ from pathlib import Path
 
 import pytest
 
+from oracles.adaptive_participants import answer_all
 from stepblocks.cli import main
 from stepblocks.errors import StudyError
 from stepblocks.study.adaptive import answer, open_adaptive
@@ -64,16 +65,16 @@ def test_a_trainee_is_told_what_was_right(tmp_path, capsys, monkeypatch):
     assert "wrong" not in told
 
 
-def test_who_writes_the_answers_sees_neither_identity_nor_height(folder, capsys):
-    run(capsys, "simulate", folder, TEN, "--weber", 0.8, "--seed", 2)
+def test_who_writes_the_answers_sees_neither_identity_nor_height(folder):
+    answer_all(folder, 0.3, seed=2)
     text = (folder / "answers" / "participant-2.csv").read_text()
     assert not re.search(r"step|STEP|\d{3}", text)
     key = {row["code"] for row in table(folder / "key.csv")}
     assert {row["first_code"] for row in table(folder / "answers" / "participant-2.csv")} <= key
 
 
-def test_simulated_answers_go_on_into_results_and_report(folder, capsys):
-    assert "60 simulated answers" in run(capsys, "simulate", folder, TEN, "--weber", 0.8, "--seed", 2)[1]
+def test_answers_go_on_into_results_and_report(folder, capsys):
+    assert answer_all(folder, 0.3, seed=2) == 60
     code, _out, _ = run(capsys, "result", folder)
     assert code == 0
     rows = table(folder / "adaptive-results.csv")
@@ -83,9 +84,6 @@ def test_simulated_answers_go_on_into_results_and_report(folder, capsys):
     )
     assert main(["study", "analyse", str(folder), str(folder / "answers.csv"), "-o", str(folder / "report")]) == 0
     assert "point of subjective equality" in (folder / "report" / "results.csv").read_text()
-    capsys.readouterr()
-    code, _, err = run(capsys, "simulate", folder, TEN, "--seed", 3)
-    assert (code, "holds answers already" in err) == (2, True)
 
 
 def test_damage_is_named_with_its_line(folder, capsys):

@@ -74,8 +74,6 @@ def add_to(commands: Any) -> None:
     said = "table of participant and group, such as dentists and students, to compare"
     analyse.add_argument("--groups", type=Path, metavar="CSV", help=said)
     add_output(analyse, said="folder of the report (default: report in the folder)")
-    said = "an estimate above X times the highest block is an error (default: 20)"
-    analyse.add_argument("--largest-estimate", type=float, metavar="X", help=said)
     analyse.add_argument("--ratings", type=ask.scale, metavar="LOW-HIGH", help="scale of the ratings (default: 1-7)")
 
     said = "share of simulated studies that find a difference between conditions"
@@ -190,18 +188,13 @@ def _add_adaptive(jobs: Any) -> None:
     for name, said, run in (
         ("run", "ask trial after trial at the keyboard; q stops, the same command goes on", _run),
         ("undo", "take the last answer back; the same pair is asked again", _undo),
-        ("simulate", "let simulated participants answer", _simulate_adaptive),
         ("result", "thresholds and Weber fractions; writes what study analyse reads", _result),
     ):
-        takes = ("folder", "energies") if name == "simulate" else ("folder",)
-        step = ask.add_command(steps, name, run, said, *takes, within=_ADAPTIVE)
-        if name in ("run", "undo"):
+        step = ask.add_command(steps, name, run, said, "folder", within=_ADAPTIVE)
+        if name != "result":
             step.add_argument(
                 "--participant", type=ask.count, required=True, metavar="N", help="number of the participant"
             )
-        if name == "simulate":
-            ask.add_observer(step)
-            step.add_argument("--seed", type=ask.whole, required=True, metavar="N", help="seed of all chance")
 
 
 def _start(arguments: argparse.Namespace) -> Outcome:
@@ -238,14 +231,6 @@ def _undo(arguments: argparse.Namespace) -> Outcome:
     from stepblocks.study.adaptive import undo
 
     return Outcome(str(undo(arguments.folder, arguments.participant)))
-
-
-def _simulate_adaptive(arguments: argparse.Namespace) -> Outcome:
-    from stepblocks.study.adaptive import simulate_adaptive
-
-    options = ask.options(arguments, simulate_adaptive) | ask.observed(arguments)
-    number = simulate_adaptive(arguments.folder, arguments.file, **options)
-    return Outcome(f"{arguments.folder / 'answers'}: {number} simulated answers", record={"answers": number})
 
 
 def _result(arguments: argparse.Namespace) -> Outcome:

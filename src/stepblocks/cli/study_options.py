@@ -18,7 +18,6 @@ _TAKEN = {
     "blocks": ("file", "FILE", "stimulus file with the blocks", "mine.toml", "?"),
     "folder": ("folder", "DIR", "folder of the study", "study", None),
     "faces": ("file", "FILE", "stimulus file, for the predicted energies", "mine.toml", "?"),
-    "energies": ("file", "FILE", "stimulus file, for the predicted energies", "mine.toml", None),
 }
 
 _EXAMPLES = {

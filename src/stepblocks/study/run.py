@@ -19,7 +19,7 @@ from stepblocks.study.analysis.results import StudyResult
 from stepblocks.study.blocks import blocks_of, designed_blocks, too_coarse
 from stepblocks.study.design import Design
 from stepblocks.study.exchange import judgements_of_table
-from stepblocks.study.experiments import ALIASES, EXPERIMENTS, LARGEST_ESTIMATE, RATINGS
+from stepblocks.study.experiments import ALIASES, EXPERIMENTS, RATINGS
 from stepblocks.study.page import render_sheets_pdf, render_study
 from stepblocks.study.simulate import TYPICAL_OBSERVER, Observer, SimulatedStudy, detection_power, estimate_power
 from stepblocks.tables import csv_text, write_table
@@ -160,7 +160,6 @@ def analyse_study(
     *,
     columns: Mapping[str, str] = MappingProxyType({}),
     experiment: str = "estimates",
-    largest_estimate: float = LARGEST_ESTIMATE,
     ratings: tuple[int, int] = RATINGS,
     equivalent: float = math.nan,
     groups: str | Path | None = None,
@@ -181,8 +180,6 @@ def analyse_study(
         ``{"participant": "subject", "condition": "probe", "height_um": "h", "estimate_um": "answer"}``.
     experiment : str
         Without a design, of which kind the judgements are, as in `design_study`.
-    largest_estimate : float
-        An estimate above so many times the highest block is an error [1].
     ratings : tuple of int
         Lowest and highest rating.
     equivalent : float, optional
@@ -198,11 +195,11 @@ def analyse_study(
     """
     if folder is None:
         paths = [Path(path) for path in answers]
-        found = judgements_of_table(paths, columns, experiment, largest_estimate, ratings)
+        found = judgements_of_table(paths, columns, experiment, ratings)
     else:
         design = sheet.read_design(Path(folder) / "design.csv")
         rows = [row for path in sheet.sheets_of(answers) for row in sheet.read_answers(path, design[0]["experiment"])]
-        found = sheet.join_answers(design, rows, largest_estimate, ratings)
+        found = sheet.join_answers(design, rows, ratings)
     result = found.in_groups(groups).analyse(equivalent)
     if output is not None:
         page, output = render_study(result), Path(output)
