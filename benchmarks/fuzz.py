@@ -109,7 +109,7 @@ def _texts(work: Path) -> Iterator[Kind]:
     from stepblocks.bench.rehearse.plan import read_plan
     from stepblocks.build.manifest import load_json, load_record, write_sealed
     from stepblocks.declare import load_declared
-    from stepblocks.evidence.published import read_published
+    from stepblocks.evidence.compare import read_published
     from stepblocks.predict.sweep.plan import load_sweep
     from stepblocks.simulators.devices import load_devices
 

@@ -16,8 +16,7 @@ from stepblocks.errors import PipelineError
 from stepblocks.predict.figures import margin_map
 from stepblocks.predict.predictions import predictions_of
 from stepblocks.predict.sweep.plan import load_sweep
-from stepblocks.predict.sweep.rows import design_row
-from stepblocks.predict.sweep.run import sweep
+from stepblocks.predict.sweep.run import design_row, sweep
 
 STIMULI = Path(__file__).resolve().parents[2] / "stimuli"
 pq = pytest.importorskip("pyarrow.parquet")

@@ -10,10 +10,9 @@ import pytest
 from oracles.browser import browser
 from oracles.participant_in_browser import LOOKS, whole_run
 from stepblocks.errors import PipelineError, StudyError
-from stepblocks.study.conduct import open_run
+from stepblocks.study.conduct import RunServer, open_run
 from stepblocks.study.hands import Replay
 from stepblocks.study.run import analyse_study, design_study
-from stepblocks.study.serve import RunServer
 
 HEIGHTS = (20e-6, 50e-6)
 

@@ -146,7 +146,7 @@ def _share(arguments: argparse.Namespace) -> Outcome:
 
 
 def _conduct(arguments: argparse.Namespace) -> Outcome:
-    from stepblocks.study.serve import RunServer
+    from stepblocks.study.conduct import RunServer
 
     options = ask.options(arguments, stepblocks.open_run) | ask.place_of(arguments)
     run = stepblocks.open_run(arguments.folder, arguments.participant, arguments.file, **options)
