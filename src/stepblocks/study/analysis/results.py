@@ -145,7 +145,7 @@ def _measure(measure: Measure) -> Iterator[Row]:
     df_error = measure.groups[0].df_error if measure.groups else math.nan
     yield from _intervals("groups", measure.group_intervals, df_error, log)
     for check in measure.checks:
-        name = f"{check.assumption} ({check.test}): {check.verdict}"
+        name = f"{check.assumption} ({check.test}): {'; '.join(filter(None, (check.verdict, check.advice)))}"
         yield _row("check", name, statistic=check.statistic, p=check.p)
 
 
