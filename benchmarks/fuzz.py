@@ -109,7 +109,7 @@ def _texts(work: Path) -> Iterator[Kind]:
     from stepblocks.bench.rehearse.plan import read_plan
     from stepblocks.build.manifest import load_json, load_record, write_sealed
     from stepblocks.declare import load_declared
-    from stepblocks.evidence.published import read_published
+    from stepblocks.evidence.compare import read_published
     from stepblocks.predict.sweep.plan import load_sweep
     from stepblocks.simulators.devices import load_devices
 
@@ -161,7 +161,7 @@ def _tables(work: Path) -> Iterator[Kind]:
     from stepblocks.study.sheet import read_answers
 
     table = b"block,height_um,load_n,friction,edge_radius_um,u_height_um\na,25,1,0.15,0,0.1\nb,50,0.5,0.2,3,0.2\n"
-    yield "tables", ([("t.csv", table)], lambda path: predict_table(path, draws=100))
+    yield "tables", ([("t.csv", table)], lambda path: predict_table(path))
     units = [b"25 um", b"9.81 N/mm", b"7850 kg/m^3", b"0.15", b"10 %", b"-3.5e-6 m", b"20 degC"]
 
     def quantities(path: Path) -> object:

@@ -44,7 +44,7 @@ def adaptive(method: str, trials: int, spread: float, generator: np.random.Gener
     while (pair := session.next_pair()) is not None:
         compared = pair.first if pair.second == STANDARD else pair.second
         session.record(pair.trial, higher(compared, spread, generator) == (compared == pair.second))
-    return session.estimate().weber
+    return session.estimate()["weber_ratio"]
 
 
 def main() -> None:

@@ -22,9 +22,8 @@ from pathlib import Path
 import numpy as np
 
 from stepblocks.contact.event import ring_energy
-from stepblocks.study.conduct import Run, open_run
+from stepblocks.study.conduct import Run, RunServer, open_run
 from stepblocks.study.run import design_study
-from stepblocks.study.serve import RunServer
 from stepblocks.study.servo import hurry
 
 # waits as the servo does: asleep until 60 us before a tick is due, then by the clock; prints how late each came [s]

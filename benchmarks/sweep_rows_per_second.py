@@ -47,7 +47,7 @@ def main() -> None:
                 client.run(__import__, "stepblocks.drag.ring")
                 for mode, plan in plans.items():
                     begin = time.perf_counter()
-                    sweep(plan, folder / f"{mode}-{workers}", client=client)
+                    sweep(plan, folder / f"{mode}-{workers}", scheduler=cluster.scheduler_address)
                     seconds = time.perf_counter() - begin
                     same = all(
                         p.read_bytes() == (folder / f"{mode}-0" / p.name).read_bytes()

@@ -12,9 +12,8 @@ from stepblocks.contact.counterface import Step
 from stepblocks.contact.energy import Status
 from stepblocks.contact.operating_point import PAPER
 from stepblocks.errors import StimulusError
-from stepblocks.evidence.compare import Row, Verdict, hold_against_evidence
+from stepblocks.evidence.compare import Row, Verdict, hold_against_evidence, read_published, shipped
 from stepblocks.evidence.contradiction import BAND, HEIGHTS, explanations, missed
-from stepblocks.evidence.published import read_published, shipped
 from stepblocks.evidence.questions import QUESTIONS, Answers, dragged
 
 VALUE = '[[value]]\nlabel = "x"\nat = { height = "25 um" }\nlow = "10 uJ"\nhigh = "20 uJ"\n'

@@ -7,7 +7,7 @@ import pytest
 
 from stepblocks.declare import load_set
 from stepblocks.errors import PipelineError
-from stepblocks.predict.sweep.plan import PARAMETERS, setting_of, stimuli_of
+from stepblocks.predict.sweep.plan import PARAMETERS, load_sweep, stimuli_of
 
 STIMULI = Path(__file__).resolve().parents[2] / "stimuli"
 
@@ -31,13 +31,14 @@ def test_crowns_go_by_the_names_of_their_discrepancies():
     assert grid.frictions
 
 
-def test_what_a_setting_may_be_off_by_is_plain_for_lengths_and_a_share_for_forces():
-    grid = load_set(STIMULI / "paper-ten.toml").prediction
-    values, plain, shares = setting_of(grid)
-    assert values["normal_load"] == list(grid.normal_loads)
-    assert set(plain) == {"tip_radius", "friction", "frequency"}
-    assert plain["frequency"] == pytest.approx(50.0 / math.sqrt(3))  # the paper's band of 250 to 350 Hz
-    assert shares["normal_load"] == pytest.approx(grid.tolerances.normal_load / math.sqrt(3))
+def test_what_a_setting_may_be_off_by_is_plain_for_lengths_and_a_share_for_forces(tmp_path):
+    path = tmp_path / "sweep.toml"
+    path.write_text(f'[sweep]\nset = "{STIMULI / "paper-ten.toml"}"\n[draws]\ntolerances = true\n')
+    grid, plan = load_set(STIMULI / "paper-ten.toml").prediction, load_sweep(path)
+    assert plan.values["normal_load"] == list(grid.normal_loads)
+    assert set(plan.spreads) == {"tip_radius", "friction", "frequency"}
+    assert plan.spreads["frequency"] == pytest.approx(50.0 / math.sqrt(3))  # the paper's band of 250 to 350 Hz
+    assert plan.shares["normal_load"] == pytest.approx(grid.tolerances.normal_load / math.sqrt(3))
 
 
 @pytest.mark.parametrize(

@@ -16,8 +16,7 @@ from stepblocks.errors import PipelineError
 from stepblocks.predict.figures import margin_map
 from stepblocks.predict.predictions import predictions_of
 from stepblocks.predict.sweep.plan import load_sweep
-from stepblocks.predict.sweep.rows import design_row
-from stepblocks.predict.sweep.run import sweep
+from stepblocks.predict.sweep.run import design_row, sweep
 
 STIMULI = Path(__file__).resolve().parents[2] / "stimuli"
 pq = pytest.importorskip("pyarrow.parquet")
@@ -132,7 +131,7 @@ def test_a_worker_killed_in_mid_run_loses_nothing_and_changes_no_byte(tmp_path):
     sweep(plan, tmp_path / "alone")
     killed = []
     cluster = distributed.LocalCluster(n_workers=2, threads_per_worker=1, processes=True, dashboard_address=None)
-    with cluster, distributed.Client(cluster, set_as_default=False) as client:
+    with cluster:
 
         def kill_one(number):
             if not killed:
@@ -140,7 +139,7 @@ def test_a_worker_killed_in_mid_run_loses_nothing_and_changes_no_byte(tmp_path):
                 os.kill(pid, signal.SIGKILL)
                 killed.append(pid)
 
-        computed, _ = sweep(plan, tmp_path / "cluster", client=client, on_partition=kill_one)
+        computed, _ = sweep(plan, tmp_path / "cluster", scheduler=cluster.scheduler_address, on_partition=kill_one)
     assert killed
     assert computed == plan.partitions == 30
     names = sorted(p.name for p in (tmp_path / "alone").glob("part-*.parquet"))

@@ -6,7 +6,7 @@ import pytest
 
 from stepblocks.contact.critical_angle import step_angle
 from stepblocks.contact.energy import release_at
-from stepblocks.errors import ContactError, PipelineError
+from stepblocks.errors import PipelineError
 from stepblocks.predict.table import predict_table
 
 
@@ -65,12 +65,6 @@ def test_a_malformed_table_is_one_clear_error(tmp_path, text, message):
     assert not (tmp_path / "out.csv").exists()
 
 
-def test_a_wrong_confidence_is_an_error_of_the_whole_table(tmp_path):
-    source = write(tmp_path / "t.csv", "height_um,load_n,friction\n25,1,0.15\n")
-    with pytest.raises(ContactError, match="confidence"):
-        predict_table(source, tmp_path / "o.csv", confidence=2.0)
-
-
 def test_a_table_in_memory_is_predicted_like_its_file(tmp_path):
     text = "height_um,u_height_um,load_n,friction,edge_radius_um\n25,0.5,1,0.15,3\n90,0.5,1,0.4,0\n"
     source = write(tmp_path / "t.csv", text)
@@ -79,7 +73,7 @@ def test_a_table_in_memory_is_predicted_like_its_file(tmp_path):
     pd.testing.assert_frame_equal(written, in_memory)
     again = predict_table(written)  # columns that were predicted before are predicted anew
     pd.testing.assert_frame_equal(again, in_memory)
-    assert predict_table(str(source), seed=1).vibration_energy_low_j[0] != in_memory.vibration_energy_low_j[0]
+    assert predict_table(str(source)).vibration_energy_low_j[0] == in_memory.vibration_energy_low_j[0]
 
 
 def test_what_a_table_leaves_out_is_the_papers():

@@ -47,16 +47,16 @@ def test_quest_recovers_a_shifted_observer_and_its_intervals_hold():
     # 24 observers of PSE 52 um, sigma 0.25; 95 % intervals that hold miss more than 4 of 24 once in 200 times
     found = [answered(Session(plan(trials=70), n), 0.25, 100 + n, 52e-6).estimate() for n in range(1, 25)]
     true = math.expm1(0.6744897501960817 * 0.25)
-    logs = np.log([one.weber / true for one in found])
+    logs = np.log([one["weber_ratio"] / true for one in found])
     assert abs(logs.mean()) < 3.0 * logs.std(ddof=1) / math.sqrt(24) + 0.05
-    assert np.mean([one.equal for one in found]) == pytest.approx(52e-6, rel=0.02)
-    assert sum(not one.weber_low < true < one.weber_high for one in found) <= 4
-    assert sum(not one.equal_low < 52e-6 < one.equal_high for one in found) <= 4
+    assert np.mean([one["equal_um"] for one in found]) == pytest.approx(52.0, rel=0.02)
+    assert sum(not one["weber_low_95_ratio"] < true < one["weber_high_95_ratio"] for one in found) <= 4
+    assert sum(not one["equal_low_95_um"] < 52.0 < one["equal_high_95_um"] for one in found) <= 4
 
 
 def test_a_staircase_finds_the_threshold_that_its_blocks_straddle_and_says_when_they_do_not():
     found = [answered(Session(plan("staircase", trials=400, reversals=24), n), 0.6, n).estimate() for n in range(1, 21)]
-    logs = np.log([one.weber / math.expm1(0.6744897501960817 * 0.6) for one in found])
+    logs = np.log([one["weber_ratio"] / math.expm1(0.6744897501960817 * 0.6) for one in found])
     assert abs(logs.mean()) < 0.15
     with pytest.raises(StudyError, match="rests on its lowest block"):
         answered(Session(plan("staircase", trials=400), 1), 0.05, 1).estimate()

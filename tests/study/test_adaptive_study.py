@@ -6,11 +6,11 @@ from pathlib import Path
 
 import pytest
 
+from oracles.adaptive_participants import answer_all
 from stepblocks.errors import PipelineError, StudyError
-from stepblocks.study.adaptive import answer, open_adaptive, results, simulate_adaptive, start_adaptive
+from stepblocks.study.adaptive import answer, open_adaptive, results, start_adaptive
 from stepblocks.study.run import analyse_study
 from stepblocks.study.sheet import read_answers, read_design
-from stepblocks.study.simulate import Observer
 
 TEN = str(Path(__file__).resolve().parents[2] / "stimuli" / "paper-ten.toml")
 
@@ -57,7 +57,7 @@ def test_what_was_set_up_is_what_is_opened(folder):
 
 
 def test_results_are_written_for_the_analysis_of_constant_stimuli(folder):
-    assert simulate_adaptive(folder, TEN, seed=1, observer=Observer(weber=0.8)) == 24
+    assert answer_all(folder, 0.3, seed=1) == 24
     table = results(folder)
     assert table["participant"].tolist() == [1, 2]
     assert (table["weber_low_95_ratio"] < table["weber_high_95_ratio"]).all()
@@ -113,9 +113,7 @@ def test_a_setup_of_another_time_or_shape_is_refused_with_its_place(folder):
         open_adaptive(folder)
 
 
-def test_who_is_not_simulated_is_said(folder, tmp_path):
+def test_a_standard_that_is_no_block_of_the_file_is_refused(tmp_path):
     other = str(Path(TEN).with_name("paper-four.toml"))
-    with pytest.raises(PipelineError, match="the blocks of the study must be in the stimulus file"):
-        simulate_adaptive(folder, other, seed=1)
     with pytest.raises(PipelineError, match="standard must be one of apparatus-025, apparatus-050"):
         start_adaptive(other, tmp_path / "x", standard="step-050", seed=1)

@@ -10,10 +10,9 @@ import pytest
 from oracles.browser import browser
 from oracles.participant_in_browser import LOOKS, whole_run
 from stepblocks.errors import PipelineError, StudyError
-from stepblocks.study.conduct import open_run
+from stepblocks.study.conduct import RunServer, open_run
 from stepblocks.study.hands import Replay
 from stepblocks.study.run import analyse_study, design_study
-from stepblocks.study.serve import RunServer
 
 HEIGHTS = (20e-6, 50e-6)
 
@@ -98,7 +97,7 @@ def test_a_line_that_a_crash_cut_short_is_asked_again(real):
 
 def test_two_runs_of_one_participant_are_refused_and_other_mistakes_named(real):
     run = open_run(real, "1")
-    with pytest.raises(PipelineError, match="participant 1 must be run once at a time"):
+    with pytest.raises(PipelineError, match="another run is writing into this folder"):
         open_run(real, "1")
     open_run(real, "2").close()
     run.close()

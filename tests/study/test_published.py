@@ -180,7 +180,6 @@ def test_ordinal_model_gives_stata_s_ologit():
     for effect in fit.effects:
         assert (effect.log_odds, effect.error) == pytest.approx(printed[effect.name], abs=1e-6)
     assert fit.log_likelihood == pytest.approx(-358.51244, abs=1e-5)
-    assert (fit.statistic, fit.df) == (pytest.approx(24.18, abs=5e-3), 3)
 
 
 def test_power_law_is_exact_on_exact_data():

@@ -87,12 +87,6 @@ def test_a_study_is_analysed_in_memory_or_into_a_folder(folder, tmp_path):
     assert (tmp_path / "report" / "judgements.csv").read_text() == result.judgements_csv()
 
 
-def test_limits_of_the_answers_can_be_moved(folder):
-    simulate_study(folder, FOUR, f"{folder}/answers.csv", seed=2)
-    with pytest.raises(Exception, match="estimate_um must be a number from 0 to 20, got"):
-        analyse_study(folder, [f"{folder}/answers.csv"], largest_estimate=0.2)
-
-
 def test_a_damper_must_be_a_condition_of_the_design(folder):
     with pytest.raises(PipelineError, match=r"conditions of the design \(bare, hard, soft\), got 'wood'"):
         simulate_study(folder, FOUR, f"{folder}/answers.csv", seed=2, damping={"wood": 0.5})

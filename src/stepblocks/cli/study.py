@@ -74,8 +74,6 @@ def add_to(commands: Any) -> None:
     said = "table of participant and group, such as dentists and students, to compare"
     analyse.add_argument("--groups", type=Path, metavar="CSV", help=said)
     add_output(analyse, said="folder of the report (default: report in the folder)")
-    said = "an estimate above X times the highest block is an error (default: 20)"
-    analyse.add_argument("--largest-estimate", type=float, metavar="X", help=said)
     analyse.add_argument("--ratings", type=ask.scale, metavar="LOW-HIGH", help="scale of the ratings (default: 1-7)")
 
     said = "share of simulated studies that find a difference between conditions"
@@ -148,7 +146,7 @@ def _share(arguments: argparse.Namespace) -> Outcome:
 
 
 def _conduct(arguments: argparse.Namespace) -> Outcome:
-    from stepblocks.study.serve import RunServer
+    from stepblocks.study.conduct import RunServer
 
     options = ask.options(arguments, stepblocks.open_run) | ask.place_of(arguments)
     run = stepblocks.open_run(arguments.folder, arguments.participant, arguments.file, **options)
@@ -188,25 +186,15 @@ def _add_adaptive(jobs: Any) -> None:
     add_output(start, "out/study", said="folder of the study")
 
     for name, said, run in (
-        ("next", "say which pair comes next", _next),
-        ("answer", "take the answer to a trial and say which pair comes next", _answer),
         ("run", "ask trial after trial at the keyboard; q stops, the same command goes on", _run),
         ("undo", "take the last answer back; the same pair is asked again", _undo),
-        ("simulate", "let simulated participants answer", _simulate_adaptive),
         ("result", "thresholds and Weber fractions; writes what study analyse reads", _result),
     ):
-        takes = ("folder", "energies") if name == "simulate" else ("folder",)
-        step = ask.add_command(steps, name, run, said, *takes, within=_ADAPTIVE)
-        if name in ("next", "answer", "run", "undo"):
+        step = ask.add_command(steps, name, run, said, "folder", within=_ADAPTIVE)
+        if name != "result":
             step.add_argument(
                 "--participant", type=ask.count, required=True, metavar="N", help="number of the participant"
             )
-        if name == "answer":
-            step.add_argument("--trial", type=ask.count, required=True, metavar="N", help="number of the trial")
-            step.add_argument("answer", choices=("y", "n"), help="y if the second of the pair is higher")
-        if name == "simulate":
-            ask.add_observer(step)
-            step.add_argument("--seed", type=ask.whole, required=True, metavar="N", help="seed of all chance")
 
 
 def _start(arguments: argparse.Namespace) -> Outcome:
@@ -216,20 +204,6 @@ def _start(arguments: argparse.Namespace) -> Outcome:
     said = f"{study.plan.method} with {len(study.plan.compared)} blocks against the standard, {study.participants} participants"
     most = f"at most {study.plan.trials} trials each"
     return Outcome(f"{arguments.output / 'setup.json'}: {said}, {most}", notes=list(filter(None, [study.advice])))
-
-
-def _next(arguments: argparse.Namespace) -> Outcome:
-    from stepblocks.study.adaptive import open_adaptive
-
-    return Outcome(str(open_adaptive(arguments.folder).session(arguments.participant)))
-
-
-def _answer(arguments: argparse.Namespace) -> Outcome:
-    from stepblocks.study.adaptive import answer
-
-    session = answer(arguments.folder, arguments.participant, arguments.trial, arguments.answer == "y")
-    told = ("right; " if session.right else "wrong; ") if session.plan.method == "training" else ""
-    return Outcome(f"{told}{session}")
 
 
 def _run(arguments: argparse.Namespace) -> Outcome:
@@ -248,6 +222,8 @@ def _run(arguments: argparse.Namespace) -> Outcome:
             return Outcome(f"stopped after {pair.trial - 1} trials; the same command goes on")
         if text in ("y", "n"):
             session = answer(arguments.folder, arguments.participant, pair.trial, text == "y")
+            if session.plan.method == "training":
+                print("right" if session.right else "wrong")
     return Outcome(str(session))
 
 
@@ -255,14 +231,6 @@ def _undo(arguments: argparse.Namespace) -> Outcome:
     from stepblocks.study.adaptive import undo
 
     return Outcome(str(undo(arguments.folder, arguments.participant)))
-
-
-def _simulate_adaptive(arguments: argparse.Namespace) -> Outcome:
-    from stepblocks.study.adaptive import simulate_adaptive
-
-    options = ask.options(arguments, simulate_adaptive) | ask.observed(arguments)
-    number = simulate_adaptive(arguments.folder, arguments.file, **options)
-    return Outcome(f"{arguments.folder / 'answers'}: {number} simulated answers", record={"answers": number})
 
 
 def _result(arguments: argparse.Namespace) -> Outcome:

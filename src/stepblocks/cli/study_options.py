@@ -18,7 +18,6 @@ _TAKEN = {
     "blocks": ("file", "FILE", "stimulus file with the blocks", "mine.toml", "?"),
     "folder": ("folder", "DIR", "folder of the study", "study", None),
     "faces": ("file", "FILE", "stimulus file, for the predicted energies", "mine.toml", "?"),
-    "energies": ("file", "FILE", "stimulus file, for the predicted energies", "mine.toml", None),
 }
 
 _EXAMPLES = {
@@ -27,8 +26,6 @@ _EXAMPLES = {
     "analyse": "study/answers.csv",
     "power": "--damping bare=1,soft=0.5 --seed 7",
     "start": "--standard step-050 --seed 7 -o study",
-    "next": "--participant 1",
-    "answer": "--participant 1 --trial 1 y",
     "run": "--participant 1",
     "undo": "--participant 1",
     "share": "study/answers.csv --as bids -o dataset",

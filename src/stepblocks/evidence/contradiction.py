@@ -1,9 +1,8 @@
-"""What would resolve the paper's own contradiction: four blocks, one band of energies, and an equation that spreads them.
+"""What would resolve the paper's own contradiction: four blocks, one band of energies, and an equation that spreads them."""
 
-Each explanation is fitted to the band of 10 to 20 uJ for steps of 25, 50, 75 and 100 um; what is left is the factor by
-which energies miss it. Then the drag in time is asked under the fitted setting for what else the paper says: the share
-that rings, the duration, both spectra. The best explanation fits all of it with few numbers of its own.
-"""
+# Each explanation is fitted to the band of 10 to 20 uJ for steps of 25, 50, 75 and 100 um; what is left is the factor by
+# which energies miss it. Then the drag in time is asked under the fitted setting for what else the paper says: the share
+# that rings, the duration, both spectra. The best explanation fits all of it with few numbers of its own.
 
 from __future__ import annotations
 

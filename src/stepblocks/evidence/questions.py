@@ -1,8 +1,7 @@
-"""What the model is asked: by equations (1) and (2), by the drag in time, and by the drag in time of a rod.
+"""What the model is asked: by equations (1) and (2), by the drag in time, and by the drag in time of a rod."""
 
-Each question takes the condition of a published figure in SI and returns up to three answers; not-a-number where the
-model says nothing, and words where it says that something cannot be.
-"""
+# Each question takes the condition of a published figure in SI and returns up to three answers; not-a-number where the
+# model says nothing, and words where it says that something cannot be.
 
 from __future__ import annotations
 
@@ -51,11 +50,9 @@ def _face(at: At) -> Counterface:
 
 @lru_cache(maxsize=256)
 def dragged(face: Counterface, point: OperatingPoint, rod: bool = False, pull: float = 0.0) -> tuple[Status, Ring]:
-    """Drag in time over a counterface, in the setting of docs/drag.md for figures 3 to 5; without a ring all is not-a-number.
-
-    A rod is as stiff along the normal as along the drag and carries 10 g of holder beside its weight; `pull` [N] pulls the
-    handle with a constant force instead of moving it.
-    """
+    """Drag in time over a counterface, in the setting of docs/drag.md for figures 3 to 5; without a ring all is not-a-number."""
+    # A rod is as stiff along the normal as along the drag and carries 10 g of holder beside its weight; `pull` [N] pulls
+    # the handle with a constant force instead of moving it.
     light = {"damping_ratio": 0.01}
     changes = SETTINGS["figures-3-to-5"].changes(point.tool, point.normal_load) if rod else light
     probe = probe_for(point.tool, point.ball_radius, **changes)

@@ -38,10 +38,8 @@ class MarginMap:
 
 
 def margin_map(gap: ArrayLike, discrepancy: ArrayLike, point: OperatingPoint, *, edge_radius: float = 0.0) -> MarginMap:
-    """Map the force of an explorer over marginal gap and vertical discrepancy.
-
-    Terms by Holmes et al. (1989), J. Prosthet. Dent. 62, 405. The gap is taken to be deeper than the tip sinks.
-    """
+    """Map the force of an explorer over marginal gap and vertical discrepancy."""
+    # Terms by Holmes et al. (1989), J. Prosthet. Dent. 62, 405. The gap is taken to be deeper than the tip sinks.
     gaps, rises = np.atleast_1d(np.asarray(gap, float)), np.atleast_1d(np.asarray(discrepancy, float))
     if gaps.ndim != 1 or rises.ndim != 1 or gaps.size == 0 or rises.size == 0:
         raise ContactError("gap and discrepancy must each be a row of at least one value")

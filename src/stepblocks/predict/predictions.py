@@ -169,12 +169,10 @@ def half_width(dimension: Dimension) -> float:
 
 
 def figures_of(prediction: Prediction) -> dict[str, float | str]:
-    """Put a prediction into the columns of ``predictions.csv``, units in their names; NaN where there is no figure.
-
-    ``low`` and ``high`` are the worst cases within the tolerances, ``95_low`` and ``95_high`` the ends of the drawn 95 %
-    interval, ``analytic_95`` the same by first-order sensitivities; beyond a limit there is no energy. ``drag`` is what the
-    drag in time says, ``felt`` the formula's or, where they differ by more than `DIFFERS`, the drag's.
-    """
+    """Put a prediction into the columns of ``predictions.csv``, units in their names; NaN where there is no figure."""
+    # ``low`` and ``high`` are the worst cases within the tolerances, ``95_low`` and ``95_high`` the ends of the drawn 95 %
+    # interval, ``analytic_95`` the same by first-order sensitivities; beyond a limit there is no energy. ``drag`` is what
+    # the drag in time says, ``felt`` the formula's or, where they differ by more than `DIFFERS`, the drag's.
     release, (low, high), interval = prediction.release, prediction.limits, prediction.interval
     tool, dragged = prediction.point.tool, prediction.in_time
     power = prediction.felt_energy / tool.ring_duration
@@ -277,11 +275,6 @@ def predict_set(
     pandas.DataFrame
         One row for each stimulus, tip, step, direction, friction and load, in that order; the columns of
         ``predictions.csv`` (docs/prediction.md), the unit in each name, with all digits.
-
-    Raises
-    ------
-    StepblocksError
-        If the file cannot be read or declares something impossible.
 
     Examples
     --------

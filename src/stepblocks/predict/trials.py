@@ -61,11 +61,6 @@ def predict_trials(
     DataFrame
         A row for each trial: its ``status`` (``ok``, ``locked``, ``outside-range(...)``, ``invalid(...)``), peak force [N]
         and vibration energy [J] with 95 % intervals for a single trial, by the extended and by the nominal model.
-
-    Raises
-    ------
-    PipelineError
-        If the table or the model cannot be read, a column is missing, or the output cannot be written.
     """
     import pandas as pd
 

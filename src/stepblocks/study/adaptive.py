@@ -16,9 +16,8 @@ from stepblocks.errors import PipelineError, StudyError
 from stepblocks.study import require
 from stepblocks.study.blocks import blocks_of, too_coarse
 from stepblocks.study.design import Item, by_codes, trial_row
-from stepblocks.study.session import Estimate, Pair, Plan, Session
+from stepblocks.study.session import ESTIMATED, Pair, Plan, Session
 from stepblocks.study.sheet import answer_columns, key_csv, read_answers, write_new
-from stepblocks.study.simulate import TYPICAL_OBSERVER, Observer, feels_higher
 from stepblocks.tables import csv_text, write_table
 
 if TYPE_CHECKING:
@@ -108,11 +107,6 @@ def start_adaptive(
     -------
     AdaptiveStudy
         As written.
-
-    Raises
-    ------
-    StepblocksError
-        If the blocks do not carry the method, or another study stands there already.
     """
     found = blocks_of(source)
     known = [item.identity for item in found.items]
@@ -175,30 +169,6 @@ def undo(folder: str | Path, participant: int) -> Session:
     return again
 
 
-def simulate_adaptive(
-    folder: str | Path, source: str | Path, *, seed: int, observer: Observer = TYPICAL_OBSERVER, **felt: float
-) -> int:
-    """Let simulated participants run through the procedure; `felt` as in `simulate_study`; return the number of answers."""
-    study = open_adaptive(folder)
-    energies = blocks_of(source, felt).energies()
-    if not {block.identity for block in study.blocks.values()} <= set(energies):
-        raise PipelineError(f"the blocks of the study must be in the stimulus file [{source}]")
-    by_code = {code: energies[block.identity] for code, block in study.blocks.items()}
-    taken = [path for number in range(1, study.participants + 1) if (path := study.record_of(number)).exists()]
-    if taken:
-        raise PipelineError(f"{taken[0]} holds answers already; move it away or choose another folder")
-    count, standard = 0, study.plan.standard
-    for participant in range(1, study.participants + 1):
-        session, generator = Session(study.plan, participant), np.random.default_rng([seed, participant])
-        while (pair := session.next_pair()) is not None:
-            compared = pair.beside(standard)
-            higher = feels_higher(by_code[compared], by_code[standard], observer, generator)
-            session.record(pair.trial, higher == (compared == pair.second))
-        study.save(session)
-        count += len(session.answers)
-    return count
-
-
 def results(folder: str | Path) -> pd.DataFrame:
     """Estimate every participant, one row for each with answers, and write what `analyse_study` reads."""
     import pandas as pd
@@ -222,12 +192,8 @@ def _result(session: Session) -> dict[str, Any]:
     try:
         found = session.estimate()
     except StudyError as error:
-        found, state = Estimate(*[math.nan] * 6), f"{state}; {error}"
-    row: dict[str, Any] = {"participant": session.participant, "trials": len(session.answers)}
-    for name, value in vars(found).items():
-        column = f"{name}_95" if name.endswith(("low", "high")) else name
-        row |= {f"{column}_um": value * 1e6} if name.startswith("equal") else {f"{column}_ratio": value}
-    return row | {"state": state}
+        found, state = dict.fromkeys(ESTIMATED, math.nan), f"{state}; {error}"
+    return {"participant": session.participant, "trials": len(session.answers), **found, "state": state}
 
 
 def _trial(study: AdaptiveStudy, session: Session, pair: Pair) -> dict[str, str]:

@@ -1,36 +1,43 @@
-"""One participant's run of a design, trial by trial: what is next, what was answered; on the disk before the next trial is shown.
+"""One participant's run of a design, trial by trial: what is next, what was answered; on the disk before the next trial is shown."""
 
-Whatever happens, the trial that was running is asked again, those that were answered stay, and the order is the design's.
-"""
+# Whatever happens, the trial that was running is asked again, those that were answered stay, and the order is the design's.
 
 from __future__ import annotations
 
-import fcntl
+import json
 import math
 import os
+import secrets
 import threading
 from collections.abc import Mapping, Sequence
+from contextlib import ExitStack
 from dataclasses import dataclass
 from functools import cached_property
+from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from stepblocks.atomic import inside, replace_text
+from stepblocks.atomic import alone_in, inside, replace_text
 from stepblocks.contact.energy import Status
-from stepblocks.errors import PipelineError, StudyError
+from stepblocks.errors import PipelineError, StepblocksError, StudyError
+from stepblocks.page_file import render_page
 from stepblocks.simulators.renderer import Renderer
 from stepblocks.study import require
 from stepblocks.study.blocks import Blocks, designed_blocks
 from stepblocks.study.design import WHEN
 from stepblocks.study.experiments import EXPERIMENTS, LARGEST_ESTIMATE, RATINGS, Row, number
 from stepblocks.study.hands import HANDS, Hand, Mouse
-from stepblocks.study.servo import RATE, Limits, Servo, write_motion
+from stepblocks.study.servo import RATE, Limits, Servo, hurry, write_motion
 from stepblocks.study.sheet import answer_columns, read_answers, read_design, sheet_rows
 from stepblocks.tables import csv_text
 
 _SLOW = 1.0  # s
+_LARGEST = 20_000  # bytes of a request
+_POLICY = "default-src 'none'; style-src 'unsafe-inline'; script-src 'unsafe-inline'; connect-src 'self'"
+_PULL = 400  # pixels to the right of the edge that are there on every screen
+_LINGER = 1.5  # the page still shows that the run is done [s]
 MAGNIFICATION = 100.0  # of a virtual block: the hand of a mouse travels centimetres [1]
 
 
@@ -54,21 +61,14 @@ class Run:
         self.kind, self.virtual = EXPERIMENTS[experiment], self.blocks is not None
         runs = self.folder / "runs"
         path = inside(runs, f"participant-{self.participant}.csv")
-        require(path is not None, f"participant must be a plain name, got {self.participant!r}")
-        assert path is not None
-        runs.mkdir(exist_ok=True)
+        if path is None:
+            raise StudyError(f"participant must be a plain name, got {self.participant!r}")
         self.path, self._guard = path, threading.RLock()
         self._running: Servo | None = None
-        self._lock = (runs / f".{path.stem}.lock").open("w")
-        try:
-            fcntl.flock(self._lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        with ExitStack() as held:
+            held.enter_context(alone_in(path.with_suffix("")))
             self.answered = self._resume(experiment)
-        except BaseException as error:
-            self._lock.close()
-            if not isinstance(error, OSError):
-                raise
-            said = f"participant {self.participant} must be run once at a time, another run is open [{path}]"
-            raise PipelineError(said) from error
+            self._held = held.pop_all()
 
     def _resume(self, experiment: str) -> int:
         """Return how many trials are answered; a last line that a crash cut short is dropped."""
@@ -158,8 +158,8 @@ class Run:
         """Take the answer to the trial that is next: checked, its motion written, then itself, both on the disk before this returns."""
         with self._guard:
             row = self.now
-            require(row is not None and trial == row["trial"], f"trial must be the one that is next, got {trial!r}")
-            assert row is not None
+            if row is None or trial != row["trial"]:
+                raise StudyError(f"trial must be the one that is next, got {trial!r}")
             given = {name: texts.get(name, "").strip() for name in self.kind.answers}
             top = LARGEST_ESTIMATE * max(number(one["height_um"]) for one in self.design)
             self.kind.read(row, given, top, self.ratings)  # says what cannot be read
@@ -183,7 +183,7 @@ class Run:
         self.end()
         if self.hand is not None:
             self.hand.close()
-        self._lock.close()
+        self._held.close()
 
 
 def open_run(
@@ -222,11 +222,6 @@ def open_run(
     -------
     Run
         To be asked for its `state`, begun, answered, and closed.
-
-    Raises
-    ------
-    StepblocksError
-        If there is no such participant, block or device, or the run is open already.
     """
     require(math.isfinite(scale) and scale > 0.0, f"scale must be positive and finite, got {scale:g}")
     if device not in ("mouse", *HANDS):
@@ -235,3 +230,93 @@ def open_run(
     blocks = designed_blocks(design, source, felt) if design[0]["experiment"] == "virtual" else None
     hand = HANDS[device](library) if blocks is not None and device in HANDS else None
     return Run(Path(folder), participant, design, blocks, hand, scale, ratings)
+
+
+class RunServer(ThreadingHTTPServer):
+    """Serves one run until it is done; `url` is where."""
+
+    daemon_threads = True
+
+    def __init__(self, run: Run, port: int = 0) -> None:
+        super().__init__(("127.0.0.1", port), _Handler)
+        self.experiment, self.token = run, secrets.token_urlsafe(16)
+        self.url = f"http://127.0.0.1:{self.server_address[1]}/"
+
+    def until_done(self) -> None:
+        """Serve until the last answer is given."""
+        if self.experiment.virtual:
+            hurry(10)
+        try:
+            self.serve_forever(poll_interval=0.1)
+        finally:
+            self.server_close()
+            self.experiment.close()
+
+
+class _Handler(BaseHTTPRequestHandler):
+    server: RunServer
+    protocol_version = "HTTP/1.1"
+
+    def log_message(self, format: str, *args: Any) -> None:
+        """Say nothing: the terminal is the experimenter's."""
+
+    def do_GET(self) -> None:
+        run = self.server.experiment
+        if not self._ours(None):
+            return
+        if self.path == "/":
+            told = {"participant": run.participant, "virtual": run.virtual, "token": self.server.token}
+            page = render_page("study", "run.html", metres=max(1e-4, 1.2 * run.reach / _PULL), **told)
+            self._send(200, page, "text/html; charset=utf-8")
+        elif self.path == "/state":
+            self._json(200, run.state())
+        else:
+            self._json(404, {"error": "there is nothing here"})
+
+    def do_POST(self) -> None:
+        run, size = self.server.experiment, int(self.headers.get("Content-Length") or 0)
+        content = self.rfile.read(min(size, _LARGEST))
+        # a page of somebody else in the same browser knows no token
+        if not self._ours(self.headers.get("X-Stepblocks")):
+            return
+        try:
+            asked = json.loads(content) if size <= _LARGEST else None
+            if not isinstance(asked, dict):
+                raise ValueError("a JSON object is expected")
+            if self.path == "/hand":
+                if isinstance(run.hand, Mouse):
+                    run.hand.post(min(max(float(asked["x"]), -1.0), 1.0), bool(asked["held"]))
+                return self._json(200, run.felt())
+            if self.path == "/begin":
+                run.begin()
+            elif self.path == "/answer":
+                run.answer(str(asked["trial"]), {str(name): str(text) for name, text in asked["answers"].items()})
+                if run.now is None:
+                    threading.Timer(_LINGER, self.server.shutdown).start()
+            else:
+                return self._json(404, {"error": "there is nothing here"})
+            self._json(200, run.state())
+        except StepblocksError as error:
+            self._json(422, {"error": str(error)})
+        except (ValueError, KeyError, TypeError, AttributeError):
+            self._json(400, {"error": "the request is not one of this page"})
+
+    def _ours(self, token: str | None) -> bool:
+        """Whether a request is meant for this machine, and where it changes something, comes from this page."""
+        local = (self.headers.get("Host") or "").rpartition(":")[0] in ("127.0.0.1", "localhost")
+        if local and (self.command == "GET" or secrets.compare_digest(token or "", self.server.token)):
+            return True
+        self._json(403, {"error": "only the page of this run may ask this"})
+        return False
+
+    def _json(self, status: int, content: object) -> None:
+        self._send(status, json.dumps(content), "application/json")
+
+    def _send(self, status: int, text: str, kind: str) -> None:
+        body = text.encode()
+        self.send_response(status)
+        headers = {"Content-Type": kind, "Content-Length": str(len(body)), "Cache-Control": "no-store"}
+        for name, value in (headers | {"Content-Security-Policy": _POLICY}).items():
+            self.send_header(name, value)
+        self.end_headers()
+        self.wfile.write(body)

@@ -29,10 +29,8 @@ Sets = Sequence[tuple[int, Sequence[tuple[str, str]]]]  # repetition, and codes 
 
 
 def williams_square(conditions: int) -> Orders:
-    """Return Williams' orders, in which every condition follows every other equally often.
-
-    Source: Williams, E. J. (1949), Australian Journal of Scientific Research A 2, 149-168.
-    """
+    """Return Williams' orders, in which every condition follows every other equally often."""
+    # Williams, E. J. (1949), Australian Journal of Scientific Research A 2, 149-168.
     if not 1 <= conditions <= MAX_CONDITIONS:
         raise StudyError(f"the number of conditions must lie between 1 and {MAX_CONDITIONS}, got {conditions}")
     zigzag = np.array([(k + 1) // 2 if k % 2 == 0 else -((k + 1) // 2) for k in range(conditions)])

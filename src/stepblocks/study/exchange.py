@@ -12,7 +12,7 @@ from typing import Any
 
 from stepblocks.errors import StudyError
 from stepblocks.study import require, sheet
-from stepblocks.study.experiments import ALIASES, EXPERIMENTS, LARGEST_ESTIMATE, RATINGS, Row, number
+from stepblocks.study.experiments import ALIASES, EXPERIMENTS, RATINGS, Row, number
 from stepblocks.tables import csv_text
 
 FORMATS = ("bids", "psych-ds", "psychopy")
@@ -36,17 +36,11 @@ _SAID = {
 
 
 def judgements_of_table(
-    tables: Sequence[Path],
-    columns: Mapping[str, str],
-    experiment: str,
-    largest_estimate: float = LARGEST_ESTIMATE,
-    ratings: tuple[int, int] = RATINGS,
+    tables: Sequence[Path], columns: Mapping[str, str], experiment: str, ratings: tuple[int, int] = RATINGS
 ) -> sheet.Judgements:
-    """Read judgements from tables, or a dataset, that no design of ours stands behind; `columns` gives their name for ours.
-
-    The lengths may be in um, mm or m: ``height_mm=h`` reads the column ``h`` in millimetres. What is not there is numbered
-    (trial, repetition) or told from the height (stimulus).
-    """
+    """Read judgements from tables, or a dataset, that no design of ours stands behind; `columns` gives their name for ours."""
+    # The lengths may be in um, mm or m: ``height_mm=h`` reads the column ``h`` in millimetres. What is not there is
+    # numbered (trial, repetition) or told from the height (stimulus).
     experiment = ALIASES.get(experiment, experiment)
     require(experiment in EXPERIMENTS, f"experiment must be one of {', '.join(EXPERIMENTS)}, got {experiment!r}")
     kind, named = EXPERIMENTS[experiment], dict(columns)
@@ -72,7 +66,7 @@ def judgements_of_table(
         own, cell = (one["participant"],), (one["participant"], one["condition"], one["stimulus"])
         keys.update([own, cell])
         planned.append({"trial": str(keys[own]), "repetition": str(keys[cell])} | one)
-    return sheet.join_rows(experiment, [(row, row) for row in planned], largest_estimate, ratings)
+    return sheet.join_rows(experiment, [(row, row) for row in planned], ratings)
 
 
 def _cell(row: Row, mine: str, named: Mapping[str, str]) -> str | None:
@@ -114,11 +108,6 @@ def share_study(folder: str | Path, answers: Sequence[str | Path], output: str |
     -------
     list of str
         Names of the files.
-
-    Raises
-    ------
-    StepblocksError
-        If the form is unknown, answers do not belong to the design, or another dataset stands there.
     """
     require(form in FORMATS, f"form must be one of {', '.join(FORMATS)}, got {form!r}")
     design = sheet.read_design(Path(folder) / "design.csv")

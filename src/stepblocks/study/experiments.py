@@ -1,7 +1,6 @@
-"""The kinds of experiment: what each asks, and how its answers are read, simulated and analysed.
+"""The kinds of experiment: what each asks, and how its answers are read, simulated and analysed."""
 
-A new design of a study is one more entry of `EXPERIMENTS` with its functions.
-"""
+# A new design of a study is one more entry of `EXPERIMENTS` with its functions.
 
 from __future__ import annotations
 
@@ -152,10 +151,8 @@ def _simulate_magnitudes(trials: Any, observer: Observer, generator: np.random.G
 
 
 def power_law(frame: Any, magnitude: str, level: str, participant: str) -> PowerLaw:
-    """Fit ``magnitude = constant * level ** exponent`` to each participant; each keeps an own modulus.
-
-    Source: Stevens, S. S. (1957), Psychological Review 64, 153-181, doi:10.1037/h0046162.
-    """
+    """Fit ``magnitude = constant * level ** exponent`` to each participant; each keeps an own modulus."""
+    # Stevens, S. S. (1957), Psychological Review 64, 153-181, doi:10.1037/h0046162.
     from scipy import stats
 
     if not ((frame[magnitude] > 0.0).all() and (frame[level] > 0.0).all()):

@@ -1,9 +1,8 @@
-"""Who moves the probe: a mouse, a recorded hand, or a device through its maker's C library, loaded when it is asked for.
+"""Who moves the probe: a mouse, a recorded hand, or a device through its maker's C library, loaded when it is asked for."""
 
-A hand says where it is [m], how fast it moves [m/s] and whether its dead-man switch is held, and takes a force [N]; axes are
-those of the scene: x along the drag, y along the edge, z up, magnified. Constants and signatures of the makers' libraries are
-those of their public headers: OpenHaptics 3.5 (HD/hd.h, hdDefines.h), Force Dimension SDK 3 (dhdc.h).
-"""
+# A hand says where it is [m], how fast it moves [m/s] and whether its dead-man switch is held, and takes a force [N]; axes
+# are those of the scene: x along the drag, y along the edge, z up, magnified. Constants and signatures of the makers'
+# libraries are those of their public headers: OpenHaptics 3.5 (HD/hd.h, hdDefines.h), Force Dimension SDK 3 (dhdc.h).
 
 from __future__ import annotations
 

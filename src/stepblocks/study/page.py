@@ -42,7 +42,6 @@ def render_study(result: StudyResult) -> str:
             (": ".join(filter(None, name)), own.to_dict("records"))
             for name, own in table.groupby(["measure", "analysis"], sort=False)
         ],
-        checks=[(one.name, check) for one in result.measures for check in one.checks],
         conditions=sorted(result.frame["condition"].unique()),
         journal=journal_table(result),
         methods=methods(result),

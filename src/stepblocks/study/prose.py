@@ -109,7 +109,7 @@ def methods(result: StudyResult) -> str:
     if result.ordinal:
         said.append(
             "Ratings were analysed by a proportional-odds model with a level for each participant and errors clustered by participant, "
-            "and tested by an F-test over participants; the likelihood ratio takes them to respond alike."
+            "and tested by an F-test over participants."
         )
     if result.curves:
         said.append(

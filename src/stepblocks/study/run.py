@@ -19,7 +19,7 @@ from stepblocks.study.analysis.results import StudyResult
 from stepblocks.study.blocks import blocks_of, designed_blocks, too_coarse
 from stepblocks.study.design import Design
 from stepblocks.study.exchange import judgements_of_table
-from stepblocks.study.experiments import ALIASES, EXPERIMENTS, LARGEST_ESTIMATE, RATINGS
+from stepblocks.study.experiments import ALIASES, EXPERIMENTS, RATINGS
 from stepblocks.study.page import render_sheets_pdf, render_study
 from stepblocks.study.simulate import TYPICAL_OBSERVER, Observer, SimulatedStudy, detection_power, estimate_power
 from stepblocks.tables import csv_text, write_table
@@ -66,11 +66,6 @@ def design_study(
     -------
     Design
         As written; its `advice` says where levels are too coarse.
-
-    Raises
-    ------
-    StepblocksError
-        If the set has no step blocks, the design is impossible, or another design stands there already.
     """
     experiment = ALIASES.get(experiment, experiment)
     if experiment not in EXPERIMENTS:
@@ -95,11 +90,6 @@ def write_sheets(folder: str | Path) -> int:
     -------
     int
         Number of participants.
-
-    Raises
-    ------
-    StepblocksError
-        If there is no design, or somebody has written into a sheet already.
     """
     folder = Path(folder)
     design = sheet.read_design(folder / "design.csv")
@@ -150,11 +140,6 @@ def simulate_study(
     -------
     int
         Number of answers.
-
-    Raises
-    ------
-    StepblocksError
-        If a block has no energy there, or a name is unknown.
     """
     design, output = sheet.read_design(Path(folder) / "design.csv"), Path(output)
     known = sorted({row["condition"] for row in design})
@@ -175,7 +160,6 @@ def analyse_study(
     *,
     columns: Mapping[str, str] = MappingProxyType({}),
     experiment: str = "estimates",
-    largest_estimate: float = LARGEST_ESTIMATE,
     ratings: tuple[int, int] = RATINGS,
     equivalent: float = math.nan,
     groups: str | Path | None = None,
@@ -196,8 +180,6 @@ def analyse_study(
         ``{"participant": "subject", "condition": "probe", "height_um": "h", "estimate_um": "answer"}``.
     experiment : str
         Without a design, of which kind the judgements are, as in `design_study`.
-    largest_estimate : float
-        An estimate above so many times the highest block is an error [1].
     ratings : tuple of int
         Lowest and highest rating.
     equivalent : float, optional
@@ -210,19 +192,14 @@ def analyse_study(
     -------
     StudyResult
         Every figure, and in its notes what was done about what is missing; a notebook shows its table.
-
-    Raises
-    ------
-    StepblocksError
-        If the answers do not belong to the design, a column lacks, or they cannot carry the analysis.
     """
     if folder is None:
         paths = [Path(path) for path in answers]
-        found = judgements_of_table(paths, columns, experiment, largest_estimate, ratings)
+        found = judgements_of_table(paths, columns, experiment, ratings)
     else:
         design = sheet.read_design(Path(folder) / "design.csv")
         rows = [row for path in sheet.sheets_of(answers) for row in sheet.read_answers(path, design[0]["experiment"])]
-        found = sheet.join_answers(design, rows, largest_estimate, ratings)
+        found = sheet.join_answers(design, rows, ratings)
     result = found.in_groups(groups).analyse(equivalent)
     if output is not None:
         page, output = render_study(result), Path(output)
@@ -287,11 +264,6 @@ def study_power(
     -------
     DataFrame
         One row per size: share of the studies that find a difference between conditions, and its 95 % interval [1].
-
-    Raises
-    ------
-    StepblocksError
-        If an option is out of range, or a block does not release the probe.
     """
     import pandas as pd
 

@@ -29,11 +29,9 @@ _WATCHED = 60e-6  # before a tick is due the clock is watched instead of slept t
 
 
 def hurry(priority: int) -> None:
-    """Ask the system, where it lets us, to wake this thread before others and on time: a sleep may else last 50 us longer.
-
-    Threads that it starts take the priority over. Who holds the interpreter while the servo waits for it needs one too, though
-    a lower one: any other program could else put both off.
-    """
+    """Ask the system, where it lets us, to wake this thread before others and on time: a sleep may else last 50 us longer."""
+    # Threads that it starts take the priority over. Who holds the interpreter while the servo waits for it needs one too,
+    # though a lower one: any other program could else put both off.
     with suppress(OSError, AttributeError):
         ctypes.CDLL(None).prctl(29, 1, 0, 0, 0)  # PR_SET_TIMERSLACK, in nanoseconds, of this thread
     with suppress(OSError, AttributeError):
@@ -47,16 +45,14 @@ class Limits:
     force: float = 7.0  # N; above the peak of most desk-top devices
     growth: float = 5e3  # how fast a force may grow [N/s]; it may fall at once, as it does at a release
     late: float = 200e-6  # a tick this late is logged [s]
-    dead: float = (
-        0.05  # after so long without a tick, or an answer of the hand, the force is off until the hand has let go [s]
-    )
+    # after so long without a tick, or an answer of the hand, the force is off until the hand has let go [s]
+    dead: float = 0.05
 
 
 class Servo(threading.Thread):
-    """One trial's loop in a thread of its own; `stop` ends it.
+    """One trial's loop in a thread of its own; `stop` ends it."""
 
-    In doubt it takes the force off, says why in `doubts`, and goes on when the hand has let go and takes hold again.
-    """
+    # In doubt it takes the force off, says why in `doubts`, and goes on when the hand has let go and takes hold again.
 
     def __init__(
         self, renderer: Renderer, hand: Hand, *, limits: Limits = Limits(), seconds: float = 120.0, waits: bool = True

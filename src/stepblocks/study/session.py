@@ -1,7 +1,6 @@
-"""One participant's adaptive comparison by a staircase or QUEST+; a session is played again from its answers alone.
+"""One participant's adaptive comparison by a staircase or QUEST+; a session is played again from its answers alone."""
 
-The ``questplus`` package is under the GPL and cannot be a dependency here; the update is Bayes' rule on a grid.
-"""
+# The ``questplus`` package is under the GPL and cannot be a dependency here; the update is Bayes' rule on a grid.
 
 from __future__ import annotations
 
@@ -26,6 +25,10 @@ _SHIFTS = np.linspace(-0.5, 0.5, 31).tolist()
 _SPREADS = np.geomspace(0.02, 1.5, 21).tolist()
 _LAPSES = (0.0, 0.02, 0.05)
 _SKIPPED = 2  # first reversals, which still search
+# what a participant's answers say: the height that feels as high as the standard (the standard itself for a staircase) and the
+# Weber fraction of the height, each with the ends of its 95 % interval
+ESTIMATED = ["equal_um", "equal_low_95_um", "equal_high_95_um"]
+ESTIMATED += ["weber_ratio", "weber_low_95_ratio", "weber_high_95_ratio"]
 
 
 @dataclass
@@ -160,18 +163,6 @@ class Pair:
         return self.first if self.second == standard else self.second
 
 
-@dataclass(frozen=True)
-class Estimate:
-    """What a participant's answers say."""
-
-    equal: float  # height that feels as high as the standard [m]; the standard itself for a staircase
-    equal_low: float  # ends of its 95 % interval [m]
-    equal_high: float
-    weber: float  # Weber fraction of the height [1]
-    weber_low: float  # ends of its 95 % interval; not-a-number for a staircase, which alone tells none
-    weber_high: float
-
-
 class Session:
     """The comparisons of one participant, from the answers given so far."""
 
@@ -225,17 +216,17 @@ class Session:
             self._quest.record(self._levels[compared], higher)
         self.answers.append((pair, second_is_higher))
 
-    def estimate(self) -> Estimate:
-        """Return what the answers say."""
-        base = self.plan.heights[self.plan.standard]
+    def estimate(self) -> dict[str, float]:
+        """Return what the answers say, in the columns `ESTIMATED`."""
+        base = self.plan.heights[self.plan.standard] * 1e6
         if self.plan.method == "training":
             raise StudyError("training keeps a trainee at 75 % and estimates nothing")
         if self._stairs is None:
             equal = [base * math.exp(self._quest.quantile(0, share)) for share in (0.5, 0.025, 0.975)]
             weber = [math.expm1(Z75 * self._quest.quantile(1, share)) for share in (0.5, 0.025, 0.975)]
-            return Estimate(*equal, *weber)
+            return dict(zip(ESTIMATED, (*equal, *weber), strict=True))
         later = self._stairs.reversals[_SKIPPED:]
         if sum(level == self._stairs.levels[0] for level in later) > len(later) // 3:  # two of three troughs
             raise StudyError("the staircase rests on its lowest block: the threshold is below what the blocks can tell")
-        spread = self._stairs.threshold() / _Z707
-        return Estimate(base, base, base, math.expm1(Z75 * spread), math.nan, math.nan)
+        fraction = math.expm1(Z75 * self._stairs.threshold() / _Z707)  # it alone tells no interval
+        return dict(zip(ESTIMATED, (base, base, base, fraction, math.nan, math.nan), strict=True))

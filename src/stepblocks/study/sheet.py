@@ -181,12 +181,7 @@ def read_answers(path: Path, experiment: str) -> list[dict[str, str]]:
     return read_rows(path, answer_columns(experiment))
 
 
-def join_answers(
-    design: Sequence[Row],
-    answers: Sequence[Row],
-    largest_estimate: float = LARGEST_ESTIMATE,
-    ratings: tuple[int, int] = RATINGS,
-) -> Judgements:
+def join_answers(design: Sequence[Row], answers: Sequence[Row], ratings: tuple[int, int] = RATINGS) -> Judgements:
     """Put the answers to the trials that they belong to."""
     planned = {(row["participant"], row["trial"]): row for row in design}
     pairs, mistakes = [], list[Mistake]()
@@ -198,13 +193,12 @@ def join_answers(
                 said = f"{name} must be {shown.get(name)!r} in this trial, as planned, got {answer.get(name)!r}"
                 require(name not in shown or answer[name] == shown[name], said)
             pairs.append((planned[key], answer))
-    return join_rows(design[0]["experiment"], pairs, largest_estimate, ratings, planned, mistakes)
+    return join_rows(design[0]["experiment"], pairs, ratings, planned, mistakes)
 
 
 def join_rows(
     experiment: str,
     pairs: Sequence[tuple[Row, Row]],
-    largest_estimate: float,
     ratings: tuple[int, int],
     asked: Mapping[Key, Row] | None = None,
     mistakes: Sequence[Mistake] = (),
@@ -213,7 +207,7 @@ def join_rows(
     import pandas as pd
 
     kind, planned = EXPERIMENTS[experiment], asked or _by_trial([row for row, _ in pairs])
-    top = largest_estimate * max(number(row["height_um"]) for row in planned.values())
+    top = LARGEST_ESTIMATE * max(number(row["height_um"]) for row in planned.values())
     answered: dict[Key, dict[str, Any]] = {}
     found = list(mistakes)
     for row, answer in pairs:

@@ -129,11 +129,20 @@ def _resolved(data: dict[str, Any], folder: Path, mistakes: list[Mistake]) -> Sw
     kind, mode, surface = (str(chosen[name]) for name in _CHOICES)
     stimuli: list[dict[str, Any]] = []
     declared: dict[str, list[float]] = {}
-    drawn: tuple[dict[str, float], dict[str, float]] = {}, {}
+    spreads: dict[str, float] = {}
+    shares: dict[str, float] = {}
     limits = dict(vars(SHIPPED_LIMITS))
     if "set" in head:
-        surface, stimuli, grid, drawn = _of_set(head, parameters, draws, folder)
-        declared, limits = setting_of(grid)[0], dict(vars(grid.as_tool().limits))
+        if "surface" in head:
+            raise PipelineError("surface must not be given beside set, which says what its stimuli are [sweep]")
+        tolerances = draws.get("tolerances", False)
+        if not isinstance(head["set"], str) or not isinstance(tolerances, bool):
+            raise PipelineError("set must be the path of a stimulus file and tolerances true or false [sweep], [draws]")
+        surface, stimuli, grid = stimuli_of(folder / head["set"], parameters.get("stimulus"), tolerances)
+        declared, limits = setting_of(grid), dict(vars(grid.as_tool().limits))
+        if tolerances:
+            shares = rectangular({name: width for name, width in grid.tolerances if width > 0.0})
+            spreads = {name: shares.pop(name) for name in ("tip_radius", "friction", "frequency") if name in shares}
     elif "tolerances" in draws:
         mistakes.append(("[draws]", "tolerances are those of a set: name it with set"))
     names = PARAMETERS[surface]
@@ -162,7 +171,6 @@ def _resolved(data: dict[str, Any], folder: Path, mistakes: list[Mistake]) -> Sw
             raise PipelineError("rows must not be given for a grid, its axes say how many there are [sweep]")
     with noted(mistakes):
         count = _count("count", draws.get("count", 1), "draws")
-    spreads = dict(drawn[0])
     for name in (name for name in names if name in draws):
         with noted(mistakes):
             spreads[name] = _quantity(name, draws[name], names[name][0], "draws")
@@ -171,7 +179,7 @@ def _resolved(data: dict[str, Any], folder: Path, mistakes: list[Mistake]) -> Sw
     given = {*values, *ranges, *parameters}
     for name in (name for name in spreads if name == "direction" or (not stimuli and name not in given)):
         mistakes.append(("[draws]", f"{name} cannot be drawn about a value that is not given"))
-    shares = {name: share for name, share in drawn[1].items() if name not in spreads}
+    shares = {name: share for name, share in shares.items() if name not in spreads}
     seed = head.get("seed", 0)
     if not isinstance(seed, int) or isinstance(seed, bool) or not 0 <= seed < 2**63:
         mistakes.append(("[sweep]", f"seed must be a whole number of 0 or more, got {seed!r}"))
@@ -180,20 +188,6 @@ def _resolved(data: dict[str, Any], folder: Path, mistakes: list[Mistake]) -> Sw
     with noted(mistakes):
         size = _count("rows_per_partition", head.get("rows_per_partition", 1000), "sweep", _MOST_ROWS_OF_PARTITION)
     return SweepPlan(kind, mode, surface, points, count, seed, size, values, ranges, spreads, shares, stimuli, limits)
-
-
-def _of_set(
-    head: dict[str, Any], parameters: dict[str, Any], draws: dict[str, Any], folder: Path
-) -> tuple[str, list[dict[str, Any]], PredictionGrid, tuple[dict[str, float], dict[str, float]]]:
-    """Surface, stimuli, conditions, and uncertainties of the setting of a sweep over a set."""
-    if "surface" in head:
-        raise PipelineError("surface must not be given beside set, which says what its stimuli are [sweep]")
-    tolerances = draws.get("tolerances", False)
-    if not isinstance(head["set"], str) or not isinstance(tolerances, bool):
-        raise PipelineError("set must be the path of a stimulus file and tolerances true or false [sweep], [draws]")
-    surface, stimuli, grid = stimuli_of(folder / head["set"], parameters.get("stimulus"), tolerances)
-    _, plain, shares = setting_of(grid)
-    return surface, stimuli, grid, (plain, shares) if tolerances else ({}, {})
 
 
 def _read(
@@ -269,19 +263,11 @@ def stimuli_of(path: Path, wanted: Any, tolerances: bool) -> tuple[str, list[dic
     return surface, [_axis_point(part, SURFACES[surface], tolerances) for part in chosen], declared.prediction
 
 
-def setting_of(grid: PredictionGrid) -> tuple[dict[str, list[float]], dict[str, float], dict[str, float]]:
-    """Values of the conditions that a set declares, and the standard uncertainties of its setting, plain and as shares."""
-    values = {
-        "tip_radius": list(grid.tip_radii),
-        "normal_load": list(grid.normal_loads),
-        "friction": list(grid.frictions),
-        "stiffness": [grid.tool.stiffness],
-        "conversion": [grid.tool.conversion],
-        "frequency": [grid.tool.frequency],
-    }
-    off = rectangular({name: width for name, width in grid.tolerances if width > 0.0})
-    plain: dict[str, float] = {name: off.pop(name) for name in ("tip_radius", "friction", "frequency") if name in off}
-    return values, plain, off
+def setting_of(grid: PredictionGrid) -> dict[str, list[float]]:
+    """Return the values of the conditions that a set declares."""
+    of_tool = {name: [getattr(grid.tool, name)] for name in ("stiffness", "conversion", "frequency")}
+    listed = {"tip_radius": grid.tip_radii, "normal_load": grid.normal_loads, "friction": grid.frictions}
+    return {name: list(values) for name, values in listed.items()} | of_tool
 
 
 def _surface(part: Part) -> str:
@@ -293,7 +279,6 @@ def _surface(part: Part) -> str:
 
 def _axis_point(part: Part, columns: dict[str, str], tolerances: bool) -> dict[str, Any]:
     named = {columns[name]: part.sizes[name] for name in columns if name in part.sizes}
-    if not tolerances:
-        return {"id": part.id, "values": {name: one.nominal for name, one in named.items()}, "spreads": {}}
-    spreads = rectangular({name: half_width(one) for name, one in named.items()})
-    return {"id": part.id, "values": {name: middle_of(one) for name, one in named.items()}, "spreads": spreads}
+    values = {name: middle_of(one) if tolerances else one.nominal for name, one in named.items()}
+    spreads = rectangular({name: half_width(one) for name, one in named.items()}) if tolerances else {}
+    return {"id": part.id, "values": values, "spreads": spreads}

@@ -1,28 +1,51 @@
-"""Run a sweep: a plan in, partitioned Parquet out, on this machine or on a cluster that exists.
+"""Run a sweep: a plan in, partitioned Parquet out, on this machine or on a cluster that exists."""
 
-A partition is a pure function of the plan and its number, written beside its place and renamed: workers may die, runs
-may be interrupted, and what is finished stays. The rows do not depend on how they are partitioned.
-"""
+# A partition is a pure function of the plan and its number, written beside its place and renamed: workers may die, runs may
+# be interrupted, and what is finished stays. The rows do not depend on how they are partitioned.
 
 from __future__ import annotations
 
 import io
 import json
+import math
 from collections.abc import Callable, Iterator
-from dataclasses import asdict
+from dataclasses import asdict, replace
 from itertools import islice
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+import numpy as np
+
 from stepblocks.atomic import alone_in, replace_bytes, replace_text
-from stepblocks.errors import PipelineError
-from stepblocks.predict.sweep.plan import SweepPlan, load_sweep
-from stepblocks.predict.sweep.rows import columns_of, sweep_row
+from stepblocks.contact.counterface import Counterface, Margin, Step
+from stepblocks.contact.energy import Status
+from stepblocks.contact.operating_point import Limits, OperatingPoint, Tool
+from stepblocks.errors import ContactError, PipelineError
+from stepblocks.predict.predictions import dragged
+from stepblocks.predict.sweep.plan import DIRECTIONS, PARAMETERS, SURFACES, SweepPlan, load_sweep
 
 if TYPE_CHECKING:
     from distributed import Client
 
 _PLAN_FILE = "sweep.json"
+_UNITS = {
+    "length": "_m",
+    "force": "_n",
+    "stiffness": "_n_m",
+    "speed": "_m_s",
+    "frequency": "_hz",
+    "ratio": "",
+    "direction": "",
+}
+STATIC_COLUMNS = ("status", "critical_angle_rad", "peak_force_n", "vibration_energy_j", "problem")
+DRAG_COLUMNS = (
+    "drag_status",
+    "drag_peak_force_n",
+    "drag_vibration_energy_j",
+    "drag_share",
+    "drag_ring_s",
+    "drag_ledger_error",
+)
 
 
 def sweep(
@@ -31,7 +54,6 @@ def sweep(
     *,
     jobs: int = 1,
     scheduler: str | None = None,
-    client: Client | None = None,
     on_partition: Callable[[int], None] | None = None,
 ) -> tuple[int, int]:
     """Predict a grid or a random design into partitioned Parquet: every partition that is not yet there.
@@ -46,8 +68,6 @@ def sweep(
         Local processes; 1 computes in this one, without Dask.
     scheduler : str, optional
         Address of a Dask scheduler whose workers see `output` under the same path.
-    client : distributed.Client, optional
-        A client to use instead.
     on_partition : callable, optional
         Called with the number of each partition when it is finished.
 
@@ -55,31 +75,23 @@ def sweep(
     -------
     computed, found : int
         Partitions written by this run, and those that were there.
-
-    Raises
-    ------
-    PipelineError
-        If the plan cannot be read, the folder belongs to another one, an extra is not installed, or the scheduler does
-        not answer.
     """
     plan = plan if isinstance(plan, SweepPlan) else load_sweep(Path(plan))
     folder = Path(output)
-    _require_extra(dask=client is not None or scheduler is not None or jobs > 1)
+    _require_extra(dask=scheduler is not None or jobs > 1)
     report = on_partition or (lambda _: None)
     with alone_in(folder):
         _claim(plan, folder)
         missing = [k for k in range(plan.partitions) if not _is_whole(plan, k, folder)]
         for k in missing:  # what is damaged is ours, whatever it holds now: the plan beside it says so
             _path(folder, k).unlink(missing_ok=True)
-        if client is not None:
-            _submit(client, plan, folder, missing, report)
-        elif scheduler is None and jobs <= 1:
+        if scheduler is None and jobs <= 1:
             for k in missing:
                 write_partition(plan, k, folder)
                 report(k)
         elif missing:
-            with _client(jobs, scheduler) as own:
-                _submit(own, plan, folder, missing, report)
+            with _client(jobs, scheduler) as client:
+                _submit(client, plan, folder, missing, report)
     return len(missing), plan.partitions - len(missing)
 
 
@@ -114,12 +126,10 @@ def write_partition(plan: SweepPlan, number: int, folder: Path) -> int:
     import pyarrow as pa
 
     rows = [sweep_row(plan, row) for row in _rows_of(plan, number)]
-    columns = columns_of(plan)
     texts = ("stimulus", "direction", "status", "drag_status", "problem")
     kinds = {"row": pa.int64(), "draw": pa.int64(), **dict.fromkeys(texts, pa.string())}
-    schema = pa.schema([(name, kinds.get(name, pa.float64())) for name in columns])
-    table = pa.table({name: [row[name] for row in rows] for name in columns}, schema=schema)
-    replace_bytes(_path(folder, number), _as_parquet(table))
+    schema = pa.schema([(name, kinds.get(name, pa.float64())) for name in rows[0]])
+    replace_bytes(_path(folder, number), _as_parquet(pa.Table.from_pylist(rows, schema=schema)))
     return len(rows)
 
 
@@ -186,3 +196,89 @@ def _require_extra(dask: bool) -> None:
     for name in ("pyarrow", *(("distributed",) if dask else ())):
         if find_spec(name) is None:
             raise PipelineError(f"a sweep needs {name}: install the extra with pip install 'stepblocks[sweep]'")
+
+
+def design_row(plan: SweepPlan, row: int) -> dict[str, float]:
+    """Draw the inputs [SI] of one row; they depend on the plan and the row's number alone."""
+    left = point = row // plan.draws
+    inputs: dict[str, float] = {}
+    random = np.random.default_rng([plan.seed, point])
+    for name in PARAMETERS[plan.surface]:
+        if name in plan.ranges:
+            inputs[name] = float(random.uniform(plan.ranges[name][0], plan.ranges[name][1]))
+        elif name in plan.values:
+            choices = plan.values[name]
+            if plan.kind == "grid":
+                left, index = divmod(left, len(choices))
+            else:
+                index = int(random.integers(len(choices)))
+            inputs[name] = choices[index]
+    spreads = dict(plan.spreads)
+    if plan.stimuli:
+        index = left if plan.kind == "grid" else int(random.integers(len(plan.stimuli)))
+        chosen = plan.stimuli[index]
+        inputs |= {"stimulus": index} | chosen["values"]
+        spreads = chosen["spreads"] | spreads
+    spreads |= {name: share * inputs[name] for name, share in plan.shares.items()}
+    if spreads:
+        noise = np.random.default_rng([plan.seed, row, 1])
+        signed = ("horizontal_discrepancy", "vertical_discrepancy")
+        for name in PARAMETERS[plan.surface]:
+            if name in spreads:
+                moved = inputs[name] + spreads[name] * float(noise.standard_normal())
+                inputs[name] = moved if name in signed else max(moved, 0.0)
+    return inputs
+
+
+def sweep_row(plan: SweepPlan, row: int) -> dict[str, Any]:
+    """Compute a row of the table; one outside the equations has its reason in ``problem``, no figures."""
+    inputs = design_row(plan, row)
+    result: dict[str, Any] = {"row": row, "draw": row % plan.draws}
+    if plan.stimuli:
+        result["stimulus"] = plan.stimuli[int(inputs["stimulus"])]["id"]
+    for name, (dimension, _) in PARAMETERS[plan.surface].items():
+        result[name + _UNITS[dimension]] = inputs.get(name, math.nan)
+    if plan.surface == "margin":
+        result["direction"] = DIRECTIONS[int(inputs["direction"])]
+    result |= dict.fromkeys(STATIC_COLUMNS, math.nan) | {"status": "invalid", "problem": ""}
+    if plan.mode == "drag":
+        result |= dict.fromkeys(DRAG_COLUMNS, math.nan) | {"drag_status": "invalid"}
+    try:
+        face = _face(plan.surface, inputs)
+        tool = Tool(inputs["stiffness"], inputs["conversion"], limits=Limits(**plan.limits))
+        point = OperatingPoint(inputs["tip_radius"], inputs["normal_load"], inputs["friction"], tool)
+        backward = bool(inputs.get("direction", 0.0))
+        release = face.release(point, backward)
+        result |= {
+            "status": str(release.status),
+            "critical_angle_rad": release.angle,
+            "peak_force_n": release.pull_force,
+            "vibration_energy_j": release.vibration_energy,
+        }
+        if plan.mode == "drag" and (release.status.beyond or release.status in (Status.TOO_HIGH, Status.NO_CATCH)):
+            result["drag_status"] = str(release.status)
+        elif plan.mode == "drag":
+            result |= _dragged(face, point, backward, inputs)
+    except ContactError as error:
+        result["problem"] = str(error)
+    return result
+
+
+def _face(surface: str, inputs: dict[str, float]) -> Counterface:
+    sizes = {name: inputs[column] for name, column in SURFACES[surface].items() if column in inputs}
+    # the end of a crown is square where no vertical discrepancy is given
+    return Step(**sizes) if surface == "step" else Margin(**{"opening": sizes["gap"]} | sizes)
+
+
+def _dragged(face: Counterface, point: OperatingPoint, backward: bool, inputs: dict[str, float]) -> dict[str, Any]:
+    point = replace(point, tool=replace(point.tool, frequency=inputs["frequency"]))
+    trace, ring = dragged(face, point, backward, inputs["speed"], damping_ratio=inputs["damping_ratio"])
+    result: dict[str, Any] = {"drag_status": str(trace.status), "drag_ledger_error": trace.ledger_error}
+    if ring is None:
+        return result
+    return result | {
+        "drag_peak_force_n": trace.peak_force,
+        "drag_vibration_energy_j": ring.energy,
+        "drag_share": ring.share,
+        "drag_ring_s": ring.duration,
+    }

@@ -1,8 +1,8 @@
-"""How far estimates are off: on the average (bias), in size (absolute error), and from one another (spread).
+"""How far estimates are off: on the average (bias), in size (absolute error), and from one another (spread)."""
 
-The paper asks whether heights are estimated "less accurately": that is the absolute error. The signed error that its F-test
-takes is the bias, which noise leaves where it is; the spread says whether it is noise that makes an absolute error.
-"""
+# The paper asks whether heights are estimated "less accurately": that is the absolute error. The signed error that its
+# F-test takes is the bias, which noise leaves where it is; the spread says whether it is noise that makes an absolute
+# error.
 
 from __future__ import annotations
 
@@ -24,10 +24,9 @@ MEASURES = ("bias", ANSWER, "spread")
 
 @dataclass(frozen=True)
 class Equivalence:
-    """How much two conditions can differ, by two one-sided tests.
+    """How much two conditions can differ, by two one-sided tests."""
 
-    Source: Schuirmann, D. J. (1987), J. Pharmacokinetics and Biopharmaceutics 15, 657-680, doi:10.1007/BF01068419.
-    """
+    # Schuirmann, D. J. (1987), J. Pharmacokinetics and Biopharmaceutics 15, 657-680, doi:10.1007/BF01068419.
 
     first: str
     second: str
@@ -63,11 +62,9 @@ class Measure:
 
 
 def measured(frame: Any, name: str) -> tuple[Any, str]:
-    """Return a table with a column ``value`` for a measure, and the column of its blocks, if it has one.
-
-    The spread is the logarithm of a participant's standard deviation in a condition, pooled over the blocks, within which
-    the judgements are repeated: what a block's own bias adds is not in it.
-    """
+    """Return a table with a column ``value`` for a measure, and the column of its blocks, if it has one."""
+    # The spread is the logarithm of a participant's standard deviation in a condition, pooled over the blocks, within which
+    # the judgements are repeated: what a block's own bias adds is not in it.
     if name != "spread":
         value = frame["error"].abs() if name == ANSWER else frame["error"]
         return frame.assign(value=value), "stimulus" if frame["stimulus"].nunique() > 1 else ""
@@ -107,10 +104,8 @@ def equivalence(one: Interval, df: float, margin: float = math.nan) -> Equivalen
 
 
 def group_terms(data: Any) -> tuple[tuple[Term, ...], tuple[Interval, ...]]:
-    """Compare groups of participants by a split-plot analysis of the participants' means.
-
-    Source: Winer, B. J. (1971), Statistical Principles in Experimental Design, 2nd ed., 7.2. Groups may differ in size.
-    """
+    """Compare groups of participants by a split-plot analysis of the participants' means."""
+    # Winer, B. J. (1971), Statistical Principles in Experimental Design, 2nd ed., 7.2. Groups may differ in size.
     keys = ["participant", "condition"]
     cells = data.groupby([*keys, "stimulus"])["value"].mean() if "stimulus" in data else data.set_index(keys)["value"]
     table = cells.groupby(keys).mean().unstack()

@@ -120,10 +120,8 @@ def unit_free(frame: Any, response: str, **names: str) -> tuple[Any, float, floa
 
 
 def effect_of(name: str, df: float, df_error: float, squares: float, f: float) -> Term:
-    """Complete a line of an analysis of variance from its statistic.
-
-    Source: Steiger, J. H. (2004), Psychological Methods 9, 164-182, doi:10.1037/1082-989X.9.2.164.
-    """
+    """Complete a line of an analysis of variance from its statistic."""
+    # Steiger, J. H. (2004), Psychological Methods 9, 164-182, doi:10.1037/1082-989X.9.2.164.
     from scipy import stats
     from statsmodels.stats.oneway import confint_noncentrality
 
@@ -143,11 +141,10 @@ def tukey_family(
     spread: float,
     scale: float,
 ) -> list[Interval]:
-    """Compare every two levels so that all 95 % intervals hold together.
-
-    `rows` give the mean of each level from the parameters `beta`; `spread` is the residual standard deviation, `scale` the
-    unit of all these in that of the response. Source, with unequal numbers: Kramer, C. Y. (1956), Biometrics 12, 307-310.
-    """
+    """Compare every two levels so that all 95 % intervals hold together."""
+    # `rows` give the mean of each level from the parameters `beta`; `spread` is the residual standard deviation, `scale`
+    # the unit of all these in that of the response. Source, with unequal numbers: Kramer, C. Y. (1956), Biometrics 12,
+    # 307-310.
     from scipy.stats import studentized_range
 
     quantile = float(studentized_range.ppf(0.95, len(levels), df_error))

@@ -41,10 +41,8 @@ class MixedFit:
 def mixed_model(
     frame: Any, response: str, condition: str, participant: str, block: str = "", intervals: bool = True
 ) -> MixedFit:
-    """Fit conditions, and blocks where given, as fixed and participants as random.
-
-    Source: Laird, N. M., Ware, J. H. (1982), Biometrics 38, 963-974, doi:10.2307/2529876.
-    """
+    """Fit conditions, and blocks where given, as fixed and participants as random."""
+    # Laird, N. M., Ware, J. H. (1982), Biometrics 38, 963-974, doi:10.2307/2529876.
     data, scale, shift = unit_free(frame, response, a=condition, b=block, g=participant)
     people, conditions = data["g"].nunique(), sorted(data["a"].unique())
     require(people >= 2, f"{participant}: a mixed model needs at least two participants, got {people}")

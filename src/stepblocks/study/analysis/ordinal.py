@@ -1,7 +1,6 @@
-"""Ratings by an ordinal model: categories in order, with no claim that they are equally far apart.
+"""Ratings by an ordinal model: categories in order, with no claim that they are equally far apart."""
 
-The fit is that of statsmodels, with its derivatives in closed form and a sandwich over participants.
-"""
+# The fit is that of statsmodels, with its derivatives in closed form and a sandwich over participants.
 
 from __future__ import annotations
 
@@ -29,7 +28,6 @@ class OddsRatio:
     ratio: float  # odds of a higher rating [1]
     low: float  # ends of its 95 % interval
     high: float
-    by_cut: tuple[float, ...]  # log odds at each cut between categories alone; alike if the odds are proportional
 
 
 @dataclass(frozen=True)
@@ -37,9 +35,6 @@ class OrdinalFit:
     """A proportional-odds model."""
 
     effects: tuple[OddsRatio, ...]  # one per predictor
-    statistic: float  # likelihood ratio of the predictors; keeps its level only where participants take to them alike
-    df: int
-    p: float
     # statistic, df, df_error and p of an F-test with the participants as the units that are independent, so that they may
     # differ in how they take to the predictors; None without participants
     participants: dict[str, float] | None
@@ -47,30 +42,19 @@ class OrdinalFit:
 
 
 def ordinal_model(frame: Any, rating: str, predictors: Sequence[str], participant: str = "") -> OrdinalFit:
-    """Fit a proportional-odds model.
-
-    Source: McCullagh, P. (1980), J. R. Statist. Soc. B 42, 109-142.
-    """
+    """Fit a proportional-odds model."""
+    # McCullagh, P. (1980), J. R. Statist. Soc. B 42, 109-142.
     ordered, exog, people = _matrices(frame, rating, predictors, participant)
     names = list(exog.columns)
     full = fit_proportional_odds(ordered, exog.join(people))
-    counts = ordered.value_counts().to_numpy(dtype=np.float64)
-    alone = float(np.sum(counts * np.log(counts / counts.sum())))  # log likelihood of the shares of the categories
-    base_likelihood = float(fit_proportional_odds(ordered, people).llf) if people.shape[1] else alone
     if not np.isfinite(full.bse[names]).all() or (np.abs(full.params[names]) * exog.std() > 15.0).any():
         raise StudyError(f"{rating} must overlap between the levels of {', '.join(predictors)}: no finite odds fit")
-    from scipy.stats import chi2
-
-    statistic = 2.0 * (float(full.llf) - base_likelihood)
     errors, reach, wald = _errors(full, len(names), frame[participant].to_numpy() if people.shape[1] else None)
-    cuts = _by_cut(ordered, exog.join(people), names)
     effects = []
     for name, value, error in zip(names, full.params[names].tolist(), errors, strict=True):
         ends = (math.exp(value - reach * error), math.exp(min(value + reach * error, 700.0)))
-        effects.append(OddsRatio(name, value, error, math.exp(value), *ends, cuts[name]))
-    return OrdinalFit(
-        tuple(effects), statistic, len(names), float(chi2.sf(statistic, len(names))), wald, float(full.llf)
-    )
+        effects.append(OddsRatio(name, value, error, math.exp(value), *ends))
+    return OrdinalFit(tuple(effects), wald, float(full.llf))
 
 
 def _errors(fit: Any, number: int, participants: Any) -> tuple[list[float], float, dict[str, float] | None]:
@@ -105,18 +89,6 @@ def _matrices(frame: Any, rating: str, predictors: Sequence[str], participant: s
         return ordered, exog, pd.DataFrame(index=exog.index)
     people = pd.get_dummies(frame[participant].astype(str), prefix="participant", prefix_sep=" ", drop_first=True)
     return ordered, exog, people.astype(float)
-
-
-def _by_cut(ordered: Any, exog: Any, names: Sequence[str]) -> dict[str, tuple[float, ...]]:
-    import statsmodels.api as sm
-
-    found = []
-    for cut in range(1, len(ordered.cat.categories)):
-        above = (ordered.cat.codes >= cut).to_numpy(dtype=np.float64)
-        with warnings.catch_warnings(action="ignore"):
-            fit = sm.GLM(above, sm.add_constant(exog, has_constant="add"), family=sm.families.Binomial()).fit()
-        found.append([value if abs(value) < 15.0 else math.nan for value in fit.params[names].tolist()])
-    return dict(zip(names, zip(*found, strict=True), strict=True))
 
 
 @cache
@@ -158,10 +130,8 @@ def fit_proportional_odds(ordered: Any, exog: Any) -> Any:
 
 
 def cluster_covariance(fit: Any, clusters: Any) -> Any:
-    """Return the covariance of the parameters when only whole clusters are independent.
-
-    Source: Liang, K.-Y., Zeger, S. L. (1986), Biometrika 73, 13-22, doi:10.1093/biomet/73.1.13.
-    """
+    """Return the covariance of the parameters when only whole clusters are independent."""
+    # Liang, K.-Y., Zeger, S. L. (1986), Biometrika 73, 13-22, doi:10.1093/biomet/73.1.13.
     params = np.asarray(fit.params)
     scores = fit.model.score_obs(params)
     count = int(clusters.max()) + 1

@@ -145,7 +145,7 @@ def _measure(measure: Measure) -> Iterator[Row]:
     df_error = measure.groups[0].df_error if measure.groups else math.nan
     yield from _intervals("groups", measure.group_intervals, df_error, log)
     for check in measure.checks:
-        name = f"{check.assumption} ({check.test}): {check.verdict}"
+        name = f"{check.assumption} ({check.test}): {'; '.join(filter(None, (check.verdict, check.advice)))}"
         yield _row("check", name, statistic=check.statistic, p=check.p)
 
 
@@ -153,13 +153,10 @@ def _ratings(result: StudyResult) -> Iterator[Row]:
     fit, analysis = result.ordinal, "ordinal model"
     if fit is None:
         return
-    yield _row(analysis, "all predictors, likelihood ratio", statistic=fit.statistic, df=fit.df, p=fit.p)
     if fit.participants is not None:
         yield _row(analysis, "all predictors, F over participants") | fit.participants
     for effect in fit.effects:
         yield _span(analysis, f"odds of a higher rating, {effect.name}", (effect.ratio, effect.low, effect.high))
-        for cut, value in enumerate(effect.by_cut, start=1):
-            yield _row("check", f"log odds at cut {cut} alone, {effect.name}", estimate=value)
 
 
 def _curves(result: StudyResult) -> Iterator[Row]:
