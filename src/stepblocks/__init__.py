@@ -8,7 +8,7 @@ Everything a command does, a notebook can. The names below are the public face, 
 - made and checked: `build_sets`, `BuildReport`, `check_output`, `check_artefact`, `check_step`, `Verdict`, `order_parts`;
 - met by a slider: `Counterface`, `Step`, `Margin`, `Groove`, `Profile`, under an `OperatingPoint` with its `Tool`; the paper's
   is `PAPER`;
-- predicted: `step_angle`, `groove_angle`, `margin_angles`, `release_at`, `Release`, `Status`, `interval_of`, `energy_change`,
+- predicted: `step_angle`, `margin_angles`, `release_at`, `Release`, `Status`, `interval_of`, `energy_change`,
   `predict_set`, `predict_table`, `predict_trials`, `sweep`, `drag_over`, `vibration_events`;
 - felt: `export`, `feel`, `compare`, `Renderer`;
 - measured: `read_scan`, `list_channels`, `inspect_scan`, `inspect_standard`, `inspect_many`, `How`, `write_inspection`, `write_many`,

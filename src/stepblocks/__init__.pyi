@@ -17,7 +17,6 @@ from .contact.counterface import Margin as Margin
 from .contact.counterface import Profile as Profile
 from .contact.counterface import Step as Step
 from .contact.counterface import energy_change as energy_change
-from .contact.critical_angle import groove_angle as groove_angle
 from .contact.critical_angle import margin_angles as margin_angles
 from .contact.critical_angle import step_angle as step_angle
 from .contact.energy import Release as Release

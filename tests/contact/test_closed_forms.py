@@ -9,7 +9,7 @@ from scipy.integrate import quad
 
 from stepblocks.contact import kernels
 from stepblocks.contact.counterface import Groove, Margin, Step
-from stepblocks.contact.critical_angle import groove_angle, margin_angles, step_angle
+from stepblocks.contact.critical_angle import margin_angles, step_angle
 from stepblocks.contact.energy import Status, release_at
 from stepblocks.contact.operating_point import OperatingPoint, Tool
 from stepblocks.contact.uncertainty import interval_of
@@ -58,7 +58,7 @@ def test_a_ball_that_rests_on_two_corners_leaves_square_to_its_radius_at_each(wi
     assert forward == pytest.approx(math.atan2(width - x, z - rise), rel=1e-10)
     assert backward == pytest.approx(math.atan2(x, z), rel=1e-10)
     x, z = between(width, 0.0, ball)
-    assert groove_angle(width, ball) == pytest.approx(math.atan2(width - x, z), rel=1e-12)
+    assert margin_angles(width, 0.0, ball)[0] == pytest.approx(math.atan2(width - x, z), rel=1e-12)
     assert Groove(width, 1.2).angles(ball)[0] == pytest.approx(math.atan2(width - x, z), rel=1e-12)
 
 

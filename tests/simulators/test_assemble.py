@@ -11,7 +11,7 @@ from stepblocks.contact.operating_point import PAPER, OperatingPoint
 from stepblocks.declare import load_set
 from stepblocks.errors import HapticsError
 from stepblocks.parts.shapes import enclosed_volume
-from stepblocks.simulators.assemble import plain_step, scene_of, surface_of
+from stepblocks.simulators.assemble import met, plain_step, scene_of
 from stepblocks.simulators.devices import device_named, load_devices
 from stepblocks.simulators.scene import SceneFormat, write_json, write_scene
 
@@ -89,9 +89,9 @@ def test_what_is_worn_is_felt_on_a_plain_step_too():
 
 
 def test_a_block_is_its_own_surface_and_a_tip_asks_for_a_step():
-    assert surface_of(BLOCK) is BLOCK
+    assert met(BLOCK, PAPER)[0] is BLOCK
     with pytest.raises(HapticsError, match="height of the step under the probe must be given"):
-        surface_of(TIPS["tip-125"])
+        met(TIPS["tip-125"], PAPER)
 
 
 @pytest.mark.parametrize("height", [1e-6, 250e-6])

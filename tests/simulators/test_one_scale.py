@@ -113,11 +113,11 @@ def test_rings_of_a_set_are_as_loud_to_each_other_as_their_forces(tmp_path):
 def test_a_set_for_chai3d_brings_a_program_that_switches_its_blocks(tmp_path):
     export(SET, "chai3d", tmp_path, only=ENDS, device="omega-3")
     program = tmp_path / "paper-ten" / "chai3d-omega-3-blocks"
-    text = (program / "blocks.cpp").read_text()
+    text = (program / "StepBlock.h").read_text()
     for block in ("step-010", "step-100"):
         assert (program / f"../{block}/chai3d-omega-3/block.obj").exists()
         assert f'"../{block}/chai3d-omega-3/block.obj"' in text
-    assert {path.name for path in program.iterdir()} == {"CMakeLists.txt", "ReleaseRing.h", "blocks.cpp"}
+    assert {path.name for path in program.iterdir()} == {"CMakeLists.txt", "ReleaseRing.h", "StepBlock.h", "blocks.cpp"}
     built, cmake = os.environ.get("CHAI3D_BUILD"), shutil.which("cmake")
     if not (built and cmake):
         pytest.skip("CHAI3D_BUILD names no build tree of CHAI3D 3.3")

@@ -267,10 +267,10 @@ def test_chai3d_files_are_millimetres_wound_outwards_with_positive_indices(folde
         assert np.ptp(mesh.vertices[:, 0]) == pytest.approx(20.0, rel=1e-6)
         assert mesh.vertices[:, 2].max() == pytest.approx(0.05, abs=2e-6)
     assert "f -" not in (folders["chai3d"] / "block.obj").read_text()
-    parameters = json.loads((folders["chai3d"] / "parameters.json").read_text())
-    assert parameters["stiffness_n_per_mm"] == pytest.approx(9.81)
     header = (folders["chai3d"] / "StepBlock.h").read_text()
-    up = header.split("const Release kUp = {")[1].split("}")[0].split(",")
+    contact = header.split("const Contact kContact = {")[1].split("}")[0].split(",")
+    assert [float(value) for value in contact] == pytest.approx([0.125, MU, 9.81, LOAD])
+    up = header.split('"block.obj"')[1].split("{")[1].split("}")[0].split(",")
     expected = [1.0, -0.1, 0.125, math.sqrt(0.2) * paper_force(50e-6), paper_force(50e-6), 300.0, 0.01424]
     assert [float(value) for value in up] == pytest.approx(expected, rel=1e-4)
 

@@ -55,13 +55,12 @@ def add_to(commands: Any) -> None:
         said = f"such as '{example}' (default: the first of the set's prediction)"
         parser.add_argument(f"--{name}", dest=called, type=quantity(dimension), metavar="Q", help=said)
 
-    said = "a recorded force, acceleration or ring against its stimulus, in just noticeable differences"
+    said = "a recorded force or acceleration against its stimulus, in just noticeable differences"
     example = "compare record.csv --to stimuli/paper-ten.toml/step-050"
     parser = add_command(commands, "compare", _compare, said, examples=(example,), leave_out=True)
-    said = "CSV (time_s; force_n or acceleration_m_s2), WAV of a ring, or HDF5 of a trial of study run"
+    said = "CSV (time_s; force_n or acceleration_m_s2), or HDF5 of a trial of study run"
     parser.add_argument("record", type=Path, metavar="RECORD", help=said)
     parser.add_argument("--to", type=Path, required=True, metavar="FILE/ID", help="stimulus file and identity")
-    parser.add_argument("--full-scale", type=quantity("force"), metavar="F", help="force at full scale of a WAV")
     for name, called, dimension, example in _QUANTITIES:
         if called in ("normal_load", "friction", "ball_radius"):
             said = f"such as '{example}' (default: the first of the set's prediction)"
@@ -79,7 +78,7 @@ def add_to(commands: Any) -> None:
 def _compare(arguments: argparse.Namespace) -> Outcome:
     from stepblocks.simulators.compare import compare
 
-    asked = given(arguments, "full_scale", "normal_load", "friction", "ball_radius")
+    asked = given(arguments, "normal_load", "friction", "ball_radius")
     found = compare(arguments.record, arguments.to, arguments.output, **asked)
     said = f"{found.score:.2g} just noticeable differences from {arguments.to.name}, all parts together"
     return Outcome(said, {"realism": found.table().iloc[:-1].to_dict("records")})

@@ -37,9 +37,9 @@ class Counterface(ABC):
         return float(z[-1] - z[0])
 
     @property
-    @abstractmethod
     def breakpoints(self) -> tuple[float, ...]:
         """Positions where the profile has a corner [m], in ascending order."""
+        return tuple(float(x) for x in self.section(REACH)[0][1:-1])
 
     @property
     def dimensions(self) -> dict[str, float]:
@@ -63,9 +63,9 @@ class Counterface(ABC):
         angle = self.angles(point.ball_radius)[backward]
         return release_at(angle, point.normal_load, point.friction, point.tool)
 
-    @abstractmethod
     def heights(self, x: Array) -> Array:
         """Heights over the near side [m] at positions across the edge [m]; on an edge itself the higher side counts."""
+        return Profile(*self.section(REACH)).heights(x)
 
     @abstractmethod
     def section(self, run: float) -> tuple[Array, Array]:
@@ -156,18 +156,6 @@ class Margin(Counterface):
         opening = self.opening + deviations["opening"] if "opening" in deviations else follows
         return {"gap": np.maximum(gap, 0.0), "opening": opening, "rise": self.rise + deviations.get("rise", 0.0)}
 
-    def heights(self, x: Array) -> Array:
-        """Tooth, floor of the gap, bevel, crown."""
-        opening, gap, rise = self.opening, self.gap, self.rise
-        if opening <= 0.0:
-            return np.where(x < opening, 0.0, rise)
-        z = np.where(x < 0.0, 0.0, -self.depth - self.fall * x)
-        if opening > gap:  # a margin bevelled back at 45 degrees can be seen from above
-            slope = (rise + gap - opening) + (x - gap)
-            z = np.where((x >= gap) & (x < opening), slope, z)
-        z = np.where(x >= opening, rise, z)
-        return np.where(x == 0.0, np.maximum(z, 0.0), z)
-
     def section(self, run: float) -> tuple[Array, Array]:
         """Tooth, floor of the gap, bevel, crown."""
         opening, gap, rise, depth, fall = self.opening, self.gap, self.rise, self.depth, self.fall
@@ -188,21 +176,11 @@ class Groove(Counterface):
     flank: float  # inclination of either flank [rad]
     _dimensions = ("width", "flank")
 
-    @property
-    def breakpoints(self) -> tuple[float, ...]:
-        """Both shoulders and the bottom between them."""
-        return (0.0, 0.5 * self.width, self.width)
-
     def angles(self, ball_radius: Real, **dimensions: Real) -> tuple[Real, Real]:
         """From between the shoulders, ``sin a = g / 2R``; a ball that sinks onto the flanks leaves along them."""
         at = self.dimensions | dimensions
         angle = plain(np.minimum(margin_angles(at["width"], 0.0, ball_radius)[0], at["flank"]))
         return angle, angle
-
-    def heights(self, x: Array) -> Array:
-        """Shoulder, flank, flank, shoulder."""
-        inside: Array = np.maximum(np.minimum(x, self.width - x), 0.0)
-        return -math.tan(self.flank) * inside
 
     def section(self, run: float) -> tuple[Array, Array]:
         """Shoulder, flank, flank, shoulder."""
@@ -225,11 +203,6 @@ class Profile(Counterface):
             )
         if self.x.size < 2:
             raise ContactError(f"profile needs at least 2 points, got {self.x.size}")
-
-    @property
-    def breakpoints(self) -> tuple[float, ...]:
-        """Every point but the first and the last."""
-        return tuple(float(x) for x in self.x[1:-1])
 
     def angles(self, ball_radius: Real, **dimensions: Real) -> tuple[Real, Real]:
         """By exact dilation: the steepest slopes of the path of the tip, once for each ball."""
@@ -282,10 +255,6 @@ class ProfiledMargin(Margin):
         )
         return forward, backward
 
-    def heights(self, x: Array) -> Array:
-        """Of the section."""
-        return Profile(*self.section(REACH)).heights(x)
-
     def section(self, run: float) -> tuple[Array, Array]:
         """Tooth, floor of the gap, bevel, crown; either side by chords within 20 nm of a curvature of 0.2 per mm."""
         x, z = super().section(0.0)
@@ -307,11 +276,7 @@ def energy_change(
     Parameters
     ----------
     before, after : Counterface or Release
-        Two counterfaces, or what was found over one.
-    point : OperatingPoint
-        Under which they are dragged over.
-    backward : bool
-        Direction of the drag.
+        Two counterfaces, dragged over under `point`, backward or not; or what was found over one.
 
     Returns
     -------

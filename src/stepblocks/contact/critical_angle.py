@@ -13,12 +13,8 @@ def step_angle(height: Real, ball_radius: Real, edge_radius: Real = 0.0) -> Real
 
     Parameters
     ----------
-    height : float or array_like
-        Height of the step H [m], not negative.
-    ball_radius : float or array_like
-        Radius of the probe tip R [m].
-    edge_radius : float or array_like
-        Radius of the rounded edge r [m]; 0 is the sharp edge.
+    height, ball_radius, edge_radius : float or array_like
+        Height of the step H, radius of the probe tip R, and of the rounded edge r, 0 for a sharp one [m].
 
     Returns
     -------
@@ -45,50 +41,20 @@ def step_angle(height: Real, ball_radius: Real, edge_radius: Real = 0.0) -> Real
     return plain(kernels.step_angle(height, ball_radius + edge_radius))
 
 
-def groove_angle(width: Real, ball_radius: Real) -> Real:
-    """Critical angle where a ball leaves a groove between shoulders of equal height.
-
-    Parameters
-    ----------
-    width : float or array_like
-        Width of the groove g [m], not negative.
-    ball_radius : float or array_like
-        Radius of the probe tip R [m].
-
-    Returns
-    -------
-    float or ndarray, of the shape to which the arguments broadcast
-        ``asin(g / 2R)`` [rad]; a right angle where the ball falls between the shoulders, ``g >= 2R``.
-
-    Raises
-    ------
-    ContactError
-        If `width` is negative or not finite, or `ball_radius` is not positive.
-
-    Examples
-    --------
-    >>> float(np.degrees(groove_angle(125e-6, 125e-6)).round(9))
-    30.0
-    """
-    return margin_angles(width, 0.0, ball_radius)[0]
-
-
 def margin_angles(opening: Real, rise: Real, ball_radius: Real) -> tuple[Real, Real]:
-    """Critical angles over a margin: two shoulders `opening` apart, the second higher by `rise`.
+    """Critical angles over a margin or a groove: two shoulders `opening` apart, the second higher by `rise`.
 
     Parameters
     ----------
-    opening : float or array_like
-        Distance g between the two edges along the drag [m]; 0 where they touch or overlap.
-    rise : float or array_like
-        Height of the second shoulder over the first [m]; negative where it lies lower.
-    ball_radius : float or array_like
-        Radius of the probe tip R [m].
+    opening, rise, ball_radius : float or array_like
+        Distance g between the two edges along the drag, 0 where they touch or overlap; height of the second over the first, of
+        either sign; radius of the probe tip R [m].
 
     Returns
     -------
     forward, backward : float or ndarray, of the shape to which the arguments broadcast
-        Critical angle [rad] dragging from the first shoulder to the second, and back. 0 where nothing catches.
+        Critical angle [rad] dragging from the first shoulder to the second, and back: 0 where nothing catches, ``asin(g / 2R)``
+        out of a groove between equal shoulders, a right angle where the ball falls between them.
 
     Raises
     ------

@@ -53,12 +53,8 @@ def release_at(angle: Real, normal_load: Real, friction: Real, tool: Tool = PAPE
 
     Parameters
     ----------
-    angle : float or array_like
-        Critical angle a [rad], from 0 to a right angle.
-    normal_load : float or array_like
-        Normal load F_py [N].
-    friction : float or array_like
-        Coefficient of friction mu [1], not negative.
+    angle, normal_load, friction : float or array_like
+        Critical angle a [rad], from 0 to a right angle; load F_py [N]; coefficient of friction mu [1].
     tool : Tool
         Spring, ring and limits of the explorer; the default has no limits.
 

@@ -83,16 +83,14 @@ def vibration_events(face: Counterface, point: OperatingPoint, stimulus: str = "
     Parameters
     ----------
     face : Counterface
-        What is dragged over; every part answers `counterface()`.
-    point : OperatingPoint
-        Ball, load, friction and tool.
+        What is dragged over under `point`; every part answers `counterface()`.
     stimulus : str
         What the events shall be called.
 
     Returns
     -------
     tuple of VibrationEvent
-        The drag towards +x, and the one towards -x.
+        Of the drag towards +x, and of the one towards -x.
 
     Raises
     ------
@@ -164,9 +162,10 @@ def as_record(event: VibrationEvent, scale: float = 1.0) -> dict[str, Any]:
     if learned is not None:
         forces = zip(("peak_force_n", "peak_force_low_n", "peak_force_high_n"), learned.peak_force, strict=True)
         energies = zip(("energy_j", "energy_low_j", "energy_high_j"), learned.energy, strict=True)
-        record["learned"] = _known({"status": learned.status, **dict(forces), **dict(energies)})
-    return _known(record)
+        record["learned"] = nan_as_none({"status": learned.status, **dict(forces), **dict(energies)})
+    return nan_as_none(record)
 
 
-def _known(record: dict[str, Any]) -> dict[str, Any]:
+def nan_as_none(record: dict[str, Any]) -> dict[str, Any]:
+    """Put None for what is not a number."""
     return {k: None if isinstance(v, float) and not math.isfinite(v) else v for k, v in record.items()}

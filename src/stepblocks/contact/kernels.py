@@ -8,10 +8,8 @@ from stepblocks.contact.domain import Real, where
 
 
 def angle_on_step(height: Real, radius_sum: Real) -> Real:
-    """Angle of the tangent where a ball on the lower face touches the edge: ``1 - cos a = H / (R + r)``.
-
-    Written with the half angle, ``sin^2(a/2) = H / 2(R + r)``, which keeps its digits for a small step.
-    """
+    """Angle of the tangent where a ball on the lower face touches the edge: ``1 - cos a = H / (R + r)``."""
+    # by the half angle, sin^2(a/2) = H / 2(R + r), which keeps its digits for a small step
     return 2.0 * np.arcsin(np.sqrt(0.5 * height / radius_sum))
 
 
@@ -28,21 +26,15 @@ def step_angle_slopes(height: Real, radius_sum: Real) -> tuple[Real, Real]:
 
 
 def angle_out_of_groove(width: Real, rise: Real, ball_radius: Real) -> Real:
-    """Angle of the tangent at the far corner for a ball that rests on both corners of a groove.
-
-    The chord between the corners is inclined by ``atan2(rise, width)`` and subtends ``2 asin(chord / 2R)``.
-    """
-    chord = np.hypot(width, rise)
+    """Angle of the tangent at the far corner for a ball that rests on both corners of a groove."""
+    chord = np.hypot(width, rise)  # inclined by atan2(rise, width), it subtends 2 asin(chord / 2R)
     return np.arctan2(rise, width) + np.arcsin(0.5 * chord / ball_radius)
 
 
 def margin_angles(opening: Real, rise: Real, ball_radius: Real) -> tuple[Real, Real]:
-    """Critical angles over two corners `opening` apart, the far one higher by `rise` of either sign: forward, backward.
-
-    Where the ball still rides on the lower shoulder when it meets the higher corner, the step alone counts. Where it sinks
-    so deep that its centre lies below the higher corner, it leans on that corner's wall, which it never climbs, and the
-    lower corner is met from a radius away; a gap as wide as the ball swallows it.
-    """
+    """Critical angles over two corners `opening` apart, the far one higher by `rise` of either sign: forward, backward."""
+    # where the ball still rides on the lower shoulder when it meets the higher corner, the step alone counts; where its centre
+    # sinks below that corner it leans on the wall, which it never climbs, and meets the lower corner from a radius away
     high = np.abs(rise)
     low_step = high < ball_radius
     reach = where(low_step, np.sqrt(np.maximum(high * (2.0 * ball_radius - high), 0.0)), ball_radius)
@@ -61,12 +53,9 @@ def margin_angles(opening: Real, rise: Real, ball_radius: Real) -> tuple[Real, R
 
 
 def bevelled_margin_angles(gap: Real, opening: Real, rise: Real, ball_radius: Real) -> tuple[Real, Real]:
-    """Critical angles over a margin whose far side is bevelled at 45 degrees where it opens beyond its `gap`.
-
-    The ball first touches the outer corner (`opening`, `rise`), the bevel, or the corner where the bevel meets the wall of
-    the gap; touching the bevel it climbs at 45 degrees. On its way back it climbs the near corner from the same place.
-    Up to `gap` the far side ends square, or in a lip; an opening below 0 overlaps the near side and a step is left.
-    """
+    """Critical angles over a margin whose far side is bevelled at 45 degrees where it opens beyond its `gap`."""
+    # the ball first touches the outer corner (opening, rise), the bevel, or its inner corner, and on its way back climbs the near
+    # corner from the same place; up to `gap` the far side ends square, or in a lip that overlaps the near side
     square = margin_angles(np.maximum(opening, 0.0), rise, ball_radius)
     bevelled, opening = opening > gap, np.maximum(opening, gap)
     diagonal = np.sqrt(0.5) * ball_radius

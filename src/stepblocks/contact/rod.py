@@ -1,8 +1,4 @@
-"""A probe as a clamped rod with a mass at its tip, what a sheath does to its ring, and what a test of that ring measures.
-
-Euler-Bernoulli beam, cubic elements, in units of the rod: lengths in its free length, stiffness and mass in its own. The
-loss is taken from the undamped shape, each part's loss factor weighted by its share of the strain energy.
-"""
+"""A probe as a clamped rod with a mass at its tip, what a sheath does to its ring, and what a test of that ring measures."""
 
 from __future__ import annotations
 
@@ -19,6 +15,8 @@ from stepblocks.contact.operating_point import PAPER, Tool
 from stepblocks.errors import ContactError
 
 Array = NDArray[np.float64]
+# Euler-Bernoulli beam in units of the rod: lengths in its free length, stiffness and mass in its own; the loss is taken from the
+# undamped shape, each part's loss factor weighted by its share of the strain energy
 _PER_LENGTH, _HELD = 32, 48  # cubic elements of the free length, and of a bedding: frequency to 1e-7 of the closed form
 _BENDING = np.array([[12.0, 6.0, -12.0, 6.0], [6.0, 4.0, -6.0, 2.0], [-12.0, -6.0, 12.0, -6.0], [6.0, 2.0, -6.0, 4.0]])
 _INERTIA = (
@@ -124,11 +122,8 @@ def rod_for(
 
 
 def bush_stiffness(bore: float, outer: float, modulus: float, poisson: float) -> float:
-    """Stiffness per length of a bonded bush whose core moves sideways in a rigid shell.
-
-    Source: Adkins, J. E., Gent, A. N. (1954), Br. J. Appl. Phys. 5, 354-358, for Poisson's ratio 0.5; the general one is
-    Muskhelishvili's plane problem of a ring between rigid circles.
-    """
+    """Stiffness per length of a bonded bush whose core moves sideways in a rigid shell."""
+    # Adkins, Gent (1954), Br. J. Appl. Phys. 5, 354, for Poisson's ratio 0.5; else Muskhelishvili's ring between rigid circles
     shear, kappa = modulus / (2.0 * (1.0 + poisson)), 3.0 - 4.0 * poisson
     grown = (outer**2 - bore**2) / (outer**2 + bore**2)
     return 8.0 * math.pi * shear * (1.0 - poisson) * kappa / (kappa**2 * math.log(outer / bore) - grown)
@@ -161,10 +156,7 @@ def ring_of(rod: Rod, sleeves: Sequence[Sleeve] = (), hold: Hold | None = None) 
 
 
 def assembled(rod: Rod, sleeves: Sequence[Sleeve], hold: Hold | None) -> tuple[list[Array], Array, Array, Array]:
-    """Stiffness of the rod, of each sheath and of the bedding, the mass of all, the loss factor of each, and the pushes.
-
-    All in units of the rod and without what is clamped; a push is what the inertia of the whole rod, shifted, exerts.
-    """
+    """Stiffness of rod, sheaths and bedding, the mass of all, the loss factor of each, what their inertia pushes when shifted."""
     nodes = _nodes(rod, sleeves, hold)
     shape = (2 * nodes.size, 2 * nodes.size)
     own, mass = np.zeros(shape), np.zeros(shape)
@@ -210,12 +202,9 @@ _MOST_RELEASES = 10_000
 class DecayTest:
     """A planned test of one probe."""
 
-    displacement: float  # distance by which the tip is moved before it is let go [m]
-    force: float  # force that this takes [N]
+    force: float  # that moves the tip before it is let go [N]
     peak_acceleration: float  # of the tip as it starts [m/s^2]
-    frequency: float  # what will be counted [Hz]
     log_decrement: float  # what will be read from the amplitudes [1]
-    decay_time: float  # time constant of the amplitude [s]
     periods_above_noise: int  # whole periods until the amplitude has sunk to three times the noise
     record_time: float  # time to record [s]
     samples: int  # samples of one release
@@ -225,11 +214,7 @@ class DecayTest:
 
 
 def plan_decay_test(tool: Tool, displacement: float, noise: float, rate: float, wanted: float) -> DecayTest:
-    """Say what a test of a tool's ring will measure, and how well; `wanted` is relative, of the logarithmic decrement.
-
-    Source: Cramer-Rao bound of a damped sine with unknown amplitude, phase, frequency and decay; for a long record
-    ``var(1/tau) = 16 noise^2 / (amplitude^2 rate tau^3)``.
-    """
+    """Say what a test of a tool's ring will measure, and how well; `wanted` is relative, of the logarithmic decrement."""
     for name, value in (("displacement", displacement), ("noise", noise), ("rate", rate), ("wanted", wanted)):
         require_positive(name, value)
     frequency, decay_time = tool.frequency, tool.decay_time
@@ -250,12 +235,9 @@ def plan_decay_test(tool: Tool, displacement: float, noise: float, rate: float, 
             f"the wanted uncertainty {wanted:g} would take {releases} releases, more than {_MOST_RELEASES}"
         )
     return DecayTest(
-        displacement=displacement,
         force=tool.stiffness * displacement,
         peak_acceleration=(math.tau * frequency) ** 2 * displacement,
-        frequency=frequency,
         log_decrement=decrement,
-        decay_time=decay_time,
         periods_above_noise=math.floor(decay_time * math.log(displacement / (3.0 * noise)) * frequency),
         record_time=count / rate,
         samples=count,
@@ -268,7 +250,7 @@ def plan_decay_test(tool: Tool, displacement: float, noise: float, rate: float, 
 def _least(
     amplitude: float, frequency: float, decay_time: float, noise: float, rate: float, count: int
 ) -> tuple[float, float]:
-    """Least standard uncertainties of the angular frequency and of the decay rate [1/s]."""
+    """Least standard uncertainties of the angular frequency and of the decay rate [1/s]: the Cramer-Rao bound of a damped sine."""
     time = np.arange(count) / rate
     envelope, phase = np.exp(-time / decay_time), math.tau * frequency * time
     cosine, sine = envelope * np.cos(phase), envelope * np.sin(phase)

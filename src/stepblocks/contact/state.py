@@ -93,20 +93,14 @@ class DragState:
 
 
 def observe(state: DragState) -> Floats:
-    """Show the `CHANNELS` of n trials, shape (n, 7).
-
-    The energy is what an amplitude of force A shows, ``A^2 / 2k`` with the nominal k: the square of the gauge's gain
-    enters, its zero and what it shows of the normal force do not, and a spring that is stiffer in load and ring stores
-    less but shows the same amplitude. A gauge of first order shows a ramp late by its time constant, so the peak falls
-    short by ``k v tau (1 - exp(-t / tau))``, and the ring with its amplitude over ``sqrt(1 + (2 pi f tau)^2)``.
-    """
+    """Show the `CHANNELS` of n trials, shape (n, 7)."""
     force, sliding = state.peak_force(), state.sliding_force()
     spring = _spring(state, force, sliding)
     energy = state.conversion * spring.stored
     if np.any(state.lost_energy):  # what is left never turns negative: below a tenth it fades out smoothly
         left, floor = energy - state.lost_energy, 0.1 * energy
         energy = np.where(left > floor, left, floor * np.exp(np.minimum(left / floor - 1.0, 0.0)))
-    # an amplitude of force counts as A^2 / 2k with the nominal k, whatever k it rings with
+    # an amplitude of force counts as A^2 / 2k with the nominal k, whatever k it rings with: a stiffer spring shows no more
     energy = energy * (state.ring_stiffness / state.nominal_stiffness)
     if np.any(state.hardening):
         # 2 k E = c A^2 + g A^4 / 2 about the level that it rings about; the force at A is A (c + g A^2)
@@ -117,6 +111,7 @@ def observe(state: DragState) -> Floats:
         spring = spring._replace(pitch=spring.level + 0.75 * state.pitch_share * state.hardening * square)
     peak = force
     if np.any(state.lag):
+        # of first order: late on the ramp by its time constant, and the ring is flatter by sqrt(1 + (2 pi f tau)^2)
         slope, late = state.stiffness * state.speed, np.maximum(state.lag, 1e-18)
         ramp = np.maximum(force - sliding, 0.0) / slope
         peak = np.maximum(force - slope * late * (1.0 - np.exp(-np.minimum(ramp / late, 50.0))), _LEAST_FORCE)

@@ -1,10 +1,4 @@
-"""From the tip to the clamp and the finger: what of a rod's ring reaches the sensor behind its sheath, and the hand.
-
-The tip is let go under a pull F. In normal modes of the rod (mass normalised, ``phi_n`` at the tip, ``G_n`` the momentum of
-mode n, ``w_n`` its angular frequency) the force on whatever holds it is ``F sum G_n phi_n exp(-w_n eta_n t / 2) cos w_n t``,
-and after a blow J on the tip ``J sum G_n phi_n w_n exp(...) sin w_n t``. For a uniform cantilever ``G_n phi_n`` is 1.566,
--0.868, 0.509, ...; all of them add up to 1. Held in a hand, the handle is free to move against the hand's impedance.
-"""
+"""From the tip to the clamp and the finger: what of a rod's ring reaches the sensor behind its sheath, and the hand."""
 
 from __future__ import annotations
 
@@ -26,7 +20,7 @@ _SAMPLES = 4000  # of a force over the paper's 16 ms
 
 @dataclass(frozen=True)
 class Mode:
-    """A normal mode of a rod that is held still."""
+    """A normal mode of a rod that is held still, mass normalised: phi at the tip, momentum G, ``sum G phi = 1``."""
 
     frequency: float  # Hz
     loss_factor: float  # share of the energy lost per radian [1]
@@ -98,13 +92,10 @@ def finger_share(
     hand: Hand = STYLUS_HAND,
     duration: float = PAPER.tool.ring_duration,
 ) -> float:
-    """Share of the energy stored at the release that the grasp of a hand takes up as vibration over a time [1].
-
-    The modes of the held rod ride on a handle that the hand carries: ``q'' + w eta q' + w^2 q = -G u''`` for each, and for
-    handle and hand their own masses, springs and dampers. Of the free motion only what vibrates counts.
-    """
+    """Share of the energy stored at the release that the grasp of a hand takes up as vibration over a time [1]."""
     from scipy.linalg import expm, solve, solve_continuous_lyapunov
 
+    # the modes of the held rod ride on a handle that the hand carries: q'' + w eta q' + w^2 q = -G u'' for each
     n = len(modes)
     w = np.array([math.tau * one.frequency for one in modes])
     momentum, tip = np.array([one.momentum for one in modes]), np.array([one.tip for one in modes])

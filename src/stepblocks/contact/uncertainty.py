@@ -1,9 +1,4 @@
-"""Intervals of a prediction from the uncertainties of its inputs, by sensitivities and by drawing; tolerances from those.
-
-The inputs go by name: the dimensions of the counterface, then `ball_radius`, `friction`, `normal_load`, `stiffness` and
-`conversion`. Drawn and analytic ends agree where everything is small against the distance to locking. Where they do not,
-the drawn interval is right: near locking the energy has a long tail, and part of the draws do not release at all.
-"""
+"""Intervals of a prediction from the uncertainties of its inputs, by sensitivities and by drawing; tolerances from those."""
 
 from __future__ import annotations
 
@@ -29,6 +24,8 @@ _SMALLEST_BALL = 1e-3  # a drawn ball keeps this share of its nominal radius [1]
 _KNOWN = 300.0  # logarithm of a factor beyond which nothing is known
 
 
+# Drawn and analytic ends agree where everything is small against the distance to locking. Where they do not, the drawn ones
+# are right: near locking the energy has a long tail, and part of the draws do not release at all
 @dataclass(frozen=True)
 class Interval:
     """A prediction with its intervals."""
@@ -66,11 +63,7 @@ def inputs_of(face: Counterface, point: OperatingPoint) -> dict[str, float]:
 def moved_releases(
     face: Counterface, point: OperatingPoint, deviations: Mapping[str, Real], backward: bool = False
 ) -> tuple[Floats, Floats]:
-    """Compute F_px [N] and E_v [J] where the inputs deviate by so much, each in its unit, alone or in arrays that broadcast.
-
-    Both are infinite where the tip is held, by geometry or a limit, and 0 where nothing catches. An input is kept where it
-    makes sense: a ball above nothing, what may not be negative at 0 or above.
-    """
+    """Compute F_px [N] and E_v [J] where the inputs deviate by so much: infinite where the tip is held, 0 where nothing catches."""
     sizes = face.moved(deviations)
     nominal = inputs_of(face, point)
     at = {name: np.maximum(nominal[name] + deviations.get(name, 0.0), 0.0) for name in nominal if name not in sizes}
@@ -85,16 +78,11 @@ def moved_releases(
 def sensitivities(
     face: Counterface, point: OperatingPoint, uncertainty: Mapping[str, float], backward: bool = False
 ) -> dict[str, float]:
-    """Compute the derivative of ln E_v with respect to each uncertain input, per unit of the input.
-
-    With ``t = a + atan mu``: ``d ln F/da = 2 / sin 2t``, ``d atan mu / dmu = 1 / (1 + mu^2)``; ``ln E = 2 ln F - ln k + ln
-    C_v``. Angles without slopes in closed form are differentiated over a thousandth of the uncertainty; NaN where one of
-    the two ends does not release.
-    """
+    """Derive ln E_v = 2 ln F - ln k + ln C_v by each uncertain input, per unit of the input."""
     release = face.release(point, backward)
     if release.status is not Status.RELEASES:
         raise ContactError(f"an edge that is {release.status} has no sensitivity")
-    by_angle = 2.0 / math.sin(2.0 * (release.angle + math.atan(point.friction)))
+    by_angle = 2.0 / math.sin(2.0 * (release.angle + math.atan(point.friction)))  # of ln F, F = N tan(a + atan mu)
     slopes = {
         "friction": 2.0 * (by_angle / (1.0 + point.friction**2)),
         "normal_load": 2.0 / point.normal_load,
@@ -104,7 +92,10 @@ def sensitivities(
     closed = {} if backward else face.angle_slopes(point.ball_radius)
     slopes |= {name: 2.0 * by_angle * slope for name, slope in closed.items()}
     for name in uncertainty.keys() - slopes.keys():
-        slopes[name], step = 0.0, 1e-3 * uncertainty[name]
+        slopes[name], step = (
+            0.0,
+            1e-3 * uncertainty[name],
+        )  # what has no closed form; NaN where one end does not release
         if step > 0.0:
             deviations: dict[str, Real] = dict.fromkeys(uncertainty, 0.0) | {name: np.array([step, -step])}
             up, down = moved_releases(face, point, deviations, backward)[1]
@@ -127,23 +118,15 @@ def interval_of(
 
     Parameters
     ----------
-    face : Counterface
-        What is dragged over, at its nominal dimensions.
-    point : OperatingPoint
-        Under what.
+    face, point : Counterface, OperatingPoint
+        What is dragged over at its nominal dimensions, and under what.
     uncertainty : mapping of str to float
         Standard uncertainties [SI] by name: of the counterface's dimensions (`height`, `edge_radius` of a step; `gap`,
         `opening`, `rise` of a margin, whose opening follows the gap where it is left out), of `ball_radius`, `friction`,
         `normal_load`, `stiffness` and `conversion`; what is left out is known. Each is drawn from a normal distribution of
         its own, cut off at 0.
-    backward : bool
-        Direction of the drag.
-    confidence : float
-        Probability of the interval.
-    draws : int
-        Number of draws; at most 10 million.
-    seed : int
-        Of the draws: the same seed gives the same interval.
+    confidence, draws, seed : float, int, int
+        Probability of the interval; at most 10 million draws; the same seed gives the same interval.
 
     Returns
     -------
@@ -246,17 +229,13 @@ def tolerances_for_energy(
     finest: Mapping[str, float] | None = None,
     fixed: Mapping[str, float] | None = None,
 ) -> TolerancePlan:
-    """Find the widest tolerances of height, edge radius and tip radius whose worst corner keeps E_v within +-`energy_tolerance`.
-
-    By name, `finest` are the half-widths that the workshop holds, `fixed` those that are given, of any input: those of
-    friction and load spend the budget before the block does. What remains is split in equal shares; where a share is finer
-    than the workshop holds, that dimension keeps to what it holds and the others give way.
-    """
+    """Find the widest tolerances of height, edge radius and tip radius whose worst corner keeps E_v within +-`energy_tolerance`."""
+    # the half-widths that are `fixed`, of any input, spend the budget first; what remains is split in equal shares
     finest, fixed = finest or {}, dict(fixed or {})
     if face.release(point).status is not Status.RELEASES:
         raise ContactError(f"a step of {face.height:g} m that is {face.release(point).status} has no energy to keep")
     free = [name for name in _DIMENSIONS if name not in fixed]
-    at_finest: dict[str, float] = {}  # what cannot be made as fine as its share keeps to what can, the others give way
+    at_finest: dict[str, float] = {}  # what the workshop cannot make as fine as its share keeps to what it holds
     while True:
         low, high = energy_at_corners(face, point, fixed | at_finest)
         if not free or high >= energy_tolerance or low <= -energy_tolerance:

@@ -1,10 +1,4 @@
-"""The compiled integrator of a drag; nothing is checked here, see `stepblocks.drag.simulate`.
-
-Leapfrog with a fixed step: symplectic for the springs and the contact, whose potentials are smooth but for the
-contact's onset. Friction is a stiff tangential spring that yields at mu N: it sticks truly and needs no smoothed sign.
-Damping is taken at the middle of the step. The work of every force is summed with the very velocities that the step
-uses, so the ledger closes but for the potentials' own second-order error, which halving the step shows.
-"""
+"""The compiled integrator of a drag, a leapfrog with a fixed step; nothing is checked here, see `stepblocks.drag.simulate`."""
 
 from __future__ import annotations
 
@@ -36,11 +30,9 @@ LEDGER = (
 def _press(
     gap: float, s: float, bend: float, q: float, vx: float, vy: float, stiffness: float, power: float, loss: float
 ) -> tuple[float, float, float, float, float]:
-    """Force of one contact pressed in by `gap` > 0: x and y of its elastic part, all of it, its loss, stored energy.
-
-    The force is the gradient of a potential of the indentation along the normal, so it conserves energy on a curved
-    path too; the loss is Hunt and Crossley's. `q` is ``1 / sqrt(1 + s^2)``.
-    """
+    """Force of one contact pressed in by `gap` > 0: x and y of its elastic part, all of it, its loss, stored energy."""
+    # the gradient of a potential of the indentation along the normal conserves energy on a curved path too; the loss is Hunt and
+    # Crossley's; q is 1 / sqrt(1 + s^2)
     dent = gap * q
     force = stiffness * dent if power == 1.0 else stiffness * dent * math.sqrt(dent)
     stored = force * dent * (0.5 if power == 1.0 else 0.4)
@@ -52,10 +44,7 @@ def _press(
 def _grip(
     bristle: float, travel: float, rate: float, limit: float, stiffness: float, give: float, damping: float
 ) -> tuple[float, float]:
-    """Friction force and new stretch of the tangential spring after it was carried along by `travel`.
-
-    `limit` is mu N and `give` is 1 / stiffness.
-    """
+    """Friction, and new stretch of the tangential spring that `travel` carried along: it sticks truly, and yields at `limit`."""
     stretch = bristle + travel
     force = stiffness * stretch + damping * rate
     if force > limit:
@@ -74,21 +63,19 @@ def integrate(
     start: tuple[float, ...],
     pace: tuple[float, int, int],
 ) -> tuple[Array, int, Array, Array]:
-    """Integrate a drag; `probe` and `settings` hold the fields of `Probe` and `DragSettings` in their order.
-
-    `track` is its knots, the cubics between them, which knots are kinks, and what the branches are there (`Track.branches`).
-    `contact` is static friction, stiffness of the bristles and the force past which the tip counts as locked; `start` is x,
-    y, the distance from a kink within which both its sides are touched, and the stretch of the spring in steady sliding;
-    `pace` is step, steps and steps per row.
-    Returned are the rows, their count, the peak (force, time, x, 1 where it was too great) and the ledger.
-    """
-    nodes, table, kinks, ends = track
+    """Integrate a drag into rows, their count, the peak (force, time, x, 1 where it was too great) and the ledger."""
+    nodes, table, kinks, ends = track  # knots, the cubics between them, which knots are kinks, the branches there
+    # the fields of `Probe` and `DragSettings` in their order
     k, mass, ratio, kn, power, loss, ky, carrier_mass, cubic = probe
     load, mu_k, speed, pull, hand_mass, hand_damping, _, v_s, viscous, _, after, _, _, wall_k, wall_c, wall_most = (
         settings
     )
-    mu_s, kt, limit = contact
-    x, y, near, rest = start
+    mu_s, kt, limit = (
+        contact  # static friction, stiffness of the bristles, the force past which the tip counts as locked
+    )
+    x, y, near, rest = (
+        start  # within `near` of a kink both its sides are touched; the spring's stretch in steady sliding
+    )
     dt, steps, every = pace
     c, cy, ct = 2.0 * ratio * math.sqrt(k * mass), 2.0 * ratio * math.sqrt(ky * mass), 0.3 * math.sqrt(kt * mass)
     # in steady sliding at the speed of the handle, or at rest where a force pulls that
@@ -205,7 +192,7 @@ def integrate(
             peak[3] = 1.0
         leaves = x + dt * vx >= nodes[-1] or x + dt * vx <= nodes[0]
         ended = leaves or gauge > limit or n == steps - 1 or (released and t - peak[1] > after)
-        # ---- the ledger; the last kick counts to its middle only
+        # ---- the ledger, by the very velocities that the step uses; the last kick counts to its middle only
         w = 0.5 * h if ended else h
         if driven:
             ledger[0] += (spring + tug) * mh * w

@@ -222,14 +222,11 @@ def drag_over(
     backward : bool
         Towards falling x: from the crown to the tooth, or down a step.
     stimuli : Path, optional
-        Stimulus file or folder in which identities are looked up; by default the folder ``stimuli``.
+        Where identities are looked up; by default the folder ``stimuli``.
     setting : str, optional
-        Name of a way of carrying the load, ``"figures-3-to-5"``: how figures 3 to 5 of the paper come out, with load,
-        friction and damping unless they are given.
-    hardening : float
-        Cubic stiffness k3 of a spring that hardens, ``F = k x + k3 x^3`` (Duffing) [N/m^3].
-    **settings : float
-        Fields of `DragSettings`, such as `speed` [m/s], `pulling_force` [N] or `ring_time` [s].
+        ``"figures-3-to-5"``: the load carried as those of the paper need it, and its load, friction and damping unless given.
+    hardening, **settings : float
+        k3 of a spring that hardens, ``F = k x + k3 x^3`` [N/m^3]; fields of `DragSettings`, such as `speed` [m/s].
 
     Returns
     -------

@@ -191,12 +191,7 @@ class DragTrace:
 
 
 def simulate(track: Track, probe: Probe, settings: DragSettings) -> DragTrace:
-    """Integrate the drag of a tip over a track until it has slipped and rung.
-
-    With a constant speed the tip starts in steady sliding; a pulled handle starts at rest with its spring relaxed. The run
-    ends `ring_time` after the first release, or where the force exceeds twice what any climb on this track needs (locked).
-    It is refused where it would take more steps or rows than can be afforded.
-    """
+    """Integrate the drag of a tip over a track until it has slipped and rung, or the force says that it never will (locked)."""
     mu_s = settings.static_friction or settings.friction
     x = max(track.features[0] - settings.lead, float(track.x[0]))
     dent = (settings.normal_load / probe.contact_stiffness) ** (1.0 / probe.contact_power)

@@ -1,8 +1,4 @@
-"""The path of a tip as the integrator needs it: cubic pieces between nodes, and the kinks where two contacts share.
-
-Where the contact jumps from one point of the surface to another, the path has a kink, and a tip that presses into the
-surface touches both. Such kinks are nodes with a slope to either side; smaller turns, of roughness, are smoothed over.
-"""
+"""The path of a tip as the integrator needs it: cubic pieces between nodes, and the kinks where two contacts share the load."""
 
 from __future__ import annotations
 

@@ -1,8 +1,4 @@
-"""From a stimulus to its scene: the surface that is felt, its solids and pieces, turned so that every drag runs along x.
-
-A crown on its tooth lies on its side: x runs along the path of draw, z outwards from the tooth's outer surface. A declared
-tip is the probe of its scene, and drags over a plain step. The events are the formula's, or as a session has taught them.
-"""
+"""From a stimulus to its scene: the surface that is felt, its solids and pieces, turned so that every drag runs along x."""
 
 from __future__ import annotations
 
@@ -55,18 +51,16 @@ def scene_of(
     stimulus: Part,
     point: OperatingPoint,
     *,
-    step_height: float | None = None,
     device: Device | None = None,
     scale: float | None = None,
     ring: str = "exponential",
-    learned: LearnedModel | None = None,
-    keep_friction: bool = False,
     own_scale: bool = False,
+    **under: Any,
 ) -> Scene:
-    """Gather what a scene needs; under a tip lies a plain step, and what a session taught changes surface, point and events."""
+    """Gather what a scene needs; `under` says what is `met`."""
     if scale is not None and not (math.isfinite(scale) and scale > 0.0):
         raise HapticsError(f"scale must be positive and finite, got {scale:g}")
-    surface, point, events = met(stimulus, point, step_height, learned, keep_friction)
+    surface, point, events = met(stimulus, point, **under)
     path = surface.counterface().centre_path(point.ball_radius)
     if ring == "drag":
         up, down = (with_drag_ring(event, path, point) for event in events)
@@ -91,22 +85,21 @@ def scene_of(
 
 
 def met(
-    stimulus: Part, point: OperatingPoint, step_height: float | None, learned: LearnedModel | None, keep_friction: bool
+    stimulus: Part,
+    point: OperatingPoint,
+    step_height: float | None = None,
+    learned: LearnedModel | None = None,
+    keep_friction: bool = False,
 ) -> tuple[Part, OperatingPoint, Events]:
     """Say what is dragged over, under what, and how it rings: by the formula, or as a session taught."""
-    surface = surface_of(stimulus, step_height)
+    surface = stimulus
+    if not stimulus.crossed:  # a tip or a sheathed probe, over a plain step
+        if step_height is None:
+            raise HapticsError(f"the height of the step under the probe must be given, got none [{stimulus.id}]")
+        surface = plain_step(step_height, f"{stimulus.id[:30].rstrip('-')}-step")
     if learned is not None:
         return teach(learned, surface, point, keep_friction=keep_friction)
     return surface, point, vibration_events(surface.counterface(), point, surface.id)
-
-
-def surface_of(stimulus: Part, step_height: float | None = None) -> Part:
-    """Say what is dragged over: the part itself, or a plain step under a tip or a sheathed probe."""
-    if stimulus.crossed:
-        return stimulus
-    if step_height is None:
-        raise HapticsError(f"the height of the step under the probe must be given, got none [{stimulus.id}]")
-    return plain_step(step_height, f"{stimulus.id[:30].rstrip('-')}-step")
 
 
 def _frame(surface: Part) -> Frame:

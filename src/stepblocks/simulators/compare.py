@@ -10,13 +10,12 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from stepblocks.artefacts.rings import largest_force
 from stepblocks.contact.energy import Status
 from stepblocks.contact.event import VibrationEvent, ring, ring_energy, vibration_events
 from stepblocks.declare import load_declared
 from stepblocks.errors import HapticsError
 from stepblocks.predict.perception import PAPER_OBSERVER
-from stepblocks.tables import read_table, si_columns
+from stepblocks.tables import read_table, si_columns, write_table
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -37,15 +36,6 @@ JND = {
 
 
 @dataclass(frozen=True)
-class Record:
-    """A recorded force on the hand along the drag, from before the release, or a ring alone."""
-
-    force: Array  # [N]; for an acceleration the ring's force by the tool's effective mass
-    rate: float  # of samples [Hz]
-    alone: bool  # whether it begins with the ring
-
-
-@dataclass(frozen=True)
 class Realism:
     """A record beside its stimulus."""
 
@@ -61,27 +51,18 @@ class Realism:
         return pd.DataFrame(rows, columns=["part", "recorded", "ideal", "difference_jnd", "jnd_ratio", "source"])
 
 
-def compare(
-    record: str | Path,
-    stimulus: str | Path,
-    output: str | Path | None = None,
-    *,
-    full_scale: float = math.nan,
-    **felt: float,
-) -> Realism:
+def compare(record: str | Path, stimulus: str | Path, output: str | Path | None = None, **felt: float) -> Realism:
     """Compare a recorded step with its stimulus.
 
     Parameters
     ----------
     record : str or Path
-        CSV with ``time_s`` and ``force_n`` (on the hand along the drag) or ``acceleration_m_s2`` (of the tool); WAV of a ring; or
-        the HDF5 of a trial as ``study run`` writes it.
+        CSV with ``time_s`` and ``force_n`` (on the hand along the drag, from before the release) or ``acceleration_m_s2`` (of the
+        tool), or the HDF5 of a trial as ``study run`` writes it.
     stimulus : str or Path
         Stimulus file and identity, such as ``stimuli/paper-ten.toml/step-050``.
     output : str or Path, optional
         CSV to write.
-    full_scale : float, optional
-        Force at full scale of a WAV file [N].
     **felt : float
         ``ball_radius`` [m], ``normal_load`` [N], ``friction`` [1]; by default the first of the file's grid.
 
@@ -96,23 +77,19 @@ def compare(
         If the record cannot be read or holds no ring, or the stimulus does not release the probe.
     """
     event = _event_of(Path(stimulus), felt)
-    found = _read(Path(record), event, full_scale)
-    # the ring begins behind the sharpest fall of the force's size
-    start = 0 if found.alone else int(np.argmin(np.diff(np.abs(found.force)))) + 1
-    tail = found.force[start : start + math.ceil(_LENGTH * event.tool.decay_time * found.rate)]
+    force, rate = _read(Path(record), event)
+    start = int(np.argmin(np.diff(np.abs(force)))) + 1  # the ring begins behind the sharpest fall of the force's size
+    tail = force[start : start + math.ceil(_LENGTH * event.tool.decay_time * rate)]
     if len(tail) < 16 or not np.ptp(tail) > 0.0:
         raise HapticsError(
             f"a record must hold {_LENGTH:g} time constants of a ring, got {len(tail)} samples [{record}]"
         )
-    meant = ring(event, found.rate)[: len(tail)]
-    got, ideal = _figures(tail - tail[-len(tail) // 5 :].mean(), found.rate, event), _figures(meant, found.rate, event)
-    if not found.alone:
-        got["peak force"], ideal["peak force"] = float(np.abs(found.force[:start]).max()), event.critical_force
-    parts = tuple((name, got[name], ideal[name], _apart(name, got[name], ideal[name])) for name in JND if name in got)
+    meant = ring(event, rate)[: len(tail)]
+    got, ideal = _figures(tail - tail[-len(tail) // 5 :].mean(), rate, event), _figures(meant, rate, event)
+    got["peak force"], ideal["peak force"] = float(np.abs(force[:start]).max()), event.critical_force
+    parts = tuple((name, got[name], ideal[name], _apart(name, got[name], ideal[name])) for name in JND)
     result = Realism(parts, math.sqrt(sum(apart**2 for *_, apart in parts)))
     if output is not None:
-        from stepblocks.tables import write_table
-
         write_table(result.table(), Path(output), "%.6g")
     return result
 
@@ -135,23 +112,16 @@ def _event_of(stimulus: Path, felt: dict[str, float]) -> VibrationEvent:
     return event
 
 
-def _read(path: Path, event: VibrationEvent, full_scale: float) -> Record:
-    try:
-        if path.suffix == ".wav":
-            from scipy.io import wavfile
+def _read(path: Path, event: VibrationEvent) -> tuple[Array, float]:
+    """Force along the drag [N], of an acceleration by the tool's effective mass, and the rate of its samples [Hz]."""
+    if path.suffix in (".h5", ".hdf5"):
+        import h5py
 
-            rate, samples = wavfile.read(path)
-            full = full_scale if math.isfinite(full_scale) else largest_force(event)
-            whole = np.iinfo(samples.dtype).max if np.issubdtype(samples.dtype, np.integer) else 1.0
-            force = np.asarray(samples, dtype=np.float64).reshape(len(samples), -1)[:, 0] * (full / whole)
-            return Record(force, float(rate), True)
-        if path.suffix in (".h5", ".hdf5"):
-            import h5py
-
+        try:
             with h5py.File(path) as file:
-                return Record(-np.asarray(file["force_x_n"][:], dtype=np.float64), float(file.attrs["rate_hz"]), False)
-    except (OSError, ValueError, KeyError) as error:
-        raise HapticsError(f"the record cannot be read: {error} [{path}]") from error
+                return -np.asarray(file["force_x_n"][:], dtype=np.float64), float(file.attrs["rate_hz"])
+        except (OSError, ValueError, KeyError) as error:
+            raise HapticsError(f"the record cannot be read: {error} [{path}]") from error
     frame = read_table(path)
     wanted: dict[str, Any] = {"time": (["time"], "time", None)}
     if "acceleration_m_s2" not in frame:
@@ -163,9 +133,8 @@ def _read(path: Path, event: VibrationEvent, full_scale: float) -> Record:
         raise HapticsError(f"time_s must rise in at least 16 rows, got {len(time)} [{path}]")
     rate = 1.0 / float(np.median(steps))
     if "acceleration_m_s2" in frame:
-        mass = event.tool.effective_mass
-        return Record(frame["acceleration_m_s2"].to_numpy(dtype=np.float64) * mass, rate, False)
-    return Record(columns["force"], rate, False)
+        return frame["acceleration_m_s2"].to_numpy(dtype=np.float64) * event.tool.effective_mass, rate
+    return columns["force"], rate
 
 
 def _figures(force: Array, rate: float, event: VibrationEvent) -> dict[str, Any]:

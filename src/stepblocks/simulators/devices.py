@@ -1,8 +1,4 @@
-"""Force-feedback devices as data, and at which scale each can render a stimulus, and what of it gets lost.
-
-Magnifying the ball and the step by S keeps angles, friction and forces; the spring becomes k/S. The device's position
-step q then makes a force step of k q / S, and its rounding an error of half of that.
-"""
+"""Force-feedback devices as data, and at which scale each can render a stimulus, and what of it gets lost."""
 
 from __future__ import annotations
 
@@ -17,7 +13,7 @@ from typing import Annotated, Any, Literal
 from pydantic import BaseModel, BeforeValidator, Field
 
 from stepblocks.contact.energy import Status
-from stepblocks.contact.event import VibrationEvent
+from stepblocks.contact.event import VibrationEvent, nan_as_none
 from stepblocks.contact.operating_point import OperatingPoint
 from stepblocks.errors import HapticsError
 from stepblocks.mistakes import validated
@@ -30,14 +26,8 @@ FORCE_ERROR = 0.01
 _SAMPLES_PER_CYCLE = 10.0  # of the ring through the device's servo loop (Choi and Tan advise 5 to 10 kHz for textures)
 _SCALES = tuple(m * 10.0**e for e in range(4) for m in (1.0, 2.0, 5.0))
 # Units of a plan's figures, at the end of their names
-_UNITS = {
-    "ball_radius": "_m",
-    "hand_travel": "_m",
-    "stiffness": "_n_per_m",
-    "ring_energy": "_j",
-    "ring_samples": "_per_cycle",
-}
-_UNITS |= {"critical_force": "_n", "force_step": "_n", "force_error": "_relative"}
+_UNITS = {"ball_radius": "m", "hand_travel": "m", "stiffness": "n_per_m", "critical_force": "n", "force_step": "n"}
+_UNITS |= {"force_error": "relative", "ring_energy": "j", "ring_samples": "per_cycle"}
 
 
 class Figure(BaseModel, frozen=True, extra="forbid"):
@@ -129,11 +119,8 @@ class RenderingPlan:
 
     def as_record(self) -> dict[str, Any]:
         """Return plain values for JSON, the unit in every name; None for what is not a number."""
-        record = asdict(self) | {"verdict": self.verdict.value, "reasons": list(self.reasons)}
-        return {
-            name + _UNITS.get(name, ""): None if isinstance(value, float) and not math.isfinite(value) else value
-            for name, value in record.items()
-        }
+        record = nan_as_none(asdict(self) | {"verdict": self.verdict.value, "reasons": list(self.reasons)})
+        return {f"{name}_{_UNITS[name]}" if name in _UNITS else name: value for name, value in record.items()}
 
     def __str__(self) -> str:
         """Say it in one line."""
@@ -170,11 +157,7 @@ def plan_rendering(
 
 
 def one_scale(device: Device, drags: Sequence[tuple[VibrationEvent, OperatingPoint]]) -> float:
-    """Choose one magnification for a set: the largest that one of its drags needs, if all others bear it.
-
-    With a scale of its own each block would have another spring, and the hand another travel, by which heights can be told
-    without feeling the step.
-    """
+    """Choose one magnification for a set, lest the hand's travel tell heights: the largest that a drag needs, if all bear it."""
     own = [plan_rendering(device, *drag) for drag in drags]
     needy = max(own, key=lambda plan: plan.scale)
     for alone, drag in zip(own, drags, strict=True):

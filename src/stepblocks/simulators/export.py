@@ -57,16 +57,13 @@ def export(
         One of `stepblocks.simulators.scenes.SCENE_FORMATS`.
     output : str or Path
         Folder for ``set/id/simulator``, or ``set/id/simulator-device``; what else lies there stays.
-    device : str, optional
-        Force-feedback device whose rendering plan sets the scale.
-    devices : str or Path, optional
-        TOML file with devices of the user's.
+    device, devices : str, str or Path, optional
+        Force-feedback device whose rendering plan sets the scale; TOML file with devices of the user's.
     only : str, optional
         Pattern of the stimuli that are meant, such as ``step-0?0``.
-    normal_load, friction, ball_radius : float, optional
-        Of the operating point [N], [1], [m]; the first of the set's prediction if left out. A declared tip brings its ball.
-    speed : float, optional
-        Of the handle, for the simulated ring and for what was learnt [m/s]; 5 mm/s if left out.
+    normal_load, friction, ball_radius, speed : float, optional
+        Of the operating point [N], [1], [m], [m/s]; the first of the set's prediction, and 5 mm/s, if left out. A declared tip
+        brings its ball.
     step_height : float, optional
         Of the step under a declared tip [m]; the first of the set's prediction if left out.
     scale : float or "per-block", optional
@@ -121,7 +118,8 @@ def export(
             done.append(Exported(f"{stimuli.name}/{part.id}", place / part.id / called, scene.plan))
             if progress is not None:
                 progress(done[-1])
-        if scenes and form.write_set is not None:
+        alike = {(one.ball_radius, one.stiffness, one.point.friction) for one in scenes}
+        if form.write_set is not None and len(scenes) > 1 and len(alike) == 1:
             form.write_set(place / f"{called}-blocks", scenes, called)
     if not done:
         raise PipelineError(f"--only must match at least one stimulus, got {only!r}")

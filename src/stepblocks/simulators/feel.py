@@ -28,10 +28,8 @@ def feel(files: str | Path | Sequence[str | Path], page: str | Path) -> int:
 
     Parameters
     ----------
-    files : str, Path or sequence of them
-        Stimulus files, or folders of them.
-    page : str or Path
-        HTML file to write.
+    files, page : str, Path or sequence of them
+        Stimulus files, or folders of them; HTML file to write.
 
     Returns
     -------

@@ -34,25 +34,18 @@ class Drag:
 class Renderer:
     """A proxy on the path of the ball's centre, pulled by the hand through the spring of the tool.
 
-    Magnifying the path by S and dividing the spring by S leaves every force as it was; the ring is computed from the
-    force at release and therefore carries the energy of the unscaled tool at any S.
-
     Parameters
     ----------
     path : CentrePath
         Of the ball's centre over the surface, unscaled; `Counterface.centre_path` gives it.
     point : OperatingPoint
         Friction and tool; ball and load are in the path and in the hand.
-    scale : float
-        Magnification S [1].
-    rate : float
-        Of the servo loop [Hz].
+    scale, rate : float
+        Magnification S of the path, by which the spring is divided: forces and ring stay; rate of the servo loop [Hz].
     event : bool
         Whether a release rings; False is the paper's condition without vibration.
-    wall : float, optional
-        Spring along the normal load [N/m]; that of the tool over S if left out.
-    damping : float
-        Of the hand's velocity in contact [N s/m].
+    wall, damping : float
+        Spring along the load, that of the tool over S if left out [N/m]; of the hand's velocity in contact [N s/m].
 
     Raises
     ------
@@ -111,36 +104,15 @@ class Renderer:
         self.force[:] = 0.0
 
     def tick(self, position: Array, velocity: Array) -> Array:
-        """Render one servo tick: position [m] and velocity [m/s] of the hand in the magnified frame, shape (3,) each.
-
-        The force on the hand [N], shape (3,), is overwritten by the next tick.
-        """
+        """Return the force on the hand [N] at its position [m] and velocity [m/s], shape (3,) each; the next tick overwrites it."""
         kernel.tick(position, velocity, self.force, self._states, self._settings, self.knots)
         return self.force
 
     def drag(
         self, load: float, travel: float, direction: float = 1.0, speed: float = 1e-3, resolution: float = 0.0
     ) -> Drag:
-        """Drag over the notch by a virtual hand that keeps its load, as the weights and pulleys of the bench do.
-
-        Parameters
-        ----------
-        load : float
-            Normal load [N].
-        travel : float
-            How far the hand moves on after it has reached the notch, in the magnified frame [m].
-        direction : float
-            +1 towards +x, -1 towards -x.
-        speed : float
-            Of the hand in the magnified frame [m/s].
-        resolution : float
-            Step to which the device rounds the position it reports [m]; 0 rounds nothing.
-
-        Returns
-        -------
-        Drag
-            The record; the renderer is reset first.
-        """
+        """Drag over the notch by a virtual hand that keeps its load [N], as the bench does, on a device of a resolution [m]."""
+        # travel behind the notch [m] and speed [m/s] in the magnified frame, towards +x or -x
         notch, height, _ = self.path.notch(direction)
         approach, step = _APPROACH * self.scale, direction * speed * self.period
         start = notch - direction * approach

@@ -116,7 +116,7 @@ class SceneFormat:
     run: str  # how to run or load it, a line of Markdown
     settings: tuple[str, ...]  # what is set and why, one line of Markdown each
     verified: str  # what of it was run or read back by another program, and what was not
-    # takes a folder, the scenes of a set and what the folder of each is called: all of them in one
+    # takes a folder, scenes of a set that share ball, spring and friction, and what the folder of each is called: all in one
     write_set: Callable[[Path, Sequence[Scene], str], None] | None = None
 
 

@@ -1,9 +1,4 @@
-"""Share of energy that rings: how it may follow speed and temperature, and what a real release leaves of it.
-
-In a real release the tip has a mass that must be moved and lifted over the rest of the step, against friction. The fixed
-share C_v of equation (1) becomes what the motion leaves for the ring, and the peak exceeds its quasi-static value by what
-the handle moves on meanwhile. A second law keeps to energies: C_v less the work of lifting and rubbing.
-"""
+"""Share of energy that rings: how it may follow speed and temperature, and what a real release leaves of it."""
 
 from __future__ import annotations
 
@@ -62,6 +57,8 @@ LAWS = (
         covariate="temperature_c",
         said="the share that rings follows the temperature, per K by",
     ),
+    # the tip has a mass that must be moved and lifted over the rest of the step while the handle goes on; or, by energies alone,
+    # C_v less the work of lifting and rubbing
     _conversion(
         "real_release",
         "C_v and peak from (1 + T tan a) x'' = F - T (1 + y'' x'^2), T = tan(a + atan mu), to the power w",

@@ -1,9 +1,4 @@
-"""Motion of the tip over an edge, from breaking loose to the upper face, in dimensionless variables.
-
-Lengths in units of the radius sum R, forces of the load N, masses of the tool's own ``m = k / (2 pi f)^2``. The spring
-pulls, the path of the centre rises by ``tan a(x)``, friction turns the contact force, and the mass is lifted as well
-as moved: ``(1 + T tan a) x'' = F - T (1 + y'' x'^2)``, ``T = tan(a + atan mu)``. What is left on the upper face rings.
-"""
+"""Motion of the tip over an edge, from breaking loose to the upper face, in units of radius sum, load and the tool's mass."""
 
 from __future__ import annotations
 
@@ -29,6 +24,7 @@ _LEAST_SHARE = 1e-3  # below it the tip climbs down instead of jumping, and what
 @njit(cache=True)
 def _climb(height: float, friction: float, stiffness: float, speed: float) -> tuple[float, float]:
     """Peak force over its quasi-static value, and amplitude of the ring as a force over the load."""
+    # the mass is lifted as well as moved: (1 + T tan a) x'' = F - T (1 + y'' x'^2), T = tan(a + atan mu)
     turn = np.arctan(friction)
     angle = np.arccos(1.0 - height)
     reach = np.sin(angle)
@@ -98,11 +94,7 @@ def _between(points: Floats, axes: Any, table: Floats) -> Floats:
 
 
 def released(height: Floats, friction: Floats, stiffness: Floats, speed: Floats) -> tuple[Floats, Floats]:
-    """Logarithms of the peak's excess over its quasi-static value and of the ringing share of the stored energy.
-
-    Of ``H/R``, the coefficient of friction, ``k R / N`` and ``v k / (omega N)``, all of shape (n,); beyond the table they
-    count as its end.
-    """
+    """Logarithms of the peak's excess and of the share that rings, of H/R, mu, k R / N and v k / (omega N), held to the table."""
     asked = np.stack([height, friction, np.log(stiffness), np.log(speed)])
     excess, share = _between(asked, _AXES, _release_table()).T
     return excess, share

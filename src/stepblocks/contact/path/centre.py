@@ -1,7 +1,4 @@
-"""The path of the ball's centre over a stimulus, what a point-like proxy slides on: corners become circles, planes lines.
-
-Where two of them cross in the upper envelope the path has a notch, and there a probe catches: its slopes are kept exactly.
-"""
+"""The path of the ball's centre over a stimulus, what a point-like proxy slides on: corners become circles, planes lines."""
 
 from __future__ import annotations
 

@@ -4,14 +4,12 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, replace
-from typing import Literal
+from typing import Literal, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from stepblocks.contact.domain import require_positive
-from stepblocks.contact.energy import Release, release_at
-from stepblocks.contact.operating_point import PAPER, Tool
 from stepblocks.contact.path import profile_kernels as kernels
 from stepblocks.errors import ContactError
 
@@ -28,7 +26,6 @@ class TipPath:
     height: Floats  # shape (n,); of the tip's lowest point [m]; NaN where the tip has no surface under it
     contact: Floats  # shape (n,); position of the point that is touched [m]
     slope: Floats  # shape (n,); of the path just ahead of the tip [1], exact: from the contact, not from differences
-    supported: NDArray[np.bool_]  # shape (n,); False where missing samples or a levelled end lie within the tip's reach
     element: NDArray[np.int64]  # shape (n,); which row of `elements` is touched; -1 for none
     elements: Floats  # shape (m, 5); the surface as segments (x0, z0, x1, z1, contact offset) [m]
     ball_radius: float  # R [m]
@@ -37,12 +34,9 @@ class TipPath:
 def profile_path(
     x: ArrayLike, z: ArrayLike, ball_radius: float, *, positions: Floats | None = None, edges: Edges = "strict"
 ) -> TipPath:
-    """Path of a ball [m] over a profile by exact dilation, ``h(x) = max_u z(u) - t(u - x)``.
-
-    Points [m] come in order of `x`, two equal ones are a riser, straight lines join them; NaN heights were not measured.
-    ``strict`` keeps to positions at which nothing beyond the ends could be touched, ``flat`` lets the surface go on level.
-    Without `positions`, which must increase, those of the profile are taken, and points at most a 25th of the ball's width apart.
-    """
+    """Path of a ball [m] over points in order of `x`, joined by lines; two at one place are a riser, NaN was not measured."""
+    # exact dilation, h(x) = max_u z(u) - t(u - x), at positions that must increase; "strict" keeps to those at which nothing
+    # beyond the ends could be touched, "flat" lets the surface go on level
     require_positive("ball radius", ball_radius, "m")
     xs, zs = _checked(x, z)
     finite, width = np.isfinite(zs), 2.0 * ball_radius
@@ -61,7 +55,7 @@ def profile_path(
     where = _positions(xs, width, reach, edges) if positions is None else positions
     height, contact, which = kernels.dilate_profile(where, elements, ball_radius)
     slope = kernels.path_slopes(where, contact, which, ball_radius)
-    return TipPath(where, height, contact, slope, _supported(xs, finite, where, reach), which, elements, ball_radius)
+    return TipPath(where, height, contact, slope, which, elements, ball_radius)
 
 
 def _elements(x: Floats, z: Floats, radius: float) -> Floats:
@@ -112,28 +106,12 @@ def _positions(x: Floats, width: float, reach: float, edges: Edges) -> Floats:
     return where
 
 
-def _supported(x: Floats, finite: NDArray[np.bool_], where: Floats, reach: float) -> NDArray[np.bool_]:
-    inside = (where - reach >= x[0] * (1 - 1e-12 * np.sign(x[0]))) & (where + reach <= x[-1] + 1e-12 * abs(x[-1]))
-    if finite.all():
-        return np.asarray(inside)
-    holes = x[~finite]
-    first = np.searchsorted(holes, where - reach, side="left")
-    last = np.searchsorted(holes, where + reach, side="right")
-    return np.asarray(inside & (first == last))
-
-
-@dataclass(frozen=True)
-class Catch:
+class Catch(NamedTuple):
     """A place where the path of the tip is steepest in the direction of the drag."""
 
     position: float  # of the tip's axis [m]
     contact: float  # of the edge that is touched [m]
     angle: float  # slope of the path there [rad]; 0 where it never rises, a right angle where the tip meets a riser
-    supported: bool = True  # False where missing data under the tip could hide a higher contact
-
-    def release(self, normal_load: float, friction: float, tool: Tool = PAPER.tool) -> Release:
-        """Force and energy by equation (1); locking and too high a step are a status (see `release_at`)."""
-        return release_at(self.angle, normal_load, friction, tool)
 
 
 def steepest(path: TipPath, direction: Direction = "forward") -> Catch:
@@ -141,7 +119,7 @@ def steepest(path: TipPath, direction: Direction = "forward") -> Catch:
     slopes = interval_slopes(path, direction, _grid_maximum(path, direction))
     if np.isnan(slopes[:, 0]).all():
         raise ContactError("path has no two neighbouring positions with a surface under the tip")
-    return _catch(path, slopes, int(np.nanargmax(slopes[:, 0])))
+    return _catch(*slopes[np.nanargmax(slopes[:, 0])])
 
 
 def catches(path: TipPath, direction: Direction = "forward", *, smallest: float = math.radians(1.0)) -> list[Catch]:
@@ -154,13 +132,12 @@ def catches(path: TipPath, direction: Direction = "forward", *, smallest: float 
     padded = np.concatenate([[0.0], angles, [0.0]])
     found = find_peaks(padded, prominence=smallest)[0] - 1
     order = found if direction == "forward" else found[::-1]
-    return [_catch(path, slopes, int(k)) for k in order]
+    return [_catch(*slopes[k]) for k in order]
 
 
-def _catch(path: TipPath, slopes: NDArray[np.float64], k: int) -> Catch:
-    slope, where, contact = slopes[k]
+def _catch(slope: float, where: float, contact: float) -> Catch:
     angle = 0.5 * math.pi if np.isposinf(slope) else math.atan(max(slope, 0.0))
-    return Catch(float(where), float(contact), angle, bool(path.supported[k] and path.supported[k + 1]))
+    return Catch(float(where), float(contact), angle)
 
 
 def _grid_maximum(path: TipPath, direction: Direction) -> float:
@@ -196,7 +173,6 @@ def _mirrored(path: TipPath) -> TipPath:
         height=np.ascontiguousarray(path.height[::-1]),
         contact=np.ascontiguousarray(-path.contact[::-1]),
         slope=path.slope[::-1],
-        supported=path.supported[::-1],
         element=np.where(path.element < 0, -1, len(path.elements) - 1 - path.element)[::-1].copy(),
         elements=elements,
     )

@@ -1,10 +1,4 @@
-"""Compiled kernels of the exact dilation of a profile; nothing is checked here, see `stepblocks.contact.path.profile`.
-
-The surface is a row of elements, segments from (x0, z0) to (x1, z1) in order of x; a lone sample is a segment of no
-length. The ball rests where ``z(u) - t(u - x)`` is greatest, ``t(v)`` the height of its lower side. The contact moves to
-the right with the ball (the difference of two shifted concave functions is monotone), so halving the positions and
-narrowing the candidates by the contacts already found costs N log N.
-"""
+"""Compiled kernels of the exact dilation of a profile; nothing is checked here, see `stepblocks.contact.path.profile`."""
 
 from __future__ import annotations
 
@@ -14,6 +8,7 @@ from typing import Any
 import numpy as np
 from numba import njit
 
+# The surface is a row of elements, segments from (x0, z0) to (x1, z1) in order of x; a lone sample is one of no length
 Array = Any
 _CHUNK = 512
 _JUMP = 1e6  # slope of 89.99994 deg
@@ -54,6 +49,7 @@ def dilate_profile(positions: Array, elements: Array, radius: float) -> tuple[Ar
     under = np.searchsorted(elements[:, 2], positions - radius)
     until = np.searchsorted(elements[:, 0], positions + radius, side="right") - 1
     stack = np.empty((128, 4), np.int64)
+    # the contact moves to the right with the ball: halving the positions narrows the candidates, at a cost of N log N
     for start in range(0, n, _CHUNK):  # chunks keep the candidates in the cache
         stop = min(start + _CHUNK, n) - 1
         stack[0] = (start, stop, under[start], until[stop])
@@ -103,11 +99,9 @@ def _steepest_between(
     radius: float,
     tolerance: float,
 ) -> tuple[float, float, float]:
-    """Greatest slope over `best` of the path between two `ends` (x, h, x, h), where, and the contact there.
-
-    While one element is touched the path is concave and steepest at its left end, so only brackets whose ends touch
-    different elements are halved. A bracket of the width `tolerance` that still climbs is a jump of infinite slope.
-    """
+    """Greatest slope over `best` of the path between two `ends` (x, h, x, h), where, and the contact there."""
+    # while one element is touched the path is concave and steepest at its left end: only brackets whose ends touch
+    # different elements are halved, and one of the width `tolerance` that still climbs is a jump of infinite slope
     where = touch = math.nan
     stack, marks = np.empty((256, 4)), np.empty((256, 2), np.int64)
     stack[0], marks[0] = ends, touched
@@ -145,10 +139,7 @@ def steepest_in_each(
     radius: float,
     tolerance: float,
 ) -> Array:
-    """Steepest rise between neighbouring positions, where, and the contact there; shape (n - 1, 3).
-
-    An interval that cannot exceed the slope `floor` is answered by its left end alone.
-    """
+    """Steepest rise between neighbours, where, and the contact there, shape (n - 1, 3); below `floor` the left end's alone."""
     n = positions.size
     found = np.full((n - 1, 3), np.nan)
     right_slope = path_slopes(positions, contact, which, radius)

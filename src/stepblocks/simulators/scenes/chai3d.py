@@ -4,12 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import Any
 
 from stepblocks.artefacts.meshes.write import write_obj, write_pieces, write_stl
 from stepblocks.contact.energy import Status
 from stepblocks.contact.event import VibrationEvent
-from stepblocks.simulators.scene import Scene, SceneFormat, fill, write_json
+from stepblocks.simulators.scene import Scene, SceneFormat, fill
 
 
 def _write(folder: Path, scene: Scene) -> None:
@@ -19,39 +18,24 @@ def _write(folder: Path, scene: Scene) -> None:
     if scene.probe:
         write_obj(folder / "probe.obj", scene.probe.whole)
         write_stl(folder / "probe.stl", scene.probe.whole)
-    parameters = {
-        "length_unit": "mm",
-        "collision_epsilon_mm": 1e-6,
-        "proxy_radius_mm": scene.ball_radius * 1e3,
-        "friction_static": scene.point.friction,
-        "friction_dynamic": scene.point.friction,
-        "stiffness_n_per_mm": scene.stiffness * 1e-3,
-    }
-    write_json(folder / "parameters.json", parameters)
-    fill(folder / "StepBlock.h", scene=scene, contact=_contact(scene), release=_release)
-    fill(folder / "ReleaseRing.h")
     _write_program(folder, scene.stimulus.id, {"block.obj": scene})
 
 
 def _write_set(folder: Path, scenes: Sequence[Scene], beside: str) -> None:
-    """Write a program that switches the blocks of a set, where they share ball and spring."""
-    alike = {(scene.ball_radius, scene.stiffness, scene.point.friction) for scene in scenes}
-    if len(scenes) < 2 or len(alike) > 1 or any(scene.probe for scene in scenes):
-        return
-    folder.mkdir(parents=True, exist_ok=True)
-    fill(folder / "ReleaseRing.h")
-    files = {f"../{scene.stimulus.id}/{beside}/block.obj": scene for scene in scenes}
-    _write_program(folder, folder.parent.name, files)
+    """Write a program that switches the blocks of a set."""
+    if not any(scene.probe for scene in scenes):
+        folder.mkdir(parents=True, exist_ok=True)
+        files = {f"../{scene.stimulus.id}/{beside}/block.obj": scene for scene in scenes}
+        _write_program(folder, folder.parent.name, files)
 
 
 def _write_program(folder: Path, name: str, scenes: Mapping[str, Scene]) -> None:
     """Write a program that takes a device, or drags by a virtual hand."""
-    first = next(iter(scenes.values()))
     far = {file: 0.5 if one.events[0].status is Status.NO_CATCH else 10.0 for file, one in scenes.items()}
-    blocks = [(file, far[file] * one.point.normal_load, one) for file, one in scenes.items()]
-    fill(folder / "CMakeLists.txt")
-    told: dict[str, Any] = {"contact": _contact(first), "scale": first.scale, "release": _release}
-    fill(folder / "blocks.cpp", name=name, blocks=blocks, **told)
+    blocks = [{"file": file, "pull": far[file] * one.point.normal_load, "scene": one} for file, one in scenes.items()]
+    told = {"name": name, "blocks": blocks, "contact": _contact(blocks[0]["scene"]), "release": _release}
+    for file in ("CMakeLists.txt", "ReleaseRing.h", "StepBlock.h", "blocks.cpp"):
+        fill(folder / file, **told)
 
 
 def _contact(scene: Scene) -> str:

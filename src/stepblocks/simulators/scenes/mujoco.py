@@ -30,9 +30,7 @@ def _block(scene: Scene, y: float = 0.0, prefix: str = "") -> dict[str, Any]:
 
 
 def _write_set(folder: Path, scenes: Sequence[Scene], _: str) -> None:
-    """Write one scene with all blocks of a set side by side, where they share ball, spring and friction; each has its tip."""
-    if len(scenes) < 2 or len({(one.ball_radius, one.stiffness, one.point.friction) for one in scenes}) > 1:
-        return
+    """Write one scene with all blocks of a set side by side; each has its tip."""
     folder.mkdir(parents=True, exist_ok=True)
     wide = 1.2 * max(float(np.ptp(one.whole.vertices[:, 1])) for one in scenes)
     blocks = [_block(one, -number * wide, f"{one.stimulus.id}-") for number, one in enumerate(scenes)]
