@@ -13,7 +13,6 @@ import numpy as np
 from stepblocks.bench.signal import Array, Estimate, Tool
 from stepblocks.bench.signal.separable import (
     SeparableFit,
-    covariance_of,
     damped_wave,
     fit_linear,
     fit_separable,
@@ -39,7 +38,6 @@ class Ring:
     level: Estimate  # about which it rings at `origin` [N]
     origin: float  # instant that the fit counts from [s]
     mains: float  # mains frequency fitted along [Hz]
-    time: Array  # instants that were fitted [s]
     # shape: frequency, decay time, decay time of the release; weights: level, drift, hum (2), release, ring (2)
     fit: SeparableFit
     misfit: float  # by how many standard errors the residuals miss the noise
@@ -67,27 +65,6 @@ class Ring:
         if size > 0.0:
             gradient[8], gradient[9] = growth * cosine / size, growth * sine / size
         return carried, propagated(gradient, self.fit.covariance)
-
-    def linear_decay(self) -> Estimate:
-        """Loss d of amplitude to friction, ``a' = -a / tau - d``, and its standard uncertainty [N/s].
-
-        One Gauss-Newton step of the fitted ring with d as one parameter more; it may come out negative by its uncertainty.
-        """
-        fit, since = self.fit, self.time - self.origin
-        amplitudes = fit.weights[5:7]
-        size = float(np.hypot(*amplitudes))
-        if size == 0.0:
-            return float("nan"), float("nan")
-        lost = -self.decay_time[0] * (1.0 - np.exp(-since / self.decay_time[0]))
-        cosine, sine = wave(since, self.frequency[0]).T
-        loss = lost * (amplitudes[0] * cosine + amplitudes[1] * sine) / size
-        slopes = numeric_jacobian(lambda shape: self._model(since, shape), fit.shape, np.array([1e-4, 1e-6, 1e-8]))
-        jacobian = np.column_stack([slopes, _columns(since, self.origin, self.mains, fit.shape), loss])
-        scale = np.sqrt(np.einsum("ij,ij->j", jacobian, jacobian))
-        scale[scale == 0.0] = 1.0
-        step = np.linalg.lstsq(jacobian / scale, fit.residuals, rcond=1e-10)[0] / scale
-        covariance = covariance_of(jacobian, fit.residuals - jacobian @ step)
-        return float(step[-1]), float(np.sqrt(max(covariance[-1, -1], 0.0)))
 
     def _model(self, since: Array, shape: Array) -> Array:
         return np.asarray(_columns(since, self.origin, self.mains, shape) @ self.fit.weights, dtype=float)
@@ -129,7 +106,6 @@ def fit_ring(time: Array, force: Array, origin: float, mains: float, noise: floa
         level=(float(fit.weights[0]), fit.std(3)),
         origin=origin,
         mains=mains,
-        time=time,
         fit=fit,
         misfit=misfit(fit.residuals, 10, int(np.searchsorted(time, origin + BEGIN)), noise),
     )
