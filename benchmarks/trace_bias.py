@@ -155,9 +155,7 @@ def main(count: int, word: str = "") -> None:
                 f"{'feature':26s} {'bias':>10s} {'spread':>10s} {'pull mean':>10s} {'pull std':>10s} {'|pull|>3':>9s}"
             )
             for name, (bias, spread, mean, width, tail) in study(rig, count, rubbing).items():
-                print(
-                    f"{name:26s} {bias * 100.0:9.4f}% {spread * 100.0:9.4f} {mean:10.2f} {width:10.2f} {tail:9.3f}"
-                )
+                print(f"{name:26s} {bias * 100.0:9.4f}% {spread * 100.0:9.4f} {mean:10.2f} {width:10.2f} {tail:9.3f}")
 
 
 if __name__ == "__main__":

@@ -6,7 +6,7 @@ import pytest
 from oracles.traces import Course, hum
 from stepblocks.bench.signal.aftermath import Swing, as_bell, normal_level, settle, sympathetic_force
 from stepblocks.bench.signal.approach import find_landmarks, fit_approach
-from stepblocks.bench.signal.rubbing_ring import RubbingRing, rubbing_force
+from stepblocks.bench.signal.ring import RubbingRing, rubbing_force
 
 COURSE = Course()
 TIME = COURSE.clock()
@@ -38,11 +38,7 @@ def settled(time, force, tool=None):
 def test_a_bell_is_taken_for_a_bell_with_its_figures():
     after, _, _ = settled(TIME, COURSE.force(TIME) + noise(TIME.size))
     assert after.damped
-    for (value, std), truth in (
-        (after.frequency, 287.0),
-        (after.decay_time, 17e-3),
-        (after.level, 0.12),
-    ):
+    for (value, std), truth in ((after.frequency, 287.0), (after.decay_time, 17e-3), (after.level, 0.12)):
         assert value == pytest.approx(truth, abs=4.0 * std)
 
 

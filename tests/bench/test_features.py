@@ -10,7 +10,7 @@ from stepblocks.bench.rehearse import Rig, Truth, record
 from stepblocks.bench.signal import Trace
 from stepblocks.bench.signal.approach import LandmarkError
 from stepblocks.bench.signal.features import FEATURE_COLUMNS, band_share, measure_trace
-from stepblocks.bench.signal.rubbing_ring import rubbing_force
+from stepblocks.bench.signal.ring import rubbing_force
 
 K = 9810.0
 PLAIN = Truth(

@@ -1,7 +1,6 @@
 """Records of known truth: the rig adds what it says, and the course is the closed form of an independent oracle."""
 
 import math
-from dataclasses import replace
 
 import numpy as np
 import pytest

@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 
 from stepblocks.bench.signal import Array, Tool, Trace
-from stepblocks.bench.signal.rubbing_ring import rubbing_force
+from stepblocks.bench.signal.ring import rubbing_force
 from stepblocks.contact.counterface import Step
 from stepblocks.contact.energy import Status
 from stepblocks.contact.operating_point import OperatingPoint
