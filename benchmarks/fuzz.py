@@ -212,23 +212,26 @@ def _refused(call: Callable[..., object], *arguments: object) -> object:
 
 
 def _traces(work: Path) -> Iterator[Kind]:
+    from oracles.trace_files import turned
     from stepblocks.bench.rehearse import TRACE_FILES, open_writer
-    from stepblocks.bench.session import open_session
+    from stepblocks.bench.session import FORMATS, open_session
     from stepblocks.bench.signal import Trace
     from stepblocks.bench.traces import Traces
 
     time = np.arange(600) / 1e4
     trace = Trace(time, np.sin(60.0 * time), np.cos(50.0 * time))
-    for kind in TRACE_FILES:
-        folder = work / f"traces-{kind}"
+    for kind in FORMATS:
+        folder, written = work / f"traces-{kind}", "csv" if kind == "csv" else "hdf5"
         folder.mkdir()
-        with open_writer(folder, kind) as write:
+        with open_writer(folder, written) as write:
             for trial in (1, 2):
                 write(trial, trace)
+        if kind not in TRACE_FILES:
+            turned(folder, kind)
         (file,) = [path for path in folder.rglob("*") if path.is_file() and "2" in path.stem] or [
             path for path in folder.rglob("*") if path.is_file()
         ]
-        traces = Path(TRACE_FILES[kind]).name if "{" in TRACE_FILES[kind] else file.name
+        traces = "{trial:04d}.csv" if kind == "csv" else file.name
         names = 'time = "time_s", tangential = "fx_n", normal = "fy_n"'
         told = f'schema = 1\n[probe]\nspring_constant = "9810 N/m"\n[acquisition]\nsample_rate = "10 kHz"\ntraces = "{traces}"\n'
 

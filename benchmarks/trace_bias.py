@@ -101,6 +101,8 @@ def study(rig: Rig, count: int, rubbing: bool, seed: int = 7) -> dict[str, tuple
     for name in FEATURES:
         error, pull = np.array(errors[name]), np.array(pulls[name])
         known = np.isfinite(pull)
+        if not known.any():  # a bell says nothing of friction
+            continue
         error, pull = error[known], pull[known]
         result[name] = (
             float(np.mean(error)),
@@ -153,12 +155,7 @@ def main(count: int, word: str = "") -> None:
                 f"{'feature':26s} {'bias':>10s} {'spread':>10s} {'pull mean':>10s} {'pull std':>10s} {'|pull|>3':>9s}"
             )
             for name, (bias, spread, mean, width, tail) in study(rig, count, rubbing).items():
-                unit = "N/s" if name == "friction_decay_n_per_s" and not rubbing else "%"
-                scale = 100.0 if unit == "%" else 1.0
-                print(
-                    f"{name:26s} {bias * scale:9.4f}{unit[0]} {spread * scale:9.4f} {mean:10.2f} {width:10.2f} "
-                    f"{tail:9.3f}"
-                )
+                print(f"{name:26s} {bias * 100.0:9.4f}% {spread * 100.0:9.4f} {mean:10.2f} {width:10.2f} {tail:9.3f}")
 
 
 if __name__ == "__main__":

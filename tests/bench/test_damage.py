@@ -8,6 +8,7 @@ import numpy as np
 import pandas as pd
 import pytest
 
+from oracles.trace_files import turned
 from stepblocks.bench.measure import write_features
 from stepblocks.cli import main
 from stepblocks.errors import StepblocksError
@@ -225,7 +226,7 @@ def test_a_session_of_one_block_or_one_speed_is_measured_and_said_to_be_so(make_
 
 @pytest.mark.parametrize("kind", ["hdf5", "tdms", "mat"])
 def test_a_container_that_is_cut_off_or_missing_is_one_clear_error(kind, make_session, tmp_path):
-    folder = make_session(tmp_path / "s", kind=kind)
+    folder = turned(make_session(tmp_path / "s", kind="hdf5"), kind)
     (path,) = folder.glob("traces.*")
     data = path.read_bytes()
     path.write_bytes(data[: len(data) // 3] if kind != "tdms" else b"nonsense" * 40)

@@ -1,7 +1,6 @@
 """Records of known truth: the rig adds what it says, and the course is the closed form of an independent oracle."""
 
 import math
-from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -118,15 +117,3 @@ def test_a_steady_pull_lifts_the_whole_record():
     pulled = drag_trial(Step(40e-6), POINT, IDEAL, np.random.default_rng(1), pull=0.05)
     np.testing.assert_allclose(pulled.trace.tangential - plain.trace.tangential, 0.05, atol=1e-12)
     assert pulled.peak_force == pytest.approx(plain.peak_force + 0.05, rel=1e-12)
-
-
-def test_a_hard_tool_rings_faster_the_wider_it_swings():
-    # origin: Lindstedt's series of Duffing's oscillator, f = f0 (1 + 3/8 (k3 / k) a^2), free of friction
-    truth = Truth(0.8, 0.0, 98.1, 1.2, 0.5, 300.0, 1e3, hardening=0.15)
-    rig = Rig(noise=0.0, hum=0.0, quantum=0.0, sample_rate=100e3, tail=2e-5)
-    trace, _, release = record(replace(truth, release_decay=1e-6), rig, np.random.default_rng(1))
-    ring = trace.tangential[trace.time > release + 1e-4]
-    crossings = np.flatnonzero((ring[:-1] > 0.0) & (ring[1:] <= 0.0))
-    frequency = (crossings.size - 1) / ((crossings[-1] - crossings[0]) / 100e3)
-    a = truth.softened(0.5)
-    assert frequency == pytest.approx(300.0 * (1.0 + 0.375 * 0.15 * a**2), rel=1e-3)

@@ -8,6 +8,7 @@ import pandas as pd
 import pytest
 from scipy.io import savemat
 
+from oracles.trace_files import turned
 from stepblocks.bench.measure import write_features
 from stepblocks.bench.rehearse.run import simulate_session
 from stepblocks.bench.session import open_session
@@ -39,7 +40,10 @@ def measure(folder, tmp_path, jobs=1, name="features.csv"):
 
 
 def test_four_formats_of_one_session_say_the_same(tmp_path):
-    tables = [measure(simulate(tmp_path, kind), tmp_path) for kind in ("csv", "hdf5", "tdms", "mat")]
+    tables = [measure(simulate(tmp_path, "csv"), tmp_path), measure(simulate(tmp_path, "hdf5"), tmp_path)]
+    for kind in ("tdms", "mat"):
+        (tmp_path / kind).mkdir()
+        tables.append(measure(turned(simulate(tmp_path / kind, "hdf5"), kind), tmp_path))
     for table in tables[1:]:
         # origin: float32 holds 7 digits, the forces of the CSV 6: mostly nothing against the noise, and
         # sometimes a tie for the highest sample falls the other way
@@ -58,7 +62,7 @@ def test_any_number_of_workers_writes_the_same_bytes(tmp_path):
     assert (tmp_path / "one.csv").read_bytes() == (tmp_path / "two.csv").read_bytes()
 
 
-@pytest.mark.parametrize("kind", ["csv", "hdf5", "mat"])
+@pytest.mark.parametrize("kind", ["csv", "hdf5"])
 def test_the_same_plan_gives_the_same_bytes(kind, tmp_path):
     (tmp_path / "a").mkdir()
     (tmp_path / "b").mkdir()

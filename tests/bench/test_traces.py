@@ -163,11 +163,6 @@ def test_what_we_write_is_what_we_read(kind, tmp_path):
     np.testing.assert_allclose(found.time, trace.time, atol=1e-6)
 
 
-def test_an_unknown_format_cannot_be_written(tmp_path):
-    with pytest.raises(BenchError, match="`format` must be one of csv, hdf5, tdms, mat, got 'xls'"):
-        open_writer(tmp_path, "xls")
-
-
 @pytest.mark.parametrize("suffix", ["h5", "mat", "tdms"])
 @pytest.mark.parametrize("content", [b"", b"nonsense" * 100])
 def test_a_container_that_is_none_is_one_clear_error(suffix, content, tmp_path):

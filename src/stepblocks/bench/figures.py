@@ -3,26 +3,23 @@
 from __future__ import annotations
 
 import re
+from collections.abc import Iterator
 from contextlib import suppress
 from itertools import islice
 from pathlib import Path
-from typing import Any
 
-import numpy as np
-
-from stepblocks.atomic import beside
 from stepblocks.bench.measure import examine, pilot
 from stepblocks.bench.session import open_session
-from stepblocks.bench.signal import Trace, TraceError
+from stepblocks.bench.signal import Array, Trace, TraceError
 from stepblocks.bench.signal.features import Measurement
-from stepblocks.bench.signal.ring import Ring
 from stepblocks.bench.traces import Traces
 from stepblocks.bench.traces.split import draw_cuts
 from stepblocks.bench.trials import Trial, open_trials
 from stepblocks.errors import PipelineError
+from stepblocks.figure_file import new_figure, save_figure
 
 _FIRST = 12  # trials that are drawn where none are named
-_LINE, _FIT, _SECOND, _FAINT = "#1f4e79", "#c0392b", "#7f8c8d", "#b0b7bd"
+_LINE, _FIT = "#1f4e79", "#c0392b"
 # each feature that is told beside the curves, with its standard uncertainty, the scale and unit to tell it in
 _NOTES = (
     ("friction", "sliding_friction", "sliding_friction_std", 1.0, ""),
@@ -62,59 +59,37 @@ def draw_trials(session: str | Path, output: str | Path, trials: list[str] | Non
 
 
 def _draw(title: str, trial: Trial, examined: tuple[Trace, Measurement | None, str], path: Path) -> None:
-    from matplotlib.backends.backend_agg import FigureCanvasAgg
-    from matplotlib.figure import Figure
-
     trace, measured, reason = examined
-    figure = Figure(figsize=(11.0, 7.5), layout="constrained")
-    FigureCanvasAgg(figure)
-    whole, near, normal = figure.subplots(3, 1, height_ratios=[2.0, 2.6, 1.0])
+    figure, (whole, near, normal) = new_figure(3, 1, width=11.0, height=8.5)
     conditions = ", ".join(f"{name} {cell}" for name, cell in list(trial.cells.items())[1:6])
     figure.suptitle(f"{title}: trial {trial.name} ({conditions})", fontsize=11)
-    for axes in (whole, near):
-        axes.plot(1e3 * trace.time, trace.tangential, ".", color=_LINE, markersize=1.8, label="measured")
-        if measured is not None:
-            _draw_fit(axes, trace, measured)
-        axes.set_ylabel("tangential force / N")
-    release, told = float(trace.time[0]), f"excluded: {reason}"
+    time, release, told = 1e3 * trace.time, float(trace.time[0]), f"excluded: {reason}"
     if measured is not None:
-        release, seen = release + measured.peak.time, measured.features
+        release, seen = measured.start + measured.peak.time, measured.features
         notes = (f"{name} {seen[of] * by:.4g} ± {seen[std] * by:.2g} {unit}" for name, of, std, by, unit in _NOTES)
         told = "\n".join(note.rstrip() for note in notes)
+    for axes in (whole, near):
+        axes.plot(time, trace.tangential, ".", color=_LINE, markersize=1.8, label="measured")
+        for name, instants, force in _curves(trace, measured) if measured is not None else ():
+            axes.plot(1e3 * instants, force, color=_FIT, linewidth=1.1, label=name)
+        axes.set_ylabel("tangential force / N")
     near.set_xlim(1e3 * (release - 12e-3), 1e3 * (release + 40e-3))
-    box = {"facecolor": "white", "edgecolor": _FAINT, "alpha": 0.9}
-    near.text(0.99, 0.97, told, transform=near.transAxes, ha="right", va="top", fontsize=8, bbox=box)
+    near.text(0.99, 0.97, told, transform=near.transAxes, ha="right", va="top", fontsize=8)
     whole.legend(loc="upper right", fontsize=8, frameon=False)
-    normal.plot(1e3 * trace.time, trace.normal, color=_LINE, linewidth=0.6)
+    normal.plot(time, trace.normal, color=_LINE, linewidth=0.6)
     normal.set_ylabel("normal force / N")
     normal.set_xlabel("time / ms")
-    with beside(path) as draft:
-        figure.savefig(draft, format="png", dpi=130, metadata={"Software": None})
+    save_figure(figure, path)
 
 
-def _draw_fit(axes: Any, trace: Trace, measured: Measurement) -> None:
-    start = float(trace.time[0])
-    time = trace.time - start
-    approach, after, peak, ring = measured.approach, measured.aftermath, measured.peak, measured.aftermath.ring
-    ringing = time >= after.ring.origin
-    fitted = ring.curve(time[ringing])
-    if isinstance(ring, Ring):
-        # the levels of a rubbing ring change with every half cycle; it has no one envelope
-        since = time[time >= after.start] - after.start
-        size = after.amplitude[0] * np.exp(-since / after.decay_time[0])
-        for sign in (1.0, -1.0):
-            instants, edge = 1e3 * (after.start + since + start), after.level[0] + sign * size
-            axes.plot(instants, edge, color=_SECOND, linewidth=0.9, linestyle="--")
-    else:
-        fitted = fitted + approach.hum(time[ringing])
-    slide, ramp = time < approach.onset, (time >= approach.onset) & (time <= peak.time)
-    curves = (
-        ("sliding", slide, approach.sliding(time)[slide], "-"),
-        ("ramp", ramp, approach.line(time[ramp]), "-."),
-        (f"{after.kind} ring", ringing, fitted, "-"),
-    )
-    for name, where, force, style in curves:
-        axes.plot(1e3 * trace.time[where], force, color=_FIT, linewidth=1.1, linestyle=style, label=name)
-    for name, at, height in (("onset", approach.onset, approach.level), ("release", peak.time, peak.force)):
-        axes.plot([1e3 * (at + start)], [height], marker="o", color=_FIT, markersize=4, fillstyle="none")
-        axes.annotate(name, (1e3 * (at + start), height), textcoords="offset points", xytext=(5, 4), fontsize=8)
+def _curves(trace: Trace, measured: Measurement) -> Iterator[tuple[str, Array, Array]]:
+    """Name, instants and force of what was fitted."""
+    approach, after, release = measured.approach, measured.aftermath, measured.peak.time
+    time = trace.time - measured.start
+    slide, ramp = time[time < approach.onset], time[(time >= approach.onset) & (time <= release)]
+    yield "sliding", slide + measured.start, approach.sliding(slide)
+    yield "ramp", ramp + measured.start, approach.line(ramp)
+    ringing = time[time >= after.ring.origin]
+    # a damped ring was fitted with its hum
+    rest = 0.0 * ringing if after.damped else approach.hum(ringing)
+    yield "ring", ringing + measured.start, after.ring.curve(ringing) + rest

@@ -2,10 +2,9 @@
 
 from __future__ import annotations
 
-import io
 import math
 from collections.abc import Callable, Iterator
-from contextlib import AbstractContextManager, contextmanager, nullcontext
+from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -13,15 +12,14 @@ from typing import Any
 import numpy as np
 
 from stepblocks.bench.signal import Array, Tool, Trace
-from stepblocks.bench.signal.rubbing_ring import rubbing_force
+from stepblocks.bench.signal.ring import rubbing_force
 from stepblocks.contact.counterface import Step
 from stepblocks.contact.energy import Status
 from stepblocks.contact.operating_point import OperatingPoint
-from stepblocks.errors import BenchError
 
 _LEAST_SLIDE, _MOST_SLIDE = 50e-3, 80e-3  # [s] before the edge
 _NAMES = ("time_s", "fx_n", "fy_n")
-_MAT_HEADER = b"MATLAB 5.0 MAT-file, written by stepblocks"
+TRACE_FILES = {"csv": "traces/{trial:04d}.csv", "hdf5": "traces.h5"}  # where the traces of a session lie, by format
 _OVERSAMPLING = 16  # a sensor is filtered on a finer clock than the converter's
 
 Write = Callable[[int, Trace], None]  # appends the trace of a trial
@@ -33,7 +31,7 @@ class Truth:
 
     load: float  # normal force [N]
     sliding_force: float  # tangential force while sliding [N]
-    slope: float  # of the loading ramp [N/s]; of one that hardens, that of the unstretched spring
+    slope: float  # of the loading ramp [N/s]
     peak_force: float  # tangential force at release [N]
     amplitude: float  # of the ring at release [N]
     frequency: float  # of the ring [Hz]
@@ -41,14 +39,6 @@ class Truth:
     sympathetic: float = 0.25  # amplitude of the normal force that rings along, per amplitude of the tangential one [1]
     gap: float = 0.0  # twice the friction that turns with the tip [N]; 0 for a ring without
     release_decay: float = 0.4e-3  # time in which the rest of the peak dies [s]
-    hardening: float = 0.0  # g of ``F = u + g u^3``, where u is the force had the spring not hardened [1/N^2]
-
-    def softened(self, force: float) -> float:
-        """Return the force had the spring not hardened [N]: the real root, by Viete's hyperbolic sine."""
-        if not self.hardening:
-            return force
-        root = math.sqrt(3.0 * self.hardening)
-        return 2.0 / root * math.sinh(math.asinh(1.5 * force * root) / 3.0)
 
 
 @dataclass(frozen=True)
@@ -102,20 +92,16 @@ class Rig:
 def record(truth: Truth, rig: Rig, random: np.random.Generator, gain: float = 1.0) -> tuple[Trace, float, float]:
     """Record a trial; with the instants of its onset and release [s]."""
     onset = float(random.uniform(_LEAST_SLIDE, _MOST_SLIDE))
-    sliding = truth.softened(truth.sliding_force)
-    release = onset + (truth.softened(truth.peak_force) - sliding) / truth.slope
+    release = onset + (truth.peak_force - truth.sliding_force) / truth.slope
     # the clock does not know of the events: their phase against it is any
     count = math.ceil((release + rig.tail * truth.decay_time) * rig.sample_rate) * rig.oversampling
     time = np.arange(count) / (rig.sample_rate * rig.oversampling)
-    force = sliding + truth.slope * np.maximum(time - onset, 0.0)
-    force = force + truth.hardening * force**3 if truth.hardening else force
+    force = truth.sliding_force + truth.slope * np.maximum(time - onset, 0.0)
     force = force + _start_up(rig, time, (truth.frequency, truth.decay_time), onset, random)
     after = time >= release
     since = time[after] - release
     rest = truth.peak_force - truth.sliding_force - truth.amplitude
-    if truth.hardening:
-        ring = _duffing_ring(since, truth)
-    elif truth.gap > 0.0:
+    if truth.gap > 0.0:
         start = (truth.sliding_force + truth.amplitude, -truth.amplitude / truth.decay_time)
         tool = truth.frequency, truth.decay_time
         ring = rubbing_force(since, truth.sliding_force, truth.gap, tool, start, truth.slope)
@@ -128,23 +114,6 @@ def record(truth: Truth, rig: Rig, random: np.random.Generator, gain: float = 1.
     size = truth.sympathetic * truth.amplitude
     normal[after] = truth.load + size * np.exp(-since / truth.decay_time) * np.cos(phase)
     return rig.disturb(gain * force, normal, random), onset, release
-
-
-def _duffing_ring(since: Array, truth: Truth) -> Array:
-    """Force of a tool that hardens, let go at its amplitude, by the equation of motion."""
-    from scipy.integrate import solve_ivp
-
-    square, loss = (2.0 * math.pi * truth.frequency) ** 2, 2.0 / truth.decay_time
-
-    def motion(_: float, state: Array) -> list[float]:
-        force = state[0] + truth.hardening * state[0] ** 3
-        return [state[1], -square * (force - truth.sliding_force) - loss * state[1]]
-
-    rest = truth.softened(truth.sliding_force)
-    begin = truth.softened(truth.sliding_force + truth.amplitude)
-    start = [begin, -(begin - rest) / truth.decay_time]
-    u = solve_ivp(motion, (0.0, float(since[-1])), start, "DOP853", since, rtol=1e-9, atol=1e-9).y[0]
-    return np.asarray(u + truth.hardening * u**3, dtype=float)
 
 
 def _start_up(rig: Rig, time: Array, tool: Tool, end: float, random: np.random.Generator) -> Array:
@@ -194,69 +163,24 @@ def drag_trial(
     return RecordedTrial(trace, done.peak_force + pull, amplitude, done.release_time)
 
 
-def open_writer(folder: Path, kind: str) -> AbstractContextManager[Write]:
-    """Begin the traces of a session in an empty folder."""
-    if kind not in _WRITERS:
-        raise BenchError(f"`format` must be one of {', '.join(_WRITERS)}, got {kind!r}")
-    return _WRITERS[kind](folder / TRACE_FILES[kind])
-
-
-def _csv(pattern: Path) -> AbstractContextManager[Write]:
-    pattern.parent.mkdir()
-
-    def write(trial: int, trace: Trace) -> None:
-        table = np.column_stack([trace.time, trace.tangential, trace.normal])
-        path = str(pattern).format(trial=trial)
-        np.savetxt(path, table, fmt=("%.6f", "%.6g", "%.6g"), delimiter=",", header=",".join(_NAMES), comments="")
-
-    return nullcontext(write)
-
-
 @contextmanager
-def _hdf5(path: Path) -> Iterator[Write]:
+def open_writer(folder: Path, kind: str) -> Iterator[Write]:
+    """Begin the traces of a session in an empty folder."""
+    if kind == "csv":
+        (folder / TRACE_FILES[kind]).parent.mkdir()
+        yield lambda trial, trace: _write_text(folder / TRACE_FILES["csv"].format(trial=trial), trace)
+        return
     import h5py
 
-    with h5py.File(path, "w", libver="latest") as file:
-
-        def write(trial: int, trace: Trace) -> None:
-            group = file.create_group(f"{trial:04d}")
-            for name, values in _columns(trace).items():
-                group.create_dataset(name, data=values, compression="gzip", track_times=False)
-
-        yield write
+    with h5py.File(folder / TRACE_FILES[kind], "w", libver="latest") as file:
+        yield lambda trial, trace: _write_group(file.create_group(f"{trial:04d}"), trace)
 
 
-@contextmanager
-def _tdms(path: Path) -> Iterator[Write]:
-    from nptdms import ChannelObject, TdmsWriter
-
-    with TdmsWriter(str(path)) as file:
-        yield lambda trial, trace: file.write_segment(
-            [ChannelObject(f"{trial:04d}", name, values) for name, values in _columns(trace).items()]
-        )
+def _write_text(path: Path, trace: Trace) -> None:
+    table = np.column_stack([trace.time, trace.tangential, trace.normal])
+    np.savetxt(path, table, fmt=("%.6f", "%.6g", "%.6g"), delimiter=",", header=",".join(_NAMES), comments="")
 
 
-@contextmanager
-def _mat(path: Path) -> Iterator[Write]:
-    from scipy.io import savemat
-
-    with path.open("wb") as file:
-        # SciPy puts the date into the header; the same session must give the same bytes
-        file.write(_MAT_HEADER.ljust(124) + b"\x00\x01IM")
-
-        def write(trial: int, trace: Trace) -> None:
-            buffer = io.BytesIO()
-            savemat(buffer, {f"trial_{trial:04d}": _columns(trace)}, do_compression=True)
-            file.write(buffer.getvalue()[128:])
-
-        yield write
-
-
-def _columns(trace: Trace) -> dict[str, np.ndarray[Any, np.dtype[np.float32]]]:
-    values = (trace.time, trace.tangential, trace.normal)
-    return {name: column.astype(np.float32) for name, column in zip(_NAMES, values, strict=True)}
-
-
-_WRITERS = {"csv": _csv, "hdf5": _hdf5, "tdms": _tdms, "mat": _mat}
-# where the traces of a session lie, by format
-TRACE_FILES = {"csv": "traces/{trial:04d}.csv", "hdf5": "traces.h5", "tdms": "traces.tdms", "mat": "traces.mat"}
+def _write_group(group: Any, trace: Trace) -> None:
+    for name, values in zip(_NAMES, (trace.time, trace.tangential, trace.normal), strict=True):
+        group.create_dataset(name, data=values.astype(np.float32), compression="gzip", track_times=False)

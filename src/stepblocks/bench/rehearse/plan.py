@@ -12,7 +12,7 @@ import numpy as np
 from pydantic import BeforeValidator, Field
 
 from stepblocks.bench.rehearse import Rig, Truth
-from stepblocks.bench.session import Frequency, Stiffness, Strict, TraceFormat
+from stepblocks.bench.session import Frequency, Stiffness, Strict
 from stepblocks.contact.effects import named_laws
 from stepblocks.contact.operating_point import PAPER
 from stepblocks.errors import PipelineError
@@ -122,6 +122,8 @@ class PlantedEffect(Strict):
             laws = {law.id: law for law in named_laws(plan.blocks())}
             if self.law not in laws:
                 return f"law of effect {number} must be one of {', '.join(laws)}, got {self.law!r}"
+            if self.law == "hardening_spring" and plan.source != "drag":
+                return f"law of effect {number} bends ramp and ring: source must be 'drag', got {plan.source!r}"
             names = [p.name for p in laws[self.law].parameters]
             unknown = sorted(set(self.parameters) - set(names))
             if unknown or not self.parameters:
@@ -150,7 +152,7 @@ class SessionPlan(Strict):
     title: str = "Simulated session"
     source: Literal["equations", "drag"] = "equations"
     seed: int = Field(ge=0)
-    format: TraceFormat = "hdf5"
+    format: Literal["csv", "hdf5"] = "hdf5"
     model: Model = Model()
     design: Design
     scatter: Scatter = Scatter()

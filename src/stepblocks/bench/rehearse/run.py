@@ -227,17 +227,15 @@ def truth_of(plan: SessionPlan, state: DragState) -> Truth | None:
     energy, peak, sliding = math.exp(shown[0]), math.exp(shown[1]), float(shown[2]) * load
     if peak - sliding < _LEAST_RISE or not energy > 0.0:
         return None
-    spring, hardening = plan.model.spring_constant, float(state.hardening[0])
-    ring = float(state.frequency[0]) * math.sqrt(float(state.ring_stiffness[0]) / spring)
+    spring = plan.model.spring_constant
     return Truth(
         load=load,
         sliding_force=sliding,
-        slope=(float(state.stiffness[0]) if hardening else float(shown[3]) * spring) * float(state.speed[0]),
+        slope=float(shown[3]) * spring * float(state.speed[0]),
         peak_force=peak,
         amplitude=math.sqrt(2.0 * spring * energy),
-        frequency=ring if hardening else math.exp(shown[4]),
+        frequency=math.exp(shown[4]),
         decay_time=math.exp(shown[5]),
-        hardening=hardening,
         sympathetic=plan.model.sympathetic,
         gap=2.0 * float(state.friction[0]) * load if plan.model.ring == "rubbing" else 0.0,
     )

@@ -10,8 +10,7 @@ import numpy as np
 from stepblocks.bench.signal import Array, Estimate, Tool
 from stepblocks.bench.signal.approach import Approach, Landmarks
 from stepblocks.bench.signal.regimes import USUAL_TOOL, Motion, Saw, first_swing
-from stepblocks.bench.signal.ring import Ring, fit_ring, guess_ring
-from stepblocks.bench.signal.rubbing_ring import GUESSED, TOLD, RubbingRing, fit_rubbing_ring
+from stepblocks.bench.signal.ring import GUESSED, TOLD, Ring, RubbingRing, fit_ring, fit_rubbing_ring, guess_ring
 from stepblocks.bench.signal.separable import damped_wave, propagated, wave, weighed
 
 _RELEASE_TIME = 0.25e-3  # [s] first samples after the peak, in which the sensor itself follows; no tie with a sample
@@ -29,41 +28,45 @@ _HEARD = 1.3
 _USUAL_DECAY = 25e-3  # [s] first guess where nothing says better
 _SETTLE = 0.8e-3  # [s] after the slip in which the normal channel shows the release itself
 _ONSET_GUARD = 1e-3  # [s]
+_NOT_KNOWN = (math.nan, math.nan)
 
 
 @dataclass(frozen=True)
 class Swing:
     """First swing after a slip: how far below the sliding level it went, and when."""
 
-    depth: float  # level less the force in the trough [N]
-    depth_std: float  # [N]
+    depth: Estimate  # level less the force in the trough, and its standard uncertainty [N]
     instant: float  # when the trough was reached [s]
     decay_time: Estimate  # of the tool, and its standard uncertainty [s]
     half: float = 0.0  # of the tool's period [s]
 
     def amplitude(self, instant: float) -> Estimate:
         """Amplitude carried back to `instant`, and its standard uncertainty [N]; viscous decay alone takes from it."""
-        decay, decay_std = self.decay_time
+        (depth, depth_std), (decay, decay_std) = self.depth, self.decay_time
         reach = self.instant - instant
         growth = float(np.exp(reach / decay))
-        carried = self.depth * growth
-        return carried, float(np.hypot(self.depth_std * growth, carried * reach / decay**2 * decay_std))
+        carried = depth * growth
+        return carried, float(np.hypot(depth_std * growth, carried * reach / decay**2 * decay_std))
 
 
 @dataclass(frozen=True)
 class Aftermath:
     """Figures of the ring at the release instant, each with its standard uncertainty."""
 
-    kind: str  # ``"damped"`` or ``"rubbing"``
+    ring: Ring | RubbingRing  # the fit
     start: float  # instant to which the amplitude is carried back [s]
     amplitude: Estimate  # [N]
     frequency: Estimate  # [Hz]
     decay_time: Estimate  # [s]
     level: Estimate  # [N]
-    friction_decay: Estimate  # loss of amplitude per time beside the exponential decay [N/s]
-    ring: Ring | RubbingRing  # the fit
+    friction_decay: Estimate = _NOT_KNOWN  # loss of amplitude to friction per time, beside the exponential decay [N/s]
     swing: Swing | None = None  # first after the slip, which tells the amplitude of a ring that is no bell's
     sample: float = 0.0  # time between two samples [s]
+
+    @property
+    def damped(self) -> bool:
+        """Whether it rings like a bell; else its tip rubs."""
+        return self.swing is None
 
     def carried_to(self, instant: float) -> Aftermath:
         """Return the same with the amplitude at another instant [s]."""
@@ -79,22 +82,26 @@ def settle(
     time: Array, force: Array, marks: Landmarks, approach: Approach, tool: Tool | None = None, *, saw: Saw | None = None
 ) -> Aftermath:
     """Fit the ring after a slip as that of a bell and, where that fails, as that of a tool whose tip rubs."""
-    marks = replace(marks, noise=_whole_noise(time, approach, marks))
+    marks = replace(marks, noise=whole_noise(time, approach, marks))
     top = float(time[marks.peak])
     if saw is not None:  # it is no bell, and what the tip draws when the ring has died is no part of that
         end = int(np.searchsorted(time, top + _FIRST_SWINGS))
         time, force = time[:end], force[:end]
-    first = int(np.searchsorted(time, top + _RELEASE_TIME))
-    bell = fit_ring(time[first:], force[first:], top, approach.mains, marks.noise)
-    if bell.misfit < _GOOD and saw is None:
-        return _of_bell(bell, top)
+    bell = as_bell(time, force, top, approach.mains, marks.noise)
+    assert isinstance(bell.ring, Ring)
+    if bell.ring.misfit < _GOOD and saw is None:
+        return bell
     rubbing = _best_rubbing(time, force, marks, approach, tool)
     if rubbing is None:
-        return _of_bell(bell, top)
-    left = float(np.sum(bell.fit.residuals[time[first:] >= rubbing.origin] ** 2))
+        return bell
+    left = bell.ring.fit.residuals[time[time >= top + _RELEASE_TIME] >= rubbing.origin]
     # what misses a bell in its first swing alone hardly weighs in the sum
-    if saw is None and rubbing.misfit > _GOOD and float(np.sum(rubbing.residuals**2)) > _BETTER * left:
-        return _of_bell(bell, top)
+    if (
+        saw is None
+        and rubbing.misfit > _GOOD
+        and float(np.sum(rubbing.residuals**2)) > _BETTER * float(np.sum(left**2))
+    ):
+        return bell
     frequency, decay = tool or (float(rubbing.values[2]), float(rubbing.values[3]))
     known = TOLD[1] if tool is USUAL_TOOL else _TOLD_DECAY
     spread = min(known * decay, rubbing.std(3)) if tool else rubbing.std(3)
@@ -105,33 +112,24 @@ def settle(
     depth, std, instant = first_swing(slid)
     level_std = approach.level_std if saw is None else saw.kinetic[1]
     drift_std = approach.fit.std(approach.fit.shape.size + 1) * reach
-    swing = Swing(depth, math.hypot(std, level_std, drift_std), instant, (decay, spread), 0.5 / frequency)
-    return _of_rubbing(rubbing, swing, float(np.median(np.diff(time))), tool)
+    swing = Swing((depth, math.hypot(std, level_std, drift_std)), instant, (decay, spread), 0.5 / frequency)
+    return _as_rubbing(rubbing, swing, float(np.median(np.diff(time))), tool)
 
 
-def settle_from(
-    time: Array, force: Array, marks: Landmarks, approach: Approach, release: float, before: Aftermath
-) -> Aftermath:
-    """Fit a damped ring again, counted from the release itself: which sample is the highest is a matter of noise."""
-    if before.kind != "damped":
-        return before
+def as_bell(time: Array, force: Array, release: float, mains: float, noise: float) -> Aftermath:
+    """Fit a damped ring, counted from the release."""
     first = int(np.searchsorted(time, release + _RELEASE_TIME))
-    noise = _whole_noise(time, approach, marks)
-    return _of_bell(fit_ring(time[first:], force[first:], release, approach.mains, noise), release)
+    bell = fit_ring(time[first:], force[first:], release, mains, noise)
+    return Aftermath(bell, release, bell.amplitude(release), bell.frequency, bell.decay_time, bell.level)
 
 
-def _whole_noise(time: Array, approach: Approach, marks: Landmarks) -> float:
+def whole_noise(time: Array, approach: Approach, marks: Landmarks) -> float:
     """Noise while sliding, be it white or coloured [N]."""
     before = approach.fit.residuals[: int(np.searchsorted(time, approach.onset))]
     return min(max(float(np.std(before)), marks.noise), _MOST_COLOUR * marks.noise)
 
 
-def _of_bell(bell: Ring, top: float) -> Aftermath:
-    seen = bell.frequency, bell.decay_time, bell.level, bell.linear_decay()
-    return Aftermath("damped", top, bell.amplitude(top), *seen, bell)
-
-
-def _of_rubbing(fit: RubbingRing, swing: Swing, sample: float, tool: Tool | None) -> Aftermath:
+def _as_rubbing(fit: RubbingRing, swing: Swing, sample: float, tool: Tool | None) -> Aftermath:
     level, gap, frequency, decay = (float(v) for v in fit.values[:4])
     far = (0.0, 0.0)
     if tool is not None and any(abs(fit.values[2 + i] - tool[i]) > _FAR * TOLD[i] * tool[i] for i in (0, 1)):
@@ -139,9 +137,9 @@ def _of_rubbing(fit: RubbingRing, swing: Swing, sample: float, tool: Tool | None
         far = (abs(frequency - tool[0]), abs(decay - tool[1]))
     known = fit.knows_gap and not any(far)
     seen = (frequency, float(np.hypot(fit.std(2), far[0]))), (decay, float(np.hypot(fit.std(3), far[1])))
-    loss = (2.0 * gap * frequency, 2.0 * frequency * fit.std(1)) if known else (np.nan, np.nan)
-    nowhere = -math.inf, (np.nan, np.nan)
-    return Aftermath("rubbing", *nowhere, *seen, (level, fit.std(0)), loss, fit, swing, sample).carried_to(-math.inf)
+    loss = (2.0 * gap * frequency, 2.0 * frequency * fit.std(1)) if known else _NOT_KNOWN
+    found = Aftermath(fit, -math.inf, _NOT_KNOWN, *seen, (level, fit.std(0)), loss, swing, sample)
+    return found.carried_to(-math.inf)
 
 
 def _best_rubbing(

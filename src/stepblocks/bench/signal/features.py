@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from stepblocks.bench.signal import Array, Estimate, Tool, Trace, set_down
-from stepblocks.bench.signal.aftermath import Aftermath, normal_level, settle, settle_from, sympathetic_force
+from stepblocks.bench.signal.aftermath import Aftermath, as_bell, normal_level, settle, sympathetic_force, whole_noise
 from stepblocks.bench.signal.approach import (
     Approach,
     LandmarkError,
@@ -263,31 +263,24 @@ def measure_trace(
     if saw is not None:  # static friction gives way at once, and no straight ramp led up to it
         top, std, instant = extremum(time, force, marks.peak, 0.1 / after.frequency[0], marks.noise)
         peak = Peak(instant, top, std, corner=False)
-    if peak.corner and after.kind == "damped":
-        after = settle_from(time, force, marks, approach, peak.time, after)
+    if peak.corner and after.damped:  # which sample is the highest is a matter of noise
+        after = as_bell(time, force, peak.time, approach.mains, whole_noise(time, approach, marks))
         peak = peak_of(time, force, marks, approach, after)
     if peak.corner:
         after = after.carried_to(peak.time)
     load = normal_level(time, trace.normal, approach)
     clean = force - approach.hum(time)
-    bell, (frequency, decay) = after.kind == "damped", tool or (after.frequency[0], after.decay_time[0])
+    frequency, decay = tool or (after.frequency[0], after.decay_time[0])
+    damping, top = 1.0 / (2.0 * math.pi * frequency * decay), int(np.searchsorted(time, peak.time))
     forces = approach.level, load[0], approach.slope, marks.noise
-    motion = Motion(
-        time,
-        clean,
-        trace.normal,
-        int(np.searchsorted(time, peak.time)),
-        *forces,
-        frequency,
-        1.0 / (2.0 * math.pi * frequency * decay),
-    )
+    motion = Motion(time, clean, trace.normal, top, *forces, frequency, damping)
     speed = speed if speed > 0.0 else math.nan  # a handle at rest has no ramp
     return Measurement(
         *(float(trace.time[0]), approach, peak, load, zeros, speed, saw),
         aftermath=after,
         sympathetic=sympathetic_force(time, trace.normal, approach, after),
         shares=_shares(time, force, approach, after, peak),
-        regime=regime_of(motion, saw, bell),
+        regime=regime_of(motion, saw, after.damped),
         spring_constant=spring_constant,
         noise=marks.noise,
     )

@@ -1,8 +1,6 @@
-"""Least squares for models that are linear in most of their parameters, with the covariance of all of them.
+"""Least squares by variable projection (Golub and Pereyra 1973, doi:10.1137/0710036), with the covariance of all parameters.
 
-A trace is a sum of known shapes (a level, a ramp, a ring, hum) whose weights enter linearly and whose times and
-frequencies do not. The weights are solved for exactly at every step (variable projection, Golub and Pereyra 1973,
-doi:10.1137/0710036), so only two or three numbers are searched.
+A trace is a sum of known shapes whose weights enter linearly; only two or three times and frequencies are searched.
 """
 
 from __future__ import annotations

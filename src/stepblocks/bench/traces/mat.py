@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import io
 import struct
-import zlib
 from contextlib import AbstractContextManager, nullcontext
 from dataclasses import dataclass
 from pathlib import Path
@@ -17,7 +16,7 @@ from stepblocks.bench.signal import TraceError, listed
 from stepblocks.bench.traces.hdf5 import hdf5_column, hdf5_group, open_hdf5
 
 _HEADER = 128
-_COMPRESSED, _MATRIX = 15, 14
+_NAMED = 4096  # bytes of a variable in which its name lies
 _HDF5_MARK = b"\x89HDF\r\n\x1a\n"
 _MOST_BYTES = 1 << 30  # of one variable
 
@@ -39,14 +38,18 @@ class Variables:
         place, length = self.places[name]
         if length > _MOST_BYTES:
             raise TraceError(f"variable {name!r} has more than {_MOST_BYTES} bytes")
-        with self.path.open("rb") as file:
-            header = file.read(_HEADER)
-            file.seek(place)
-            data = io.BytesIO(header + file.read(length))
         try:
-            return loadmat(data, simplify_cells=True)[name]
+            return loadmat(_part(self.path, place, length), simplify_cells=True)[name]
         except Exception as error:  # SciPy lets zlib, type and key errors of a damaged variable through
             raise TraceError(f"unreadable: variable {name!r}: {str(error)[:120]}") from error
+
+
+def _part(path: Path, place: int, length: int) -> io.BytesIO:
+    """Return a file of one variable alone."""
+    with path.open("rb") as file:
+        header = file.read(_HEADER)
+        file.seek(place)
+        return io.BytesIO(header + file.read(length))
 
 
 def open_mat(path: Path, layout: Any) -> AbstractContextManager[Any]:
@@ -83,36 +86,23 @@ def mat_column(group: Any, name: str | int) -> Any:
 
 def variables_of(path: Path) -> Variables:
     """Look through a version 5 file for the names of its variables, once: SciPy reads through all of them to find one."""
+    from scipy.io import whosmat
+
     places: dict[str, tuple[int, int]] = {}
-    size = path.stat().st_size
+    size, place = path.stat().st_size, _HEADER
     with path.open("rb") as file:
-        mark = file.read(_HEADER)[126:128]
+        mark = file.read(_HEADER)[126:]
         if mark not in (b"IM", b"MI"):
             raise TraceError(f"{path.name} is no MATLAB file of version 5 to 7.3")
-        order = "<" if mark == b"IM" else ">"
-        place = _HEADER
         while place + 8 <= size:
             file.seek(place)
-            kind, length = struct.unpack(order + "II", file.read(8))
-            if kind not in (_COMPRESSED, _MATRIX) or place + 8 + length > size:
+            _, length = struct.unpack("<II" if mark == b"IM" else ">II", file.read(8))
+            try:
+                ((name, *_),) = whosmat(_part(path, place, min(8 + length, _NAMED)))
+            except Exception as error:  # as above
+                raise TraceError(f"{path.name} is damaged at byte {place}: {str(error)[:80]}") from error
+            if place + 8 + length > size:
                 raise TraceError(f"{path.name} is damaged or truncated at byte {place}")
-            places[_name(file.read(min(length, 4096)), kind, order, path)] = (place, 8 + length)
+            places[name] = place, 8 + length
             place += 8 + length
     return Variables(path, places)
-
-
-def _name(head: bytes, kind: int, order: str, path: Path) -> str:
-    """Name of a variable from the first bytes of its element: flags, dimensions, name."""
-    try:
-        if kind == _COMPRESSED:
-            head = zlib.decompressobj().decompress(head, 4096)[8:]
-        place = 16  # past the array flags
-        _, length = struct.unpack_from(order + "II", head, place)
-        place += 8 + (length + 7) // 8 * 8
-        kind_and_length, length = struct.unpack_from(order + "II", head, place)
-        if kind_and_length >> 16:  # a small element holds its data in its own tag
-            length = kind_and_length >> 16
-            return head[place + 4 : place + 4 + length].decode("ascii")
-        return head[place + 8 : place + 8 + length].decode("ascii")
-    except (zlib.error, struct.error, UnicodeDecodeError) as error:
-        raise TraceError(f"{path.name} is damaged: {str(error)[:80]}") from error
