@@ -6,11 +6,14 @@ import os
 import signal
 import subprocess
 import sys
+from contextlib import suppress
 from pathlib import Path
 
 import pytest
 
 from stepblocks.cli import main
+from stepblocks.study.conduct import open_run
+from stepblocks.study.run import design_study
 
 ROOT = Path(__file__).resolve().parents[1]
 FOUR = str(ROOT / "stimuli" / "paper-four.toml")
@@ -89,3 +92,49 @@ main(sys.argv[1:])
     assert main(command) == 0
     assert tree(tmp_path) == whole
     assert {path.name for path in tmp_path.iterdir()} == whole.keys()  # what the killed one prepared is gone
+
+
+def led(folder):
+    """Answer all trials of a participant as a page does, asking again what could not be written."""
+    run = open_run(folder, "1")
+    while not (said := run.state())["done"]:
+        try:
+            run.answer(said["trial"], {"estimate_um": str(10 + int(said["trial"]))})
+        except (OSError, MemoryError):
+            assert run.state()["trial"] == said["trial"]
+    run.close()
+    return (folder / "runs" / "participant-1.csv").read_bytes()
+
+
+@pytest.mark.parametrize("point", [1, 2, 3, 5, 8, 13, 14])
+@pytest.mark.parametrize("fault", ["kill", "sync", "memory", "disk"])
+def test_whatever_happens_while_a_study_is_run_every_trial_is_answered_once(fault, point, tmp_path, monkeypatch):
+    for name in ("whole", "disturbed"):
+        design_study((20e-6, 50e-6), tmp_path / name, seed=1, participants=1, repetitions=3, probes=("bare", "soft"))
+    whole, fsync, count = led(tmp_path / "whole"), os.fsync, 0
+
+    def failing(number):
+        nonlocal count
+        count += 1
+        if count == point and fault == "kill":
+            os.kill(os.getpid(), signal.SIGKILL)
+        if count == point and fault == "disk":  # half of the line fits
+            os.ftruncate(number, os.fstat(number).st_size - 9)
+        if count == point:
+            raise MemoryError if fault == "memory" else OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+        return fsync(number)
+
+    with monkeypatch.context() as disturbed:
+        if fault == "kill":
+            child = os.fork()
+            if child == 0:
+                os.fsync = failing
+                led(tmp_path / "disturbed")
+                os._exit(0)  # there is no such point
+            assert os.waitstatus_to_exitcode(os.waitpid(child, 0)[1]) == -signal.SIGKILL
+        else:
+            disturbed.setattr(os, "fsync", failing)
+            with suppress(OSError, MemoryError):  # the first two points are the empty file's
+                led(tmp_path / "disturbed")
+    assert led(tmp_path / "disturbed") == whole
+    assert whole.count(b"\n") == 1 + 12

@@ -18,7 +18,7 @@ from importlib import import_module
 from typing import NoReturn
 
 from stepblocks import __version__
-from stepblocks.cli.arguments import Parser
+from stepblocks.cli.arguments import Parser, declare
 from stepblocks.cli.outcome import show, writing
 from stepblocks.errors import StepblocksError
 from stepblocks.quantities import readable
@@ -28,16 +28,7 @@ __all__ = ["main"]
 
 _GRACE = 5.0  # for what is open to be closed, when asked to end [s]
 # Modules of this package, one per command or family of commands
-_MODULES = ("build", "workshop", "inspect", "predict", "export", "bench", "evidence", "study", "help")
-# Commands by what they are for, in the order of the help text; those that stand nowhere come last
-_GROUPS = {
-    "to begin": ("new", "help", "completion"),
-    "stimuli": ("build", "check", "workshop", "inspect"),
-    "what will be felt": ("predict", "drag", "sweep", "evidence"),
-    "simulators": ("export", "feel", "compare"),
-    "the bench": ("simulate-session", "measure", "loop"),
-    "people": ("study",),
-}
+_MODULES = ("build", "inspect", "predict", "export", "bench", "study", "help")
 
 
 def main(argv: Sequence[str] | None = None) -> int:
@@ -113,12 +104,11 @@ class _Top(Parser):
 
         commands = next(action for action in self._actions if isinstance(action, argparse._SubParsersAction))
         said = {action.dest: action.help or "" for action in commands._choices_actions}
-        grouped = {name for names in _GROUPS.values() for name in names}
         formatter = self._get_formatter()
         assert isinstance(formatter, RawDescriptionRichHelpFormatter)
         formatter.add_usage(self.usage, [], [])
         formatter.add_text(self.description)
-        for title, names in (*_GROUPS.items(), ("more", said.keys() - grouped)):
+        for title, names in self.groups.items():
             formatter.start_section(title)
             formatter.add_arguments([argparse.Action([], name, metavar=name, help=said[name]) for name in names])
             formatter.end_section()
@@ -137,6 +127,9 @@ def make_parser() -> argparse.ArgumentParser:
     )
     parser.add_argument("--version", action="version", version=f"stepblocks {__version__}")
     commands = parser.add_subparsers(metavar="COMMAND", required=True, prog="stepblocks", parser_class=Parser)
-    for name in _MODULES:
-        import_module(f"stepblocks.cli.{name}").add_to(commands)
+    modules = [import_module(f"stepblocks.cli.{name}") for name in _MODULES]
+    runs, readers = (
+        {k: v for one in modules for k, v in getattr(one, name, {}).items()} for name in ("COMMANDS", "READERS")
+    )
+    parser.groups = declare(commands, runs, readers)
     return parser

@@ -1,25 +1,47 @@
-"""How a command is declared: what several take alike, how each option is read, and what every command takes."""
+"""How the commands of commands.txt are taken, and how each option is read."""
 
 from __future__ import annotations
 
 import argparse
 import difflib
+import re
 import sys
 import textwrap
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NoReturn
 
 from stepblocks.errors import PipelineError
+from stepblocks.quantities import DIMENSIONS, parse_quantity
 
 if TYPE_CHECKING:
     from stepblocks.cli.outcome import Outcome
 
+Run = Callable[[argparse.Namespace], "Outcome"]
+Readers = Mapping[str, Callable[[str], Any]]
+
 _WIDTH = 98  # of help, as of tables
+_FILES = (
+    "CSV",
+    "DIR",
+    "FILE",
+    "FILE/ID",
+    "HTML",
+    "JSON",
+    "PATH",
+    "RECORD",
+    "SCAN",
+    "SESSION",
+    "SPEC.toml",
+    "SWEEP.toml",
+)
+PLACE = ("ball_radius", "normal_load", "friction")
 
 
 class Parser(argparse.ArgumentParser):
     """A parser that says a mistake in one line, with what was probably meant."""
+
+    groups: Mapping[str, Sequence[str]] = {}  # its commands by what they are for
 
     def __init__(self, **settings: Any) -> None:
         super().__init__(formatter_class=_formatter, **settings)
@@ -49,69 +71,83 @@ def _formatter(prog: str) -> argparse.HelpFormatter:
     return RawDescriptionRichHelpFormatter(prog, max_help_position=30, width=_WIDTH)
 
 
-def add_command(
-    commands: Any,
-    name: str,
-    run: Callable[[argparse.Namespace], Outcome],
-    said: str,
-    description: str = "",
-    *,
-    examples: Sequence[str] = (),
-    leave_out: bool = False,
-) -> Parser:
-    """Register a command with what it runs and how it is called; `leave_out` drops options that are not given."""
-    shown = "\n".join(["examples:", *(f"  stepblocks {one}" for one in examples)]) if examples else None
-    parser: Parser = commands.add_parser(
-        name,
-        help=said,
-        description=textwrap.fill(description or f"{said}.", _WIDTH),
-        epilog=shown,
-        argument_default=argparse.SUPPRESS if leave_out else None,
-    )
-    every = parser.add_argument_group("in every command")
-    for option, meant in (
-        ("quiet", "say nothing but errors"),
-        ("json", "print what was done and found as JSON"),
-        ("wide", "print all columns of a table"),
-        ("force", "replace files that are not ours"),
-    ):
-        every.add_argument(f"--{option}", action="store_true", default=False, help=meant)
-    parser.set_defaults(run=run, output=None)
-    return parser
+def declare(commands: Any, runs: Mapping[str, Run], readers: Readers) -> dict[str, list[str]]:
+    """Register the commands as commands.txt declares them; returns their names in groups."""
+    families, shared, groups = {"": commands}, dict[str, list[str]](), dict[str, list[str]]()
+    for part in Path(__file__).with_name("commands.txt").read_text(encoding="utf-8").split("\n== ")[1:]:
+        head, *lines = part.strip().splitlines()
+        if head.startswith("@"):
+            shared[head] = [other for line in lines for other in shared.get(line, [line])]
+            continue
+        if head.startswith("#"):
+            groups[head[2:]] = names = []
+            continue
+        name, _, said = head.partition(": ")
+        within, _, word = name.rpartition(" ")
+        if not within:
+            names.append(name)
+        examples = [f"  stepblocks {line[2:]}" for line in lines if line.startswith("$ ")]
+        takes = [other for line in lines if "  " in line or line in shared for other in shared.get(line, [line])]
+        prose = " ".join(line for line in lines if not line.startswith(("$ ", "@")) and "  " not in line)
+        parser: Parser = families[within].add_parser(
+            word,
+            help=said,
+            description=textwrap.fill(prose or f"{said}.", _WIDTH),
+            epilog="\n".join(["examples:", *examples]) if examples else None,
+        )
+        if name in runs:
+            parser.set_defaults(run=runs[name], output=None)
+            _take_all(parser, takes, readers)
+            _take_all(parser.add_argument_group("in every command"), shared["@every"], readers)
+        else:
+            families[name] = parser.add_subparsers(title="commands", metavar="COMMAND", required=True)
+    return groups
 
 
-def add_files(parser: argparse.ArgumentParser, more: str = "") -> None:
-    """Take stimulus files, or folders of them."""
-    said = f"stimulus files or folders (default: stimuli){more}"
-    parser.add_argument("files", nargs="*", type=Path, metavar="FILE", help=said)
+def _take_all(parser: Any, lines: Sequence[str], readers: Readers) -> None:
+    group = None
+    for line in lines:
+        must, bar, option = line.partition("| ") if line.startswith(("| ", "!| ")) else ("", "", line)
+        if not bar:
+            group = None
+        elif group is None:
+            group = parser.add_mutually_exclusive_group(required=bool(must))
+        _take(group or parser, option, readers)
 
 
-def add_stimuli(parser: argparse.ArgumentParser) -> None:
-    """Take where a stimulus that is named by its identity is declared; ``--set`` is its old name."""
-    said = "stimulus file or folder where it is declared (default: stimuli)"
-    parser.add_argument("--stimuli", type=Path, default=Path("stimuli"), metavar="FILE", help=said)
-    parser.add_argument("--set", dest="stimuli", type=Path, default=argparse.SUPPRESS, help=argparse.SUPPRESS)
+def _take(parser: Any, line: str, readers: Readers) -> None:
+    declared, said = re.split(r"\s{2,}", line, maxsplit=1)
+    names, _, metavar = declared.lstrip("!").partition(" ")
+    names, _, destination = names.partition(">")
+    settings: dict[str, Any] = {"help": said.replace("%", "%%")}
+    if names.startswith("-"):
+        settings["dest"] = destination or names.rpartition("--")[2].replace("-", "_")
+        settings["required"] = declared.startswith("!")
+    if not metavar:
+        settings |= {"action": "store_true"}
+    elif metavar in readers:
+        settings |= {"type": readers[metavar], "metavar": metavar}
+    else:
+        metavar, _, default = metavar.partition("=")
+        if metavar[-1] in "+*?":
+            settings["nargs"], metavar = metavar[-1], metavar[:-1]
+        if default:  # of an option that may stand alone, what it means then
+            settings["help"] += f" (default: {default})"
+            settings["const" if settings.get("nargs") == "?" else "default"] = default
+        if "|" in metavar:
+            settings["choices"] = metavar.split("|")
+        else:
+            settings |= {"type": _reader(metavar), "metavar": "N" if metavar in _NUMBERS else metavar}
+    parser.add_argument(*names.split("/"), **settings)
 
 
-def add_output(
-    parser: argparse.ArgumentParser, default: str | None = None, metavar: str = "DIR", said: str = "where to write"
-) -> None:
-    """Take where to write to."""
-    shown = f"{said} (default: {default})" if default else said
-    place = Path(default) if default else None
-    parser.add_argument("-o", "--output", type=Path, default=place, metavar=metavar, help=shown)
-
-
-def add_only(parser: argparse.ArgumentParser) -> None:
-    """Take a pattern of stimuli."""
-    parser.add_argument("--only", metavar="PATTERN", help="only these stimuli, such as 'step-0?0' or 'paper-ten/*'")
-
-
-def add_jobs(parser: argparse.ArgumentParser, default: int | None = None) -> None:
-    """Take a number of processes."""
-    said = f"processes (default: {default or 'one per core'})"
-    place = argparse.SUPPRESS if parser.argument_default is argparse.SUPPRESS else default
-    parser.add_argument("-j", "--jobs", type=number(1, 1024), metavar="N", help=said, default=place)
+def _reader(metavar: str) -> Callable[[str], Any]:
+    """Find how what a metavar names is read."""
+    if metavar in _NUMBERS:
+        return _NUMBERS[metavar]
+    if metavar.lower() in DIMENSIONS:
+        return quantity(metavar.lower())
+    return Path if metavar in _FILES else str
 
 
 def given(arguments: argparse.Namespace, *names: str) -> dict[str, Any]:
@@ -130,12 +166,13 @@ def number(least: int, most: int) -> Callable[[str], int]:
     return read
 
 
+_NUMBERS: Readers = {"N": number(1, 100_000), "JOBS": number(1, 1024), "SEED": number(0, 10**18 - 1), "X": float}
+
+
 def quantity(dimension: str, *, above_zero: bool = False) -> Callable[[str], float]:
     """Return a reader of quantities of one dimension."""
 
     def read(text: str) -> float:
-        from stepblocks.quantities import parse_quantity
-
         try:
             value = parse_quantity(text, dimension)
         except ValueError as error:

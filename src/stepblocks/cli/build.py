@@ -1,40 +1,11 @@
-"""``stepblocks build`` and ``check``: make what the stimulus files ask for, and read it back from disk."""
+"""``stepblocks build``, ``check`` and ``workshop``: make what the stimulus files ask for, read it back, have it made."""
 
 from __future__ import annotations
 
 import argparse
 from pathlib import Path
-from typing import Any
 
-from stepblocks.cli.arguments import add_command, add_files, add_jobs, add_only, add_output
 from stepblocks.cli.outcome import Outcome, telling
-
-
-def add_to(commands: Any) -> None:
-    """Register the commands."""
-    said = "build, write, read back, measure and predict the stimuli of one or more files"
-    description = "Build every stimulus that is not up to date. Exit code 1 if an artefact is out of tolerance."
-    examples = ("build", "build mine.toml -o out", "build stimuli --only 'paper-ten/step-0?0'")
-    build = add_command(commands, "build", _build, said, description, examples=examples)
-    add_files(build)
-    add_output(build, "out")
-    add_only(build)
-    add_jobs(build)
-    said = "model.json of stepblocks loop: predict with what a session taught"
-    build.add_argument("--model", type=Path, metavar="JSON", help=said)
-
-    said = "read every artefact back from disk and measure it, or check anybody's STEP file"
-    description = (
-        "A verdict per artefact; of STEP files named on the command line, dimensions and tolerances against "
-        "their geometry, read as text. Exit code 1 if one is out of tolerance, and its name."
-    )
-    check = add_command(commands, "check", _check, said, description, examples=("check", "check part.step"))
-    add_files(check, ", or STEP files")
-    # where to look, not where to write
-    check.add_argument("-o", dest="built", type=Path, default=Path("out"), metavar="DIR", help="default: out")
-    check.add_argument("--output", dest="built", type=Path, help=argparse.SUPPRESS)
-    add_only(check)
-    check.add_argument("--verbose", action="store_true", help="print every measurement, not only the verdicts")
 
 
 def _build(arguments: argparse.Namespace) -> Outcome:
@@ -95,3 +66,27 @@ def _check_step_files(paths: list[Path]) -> Outcome:
         record={"files": {str(path): good for path, good in zip(paths, passed, strict=True)}},
         code=0 if all(passed) else 1,
     )
+
+
+def _workshop(arguments: argparse.Namespace) -> Outcome:
+    from stepblocks.workshop.run import order_parts, route_table
+
+    told = telling(arguments, "drawn", lines=1000)
+    chosen = {name: getattr(arguments, name) for name in ("only", "capability", "masks")}
+    orders = order_parts(
+        arguments.files,
+        arguments.output,
+        **chosen,
+        announce=lambda one: told(name=f"{one.name}: {len(one.files)} files"),
+    )
+    missing = [f"MISSING {line}" for order in orders for line in order.missing]
+    return Outcome(
+        f"{sum(len(order.files) for order in orders)} files of {len(orders)} parts in {arguments.output}",
+        notes=[route_table(orders)] if any(order.routes for order in orders) else [],
+        code=1 if missing else 0,
+        failures=missing,
+        record={order.name: [str(path) for path in order.files] for order in orders},
+    )
+
+
+COMMANDS = {"build": _build, "check": _check, "workshop": _workshop}

@@ -6,39 +6,11 @@ import argparse
 import sysconfig
 from collections.abc import Iterator, Mapping
 from pathlib import Path
-from typing import Any
 
-from stepblocks.cli.arguments import add_command
 from stepblocks.cli.outcome import Outcome
 
-_THINGS = ("block", "crown", "tip", "study", "session", "sweep")
 # columns that a session's table of trials must have; the first row shows how
 _TRIALS = "trial,block,height_um,load_n,speed_mm_s,tip\n1,step-025,25,0.5,5,tip-125\n"
-
-
-def add_to(commands: Any) -> None:
-    """Register the commands."""
-    said = "a commented file to begin with"
-    description = "Write a file that is valid as it stands and says what can be changed; a session is a folder."
-    examples = ("new block mine.toml", "new crown", "new session bench-1", "new --shipped")
-    new = add_command(commands, "new", _new, said, description, examples=examples)
-    what = new.add_mutually_exclusive_group(required=True)
-    what.add_argument("thing", nargs="?", choices=_THINGS)
-    said = "copy the stimuli of the paper and all others that are shipped to DIR (default: stimuli) instead"
-    what.add_argument("--shipped", nargs="?", const=Path("stimuli"), type=Path, metavar="DIR", help=said)
-    new.add_argument("file", nargs="?", type=Path, metavar="FILE", help="where to (default: my-THING.toml, my-session)")
-
-    helped = add_command(commands, "help", _help, "how a command is used", examples=("help", "help export"))
-    helped.add_argument("about", nargs="*", metavar="COMMAND", help="such as build, or study design")
-
-    description = "Print a script that completes commands and options; your shell reads it at its start."
-    scripts = (
-        "completion bash > ~/.local/share/bash-completion/completions/stepblocks",
-        "completion zsh > ~/.zfunc/_stepblocks",
-    )
-    said = "completion of commands and options for a shell"
-    complete = add_command(commands, "completion", _completion, said, description, examples=scripts)
-    complete.add_argument("shell", choices=("bash", "zsh", "tcsh"))
 
 
 def _new(arguments: argparse.Namespace) -> Outcome:
@@ -119,3 +91,6 @@ def _completion(arguments: argparse.Namespace) -> Outcome:
 
     print(shtab.complete(make_parser(), arguments.shell))
     return Outcome("")
+
+
+COMMANDS = {"new": _new, "help": _help, "completion": _completion}

@@ -1,4 +1,4 @@
-"""``stepblocks predict``, ``drag`` and ``sweep``: what will be felt, as a table, in time, or in as many rows as one likes."""
+"""``stepblocks predict``, ``drag``, ``sweep`` and ``evidence``: what will be felt, and what others found."""
 
 from __future__ import annotations
 
@@ -6,106 +6,13 @@ import argparse
 import sys
 from collections.abc import Callable
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
-from stepblocks.cli.arguments import add_command, add_files, add_jobs, add_output, add_stimuli, given, quantity
+from stepblocks.cli.arguments import given, quantity
 from stepblocks.cli.outcome import Outcome, telling
 
 if TYPE_CHECKING:
     from stepblocks.predict.predictions import Prediction
-
-# Options, their dimensions, their defaults or None where what is dragged over brings one [SI], and what the help says
-_QUANTITIES: tuple[tuple[str, str, float | None, str], ...] = (
-    ("static-friction", "ratio", 0.0, "coefficient at rest; 0: as while sliding (default 0)"),
-    ("handle-mass", "mass", 0.1, "inertia of a pulled handle (default 100 g)"),
-    ("ring-time", "time", 40e-3, "time recorded after the release (default 40 ms)"),
-    ("sample-rate", "frequency", 10e3, "rows of the trace per second (default 10 kHz)"),
-    ("tip-radius", "length", None, "radius of the ball R (default: the set's first, or 125 um)"),
-    ("edge-radius", "length", None, "radius of a plain step's edge r (default 0 um)"),
-    ("step-height", "length", None, "step under a declared tip (default: the set's first)"),
-    ("load", "force", None, "normal load F_py (default: the set's first, or 1 N)"),
-    ("friction", "ratio", None, "coefficient of friction mu (default: the set's first, or 0.15)"),
-    ("stiffness", "stiffness", None, "tangential stiffness k (default: the set's, or 9.81 N/mm)"),
-    (
-        "frequency",
-        "frequency",
-        None,
-        "natural frequency, which gives the tip's mass (default: 300 Hz, or of the sheath)",
-    ),
-    ("damping-ratio", "ratio", None, "share of critical damping (default: 0.037, the paper's, or of the sheath)"),
-)
-
-
-def add_to(commands: Any) -> None:
-    """Register the commands."""
-    said = "critical angle, forces and vibration energy of stimulus sets, tables or unseen trials"
-    description = (
-        "Predict every stimulus under every tip, load and friction that its file asks for; or each row of a "
-        "table (CSV with units in its header); or unseen trials by a model that a measured session has taught."
-    )
-    examples = (
-        "predict mine.toml",
-        "predict mine.toml -o predictions.csv --plots plots",
-        "predict table.csv -o out.csv",
-        "predict trials.csv --model out/loop/model.json -o out.csv",
-    )
-    parser = add_command(commands, "predict", _predict, said, description, examples=examples)
-    add_files(parser, ", or one CSV table")
-    said = "as-built records of inspect, or folders of them, to predict with instead of the nominal"
-    parser.add_argument("--as-built", nargs="+", type=Path, default=[], metavar="RECORD", help=said)
-    add_output(parser, metavar="CSV", said="write a table with units in its header")
-    said = "model.json of stepblocks loop; FILE is a trials.csv"
-    parser.add_argument("--model", type=Path, metavar="JSON", help=said)
-    said = "draw energy against height, and maps of margins, there"
-    parser.add_argument("--plots", type=Path, metavar="DIR", help=said)
-    said = "constant: by the formula alone; simulated: a drag in time beside it (default: up to 10,000 rows)"
-    parser.add_argument("--conversion", choices=("constant", "simulated"), help=said)
-    said = "handle speed of those drags (default 5 mm/s)"
-    parser.add_argument("--speed", type=quantity("speed"), default=5e-3, metavar="Q", help=said)
-    said = "write how well neighbouring blocks are told apart"
-    parser.add_argument("--perception", type=Path, metavar="CSV", help=said)
-    said = "write to -o NEW.toml a set of N blocks that are equally spaced in predicted sensation instead of predicting"
-    parser.add_argument("--equally-felt", type=int, metavar="N", help=said)
-    _add_drag(commands)
-    _add_sweep(commands)
-
-
-def _add_drag(commands: Any) -> None:
-    said = "drag a tip over a step or a profile in time: force traces, release, ring and energy ledger"
-    description = (
-        "STIMULUS is a step height such as '25 um', a CSV with the columns x_um and z_um, or a declared block, "
-        "crown margin or tip: ID, SET/ID or FILE.toml/ID."
-    )
-    examples = (
-        "drag '25 um' --load '0.5 N'",
-        "drag mine.toml/step-050 -o out/drag --backward",
-        "drag profile.csv --pull '0.4 N'",
-    )
-    parser = add_command(commands, "drag", _drag, said, description, examples=examples)
-    parser.add_argument("stimulus", metavar="STIMULUS")
-    add_output(parser, "out/drag")
-    for name, dimension, default, said in _QUANTITIES:
-        parser.add_argument(f"--{name}", type=quantity(dimension), default=default, metavar="Q", help=said)
-    add_stimuli(parser)
-    ways = parser.add_mutually_exclusive_group()
-    speed, force = quantity("speed", above_zero=True), quantity("force", above_zero=True)
-    ways.add_argument("--speed", type=speed, metavar="Q", help="constant speed of the handle (default 5 mm/s)")
-    ways.add_argument("--pull", type=force, metavar="Q", help="constant pulling force on the handle instead")
-    said = "carry the load as figures 3 to 5 of the paper need it: on a carrier behind a round rod, 0.1 N, mu 0.1 (docs/drag.md)"
-    parser.add_argument("--setting", choices=("figures-3-to-5",), help=said)
-    said = "drag towards falling x: from the crown to the tooth, or down a step"
-    parser.add_argument("--backward", action="store_true", help=said)
-
-
-def _add_sweep(commands: Any) -> None:
-    said = "predict a grid or random design of steps, tips and settings into partitioned Parquet"
-    description = "Compute SWEEP.toml into DIR, one Parquet file per partition; finished ones are kept."
-    examples = ("sweep sweep.toml", "sweep sweep.toml -o out/sweep --jobs 4")
-    parser = add_command(commands, "sweep", _sweep, said, description, examples=examples)
-    parser.add_argument("sweep", type=Path, metavar="SWEEP.toml")
-    add_output(parser, "out/sweep")
-    add_jobs(parser, 1)
-    parser.add_argument("--scheduler", metavar="ADDRESS", help="a running Dask scheduler, such as tcp://host:8786")
 
 
 def _predict(arguments: argparse.Namespace) -> Outcome:
@@ -173,7 +80,7 @@ def _predict_sets(arguments: argparse.Namespace) -> Outcome:
             print(readable(sentence), file=sys.stderr)
         sets = [as_built.with_as_built(stimuli, records) for stimuli in sets]
     in_time = None if arguments.conversion is None else arguments.conversion == "simulated"
-    by_name = {stimuli.name: predict_all(stimuli, in_time, arguments.speed) for stimuli in sets}
+    by_name = {one.name: predict_all(one, in_time, **given(arguments, "speed")) for one in sets}
     if arguments.as_built:
         by_name = {s.name: tuple(as_built.by_surface(by_name[s.name], s, records)) for s in sets}
     predictions = [one for predictions in by_name.values() for one in predictions]
@@ -204,7 +111,7 @@ def _drag(arguments: argparse.Namespace) -> Outcome:
     from stepblocks.drag.run import drag_over
     from stepblocks.quantities import format_quantity
 
-    asked = given(arguments, *(name.replace("-", "_") for name, *_ in _QUANTITIES), "speed", "pull")
+    asked = {name: value for name, value in vars(arguments).items() if isinstance(value, float)}
     backward, where, setting = arguments.backward, arguments.stimuli, arguments.setting
     done = drag_over(arguments.stimulus, asked, backward=backward, stimuli=where, setting=setting)
     done.write(arguments.output)
@@ -240,3 +147,17 @@ def _sweep(arguments: argparse.Namespace) -> Outcome:
     said = f"{plan.rows} rows in {plan.partitions} partitions: {computed} computed, {found} found [{output}]"
     kept = [output / "sweep.json", *output.glob("part-*.parquet")]
     return Outcome(said, record={"rows": plan.rows, "computed": computed, "found": found}, kept=kept)
+
+
+def _evidence(arguments: argparse.Namespace) -> Outcome:
+    from stepblocks.evidence.compare import hold_against_evidence
+
+    found = hold_against_evidence(arguments.output, also=arguments.files)
+    shown = found.table.drop(columns=["said"]), found.resolutions.drop(columns=["setting"])
+    full = {"evidence": found.table.to_dict("records"), "resolutions": found.resolutions.to_dict("records")}
+    tables = {title: table.to_dict("records") for title, table in zip(full, shown, strict=True)}
+    return Outcome(found.finding(), tables, look=arguments.output / "evidence.html", record=full)
+
+
+READERS = {"ABOVE": quantity("speed", above_zero=True), "PULL": quantity("force", above_zero=True)}
+COMMANDS = {"predict": _predict, "drag": _drag, "sweep": _sweep, "evidence": _evidence}

@@ -3,110 +3,21 @@
 from __future__ import annotations
 
 import argparse
+import inspect
 import sys
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
 import stepblocks
-from stepblocks.cli import study_options as ask
-from stepblocks.cli.arguments import add_jobs, add_output, given, quantity
+from stepblocks.cli.arguments import PLACE, given, number, quantity
 from stepblocks.cli.outcome import Outcome
 from stepblocks.errors import PipelineError
-
-_ADAPTIVE = "study adaptive"
-_EXPERIMENTS = ("estimates", "virtual", "constant", "magnitude", "2afc")
-
-
-def add_to(commands: Any) -> None:
-    """Register the commands."""
-    parser = commands.add_parser(
-        "study",
-        help="design, run, simulate and analyse the experiments on people; how many participants",
-        description="The experiments on people: a design, run sheets, answers, a report; and the power of a study before it is run.",
-    )
-    jobs = parser.add_subparsers(title="commands", metavar="COMMAND", required=True)
-
-    said = "design.csv with every trial, and the key of the blinding codes"
-    design = ask.add_command(jobs, "design", _design, said, "blocks")
-    said = "experiment 1 (default), experiment 2, constant stimuli, or magnitude estimation; 2afc is constant"
-    design.add_argument("--experiment", choices=_EXPERIMENTS, help=said)
-    design.add_argument("--participants", type=ask.count, metavar="N", help="default: 10")
-    design.add_argument("--probes", type=ask.names, metavar="A,B,...", help="default: bare,hard,soft")
-    design.add_argument("--repetitions", type=ask.count, metavar="N", help="default: 3")
-    design.add_argument("--standard", metavar="ID", help="block that all others are compared with (constant)")
-    design.add_argument("--only", metavar="PATTERN", help="only these blocks")
-    design.add_argument("--seed", type=ask.whole, required=True, metavar="N", help="seed of all random choices")
-    add_output(design, "out/study", said="folder of the study")
-
-    ask.add_command(jobs, "sheet", _sheet, "blinded run sheets, to print and as CSV to fill in", "folder")
-
-    said = "lead a participant through the trials, in the browser or with a device; the same command goes on"
-    run = ask.add_command(jobs, "run", _conduct, said, "folder", "faces")
-    run.add_argument("--participant", required=True, metavar="N", help="whose run it is, as in the design")
-    said = "what moves the probe over virtual blocks (default: mouse, with the loudspeaker)"
-    run.add_argument("--device", choices=("mouse", "openhaptics", "dhd", "replay"), help=said)
-    run.add_argument("--library", metavar="PATH", help="the device's library, or the HDF5 that is replayed")
-    run.add_argument("--scale", type=float, metavar="S", help="magnification of all virtual blocks (default: 100)")
-    run.add_argument("--ratings", type=ask.scale, metavar="LOW-HIGH", help="scale of the ratings (default: 1-7)")
-    ask.add_place(run)
-    said = "of the page on this machine (default: a free one)"
-    run.add_argument("--port", type=ask.whole, default=0, metavar="N", help=said)
-    run.add_argument("--no-open", action="store_true", default=False, help="print the address and open no browser")
-
-    said = "let simulated participants fill in the run sheets"
-    simulate = ask.add_command(jobs, "simulate", _simulate, said, "folder", "faces")
-    ask.add_observer(simulate)
-    simulate.add_argument("--seed", type=ask.whole, required=True, metavar="N", help="seed of all chance")
-    add_output(simulate, metavar="CSV", said="answers to write (default: answers.csv in the folder)")
-
-    analyse = ask.add_command(jobs, "analyse", _analyse, "answers to results.csv and report.html")
-    analyse.add_argument("folder", type=Path, nargs="?", default=None, metavar="DIR", help="folder of the study")
-    said = "filled-in run sheets, or a folder of them"
-    analyse.add_argument("answers", type=Path, nargs="*", default=[], metavar="CSV", help=said)
-    said = "a table of your own, a folder of them, or a BIDS or psych-DS dataset; without DIR"
-    analyse.add_argument("--data", type=Path, nargs="+", metavar="PATH", help=said)
-    said = "your names of columns, such as participant=subject,condition=probe,height_mm=h,estimate_um=answer"
-    analyse.add_argument("--columns", type=ask.named, metavar="OURS=YOURS,...", help=said)
-    said = "kind of the judgements of --data (default: estimates)"
-    analyse.add_argument("--experiment", choices=_EXPERIMENTS, help=said)
-    said = "conditions that differ by less than this count as equivalent"
-    analyse.add_argument("--equivalent", type=quantity("length"), metavar="L", help=said)
-    said = "table of participant and group, such as dentists and students, to compare"
-    analyse.add_argument("--groups", type=Path, metavar="CSV", help=said)
-    add_output(analyse, said="folder of the report (default: report in the folder)")
-    analyse.add_argument("--ratings", type=ask.scale, metavar="LOW-HIGH", help="scale of the ratings (default: 1-7)")
-
-    said = "share of simulated studies that find a difference between conditions"
-    power = ask.add_command(jobs, "power", _power, said, "blocks")
-    power.add_argument("--experiment", choices=("estimates", "constant", "2afc"), help="default: estimates")
-    power.add_argument("--standard", metavar="ID", help="block that all others are compared with (constant)")
-    said = "conditions compared (default: those of --damping and --noisier)"
-    power.add_argument("--probes", type=ask.names, metavar="A,B,...", help=said)
-    said = "what is tested (default: absolute error)"
-    power.add_argument("--measure", choices=("absolute error", "bias", "spread"), help=said)
-    power.add_argument("--participants", type=ask.counts, metavar="N,N,...", help="default: 10")
-    power.add_argument("--repetitions", type=ask.counts, metavar="N,N,...", help="default: 3")
-    ask.add_observer(power)
-    power.add_argument("--analysis", choices=("mixed", "f-test"), help="default: mixed")
-    power.add_argument("--runs", type=ask.count, metavar="N", help="simulated studies per size (default: 200)")
-    power.add_argument("--seed", type=ask.whole, required=True, metavar="N", help="seed of all chance")
-    add_jobs(power, 1)
-    power.add_argument("--only", metavar="PATTERN", help="only these blocks")
-    add_output(power, metavar="CSV", said="write a table with units in its header")
-
-    said = "the study as BIDS, psych-DS, or conditions files of PsychoPy"
-    share = ask.add_command(jobs, "share", _share, said, "folder")
-    said = "run sheets, or a folder of them"
-    share.add_argument("answers", type=Path, nargs="*", default=[], metavar="CSV", help=said)
-    share.add_argument("--as", dest="form", choices=("bids", "psych-ds", "psychopy"), help="default: bids")
-    add_output(share, "out/dataset", said="folder of the dataset")
-
-    _add_adaptive(jobs)
 
 
 def _design(arguments: argparse.Namespace) -> Outcome:
     design = stepblocks.design_study(
-        ask.source_of(arguments), arguments.output, **ask.options(arguments, stepblocks.design_study)
+        _source(arguments), arguments.output, **_options(arguments, stepblocks.design_study)
     )
     trials, people = len(design.trials), int(design.trials[-1]["participant"])
     said = f"{arguments.output / 'design.csv'}: {trials} trials of {people} participants; {design.balance}"
@@ -122,7 +33,7 @@ def _sheet(arguments: argparse.Namespace) -> Outcome:
 
 def _simulate(arguments: argparse.Namespace) -> Outcome:
     output = arguments.output or arguments.folder / "answers.csv"
-    options = ask.options(arguments, stepblocks.simulate_study) | ask.observed(arguments)
+    options = _options(arguments, stepblocks.simulate_study) | _observed(arguments)
     number = stepblocks.simulate_study(arguments.folder, arguments.file, output, **options)
     return Outcome(f"{output}: {number} simulated answers", record={"answers": number})
 
@@ -134,7 +45,7 @@ def _analyse(arguments: argparse.Namespace) -> Outcome:
     if bool(data) == bool(arguments.answers) or (data and folder):
         raise PipelineError("a folder of a study with its answers must be given, or --data with a table of your own")
     output = arguments.output or (folder or Path("out/study")) / "report"
-    options = ask.options(arguments, stepblocks.analyse_study)
+    options = _options(arguments, stepblocks.analyse_study)
     result = stepblocks.analyse_study(folder, data or arguments.answers, output, **options)
     notes, said = [*result.notes, *result.remarks], headline(result)
     return Outcome(said, notes=notes, look=output / "report.html", record={"said": said, "notes": notes})
@@ -148,7 +59,7 @@ def _share(arguments: argparse.Namespace) -> Outcome:
 def _conduct(arguments: argparse.Namespace) -> Outcome:
     from stepblocks.study.conduct import RunServer
 
-    options = ask.options(arguments, stepblocks.open_run) | ask.place_of(arguments)
+    options = _options(arguments, stepblocks.open_run) | given(arguments, *PLACE)
     run = stepblocks.open_run(arguments.folder, arguments.participant, arguments.file, **options)
     server = RunServer(run, arguments.port)
     print(f"{run.path}: {run.answered} of {len(run.planned)} trials are answered")
@@ -166,40 +77,14 @@ def _conduct(arguments: argparse.Namespace) -> Outcome:
 
 
 def _power(arguments: argparse.Namespace) -> Outcome:
-    options = ask.options(arguments, stepblocks.study_power) | ask.observed(arguments)
-    table = stepblocks.study_power(ask.source_of(arguments), arguments.output, **options)
+    options = _options(arguments, stepblocks.study_power) | _observed(arguments)
+    table = stepblocks.study_power(_source(arguments), arguments.output, **options)
     return Outcome("", {"power": table.to_dict("records")})
-
-
-def _add_adaptive(jobs: Any) -> None:
-    parser = jobs.add_parser("adaptive", help="QUEST+ or a staircase, trial by trial, resumable and blinded")
-    steps = parser.add_subparsers(title="commands", metavar="COMMAND", required=True)
-
-    said = "setup.json and the key of the blinding codes"
-    start = ask.add_command(steps, "start", _start, said, "blocks", within=_ADAPTIVE)
-    start.add_argument("--standard", required=True, metavar="ID", help="block that the others are compared with")
-    start.add_argument("--method", choices=("quest", "staircase", "training"), help="default: quest")
-    start.add_argument("--participants", type=ask.count, metavar="N", help="default: 10")
-    start.add_argument("--trials", type=ask.count, metavar="N", help="most per participant (default: 60)")
-    start.add_argument("--reversals", type=ask.count, metavar="N", help="a staircase ends after so many (default: 12)")
-    start.add_argument("--seed", type=ask.whole, required=True, metavar="N", help="seed of codes and orders")
-    add_output(start, "out/study", said="folder of the study")
-
-    for name, said, run in (
-        ("run", "ask trial after trial at the keyboard; q stops, the same command goes on", _run),
-        ("undo", "take the last answer back; the same pair is asked again", _undo),
-        ("result", "thresholds and Weber fractions; writes what study analyse reads", _result),
-    ):
-        step = ask.add_command(steps, name, run, said, "folder", within=_ADAPTIVE)
-        if name != "result":
-            step.add_argument(
-                "--participant", type=ask.count, required=True, metavar="N", help="number of the participant"
-            )
 
 
 def _start(arguments: argparse.Namespace) -> Outcome:
     study = stepblocks.start_adaptive(
-        ask.source_of(arguments), arguments.output, **ask.options(arguments, stepblocks.start_adaptive)
+        _source(arguments), arguments.output, **_options(arguments, stepblocks.start_adaptive)
     )
     said = f"{study.plan.method} with {len(study.plan.compared)} blocks against the standard, {study.participants} participants"
     most = f"at most {study.plan.trials} trials each"
@@ -238,3 +123,100 @@ def _result(arguments: argparse.Namespace) -> Outcome:
 
     then = f"then: stepblocks study analyse {arguments.folder} {arguments.folder / 'answers.csv'}"
     return Outcome(then, {"thresholds": results(arguments.folder).to_dict("records")})
+
+
+def _heights(text: str) -> tuple[float, ...]:
+    """Read heights in micrometres [m]."""
+    return tuple(quantity("length")(part if part.strip(" 0123456789.") else f"{part} um") for part in text.split(","))
+
+
+def _source(arguments: argparse.Namespace) -> Any:
+    """Return the stimulus file or the heights, of which one must be given."""
+    asked = getattr(arguments, "heights", None)
+    if (arguments.file is None) == (asked is None):
+        raise PipelineError("a stimulus FILE or --heights must be given, got " + ("both" if asked else "neither"))
+    return asked or arguments.file
+
+
+def _options(arguments: argparse.Namespace, function: Callable[..., Any]) -> dict[str, Any]:
+    """Return the options that were given and that a function takes by their names."""
+    takes = inspect.signature(function).parameters.values()
+    return given(arguments, *(one.name for one in takes if one.kind is one.KEYWORD_ONLY))
+
+
+def _observed(arguments: argparse.Namespace) -> dict[str, Any]:
+    """Return what `add_observer` asked for as keywords of the functions that simulate."""
+    from stepblocks.study.simulate import Observer
+
+    observer = Observer(**given(arguments, *vars(Observer())))
+    return {"observer": observer, **given(arguments, *PLACE)}
+
+
+_whole = number(0, 10**18 - 1)
+_count = number(1, 100_000)
+
+
+def _counts(text: str) -> tuple[int, ...]:
+    """Read numbers separated by commas."""
+    return tuple(_count(part.strip()) for part in text.split(","))
+
+
+def _names(text: str) -> tuple[str, ...]:
+    """Read names separated by commas."""
+    found = tuple(part.strip() for part in text.split(","))
+    if not all(name and name.replace("-", "").isalnum() for name in found):
+        raise argparse.ArgumentTypeError(
+            f"must be names of letters, digits and hyphens, separated by commas, got {text!r:.60}"
+        )
+    return found
+
+
+def _scale(text: str) -> tuple[int, int]:
+    """Read the ends of a scale."""
+    low, dash, high = text.partition("-")
+    if not dash or _whole(low) >= _whole(high):
+        raise argparse.ArgumentTypeError(f"must be LOW-HIGH such as 1-7, got {text!r:.40}")
+    return _whole(low), _whole(high)
+
+
+def _pairs(text: str, what: str) -> dict[str, str]:
+    parts = [part.strip().partition("=") for part in text.split(",")]
+    if not all(name and equals and value for name, equals, value in parts):
+        raise argparse.ArgumentTypeError(f"must be {what}, separated by commas, got {text!r:.60}")
+    return {name: value for name, _, value in parts}
+
+
+def _named(text: str) -> dict[str, str]:
+    """Read names for columns."""
+    return _pairs(text, "ours=theirs")
+
+
+def _shares(text: str) -> dict[str, float]:
+    if text.endswith(".toml"):
+        from stepblocks.predict.sheaths import damping_of
+
+        return damping_of(text)
+    return {name: quantity("ratio")(value) for name, value in _pairs(text, "name=share").items()}
+
+
+READERS = {
+    "A,B,...": _names,
+    "A=X,B=Y": _shares,
+    "H,H,...": _heights,
+    "LOW-HIGH": _scale,
+    "N,N,...": _counts,
+    "OURS=YOURS,...": _named,
+}
+COMMANDS = {
+    "study design": _design,
+    "study sheet": _sheet,
+    "study run": _conduct,
+    "study simulate": _simulate,
+    "study analyse": _analyse,
+    "study power": _power,
+    "study share": _share,
+    "study adaptive start": _start,
+    "study adaptive run": _run,
+    "study adaptive undo": _undo,
+    "study adaptive result": _result,
+}

@@ -253,7 +253,7 @@ def drag_over(
     given = {**usual, **(values or {})}
     settings = {name: given[name] for name in _OF_SETTINGS if name in given} | settings
     if pull := given.get("pull"):
-        settings |= {"speed": 0.0, "pulling_force": pull, "handle_mass": given["handle_mass"]}
+        settings |= {"speed": 0.0, "pulling_force": pull, "handle_mass": given.get("handle_mass", 0.1)}
         settings["handle_damping"] = _GUIDE_DAMPING
     found = subject_of(subject, given, backward, stimuli)
     point = found.point

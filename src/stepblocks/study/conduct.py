@@ -172,10 +172,14 @@ class Run:
                 write_motion(self.path.with_suffix("") / name, servo, told)
                 self._running = None
             line = csv_text([sheet_rows([row])[0] | given]).splitlines()[1]
-            with self.path.open("a", encoding="utf-8") as file:
-                file.write(f"{line}\n")
-                file.flush()
-                os.fsync(file.fileno())
+            with self.path.open("ab", buffering=0) as file:
+                before = file.tell()
+                try:
+                    file.write(f"{line}\n".encode())
+                    os.fsync(file.fileno())
+                except BaseException:
+                    file.truncate(before)  # the same trial is asked again
+                    raise
             self.answered += 1
 
     def close(self) -> None:
