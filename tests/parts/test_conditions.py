@@ -69,7 +69,9 @@ def test_the_bending_stiffness_of_a_sleeve_is_that_of_a_tube():
     hard = SHEATHS.sheath[0]
     outer, bore = hard.outer_diameter.nominal, hard.bore.nominal
     # second moment of an annulus, pi (D^4 - d^4) / 64
-    assert hard.sleeve.bending_stiffness == pytest.approx(hard.material.modulus.value * math.pi * (outer**4 - bore**4) / 64.0)
+    assert hard.sleeve.bending_stiffness == pytest.approx(
+        hard.material.modulus.value * math.pi * (outer**4 - bore**4) / 64.0
+    )
     assert hard.sleeve.line_mass * hard.sleeve.length == pytest.approx(hard.mass)
 
 
