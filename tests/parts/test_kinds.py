@@ -22,9 +22,8 @@ from stepblocks.parts.shapes import build_solids, convex_pieces, mesh_solid
 from stepblocks.select import stimulus_files
 
 ROOT = Path(__file__).resolve().parents[2]
-GROOVES = Path(__file__).with_name("grooves.toml")
 SCANS = scanned_set(Path(tempfile.mkdtemp()), stations=2, more='vertical_discrepancy = "100 um"')
-SETS = [load_set(path) for path in (*stimulus_files(ROOT / "stimuli"), GROOVES, SCANS)]
+SETS = [load_set(path) for path in (*stimulus_files(ROOT / "stimuli"), SCANS)]
 PARTS = [pytest.param(part, id=f"{stimuli.name}/{part.id}") for stimuli in SETS for part in stimuli.stimuli]
 CROSSED = [one for one in PARTS if one.values[0].crossed]
 BLOCKS = [one for one in PARTS if isinstance(one.values[0], Block)]
@@ -34,7 +33,6 @@ FORMS = [
     "gap-020-lip",
     "gap-050-bevelled",
     "crown-shoulder",
-    "groove-036",
     "molar-1",
     "tip-029",
     "hook-125",

@@ -15,7 +15,6 @@ from stepblocks.parts.declared import Identity, Table, rules_validator
 from stepblocks.parts.energy_tolerance import toleranced
 from stepblocks.parts.kind import Part
 from stepblocks.parts.kinds.crown_on_tooth import CrownOnTooth
-from stepblocks.parts.kinds.grooved_cylinder import GroovedCylinder
 from stepblocks.parts.kinds.margin import MarginBlock
 from stepblocks.parts.kinds.scanned_margin import ScannedMargin
 from stepblocks.parts.kinds.sheath import Sheath
@@ -24,7 +23,7 @@ from stepblocks.parts.kinds.tips import HookTip, StraightTip
 
 # The kinds, in the order in which a set holds them; a new one stands here
 SHIPPED: tuple[type[Part], ...] = (
-    *(StepBlock, MarginBlock, CrownOnTooth, ScannedMargin, GroovedCylinder),
+    *(StepBlock, MarginBlock, CrownOnTooth, ScannedMargin),
     *(StraightTip, HookTip, Sheath),
 )
 _more: list[type[Part]] = []
