@@ -9,7 +9,6 @@ from stepblocks.contact.operating_point import PAPER
 from stepblocks.declare import load_declared, load_set
 from stepblocks.errors import StimulusError
 from stepblocks.parts.conditions import PredictionGrid, ToolSpec
-from stepblocks.parts.kinds.step_block import StepBlock
 from stepblocks.parts.set import StimulusSet, with_energy_tolerances
 
 STIMULI = Path(__file__).resolve().parents[2] / "stimuli"
@@ -76,7 +75,7 @@ def test_the_bending_stiffness_of_a_sleeve_is_that_of_a_tube():
 
 
 def test_a_set_answers_by_stanza_and_by_kind():
-    assert TEN.step_block == TEN.of(StepBlock) == TEN.stimuli
+    assert TEN.step_block == TEN.stimuli
     assert TEN.hook_tip == ()
     with pytest.raises(AttributeError, match="no attribute 'step_blocks'"):
         _ = TEN.step_blocks

@@ -3,7 +3,7 @@
 from collections import Counter
 from collections.abc import Iterable, Iterator, Mapping
 from contextlib import contextmanager
-from typing import Annotated, Any, Self, TypeVar
+from typing import Annotated, Any, Self
 
 from pydantic import BeforeValidator, Field, create_model
 
@@ -27,7 +27,6 @@ SHIPPED: tuple[type[Part], ...] = (
     *(StraightTip, HookTip, Sheath),
 )
 _more: list[type[Part]] = []
-P = TypeVar("P", bound=Part)
 
 
 def kinds() -> dict[str, type[Part]]:
@@ -43,11 +42,6 @@ def registered(kind: type[Part]) -> Iterator[None]:
     ----------
     kind : type of Part
         The kind; see `Part` for what it answers.
-
-    Yields
-    ------
-    None
-        While it is known.
 
     Raises
     ------
@@ -81,10 +75,6 @@ class StimulusSet(Table):
         if name not in kinds():
             raise AttributeError(f"{type(self).__name__} has no attribute {name!r}")
         return tuple(part for part in self.stimuli if part.stanza == name)
-
-    def of(self, kind: type[P]) -> tuple[P, ...]:
-        """Parts of one kind."""
-        return tuple(part for part in self.stimuli if isinstance(part, kind))
 
     def with_parts(self, parts: Iterable[Part]) -> Self:
         """Return the set with other parts under the same conditions."""

@@ -18,25 +18,15 @@ import math
 from abc import abstractmethod
 from collections.abc import Iterator
 from dataclasses import replace
-from typing import Annotated, Any, ClassVar
+from typing import Any, ClassVar
 
 from stepblocks import cad
 from stepblocks.contact.counterface import Margin
 from stepblocks.contact.operating_point import Tissue, Tool
 from stepblocks.parts.body import Block, Body, body_cuts, half_points, half_volume, strip_volume
 from stepblocks.parts.characteristics import PROFILE, Characteristic, EdgeRule, FaceRule, form_of, plane, toleranced
-from stepblocks.parts.declared import (
-    MaterialField,
-    Sourced,
-    Table,
-    WorkingFaces,
-    below,
-    must,
-    positive,
-    rules_validator,
-    sourced,
-    usual,
-)
+from stepblocks.parts.conditions import Gum
+from stepblocks.parts.declared import MaterialField, WorkingFaces, below, must, rules_validator, usual
 from stepblocks.parts.kind import NANOMETRE, Finding, MeasuredMesh, Part, exaggeration
 from stepblocks.parts.shapes import hull, split
 from stepblocks.parts.tolerance import ANGULAR_DEVIATION, Dimension, PositiveLength, SignedLength
@@ -45,31 +35,6 @@ from stepblocks.quantities import format_quantity
 _ACROSS = "profilometer or microscope"
 # largest clinically acceptable absolute marginal discrepancy [m] (the paper; McLean and von Fraunhofer 1971 say 120 um)
 _CLINICAL_LIMIT = 100e-6
-
-
-class Gum(Table):
-    """Gum beside the margin: a soft wall, Kelvin and Voigt's, that the flank of the tool presses in and rubs along."""
-
-    indentation: Annotated[float, positive("length")] = 0.2e-3  # by the tool; a gentle touch, assumed [m]
-    contact: Annotated[float, positive("length")] = 1e-3  # of the flank with the gum along the tool; assumed [m]
-    shear_modulus: Annotated[Sourced, sourced("pressure")] = Sourced(
-        83e3, "pressure", "masticatory mucosa, mean of patients: Wakabayashi, Suzuki 2013, doi 10.1177/1758736013483298"
-    )
-    loss_factor: Annotated[Sourced, sourced("ratio")] = Sourced(
-        0.3, "ratio", "assumed at 300 Hz; the relaxation that is published takes minutes"
-    )
-    friction: Annotated[Sourced, sourced("ratio")] = Sourced(0.1, "ratio", "assumed: wet with saliva")
-
-    def tissue(self, frequency: float) -> Tissue:
-        """Return the wall at the frequency of a ring [Hz].
-
-        A long tool on an incompressible half space: ``N = pi/4 E* L d`` with ``E* = 4 G`` (Popov 2017, Contact Mechanics and
-        Friction, 2.3.2), tangential over normal stiffness ``2 (1 - nu) / (2 - nu) = 2/3`` (Mindlin); damping ``eta k / w``.
-        """
-        normal = math.pi * self.shear_modulus.value * self.contact
-        stiffness = 2.0 / 3.0 * normal
-        damping = self.loss_factor.value * stiffness / (math.tau * frequency)
-        return Tissue(stiffness, damping, self.friction.value * normal * self.indentation)
 
 
 class CrownMargin(Part):
