@@ -144,10 +144,10 @@ def _part_sheet(stimulus: Part, order: OrderSpec) -> Sheet:
     # what no view shows is said in words, with its number
     left = [(key, n, one) for key, (n, one) in sheet.listed.items() if n not in sheet.numbers]
     lines = [(f"{n}  {one.label}: {sheet.limits(key)}", key) for key, n, one in left]
-    if stimulus.has_working_faces and stimulus.face_demands.defaults:
-        notes.append(demands_by_default(stimulus))
-    if governing and not stimulus.has_working_faces:
-        rough = stimulus.face_demands.roughness * 1e6
+    if stimulus.has_working_faces:
+        notes += filter(None, [demands_by_default(stimulus)])
+    elif governing:
+        rough = stimulus.face_demands["roughness"].upper * 1e6
         notes.append(f"Ra {rough:.2f} um or better where a tip touches, from the tolerance of the {governing}.")
     lines += [(note, "") for note in notes]
     rows = min(len(lines), _MOST_ROWS)

@@ -16,7 +16,7 @@ import shapely.affinity
 
 from stepblocks.atomic import beside
 from stepblocks.parts.kinds.step_block import StepBlock
-from stepblocks.parts.lettering import engraved_text, letters, text_width
+from stepblocks.parts.lettering import letters, text_width
 from stepblocks.tables import write_table
 
 GRID = 1e-3  # to which every corner is rounded; all lengths of this file are micrometres
@@ -100,7 +100,7 @@ def _open(block: StepBlock, place: tuple[float, float], named: bool) -> Shape:
     else:
         face = face.difference(shapely.box(-near - wide, lane[0], -near, lane[1]))
     if named:  # in the corner of the upper face that lies furthest from the lane of the drag
-        text, high = engraved_text(block.id), 1000.0
+        text, high = block.id.upper(), 1000.0
         middle = half - 500.0 - 0.5e6 * text_width(text, high * 1e-6), -side + 500.0 + 0.5 * high
         face = face.union(_lettered(text, high, middle))
     return shapely.affinity.translate(face, *place)
