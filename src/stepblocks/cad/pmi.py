@@ -1,8 +1,4 @@
-"""The kernel's door for tolerances: semantic product and manufacturing information in a STEP file.
-
-What OpenCASCADE writes here does not conform yet (untyped limits, a density that is none): `stepblocks.artefacts.step.write`
-mends it.
-"""
+"""The kernel's door for semantic tolerances in a STEP file; what does not conform yet, `stepblocks.artefacts.step.write` mends."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass

@@ -1,10 +1,4 @@
-"""The apparatus of the paper's figure 2 as a kit: what a file declares of it, and the parts that follow.
-
-A carriage runs on two shafts across the edge. Under it hangs a pair of leaves, the flexure that strain gauges read, and under that a
-pivot parallel to the edge, at the height of the tip: a pull there has no lever about it, so pull and load do not mix. The arm is
-balanced about the pivot; a dead weight on the explorer's shank stands over the tip, and the cord of the pull runs at the tip's
-height through the tip. Beside it stands the rig of experiment 1: a clamp for the shank, jaws for the sheath, a slide that lets go.
-"""
+"""The apparatus of the paper's figure 2 as a kit (docs/workshop.md): what a file declares of it, and the parts that follow."""
 
 import math
 from collections.abc import Iterator, Sequence

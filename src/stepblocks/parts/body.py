@@ -242,14 +242,12 @@ def half_points(body: Body, side: float, top: float, crest: Sequence[Point]) -> 
 
 
 def half_volume(body: Body, extent: float, top: float) -> float:
-    """Volume of the part of a block on one side of its edge: a box with every edge broken but the four at the section.
-
-    The horizontal slice at an inset s from the chamfers is ``(extent - s)(width - 2 s)`` less two triangles of leg ``c - 2 s``.
-    """
+    """Volume of the part of a block on one side of its edge: a box with every edge broken but the four at the section."""
     width, c = body.width.nominal, body.edge_break.nominal
     height = top + body.thickness.nominal
 
-    def rectangle(s: float) -> float:  # antiderivative of (extent - s)(width - 2 s)
+    # the slice at an inset s from the chamfers is (extent - s)(width - 2 s) less two triangles of leg c - 2 s
+    def rectangle(s: float) -> float:  # antiderivative of that product
         return extent * width * s - (2.0 * extent + width) * s * s / 2.0 + 2.0 * s**3 / 3.0
 
     # two corner triangles, leg^2 / 2 each; the leg vanishes at s = c / 2

@@ -1,8 +1,4 @@
-"""What a workshop must hold: every characteristic of a part, numbered once for STEP, drawing and inspection sheet.
-
-Each names the faces, or the edges between two faces, that carry it; the faces of a gap may belong to two bodies. What no
-face carries (where a sheath sits on the shank, the opening of a bevelled margin over a chamfer) is a note.
-"""
+"""What a workshop must hold: the characteristics of a part, numbered once for all files, with the faces that carry them."""
 
 from __future__ import annotations
 

@@ -85,11 +85,9 @@ class Gum(Table):
     friction: Annotated[Sourced, sourced("ratio")] = Sourced(0.1, "ratio", "assumed: wet with saliva")
 
     def tissue(self, frequency: float) -> Tissue:
-        """Return the wall at the frequency of a ring [Hz].
-
-        A long tool on an incompressible half space: ``N = pi/4 E* L d`` with ``E* = 4 G`` (Popov 2017, Contact Mechanics and
-        Friction, 2.3.2), tangential over normal stiffness ``2 (1 - nu) / (2 - nu) = 2/3`` (Mindlin); damping ``eta k / w``.
-        """
+        """Return the wall at the frequency of a ring [Hz]."""
+        # a long tool on an incompressible half space: N = pi/4 E* L d with E* = 4 G (Popov 2017, Contact Mechanics and Friction,
+        # 2.3.2), tangential over normal stiffness 2 (1 - nu) / (2 - nu) = 2/3 (Mindlin); damping eta k / w
         normal = math.pi * self.shear_modulus.value * self.contact
         stiffness = 2.0 / 3.0 * normal
         damping = self.loss_factor.value * stiffness / (math.tau * frequency)

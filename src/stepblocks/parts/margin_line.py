@@ -1,8 +1,4 @@
-"""The margin line of a scanned tooth or crown: stations along it, and how tooth and crown run on from it on either side.
-
-A scan errs by more than a gap: what is taken from it is the slope and the curvature of either side, least squares over a
-millimetre; whatever it shows of a gap or of a step is not.
-"""
+"""The margin line of a scanned tooth or crown: stations along it, and how tooth and crown run on from it on either side."""
 
 from __future__ import annotations
 
@@ -30,12 +26,8 @@ _OUTLYING = 4.0  # robust standard deviations beyond which a sample is debris or
 def stations_in(
     path: Path, scale: float, margin: list[list[float]], count: int, towards: Sequence[float], shows: str
 ) -> dict[str, Any]:
-    """Measure `count` sections across a margin; called in the confined process.
-
-    Lengths of the file and of picked points times `scale` are metres; `towards` points roughly from the root to the crown, and
-    the scan `shows` the tooth, the crown or both. Each row of ``stations`` is place x, y, z [m], curvature of the tooth [1/m],
-    slope against the tooth [rad] and curvature of the crown, and scatter of the scan about both [m].
-    """
+    """Measure `count` sections across a margin, each x, y, z, curvature, slope, curvature and scatter [SI]; in a confined process."""
+    # a scan errs by more than a gap: only slope and curvature of either side are taken from it, by least squares
     import trimesh
     from scipy.spatial import cKDTree
 
@@ -126,11 +118,8 @@ def _section(mesh: Any, near: NDArray[np.int64], place: Array, along: Array, mid
 
 
 def _sides(sections: list[Array], shows: str) -> tuple[str, list[float]]:
-    """Name of the side that is not there, if any; curvature of the tooth, slope and curvature of the crown, scatter.
-
-    Sections beside each other share their shape, and each has a level of its own. The frame is turned until the tooth is level at
-    the margin; where only the crown is shown, until that is.
-    """
+    """Name of the side that is not there, if any; curvature of the tooth, slope and curvature of the crown, scatter."""
+    # sections share their shape, each at a level of its own, in a frame turned until the tooth, or else the crown, is level
     points, which = np.concatenate(sections), np.repeat(np.arange(_SECTIONS), [len(one) for one in sections])
     fit, scatter = np.zeros(_SECTIONS + 4), 0.0
     for _ in range(6):  # the turn converges by a factor of a hundred each time

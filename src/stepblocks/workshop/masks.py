@@ -1,8 +1,4 @@
-"""Masks of etched steps: one GDSII layer for each etch, with depth monitors, alignment marks and labels.
-
-Where the heights are multiples of one depth, etches of 1, 2, 4, ... times that depth add up to each of them, which takes fewer
-masks than heights; the etch floor is the lower face, so what is open is the lower side of a block and its groove.
-"""
+"""Masks of etched steps: one GDSII layer for each etch, with depth monitors, alignment marks and labels."""
 
 import math
 from collections.abc import Iterator, Sequence
@@ -31,6 +27,7 @@ Shape = Any  # a polygon of shapely, or several
 
 def etch_plan(heights: Sequence[float]) -> dict[float, list[int]]:
     """Depth of each etch [m], with the indices of the heights [m] that it adds to."""
+    # heights that are multiples of one depth add up from etches of 1, 2, 4, ... times it: fewer masks than heights
     nanometres = [round(height * 1e9) for height in heights]
     unit = math.gcd(*nanometres)
     bits = (max(nanometres) // unit).bit_length()

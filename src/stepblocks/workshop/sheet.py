@@ -1,8 +1,4 @@
-"""A sheet of drawing paper: lines, texts, true dimensions, balloons, frames and the title block.
-
-Everything is in millimetres of paper. A dimension measures what is drawn and divides by the scale of its view, so what it
-prints is the part; the DIMENSION entity keeps value and tolerance, where they can be read back.
-"""
+"""A sheet of drawing paper [mm]: lines, texts, dimensions that measure what is drawn and keep their tolerance, the title block."""
 
 import math
 from collections.abc import Iterable, Sequence

@@ -1,15 +1,4 @@
-"""The junction of crown and tooth in the terms of Holmes et al. (1989), as a bench block; what the crown on its tooth shares.
-
-Seen in a section through the tooth's axis, x runs along the path of draw from the root to the crown and z outwards. The
-cavosurface angle of the tooth, where its finish line meets its outer surface, is the origin; the tooth's outer surface is z = 0.
-The margin of the crown is the corner (v, h):
-
-- marginal gap g: between the crown's fitting surface and the finish line, measured across the opening;
-- vertical discrepancy v: from the cavosurface angle to the crown's margin along the path of draw. It equals g where the crown ends
-  square; larger, its margin is bevelled back at 45 degrees; smaller, a lip narrows the gap; negative, the lip has slid over the tooth;
-- horizontal discrepancy h: outwards; positive is an overextended margin, negative an underextended one;
-- absolute marginal discrepancy: the hypotenuse of v and h.
-"""
+"""The junction of crown and tooth in the terms of Holmes et al. (1989; docs/stimuli.md), as a block, and what crowns share."""
 
 from __future__ import annotations
 
@@ -38,7 +27,7 @@ _CLINICAL_LIMIT = 100e-6
 
 
 class CrownMargin(Part):
-    """What both forms share."""
+    """What all forms share: x along the path of draw from root to crown, z outwards, the tooth's cavosurface angle at the origin."""
 
     felt_by: ClassVar = {"gap": "marginal_gap", "rise": "horizontal_discrepancy", "opening": "vertical_discrepancy"}
 
@@ -131,10 +120,7 @@ class MarginBlock(CrownMargin, Block):
         return [cad.kernel.cut(body, body_cuts(self.body, self.id, self.rise))]
 
     def volumes(self) -> tuple[float, ...]:
-        """Halves on either side of x = 0 at their own heights, less the gap, corrected at the crown's corner.
-
-        Every cut of the section lies at heights where the chamfers of the sides narrow the block; strips are integrated exactly.
-        """
+        """Halves on either side of x = 0 at their own heights, less the gap, corrected at the crown's corner."""
         body, half, depth = self.body, 0.5 * self.body.length.nominal, self.gap_depth.nominal
         g, v, h = self.marginal_gap.nominal, self.opening.nominal, self.rise
         volume = half_volume(body, half, 0.0) + half_volume(body, half, h)
