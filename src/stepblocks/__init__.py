@@ -2,8 +2,8 @@
 
 Everything a command does, a notebook can. The names below are the public face, in the order in which data walks through them:
 
-- asked for: `load_set`, `StimulusSet`, `StepBlock`, `MarginBlock`, `CrownOnTooth`, `ScannedMargin`, `GroovedCylinder`, `StraightTip`,
-  `HookTip`, `Sheath`, `Dimension`; `registered` for a kind of one's own;
+- asked for: `load_set`, `StimulusSet`, `StepBlock`, `MarginBlock`, `CrownOnTooth`, `ScannedMargin`, `StraightTip`, `HookTip`,
+  `Sheath`, `Dimension`; `registered` for a kind of one's own;
 - shaped: `build_solids`, `mesh_solid`, `convex_pieces`, `height_field`;
 - made and checked: `build_sets`, `BuildReport`, `check_output`, `check_artefact`, `check_step`, `Verdict`, `order_parts`;
 - met by a slider: `Counterface`, `Step`, `Margin`, `Groove`, `Profile`, under an `OperatingPoint` with its `Tool`; the paper's

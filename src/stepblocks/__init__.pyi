@@ -40,7 +40,6 @@ from .inspect.run import inspect_standard as inspect_standard
 from .loop.run import loop_session as loop_session
 from .loop.several import loop_sessions as loop_sessions
 from .parts.kinds.crown_on_tooth import CrownOnTooth as CrownOnTooth
-from .parts.kinds.grooved_cylinder import GroovedCylinder as GroovedCylinder
 from .parts.kinds.margin import MarginBlock as MarginBlock
 from .parts.kinds.scanned_margin import ScannedMargin as ScannedMargin
 from .parts.kinds.sheath import Sheath as Sheath

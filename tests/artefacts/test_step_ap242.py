@@ -19,7 +19,6 @@ from stepblocks.artefacts.step.faces import faces_of
 from stepblocks.artefacts.step.read import check_part_step
 from stepblocks.artefacts.step.write import write_step_ap242
 from stepblocks.declare import load_set
-from stepblocks.errors import StimulusError
 from stepblocks.parts.characteristics import EdgeRule, find_face
 from stepblocks.parts.shapes import build_solids, mesh_solid
 
@@ -184,7 +183,7 @@ vertical_discrepancy = {{ nominal = "{vertical}", tolerance = "+3 um / -2 um" }}
 horizontal_discrepancy = {{ nominal = "90 um", tolerance = "10 um" }}
 margin_radius = "4 mm"
 finish_line = {{ kind = "{finish}", width = {{ nominal = "{width}", tolerance = "0.05 mm" }} }}
-taper = {{ nominal = "{taper}", tolerance = "0.5 deg" }}
+taper = {{ nominal = "6 deg", tolerance = "0.5 deg" }}
 preparation_height = "5 mm"
 root_length = "8 mm"
 internal_gap = {{ nominal = "60 um", tolerance = "15 um" }}
@@ -192,28 +191,21 @@ shell_thickness = "1.5 mm"
 """
 
 
-def crown(tmp_path, finish, vertical, taper):
+def crown(tmp_path, finish, vertical):
     path = tmp_path / "crowns.toml"
     width = "0 mm" if finish == "feather-edge" else "0.8 mm"
     head = 'schema = 1\nset = "crowns"\ntitle = "crowns"\nsource = "made up"\n[prediction]\n'
     loads = 'tip_radii = ["60 um"]\nnormal_loads = ["0.3 N"]\nfrictions = [0.15]\n'
-    path.write_text(head + loads + CROWN.format(finish=finish, width=width, vertical=vertical, taper=taper))
+    path.write_text(head + loads + CROWN.format(finish=finish, width=width, vertical=vertical))
     (stimulus,) = load_set(path).stimuli
     return stimulus
 
 
-def test_a_feather_edge_without_taper_has_no_finish_line_and_is_refused(tmp_path):
-    with pytest.raises(StimulusError, match="taper must exceed 0 deg for a feather-edge"):
-        crown(tmp_path, "feather-edge", "10 um", "0 deg")
-
-
 @pytest.mark.parametrize(
-    ("finish", "vertical", "taper"),
-    [("shoulder", "80 um", "6 deg"), ("chamfer", "-60 um", "6 deg"), ("shoulder", "50 um", "0 deg")],
-    ids=["bevelled", "lipped", "without taper"],
+    ("finish", "vertical"), [("shoulder", "80 um"), ("chamfer", "-60 um")], ids=["bevelled", "lipped"]
 )
-def test_every_form_of_a_crown_is_dimensioned_checked_and_meshed_true_to_its_margin(finish, vertical, taper, tmp_path):
-    stimulus = crown(tmp_path, finish, vertical, taper)
+def test_every_form_of_a_crown_is_dimensioned_checked_and_meshed_true_to_its_margin(finish, vertical, tmp_path):
+    stimulus = crown(tmp_path, finish, vertical)
     bodies = build_solids(stimulus)
     write_step_ap242(tmp_path / "crown.step", stimulus, bodies)
     report, findings = check_part_step(tmp_path / "crown.step", stimulus)

@@ -14,7 +14,7 @@ from stepblocks.contact.operating_point import PAPER, Tissue
 from stepblocks.declare import load_set
 from stepblocks.drag.run import drag_over
 from stepblocks.errors import ContactError, PipelineError
-from stepblocks.parts.kinds.margin import Gum
+from stepblocks.parts.conditions import Gum
 from stepblocks.predict.predictions import dragged, predict_all
 
 STIMULI = Path(__file__).resolve().parents[2] / "stimuli"

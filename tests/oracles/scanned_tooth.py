@@ -70,7 +70,7 @@ def scanned_set(folder, mesh=None, margin=MARGIN, stations=3, more="", unit="mm"
     written = (mesh or scan()).copy()
     written.apply_scale(scale)
     written.export(folder / f"tooth.{form}")
-    picked = '"rim"' if margin == "rim" else [[scale * float(x) for x in point] for point in margin]
+    picked = [[scale * float(x) for x in point] for point in margin]
     path = folder / "scans.toml"
     path.write_text(SET.format(form=form, unit=unit, margin=picked, stations=stations, more=more))
     return path

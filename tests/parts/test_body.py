@@ -19,7 +19,7 @@ from stepblocks.parts.body import (
     strip_volume,
 )
 from stepblocks.parts.kinds.step_block import StepBlock
-from stepblocks.parts.lettering import engraved_text, letters, text_width
+from stepblocks.parts.lettering import letters, text_width
 from stepblocks.parts.shapes import hull
 
 BLOCK = load_set(Path(__file__).resolve().parents[2] / "stimuli" / "paper-ten.toml").stimuli[4]
@@ -151,4 +151,3 @@ def test_a_line_is_as_long_as_its_letters():
     assert text_width("AB", 1e-3) == pytest.approx(text_width("A", 1e-3) + text_width("B", 1e-3))
     assert text_width("A B", 1e-3) > text_width("AB", 1e-3)
     assert letters(" ", 1e-3) == []
-    assert engraved_text("gap-050-lip") == "GAP-050-LIP"

@@ -9,7 +9,6 @@ from stepblocks.contact.operating_point import PAPER
 from stepblocks.declare import load_declared, load_set
 from stepblocks.errors import StimulusError
 from stepblocks.parts.conditions import PredictionGrid, ToolSpec
-from stepblocks.parts.kinds.step_block import StepBlock
 from stepblocks.parts.set import StimulusSet, with_energy_tolerances
 
 STIMULI = Path(__file__).resolve().parents[2] / "stimuli"
@@ -69,12 +68,14 @@ def test_the_bending_stiffness_of_a_sleeve_is_that_of_a_tube():
     hard = SHEATHS.sheath[0]
     outer, bore = hard.outer_diameter.nominal, hard.bore.nominal
     # second moment of an annulus, pi (D^4 - d^4) / 64
-    assert hard.sleeve.bending_stiffness == pytest.approx(hard.material.modulus.value * math.pi * (outer**4 - bore**4) / 64.0)
+    assert hard.sleeve.bending_stiffness == pytest.approx(
+        hard.material.modulus.value * math.pi * (outer**4 - bore**4) / 64.0
+    )
     assert hard.sleeve.line_mass * hard.sleeve.length == pytest.approx(hard.mass)
 
 
 def test_a_set_answers_by_stanza_and_by_kind():
-    assert TEN.step_block == TEN.of(StepBlock) == TEN.stimuli
+    assert TEN.step_block == TEN.stimuli
     assert TEN.hook_tip == ()
     with pytest.raises(AttributeError, match="no attribute 'step_blocks'"):
         _ = TEN.step_blocks

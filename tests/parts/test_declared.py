@@ -92,7 +92,6 @@ def test_a_tip_is_toleranced_on_the_steps_of_its_set(tmp_path):
             "energy_tolerance of 1 % can be kept by no tolerance at R 125 um, H 25 um, mu 0.15: the workshop holds",
         ),
         ('{ within = "10 %", friction = 0.05 }', "the given uncertainty of friction alone"),
-        ('{ within = "10 %", finest = { height = "5 um" } }', "the workshop holds height to 5 um"),
         ('"200 %"', "must lie between 0 and 100 %"),
         ('{ within = "10 %", colour = 1 }', "energy_tolerance.colour is not a known field"),
         ('{ within = "10 %", friction = -0.1 }', "must not be negative"),

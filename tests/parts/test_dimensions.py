@@ -172,5 +172,5 @@ def test_stated_demands_replace_only_themselves():
 
     stated = WorkingFaces.model_validate({"flatness": "0.3 um"})
     demands = face_demands(stated, 2e-6)
-    assert (demands.flatness, demands.parallelism, demands.roughness) == pytest.approx((0.3e-6, 1e-6, 0.1e-6))
-    assert demands.defaults == ("parallelism", "roughness")
+    assert [zone.upper for zone in demands.values()] == pytest.approx([0.3e-6, 1e-6, 0.1e-6])
+    assert [name for name, zone in demands.items() if zone.usual] == ["parallelism", "roughness"]

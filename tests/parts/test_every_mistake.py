@@ -255,7 +255,6 @@ def test_what_hangs_on_a_misspelt_name_is_looked_at_as_if_it_were_right(tmp_path
         ('[[step_block]]\nid = "a"\nheight = "13 um"', ("height", 13e-6, 1e-6)),
         ('[[margin_block]]\nid = "a"\nmarginal_gap = "50 um"', ("marginal_gap", 50e-6, 2e-6)),
         ('[[crown_on_tooth]]\nid = "a"\nmarginal_gap = "50 um"', ("marginal_gap", 50e-6, 10e-6)),
-        ('[[grooved_cylinder]]\nid = "a"\ngroove_width = "36 um"', ("groove_width", 36e-6, 2e-6)),
         ('[[straight_tip]]\nid = "a"\nball_radius = "125 um"', ("ball_radius", 125e-6, 2e-6)),
         ('[[hook_tip]]\nid = "a"\nball_radius = "60 um"', ("ball_radius", 60e-6, 2e-6)),
     ],

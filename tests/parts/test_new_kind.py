@@ -105,7 +105,7 @@ def test_it_is_declared_by_its_own_stanza_and_series(pins):
     stimuli = load_set(pins[0])
     (pin,) = stimuli.collared_pin
     assert (pin.id, pin.collar_height.nominal, pin.material.name) == ("collar-050", 50e-6, "brass")
-    assert stimuli.of(CollaredPin) == (pin,)
+    assert stimuli.stimuli == (pin,)
 
 
 def test_it_is_built_checked_and_shown(pins):

@@ -74,17 +74,6 @@ def test_a_scanned_crown_without_a_tooth_goes_on_straight_and_our_own_crowns_are
         assert part.station.tooth_curvature_per_m == part.station.crown_slope_rad == 0.0
 
 
-def test_the_margin_of_an_open_crown_is_its_rim(tmp_path):
-    side = scan(noise=0.0, low=0.0)
-    top, apex = np.flatnonzero(side.vertices[:, 2] > side.vertices[:, 2].max() - 1e-9), len(side.vertices)
-    lid = np.column_stack([top, np.roll(top, -1), np.full(len(top), apex)])
-    open_crown = trimesh.Trimesh(np.vstack([side.vertices, [[0, 0, 3]]]), np.vstack([side.faces, lid]), process=False)
-    picked = load_set(scanned_set(tmp_path / "picked", open_crown, more='shows = "crown"')).scanned_margin
-    rim = load_set(scanned_set(tmp_path / "rim", open_crown, "rim", more='shows = "crown"')).scanned_margin
-    for one, other in zip(picked, rim, strict=True):
-        assert other.station.crown_curvature_per_m == pytest.approx(one.station.crown_curvature_per_m, rel=0.02)
-
-
 @pytest.fixture(scope="module")
 def built(tmp_path_factory):
     folder = tmp_path_factory.mktemp("scan")
@@ -119,20 +108,17 @@ def test_it_is_dragged_over_in_both_directions(built, tmp_path):
         ({"unit": "m"}, "unit must make the mesh a tooth of 2 to 150 mm, got"),
         ({"mesh": "gone.stl"}, "file cannot be read: No such file or directory [gone.stl]"),
         ({"mesh": "../tooth.stl"}, "mesh must be an STL or PLY file in the folder of the set"),
-        ({"margin": "rim", "shows": "crown"}, "margin must close round the tooth, a rim or points of which"),
         ({"margin": [*MARGIN[:4], [-4.0, -0.1, 0.0], [-4.0, -0.2, 0.0]]}, "margin must close round the tooth"),
         ({"margin": [[x, y, 8.0] for x, y, _ in MARGIN]}, "margin must lie on the mesh within 0.5 mm, got"),
-        ({"margin": MARGIN[:4]}, "margin: must be 'rim', or a list of 6 or more points [x, y, z] in order"),
-        ({"margin": "rim"}, "shows must be 'tooth' or 'crown' where the margin is the rim"),
-        ({"margin": "line.csv"}, "margin: must be 'rim', or a list of"),
+        ({"margin": MARGIN[:4]}, "margin: must be a list of 6 or more points [x, y, z] in order"),
+        ({"margin": "line.csv"}, "margin: must be a list of"),
         ({"crown_towards": [1.0, 0.0, 0.0]}, "crown_towards must leave the plane of the margin"),
         ({"vertical_discrepancy": "50 um"}, "vertical_discrepancy must not be less than marginal_gap on a scan"),
         ({"station": 3}, "station is worked out from the mesh"),
     ],
 )
 def test_what_cannot_be_a_margin_is_one_line_and_exit_two(tmp_path, capsys, changes, said):
-    closed = trimesh.creation.cylinder(4.0, 5.0)
-    path = scanned_set(tmp_path, closed if "shows" in changes else scan(noise=0.0))
+    path = scanned_set(tmp_path, scan(noise=0.0))
     stanza = path.read_text().split("[[scanned_margin]]\n")
     kept = [line for line in stanza[1].splitlines() if line.split(" = ")[0] not in changes]
     added = [

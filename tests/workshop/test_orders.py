@@ -16,7 +16,7 @@ from stepblocks.workshop import drawing
 from stepblocks.workshop.drawing import VIEWS, write_drawing
 from stepblocks.workshop.gauge_route import GRADES, choose_pair
 from stepblocks.workshop.routes import processes
-from stepblocks.workshop.run import Order, order_parts, route_table
+from stepblocks.workshop.run import Order, order_parts, route_lines
 
 STIMULI = Path(__file__).parents[2] / "stimuli"
 
@@ -83,12 +83,11 @@ def test_a_folder_that_is_a_link_is_not_written_through(linked, tmp_path):
 
 def test_the_table_of_routes_has_a_line_for_each_with_its_note(tmp_path):
     orders = order_parts(STIMULI / "paper-ten.toml", tmp_path, only="step-010")
-    head, _, rule, *lines = route_table([*orders, Order("a/tip", (), ())]).splitlines()
-    assert head.split()[:2] == ["part", "route"]
-    assert set(rule) == {"-"}
+    lines = route_lines([*orders, Order("a/tip", (), ())])
+    assert {line["part"] for line in lines} == {"paper-ten/step-010"}
     assert len(lines) == len(processes()) - 1 + len(GRADES)
-    assert sum("grind, then lap both faces" in line for line in lines) == 1
-    assert sum("wring 1.000 mm and 1.010 mm side by side" in line for line in lines) == len(GRADES)
+    assert sum("grind, then lap both faces" in line["note"] for line in lines) == 1
+    assert sum("wring 1.000 mm and 1.010 mm side by side" in line["note"] for line in lines) == len(GRADES)
 
 
 def test_the_sheet_and_the_drawing_number_alike(orders):

@@ -68,9 +68,10 @@ def zone_text(zone: float) -> str:
 
 
 def demands_by_default(stimulus: Part) -> str:
-    """Say which demands on the working faces nobody has stated."""
-    named, field = ", ".join(stimulus.face_demands.defaults), stimulus.governed_by.replace("_", " ")
-    return f"Not stated in the order, so by default from the tolerance of the {field}: {named}."
+    """Say which demands on the working faces nobody has stated, if any."""
+    named = ", ".join(name for name, zone in stimulus.face_demands.items() if zone.usual)
+    field = stimulus.governed_by.replace("_", " ")
+    return named and f"Not stated in the order, so by default from the tolerance of the {field}: {named}."
 
 
 def sheet_table(stimulus: Part, measured: Values | None = None) -> pd.DataFrame:

@@ -17,7 +17,6 @@ from stepblocks.build.manifest import RECORD, linked
 from stepblocks.contact import kernels
 from stepblocks.contact.energy import Release, Status
 from stepblocks.page_file import render_page
-from stepblocks.parts.kinds.step_block import StepBlock
 from stepblocks.parts.set import StimulusSet
 from stepblocks.predict.predictions import Prediction, figures_of
 from stepblocks.predict.sheaths import conditions_of, decay_test_rows, ring_rows
@@ -160,7 +159,7 @@ def _summary(predictions: Sequence[Prediction]) -> Iterator[str]:
 
 def _figure(stimuli: StimulusSet) -> str | None:
     """Draw step blocks on the curves of equations (1) and (2) at the first tip and largest load, as JSON for plotly."""
-    blocks = sorted(stimuli.of(StepBlock), key=lambda one: one.height.nominal)
+    blocks = sorted(stimuli.step_block, key=lambda one: one.height.nominal)
     if not blocks:
         return None
     grid = stimuli.prediction

@@ -1,8 +1,4 @@
-"""The CAD kernel behind a narrow door: this module alone imports cadquery, and it alone thinks in millimetres.
-
-Everything that goes in or comes out is in metres. An outline is a list of points, and of pairs (middle point, end point)
-where an arc leads on; it closes by itself.
-"""
+"""The CAD kernel behind a narrow door: this module alone imports cadquery, and thinks in millimetres; all that passes is metres."""
 
 import math
 from collections.abc import Callable, Sequence
@@ -28,7 +24,7 @@ from stepblocks.errors import MetrologyError, SolidError
 
 _MM = 1e3  # metres to the kernel's millimetres
 Point = Sequence[float]
-Outline = Sequence[Any]
+Outline = Sequence[Any]  # points, and pairs (middle point, end point) where an arc leads on; it closes by itself
 Body: TypeAlias = Any  # a solid as the kernel holds it [mm]; opaque to every other module
 
 
@@ -184,10 +180,7 @@ def face_kinds(body: Body) -> tuple[Face, ...]:
 
 
 def tessellate(body: Body, deflection: Callable[[Face], float]) -> Tessellation:
-    """Tessellate with an absolute chordal error per face.
-
-    cadquery's own ``tessellate`` is relative to the size of each edge: a 3 mm ball at 1e-3 sags 5 um. Here ``Relative`` is off.
-    """
+    """Tessellate with an absolute chordal error per face: cadquery's own is relative, and a 3 mm ball at 1e-3 sags 5 um."""
     BRepTools.Clean_s(body.wrapped)
     faces, described = body.Faces(), face_kinds(body)
     along_edges = min(map(deflection, described))

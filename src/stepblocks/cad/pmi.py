@@ -1,14 +1,11 @@
-"""The kernel's door for tolerances: semantic product and manufacturing information in a STEP file.
-
-What OpenCASCADE writes here does not conform yet (untyped limits, a density that is none): `stepblocks.artefacts.step.write`
-mends it.
-"""
+"""The kernel's door for semantic tolerances in a STEP file; what does not conform yet, `stepblocks.artefacts.step.write` mends."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Literal
 
+from OCP import XCAFDimTolObjects
 from OCP.BRep import BRep_Builder
 from OCP.BRepBuilderAPI import BRepBuilderAPI_MakeEdge
 from OCP.gp import gp_Ax2, gp_Dir, gp_Pnt
@@ -23,13 +20,6 @@ from OCP.TDF import TDF_AttributeIterator, TDF_Label, TDF_LabelSequence
 from OCP.TDocStd import TDocStd_Document
 from OCP.TopLoc import TopLoc_Location
 from OCP.TopoDS import TopoDS_Compound
-from OCP.XCAFDimTolObjects import (
-    XCAFDimTolObjects_DatumObject,
-    XCAFDimTolObjects_DimensionObject,
-    XCAFDimTolObjects_DimensionType,
-    XCAFDimTolObjects_GeomToleranceObject,
-    XCAFDimTolObjects_GeomToleranceType,
-)
 from OCP.XCAFDoc import XCAFDoc_Datum, XCAFDoc_Dimension, XCAFDoc_DocumentTool, XCAFDoc_GeomTolerance
 
 from stepblocks.cad.kernel import Body
@@ -134,7 +124,6 @@ class _Document:
         self._tolerances = XCAFDoc_DocumentTool.DimTolTool_s(self.document.Main())
         self._materials = XCAFDoc_DocumentTool.MaterialTool_s(self.document.Main())
         self._bodies: list[tuple[TDF_Label, list[Any]]] = []
-        self._datums: dict[tuple[int, int], TDF_Label] = {}
 
     def add_body(self, name: str, body: Body, designation: str, density: float) -> None:
         label = self._shapes.AddShape(body.wrapped, False)
@@ -167,9 +156,8 @@ class _Document:
 
     def add_dimension(self, dimension: PmiDimension) -> None:
         label = self._tolerances.AddDimension()
-        content = XCAFDimTolObjects_DimensionObject()
-        name = f"XCAFDimTolObjects_DimensionType_{_OF_DIMENSION[dimension.kind]}"
-        content.SetType(getattr(XCAFDimTolObjects_DimensionType, name))
+        content = XCAFDimTolObjects.XCAFDimTolObjects_DimensionObject()
+        content.SetType(_named("DimensionType", _OF_DIMENSION[dimension.kind]))
         # angles stand in radians, the unit that the kernel writes
         unit = 1.0 if dimension.kind in ("cone", "angle") else _MM
         content.SetValue(dimension.nominal * unit)
@@ -184,9 +172,8 @@ class _Document:
 
     def add_tolerance(self, tolerance: PmiTolerance) -> None:
         label = self._tolerances.AddGeomTolerance()
-        content = XCAFDimTolObjects_GeomToleranceObject()
-        name = f"XCAFDimTolObjects_GeomToleranceType_{tolerance.kind.capitalize()}"
-        content.SetType(getattr(XCAFDimTolObjects_GeomToleranceType, name))
+        content = XCAFDimTolObjects.XCAFDimTolObjects_GeomToleranceObject()
+        content.SetType(_named("GeomToleranceType", tolerance.kind.capitalize()))
         content.SetValue(tolerance.zone * _MM)
         _present(content, tolerance.callout)
         _attribute(label, XCAFDoc_GeomTolerance).SetObject(content)
@@ -195,17 +182,19 @@ class _Document:
             self._tolerances.SetDatumToGeomTol(self._datum(tolerance.body, *tolerance.datum), label)
 
     def _datum(self, body: int, letter: str, face: int) -> TDF_Label:
-        if (body, face) not in self._datums:
-            label = self._tolerances.AddDatum()
-            content = XCAFDimTolObjects_DatumObject()
-            content.SetName(TCollection_HAsciiString(letter))
-            content.SetPosition(1)
-            _attribute(label, XCAFDoc_Datum).SetObject(content)
-            faces = TDF_LabelSequence()
-            faces.Append(self._item(PmiItem(body, face)))
-            self._tolerances.SetDatum(faces, label)
-            self._datums[body, face] = label
-        return self._datums[body, face]
+        label = self._tolerances.AddDatum()
+        content = XCAFDimTolObjects.XCAFDimTolObjects_DatumObject()
+        content.SetName(TCollection_HAsciiString(letter))
+        content.SetPosition(1)
+        _attribute(label, XCAFDoc_Datum).SetObject(content)
+        faces = TDF_LabelSequence()
+        faces.Append(self._item(PmiItem(body, face)))
+        self._tolerances.SetDatum(faces, label)
+        return label
+
+
+def _named(kind: str, name: str) -> Any:
+    return getattr(getattr(XCAFDimTolObjects, f"XCAFDimTolObjects_{kind}"), f"XCAFDimTolObjects_{kind}_{name}")
 
 
 def _shared_edge(first: Any, second: Any) -> Any:

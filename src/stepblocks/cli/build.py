@@ -69,7 +69,7 @@ def _check_step_files(paths: list[Path]) -> Outcome:
 
 
 def _workshop(arguments: argparse.Namespace) -> Outcome:
-    from stepblocks.workshop.run import order_parts, route_table
+    from stepblocks.workshop.run import order_parts, route_lines
 
     told = telling(arguments, "drawn", lines=1000)
     chosen = {name: getattr(arguments, name) for name in ("only", "capability", "masks")}
@@ -82,7 +82,7 @@ def _workshop(arguments: argparse.Namespace) -> Outcome:
     missing = [f"MISSING {line}" for order in orders for line in order.missing]
     return Outcome(
         f"{sum(len(order.files) for order in orders)} files of {len(orders)} parts in {arguments.output}",
-        notes=[route_table(orders)] if any(order.routes for order in orders) else [],
+        tables={"Routes": route_lines(orders)},
         code=1 if missing else 0,
         failures=missing,
         record={order.name: [str(path) for path in order.files] for order in orders},

@@ -6,6 +6,7 @@ import argparse
 import sysconfig
 from collections.abc import Iterator, Mapping
 from pathlib import Path
+from typing import Any
 
 from stepblocks.cli.outcome import Outcome
 

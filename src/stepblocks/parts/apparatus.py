@@ -1,13 +1,7 @@
-"""The apparatus of the paper's figure 2 as a kit: what a file declares of it, and the parts that follow.
-
-A carriage runs on two shafts across the edge. Under it hangs a pair of leaves, the flexure that strain gauges read, and under that a
-pivot parallel to the edge, at the height of the tip: a pull there has no lever about it, so pull and load do not mix. The arm is
-balanced about the pivot; a dead weight on the explorer's shank stands over the tip, and the cord of the pull runs at the tip's
-height through the tip. Beside it stands the rig of experiment 1: a clamp for the shank, jaws for the sheath, a slide that lets go.
-"""
+"""The apparatus of the paper's figure 2 as a kit (docs/workshop.md): what a file declares of it, and the parts that follow."""
 
 import math
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from typing import Annotated, Any
 
@@ -131,15 +125,14 @@ def box(low: Point3, high: Point3) -> Box:
     return Box(mm(*low), mm(*high))
 
 
-def _part(name: str, title: str, material: str, *boxes: Box, bores: list[Round] | None = None, **more: Any) -> Machined:
-    solid = {"boxes": boxes, "bores": tuple(bores or ()), "title": title}
+def _part(name: str, title: str, material: str, *boxes: Box, bores: Sequence[Round] = (), **more: Any) -> Machined:
+    solid = {"boxes": boxes, "bores": tuple(bores), "title": title}
     return Machined.model_validate({"id": name, "material": material, **solid, **more})
 
 
 def _bought(name: str, title: str, rod: Round, hole: float = 0.0, *, material: str = "steel", **more: Any) -> Machined:
-    holes = (replace(rod, diameter=hole, upper=0.0, lower=0.0),) if hole else ()
-    made = {"id": name, "title": title, "material": material, "rods": (rod,), "bores": holes}
-    return Machined.model_validate({**made, **more})
+    holes = [replace(rod, diameter=hole, upper=0.0, lower=0.0)] if hole else []
+    return _part(name, title, material, bores=holes, rods=(rod,), **more)
 
 
 def _frame(top: float) -> list[Machined]:
@@ -185,7 +178,7 @@ def _carriage(top: float) -> list[Machined]:
 
 
 def _yoke() -> list[Machined]:
-    """Make two ears with the ball bearings of the pivot, and its axle."""
+    """Two ears, with the ball bearings of the pivot, and its axle."""
     boxes = box((-56, -11, 28), (-24, 11, 36)), box((-48, -11, -6), (-32, -5, 28)), box((-48, 5, -6), (-32, 11, 28))
     bores = [bore("z", mm(x, 0, 28), 3.4e-3, 8e-3) for x in (-52.0, -28.0)]
     bores += [bore("y", mm(-40, y, 0), 10e-3, 4e-3, "H7") for y in (-11.0, 7.0)]
@@ -215,7 +208,6 @@ def _arm() -> list[Machined]:
 
 
 def _dead_weight(mass: float) -> Machined:
-    """Make a disc over the tip, on the shank of the explorer."""
     area = 0.25 * math.pi * (24e-3**2 - 2.5e-3**2)
     rod = Round("z", mm(0, 0, 22), 24e-3, mass / (8470.0 * area))
     said = f"weight {mass * 1e3:g} g, class M1 (OIML R 111-1), bored 2.5"

@@ -25,7 +25,7 @@ from stepblocks.parts.characteristics import (
 )
 from stepblocks.parts.declared import Table, WorkingFaces, below, must, rules_validator, usual
 from stepblocks.parts.kind import Part
-from stepblocks.parts.lettering import engraved_text, letters, text_width
+from stepblocks.parts.lettering import letters, text_width
 from stepblocks.parts.tolerance import Dimension, Length, PositiveLength
 
 Point = tuple[float, float]
@@ -162,7 +162,7 @@ class Block(Part):
         body, letter = self.body, self.body.engraving.height.nominal
         broken = 2.0 * body.edge_break.nominal
         room = body.length.nominal - broken
-        width = text_width(engraved_text(self.id), letter)
+        width = text_width(self.id.upper(), letter)
         yield must(width < room, "engraving.height", f"let {self.id!r} fit the front", letter * room / width, letter)
         low = 0.6 * (body.thickness.nominal - broken)
         yield below("engraving.height", "leave room over and under the letters", letter, low)
@@ -213,7 +213,7 @@ def _hole(body: Body, x: float) -> cad.kernel.Body:
 def _engraving(body: Body, identity: str) -> Iterator[cad.kernel.Body]:
     middle, start = -0.5 * body.thickness.nominal, -0.5 * body.width.nominal - 0.1 * _OVER
     cut = (0.0, body.engraving.depth.nominal + 0.1 * _OVER, 0.0)
-    for outlines in letters(engraved_text(identity), body.engraving.height.nominal):
+    for outlines in letters(identity.upper(), body.engraving.height.nominal):
         outer, *holes = ([(float(u), start, middle + float(v)) for u, v in outline] for outline in outlines)
         yield cad.kernel.extruded(outer, cut, holes)
 
@@ -242,14 +242,12 @@ def half_points(body: Body, side: float, top: float, crest: Sequence[Point]) -> 
 
 
 def half_volume(body: Body, extent: float, top: float) -> float:
-    """Volume of the part of a block on one side of its edge: a box with every edge broken but the four at the section.
-
-    The horizontal slice at an inset s from the chamfers is ``(extent - s)(width - 2 s)`` less two triangles of leg ``c - 2 s``.
-    """
+    """Volume of the part of a block on one side of its edge: a box with every edge broken but the four at the section."""
     width, c = body.width.nominal, body.edge_break.nominal
     height = top + body.thickness.nominal
 
-    def rectangle(s: float) -> float:  # antiderivative of (extent - s)(width - 2 s)
+    # the slice at an inset s from the chamfers is (extent - s)(width - 2 s) less two triangles of leg c - 2 s
+    def rectangle(s: float) -> float:  # antiderivative of that product
         return extent * width * s - (2.0 * extent + width) * s * s / 2.0 + 2.0 * s**3 / 3.0
 
     # two corner triangles, leg^2 / 2 each; the leg vanishes at s = c / 2
@@ -271,7 +269,7 @@ def cut_volume(body: Body, identity: str, rise: float) -> float:
         bore = body.thickness.nominal - depth
         holes = math.fsum(math.pi * (drill * drill * bore + entry * entry * (depth + top)) for top in (0.0, rise))
     area = 0.0
-    for outer, *inner in letters(engraved_text(identity), body.engraving.height.nominal):
+    for outer, *inner in letters(identity.upper(), body.engraving.height.nominal):
         area += _shoelace(outer) - math.fsum(map(_shoelace, inner))
     return holes + area * body.engraving.depth.nominal
 

@@ -1,8 +1,4 @@
-"""What a workshop must hold: every characteristic of a part, numbered once for STEP, drawing and inspection sheet.
-
-Each names the faces, or the edges between two faces, that carry it; the faces of a gap may belong to two bodies. What no
-face carries (where a sheath sits on the shank, the opening of a bevelled margin over a chamfer) is a note.
-"""
+"""What a workshop must hold: the characteristics of a part, numbered once for all files, with the faces that carry them."""
 
 from __future__ import annotations
 
@@ -138,19 +134,23 @@ def plane(axis: int, at: float, body: int | None = None, **holds: float) -> Face
 def form_of(demands: FaceDemands, low: FaceRule, high: FaceRule, lower: str, upper: str) -> Iterator[Characteristic]:
     """State flatness and parallelism of the two working faces."""
     how = "interferometer, form of the face, minimum zone"
-    flat, level = demands.states["flatness"], demands.states["parallelism"]
     for key, said, face in (("flatness_lower", lower, low), ("flatness_upper", upper, high)):
-        label = f"flatness, {said}"
-        yield Characteristic(key, label, "flatness", 0.0, 0.0, demands.flatness, 0, (face,), how, states=flat)
-    label, zone, faces = f"parallelism, {upper} to A", demands.parallelism, (high, low)
-    yield Characteristic("parallelism", label, "parallelism", 0.0, 0.0, zone, 0, faces, how, states=level)
+        yield _largest(key, f"flatness, {said}", "flatness", demands, (face,), how)
+    yield _largest("parallelism", f"parallelism, {upper} to A", "parallelism", demands, (high, low), how)
 
 
 def texture_of(demands: FaceDemands, low: FaceRule, high: FaceRule) -> Characteristic:
     """State the largest roughness of the working faces."""
-    label, how = "roughness Ra, working faces", "profilometer or interferometer, ISO 21920-2"
-    faces, states = (low, high), demands.states["roughness"]
-    return Characteristic("roughness", label, "roughness", 0.0, 0.0, demands.roughness, 0, faces, how, states=states)
+    how = "profilometer or interferometer, ISO 21920-2"
+    return _largest("roughness", "roughness Ra, working faces", "roughness", demands, (low, high), how)
+
+
+def _largest(
+    key: str, label: str, kind: Kind, demands: FaceDemands, faces: tuple[Rule, ...], how: str
+) -> Characteristic:
+    zone = demands[kind]
+    states = () if zone.usual else (zone,)
+    return Characteristic(key, label, kind, 0.0, 0.0, zone.upper, 0, faces, how, states=states)
 
 
 def located(key: str, label: str, at: float, *faces: Rule) -> Characteristic:

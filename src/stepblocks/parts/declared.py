@@ -1,8 +1,8 @@
 """What stanzas are made of beside dimensions: tables, names, values with their source, materials, demands on working faces."""
 
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
-from typing import Annotated, Any
+from typing import Annotated, Any, TypeAlias
 
 from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, model_validator
 
@@ -185,23 +185,12 @@ class WorkingFaces(Table):
     roughness: Zone | None = None  # largest Ra; default a twentieth of that band, at least 0.05 um
 
 
-@dataclass(frozen=True)
-class FaceDemands:
-    """Form and texture of the working faces in force."""
-
-    flatness: float  # m
-    parallelism: float  # m
-    roughness: float  # m
-    defaults: tuple[str, ...]  # names of those that the file leaves to their default
-    states: Mapping[str, tuple[Dimension, ...]]  # what the file declares of each
+FaceDemands: TypeAlias = dict[str, Dimension]  # flatness, parallelism and roughness of the working faces in force
 
 
 def face_demands(stated: WorkingFaces | None, band: float) -> FaceDemands:
-    """Fill up what a file leaves open from the tolerance band [m] of the height."""
+    """Fill up what a file leaves open from the tolerance band [m] of the height, and mark it as usual."""
     rough = max(round(band * 1e6 / 20.0, 2), 0.05) / 1e6
-    usual = {"flatness": 0.25 * band, "parallelism": 0.5 * band, "roughness": rough}
-    said = {} if stated is None else {name: one for name, one in stated if one is not None}
-    values = {name: said[name].upper if name in said else value for name, value in usual.items()}
-    defaults = tuple(name for name in usual if name not in said)
-    states = {name: (said[name],) if name in said else () for name in usual}
-    return FaceDemands(**values, defaults=defaults, states=states)
+    widths = {"flatness": 0.25 * band, "parallelism": 0.5 * band, "roughness": rough}
+    zones = {name: Dimension(0.0, width, 0.0, usual=True) for name, width in widths.items()}
+    return zones | {name: zone for name, zone in stated or () if zone is not None}

@@ -20,6 +20,9 @@ from stepblocks.parts.tolerance import Dimension
 from stepblocks.quantities import parse_quantity
 
 Condition: TypeAlias = tuple[Step, OperatingPoint]
+# Smallest deviations to either side that can be made and measured, assumed: somewhat less than two wrung gauge blocks hold,
+# and about what an arc fit on a profile resolves [m]
+_FINEST = {"height": 0.1e-6, "edge_radius": 0.5e-6, "ball_radius": 0.5e-6}
 
 
 def _share(raw: object) -> float:
@@ -27,16 +30,6 @@ def _share(raw: object) -> float:
     if not 0.0 < value < 1.0:
         raise ValueError(f"must lie between 0 and 100 %, got {raw!r}")
     return value
-
-
-class Finest(Table):
-    """Smallest deviations to either side that can be made and measured; what is left out is assumed."""
-
-    # somewhat less than two wrung gauge blocks hold
-    height: Annotated[float, positive("length", or_zero=True)] = 0.1e-6
-    # about what an arc fit on a profile resolves
-    edge_radius: Annotated[float, positive("length", or_zero=True)] = 0.5e-6
-    ball_radius: Annotated[float, positive("length", or_zero=True)] = 0.5e-6
 
 
 class EnergyTolerance(Table):
@@ -47,13 +40,11 @@ class EnergyTolerance(Table):
     ball_radius: Annotated[float, positive("length", or_zero=True)] | None = None
     friction: Ratio = 0.0  # of mu, spent before the block's share [1]
     normal_load: Ratio = 0.0  # as a share of the load, spent likewise [1]
-    finest: Finest = Finest()
 
     def record(self) -> dict[str, Any]:
         """Write it out in full for JSON."""
         told = {"within": self.within, "ball_radius_deviation_m": self.ball_radius, "friction_deviation": self.friction}
         told["normal_load_deviation_share"] = self.normal_load
-        told |= {f"finest_{name}_m": value for name, value in self.finest}
         return {name: value for name, value in told.items() if value is not None}
 
 
@@ -108,12 +99,11 @@ def toleranced(part: Part, grid: PredictionGrid, set_name: str) -> Part:
         raise PipelineError(f"energy_tolerance needs a condition of the prediction that releases, got none {place}")
     free, fixed = [name for name, one in part.sizes.items() if one.by_energy], _fixed(part, energy)
     free += ["ball_radius"] if energy.ball_radius is None else []
-    finest = {name: getattr(energy.finest, name) for name in free}
     plans = []
     for face, at in felt:
         where = f"R {at.ball_radius * 1e6:g} um, H {face.height * 1e6:g} um, mu {at.friction:g}"
         try:
-            plan = tolerances_for_energy(face, at, energy.within, finest=finest, fixed=fixed)
+            plan = tolerances_for_energy(face, at, energy.within, finest=_FINEST, fixed=fixed)
         except ContactError as error:
             raise PipelineError(f"energy_tolerance: {error} {place}") from error
         if not plan.achievable:

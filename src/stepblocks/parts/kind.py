@@ -1,8 +1,4 @@
-"""What every kind of stimulus answers, so that nobody has to ask of what kind a part is.
-
-A kind is one file in `stepblocks.parts.kinds`: a subclass of `Part`, or of `HeldPart` where a step must be put under it,
-and one line in `stepblocks.parts.set.SHIPPED`. What is heavy to import stays inside its methods.
-"""
+"""What every kind of stimulus answers, so that nobody has to ask of what kind a part is."""
 
 from __future__ import annotations
 

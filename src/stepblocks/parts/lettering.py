@@ -12,11 +12,6 @@ Letter = tuple[NDArray[np.float64], ...]  # outer outline, then holes, each an o
 _FLATNESS = 0.01  # of the letter height: curves become chords no further from them than this
 
 
-def engraved_text(identity: str) -> str:
-    """Return the identity as it is engraved: in capitals."""
-    return identity.upper()
-
-
 @lru_cache(maxsize=4096)
 def _glyph(character: str) -> tuple[float, tuple[Letter, ...]]:
     """Advance and polygons of one character for a capital height of 1."""

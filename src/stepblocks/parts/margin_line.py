@@ -1,8 +1,4 @@
-"""The margin line of a scanned tooth or crown: stations along it, and how tooth and crown run on from it on either side.
-
-A scan errs by more than a gap: what is taken from it is the slope and the curvature of either side, least squares over a
-millimetre; whatever it shows of a gap or of a step is not.
-"""
+"""The margin line of a scanned tooth or crown: stations along it, and how tooth and crown run on from it on either side."""
 
 from __future__ import annotations
 
@@ -17,7 +13,6 @@ from numpy.typing import NDArray
 from stepblocks.errors import StimulusError
 
 Array = NDArray[np.float64]
-RIM = "rim"  # the margin is where the mesh ends
 _MOST_TRIANGLES = 5_000_000
 _SMALLEST, _LARGEST = 2e-3, 0.15  # of what is scanned, from a short crown to a whole arch [m]
 _BESIDE = 0.5e-3  # how far a picked point may lie from the scan [m]
@@ -29,14 +24,10 @@ _OUTLYING = 4.0  # robust standard deviations beyond which a sample is debris or
 
 
 def stations_in(
-    path: Path, scale: float, margin: str | list[list[float]], count: int, towards: Sequence[float], shows: str
+    path: Path, scale: float, margin: list[list[float]], count: int, towards: Sequence[float], shows: str
 ) -> dict[str, Any]:
-    """Measure `count` sections across a margin; called in the confined process.
-
-    Lengths of the file and of picked points times `scale` are metres; `towards` points roughly from the root to the crown, and
-    the scan `shows` the tooth, the crown or both. Each row of ``stations`` is place x, y, z [m], curvature of the tooth [1/m],
-    slope against the tooth [rad] and curvature of the crown, and scatter of the scan about both [m].
-    """
+    """Measure `count` sections across a margin, each x, y, z, curvature, slope, curvature and scatter [SI]; in a confined process."""
+    # a scan errs by more than a gap: only slope and curvature of either side are taken from it, by least squares
     import trimesh
     from scipy.spatial import cKDTree
 
@@ -53,7 +44,7 @@ def stations_in(
     pieces = trimesh.graph.connected_components(mesh.face_adjacency, nodes=np.arange(len(mesh.faces)))
     least = 0.05 * max(map(len, pieces))  # smaller ones are debris
     mesh.update_faces(np.concatenate([piece for piece in pieces if len(piece) > least]))
-    line = _closed(_rim(mesh) if margin == RIM else _on(mesh, np.asarray(margin, dtype=np.float64) * scale, path), path)
+    line = _closed(_on(mesh, np.asarray(margin, dtype=np.float64) * scale, path), path)
     around = line(np.linspace(0.0, line.x[-1], 500))
     middle = around.mean(axis=0)
     draw = np.linalg.svd(around - middle, full_matrices=False)[2][2]
@@ -79,13 +70,6 @@ def stations_in(
     return {"stations": np.where([0, 0, 0, 1, 1, 1, 0], np.round(found, 6), np.round(found, 9)) + 0.0}
 
 
-def _rim(mesh: Any) -> Array:
-    """Points of the longest closed border of an open mesh, if there is one; holes have shorter ones."""
-    loops = [np.asarray(loop) for loop in mesh.outline().discrete] if not mesh.is_watertight else []
-    closed = [loop[:-1] for loop in loops if np.allclose(loop[0], loop[-1])]
-    return max(closed, key=lambda loop: float(np.ptp(loop, axis=0).sum()), default=np.empty((0, 3)))
-
-
 def _on(mesh: Any, points: Array, path: Path) -> Array:
     """Pass picked points on where they lie on the mesh."""
     from scipy.spatial import cKDTree
@@ -104,7 +88,7 @@ def _closed(points: Array, path: Path) -> Any:
     line = np.vstack([points, points[:1]])
     chords = np.linalg.norm(np.diff(line, axis=0), axis=1)
     if len(points) < 3 or chords.min() == 0.0 or chords.max() > chords.sum() / 3.0:
-        rule = "close round the tooth, a rim or points of which no two neighbours lie further apart than a third of it"
+        rule = "close round the tooth, no two neighbours further apart than a third of it"
         raise StimulusError(f"margin must {rule}, got {len(points)} points [{path.name}]")
     at = np.concatenate([[0.0], np.cumsum(chords)])
     if len(points) > _MOST_KNOTS:
@@ -134,11 +118,8 @@ def _section(mesh: Any, near: NDArray[np.int64], place: Array, along: Array, mid
 
 
 def _sides(sections: list[Array], shows: str) -> tuple[str, list[float]]:
-    """Name of the side that is not there, if any; curvature of the tooth, slope and curvature of the crown, scatter.
-
-    Sections beside each other share their shape, and each has a level of its own. The frame is turned until the tooth is level at
-    the margin; where only the crown is shown, until that is.
-    """
+    """Name of the side that is not there, if any; curvature of the tooth, slope and curvature of the crown, scatter."""
+    # sections share their shape, each at a level of its own, in a frame turned until the tooth, or else the crown, is level
     points, which = np.concatenate(sections), np.repeat(np.arange(_SECTIONS), [len(one) for one in sections])
     fit, scatter = np.zeros(_SECTIONS + 4), 0.0
     for _ in range(6):  # the turn converges by a factor of a hundred each time

@@ -1,7 +1,4 @@
-"""Bodies of revolution by their half sections: what the solids turn, the pieces approach and the volumes integrate.
-
-An outline is a list of points (radius, height) [m]; an arc is a pair (middle point, end point). It closes by itself.
-"""
+"""Bodies of revolution by their half sections: what the solids turn, the pieces approach and the volumes integrate."""
 
 from __future__ import annotations
 
@@ -19,7 +16,9 @@ from stepblocks.parts.shapes import hull
 
 Point = tuple[float, float]
 Point3 = tuple[float, float, float]
-Outline = list[Point | tuple[Point, Point]]
+Outline = list[
+    Point | tuple[Point, Point]
+]  # (radius, height) [m]; an arc is (middle point, end point); it closes by itself
 
 SECTORS = 96  # of a shell of revolution; the chords of a 4 mm crown sag 2 um
 _AROUND = 96
@@ -72,10 +71,7 @@ def _along_arc(start: Point, middle: Point, end: Point) -> float:
 
 
 def _circle(start: Point, middle: Point, end: Point, squares: list[float]) -> tuple[Point, float, float, float]:
-    """Centre and radius of an arc, and the angles at which it begins and ends, less than half a turn from its middle.
-
-    `squares` are by how much middle and end lie further from the origin than the start, squared [m^2].
-    """
+    """Centre, radius, first and last angle of an arc; `squares`: by how much middle and end lie further from the origin [m^2]."""
     # by Cramer's rule: a library's solver gives other last bits on another processor
     (a, b), (c, d) = ((2.0 * (p[0] - start[0]), 2.0 * (p[1] - start[1])) for p in (middle, end))
     double = a * d - b * c

@@ -3,7 +3,7 @@
 from collections import Counter
 from collections.abc import Iterable, Iterator, Mapping
 from contextlib import contextmanager
-from typing import Annotated, Any, Self, TypeVar
+from typing import Annotated, Any, Self
 
 from pydantic import BeforeValidator, Field, create_model
 
@@ -15,7 +15,6 @@ from stepblocks.parts.declared import Identity, Table, rules_validator
 from stepblocks.parts.energy_tolerance import toleranced
 from stepblocks.parts.kind import Part
 from stepblocks.parts.kinds.crown_on_tooth import CrownOnTooth
-from stepblocks.parts.kinds.grooved_cylinder import GroovedCylinder
 from stepblocks.parts.kinds.margin import MarginBlock
 from stepblocks.parts.kinds.scanned_margin import ScannedMargin
 from stepblocks.parts.kinds.sheath import Sheath
@@ -24,11 +23,10 @@ from stepblocks.parts.kinds.tips import HookTip, StraightTip
 
 # The kinds, in the order in which a set holds them; a new one stands here
 SHIPPED: tuple[type[Part], ...] = (
-    *(StepBlock, MarginBlock, CrownOnTooth, ScannedMargin, GroovedCylinder),
+    *(StepBlock, MarginBlock, CrownOnTooth, ScannedMargin),
     *(StraightTip, HookTip, Sheath),
 )
 _more: list[type[Part]] = []
-P = TypeVar("P", bound=Part)
 
 
 def kinds() -> dict[str, type[Part]]:
@@ -44,11 +42,6 @@ def registered(kind: type[Part]) -> Iterator[None]:
     ----------
     kind : type of Part
         The kind; see `Part` for what it answers.
-
-    Yields
-    ------
-    None
-        While it is known.
 
     Raises
     ------
@@ -82,10 +75,6 @@ class StimulusSet(Table):
         if name not in kinds():
             raise AttributeError(f"{type(self).__name__} has no attribute {name!r}")
         return tuple(part for part in self.stimuli if part.stanza == name)
-
-    def of(self, kind: type[P]) -> tuple[P, ...]:
-        """Parts of one kind."""
-        return tuple(part for part in self.stimuli if isinstance(part, kind))
 
     def with_parts(self, parts: Iterable[Part]) -> Self:
         """Return the set with other parts under the same conditions."""

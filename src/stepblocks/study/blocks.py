@@ -15,7 +15,6 @@ from stepblocks.contact.energy import Status
 from stepblocks.contact.operating_point import PAPER, OperatingPoint
 from stepblocks.declare import load_declared
 from stepblocks.errors import PipelineError
-from stepblocks.parts.lettering import engraved_text
 from stepblocks.predict.perception import felt_energies
 from stepblocks.predict.predictions import predict_one
 from stepblocks.quantities import readable
@@ -62,7 +61,7 @@ def blocks_of(
     """Choose the blocks of a study: those of a stimulus file, or sharp steps of some heights [m], felt as in the paper."""
     if not isinstance(source, str | Path):
         named = {f"step-{height * 1e6:03.6g}": height for height in source}
-        items = tuple(Item(name, engraved_text(name), height) for name, height in named.items())
+        items = tuple(Item(name, name.upper(), height) for name, height in named.items())
         return Blocks(items, {name: Step(height) for name, height in named.items()}, replace(PAPER, **felt))
     stimuli = load_declared(Path(source))
     blocks = [block for block in stimuli.step_block if only is None or matches(only, stimuli.name, block.id)]
@@ -75,7 +74,7 @@ def blocks_of(
     faces = [block.counterface() for block in sorted(stimuli.step_block, key=lambda one: one.height.nominal)]
     # of the loads the first under which every block rings, and rises
     point = next((point for point in points[:-1] if _rise(_felt(faces, point))), points[-1])
-    items = tuple(Item(block.id, engraved_text(block.id), block.height.nominal) for block in blocks)
+    items = tuple(Item(block.id, block.id.upper(), block.height.nominal) for block in blocks)
     return Blocks(items, {block.id: block.counterface() for block in blocks}, point)
 
 

@@ -230,7 +230,7 @@ The chamfer of a gauge block (0.1 to 0.3 mm) lies at the working edge: order par
     rows = {"identity": f"{block.id.upper()}-GAUGE", "material": "base as noted, gauge blocks steel"}
     sheet.border("Step block from gauge blocks", rows | ordered)
     foot = 20.0 + 5.0 * (len(lines) - 1)
-    sheet.notes((20.0, foot), lines)
+    sheet.notes((20.0, foot), ((line, "") for line in lines))
     # whatever their sizes, the views stand over what was written, beside one another, each by what it covers
     left, low, high = 20.0, max(foot, TOP_OF_TITLE) + 10.0, HEIGHT - 16.0
     for draw in (_gauge_section, _gauge_edge):

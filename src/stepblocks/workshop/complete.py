@@ -1,8 +1,4 @@
-"""Whether a workshop can make a part without asking: every dimension declared stands on the drawing, in the STEP file and on the sheet.
-
-The three files are read back, each by another library than wrote it. What a characteristic states is known by the
-dimension that it took from the declaration; one that states none follows from others, and says so by having none.
-"""
+"""Whether a workshop can make a part without asking: every dimension stands on the drawing, in the STEP file, on the sheet."""
 
 import csv
 from collections import Counter
@@ -24,6 +20,7 @@ def missing_from(
     part: Part, drawing: Path | None = None, step: Path | None = None, sheet: Path | None = None
 ) -> list[str]:
     """Say what is missing, wrong or there twice, a line each; a file that is left out is not looked at."""
+    # each file is read by another library than wrote it; a characteristic that states nothing follows from others
     listed = list(part.characteristics())
     states = [one for each in listed for one in each.states]
     left = ((field, one) for field, one in part.dimensions() if not any(one is stated for stated in states))

@@ -9,7 +9,6 @@ from typing import Any
 
 from stepblocks.artefacts.on_paper import demands_by_default
 from stepblocks.atomic import beside
-from stepblocks.errors import MachiningError
 from stepblocks.parts.conditions import OrderSpec
 from stepblocks.parts.kind import Part
 from stepblocks.parts.kinds.crown_on_tooth import CrownOnTooth
@@ -108,8 +107,6 @@ def write_drawing(
     folder: Path, stimulus: Part, formats: Sequence[str] = FORMATS, order: OrderSpec = _NOTHING_SAID
 ) -> list[Path]:
     """Draw a part with its views; what none of them shows stands in words."""
-    if set(formats) - set(FORMATS):
-        raise MachiningError(f"formats must be of {', '.join(FORMATS)}, got {', '.join(formats)}")
     return _write_all(folder, f"{stimulus.id}.drawing", formats, lambda: _part_sheet(stimulus, order))
 
 
@@ -146,19 +143,17 @@ def _part_sheet(stimulus: Part, order: OrderSpec) -> Sheet:
     notes, governing = draw(sheet, stimulus) if draw else [], stimulus.governed_by.replace("_", " ")
     # what no view shows is said in words, with its number
     left = [(key, n, one) for key, (n, one) in sheet.listed.items() if n not in sheet.numbers]
-    lines = [f"{n}  {one.label}: {sheet.limits(key)}" for key, n, one in left]
-    if stimulus.has_working_faces and stimulus.face_demands.defaults:
-        notes.append(demands_by_default(stimulus))
-    if governing and not stimulus.has_working_faces:
-        rough = stimulus.face_demands.roughness * 1e6
+    lines = [(f"{n}  {one.label}: {sheet.limits(key)}", key) for key, n, one in left]
+    if stimulus.has_working_faces:
+        notes += filter(None, [demands_by_default(stimulus)])
+    elif governing:
+        rough = stimulus.face_demands["roughness"].upper * 1e6
         notes.append(f"Ra {rough:.2f} um or better where a tip touches, from the tolerance of the {governing}.")
-    lines += notes
-    keys = dict(enumerate(key for key, _, _ in left))
+    lines += [(note, "") for note in notes]
     rows = min(len(lines), _MOST_ROWS)
     for start in range(0, len(lines), _MOST_ROWS):  # the columns of a long list start level
         at = 232.0 + 92.0 * (start // _MOST_ROWS), TOP_OF_TITLE - 1.0 + 5.0 * rows
-        part = {index - start: key for index, key in keys.items() if start <= index < start + _MOST_ROWS}
-        sheet.notes(at, lines[start : start + _MOST_ROWS], part)
+        sheet.notes(at, lines[start : start + _MOST_ROWS])
     mass = stimulus.material.density.value * math.fsum(stimulus.volumes())
     told = {"identity": stimulus.id.upper(), "material": stimulus.material.designation, "mass": f"{mass * 1e3:.4g} g"}
     sheet.border(stimulus.titled, told | _ordered(order))

@@ -1,8 +1,4 @@
-"""A step from two gauge blocks: the route for workshops that cannot hold a micrometre over a face in one piece.
-
-Two blocks of a standard set are wrung side by side onto a lapped base; the step is the difference of their lengths. Nothing
-is machined to a micrometre: the tolerance was bought with the set.
-"""
+"""A step that is the difference of two gauge blocks: the route where no micrometre can be held over a face in one piece."""
 
 import math
 from dataclasses import dataclass

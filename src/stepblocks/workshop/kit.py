@@ -3,7 +3,7 @@
 import itertools
 import math
 from collections import Counter
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -161,7 +161,8 @@ def pull(kit: Apparatus, mass: float) -> Load:
     weight = mass * gravity
     # a cord that turns by a right angle presses its pulley with sqrt(2) of its tension
     pulley = math.sqrt(2.0) * weight * kit.friction.pulley.value * _PULLEY_BORE / _PULLEY
-    carriage = kit.friction.carriage.value * gravity * moving_mass(kit.parts())
+    moving = math.fsum(one.mass for one in kit.parts() if one.moving)
+    carriage = kit.friction.carriage.value * gravity * moving
     parts = {
         "weight": kit.weight_tolerance.value * weight,
         "gravity": kit.gravity_tolerance.value * weight,
@@ -170,11 +171,6 @@ def pull(kit: Apparatus, mass: float) -> Load:
         "friction of the carriage": 0.5 * carriage,
     }
     return _load(mass, weight - pulley - carriage, parts)
-
-
-def moving_mass(parts: Iterable[Machined]) -> float:
-    """Mass that the shafts carry [kg]."""
-    return math.fsum(one.mass for one in parts if one.moving)
 
 
 def _load(mass: float, force: float, rectangular: dict[str, float]) -> Load:

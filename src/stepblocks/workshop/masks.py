@@ -1,8 +1,4 @@
-"""Masks of etched steps: one GDSII layer for each etch, with depth monitors, alignment marks and labels.
-
-Where the heights are multiples of one depth, etches of 1, 2, 4, ... times that depth add up to each of them, which takes fewer
-masks than heights; the etch floor is the lower face, so what is open is the lower side of a block and its groove.
-"""
+"""Masks of etched steps: one GDSII layer for each etch, with depth monitors, alignment marks and labels."""
 
 import math
 from collections.abc import Iterator, Sequence
@@ -16,7 +12,7 @@ import shapely.affinity
 
 from stepblocks.atomic import beside
 from stepblocks.parts.kinds.step_block import StepBlock
-from stepblocks.parts.lettering import engraved_text, letters, text_width
+from stepblocks.parts.lettering import letters, text_width
 from stepblocks.tables import write_table
 
 GRID = 1e-3  # to which every corner is rounded; all lengths of this file are micrometres
@@ -31,6 +27,7 @@ Shape = Any  # a polygon of shapely, or several
 
 def etch_plan(heights: Sequence[float]) -> dict[float, list[int]]:
     """Depth of each etch [m], with the indices of the heights [m] that it adds to."""
+    # heights that are multiples of one depth add up from etches of 1, 2, 4, ... times it: fewer masks than heights
     nanometres = [round(height * 1e9) for height in heights]
     unit = math.gcd(*nanometres)
     bits = (max(nanometres) // unit).bit_length()
@@ -100,7 +97,7 @@ def _open(block: StepBlock, place: tuple[float, float], named: bool) -> Shape:
     else:
         face = face.difference(shapely.box(-near - wide, lane[0], -near, lane[1]))
     if named:  # in the corner of the upper face that lies furthest from the lane of the drag
-        text, high = engraved_text(block.id), 1000.0
+        text, high = block.id.upper(), 1000.0
         middle = half - 500.0 - 0.5e6 * text_width(text, high * 1e-6), -side + 500.0 + 0.5 * high
         face = face.union(_lettered(text, high, middle))
     return shapely.affinity.translate(face, *place)

@@ -1,10 +1,10 @@
 """Everything a workshop is sent besides the STEP file: drawings, inspection sheets, and the route that reaches a tolerance."""
 
-import math
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from importlib.util import find_spec
 from pathlib import Path
+from typing import Any
 
 import pandas as pd
 
@@ -29,6 +29,8 @@ from stepblocks.workshop.masks import write_masks
 from stepblocks.workshop.routes import Route, route_row, routes_for
 from stepblocks.workshop.setup import write_setup
 
+_SHOWN = ("part", "route", "reaches", "height_deviation_um", "permitted_um", "status", "energy_uj", "energy_95_low_uj")
+_SHOWN += ("energy_95_high_uj", "conforming_share", "note")
 GROUND = "2 um"  # deviation of a height in one piece that is ground, not lapped
 
 
@@ -139,16 +141,11 @@ def _order(name: str, part: Part | Apparatus, output: Path, capability: float, d
     return Order(name, (*written, *sheets), tuple(routes), tuple(missing))
 
 
-def route_table(orders: Iterable[Order]) -> str:
-    """Return what each route leaves of each step block: whether its height is reached, what is felt, how many conform."""
-    head = f"{'part':20} {'route':24} {'deviation':>9} {'permitted':>9} reaches {'E_v':>7} {'95 %':>15} conform"
-    lines = [head, f"{'':45} {'um':>9} {'um':>9} {'':7} {'uJ':>7} {'uJ':>15}", "-" * len(head)]
+def route_lines(orders: Iterable[Order]) -> list[dict[str, Any]]:
+    """Tabulate what each route leaves of each step block: whether its height is reached, what is felt, how many conform."""
+    lines = []
     for order in orders:
         for route in order.routes:
-            lengths, felt = f"{route.deviation * 1e6:9.2f} {route.tolerance * 1e6:9.2f}", route.felt
-            energy = str(felt.status) if math.isnan(felt.energy) else f"{felt.energy * 1e6:.3g}"
-            ends = f"{felt.energy_low * 1e6:.3g} to {felt.energy_high * 1e6:.3g}"
-            reaches = "yes" if route.reaches else "no"
-            said = f"{lengths} {reaches:7} {energy:>7} {ends:>15} {route.conforming:7.1%}"
-            lines.append(f"{order.name:20} {route.name:24} {said}  {route.note}")
-    return "\n".join(lines)
+            row = route_row(order.name, route) | {"reaches": "yes" if route.reaches else "no"}
+            lines.append({name: row[name] for name in _SHOWN})
+    return lines

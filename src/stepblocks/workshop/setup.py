@@ -35,11 +35,12 @@ def write_setup(folder: Path, block: Block, routes: Sequence[Route] = ()) -> lis
     low, high = stock_of(block)
     sizes = [b - a for a, b in zip(low, high, strict=True)]
     burr = getattr(block, block.governed_by).upper
+    thick, reached = block.body.thickness, dict.fromkeys(route.name for route in routes if route.reaches)
     values: dict[str, Any] = {
-        **{"identity": block.id.upper(), "material": block.material.designation},
-        **{"stock": " x ".join(millimetres(size, 1) for size in sizes), "steps": list(_steps(block, routes))},
-        **{"probed": list(_probed(block)), "burr": f"{burr * 1e6:.3g} um"},
-        **{"probe": f"{PROBE * 1e6:g} um", "guard": GUARD_FACTOR},
+        **{"block": block, "stock": " x ".join(millimetres(size, 1) for size in sizes), "reached": ", ".join(reached)},
+        **{"finished": limits_text(thick.nominal, thick.lower, thick.upper), "rise": abs(block.rise) * 1e6},
+        **{"probed": list(_probed(block)), "burr": f"{burr * 1e6:.3g} um", "left": f"{GRINDING * 1e3:g} mm left"},
+        **{"probe": f"{PROBE * 1e6:g} um", "guard": GUARD_FACTOR, "has_gap": isinstance(block, MarginBlock)},
     }
     replace_text(page, render_page("workshop", "setup.html", **values))
     _write_stock(stock, block, cad.kernel.box(low, high), sizes)
@@ -53,44 +54,6 @@ def stock_of(block: Block) -> tuple[tuple[float, float, float], tuple[float, flo
     x, y, z = (math.ceil((side + 2.0 * STOCK) / 0.5e-3 - 1e-9) * 0.5e-3 for side in sides)
     base = -body.thickness.nominal - STOCK
     return (-0.5 * x, -0.5 * y, base), (0.5 * x, 0.5 * y, base + z)
-
-
-def _steps(block: Block, routes: Sequence[Route]) -> Iterator[tuple[str, str, str, str]]:
-    """Yield what is done in which order: name, clamping, datum and work."""
-    holes, thick = block.body.mounting, block.body.thickness
-    tapped, left = holes.kind == "tapped", f"{GRINDING * 1e3:g} mm left"
-    made = f"{holes.thread} tapped" if tapped else f"for {holes.thread}, through"
-    vice = "vice on the long sides, base up, 3 mm of the stock in the jaws"
-    stock = "x, y from the middle of the stock, touched on four sides; z from its upper side"
-    work = f"mill the base, {left}; drill both holes, {made}; break the edges of the base"
-    yield "1  base and holes", vice, stock, work
-    free = "two screws into the holes, on a plate: all sides are free"
-    held = free if tapped else "vice, base down on parallels, one pair of sides at a time"
-    by_holes = "z from the base; x along the line of the two holes, their middle is the origin"
-    work = f"mill the four sides to size, the upper side {left}, both working faces level; break all edges but the working ones"
-    yield "2  sides and upper side", held, by_holes, work
-    work = f"engrave {block.id.upper()}, the middle of the letters on the middle of the front"
-    yield "3  engraving", "vice on base and upper side, front up", "z from the front, x from the left side", work
-    if "hardened" in block.material.designation:
-        yield "hardening", "-", "-", "harden and temper; from here on only grind and lap"
-    finished = limits_text(thick.nominal, thick.lower, thick.upper)
-    work = f"grind the base, then both working faces together, {finished} mm and the step over the base"
-    flat = "magnet or vacuum, base first, then turned over; demagnetise"
-    yield "4  base and working faces", flat, "the ground base", work
-    reached = ", ".join(dict.fromkeys(route.name for route in routes if route.reaches))
-    by = f" Its tolerance is reached by: {reached}." if reached else ""
-    rise = f"A step of {abs(block.rise) * 1e6:g} um is lapped or wrung, not milled.{by}"
-    work = rise if block.rise else "The working faces lie level: lap them together."
-    if isinstance(block, MarginBlock):
-        work += " Cut the gap last, along the whole edge, by finish cuts of wire EDM or with a dressed wheel."
-    else:
-        work += " Lap lower face and groove in one setting."
-    yield (
-        "5  the edge",
-        "as in 4, not taken off between the two faces",
-        "the upper face; A is the lapped lower one",
-        work,
-    )
 
 
 def _probed(block: Block) -> Iterator[tuple[str, ...]]:

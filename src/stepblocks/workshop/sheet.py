@@ -1,11 +1,7 @@
-"""A sheet of drawing paper: lines, texts, true dimensions, balloons, frames and the title block.
-
-Everything is in millimetres of paper. A dimension measures what is drawn and divides by the scale of its view, so what it
-prints is the part; the DIMENSION entity keeps value and tolerance, where they can be read back.
-"""
+"""A sheet of drawing paper [mm]: lines, texts, dimensions that measure what is drawn and keep their tolerance, the title block."""
 
 import math
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -263,7 +259,7 @@ class Sheet:
         self.line((x - 5.0, y), (x + 3.0, y), "CENTRE")
         self.line((x + 5.0, y), (x + 11.0, y), "CENTRE")
 
-    def notes(self, at: Point, lines: Iterable[str], keys: Mapping[int, str] | None = None) -> None:
-        """Write notes downwards from a point; `keys` says which characteristic a line states."""
-        for index, line in enumerate(lines):
-            self.text((at[0], at[1] - 5.0 * index), line, key=(keys or {}).get(index, ""))
+    def notes(self, at: Point, lines: Iterable[tuple[str, str]]) -> None:
+        """Write notes downwards from a point, each with the characteristic that it states, if any."""
+        for index, (line, key) in enumerate(lines):
+            self.text((at[0], at[1] - 5.0 * index), line, key=key)

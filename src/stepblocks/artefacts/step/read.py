@@ -63,7 +63,7 @@ def check_part_step(path: Path, stimulus: Part) -> tuple[StepReport, list[str]]:
     findings += [f"{item.ref} {item.kind} {item.value * 1e3:.9g} mm: was not asked for" for item in left]
     if stimulus.has_working_faces:
         flat = {face for item in report.tolerances if item.kind == "flatness" for face in item.faces}
-        rough = stimulus.face_demands.roughness
+        rough = stimulus.face_demands["roughness"].upper
         if dict(report.textures).keys() != flat or any(abs(value - rough) > _ALLOWED for _, value in report.textures):
             findings.append(f"surface texture: every working face must have Ra {rough * 1e6:g} um")
     density = stimulus.material.density.value

@@ -70,9 +70,9 @@ def write_step_ap242(path: Path, stimulus: Part, bodies: Sequence[tuple[str, ker
             dimension = PmiDimension(_pmi_kind(one), items, one.nominal, one.lower, one.upper, seen)
             dimensions.append((one.label, dimension))
     demands = stimulus.face_demands if stimulus.has_working_faces else None
-    if demands is not None and demands.defaults:
-        notes.append(("defaults", demands_by_default(stimulus)))
-    texture = None if demands is None else demands.roughness
+    if demands is not None and (said := demands_by_default(stimulus)):
+        notes.append(("defaults", said))
+    texture = None if demands is None else demands["roughness"].upper
     more: dict[str, Any] = {"tolerances": tolerances, "notes": notes, "texture": texture}
     write_conforming(path, stimulus.id, bodies, stimulus.material, dimensions, **more)
 

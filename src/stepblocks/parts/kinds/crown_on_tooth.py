@@ -132,9 +132,7 @@ class CrownOnTooth(CrownMargin, Turned):
 
     def chordal_error(self, face: cad.kernel.Face) -> float:
         reach = 2.0 * (self.marginal_gap.nominal + abs(self.opening.nominal))
-        # an axial wall without taper is a cylinder too, but behind the finish line, where no probe comes
-        outside = face.radius >= self.margin_radius.nominal - 0.5 * self.finish_line.width.nominal - 1e-9
-        at_margin = face.kind == "PLANE" or (face.kind == "CYLINDER" and outside)
+        at_margin = face.kind in ("PLANE", "CYLINDER")
         near = face.low[2] <= reach and face.high[2] >= -reach
         return CONTACT_DEFLECTION if at_margin and near else FITTING_DEFLECTION
 
@@ -191,17 +189,12 @@ class CrownOnTooth(CrownMargin, Turned):
             roof = plane(2, self.preparation_height.nominal, 0), plane(2, ceiling, 1)
             label = "internal gap, roof"
             yield toleranced("internal_gap_roof", "distance", inner, *roof, label=label, method=_SEATED)
-        if self.taper.nominal > 0.0:
-            yield toleranced("taper", "angle", self.taper, walls[0], label="total taper", method=_SEATED).doubled
+        yield toleranced("taper", "angle", self.taper, walls[0], label="total taper", method=_SEATED).doubled
 
     def _walls(self) -> tuple[FaceRule, FaceRule]:
-        """Axial walls of tooth and crown: cones, or cylinders where there is no taper."""
-        if self.taper.nominal > 0.0:  # halfway up, where no bevel is
-            middle = {2: 0.5 * self.preparation_height.nominal}
-            return FaceRule("CONE", holds=middle, body=0), FaceRule("CONE", holds=middle, body=1)
-        inside = self.margin_radius.nominal - self.finish_line.width.nominal
-        crown = FaceRule("CYLINDER", radius=inside + self.internal_gap.nominal, body=1)
-        return FaceRule("CYLINDER", radius=inside, body=0), crown
+        """Axial walls of tooth and crown, halfway up, where no bevel is."""
+        middle = {2: 0.5 * self.preparation_height.nominal}
+        return FaceRule("CONE", holds=middle, body=0), FaceRule("CONE", holds=middle, body=1)
 
     def _opening(self, cavosurface: EdgeRule, end: FaceRule) -> Characteristic:
         """From the cavosurface angle along the path of draw to the margin of the crown."""
@@ -248,8 +241,8 @@ class CrownOnTooth(CrownMargin, Turned):
     def _fits_the_tooth(self) -> Iterator[str]:
         h, g, v = self.horizontal_discrepancy.nominal, self.marginal_gap.nominal, self.opening.nominal
         R, finish, height = self.margin_radius.nominal, self.finish_line, self.preparation_height.nominal
-        if self.taper.nominal >= math.radians(45.0):
-            yield f"taper must be less than 45 deg, got {format_quantity(self.taper.nominal, 'angle')}"
+        if not 0.0 < self.taper.nominal < math.radians(45.0):
+            yield f"taper must lie between 0 and 45 deg, got {format_quantity(self.taper.nominal, 'angle')}"
             return
         top = R - finish.width.nominal - height * math.tan(self.taper.nominal)
         rule = "leave the preparation a top of a tenth of margin_radius"
@@ -259,10 +252,6 @@ class CrownOnTooth(CrownMargin, Turned):
         yield must(wall > 0.0, "horizontal_discrepancy", "leave the crown a wall at its margin", h - wall, h)
         shell, rule = self.shell_thickness.nominal, "not exceed the shell (overextension beyond shell_thickness)"
         yield must(h <= shell, "horizontal_discrepancy", rule, shell, h)
-        if finish.kind == "feather-edge" and self.taper.nominal == 0.0:
-            rule = "exceed 0 deg for a feather-edge, whose finish line is where the taper begins"
-            yield f"taper must {rule}, got 0 deg"
-            return
         bevel = abs(v - g) if v >= 0.0 and finish.kind != "feather-edge" else 0.0
         yield must(bevel < wall, "vertical_discrepancy", "leave a wall behind the bevel of the margin", g + wall, v)
         if v < 0.0 and finish.kind == "feather-edge":

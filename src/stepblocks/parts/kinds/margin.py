@@ -1,15 +1,4 @@
-"""The junction of crown and tooth in the terms of Holmes et al. (1989), as a bench block; what the crown on its tooth shares.
-
-Seen in a section through the tooth's axis, x runs along the path of draw from the root to the crown and z outwards. The
-cavosurface angle of the tooth, where its finish line meets its outer surface, is the origin; the tooth's outer surface is z = 0.
-The margin of the crown is the corner (v, h):
-
-- marginal gap g: between the crown's fitting surface and the finish line, measured across the opening;
-- vertical discrepancy v: from the cavosurface angle to the crown's margin along the path of draw. It equals g where the crown ends
-  square; larger, its margin is bevelled back at 45 degrees; smaller, a lip narrows the gap; negative, the lip has slid over the tooth;
-- horizontal discrepancy h: outwards; positive is an overextended margin, negative an underextended one;
-- absolute marginal discrepancy: the hypotenuse of v and h.
-"""
+"""The junction of crown and tooth in the terms of Holmes et al. (1989; docs/stimuli.md), as a block, and what crowns share."""
 
 from __future__ import annotations
 
@@ -18,25 +7,15 @@ import math
 from abc import abstractmethod
 from collections.abc import Iterator
 from dataclasses import replace
-from typing import Annotated, Any, ClassVar
+from typing import Any, ClassVar
 
 from stepblocks import cad
 from stepblocks.contact.counterface import Margin
 from stepblocks.contact.operating_point import Tissue, Tool
 from stepblocks.parts.body import Block, Body, body_cuts, half_points, half_volume, strip_volume
 from stepblocks.parts.characteristics import PROFILE, Characteristic, EdgeRule, FaceRule, form_of, plane, toleranced
-from stepblocks.parts.declared import (
-    MaterialField,
-    Sourced,
-    Table,
-    WorkingFaces,
-    below,
-    must,
-    positive,
-    rules_validator,
-    sourced,
-    usual,
-)
+from stepblocks.parts.conditions import Gum
+from stepblocks.parts.declared import MaterialField, WorkingFaces, below, must, rules_validator, usual
 from stepblocks.parts.kind import NANOMETRE, Finding, MeasuredMesh, Part, exaggeration
 from stepblocks.parts.shapes import hull, split
 from stepblocks.parts.tolerance import ANGULAR_DEVIATION, Dimension, PositiveLength, SignedLength
@@ -47,33 +26,8 @@ _ACROSS = "profilometer or microscope"
 _CLINICAL_LIMIT = 100e-6
 
 
-class Gum(Table):
-    """Gum beside the margin: a soft wall, Kelvin and Voigt's, that the flank of the tool presses in and rubs along."""
-
-    indentation: Annotated[float, positive("length")] = 0.2e-3  # by the tool; a gentle touch, assumed [m]
-    contact: Annotated[float, positive("length")] = 1e-3  # of the flank with the gum along the tool; assumed [m]
-    shear_modulus: Annotated[Sourced, sourced("pressure")] = Sourced(
-        83e3, "pressure", "masticatory mucosa, mean of patients: Wakabayashi, Suzuki 2013, doi 10.1177/1758736013483298"
-    )
-    loss_factor: Annotated[Sourced, sourced("ratio")] = Sourced(
-        0.3, "ratio", "assumed at 300 Hz; the relaxation that is published takes minutes"
-    )
-    friction: Annotated[Sourced, sourced("ratio")] = Sourced(0.1, "ratio", "assumed: wet with saliva")
-
-    def tissue(self, frequency: float) -> Tissue:
-        """Return the wall at the frequency of a ring [Hz].
-
-        A long tool on an incompressible half space: ``N = pi/4 E* L d`` with ``E* = 4 G`` (Popov 2017, Contact Mechanics and
-        Friction, 2.3.2), tangential over normal stiffness ``2 (1 - nu) / (2 - nu) = 2/3`` (Mindlin); damping ``eta k / w``.
-        """
-        normal = math.pi * self.shear_modulus.value * self.contact
-        stiffness = 2.0 / 3.0 * normal
-        damping = self.loss_factor.value * stiffness / (math.tau * frequency)
-        return Tissue(stiffness, damping, self.friction.value * normal * self.indentation)
-
-
 class CrownMargin(Part):
-    """What both forms share."""
+    """What all forms share: x along the path of draw from root to crown, z outwards, the tooth's cavosurface angle at the origin."""
 
     felt_by: ClassVar = {"gap": "marginal_gap", "rise": "horizontal_discrepancy", "opening": "vertical_discrepancy"}
 
@@ -166,10 +120,7 @@ class MarginBlock(CrownMargin, Block):
         return [cad.kernel.cut(body, body_cuts(self.body, self.id, self.rise))]
 
     def volumes(self) -> tuple[float, ...]:
-        """Halves on either side of x = 0 at their own heights, less the gap, corrected at the crown's corner.
-
-        Every cut of the section lies at heights where the chamfers of the sides narrow the block; strips are integrated exactly.
-        """
+        """Halves on either side of x = 0 at their own heights, less the gap, corrected at the crown's corner."""
         body, half, depth = self.body, 0.5 * self.body.length.nominal, self.gap_depth.nominal
         g, v, h = self.marginal_gap.nominal, self.opening.nominal, self.rise
         volume = half_volume(body, half, 0.0) + half_volume(body, half, h)

@@ -20,7 +20,6 @@ from stepblocks.parts.characteristics import Characteristic, plane, toleranced
 from stepblocks.parts.declared import Table, below, must, rules_validator, usual
 from stepblocks.parts.kind import NANOMETRE, Finding, MeasuredMesh
 from stepblocks.parts.kinds.margin import CrownMargin
-from stepblocks.parts.margin_line import RIM
 from stepblocks.parts.shapes import hull
 from stepblocks.parts.tolerance import PositiveLength
 
@@ -36,14 +35,14 @@ _ACROSS = "profilometer or microscope"
 
 def _line(raw: object) -> object:
     """Read a margin line; in one message what it may be."""
-    if raw == RIM:
-        return raw
     try:
         points = np.array(raw, dtype=np.float64)
     except (TypeError, ValueError):
         points = np.empty(0)
     if points.ndim != 2 or points.shape[1] != 3 or len(points) < _LEAST_POINTS or not np.isfinite(points).all():
-        rule = f"be 'rim', or a list of {_LEAST_POINTS} or more points [x, y, z] in order round the tooth, in the unit of the mesh"
+        rule = (
+            f"be a list of {_LEAST_POINTS} or more points [x, y, z] in order round the tooth, in the unit of the mesh"
+        )
         raise ValueError(f"must {rule}, got {raw!r:.60}")
     return tuple(map(tuple, points.tolist()))
 
@@ -158,9 +157,6 @@ class ScannedMargin(CrownMargin):
 
     @rules_validator
     def _can_be_made(self) -> Iterator[str]:
-        if self.margin == RIM and self.shows == "both":
-            yield "shows must be 'tooth' or 'crown' where the margin is the rim, at which the mesh ends, got 'both'"
-            return
         g, v, depth, thickness = self.marginal_gap.nominal, self.opening.nominal, self.floor[0], self.thickness.nominal
         lowest = max(depth, *(-z for _, z in self._section()))
         under = v - g - self.horizontal_discrepancy.nominal

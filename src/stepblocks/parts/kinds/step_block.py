@@ -33,10 +33,7 @@ class MetrologyFeature(Table):
 
 
 class StepBlock(Block):
-    """A block with one working edge, at x = 0.
-
-    x points across the edge, from the lower to the upper working face; y along the edge; z up.
-    """
+    """A block with one working edge, at x = 0."""
 
     stanza: ClassVar[str] = "step_block"
     called: ClassVar[str] = "step block"
