@@ -7,8 +7,7 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
-from stepblocks.artefacts.step.characteristics import Characteristic
-from stepblocks.artefacts.step.check_step import StepReport, check_step, shown_in
+from stepblocks.artefacts.step.check_step import Characteristic, StepReport, check_step, shown_in
 from stepblocks.artefacts.verdict import Verdict
 from stepblocks.confined import read_confined
 from stepblocks.errors import MetrologyError
