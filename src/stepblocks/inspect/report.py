@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 
 from stepblocks.artefacts.as_built import AsBuilt, AsBuiltValue, write_as_built
-from stepblocks.artefacts.certificate import write_certificate
+from stepblocks.artefacts.certificate import RULE, write_certificate
 from stepblocks.artefacts.on_paper import write_sheet_csv
 from stepblocks.artefacts.qif import write_qif
 from stepblocks.artefacts.scans.scan import Profile
@@ -153,7 +153,8 @@ def write_inspection(result: InspectionResult, folder: str | Path) -> list[Path]
     base.parent.mkdir(parents=True, exist_ok=True)
     endings = ("as-built.toml", *(f"inspection.{kind}" for kind in ("json", "txt", "svg", "html")))
     record_path, data, table, plot, page = (base.with_name(f"{base.name}.{ending}") for ending in endings)
-    sheet, qif = (base.with_name(f"{base.name}.{ending}") for ending in ("inspection-sheet.csv", "qif"))
+    others = ("inspection-sheet.csv", "qif", "dcc.xml")
+    sheet, qif, certificate = (base.with_name(f"{base.name}.{ending}") for ending in others)
     values = {one.key: AsBuiltValue(d.value, d.std, d.verdict.value) for one, d in result.judged}
     digest = hashlib.sha256(result.source.read_bytes()).hexdigest()
     inspected, shown = result.inspected, result.inspected.shown
@@ -168,8 +169,8 @@ def write_inspection(result: InspectionResult, folder: str | Path) -> list[Path]
         filled = {key: (one.value, one.std, one.verdict) for key, one in values.items()}
         write_sheet_csv(sheet, result.stimulus, filled)
         write_qif(qif, result.stimulus, result.order, filled)
-        certificate = write_certificate(base, result.stimulus, result.as_record(), result.order, digest)
-        paths += [sheet, qif, *certificate]
+        write_certificate(certificate, result.stimulus, result.as_record(), result.order, digest)
+        paths += [sheet, qif, certificate]
     return paths
 
 
@@ -200,7 +201,7 @@ def _page(result: InspectionResult, picture: str) -> str:
         tables={"characteristics": rows, "uncertainty budget": budget},
         picture=picture,
         alt=f"Scan of {result.identity}, what was fitted, limits and guard bands",
-        notes=[f"Convention: {inspected.convention}.", *inspected.notes],
+        notes=[f"Convention: {inspected.convention}.", f"Decision rule: {RULE}", *inspected.notes],
     )
 
 
