@@ -16,12 +16,11 @@ from numpy.typing import NDArray
 from stepblocks.atomic import replace_text
 from stepblocks.build.manifest import RECORD, linked
 from stepblocks.contact import kernels
-from stepblocks.contact.energy import Release, Status
+from stepblocks.contact.energy import Status
 from stepblocks.page_file import render_page
 from stepblocks.parts.kinds.step_block import StepBlock
 from stepblocks.parts.set import StimulusSet
 from stepblocks.predict.predictions import Prediction, figures_of
-from stepblocks.predict.sheaths import decay_test_rows, ring_rows
 from stepblocks.quantities import format_span
 
 # colours of the view
@@ -31,7 +30,7 @@ _SHOWN = (
     *("drag", "tip_radius_um", "step_height_um", "normal_load_n", "friction", "critical_angle_deg", "status"),
     *("pull_force_n", "vibration_energy_uj", "vibration_energy_95_low_uj", "vibration_energy_95_high_uj"),
     *("vibration_energy_low_uj", "vibration_energy_high_uj", "mean_power_uw", "threshold_ratio"),
-    *("drag_vibration_energy_uj", "felt_by"),
+    *("frequency_hz", "drag_vibration_energy_uj", "felt_by"),
 )
 _LINKED = {".step", ".stl", ".obj", ".ply", ".3mf", ".glb", ".tiff", ".npz", ".json"}  # files that the page links
 _INK, _COLOURS = "#71828f", ("#1f6f8b", "#c8553d", "#588157", "#7b4fa3", "#b08900")
@@ -46,6 +45,7 @@ class Section:
     stimuli: StimulusSet
     predictions: Sequence[Prediction]
     records: Mapping[str, Mapping[str, Any]]  # by stimulus, of those that were made
+    files: Sequence[str] = ()  # of the whole set
 
 
 def write_page(sections: Sequence[Section], output: Path) -> list[Path]:
@@ -58,16 +58,17 @@ def write_page(sections: Sequence[Section], output: Path) -> list[Path]:
         replace_text(script, source)
     links = linked(output, [f"{one.stimuli.name}/{name}/{RECORD}" for one in sections for name in one.records])
     # the steps of the paper come first, else the user's own order
-    shown = [_section(section, links) for section in sorted(sections, key=lambda one: one.stimuli.name != "paper-ten")]
-    rows = [row for section in shown for row in section["rows"]]
+    sets = [_section(section, links) for section in sorted(sections, key=lambda one: one.stimuli.name != "paper-ten")]
+    rows = [row for section in sets for row in section["rows"]]
     values = {
         "total": len(rows),
         "failed": sum(bool(row["failed"]) for row in rows),
         "checks": sum(len(row["verdicts"]) for row in rows),
         "kinds": sorted({row["kind"] for row in rows}),
         "links": links[""],
+        "shown": _SHOWN,
     }
-    replace_text(page, render_page("build", "index.html", sections=shown, rows=rows, **values))
+    replace_text(page, render_page("build", "index.html", sections=sets, rows=rows, **values))
     return [script, page]
 
 
@@ -86,49 +87,27 @@ def _section(section: Section, links: Mapping[str, Sequence[Sequence[str]]]) -> 
             "links": links.get(folder, []),
             "files": [name for name in record["outputs"] if Path(name).suffix in _LINKED],
             "failed": [verdict for verdict in record["verdicts"] if not verdict["passed"]],
-            "predictions": [{name: cells[name] for name in _SHOWN} for cells in map(figures_of, predictions)],
+            "predictions": list(map(figures_of, predictions)),
             "summary": list(_summary(predictions)),
             "material": material.designation if material else "",
             "colour": _MATERIALS.get(material.name if material else "", "#b9c4ce"),
         }
         same = {name: record[name] for name in ("kind", "dimensions", "derived", "verdicts")}
-        rows.append(row | same | _overview(predictions))
-    tables = {
-        ("How the probe rings", "rings.csv"): ring_rows(stimuli),
-        ("What the damping test will measure", "damping-test.csv"): decay_test_rows(stimuli),
-    }
+        rows.append(row | same)
     return {
         **{"name": stimuli.name, "title": stimuli.title, "source": stimuli.source, "rows": rows},
-        "figure": _figure(stimuli),
-        "tables": [
-            {"title": t, "file": f"{stimuli.name}/{file}", "rows": found}
-            for (t, file), found in tables.items()
-            if found
-        ],
+        **{"figure": _figure(stimuli), "files": section.files},
     }
-
-
-def _spans(releases: Sequence[Release]) -> dict[str, str]:
-    """Say the range of forces and energies of what slips; nothing where nothing does."""
-    felt = [one for one in releases if one.status is Status.RELEASES]
-    figures = {"force": [one.pull_force for one in felt], "energy": [one.vibration_energy for one in felt]}
-    return {name: format_span(min(values), max(values), name) for name, values in figures.items() if values}
-
-
-def _overview(predictions: Sequence[Prediction]) -> dict[str, str]:
-    """Say of a stimulus what a line of the overview holds: force, energy, and how often it locks."""
-    releases = [prediction.release for prediction in predictions]
-    spans, held = _spans(releases), sum(one.status is Status.LOCKED for one in releases)
-    beyond = sum(one.status.beyond for one in releases)
-    told = f"{held} of {len(releases)}" if held else "never" if spans or beyond else "does not catch"
-    return {"force": "-", "energy": "-", **spans, "locks": told + (f"; {beyond} beyond a limit" if beyond else "")}
 
 
 def _summary(predictions: Sequence[Prediction]) -> Iterator[str]:
     """Range of what is felt in each direction, and what locks."""
     for drag in dict.fromkeys(prediction.drag for prediction in predictions):
         releases = [prediction.release for prediction in predictions if prediction.drag == drag]
-        parts = [", ".join(_spans(releases).values())]
+        felt = [one for one in releases if one.status is Status.RELEASES]
+        figures = {"force": [one.pull_force for one in felt], "energy": [one.vibration_energy for one in felt]}
+        spans = (format_span(min(values), max(values), name) for name, values in figures.items() if values)
+        parts = [", ".join(spans)]
         for status, words in _WORDS.items():
             if count := sum(release.status is status for release in releases):
                 parts.append(f"{words} in {count} of {len(releases)}")

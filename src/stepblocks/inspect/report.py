@@ -14,7 +14,7 @@ import numpy as np
 
 from stepblocks.artefacts.as_built import AsBuilt, AsBuiltValue, write_as_built
 from stepblocks.artefacts.certificate import RULE, write_certificate
-from stepblocks.artefacts.on_paper import write_sheet_csv
+from stepblocks.artefacts.on_paper import sheet_table
 from stepblocks.artefacts.qif import write_qif
 from stepblocks.artefacts.scans.scan import Profile
 from stepblocks.atomic import replace_text
@@ -25,6 +25,7 @@ from stepblocks.page_file import render_page
 from stepblocks.parts.characteristics import Characteristic
 from stepblocks.parts.conditions import OrderSpec
 from stepblocks.parts.kind import Part
+from stepblocks.tables import write_table
 
 _COLOUR: dict[Outcome | None, str] = {
     Outcome.CONFORMS: "#2e7d4f",
@@ -167,7 +168,7 @@ def write_inspection(result: InspectionResult, folder: str | Path) -> list[Path]
     replace_text(page, _page(result, plot.name))
     if result.stimulus is not None:
         filled = {key: (one.value, one.std, one.verdict) for key, one in values.items()}
-        write_sheet_csv(sheet, result.stimulus, filled)
+        write_table(sheet_table(result.stimulus, filled), sheet)
         write_qif(qif, result.stimulus, result.order, filled)
         write_certificate(certificate, result.stimulus, result.as_record(), result.order, digest)
         paths += [sheet, qif, certificate]
