@@ -91,8 +91,8 @@ def alone_in(folder: Path) -> Iterator[None]:
                 raise PipelineError(f"{rule} [{folder}]") from None
         _sweep(folder)
         yield
-        _sweep(folder)
     finally:
+        _sweep(folder)
         os.close(number)
 
 

@@ -77,7 +77,10 @@ def test_a_record_without_a_height_says_nothing_of_an_edge():
     ("change", "rule"),
     [
         (lambda text: text.replace('scan = "scan.csv"', "scan = 5"), "scan: input should be a valid string, got 5"),
-        (lambda text: text.replace('std = "20 nm"', 'std = "-20 nm"'), "values.step_height.std: input should be greater than or equal to 0"),
+        (
+            lambda text: text.replace('std = "20 nm"', 'std = "-20 nm"'),
+            "values.step_height.std: input should be greater than or equal to 0",
+        ),
         (lambda text: text + " " * 1_000_001, "must be at most 1000000 bytes, got"),
         (lambda text: text.replace("schema = 1", 'schema = 1\nprofile = "a.csv"'), "with profile_sha256"),
         (

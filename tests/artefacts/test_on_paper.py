@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from stepblocks.artefacts.on_paper import COLUMNS, decimals_for, limits_text, millimetres, sheet_table
-from stepblocks.artefacts.step.write import _callout_lines, _callout_text, _Data, _real, conforming
+from stepblocks.artefacts.step.write import _callout_lines, _callout_text, conforming
 from stepblocks.cad.kernel import Face
 from stepblocks.declare import load_declared
 from stepblocks.errors import MachiningError
@@ -112,19 +112,22 @@ def test_a_callout_says_number_name_sign_and_limits(one, text):
     assert _callout_text(one, 7) == text
 
 
-@pytest.mark.parametrize(
-    ("value", "text"),
-    [(1e-4, "0.0001"), (2.0, "2."), (1e-5, "1.E-05"), (1.25e-7, "1.25E-07"), (123456789012.0, "123456789012.")],
-)
-def test_a_real_of_part_21_has_a_point(value, text):
-    assert _real(value) == text
-    assert re.fullmatch(r"[-+]?\d+\.\d*(E[-+]?\d+)?", text)
+@pytest.mark.parametrize("roughness", [0.1e-6, 2e-3, 1e-9, 1.25e-9])
+def test_a_real_of_part_21_has_a_point(roughness):
+    shape = "#1 = (LENGTH_UNIT()NAMED_UNIT(*)SI_UNIT(.MILLI.,.METRE.));\n#2 = FLATNESS_TOLERANCE('',$,#3,#4);\n"
+    text = mended(shape + "#5 = (GEOMETRIC_REPRESENTATION_CONTEXT(3));\n", texture=roughness)
+    (real,) = re.findall(r"'Ra',LENGTH_MEASURE\((.*?)\)", text)
+    assert re.fullmatch(r"[-+]?\d+\.\d*(E[-+]?\d+)?", real)
+    assert float(real) == pytest.approx(roughness * 1e3, rel=1e-12)
 
 
 def test_semicolons_in_strings_do_not_end_an_instance():
-    data = _Data("#1 = A('x;''y;');\n#7 = B\n  ();\n")
-    assert data.instances == ["#1 = A('x;''y;')", "#7 = B\n  ()"]
-    assert data.add("C()") == "#8"
+    text = mended(
+        "#1 = A('x;''y;');\n#7 = PRODUCT_DEFINITION\n  ();\n#8 = (GEOMETRIC_REPRESENTATION_CONTEXT(3));\n",
+        notes=[("a", "b")],
+    )
+    assert "#1 = A('x;''y;');" in text
+    assert "#9 = DESCRIPTIVE_REPRESENTATION_ITEM('a','b');" in text
 
 
 HEAD = "ISO-10303-21;\nHEADER;\nFILE_NAME('out','2031-01-01T10:00:00');\nENDSEC;\nDATA;\n"

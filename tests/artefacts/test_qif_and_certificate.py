@@ -151,11 +151,13 @@ def test_samples_of_other_programs_are_read():
 def certificate_of(folder):
     write_qif(folder / "a.qif", PARTS["step-050"], None, {"step_height": (50.9e-6, 0.1e-6, "not proven")})
     result = inspect_scan(folder / "a.qif", "step-050", stimuli=STIMULI / "paper-ten.toml")
-    return write_certificate(folder / "step-050", PARTS["step-050"], result.as_record(), ORDER, "ab" * 32)
+    path = folder / "step-050.dcc.xml"
+    write_certificate(path, PARTS["step-050"], result.as_record(), ORDER, "ab" * 32)
+    return path
 
 
 def test_the_draft_certificate_says_value_uncertainty_limits_budget_and_rule(tmp_path):
-    xml, page = certificate_of(tmp_path)
+    xml = certificate_of(tmp_path)
     n = {"dcc": "https://ptb.de/dcc", "si": "https://ptb.de/si"}
     root = etree.parse(xml).getroot()
     value, expanded = (float(root.findtext(f".//si:{tag}", namespaces=n)) for tag in ("value", "valueExpandedMU"))
@@ -165,13 +167,10 @@ def test_the_draft_certificate_says_value_uncertainty_limits_budget_and_rule(tmp
     assert expanded == pytest.approx(1.96e-7, rel=1e-3)
     # within the limits, but by less than the guard band: neither proven, a conditional pass in the words of ILAC-G8
     assert {one.text for one in root.iter(f"{{{n['dcc']}}}conformity")} == {"conditionalPass"}
-    text = page.read_text(encoding="utf-8")
-    for said in ("A &amp; B &lt;c&gt;",):
-        assert said in xml.read_text(encoding="utf-8")
-    for said in ("Step block STEP-050: not proven", "50.9000", "guard band of 1.65 u", "as stated in the file"):
+    text = xml.read_text(encoding="utf-8")
+    for said in ("A &amp; B &lt;c&gt;", "STEP-050 not proven", "guard band of 1.65 u", "as stated in the file"):
         assert said in text
 
 
 def test_the_draft_certificate_is_valid_by_the_published_schema(tmp_path):
-    xml, _ = certificate_of(tmp_path)
-    assert schemas.faults(schemas.DCC, xml) == []
+    assert schemas.faults(schemas.DCC, certificate_of(tmp_path)) == []

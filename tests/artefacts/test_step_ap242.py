@@ -11,12 +11,11 @@ from pathlib import Path
 import pytest
 
 from oracles.written_steps import STIMULI, written
-from stepblocks.artefacts.check import check_artefact
+from stepblocks.artefacts.check import check_artefact, check_part_step
 from stepblocks.artefacts.meshes.write import write_stl
 from stepblocks.artefacts.step.check_step import check_step, step_table
 from stepblocks.artefacts.step.exchange import read_exchange
 from stepblocks.artefacts.step.faces import faces_of
-from stepblocks.artefacts.step.read import check_part_step
 from stepblocks.artefacts.step.write import write_step_ap242
 from stepblocks.declare import load_set
 from stepblocks.parts.characteristics import EdgeRule, find_face

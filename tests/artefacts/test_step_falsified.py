@@ -5,9 +5,9 @@ import re
 import pytest
 
 from oracles.written_steps import STIMULI
+from stepblocks.artefacts.check import check_part_step
 from stepblocks.artefacts.step.check_step import check_step
 from stepblocks.artefacts.step.exchange import read_exchange
-from stepblocks.artefacts.step.read import check_part_step
 from stepblocks.artefacts.step.write import conforming
 from stepblocks.errors import MachiningError, MetrologyError
 from stepblocks.parts.characteristics import FaceRule, find_face

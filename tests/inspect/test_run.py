@@ -163,7 +163,6 @@ def test_what_is_written_agrees_with_the_result_and_is_named_in_order(result, tm
         "inspection-sheet.csv",
         "qif",
         "dcc.xml",
-        "certificate.html",
     ]
     assert paths[3].read_text() == f"{result}\n"
     record = read_as_built(str(paths[0]))

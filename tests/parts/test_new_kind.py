@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from oracles.drawn_dimensions import drawn_dimensions
-from stepblocks.artefacts.step.read import check_part_step
+from stepblocks.artefacts.check import check_part_step
 from stepblocks.build.run import build_sets, check_output
 from stepblocks.cad import kernel
 from stepblocks.contact.counterface import Profile

@@ -15,7 +15,7 @@ SHIPPED = Path(__file__).resolve().parents[2] / "stimuli" / "sheaths.toml"
 SET = load_set(SHIPPED)
 
 
-def test_a_build_leaves_rings_test_and_probe_and_the_page_shows_them(shipped_output):
+def test_a_build_leaves_rings_test_and_probe_and_the_page_links_them(shipped_output):
     folder = shipped_output / "sheaths"
     with (folder / "rings.csv").open() as file:
         rows = list(csv.DictReader(file))
@@ -25,8 +25,7 @@ def test_a_build_leaves_rings_test_and_probe_and_the_page_shows_them(shipped_out
     assert all(one["source"] for table in ("probe", "damping_rig") for one in told[table].values())
     assert told["follows"]["free_length_m"] == pytest.approx(SET.probe.rod().length)
     page = (shipped_output / "index.html").read_text()
-    assert f"rings at {rows[2]['frequency_hz']} Hz" in page
-    assert "What the damping test will measure" in page
+    assert all(f'href="sheaths/{name}.csv"' in page for name in ("rings", "damping-test"))
     manifest = json.loads((shipped_output / "manifest.json").read_text())["outputs"]
     assert {"sheaths/rings.csv", "sheaths/damping-test.csv", "sheaths/probe.json"} <= set(manifest)
 

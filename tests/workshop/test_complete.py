@@ -10,13 +10,14 @@ import pytest
 import shapely
 from ezdxf import bbox
 
-from stepblocks.artefacts.on_paper import write_sheet_csv
+from stepblocks.artefacts.on_paper import sheet_table
 from stepblocks.artefacts.step.write import write_step_ap242
 from stepblocks.cli import main
 from stepblocks.declare import load_declared
 from stepblocks.parts.shapes import build_solids
 from stepblocks.parts.tolerance import Dimension
 from stepblocks.select import stimulus_files
+from stepblocks.tables import write_table
 from stepblocks.workshop.complete import missing_from
 from stepblocks.workshop.drawing import write_drawing, write_gauge_drawing
 from stepblocks.workshop.gauge_route import choose_pair
@@ -37,7 +38,7 @@ def written(tmp_path_factory):
             part = STIMULI[identity]
             (drawing,) = write_drawing(folder, part, ("dxf",))
             sheet, step = folder / f"{identity}.csv", folder / f"{identity}.step"
-            write_sheet_csv(sheet, part)
+            write_table(sheet_table(part), sheet)
             write_step_ap242(step, part, build_solids(part))
             found[identity] = part, drawing, step, sheet
         return found[identity]
@@ -49,7 +50,7 @@ def written(tmp_path_factory):
 def test_every_shipped_part_is_complete_on_paper(identity, tmp_path):
     part = STIMULI[identity]
     (drawing,) = write_drawing(tmp_path, part, ("dxf",))
-    write_sheet_csv(tmp_path / "sheet.csv", part)
+    write_table(sheet_table(part), tmp_path / "sheet.csv")
     assert missing_from(part, drawing, None, tmp_path / "sheet.csv") == []
 
 

@@ -8,10 +8,11 @@ from pathlib import Path
 import pytest
 
 from oracles.drawn_dimensions import drawn_dimensions
-from stepblocks.artefacts.on_paper import COLUMNS, decimals_for, limits_text, write_sheet_csv, write_sheet_pdf
+from stepblocks.artefacts.on_paper import COLUMNS, decimals_for, limits_text, sheet_table, write_sheet_pdf
 from stepblocks.declare import load_set
 from stepblocks.errors import MachiningError
 from stepblocks.select import stimulus_files
+from stepblocks.tables import write_table
 from stepblocks.workshop.drawing import write_drawing
 
 ROOT = Path(__file__).parents[2]
@@ -91,7 +92,7 @@ def test_svg_and_pdf_come_out_the_same_twice(tmp_path):
 @pytest.mark.parametrize("identity", sorted(STIMULI))
 def test_the_inspection_sheet_has_a_line_for_every_characteristic_with_limits_in_order(identity, tmp_path):
     path = tmp_path / "sheet.csv"
-    write_sheet_csv(path, STIMULI[identity])
+    write_table(sheet_table(STIMULI[identity]), path)
     with path.open(encoding="utf-8") as file:
         rows = list(csv.DictReader(file))
     listed = list(STIMULI[identity].characteristics())
@@ -105,7 +106,7 @@ def test_the_inspection_sheet_has_a_line_for_every_characteristic_with_limits_in
 
 def test_a_filled_sheet_carries_values_and_verdicts(tmp_path):
     measured = {"step_height": (10.02e-6, 0.05e-6, "conforms")}
-    write_sheet_csv(tmp_path / "sheet.csv", STIMULI["step-010"], measured)
+    write_table(sheet_table(STIMULI["step-010"], measured), tmp_path / "sheet.csv")
     assert "0.010020,0.000050,conforms" in (tmp_path / "sheet.csv").read_text()
     write_sheet_pdf(tmp_path / "a.pdf", STIMULI["step-010"], measured)
     write_sheet_pdf(tmp_path / "b.pdf", STIMULI["step-010"], measured)

@@ -7,6 +7,7 @@ import io
 import json
 from collections.abc import Sequence
 from dataclasses import dataclass, field
+from functools import partial
 from pathlib import Path
 from typing import Annotated, Literal
 
@@ -23,6 +24,7 @@ from stepblocks.text_file import is_file, read_document
 
 _SCHEMA = 1  # of the record's format
 _TEXTS = ("stimulus", "scan", "scan_sha256", "convention")
+_quoted = partial(json.dumps, ensure_ascii=False)  # its escapes are those of TOML
 _LENGTH = BeforeValidator(quantity_parser("length"))
 
 
@@ -87,10 +89,6 @@ def write_as_built(path: Path, record: AsBuilt) -> list[Path]:
         lines += ["", f"[values.{key}]", f'value = "{value}"', f'std = "{std}"', f"verdict = {_quoted(one.verdict)}"]
     replace_text(path, "\n".join(lines) + "\n")
     return written
-
-
-def _quoted(text: str) -> str:
-    return json.dumps(text, ensure_ascii=False)  # its escapes are those of TOML
 
 
 def read_as_built(path: str | Path) -> AsBuilt:

@@ -1,6 +1,6 @@
 """A draft of a digital calibration certificate (DCC 3.3.0, quantities as D-SI 2.2.1) for a laboratory to complete and sign.
 
-What the program cannot know (laboratory, equipment, signer, dates) says so in its place. A page of the same content lies beside.
+What the program cannot know (laboratory, equipment, signer, dates) says so in its place. The page of the inspection lies beside.
 """
 
 from __future__ import annotations
@@ -24,24 +24,20 @@ RULE = (
 )
 
 
-def write_certificate(base: Path, part: Part, record: Mapping[str, Any], order: OrderSpec, digest: str) -> list[Path]:
-    """Write ``<base>.dcc.xml`` and ``<base>.certificate.html`` of an inspection; the author of the order is the customer."""
+def write_certificate(path: Path, part: Part, record: Mapping[str, Any], order: OrderSpec, digest: str) -> None:
+    """Write the certificate of an inspection; the author of the order is the customer."""
     from stepblocks import __version__
 
     numbers = {one.key: number for number, one in enumerate(part.characteristics(), start=1)}
     results = [_line(numbers[one["key"]], one) for one in record["characteristics"] if one["key"] in numbers]
     worst_first = ("fail", "conditionalFail", "conditionalPass", "pass")
-    whole = min((one["conformity"] for one in results), key=worst_first.index, default="conditionalPass")
-    paths = [base.with_name(f"{base.name}.{ending}") for ending in ("dcc.xml", "certificate.html")]
     values = {
         **{"identity": part.id.upper(), "title": part.titled, "material": part.material.designation, "rule": RULE},
-        **{"verdict": record["verdict"], "convention": record["convention"], "notes": record["notes"]},
+        **{"verdict": record["verdict"], "convention": record["convention"], "release": __version__},
         **{"blank": _BLANK, "author": order.author, "date": order.date or _PINNED, "digest": digest[:16]},
-        **{"results": results, "conformity": whole, "release": __version__, "file": paths[0].name, "um": _um},
+        "conformity": min((one["conformity"] for one in results), key=worst_first.index, default="conditionalPass"),
     }
-    for path, template in zip(paths, ("dcc.xml.j2", "certificate.html.j2"), strict=True):
-        replace_text(path, render_page("artefacts", template, **values))
-    return paths
+    replace_text(path, render_page("artefacts", "dcc.xml.j2", results=results, **values))
 
 
 def _line(number: int, one: Mapping[str, Any]) -> dict[str, Any]:
@@ -66,7 +62,3 @@ def _line(number: int, one: Mapping[str, Any]) -> dict[str, Any]:
 def _metres(length: float) -> str:
     """Write a length to a tenth of a picometre, in the notation that D-SI takes for decimals."""
     return f"{length:.13f}".rstrip("0").rstrip(".")
-
-
-def _um(metres: str) -> str:
-    return f"{float(metres) * 1e6:.4f}"

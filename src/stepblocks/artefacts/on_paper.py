@@ -11,7 +11,6 @@ from stepblocks.atomic import beside
 from stepblocks.parts.characteristics import FORM
 from stepblocks.parts.kind import Part
 from stepblocks.parts.tolerance import GUARD_FACTOR
-from stepblocks.tables import write_table
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -92,11 +91,6 @@ def sheet_table(stimulus: Part, measured: Values | None = None) -> pd.DataFrame:
         got = ("", "", "") if value is None else (f"{value[0] * 1e3:.6f}", f"{value[1] * 1e3:.6f}", value[2])
         rows.append((str(number), one.label, one.kind, *limits, unit, one.method, *got))
     return pd.DataFrame(rows, columns=COLUMNS)
-
-
-def write_sheet_csv(path: Path, stimulus: Part, measured: Values | None = None) -> None:
-    """Write the sheet as CSV."""
-    write_table(sheet_table(stimulus, measured), path)
 
 
 def write_sheet_pdf(path: Path, stimulus: Part, measured: Values | None = None) -> None:

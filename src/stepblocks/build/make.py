@@ -4,15 +4,11 @@ from __future__ import annotations
 
 import json
 import os
-import sys
 import time
 from collections.abc import Iterator, Mapping, Sequence
-from concurrent.futures import ProcessPoolExecutor, as_completed
 from concurrent.futures.process import BrokenProcessPool
 from dataclasses import dataclass
-from multiprocessing.context import ForkServerContext, ForkServerProcess
 from pathlib import Path
-from types import ModuleType
 from typing import Any
 
 from stepblocks.atomic import folder_beside
@@ -21,8 +17,6 @@ from stepblocks.confined import written_by_us
 from stepblocks.errors import PipelineError
 from stepblocks.parts.kind import Part
 from stepblocks.workers import die_with_parent
-
-_TASKS_PER_WORKER = 64  # the kernel's memory creeps; a worker is replaced before it shows
 
 
 @dataclass(frozen=True)
@@ -41,10 +35,10 @@ def make_all(wanted: Sequence[tuple[str, Part, str]], output: Path, jobs: int | 
         for set_name, stimulus, key in wanted:
             yield make(set_name, stimulus, output, key)
         return
-    context = _Workers()
-    context.set_forkserver_preload(["stepblocks.cad.kernel", "stepblocks.build.make"])
-    most = min(-(-len(wanted) // workers), _TASKS_PER_WORKER)
-    with ProcessPoolExecutor(workers, context, die_with_parent, max_tasks_per_child=most) as pool:
+    # these workers load no main module, which then needs no guard, and are replaced where the kernel's memory creeps
+    from joblib.externals.loky import ProcessPoolExecutor, as_completed
+
+    with ProcessPoolExecutor(workers, initializer=die_with_parent) as pool:
         try:
             tasks = [pool.submit(make, set_name, stimulus, output, key) for set_name, stimulus, key in wanted]
             yield from (future.result() for future in as_completed(tasks))
@@ -53,23 +47,8 @@ def make_all(wanted: Sequence[tuple[str, Part, str]], output: Path, jobs: int | 
                 "a worker process died: it ran out of memory, or the renderer found no OpenGL (libGL, libEGL)"
             ) from error
         except BaseException:
-            pool.shutdown(wait=False, cancel_futures=True)
+            pool.shutdown(wait=False, kill_workers=True)
             raise
-
-
-class _Worker(ForkServerProcess):
-    """A process that does not load the caller's script again, which would then need a main guard."""
-
-    def start(self) -> None:
-        script, sys.modules["__main__"] = sys.modules["__main__"], ModuleType("__main__")
-        try:
-            super().start()
-        finally:
-            sys.modules["__main__"] = script
-
-
-class _Workers(ForkServerContext):
-    Process = _Worker
 
 
 def checked_files(stimulus: Part, folder: Path) -> list[Path]:

@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import json
 import math
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -15,15 +16,21 @@ from numpy.typing import NDArray
 from stepblocks.atomic import replace_text
 from stepblocks.build.manifest import RECORD, linked
 from stepblocks.contact import kernels
-from stepblocks.contact.energy import Release, Status
+from stepblocks.contact.energy import Status
 from stepblocks.page_file import render_page
 from stepblocks.parts.set import StimulusSet
 from stepblocks.predict.predictions import Prediction, figures_of
-from stepblocks.predict.sheaths import conditions_of, decay_test_rows, ring_rows
-from stepblocks.quantities import figure, format_span
+from stepblocks.quantities import format_span
 
 # colours of the view
 _MATERIALS = {"brass": "#d8b44e", "pmma": "#bfe3ee", "zirconia": "#f1ead8", "stainless": "#bcc6ce"}
+# columns of predictions.csv that the page shows
+_SHOWN = (
+    *("drag", "tip_radius_um", "step_height_um", "normal_load_n", "friction", "critical_angle_deg", "status"),
+    *("pull_force_n", "vibration_energy_uj", "vibration_energy_95_low_uj", "vibration_energy_95_high_uj"),
+    *("vibration_energy_low_uj", "vibration_energy_high_uj", "mean_power_uw", "threshold_ratio"),
+    *("frequency_hz", "drag_vibration_energy_uj", "felt_by"),
+)
 _LINKED = {".step", ".stl", ".obj", ".ply", ".3mf", ".glb", ".tiff", ".npz", ".json"}  # files that the page links
 _INK, _COLOURS = "#71828f", ("#1f6f8b", "#c8553d", "#588157", "#7b4fa3", "#b08900")
 _WORDS = {Status.LOCKED: "locked", Status.TOO_HIGH: "too high", Status.NO_CATCH: "no catch"}
@@ -37,6 +44,7 @@ class Section:
     stimuli: StimulusSet
     predictions: Sequence[Prediction]
     records: Mapping[str, Mapping[str, Any]]  # by stimulus, of those that were made
+    files: Sequence[str] = ()  # of the whole set
 
 
 def write_page(sections: Sequence[Section], output: Path) -> list[Path]:
@@ -49,21 +57,22 @@ def write_page(sections: Sequence[Section], output: Path) -> list[Path]:
         replace_text(script, source)
     links = linked(output, [f"{one.stimuli.name}/{name}/{RECORD}" for one in sections for name in one.records])
     # the steps of the paper come first, else the user's own order
-    shown = [_section(section, links) for section in sorted(sections, key=lambda one: one.stimuli.name != "paper-ten")]
-    rows = [row for section in shown for row in section["rows"]]
+    sets = [_section(section, links) for section in sorted(sections, key=lambda one: one.stimuli.name != "paper-ten")]
+    rows = [row for section in sets for row in section["rows"]]
     values = {
         "total": len(rows),
         "failed": sum(bool(row["failed"]) for row in rows),
         "checks": sum(len(row["verdicts"]) for row in rows),
         "kinds": sorted({row["kind"] for row in rows}),
         "links": links[""],
+        "shown": _SHOWN,
     }
-    replace_text(page, render_page("build", "index.html", sections=shown, rows=rows, **values))
+    replace_text(page, render_page("build", "index.html", sections=sets, rows=rows, **values))
     return [script, page]
 
 
 def _section(section: Section, links: Mapping[str, Sequence[Sequence[str]]]) -> dict[str, Any]:
-    stimuli, rings = section.stimuli, _ring_lines(section.stimuli)
+    stimuli = section.stimuli
     materials = {part.id: part.material for part in stimuli.stimuli}
     rows = []
     for identity, record in section.records.items():
@@ -77,80 +86,27 @@ def _section(section: Section, links: Mapping[str, Sequence[Sequence[str]]]) -> 
             "links": links.get(folder, []),
             "files": [name for name in record["outputs"] if Path(name).suffix in _LINKED],
             "failed": [verdict for verdict in record["verdicts"] if not verdict["passed"]],
-            "predictions": [_cells(figures_of(prediction)) for prediction in predictions],
-            "summary": [*_summary(predictions), *rings.get(identity, [])],
+            "predictions": list(map(figures_of, predictions)),
+            "summary": list(_summary(predictions)),
             "material": material.designation if material else "",
             "colour": _MATERIALS.get(material.name if material else "", "#b9c4ce"),
         }
         same = {name: record[name] for name in ("kind", "dimensions", "derived", "verdicts")}
-        rows.append(row | same | _overview(predictions))
-    tables = {
-        ("How the probe rings", "rings.csv"): ring_rows(stimuli),
-        ("What the damping test will measure", "damping-test.csv"): decay_test_rows(stimuli),
-    }
+        rows.append(row | same)
     return {
         **{"name": stimuli.name, "title": stimuli.title, "source": stimuli.source, "rows": rows},
-        "figure": _figure(stimuli),
-        "tables": [
-            {"title": t, "file": f"{stimuli.name}/{file}", "rows": found}
-            for (t, file), found in tables.items()
-            if found
-        ],
+        **{"figure": _figure(stimuli), "files": section.files},
     }
-
-
-def _spans(releases: Sequence[Release]) -> dict[str, str]:
-    """Say the range of forces and energies of what slips; nothing where nothing does."""
-    felt = [one for one in releases if one.status is Status.RELEASES]
-    figures = {"force": [one.pull_force for one in felt], "energy": [one.vibration_energy for one in felt]}
-    return {name: format_span(min(values), max(values), name) for name, values in figures.items() if values}
-
-
-def _overview(predictions: Sequence[Prediction]) -> dict[str, str]:
-    """Say of a stimulus what a line of the overview holds: force, energy, and how often it locks."""
-    releases = [prediction.release for prediction in predictions]
-    spans, held = _spans(releases), sum(one.status is Status.LOCKED for one in releases)
-    beyond = sum(one.status.beyond for one in releases)
-    told = f"{held} of {len(releases)}" if held else "never" if spans or beyond else "does not catch"
-    return {"force": "-", "energy": "-", **spans, "locks": told + (f"; {beyond} beyond a limit" if beyond else "")}
-
-
-def _ring_lines(stimuli: StimulusSet) -> dict[str, list[str]]:
-    """Frequency and decay with each sheath, beside those of the bare probe."""
-    lines: dict[str, list[str]] = {}
-    conditions = conditions_of(stimuli)
-    for one in conditions[1:]:
-        bare, ring = conditions[0].ring, one.ring
-        lines.setdefault(one.sheath, []).append(
-            f"{one.use}: rings at {ring.frequency:.1f} Hz, decays in {ring.decay_time * 1e3:.2f} ms; "
-            f"bare {bare.frequency:.1f} Hz, {bare.decay_time * 1e3:.2f} ms"
-        )
-    return lines
-
-
-def _cells(p: Mapping[str, float | str]) -> list[str]:
-    """Write a line of the table of predictions, its figures to three digits."""
-
-    def shown(*names: str) -> list[str]:
-        return [one if isinstance(one := p[name], str) else figure(one) for name in names]
-
-    def between(low: str, high: str) -> str:
-        ends = [figure(float(p[name])) for name in (low, high)]
-        return " to ".join(("locked" if end in ("∞", "-") else end) for end in ends) if ends[0] != "-" else ""
-
-    names = "drag tip_radius_um step_height_um normal_load_n friction critical_angle_deg status pull_force_n vibration_energy_uj"
-    felt = shown(*names.split())
-    interval = between("vibration_energy_95_low_uj", "vibration_energy_95_high_uj") if felt[-1] != "-" else ""
-    worst = between("vibration_energy_low_uj", "vibration_energy_high_uj")
-    more = shown("mean_power_uw", "threshold_ratio", "drag_vibration_energy_uj", "felt_by")
-    return [*felt, interval, worst, *more]
 
 
 def _summary(predictions: Sequence[Prediction]) -> Iterator[str]:
     """Range of what is felt in each direction, and what locks."""
     for drag in dict.fromkeys(prediction.drag for prediction in predictions):
         releases = [prediction.release for prediction in predictions if prediction.drag == drag]
-        parts = [", ".join(_spans(releases).values())]
+        felt = [one for one in releases if one.status is Status.RELEASES]
+        figures = {"force": [one.pull_force for one in felt], "energy": [one.vibration_energy for one in felt]}
+        spans = (format_span(min(values), max(values), name) for name, values in figures.items() if values)
+        parts = [", ".join(spans)]
         for status, words in _WORDS.items():
             if count := sum(release.status is status for release in releases):
                 parts.append(f"{words} in {count} of {len(releases)}")
@@ -170,26 +126,32 @@ def _figure(stimuli: StimulusSet) -> str | None:
     top = min(1.25 * marks[-1], radius)
     curve = np.linspace(0.002 * top, top, 300)
 
-    def angle(heights: NDArray[np.float64]) -> Any:
-        return np.degrees(kernels.angle_on_step(heights, radius))
+    traces: list[dict[str, Any]] = []
+    shapes = []
+
+    def draw(y: Callable[[Any], Any], least: float, name: str, colour: str, axis: str) -> None:
+        """Draw a curve up to a height, and mark the blocks on it."""
+        for heights, kind in ((curve, "lines"), (marks, "markers")):
+            x = heights[heights <= least]
+            trace = {"type": "scatter", "mode": kind, "x": _short(x * 1e6), "y": _short(y(x)), "name": ""}
+            trace |= {"yaxis": axis, "xaxis": axis.replace("y", "x"), "showlegend": False}
+            if kind == "lines":
+                trace |= {"name": name, "line": {"color": colour, "width": 2}, "showlegend": axis == "y2"}
+            else:
+                trace |= {"text": names[: len(x)], "marker": {"color": colour, "size": 8}}
+                trace["hovertemplate"] = "%{text}: %{y:.4g}<extra></extra>"
+            traces.append(trace)
 
     def energy(heights: NDArray[np.float64], friction: float) -> Any:
         force = kernels.pull_force(load, kernels.angle_on_step(heights, radius), friction)
         return 1e6 * tool.conversion * kernels.stored_energy(force, tool.stiffness)
 
-    inside = marks[marks < radius]
-    traces = [
-        _line(curve * 1e6, angle(curve), "critical angle", _INK, "y"),
-        _dots(inside * 1e6, angle(inside), names, _INK, "y"),
-    ]
-    shapes = []
+    draw(lambda heights: np.degrees(kernels.angle_on_step(heights, radius)), radius, "critical angle", _INK, "y")
     for index, friction in enumerate(grid.frictions):
         colour, locking = _COLOURS[index % len(_COLOURS)], float(kernels.locking_height(radius, friction))
         # where the pull reaches the limit: F = N tan(a + atan mu); beyond it there is no energy
         least = float(kernels.height_at_angle(math.atan2(most, load) - math.atan(friction), radius))
-        below, felt = curve[curve <= least], marks[marks <= least]
-        traces.append(_line(below * 1e6, energy(below, friction), f"E<sub>v</sub>, µ {friction:g}", colour, "y2"))
-        traces.append(_dots(felt * 1e6, energy(felt, friction), names, colour, "y2"))
+        draw(partial(energy, friction=friction), least, f"E<sub>v</sub>, µ {friction:g}", colour, "y2")
         if locking < 1.02 * top:
             ends = {"x0": locking * 1e6, "x1": locking * 1e6, "yref": "paper", "y0": 0, "y1": 1}
             shapes.append({"type": "line", **ends, "line": {"color": colour, "dash": "dot", "width": 1.5}})
@@ -198,14 +160,15 @@ def _figure(stimuli: StimulusSet) -> str | None:
     decades = [10.0**power for power in range(-3, 5)]
     ticks = {"tickvals": decades, "ticktext": [format_span(1e-6 * one, 1e-6 * one, "energy") for one in decades]}
     title = f"Tip {radius * 1e6:g} µm, load {load:g} N; dotted: above it the tip locks; no energy beyond {most:g} N ({limit})"
+    height, across = {"text": "step height, µm"}, [0, top * 1e6]
     layout = {
         "height": 400,
         "margin": {"l": 70, "r": 20, "t": 40, "b": 80},
         "title": {"text": title, "font": {"size": 14}, "x": 0.01, "xanchor": "left"},
-        "xaxis": _axis("step height, µm", domain=[0.0, 0.44], range=[0, top * 1e6]),
-        "yaxis": _axis("critical angle, °"),
-        "xaxis2": _axis("step height, µm", domain=[0.56, 1.0], range=[0, top * 1e6], anchor="y2"),
-        "yaxis2": _axis("vibration energy", type="log", anchor="x2", range=felt_range, **ticks),
+        "xaxis": {"title": height, "domain": [0.0, 0.44], "range": across},
+        "yaxis": {"title": {"text": "critical angle, °"}},
+        "xaxis2": {"title": height, "domain": [0.56, 1.0], "range": across, "anchor": "y2"},
+        "yaxis2": {"title": {"text": "vibration energy"}, "type": "log", "anchor": "x2", "range": felt_range, **ticks},
         "shapes": [shape | {"xref": axis} for shape in shapes for axis in ("x", "x2")],
         "legend": {"orientation": "h", "y": -0.22, "x": 0.56},
         "hovermode": "closest",
@@ -214,29 +177,6 @@ def _figure(stimuli: StimulusSet) -> str | None:
         "template": "none",
     }
     return json.dumps({"data": traces, "layout": layout}, allow_nan=False)
-
-
-def _axis(title: str, **more: Any) -> dict[str, Any]:
-    return {"title": {"text": title}, **more}
-
-
-def _line(x: Any, y: Any, name: str, colour: str, axis: str) -> dict[str, Any]:
-    return {
-        **{"type": "scatter", "mode": "lines", "x": _short(x), "y": _short(y), "name": name},
-        **{"line": {"color": colour, "width": 2}, "yaxis": axis, "xaxis": axis.replace("y", "x")},
-        "showlegend": axis == "y2",
-    }
-
-
-def _dots(x: Any, y: Any, names: Sequence[str], colour: str, axis: str) -> dict[str, Any]:
-    """Mark blocks, in the order of their heights; those of the names that have a value."""
-    return _line(x, y, "", colour, axis) | {
-        "mode": "markers",
-        "text": list(names[: len(x)]),
-        "hovertemplate": "%{text}: %{y:.4g}<extra></extra>",
-        "marker": {"color": colour, "size": 8},
-        "showlegend": False,
-    }
 
 
 def _short(values: Any) -> list[float]:

@@ -13,8 +13,8 @@ from typing import Any
 import numpy as np
 
 from stepblocks.artefacts.as_built import AsBuilt, AsBuiltValue, write_as_built
-from stepblocks.artefacts.certificate import write_certificate
-from stepblocks.artefacts.on_paper import write_sheet_csv
+from stepblocks.artefacts.certificate import RULE, write_certificate
+from stepblocks.artefacts.on_paper import sheet_table
 from stepblocks.artefacts.qif import write_qif
 from stepblocks.artefacts.scans.scan import Profile
 from stepblocks.atomic import replace_text
@@ -26,6 +26,7 @@ from stepblocks.parts.characteristics import Characteristic
 from stepblocks.parts.conditions import OrderSpec
 from stepblocks.parts.kind import Part
 from stepblocks.parts.tolerance import GUARD_FACTOR
+from stepblocks.tables import write_table
 
 _COLOUR: dict[Outcome | None, str] = {
     Outcome.CONFORMS: "#2e7d4f",
@@ -154,7 +155,8 @@ def write_inspection(result: InspectionResult, folder: str | Path) -> list[Path]
     base.parent.mkdir(parents=True, exist_ok=True)
     endings = ("as-built.toml", *(f"inspection.{kind}" for kind in ("json", "txt", "svg", "html")))
     record_path, data, table, plot, page = (base.with_name(f"{base.name}.{ending}") for ending in endings)
-    sheet, qif = (base.with_name(f"{base.name}.{ending}") for ending in ("inspection-sheet.csv", "qif"))
+    others = ("inspection-sheet.csv", "qif", "dcc.xml")
+    sheet, qif, certificate = (base.with_name(f"{base.name}.{ending}") for ending in others)
     values = {one.key: AsBuiltValue(d.value, d.std, d.verdict.value) for one, d in result.judged}
     digest = hashlib.sha256(result.source.read_bytes()).hexdigest()
     inspected, shown = result.inspected, result.inspected.shown
@@ -167,10 +169,10 @@ def write_inspection(result: InspectionResult, folder: str | Path) -> list[Path]
     replace_text(page, _page(result, plot.name))
     if result.stimulus is not None:
         filled = {key: (one.value, one.std, one.verdict) for key, one in values.items()}
-        write_sheet_csv(sheet, result.stimulus, filled)
+        write_table(sheet_table(result.stimulus, filled), sheet)
         write_qif(qif, result.stimulus, result.order, filled)
-        certificate = write_certificate(base, result.stimulus, result.as_record(), result.order, digest)
-        paths += [sheet, qif, *certificate]
+        write_certificate(certificate, result.stimulus, result.as_record(), result.order, digest)
+        paths += [sheet, qif, certificate]
     return paths
 
 
@@ -201,7 +203,7 @@ def _page(result: InspectionResult, picture: str) -> str:
         tables={"characteristics": rows, "uncertainty budget": budget},
         picture=picture,
         alt=f"Scan of {result.identity}, what was fitted, limits and guard bands",
-        notes=[f"Convention: {inspected.convention}.", *inspected.notes],
+        notes=[f"Convention: {inspected.convention}.", f"Decision rule: {RULE}", *inspected.notes],
     )
 
 

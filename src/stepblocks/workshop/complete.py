@@ -6,9 +6,9 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
+from stepblocks.artefacts.check import check_part_step
 from stepblocks.artefacts.on_paper import limits_text, zone_text
 from stepblocks.artefacts.step.exchange import read_exchange
-from stepblocks.artefacts.step.read import check_part_step
 from stepblocks.errors import MachiningError
 from stepblocks.parts.characteristics import FORM, Characteristic
 from stepblocks.parts.kind import Part

@@ -8,7 +8,7 @@ from typing import Any
 
 import pandas as pd
 
-from stepblocks.artefacts.on_paper import write_sheet_csv, write_sheet_pdf
+from stepblocks.artefacts.on_paper import sheet_table, write_sheet_pdf
 from stepblocks.artefacts.qif import write_qif
 from stepblocks.atomic import alone_in, inside
 from stepblocks.declare import load_declared, load_kit
@@ -134,7 +134,7 @@ def _order(name: str, part: Part | Apparatus, output: Path, capability: float, d
     if isinstance(part, Block):
         written += write_setup(folder, part, routes)
     sheets = [folder / f"{part.id}.inspection-sheet.{form}" for form in ("csv", "pdf")]
-    write_sheet_csv(sheets[0], part)
+    write_table(sheet_table(part), sheets[0])
     write_sheet_pdf(sheets[1], part)
     step = folder / f"{part.id}.step"
     missing = missing_from(part, written[0], step if step.is_file() else None, sheets[0])

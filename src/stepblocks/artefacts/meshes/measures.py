@@ -61,8 +61,7 @@ class MeshMeasures:
 
     def start_of_level(self, level: float, within: float = 0.5e-6) -> float:
         """Where the level face that reaches the right end of a block begins [m]."""
-        from scipy.sparse import coo_array
-        from scipy.sparse.csgraph import connected_components
+        from trimesh.graph import connected_component_labels
 
         normals, _ = self._normals_and_areas
         near = np.abs(self.vertices[self.triangles, 2] - level).max(axis=1) < within
@@ -70,9 +69,7 @@ class MeshMeasures:
         if not len(chosen):
             return math.nan
         count = len(self.vertices)
-        a, b = chosen[:, [0, 1]].ravel(), chosen[:, [1, 2]].ravel()
-        graph = coo_array((np.ones(len(a), dtype=np.int8), (a, b)), shape=(count, count))
-        _, label = connected_components(graph, directed=False)
+        label = connected_component_labels(np.concatenate([chosen[:, :2], chosen[:, 1:]]), count)
         x = np.where(np.isin(np.arange(count), chosen), self.vertices[:, 0], -np.inf)
         return float(self.vertices[label == label[int(np.argmax(x))], 0].min())
 

@@ -1,4 +1,4 @@
-"""The verdict on a STEP file: values typed, units right, every dimension true to the faces it names."""
+"""What anybody's STEP file asks for, and the verdict on it: values typed, units right, every dimension true to the faces it names."""
 
 from __future__ import annotations
 
@@ -10,14 +10,55 @@ from typing import Any
 
 from pydantic import TypeAdapter
 
-from stepblocks.artefacts.step.characteristics import Characteristic, dimensions_of, tolerances_of
-from stepblocks.artefacts.step.exchange import Exchange, read_exchange
-from stepblocks.artefacts.step.faces import faces_of
-from stepblocks.artefacts.step.units import density_findings, measure_of, untyped_measures
+from stepblocks.artefacts.step.exchange import Exchange, read_exchange, references_in
+from stepblocks.artefacts.step.faces import (
+    Surface,
+    faces_of,
+    measured_angle,
+    measured_distance,
+    measured_size,
+    placed_where_drawn,
+)
+from stepblocks.artefacts.step.units import Measure, density_findings, measure_of, untyped_measures
 from stepblocks.confined import read_confined
 from stepblocks.errors import MetrologyError
 
 ALLOWED = 1e-9  # largest difference between a dimension and its faces [m], and [rad] for angles
+_SIZES = ("DIMENSIONAL_SIZE", "DIMENSIONAL_SIZE_WITH_PATH", "DIMENSIONAL_SIZE_WITH_DATUM_FEATURE", "ANGULAR_SIZE")
+_LOCATIONS = (
+    *("DIMENSIONAL_LOCATION", "DIRECTED_DIMENSIONAL_LOCATION", "DIMENSIONAL_LOCATION_WITH_PATH"),
+    "ANGULAR_LOCATION",
+)
+_TOLERANCES = (
+    *("FLATNESS", "STRAIGHTNESS", "ROUNDNESS", "CYLINDRICITY"),
+    *("PARALLELISM", "PERPENDICULARITY", "ANGULARITY"),
+    *("POSITION", "CONCENTRICITY", "COAXIALITY", "SYMMETRY"),
+    *("LINE_PROFILE", "SURFACE_PROFILE", "CIRCULAR_RUNOUT", "TOTAL_RUNOUT"),
+)
+_TO_DATUM = ("DATUM_SYSTEM", "DATUM_REFERENCE_COMPARTMENT", "DATUM_REFERENCE_ELEMENT", "DATUM_REFERENCE")
+
+
+@dataclass(frozen=True)
+class Characteristic:
+    """One dimension or tolerance."""
+
+    ref: str  # instance
+    kind: str  # ``diameter``, ``linear distance``, ``flatness``
+    name: str  # name or description in the file
+    value: float  # nominal of a dimension, zone of a tolerance [m or rad]
+    lower: float  # signed deviation [m or rad]; nan where the file states none
+    upper: float  # signed deviation [m or rad]; nan where the file states none
+    unit: str  # in the file
+    faces: tuple[str, ...]  # that it names
+    geometry: float | None = None  # the value by those faces [m or rad]; None where they do not determine it
+    datums: tuple[str, ...] = ()  # letters of those that a tolerance refers to
+    angular: bool = False  # whether value and limits are angles
+    problem: str = ""  # what is wrong with the dimension itself; empty where nothing is
+
+    @property
+    def deviation(self) -> float | None:
+        """Geometry minus value [m or rad]."""
+        return None if self.geometry is None else self.geometry - self.value
 
 
 @dataclass(frozen=True)
@@ -81,8 +122,112 @@ def report_in(path: Path, require_ap242: bool) -> dict[str, Any]:
     return {
         **{"name": file.name, "schema": file.schema, "findings": findings},
         **{"dimensions": list(map(asdict, dimensions)), "tolerances": list(map(asdict, tolerances))},
-        **{"materials": _materials(file), "densities": [value for _, value in densities], "textures": _textures(file)},
+        **{"materials": list(_materials(file)), "densities": densities, "textures": list(_textures(file))},
     }
+
+
+def dimensions_of(file: Exchange) -> list[Characteristic]:
+    """List the dimensions of a file: sizes of the faces of one side, distances and angles between two."""
+    found = []
+    for ref, values in file.named(*_SIZES):
+        angular = file.parameters(ref, "ANGULAR_SIZE")
+        kind, name = ("angular size", _text(values[1])) if angular else (str((*values, "size")[1]), "")
+        found.append(_dimension(file, ref, kind, name, faces_of(file, values[0])))
+    for ref, values in file.named(*_LOCATIONS):
+        if len(values) >= 4:
+            kind = _text(values[0]) or ("angular location" if file.parameters(ref, "ANGULAR_LOCATION") else "location")
+            sides = faces_of(file, values[2]), faces_of(file, values[3])
+            found.append(_dimension(file, ref, kind, _text(values[1]), *sides))
+    return sorted(found, key=lambda one: int(one.ref[1:]))
+
+
+def _text(value: object) -> str:
+    return "" if value is None or value in ("$", "*") else str(value)
+
+
+def _dimension(file: Exchange, ref: str, kind: str, name: str, *sides: list[Surface]) -> Characteristic:
+    nominal, lower, upper, problem = _limits(file, ref)
+    unit, value = ("?", math.nan) if nominal is None else (nominal.unit.name, nominal.si)
+    angular = nominal is not None and nominal.unit.dimension == "angle"
+    named = [one for side in sides for one in side]
+    bodies = {one.representation for one in named}
+    if len(bodies) > 1 and not placed_where_drawn(file):
+        geometry = None
+    elif len(sides) == 1:
+        geometry = measured_size(sides[0], "angle" if angular else kind)
+    else:
+        geometry = measured_angle(*sides, value) if angular else measured_distance(*sides, kind)
+    planes = len(sides) == 2 and all(sides) and all(one.kind == "PLANE" for one in named)
+    if planes and geometry is None and not (problem or angular) and len(bodies) == 1:
+        problem = f"names planes {sides[0][0].ref} and {sides[1][0].ref} that are not parallel"
+    faces = tuple(one.ref for one in named)
+    return Characteristic(ref, kind, name, value, lower, upper, unit, faces, geometry, (), angular, problem)
+
+
+def _linked(file: Exchange, ref: str, entity: str, own: int) -> Iterator[object]:
+    """Yield what an entity of two parameters links with an instance, which is its parameter `own`."""
+    for user in file.users(ref):
+        pair = file.parameters(user, entity)
+        if len(pair) == 2 and pair[own] == ref:
+            yield pair[1 - own]
+
+
+def _limits(file: Exchange, ref: str) -> tuple[Measure | None, float, float, str]:
+    """Nominal value, signed deviations, and what is wrong with them; limits stand as deviations or as values of their own."""
+    found: dict[str, Measure] = {}
+    for representation in _linked(file, ref, "DIMENSIONAL_CHARACTERISTIC_REPRESENTATION", 0):
+        for item in (file.parameters(representation, "SHAPE_DIMENSION_REPRESENTATION") or ("", ()))[1]:
+            if (measure := measure_of(file, item)) is not None:
+                label = str((file.parameters(item, "REPRESENTATION_ITEM") or ("",))[0]).lower()
+                side = next((side for side in ("upper", "lower") if side in label), "")
+                found[side] = measure if side else found.get(side, measure)  # the first value is the nominal
+    if (nominal := found.pop("", None)) is None:
+        return None, math.nan, math.nan, "no value"
+    lower, upper, problem = math.nan, math.nan, ""
+    if found:
+        lower, upper = (found[side].si - nominal.si if side in found else math.nan for side in ("lower", "upper"))
+    for stated in _linked(file, ref, "PLUS_MINUS_TOLERANCE", 1) if not found else ():
+        if bounds := file.parameters(stated, "TOLERANCE_VALUE"):
+            sides = [one for bound in bounds if (one := measure_of(file, bound)) is not None]
+            if len(sides) != 2:
+                problem = "limits without a value"
+            elif {one.unit.dimension for one in sides} != {nominal.unit.dimension}:
+                problem = "limits in another kind of unit than the value"
+            else:
+                lower, upper = (one.si for one in sides)
+            break
+    return nominal, lower, upper, "limits are not in order" if lower >= upper else problem
+
+
+def tolerances_of(file: Exchange) -> list[Characteristic]:
+    """List the geometric tolerances of a file."""
+    found: dict[str, Characteristic] = {}
+    for kind in _TOLERANCES:
+        for ref, values in file.named(f"{kind}_TOLERANCE"):
+            common = file.parameters(ref, "GEOMETRIC_TOLERANCE") or values
+            if len(common) < 4:
+                continue
+            zone = measure_of(file, common[2])
+            unit, value = ("?", math.nan) if zone is None else (zone.unit.name, zone.si)
+            reference = file.parameters(ref, "GEOMETRIC_TOLERANCE_WITH_DATUM_REFERENCE") or values[4:5]
+            found[ref] = Characteristic(
+                *(ref, kind.lower().replace("_", " "), _text(common[0]), value, 0.0, value, unit),
+                faces=tuple(one.ref for one in faces_of(file, common[3])),
+                datums=_datums(file, reference),
+                problem="no value" if zone is None else "" if value > 0.0 else "zone must be positive",
+            )
+    return sorted(found.values(), key=lambda one: int(one.ref[1:]))
+
+
+def _datums(file: Exchange, reference: object) -> tuple[str, ...]:
+    """Letters behind a datum system or a list of datum references, following references down to DATUM."""
+    letters: list[str] = []
+    refs = list(references_in(reference))
+    for ref in refs:  # which grows on the way
+        letters += [str(one) for one in file.parameters(ref, "DATUM")[-1:]]
+        below = (one for name in _TO_DATUM for one in references_in(file.parameters(ref, name)[1:]))
+        refs += [one for one in below if one not in refs]
+    return tuple(dict.fromkeys(letters))
 
 
 def shown_in(angular: bool) -> tuple[float, str]:
@@ -103,23 +248,18 @@ def _dimension_findings(one: Characteristic) -> Iterator[str]:
         yield f"{label}: says {said}, but its faces{faces} have {had}{off}"
 
 
-def _textures(file: Exchange) -> tuple[tuple[str, float], ...]:
-    found = []
-    for _, values in file.named("PROPERTY_DEFINITION_REPRESENTATION"):
-        definition = file.parameters(values[0], "PROPERTY_DEFINITION")
-        shown = file.parameters(values[1], "REPRESENTATION")
-        if len(definition) != 3 or len(shown) != 3 or str(definition[0]) != "surface texture":
-            continue
-        for measure in filter(None, (measure_of(file, item) for item in shown[1])):
-            found += [(face.ref, measure.si) for face in faces_of(file, definition[2])]
-    return tuple(found)
+def _textures(file: Exchange) -> Iterator[tuple[str, float]]:
+    for _, (described, shown, *_) in file.named("PROPERTY_DEFINITION_REPRESENTATION"):
+        kind, _, owner = file.parameters(described, "PROPERTY_DEFINITION") or ("", "", "")
+        for item in (file.parameters(shown, "REPRESENTATION") or ("", ()))[1] if kind == "surface texture" else ():
+            if (measure := measure_of(file, item)) is not None:
+                yield from ((face.ref, measure.si) for face in faces_of(file, owner))
 
 
-def _materials(file: Exchange) -> tuple[str, ...]:
-    listed = (values for _, values in file.named("REPRESENTATION") if len(values) == 3)
-    items = (item for values in listed if "material name" in str(values[0]).lower() for item in values[1])
-    described = (file.parameters(item, "DESCRIPTIVE_REPRESENTATION_ITEM") for item in items)
-    return tuple(str(values[0]) for values in described if values)
+def _materials(file: Exchange) -> Iterator[str]:
+    for _, values in file.named("REPRESENTATION"):
+        for item in values[1] if len(values) == 3 and "material name" in str(values[0]).lower() else ():
+            yield from map(str, file.parameters(item, "DESCRIPTIVE_REPRESENTATION_ITEM")[:1])
 
 
 def step_table(report: StepReport) -> str:

@@ -6,7 +6,6 @@ import json
 import re
 from collections.abc import Iterator
 from dataclasses import dataclass
-from functools import cached_property
 from pathlib import Path
 from typing import Any
 
@@ -37,15 +36,15 @@ def number(value: object) -> float | None:
 
 
 class Exchange:
-    """All instances of a file, from their texts; those that are shape, thousands, are parsed where one is asked for."""
+    """All instances of a file, from their texts; one is parsed where it is asked for: most are shape, thousands of them."""
 
     def __init__(self, name: str, schema: tuple[str, ...], raw: dict[str, str]) -> None:
         self.name, self.schema, self._raw = name, schema, raw
-        self._parsed = {ref: _parsed(body) for ref, body in raw.items() if not _SHAPE.fullmatch(_entity(body))}
-        self._by_type: dict[str, list[str]] = {}
-        for ref, parts in self._parsed.items():
-            for part in parts:
-                self._by_type.setdefault(part, []).append(ref)
+        self._parsed: dict[str, dict[str, tuple[Any, ...]]] = {}
+        self._holding: dict[str, list[str]] = {}  # instances by each reference and each entity or type in their texts
+        for ref, body in raw.items():
+            for found in dict.fromkeys(_NAME.findall(_STRING.sub("", body))):
+                self._holding.setdefault(found.upper(), []).append(ref)
 
     def parts(self, ref: object) -> dict[str, tuple[Any, ...]]:
         """Return entity names and parameters of an instance; empty for what is no instance."""
@@ -63,20 +62,13 @@ class Exchange:
     def named(self, *entities: str) -> Iterator[tuple[str, tuple[Any, ...]]]:
         """Yield reference and parameters of every instance of the given entities, in the order of the file."""
         for entity in entities:
-            for ref in self._by_type.get(entity, ()):
-                yield ref, self._parsed[ref][entity]
-
-    @cached_property
-    def _users(self) -> dict[str, list[str]]:
-        found: dict[str, list[str]] = {}
-        for user, body in self._raw.items():
-            for target in set(_REFERENCE.findall(_STRING.sub("", body))):
-                found.setdefault(target, []).append(user)
-        return found
+            for ref in self._holding.get(entity, ()):
+                if entity in self.parts(ref):
+                    yield ref, self.parts(ref)[entity]
 
     def users(self, ref: str) -> list[str]:
         """Return the instances that refer to an instance directly."""
-        return self._users.get(ref, [])
+        return self._holding.get(ref, [])
 
 
 def references_in(value: object) -> Iterator[str]:
@@ -104,7 +96,7 @@ def read_exchange(path: Path) -> Exchange:
         raise MetrologyError(f"STEP file must begin with ISO-10303-21; [{path.name}]")
     try:
         header, raw = _raw_instances(text)
-        stated = next((_parsed(one)["FILE_SCHEMA"] for one in header if _entity(one) == "FILE_SCHEMA"), ())
+        stated = next((_parsed(one)["FILE_SCHEMA"] for one in header if re.match(r"FILE_SCHEMA\s*\(", one)), ())
         schema = tuple(str(name) for names in stated for name in (names if isinstance(names, tuple) else (names,)))
         return Exchange(path.name, schema, raw)
     except (ValueError, RecursionError) as error:
@@ -126,19 +118,7 @@ _TOKEN = re.compile(
     re.IGNORECASE,
 )
 _EXTENDED = re.compile(r"\\X([24])\\([0-9A-F]*+)\\X0\\")
-_SHAPE = re.compile(
-    r"(CARTESIAN|VERTEX)_POINT|DIRECTION|VECTOR|LINE|CIRCLE|ELLIPSE|POLYLINE"
-    r"|(EDGE|SURFACE|SEAM)_CURVE|PCURVE|ORIENTED_EDGE|(EDGE|POLY)_LOOP|FACE(_OUTER)?_BOUND|ADVANCED_FACE"
-    r"|PLANE|(CYLINDRICAL|CONICAL|SPHERICAL|TOROIDAL)_SURFACE|B_SPLINE_(CURVE|SURFACE)_WITH_KNOTS"
-    r"|DEFINITIONAL_REPRESENTATION|AXIS2_PLACEMENT_[23]D|AXIS1_PLACEMENT|(CLOSED|OPEN)_SHELL|MANIFOLD_SOLID_BREP"
-    r"|COORDINATES_LIST|TESSELLATED_(CURVE_SET|GEOMETRIC_SET|ANNOTATION_OCCURRENCE)"
-    r"|DRAUGHTING_(CALLOUT|MODEL)|ANNOTATION_PLANE"
-)
-_REFERENCE = re.compile(r"#\d+")
-
-
-def _entity(body: str) -> str:
-    return body.lstrip().partition("(")[0].strip().upper()
+_NAME = re.compile(r"#\d++|[!A-Za-z_][\w-]*+(?=\s*+\()")
 
 
 def _raw_instances(text: str) -> tuple[list[str], dict[str, str]]:

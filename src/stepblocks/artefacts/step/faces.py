@@ -4,29 +4,31 @@ from __future__ import annotations
 
 import itertools
 import math
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
 
 from stepblocks.artefacts.step.exchange import Exchange, is_reference, number, references_in
-from stepblocks.artefacts.step.units import unit_of
+from stepblocks.artefacts.step.units import Unit, unit_of
 
 Array = NDArray[np.float64]
 
 _PARALLEL = 1e-9
+_ONE_AXIS = 1e-12  # how far apart the axes of what is turned about one may be [m]
 _DEEPEST = 12
 _CURVES = ("LINE", "CIRCLE")
 _TURNED = ("CYLINDRICAL_SURFACE", "CONICAL_SURFACE")
 _ROUND = ("CYLINDRICAL_SURFACE", "SPHERICAL_SURFACE")
 _NOWHERE: Array = np.full(3, math.nan)
+_UPWARDS: Array = np.array([0.0, 0.0, 1.0])
 
 
 @dataclass(frozen=True)
 class Surface:
-    """Surface of one face, in metres."""
+    """Surface of one face, or curve of one edge, in metres."""
 
-    ref: str  # the face
+    ref: str  # the face or edge
     kind: str  # ``PLANE``, ``CYLINDRICAL_SURFACE`` or another; of an edge the kind of its curve, ``LINE`` or ``CIRCLE``
     point: Array = field(default_factory=_NOWHERE.copy)  # location of its placement [m]
     axis: Array = field(default_factory=_NOWHERE.copy)  # direction of its placement
@@ -44,9 +46,7 @@ def faces_of(file: Exchange, aspect: object, depth: int = 0) -> list[Surface]:
         for name in ("GEOMETRIC_ITEM_SPECIFIC_USAGE", "ITEM_IDENTIFIED_REPRESENTATION_USAGE"):
             values = parts.get(name, ())
             if len(values) == 5 and values[2] == aspect:
-                per_metre, angle = _units(file, values[3])
-                surfaces = (_surface(file, item, per_metre, angle) for item in references_in(values[4]))
-                found += [replace(one, representation=str(values[3])) for one in surfaces]
+                found += [_surface(file, item, str(values[3])) for item in references_in(values[4])]
         related = parts.get("SHAPE_ASPECT_RELATIONSHIP", ())
         if len(related) == 4 and related[2] == aspect and "DATUM" not in file.parts(related[3]):
             found += faces_of(file, related[3], depth + 1)
@@ -54,57 +54,45 @@ def faces_of(file: Exchange, aspect: object, depth: int = 0) -> list[Surface]:
     return list(unique.values())
 
 
-def _units(file: Exchange, representation: object) -> tuple[float, float]:
-    """Units of length per metre, whole where nearly whole so that millimetres divide by 1000, and radians per unit of angle."""
+def _units(file: Exchange, representation: str) -> tuple[Unit, Unit]:
+    """Units of length and of angle."""
     for value in (value for values in file.parts(representation).values() for value in values):
         if units := file.parameters(value, "GLOBAL_UNIT_ASSIGNED_CONTEXT"):
-            resolved = {one.dimension: one.factor for one in (unit_of(file, ref) for ref in units[0])}
-            exact = 1.0 / resolved.get("length", math.nan)
-            whole = float(round(exact)) if math.isfinite(exact) else math.nan
-            return whole if abs(exact - whole) < 1e-9 * exact else exact, resolved.get("angle", 1.0)
-    return math.nan, math.nan
+            resolved = {one.dimension: one for one in (unit_of(file, ref) for ref in units[0])}
+            return resolved.get("length", Unit()), resolved.get("angle", Unit("rad", "angle", 1.0))
+    return Unit(), Unit()
 
 
-def _surface(file: Exchange, item: str, per_metre: float, angle: float) -> Surface:
-    edge = file.parameters(item, "EDGE_CURVE")
-    values = file.parameters(item, "ADVANCED_FACE") or file.parameters(item, "FACE_SURFACE")
-    if len(edge) == 5:
-        return _curve(file, item, edge[3], per_metre)
-    if len(values) != 4:
-        return Surface(item, next(iter(file.parts(item)), ""))
-    kind, parameters = next(iter(file.parts(values[2]).items()), ("", ()))
+def _surface(file: Exchange, item: str, representation: str) -> Surface:
+    length, angle = _units(file, representation)
+    under = {"EDGE_CURVE": 3, "ADVANCED_FACE": 2, "FACE_SURFACE": 2}
+    carrier = next((file.parameters(item, name)[at] for name, at in under.items() if file.parameters(item, name)), item)
+    for name in ("SURFACE_CURVE", "SEAM_CURVE"):  # a curve that is given with its traces on the two faces
+        carrier = (*file.parameters(carrier, name)[1:2], carrier)[0]
+    kind, parameters = next(iter(file.parts(carrier).items()), ("", ()))
     if len(parameters) < 2 or not is_reference(parameters[1]):
-        return Surface(item, kind)
+        return Surface(item, kind, representation=representation)
+    if kind == "LINE":
+        along = (*file.parameters(parameters[-1], "VECTOR"), None, None)[1]
+        line = length.si(_coordinates(file, parameters[1])), _direction(file, along)
+        return Surface(item, kind, *line, representation=representation)
     point, axis, _ = _placement(file, parameters[1])
-    sizes = [math.nan if (size := number(value)) is None else size / per_metre for value in parameters[2:]]
-    half_angle = number(parameters[-1])
-    if kind == "CONICAL_SURFACE" and len(sizes) == 2 and half_angle is not None:
-        sizes[1] = half_angle * angle
-    return Surface(item, kind, point / per_metre, axis, tuple(sizes))
+    numbers = [math.nan if (size := number(value)) is None else size for value in parameters[2:]]
+    sizes = [length.si(size) for size in numbers]
+    if kind == "CONICAL_SURFACE" and len(sizes) == 2:
+        sizes[1] = angle.si(numbers[1])
+    return Surface(item, kind, length.si(point), axis, tuple(sizes), representation)
 
 
-def _curve(file: Exchange, edge: str, curve: object, per_metre: float) -> Surface:
-    """Read the curve under an edge; one that is given with its traces on the two faces is its own first parameter."""
-    for name in ("SURFACE_CURVE", "SEAM_CURVE"):
-        inner = file.parameters(curve, name)
-        curve = inner[1] if len(inner) > 1 else curve
-    kind = next(iter(file.parts(curve)), "")
-    parameters = file.parameters(curve, kind)
-    if kind == "LINE" and len(parameters) == 3:
-        vector = (*file.parameters(parameters[2], "VECTOR"), None, None)
-        origin, along = _coordinates(file, parameters[1], "CARTESIAN_POINT"), _coordinates(file, vector[1], "DIRECTION")
-        if origin is not None and along is not None:
-            return Surface(edge, kind, origin / per_metre, along / np.linalg.norm(along))
-    if kind == "CIRCLE" and len(parameters) == 3:
-        middle, axis, _ = _placement(file, parameters[1])
-        radius = number(parameters[2])
-        return Surface(edge, kind, middle / per_metre, axis, () if radius is None else (radius / per_metre,))
-    return Surface(edge, kind)
+def _coordinates(file: Exchange, ref: object) -> Array:
+    values = file.parameters(ref, "CARTESIAN_POINT")
+    return np.array(values[1], dtype=np.float64) if len(values) == 2 else _NOWHERE
 
 
-def _coordinates(file: Exchange, ref: object, entity: str) -> Array | None:
-    values = file.parameters(ref, entity)
-    return np.array(values[1], dtype=np.float64) if len(values) == 2 else None
+def _direction(file: Exchange, ref: object, default: Array = _NOWHERE) -> Array:
+    values = file.parameters(ref, "DIRECTION")
+    direction = np.array(values[1], dtype=np.float64) if len(values) == 2 else default
+    return np.asarray(direction / np.linalg.norm(direction))
 
 
 def _placement(file: Exchange, ref: object) -> tuple[Array, Array, Array]:
@@ -112,11 +100,7 @@ def _placement(file: Exchange, ref: object) -> tuple[Array, Array, Array]:
     values = file.parameters(ref, "AXIS2_PLACEMENT_3D")
     if len(values) != 4:
         return _NOWHERE, _NOWHERE, _NOWHERE
-    origin = _coordinates(file, values[1], "CARTESIAN_POINT")
-    direction, second = (_coordinates(file, value, "DIRECTION") for value in values[2:])
-    direction = np.array([0.0, 0.0, 1.0]) if direction is None else direction
-    second = np.zeros(3) if second is None else second
-    return _NOWHERE if origin is None else origin, direction / np.linalg.norm(direction), second
+    return _coordinates(file, values[1]), _direction(file, values[2], _UPWARDS), _direction(file, values[3], _UPWARDS)
 
 
 def placed_where_drawn(file: Exchange) -> bool:
@@ -172,51 +156,33 @@ def _beyond_centre(surface: Surface, side: str) -> float:
 def _distance(a: Surface, b: Surface) -> float | None:
     if b.kind == "PLANE" or (a.kind in _CURVES and b.kind not in _CURVES):
         a, b = b, a
-    if b.kind in _CURVES:
-        return _distance_to_curve(a, b)
-    between = b.point - a.point
-    ball, turned = b.kind == "SPHERICAL_SURFACE", b.kind in _TURNED
-    if a.kind == b.kind == "CONICAL_SURFACE":  # the gap across two on one axis with one angle
-        same_way = 1.0 if a.axis @ b.axis > 0.0 else -1.0
-        gap = _across_cone(a, b) if abs(a.sizes[1] - same_way * b.sizes[1]) <= 1e-12 else None
-        if gap is not None:
-            return gap
+    between, parallel = b.point - a.point, float(np.linalg.norm(np.cross(a.axis, b.axis))) <= _PARALLEL
     if a.kind == "PLANE":
-        level = ball or (_parallel(a, b) if b.kind == "PLANE" else turned and abs(a.axis @ b.axis) <= _PARALLEL)
+        along = b.kind in ("LINE", *_TURNED) and abs(float(a.axis @ b.axis)) <= _PARALLEL
+        level = along or b.kind == "SPHERICAL_SURFACE" or (b.kind in ("PLANE", "CIRCLE") and parallel)
         return abs(float(between @ a.axis)) if level else None
-    if a.kind in _TURNED and (ball or (turned and _parallel(a, b))):
-        apart = float(np.linalg.norm(between - (between @ a.axis) * a.axis))
-        if a.kind == b.kind and apart <= 1e-12 and a.representation != b.representation:
-            return abs(a.sizes[0] - b.sizes[0])  # one body in the bore of another: the gap, their axes being one
-        return apart
-    return float(np.linalg.norm(between)) if a.kind == b.kind == "SPHERICAL_SURFACE" else None
-
-
-def _distance_to_curve(a: Surface, b: Surface) -> float | None:
-    """Distance of a plane from a straight edge along it or a round edge level over it; of what is round from a round edge about it."""
-    if a.kind == b.kind == "CIRCLE":
-        along = float((b.point - a.point) @ a.axis)
-        coaxial = _parallel(a, b) and float(np.linalg.norm(b.point - a.point - along * a.axis)) <= 1e-12
-        return math.hypot(along, b.sizes[0] - a.sizes[0]) if coaxial else None
-    if a.kind == "CONICAL_SURFACE" and b.kind == "CIRCLE":
-        return _across_cone(a, b)
-    if a.kind != "PLANE":
+    if a.kind == b.kind == "SPHERICAL_SURFACE":
+        return float(np.linalg.norm(between))
+    along_axis = float(between @ a.axis)
+    apart = float(np.linalg.norm(between - along_axis * a.axis))
+    one_axis = parallel and apart <= _ONE_AXIS
+    if b.kind == "CIRCLE" and one_axis and a.kind == "CIRCLE":
+        return math.hypot(along_axis, b.sizes[0] - a.sizes[0])
+    if a.kind == "CONICAL_SURFACE" and one_axis and _as_steep(a, b):  # square to the cone
+        wider = b.sizes[0] - a.sizes[0] - along_axis * math.tan(a.sizes[1])
+        return abs(wider) * math.cos(a.sizes[1])
+    if a.kind not in _TURNED or not (b.kind == "SPHERICAL_SURFACE" or (b.kind in _TURNED and parallel)):
         return None
-    level = abs(float(a.axis @ b.axis)) <= _PARALLEL if b.kind == "LINE" else _parallel(a, b)
-    return abs(float((b.point - a.point) @ a.axis)) if level else None
+    if a.kind == b.kind and apart <= _ONE_AXIS and a.representation != b.representation:
+        return abs(a.sizes[0] - b.sizes[0])  # one body in the bore of another: the gap, their axes being one
+    return apart
 
 
-def _parallel(a: Surface, b: Surface) -> bool:
-    return float(np.linalg.norm(np.cross(a.axis, b.axis))) <= _PARALLEL
-
-
-def _across_cone(cone: Surface, other: Surface) -> float | None:
-    """Distance from a cone, square to it, to the circle at which a surface or edge on the same axis is placed."""
-    between = other.point - cone.point
-    along = float(between @ cone.axis)
-    if not _parallel(cone, other) or float(np.linalg.norm(between - along * cone.axis)) > 1e-12:
-        return None
-    return abs(other.sizes[0] - cone.sizes[0] - along * math.tan(cone.sizes[1])) * math.cos(cone.sizes[1])
+def _as_steep(cone: Surface, other: Surface) -> bool:
+    """Whether a cone and what is turned about its axis have one distance: a round edge, or a cone of the same angle."""
+    same_way = 1.0 if cone.axis @ other.axis > 0.0 else -1.0
+    cones = other.kind == "CONICAL_SURFACE" and abs(cone.sizes[1] - same_way * other.sizes[1]) <= 1e-12
+    return cones or other.kind == "CIRCLE"
 
 
 def measured_angle(first: list[Surface], second: list[Surface], nominal: float) -> float | None:

@@ -4,16 +4,17 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from typing import Any
 
-from stepblocks.artefacts.step.exchange import Exchange, Typed, is_reference, number
+from stepblocks.artefacts.step.exchange import Exchange, Typed, number
 
-_PREFIXES = "EXA PETA TERA GIGA MEGA KILO HECTO DECA DECI CENTI MILLI MICRO NANO PICO"
-_POWERS = (18, 15, 12, 9, 6, 3, 2, 1, -1, -2, -3, -6, -9, -12)
-_PREFIX = {name: float(f"1e{power}") for name, power in zip(_PREFIXES.split(), _POWERS, strict=True)}
-_SHORT = {"MILLI": "m", "MICRO": "u", "NANO": "n", "CENTI": "c", "KILO": "k", "DECI": "d"}
-_BASES = {  # symbol and dimension
-    **{"METRE": ("m", "length"), "RADIAN": ("rad", "angle"), "GRAM": ("g", "mass")},
-    **{"STERADIAN": ("sr", "solid angle"), "SECOND": ("s", "time")},
+_PREFIXES = {  # symbol and factor
+    **{"": ("", 1.0), "MEGA": ("M", 1e6), "KILO": ("k", 1e3), "DECI": ("d", 1e-1), "CENTI": ("c", 1e-2)},
+    **{"MILLI": ("m", 1e-3), "MICRO": ("u", 1e-6), "NANO": ("n", 1e-9), "PICO": ("p", 1e-12)},
+}
+_BASES = {  # symbol, dimension, and SI units in one: the SI unit of mass is the kilogram
+    **{"METRE": ("m", "length", 1.0), "RADIAN": ("rad", "angle", 1.0), "GRAM": ("g", "mass", 1e-3)},
+    **{"STERADIAN": ("sr", "solid angle", 1.0), "SECOND": ("s", "time", 1.0)},
 }
 # entities that hold a measure, and which of their parameters is the value; its unit follows
 _MEASURES = {
@@ -25,34 +26,31 @@ _TYPES = {
     "angle": ("PLANE_ANGLE_MEASURE", "POSITIVE_PLANE_ANGLE_MEASURE"),
     "mass": ("MASS_MEASURE",),
 }
+_DENSITY = {"mass": 1.0, "length": -3.0}
 
 
 @dataclass(frozen=True)
 class Unit:
     """A unit."""
 
-    name: str  # as a person writes it
-    dimension: str  # ``length``, ``angle``, ``mass``, ... or ``unknown``
-    factor: float  # SI units per unit
+    name: str = "?"  # as a person writes it
+    dimension: str = "unknown"  # ``length``, ``angle``, ``mass``, ...
+    factor: float = math.nan  # SI units per unit
+
+    def si(self, value: Any) -> Any:
+        """Convert a value, or an array of them; millimetres are divided by 1000, which gives the nearest double."""
+        inverse = round(1.0 / self.factor) if 0.0 < self.factor < 1.0 else 0
+        if inverse and abs(self.factor * inverse - 1.0) < 1e-12:
+            return value / inverse
+        return value * self.factor
 
 
 @dataclass(frozen=True)
 class Measure:
-    """A value with its unit."""
+    """A value in SI, and the unit that it has in the file."""
 
-    value: float  # as it stands in the file
+    si: float
     unit: Unit
-
-    @property
-    def si(self) -> float:
-        """The value in SI; millimetres are divided by 1000, which gives the nearest double."""
-        inverse = round(1.0 / self.unit.factor) if 0.0 < self.unit.factor < 1.0 else 0
-        if inverse and abs(self.unit.factor * inverse - 1.0) < 1e-12:
-            return self.value / inverse
-        return self.value * self.unit.factor
-
-
-_UNKNOWN = Unit("?", "unknown", math.nan)
 
 
 def unit_of(file: Exchange, ref: object) -> Unit:
@@ -60,14 +58,13 @@ def unit_of(file: Exchange, ref: object) -> Unit:
     parts = file.parts(ref)
     if values := parts.get("SI_UNIT"):
         prefix, base = (str(value).strip(".$*") for value in values[-2:])
-        factor = _PREFIX.get(prefix, 1.0)
-        symbol, dimension = _BASES.get(base, (base.lower(), "unknown"))
-        factor *= 1e-3 if base == "GRAM" else 1.0  # the SI unit of mass is the kilogram
-        return Unit(_SHORT.get(prefix, prefix.lower()) + symbol, dimension, factor)
+        short, power = _PREFIXES.get(prefix, (prefix.lower(), math.nan))
+        symbol, dimension, factor = _BASES.get(base, (base.lower(), "unknown", 1.0))
+        return Unit(short + symbol, dimension, power * factor)
     converted = parts.get("CONVERSION_BASED_UNIT")
     if converted and (one := measure_of(file, converted[-1])) is not None:
-        return Unit(str(converted[-2]).strip("'").lower(), one.unit.dimension, one.value * one.unit.factor)
-    return _UNKNOWN
+        return Unit(str(converted[-2]).lower(), one.unit.dimension, one.si)
+    return Unit()
 
 
 def measure_of(file: Exchange, ref: object) -> Measure | None:
@@ -75,8 +72,8 @@ def measure_of(file: Exchange, ref: object) -> Measure | None:
     for name, at in _MEASURES.items():
         values = file.parameters(ref, name)[at:]
         if len(values) >= 2:
-            value = number(values[0])
-            return None if value is None else Measure(value, unit_of(file, values[1]))
+            value, unit = number(values[0]), unit_of(file, values[1])
+            return None if value is None else Measure(unit.si(value), unit)
     return None
 
 
@@ -99,24 +96,22 @@ def untyped_measures(file: Exchange) -> list[str]:
     return findings
 
 
-def density_findings(file: Exchange) -> tuple[list[tuple[str, float]], list[str]]:
+def density_findings(file: Exchange) -> tuple[list[float], list[str]]:
     """Find densities, in kg/m^3, and those whose unit is no density."""
     densities, findings = [], []
     for ref, values in file.named("MEASURE_REPRESENTATION_ITEM"):
-        label = str(values[0]).lower() if len(values) == 3 else str(file.parameters(ref, "REPRESENTATION_ITEM")).lower()
-        if "density" not in label:
+        stated = values or (*file.parameters(ref, "REPRESENTATION_ITEM"), *file.parameters(ref, "MEASURE_WITH_UNIT"))
+        if len(stated) != 3 or "density" not in str(stated[0]).lower():
             continue
-        raw, unit = (values[1], values[2]) if len(values) == 3 else file.parameters(ref, "MEASURE_WITH_UNIT")[:2]
-        value = number(raw)
-        factor, powers = _derived(file, unit)
-        if powers != {"mass": 1.0, "length": -3.0}:
+        value, (factor, powers) = number(stated[1]), _derived(file, stated[2])
+        if powers != _DENSITY:
             said = " ".join(f"{name}^{power:g}" for name, power in sorted(powers.items())) or "nothing"
             findings.append(f"{ref} density: unit must be mass^1 length^-3, got {said}")
         elif value is None or not 10.0 <= value * factor <= 25_000.0:
             got = "no number" if value is None else f"{value * factor:g}"
             findings.append(f"{ref} density: must lie between 10 and 25000 kg/m^3, got {got}")
         else:
-            densities.append((ref, value * factor))
+            densities.append(value * factor)
     return densities, findings
 
 
@@ -125,9 +120,8 @@ def _derived(file: Exchange, ref: object) -> tuple[float, dict[str, float]]:
     powers: dict[str, float] = {}
     for element in (file.parameters(ref, "DERIVED_UNIT") or ((),))[0]:
         values = file.parameters(element, "DERIVED_UNIT_ELEMENT")
-        if len(values) != 2 or not is_reference(values[0]):
-            continue
-        unit, power = unit_of(file, values[0]), number(values[1]) or 0.0
-        powers[unit.dimension] = powers.get(unit.dimension, 0.0) + power
-        factor *= unit.factor**power
+        if len(values) == 2:
+            unit, power = unit_of(file, values[0]), number(values[1]) or 0.0
+            powers[unit.dimension] = powers.get(unit.dimension, 0.0) + power
+            factor *= unit.factor**power
     return factor, powers

@@ -24,24 +24,20 @@ from stepblocks.quantities import format_quantity
 Point = tuple[float, float, float]
 _PINNED_TIME = "2000-01-01T00:00:00"  # in every header: equal stimuli give equal bytes
 
-_LIMIT = re.compile(r"^(#\d+)\s*=\s*MEASURE_WITH_UNIT\(\s*([-+0-9.Ee]+)\s*,\s*(#\d+)\s*\)$")
-_PATTERNS = {
-    "DIMENSIONAL_LOCATION": re.compile(r"^(#\d+\s*=\s*DIMENSIONAL_LOCATION\('[^']*',)\$(,.*)$"),
-    "ANGULAR_LOCATION": re.compile(r"^(#\d+\s*=\s*ANGULAR_LOCATION\('[^']*',)\$(,.*)$"),
-    "ANGULAR_SIZE": re.compile(r"^(#\d+\s*=\s*ANGULAR_SIZE\(#\d+,)'[^']*'(,.*)$"),
-}
+_REFERENCE = re.compile(r"#\d+")
+_INSTANCE = re.compile(r"(?:'(?:[^']|'')*'|[^';])+")
+_LIMIT = re.compile(r"MEASURE_WITH_UNIT\(\s*([-+0-9.Ee]+)\s*,\s*(#\d+)\s*\)")
 # where the description of a dimension stands, and which kinds have one
+_DESCRIBED = re.compile(r"(\w+)\((?:'[^']*'|#\d+),(\$|'[^']*')(?=,)")
 _NAMED = {"DIMENSIONAL_LOCATION": ("distance", "to_outer"), "ANGULAR_LOCATION": ("angle",), "ANGULAR_SIZE": ("cone",)}
 _ZERO = re.compile(r"POSITIVE_LENGTH_MEASURE\(0\.(?:E[-+]?\d+)?\)")
 _HEADER = re.compile(r"FILE_NAME\('[^']*',\s*'[^']*'")
 _OCCURRENCE = re.compile(r"(NEXT_ASSEMBLY_USAGE_OCCURRENCE\()'\d+'")
 _SPACE = re.compile(r"\s*\n\s*")
-# over an instance without its spaces
-_DERIVED = re.compile(r"^#\d+=DERIVED_UNIT\(\((#\d+),(#\d+)\)\)$")
-_FLATNESS = re.compile(r"^#\d+=FLATNESS_TOLERANCE\('[^']*',(?:'[^']*'|\$),#\d+,(#\d+)\)$")
-_DEFINITION = re.compile(r"^(#\d+)=PRODUCT_DEFINITION\(")
-_MILLIMETRE = re.compile(r"^(#\d+)=\(.*SI_UNIT\(\.MILLI\.,\.METRE\.\)")
-_CONTEXT = re.compile(r"^(#\d+)=\(GEOMETRIC_REPRESENTATION_CONTEXT\(3\)")
+_DENSITY = (  # the two elements of its unit
+    ("(MASS_UNIT()NAMED_UNIT(*)SI_UNIT(.KILO.,.GRAM.))", "1."),
+    ("(LENGTH_UNIT()NAMED_UNIT(*)SI_UNIT($,.METRE.))", "-3."),
+)
 
 
 def write_step_ap242(path: Path, stimulus: Part, bodies: Sequence[tuple[str, kernel.Body]]) -> None:
@@ -156,107 +152,80 @@ def conforming(
         raise MachiningError(f"header must have a FILE_NAME to pin [{identity}]")
     head, _, rest = pinned.partition("DATA;")
     section, _, tail = rest.rpartition("ENDSEC;")
-    data = _Data(section)
+    data = _instances(section)
     waiting = {entity: [label for kind, label in names if kind in kinds] for entity, kinds in _NAMED.items()}
-    angular = {_reference(one) for one in data.instances if "PLANE_ANGLE_UNIT" in one}
+    angular = {ref for ref, body in data.items() if "PLANE_ANGLE_UNIT" in body}
     occurrences = itertools.count(1)  # the kernel counts on over all files that a process writes
-    data.instances = [
-        _OCCURRENCE.sub(lambda found: f"{found[1]}'{next(occurrences)}'", _mended(instance, waiting, angular))
-        for instance in data.instances
-    ]
+    for ref, body in data.items():
+        mended = _mended(body, waiting, angular)
+        data[ref] = _OCCURRENCE.sub(lambda found: f"{found[1]}'{next(occurrences)}'", mended)
     missing = [label for labels in waiting.values() for label in labels]
     if missing:
         raise MachiningError(f"every named dimension must be written, missing {', '.join(missing)} [{identity}]")
-    _mend_density_unit(data)
+    # the kernel writes mass^3 length^2
+    for element, (unit, power) in zip(_holding(data, "DERIVED_UNIT_ELEMENT("), itertools.cycle(_DENSITY), strict=False):
+        base = _REFERENCE.findall(data[element])[0]
+        data |= {element: f"DERIVED_UNIT_ELEMENT({base},{power})", base: unit}
     # requirements without a face are properties of the product, which every reader shows
-    products = data.matched(_DEFINITION, "PRODUCT_DEFINITION(")[:1]
+    products = _holding(data, "PRODUCT_DEFINITION(")[:1]
     rule = f"notes must have a product to belong to [{identity}]"
     for name, value in notes:
         described = f"DESCRIPTIVE_REPRESENTATION_ITEM('{name}','{value}')"
         _add_property(data, ("requirement", name, name), described, products, rule)
     if texture is not None:
         rule = f"surface texture must have faces with a flatness tolerance, got none [{identity}]"
-        millimetre = next((found[1] for found in data.matched(_MILLIMETRE, ".MILLI.")), "")
-        measure = f"MEASURE_REPRESENTATION_ITEM('Ra',LENGTH_MEASURE({_real(texture * 1e3)}),{millimetre})"
-        flat = data.matched(_FLATNESS, "FLATNESS_TOLERANCE") if millimetre else []
+        flat = [_REFERENCE.findall(data[ref])[-1] for ref in _holding(data, "FLATNESS_TOLERANCE(")]
+        millimetre = next(iter(_holding(data, "SI_UNIT(.MILLI.,.METRE.)")), "")
+        roughness = np.format_float_positional(texture * 1e3, 12, fractional=False, trim=".")
+        measure = f"MEASURE_REPRESENTATION_ITEM('Ra',LENGTH_MEASURE({roughness}),{millimetre})"
         _add_property(data, ("surface texture", "Ra, largest", "surface texture"), measure, flat, rule)
-    return head + "DATA;\n" + "".join(f"{instance};\n" for instance in data.instances) + "ENDSEC;" + tail
+    return head + "DATA;\n" + "".join(f"{ref} = {body};\n" for ref, body in data.items()) + "ENDSEC;" + tail
 
 
-class _Data:
-    """The instances of a data section, each without its semicolon."""
-
-    def __init__(self, section: str) -> None:
-        self.instances = [one.strip() for one in re.findall(r"(?:'(?:[^']|'')*'|[^';])+", section) if one.strip()]
-        self._last = max((int(_reference(one)[1:]) for one in self.instances), default=0)
-
-    def add(self, entity: str) -> str:
-        """Add an instance under the next number; return its reference."""
-        self._last += 1
-        self.instances.append(f"#{self._last} = {entity}")
-        return f"#{self._last}"
-
-    def matched(self, pattern: re.Pattern[str], word: str) -> list[re.Match[str]]:
-        """Match a pattern with all instances that hold a word, their spaces left out."""
-        flat = (re.sub(r"\s+", "", one) for one in self.instances if word in one)
-        return [found for one in flat if (found := pattern.match(one))]
+def _instances(section: str) -> dict[str, str]:
+    """Split a data section into its instances by their references."""
+    pairs = (one.partition("=") for one in _INSTANCE.findall(section) if one.strip())
+    return {ref.strip(): body.strip() for ref, _, body in pairs}
 
 
-def _reference(instance: str) -> str:
-    return instance.partition("=")[0].strip()
+def _holding(data: dict[str, str], text: str) -> list[str]:
+    """List the instances that hold a text, their spaces left out."""
+    word = text.partition("(")[0]
+    return [ref for ref, body in data.items() if word in body and text in re.sub(r"\s+", "", body)]
 
 
-def _mended(instance: str, waiting: dict[str, list[str]], angular: set[str]) -> str:
-    if "DRAUGHTING_PRE_DEFINED_COLOUR" in instance:  # callouts in the kernel's white cannot be seen on paper
-        return instance.replace("('white')", "('black')")
-    if not any(word in instance for word in ("MEASURE_WITH_UNIT", "AL_LOCATION(", "ANGULAR_")):
-        return instance  # thousands are shape, which nothing here touches
-    flat = _SPACE.sub("", instance)
-    limit = _LIMIT.match(flat)
-    if limit:
-        kind = "PLANE_ANGLE_MEASURE" if limit[3] in angular else "LENGTH_MEASURE"
-        value = "0." if float(limit[2]) == 0.0 else limit[2]  # the kernel writes -0.
-        return f"{limit[1]} = MEASURE_WITH_UNIT({kind}({value}),{limit[3]})"
-    for entity, pattern in _PATTERNS.items():
-        found = pattern.match(flat)
-        if found and waiting[entity]:
-            return f"{found[1]}'{waiting[entity].pop(0)}'{found[2]}"
+def _mended(body: str, waiting: dict[str, list[str]], angular: set[str]) -> str:
+    if "DRAUGHTING_PRE_DEFINED_COLOUR" in body:  # callouts in the kernel's white cannot be seen on paper
+        return body.replace("('white')", "('black')")
+    if not any(word in body for word in ("MEASURE_WITH_UNIT", "AL_LOCATION(", "ANGULAR_")):
+        return body  # thousands are shape, which nothing here touches
+    flat = _SPACE.sub("", body)
+    if limit := _LIMIT.fullmatch(flat):
+        kind = "PLANE_ANGLE_MEASURE" if limit[2] in angular else "LENGTH_MEASURE"
+        value = "0." if float(limit[1]) == 0.0 else limit[1]  # the kernel writes -0.
+        return f"MEASURE_WITH_UNIT({kind}({value}),{limit[2]})"
+    if (found := _DESCRIBED.match(flat)) and waiting.get(found[1]):
+        return f"{flat[: found.start(2)]}'{waiting[found[1]].pop(0)}'{flat[found.end() :]}"
     # a nominal of zero (a sharp edge, flush faces) is a length, but no positive one
-    return _ZERO.sub("LENGTH_MEASURE(0.)", flat) if "POSITIVE_LENGTH_MEASURE(" in flat else instance
-
-
-def _mend_density_unit(data: _Data) -> None:
-    """Rewrite the unit of the density, mass^3 length^2, as kilogram per cubic metre."""
-    instances = data.instances
-    index = {_reference(one): place for place, one in enumerate(instances)}
-    for unit in data.matched(_DERIVED, "DERIVED_UNIT"):
-        for element, si, power in (
-            (unit[1], "(MASS_UNIT()NAMED_UNIT(*)SI_UNIT(.KILO.,.GRAM.))", "1."),
-            (unit[2], "(LENGTH_UNIT()NAMED_UNIT(*)SI_UNIT($,.METRE.))", "-3."),
-        ):
-            base = re.search(r"DERIVED_UNIT_ELEMENT\((#\d+),", instances[index[element]])
-            if base is None:
-                raise MachiningError("density must have a derived unit of two elements")
-            instances[index[element]] = f"{element} = DERIVED_UNIT_ELEMENT({base[1]},{power})"
-            instances[index[base[1]]] = f"{base[1]} = {si}"
+    return _ZERO.sub("LENGTH_MEASURE(0.)", flat) if "POSITIVE_LENGTH_MEASURE(" in flat else body
 
 
 def _add_property(
-    data: _Data, names: tuple[str, str, str], item: str, owners: Sequence[re.Match[str]], rule: str
+    data: dict[str, str], names: tuple[str, str, str], item: str, owners: Sequence[str], rule: str
 ) -> None:
     """Write a property under its kind, name and the name of its value, of a product or of the faces that are toleranced."""
     kind, name, shown_as = names
-    context = next((found[1] for found in data.matched(_CONTEXT, "REPRESENTATION_CONTEXT(3)")), None)
-    if not owners or context is None:
+    context = _holding(data, "GEOMETRIC_REPRESENTATION_CONTEXT(3)")
+    if not owners or not context:
         raise MachiningError(rule)
-    shown = data.add(f"REPRESENTATION('{shown_as}',({data.add(item)}),{context})")
+    shown = _add(data, f"REPRESENTATION('{shown_as}',({_add(data, item)}),{context[0]})")
     for owner in owners:
-        defined = data.add(f"PROPERTY_DEFINITION('{kind}','{name}',{owner[1]})")
-        data.add(f"PROPERTY_DEFINITION_REPRESENTATION({defined},{shown})")
+        defined = _add(data, f"PROPERTY_DEFINITION('{kind}','{name}',{owner})")
+        _add(data, f"PROPERTY_DEFINITION_REPRESENTATION({defined},{shown})")
 
 
-def _real(value: float) -> str:
-    """Return a number as Part 21 wants it, with a point."""
-    text = f"{value:.12G}"
-    mantissa, mark, exponent = text.partition("E")
-    return (mantissa if "." in mantissa else f"{mantissa}.") + (f"E{int(exponent):+03d}" if mark else "")
+def _add(data: dict[str, str], entity: str) -> str:
+    """Add an instance under the next number; return its reference."""
+    ref = f"#{int(next(reversed(data))[1:]) + 1}"
+    data[ref] = entity
+    return ref
