@@ -132,6 +132,12 @@ def _to_disk(path: Path) -> None:
         os.close(number)
 
 
+def settle(folder: Path) -> None:
+    """Bring what was prepared in a folder to the disk, before it is moved into its place."""
+    for path in (folder, *folder.rglob("*")):
+        _to_disk(path)
+
+
 def replace_text(path: Path, text: str) -> None:
     """Write a text beside its place and rename it there."""
     replace_bytes(path, text.encode())

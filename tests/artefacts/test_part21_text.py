@@ -1,6 +1,7 @@
 """The text of a STEP file, its units and its limits, by ISO 10303-21 and -41; every file is written by hand."""
 
 import math
+import time
 
 import pytest
 
@@ -52,6 +53,14 @@ def test_only_numbers_are_numbers_and_only_references_references():
 def test_a_data_section_that_is_not_whole_is_refused_with_its_place(data, rule, tmp_path):
     with pytest.raises(MetrologyError, match=rule):
         exchange_of(data, tmp_path)
+
+
+def test_a_lost_quote_in_a_long_file_is_told_at_once(tmp_path):
+    whole = "".join(f"#{number}=POINT('it''s no {number}',(0.,1.,2.));\n" for number in range(1, 20_000))
+    started = time.process_time()
+    with pytest.raises(MetrologyError, match="no whole DATA section"):
+        exchange_of(whole.replace("#3=POINT('it", "#3=POINT(it"), tmp_path)
+    assert time.process_time() - started < 10.0  # each quote doubled the ways to read what follows
 
 
 def test_size_and_place_of_a_file_are_limited(tmp_path, monkeypatch):

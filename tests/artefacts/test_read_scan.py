@@ -255,6 +255,11 @@ def factor_of_eight(path):
     path.write_bytes(raw)
 
 
+def sparse(path):
+    with path.open("wb") as file:
+        file.truncate(257 * 2**20)
+
+
 HOSTILE = {
     "nan.x3p": (nan_map, "at least one measured height"),
     "row.x3p": (one_row, "at least 2 x 3 points"),
@@ -265,6 +270,7 @@ HOSTILE = {
     "magic.gwy": (lambda path: path.write_bytes(b"MZ" * 300), "sound GWY"),
     "huge.sdf": (lambda path: write_sdf(path, points=3_000_000, profiles=3_000_000), "sound SDF"),
     "empty.nid": (lambda path: path.write_bytes(b""), "must not be empty"),
+    "long.csv": (sparse, "must not exceed 256 MiB"),
     "unknown.docx": (lambda path: path.write_bytes(b"PK"), "ending of a scan"),
 }
 

@@ -10,6 +10,7 @@ from pathlib import Path
 
 import pytest
 
+from stepblocks.atomic import alone_in
 from stepblocks.build import run as building
 from stepblocks.build.manifest import hash_file
 from stepblocks.build.run import build_sets
@@ -140,7 +141,8 @@ def test_an_interrupted_build_goes_on_where_it_stopped(source, tmp_path, monkeyp
     assert tree(tmp_path / "out") == tree(first)
 
 
-def test_a_build_that_is_asked_to_end_takes_its_workers_along_and_leaves_no_draft(tmp_path):
+@pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGHUP, signal.SIGINT, signal.SIGKILL])
+def test_a_build_that_is_asked_to_end_or_killed_takes_its_workers_along_and_leaves_no_draft(number, tmp_path):
     output = tmp_path / "out"
     paper = str(ROOT / "stimuli" / "paper-ten.toml")
     process = subprocess.Popen(
@@ -150,9 +152,9 @@ def test_a_build_that_is_asked_to_end_takes_its_workers_along_and_leaves_no_draf
         start_new_session=True,
     )
     assert process.stderr.readline().startswith("[1/10]")
-    process.terminate()
+    process.send_signal(number)
     process.communicate(timeout=120)
-    assert process.returncode == 128 + signal.SIGTERM
+    assert process.returncode == (-number if number == signal.SIGKILL else 128 + number)
     for _ in range(100):  # the fork server sees the end of its pipe a moment later
         try:
             os.killpg(process.pid, 0)
@@ -161,6 +163,9 @@ def test_a_build_that_is_asked_to_end_takes_its_workers_along_and_leaves_no_draf
         time.sleep(0.1)
     else:
         pytest.fail("processes of the build live on")
+    if number == signal.SIGKILL:  # nobody was left to clear up: the next run does
+        with alone_in(output):
+            pass
     assert not list(output.glob(".partial*"))
 
 

@@ -32,17 +32,17 @@ def test_a_fault_of_ours_exits_with_70_and_keeps_its_details_in_a_file(monkeypat
     assert "Traceback" in kept.read_text()
 
 
-@pytest.mark.parametrize(
-    ("number", "words"), [(errno.ENOSPC, "No space left on device"), (errno.EROFS, "Read-only file system")]
-)
-def test_what_the_disk_refuses_is_said_in_one_line(number, words, monkeypatch, capsys, tmp_path):
-    def refuse(_):
-        raise OSError(number, os.strerror(number))
+def test_a_folder_that_is_read_only_is_named(monkeypatch, capsys, tmp_path):
+    mkdir = Path.mkdir
 
-    monkeypatch.setattr(os, "fsync", refuse)
+    def refuse(path, *modes, **more):
+        if tmp_path in path.parents:
+            raise OSError(errno.EROFS, os.strerror(errno.EROFS), str(path))
+        mkdir(path, *modes, **more)
+
+    monkeypatch.setattr(Path, "mkdir", refuse)
     assert main(["predict", FOUR, "-o", str(tmp_path / "table.csv")]) == 2
-    assert words in one_line(capsys)
-    assert list(tmp_path.iterdir()) == []
+    assert one_line(capsys) == f"stepblocks: error: Read-only file system [{tmp_path}]"
 
 
 def test_a_file_where_a_folder_should_be_is_named(capsys, tmp_path):
@@ -50,6 +50,72 @@ def test_a_file_where_a_folder_should_be_is_named(capsys, tmp_path):
     assert main(["predict", FOUR, "-o", str(tmp_path / "out" / "table.csv")]) == 2
     assert "Not a directory" in one_line(capsys)
     assert (tmp_path / "out").read_text() == "mine"
+
+
+GRID = '[sweep]\nkind = "grid"\n[parameters]\nheight = "12 um"\nnormal_load = "0.3 N"\nfriction = 0.1\n'
+PLAN = 'schema = 1\nseed = 5\n[design]\nheights = ["20 um"]\nloads = ["0.4 N"]\nspeeds = ["5 mm/s"]\ntrials = 1\n'
+SHEATHS = str(Path(FOUR).with_name("sheaths.toml"))
+WRITERS = {
+    "new": ["new", "block", "OUT/mine.toml"],
+    "build": ["build", SHEATHS, "-o", "OUT", "--only", "sheath-hard", "--jobs", "1"],
+    "workshop": ["workshop", SHEATHS, "-o", "OUT", "--only", "sheath-hard"],
+    "predict": ["predict", FOUR, "-o", "OUT/table.csv"],
+    "plots": ["predict", FOUR, "--plots", "OUT"],
+    "drag": ["drag", "25 um", "--load", "0.5 N", "-o", "OUT"],
+    "sweep": ["sweep", "IN/sweep.toml", "-o", "OUT"],
+    "export": ["export", FOUR, "--for", "forcelaw", "-o", "OUT"],
+    "feel": ["feel", FOUR, "-o", "OUT/feel.html", "--no-open"],
+    "simulate-session": ["simulate-session", "IN/plan.toml", "-o", "OUT/session"],
+    "study design": ["study", "design", FOUR, "--seed", "1", "-o", "OUT"],
+    "study adaptive start": [
+        "study",
+        "adaptive",
+        "start",
+        FOUR,
+        "--standard",
+        "apparatus-050",
+        "--seed",
+        "1",
+        "-o",
+        "OUT",
+    ],
+}
+
+
+@pytest.mark.parametrize("command", WRITERS)
+def test_on_a_full_disk_every_command_ends_in_one_line_and_leaves_nothing(command, monkeypatch, capsys, tmp_path):
+    given, out = tmp_path / "in", tmp_path / "out"
+    for folder in (given, out):
+        folder.mkdir()
+    (given / "sweep.toml").write_text(GRID)
+    (given / "plan.toml").write_text(PLAN)
+
+    def refuse(_):
+        raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+
+    monkeypatch.setattr(os, "fsync", refuse)
+    words = [word.replace("OUT", str(out)).replace("IN", str(given)) for word in WRITERS[command]]
+    assert main([*words, "--quiet"]) == 2
+    assert "No space left on device" in one_line(capsys)
+    assert not [path for path in out.rglob("*") if path.is_file()]
+
+
+@pytest.mark.parametrize("name", [b"\xff.csv", "µ.csv".encode(), b"-x.csv", b"a\nb.csv"])
+def test_a_file_may_bear_any_name_that_the_system_knows(name, tmp_path, capsys):
+    table = tmp_path / os.fsdecode(name)
+    assert main(["predict", FOUR, "-o", str(table)]) == 0
+    assert table.stat().st_size > 1000
+    stimuli = table.with_suffix(".toml")
+    stimuli.write_text(Path(FOUR).read_text())
+    assert (
+        main(["predict", str(stimuli)]) == 2
+    )  # a set has the name of its file, and sets are paths and columns of ours
+    assert "Traceback" not in capsys.readouterr().err
+
+
+def test_a_folder_that_is_not_there_is_named(tmp_path, capsys):
+    assert main(["predict", FOUR, "-o", str(tmp_path / "none" / "table.csv")]) == 2
+    assert one_line(capsys) == f"stepblocks: error: No such file or directory [{tmp_path / 'none'}]"
 
 
 def test_too_little_memory_is_no_fault_of_ours(monkeypatch, capsys):

@@ -143,6 +143,7 @@ def test_a_margin_and_a_tip_are_measured(tmp_path, capsys):
         (["{scan}", "--stimulus", "step-050", "--unit", "mm"], "says another"),
         (["{scan}", "--stimulus", "step-050", "--exclusion", "5"], "must be a length"),
         (["{scan}", "--stimulus", "step-050", "--calibration", "much"], "must be a ratio"),
+        (["{scan}", "--stimulus", "step-050", "--calibration=-1"], "calibration"),
         (["{scan}", "--stimulus", "tip-125"], "must"),
         (["{scan}", "--stimulus", "crown-shoulder"], "cannot be inspected"),
     ],

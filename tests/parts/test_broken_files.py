@@ -93,6 +93,21 @@ CASES = {
     "deep nesting": ("schema = 1\na = " + "[" * 5000 + "]" * 5000, "must be TOML"),
     "an integer of 5,000 digits": ("schema = " + "9" * 5000, "must be TOML"),
     "a name of 5,000 letters": (swap('id = "tip-125"', f'id = "{"a" * 5000}"', TIPS), "id"),
+    "height of a picometre": (swap('from = "10 um"', 'from = "1e-12 m"'), "height"),
+    "a million steps": (swap('step = "10 um"', 'step = "1 nm"'), "at most 20000 members, got 90000"),
+    "a body of 1,000 km": (swap('length = "20 mm"', 'length = "1000 km"'), "body.length: must not exceed 1 m"),
+    "a tolerance above its nominal": (
+        swap('tolerance = "1 um", source', 'tolerance = "60 um", source'),
+        "tolerance must not exceed",
+    ),
+    "a stiffness known to 10^6 %": (
+        swap("[prediction]", '[prediction.tolerances]\nstiffness = "1000000 %"\n[prediction]'),
+        "prediction.tolerances.stiffness",
+    ),
+    "a ring of 1000 s": (
+        swap("[prediction]", '[prediction.tool]\ndecay_time = "1000 s"\n[prediction]'),
+        "prediction.tool.decay_time: must not exceed 10 s",
+    ),
     "too large": ("# " + "x" * 1_000_001, "at most 1000000 bytes"),
 }
 

@@ -63,7 +63,7 @@ def main(argv: Sequence[str] | None = None) -> int:
         print("stepblocks: interrupted", file=sys.stderr)
         return 130
     except OSError as error:  # a full disk, a folder that is read only, a file where a folder should be
-        place = f" [{error.filename}]" if error.filename is not None else ""
+        place = f" [{str(error.filename).partition('/.partial-')[0]}]" if error.filename is not None else ""
         print(f"stepblocks: error: {error.strerror or error}{place}", file=sys.stderr)
         return 2
     except MemoryError:

@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
 
-from stepblocks.atomic import folder_beside
+from stepblocks.atomic import folder_beside, settle
 from stepblocks.contact.operating_point import OperatingPoint
 from stepblocks.declare import load_declared
 from stepblocks.errors import PipelineError
@@ -148,6 +148,7 @@ def _write(folder: Path, scene: Scene, form: SceneFormat) -> None:
     try:
         with folder_beside(folder) as draft:
             write_scene(draft, scene, form)
+            settle(draft)
             for path in sorted(file for file in draft.rglob("*") if file.is_file()):
                 target = folder / path.relative_to(draft)
                 target.parent.mkdir(parents=True, exist_ok=True)

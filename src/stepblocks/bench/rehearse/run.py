@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from stepblocks.atomic import folder_beside
+from stepblocks.atomic import folder_beside, settle
 from stepblocks.bench.rehearse import TRACE_FILES, RecordedTrial, Rig, Truth, drag_trial, open_writer, record
 from stepblocks.bench.rehearse.plan import NUMBERS, SessionPlan, block_name, read_plan
 from stepblocks.bench.signal import Trace
@@ -70,6 +70,7 @@ def simulate_session(plan: str | Path, output: str | Path) -> SimulationSummary:
         raise PipelineError(f"folder of the output does not exist: {str(output.parent)!r}")
     with folder_beside(output) as draft:
         summary = _fill(declared, draft)
+        settle(draft)
         if output.exists():
             output.rmdir()
         draft.rename(output)

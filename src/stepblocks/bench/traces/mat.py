@@ -40,6 +40,8 @@ class Variables:
             raise TraceError(f"variable {name!r} has more than {_MOST_BYTES} bytes")
         try:
             return loadmat(_part(self.path, place, length), simplify_cells=True)[name]
+        except MemoryError:
+            raise
         except Exception as error:  # SciPy lets zlib, type and key errors of a damaged variable through
             raise TraceError(f"unreadable: variable {name!r}: {str(error)[:120]}") from error
 
