@@ -113,11 +113,13 @@ def _magnitude(text: str, unit: str, wanted: str) -> float:
         raise QuantityError(f"{wanted}, got {shown!r}") from error
     if not offset_free:
         raise QuantityError(f"{wanted}, got {shown!r}")
-    # 25 / 1e6 is the double nearest to 25e-6; 25 * 1e-6 is not.
+    return float(scaled(number, factor))
+
+
+def scaled(number: Any, factor: float) -> Any:
+    """Multiply by the size of a unit: 25 / 1e6 is the double nearest to 25e-6, and 25 * 1e-6 is not."""
     inverse = round(1.0 / factor) if factor < 1.0 else 0
-    if inverse and abs(factor * inverse - 1.0) < 1e-12:
-        return number / inverse
-    return number * factor
+    return number / inverse if inverse and abs(factor * inverse - 1.0) < 1e-12 else number * factor
 
 
 def quantity_parser(dimension: str) -> Callable[[object], float]:

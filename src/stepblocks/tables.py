@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from stepblocks.atomic import replace_text
 from stepblocks.errors import PipelineError
 from stepblocks.mistakes import Mistake, told
-from stepblocks.quantities import parse_quantity
+from stepblocks.quantities import parse_quantity, scaled
 from stepblocks.text_file import plain_size
 
 if TYPE_CHECKING:
@@ -104,11 +104,7 @@ def _in_si(cells: pd.Series, unit: str, dimension: str, mistakes: list[Mistake])
     for row in np.flatnonzero(~np.isfinite(numbers)):
         given = repr(cells.iloc[row]) if isinstance(cells.iloc[row], str) else str(cells.iloc[row])
         mistakes.append((f"row {row + 1}", f"{cells.name} must be a finite number, got {given}"))
-    factor = parse_quantity(f"1 {unit}", dimension) if unit else 1.0
-    # 25 / 1e6 is the double nearest to 25e-6; 25 * 1e-6 is not
-    inverse = round(1.0 / factor)
-    exact = factor < 1.0 and abs(factor * inverse - 1.0) < 1e-12
-    return np.asarray(numbers / inverse if exact else numbers * factor)
+    return np.asarray(scaled(numbers, parse_quantity(f"1 {unit}", dimension) if unit else 1.0))
 
 
 def harmless(cell: object) -> object:

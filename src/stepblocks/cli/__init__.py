@@ -5,7 +5,6 @@ Exit codes: 0 done, 1 out of tolerance, 2 wrong input, 3 not proven, 70 a fault 
 
 from __future__ import annotations
 
-import argparse
 import io
 import os
 import signal
@@ -15,7 +14,7 @@ import threading
 import traceback
 from collections.abc import Sequence
 from importlib import import_module
-from typing import NoReturn
+from typing import Any, NoReturn
 
 from stepblocks import __version__
 from stepblocks.cli.arguments import Parser, declare
@@ -96,29 +95,9 @@ def _end(number: int, _: object) -> NoReturn:
     raise KeyboardInterrupt if number == signal.SIGINT else SystemExit(128 + number)
 
 
-class _Top(Parser):
-    """The program itself, whose help shows its commands in groups."""
-
-    def format_help(self) -> str:
-        from rich_argparse import RawDescriptionRichHelpFormatter
-
-        commands = next(action for action in self._actions if isinstance(action, argparse._SubParsersAction))
-        said = {action.dest: action.help or "" for action in commands._choices_actions}
-        formatter = self._get_formatter()
-        assert isinstance(formatter, RawDescriptionRichHelpFormatter)
-        formatter.add_usage(self.usage, [], [])
-        formatter.add_text(self.description)
-        for title, names in self.groups.items():
-            formatter.start_section(title)
-            formatter.add_arguments([argparse.Action([], name, metavar=name, help=said[name]) for name in names])
-            formatter.end_section()
-        formatter.add_text(self.epilog)
-        return formatter.format_help()
-
-
-def make_parser() -> argparse.ArgumentParser:
+def make_parser() -> Parser:
     """Return the parser of the whole command line."""
-    parser = _Top(
+    parser = Parser(
         prog="stepblocks",
         usage="stepblocks COMMAND ... | COMMAND --help | --version",
         description="Haptic step stimuli: from a declaration to proven artefacts, predictions and the closed loop.",
@@ -127,9 +106,10 @@ def make_parser() -> argparse.ArgumentParser:
     )
     parser.add_argument("--version", action="version", version=f"stepblocks {__version__}")
     commands = parser.add_subparsers(metavar="COMMAND", required=True, prog="stepblocks", parser_class=Parser)
-    modules = [import_module(f"stepblocks.cli.{name}") for name in _MODULES]
-    runs, readers = (
-        {k: v for one in modules for k, v in getattr(one, name, {}).items()} for name in ("COMMANDS", "READERS")
-    )
+    runs, readers = dict[str, Any](), dict[str, Any]()
+    for name in _MODULES:
+        module = import_module(f"stepblocks.cli.{name}")
+        runs |= module.COMMANDS
+        readers |= getattr(module, "READERS", {})
     parser.groups = declare(commands, runs, readers)
     return parser

@@ -58,6 +58,21 @@ class Parser(argparse.ArgumentParser):
         hint = f"; did you mean {' '.join(meant)}?" if meant else f" (see {parser.prog} --help)"
         raise PipelineError(f"{message}{hint}")
 
+    def format_help(self) -> str:
+        """Show the commands of the program itself in their groups."""
+        if not self.groups:
+            return super().format_help()
+        actions = [action for one in self._actions for action in getattr(one, "_choices_actions", ())]
+        formatter = self._get_formatter()
+        formatter.add_usage(self.usage, [], [])
+        formatter.add_text(self.description)
+        for title, names in self.groups.items():
+            formatter.start_section(title)
+            formatter.add_arguments([action for action in actions if action.dest in names])
+            formatter.end_section()
+        formatter.add_text(self.epilog)
+        return formatter.format_help()
+
     @property
     def commands(self) -> dict[str, Parser]:
         """Parsers of its commands, by name."""

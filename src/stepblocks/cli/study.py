@@ -6,6 +6,7 @@ import argparse
 import inspect
 import sys
 from collections.abc import Callable
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -186,11 +187,6 @@ def _pairs(text: str, what: str) -> dict[str, str]:
     return {name: value for name, _, value in parts}
 
 
-def _named(text: str) -> dict[str, str]:
-    """Read names for columns."""
-    return _pairs(text, "ours=theirs")
-
-
 def _shares(text: str) -> dict[str, float]:
     if text.endswith(".toml"):
         from stepblocks.predict.sheaths import damping_of
@@ -205,7 +201,7 @@ READERS = {
     "H,H,...": _heights,
     "LOW-HIGH": _scale,
     "N,N,...": _counts,
-    "OURS=YOURS,...": _named,
+    "OURS=YOURS,...": partial(_pairs, what="ours=theirs"),
 }
 COMMANDS = {
     "study design": _design,
