@@ -3,11 +3,14 @@
 import itertools
 import json
 import math
+import resource
+import zipfile
 from pathlib import Path
 
 import numpy as np
 import pytest
 
+from stepblocks import confined
 from stepblocks.artefacts.heightfield import SPACING, height_field, relief, write_height_field
 from stepblocks.artefacts.meshes.measures import MeshMeasures, sphere_radius
 from stepblocks.artefacts.meshes.read import read_mesh, read_pieces
@@ -176,6 +179,37 @@ def test_what_is_no_mesh_is_refused_with_its_place(tmp_path, name, content):
     path.write_bytes(content)
     with pytest.raises(MetrologyError, match=r"a\.(convex\.)?\w+"):
         (read_pieces if "convex" in name else read_mesh)(path)
+
+
+def crowded(path):
+    """A sound 3MF of half a megabyte that holds four million points (3MF core specification 1.3)."""
+    space, package = "http://schemas.microsoft.com/3dmanufacturing", "http://schemas.openxmlformats.org/package/2006"
+    rels = "application/vnd.openxmlformats-package.relationships+xml"
+    kinds = f'<Default Extension="rels" ContentType="{rels}"/><Default Extension="model" ContentType="application/vnd.ms-package.3dmanufacturing-3dmodel+xml"/>'
+    head = (
+        f'<model unit="millimeter" xmlns="{space}/core/2015/02"><resources><object id="1" type="model"><mesh><vertices>'
+    )
+    tail = '</vertices><triangles><triangle v1="0" v2="1" v3="2"/></triangles></mesh></object></resources>'
+    with zipfile.ZipFile(path, "w", zipfile.ZIP_DEFLATED, compresslevel=1) as archive:
+        archive.writestr("[Content_Types].xml", f'<Types xmlns="{package}/content-types">{kinds}</Types>')
+        target = f'<Relationship Target="/3D/3dmodel.model" Id="r" Type="{space}/2013/01/3dmodel"/>'
+        archive.writestr("_rels/.rels", f'<Relationships xmlns="{package}/relationships">{target}</Relationships>')
+        with archive.open("3D/3dmodel.model", "w") as file:
+            file.write(head.encode())
+            for _ in range(100):
+                file.write(b'<vertex x="0" y="0" z="0"/>' * 40_000)
+            file.write(f'{tail}<build><item objectid="1"/></build></model>'.encode())
+
+
+def test_a_small_mesh_file_that_unpacks_without_end_is_one_line_and_no_memory(tmp_path, monkeypatch):
+    path = tmp_path / "a.3mf"
+    crowded(path)
+    assert path.stat().st_size < 1_000_000
+    monkeypatch.setattr(confined, "_SECONDS", 1.0)
+    before = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
+    with pytest.raises(MetrologyError, match=r"must be readable within 2 s \[a\.3mf\]"):
+        read_mesh(path)
+    assert resource.getrusage(resource.RUSAGE_SELF).ru_maxrss - before < 200 * 1024  # [KiB]
 
 
 @pytest.mark.parametrize(
