@@ -1,6 +1,7 @@
 """What is handed on works outside the checkout: wheel and sdist hold every file, and begin from an empty folder."""
 
 import os
+import re
 import shutil
 import subprocess
 import sys
@@ -68,3 +69,19 @@ def test_the_wheel_begins_from_an_empty_folder_without_the_checkout(built, tmp_p
         done = run(*words)
         assert done.returncode == 0, done.stderr
     assert "<style>\n:root" in (here / "evidence" / "evidence.html").read_text()
+
+
+def test_licences_are_listed_and_what_has_a_copyleft_is_named_in_the_docs():
+    done = subprocess.run(
+        [sys.executable, ROOT / "benchmarks" / "licences.py"], capture_output=True, text=True, check=False
+    )
+    assert done.returncode == 0, done.stdout
+    weak = {line.split(" | ")[0].strip("| ") for line in done.stdout.splitlines() if line.endswith("| weak |")}
+    page = (ROOT / "docs" / "portability.md").read_text()
+    assert {"npTDMS", "igor2"} <= weak
+    assert [name for name in weak if name not in page] == []
+
+
+def test_constraints_name_one_version_each_and_no_address():
+    lines = (ROOT / "constraints.txt").read_text().splitlines()
+    assert all(re.fullmatch(r"[A-Za-z0-9._-]+==[A-Za-z0-9.+]+", line) for line in lines if line and line[0] != "#")

@@ -184,8 +184,10 @@ def test_what_is_no_mesh_is_refused_with_its_place(tmp_path, name, content):
 def crowded(path):
     """A sound 3MF of half a megabyte that holds four million points (3MF core specification 1.3)."""
     space, package = "http://schemas.microsoft.com/3dmanufacturing", "http://schemas.openxmlformats.org/package/2006"
-    rels = "application/vnd.openxmlformats-package.relationships+xml"
-    kinds = f'<Default Extension="rels" ContentType="{rels}"/><Default Extension="model" ContentType="application/vnd.ms-package.3dmanufacturing-3dmodel+xml"/>'
+    of = {"rels": "openxmlformats-package.relationships", "model": "ms-package.3dmanufacturing-3dmodel"}
+    kinds = "".join(
+        f'<Default Extension="{name}" ContentType="application/vnd.{kind}+xml"/>' for name, kind in of.items()
+    )
     head = (
         f'<model unit="millimeter" xmlns="{space}/core/2015/02"><resources><object id="1" type="model"><mesh><vertices>'
     )
