@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from stepblocks import confined
-from stepblocks.confined import read_confined, written_by_us
+from stepblocks.confined import read_confined
 from stepblocks.errors import MetrologyError
 
 READERS = """
@@ -109,13 +109,6 @@ def test_a_sound_file_is_read_however_long_a_busy_machine_keeps_its_reader_waiti
     call(file, "number")
     monkeypatch.setattr(confined, "_SECONDS", 0.3)
     assert call(file, "waits", 3.0) == {"waited": 3.0}  # ten times what it may compute
-
-
-def test_what_we_have_just_written_is_read_here(file):
-    with written_by_us():
-        assert call(file, "number") == {"pid": os.getpid()}
-        with pytest.raises(MetrologyError, match="'a"):
-            call(file, "fails")
 
 
 @pytest.mark.parametrize(

@@ -14,9 +14,7 @@ import signal
 import subprocess
 import sys
 import threading
-from collections.abc import Iterator
-from contextlib import contextmanager, suppress
-from contextvars import ContextVar
+from contextlib import suppress
 from functools import cache
 from importlib import import_module
 from io import BufferedReader
@@ -34,17 +32,6 @@ _MAPPED = 4 * 2**30
 _SECONDS, _PER_BYTE = 15.0, 1e-6  # of the processor, and more of it for a large file [s], [s/byte]
 _WAITING = 40.0  # as long as that many times the processor time: a busy machine is no fault of the file
 _LARGEST_ANSWER = 2**24  # of what is no array [bytes]
-_ours: ContextVar[bool] = ContextVar("ours", default=False)
-
-
-@contextmanager
-def written_by_us() -> Iterator[None]:
-    """Read in this process what this process has just written."""
-    token = _ours.set(True)
-    try:
-        yield
-    finally:
-        _ours.reset(token)
 
 
 def read_confined(function: str, path: Path, *arguments: Any, raises: type[Exception]) -> dict[str, Any]:
@@ -55,7 +42,7 @@ def read_confined(function: str, path: Path, *arguments: Any, raises: type[Excep
     request = {"function": function, "arguments": [os.path.abspath(path), *arguments]}  # noqa: PTH100  a link stays one
     try:
         seconds = _SECONDS + _PER_BYTE * plain_size(path)
-        found, refused, ours = _answer(request) if _ours.get() else _reader(os.getpid()).call(request, seconds)
+        found, refused, ours = _reader(os.getpid()).call(request, seconds)
     except OSError as error:
         raise raises(f"file cannot be read: {error.strerror or error} [{path.name}]") from error
     if refused:

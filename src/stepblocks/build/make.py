@@ -13,7 +13,6 @@ from typing import Any
 
 from stepblocks.atomic import folder_beside
 from stepblocks.build.manifest import RECORD, hash_file, load_json, unchanged, write_sealed, written
-from stepblocks.confined import written_by_us
 from stepblocks.errors import PipelineError
 from stepblocks.parts.kind import Part
 from stepblocks.workers import die_with_parent
@@ -71,9 +70,8 @@ def make(set_name: str, stimulus: Part, output: Path, key: str) -> Made:
     started = time.perf_counter()
     with folder_beside(output / f"{set_name}-{stimulus.id}") as workshop:
         _write_artefacts(stimulus, workshop)
-        with written_by_us():
-            paths = checked_files(stimulus, workshop)
-            verdicts = [verdict for path in paths for verdict in check_artefact(stimulus, path)]
+        paths = checked_files(stimulus, workshop)
+        verdicts = [verdict for path in paths for verdict in check_artefact(stimulus, path)]
         record = {
             "key": key,
             "stimulus": stimulus.id,

@@ -152,7 +152,10 @@ def _take(parser: Any, line: str, readers: Readers) -> None:
         if "|" in metavar:
             settings["choices"] = metavar.split("|")
         else:
-            settings |= {"type": _reader(metavar), "metavar": "N" if metavar in _NUMBERS else metavar}
+            settings |= {
+                "type": _reader(metavar),
+                "metavar": "N" if metavar in _NUMBERS else metavar.removesuffix(">0"),
+            }
     parser.add_argument(*names.split("/"), **settings)
 
 
@@ -160,8 +163,8 @@ def _reader(metavar: str) -> Callable[[str], Any]:
     """Find how what a metavar names is read."""
     if metavar in _NUMBERS:
         return _NUMBERS[metavar]
-    if metavar.lower() in DIMENSIONS:
-        return quantity(metavar.lower())
+    if (dimension := metavar.removesuffix(">0").lower()) in DIMENSIONS:
+        return quantity(dimension, above_zero=metavar.endswith(">0"))
     return Path if metavar in _FILES else str
 
 

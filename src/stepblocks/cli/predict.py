@@ -8,7 +8,7 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from stepblocks.cli.arguments import given, quantity
+from stepblocks.cli.arguments import given
 from stepblocks.cli.outcome import Outcome, telling
 
 if TYPE_CHECKING:
@@ -159,5 +159,4 @@ def _evidence(arguments: argparse.Namespace) -> Outcome:
     return Outcome(found.finding(), tables, look=arguments.output / "evidence.html", record=full)
 
 
-READERS = {"ABOVE": quantity("speed", above_zero=True), "PULL": quantity("force", above_zero=True)}
 COMMANDS = {"predict": _predict, "drag": _drag, "sweep": _sweep, "evidence": _evidence}
