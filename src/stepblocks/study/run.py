@@ -16,8 +16,7 @@ from stepblocks.errors import PipelineError
 from stepblocks.study import require, sheet
 from stepblocks.study.analysis.accuracy import ANSWER
 from stepblocks.study.analysis.results import StudyResult
-from stepblocks.study.blocks import blocks_of, designed_blocks, too_coarse
-from stepblocks.study.design import Design
+from stepblocks.study.design import Design, blocks_of, designed_blocks, too_coarse
 from stepblocks.study.exchange import judgements_of_table
 from stepblocks.study.experiments import ALIASES, EXPERIMENTS, RATINGS
 from stepblocks.study.page import render_sheets_pdf, render_study
