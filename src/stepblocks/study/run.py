@@ -193,8 +193,7 @@ def analyse_study(
         Every figure, and in its notes what was done about what is missing; a notebook shows its table.
     """
     if folder is None:
-        paths = [Path(path) for path in answers]
-        found = judgements_of_table(paths, columns, experiment, ratings)
+        found = judgements_of_table(answers, columns, experiment, ratings)
     else:
         design = sheet.read_design(Path(folder) / "design.csv")
         rows = [row for path in sheet.sheets_of(answers) for row in sheet.read_answers(path, design[0]["experiment"])]
