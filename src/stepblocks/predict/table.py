@@ -62,8 +62,6 @@ def predict_table(table: pd.DataFrame | str | Path, output: str | Path | None = 
         Table or CSV with ``height_um``, ``normal_load_n`` (or ``load_n``), ``friction`` and, where they differ from the
         paper, ``edge_radius_um``, ``tip_radius_um``, ``stiffness_n_m``, ``conversion``, in any unit that the name of the
         column says; standard uncertainties in columns of the same names with ``u_`` before them.
-    output : str or Path, optional
-        CSV to write.
 
     Returns
     -------
@@ -126,8 +124,6 @@ def predict_trials(
         the model follow.
     model : str, Path or LearnedModel
         ``model.json`` of `stepblocks loop`.
-    output : str or Path, optional
-        CSV to write.
 
     Returns
     -------

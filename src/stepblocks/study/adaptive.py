@@ -95,8 +95,6 @@ def start_adaptive(
         Where setup.json and key.csv go.
     standard : str
         Block that the others are compared with.
-    seed : int
-        Seed of codes and orders.
     method : str
         ``"quest"``, ``"staircase"``, or ``"training"``: pairs in order of their predicted discriminability, at 75 % right.
     participants, trials, reversals : int

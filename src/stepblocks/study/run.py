@@ -47,8 +47,6 @@ def design_study(
         Stimulus file, or heights [m] of blocks that are not ours.
     folder : str or Path
         Where design.csv and key.csv go.
-    seed : int
-        Seed of all random choices.
     experiment : str
         ``"estimates"`` (experiment 1), ``"virtual"`` (experiment 2), ``"constant"`` stimuli, which is also ``"2afc"``, or
         ``"magnitude"`` estimation.
@@ -123,14 +121,10 @@ def simulate_study(
     folder, source, output : str or Path
         Folder with design.csv, stimulus file for the predicted energies (without one its blocks are sharp steps), CSV of answers
         to write.
-    seed : int
-        Seed of all chance.
     damping : mapping of float, optional
         Share of the energy that each condition lets through [1]; 1 for what is not named.
     noise : mapping of float, optional
         How many times the response noise each condition has [1]; once for what is not named.
-    observer : Observer
-        What the participants are like.
     **felt : float
         Where the energies are taken: `ball_radius` [m], `normal_load` [N], `friction` [1]; by default the first of the file's
         grid, of its loads the first under which every block rings.
@@ -234,8 +228,6 @@ def study_power(
     ----------
     source : str, Path or sequence of float
         Stimulus file, or heights [m].
-    output : str or Path, optional
-        CSV to write.
     experiment : str
         ``"estimates"``, or ``"constant"``, also as ``"2afc"``: each block against `standard`, by a t-test of the participants'
         shares of right answers against one half.
@@ -251,12 +243,10 @@ def study_power(
         Block of ``"constant"`` that all others are compared with.
     participants, repetitions : sequence of int
         Sizes; every combination.
-    observer, **felt
-        As in `simulate_study`.
+    observer, only, **felt
+        As in `simulate_study` and `design_study`.
     analysis : str
         ``"mixed"`` or ``"f-test"``.
-    only : str, optional
-        Pattern of the blocks that take part.
 
     Returns
     -------
