@@ -55,7 +55,7 @@ from .parts.tolerance import Dimension as Dimension
 from .predict.predictions import predict_set as predict_set
 from .predict.sweep.run import sweep as sweep
 from .predict.table import predict_table as predict_table
-from .predict.trials import predict_trials as predict_trials
+from .predict.table import predict_trials as predict_trials
 from .quantities import format_quantity as format_quantity
 from .quantities import parse_quantity as parse_quantity
 from .simulators.compare import compare as compare

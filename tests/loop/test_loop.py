@@ -24,7 +24,7 @@ from stepblocks.loop.run import write_loop
 from stepblocks.loop.search.adequacy import identifiability
 from stepblocks.loop.search.explain import Rules, Verdict, explain
 from stepblocks.loop.session_table import trials_of
-from stepblocks.predict.trials import predict_trials
+from stepblocks.predict.table import predict_trials
 
 _SHARED = Path(os.environ.get("STEPBLOCKS_SHARED", Path(__file__).parents[2] / ".." / "shared"))
 _RULES = Rules(draws=200)

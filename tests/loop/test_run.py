@@ -13,7 +13,7 @@ from oracles.features_file import features_of
 from stepblocks.errors import PipelineError
 from stepblocks.loop.run import analyse_features, loop_session
 from stepblocks.loop.search.explain import Rules, Verdict
-from stepblocks.predict.trials import predict_trials
+from stepblocks.predict.table import predict_trials
 
 _RULES = Rules(draws=60, fits=2)
 

@@ -10,7 +10,7 @@ from oracles.taught import taught_model
 from stepblocks.contact.operating_point import PAPER, OperatingPoint
 from stepblocks.declare import load_set
 from stepblocks.predict.predictions import predictions_of
-from stepblocks.predict.trials import learned_columns, learned_drag, predict_trials, taught_set
+from stepblocks.predict.table import learned_columns, learned_drag, predict_trials, taught_set
 
 _STIMULI = Path(__file__).parents[2] / "stimuli"
 _CONDITION = OperatingPoint(ball_radius=110e-6, normal_load=0.8, friction=0.4, speed=8e-3)

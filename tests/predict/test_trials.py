@@ -11,7 +11,7 @@ from oracles.taught import CONSTANTS, taught_model
 from stepblocks.contact.critical_angle import step_angle
 from stepblocks.contact.energy import release_at
 from stepblocks.errors import PipelineError
-from stepblocks.predict.trials import predict_trials
+from stepblocks.predict.table import predict_trials
 
 _NUMBERS = ["peak_force_n", "vibration_energy_j"]
 

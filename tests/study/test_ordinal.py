@@ -51,13 +51,13 @@ def test_the_test_over_participants_keeps_its_level_where_they_respond_different
     from scipy.stats import binom
 
     runs = 60
-    found = [ordinal_model(ratings(seed, 6, 9, 1.5), "rating", ["condition"], "participant") for seed in range(runs)]
+    found = [ordinal_model(ratings(seed, 6, 9, 1.5), "rating", "condition", "participant") for seed in range(runs)]
     most = binom.ppf(0.9995, runs, 0.05)
     assert sum(fit.participants["p"] < 0.05 for fit in found) <= most
 
 
 def test_intervals_are_those_of_student_over_participants_and_the_test_is_the_same_statement():
-    fit = ordinal_model(ratings(4, 7, 6, 0.4), "rating", ["condition"], "participant")
+    fit = ordinal_model(ratings(4, 7, 6, 0.4), "rating", "condition", "participant")
     (effect,) = fit.effects
     assert fit.participants["statistic"] == pytest.approx((effect.log_odds / effect.error) ** 2, rel=1e-9)
     assert (fit.participants["df"], fit.participants["df_error"]) == (1.0, 6.0)
@@ -71,6 +71,6 @@ def test_too_few_participants_are_refused():
         ordinal_model(
             ratings(5, 2, 12, 0.0).assign(condition=lambda f: [f"c{i % 3}" for i in range(len(f))]),
             "rating",
-            ["condition"],
+            "condition",
             "participant",
         )

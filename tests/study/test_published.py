@@ -8,7 +8,7 @@ import pytest
 
 from stepblocks.study.analysis.anova import f_test
 from stepblocks.study.analysis.mixed import mixed_model
-from stepblocks.study.analysis.ordinal import ordinal_model
+from stepblocks.study.analysis.ordinal import fit_proportional_odds
 from stepblocks.study.analysis.psychometric import fit_psychometric
 from stepblocks.study.experiments import power_law
 
@@ -175,11 +175,11 @@ def test_ordinal_model_gives_stata_s_ologit():
         pytest.skip("this statsmodels comes without its tests")
     frame = pd.read_csv(path)
     frame["apply"] = pd.Categorical(frame["apply"], ["unlikely", "somewhat likely", "very likely"], ordered=True)
-    fit = ordinal_model(frame, "apply", ["pared", "public", "gpa"])
+    fit = fit_proportional_odds(pd.Series(frame["apply"]), frame[["pared", "public", "gpa"]])
     printed = {"pared": (1.047664, 0.2657891), "public": (-0.0586828, 0.2978588), "gpa": (0.6157458, 0.2606311)}
-    for effect in fit.effects:
-        assert (effect.log_odds, effect.error) == pytest.approx(printed[effect.name], abs=1e-6)
-    assert fit.log_likelihood == pytest.approx(-358.51244, abs=1e-5)
+    for name, (log_odds, error) in printed.items():
+        assert (fit.params[name], fit.bse[name]) == pytest.approx((log_odds, error), abs=1e-6)
+    assert fit.llf == pytest.approx(-358.51244, abs=1e-5)
 
 
 def test_power_law_is_exact_on_exact_data():

@@ -187,7 +187,7 @@ def test_realism_gain_is_recovered_by_the_ordinal_model():
     energies = {item.identity: item.height for item in BLOCKS}
     observer = Observer(realism_gain=1.0)
     table = join_answers(design, lined(simulate_answers(design, energies, {}, observer, seed=8)))
-    effect = ordinal_model(table.frame, "rating", ["condition"], "participant").effects[0]
+    effect = ordinal_model(table.frame, "rating", "condition", "participant").effects[0]
     assert effect.name == "vibration-on"
     assert effect.low < math.e < effect.high
     assert effect.ratio > 1.5

@@ -10,7 +10,7 @@ import pytest
 from stepblocks.declare import load_declared
 from stepblocks.errors import ContactError, PipelineError, StudyError
 from stepblocks.predict.predictions import predict_one
-from stepblocks.study.blocks import blocks_of
+from stepblocks.study.design import blocks_of
 from stepblocks.study.run import analyse_study, design_study, simulate_study, study_power, write_sheets
 from stepblocks.study.simulate import Observer
 

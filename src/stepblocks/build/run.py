@@ -176,7 +176,7 @@ def _tables_and_page(
     from stepblocks.build.page import Section, write_page
     from stepblocks.predict.predictions import predict_all, predictions_csv
     from stepblocks.predict.sheaths import write_sheath_files
-    from stepblocks.predict.trials import learned_columns, taught_set
+    from stepblocks.predict.table import learned_columns, taught_set
 
     def hashes(paths: Iterable[Path]) -> dict[str, str]:
         return {path.relative_to(output).as_posix(): hash_file(path) for path in paths}

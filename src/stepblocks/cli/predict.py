@@ -48,7 +48,7 @@ def _predict_table(files: list[Path], output: Path | None, model: Path | None) -
         from stepblocks.predict.table import predict_table
 
         return Outcome(f"{output}: {len(predict_table(files[0], output))} predictions")
-    from stepblocks.predict.trials import predict_trials
+    from stepblocks.predict.table import predict_trials
 
     flagged = predict_trials(files[0], model, output)["status"] != "ok"
     return Outcome(f"{output}: {int(flagged.sum())} trials flagged, see the column status")

@@ -29,9 +29,7 @@ from stepblocks.predict.predictions import Prediction, predict_one
 if TYPE_CHECKING:
     import pandas as pd
 
-_CURVE = (
-    81  # heights at which the drag is asked between the lowest and the highest block: 2 % of the energy between two
-)
+_CURVE = 81  # heights at which the drag is asked from the lowest to the highest block: 2 % of the energy between two
 # columns of a table of neighbours, which may have no rows
 _NEIGHBOURS = ["set", "tip_radius_um", "normal_load_n", "friction", "lower", "higher"]
 _NEIGHBOURS += ["lower_level_db", "higher_level_db", "just_noticeable_differences", "correct", "felt_by"]
@@ -118,11 +116,9 @@ def equally_felt_heights(
         release = Step(height, edge_radius).release(point)
         if release.status is not Status.RELEASES:
             limit = kernels.locking_height(point.ball_radius + edge_radius, point.friction)
-            takes = (
-                f"it would take {release.pull_force:.3g} N"
-                if release.status.beyond
-                else f"it locks from {limit:g} m on"
-            )
+            takes = f"it locks from {limit:g} m on"
+            if release.status.beyond:
+                takes = f"it would take {release.pull_force:.3g} N"
             raise ContactError(f"a step of {height:g} m is {release.status}; {takes}")
     curve = np.geomspace(lowest, highest, _CURVE)
     asked = [predict_one(Step(float(height), edge_radius), point) for height in curve]

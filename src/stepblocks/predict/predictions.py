@@ -55,9 +55,7 @@ class Prediction:
     backward: bool
     release: Release  # at the nominal dimensions
     limits: tuple[Release, Release]  # at the least and the greatest angle within the tolerances of the stimulus
-    interval: (
-        Interval | None
-    )  # of 95 %, from the tolerances of the stimulus and of the setting; None where there are none
+    interval: Interval | None  # of 95 %, from all tolerances of stimulus and setting; None where there are none
     in_time: InTime | None = None  # None where it was not dragged
 
     @property

@@ -1,19 +1,43 @@
-"""Predict a table of trials or blocks, one row each, with intervals."""
+"""Predict a table of trials or blocks, one row each, with intervals: by the equations, or with what a session taught."""
 
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from itertools import product
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+import numpy as np
+from numpy.typing import NDArray
+
+from stepblocks.artefacts.model_file import WIDE, LearnedFit, LearnedModel, read_model
 from stepblocks.contact.counterface import Step
+from stepblocks.contact.energy import Status
+from stepblocks.contact.event import Learned
+from stepblocks.contact.forward import (
+    PEAK_FORCE,
+    BenchDesign,
+    columns_of,
+    design_of,
+    extended_state,
+    height_name,
+    responses,
+    tip_radius_um,
+)
+from stepblocks.contact.kernels import height_at_angle
 from stepblocks.contact.operating_point import PAPER, SHIPPED_LIMITS, OperatingPoint, Tool
+from stepblocks.contact.state import CHANNELS, DragState, Floats, observe
 from stepblocks.contact.uncertainty import interval_of
-from stepblocks.errors import ContactError
+from stepblocks.errors import ContactError, PipelineError
+from stepblocks.predict.predictions import Prediction, six_digits
 from stepblocks.tables import read_table, si_columns, write_table
 
 if TYPE_CHECKING:
     import pandas as pd
+
+    from stepblocks.parts.set import StimulusSet
 
 _COLUMNS: dict[str, tuple[tuple[str, ...], str, float | None]] = {
     "height": (("height", "step_height"), "length", None),
@@ -25,6 +49,8 @@ _COLUMNS: dict[str, tuple[tuple[str, ...], str, float | None]] = {
     "conversion": (("conversion",), "ratio", PAPER.tool.conversion),
 }
 _DRAWS = 4000  # of each interval
+_POSITIVE = ("height_um", "load_n", "speed_mm_s")
+_FIGURES = {"peak_force{}_n": 1, "vibration_energy{}_j": 0}  # columns of the result, and their channels
 
 
 def predict_table(table: pd.DataFrame | str | Path, output: str | Path | None = None) -> pd.DataFrame:
@@ -36,8 +62,6 @@ def predict_table(table: pd.DataFrame | str | Path, output: str | Path | None = 
         Table or CSV with ``height_um``, ``normal_load_n`` (or ``load_n``), ``friction`` and, where they differ from the
         paper, ``edge_radius_um``, ``tip_radius_um``, ``stiffness_n_m``, ``conversion``, in any unit that the name of the
         column says; standard uncertainties in columns of the same names with ``u_`` before them.
-    output : str or Path, optional
-        CSV to write.
 
     Returns
     -------
@@ -86,3 +110,186 @@ def predict_table(table: pd.DataFrame | str | Path, output: str | Path | None = 
     if output is not None:
         write_table(result, Path(output))
     return result
+
+
+def predict_trials(
+    trials: str | Path | pd.DataFrame, model: str | Path | LearnedModel, output: str | Path | None = None
+) -> pd.DataFrame:
+    """Predict trials with what a session taught.
+
+    Parameters
+    ----------
+    trials : str, Path or DataFrame
+        A table as trials.csv: ``trial``, ``block``, ``height_um``, ``load_n``, ``speed_mm_s``, and what the effects of
+        the model follow.
+    model : str, Path or LearnedModel
+        ``model.json`` of `stepblocks loop`.
+
+    Returns
+    -------
+    DataFrame
+        A row for each trial: its ``status`` (``ok``, ``locked``, ``outside-range(...)``, ``invalid(...)``), peak force [N]
+        and vibration energy [J] with 95 % intervals for a single trial, by the extended and by the nominal model.
+    """
+    import pandas as pd
+
+    learned = model if isinstance(model, LearnedModel) else read_model(model)
+    if not isinstance(trials, pd.DataFrame):
+        try:
+            trials = pd.read_csv(trials, dtype={"trial": str, "block": str, "tip": str})
+        except (OSError, ValueError) as error:
+            raise PipelineError(f"trials must be a readable CSV table: {error!s:.80} [{trials}]") from error
+    result = predicted(trials, learned)[0]
+    if output is not None:
+        write_table(result, Path(output), "%.9g")
+    return result
+
+
+def predicted(table: pd.DataFrame, learned: LearnedModel) -> tuple[pd.DataFrame, DragState]:
+    """Predict a table of trials; beside the figures the slots of the extended model."""
+    import pandas as pd
+
+    used = {name for law in learned.extended.laws for name in columns_of(law.covariate)}
+    needed = ("trial", "block", *_POSITIVE, *sorted(used))
+    missing = [name for name in needed if name not in table.columns]
+    if missing:
+        raise PipelineError(f"trials must have the columns {', '.join(missing)}, which the model needs")
+    columns, invalid, outside = _conditions(table, learned, {*_POSITIVE, *used})
+    tips = table["tip"].astype(str) if "tip" in table else [""] * len(table)
+    columns["tip_radius_um"] = np.array([tip_radius_um(tip, learned.tip_radius_um) for tip in tips])
+    # a block is known by its name; a new height under an old name is a block of its own
+    design = design_of(table["block"].astype(str).to_numpy(), columns, learned.tool.stiffness)
+    models = {"": _channels(design, learned.extended, learned), "nominal_": _channels(design, learned.nominal, learned)}
+    wrong, beyond, state = invalid.astype(bool), outside.astype(bool), models[""][2]
+    status = np.where(beyond, "outside-range(" + outside + ")", "ok")
+    status = np.where(state.locked(), "locked", status)
+    result = {"trial": table["trial"].to_numpy(), "status": np.where(wrong, "invalid(" + invalid + ")", status)}
+    # first the values, then their intervals
+    for ends in ({"": 0.0}, {"_low": -WIDE, "_high": WIDE}):
+        each = product(models.items(), _FIGURES.items(), ends.items())
+        for (prefix, (mean, std, slots)), (name, channel), (end, shift) in each:
+            value = np.where(slots.locked() | wrong, np.nan, np.exp(mean[:, channel] + shift * std[:, channel]))
+            result[prefix + name.format(end)] = value
+            if not np.isfinite(value[~(slots.locked() | wrong)]).all():
+                raise PipelineError(f"model is damaged: it gives no finite {prefix}{name.format(end)} [model.json]")
+    return pd.DataFrame(result), state
+
+
+def _conditions(
+    table: pd.DataFrame, learned: LearnedModel, wanted: set[str]
+) -> tuple[dict[str, NDArray[Any]], NDArray[np.object_], NDArray[np.object_]]:
+    """Columns to predict from; for each trial the names of those that hold no number, and of those beyond the data."""
+    import pandas as pd
+
+    ranges = {place.name: place for place in learned.ranges}
+    invalid, outside = (np.full(len(table), "", dtype=object) for _ in range(2))
+    columns: dict[str, NDArray[Any]] = {}
+
+    def note(texts: NDArray[np.object_], rows: NDArray[np.bool_], name: str) -> None:
+        texts[rows] = np.where(texts[rows] == "", name, texts[rows] + f"; {name}")
+
+    for name in sorted(wanted | (set(ranges) & set(table.columns))):
+        place = ranges.get(name)
+        if place is not None and place.labels:
+            columns[name] = table[name].astype(str).to_numpy()
+            note(outside, ~np.isin(columns[name], place.labels), name)
+            continue
+        numbers = np.asarray(pd.to_numeric(table[name], errors="coerce"), dtype=np.float64)
+        good = np.isfinite(numbers) & ((numbers > 0.0) | (name not in _POSITIVE))
+        if name in wanted:
+            note(invalid, ~good, name)
+        if place is not None:
+            slack = 1e-9 * max(abs(place.low), abs(place.high))
+            note(outside, good & ((numbers < place.low - slack) | (numbers > place.high + slack)), name)
+        columns[name] = np.where(good, numbers, 1.0)
+    return columns, invalid, outside
+
+
+def _channels(design: BenchDesign, fitted: LearnedFit, learned: LearnedModel) -> tuple[Floats, Floats, DragState]:
+    """Channels of single trials, their standard deviations, and the slots behind them."""
+
+    def at(values: Mapping[str, float]) -> Floats:
+        return observe(extended_state(design, values, fitted.active(values)))
+
+    state = extended_state(design, fitted.values, fitted.active())
+    mean = observe(state)
+    jacobian = np.zeros((*mean.shape, len(fitted.values)))
+    sizes = np.sqrt(np.maximum(np.diag(fitted.covariance), 0.0))
+    for i, (name, value) in enumerate(fitted.values.items()):
+        step = 0.05 * sizes[i]
+        if step > 0.0:
+            jacobian[:, :, i] = (at({**fitted.values, name: value + step}) - mean) / step
+    variance = np.einsum("nci,ij,ncj->nc", jacobian, fitted.covariance, jacobian)
+    variance += np.einsum("nck,k->nc", responses(state) ** 2, learned.quantity_std**2)
+    variance += learned.channel_std**2
+    unknown = ~np.isin(design.block, [b for b in learned.blocks if height_name(b) in fitted.values])
+    if np.any(unknown):
+        # the height of a block that was never measured is as uncertain as its prior
+        step = 1e-8
+        slope = (observe(state.changed(height=state.height + step)) - mean) / step
+        variance += np.where(unknown[:, None], (slope * learned.height_std) ** 2, 0.0)
+    return mean, np.sqrt(variance), state
+
+
+@dataclass(frozen=True)
+class LearnedDrag(Learned):
+    """One drag as the extended model sees it: ``ok``, ``locked``, or ``outside-range(columns)``."""
+
+    friction: float
+    tool: Tool  # with the learnt spring, conversion and ring
+    edge_radius: float  # what the model adds to the ball's radius [m]; 0 where it has no such effect
+
+
+def learned_drag(learned: LearnedModel, block: str, height: float, condition: OperatingPoint) -> LearnedDrag:
+    """Ask a learned model about one step; of the condition its friction and tool are not asked, they are learnt."""
+    import pandas as pd
+
+    row: dict[str, Any] = {"trial": "1", "block": block, "tip": f"tip-{condition.ball_radius * 1e6:.6f}"}
+    row |= {"height_um": height * 1e6, "load_n": condition.normal_load, "speed_mm_s": condition.speed * 1e3}
+    for place in learned.ranges:
+        if place.name not in row and not place.pair and place.name != PEAK_FORCE:
+            row[place.name] = place.labels[0] if place.labels else 0.5 * (place.low + place.high)
+    table, state = predicted(pd.DataFrame([row]), learned)
+    found = table.iloc[0]
+    shown = dict(zip(CHANNELS, observe(state)[0], strict=True))
+    tool = replace(
+        condition.tool,
+        stiffness=float(state.stiffness[0]),
+        conversion=float(state.conversion[0]),
+        frequency=math.exp(shown["ln_ring_frequency"]),
+        decay_time=math.exp(shown["ln_decay_time"]),
+    )
+    edge_radius = max(float(state.radius[0]) - condition.ball_radius, 0.0)
+    # the value, and the ends of its interval
+    force, energy = (
+        (float(found[name.format("")]), float(found[name.format("_low")]), float(found[name.format("_high")]))
+        for name in _FIGURES
+    )
+    return LearnedDrag(str(found["status"]), force, energy, float(state.friction[0]), tool, edge_radius)
+
+
+def taught_set(stimuli: StimulusSet, learned: LearnedModel) -> StimulusSet:
+    """Predict a set with the constants of a session: its friction, spring and conversion instead of the file's."""
+    values, grid = learned.extended.values, stimuli.prediction
+    stiffness = learned.tool.stiffness * values["stiffness_ratio"]
+    spring = {"stiffness": stiffness, "conversion": math.exp(values["ln_conversion"])}
+    taught = {"frictions": (values["friction"],), "tool": grid.tool.model_copy(update=spring)}
+    return stimuli.model_copy(update={"prediction": grid.model_copy(update=taught)})
+
+
+def learned_columns(prediction: Prediction, learned: LearnedModel) -> dict[str, str]:
+    """Say beside a prediction what the extended model, effects and all, predicts."""
+    names = [
+        f"learned_{name.format(end)}"
+        for name in ("pull_force{}_n", "vibration_energy{}_uj")
+        for end in ("", "_low", "_high")
+    ]
+    if prediction.release.status is not Status.RELEASES:
+        return {"learned_status": "", **dict.fromkeys(names, "")}
+    # an edge that is no plain step counts as the step of the same critical angle
+    plain = prediction.drag == "up"
+    face, point = prediction.face, prediction.point
+    height = face.far_side if plain else height_at_angle(prediction.release.angle, point.ball_radius)
+    found = learned_drag(learned, prediction.stimulus, float(height), point)
+    values = [*found.peak_force, *(1e6 * energy for energy in found.energy)]
+    return {"learned_status": found.status, **dict(zip(names, map(six_digits, values), strict=True))}

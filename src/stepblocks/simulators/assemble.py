@@ -23,7 +23,7 @@ from stepblocks.simulators.devices import Device, plan_rendering
 from stepblocks.simulators.scene import Frame, ProbeShape, Scene
 
 if TYPE_CHECKING:
-    from stepblocks.predict.trials import LearnedDrag
+    from stepblocks.predict.table import LearnedDrag
 
 _RATE = 96e3  # of the simulated force [Hz]; WAV files are interpolated from it
 _LENGTH = 0.1  # recorded after the release [s]
@@ -150,7 +150,7 @@ def _told(learned: LearnedModel, event: VibrationEvent, surface: Part, point: Op
 
 def _ask(learned: LearnedModel, surface: Part, point: OperatingPoint, direction: int) -> LearnedDrag:
     """Ask of the step that this edge is for the ball: as high as itself, or as that of the same critical angle."""
-    from stepblocks.predict.trials import learned_drag
+    from stepblocks.predict.table import learned_drag
 
     face = surface.counterface()
     height = face.far_side

@@ -14,8 +14,7 @@ import numpy as np
 from stepblocks.atomic import replace_text
 from stepblocks.errors import PipelineError, StudyError
 from stepblocks.study import require
-from stepblocks.study.blocks import blocks_of, too_coarse
-from stepblocks.study.design import Item, by_codes, trial_row
+from stepblocks.study.design import Item, blocks_of, by_codes, too_coarse, trial_row
 from stepblocks.study.session import ESTIMATED, Pair, Plan, Session
 from stepblocks.study.sheet import answer_columns, key_csv, read_answers, write_new
 from stepblocks.tables import csv_text, write_table
@@ -96,8 +95,6 @@ def start_adaptive(
         Where setup.json and key.csv go.
     standard : str
         Block that the others are compared with.
-    seed : int
-        Seed of codes and orders.
     method : str
         ``"quest"``, ``"staircase"``, or ``"training"``: pairs in order of their predicted discriminability, at 75 % right.
     participants, trials, reversals : int

@@ -25,8 +25,7 @@ from stepblocks.errors import PipelineError, StepblocksError, StudyError
 from stepblocks.page_file import render_page
 from stepblocks.simulators.renderer import Renderer
 from stepblocks.study import require
-from stepblocks.study.blocks import Blocks, designed_blocks
-from stepblocks.study.design import WHEN
+from stepblocks.study.design import WHEN, Blocks, designed_blocks
 from stepblocks.study.experiments import EXPERIMENTS, LARGEST_ESTIMATE, RATINGS, Row, number
 from stepblocks.study.hands import HANDS, Hand, Mouse
 from stepblocks.study.servo import RATE, Limits, Servo, hurry, write_motion

@@ -36,7 +36,7 @@ _SAID = {
 
 
 def judgements_of_table(
-    tables: Sequence[Path], columns: Mapping[str, str], experiment: str, ratings: tuple[int, int] = RATINGS
+    tables: Sequence[str | Path], columns: Mapping[str, str], experiment: str, ratings: tuple[int, int] = RATINGS
 ) -> sheet.Judgements:
     """Read judgements from tables, or a dataset, that no design of ours stands behind; `columns` gives their name for ours."""
     # The lengths may be in um, mm or m: ``height_mm=h`` reads the column ``h`` in millimetres. What is not there is
@@ -47,9 +47,8 @@ def judgements_of_table(
     for mine in named:
         if re.sub("_(mm|m)$", "_um", mine) not in _SAID:
             raise StudyError(f"columns must be named for {', '.join(_SAID)}, got {mine!r}")
-    rows = [
-        row for path in _data_files(tables) for row in sheet.read_rows(path, [named.get("participant", "participant")])
-    ]
+    needed = [named.get("participant", "participant")]
+    rows = [row for path in sheet.sheets_of(tables) for row in sheet.read_rows(path, needed)]
     keys: Counter[tuple[str, ...]] = Counter()
     planned = []
     for row in rows:
@@ -79,15 +78,6 @@ def _cell(row: Row, mine: str, named: Mapping[str, str]) -> str | None:
             text = "" if text == "n/a" else text
             return text if factor == 1.0 or not text else f"{number(text) * factor:.12g}"
     return None
-
-
-def _data_files(tables: Sequence[Path]) -> list[Path]:
-    found = []
-    for path in tables:
-        described = path.is_dir() and (path / "dataset_description.json").exists()
-        inside = [*path.glob("sub-*/beh/*_beh.tsv"), *path.glob("data/**/*_data.csv")] if described else []
-        found += sorted(inside) or sheet.sheets_of([path])
-    return found
 
 
 def share_study(folder: str | Path, answers: Sequence[str | Path], output: str | Path, form: str = "bids") -> list[str]:

@@ -101,7 +101,7 @@ def _analyse_estimates(frame: Any, margin: float) -> dict[str, Any]:
 
 
 def _analyse_virtual(frame: Any, margin: float) -> dict[str, Any]:
-    ordinal = ordinal_model(frame, "rating", ["condition"], "participant")
+    ordinal = ordinal_model(frame, "rating", "condition", "participant")
     return {**_analyse_estimates(frame, margin), "ordinal": ordinal}
 
 

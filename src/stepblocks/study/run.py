@@ -16,8 +16,7 @@ from stepblocks.errors import PipelineError
 from stepblocks.study import require, sheet
 from stepblocks.study.analysis.accuracy import ANSWER
 from stepblocks.study.analysis.results import StudyResult
-from stepblocks.study.blocks import blocks_of, designed_blocks, too_coarse
-from stepblocks.study.design import Design
+from stepblocks.study.design import Design, blocks_of, designed_blocks, too_coarse
 from stepblocks.study.exchange import judgements_of_table
 from stepblocks.study.experiments import ALIASES, EXPERIMENTS, RATINGS
 from stepblocks.study.page import render_sheets_pdf, render_study
@@ -48,8 +47,6 @@ def design_study(
         Stimulus file, or heights [m] of blocks that are not ours.
     folder : str or Path
         Where design.csv and key.csv go.
-    seed : int
-        Seed of all random choices.
     experiment : str
         ``"estimates"`` (experiment 1), ``"virtual"`` (experiment 2), ``"constant"`` stimuli, which is also ``"2afc"``, or
         ``"magnitude"`` estimation.
@@ -124,14 +121,10 @@ def simulate_study(
     folder, source, output : str or Path
         Folder with design.csv, stimulus file for the predicted energies (without one its blocks are sharp steps), CSV of answers
         to write.
-    seed : int
-        Seed of all chance.
     damping : mapping of float, optional
         Share of the energy that each condition lets through [1]; 1 for what is not named.
     noise : mapping of float, optional
         How many times the response noise each condition has [1]; once for what is not named.
-    observer : Observer
-        What the participants are like.
     **felt : float
         Where the energies are taken: `ball_radius` [m], `normal_load` [N], `friction` [1]; by default the first of the file's
         grid, of its loads the first under which every block rings.
@@ -194,8 +187,7 @@ def analyse_study(
         Every figure, and in its notes what was done about what is missing; a notebook shows its table.
     """
     if folder is None:
-        paths = [Path(path) for path in answers]
-        found = judgements_of_table(paths, columns, experiment, ratings)
+        found = judgements_of_table(answers, columns, experiment, ratings)
     else:
         design = sheet.read_design(Path(folder) / "design.csv")
         rows = [row for path in sheet.sheets_of(answers) for row in sheet.read_answers(path, design[0]["experiment"])]
@@ -236,8 +228,6 @@ def study_power(
     ----------
     source : str, Path or sequence of float
         Stimulus file, or heights [m].
-    output : str or Path, optional
-        CSV to write.
     experiment : str
         ``"estimates"``, or ``"constant"``, also as ``"2afc"``: each block against `standard`, by a t-test of the participants'
         shares of right answers against one half.
@@ -253,12 +243,10 @@ def study_power(
         Block of ``"constant"`` that all others are compared with.
     participants, repetitions : sequence of int
         Sizes; every combination.
-    observer, **felt
-        As in `simulate_study`.
+    observer, only, **felt
+        As in `simulate_study` and `design_study`.
     analysis : str
         ``"mixed"`` or ``"f-test"``.
-    only : str, optional
-        Pattern of the blocks that take part.
 
     Returns
     -------

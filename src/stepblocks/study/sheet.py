@@ -170,8 +170,11 @@ def read_design(path: Path) -> list[dict[str, str]]:
 
 
 def sheets_of(paths: Sequence[str | Path]) -> list[Path]:
-    """Follow folders to the CSV files in them."""
-    found = [file for path in map(Path, paths) for file in (sorted(path.glob("*.csv")) if path.is_dir() else [path])]
+    """Follow folders to the CSV files in them, and datasets as `share_study` writes them to their tables."""
+    found = list[Path]()
+    for path in map(Path, paths):
+        shared = sorted([*path.glob("sub-*/beh/*_beh.tsv"), *path.glob("data/**/*_data.csv")])
+        found += shared or (sorted(path.glob("*.csv")) if path.is_dir() else [path])
     require(found, f"a folder of sheets must hold CSV files, got none [{', '.join(map(str, paths))}]")
     return found
 

@@ -185,9 +185,6 @@ def estimate_power(
     require(10 <= runs <= 100_000, f"runs must lie between 10 and 100000, got {runs}")
     require(seed >= 0 and jobs >= 1, f"seed and jobs must be at least 0 and at least 1, got {seed} and {jobs}")
     seeds = [int(child.generate_state(1, np.uint64)[0]) for child in np.random.SeedSequence(seed).spawn(runs)]
-    share = max(1, math.ceil(runs / (4 * jobs)))
-    parts = [seeds[start : start + share] for start in range(0, runs, share)]
-    found = Parallel(n_jobs=jobs, initializer=die_with_parent)(
-        delayed(p_values)(plan, analysis, part) for part in parts
-    )
-    return _share_of(sum(p < 0.05 for part in found for p in part), runs)
+    parallel = Parallel(n_jobs=jobs, initializer=die_with_parent)
+    found = parallel(delayed(p_values)(plan, analysis, [one]) for one in seeds)
+    return _share_of(sum(p < 0.05 for (p,) in found), runs)

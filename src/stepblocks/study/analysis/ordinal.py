@@ -6,7 +6,6 @@ from __future__ import annotations
 
 import math
 import warnings
-from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cache
 from typing import Any
@@ -15,16 +14,15 @@ import numpy as np
 
 from stepblocks.errors import StudyError
 from stepblocks.study import require
-from stepblocks.study.analysis.psychometric import Z975
 
 
 @dataclass(frozen=True)
 class OddsRatio:
-    """Effect of one predictor."""
+    """Effect of one condition."""
 
-    name: str  # predictor, or condition against the first one
+    name: str  # condition, against the first one
     log_odds: float  # coefficient [1]
-    error: float  # its standard error, over participants where they are given [1]
+    error: float  # its standard error, over participants [1]
     ratio: float  # odds of a higher rating [1]
     low: float  # ends of its 95 % interval
     high: float
@@ -34,61 +32,43 @@ class OddsRatio:
 class OrdinalFit:
     """A proportional-odds model."""
 
-    effects: tuple[OddsRatio, ...]  # one per predictor
+    effects: tuple[OddsRatio, ...]  # one per condition but the first
     # statistic, df, df_error and p of an F-test with the participants as the units that are independent, so that they may
-    # differ in how they take to the predictors; None without participants
-    participants: dict[str, float] | None
-    log_likelihood: float  # at the optimum
+    # differ in how they take to the conditions
+    participants: dict[str, float]
 
 
-def ordinal_model(frame: Any, rating: str, predictors: Sequence[str], participant: str = "") -> OrdinalFit:
-    """Fit a proportional-odds model."""
+def ordinal_model(frame: Any, rating: str, condition: str, participant: str) -> OrdinalFit:
+    """Fit a proportional-odds model in which each participant has an own level."""
     # McCullagh, P. (1980), J. R. Statist. Soc. B 42, 109-142.
-    ordered, exog, people = _matrices(frame, rating, predictors, participant)
-    names = list(exog.columns)
-    full = fit_proportional_odds(ordered, exog.join(people))
-    if not np.isfinite(full.bse[names]).all() or (np.abs(full.params[names]) * exog.std() > 15.0).any():
-        raise StudyError(f"{rating} must overlap between the levels of {', '.join(predictors)}: no finite odds fit")
-    errors, reach, wald = _errors(full, len(names), frame[participant].to_numpy() if people.shape[1] else None)
-    effects = []
-    for name, value, error in zip(names, full.params[names].tolist(), errors, strict=True):
-        ends = (math.exp(value - reach * error), math.exp(min(value + reach * error, 700.0)))
-        effects.append(OddsRatio(name, value, error, math.exp(value), *ends))
-    return OrdinalFit(tuple(effects), wald, float(full.llf))
-
-
-def _errors(fit: Any, number: int, participants: Any) -> tuple[list[float], float, dict[str, float] | None]:
-    """Return standard errors of the predictors, how many of them make a 95 % interval, and the test over participants."""
-    from scipy.stats import f, t
-
-    if participants is None:
-        return [float(error) for error in fit.bse.iloc[:number]], Z975, None
-    codes = np.unique(participants.astype(str), return_inverse=True)[1]
-    people = int(codes.max()) + 1
-    require(people > number, f"more participants than compared conditions must have rated, got {people} for {number}")
-    covariance = cluster_covariance(fit, codes)[:number, :number]
-    values = fit.params.iloc[:number].to_numpy()
-    # Hotelling: as many independent values as participants estimate the covariance
-    statistic = float(values @ np.linalg.solve(covariance, values)) * (people - number) / (number * (people - 1))
-    tail, left = float(f.sf(statistic, number, people - number)), float(people - number)
-    wald = {"statistic": statistic, "df": float(number), "df_error": left, "p": tail}
-    return np.sqrt(np.diag(covariance)).tolist(), float(t.ppf(0.975, people - 1)), wald
-
-
-def _matrices(frame: Any, rating: str, predictors: Sequence[str], participant: str) -> tuple[Any, Any, Any]:
-    """Return the ratings in order, the predictors and, each with an own level, the participants as columns."""
     import pandas as pd
+    from scipy.stats import f, t
 
     frame = frame.reset_index(drop=True)
     ordered = pd.Series(pd.Categorical(frame[rating], ordered=True)).cat.remove_unused_categories()
     if len(ordered.cat.categories) < 2:
         raise StudyError(f"{rating} must have at least two different values, got {len(ordered.cat.categories)}")
-    exog = pd.get_dummies(frame[list(predictors)], prefix="", prefix_sep="", drop_first=True).astype(float)
-    require(exog.shape[1] and not (exog.std() == 0.0).any(), f"{', '.join(predictors)} must have at least two levels")
-    if not participant:
-        return ordered, exog, pd.DataFrame(index=exog.index)
-    people = pd.get_dummies(frame[participant].astype(str), prefix="participant", prefix_sep=" ", drop_first=True)
-    return ordered, exog, people.astype(float)
+    exog = pd.get_dummies(frame[[condition]], prefix="", prefix_sep="", drop_first=True).astype(float)
+    require(exog.shape[1], f"{condition} must have at least two levels")
+    who, names = frame[participant].astype(str), list(exog.columns)
+    levels = pd.get_dummies(who, prefix="participant", prefix_sep=" ", drop_first=True).astype(float)
+    fit = fit_proportional_odds(ordered, exog.join(levels))
+    if not np.isfinite(fit.bse[names]).all() or (np.abs(fit.params[names]) * exog.std() > 15.0).any():
+        raise StudyError(f"{rating} must overlap between the levels of {condition}: no finite odds fit")
+    people, number = who.nunique(), len(names)
+    require(people > number, f"more participants than compared conditions must have rated, got {people} for {number}")
+    covariance = cluster_covariance(fit, np.unique(who, return_inverse=True)[1])[:number, :number]
+    values, errors = fit.params[names].to_numpy(), np.sqrt(np.diag(covariance)).tolist()
+    # Hotelling: as many independent values as participants estimate the covariance
+    statistic = float(values @ np.linalg.solve(covariance, values)) * (people - number) / (number * (people - 1))
+    tail, left = float(f.sf(statistic, number, people - number)), float(people - number)
+    wald = {"statistic": statistic, "df": float(number), "df_error": left, "p": tail}
+    reach = float(t.ppf(0.975, people - 1))
+    effects = []
+    for name, value, error in zip(names, values.tolist(), errors, strict=True):
+        ends = (math.exp(value - reach * error), math.exp(min(value + reach * error, 700.0)))
+        effects.append(OddsRatio(name, value, error, math.exp(value), *ends))
+    return OrdinalFit(tuple(effects), wald)
 
 
 @cache

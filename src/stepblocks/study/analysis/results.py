@@ -153,8 +153,7 @@ def _ratings(result: StudyResult) -> Iterator[Row]:
     fit, analysis = result.ordinal, "ordinal model"
     if fit is None:
         return
-    if fit.participants is not None:
-        yield _row(analysis, "all predictors, F over participants") | fit.participants
+    yield _row(analysis, "all predictors, F over participants") | fit.participants
     for effect in fit.effects:
         yield _span(analysis, f"odds of a higher rating, {effect.name}", (effect.ratio, effect.low, effect.high))
 
