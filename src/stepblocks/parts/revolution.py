@@ -16,12 +16,9 @@ from stepblocks.parts.shapes import hull
 
 Point = tuple[float, float]
 Point3 = tuple[float, float, float]
-Outline = list[
-    Point | tuple[Point, Point]
-]  # (radius, height) [m]; an arc is (middle point, end point); it closes by itself
+Outline = list[Point | tuple[Point, Point]]  # (radius, height) [m], for an arc (middle point, end point); closes itself
 
 SECTORS = 96  # of a shell of revolution; the chords of a 4 mm crown sag 2 um
-_AROUND = 96
 
 
 class Turned(Part):
@@ -105,7 +102,7 @@ def ring(radius: float, height: float) -> list[Point3]:
     """Points round the axis."""
     if radius == 0.0:
         return [(0.0, 0.0, height)]
-    angles = np.arange(_AROUND) * (2.0 * math.pi / _AROUND)
+    angles = np.arange(SECTORS) * (2.0 * math.pi / SECTORS)
     return [(radius * math.cos(a), radius * math.sin(a), height) for a in angles]
 
 

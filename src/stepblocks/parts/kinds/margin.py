@@ -6,7 +6,6 @@ import itertools
 import math
 from abc import abstractmethod
 from collections.abc import Iterator
-from dataclasses import replace
 from typing import Any, ClassVar
 
 from stepblocks import cad
@@ -179,9 +178,8 @@ class MarginBlock(CrownMargin, Block):
             label = "bevel of the margin"
             yield toleranced("bevel_angle", "angle", angle, bevel, crown, label=label, method=_ACROSS)
         elif v.nominal < 0.0:
-            end = plane(0, v.nominal, z=0.5 * (g + h))
-            lip = toleranced(key, "distance", v, wall, end, method=_ACROSS).unsigned
-            yield replace(lip, label="vertical discrepancy, lip over the tooth")
+            end, label = plane(0, v.nominal, z=0.5 * (g + h)), "vertical discrepancy, lip over the tooth"
+            yield toleranced(key, "distance", v, wall, end, label=label, method=_ACROSS).unsigned
         elif self.vertical_discrepancy is not None:
             yield toleranced(key, "note", v, method=_ACROSS)
 

@@ -132,9 +132,8 @@ class ScannedMargin(CrownMargin):
 
     def characteristics(self) -> Iterator[Characteristic]:
         g, low = self.marginal_gap, -0.5 * self.gap_depth.nominal
-        yield toleranced(
-            "marginal_gap", "distance", g, plane(0, 0.0, z=low), plane(0, g.nominal, z=low), method=_ACROSS
-        )
+        walls = plane(0, 0.0, z=low), plane(0, g.nominal, z=low)
+        yield toleranced("marginal_gap", "distance", g, *walls, method=_ACROSS)
         for name in ("horizontal_discrepancy", "vertical_discrepancy", "gap_depth", "thickness"):
             if (one := getattr(self, name)) is not None:
                 yield toleranced(name, "note", one, method=_ACROSS)
