@@ -43,15 +43,14 @@ def revolution_volume(outline: Outline) -> float:
     """Volume within a turned outline [m^3]: contour integral of pi r^2 dz over its lines and arcs."""
     total, here = 0.0, outline[0]
     for item in (*outline[1:], outline[0]):
-        is_arc = isinstance(item[0], tuple)
-        total += _along_arc(here, *item) if is_arc else _along_line(here, item)  # type: ignore[arg-type]
-        here = item[1] if is_arc else item  # type: ignore[assignment]
+        if isinstance(item[0], tuple):
+            total += _along_arc(here, *item)  # type: ignore[arg-type]
+            here = item[1]
+        else:
+            (r0, z0), (r1, z1) = here, item  # type: ignore[misc]
+            total += (z1 - z0) * (r0 * r0 + r0 * r1 + r1 * r1) / 3.0
+            here = item
     return math.pi * abs(total)
-
-
-def _along_line(start: Point, end: Point) -> float:
-    (r0, z0), (r1, z1) = start, end
-    return (z1 - z0) * (r0 * r0 + r0 * r1 + r1 * r1) / 3.0
 
 
 def _along_arc(start: Point, middle: Point, end: Point) -> float:

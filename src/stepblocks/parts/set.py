@@ -35,11 +35,6 @@ def kinds() -> dict[str, type[Part]]:
 def registered(kind: type[Part]) -> Iterator[None]:
     """Let stimulus files declare a kind that is not shipped, for as long as the context lasts.
 
-    Parameters
-    ----------
-    kind : type of Part
-        The kind; see `Part` for what it answers.
-
     Raises
     ------
     StimulusError

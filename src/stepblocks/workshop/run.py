@@ -68,8 +68,6 @@ def order_parts(
         and not lapped, where omitted.
     masks : bool, optional
         Whether to write the masks of etched steps too (GDSII; needs gdstk).
-    announce : callable, optional
-        Called after each part.
 
     Returns
     -------
