@@ -35,6 +35,16 @@ def kinds() -> dict[str, type[Part]]:
 def registered(kind: type[Part]) -> Iterator[None]:
     """Let stimulus files declare a kind that is not shipped, for as long as the context lasts.
 
+    Parameters
+    ----------
+    kind : type of Part
+        See `Part` for what it answers.
+
+    Yields
+    ------
+    None
+        While it is known.
+
     Raises
     ------
     StimulusError
