@@ -16,6 +16,7 @@ from stepblocks.atomic import inside
 from stepblocks.confined import read_confined
 from stepblocks.contact.counterface import SIDE
 from stepblocks.errors import StimulusError
+from stepblocks.parts import margin_line
 from stepblocks.parts.characteristics import Characteristic, plane, toleranced
 from stepblocks.parts.declared import Table, below, must, rules_validator, usual
 from stepblocks.parts.kind import NANOMETRE, Finding, MeasuredMesh
@@ -168,5 +169,5 @@ class ScannedMargin(CrownMargin):
 @lru_cache(maxsize=8)
 def _stations(path: Path, changed: int, *asked: Any) -> list[list[float]]:
     """Read each state of a file once."""
-    found = read_confined("stepblocks.parts.margin_line:stations_in", path, *asked, raises=StimulusError)
+    found = read_confined(f"{margin_line.__name__}:stations_in", path, *asked, raises=StimulusError)
     return [list(map(float, row)) for row in found["stations"]]
