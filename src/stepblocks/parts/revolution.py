@@ -41,13 +41,14 @@ class Turned(Part):
 
 def revolution_volume(outline: Outline) -> float:
     """Volume within a turned outline [m^3]: contour integral of pi r^2 dz over its lines and arcs."""
-    total, here = 0.0, outline[0]
-    for item in (*outline[1:], outline[0]):
+    total, around = 0.0, list[Any]([*outline, outline[0]])
+    here = around[0]
+    for item in around[1:]:
         if isinstance(item[0], tuple):
-            total += _along_arc(here, *item)  # type: ignore[arg-type]
+            total += _along_arc(here, *item)
             here = item[1]
         else:
-            (r0, z0), (r1, z1) = here, item  # type: ignore[misc]
+            (r0, z0), (r1, z1) = here, item
             total += (z1 - z0) * (r0 * r0 + r0 * r1 + r1 * r1) / 3.0
             here = item
     return math.pi * abs(total)
