@@ -14,6 +14,7 @@ from stepblocks.artefacts.on_paper import sheet_table
 from stepblocks.artefacts.step.write import write_step_ap242
 from stepblocks.cli import main
 from stepblocks.declare import load_declared
+from stepblocks.parts.conditions import OrderSpec
 from stepblocks.parts.shapes import build_solids
 from stepblocks.parts.tolerance import Dimension
 from stepblocks.select import stimulus_files
@@ -162,7 +163,7 @@ def test_nothing_collides_on_a_gauge_sheet_whatever_the_thickness_of_its_base(id
     block = STIMULI[identity]
     thickness = Dimension(thickness_mm * 1e-3, 0.2e-3, -0.2e-3)
     block = block.model_copy(update={"body": block.body.model_copy(update={"thickness": thickness})})
-    texts, rest = boxes(write_gauge_drawing(tmp_path, block, choose_pair(block.height.nominal))[0])
+    texts, rest = boxes(write_gauge_drawing(tmp_path, block, choose_pair(block.height.nominal), OrderSpec())[0])
     for extent, part in (*texts, *rest):
         assert 9.9 < extent.extmin.x < extent.extmax.x + 1e-9 < 410.2, part
         assert 9.9 < extent.extmin.y < extent.extmax.y + 1e-9 < 287.2, part

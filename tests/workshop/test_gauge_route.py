@@ -11,6 +11,7 @@ from stepblocks.cad import kernel
 from stepblocks.cli import main
 from stepblocks.declare import load_set
 from stepblocks.errors import MachiningError
+from stepblocks.parts.conditions import OrderSpec
 from stepblocks.workshop.drawing import write_gauge_drawing
 from stepblocks.workshop.gauge_route import GRADES, STANDARD_SET, choose_pair, write_gauge_assembly
 
@@ -65,7 +66,7 @@ def test_the_assembly_file_conforms_and_its_step_is_the_height(tmp_path):
 
 
 def test_the_drawing_of_the_assembly_has_the_step(tmp_path):
-    paths = write_gauge_drawing(tmp_path, BLOCK, choose_pair(BLOCK.height.nominal))
+    paths = write_gauge_drawing(tmp_path, BLOCK, choose_pair(BLOCK.height.nominal), OrderSpec())
     (step,) = drawn_dimensions(paths[0])
     assert step.value == pytest.approx(50e-6, abs=1e-9)
     assert "0.050" in step.text

@@ -121,10 +121,10 @@ def test_the_title_block_lies_in_the_lower_right_corner_inside_the_frame(sheet):
 
 
 def test_notes_go_down_line_by_line(sheet):
-    sheet.notes((20.0, 100.0), ["one", "two", "three"])
+    sheet.notes((20.0, 100.0), [("one", ""), ("two", ""), ("three", "")])
     heights = [entity.dxf.insert.y for entity in sheet.space.query("TEXT")]
     assert heights == [100.0, 95.0, 90.0]
-    sheet.notes((20.0, 50.0), ["4  one that states a characteristic"], {0: "shank"})
+    sheet.notes((20.0, 50.0), [("4  one that states a characteristic", "shank")])
     assert sheet.numbers == {2}
 
 

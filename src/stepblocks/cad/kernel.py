@@ -149,13 +149,9 @@ def volume(body: Body) -> float:
     return float(body.Volume()) / _MM**3
 
 
-def moved(body: Body, by: Point) -> Body:
-    """Translate a body."""
-    return body.translate(_vector(by))
-
-
-def common_volume(a: Body, b: Body) -> float:
-    """Volume that two bodies share [m^3], by the kernel's exact intersection; 0 where they only touch."""
+def common_volume(a: Body, b: Body, by: Point = (0.0, 0.0, 0.0)) -> float:
+    """Volume that two bodies share [m^3], the first moved, by the kernel's exact intersection; 0 where they only touch."""
+    a = a.translate(_vector(by))
     (low, high), (other_low, other_high) = _corners(a), _corners(b)
     if (high <= other_low).any() or (other_high <= low).any():
         return 0.0

@@ -9,7 +9,7 @@ from pydantic import Field
 
 from stepblocks.parts.conditions import OrderSpec
 from stepblocks.parts.declared import Identity, Sourced, Table, below, positive, rules_validator, sourced
-from stepblocks.parts.kinds.machined import Between, Box, Machined, Point3, Round, bore
+from stepblocks.parts.kinds.machined import Box, Machined, Point3, Round, between, bore
 from stepblocks.parts.tolerance import Dimension, PositiveLength
 
 Masses = Annotated[tuple[Annotated[float, positive("mass")], ...], Field(min_length=1, max_length=50)]  # kg
@@ -95,11 +95,11 @@ class Apparatus(Table):
         screws = [bore("z", mm(x, 0, z - 6), 2.5e-3, 6e-3, "M3") for x in (-52, -28) for z in highs]
         on_leaf = 0.0, 0.0, foot + 1e-3
         held = (
-            Between("leaf_length", "length of the leaves", 2, foot, leaf.length, (left - 1e-3, 0.0, 0.0)),
-            Between("leaf_width", "width of the leaves", 1, -wide, leaf.width, (left + half, 0.0, foot + 1e-3)),
-            Between("leaf_1", "thickness of the left leaf", 0, left, leaf.thickness, on_leaf),
-            Between("leaf_2", "thickness of the right leaf", 0, right, leaf.thickness, on_leaf),
-            Between("leaf_spacing", "from leaf to leaf", 0, left, leaf.spacing, on_leaf),
+            between("leaf_length", "length of the leaves", 2, foot, leaf.length, (left - 1e-3, 0.0, 0.0)),
+            between("leaf_width", "width of the leaves", 1, -wide, leaf.width, (left + half, 0.0, foot + 1e-3)),
+            between("leaf_1", "thickness of the left leaf", 0, left, leaf.thickness, on_leaf),
+            between("leaf_2", "thickness of the right leaf", 0, right, leaf.thickness, on_leaf),
+            between("leaf_spacing", "from leaf to leaf", 0, left, leaf.spacing, on_leaf),
         )
         title, boxes = "Flexure with strain gauges", (*ends, *leaves)
         return _part("flexure", title, "stainless", *boxes, bores=screws, moving=True, between=held)
@@ -251,6 +251,6 @@ def _damping_rig(displacement: float) -> list[Machined]:
     found.append(_part("release-post", "Post of the release", "aluminium", post, bores=holes))
     lift = -2.0 + 1e3 * displacement  # under the shank of 4 mm, which it lifts
     thick = Dimension(1e-3 * (lift + 6.0), 5e-6, -5e-6, source="a twentieth of the displacement")
-    held = (Between("lift", "thickness, which lifts the tip", 2, -6e-3, thick, mm(46, 80, 0)),)
+    held = (between("lift", "thickness, which lifts the tip", 2, -6e-3, thick, mm(46, 80, 0)),)
     slide = box((42, 70, -6), (50, 90, lift))
     return [*found, _part("release-slide", "Slide that lets the tip go", "steel", slide, between=held)]

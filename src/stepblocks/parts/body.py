@@ -144,12 +144,11 @@ class Block(Part):
         said = "height of the engraved letters, middle of the front"
         yield toleranced("engraving_height", "note", body.engraving.height, label=said)
         # depth and place of the fixing holes, measured at the left one
-        at, depth = -0.5 * spacing.nominal, body.mounting.depth.nominal
-        if body.mounting.kind == "tapped":  # down to where the drill's point begins
-            point = FaceRule("CONE", holds={0: at, 2: base + depth + 0.2 * radius})
-            ends, label = (plane(2, base), EdgeRule(holes[0], point)), "depth of the core holes"
-        else:
-            ends, label = (lower, plane(2, -depth, x=at + radius)), "depth of the counterbores"
+        at, deep = -0.5 * spacing.nominal, body.mounting.depth.nominal
+        ends: tuple[Rule, Rule] = lower, plane(2, -deep, x=at + radius)
+        if tapped := body.mounting.kind == "tapped":  # down to where the drill's point begins
+            ends = plane(2, base), EdgeRule(holes[0], FaceRule("CONE", holds={0: at, 2: base + deep + 0.2 * radius}))
+        label = "depth of the core holes" if tapped else "depth of the counterbores"
         yield toleranced("hole_depth", "distance", body.mounting.depth, *ends, label=label)
         yield located("hole_position", "left hole from the left side", half + at, plane(0, -half), holes[0])
         yield located("hole_row", "holes from the front", side, plane(1, -side), holes[0])

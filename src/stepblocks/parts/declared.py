@@ -123,9 +123,7 @@ class Material(Table):
     """A material as a workshop orders it."""
 
     name: Identity  # key in stimulus files
-    designation: Annotated[
-        str, Field(min_length=1, max_length=60, pattern=r"^[ -&(-~]+$")
-    ]  # what stands on the drawing
+    designation: Annotated[str, Field(min_length=1, max_length=60, pattern=r"^[ -&(-~]+$")]
     density: Annotated[Sourced, sourced("density")]
 
     def record(self) -> dict[str, Any]:

@@ -93,7 +93,7 @@ def toleranced(part: Part, grid: PredictionGrid, set_name: str) -> Part:
     if energy is None or isinstance(energy, EnergyBudget):
         return part
 
-    place = f"[{set_name}, {part.place}]"
+    place = f"[{set_name}, {part.stanza} {part.id!r}]"
     felt = [(face, at) for face, at in _conditions(part, grid) if face.release(at).status is Status.RELEASES]
     if not felt:
         raise PipelineError(f"energy_tolerance needs a condition of the prediction that releases, got none {place}")

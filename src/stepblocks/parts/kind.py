@@ -68,11 +68,6 @@ class Part(Table, ABC):
         """Follow what a stanza names in the folder of its file; the stanza may then stand for several parts."""
         return [stanza]
 
-    @property
-    def place(self) -> str:
-        """Kind and identity, for messages."""
-        return f"{self.stanza} {self.id!r}"
-
     # what is felt
 
     @property

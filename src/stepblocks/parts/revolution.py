@@ -16,12 +16,9 @@ from stepblocks.parts.shapes import hull
 
 Point = tuple[float, float]
 Point3 = tuple[float, float, float]
-Outline = list[
-    Point | tuple[Point, Point]
-]  # (radius, height) [m]; an arc is (middle point, end point); it closes by itself
+Outline = list[Point | tuple[Point, Point]]  # (radius, height) [m], for an arc (middle point, end point); closes itself
 
 SECTORS = 96  # of a shell of revolution; the chords of a 4 mm crown sag 2 um
-_AROUND = 96
 
 
 class Turned(Part):
@@ -44,17 +41,17 @@ class Turned(Part):
 
 def revolution_volume(outline: Outline) -> float:
     """Volume within a turned outline [m^3]: contour integral of pi r^2 dz over its lines and arcs."""
-    total, here = 0.0, outline[0]
-    for item in (*outline[1:], outline[0]):
-        is_arc = isinstance(item[0], tuple)
-        total += _along_arc(here, *item) if is_arc else _along_line(here, item)  # type: ignore[arg-type]
-        here = item[1] if is_arc else item  # type: ignore[assignment]
+    total, around = 0.0, list[Any]([*outline, outline[0]])
+    here = around[0]
+    for item in around[1:]:
+        if isinstance(item[0], tuple):
+            total += _along_arc(here, *item)
+            here = item[1]
+        else:
+            (r0, z0), (r1, z1) = here, item
+            total += (z1 - z0) * (r0 * r0 + r0 * r1 + r1 * r1) / 3.0
+            here = item
     return math.pi * abs(total)
-
-
-def _along_line(start: Point, end: Point) -> float:
-    (r0, z0), (r1, z1) = start, end
-    return (z1 - z0) * (r0 * r0 + r0 * r1 + r1 * r1) / 3.0
 
 
 def _along_arc(start: Point, middle: Point, end: Point) -> float:
@@ -105,7 +102,7 @@ def ring(radius: float, height: float) -> list[Point3]:
     """Points round the axis."""
     if radius == 0.0:
         return [(0.0, 0.0, height)]
-    angles = np.arange(_AROUND) * (2.0 * math.pi / _AROUND)
+    angles = np.arange(SECTORS) * (2.0 * math.pi / SECTORS)
     return [(radius * math.cos(a), radius * math.sin(a), height) for a in angles]
 
 

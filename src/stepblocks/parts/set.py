@@ -22,10 +22,7 @@ from stepblocks.parts.kinds.step_block import StepBlock
 from stepblocks.parts.kinds.tips import HookTip, StraightTip
 
 # The kinds, in the order in which a set holds them; a new one stands here
-SHIPPED: tuple[type[Part], ...] = (
-    *(StepBlock, MarginBlock, CrownOnTooth, ScannedMargin),
-    *(StraightTip, HookTip, Sheath),
-)
+SHIPPED: tuple[type[Part], ...] = (StepBlock, MarginBlock, CrownOnTooth, ScannedMargin, StraightTip, HookTip, Sheath)
 _more: list[type[Part]] = []
 
 
@@ -41,7 +38,12 @@ def registered(kind: type[Part]) -> Iterator[None]:
     Parameters
     ----------
     kind : type of Part
-        The kind; see `Part` for what it answers.
+        See `Part` for what it answers.
+
+    Yields
+    ------
+    None
+        While it is known.
 
     Raises
     ------

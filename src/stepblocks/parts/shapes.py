@@ -27,6 +27,11 @@ class Mesh:
 def build_solids(part: Part) -> list[tuple[str, cad.kernel.Body]]:
     """Build the solids of a part with the CAD kernel.
 
+    Parameters
+    ----------
+    part : Part
+        What is asked for.
+
     Returns
     -------
     list of (str, cad.kernel.Body)
@@ -45,6 +50,11 @@ def convex_pieces(part: Part) -> list[Mesh]:
 
     Pieces describe what a probe can touch: fixing holes and engraving are left out. They fill the part without overlapping.
 
+    Parameters
+    ----------
+    part : Part
+        What is asked for.
+
     Returns
     -------
     list of Mesh
@@ -60,6 +70,8 @@ def mesh_solid(part: Part, name: str, body: cad.kernel.Body) -> Mesh:
     ----------
     part : Part
         What the solid belongs to; it knows where the contact is.
+    name : str
+        Name of the body.
     body : cad.kernel.Body
         The solid, as `build_solids` returns it.
 

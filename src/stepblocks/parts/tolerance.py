@@ -91,12 +91,8 @@ _DEVIATIONS = re.compile(r"^\s*(?P<upper>[+-]?[^/]+)/(?P<lower>[+-]?[^/]+)$")
 
 
 def _deviations(raw: object, quantity: str) -> tuple[float, float]:
-    """Read ``"1 um"`` (to either side), ``"+2 um / -0 um"`` or a table with upper and lower."""
-    if isinstance(raw, dict):
-        if set(raw) != {"upper", "lower"}:
-            raise ValueError(f"tolerance must have upper and lower, got {', '.join(sorted(raw)) or 'nothing'}")
-        upper, lower = parse_quantity(raw["upper"], quantity), parse_quantity(raw["lower"], quantity)
-    elif isinstance(raw, str) and (match := _DEVIATIONS.match(raw)):
+    """Read ``"1 um"`` (to either side) or ``"+2 um / -0 um"``."""
+    if isinstance(raw, str) and (match := _DEVIATIONS.match(raw)):
         upper, lower = parse_quantity(match["upper"], quantity), parse_quantity(match["lower"], quantity)
     else:
         upper = parse_quantity(raw, quantity)

@@ -104,15 +104,13 @@ VIEWS: Mapping[type, Callable[[Sheet, Any], list[str]]] = {
 
 
 def write_drawing(
-    folder: Path, stimulus: Part, formats: Sequence[str] = FORMATS, order: OrderSpec = _NOTHING_SAID
+    folder: Path, part: Part, formats: Sequence[str] = FORMATS, order: OrderSpec = _NOTHING_SAID
 ) -> list[Path]:
     """Draw a part with its views; what none of them shows stands in words."""
-    return _write_all(folder, f"{stimulus.id}.drawing", formats, lambda: _part_sheet(stimulus, order))
+    return _write_all(folder, f"{part.id}.drawing", formats, lambda: _part_sheet(part, order))
 
 
-def write_gauge_drawing(
-    folder: Path, block: StepBlock, pair: GaugePair, order: OrderSpec = _NOTHING_SAID
-) -> list[Path]:
+def write_gauge_drawing(folder: Path, block: StepBlock, pair: GaugePair, order: OrderSpec) -> list[Path]:
     """Draw the two-piece block of a pair of gauge blocks."""
     return _write_all(folder, f"{block.id}.gauge", FORMATS, lambda: gauge_sheet(block, pair, _ordered(order)))
 
@@ -233,10 +231,8 @@ def _render(sheet: Sheet, path: Path) -> None:
         frontend = Frontend(RenderContext(sheet.document), backend, config=configuration)
         frontend.pipeline.draw_text = letters
         frontend.draw_layout(sheet.space, finalize=True)
-        axes.set_xlim(0.0, WIDTH)
-        axes.set_ylim(0.0, HEIGHT)
-        axes.set_aspect("auto")  # the figure has the sheet's own proportions
-        axes.set_position((0.0, 0.0, 1.0, 1.0))
+        whole = {"xlim": (0.0, WIDTH), "ylim": (0.0, HEIGHT), "aspect": "auto", "position": (0.0, 0.0, 1.0, 1.0)}
+        axes.set(**whole)  # the figure has the sheet's own proportions
         axes.set_axis_off()
         dated = ("Date",) if path.suffix == ".svg" else ("CreationDate", "ModDate")
         figure.savefig(path, metadata=dict.fromkeys(dated), dpi=150)

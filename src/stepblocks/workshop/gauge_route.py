@@ -56,10 +56,8 @@ def write_gauge_assembly(path: Path, block: StepBlock, pair: GaugePair) -> None:
     long, wide = SECTION
     rim, floor, half = 5e-3, -pair.lower, 0.5 * long
     base = (-wide - rim, -half - rim, floor - block.body.thickness.nominal), (wide + rim, half + rim, floor)
-    lower, upper = (
-        ((-wide, -half, floor), (0.0, half, 0.0)),
-        ((0.0, -half, floor), (wide, half, pair.upper - pair.lower)),
-    )
+    lower = (-wide, -half, floor), (0.0, half, 0.0)
+    upper = (0.0, -half, floor), (wide, half, pair.upper - pair.lower)
     pieces = [f"{length * 1e3:.4f}".replace(".", "p") + "mm" for length in (pair.lower, pair.upper)]
     names = f"{block.id}-base", *(f"gauge-block-{piece}" for piece in pieces)
     bodies = [(name, cad.kernel.box(*corners)) for name, corners in zip(names, (base, lower, upper), strict=True)]

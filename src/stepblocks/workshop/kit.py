@@ -72,7 +72,7 @@ def interferences(kit: Apparatus, bodies: Mapping[str, cad.kernel.Body]) -> Iter
         x = half * (2.0 * index / (POSITIONS - 1) - 1.0)
         pairs += [(a, b, x) for a in parts if a.moving for b in parts if not b.moving]
     for a, b, x in pairs:
-        volume = cad.kernel.common_volume(cad.kernel.moved(bodies[a.id], (x, 0.0, 0.0)), bodies[b.id])
+        volume = cad.kernel.common_volume(bodies[a.id], bodies[b.id], (x, 0.0, 0.0))
         if volume > _TOUCHING:
             yield f"{a.id} and {b.id} share {volume * 1e9:.4g} mm3 where the tip is at {x * 1e3:+.2f} mm"
 

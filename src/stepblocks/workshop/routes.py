@@ -66,9 +66,7 @@ def routes_for(block: StepBlock, capability: float, point: OperatingPoint) -> li
     """Say of each route whether it reaches the height's tolerance and what is felt, cheapest class first where one is known."""
     if not capability > 0.0:
         raise MachiningError(f"capability must be positive, got {capability:g} m")
-    found = [
-        _route(block, process, *way, point) for process in processes() for way in _ways(block, process, capability)
-    ]
+    found = (_route(block, one, *way, point) for one in processes() for way in _ways(block, one, capability))
     return sorted(found, key=lambda one: one.process.cost.value if one.process.cost else math.inf)
 
 

@@ -29,8 +29,8 @@ from stepblocks.workshop.masks import write_masks
 from stepblocks.workshop.routes import Route, route_row, routes_for
 from stepblocks.workshop.setup import write_setup
 
-_SHOWN = ("part", "route", "reaches", "height_deviation_um", "permitted_um", "status", "energy_uj", "energy_95_low_uj")
-_SHOWN += ("energy_95_high_uj", "conforming_share", "note")
+_SHOWN: tuple[str, ...] = ("part", "route", "reaches", "height_deviation_um", "permitted_um", "status", "energy_uj")
+_SHOWN += ("energy_95_low_uj", "energy_95_high_uj", "conforming_share", "note")
 GROUND = "2 um"  # deviation of a height in one piece that is ground, not lapped
 
 
@@ -68,8 +68,6 @@ def order_parts(
         and not lapped, where omitted.
     masks : bool, optional
         Whether to write the masks of etched steps too (GDSII; needs gdstk).
-    announce : callable, optional
-        Called after each part.
 
     Returns
     -------
@@ -89,18 +87,16 @@ def order_parts(
     with alone_in(Path(output)):
         for path in stimulus_files(files):
             declared = load_kit(path) or load_declared(path)
-            set_name, parts = (
-                (path.stem, declared.apparatus) if isinstance(declared, Kit) else (declared.name, declared.stimuli)
-            )
-            chosen = [one for one in parts if only is None or matches(only, set_name, one.id)]
+            parts = declared.apparatus if isinstance(declared, Kit) else declared.stimuli
+            chosen = [one for one in parts if only is None or matches(only, path.stem, one.id)]
             for one in chosen:
-                orders.append(_order(f"{set_name}/{one.id}", one, Path(output), held, declared))
+                orders.append(_order(f"{path.stem}/{one.id}", one, Path(output), held, declared))
                 if announce is not None:
                     announce(orders[-1])
             blocks = [one for one in chosen if isinstance(one, StepBlock)]
             if masks and blocks:
-                written, faults = write_masks(_folder(Path(output), set_name) / f"{set_name}.masks.gds", blocks)
-                orders.append(Order(f"{set_name}/masks", tuple(written), (), tuple(faults)))
+                written, faults = write_masks(_folder(Path(output), path.stem) / f"{path.stem}.masks.gds", blocks)
+                orders.append(Order(f"{path.stem}/masks", tuple(written), (), tuple(faults)))
     if not orders:
         raise PipelineError(f"selection must match at least one stimulus, got {only!r}")
     return orders

@@ -77,7 +77,6 @@ def _write_stock(path: Path, block: Block, body: cad.kernel.Body, sizes: Sequenc
     for axis, (name, size) in enumerate(zip(("length", "width", "height"), sizes, strict=True)):
         first, last = (PmiItem(0, index) for index in cad.kernel.ends(body, axis))
         deviation = general_deviation(size) or 0.0
-        dimensions.append(
-            (f"{name} of the stock", PmiDimension("distance", (first, last), size, -deviation, deviation))
-        )
+        measured = PmiDimension("distance", (first, last), size, -deviation, deviation)
+        dimensions.append((f"{name} of the stock", measured))
     write_conforming(path, f"{block.id}-stock", [(f"{block.id}-stock", body)], block.material, dimensions)

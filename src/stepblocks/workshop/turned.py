@@ -113,13 +113,6 @@ def turned_views(sheet: Sheet, part: Turned) -> list[str]:
         half = 0.5 * sheet.listed["diameter"][1].nominal
         sheet.dimension("diameter", view.at(low, -half), view.at(low, half), (left - 14.0, cy), s, upright=True)
     sheet.text((left, base - 12.0), f"section {s:g}:1", 2.5)
-    if part.crossed:  # what a tip meets, enlarged
-        edges = part.counterface().breakpoints
-        span = max(edges[-1] - edges[0], 10e-6)
-        s = round_scale(30.0 / (span * 1e3))
-        view = View((290.0 - edges[0] * 1e3 * s, 225.0), s)
-        sheet.polyline([view.at(u, v) for u, v in zip(*part.counterface().section(span), strict=True)])
-        sheet.text((310.0, 180.0), f"along the drag {s:g}:1", 2.5, "BOTTOM_CENTER")
     return []
 
 

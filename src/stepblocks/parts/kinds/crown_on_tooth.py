@@ -200,8 +200,8 @@ class CrownOnTooth(CrownMargin, Turned):
         """From the cavosurface angle along the path of draw to the margin of the crown."""
         v, g, finish, key = self.opening, self.marginal_gap.nominal, self.finish_line.kind, "vertical_discrepancy"
         if v.nominal < 0.0:
-            lip = toleranced(key, "distance", v, cavosurface, end, method=_SEATED).unsigned
-            return replace(lip, label="vertical discrepancy, lip over the tooth")
+            label = "vertical discrepancy, lip over the tooth"
+            return toleranced(key, "distance", v, cavosurface, end, label=label, method=_SEATED).unsigned
         if v.nominal == g or finish == "feather-edge":
             return toleranced(key, "distance", v, cavosurface, end, method=_SEATED)
         if finish == "shoulder" and v.nominal > g:  # the margin is where the bevel meets the outside

@@ -67,23 +67,11 @@ class Round:
         return 0.5 * (np.array(self.start) + end)
 
 
-@dataclass(frozen=True)
-class Between:
-    """A distance of two plane faces that a file declares or that must be held closer than in general."""
-
-    key: str
-    label: str
-    axis: int  # that the faces are square to
-    start: float  # coordinate of the one [m]
-    size: Dimension  # to the other, which lies higher
-    near: Point3  # a point that both contain but for that coordinate [m]
-
-    def characteristic(self) -> Characteristic:
-        """State it."""
-        holds = {k: self.near[k] for k in range(3) if k != self.axis}
-        ends = self.start, self.start + self.size.nominal
-        faces = (FaceRule("PLANE", self.axis, at, holds=holds) for at in ends)
-        return toleranced(self.key, "distance", self.size, *faces, label=self.label, method="micrometer")
+def between(key: str, label: str, axis: int, start: float, size: Dimension, near: Point3) -> Characteristic:
+    """State a distance of two plane faces held closer than in general; both contain `near` but for its coordinate along the axis."""
+    holds = {k: near[k] for k in range(3) if k != axis}
+    faces = (FaceRule("PLANE", axis, at, holds=holds) for at in (start, start + size.nominal))
+    return toleranced(key, "distance", size, *faces, label=label, method="micrometer")
 
 
 def bore(axis: Literal["x", "y", "z"], start: Point3, diameter: float, length: float, fit: str = "") -> Round:
@@ -102,7 +90,7 @@ class Machined(HeldPart):
     boxes: tuple[Box, ...] = ()
     rods: tuple[Round, ...] = ()
     bores: tuple[Round, ...] = ()
-    between: tuple[Between, ...] = ()
+    between: tuple[Characteristic, ...] = ()  # of two faces each, the second of which lies higher
     material: MaterialField
     title: str
     moving: bool = False  # whether it travels with the probe
@@ -153,20 +141,21 @@ class Machined(HeldPart):
     def characteristics(self) -> Iterator[Characteristic]:
         low, high = self.extent
         flat = {k: {end for one in self.boxes for end in (one.low[k], one.high[k])} for k in range(3)}
+        upper = [(one, face) for one in self.between for face in one.faces[1:] if isinstance(face, FaceRule)]
         for k, name in enumerate(("length", "width", "height")):
             ends = plane(k, low[k]), plane(k, high[k])
             if self.rods and not {low[k], high[k]} <= flat[k] and not any("xyz"[k] == one.axis for one in self.rods):
                 continue  # round from there: its diameter says it
-            if any(one.axis == k and abs(one.size.nominal - high[k] + low[k]) < 1e-9 for one in self.between):
+            if any(face.axis == k and abs(one.nominal - high[k] + low[k]) < 1e-9 for one, face in upper):
                 continue
             yield toleranced(name, "distance", _general(high[k] - low[k]), *ends, label=f"{name} over all")
-            held = [one.start + one.size.nominal for one in self.between if one.axis == k]
+            held = [face.at for _, face in upper if face.axis == k]
             inner = sorted(end for end in flat[k] if not any(abs(end - at) < 1e-9 for at in (low[k], high[k], *held)))
             for index, at in enumerate(inner, start=1):
                 faces = plane(k, low[k]), plane(k, at)
                 label = f"{name}, face {index} from the {_SIDES[k]}"
                 yield located(f"{name}_{index}", label, at - low[k], *faces)
-        yield from (one.characteristic() for one in self.between)
+        yield from self.between
         for index, one in enumerate((*self.rods, *self.bores), start=1):
             yield from self._round(one, index, low)
 

@@ -6,7 +6,6 @@ import itertools
 import math
 from abc import abstractmethod
 from collections.abc import Iterator
-from dataclasses import replace
 from typing import Any, ClassVar
 
 from stepblocks import cad
@@ -144,16 +143,15 @@ class MarginBlock(CrownMargin, Block):
             return hull((x, y * (half - max(0.0, z - rise + c)), z) for x, z in section for y in (-1, 1))
 
         if opening > gap:  # bevelled: cut the corner off along 45 degrees
-            normal = (-math.sqrt(0.5), 0.0, math.sqrt(0.5))
-            crown = crown.trim_by_plane(tuple(-n for n in normal), -1e3 * (rise - opening) * math.sqrt(0.5))
-            return [left, floor, crown]
+            slope = math.sqrt(0.5)
+            crown = crown.trim_by_plane((slope, 0.0, -slope), -1e3 * (rise - opening) * slope)
+        pieces = [left, floor, crown]
         if opening < 0.0:
             lip = [(x, y * (half - c - z), z) for x in (opening, 0.0) for z in (gap, rise) for y in (-1, 1)]
-            return [left, floor, crown, hull(lip), prism([(x, z) for x in (0.0, gap) for z in (gap, rise)])]
-        if opening < gap:
-            foot = rise - (gap - opening)
-            return [left, floor, crown, prism([(gap, foot), (opening, rise), (gap, rise)])]
-        return [left, floor, crown]
+            pieces += [hull(lip), prism([(x, z) for x in (0.0, gap) for z in (gap, rise)])]
+        elif opening < gap:
+            pieces.append(prism([(gap, rise - (gap - opening)), (opening, rise), (gap, rise)]))
+        return pieces
 
     def characteristics(self) -> Iterator[Characteristic]:
         g, h, depth = self.marginal_gap, self.horizontal_discrepancy, self.gap_depth
@@ -179,9 +177,8 @@ class MarginBlock(CrownMargin, Block):
             label = "bevel of the margin"
             yield toleranced("bevel_angle", "angle", angle, bevel, crown, label=label, method=_ACROSS)
         elif v.nominal < 0.0:
-            end = plane(0, v.nominal, z=0.5 * (g + h))
-            lip = toleranced(key, "distance", v, wall, end, method=_ACROSS).unsigned
-            yield replace(lip, label="vertical discrepancy, lip over the tooth")
+            end, label = plane(0, v.nominal, z=0.5 * (g + h)), "vertical discrepancy, lip over the tooth"
+            yield toleranced(key, "distance", v, wall, end, label=label, method=_ACROSS).unsigned
         elif self.vertical_discrepancy is not None:
             yield toleranced(key, "note", v, method=_ACROSS)
 

@@ -16,6 +16,7 @@ from stepblocks.atomic import inside
 from stepblocks.confined import read_confined
 from stepblocks.contact.counterface import SIDE
 from stepblocks.errors import StimulusError
+from stepblocks.parts import margin_line
 from stepblocks.parts.characteristics import Characteristic, plane, toleranced
 from stepblocks.parts.declared import Table, below, must, rules_validator, usual
 from stepblocks.parts.kind import NANOMETRE, Finding, MeasuredMesh
@@ -132,9 +133,8 @@ class ScannedMargin(CrownMargin):
 
     def characteristics(self) -> Iterator[Characteristic]:
         g, low = self.marginal_gap, -0.5 * self.gap_depth.nominal
-        yield toleranced(
-            "marginal_gap", "distance", g, plane(0, 0.0, z=low), plane(0, g.nominal, z=low), method=_ACROSS
-        )
+        walls = plane(0, 0.0, z=low), plane(0, g.nominal, z=low)
+        yield toleranced("marginal_gap", "distance", g, *walls, method=_ACROSS)
         for name in ("horizontal_discrepancy", "vertical_discrepancy", "gap_depth", "thickness"):
             if (one := getattr(self, name)) is not None:
                 yield toleranced(name, "note", one, method=_ACROSS)
@@ -169,5 +169,5 @@ class ScannedMargin(CrownMargin):
 @lru_cache(maxsize=8)
 def _stations(path: Path, changed: int, *asked: Any) -> list[list[float]]:
     """Read each state of a file once."""
-    found = read_confined("stepblocks.parts.margin_line:stations_in", path, *asked, raises=StimulusError)
+    found = read_confined(f"{margin_line.__name__}:stations_in", path, *asked, raises=StimulusError)
     return [list(map(float, row)) for row in found["stations"]]

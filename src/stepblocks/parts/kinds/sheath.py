@@ -130,7 +130,7 @@ class Sheath(Turned, HeldPart):
         shank = 0.0 if "probe" in missing else conditions["probe"].shank_diameter.value
         if self.bore.limits[0] < shank:
             rule = f"not be less than the shank ({format_quantity(shank, 'length')}) within its tolerance"
-            yield f"bore must {rule}, got {self.bore} [{self.place}]"
+            yield f"bore must {rule}, got {self.bore} [sheath {self.id!r}]"
 
     @rules_validator
     def _is_possible(self) -> Iterator[str]:

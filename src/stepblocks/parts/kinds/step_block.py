@@ -149,19 +149,16 @@ class StepBlock(Block):
         side = 1.0 if kind == "groove" else -1.0
         near, width = side * feature.distance.nominal, side * feature.width.nominal
         middle = near + 0.5 * width
+        of, ends = "ridge_height", (lower, plane(2, H, x=middle, y=lane))
         if kind == "groove":
-            floor = plane(2, 0.0, x=middle, y=lane)
-            yield toleranced("groove_depth", "distance", self.height, floor, upper, method=how)
-        else:
-            top = plane(2, H, x=middle, y=lane)
-            yield toleranced("ridge_height", "distance", self.height, lower, top, method=how)
+            of, ends = "groove_depth", (plane(2, 0.0, x=middle, y=lane), upper)
+        yield toleranced(of, "distance", self.height, *ends, method=how)
         walls = plane(0, near, y=lane), plane(0, near + width, y=lane)
         yield toleranced(f"{kind}_width", "distance", feature.width, *walls, method="profilometer")
         ends = plane(1, back), plane(1, 2.0 * lane - back, x=middle)
         yield toleranced(f"{kind}_length", "distance", feature.lane, *ends)
         if self.edge_radius.nominal < H:
-            at = plane(0, 0.0, y=-0.5 * back), walls[0]
-            name = f"{kind} from edge"
+            at, name = (plane(0, 0.0, y=-0.5 * back), walls[0]), f"{kind} from edge"
             yield toleranced(f"{kind}_distance", "distance", feature.distance, *at, label=name, method="profilometer")
 
     def measured(self, body: int, mesh: MeasuredMesh) -> Iterator[Finding]:
