@@ -317,4 +317,4 @@ def _steepest(x: Array, z: Array, ball: float, edges: Literal["strict", "flat"])
     from stepblocks.contact.path.profile import profile_path, steepest
 
     path = profile_path(x, z, ball, edges=edges)
-    return steepest(path).angle, steepest(path, "backward").angle
+    return steepest(path).angle, steepest(path.mirrored()).angle

@@ -226,8 +226,14 @@ def plan_decay_test(tool: Tool, displacement: float, noise: float, rate: float, 
         )
     count = max(math.ceil(_RECORD * decay_time * rate), 8)
     decrement = 1.0 / (decay_time * frequency)
-    angular_std, rate_std = _least(displacement, frequency, decay_time, noise, rate, count)
-    frequency_std = angular_std / math.tau
+    # the Cramer-Rao bound of a damped sine: least standard uncertainties of its angular frequency and decay rate [1/s]
+    time = np.arange(count) / rate
+    envelope, phase = np.exp(-time / decay_time), math.tau * frequency * time
+    cosine, sine = envelope * np.cos(phase), envelope * np.sin(phase)
+    scaled = time / decay_time  # so that all columns are of order one
+    slopes = np.column_stack([cosine, -sine, -scaled * sine, -scaled * cosine]) * displacement
+    least = np.sqrt(np.diag(np.linalg.inv(slopes.T @ slopes) * noise**2)[2:]) / decay_time
+    frequency_std, rate_std = float(least[0]) / math.tau, float(least[1])
     decrement_std = math.hypot(rate_std / frequency, decrement * frequency_std / frequency)
     releases = max(math.ceil((decrement_std / (wanted * decrement)) ** 2), 1)
     if releases > _MOST_RELEASES:
@@ -245,16 +251,3 @@ def plan_decay_test(tool: Tool, displacement: float, noise: float, rate: float, 
         log_decrement_std=decrement_std,
         releases=releases,
     )
-
-
-def _least(
-    amplitude: float, frequency: float, decay_time: float, noise: float, rate: float, count: int
-) -> tuple[float, float]:
-    """Least standard uncertainties of the angular frequency and of the decay rate [1/s]: the Cramer-Rao bound of a damped sine."""
-    time = np.arange(count) / rate
-    envelope, phase = np.exp(-time / decay_time), math.tau * frequency * time
-    cosine, sine = envelope * np.cos(phase), envelope * np.sin(phase)
-    scaled = time / decay_time  # so that all columns are of order one
-    slopes = np.column_stack([cosine, -sine, -scaled * sine, -scaled * cosine]) * amplitude
-    covariance = np.linalg.inv(slopes.T @ slopes) * noise**2
-    return math.sqrt(covariance[2, 2]) / decay_time, math.sqrt(covariance[3, 3]) / decay_time

@@ -50,14 +50,8 @@ def rectangular(half_widths: Mapping[str, float]) -> dict[str, float]:
 
 def inputs_of(face: Counterface, point: OperatingPoint) -> dict[str, float]:
     """Everything that force and energy depend on, by name [SI]."""
-    tool = point.tool
-    return face.dimensions | {
-        "ball_radius": point.ball_radius,
-        "friction": point.friction,
-        "normal_load": point.normal_load,
-        "stiffness": tool.stiffness,
-        "conversion": tool.conversion,
-    }
+    felt = {"ball_radius": point.ball_radius, "friction": point.friction, "normal_load": point.normal_load}
+    return face.dimensions | felt | {"stiffness": point.tool.stiffness, "conversion": point.tool.conversion}
 
 
 def moved_releases(
@@ -91,11 +85,8 @@ def sensitivities(
     }
     closed = {} if backward else face.angle_slopes(point.ball_radius)
     slopes |= {name: 2.0 * by_angle * slope for name, slope in closed.items()}
-    for name in uncertainty.keys() - slopes.keys():
-        slopes[name], step = (
-            0.0,
-            1e-3 * uncertainty[name],
-        )  # what has no closed form; NaN where one end does not release
+    for name in uncertainty.keys() - slopes.keys():  # by differences; NaN where one end does not release
+        slopes[name], step = 0.0, 1e-3 * uncertainty[name]
         if step > 0.0:
             deviations: dict[str, Real] = dict.fromkeys(uncertainty, 0.0) | {name: np.array([step, -step])}
             up, down = moved_releases(face, point, deviations, backward)[1]
@@ -176,16 +167,9 @@ def interval_of(
             )
         low, high = release.vibration_energy * math.exp(-wide), release.vibration_energy * math.exp(wide)
     width = max(high - low, 1e-12 * release.vibration_energy)
-    return Interval(
-        release.status,
-        release.pull_force,
-        release.vibration_energy,
-        *drawn,
-        low,
-        high,
-        held_probability=float(np.isinf(forces).mean()),
-        agrees=bool(max(abs(drawn[2] - low), abs(drawn[3] - high)) < 0.1 * width),
-    )
+    agrees = bool(max(abs(drawn[2] - low), abs(drawn[3] - high)) < 0.1 * width)
+    nominal = release.status, release.pull_force, release.vibration_energy
+    return Interval(*nominal, *drawn, low, high, float(np.isinf(forces).mean()), agrees)
 
 
 def _quantiles(values: Floats, tails: tuple[float, float], draws: int) -> tuple[float, float]:
