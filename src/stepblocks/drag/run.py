@@ -192,11 +192,10 @@ class Drag:
         replace_text(folder / "drag.json", json.dumps(self.summary, indent=1, sort_keys=True) + "\n")
 
     def _repr_html_(self) -> str:
-        from html import escape
+        import pandas as pd
 
         rows = {name: value for name, value in self.summary.items() if not isinstance(value, dict)}
-        cells = (f"<tr><th>{escape(name)}</th><td>{escape(str(value))}</td></tr>" for name, value in rows.items())
-        return f"<table>{''.join(cells)}</table>"
+        return str(pd.Series(rows, dtype=object).to_frame().to_html(header=False))
 
 
 def drag_over(
