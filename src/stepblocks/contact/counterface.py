@@ -97,8 +97,10 @@ class Step(Counterface):
 
     def angle_slopes(self, ball_radius: float) -> dict[str, float]:
         """Where the edge is met, not the riser."""
-        by_height, by_radius = kernels.step_angle_slopes(self.height, ball_radius + self.edge_radius)
-        return {"height": float(by_height), "edge_radius": float(by_radius), "ball_radius": float(by_radius)}
+        radius = ball_radius + self.edge_radius
+        by_height = float(1.0 / (radius * np.sin(kernels.angle_on_step(self.height, radius))))
+        by_radius = -by_height * self.height / radius
+        return {"height": by_height, "edge_radius": by_radius, "ball_radius": by_radius}
 
     def heights(self, x: Array) -> Array:
         across = np.clip(self.edge_radius - x, 0.0, self.edge_radius)  # from the arc's centre back towards the riser
