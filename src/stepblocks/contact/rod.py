@@ -10,7 +10,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from stepblocks.contact.domain import require_not_negative, require_positive
+from stepblocks.contact.domain import require_positive
 from stepblocks.contact.operating_point import PAPER, Tool
 from stepblocks.errors import ContactError
 
@@ -36,12 +36,6 @@ class Rod:
     length: float  # free length [m]
     end_mass: float  # of tip and collet at the free end [kg]
     loss_factor: float  # of all that damps the bare rod [1]
-
-    def __post_init__(self) -> None:
-        for name in ("bending_stiffness", "line_mass", "length"):
-            require_positive(name, getattr(self, name))
-        for name in ("end_mass", "loss_factor"):
-            require_not_negative(name, getattr(self, name))
 
 
 @dataclass(frozen=True)
