@@ -20,6 +20,7 @@ from stepblocks.contact.operating_point import OperatingPoint
 from stepblocks.errors import ContactError
 
 Floats = NDArray[np.float64]
+_TAILS = 0.5 * (1.0 - 0.95), 0.5 * (1.0 + 0.95)  # of an interval of 95 %
 _SMALLEST_BALL = 1e-3  # a drawn ball keeps this share of its nominal radius [1]
 _KNOWN = 300.0  # logarithm of a factor beyond which nothing is known
 
@@ -101,11 +102,10 @@ def interval_of(
     uncertainty: Mapping[str, float],
     *,
     backward: bool = False,
-    confidence: float = 0.95,
     draws: int = 20_000,
     seed: int = 0,
 ) -> Interval:
-    """Predict force and energy of a drag with intervals.
+    """Predict force and energy of a drag with intervals of 95 %.
 
     Parameters
     ----------
@@ -116,8 +116,8 @@ def interval_of(
         `opening`, `rise` of a margin, whose opening follows the gap where it is left out), of `ball_radius`, `friction`,
         `normal_load`, `stiffness` and `conversion`; what is left out is known. Each is drawn from a normal distribution of
         its own, cut off at 0.
-    confidence, draws, seed : float, int, int
-        Probability of the interval; at most 10 million draws; the same seed gives the same interval.
+    draws, seed : int
+        At most 10 million draws; the same seed gives the same interval.
 
     Returns
     -------
@@ -127,8 +127,7 @@ def interval_of(
     Raises
     ------
     ContactError
-        If a name is unknown, an uncertainty negative, the confidence not between 0 and 1, or the number of draws out of
-        range.
+        If a name is unknown, an uncertainty negative, or the number of draws out of range.
 
     References
     ----------
@@ -147,20 +146,17 @@ def interval_of(
         if name not in names:
             raise ContactError(f"uncertainty must be of {', '.join(names)}, got {name!r}")
         require_not_negative(f"uncertainty of {name}", value)
-    if not 0.0 < confidence < 1.0:
-        raise ContactError(f"confidence must lie between 0 and 1, got {confidence:g}")
     uncertainty = {name: uncertainty[name] for name in names if name in uncertainty}
     release = face.release(point, backward)
     normal = dict(zip(names, standard_draws(len(names), draws, seed), strict=True))
     deviations = {name: width * normal[name] for name, width in uncertainty.items()}
     forces, energies = moved_releases(face, point, deviations, backward)
-    tails = 0.5 * (1.0 - confidence), 0.5 * (1.0 + confidence)
-    drawn = (*_quantiles(forces, tails, draws), *_quantiles(energies, tails, draws))
+    drawn = (*_quantiles(forces, draws), *_quantiles(energies, draws))
     low = high = math.nan  # to first order in the logarithm
     if release.status is Status.RELEASES:
         slopes = sensitivities(face, point, uncertainty, backward)
         spread = math.sqrt(sum((slopes[name] * width) ** 2 for name, width in uncertainty.items()))
-        wide = NormalDist().inv_cdf(tails[1]) * spread
+        wide = NormalDist().inv_cdf(_TAILS[1]) * spread
         if not wide < _KNOWN:
             raise ContactError(
                 "uncertainties must leave the energy known to a factor, got spreads as large as the values"
@@ -172,9 +168,9 @@ def interval_of(
     return Interval(*nominal, *drawn, low, high, float(np.isinf(forces).mean()), agrees)
 
 
-def _quantiles(values: Floats, tails: tuple[float, float], draws: int) -> tuple[float, float]:
+def _quantiles(values: Floats, draws: int) -> tuple[float, float]:
     """Find both ends by the inverse of the empirical distribution, as numpy's "inverted_cdf" has it."""
-    ends = [max(math.ceil(tail * draws) - 1, 0) for tail in tails]
+    ends = [max(math.ceil(tail * draws) - 1, 0) for tail in _TAILS]
     low, high = np.partition(np.broadcast_to(values, draws), ends)[ends]
     return float(low), float(high)
 
