@@ -25,8 +25,8 @@ def test_a_ball_that_sinks_leaves_along_the_flank():
 def test_the_closed_form_agrees_with_the_dilation_of_its_section(width, flank, ball):
     face = Groove(width, flank)
     path = profile_path(*face.section(5e-4), ball, edges="flat")
-    for way, angle in zip(("forward", "backward"), face.angles(ball), strict=True):
-        assert steepest(path, way).angle == pytest.approx(angle, rel=1e-9)
+    for one, angle in zip((path, path.mirrored()), face.angles(ball), strict=True):
+        assert steepest(one).angle == pytest.approx(angle, rel=1e-9)
 
 
 def test_angles_broadcast_over_balls_and_dimensions():

@@ -36,7 +36,7 @@ def test_a_sharp_step_has_the_path_and_the_angle_of_equation_two(height):
     assert path.height == pytest.approx(tip_paths.step_path(path.position, height, R), rel=1e-11, abs=1e-12 * height)
     assert steepest(path).angle == pytest.approx(step_angle(height, R), rel=1e-9)
     assert steepest(path).contact == 0.0
-    assert steepest(path, "backward").angle == 0.0
+    assert steepest(path.mirrored()).angle == 0.0
 
 
 @pytest.mark.parametrize("height", [1.001 * R, 2.4 * R])
@@ -66,7 +66,7 @@ def test_a_groove_with_or_without_discrepancy_and_floor_equals_its_closed_form(w
     assert np.abs(path.height - expected).max() < 1e-11 * R
     forward, backward = tip_paths.groove_angles(width, R, rise, depth)
     assert steepest(path).angle == pytest.approx(forward, rel=1e-8)
-    assert steepest(path, "backward").angle == pytest.approx(backward, rel=1e-8)
+    assert steepest(path.mirrored()).angle == pytest.approx(backward, rel=1e-8)
 
 
 def test_a_groove_without_a_near_floor_is_the_papers_junction():
@@ -78,10 +78,10 @@ def test_a_ridge_is_felt_alike_both_ways():
     x, z = np.array([-RUN, 0, 0, width, width, 2 * RUN]), np.array([0, 0, height, height, 0, 0])
     path = profile_path(x, z, R)
     assert path.height == pytest.approx(tip_paths.ridge_path(path.position, height, width, R), abs=1e-11 * height)
-    up, down = steepest(path), steepest(path, "backward")
+    up, down = steepest(path), steepest(path.mirrored())
     assert up.angle == pytest.approx(down.angle, rel=1e-9)
     assert up.angle == pytest.approx(step_angle(height, R), rel=1e-9)
-    assert (up.contact, down.contact) == (0.0, width)
+    assert (up.contact, down.contact) == (0.0, -width)
 
 
 def test_the_angle_does_not_depend_on_where_the_path_is_asked_for():
@@ -117,8 +117,8 @@ def test_mirroring_the_surface_exchanges_the_directions():
     x = np.linspace(0, 2e-3, 700)
     z = np.cumsum(rng.normal(size=x.size)) * 2e-7
     there, back = profile_path(x, z, R), profile_path(-x[::-1], z[::-1], R)
-    assert steepest(there, "backward").angle == pytest.approx(steepest(back).angle, rel=1e-9)
-    assert len(catches(there)) == len(catches(back, "backward"))
+    assert steepest(there.mirrored()).angle == pytest.approx(steepest(back).angle, rel=1e-9)
+    assert len(catches(there)) == len(catches(back.mirrored()))
 
 
 def test_every_step_of_a_staircase_is_a_catch_with_its_own_angle():
@@ -132,7 +132,7 @@ def test_every_step_of_a_staircase_is_a_catch_with_its_own_angle():
     found = catches(path)
     assert [c.angle for c in found] == pytest.approx([step_angle(h, R) for h in heights], rel=1e-8)
     assert [c.contact for c in found] == pytest.approx([0.0, 1e-3, 2e-3])
-    assert catches(path, "backward") == []
+    assert catches(path.mirrored()) == []
 
 
 def test_missing_samples_are_bridged_by_the_tip():
@@ -220,7 +220,7 @@ def test_margins_square_or_bevelled_are_their_closed_forms_wherever_the_ball_tou
         radius, gap = rng.uniform(40e-6, 200e-6), rng.uniform(5e-6, 250e-6)
         opening, rise = gap + max(rng.uniform(-80e-6, 150e-6), 0.0), rng.uniform(-150e-6, 150e-6)
         path = profile_path(*_section(gap, opening, rise, radius), radius, edges="flat")
-        expected = [steepest(path, way).angle for way in ("forward", "backward")]
+        expected = [steepest(one).angle for one in (path, path.mirrored())]
         found = bevelled_margin_angles(gap, opening, rise, radius)
         assert found == pytest.approx(expected, abs=1e-6)
         kinds.add(

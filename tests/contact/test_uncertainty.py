@@ -134,7 +134,6 @@ def test_a_profile_of_a_step_has_the_interval_of_the_step():
             "uncertainty must be of gap, opening, rise, ball_radius",
         ),
         (lambda: interval_of(replace(MARGIN, gap=-1e-6), UNDER, {}, backward=True), "gap must be"),
-        (lambda: interval_of(STEP, POINT, SMALL, confidence=1.0), "confidence"),
         (lambda: interval_of(STEP, POINT, SMALL, draws=3), "draws"),
         (lambda: sensitivities(STEP, replace(POINT, friction=5.0), SMALL), "locked"),
     ],

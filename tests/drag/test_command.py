@@ -175,7 +175,7 @@ def test_a_wrong_drag_is_one_line_and_exit_code_two(tmp_path, capsys, arguments,
 
 def test_a_notebook_drags_over_a_counterface_as_the_command_over_the_height(tmp_path):
     assert main(["drag", "30 um", "--load", "0.5 N", "--speed", "10 mm/s", "-o", str(tmp_path / "out")]) == 0
-    done = drag_over(Step(30e-6), {"load": 0.5}, speed=10e-3)
+    done = drag_over(Step(30e-6), load=0.5, speed=10e-3)
     summary = json.loads((tmp_path / "out" / "drag.json").read_text())
     assert {k: v for k, v in done.summary.items() if k != "subject"} == {
         k: summary[k] for k in summary if k != "subject"
@@ -202,7 +202,7 @@ def test_the_paper_stands_where_nothing_is_said_and_what_is_said_takes_its_place
 def test_the_ring_of_a_drag_decays_as_the_tool_unless_a_damping_is_given():
     # Origin: zeta = 1 / (2 pi f T); 14.2 ms at 300 Hz are 3.7 % of critical damping.
     assert drag_over("25 um", speed=20e-3).trace.probe.damping_ratio == pytest.approx(0.0373, abs=1e-4)
-    assert drag_over("25 um", {"damping_ratio": 0.0}, speed=20e-3).trace.probe.damping_ratio == 0.0
+    assert drag_over("25 um", damping_ratio=0.0, speed=20e-3).trace.probe.damping_ratio == 0.0
 
 
 def test_a_stimulus_keeps_its_own_dimensions_and_is_named_with_its_direction():

@@ -298,7 +298,7 @@ def test_an_edge_that_is_no_arc_is_predicted_and_dragged_by_its_surface(tmp_path
     np.testing.assert_allclose(rows["surface_critical_angle_deg"], 45.0, atol=1.0)
     # the tip dragged over the scanned surface pulls as hard as equation (1) says for that slope: F = N tan(a + atan mu)
     surface = SurfaceProfile(record.surface.position, record.surface.height)
-    dragged = drag_over(surface, {"tip_radius": 125e-6, "load": 1.0, "friction": 0.15})
+    dragged = drag_over(surface, tip_radius=125e-6, load=1.0, friction=0.15)
     expected = 1.0 * np.tan(np.radians(45.0) + np.arctan(0.15))
     assert dragged.summary["peak_force_n"] == pytest.approx(expected, rel=0.04)
 

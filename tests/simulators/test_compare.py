@@ -37,13 +37,13 @@ def recorded(path, energy=1.0, frequency=1.0, decay=1.0, force=1.0, noise=0.0):
 
 
 def parts(result):
-    return {name: apart for name, _, _, apart in result.parts}
+    return dict(zip(result["part"], result["difference_jnd"], strict=True))
 
 
 def test_the_ideal_is_less_than_a_tenth_of_a_difference_away(tmp_path):
     result = compare(recorded(tmp_path / "a.csv"), STEP)
-    assert set(parts(result)) == set(JND)
-    assert result.score < 0.1
+    assert set(parts(result)) == {*JND, "score"}
+    assert parts(result)["score"] < 0.1
 
 
 @pytest.mark.parametrize(
@@ -64,8 +64,7 @@ def test_a_part_that_is_off_by_a_just_noticeable_difference_counts_one(tmp_path,
 
 def test_a_shorter_ring_is_found_by_its_decay(tmp_path):
     result = compare(recorded(tmp_path / "a.csv", decay=0.4), STEP)
-    got = {name: value for name, value, _, _ in result.parts}
-    assert got["ring decay"] == pytest.approx(0.4 * ideal().tool.decay_time, rel=0.05)
+    assert result.set_index("part")["recorded"]["ring decay"] == pytest.approx(0.4 * ideal().tool.decay_time, rel=0.05)
 
 
 def test_the_command_writes_the_parts_as_a_table(tmp_path):

@@ -14,8 +14,9 @@ def _compare(arguments: argparse.Namespace) -> Outcome:
 
     asked = given(arguments, *PLACE)
     found = compare(arguments.record, arguments.to, arguments.output, **asked)
-    said = f"{found.score:.2g} just noticeable differences from {arguments.to.name}, all parts together"
-    return Outcome(said, {"realism": found.table().iloc[:-1].to_dict("records")})
+    score = found["difference_jnd"].iloc[-1]
+    said = f"{score:.2g} just noticeable differences from {arguments.to.name}, all parts together"
+    return Outcome(said, {"realism": found.iloc[:-1].to_dict("records")})
 
 
 def _export(arguments: argparse.Namespace) -> Outcome:

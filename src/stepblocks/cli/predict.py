@@ -113,7 +113,7 @@ def _drag(arguments: argparse.Namespace) -> Outcome:
 
     asked = {name: value for name, value in vars(arguments).items() if isinstance(value, float)}
     backward, where, setting = arguments.backward, arguments.stimuli, arguments.setting
-    done = drag_over(arguments.stimulus, asked, backward=backward, stimuli=where, setting=setting)
+    done = drag_over(arguments.stimulus, backward=backward, stimuli=where, setting=setting, **asked)
     done.write(arguments.output)
     summary = done.summary
     settings, probe = summary["settings"], summary["probe"]

@@ -89,21 +89,20 @@ class Step(Counterface):
 
     @property
     def breakpoints(self) -> tuple[float, ...]:
-        """The riser, and the end of the arc."""
         return (0.0, self.edge_radius) if self.edge_radius > 0.0 else (0.0,)
 
     def angles(self, ball_radius: Real, **dimensions: Real) -> tuple[Real, Real]:
-        """Equation (2) of the paper."""
         at = self.dimensions | dimensions
         return step_angle(at["height"], ball_radius, at["edge_radius"]), 0.0
 
     def angle_slopes(self, ball_radius: float) -> dict[str, float]:
         """Where the edge is met, not the riser."""
-        by_height, by_radius = kernels.step_angle_slopes(self.height, ball_radius + self.edge_radius)
-        return {"height": float(by_height), "edge_radius": float(by_radius), "ball_radius": float(by_radius)}
+        radius = ball_radius + self.edge_radius
+        by_height = float(1.0 / (radius * np.sin(kernels.angle_on_step(self.height, radius))))
+        by_radius = -by_height * self.height / radius
+        return {"height": by_height, "edge_radius": by_radius, "ball_radius": by_radius}
 
     def heights(self, x: Array) -> Array:
-        """Lower face, arc, upper face."""
         across = np.clip(self.edge_radius - x, 0.0, self.edge_radius)  # from the arc's centre back towards the riser
         rounded = self.height - self.edge_radius + np.sqrt(self.edge_radius * self.edge_radius - across * across)
         return np.where(x < 0.0, 0.0, rounded)
@@ -141,7 +140,6 @@ class Margin(Counterface):
 
     @property
     def breakpoints(self) -> tuple[float, ...]:
-        """Both walls and the outer corner."""
         return tuple(sorted({0.0, self.gap, self.opening}))
 
     def angles(self, ball_radius: Real, **dimensions: Real) -> tuple[Real, Real]:
@@ -157,7 +155,6 @@ class Margin(Counterface):
         return {"gap": np.maximum(gap, 0.0), "opening": opening, "rise": self.rise + deviations.get("rise", 0.0)}
 
     def section(self, run: float) -> tuple[Array, Array]:
-        """Tooth, floor of the gap, bevel, crown."""
         opening, gap, rise, depth, fall = self.opening, self.gap, self.rise, self.depth, self.fall
         corners = [(min(opening, 0.0), 0.0)]
         if opening > gap:
@@ -183,7 +180,6 @@ class Groove(Counterface):
         return angle, angle
 
     def section(self, run: float) -> tuple[Array, Array]:
-        """Shoulder, flank, flank, shoulder."""
         half = 0.5 * self.width
         x = np.array([-run, 0.0, half, self.width, self.width + run])
         return x, np.array([0.0, 0.0, -half * math.tan(self.flank), 0.0, 0.0])
@@ -223,7 +219,6 @@ class Profile(Counterface):
         return np.where(on, np.asarray(ends), between)
 
     def section(self, run: float) -> tuple[Array, Array]:
-        """Its own points, however far they reach."""
         return self.x, self.z
 
     def centre_path(self, ball_radius: float) -> CentrePath:
@@ -317,4 +312,4 @@ def _steepest(x: Array, z: Array, ball: float, edges: Literal["strict", "flat"])
     from stepblocks.contact.path.profile import profile_path, steepest
 
     path = profile_path(x, z, ball, edges=edges)
-    return steepest(path).angle, steepest(path, "backward").angle
+    return steepest(path).angle, steepest(path.mirrored()).angle

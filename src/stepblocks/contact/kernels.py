@@ -19,12 +19,6 @@ def step_angle(height: Real, radius_sum: Real) -> Real:
     return where(riser, 0.5 * np.pi, angle_on_step(where(riser, 0.0, height), where(riser, 1.0, radius_sum)))
 
 
-def step_angle_slopes(height: Real, radius_sum: Real) -> tuple[Real, Real]:
-    """Differentiate `angle_on_step` by height and radius sum: ``1 / (p sin a)``, ``-H / (p^2 sin a)`` [rad/m]."""
-    by_height = 1.0 / (radius_sum * np.sin(angle_on_step(height, radius_sum)))
-    return by_height, -by_height * height / radius_sum
-
-
 def angle_out_of_groove(width: Real, rise: Real, ball_radius: Real) -> Real:
     """Angle of the tangent at the far corner for a ball that rests on both corners of a groove."""
     chord = np.hypot(width, rise)  # inclined by atan2(rise, width), it subtends 2 asin(chord / 2R)

@@ -33,14 +33,10 @@ class Limits:
 
 @dataclass(frozen=True)
 class Tool:
-    """The explorer as a spring that rings, and what is felt of it; every default is the paper's, limits it has none.
+    """The explorer as a spring that rings, and what is felt of it; every default is the paper's, limits it has none."""
 
-    Of its ring the paper says 250 to 350 Hz (figure 5), "approximately 250 Hz" and "the 250 Hz vibration"; but of a line at
-    250 Hz less than half lies above 250 Hz, and figure 5 has 86 % there. The frequency is the middle of the band, its
-    deviation reaches both ends, and the decay is that of a Lorentzian line with the 86 %: 89 % of the energy is then spent
-    in the paper's 16 ms.
-    """
-
+    # of its ring the paper says 250 to 350 Hz (figure 5) and "approximately 250 Hz", where less than half of a line would lie in
+    # that band: its middle, a deviation that reaches both ends, and the decay of a Lorentzian line with the 86 % of figure 5
     stiffness: float = 9.81e3  # tangential, k of equation (1) [N/m]
     conversion: float = 0.20  # share C_v of the stored energy that becomes vibration, by the paper's regression [1]
     ring_duration: float = 16e-3  # over which the vibration energy is spent [s]

@@ -10,7 +10,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from stepblocks.contact.domain import require_not_negative, require_positive
+from stepblocks.contact.domain import require_positive
 from stepblocks.contact.operating_point import PAPER, Tool
 from stepblocks.errors import ContactError
 
@@ -36,12 +36,6 @@ class Rod:
     length: float  # free length [m]
     end_mass: float  # of tip and collet at the free end [kg]
     loss_factor: float  # of all that damps the bare rod [1]
-
-    def __post_init__(self) -> None:
-        for name in ("bending_stiffness", "line_mass", "length"):
-            require_positive(name, getattr(self, name))
-        for name in ("end_mass", "loss_factor"):
-            require_not_negative(name, getattr(self, name))
 
 
 @dataclass(frozen=True)
@@ -85,13 +79,9 @@ class RodRing:
 
     def as_tool(self, like: Tool = PAPER.tool) -> Tool:
         """Return the tool that rings so, like another in all else."""
-        return replace(
-            like,
-            stiffness=self.stiffness,
-            frequency=self.frequency,
-            frequency_deviation=like.frequency_deviation * self.frequency / like.frequency,  # the same share
-            decay_time=self.decay_time,
-        )
+        deviation = like.frequency_deviation * self.frequency / like.frequency  # the same share
+        ring = {"frequency": self.frequency, "frequency_deviation": deviation, "decay_time": self.decay_time}
+        return replace(like, stiffness=self.stiffness, **ring)
 
     def mean_energy(self, duration: float) -> float:
         """Return the mean over a time of the ring's energy, that at the start taken as 1."""
@@ -226,8 +216,14 @@ def plan_decay_test(tool: Tool, displacement: float, noise: float, rate: float, 
         )
     count = max(math.ceil(_RECORD * decay_time * rate), 8)
     decrement = 1.0 / (decay_time * frequency)
-    angular_std, rate_std = _least(displacement, frequency, decay_time, noise, rate, count)
-    frequency_std = angular_std / math.tau
+    # the Cramer-Rao bound of a damped sine: least standard uncertainties of its angular frequency and decay rate [1/s]
+    time = np.arange(count) / rate
+    envelope, phase = np.exp(-time / decay_time), math.tau * frequency * time
+    cosine, sine = envelope * np.cos(phase), envelope * np.sin(phase)
+    scaled = time / decay_time  # so that all columns are of order one
+    slopes = np.column_stack([cosine, -sine, -scaled * sine, -scaled * cosine]) * displacement
+    least = np.sqrt(np.diag(np.linalg.inv(slopes.T @ slopes) * noise**2)[2:]) / decay_time
+    frequency_std, rate_std = float(least[0]) / math.tau, float(least[1])
     decrement_std = math.hypot(rate_std / frequency, decrement * frequency_std / frequency)
     releases = max(math.ceil((decrement_std / (wanted * decrement)) ** 2), 1)
     if releases > _MOST_RELEASES:
@@ -245,16 +241,3 @@ def plan_decay_test(tool: Tool, displacement: float, noise: float, rate: float, 
         log_decrement_std=decrement_std,
         releases=releases,
     )
-
-
-def _least(
-    amplitude: float, frequency: float, decay_time: float, noise: float, rate: float, count: int
-) -> tuple[float, float]:
-    """Least standard uncertainties of the angular frequency and of the decay rate [1/s]: the Cramer-Rao bound of a damped sine."""
-    time = np.arange(count) / rate
-    envelope, phase = np.exp(-time / decay_time), math.tau * frequency * time
-    cosine, sine = envelope * np.cos(phase), envelope * np.sin(phase)
-    scaled = time / decay_time  # so that all columns are of order one
-    slopes = np.column_stack([cosine, -sine, -scaled * sine, -scaled * cosine]) * amplitude
-    covariance = np.linalg.inv(slopes.T @ slopes) * noise**2
-    return math.sqrt(covariance[2, 2]) / decay_time, math.sqrt(covariance[3, 3]) / decay_time

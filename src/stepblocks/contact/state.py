@@ -13,15 +13,8 @@ from stepblocks.contact import kernels
 Floats = NDArray[np.float64]
 
 # what a trial shows: logarithms of J, N, Hz and s; spring constant over its nominal value; measured over set load
-CHANNELS = (
-    "ln_energy",
-    "ln_peak_force",
-    "sliding_friction",
-    "spring_constant",
-    "ln_ring_frequency",
-    "ln_decay_time",
-    "normal_load_ratio",
-)
+CHANNELS: tuple[str, ...] = ("ln_energy", "ln_peak_force", "sliding_friction", "spring_constant")
+CHANNELS += ("ln_ring_frequency", "ln_decay_time", "normal_load_ratio")
 
 _STEEPEST = np.deg2rad(89.0)  # beyond it the tip locks; a fit needs a finite slope back into the domain
 _LEAST_LOAD, _LEAST_FORCE = 1e-3, 1e-4  # N, where a fit strays

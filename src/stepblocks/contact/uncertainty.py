@@ -20,6 +20,7 @@ from stepblocks.contact.operating_point import OperatingPoint
 from stepblocks.errors import ContactError
 
 Floats = NDArray[np.float64]
+_TAILS = 0.5 * (1.0 - 0.95), 0.5 * (1.0 + 0.95)  # of an interval of 95 %
 _SMALLEST_BALL = 1e-3  # a drawn ball keeps this share of its nominal radius [1]
 _KNOWN = 300.0  # logarithm of a factor beyond which nothing is known
 
@@ -50,14 +51,8 @@ def rectangular(half_widths: Mapping[str, float]) -> dict[str, float]:
 
 def inputs_of(face: Counterface, point: OperatingPoint) -> dict[str, float]:
     """Everything that force and energy depend on, by name [SI]."""
-    tool = point.tool
-    return face.dimensions | {
-        "ball_radius": point.ball_radius,
-        "friction": point.friction,
-        "normal_load": point.normal_load,
-        "stiffness": tool.stiffness,
-        "conversion": tool.conversion,
-    }
+    felt = {"ball_radius": point.ball_radius, "friction": point.friction, "normal_load": point.normal_load}
+    return face.dimensions | felt | {"stiffness": point.tool.stiffness, "conversion": point.tool.conversion}
 
 
 def moved_releases(
@@ -91,11 +86,8 @@ def sensitivities(
     }
     closed = {} if backward else face.angle_slopes(point.ball_radius)
     slopes |= {name: 2.0 * by_angle * slope for name, slope in closed.items()}
-    for name in uncertainty.keys() - slopes.keys():
-        slopes[name], step = (
-            0.0,
-            1e-3 * uncertainty[name],
-        )  # what has no closed form; NaN where one end does not release
+    for name in uncertainty.keys() - slopes.keys():  # by differences; NaN where one end does not release
+        slopes[name], step = 0.0, 1e-3 * uncertainty[name]
         if step > 0.0:
             deviations: dict[str, Real] = dict.fromkeys(uncertainty, 0.0) | {name: np.array([step, -step])}
             up, down = moved_releases(face, point, deviations, backward)[1]
@@ -110,11 +102,10 @@ def interval_of(
     uncertainty: Mapping[str, float],
     *,
     backward: bool = False,
-    confidence: float = 0.95,
     draws: int = 20_000,
     seed: int = 0,
 ) -> Interval:
-    """Predict force and energy of a drag with intervals.
+    """Predict force and energy of a drag with intervals of 95 %.
 
     Parameters
     ----------
@@ -125,8 +116,8 @@ def interval_of(
         `opening`, `rise` of a margin, whose opening follows the gap where it is left out), of `ball_radius`, `friction`,
         `normal_load`, `stiffness` and `conversion`; what is left out is known. Each is drawn from a normal distribution of
         its own, cut off at 0.
-    confidence, draws, seed : float, int, int
-        Probability of the interval; at most 10 million draws; the same seed gives the same interval.
+    draws, seed : int
+        At most 10 million draws; the same seed gives the same interval.
 
     Returns
     -------
@@ -136,8 +127,7 @@ def interval_of(
     Raises
     ------
     ContactError
-        If a name is unknown, an uncertainty negative, the confidence not between 0 and 1, or the number of draws out of
-        range.
+        If a name is unknown, an uncertainty negative, or the number of draws out of range.
 
     References
     ----------
@@ -156,41 +146,31 @@ def interval_of(
         if name not in names:
             raise ContactError(f"uncertainty must be of {', '.join(names)}, got {name!r}")
         require_not_negative(f"uncertainty of {name}", value)
-    if not 0.0 < confidence < 1.0:
-        raise ContactError(f"confidence must lie between 0 and 1, got {confidence:g}")
     uncertainty = {name: uncertainty[name] for name in names if name in uncertainty}
     release = face.release(point, backward)
     normal = dict(zip(names, standard_draws(len(names), draws, seed), strict=True))
     deviations = {name: width * normal[name] for name, width in uncertainty.items()}
     forces, energies = moved_releases(face, point, deviations, backward)
-    tails = 0.5 * (1.0 - confidence), 0.5 * (1.0 + confidence)
-    drawn = (*_quantiles(forces, tails, draws), *_quantiles(energies, tails, draws))
+    drawn = (*_quantiles(forces, draws), *_quantiles(energies, draws))
     low = high = math.nan  # to first order in the logarithm
     if release.status is Status.RELEASES:
         slopes = sensitivities(face, point, uncertainty, backward)
         spread = math.sqrt(sum((slopes[name] * width) ** 2 for name, width in uncertainty.items()))
-        wide = NormalDist().inv_cdf(tails[1]) * spread
+        wide = NormalDist().inv_cdf(_TAILS[1]) * spread
         if not wide < _KNOWN:
             raise ContactError(
                 "uncertainties must leave the energy known to a factor, got spreads as large as the values"
             )
         low, high = release.vibration_energy * math.exp(-wide), release.vibration_energy * math.exp(wide)
     width = max(high - low, 1e-12 * release.vibration_energy)
-    return Interval(
-        release.status,
-        release.pull_force,
-        release.vibration_energy,
-        *drawn,
-        low,
-        high,
-        held_probability=float(np.isinf(forces).mean()),
-        agrees=bool(max(abs(drawn[2] - low), abs(drawn[3] - high)) < 0.1 * width),
-    )
+    agrees = bool(max(abs(drawn[2] - low), abs(drawn[3] - high)) < 0.1 * width)
+    nominal = release.status, release.pull_force, release.vibration_energy
+    return Interval(*nominal, *drawn, low, high, float(np.isinf(forces).mean()), agrees)
 
 
-def _quantiles(values: Floats, tails: tuple[float, float], draws: int) -> tuple[float, float]:
+def _quantiles(values: Floats, draws: int) -> tuple[float, float]:
     """Find both ends by the inverse of the empirical distribution, as numpy's "inverted_cdf" has it."""
-    ends = [max(math.ceil(tail * draws) - 1, 0) for tail in tails]
+    ends = [max(math.ceil(tail * draws) - 1, 0) for tail in _TAILS]
     low, high = np.partition(np.broadcast_to(values, draws), ends)[ends]
     return float(low), float(high)
 

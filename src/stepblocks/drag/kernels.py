@@ -12,18 +12,9 @@ Array = Any
 # What each row of a trace holds
 COLUMNS = ("time_s", "fx_n", "fy_n", "x_m", "y_m", "vx_m_s", "vy_m_s", "handle_m", "normal_n", "friction_n")
 # Energies [J]: work put in by the handle or the pulling force, changes of what is stored, and what is lost
-LEDGER = (
-    "handle_work",
-    "kinetic",
-    "spring",
-    "lift",
-    "contact",
-    "bristle",
-    "friction_loss",
-    "damping_loss",
-    "impact_loss",
-    "tissue_loss",
-)
+_STORED = ("kinetic", "spring", "lift", "contact", "bristle")
+_LOST = ("friction_loss", "damping_loss", "impact_loss", "tissue_loss")
+LEDGER = ("handle_work", *_STORED, *_LOST)
 
 
 @njit(cache=True, inline="always")
@@ -70,12 +61,8 @@ def integrate(
     load, mu_k, speed, pull, hand_mass, hand_damping, _, v_s, viscous, _, after, _, _, wall_k, wall_c, wall_most = (
         settings
     )
-    mu_s, kt, limit = (
-        contact  # static friction, stiffness of the bristles, the force past which the tip counts as locked
-    )
-    x, y, near, rest = (
-        start  # within `near` of a kink both its sides are touched; the spring's stretch in steady sliding
-    )
+    mu_s, kt, limit = contact  # friction at rest, stiffness of the bristles, force past which the tip counts as locked
+    x, y, near, rest = start  # within `near` of a kink both sides are touched; `rest` is the stretch in steady sliding
     dt, steps, every = pace
     c, cy, ct = 2.0 * ratio * math.sqrt(k * mass), 2.0 * ratio * math.sqrt(ky * mass), 0.3 * math.sqrt(kt * mass)
     # in steady sliding at the speed of the handle, or at rest where a force pulls that

@@ -57,12 +57,11 @@ def ring_of(trace: DragTrace, *, spectra: bool = True) -> Ring:
     if not spectra:
         return ring
     frequencies, power = phase_spectrum(trace, "vibration")
-    return replace(
-        ring,
-        frequency=float(frequencies[np.argmax(power)]),
-        loading_share=band_share(*phase_spectrum(trace, "loading"), LOADING_BAND),
-        ring_band_share=band_share(frequencies, power, RING_BAND),
+    loading, own = (
+        band_share(*phase_spectrum(trace, "loading"), LOADING_BAND),
+        band_share(frequencies, power, RING_BAND),
     )
+    return replace(ring, frequency=float(frequencies[np.argmax(power)]), loading_share=loading, ring_band_share=own)
 
 
 def phase_spectrum(
@@ -134,16 +133,8 @@ def draw_force(trace: DragTrace, path: Path, title: str) -> None:
         if trace.status is Status.RELEASES:
             axis.axvline(trace.release_time * 1e3, color="#b03030", lw=0.8, ls="--")
     if trace.status is Status.RELEASES:
-        axes[0].annotate(
-            f"release, $F_{{px}}$ = {trace.peak_force:.3g} N",
-            (trace.release_time * 1e3, trace.peak_force),
-            xytext=(8, 2),
-            textcoords="offset points",
-            ha="left",
-            va="top",
-            fontsize=8,
-            color="#b03030",
-        )
+        said, place = f"release, $F_{{px}}$ = {trace.peak_force:.3g} N", (trace.release_time * 1e3, trace.peak_force)
+        axes[0].annotate(said, place, (8, 2), textcoords="offset points", va="top", fontsize=8, color="#b03030")
     axes[1].set_xlabel("time [ms]")
     axes[0].set_title(title, fontsize=10)
     save_figure(figure, path)

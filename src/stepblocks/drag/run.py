@@ -29,10 +29,11 @@ from stepblocks.tables import read_table, si_columns, write_table
 if TYPE_CHECKING:
     import pandas as pd
 
-# what may be given beside the subject [SI]: where it goes in an operating point, in its tool, in the settings
+# what may be given beside the subject [SI]: where it goes in an operating point, in its tool, in the probe; else in the settings
 _OF_POINT = {"tip_radius": "ball_radius", "load": "normal_load", "friction": "friction"}
 _OF_TOOL = ("stiffness", "frequency")
-_OF_SETTINGS = ("static_friction", "ring_time", "sample_rate", "speed")
+_OF_PROBE = ("damping_ratio", "hardening")
+_ELSEWHERE = (*_OF_POINT, *_OF_TOOL, *_OF_PROBE, "edge_radius", "step_height", "pull", "handle_mass")
 _WANTED = "stimulus must be a step height such as '25 um', a CSV"
 _GUIDE_DAMPING = 20.0  # of a pulled handle [N s/m]; assumed
 
@@ -191,22 +192,19 @@ class Drag:
         replace_text(folder / "drag.json", json.dumps(self.summary, indent=1, sort_keys=True) + "\n")
 
     def _repr_html_(self) -> str:
-        from html import escape
+        import pandas as pd
 
         rows = {name: value for name, value in self.summary.items() if not isinstance(value, dict)}
-        cells = (f"<tr><th>{escape(name)}</th><td>{escape(str(value))}</td></tr>" for name, value in rows.items())
-        return f"<table>{''.join(cells)}</table>"
+        return str(pd.Series(rows, dtype=object).to_frame().to_html(header=False))
 
 
 def drag_over(
     subject: str | Path | Counterface,
-    values: Mapping[str, float] | None = None,
     *,
     backward: bool = False,
     stimuli: Path | None = None,
     setting: str | None = None,
-    hardening: float = 0.0,
-    **settings: float,
+    **values: float,
 ) -> Drag:
     """Drag a tip over something in time, until it has slipped and rung.
 
@@ -215,18 +213,17 @@ def drag_over(
     subject : str, Path or Counterface
         A step height such as ``"25 um"``; a CSV with the columns x and z, the unit in their names; a declared stimulus by
         ``ID``, ``SET/ID`` or ``FILE.toml/ID``; or a counterface, such as a part's.
-    values : mapping of str to float, optional
-        What differs from the paper, or from the stimulus's set: `tip_radius`, `edge_radius`, `step_height` [m], `load` [N],
-        `friction` [1], `stiffness` [N/m], `frequency` [Hz], `damping_ratio`, a share of critical damping [1] that is else
-        that of the tool's ring; `pull`, a force [N] on a handle of `handle_mass` [kg] that else moves at constant speed.
     backward : bool
         Towards falling x: from the crown to the tooth, or down a step.
     stimuli : Path, optional
         Where identities are looked up; by default the folder ``stimuli``.
     setting : str, optional
         ``"figures-3-to-5"``: the load carried as those of the paper need it, and its load, friction and damping unless given.
-    hardening, **settings : float
-        k3 of a spring that hardens, ``F = k x + k3 x^3`` [N/m^3]; fields of `DragSettings`, such as `speed` [m/s].
+    **values : float
+        What differs from the paper, or from the stimulus's set: `tip_radius`, `edge_radius`, `step_height` [m], `load` [N],
+        `friction` [1], `stiffness` [N/m], `frequency` [Hz], `damping_ratio`, a share of critical damping [1] that is else
+        that of the tool's ring; `hardening`, k3 of ``F = k x + k3 x^3`` [N/m^3]; `pull`, a force [N] on a handle of
+        `handle_mass` [kg] that else moves at constant speed; fields of `DragSettings`, such as `speed` [m/s].
 
     Returns
     -------
@@ -242,7 +239,7 @@ def drag_over(
 
     Examples
     --------
-    >>> done = drag_over("25 um", {"load": 0.5}, speed=20e-3)
+    >>> done = drag_over("25 um", load=0.5, speed=20e-3)
     >>> done.summary["status"], done.summary["ledger_error"] < 1e-3
     ('releases', True)
     """
@@ -250,8 +247,8 @@ def drag_over(
         raise PipelineError(f"setting must be one of {', '.join(SETTINGS)}, got {setting!r}")
     named = SETTINGS[setting] if setting else None
     usual = {"load": named.normal_load, "friction": named.friction} if named else {}
-    given = {**usual, **(values or {})}
-    settings = {name: given[name] for name in _OF_SETTINGS if name in given} | settings
+    given = usual | values
+    settings = {name: value for name, value in given.items() if name not in _ELSEWHERE}
     if pull := given.get("pull"):
         settings |= {"speed": 0.0, "pulling_force": pull, "handle_mass": given.get("handle_mass", 0.1)}
         settings["handle_damping"] = _GUIDE_DAMPING
@@ -262,7 +259,7 @@ def drag_over(
         formula = found.face.release(point, backward)
     except ContactError as error:
         raise (PipelineError(f"{error} {found.place}") if found.place else error) from error
-    changes = {"hardening": hardening} | (named.changes(point.tool, point.normal_load) if named else {})
-    changes |= {name: given[name] for name in ("damping_ratio",) if name in given}
+    changes = named.changes(point.tool, point.normal_load) if named else {}
+    changes |= {name: given[name] for name in _OF_PROBE if name in given}
     trace = simulate(track, probe_for(point.tool, point.ball_radius, **changes), DragSettings.under(point, **settings))
     return Drag(f"Drag over {found.name}", trace, formula, point.tool, named)

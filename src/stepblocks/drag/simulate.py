@@ -15,6 +15,8 @@ from stepblocks.drag import kernels
 from stepblocks.drag.track import Track
 from stepblocks.errors import ContactError
 
+_MODULUS, _POISSON = 210e9, 0.3  # of steel [Pa], [1]
+
 
 @dataclass(frozen=True)
 class Probe:
@@ -109,17 +111,10 @@ class DragSettings:
         return self.friction * self.normal_load + self.tissue_friction
 
 
-def hertz_stiffness(ball_radius: float, modulus: float = 210e9, poisson: float = 0.3) -> float:
-    """Stiffness of a ball on a plane of the same material, ``F = K d^1.5`` [N/m^1.5]."""
-    require_positive("ball_radius", ball_radius)
-    require_positive("modulus", modulus)
-    return 4.0 / 3.0 * modulus / (2.0 * (1.0 - poisson * poisson)) * math.sqrt(ball_radius)
-
-
 def probe_for(tool: Tool, ball_radius: float, **changes: float) -> Probe:
-    """Return the probe that rings as a tool does, with a ball of steel on steel by Hertz."""
-    probe = Probe(tool.stiffness, tool.effective_mass, tool.damping_ratio, hertz_stiffness(ball_radius))
-    return replace(probe, **changes)
+    """Return the probe that rings as a tool does, with a ball of steel on steel by Hertz, ``F = K d^1.5``."""
+    hertz = 4.0 / 3.0 * _MODULUS / (2.0 * (1.0 - _POISSON * _POISSON)) * math.sqrt(ball_radius)
+    return replace(Probe(tool.stiffness, tool.effective_mass, tool.damping_ratio, hertz), **changes)
 
 
 PAPER_DRAG = probe_for(PAPER.tool, PAPER.ball_radius)

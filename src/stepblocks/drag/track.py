@@ -90,7 +90,7 @@ def track_of(x: ArrayLike, z: ArrayLike, ball_radius: float, *, backward: bool =
     path = profile_path(xs, zs, ball_radius, positions=grid, edges="flat")
     if np.isnan(path.height).any():
         raise ContactError("profile has a gap that is wider than the tip; it cannot be dragged over")
-    steep = interval_slopes(path, "forward", -math.inf)
+    steep = interval_slopes(path, -math.inf)
     if np.isposinf(steep[:, 0]).any():
         raise ContactError("profile has a riser as high as the ball (too-high); the tip would never climb it")
     turns = np.arctan(steep[:, 0]) - np.arctan(path.slope[:-1])
@@ -107,15 +107,9 @@ def track_of(x: ArrayLike, z: ArrayLike, ball_radius: float, *, backward: bool =
     kinks = np.flatnonzero(np.isin(nodes, breaks))
     slope_left = right.slope.copy()
     slope_left[kinks] = left.slope[np.maximum(kinks - 1, 0)]
-    far = _LEVEL * ball_radius
-    return Track(
-        np.concatenate([[nodes[0] - far], nodes, [nodes[-1] + far]]),
-        np.pad(right.height, 1, "edge"),
-        np.pad(right.slope[:-1], 1),
-        np.pad(slope_left[1:], 1),
-        (kinks + 1).astype(np.int64),
-        ball_radius,
-    )
+    ends = nodes[0] - _LEVEL * ball_radius, nodes[-1] + _LEVEL * ball_radius
+    x, z = np.concatenate([ends[:1], nodes, ends[1:]]), np.pad(right.height, 1, "edge")
+    return Track(x, z, np.pad(right.slope[:-1], 1), np.pad(slope_left[1:], 1), kinks + 1, ball_radius)
 
 
 def step_track(height: float, ball_radius: float, edge_radius: float = 0.0) -> Track:

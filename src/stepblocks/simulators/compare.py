@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -35,23 +34,7 @@ JND = {
 }
 
 
-@dataclass(frozen=True)
-class Realism:
-    """A record beside its stimulus."""
-
-    # what, recorded and ideal in SI, difference in just noticeable ones
-    parts: tuple[tuple[str, float, float, float], ...]
-    score: float  # root of the sum of their squares; below 1 the two can hardly be told apart
-
-    def table(self) -> pd.DataFrame:
-        """Lay the parts out, one row each, and the score."""
-        import pandas as pd
-
-        rows = [(*part, *JND[part[0]]) for part in self.parts] + [("score", None, None, self.score, None, None)]
-        return pd.DataFrame(rows, columns=["part", "recorded", "ideal", "difference_jnd", "jnd_ratio", "source"])
-
-
-def compare(record: str | Path, stimulus: str | Path, output: str | Path | None = None, **felt: float) -> Realism:
+def compare(record: str | Path, stimulus: str | Path, output: str | Path | None = None, **felt: float) -> pd.DataFrame:
     """Compare a recorded step with its stimulus.
 
     Parameters
@@ -68,14 +51,17 @@ def compare(record: str | Path, stimulus: str | Path, output: str | Path | None 
 
     Returns
     -------
-    Realism
-        Peak force, energy, frequency, decay and band of the ring, each in just noticeable differences, and one score.
+    DataFrame
+        Peak force, energy, frequency, decay and band of the ring [SI], in just noticeable differences (``difference_jnd``), and
+        one ``score``, the root of the sum of their squares: below 1 the two can hardly be told apart.
 
     Raises
     ------
     StepblocksError
         If the record cannot be read or holds no ring, or the stimulus does not release the probe.
     """
+    import pandas as pd
+
     event = _event_of(Path(stimulus), felt)
     force, rate = _read(Path(record), event)
     start = int(np.argmin(np.diff(np.abs(force)))) + 1  # the ring begins behind the sharpest fall of the force's size
@@ -87,15 +73,16 @@ def compare(record: str | Path, stimulus: str | Path, output: str | Path | None 
     meant = ring(event, rate)[: len(tail)]
     got, ideal = _figures(tail - tail[-len(tail) // 5 :].mean(), rate, event), _figures(meant, rate, event)
     got["peak force"], ideal["peak force"] = float(np.abs(force[:start]).max()), event.critical_force
-    parts = tuple((name, got[name], ideal[name], _apart(name, got[name], ideal[name])) for name in JND)
-    result = Realism(parts, math.sqrt(sum(apart**2 for *_, apart in parts)))
+    rows: list[tuple[Any, ...]] = []
+    for name, (share, source) in JND.items():
+        apart = abs(math.log(max(got[name], 1e-12) / ideal[name])) / math.log1p(share)
+        rows.append((name, got[name], ideal[name], apart, share, source))
+    score = math.sqrt(sum(row[3] ** 2 for row in rows))
+    columns = ["part", "recorded", "ideal", "difference_jnd", "jnd_ratio", "source"]
+    table = pd.DataFrame([*rows, ("score", None, None, score, None, None)], columns=columns)
     if output is not None:
-        write_table(result.table(), Path(output), "%.6g")
-    return result
-
-
-def _apart(name: str, got: float, meant: float) -> float:
-    return abs(math.log(max(got, 1e-12) / meant)) / math.log1p(JND[name][0])
+        write_table(table, Path(output), "%.6g")
+    return table
 
 
 def _event_of(stimulus: Path, felt: dict[str, float]) -> VibrationEvent:

@@ -12,7 +12,6 @@ import numpy as np
 
 from stepblocks.atomic import replace_text
 from stepblocks.contact.counterface import Counterface
-from stepblocks.contact.path.centre import CentrePath
 from stepblocks.declare import load_declared
 from stepblocks.errors import PipelineError
 from stepblocks.page_file import render_page
@@ -70,26 +69,23 @@ def feel(files: str | Path | Sequence[str | Path], page: str | Path) -> int:
 
 
 def _felt(face: Counterface, radius: float) -> dict[str, Any]:
-    path, corners = face.centre_path(radius), np.array(face.breakpoints)
+    """Return what the page draws, and the path without most knots of its circles; notches and ends of lines stay."""
+    path, edges = face.centre_path(radius), np.array(face.breakpoints)
     trigger, _, angle = path.notch(+1.0)
-    across = np.linspace(corners[0], corners[-1], 30)
-    x = np.unique(np.concatenate([[-_WIDE, _WIDE], corners - 1e-12, corners + 1e-12, across]))
-    profile = np.column_stack([x, face.heights(x)]).tolist()
-    return {"angle": angle, "trigger": trigger, "profile": profile, **_thinned(path)}
-
-
-def _thinned(path: CentrePath) -> dict[str, Any]:
-    """Drop most knots of the circles; every notch and every end of a line stays, with its exact slopes."""
+    across = np.linspace(edges[0], edges[-1], 30)
+    x = np.unique(np.concatenate([[-_WIDE, _WIDE], edges - 1e-12, edges + 1e-12, across]))
     before, after = path.slope_end[:-1], path.slope_start[1:]  # of the inner knots
     corners = np.flatnonzero(np.abs(after - before) > _KINK) + 1
     flat = np.flatnonzero((after == 0.0) != (before == 0.0)) + 1
     kept = np.unique(np.concatenate([np.arange(0, len(path.x), _EVERY), corners, flat, [len(path.x) - 1]]))
     held = [(float(path.x[i]), before[i - 1], after[i - 1]) for i in corners if after[i - 1] > before[i - 1]]
-    notches = [{"x": x, "up": bool(rise > _KINK), "down": bool(fall < -_KINK)} for x, fall, rise in held]
     return {
+        "angle": angle,
+        "trigger": trigger,
+        "profile": np.column_stack([x, face.heights(x)]).tolist(),
         "x": path.x[kept].tolist(),
         "z": path.z[kept].tolist(),
         "first": path.slope_start[kept[:-1]].tolist(),
         "last": path.slope_end[kept[1:] - 1].tolist(),
-        "notches": notches,
+        "notches": [{"x": x, "up": bool(rise > _KINK), "down": bool(fall < -_KINK)} for x, fall, rise in held],
     }

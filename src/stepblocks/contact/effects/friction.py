@@ -12,6 +12,7 @@ from stepblocks.contact.state import DragState, Floats
 from stepblocks.law import Law, Parameter
 
 _friction = partial(Law, slot="friction")
+_by_speed = partial(_friction, covariate="speed_mm_s", said="friction falls with speed: excess at rest and speed")
 
 
 def _stribeck(state: DragState, _: Any, values: Mapping[str, float]) -> DragState:
@@ -46,7 +47,7 @@ LAWS = (
         said="friction on the edge over that on the faces is",
         settled="turn the blocks round, and drag a block with a fresh edge",
     ),
-    _friction(
+    _by_speed(
         "stribeck_friction",  # falls from rest to sliding
         "mu (1 + s exp(-v / v_s))",
         (
@@ -54,18 +55,14 @@ LAWS = (
             Parameter("stribeck_speed_m_per_s", "m/s", 5e-3, 5e-4, 1e-1, 1e-3),
         ),
         _stribeck,
-        covariate="speed_mm_s",
         shapes=tuple({"stribeck_speed_m_per_s": v} for v in (1.5e-3, 4e-3, 9e-3, 2.5e-2)),
-        said="friction falls with speed: excess at rest and speed",
     ),
-    _friction(
+    _by_speed(
         "stribeck_friction~logarithmic",  # the law of dry contacts
         "mu (1 + s ln(v / 6 mm/s))",
         (Parameter("slope", "1", 0.0, -2.0, 2.0, 0.03),),
         _logarithmic,
-        covariate="speed_mm_s",
         rank=1,
-        said="friction falls with speed: excess at rest and speed",
     ),
     _friction(
         "running_in",

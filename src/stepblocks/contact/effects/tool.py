@@ -25,7 +25,6 @@ _drag = partial(
     said="a viscous drag acts: coefficient",
     settled="drag without touching a block",
 )
-_zero = partial(_sensor, settled="tare: record both gauges unloaded before and after the drags")
 
 _BIAS = (Parameter("load_bias_n", "N", 0.0, -0.25, 0.6, 0.01),)
 _COEFFICIENT = (Parameter("coefficient_n_s_per_m", "N s/m", 0.0, -20.0, 100.0, 0.5),)
@@ -108,12 +107,14 @@ def set_instrument(state: DragState, _: Any, values: Mapping[str, float]) -> Dra
     )
 
 
+_gauge = partial(_sensor, apply=set_instrument)
+_zero = partial(_gauge, settled="tare: record both gauges unloaded before and after the drags")
+
 SENSOR = (
-    _sensor(
+    _gauge(
         "sensor_gain",
         "F_x -> G F_x",
         (_GAIN,),
-        set_instrument,
         said="the tangential gauge reads by ln G of",
         settled="hang a known weight on the tangential gauge",
     ),
@@ -121,31 +122,27 @@ SENSOR = (
         "tangential_zero",
         "F_x shown + z; a tare enters no stored energy",
         (_ZERO,),
-        set_instrument,
         said="the tangential gauge reads without force",
     ),
-    _zero("normal_zero", "F_y shown + z", (_NORMAL_ZERO,), set_instrument, said="the normal gauge reads without force"),
-    _sensor(
+    _zero("normal_zero", "F_y shown + z", (_NORMAL_ZERO,), said="the normal gauge reads without force"),
+    _gauge(
         "normal_gain",
         "F_y shown times G",
         (_NORMAL_GAIN,),
-        set_instrument,
         said="the normal gauge reads by ln G of",
         settled="put a known weight on the normal gauge",
     ),
-    _sensor(
+    _gauge(
         "cross_talk",
         "F_x shown + c F_y; it enters no stored energy",
         (_CROSS_TALK,),
-        set_instrument,
         said="the tangential gauge also shows of the normal force",
         settled="drag in the other direction: friction changes its sign, cross-talk does not",
     ),
-    _sensor(
+    _gauge(
         "instrument",  # several constants of one instrument off together: the rival of whatever looks like geometry
         "F_x shown G F_x + z + c F_y, F_y shown G' F_y + z'",
         (_ZERO, _NORMAL_ZERO, _NORMAL_GAIN, _CROSS_TALK, _GAIN),
-        set_instrument,
         rank=9,
         said="several constants of the gauges are off: zeros, gain, cross-talk, gain",
         settled="tare both gauges, hang known weights on each, drag in both directions",

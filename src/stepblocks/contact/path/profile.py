@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Literal, NamedTuple
 
 import numpy as np
@@ -15,7 +15,6 @@ from stepblocks.errors import ContactError
 
 Floats = NDArray[np.float64]
 Edges = Literal["strict", "flat"]
-Direction = Literal["forward", "backward"]
 
 
 @dataclass(frozen=True)
@@ -29,6 +28,15 @@ class TipPath:
     element: NDArray[np.int64]  # shape (n,); which row of `elements` is touched; -1 for none
     elements: Floats  # shape (m, 5); the surface as segments (x0, z0, x1, z1, contact offset) [m]
     ball_radius: float  # R [m]
+
+    def mirrored(self) -> TipPath:
+        """Return the path as it is met on the way back."""
+        x0, z0, x1, z1, offset = self.elements[::-1].T
+        elements = np.ascontiguousarray(np.column_stack([-x1, z1, -x0, z0, -offset]))
+        position, contact = np.ascontiguousarray(-self.position[::-1]), np.ascontiguousarray(-self.contact[::-1])
+        element = np.where(self.element < 0, -1, len(elements) - 1 - self.element)[::-1].copy()
+        slope = kernels.path_slopes(position, contact, element, self.ball_radius)
+        return TipPath(position, self.height[::-1].copy(), contact, slope, element, elements, self.ball_radius)
 
 
 def profile_path(
@@ -93,11 +101,8 @@ def _checked(x: ArrayLike, z: ArrayLike) -> tuple[Floats, Floats]:
 
 def _positions(x: Floats, width: float, reach: float, edges: Edges) -> Floats:
     pieces = np.maximum(np.ceil(np.diff(x) / (0.04 * width)), 1).astype(int)
-    if pieces.max() == 1:
-        where = np.unique(x)
-    else:
-        parts = [np.linspace(a, b, n, endpoint=False) for a, b, n in zip(x[:-1], x[1:], pieces, strict=True)]
-        where = np.unique(np.concatenate([*parts, x[-1:]]))
+    number = np.arange(pieces.sum()) - np.repeat(np.cumsum(pieces) - pieces, pieces)
+    where = np.unique(np.append(number * np.repeat(np.diff(x) / pieces, pieces) + np.repeat(x[:-1], pieces), x[-1]))
     if edges == "strict":
         # the first and last tip positions that the profile fully decides are always among them
         ends = [x[0] + reach, x[-1] - reach]
@@ -114,25 +119,27 @@ class Catch(NamedTuple):
     angle: float  # slope of the path there [rad]; 0 where it never rises, a right angle where the tip meets a riser
 
 
-def steepest(path: TipPath, direction: Direction = "forward") -> Catch:
-    """Find the critical angle of a path, its steepest rise towards growing x or falling x, exact whatever its positions."""
-    slopes = interval_slopes(path, direction, _grid_maximum(path, direction))
+def steepest(path: TipPath) -> Catch:
+    """Find the critical angle of a path, its steepest rise towards growing x, exact whatever its positions."""
+    rise = np.diff(path.height) / np.diff(path.position)
+    finite = rise[np.isfinite(rise)]
+    # the mean slope of an interval is never more than its greatest, a little less guards against rounding: only steeper ones count
+    floor = float(finite.max()) * (1.0 - 1e-9) - 1e-9 if finite.size else 0.0
+    slopes = interval_slopes(path, floor)
     if np.isnan(slopes[:, 0]).all():
         raise ContactError("path has no two neighbouring positions with a surface under the tip")
     return _catch(*slopes[np.nanargmax(slopes[:, 0])])
 
 
-def catches(path: TipPath, direction: Direction = "forward", *, smallest: float = math.radians(1.0)) -> list[Catch]:
+def catches(path: TipPath, smallest: float = math.radians(1.0)) -> list[Catch]:
     """Every local catch along a drag, in the order in which it is met; a rise by less than `smallest` [rad] is roughness."""
     from scipy.signal import find_peaks
 
     require_positive("smallest", smallest, "rad")
-    slopes = interval_slopes(path, direction, math.tan(smallest))
+    slopes = interval_slopes(path, math.tan(smallest))
     angles = np.arctan(np.nan_to_num(np.maximum(slopes[:, 0], 0.0), nan=0.0, posinf=1e300))
     padded = np.concatenate([[0.0], angles, [0.0]])
-    found = find_peaks(padded, prominence=smallest)[0] - 1
-    order = found if direction == "forward" else found[::-1]
-    return [_catch(*slopes[k]) for k in order]
+    return [_catch(*slopes[k - 1]) for k in find_peaks(padded, prominence=smallest)[0]]
 
 
 def _catch(slope: float, where: float, contact: float) -> Catch:
@@ -140,20 +147,8 @@ def _catch(slope: float, where: float, contact: float) -> Catch:
     return Catch(float(where), float(contact), angle)
 
 
-def _grid_maximum(path: TipPath, direction: Direction) -> float:
-    """Find a slope that the path surely reaches, so that only steeper intervals need be searched."""
-    rise = np.diff(path.height) / np.diff(path.position) * (1.0 if direction == "forward" else -1.0)
-    finite = rise[np.isfinite(rise)]
-    # the mean slope of an interval is never more than its greatest; a little less guards against rounding
-    return float(finite.max()) * (1.0 - 1e-9) - 1e-9 if finite.size else 0.0
-
-
-def interval_slopes(path: TipPath, direction: Direction, floor: float) -> NDArray[np.float64]:
+def interval_slopes(path: TipPath, floor: float) -> NDArray[np.float64]:
     """Steepest rise between neighbouring positions, where, and the contact there; shape (n - 1, 3)."""
-    if direction == "backward":
-        slopes = interval_slopes(_mirrored(path), "forward", floor)[::-1].copy()
-        slopes[:, 1:] *= -1.0
-        return slopes
     if path.position.size < 2:
         raise ContactError("a drag needs a path of at least 2 positions")
     radius = path.ball_radius
@@ -162,17 +157,3 @@ def interval_slopes(path: TipPath, direction: Direction, floor: float) -> NDArra
         path.position, path.height, path.contact, path.element, floor, path.elements, radius, tolerance
     )
     return np.asarray(found)
-
-
-def _mirrored(path: TipPath) -> TipPath:
-    e = path.elements[::-1]
-    elements = np.ascontiguousarray(np.column_stack([-e[:, 2], e[:, 3], -e[:, 0], e[:, 1], -e[:, 4]]))
-    return replace(
-        path,
-        position=np.ascontiguousarray(-path.position[::-1]),
-        height=np.ascontiguousarray(path.height[::-1]),
-        contact=np.ascontiguousarray(-path.contact[::-1]),
-        slope=path.slope[::-1],
-        element=np.where(path.element < 0, -1, len(path.elements) - 1 - path.element)[::-1].copy(),
-        elements=elements,
-    )

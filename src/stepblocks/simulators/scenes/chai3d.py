@@ -7,7 +7,6 @@ from pathlib import Path
 
 from stepblocks.artefacts.meshes.write import write_obj, write_pieces, write_stl
 from stepblocks.contact.energy import Status
-from stepblocks.contact.event import VibrationEvent
 from stepblocks.simulators.scene import Scene, SceneFormat, fill
 
 
@@ -33,23 +32,8 @@ def _write_program(folder: Path, name: str, scenes: Mapping[str, Scene]) -> None
     """Write a program that takes a device, or drags by a virtual hand."""
     far = {file: 0.5 if one.events[0].status is Status.NO_CATCH else 10.0 for file, one in scenes.items()}
     blocks = [{"file": file, "pull": far[file] * one.point.normal_load, "scene": one} for file, one in scenes.items()]
-    told = {"name": name, "blocks": blocks, "contact": _contact(blocks[0]["scene"]), "release": _release}
     for file in ("CMakeLists.txt", "ReleaseRing.h", "StepBlock.h", "blocks.cpp"):
-        fill(folder / file, **told)
-
-
-def _contact(scene: Scene) -> str:
-    """Write ball, friction, spring and load as C++ does."""
-    figures = scene.ball_radius * 1e3, scene.point.friction, scene.stiffness * 1e-3, scene.point.normal_load
-    return ", ".join(f"{figure:.9g}" for figure in figures)
-
-
-def _release(event: VibrationEvent, scale: float) -> str:
-    """Write an event as C++ does: direction, place, strength, frequency and decay."""
-    strength = (event.amplitude, event.critical_force) if event.status is Status.RELEASES else (0.0, 0.0)
-    place = (event.trigger_position * scale * 1e3, event.trigger_height * scale * 1e3)
-    figures = (*place, *strength, event.tool.frequency, event.tool.decay_time)
-    return ", ".join([f"{event.direction}.0", *(f"{figure:.9g}" for figure in figures)])
+        fill(folder / file, name=name, blocks=blocks)
 
 
 CHAI3D = SceneFormat(
