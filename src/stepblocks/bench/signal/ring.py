@@ -44,6 +44,8 @@ _MOST_PHASES = 5000
 _BEGIN = 8e-3  # time after the slip in which a wrong fit of a ring shows [s]
 _LOWEST = 80.0  # [Hz] below lie hum and its first harmonic
 _RELEASE_DECAY = (0.05e-3, 0.4e-3, 1.5e-3)  # [s] least, first guess, most
+_LITTLE = 0.01  # g A^2 of a step towards a tool that hardens
+_FINE_STEP = 1e-5  # [s] of the motion of a tool that hardens
 _DECAYS = (5e-3, 12e-3, 25e-3, 60e-3)  # [s] first guesses of the decay time
 
 
@@ -56,9 +58,11 @@ class Ring:
     level: Estimate  # about which it rings at `origin` [N]
     origin: float  # instant that the fit counts from [s]
     mains: float  # mains frequency fitted along [Hz]
-    # shape: frequency, decay time, decay time of the release; weights: level, drift, hum (2), release, ring (2)
+    # shape: frequency, decay time, decay time of the release, of a tool that hardens g A^2 too; weights: level, drift,
+    # hum (2), release, ring (2)
     fit: SeparableFit
     misfit: float  # by how many standard errors the residuals miss the noise
+    about: float = 0.0  # level over amplitude, about which a tool that hardens rings [1]
 
     def curve(self, time: Array) -> Array:
         """Return the whole fit [N] at the instants `time`."""
@@ -67,8 +71,9 @@ class Ring:
     def curve_std(self, instant: float) -> float:
         """Return the standard uncertainty of `curve` at one instant [N]."""
         at = np.array([instant - self.origin])
-        slopes = numeric_jacobian(lambda shape: self._model(at, shape), self.fit.shape, np.array([1e-3, 1e-6, 1e-6]))
-        columns = _columns(at, self.origin, self.mains, self.fit.shape)
+        step = np.array([1e-3, 1e-6, 1e-6, 1e-4])[: self.fit.shape.size]
+        slopes = numeric_jacobian(lambda shape: self._model(at, shape), self.fit.shape, step)
+        columns = _columns(at, self.origin, self.mains, self.fit.shape, self.about)
         return propagated(np.concatenate([slopes[0], columns[0]]), self.fit.covariance)
 
     def amplitude(self, instant: float) -> Estimate:
@@ -81,11 +86,11 @@ class Ring:
         gradient = np.zeros(self.fit.covariance.shape[0])
         gradient[1] = carried * reach / decay**2
         if size > 0.0:
-            gradient[8], gradient[9] = growth * cosine / size, growth * sine / size
+            gradient[-2:] = growth * cosine / size, growth * sine / size
         return carried, propagated(gradient, self.fit.covariance)
 
     def _model(self, since: Array, shape: Array) -> Array:
-        return np.asarray(_columns(since, self.origin, self.mains, shape) @ self.fit.weights, dtype=float)
+        return np.asarray(_columns(since, self.origin, self.mains, shape, self.about) @ self.fit.weights, dtype=float)
 
 
 def guess_ring(time: Array, values: Array) -> Tool:
@@ -118,22 +123,87 @@ def fit_ring(time: Array, force: Array, origin: float, mains: float, noise: floa
         upper=np.array([1.15 * frequency, 1.0, _RELEASE_DECAY[2]]),
         scale=np.array([1.0, 5e-3, 1e-4]),
     )
+    return _ring_of(fit, time, origin, mains, noise)
+
+
+def hardens(ring: Ring, time: Array) -> bool:
+    """Whether what a damped ring leaves over looks as that of a tool that hardens."""
+    fit, since, about = ring.fit, time - ring.origin, ring.level[0] / ring.amplitude(ring.origin)[0]
+    soft, hard = fit.shape, np.append(fit.shape, _LITTLE)
+    columns = [_columns(since, ring.origin, ring.mains, shape, about) for shape in (soft, hard)]
+    return fit.lacks((columns[1] - columns[0]) @ fit.weights)
+
+
+def fit_hardening_ring(ring: Ring, time: Array, force: Array, noise: float) -> Ring:
+    """Fit a ring again as that of a tool that hardens, after Duffing: its pitch falls as it dies, and it is no cosine."""
+    origin, mains, (frequency, decay, release) = ring.origin, ring.mains, ring.fit.shape
+    start = np.array([frequency, decay, release, 0.05])
+    for _ in range(2):  # about which level it rings, in units of an amplitude that the first fit finds
+        about = ring.level[0] / ring.amplitude(origin)[0]
+        fit = fit_separable(
+            lambda shape, about=about: _columns(time - origin, origin, mains, shape, about),
+            force,
+            start,
+            lower=np.array([0.7 * frequency, 1e-3, _RELEASE_DECAY[0], 0.0]),
+            upper=np.array([1.15 * frequency, 1.0, _RELEASE_DECAY[2], 3.0]),
+            scale=np.array([1.0, 5e-3, 1e-4, 0.05]),
+        )
+        ring, start = _ring_of(fit, time, origin, mains, noise, about), fit.shape
+    return ring
+
+
+def _ring_of(fit: SeparableFit, time: Array, origin: float, mains: float, noise: float, about: float = 0.0) -> Ring:
+    count = fit.shape.size
     return Ring(
         frequency=(float(fit.shape[0]), fit.std(0)),
         decay_time=(float(fit.shape[1]), fit.std(1)),
-        level=(float(fit.weights[0]), fit.std(3)),
+        level=(float(fit.weights[0]), fit.std(count)),
         origin=origin,
         mains=mains,
         fit=fit,
-        misfit=misfit(fit.residuals, 10, int(np.searchsorted(time, origin + _BEGIN)), noise),
+        misfit=misfit(fit.residuals, count + 7, int(np.searchsorted(time, origin + _BEGIN)), noise),
+        about=about,
     )
 
 
-def _columns(since: Array, origin: float, mains: float, shape: Array) -> Array:
+def _columns(since: Array, origin: float, mains: float, shape: Array, about: float = 0.0) -> Array:
     """Level and drift from the slip on, hum on the clock of the record, rest of the release, ring."""
-    frequency, decay, release = shape
-    hum, ring = wave(since + origin, mains), damped_wave(since, frequency, decay)
+    frequency, decay, release, *cubic = shape.tolist()
+    hum = wave(since + origin, mains)
+    ring = _hardening_wave(since, (frequency, decay, *cubic), about) if cubic else damped_wave(since, frequency, decay)
     return np.column_stack([np.ones_like(since), since, hum, np.exp(-since / release), ring])
+
+
+def _hardening_wave(since: Array, tool: tuple[float, ...], about: float) -> Array:
+    """Force over its level of a tool with ``F = u + g u^3`` let go at an amplitude of 1, and its rate over its pulsation.
+
+    `tool` is the frequency of small swings about the level, the decay time, and g; `about` the level.
+    """
+    frequency, decay, cubic = tool
+    # the force had the spring not hardened, at rest and at the amplitude: the real root, by Viete's hyperbolic sine
+    root = math.sqrt(3.0 * max(cubic, 1e-9))
+    rest, first = (2.0 / root * math.sinh(math.asinh(1.5 * force * root) / 3.0) for force in (about, about + 1.0))
+    omega = 2.0 * math.pi * frequency / math.sqrt(1.0 + 3.0 * cubic * rest**2)
+    time = np.abs(since)  # a little before the release the same as after it
+    count = int(float(time.max()) / _FINE_STEP) + 2
+    swing = _compiled(_swing)(count, (omega, decay, cubic), about, first - rest, rest)
+    clock = _FINE_STEP * np.arange(count)
+    rate = np.interp(time, clock, swing[:, 1]) * np.sign(since) / (-2.0 * math.pi * frequency)
+    return np.column_stack([np.interp(time, clock, swing[:, 0]), rate])
+
+
+def _swing(count: int, tool: tuple[float, float, float], about: float, begin: float, rest: float) -> Array:
+    """Force over its level and its rate, step by step; written for a compiler, nothing checked."""
+    omega, decay, cubic = tool
+    result = np.empty((count, 2))
+    u, v, pull = rest + begin, -begin / decay, 0.0
+    for n in range(count):
+        pull = -(omega**2) * (u + cubic * u**3 - about) - 2.0 / decay * v
+        result[n, 0], result[n, 1] = u + cubic * u**3 - about, (1.0 + 3.0 * cubic * u**2) * v
+        v += 0.5 * _FINE_STEP * pull
+        u += _FINE_STEP * v
+        v += 0.5 * _FINE_STEP * (-(omega**2) * (u + cubic * u**3 - about) - 2.0 / decay * v)
+    return result
 
 
 @dataclass(frozen=True)
@@ -165,15 +235,15 @@ def rubbing_force(time: Array, level: float, gap: float, tool: Tool, start: tupl
     `level` holds while the tip slips forward and is lower by `gap` while it slips back [N]; `start` is the force [N] and its
     rate [N/s] at 0; `slope` is that of the force while the tip sticks [N/s].
     """
-    return np.asarray(_compiled()(time, level, gap, *tool, *start, slope), dtype=float)
+    return np.asarray(_compiled(_kernel)(time, level, gap, *tool, *start, slope), dtype=float)
 
 
 @cache
-def _compiled() -> Callable[..., Array]:
-    """Compile the kernel when it is first wanted: a fit calls it some hundred times."""
+def _compiled(kernel: Callable[..., Array]) -> Callable[..., Array]:
+    """Compile a kernel when it is first wanted: a fit calls it some hundred times."""
     from numba import njit
 
-    return cast("Callable[..., Array]", njit(cache=True)(_kernel))
+    return cast("Callable[..., Array]", njit(cache=True)(kernel))
 
 
 def _kernel(
