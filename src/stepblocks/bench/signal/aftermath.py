@@ -10,17 +10,7 @@ import numpy as np
 from stepblocks.bench.signal import Array, Estimate, Tool
 from stepblocks.bench.signal.approach import Approach, Landmarks
 from stepblocks.bench.signal.regimes import USUAL_TOOL, Motion, Saw, first_swing
-from stepblocks.bench.signal.ring import (
-    GUESSED,
-    TOLD,
-    Ring,
-    RubbingRing,
-    fit_hardening_ring,
-    fit_ring,
-    fit_rubbing_ring,
-    guess_ring,
-    hardens,
-)
+from stepblocks.bench.signal.ring import GUESSED, TOLD, Ring, RubbingRing, fit_ring, fit_rubbing_ring, guess_ring
 from stepblocks.bench.signal.separable import damped_wave, propagated, wave, weighed
 
 _RELEASE_TIME = 0.25e-3  # [s] first samples after the peak, in which the sensor itself follows; no tie with a sample
@@ -131,11 +121,7 @@ def settle(
 def as_bell(time: Array, force: Array, release: float, mains: float, noise: float) -> Aftermath:
     """Fit a damped ring, counted from the release."""
     first = int(np.searchsorted(time, release + _RELEASE_TIME))
-    time, force = time[first:], force[first:]
-    bell = fit_ring(time, force, release, mains, noise)
-    if hardens(bell, time):
-        harder = fit_hardening_ring(bell, time, force, noise)
-        bell = harder if harder.misfit < _SETTLED else bell
+    bell = fit_ring(time[first:], force[first:], release, mains, noise)
     return Aftermath(bell, release, bell.amplitude(release), bell.frequency, bell.decay_time, bell.level)
 
 

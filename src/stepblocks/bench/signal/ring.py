@@ -44,7 +44,8 @@ _MOST_PHASES = 5000
 _BEGIN = 8e-3  # time after the slip in which a wrong fit of a ring shows [s]
 _LOWEST = 80.0  # [Hz] below lie hum and its first harmonic
 _RELEASE_DECAY = (0.05e-3, 0.4e-3, 1.5e-3)  # [s] least, first guess, most
-_LITTLE = 0.01  # g A^2 of a step towards a tool that hardens
+_LITTLE = 0.02  # g A^2 with which a tool that hardens is tried
+_HARD, _CLOSER = 7.0, 0.05  # misfit, and share of the misfit of a cosine, up to which it is taken for one
 _FINE_STEP = 1e-5  # [s] of the motion of a tool that hardens
 _DECAYS = (5e-3, 12e-3, 25e-3, 60e-3)  # [s] first guesses of the decay time
 
@@ -112,48 +113,32 @@ def guess_ring(time: Array, values: Array) -> Tool:
 
 
 def fit_ring(time: Array, force: Array, origin: float, mains: float, noise: float) -> Ring:
-    """Fit a damped ring to the samples after a slip."""
-    frequency, decay = guess_ring(time, force)
-    since = time - origin
+    """Fit a damped ring to the samples after a slip; of a tool that hardens, after Duffing, where that is seen."""
+    ring = _fit_damped(time, force, origin, mains, noise, np.array([*guess_ring(time, force), _RELEASE_DECAY[1]]))
+    # does what is left over look as that of a tool whose pitch falls as it dies?
+    about, since, hard = ring.level[0] / ring.amplitude(origin)[0], time - origin, np.append(ring.fit.shape, _LITTLE)
+    columns = [_columns(since, origin, mains, shape, about) for shape in (ring.fit.shape, hard)]
+    if not ring.fit.lacks((columns[1] - columns[0]) @ ring.fit.weights):
+        return ring
+    harder = _fit_damped(time, force, origin, mains, noise, hard, about)
+    # about which level it rings is in units of an amplitude that a cosine misses
+    about = harder.level[0] / harder.amplitude(origin)[0]
+    harder = _fit_damped(time, force, origin, mains, noise, harder.fit.shape, about)
+    return harder if harder.misfit < max(_HARD, _CLOSER * ring.misfit) else ring
+
+
+def _fit_damped(
+    time: Array, force: Array, origin: float, mains: float, noise: float, start: Array, about: float = 0.0
+) -> Ring:
+    (frequency, *_), count, least = start, start.size, 0.85 if start.size == 3 else 0.7
     fit = fit_separable(
-        lambda shape: _columns(since, origin, mains, shape),
+        lambda shape: _columns(time - origin, origin, mains, shape, about),
         force,
-        start=np.array([frequency, decay, _RELEASE_DECAY[1]]),
-        lower=np.array([0.85 * frequency, 1e-3, _RELEASE_DECAY[0]]),
-        upper=np.array([1.15 * frequency, 1.0, _RELEASE_DECAY[2]]),
-        scale=np.array([1.0, 5e-3, 1e-4]),
+        start=start,
+        lower=np.array([least * frequency, 1e-3, _RELEASE_DECAY[0], 0.0])[:count],
+        upper=np.array([1.15 * frequency, 1.0, _RELEASE_DECAY[2], 3.0])[:count],
+        scale=np.array([1.0, 5e-3, 1e-4, 0.05])[:count],
     )
-    return _ring_of(fit, time, origin, mains, noise)
-
-
-def hardens(ring: Ring, time: Array) -> bool:
-    """Whether what a damped ring leaves over looks as that of a tool that hardens."""
-    fit, since, about = ring.fit, time - ring.origin, ring.level[0] / ring.amplitude(ring.origin)[0]
-    soft, hard = fit.shape, np.append(fit.shape, _LITTLE)
-    columns = [_columns(since, ring.origin, ring.mains, shape, about) for shape in (soft, hard)]
-    return fit.lacks((columns[1] - columns[0]) @ fit.weights)
-
-
-def fit_hardening_ring(ring: Ring, time: Array, force: Array, noise: float) -> Ring:
-    """Fit a ring again as that of a tool that hardens, after Duffing: its pitch falls as it dies, and it is no cosine."""
-    origin, mains, (frequency, decay, release) = ring.origin, ring.mains, ring.fit.shape
-    start = np.array([frequency, decay, release, 0.05])
-    for _ in range(2):  # about which level it rings, in units of an amplitude that the first fit finds
-        about = ring.level[0] / ring.amplitude(origin)[0]
-        fit = fit_separable(
-            lambda shape, about=about: _columns(time - origin, origin, mains, shape, about),
-            force,
-            start,
-            lower=np.array([0.7 * frequency, 1e-3, _RELEASE_DECAY[0], 0.0]),
-            upper=np.array([1.15 * frequency, 1.0, _RELEASE_DECAY[2], 3.0]),
-            scale=np.array([1.0, 5e-3, 1e-4, 0.05]),
-        )
-        ring, start = _ring_of(fit, time, origin, mains, noise, about), fit.shape
-    return ring
-
-
-def _ring_of(fit: SeparableFit, time: Array, origin: float, mains: float, noise: float, about: float = 0.0) -> Ring:
-    count = fit.shape.size
     return Ring(
         frequency=(float(fit.shape[0]), fit.std(0)),
         decay_time=(float(fit.shape[1]), fit.std(1)),
@@ -196,13 +181,13 @@ def _swing(count: int, tool: tuple[float, float, float], about: float, begin: fl
     """Force over its level and its rate, step by step; written for a compiler, nothing checked."""
     omega, decay, cubic = tool
     result = np.empty((count, 2))
-    u, v, pull = rest + begin, -begin / decay, 0.0
+    kick, shrink = 0.5 * _FINE_STEP * omega**2, math.exp(-_FINE_STEP / decay)
+    u, v = rest + begin, -begin / decay
     for n in range(count):
-        pull = -(omega**2) * (u + cubic * u**3 - about) - 2.0 / decay * v
-        result[n, 0], result[n, 1] = u + cubic * u**3 - about, (1.0 + 3.0 * cubic * u**2) * v
-        v += 0.5 * _FINE_STEP * pull
-        u += _FINE_STEP * v
-        v += 0.5 * _FINE_STEP * (-(omega**2) * (u + cubic * u**3 - about) - 2.0 / decay * v)
+        over = u + cubic * u**3 - about
+        result[n, 0], result[n, 1] = over, (1.0 + 3.0 * cubic * u**2) * v
+        u += _FINE_STEP * (v * shrink - kick * over)
+        v = (v * shrink - kick * over - kick * (u + cubic * u**3 - about)) * shrink
     return result
 
 
