@@ -1,8 +1,8 @@
 """Regimes and the E_v of each, on records of the tests' own bench, which integrates the motion by rigid contact.
 
 Run as ``python benchmarks/regimes.py [TRIALS [REGIME]]`` (default 400, a third of them with static friction twice the kinetic
-one; of one regime alone where it is named, as many trials as it has among so many times twenty drags). It prints which regime was said of which, and for each the error of ln E_v and the pulls of the ring's amplitude (error over its
-stated standard uncertainty: 1 where that is right).
+one; where a regime is named, its trials alone, of twenty times as many drags). It prints which regime was said of which, and for
+each the error of ln E_v and the pulls of the ring's amplitude (error over its stated standard uncertainty: 1 where that is right).
 """
 
 import sys
