@@ -40,6 +40,7 @@ _ALIKE = 1e-7  # relative difference of costs that the optimiser's own tolerance
 _ROUNDING = 1e-12  # change of a force that is rounding [N]
 _SCALE = np.array([0.01, 0.05, 2.0, 5e-3, 0.05, 10.0, 0.1])  # in which the values of a fit move
 _MOST_PHASES = 5000
+_BEYOND = 1.4  # twice the sliding force times this: a tip that stops farther below it clearly slips back
 
 _BEGIN = 8e-3  # time after the slip in which a wrong fit of a ring shows [s]
 _LOWEST = 80.0  # [Hz] below lie hum and its first harmonic
@@ -337,4 +338,7 @@ def fit_rubbing_ring(
     covariance, missed = covariance_of(jacobian, residuals, prior), misfit(residuals, 7, begin, noise)
     # a sample between two turns changes by the gap itself; a gap that moves less than one sample was not seen
     knows_gap = bool(np.abs(jacobian[:, 1]).sum() > 1.0 and values[1] > 1e-5)
+    # and of one that stops little beyond the other side of friction other gaps tell as much
+    stopped = values[4] ** 2 - (slope / (2.0 * math.pi * values[2])) ** 2
+    knows_gap = knows_gap and bool(stopped > (_BEYOND * 2.0 * level) ** 2)
     return RubbingRing(values, covariance, slope, origin, missed, residuals, knows_gap)
