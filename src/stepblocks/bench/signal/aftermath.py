@@ -110,6 +110,8 @@ def settle(
     drift = float(approach.fit.weights[1]) * reach
     slid = Motion(time, clean, clean, marks.peak, approach.level + drift, 0.0, approach.slope, marks.noise, frequency)
     depth, std, instant = first_swing(slid)
+    # a tool that hardens swings less far below its level than above it, where it was let go
+    depth += 3.0 * approach.hardening * approach.level * depth * (depth - approach.level)
     level_std = approach.level_std if saw is None else saw.kinetic[1]
     drift_std = approach.fit.std(approach.fit.shape.size + 1) * reach
     swing = Swing((depth, math.hypot(std, level_std, drift_std)), instant, (decay, spread), 0.5 / frequency)

@@ -7,11 +7,13 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from stepblocks.bench.signal import Array, Tool
+from stepblocks.bench.signal import Array, Estimate, Tool
 from stepblocks.bench.signal.separable import SeparableFit, damped_wave, fit_linear, fit_separable, propagated, wave
 
 _MAINS = (50.0, 60.0)  # [Hz]
 _RAMP_SHARE = 0.85  # of the rise; the first pass stays clear of a rounded peak
+_LINE_SHARE = 0.9  # of the rise, up to which the slope of a bent ramp is told; `contact.state` foretells it so
+_BENDS = 3  # times that a bent ramp is fitted
 _START_UP_GAIN = 0.02  # a start-up ring must explain this share of the variance, or it is left out
 _LINE_SIGMAS = 4.0
 _RISE_OVER_NOISE = 12.0  # a peak must stand out by this many standard deviations of the noise
@@ -101,20 +103,48 @@ def _with_onset(time: Array, smooth: Array, marks: Landmarks) -> Landmarks:
     return replace(marks, onset=onset)
 
 
+@dataclass(frozen=True)
+class Clock:
+    """What a fit of sliding and ramp is told."""
+
+    mains: float  # mains frequency that is fitted along [Hz]
+    center: float  # instant at which the level holds [s]
+    step: float  # between two samples [s]
+    bend: tuple[float, float] | None = None  # level [N] and first slope [N/s] of a ramp that bends
+
+
 @dataclass
 class Approach:
     """What was fitted to a trace up to its peak."""
 
-    fit: SeparableFit  # shape: onset (and start-up ring); weights: level, drift, slope, hum (and start-up ring)
+    # shape: onset (and start-up ring); weights: level, drift, slope, hum, g of a bent ramp (and start-up ring)
+    fit: SeparableFit
     end: int  # first sample that no longer follows the line of the ramp
-    mains: float  # mains frequency that was fitted along [Hz]
-    center: float  # instant at which `level` holds [s]
+    clock: Clock
 
     def __post_init__(self) -> None:
         fit, first = self.fit, self.fit.shape.size
         self.onset = float(fit.shape[0])  # begin of loading [s]
         self.level, self.level_std = float(fit.weights[0]), fit.std(first)  # tangential force while sliding [N]
-        self.slope, self.slope_std = float(fit.weights[2]), fit.std(first + 2)  # of the ramp [N/s]
+        self.slope = float(fit.weights[2])  # of the ramp where it begins [N/s]
+        self.mains, self.center = self.clock.mains, self.clock.center
+        self.hardening = 0.0 if self.clock.bend is None else float(fit.weights[5])  # g of ``F = u + g u^3`` [1/N^2]
+
+    def mean_slope(self, rise: float) -> Estimate:
+        """Slope of the straight line through the ramp up to a share of its rise, and its standard uncertainty [N/s]."""
+        first, gradient = self.fit.shape.size, np.zeros(self.fit.covariance.shape[0])
+        gradient[first + 2] = 1.0
+        if self.clock.bend is not None:
+            grid = np.linspace(0.0, rise / self.slope, 801)
+            end = float(np.interp(_LINE_SHARE * rise, self.slope * grid + self._bent(grid), grid))
+            # the least-squares line through t^2 and t^3 over 0 to T climbs by T and by 0.9 T^2
+            level, slope = self.clock.bend
+            gradient[first + 5] = 3.0 * level * slope**2 * end + 0.9 * slope**3 * end**2
+        return float(gradient[first:] @ self.fit.weights), propagated(gradient, self.fit.covariance)
+
+    def _bent(self, since: Array) -> Array:
+        """Return what a bent ramp has over its line [N]."""
+        return np.zeros_like(since) if self.clock.bend is None else self.hardening * bent(since, self.clock.bend)
 
     @property
     def start_up(self) -> Tool | None:
@@ -123,14 +153,16 @@ class Approach:
 
     def line(self, time: Array) -> Array:
         """Line of the ramp with drift and hum [N], continued past its end."""
-        columns = _columns(time, self.onset, self.center, self.mains)
+        columns = _columns(time, self.onset, replace(self.clock, bend=None))
         columns[:, 2] = time - self.onset
-        return np.asarray(columns @ self.fit.weights[:5], dtype=float)
+        return np.asarray(columns @ self.fit.weights[:5] + self._bent(time - self.onset), dtype=float)
 
     def line_std(self, time: float) -> float:
         """Return the standard uncertainty of `ramp` at one instant [N]."""
         size, gradient = self.fit.shape.size, np.zeros(self.fit.covariance.shape[0])
         gradient[0], gradient[size], gradient[size + 2] = -self.slope, 1.0, time - self.onset
+        if self.clock.bend is not None:
+            gradient[size + 5] = float(bent(np.array([time - self.onset]), self.clock.bend)[0])
         return propagated(gradient, self.fit.covariance)
 
     def hum(self, time: Array) -> Array:
@@ -143,11 +175,11 @@ class Approach:
         if self.start_up is None:
             return force
         frequency, decay = self.start_up
-        return np.asarray(force + damped_wave(time, frequency, decay) @ self.fit.weights[5:7], dtype=float)
+        return np.asarray(force + damped_wave(time, frequency, decay) @ self.fit.weights[-2:], dtype=float)
 
     def ramp(self, time: float) -> float:
         """Force on the line of the ramp without hum and drift [N]."""
-        return self.level + self.slope * (time - self.onset)
+        return self.level + self.slope * (time - self.onset) + float(self._bent(np.array([time - self.onset]))[0])
 
 
 def mains_of(time: Array, values: Array) -> float:
@@ -160,37 +192,51 @@ def mains_of(time: Array, values: Array) -> float:
     return min(_MAINS, key=left)
 
 
-def _columns(time: Array, onset: float, center: float, mains: float) -> Array:
-    return np.column_stack([np.ones_like(time), time - center, np.maximum(time - onset, 0.0), wave(time, mains)])
+def _columns(time: Array, onset: float, clock: Clock) -> Array:
+    since = np.maximum(time - onset, 0.0)
+    columns = [np.ones_like(time), time - clock.center, since, wave(time, clock.mains)]
+    return np.column_stack(columns if clock.bend is None else [*columns, bent(since, clock.bend)])
+
+
+def bent(since: Array, bend: tuple[float, float]) -> Array:
+    """Return what a spring that hardens adds, per g, to a ramp that begins at a level with a slope."""
+    level, slope = bend
+    return 3.0 * level * (slope * since) ** 2 + (slope * since) ** 3
 
 
 def fit_approach(time: Array, force: Array, marks: Landmarks, start_up: Tool | None) -> Approach:
-    """Fit sliding and ramp together."""
-    end = int(np.flatnonzero(force[: marks.peak + 1] - marks.level < _RAMP_SHARE * marks.rise)[-1]) + 1
+    """Fit sliding and ramp together, and how the ramp bends where it clearly does."""
     slide_end = int(np.searchsorted(time, marks.onset))
-    center = float(time[: max(slide_end, 1)].mean())
     mains = mains_of(time[:slide_end], force[:slide_end])
-    step = float(np.median(np.diff(time)))
-    fit = _fit_until(time[:end], force[:end], marks.onset, center, mains, start_up, step=step)
+    clock = Clock(mains, float(time[: max(slide_end, 1)].mean()), float(np.median(np.diff(time))))
+    found = _fit_ramp(time, force, marks, clock, start_up)
+    since = np.maximum(time[: found.end] - found.onset, 0.0)
+    if found.fit.lacks(bent(since, (found.level, found.slope))):
+        for _ in range(_BENDS):  # the slope with which it begins tells how it bends
+            found = _fit_ramp(time, force, marks, replace(clock, bend=(found.level, found.slope)), start_up)
+    return found
+
+
+def _fit_ramp(time: Array, force: Array, marks: Landmarks, clock: Clock, start_up: Tool | None) -> Approach:
+    end = int(np.flatnonzero(force[: marks.peak + 1] - marks.level < _RAMP_SHARE * marks.rise)[-1]) + 1
+    fit = _fit_until(time[:end], force[:end], marks.onset, clock, start_up)
     onset = float(fit.shape[0])
     # the filter of a converter rings a sample or two ahead of a corner
     rest = slice(end, max(marks.peak - 2, end))
-    miss = force[rest] - _columns(time[rest], onset, center, mains) @ fit.weights[:5]
-    left = _leaves_line(miss, marks.noise)
+    columns = _columns(time[rest], onset, clock)
+    left = _leaves_line(force[rest] - columns @ fit.weights[: columns.shape[1]], marks.noise)
     extended = marks.peak if left is None else end + left
     if extended > end:
         end = extended
-        fit = _fit_until(time[:end], force[:end], onset, center, mains, start_up, step=step)
-    return Approach(fit, end, mains, center)
+        fit = _fit_until(time[:end], force[:end], onset, clock, start_up)
+    return Approach(fit, end, clock)
 
 
-def _fit_until(
-    t: Array, y: Array, onset: float, center: float, mains: float, start_up: Tool | None, *, step: float
-) -> SeparableFit:
-    reach = max(0.25 * (float(t[-1]) - onset), 5.0 * step)
+def _fit_until(t: Array, y: Array, onset: float, clock: Clock, start_up: Tool | None) -> SeparableFit:
+    reach = max(0.25 * (float(t[-1]) - onset), 5.0 * clock.step)
 
     def plain(shape: Array) -> Array:
-        return _columns(t, float(shape[0]), center, mains)
+        return _columns(t, float(shape[0]), clock)
 
     first = np.array([onset])
     fit = fit_separable(plain, y, first, first - 4.0 * reach, first + 2.0 * reach, np.array([reach]))

@@ -157,6 +157,10 @@ class Loading:
         """What can be said of `FEATURE_COLUMNS`."""
         return _figures(_OF_LOADING, self)
 
+    def slope(self) -> Estimate:
+        """Slope of the ramp, and its standard uncertainty [N/s]."""
+        return self.approach.mean_slope(self.peak.force - self.approach.level)
+
     def friction(self) -> Estimate:
         """Sliding over normal force, and its standard uncertainty [1]."""
         load, load_std = self.load
@@ -209,11 +213,8 @@ _FIGURES: _Figures = {
     ("sliding_friction", "sliding_friction_std"): Loading.friction,
     ("normal_load_n", "normal_load_std_n"): lambda m: m.load,
     ("loading_onset_s",): lambda m: (m.approach.onset + m.start,),
-    ("loading_slope_n_per_s", "loading_slope_std_n_per_s"): lambda m: (m.approach.slope, m.approach.slope_std),
-    ("spring_constant_n_per_m", "spring_constant_std_n_per_m"): lambda m: (
-        m.approach.slope / m.speed,
-        m.approach.slope_std / m.speed,
-    ),
+    ("loading_slope_n_per_s", "loading_slope_std_n_per_s"): Loading.slope,
+    ("spring_constant_n_per_m", "spring_constant_std_n_per_m"): lambda m: tuple(one / m.speed for one in m.slope()),
     ("peak_force_n", "peak_force_std_n"): lambda m: (m.peak.force, m.peak.force_std),
     ("release_time_s",): lambda m: (m.peak.time + m.start,),
     ("release_level_n", "release_level_std_n"): lambda m: m.aftermath.level,

@@ -40,10 +40,14 @@ _ALIKE = 1e-7  # relative difference of costs that the optimiser's own tolerance
 _ROUNDING = 1e-12  # change of a force that is rounding [N]
 _SCALE = np.array([0.01, 0.05, 2.0, 5e-3, 0.05, 10.0, 0.1])  # in which the values of a fit move
 _MOST_PHASES = 5000
+_BEYOND = 1.4  # twice the sliding force times this: a tip that stops farther below it clearly slips back
 
 _BEGIN = 8e-3  # time after the slip in which a wrong fit of a ring shows [s]
 _LOWEST = 80.0  # [Hz] below lie hum and its first harmonic
 _RELEASE_DECAY = (0.05e-3, 0.4e-3, 1.5e-3)  # [s] least, first guess, most
+_LITTLE = 0.02  # g A^2 with which a tool that hardens is tried
+_HARD, _CLOSER = 7.0, 0.05  # misfit, and share of the misfit of a cosine, up to which it is taken for one
+_FINE_STEP = 1e-5  # [s] of the motion of a tool that hardens
 _DECAYS = (5e-3, 12e-3, 25e-3, 60e-3)  # [s] first guesses of the decay time
 
 
@@ -56,9 +60,11 @@ class Ring:
     level: Estimate  # about which it rings at `origin` [N]
     origin: float  # instant that the fit counts from [s]
     mains: float  # mains frequency fitted along [Hz]
-    # shape: frequency, decay time, decay time of the release; weights: level, drift, hum (2), release, ring (2)
+    # shape: frequency, decay time, decay time of the release, of a tool that hardens g A^2 too; weights: level, drift,
+    # hum (2), release, ring (2)
     fit: SeparableFit
     misfit: float  # by how many standard errors the residuals miss the noise
+    about: float = 0.0  # level over amplitude, about which a tool that hardens rings [1]
 
     def curve(self, time: Array) -> Array:
         """Return the whole fit [N] at the instants `time`."""
@@ -67,8 +73,9 @@ class Ring:
     def curve_std(self, instant: float) -> float:
         """Return the standard uncertainty of `curve` at one instant [N]."""
         at = np.array([instant - self.origin])
-        slopes = numeric_jacobian(lambda shape: self._model(at, shape), self.fit.shape, np.array([1e-3, 1e-6, 1e-6]))
-        columns = _columns(at, self.origin, self.mains, self.fit.shape)
+        step = np.array([1e-3, 1e-6, 1e-6, 1e-4])[: self.fit.shape.size]
+        slopes = numeric_jacobian(lambda shape: self._model(at, shape), self.fit.shape, step)
+        columns = _columns(at, self.origin, self.mains, self.fit.shape, self.about)
         return propagated(np.concatenate([slopes[0], columns[0]]), self.fit.covariance)
 
     def amplitude(self, instant: float) -> Estimate:
@@ -81,11 +88,11 @@ class Ring:
         gradient = np.zeros(self.fit.covariance.shape[0])
         gradient[1] = carried * reach / decay**2
         if size > 0.0:
-            gradient[8], gradient[9] = growth * cosine / size, growth * sine / size
+            gradient[-2:] = growth * cosine / size, growth * sine / size
         return carried, propagated(gradient, self.fit.covariance)
 
     def _model(self, since: Array, shape: Array) -> Array:
-        return np.asarray(_columns(since, self.origin, self.mains, shape) @ self.fit.weights, dtype=float)
+        return np.asarray(_columns(since, self.origin, self.mains, shape, self.about) @ self.fit.weights, dtype=float)
 
 
 def guess_ring(time: Array, values: Array) -> Tool:
@@ -107,33 +114,82 @@ def guess_ring(time: Array, values: Array) -> Tool:
 
 
 def fit_ring(time: Array, force: Array, origin: float, mains: float, noise: float) -> Ring:
-    """Fit a damped ring to the samples after a slip."""
-    frequency, decay = guess_ring(time, force)
-    since = time - origin
+    """Fit a damped ring to the samples after a slip; of a tool that hardens, after Duffing, where that is seen."""
+    ring = _fit_damped(time, force, origin, mains, noise, np.array([*guess_ring(time, force), _RELEASE_DECAY[1]]))
+    # does what is left over look as that of a tool whose pitch falls as it dies?
+    about, since, hard = ring.level[0] / ring.amplitude(origin)[0], time - origin, np.append(ring.fit.shape, _LITTLE)
+    columns = [_columns(since, origin, mains, shape, about) for shape in (ring.fit.shape, hard)]
+    if not ring.fit.lacks((columns[1] - columns[0]) @ ring.fit.weights):
+        return ring
+    harder = _fit_damped(time, force, origin, mains, noise, hard, about)
+    # about which level it rings is in units of an amplitude that a cosine misses
+    about = harder.level[0] / harder.amplitude(origin)[0]
+    harder = _fit_damped(time, force, origin, mains, noise, harder.fit.shape, about)
+    return harder if harder.misfit < max(_HARD, _CLOSER * ring.misfit) else ring
+
+
+def _fit_damped(
+    time: Array, force: Array, origin: float, mains: float, noise: float, start: Array, about: float = 0.0
+) -> Ring:
+    (frequency, *_), count, least = start, start.size, 0.85 if start.size == 3 else 0.7
     fit = fit_separable(
-        lambda shape: _columns(since, origin, mains, shape),
+        lambda shape: _columns(time - origin, origin, mains, shape, about),
         force,
-        start=np.array([frequency, decay, _RELEASE_DECAY[1]]),
-        lower=np.array([0.85 * frequency, 1e-3, _RELEASE_DECAY[0]]),
-        upper=np.array([1.15 * frequency, 1.0, _RELEASE_DECAY[2]]),
-        scale=np.array([1.0, 5e-3, 1e-4]),
+        start=start,
+        lower=np.array([least * frequency, 1e-3, _RELEASE_DECAY[0], 0.0])[:count],
+        upper=np.array([1.15 * frequency, 1.0, _RELEASE_DECAY[2], 3.0])[:count],
+        scale=np.array([1.0, 5e-3, 1e-4, 0.05])[:count],
     )
     return Ring(
         frequency=(float(fit.shape[0]), fit.std(0)),
         decay_time=(float(fit.shape[1]), fit.std(1)),
-        level=(float(fit.weights[0]), fit.std(3)),
+        level=(float(fit.weights[0]), fit.std(count)),
         origin=origin,
         mains=mains,
         fit=fit,
-        misfit=misfit(fit.residuals, 10, int(np.searchsorted(time, origin + _BEGIN)), noise),
+        misfit=misfit(fit.residuals, count + 7, int(np.searchsorted(time, origin + _BEGIN)), noise),
+        about=about,
     )
 
 
-def _columns(since: Array, origin: float, mains: float, shape: Array) -> Array:
+def _columns(since: Array, origin: float, mains: float, shape: Array, about: float = 0.0) -> Array:
     """Level and drift from the slip on, hum on the clock of the record, rest of the release, ring."""
-    frequency, decay, release = shape
-    hum, ring = wave(since + origin, mains), damped_wave(since, frequency, decay)
+    frequency, decay, release, *cubic = shape.tolist()
+    hum = wave(since + origin, mains)
+    ring = _hardening_wave(since, (frequency, decay, *cubic), about) if cubic else damped_wave(since, frequency, decay)
     return np.column_stack([np.ones_like(since), since, hum, np.exp(-since / release), ring])
+
+
+def _hardening_wave(since: Array, tool: tuple[float, ...], about: float) -> Array:
+    """Force over its level of a tool with ``F = u + g u^3`` let go at an amplitude of 1, and its rate over its pulsation.
+
+    `tool` is the frequency of small swings about the level, the decay time, and g; `about` the level.
+    """
+    frequency, decay, cubic = tool
+    # the force had the spring not hardened, at rest and at the amplitude: the real root, by Viete's hyperbolic sine
+    root = math.sqrt(3.0 * max(cubic, 1e-9))
+    rest, first = (2.0 / root * math.sinh(math.asinh(1.5 * force * root) / 3.0) for force in (about, about + 1.0))
+    omega = 2.0 * math.pi * frequency / math.sqrt(1.0 + 3.0 * cubic * rest**2)
+    time = np.abs(since)  # a little before the release the same as after it
+    count = int(float(time.max()) / _FINE_STEP) + 2
+    swing = _compiled(_swing)(count, (omega, decay, cubic), about, first - rest, rest)
+    clock = _FINE_STEP * np.arange(count)
+    rate = np.interp(time, clock, swing[:, 1]) * np.sign(since) / (-2.0 * math.pi * frequency)
+    return np.column_stack([np.interp(time, clock, swing[:, 0]), rate])
+
+
+def _swing(count: int, tool: tuple[float, float, float], about: float, begin: float, rest: float) -> Array:
+    """Force over its level and its rate, step by step; written for a compiler, nothing checked."""
+    omega, decay, cubic = tool
+    result = np.empty((count, 2))
+    kick, shrink = 0.5 * _FINE_STEP * omega**2, math.exp(-_FINE_STEP / decay)
+    u, v = rest + begin, -begin / decay
+    for n in range(count):
+        over = u + cubic * u**3 - about
+        result[n, 0], result[n, 1] = over, (1.0 + 3.0 * cubic * u**2) * v
+        u += _FINE_STEP * (v * shrink - kick * over)
+        v = (v * shrink - kick * over - kick * (u + cubic * u**3 - about)) * shrink
+    return result
 
 
 @dataclass(frozen=True)
@@ -165,15 +221,15 @@ def rubbing_force(time: Array, level: float, gap: float, tool: Tool, start: tupl
     `level` holds while the tip slips forward and is lower by `gap` while it slips back [N]; `start` is the force [N] and its
     rate [N/s] at 0; `slope` is that of the force while the tip sticks [N/s].
     """
-    return np.asarray(_compiled()(time, level, gap, *tool, *start, slope), dtype=float)
+    return np.asarray(_compiled(_kernel)(time, level, gap, *tool, *start, slope), dtype=float)
 
 
 @cache
-def _compiled() -> Callable[..., Array]:
-    """Compile the kernel when it is first wanted: a fit calls it some hundred times."""
+def _compiled(kernel: Callable[..., Array]) -> Callable[..., Array]:
+    """Compile a kernel when it is first wanted: a fit calls it some hundred times."""
     from numba import njit
 
-    return cast("Callable[..., Array]", njit(cache=True)(_kernel))
+    return cast("Callable[..., Array]", njit(cache=True)(kernel))
 
 
 def _kernel(
@@ -282,4 +338,7 @@ def fit_rubbing_ring(
     covariance, missed = covariance_of(jacobian, residuals, prior), misfit(residuals, 7, begin, noise)
     # a sample between two turns changes by the gap itself; a gap that moves less than one sample was not seen
     knows_gap = bool(np.abs(jacobian[:, 1]).sum() > 1.0 and values[1] > 1e-5)
+    # and of one that stops little beyond the other side of friction other gaps tell as much
+    stopped = values[4] ** 2 - (slope / (2.0 * math.pi * values[2])) ** 2
+    knows_gap = knows_gap and bool(stopped > (_BEYOND * 2.0 * level) ** 2)
     return RubbingRing(values, covariance, slope, origin, missed, residuals, knows_gap)

@@ -13,6 +13,7 @@ import numpy as np
 
 from stepblocks.bench.signal import Array
 
+_CLEAR = 3.0  # standard uncertainties
 _UNSEEN = 1e-7  # of the largest direction: what the data cannot tell apart, far above the rounding of the columns
 
 
@@ -24,10 +25,17 @@ class SeparableFit:
     weights: Array  # shape (p,), of the columns of the basis
     covariance: Array  # shape (q + p, q + p), of `shape` and `weights`, scaled by the scatter of the residuals
     residuals: Array  # shape (n,), data minus model
+    jacobian: Array  # shape (n, q + p), slopes in `shape` and columns of the basis
 
     def std(self, index: int) -> float:
         """Return the standard uncertainty of one of `shape` and `weights`, counted on."""
         return float(np.sqrt(max(self.covariance[index, index], 0.0)))
+
+    def lacks(self, column: Array) -> bool:
+        """Whether one column more would clearly take a positive weight: one Gauss-Newton step."""
+        columns = np.column_stack([self.jacobian, column])
+        weights, covariance = weighed(columns / np.linalg.norm(columns, axis=0), self.residuals)
+        return bool(weights[-1] > _CLEAR * math.sqrt(covariance[-1, -1]))
 
 
 def fit_separable(
@@ -47,8 +55,8 @@ def fit_separable(
         shape = np.asarray(found.x, dtype=float)
     weights, residuals = solve(shape)
     slopes = numeric_jacobian(lambda p: basis(p) @ weights, shape, scale * 1e-4, lower, upper)
-    covariance = covariance_of(np.column_stack([slopes, basis(shape)]), residuals)
-    return SeparableFit(shape, weights, covariance, residuals)
+    jacobian = np.column_stack([slopes, basis(shape)])
+    return SeparableFit(shape, weights, covariance_of(jacobian, residuals), residuals, jacobian)
 
 
 def fit_linear(columns: Array, values: Array, rcond: float | None = None) -> tuple[Array, Array]:
