@@ -58,7 +58,7 @@ def add_to(commands: Any) -> None:
     ):
         metavar = dimension.upper()
         parser.add_argument(f"--{name}", type=quantity(dimension), metavar=metavar, help=said)
-    add_output(parser, said="write page, table, plot, JSON and as-built record here")
+    add_output(parser, said="write page, plot, JSON and as-built record here")
 
 
 def _run(arguments: argparse.Namespace) -> Outcome:

@@ -290,26 +290,7 @@ def fit_features(
 
     `exclusion` is the half width [m] kept out at every edge; where its flank is, and half as much again, by default.
     """
-    used = np.isfinite(z)
-    for edge in edges:
-        slack = 0.25 * (edge.end - edge.begin) + 1.5 * float(x[1] - x[0])
-        span = (edge.begin - slack, edge.end + slack)
-        begin, end = span if exclusion is None else (edge.position - exclusion, edge.position + exclusion)
-        used &= (x < begin) | (x > end)
-    spans = _paired(edges)
-    steps = np.array([(x > begin) & (x < end) for begin, end in spans], dtype=np.float64)
-    least = min(*(used & (steps > 0.5)).sum(axis=1), (used & (steps.sum(axis=0) < 0.5)).sum())
-    if least < 5:
-        raise MetrologyError(f"each feature and its surroundings must keep 5 points beside the flanks, got {least}")
-    t = 2.0 * (x - x[0]) / (x[-1] - x[0]) - 1.0
-    fits: dict[int, Fit] = {}
-    for power in _DEGREES if degree is None else (degree,):
-        design = np.stack([*(t**k for k in range(power + 1)), *steps])
-        if np.linalg.matrix_rank(design[:, used]) < len(design):
-            break
-        fits[power] = fit_without_spikes(design, z, used)
-    if not fits:
-        raise MetrologyError("features must leave enough of a reference to level the profile on, got too little")
+    fits = _fits(x, z, edges, _DEGREES if degree is None else (degree,), exclusion)
 
     def significant(power: int) -> bool:
         last = fits[power].estimate(power)
@@ -317,9 +298,40 @@ def fit_features(
 
     power = max(one for one in fits if one == min(fits) or significant(one))
     fit = fits[power]
-    features = tuple(Feature(*span, fit.estimate(power + index)) for index, span in enumerate(spans, 1))
-    gain, together = _gain(t, z, fit, power + 1 + 2 * len(edges))
+    features = tuple(Feature(*span, fit.estimate(power + index)) for index, span in enumerate(_paired(edges), 1))
+    gain, together = _gain(fit.design[1], z, fit, power + 1 + 2 * len(edges))
     return Levels(features, power, fit.solution @ fit.design, fit.used, fit.rejected, gain, together, tuple(edges))
+
+
+def other_heights(x: Array, z: Array, edges: Sequence[Found], degree: int) -> Array:
+    """Heights of all features between `edges` on a polynomial of this degree [m], without their uncertainty."""
+    return _fits(x, z, edges, (degree,), None)[degree].solution[degree + 1 :]
+
+
+def _fits(
+    x: Array, z: Array, edges: Sequence[Found], degrees: Sequence[int], exclusion: float | None
+) -> dict[int, Fit]:
+    """Fit polynomials and heights by the degree of the polynomial, as far as the points determine them."""
+    used = np.isfinite(z)
+    for edge in edges:
+        slack = 0.25 * (edge.end - edge.begin) + 1.5 * float(x[1] - x[0])
+        span = (edge.begin - slack, edge.end + slack)
+        begin, end = span if exclusion is None else (edge.position - exclusion, edge.position + exclusion)
+        used &= (x < begin) | (x > end)
+    steps = np.array([(x > begin) & (x < end) for begin, end in _paired(edges)], dtype=np.float64)
+    least = min(*(used & (steps > 0.5)).sum(axis=1), (used & (steps.sum(axis=0) < 0.5)).sum())
+    if least < 5:
+        raise MetrologyError(f"each feature and its surroundings must keep 5 points beside the flanks, got {least}")
+    t = 2.0 * (x - x[0]) / (x[-1] - x[0]) - 1.0
+    fits: dict[int, Fit] = {}
+    for power in degrees:
+        design = np.stack([*(t**k for k in range(power + 1)), *steps])
+        if np.linalg.matrix_rank(design[:, used]) < len(design):
+            break
+        fits[power] = fit_without_spikes(design, z, used)
+    if not fits:
+        raise MetrologyError("features must leave enough of a reference to level the profile on, got too little")
+    return fits
 
 
 def _gain(t: Array, z: Array, fit: Fit, terms: int) -> tuple[float, float]:
