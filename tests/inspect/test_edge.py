@@ -35,6 +35,30 @@ def test_a_profile_without_noise_gives_its_height_exactly(height, radius):
     assert edge.radius.value == pytest.approx(radius, abs=0.5e-6)
 
 
+@pytest.mark.parametrize("seed", range(12))
+def test_the_radius_of_an_edge_that_is_not_resolved_does_not_hang_on_last_bits(seed):
+    x, z = draw(seed, 40e-6, 0.5e-6)
+    one, other = fit_edge(x, z), fit_edge(x, z + np.random.default_rng(seed).normal(0.0, 1e-20, len(x)))
+    assert other.radius.value == pytest.approx(one.radius.value, rel=1e-6)
+    assert other.radius_limit == pytest.approx(one.radius_limit, rel=1e-6)
+    assert other.position == pytest.approx(one.position, abs=1e-15)
+
+
+@pytest.mark.parametrize(("height", "radius", "seed"), [(50e-6, 14e-6, 34), (25e-6, 5e-6, 19)])
+def test_the_radius_is_that_of_the_posterior_summed_over_a_dense_grid(height, radius, seed, monkeypatch):
+    windows = []
+    found = edge_arc.arc_radius
+    monkeypatch.setattr("stepblocks.inspect.edge.arc_radius", lambda window: windows.append(window) or found(window))
+    edge = fit_edge(*draw(seed, height, radius))
+    radii = edge.radius.value + edge.radius.std * np.linspace(-7.0, 7.0, 99)
+    risers = edge.position + np.linspace(-2e-6, 2e-6, 401)
+    costs = np.stack([windows[0].costs(risers, one) for one in radii])
+    weight = np.exp(costs.min() - costs).sum(axis=1)
+    mean = np.average(radii, weights=weight)
+    assert edge.radius.value == pytest.approx(mean, abs=0.1 * edge.radius.std)
+    assert edge.radius.std == pytest.approx(np.sqrt(np.average((radii - mean) ** 2, weights=weight)), rel=0.1)
+
+
 def holds(errors, stds, dof):
     return np.mean(np.abs(errors) < stats.t.ppf(0.975, dof) * stds)
 

@@ -22,7 +22,8 @@ _TEMPER = 1.2523383
 # least cosine of the slope by which a residual is divided [1]: steeper than 78 degrees the lateral error decides
 _LEAST_COSINE = 0.2
 _UNRESOLVED = 3.0  # sampling intervals below which a radius is not resolved [1]
-_BETWEEN = 25  # positions of the riser that are tried between the two points beside it
+_BETWEEN = 25  # positions of the riser that are tried in a sampling interval about half the height
+_ALIKE = 1e-9  # difference of misfit that is none [1]: rounding
 _STARTS = 4  # points of the coarse grid that are followed
 _SUSPECTS = 4  # points of either kind that are named as suspects
 _LEAST_ANGLE = 0.02  # of a flank [rad]
@@ -70,6 +71,11 @@ class Window:
         column[0] = column[0] + 1e-3 * max(gamma[0], (1e-6 * height) ** 2)
         full = toeplitz(column)[np.ix_(lags, lags)] + shared[:, ::thin].T @ shared[:, ::thin]
         self.whitening = solve_triangular(cholesky(full, lower=True), np.eye(len(full)), lower=True)
+        # last point below half the height and first above, where the fewest points lie on the wrong side: spikes may
+        upper = self.z > 0.5 * height
+        wrong = np.concatenate([[0], np.cumsum(upper)]) + np.concatenate([np.cumsum(~upper[::-1])[::-1], [0]])
+        first = min(max(int(np.argmin(wrong)), 1), len(upper) - 1)
+        self.crossing = float(self.x[first - 1]), float(self.x[first])
 
     def across(self, risers: Array, radius: float) -> Array:
         """Residuals from the ideal surface [m], one row per position of the riser."""
@@ -96,8 +102,11 @@ class Window:
 
 def arc_radius(window: Window) -> Arc:
     """Radius of the edge in a window."""
-    radii, risers, costs = _refined(window, *_coarsely(window))
-    at = np.unravel_index(int(np.argmin(costs)), costs.shape)
+    radii, risers, costs = _unresolved(window)
+    if _moments(radii, np.exp(costs.min() - costs).sum(axis=1))[0] >= _UNRESOLVED * window.spacing:
+        radii, risers, costs = _refined(window, *_coarsely(window))
+    # of places that are as likely the first, whatever the last bits say
+    at = np.unravel_index(int(np.argmax(costs <= costs.min() + _ALIKE)), costs.shape)
     riser, radius = float(risers[at[1]]), float(radii[at[0]])
     across = window.across(risers[at[1] : at[1] + 1], radius)[0]
     white = window.whitening @ across
@@ -106,7 +115,7 @@ def arc_radius(window: Window) -> Arc:
     excess = max(1.0, float(np.mean(white[zone] ** 2))) if zone.any() else 1.0
     weight = np.exp((costs.min() - costs) / excess).sum(axis=1)
     weight /= weight.sum()
-    mean, std = float(np.sum(weight * radii)), _spread(radii, weight)
+    mean, std = _moments(radii, weight)
     limit = float(np.interp(0.95, np.cumsum(weight) - 0.5 * weight, radii))
     if mean < _UNRESOLVED * window.spacing:
         # between two samples nothing is known: a rectangle of one interval, as on any length along x
@@ -119,19 +128,30 @@ def arc_radius(window: Window) -> Arc:
     return Arc(mean, std, limit, riser, excess, float(costs.min()), suspects)
 
 
+def _unresolved(window: Window) -> tuple[Array, Array, Array]:
+    """Costs over all that an edge too sharp for the sampling may be.
+
+    Many places are as likely there, so nothing is sought: a search would end in one or another of them by the last bits.
+    """
+    spacing = window.spacing
+    radii = np.linspace(0.0, 2.0 * _UNRESOLVED * spacing, 49)
+    # of an arc higher than half the step the riser lies before the half height
+    over = max(float(radii[-1]) - 0.5 * window.height, 0.0)
+    inset = float(radii[-1] - np.sqrt(radii[-1] ** 2 - over**2))
+    begin, end = window.crossing[0] - 0.5 * spacing - inset, window.crossing[1] + 0.5 * spacing
+    risers = np.linspace(begin, end, round(_BETWEEN * (end - begin) / spacing))
+    return radii, risers, np.stack([window.costs(risers, float(radius)) for radius in radii])
+
+
 def _coarsely(window: Window) -> tuple[float, float]:
     """Best radius and riser: a coarse grid, then the few best of it followed downhill, since the valley is narrow and bent."""
     from scipy.optimize import minimize
 
-    spacing, upper = window.spacing, window.z > 0.5 * window.height
-    # last point below half the height and first above, where the fewest points lie on the wrong side: spikes may
-    wrong = np.concatenate([[0], np.cumsum(upper)]) + np.concatenate([np.cumsum(~upper[::-1])[::-1], [0]])
-    first = min(max(int(np.argmin(wrong)), 1), len(upper) - 1)
-    below, start = float(window.x[first - 1]), float(window.x[first])
+    spacing, (below, start) = window.spacing, window.crossing
     # of an arc lower than the step the riser lies between two points, and the arc is steepest there
     between = np.linspace(below - 0.5 * spacing, start + 0.5 * spacing, _BETWEEN)
     found = []
-    for radius in [0.0, *np.geomspace(0.2 * spacing, 0.5 * float(window.x[-1] - window.x[0]), 48)]:
+    for radius in np.geomspace(0.2 * spacing, 0.5 * float(window.x[-1] - window.x[0]), 48):
         # the riser lies left of the half-height crossing, at most by the width of the arc below it
         reach = radius + 2.0 * spacing
         spread = np.linspace(start - reach, start + spacing, max(12, min(60, int(reach / spacing))))
@@ -165,7 +185,7 @@ def _refined(window: Window, radius: float, riser: float) -> tuple[Array, Array,
         at = np.unravel_index(int(np.argmin(costs)), costs.shape)
         radius, riser = float(radii[at[0]]), float(risers[at[1]])
         weight = np.exp(costs.min() - costs)
-        std_r, std_x = _spread(radii, weight.sum(axis=1)), _spread(risers, weight.sum(axis=0))
+        std_r, std_x = _moments(radii, weight.sum(axis=1))[1], _moments(risers, weight.sum(axis=0))[1]
         if half_r <= 8.0 * std_r + window.spacing * 0.02 and half_x <= 10.0 * std_x + window.spacing * 0.02:
             break
         half_r = min(half_r, max(6.0 * std_r, 3.0 * float(radii[1] - radii[0])))
@@ -173,9 +193,10 @@ def _refined(window: Window, radius: float, riser: float) -> tuple[Array, Array,
     return radii, risers, costs
 
 
-def _spread(values: Array, weight: Array) -> float:
+def _moments(values: Array, weight: Array) -> tuple[float, float]:
+    """Mean and standard deviation."""
     mean = float(np.average(values, weights=weight))
-    return float(np.sqrt(np.average((values - mean) ** 2, weights=weight)))
+    return mean, float(np.sqrt(np.average((values - mean) ** 2, weights=weight)))
 
 
 @dataclass(frozen=True)

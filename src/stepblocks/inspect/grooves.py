@@ -10,7 +10,7 @@ import numpy as np
 from stepblocks.artefacts.scans.scan import HeightMap, Profile
 from stepblocks.errors import MetrologyError
 from stepblocks.inspect.budget import Component, Instrument, Measured, measured_from_profiles, with_budget
-from stepblocks.inspect.levelling import Feature, Levels, fit_features, measured_features
+from stepblocks.inspect.levelling import Feature, Levels, measured_features, other_heights
 from stepblocks.inspect.map_levels import fit_grating, masked_step
 from stepblocks.inspect.measure import AS_FOUND, How, Inspected, Shown, ShownMap, Window, sampled, tried
 from stepblocks.inspect.noise import LEAST_SCATTER, Array, Estimate, robust_scale
@@ -70,7 +70,7 @@ def _row(x: Array, z: Array, how: How) -> _Row:
     for index in chosen:
         feature = levels.features[index]
         height, name = feature.height, f"masked {_DEGREE_NAMES[levels.degree]}"
-        change = tuple(one.features[index].height.value - height.value for one in others)
+        change = tuple(float(one[index]) - height.value for one in others)
         best = None if how.degree is not None or how.exclusion is not None else _by_windows(x, z, levels, feature)
         if best is None:
             _check_level(z, levels, height.value)
@@ -113,15 +113,15 @@ def _by_windows(x: Array, z: Array, levels: Levels, feature: Feature) -> TypeA1 
     return best if best.kind == "A2" or best.scatter < _FITS * polynomial else None
 
 
-def _otherwise(x: Array, z: Array, levels: Levels, how: How) -> list[Levels]:
-    """Fit the same edges with the next polynomial, and with more kept out at them."""
+def _otherwise(x: Array, z: Array, levels: Levels, how: How) -> list[Array]:
+    """Heights by the next polynomial, and with more kept out at the edges."""
     step, wider = float(x[1] - x[0]), []
     for one in levels.edges:
         more = 0.5 * (one.end - one.begin) + 2 * step
         wider.append(replace(one, begin=one.begin - more, end=one.end + more))
     degrees = [levels.degree + 1 if levels.degree < 3 else 2, levels.degree]
     asked = zip((levels.edges, wider), degrees if how.degree is None else [how.degree] * 2, strict=True)
-    return [found for _, found in tried(lambda pair: fit_features(x, z, *pair), asked)[0]]
+    return [found for _, found in tried(lambda pair: other_heights(x, z, *pair), asked)[0]]
 
 
 def _by_rows(scan: Profile | HeightMap, instrument: Instrument, how: How, key: str) -> Inspected:

@@ -31,6 +31,7 @@ STAND_OUT = 7.0  # difference of two windows over the usual one, from which it i
 BEAT = 10.0  # by which twice the logarithm of the likelihood, less the parameters, must gain on a smooth curve (Kass and Raftery 1995)
 _ALIKE = 0.3  # of the largest edge, from which another counts [1]
 _PAIR = 0.35  # relative difference of the two edges of one ridge or groove, at most [1]
+_PLATEAU = 0.8  # of the lesser of two edges, below which the difference must fall between them [1]
 _MOST_EDGES = 400
 _DEGREES = (1, 2, 3)
 _SIGNIFICANT = 4.0  # of the last coefficient of a polynomial over its uncertainty, from which it is kept [1]
@@ -204,20 +205,23 @@ def _differences(z: Array, known: Mask, reach: int) -> Array:
 
 
 def _joined(x: Array, z: Array, known: Mask, places: list[int], gap: Array) -> tuple[list[int], Array]:
-    """Join two edges of one sign between which the surface goes on rising by more than half of the lesser: one long flank.
+    """Join two edges of one sign that are one: the surface goes on rising between them by more than half of the lesser.
 
     It rises so if it is steeper than farther out on either side, which a bow is not on average.
     """
     ends = [0, *places, len(x) - 1]
     for index, (first, second) in enumerate(itertools.pairwise(places)):
-        far = second - first
+        if gap[first] * gap[second] < 0.0:
+            continue
+        far, lesser = second - first, min(abs(gap[first]), abs(gap[second]))
+        # where the difference does not fall between them, they are the ends of one that points are missing of
+        joined = bool(np.nanmin(np.abs(gap[first:second])) > _PLATEAU * lesser)
         faces = [_face(x, z, known, at, at + far) for at in (first - 2 * far, first, second + far)]
         slopes = [float(face[0].deriv()(x[first])) for face in faces if face is not None]
-        room = first - 2 * far >= ends[index] and second + 2 * far <= ends[index + 3]
-        if len(slopes) < 3 or not room or gap[first] * gap[second] < 0.0:
-            continue
-        rise = (slopes[1] - 0.5 * (slopes[0] + slopes[2])) * float(x[second] - x[first]) * np.sign(gap[first])
-        if rise > 0.5 * min(abs(gap[first]), abs(gap[second])):
+        if len(slopes) == 3 and first - 2 * far >= ends[index] and second + 2 * far <= ends[index + 3]:
+            rise = (slopes[1] - 0.5 * (slopes[0] + slopes[2])) * float(x[second] - x[first]) * np.sign(gap[first])
+            joined |= rise > 0.5 * lesser
+        if joined:
             middle = (first + second) // 2
             whole = np.where(np.arange(len(gap)) == middle, gap[first] + gap[second], gap)
             return _joined(x, z, known, [*places[:index], middle, *places[index + 2 :]], whole)
@@ -290,26 +294,7 @@ def fit_features(
 
     `exclusion` is the half width [m] kept out at every edge; where its flank is, and half as much again, by default.
     """
-    used = np.isfinite(z)
-    for edge in edges:
-        slack = 0.25 * (edge.end - edge.begin) + 1.5 * float(x[1] - x[0])
-        span = (edge.begin - slack, edge.end + slack)
-        begin, end = span if exclusion is None else (edge.position - exclusion, edge.position + exclusion)
-        used &= (x < begin) | (x > end)
-    spans = _paired(edges)
-    steps = np.array([(x > begin) & (x < end) for begin, end in spans], dtype=np.float64)
-    least = min(*(used & (steps > 0.5)).sum(axis=1), (used & (steps.sum(axis=0) < 0.5)).sum())
-    if least < 5:
-        raise MetrologyError(f"each feature and its surroundings must keep 5 points beside the flanks, got {least}")
-    t = 2.0 * (x - x[0]) / (x[-1] - x[0]) - 1.0
-    fits: dict[int, Fit] = {}
-    for power in _DEGREES if degree is None else (degree,):
-        design = np.stack([*(t**k for k in range(power + 1)), *steps])
-        if np.linalg.matrix_rank(design[:, used]) < len(design):
-            break
-        fits[power] = fit_without_spikes(design, z, used)
-    if not fits:
-        raise MetrologyError("features must leave enough of a reference to level the profile on, got too little")
+    fits = _fits(x, z, edges, _DEGREES if degree is None else (degree,), exclusion)
 
     def significant(power: int) -> bool:
         last = fits[power].estimate(power)
@@ -317,9 +302,40 @@ def fit_features(
 
     power = max(one for one in fits if one == min(fits) or significant(one))
     fit = fits[power]
-    features = tuple(Feature(*span, fit.estimate(power + index)) for index, span in enumerate(spans, 1))
-    gain, together = _gain(t, z, fit, power + 1 + 2 * len(edges))
+    features = tuple(Feature(*span, fit.estimate(power + index)) for index, span in enumerate(_paired(edges), 1))
+    gain, together = _gain(fit.design[1], z, fit, power + 1 + 2 * len(edges))
     return Levels(features, power, fit.solution @ fit.design, fit.used, fit.rejected, gain, together, tuple(edges))
+
+
+def other_heights(x: Array, z: Array, edges: Sequence[Found], degree: int) -> Array:
+    """Heights of all features between `edges` on a polynomial of this degree [m], without their uncertainty."""
+    return _fits(x, z, edges, (degree,), None)[degree].solution[degree + 1 :]
+
+
+def _fits(
+    x: Array, z: Array, edges: Sequence[Found], degrees: Sequence[int], exclusion: float | None
+) -> dict[int, Fit]:
+    """Fit polynomials and heights by the degree of the polynomial, as far as the points determine them."""
+    used = np.isfinite(z)
+    for edge in edges:
+        slack = 0.25 * (edge.end - edge.begin) + 1.5 * float(x[1] - x[0])
+        span = (edge.begin - slack, edge.end + slack)
+        begin, end = span if exclusion is None else (edge.position - exclusion, edge.position + exclusion)
+        used &= (x < begin) | (x > end)
+    steps = np.array([(x > begin) & (x < end) for begin, end in _paired(edges)], dtype=np.float64)
+    least = min(*(used & (steps > 0.5)).sum(axis=1), (used & (steps.sum(axis=0) < 0.5)).sum())
+    if least < 5:
+        raise MetrologyError(f"each feature and its surroundings must keep 5 points beside the flanks, got {least}")
+    t = 2.0 * (x - x[0]) / (x[-1] - x[0]) - 1.0
+    fits: dict[int, Fit] = {}
+    for power in degrees:
+        design = np.stack([*(t**k for k in range(power + 1)), *steps])
+        if np.linalg.matrix_rank(design[:, used]) < len(design):
+            break
+        fits[power] = fit_without_spikes(design, z, used)
+    if not fits:
+        raise MetrologyError("features must leave enough of a reference to level the profile on, got too little")
+    return fits
 
 
 def _gain(t: Array, z: Array, fit: Fit, terms: int) -> tuple[float, float]:

@@ -27,6 +27,7 @@ if TYPE_CHECKING:
     import pandas as pd
 
 _OWN = ["scan", "stimulus", "block"]  # columns that are no condition
+_LENGTHS = ("value", "u", "u95", "lower", "upper", "centre", "std", "mean", "scatter")
 _SCATTER = ("noise", "repeatability", "scatter")  # of one scan, which several show together
 _LEAD = (
     "ISO 14253-1. Of a block that was scanned several times the scatter of its scans stands in the budget: repeatability, and what "
@@ -97,8 +98,9 @@ def inspect_many(
             left_out.append(f"{own['scan'].name}: {error}")
             continue
         for one, decision in result.judged:
-            found = {"measured": result.inspected.values[one.key], "asked": one, "verdict": decision.verdict.value}
-            rows.append({**own, "characteristic": one.key, "value": decision.value, "u": decision.std, **found})
+            found = {"measured": result.inspected.values[one.key], "asked": one}
+            verdict = {"verdict": decision.verdict.value, "value": decision.value, "u": decision.std}
+            rows.append({**own, "characteristic": one.key, **found, **verdict})
     if not rows:
         raise MetrologyError(f"no scan can be evaluated: {left_out[0]}")
     table = pd.DataFrame(rows)
@@ -107,37 +109,34 @@ def inspect_many(
     for (part, key), own in table.groupby(["stimulus", "characteristic"], sort=False):
         about, one = {"stimulus": part, "characteristic": key}, own["asked"].iloc[0]
         sources = variance_components(own[["value", "block", *factors]])
-        said["variation"] += [{**about, **_in_um(source)} for source in sources]
+        said["variation"] += [about | source for source in sources]
         for block, its in own.groupby("block", sort=False):
             measured = _of_block(key, its, sources)
             decision = judge(measured, one.nominal, one.lower, one.upper)
             decisions.append(decision)
-            lengths = {"value": decision.value, "u": decision.std, "u95": measured.expanded()}
-            lengths |= {"lower": decision.lower, "upper": decision.upper}
-            verdict = {"verdict": decision.verdict.value}
-            said["blocks"].append({**about, "block": block, "scans": len(its), **_in_um(lengths), **verdict})
+            row = {"block": block, "scans": len(its), "value": decision.value, "u": decision.std}
+            row |= {"u95": measured.expanded(), "lower": decision.lower, "upper": decision.upper}
+            said["blocks"].append({**about, **row, "verdict": decision.verdict.value})
         means = own.groupby("block", sort=False)["value"].mean()
         if len(means) > 2:
-            said["capability"].append({**about, **_in_um(capability(means.to_numpy(), decision.lower, decision.upper))})
+            said["capability"].append(about | capability(means.to_numpy(), decision.lower, decision.upper))
         points = means if len(means) > 2 else own.set_index(own["scan"].map(lambda path: path.name))["value"]
         centre, half = chart_limits(points.to_numpy())
         for name, value in points.items():
-            limits = _in_um({"value": value, "centre": centre, "lower": centre - half, "upper": centre + half})
-            said["chart"].append({**about, "point": name, **limits, "outside": bool(abs(value - centre) > half)})
-    names = [path.name for path in table["scan"]]
-    by_scan = table.assign(scan=names, value_um=1e6 * table["value"], u_um=1e6 * table["u"])
-    tables = {name: pd.DataFrame(own) for name, own in said.items()}
-    tables["scans"] = by_scan.drop(columns=["value", "u", "measured", "asked"])
+            row = {"point": name, "value": value, "centre": centre, "lower": centre - half, "upper": centre + half}
+            said["chart"].append({**about, **row, "outside": bool(abs(value - centre) > half)})
+    tables = {name: _in_um(pd.DataFrame(own)) for name, own in said.items()}
+    tables["scans"] = _in_um(table.assign(scan=[path.name for path in table["scan"]])).drop(
+        columns=["measured", "asked"]
+    )
     return ManyScans(tables, tuple(left_out), verdict_of(decisions))
 
 
-def _in_um(lengths: Mapping[str, Any]) -> dict[str, Any]:
-    """Give numbers that are lengths their unit."""
-    pure = ("cp", "cpk", "dof", "levels", "source", "count")
-    return {
-        name if name.startswith(pure) else f"{name}_um": value if name.startswith(pure) else 1e6 * value
-        for name, value in lengths.items()
-    }
+def _in_um(table: pd.DataFrame) -> pd.DataFrame:
+    """Give columns of lengths their unit."""
+    lengths = [name for name in table if name in _LENGTHS]
+    table[lengths] *= 1e6
+    return table.rename(columns={name: f"{name}_um" for name in lengths})
 
 
 def _asked(paths: Sequence[Path], stimulus: str | None) -> pd.DataFrame:

@@ -141,27 +141,29 @@ def estimated(value: float, weights: Array, residuals: Array, used: Mask, design
 
 
 class _Lags:
-    """Fourier transforms over a grid that is padded so that lags do not wrap."""
+    """Fourier transforms over a grid that is padded so that lags do not wrap; over the last axes of what is stacked."""
 
     def __init__(self, shape: tuple[int, ...]) -> None:
         self._cut = tuple(slice(0, size) for size in shape)
         self._shape = tuple(fft.next_fast_len(2 * size, real=True) for size in shape)
+        self._axes = tuple(range(-len(shape), 0))
 
     def transform(self, values: Array) -> NDArray[np.complex128]:
-        return np.asarray(fft.rfftn(values, self._shape))
+        return np.asarray(fft.rfftn(values, self._shape, self._axes))
 
     def back(self, spectrum: Array | NDArray[np.complex128]) -> Array:
-        return np.asarray(fft.irfftn(spectrum, self._shape))
+        return np.asarray(fft.irfftn(spectrum, self._shape, self._axes))
 
     def autocorrelation(self, values: Array) -> Array:
         return self.back(np.abs(self.transform(values)) ** 2)
 
-    def convolved(self, spectrum: Array, values: Array) -> Array:
-        return self.back(spectrum * self.transform(values))[self._cut]
-
     def mean(self, spectrum: Array) -> float:
         """Mean over frequencies, which is the value at lag zero."""
         return float(self.back(spectrum).flat[0])
+
+    def convolved(self, spectrum: Array, columns: Array) -> Array:
+        """Convolve columns with what has this spectrum."""
+        return self.back(spectrum * self.transform(columns))[(slice(None), *self._cut)]
 
 
 def _expectations(
@@ -169,21 +171,17 @@ def _expectations(
 ) -> tuple[float, float]:
     """Traces of Q Gamma and of M Q M Gamma; the projection has few columns, so no large matrix is ever formed."""
     trace = float(np.sum(lags.back(form) * pairs * lags.back(spectrum)))
-    columns = [column * inside for column in design]
+    columns = design * inside
+    by_noise, by_form = ((lags.convolved(one, columns) * inside).reshape(len(design), -1) for one in (spectrum, form))
+    columns = columns.reshape(len(design), -1)
     # the projection is that of the columns' span: of columns that depend on each other where outliers fell out, one counts
-    size = np.sqrt(np.diag(_products(columns, columns)))
-    size = np.where(size > 0.0, size, 1.0)
-    columns = [column / own for column, own in zip(columns, size, strict=True)]
-    inverse = np.linalg.pinv(_products(columns, columns), rcond=_LEAST_SPAN, hermitian=True)
-    by_noise = [lags.convolved(spectrum, column) * inside for column in columns]
-    by_form = [lags.convolved(form, column) * inside for column in columns]
-    swallowed = 2.0 * np.trace(inverse @ _products(by_form, by_noise))
-    twice = np.trace(inverse @ _products(by_form, columns) @ inverse @ _products(columns, by_noise))
+    size = np.sqrt(np.einsum("ij,ij->i", columns, columns))
+    size = np.where(size > 0.0, size, 1.0)[:, np.newaxis]
+    columns, by_noise, by_form = columns / size, by_noise / size, by_form / size
+    inverse = np.linalg.pinv(columns @ columns.T, rcond=_LEAST_SPAN, hermitian=True)
+    swallowed = 2.0 * np.trace(inverse @ (by_form @ by_noise.T))
+    twice = np.trace(inverse @ (by_form @ columns.T) @ inverse @ (columns @ by_noise.T))
     return trace, trace - float(swallowed) + float(twice)
-
-
-def _products(first: Sequence[Array], second: Sequence[Array]) -> Array:
-    return np.array([[float(np.sum(a * b)) for b in second] for a in first])
 
 
 def _taper(gamma: Array, shape: tuple[int, ...], count: float) -> Array:

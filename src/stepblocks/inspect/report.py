@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 
 from stepblocks.artefacts.as_built import AsBuilt, AsBuiltValue, write_as_built
-from stepblocks.artefacts.certificate import RULE, write_certificate
+from stepblocks.artefacts.certificate import write_certificate
 from stepblocks.artefacts.on_paper import sheet_table
 from stepblocks.artefacts.qif import write_qif
 from stepblocks.artefacts.scans.scan import Profile
@@ -26,6 +26,7 @@ from stepblocks.parts.characteristics import Characteristic
 from stepblocks.parts.conditions import OrderSpec
 from stepblocks.parts.kind import Part
 from stepblocks.parts.tolerance import GUARD_FACTOR
+from stepblocks.quantities import column_label
 from stepblocks.tables import write_table
 
 _COLOUR: dict[Outcome | None, str] = {
@@ -56,33 +57,48 @@ class InspectionResult:
         """The verdict in words."""
         return "measured" if self.verdict is None else self.verdict.value
 
-    def __str__(self) -> str:
-        """Every value with its limits and guard band, the budgets, convention and notes."""
-        names = f"{'value um':>10} {'u um':>8} {'U95 um':>8} {'lower um':>10} {'upper um':>10} {'guard um':>9}"
-        head = f"{'characteristic':30} {names}  verdict"
-        lines = [f"{self.identity}: {self.said}", "", head, "-" * len(head)]
-        inspected, values = self.inspected, self.inspected.values
-        for one, decision in self.judged:
-            low, high = ("-" if math.isinf(x) else f"{x * 1e6:.4f}" for x in (decision.lower, decision.upper))
-            limits = f"{low:>10} {high:>10} {decision.guard * 1e6:9.4f}"
-            lines.append(f"{_in_um(one.label, values[one.key])} {limits}  {decision.verdict.value}")
-        lines += [f"{_in_um(one.name, one)}  (no limits)" for one in self._others.values()]
-        lines += ["", "uncertainty budget, standard uncertainties in um"]
-        for measured in values.values():
-            stated = (
-                (p.name, "not stated" if math.isnan(p.std) else f"{p.std * 1e6:.4f}") for p in measured.components
-            )
-            lines.append(f"  {measured.name}: {', '.join(' '.join(pair) for pair in stated)}")
-        unstated = sorted({name for measured in values.values() for name in measured.unstated})
-        if unstated:
-            lines.append(f"  not stated counts as zero: {', '.join(unstated)}")
-        lines += [
-            "",
-            f"convention: {inspected.convention}",
-            f"decision: ISO 14253-1, guard band {GUARD_FACTOR} u, or Student's 95 % point where u has few degrees of freedom",
-            *(f"note: {note}" for note in inspected.notes),
+    @property
+    def tables(self) -> dict[str, list[dict[str, Any]]]:
+        """Every value with its limits, and every part of its budget."""
+        limits = {one.key: (one.label, decision) for one, decision in self.judged}
+        rows, budget = [], []
+        for key, measured in self.inspected.values.items():
+            label, decision = limits.get(key, (measured.name, None))
+            half = measured.expanded() * 1e6
+            digits = max(1 - math.floor(math.log10(half)), 0) if 0.0 < half < math.inf else 4  # two of the uncertainty
+            value, stated = (f"{x:.{digits}f}" for x in (measured.value * 1e6, half))
+            row: dict[str, Any] = {"characteristic": label, "value_um": value, "expanded_uncertainty_95_um": stated}
+            row |= {"lower_um": None, "upper_um": None, "guard_um": None}
+            if decision is not None:
+                ends = {"lower_um": decision.lower, "upper_um": decision.upper, "guard_um": decision.guard}
+                row |= {name: _known(value * 1e6) for name, value in ends.items()}
+            rows.append({**row, "verdict": "no limits" if decision is None else decision.verdict.value})
+            for part in measured.components:
+                said = "not stated" if math.isnan(part.std) else f"{part.std * 1e6:.3g}"
+                budget.append({"characteristic": label, "component": part.name, "u_um": said, "how": part.how})
+        return {"characteristics": rows, "uncertainty budget": budget}
+
+    @property
+    def remarks(self) -> list[str]:
+        """Convention, what was not stated, what was left out, and what is felt."""
+        unstated = sorted({name for measured in self.inspected.values.values() for name in measured.unstated})
+        said = [f"not stated counts as zero: {', '.join(unstated)}"] if unstated else []
+        said += [f"convention: {self.inspected.convention}"]
+        said += [
+            f"decision: ISO 14253-1, guard band {GUARD_FACTOR} u, or Student's 95 % point where u has few degrees of freedom"
         ]
-        return "\n".join([*lines, f"felt: {self.felt}"] if self.felt else lines)
+        said += [f"note: {note}" for note in self.inspected.notes]
+        return [*said, f"felt: {self.felt}"] if self.felt else said
+
+    def __str__(self) -> str:
+        """Write verdict, tables and remarks."""
+        import pandas as pd
+
+        said = [f"{self.identity}: {self.said}\n"]
+        for name, rows in self.tables.items():
+            table = pd.DataFrame(rows).fillna("-").rename(columns=column_label)
+            said.append(f"{name}\n{table.to_string(index=False)}\n")
+        return "\n".join([*said, *self.remarks])
 
     def _repr_html_(self) -> str:
         return f"<pre>{html.escape(str(self))}</pre>"
@@ -105,10 +121,6 @@ class InspectionResult:
             "others_m": {key: one.value for key, one in self._others.items()},
             "characteristics": [_record(one, d, self.inspected.values[one.key]) for one, d in self.judged],
         }
-
-
-def _in_um(name: str, one: Measured) -> str:
-    return f"{name:30} {one.value * 1e6:10.4f} {one.std * 1e6:8.4f} {one.expanded() * 1e6:8.4f}"
 
 
 def _record(one: Characteristic, decision: Decision, measured: Measured) -> dict[str, Any]:
@@ -138,7 +150,7 @@ def _known(value: float) -> float | None:
 
 
 def write_inspection(result: InspectionResult, folder: str | Path) -> list[Path]:
-    """Write page, table, plot, JSON and as-built record of an inspection, and the inspection sheet filled in.
+    """Write page, plot, JSON and as-built record of an inspection, and the inspection sheet filled in.
 
     Parameters
     ----------
@@ -153,8 +165,8 @@ def write_inspection(result: InspectionResult, folder: str | Path) -> list[Path]
     """
     base = Path(folder) / result.identity
     base.parent.mkdir(parents=True, exist_ok=True)
-    endings = ("as-built.toml", *(f"inspection.{kind}" for kind in ("json", "txt", "svg", "html")))
-    record_path, data, table, plot, page = (base.with_name(f"{base.name}.{ending}") for ending in endings)
+    endings = ("as-built.toml", *(f"inspection.{kind}" for kind in ("json", "svg", "html")))
+    record_path, data, plot, page = (base.with_name(f"{base.name}.{ending}") for ending in endings)
     others = ("inspection-sheet.csv", "qif", "dcc.xml")
     sheet, qif, certificate = (base.with_name(f"{base.name}.{ending}") for ending in others)
     values = {one.key: AsBuiltValue(d.value, d.std, d.verdict.value) for one, d in result.judged}
@@ -162,11 +174,14 @@ def write_inspection(result: InspectionResult, folder: str | Path) -> list[Path]
     inspected, shown = result.inspected, result.inspected.shown
     surface = Profile(shown.position, shown.height) if result.felt and shown is not None else None
     record = AsBuilt(result.identity, result.source.name, digest, inspected.convention, values, surface, inspected.arc)
-    paths = [*write_as_built(record_path, record), data, table, plot, page]
+    paths = [*write_as_built(record_path, record), data, plot, page]
     replace_text(data, json.dumps(result.as_record(), indent=2, allow_nan=False) + "\n")
-    replace_text(table, f"{result}\n")
     _draw(plot, result)
-    replace_text(page, _page(result, plot.name))
+    filled_in = {"tables": result.tables, "notes": result.remarks, "said": result.said, "picture": plot.name}
+    lead = result.felt or f"Measured on {result.source.name}."
+    alt = f"Scan of {result.identity}, what was fitted, limits and guard bands"
+    title = f"Inspection of {result.identity}"
+    replace_text(page, render_page("inspect", "inspection.html.j2", title=title, lead=lead, alt=alt, **filled_in))
     if result.stimulus is not None:
         filled = {key: (one.value, one.std, one.verdict) for key, one in values.items()}
         write_table(sheet_table(result.stimulus, filled), sheet)
@@ -174,37 +189,6 @@ def write_inspection(result: InspectionResult, folder: str | Path) -> list[Path]
         write_certificate(certificate, result.stimulus, result.as_record(), result.order, digest)
         paths += [sheet, qif, certificate]
     return paths
-
-
-def _page(result: InspectionResult, picture: str) -> str:
-    """Fill the page: the finding, the picture, every value with its limits, every budget."""
-    inspected, limits = result.inspected, {one.key: (one.label, decision) for one, decision in result.judged}
-    rows, budget = [], []
-    for key, measured in inspected.values.items():
-        label, decision = limits.get(key, (measured.name, None))
-        half = measured.expanded() * 1e6
-        digits = max(1 - math.floor(math.log10(half)), 0) if 0.0 < half < math.inf else 4  # two of the uncertainty
-        value, stated = (f"{x:.{digits}f}" for x in (measured.value * 1e6, half))
-        row: dict[str, Any] = {"characteristic": label, "value_um": value, "expanded_uncertainty_95_um": stated}
-        row |= {"lower_um": None, "upper_um": None, "guard_um": None}
-        if decision is not None:
-            ends = {"lower_um": decision.lower, "upper_um": decision.upper, "guard_um": decision.guard}
-            row |= {name: _known(value * 1e6) for name, value in ends.items()}
-        rows.append({**row, "verdict": "no limits" if decision is None else decision.verdict.value})
-        for part in measured.components:
-            said = "not stated" if math.isnan(part.std) else part.std * 1e6
-            budget.append({"characteristic": label, "component": part.name, "u_um": said, "how": part.how})
-    return render_page(
-        "inspect",
-        "inspection.html.j2",
-        title=f"Inspection of {result.identity}",
-        said=result.said,
-        lead=result.felt or f"Measured on {result.source.name}.",
-        tables={"characteristics": rows, "uncertainty budget": budget},
-        picture=picture,
-        alt=f"Scan of {result.identity}, what was fitted, limits and guard bands",
-        notes=[f"Convention: {inspected.convention}.", f"Decision rule: {RULE}", *inspected.notes],
-    )
 
 
 def _draw(path: Path, result: InspectionResult) -> None:
