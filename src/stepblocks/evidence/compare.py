@@ -196,6 +196,11 @@ def hold_against_evidence(output: str | Path | None = None, *, also: Iterable[st
     Evidence
         A row per published figure with verdict, and what would resolve the paper's own contradiction.
 
+    Raises
+    ------
+    StepblocksError
+        If a publication is wrong or the folder cannot be written.
+
     Examples
     --------
     >>> before, *rivals = hold_against_evidence().explanations

@@ -274,6 +274,11 @@ def predict_set(
         One row for each stimulus, tip, step, direction, friction and load, in that order; the columns of
         ``predictions.csv`` (docs/prediction.md), the unit in each name, with all digits.
 
+    Raises
+    ------
+    StepblocksError
+        If the file cannot be read or declares something impossible.
+
     Examples
     --------
     >>> frame = predict_set("stimuli/paper-four.toml")  # doctest: +SKIP

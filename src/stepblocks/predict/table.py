@@ -69,6 +69,11 @@ def predict_table(table: pd.DataFrame | str | Path, output: str | Path | None = 
         The table with ``critical_angle_deg``, ``status``, ``peak_force_n``, ``vibration_energy_j`` and their ends ``_low``
         and ``_high``, ``held_probability`` and ``problem``, which says why a row is ``invalid``; beyond one of the limits
         of docs/model.md its ``status`` names it, and there is no energy.
+
+    Raises
+    ------
+    PipelineError
+        If the table or one of its columns is wrong.
     """
     import numpy as np
     import pandas as pd
@@ -130,6 +135,11 @@ def predict_trials(
     DataFrame
         A row for each trial: its ``status`` (``ok``, ``locked``, ``outside-range(...)``, ``invalid(...)``), peak force [N]
         and vibration energy [J] with 95 % intervals for a single trial, by the extended and by the nominal model.
+
+    Raises
+    ------
+    PipelineError
+        If the table or the model cannot be read, a column is missing, or the output cannot be written.
     """
     import pandas as pd
 

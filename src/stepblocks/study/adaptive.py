@@ -104,6 +104,11 @@ def start_adaptive(
     -------
     AdaptiveStudy
         As written.
+
+    Raises
+    ------
+    StepblocksError
+        If the blocks do not carry the method, or another study stands there already.
     """
     found = blocks_of(source)
     known = [item.identity for item in found.items]

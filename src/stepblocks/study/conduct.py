@@ -225,6 +225,11 @@ def open_run(
     -------
     Run
         To be asked for its `state`, begun, answered, and closed.
+
+    Raises
+    ------
+    StepblocksError
+        If there is no such participant, block or device, or the run is open already.
     """
     require(math.isfinite(scale) and scale > 0.0, f"scale must be positive and finite, got {scale:g}")
     if device not in ("mouse", *HANDS):

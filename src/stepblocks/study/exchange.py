@@ -98,6 +98,11 @@ def share_study(folder: str | Path, answers: Sequence[str | Path], output: str |
     -------
     list of str
         Names of the files.
+
+    Raises
+    ------
+    StepblocksError
+        If the form is unknown, answers do not belong to the design, or another dataset stands there.
     """
     require(form in FORMATS, f"form must be one of {', '.join(FORMATS)}, got {form!r}")
     design = sheet.read_design(Path(folder) / "design.csv")

@@ -63,6 +63,11 @@ def design_study(
     -------
     Design
         As written; its `advice` says where levels are too coarse.
+
+    Raises
+    ------
+    StepblocksError
+        If the set has no step blocks, the design is impossible, or another design stands there already.
     """
     experiment = ALIASES.get(experiment, experiment)
     if experiment not in EXPERIMENTS:
@@ -87,6 +92,11 @@ def write_sheets(folder: str | Path) -> int:
     -------
     int
         Number of participants.
+
+    Raises
+    ------
+    StepblocksError
+        If there is no design, or somebody has written into a sheet already.
     """
     folder = Path(folder)
     design = sheet.read_design(folder / "design.csv")
@@ -133,6 +143,11 @@ def simulate_study(
     -------
     int
         Number of answers.
+
+    Raises
+    ------
+    StepblocksError
+        If a block has no energy there, or a name is unknown.
     """
     design, output = sheet.read_design(Path(folder) / "design.csv"), Path(output)
     known = sorted({row["condition"] for row in design})
@@ -185,6 +200,11 @@ def analyse_study(
     -------
     StudyResult
         Every figure, and in its notes what was done about what is missing; a notebook shows its table.
+
+    Raises
+    ------
+    StepblocksError
+        If the answers do not belong to the design or cannot carry the analysis.
     """
     if folder is None:
         found = judgements_of_table(answers, columns, experiment, ratings)
@@ -252,6 +272,11 @@ def study_power(
     -------
     DataFrame
         One row per size: share of the studies that find a difference between conditions, and its 95 % interval [1].
+
+    Raises
+    ------
+    StepblocksError
+        If an option is out of range, or a block does not release the probe.
     """
     import pandas as pd
 

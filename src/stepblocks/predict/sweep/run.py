@@ -75,6 +75,12 @@ def sweep(
     -------
     computed, found : int
         Partitions written by this run, and those that were there.
+
+    Raises
+    ------
+    PipelineError
+        If the plan cannot be read, the folder belongs to another one, an extra is not installed, or the scheduler does
+        not answer.
     """
     plan = plan if isinstance(plan, SweepPlan) else load_sweep(Path(plan))
     folder = Path(output)
