@@ -38,7 +38,7 @@ _THREADS = {
     "M4": (3.3e-3, 4.5e-3, 8.0e-3, 4.0e-3),
 }
 DRILL_POINT = math.radians(118.0)  # included angle of a twist drill's point [rad]
-_OVER = 1e-3  # how far a cutting body stands out of the block [m]
+OVER = 1e-3  # how far a cutting body stands out of the block [m]
 
 
 class Mounting(Table):
@@ -184,18 +184,18 @@ def body_cuts(body: Body, identity: str, rise: float) -> list[cad.kernel.Body]:
 
 def _edge_breaks(body: Body, rise: float) -> Iterator[cad.kernel.Body]:
     length, width, base, c = body.length.nominal, body.width.nominal, -body.thickness.nominal, body.edge_break.nominal
-    long, high = 0.5 * length + _OVER, body.thickness.nominal + max(rise, 0.0) + 2.0 * _OVER
+    long, high = 0.5 * length + OVER, body.thickness.nominal + max(rise, 0.0) + 2.0 * OVER
     along = (-long, 0.0, 0.0, 1.0), (0.0, long, rise, 1.0), (-long, long, base, -1.0)
     for side in (-1.0, 1.0):
         y = side * 0.5 * width
-        near, far = y - side * (c + _OVER), y + side * _OVER
+        near, far = y - side * (c + OVER), y + side * OVER
         for x0, x1, z, up in along:
-            section = [(far, z - up * c - up * _OVER), (near, z + up * _OVER), (far, z + up * _OVER)]
+            section = [(far, z - up * c - up * OVER), (near, z + up * OVER), (far, z + up * OVER)]
             yield cad.kernel.extruded([(x0, *point) for point in section], (x1 - x0, 0.0, 0.0))
         for end in (-1.0, 1.0):
             x = end * 0.5 * length
-            corner = [(x + end * _OVER, near), (x - end * (c + _OVER), far), (x + end * _OVER, far)]
-            yield cad.kernel.extruded([(*point, base - _OVER) for point in corner], (0.0, 0.0, high))
+            corner = [(x + end * OVER, near), (x - end * (c + OVER), far), (x + end * OVER, far)]
+            yield cad.kernel.extruded([(*point, base - OVER) for point in corner], (0.0, 0.0, high))
 
 
 def _hole(body: Body, x: float) -> cad.kernel.Body:
@@ -203,15 +203,15 @@ def _hole(body: Body, x: float) -> cad.kernel.Body:
     drill, entry, depth = 0.5 * holes.hole_diameter, 0.5 * holes.entry_diameter, holes.depth.nominal
     if holes.kind == "tapped":
         sink, point = entry - drill, drill / math.tan(0.5 * DRILL_POINT)  # 90 degree countersink
-        outline = [(0.0, -_OVER), (entry + _OVER, -_OVER), (drill, sink), (drill, depth), (0.0, depth + point)]
+        outline = [(0.0, -OVER), (entry + OVER, -OVER), (drill, sink), (drill, depth), (0.0, depth + point)]
         return cad.kernel.turned(outline, (x, 0.0, base))
-    outline = [(0.0, base - _OVER), (drill, base - _OVER), (drill, -depth), (entry, -depth), (entry, _OVER)]
-    return cad.kernel.turned([*outline, (0.0, _OVER)], (x, 0.0, 0.0))
+    outline = [(0.0, base - OVER), (drill, base - OVER), (drill, -depth), (entry, -depth), (entry, OVER)]
+    return cad.kernel.turned([*outline, (0.0, OVER)], (x, 0.0, 0.0))
 
 
 def _engraving(body: Body, identity: str) -> Iterator[cad.kernel.Body]:
-    middle, start = -0.5 * body.thickness.nominal, -0.5 * body.width.nominal - 0.1 * _OVER
-    cut = (0.0, body.engraving.depth.nominal + 0.1 * _OVER, 0.0)
+    middle, start = -0.5 * body.thickness.nominal, -0.5 * body.width.nominal - 0.1 * OVER
+    cut = (0.0, body.engraving.depth.nominal + 0.1 * OVER, 0.0)
     for outlines in letters(identity.upper(), body.engraving.height.nominal):
         outer, *holes = ([(float(u), start, middle + float(v)) for u, v in outline] for outline in outlines)
         yield cad.kernel.extruded(outer, cut, holes)

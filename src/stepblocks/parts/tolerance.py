@@ -75,11 +75,9 @@ class Dimension:
             return f"{text}, tolerance {BY_ENERGY}"
         if self.upper == -self.lower:
             return f"{text} ±{format_quantity(self.upper, self.quantity)}"
-        return f"{text} {_signed(self.upper, self.quantity)}/{_signed(self.lower, self.quantity)}"
-
-
-def _signed(value: float, quantity: str) -> str:
-    return ("+" if value > 0 else "-" if value < 0 else "") + format_quantity(abs(value), quantity)
+        signs = [(one, "+" if one > 0.0 else "-" if one else "") for one in (self.upper, self.lower)]
+        signed = (sign + format_quantity(abs(one), self.quantity) for one, sign in signs)
+        return f"{text} {'/'.join(signed)}"
 
 
 def general_deviation(nominal: float) -> float | None:

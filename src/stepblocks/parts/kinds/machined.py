@@ -30,8 +30,7 @@ class Box:
     high: Point3  # m
 
     @property
-    def ends(self) -> list[tuple[float, float]]:
-        """Lower and upper end along each axis [m]."""
+    def ends(self) -> list[tuple[float, float]]:  # lower and upper end along each axis [m]
         return list(zip(self.low, self.high, strict=True))
 
 
@@ -49,8 +48,7 @@ class Round:
     thread: str = ""  # designation of the thread that is cut in it
 
     @property
-    def ends(self) -> list[tuple[float, float]]:
-        """Lower and upper end along each axis [m]."""
+    def ends(self) -> list[tuple[float, float]]:  # lower and upper end along each axis [m]
         half, sides = 0.5 * self.diameter, zip("xyz", self.start, strict=True)
         return [(at, at + self.length) if name == self.axis else (at - half, at + half) for name, at in sides]
 
@@ -61,8 +59,7 @@ class Round:
         return whole if self.inward is None else 0.5 * whole
 
     @property
-    def middle(self) -> NDArray[np.float64]:
-        """Centre of the whole cylinder [m]."""
+    def middle(self) -> NDArray[np.float64]:  # centre of the whole cylinder [m]
         end = [s + self.length * (name == self.axis) for name, s in zip("xyz", self.start, strict=True)]
         return 0.5 * (np.array(self.start) + end)
 
@@ -119,13 +116,11 @@ class Machined(HeldPart):
         return (math.fsum(volume for volume, _ in self._masses()),)
 
     @property
-    def mass(self) -> float:
-        """Mass [kg]."""
+    def mass(self) -> float:  # kg
         return self.material.density.value * self.volumes()[0]
 
     @property
-    def centre(self) -> NDArray[np.float64]:
-        """Centre of mass [m]."""
+    def centre(self) -> NDArray[np.float64]:  # centre of mass [m]
         parts = self._masses()
         return sum((volume * at for volume, at in parts), start=np.zeros(3)) / math.fsum(volume for volume, _ in parts)
 
@@ -133,8 +128,7 @@ class Machined(HeldPart):
         return [hull(itertools.product(*one.ends)) for one in self.boxes]
 
     @property
-    def extent(self) -> tuple[Point3, Point3]:
-        """Lower and upper corner of the box around it [m]."""
+    def extent(self) -> tuple[Point3, Point3]:  # lower and upper corner of the box around it [m]
         ends = np.array([*(one.ends for one in self.boxes), *(one.ends for one in self.rods)])
         return tuple(ends[:, :, 0].min(axis=0).tolist()), tuple(ends[:, :, 1].max(axis=0).tolist())
 

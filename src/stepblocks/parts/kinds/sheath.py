@@ -67,8 +67,7 @@ class Sheath(Turned, HeldPart):
         return Sleeve(self.position.nominal, length, bending, self.mass / length, self.material.loss_factor.value)
 
     @property
-    def mass(self) -> float:
-        """Nominal mass [kg]."""
+    def mass(self) -> float:  # nominal [kg]
         sizes = self.bore, self.outer_diameter, self.length, self.edge_break
         return self.material.density.value * _volume(*(one.nominal for one in sizes))
 

@@ -10,15 +10,13 @@ import numpy as np
 
 from stepblocks import cad
 from stepblocks.contact.counterface import Step
-from stepblocks.parts.body import Block, Body, body_cuts, half_points, half_volume
+from stepblocks.parts.body import OVER, Block, Body, body_cuts, half_points, half_volume
 from stepblocks.parts.characteristics import PROFILE, Characteristic, EdgeRule, FaceRule, form_of, plane, toleranced
 from stepblocks.parts.declared import MaterialField, Table, WorkingFaces, below, must, rules_validator, usual
 from stepblocks.parts.energy_tolerance import EnergyToleranceField, described, energy_tolerance_lacks
 from stepblocks.parts.kind import COARSE_DEFLECTION, CONTACT_DEFLECTION, NANOMETRE, Finding, MeasuredMesh, exaggeration
 from stepblocks.parts.shapes import hull, split
 from stepblocks.parts.tolerance import FeltLength, FeltPositiveLength, PositiveLength
-
-_OVER = 1e-3  # how far a cutting body stands out of the block [m]
 
 
 class MetrologyFeature(Table):
@@ -79,7 +77,7 @@ class StepBlock(Block):
         """Groove to cut or ridge to add: from z = 0 to the height of the step, from the lane's boundary to the back side."""
         feature, back = self.metrology, 0.5 * self.body.width.nominal
         near, y0 = feature.distance.nominal, back - feature.lane.nominal
-        x0, depth, top = near, feature.lane.nominal + _OVER, self.height.nominal + _OVER
+        x0, depth, top = near, feature.lane.nominal + OVER, self.height.nominal + OVER
         if feature.kind == "ridge":  # it ends where the edge break of its side begins, level with the upper face
             x0, depth, top = -near - feature.width.nominal, feature.lane.nominal, self.height.nominal
         x1 = x0 + feature.width.nominal
