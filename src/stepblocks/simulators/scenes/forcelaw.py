@@ -16,7 +16,7 @@ from stepblocks.simulators.scene import Scene, SceneFormat, fill
 
 Array = NDArray[np.float64]
 _ROWS = 2000
-_PATH_COLUMNS = ("x_m", "z_m", "slope_start", "slope_end", "holds_up", "holds_down")
+_PATH = {"x_m": "x", "z_m": "z", "slope_start": "first", "slope_end": "last", "holds_up": "up", "holds_down": "down"}
 
 
 def _write(folder: Path, scene: Scene) -> None:
@@ -31,9 +31,7 @@ def _write(folder: Path, scene: Scene) -> None:
         name = f"force-{'up' if event.direction > 0 else 'down'}.csv"
         _table(folder / name, columns | {"normal_load_n": np.full(len(keep), load)})
     knots = renderer.knots
-    _table(
-        folder / "path.csv", {told: knots[name] for told, name in zip(_PATH_COLUMNS, knots.dtype.names, strict=True)}
-    )
+    _table(folder / "path.csv", {column: knots[name] for column, name in _PATH.items()})
     # amplitude of the ring over the force at release: sqrt(C_v), or what a session has taught
     ratios = [event.amplitude / event.critical_force for event in scene.events if event.status is Status.RELEASES]
     ring = next(iter(ratios), math.sqrt(scene.point.tool.conversion))
