@@ -111,8 +111,8 @@ def read_as_built(path: str | Path) -> AsBuilt:
     """
     path = Path(path)
     raw = validated(_Record, read_document(path, "record", MetrologyError), path, MetrologyError)
-    texts = (getattr(raw, name) for name in _TEXTS)
-    return AsBuilt(*texts, raw.values, _surface(path, raw.profile, raw.profile_sha256), raw.edge_is_arc)
+    surface = _surface(path, raw.profile, raw.profile_sha256)
+    return AsBuilt(raw.stimulus, raw.scan, raw.scan_sha256, raw.convention, raw.values, surface, raw.edge_is_arc)
 
 
 def read_records(paths: Sequence[Path]) -> dict[str, AsBuilt]:

@@ -1,4 +1,8 @@
-"""Every artefact of a stimulus, read back from disk and measured against what was asked for."""
+"""Every artefact of a stimulus, read back from disk and measured against what was asked for.
+
+A mesh is read by another library than wrote it, STEP by a parser of its text beside the kernel, TIFF by Pillow; heights are
+compared with a closed form of the section that did not write them.
+"""
 
 from __future__ import annotations
 
@@ -47,11 +51,6 @@ def check_artefact(part: Part, path: str | Path) -> list[Verdict]:
     ------
     MetrologyError
         If the name is that of no artefact.
-
-    Notes
-    -----
-    A mesh is read by another library than wrote it, STEP by a parser of its text beside the kernel, TIFF by Pillow; heights are
-    compared with a closed form of the section that did not write them.
     """
     path = Path(path)
     kind = "".join(path.suffixes[-2:]) if path.name.endswith(".convex.obj") else path.suffix
@@ -153,10 +152,14 @@ def _agrees(item: Characteristic, kind: str, wanted: tuple[float, ...]) -> bool:
 def _mesh(part: Part, path: Path) -> Iterator[Verdict]:
     mesh = MeshMeasures(*read_mesh(path))
     body = part.bodies.index(path.stem) if path.stem in part.bodies else 0
-    yield Verdict(path.name, "edges without exactly one neighbour", 0.0, mesh.bad_edges(), 0.0, "count")
-    yield Verdict(path.name, "volume", part.volumes()[body], mesh.volume, VOLUME_LIMIT, "volume", relative=True)
+    yield from _closed(path.name, mesh, part.volumes()[body])
     for finding in part.measured(body, mesh):
         yield Verdict(path.name, *finding)
+
+
+def _closed(name: str, mesh: MeshMeasures, volume: float) -> Iterator[Verdict]:
+    yield Verdict(name, "edges without exactly one neighbour", 0.0, mesh.bad_edges(), 0.0, "count")
+    yield Verdict(name, "volume", volume, mesh.volume, VOLUME_LIMIT, "volume", relative=True)
 
 
 def _pieces(part: Part, path: Path) -> Iterator[Verdict]:
@@ -248,9 +251,7 @@ def _view(part: Part, path: Path) -> Iterator[Verdict]:
     found = read_confined(f"{__name__}:view_in", path, raises=MetrologyError)
     yield Verdict(path.name, "bodies", len(part.volumes()), found["count"], 0.0, "count")
     for number, volume in enumerate(part.volumes()[: found["count"]]):
-        mesh = MeshMeasures(found[f"vertices {number}"], found[f"triangles {number}"])
-        yield Verdict(path.name, "edges without exactly one neighbour", 0.0, mesh.bad_edges(), 0.0, "count")
-        yield Verdict(path.name, "volume", volume, mesh.volume, VOLUME_LIMIT, "volume", relative=True)
+        yield from _closed(path.name, MeshMeasures(found[f"vertices {number}"], found[f"triangles {number}"]), volume)
 
 
 def view_in(path: Path) -> dict[str, Any]:

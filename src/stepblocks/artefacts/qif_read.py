@@ -34,7 +34,7 @@ def read_qif_results(path: str | Path) -> list[QifResult]:
     path = Path(path)
     root = _root(path)
     by_id = {one.get("id"): one for one in root.iter("{*}*") if one.get("id")}
-    primary, named = _units(root, path)
+    units = _units(root, path)
     found = []
     for one in root.iterfind(f".//{_NS}CharacteristicMeasurements/{{*}}*"):
         kind = str(one.tag).removeprefix(_NS).removesuffix("CharacteristicMeasurement")
@@ -44,8 +44,8 @@ def read_qif_results(path: str | Path) -> list[QifResult]:
         item = by_id.get(_text(one, "CharacteristicItemId"))
         nominal = by_id.get(_text(item, "CharacteristicNominalId"))
         definition = by_id.get(_text(nominal, "CharacteristicDefinitionId"))
-        own = named.get(shown.get("linearUnit") or shown.get("angularUnit"))
-        factor = primary["Angular" if kind in _ANGULAR else "Linear"] if own is None else own
+        primary = units["Angular" if kind in _ANGULAR else "Linear"]
+        factor = units.get(shown.get("linearUnit") or shown.get("angularUnit"), primary)
         target = _number(_text(nominal, "TargetValue"), path) * factor
         found.append(
             QifResult(
@@ -95,17 +95,15 @@ def _number(text: str, path: Path, must: bool = False) -> float:
     return value
 
 
-def _units(root: Any, path: Path) -> tuple[dict[str, float], dict[str, float]]:
-    """How many SI units make the primary unit of a kind, 1 where the file names none, and a unit by its name."""
-    primary = {"Linear": 1.0, "Angular": 1.0}
-    named: dict[str, float] = {}
+def _units(root: Any, path: Path) -> dict[str, float]:
+    """How many SI units make a unit of a name; the primary one, 1 where the file names none, goes by its kind too."""
+    sizes = {"Linear": 1.0, "Angular": 1.0}
     for unit in root.iterfind(f"{_NS}FileUnits//{{*}}*"):
         if name := _text(unit, "UnitName"):
-            named.setdefault(name, _number(_text(unit, "UnitConversion/Factor") or "1", path, must=True))
-            kind = str(unit.tag).removeprefix(_NS).removesuffix("Unit")
-            if kind in primary and unit.getparent().tag == f"{_NS}PrimaryUnits":
-                primary[kind] = named[name]
-    return primary, named
+            size = sizes.setdefault(name, _number(_text(unit, "UnitConversion/Factor") or "1", path, must=True))
+            if unit.getparent().tag == f"{_NS}PrimaryUnits":
+                sizes[str(unit.tag).removeprefix(_NS).removesuffix("Unit")] = size
+    return sizes
 
 
 def _limits(definition: Any, factor: float, nominal: float, path: Path) -> tuple[float, float]:

@@ -24,7 +24,6 @@ class Made:
 
     name: str  # ``"set/id"``
     seconds: float  # time it took [s]
-    failures: tuple[str, ...]  # failed verdicts, one line each
 
 
 def make_all(wanted: Sequence[tuple[str, Part, str]], output: Path, jobs: int | None) -> Iterator[Made]:
@@ -82,8 +81,7 @@ def make(set_name: str, stimulus: Part, output: Path, key: str) -> Made:
             "outputs": {path.name: hash_file(path) for path in sorted(workshop.iterdir())},
         }
         _move_in(workshop, output / set_name / stimulus.id, record)
-    failures = tuple(str(verdict) for verdict in verdicts if not verdict.passed)
-    return Made(f"{set_name}/{stimulus.id}", time.perf_counter() - started, failures)
+    return Made(f"{set_name}/{stimulus.id}", time.perf_counter() - started)
 
 
 def _write_artefacts(stimulus: Part, folder: Path) -> None:

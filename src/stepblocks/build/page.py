@@ -133,7 +133,13 @@ def _figure(stimuli: StimulusSet) -> str | None:
         """Draw a curve up to a height, and mark the blocks on it."""
         for heights, kind in ((curve, "lines"), (marks, "markers")):
             x = heights[heights <= least]
-            trace = {"type": "scatter", "mode": kind, "x": _short(x * 1e6), "y": _short(y(x)), "name": ""}
+            trace: dict[str, Any] = {
+                "type": "scatter",
+                "mode": kind,
+                "x": _short(x * 1e6),
+                "y": _short(y(x)),
+                "name": "",
+            }
             trace |= {"yaxis": axis, "xaxis": axis.replace("y", "x"), "showlegend": False}
             if kind == "lines":
                 trace |= {"name": name, "line": {"color": colour, "width": 2}, "showlegend": axis == "y2"}

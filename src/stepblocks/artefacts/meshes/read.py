@@ -1,10 +1,8 @@
-"""Meshes read back from disk, each through a reader that did not write it: meshio, lib3mf, pygltflib instead of trimesh."""
+"""Meshes read back from disk, each through a reader that did not write it: VTK, lib3mf and, for OBJ, our own."""
 
 from __future__ import annotations
 
-import contextlib
-import io
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -19,15 +17,27 @@ _MM = 1e-3
 _MAX_BYTES = 500_000_000
 
 
-def _with_meshio(path: Path) -> Arrays:
-    import meshio
+def _with_vtk(path: Path) -> Arrays:
+    import pyvista as pv
 
-    if path.suffix == ".ply" and b"end_header" not in path.read_bytes():
-        raise ValueError("a header that does not end")  # meshio would look for it for ever
-    with contextlib.redirect_stdout(io.StringIO()):
-        mesh = meshio.read(path)
-    triangles = np.asarray(mesh.cells_dict["triangle"], dtype=np.int64)
-    return np.asarray(mesh.points, dtype=np.float64) * _MM, triangles
+    found = pv.read(path)
+    while isinstance(found, pv.MultiBlock):
+        if len(found) != 1:
+            raise ValueError("not one mesh")
+        found = found[0]
+    points = np.asarray(found.points, dtype=np.float64)
+    upright = np.column_stack([points[:, 0], -points[:, 2], points[:, 1]])  # glTF is in metres, y up
+    return upright if path.suffix == ".glb" else points * _MM, np.asarray(found.regular_faces, dtype=np.int64)
+
+
+def _as_text(lines: Sequence[str], first: int = 1) -> Arrays:
+    """Read vertices and triangles of an OBJ, or of one object in it, by the number of its first vertex."""
+    words = [line.split() for line in lines]
+    vertices = np.array([one[1:4] for one in words if one and one[0] == "v"], dtype=np.float64)
+    triangles = np.array([one[1:4] for one in words if one and one[0] == "f"], dtype=np.int64) - first
+    if vertices.shape[1:] != (3,) or triangles.shape[1:] != (3,) or not is_whole(vertices, triangles):
+        raise ValueError("needs vertices and the triangles between them")
+    return vertices * _MM, triangles
 
 
 def _with_lib3mf(path: Path) -> Arrays:
@@ -45,33 +55,10 @@ def _with_lib3mf(path: Path) -> Arrays:
     return vertices * _MM, triangles
 
 
-def _with_pygltflib(path: Path) -> Arrays:
-    import pygltflib
-
-    document = pygltflib.GLTF2().load(str(path))
-    blob = document.binary_blob()
-    nodes = [node for node in document.nodes if node.mesh is not None]
-    if len(nodes) != 1 or any(getattr(nodes[0], name) for name in ("matrix", "translation", "rotation", "scale")):
-        raise ValueError("not one mesh without a transformation")
-    primitive = document.meshes[nodes[0].mesh].primitives[0]
-
-    def array(index: int) -> NDArray[np.generic]:
-        accessor = document.accessors[index]
-        view = document.bufferViews[accessor.bufferView]
-        kind = {5126: "<f4", 5125: "<u4", 5123: "<u2", 5121: "<u1"}[accessor.componentType]
-        width = {"SCALAR": 1, "VEC3": 3}[accessor.type]
-        start = (view.byteOffset or 0) + (accessor.byteOffset or 0)
-        return np.frombuffer(blob, kind, accessor.count * width, start).reshape(-1, width)
-
-    points = array(primitive.attributes.POSITION).astype(np.float64)
-    upright = np.column_stack([points[:, 0], -points[:, 2], points[:, 1]])  # glTF is y up
-    return upright, array(primitive.indices).astype(np.int64).reshape(-1, 3)
-
-
 MESH_READERS: dict[str, Callable[[Path], Arrays]] = {
-    **dict.fromkeys((".stl", ".obj", ".ply"), _with_meshio),
+    **dict.fromkeys((".stl", ".ply", ".glb"), _with_vtk),
+    ".obj": lambda path: _as_text(path.read_text(encoding="ascii").splitlines()),
     ".3mf": _with_lib3mf,
-    ".glb": _with_pygltflib,
 }
 
 
@@ -106,17 +93,11 @@ def read_pieces(path: Path) -> list[Arrays]:
 def pieces_in(path: Path) -> dict[str, Any]:
     """Read the objects of an OBJ."""
     found: dict[str, Any] = {}
-    first = count = 1
-    for count, block in enumerate(path.read_text(encoding="ascii").split("\no ")):
-        if count == 0:  # the head of the file
-            continue
-        lines = [line.split() for line in block.splitlines()[1:]]
-        vertices = np.array([line[1:4] for line in lines if line and line[0] == "v"], dtype=np.float64)
-        triangles = np.array([line[1:4] for line in lines if line and line[0] == "f"], dtype=np.int64) - first
-        if vertices.shape[1:] != (3,) or triangles.shape[1:] != (3,) or not is_whole(vertices, triangles):
-            raise ValueError("a piece needs vertices and the triangles between them")
+    first, objects = 1, path.read_text(encoding="ascii").split("\no ")[1:]  # after the head of the file
+    for number, lines in enumerate(objects):
+        vertices, triangles = _as_text(lines.splitlines()[1:], first)
         first += len(vertices)
-        found |= {f"vertices {count - 1}": vertices * _MM, f"triangles {count - 1}": triangles}
+        found |= {f"vertices {number}": vertices, f"triangles {number}": triangles}
     if not found:
         raise ValueError("no convex pieces")
-    return {**found, "count": count}
+    return {**found, "count": len(objects)}

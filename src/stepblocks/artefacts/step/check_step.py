@@ -156,7 +156,8 @@ def _dimension(file: Exchange, ref: str, kind: str, name: str, *sides: list[Surf
     elif len(sides) == 1:
         geometry = measured_size(sides[0], "angle" if angular else kind)
     else:
-        geometry = measured_angle(*sides, value) if angular else measured_distance(*sides, kind)
+        first, second = sides
+        geometry = measured_angle(first, second, value) if angular else measured_distance(first, second, kind)
     planes = len(sides) == 2 and all(sides) and all(one.kind == "PLANE" for one in named)
     if planes and geometry is None and not (problem or angular) and len(bodies) == 1:
         problem = f"names planes {sides[0][0].ref} and {sides[1][0].ref} that are not parallel"
