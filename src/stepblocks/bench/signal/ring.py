@@ -160,15 +160,19 @@ def _columns(since: Array, origin: float, mains: float, shape: Array, about: flo
     return np.column_stack([np.ones_like(since), since, hum, np.exp(-since / release), ring])
 
 
+def softened(force: float, cubic: float) -> float:
+    """Return u of ``force = u + cubic u^3``, the force had the spring not hardened, by Viete's hyperbolic sine."""
+    root = math.sqrt(3.0 * max(cubic, 1e-9))
+    return 2.0 / root * math.sinh(math.asinh(1.5 * force * root) / 3.0)
+
+
 def _hardening_wave(since: Array, tool: tuple[float, ...], about: float) -> Array:
     """Force over its level of a tool with ``F = u + g u^3`` let go at an amplitude of 1, and its rate over its pulsation.
 
     `tool` is the frequency of small swings about the level, the decay time, and g; `about` the level.
     """
     frequency, decay, cubic = tool
-    # the force had the spring not hardened, at rest and at the amplitude: the real root, by Viete's hyperbolic sine
-    root = math.sqrt(3.0 * max(cubic, 1e-9))
-    rest, first = (2.0 / root * math.sinh(math.asinh(1.5 * force * root) / 3.0) for force in (about, about + 1.0))
+    rest, first = softened(about, cubic), softened(about + 1.0, cubic)
     omega = 2.0 * math.pi * frequency / math.sqrt(1.0 + 3.0 * cubic * rest**2)
     time = np.abs(since)  # a little before the release the same as after it
     count = int(float(time.max()) / _FINE_STEP) + 2
