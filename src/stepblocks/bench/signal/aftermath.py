@@ -10,7 +10,16 @@ import numpy as np
 from stepblocks.bench.signal import Array, Estimate, Tool
 from stepblocks.bench.signal.approach import Approach, Landmarks
 from stepblocks.bench.signal.regimes import USUAL_TOOL, Motion, Saw, first_swing
-from stepblocks.bench.signal.ring import GUESSED, TOLD, Ring, RubbingRing, fit_ring, fit_rubbing_ring, guess_ring
+from stepblocks.bench.signal.ring import (
+    GUESSED,
+    TOLD,
+    Ring,
+    RubbingRing,
+    fit_ring,
+    fit_rubbing_ring,
+    guess_ring,
+    softened,
+)
 from stepblocks.bench.signal.separable import damped_wave, propagated, wave, weighed
 
 _RELEASE_TIME = 0.25e-3  # [s] first samples after the peak, in which the sensor itself follows; no tie with a sample
@@ -111,7 +120,8 @@ def settle(
     slid = Motion(time, clean, clean, marks.peak, approach.level + drift, 0.0, approach.slope, marks.noise, frequency)
     depth, std, instant = first_swing(slid)
     # a tool that hardens swings less far below its level than above it, where it was let go
-    depth += 3.0 * approach.hardening * approach.level * depth * (depth - approach.level)
+    swung = softened(max(depth, 0.0), approach.hardening)
+    depth += 3.0 * approach.hardening * approach.level * swung * (swung - approach.level)
     level_std = approach.level_std if saw is None else saw.kinetic[1]
     drift_std = approach.fit.std(approach.fit.shape.size + 1) * reach
     swing = Swing((depth, math.hypot(std, level_std, drift_std)), instant, (decay, spread), 0.5 / frequency)

@@ -204,14 +204,16 @@ def bent(since: Array, bend: tuple[float, float]) -> Array:
     return 3.0 * level * (slope * since) ** 2 + (slope * since) ** 3
 
 
-def fit_approach(time: Array, force: Array, marks: Landmarks, start_up: Tool | None) -> Approach:
-    """Fit sliding and ramp together, and how the ramp bends where it clearly does."""
+def fit_approach(
+    time: Array, force: Array, marks: Landmarks, start_up: Tool | None, *, straight: bool = False
+) -> Approach:
+    """Fit sliding and ramp together, and how the ramp bends where it clearly does and need not be straight."""
     slide_end = int(np.searchsorted(time, marks.onset))
     mains = mains_of(time[:slide_end], force[:slide_end])
     clock = Clock(mains, float(time[: max(slide_end, 1)].mean()), float(np.median(np.diff(time))))
     found = _fit_ramp(time, force, marks, clock, start_up)
     since = np.maximum(time[: found.end] - found.onset, 0.0)
-    if found.fit.lacks(bent(since, (found.level, found.slope))):
+    if not straight and found.fit.lacks(bent(since, (found.level, found.slope))):
         for _ in range(_BENDS):  # the slope with which it begins tells how it bends
             found = _fit_ramp(time, force, marks, replace(clock, bend=(found.level, found.slope)), start_up)
     return found

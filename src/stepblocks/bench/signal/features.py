@@ -258,7 +258,9 @@ def measure_trace(
         force = saw.calmed(force)
         marks = find_landmarks(time, force)
     late = marks.peak + (time.size - marks.peak) // 4
-    approach = fit_approach(time, force, marks, tool or guess_ring(time[late:], force[late:]))
+    # the ramp of a tip that stuck begins with its last tooth
+    start_up = tool or guess_ring(time[late:], force[late:])
+    approach = fit_approach(time, force, marks, start_up, straight=saw is not None)
     after = settle(time, force, marks, approach, tool or (USUAL_TOOL if saw else None), saw=saw)
     peak = peak_of(time, force, marks, approach, after)
     if saw is not None:  # static friction gives way at once, and no straight ramp led up to it

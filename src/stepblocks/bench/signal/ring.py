@@ -121,17 +121,17 @@ def fit_ring(time: Array, force: Array, origin: float, mains: float, noise: floa
     columns = [_columns(since, origin, mains, shape, about) for shape in (ring.fit.shape, hard)]
     if not ring.fit.lacks((columns[1] - columns[0]) @ ring.fit.weights):
         return ring
-    harder = _fit_damped(time, force, origin, mains, noise, hard, about)
+    harder = _fit_damped(time, force, origin, mains, noise, hard, about=about)
     # about which level it rings is in units of an amplitude that a cosine misses
     about = harder.level[0] / harder.amplitude(origin)[0]
-    harder = _fit_damped(time, force, origin, mains, noise, harder.fit.shape, about)
+    harder = _fit_damped(time, force, origin, mains, noise, harder.fit.shape, about=about)
     return harder if harder.misfit < max(_HARD, _CLOSER * ring.misfit) else ring
 
 
 def _fit_damped(
-    time: Array, force: Array, origin: float, mains: float, noise: float, start: Array, about: float = 0.0
+    time: Array, force: Array, origin: float, mains: float, noise: float, start: Array, *, about: float = 0.0
 ) -> Ring:
-    (frequency, *_), count, least = start, start.size, 0.85 if start.size == 3 else 0.7
+    frequency, count, least = start[0], start.size, 0.85 if start.size == 3 else 0.7
     fit = fit_separable(
         lambda shape: _columns(time - origin, origin, mains, shape, about),
         force,
@@ -160,15 +160,19 @@ def _columns(since: Array, origin: float, mains: float, shape: Array, about: flo
     return np.column_stack([np.ones_like(since), since, hum, np.exp(-since / release), ring])
 
 
+def softened(force: float, cubic: float) -> float:
+    """Return u of ``force = u + cubic u^3``, the force had the spring not hardened, by Viete's hyperbolic sine."""
+    root = math.sqrt(3.0 * max(cubic, 1e-9))
+    return 2.0 / root * math.sinh(math.asinh(1.5 * force * root) / 3.0)
+
+
 def _hardening_wave(since: Array, tool: tuple[float, ...], about: float) -> Array:
     """Force over its level of a tool with ``F = u + g u^3`` let go at an amplitude of 1, and its rate over its pulsation.
 
     `tool` is the frequency of small swings about the level, the decay time, and g; `about` the level.
     """
     frequency, decay, cubic = tool
-    # the force had the spring not hardened, at rest and at the amplitude: the real root, by Viete's hyperbolic sine
-    root = math.sqrt(3.0 * max(cubic, 1e-9))
-    rest, first = (2.0 / root * math.sinh(math.asinh(1.5 * force * root) / 3.0) for force in (about, about + 1.0))
+    rest, first = softened(about, cubic), softened(about + 1.0, cubic)
     omega = 2.0 * math.pi * frequency / math.sqrt(1.0 + 3.0 * cubic * rest**2)
     time = np.abs(since)  # a little before the release the same as after it
     count = int(float(time.max()) / _FINE_STEP) + 2
@@ -221,7 +225,7 @@ def rubbing_force(time: Array, level: float, gap: float, tool: Tool, start: tupl
     `level` holds while the tip slips forward and is lower by `gap` while it slips back [N]; `start` is the force [N] and its
     rate [N/s] at 0; `slope` is that of the force while the tip sticks [N/s].
     """
-    return np.asarray(_compiled(_kernel)(time, level, gap, *tool, *start, slope), dtype=float)
+    return np.asarray(_compiled(_rub)(time, (level, gap), tool, start, slope), dtype=float)
 
 
 @cache
@@ -232,10 +236,11 @@ def _compiled(kernel: Callable[..., Array]) -> Callable[..., Array]:
     return cast("Callable[..., Array]", njit(cache=True)(kernel))
 
 
-def _kernel(
-    time: Array, level: float, gap: float, frequency: float, decay: float, force: float, rate: float, slope: float
+def _rub(
+    time: Array, levels: tuple[float, float], tool: tuple[float, float], start: tuple[float, float], slope: float
 ) -> Array:
     """Go half cycle by half cycle; written for a compiler, nothing checked. See `rubbing_force`."""
+    (level, gap), (frequency, decay), (force, rate) = levels, tool, start
     omega = 2.0 * math.pi * frequency
     result = np.empty_like(time)
     count = time.size
