@@ -119,6 +119,21 @@ def test_many_features_in_a_row_are_a_masked_step_and_one_is_type_a1():
     assert [name for *_, name in one.shown.windows] == ["A", "C", "B"]
 
 
+def test_hills_have_two_heights_but_no_edges_and_are_no_step():
+    x, y = np.meshgrid(np.arange(200) * 0.1e-6, np.arange(200) * 0.1e-6)
+    hills = 20e-9 * np.sin(2.0 * np.pi * x / 10e-6) * np.sin(2.0 * np.pi * y / 10e-6)
+    with pytest.raises(MetrologyError, match="heights must change by 50% of a depth at its edges"):
+        masked_step(HeightMap(hills, 0.1e-6, 0.1e-6), 1e-6, hills < 0.0)
+
+
+def test_an_island_of_few_points_in_a_map_of_missing_ones_has_no_faces():
+    x, y = np.meshgrid(np.arange(120) * 1e-6, np.arange(120) * 1e-6)
+    cap = 300e-6 - np.hypot(np.hypot(x - 60e-6, 3.0 * (y - 60e-6)), 240e-6)
+    z = np.where(np.hypot(x - 60e-6, 3.0 * (y - 60e-6)) < 50e-6, cap, np.nan)
+    with pytest.raises(MetrologyError):
+        masked_step(HeightMap(z, 1e-6, 1e-6))
+
+
 def test_a_masked_step_takes_missing_points_anywhere_and_needs_room_beside_the_edges():
     whole, part = masked_step(grating()), masked_step(grating(missing=True))
     assert part.depth.value == pytest.approx(whole.depth.value, abs=2.0 * whole.depth.std)
