@@ -235,6 +235,8 @@ class Grating:
     angle: float  # of the direction in which it repeats, from x [rad]
     share: float  # part of the variance that repeats [1]
     shape: tuple[Array, Array]  # position within a period and mean height [m]
+    level: Array  # shape (ny, nx); levelled heights [m]
+    rest: Array  # likewise what the mean shape leaves of them, nan where nothing was measured [m]
 
 
 def fit_grating(x: Array, y: Array, z: Array) -> Grating:
@@ -274,7 +276,10 @@ def fit_grating(x: Array, y: Array, z: Array) -> Grating:
     scatter = float(depths.std(ddof=1) / np.sqrt(len(parts)))
     step = float(x[1] - x[0]) / np.sqrt(12.0) / max(float(np.ptp(along)), 1.0)
     found = Estimate(depth, scatter, len(parts) - 1.0), form, Estimate(pitch, step)
-    return Grating(*found, angle, share, ((np.arange(_PHASES) + 0.5) / _PHASES * pitch, shape))
+    rest = np.full(z.shape, np.nan)
+    rest[known] = heights - shape[_folded(along, heights)[1]]
+    drawn = np.where(known, level, np.nan), rest
+    return Grating(*found, angle, share, ((np.arange(_PHASES) + 0.5) / _PHASES * pitch, shape), *drawn)
 
 
 def _folded(along: Array, heights: Array) -> tuple[Array, NDArray[np.intp]]:

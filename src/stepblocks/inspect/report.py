@@ -223,10 +223,13 @@ def _draw_map(axes: Any, shown: ShownMap) -> None:
         axis.set(xlabel="x / um", ylabel="y / um")
         axis.grid(visible=False)
     lines = []
-    for (name, mask), colour in zip(shown.outlines, ("#b3261e", "#ffffff"), strict=True):
-        axes[0].contour(mask[::thin, ::thin], levels=[0.5], colors=colour, linewidths=0.8, extent=extent)
+    for (name, mask), colour in zip(shown.outlines, ("#b3261e", "#ffffff"), strict=False):
+        if not mask.all():
+            axes[0].contour(mask[::thin, ::thin], levels=[0.5], colors=colour, linewidths=0.8, extent=extent)
         lines.append(Line2D([], [], color=colour, label=f"{name}, as evaluated"))
-    axes[0].legend(handles=lines, loc="center left", bbox_to_anchor=(1.35, 0.5), fontsize=7, facecolor="#8a97a3")
+    axes[0].legend(
+        handles=lines, loc="upper center", bbox_to_anchor=(0.5, -0.2), ncols=2, facecolor="#8a97a3", fontsize=7
+    )
 
 
 def _draw_scan(axis: Any, result: InspectionResult, shown: Shown) -> None:
