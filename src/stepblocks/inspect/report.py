@@ -92,12 +92,11 @@ class InspectionResult:
 
     def __str__(self) -> str:
         """Write verdict, tables and remarks."""
-        import pandas as pd
-
         said = [f"{self.identity}: {self.said}\n"]
         for name, rows in self.tables.items():
-            table = pd.DataFrame(rows).fillna("-").rename(columns=column_label)
-            said.append(f"{name}\n{table.to_string(index=False)}\n")
+            cells = [[column_label(key), *(_cell(row[key]) for row in rows)] for key in rows[0]]
+            columns = [[cell.ljust(max(map(len, column))) for cell in column] for column in cells]
+            said += [name, *("  ".join(line).rstrip() for line in zip(*columns, strict=True)), ""]
         return "\n".join([*said, *self.remarks])
 
     def _repr_html_(self) -> str:
@@ -121,6 +120,10 @@ class InspectionResult:
             "others_m": {key: one.value for key, one in self._others.items()},
             "characteristics": [_record(one, d, self.inspected.values[one.key]) for one, d in self.judged],
         }
+
+
+def _cell(value: Any) -> str:
+    return "-" if value is None else f"{value:.6g}" if isinstance(value, float) else str(value)
 
 
 def _record(one: Characteristic, decision: Decision, measured: Measured) -> dict[str, Any]:
