@@ -119,6 +119,39 @@ def test_many_features_in_a_row_are_a_masked_step_and_one_is_type_a1():
     assert [name for *_, name in one.shown.windows] == ["A", "C", "B"]
 
 
+def test_maps_that_are_evaluated_as_an_edge_or_a_grating_are_drawn_with_what_took_part():
+    rows = [edge_gauge(X, 40e-6, 5e-6, 1e-3) + np.random.default_rng(n).normal(0.0, 5e-9, len(X)) for n in range(4)]
+    rows[1][20:30] = np.nan
+    edge = measure_edge(HeightMap(np.stack(rows), 1e-6, 50e-6), EXACT).shown.map
+    (upper, above), (lower, below) = edge.outlines
+    assert (upper, lower) == ("upper face", "lower face")
+    assert not (above & below).any()
+    assert not below[1, 20:30].any()
+    assert (np.isfinite(edge.residual) == (above | below)).all()
+    assert np.nanstd(edge.residual) == pytest.approx(5e-9, rel=0.1)
+    y, x = np.mgrid[:80, :160] * 10e-9
+    waves = 20e-9 * np.sin(2.0 * np.pi * (x + 0.5 * y) / 200e-9) + np.random.default_rng(1).normal(0.0, 1e-9, x.shape)
+    waves[:, 50] = np.nan
+    grating = measure_groove(HeightMap(waves, 10e-9, 10e-9), EXACT).shown.map
+    assert np.isnan(grating.residual[:, 50]).all()
+    assert np.nanstd(grating.residual) == pytest.approx(1e-9, rel=0.3)
+
+
+def test_hills_have_two_heights_but_no_edges_and_are_no_step():
+    x, y = np.meshgrid(np.arange(200) * 0.1e-6, np.arange(200) * 0.1e-6)
+    hills = 20e-9 * np.sin(2.0 * np.pi * x / 10e-6) * np.sin(2.0 * np.pi * y / 10e-6)
+    with pytest.raises(MetrologyError, match="heights must change by 50% of a depth at its edges"):
+        masked_step(HeightMap(hills, 0.1e-6, 0.1e-6), 1e-6, hills < 0.0)
+
+
+def test_an_island_of_few_points_in_a_map_of_missing_ones_has_no_faces():
+    x, y = np.meshgrid(np.arange(120) * 1e-6, np.arange(120) * 1e-6)
+    cap = 300e-6 - np.hypot(np.hypot(x - 60e-6, 3.0 * (y - 60e-6)), 240e-6)
+    z = np.where(np.hypot(x - 60e-6, 3.0 * (y - 60e-6)) < 50e-6, cap, np.nan)
+    with pytest.raises(MetrologyError):
+        masked_step(HeightMap(z, 1e-6, 1e-6))
+
+
 def test_a_masked_step_takes_missing_points_anywhere_and_needs_room_beside_the_edges():
     whole, part = masked_step(grating()), masked_step(grating(missing=True))
     assert part.depth.value == pytest.approx(whole.depth.value, abs=2.0 * whole.depth.std)

@@ -102,9 +102,12 @@ class Window:
 
 def arc_radius(window: Window) -> Arc:
     """Radius of the edge in a window."""
+    starts = _coarsely(window)
     radii, risers, costs = _unresolved(window)
-    if _moments(radii, np.exp(costs.min() - costs).sum(axis=1))[0] >= _UNRESOLVED * window.spacing:
-        radii, risers, costs = _refined(window, *_coarsely(window))
+    mean, _ = _moments(radii, np.exp(costs.min() - costs).sum(axis=1))
+    larger = min((cost for cost, radius, _ in starts if radius > radii[-1]), default=np.inf)
+    if mean >= _UNRESOLVED * window.spacing or larger < costs.min():
+        radii, risers, costs = _refined(window, *_followed(window, starts))
     # of places that are as likely the first, whatever the last bits say
     at = np.unravel_index(int(np.argmax(costs <= costs.min() + _ALIKE)), costs.shape)
     riser, radius = float(risers[at[1]]), float(radii[at[0]])
@@ -143,10 +146,8 @@ def _unresolved(window: Window) -> tuple[Array, Array, Array]:
     return radii, risers, np.stack([window.costs(risers, float(radius)) for radius in radii])
 
 
-def _coarsely(window: Window) -> tuple[float, float]:
-    """Best radius and riser: a coarse grid, then the few best of it followed downhill, since the valley is narrow and bent."""
-    from scipy.optimize import minimize
-
+def _coarsely(window: Window) -> list[tuple[float, float, float]]:
+    """Misfit, radius and riser over a coarse grid, the best riser of each radius; the best radius first."""
     spacing, (below, start) = window.spacing, window.crossing
     # of an arc lower than the step the riser lies between two points, and the arc is steepest there
     between = np.linspace(below - 0.5 * spacing, start + 0.5 * spacing, _BETWEEN)
@@ -159,7 +160,14 @@ def _coarsely(window: Window) -> tuple[float, float]:
         costs = window.costs(risers, float(radius))
         at = int(np.argmin(costs))
         found.append((float(costs[at]), float(radius), float(risers[at])))
-    found.sort()
+    return sorted(found)
+
+
+def _followed(window: Window, found: list[tuple[float, float, float]]) -> tuple[float, float]:
+    """Best radius and riser: the few best of a coarse grid followed downhill, since the valley is narrow and bent."""
+    from scipy.optimize import minimize
+
+    spacing = window.spacing
 
     def cost(scaled: Array) -> float:
         radius, riser = scaled * spacing

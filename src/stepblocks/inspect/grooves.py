@@ -257,10 +257,13 @@ def _masked(scan: HeightMap, instrument: Instrument, how: How, key: str) -> Insp
 def _grating(scan: Profile | HeightMap, instrument: Instrument, how: How, key: str) -> Inspected:
     if how.exclusion is not None:
         raise MetrologyError("exclusion must not be given for a grating, which has no faces")
+    drawn = None
     if isinstance(scan, Profile):
         found = fit_grating(scan.position, np.zeros(1), scan.height[np.newaxis, :])
     else:
         found = fit_grating(scan.x, scan.y, scan.height)
+        parts, size = (("measured", np.isfinite(scan.height)),), (float(scan.x[-1]), float(scan.y[-1]))
+        drawn = ShownMap(found.level, found.rest, parts, size)
     noise = Component("noise", found.depth.std, found.depth.dof, "scatter over parts of the scan")
     form = Component("form", found.form, how="change by half as many harmonics, rectangular")
     part = Component("sampling", found.pitch.std, how="a part of a sampling interval over all periods")
@@ -268,4 +271,4 @@ def _grating(scan: Profile | HeightMap, instrument: Instrument, how: How, key: s
     depth = with_budget(key.replace("_", " "), found.depth.value, [noise], instrument, [form])
     convention = f"grating: from the lowest to the highest point of the mean shape, which repeats in {found.share:.0%} of the variance"
     note = f"lines at {np.degrees(found.angle):.1f} deg from the y axis"
-    return Inspected({key: depth, "feature_pitch": pitch}, convention, (note,), Shown(*found.shape))
+    return Inspected({key: depth, "feature_pitch": pitch}, convention, (note,), Shown(*found.shape, map=drawn))

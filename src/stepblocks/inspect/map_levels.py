@@ -29,6 +29,8 @@ _PHASES = 48  # into which the period of a grating is folded
 _REPEATS = 0.8  # part of the variance that repeats, from which a map is a grating [1]
 # interval by the scatter over features above that over rows, from which each has a height of its own [1]
 _OWN_HEIGHTS = 1.5
+# part of the half width of a feature within which its edge changes heights by what part of the depth, where it is a step [1]
+_SUDDEN = 0.1, 0.5
 _LEAST_BANDS = 4  # of rows, over which a scatter is taken
 
 
@@ -76,6 +78,13 @@ def masked_step(scan: HeightMap, exclusion: float | None = None, inside: Mask | 
     labels, features = ndimage.label(inside)
     depth = _by_bands(depths, share, value, known)
     level = _rows_levelled(z, reference)
+    near = max(3.0 * pitch, _SUDDEN[0] * float(within.max()))
+    inner, outer = (np.nanmedian(level[np.abs(one - near) <= pitch]) for one in (within, outside))
+    if not (jump := float(outer - inner) / value) > _SUDDEN[1]:
+        got = f"{jump:.0%} within {near * 1e6:.3g} um of an edge"
+        raise MetrologyError(
+            f"heights must change by {_SUDDEN[1]:.0%} of a depth at its edges, got {got} [{scan.source}]"
+        )
     apart = _by_features(level, np.where(floor, labels, 0))
     reach = [float(stats.t.ppf(0.975, dof)) * std for std, dof in ((depth.std, depth.dof), apart)]
     if reach[1] > _OWN_HEIGHTS * reach[0]:
@@ -188,6 +197,8 @@ def _settling_distance(level: Array, within: Array, outside: Array, pitch: float
     # both sides are judged within the half width of the features, since bows of the scan show beyond it
     reach = float(within.max())
     near = [(distance > 0.5 * reach) & (distance <= reach) for distance in (within, outside)]
+    if not all(np.isfinite(level[mask]).any() for mask in near):
+        raise MetrologyError("features and what lies beside them must be measured half of their width from an edge")
     plateau = [float(np.nanmedian(level[mask])) for mask in near]
     limit = _SETTLED * abs(plateau[0] - plateau[1])
     settled = 1
@@ -224,6 +235,8 @@ class Grating:
     angle: float  # of the direction in which it repeats, from x [rad]
     share: float  # part of the variance that repeats [1]
     shape: tuple[Array, Array]  # position within a period and mean height [m]
+    level: Array  # shape (ny, nx); levelled heights [m]
+    rest: Array  # likewise what the mean shape leaves of them, nan where nothing was measured [m]
 
 
 def fit_grating(x: Array, y: Array, z: Array) -> Grating:
@@ -263,7 +276,10 @@ def fit_grating(x: Array, y: Array, z: Array) -> Grating:
     scatter = float(depths.std(ddof=1) / np.sqrt(len(parts)))
     step = float(x[1] - x[0]) / np.sqrt(12.0) / max(float(np.ptp(along)), 1.0)
     found = Estimate(depth, scatter, len(parts) - 1.0), form, Estimate(pitch, step)
-    return Grating(*found, angle, share, ((np.arange(_PHASES) + 0.5) / _PHASES * pitch, shape))
+    rest = np.full(z.shape, np.nan)
+    rest[known] = heights - shape[_folded(along, heights)[1]]
+    drawn = np.where(known, level, np.nan), rest
+    return Grating(*found, angle, share, ((np.arange(_PHASES) + 0.5) / _PHASES * pitch, shape), *drawn)
 
 
 def _folded(along: Array, heights: Array) -> tuple[Array, NDArray[np.intp]]:

@@ -110,8 +110,10 @@ def measure_edge(scan: Profile | HeightMap, instrument: Instrument, how: How = A
         notes.append(said)
     values = {"step_height": height, "edge_radius": radius}
     first, edge = results[0]
+    drawn = None
     if isinstance(scan, HeightMap):
-        values |= _faces(scan, edge, instrument, notes)
+        faces, drawn = _faces(scan, edge, instrument, notes)
+        values |= faces
     if rejected := sum(one.rejected for one in edges):
         notes.append(f"{rejected} points missing or left out as spikes")
     if any(one.radius.value < 3.0 * first.spacing for one in edges):
@@ -124,7 +126,7 @@ def measure_edge(scan: Profile | HeightMap, instrument: Instrument, how: How = A
     windows = (float(x[0]), before, "face"), (behind, float(x[-1]), "face")
     level = first.height - edge.tilt * x
     lower = (x < before) if edge.rising else (x > behind)
-    shown = Shown(x, level - np.nanmedian(level[lower]), windows, dropped=edge.dropped)
+    shown = Shown(x, level - np.nanmedian(level[lower]), windows, dropped=edge.dropped, map=drawn)
     return Inspected(values, convention, tuple(notes), shown, arc=not sloped)
 
 
@@ -188,14 +190,22 @@ def _form_of(results: list[tuple[Profile, Edge]]) -> float:
     return float(np.sqrt(max(beyond, 0.0) / 3.0))
 
 
-def _faces(scan: HeightMap, edge: Edge, instrument: Instrument, notes: list[str]) -> dict[str, Measured]:
+def _faces(
+    scan: HeightMap, edge: Edge, instrument: Instrument, notes: list[str]
+) -> tuple[dict[str, Measured], ShownMap]:
+    """Flatness and parallelism of the faces of a map, and how they lie in it."""
     # a form of degree three needs no more
     across, along = (slice(None, None, max(size // _MOST_ACROSS, 1)) for size in scan.height.shape)
     x, y, height = scan.x[along], scan.y[across], scan.height[across, along]
     sides = [x < edge.position - edge.exclusion, x > edge.position + edge.exclusion]
-    low, high = (
-        fit_face(x, y, height, np.broadcast_to(side, height.shape)) for side in (sides if edge.rising else sides[::-1])
-    )
+    lower, upper = (np.broadcast_to(side, height.shape) for side in (sides if edge.rising else sides[::-1]))
+    low, high = (fit_face(x, y, height, face) for face in (lower, upper))
+    level = height - edge.tilt * x
+    level = level - np.nanmedian(np.where(lower, level, np.nan), axis=1, keepdims=True)
+    rest = np.where(upper, level - edge.height.value, np.where(lower, level, np.nan))
+    known = np.isfinite(height)
+    parts = ("upper face", upper & known), ("lower face", lower & known)
+    drawn = ShownMap(level, rest, parts, (float(x[-1]), float(y[-1])))
     asked: dict[str, tuple[str, Callable[..., float], tuple[FaceForm, ...]]] = {
         "flatness_lower": ("flatness, lower face", flatness, (low,)),
         "flatness_upper": ("flatness, upper face", flatness, (high,)),
@@ -213,7 +223,7 @@ def _faces(scan: HeightMap, edge: Edge, instrument: Instrument, notes: list[str]
         form = zone_of(zone, *faces)
         noise = Component("noise", form.std, form.dof, "draws from the covariance of the form")
         values[key] = with_budget(name, form.value, [noise], instrument)
-    return values
+    return values, drawn
 
 
 def measure_margin(scan: Profile | HeightMap, instrument: Instrument, how: How = AS_FOUND) -> Inspected:

@@ -92,12 +92,11 @@ class InspectionResult:
 
     def __str__(self) -> str:
         """Write verdict, tables and remarks."""
-        import pandas as pd
-
         said = [f"{self.identity}: {self.said}\n"]
         for name, rows in self.tables.items():
-            table = pd.DataFrame(rows).fillna("-").rename(columns=column_label)
-            said.append(f"{name}\n{table.to_string(index=False)}\n")
+            cells = [[column_label(key), *(_cell(row[key]) for row in rows)] for key in rows[0]]
+            columns = [[cell.ljust(max(map(len, column))) for cell in column] for column in cells]
+            said += [name, *("  ".join(line).rstrip() for line in zip(*columns, strict=True)), ""]
         return "\n".join([*said, *self.remarks])
 
     def _repr_html_(self) -> str:
@@ -121,6 +120,10 @@ class InspectionResult:
             "others_m": {key: one.value for key, one in self._others.items()},
             "characteristics": [_record(one, d, self.inspected.values[one.key]) for one, d in self.judged],
         }
+
+
+def _cell(value: Any) -> str:
+    return "-" if value is None else f"{value:.6g}" if isinstance(value, float) else str(value)
 
 
 def _record(one: Characteristic, decision: Decision, measured: Measured) -> dict[str, Any]:
@@ -223,10 +226,13 @@ def _draw_map(axes: Any, shown: ShownMap) -> None:
         axis.set(xlabel="x / um", ylabel="y / um")
         axis.grid(visible=False)
     lines = []
-    for (name, mask), colour in zip(shown.outlines, ("#b3261e", "#ffffff"), strict=True):
-        axes[0].contour(mask[::thin, ::thin], levels=[0.5], colors=colour, linewidths=0.8, extent=extent)
+    for (name, mask), colour in zip(shown.outlines, ("#b3261e", "#ffffff"), strict=False):
+        if not mask.all():
+            axes[0].contour(mask[::thin, ::thin], levels=[0.5], colors=colour, linewidths=0.8, extent=extent)
         lines.append(Line2D([], [], color=colour, label=f"{name}, as evaluated"))
-    axes[0].legend(handles=lines, loc="center left", bbox_to_anchor=(1.35, 0.5), fontsize=7, facecolor="#8a97a3")
+    axes[0].legend(
+        handles=lines, loc="upper center", bbox_to_anchor=(0.5, -0.2), ncols=2, facecolor="#8a97a3", fontsize=7
+    )
 
 
 def _draw_scan(axis: Any, result: InspectionResult, shown: Shown) -> None:
