@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import Any
 
 import stepblocks
-from stepblocks.cli.arguments import PLACE, given, number, quantity
+from stepblocks.cli.arguments import PLACE, given, quantity
 from stepblocks.cli.outcome import Outcome
 from stepblocks.errors import PipelineError
 
@@ -150,11 +150,6 @@ def _observed(arguments: argparse.Namespace) -> dict[str, Any]:
     return {"observer": observer, **given(arguments, *PLACE)}
 
 
-def _counts(text: str) -> tuple[int, ...]:
-    """Read numbers separated by commas."""
-    return tuple(number(1, 100_000)(part.strip()) for part in text.split(","))
-
-
 def _names(text: str) -> tuple[str, ...]:
     """Read names separated by commas."""
     found = tuple(part.strip() for part in text.split(","))
@@ -192,7 +187,6 @@ READERS = {
     "A=X,B=Y": _shares,
     "H,H,...": _heights,
     "LOW-HIGH": _scale,
-    "N,N,...": _counts,
     "OURS=YOURS,...": partial(_pairs, what="ours=theirs"),
 }
 COMMANDS = {
