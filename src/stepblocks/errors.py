@@ -43,10 +43,6 @@ class BenchError(StepblocksError):
     """A measured session that cannot be read."""
 
 
-class ClosureError(StepblocksError):
-    """A residual analysis that its data cannot carry."""
-
-
 class StudyError(StepblocksError):
     """A design or a table of judgements that cannot be analysed."""
 

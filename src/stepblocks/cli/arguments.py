@@ -154,7 +154,7 @@ def _take(parser: Any, line: str, readers: Readers) -> None:
         else:
             settings |= {
                 "type": _reader(metavar),
-                "metavar": "N" if metavar in _NUMBERS else metavar.removesuffix(">0"),
+                "metavar": "N" if metavar in ("JOBS", "SEED") else metavar.removesuffix(">0"),
             }
     parser.add_argument(*names.split("/"), **settings)
 
@@ -184,7 +184,18 @@ def number(least: int, most: int) -> Callable[[str], int]:
     return read
 
 
-_NUMBERS: Readers = {"N": number(1, 100_000), "JOBS": number(1, 1024), "SEED": number(0, 10**18 - 1), "X": float}
+def _numbers(text: str) -> tuple[int, ...]:
+    """Read numbers separated by commas."""
+    return tuple(number(1, 100_000)(part.strip()) for part in text.split(","))
+
+
+_NUMBERS: Readers = {
+    "N": number(1, 100_000),
+    "N,N,...": _numbers,
+    "JOBS": number(1, 1024),
+    "SEED": number(0, 10**18 - 1),
+    "X": float,
+}
 
 
 def quantity(dimension: str, *, above_zero: bool = False) -> Callable[[str], float]:

@@ -43,11 +43,4 @@ def _run(arguments: argparse.Namespace) -> Outcome:
     return Outcome("", notes=[str(result)], record=result.as_record(), code=code)
 
 
-def _numbers(text: str) -> tuple[int, ...]:
-    if not all(one.strip().isdigit() for one in text.split(",")):
-        raise argparse.ArgumentTypeError(f"must be numbers such as 1,3, got {text!r}")
-    return tuple(int(one) for one in text.split(","))
-
-
-READERS = {"1,3,...": _numbers}
 COMMANDS = {"inspect": _run}

@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import Any
 
 import stepblocks
-from stepblocks.cli.arguments import PLACE, given, number, quantity
+from stepblocks.cli.arguments import PLACE, given, quantity
 from stepblocks.cli.outcome import Outcome
 from stepblocks.errors import PipelineError
 
@@ -97,11 +97,8 @@ def _run(arguments: argparse.Namespace) -> Outcome:
 
     session = open_adaptive(arguments.folder).session(arguments.participant)
     while (pair := session.next_pair()) is not None:
-        print(
-            f"trial {pair.trial}: first {pair.first}, then {pair.second}. Second higher? y, n or q: ",
-            end="",
-            flush=True,
-        )
+        asked = f"trial {pair.trial}: first {pair.first}, then {pair.second}. Second higher? y, n or q: "
+        print(asked, end="", flush=True)
         line = sys.stdin.readline()
         text = line.strip().lower()
         if not line or text == "q":
@@ -146,38 +143,28 @@ def _options(arguments: argparse.Namespace, function: Callable[..., Any]) -> dic
 
 
 def _observed(arguments: argparse.Namespace) -> dict[str, Any]:
-    """Return what `add_observer` asked for as keywords of the functions that simulate."""
+    """Return what ``@observer`` asks for as keywords of the functions that simulate."""
     from stepblocks.study.simulate import Observer
 
     observer = Observer(**given(arguments, *vars(Observer())))
     return {"observer": observer, **given(arguments, *PLACE)}
 
 
-_whole = number(0, 10**18 - 1)
-_count = number(1, 100_000)
-
-
-def _counts(text: str) -> tuple[int, ...]:
-    """Read numbers separated by commas."""
-    return tuple(_count(part.strip()) for part in text.split(","))
-
-
 def _names(text: str) -> tuple[str, ...]:
     """Read names separated by commas."""
     found = tuple(part.strip() for part in text.split(","))
     if not all(name and name.replace("-", "").isalnum() for name in found):
-        raise argparse.ArgumentTypeError(
-            f"must be names of letters, digits and hyphens, separated by commas, got {text!r:.60}"
-        )
+        rule = "must be names of letters, digits and hyphens, separated by commas"
+        raise argparse.ArgumentTypeError(f"{rule}, got {text!r:.60}")
     return found
 
 
 def _scale(text: str) -> tuple[int, int]:
     """Read the ends of a scale."""
     low, dash, high = text.partition("-")
-    if not dash or _whole(low) >= _whole(high):
+    if not (dash and low.isdecimal() and high.isdecimal() and len(text) < 40 and int(low) < int(high)):
         raise argparse.ArgumentTypeError(f"must be LOW-HIGH such as 1-7, got {text!r:.40}")
-    return _whole(low), _whole(high)
+    return int(low), int(high)
 
 
 def _pairs(text: str, what: str) -> dict[str, str]:
@@ -200,7 +187,6 @@ READERS = {
     "A=X,B=Y": _shares,
     "H,H,...": _heights,
     "LOW-HIGH": _scale,
-    "N,N,...": _counts,
     "OURS=YOURS,...": partial(_pairs, what="ours=theirs"),
 }
 COMMANDS = {

@@ -8,7 +8,7 @@ from scipy.optimize import minimize
 from scipy.stats import norm
 
 from oracles.toy_model import Toy, toy_effects, toy_trials
-from stepblocks.errors import ClosureError
+from stepblocks.errors import PipelineError
 from stepblocks.law import Law, Parameter
 from stepblocks.loop.search.fit import Problem, fit, problem_of
 from stepblocks.loop.search.forward_model import Systematic, Trials
@@ -104,7 +104,7 @@ def test_an_effect_at_its_start_changes_nothing() -> None:
 
 
 def test_too_few_trials_are_refused_by_name_and_number() -> None:
-    with pytest.raises(ClosureError, match="at least 12"):
+    with pytest.raises(PipelineError, match="at least 12"):
         problem_of(Toy(), toy_trials(8, 1))
 
 

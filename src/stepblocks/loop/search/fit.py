@@ -11,7 +11,7 @@ import numpy as np
 from scipy.optimize import least_squares
 from scipy.special import log_ndtr
 
-from stepblocks.errors import ClosureError
+from stepblocks.errors import PipelineError
 from stepblocks.law import Active, Law, Parameter
 from stepblocks.loop.search.forward_model import Floats, ForwardModel, Systematic, Trials
 from stepblocks.loop.search.noise import Noise, estimate_scatter, flexible_residual, least, replicate_residual, whitener
@@ -191,7 +191,7 @@ def _finish(objective: _Objective, x: Floats, jacobian: Floats, residual: Floats
 def problem_of(model: ForwardModel, trials: Trials) -> Problem:
     """Pair a model with trials and the noise estimated from them."""
     if len(trials) < 12:
-        raise ClosureError(f"trials must be at least 12 to be explained, got {len(trials)}")
+        raise PipelineError(f"trials must be at least 12 to be explained, got {len(trials)}")
     systematics = model.systematics(trials)
     # replicates hold a drift between them, a flexible regression what it cannot follow: each scatter is the less of both
     told = [r for r in (flexible_residual(trials), replicate_residual(trials, model.cells(trials))) if r]
