@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import atexit
 import json
 import os
 import sys
@@ -114,24 +115,36 @@ def print_table(title: str, rows: Sequence[Mapping[str, Any]], *, wide: bool = F
 
 
 def telling(arguments: argparse.Namespace, did: str, *, lines: int = 0) -> Callable[..., None]:
-    """Return what shows how far a command is, called with done, total and a name: a line that counts on a terminal, elsewhere so many.
+    """Return what shows how far a command is, called with done, total and a name: a bar on a terminal, elsewhere so many lines.
 
     What is done is counted where the caller does not.
     """
-    quiet, number, terminal = arguments.quiet or arguments.json, count(1), sys.stderr.isatty()
+    quiet, number = arguments.quiet or arguments.json, count(1)
 
-    def tell(done: int | None = None, total: int | None = None, name: str = "") -> None:
+    def in_lines(done: int | None = None, total: int | None = None, name: str = "") -> None:
         done, of = done or next(number), "" if total is None else f"/{total}"
-        counted = f"[{done}{of}] {did} {name}".rstrip()
-        if quiet:
-            return
-        if terminal:
-            # what is printed next takes its place
-            print(f"\x1b[K{counted[:_WIDTH]}", end="\n" if done == total else "\r", file=sys.stderr, flush=True)
-        elif lines and (total is None or total <= lines or done % (total // lines) == 0 or done == total):
-            print(counted, file=sys.stderr, flush=True)
+        some = lines and (total is None or total <= lines or done % (total // lines) == 0 or done == total)
+        if some and not quiet:
+            print(f"[{done}{of}] {did} {name}".rstrip(), file=sys.stderr, flush=True)
 
-    return tell
+    if quiet or not sys.stderr.isatty():
+        return in_lines
+
+    from rich.console import Console
+    from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
+
+    columns = BarColumn(), MofNCompleteColumn(), TimeRemainingColumn(), TextColumn("{task.description}", markup=False)
+    bar = Progress(*columns, console=Console(stderr=True), transient=True)
+    task = bar.add_task(did, total=None)
+    atexit.register(bar.stop)  # also where the command fails: a terminal must get its cursor back
+
+    def on_terminal(done: int | None = None, total: int | None = None, name: str = "") -> None:
+        bar.start()
+        bar.update(task, completed=done or next(number), total=total, description=f"{did} {name}")
+        if bar.finished:
+            bar.stop()
+
+    return on_terminal
 
 
 @contextmanager
