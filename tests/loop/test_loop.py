@@ -91,7 +91,7 @@ def test_a_constant_tilt_is_not_claimed_and_its_group_is_named() -> None:
     expected = math.tan(math.atan(0.16) + 0.08)
     assert found.nominal.values["friction"] == pytest.approx(expected, abs=4.0 * found.nominal.std["friction"] + 2e-3)
     named = identifiability(found.problem, found.nominal, [tilt])
-    assert "friction" in named.absorbed["block_tilt"]
+    assert "friction" in named["imitated_by_constants"]["block_tilt"]
 
 
 def test_held_out_errors_fall_to_the_noise_floor(worn) -> None:  # type: ignore[no-untyped-def]
