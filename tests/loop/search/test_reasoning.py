@@ -144,8 +144,8 @@ def test_pure_error_is_the_scatter_among_replicates() -> None:
     cells = [i // 4 for i in range(400)]
     noise = generator.normal(0.0, 0.2, 400)
     fine = pure_error(noise, cells, free=1)
-    assert fine.std == pytest.approx(0.2, rel=0.1)
-    assert fine.p_value > 0.01
+    assert fine["replicate_std"] == pytest.approx(0.2, rel=0.1)
+    assert fine["lack_of_fit_p_value"] > 0.01
     assert pure_error(noise + 0.3 * np.sin(np.array(cells)), cells, free=1)["lack_of_fit_p_value"] < 1e-6
     assert np.isnan(pure_error(noise[:4], [0, 1, 2, 3], free=1)["lack_of_fit_p_value"])
 
