@@ -12,6 +12,7 @@ from __future__ import annotations
 import argparse
 import json
 import math
+import sys
 import tempfile
 import time
 from collections import defaultdict
@@ -22,6 +23,8 @@ from typing import Any
 
 import numpy as np
 from scipy.stats import binomtest
+
+sys.path.insert(0, str(Path(__file__).parents[1] / "tests"))
 
 from oracles.virtual_bench import Bench
 from oracles.virtual_session import Plan, write_session

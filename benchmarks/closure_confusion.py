@@ -204,7 +204,7 @@ def group_named(found: Explanation) -> str:
     """Right where nothing is claimed and the group that no trial can tell apart is named."""
     table = found.problem.trials
     effects = [e for e in candidates(table, covariate_ranges(table), True) if e.id == "block_tilt"]
-    by = identifiability(found.problem, found.nominal, effects).absorbed.get("block_tilt", ())
+    by = identifiability(found.problem, found.nominal, effects)["imitated_by_constants"].get("block_tilt", ())
     return "group named" if not found.findings and "friction" in by else "wrong"
 
 

@@ -92,7 +92,7 @@ def test_a_slot_shows_only_in_its_channels(law: Law) -> None:
         "stiffness": {_ENERGY, _SPRING, _RING},
         "conversion": {_ENERGY, _FORCE} if law.id == "real_release" else {_ENERGY},
         "drag": {_ENERGY, _FORCE, _FRICTION},
-        "sensor": {_ENERGY, _FORCE, _FRICTION, _SPRING, _LOAD},
+        "sensor": {_ENERGY, _FORCE, _FRICTION, _SPRING, _RING, _DECAY, _LOAD},
     }[law.slot]
     assert set(np.flatnonzero(moved).tolist()) <= seen
 
@@ -175,6 +175,19 @@ def test_zeros_and_cross_talk_enter_no_energy_and_move_the_readings_by_themselve
     assert gain[:, _LOAD] == pytest.approx(np.full(24, 0.96))
     assert gain[:, _FRICTION] == pytest.approx(np.full(24, 0.17 / 0.96))
     assert gain[:, :2] == pytest.approx(nominal[:, :2])
+
+
+def test_the_normal_gauge_shows_of_the_pull_what_its_cross_talk_says_and_a_fast_clock_slows_all_that_is_timed() -> None:
+    nominal = observe(_state())
+    cross = observe(_law("normal_cross_talk").apply(_state(), None, {"normal_cross_talk": 0.05}))
+    # origin: before the edge the pull is mu times the load
+    assert cross[:, _LOAD] == pytest.approx(nominal[:, _LOAD] + 0.05 * 0.17)
+    assert cross[:, :2] == pytest.approx(nominal[:, :2])
+    late = observe(_law("clock").apply(_state(), None, {"ln_clock": math.log(1.01)}))
+    # the slope of the ramp is per second, the ring has its cycles per second, the decay its seconds
+    assert late[:, _SPRING] == pytest.approx(nominal[:, _SPRING] / 1.01)
+    assert late[:, _DECAY] - nominal[:, _DECAY] == pytest.approx(np.full(24, math.log(1.01)))
+    assert nominal[:, _RING] - late[:, _RING] == pytest.approx(np.full(24, math.log(1.01)))
 
 
 def test_friction_on_the_edge_moves_the_peak_and_not_the_sliding_force() -> None:

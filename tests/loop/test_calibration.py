@@ -11,6 +11,7 @@ from oracles.features_file import features_of
 from stepblocks.errors import PipelineError
 from stepblocks.loop.bench_model import candidates, covariate_ranges
 from stepblocks.loop.calibration import read_calibration, unloaded_zeros
+from stepblocks.loop.search.adequacy import identifiability
 from stepblocks.loop.search.explain import Rules, Verdict, explain
 from stepblocks.loop.session_table import trials_of
 
@@ -28,14 +29,24 @@ def test_certificates_are_read_in_their_units_and_gains_as_logarithms(tmp_path):
     assert read_calibration(_session(tmp_path, "")) == {}
 
 
+def test_bandwidth_and_clock_of_a_certificate_become_a_time_constant_and_a_logarithm(tmp_path):
+    text = '[calibration]\nbandwidth = ["3 kHz", "0.3 kHz"]\nclock = ["1.002", "0.01 %"]\n'
+    known = read_calibration(_session(tmp_path, text + 'normal_cross_talk = ["0.02", "0.005"]\n'))
+    # origin: a gauge of first order with the corner f has 1 / (2 pi f)
+    tau = 1.0 / (2.0 * math.pi * 3e3)
+    assert known["time_constant_s"] == pytest.approx((tau, 0.1 * tau))
+    assert known["ln_clock"] == pytest.approx((math.log(1.002), 1e-4 / 1.002))
+    assert known["normal_cross_talk"] == pytest.approx((0.02, 0.005))
+
+
 def test_every_mistake_of_a_certificate_is_told_in_a_line_of_its_own(tmp_path):
-    text = '[calibration]\ntangential_zero = ["3 mm", "1 mN"]\nnormal_zero = ["1 mN", "-1 mN"]\nbandwith = 3\n'
+    text = '[calibration]\ntangential_zero = ["3 mm", "1 mN"]\nnormal_zero = ["1 mN", "-1 mN"]\nwarmth = 3\n'
     with pytest.raises(PipelineError) as caught:
         read_calibration(_session(tmp_path, text))
     said, *lines = str(caught.value).splitlines()
     assert said.startswith("3 mistakes")
     assert len(lines) == 3
-    assert ["bandwith" in lines[0], "tangential_zero" in lines[1], "normal_zero" in lines[2]] == [True] * 3
+    assert ["warmth" in lines[0], "tangential_zero" in lines[1], "normal_zero" in lines[2]] == [True] * 3
 
 
 def test_the_loads_of_an_apparatus_are_known_as_well_as_its_table_says(tmp_path, shifted):
@@ -85,11 +96,15 @@ def test_unloaded_samples_give_the_zeros_where_there_are_enough():
 
 @pytest.fixture(scope="module")
 def shifted():
+    return _planted("tangential_zero", zero_n=0.02)
+
+
+def _planted(effect, **values):
     columns = design_columns(96, 12)
     empty = bench_trials(columns, 0)
-    law = next(law for law in candidates(empty, covariate_ranges(empty)) if law.id == "tangential_zero")
+    law = next(law for law in candidates(empty, covariate_ranges(empty)) if law.id == effect)
     scans = {b: {"height_m": v, "height_std_m": s} for b, (v, s) in block_scans(columns, 12).items()}
-    return features_of(bench_trials(columns, 12, ((law, {"zero_n": 0.02}),))), scans
+    return features_of(bench_trials(columns, 12, ((law, values),))), scans
 
 
 def _explained(shifted, known):
@@ -108,3 +123,34 @@ def test_a_zero_that_is_known_is_no_finding_and_one_that_is_ruled_out_is_not_nam
     assert _explained(shifted, {"zero_n": (0.02, 1e-3)}).verdict is Verdict.NONE
     ruled_out = _explained(shifted, {"zero_n": (0.0, 1e-4)})
     assert "tangential_zero" not in [f.effect.id for f in ruled_out.findings]
+
+
+def test_a_normal_gauge_that_shows_of_the_pull_is_told_from_one_of_another_gain_by_its_usual_size_alone():
+    # origin: 0.06 of a pull of 0.16 times the load is 1 % of it
+    found = _explained(_planted("normal_cross_talk", normal_cross_talk=0.06), None)
+    (finding,) = found.findings
+    assert finding.effect.place == ("sensor", "none")
+    assert {finding.effect.id, *(r[0].id for r in finding.rivals)} == {"normal_gain", "normal_cross_talk"}
+    assert finding.verdict is Verdict.AMBIGUOUS
+    # 5 % of gain would be a third of the pull, which no gauge shows; a certificate of the gain leaves the cross-talk
+    large = _explained(_planted("normal_gain", normal_ln_gain=0.05), None)
+    assert [(f.effect.id, f.verdict) for f in large.findings] == [("normal_gain", Verdict.EFFECT)]
+    certified = _explained(_planted("normal_cross_talk", normal_cross_talk=0.06), {"normal_ln_gain": (0.0, 1e-4)})
+    (finding,) = certified.findings
+    assert finding.effect.id == "normal_cross_talk"
+    assert "normal_gain" not in {rival.id for rival, _, _ in finding.rivals}
+
+
+def test_a_clock_is_what_the_constants_imitate_and_a_certificate_corrects_them():
+    features, scans = _planted("clock", ln_clock=0.02)
+    found = _explained((features, scans), None)
+    assert found.verdict is Verdict.NONE
+    (law,) = (law for law in candidates(found.problem.trials, ()) if law.id == "clock")
+    imitated = identifiability(found.problem, found.nominal, [law])["imitated_by_constants"]
+    assert "ln_ring_frequency" in imitated["clock"]
+    told = _explained((features, scans), {"ln_clock": (0.02, 1e-4)})
+    for name, change in (("ln_ring_frequency", 0.02), ("ln_decay_time", -0.02)):
+        assert told.nominal.values[name] - found.nominal.values[name] == pytest.approx(change, abs=1e-3)
+    assert told.nominal.values["stiffness_ratio"] / found.nominal.values["stiffness_ratio"] == pytest.approx(
+        math.exp(0.02), abs=1e-3
+    )

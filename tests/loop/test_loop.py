@@ -91,7 +91,7 @@ def test_a_constant_tilt_is_not_claimed_and_its_group_is_named() -> None:
     expected = math.tan(math.atan(0.16) + 0.08)
     assert found.nominal.values["friction"] == pytest.approx(expected, abs=4.0 * found.nominal.std["friction"] + 2e-3)
     named = identifiability(found.problem, found.nominal, [tilt])
-    assert "friction" in named.absorbed["block_tilt"]
+    assert "friction" in named["imitated_by_constants"]["block_tilt"]
 
 
 def test_held_out_errors_fall_to_the_noise_floor(worn) -> None:  # type: ignore[no-untyped-def]
@@ -278,3 +278,20 @@ def test_thirty_trials_at_one_load_without_scans_under_a_gauge_that_saturates_en
     assert edge > 1e-6 or found.verdict is Verdict.NONE
     # whoever fits must not foretell what the gauge would have shown in full
     assert np.all(fitted.predicted[censored, 1] > table.trials.floor[censored, 1] - 0.05)
+
+
+@pytest.mark.parametrize(
+    ("session", "verdict", "leading"),
+    [
+        ("unexplained-c", Verdict.UNEXPLAINED, ["running_in", "real_release"]),
+        ("unexplained-d", Verdict.EFFECT, ["tip_wear", "normal_zero"]),
+    ],
+)
+def test_the_shipped_figures_of_two_sessions_end_as_the_docs_defend(session, verdict, leading):
+    folder = Path(__file__).parents[1] / "data"
+    features = pd.read_csv(folder / f"{session}.features.csv", dtype={"trial": str})
+    scans = json.loads((folder / f"{session}.scans.json").read_text())
+    table = trials_of(features, 9810.0, 125e-6, scans)
+    found = explain(table.model, table.trials, table.model.candidates(table.trials), Rules())
+    assert found.verdict is verdict
+    assert [f.effect.id.split("~")[0] for f in found.findings][:2] == leading

@@ -62,12 +62,12 @@ def test_a_height_that_is_there_needs_no_new_block(found):
     assert ("block" in asked) == (asked["trials"][0]["height_um"] not in heights)
 
 
-@pytest.mark.parametrize("height", ["15 um", "90 um"])
+@pytest.mark.parametrize("height", ["5 um", "15 um", "90 um"])
 def test_the_block_that_is_asked_for_is_a_stimulus(tmp_path, height):
     asked = {
         "separates": ["edge_rounding", "nothing"],
         "trials": [{"load_n": 1.5}, {"load_n": 0.3}, {"load_n": 1.5}],
-        "block": {"name": "step-new", "height": height, "edge_radius": "0 um", "tip": "125 um", "friction": "0.170"},
+        "block": {"name": "step-new", "height": height, "tip": "125 um", "friction": "0.170"},
     }
     path = tmp_path / "next-block.toml"
     path.write_text(block_stimulus(asked))

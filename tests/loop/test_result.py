@@ -92,7 +92,6 @@ def test_the_mean_edge_weighs_each_scan_by_its_certainty(result):
     # weights 1 and 1/4
     assert shown["mean_edge_radius_m"] == pytest.approx(12e-6, rel=1e-9, abs=0.0)
     assert shown["blocks"] == scans
-    assert shown["note"] == "the forces ask for no rounded edge"
     assert "mean_edge_radius_m" not in _again(result)["scans"]
 
 
@@ -103,8 +102,9 @@ def test_forces_and_scans_speak_of_the_same_edge():
     rounding = next(e for e in candidates(bench_trials(columns, 0), ()) if e.id == "edge_rounding")
     features = features_of(bench_trials(columns, 5, ((rounding, {"edge_radius_m": 14e-6}),)))
     scans = {b: {"height_m": h, "height_std_m": s} for b, (h, s) in block_scans(columns, 5).items()}
-    shown = analyse_features(features, 9810.0, 125e-6, scans, rules=Rules(draws=150, most=1)).document["scans"]
-    assert shown["edge_radius_from_forces_m"] == pytest.approx(14e-6, abs=4.0 * shown["edge_radius_from_forces_std_m"])
+    shown = analyse_features(features, 9810.0, 125e-6, scans, rules=Rules(draws=150, most=1)).document
+    radius = shown["effects"][0]["parameters"]["edge_radius_m"]
+    assert radius["value"] == pytest.approx(14e-6, abs=2.0 * (radius["high"] - radius["value"]))
 
 
 def test_what_is_learnt_is_what_was_fitted(result):

@@ -115,6 +115,16 @@ def test_a_trial_that_cannot_be_used_is_left_out_for_its_reason(features, change
     assert said.startswith(reason)
 
 
+def test_a_saturated_normal_gauge_leaves_peak_and_energy_what_they_are_and_a_saturated_peak_is_a_bound(features):
+    features["status"] = "censored"
+    features.loc[features.index % 2 == 0, "peak_force_std_n"] = np.nan  # the peak itself was cut
+    trials = _table(features).trials
+    whole = np.arange(40) % 2 == 1
+    assert np.isfinite(trials.values[:, :2]).all(axis=1).tolist() == whole.tolist()
+    assert np.isfinite(trials.floor[:, 1]).tolist() == (~whole).tolist()
+    assert trials.floor[~whole, 1] == pytest.approx(np.log(features["peak_force_n"].to_numpy()[~whole]))
+
+
 def test_each_copy_is_named_with_the_trial_that_it_copies(features):
     forces = ["peak_force_n", "vibration_energy_j", "sliding_friction", "spring_constant_n_per_m"]
     features.loc[[7, 11], forces] = features.loc[2, forces].to_numpy()

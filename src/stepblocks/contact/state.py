@@ -49,7 +49,9 @@ class DragState:
     cross_talk: Floats  # share of the normal force that it also shows [1]
     normal_gain: Floats  # of the normal gauge [1]
     normal_zero: Floats  # what that one reads without force [N]
-    lag: Floats  # time constant of that gauge [s]
+    normal_cross_talk: Floats  # share of the tangential force that the normal gauge also shows [1]
+    lag: Floats  # time constant of the tangential gauge [s]
+    ln_clock: Floats  # shown over true time, its logarithm [1]
     frequency: Floats  # of the ring on the nominal spring [Hz]
     decay_time: Floats  # of the ring's amplitude without further damping [s]
     nominal_stiffness: float  # to which frequency and channel refer [N/m]
@@ -110,16 +112,17 @@ def observe(state: DragState) -> Floats:
         peak = np.maximum(force - slope * late * (1.0 - np.exp(-np.minimum(ramp / late, 50.0))), _LEAST_FORCE)
         energy = energy / (1.0 + (2.0 * np.pi * state.frequency * late) ** 2)
     pressed = np.maximum(state.set_load + state.sensed_offset, _LEAST_LOAD)
-    sensed = np.maximum(state.normal_gain * pressed + state.normal_zero, _LEAST_LOAD)
+    normal = pressed + state.normal_cross_talk * sliding
+    sensed = np.maximum(state.normal_gain * normal + state.normal_zero, _LEAST_LOAD)
     beside = state.zero + state.cross_talk * pressed
     ring = state.ring_stiffness * spring.pitch / state.nominal_stiffness
     shown = (
         np.log(state.gain**2 * energy),
         np.log(np.maximum(state.gain * peak + beside, _LEAST_FORCE)),
         (state.gain * sliding + beside) / sensed,
-        state.gain * state.stiffness * spring.slope / state.nominal_stiffness,
-        np.log(state.frequency * np.sqrt(ring)),
-        np.log(state.decay_time / state.damping),
+        state.gain * state.stiffness * spring.slope * np.exp(-state.ln_clock) / state.nominal_stiffness,
+        np.log(state.frequency * np.sqrt(ring)) - state.ln_clock,
+        np.log(state.decay_time / state.damping) + state.ln_clock,
         sensed / state.set_load,
     )
     return np.stack(shown, axis=1)

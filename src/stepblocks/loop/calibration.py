@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import numpy as np
-from pydantic import BaseModel, BeforeValidator, ConfigDict, Field
+from pydantic import AfterValidator, BaseModel, BeforeValidator, ConfigDict, Field
 
 from stepblocks.atomic import inside
 from stepblocks.errors import PipelineError
@@ -24,22 +24,42 @@ Known = Mapping[str, tuple[float, float]]  # a parameter of the instrument to it
 
 _Force = Annotated[float, BeforeValidator(quantity_parser("force"))]
 _Ratio = Annotated[float, BeforeValidator(quantity_parser("ratio"))]
-_PositiveForce = Annotated[_Force, Field(gt=0.0)]
-_PositiveRatio = Annotated[_Ratio, Field(gt=0.0)]
+_Gain = Annotated[_Ratio, Field(gt=0.0)]
+_Frequency = Annotated[float, BeforeValidator(quantity_parser("frequency")), Field(gt=0.0)]
 _FEWEST = 5  # traces with unloaded samples
 _LEAST_STD = 1e-4  # N, of a zero: a gauge creeps by more between two tares
 
 
+def _logarithm(pair: tuple[float, float]) -> tuple[float, float]:
+    value, std = pair
+    return float(np.log(value)), std / value
+
+
+def _time_constant(pair: tuple[float, float]) -> tuple[float, float]:
+    corner, std = pair
+    return 1.0 / (2.0 * np.pi * corner), std / (2.0 * np.pi * corner**2)
+
+
+_KnownZero = tuple[_Force, Annotated[_Force, Field(gt=0.0)]] | None
+_KnownShare = tuple[_Ratio, _Gain] | None
+# of gains the law has the logarithm
+_KnownGain = Annotated[tuple[_Gain, _Gain], AfterValidator(_logarithm)] | None
+_KnownBandwidth = Annotated[tuple[_Frequency, _Frequency], AfterValidator(_time_constant)] | None
+
+
 class _Calibration(BaseModel):
-    """Value and standard uncertainty of each constant; what is not given is not known."""
+    """Value and standard uncertainty of each constant, by its parameter in the laws of the sensor; None where not known."""
 
     model_config = ConfigDict(extra="forbid", frozen=True)
 
-    tangential_zero: tuple[_Force, _PositiveForce] | None = None
-    normal_zero: tuple[_Force, _PositiveForce] | None = None
-    tangential_gain: tuple[_PositiveRatio, _PositiveRatio] | None = None
-    normal_gain: tuple[_PositiveRatio, _PositiveRatio] | None = None
-    cross_talk: tuple[_Ratio, _PositiveRatio] | None = None
+    tangential_zero: _KnownZero = Field(default=None, serialization_alias="zero_n")
+    normal_zero: _KnownZero = Field(default=None, serialization_alias="normal_zero_n")
+    tangential_gain: _KnownGain = Field(default=None, serialization_alias="ln_gain")
+    normal_gain: _KnownGain = Field(default=None, serialization_alias="normal_ln_gain")
+    cross_talk: _KnownShare = None  # normal force in the tangential gauge
+    normal_cross_talk: _KnownShare = None  # tangential force in the normal one
+    bandwidth: _KnownBandwidth = Field(default=None, serialization_alias="time_constant_s")
+    clock: _KnownGain = Field(default=None, serialization_alias="ln_clock")  # shown over true time
     load_table: str | None = None  # of the apparatus, ``*.loads.csv`` in the folder of the session
 
 
@@ -47,26 +67,14 @@ class _Session(BaseModel):
     calibration: _Calibration = _Calibration()
 
 
-# the parameter of a law of the sensor that each constant is; of gains the law has the logarithm
-_PARAMETERS = {
-    "tangential_zero": "zero_n",
-    "normal_zero": "normal_zero_n",
-    "tangential_gain": "ln_gain",
-    "normal_gain": "normal_ln_gain",
-    "cross_talk": "cross_talk",
-}
-
-
 def read_calibration(session: Path) -> dict[str, tuple[float, float]]:
     """Read the optional table ``[calibration]`` of a session, all mistakes told at once, each in a line."""
     path = session / "session.toml"
-    known = validated(_Session, tomllib.loads(path.read_text(encoding="utf-8")), path, PipelineError).calibration
-    given = {_PARAMETERS[name]: pair for name, pair in known if name in _PARAMETERS and pair is not None}
-    found = {
-        name: (float(np.log(value)), std / value) if name.endswith("gain") else (value, std)
-        for name, (value, std) in given.items()
-    }
-    return found if known.load_table is None else found | {LOAD: (0.0, _load_std(session, known.load_table))}
+    declared = validated(_Session, tomllib.loads(path.read_text(encoding="utf-8")), path, PipelineError)
+    known = declared.calibration.model_dump(by_alias=True, exclude_none=True)
+    if table := known.pop("load_table", None):
+        known[LOAD] = 0.0, _load_std(session, table)
+    return known
 
 
 def _load_std(session: Path, name: str) -> float:

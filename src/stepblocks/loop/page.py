@@ -35,6 +35,7 @@ def page_of(result: LoopResult) -> str:
         title=result.title,
         asked=_UNASKED | asked if asked else None,
         r=result.document,
+        constants=[(n, p) for n, p in result.document["extended"]["parameters"].items() if "." not in n],
         agreement=_agreement(result.found),
         residuals=[_residuals(result.found, channel) for channel in _SHOWN_CHANNELS],
         curves=[_curve(result, finding.effect, str(entry["id"])) for finding, entry in named],

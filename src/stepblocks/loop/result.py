@@ -24,7 +24,13 @@ from stepblocks.loop.search.noise import flexible_residual
 from stepblocks.loop.session_table import Scans, SessionTable
 
 _REPLICATES = 20  # degrees of freedom from which a scatter among replicates is known to a sixth
-_RENAMED = ("friction", "ln_conversion", "stiffness_ratio", "ln_ring_frequency", "ln_decay_time")
+# constants that people know by another name and unit
+_READ = {
+    "ln_conversion": ("conversion", "1"),
+    "stiffness_ratio": ("spring_constant", "N/m"),
+    "ln_ring_frequency": ("ring_frequency", "Hz"),
+    "ln_decay_time": ("decay_time", "s"),
+}
 _SHOWN = ("height_um", "load_n", "speed_mm_s")
 _HEIGHTS_UM = (5.0, 10.0, 15.0, 20.0, 30.0, 40.0, 50.0, 60.0, 70.0, 80.0, 90.0)
 
@@ -49,17 +55,10 @@ class LoopResult:
     def _repr_html_(self) -> str:
         import pandas as pd
 
-        effects = [
-            {"effect": effect["id"], "parameter": name, **parameter}
-            for effect in self.document["effects"]
-            for name, parameter in effect["parameters"].items()
-        ]
         errors = {part: self.document[part]["error"] for part in ("nominal", "extended")}
         rows = pd.DataFrame(errors).drop(index="noise_floor").rename_axis("held-out error")
-        parts = [rows.to_html(float_format="{:.3g}".format)]
-        if effects:
-            parts.insert(0, pd.DataFrame(effects).to_html(index=False, float_format="{:.4g}".format))
-        return f"<p>{escape(self.title)}: <b>{self.verdict}</b></p>" + "".join(parts)
+        said = f"<p>{escape(self.title)}: <b>{self.verdict}</b>. {escape(self.document['finding'])}.</p>"
+        return said + str(rows.to_html(float_format="{:.3g}".format))
 
 
 def learned_model(table: SessionTable, found: Explanation, ranges: tuple[CovariateRange, ...]) -> LearnedModel:
@@ -122,7 +121,7 @@ def result_document(
         "next_experiment": next_experiment(found),
         "adequacy": adequacy,
         "identifiability": _identifiability(found),
-        "scans": _scans(found, scans),
+        "scans": _scans(scans),
         "selected_in_folds": [names for holdout in holdouts for names in holdout.selected],
         "trials_analysed": len(table.trials),
     }
@@ -147,15 +146,10 @@ def _could_have_shown(found: Explanation) -> list[dict[str, Any]]:
     shown = smallest_shown(found.problem, found.extended, laws, found.needed)
     entries: dict[str, dict[str, Any]] = {}
     for law in (law for law in laws if np.isfinite(shown.get(law.id, np.nan))):
-        unit = next(p.unit for p in law.parameters if p.name == law.amplitudes[0])
-        entry: dict[str, Any] = {
-            "id": law.id,
-            "slot": law.slot,
-            "covariate": law.covariate,
-            "parameter": law.amplitudes[0],
-        }
-        entry |= {"value": shown[law.id], "unit": unit, "said": law.id.replace("_", " ")}
-        entries.setdefault(law.slot, entry)
+        (name,) = law.amplitudes
+        entry = {"id": law.id, "slot": law.slot, "covariate": law.covariate, "parameter": name}
+        unit = next(p.unit for p in law.parameters if p.name == name)
+        entries.setdefault(law.slot, entry | {"value": shown[law.id], "unit": unit, "said": law.id.replace("_", " ")})
     return list(entries.values())
 
 
@@ -167,14 +161,13 @@ def _entry(value: float, unit: str, std: float, log: bool = False) -> dict[str, 
 
 def _constants(fitted: Fit, spring: float) -> dict[str, Any]:
     """Constants of a fitted model under the names people use, with 95 % intervals."""
-    v, s = fitted.values, fitted.std
-    return {
-        "friction": _entry(v["friction"], "1", s["friction"]),
-        "conversion": _entry(v["ln_conversion"], "1", s["ln_conversion"], log=True),
-        "spring_constant": _entry(v["stiffness_ratio"] * spring, "N/m", s["stiffness_ratio"] * spring),
-        "ring_frequency": _entry(v["ln_ring_frequency"], "Hz", s["ln_ring_frequency"], log=True),
-        "decay_time": _entry(v["ln_decay_time"], "s", s["ln_decay_time"], log=True),
-    } | {p.name: _entry(v[p.name], p.unit, s[p.name]) for p in fitted.parameters if p.name not in _RENAMED}
+    found = {}
+    for parameter in fitted.parameters:
+        value, std = fitted.values[parameter.name], fitted.std[parameter.name]
+        name, unit = _READ.get(parameter.name, (parameter.name, parameter.unit))
+        scale = spring if parameter.name == "stiffness_ratio" else 1.0
+        found[name] = _entry(scale * value, unit, scale * std, log=parameter.name.startswith("ln_"))
+    return found
 
 
 def _effect(effect: Law, fitted: Fit, evidence: Mapping[str, Any]) -> dict[str, Any]:
@@ -230,8 +223,7 @@ def _adequacy(table: SessionTable, found: Explanation, rules: Rules) -> dict[str
     tests = {}
     for j, channel in ((0, "ln_energy"), (1, "ln_peak_force")):
         residual = np.where(trials.seen[:, j], trials.values[:, j] - found.extended.predicted[:, j], np.nan)
-        test = pure_error(residual, cells, len(found.extended.parameters))
-        tests[channel] = {"replicate_std": test.std, "replicate_dof": test.dof, "lack_of_fit_p_value": test.p_value}
+        tests[channel] = pure_error(residual, cells, len(found.extended.parameters))
     worst = sorted(found.checks, key=lambda c: c[2])[:8]
     return {
         "adequate": found.adequate and found.last_gate_p > rules.alpha,
@@ -245,32 +237,22 @@ def _adequacy(table: SessionTable, found: Explanation, rules: Rules) -> dict[str
 def _identifiability(found: Explanation) -> dict[str, Any]:
     trials = found.problem.trials
     effects = [e for e in candidates(trials, covariate_ranges(trials), True) if e.named and e.covariate != "block"]
-    outcome = identifiability(found.problem, found.nominal, effects)
-    return {
-        "imitated_by_constants": outcome.absorbed,
-        "cannot_be_told_apart": outcome.groups,
-        "left_to_their_prior": outcome.weak,
+    return identifiability(found.problem, found.nominal, effects) | {
         "by_the_equations": [
             ["block_tilt", "friction"],
             ["edge_rounding", "tip_radius_error"],
             ["conversion", "1 / spring_constant of the ring", "load gain squared, in energies alone"],
-        ],
+        ]
     }
 
 
-def _scans(found: Explanation, scans: Scans) -> dict[str, Any]:
+def _scans(scans: Scans) -> dict[str, Any]:
     document: dict[str, Any] = {"blocks": {block: dict(scan) for block, scan in scans.items()}}
     edges = [(s.get("edge_radius_m", np.nan), s.get("edge_radius_std_m", np.nan)) for s in scans.values()]
     seen = [(radius, std) for radius, std in edges if np.isfinite(radius) and np.isfinite(std)]
     if seen:
         weights = [1.0 / max(std, 1e-7) ** 2 for _, std in seen]
         document["mean_edge_radius_m"] = float(np.average([radius for radius, _ in seen], weights=weights))
-    name = "edge_rounding.edge_radius_m"
-    if name in found.extended.values:
-        document["edge_radius_from_forces_m"] = found.extended.values[name]
-        document["edge_radius_from_forces_std_m"] = found.extended.std[name]
-    elif found.verdict is not Verdict.NONE:
-        document["note"] = "the forces ask for no rounded edge"
     return document
 
 
@@ -290,20 +272,12 @@ def next_experiment(found: Explanation) -> dict[str, Any] | None:
     if proposal is None:
         note = "no setting within reach tells these apart"
         return {"separates": names, "trials": [], "calibration": moves, "note": note}
-    document: dict[str, Any] = {
-        "separates": names,
-        "calibration": moves,
-        "criterion": "T-optimality: expected difference of twice the log likelihood per trial",
-        "trials": [s | {"expected_gain": g} for s, g in zip(proposal.settings, proposal.gain, strict=True)],
-        "repeats": proposal.trials,
-        "channel": proposal.channel,
-    }
-    best = float(proposal.settings[0]["height_um"])
+    document: dict[str, Any] = {"separates": names, "calibration": moves, **proposal}
+    best = float(proposal["trials"][0]["height_um"])
     if best not in trials.covariates["height_um"]:
         document["block"] = {
             "name": f"step-{best:03.0f}",
             "height": f"{best:g} um",
-            "edge_radius": "0 um",
             "tip": f"{np.median(trials.covariates['tip_radius_um']):g} um",
             "friction": f"{np.clip(found.extended.values['friction'], 0.01, 0.9):.3f}",
         }
@@ -314,12 +288,14 @@ def block_stimulus(experiment: Mapping[str, Any] | None) -> str | None:
     """Stimulus file of the block that an experiment asks for, as `stepblocks build` reads it; None where it asks none."""
     if not experiment or "block" not in experiment:
         return None
-    from jinja2 import Environment, PackageLoader
-
+    block = experiment["block"]
     loads = ", ".join(f'"{load:g} N"' for load in sorted({float(trial["load_n"]) for trial in experiment["trials"]}))
-    template = Environment(loader=PackageLoader("stepblocks.loop"), keep_trailing_newline=True, trim_blocks=True)
-    return template.get_template("next-block.toml.j2").render(
-        rivals=" from ".join(experiment["separates"]), loads=loads, **experiment["block"]
+    return (
+        'schema = 1\nset = "next-block"\n'
+        f'title = "The block that would separate {" from ".join(experiment["separates"])} best"\n'
+        'source = "next experiment of stepblocks loop"\n\n'
+        f'[prediction]\ntip_radii = ["{block["tip"]}"]\nnormal_loads = [{loads}]\nfrictions = [{block["friction"]}]\n\n'
+        f'[[step_block]]\nid = "{block["name"]}"\nheight = {{ nominal = "{block["height"]}", tolerance = "1 um" }}\n'
     )
 
 

@@ -86,12 +86,11 @@ def trials_of(
         raise PipelineError(f"at least {_FEWEST} good trials are needed, got {int(good.sum())} of {len(features)}")
     table = features.loc[good]
     values, std = _channels(table, spring_constant)
-    # the peak of a censored trial is a bound, and measures neither peak nor energy
-    censored = (table["status"] == _CENSORED).to_numpy()
+    # a peak without an uncertainty is a bound, and its trial measures no energy; a normal gauge alone leaves both whole
+    bounded = (table["status"] == _CENSORED).to_numpy() & ~np.isfinite(_numbers(table, "peak_force_std_n"))
     floor = np.full(values.shape, np.nan)
-    # such a peak comes without an uncertainty
-    floor[censored, 1] = np.log(_numbers(table, "peak_force_n")[censored])
-    values[censored, :2] = np.nan
+    floor[bounded, 1] = np.log(_numbers(table, "peak_force_n")[bounded])
+    values[bounded, :2] = np.nan
     covariates = _covariates(table) | {"tip_radius_um": radius[good]}
     trials = Trials(covariates, CHANNELS, values, std, table["block"].astype(str).to_numpy(), floor)
     names = table["trial"].to_numpy()

@@ -1,14 +1,10 @@
-"""Several sessions in one hierarchy: what days, tips and operators share, how they differ, and the next before it is run.
-
-Every session is fitted with all that any of them found; each parameter is then a draw from a distribution over sessions, whose
-mean and spread are found by an empirical-Bayes fit of random effects (Paule and Mandel, in statsmodels' `combine_effects`).
-"""
+"""Several sessions in one hierarchy: what days, tips and operators share, how they differ, and the next before it is run."""
 
 from __future__ import annotations
 
 import json
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -25,46 +21,40 @@ from stepblocks.loop.search.fit import fit
 _LEVEL = 0.975  # quantile of a 95 % interval
 
 
-@dataclass(frozen=True)
-class Shared:
-    """One parameter over all sessions that have it."""
-
-    name: str
-    unit: str
-    sessions: Mapping[str, tuple[float, float]]  # value and standard error in each
-    mean: float
-    mean_std: float
-    between: float  # standard deviation among sessions, beyond what their own errors explain
-    low: float  # 95 % interval of the parameter in a session that is yet to come
-    high: float
-
-    def shrunk(self, session: str) -> float:
-        """Return what a session's own value is with the others known: drawn to the mean as far as its error asks."""
-        value, std = self.sessions[session]
-        weight = self.between**2 / (self.between**2 + std**2) if self.between > 0.0 else 0.0
-        return self.mean + weight * (value - self.mean)
-
-
-def shared_parameter(name: str, unit: str, sessions: Mapping[str, tuple[float, float]]) -> Shared:
-    """Pool one parameter; the height of a block is one number in all sessions and does not differ among them."""
+def shared_parameter(name: str, unit: str, sessions: Mapping[str, tuple[float, float]]) -> dict[str, Any]:
+    """Pool one parameter by its value and standard error in each session that has it, as sessions.json shows it."""
+    # a draw from a distribution over sessions: an empirical-Bayes fit of random effects after Paule and Mandel
     from statsmodels.stats.meta_analysis import combine_effects
 
     values, variances = np.array([(value, max(std, 1e-12) ** 2) for value, std in sessions.values()]).T
-    if len(values) == 1:
-        spread = float(np.sqrt(variances[0]))
-        return Shared(name, unit, sessions, float(values[0]), spread, 0.0, -np.inf, np.inf)
-    # in units of their errors: the iteration has an absolute tolerance
-    scale = float(np.sqrt(np.mean(variances)))
-    found = combine_effects(values / scale, variances / scale**2, method_re="iterated")
-    between = 0.0 if name.startswith("height_error") else scale * float(np.sqrt(max(found.tau2, 0.0)))
+    between = 0.0
+    ends: tuple[float | None, float | None] = (None, None)
+    # the height of a block is one number in all sessions and does not differ among them
+    if len(values) > 1 and not name.startswith("height_error"):
+        # in units of their errors: the iteration has an absolute tolerance
+        scale = float(np.sqrt(np.mean(variances)))
+        found = combine_effects(values / scale, variances / scale**2, method_re="iterated")
+        between = scale * float(np.sqrt(max(found.tau2, 0.0)))
     weights = 1.0 / (variances + between**2)
     mean, mean_std = float(np.sum(weights * values) / weights.sum()), float(1.0 / np.sqrt(weights.sum()))
-    # of as many sessions, the spread among them is known no better (Higgins 2009, doi:10.1111/j.1467-985X.2008.00552.x)
-    reach = float(stats.t.ppf(_LEVEL, len(values) - 1)) * float(np.hypot(between, mean_std))
-    return Shared(name, unit, sessions, mean, mean_std, between, mean - reach, mean + reach)
+    if len(values) > 1:
+        # of as many sessions, the spread among them is known no better (Higgins 2009, doi:10.1111/j.1467-985X.2008.00552.x)
+        reach = float(stats.t.ppf(_LEVEL, len(values) - 1)) * float(np.hypot(between, mean_std))
+        ends = mean - reach, mean + reach
+    # a session's own value with the others known is drawn to the mean as far as its error asks
+    shrunk = mean + between**2 / (between**2 + variances) * (values - mean) if between else np.full(len(values), mean)
+    own = zip(sessions.items(), shrunk.tolist(), strict=True)
+    return {
+        "unit": unit,
+        "mean": mean,
+        "mean_std": mean_std,
+        "among_sessions_std": between,  # beyond what their own errors explain
+        "next": dict(zip(("low", "high"), ends, strict=True)),  # 95 % interval in a session that is yet to come
+        "sessions": {session: {"value": v, "std": e, "shrunk": s} for (session, (v, e)), s in own},
+    }
 
 
-def hierarchy(results: Mapping[str, LoopResult]) -> tuple[dict[str, Shared], LearnedModel]:
+def hierarchy(results: Mapping[str, LoopResult]) -> tuple[dict[str, Any], LearnedModel]:
     """Fit the hierarchy of some sessions by name; beside it the model that predicts the next one."""
     wanted = dict.fromkeys(f.effect.id for result in results.values() for f in result.found.findings)
     fits = {}
@@ -80,9 +70,9 @@ def hierarchy(results: Mapping[str, LoopResult]) -> tuple[dict[str, Shared], Lea
     # the parameters of the last session become those of any session, with the doubt about the next
     last = fits[name]
     pooled = [shared[parameter] for parameter in last.values]
-    variance = [p.between**2 + p.mean_std**2 for p in pooled]
-    values = {p.name: p.mean for p in pooled}
-    extended = LearnedFit(values, tuple(p.unit for p in pooled), np.diag(variance), last.effects)
+    variance = [p["among_sessions_std"] ** 2 + p["mean_std"] ** 2 for p in pooled]
+    values = {name: shared[name]["mean"] for name in last.values}
+    extended = LearnedFit(values, tuple(p["unit"] for p in pooled), np.diag(variance), last.effects)
     return shared, replace(results[name].model, verdict="several sessions", extended=extended)
 
 
@@ -128,15 +118,8 @@ def loop_sessions(
         shared, model = hierarchy(results)
         document = {
             "sessions": {n: {"verdict": str(r.verdict), "finding": r.document["finding"]} for n, r in results.items()},
-            "parameters": {name: _entry(parameter) for name, parameter in shared.items()},
+            "parameters": shared,
         }
         for file, content in (("sessions.json", document), ("model.json", model_document(model))):
             replace_text(output / file, json.dumps(content, indent=2, allow_nan=False) + "\n")
     return document
-
-
-def _entry(parameter: Shared) -> dict[str, Any]:
-    ends = [end if np.isfinite(end) else None for end in (parameter.low, parameter.high)]
-    own = {s: {"value": v, "std": e, "shrunk": parameter.shrunk(s)} for s, (v, e) in parameter.sessions.items()}
-    known = {"unit": parameter.unit, "mean": parameter.mean, "mean_std": parameter.mean_std}
-    return known | {"among_sessions_std": parameter.between, "next": {"low": ends[0], "high": ends[1]}, "sessions": own}

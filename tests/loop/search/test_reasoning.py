@@ -70,7 +70,7 @@ def test_covariates_that_run_together_are_ambiguous() -> None:
 def test_what_a_constant_imitates_is_named_from_the_design_alone() -> None:
     problem = problem_of(Toy(), toy_trials(60, 4))
     outcome = identifiability(problem, fit(problem), toy_effects())
-    assert outcome.absorbed == {"shift": ("a",)}
+    assert outcome["imitated_by_constants"] == {"shift": ("a",)}
 
 
 def test_the_search_stops_where_the_deployed_error_rises() -> None:
@@ -113,10 +113,11 @@ def test_the_next_trials_lie_where_the_rivals_differ_most() -> None:
     proposal = propose(found.problem, found.extended, found.nominal, grid, ("z",))
     assert proposal is not None
     difference = np.abs(grid.covariates["z"]) ** 2
-    best = float(proposal.settings[0]["z"])
+    best = float(proposal["trials"][0]["z"])
     # the nominal level sits at the mean of z^2, a third: the ends differ by 0.5 * 2/3, the middle by 0.5 / 3
     assert best**2 == pytest.approx(float(difference.max()))
-    assert proposal.gain == tuple(sorted(proposal.gain, reverse=True))
+    gains = [one["expected_gain"] for one in proposal["trials"]]
+    assert gains == sorted(gains, reverse=True)
 
 
 def test_settings_that_tie_are_asked_for_in_the_order_of_the_grid_whatever_the_last_bits() -> None:
@@ -135,7 +136,7 @@ def test_settings_that_tie_are_asked_for_in_the_order_of_the_grid_whatever_the_l
         rivals = found.extended, found.nominal
         proposal = propose(found.problem, *rivals, grid, ("z",))
         assert proposal is not None
-        assert [one["z"] for one in proposal.settings] == z[[1, 2, 3, 0]].tolist()
+        assert [one["z"] for one in proposal["trials"]] == z[[1, 2, 3, 0]].tolist()
 
 
 def test_pure_error_is_the_scatter_among_replicates() -> None:
@@ -143,10 +144,10 @@ def test_pure_error_is_the_scatter_among_replicates() -> None:
     cells = [i // 4 for i in range(400)]
     noise = generator.normal(0.0, 0.2, 400)
     fine = pure_error(noise, cells, free=1)
-    assert fine.std == pytest.approx(0.2, rel=0.1)
-    assert fine.p_value > 0.01
-    assert pure_error(noise + 0.3 * np.sin(np.array(cells)), cells, free=1).p_value < 1e-6
-    assert np.isnan(pure_error(noise[:4], [0, 1, 2, 3], free=1).p_value)
+    assert fine["replicate_std"] == pytest.approx(0.2, rel=0.1)
+    assert fine["lack_of_fit_p_value"] > 0.01
+    assert pure_error(noise + 0.3 * np.sin(np.array(cells)), cells, free=1)["lack_of_fit_p_value"] < 1e-6
+    assert np.isnan(pure_error(noise[:4], [0, 1, 2, 3], free=1)["lack_of_fit_p_value"])
 
 
 def test_a_condition_that_never_changes_has_no_smooth_though_its_scatter_is_a_rounded_zero():

@@ -93,17 +93,24 @@ _NORMAL_ZERO = Parameter("normal_zero_n", "N", 0.0, -0.2, 0.2, 5e-3)
 _NORMAL_GAIN = Parameter("normal_ln_gain", "1", 0.0, -0.5, 0.5, 0.01)
 _CROSS_TALK = Parameter("cross_talk", "1", 0.0, -0.2, 0.2, 5e-3)
 _GAIN = Parameter("ln_gain", "1", 0.0, -1.5, 1.5, 0.02)
+# before the edge it shows as a gain of the normal gauge: the usual size of either cross-talk alone tells them apart
+_NORMAL_CROSS_TALK = Parameter("normal_cross_talk", "1", 0.0, -0.3, 0.3, 5e-3, 0.03)
+_CLOCK = Parameter("ln_clock", "1", 0.0, -0.5, 0.5, 1e-3)
+_LAG = Parameter("time_constant_s", "s", 0.0, 0.0, 5e-3, 1e-4)
 
 
 def set_instrument(state: DragState, _: Any, values: Mapping[str, float]) -> DragState:
-    """Set whichever constants of the two gauges are given."""
+    """Set whichever constants of the two gauges and of their clock are given."""
     given = values.get
     return state.changed(
         zero=state.zero + given("zero_n", 0.0),
         cross_talk=state.cross_talk + given("cross_talk", 0.0),
         normal_zero=state.normal_zero + given("normal_zero_n", 0.0),
         normal_gain=state.normal_gain * np.exp(given("normal_ln_gain", 0.0)),
+        normal_cross_talk=state.normal_cross_talk + given("normal_cross_talk", 0.0),
         gain=state.gain * np.exp(given("ln_gain", 0.0)),
+        lag=state.lag + given("time_constant_s", 0.0),
+        ln_clock=state.ln_clock + given("ln_clock", 0.0),
     )
 
 
@@ -140,6 +147,22 @@ SENSOR = (
         settled="drag in the other direction: friction changes its sign, cross-talk does not",
     ),
     _gauge(
+        "normal_cross_talk",
+        "F_y shown + c F_x",
+        (_NORMAL_CROSS_TALK,),
+        rank=1,
+        said="the normal gauge also shows of the tangential force",
+        settled="pull the tip along without a load on it",
+    ),
+    _gauge(
+        "clock",
+        "time shown times c: ring slower, decay longer, ramp softer",
+        (_CLOCK,),
+        rank=8,
+        said="the clock of the record runs by ln c of",
+        settled="record a signal of known frequency",
+    ),
+    _gauge(
         "instrument",  # several constants of one instrument off together: the rival of whatever looks like geometry
         "F_x shown G F_x + z + c F_y, F_y shown G' F_y + z'",
         (_ZERO, _NORMAL_ZERO, _NORMAL_GAIN, _CROSS_TALK, _GAIN),
@@ -147,11 +170,10 @@ SENSOR = (
         said="several constants of the gauges are off: zeros, gain, cross-talk, gain",
         settled="tare both gauges, hang known weights on each, drag in both directions",
     ),
-    _sensor(
+    _gauge(
         "sensor_bandwidth",
         "gauge of first order: peak short by k v tau (1 - exp(-t_ramp / tau))",
-        (Parameter("time_constant_s", "s", 0.0, 0.0, 5e-3, 1e-4),),
-        lambda state, _, v: state.changed(lag=state.lag + v["time_constant_s"]),
+        (_LAG,),
         covariate="speed_mm_s",
         said="the gauge is slow: time constant",
         settled="tap the tool: the ring of a free tool shows the bandwidth",

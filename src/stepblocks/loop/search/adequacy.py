@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 from itertools import combinations
+from typing import Any
 
 import networkx as nx
 import numpy as np
@@ -20,15 +20,6 @@ _LEVEL = 0.005  # of the tests of residuals, after Holm
 _SAME = 0.995  # cosine beyond which two effects imitate one another
 _TIE = 1e-4  # of gains; a fit knows them no better: its own tolerance is 1e-6 of the cost
 _ABSORBED = 2e-3  # share of a direction below which constants imitate it
-
-
-@dataclass(frozen=True)
-class PureError:
-    """Replicates: standard deviation among trials of equal settings, and the test of misfit against it."""
-
-    std: float
-    dof: int
-    p_value: float
 
 
 def _columns(trials: Trials, name: str) -> Floats | None:
@@ -77,8 +68,8 @@ def smooth_p(residual: Floats, columns: Floats) -> float:
     return float(stats.f.sf((whole - left) / (rank - 1) / (left / dof), rank - 1, dof))
 
 
-def pure_error(residual: Floats, cells: Sequence[object], free: int) -> PureError:
-    """Compare the misfit of a model with the scatter among replicates."""
+def pure_error(residual: Floats, cells: Sequence[object], free: int) -> dict[str, Any]:
+    """Test the misfit of a model of so many constants against the scatter among trials of equal settings."""
     seen = np.isfinite(residual)
     values = residual[seen]
     _, inverse = np.unique([str(c) for c, s in zip(cells, seen, strict=True) if s], return_inverse=True)
@@ -86,25 +77,17 @@ def pure_error(residual: Floats, cells: Sequence[object], free: int) -> PureErro
     dof = int(len(values) - len(counts))
     means = np.bincount(inverse, values) / counts
     inside = float(np.sum((values - means[inverse]) ** 2))
+    std = p_value = float("nan")
     # copies of one trial are no replicates
-    if dof < 5 or inside <= 0.0:
-        return PureError(float("nan"), dof, float("nan"))
-    between = max(len(counts) - free, 1)
-    ratio = (float(np.sum(counts * means**2)) / between) / (inside / dof)
-    return PureError(float(np.sqrt(inside / dof)), dof, float(stats.f.sf(ratio, between, dof)))
+    if dof >= 5 and inside > 0.0:
+        between = max(len(counts) - free, 1)
+        ratio = (float(np.sum(counts * means**2)) / between) / (inside / dof)
+        std, p_value = float(np.sqrt(inside / dof)), float(stats.f.sf(ratio, between, dof))
+    return {"replicate_std": std, "replicate_dof": dof, "lack_of_fit_p_value": p_value}
 
 
-@dataclass(frozen=True)
-class Identifiability:
-    """Groups that the design cannot tell apart."""
-
-    absorbed: dict[str, tuple[str, ...]]  # effects that constants of the nominal model imitate, with those constants
-    groups: tuple[tuple[str, ...], ...]  # effects that imitate one another beside the nominal model
-    weak: tuple[str, ...]  # constants that the data leave open: their error stays that of the prior
-
-
-def identifiability(problem: Problem, base: Fit, effects: Sequence[Law]) -> Identifiability:
-    """Compare the directions in which effects and constants move the prediction."""
+def identifiability(problem: Problem, base: Fit, effects: Sequence[Law]) -> dict[str, Any]:
+    """Compare the directions in which effects and constants move the prediction: what the design cannot tell apart."""
     rows = base.residual.size
     scaled = base.jacobian / np.maximum(np.linalg.norm(base.jacobian, axis=0), 1e-300)
     known, _ = np.linalg.qr(scaled)
@@ -131,26 +114,20 @@ def identifiability(problem: Problem, base: Fit, effects: Sequence[Law]) -> Iden
     alike = nx.Graph(
         (one, other) for one, other in combinations(directions, 2) if abs(directions[one] @ directions[other]) > _SAME
     )
-    groups = tuple(tuple(sorted(group)) for group in nx.connected_components(alike))
-    weak = (p.name for p in base.parameters if np.isfinite(p.prior_std) and base.std[p.name] > 0.9 * p.prior_std)
-    return Identifiability(absorbed, groups, tuple(weak))
-
-
-@dataclass(frozen=True)
-class Proposal:
-    """Settings that separate rivals."""
-
-    # covariates of the trials to make, best first; where gains are one to 1e-4, in the order of the grid
-    settings: tuple[dict[str, float | str], ...]
-    gain: tuple[float, ...]  # expected difference of twice the log likelihood per trial at each
-    trials: int  # at the best settings after which the difference is expected to reach 12 (odds of 400 to 1)
-    channel: str  # the one that contributes most
+    return {
+        "imitated_by_constants": absorbed,
+        "cannot_be_told_apart": [sorted(group) for group in nx.connected_components(alike)],
+        # the data leave these open: their error stays that of the prior
+        "left_to_their_prior": [
+            p.name for p in base.parameters if np.isfinite(p.prior_std) and base.std[p.name] > 0.9 * p.prior_std
+        ],
+    }
 
 
 def propose(
     problem: Problem, first: Fit, second: Fit, grid: Trials, shown: Sequence[str], count: int = 4
-) -> Proposal | None:
-    """Rank settings by how well they separate two fitted models."""
+) -> dict[str, Any] | None:
+    """Rank the settings of a grid by how well they separate two fitted models, best first."""
     starts = {p.name: p.start for p in problem.model.parameters(grid)}
     ahead = [problem.model.predict(grid, starts | rival.values, rival.active) for rival in (first, second)]
     scatter = problem.noise.scatter
@@ -167,12 +144,16 @@ def propose(
     gain = np.where(np.isfinite(gain), gain, 0.0)
     order = _best_first(gain)[:count]
     own = difference**2 / covariance[:, range(c), range(c)]
-    return Proposal(
-        settings=tuple({name: _plain(grid.covariates[name][i]) for name in shown} for i in order),
-        gain=tuple(float(gain[i]) for i in order),
-        trials=int(np.ceil(12.0 / float(gain[order[0]]))),
-        channel=problem.trials.channels[_best_first(own[order[0]])[0]],
-    )
+    return {
+        "criterion": "T-optimality: expected difference of twice the log likelihood per trial",
+        "trials": [
+            {name: _plain(grid.covariates[name][i]) for name in shown} | {"expected_gain": float(gain[i])}
+            for i in order
+        ],
+        # of the best, after which the difference is expected to reach 12 (odds of 400 to 1)
+        "repeats": int(np.ceil(12.0 / float(gain[order[0]]))),
+        "channel": problem.trials.channels[_best_first(own[order[0]])[0]],  # the one that contributes most
+    }
 
 
 def _best_first(gain: Floats) -> list[int]:

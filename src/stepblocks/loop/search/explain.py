@@ -268,7 +268,7 @@ def earned(found: Explanation, holdouts: Sequence[Holdout], cells: Sequence[obje
     """Leave `effect` to what the scatter of replicates allows and what every fold chose for itself."""
     seen, free = found.problem.trials.seen, len(found.extended.parameters)
     residual = np.where(seen, found.extended.residual.reshape(seen.shape), np.nan)
-    misfit = [pure_error(column, cells, free).p_value for column in residual.T]
+    misfit = [pure_error(column, cells, free)["lack_of_fit_p_value"] for column in residual.T]
     known = [p for p in misfit if np.isfinite(p)]
     lacking = bool(known) and min(known) * len(known) < _LACKING
     folds = [set(names) for holdout in holdouts for names in holdout.selected]

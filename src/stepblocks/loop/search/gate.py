@@ -1,8 +1,4 @@
-"""Is there anything at all? Score statistics of every candidate, judged together by a bootstrap of their maximum.
-
-Picking the best of many candidates finds something in pure noise. The gate compares the best score with the best
-scores that the same candidates reach on noise of the same design, so the chance of a false alarm holds for the family.
-"""
+"""Is there anything at all? Score statistics of every candidate, judged together by a bootstrap of their maximum."""
 
 from __future__ import annotations
 

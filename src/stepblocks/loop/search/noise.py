@@ -1,9 +1,4 @@
-"""Scatter of trials: how much, of what, and the whitening by it.
-
-A quantity of the model that scatters from trial to trial moves several channels at once, each trial by its own
-responses; beside it each channel scatters on its own. Both are estimated about a regression that trusts no model.
-Errors common to many trials enter as a low-rank covariance.
-"""
+"""Scatter of trials: how much, of what, and the whitening by it; errors common to many trials have a low-rank covariance."""
 
 from __future__ import annotations
 

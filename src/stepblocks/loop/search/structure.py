@@ -1,9 +1,4 @@
-"""What nobody wrote down: how trials err beside the model, each by itself and beside its neighbours.
-
-Friction, load and conversion of a trial differ a little from those of the next. If only chance is behind it these
-differences fall into one heap, spread alike under every label, and remember neither the trial before nor the hour.
-Each of that is tested on the estimates of every trial; what is not so was caused by something that has no column.
-"""
+"""What nobody wrote down: how trials err beside the model, each by itself and beside its neighbours."""
 
 from __future__ import annotations
 
