@@ -12,8 +12,8 @@ import numpy as np
 
 from stepblocks.contact import forward
 from stepblocks.contact.effects import named_laws
+from stepblocks.contact.effects.named import set_instrument
 from stepblocks.contact.effects.smooth import CovariateRange, smooth_laws
-from stepblocks.contact.effects.tool import set_instrument
 from stepblocks.contact.forward import PEAK_FORCE, TOGETHER, BenchDesign
 from stepblocks.contact.operating_point import Tool
 from stepblocks.contact.state import CHANNELS, DragState, observe

@@ -1,0 +1,380 @@
+"""Effects that equations (1) and (2) lack and that have a name, slot by slot: of the contact, of the tool, and of its gauges."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from functools import partial
+from typing import Any
+
+import numpy as np
+
+from stepblocks.contact.operating_point import PAPER
+from stepblocks.contact.state import DragState, Floats
+from stepblocks.law import Law, Parameter
+
+_geometry = partial(Law, slot="contact_geometry")
+
+GEOMETRY = (
+    _geometry(
+        "edge_rounding",
+        "a = arccos(1 - H / (R + r))",
+        (Parameter("edge_radius_m", "m", 0.0, 0.0, 3e-4, 5e-6),),
+        lambda state, _, v: state.changed(radius=state.radius + v["edge_radius_m"]),
+        said="edges are rounded: r =",
+        settled="scan the edges, or drag the same blocks with another tip",
+    ),
+    _geometry(
+        "tip_wear",
+        "R(n) = R + w n",
+        (Parameter("growth_m_per_trial", "m", 0.0, 0.0, 5e-6, 3e-8),),
+        lambda state, order, v: state.changed(radius=state.radius + v["growth_m_per_trial"] * order),
+        covariate="run_order",
+        said="the tip wears: its radius grows per trial by",
+        settled="swap the tip",
+    ),
+    _geometry(
+        "tip_radius_error",
+        "R -> R + w; the same as a rounded edge, which a scan must rule out",
+        (Parameter("radius_error_m", "m", 0.0, -1e-4, 3e-4, 5e-6),),
+        lambda state, _, v: state.changed(radius=state.radius + v["radius_error_m"]),
+        rank=1,
+        said="the tip is larger than stated by",
+        settled="swap the tip, or measure it",
+    ),
+    _geometry(
+        "tip_flat",  # the ball rides lower by the depth of the flat, and every step stands higher by it
+        "a = arccos(1 - (H + d) / R), flat of half width sqrt(2 R d)",
+        (Parameter("flat_depth_m", "m", 0.0, 0.0, 3e-5, 1e-6),),
+        lambda state, _, v: state.changed(height=state.height + v["flat_depth_m"]),
+        rank=1,
+        said="the tip has a flat, of a depth of",
+        settled="swap the tip",
+    ),
+    _geometry(
+        "block_tilt",  # along the drag: the same as friction tan(atan mu + t), for every force and energy
+        "a -> a + t",
+        (Parameter("tilt_rad", "rad", 0.0, -0.3, 0.3, 0.01),),
+        lambda state, _, v: state.changed(tilt=state.tilt + v["tilt_rad"]),
+        rank=5,
+        said="the blocks are tilted by",
+        settled="turn the blocks round: a tilt changes its sign",
+    ),
+    _geometry(
+        "elastic_indentation",  # after Hertz
+        "H -> H - d (F_py / 1 N)^(2/3)",
+        (Parameter("depth_at_1n_m", "m", 0.0, -5e-6, 5e-5, 1e-6),),
+        lambda state, _, v: state.changed(height=state.height - v["depth_at_1n_m"] * state.load ** (2.0 / 3.0)),
+        covariate="load_n",
+        said="the contact gives way: depth at 1 N",
+    ),
+)
+
+
+def height_error(block: str) -> Law:
+    """Return the effect of a block far from its nominal height; small errors are priors of the nominal model."""
+
+    def apply(state: DragState, blocks: Any, values: Mapping[str, float]) -> DragState:
+        return state.changed(height=state.height + values["height_error_m"] * (blocks == block))
+
+    parameters = (Parameter("height_error_m", "m", 0.0, -4e-5, 4e-5, 1e-6),)
+    return _geometry(f"block_height_error~{block}", f"H -> H + h on {block}", parameters, apply, covariate="block")
+
+
+_friction = partial(Law, slot="friction")
+_by_speed = partial(_friction, covariate="speed_mm_s", said="friction falls with speed: excess at rest and speed")
+
+
+def _stribeck(state: DragState, _: Any, values: Mapping[str, float]) -> DragState:
+    excess = values["excess"] * np.exp(-state.speed / values["stribeck_speed_m_per_s"])
+    return state.changed(friction=state.friction * (1.0 + excess))
+
+
+def _logarithmic(state: DragState, _: Any, values: Mapping[str, float]) -> DragState:
+    factor = 1.0 + values["slope"] * np.log(state.speed / 6e-3)
+    return state.changed(friction=state.friction * np.maximum(factor, 0.02))
+
+
+def _running_in(state: DragState, order: Floats, values: Mapping[str, float]) -> DragState:
+    excess = values["excess"] * np.exp(-order / values["settling_trials"])
+    return state.changed(friction=state.friction * np.maximum(1.0 + excess, 0.02))
+
+
+FRICTION = (
+    _friction(
+        "load_dependent_friction",  # an elastic contact after Hertz has p = 1/3
+        "mu (F_py / 0.6 N)^-p",
+        (Parameter("exponent", "1", 0.0, -3.0, 3.0, 0.05),),
+        lambda state, _, v: state.changed(friction=state.friction * (state.load / 0.6) ** -v["exponent"]),
+        covariate="load_n",
+        said="friction falls with load: exponent",
+    ),
+    _friction(
+        "edge_friction",  # an edge is ground, coated or worn otherwise than the faces
+        "e mu while the tip climbs, mu on the faces",
+        (Parameter("edge_over_face", "1", 1.0, 0.1, 4.0, 0.03),),
+        lambda state, _, v: state.changed(edge_factor=state.edge_factor * v["edge_over_face"]),
+        said="friction on the edge over that on the faces is",
+        settled="turn the blocks round, and drag a block with a fresh edge",
+    ),
+    _by_speed(
+        "stribeck_friction",  # falls from rest to sliding
+        "mu (1 + s exp(-v / v_s))",
+        (
+            Parameter("excess", "1", 0.0, -0.95, 10.0, 0.05),
+            Parameter("stribeck_speed_m_per_s", "m/s", 5e-3, 5e-4, 1e-1, 1e-3),
+        ),
+        _stribeck,
+        shapes=tuple({"stribeck_speed_m_per_s": v} for v in (1.5e-3, 4e-3, 9e-3, 2.5e-2)),
+    ),
+    _by_speed(
+        "stribeck_friction~logarithmic",  # the law of dry contacts
+        "mu (1 + s ln(v / 6 mm/s))",
+        (Parameter("slope", "1", 0.0, -2.0, 2.0, 0.03),),
+        _logarithmic,
+        rank=1,
+    ),
+    _friction(
+        "running_in",
+        "mu (1 + s exp(-n / n0))",
+        (Parameter("excess", "1", 0.0, -0.95, 20.0, 0.05), Parameter("settling_trials", "1", 50.0, 3.0, 1000.0, 10.0)),
+        _running_in,
+        covariate="run_order",
+        shapes=tuple({"settling_trials": n} for n in (15.0, 40.0, 100.0, 400.0)),
+        said="friction runs in: excess at first and trials to settle",
+    ),
+)
+
+
+_conversion = partial(Law, slot="conversion")
+
+
+def _motion(state: DragState, _: Any, values: Mapping[str, float]) -> DragState:
+    weight = values["weight"]
+    if weight == 0.0:
+        return state
+    from stepblocks.contact.effects.release_motion import released  # compiled kernels, loaded where they are used
+
+    load = np.maximum(state.load, 1e-3)
+    # k m = (k / omega)^2: the ring itself tells the mass that moves
+    momentum = state.stiffness / (2.0 * np.pi * state.frequency)
+    stiffness, speed = state.stiffness * state.radius / load, state.speed * momentum / load
+    excess, share = released(state.height / state.radius, state.friction, stiffness, speed)
+    return state.changed(
+        climb_load=state.climb_load + load * np.expm1(weight * excess),
+        conversion=state.conversion * np.exp(weight * (share - np.log(PAPER.tool.conversion))),
+    )
+
+
+def _work(state: DragState, _: Any, values: Mapping[str, float]) -> DragState:
+    reach = np.sqrt(np.maximum(state.height * (2.0 * state.radius - state.height), 0.0))
+    work = state.load * (state.height + state.friction * reach)
+    return state.changed(lost_energy=state.lost_energy + values["share"] * work)
+
+
+CONVERSION = (
+    _conversion(
+        "speed_dependent_conversion",
+        "C_v (v / 6 mm/s)^q",
+        (Parameter("exponent", "1", 0.0, -2.0, 2.0, 0.03),),
+        lambda state, _, v: state.changed(conversion=state.conversion * (state.speed / 6e-3) ** v["exponent"]),
+        covariate="speed_mm_s",
+        said="the share that rings follows the speed: exponent",
+    ),
+    _conversion(
+        "temperature_dependent_conversion",
+        "C_v exp(g (T - 22 C))",
+        (Parameter("rate_per_k", "1/K", 0.0, -1.0, 1.0, 0.01),),
+        lambda state, celsius, v: state.changed(
+            conversion=state.conversion * np.exp(v["rate_per_k"] * (celsius - 22.0))
+        ),
+        covariate="temperature_c",
+        said="the share that rings follows the temperature, per K by",
+    ),
+    # the tip has a mass that must be moved and lifted over the rest of the step while the handle goes on; or, by energies alone,
+    # C_v less the work of lifting and rubbing
+    _conversion(
+        "real_release",
+        "C_v and peak from (1 + T tan a) x'' = F - T (1 + y'' x'^2), T = tan(a + atan mu), to the power w",
+        (Parameter("weight", "1", 0.0, 0.0, 1.5, 0.05),),
+        _motion,
+        said="the tip must be moved and lifted over the step: weight of that motion",
+    ),
+    _conversion(
+        "real_release~work",
+        "E_v = C_v F_px^2 / 2k - s F_py (H + mu sqrt(H (2R - H)))",
+        (Parameter("share", "1", 0.0, -1.0, 3.0, 0.02),),
+        _work,
+        rank=1,
+        said="the tip must be moved and lifted over the step: weight of that motion",
+    ),
+)
+
+
+_stiffness, _load, _sensor = (partial(Law, slot=slot) for slot in ("stiffness", "normal_load", "sensor"))
+_bias = partial(_load, said="the load differs from the weights by", settled="weigh the arm without weights")
+_pivot = partial(
+    _load,
+    said="a pivot rubs while the tip is lifted: share of the load, or force,",
+    settled="lift the arm slowly by a scale",
+)
+_drag = partial(
+    Law,
+    slot="drag",
+    covariate="speed_mm_s",
+    said="a viscous drag acts: coefficient",
+    settled="drag without touching a block",
+)
+
+_BIAS = (Parameter("load_bias_n", "N", 0.0, -0.25, 0.6, 0.01),)
+_COEFFICIENT = (Parameter("coefficient_n_s_per_m", "N s/m", 0.0, -20.0, 100.0, 0.5),)
+
+
+def _seen_bias(state: DragState, _: Any, values: Mapping[str, float]) -> DragState:
+    bias = values["load_bias_n"]
+    return state.changed(load=state.load + bias, sensed_offset=state.sensed_offset + bias)
+
+
+TOOL = (
+    _stiffness(
+        "hardening_spring",  # after Duffing
+        "F = u + g u^3, u = k x: energy (u^2/2 + g u^4/4) / k, ramp k (1 + 3 g u^2), pitch with 3/4 g A^2 at amplitude A",
+        (
+            Parameter("cubic_per_n2", "1/N^2", 0.0, 0.0, 5.0, 0.02),
+            # a ring that rubs has died away where its pitch is fitted best: what it shows of A^2 is found with it
+            Parameter("pitch_share", "1", 0.2, -0.5, 1.0, 0.1),
+        ),
+        lambda state, _, v: state.changed(
+            hardening=state.hardening + v["cubic_per_n2"], pitch_share=state.pitch_share + v["pitch_share"]
+        ),
+        covariate="peak_force_n",
+        shapes=({"pitch_share": 0.0}, {"pitch_share": 0.4}),
+        said="the spring hardens: g and the share of the first swing that its pitch shows",
+    ),
+    _bias("load_bias", "F_py -> F_py + b, as the gauge sees it", _BIAS, _seen_bias),
+    _bias(
+        "load_bias~unseen",
+        "F_py -> F_py + b at the contact, unseen by the gauge",
+        _BIAS,
+        lambda state, _, v: state.changed(load=state.load + v["load_bias_n"]),
+        rank=1,
+    ),
+    _pivot(
+        "pivot_friction",
+        "F_py (1 + p) while the tip climbs",
+        (Parameter("pivot_share", "1", 0.0, -0.6, 2.0, 0.02),),
+        lambda state, _, v: state.changed(climb_load=state.climb_load + v["pivot_share"] * state.set_load),
+        rank=2,
+    ),
+    _pivot(
+        "pivot_friction~constant",
+        "F_py + f while the tip climbs",
+        (Parameter("pivot_force_n", "N", 0.0, -0.25, 0.6, 0.01),),
+        lambda state, _, v: state.changed(climb_load=state.climb_load + v["pivot_force_n"]),
+        rank=3,
+    ),
+    _drag(
+        "viscous_drag",
+        "F_x + c v",
+        _COEFFICIENT,
+        lambda state, _, v: state.changed(drag=state.drag + v["coefficient_n_s_per_m"] * state.speed),
+    ),
+    _drag(
+        "viscous_drag~climbing",
+        "F_px + c v, while the tip climbs",
+        _COEFFICIENT,
+        lambda state, _, v: state.changed(climb_drag=state.climb_drag + v["coefficient_n_s_per_m"] * state.speed),
+        rank=1,
+    ),
+)
+
+_ZERO = Parameter("zero_n", "N", 0.0, -0.2, 0.2, 5e-3)
+_NORMAL_ZERO = Parameter("normal_zero_n", "N", 0.0, -0.2, 0.2, 5e-3)
+_NORMAL_GAIN = Parameter("normal_ln_gain", "1", 0.0, -0.5, 0.5, 0.01)
+_CROSS_TALK = Parameter("cross_talk", "1", 0.0, -0.2, 0.2, 5e-3)
+_GAIN = Parameter("ln_gain", "1", 0.0, -1.5, 1.5, 0.02)
+# before the edge it shows as a gain of the normal gauge: the usual size of either cross-talk alone tells them apart
+_NORMAL_CROSS_TALK = Parameter("normal_cross_talk", "1", 0.0, -0.3, 0.3, 5e-3, 0.03)
+_CLOCK = Parameter("ln_clock", "1", 0.0, -0.5, 0.5, 1e-3)
+_LAG = Parameter("time_constant_s", "s", 0.0, 0.0, 5e-3, 1e-4)
+
+
+def set_instrument(state: DragState, _: Any, values: Mapping[str, float]) -> DragState:
+    """Set whichever constants of the two gauges and of their clock are given."""
+    given = values.get
+    return state.changed(
+        zero=state.zero + given("zero_n", 0.0),
+        cross_talk=state.cross_talk + given("cross_talk", 0.0),
+        normal_zero=state.normal_zero + given("normal_zero_n", 0.0),
+        normal_gain=state.normal_gain * np.exp(given("normal_ln_gain", 0.0)),
+        normal_cross_talk=state.normal_cross_talk + given("normal_cross_talk", 0.0),
+        gain=state.gain * np.exp(given("ln_gain", 0.0)),
+        lag=state.lag + given("time_constant_s", 0.0),
+        ln_clock=state.ln_clock + given("ln_clock", 0.0),
+    )
+
+
+_gauge = partial(_sensor, apply=set_instrument)
+_zero = partial(_gauge, settled="tare: record both gauges unloaded before and after the drags")
+
+SENSOR = (
+    _gauge(
+        "sensor_gain",
+        "F_x -> G F_x",
+        (_GAIN,),
+        said="the tangential gauge reads by ln G of",
+        settled="hang a known weight on the tangential gauge",
+    ),
+    _zero(
+        "tangential_zero",
+        "F_x shown + z; a tare enters no stored energy",
+        (_ZERO,),
+        said="the tangential gauge reads without force",
+    ),
+    _zero("normal_zero", "F_y shown + z", (_NORMAL_ZERO,), said="the normal gauge reads without force"),
+    _gauge(
+        "normal_gain",
+        "F_y shown times G",
+        (_NORMAL_GAIN,),
+        said="the normal gauge reads by ln G of",
+        settled="put a known weight on the normal gauge",
+    ),
+    _gauge(
+        "cross_talk",
+        "F_x shown + c F_y; it enters no stored energy",
+        (_CROSS_TALK,),
+        said="the tangential gauge also shows of the normal force",
+        settled="drag in the other direction: friction changes its sign, cross-talk does not",
+    ),
+    _gauge(
+        "normal_cross_talk",
+        "F_y shown + c F_x",
+        (_NORMAL_CROSS_TALK,),
+        rank=1,
+        said="the normal gauge also shows of the tangential force",
+        settled="pull the tip along without a load on it",
+    ),
+    _gauge(
+        "clock",
+        "time shown times c: ring slower, decay longer, ramp softer",
+        (_CLOCK,),
+        rank=8,
+        said="the clock of the record runs by ln c of",
+        settled="record a signal of known frequency",
+    ),
+    _gauge(
+        "instrument",  # several constants of one instrument off together: the rival of whatever looks like geometry
+        "F_x shown G F_x + z + c F_y, F_y shown G' F_y + z'",
+        (_ZERO, _NORMAL_ZERO, _NORMAL_GAIN, _CROSS_TALK, _GAIN),
+        rank=9,
+        said="several constants of the gauges are off: zeros, gain, cross-talk, gain",
+        settled="tare both gauges, hang known weights on each, drag in both directions",
+    ),
+    _gauge(
+        "sensor_bandwidth",
+        "gauge of first order: peak short by k v tau (1 - exp(-t_ramp / tau))",
+        (_LAG,),
+        covariate="speed_mm_s",
+        said="the gauge is slow: time constant",
+        settled="tap the tool: the ring of a free tool shows the bandwidth",
+    ),
+)
