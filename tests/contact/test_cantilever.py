@@ -32,7 +32,7 @@ def test_a_bare_rod_rings_and_gives_as_the_closed_forms_say():
 
 
 def test_a_sheath_over_the_whole_length_makes_a_uniform_composite_rod():
-    ring = ring_of(ROD, [Sleeve(0.0, L, 0.6, 0.031, 0.21)])
+    ring = ring_of(ROD, Sleeve(0.0, L, 0.6, 0.031, 0.21))
     assert ring.frequency == pytest.approx(closed_frequency(EI + 0.6, LINE + 0.031), rel=1e-7)
     assert ring.stiffness == pytest.approx(3.0 * (EI + 0.6) / L**3, rel=1e-8)
     assert ring.loss_factor == pytest.approx((0.05 * EI + 0.21 * 0.6) / (EI + 0.6), rel=1e-9)
@@ -43,7 +43,7 @@ def test_a_small_mass_lowers_the_frequency_as_rayleigh_says(at):
     # df/f = -m phi(x)^2 / (2 M), and the modal mass of a uniform cantilever is a quarter of its own
     mass, short = 1e-4 * LINE * L, 5e-3 * L
     shift = (
-        ring_of(ROD, [Sleeve(at * L - 0.5 * short, short, 0.0, mass / short, 0.0)]).frequency / ring_of(ROD).frequency
+        ring_of(ROD, Sleeve(at * L - 0.5 * short, short, 0.0, mass / short, 0.0)).frequency / ring_of(ROD).frequency
         - 1.0
     )
     assert shift == pytest.approx(-0.5 * mass * mode(at * L) ** 2 / (0.25 * LINE * L), rel=2e-3)
@@ -56,7 +56,7 @@ def test_a_short_stiff_sheath_stiffens_as_castigliano_says():
         return ((L - start) ** 3 - (L - end) ** 3) / (3.0 * bending)
 
     total = compliance(0.0, a, EI) + compliance(a, b, EI + more) + compliance(b, L, EI)
-    assert ring_of(ROD, [Sleeve(a, b - a, more, 0.02, 0.1)]).stiffness == pytest.approx(1.0 / total, rel=1e-8)
+    assert ring_of(ROD, Sleeve(a, b - a, more, 0.02, 0.1)).stiffness == pytest.approx(1.0 / total, rel=1e-8)
 
 
 def test_the_tip_mass_solves_for_the_frequency_and_an_impossible_one_is_refused():
@@ -98,17 +98,17 @@ def test_a_long_soft_hold_gives_as_a_beam_on_an_elastic_bedding():
     b = (bedding / (4.0 * EI)) ** 0.25
     sinks, turns = 2.0 * b / bedding * (1.0 + b * L), 2.0 * b**2 / bedding * (1.0 + 2.0 * b * L)
     compliance = L**3 / (3.0 * EI) + sinks + turns * L
-    ring = ring_of(ROD, hold=Hold(9.0 / b, bedding, 0.3))
+    ring = ring_of(ROD, Hold(9.0 / b, bedding, 0.3))
     assert ring.stiffness == pytest.approx(1.0 / compliance, rel=1e-4)
     assert ring.frequency < ring_of(ROD).frequency
     assert 0.05 < ring.loss_factor < 0.3
-    rigid = ring_of(ROD, hold=Hold(0.02, 1e14, 0.3))
+    rigid = ring_of(ROD, Hold(0.02, 1e14, 0.3))
     assert rigid.frequency == pytest.approx(closed_frequency(EI, LINE), rel=2e-2)
 
 
 def test_a_sheath_beyond_the_free_length_is_refused():
     with pytest.raises(ContactError, match="must lie on the free length of the shank, 0 to 77 mm"):
-        ring_of(ROD, [Sleeve(0.05, 0.04, 0.1, 0.01, 0.1)])
+        ring_of(ROD, Sleeve(0.05, 0.04, 0.1, 0.01, 0.1))
 
 
 def test_mean_energy_is_that_of_an_exponential():

@@ -1,4 +1,4 @@
-"""A probe as a clamped rod with a mass at its tip, what a sheath does to its ring, and what a test of that ring measures."""
+"""A probe as a clamped rod with a mass at its tip: what a sheath does to its ring, and what of it reaches clamp and finger."""
 
 from __future__ import annotations
 
@@ -119,17 +119,18 @@ def bush_stiffness(bore: float, outer: float, modulus: float, poisson: float) ->
     return 8.0 * math.pi * shear * (1.0 - poisson) * kappa / (kappa**2 * math.log(outer / bore) - grown)
 
 
-def ring_of(rod: Rod, sleeves: Sequence[Sleeve] = (), hold: Hold | None = None) -> RodRing:
-    """Predict the first mode of a rod with sheaths on its free part, or held through one; rigidly clamped without `hold`."""
+def ring_of(rod: Rod, sheath: Sleeve | Hold | None = None) -> RodRing:
+    """Predict the first mode of a rod with a sheath on its free part, or held through one; rigidly clamped without."""
     from scipy.linalg import eigh, solve
 
-    for sleeve in sleeves:
-        if not (sleeve.length > 0.0 <= sleeve.start and sleeve.start + sleeve.length <= rod.length * (1.0 + 1e-12)):
+    if isinstance(sheath, Sleeve):
+        end = sheath.start + sheath.length
+        if not (sheath.length > 0.0 <= sheath.start and end <= rod.length * (1.0 + 1e-12)):
             raise ContactError(
                 f"a sheath must lie on the free length of the shank, 0 to {rod.length * 1e3:.4g} mm from the clamp, "
-                f"got {sleeve.start * 1e3:.4g} to {(sleeve.start + sleeve.length) * 1e3:.4g} mm"
+                f"got {sheath.start * 1e3:.4g} to {end * 1e3:.4g} mm"
             )
-    parts, mass, losses, _ = assembled(rod, sleeves, hold)
+    parts, mass, losses, _ = _assembled(rod, sheath)
     total = np.sum(parts, axis=0)
     # asked for as the largest flexibility, the lowest mode keeps its digits beside short elements
     last = total.shape[0] - 1
@@ -145,12 +146,10 @@ def ring_of(rod: Rod, sleeves: Sequence[Sleeve] = (), hold: Hold | None = None) 
     return RodRing(stiffness, frequency, float(shares @ losses), float(shares[1:].sum()))
 
 
-def assembled(rod: Rod, sleeves: Sequence[Sleeve], hold: Hold | None) -> tuple[list[Array], Array, Array, Array]:
-    """Stiffness of rod, sheaths and bedding, the mass of all, the loss factor of each, what their inertia pushes when shifted."""
-    nodes = _nodes(rod, sleeves, hold)
-    shape = (2 * nodes.size, 2 * nodes.size)
-    own, mass = np.zeros(shape), np.zeros(shape)
-    theirs = [np.zeros(shape) for _ in (*sleeves, hold)]
+def _assembled(rod: Rod, sheath: Sleeve | Hold | None) -> tuple[list[Array], Array, Array, Array]:
+    """Stiffness of rod and sheath, the mass of both, the loss factor of each, what their inertia pushes when shifted."""
+    nodes = _nodes(rod, sheath)
+    own, worn, mass = np.zeros((3, 2 * nodes.size, 2 * nodes.size))
     for index, (a, b) in enumerate(itertools.pairwise(nodes)):
         span, at = b - a, slice(2 * index, 2 * index + 4)
         turn = np.array([1.0, span, 1.0, span])
@@ -159,24 +158,25 @@ def assembled(rod: Rod, sleeves: Sequence[Sleeve], hold: Hold | None) -> tuple[l
         own[at, at] += bending
         mass[at, at] += inertia
         middle = 0.5 * (a + b) * rod.length
-        for number, sleeve in enumerate(sleeves):
-            if sleeve.start < middle < sleeve.start + sleeve.length:
-                theirs[number][at, at] += sleeve.bending_stiffness / rod.bending_stiffness * bending
-                mass[at, at] += sleeve.line_mass / rod.line_mass * inertia
-        if hold is not None and middle < 0.0:
-            theirs[-1][at, at] += hold.line_stiffness * rod.length**4 / rod.bending_stiffness * inertia
+        if isinstance(sheath, Sleeve) and sheath.start < middle < sheath.start + sheath.length:
+            worn[at, at] += sheath.bending_stiffness / rod.bending_stiffness * bending
+            mass[at, at] += sheath.line_mass / rod.line_mass * inertia
+        if isinstance(sheath, Hold) and middle < 0.0:
+            worn[at, at] += sheath.line_stiffness * rod.length**4 / rod.bending_stiffness * inertia
     mass[-2, -2] += rod.end_mass / (rod.line_mass * rod.length)
-    losses = [rod.loss_factor, *(sleeve.loss_factor for sleeve in sleeves), hold.loss_factor if hold else 0.0]
-    free = slice(0 if hold else 2, None)
+    losses = np.array([rod.loss_factor, sheath.loss_factor if sheath else 0.0])
+    free = slice(0 if isinstance(sheath, Hold) else 2, None)
     pushes = np.tile([1.0, 0.0], nodes.size) @ mass
-    return [part[free, free] for part in (own, *theirs)], mass[free, free], np.array(losses), pushes[free]
+    return [part[free, free] for part in (own, worn)], mass[free, free], losses, pushes[free]
 
 
-def _nodes(rod: Rod, sleeves: Sequence[Sleeve], hold: Hold | None) -> Array:
+def _nodes(rod: Rod, sheath: Sleeve | Hold | None) -> Array:
     """Places of the nodes in units of the free length; every end of a sheath is one."""
-    ends = {0.0, 1.0, *(min(place / rod.length, 1.0) for s in sleeves for place in (s.start, s.start + s.length))}
-    if hold is not None:
-        ends.add(-hold.length / rod.length)
+    ends = {0.0, 1.0}
+    if isinstance(sheath, Sleeve):
+        ends |= {min(place / rod.length, 1.0) for place in (sheath.start, sheath.start + sheath.length)}
+    elif sheath is not None:
+        ends.add(-sheath.length / rod.length)
     pieces = sorted(ends)
     kept = [pieces[0], *(b for a, b in itertools.pairwise(pieces) if b - a > 1e-9)]
     counts = [_HELD if b <= 0.0 else max(1, math.ceil(_PER_LENGTH * (b - a))) for a, b in itertools.pairwise(kept)]
@@ -184,60 +184,109 @@ def _nodes(rod: Rod, sleeves: Sequence[Sleeve], hold: Hold | None) -> Array:
     return np.concatenate([*spans, [kept[-1]]])
 
 
-_RECORD = 5.0  # time constants: all but 5e-5 of the energy is recorded
-_MOST_RELEASES = 10_000
+_HIGHEST = 1000.0  # of the modes that are felt [Hz]: above it the Pacinian threshold rises steeply
+_LOWEST = 50.0  # below it the hand gives way as a whole, which is no vibration [Hz]
+_SAMPLES = 4000  # of a force over the paper's 16 ms
 
 
 @dataclass(frozen=True)
-class DecayTest:
-    """A planned test of one probe."""
+class Mode:
+    """A normal mode of a rod that is held still, mass normalised: phi at the tip, momentum G, ``sum G phi = 1``."""
 
-    force: float  # that moves the tip before it is let go [N]
-    peak_acceleration: float  # of the tip as it starts [m/s^2]
-    log_decrement: float  # what will be read from the amplitudes [1]
-    periods_above_noise: int  # whole periods until the amplitude has sunk to three times the noise
-    record_time: float  # time to record [s]
-    samples: int  # samples of one release
-    frequency_std: float  # least standard uncertainty of the frequency from one release [Hz]
-    log_decrement_std: float  # of the logarithmic decrement [1]
-    releases: int  # releases after which the logarithmic decrement is known as well as wanted
+    frequency: float  # Hz
+    loss_factor: float  # share of the energy lost per radian [1]
+    reaction: float  # force on the hold over the pull that was let go at the tip, G phi [1]
+    momentum: float  # G [kg^0.5]
+    tip: float  # phi at the tip [kg^-0.5]
 
 
-def plan_decay_test(tool: Tool, displacement: float, noise: float, rate: float, wanted: float) -> DecayTest:
-    """Say what a test of a tool's ring will measure, and how well; `wanted` is relative, of the logarithmic decrement."""
-    for name, value in (("displacement", displacement), ("noise", noise), ("rate", rate), ("wanted", wanted)):
-        require_positive(name, value)
-    frequency, decay_time = tool.frequency, tool.decay_time
-    if rate < 4.0 * frequency:
-        raise ContactError(f"rate must be at least four samples per period ({4.0 * frequency:.4g} Hz), got {rate:g} Hz")
-    if displacement <= 3.0 * noise:
-        raise ContactError(
-            f"displacement must exceed three times the noise ({3e6 * noise:g} um), got {displacement * 1e6:g} um"
-        )
-    count = max(math.ceil(_RECORD * decay_time * rate), 8)
-    decrement = 1.0 / (decay_time * frequency)
-    # the Cramer-Rao bound of a damped sine: least standard uncertainties of its angular frequency and decay rate [1/s]
-    time = np.arange(count) / rate
-    envelope, phase = np.exp(-time / decay_time), math.tau * frequency * time
-    cosine, sine = envelope * np.cos(phase), envelope * np.sin(phase)
-    scaled = time / decay_time  # so that all columns are of order one
-    slopes = np.column_stack([cosine, -sine, -scaled * sine, -scaled * cosine]) * displacement
-    least = np.sqrt(np.diag(np.linalg.inv(slopes.T @ slopes) * noise**2)[2:]) / decay_time
-    frequency_std, rate_std = float(least[0]) / math.tau, float(least[1])
-    decrement_std = math.hypot(rate_std / frequency, decrement * frequency_std / frequency)
-    releases = max(math.ceil((decrement_std / (wanted * decrement)) ** 2), 1)
-    if releases > _MOST_RELEASES:
-        raise ContactError(
-            f"the wanted uncertainty {wanted:g} would take {releases} releases, more than {_MOST_RELEASES}"
-        )
-    return DecayTest(
-        force=tool.stiffness * displacement,
-        peak_acceleration=(math.tau * frequency) ** 2 * displacement,
-        log_decrement=decrement,
-        periods_above_noise=math.floor(decay_time * math.log(displacement / (3.0 * noise)) * frequency),
-        record_time=count / rate,
-        samples=count,
-        frequency_std=frequency_std,
-        log_decrement_std=decrement_std,
-        releases=releases,
-    )
+@dataclass(frozen=True)
+class Hand:
+    """A hand on a handle: the skin and flesh of the grasp, a mass behind it, and the arm; along the drag."""
+
+    handle_mass: float  # of handle or sheath's shell, without the rod [kg]
+    grasp_stiffness: float  # N/m
+    grasp_damping: float  # N s/m
+    mass: float  # kg
+    arm_stiffness: float  # N/m
+    arm_damping: float  # N s/m
+
+
+# Fu and Cavusoglu 2012, IEEE Trans. SMC B 42, 1633: a hand on a stylus in two directions, grasp 380 to 770 N/m and 0.8 to 1.8 N s/m,
+# 0.20 to 0.22 kg, arm 79 to 272 N/m and 4.6 to 18 N s/m; the middles, as a digest of it quotes them. Identified up to 30 Hz: at
+# 300 Hz it is an extrapolation. The handle's 20 g are assumed.
+STYLUS_HAND = Hand(20e-3, 575.0, 1.3, 0.21, 176.0, 11.3)
+
+
+def modes_of(rod: Rod, sheath: Sleeve | Hold | None = None, highest: float = _HIGHEST) -> list[Mode]:
+    """Return the modes of a rod, rigidly clamped or held through a sheath, up to a frequency [Hz]."""
+    from scipy.linalg import eigh
+
+    parts, mass, losses, pushes = _assembled(rod, sheath)
+    values, shapes = eigh(np.sum(parts, axis=0), mass)
+    unit = math.sqrt(rod.bending_stiffness / (rod.line_mass * rod.length**4)) / math.tau
+    scale = math.sqrt(rod.line_mass * rod.length)  # kg^0.5
+    found = []
+    for value, shape in zip(values, shapes.T, strict=True):
+        frequency = unit * math.sqrt(max(float(value), 0.0))
+        if frequency > highest:
+            break
+        energies = np.array([shape @ part @ shape for part in parts])
+        momentum, tip = float(pushes @ shape), float(shape[-2])
+        loss = float(energies @ losses / energies.sum())
+        found.append(Mode(frequency, loss, momentum * tip, momentum * scale, tip / scale))
+    return found
+
+
+def clamp_force(modes: Sequence[Mode], time: Array, blow: bool = False) -> Array:
+    """Force on the clamp [N] after a pull of 1 N was let go at the tip, or after a blow of 1 N s there; times in s."""
+    total = np.zeros_like(time)
+    for one in modes:
+        w = math.tau * one.frequency
+        wave = w * np.sin(w * time) if blow else np.cos(w * time)
+        total += one.reaction * np.exp(-0.5 * w * one.loss_factor * time) * wave
+    return total
+
+
+def sensed(modes: Sequence[Mode], duration: float = PAPER.tool.ring_duration) -> float:
+    """Square of the force on a sensor between rod or sheath and clamp, over a time, for a pull of 1 N [s]; its energy goes with it."""
+    time = np.linspace(0.0, duration, _SAMPLES)
+    return float(np.trapezoid(clamp_force(modes, time) ** 2, time))
+
+
+def finger_share(
+    rod: Rod,
+    stiffness: float,
+    modes: Sequence[Mode],
+    hand: Hand = STYLUS_HAND,
+    duration: float = PAPER.tool.ring_duration,
+) -> float:
+    """Share of the energy stored at the release that the grasp of a hand takes up as vibration over a time [1]."""
+    from scipy.linalg import expm, solve, solve_continuous_lyapunov
+
+    # the modes of the held rod ride on a handle that the hand carries: q'' + w eta q' + w^2 q = -G u'' for each
+    n = len(modes)
+    w = np.array([math.tau * one.frequency for one in modes])
+    momentum, tip = np.array([one.momentum for one in modes]), np.array([one.tip for one in modes])
+    moved = hand.handle_mass + rod.line_mass * rod.length + rod.end_mass
+    mass = np.diag([*np.ones(n), moved, hand.mass])
+    mass[n, :n] = mass[:n, n] = momentum
+    grasp = np.zeros(n + 2)
+    grasp[n:] = 1.0, -1.0
+    arm = np.zeros(n + 2)
+    arm[n + 1] = 1.0
+    spring = np.diag([*(w**2), 0.0, 0.0]) + hand.grasp_stiffness * np.outer(grasp, grasp)
+    spring += hand.arm_stiffness * np.outer(arm, arm)
+    damper = np.diag([*(w * [one.loss_factor for one in modes]), 0.0, 0.0])
+    damper += hand.grasp_damping * np.outer(grasp, grasp) + hand.arm_damping * np.outer(arm, arm)
+    system = np.block([[np.zeros_like(mass), np.eye(n + 2)], [-solve(mass, spring), -solve(mass, damper)]])
+    pull = np.concatenate([tip, [1.0, 0.0]])  # 1 N on the tip moves rod and handle
+    start = np.concatenate([solve(spring, pull), np.zeros(n + 2)])
+    values, vectors = np.linalg.eig(system)
+    parts = np.linalg.solve(vectors, start)
+    parts[np.abs(values.imag) < math.tau * _LOWEST] = 0.0
+    ring = np.real(vectors @ parts)
+    lossy = np.concatenate([np.zeros(n + 2), grasp])
+    spent = solve_continuous_lyapunov(system.T, -hand.grasp_damping * np.outer(lossy, lossy))
+    later = expm(system * duration) @ ring
+    return float((ring @ spent @ ring - later @ spent @ later) / (0.5 / stiffness))

@@ -123,9 +123,9 @@ class ProbeSpec(Table):
         """Return the rod that it is taken for."""
         return rod_for(*(value.value for _, value in self))
 
-    def ring(self, *sleeves: Sleeve) -> RodRing:
-        """Predict how it rings, bare or with sleeves on its shank."""
-        return ring_of(self.rod(), sleeves)
+    def ring(self, sleeve: Sleeve | None = None) -> RodRing:
+        """Predict how it rings, bare or with a sheath on its shank."""
+        return ring_of(self.rod(), sleeve)
 
 
 class DampingRig(Table):

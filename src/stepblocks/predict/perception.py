@@ -19,7 +19,7 @@ from stepblocks.contact.counterface import Step
 from stepblocks.contact.domain import require_not_negative, require_positive
 from stepblocks.contact.energy import Status
 from stepblocks.contact.operating_point import PAPER, OperatingPoint
-from stepblocks.contact.transfer import finger_share, modes_of
+from stepblocks.contact.rod import finger_share, modes_of
 from stepblocks.declare import load_declared
 from stepblocks.errors import ContactError, PipelineError, StepblocksError
 from stepblocks.parts.set import StimulusSet

@@ -7,14 +7,34 @@ import math
 from dataclasses import dataclass
 from pathlib import Path
 
+import numpy as np
+
 from stepblocks.atomic import replace_text
-from stepblocks.contact.rod import DecayTest, Hold, RodRing, bush_stiffness, plan_decay_test, ring_of
-from stepblocks.contact.transfer import finger_share, modes_of, sensed
-from stepblocks.errors import PipelineError
+from stepblocks.contact.domain import require_positive
+from stepblocks.contact.operating_point import Tool
+from stepblocks.contact.rod import Hold, RodRing, Sleeve, bush_stiffness, finger_share, modes_of, ring_of, sensed
+from stepblocks.errors import ContactError, PipelineError
 from stepblocks.parts.conditions import ProbeSpec
 from stepblocks.parts.kinds.sheath import Sheath
 from stepblocks.parts.set import StimulusSet
 from stepblocks.tables import csv_text
+
+_RECORD = 5.0  # time constants: all but 5e-5 of the energy is recorded
+_MOST_RELEASES = 10_000
+_DIGITS = (
+    "g",
+    ".3g",
+    ".3g",
+    ".1f",
+    ".2g",
+    ".4f",
+    ".2g",
+    ".2f",
+    "d",
+    ".4g",
+    "d",
+    "d",
+)  # of the columns of a planned test
 
 # How a probe is used: without a sheath, with one beyond the clamp, clamped by the outside of one
 BARE, ON_SHANK, HELD = "bare", "on the shank", "held through it"
@@ -33,14 +53,13 @@ class Condition:
 
 
 def _condition(probe: ProbeSpec, use: str, sheath: Sheath | None = None) -> Condition:
-    sleeves = [sheath.sleeve] if sheath and use == ON_SHANK and sheath.sleeve else []
-    hold = None
-    if sheath and not sleeves:
+    worn: Sleeve | Hold | None = sheath.sleeve if sheath else None
+    if sheath and use == HELD:
         material, bore, outer = sheath.material, sheath.bore.nominal, sheath.outer_diameter.nominal
         bedding = bush_stiffness(bore, outer, material.modulus.value, material.poisson.value)
-        hold = Hold(sheath.length.nominal, bedding, material.loss_factor.value)
+        worn = Hold(sheath.length.nominal, bedding, material.loss_factor.value)
     rod = probe.rod()
-    ring, modes = ring_of(rod, sleeves, hold), modes_of(rod, sleeves, hold)
+    ring, modes = ring_of(rod, worn), modes_of(rod, worn)
     what = (sheath.id, use, sheath.mass) if sheath else ("", use, 0.0)
     return Condition(*what, ring, sensed(modes), finger_share(rod, ring.stiffness, modes))
 
@@ -101,32 +120,62 @@ def decay_test_rows(stimuli: StimulusSet) -> list[dict[str, str]]:
     asked = rig.displacement.value, rig.noise.value, rig.sample_rate.value, rig.uncertainty.value
     tests = [(one, plan_decay_test(one.ring.as_tool(), *asked)) for one in conditions_of(stimuli)]
     return [
-        {
-            "sheath": one.sheath or "none",
-            "use": one.use,
-            "displacement_um": f"{asked[0] * 1e6:g}",
-            "holding_force_n": f"{test.force:.3g}",
-            "peak_acceleration_m_s2": f"{test.peak_acceleration:.3g}",
-            "frequency_hz": f"{one.ring.frequency:.1f}",
-            "frequency_std_hz": f"{test.frequency_std:.2g}",
-            "log_decrement": f"{test.log_decrement:.4f}",
-            "log_decrement_std": f"{test.log_decrement_std:.2g}",
-            "decay_time_ms": f"{one.ring.decay_time * 1e3:.2f}",
-            "periods_above_noise": f"{test.periods_above_noise}",
-            "record_ms": f"{test.record_time * 1e3:.4g}",
-            "samples": f"{test.samples}",
-            "releases": f"{test.releases}",
-            "releases_to_tell_from_bare": _releases_to_tell(tests[0][1], test),
-        }
+        {"sheath": one.sheath or "none", "use": one.use}
+        | {name: f"{value:{digits}}" for (name, value), digits in zip(test.items(), _DIGITS, strict=True)}
+        | {"releases_to_tell_from_bare": _releases_to_tell(tests[0][1], test)}
         for one, test in tests
     ]
 
 
-def _releases_to_tell(bare: DecayTest, test: DecayTest) -> str:
-    difference = abs(test.log_decrement - bare.log_decrement)
+def _releases_to_tell(bare: dict[str, float], test: dict[str, float]) -> str:
+    difference = abs(test["log_decrement"] - bare["log_decrement"])
     if test is bare or difference == 0.0:
         return ""
-    return f"{math.ceil((3.0 * math.hypot(bare.log_decrement_std, test.log_decrement_std) / difference) ** 2)}"
+    spread = math.hypot(bare["log_decrement_std"], test["log_decrement_std"])
+    return f"{math.ceil((3.0 * spread / difference) ** 2)}"
+
+
+def plan_decay_test(tool: Tool, displacement: float, noise: float, rate: float, wanted: float) -> dict[str, float]:
+    """Say what a test of a tool's ring will measure, and how well; `wanted` is relative, of the logarithmic decrement."""
+    for name, value in (("displacement", displacement), ("noise", noise), ("rate", rate), ("wanted", wanted)):
+        require_positive(name, value)
+    frequency, decay_time = tool.frequency, tool.decay_time
+    if rate < 4.0 * frequency:
+        raise ContactError(f"rate must be at least four samples per period ({4.0 * frequency:.4g} Hz), got {rate:g} Hz")
+    if displacement <= 3.0 * noise:
+        raise ContactError(
+            f"displacement must exceed three times the noise ({3e6 * noise:g} um), got {displacement * 1e6:g} um"
+        )
+    count = max(math.ceil(_RECORD * decay_time * rate), 8)
+    decrement = 1.0 / (decay_time * frequency)
+    # the Cramer-Rao bound of a damped sine: least standard uncertainties of its angular frequency and decay rate [1/s]
+    time = np.arange(count) / rate
+    envelope, phase = np.exp(-time / decay_time), math.tau * frequency * time
+    cosine, sine = envelope * np.cos(phase), envelope * np.sin(phase)
+    scaled = time / decay_time  # so that all columns are of order one
+    slopes = np.column_stack([cosine, -sine, -scaled * sine, -scaled * cosine]) * displacement
+    least = np.sqrt(np.diag(np.linalg.inv(slopes.T @ slopes) * noise**2)[2:]) / decay_time
+    frequency_std, rate_std = float(least[0]) / math.tau, float(least[1])
+    decrement_std = math.hypot(rate_std / frequency, decrement * frequency_std / frequency)
+    releases = max(math.ceil((decrement_std / (wanted * decrement)) ** 2), 1)
+    if releases > _MOST_RELEASES:
+        raise ContactError(
+            f"the wanted uncertainty {wanted:g} would take {releases} releases, more than {_MOST_RELEASES}"
+        )
+    return {
+        "displacement_um": displacement * 1e6,
+        "holding_force_n": tool.stiffness * displacement,
+        "peak_acceleration_m_s2": (math.tau * frequency) ** 2 * displacement,
+        "frequency_hz": frequency,
+        "frequency_std_hz": frequency_std,
+        "log_decrement": decrement,
+        "log_decrement_std": decrement_std,
+        "decay_time_ms": decay_time * 1e3,
+        "periods_above_noise": math.floor(decay_time * math.log(displacement / (3.0 * noise)) * frequency),
+        "record_ms": count / rate * 1e3,
+        "samples": count,
+        "releases": releases,
+    }
 
 
 def write_sheath_files(stimuli: StimulusSet, folder: Path) -> list[Path]:

@@ -7,8 +7,8 @@ import pytest
 from scipy.optimize import curve_fit
 
 from stepblocks.contact.operating_point import Tool
-from stepblocks.contact.rod import plan_decay_test
 from stepblocks.errors import ContactError
+from stepblocks.predict.sheaths import plan_decay_test
 
 RING = {"stiffness": 9.1e3, "frequency": 283.0, "decay_time": 11.7e-3}
 RIG = {"displacement": 0.13e-3, "noise": 0.9e-6, "rate": 21.3e3, "wanted": 0.001}
@@ -17,15 +17,15 @@ RIG = {"displacement": 0.13e-3, "noise": 0.9e-6, "rate": 21.3e3, "wanted": 0.001
 def test_a_long_record_has_the_closed_bound_of_cramer_and_rao():
     test = plan_decay_test(Tool(**RING), **RIG)
     closed = math.sqrt(16.0 * RIG["noise"] ** 2 / (RIG["displacement"] ** 2 * RIG["rate"] * RING["decay_time"] ** 3))
-    assert test.frequency_std == pytest.approx(closed / math.tau, rel=0.01)
-    assert test.log_decrement_std == pytest.approx(closed / RING["frequency"], rel=0.01)
-    assert test.log_decrement == pytest.approx(1.0 / (RING["decay_time"] * RING["frequency"]))
-    assert test.force == pytest.approx(RIG["displacement"] * RING["stiffness"])
+    assert test["frequency_std_hz"] == pytest.approx(closed / math.tau, rel=0.01)
+    assert test["log_decrement_std"] == pytest.approx(closed / RING["frequency"], rel=0.01)
+    assert test["log_decrement"] == pytest.approx(1.0 / (RING["decay_time"] * RING["frequency"]))
+    assert test["holding_force_n"] == pytest.approx(RIG["displacement"] * RING["stiffness"])
 
 
 def test_least_squares_fits_of_simulated_releases_scatter_by_the_bound_and_not_more():
     test = plan_decay_test(Tool(**RING), **RIG)
-    time = np.arange(test.samples) / RIG["rate"]
+    time = np.arange(test["samples"]) / RIG["rate"]
 
     def ring(t, amplitude, phase, frequency, rate):
         return amplitude * np.exp(-rate * t) * np.cos(math.tau * frequency * t + phase)
@@ -37,11 +37,11 @@ def test_least_squares_fits_of_simulated_releases_scatter_by_the_bound_and_not_m
         [curve_fit(ring, time, clean + noise * rng.standard_normal(time.size), start)[0] for _ in range(400)]
     )
     # the standard deviation of 400 values is known to 3.5 %
-    assert found[:, 2].std() == pytest.approx(test.frequency_std, rel=0.12)
-    assert (found[:, 3] / found[:, 2]).std() == pytest.approx(test.log_decrement_std, rel=0.12)
-    relative = test.log_decrement_std / test.log_decrement
-    assert test.releases == math.ceil((relative / RIG["wanted"]) ** 2)
-    assert test.releases > 1
+    assert found[:, 2].std() == pytest.approx(test["frequency_std_hz"], rel=0.12)
+    assert (found[:, 3] / found[:, 2]).std() == pytest.approx(test["log_decrement_std"], rel=0.12)
+    relative = test["log_decrement_std"] / test["log_decrement"]
+    assert test["releases"] == math.ceil((relative / RIG["wanted"]) ** 2)
+    assert test["releases"] > 1
 
 
 @pytest.mark.parametrize(
