@@ -20,7 +20,6 @@ from stepblocks.drag.ring import RING_BAND, band_share, phase_spectrum, ring_of
 from stepblocks.drag.simulate import PAPER_DRAG, DragSettings, DragTrace, Probe, simulate
 from stepblocks.drag.track import step_track
 from stepblocks.figure_file import new_figure, save_figure
-from stepblocks.predict.figures import margin_map
 
 R = 125e-6
 LIGHT = replace(PAPER_DRAG, damping_ratio=0.01)
@@ -147,7 +146,7 @@ def main() -> None:
     faces = [Step(height) for height in np.linspace(2e-6, 120e-6, 60)]
     draw_energy_of_height(faces, PAPER, uncertain, folder / "energy-of-height.png")
     axis = np.linspace(0, 150e-6, 76), np.linspace(-100e-6, 100e-6, 81)
-    draw_margin_map(margin_map(*axis, PAPER), folder / "margin-map.png")
+    draw_margin_map(*axis, PAPER, folder / "margin-map.png")
     print(f"\npictures in {folder}")
 
 

@@ -9,7 +9,7 @@ from stepblocks.contact.counterface import Step
 from stepblocks.contact.operating_point import PAPER, OperatingPoint
 from stepblocks.declare import load_set
 from stepblocks.errors import ContactError
-from stepblocks.predict.figures import draw_energy_of_height, draw_margin_map, margin_map, write_plots
+from stepblocks.predict.figures import draw_energy_of_height, draw_margin_map, write_plots
 
 STIMULI = Path(__file__).resolve().parents[2] / "stimuli"
 
@@ -20,10 +20,10 @@ def test_a_set_of_tips_has_no_curve_of_its_own(tmp_path):
 
 def test_the_same_predictions_are_the_same_picture(tmp_path):
     steps = [Step(height) for height in np.linspace(5e-6, 100e-6, 9)]
-    table = margin_map(np.linspace(0.0, 100e-6, 9), np.linspace(-30e-6, 30e-6, 7), PAPER)
+    axes = np.linspace(0.0, 100e-6, 9), np.linspace(-30e-6, 30e-6, 7)
     for name in ("a", "b"):
         draw_energy_of_height(steps, PAPER, {"height": 0.5e-6}, tmp_path / f"energy-{name}.png", [25e-6])
-        draw_margin_map(table, tmp_path / f"map-{name}.png", [(50e-6, 0.0)])
+        draw_margin_map(*axes, PAPER, tmp_path / f"map-{name}.png", [(50e-6, 0.0)])
     for kind in ("energy", "map"):
         first, second = ((tmp_path / f"{kind}-{name}.png").read_bytes() for name in ("a", "b"))
         assert first == second

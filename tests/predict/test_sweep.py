@@ -211,11 +211,10 @@ def test_a_sweep_over_crown_margins_is_the_margin_map(tmp_path):
     sweep(plan_of(tmp_path, MARGINS.format(mode="static")), tmp_path / "out")
     frame = table(tmp_path / "out")
     assert len(frame) == 12
-    expected = margin_map(
-        [30e-6, 70e-6], [15e-6, 0.0, -15e-6], OperatingPoint(90e-6, 0.7, 0.12)
-    )  # its discrepancy: tooth over crown
+    axes = np.array([30e-6, 70e-6]), np.array([15e-6, 0.0, -15e-6])  # its discrepancy: tooth over crown
+    to_tooth, to_crown = margin_map(*axes, OperatingPoint(90e-6, 0.7, 0.12))
     for _, row in frame.iterrows():
-        forces = expected.crown_to_tooth if row.direction == "crown-to-tooth" else expected.tooth_to_crown
+        forces = to_tooth if row.direction == "crown-to-tooth" else to_crown
         i, j = [30e-6, 70e-6].index(row.marginal_gap_m), [-15e-6, 0.0, 15e-6].index(row.horizontal_discrepancy_m)
         assert (row.peak_force_n if row.status == "releases" else 0.0) == pytest.approx(forces[i, j], rel=1e-12)
     assert frame.vertical_discrepancy_m.isna().all()  # the end of the crown is square

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cached_property, lru_cache
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -62,6 +62,7 @@ class Track(CentrePath):
         return float(self.x[found[0]]), float(self.x[found[-1]])
 
 
+@lru_cache(maxsize=16)  # a track is long to compute and serves every load and friction
 def track_over(face: Counterface, ball_radius: float, backward: bool = False) -> Track:
     """Track over a counterface: up a step in closed form, over anything else by dilating its section."""
     if isinstance(face, Step) and not backward:

@@ -3,17 +3,15 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
 from itertools import product
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 
 from stepblocks.contact import kernels
 from stepblocks.contact.counterface import Margin, Step
 from stepblocks.contact.critical_angle import margin_angles
-from stepblocks.contact.domain import require_not_negative
 from stepblocks.contact.energy import Status
 from stepblocks.contact.operating_point import OperatingPoint
 from stepblocks.contact.uncertainty import interval_of
@@ -27,26 +25,13 @@ Floats = NDArray[np.float64]
 _BLUE, _RED = "#1f4e79", "#b03030"
 
 
-@dataclass(frozen=True)
-class MarginMap:
-    """Forces over a grid of margins, each of shape (gaps, discrepancies)."""
-
-    gap: Floats  # shape (gaps,) [m]
-    discrepancy: Floats  # shape (discrepancies,) [m]; positive is a tooth that stands higher than the crown
-    crown_to_tooth: Floats  # peak force F_px [N]; 0 where nothing catches, infinite where the tip is held
-    tooth_to_crown: Floats
-
-
-def margin_map(gap: ArrayLike, discrepancy: ArrayLike, point: OperatingPoint, *, edge_radius: float = 0.0) -> MarginMap:
-    """Map the force of an explorer over marginal gap and vertical discrepancy."""
-    # Terms by Holmes et al. (1989), J. Prosthet. Dent. 62, 405. The gap is taken to be deeper than the tip sinks.
-    gaps, rises = np.atleast_1d(np.asarray(gap, float)), np.atleast_1d(np.asarray(discrepancy, float))
-    if gaps.ndim != 1 or rises.ndim != 1 or gaps.size == 0 or rises.size == 0:
-        raise ContactError("gap and discrepancy must each be a row of at least one value")
-    require_not_negative("edge_radius", edge_radius, "m")
-    angles = margin_angles(gaps[:, None] + 2.0 * edge_radius, rises, point.ball_radius + edge_radius)
-    forces = [kernels.release(angle, point.friction, point.normal_load, 1.0, 1.0)[0] for angle in angles]
-    return MarginMap(gaps, rises, *forces)
+def margin_map(gaps: Floats, discrepancies: Floats, point: OperatingPoint) -> tuple[Floats, Floats]:
+    """Peak force [N] from crown to tooth, and back, of shape (gaps, discrepancies); 0 where nothing catches, infinite where held."""
+    # Terms by Holmes et al. (1989), J. Prosthet. Dent. 62, 405: a tooth that stands higher than the crown is positive. The gap is
+    # taken to be deeper than the tip sinks.
+    to_tooth, to_crown = margin_angles(gaps[:, None], discrepancies, point.ball_radius)
+    felt = point.friction, point.normal_load, 1.0, 1.0
+    return kernels.release(to_tooth, *felt)[0], kernels.release(to_crown, *felt)[0]
 
 
 def write_plots(stimuli: StimulusSet, folder: Path) -> Iterator[Path]:
@@ -72,8 +57,8 @@ def write_plots(stimuli: StimulusSet, folder: Path) -> Iterator[Path]:
             path = folder / f"{stimuli.name}.margin-map.{name}.png"
             gap = 1.25 * max(margin.opening for margin in margins.values())
             rise = 1.25 * max(*(abs(margin.rise) for margin in margins.values()), 20e-6)
-            table = margin_map(np.linspace(0.0, max(gap, 100e-6), 76), np.linspace(-rise, rise, 81), point)
-            draw_margin_map(table, path, [(max(one.opening, 0.0), -one.rise) for one in margins.values()])
+            axes = np.linspace(0.0, max(gap, 100e-6), 76), np.linspace(-rise, rise, 81)
+            draw_margin_map(*axes, point, path, [(max(one.opening, 0.0), -one.rise) for one in margins.values()])
             yield path
 
 
@@ -110,19 +95,21 @@ def draw_energy_of_height(
     save_figure(figure, path)
 
 
-def draw_margin_map(table: MarginMap, path: Path, marks: Sequence[tuple[float, float]] = ()) -> None:
+def draw_margin_map(
+    gaps: Floats, discrepancies: Floats, point: OperatingPoint, path: Path, marks: Sequence[tuple[float, float]] = ()
+) -> None:
     """Draw the peak force of both directions over gap and discrepancy, held margins hatched; `marks` are such pairs [m]."""
     from matplotlib.colors import LogNorm
 
     figure, axes = new_figure(1, 2, width=9.0, height=4.0)
-    forces = (table.crown_to_tooth, table.tooth_to_crown)
+    forces, across, along = margin_map(gaps, discrepancies, point), discrepancies * 1e6, gaps * 1e6
     finite = np.concatenate([f[np.isfinite(f) & (f > 0)] for f in forces])
     norm = LogNorm(max(float(finite.min()), 1e-2), min(float(finite.max()), 50.0))
     for axis, force, name in zip(axes, forces, ("crown to tooth", "tooth to crown"), strict=True):
         shown = np.ma.masked_where(~np.isfinite(force) | (force <= 0.0), force)
-        mesh = axis.pcolormesh(table.discrepancy * 1e6, table.gap * 1e6, shown, norm=norm, shading="nearest")
+        mesh = axis.pcolormesh(across, along, shown, norm=norm, shading="nearest")
         held = np.where(np.isinf(force), 1.0, np.nan)
-        axis.contourf(table.discrepancy * 1e6, table.gap * 1e6, held, levels=[0.5, 1.5], colors="none", hatches=["//"])
+        axis.contourf(across, along, held, levels=[0.5, 1.5], colors="none", hatches=["//"])
         axis.axhline(100.0, color=_RED, lw=0.8, ls="--")
         for gap, discrepancy in marks:
             axis.plot(discrepancy * 1e6, gap * 1e6, "o", ms=4, mfc="none", color="k")

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
-from functools import lru_cache, partial
+from functools import partial
 from itertools import product
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -27,7 +27,6 @@ if TYPE_CHECKING:
 
     from stepblocks.drag.ring import Ring
     from stepblocks.drag.simulate import DragTrace
-    from stepblocks.drag.track import Track
 
 _DRAWS = 2000  # of each interval: its ends scatter by 2 % of its width, and a thousand blocks still take seconds
 MOST_DRAGGED = 10_000  # rows of a set that are dragged in time without being asked: a few seconds
@@ -278,11 +277,6 @@ def predict_set(
     ------
     StepblocksError
         If the file cannot be read or declares something impossible.
-
-    Examples
-    --------
-    >>> frame = predict_set("stimuli/paper-four.toml")  # doctest: +SKIP
-    >>> frame[frame.status == "releases"].vibration_energy_uj.max()  # doctest: +SKIP
     """
     import pandas as pd
 
@@ -317,23 +311,16 @@ def left_out(predictions: Iterable[Prediction]) -> list[str]:
     ]
 
 
-@lru_cache(maxsize=16)  # a track is long to compute and serves every load and friction
-def _track(face: Counterface, ball_radius: float, backward: bool) -> Track:
-    from stepblocks.drag.track import track_over
-
-    return track_over(face, ball_radius, backward)
-
-
 def dragged(
     face: Counterface, point: OperatingPoint, backward: bool, speed: float, **probe: float
 ) -> tuple[DragTrace, Ring | None]:
     """Drag in time, with what of the probe is other than the tool says, and measure the ring of a tip that releases."""
     from stepblocks.drag.ring import ring_of
     from stepblocks.drag.simulate import DragSettings, probe_for, simulate
+    from stepblocks.drag.track import track_over
 
     own = probe_for(point.tool, point.ball_radius, **probe)
-    track = _track(face, point.ball_radius, backward)
-    trace = simulate(track, own, DragSettings.under(point, speed=speed))
+    trace = simulate(track_over(face, point.ball_radius, backward), own, DragSettings.under(point, speed=speed))
     return trace, ring_of(trace, spectra=False) if trace.status is Status.RELEASES else None
 
 

@@ -37,15 +37,8 @@ _UNITS = {
     "ratio": "",
     "direction": "",
 }
-STATIC_COLUMNS = ("status", "critical_angle_rad", "peak_force_n", "vibration_energy_j", "problem")
-DRAG_COLUMNS = (
-    "drag_status",
-    "drag_peak_force_n",
-    "drag_vibration_energy_j",
-    "drag_share",
-    "drag_ring_s",
-    "drag_ledger_error",
-)
+_STATIC = ("status", "critical_angle_rad", "peak_force_n", "vibration_energy_j")
+_DRAG = ("status", "peak_force_n", "vibration_energy_j", "share", "ring_s", "ledger_error")  # after ``drag_``
 
 
 def sweep(
@@ -246,21 +239,17 @@ def sweep_row(plan: SweepPlan, row: int) -> dict[str, Any]:
         result[name + _UNITS[dimension]] = inputs.get(name, math.nan)
     if plan.surface == "margin":
         result["direction"] = DIRECTIONS[int(inputs["direction"])]
-    result |= dict.fromkeys(STATIC_COLUMNS, math.nan) | {"status": "invalid", "problem": ""}
+    result |= dict.fromkeys(_STATIC, math.nan) | {"status": "invalid", "problem": ""}
     if plan.mode == "drag":
-        result |= dict.fromkeys(DRAG_COLUMNS, math.nan) | {"drag_status": "invalid"}
+        result |= {f"drag_{name}": math.nan for name in _DRAG} | {"drag_status": "invalid"}
     try:
         face = _face(plan.surface, inputs)
         tool = Tool(inputs["stiffness"], inputs["conversion"], limits=Limits(**plan.limits))
         point = OperatingPoint(inputs["tip_radius"], inputs["normal_load"], inputs["friction"], tool)
         backward = bool(inputs.get("direction", 0.0))
         release = face.release(point, backward)
-        result |= {
-            "status": str(release.status),
-            "critical_angle_rad": release.angle,
-            "peak_force_n": release.pull_force,
-            "vibration_energy_j": release.vibration_energy,
-        }
+        found = str(release.status), release.angle, release.pull_force, release.vibration_energy
+        result |= zip(_STATIC, found, strict=True)
         if plan.mode == "drag" and (release.status.beyond or release.status in (Status.TOO_HIGH, Status.NO_CATCH)):
             result["drag_status"] = str(release.status)
         elif plan.mode == "drag":
@@ -279,12 +268,6 @@ def _face(surface: str, inputs: dict[str, float]) -> Counterface:
 def _dragged(face: Counterface, point: OperatingPoint, backward: bool, inputs: dict[str, float]) -> dict[str, Any]:
     point = replace(point, tool=replace(point.tool, frequency=inputs["frequency"]))
     trace, ring = dragged(face, point, backward, inputs["speed"], damping_ratio=inputs["damping_ratio"])
-    result: dict[str, Any] = {"drag_status": str(trace.status), "drag_ledger_error": trace.ledger_error}
-    if ring is None:
-        return result
-    return result | {
-        "drag_peak_force_n": trace.peak_force,
-        "drag_vibration_energy_j": ring.energy,
-        "drag_share": ring.share,
-        "drag_ring_s": ring.duration,
-    }
+    felt = (trace.peak_force, ring.energy, ring.share, ring.duration) if ring else (math.nan,) * 4
+    found = str(trace.status), *felt, trace.ledger_error
+    return {f"drag_{name}": one for name, one in zip(_DRAG, found, strict=True)}
