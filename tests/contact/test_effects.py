@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from stepblocks.contact.critical_angle import step_angle
-from stepblocks.contact.effects import SLOTS, named_laws
+from stepblocks.contact.effects.named import SLOTS, named_laws
 from stepblocks.contact.effects.release_motion import released
 from stepblocks.contact.effects.smooth import CovariateRange, smooth_laws
 from stepblocks.contact.energy import release_at

@@ -5,7 +5,7 @@ import math
 import numpy as np
 import pytest
 
-from stepblocks.contact.effects import named_laws
+from stepblocks.contact.effects.named import named_laws
 from stepblocks.contact.forward import (
     BenchDesign,
     constants,

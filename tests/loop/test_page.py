@@ -61,7 +61,7 @@ def test_the_curve_is_the_change_that_the_law_makes(result):
 
 
 def test_an_effect_that_follows_nothing_is_drawn_over_the_height(result):
-    from stepblocks.contact.effects import named_laws
+    from stepblocks.contact.effects.named import named_laws
 
     laws = {law.id: law for law in named_laws()}
     assert _followed(result, laws["edge_rounding"])[1] == "height_um"

@@ -5,7 +5,7 @@ import math
 import numpy as np
 
 from stepblocks.artefacts.model_file import LearnedFit, LearnedModel
-from stepblocks.contact.effects import named_laws
+from stepblocks.contact.effects.named import named_laws
 from stepblocks.contact.effects.smooth import CovariateRange
 from stepblocks.contact.operating_point import Tool
 

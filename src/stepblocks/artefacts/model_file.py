@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 from pydantic import TypeAdapter
 
-from stepblocks.contact.effects import named_laws
+from stepblocks.contact.effects.named import named_laws
 from stepblocks.contact.effects.smooth import CovariateRange, smooth_laws
 from stepblocks.contact.forward import constants, design_of
 from stepblocks.contact.operating_point import Tool

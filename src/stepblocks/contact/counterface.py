@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from stepblocks.contact import kernels
 from stepblocks.contact.critical_angle import bevelled_margin_angles, margin_angles, step_angle
-from stepblocks.contact.domain import Real, plain
+from stepblocks.contact.domain import Real, plain, require_points
 from stepblocks.contact.energy import Release, Status, release_at
 from stepblocks.contact.operating_point import OperatingPoint
 from stepblocks.contact.path.centre import CentrePath, corner_path, envelope_path
@@ -193,12 +193,7 @@ class Profile(Counterface):
     z: Array  # shape (n,); heights [m]
 
     def __post_init__(self) -> None:
-        if self.x.ndim != 1 or self.x.shape != self.z.shape:
-            raise ContactError(
-                f"profile needs x and z of one equal length, got shapes {self.x.shape} and {self.z.shape}"
-            )
-        if self.x.size < 2:
-            raise ContactError(f"profile needs at least 2 points, got {self.x.size}")
+        require_points(self.x, self.z)
 
     def angles(self, ball_radius: Real, **dimensions: Real) -> tuple[Real, Real]:
         """By exact dilation: the steepest slopes of the path of the tip, once for each ball."""

@@ -6,6 +6,7 @@ import math
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from stepblocks.errors import ContactError
 
@@ -27,6 +28,14 @@ def require_not_negative(name: str, value: Real, unit: str = "") -> None:
 def require_finite(name: str, value: Real, unit: str = "") -> None:
     """Refuse a value that is not a number, or infinite."""
     _require(name, value, unit, np.isfinite(value), "finite")
+
+
+def require_points(x: NDArray[np.float64], z: NDArray[np.float64]) -> None:
+    """Refuse a profile that is not two rows of one length."""
+    if x.ndim != 1 or x.shape != z.shape:
+        raise ContactError(f"profile needs x and z of one equal length, got shapes {x.shape} and {z.shape}")
+    if x.size < 2:
+        raise ContactError(f"profile needs at least 2 points, got {x.size}")
 
 
 def plain(value: Real) -> Real:

@@ -11,8 +11,7 @@ from typing import ClassVar
 import numpy as np
 
 from stepblocks.contact import forward
-from stepblocks.contact.effects import named_laws
-from stepblocks.contact.effects.named import set_instrument
+from stepblocks.contact.effects.named import named_laws, set_instrument
 from stepblocks.contact.effects.smooth import CovariateRange, smooth_laws
 from stepblocks.contact.forward import PEAK_FORCE, TOGETHER, BenchDesign
 from stepblocks.contact.operating_point import Tool

@@ -13,7 +13,7 @@ from pydantic import BeforeValidator, Field
 
 from stepblocks.bench.rehearse import Rig, Truth
 from stepblocks.bench.session import Frequency, Stiffness, Strict
-from stepblocks.contact.effects import named_laws
+from stepblocks.contact.effects.named import named_laws
 from stepblocks.contact.operating_point import PAPER
 from stepblocks.errors import PipelineError
 from stepblocks.mistakes import told, validated

@@ -16,7 +16,7 @@ from stepblocks.bench.rehearse import TRACE_FILES, RecordedTrial, Rig, Truth, dr
 from stepblocks.bench.rehearse.plan import NUMBERS, SessionPlan, block_name, read_plan
 from stepblocks.bench.signal import Trace
 from stepblocks.contact.counterface import Step
-from stepblocks.contact.effects import named_laws
+from stepblocks.contact.effects.named import named_laws
 from stepblocks.contact.forward import BenchDesign, covariate_of, height_name, nominal_state
 from stepblocks.contact.operating_point import OperatingPoint, Tool
 from stepblocks.contact.state import DragState, observe

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from functools import partial
 from typing import Any
 
@@ -12,9 +12,11 @@ from stepblocks.contact.operating_point import PAPER
 from stepblocks.contact.state import DragState, Floats
 from stepblocks.law import Law, Parameter
 
+# the parts of the model that an effect may change
+SLOTS = ("contact_geometry", "friction", "normal_load", "stiffness", "conversion", "drag", "sensor")
 _geometry = partial(Law, slot="contact_geometry")
 
-GEOMETRY = (
+_GEOMETRY = (
     _geometry(
         "edge_rounding",
         "a = arccos(1 - H / (R + r))",
@@ -70,7 +72,7 @@ GEOMETRY = (
 )
 
 
-def height_error(block: str) -> Law:
+def _height_error(block: str) -> Law:
     """Return the effect of a block far from its nominal height; small errors are priors of the nominal model."""
 
     def apply(state: DragState, blocks: Any, values: Mapping[str, float]) -> DragState:
@@ -99,7 +101,7 @@ def _running_in(state: DragState, order: Floats, values: Mapping[str, float]) ->
     return state.changed(friction=state.friction * np.maximum(1.0 + excess, 0.02))
 
 
-FRICTION = (
+_FRICTION = (
     _friction(
         "load_dependent_friction",  # an elastic contact after Hertz has p = 1/3
         "mu (F_py / 0.6 N)^-p",
@@ -171,7 +173,7 @@ def _work(state: DragState, _: Any, values: Mapping[str, float]) -> DragState:
     return state.changed(lost_energy=state.lost_energy + values["share"] * work)
 
 
-CONVERSION = (
+_CONVERSION = (
     _conversion(
         "speed_dependent_conversion",
         "C_v (v / 6 mm/s)^q",
@@ -234,7 +236,7 @@ def _seen_bias(state: DragState, _: Any, values: Mapping[str, float]) -> DragSta
     return state.changed(load=state.load + bias, sensed_offset=state.sensed_offset + bias)
 
 
-TOOL = (
+_TOOL = (
     _stiffness(
         "hardening_spring",  # after Duffing
         "F = u + g u^3, u = k x: energy (u^2/2 + g u^4/4) / k, ramp k (1 + 3 g u^2), pitch with 3/4 g A^2 at amplitude A",
@@ -316,7 +318,7 @@ def set_instrument(state: DragState, _: Any, values: Mapping[str, float]) -> Dra
 _gauge = partial(_sensor, apply=set_instrument)
 _zero = partial(_gauge, settled="tare: record both gauges unloaded before and after the drags")
 
-SENSOR = (
+_SENSOR = (
     _gauge(
         "sensor_gain",
         "F_x -> G F_x",
@@ -378,3 +380,8 @@ SENSOR = (
         settled="tap the tool: the ring of a free tool shows the bandwidth",
     ),
 )
+
+
+def named_laws(blocks: Sequence[str] = ()) -> tuple[Law, ...]:
+    """Return the laws with names (smooths are in `smooth`); the height error of each of `blocks` among them."""
+    return (*_GEOMETRY, *_FRICTION, *_TOOL, *_CONVERSION, *_SENSOR, *map(_height_error, blocks))

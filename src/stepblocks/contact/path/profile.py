@@ -9,7 +9,7 @@ from typing import Literal, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from stepblocks.contact.domain import require_positive
+from stepblocks.contact.domain import require_points, require_positive
 from stepblocks.contact.path import profile_kernels as kernels
 from stepblocks.errors import ContactError
 
@@ -82,10 +82,7 @@ def _elements(x: Floats, z: Floats, radius: float) -> Floats:
 
 def _checked(x: ArrayLike, z: ArrayLike) -> tuple[Floats, Floats]:
     xs, zs = np.asarray(x, dtype=np.float64), np.asarray(z, dtype=np.float64)
-    if xs.ndim != 1 or xs.shape != zs.shape:
-        raise ContactError(f"profile needs x and z of one equal length, got shapes {xs.shape} and {zs.shape}")
-    if xs.size < 2:
-        raise ContactError(f"profile needs at least 2 points, got {xs.size}")
+    require_points(xs, zs)
     if not np.isfinite(xs).all():
         raise ContactError("profile positions must be finite, got a NaN or an infinity")
     if np.isinf(zs).any():
