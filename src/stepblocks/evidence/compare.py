@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import html
 import tomllib
+from collections.abc import Mapping
 from dataclasses import dataclass
 from enum import StrEnum
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
-
-from pydantic import BaseModel, ConfigDict, Field
+from types import MappingProxyType
+from typing import TYPE_CHECKING, Any
 
 from stepblocks.atomic import replace_text
 from stepblocks.evidence.contradiction import BAND, HEIGHTS, Explanation, explanations
@@ -20,46 +20,45 @@ from stepblocks.quantities import format_quantity, parse_quantity
 if TYPE_CHECKING:
     import pandas as pd
 
-_Words = Annotated[str, Field(min_length=1)]
 
+@dataclass(frozen=True)
+class Value:
+    """One published figure as a range, in SI."""
 
-class Value(BaseModel):
-    """One published figure as a range; quantities in the file, in SI once `in_si` has read them."""
-
-    model_config = ConfigDict(frozen=True, extra="forbid")
-
-    label: _Words
-    at: dict[str, Any] = {}  # condition under which the model is asked
-    low: Any
-    high: Any
+    label: str
+    low: float
+    high: float
+    at: Mapping[str, Any] = MappingProxyType({})  # condition under which the model is asked
     spread: str = ""  # whose the range is, where the publication gives none
 
-    def in_si(self, question: str) -> Value:
-        """Return the figure in SI."""
-        at = {key: parse_quantity(text, AT[key]) if AT[key] else text for key, text in self.at.items()}
-        low, high = (parse_quantity(text, dimension_of(question, at)) for text in (self.low, self.high))
-        return self.model_copy(update={"at": at, "low": low, "high": high})
+
+def _value(question: str, raw: Mapping[str, Any]) -> Value:
+    at = {key: parse_quantity(text, AT[key]) if AT[key] else text for key, text in raw.get("at", {}).items()}
+    ends = {end: parse_quantity(raw[end], dimension_of(question, at)) for end in ("low", "high")}
+    return Value(**{**raw, **ends, "at": at})
 
 
-class Published(BaseModel):
+@dataclass(frozen=True)
+class Published:
     """What one publication says."""
-
-    model_config = ConfigDict(frozen=True, extra="forbid")
 
     name: str  # of its file
     order: int  # on the page
-    topic: _Words
-    citation: _Words
-    says: _Words
+    topic: str
+    citation: str
+    says: str
     question: str  # what the model is asked: a key of `stepblocks.evidence.questions.QUESTIONS`
+    values: tuple[Value, ...]
     note: str = ""  # how it is asked
-    values: Annotated[tuple[Value, ...], Field(min_length=1, alias="value")]
 
 
 def shipped() -> list[Published]:
     """All publications of the package, in the order of the page."""
-    paths = Path(__file__).with_name("published").glob("*.toml")
-    found = [Published(name=path.stem, **tomllib.loads(path.read_text(encoding="utf-8"))) for path in paths]
+    found = []
+    for path in Path(__file__).with_name("published").glob("*.toml"):
+        raw = tomllib.loads(path.read_text(encoding="utf-8"))
+        values = tuple(_value(raw["question"], one) for one in raw.pop("value"))
+        found.append(Published(path.stem, values=values, **raw))
     return sorted(found, key=lambda one: (one.order, one.name))
 
 
@@ -175,9 +174,8 @@ def hold_against_evidence(output: str | Path | None = None) -> Evidence:
     >>> f"equation (1) at one load spreads the paper's four energies by a factor of {before.spread:.0f}"
     "equation (1) at one load spreads the paper's four energies by a factor of 353"
     """
-    asked = [(one, value.in_si(one.question)) for one in shipped() for value in one.values]
-    rows = tuple(Row(one, value, QUESTIONS[one.question][0](value.at)) for one, value in asked)
-    found = Evidence(rows, tuple(explanations()))
+    rows = [Row(one, value, QUESTIONS[one.question][0](value.at)) for one in shipped() for value in one.values]
+    found = Evidence(tuple(rows), tuple(explanations()))
     if output is not None:
         write_evidence(found, Path(output))
     return found

@@ -105,11 +105,9 @@ def write_sheets(folder: str | Path) -> int:
         said = f"participant must be one word of at most 40 characters, got {person!r:.60}"
         require(re.fullmatch(r"[\w.-]{1,40}", person), f"{said} [{folder / 'design.csv'}]")
     digits = len(str(len(sheets)))
-    sheet.write_new(
-        folder / "sheets", {f"participant-{person:0>{digits}}.csv": csv_text(rows) for person, rows in sheets.items()}
-    )
+    texts = {f"sheets/participant-{person:0>{digits}}.csv": csv_text(rows) for person, rows in sheets.items()}
     title = EXPERIMENTS[design[0]["experiment"]].sheet_title
-    sheet.write_new(folder, {"run-sheets.pdf": render_sheets_pdf(title, sheets)})
+    sheet.write_new(folder, texts | {"run-sheets.pdf": render_sheets_pdf(title, sheets)})
     return len(sheets)
 
 
