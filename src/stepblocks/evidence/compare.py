@@ -8,7 +8,6 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from enum import StrEnum
 from pathlib import Path
-from types import MappingProxyType
 from typing import TYPE_CHECKING, Any
 
 from stepblocks.atomic import replace_text
@@ -28,7 +27,7 @@ class Value:
     label: str
     low: float
     high: float
-    at: Mapping[str, Any] = MappingProxyType({})  # condition under which the model is asked
+    at: Mapping[str, Any]  # condition under which the model is asked
     spread: str = ""  # whose the range is, where the publication gives none
 
 
