@@ -76,7 +76,8 @@ def design_study(
     kind, options = EXPERIMENTS[experiment], {"probes": probes, "standard": standard}
     needed = {name: options[name] for name in kind.needs}
     design = kind.design(participants, blocks.items, repetitions, seed, **needed)
-    sheet.write_new(Path(folder), sheet.design_files(design))
+    files = {"design.csv": csv_text(design.trials), "key.csv": sheet.key_csv(design.blocks)}
+    sheet.write_new(Path(folder), files)
     return replace(design, advice=too_coarse(blocks, standard)) if kind.paired else design
 
 
