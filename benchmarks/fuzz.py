@@ -109,7 +109,6 @@ def _texts(work: Path) -> Iterator[Kind]:
     from stepblocks.bench.rehearse.plan import read_plan
     from stepblocks.build.manifest import load_json, load_record, write_sealed
     from stepblocks.declare import load_declared
-    from stepblocks.evidence.compare import read_published
     from stepblocks.predict.sweep.plan import load_sweep
     from stepblocks.simulators.devices import load_devices
 
@@ -126,8 +125,6 @@ def _texts(work: Path) -> Iterator[Kind]:
     )
     source = ROOT / "src" / "stepblocks"
     yield "devices", ([("d.toml", (source / "simulators" / "devices.toml").read_bytes())], load_devices)
-    published = sorted((source / "evidence" / "published").glob("*.toml"))
-    yield "publications", ([(path.name, path.read_bytes()) for path in published], read_published)
     head = b'[sweep]\nkind = "random"\nrows = 40\nseed = 11\nmode = "drag"\n[parameters]\nheight = { from = "12 um", to = "80 um" }\n'
     rest = b'normal_load = ["0.3 N", "0.7 N"]\nfriction = { from = 0.1, to = 0.2 }\n[draws]\ncount = 3\nheight = "0.5 um"\n'
     yield "sweeps", ([("s.toml", head + rest)], load_sweep)

@@ -2,11 +2,20 @@
 
 from __future__ import annotations
 
+import html
 from importlib.resources import files
+
+_HEAD = """<!doctype html>
+<html lang="en">
+<meta charset="utf-8">
+<meta name="viewport" content="width=device-width, initial-scale=1">
+<title>%s</title>
+<style>
+%s"""
 
 
 def render_page(room: str, template: str, **values: object) -> str:
-    """Fill a template of a room; ``style`` is the look that all pages share, ``readable`` writes units as people do."""
+    """Fill a template of a room; ``head`` and ``style`` are the look that all pages share, ``readable`` writes units as people do."""
     import jinja2
 
     from stepblocks.quantities import column_label, readable
@@ -20,7 +29,8 @@ def render_page(room: str, template: str, **values: object) -> str:
         keep_trailing_newline=True,
     )
     environment.filters |= {"readable": readable, "label": column_label, "figure": _figure}
-    environment.globals["style"] = files("stepblocks").joinpath("page.css").read_text(encoding="utf-8")
+    style = files("stepblocks").joinpath("page.css").read_text(encoding="utf-8")
+    environment.globals |= {"style": style, "head": lambda title: _HEAD % (html.escape(title), style)}
     return environment.get_template(template).render(**values)
 
 

@@ -11,13 +11,9 @@ from stepblocks.cli import main
 from stepblocks.contact.counterface import Step
 from stepblocks.contact.energy import Status
 from stepblocks.contact.operating_point import PAPER
-from stepblocks.errors import StimulusError
-from stepblocks.evidence.compare import Row, Verdict, hold_against_evidence, read_published, shipped
+from stepblocks.evidence.compare import Row, Verdict, hold_against_evidence, shipped
 from stepblocks.evidence.contradiction import BAND, HEIGHTS, explanations, missed
 from stepblocks.evidence.questions import QUESTIONS, Answers, dragged
-
-VALUE = '[[value]]\nlabel = "x"\nat = { height = "25 um" }\nlow = "10 uJ"\nhigh = "20 uJ"\n'
-HEAD = 'order = 1\ntopic = "t"\ncitation = "c"\nsays = "s"\nquestion = "energy"\n'
 
 
 @pytest.fixture(scope="module")
@@ -120,34 +116,6 @@ def test_a_small_step_rings_less_in_time_than_the_formula_keeps():
     assert ring.energy < 0.2 * Step(10e-6).release(point).vibration_energy
 
 
-@pytest.mark.parametrize(
-    ("text", "message"),
-    [
-        (HEAD, "value is missing"),
-        (HEAD + VALUE + "what = 1\n", "what is not a known field"),
-        (HEAD.replace('"energy"', '"colour"') + VALUE, "question must be one of energy"),
-        (HEAD + VALUE.replace("10 uJ", "30 uJ"), "low must not exceed high, got 30 uJ and 20 uJ"),
-        (HEAD + VALUE.replace("10 uJ", "10 um"), "must be a energy such as '10 uJ', got '10 um'"),
-        (HEAD + VALUE.replace("height", "hight"), "at.hight is not one of height"),
-        ("order = ", "must be TOML"),
-    ],
-)
-def test_a_publication_that_is_wrong_says_where(tmp_path, text, message):
-    path = tmp_path / "mine.toml"
-    path.write_text(text)
-    with pytest.raises(StimulusError, match=r"mine\.toml") as caught:
-        read_published(path)
-    assert message in str(caught.value)
-
-
-def test_a_publication_that_is_not_there_or_too_large_is_refused(tmp_path):
-    with pytest.raises(StimulusError, match="cannot be read: No such file"):
-        read_published(tmp_path / "none.toml")
-    (tmp_path / "big.toml").write_text("#" * 200_000)
-    with pytest.raises(StimulusError, match="at most 100000 bytes"):
-        read_published(tmp_path / "big.toml")
-
-
 def test_the_command_leaves_a_page_with_every_row_and_honest_verdicts(tmp_path, capsys):
     assert main(["evidence", "-o", str(tmp_path), "--json"]) == 0
     told = json.loads(capsys.readouterr().out)
@@ -161,15 +129,6 @@ def test_the_command_leaves_a_page_with_every_row_and_honest_verdicts(tmp_path, 
     assert (tmp_path / "evidence.svg").stat().st_size > 1000
     assert main(["evidence", "-o", str(tmp_path)]) == 0
     assert "disagrees with" in capsys.readouterr().out
-
-
-def test_a_publication_of_one_s_own_stands_beside_the_others(tmp_path):
-    path = tmp_path / "mine.toml"
-    path.write_text(HEAD.replace('"t"', '"My bench"') + VALUE)
-    found = hold_against_evidence(also=[path])
-    (mine,) = (r for r in found.rows if r.publication.topic == "My bench")
-    assert mine.verdict is Verdict.AGREES  # 10.5 uJ by equation (1), 17.7 and 10.0 uJ in time
-    assert len(found.rows) == 1 + sum(len(one.values) for one in shipped())
 
 
 def test_the_same_page_comes_out_twice(tmp_path):

@@ -152,6 +152,7 @@ def in_node(tmp_path_factory):
     folder = tmp_path_factory.mktemp("page")
     feel([ROOT / "stimuli" / "paper-ten.toml"], folder / "feel.html")
     script = (folder / "feel.html").read_text().split("<script>")[1].split("const $ =")[0]
+    script += Path(__file__).with_name("drag_across.js").read_text()
 
     def run(expression):
         (folder / "page.js").write_text(f"{script}\nconsole.log(JSON.stringify({expression}));\n")

@@ -15,6 +15,7 @@ from stepblocks.simulators.feel import feel
 
 ROOT = Path(__file__).resolve().parents[2]
 R = 125e-6
+DRAG = Path(__file__).with_name("drag_across.js").read_text()
 
 
 @pytest.fixture(scope="module")
@@ -96,10 +97,10 @@ def test_the_pages_own_renderer_follows_the_formula_and_locks(browser):
     for index in range(10):
         height = (index + 1) * 10e-6
         force = math.tan(math.acos(1 - height / R) + math.atan(0.15))
-        found = browser.execute_script(f"return dragAcross({index}, 1.0, 0.15)")
+        found = browser.execute_script(f"{DRAG}\nreturn dragAcross({index}, 1.0, 0.15)")
         assert found["peak"] == pytest.approx(force, rel=5e-3)
         assert found["events"] == 1
-    locked = browser.execute_script("return dragAcross(9, 1.0, 0.3)")
+    locked = browser.execute_script(f"{DRAG}\nreturn dragAcross(9, 1.0, 0.3)")
     assert (locked["events"], locked["formula"]) == (0, None)
 
 

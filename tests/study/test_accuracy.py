@@ -10,7 +10,7 @@ import pytest
 from stepblocks.errors import StudyError
 from stepblocks.study.analysis.accuracy import MEASURES, analyse_measure, equivalence, group_terms, measured
 from stepblocks.study.analysis.anova import Interval
-from stepblocks.study.simulate import Observer, SimulatedStudy, estimate_power, p_values
+from stepblocks.study.simulate import Observer, SimulatedStudy, estimate_power, p_value
 
 DATA = Path(__file__).parent / "data"
 R = json.loads((DATA / "accuracy.json").read_text())  # by accuracy.R beside it; "origin" says with which versions
@@ -121,7 +121,8 @@ def plan(share=1.0, noise=1.0, measure="bias"):
 )
 def test_noise_bias_and_neither_are_told_apart(change, seen):
     """Power 95 % where there is an effect, 5 % where there is none; benchmarks/study_accuracy.py has 2,000 of each."""
-    hits = [np.mean(np.array(p_values(plan(**change, measure=name), "f-test", range(40))) < 0.05) for name in MEASURES]
+    plans = [plan(**change, measure=name) for name in MEASURES]
+    hits = [np.mean([p_value(one, "f-test", seed) < 0.05 for seed in range(40)]) for one in plans]
     for share, there in zip(hits, seen, strict=True):
         assert share >= 0.9 if there else share <= 0.2
 

@@ -9,7 +9,7 @@ from stepblocks.errors import StudyError
 from stepblocks.study.analysis.results import COLUMNS
 from stepblocks.study.design import Item, constant_stimuli, crossover
 from stepblocks.study.experiments import EXPERIMENTS
-from stepblocks.study.sheet import design_files, join_answers, read_answers, read_design, sheet_rows, simulate_answers
+from stepblocks.study.sheet import join_answers, key_csv, read_answers, read_design, sheet_rows, simulate_answers
 from stepblocks.study.simulate import Observer
 from stepblocks.tables import csv_text
 
@@ -141,7 +141,7 @@ def test_a_damaged_file_is_refused_by_name(study, tmp_path, damage, message):
 def test_files_come_back_as_they_were_written(tmp_path):
     design = constant_stimuli(2, BLOCKS, 2, 3, "step-050")
     path = tmp_path / "design.csv"
-    path.write_text(design_files(design)["design.csv"])
+    path.write_text(csv_text(design.trials))
     rows = read_design(path)
     assert [{name: row[name] for name in row if name != "line"} for row in rows] == design.trials
     sheet = tmp_path / "sheet.csv"
@@ -152,7 +152,7 @@ def test_files_come_back_as_they_were_written(tmp_path):
 def test_run_sheets_are_blind_and_the_key_opens_them():
     design = constant_stimuli(3, BLOCKS, 2, 3, "step-050")
     rows = design.trials
-    sheet, key = csv_text(sheet_rows(rows)), list(csv.DictReader(io.StringIO(design_files(design)["key.csv"])))
+    sheet, key = csv_text(sheet_rows(rows)), list(csv.DictReader(io.StringIO(key_csv(design.blocks))))
     for item in BLOCKS:
         assert item.identity not in sheet
         assert item.engraved not in sheet

@@ -8,7 +8,7 @@ import pytest
 from stepblocks.errors import PipelineError
 from stepblocks.study.design import DESIGN_COLUMNS, Item, constant_stimuli, crossover
 from stepblocks.study.experiments import EXPERIMENTS
-from stepblocks.study.sheet import answer_columns, design_files, key_csv, sheet_rows, write_new
+from stepblocks.study.sheet import answer_columns, key_csv, sheet_rows, write_new
 
 BLOCKS = [Item(f"step-{h:03}", f"STEP-{h:03}", h * 1e-6) for h in (10, 25, 50)]
 BY_CODE = {"VTK": BLOCKS[2], "ABE": BLOCKS[0]}
@@ -51,8 +51,8 @@ def test_the_key_is_in_the_order_of_its_codes():
 
 
 def test_the_key_of_a_comparison_names_the_standard_too():
-    files = design_files(constant_stimuli(1, BLOCKS, 1, 1, "step-025"))
-    assert {row["stimulus"] for row in csv.DictReader(io.StringIO(files["key.csv"]))} == {b.identity for b in BLOCKS}
+    key = key_csv(constant_stimuli(1, BLOCKS, 1, 1, "step-025").blocks)
+    assert {row["stimulus"] for row in csv.DictReader(io.StringIO(key))} == {b.identity for b in BLOCKS}
 
 
 def test_a_file_that_somebody_changed_stays_and_nothing_beside_it_is_written(tmp_path):

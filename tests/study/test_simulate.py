@@ -8,15 +8,8 @@ from stepblocks.study.analysis.results import COLUMNS
 from stepblocks.study.design import Item, constant_stimuli, crossover
 from stepblocks.study.experiments import EXPERIMENTS
 from stepblocks.study.page import render_study
-from stepblocks.study.sheet import (
-    answer_columns,
-    design_files,
-    join_answers,
-    read_answers,
-    read_design,
-    simulate_answers,
-)
-from stepblocks.study.simulate import Observer, SimulatedStudy, estimate_power, p_values, simulated_frame
+from stepblocks.study.sheet import answer_columns, join_answers, read_answers, read_design, simulate_answers
+from stepblocks.study.simulate import Observer, SimulatedStudy, estimate_power, p_value, simulated_frame
 from stepblocks.tables import csv_text
 
 BLOCKS = [Item(f"step-{h:03}", f"STEP-{h:03}", h * 1e-6) for h in range(30, 75, 5)]
@@ -32,7 +25,7 @@ def designed(name, participants=4, repetitions=2):
 
 @pytest.mark.parametrize("name", EXPERIMENTS)
 def test_every_experiment_goes_round(name, tmp_path):
-    (tmp_path / "design.csv").write_text(design_files(designed(name))["design.csv"])
+    (tmp_path / "design.csv").write_text(csv_text(designed(name).trials))
     design = read_design(tmp_path / "design.csv")
     answers = simulate_answers(design, ENERGIES, {}, Observer(weber=0.5), seed=2)
     assert all(row[column] for row in answers for column in EXPERIMENTS[name].answers)
@@ -106,8 +99,8 @@ def test_a_simulated_study_has_every_judgement_once_and_its_errors_in_closed_for
 
 def test_a_study_is_decided_by_its_own_seed():
     noisy = plan(observer=Observer())
-    together = p_values(noisy, "f-test", [1, 2, 3])
-    assert together == [p_values(noisy, "f-test", [seed])[0] for seed in (1, 2, 3)]
+    together = [p_value(noisy, "f-test", seed) for seed in (1, 2, 3)]
+    assert together == [p_value(noisy, "f-test", seed) for seed in (1, 2, 3)]
     assert len(set(together)) == 3
 
 
@@ -135,4 +128,4 @@ def test_an_impossible_simulation_is_refused(options, message):
 def test_blocks_and_energies_belong_together():
     with pytest.raises(StudyError, match="every block must have an energy, got 2 and 1"):
         plan(energies=(1e-5,))
-    assert np.isfinite(p_values(plan(observer=Observer()), "mixed", [5])).all()
+    assert np.isfinite(p_value(plan(observer=Observer()), "mixed", 5))

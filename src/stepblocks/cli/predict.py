@@ -152,7 +152,7 @@ def _sweep(arguments: argparse.Namespace) -> Outcome:
 def _evidence(arguments: argparse.Namespace) -> Outcome:
     from stepblocks.evidence.compare import hold_against_evidence
 
-    found = hold_against_evidence(arguments.output, also=arguments.files)
+    found = hold_against_evidence(arguments.output)
     shown = found.table.drop(columns=["said"]), found.resolutions.drop(columns=["setting"])
     full = {"evidence": found.table.to_dict("records"), "resolutions": found.resolutions.to_dict("records")}
     tables = {title: table.to_dict("records") for title, table in zip(full, shown, strict=True)}

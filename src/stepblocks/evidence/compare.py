@@ -3,93 +3,61 @@
 from __future__ import annotations
 
 import html
-from collections.abc import Iterable
+import tomllib
+from collections.abc import Mapping
 from dataclasses import dataclass
 from enum import StrEnum
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
-
-from pydantic import BaseModel, ConfigDict, Field, ValidationInfo, field_validator
+from typing import TYPE_CHECKING, Any
 
 from stepblocks.atomic import replace_text
-from stepblocks.errors import StimulusError
 from stepblocks.evidence.contradiction import BAND, HEIGHTS, Explanation, explanations
 from stepblocks.evidence.questions import AT, QUESTIONS, Answers, dimension_of
-from stepblocks.mistakes import validated
 from stepblocks.page_file import render_page
 from stepblocks.quantities import format_quantity, parse_quantity
-from stepblocks.text_file import read_document
 
 if TYPE_CHECKING:
     import pandas as pd
 
-_LARGEST = 100_000  # bytes
-_Words = Annotated[str, Field(min_length=1)]
 
+@dataclass(frozen=True)
+class Value:
+    """One published figure as a range, in SI."""
 
-class Value(BaseModel):
-    """One published figure as a range; quantities in the file, in SI once its publication is read."""
-
-    model_config = ConfigDict(frozen=True, extra="forbid")
-
-    label: _Words
-    at: dict[str, Any] = {}  # condition under which the model is asked
-    low: Any
-    high: Any
+    label: str
+    low: float
+    high: float
+    at: Mapping[str, Any]  # condition under which the model is asked
     spread: str = ""  # whose the range is, where the publication gives none
 
-    def in_si(self, question: str) -> Value:
-        """Return the figure in SI, or say what is wrong with it."""
-        place = f"[{self.label!r}]"
-        if unknown := sorted(set(self.at) - set(AT)):
-            raise ValueError(f"at.{unknown[0]} is not one of {', '.join(AT)} {place}")
-        try:
-            at = {key: parse_quantity(text, AT[key]) if AT[key] else text for key, text in self.at.items()}
-            low, high = (parse_quantity(text, dimension_of(question, at)) for text in (self.low, self.high))
-        except ValueError as error:
-            raise ValueError(f"{error} {place}") from error
-        if not low <= high:
-            raise ValueError(f"low must not exceed high, got {self.low} and {self.high} {place}")
-        return self.model_copy(update={"at": at, "low": low, "high": high})
+
+def _value(question: str, raw: Mapping[str, Any]) -> Value:
+    at = {key: parse_quantity(text, AT[key]) if AT[key] else text for key, text in raw.get("at", {}).items()}
+    ends = {end: parse_quantity(raw[end], dimension_of(question, at)) for end in ("low", "high")}
+    return Value(**{**raw, **ends, "at": at})
 
 
-class Published(BaseModel):
+@dataclass(frozen=True)
+class Published:
     """What one publication says."""
-
-    model_config = ConfigDict(frozen=True, extra="forbid")
 
     name: str  # of its file
     order: int  # on the page
-    topic: _Words
-    citation: _Words
-    says: _Words
+    topic: str
+    citation: str
+    says: str
     question: str  # what the model is asked: a key of `stepblocks.evidence.questions.QUESTIONS`
+    values: tuple[Value, ...]
     note: str = ""  # how it is asked
-    values: Annotated[tuple[Value, ...], Field(min_length=1, alias="value")]
-
-    @field_validator("question")
-    @classmethod
-    def _is_asked(cls, question: str) -> str:
-        if question not in QUESTIONS:
-            raise ValueError(f"question must be one of {', '.join(QUESTIONS)}, got {question!r}")
-        return question
-
-    @field_validator("values")
-    @classmethod
-    def _in_si(cls, values: tuple[Value, ...], info: ValidationInfo) -> tuple[Value, ...]:
-        question = info.data.get("question")
-        return tuple(value.in_si(question) for value in values) if question else values
-
-
-def read_published(path: Path) -> Published:
-    """Read one publication."""
-    raw = read_document(path, "a publication", StimulusError, _LARGEST)
-    return validated(Published, raw | {"name": path.stem}, path, StimulusError)
 
 
 def shipped() -> list[Published]:
     """All publications of the package, in the order of the page."""
-    found = map(read_published, Path(__file__).with_name("published").glob("*.toml"))
+    found = []
+    for path in Path(__file__).with_name("published").glob("*.toml"):
+        raw = tomllib.loads(path.read_text(encoding="utf-8"))
+        values = tuple(_value(raw["question"], one) for one in raw.pop("value"))
+        found.append(Published(path.stem, values=values, **raw))
     return sorted(found, key=lambda one: (one.order, one.name))
 
 
@@ -181,15 +149,13 @@ class Evidence:
         return f"<p>{html.escape(self.finding())}</p>{self.table.to_html(index=False)}{self.resolutions.to_html(index=False)}"
 
 
-def hold_against_evidence(output: str | Path | None = None, *, also: Iterable[str | Path] = ()) -> Evidence:
+def hold_against_evidence(output: str | Path | None = None) -> Evidence:
     """Hold the model against what others published.
 
     Parameters
     ----------
     output : str or Path, optional
         Folder for ``evidence.html``, ``evidence.csv``, ``resolutions.csv`` and their pictures.
-    also : iterable of str or Path
-        Publications of your own beside those of the package, one TOML each (docs/evidence.md).
 
     Returns
     -------
@@ -199,7 +165,7 @@ def hold_against_evidence(output: str | Path | None = None, *, also: Iterable[st
     Raises
     ------
     StepblocksError
-        If a publication is wrong or the folder cannot be written.
+        If the folder cannot be written.
 
     Examples
     --------
@@ -207,12 +173,8 @@ def hold_against_evidence(output: str | Path | None = None, *, also: Iterable[st
     >>> f"equation (1) at one load spreads the paper's four energies by a factor of {before.spread:.0f}"
     "equation (1) at one load spreads the paper's four energies by a factor of 353"
     """
-    rows = tuple(
-        Row(one, value, QUESTIONS[one.question][0](value.at))
-        for one in (*shipped(), *(read_published(Path(path)) for path in also))
-        for value in one.values
-    )
-    found = Evidence(rows, tuple(explanations()))
+    rows = [Row(one, value, QUESTIONS[one.question][0](value.at)) for one in shipped() for value in one.values]
+    found = Evidence(tuple(rows), tuple(explanations()))
     if output is not None:
         write_evidence(found, Path(output))
     return found

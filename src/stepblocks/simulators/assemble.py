@@ -20,7 +20,7 @@ from stepblocks.parts.kind import Part
 from stepblocks.parts.kinds.step_block import StepBlock
 from stepblocks.parts.shapes import Mesh, build_solids, convex_pieces, mesh_solid
 from stepblocks.simulators.devices import Device, plan_rendering
-from stepblocks.simulators.scene import Frame, ProbeShape, Scene
+from stepblocks.simulators.scene import Frame, Scene
 
 if TYPE_CHECKING:
     from stepblocks.predict.table import LearnedDrag
@@ -67,9 +67,9 @@ def scene_of(
         events = up, down
     plan = None if device is None else plan_rendering(device, events[0], point, scale)
     size = plan.scale if plan else scale or 1.0
-    frame, ball = _frame(surface), stimulus.ball
+    frame = _frame(surface)
     return Scene(
-        stimulus=surface if ball is None else stimulus,
+        stimulus=surface if stimulus.ball is None else stimulus,
         surface=surface,
         point=point,
         scale=size,
@@ -79,7 +79,6 @@ def scene_of(
         path=path.scaled(size),
         events=events,
         plan=plan,
-        probe=None if ball is None else _probe(stimulus, ball.nominal, size),
         own_scale=own_scale,
     )
 
@@ -108,13 +107,6 @@ def _frame(surface: Part) -> Frame:
         return Frame(np.eye(3), np.zeros(3), surface.axes)
     turn = np.array([[0.0, 0.0, 1.0], [0.0, -1.0, 0.0], [1.0, 0.0, 0.0]])
     return Frame(turn, np.array([0.0, 0.0, -surface.turn_radius]), surface.axes)
-
-
-def _probe(tip: Part, ball_radius: float, size: float) -> ProbeShape:
-    """Turn the tip about its contact point: magnified, its ball's centre at the origin."""
-    centre = Frame(np.eye(3), np.array([0.0, 0.0, -ball_radius]), "")
-    whole = mesh_solid(tip, *build_solids(tip)[0])
-    return ProbeShape(centre.of(whole, size), tuple(centre.of(piece, size) for piece in convex_pieces(tip)))
 
 
 def _joined(name: str, meshes: Sequence[Mesh]) -> Mesh:

@@ -37,15 +37,12 @@ def export(
     device: str | None = None,
     devices: str | Path | None = None,
     only: str | None = None,
-    normal_load: float | None = None,
-    friction: float | None = None,
-    ball_radius: float | None = None,
-    speed: float | None = None,
     step_height: float | None = None,
     scale: float | Literal["per-block"] | None = None,
     ring: Literal["exponential", "drag"] = "exponential",
     model: str | Path | None = None,
     progress: Callable[[Exported], object] | None = None,
+    **felt: float,
 ) -> list[Exported]:
     """Write scenes of every stimulus of some sets, each folder complete in itself.
 
@@ -61,9 +58,6 @@ def export(
         Force-feedback device whose rendering plan sets the scale; TOML file with devices of the user's.
     only : str, optional
         Pattern of the stimuli that are meant, such as ``step-0?0``.
-    normal_load, friction, ball_radius, speed : float, optional
-        Of the operating point [N], [1], [m], [m/s]; the first of the set's prediction, and 5 mm/s, if left out. A declared tip
-        brings its ball.
     step_height : float, optional
         Of the step under a declared tip [m]; the first of the set's prediction if left out.
     scale : float or "per-block", optional
@@ -75,6 +69,9 @@ def export(
         model.json of a measured session: friction, spring, edge and ring are then what it taught.
     progress : callable, optional
         Is told of every folder when it is done.
+    **felt : float
+        ``normal_load`` [N], ``friction`` [1], ``ball_radius`` [m], ``speed`` [m/s]; the first of the set's prediction, and 5 mm/s,
+        if left out. A declared tip brings its ball.
 
     Returns
     -------
@@ -96,18 +93,16 @@ def export(
     known = load_devices(devices)  # a file that is missing is told also where no device is asked for
     chosen = None if device is None else device_named(device, known)
     learned = None if model is None else read_model(Path(model))
-    asked = {"normal_load": normal_load, "friction": friction, "ball_radius": ball_radius, "speed": speed}
-    given = {name: value for name, value in asked.items() if value is not None}
     done: list[Exported] = []
     for stimuli in [load_declared(path) for path in stimulus_files(files)]:
         meant = [part for part in stimuli.stimuli if only is None or matches(only, stimuli.name, part.id)]
-        points = [_point(stimuli, part, given) for part in meant]
+        points = [_point(stimuli, part, felt) for part in meant]
         height = step_height or next(iter(stimuli.prediction.step_heights), None)
-        taught: dict[str, Any] = {"step_height": height, "learned": learned, "keep_friction": friction is not None}
+        taught: dict[str, Any] = {"step_height": height, "learned": learned, "keep_friction": "friction" in felt}
         shared = None if scale == "per-block" else scale
         if chosen is not None and scale is None and meant:
-            felt = [met(part, point, **taught) for part, point in zip(meant, points, strict=True)]
-            shared = one_scale(chosen, [(events[0], point) for _, point, events in felt])
+            each = [met(part, point, **taught) for part, point in zip(meant, points, strict=True)]
+            shared = one_scale(chosen, [(events[0], point) for _, point, events in each])
         options = taught | {"device": chosen, "scale": shared, "ring": ring, "own_scale": scale == "per-block"}
         scenes = [scene_of(part, point, **options) for part, point in zip(meant, points, strict=True)]
         loudest = max((scene.loudest() for scene in scenes), default=0.0)

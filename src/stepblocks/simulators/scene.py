@@ -37,14 +37,6 @@ class Frame:
 
 
 @dataclass(frozen=True)
-class ProbeShape:
-    """The shape of a declared tip, magnified, the centre of its ball at the origin, the shank upwards."""
-
-    whole: Mesh  # [m]
-    pieces: tuple[Mesh, ...]  # convex [m]
-
-
-@dataclass(frozen=True)
 class Scene:
     """A stimulus at one operating point and one scale."""
 
@@ -58,7 +50,6 @@ class Scene:
     path: CentrePath  # of the ball [m], magnified
     events: Events  # of the drags towards +x and -x, unscaled
     plan: RenderingPlan | None = None  # where a device was named
-    probe: ProbeShape | None = None  # where a tip was declared; else the probe is a ball
     own_scale: bool = False  # whether the scale is this block's alone: the hand's travel then tells blocks apart
     full_scale: float = 0.0  # force at full scale of the WAV files, one for a set [N]; the ring's own where 0
 

@@ -8,7 +8,6 @@ from collections import Counter
 from collections.abc import Mapping, Sequence
 from importlib.metadata import version
 from pathlib import Path
-from typing import Any
 
 from stepblocks.errors import StudyError
 from stepblocks.study import require, sheet
@@ -151,14 +150,9 @@ def _bids(experiment: str, people: Mapping[str, Sequence[Row]], labels: Mapping[
 
 def _psych_ds(experiment: str, people: Mapping[str, Sequence[Row]], labels: Mapping[str, str]) -> dict[str, str]:
     columns, title = list(next(iter(people.values()))[0]), EXPERIMENTS[experiment].title
-    described: dict[str, Any] = {
-        "@context": "https://schema.org/",
-        "@type": "Dataset",
-        "name": title,
-        "description": _ROWS,
-    }
+    described = {"@context": "https://schema.org/", "@type": "Dataset", "name": title, "description": _ROWS}
     variables = [{"@type": "PropertyValue", "name": name, "description": _SAID[name]} for name in columns]
-    files = {"dataset_description.json": json.dumps(described | {"variableMeasured": variables}, indent=1)}
+    files = {"dataset_description.json": json.dumps({**described, "variableMeasured": variables}, indent=1)}
     files["README.md"] = f"# {title}\n\n{_ROWS} Lengths are in micrometres.\n"
     for who, rows in people.items():
         files[f"data/study-{experiment}_subject-{labels[who]}_data.csv"] = csv_text(rows, columns)

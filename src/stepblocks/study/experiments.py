@@ -65,10 +65,8 @@ def _read_estimate(planned: Row, answer: Row, top: float, ratings: tuple[int, in
 def _read_virtual(planned: Row, answer: Row, top: float, ratings: tuple[int, int]) -> dict[str, Any]:
     values, rating = _read_estimate(planned, answer, top, ratings), number(answer["realism_rating"])
     low, high = ratings
-    require(
-        low <= rating <= high and rating == int(rating),
-        f"realism_rating must be a whole number from {low:g} to {high:g}, got {answer['realism_rating']!r}",
-    )
+    said = f"realism_rating must be a whole number from {low:g} to {high:g}, got {answer['realism_rating']!r}"
+    require(low <= rating <= high and rating == int(rating), said)
     return values | {"rating": int(rating)}
 
 

@@ -76,7 +76,8 @@ def design_study(
     kind, options = EXPERIMENTS[experiment], {"probes": probes, "standard": standard}
     needed = {name: options[name] for name in kind.needs}
     design = kind.design(participants, blocks.items, repetitions, seed, **needed)
-    sheet.write_new(Path(folder), sheet.design_files(design))
+    files = {"design.csv": csv_text(design.trials), "key.csv": sheet.key_csv(design.blocks)}
+    sheet.write_new(Path(folder), files)
     return replace(design, advice=too_coarse(blocks, standard)) if kind.paired else design
 
 
@@ -105,11 +106,9 @@ def write_sheets(folder: str | Path) -> int:
         said = f"participant must be one word of at most 40 characters, got {person!r:.60}"
         require(re.fullmatch(r"[\w.-]{1,40}", person), f"{said} [{folder / 'design.csv'}]")
     digits = len(str(len(sheets)))
-    sheet.write_new(
-        folder / "sheets", {f"participant-{person:0>{digits}}.csv": csv_text(rows) for person, rows in sheets.items()}
-    )
+    texts = {f"sheets/participant-{person:0>{digits}}.csv": csv_text(rows) for person, rows in sheets.items()}
     title = EXPERIMENTS[design[0]["experiment"]].sheet_title
-    sheet.write_new(folder, {"run-sheets.pdf": render_sheets_pdf(title, sheets)})
+    sheet.write_new(folder, texts | {"run-sheets.pdf": render_sheets_pdf(title, sheets)})
     return len(sheets)
 
 

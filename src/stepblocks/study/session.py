@@ -219,8 +219,7 @@ class Session:
     def estimate(self) -> dict[str, float]:
         """Return what the answers say, in the columns `ESTIMATED`."""
         base = self.plan.heights[self.plan.standard] * 1e6
-        if self.plan.method == "training":
-            raise StudyError("training keeps a trainee at 75 % and estimates nothing")
+        require(self.plan.method != "training", "training keeps a trainee at 75 % and estimates nothing")
         if self._stairs is None:
             equal = [base * math.exp(self._quest.quantile(0, share)) for share in (0.5, 0.025, 0.975)]
             weber = [math.expm1(Z75 * self._quest.quantile(1, share)) for share in (0.5, 0.025, 0.975)]

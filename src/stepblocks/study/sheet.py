@@ -19,7 +19,7 @@ from stepblocks.errors import PipelineError, StudyError
 from stepblocks.mistakes import Mistake, noted, told
 from stepblocks.study import require
 from stepblocks.study.analysis.results import StudyResult
-from stepblocks.study.design import DESIGN_COLUMNS, WHEN, Design, Item
+from stepblocks.study.design import DESIGN_COLUMNS, WHEN, Item
 from stepblocks.study.experiments import EXPERIMENTS, LARGEST_ESTIMATE, RATINGS, Row, number
 from stepblocks.study.simulate import Observer
 from stepblocks.tables import csv_text
@@ -66,11 +66,6 @@ def key_csv(items: Mapping[str, Item]) -> str:
     return csv_text([{"code": code, **items[code].told()} for code in sorted(items)], _KEY)
 
 
-def design_files(design: Design) -> dict[str, str]:
-    """Write design.csv and the key of its codes."""
-    return {"design.csv": csv_text(design.trials), "key.csv": key_csv(design.blocks)}
-
-
 def write_new(folder: Path, texts: Mapping[str, str | bytes]) -> None:
     """Write files that people work on: one that stands there with another content is theirs and stays."""
     contents = {name: text.encode() if isinstance(text, str) else text for name, text in texts.items()}
@@ -95,9 +90,8 @@ def simulate_answers(
     import pandas as pd
 
     named = [name for row in design for name in (row["stimulus"], row["standard"]) if name]
-    lacking = [name for name in named if not energies.get(name, 0.0) > 0.0]
-    if lacking:
-        raise StudyError(f"every block must have a predicted energy, got none for {lacking[0]}")
+    for name in named:
+        require(energies.get(name, 0.0) > 0.0, f"every block must have a predicted energy, got none for {name}")
     trials = pd.DataFrame(design)
     trials["person"], trials["setting"] = (pd.factorize(trials[name])[0] for name in ("participant", "condition"))
     trials["height"] = trials["height_um"].astype(float) * 1e-6
@@ -255,8 +249,7 @@ def read_rows(path: Path, columns: Sequence[str]) -> list[dict[str, str]]:
             names = [name.strip() for name in reader.fieldnames or []]
             reader.fieldnames = names
             lacking = [name for name in columns if name not in names]
-            if lacking:
-                raise StudyError(f"columns must include {', '.join(columns)}; got no {', '.join(lacking)} [{path}]")
+            require(not lacking, f"columns must include {', '.join(columns)}; got no {', '.join(lacking)} [{path}]")
             if len(set(names)) != len(names):
                 raise StudyError(f"columns must differ from each other, got one twice [{path}, line 1]")
             rows = []

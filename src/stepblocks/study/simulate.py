@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from stepblocks.errors import StudyError
 from stepblocks.study import require
 from stepblocks.study.analysis.accuracy import ANSWER, MEASURES, measured
-from stepblocks.study.analysis.anova import Term, f_test
+from stepblocks.study.analysis.anova import f_test
 from stepblocks.study.analysis.mixed import mixed_model
 from stepblocks.study.analysis.psychometric import Z75
 
@@ -131,10 +131,9 @@ class SimulatedStudy:
 
     def __post_init__(self) -> None:
         require(self.measure in MEASURES, f"measure must be one of {', '.join(MEASURES)}, got {self.measure!r}")
-        require(
-            self.participants >= 2 and self.repetitions >= 1,
-            f"a study needs at least 2 participants and 1 repetition, got {self.participants} and {self.repetitions}",
-        )
+        got = f"got {self.participants} and {self.repetitions}"
+        enough = self.participants >= 2 and self.repetitions >= 1
+        require(enough, f"a study needs at least 2 participants and 1 repetition, {got}")
         require(len(self.factors) >= 2, f"a study must compare at least two conditions, got {len(self.factors)}")
         for name, share in self.factors:
             said = f"the share of the energy must be positive and finite, got {share:g} [condition {name}]"
@@ -143,18 +142,14 @@ class SimulatedStudy:
             raise StudyError(f"every block must have an energy, got {len(self.heights)} and {len(self.energies)}")
 
 
-def p_values(plan: SimulatedStudy, analysis: str, seeds: Sequence[int]) -> list[float]:
-    """Simulate studies and test the conditions of each."""
-    found = []
-    for seed in seeds:
-        frame, block = measured(simulated_frame(plan, seed), plan.measure)
-        if analysis == "f-test":
-            term: Term | None = f_test(frame, "value", "condition", block, intervals=False).terms[0]
-        else:
-            term = mixed_model(frame, "value", "condition", "participant", block, intervals=False).condition
-        assert term is not None  # a plan has two conditions
-        found.append(term.p)
-    return found
+def p_value(plan: SimulatedStudy, analysis: str, seed: int) -> float:
+    """Simulate a study and test its conditions."""
+    frame, block = measured(simulated_frame(plan, seed), plan.measure)
+    if analysis == "f-test":
+        return f_test(frame, "value", "condition", block, intervals=False).terms[0].p
+    term = mixed_model(frame, "value", "condition", "participant", block, intervals=False).condition
+    assert term is not None  # a plan has two conditions
+    return term.p
 
 
 def simulated_frame(plan: SimulatedStudy, seed: int) -> Any:
@@ -186,5 +181,5 @@ def estimate_power(
     require(seed >= 0 and jobs >= 1, f"seed and jobs must be at least 0 and at least 1, got {seed} and {jobs}")
     seeds = [int(child.generate_state(1, np.uint64)[0]) for child in np.random.SeedSequence(seed).spawn(runs)]
     parallel = Parallel(n_jobs=jobs, initializer=die_with_parent)
-    found = parallel(delayed(p_values)(plan, analysis, [one]) for one in seeds)
-    return _share_of(sum(p < 0.05 for (p,) in found), runs)
+    found = parallel(delayed(p_value)(plan, analysis, one) for one in seeds)
+    return _share_of(sum(p < 0.05 for p in found), runs)

@@ -14,15 +14,12 @@ def _write(folder: Path, scene: Scene) -> None:
     write_obj(folder / "block.obj", scene.whole)
     write_stl(folder / "block.stl", scene.whole)
     write_pieces(folder / "pieces.obj", scene.pieces)
-    if scene.probe:
-        write_obj(folder / "probe.obj", scene.probe.whole)
-        write_stl(folder / "probe.stl", scene.probe.whole)
     _write_program(folder, scene.stimulus.id, {"block.obj": scene})
 
 
 def _write_set(folder: Path, scenes: Sequence[Scene], beside: str) -> None:
     """Write a program that switches the blocks of a set."""
-    if not any(scene.probe for scene in scenes):
+    if not any(scene.stimulus.ball for scene in scenes):  # a tip drags over a step of its own
         folder.mkdir(parents=True, exist_ok=True)
         files = {f"../{scene.stimulus.id}/{beside}/block.obj": scene for scene in scenes}
         _write_program(folder, folder.parent.name, files)

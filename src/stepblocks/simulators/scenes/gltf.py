@@ -22,16 +22,11 @@ ENGINE_FROM_PART: dict[str, tuple[str, float, Any]] = {
 
 def _write(folder: Path, scene: Scene) -> None:
     pieces = {f"{piece.name}.glb": piece for piece in scene.pieces}
-    probe = {}
-    if scene.probe:
-        probe = {"probe.glb": scene.probe.whole} | {f"{piece.name}.glb": piece for piece in scene.probe.pieces}
-    for name, mesh in {"block.glb": scene.whole, **pieces, **probe}.items():
+    for name, mesh in {"block.glb": scene.whole, **pieces}.items():
         write_glb(folder / name, mesh)
     content = scene.parameters() | {
         "whole": "block.glb",
         "convex_pieces": list(pieces),
-        "probe": next(iter(probe), None),
-        "probe_convex_pieces": list(probe)[1:],
         "contact_gap_m": 1e-6 * scene.scale,
         "engines": {name: _engine(scene, *engine) for name, engine in ENGINE_FROM_PART.items()},
     }

@@ -26,7 +26,7 @@ def _write(folder: Path, scene: Scene) -> None:
 
 
 def _block(scene: Scene, y: float = 0.0, prefix: str = "") -> dict[str, Any]:
-    return {"scene": scene, "shape": scene.probe.pieces if scene.probe else (), "y": y, "prefix": prefix}
+    return {"scene": scene, "y": y, "prefix": prefix}
 
 
 def _write_set(folder: Path, scenes: Sequence[Scene], _: str) -> None:

@@ -13,9 +13,9 @@ _OBJ_UNITS = 1e3  # `write_obj` writes millimetres: divided by this and multipli
 
 
 def _write(folder: Path, scene: Scene) -> None:
-    shapes = {piece.name: piece for piece in scene.pieces} | ({"probe": scene.probe.whole} if scene.probe else {})
-    for name, mesh in shapes.items():
-        write_obj(folder / f"{name}.obj", Mesh(name, mesh.vertices * (_CM / _OBJ_UNITS), mesh.triangles))
+    for piece in scene.pieces:
+        mesh = Mesh(piece.name, piece.vertices * (_CM / _OBJ_UNITS), piece.triangles)
+        write_obj(folder / f"{piece.name}.obj", mesh)
     z = scene.path.z / scene.scale
     smallest = abs(float(z[-1] - z[0])) or abs(float(z.min() - z[0])) or scene.point.ball_radius  # to be felt [m]
     fill(folder / "scene.scn", scene=scene, alarm=0.1 * scene.scale * _CM * smallest)
@@ -32,7 +32,7 @@ SOFA = SceneFormat(
         "alarm distance a tenth of the step, contact distance a hundredth: the usual 0.15 and 0.05 are larger than the step",
         "forces come out in kg cm/s^2: divide by 100 for newton; a stiffness in N/m is the same number in kg/s^2",
         "one collision model per convex piece; friction through FrictionContactConstraint",
-        "the scene's probe is a ball on a particle; a declared tip's shape is in `probe.obj`, for a picture bound to your driver",
+        "the scene's probe is a ball on a particle",
     ),
     verified="parsed by lxml, and its meshes read and measured by trimesh, in the test suite; not run here in SOFA.",
 )

@@ -8,12 +8,7 @@ from stepblocks.simulators.scene import Scene, SceneFormat, fill
 
 
 def _write(folder: Path, scene: Scene) -> None:
-    shapes = {"scene.x3d": (scene.surface.id, scene.whole)}
-    if scene.probe:
-        shapes["probe.x3d"] = (scene.stimulus.id, scene.probe.whole)
-    for file, (name, mesh) in shapes.items():
-        extent = float(abs(mesh.vertices).max())
-        fill(folder / file, "scene.x3d", scene=scene, mesh_of=name, mesh=mesh, extent=extent)
+    fill(folder / "scene.x3d", scene=scene, extent=float(abs(scene.whole.vertices).max()))
 
 
 X3D = SceneFormat(
@@ -21,10 +16,7 @@ X3D = SceneFormat(
     title="X3D (H3D)",
     unit="metres",
     write=_write,
-    run=(
-        "`H3DLoad scene.x3d`; a declared tip is `probe.x3d`, for the stylus of `DeviceInfo`; other X3D viewers show the block and "
-        "ignore the haptic surface."
-    ),
+    run="`H3DLoad scene.x3d`; other X3D viewers show the block and ignore the haptic surface.",
     settings=(
         "FrictionalSurface with absolute stiffness k/S and the static and dynamic friction of the condition",
         "coordinates are decimal text with 12 digits, counter-clockwise seen from outside",

@@ -111,10 +111,8 @@ def group_terms(data: Any) -> tuple[tuple[Term, ...], tuple[Interval, ...]]:
     table = cells.groupby(keys).mean().unstack()
     group = data.groupby("participant")["group"].first().reindex(table.index)
     sizes = group.value_counts().sort_index()
-    require(
-        len(sizes) >= 2 and sizes.min() >= 2 and not table.isna().to_numpy().any(),
-        f"groups must be at least two of at least two participants each, got {dict(sizes)}",
-    )
+    if len(sizes) < 2 or sizes.min() < 2 or table.isna().to_numpy().any():
+        raise StudyError(f"groups must be at least two of at least two participants each, got {dict(sizes)}")
     level = table.mean(axis=1)
     between = f_test(level.to_frame("value").assign(group=group), "value", "group")
     if table.shape[1] == 1:

@@ -104,7 +104,7 @@ def f_test(
     if intervals:
         levels, parameters = sorted(data["a"].unique()), (fit.params.to_numpy(), fit.cov_params().to_numpy())
         spread, rows = math.sqrt(fit.mse_resid), mean_rows(fit, data, levels)
-        family = tukey_family(levels, rows, *parameters, fit.df_resid, spread=spread, scale=scale)
+        family = tukey_family(levels, rows, parameters, fit.df_resid, spread=spread, scale=scale)
     return FTest(tuple(terms), float(fit.df_resid), tuple(family))
 
 
@@ -134,19 +134,19 @@ def effect_of(name: str, df: float, df_error: float, squares: float, f: float) -
 def tukey_family(
     levels: Sequence[str],
     rows: Sequence[Any],
-    beta: Any,
-    covariance: Any,
+    parameters: tuple[Any, Any],
     df_error: float,
     *,
     spread: float,
     scale: float,
 ) -> list[Interval]:
     """Compare every two levels so that all 95 % intervals hold together."""
-    # `rows` give the mean of each level from the parameters `beta`; `spread` is the residual standard deviation, `scale`
+    # `rows` give the mean of each level from the parameters (values, covariance); `spread` is the residual standard deviation, `scale`
     # the unit of all these in that of the response. Source, with unequal numbers: Kramer, C. Y. (1956), Biometrics 12,
     # 307-310.
     from scipy.stats import studentized_range
 
+    beta, covariance = parameters
     quantile = float(studentized_range.ppf(0.95, len(levels), df_error))
     found = []
     for one, two in itertools.combinations(range(len(levels)), 2):

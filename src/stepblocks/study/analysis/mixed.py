@@ -49,19 +49,17 @@ def mixed_model(
     require(scale > 0.0, f"{response} must not be the same in all {len(data)} rows")
     fit, said, factor = _fit(data, bool(block), len(conditions) > 1)
     rows, count = mean_rows(fit, data, conditions), len(fit.fe_params)
-    covariance = np.asarray(fit.cov_params())[:count, :count]
-    beta = np.asarray(fit.fe_params)
+    beta, covariance = np.asarray(fit.fe_params), np.asarray(fit.cov_params())[:count, :count]
+    tested = (beta, factor * covariance)  # at a variance of zero on the mean square of repeated measures
     df_error = float((people - 1) * (len(conditions) - 1))
     spread = math.sqrt(float(fit.scale))
-    family = []
-    if intervals:
-        family = tukey_family(conditions, rows, beta, factor * covariance, df_error, spread=spread, scale=scale)
+    family = tukey_family(conditions, rows, tested, df_error, spread=spread, scale=scale) if intervals else []
     return MixedFit(
         means=tuple(
             (name, float(row @ beta) * scale + shift, math.sqrt(float(row @ covariance @ row)) * scale)
             for name, row in zip(conditions, rows, strict=True)
         ),
-        condition=_wald(condition, rows, beta, factor * covariance, df_error) if len(conditions) > 1 else None,
+        condition=_wald(condition, rows, *tested, df_error) if len(conditions) > 1 else None,
         intervals=tuple(family),
         sd_participant=_root(float(np.asarray(fit.cov_re).ravel()[0]), float(fit.scale)) * scale,
         sd_condition=_root(float(fit.vcomp[0]), float(fit.scale)) * scale if len(fit.vcomp) else 0.0,

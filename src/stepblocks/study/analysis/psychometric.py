@@ -46,16 +46,8 @@ class Psychometric:
 
 
 def fit_psychometric(levels: Sequence[float], hits: Sequence[int], totals: Sequence[int]) -> Psychometric:
-    """Fit a psychometric function; who lapses in a comparison errs to either side, so one rate bounds both ends.
-
-    Source: Wichmann, F. A., Hill, N. J. (2001), Perception & Psychophysics 63, 1293-1313, doi:10.3758/BF03194544.
-
-    Examples
-    --------
-    >>> fit = fit_psychometric([20e-6, 40e-6, 60e-6, 80e-6], [2, 8, 15, 19], [20, 20, 20, 20])
-    >>> f"{fit.threshold * 1e6:.1f} um, Weber fraction {fit.weber:.2f}"
-    '44.2 um, Weber fraction 0.24'
-    """
+    """Fit a psychometric function; who lapses in a comparison errs to either side, so one rate bounds both ends."""
+    # Wichmann, F. A., Hill, N. J. (2001), Perception & Psychophysics 63, 1293-1313, doi:10.3758/BF03194544.
     from scipy.optimize import minimize
     from scipy.special import ndtr, xlog1py, xlogy
     from statsmodels.tools.numdiff import approx_hess
@@ -130,12 +122,10 @@ def _without_lapses(log_x: Array, k: Array, n: Array) -> tuple[float, float]:
     with warnings.catch_warnings(action="ignore"):  # separation is told apart below, in words
         fit = sm.GLM(np.column_stack([k, n - k]), sm.add_constant(log_x), family=link).fit(tol=1e-12, maxiter=200)
     share = (k / n)[np.argsort(log_x)]
-    if fit.params[1] <= 0.0 or np.ptp(share) == 0.0:
-        raise StudyError("answers must rise with the level, got ones that do not")
-    require(
-        np.any((share > 0.0) & (share < 1.0)),
-        "answers jump from none to all between two levels: no spread can be told; add levels between them",
-    )
+    flat = fit.params[1] <= 0.0 or np.ptp(share) == 0.0
+    require(not flat, "answers must rise with the level, got ones that do not")
+    said = "answers jump from none to all between two levels: no spread can be told; add levels between them"
+    require(np.any((share > 0.0) & (share < 1.0)), said)
     return -fit.params[0] / fit.params[1], math.log(1.0 / fit.params[1])
 
 

@@ -106,10 +106,8 @@ def _term(analysis: str, term: Term) -> Row:
 def _intervals(analysis: str, intervals: tuple[Interval, ...], df_error: float, logarithmic: bool) -> Iterator[Row]:
     for one in intervals:
         name, ends = f"{one.first} minus {one.second}", (one.difference, one.low, one.high)
-        shown = (
-            (f"{one.first} over {one.second}", tuple(map(math.exp, ends)), "1") if logarithmic else (name, ends, "um")
-        )
-        yield _span(analysis, *shown, df_error=df_error, p=one.p)
+        ratio = (f"{one.first} over {one.second}", tuple(map(math.exp, ends)), "1")
+        yield _span(analysis, *(ratio if logarithmic else (name, ends, "um")), df_error=df_error, p=one.p)
         yield _row(analysis, f"{name}, over the residual standard deviation", estimate=one.effect_size)
 
 
@@ -164,10 +162,8 @@ def _curves(result: StudyResult) -> Iterator[Row]:
         if fit is None:
             yield _row(analysis, f"{name}: not fitted, {curve.reason}")
             continue
-        equal, weber = (
-            (fit.threshold, fit.threshold_low, fit.threshold_high),
-            (fit.weber, fit.weber_low, fit.weber_high),
-        )
+        equal = (fit.threshold, fit.threshold_low, fit.threshold_high)
+        weber = (fit.weber, fit.weber_low, fit.weber_high)
         yield _span(analysis, f"{name}, point of subjective equality", equal, "um")
         yield _span(analysis, f"{name}, Weber fraction of the height", weber)
         yield _row(analysis, f"{name}, lapse rate", estimate=fit.lapse)
