@@ -140,7 +140,13 @@ class _Document:
 
     def _item(self, item: PmiItem) -> TDF_Label:
         label, faces = self._bodies[item.body]
-        shape = faces[item.face] if item.other is None else _shared_edge(faces[item.face], faces[item.other])
+        shape = faces[item.face]
+        if item.other is not None:
+            others = [edge.wrapped for edge in faces[item.other].Edges()]
+            shared = [edge for edge in shape.Edges() if any(edge.wrapped.IsSame(other) for other in others)]
+            if not shared:
+                raise SolidError("two faces that carry an edge must meet in one")
+            shape = max(shared, key=lambda edge: float(edge.Length()))
         found = self._shapes.AddSubShape(label, shape.wrapped)
         if found.IsNull():  # it has been added before
             found = TDF_Label()
@@ -189,13 +195,6 @@ class _Document:
 
 def _named(kind: str, name: str) -> Any:
     return getattr(getattr(XCAFDimTolObjects, f"XCAFDimTolObjects_{kind}"), f"XCAFDimTolObjects_{kind}_{name}")
-
-
-def _shared_edge(first: Any, second: Any) -> Any:
-    shared = [edge for edge in first.Edges() if any(edge.wrapped.IsSame(other.wrapped) for other in second.Edges())]
-    if not shared:
-        raise SolidError("two faces that carry an edge must meet in one")
-    return max(shared, key=lambda edge: float(edge.Length()))
 
 
 def _present(content: Any, callout: Callout | None) -> None:

@@ -186,8 +186,13 @@ class Block(Part):
 def body_cuts(body: Body, identity: str, rise: float) -> list[cad.kernel.Body]:
     """Bodies to cut from a block: edge breaks along x and z, holes, engraving."""
     cuts = list(_edge_breaks(body, rise)) if body.edge_break.nominal > 0.0 else []
-    spacing = body.mounting.spacing.nominal
-    return [*cuts, *(_hole(body, x) for x in (-0.5 * spacing, 0.5 * spacing)), *_engraving(body, identity)]
+    cuts += [_hole(body, side * body.mounting.spacing.nominal) for side in (-0.5, 0.5)]
+    middle, start = -0.5 * body.thickness.nominal, -0.5 * body.width.nominal - 0.1 * OVER
+    into = (0.0, body.engraving.depth.nominal + 0.1 * OVER, 0.0)
+    for outlines in letters(identity.upper(), body.engraving.height.nominal):
+        outer, *holes = ([(float(u), start, middle + float(v)) for u, v in outline] for outline in outlines)
+        cuts.append(cad.kernel.extruded(outer, into, holes))
+    return cuts
 
 
 def _edge_breaks(body: Body, rise: float) -> Iterator[cad.kernel.Body]:
@@ -215,14 +220,6 @@ def _hole(body: Body, x: float) -> cad.kernel.Body:
         return cad.kernel.turned(outline, (x, 0.0, base))
     outline = [(0.0, base - OVER), (drill, base - OVER), (drill, -depth), (entry, -depth), (entry, OVER)]
     return cad.kernel.turned([*outline, (0.0, OVER)], (x, 0.0, 0.0))
-
-
-def _engraving(body: Body, identity: str) -> Iterator[cad.kernel.Body]:
-    middle, start = -0.5 * body.thickness.nominal, -0.5 * body.width.nominal - 0.1 * OVER
-    cut = (0.0, body.engraving.depth.nominal + 0.1 * OVER, 0.0)
-    for outlines in letters(identity.upper(), body.engraving.height.nominal):
-        outer, *holes = ([(float(u), start, middle + float(v)) for u, v in outline] for outline in outlines)
-        yield cad.kernel.extruded(outer, cut, holes)
 
 
 Point3 = tuple[float, float, float]

@@ -247,11 +247,8 @@ class Sheet:
             self.rectangle((x, y - high), (x + 90.0, y), "FRAME")
             self.text((x + 2.0, y - 1.9), name, 1.6, "MIDDLE_LEFT")
             self.text((x + 2.0, y - 4.9), value, 2.5, "MIDDLE_LEFT")
-        self._first_angle((WIDTH - 26.0, 10.0 + 0.5 * high))
-
-    def _first_angle(self, at: Point) -> None:
-        """Draw the truncated cone from its side and, on the right of it, from its narrow end (ISO 5456-2)."""
-        x, y = at
+        # the truncated cone from its side and, on the right of it, from its narrow end (ISO 5456-2)
+        x, y = WIDTH - 26.0, 10.0 + 0.5 * high
         side = [(x - 4.0, y - 1.2), (x + 2.0, y - 2.4), (x + 2.0, y + 2.4), (x - 4.0, y + 1.2)]
         self.polyline(side, "DIMENSION", closed=True)
         for radius in (1.2, 2.4):

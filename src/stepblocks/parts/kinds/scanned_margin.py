@@ -20,7 +20,7 @@ from stepblocks.parts import margin_line
 from stepblocks.parts.characteristics import Characteristic, plane, toleranced
 from stepblocks.parts.declared import Table, below, must, rules_validator, usual
 from stepblocks.parts.kind import NANOMETRE, Finding, MeasuredMesh
-from stepblocks.parts.kinds.margin import CrownMargin
+from stepblocks.parts.kinds.margin import ACROSS, CrownMargin
 from stepblocks.parts.shapes import hull
 from stepblocks.parts.tolerance import PositiveLength
 
@@ -31,7 +31,6 @@ if TYPE_CHECKING:
 _UNITS = {"um": 1e-6, "mm": 1e-3, "cm": 1e-2, "m": 1.0}
 _LEAST_POINTS = 6  # a line through fewer cuts the corners of a tooth
 _USUAL_STATIONS = 50  # round a crown's margin: Groten et al. 2000, J Prosthet Dent 83:40
-_ACROSS = "profilometer or microscope"
 
 
 def _line(raw: object) -> object:
@@ -134,10 +133,10 @@ class ScannedMargin(CrownMargin):
     def characteristics(self) -> Iterator[Characteristic]:
         g, low = self.marginal_gap, -0.5 * self.gap_depth.nominal
         walls = plane(0, 0.0, z=low), plane(0, g.nominal, z=low)
-        yield toleranced("marginal_gap", "distance", g, *walls, method=_ACROSS)
+        yield toleranced("marginal_gap", "distance", g, *walls, method=ACROSS)
         for name in ("horizontal_discrepancy", "vertical_discrepancy", "gap_depth", "thickness"):
             if (one := getattr(self, name)) is not None:
-                yield toleranced(name, "note", one, method=_ACROSS)
+                yield toleranced(name, "note", one, method=ACROSS)
         for axis, one in enumerate((self.length, self.width)):
             name, half = ("length", "width")[axis], 0.5 * one.nominal
             yield toleranced(name, "distance", one, plane(axis, -half), plane(axis, half))
