@@ -14,11 +14,9 @@ from stepblocks.contact.counterface import Counterface, Step
 from stepblocks.contact.operating_point import Tissue, Tool
 from stepblocks.contact.rod import Sleeve
 from stepblocks.errors import ContactError
+from stepblocks.parts.characteristics import Characteristic
 from stepblocks.parts.declared import FaceDemands, Identity, Material, Table, face_demands
 from stepblocks.parts.tolerance import Dimension
-
-if TYPE_CHECKING:
-    from stepblocks.parts.characteristics import Characteristic
 
 CONTACT_DEFLECTION = 0.1e-6  # chordal error of a mesh where the probe touches [m]
 FITTING_DEFLECTION = 3e-6  # where parts fit one another

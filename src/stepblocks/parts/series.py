@@ -72,10 +72,7 @@ def _values(path: tuple[str, ...], table: Mapping[str, Any]) -> list[str]:
     missing = {"to", "step"} - set(table)
     if missing:
         raise ValueError(f"{name}: a series needs from, to and step, got no {' and no '.join(sorted(missing))}")
-    return _range(name, table["from"], table["to"], table["step"])
-
-
-def _range(name: str, first: object, last: object, step: object) -> list[str]:
+    first, last, step = (table[key] for key in ("from", "to", "step"))
     dimension = _dimension_of(first)
     try:
         start, stop, stride = (parse_quantity(value, dimension) for value in (first, last, step))
