@@ -9,7 +9,8 @@ from pydantic import Field
 
 from stepblocks.parts.conditions import OrderSpec
 from stepblocks.parts.declared import Identity, Sourced, Table, below, positive, rules_validator, sourced
-from stepblocks.parts.kinds.machined import Box, Machined, Point3, Round, between, bore
+from stepblocks.parts.kinds.machined import Box, Machined, Round, between, bore
+from stepblocks.parts.revolution import Point3
 from stepblocks.parts.tolerance import Dimension, PositiveLength
 
 Masses = Annotated[tuple[Annotated[float, positive("mass")], ...], Field(min_length=1, max_length=50)]  # kg

@@ -26,9 +26,8 @@ from stepblocks.parts.characteristics import (
 from stepblocks.parts.declared import Table, WorkingFaces, below, must, rules_validator, usual
 from stepblocks.parts.kind import Part
 from stepblocks.parts.lettering import letters, text_width
+from stepblocks.parts.revolution import Point, Point3
 from stepblocks.parts.tolerance import Dimension, Length, PositiveLength
-
-Point = tuple[float, float]
 
 # by thread: core drill (ISO 261, ISO 2306), medium clearance (ISO 273), head (ISO 4762), major diameter [m]
 _THREADS = {
@@ -220,9 +219,6 @@ def _hole(body: Body, x: float) -> cad.kernel.Body:
         return cad.kernel.turned(outline, (x, 0.0, base))
     outline = [(0.0, base - OVER), (drill, base - OVER), (drill, -depth), (entry, -depth), (entry, OVER)]
     return cad.kernel.turned([*outline, (0.0, OVER)], (x, 0.0, 0.0))
-
-
-Point3 = tuple[float, float, float]
 
 
 def half_points(body: Body, side: float, top: float, crest: Sequence[Point]) -> list[Point3]:

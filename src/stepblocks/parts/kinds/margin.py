@@ -74,6 +74,11 @@ class CrownMargin(Part):
             rule = f"exceed marginal_gap ({gap}) where vertical_discrepancy is negative"
             yield f"horizontal_discrepancy must {rule}, got {got}"
 
+    def _gap_found(self, mesh: MeasuredMesh, length: Dimension) -> Finding:
+        reach = 0.25 * length.nominal
+        gap = mesh.wall_position(-1, reach) - mesh.wall_position(+1, reach)
+        return Finding("marginal gap", self.marginal_gap.nominal, gap, NANOMETRE)
+
     def close_up(self) -> tuple[float, float, tuple[float, float, float]]:
         rise, gap = abs(self.horizontal_discrepancy.nominal), self.marginal_gap.nominal
         wide = 2.5 * max(rise, gap, abs(self.opening.nominal))
@@ -183,9 +188,7 @@ class MarginBlock(CrownMargin, Block):
             yield toleranced(key, "note", v, method=ACROSS)
 
     def measured(self, body: int, mesh: MeasuredMesh) -> Iterator[Finding]:
-        reach = 0.25 * self.body.length.nominal
-        gap = mesh.wall_position(-1, reach) - mesh.wall_position(+1, reach)
-        yield Finding("marginal gap", self.marginal_gap.nominal, gap, NANOMETRE)
+        yield self._gap_found(mesh, self.body.length)
         crown = mesh.level_beside(self.opening.nominal, +1)
         tooth = mesh.level_beside(self.body.edge_break.nominal - 0.5 * self.body.length.nominal, +1)
         yield Finding("horizontal discrepancy", self.rise, crown - tooth, NANOMETRE)
