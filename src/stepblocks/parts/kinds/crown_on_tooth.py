@@ -143,8 +143,8 @@ class CrownOnTooth(CrownMargin, Turned):
 
     def characteristics(self) -> Iterator[Characteristic]:
         R, h, root, height = self.margin_radius, self.horizontal_discrepancy, self.root_length, self.preparation_height
-        at = FaceRule("CYLINDER", radius=R.nominal)
-        yield toleranced("margin_diameter", "diameter", R, at, label="diameter at the margin").doubled
+        side = FaceRule("CYLINDER", radius=R.nominal)
+        yield toleranced("margin_diameter", "diameter", R, side, label="diameter at the margin").doubled
         top, base = plane(2, height.nominal), plane(2, -root.nominal)
         if self.finish_line.kind == "shoulder":
             shoulder = plane(2, 0.0)
@@ -160,19 +160,15 @@ class CrownOnTooth(CrownMargin, Turned):
         ceiling = height.nominal + self.internal_gap.nominal
         shell = plane(2, ceiling), plane(2, ceiling + self.shell_thickness.nominal)
         yield toleranced("shell_thickness", "distance", self.shell_thickness, *shell, body=1)
-        yield self._ledge()
-        yield from self._seated(ceiling)
-
-    def _ledge(self) -> Characteristic:
-        """Width of a shoulder between its two edges; of a quarter round its radius, of a feather edge none: no face is as wide."""
-        outside, width = FaceRule("CYLINDER", radius=self.margin_radius.nominal), self.finish_line.width
-        kind, key = self.finish_line.kind, "finish_line_width"
-        if kind != "shoulder":
+        kind, width, key = self.finish_line.kind, self.finish_line.width, "finish_line_width"
+        if kind == "shoulder":
+            edges = EdgeRule(side, plane(2, 0.0)), EdgeRule(plane(2, 0.0), self._walls()[0])
+            label = "finish line, width of the shoulder"
+            yield toleranced(key, "distance", width, *edges, label=label, method="microscope")
+        else:  # no face is as wide
             what = "radius of the quarter round" if kind == "chamfer" else "width of its edge"
-            return toleranced(key, "note", width, label=f"finish line, {what}", method="microscope")
-        edges = EdgeRule(outside, plane(2, 0.0)), EdgeRule(plane(2, 0.0), self._walls()[0])
-        label = "finish line, width of the shoulder"
-        return toleranced(key, "distance", width, *edges, label=label, method="microscope")
+            yield toleranced(key, "note", width, label=f"finish line, {what}", method="microscope")
+        yield from self._seated(ceiling)
 
     def _seated(self, ceiling: float) -> Iterator[Characteristic]:
         """Gaps between the two bodies, the crown seated on its tooth."""

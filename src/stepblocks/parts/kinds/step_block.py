@@ -80,9 +80,7 @@ class StepBlock(Block):
         x0, depth, top = near, feature.lane.nominal + OVER, self.height.nominal + OVER
         if feature.kind == "ridge":  # it ends where the edge break of its side begins, level with the upper face
             x0, depth, top = -near - feature.width.nominal, feature.lane.nominal, self.height.nominal
-        x1 = x0 + feature.width.nominal
-        corners = [(x0, y0, 0.0), (x1, y0, 0.0), (x1, y0 + depth, 0.0), (x0, y0 + depth, 0.0)]
-        return cad.kernel.extruded(corners, (0.0, 0.0, top))
+        return cad.kernel.box((x0, y0, 0.0), (x0 + feature.width.nominal, y0 + depth, top))
 
     def volumes(self) -> tuple[float, ...]:
         """Two halves, less the rounding, the groove or with the ridge, less what the workshop cuts."""
