@@ -42,21 +42,26 @@ def write_kit(folder: Path, kit: Apparatus, order: OrderSpec) -> tuple[list[Path
     wrong = list(interferences(kit, bodies))
     for part in parts:
         if not part.standard:
-            own, step = folder / part.id, folder / part.id / f"{part.id}.step"
-            own.mkdir(parents=True, exist_ok=True)
-            write_step_ap242(step, part, [(part.id, bodies[part.id])])
-            drawings = write_drawing(own, part, order=order)
-            written += [step, *drawings]
-            if part.printable:
-                mesh = mesh_solid(part, part.id, bodies[part.id])
-                written += [own / f"{part.id}.stl", own / f"{part.id}.3mf"]
-                write_stl(written[-2], mesh)
-                write_3mf(written[-1], mesh)
-            wrong += missing_from(part, drawings[0], step)
+            paths, missing = _write_part(folder / part.id, part, bodies[part.id], order)
+            written, wrong = written + paths, wrong + missing
     assembly = folder / f"{kit.id}.assembly.step"
     write_conforming(assembly, kit.id, [(part.id, bodies[part.id]) for part in parts], parts[0].material, [])
     drawn = write_assembly_drawing(folder, kit.id, parts, order)
     return [*written, assembly, *drawn, *_write_tables(folder, kit, parts)], wrong
+
+
+def _write_part(folder: Path, part: Machined, body: cad.kernel.Body, order: OrderSpec) -> tuple[list[Path], list[str]]:
+    folder.mkdir(parents=True, exist_ok=True)
+    step = folder / f"{part.id}.step"
+    write_step_ap242(step, part, [(part.id, body)])
+    drawings = write_drawing(folder, part, order=order)
+    meshes = []
+    if part.printable:
+        mesh = mesh_solid(part, part.id, body)
+        for path, write in ((folder / f"{part.id}.stl", write_stl), (folder / f"{part.id}.3mf", write_3mf)):
+            write(path, mesh)
+            meshes.append(path)
+    return [step, *drawings, *meshes], missing_from(part, drawings[0], step)
 
 
 def interferences(kit: Apparatus, bodies: Mapping[str, cad.kernel.Body]) -> Iterator[str]:
