@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from stepblocks.cad import kernel
-from stepblocks.parts.revolution import arc_points, outline_points, revolution_volume, ring, sectors, stack, turned_hull
+from stepblocks.parts.revolution import outline_points, revolution_volume, ring, sectors, stack, turned_hull
 from stepblocks.parts.shapes import hull, split
 
 S = math.sqrt(0.5)
@@ -47,7 +47,7 @@ def test_an_outline_may_run_either_way_round():
 
 @pytest.mark.parametrize("chord", [1e-6, 1e-4, 3e-2])
 def test_chords_stay_within_their_error_and_on_the_arc(chord):
-    points = [(1.0, 0.0), *arc_points((1.0, 0.0), (S, S), (0.0, 1.0), chord)]
+    points = outline_points([(1.0, 0.0), ((S, S), (0.0, 1.0))], chord)
     assert points[-1] == (0.0, 1.0)
     assert np.allclose(np.hypot(*np.transpose(points)), 1.0, atol=1e-14)
     middles = [(0.5 * (a[0] + b[0]), 0.5 * (a[1] + b[1])) for a, b in itertools.pairwise(points)]

@@ -18,16 +18,7 @@ from stepblocks.errors import PipelineError, StimulusError
 from stepblocks.parts.kinds.machined import Box, Machined, bore
 from stepblocks.parts.shapes import mesh_solid
 from stepblocks.select import stimulus_files
-from stepblocks.workshop.kit import (
-    ON_THE_PIVOT,
-    POSITIONS,
-    flexure_sensitivity,
-    flexure_stiffness,
-    interferences,
-    normal_load,
-    pull,
-    write_kit,
-)
+from stepblocks.workshop.kit import ON_THE_PIVOT, POSITIONS, flexure_of, interferences, normal_load, pull, write_kit
 
 FILE = Path(__file__).parents[2] / "stimuli" / "apparatus.toml"
 KIT = load_kit(FILE).apparatus[0]
@@ -129,7 +120,7 @@ def test_the_stiffness_of_the_flexure_agrees_with_finite_elements_within_3_perce
     leaf = KIT.flexure
     sizes = [one.nominal for one in (leaf.length, leaf.width, leaf.thickness)]
     found, _, _ = leaf_by_elements(*sizes, leaf.modulus.value)
-    assert flexure_stiffness(KIT) == pytest.approx(2.0 * found, rel=0.03)
+    assert flexure_of(KIT)["stiffness_n_per_m"] == pytest.approx(2.0 * found, rel=0.03)
 
 
 def test_the_strain_under_a_gauge_agrees_with_finite_elements_within_3_percent():
@@ -142,7 +133,9 @@ def test_the_strain_under_a_gauge_agrees_with_finite_elements_within_3_percent()
         for shift in (-near, near)
     ]
     strain_per_newton = abs(along[1] - along[0]) / (2.0 * near) / (2.0 * force * 1e-6)  # two leaves share the pull
-    assert flexure_sensitivity(KIT) == pytest.approx(leaf.gauge_factor.value * strain_per_newton, rel=0.03)
+    assert flexure_of(KIT)["sensitivity_v_per_v_per_n"] == pytest.approx(
+        leaf.gauge_factor.value * strain_per_newton, rel=0.03
+    )
 
 
 def test_the_command_makes_the_kit_and_says_what_is_missing(tmp_path, capsys, monkeypatch):

@@ -97,11 +97,7 @@ def write_step_with_tolerances(
     Interface_Static.SetCVal_s("write.step.schema", "AP242DIS")
     Interface_Static.SetCVal_s("write.step.unit", "MM")
     Interface_Static.SetIVal_s("write.precision.mode", 0)
-    document = _Document()
-    for name, body in bodies:
-        document.add_body(name, body, *material)
-    if len(bodies) > 1:
-        document.add_assembly(assembly, [name for name, _ in bodies])
+    document = _Document(bodies, material, assembly)
     for dimension in dimensions:
         document.add_dimension(dimension)
     for tolerance in tolerances:
@@ -118,34 +114,39 @@ def write_step_with_tolerances(
 class _Document:
     """An XCAF document that is filled step by step."""
 
-    def __init__(self) -> None:
+    def __init__(self, bodies: Sequence[tuple[str, Body]], material: tuple[str, float], assembly: str) -> None:
         self.document = TDocStd_Document(TCollection_ExtendedString("stepblocks"))
         self._shapes = XCAFDoc_DocumentTool.ShapeTool_s(self.document.Main())
         self._tolerances = XCAFDoc_DocumentTool.DimTolTool_s(self.document.Main())
-        self._materials = XCAFDoc_DocumentTool.MaterialTool_s(self.document.Main())
-        self._bodies: list[tuple[TDF_Label, list[Any]]] = []
-
-    def add_body(self, name: str, body: Body, designation: str, density: float) -> None:
-        label = self._shapes.AddShape(body.wrapped, False)
-        TDataStd_Name.Set_s(label, TCollection_ExtendedString(name))
-        self._bodies.append((label, body.Faces()))
+        materials = XCAFDoc_DocumentTool.MaterialTool_s(self.document.Main())
         # another type than POSITIVE_RATIO_MEASURE is dropped without a word
-        said = designation, "", "density measure", "POSITIVE_RATIO_MEASURE"
-        name, note, what, kind = map(TCollection_HAsciiString, said)
-        self._materials.SetMaterial(label, name, note, density, what, kind)
-
-    def add_assembly(self, name: str, parts: Sequence[str]) -> None:
-        """Put all bodies where they are into one product; they stay products of their own, and so keep their material."""
-        root = self._shapes.NewShape()
-        TDataStd_Name.Set_s(root, TCollection_ExtendedString(name))
-        for part, (label, _) in zip(parts, self._bodies, strict=True):
-            component = self._shapes.AddComponent(root, label, TopLoc_Location())
-            TDataStd_Name.Set_s(component, TCollection_ExtendedString(part))
-        self._shapes.UpdateAssemblies()
+        said = material[0], "", "density measure", "POSITIVE_RATIO_MEASURE"
+        self._bodies: list[tuple[TDF_Label, list[Any]]] = []
+        for name, body in bodies:
+            label = self._shapes.AddShape(body.wrapped, False)
+            TDataStd_Name.Set_s(label, TCollection_ExtendedString(name))
+            self._bodies.append((label, body.Faces()))
+            designation, note, what, kind = map(TCollection_HAsciiString, said)
+            materials.SetMaterial(label, designation, note, material[1], what, kind)
+        if (
+            len(bodies) > 1
+        ):  # one product of all bodies where they are, which stay products of their own, each of its material
+            root = self._shapes.NewShape()
+            TDataStd_Name.Set_s(root, TCollection_ExtendedString(assembly))
+            for (name, _), (label, _) in zip(bodies, self._bodies, strict=True):
+                component = self._shapes.AddComponent(root, label, TopLoc_Location())
+                TDataStd_Name.Set_s(component, TCollection_ExtendedString(name))
+            self._shapes.UpdateAssemblies()
 
     def _item(self, item: PmiItem) -> TDF_Label:
         label, faces = self._bodies[item.body]
-        shape = faces[item.face] if item.other is None else _shared_edge(faces[item.face], faces[item.other])
+        shape = faces[item.face]
+        if item.other is not None:
+            others = [edge.wrapped for edge in faces[item.other].Edges()]
+            shared = [edge for edge in shape.Edges() if any(edge.wrapped.IsSame(other) for other in others)]
+            if not shared:
+                raise SolidError("two faces that carry an edge must meet in one")
+            shape = max(shared, key=lambda edge: float(edge.Length()))
         found = self._shapes.AddSubShape(label, shape.wrapped)
         if found.IsNull():  # it has been added before
             found = TDF_Label()
@@ -178,30 +179,22 @@ class _Document:
         _present(content, tolerance.callout)
         _attribute(label, XCAFDoc_GeomTolerance).SetObject(content)
         self._tolerances.SetGeomTolerance(self._item(PmiItem(tolerance.body, tolerance.face)), label)
-        if tolerance.datum is not None:
-            self._tolerances.SetDatumToGeomTol(self._datum(tolerance.body, *tolerance.datum), label)
-
-    def _datum(self, body: int, letter: str, face: int) -> TDF_Label:
-        label = self._tolerances.AddDatum()
-        content = XCAFDimTolObjects.XCAFDimTolObjects_DatumObject()
-        content.SetName(TCollection_HAsciiString(letter))
-        content.SetPosition(1)
-        _attribute(label, XCAFDoc_Datum).SetObject(content)
+        if tolerance.datum is None:
+            return
+        letter, face = tolerance.datum
+        datum = self._tolerances.AddDatum()
+        named = XCAFDimTolObjects.XCAFDimTolObjects_DatumObject()
+        named.SetName(TCollection_HAsciiString(letter))
+        named.SetPosition(1)
+        _attribute(datum, XCAFDoc_Datum).SetObject(named)
         faces = TDF_LabelSequence()
-        faces.Append(self._item(PmiItem(body, face)))
-        self._tolerances.SetDatum(faces, label)
-        return label
+        faces.Append(self._item(PmiItem(tolerance.body, face)))
+        self._tolerances.SetDatum(faces, datum)
+        self._tolerances.SetDatumToGeomTol(datum, label)
 
 
 def _named(kind: str, name: str) -> Any:
     return getattr(getattr(XCAFDimTolObjects, f"XCAFDimTolObjects_{kind}"), f"XCAFDimTolObjects_{kind}_{name}")
-
-
-def _shared_edge(first: Any, second: Any) -> Any:
-    shared = [edge for edge in first.Edges() if any(edge.wrapped.IsSame(other.wrapped) for other in second.Edges())]
-    if not shared:
-        raise SolidError("two faces that carry an edge must meet in one")
-    return max(shared, key=lambda edge: float(edge.Length()))
 
 
 def _present(content: Any, callout: Callout | None) -> None:

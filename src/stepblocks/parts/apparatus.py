@@ -9,7 +9,8 @@ from pydantic import Field
 
 from stepblocks.parts.conditions import OrderSpec
 from stepblocks.parts.declared import Identity, Sourced, Table, below, positive, rules_validator, sourced
-from stepblocks.parts.kinds.machined import Box, Machined, Point3, Round, between, bore
+from stepblocks.parts.kinds.machined import Box, Machined, Round, between, bore
+from stepblocks.parts.revolution import Point3
 from stepblocks.parts.tolerance import Dimension, PositiveLength
 
 Masses = Annotated[tuple[Annotated[float, positive("mass")], ...], Field(min_length=1, max_length=50)]  # kg
@@ -66,7 +67,11 @@ class Apparatus(Table):
     def parts(self, weight: float | None = None) -> list[Machined]:
         """List the parts where they are at the middle of the travel, with a weight on the explorer [kg], the largest if none."""
         top = _FLEXURE_FOOT + self.flexure.length.nominal + 6e-3  # lower face of the carriage
-        arm = [*_arm(), _dead_weight(max(self.normal_weights) if weight is None else weight)]
+        mass, area = max(self.normal_weights) if weight is None else weight, 0.25 * math.pi * (24e-3**2 - 2.5e-3**2)
+        rod = Round("z", mm(0, 0, 22), 24e-3, mass / (8470.0 * area))
+        said = f"weight {mass * 1e3:g} g, class M1 (OIML R 111-1), bored 2.5"
+        loaded = _bought("weight", "Weight", rod, 2.5e-3, material="brass", standard=said, moving=True)
+        arm = [*_arm(), loaded]
         fixed, moving = _frame(top), [*_carriage(top), self._flexure(top), *_yoke(), *arm, *self.balanced(arm[:-1])]
         return [*fixed, *moving, *_pull(), *_damping_rig(self.displacement.value)]
 
@@ -205,13 +210,6 @@ def _arm() -> list[Machined]:
     rods = Round("z", mm(0, 0, 0), 0.25e-3, 8e-3), Round("z", mm(0, 0, 8), 2.35e-3, 32e-3)
     bought = "tip-125 of probe-tips"
     return [arm, clamp, _part("explorer", "Explorer", "stainless", standard=bought, moving=True, rods=rods)]
-
-
-def _dead_weight(mass: float) -> Machined:
-    area = 0.25 * math.pi * (24e-3**2 - 2.5e-3**2)
-    rod = Round("z", mm(0, 0, 22), 24e-3, mass / (8470.0 * area))
-    said = f"weight {mass * 1e3:g} g, class M1 (OIML R 111-1), bored 2.5"
-    return _bought("weight", "Weight", rod, 2.5e-3, material="brass", standard=said, moving=True)
 
 
 def _pull() -> list[Machined]:

@@ -26,9 +26,8 @@ from stepblocks.parts.characteristics import (
 from stepblocks.parts.declared import Table, WorkingFaces, below, must, rules_validator, usual
 from stepblocks.parts.kind import Part
 from stepblocks.parts.lettering import letters, text_width
+from stepblocks.parts.revolution import Point, Point3
 from stepblocks.parts.tolerance import Dimension, Length, PositiveLength
-
-Point = tuple[float, float]
 
 # by thread: core drill (ISO 261, ISO 2306), medium clearance (ISO 273), head (ISO 4762), major diameter [m]
 _THREADS = {
@@ -118,12 +117,28 @@ class Block(Part):
     @property
     def filled(self) -> float:
         """Volume of holes and engraving [m^3]."""
-        return cut_volume(self.body, self.id, self.rise)
+        body, mounting = self.body, self.body.mounting
+        drill, entry, depth = 0.5 * mounting.hole_diameter, 0.5 * mounting.entry_diameter, mounting.depth.nominal
+        if mounting.kind == "tapped":
+            sink = entry - drill
+            frustum = math.pi * sink * (entry * entry + entry * drill + drill * drill) / 3.0
+            point = math.pi * drill**3 / (3.0 * math.tan(0.5 * DRILL_POINT))
+            holes = 2.0 * (frustum + math.pi * drill * drill * (depth - sink) + point)
+        else:
+            bore, tops = body.thickness.nominal - depth, (0.0, self.rise)
+            holes = math.fsum(math.pi * (drill * drill * bore + entry * entry * (depth + top)) for top in tops)
+        area = 0.0
+        for outer, *inner in letters(self.id.upper(), body.engraving.height.nominal):
+            area += _shoelace(outer) - math.fsum(map(_shoelace, inner))
+        return holes + area * body.engraving.depth.nominal
 
     def extruded(self, crest: cad.kernel.Outline) -> cad.kernel.Body:
         """Extrude the section, its outline between the working faces a crest from the right one to the left one."""
-        right, left = section_outline(self.body, self.rise)
-        return cad.kernel.prism([*right, *crest, *left], self.body.width.nominal)
+        body, rise = self.body, self.rise
+        half, base, c = 0.5 * body.length.nominal, -body.thickness.nominal, body.edge_break.nominal
+        right = dict.fromkeys([(half - c, base), (half, base + c), (half, rise - c), (half - c, rise)])
+        left = dict.fromkeys([(-half + c, 0.0), (-half, -c), (-half, base + c), (-half + c, base)])
+        return cad.kernel.prism([*right, *crest, *left], body.width.nominal)
 
     def body_characteristics(self, lower: FaceRule, upper: FaceRule, edge: Rule | None) -> Iterator[Characteristic]:
         """List what a workshop must hold of the block itself, by its working faces and the wall of its edge, if it has one."""
@@ -167,19 +182,16 @@ class Block(Part):
         yield below("engraving.height", "leave room over and under the letters", letter, low)
 
 
-def section_outline(body: Body, rise: float) -> tuple[list[Point], ...]:
-    """Corners of the section across the edge, without what happens between the two working faces."""
-    half, base, c = 0.5 * body.length.nominal, -body.thickness.nominal, body.edge_break.nominal
-    right = [(half - c, base), (half, base + c), (half, rise - c), (half - c, rise)]
-    left = [(-half + c, 0.0), (-half, -c), (-half, base + c), (-half + c, base)]
-    return list(dict.fromkeys(right)), list(dict.fromkeys(left))
-
-
 def body_cuts(body: Body, identity: str, rise: float) -> list[cad.kernel.Body]:
     """Bodies to cut from a block: edge breaks along x and z, holes, engraving."""
     cuts = list(_edge_breaks(body, rise)) if body.edge_break.nominal > 0.0 else []
-    spacing = body.mounting.spacing.nominal
-    return [*cuts, *(_hole(body, x) for x in (-0.5 * spacing, 0.5 * spacing)), *_engraving(body, identity)]
+    cuts += [_hole(body, side * body.mounting.spacing.nominal) for side in (-0.5, 0.5)]
+    middle, start = -0.5 * body.thickness.nominal, -0.5 * body.width.nominal - 0.1 * OVER
+    into = (0.0, body.engraving.depth.nominal + 0.1 * OVER, 0.0)
+    for outlines in letters(identity.upper(), body.engraving.height.nominal):
+        outer, *holes = ([(float(u), start, middle + float(v)) for u, v in outline] for outline in outlines)
+        cuts.append(cad.kernel.extruded(outer, into, holes))
+    return cuts
 
 
 def _edge_breaks(body: Body, rise: float) -> Iterator[cad.kernel.Body]:
@@ -207,17 +219,6 @@ def _hole(body: Body, x: float) -> cad.kernel.Body:
         return cad.kernel.turned(outline, (x, 0.0, base))
     outline = [(0.0, base - OVER), (drill, base - OVER), (drill, -depth), (entry, -depth), (entry, OVER)]
     return cad.kernel.turned([*outline, (0.0, OVER)], (x, 0.0, 0.0))
-
-
-def _engraving(body: Body, identity: str) -> Iterator[cad.kernel.Body]:
-    middle, start = -0.5 * body.thickness.nominal, -0.5 * body.width.nominal - 0.1 * OVER
-    cut = (0.0, body.engraving.depth.nominal + 0.1 * OVER, 0.0)
-    for outlines in letters(identity.upper(), body.engraving.height.nominal):
-        outer, *holes = ([(float(u), start, middle + float(v)) for u, v in outline] for outline in outlines)
-        yield cad.kernel.extruded(outer, cut, holes)
-
-
-Point3 = tuple[float, float, float]
 
 
 def half_points(body: Body, side: float, top: float, crest: Sequence[Point]) -> list[Point3]:
@@ -253,24 +254,6 @@ def half_volume(body: Body, extent: float, top: float) -> float:
     corners_at_chamfer = c**3 / 6.0
     straight = height - 2.0 * c
     return straight * (extent * width - c * c) + 2.0 * (rectangle(c) - corners_at_chamfer)
-
-
-def cut_volume(body: Body, identity: str, rise: float) -> float:
-    """Volume of holes and engraving [m^3]."""
-    mounting = body.mounting
-    drill, entry, depth = 0.5 * mounting.hole_diameter, 0.5 * mounting.entry_diameter, mounting.depth.nominal
-    if mounting.kind == "tapped":
-        sink = entry - drill
-        frustum = math.pi * sink * (entry * entry + entry * drill + drill * drill) / 3.0
-        point = math.pi * drill**3 / (3.0 * math.tan(0.5 * DRILL_POINT))
-        holes = 2.0 * (frustum + math.pi * drill * drill * (depth - sink) + point)
-    else:
-        bore = body.thickness.nominal - depth
-        holes = math.fsum(math.pi * (drill * drill * bore + entry * entry * (depth + top)) for top in (0.0, rise))
-    area = 0.0
-    for outer, *inner in letters(identity.upper(), body.engraving.height.nominal):
-        area += _shoelace(outer) - math.fsum(map(_shoelace, inner))
-    return holes + area * body.engraving.depth.nominal
 
 
 def _shoelace(points: NDArray[np.float64]) -> float:

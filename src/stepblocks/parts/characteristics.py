@@ -4,14 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass, field, replace
-from typing import TYPE_CHECKING, Literal
+from typing import Literal
 
 from stepblocks import cad
 from stepblocks.errors import MachiningError
+from stepblocks.parts.declared import FaceDemands
 from stepblocks.parts.tolerance import Dimension, general_deviation
-
-if TYPE_CHECKING:
-    from stepblocks.parts.declared import FaceDemands
 
 Kind = Literal["distance", "diameter", "radius", "angle", "flatness", "parallelism", "roughness", "note"]
 FORM = ("flatness", "parallelism", "roughness")  # kinds with a largest value and no nominal

@@ -11,7 +11,7 @@ from pydantic import BeforeValidator
 from stepblocks.contact.counterface import Step
 from stepblocks.contact.energy import Status
 from stepblocks.contact.operating_point import PAPER, OperatingPoint
-from stepblocks.contact.uncertainty import TolerancePlan, energy_at_corners, tolerances_for_energy
+from stepblocks.contact.uncertainty import energy_at_corners, tolerances_for_energy
 from stepblocks.errors import ContactError, PipelineError
 from stepblocks.parts.conditions import PredictionGrid, Ratio
 from stepblocks.parts.declared import Table, positive
@@ -97,8 +97,16 @@ def toleranced(part: Part, grid: PredictionGrid, set_name: str) -> Part:
     felt = [(face, at) for face, at in _conditions(part, grid) if face.release(at).status is Status.RELEASES]
     if not felt:
         raise PipelineError(f"energy_tolerance needs a condition of the prediction that releases, got none {place}")
-    free, fixed = [name for name, one in part.sizes.items() if one.by_energy], _fixed(part, energy)
-    free += ["ball_radius"] if energy.ball_radius is None else []
+    free = [name for name, one in part.sizes.items() if one.by_energy]
+    # what is given spends the budget first
+    fixed = {"friction": energy.friction, "normal_load": energy.normal_load}
+    if not part.crossed:
+        fixed |= {"height": 0.0, "edge_radius": 0.0}
+    fixed |= {name: max(one.upper, -one.lower) for name, one in part.sizes.items() if not one.by_energy}
+    if energy.ball_radius is None:
+        free.append("ball_radius")
+    else:
+        fixed["ball_radius"] = energy.ball_radius
     plans = []
     for face, at in felt:
         where = f"R {at.ball_radius * 1e6:g} um, H {face.height * 1e6:g} um, mu {at.friction:g}"
@@ -111,38 +119,12 @@ def toleranced(part: Part, grid: PredictionGrid, set_name: str) -> Part:
             raise PipelineError(f"{asked} can be kept by no tolerance at {where}: {plan.reason} {place}")
         plans.append(plan)
     widths = {name: min(_drawn(getattr(plan, name)) for plan in plans) for name in free}
-    return _with_widths(part, energy, felt, plans, widths)
-
-
-def _conditions(part: Part, grid: PredictionGrid) -> Iterator[Condition]:
-    """Every block, tip and friction; the load scales all energies alike."""
-    balls = grid.tip_radii if part.ball is None else (part.ball.nominal,)
-    steps = (None,) if part.crossed else grid.step_heights
-    for ball, step, friction in product(balls, steps, grid.frictions):
-        face = part.counterface(step)
-        assert isinstance(face, Step)  # no other kind may ask for an energy
-        yield face, replace(PAPER, ball_radius=ball, friction=friction)
-
-
-def _fixed(part: Part, energy: EnergyTolerance) -> dict[str, float]:
-    """Half-widths that are given: they spend the budget first."""
-    fixed = {"friction": energy.friction, "normal_load": energy.normal_load}
-    if not part.crossed:
-        fixed |= {"height": 0.0, "edge_radius": 0.0}
-    fixed |= {name: max(one.upper, -one.lower) for name, one in part.sizes.items() if not one.by_energy}
-    return fixed if energy.ball_radius is None else fixed | {"ball_radius": energy.ball_radius}
-
-
-def _with_widths(
-    part: Part, energy: EnergyTolerance, felt: list[Condition], plans: list[TolerancePlan], widths: dict[str, float]
-) -> Part:
-    """Give a part the narrowest of what its conditions ask for, rounded down to what a drawing says."""
+    # the narrowest of what the conditions ask for, rounded down to what a drawing says
     tips: dict[float, float] = {}
     for (_, at), plan in zip(felt, plans, strict=True):
         given = energy.ball_radius if energy.ball_radius is not None else _drawn(plan.ball_radius)
         tips[at.ball_radius] = min(given, tips.get(at.ball_radius, math.inf))
-    fixed = _fixed(part, energy) | widths
-    corners = [energy_at_corners(face, at, fixed | {"ball_radius": tips[at.ball_radius]}) for face, at in felt]
+    corners = [energy_at_corners(face, at, fixed | widths | {"ball_radius": tips[at.ball_radius]}) for face, at in felt]
     budget = EnergyBudget.model_construct(
         **dict(energy),
         tips=tuple(Dimension(radius, t, -t, by_energy=True) for radius, t in sorted(tips.items())),
@@ -156,6 +138,16 @@ def _with_widths(
         if dimension is not None and dimension.by_energy:
             update[name] = replace(dimension, upper=width, lower=0.0 - min(width, dimension.nominal))
     return part.model_copy(update=update)
+
+
+def _conditions(part: Part, grid: PredictionGrid) -> Iterator[Condition]:
+    """Every block, tip and friction; the load scales all energies alike."""
+    balls = grid.tip_radii if part.ball is None else (part.ball.nominal,)
+    steps = (None,) if part.crossed else grid.step_heights
+    for ball, step, friction in product(balls, steps, grid.frictions):
+        face = part.counterface(step)
+        assert isinstance(face, Step)  # no other kind may ask for an energy
+        yield face, replace(PAPER, ball_radius=ball, friction=friction)
 
 
 def _drawn(width: float) -> float:

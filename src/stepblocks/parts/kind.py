@@ -14,11 +14,9 @@ from stepblocks.contact.counterface import Counterface, Step
 from stepblocks.contact.operating_point import Tissue, Tool
 from stepblocks.contact.rod import Sleeve
 from stepblocks.errors import ContactError
+from stepblocks.parts.characteristics import Characteristic
 from stepblocks.parts.declared import FaceDemands, Identity, Material, Table, face_demands
 from stepblocks.parts.tolerance import Dimension
-
-if TYPE_CHECKING:
-    from stepblocks.parts.characteristics import Characteristic
 
 CONTACT_DEFLECTION = 0.1e-6  # chordal error of a mesh where the probe touches [m]
 FITTING_DEFLECTION = 3e-6  # where parts fit one another
@@ -85,9 +83,9 @@ class Part(Table, ABC):
         return self.sized(**{name: one.nominal for name, one in self.sizes.items()})
 
     def corners(self, step_height: float | None = None) -> Iterator[Counterface]:
-        """Counterface at nominal size, then at every corner of its tolerances."""
+        """Counterface at nominal size, then at every corner of its tolerances; what has no sizes meets a step that is known."""
         yield self.counterface(step_height)
-        for values in product(*(one.limits for one in self.sizes.values())):
+        for values in product(*(one.limits for one in self.sizes.values())) if self.sizes else ():
             yield self.sized(**dict(zip(self.sizes, values, strict=True)))
 
     @property
@@ -184,10 +182,6 @@ class HeldPart(Part):
         if step_height is None:
             raise ContactError(f"the height of the step under the probe must be given, got none [{self.id}]")
         return self.sized(height=step_height)
-
-    def corners(self, step_height: float | None = None) -> Iterator[Counterface]:
-        """Answer the step alone: it is known."""
-        yield self.counterface(step_height)
 
 
 def exaggeration(height: float) -> float:

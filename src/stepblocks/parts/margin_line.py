@@ -44,7 +44,12 @@ def stations_in(
     pieces = trimesh.graph.connected_components(mesh.face_adjacency, nodes=np.arange(len(mesh.faces)))
     least = 0.05 * max(map(len, pieces))  # smaller ones are debris
     mesh.update_faces(np.concatenate([piece for piece in pieces if len(piece) > least]))
-    line = _closed(_on(mesh, np.asarray(margin, dtype=np.float64) * scale, path), path)
+    picked = np.asarray(margin, dtype=np.float64) * scale
+    beside = cKDTree(mesh.vertices).query(picked)[0] - float(mesh.edges_unique_length.max())
+    if beside.max() > _BESIDE:
+        got = f"{beside.max() * 1e3:.3g} mm off at point {int(beside.argmax()) + 1}"
+        raise StimulusError(f"margin must lie on the mesh within {_BESIDE * 1e3:g} mm, got {got} [{path.name}]")
+    line = _closed(picked, path)
     around = line(np.linspace(0.0, line.x[-1], 500))
     middle = around.mean(axis=0)
     draw = np.linalg.svd(around - middle, full_matrices=False)[2][2]
@@ -68,17 +73,6 @@ def stations_in(
         found.append([*place, *sides])
     # digits far below what a scan tells, which are the same on every processor
     return {"stations": np.where([0, 0, 0, 1, 1, 1, 0], np.round(found, 6), np.round(found, 9)) + 0.0}
-
-
-def _on(mesh: Any, points: Array, path: Path) -> Array:
-    """Pass picked points on where they lie on the mesh."""
-    from scipy.spatial import cKDTree
-
-    beside = cKDTree(mesh.vertices).query(points)[0] - float(mesh.edges_unique_length.max())
-    if beside.max() > _BESIDE:
-        got = f"{beside.max() * 1e3:.3g} mm off at point {int(beside.argmax()) + 1}"
-        raise StimulusError(f"margin must lie on the mesh within {_BESIDE * 1e3:g} mm, got {got} [{path.name}]")
-    return points
 
 
 def _closed(points: Array, path: Path) -> Any:

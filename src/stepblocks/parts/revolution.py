@@ -78,21 +78,17 @@ def _circle(start: Point, middle: Point, end: Point, squares: list[float]) -> tu
     return (x, z), math.hypot(start[0] - x, start[1] - z), first, half + math.remainder(last - half, math.tau)
 
 
-def arc_points(start: Point, middle: Point, end: Point, chord: float) -> list[Point]:
-    """Replace an arc by points on it, no further from it than `chord`."""
-    squares = [math.hypot(*p) ** 2 - math.hypot(*start) ** 2 for p in (middle, end)]
-    (x, z), radius, first, last = _circle(start, middle, end, squares)
-    count = max(1, math.ceil(abs(last - first) / (2.0 * math.acos(max(1.0 - chord / radius, -1.0)))))
-    angles = np.linspace(first, last, count + 1)[1:-1]
-    return [*((x + radius * math.cos(a), z + radius * math.sin(a)) for a in angles), end]
-
-
 def outline_points(outline: Outline, chord: float) -> list[Point]:
     """Outline as points, its arcs with a chordal error of at most `chord` [m]."""
     points: list[Point] = [outline[0]]  # type: ignore[list-item]
     for item in outline[1:]:
         if isinstance(item[0], tuple):
-            points += arc_points(points[-1], item[0], item[1], chord)
+            start, (middle, end) = points[-1], item
+            squares = [math.hypot(*p) ** 2 - math.hypot(*start) ** 2 for p in (middle, end)]
+            (x, z), radius, first, last = _circle(start, middle, end, squares)
+            count = max(1, math.ceil(abs(last - first) / (2.0 * math.acos(max(1.0 - chord / radius, -1.0)))))
+            angles = np.linspace(first, last, count + 1)[1:-1]
+            points += [*((x + radius * math.cos(a), z + radius * math.sin(a)) for a in angles), end]
         else:
             points.append(item)
     return points

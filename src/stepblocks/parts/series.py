@@ -11,6 +11,7 @@ from stepblocks.errors import QuantityError
 from stepblocks.quantities import parse_quantity
 
 _BESIDE = ("tolerance", "source")  # what a dimension has besides its nominal
+_OF_DIMENSION = {"nominal", "from", "values"}
 MAX_SERIES = 20_000  # most stimuli that one stanza may stand for
 
 _PLACEHOLDER = re.compile(r"\{(?P<field>[a-z_]+?)(?:_(?P<unit>um|nm|mm|deg))?(?::0(?P<digits>[1-9]))?\}")
@@ -21,14 +22,10 @@ def merged(defaults: Mapping[str, Any], stanza: Mapping[str, Any]) -> dict[str, 
     """Lay a stanza over the defaults of its kind, table by table."""
     result: dict[str, Any] = copy.deepcopy(dict(defaults))
     for key, value in stanza.items():
-        both = _is_plain(result.get(key)) and _is_plain(value)
-        result[key] = merged(result[key], value) if both else copy.deepcopy(value)
+        # both must be tables, and neither of them a dimension
+        tables = [one for one in (result.get(key), value) if isinstance(one, dict) and not _OF_DIMENSION & set(one)]
+        result[key] = merged(*tables) if len(tables) == 2 else copy.deepcopy(value)
     return result
-
-
-def _is_plain(value: object) -> bool:
-    """Tell a table from a single value and from a dimension."""
-    return isinstance(value, dict) and not {"nominal", "from", "values"} & set(value)
 
 
 def expand(stanza: Mapping[str, Any]) -> Iterator[dict[str, Any]]:
@@ -72,10 +69,7 @@ def _values(path: tuple[str, ...], table: Mapping[str, Any]) -> list[str]:
     missing = {"to", "step"} - set(table)
     if missing:
         raise ValueError(f"{name}: a series needs from, to and step, got no {' and no '.join(sorted(missing))}")
-    return _range(name, table["from"], table["to"], table["step"])
-
-
-def _range(name: str, first: object, last: object, step: object) -> list[str]:
+    first, last, step = (table[key] for key in ("from", "to", "step"))
     dimension = _dimension_of(first)
     try:
         start, stop, stride = (parse_quantity(value, dimension) for value in (first, last, step))

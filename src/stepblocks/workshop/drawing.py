@@ -12,7 +12,7 @@ from stepblocks.atomic import beside
 from stepblocks.parts.conditions import OrderSpec
 from stepblocks.parts.kind import Part
 from stepblocks.parts.kinds.crown_on_tooth import CrownOnTooth
-from stepblocks.parts.kinds.machined import Box, Machined, Round
+from stepblocks.parts.kinds.machined import Box, Machined
 from stepblocks.parts.kinds.margin import MarginBlock
 from stepblocks.parts.kinds.sheath import Sheath
 from stepblocks.parts.kinds.step_block import StepBlock
@@ -49,9 +49,24 @@ def machined_views(sheet: Sheet, part: Machined, room: Point = _ROOM, foot: floa
             far = corner[0] + (one.high[u] - one.low[u]) * k, corner[1] + (one.high[v] - one.low[v]) * k
             sheet.rectangle(corner, far, "HIDDEN" if _covered(one, part.boxes, (u, v), out) else "OUTLINE")
         for cylinder in (*part.rods, *part.bores):
-            _draw(sheet, cylinder, (u, v), (x - low[u] * k, y - low[v] * k, k), out, cylinder in part.bores)
+            left_of, under = x - low[u] * k, y - low[v] * k
+            if cylinder.axis == out:
+                middle = left_of + cylinder.start[u] * k, under + cylinder.start[v] * k
+                sheet.circle(middle, 0.5 * cylinder.diameter * k)
+            else:
+                ends = zip(cylinder.ends[u], cylinder.ends[v], strict=True)
+                corner, far = ((left_of + a * k, under + b * k) for a, b in ends)
+                sheet.rectangle(corner, far, "HIDDEN" if cylinder in part.bores else "OUTLINE")
         sheet.text((x, y - 5.0), f"{name} {scale:g}:1", 2.0)
-    _over_all(sheet, (left, base, scale), size)
+    wide, deep, tall = (length * scale for length in size)
+    top = base - _GAP - deep
+    for key, start, end, along in (  # over all, as far as it has plane ends
+        ("length", (left, top), (left + wide, top), (left, top - 12.0)),
+        ("width", (left, top), (left, top + deep), (left - 12.0, top)),
+        ("height", (left, base), (left, base + tall), (left - 12.0, base)),
+    ):
+        if key in sheet.listed:
+            sheet.dimension(key, start, end, along, scale, upright=key != "length")
     notes = [f"{part.standard}." if part.standard else "Break all edges by 0.3 mm; no burr."]
     threads = sorted({one.thread for one in part.bores if one.thread})
     return notes + [f"Threads: {', '.join(threads)}, tapped where the bore is said to be for them."] * bool(threads)
@@ -62,32 +77,6 @@ def _covered(one: Box, boxes: tuple[Box, ...], axes: tuple[int, int], out: str) 
     w = "xyz".index(out)
     before = [each for each in boxes if (each.high[w] > one.high[w] if out == "z" else each.low[w] < one.low[w])]
     return any(all(each.low[k] <= one.low[k] and each.high[k] >= one.high[k] for k in axes) for each in before)
-
-
-Placed = tuple[float, float, float]  # where the part's origin lies on the paper, and millimetres of paper to a metre
-
-
-def _draw(sheet: Sheet, one: Round, axes: tuple[int, int], at: Placed, out: str, hidden: bool) -> None:
-    (u, v), (x, y, k) = axes, at
-    if one.axis == out:
-        sheet.circle((x + one.start[u] * k, y + one.start[v] * k), 0.5 * one.diameter * k)
-        return
-    low, high = ((x + a * k, y + b * k) for a, b in zip(one.ends[u], one.ends[v], strict=True))
-    sheet.rectangle(low, high, "HIDDEN" if hidden else "OUTLINE")
-
-
-def _over_all(sheet: Sheet, at: tuple[float, float, float], size: list[float]) -> None:
-    """Dimension what the part measures over all, as far as it has plane ends."""
-    left, base, scale = at
-    wide, deep, tall = (length * scale for length in size)
-    top = base - _GAP - deep
-    for key, start, end, along in (
-        ("length", (left, top), (left + wide, top), (left, top - 12.0)),
-        ("width", (left, top), (left, top + deep), (left - 12.0, top)),
-        ("height", (left, base), (left, base + tall), (left - 12.0, base)),
-    ):
-        if key in sheet.listed:
-            sheet.dimension(key, start, end, along, scale, upright=key != "length")
 
 
 # who draws a kind on a sheet and returns lines for its notes; without views everything is said in words

@@ -5,6 +5,8 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from stepblocks import cad
+from stepblocks.artefacts.step.write import write_conforming
+from stepblocks.cad.pmi import PmiDimension, PmiItem
 from stepblocks.errors import MachiningError
 from stepblocks.parts.kinds.step_block import StepBlock
 
@@ -50,9 +52,6 @@ def choose_pair(height: float, grade: str = "0") -> GaugePair:
 
 def write_gauge_assembly(path: Path, block: StepBlock, pair: GaugePair) -> None:
     """Write base and gauge blocks as a STEP file of three parts; edge and lower face lie as in the one-piece block."""
-    from stepblocks.artefacts.step.write import write_conforming
-    from stepblocks.cad.pmi import PmiDimension, PmiItem
-
     long, wide = SECTION
     rim, floor, half = 5e-3, -pair.lower, 0.5 * long
     base = (-wide - rim, -half - rim, floor - block.body.thickness.nominal), (wide + rim, half + rim, floor)

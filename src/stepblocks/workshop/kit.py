@@ -94,16 +94,13 @@ def _write_tables(folder: Path, kit: Apparatus, parts: Sequence[Machined]) -> li
         for axis, several, of in (("normal", kit.normal_weights, normal_load), ("pull", kit.pulling_weights, pull))
         for load in (of(kit, mass) for mass in several)
     ]
-    flexure = [{"stiffness_n_per_m": flexure_stiffness(kit), "sensitivity_v_per_v_per_n": flexure_sensitivity(kit)}]
     bill = pd.DataFrame(lines, columns=["count", "what", "material", "for"])
     written = []
-    for name, table in (("bill", bill), ("loads", pd.DataFrame(loads)), ("flexure", pd.DataFrame(flexure))):
+    for name, table in (("bill", bill), ("loads", pd.DataFrame(loads)), ("flexure", pd.DataFrame([flexure_of(kit)]))):
         written.append(folder / f"{kit.id}.{name}.csv")
         write_table(table, written[-1])
     return written
 
-
-# statics
 
 _PIVOT_BORE, _PULLEY_BORE, _PULLEY = 3e-3, 3e-3, 20e-3  # diameters [m]
 
@@ -118,22 +115,18 @@ class Load:
     budget: tuple[tuple[str, float], ...]  # standard uncertainties by source [N]
 
 
-def flexure_stiffness(kit: Apparatus) -> float:
-    """Stiffness of the two leaves along the drag [N/m], clamped at both ends, which stay parallel."""
-    # twice 12 E I / L^3 (Euler and Bernoulli), less the share of shear 2.4 (1 + nu) (t/L)^2, nu 0.3 (Timoshenko, 5/6)
+def flexure_of(kit: Apparatus) -> dict[str, float]:
+    """Stiffness of the two leaves along the drag, and output of the full bridge over its supply for a newton."""
     leaf = kit.flexure
     length, width, thick = (one.nominal for one in (leaf.length, leaf.width, leaf.thickness))
+    # clamped at both ends, which stay parallel: twice 12 E I / L^3 (Euler and Bernoulli), less the share of shear
+    # 2.4 (1 + nu) (t/L)^2, nu 0.3 (Timoshenko, 5/6)
     bending = 2.0 * leaf.modulus.value * width * (thick / length) ** 3
-    return bending / (1.0 + 2.4 * 1.3 * (thick / length) ** 2)
-
-
-def flexure_sensitivity(kit: Apparatus) -> float:
-    """Output of the full bridge over its supply, for a newton along the drag [1/N]."""
     # gauge factor times the strain 3 F (L/2 - s) / (E b t^2) under a gauge at s from the end of a leaf
-    leaf = kit.flexure
-    length, width, thick = (one.nominal for one in (leaf.length, leaf.width, leaf.thickness))
     lever = 0.5 * length - leaf.gauge_place.nominal
-    return leaf.gauge_factor.value * 3.0 * lever / (leaf.modulus.value * width * thick**2)
+    strain = leaf.gauge_factor.value * 3.0 * lever / (leaf.modulus.value * width * thick**2)
+    stiffness = bending / (1.0 + 2.4 * 1.3 * (thick / length) ** 2)
+    return {"stiffness_n_per_m": stiffness, "sensitivity_v_per_v_per_n": strain}
 
 
 def normal_load(kit: Apparatus, mass: float) -> Load:

@@ -45,7 +45,12 @@ def write_masks(path: Path, blocks: Sequence[StepBlock]) -> tuple[list[Path], li
     library = gdstk.Library("STEPBLOCKS", unit=1e-6, precision=1e-9)
     cell, rows, faults = library.new_cell("MASKS"), [], []
     plan = etch_plan([block.height.nominal for block in blocks])
-    places, named = _places(blocks), set[int]()
+    # middles of the blocks, in rows of a nearly square field
+    wide = max(1e6 * block.body.length.nominal for block in blocks) + STREET
+    tall = max(1e6 * block.body.width.nominal for block in blocks) + STREET
+    columns = math.ceil(math.sqrt(len(blocks) * tall / wide))
+    places = [((0.5 + i % columns) * wide, (0.5 + i // columns) * tall) for i in range(len(blocks))]
+    named = set[int]()
     for layer, (depth, indices) in enumerate(plan.items(), start=1):
         name = f"ETCH{layer} {depth * 1e6:g}UM"
         dies = [_open(blocks[i], places[i], named=i not in named) for i in indices]
@@ -76,14 +81,6 @@ def rule_faults(shapes: Shape) -> Iterator[str]:
             if part.area > 1.0:  # less is the rounding of slanted edges to the grid
                 x, y = part.centroid.coords[0]
                 yield f"what is {what} must be at least {LEAST:g} um wide, got less at ({x:.1f}, {y:.1f}) um"
-
-
-def _places(blocks: Sequence[StepBlock]) -> list[tuple[float, float]]:
-    """Middles of the blocks, in rows of a nearly square field."""
-    wide = max(1e6 * block.body.length.nominal for block in blocks) + STREET
-    tall = max(1e6 * block.body.width.nominal for block in blocks) + STREET
-    columns = math.ceil(math.sqrt(len(blocks) * tall / wide))
-    return [((0.5 + i % columns) * wide, (0.5 + i // columns) * tall) for i in range(len(blocks))]
 
 
 def _open(block: StepBlock, place: tuple[float, float], named: bool) -> Shape:

@@ -43,7 +43,13 @@ def write_setup(folder: Path, block: Block, routes: Sequence[Route] = ()) -> lis
         **{"probe": f"{PROBE * 1e6:g} um", "guard": GUARD_FACTOR, "has_gap": isinstance(block, MarginBlock)},
     }
     replace_text(page, render_page("workshop", "setup.html", **values))
-    _write_stock(stock, block, cad.kernel.box(low, high), sizes)
+    body, dimensions = cad.kernel.box(low, high), []
+    for axis, (name, size) in enumerate(zip(("length", "width", "height"), sizes, strict=True)):
+        first, last = (PmiItem(0, index) for index in cad.kernel.ends(body, axis))
+        deviation = general_deviation(size) or 0.0
+        measured = PmiDimension("distance", (first, last), size, -deviation, deviation)
+        dimensions.append((f"{name} of the stock", measured))
+    write_conforming(stock, f"{block.id}-stock", [(f"{block.id}-stock", body)], block.material, dimensions)
     return [page, stock]
 
 
@@ -70,13 +76,3 @@ def _probed(block: Block) -> Iterator[tuple[str, ...]]:
             yield str(number), one.label, text, f"setup {setup}", " to ".join(millimetres(end, 3) for end in ends)
         else:
             yield str(number), one.label, text, f"off the machine: {one.method}", "-"
-
-
-def _write_stock(path: Path, block: Block, body: cad.kernel.Body, sizes: Sequence[float]) -> None:
-    dimensions = []
-    for axis, (name, size) in enumerate(zip(("length", "width", "height"), sizes, strict=True)):
-        first, last = (PmiItem(0, index) for index in cad.kernel.ends(body, axis))
-        deviation = general_deviation(size) or 0.0
-        measured = PmiDimension("distance", (first, last), size, -deviation, deviation)
-        dimensions.append((f"{name} of the stock", measured))
-    write_conforming(path, f"{block.id}-stock", [(f"{block.id}-stock", body)], block.material, dimensions)

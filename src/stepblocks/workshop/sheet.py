@@ -124,7 +124,7 @@ class Sheet:
 
     def dimension(self, key: str, a: Point, b: Point, along: Point, scale: float, *, upright: bool = False) -> None:
         """Draw a linear dimension with its tolerance and balloon, its line through `along`."""
-        number, one = self.listed[key]
+        _, one = self.listed[key]
         decimals = decimals_for(one.nominal, one.lower, one.upper)
         override: dict[str, Any] = {"dimlfac": 1.0 / scale, "dimdec": decimals, "dimtdec": decimals}
         if prefix := _PREFIX.get(one.kind, ""):
@@ -151,12 +151,12 @@ class Sheet:
         after, beside = (reach, 0.0) if narrow else (0.5 * needed + 2.6, 3.4)
         middle[axis] += after
         middle[1 - axis] += side * beside
-        self.balloon(number, (middle[0], middle[1]))
+        self.balloon(key, (middle[0], middle[1]))
 
-    def balloon(self, number: int, at: Point) -> None:
+    def balloon(self, key: str, at: Point) -> None:
         """Draw the number of a characteristic in a circle."""
         self.circle(at, 2.6, "DIMENSION")
-        self.text(at, str(number), 2.2, "MIDDLE_CENTER")
+        self.text(at, str(self.listed[key][0]), 2.2, "MIDDLE_CENTER")
 
     def leader(self, tip: Point, elbow: Point, text: str, key: str = "") -> None:
         """Draw an arrow to `tip` from a text at `elbow`, on the side away from the tip; ``{}`` are the limits of `key`."""
@@ -168,7 +168,7 @@ class Sheet:
         self.arrow(tip, elbow)
         self.text((shelf + side, elbow[1]), text, _TEXT, "MIDDLE_LEFT" if side > 0.0 else "MIDDLE_RIGHT", key)
         if key:
-            self.balloon(self.listed[key][0], (shelf + side * (5.0 + text_width(text, _TEXT)), elbow[1]))
+            self.balloon(key, (shelf + side * (5.0 + text_width(text, _TEXT)), elbow[1]))
 
     def arrow(self, tip: Point, tail: Point, size: float = 2.5) -> None:
         """Draw a filled arrow head at `tip`, coming from `tail`."""
@@ -181,7 +181,7 @@ class Sheet:
 
     def frame(self, key: str, at: Point, datum: str = "") -> Point:
         """Draw a feature-control frame as geometry, since viewers do not render the native entity; return its left end."""
-        number, one = self.listed[key]
+        _, one = self.listed[key]
         x, y = at
         high, cell = 6.0, 7.0
         value = zone_text(one.upper)
@@ -199,7 +199,7 @@ class Sheet:
         self.text((x + cell + 0.5 * wide, y + 0.5 * high), value, _TEXT, "MIDDLE_CENTER", key)
         if datum:
             self.text((ends[-1] - 0.5 * cell, y + 0.5 * high), datum, _TEXT, "MIDDLE_CENTER")
-        self.balloon(number, (ends[-1] + 4.0, y + 0.5 * high))
+        self.balloon(key, (ends[-1] + 4.0, y + 0.5 * high))
         return x, y + 0.5 * high
 
     def point_to(self, face: Point, start: Point) -> None:
@@ -223,7 +223,7 @@ class Sheet:
         end = x + 6.0 + text_width(text, _TEXT)
         self.polyline([(x + 2.0, y + 3.5), (x + 4.3, y + 7.5), (end, y + 7.5)], "DIMENSION")
         self.text((x + 5.0, y + 5.3), text, _TEXT, "MIDDLE_LEFT", key)
-        self.balloon(self.listed[key][0], (end + 3.6, y + 5.6))
+        self.balloon(key, (end + 3.6, y + 5.6))
 
     def border(self, title: str, rows: dict[str, str]) -> None:
         """Draw the frame of the sheet and the title block in its lower right corner, with the symbol of first-angle projection."""
@@ -247,11 +247,8 @@ class Sheet:
             self.rectangle((x, y - high), (x + 90.0, y), "FRAME")
             self.text((x + 2.0, y - 1.9), name, 1.6, "MIDDLE_LEFT")
             self.text((x + 2.0, y - 4.9), value, 2.5, "MIDDLE_LEFT")
-        self._first_angle((WIDTH - 26.0, 10.0 + 0.5 * high))
-
-    def _first_angle(self, at: Point) -> None:
-        """Draw the truncated cone from its side and, on the right of it, from its narrow end (ISO 5456-2)."""
-        x, y = at
+        # the truncated cone from its side and, on the right of it, from its narrow end (ISO 5456-2)
+        x, y = WIDTH - 26.0, 10.0 + 0.5 * high
         side = [(x - 4.0, y - 1.2), (x + 2.0, y - 2.4), (x + 2.0, y + 2.4), (x - 4.0, y + 1.2)]
         self.polyline(side, "DIMENSION", closed=True)
         for radius in (1.2, 2.4):

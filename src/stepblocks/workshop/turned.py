@@ -32,18 +32,24 @@ def straight_tip_views(sheet: Sheet, tip: StraightTip) -> list[str]:
 
 def hook_tip_views(sheet: Sheet, tip: HookTip) -> list[str]:
     """Draw a bent tip lying on its side and its ball enlarged."""
-    bent = _bend(tip)
-    view = _side_view(sheet, tip, tip.cone_end, bent)
+    top, R, r, total = tip.cone_end, tip.bend_radius.nominal, tip.shank_radius.nominal, tip.bend_angle.nominal
+    run, bent = tip.straight_length.nominal, []
+    for offset in (-r, r):  # outer and inner line of the bent wire with the straight shank, then its end
+        turns = [total * index / 60.0 for index in range(61)]
+        arc = [(top + (R + offset) * math.sin(t), R - (R + offset) * math.cos(t)) for t in turns]
+        arc.append((arc[-1][0] + run * math.cos(total), arc[-1][1] + run * math.sin(total)))
+        bent.append(arc)
+    bent.append([bent[0][-1], bent[1][-1]])
+    view = _side_view(sheet, tip, top, bent)
     start, end = bent[1][-2:]  # of the straight run of the shank
     middle = view.at(0.5 * (start[0] + end[0]), 0.5 * (start[1] + end[1]))
     sheet.leader(middle, (middle[0] + 14.0, middle[1] - 6.0), "⌀{}", "shank_diameter")
-    half, wire = 0.5 * tip.bend_angle.nominal, tip.bend_radius.nominal
-    axis = view.at(tip.cone_end + wire * math.sin(half), wire * (1.0 - math.cos(half)))
+    axis = view.at(top + R * math.sin(0.5 * total), R * (1.0 - math.cos(0.5 * total)))
     sheet.leader(axis, (axis[0] + 18.0, axis[1] - 10.0), "R {}, axis of the wire", "bend_radius")
     sheet.leader(axis, (axis[0] + 18.0, axis[1] - 18.0), "bent by {}", "bend_angle")
     along = view.at(0.2 * start[0] + 0.8 * end[0], 0.2 * start[1] + 0.8 * end[1])
     sheet.leader(along, (along[0] + 14.0, along[1] - 6.0), "straight over {} from the bend", "straight_length")
-    return _ball(sheet, tip, view, min(-tip.shank_radius.nominal, *(y for line in bent for _, y in line)))
+    return _ball(sheet, tip, view, min(-r, *(y for line in bent for _, y in line)))
 
 
 def _side_view(sheet: Sheet, tip: Tip, end: float, more: list[list[Point]]) -> View:
@@ -59,19 +65,6 @@ def _side_view(sheet: Sheet, tip: Tip, end: float, more: list[list[Point]]) -> V
     cx, cy = view.origin
     sheet.line((cx - 5.0, cy), (view.at(end, 0.0)[0] + 5.0, cy), "CENTRE")
     return view
-
-
-def _bend(tip: HookTip) -> list[list[Point]]:
-    """Outer and inner line of the bent wire with the straight shank, then its end."""
-    top, R, r, total = tip.cone_end, tip.bend_radius.nominal, tip.shank_radius.nominal, tip.bend_angle.nominal
-    run = tip.straight_length.nominal
-    lines = []
-    for offset in (-r, r):
-        turns = [total * index / 60.0 for index in range(61)]
-        arc = [(top + (R + offset) * math.sin(t), R - (R + offset) * math.cos(t)) for t in turns]
-        arc.append((arc[-1][0] + run * math.cos(total), arc[-1][1] + run * math.sin(total)))
-        lines.append(arc)
-    return [*lines, [lines[0][-1], lines[1][-1]]]
 
 
 def _ball(sheet: Sheet, tip: Tip, side: View, lowest: float) -> list[str]:

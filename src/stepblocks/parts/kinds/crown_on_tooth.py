@@ -13,7 +13,7 @@ from stepblocks.parts.characteristics import Characteristic, EdgeRule, FaceRule,
 from stepblocks.parts.declared import Table, below, must, rules_validator, usual
 from stepblocks.parts.kind import CONTACT_DEFLECTION, FITTING_DEFLECTION, NANOMETRE, Finding, MeasuredMesh
 from stepblocks.parts.kinds.margin import CrownMargin
-from stepblocks.parts.revolution import Outline, Point, Turned, outline_points, ring, sectors, stack
+from stepblocks.parts.revolution import Outline, Turned, outline_points, ring, sectors, stack
 from stepblocks.parts.shapes import hull
 from stepblocks.parts.tolerance import Angle, Dimension, Length, PositiveLength
 from stepblocks.quantities import format_quantity
@@ -109,7 +109,12 @@ class CrownOnTooth(CrownMargin, Turned):
             outline.append((wall(foot), foot))
             corner = [(R + z, x) for x, z in self.corner]
             if kind == "chamfer":
-                outline.append(_fitting_arc((wall(foot), foot), (R, g), w))
+                # an arc of the finish line's radius, bulging towards the axis's foot as the tooth's does
+                half_x, half_z = 0.5 * (R - wall(foot)), 0.5 * (g - foot)
+                half = math.hypot(half_x, half_z)
+                sagitta = w - math.sqrt(w * w - half * half)
+                middle = wall(foot) + half_x + sagitta * half_z / half, foot + half_z - sagitta * half_x / half
+                outline.append((middle, (R, g)))
             outline += corner
             if corner[-1][0] != outer:
                 outline.append((outer, corner[-1][1]))
@@ -138,8 +143,8 @@ class CrownOnTooth(CrownMargin, Turned):
 
     def characteristics(self) -> Iterator[Characteristic]:
         R, h, root, height = self.margin_radius, self.horizontal_discrepancy, self.root_length, self.preparation_height
-        at = FaceRule("CYLINDER", radius=R.nominal)
-        yield toleranced("margin_diameter", "diameter", R, at, label="diameter at the margin").doubled
+        side = FaceRule("CYLINDER", radius=R.nominal)
+        yield toleranced("margin_diameter", "diameter", R, side, label="diameter at the margin").doubled
         top, base = plane(2, height.nominal), plane(2, -root.nominal)
         if self.finish_line.kind == "shoulder":
             shoulder = plane(2, 0.0)
@@ -155,19 +160,15 @@ class CrownOnTooth(CrownMargin, Turned):
         ceiling = height.nominal + self.internal_gap.nominal
         shell = plane(2, ceiling), plane(2, ceiling + self.shell_thickness.nominal)
         yield toleranced("shell_thickness", "distance", self.shell_thickness, *shell, body=1)
-        yield self._ledge()
-        yield from self._seated(ceiling)
-
-    def _ledge(self) -> Characteristic:
-        """Width of a shoulder between its two edges; of a quarter round its radius, of a feather edge none: no face is as wide."""
-        outside, width = FaceRule("CYLINDER", radius=self.margin_radius.nominal), self.finish_line.width
-        kind, key = self.finish_line.kind, "finish_line_width"
-        if kind != "shoulder":
+        kind, width, key = self.finish_line.kind, self.finish_line.width, "finish_line_width"
+        if kind == "shoulder":
+            edges = EdgeRule(side, plane(2, 0.0)), EdgeRule(plane(2, 0.0), self._walls()[0])
+            label = "finish line, width of the shoulder"
+            yield toleranced(key, "distance", width, *edges, label=label, method="microscope")
+        else:  # no face is as wide
             what = "radius of the quarter round" if kind == "chamfer" else "width of its edge"
-            return toleranced(key, "note", width, label=f"finish line, {what}", method="microscope")
-        edges = EdgeRule(outside, plane(2, 0.0)), EdgeRule(plane(2, 0.0), self._walls()[0])
-        label = "finish line, width of the shoulder"
-        return toleranced(key, "distance", width, *edges, label=label, method="microscope")
+            yield toleranced(key, "note", width, label=f"finish line, {what}", method="microscope")
+        yield from self._seated(ceiling)
 
     def _seated(self, ceiling: float) -> Iterator[Characteristic]:
         """Gaps between the two bodies, the crown seated on its tooth."""
@@ -228,15 +229,6 @@ class CrownOnTooth(CrownMargin, Turned):
         wide = 6.0 * max(self.marginal_gap.nominal, abs(self.horizontal_discrepancy.nominal))
         return 1.0, wide, (self.margin_radius.nominal, wide, 0.0)
 
-    def _wall_thickness(self) -> float:
-        """Thickness of the crown's wall across the path of draw at its fitting end [m]."""
-        g, finish = self.marginal_gap.nominal, self.finish_line
-        height, gap = g + (finish.width.nominal if finish.kind == "chamfer" else 0.0), self.internal_gap.nominal
-        if finish.kind == "feather-edge":
-            height, gap = self.opening.nominal, g
-        inner = -finish.width.nominal - height * math.tan(self.taper.nominal) + gap / math.cos(self.taper.nominal)
-        return self.horizontal_discrepancy.nominal - inner
-
     @rules_validator
     def _fits_the_tooth(self) -> Iterator[str]:
         h, g, v = self.horizontal_discrepancy.nominal, self.marginal_gap.nominal, self.opening.nominal
@@ -248,7 +240,12 @@ class CrownOnTooth(CrownMargin, Turned):
         rule = "leave the preparation a top of a tenth of margin_radius"
         yield must(top > 0.1 * R, "preparation_height", rule, 0.1 * R, top)
         yield below("internal_gap", "be below half of margin_radius", self.internal_gap.nominal, 0.5 * R)
-        wall = self._wall_thickness()
+        # of the crown across the path of draw at its fitting end
+        foot, gap = g + (finish.width.nominal if finish.kind == "chamfer" else 0.0), self.internal_gap.nominal
+        if finish.kind == "feather-edge":
+            foot, gap = v, g
+        inner = -finish.width.nominal - foot * math.tan(self.taper.nominal) + gap / math.cos(self.taper.nominal)
+        wall = h - inner
         yield must(wall > 0.0, "horizontal_discrepancy", "leave the crown a wall at its margin", h - wall, h)
         shell, rule = self.shell_thickness.nominal, "not exceed the shell (overextension beyond shell_thickness)"
         yield must(h <= shell, "horizontal_discrepancy", rule, shell, h)
@@ -259,12 +256,3 @@ class CrownOnTooth(CrownMargin, Turned):
             return
         least = max(g, v) + finish.width.nominal
         yield must(height > least, "preparation_height", "exceed the finish line", least, height)
-
-
-def _fitting_arc(start: Point, end: Point, radius: float) -> tuple[Point, Point]:
-    """Arc of the finish line's radius between two points, bulging towards the axis's foot as the tooth's does."""
-    half_x, half_z = 0.5 * (end[0] - start[0]), 0.5 * (end[1] - start[1])
-    half = math.hypot(half_x, half_z)
-    sagitta = radius - math.sqrt(radius * radius - half * half)
-    middle = (start[0] + half_x + sagitta * half_z / half, start[1] + half_z - sagitta * half_x / half)
-    return middle, end

@@ -15,10 +15,10 @@ from stepblocks import cad
 from stepblocks.parts.characteristics import Characteristic, FaceRule, located, plane, toleranced
 from stepblocks.parts.declared import MaterialField
 from stepblocks.parts.kind import COARSE_DEFLECTION, Finding, HeldPart, MeasuredMesh
+from stepblocks.parts.revolution import Point3
 from stepblocks.parts.shapes import hull
 from stepblocks.parts.tolerance import Dimension, general_deviation
 
-Point3 = tuple[float, float, float]
 _SIDES = ("left", "front", "base")  # where coordinates are counted from
 
 
@@ -151,23 +151,20 @@ class Machined(HeldPart):
                 yield located(f"{name}_{index}", label, at - low[k], *faces)
         yield from self.between
         for index, one in enumerate((*self.rods, *self.bores), start=1):
-            yield from self._round(one, index, low)
-
-    def _round(self, one: Round, index: int, low: Point3) -> Iterator[Characteristic]:
-        across = [k for k in range(3) if "xyz"[k] != one.axis]
-        kind = "rod" if one in self.rods else "bore"
-        face = FaceRule("CYLINDER", radius=0.5 * one.diameter, holds={k: one.middle[k] for k in across})
-        size = Dimension(one.diameter, one.upper, one.lower) if one.upper > one.lower else _general(one.diameter)
-        along = "xyz".index(one.axis)
-        through = any(math.dist(one.ends[along], box.ends[along]) < 1e-12 for box in self.boxes)
-        deep = "" if kind == "rod" or through else f", {one.length * 1e3:g} mm long"
-        said = (f" for {one.thread}" if one.thread else "") + deep
-        yield toleranced(f"{kind}_{index}", "diameter", size, face, label=f"{kind} {index}, along {one.axis}{said}")
-        for k in across if self.boxes else ():
-            away = float(one.start[k] - low[k])
-            if away > 0.5e-3 and any(abs(one_.low[k] - low[k]) < 1e-12 for one_ in self.boxes):
-                name = f"{kind} {index} from the {_SIDES[k]}"
-                yield located(f"{kind}_{index}_{'xyz'[k]}", name, away, plane(k, low[k]), face)
+            kind = "rod" if one in self.rods else "bore"
+            along = "xyz".index(one.axis)
+            across = [k for k in range(3) if k != along]
+            face = FaceRule("CYLINDER", radius=0.5 * one.diameter, holds={k: one.middle[k] for k in across})
+            size = Dimension(one.diameter, one.upper, one.lower) if one.upper > one.lower else _general(one.diameter)
+            through = any(math.dist(one.ends[along], box.ends[along]) < 1e-12 for box in self.boxes)
+            deep = "" if kind == "rod" or through else f", {one.length * 1e3:g} mm long"
+            said = (f" for {one.thread}" if one.thread else "") + deep
+            yield toleranced(f"{kind}_{index}", "diameter", size, face, label=f"{kind} {index}, along {one.axis}{said}")
+            for k in across:
+                away = float(one.start[k] - low[k])
+                if away > 0.5e-3 and any(abs(box.low[k] - low[k]) < 1e-12 for box in self.boxes):
+                    name = f"{kind} {index} from the {_SIDES[k]}"
+                    yield located(f"{kind}_{index}_{'xyz'[k]}", name, away, plane(k, low[k]), face)
 
     def measured(self, body: int, mesh: MeasuredMesh) -> Iterator[Finding]:
         low, high = self.extent

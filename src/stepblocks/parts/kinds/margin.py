@@ -20,7 +20,7 @@ from stepblocks.parts.shapes import hull, split
 from stepblocks.parts.tolerance import ANGULAR_DEVIATION, Dimension, PositiveLength, SignedLength
 from stepblocks.quantities import format_quantity
 
-_ACROSS = "profilometer or microscope"
+ACROSS = "profilometer or microscope"
 # largest clinically acceptable absolute marginal discrepancy [m] (the paper; McLean and von Fraunhofer 1971 say 120 um)
 _CLINICAL_LIMIT = 100e-6
 
@@ -73,6 +73,11 @@ class CrownMargin(Part):
             gap, got = format_quantity(g, "length"), format_quantity(h, "length")
             rule = f"exceed marginal_gap ({gap}) where vertical_discrepancy is negative"
             yield f"horizontal_discrepancy must {rule}, got {got}"
+
+    def _gap_found(self, mesh: MeasuredMesh, length: Dimension) -> Finding:
+        reach = 0.25 * length.nominal
+        gap = mesh.wall_position(-1, reach) - mesh.wall_position(+1, reach)
+        return Finding("marginal gap", self.marginal_gap.nominal, gap, NANOMETRE)
 
     def close_up(self) -> tuple[float, float, tuple[float, float, float]]:
         rise, gap = abs(self.horizontal_discrepancy.nominal), self.marginal_gap.nominal
@@ -159,7 +164,7 @@ class MarginBlock(CrownMargin, Block):
         tooth, crown = plane(2, 0.0, x=-0.5 * half), plane(2, h.nominal, x=0.5 * half)
         low = -0.5 * depth.nominal
         wall = plane(0, 0.0, z=low)
-        yield toleranced("marginal_gap", "distance", g, wall, plane(0, g.nominal, z=low), method=_ACROSS)
+        yield toleranced("marginal_gap", "distance", g, wall, plane(0, g.nominal, z=low), method=ACROSS)
         yield toleranced("horizontal_discrepancy", "distance", h, tooth, crown, method=PROFILE).unsigned
         yield from self._opening(wall, crown)
         yield from form_of(self.face_demands, tooth, crown, "tooth", "crown")
@@ -172,20 +177,18 @@ class MarginBlock(CrownMargin, Block):
         v, g, h, key = self.opening, self.marginal_gap.nominal, self.rise, "vertical_discrepancy"
         if v.nominal > g:
             bevel = FaceRule("SLOPE", holds={0: 0.5 * (g + v.nominal), 2: h - 0.5 * (v.nominal - g)})
-            yield toleranced(key, "distance", v, wall, EdgeRule(bevel, crown), method=_ACROSS)
+            yield toleranced(key, "distance", v, wall, EdgeRule(bevel, crown), method=ACROSS)
             angle = Dimension(math.radians(45.0), ANGULAR_DEVIATION, -ANGULAR_DEVIATION, "angle")
             label = "bevel of the margin"
-            yield toleranced("bevel_angle", "angle", angle, bevel, crown, label=label, method=_ACROSS)
+            yield toleranced("bevel_angle", "angle", angle, bevel, crown, label=label, method=ACROSS)
         elif v.nominal < 0.0:
             end, label = plane(0, v.nominal, z=0.5 * (g + h)), "vertical discrepancy, lip over the tooth"
-            yield toleranced(key, "distance", v, wall, end, label=label, method=_ACROSS).unsigned
+            yield toleranced(key, "distance", v, wall, end, label=label, method=ACROSS).unsigned
         elif self.vertical_discrepancy is not None:
-            yield toleranced(key, "note", v, method=_ACROSS)
+            yield toleranced(key, "note", v, method=ACROSS)
 
     def measured(self, body: int, mesh: MeasuredMesh) -> Iterator[Finding]:
-        reach = 0.25 * self.body.length.nominal
-        gap = mesh.wall_position(-1, reach) - mesh.wall_position(+1, reach)
-        yield Finding("marginal gap", self.marginal_gap.nominal, gap, NANOMETRE)
+        yield self._gap_found(mesh, self.body.length)
         crown = mesh.level_beside(self.opening.nominal, +1)
         tooth = mesh.level_beside(self.body.edge_break.nominal - 0.5 * self.body.length.nominal, +1)
         yield Finding("horizontal discrepancy", self.rise, crown - tooth, NANOMETRE)

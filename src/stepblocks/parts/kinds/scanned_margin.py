@@ -7,31 +7,27 @@ import math
 from collections.abc import Iterator, Mapping
 from functools import lru_cache
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal
+from typing import Annotated, Any, ClassVar, Literal
 
 import numpy as np
 from pydantic import BeforeValidator, Field, ValidationError
 
+from stepblocks import cad
 from stepblocks.atomic import inside
 from stepblocks.confined import read_confined
-from stepblocks.contact.counterface import SIDE
+from stepblocks.contact.counterface import SIDE, ProfiledMargin
 from stepblocks.errors import StimulusError
 from stepblocks.parts import margin_line
 from stepblocks.parts.characteristics import Characteristic, plane, toleranced
 from stepblocks.parts.declared import Table, below, must, rules_validator, usual
 from stepblocks.parts.kind import NANOMETRE, Finding, MeasuredMesh
-from stepblocks.parts.kinds.margin import CrownMargin
+from stepblocks.parts.kinds.margin import ACROSS, CrownMargin
 from stepblocks.parts.shapes import hull
 from stepblocks.parts.tolerance import PositiveLength
-
-if TYPE_CHECKING:
-    from stepblocks.cad import kernel
-    from stepblocks.contact.counterface import Margin
 
 _UNITS = {"um": 1e-6, "mm": 1e-3, "cm": 1e-2, "m": 1.0}
 _LEAST_POINTS = 6  # a line through fewer cuts the corners of a tooth
 _USUAL_STATIONS = 50  # round a crown's margin: Groten et al. 2000, J Prosthet Dent 83:40
-_ACROSS = "profilometer or microscope"
 
 
 def _line(raw: object) -> object:
@@ -41,10 +37,8 @@ def _line(raw: object) -> object:
     except (TypeError, ValueError):
         points = np.empty(0)
     if points.ndim != 2 or points.shape[1] != 3 or len(points) < _LEAST_POINTS or not np.isfinite(points).all():
-        rule = (
-            f"be a list of {_LEAST_POINTS} or more points [x, y, z] in order round the tooth, in the unit of the mesh"
-        )
-        raise ValueError(f"must {rule}, got {raw!r:.60}")
+        rule = f"a list of {_LEAST_POINTS} or more points [x, y, z] in order round the tooth, in the unit of the mesh"
+        raise ValueError(f"must be {rule}, got {raw!r:.60}")
     return tuple(map(tuple, points.tolist()))
 
 
@@ -102,9 +96,7 @@ class ScannedMargin(CrownMargin):
     def floor(self) -> tuple[float, float]:
         return self.gap_depth.nominal, 0.0
 
-    def sized(self, **sizes: float) -> Margin:
-        from stepblocks.contact.counterface import ProfiledMargin
-
+    def sized(self, **sizes: float) -> ProfiledMargin:
         scan, level = self.station, vars(super().sized(**sizes))
         bent = {"tooth_curvature": scan.tooth_curvature_per_m, "crown_curvature": scan.crown_curvature_per_m}
         return ProfiledMargin(**level, **bent, crown_slope=math.tan(scan.crown_slope_rad))
@@ -115,11 +107,9 @@ class ScannedMargin(CrownMargin):
         x, z = self.counterface().section(half - SIDE)
         return list(zip(np.minimum(x, half).tolist(), z.tolist(), strict=True))
 
-    def solids(self) -> list[kernel.Body]:
-        from stepblocks.cad import kernel
-
+    def solids(self) -> list[cad.kernel.Body]:
         half, base = 0.5 * self.length.nominal, -self.thickness.nominal
-        return [kernel.prism([(half, base), *reversed(self._section()), (-half, base)], self.width.nominal)]
+        return [cad.kernel.prism([(half, base), *reversed(self._section()), (-half, base)], self.width.nominal)]
 
     def volumes(self) -> tuple[float, ...]:
         lines = itertools.pairwise(self._section())
@@ -134,10 +124,10 @@ class ScannedMargin(CrownMargin):
     def characteristics(self) -> Iterator[Characteristic]:
         g, low = self.marginal_gap, -0.5 * self.gap_depth.nominal
         walls = plane(0, 0.0, z=low), plane(0, g.nominal, z=low)
-        yield toleranced("marginal_gap", "distance", g, *walls, method=_ACROSS)
+        yield toleranced("marginal_gap", "distance", g, *walls, method=ACROSS)
         for name in ("horizontal_discrepancy", "vertical_discrepancy", "gap_depth", "thickness"):
             if (one := getattr(self, name)) is not None:
-                yield toleranced(name, "note", one, method=_ACROSS)
+                yield toleranced(name, "note", one, method=ACROSS)
         for axis, one in enumerate((self.length, self.width)):
             name, half = ("length", "width")[axis], 0.5 * one.nominal
             yield toleranced(name, "distance", one, plane(axis, -half), plane(axis, half))

@@ -11,7 +11,7 @@ from pydantic import ValidationError
 from stepblocks import cad
 from stepblocks.contact.rod import Sleeve
 from stepblocks.parts.characteristics import Characteristic, EdgeRule, FaceRule, broken_edges, plane, toleranced
-from stepblocks.parts.declared import Material, Sourced, Table, below, must, positive, rules_validator, sourced
+from stepblocks.parts.declared import Material, Sourced, Table, below, must, rules_validator, sourced
 from stepblocks.parts.kind import FITTING_DEFLECTION, Finding, HeldPart, MeasuredMesh
 from stepblocks.parts.revolution import Outline, Point, Turned, sectors
 from stepblocks.parts.tolerance import Length, PositiveLength
@@ -147,16 +147,10 @@ def _volume(bore: float, outer: float, length: float, broken: float) -> float:
 
 
 class _AsHeavy(Table):
-    """In place of an outer diameter: as heavy as another sheath, between which lengths."""
+    """In place of an outer diameter: as heavy as another sheath."""
 
     mass_of: str
-    least: Annotated[float, positive("length")]  # m
-    most: Annotated[float, positive("length")]  # m
     tolerance: Any = None
-
-    @rules_validator
-    def _leaves_room(self) -> Iterator[str]:
-        yield must(self.least < self.most, "least", "be below most", self.most, self.least)
 
 
 def _validated(model: type[Model], table: object, name: object) -> Model:
@@ -177,8 +171,6 @@ def _is_open(stanza: Mapping[str, Any]) -> bool:
 
 def _solved(stanza: Mapping[str, Any], stanzas: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
     """Find the diameter at which a sheath weighs as much as another, rounded to what a drawing states."""
-    from scipy.optimize import brentq
-
     name = stanza.get("id")
     wish = _validated(_AsHeavy, stanza["outer_diameter"], name)
     other = next((one for one in stanzas if one.get("id") == wish.mass_of), None)
@@ -189,20 +181,19 @@ def _solved(stanza: Mapping[str, Any], stanzas: Sequence[Mapping[str, Any]]) -> 
     kept = {} if wish.tolerance is None else {"tolerance": wish.tolerance}
     kept["source"] = f"solved for the mass of {wish.mass_of}, {format_mass(mass)}"
 
-    def tried(outer: float) -> Sheath:
-        return _validated(Sheath, {**stanza, "outer_diameter": {"nominal": f"{outer * 1e3:.9g} mm", **kept}}, name)
+    def tried(outer: str) -> Sheath:
+        return _validated(Sheath, {**stanza, "outer_diameter": {"nominal": outer, **kept}}, name)
 
-    low, high = (tried(outer).mass for outer in (wish.least, wish.most))
-    best = wish.least if abs(low - mass) <= abs(high - mass) else wish.most
-    if low < mass < high:
-        root = brentq(lambda outer: tried(outer).mass - mass, wish.least, wish.most, xtol=1e-9, rtol=1e-12)
-        best = min(max(round(root / _STEP) * _STEP, wish.least), wish.most)
-    found = tried(best)
+    wide = tried("100 mm")  # a sheath for every shank, whose other dimensions hold at the diameter that is sought
+    bore, length, broken = (one.nominal for one in (wide.bore, wide.length, wide.edge_break))
+    # the volume is quadratic in the diameter, less what it is at diameter 0
+    rings = math.pi * broken**2
+    constant = mass / wide.material.density.value - _volume(bore, 0.0, length, broken)
+    root = (rings + math.sqrt(rings**2 + math.pi * length * constant)) / (0.5 * math.pi * length)
+    found = tried(f"{round(root / _STEP) * _STEP * 1e3:.9g} mm")
     if abs(found.mass / mass - 1.0) > MASS_MATCH:
-        least, most = (format_quantity(one, "length") for one in (wish.least, wish.most))
         rule = f"give the mass of {wish.mass_of!r} ({format_mass(mass)}) within {MASS_MATCH:.0%}"
-        got = f"between {least} and {most}, got {format_mass(low)} to {format_mass(high)}"
-        raise ValueError(f"outer_diameter must {rule} {got} [sheath {name!r}]")
+        raise ValueError(f"outer_diameter must {rule}, got {format_mass(found.mass)} [sheath {name!r}]")
     return {**stanza, "outer_diameter": found.outer_diameter}
 
 

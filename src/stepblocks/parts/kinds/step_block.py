@@ -80,9 +80,7 @@ class StepBlock(Block):
         x0, depth, top = near, feature.lane.nominal + OVER, self.height.nominal + OVER
         if feature.kind == "ridge":  # it ends where the edge break of its side begins, level with the upper face
             x0, depth, top = -near - feature.width.nominal, feature.lane.nominal, self.height.nominal
-        x1 = x0 + feature.width.nominal
-        corners = [(x0, y0, 0.0), (x1, y0, 0.0), (x1, y0 + depth, 0.0), (x0, y0 + depth, 0.0)]
-        return cad.kernel.extruded(corners, (0.0, 0.0, top))
+        return cad.kernel.box((x0, y0, 0.0), (x0 + feature.width.nominal, y0 + depth, top))
 
     def volumes(self) -> tuple[float, ...]:
         """Two halves, less the rounding, the groove or with the ridge, less what the workshop cuts."""
@@ -102,7 +100,13 @@ class StepBlock(Block):
     def hulls(self) -> list[Any]:
         body, height, feature = self.body, self.height.nominal, self.metrology
         left = hull(half_points(body, -1.0, 0.0, [(0.0, 0.0)]))
-        right = hull(half_points(body, 1.0, height, self._rounding()))
+        rounding, radius = [(0.0, height)], self.edge_radius.nominal
+        if radius > 0.0:  # chords that keep the contact's chordal error
+            step = 2.0 * math.acos(max(1.0 - CONTACT_DEFLECTION / radius, 0.0))
+            turns = np.linspace(0.0, 0.5 * math.pi, max(2, math.ceil(0.5 * math.pi / step) + 1))
+            sines = [(math.sin(a), math.cos(a)) for a in turns]
+            rounding = [(float(radius * (1.0 - sin)), float(height - radius * (1.0 - cos))) for sin, cos in sines]
+        right = hull(half_points(body, 1.0, height, rounding))
         near, lane = feature.distance.nominal, 0.5 * body.width.nominal - feature.lane.nominal
         if feature.kind == "ridge":
             y1 = 0.5 * body.width.nominal - body.edge_break.nominal
@@ -114,16 +118,6 @@ class StepBlock(Block):
         drag, groove = split(middle, "y", lane)
         floor, _ = split(groove, "z", 0.0)
         return [left, before, drag, floor, after]
-
-    def _rounding(self) -> list[tuple[float, float]]:
-        """Points on the rounded edge whose chords keep the contact's chordal error."""
-        height, radius = self.height.nominal, self.edge_radius.nominal
-        if radius == 0.0:
-            return [(0.0, height)]
-        step = 2.0 * math.acos(max(1.0 - CONTACT_DEFLECTION / radius, 0.0))
-        count = max(2, math.ceil(0.5 * math.pi / step) + 1)
-        angles = np.linspace(0.0, 0.5 * math.pi, count)
-        return [(float(radius * (1.0 - math.sin(a))), float(height - radius * (1.0 - math.cos(a)))) for a in angles]
 
     def chordal_error(self, face: cad.kernel.Face) -> float:
         at_edge = face.kind == "CYLINDER" and abs(face.radius - self.edge_radius.nominal) < 1e-9
