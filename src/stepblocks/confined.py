@@ -35,10 +35,8 @@ _LARGEST_ANSWER = 2**24  # of what is no array [bytes]
 
 
 def read_confined(function: str, path: Path, *arguments: Any, raises: type[Exception]) -> dict[str, Any]:
-    """Call ``module:function`` with a path and more arguments of JSON; it returns arrays and values of JSON by name.
-
-    What our own code says of the file is raised as it stands; a limit, or what a library says of it, with the file's name.
-    """
+    """Call ``module:function`` with a path and more arguments of JSON; it returns arrays and values of JSON by name."""
+    # What our own code says of the file is raised as it stands; a limit, or what a library says of it, with the file's name.
     request = {"function": function, "arguments": [os.path.abspath(path), *arguments]}  # noqa: PTH100  a link stays one
     try:
         seconds = _SECONDS + _PER_BYTE * plain_size(path)

@@ -63,11 +63,9 @@ def misspelt(frame: pd.DataFrame, known: Collection[str]) -> dict[str, str]:
 def si_columns(
     frame: pd.DataFrame, wanted: Mapping[str, tuple[Sequence[str], str, float | None]], place: object
 ) -> dict[str, NDArray[np.float64]]:
-    """Find columns, each by one of its names and any unit of its dimension, and return them in SI; all that is wrong is told at once.
-
-    One without a default must be there. Where one has a default, a column that is nearly one of them is refused: else the
-    default would be taken without a word.
-    """
+    """Find columns, each by one of its names and any unit of its dimension, and return them in SI; tell all mistakes at once."""
+    # one without a default must be there; where one has a default, a column that is nearly one of them is refused: else the
+    # default would be taken without a word
     mistakes: list[Mistake] = []
     found: dict[str, NDArray[np.float64]] = {}
     units = {
@@ -108,10 +106,8 @@ def _in_si(cells: pd.Series, unit: str, dimension: str, mistakes: list[Mistake])
 
 
 def harmless(cell: object) -> object:
-    """Return a text that a spreadsheet would run as a formula with an apostrophe before it, which keeps it text.
-
-    It is one that begins with ``=``, ``+``, ``-``, ``@``, a tab or a return (OWASP, CSV injection) and is no number.
-    """
+    """Return a text that a spreadsheet would run as a formula with an apostrophe before it, which keeps it text."""
+    # It is one that begins with ``=``, ``+``, ``-``, ``@``, a tab or a return (OWASP, CSV injection) and is no number.
     if not isinstance(cell, str) or not cell.startswith(("=", "+", "-", "@", "\t", "\r")):
         return cell
     try:

@@ -105,10 +105,8 @@ def line_of(load: Array, normal: Array) -> Callable[[Array], Array]:
 
 
 def together(rows: Iterable[tuple[int, Mapping[str, str]]], faults: Mapping[int, str]) -> dict[int, str]:
-    """Rows whose faults they share with their like, each with what they have in common: those are data.
-
-    `rows` are the measured ones with their cells. Like are trials that share a label or two, or that follow one another.
-    """
+    """Rows whose faults they share with their like, each with what they have in common: those are data."""
+    # `rows` are the measured ones with their cells. Like are trials that share a label or two, or that follow one another.
     flagged = {row for row, reason in faults.items() if reason.startswith("mislabelled")}
     counts: Counter[tuple[tuple[str, str], ...]] = Counter()
     failing = counts.copy()

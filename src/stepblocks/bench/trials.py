@@ -147,10 +147,8 @@ def _lines(session: Session) -> Iterator[list[str]]:
 
 
 def conditions_of(session: Session) -> dict[str, tuple[str, pd.Series]]:
-    """Read what an analysis needs beside the forces: by name, the column it takes the place of and one value per trial.
-
-    What the table already has under that name and in that unit is left out.
-    """
+    """Read what an analysis needs beside the forces: by name, the column it takes the place of and one value per trial."""
+    # What the table already has under that name and in that unit is left out.
     import pandas as pd
 
     table, columns, usual = open_trials(session), session.trials.columns, TrialColumns()

@@ -84,10 +84,8 @@ def write_view(
     half_width: float,
     centre: tuple[float, float, float],
 ) -> None:
-    """Write the bodies in millimetres as a call of the page's function ``stepblocksView``: a script loads from a folder.
-
-    Coordinates are float32, a nanometre in 20 mm, and corners uint16 where that is enough, in base64: half the size of digits.
-    """
+    """Write the bodies in millimetres as a call of the page's function ``stepblocksView``: a script loads from a folder."""
+    # Coordinates are float32, a nanometre in 20 mm, and corners uint16 where that is enough, in base64: half the size of digits.
 
     def packed(values: NDArray[Any], kind: str) -> str:
         return base64.b64encode(np.ascontiguousarray(values, dtype=kind).tobytes()).decode("ascii")

@@ -115,10 +115,8 @@ def print_table(title: str, rows: Sequence[Mapping[str, Any]], *, wide: bool = F
 
 
 def telling(arguments: argparse.Namespace, did: str, *, lines: int = 0) -> Callable[..., None]:
-    """Return what shows how far a command is, called with done, total and a name: a bar on a terminal, elsewhere so many lines.
-
-    What is done is counted where the caller does not.
-    """
+    """Return what shows how far a command is, called with done, total and a name: a bar on a terminal, elsewhere so many lines."""
+    # What is done is counted where the caller does not.
     quiet, number = arguments.quiet or arguments.json, count(1)
 
     def in_lines(done: int | None = None, total: int | None = None, name: str = "") -> None:
@@ -149,12 +147,10 @@ def telling(arguments: argparse.Namespace, did: str, *, lines: int = 0) -> Calla
 
 @contextmanager
 def writing(place: Path | None, force: bool) -> Iterator[list[Path]]:
-    """Let a command write to a place, but replace nothing there that is not ours; gives the list of what it wrote.
-
-    To that list the command adds what it found and kept; afterwards it names what was written. What a build wrote stands in
-    its ``manifest.json``; what another command wrote in ``.stepblocks.json`` with its hash, so that a table somebody filled
-    in since is theirs.
-    """
+    """Let a command write to a place, but replace nothing there that is not ours; gives the list of what it wrote."""
+    # To that list the command adds what it found and kept; afterwards it names what was written. What a build wrote stands in
+    # its ``manifest.json``; what another command wrote in ``.stepblocks.json`` with its hash, so that a table somebody filled
+    # in since is theirs.
     from stepblocks.atomic import keeping
 
     written: list[Path] = []

@@ -90,10 +90,8 @@ def with_budget(
     others: Sequence[Component] = (),
     axes: tuple[float, float] = (1.0, 0.0),
 ) -> Measured:
-    """Add what the instrument owes to a value [m]: calibration, and resolution behind the other components.
-
-    `axes` says with which power the value goes with the vertical scale, and with the lateral one.
-    """
+    """Add what the instrument owes to a value [m]: calibration, and resolution behind the other components."""
+    # `axes` says with which power the value goes with the vertical scale, and with the lateral one.
     parts = list(own)
     scales = ("calibration", instrument.calibration_std), ("lateral calibration", instrument.lateral_std)
     for (label, relative), power in zip(scales, axes, strict=True):
@@ -129,13 +127,11 @@ def measured_from_profiles(
 
 
 def _scatter(deviations: Array, noise: float) -> list[Component]:
-    """Split the variance of a mean over profiles into their noise, itself a variance, and repeatability.
-
-    Neighbouring profiles may err together, so of the scatter only its slow part counts: the lowest cosines over the map, whose
-    squares average the variance of the mean with as many degrees of freedom; exact for independent profiles, and little too small
-    for correlated ones (Lazarus, Lewis, Stock and Watson 2018, doi:10.1080/07350015.2018.1506926). Repeatability is what that has
-    beyond the noise; as a difference of two variances it has few degrees of freedom.
-    """
+    """Split the variance of a mean over profiles into their noise, itself a variance, and repeatability."""
+    # Neighbouring profiles may err together, so of the scatter only its slow part counts: the lowest cosines over the map, whose
+    # squares average the variance of the mean with as many degrees of freedom; exact for independent profiles, and little too small
+    # for correlated ones (Lazarus, Lewis, Stock and Watson 2018, doi:10.1080/07350015.2018.1506926). Repeatability is what that has
+    # beyond the noise; as a difference of two variances it has few degrees of freedom.
     from scipy.fft import dct
 
     count = len(deviations)
@@ -181,10 +177,8 @@ class Decision:
 def decide(
     value: float, std: float, lower: float = -math.inf, upper: float = math.inf, dof: float = math.inf
 ) -> Decision:
-    """Judge one measured value; with few degrees of freedom the guard band is Student's 95 % point instead of `GUARD_FACTOR`.
-
-    Proof of conformity is impossible where the tolerance is narrower than two guard bands.
-    """
+    """Judge one measured value; with few degrees of freedom the guard band is Student's 95 % point instead of `GUARD_FACTOR`."""
+    # Proof of conformity is impossible where the tolerance is narrower than two guard bands.
     if not (math.isfinite(value) and math.isfinite(std) and std >= 0.0):
         raise MetrologyError(f"value and std must be finite and std not negative, got {value:g} and {std:g}")
     if not lower <= upper:

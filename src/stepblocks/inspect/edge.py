@@ -49,10 +49,8 @@ class Edge:
 
 
 def fit_edge(position: Array, height: Array, exclusion: float | None = None) -> Edge:
-    """Height of a step and radius of its edge from one profile across it [m], nan where nothing was measured.
-
-    `exclusion` is the half width that is kept out of the faces [m]; half as much again as the edge is rounded by default.
-    """
+    """Height of a step and radius of its edge from one profile across it [m], nan where nothing was measured."""
+    # `exclusion` is the half width that is kept out of the faces [m]; half as much again as the edge is rounded by default.
     x, z = position, np.where(np.isfinite(height), height, np.nan)
     found = find_edges(x, z)
     if not found:

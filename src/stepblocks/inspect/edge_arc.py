@@ -57,11 +57,9 @@ class Window:
     def __init__(
         self, position: Array, levelled: Array, height: float, spacing: float, gamma: Array, shared: Array
     ) -> None:
-        """Take positions and heights over the lower face [m], of shape (n,), the step and the sampling interval [m].
-
-        `gamma` is the autocovariance of the noise by lag [m^2]; rows of `shared`, shape (m, n), have products that add up to the
-        covariance of the levels [m^2].
-        """
+        """Take positions and heights over the lower face [m], of shape (n,), the step and the sampling interval [m]."""
+        # `gamma` is the autocovariance of the noise by lag [m^2]; rows of `shared`, shape (m, n), have products that add up to the
+        # covariance of the levels [m^2].
         if len(position) < 8:
             raise MetrologyError(f"window at the edge must hold at least 8 points, got {len(position)}")
         thin = -(-len(position) // _MOST_POINTS)
@@ -132,10 +130,8 @@ def arc_radius(window: Window) -> Arc:
 
 
 def _unresolved(window: Window) -> tuple[Array, Array, Array]:
-    """Costs over all that an edge too sharp for the sampling may be.
-
-    Many places are as likely there, so nothing is sought: a search would end in one or another of them by the last bits.
-    """
+    """Costs over all that an edge too sharp for the sampling may be."""
+    # Many places are as likely there, so nothing is sought: a search would end in one or another of them by the last bits.
     spacing = window.spacing
     radii = np.linspace(0.0, 2.0 * _UNRESOLVED * spacing, 49)
     # of an arc higher than half the step the riser lies before the half height
@@ -218,10 +214,8 @@ class Flank:
 
 
 def sloped_flank(position: Array, levelled: Array, height: float, spacing: float, gamma: Array) -> Flank | None:
-    """Fit flank and corner to the upper three quarters of an edge; None where fewer than six points lie on its flank.
-
-    The arguments are those of `Window`. Errors of flank and radius go together through the autocovariance of the faces.
-    """
+    """Fit flank and corner to the upper three quarters of an edge; None where fewer than six points lie on its flank."""
+    # The arguments are those of `Window`. Errors of flank and radius go together through the autocovariance of the faces.
     from scipy.optimize import least_squares
 
     inside = (levelled > 0.25 * height) & (levelled < 0.75 * height)

@@ -87,10 +87,8 @@ class FaceForm:
         return np.column_stack([self.grid, (self.solution + added) @ self.columns])
 
     def draws(self, random: np.random.Generator) -> list[Array]:
-        """Return what noise may have added to the coefficients [m]: every draw and its mirror image.
-
-        With mirror images the mean over the draws keeps only what curves, and that is the growth.
-        """
+        """Return what noise may have added to the coefficients [m]: every draw and its mirror image."""
+        # With mirror images the mean over the draws keeps only what curves, and that is the growth.
         half = random.normal(size=(_DRAWS // 2, len(self.root))) @ self.root
         return [*half, *-half]
 
@@ -128,12 +126,10 @@ def _terms(at_x: Array, at_y: Array, powers: list[tuple[int, int]]) -> Array:
 
 
 def zone_of(width: Callable[..., float], *faces: FaceForm) -> Estimate:
-    """Return the zone of the form of faces: what noise adds to it is taken off, and counts, as a rectangle, beside the scatter.
-
-    The fit holds the noise once, draws at the two scales hold it as its root of two and twice. Where one term sets the zone, the
-    zone grows with the standard deviation of the noise and the second growth is the first times the root of two; where several
-    do, it grows with a higher power, and the power follows from the two. Either way it is followed back to no noise.
-    """
+    """Return the zone of the form of faces: what noise adds to it is taken off, and counts, as a rectangle, beside the scatter."""
+    # The fit holds the noise once, draws at the two scales hold it as its root of two and twice. Where one term sets the zone, the
+    # zone grows with the standard deviation of the noise and the second growth is the first times the root of two; where several
+    # do, it grows with a higher power, and the power follows from the two. Either way it is followed back to no noise.
     random = np.random.default_rng(1101)
     draws = list(zip(*(face.draws(random) for face in faces), strict=True))
 

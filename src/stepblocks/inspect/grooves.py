@@ -27,10 +27,8 @@ _DEGREE_NAMES = {1: "line", 2: "parabola", 3: "cubic"}
 def measure_groove(
     scan: Profile | HeightMap, instrument: Instrument, how: How = AS_FOUND, key: str = "groove_depth"
 ) -> Inspected:
-    """Depth of all grooves or ridges of a scan: by type A1 or A2 where their windows fit, else on a masked polynomial.
-
-    A map whose rows do not agree on what they cross is evaluated across its columns, then by two levels, then as a grating.
-    """
+    """Depth of all grooves or ridges of a scan: by type A1 or A2 where their windows fit, else on a masked polynomial."""
+    # A map whose rows do not agree on what they cross is evaluated across its columns, then by two levels, then as a grating.
     ways: list[Callable[[], Inspected]] = [lambda: _by_rows(scan, instrument, how, key)]
     if isinstance(scan, HeightMap) and how.along != "x":
         turned = replace(scan, height=np.ascontiguousarray(scan.height.T), dx=scan.dy, dy=scan.dx)

@@ -108,10 +108,8 @@ class TwoPlanes:
 
 
 def fit_two_planes(x: Array, z: Array, middle: float, used: Mask) -> TwoPlanes:
-    """Fit ``z = a (x - middle) + b + h s(x)``, s = 0 before and 1 behind the middle, by least squares without spikes.
-
-    Source: ISO 5436-1 leaves a single edge to convention; this is the two-plane one, which has no feature to level through.
-    """
+    """Fit ``z = a (x - middle) + b + h s(x)``, s = 0 before and 1 behind the middle, by least squares without spikes."""
+    # Source: ISO 5436-1 leaves a single edge to convention; this is the two-plane one, which has no feature to level through.
     scale = float(max(abs(x[0] - middle), abs(x[-1] - middle)))
     fit = fit_without_spikes(np.stack([(x - middle) / scale, np.ones_like(x), (x > middle).astype(float)]), z, used)
     height = fit.estimate(2)
@@ -205,10 +203,8 @@ def _differences(z: Array, known: Mask, reach: int) -> Array:
 
 
 def _joined(x: Array, z: Array, known: Mask, places: list[int], gap: Array) -> tuple[list[int], Array]:
-    """Join two edges of one sign that are one: the surface goes on rising between them by more than half of the lesser.
-
-    It rises so if it is steeper than farther out on either side, which a bow is not on average.
-    """
+    """Join two edges of one sign that are one: the surface goes on rising between them by more than half of the lesser."""
+    # It rises so if it is steeper than farther out on either side, which a bow is not on average.
     ends = [0, *places, len(x) - 1]
     for index, (first, second) in enumerate(itertools.pairwise(places)):
         if gap[first] * gap[second] < 0.0:
@@ -290,10 +286,8 @@ def measured_features(x: Array, z: Array, degree: int | None = None, exclusion: 
 def fit_features(
     x: Array, z: Array, edges: Sequence[Found], degree: int | None = None, exclusion: float | None = None
 ) -> Levels:
-    """Heights of all features between `edges` in one fit; the polynomial's degree is that of its last significant term.
-
-    `exclusion` is the half width [m] kept out at every edge; where its flank is, and half as much again, by default.
-    """
+    """Heights of all features between `edges` in one fit; the polynomial's degree is that of its last significant term."""
+    # `exclusion` is the half width [m] kept out at every edge; where its flank is, and half as much again, by default.
     fits = _fits(x, z, edges, _DEGREES if degree is None else (degree,), exclusion)
 
     def significant(power: int) -> bool:

@@ -177,11 +177,9 @@ def is_table(paths: Sequence[Path]) -> bool:
 
 
 def variance_components(table: pd.DataFrame) -> list[dict[str, Any]]:
-    """Return the standard deviation by source of variation of ``value``: each other column by itself, and what repeats.
-
-    Random effects by their expected mean squares, interactions pooled with the repeatability. Where none is repeated under its
-    own conditions, what these change counts as repeatability; nothing where every block was scanned once.
-    """
+    """Return the standard deviation by source of variation of ``value``: each other column by itself, and what repeats."""
+    # Random effects by their expected mean squares, interactions pooled with the repeatability. Where none is repeated under its
+    # own conditions, what these change counts as repeatability; nothing where every block was scanned once.
     import numpy as np
     import pandas as pd
     from statsmodels.formula.api import ols
@@ -236,10 +234,8 @@ def _of_block(key: str, its: pd.DataFrame, sources: Sequence[Mapping[str, Any]])
 
 
 def capability(values: Array, lower: float, upper: float, level: float = 0.95) -> dict[str, float]:
-    """Cp and Cpk of a batch with their intervals (NIST/SEMATECH e-Handbook, 6.1.6); Cp is nan where a limit is infinite.
-
-    Blocks that measure alike to the last digit are copies of one scan: their scatter says nothing, and neither index exists.
-    """
+    """Cp and Cpk of a batch with their intervals (NIST/SEMATECH e-Handbook, 6.1.6); Cp is nan where a limit is infinite."""
+    # Blocks that measure alike to the last digit are copies of one scan: their scatter says nothing, and neither index exists.
     from scipy import stats
 
     count, mean, scatter = len(values), float(values.mean()), float(values.std(ddof=1)) or math.nan

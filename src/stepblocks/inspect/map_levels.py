@@ -50,11 +50,9 @@ class MaskedStep:
 
 
 def masked_step(scan: HeightMap, exclusion: float | None = None, inside: Mask | None = None) -> MaskedStep:
-    """Depth of holes, or height of bumps, over a map; missing points take no part.
-
-    `exclusion` is the distance to keep to every edge [m]; by default that at which both sides have settled. `inside` is the mask of
-    the features; by default they are sought.
-    """
+    """Depth of holes, or height of bumps, over a map; missing points take no part."""
+    # `exclusion` is the distance to keep to every edge [m]; by default that at which both sides have settled. `inside` is the mask of
+    # the features; by default they are sought.
     from scipy import ndimage, stats
 
     z, measured = scan.height, np.isfinite(scan.height)
@@ -94,11 +92,9 @@ def masked_step(scan: HeightMap, exclusion: float | None = None, inside: Mask | 
 
 
 def _by_bands(depths: Array, share: Array, depth: float, known: Mask) -> Estimate:
-    """Scatter over bands of rows that cross the same features; rows within a band are not independent of one another.
-
-    Bands whose variance goes as one over their share give ``sum(share deviation^2) / (bands - 1)`` without bias and with
-    exactly one degree of freedom less than bands; a band that the map cuts to a sliver counts with its neighbour.
-    """
+    """Scatter over bands of rows that cross the same features; rows within a band are not independent of one another."""
+    # Bands whose variance goes as one over their share give ``sum(share deviation^2) / (bands - 1)`` without bias and with
+    # exactly one degree of freedom less than bands; a band that the map cuts to a sliver counts with its neighbour.
     rows = np.flatnonzero(known)
     bands = np.split(rows, np.flatnonzero(np.diff(rows) > 1) + 1)
     least = 0.5 * float(np.median([share[band].sum() for band in bands]))
@@ -290,11 +286,9 @@ def _folded(along: Array, heights: Array) -> tuple[Array, NDArray[np.intp]]:
 
 
 def _depth(along: Array, heights: Array) -> tuple[float, float, Array]:
-    """Peak to valley of the mean shape, its uncertainty, and the shape.
-
-    Noise is kept out by few harmonics. What they round off a sharp tip goes as one over their number, so the change from half as
-    many is added once more, and is the uncertainty too, as a rectangle.
-    """
+    """Peak to valley of the mean shape, its uncertainty, and the shape."""
+    # Noise is kept out by few harmonics. What they round off a sharp tip goes as one over their number, so the change from half as
+    # many is added once more, and is the uncertainty too, as a rectangle.
     shape, _ = _folded(along, heights)
     terms = np.pad(np.fft.rfft(shape), (0, 7 * _PHASES))
     ranges = []

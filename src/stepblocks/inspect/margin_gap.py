@@ -33,11 +33,9 @@ class Margin:
 
 
 def fit_margin(x: Array, z: Array) -> Margin:
-    """Measure opening and rise of a margin from a profile [m], nan where nothing was measured.
-
-    An edge is where the profile has fallen below its own shoulder by half the depth of the gap; missing points count as gap.
-    Where two samples jump over a wall, the edge is known to that interval, as a rectangle; on a flank it is interpolated.
-    """
+    """Measure opening and rise of a margin from a profile [m], nan where nothing was measured."""
+    # An edge is where the profile has fallen below its own shoulder by half the depth of the gap; missing points count as gap.
+    # Where two samples jump over a wall, the edge is known to that interval, as a rectangle; on a flank it is interpolated.
     check_profile(x, z, 3 * LEAST_FACE)
     begin, end = _gap(x, z)
     margin = max((end - begin) // 2, 3)
@@ -55,10 +53,8 @@ def fit_margin(x: Array, z: Array) -> Margin:
 
 
 def _gap(x: Array, z: Array) -> tuple[int, int]:
-    """Return the indices of the longest stretch that is missing or far below both shoulders.
-
-    Only to find it the profile is levelled by the median of its slopes, which does not see a gap of less than half of it.
-    """
+    """Return the indices of the longest stretch that is missing or far below both shoulders."""
+    # Only to find it the profile is levelled by the median of its slopes, which does not see a gap of less than half of it.
     known, quarter = np.isfinite(z), len(z) // 4
     u, w = x[known], z[known]
     lag = max(len(w) // 50, 1)

@@ -58,11 +58,9 @@ def outlier_mask(residuals: Array, used: Mask) -> Mask:
 
 
 def autocovariance(pieces: Sequence[Array], parameters: int = 3) -> Array:
-    """Autocovariance of residuals that come in pieces, tapered so that it is a valid covariance.
-
-    The sum over pairs is divided by the number of points at every lag, which keeps it positive semidefinite, as does
-    the product with Parzen's window. The window is four times as wide as the lag at which the correlation drowns.
-    """
+    """Autocovariance of residuals that come in pieces, tapered so that it is a valid covariance."""
+    # The sum over pairs is divided by the number of points at every lag, which keeps it positive semidefinite, as does
+    # the product with Parzen's window. The window is four times as wide as the lag at which the correlation drowns.
     count = sum(int(np.isfinite(piece).sum()) for piece in pieces)
     longest = max(len(piece) for piece in pieces)
     total = np.zeros(longest)
@@ -103,15 +101,13 @@ def covariance_root(covariance: Array) -> Array:
 
 
 def estimated(value: float, weights: Array, residuals: Array, used: Mask, design: Array) -> Estimate:
-    """State `value`, which is ``sum(weights * z)``, with its uncertainty from the residuals of the fit.
-
-    With residuals ``r = M z``, M the projection of the fit, the estimate of the variance is a quadratic form ``r Q r``;
-    Q holds ``c(k) taper(k) / pairs(k)``. Its mean is ``tr(M Q M Gamma)``, which gives the correction, and twice the
-    square of its mean over its variance the degrees of freedom (Satterthwaite 1946, Biometrics Bulletin 2:110,
-    doi:10.2307/3002019), here ``tr(Q Gamma)^2 / tr(Q Gamma Q Gamma)`` evaluated over frequencies. The taper is the flat
-    top of Politis and Romano (1995), its width by Politis (2003), J. Nonparametr. Stat. 15:375,
-    doi:10.1080/1048525031000157990.
-    """
+    """State `value`, which is ``sum(weights * z)``, with its uncertainty from the residuals of the fit."""
+    # With residuals ``r = M z``, M the projection of the fit, the estimate of the variance is a quadratic form ``r Q r``;
+    # Q holds ``c(k) taper(k) / pairs(k)``. Its mean is ``tr(M Q M Gamma)``, which gives the correction, and twice the
+    # square of its mean over its variance the degrees of freedom (Satterthwaite 1946, Biometrics Bulletin 2:110,
+    # doi:10.2307/3002019), here ``tr(Q Gamma)^2 / tr(Q Gamma Q Gamma)`` evaluated over frequencies. The taper is the flat
+    # top of Politis and Romano (1995), its width by Politis (2003), J. Nonparametr. Stat. 15:375,
+    # doi:10.1080/1048525031000157990.
     lags = _Lags(residuals.shape)
     inside = used.astype(np.float64)
     r, w = np.where(used, residuals, 0.0), np.where(used, weights, 0.0)

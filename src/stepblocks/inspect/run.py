@@ -211,11 +211,9 @@ def _judged(
 
 
 def _felt_sentence(result: InspectionResult, grid: PredictionGrid) -> str:
-    """Say how the energy that the edge releases differs from the nominal block's, and why.
-
-    Compared under the first tip, load and friction of the grid: the nominal step, as built, and the scanned surface. Empty
-    where height and edge radius were not both measured.
-    """
+    """Say how the energy that the edge releases differs from the nominal block's, and why."""
+    # Compared under the first tip, load and friction of the grid: the nominal step, as built, and the scanned surface. Empty
+    # where height and edge radius were not both measured.
     values, shown = result.inspected.values, result.inspected.shown
     if not {"step_height", "edge_radius"} <= set(values):
         return ""

@@ -133,10 +133,8 @@ def drag_trial(
     pull: float = 0.0,
     hardening: float = 0.0,
 ) -> RecordedTrial | None:
-    """Record a drag in time over a step; None where the tip does not slip over.
-
-    `pull` is a steady force along the drag beside the tip's [N]; `hardening` the cubic stiffness of the spring [N/m^3].
-    """
+    """Record a drag in time over a step; None where the tip does not slip over."""
+    # `pull` is a steady force along the drag beside the tip's [N]; `hardening` the cubic stiffness of the spring [N/m^3].
     from stepblocks.drag.ring import ring_of
     from stepblocks.drag.simulate import DragSettings, probe_for, simulate
     from stepblocks.drag.track import track_over

@@ -290,10 +290,8 @@ def measure_trace(
 
 
 def censored_features(trace: Trace, spring_constant: float, speed: float, reason: str) -> dict[str, Any]:
-    """Say what a record shows whose gauge saturated or whose tip never slipped: its peak force is a lower bound.
-
-    Empty where it does not even show a ramp. What saturates after the slip, or only along the normal, leaves the peak whole.
-    """
+    """Say what a record shows whose gauge saturated or whose tip never slipped: its peak force is a lower bound."""
+    # Empty where it does not even show a ramp. What saturates after the slip, or only along the normal, leaves the peak whole.
     try:
         if "normal force" in reason or "lowest" in reason:
             features = measure_trace(trace, spring_constant, speed).features

@@ -167,10 +167,8 @@ def softened(force: float, cubic: float) -> float:
 
 
 def _hardening_wave(since: Array, tool: tuple[float, ...], about: float) -> Array:
-    """Force over its level of a tool with ``F = u + g u^3`` let go at an amplitude of 1, and its rate over its pulsation.
-
-    `tool` is the frequency of small swings about the level, the decay time, and g; `about` the level.
-    """
+    """Force over its level of a tool with ``F = u + g u^3`` let go at an amplitude of 1, and its rate over its pulsation."""
+    # `tool` is the frequency of small swings about the level, the decay time, and g; `about` the level.
     frequency, decay, cubic = tool
     rest, first = softened(about, cubic), softened(about + 1.0, cubic)
     omega = 2.0 * math.pi * frequency / math.sqrt(1.0 + 3.0 * cubic * rest**2)
@@ -220,11 +218,9 @@ class RubbingRing:
 
 
 def rubbing_force(time: Array, level: float, gap: float, tool: Tool, start: tuple[float, float], slope: float) -> Array:
-    """Force of the tool after the slip [N], piece by piece in closed form; 1e6 from where on the tip chatters without end.
-
-    `level` holds while the tip slips forward and is lower by `gap` while it slips back [N]; `start` is the force [N] and its
-    rate [N/s] at 0; `slope` is that of the force while the tip sticks [N/s].
-    """
+    """Force of the tool after the slip [N], piece by piece in closed form; 1e6 from where on the tip chatters without end."""
+    # `level` holds while the tip slips forward and is lower by `gap` while it slips back [N]; `start` is the force [N] and its
+    # rate [N/s] at 0; `slope` is that of the force while the tip sticks [N/s].
     return np.asarray(_compiled(_rub)(time, (level, gap), tool, start, slope), dtype=float)
 
 

@@ -100,10 +100,8 @@ def numeric_jacobian(
 
 
 def covariance_of(jacobian: Array, residuals: Array, known: Array | None = None) -> Array:
-    """Covariance of the parameters, widened by the autocorrelation of the residuals: they carry less than their number.
-
-    Rows of `known`, in the unit of the data per parameter, count as further exact measurements.
-    """
+    """Covariance of the parameters, widened by the autocorrelation of the residuals: they carry less than their number."""
+    # Rows of `known`, in the unit of the data per parameter, count as further exact measurements.
     count, parameters = jacobian.shape
     freedom = max(count - parameters, 1)
     noise = float(np.sqrt(residuals @ residuals / freedom))

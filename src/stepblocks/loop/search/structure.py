@@ -163,10 +163,8 @@ def _setting(trials: Trials, label: str) -> Floats | None:
 
 
 def walk(values: Floats) -> tuple[float, float, float]:
-    """Fit a walk beside scatter: twice the log likelihood that it gains, step and scatter (standard deviations).
-
-    The cosine transform diagonalises a walk whose mean is taken off, so that the likelihood costs one transform.
-    """
+    """Fit a walk beside scatter: twice the log likelihood that it gains, step and scatter (standard deviations)."""
+    # The cosine transform diagonalises a walk whose mean is taken off, so that the likelihood costs one transform.
     n = len(values)
     power = np.asarray(dct(values - values.mean(), type=2, norm="ortho"))[1:] ** 2
     shape = 1.0 / (4.0 * np.sin(0.5 * np.pi * np.arange(1, n) / n) ** 2)
