@@ -70,7 +70,7 @@ def test_the_house_keeps_its_measure():
         if path.is_file() and "__pycache__" not in path.parts
     }
     assert {path.name: count for path, count in lines.items() if path.suffix == ".py" and count > 400} == {}
-    assert sum(lines.values()) <= 41_000, "38,000 is the aim: a feature that needs more finds something to delete"
+    assert sum(lines.values()) <= 38_000, "a feature that needs more finds something to delete"
     assert len(SOURCES) <= 250, "210 files when the house stood, and as many more as 38,000 lines are to 30,000"
     assert sum(path.read_text().count("fmt: skip") for path in SOURCES) <= 20
     rooms = defaultdict(int)

@@ -3,8 +3,6 @@
 And nothing outside: a name that stands in a file is followed only where it stays in its folder.
 """
 
-from __future__ import annotations
-
 import fcntl
 import filecmp
 import os

@@ -5,8 +5,6 @@ about its size, or whose reader never ends or dies, is one line and not a full m
 process: it takes calls as lines of JSON and answers in JSON and the bytes of arrays; nothing is unpickled, nothing evaluated.
 """
 
-from __future__ import annotations
-
 import atexit
 import json
 import os

@@ -1,7 +1,5 @@
 """From a TOML file to a validated stimulus set, or to one line that says what is wrong and where."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator, Mapping
 from itertools import islice
 from pathlib import Path

@@ -1,7 +1,5 @@
 """How every figure of ours begins and ends: no display, no time stamp, written beside its place and renamed."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any

@@ -1,7 +1,5 @@
 """Everything that is wrong with a file that people write, told at once."""
 
-from __future__ import annotations
-
 import difflib
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager

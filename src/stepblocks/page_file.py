@@ -1,7 +1,5 @@
 """How a page of a room is filled from its template: everything escaped, nothing left undefined, one look for all of them."""
 
-from __future__ import annotations
-
 import html
 from importlib.resources import files
 

@@ -1,7 +1,5 @@
 """Which stimuli are meant: files and folders of them, and patterns of names."""
 
-from __future__ import annotations
-
 import fnmatch
 from collections.abc import Sequence
 from pathlib import Path

@@ -1,7 +1,5 @@
 """How a small text file that a user hands us is read: a plain file, of bounded size, UTF-8, TOML or JSON; else one line."""
 
-from __future__ import annotations
-
 import errno
 import json
 import os

@@ -1,7 +1,5 @@
 """No process outlives the one that started it: neither when that is asked to end, nor when it is killed."""
 
-from __future__ import annotations
-
 import os
 import signal
 import threading

@@ -1,7 +1,5 @@
 """The as-built record: what a machined stimulus measures, with uncertainty, for prediction and the closed loop."""
 
-from __future__ import annotations
-
 import hashlib
 import io
 import json

@@ -3,8 +3,6 @@
 What the program cannot know (laboratory, equipment, signer, dates) says so in its place. The page of the inspection lies beside.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any

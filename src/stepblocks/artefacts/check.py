@@ -4,8 +4,6 @@ A mesh is read by another library than wrote it, STEP by a parser of its text be
 compared with a closed form of the section that did not write them.
 """
 
-from __future__ import annotations
-
 import json
 import math
 from base64 import b64decode

@@ -1,7 +1,5 @@
 """The working surface as a height field: float32 TIFF and npz (16 bits would quantise to 3 nm), with a sidecar."""
 
-from __future__ import annotations
-
 import json
 import math
 from dataclasses import dataclass

@@ -1,7 +1,5 @@
 """model.json: an extended model, complete, so that it can be predicted from without the session it came from."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass
 from functools import cache

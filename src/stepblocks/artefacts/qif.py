@@ -4,8 +4,6 @@ A plan holds every characteristic with its tolerance, its datum and the order to
 measured, with combined standard uncertainties and the outcomes of ISO 14253-1. Lengths are in millimetres, angles in degrees.
 """
 
-from __future__ import annotations
-
 import math
 import uuid
 from pathlib import Path

@@ -1,7 +1,5 @@
 """Results in QIF 3.0, whoever wrote them: each measured characteristic with its value, uncertainty, limits and outcome in SI."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass

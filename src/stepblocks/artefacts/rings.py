@@ -1,7 +1,5 @@
 """The ring as files: WAV for a voice coil, MPEG haptics (ISO/IEC 23090-31), and AHAP as a preview that says what it loses."""
 
-from __future__ import annotations
-
 import json
 import math
 from pathlib import Path

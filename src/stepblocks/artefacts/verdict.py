@@ -1,7 +1,5 @@
 """One measured quantity of one artefact against its nominal and limit."""
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass
 from typing import Any

@@ -1,7 +1,5 @@
 """Figures of chosen trials of a session, with what was fitted drawn in."""
 
-from __future__ import annotations
-
 import re
 from collections.abc import Iterator
 from contextlib import suppress

@@ -1,7 +1,5 @@
 """Stimuli from their specifications to folders of checked artefacts, one by one or in parallel."""
 
-from __future__ import annotations
-
 import json
 import os
 import time

@@ -1,7 +1,5 @@
 """What was built from what: hashes of inputs, code and outputs. Standard library only, so that doing nothing costs nothing."""
 
-from __future__ import annotations
-
 import hashlib
 import json
 import platform

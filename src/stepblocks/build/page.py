@@ -1,7 +1,5 @@
 """The page of an output folder: pictures, dimensions, predictions with their curves, verdicts and the interactive view."""
 
-from __future__ import annotations
-
 import json
 import math
 from collections.abc import Callable, Iterator, Mapping, Sequence

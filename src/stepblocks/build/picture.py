@@ -1,7 +1,5 @@
 """Each stimulus to be looked at: a picture rendered without a screen, whole and close up, and what the page turns in 3-D."""
 
-from __future__ import annotations
-
 import base64
 import json
 import os

@@ -3,8 +3,6 @@
 Exit codes: 0 done, 1 out of tolerance, 2 wrong input, 3 not proven, 70 a fault of ours.
 """
 
-from __future__ import annotations
-
 import io
 import os
 import signal

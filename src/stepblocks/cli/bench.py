@@ -1,7 +1,5 @@
 """``stepblocks measure``, ``loop`` and ``simulate-session``: what takes or makes a session of the bench."""
 
-from __future__ import annotations
-
 import argparse
 import sys
 from typing import Any

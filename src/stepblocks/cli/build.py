@@ -1,7 +1,5 @@
 """``stepblocks build``, ``check`` and ``workshop``: make what the stimulus files ask for, read it back, have it made."""
 
-from __future__ import annotations
-
 import argparse
 from pathlib import Path
 

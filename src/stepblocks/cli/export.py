@@ -1,7 +1,5 @@
 """``stepblocks export`` and ``feel``: folders that a simulator loads, and a page on which the mouse drags the probe."""
 
-from __future__ import annotations
-
 import argparse
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """``stepblocks new``, ``help`` and ``completion``: how one begins."""
 
-from __future__ import annotations
-
 import argparse
 import sysconfig
 from collections.abc import Iterator, Mapping

@@ -1,7 +1,5 @@
 """``stepblocks inspect``: say whether what came back from the workshop conforms."""
 
-from __future__ import annotations
-
 import argparse
 
 from stepblocks.cli.arguments import given

@@ -1,7 +1,5 @@
 """What a command tells when it is done, how it is shown, and what it may replace."""
 
-from __future__ import annotations
-
 import argparse
 import atexit
 import json

@@ -1,7 +1,5 @@
 """``stepblocks study``: the experiments on people, from the design to the report."""
 
-from __future__ import annotations
-
 import argparse
 import inspect
 import sys

@@ -1,7 +1,5 @@
 """What a slider meets: the surface across which a tip is dragged, in the plane of the drag."""
 
-from __future__ import annotations
-
 import math
 from abc import ABC, abstractmethod
 from collections.abc import Mapping

@@ -1,7 +1,5 @@
 """Critical angle of a ball on a step, a groove and a margin: the steepest slope of its centre's path, in closed form."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from stepblocks.contact import kernels

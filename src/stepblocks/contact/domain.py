@@ -1,7 +1,5 @@
 """The domain of the formulas: one wording for every value that lies outside it, alone or in an array."""
 
-from __future__ import annotations
-
 import math
 from typing import Any
 

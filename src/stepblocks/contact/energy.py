@@ -1,7 +1,5 @@
 """Force and energy of a probe that slips over an edge, by equation (1), to which a locked probe has an energy too: here it has none."""
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass
 from enum import StrEnum

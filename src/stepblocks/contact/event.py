@@ -1,7 +1,5 @@
 """The vibration as an event: after the release the tool is a spring that rings freely, its damper spends E_v in all."""
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass
 from typing import Any

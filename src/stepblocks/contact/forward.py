@@ -1,7 +1,5 @@
 """The model of a session, equations (1) and (2) and what was found to be missing, for many trials at once."""
 
-from __future__ import annotations
-
 import re
 from collections.abc import Mapping
 from dataclasses import dataclass, field, fields

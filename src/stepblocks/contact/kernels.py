@@ -1,7 +1,5 @@
 """The formulas alone, in SI, of numbers or arrays; `critical_angle` and `energy` check what these take as it comes."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from stepblocks.contact.domain import Real, where

@@ -1,7 +1,5 @@
 """Under what a counterface is felt: the ball, the load, the friction, the speed, and the tool as a spring that rings."""
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass
 

@@ -1,7 +1,5 @@
 """A probe as a clamped rod with a mass at its tip: what a sheath does to its ring, and what of it reaches clamp and finger."""
 
-from __future__ import annotations
-
 import itertools
 import math
 from collections.abc import Sequence

@@ -1,7 +1,5 @@
 """Intervals of a prediction from the uncertainties of its inputs, by sensitivities and by drawing; tolerances from those."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass

@@ -1,7 +1,5 @@
 """The compiled integrator of a drag, a leapfrog with a fixed step; nothing is checked here, see `stepblocks.drag.simulate`."""
 
-from __future__ import annotations
-
 import math
 from typing import Any
 

@@ -1,7 +1,5 @@
 """What a trace of a drag says: the ring after the release, its energy, and where in the spectrum both phases lie."""
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass, replace
 from pathlib import Path

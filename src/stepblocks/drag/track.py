@@ -1,7 +1,5 @@
 """The path of a tip as the integrator needs it: cubic pieces between nodes, and the kinks where two contacts share the load."""
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass
 from functools import cached_property, lru_cache

@@ -4,8 +4,6 @@
 # which energies miss it. Then the drag in time is asked under the fitted setting for what else the paper says: the share
 # that rings, the duration, both spectra. The best explanation fits all of it with few numbers of its own.
 
-from __future__ import annotations
-
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace

@@ -3,8 +3,6 @@
 # Each question takes the condition of a published figure in SI and returns up to three answers; not-a-number where the
 # model says nothing, and words where it says that something cannot be.
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace

@@ -5,8 +5,6 @@ from Student's law. ISO 14253-1: inside the limits by more than the guard band t
 does not; between, neither is proven.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass

@@ -4,8 +4,6 @@ A single edge is not type A1 of ISO 5436-1. By the convention here one common sl
 beyond the exclusion; the height is the difference of the offsets. The radius comes from the points inside the exclusion.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

@@ -5,8 +5,6 @@ optimum worth a name, yet a clear upper limit. Residuals are taken across the su
 of its slope, bounded lest the foot of the arc outweigh its crown, and whitened by the roughness of the faces.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

@@ -4,8 +4,6 @@ The zone that holds all measured points grows with noise and with their number, 
 of the form, a polynomial of total degree three or less over what was scanned; what noise adds to it is drawn and taken off.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import dataclass
 

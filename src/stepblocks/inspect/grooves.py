@@ -1,7 +1,5 @@
 """Ridges, grooves and gratings: all features of each profile, or of a map where its profiles do not agree."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 

@@ -5,8 +5,6 @@ bow of the surface itself are the yardstick. What is found must then beat a smoo
 from one least-squares fit of a polynomial (line, parabola or cubic, as the data or the user say) and one height per feature.
 """
 
-from __future__ import annotations
-
 import itertools
 from collections.abc import Sequence
 from dataclasses import dataclass

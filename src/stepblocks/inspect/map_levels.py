@@ -5,8 +5,6 @@ scanning instrument, from points away from every edge. A map has levels only whe
 Where they do not, but one shape repeats along a direction, that shape is folded out of all points.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

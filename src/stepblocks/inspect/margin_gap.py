@@ -4,8 +4,6 @@ Terms of Holmes et al. 1989 (J. Prosthet. Dent. 62:405, doi:10.1016/0022-3913(89
 lies between the points where the profile leaves the two shoulders; with the rise it makes the absolute discrepancy.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from typing import NamedTuple
 

@@ -1,7 +1,5 @@
 """A scan in, measured characteristics out, each with its budget: the evaluation of an edge, a groove, a margin, a tip."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass, replace
 from typing import Literal, TypeVar

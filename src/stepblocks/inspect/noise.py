@@ -7,8 +7,6 @@ the noise. Gamma is estimated from a few hundred residuals, so the variance carr
 taper over lags is flat where the noise is correlated, and what the fit has swallowed of the noise is put back by its expectation.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass

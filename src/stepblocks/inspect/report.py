@@ -1,7 +1,5 @@
 """A judged scan: as a table that a person reads, as plain data, and as files with the plot of scan, limits and guard bands."""
 
-from __future__ import annotations
-
 import hashlib
 import html
 import json

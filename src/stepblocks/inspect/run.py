@@ -1,7 +1,5 @@
 """The way of a scan to a verdict: read, evaluated, judged by ISO 14253-1, and what the part will feel like."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterable
 from dataclasses import replace
 from pathlib import Path

@@ -4,8 +4,6 @@ The noise of a scan is along z and correlated. So the sphere is fitted to height
 alone (astigmatism, coma), and its uncertainty goes through the autocovariance of the residuals.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

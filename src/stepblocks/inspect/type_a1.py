@@ -5,8 +5,6 @@ A = [L - W, L - W/3], C = the middle third, B = [R + W/3, R + W], with d = +1 on
 The profile is not filtered. A window that holds a part of a flank bends the result, and is refused.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Contact's model of a session in the shape that the search asks for: channels, constants, effects, common errors."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import lru_cache

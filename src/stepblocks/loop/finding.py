@@ -1,7 +1,5 @@
 """The finding in one sentence, as a terminal, a report and result.json open with it."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Mapping
 from typing import Any

@@ -1,7 +1,5 @@
 """The page about a session: what was found, on what grounds, and what is left; one file that opens offline."""
 
-from __future__ import annotations
-
 import base64
 from collections.abc import Mapping
 from io import BytesIO

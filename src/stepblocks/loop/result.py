@@ -1,7 +1,5 @@
 """What a session came to, and result.json: the verdict, what it rests on, and what to measure next."""
 
-from __future__ import annotations
-
 import itertools
 from collections.abc import Mapping
 from dataclasses import dataclass

@@ -1,7 +1,5 @@
 """Several sessions in one hierarchy: what days, tips and operators share, how they differ, and the next before it is run."""
 
-from __future__ import annotations
-
 import json
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace

@@ -1,7 +1,5 @@
 """The margin line of a scanned tooth or crown: stations along it, and how tooth and crown run on from it on either side."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Sequence
 from pathlib import Path

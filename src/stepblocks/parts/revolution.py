@@ -1,7 +1,5 @@
 """Bodies of revolution by their half sections: what the solids turn, the pieces approach and the volumes integrate."""
 
-from __future__ import annotations
-
 import itertools
 import math
 from abc import abstractmethod

@@ -1,7 +1,5 @@
 """Parts as solids, as meshes and as convex pieces."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass

@@ -1,7 +1,5 @@
 """As-built records into prediction: the measured height, edge radius and surface instead of the nominal, and how far E_v moves."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import replace

@@ -1,7 +1,5 @@
 """Pictures of a set's predictions: energy against height with interval and locking limit, and the map of its margins."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator, Mapping, Sequence
 from itertools import product
 from pathlib import Path

@@ -1,7 +1,5 @@
 """What the sheaths of a set do to the ring of its probe, and what a test of it will measure."""
 
-from __future__ import annotations
-
 import json
 import math
 from dataclasses import dataclass

@@ -1,7 +1,5 @@
 """Force-feedback devices as data, and at which scale each can render a stimulus, and what of it gets lost."""
 
-from __future__ import annotations
-
 import math
 import re
 from collections.abc import Sequence

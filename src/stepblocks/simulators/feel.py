@@ -1,7 +1,5 @@
 """The page on which a mouse drags the probe over a block: one file, no network."""
 
-from __future__ import annotations
-
 import json
 import math
 from collections.abc import Sequence

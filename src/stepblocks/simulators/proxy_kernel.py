@@ -6,8 +6,6 @@ slopes differ, and the proxy holds until ``F_x (1 - mu t) > F_z (t + mu)``: equa
 therefore also says that a locked proxy never moves.
 """
 
-from __future__ import annotations
-
 import math
 from typing import Any
 

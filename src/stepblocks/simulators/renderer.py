@@ -1,7 +1,5 @@
 """The reference renderer: what experiment 2 of the paper needs, for any device that reports a position and takes a force."""
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass
 

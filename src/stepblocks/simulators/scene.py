@@ -1,7 +1,5 @@
 """What every simulator is told of a stimulus, gathered once and magnified once, and what every folder holds."""
 
-from __future__ import annotations
-
 import json
 import math
 from collections.abc import Callable, Sequence

@@ -2,8 +2,6 @@
 
 # Whatever happens, the trial that was running is asked again, those that were answered stay, and the order is the design's.
 
-from __future__ import annotations
-
 import json
 import math
 import os

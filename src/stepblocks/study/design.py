@@ -1,7 +1,5 @@
 """The experiments as lists of trials: their blocks and where they are felt, orders of conditions, balanced, and blinding codes."""
 
-from __future__ import annotations
-
 import itertools
 import math
 from collections.abc import Iterable, Mapping, Sequence

@@ -1,7 +1,5 @@
 """Studies of others and for others: tables with columns of their own, BIDS, psych-DS and the conditions files of PsychoPy."""
 
-from __future__ import annotations
-
 import json
 import re
 from collections import Counter

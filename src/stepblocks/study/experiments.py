@@ -2,8 +2,6 @@
 
 # A new design of a study is one more entry of `EXPERIMENTS` with its functions.
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass

@@ -4,8 +4,6 @@
 # are those of the scene: x along the drag, y along the edge, z up, magnified. Constants and signatures of the makers'
 # libraries are those of their public headers: OpenHaptics 3.5 (HD/hd.h, hdDefines.h), Force Dimension SDK 3 (dhdc.h).
 
-from __future__ import annotations
-
 import ctypes
 import threading
 import time

@@ -1,7 +1,5 @@
 """What a study prints: the report with its figures, and the run sheets."""
 
-from __future__ import annotations
-
 import io
 from collections.abc import Iterator, Mapping, Sequence
 from typing import Any

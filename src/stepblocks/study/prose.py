@@ -1,7 +1,5 @@
 """What a study says in words: the sentence that its report opens with, the paragraph on methods, and the table of a journal."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Iterator
 from importlib.metadata import version

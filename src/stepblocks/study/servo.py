@@ -1,7 +1,5 @@
 """The servo loop: read the hand, tick the renderer, hold the force within limits, give it back; a thousand times a second."""
 
-from __future__ import annotations
-
 import ctypes
 import gc
 import os

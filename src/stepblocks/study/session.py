@@ -2,8 +2,6 @@
 
 # The ``questplus`` package is under the GPL and cannot be a dependency here; the update is Bayes' rule on a grid.
 
-from __future__ import annotations
-
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field

@@ -1,7 +1,5 @@
 """Simulated participants, and by them how many it takes to find a difference."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass

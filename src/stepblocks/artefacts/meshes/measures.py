@@ -1,7 +1,5 @@
 """Dimensions measured on a triangle mesh in float64: levels, walls, spheres, volume, closedness, winding, convexity."""
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass
 from functools import cached_property

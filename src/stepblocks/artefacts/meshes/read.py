@@ -1,7 +1,5 @@
 """Meshes read back from disk, each through a reader that did not write it: VTK, lib3mf and, for OBJ, our own."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any

@@ -1,7 +1,5 @@
 """Mesh files, one small writer per format in `MESH_FORMATS`: every byte depends on the mesh alone, no dates, no random identifiers."""
 
-from __future__ import annotations
-
 import io
 import re
 import zipfile

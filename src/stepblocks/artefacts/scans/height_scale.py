@@ -1,7 +1,5 @@
 """The height scale of a scan, read by us from the file itself, since readers of instrument files disagree by factors."""
 
-from __future__ import annotations
-
 import struct
 import zipfile
 from dataclasses import dataclass

@@ -1,7 +1,5 @@
 """Clouds of points as height maps, and the files that hold them: meshes, PCD, height images in JSON, X3P with absolute axes."""
 
-from __future__ import annotations
-
 import base64
 import json
 from pathlib import Path

@@ -1,7 +1,5 @@
 """One door for every scan: text, and the files of instruments, read by SurfaceTopography and x3pio in the confined process."""
 
-from __future__ import annotations
-
 import re
 import struct
 import tempfile

@@ -1,7 +1,5 @@
 """What an instrument measured: a profile or a height map, in metres and float64, with what is known of its scale."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

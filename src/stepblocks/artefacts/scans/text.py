@@ -1,7 +1,5 @@
 """Profiles and maps from plain text: CSV, TSV and XYZ, whose columns or user say their units (``x_um``, ``Raw (Å)``) or are refused."""
 
-from __future__ import annotations
-
 import io
 import re
 from pathlib import Path

@@ -1,7 +1,5 @@
 """What anybody's STEP file asks for, and the verdict on it: values typed, units right, every dimension true to the faces it names."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Iterator
 from dataclasses import asdict, dataclass

@@ -1,7 +1,5 @@
 """The instances of a Part 21 file (ISO 10303-21), in time that grows with its length, looked up by name."""
 
-from __future__ import annotations
-
 import json
 import re
 from collections.abc import Iterator

@@ -1,7 +1,5 @@
 """Surfaces under the faces that a dimension names, and the distances and angles between them."""
 
-from __future__ import annotations
-
 import itertools
 import math
 from dataclasses import dataclass, field

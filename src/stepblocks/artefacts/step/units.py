@@ -1,7 +1,5 @@
 """Units and measures of a Part 21 file, resolved to SI, with what is wrong about them."""
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass
 from typing import Any

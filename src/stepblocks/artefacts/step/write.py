@@ -1,7 +1,5 @@
 """STEP AP242 with semantic tolerances, in text beside the part too, and what OpenCASCADE writes against the schema mended."""
 
-from __future__ import annotations
-
 import itertools
 import re
 from collections.abc import Sequence

@@ -1,7 +1,5 @@
 """Records of trials of known truth, as a rig would have written them, in the layouts that laboratories keep."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager

@@ -1,7 +1,5 @@
 """A session as a laboratory would bring it, from equations (1) and (2) or the drag in time, any effect planted."""
 
-from __future__ import annotations
-
 import csv
 import math
 from collections.abc import Mapping

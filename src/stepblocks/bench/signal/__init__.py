@@ -1,7 +1,5 @@
 """One trace: whether it is fit to be measured; where things happen in it, and every figure that it gives."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Iterable
 from dataclasses import dataclass

@@ -1,7 +1,5 @@
 """Sliding and loading: where they lie, level before the edge, onset and slope of the ramp, with hum, drift and start-up."""
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass, replace
 

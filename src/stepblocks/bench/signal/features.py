@@ -1,7 +1,5 @@
 """What one trace says: friction, load, ramp, peak, release, ring, energy, each with its standard uncertainty."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass

@@ -9,8 +9,6 @@ Each half cycle is a damped cosine about its level and costs the amplitude D; wh
 and the force climbs along the ramp ``k v`` until it slips forward again.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable
 from dataclasses import dataclass

@@ -3,8 +3,6 @@
 A trace is a sum of known shapes whose weights enter linearly; only two or three times and frequencies are searched.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable
 from dataclasses import dataclass

@@ -1,7 +1,5 @@
 """The traces of a session: read in a confined process, as CSV or in any of the formats beside, and one given in SI."""
 
-from __future__ import annotations
-
 import json
 from collections.abc import Mapping, Sequence
 from contextlib import ExitStack, nullcontext, suppress

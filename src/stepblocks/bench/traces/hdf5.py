@@ -1,7 +1,5 @@
 """Traces in HDF5: a group per trial with a dataset per channel, or a table per trial."""
 
-from __future__ import annotations
-
 from pathlib import Path
 from typing import Any
 

@@ -1,7 +1,5 @@
 """Traces in MATLAB files: a struct or a matrix per trial, or a variable per channel in a file of the trial's own."""
 
-from __future__ import annotations
-
 import io
 import struct
 from contextlib import AbstractContextManager, nullcontext

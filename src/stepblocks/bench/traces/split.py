@@ -1,7 +1,5 @@
 """One long record of many drags, cut into one trace per trial."""
 
-from __future__ import annotations
-
 import itertools
 from pathlib import Path
 

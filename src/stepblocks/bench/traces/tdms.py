@@ -1,7 +1,5 @@
 """Traces in TDMS (LabVIEW): channel by channel; only the index of the file is held."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path

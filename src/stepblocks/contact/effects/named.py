@@ -1,7 +1,5 @@
 """Effects that equations (1) and (2) lack and that have a name, slot by slot: of the contact, of the tool, and of its gauges."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from functools import partial
 from typing import Any

@@ -1,7 +1,5 @@
 """Motion of the tip over an edge, from breaking loose to the upper face, in units of radius sum, load and the tool's mass."""
 
-from __future__ import annotations
-
 from functools import lru_cache
 from typing import Any
 

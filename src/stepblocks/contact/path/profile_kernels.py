@@ -1,7 +1,5 @@
 """Compiled kernels of the exact dilation of a profile; nothing is checked here, see `stepblocks.contact.path.profile`."""
 
-from __future__ import annotations
-
 import math
 from typing import Any
 

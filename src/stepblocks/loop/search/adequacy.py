@@ -1,7 +1,5 @@
 """Whether the extended model is enough, what no trial of this design can tell apart, and which trials would."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from itertools import combinations
 from typing import Any

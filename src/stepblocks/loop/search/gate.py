@@ -1,7 +1,5 @@
 """Is there anything at all? Score statistics of every candidate, judged together by a bootstrap of their maximum."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 

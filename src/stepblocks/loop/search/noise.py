@@ -1,7 +1,5 @@
 """Scatter of trials: how much, of what, and the whitening by it; errors common to many trials have a low-rank covariance."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass
 

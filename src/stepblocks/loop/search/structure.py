@@ -1,7 +1,5 @@
 """What nobody wrote down: how trials err beside the model, each by itself and beside its neighbours."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 

@@ -1,7 +1,5 @@
 """The junction of prepared tooth and crown as two bodies of revolution about the path of draw."""
 
-from __future__ import annotations
-
 import itertools
 import math
 from collections.abc import Iterator

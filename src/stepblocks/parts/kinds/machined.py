@@ -1,7 +1,5 @@
 """Parts of the apparatus: boxes and rods, less bores, so that volume and centre of mass have closed forms that no kernel made."""
 
-from __future__ import annotations
-
 import itertools
 import math
 from collections.abc import Iterator

@@ -1,7 +1,5 @@
 """The junction of crown and tooth in the terms of Holmes et al. (1989; docs/stimuli.md), as a block, and what crowns share."""
 
-from __future__ import annotations
-
 import itertools
 import math
 from abc import abstractmethod

@@ -1,7 +1,5 @@
 """The margin of a scanned tooth or crown, station by station: the scan gives the shape of both sides, the gap is injected."""
 
-from __future__ import annotations
-
 import itertools
 import math
 from collections.abc import Iterator, Mapping

@@ -1,7 +1,5 @@
 """Sheaths for the shank of a probe: tubes of different materials, one made as heavy as another."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Iterator, Mapping, Sequence
 from typing import Annotated, Any, ClassVar, TypeVar

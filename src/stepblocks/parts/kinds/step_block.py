@@ -1,7 +1,5 @@
 """The step block: one working edge, and beside it a groove or ridge of the same height to measure it by."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Iterator
 from typing import Any, ClassVar, Literal

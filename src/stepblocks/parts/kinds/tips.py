@@ -1,7 +1,5 @@
 """The probe tip: a ball of radius R on a cone and a shank, straight or bent to a shepherd's hook."""
 
-from __future__ import annotations
-
 import itertools
 import math
 from collections.abc import Iterator

@@ -1,7 +1,5 @@
 """A sweep as it is asked for: a TOML file to a table of which every row follows from its number alone."""
 
-from __future__ import annotations
-
 import hashlib
 import json
 import math

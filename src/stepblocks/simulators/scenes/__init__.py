@@ -1,7 +1,5 @@
 """The simulators that scenes are written for, one file each; a new one is offered and tested by standing here."""
 
-from __future__ import annotations
-
 from stepblocks.simulators.scene import SceneFormat
 from stepblocks.simulators.scenes.chai3d import CHAI3D
 from stepblocks.simulators.scenes.forcelaw import FORCELAW

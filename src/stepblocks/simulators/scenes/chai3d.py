@@ -1,7 +1,5 @@
 """CHAI3D: meshes in millimetres, parameters as JSON and as a C++ header, and the decaying ring that CHAI3D lacks."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """The force law alone: a table, and a function without dependencies, for interfaces that take no geometry."""
 
-from __future__ import annotations
-
 import inspect
 import math
 from pathlib import Path

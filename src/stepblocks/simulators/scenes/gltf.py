@@ -1,7 +1,5 @@
 """glTF: the block as GLB in metres with y up, and a JSON that says what Unity, Unreal and the web make of its axes."""
 
-from __future__ import annotations
-
 from pathlib import Path
 from typing import Any
 

@@ -1,7 +1,5 @@
 """MuJoCo: an MJCF scene of convex pieces, one with a height field, and a script that drags the tip over either."""
 
-from __future__ import annotations
-
 import struct
 from collections.abc import Sequence
 from pathlib import Path

@@ -1,7 +1,5 @@
 """SOFA: a scene in centimetres, the unit of its Geomagic driver, with contact distances below the step."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 from stepblocks.artefacts.meshes.write import write_obj

@@ -1,7 +1,5 @@
 """USD: a stage in metres with z up, convex pieces and UsdPhysics; for Isaac, Newton and whatever else reads USD."""
 
-from __future__ import annotations
-
 import json
 from pathlib import Path
 

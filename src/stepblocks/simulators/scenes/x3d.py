@@ -1,7 +1,5 @@
 """X3D for H3D: the block in metres with H3D's frictional surface."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 from stepblocks.simulators.scene import Scene, SceneFormat, fill

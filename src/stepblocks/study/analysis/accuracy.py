@@ -4,8 +4,6 @@
 # F-test takes is the bias, which noise leaves where it is; the spread says whether it is noise that makes an absolute
 # error.
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass
 from typing import Any

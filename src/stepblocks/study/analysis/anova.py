@@ -1,7 +1,5 @@
 """The paper's analysis: an F-test on the errors of the estimates, Tukey's family of intervals, and what both take for granted."""
 
-from __future__ import annotations
-
 import itertools
 import math
 import warnings

@@ -1,7 +1,5 @@
 """The model that repeated measures call for: participants, and how each takes to each condition, are random."""
 
-from __future__ import annotations
-
 import math
 import warnings
 from collections.abc import Sequence

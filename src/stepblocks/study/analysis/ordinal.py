@@ -2,8 +2,6 @@
 
 # The fit is that of statsmodels, with its derivatives in closed form and a sandwich over participants.
 
-from __future__ import annotations
-
 import math
 import warnings
 from dataclasses import dataclass

@@ -1,7 +1,5 @@
 """Psychometric functions by maximum likelihood: threshold, spread, Weber fraction, lapses."""
 
-from __future__ import annotations
-
 import math
 import warnings
 from collections.abc import Sequence
