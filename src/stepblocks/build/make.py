@@ -43,7 +43,7 @@ def make_all(wanted: Sequence[tuple[str, Part, str]], output: Path, jobs: int | 
                 "a worker process died: it ran out of memory, or the renderer found no OpenGL (libGL, libEGL)"
             ) from error
         except BaseException:
-            pool.shutdown(wait=False, kill_workers=True)
+            pool.shutdown(wait=True, kill_workers=True)  # they hold drafts as long as they live
             raise
 
 

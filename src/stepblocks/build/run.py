@@ -8,6 +8,7 @@ from __future__ import annotations
 import json
 import os
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from contextlib import closing
 from dataclasses import dataclass, field
 from functools import partial
 from html import escape
@@ -118,10 +119,11 @@ def build_sets(
         selected = _selected(sets, only)
         wanted = _not_current(selected, folder, code)
         report.current = len(selected) - len(wanted)
-        for number, made in enumerate(make_all(wanted, folder, jobs), start=1):
-            report.built.append(made.name)
-            if announce:
-                announce(made, number, len(wanted))
+        with closing(make_all(wanted, folder, jobs)) as results:  # its workers have ended before drafts are swept
+            for number, made in enumerate(results, start=1):
+                report.built.append(made.name)
+                if announce:
+                    announce(made, number, len(wanted))
         outputs, total = _tables_and_page(sets, folder, report, learned)
         manifest = {
             "schema": 1,
