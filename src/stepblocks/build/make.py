@@ -3,7 +3,7 @@
 import json
 import os
 import time
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Generator, Mapping, Sequence
 from concurrent.futures.process import BrokenProcessPool
 from dataclasses import dataclass
 from pathlib import Path
@@ -24,7 +24,7 @@ class Made:
     seconds: float  # time it took [s]
 
 
-def make_all(wanted: Sequence[tuple[str, Part, str]], output: Path, jobs: int | None) -> Iterator[Made]:
+def make_all(wanted: Sequence[tuple[str, Part, str]], output: Path, jobs: int | None) -> Generator[Made]:
     """Make stimuli, each given with its set and its key, in as many processes as there are cores; yield each when ready."""
     workers = min(jobs or os.cpu_count() or 1, len(wanted))
     if workers <= 1:
