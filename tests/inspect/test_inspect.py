@@ -166,11 +166,11 @@ def test_records_survive_odd_names_and_refuse_what_they_do_not_know(tmp_path):
     assert back.scan == record.scan
     assert back.values["step_height"].value == pytest.approx(1.00000001e-5, rel=1e-9)
     for text, rule in {
-        "schema = 2": "schema must be 1",
+        "schema = 2": "schema: input should be 1",
         "not toml": "TOML",
         path.read_text().replace('"10.0000001 um"', '"10"'): "must be a length",
-        path.read_text().replace("std = ", "spread = "): "value, std and verdict",
-        'schema = 1\nstimulus = "a"\nscan = "b"\nscan_sha256 = ""\nconvention = ""\n': "at least one characteristic",
+        path.read_text().replace("std = ", "spread = "): "values.step_height.std is missing",
+        'schema = 1\nstimulus = "a"\nscan = "b"\nscan_sha256 = ""\nconvention = ""\n': "values is missing",
     }.items():
         path.write_text(text)
         with pytest.raises(MetrologyError, match=rule):
