@@ -101,7 +101,7 @@ CASES = {
         "tolerance must not exceed",
     ),
     "a stiffness known to 10^6 %": (
-        swap("[prediction]", '[prediction.tolerances]\nstiffness = "1000000 %"\n[prediction]'),
+        swap('stiffness = "2 %"', 'stiffness = "1000000 %"'),
         "prediction.tolerances.stiffness",
     ),
     "a ring of 1000 s": (

@@ -29,8 +29,8 @@ from stepblocks.workshop.masks import write_masks
 from stepblocks.workshop.routes import Route, route_row, routes_for
 from stepblocks.workshop.setup import write_setup
 
-_SHOWN: tuple[str, ...] = ("part", "route", "reaches", "height_deviation_um", "permitted_um", "status", "energy_uj")
-_SHOWN += ("energy_95_low_uj", "energy_95_high_uj", "conforming_share", "note")
+_SHOWN: tuple[str, ...] = ("part", "route", "reaches", "conforming_share", "energy_uj", "energy_95_low_uj")
+_SHOWN += ("energy_95_high_uj", "height_deviation_um", "permitted_um", "status", "note")
 GROUND = "2 um"  # deviation of a height in one piece that is ground, not lapped
 
 

@@ -1,5 +1,7 @@
-"""Meshes read back from disk, each through a reader that did not write it: VTK, lib3mf and, for OBJ, our own."""
+"""Meshes read back from disk, each through a reader that did not write it: meshio, VTK, lib3mf and, for OBJ, our own."""
 
+import contextlib
+import io
 from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
@@ -15,6 +17,17 @@ _MM = 1e-3
 _MAX_BYTES = 500_000_000
 
 
+def _with_meshio(path: Path) -> Arrays:
+    import meshio
+
+    if path.suffix == ".ply" and b"end_header" not in path.read_bytes():
+        raise ValueError("a header that does not end")  # meshio would look for it for ever
+    with contextlib.redirect_stdout(io.StringIO()):
+        mesh = meshio.read(path)  # VTK would fill up a file that is cut short, without a word
+    triangles = np.asarray(mesh.cells_dict["triangle"], dtype=np.int64)
+    return np.asarray(mesh.points, dtype=np.float64) * _MM, triangles
+
+
 def _with_vtk(path: Path) -> Arrays:
     import pyvista as pv
 
@@ -25,7 +38,7 @@ def _with_vtk(path: Path) -> Arrays:
         found = found[0]
     points = np.asarray(found.points, dtype=np.float64)
     upright = np.column_stack([points[:, 0], -points[:, 2], points[:, 1]])  # glTF is in metres, y up
-    return upright if path.suffix == ".glb" else points * _MM, np.asarray(found.regular_faces, dtype=np.int64)
+    return upright, np.asarray(found.regular_faces, dtype=np.int64)
 
 
 def _as_text(lines: Sequence[str], first: int = 1) -> Arrays:
@@ -54,7 +67,8 @@ def _with_lib3mf(path: Path) -> Arrays:
 
 
 MESH_READERS: dict[str, Callable[[Path], Arrays]] = {
-    **dict.fromkeys((".stl", ".ply", ".glb"), _with_vtk),
+    **dict.fromkeys((".stl", ".ply"), _with_meshio),
+    ".glb": _with_vtk,
     ".obj": lambda path: _as_text(path.read_text(encoding="ascii").splitlines()),
     ".3mf": _with_lib3mf,
 }
