@@ -13,7 +13,7 @@ _HEAD = """<!doctype html>
 
 
 def render_page(room: str, template: str, **values: object) -> str:
-    """Fill a template of a room; ``head`` and ``style`` are the look that all pages share, ``readable`` writes units as people do."""
+    """Fill a template of a room; ``head`` opens the page and the style that all share, ``readable`` writes units as people do."""
     import jinja2
 
     from stepblocks.quantities import column_label, readable
@@ -28,7 +28,7 @@ def render_page(room: str, template: str, **values: object) -> str:
     )
     environment.filters |= {"readable": readable, "label": column_label, "figure": _figure}
     style = files("stepblocks").joinpath("page.css").read_text(encoding="utf-8")
-    environment.globals |= {"style": style, "head": lambda title: _HEAD % (html.escape(title), style)}
+    environment.globals |= {"head": lambda title: _HEAD % (html.escape(title), style)}
     return environment.get_template(template).render(**values)
 
 

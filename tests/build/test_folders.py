@@ -14,6 +14,7 @@ from stepblocks.atomic import alone_in, folder_beside, inside
 from stepblocks.build import manifest as manifests
 from stepblocks.build import run as building
 from stepblocks.build.manifest import (
+    MANIFEST,
     RECORD,
     digest,
     hash_file,
@@ -173,6 +174,19 @@ def test_check_looks_at_tables_specifications_and_views_too(copy):
     assert failed == {
         f"sheaths/{name}" for name in ("predictions.csv", "sheath-soft/view.js", "sheath-soft/specification.json")
     }
+
+
+def test_check_predicts_a_table_again_and_does_not_ask_the_manifest_alone(copy):
+    table, manifest = copy / "sheaths" / "predictions.csv", copy / MANIFEST
+    rows = [line.split(",") for line in table.read_text().splitlines()]
+    at = rows[0].index("vibration_energy_uj")
+    rows[2][at] = str(1.001 * float(rows[2][at]))
+    table.write_text("\n".join(map(",".join, rows)) + "\n")
+    content = load_json(manifest)
+    content["outputs"]["sheaths/predictions.csv"] = hash_file(table)
+    write_sealed(manifest, content)  # as if a program that errs had written both
+    verdicts = dict(check_output(SHEATHS, copy))["sheaths/predictions.csv"]
+    assert [one.deviation for one in verdicts if not one.passed] == [1.0]
 
 
 @pytest.mark.parametrize("lost", ["verdicts", "kind"])

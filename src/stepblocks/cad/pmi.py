@@ -128,9 +128,8 @@ class _Document:
             self._bodies.append((label, body.Faces()))
             designation, note, what, kind = map(TCollection_HAsciiString, said)
             materials.SetMaterial(label, designation, note, material[1], what, kind)
-        if (
-            len(bodies) > 1
-        ):  # one product of all bodies where they are, which stay products of their own, each of its material
+        if len(bodies) > 1:
+            # one product of all bodies where they are, which stay products of their own, each of its material
             root = self._shapes.NewShape()
             TDataStd_Name.Set_s(root, TCollection_ExtendedString(assembly))
             for (name, _), (label, _) in zip(bodies, self._bodies, strict=True):

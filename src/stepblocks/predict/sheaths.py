@@ -19,20 +19,8 @@ from stepblocks.tables import csv_text
 
 _RECORD = 5.0  # time constants: all but 5e-5 of the energy is recorded
 _MOST_RELEASES = 10_000
-_DIGITS = (
-    "g",
-    ".3g",
-    ".3g",
-    ".1f",
-    ".2g",
-    ".4f",
-    ".2g",
-    ".2f",
-    "d",
-    ".4g",
-    "d",
-    "d",
-)  # of the columns of a planned test
+# of the columns of a planned test
+_DIGITS = ["g", ".3g", ".3g", ".1f", ".2g", ".4f", ".2g", ".2f", "d", ".4g", "d", "d"]
 
 # How a probe is used: without a sheath, with one beyond the clamp, clamped by the outside of one
 BARE, ON_SHANK, HELD = "bare", "on the shank", "held through it"

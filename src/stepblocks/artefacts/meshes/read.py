@@ -1,4 +1,4 @@
-"""Meshes read back from disk, each through a reader that did not write it: meshio, VTK, lib3mf and, for OBJ, our own."""
+"""Meshes read back from disk, each through a reader that did not write it: meshio, VTK and lib3mf."""
 
 import contextlib
 import io
@@ -41,8 +41,8 @@ def _with_vtk(path: Path) -> Arrays:
     return upright, np.asarray(found.regular_faces, dtype=np.int64)
 
 
-def _as_text(lines: Sequence[str], first: int = 1) -> Arrays:
-    """Read vertices and triangles of an OBJ, or of one object in it, by the number of its first vertex."""
+def _as_text(lines: Sequence[str], first: int) -> Arrays:
+    """Read one object of several in an OBJ, by the number of its first vertex; meshio would join them."""
     words = [line.split() for line in lines]
     vertices = np.array([one[1:4] for one in words if one and one[0] == "v"], dtype=np.float64)
     triangles = np.array([one[1:4] for one in words if one and one[0] == "f"], dtype=np.int64) - first
@@ -67,9 +67,8 @@ def _with_lib3mf(path: Path) -> Arrays:
 
 
 MESH_READERS: dict[str, Callable[[Path], Arrays]] = {
-    **dict.fromkeys((".stl", ".ply"), _with_meshio),
+    **dict.fromkeys((".stl", ".ply", ".obj"), _with_meshio),
     ".glb": _with_vtk,
-    ".obj": lambda path: _as_text(path.read_text(encoding="ascii").splitlines()),
     ".3mf": _with_lib3mf,
 }
 

@@ -5,6 +5,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from stepblocks.artefacts.step.exchange import Exchange, Typed, number
+from stepblocks.quantities import scaled
 
 _PREFIXES = {  # symbol and factor
     **{"": ("", 1.0), "MEGA": ("M", 1e6), "KILO": ("k", 1e3), "DECI": ("d", 1e-1), "CENTI": ("c", 1e-2)},
@@ -37,10 +38,7 @@ class Unit:
 
     def si(self, value: Any) -> Any:
         """Convert a value, or an array of them; millimetres are divided by 1000, which gives the nearest double."""
-        inverse = round(1.0 / self.factor) if 0.0 < self.factor < 1.0 else 0
-        if inverse and abs(self.factor * inverse - 1.0) < 1e-12:
-            return value / inverse
-        return value * self.factor
+        return scaled(value, self.factor)
 
 
 @dataclass(frozen=True)
