@@ -75,7 +75,6 @@ def predict_table(table: pd.DataFrame | str | Path, output: str | Path | None = 
     PipelineError
         If the table or one of its columns is wrong.
     """
-    import numpy as np
     import pandas as pd
 
     place = "table" if isinstance(table, pd.DataFrame) else Path(table)
