@@ -31,7 +31,8 @@ KEPT = ROOT / "out" / "everywhere"
 RECORD = KEPT / "record.json"
 BYTES = "bytes"  # the cell that builds every shipped stimulus and compares the files
 NUMERIC = ("contact", "drag", "predict", "inspect", "bench", "loop", "study")  # folders of tests that compute
-OTHERS = ("artefacts", "build", "cad", "cli", "evidence", "parts", "simulators", "workshop")
+TOP = "top"  # the tests that lie in no folder
+OTHERS = ("artefacts", "build", "cad", "cli", "evidence", "parts", "simulators", "workshop", TOP)
 # what names platform, Python or library versions, and a page that shows them
 NAMING = {"manifest.json", "record.json", "index.html"}
 
@@ -134,7 +135,8 @@ def environment(machine: Machine) -> str | None:
 
 def tested(python: str, cell: str, settings: dict[str, str]) -> tuple[bool, dict[str, Any]]:
     """Run the tests of a folder; whether they pass, and how many did."""
-    command = [python, "-m", "pytest", "-n", "auto", "--dist", "loadfile", "-p", "no:cacheprovider", f"tests/{cell}"]
+    asked = sorted(map(str, (ROOT / "tests").glob("test_*.py"))) if cell == TOP else [f"tests/{cell}"]
+    command = [python, "-m", "pytest", "-n", "auto", "--dist", "loadfile", "-p", "no:cacheprovider", *asked]
     done = subprocess.run(command, cwd=ROOT, env=settings, capture_output=True, text=True, check=False)
     if done.returncode:
         print(done.stdout[-6000:], done.stderr[-2000:], file=sys.stderr)
