@@ -12,6 +12,7 @@ from __future__ import annotations
 
 import argparse
 import json
+import sys
 import time
 from collections import Counter, defaultdict
 from concurrent.futures import ProcessPoolExecutor
@@ -19,6 +20,8 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+
+sys.path.insert(0, str(Path(__file__).parents[1] / "tests"))
 
 from oracles.feature_bench import BenchScatter, bench_trials, block_scans, design_columns, noise_free
 from stepblocks.contact.effects.smooth import SLOT_MOVES
@@ -29,9 +32,9 @@ from stepblocks.loop.bench_model import SessionModel, candidates, covariate_rang
 from stepblocks.loop.search.adequacy import identifiability
 from stepblocks.loop.search.explain import Explanation, Rules, Verdict, explain
 from stepblocks.loop.search.fit import fit
-from stepblocks.loop.search.forward_model import Effect, Trials
+from stepblocks.loop.search.forward_model import Trials
 
-Planted = tuple[Effect, dict[str, float]]  # an effect with values of its parameters
+Planted = tuple[Law, dict[str, float]]  # an effect with values of its parameters
 Task = tuple[tuple[str, ...], float, int, int, bool]
 """Effects, size, trials, seed, whether the blocks are scanned."""
 
@@ -84,8 +87,8 @@ PAIRS = (
 )
 
 
-def foreign_effect(name: str, columns: dict[str, Any]) -> Effect:
-    """Effect outside the catalogue with one amplitude called ``size``."""
+def foreign_effect(name: str, columns: dict[str, Any]) -> Law:
+    """Law outside the catalogue with one amplitude called ``size``."""
     move, covariate, shape = FOREIGN[name]
     slot, _, change = SLOT_MOVES[move]
     column = columns[covariate]
@@ -100,8 +103,8 @@ def foreign_effect(name: str, columns: dict[str, Any]) -> Effect:
     return Law(f"foreign {name}", name, (size,), apply, slot, covariate)
 
 
-def sized(effect: Effect, amplitude: str, first: float, rest: dict[str, float], columns: Any, target: float) -> Planted:
-    """Effect with the amplitude at which ln E_v moves by `target` (root mean square)."""
+def sized(effect: Law, amplitude: str, first: float, rest: dict[str, float], columns: Any, target: float) -> Planted:
+    """Law with the amplitude at which ln E_v moves by `target` (root mean square)."""
     base = noise_free(columns, 0, height_std=0.0)
 
     def moved(size: float) -> float:
@@ -155,7 +158,7 @@ def run_one(task: Task) -> dict[str, Any]:
     }
 
 
-def judge(found: Explanation, truth: list[Effect]) -> str:
+def judge(found: Explanation, truth: list[Law]) -> str:
     """Right, ambiguous with the truth in the set, partly, wrong, wrong name, or none."""
     if not found.findings:
         return "none"

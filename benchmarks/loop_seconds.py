@@ -1,7 +1,7 @@
 """Time of `stepblocks loop` from a folder of traces to the report, by the wall and in processor seconds.
 
 ``python benchmarks/loop_seconds.py SESSION ...`` takes sessions that are there, ``--trials 240 4000`` makes some of so many
-trials by ``tests/oracles/virtual_session.py``, friction that runs in among them; ``--jobs`` as of the command.
+trials by ``tests/oracles/virtual_session.py``, friction that runs in among them; ``--jobs`` and ``--waveform`` as of the command.
 """
 
 from __future__ import annotations
@@ -20,13 +20,13 @@ from oracles.virtual_bench import Bench
 from oracles.virtual_session import Plan, write_session
 
 
-def seconds(session: Path, jobs: int) -> tuple[int, float, float]:
+def seconds(session: Path, *options: str) -> tuple[int, float, float]:
     """Trials, and seconds by the wall and of all processors together."""
     with tempfile.TemporaryDirectory() as scratch:
         before = resource.getrusage(resource.RUSAGE_CHILDREN)
         begin = time.perf_counter()
         code = "import sys; from stepblocks.cli import main; sys.exit(main(sys.argv[1:]))"
-        asked = [sys.executable, "-c", code, "loop", str(session), "-o", f"{scratch}/loop", "--jobs", str(jobs)]
+        asked = [sys.executable, "-c", code, "loop", str(session), "-o", f"{scratch}/loop", *options]
         subprocess.run(asked, check=True, capture_output=True)
         wall = time.perf_counter() - begin
         after = resource.getrusage(resource.RUSAGE_CHILDREN)
@@ -42,14 +42,16 @@ def main() -> None:
         "--trials", nargs="+", type=int, default=[], metavar="N", help="make sessions of so many trials"
     )
     parser.add_argument("--jobs", type=int, default=2)
+    parser.add_argument("--waveform", action="store_true")
     options = parser.parse_args()
+    passed = ["--jobs", str(options.jobs), *(["--waveform"] if options.waveform else [])]
     print(f"{'session':20s} {'trials':>7s} {'wall / s':>9s} {'processors / s':>15s}")
     with tempfile.TemporaryDirectory() as scratch:
         made = [Path(scratch) / f"of-{count}" for count in options.trials]
         for folder, count in zip(made, options.trials, strict=True):
             write_session(folder, Plan(bench=Bench(conversion=0.2), trials=count, running_in=0.5), 1)
         for session in (*options.sessions, *made):
-            trials, wall, processors = seconds(session, options.jobs)
+            trials, wall, processors = seconds(session, *passed)
             print(f"{session.name:20s} {trials:7d} {wall:9.1f} {processors:15.1f}", flush=True)
 
 
