@@ -123,9 +123,11 @@ def commands(work: Path) -> dict[str, list[str]]:
 
 
 def tree(folder: Path) -> dict[str, str]:
-    """Hash of every file, also of the note of who wrote what."""
-    files = sorted(path for path in folder.rglob("*") if path.is_file())
-    return {path.relative_to(folder).as_posix(): hashlib.sha256(path.read_bytes()).hexdigest() for path in files}
+    """Hash of every file, also of the note of who wrote what; a folder has none, so that a draft left empty is seen."""
+    found = {path.relative_to(folder).as_posix(): path for path in folder.rglob("*")}
+    return {
+        name: "" if path.is_dir() else hashlib.sha256(path.read_bytes()).hexdigest() for name, path in found.items()
+    }
 
 
 def disturbed(command: list[str], fault: str, point: int, wanted: dict[str, str], work: Path) -> str:
