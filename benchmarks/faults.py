@@ -25,7 +25,9 @@ from pathlib import Path
 from typing import Any
 
 ROOT = Path(__file__).resolve().parents[1]
-FAULTS = ("size", "sync", "rename", "memory", "kill", "kill-rename")
+COUNTED = ("sync", "rename", "memory", "kill", "kill-rename")  # faults of the first call, the second and so on
+FAULTS = ("size", *COUNTED)
+POINTS = (1, 2, 3, 5, 8, 13, 21, 34, 55, 89)
 # what the commands load: once, and every run is a fork of it
 LOADED = (
     "pandas",
@@ -72,6 +74,8 @@ def _disturbed(fault: str, point: int) -> list[int]:
     if fault == "size":
         signal.signal(signal.SIGXFSZ, signal.SIG_IGN)
         resource.setrlimit(resource.RLIMIT_FSIZE, (point, point))
+    if fault == "processor":
+        resource.setrlimit(resource.RLIMIT_CPU, (point, point))
     return count
 
 
@@ -89,8 +93,10 @@ def run(command: list[str], fault: str = "none", point: int = 0) -> Done:
         try:
             count = _disturbed(fault, point)
             code = command_line(command)
-            missed = code == 0 and fault not in ("none", "size") and count[0] < point
+            missed = code == 0 and fault in COUNTED and count[0] < point
             code = 99 if missed else code
+        except SystemExit as error:  # --help
+            code = int(error.code or 0)
         except BaseException:
             traceback.print_exc()
         sys.stdout.flush()
@@ -123,9 +129,11 @@ def commands(work: Path) -> dict[str, list[str]]:
 
 
 def tree(folder: Path) -> dict[str, str]:
-    """Hash of every file, also of the note of who wrote what."""
-    files = sorted(path for path in folder.rglob("*") if path.is_file())
-    return {path.relative_to(folder).as_posix(): hashlib.sha256(path.read_bytes()).hexdigest() for path in files}
+    """Hash of every file, also of the note of who wrote what; a folder has none, so that a draft left empty is seen."""
+    found = {path.relative_to(folder).as_posix(): path for path in folder.rglob("*")}
+    return {
+        name: "" if path.is_dir() else hashlib.sha256(path.read_bytes()).hexdigest() for name, path in found.items()
+    }
 
 
 def disturbed(command: list[str], fault: str, point: int, wanted: dict[str, str], work: Path) -> str:
@@ -157,9 +165,8 @@ def main(argv: list[str] | None = None) -> int:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("command", nargs="*", help="commands (default: all)")
     parser.add_argument("--faults", nargs="+", choices=FAULTS, default=FAULTS)
-    points = (1, 2, 3, 5, 8, 13, 21, 34, 55, 89)
     parser.add_argument(
-        "--points", type=int, nargs="+", default=points, help="which call fails; of a size, powers of 4"
+        "--points", type=int, nargs="+", default=POINTS, help="which call fails; of a size, 10 bytes times 2 to this"
     )
     arguments = parser.parse_args(argv)
     failed = held = 0
@@ -179,8 +186,8 @@ def main(argv: list[str] | None = None) -> int:
             assert done.code == 0, done.said
             wanted = tree(whole)
             for fault in arguments.faults:
-                for number, point in enumerate(arguments.points):
-                    point = 10 * 4**number if fault == "size" else point
+                for point in arguments.points:
+                    point = 10 * 2**point if fault == "size" else point
                     said = disturbed(command, fault, point, wanted, work)
                     failed += said not in ("", "none")
                     held += said == ""

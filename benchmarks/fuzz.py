@@ -89,7 +89,7 @@ def mutated(whole: bytes, random: np.random.Generator) -> bytes:
 def kinds(work: Path, wanted: list[str]) -> Iterator[Kind]:
     """Honest files of each kind that is asked for, by the name that they must have, and what reads them."""
     left = set(wanted)
-    for source in (_texts, _tables, _traces, _parts):  # the last one builds
+    for source in (_texts, _tables, _traces, _arguments, _parts, _commands):  # the last two build
         if wanted and not left:
             return
         for name, found in source(work):
@@ -199,6 +199,30 @@ def _tables(work: Path) -> Iterator[Kind]:
     endings = (".x3p", ".sdf", ".sur", ".nid", ".plux", ".gwy", ".opdx")
     real = sorted(path for path in shared.rglob("*") if path.suffix in endings and path.stat().st_size < 200_000)[:8]
     yield "scans", (scans + [(f"s{path.suffix}", path.read_bytes()) for path in real], read_scan)
+    yield "clouds", (_clouds(), lambda path: read_scan(path, unit="mm"))
+
+
+def _clouds() -> list[tuple[str, bytes]]:
+    """One map of heights as the files that hold points or triangles."""
+    import trimesh
+
+    x, y = (one.ravel() for one in np.meshgrid(np.arange(8.0), np.arange(6.0)))
+    points = np.column_stack([x, y, 0.05 * (x > 3)])
+    corner = np.arange(5 * 8).reshape(5, 8)[:, :-1].ravel()
+    faces = np.vstack(
+        [np.column_stack([corner, corner + 1, corner + 8]), np.column_stack([corner + 1, corner + 9, corner + 8])]
+    )
+    mesh = trimesh.Trimesh(points, faces, process=False)
+    rows = "".join("{:g} {:g} {:g}\n".format(*point) for point in points)
+    head = "VERSION 0.7\nFIELDS x y z\nSIZE 4 4 4\nTYPE F F F\nCOUNT 1 1 1\nWIDTH 48\nHEIGHT 1\nPOINTS 48\nDATA "
+    return [
+        ("c.stl", mesh.export(file_type="stl")),
+        ("c.ply", mesh.export(file_type="ply")),
+        ("c.ply", mesh.export(file_type="ply", encoding="ascii")),
+        ("c.obj", mesh.export(file_type="obj").encode()),
+        ("c.pcd", f"{head}ascii\n{rows}".encode()),
+        ("c.pcd", f"{head}binary\n".encode() + points.astype("<f4").tobytes()),
+    ]
 
 
 def _refused(call: Callable[..., object], *arguments: object) -> object:
@@ -263,6 +287,18 @@ def _parts(work: Path) -> Iterator[Kind]:
         yield ending, ([(f"sheath-hard.{ending}", (folder / f"sheath-hard.{ending}").read_bytes())], check)
     yield "view", ([("view.js", (folder / "view.js").read_bytes())], check)
     yield "specification", ([("specification.json", (folder / "specification.json").read_bytes())], check)
+
+
+def _arguments(work: Path) -> Iterator[Kind]:
+    import fuzz_commands
+
+    yield "arguments", fuzz_commands.arguments()
+
+
+def _commands(work: Path) -> Iterator[Kind]:
+    import fuzz_commands
+
+    yield "commands", fuzz_commands.commands(work / "commands")
 
 
 def _late(*_: object) -> None:

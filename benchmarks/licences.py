@@ -10,6 +10,13 @@ import sys
 from importlib.metadata import Distribution, distributions
 
 _TROVE = "License :: "
+# whose own licence is permissive, and whose wheels carry a library that is not: as that library says, not the package
+_WITHIN = {
+    "cadquery-ocp": "OpenCASCADE: LGPL-2.1 with an exception",
+    "nlopt": "Luksan's solvers: LGPL-2.1",
+    "shapely": "GEOS: LGPL-2.1",
+    "soundfile": "libsndfile: LGPL-2.1",
+}
 _NAMES = re.compile(r"Lesser General|\bLGPL|Mozilla|\bMPL", re.IGNORECASE)
 _REFUSED = re.compile(r"\bA?GPL|(?<!Lesser )General Public|Affero", re.IGNORECASE)
 _CHOICE = re.compile(r"\bOR\b|dual|exception|or later;", re.IGNORECASE)
@@ -18,10 +25,13 @@ _CHOICE = re.compile(r"\bOR\b|dual|exception|or later;", re.IGNORECASE)
 def licence(one: Distribution) -> str:
     """Find what a distribution says of its licence, the shortest true form first."""
     data = one.metadata
-    listed = [name.rsplit(" :: ", 1)[-1] for name in data.get_all("Classifier", []) if name.startswith(_TROVE)]
+    trove = [name.rsplit(" :: ", 1)[-1] for name in data.get_all("Classifier", []) if name.startswith(_TROVE)]
+    listed = [name for name in trove if name != "OSI Approved"]  # which says nothing, and stands before what does
     stated = (data.get("License-Expression") or "").strip()
     free = (data.get("License") or "").strip().splitlines()
-    return stated or ", ".join(listed) or (free[0][:60] if free else "not stated")
+    said = stated or ", ".join(listed) or (free[0][:60] if free else "not stated")
+    within = _WITHIN.get(data["Name"].lower().replace("_", "-"))
+    return f"{said}; {within}" if within else said
 
 
 def main() -> int:

@@ -17,16 +17,25 @@ HOUSE = ROOT / "src" / "stepblocks"
 
 @pytest.fixture(scope="module")
 def built(tmp_path_factory):
-    """Wheel and sdist of a copy of the sources, made by the build backend that pyproject names."""
+    """Sdist of a copy of the sources, made by the build backend that pyproject names, and the wheel that is made from it."""
     folder = tmp_path_factory.mktemp("package")
     source = folder / "source"
     shutil.copytree(HOUSE, source / "src" / "stepblocks", ignore=shutil.ignore_patterns("__pycache__", "*.nb?"))
+    shutil.copytree(ROOT / "stimuli", source / "stimuli")
     for name in ("pyproject.toml", "README.md", "LICENSE"):
         shutil.copy(ROOT / name, source / name)
-    code = "import sys, setuptools.build_meta as b; to = sys.argv[1]; b.build_sdist(to); b.build_wheel(to)"
+    sdist = made("sdist", source, folder)
+    with tarfile.open(sdist) as archive:
+        archive.extractall(folder / "unpacked", filter="data")
+    return made("wheel", next((folder / "unpacked").iterdir()), folder), sdist
+
+
+def made(kind, source, folder):
+    pytest.importorskip("setuptools", minversion="77")
+    code = f"import sys, setuptools.build_meta as b; print(b.build_{kind}(sys.argv[1]))"
     done = subprocess.run([sys.executable, "-c", code, str(folder)], cwd=source, capture_output=True, text=True)
     assert done.returncode == 0, done.stderr
-    return next(folder.glob("*.whl")), next(folder.glob("*.tar.gz"))
+    return folder / done.stdout.split()[-1]
 
 
 def ours():
@@ -34,11 +43,13 @@ def ours():
     return {path.relative_to(HOUSE).as_posix() for path in files if path.suffix not in {".nbi", ".nbc"}}
 
 
-def test_the_wheel_and_the_sdist_hold_every_file_of_the_package(built):
+def test_the_wheel_and_the_sdist_hold_every_file_of_the_package_and_the_shipped_sets(built):
     wheel, sdist = built
     with zipfile.ZipFile(wheel) as archive:
-        names = {name.removeprefix("stepblocks/") for name in archive.namelist() if name.startswith("stepblocks/")}
-    assert ours() - names == set()
+        every = archive.namelist()
+    assert ours() - {name.removeprefix("stepblocks/") for name in every} == set()
+    carried = {Path(name).name for name in every if "share/stepblocks/stimuli/" in name}
+    assert carried == {path.name for path in (ROOT / "stimuli").glob("*.toml")}
     with tarfile.open(sdist) as archive:
         names = {name.split("/src/stepblocks/")[1] for name in archive.getnames() if "/src/stepblocks/" in name}
     assert ours() - names == set()

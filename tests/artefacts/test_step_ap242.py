@@ -6,6 +6,8 @@ The checker parses the text itself; it shares no code with OpenCASCADE, which wr
 import math
 import os
 import re
+import subprocess
+import sys
 from pathlib import Path
 
 import pytest
@@ -84,6 +86,25 @@ def test_an_assembly_is_the_same_bytes_however_many_were_written_before_it(tmp_p
     assert written("crown-shoulder", tmp_path).read_bytes() == first
     numbers = re.findall(rb"NEXT_ASSEMBLY_USAGE_OCCURRENCE\('(\d+)'", first)
     assert numbers == [b"1", b"2"]
+
+
+def test_an_assembly_alone_is_the_same_bytes_as_after_a_hundred_others(tmp_path):
+    # the kernel's number of an occurrence moved the end of its line when it had one digit more; a process of its own begins at 1
+    code = """
+import sys
+from pathlib import Path
+from oracles.written_steps import STIMULI, written
+from stepblocks.artefacts.step.write import write_conforming
+from stepblocks.cad.kernel import box
+folder, crown = Path(sys.argv[1]), STIMULI["crown-shoulder"]
+alone = written(crown.id, folder).read_bytes()
+bodies = [(name, box((0.0, 0.0, 0.0), (size, 1e-3, 1e-3))) for name, size in (("a", 1e-3), ("b", 2e-3))]
+for _ in range(50):
+    write_conforming(folder / "small.step", "small", bodies, crown.material, [])
+assert written(crown.id, folder).read_bytes() == alone
+"""
+    folders = os.pathsep.join(str(ROOT / name) for name in ("src", "tests"))
+    subprocess.run([sys.executable, "-c", code, str(tmp_path)], env={**os.environ, "PYTHONPATH": folders}, check=True)
 
 
 def test_steel_stays_steel_and_its_density_is_one(block):

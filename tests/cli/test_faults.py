@@ -7,6 +7,7 @@ from pathlib import Path
 import pytest
 
 from stepblocks.cli import main
+from stepblocks.cli.outcome import writing
 
 FOUR = str(Path(__file__).resolve().parents[2] / "stimuli" / "paper-four.toml")
 
@@ -125,3 +126,13 @@ def test_too_little_memory_is_no_fault_of_ours(monkeypatch, capsys):
     monkeypatch.setattr("stepblocks.select.stimulus_files", fail)
     assert main(["predict", FOUR]) == 2
     assert one_line(capsys) == "stepblocks: error: this needs more memory than there is"
+
+
+def test_what_a_build_that_failed_had_to_note_is_left_to_the_manifest_of_the_next_one(tmp_path):
+    # the note said of a disturbed build what the next one says in its manifest, and an undisturbed one left no note
+    with writing(tmp_path, force=False):  # as far as it came
+        (tmp_path / "part.step").write_text("part")
+    assert "part.step" in (tmp_path / ".stepblocks.json").read_text()
+    with writing(tmp_path, force=False):
+        (tmp_path / "manifest.json").write_text('{"outputs": {"part.step": "its hash"}}')
+    assert [path.name for path in tmp_path.iterdir() if path.name != "part.step"] == ["manifest.json"]

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from stepblocks.atomic import folder_beside
+from stepblocks.atomic import folder_beside, settle
 from stepblocks.build.manifest import RECORD, hash_file, load_json, unchanged, write_sealed, written
 from stepblocks.errors import PipelineError
 from stepblocks.parts.kind import Part
@@ -78,6 +78,7 @@ def make(set_name: str, stimulus: Part, output: Path, key: str) -> Made:
             "verdicts": [verdict.as_record() | {"text": str(verdict)} for verdict in verdicts],
             "outputs": {path.name: hash_file(path) for path in sorted(workshop.iterdir())},
         }
+        settle(workshop)
         _move_in(workshop, output / set_name / stimulus.id, record)
     return Made(f"{set_name}/{stimulus.id}", time.perf_counter() - started)
 

@@ -192,12 +192,14 @@ def _names(file: Path, key: str) -> dict[str, str]:
 
 
 def _remember(folder: Path, known: Mapping[str, str], written: Sequence[Path]) -> None:
-    """Keep the hashes of what was written, where no manifest of a build does."""
+    """Keep the hashes of what was written, where no manifest of a build does; what it has come to name is left to it."""
     from stepblocks.atomic import replace_text
 
     built = _names(folder / "manifest.json", "outputs") | {"manifest.json": ""}
-    names = {path.relative_to(folder).as_posix(): path for path in written}
-    fresh = {name: hash_file(path) for name, path in names.items() if name not in built}
-    if fresh and not fresh.items() <= known.items():
-        total = {name: one for name, one in (dict(known) | fresh).items() if (folder / name).is_file()}
+    fresh = {path.relative_to(folder).as_posix(): hash_file(path) for path in written}
+    every = {**known, **fresh}.items()
+    total = {name: one for name, one in every if name not in built and (folder / name).is_file()}
+    if known and not total:
+        (folder / _MEMORY).unlink()
+    elif total != known:
         replace_text(folder / _MEMORY, json.dumps({"written": dict(sorted(total.items()))}, indent=1) + "\n")

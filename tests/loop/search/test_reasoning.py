@@ -19,7 +19,7 @@ from stepblocks.loop.search.explain import (
 )
 from stepblocks.loop.search.fit import fit, problem_of
 from stepblocks.loop.search.forward_model import Trials
-from stepblocks.loop.search.gate import gate
+from stepblocks.loop.search.gate import Gate, gate
 
 _RULES = Rules(draws=200)
 
@@ -118,6 +118,35 @@ def test_the_next_trials_lie_where_the_rivals_differ_most() -> None:
     assert best**2 == pytest.approx(float(difference.max()))
     gains = [one["expected_gain"] for one in proposal["trials"]]
     assert gains == sorted(gains, reverse=True)
+
+
+@pytest.mark.parametrize("square", [0.0, 0.5])
+def test_last_bits_of_the_values_open_no_gate_and_name_no_other_law(square: float) -> None:
+    trials, random = toy_trials(80, 31, square=square), np.random.default_rng(1)
+    bits = 1e-13 * random.choice([-1.0, 1.0], trials.values.shape)
+    one, other = (
+        explain(Toy(), each, toy_effects(), _RULES)
+        for each in (trials, replace(trials, values=trials.values * (1.0 + bits)))
+    )
+    assert other.verdict is one.verdict
+    assert [f.effect.id for f in other.findings] == [f.effect.id for f in one.findings]
+    # of a bootstrap of 200 draws one that lies at the score itself may fall on either side
+    assert other.last_gate_p == pytest.approx(one.last_gate_p, abs=0.005)
+    for name, value in one.extended.values.items():
+        assert other.extended.values[name] == pytest.approx(value, abs=1e-6 * one.extended.std[name])
+
+
+def test_the_order_of_the_trials_scores_no_candidate_otherwise() -> None:
+    trials = toy_trials(80, 31, square=0.2)
+    turned = trials.take(np.random.default_rng(2).permutation(80))
+    one, other = ({s.effect.id: s.log_p for s in _gated(each).scores} for each in (trials, turned))
+    assert list(other) == list(one)
+    assert list(other.values()) == pytest.approx(list(one.values()), rel=1e-8)
+
+
+def _gated(trials: Trials) -> Gate:
+    problem = problem_of(Toy(), trials)
+    return gate(problem, fit(problem), toy_effects(), draws=20)
 
 
 def test_settings_that_tie_are_asked_for_in_the_order_of_the_grid_whatever_the_last_bits() -> None:

@@ -30,7 +30,7 @@ _DESCRIBED = re.compile(r"(\w+)\((?:'[^']*'|#\d+),(\$|'[^']*')(?=,)")
 _NAMED = {"DIMENSIONAL_LOCATION": ("distance", "to_outer"), "ANGULAR_LOCATION": ("angle",), "ANGULAR_SIZE": ("cone",)}
 _ZERO = re.compile(r"POSITIVE_LENGTH_MEASURE\(0\.(?:E[-+]?\d+)?\)")
 _HEADER = re.compile(r"FILE_NAME\('[^']*',\s*'[^']*'")
-_OCCURRENCE = re.compile(r"(NEXT_ASSEMBLY_USAGE_OCCURRENCE\()'\d+'")
+_OCCURRENCE = re.compile(r"(NEXT_ASSEMBLY_USAGE_OCCURRENCE\()'\d+'(.*)", re.DOTALL)
 _SPACE = re.compile(r"\s*\n\s*")
 _DENSITY = (  # the two elements of its unit
     ("(MASS_UNIT()NAMED_UNIT(*)SI_UNIT(.KILO.,.GRAM.))", "1."),
@@ -153,10 +153,11 @@ def conforming(
     data = _instances(section)
     waiting = {entity: [label for kind, label in names if kind in kinds] for entity, kinds in _NAMED.items()}
     angular = {ref for ref, body in data.items() if "PLANE_ANGLE_UNIT" in body}
-    occurrences = itertools.count(1)  # the kernel counts on over all files that a process writes
+    # the kernel counts on over all files that a process writes, and ends a line by how long its number is
+    numbers = itertools.count(1)
     for ref, body in data.items():
         mended = _mended(body, waiting, angular)
-        data[ref] = _OCCURRENCE.sub(lambda found: f"{found[1]}'{next(occurrences)}'", mended)
+        data[ref] = _OCCURRENCE.sub(lambda one: f"{one[1]}'{next(numbers)}'{_SPACE.sub('', one[2])}", mended)
     missing = [label for labels in waiting.values() for label in labels]
     if missing:
         raise MachiningError(f"every named dimension must be written, missing {', '.join(missing)} [{identity}]")
