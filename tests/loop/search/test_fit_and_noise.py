@@ -12,7 +12,7 @@ from stepblocks.errors import PipelineError
 from stepblocks.law import Law, Parameter
 from stepblocks.loop.search.fit import Problem, fit, problem_of
 from stepblocks.loop.search.forward_model import Systematic, Trials
-from stepblocks.loop.search.noise import Scatter, estimate_scatter, outliers, whitener
+from stepblocks.loop.search.noise import Scatter, estimate_scatter, least, outliers, whitener
 
 
 def test_fit_is_generalised_least_squares() -> None:
@@ -40,6 +40,17 @@ def test_scatter_is_split_between_the_common_quantity_and_the_channels() -> None
     found = estimate_scatter(residual, np.full((n, 3), 0.02), responses, n)
     assert np.sqrt(found.quantities[0]) == pytest.approx(level, rel=0.05)
     assert np.sqrt(found.channels + 0.02**2) == pytest.approx(own, rel=0.1)
+
+
+def test_the_least_of_two_scatters_adds_up_to_no_less_than_either_saw() -> None:
+    # one channel, moved by one quantity: 0.05^2 + 0.13^2 either way, split the one way and the other
+    splits = [Scatter(np.array([a**2]), np.array([b**2]), 60) for a, b in ((0.05, 0.13), (0.13, 0.05))]
+    found = least(splits, np.ones((4, 1, 1)))
+    assert found.quantities + found.channels == pytest.approx(0.05**2 + 0.13**2)
+    # a channel that scatters less by one of the two estimates in all is taken from that one
+    calm = least([splits[0], Scatter(np.array([0.01]), np.array([1e-4]), 40)], np.ones((4, 1, 1)))
+    assert calm.quantities + calm.channels == pytest.approx(0.0101)
+    assert calm.dof == 40
 
 
 def test_whitened_noise_is_white_and_missing_values_vanish() -> None:

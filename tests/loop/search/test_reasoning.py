@@ -1,11 +1,13 @@
 """The reasoning on a toy with no physics: silent on noise, right on an effect, frank where it cannot tell."""
 
+from collections.abc import Mapping
 from dataclasses import replace
 
 import numpy as np
 import pytest
 
 from oracles.toy_model import Toy, toy_effects, toy_trials
+from stepblocks.law import Law, Parameter
 from stepblocks.loop.search import adequacy
 from stepblocks.loop.search.adequacy import identifiability, propose, pure_error
 from stepblocks.loop.search.explain import (
@@ -18,7 +20,7 @@ from stepblocks.loop.search.explain import (
     hold_out,
 )
 from stepblocks.loop.search.fit import fit, problem_of
-from stepblocks.loop.search.forward_model import Trials
+from stepblocks.loop.search.forward_model import Floats, Trials
 from stepblocks.loop.search.gate import Gate, gate
 
 _RULES = Rules(draws=200)
@@ -65,6 +67,23 @@ def test_covariates_that_run_together_are_ambiguous() -> None:
     assert found.verdict is Verdict.AMBIGUOUS
     finding = found.findings[0]
     assert {finding.effect.covariate, *(r[0].covariate for r in finding.rivals)} == {"z", "w"}
+
+
+def test_a_law_that_differs_between_labels_is_no_rival_of_itself_where_it_does_not_differ() -> None:
+    law = toy_effects()[0]
+
+    def apply(level: Floats, trials: Trials, own: Mapping[str, float]) -> Floats:
+        return level + np.where(trials.block == "p", own["p"], own["others"]) * trials.covariates["z"] ** 2
+
+    sizes = tuple(Parameter(name, "1", 0.0, -10.0, 10.0, 0.1) for name in ("p", "others"))
+    wider = Law("square_by_block", "s_block z^2", sizes, apply, "level", "block")
+    alike = explain(Toy(), toy_trials(120, 1, square=0.5), [law, wider], _RULES)
+    assert [(f.effect.id, f.rivals) for f in alike.findings] == [("square_of_z", ())]
+    # where it does differ the wider law is found
+    trials = toy_trials(120, 1, square=0.5)
+    more = np.where(trials.block == "p", 0.5, 0.0) * trials.covariates["z"] ** 2
+    differs = replace(trials, values=trials.values + np.stack([more, 2.0 * more], axis=1))
+    assert [f.effect.id for f in explain(Toy(), differs, [law, wider], _RULES).findings] == ["square_by_block"]
 
 
 def test_what_a_constant_imitates_is_named_from_the_design_alone() -> None:

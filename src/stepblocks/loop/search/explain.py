@@ -256,12 +256,25 @@ def _finding(grown: _Grown, effect: Law, candidates: Sequence[Law], rules: Rules
             continue
         if not trial.effect.named and trial.effect.place == effect.place:
             continue
+        if trial.effect.slot == effect.slot and _is_case_of(problem, current, effect, trial.effect):
+            continue
         seen.add(_family(trial.effect))
         rivals.append((trial.effect, trial.fit, trial.criterion - own))
     elsewhere = [r for r in rivals if r[0].place != effect.place or (r[0].named and effect.named)]
     verdict = Verdict.AMBIGUOUS if elsewhere else Verdict.EFFECT if effect.named else Verdict.UNEXPLAINED
     p_value = grown.gates.get(effect.id, grown.last_gate_p)
     return Finding(effect, verdict, p_value, base.cost - current.cost, tuple(rivals))
+
+
+def _is_case_of(problem: Problem, current: Fit, effect: Law, wider: Law) -> bool:
+    """Whether a law of one amplitude is another one whose amplitudes, of one label each, are alike: no rival of its own."""
+    sizes = list(effect.own(current.values).values())
+    if len(sizes) != 1 or len(wider.parameters) == 1:
+        return False
+    alike = [(wider, {p.name: sizes[0] for p in wider.parameters})]
+    others = [pair for pair in current.active if pair[0] is not effect]
+    shown = problem.model.predict(problem.trials, current.values, [*others, *alike])
+    return np.allclose(shown, current.predicted, rtol=1e-9, atol=1e-12, equal_nan=True)
 
 
 def earned(found: Explanation, holdouts: Sequence[Holdout], cells: Sequence[object]) -> Explanation:

@@ -202,7 +202,7 @@ def problem_of(model: ForwardModel, trials: Trials) -> Problem:
     for _ in range(2):
         # the responses depend on the constants, the constants a little on the weights
         responses = model.responses(trials, start)
-        scatter = least([estimate_scatter(residual, trials.std, responses, dof) for residual, dof in told])
+        scatter = least([estimate_scatter(residual, trials.std, responses, dof) for residual, dof in told], responses)
         problem = Problem(model, trials, whitener(trials, systematics, responses, scatter))
         start = fit(problem).values
     return problem

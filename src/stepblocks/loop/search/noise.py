@@ -171,10 +171,14 @@ def estimate_scatter(residual: Floats, std: Floats, responses: Floats, dof: int)
     return Scatter(variance[:count] / size**2, variance[count:] * unit**2, dof)
 
 
-def least(scatters: Sequence[Scatter]) -> Scatter:
-    """Return of every quantity and channel the least scatter of several estimates."""
-    quantities, channels = (np.min([getattr(s, name) for s in scatters], axis=0) for name in ("quantities", "channels"))
-    return Scatter(quantities, channels, min(s.dof for s in scatters))
+def least(scatters: Sequence[Scatter], responses: Floats) -> Scatter:
+    """Return of every quantity, and of every channel in all, the least scatter of several estimates."""
+    # what a channel scatters on its own and by a quantity that moves little else is hardly told apart: the least of
+    # either part would come to less than any estimate saw
+    shown = np.mean(responses**2, axis=0)
+    quantities = np.min([s.quantities for s in scatters], axis=0)
+    whole = np.min([s.channels + shown @ s.quantities for s in scatters], axis=0)
+    return Scatter(quantities, whole - shown @ quantities, min(s.dof for s in scatters))
 
 
 def whitener(trials: Trials, systematics: Sequence[Systematic], responses: Floats, scatter: Scatter) -> Noise:
