@@ -171,6 +171,7 @@ def commands(work: Path) -> Kind:
 
 def _named(path: Path, words: list[str], before: Mapping[str, str]) -> bool:
     """Whether the words name a path or what it lies in; what is read is not to be written, and some words mean a folder."""
+    path = path.parent if path.name == ".stepblocks.json" else path  # the note of who wrote what lies beside a file
     asked = [word.partition("=")[2] if word.startswith("--") else word.removeprefix("-o") for word in words]
     asked = [word for word in asked if 0 < len(word) < 200 and (word not in before or "--force" in words)]
     places = [
