@@ -80,7 +80,7 @@ def _set(*keys, value):
 @pytest.mark.parametrize(
     ("damage", "said"),
     [
-        (_set("format", value="stepblocks-model-2"), "must have the format stepblocks-model-1"),
+        (_set("format", value="stepblocks-model-1"), "must have the format stepblocks-model-2"),
         (_set("extended", "effects", value=[{"id": "no_such_law"}]), "damaged: 'no_such_law'"),
         (_set("extended", "covariance", value=[[1.0]]), "covariance of extended must be 10 by 10"),
         (_set("nominal", "values", 0, value=float("nan")), "values of nominal must be"),

@@ -4,7 +4,9 @@ import numpy as np
 import pytest
 
 from oracles.traces import Course, hum
+from oracles.virtual_bench import Bench, drag
 from stepblocks.bench.signal import Trace, screen_trace
+from stepblocks.bench.signal.features import censored_features
 
 RATE = 10e3
 COURSE = Course()
@@ -122,3 +124,17 @@ def test_a_coarse_converter_alone_is_no_saturation():
     trace = whole()
     coarse = np.round(trace.tangential / 5e-3) * 5e-3
     assert screen_trace(changed(tangential=coarse), RATE) == ""
+
+
+@pytest.mark.parametrize(("load", "known"), [(1.1, False), (0.95, True)])
+def test_a_normal_gauge_that_stands_at_its_range_while_the_tip_slides_measured_no_load(load, known):
+    # origin: another bench, whose gauges end at 1 N; at 0.95 N only the ring goes beyond
+    done = drag(Bench(conversion=0.2, limit=1.0), 10e-6, load, 5e-3, np.random.default_rng(3))
+    trace = Trace(*done[:3])
+    reason = screen_trace(trace, RATE, limit=1.0)
+    assert reason.startswith("saturated: the normal force")
+    features = censored_features(trace, 9810.0, 5e-3, reason)
+    for name, true in (("normal_load_n", load), ("sliding_friction", 0.15)):
+        assert (name in features) == known
+        assert not known or features[name] == pytest.approx(true, rel=0.01)
+    assert features["peak_force_n"] == pytest.approx(done[3]["peak_n"], rel=0.01)

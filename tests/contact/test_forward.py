@@ -131,10 +131,10 @@ def test_scatter_shows_in_the_channels_as_the_equations_say(design):
     state = nominal_state(design, _VALUES)
     found = responses(state)
     total = angle_on_step(design.height, design.tip_radius) + math.atan(0.17)
-    by_friction = 1.0 / (np.sin(total) * np.cos(total)) / (1.0 + 0.17**2)  # d ln tan(a + atan mu) / d mu
+    by_friction = 0.17 / (np.sin(total) * np.cos(total)) / (1.0 + 0.17**2)  # d ln tan(a + atan mu) / d ln mu
     assert found[:, _FORCE, 0] == pytest.approx(by_friction, rel=1e-3)
     assert found[:, _ENERGY, 0] == pytest.approx(2.0 * by_friction, rel=1e-3)
-    assert found[:, _FRICTION, 0] == pytest.approx(np.ones(4), rel=1e-6)
+    assert found[:, _FRICTION, 0] == pytest.approx(np.full(4, 0.17), rel=1e-6)
     # load: once in the force, twice in the energy, and the gauge sees it; conversion: in the energy alone
     assert found[:, [_FORCE, _ENERGY, _LOAD], 1] == pytest.approx(np.tile([1.0, 2.0, 1.0], (4, 1)), rel=1e-3)
     assert found[:, _ENERGY, 2] == pytest.approx(np.ones(4), rel=1e-3)

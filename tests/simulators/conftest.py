@@ -29,7 +29,7 @@ def taught(tmp_path_factory):
     ]
     ranges = [("height_um", 10.0, 100.0), ("load_n", 0.2, 1.2), ("speed_mm_s", 1.0, 10.0)]
     document = {
-        "format": "stepblocks-model-1",
+        "format": "stepblocks-model-2",
         "verdict": "effect",
         "probe": {"spring_constant_n_per_m": 9.81e3, "tip_radius_um": 125.0},
         "start": {"ring_frequency_hz": 300.0, "decay_time_s": 0.02},

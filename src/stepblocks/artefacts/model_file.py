@@ -19,7 +19,7 @@ from stepblocks.law import Active, Law, Parameter
 from stepblocks.text_file import read_document
 
 WIDE = 1.959964  # standard deviations either side of a 95 % interval
-_FORMAT = "stepblocks-model-1"
+_FORMAT = "stepblocks-model-2"
 _LARGEST = 20_000_000  # bytes
 
 
@@ -48,7 +48,7 @@ class LearnedModel:
     scanned: Mapping[str, tuple[float, float]]  # heights of blocks and their standard uncertainties [m]
     blocks: tuple[str, ...]  # those that were measured
     ranges: tuple[CovariateRange, ...]  # where the data lay
-    quantity_std: Floats  # shape (3,), between trials, of friction, ln load and ln conversion
+    quantity_std: Floats  # shape (3,), between trials, of ln friction, ln load and ln conversion
     channel_std: Floats  # shape (7,), between trials, of each channel
     nominal: LearnedFit
     extended: LearnedFit  # with the effects found
@@ -67,7 +67,7 @@ def model_document(learned: LearnedModel) -> dict[str, Any]:
         "blocks": learned.blocks,
         "covariates": [asdict(place) for place in learned.ranges],
         "scatter": {
-            "quantities": ["friction", "ln_load", "ln_conversion"],
+            "quantities": ["ln_friction", "ln_load", "ln_conversion"],
             "quantity_std": learned.quantity_std.tolist(),
             "channels": CHANNELS,
             "channel_std": learned.channel_std.tolist(),

@@ -126,9 +126,9 @@ def nominal_state(design: BenchDesign, values: Mapping[str, float]) -> DragState
 
 
 def extended_state(design: BenchDesign, values: Mapping[str, float], active: Active = ()) -> DragState:
-    """Fill the slots from the constants and apply the effects; what follows the peak comes when the peak is known."""
+    """Fill the slots from the constants and apply the effects: release after contact, what follows the peak when it is known."""
     state = nominal_state(design, values)
-    for law, own in sorted(active, key=lambda pair: pair[0].covariate == PEAK_FORCE):
+    for law, own in sorted(active, key=lambda pair: (pair[0].covariate == PEAK_FORCE, pair[0].slot == "conversion")):
         state = law.apply(state, covariate_of(design, state, law.covariate), own)
     return state
 
@@ -152,11 +152,11 @@ def covariate_of(design: BenchDesign, state: DragState, covariate: str) -> Any:
 
 
 def responses(state: DragState) -> Floats:
-    """Change of the channels per unit of friction, ln load and ln conversion, which scatter among trials, shape (n, 7, 3)."""
+    """Change of the channels per unit of ln friction, ln load and ln conversion, which scatter among trials, shape (n, 7, 3)."""
     base, step = observe(state), 1e-4
     weight = state.set_load + state.sensed_offset
     moved = (
-        state.changed(friction=state.friction + step),
+        state.changed(friction=state.friction * (1.0 + step)),
         state.changed(load=state.load * (1.0 + step), sensed_offset=state.sensed_offset + step * weight),
         state.changed(conversion=state.conversion * (1.0 + step)),
     )

@@ -238,6 +238,8 @@ _FIGURES: _Figures = {
 # what no saturation after the peak spoils
 _SPARED = ("sliding", "normal_", "loading", "spring", "peak", "release_time", "tangential")
 _OF_LOADING = {names: told for names, told in _FIGURES.items() if names[0].startswith(_SPARED)}
+_OVER_LOAD = ("sliding", "normal_load", "static")  # what counts by the normal force of sliding
+_CUT_SHARE = 0.05  # of the samples while sliding, which noise alone does not put at the very top
 del _OF_LOADING["loading_share_0_100hz", "vibration_share_250_350hz"]
 # of a table of features, after trial, status, reason and the covariates
 FEATURE_COLUMNS = tuple(name for names in _FIGURES for name in names)
@@ -293,7 +295,12 @@ def censored_features(trace: Trace, spring_constant: float, speed: float, reason
     try:
         if "normal force" in reason or "lowest" in reason:
             features = measure_trace(trace, spring_constant, speed).features
-            return {n: v for n, v in features.items() if "normal force" in reason or n.startswith(_SPARED)}
+            if "normal force" not in reason:
+                return {n: v for n, v in features.items() if n.startswith(_SPARED)}
+            slid = np.abs(trace.normal[trace.time < features["loading_onset_s"]])
+            # a level at which the gauge stood still is less than the force, and friction over it is no friction
+            cut = slid.size and np.mean(slid >= np.abs(trace.normal).max()) > _CUT_SHARE
+            return {n: v for n, v in features.items() if not (cut and n.startswith(_OVER_LOAD))}
         loaded, zeros = set_down(trace)
         time, force = trace.time[loaded:] - trace.time[loaded], trace.tangential[loaded:]
         marks = bounded_landmarks(time, force)

@@ -1,7 +1,4 @@
-"""Motion of the tip over an edge, from breaking loose to the upper face, in units of radius sum, load and the tool's mass."""
-
-from functools import lru_cache
-from typing import Any
+"""Motion of the tip from breaking loose to its first swing, in units of radius sum, load and the tool's mass."""
 
 import numpy as np
 from numba import njit
@@ -9,90 +6,82 @@ from numpy.typing import NDArray
 
 Floats = NDArray[np.float64]
 
-_HEIGHT = np.array([0.02, 0.05, 0.1, 0.16, 0.24, 0.32, 0.4, 0.48, 0.56, 0.64, 0.72])
-_FRICTION = np.array([0.02, 0.1, 0.18, 0.28, 0.4])
-_LN_STIFFNESS = np.log(np.array([0.4, 0.8, 1.4, 2.2, 3.5, 6.0]))
-_LN_SPEED = np.log(np.array([0.006, 0.015, 0.035, 0.08, 0.17, 0.4]))
-_AXES = (_HEIGHT, _FRICTION, _LN_STIFFNESS, _LN_SPEED)
-_STEPS_PER_RADIAN = 60.0
-_MOST_STEPS = 400_000
-_LEAST_SHARE = 1e-3  # below it the tip climbs down instead of jumping, and what rings is not the release
+_STEPS_PER_RADIAN = 45.0  # of the tool's swing: E_v within 2 % of that of ever smaller steps
+_MOST_RADIANS = 400.0  # a tip that is still on the edge climbs down with the handle
+_HIGHEST, _STEEPEST = 0.97, np.deg2rad(89.0)  # step over radius, and slope, that a fit may stray to
+_LEAST_SHARE = 0.01  # of the peak, below which no gauge tells a swing from noise
 
 
 @njit(cache=True)
-def _climb(height: float, friction: float, stiffness: float, speed: float) -> tuple[float, float]:
-    """Peak force over its quasi-static value, and amplitude of the ring as a force over the load."""
-    # the mass is lifted as well as moved: (1 + T tan a) x'' = F - T (1 + y'' x'^2), T = tan(a + atan mu)
-    turn = np.arctan(friction)
-    angle = np.arccos(1.0 - height)
-    reach = np.sin(angle)
-    force = np.tan(angle + turn)
-    start, peak = force, force
-    # time in 1/omega, positions in R: x'' = stiffness-scaled forces with k R / N = stiffness
-    x, velocity, handle = 0.0, 0.0, force / stiffness
-    step = 1.0 / _STEPS_PER_RADIAN
-    drive = speed / stiffness
-    for _ in range(_MOST_STEPS):
-        slope_angle = np.arcsin(min(max(reach - x, 0.0), 1.0))
-        resist = np.tan(slope_angle + turn)
-        rise = np.tan(slope_angle)
-        bend = -1.0 / np.cos(slope_angle) ** 3
-        lifted = max(1.0 + stiffness * bend * velocity * velocity, 0.0)
-        acceleration = (force - resist * lifted) / stiffness
-        if lifted > 0.0:
-            acceleration /= 1.0 + resist * rise
-        velocity = max(velocity + acceleration * step, 0.0)
-        x += velocity * step
-        handle += drive * step
+def _climb(height: float, friction: float, stiffness: float, speed: float, damping: float) -> tuple[float, float]:
+    """Peak force over that at which the tip breaks loose, and the first swing below sliding over the peak, undamped."""
+    # The mass is lifted as well as moved: (1 + T tan a) x'' = F - T (1 + y'' x'^2), T = tan(a + atan mu), while it is pressed
+    # on; it may fly off, stop on its way, and slip back. Time in 1/omega, positions in R, forces in N, k R / N = stiffness.
+    edge = np.arccos(1.0 - height)
+    friction = min(friction, np.tan(_STEEPEST - edge))
+    reach, step, drive = np.sin(edge), 1.0 / _STEPS_PER_RADIAN, speed / stiffness
+    drag = 2.0 * damping * stiffness
+    start = max(np.tan(edge + np.arctan(friction)) - drag * drive, _LEAST_SHARE)
+    force, peak, lowest = start, start, start
+    x, velocity, y, up, flies, handle, last = 0.0, 0.0, 0.0, 0.0, False, start / stiffness, 1.0 - height
+    for _ in range(int(_MOST_RADIANS * _STEPS_PER_RADIAN)):
+        sine = min(max(reach - x, 0.0), 1.0)
+        ground = np.sqrt(1.0 - sine * sine)
+        rise, pull = sine / ground, force + drag * (drive - velocity)
+        # the share of the step in which the tip is on the edge still
+        on = min(max((reach - x) / (velocity * step), 0.0), 1.0) if velocity > 0.0 else 1.0 if x < reach else 0.0
+        if flies and y <= ground:  # it lands and does not bounce
+            closing = max(velocity * sine - up * ground, 0.0)
+            flies, velocity = False, max(velocity * ground + up * sine - friction * closing, 0.0) * ground
+        lifted = 1.0 - on * stiffness * velocity * velocity / (ground * ground * ground)
+        if flies or lifted + rise * pull <= 0.0:
+            if not flies:
+                flies, y, up = True, ground, (ground - last) / step
+            velocity += pull / stiffness * step
+            up -= step / stiffness
+            y += up * step
+        else:
+            left, ahead, back = (
+                step,
+                (rise + friction) / (1.0 - rise * friction),
+                (rise - friction) / (1.0 + rise * friction),
+            )
+            for _ in range(2):  # where it stops, it sticks or slips back for the rest of the step
+                moves = velocity != 0.0 or pull > ahead or pull < back
+                resist = back if velocity < 0.0 or (velocity == 0.0 and pull < back) else ahead
+                gained = (pull - resist * lifted) / (stiffness * (1.0 + resist * rise)) if moves else 0.0
+                if (velocity + gained * left) * velocity >= 0.0:
+                    velocity += gained * left
+                    break
+                left, velocity = left + velocity / gained, 0.0
+        x, handle, last = x + velocity * step, handle + drive * step, ground
         force = stiffness * (handle - x)
         peak = max(peak, force)
-        if x >= reach:
-            break
-    return peak / start, np.hypot(force - friction, (velocity - drive) * stiffness)
-
-
-@lru_cache(maxsize=1)
-def _release_table() -> Floats:
-    """Tabulate the climb: ln of the peak's excess, ln of the ringing share of the stored energy."""
-    table = np.zeros((*(axis.size for axis in _AXES), 2))
-    for i, height in enumerate(_HEIGHT):
-        for j, friction in enumerate(_FRICTION):
-            start = np.tan(np.arccos(1.0 - height) + np.arctan(friction))
-            if not 0.0 < start < 60.0:
-                # locked: the corner of the table repeats its neighbour
-                table[i, j] = table[i, j - 1]
-                continue
-            for k, stiffness in enumerate(np.exp(_LN_STIFFNESS)):
-                for m, speed in enumerate(np.exp(_LN_SPEED)):
-                    peak, amplitude = _climb(height, friction, stiffness, speed)
-                    share = max((amplitude / (start * peak)) ** 2, _LEAST_SHARE)
-                    table[i, j, k, m] = np.log(peak), np.log(share)
-    return table
+        if x >= reach or force < friction:
+            if force > lowest and (lowest < friction or velocity <= drive):
+                break
+            lowest = min(lowest, force)
+    # half a period of the damper lies between the swing above sliding, which counts, and the one below
+    return peak / start, (friction - lowest) / peak * np.exp(np.pi * damping)
 
 
 @njit(cache=True)
-def _between(points: Floats, axes: Any, table: Floats) -> Floats:
-    """Linear between the points of the table, beyond it at its end; compiled, as a fit asks for it thousands of times."""
-    found = np.zeros((points.shape[1], 2))
-    cell, share = np.zeros(4, np.int64), np.zeros(4)
-    for n in range(points.shape[1]):
-        for d in range(4):
-            held = min(max(points[d, n], axes[d][0]), axes[d][-1])
-            cell[d] = min(np.searchsorted(axes[d], held, side="right") - 1, axes[d].size - 2)
-            share[d] = (held - axes[d][cell[d]]) / (axes[d][cell[d] + 1] - axes[d][cell[d]])
-        for corner in range(16):
-            weight = 1.0
-            for d in range(4):
-                weight *= share[d] if corner >> d & 1 else 1.0 - share[d]
-            a, b, c, e = corner & 1, corner >> 1 & 1, corner >> 2 & 1, corner >> 3 & 1
-            own = table[cell[0] + a, cell[1] + b, cell[2] + c, cell[3] + e]
-            found[n, 0] += weight * own[0]
-            found[n, 1] += weight * own[1]
+def _climbs(asked: Floats) -> Floats:
+    found = np.empty((asked.shape[1], 2))
+    for n in range(asked.shape[1]):
+        found[n] = _climb(asked[0, n], asked[1, n], asked[2, n], asked[3, n], asked[4, n])
     return found
 
 
-def released(height: Floats, friction: Floats, stiffness: Floats, speed: Floats) -> tuple[Floats, Floats]:
-    """Logarithms of the peak's excess and of the share that rings, of H/R, mu, k R / N and v k / (omega N), held to the table."""
-    asked = np.stack([height, friction, np.log(stiffness), np.log(speed)])
-    excess, share = _between(asked, _AXES, _release_table()).T
-    return excess, share
+_last: list[Floats] = []  # arguments and answer: most parameters of a fit do not change the motion
+
+
+def released(
+    height: Floats, friction: Floats, stiffness: Floats, speed: Floats, damping: Floats
+) -> tuple[Floats, Floats]:
+    """Logarithms of the peak's excess and of the share that rings, of H/R, mu, k R / N, v k / (omega N) and the damping ratio."""
+    asked = np.stack([np.clip(height, 1e-6, _HIGHEST), friction, stiffness, speed, damping])
+    if not (_last and np.array_equal(_last[0], asked)):
+        _last[:] = asked, _climbs(asked)
+    excess, swing = _last[1].T
+    return np.log(excess), 2.0 * np.log(np.maximum(swing, _LEAST_SHARE))

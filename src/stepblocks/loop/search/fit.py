@@ -16,6 +16,9 @@ from stepblocks.law import Active, Law, Parameter
 from stepblocks.loop.search.forward_model import Floats, ForwardModel, Systematic, Trials
 from stepblocks.loop.search.noise import Noise, estimate_scatter, flexible_residual, least, replicate_residual, whitener
 
+# of differences, in units of a parameter's scale: an integrated motion is smooth to some 1e-4 of ln E_v and no better
+_STEP = 1e-3
+
 
 @dataclass(frozen=True)
 class Problem:
@@ -130,7 +133,7 @@ class _Objective:
         n, c = base.shape
         stack = np.zeros((n, c, len(x)))
         for group in self.groups:
-            step = np.where(x[group] + 1e-4 > self.bounds[1][group], -1e-4, 1e-4)
+            step = np.where(x[group] + _STEP > self.bounds[1][group], -_STEP, _STEP)
             moved = x.copy()
             moved[group] += step
             change = self._predict(moved) - base
