@@ -283,7 +283,7 @@ def test_thirty_trials_at_one_load_without_scans_under_a_gauge_that_saturates_en
 @pytest.mark.parametrize(
     ("session", "verdict", "leading"),
     [
-        ("unexplained-c", Verdict.UNEXPLAINED, ["running_in", "real_release"]),
+        ("unexplained-c", Verdict.AMBIGUOUS, ["running_in", "real_release"]),
         ("unexplained-d", Verdict.EFFECT, ["tip_wear", "normal_zero"]),
     ],
 )

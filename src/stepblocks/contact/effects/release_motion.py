@@ -6,13 +6,13 @@ from numpy.typing import NDArray
 
 Floats = NDArray[np.float64]
 
-_STEPS_PER_RADIAN = 45.0  # of the tool's swing: E_v within 2 % of that of ever smaller steps
+_STEPS_PER_RADIAN = 30.0  # of the tool's swing: E_v within 3 % of that of ever smaller steps
 _MOST_RADIANS = 400.0  # a tip that is still on the edge climbs down with the handle
 _HIGHEST, _STEEPEST = 0.97, np.deg2rad(89.0)  # step over radius, and slope, that a fit may stray to
 _LEAST_SHARE = 0.01  # of the peak, below which no gauge tells a swing from noise
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def _climb(height: float, friction: float, stiffness: float, speed: float, damping: float) -> tuple[float, float]:
     """Peak force over that at which the tip breaks loose, and the first swing below sliding over the peak, undamped."""
     # The mass is lifted as well as moved: (1 + T tan a) x'' = F - T (1 + y'' x'^2), T = tan(a + atan mu), while it is pressed
