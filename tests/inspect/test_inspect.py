@@ -1,6 +1,8 @@
 """An inspection from file to verdict, exit code and as-built record."""
 
 import json
+import subprocess
+import sys
 
 import numpy as np
 import pandas as pd
@@ -49,6 +51,18 @@ def test_exit_codes_say_the_verdict(height, radius, calibration, code, words, tm
     path = scan(tmp_path / "a.csv", height, radius)
     assert inspect(path, "--stimulus", "step-050", "--calibration", calibration) == code
     assert words in capsys.readouterr().out
+
+
+def test_a_profile_is_inspected_without_loading_the_cad_kernel_or_what_draws(tmp_path):
+    x = np.arange(-200, 200) * 1e-6
+    np.savetxt(tmp_path / "scan.csv", np.stack([x, edge_gauge(x, 50e-6, 5e-6)], axis=1) * 1e6, delimiter=",")
+    code = "import sys\nfrom stepblocks.cli import main\ntry:\n    main(sys.argv[1:])\nexcept SystemExit: pass\n"
+    heavy = "{'cadquery', 'OCP', 'vtk', 'ezdxf', 'scipy.stats', 'pandas', 'matplotlib'}"
+    words = [sys.executable, "-c", f"{code}print(sorted({heavy} & set(sys.modules)))"]
+    words += ["inspect", "scan.csv", "--feature", "edge", "--units", "um"]
+    told = subprocess.run(words, cwd=tmp_path, capture_output=True, text=True, check=True).stdout.splitlines()
+    assert told[0] == "scan: measured"
+    assert told[-1] == "[]"
 
 
 @pytest.mark.parametrize(

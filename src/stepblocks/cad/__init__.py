@@ -4,6 +4,11 @@ from typing import TYPE_CHECKING
 
 import lazy_loader
 
+from stepblocks.cad.door import Body as Body
+from stepblocks.cad.door import Face as Face
+from stepblocks.cad.door import Outline as Outline
+from stepblocks.cad.door import Tessellation as Tessellation
+
 if TYPE_CHECKING:
     from stepblocks.cad import kernel as kernel
     from stepblocks.cad import pmi as pmi

@@ -214,8 +214,6 @@ class Flank:
 def sloped_flank(position: Array, levelled: Array, height: float, spacing: float, gamma: Array) -> Flank | None:
     """Fit flank and corner to the upper three quarters of an edge; None where fewer than six points lie on its flank."""
     # The arguments are those of `Window`. Errors of flank and radius go together through the autocovariance of the faces.
-    from scipy.optimize import least_squares
-
     inside = (levelled > 0.25 * height) & (levelled < 0.75 * height)
     if inside.sum() < _LEAST_ON_FLANK:
         return None
@@ -232,6 +230,8 @@ def sloped_flank(position: Array, levelled: Array, height: float, spacing: float
 
     variance = max(float(gamma[0]), (1e-4 * height) ** 2)
     start = [(height - offset) / slope / spacing, float(np.arctan(slope)), 0.3 * height / spacing]
+    from scipy.optimize import least_squares
+
     found = least_squares(
         lambda state: (shape(state) - levelled[used]) / np.sqrt(variance),
         start,

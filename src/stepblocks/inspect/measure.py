@@ -9,10 +9,10 @@ import numpy as np
 from stepblocks.artefacts.scans.scan import HeightMap, Profile, rows_of
 from stepblocks.errors import MetrologyError
 from stepblocks.inspect.budget import Component, Instrument, Measured, measured_from_profiles, with_budget
-from stepblocks.inspect.edge import Edge, fit_edge
+from stepblocks.inspect.edge import Edge, fit_edge, step_height
 from stepblocks.inspect.form import FaceForm, fit_face, flatness, parallelism, zone_of
 from stepblocks.inspect.margin_gap import fit_margin
-from stepblocks.inspect.noise import Array, Estimate, Mask
+from stepblocks.inspect.noise import LEAST_SCATTER, Array, Estimate, Mask, robust_scale
 from stepblocks.inspect.tip import fit_cap
 
 Window = tuple[float, float, str]  # begin, end [m] and name
@@ -23,6 +23,7 @@ _NARROWER = 0.7  # of the cap of a tip, over which its radius is fitted again [1
 _MOST_ACROSS = (
     300  # points of a map along either side through which the form of a face is fitted; of more, every so many
 )
+_LEAST_SHARE = 0.5  # of the profiles of a map that must agree on what they cross [1]
 _MOST_PROFILES = 60  # of a map that are evaluated; of more, as many are taken evenly over the map
 
 
@@ -79,7 +80,10 @@ class Inspected:
 def measure_edge(scan: Profile | HeightMap, instrument: Instrument, how: How = AS_FOUND) -> Inspected:
     """Height and edge radius of a step; of a map also flatness and parallelism of the faces."""
     rows, notes = sampled(scan, how)
-    results = _evaluated(rows, lambda row: fit_edge(row.position, row.height, how.exclusion), notes)
+    found, refused = tried(lambda row: fit_edge(row.position, row.height, how.exclusion), rows)
+    ones = [one for _, one in found]
+    across = np.array([[(one.height.value, one.position, one.exclusion)] for one in ones]).reshape(-1, 1, 3)
+    results = agreed(found, (across[..., 0], across[..., 1], across[..., 2]), len(rows), refused, notes)
     edges = [edge for _, edge in results]
     form = Component("form", _form_of(results), how="change with twice the exclusion, rectangular")
     height = measured_from_profiles("step height", [one.height for one in edges], instrument, [form])
@@ -164,6 +168,34 @@ def _evaluated(rows: list[Profile], evaluate: Callable[[Profile], T], notes: lis
     return results
 
 
+def agreed(
+    found: list[T], crossed: tuple[Array, Array, Array], asked: int, refused: list[str], notes: list[str]
+) -> list[T]:
+    """Return the profiles that agree on what they cross; refused, with the share, where they are less than half of those asked."""
+    # `crossed` are height, place and slack of place of each feature, of shape (profiles, features) [m]. They must lie where the
+    # others have them, a slant over the map allowed, and be as high.
+    heights, places, slack = crossed
+    alike = np.ones(len(found), dtype=bool)
+    if len(found) > 2:
+        lag, middle = len(found) // 2, np.median(heights, axis=0)
+        slant = np.median((places[lag:] - places[:-lag]) / lag, axis=0)
+        off = places - slant * np.arange(len(found))[:, np.newaxis]
+        off -= np.median(off, axis=0)
+        scatter = np.array([robust_scale(column) for column in off.T])
+        alike = np.all(np.abs(off) <= np.maximum(slack, 8.0 * scatter + LEAST_SCATTER), axis=1)
+        alike &= np.all(np.abs(heights - middle) <= 0.5 * np.abs(middle), axis=1)
+    kept = [one for one, same in zip(found, alike, strict=True) if same]
+    reason = f"since {refused[0]}" if refused else "since it crosses others"
+    if not kept or len(kept) < _LEAST_SHARE * asked:
+        if asked == 1:
+            raise MetrologyError(refused[0])
+        got = f"{len(kept)} of {asked} ({_LEAST_SHARE:.0%} needed), the first other {reason}"
+        raise MetrologyError(f"profiles must agree on the features that they cross, got {got}")
+    if len(kept) < asked:
+        notes.append(f"{asked - len(kept)} of {asked} profiles refused, the first {reason}")
+    return kept
+
+
 def tried(evaluate: Callable[[S], T], asked: Iterable[S]) -> tuple[list[tuple[S, T]], list[str]]:
     """Return what can be evaluated with its result, and why the others were refused."""
     results, refused = [], []
@@ -178,7 +210,7 @@ def tried(evaluate: Callable[[S], T], asked: Iterable[S]) -> tuple[list[tuple[S,
 def _form_of(results: list[tuple[Profile, Edge]]) -> float:
     """Change of the mean height when twice as much is excluded, beyond what noise alone changes, as a rectangle."""
     some = results[:: max(len(results) // 10, 1)]
-    wider = tried(lambda one: fit_edge(one[0].position, one[0].height, 2.0 * one[1].exclusion).height, some)[0]
+    wider = tried(lambda one: step_height(one[0].position, one[0].height, 2.0 * one[1].exclusion), some)[0]
     pairs = [(edge.height, wide) for (_, edge), wide in wider]
     if not pairs:
         return 0.0
